@@ -1,0 +1,136 @@
+//! What the piezo said: bursts, the signals in them, and the batch that crosses channels.
+//!
+//! A *burst* is one acquisition of one printhead, channels x samples; a *signal* is one channel's
+//! ring-down in it, the unit that is judged. Only this file knows how samples lie in memory.
+
+use bytes::Bytes;
+use std::sync::Arc;
+
+/// Sample type of a burst, as in `schemas/burst.proto`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    S16Le,
+    F32Le,
+}
+
+impl Format {
+    pub fn bytes(self) -> usize {
+        match self {
+            Format::S16Le => 2,
+            Format::F32Le => 4,
+        }
+    }
+}
+
+/// Order of the samples in a burst, as in `schemas/burst.proto`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Layout {
+    ChannelMajor,
+    SampleMajor,
+}
+
+/// One acquisition of one printhead (or part of it). `samples` has exactly
+/// `channels * samples_per_channel * format.bytes()` bytes: the codec has checked it.
+#[derive(Clone, Debug)]
+pub struct Burst {
+    /// t_a of the first sample, ns since the epoch, UTC.
+    pub t_acq_ns: i64,
+    pub printhead: Arc<str>,
+    /// Channel number of the first row.
+    pub first_channel: u32,
+    pub channels: u32,
+    pub samples_per_channel: u32,
+    pub sample_period_s: f64,
+    pub format: Format,
+    pub layout: Layout,
+    /// Raw little-endian samples, shared with the block they were read from.
+    pub samples: Bytes,
+    pub temperature_c: Option<f64>,
+    pub drive_voltage_v: Option<f64>,
+    /// Per channel, or one for all, or empty: not recorded. NaN: there was no previous actuation.
+    pub idle_time_s: Vec<f32>,
+    /// Per channel, or empty: not recorded.
+    pub neighbours_fired: Bytes,
+}
+
+impl Burst {
+    /// Copies the signal of row `row` (0-based) into `out` (length `samples_per_channel`), in counts.
+    pub fn copy_signal(&self, row: usize, out: &mut [f64]) {
+        let (channels, n) = (self.channels as usize, self.samples_per_channel as usize);
+        let (start, stride) = match self.layout {
+            Layout::ChannelMajor => (row * n, 1),
+            Layout::SampleMajor => (row, channels),
+        };
+        let at = |k: usize| (start + k * stride) * self.format.bytes();
+        for (k, y) in out[..n].iter_mut().enumerate() {
+            let b = &self.samples[at(k)..];
+            *y = match self.format {
+                Format::S16Le => f64::from(i16::from_le_bytes([b[0], b[1]])),
+                Format::F32Le => f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]])),
+            };
+        }
+    }
+
+    /// Idle time of row `row`, s: `None` where it was not recorded, NaN where there was none.
+    pub fn idle_time_s(&self, row: usize) -> Option<f32> {
+        match self.idle_time_s.as_slice() {
+            [] => None,
+            [one] => Some(*one),
+            each => each.get(row).copied(),
+        }
+    }
+}
+
+/// Why a whole burst cannot be used: it becomes one rejected row on its first channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Unusable {
+    WrongLength,
+    UnknownFormat,
+    UnknownLayout,
+    NoChannels,
+    BadPeriod,
+    TooLarge,
+    Undecodable,
+}
+
+/// A burst that cannot be used still counts.
+#[derive(Clone, Debug)]
+pub struct UnusableBurst {
+    /// `timestamp`, or the message's log time where it could not be decoded. ns.
+    pub t_acq_ns: i64,
+    pub printhead: Arc<str>,
+    pub first_channel: u32,
+    pub why: Unusable,
+}
+
+/// One message of a recording whose schema is `inkling.Burst`.
+#[derive(Clone, Debug)]
+pub enum Acquisition {
+    Usable(Burst),
+    Unusable(UnusableBurst),
+}
+
+impl Acquisition {
+    /// Rows that this acquisition has in the verdict table.
+    pub fn rows(&self) -> usize {
+        match self {
+            Acquisition::Usable(b) => b.channels as usize,
+            Acquisition::Unusable(_) => 1,
+        }
+    }
+}
+
+/// Signals as columns: what crosses channels. Its signals are the rows of its acquisitions, in
+/// order; every per-signal column of later stages has that order and length.
+#[derive(Clone, Debug, Default)]
+pub struct SignalBatch {
+    /// Place in the recording; the writer restores the order by it.
+    pub sequence: u64,
+    pub acquisitions: Vec<Acquisition>,
+}
+
+impl SignalBatch {
+    pub fn rows(&self) -> usize {
+        self.acquisitions.iter().map(Acquisition::rows).sum()
+    }
+}

@@ -1,0 +1,34 @@
+//! Fault classes and the categories they form (thesis §2-2, contract "Out: verdicts").
+
+/// The thesis's fault classes, in the order of its tables.
+pub const CLASSES: [&str; 9] = ["EC", "AB1", "AB2", "AB3", "BN", "PBN", "SDN", "IDN", "DDN"];
+
+/// The label of a signal without a fault.
+pub const HEALTHY: &str = "healthy";
+
+/// Category of a fault class; a user's own class is its own category.
+pub fn category(class: &str) -> &str {
+    match class {
+        "EC" => "empty_channel",
+        "BN" | "PBN" => "blocked_nozzle",
+        "SDN" | "IDN" | "DDN" => "dried_nozzle",
+        "AB1" | "AB2" | "AB3" => "air_bubble",
+        own => own,
+    }
+}
+
+/// What a technician calls the class.
+pub fn in_words(class: &str) -> &str {
+    match class {
+        "EC" => "empty ink channel",
+        "AB1" => "air bubble in the nozzle",
+        "AB2" => "small air bubble in the chamber",
+        "AB3" => "large air bubble in the chamber",
+        "BN" => "blocked nozzle",
+        "PBN" => "partly blocked nozzle",
+        "SDN" => "slightly dried nozzle",
+        "IDN" => "intermediately dried nozzle",
+        "DDN" => "deeply dried nozzle",
+        own => own,
+    }
+}

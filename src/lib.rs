@@ -1,0 +1,29 @@
+//! **inkling** tells, from what a printhead's piezos sense after each drop, which ink channels are
+//! faulty, what is wrong with them and how badly.
+//!
+//! > Offline we make a [`design::Design`]; online a burst meets the design and every signal in it
+//! > leaves as one verdict.
+//!
+//! # The rooms, and the floors they are on (imports go down only; `tests/floors.rs` checks)
+//!
+//! ```text
+//! 5  main  cli  settings             words, bars, exit codes | pipeline.toml
+//! 4  pipeline        io              threads and bounded channels | bytes
+//! 3  design  simulate                the offline artefact | print runs with known truth
+//! 2  identify  detect  isolate       thesis 3-1 | 3-2 | 3-3; they meet only in design
+//! 1  model  score                    what the physics says | thesis chapter 4 numbers
+//! 0  burst  fault  verdict  labels   what flows
+//! ```
+//!
+//! # The walk
+//!
+//! A recording is read block by block ([`io::recording`]), its bursts decoded without copying the
+//! samples ([`io::burst_codec`]); a [`burst::SignalBatch`] crosses bounded channels from stage to
+//! stage ([`pipeline`]): a healthy window gives a model ([`identify`]) and a model gives a filter
+//! ([`detect::null_space`], [`detect::residual_generator`]); the filter's residual energy meets its
+//! threshold ([`detect::threshold`]); what passes is named ([`isolate::residual_matching`]); and
+//! every signal becomes one row ([`verdict`], [`io::verdict_table`]).
+
+pub mod burst;
+pub mod fault;
+pub mod model;

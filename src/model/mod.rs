@@ -1,0 +1,20 @@
+//! What the physics says: plants as linear state-space models, their free decays, their faults.
+//!
+//! In: rates, geometry, severities. Out: (A, C), decays y = C e^{At} x_a, poles.
+//! thesis (2-1)..(2-5). Never looks at measured data. SI units at every signature; matrices are
+//! scaled to microseconds inside where conditioning asks for it.
+
+pub mod ink_channel;
+pub mod ring_down;
+
+use nalgebra::DMatrix;
+
+pub use ink_channel::InkChannel;
+
+/// An autonomous linear plant x' = A x, y = C x, rung from a non-zero acquisition state.
+pub trait Plant {
+    /// A, n x n, 1/s (rows of volume states and flow states mixed as in thesis (2-2)).
+    fn a(&self) -> DMatrix<f64>;
+    /// C, m x n.
+    fn c(&self) -> DMatrix<f64>;
+}
