@@ -24,6 +24,10 @@
 //! threshold ([`detect::threshold`]); what passes is named ([`isolate::residual_matching`]); and
 //! every signal becomes one row ([`verdict`], [`io::verdict_table`]).
 
+// floor 0
 pub mod burst;
 pub mod fault;
+pub mod labels;
+pub mod verdict;
+// floor 1
 pub mod model;

@@ -18,12 +18,7 @@ pub struct InkChannel {
 
 impl Plant for InkChannel {
     fn a(&self) -> DMatrix<f64> {
-        let InkChannel {
-            a_per_s2: a,
-            b_per_s2: b,
-            g_per_s: g,
-            d_per_s: d,
-        } = *self;
+        let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = *self;
         dmatrix![
             0.0, 0.0, 1.0, 0.0;
             0.0, 0.0, 0.0, 1.0;
@@ -42,12 +37,7 @@ impl InkChannel {
     /// Departs: thesis §3-2-1 II has N(s)L(s) = det(A - sI); the pole at 0 is unobservable, so the
     /// numerator is this cubic (physics of (1, -1, 0, 0): C maps the eigenvector of 0 to 0).
     pub fn cubic(&self) -> [f64; 3] {
-        let InkChannel {
-            a_per_s2: a,
-            b_per_s2: b,
-            g_per_s: g,
-            d_per_s: d,
-        } = *self;
+        let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = *self;
         [g + d, g * d + a + b, a * d + b * g]
     }
 }

@@ -14,28 +14,44 @@ pub struct Poles {
     pub lambda_per_s: f64,
 }
 
-/// A_d = e^{A dt}. In SI units the entries of A differ by 12 decades, so the states are scaled to
-/// microseconds first: x' = S x with volumes in units of one microsecond's flow.
-/// `a`: n x n, 1/s. `dt_s`: s.
+/// State scales that bring A's entries together in microseconds: a volume state (it has no rate
+/// of its own) counts in (flow x 1 µs). In SI units A's entries differ by 12 decades.
+fn microsecond_scales(a: &DMatrix<f64>) -> DVector<f64> {
+    DVector::from_fn(a.nrows(), |i, _| if a[(i, i)] == 0.0 { 1e6 } else { 1.0 })
+}
+
+/// (A, C) in microseconds with its states scaled alike: the same poles, per µs.
+/// `a`: n x n, 1/s; `c`: m x n.
+pub fn in_microseconds(a: &DMatrix<f64>, c: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
+    let s = microsecond_scales(a);
+    let a_us = DMatrix::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)] * s[i] / s[j] * 1e-6);
+    let c_us = DMatrix::from_fn(c.nrows(), c.ncols(), |i, j| c[(i, j)] / s[j]);
+    (a_us, c_us)
+}
+
+/// A_d = e^{A dt}, in the coordinates of A. `a`: n x n, 1/s. `dt_s`: s.
 pub fn discretise(a: &DMatrix<f64>, dt_s: f64) -> DMatrix<f64> {
-    (balance(a) * (dt_s * 1e6)).exp()
-}
-
-/// A in microseconds with its states balanced: the same poles (per µs) and well-scaled entries.
-/// For thesis (2-2): volumes count in units of (flow x 1 µs).
-pub fn balance(a: &DMatrix<f64>) -> DMatrix<f64> {
-    // Volume states come first and feed on flows by 1; only that block needs scaling.
+    let s = microsecond_scales(a);
     let n = a.nrows();
-    let volumes = (0..n).take_while(|&i| a[(i, i)] == 0.0).count();
-    let scale = DVector::from_fn(n, |i, _| if i < volumes && volumes < n { 1e6 } else { 1.0 });
-    DMatrix::from_fn(n, n, |i, j| a[(i, j)] * scale[i] / scale[j] * 1e-6)
+    let a_us = DMatrix::from_fn(n, n, |i, j| a[(i, j)] * s[i] / s[j] * 1e-6);
+    let a_d = (a_us * (dt_s * 1e6)).exp();
+    DMatrix::from_fn(n, n, |i, j| a_d[(i, j)] * s[j] / s[i])
 }
 
-/// Eigenvalues of A, 1/s.
+/// Eigenvalues of the plant's A, 1/s.
 pub fn eigenvalues(plant: &impl Plant) -> Vec<Complex<f64>> {
-    balance(&plant.a())
-        .complex_eigenvalues()
-        .iter()
-        .map(|z| z * 1e6)
-        .collect()
+    let (a_us, _) = in_microseconds(&plant.a(), &plant.c());
+    a_us.complex_eigenvalues().iter().map(|z| z * 1e6).collect()
+}
+
+/// y_k = C A_d^k x_a for k = 0..samples, one output (m = 1). `x_a` in the coordinates of A.
+pub fn ring_down(plant: &impl Plant, x_a: &DVector<f64>, dt_s: f64, samples: usize) -> Vec<f64> {
+    let (a_d, c) = (discretise(&plant.a(), dt_s), plant.c());
+    let mut x = x_a.clone();
+    let mut y = Vec::with_capacity(samples);
+    for _ in 0..samples {
+        y.push((&c * &x)[0]);
+        x = &a_d * x;
+    }
+    y
 }

@@ -1,0 +1,137 @@
+//! One row per signal: outcomes, reasons, and the columns of the verdict table.
+
+use crate::burst::Unusable;
+use std::sync::Arc;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    Healthy,
+    /// Faulty, and its class or its category is certain.
+    Faulty,
+    /// Faulty, but neither class nor category is certain enough.
+    Undecided,
+    /// Not analysed.
+    Rejected,
+}
+
+impl Outcome {
+    pub const ALL: [Outcome; 4] =
+        [Outcome::Healthy, Outcome::Faulty, Outcome::Undecided, Outcome::Rejected];
+
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Outcome::Healthy => "healthy",
+            Outcome::Faulty => "faulty",
+            Outcome::Undecided => "undecided",
+            Outcome::Rejected => "rejected",
+        }
+    }
+}
+
+/// Why a signal was rejected, or why a faulty one is undecided. The names are the contract's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Reason {
+    NonFinite,
+    Saturated,
+    WrongLength,
+    UnknownFormat,
+    UnknownLayout,
+    NoChannels,
+    BadPeriod,
+    TooLarge,
+    Undecodable,
+    NoModel,
+    DesignMismatch,
+    Uncertain,
+    UnknownFault,
+}
+
+impl Reason {
+    pub const ALL: [Reason; 13] = [
+        Reason::NonFinite,
+        Reason::Saturated,
+        Reason::WrongLength,
+        Reason::UnknownFormat,
+        Reason::UnknownLayout,
+        Reason::NoChannels,
+        Reason::BadPeriod,
+        Reason::TooLarge,
+        Reason::Undecodable,
+        Reason::NoModel,
+        Reason::DesignMismatch,
+        Reason::Uncertain,
+        Reason::UnknownFault,
+    ];
+
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Reason::NonFinite => "non_finite",
+            Reason::Saturated => "saturated",
+            Reason::WrongLength => "wrong_length",
+            Reason::UnknownFormat => "unknown_format",
+            Reason::UnknownLayout => "unknown_layout",
+            Reason::NoChannels => "no_channels",
+            Reason::BadPeriod => "bad_period",
+            Reason::TooLarge => "too_large",
+            Reason::Undecodable => "undecodable",
+            Reason::NoModel => "no_model",
+            Reason::DesignMismatch => "design_mismatch",
+            Reason::Uncertain => "uncertain",
+            Reason::UnknownFault => "unknown_fault",
+        }
+    }
+}
+
+impl From<Unusable> for Reason {
+    fn from(why: Unusable) -> Reason {
+        match why {
+            Unusable::WrongLength => Reason::WrongLength,
+            Unusable::UnknownFormat => Reason::UnknownFormat,
+            Unusable::UnknownLayout => Reason::UnknownLayout,
+            Unusable::NoChannels => Reason::NoChannels,
+            Unusable::BadPeriod => Reason::BadPeriod,
+            Unusable::TooLarge => Reason::TooLarge,
+            Unusable::Undecodable => Reason::Undecodable,
+        }
+    }
+}
+
+/// The verdicts of one batch as columns, all of the same length, in the recording's order.
+/// `None` is null. `category`, `fault`, `candidate` index the run's class lists; no string per row.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct VerdictColumns {
+    pub acquired_at_ns: Vec<i64>,
+    /// Index into `printheads`.
+    pub printhead: Vec<u32>,
+    /// The printheads of this batch.
+    pub printheads: Vec<Arc<str>>,
+    pub channel: Vec<u32>,
+    pub outcome: Vec<Outcome>,
+    /// Index into the run's categories.
+    pub category: Vec<Option<u16>>,
+    /// Index into the run's classes.
+    pub fault: Vec<Option<u16>>,
+    /// Index into the run's classes.
+    pub candidate: Vec<Option<u16>>,
+    pub certainty: Vec<Option<f32>>,
+    pub statistic: Vec<Option<f32>>,
+    pub threshold: Vec<Option<f32>>,
+    pub severity: Vec<Option<f32>>,
+    pub severity_sd: Vec<Option<f32>>,
+    pub model: Vec<Option<u16>>,
+    pub reason: Vec<Option<Reason>>,
+    /// `classes.len()` weights per row, concatenated over the rows that have them; `Some(start)`
+    /// points at a row's first weight. Empty unless the weights are wanted.
+    pub weights_start: Vec<Option<u32>>,
+    pub weights: Vec<f32>,
+}
+
+impl VerdictColumns {
+    pub fn len(&self) -> usize {
+        self.acquired_at_ns.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.acquired_at_ns.is_empty()
+    }
+}
