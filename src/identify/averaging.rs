@@ -1,0 +1,217 @@
+//! The average of a healthy window, robust against the faulty minority (thesis Fig. 3-2).
+//!
+//! In: signals as rows. Out: their mean per unit drive, who was left out, the noise of the mean.
+
+use super::IdentifyError;
+
+/// Fewer signals than this make no average.
+pub const FEWEST_SIGNALS: usize = 16;
+
+/// Signals of one printhead as rows of one matrix, with what scales them.
+#[derive(Clone, Debug, Default)]
+pub struct SignalSet {
+    /// Samples per signal.
+    pub samples: usize,
+    /// Rows, concatenated; counts. int16 and float samples are both exact in f32.
+    pub data: Vec<f32>,
+    pub channel: Vec<u32>,
+    /// Drive voltage over the reference voltage; 1 where it was not recorded.
+    pub drive: Vec<f64>,
+    /// °C; NaN where it was not recorded.
+    pub temperature_c: Vec<f64>,
+}
+
+impl SignalSet {
+    pub fn new(samples: usize) -> SignalSet {
+        SignalSet { samples, ..SignalSet::default() }
+    }
+
+    pub fn len(&self) -> usize {
+        self.channel.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.channel.is_empty()
+    }
+
+    /// Signal `i`, counts.
+    pub fn signal(&self, i: usize) -> &[f32] {
+        &self.data[i * self.samples..(i + 1) * self.samples]
+    }
+
+    pub fn push(&mut self, signal: &[f32], channel: u32, drive: f64, temperature_c: f64) {
+        debug_assert_eq!(signal.len(), self.samples);
+        self.data.extend_from_slice(signal);
+        self.channel.push(channel);
+        self.drive.push(drive);
+        self.temperature_c.push(temperature_c);
+    }
+
+    /// The signals whose index `keep` names, in that order.
+    pub fn select(&self, keep: &[usize]) -> SignalSet {
+        let mut chosen = SignalSet::new(self.samples);
+        for &i in keep {
+            chosen.push(self.signal(i), self.channel[i], self.drive[i], self.temperature_c[i]);
+        }
+        chosen
+    }
+
+    /// Mean of the recorded temperatures, °C.
+    pub fn mean_temperature_c(&self) -> Option<f64> {
+        let known: Vec<f64> =
+            self.temperature_c.iter().copied().filter(|t| t.is_finite()).collect();
+        (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
+    }
+}
+
+/// The average of a window.
+#[derive(Clone, Debug)]
+pub struct MeanSignal {
+    /// Mean response per unit drive, counts.
+    pub y: Vec<f64>,
+    /// Standard deviation of one signal about the mean, pooled over samples, counts.
+    pub scatter: f64,
+    /// Noise of one sample alone (from third differences, which a ring-down hardly has), counts.
+    pub noise: f64,
+    pub n_signals: usize,
+    pub n_channels: usize,
+}
+
+/// Least-squares response per unit drive: sum s_i y_i / sum s_i^2, in row order (deterministic).
+pub fn average(set: &SignalSet) -> Result<MeanSignal, IdentifyError> {
+    if set.len() < FEWEST_SIGNALS {
+        return Err(IdentifyError::TooFewSignals { found: set.len(), needed: FEWEST_SIGNALS });
+    }
+    let mut y = vec![0.0; set.samples];
+    for i in 0..set.len() {
+        for (sum, &v) in y.iter_mut().zip(set.signal(i)) {
+            *sum += set.drive[i] * f64::from(v);
+        }
+    }
+    let weight: f64 = set.drive.iter().map(|s| s * s).sum();
+    y.iter_mut().for_each(|v| *v /= weight);
+
+    let square: f64 = (0..set.len()).map(|i| distance(set, i, &y)).sum();
+    let mut channels = set.channel.clone();
+    channels.sort_unstable();
+    channels.dedup();
+    Ok(MeanSignal {
+        scatter: (square / (set.len() * set.samples) as f64).sqrt(),
+        noise: white_noise(set),
+        y,
+        n_signals: set.len(),
+        n_channels: channels.len(),
+    })
+}
+
+/// Indices of the signals that agree with the majority: squared distance from the sample-wise
+/// median signal at most `REACH` times the median distance, twice (the second time from the mean
+/// of those kept). A window without a majority is refused.
+pub fn agreeing(set: &SignalSet, least_share: f64) -> Result<Vec<usize>, IdentifyError> {
+    const REACH: f64 = 4.0;
+    if set.len() < FEWEST_SIGNALS {
+        return Err(IdentifyError::TooFewSignals { found: set.len(), needed: FEWEST_SIGNALS });
+    }
+    let mut centre = median_signal(set);
+    let mut keep = Vec::new();
+    for _ in 0..2 {
+        let distances: Vec<f64> = (0..set.len()).map(|i| distance(set, i, &centre)).collect();
+        let limit = REACH * median(&mut distances.clone());
+        keep = (0..set.len()).filter(|&i| distances[i] <= limit).collect();
+        if (keep.len() as f64) < least_share * set.len() as f64 || keep.len() < FEWEST_SIGNALS {
+            return Err(IdentifyError::NoMajority { inliers: keep.len(), signals: set.len() });
+        }
+        centre = average(&set.select(&keep))?.y;
+    }
+    Ok(keep)
+}
+
+/// ||y_i - s_i centre||^2, counts².
+fn distance(set: &SignalSet, i: usize, centre: &[f64]) -> f64 {
+    let s = set.drive[i];
+    set.signal(i).iter().zip(centre).map(|(&v, c)| (f64::from(v) - s * c).powi(2)).sum()
+}
+
+fn median_signal(set: &SignalSet) -> Vec<f64> {
+    let column = |k: usize| -> Vec<f64> {
+        (0..set.len()).map(|i| f64::from(set.data[i * set.samples + k]) / set.drive[i]).collect()
+    };
+    (0..set.samples).map(|k| median(&mut column(k))).collect()
+}
+
+/// Median; NaN of nothing. Reorders `values`.
+pub fn median(values: &mut [f64]) -> f64 {
+    if values.is_empty() {
+        return f64::NAN;
+    }
+    let mid = values.len() / 2;
+    *values.select_nth_unstable_by(mid, f64::total_cmp).1
+}
+
+/// Noise of one sample from third differences of deviations from neighbours' common shape: the
+/// ring-down itself cancels between two signals of one channel or of neighbours, the noise does not.
+fn white_noise(set: &SignalSet) -> f64 {
+    // var(third difference of white noise) = 1 + 9 + 9 + 1 = 20; a difference of two signals doubles it
+    let mut squares = Vec::with_capacity(set.len());
+    for i in 1..set.len() {
+        let ratio = (set.drive[i] / set.drive[i - 1]) as f32;
+        let (p, q) = (set.signal(i - 1), set.signal(i));
+        let mut sum = 0.0;
+        for k in 3..set.samples {
+            let d = |k: usize| f64::from(q[k] - ratio * p[k]);
+            sum += (d(k) - 3.0 * d(k - 1) + 3.0 * d(k - 2) - d(k - 3)).powi(2);
+        }
+        let gain = 20.0 * (1.0 + f64::from(ratio * ratio));
+        squares.push(sum / gain / (set.samples.max(4) - 3) as f64);
+    }
+    median(&mut squares).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ringing(n: usize, faulty: usize) -> SignalSet {
+        let mut set = SignalSet::new(32);
+        for i in 0..n {
+            let wrong = if i < faulty { 1.3 } else { 1.0 };
+            let signal: Vec<f32> = (0..32)
+                .map(|k| {
+                    let noise = (((i * 37 + k * 101) % 17) as f32 - 8.0) * 0.5;
+                    400.0 * (0.3 * wrong * k as f32).cos() + noise
+                })
+                .collect();
+            set.push(&signal, i as u32, 1.0, f64::NAN);
+        }
+        set
+    }
+
+    #[test]
+    fn faulty_minority_does_not_move_the_mean() {
+        let clean = average(&ringing(100, 0)).unwrap();
+        let mixed = ringing(100, 20);
+        let keep = agreeing(&mixed, 0.6).unwrap();
+        assert_eq!(keep.len(), 80);
+        let mean = average(&mixed.select(&keep)).unwrap();
+        let off = mean.y.iter().zip(&clean.y).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(off < 1.0, "mean moved by {off} counts");
+    }
+
+    #[test]
+    fn window_without_a_majority_is_refused() {
+        assert!(matches!(agreeing(&ringing(100, 45), 0.6), Err(IdentifyError::NoMajority { .. })));
+    }
+
+    #[test]
+    fn drive_scales_the_expected_signal() {
+        let mut set = SignalSet::new(8);
+        for i in 0..32 {
+            let s = if i % 2 == 0 { 1.0 } else { 0.8 };
+            let signal: Vec<f32> = (0..8).map(|k| (s * 100.0 * (k as f64 + 1.0)) as f32).collect();
+            set.push(&signal, i, s, f64::NAN);
+        }
+        let mean = average(&set).unwrap();
+        assert!((mean.y[3] - 400.0).abs() < 1e-3);
+        assert!(mean.scatter < 1e-3);
+    }
+}

@@ -1,0 +1,515 @@
+//! Thesis (3-1): the rates of A and the acquisition state whose free decay is nearest to the average.
+//!
+//! In: the average signal. Out: [`Identification`]. The state enters linearly and is eliminated
+//! (variable projection, Golub & Pereyra 1973), so the search is over three
+//! log-rates only: bounded Levenberg-Marquardt, its box-constrained subproblem solved by Clarabel's
+//! interior point where the free step leaves the box; several starts, all inside the bounds.
+//!
+//! Departs: thesis (3-1) fits all of A and x_a. One decay carries 6 numbers, A and x_a have 8: the
+//! ratio g/d (that is A_n/A_r, thesis (2-3), (2-4)) is held at the guess, and the state's component
+//! along (1, -1, 0, 0) at 0. What is held is said in the result.
+
+use super::identifiability::{self, Uncertainty};
+use super::{GreyBoxSettings, IdentifyError};
+use crate::model::{InkChannel, ring_down::Poles};
+use clarabel::algebra::CscMatrix;
+use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SupportedConeT};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// 6 numbers are fitted; this many samples leave something to judge the fit by.
+pub const FEWEST_SAMPLES: usize = 12;
+
+/// Why the search ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Convergence {
+    /// The gradient, projected on the bounds, vanished.
+    Gradient,
+    /// No step changes the parameters any more.
+    Step,
+}
+
+/// What thesis (3-1) gives, with how well it is known.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Identification {
+    /// Individual rates depend on the held ratio g/d; poles and cubic do not.
+    pub channel: InkChannel,
+    pub poles: Poles,
+    /// p2, p1, p0 of s^3 + p2 s^2 + p1 s + p0, in 1/s, 1/s², 1/s³.
+    pub cubic: [f64; 3],
+    /// x_a of thesis (2-2) at the reference drive: volumes in counts·s, flows in counts.
+    pub acquisition_state: [f64; 4],
+    /// y, y', y'' at t_a: counts, counts/s, counts/s².
+    pub output_state: [f64; 3],
+    /// 100 (1 - ||y - y_hat|| / ||y - mean y||).
+    pub fit_percent: f64,
+    /// Root mean square of y - y_hat of the average, counts.
+    pub misfit_rms: f64,
+    pub convergence: Convergence,
+    pub iterations: usize,
+    /// Starts that ended at the same optimum, of those tried.
+    pub starts_agreeing: usize,
+    pub starts: usize,
+    pub uncertainty: Uncertainty,
+    pub held_fixed: Vec<String>,
+    pub at_bounds: Vec<String>,
+    pub not_identifiable: Vec<String>,
+}
+
+impl Identification {
+    /// y_hat = C e^{At} x_a, counts, at the reference drive.
+    pub fn expected(&self, dt_s: f64, samples: usize) -> Vec<f64> {
+        let dt_us = dt_s * 1e6;
+        let c = to_microseconds(self.output_state);
+        (basis(cubic_per_us(self.cubic), dt_us, samples) * DVector::from_row_slice(&c))
+            .as_slice()
+            .to_vec()
+    }
+}
+
+/// Solves thesis (3-1). `y`: average signal, counts. `noise`: standard deviation of one sample of
+/// `y`, counts (0: taken from the misfit).
+pub fn identify(
+    y: &[f64],
+    dt_s: f64,
+    noise: f64,
+    settings: &GreyBoxSettings,
+) -> Result<Identification, IdentifyError> {
+    if y.len() < FEWEST_SAMPLES {
+        return Err(IdentifyError::TooFewSamples { samples: y.len(), needed: FEWEST_SAMPLES });
+    }
+    let mean = y.iter().sum::<f64>() / y.len() as f64;
+    let spread = y.iter().map(|v| (v - mean).powi(2)).sum::<f64>().sqrt();
+    if !spread.is_finite() || spread <= f64::MIN_POSITIVE {
+        return Err(IdentifyError::NoRingDown);
+    }
+
+    let problem = Problem::new(y, dt_s, settings);
+    let starts = problem.starts();
+    let mut ends: Vec<End> = starts.iter().filter_map(|&start| problem.search(start)).collect();
+    ends.sort_by(|p, q| p.cost.total_cmp(&q.cost));
+    let best = ends.first().cloned().ok_or_else(|| {
+        IdentifyError::NotConverged(format!(
+            "{} starts within bound_factor = {} of the guess; give rates of the right order",
+            starts.len(),
+            settings.bound_factor
+        ))
+    })?;
+    // relative to ||y||^2 rounding makes costs differ by 1e-16 and less
+    let same =
+        |end: &&End| end.cost - best.cost <= 1e-3 * best.cost + 1e-14 * problem.y.norm_squared();
+    let agreeing = ends.iter().filter(same).count();
+
+    let channel = problem.channel(&best.theta);
+    let cubic = channel.cubic();
+    let (state, misfit) = problem.project(&best.theta).ok_or(IdentifyError::NoRingDown)?;
+    let output_state = [state[0], state[1] * 1e6, state[2] * 1e12];
+    Ok(Identification {
+        poles: poles_of(cubic)
+            .ok_or_else(|| IdentifyError::NotConverged("the fit does not oscillate".into()))?,
+        acquisition_state: acquisition_state(&channel, output_state),
+        fit_percent: 100.0 * (1.0 - misfit.norm() / spread),
+        misfit_rms: misfit.norm() / (y.len() as f64).sqrt(),
+        convergence: best.convergence,
+        iterations: best.iterations,
+        starts_agreeing: agreeing,
+        starts: starts.len(),
+        uncertainty: identifiability::uncertainty(cubic, &state, dt_s, y.len(), noise, &misfit),
+        held_fixed: vec![
+            format!("R_r/I_r over R_n/I_n = {:.4} (the guess's)", problem.kappa),
+            "acquisition state along (1, -1, 0, 0) = 0".into(),
+        ],
+        at_bounds: problem.at_bounds(&best.theta),
+        not_identifiable: identifiability::in_words(),
+        channel,
+        cubic,
+        output_state,
+    })
+}
+
+#[derive(Clone, Debug)]
+struct End {
+    theta: Vector3<f64>,
+    cost: f64,
+    convergence: Convergence,
+    iterations: usize,
+}
+
+/// theta = (ln (a + b), ln (a / b), ln d) relative to the guess, g = kappa d. In these the decay is
+/// close to linear: the first moves the frequency, the last the damping, the middle the real pole.
+/// Microseconds inside.
+struct Problem {
+    y: DVector<f64>,
+    dt_us: f64,
+    /// a + b per µs², a / b, d per µs.
+    guess: [f64; 3],
+    kappa: f64,
+    bound: f64,
+}
+
+impl Problem {
+    fn new(y: &[f64], dt_s: f64, settings: &GreyBoxSettings) -> Problem {
+        Problem {
+            y: DVector::from_row_slice(y),
+            dt_us: dt_s * 1e6,
+            guess: [
+                (settings.a_per_s2 + settings.b_per_s2) * 1e-12,
+                settings.a_per_s2 / settings.b_per_s2,
+                settings.d_per_s * 1e-6,
+            ],
+            kappa: settings.g_per_s / settings.d_per_s,
+            bound: settings.bound_factor.ln(),
+        }
+    }
+
+    /// Compliance and viscosity scaled over the bounded range: the starts.
+    fn starts(&self) -> Vec<Vector3<f64>> {
+        let mut starts = Vec::new();
+        for stiffness in [1.0f64, 0.6, 1.5, 0.35, 2.2] {
+            for viscosity in [1.0f64, 0.4, 2.2] {
+                let (s, v) = (stiffness.ln(), viscosity.ln());
+                starts.push(Vector3::new(s, 0.0, v).map(|t| t.clamp(-self.bound, self.bound)));
+            }
+        }
+        // the nearest few by cost are searched
+        let cost =
+            |t: &Vector3<f64>| self.project(t).map_or(f64::INFINITY, |(_, r)| r.norm_squared());
+        starts.sort_by(|p, q| cost(p).total_cmp(&cost(q)));
+        starts.truncate(5);
+        starts
+    }
+
+    fn rates_per_us(&self, theta: &Vector3<f64>) -> [f64; 4] {
+        let [sum, ratio, d]: [f64; 3] = std::array::from_fn(|k| self.guess[k] * theta[k].exp());
+        let b = sum / (1.0 + ratio);
+        [sum - b, b, self.kappa * d, d]
+    }
+
+    fn channel(&self, theta: &Vector3<f64>) -> InkChannel {
+        let [a, b, g, d] = self.rates_per_us(theta);
+        InkChannel { a_per_s2: a * 1e12, b_per_s2: b * 1e12, g_per_s: g * 1e6, d_per_s: d * 1e6 }
+    }
+
+    fn basis(&self, theta: &Vector3<f64>) -> DMatrix<f64> {
+        let [a, b, g, d] = self.rates_per_us(theta);
+        basis([g + d, g * d + a + b, a * d + b * g], self.dt_us, self.y.len())
+    }
+
+    /// The best state for these rates and the misfit y - E c (c: y, y', y'' per µs).
+    fn project(&self, theta: &Vector3<f64>) -> Option<([f64; 3], DVector<f64>)> {
+        let basis = self.basis(theta);
+        let qr = basis.clone().qr();
+        let c = qr.r().solve_upper_triangular(&(qr.q().transpose() * &self.y))?;
+        let misfit = &self.y - basis * &c;
+        misfit.norm().is_finite().then(|| ([c[0], c[1], c[2]], misfit))
+    }
+
+    /// Gradient and Gauss-Newton matrix of 1/2 ||misfit||^2 on the reduced problem, with the full
+    /// Jacobian of the projection (its second term matters along the weakly known real pole).
+    fn normal_equations(
+        &self,
+        theta: &Vector3<f64>,
+        c: &[f64; 3],
+        misfit: &DVector<f64>,
+    ) -> (Vector3<f64>, Matrix3<f64>) {
+        let (q, r) = self.basis(theta).qr().unpack();
+        let c = DVector::from_row_slice(c);
+        let columns: Vec<DVector<f64>> = (0..3)
+            .map(|k| {
+                let h = 1e-5;
+                let (mut up, mut down) = (*theta, *theta);
+                up[k] += h;
+                down[k] -= h;
+                let slope = (self.basis(&up) - self.basis(&down)) / (2.0 * h);
+                let de = &slope * &c;
+                let moved = &q * (q.transpose() * &de) - de;
+                match r.transpose().solve_lower_triangular(&(slope.transpose() * misfit)) {
+                    Some(state) => moved - &q * state,
+                    None => moved,
+                }
+            })
+            .collect();
+        let gradient = Vector3::from_fn(|k, _| columns[k].dot(misfit));
+        let gauss_newton = Matrix3::from_fn(|j, k| columns[j].dot(&columns[k]));
+        (gradient, gauss_newton)
+    }
+
+    fn search(&self, start: Vector3<f64>) -> Option<End> {
+        let mut theta = start;
+        let (mut c, mut misfit) = self.project(&theta)?;
+        let mut damping = 1e-3;
+        for iterations in 1..=200 {
+            let cost = misfit.norm_squared() / 2.0;
+            let (gradient, hessian) = self.normal_equations(&theta, &c, &misfit);
+            let here = theta;
+            let end = |convergence| End { theta: here, cost, convergence, iterations };
+            let scale = hessian.diagonal().map(|h| h.sqrt().max(f64::MIN_POSITIVE));
+            // cosine of the angle between the misfit and every direction that may still move: at 1e-6
+            // the optimum is nearer than a hundred-thousandth of a standard deviation
+            let slope = self.projected(&theta, &gradient).component_div(&scale).amax();
+            if slope <= 1e-6 * misfit.norm() + 1e-13 * self.y.norm() {
+                return Some(end(Convergence::Gradient));
+            }
+            let mut moved = false;
+            while damping < 1e12 {
+                let mut damped = hessian;
+                for k in 0..3 {
+                    damped[(k, k)] += damping * hessian[(k, k)].max(1e-12 * hessian.amax());
+                }
+                let step = self.bounded_step(&damped, &gradient, &theta)?;
+                if step.amax() <= 1e-11 {
+                    return Some(end(Convergence::Step));
+                }
+                let trial = theta + step;
+                let predicted = -(gradient.dot(&step) + step.dot(&(hessian * step)) / 2.0);
+                let gain = self.project(&trial).map(|(tc, tm)| {
+                    let ratio = (cost - tm.norm_squared() / 2.0) / predicted.max(f64::MIN_POSITIVE);
+                    (ratio, tc, tm)
+                });
+                match gain {
+                    Some((ratio, tc, tm)) if ratio > 1e-3 => {
+                        (theta, c, misfit) = (trial, tc, tm);
+                        if ratio > 0.75 {
+                            damping = (damping / 10.0).max(1e-14);
+                        } else if ratio < 0.25 {
+                            damping *= 4.0;
+                        }
+                        moved = true;
+                        break;
+                    }
+                    _ => damping *= 10.0,
+                }
+            }
+            if !moved {
+                return Some(end(Convergence::Step));
+            }
+        }
+        None
+    }
+
+    /// The gradient without the components that a bound stops.
+    fn projected(&self, theta: &Vector3<f64>, gradient: &Vector3<f64>) -> Vector3<f64> {
+        Vector3::from_fn(|k, _| {
+            let stopped = (theta[k] >= self.bound - 1e-9 && gradient[k] < 0.0)
+                || (theta[k] <= -self.bound + 1e-9 && gradient[k] > 0.0);
+            if stopped { 0.0 } else { gradient[k] }
+        })
+    }
+
+    /// min 1/2 x'Hx + g'x with theta + x inside the box. The free minimum where it is inside.
+    fn bounded_step(
+        &self,
+        h: &Matrix3<f64>,
+        g: &Vector3<f64>,
+        theta: &Vector3<f64>,
+    ) -> Option<Vector3<f64>> {
+        let inside = |x: &Vector3<f64>| (theta + x).amax() <= self.bound;
+        if let Some(step) = h.cholesky().map(|l| l.solve(&-g)).filter(inside) {
+            return Some(step);
+        }
+        // scaled to unit curvature, so that Clarabel's tolerances mean the same in each direction
+        let unit = h.diagonal().map(|v| 1.0 / v.sqrt().max(1e-300));
+        let hessian: Vec<Vec<f64>> = (0..3)
+            .map(|j| {
+                (0..3).map(|k| if j <= k { h[(j, k)] * unit[j] * unit[k] } else { 0.0 }).collect()
+            })
+            .collect();
+        let size = g.component_mul(&unit).amax().max(1e-300);
+        let linear: Vec<f64> = (0..3).map(|k| g[k] * unit[k] / size).collect();
+        let mut rows = vec![vec![0.0; 3]; 6];
+        let mut limits = vec![0.0; 6];
+        for k in 0..3 {
+            rows[k][k] = 1.0;
+            rows[k + 3][k] = -1.0;
+            limits[k] = (self.bound - theta[k]) / unit[k] / size;
+            limits[k + 3] = (self.bound + theta[k]) / unit[k] / size;
+        }
+        let settings = DefaultSettingsBuilder::default().verbose(false).build().ok()?;
+        let mut solver = DefaultSolver::new(
+            &CscMatrix::from(&hessian),
+            &linear,
+            &CscMatrix::from(&rows),
+            &limits,
+            &[SupportedConeT::NonnegativeConeT(6)],
+            settings,
+        )
+        .ok()?;
+        solver.solve();
+        let step = Vector3::from_fn(|k, _| {
+            // an interior point ends just inside: put it on the bound that it leans on
+            let end = theta[k] + solver.solution.x[k] * unit[k] * size;
+            let snapped =
+                if end.abs() > self.bound - 1e-6 { self.bound.copysign(end) } else { end };
+            snapped - theta[k]
+        });
+        step.amax().is_finite().then_some(step)
+    }
+
+    fn at_bounds(&self, theta: &Vector3<f64>) -> Vec<String> {
+        ["a_per_s2 + b_per_s2", "a_per_s2 / b_per_s2", "d_per_s"]
+            .iter()
+            .zip(theta.iter())
+            .filter(|(_, t)| t.abs() >= self.bound - 1e-6)
+            .map(|(name, _)| name.to_string())
+            .collect()
+    }
+}
+
+/// Columns: the output from unit y, y', y'' at t_a (per µs), by exact discretisation of the cubic's
+/// companion form. `cubic`: p2, p1, p0 per µs.
+pub(super) fn basis(cubic: [f64; 3], dt_us: f64, samples: usize) -> DMatrix<f64> {
+    let [p2, p1, p0] = cubic;
+    let companion = Matrix3::new(0.0, 1.0, 0.0, 0.0, 0.0, 1.0, -p0, -p1, -p2);
+    let step = (companion * dt_us).exp();
+    let mut basis = DMatrix::zeros(samples, 3);
+    let mut row = nalgebra::RowVector3::new(1.0, 0.0, 0.0);
+    for k in 0..samples {
+        basis.set_row(k, &row);
+        row *= step;
+    }
+    basis
+}
+
+pub(super) fn cubic_per_us([p2, p1, p0]: [f64; 3]) -> [f64; 3] {
+    [p2 * 1e-6, p1 * 1e-12, p0 * 1e-18]
+}
+
+fn to_microseconds([y, dy, ddy]: [f64; 3]) -> [f64; 3] {
+    [y, dy * 1e-6, ddy * 1e-12]
+}
+
+/// The damped pair and the real pole of a cubic; `None` where all its roots are real.
+pub fn poles_of(cubic: [f64; 3]) -> Option<Poles> {
+    let [p2, p1, p0] = cubic_per_us(cubic);
+    let companion = Matrix3::new(0.0, 1.0, 0.0, 0.0, 0.0, 1.0, -p0, -p1, -p2);
+    let roots = companion.complex_eigenvalues();
+    let pair = roots.iter().find(|z| z.im > 1e-9 * z.norm())?;
+    let real = roots.iter().min_by(|p, q| p.im.abs().total_cmp(&q.im.abs()))?;
+    Some(Poles {
+        damping_per_s: -pair.re * 1e6,
+        frequency_hz: pair.im / (2.0 * std::f64::consts::PI) * 1e6,
+        lambda_per_s: -real.re * 1e6,
+    })
+}
+
+/// The acquisition state of thesis (2-2) with that output and its derivatives, its component along
+/// the unobservable (1, -1, 0, 0) zero: V_r = V_n = V/2.
+fn acquisition_state(channel: &InkChannel, [y, dy, ddy]: [f64; 3]) -> [f64; 4] {
+    let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = *channel;
+    // y = q_r + q_n;  y' = -(a+b) V - g q_r - d q_n;
+    // y'' = -(a+b) y + (g a + d b) V + g^2 q_r + d^2 q_n. In units of 1 µs against overflow.
+    let (a, b, g, d) = (a * 1e-12, b * 1e-12, g * 1e-6, d * 1e-6);
+    let (dy, ddy) = (dy * 1e-6, ddy * 1e-12);
+    let m = Matrix3::new(
+        0.0,
+        1.0,
+        1.0,
+        -(a + b),
+        -g,
+        -d,
+        g * a + d * b,
+        g * g - (a + b),
+        d * d - (a + b),
+    );
+    let x = m.lu().solve(&Vector3::new(y, dy, ddy)).unwrap_or_else(Vector3::zeros);
+    [x[0] * 0.5e-6, x[0] * 0.5e-6, x[1], x[2]]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::ring_down::ring_down;
+
+    const DT_S: f64 = 0.78125e-6;
+    const PLANTED: InkChannel =
+        InkChannel { a_per_s2: 6.1e10, b_per_s2: 1.02e11, g_per_s: 1.9e4, d_per_s: 7.1e4 };
+
+    fn decay() -> Vec<f64> {
+        let x_a = DVector::from_row_slice(&[3e-4, 1e-4, 150.0, 240.0]);
+        ring_down(&PLANTED, &x_a, DT_S, 128)
+    }
+
+    fn close(a: f64, b: f64, relative: f64) -> bool {
+        (a - b).abs() <= relative * b.abs()
+    }
+
+    #[test]
+    fn planted_poles_come_back_from_a_clean_decay() {
+        let fit = identify(&decay(), DT_S, 0.0, &GreyBoxSettings::default()).unwrap();
+        let truth = poles_of(PLANTED.cubic()).unwrap();
+        assert!(close(fit.poles.damping_per_s, truth.damping_per_s, 1e-6), "{fit:?}");
+        assert!(close(fit.poles.frequency_hz, truth.frequency_hz, 1e-8));
+        assert!(close(fit.poles.lambda_per_s, truth.lambda_per_s, 1e-4));
+        assert!(fit.at_bounds.is_empty());
+    }
+
+    #[test]
+    fn acquisition_state_rings_like_the_signal() {
+        let fit = identify(&decay(), DT_S, 0.0, &GreyBoxSettings::default()).unwrap();
+        let again =
+            ring_down(&fit.channel, &DVector::from_row_slice(&fit.acquisition_state), DT_S, 128);
+        for (y, z) in decay().iter().zip(&again) {
+            assert!((y - z).abs() < 1e-5, "{y} {z}");
+        }
+        for (y, z) in decay().iter().zip(&fit.expected(DT_S, 128)) {
+            assert!((y - z).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn planted_poles_lie_within_their_stated_intervals() {
+        use rand::SeedableRng;
+        use rand_distr::{Distribution, StandardNormal};
+        let truth = poles_of(PLANTED.cubic()).unwrap();
+        let (clean, noise) = (decay(), 4.0);
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
+        let (mut covered, runs) = ([0; 3], 200);
+        for _ in 0..runs {
+            let y: Vec<f64> = clean
+                .iter()
+                .map(|v| {
+                    let e: f64 = StandardNormal.sample(&mut rng);
+                    v + noise * e
+                })
+                .collect();
+            let fit = identify(&y, DT_S, noise, &GreyBoxSettings::default()).unwrap();
+            let u = &fit.uncertainty;
+            let pairs = [
+                (fit.poles.damping_per_s - truth.damping_per_s, u.damping_sd_per_s),
+                (fit.poles.frequency_hz - truth.frequency_hz, u.frequency_sd_hz),
+            ];
+            for (k, (off, sd)) in pairs.iter().enumerate() {
+                covered[k] += usize::from(off.abs() <= 1.96 * sd);
+            }
+        }
+        for hits in &covered[..2] {
+            let share = *hits as f64 / f64::from(runs);
+            assert!((0.90..=0.99).contains(&share), "95 % intervals cover {share}");
+        }
+    }
+
+    #[test]
+    fn bounded_step_is_the_constrained_minimum() {
+        let problem = Problem::new(&decay(), DT_S, &GreyBoxSettings::default());
+        let h = Matrix3::new(4.0, 1.0, 0.5, 1.0, 3.0, 0.2, 0.5, 0.2, 2.0);
+        let g = Vector3::new(-40.0, 1.0, 9.0);
+        let step = problem.bounded_step(&h, &g, &Vector3::zeros()).unwrap();
+        let slope = h * step + g;
+        for k in 0..3 {
+            let at_bound = (step[k].abs() - problem.bound).abs() < 1e-6;
+            // KKT: a free direction has no slope, a bounded one pushes against its bound
+            assert!(if at_bound { slope[k] * step[k] <= 1e-6 } else { slope[k].abs() < 1e-6 });
+        }
+        assert!((step.amax() - problem.bound).abs() < 1e-6, "the box binds here");
+    }
+
+    #[test]
+    fn nothing_that_rings_is_an_error() {
+        let settings = GreyBoxSettings::default();
+        let flat = identify(&[3.0; 128], DT_S, 1.0, &settings);
+        assert!(matches!(flat, Err(IdentifyError::NoRingDown)));
+        let short = identify(&[1.0; 5], DT_S, 1.0, &settings);
+        assert!(matches!(short, Err(IdentifyError::TooFewSamples { .. })));
+    }
+}

@@ -1,0 +1,136 @@
+//! How well an identified model is known, and what one decay cannot tell.
+//!
+//! In: the fit of thesis (3-1). Out: standard deviations of poles and cubic, null directions in words.
+
+use super::grey_box::{basis, cubic_per_us, poles_of};
+use nalgebra::{DMatrix, DVector, Matrix3, SMatrix};
+use serde::{Deserialize, Serialize};
+
+/// Standard deviations of what one decay identifies.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Uncertainty {
+    pub damping_sd_per_s: f64,
+    pub frequency_sd_hz: f64,
+    pub lambda_sd_per_s: f64,
+    /// Of p2, p1, p0.
+    pub cubic_sd: [f64; 3],
+    /// Covariance of (p2, p1, p0) in 1/µs units, rows.
+    pub cubic_covariance_us: [[f64; 3]; 3],
+    /// Standard deviation of one sample of the fitted signal that this rests on, counts.
+    pub noise: f64,
+}
+
+/// Gauss-Newton covariance of all six numbers (p2, p1, p0, y, y', y''), its cubic part carried to
+/// the poles. `state` per µs. `noise` of one sample, counts; 0: from the misfit.
+pub fn uncertainty(
+    cubic: [f64; 3],
+    state: &[f64; 3],
+    dt_s: f64,
+    samples: usize,
+    noise: f64,
+    misfit: &DVector<f64>,
+) -> Uncertainty {
+    let p = cubic_per_us(cubic);
+    let dt_us = dt_s * 1e6;
+    let c = DVector::from_row_slice(state);
+    let mut jacobian = DMatrix::zeros(samples, 6);
+    for k in 0..3 {
+        let h = 1e-5 * p[k].abs().max(1e-9);
+        let (mut up, mut down) = (p, p);
+        up[k] += h;
+        down[k] -= h;
+        let dy = (basis(up, dt_us, samples) - basis(down, dt_us, samples)) * &c / (2.0 * h);
+        jacobian.set_column(k, &dy);
+    }
+    jacobian.view_mut((0, 3), (samples, 3)).copy_from(&basis(p, dt_us, samples));
+
+    let from_misfit = misfit.norm() / ((samples.max(7) - 6) as f64).sqrt();
+    let noise = if noise > 0.0 { noise } else { from_misfit };
+    // scaled columns: the six numbers differ by decades
+    let scales: Vec<f64> =
+        jacobian.column_iter().map(|col| col.norm().max(f64::MIN_POSITIVE)).collect();
+    let normal = SMatrix::<f64, 6, 6>::from_fn(|i, j| {
+        jacobian.column(i).dot(&jacobian.column(j)) / (scales[i] * scales[j])
+    });
+    let Some(inverse) = normal.try_inverse() else {
+        return Uncertainty { noise, ..unknown() };
+    };
+    let covariance =
+        Matrix3::from_fn(|i, j| noise * noise * inverse[(i, j)] / (scales[i] * scales[j]));
+    let Some(slopes) = pole_slopes(cubic) else { return Uncertainty { noise, ..unknown() } };
+    let of_poles = slopes * covariance * slopes.transpose();
+    let si = [1e6, 1e12, 1e18];
+    Uncertainty {
+        damping_sd_per_s: of_poles[(0, 0)].sqrt(),
+        frequency_sd_hz: of_poles[(1, 1)].sqrt(),
+        lambda_sd_per_s: of_poles[(2, 2)].sqrt(),
+        cubic_sd: std::array::from_fn(|k| covariance[(k, k)].sqrt() * si[k]),
+        cubic_covariance_us: std::array::from_fn(|i| std::array::from_fn(|j| covariance[(i, j)])),
+        noise,
+    }
+}
+
+fn unknown() -> Uncertainty {
+    Uncertainty {
+        damping_sd_per_s: f64::INFINITY,
+        frequency_sd_hz: f64::INFINITY,
+        lambda_sd_per_s: f64::INFINITY,
+        cubic_sd: [f64::INFINITY; 3],
+        ..Uncertainty::default()
+    }
+}
+
+/// d(damping, frequency, lambda)/d(p2, p1, p0 per µs), by central differences.
+fn pole_slopes(cubic: [f64; 3]) -> Option<Matrix3<f64>> {
+    let si = [1e6, 1e12, 1e18];
+    let mut slopes = Matrix3::zeros();
+    for k in 0..3 {
+        let h = 1e-6 * cubic[k].abs();
+        let (mut up, mut down) = (cubic, cubic);
+        up[k] += h;
+        down[k] -= h;
+        let (u, d) = (poles_of(up)?, poles_of(down)?);
+        let per_us = 2.0 * h / si[k];
+        slopes[(0, k)] = (u.damping_per_s - d.damping_per_s) / per_us;
+        slopes[(1, k)] = (u.frequency_hz - d.frequency_hz) / per_us;
+        slopes[(2, k)] = (u.lambda_per_s - d.lambda_per_s) / per_us;
+    }
+    Some(slopes)
+}
+
+/// The two null directions of thesis (2-2) seen through one decay.
+pub fn in_words() -> Vec<String> {
+    vec![
+        "rates: a, b, g, d move together along one curve that leaves p2, p1, p0 as they are \
+         (g + d, g d + a + b, a d + b g); restrictor and nozzle may also swap"
+            .into(),
+        "state: displaced volume that moves from restrictor to nozzle, V_r + V_n constant, \
+         is invisible (eigenvector (1, -1, 0, 0) of the pole at 0)"
+            .into(),
+        "I_r, I_n, R_r, R_n, B_t one by one: only a = 1/(I_r B_t), b = 1/(I_n B_t), g = R_r/I_r, \
+         d = R_n/I_n appear"
+            .into(),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::model::InkChannel;
+
+    #[test]
+    fn null_direction_of_the_rates_leaves_the_cubic() {
+        let one =
+            InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8.0e4 };
+        let [p2, p1, p0] = one.cubic();
+        // another ratio g/d with the same p2, p1, p0
+        let kappa = 0.25;
+        let d = p2 / (1.0 + kappa);
+        let sum = p1 - kappa * d * d;
+        let a = (p0 / d - kappa * sum) / (1.0 - kappa);
+        let other = InkChannel { a_per_s2: a, b_per_s2: sum - a, g_per_s: kappa * d, d_per_s: d };
+        assert!((other.a_per_s2 / one.a_per_s2 - 1.0).abs() > 0.05, "other rates");
+        for (x, y) in one.cubic().iter().zip(other.cubic()) {
+            assert!((x / y - 1.0).abs() < 1e-12, "same decay");
+        }
+    }
+}

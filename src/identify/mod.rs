@@ -1,0 +1,85 @@
+//! Parameters from data: a healthy window's signals are averaged (thesis Fig. 3-2) and the model of
+//! thesis (2-2) with its acquisition state is fitted to the average, thesis (3-1).
+//!
+//! In: [`averaging::SignalSet`], the signals of one window of one printhead. Out:
+//! [`grey_box::Identification`] with covariance and what is not identifiable.
+//! Never judges a signal, never knows faults.
+
+pub mod averaging;
+pub mod grey_box;
+pub mod identifiability;
+pub mod tangent;
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// Settings of identification; `pipeline.toml` section `[identify]` holds them with the windows'.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GreyBoxSettings {
+    /// Initial guess of 1/(I_r B_t), 1/s².
+    pub a_per_s2: f64,
+    /// Initial guess of 1/(I_n B_t), 1/s².
+    pub b_per_s2: f64,
+    /// Initial guess of R_r/I_r, 1/s. Its ratio to `d_per_s` is held: one decay cannot tell it.
+    pub g_per_s: f64,
+    /// Initial guess of R_n/I_n, 1/s.
+    pub d_per_s: f64,
+    /// Rates are bounded to guess / factor .. guess * factor.
+    pub bound_factor: f64,
+}
+
+impl Default for GreyBoxSettings {
+    fn default() -> Self {
+        GreyBoxSettings {
+            a_per_s2: 5.6e10,
+            b_per_s2: 1.11e11,
+            g_per_s: 1.6e4,
+            d_per_s: 8.0e4,
+            bound_factor: 8.0,
+        }
+    }
+}
+
+impl GreyBoxSettings {
+    /// Says which key is wrong, if one is.
+    pub fn check(&self) -> Result<(), String> {
+        let rates = [
+            ("a_per_s2", self.a_per_s2),
+            ("b_per_s2", self.b_per_s2),
+            ("g_per_s", self.g_per_s),
+            ("d_per_s", self.d_per_s),
+        ];
+        for (key, value) in rates {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(format!("{key} = {value}: give a positive rate"));
+            }
+        }
+        if !(self.bound_factor > 1.0 && self.bound_factor <= 1e3) {
+            return Err(format!("bound_factor = {}: give 1 .. 1000", self.bound_factor));
+        }
+        if (self.g_per_s / self.d_per_s - 1.0).abs() < 0.01 {
+            return Err("g_per_s = d_per_s: at equal rates the real pole is unobservable; \
+                        give the ratio A_r/A_n of the cross-sections"
+                .into());
+        }
+        Ok(())
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum IdentifyError {
+    #[error("{found} usable healthy signals, {needed} are needed: widen the window")]
+    TooFewSignals { found: usize, needed: usize },
+    #[error(
+        "only {inliers} of {signals} signals agree with each other: a healthy window needs a \
+         majority of healthy signals; choose another window or give labels"
+    )]
+    NoMajority { inliers: usize, signals: usize },
+    #[error("{samples} samples per signal: identification of 6 numbers needs at least {needed}")]
+    TooFewSamples { samples: usize, needed: usize },
+    #[error("the average signal is zero or constant: nothing rings in this window")]
+    NoRingDown,
+    #[error("no start converged: {0}")]
+    NotConverged(String),
+}

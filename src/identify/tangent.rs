@@ -1,0 +1,122 @@
+//! The model's own sensitivities, and what a covariate does along them.
+//!
+//! In: an identified model. Out: the tangent space of its decays (3 pole directions, 3 state
+//! directions), and the ink temperature's effect as a direction in that space.
+
+use super::averaging::SignalSet;
+use super::grey_box::{Identification, basis, cubic_per_us};
+use nalgebra::{DMatrix, DVector, Matrix6, Vector6};
+
+/// Columns dy/d(p2, p1, p0, y, y', y''), N x 6, per µs units: every small change of a decay that
+/// stays a decay of the model.
+pub fn tangent(fit: &Identification, dt_s: f64, samples: usize) -> DMatrix<f64> {
+    let (p, dt_us) = (cubic_per_us(fit.cubic), dt_s * 1e6);
+    let [y, dy, ddy] = fit.output_state;
+    let c = DVector::from_row_slice(&[y, dy * 1e-6, ddy * 1e-12]);
+    let mut columns = DMatrix::zeros(samples, 6);
+    for k in 0..3 {
+        let h = 1e-5 * p[k];
+        let (mut up, mut down) = (p, p);
+        up[k] += h;
+        down[k] -= h;
+        let slope = (basis(up, dt_us, samples) - basis(down, dt_us, samples)) * &c / (2.0 * h);
+        columns.set_column(k, &slope);
+    }
+    columns.view_mut((0, 3), (samples, 3)).copy_from(&basis(p, dt_us, samples));
+    columns
+}
+
+/// d y_hat / d temperature, counts per K at the reference drive, projected on the tangent space so
+/// that 6 numbers are estimated and not N. `None` where temperature was not recorded, hardly
+/// varied, or has no significant effect (F-test, size 1e-6, by independent temperatures).
+pub fn temperature_response(
+    set: &SignalSet,
+    expected: &[f64],
+    tangent: &DMatrix<f64>,
+    reference_c: f64,
+) -> Option<Vec<f64>> {
+    const LEAST_SPREAD_K: f64 = 0.2;
+    const LEAST_TEMPERATURES: usize = 8;
+    let deviation = |i: usize| set.temperature_c[i] - reference_c;
+    if set.temperature_c.iter().any(|t| !t.is_finite()) {
+        return None;
+    }
+    let spread = (0..set.len()).map(|i| deviation(i).powi(2)).sum::<f64>() / set.len() as f64;
+    if spread.sqrt() < LEAST_SPREAD_K {
+        return None;
+    }
+
+    // One mean deviation per recorded temperature: bursts, not signals, are independent looks.
+    let mut order: Vec<usize> = (0..set.len()).collect();
+    order.sort_by(|&i, &j| set.temperature_c[i].total_cmp(&set.temperature_c[j]));
+    let looks: Vec<&[usize]> =
+        order.chunk_by(|&i, &j| set.temperature_c[i] == set.temperature_c[j]).collect();
+    if looks.len() < LEAST_TEMPERATURES {
+        return None;
+    }
+    let scaled = DMatrix::from_fn(tangent.nrows(), 6, |i, j| {
+        tangent[(i, j)] / tangent.column(j).norm().max(f64::MIN_POSITIVE)
+    });
+    let gram: Matrix6<f64> = Matrix6::from_fn(|i, j| scaled.column(i).dot(&scaled.column(j)));
+    let inverse = gram.try_inverse()?;
+
+    let mut coordinates: Vec<(f64, f64, Vector6<f64>)> = Vec::with_capacity(looks.len());
+    for look in looks {
+        let (mut mean, mut weight) = (DVector::zeros(set.samples), 0.0);
+        for &i in look {
+            let s = set.drive[i];
+            for (k, &v) in set.signal(i).iter().enumerate() {
+                mean[k] += s * (f64::from(v) - s * expected[k]);
+            }
+            weight += s * s;
+        }
+        let projected = inverse * Vector6::from_fn(|j, _| scaled.column(j).dot(&mean) / weight);
+        coordinates.push((deviation(look[0]), weight, projected));
+    }
+    let (slope, statistic) = regress(&coordinates)?;
+    // 99.9999 % point of F(6, n) falls from 13 (n = 30) to 6.4 (n = inf); 14 is safe above both
+    (statistic > 14.0)
+        .then(|| (scaled * DVector::from_row_slice(slope.as_slice())).as_slice().to_vec())
+}
+
+/// Weighted straight line through (x, w, v): its slope, and Hotelling's statistic of it over 6.
+fn regress(points: &[(f64, f64, Vector6<f64>)]) -> Option<(Vector6<f64>, f64)> {
+    let w: f64 = points.iter().map(|p| p.1).sum();
+    let x_mean = points.iter().map(|p| p.1 * p.0).sum::<f64>() / w;
+    let v_mean = points.iter().fold(Vector6::zeros(), |sum, p| sum + p.2 * p.1) / w;
+    let sxx: f64 = points.iter().map(|p| p.1 * (p.0 - x_mean).powi(2)).sum();
+    let slope = points
+        .iter()
+        .fold(Vector6::zeros(), |sum, p| sum + (p.2 - v_mean) * (p.1 * (p.0 - x_mean)))
+        / sxx;
+    let mut scatter = Matrix6::zeros();
+    for (x, w, v) in points {
+        let rest = v - v_mean - slope * (x - x_mean);
+        scatter += rest * rest.transpose() * *w;
+    }
+    scatter /= (points.len().max(3) - 2) as f64;
+    let statistic = slope.dot(&(scatter.try_inverse()? * slope)) * sxx / 6.0;
+    Some((slope, statistic))
+}
+
+/// Relative change of (damping, frequency) per unit of a deviation `direction` from the expected
+/// signal: the direction's coordinates on the tangent space, carried to the poles.
+pub fn pole_changes(
+    fit: &Identification,
+    tangent: &DMatrix<f64>,
+    direction: &[f64],
+) -> Option<(f64, f64)> {
+    let svd = tangent.clone().svd(true, true);
+    let scale = svd.singular_values.amax();
+    let x = svd.solve(&DVector::from_row_slice(direction), 1e-12 * scale).ok()?;
+    let si = [1e6, 1e12, 1e18];
+    let h = 1e-3;
+    let moved = |sign: f64| {
+        super::grey_box::poles_of(std::array::from_fn(|k| fit.cubic[k] + sign * h * x[k] * si[k]))
+    };
+    let (up, down) = (moved(1.0)?, moved(-1.0)?);
+    Some((
+        (up.damping_per_s - down.damping_per_s) / (2.0 * h * fit.poles.damping_per_s),
+        (up.frequency_hz - down.frequency_hz) / (2.0 * h * fit.poles.frequency_hz),
+    ))
+}
