@@ -120,17 +120,75 @@ impl Acquisition {
     }
 }
 
+/// Where a batch lies in the recording; the writer restores the order by it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Place {
+    pub block: u64,
+    /// Within its block.
+    pub piece: u64,
+}
+
 /// Signals as columns: what crosses channels. Its signals are the rows of its acquisitions, in
 /// order; every per-signal column of later stages has that order and length.
 #[derive(Clone, Debug, Default)]
 pub struct SignalBatch {
-    /// Place in the recording; the writer restores the order by it.
-    pub sequence: u64,
+    pub place: Place,
     pub acquisitions: Vec<Acquisition>,
 }
 
 impl SignalBatch {
     pub fn rows(&self) -> usize {
         self.acquisitions.iter().map(Acquisition::rows).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn layout_and_format_do_not_change_a_signal() {
+        let value = |row: usize, k: usize| (100 * row + k) as i16 - 120;
+        let burst = |format: Format, layout: Layout| {
+            let (channels, n) = (3, 5);
+            let mut samples = Vec::new();
+            for i in 0..channels * n {
+                let (row, k) = match layout {
+                    Layout::ChannelMajor => (i / n, i % n),
+                    Layout::SampleMajor => (i % channels, i / channels),
+                };
+                match format {
+                    Format::S16Le => samples.extend(value(row, k).to_le_bytes()),
+                    Format::F32Le => samples.extend(f32::from(value(row, k)).to_le_bytes()),
+                }
+            }
+            Burst {
+                t_acq_ns: 0,
+                printhead: "p".into(),
+                first_channel: 0,
+                channels: channels as u32,
+                samples_per_channel: n as u32,
+                sample_period_s: 1e-6,
+                format,
+                layout,
+                samples: samples.into(),
+                temperature_c: None,
+                drive_voltage_v: None,
+                idle_time_s: Vec::new(),
+                neighbours_fired: Bytes::new(),
+            }
+        };
+        for format in [Format::S16Le, Format::F32Le] {
+            for layout in [Layout::ChannelMajor, Layout::SampleMajor] {
+                let b = burst(format, layout);
+                for row in 0..3 {
+                    let mut signal = [0.0; 5];
+                    b.copy_signal(row, &mut signal);
+                    for (k, y) in signal.iter().enumerate() {
+                        assert_eq!(*y, f64::from(value(row, k)), "{format:?} {layout:?}");
+                    }
+                }
+            }
+        }
     }
 }

@@ -1,1 +1,5 @@
-fn main() {}
+//! Parse, call, exit code; nothing else.
+
+fn main() -> std::process::ExitCode {
+    inkling::cli::run(std::env::args_os())
+}

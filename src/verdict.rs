@@ -82,6 +82,22 @@ impl Reason {
     }
 }
 
+impl Reason {
+    /// The whole burst was unusable, and this row stands for it.
+    pub fn is_of_burst(self) -> bool {
+        matches!(
+            self,
+            Reason::WrongLength
+                | Reason::UnknownFormat
+                | Reason::UnknownLayout
+                | Reason::NoChannels
+                | Reason::BadPeriod
+                | Reason::TooLarge
+                | Reason::Undecodable
+        )
+    }
+}
+
 impl From<Unusable> for Reason {
     fn from(why: Unusable) -> Reason {
         match why {
@@ -94,6 +110,16 @@ impl From<Unusable> for Reason {
             Unusable::Undecodable => Reason::Undecodable,
         }
     }
+}
+
+/// Why a signal alone cannot be judged: a sample that is no number, or two or more consecutive
+/// samples at or beyond a rail.
+pub fn unusable_signal(signal: &[f64], rails: [f64; 2]) -> Option<Reason> {
+    let at_rail = |y: f64| y <= rails[0] || y >= rails[1];
+    if signal.iter().any(|y| !y.is_finite()) {
+        return Some(Reason::NonFinite);
+    }
+    signal.windows(2).any(|w| at_rail(w[0]) && at_rail(w[1])).then_some(Reason::Saturated)
 }
 
 /// The verdicts of one batch as columns, all of the same length, in the recording's order.

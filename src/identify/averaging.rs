@@ -77,6 +77,15 @@ pub struct MeanSignal {
     pub n_channels: usize,
 }
 
+impl MeanSignal {
+    /// Standard deviation of one sample of the mean, counts: noise averages out over signals, what
+    /// the signals of one channel share only over channels.
+    pub fn standard_error(&self) -> f64 {
+        let shared = (self.scatter.powi(2) - self.noise.powi(2)).max(0.0);
+        (self.noise.powi(2) / self.n_signals as f64 + shared / self.n_channels as f64).sqrt()
+    }
+}
+
 /// Least-squares response per unit drive: sum s_i y_i / sum s_i^2, in row order (deterministic).
 pub fn average(set: &SignalSet) -> Result<MeanSignal, IdentifyError> {
     if set.len() < FEWEST_SIGNALS {

@@ -8,6 +8,7 @@
 pub mod averaging;
 pub mod grey_box;
 pub mod identifiability;
+pub mod reservoir;
 pub mod tangent;
 
 use serde::{Deserialize, Serialize};

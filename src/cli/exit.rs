@@ -1,0 +1,63 @@
+//! How a run ends: the contract's exit statuses.
+
+use crate::pipeline::PipelineError;
+use crate::settings::SettingsError;
+use std::process::ExitCode;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exit {
+    Done = 0,
+    /// Nothing could be done, or nothing was found to do.
+    Failed = 1,
+    /// Wrong usage or settings.
+    Usage = 2,
+    /// Finished, but some input was damaged, rejected or skipped.
+    Incomplete = 3,
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> ExitCode {
+        ExitCode::from(exit as u8)
+    }
+}
+
+/// Why a run did not end well, in words for a person.
+#[derive(Debug)]
+pub struct Failure {
+    pub exit: Exit,
+    pub message: String,
+}
+
+impl Failure {
+    pub fn new(message: impl ToString) -> Failure {
+        Failure { exit: Exit::Failed, message: message.to_string() }
+    }
+
+    pub fn usage(message: impl ToString) -> Failure {
+        Failure { exit: Exit::Usage, message: message.to_string() }
+    }
+}
+
+impl From<SettingsError> for Failure {
+    fn from(e: SettingsError) -> Failure {
+        Failure::usage(e)
+    }
+}
+
+impl From<PipelineError> for Failure {
+    fn from(e: PipelineError) -> Failure {
+        match e {
+            PipelineError::TooManyWindows { .. } => Failure::usage(e),
+            _ => Failure::new(e),
+        }
+    }
+}
+
+/// Writing a result. A reader that has gone away (`inkling ... | head`) is no failure.
+impl From<std::io::Error> for Failure {
+    fn from(e: std::io::Error) -> Failure {
+        let exit =
+            if e.kind() == std::io::ErrorKind::BrokenPipe { Exit::Done } else { Exit::Failed };
+        Failure { exit, message: format!("cannot write the result: {e}") }
+    }
+}

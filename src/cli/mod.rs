@@ -1,0 +1,81 @@
+//! Words and bars: the command line, one file per verb. Results on stdout, messages on stderr.
+
+mod exit;
+mod identify;
+mod inspect;
+mod progress;
+mod replay;
+mod report;
+mod score;
+mod simulate;
+mod train;
+
+use clap::{Parser, Subcommand};
+use exit::{Exit, Failure};
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+#[derive(Debug, Parser)]
+#[command(
+    name = "inkling",
+    version,
+    about = "Tells from piezo ring-downs which ink channels are faulty, with what and how badly",
+    after_help = "Examples:
+  inkling replay                                  what ./pipeline.toml says
+  inkling replay night.mcap --design design.json --out verdicts
+  inkling replay logs/ --design design.json --identify windows
+  inkling train library.mcap --labels labels.csv -o design.json
+  inkling score verdicts/ --labels labels.csv
+  inkling simulate scenario.toml -o run/
+
+Exit status: 0 done; 1 failed; 2 wrong usage or settings; 3 finished, but some input was damaged,
+rejected or skipped (and the output says what). Faults found are a result, not a failure.
+`inkling VERB --help` says more."
+)]
+struct Cli {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    /// Judge recordings: one verdict per channel and burst, to Parquet
+    Replay(replay::Args),
+    /// Learn a design from labelled recordings
+    Train(train::Args),
+    /// Grey-box identification alone, with what is and is not identifiable
+    Identify(identify::Args),
+    /// Make recordings with known truth from a scenario
+    Simulate(simulate::Args),
+    /// Verdicts against labels: detection, isolation, calibration
+    Score(score::Args),
+    /// What is in a recording, and whether it is whole
+    Inspect(inspect::Args),
+}
+
+/// Runs the command line `args` and says how it ended.
+pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let cli = match Cli::try_parse_from(args) {
+        Ok(cli) => cli,
+        Err(e) => {
+            let _ = e.print(); // nowhere left to complain if this fails
+            return if e.use_stderr() { Exit::Usage } else { Exit::Done }.into();
+        }
+    };
+    let ended = match cli.verb {
+        Verb::Replay(args) => replay::run(args),
+        Verb::Train(args) => train::run(args),
+        Verb::Identify(args) => identify::run(args),
+        Verb::Simulate(args) => simulate::run(args),
+        Verb::Score(args) => score::run(args),
+        Verb::Inspect(args) => inspect::run(args),
+    };
+    match ended {
+        Ok(exit) => exit.into(),
+        Err(Failure { exit: Exit::Done, .. }) => Exit::Done.into(),
+        Err(failure) => {
+            eprintln!("inkling: {}", failure.message);
+            failure.exit.into()
+        }
+    }
+}

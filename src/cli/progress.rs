@@ -1,0 +1,128 @@
+//! Progress: bars on a terminal, plain lines otherwise, always on stderr.
+
+use crate::pipeline::Control;
+use indicatif::{HumanBytes, MultiProgress, ProgressBar, ProgressStyle};
+use std::io::IsTerminal;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Once};
+use std::time::{Duration, Instant};
+
+/// Between two looks, on a terminal and off it.
+const TICK: Duration = Duration::from_millis(100);
+const LINE_EVERY: Duration = Duration::from_secs(10);
+
+/// A shared control that Ctrl-C interrupts.
+pub fn interruptible() -> Arc<Control> {
+    static ONCE: Once = Once::new();
+    let control = Arc::new(Control::default());
+    let handle = control.clone();
+    ONCE.call_once(|| {
+        // without a handler Ctrl-C still ends the run; only the .part file is left behind
+        let _ = ctrlc::set_handler(move || handle.interrupt());
+    });
+    control
+}
+
+/// Draws the current recording and, where there are several, the whole, until `done`.
+pub struct Progress {
+    bars: MultiProgress,
+    overall: Option<ProgressBar>,
+    terminal: bool,
+}
+
+impl Progress {
+    pub fn new(recordings: usize, total_bytes: u64) -> Progress {
+        let terminal = std::io::stderr().is_terminal();
+        let bars = MultiProgress::new();
+        let overall = (terminal && recordings > 1).then(|| {
+            let bar = ProgressBar::new(total_bytes);
+            bar.set_style(style("{spinner} all recordings   {bar:30} {percent:>3} %  {eta} left"));
+            bars.add(bar)
+        });
+        Progress { bars, overall, terminal }
+    }
+
+    /// Runs `job` while its progress through `bytes` of `name` is shown.
+    pub fn during<T>(
+        &self,
+        name: &str,
+        bytes: u64,
+        control: &Control,
+        job: impl FnOnce() -> T,
+    ) -> T {
+        let done = AtomicBool::new(false);
+        let signals_before = control.signals.load(Ordering::Relaxed);
+        let result = std::thread::scope(|scope| {
+            scope.spawn(|| self.watch(name, bytes, control, signals_before, &done));
+            let result = job();
+            done.store(true, Ordering::Relaxed);
+            result
+        });
+        if let Some(overall) = &self.overall {
+            overall.inc(bytes);
+        }
+        result
+    }
+
+    /// A message above the bars.
+    pub fn say(&self, message: &str) {
+        if self.terminal {
+            self.bars.suspend(|| eprintln!("{message}"));
+        } else {
+            eprintln!("{message}");
+        }
+    }
+
+    fn watch(&self, name: &str, bytes: u64, control: &Control, before: u64, done: &AtomicBool) {
+        let started = Instant::now();
+        let rate = || {
+            let signals = control.signals.load(Ordering::Relaxed).saturating_sub(before);
+            signals as f64 / started.elapsed().as_secs_f64().max(1e-9)
+        };
+        let bar = self.terminal.then(|| {
+            let bar = self.bars.add(ProgressBar::new(bytes));
+            bar.set_style(style(
+                "{spinner} {prefix:<16!} {bar:30} {percent:>3} %  {msg}  {eta} left",
+            ));
+            bar.set_prefix(name.to_owned());
+            bar
+        });
+        let mut last_line = Instant::now();
+        while !done.load(Ordering::Relaxed) {
+            std::thread::sleep(TICK.min(Duration::from_millis(20)));
+            let read = control.bytes_read.load(Ordering::Relaxed).min(bytes);
+            if let Some(bar) = &bar {
+                bar.set_position(read);
+                bar.set_message(format!("{} signals/s", thousands(rate() as u64)));
+            } else if last_line.elapsed() >= LINE_EVERY {
+                last_line = Instant::now();
+                eprintln!(
+                    "{name}: {} of {}, {} signals/s",
+                    HumanBytes(read),
+                    HumanBytes(bytes),
+                    thousands(rate() as u64)
+                );
+            }
+        }
+        if let Some(bar) = bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
+}
+
+/// 1234567 -> "1 234 567".
+pub fn thousands(n: u64) -> String {
+    let digits = n.to_string();
+    let mut out = String::new();
+    for (i, d) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            out.push(' ');
+        }
+        out.push(d);
+    }
+    out
+}

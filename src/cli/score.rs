@@ -1,0 +1,120 @@
+//! `inkling score`: verdicts against labels.
+
+use super::exit::{Exit, Failure};
+use crate::fault::HEALTHY;
+use crate::io::{inputs, labels_file, verdict_reader};
+use crate::score::{Report, Said, Score};
+use crate::verdict::Outcome;
+use std::io::Write;
+use std::path::PathBuf;
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  inkling score verdicts/ --labels labels.csv
+  inkling score night.verdicts.parquet --labels labels.csv --json | jq .detection")]
+pub struct Args {
+    /// Verdict files, or directories of them
+    #[arg(required = true)]
+    verdicts: Vec<String>,
+    /// What is true of the channels
+    #[arg(long, value_name = "CSV")]
+    labels: PathBuf,
+    /// As JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: Args) -> Result<Exit, Failure> {
+    let labels = labels_file::read(&args.labels).map_err(Failure::new)?;
+    let files = inputs::find_verdicts(&args.verdicts).map_err(Failure::new)?;
+    let mut score: Option<Score> = None;
+    for file in &files {
+        let verdicts = verdict_reader::open(&file.path).map_err(Failure::new)?;
+        let classes = verdicts.classes().to_vec();
+        let bound = verdicts.metadata()["settings"]["isolate"]["certainty"].as_f64().unwrap_or(0.8);
+        let score = score.get_or_insert_with(|| Score::new(classes.clone(), bound));
+        for columns in verdicts {
+            let c = columns.map_err(Failure::new)?;
+            for row in 0..c.len() {
+                if c.outcome[row] == Outcome::Rejected {
+                    score.add_rejected();
+                    continue;
+                }
+                let printhead = &c.printheads[c.printhead[row] as usize];
+                let truth = labels.at(printhead, c.channel[row], c.acquired_at_ns[row]);
+                let weights = c.weights_start[row]
+                    .map(|start| &c.weights[start as usize..start as usize + classes.len()]);
+                let said = Said {
+                    flagged: c.outcome[row] != Outcome::Healthy,
+                    candidate: c.candidate[row].map(|k| classes[k as usize].as_str()),
+                    certainty: c.certainty[row].map(f64::from),
+                    weights,
+                };
+                score.add(said, truth.map(|label| label.state.as_str()));
+            }
+        }
+    }
+    let report = score.unwrap_or_default().report();
+    let mut out = std::io::stdout().lock();
+    if args.json {
+        serde_json::to_writer_pretty(&mut out, &report).map_err(|e| Failure::from(std::io::Error::from(e)))?;
+        writeln!(out)?;
+    } else {
+        print(&report, &mut out)?;
+    }
+    if report.by_state.is_empty() {
+        return Err(Failure::new(format!(
+            "no verdict is covered by {}: do printhead names and times agree?",
+            args.labels.display()
+        )));
+    }
+    Ok(Exit::Done)
+}
+
+fn print(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
+    let d = &report.detection;
+    writeln!(out, "detection")?;
+    writeln!(out, "  {:<24} {:>10} {:>10}", "", "healthy", "faulty")?;
+    writeln!(out, "  {:<24} {:>10} {:>10}", "truly healthy, said:", d.tn, d.fp)?;
+    writeln!(out, "  {:<24} {:>10} {:>10}", "truly faulty, said:", d.fn_, d.tp)?;
+    writeln!(
+        out,
+        "  accuracy {:.4}, recall {:.4}, false alarms {:.5} of the healthy",
+        d.accuracy(),
+        d.recall(),
+        d.false_alarm_rate()
+    )?;
+    writeln!(out, "  {:<10} {:>10} {:>10} {:>8}", "state", "signals", "flagged", "share")?;
+    for (state, s) in &report.by_state {
+        let share = s.flagged as f64 / s.signals.max(1) as f64;
+        let what = if state == HEALTHY { "false alarms" } else { "recall" };
+        writeln!(out, "  {state:<10} {:>10} {:>10} {share:>8.4}  {what}", s.signals, s.flagged)?;
+    }
+    let iso = &report.isolation;
+    if iso.confusion.iter().flatten().any(|&n| n > 0) {
+        writeln!(out, "isolation (rows: truth, columns: best class)")?;
+        write!(out, "  {:<6}", "")?;
+        iso.classes.iter().try_for_each(|c| write!(out, " {c:>7}"))?;
+        writeln!(out)?;
+        for (class, row) in iso.classes.iter().zip(&iso.confusion) {
+            write!(out, "  {class:<6}")?;
+            row.iter().try_for_each(|n| write!(out, " {n:>7}"))?;
+            writeln!(out)?;
+        }
+        writeln!(out, "  accuracy {:.4}", iso.accuracy)?;
+        let c = &report.certain;
+        writeln!(
+            out,
+            "  certainty >= {}: accuracy {:.4} on {:.1} % of them",
+            c.bound,
+            c.accuracy,
+            100.0 * c.coverage
+        )?;
+        write!(out, "calibration: ECE {:.4}", report.calibration.ece)?;
+        match report.calibration.classwise_ece {
+            Some(ece) => writeln!(out, ", class-wise {ece:.4}")?,
+            None => writeln!(out, " (class-wise needs output.weights = true)")?,
+        }
+    }
+    writeln!(out, "{} unlabelled, {} rejected, not scored", report.unlabelled, report.rejected)
+}

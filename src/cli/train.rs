@@ -1,0 +1,94 @@
+//! `inkling train`: labelled recordings to a design.
+
+use super::exit::{Exit, Failure};
+use super::progress::{Progress, interruptible, thousands};
+use super::replay::PresetArg;
+use crate::design::Design;
+use crate::io::recording::Recording;
+use crate::io::{Limits, design_file, inputs, labels_file};
+use crate::pipeline::collect::Collector;
+use crate::settings::{Preset, Settings};
+use std::io::Write;
+use std::path::PathBuf;
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  inkling train library.mcap --labels labels.csv -o design.json
+  inkling train logs/ --labels labels.csv -o design.json --set detect.false_alarm_rate=1e-3
+
+Labels: CSV with printhead,channel,from,to,state,severity; state is `healthy` or a fault class,
+your own class names are welcome.")]
+pub struct Args {
+    /// Files, directories (searched for *.mcap) or glob patterns
+    #[arg(required = true)]
+    recordings: Vec<String>,
+    /// What is true of the channels
+    #[arg(long, value_name = "CSV")]
+    labels: PathBuf,
+    /// Where the design goes
+    #[arg(short, long, value_name = "DESIGN")]
+    out: PathBuf,
+    /// Settings file
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Any setting of pipeline.toml, repeatable
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Choices that belong together; --set wins over them
+    #[arg(long, value_enum)]
+    preset: Option<PresetArg>,
+}
+
+pub fn run(args: Args) -> Result<Exit, Failure> {
+    let preset = args.preset.map(|PresetArg::Thesis| Preset::Thesis);
+    let settings = Settings::load(args.config.as_deref(), preset, &args.set)?;
+    let labels = labels_file::read(&args.labels).map_err(Failure::new)?;
+    let inputs = inputs::find_recordings(&args.recordings).map_err(Failure::new)?;
+
+    let control = interruptible();
+    let progress = Progress::new(inputs.len(), 0);
+    let mut collector = Collector::new(Some(&labels), settings.input.rails);
+    let mut damaged = false;
+    for input in &inputs {
+        let recording = Recording::open(&input.path, Limits::default()).map_err(Failure::new)?;
+        for damage in &recording.damage {
+            damaged = true;
+            progress.say(&format!("warning: {}: {}", recording.name, damage.what));
+        }
+        progress.during(&recording.name, recording.bytes, &control, || {
+            collector.take(&recording, &control)
+        })?;
+    }
+    let set = collector.finish().ok_or_else(|| Failure::new("no inkling.Burst messages found"))?;
+    if set.healthy.is_empty() {
+        let seen: Vec<String> = set.signals.iter().map(|(l, n)| format!("{n} {l}")).collect();
+        return Err(Failure::new(format!(
+            "no signal is labelled `healthy` (found: {}); do printhead names and times of {} agree \
+             with the recordings? `inkling inspect` shows them",
+            seen.join(", "),
+            args.labels.display()
+        )));
+    }
+    let (design, warnings) = Design::train(&set, &settings.identify.grey_box, &settings.detect)
+        .map_err(Failure::new)?;
+    warnings.iter().for_each(|w| progress.say(&format!("warning: {w}")));
+    design_file::write(&args.out, &design).map_err(Failure::new)?;
+
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "{}: {} models, {} classes", args.out.display(), design.models.len() + 1, design.classes.len())?;
+    for (label, n) in &design.signals {
+        writeln!(out, "  {:>10} {label}", thousands(*n))?;
+    }
+    let poles = design.pooled.identification.poles;
+    writeln!(
+        out,
+        "  pooled model: resonance {:.3} kHz, damping {:.4e} 1/s, real pole {:.3e} 1/s",
+        poles.frequency_hz / 1e3,
+        poles.damping_per_s,
+        poles.lambda_per_s
+    )?;
+    let t = &design.pooled.threshold;
+    writeln!(out, "  threshold {:.4e} counts²·s ({})", t.value, t.in_words())?;
+    let lost = ["rejected", "other_sampling"].iter().any(|k| design.signals.contains_key(*k));
+    Ok(if damaged || lost { Exit::Incomplete } else { Exit::Done })
+}

@@ -1,0 +1,128 @@
+//! The offline artefact: what training makes, what every verdict rests on.
+//!
+//! In: healthy and labelled faulty signals of each printhead. Out: [`Design`]: identified healthy
+//! models with filter and threshold, and fault classes as mean deviations from them. Rooms
+//! `identify`, `detect` and `isolate` meet here and nowhere else. Immutable once made.
+
+mod fault_class;
+mod healthy_model;
+mod judge;
+mod train;
+
+pub use crate::detect::DetectSettings;
+pub use crate::isolate::IsolateSettings;
+pub use fault_class::FaultClass;
+pub use healthy_model::{HealthyModel, LearnSettings};
+pub use judge::{Isolation, Judge, Workspace};
+pub use train::TrainingSet;
+
+use crate::fault;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// Version of the design file; a breaking change needs a new number.
+pub const VERSION: u32 = 1;
+
+/// `schemas/design.md` describes the file.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Design {
+    pub version: u32,
+    /// The inkling that made it.
+    pub made_by: String,
+    pub sample_period_s: f64,
+    pub samples: usize,
+    /// Drive voltage at which the models expect their signals; absent: it was not recorded.
+    pub drive_voltage_v: Option<f64>,
+    pub detect: DetectSettings,
+    /// Signals that were trained on, by label; `unlabelled` and `rejected` were not.
+    pub signals: std::collections::BTreeMap<String, u64>,
+    /// One per printhead, by name.
+    pub models: Vec<HealthyModel>,
+    /// Of all printheads together: judges a printhead that the design does not know, if it agrees.
+    pub pooled: HealthyModel,
+    pub classes: Vec<FaultClass>,
+}
+
+#[derive(Debug, Error)]
+pub enum DesignError {
+    #[error(transparent)]
+    Identify(#[from] crate::identify::IdentifyError),
+    #[error(transparent)]
+    Detect(#[from] crate::detect::DetectError),
+    #[error(transparent)]
+    Isolate(#[from] crate::isolate::IsolateError),
+    #[error("{0}")]
+    Invalid(String),
+}
+
+impl Design {
+    /// Refuses what could not have been made by training (hand-edited, damaged or newer files).
+    pub fn check(&self) -> Result<(), DesignError> {
+        let refuse = |what: String| Err(DesignError::Invalid(what));
+        if self.version != VERSION {
+            return refuse(format!(
+                "design version {}: this inkling reads version {VERSION}; train again",
+                self.version
+            ));
+        }
+        if !(self.sample_period_s.is_finite() && self.sample_period_s > 0.0) {
+            return refuse(format!("sample_period_s = {}: must be positive", self.sample_period_s));
+        }
+        if self.classes.len() > fault_class::MOST_CLASSES {
+            return refuse(format!(
+                "{} fault classes: at most {}",
+                self.classes.len(),
+                fault_class::MOST_CLASSES
+            ));
+        }
+        if let Some(v) = self.drive_voltage_v
+            && !(v.is_finite() && v > 0.0)
+        {
+            return refuse(format!("drive_voltage_v = {v}: must be positive"));
+        }
+        for class in &self.classes {
+            if class.deviation.len() != self.samples || class.deviation.iter().any(|v| !v.is_finite()) {
+                return refuse(format!(
+                    "class {}: its deviation must be {} finite numbers",
+                    class.name, self.samples
+                ));
+            }
+        }
+        self.models.iter().chain([&self.pooled]).try_for_each(|model| model.check(self))
+    }
+
+    /// The model of a printhead, by name.
+    pub fn model_of(&self, printhead: &str) -> Option<&HealthyModel> {
+        self.models.iter().find(|m| m.printhead.as_deref() == Some(printhead))
+    }
+
+    /// Whether signals of that sampling can be judged by this design.
+    pub fn fits(&self, sample_period_s: f64, samples: usize) -> bool {
+        same_period(self.sample_period_s, sample_period_s) && self.samples == samples
+    }
+
+    pub fn class_names(&self) -> Vec<String> {
+        self.classes.iter().map(|c| c.name.clone()).collect()
+    }
+}
+
+/// Equal sample periods, contract: up to 1e-6 relative.
+pub fn same_period(p: f64, q: f64) -> bool {
+    (p / q - 1.0).abs() <= 1e-6
+}
+
+/// The categories that some classes form, in order of first appearance, and each class's category.
+pub fn categories(classes: &[String]) -> (Vec<String>, Vec<usize>) {
+    let mut names: Vec<String> = Vec::new();
+    let of_class = classes
+        .iter()
+        .map(|class| {
+            let category = fault::category(class);
+            names.iter().position(|c| c == category).unwrap_or_else(|| {
+                names.push(category.into());
+                names.len() - 1
+            })
+        })
+        .collect();
+    (names, of_class)
+}

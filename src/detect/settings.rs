@@ -1,0 +1,91 @@
+//! Settings of fault detection: `pipeline.toml` section `[detect]`.
+
+use serde::{Deserialize, Serialize};
+
+/// What is compared with the threshold.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DetectMethod {
+    /// Energy of the FD filter's residual, thesis e(r).
+    #[default]
+    ResidualEnergy,
+}
+
+/// How the threshold is learned.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ThresholdMethod {
+    /// Tail quantile at `false_alarm_rate`, held with `confidence`.
+    #[default]
+    Quantile,
+    /// Thesis (3-4): mu * max(e_h).
+    Max,
+}
+
+/// Denominator of the FD filter, thesis §3-2-1.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Denominator {
+    /// Method I: a marginally stable pair at the healthy resonance, or at `oscillations`.
+    #[default]
+    Resonance,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DetectSettings {
+    pub method: DetectMethod,
+    pub threshold: ThresholdMethod,
+    /// Share of healthy signals that may pass, for `quantile`.
+    pub false_alarm_rate: f64,
+    /// That the realised rate stays below it, over the channels' spread, for `quantile`.
+    pub confidence: f64,
+    /// Factor on the largest healthy energy, for `max`.
+    pub mu: f64,
+    pub denominator: Denominator,
+    /// n_o of method I; absent: the healthy resonance, n_o = f0 T.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub oscillations: Option<f64>,
+    /// The other poles of method I, 1/s; with the pair they fix the filter's degree.
+    pub other_poles_per_s: Vec<f64>,
+}
+
+impl Default for DetectSettings {
+    fn default() -> Self {
+        DetectSettings {
+            method: DetectMethod::ResidualEnergy,
+            threshold: ThresholdMethod::Quantile,
+            false_alarm_rate: 4e-4,
+            confidence: 0.95,
+            mu: 1.0,
+            denominator: Denominator::Resonance,
+            oscillations: None,
+            other_poles_per_s: vec![2e5, 2e5],
+        }
+    }
+}
+
+impl DetectSettings {
+    /// Says which key is wrong, if one is.
+    pub fn check(&self) -> Result<(), String> {
+        let open = |key: &str, v: f64, hi: f64| {
+            if v > 0.0 && v < hi {
+                Ok(())
+            } else {
+                Err(format!("{key} = {v}: must lie between 0 and {hi}"))
+            }
+        };
+        open("false_alarm_rate", self.false_alarm_rate, 0.5)?;
+        open("confidence", self.confidence, 1.0)?;
+        open("mu", self.mu, 1e6)?;
+        open("oscillations", self.oscillations.unwrap_or(1.0), 1e6)?;
+        if !(1..=8).contains(&self.other_poles_per_s.len()) {
+            let n = self.other_poles_per_s.len();
+            return Err(format!(
+                "other_poles_per_s has {n} poles: give 1 to 8 (the observable order is 3, \
+                 the marginal pair counts two)"
+            ));
+        }
+        self.other_poles_per_s.iter().try_for_each(|&p| open("other_poles_per_s", p, 1e12))
+    }
+}

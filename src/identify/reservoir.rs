@@ -1,0 +1,155 @@
+//! A bounded sample of a window's signals that does not depend on the order in which they come.
+//!
+//! Every signal has a rank, a hash of its time and channel; the lowest ranks stay. So the sample,
+//! and all that is learned from it, is the same for any file order, chunking or number of threads.
+
+use super::averaging::SignalSet;
+use std::collections::BinaryHeap;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// (hash of time and channel, time, channel, hash of the samples): the last tells repeats apart.
+type Rank = (u64, i64, u32, u64);
+
+#[derive(Debug)]
+pub struct Reservoir {
+    capacity: usize,
+    samples: usize,
+    /// The kept signals' ranks and slots, worst on top.
+    heap: BinaryHeap<(Rank, usize)>,
+    data: Vec<f32>,
+    channel: Vec<u32>,
+    voltage_v: Vec<f64>,
+    temperature_c: Vec<f64>,
+    /// Signals offered, kept or not.
+    pub offered: u64,
+}
+
+impl Reservoir {
+    pub fn new(samples: usize, capacity: usize) -> Reservoir {
+        Reservoir {
+            capacity,
+            samples,
+            heap: BinaryHeap::new(),
+            data: Vec::new(),
+            channel: Vec::new(),
+            voltage_v: Vec::new(),
+            temperature_c: Vec::new(),
+            offered: 0,
+        }
+    }
+
+    /// Offers a signal. `voltage_v`, `temperature_c`: NaN where not recorded.
+    pub fn offer(
+        &mut self,
+        t_acq_ns: i64,
+        channel: u32,
+        signal: &[f64],
+        voltage_v: f64,
+        temperature_c: f64,
+    ) {
+        self.offered += 1;
+        let mut key = [0; 12];
+        key[..8].copy_from_slice(&t_acq_ns.to_le_bytes());
+        key[8..].copy_from_slice(&channel.to_le_bytes());
+        let hash = xxh3_64(&key);
+        if self.heap.len() >= self.capacity
+            && self.heap.peek().is_some_and(|(worst, _)| (hash, t_acq_ns, channel) > (worst.0, worst.1, worst.2))
+        {
+            return;
+        }
+        let row: Vec<f32> = signal.iter().map(|&y| y as f32).collect();
+        let content: Vec<u8> = row.iter().flat_map(|y| y.to_le_bytes()).collect();
+        let rank = (hash, t_acq_ns, channel, xxh3_64(&content));
+        let slot = if self.heap.len() < self.capacity {
+            self.data.extend_from_slice(&row);
+            self.channel.push(channel);
+            self.voltage_v.push(voltage_v);
+            self.temperature_c.push(temperature_c);
+            self.channel.len() - 1
+        } else {
+            match self.heap.peek() {
+                Some((worst, _)) if rank < *worst => {}
+                _ => return,
+            }
+            let Some((_, slot)) = self.heap.pop() else { return };
+            self.data[slot * self.samples..(slot + 1) * self.samples].copy_from_slice(&row);
+            self.channel[slot] = channel;
+            self.voltage_v[slot] = voltage_v;
+            self.temperature_c[slot] = temperature_c;
+            slot
+        };
+        self.heap.push((rank, slot));
+    }
+
+    pub fn len(&self) -> usize {
+        self.heap.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.heap.is_empty()
+    }
+
+    /// Sum and count of the recorded drive voltages, in rank order.
+    pub fn voltage_sum(&self) -> (f64, usize) {
+        let known: Vec<f64> = self.in_order().map(|s| self.voltage_v[s]).filter(|v| *v > 0.0).collect();
+        (known.iter().sum(), known.len())
+    }
+
+    /// The sample in rank order, its drive relative to `reference_v` (1 where not recorded).
+    pub fn into_set(&self, reference_v: Option<f64>) -> SignalSet {
+        let mut set = SignalSet::new(self.samples);
+        for slot in self.in_order() {
+            let signal = &self.data[slot * self.samples..(slot + 1) * self.samples];
+            let drive = relative_drive(self.voltage_v[slot], reference_v);
+            set.push(signal, self.channel[slot], drive, self.temperature_c[slot]);
+        }
+        set
+    }
+
+    fn in_order(&self) -> impl Iterator<Item = usize> {
+        let mut kept: Vec<(Rank, usize)> = self.heap.iter().copied().collect();
+        kept.sort_unstable();
+        kept.into_iter().map(|(_, slot)| slot)
+    }
+}
+
+/// x_a is proportional to the drive voltage, thesis (2-2): the scale of the expected signal.
+pub fn relative_drive(voltage_v: f64, reference_v: Option<f64>) -> f64 {
+    match reference_v {
+        Some(reference) if voltage_v > 0.0 && voltage_v.is_finite() => voltage_v / reference,
+        _ => 1.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sample_does_not_depend_on_the_order() {
+        let signals: Vec<(i64, u32)> =
+            (0..500).map(|i| (1_000_000 * (i as i64 / 50), i as u32 % 50)).collect();
+        let fill = |order: &mut dyn Iterator<Item = &(i64, u32)>| {
+            let mut r = Reservoir::new(2, 64);
+            for &(t, c) in order {
+                r.offer(t, c, &[t as f64, f64::from(c)], f64::NAN, f64::NAN);
+            }
+            r.into_set(None)
+        };
+        let forward = fill(&mut signals.iter());
+        let backward = fill(&mut signals.iter().rev());
+        assert_eq!(forward.len(), 64);
+        assert_eq!(forward.data, backward.data);
+        assert_eq!(forward.channel, backward.channel);
+    }
+
+    #[test]
+    fn repeats_of_one_burst_are_told_apart_by_their_samples() {
+        let offer = |values: &[f64]| {
+            let mut r = Reservoir::new(1, 2);
+            values.iter().for_each(|&v| r.offer(5, 5, &[v], 0.0, 0.0));
+            r.into_set(None).data
+        };
+        assert_eq!(offer(&[1.0, 2.0, 3.0]), offer(&[3.0, 1.0, 2.0]));
+    }
+}

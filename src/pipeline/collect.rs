@@ -1,0 +1,120 @@
+//! Labelled signals out of recordings, for training and identification; bounded, order-independent.
+
+use super::{Control, PipelineError, visit};
+use crate::design::{TrainingSet, same_period};
+use crate::fault::HEALTHY;
+use crate::identify::reservoir::Reservoir;
+use crate::io::recording::Recording;
+use crate::labels::Labels;
+use crate::verdict::unusable_signal;
+use std::collections::BTreeMap;
+
+/// Signals kept per printhead and label, at most.
+const MOST_HEALTHY: usize = 32_768;
+const MOST_FAULTY: usize = 8_192;
+/// Printheads and labels that are told apart, at most.
+const MOST_SETS: usize = 512;
+
+/// Collects the signals of recordings by printhead and label.
+pub struct Collector<'a> {
+    /// `None`: every signal counts as healthy.
+    labels: Option<&'a Labels>,
+    rails: [f64; 2],
+    sampling: Option<(f64, usize)>,
+    /// By (label, printhead).
+    sets: BTreeMap<(String, String), Reservoir>,
+    signals: BTreeMap<String, u64>,
+}
+
+impl<'a> Collector<'a> {
+    pub fn new(labels: Option<&'a Labels>, rails: [f64; 2]) -> Collector<'a> {
+        Collector { labels, rails, sampling: None, sets: BTreeMap::new(), signals: BTreeMap::new() }
+    }
+
+    /// Takes the signals of a recording that fit the first burst's sampling.
+    pub fn take(&mut self, recording: &Recording, control: &Control) -> Result<(), PipelineError> {
+        let mut signal = Vec::new();
+        visit::bursts(recording, control, |_| true, |_, burst| {
+            let n = burst.samples_per_channel as usize;
+            let (period, samples) = *self.sampling.get_or_insert((burst.sample_period_s, n));
+            if samples != n || !same_period(period, burst.sample_period_s) {
+                self.count("other_sampling", u64::from(burst.channels));
+                return;
+            }
+            signal.resize(n, 0.0);
+            for row in 0..burst.channels {
+                let channel = burst.first_channel + row;
+                let state = match self.labels {
+                    None => Some(HEALTHY),
+                    Some(labels) => labels
+                        .at(&burst.printhead, channel, burst.t_acq_ns)
+                        .map(|label| label.state.as_str()),
+                };
+                let Some(state) = state else {
+                    self.count("unlabelled", 1);
+                    continue;
+                };
+                burst.copy_signal(row as usize, &mut signal);
+                if unusable_signal(&signal, self.rails).is_some() {
+                    self.count("rejected", 1);
+                    continue;
+                }
+                self.count(state, 1);
+                let key = (state.to_owned(), burst.printhead.to_string());
+                if !self.sets.contains_key(&key) && self.sets.len() >= MOST_SETS {
+                    self.count("beyond_the_limit_of_sets", 1);
+                    continue;
+                }
+                let most = if state == HEALTHY { MOST_HEALTHY } else { MOST_FAULTY };
+                self.sets.entry(key).or_insert_with(|| Reservoir::new(n, most)).offer(
+                    burst.t_acq_ns,
+                    channel,
+                    &signal,
+                    burst.drive_voltage_v.unwrap_or(f64::NAN),
+                    burst.temperature_c.unwrap_or(f64::NAN),
+                );
+            }
+        })
+    }
+
+    fn count(&mut self, label: &str, n: u64) {
+        match self.signals.get_mut(label) {
+            Some(count) => *count += n,
+            None => drop(self.signals.insert(label.into(), n)),
+        }
+    }
+
+    /// Signals seen, by label.
+    pub fn signals(&self) -> &BTreeMap<String, u64> {
+        &self.signals
+    }
+
+    /// What was collected, drives relative to the mean voltage of the healthy signals.
+    /// `None`: no burst was seen.
+    pub fn finish(self) -> Option<TrainingSet> {
+        let (sample_period_s, samples) = self.sampling?;
+        let (sum, n) = self
+            .sets
+            .iter()
+            .filter(|((state, _), _)| state == HEALTHY)
+            .map(|(_, reservoir)| reservoir.voltage_sum())
+            .fold((0.0, 0), |(sum, n), (s, m)| (sum + s, n + m));
+        let drive_voltage_v = (n > 0).then(|| sum / n as f64);
+        let mut set = TrainingSet {
+            sample_period_s,
+            samples,
+            drive_voltage_v,
+            signals: self.signals,
+            ..TrainingSet::default()
+        };
+        for ((state, printhead), reservoir) in self.sets {
+            let signals = reservoir.into_set(drive_voltage_v);
+            if state == HEALTHY {
+                set.healthy.insert(printhead, signals);
+            } else {
+                set.faulty.entry(state).or_default().insert(printhead, signals);
+            }
+        }
+        Some(set)
+    }
+}

@@ -1,0 +1,62 @@
+//! A bound on what is between reader and writer, in blocks and bytes.
+
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+
+#[derive(Debug, Default)]
+struct State {
+    blocks: usize,
+    bytes: u64,
+    closed: bool,
+}
+
+/// The reader enters blocks in file order and waits while the house is full; the writer lets them
+/// out. The oldest block is always inside, so its turn always comes: no deadlock.
+#[derive(Debug)]
+pub struct InFlight {
+    most_blocks: usize,
+    most_bytes: u64,
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+impl InFlight {
+    pub fn new(most_blocks: usize, most_bytes: u64) -> InFlight {
+        InFlight { most_blocks, most_bytes, state: Mutex::default(), changed: Condvar::new() }
+    }
+
+    /// False once closed: whoever waits should end.
+    pub fn enter(&self, bytes: u64) -> bool {
+        let mut state = self.lock();
+        loop {
+            if state.closed {
+                return false;
+            }
+            // a block larger than the bound goes alone
+            let room = state.blocks < self.most_blocks
+                && (state.blocks == 0 || state.bytes.saturating_add(bytes) <= self.most_bytes);
+            if room {
+                state.blocks += 1;
+                state.bytes += bytes;
+                return true;
+            }
+            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+
+    pub fn leave(&self, bytes: u64) {
+        let mut state = self.lock();
+        state.blocks -= 1;
+        state.bytes -= bytes;
+        self.changed.notify_all();
+    }
+
+    /// Nobody lets blocks out any more.
+    pub fn close(&self) {
+        self.lock().closed = true;
+        self.changed.notify_all();
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

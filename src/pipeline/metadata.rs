@@ -1,0 +1,78 @@
+//! The document that goes with the verdicts: in the Parquet file's metadata and in summary.json.
+
+use super::replay::Replay;
+use super::schedule::Schedule;
+use super::tally::Counts;
+use crate::design::categories;
+use crate::io::recording::Recording;
+use chrono::{DateTime, SecondsFormat};
+use serde_json::{Value, json};
+
+/// The contract's document. The same for any number of threads and any output directory: what does
+/// not change a verdict is left out of `settings`.
+pub fn document(
+    replay: &Replay,
+    recording: &Recording,
+    digest: &str,
+    schedule: &Schedule,
+    counts: &Counts,
+) -> Value {
+    let classes = replay.classes();
+    let (category_names, _) = categories(&classes);
+    let models: Vec<Value> = schedule
+        .judges
+        .iter()
+        .map(|judge| {
+            let m = &judge.model;
+            let id = &m.identification;
+            json!({
+                "model": judge.index,
+                "printhead": m.printhead,
+                "valid_from": m.valid_from_ns.map(rfc3339),
+                "parameters": id.channel,
+                "cubic": id.cubic,
+                "poles": id.poles,
+                "acquisition_state": id.acquisition_state,
+                "drive_voltage_v": judge.reference_v,
+                "temperature_c": m.temperature_c,
+                "damping_per_k": m.damping_per_k,
+                "frequency_per_k": m.frequency_per_k,
+                "uncertainty": id.uncertainty,
+                "covariance": id.uncertainty.cubic_covariance_us,
+                "held_fixed": id.held_fixed,
+                "not_identifiable": id.not_identifiable,
+                "at_bounds": id.at_bounds,
+                "convergence": id.convergence,
+                "fit_percent": id.fit_percent,
+                "signals": m.n_signals,
+                "channels": m.n_channels,
+                "threshold": m.threshold,
+                "generator": m.generator,
+            })
+        })
+        .collect();
+    json!({
+        "version": env!("CARGO_PKG_VERSION"),
+        "recording": {"name": recording.name, "bytes": recording.bytes, "digest": digest},
+        "design": replay.design_digest,
+        "settings": {
+            "input": {"rails": replay.settings.input.rails},
+            "identify": replay.settings.identify,
+            "detect": replay.settings.detect,
+            "isolate": replay.settings.isolate,
+            "output": {
+                "weights": replay.settings.output.weights,
+                "timestamps": replay.settings.output.timestamps,
+            },
+        },
+        "classes": classes,
+        "categories": category_names,
+        "models": models,
+        "counts": counts,
+    })
+}
+
+/// ns since the epoch as RFC 3339.
+pub fn rfc3339(t_ns: i64) -> String {
+    DateTime::from_timestamp_nanos(t_ns).to_rfc3339_opts(SecondsFormat::AutoSi, true)
+}

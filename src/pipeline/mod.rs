@@ -1,0 +1,85 @@
+//! Recordings to verdicts: six stages, bounded channels between them, and nowhere else a thread.
+//!
+//! ```text
+//!            blocks             batches of signals in columns                        rows, in order
+//! reader ──▶ (decode) ──▶ identify ──▶ filter ──▶ gate ──▶ isolate ──▶ writer
+//!             × threads    which model  × threads          × threads   Parquet + summary.json
+//! ```
+//!
+//! What crosses a channel is a batch, one block of the recording (a chunk, or about 1 MiB of
+//! messages). Batches carry their place; the writer restores the order, so any number of threads
+//! gives the same bytes. Memory is bounded by what is in flight ([`in_flight::InFlight`]), whatever
+//! the recording's length. Windows are learned before the stages start, in a pass of their own
+//! ([`windows`]): only then is the result the same where the file's order is not the time's.
+
+pub mod collect;
+mod in_flight;
+mod metadata;
+pub mod replay;
+mod rows;
+pub mod schedule;
+mod stages;
+mod survey;
+pub mod tally;
+mod visit;
+mod windows;
+
+pub use replay::{Replay, RecordingReport, replay};
+pub use schedule::Refusal;
+
+use crate::design::DesignError;
+use crate::io::recording::RecordingError;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use thiserror::Error;
+
+#[derive(Debug, Error)]
+pub enum PipelineError {
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    #[error(transparent)]
+    Design(#[from] DesignError),
+    #[error(transparent)]
+    Verdicts(#[from] crate::io::verdict_table::VerdictError),
+    #[error("{path}: cannot be written: {source}")]
+    Write { path: std::path::PathBuf, source: std::io::Error },
+    #[error("{recording}: no inkling.Burst messages in it: nothing to judge")]
+    NoBursts { recording: String },
+    #[error("interrupted; no finished file was written for the recording at hand")]
+    Interrupted,
+    #[error(
+        "{windows} healthy windows asked for, at most {most} models fit the verdict table: \
+         raise identify.every"
+    )]
+    TooManyWindows { windows: u64, most: u64 },
+    #[error("rows do not add up: {found} signals found, {written} rows written; this is our bug")]
+    RowsLost { found: u64, written: u64 },
+    #[error("the {0} stage panicked; this is our bug")]
+    Panicked(&'static str),
+    #[error("a printhead without a model turned up")]
+    NeedsSurvey,
+}
+
+/// What the world outside may see and say while a run goes on.
+#[derive(Debug, Default)]
+pub struct Control {
+    stop: AtomicBool,
+    /// Bytes of the current recording that have been read in the current pass.
+    pub bytes_read: AtomicU64,
+    /// Signals judged or rejected so far, over all recordings.
+    pub signals: AtomicU64,
+}
+
+impl Control {
+    /// Asks every stage to end without finishing a file.
+    pub fn interrupt(&self) {
+        self.stop.store(true, Ordering::Relaxed);
+    }
+
+    pub fn interrupted(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    fn check(&self) -> Result<(), PipelineError> {
+        if self.interrupted() { Err(PipelineError::Interrupted) } else { Ok(()) }
+    }
+}

@@ -1,0 +1,268 @@
+//! One recording through the six stages: wire, run, join, check, and only then name the files.
+
+use super::in_flight::InFlight;
+use super::schedule::{Refusal, Schedule};
+use super::stages::{self, BlockQueue, Pacer};
+use super::survey::survey;
+use super::tally::Tally;
+use super::windows::Learner;
+use super::{Control, PipelineError, metadata};
+use crate::design::{Design, categories};
+use crate::io::part_file::PartFile;
+use crate::io::recording::{Damage, Recording};
+use crate::io::verdict_table::{TableOptions, VerdictWriter};
+use crate::labels::Labels;
+use crate::settings::{IdentifyMode, Pace, Settings, TimestampUnit};
+use crossbeam_channel::bounded;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::thread::{self, ScopedJoinHandle};
+use std::time::{Duration, Instant};
+
+/// Batches between two stages.
+const QUEUE: usize = 4;
+/// Blocks and their bytes between reader and writer.
+const MOST_BLOCKS: usize = 32;
+const MOST_BYTES: u64 = 64 << 20;
+
+/// What a run of replay shares over its recordings.
+pub struct Replay {
+    pub settings: Settings,
+    pub design: Option<Design>,
+    /// Of the design file.
+    pub design_digest: Option<String>,
+    pub labels: Option<Labels>,
+    /// Healthy windows as spans of time, ns.
+    pub spans: Vec<(i64, i64)>,
+}
+
+impl Replay {
+    pub fn classes(&self) -> Vec<String> {
+        self.design.as_ref().map(Design::class_names).unwrap_or_default()
+    }
+
+    fn threads(&self) -> usize {
+        match self.settings.replay.threads {
+            0 => thread::available_parallelism().map_or(1, usize::from),
+            n => n,
+        }
+    }
+}
+
+/// What is said of a finished recording.
+#[derive(Debug)]
+pub struct RecordingReport {
+    pub name: String,
+    pub tally: Tally,
+    pub damage: Vec<Damage>,
+    pub refusals: Vec<Refusal>,
+    pub models: usize,
+    pub seconds: f64,
+    pub verdicts: PathBuf,
+    /// How far behind the recorded pace it ever was.
+    pub behind: Option<Duration>,
+}
+
+impl RecordingReport {
+    /// Everything in the recording was read and judged, every window learned.
+    pub fn is_whole(&self) -> bool {
+        self.damage.is_empty() && self.tally.counts.rejected.is_empty() && self.refusals.is_empty()
+    }
+}
+
+/// Judges one recording: verdicts to `verdicts`, the summary beside it.
+pub fn replay(
+    replay: &Replay,
+    recording: &Recording,
+    verdicts: &Path,
+    control: &Control,
+) -> Result<RecordingReport, PipelineError> {
+    let started = Instant::now();
+    let isolate = &replay.settings.isolate;
+    let design_schedule = || match &replay.design {
+        Some(design) => Schedule::of_design(design, isolate),
+        None => Ok(Schedule::default()),
+    };
+    let windows = || -> Result<Schedule, PipelineError> {
+        let survey = survey(recording, control)?;
+        let learner = Learner {
+            settings: &replay.settings,
+            design: replay.design.as_ref(),
+            labels: replay.labels.as_ref(),
+            spans: replay.spans.clone(),
+        };
+        learner.learn(recording, &survey, design_schedule()?, control)
+    };
+    let as_designed =
+        replay.design.is_some() && replay.settings.identify.mode == IdentifyMode::Design;
+    let schedule = if as_designed { design_schedule()? } else { windows()? };
+
+    let (schedule, streamed) = match stream(replay, recording, &schedule, verdicts, control) {
+        // a printhead that the design does not know: its windows decide
+        Err(PipelineError::NeedsSurvey) => {
+            let schedule = windows()?;
+            let streamed = stream(replay, recording, &schedule, verdicts, control)?;
+            (schedule, streamed)
+        }
+        streamed => (schedule, streamed?),
+    };
+    let Streamed { mut tally, writer, scan_damage, behind } = streamed;
+
+    let counts = &tally.counts;
+    let judged_and_rejected = counts.judged + counts.rejected.values().sum::<u64>();
+    if counts.signals != judged_and_rejected || writer.rows() != counts.signals {
+        return Err(PipelineError::RowsLost { found: counts.signals, written: writer.rows() });
+    }
+    let digest = recording.digest()?;
+    let mut damage = recording.damage.clone();
+    damage.extend(scan_damage);
+    damage.append(&mut tally.damage);
+    damage.extend(digest.damage);
+    damage.extend(recording.missing(counts.bursts));
+    damage.sort_by_key(|d| (d.from_byte, d.to_byte));
+    if counts.bursts == 0 {
+        return Err(PipelineError::NoBursts { recording: recording.path.display().to_string() });
+    }
+
+    let document = metadata::document(replay, recording, &digest.text, &schedule, counts);
+    control.check()?;
+    writer.finish(document.to_string())?;
+    let seconds = started.elapsed().as_secs_f64();
+    let summary = summary(document, recording, &damage, &schedule, seconds, counts.signals, behind);
+    write_summary(verdicts, &summary)?;
+    Ok(RecordingReport {
+        name: recording.name.clone(),
+        damage,
+        refusals: schedule.refusals,
+        models: schedule.judges.len(),
+        seconds,
+        verdicts: verdicts.to_path_buf(),
+        behind,
+        tally,
+    })
+}
+
+struct Streamed {
+    tally: Tally,
+    writer: VerdictWriter,
+    scan_damage: Vec<Damage>,
+    behind: Option<Duration>,
+}
+
+/// Wires the six stages, runs them, joins them.
+fn stream(
+    replay: &Replay,
+    recording: &Recording,
+    schedule: &Schedule,
+    verdicts: &Path,
+    control: &Control,
+) -> Result<Streamed, PipelineError> {
+    let settings = &replay.settings;
+    let classes = replay.classes();
+    let (category_names, _) = categories(&classes);
+    let mut writer = VerdictWriter::create(
+        verdicts,
+        TableOptions {
+            classes: classes.clone(),
+            categories: category_names,
+            weights: settings.output.weights,
+            microseconds: settings.output.timestamps == TimestampUnit::Us,
+        },
+    )?;
+    let mut tally = Tally::new(classes);
+    let mut pacer = (settings.replay.pace == Pace::Recorded).then(Pacer::new);
+    let workers = replay.threads();
+    // without channels known upfront, and at the recorded pace, blocks are read one after another
+    let one_reader = pacer.is_some() || !recording.channels_known_upfront();
+    let readers = if one_reader { 1 } else { workers };
+    let queue = BlockQueue::new(recording);
+    let in_flight = InFlight::new(MOST_BLOCKS, MOST_BYTES);
+    control.bytes_read.store(0, Ordering::Relaxed);
+
+    thread::scope(|scope| {
+        let (to_identify, from_reader) = bounded(QUEUE);
+        let (to_filter, from_identify) = bounded(QUEUE);
+        let (to_gate, from_filter) = bounded(QUEUE);
+        let (to_isolate, from_gate) = bounded(QUEUE);
+        let (to_writer, from_isolate) = bounded(QUEUE);
+        let (queue, in_flight, pacer) = (&queue, &in_flight, &mut pacer);
+        let mut running: Vec<(&'static str, ScopedJoinHandle<Result<(), PipelineError>>)> = Vec::new();
+        let mut pacer = pacer.as_mut();
+        for _ in 0..readers {
+            let (out, pacer) = (to_identify.clone(), pacer.take());
+            running.push(("reader", scope.spawn(move || {
+                stages::read(recording, queue, in_flight, pacer, control, out)
+            })));
+        }
+        drop(to_identify);
+        running.push(("identify", scope.spawn(move || {
+            stages::identify(schedule, from_reader, to_filter)
+        })));
+        for _ in 0..workers {
+            let (input, out) = (from_identify.clone(), to_gate.clone());
+            let rails = settings.input.rails;
+            running.push(("filter", scope.spawn(move || stages::filter(rails, input, out))));
+        }
+        drop((from_identify, to_gate));
+        running.push(("gate", scope.spawn(move || stages::gate(from_filter, to_isolate))));
+        for _ in 0..workers {
+            let (input, out) = (from_gate.clone(), to_writer.clone());
+            running.push(("isolate", scope.spawn(move || stages::isolate(settings, input, out))));
+        }
+        drop((from_gate, to_writer));
+
+        let put = |columns: &_| Ok(writer.write(columns)?);
+        let written = stages::write(from_isolate, in_flight, control, &mut tally, put);
+        // whoever waits for room in flight must not wait for a writer that is gone
+        in_flight.close();
+        let mut outcome = written;
+        for (stage, handle) in running {
+            let ended = handle.join().unwrap_or(Err(PipelineError::Panicked(stage)));
+            if outcome.is_ok() {
+                outcome = ended;
+            }
+        }
+        outcome
+    })?;
+    let behind = pacer.map(|p| p.behind);
+    Ok(Streamed { tally, writer, scan_damage: queue.damage(), behind })
+}
+
+fn summary(
+    mut document: Value,
+    recording: &Recording,
+    damage: &[Damage],
+    schedule: &Schedule,
+    seconds: f64,
+    signals: u64,
+    behind: Option<Duration>,
+) -> Value {
+    document["damage"] = json!(damage);
+    document["expected"] = json!(recording.expected);
+    document["refused_windows"] = json!(schedule.refusals);
+    document["rates"] = json!({
+        "seconds": seconds,
+        "signals_per_s": signals as f64 / seconds,
+        "bytes_per_s": recording.bytes as f64 / seconds,
+        "behind_s": behind.map(|b| b.as_secs_f64()),
+    });
+    document
+}
+
+/// `<stem>.verdicts.parquet` -> `<stem>.summary.json`.
+pub fn summary_path(verdicts: &Path) -> PathBuf {
+    let name = verdicts.file_name().unwrap_or_default().to_string_lossy();
+    let stem = name.strip_suffix(".verdicts.parquet").unwrap_or(&name);
+    verdicts.with_file_name(format!("{stem}.summary.json"))
+}
+
+fn write_summary(verdicts: &Path, summary: &Value) -> Result<(), PipelineError> {
+    let path = summary_path(verdicts);
+    let failed = |source| PipelineError::Write { path: path.clone(), source };
+    let mut text = serde_json::to_string_pretty(summary).map_err(|e| failed(e.into()))?;
+    text.push('\n');
+    let (part, mut file) = PartFile::create(&path).map_err(failed)?;
+    std::io::Write::write_all(&mut file, text.as_bytes()).map_err(failed)?;
+    part.finish(&file).map_err(failed)
+}

@@ -1,0 +1,74 @@
+//! What the stages know of a signal, as a row of the verdict table.
+
+use crate::design::Isolation;
+use crate::verdict::{Outcome, Reason, VerdictColumns};
+use std::sync::Arc;
+
+/// Place of a printhead among a batch's.
+pub fn intern(columns: &mut VerdictColumns, printhead: &Arc<str>) -> u32 {
+    // the last one is the likeliest; a batch has few
+    let known = columns.printheads.iter().rposition(|p| p == printhead);
+    known.unwrap_or_else(|| {
+        columns.printheads.push(printhead.clone());
+        columns.printheads.len() - 1
+    }) as u32
+}
+
+/// Whose signal it is: t_a, printhead's place, channel.
+pub type Id = (i64, u32, u32);
+
+pub fn push_rejected(columns: &mut VerdictColumns, id: Id, reason: Reason) {
+    push(columns, id, Outcome::Rejected, Some(reason));
+    columns.category.push(None);
+    columns.fault.push(None);
+    columns.candidate.push(None);
+    columns.certainty.push(None);
+    columns.statistic.push(None);
+    columns.threshold.push(None);
+    columns.model.push(None);
+    columns.weights_start.push(None);
+}
+
+/// A detection: statistic, threshold, model.
+pub type Detection = (f64, f64, u16);
+
+/// `passed`: the gate's word. Without an isolation, what passed is undecided.
+pub fn push_judged(
+    columns: &mut VerdictColumns,
+    id: Id,
+    (statistic, threshold, model): Detection,
+    passed: bool,
+    isolation: Option<&Isolation>,
+    weights: Option<&[f64]>,
+) {
+    let decided = isolation.filter(|i| passed && (i.fault.is_some() || i.category.is_some()));
+    let (outcome, reason) = match (passed, decided) {
+        (false, _) => (Outcome::Healthy, None),
+        (true, Some(_)) => (Outcome::Faulty, None),
+        (true, None) => (Outcome::Undecided, Some(Reason::Uncertain)),
+    };
+    push(columns, id, outcome, reason);
+    columns.category.push(decided.and_then(|i| i.category).map(|c| c as u16));
+    columns.fault.push(decided.and_then(|i| i.fault).map(|c| c as u16));
+    columns.candidate.push(isolation.map(|i| i.candidate as u16));
+    columns.certainty.push(isolation.map(|i| i.certainty as f32));
+    columns.statistic.push(Some(statistic as f32));
+    columns.threshold.push(Some(threshold as f32));
+    columns.model.push(Some(model));
+    columns.weights_start.push(weights.map(|w| {
+        let start = columns.weights.len() as u32;
+        columns.weights.extend(w.iter().map(|&v| v as f32));
+        start
+    }));
+}
+
+fn push(columns: &mut VerdictColumns, (t, printhead, channel): Id, outcome: Outcome, reason: Option<Reason>) {
+    columns.acquired_at_ns.push(t);
+    columns.printhead.push(printhead);
+    columns.channel.push(channel);
+    columns.outcome.push(outcome);
+    columns.reason.push(reason);
+    // residual matching does not size a fault
+    columns.severity.push(None);
+    columns.severity_sd.push(None);
+}

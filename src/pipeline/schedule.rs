@@ -1,0 +1,113 @@
+//! Which model judges which burst.
+
+use super::PipelineError;
+use super::survey::GroupKey;
+use crate::burst::Burst;
+use crate::design::{Design, HealthyModel, IsolateSettings, Judge, same_period};
+use crate::verdict::Reason;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// A healthy window that gave no model, and why; stands in summary.json and on the terminal.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Refusal {
+    pub printhead: String,
+    pub from_ns: i64,
+    pub to_ns: i64,
+    pub why: String,
+}
+
+/// The judges of one group over time, the first from the beginning on.
+pub type Timeline = Vec<(i64, Arc<Judge>)>;
+
+#[derive(Debug)]
+pub enum Assignment<'a> {
+    Judge(&'a Arc<Judge>),
+    Reject(Reason),
+    /// Only windows can tell.
+    Survey,
+}
+
+/// Fixed before the stages start, asked by them for every burst.
+#[derive(Debug, Default)]
+pub struct Schedule {
+    timelines: HashMap<GroupKey, Result<Timeline, Reason>>,
+    /// By printhead, of the design; used where there is no timeline.
+    by_name: HashMap<Arc<str>, Arc<Judge>>,
+    /// What bursts of the design must have: sample period and samples.
+    sampling: Option<(f64, usize)>,
+    surveyed: bool,
+    pub judges: Vec<Arc<Judge>>,
+    pub refusals: Vec<Refusal>,
+}
+
+impl Schedule {
+    /// The design's models as they are.
+    pub fn of_design(design: &Design, settings: &IsolateSettings) -> Result<Schedule, PipelineError> {
+        let mut schedule = Schedule {
+            sampling: Some((design.sample_period_s, design.samples)),
+            ..Schedule::default()
+        };
+        for model in &design.models {
+            let judge = schedule.add(model.clone(), design.drive_voltage_v, Some(design), settings)?;
+            if let Some(name) = &model.printhead {
+                schedule.by_name.insert(name.as_str().into(), judge);
+            }
+        }
+        Ok(schedule)
+    }
+
+    /// A new judge, next in the list of models.
+    pub fn add(
+        &mut self,
+        model: HealthyModel,
+        reference_v: Option<f64>,
+        design: Option<&Design>,
+        settings: &IsolateSettings,
+    ) -> Result<Arc<Judge>, PipelineError> {
+        let most = u64::from(u16::MAX);
+        let index = u16::try_from(self.judges.len())
+            .map_err(|_| PipelineError::TooManyWindows { windows: most + 1, most })?;
+        let judge = Arc::new(Judge::new(index, model, reference_v, design, settings)?);
+        self.judges.push(judge.clone());
+        Ok(judge)
+    }
+
+    pub fn set(&mut self, key: GroupKey, timeline: Result<Timeline, Reason>) {
+        self.timelines.insert(key, timeline);
+    }
+
+    /// From here on, what has no timeline and no name in the design has no model.
+    pub fn set_surveyed(&mut self) {
+        self.surveyed = true;
+    }
+
+    pub fn judge_of(&self, printhead: &str) -> Option<Arc<Judge>> {
+        self.by_name.get(printhead).cloned()
+    }
+
+    /// Causal: the last model whose window had ended; before the first one's end, the first.
+    pub fn assign(&self, burst: &Burst) -> Assignment<'_> {
+        if let Some((period, samples)) = self.sampling
+            && !(same_period(period, burst.sample_period_s)
+                && samples == burst.samples_per_channel as usize)
+        {
+            return Assignment::Reject(Reason::DesignMismatch);
+        }
+        match self.timelines.get(&GroupKey::of(burst)) {
+            Some(Ok(timeline)) => {
+                let next = timeline.partition_point(|(from, _)| *from <= burst.t_acq_ns);
+                match timeline.get(next.saturating_sub(1)) {
+                    Some((_, judge)) => Assignment::Judge(judge),
+                    None => Assignment::Reject(Reason::NoModel),
+                }
+            }
+            Some(Err(reason)) => Assignment::Reject(*reason),
+            None => match self.by_name.get(&burst.printhead) {
+                Some(judge) => Assignment::Judge(judge),
+                None if self.surveyed => Assignment::Reject(Reason::NoModel),
+                None => Assignment::Survey,
+            },
+        }
+    }
+}

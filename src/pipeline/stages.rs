@@ -1,0 +1,351 @@
+//! The six stages: thin loops over batches. What each does to a signal stands in its room.
+//!
+//! A stage ends when its input does; a peer that has gone away ends it quietly, because the peer
+//! has the cause.
+
+use super::in_flight::InFlight;
+use super::schedule::{Assignment, Schedule};
+use super::tally::Tally;
+use super::{Control, PipelineError, rows};
+use crate::burst::{Acquisition, Place, SignalBatch};
+use crate::design::{Judge, Workspace};
+use crate::io::recording::{Damage, Recording};
+use crate::io::scan::{Block, Blocks};
+use crate::settings::Settings;
+use crate::verdict::{Reason, VerdictColumns, unusable_signal};
+use crossbeam_channel::{Receiver, Sender};
+use std::collections::BTreeMap;
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// A block's batch on its way, with what it takes up in flight and what was lost in it.
+#[derive(Debug)]
+pub struct Read {
+    pub batch: SignalBatch,
+    /// The last batch of a block: these bytes leave the house with it.
+    pub leaves: Option<u64>,
+    pub damage: Vec<Damage>,
+}
+
+/// With the judge of every acquisition.
+#[derive(Debug)]
+pub struct Assigned {
+    pub read: Read,
+    pub judges: Vec<Result<Arc<Judge>, Reason>>,
+}
+
+/// With every signal's statistic, or why it has none.
+#[derive(Debug)]
+pub struct Filtered {
+    pub assigned: Assigned,
+    pub statistic: Vec<Result<f64, Reason>>,
+}
+
+/// With the rows that are to be isolated.
+#[derive(Debug)]
+pub struct Gated {
+    pub filtered: Filtered,
+    pub passed: Vec<bool>,
+}
+
+/// Rows, ready to be written.
+#[derive(Debug)]
+pub struct Judged {
+    pub place: Place,
+    pub leaves: Option<u64>,
+    pub damage: Vec<Damage>,
+    pub columns: VerdictColumns,
+    pub bursts: u64,
+}
+
+/// Hands out blocks in file order to the reader's workers.
+pub struct BlockQueue {
+    blocks: Mutex<(Blocks, Vec<Damage>)>,
+}
+
+impl BlockQueue {
+    pub fn new(recording: &Recording) -> BlockQueue {
+        BlockQueue { blocks: Mutex::new((recording.blocks(), Vec::new())) }
+    }
+
+    /// The next block, once there is room for it in flight.
+    fn next(&self, in_flight: &InFlight) -> Option<Block> {
+        let mut blocks = self.blocks.lock().unwrap_or_else(PoisonError::into_inner);
+        loop {
+            match blocks.0.next()? {
+                Ok(block) => return in_flight.enter(block.bytes).then_some(block),
+                Err(damage) => blocks.1.push(damage),
+            }
+        }
+    }
+
+    /// What the scan could not frame.
+    pub fn damage(self) -> Vec<Damage> {
+        self.blocks.into_inner().unwrap_or_else(PoisonError::into_inner).1
+    }
+}
+
+/// Replays at the recorded speed: waits until a batch's last burst would have been there.
+#[derive(Debug)]
+pub struct Pacer {
+    started: Instant,
+    first_ns: Option<i64>,
+    /// How far behind it ever was.
+    pub behind: Duration,
+}
+
+impl Pacer {
+    pub fn new() -> Pacer {
+        Pacer { started: Instant::now(), first_ns: None, behind: Duration::ZERO }
+    }
+
+    fn wait_for(&mut self, batch: &SignalBatch, control: &Control) -> Result<(), PipelineError> {
+        let times = batch.acquisitions.iter().filter_map(|a| match a {
+            Acquisition::Usable(b) => Some(b.t_acq_ns),
+            Acquisition::Unusable(_) => None,
+        });
+        let Some((first, last)) = times.fold(None, |span: Option<(i64, i64)>, t| {
+            Some(span.map_or((t, t), |(from, to)| (from.min(t), to.max(t))))
+        }) else {
+            return Ok(());
+        };
+        let origin = *self.first_ns.get_or_insert(first);
+        let due = Duration::from_nanos(last.saturating_sub(origin).max(0) as u64);
+        loop {
+            control.check()?;
+            let now = self.started.elapsed();
+            if now >= due {
+                self.behind = self.behind.max(now - due);
+                return Ok(());
+            }
+            std::thread::sleep((due - now).min(Duration::from_millis(100)));
+        }
+    }
+}
+
+/// 1. Reader: blocks to batches.
+pub fn read(
+    recording: &Recording,
+    queue: &BlockQueue,
+    in_flight: &InFlight,
+    mut pacer: Option<&mut Pacer>,
+    control: &Control,
+    out: Sender<Read>,
+) -> Result<(), PipelineError> {
+    /// Rows of a batch: enough to make a channel's cost vanish, few enough to bound memory.
+    const MOST_ROWS: usize = 32_768;
+    let mut reader = recording.reader();
+    while let Some(block) = queue.next(in_flight) {
+        reader.load(&block);
+        let mut place = Place { block: block.index, piece: 0 };
+        while let Some(piece) = reader.next_piece(MOST_ROWS) {
+            control.check()?;
+            let batch = SignalBatch { place, acquisitions: piece.acquisitions };
+            if let Some(pacer) = pacer.as_deref_mut() {
+                pacer.wait_for(&batch, control)?;
+            }
+            place.piece += 1;
+            let leaves = piece.last.then_some(block.bytes);
+            if out.send(Read { batch, leaves, damage: piece.damage }).is_err() {
+                return Ok(());
+            }
+        }
+        control.bytes_read.fetch_add(block.bytes, Ordering::Relaxed);
+    }
+    Ok(())
+}
+
+/// 2. Identify: the model of every burst, from the windows learned before.
+pub fn identify(
+    schedule: &Schedule,
+    input: Receiver<Read>,
+    out: Sender<Assigned>,
+) -> Result<(), PipelineError> {
+    for read in input {
+        let mut judges = Vec::with_capacity(read.batch.acquisitions.len());
+        for acquisition in &read.batch.acquisitions {
+            judges.push(match acquisition {
+                Acquisition::Unusable(unusable) => Err(unusable.why.into()),
+                Acquisition::Usable(burst) => match schedule.assign(burst) {
+                    Assignment::Judge(judge) => Ok(judge.clone()),
+                    Assignment::Reject(reason) => Err(reason),
+                    Assignment::Survey => return Err(PipelineError::NeedsSurvey),
+                },
+            });
+        }
+        if out.send(Assigned { read, judges }).is_err() {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// 3. FD filter: the residual energy of every signal, thesis e(r).
+pub fn filter(
+    rails: [f64; 2],
+    input: Receiver<Assigned>,
+    out: Sender<Filtered>,
+) -> Result<(), PipelineError> {
+    let (mut signal, mut expected) = (Vec::new(), Vec::new());
+    for assigned in input {
+        let mut statistic = Vec::with_capacity(assigned.read.batch.rows());
+        for (acquisition, judge) in assigned.read.batch.acquisitions.iter().zip(&assigned.judges) {
+            let (burst, judge) = match (acquisition, judge) {
+                (Acquisition::Usable(burst), Ok(judge)) => (burst, judge),
+                (_, Err(reason)) => {
+                    statistic.extend(std::iter::repeat_n(Err(*reason), acquisition.rows()));
+                    continue;
+                }
+                (Acquisition::Unusable(unusable), Ok(_)) => {
+                    statistic.push(Err(unusable.why.into()));
+                    continue;
+                }
+            };
+            let n = burst.samples_per_channel as usize;
+            signal.resize(n, 0.0);
+            expected.resize(n, 0.0);
+            judge.expect(burst, &mut expected);
+            for row in 0..burst.channels as usize {
+                burst.copy_signal(row, &mut signal);
+                statistic.push(match unusable_signal(&signal, rails) {
+                    Some(reason) => Err(reason),
+                    None => {
+                        signal.iter_mut().zip(&expected).for_each(|(y, e)| *y -= e);
+                        Ok(judge.model.generator.energy(&signal))
+                    }
+                });
+            }
+        }
+        if out.send(Filtered { assigned, statistic }).is_err() {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// 4. Energy gate: e <= threshold is healthy, thesis f after (3-4).
+pub fn gate(input: Receiver<Filtered>, out: Sender<Gated>) -> Result<(), PipelineError> {
+    for filtered in input {
+        let mut passed = Vec::with_capacity(filtered.statistic.len());
+        let mut rows = filtered.statistic.iter();
+        let assigned = &filtered.assigned;
+        for (acquisition, judge) in assigned.read.batch.acquisitions.iter().zip(&assigned.judges) {
+            let threshold = judge.as_ref().map_or(f64::INFINITY, |j| j.model.threshold.value);
+            passed.extend(
+                rows.by_ref().take(acquisition.rows()).map(|e| e.is_ok_and(|e| e > threshold)),
+            );
+        }
+        if out.send(Gated { filtered, passed }).is_err() {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// 5. Isolate: names for what passed the gate, and every signal's row.
+pub fn isolate(
+    settings: &Settings,
+    input: Receiver<Gated>,
+    out: Sender<Judged>,
+) -> Result<(), PipelineError> {
+    let mut work = Workspace::default();
+    let (mut signal, mut expected) = (Vec::new(), Vec::new());
+    for Gated { filtered, passed } in input {
+        let Filtered { assigned: Assigned { read, judges }, statistic } = filtered;
+        let mut columns = VerdictColumns::default();
+        let mut row = 0;
+        for (acquisition, judge) in read.batch.acquisitions.iter().zip(&judges) {
+            match acquisition {
+                Acquisition::Unusable(u) => {
+                    let printhead = rows::intern(&mut columns, &u.printhead);
+                    rows::push_rejected(&mut columns, (u.t_acq_ns, printhead, u.first_channel), u.why.into());
+                    row += 1;
+                }
+                Acquisition::Usable(burst) => {
+                    let printhead = rows::intern(&mut columns, &burst.printhead);
+                    let mut expected_ready = false;
+                    for k in 0..burst.channels {
+                        let id = (burst.t_acq_ns, printhead, burst.first_channel + k);
+                        let gated = passed[row];
+                        let verdict = statistic[row].and_then(|e| Ok((e, judge.as_ref().map_err(|r| *r)?)));
+                        row += 1;
+                        let (e, judge) = match verdict {
+                            Ok(judged) => judged,
+                            Err(reason) => {
+                                rows::push_rejected(&mut columns, id, reason);
+                                continue;
+                            }
+                        };
+                        let isolation = if judge.can_isolate() && (gated || !settings.isolate.gate) {
+                            let n = burst.samples_per_channel as usize;
+                            signal.resize(n, 0.0);
+                            if !expected_ready {
+                                expected.resize(n, 0.0);
+                                judge.expect(burst, &mut expected);
+                                expected_ready = true;
+                            }
+                            burst.copy_signal(k as usize, &mut signal);
+                            signal.iter_mut().zip(&expected).for_each(|(y, e)| *y -= e);
+                            judge.isolate(&signal, judge.drive(burst), &mut work)
+                        } else {
+                            None
+                        };
+                        let weights = (settings.output.weights && isolation.is_some())
+                            .then_some(work.weights.as_slice());
+                        rows::push_judged(
+                            &mut columns,
+                            id,
+                            (e, judge.model.threshold.value, judge.index),
+                            gated,
+                            isolation.as_ref(),
+                            weights,
+                        );
+                    }
+                }
+            }
+        }
+        let judged = Judged {
+            place: read.batch.place,
+            leaves: read.leaves,
+            damage: read.damage,
+            columns,
+            bursts: read.batch.acquisitions.len() as u64,
+        };
+        if out.send(judged).is_err() {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// 6. Writer: rows in the recording's order.
+pub fn write(
+    input: Receiver<Judged>,
+    in_flight: &InFlight,
+    control: &Control,
+    tally: &mut Tally,
+    mut put: impl FnMut(&VerdictColumns) -> Result<(), PipelineError>,
+) -> Result<(), PipelineError> {
+    let mut waiting: BTreeMap<Place, Judged> = BTreeMap::new();
+    let mut next = Place::default();
+    for judged in input {
+        control.check()?;
+        waiting.insert(judged.place, judged);
+        while let Some(judged) = waiting.remove(&next) {
+            if !judged.columns.is_empty() {
+                put(&judged.columns)?;
+            }
+            tally.add(&judged);
+            control.signals.fetch_add(judged.columns.len() as u64, Ordering::Relaxed);
+            next = match judged.leaves {
+                Some(bytes) => {
+                    in_flight.leave(bytes);
+                    Place { block: next.block + 1, piece: 0 }
+                }
+                None => Place { piece: next.piece + 1, ..next },
+            };
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,77 @@
+//! What is in a recording, by printhead and time: the pass before windows can be placed.
+//!
+//! A window is a span of `timestamp`s. A chunk index holds log times, which need not agree with
+//! them, so every burst is looked at once; only the blocks that touch a window are looked at again.
+
+use super::{Control, PipelineError, visit};
+use crate::burst::Burst;
+use crate::io::recording::Recording;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// Signals that one model can judge: windows are per (printhead, sample period, samples).
+#[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct GroupKey {
+    pub printhead: Arc<str>,
+    pub samples: u32,
+    /// Sample period in steps of 1e-6 of itself: equal up to the contract's tolerance.
+    period: i64,
+}
+
+impl GroupKey {
+    pub fn of(burst: &Burst) -> GroupKey {
+        GroupKey {
+            printhead: burst.printhead.clone(),
+            samples: burst.samples_per_channel,
+            period: (burst.sample_period_s.ln() * 1e6).round() as i64,
+        }
+    }
+}
+
+/// More printheads than this in one recording are not given models.
+pub const MOST_GROUPS: usize = 4096;
+
+#[derive(Clone, Debug)]
+pub struct Group {
+    pub key: GroupKey,
+    pub sample_period_s: f64,
+    pub first_ns: i64,
+    pub last_ns: i64,
+}
+
+#[derive(Debug, Default)]
+pub struct Survey {
+    pub groups: Vec<Group>,
+    /// Per block index: the groups in it and their spans of time.
+    pub blocks: HashMap<u64, Vec<(u32, i64, i64)>>,
+}
+
+pub fn survey(recording: &Recording, control: &Control) -> Result<Survey, PipelineError> {
+    let mut survey = Survey::default();
+    let mut index: HashMap<GroupKey, u32> = HashMap::new();
+    let Survey { groups, blocks } = &mut survey;
+    visit::bursts(recording, control, |_| true, |block, burst| {
+        let key = GroupKey::of(burst);
+        let t = burst.t_acq_ns;
+        let g = match index.get(&key) {
+            Some(&g) => g,
+            None if groups.len() >= MOST_GROUPS => return,
+            None => {
+                let g = groups.len() as u32;
+                index.insert(key.clone(), g);
+                let sample_period_s = burst.sample_period_s;
+                groups.push(Group { key, sample_period_s, first_ns: t, last_ns: t });
+                g
+            }
+        };
+        let group = &mut groups[g as usize];
+        group.first_ns = group.first_ns.min(t);
+        group.last_ns = group.last_ns.max(t);
+        let spans = blocks.entry(block).or_default();
+        match spans.iter_mut().find(|(of, _, _)| *of == g) {
+            Some((_, from, to)) => (*from, *to) = ((*from).min(t), (*to).max(t)),
+            None => spans.push((g, t, t)),
+        }
+    })?;
+    Ok(survey)
+}

@@ -1,0 +1,113 @@
+//! What a run counts: signals by outcome, for the metadata; channels by fault, for the terminal.
+
+use super::stages::Judged;
+use crate::io::recording::Damage;
+use crate::verdict::{Outcome, Reason};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+/// The contract's `counts`.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Counts {
+    pub bursts: u64,
+    pub unusable_bursts: u64,
+    pub signals: u64,
+    pub judged: u64,
+    pub rejected: BTreeMap<&'static str, u64>,
+    pub faulty: BTreeMap<String, u64>,
+}
+
+/// A channel that was faulty at some time.
+#[derive(Clone, Debug)]
+pub struct FaultyChannel {
+    pub first_ns: i64,
+    pub last_ns: i64,
+    pub bursts: u64,
+    /// Bursts by named class; what was not named is not in it.
+    pub classes: BTreeMap<u16, u64>,
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct PrintheadTally {
+    pub channels: BTreeSet<u32>,
+    pub signals: u64,
+    pub judged: u64,
+    pub passed: u64,
+    pub faulty: BTreeMap<u32, FaultyChannel>,
+}
+
+/// Channels that are remembered one by one, over all printheads; beyond, only counts go on.
+const MOST_CHANNELS: usize = 1 << 20;
+
+#[derive(Debug, Default)]
+pub struct Tally {
+    pub counts: Counts,
+    pub printheads: BTreeMap<Arc<str>, PrintheadTally>,
+    pub damage: Vec<Damage>,
+    classes: Vec<String>,
+    remembered: usize,
+}
+
+impl Tally {
+    pub fn new(classes: Vec<String>) -> Tally {
+        Tally { classes, ..Tally::default() }
+    }
+
+    pub(super) fn add(&mut self, judged: &Judged) {
+        self.counts.bursts += judged.bursts;
+        self.damage.extend(judged.damage.iter().cloned());
+        let c = &judged.columns;
+        for row in 0..c.len() {
+            self.counts.signals += 1;
+            let name = &c.printheads[c.printhead[row] as usize];
+            if !self.printheads.contains_key(name) && self.printheads.len() < MOST_CHANNELS {
+                self.printheads.insert(name.clone(), PrintheadTally::default());
+            }
+            let printhead = self.printheads.get_mut(name);
+            if c.outcome[row] == Outcome::Rejected {
+                let reason = c.reason[row].unwrap_or(Reason::Undecodable);
+                *self.counts.rejected.entry(reason.as_str()).or_default() += 1;
+                self.counts.unusable_bursts += u64::from(reason.is_of_burst());
+                if let Some(p) = printhead {
+                    p.signals += 1;
+                }
+                continue;
+            }
+            self.counts.judged += 1;
+            let named = c.fault[row];
+            if c.outcome[row] != Outcome::Healthy {
+                let class = named.map_or("undecided", |k| self.classes[k as usize].as_str());
+                match self.counts.faulty.get_mut(class) {
+                    Some(n) => *n += 1,
+                    None => drop(self.counts.faulty.insert(class.into(), 1)),
+                }
+            }
+            let Some(p) = printhead else { continue };
+            p.signals += 1;
+            p.judged += 1;
+            let (channel, t) = (c.channel[row], c.acquired_at_ns[row]);
+            if self.remembered < MOST_CHANNELS && p.channels.insert(channel) {
+                self.remembered += 1;
+            }
+            if c.outcome[row] == Outcome::Healthy {
+                continue;
+            }
+            p.passed += 1;
+            if !p.channels.contains(&channel) {
+                continue;
+            }
+            let known = p.faulty.entry(channel).or_insert_with(|| FaultyChannel {
+                first_ns: t,
+                last_ns: t,
+                bursts: 0,
+                classes: BTreeMap::new(),
+            });
+            known.first_ns = known.first_ns.min(t);
+            known.last_ns = known.last_ns.max(t);
+            known.bursts += 1;
+            if let Some(class) = named {
+                *known.classes.entry(class).or_default() += 1;
+            }
+        }
+    }
+}

@@ -1,0 +1,390 @@
+//! `pipeline.toml` -> [`Settings`]: every room's own settings, added up and checked.
+//!
+//! Layers, later ones win: defaults, the file, `--preset`, `--set KEY=VALUE`. Unknown keys are
+//! refused. Relative paths in a file are relative to that file.
+
+use crate::design::{DetectSettings, IsolateSettings};
+use crate::identify::GreyBoxSettings;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+use toml::{Table, Value};
+
+#[derive(Debug, Error)]
+pub enum SettingsError {
+    #[error("{path}: cannot read settings: {source}")]
+    Unreadable { path: PathBuf, source: std::io::Error },
+    #[error("{place}: {message}")]
+    Invalid { place: String, message: String },
+}
+
+impl SettingsError {
+    fn invalid(place: impl Into<String>, message: impl Into<String>) -> SettingsError {
+        SettingsError::Invalid { place: place.into(), message: message.into() }
+    }
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    pub input: InputSettings,
+    pub identify: IdentifySettings,
+    pub detect: DetectSettings,
+    pub isolate: IsolateSettings,
+    pub output: OutputSettings,
+    pub replay: ReplaySettings,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct InputSettings {
+    /// Files, directories (searched for `*.mcap`) or glob patterns.
+    pub recordings: Vec<String>,
+    /// The design; empty: none, replay identifies and detects only.
+    pub design: String,
+    /// Two or more consecutive samples at or beyond a rail are saturated. Counts.
+    pub rails: [f64; 2],
+}
+
+impl Default for InputSettings {
+    fn default() -> Self {
+        InputSettings {
+            recordings: Vec::new(),
+            design: String::new(),
+            rails: [f64::from(i16::MIN), f64::from(i16::MAX)],
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum IdentifyMode {
+    /// Identify again on the recording's healthy windows.
+    #[default]
+    Windows,
+    /// Judge by the design's models as they are.
+    Design,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct IdentifySettings {
+    pub mode: IdentifyMode,
+    /// Labels that say which signals of a window are healthy; empty: found by agreement.
+    pub labels: String,
+    /// Length of a healthy window, s (or "20 s", "5 min").
+    #[serde(with = "seconds")]
+    pub first: f64,
+    /// A new window begins every so often, s; 0: only one.
+    #[serde(with = "seconds")]
+    pub every: f64,
+    /// Healthy windows as [from, to] in RFC 3339, instead of first/every.
+    pub spans: Vec<[String; 2]>,
+    /// Least share of a window's signals that must agree with each other.
+    pub least_agreeing: f64,
+    /// Greatest relative change of the resonance from the design's model.
+    pub max_frequency_drift: f64,
+    /// Greatest relative change of the damping from the design's model.
+    pub max_damping_drift: f64,
+    /// Signals of a window that are kept to learn from, at most.
+    pub window_signals: usize,
+    pub grey_box: GreyBoxSettings,
+}
+
+impl Default for IdentifySettings {
+    fn default() -> Self {
+        IdentifySettings {
+            mode: IdentifyMode::Windows,
+            labels: String::new(),
+            first: 20.0,
+            every: 60.0,
+            spans: Vec::new(),
+            least_agreeing: 0.6,
+            max_frequency_drift: 0.01,
+            max_damping_drift: 0.10,
+            window_signals: 8192,
+            grey_box: GreyBoxSettings::default(),
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TimestampUnit {
+    #[default]
+    Ns,
+    /// For Spark, which reads no nanoseconds.
+    Us,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OutputSettings {
+    /// Where verdicts go.
+    pub dir: String,
+    /// Write the weights of every class.
+    pub weights: bool,
+    pub timestamps: TimestampUnit,
+}
+
+impl Default for OutputSettings {
+    fn default() -> Self {
+        OutputSettings { dir: "verdicts".into(), weights: false, timestamps: TimestampUnit::Ns }
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Pace {
+    /// At the speed at which it was recorded.
+    Recorded,
+    #[default]
+    Max,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ReplaySettings {
+    pub pace: Pace,
+    /// Workers per parallel stage; 0: the machine's cores.
+    pub threads: usize,
+}
+
+impl Settings {
+    /// Reads `file` (if given), then applies the preset and the `KEY=VALUE` overrides.
+    pub fn load(
+        file: Option<&Path>,
+        preset: Option<Preset>,
+        overrides: &[String],
+    ) -> Result<Settings, SettingsError> {
+        let mut table = Table::new();
+        if let Some(path) = file {
+            let text = std::fs::read_to_string(path)
+                .map_err(|source| SettingsError::Unreadable { path: path.into(), source })?;
+            table = text
+                .parse::<Table>()
+                .map_err(|e| SettingsError::invalid(path.display().to_string(), e.to_string()))?;
+            let from_file: Settings = parse(table.clone(), &path.display().to_string())?;
+            // absolute from here on, so that later layers (relative to the caller) do not mix
+            let dir = path.parent().unwrap_or(Path::new("."));
+            let rooted = from_file.rooted_at(dir);
+            for (section, key, value) in rooted.paths() {
+                if let Some(Value::Table(section)) = table.get_mut(section)
+                    && section.contains_key(key)
+                {
+                    section.insert(key.into(), value);
+                }
+            }
+        }
+        if let Some(preset) = preset {
+            for (key, value) in preset.overrides() {
+                insert(&mut table, key, value, "--preset")?;
+            }
+        }
+        for pair in overrides {
+            let (key, value) = pair.split_once('=').ok_or_else(|| {
+                SettingsError::invalid(format!("--set {pair}"), "expected KEY=VALUE")
+            })?;
+            insert(&mut table, key.trim(), literal(value.trim()), &format!("--set {pair}"))?;
+        }
+        let place = match (overrides, file) {
+            ([], Some(path)) => path.display().to_string(),
+            ([], None) => "settings".into(),
+            (pairs, _) => format!("settings with --set {}", pairs.join(" ")),
+        };
+        let settings: Settings = parse(table, &place)?;
+        settings.check().map_err(|message| SettingsError::Invalid { place, message })?;
+        Ok(settings)
+    }
+
+    fn check(&self) -> Result<(), String> {
+        let share = |key: &str, v: f64, lo: f64, hi: f64| {
+            if v > lo && v < hi {
+                Ok(())
+            } else {
+                Err(format!("{key} = {v}: must lie between {lo} and {hi}"))
+            }
+        };
+        if self.input.rails[0] >= self.input.rails[1] || self.input.rails.iter().any(|v| v.is_nan()) {
+            return Err(format!("input.rails = {:?}: the lower one first", self.input.rails));
+        }
+        share("identify.first", self.identify.first, 0.0, 1e7)?;
+        share("identify.every", self.identify.every, -1e-9, 1e9)?;
+        share("identify.least_agreeing", self.identify.least_agreeing, 0.0, 1.0)?;
+        share("identify.max_frequency_drift", self.identify.max_frequency_drift, 0.0, 10.0)?;
+        share("identify.max_damping_drift", self.identify.max_damping_drift, 0.0, 10.0)?;
+        if !(64..=1_000_000).contains(&self.identify.window_signals) {
+            let n = self.identify.window_signals;
+            return Err(format!("identify.window_signals = {n}: give 64 .. 1000000"));
+        }
+        if self.identify.every > 0.0 && self.identify.every < self.identify.first {
+            return Err(format!(
+                "identify.every = {} is shorter than identify.first = {}: windows would overlap",
+                self.identify.every, self.identify.first
+            ));
+        }
+        if self.replay.threads > 1024 {
+            return Err(format!("replay.threads = {}: at most 1024", self.replay.threads));
+        }
+        self.identify.grey_box.check().map_err(|e| format!("identify.grey_box.{e}"))?;
+        self.detect.check().map_err(|e| format!("detect.{e}"))?;
+        self.isolate.check().map_err(|e| format!("isolate.{e}"))
+    }
+
+    /// Relative paths are relative to `dir`.
+    fn rooted_at(mut self, dir: &Path) -> Settings {
+        let root = |path: &mut String| {
+            if !path.is_empty() {
+                *path = dir.join(&path).to_string_lossy().into_owned();
+            }
+        };
+        self.input.recordings.iter_mut().for_each(root);
+        [&mut self.input.design, &mut self.identify.labels, &mut self.output.dir]
+            .into_iter()
+            .for_each(root);
+        self
+    }
+
+    /// The settings that are paths: section, key, value.
+    fn paths(&self) -> Vec<(&'static str, &'static str, Value)> {
+        let list = self.input.recordings.iter().cloned().map(Value::String).collect();
+        vec![
+            ("input", "recordings", Value::Array(list)),
+            ("input", "design", Value::String(self.input.design.clone())),
+            ("identify", "labels", Value::String(self.identify.labels.clone())),
+            ("output", "dir", Value::String(self.output.dir.clone())),
+        ]
+    }
+}
+
+/// Choices that belong together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Preset {
+    /// The thesis's own: max energy, residual matching, every signal isolated (Tables 4-3ff), with
+    /// the denominator that reproduces its figures (n_o = 7.25, other poles 5e5 1/s twice).
+    Thesis,
+}
+
+impl Preset {
+    fn overrides(self) -> Vec<(&'static str, Value)> {
+        match self {
+            Preset::Thesis => vec![
+                ("detect.method", "residual-energy".into()),
+                ("detect.denominator", "resonance".into()),
+                ("detect.oscillations", 7.25.into()),
+                ("detect.other_poles_per_s", vec![5e5, 5e5].into()),
+                ("detect.threshold", "max".into()),
+                ("detect.mu", 1.0.into()),
+                ("isolate.method", "residual-matching".into()),
+                ("isolate.gate", false.into()),
+                ("isolate.certainty", 0.8.into()),
+            ],
+        }
+    }
+}
+
+fn parse(table: Table, place: &str) -> Result<Settings, SettingsError> {
+    Settings::deserialize(table).map_err(|e| SettingsError::invalid(place, e.to_string()))
+}
+
+/// A TOML literal, or else a plain string: `--set output.dir=out` needs no quotes.
+fn literal(text: &str) -> Value {
+    format!("v = {text}")
+        .parse::<Table>()
+        .ok()
+        .and_then(|mut t| t.remove("v"))
+        .unwrap_or_else(|| Value::String(text.into()))
+}
+
+fn insert(table: &mut Table, key: &str, value: Value, place: &str) -> Result<(), SettingsError> {
+    let (path, last) = match key.rsplit_once('.') {
+        Some((path, last)) => (path.split('.').collect(), last),
+        None => (Vec::new(), key),
+    };
+    let mut at = table;
+    for part in path {
+        at = at
+            .entry(part)
+            .or_insert_with(|| Value::Table(Table::new()))
+            .as_table_mut()
+            .ok_or_else(|| SettingsError::invalid(place, format!("{part} is not a section")))?;
+    }
+    at.insert(last.into(), value);
+    Ok(())
+}
+
+/// Seconds as a number, or as text with a unit.
+mod seconds {
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Written {
+        Seconds(f64),
+        Text(String),
+    }
+
+    pub fn serialize<S: Serializer>(seconds: &f64, s: S) -> Result<S::Ok, S::Error> {
+        s.serialize_f64(*seconds)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
+        match Written::deserialize(d).map_err(|_| {
+            serde::de::Error::custom("give seconds as a number, or text such as \"20 s\" or \"5 min\"")
+        })? {
+            Written::Seconds(s) => Ok(s),
+            Written::Text(text) => humantime::parse_duration(&text)
+                .map(|d| d.as_secs_f64())
+                .map_err(|e| serde::de::Error::custom(format!("\"{text}\": {e}"))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn with(pairs: &[&str]) -> Result<Settings, SettingsError> {
+        let pairs: Vec<String> = pairs.iter().map(|s| s.to_string()).collect();
+        Settings::load(None, None, &pairs)
+    }
+
+    #[test]
+    fn set_overrides_any_key_and_takes_bare_words() {
+        let s = with(&["output.dir=my out", "identify.every=5 min", "detect.mu=2"]).unwrap();
+        assert_eq!(s.output.dir, "my out");
+        assert_eq!(s.identify.every, 300.0);
+        assert_eq!(s.detect.mu, 2.0);
+    }
+
+    #[test]
+    fn unknown_keys_and_absurd_values_are_refused_by_name() {
+        for (pair, word) in [
+            ("detect.colour=1", "colour"),
+            ("identify.first=-1", "identify.first"),
+            ("detect.false_alarm_rate=2", "false_alarm_rate"),
+            ("nonsense", "KEY=VALUE"),
+            ("identify.every=soon", "soon"),
+        ] {
+            let message = with(&[pair]).unwrap_err().to_string();
+            assert!(message.contains(word), "{pair}: {message}");
+        }
+    }
+
+    #[test]
+    fn paths_in_a_file_are_relative_to_it_and_paths_on_the_command_line_are_not() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("pipeline.toml");
+        std::fs::write(&file, "[input]\nrecordings = [\"logs\"]\n[output]\ndir = \"out\"\n").unwrap();
+        let s = Settings::load(Some(&file), None, &["output.dir=here".into()]).unwrap();
+        assert_eq!(s.input.recordings, [dir.path().join("logs").to_string_lossy()]);
+        assert_eq!(s.output.dir, "here");
+    }
+
+    #[test]
+    fn thesis_preset_sets_the_reproduction() {
+        let s = Settings::load(None, Some(Preset::Thesis), &[]).unwrap();
+        assert_eq!(s.detect.oscillations, Some(7.25));
+        assert!(!s.isolate.gate);
+    }
+}

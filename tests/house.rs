@@ -1,0 +1,90 @@
+//! A fresh directory and the inkling command in it.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+pub fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+pub struct House {
+    dir: tempfile::TempDir,
+}
+
+impl House {
+    pub fn new() -> House {
+        House { dir: tempfile::tempdir().expect("a temporary directory") }
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    pub fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
+        let path = self.path(name);
+        std::fs::create_dir_all(path.parent().expect("below the directory")).expect("directory");
+        std::fs::write(&path, bytes).expect("file written");
+        path
+    }
+
+    /// Runs inkling in the directory; arguments separated by white space.
+    pub fn run(&self, args: &str) -> Ended {
+        let output = Command::new(env!("CARGO_BIN_EXE_inkling"))
+            .args(args.split_whitespace())
+            .current_dir(self.dir.path())
+            .output()
+            .expect("inkling runs");
+        Ended { args: args.into(), output }
+    }
+
+    pub fn ok(&self, args: &str) -> String {
+        self.run(args).exits(0).stdout()
+    }
+
+    pub fn json(&self, args: &str) -> serde_json::Value {
+        serde_json::from_str(&self.ok(args)).expect("JSON on stdout")
+    }
+
+    pub fn read(&self, name: &str) -> Vec<u8> {
+        std::fs::read(self.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+    }
+
+    pub fn read_json(&self, name: &str) -> serde_json::Value {
+        serde_json::from_slice(&self.read(name)).expect("JSON file")
+    }
+}
+
+pub struct Ended {
+    args: String,
+    output: Output,
+}
+
+impl Ended {
+    #[track_caller]
+    pub fn exits(self, code: i32) -> Ended {
+        assert_eq!(
+            self.output.status.code(),
+            Some(code),
+            "inkling {}\n{}{}",
+            self.args,
+            self.stdout(),
+            self.stderr()
+        );
+        self
+    }
+
+    #[track_caller]
+    pub fn says(self, words: &str) -> Ended {
+        let said = self.stdout() + &self.stderr();
+        assert!(said.contains(words), "inkling {}: no \"{words}\" in:\n{said}", self.args);
+        self
+    }
+
+    pub fn stdout(&self) -> String {
+        String::from_utf8_lossy(&self.output.stdout).into_owned()
+    }
+
+    pub fn stderr(&self) -> String {
+        String::from_utf8_lossy(&self.output.stderr).into_owned()
+    }
+}

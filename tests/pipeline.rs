@@ -1,0 +1,291 @@
+//! Verdicts do not depend on threads, file order, chunking, compression, layout or burst shape; a
+//! fault that grows slowly is not learned as healthy; bad bursts are rows.
+
+use crate::house::{House, root};
+use inkling::burst::{Acquisition, Burst, Format, Layout};
+use inkling::io::recording::Recording;
+use inkling::io::recording_writer::{Compression, RecordingWriter, WriterOptions};
+use inkling::io::{Limits, verdict_reader};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+fn sample(name: &str) -> std::path::PathBuf {
+    root().join("sample_logs").join(name)
+}
+
+fn bursts(path: &Path) -> Vec<Burst> {
+    let recording = Recording::open(path, Limits::default()).unwrap();
+    let mut reader = recording.reader();
+    let blocks: Vec<_> = recording.blocks().map(Result::unwrap).collect();
+    blocks
+        .iter()
+        .flat_map(|block| reader.read(block).acquisitions)
+        .map(|acquisition| match acquisition {
+            Acquisition::Usable(burst) => burst,
+            Acquisition::Unusable(u) => panic!("unusable: {u:?}"),
+        })
+        .collect()
+}
+
+fn write(path: &Path, bursts: &[Burst], options: WriterOptions) {
+    let mut writer = RecordingWriter::create(path, options).unwrap();
+    for (i, burst) in bursts.iter().enumerate() {
+        writer.write(burst, 1_000_000_000 + i as u64).unwrap(); // log time says nothing
+    }
+    writer.finish().unwrap();
+}
+
+/// Rows by (time, printhead, channel): what a verdict may depend on.
+fn verdicts(path: &Path) -> BTreeMap<(i64, String, u32), String> {
+    let mut rows = BTreeMap::new();
+    for columns in verdict_reader::open(path).unwrap() {
+        let c = columns.unwrap();
+        for i in 0..c.len() {
+            let key = (c.acquired_at_ns[i], c.printheads[c.printhead[i] as usize].to_string(), c.channel[i]);
+            let said = format!(
+                "{:?} {:?} {:?} {:?} {:?} {:?} {:?}",
+                c.outcome[i], c.category[i], c.fault[i], c.certainty[i], c.statistic[i],
+                c.threshold[i], c.reason[i]
+            );
+            assert!(rows.insert(key, said).is_none(), "a signal has two rows");
+        }
+    }
+    rows
+}
+
+fn replay(house: &House, recording: &str, more: &str) -> BTreeMap<(i64, String, u32), String> {
+    let design = sample("design.json");
+    house.ok(&format!(
+        "replay {recording} --design {} --identify windows --out out {more}",
+        design.display()
+    ));
+    verdicts(&house.path(&format!("out/{}.verdicts.parquet", recording.trim_end_matches(".mcap"))))
+}
+
+#[test]
+fn same_bytes_for_1_2_and_4_threads() {
+    let house = House::new();
+    let (recording, design) = (sample("print_run.mcap"), sample("design.json"));
+    let files: Vec<Vec<u8>> = [1, 2, 4]
+        .iter()
+        .map(|n| {
+            house.ok(&format!(
+                "replay {} --design {} --identify windows --out out{n} --threads {n}",
+                recording.display(),
+                design.display()
+            ));
+            house.read(&format!("out{n}/print_run.verdicts.parquet"))
+        })
+        .collect();
+    assert!(files[0] == files[1] && files[0] == files[2], "bytes differ between threads");
+}
+
+#[test]
+fn verdicts_do_not_depend_on_how_the_recording_was_written() {
+    let house = House::new();
+    let original = bursts(&sample("print_run.mcap"));
+    std::fs::copy(sample("print_run.mcap"), house.path("a.mcap")).unwrap();
+    let reference = replay(&house, "a.mcap", "");
+    assert!(reference.len() > 1000);
+
+    let mut backward = original.clone();
+    backward.reverse();
+    let plain = WriterOptions { compression: Compression::None, chunk_bytes: None };
+    write(&house.path("b.mcap"), &backward, plain);
+    assert!(replay(&house, "b.mcap", "") == reference, "reversed, unchunked, uncompressed");
+
+    let turned: Vec<Burst> = original.iter().map(sample_major_floats).collect();
+    let small = WriterOptions { compression: Compression::Zstd, chunk_bytes: Some(20_000) };
+    write(&house.path("c.mcap"), &turned, small);
+    assert!(replay(&house, "c.mcap", "") == reference, "sample-major floats, small zstd chunks");
+
+    let single: Vec<Burst> = original.iter().flat_map(one_channel_each).collect();
+    let lz4 = WriterOptions { compression: Compression::Lz4, chunk_bytes: Some(1 << 20) };
+    write(&house.path("d.mcap"), &single, lz4);
+    assert!(replay(&house, "d.mcap", "") == reference, "single-channel bursts, lz4");
+}
+
+fn signal(burst: &Burst, row: usize) -> Vec<f64> {
+    let mut y = vec![0.0; burst.samples_per_channel as usize];
+    burst.copy_signal(row, &mut y);
+    y
+}
+
+fn sample_major_floats(burst: &Burst) -> Burst {
+    let rows: Vec<Vec<f64>> = (0..burst.channels as usize).map(|r| signal(burst, r)).collect();
+    let samples = (0..burst.samples_per_channel as usize)
+        .flat_map(|k| rows.iter().flat_map(move |y| (y[k] as f32).to_le_bytes()))
+        .collect::<Vec<u8>>();
+    Burst {
+        format: Format::F32Le,
+        layout: Layout::SampleMajor,
+        samples: samples.into(),
+        ..burst.clone()
+    }
+}
+
+fn one_channel_each(burst: &Burst) -> Vec<Burst> {
+    (0..burst.channels)
+        .map(|row| {
+            let samples: Vec<u8> = signal(burst, row as usize)
+                .iter()
+                .flat_map(|y| (*y as i16).to_le_bytes())
+                .collect();
+            let of_row = |covariate: &bytes::Bytes| match covariate.len() {
+                0 | 1 => covariate.clone(),
+                _ => covariate.slice(row as usize..row as usize + 1),
+            };
+            Burst {
+                first_channel: burst.first_channel + row,
+                channels: 1,
+                format: Format::S16Le,
+                layout: Layout::ChannelMajor,
+                samples: samples.into(),
+                idle_time_s: burst.idle_time_s(row as usize).into_iter().collect(),
+                neighbours_fired: of_row(&burst.neighbours_fired),
+                ..burst.clone()
+            }
+        })
+        .collect()
+}
+
+/// A burst whose every channel rings with a damping that grows over the run.
+fn drying(original: &[Burst]) -> Vec<Burst> {
+    let first = original.iter().map(|b| b.t_acq_ns).min().unwrap();
+    let last = original.iter().map(|b| b.t_acq_ns).max().unwrap();
+    original
+        .iter()
+        .map(|burst| {
+            let share = (burst.t_acq_ns - first) as f64 / (last - first) as f64;
+            let extra_per_s = 1.2e4 * share; // 40 % of the healthy damping at the end
+            let n = burst.samples_per_channel as usize;
+            let samples: Vec<u8> = (0..burst.channels as usize)
+                .flat_map(|row| signal(burst, row))
+                .enumerate()
+                .flat_map(|(i, y)| {
+                    let t = (i % n) as f64 * burst.sample_period_s;
+                    ((y * (-extra_per_s * t).exp()).round() as i16).to_le_bytes()
+                })
+                .collect();
+            Burst { samples: samples.into(), layout: Layout::ChannelMajor, ..burst.clone() }
+        })
+        .collect()
+}
+
+#[test]
+fn fault_that_grows_slowly_is_not_learned_as_healthy() {
+    let house = House::new();
+    let dried = drying(&bursts(&sample("print_run.mcap")));
+    write(&house.path("slow.mcap"), &dried, WriterOptions::default());
+    let design = sample("design.json");
+    let ended = house.run(&format!(
+        "replay slow.mcap --design {} --out out --set identify.first=10 --set identify.every=10",
+        design.display()
+    ) + " --identify windows");
+    ended.exits(3).says("max_damping_drift");
+    let summary = house.read_json("out/slow.summary.json");
+    assert!(!summary["refused_windows"].as_array().unwrap().is_empty());
+    let rows = verdicts(&house.path("out/slow.verdicts.parquet"));
+    let end = rows.keys().map(|k| k.0).max().unwrap();
+    let late: Vec<&String> =
+        rows.iter().filter(|(k, _)| k.0 > end - 10_000_000_000).map(|(_, v)| v).collect();
+    let flagged = late.iter().filter(|v| !v.starts_with("Healthy")).count();
+    assert!(flagged * 10 > late.len() * 9, "{flagged} of {} late signals flagged", late.len());
+}
+
+#[test]
+fn bad_bursts_and_bad_signals_are_rows_with_their_reason() {
+    let house = House::new();
+    let mut all = bursts(&sample("print_run.mcap"));
+    let good = all.len() as u64;
+    let n = all[0].samples_per_channel as usize;
+    let floats = sample_major_floats(&all[0]);
+    let mut nan = floats.samples.to_vec();
+    nan[..4].copy_from_slice(&f32::NAN.to_le_bytes());
+    all[0] = Burst { samples: nan.into(), ..floats }; // first sample of channel 0
+    let mut railed = all[1].samples.to_vec();
+    for k in 0..2 {
+        let at = match all[1].layout {
+            Layout::ChannelMajor => 2 * (n + k),
+            Layout::SampleMajor => 2 * (k * all[1].channels as usize + 1),
+        };
+        railed[at..at + 2].copy_from_slice(&i16::MAX.to_le_bytes());
+    }
+    all[1].samples = railed.into();
+    all[2].sample_period_s = f64::NAN;
+    let short = all[3].samples.len() - 2;
+    all[3].samples = all[3].samples.slice(..short);
+    all[4].sample_period_s *= 1.01;
+    write(&house.path("bad.mcap"), &all, WriterOptions::default());
+    let design = sample("design.json");
+    house
+        .run(&format!("replay bad.mcap --design {} --identify windows --out out", design.display()))
+        .exits(3)
+        .says("rejected");
+    let summary = house.read_json("out/bad.summary.json");
+    let rejected = &summary["counts"]["rejected"];
+    assert_eq!(rejected["non_finite"], 1, "{rejected}");
+    assert_eq!(rejected["saturated"], 1, "{rejected}");
+    assert_eq!(rejected["bad_period"], 1, "{rejected}");
+    assert_eq!(rejected["wrong_length"], 1, "{rejected}");
+    assert_eq!(rejected["design_mismatch"], all[4].channels, "{rejected}");
+    assert_eq!(summary["counts"]["bursts"], good);
+    assert_eq!(summary["counts"]["unusable_bursts"], 2);
+}
+
+#[test]
+fn truncated_recording_gives_what_was_whole_and_exit_code_3() {
+    let house = House::new();
+    let bytes = std::fs::read(sample("print_run.mcap")).unwrap();
+    house.write("cut.mcap", &bytes[..bytes.len() * 2 / 3]);
+    let design = sample("design.json");
+    house
+        .run(&format!("replay cut.mcap --design {} --out out", design.display()))
+        .exits(3)
+        .says("warning");
+    let summary = house.read_json("out/cut.summary.json");
+    assert!(!summary["damage"].as_array().unwrap().is_empty());
+    assert!(summary["counts"]["signals"].as_u64().unwrap() > 0);
+}
+
+#[test]
+fn unknown_printhead_is_judged_by_the_pooled_model_if_it_agrees() {
+    let house = House::new();
+    let renamed = |b: &Burst| Burst { printhead: "stranger".into(), ..b.clone() };
+    let strangers: Vec<Burst> = bursts(&sample("print_run.mcap")).iter().map(renamed).collect();
+    write(&house.path("agrees.mcap"), &strangers, WriterOptions::default());
+    let design = sample("design.json");
+    let replay = |name: &str| format!("replay {name} --design {} --out out", design.display());
+    house.ok(&replay("agrees.mcap"));
+    let summary = house.read_json("out/agrees.summary.json");
+    assert_eq!(summary["counts"]["judged"], summary["counts"]["signals"]);
+
+    let dried: Vec<Burst> = strangers
+        .iter()
+        .map(|b| Burst { t_acq_ns: b.t_acq_ns, ..slower(b) })
+        .collect();
+    write(&house.path("differs.mcap"), &dried, WriterOptions::default());
+    house.run(&replay("differs.mcap")).exits(3).says("design_mismatch");
+}
+
+/// Rings a quarter as long: another resonance, the same sampling.
+fn slower(burst: &Burst) -> Burst {
+    let n = burst.samples_per_channel as usize;
+    let samples: Vec<u8> = (0..burst.channels as usize)
+        .flat_map(|row| {
+            let y = signal(burst, row);
+            (0..n).map(move |k| y[k * 3 / 4]).collect::<Vec<_>>()
+        })
+        .flat_map(|y| (y as i16).to_le_bytes())
+        .collect();
+    Burst { samples: samples.into(), layout: Layout::ChannelMajor, ..burst.clone() }
+}
+
+#[test]
+fn without_a_design_faults_are_detected_and_not_named() {
+    let house = House::new();
+    house.ok(&format!("replay {} --out out", sample("print_run.mcap").display()));
+    let summary = house.read_json("out/print_run.summary.json");
+    let faulty = summary["counts"]["faulty"].as_object().unwrap();
+    assert_eq!(faulty.keys().collect::<Vec<_>>(), ["undecided"], "{faulty:?}");
+}

@@ -1,0 +1,41 @@
+//! On a print run with known truth: faults are found, healthy channels left alone.
+
+use crate::house::{House, root};
+
+/// Half the printheads and bursts of the frozen benchmark, the same physics.
+fn smaller_print_run() -> String {
+    let text = std::fs::read_to_string(root().join("sample_logs/scenarios/physics.toml")).unwrap();
+    let mut toml: toml::Table = text.parse().unwrap();
+    let run = toml["print_run"].as_table_mut().unwrap();
+    run.insert("printheads".into(), 2.into());
+    run.insert("bursts_per_channel".into(), 200.into());
+    toml["dataset"].as_table_mut().unwrap().insert("calibration_test".into(), 0.into());
+    toml.to_string()
+}
+
+#[test]
+fn faults_are_detected_at_few_false_alarms() {
+    let house = House::new();
+    house.write("scenario.toml", smaller_print_run());
+    // trained on one run, judged on another
+    house.ok("simulate scenario.toml -o learn --seed 11");
+    house.ok("simulate scenario.toml -o judge --seed 12");
+    house.ok("train learn/print_run.mcap --labels learn/labels.csv -o design.json");
+    house
+        .run("replay judge/print_run.mcap --design design.json --identify windows --out .")
+        .exits(0);
+    let score = house.json("score print_run.verdicts.parquet --labels judge/labels.csv --json");
+    let false_alarms = score["detection"]["fp"].as_f64().unwrap()
+        / (score["detection"]["fp"].as_f64().unwrap() + score["detection"]["tn"].as_f64().unwrap());
+    let (mut flagged, mut signals) = (0.0, 0.0);
+    for class in ["EC", "AB1", "AB2", "AB3", "BN", "DDN"] {
+        let state = &score["by_state"][class];
+        if state.is_object() {
+            flagged += state["flagged"].as_f64().unwrap();
+            signals += state["signals"].as_f64().unwrap();
+        }
+    }
+    println!("recall {:.4} of {signals}, false alarms {false_alarms:.6}", flagged / signals);
+    assert!(flagged / signals >= 0.95, "recall {} (ramps included)", flagged / signals);
+    assert!(false_alarms <= 1e-3, "false alarms {false_alarms}");
+}
