@@ -31,5 +31,17 @@ pub mod labels;
 pub mod verdict;
 // floor 1
 pub mod model;
+pub mod score;
 // floor 2
+pub mod detect;
 pub mod identify;
+pub mod isolate;
+// floor 3
+pub mod design;
+pub mod simulate;
+// floor 4
+pub mod io;
+pub mod pipeline;
+// floor 5
+pub mod cli;
+pub mod settings;

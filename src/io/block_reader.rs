@@ -1,0 +1,476 @@
+//! Blocks of a recording to acquisitions.
+//!
+//! In: a [`Block`]. Out: its acquisitions in file order, in pieces of bounded size, and the damage
+//! met on the way. A chunk is used only after its checksum verified; its bursts share one buffer.
+
+use super::Limits;
+use super::burst_codec::{BurstDecoder, MESSAGE_ENCODING, SCHEMA_NAME, topic_printhead};
+use super::decompress::Decompressor;
+use super::mcap_records::{
+    ChannelRecord, ChunkHeader, MessageHeader, RECORD_HEADER, SchemaRecord, op, record_at,
+};
+use super::recording::Damage;
+use super::scan::{Block, BlockKind};
+use super::source::Source;
+use crate::burst::{Acquisition, Unusable, UnusableBurst};
+use bytes::{Bytes, BytesMut};
+use std::collections::{HashMap, VecDeque};
+use std::fmt;
+use std::sync::Arc;
+
+/// Part of a block: what one call gives. Memory stays bounded where a small chunk holds millions of
+/// messages.
+#[derive(Debug, Default)]
+pub struct Piece {
+    pub acquisitions: Vec<Acquisition>,
+    pub damage: Vec<Damage>,
+    /// The block has no further piece.
+    pub last: bool,
+}
+
+/// Reads and decodes blocks. One per worker; keeps its buffers.
+#[derive(Debug)]
+pub struct BlockReader {
+    loader: ChunkLoader,
+    decoder: BurstDecoder,
+    upfront: Arc<Channels>,
+    /// Met in blocks. With all channels known upfront it is forgotten after each block, so that a
+    /// block gives the same whoever reads it.
+    met: Channels,
+    known_upfront: bool,
+    no_printhead: Arc<str>,
+    open: Option<OpenBlock>,
+}
+
+#[derive(Debug)]
+struct OpenBlock {
+    block: Block,
+    /// Whole records, except where `damage` says that the last is not.
+    records: Bytes,
+    at: usize,
+    damage: Vec<Damage>,
+    lost: HashMap<String, u64>,
+}
+
+impl BlockReader {
+    pub(super) fn new(
+        source: Arc<Source>,
+        limits: Limits,
+        upfront: Arc<Channels>,
+        known_upfront: bool,
+    ) -> BlockReader {
+        BlockReader {
+            loader: ChunkLoader::new(source, limits),
+            decoder: BurstDecoder::new(limits),
+            upfront,
+            met: Channels::default(),
+            known_upfront,
+            no_printhead: Arc::from(""),
+            open: None,
+        }
+    }
+
+    /// The whole block at once.
+    pub fn read(&mut self, block: &Block) -> Piece {
+        self.load(block);
+        self.next_piece(usize::MAX).unwrap_or_default()
+    }
+
+    /// Reads the block into memory and verifies it; [`BlockReader::next_piece`] gives what is in it.
+    pub fn load(&mut self, block: &Block) {
+        if self.known_upfront {
+            self.met = Channels::default();
+        }
+        let loaded = match block.kind {
+            BlockKind::Chunk => self.loader.load(block.offset, block.bytes),
+            BlockKind::Messages => self.loader.load_messages(block.offset, block.bytes),
+        };
+        let mut damage = Vec::new();
+        let records = loaded.unwrap_or_else(|what| {
+            damage.push(damage_of(block, what));
+            Bytes::new()
+        });
+        let block = *block;
+        self.open = Some(OpenBlock { block, records, at: 0, damage, lost: HashMap::new() });
+    }
+
+    /// The next acquisitions of the block that was loaded, until they have `max_rows` rows or the
+    /// block ends. `None` after the last piece. Every block has at least one piece.
+    pub fn next_piece(&mut self, max_rows: usize) -> Option<Piece> {
+        let mut open = self.open.take()?;
+        let mut piece = Piece::default();
+        let mut rows = 0;
+        while rows < max_rows {
+            if open.at >= open.records.len() {
+                piece.last = true;
+                break;
+            }
+            let Some(record) = record_at(&open.records, open.at) else {
+                self.read_unfinished(&mut open, &mut piece);
+                piece.last = true;
+                break;
+            };
+            open.at = record.to;
+            let body = &open.records[record.from..record.to];
+            let outcome = match record.opcode {
+                op::MESSAGE => match MessageHeader::parse(body) {
+                    None => Err(Lost::ShortMessage),
+                    Some(header) => self.route(header.channel_id).map(|to| {
+                        let data = record.from + MessageHeader::BYTES..record.to;
+                        if let Some(acquisition) = self.decode(to, header, &open.records, data) {
+                            rows += acquisition.rows();
+                            piece.acquisitions.push(acquisition);
+                        }
+                    }),
+                },
+                op::SCHEMA => match SchemaRecord::parse(body) {
+                    Some(schema) if self.upfront.agrees_with_schema(schema) => Ok(()),
+                    Some(schema) => self.met.define_schema(schema),
+                    None => Err(Lost::Malformed("schema")),
+                },
+                op::CHANNEL => match ChannelRecord::parse(body) {
+                    Some(channel) if self.upfront.agrees_with_channel(channel) => Ok(()),
+                    Some(channel) if self.upfront.channels.contains_key(&channel.id) => {
+                        Err(Lost::Redefined("channel", channel.id))
+                    }
+                    Some(channel) => self.met.define_channel(channel),
+                    None => Err(Lost::Malformed("channel")),
+                },
+                _ => Ok(()), // not ours, or of a later version of the format
+            };
+            if let Err(lost) = outcome {
+                *open.lost.entry(lost.to_string()).or_default() += 1;
+            }
+        }
+        piece.damage.append(&mut open.damage);
+        if piece.last {
+            let mut lost: Vec<(String, u64)> = open.lost.drain().collect();
+            lost.sort();
+            let block = &open.block;
+            piece.damage.extend(lost.into_iter().map(|(what, n)| {
+                damage_of(block, if n == 1 { what } else { format!("{n} times: {what}") })
+            }));
+        } else {
+            self.open = Some(open);
+        }
+        Some(piece)
+    }
+
+    fn route(&self, channel_id: u16) -> Result<Route, Lost> {
+        match self.upfront.route_with(&self.met, channel_id) {
+            Err(Lost::UnknownChannel(_)) => self.met.route_with(&self.upfront, channel_id),
+            known => known,
+        }
+    }
+
+    fn decode(
+        &mut self,
+        route: Route,
+        header: MessageHeader,
+        records: &Bytes,
+        data: std::ops::Range<usize>,
+    ) -> Option<Acquisition> {
+        let log_time_ns = i64::try_from(header.log_time).unwrap_or(i64::MAX);
+        match route {
+            Route::Other => None,
+            Route::Bursts(topic) => {
+                let topic = topic.as_ref().unwrap_or(&self.no_printhead);
+                Some(self.decoder.decode(records.slice(data), log_time_ns, topic))
+            }
+            Route::OtherEncoding(topic) => {
+                Some(self.unusable(topic, log_time_ns, Unusable::Undecodable))
+            }
+        }
+    }
+
+    fn unusable(&self, topic: Option<Arc<str>>, t_acq_ns: i64, why: Unusable) -> Acquisition {
+        let printhead = topic.unwrap_or_else(|| self.no_printhead.clone());
+        Acquisition::Unusable(UnusableBurst { t_acq_ns, printhead, first_channel: 0, why })
+    }
+
+    /// A record that does not end in the buffer: a message larger than we read, of which the buffer
+    /// has the head, or broken framing inside a chunk.
+    fn read_unfinished(&mut self, open: &mut OpenBlock, piece: &mut Piece) {
+        let head = open.records.get(open.at + RECORD_HEADER..);
+        let too_large = open.block.bytes > self.loader.limits.record_bytes
+            && open.block.kind == BlockKind::Messages;
+        match head.filter(|_| too_large).and_then(MessageHeader::parse) {
+            Some(header) => match self.route(header.channel_id) {
+                Ok(Route::Bursts(topic) | Route::OtherEncoding(topic)) => {
+                    let log_time_ns = i64::try_from(header.log_time).unwrap_or(i64::MAX);
+                    let acquisition = self.unusable(topic, log_time_ns, Unusable::TooLarge);
+                    piece.acquisitions.push(acquisition);
+                }
+                Ok(Route::Other) => {}
+                Err(lost) => open.damage.push(damage_of(&open.block, lost.to_string())),
+            },
+            None => {
+                let what = format!(
+                    "record at byte {} of {} in the block does not end in it; what follows is lost",
+                    open.at,
+                    open.records.len()
+                );
+                open.damage.push(damage_of(&open.block, what));
+            }
+        }
+    }
+}
+
+fn damage_of(block: &Block, what: String) -> Damage {
+    Damage { from_byte: block.offset, to_byte: block.offset + block.bytes, what }
+}
+
+/// Where the messages of a channel go; with the printhead that its topic names.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Route {
+    /// Not ours.
+    Other,
+    Bursts(Option<Arc<str>>),
+    /// Schema `inkling.Burst`, but not protobuf: counts, cannot be decoded.
+    OtherEncoding(Option<Arc<str>>),
+}
+
+/// Why a record inside a block is of no use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Lost {
+    UnknownChannel(u16),
+    UnknownSchema { channel: u16, schema: u16 },
+    ShortMessage,
+    Malformed(&'static str),
+    Redefined(&'static str, u16),
+}
+
+impl fmt::Display for Lost {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Lost::UnknownChannel(id) => write!(f, "message on channel {id}, which is not defined"),
+            Lost::UnknownSchema { channel, schema } => write!(
+                f,
+                "message on channel {channel}, whose schema {schema} is not defined"
+            ),
+            Lost::ShortMessage => write!(f, "message shorter than its header"),
+            Lost::Malformed(what) => write!(f, "malformed {what} record"),
+            Lost::Redefined(what, id) => {
+                write!(f, "{what} {id} defined again as another; the first definition holds")
+            }
+        }
+    }
+}
+
+/// Schemas and channels by id, as far as they matter to us. Bounded by the number of ids.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Channels {
+    /// Whether it is the schema of bursts.
+    schemas: HashMap<u16, bool>,
+    channels: HashMap<u16, Channel>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Channel {
+    schema_id: u16,
+    protobuf: bool,
+    printhead: Option<Arc<str>>,
+}
+
+impl Channel {
+    /// A printhead's name in a topic is taken only up to here; 65,536 channels then stay small.
+    const PRINTHEAD_BYTES: usize = 256;
+
+    fn of(record: ChannelRecord<'_>) -> Channel {
+        let printhead = topic_printhead(record.topic);
+        Channel {
+            schema_id: record.schema_id,
+            protobuf: record.message_encoding == MESSAGE_ENCODING,
+            printhead: printhead.filter(|p| p.len() <= Self::PRINTHEAD_BYTES).map(Arc::from),
+        }
+    }
+}
+
+impl Channels {
+    pub(super) fn define_schema(&mut self, record: SchemaRecord<'_>) -> Result<(), Lost> {
+        let bursts = record.name == SCHEMA_NAME;
+        match self.schemas.insert(record.id, bursts) {
+            Some(before) if before != bursts => {
+                self.schemas.insert(record.id, before);
+                Err(Lost::Redefined("schema", record.id))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    pub(super) fn define_channel(&mut self, record: ChannelRecord<'_>) -> Result<(), Lost> {
+        let channel = Channel::of(record);
+        match self.channels.get(&record.id) {
+            Some(before) if *before != channel => Err(Lost::Redefined("channel", record.id)),
+            Some(_) => Ok(()),
+            None => {
+                self.channels.insert(record.id, channel);
+                Ok(())
+            }
+        }
+    }
+
+    fn agrees_with_schema(&self, record: SchemaRecord<'_>) -> bool {
+        self.schemas.get(&record.id) == Some(&(record.name == SCHEMA_NAME))
+    }
+
+    fn agrees_with_channel(&self, record: ChannelRecord<'_>) -> bool {
+        self.channels.get(&record.id).is_some_and(|known| *known == Channel::of(record))
+    }
+
+    pub(super) fn route(&self, channel_id: u16) -> Result<Route, Lost> {
+        self.route_with(self, channel_id)
+    }
+
+    fn route_with(&self, more_schemas: &Channels, channel_id: u16) -> Result<Route, Lost> {
+        let channel = self.channels.get(&channel_id).ok_or(Lost::UnknownChannel(channel_id))?;
+        let schema = channel.schema_id;
+        let known = [&self.schemas, &more_schemas.schemas];
+        let bursts = match known.iter().find_map(|schemas| schemas.get(&schema)) {
+            _ if schema == 0 => false, // without a schema
+            Some(&bursts) => bursts,
+            None => return Err(Lost::UnknownSchema { channel: channel_id, schema }),
+        };
+        Ok(match (bursts, channel.protobuf) {
+            (false, _) => Route::Other,
+            (true, true) => Route::Bursts(channel.printhead.clone()),
+            (true, false) => Route::OtherEncoding(channel.printhead.clone()),
+        })
+    }
+
+    pub(super) fn carries_bursts(&self, channel_id: u16) -> bool {
+        matches!(self.route(channel_id), Ok(Route::Bursts(_) | Route::OtherEncoding(_)))
+    }
+}
+
+/// Reads a chunk, or a run of messages, into one buffer; checks every size before it allocates, and
+/// a chunk's checksum before it gives anything away.
+pub(super) struct ChunkLoader {
+    source: Arc<Source>,
+    limits: Limits,
+    decompressor: Decompressor,
+    compressed: Vec<u8>,
+    buffers: Buffers,
+}
+
+impl fmt::Debug for ChunkLoader {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("ChunkLoader").field("limits", &self.limits).finish_non_exhaustive()
+    }
+}
+
+impl ChunkLoader {
+    pub(super) fn new(source: Arc<Source>, limits: Limits) -> ChunkLoader {
+        ChunkLoader {
+            source,
+            limits,
+            decompressor: Decompressor::default(),
+            compressed: Vec::new(),
+            buffers: Buffers::default(),
+        }
+    }
+
+    /// Enough for a chunk's header with a compression whose name is not absurd.
+    const HEAD_BYTES: u64 = 1 << 10;
+
+    /// The records of the chunk at `offset`, a record of `bytes` in all.
+    pub(super) fn load(&mut self, offset: u64, bytes: u64) -> Result<Bytes, String> {
+        let mut head = [0; Self::HEAD_BYTES as usize];
+        let head = &mut head[..bytes.min(Self::HEAD_BYTES) as usize];
+        let unreadable = |e: std::io::Error| format!("chunk cannot be read: {e}");
+        self.source.read_at(offset, head).map_err(unreadable)?;
+        let body = head.get(RECORD_HEADER..).unwrap_or_default();
+        let chunk = ChunkHeader::parse(body).ok_or("chunk header is malformed")?;
+        let compressed_at = RECORD_HEADER as u64 + chunk.header_bytes;
+        let limit = self.limits.record_bytes.min(bytes.saturating_sub(compressed_at));
+        if chunk.compressed_size > limit {
+            return Err(format!("chunk claims {} bytes, beyond {limit}", chunk.compressed_size));
+        }
+        if chunk.uncompressed_size > self.limits.chunk_bytes {
+            return Err(format!(
+                "chunk claims {} bytes uncompressed, beyond the limit of {}",
+                chunk.uncompressed_size, self.limits.chunk_bytes
+            ));
+        }
+        let (compressed_bytes, uncompressed_bytes) =
+            (chunk.compressed_size as usize, chunk.uncompressed_size as usize);
+        let mut records = self.buffers.take(uncompressed_bytes);
+        if chunk.compression.is_empty() {
+            if compressed_bytes != uncompressed_bytes {
+                return Err("chunk without compression, whose two sizes differ".into());
+            }
+            self.source.read_at(offset + compressed_at, &mut records).map_err(unreadable)?;
+        } else {
+            // Only grows, and not far beyond what is common.
+            if self.compressed.len() < compressed_bytes {
+                self.compressed.resize(compressed_bytes, 0);
+            }
+            let compressed = &mut self.compressed[..compressed_bytes];
+            self.source.read_at(offset + compressed_at, compressed).map_err(unreadable)?;
+            self.decompressor
+                .decompress(chunk.compression, compressed, &mut records)
+                .map_err(|e| format!("chunk cannot be decompressed: {e}"))?;
+            if self.compressed.len() > Buffers::KEPT_BYTES {
+                self.compressed = Vec::new();
+            }
+        }
+        if chunk.uncompressed_crc != 0 {
+            let crc = crc32fast::hash(&records);
+            if crc != chunk.uncompressed_crc {
+                let expected = chunk.uncompressed_crc;
+                return Err(format!("chunk's checksum is {crc:08x}, not {expected:08x} as recorded"));
+            }
+        }
+        Ok(self.buffers.freeze(records))
+    }
+
+    /// A run of records outside chunks. Of a single one beyond the limit only the head.
+    fn load_messages(&mut self, offset: u64, bytes: u64) -> Result<Bytes, String> {
+        let bytes = if bytes > self.limits.record_bytes {
+            (RECORD_HEADER + MessageHeader::BYTES) as u64
+        } else {
+            bytes
+        };
+        let mut records = self.buffers.take(bytes as usize);
+        self.source
+            .read_at(offset, &mut records)
+            .map_err(|e| format!("messages cannot be read: {e}"))?;
+        Ok(self.buffers.freeze(records))
+    }
+}
+
+/// Buffers given out, to be taken again once no burst shares them.
+#[derive(Debug, Default)]
+struct Buffers {
+    given: VecDeque<Bytes>,
+}
+
+impl Buffers {
+    /// Larger buffers are not kept: bounded memory beats a few page faults per huge chunk.
+    const KEPT_BYTES: usize = 8 << 20;
+    const KEPT: usize = 8;
+
+    /// A buffer of `bytes` bytes of no particular content.
+    fn take(&mut self, bytes: usize) -> BytesMut {
+        let free = self.given.iter().position(Bytes::is_unique);
+        let free = free.and_then(|i| self.given.remove(i)).and_then(|b| b.try_into_mut().ok());
+        match free {
+            Some(mut buffer) if buffer.capacity() >= bytes => {
+                buffer.resize(bytes, 0);
+                buffer
+            }
+            _ => BytesMut::zeroed(bytes),
+        }
+    }
+
+    fn freeze(&mut self, buffer: BytesMut) -> Bytes {
+        let frozen = buffer.freeze();
+        if frozen.len() <= Self::KEPT_BYTES {
+            self.given.push_back(frozen.clone());
+            if self.given.len() > Self::KEPT {
+                self.given.pop_front();
+            }
+        }
+        frozen
+    }
+}

@@ -1,0 +1,124 @@
+//! Compressed chunks to bytes. Sans-I/O.
+//!
+//! In: a chunk's compressed bytes and a buffer of the size that the chunk claims (already capped).
+//! Out: the buffer filled exactly, or why not. Never allocates by what the bytes claim.
+
+use std::io::Read;
+
+/// Decompresses; the zstd context is kept from chunk to chunk.
+#[derive(Default)]
+pub struct Decompressor {
+    zstd: Option<zstd::bulk::Decompressor<'static>>,
+}
+
+impl Decompressor {
+    /// Fills `out` from `compressed`; more or fewer bytes than `out` holds are an error.
+    pub fn decompress(
+        &mut self,
+        compression: &str,
+        compressed: &[u8],
+        out: &mut [u8],
+    ) -> Result<(), String> {
+        match compression {
+            "" if compressed.len() == out.len() => {
+                out.copy_from_slice(compressed);
+                Ok(())
+            }
+            "" => Err(differs(compressed.len(), out.len())),
+            "zstd" => self.zstd(compressed, out),
+            "lz4" => lz4(compressed, out),
+            other => Err(format!(
+                "unknown compression `{}`: none, lz4 and zstd can be read",
+                other.chars().take(32).collect::<String>().escape_debug()
+            )),
+        }
+    }
+
+    fn zstd(&mut self, compressed: &[u8], out: &mut [u8]) -> Result<(), String> {
+        if self.zstd.is_none() {
+            let new = zstd::bulk::Decompressor::new().map_err(|e| format!("zstd: {e}"))?;
+            self.zstd = Some(new);
+        }
+        // One-shot into a buffer of fixed size: whatever size the frame itself claims is not used.
+        let Some(zstd) = &mut self.zstd else { return Err("zstd: no context".into()) };
+        let n = zstd.decompress_to_buffer(compressed, out).map_err(|e| format!("zstd: {e}"))?;
+        if n == out.len() { Ok(()) } else { Err(differs(n, out.len())) }
+    }
+}
+
+/// LZ4 in its frame format. Its buffers are at most three blocks of 8 MiB.
+fn lz4(compressed: &[u8], out: &mut [u8]) -> Result<(), String> {
+    let mut decoder = lz4_flex::frame::FrameDecoder::new(compressed);
+    decoder.read_exact(out).map_err(|e| format!("lz4: {e}"))?;
+    // The end mark and the frame's own checksum come after the last byte.
+    match decoder.read(&mut [0]) {
+        Ok(0) => Ok(()),
+        Ok(_) => Err(format!("lz4: more than the {} bytes that the chunk claims", out.len())),
+        Err(e) => Err(format!("lz4: {e}")),
+    }
+}
+
+fn differs(found: usize, claimed: usize) -> String {
+    format!("{found} bytes, but the chunk claims {claimed}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write;
+
+    fn compress(compression: &str, bytes: &[u8]) -> Vec<u8> {
+        match compression {
+            "zstd" => zstd::bulk::compress(bytes, 1).unwrap(),
+            "lz4" => {
+                let mut encoder = lz4_flex::frame::FrameEncoder::new(Vec::new());
+                encoder.write_all(bytes).unwrap();
+                encoder.finish().unwrap()
+            }
+            _ => bytes.to_vec(),
+        }
+    }
+
+    #[test]
+    fn every_compression_gives_back_what_went_in_and_nothing_of_another_size() {
+        let bytes: Vec<u8> = (0..300_000u32).map(|i| (i * i / 7) as u8).collect();
+        let mut decompressor = Decompressor::default();
+        for compression in ["", "zstd", "lz4"] {
+            let compressed = compress(compression, &bytes);
+            let mut out = vec![0; bytes.len()];
+            decompressor.decompress(compression, &compressed, &mut out).unwrap();
+            assert_eq!(out, bytes);
+            for claimed in [0, bytes.len() - 1, bytes.len() + 1] {
+                let mut out = vec![0; claimed];
+                assert!(decompressor.decompress(compression, &compressed, &mut out).is_err());
+            }
+            let cut = &compressed[..compressed.len() - 1];
+            assert!(decompressor.decompress(compression, cut, &mut out).is_err());
+        }
+        assert!(decompressor.decompress("brotli", &[], &mut []).unwrap_err().contains("brotli"));
+    }
+
+    #[test]
+    fn a_zstd_frame_that_lies_about_its_size_allocates_nothing() {
+        // Magic, single segment with an 8-byte content size of 2^60, one empty last block.
+        let mut frame = vec![0x28, 0xb5, 0x2f, 0xfd, 0xe0];
+        frame.extend((1u64 << 60).to_le_bytes());
+        frame.extend([1, 0, 0]);
+        let mut out = vec![0; 100];
+        assert!(Decompressor::default().decompress("zstd", &frame, &mut out).is_err());
+    }
+
+    #[test]
+    fn flipped_bits_never_panic() {
+        let bytes = b"printhead printhead printhead".repeat(20);
+        let mut decompressor = Decompressor::default();
+        for compression in ["zstd", "lz4"] {
+            let compressed = compress(compression, &bytes);
+            for bit in 0..compressed.len() * 8 {
+                let mut flipped = compressed.clone();
+                flipped[bit / 8] ^= 1 << (bit % 8);
+                let _ = decompressor.decompress(compression, &flipped, &mut vec![0; bytes.len()]);
+            }
+        }
+    }
+}

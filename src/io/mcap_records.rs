@@ -1,0 +1,286 @@
+//! The few MCAP records we read, field by field. Sans-I/O.
+//!
+//! In: the bytes of one record's body. Out: its fields, or `None` where it is shorter than its own
+//! fields claim. Bytes after the last known field are allowed, as the format demands. Borrowed, so
+//! that no claimed length ever allocates.
+
+pub use mcap::MAGIC;
+pub use mcap::records::op;
+
+/// Opcode and length of the body.
+pub const RECORD_HEADER: usize = 9;
+/// Opcode, length, three fields.
+pub const FOOTER_BYTES: u64 = 9 + 20;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RecordHeader {
+    pub opcode: u8,
+    pub body_bytes: u64,
+}
+
+impl RecordHeader {
+    pub fn parse(bytes: &[u8]) -> Option<RecordHeader> {
+        let mut f = Fields(bytes);
+        Some(RecordHeader { opcode: f.u8()?, body_bytes: f.u64()? })
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ChunkHeader<'a> {
+    pub start_time: u64,
+    pub end_time: u64,
+    pub uncompressed_size: u64,
+    pub uncompressed_crc: u32,
+    pub compression: &'a str,
+    pub compressed_size: u64,
+    /// Bytes of these fields: the records begin here.
+    pub header_bytes: u64,
+}
+
+impl ChunkHeader<'_> {
+    pub fn parse(body: &[u8]) -> Option<ChunkHeader<'_>> {
+        let mut f = Fields(body);
+        Some(ChunkHeader {
+            start_time: f.u64()?,
+            end_time: f.u64()?,
+            uncompressed_size: f.u64()?,
+            uncompressed_crc: f.u32()?,
+            compression: f.str()?,
+            compressed_size: f.u64()?,
+            header_bytes: (body.len() - f.0.len()) as u64,
+        })
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SchemaRecord<'a> {
+    pub id: u16,
+    pub name: &'a str,
+}
+
+impl SchemaRecord<'_> {
+    pub fn parse(body: &[u8]) -> Option<SchemaRecord<'_>> {
+        let mut f = Fields(body);
+        let schema = SchemaRecord { id: f.u16()?, name: f.str()? };
+        f.str()?; // encoding of the schema's data
+        let data_bytes = f.u32()?;
+        f.take(data_bytes as usize)?;
+        Some(schema)
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ChannelRecord<'a> {
+    pub id: u16,
+    pub schema_id: u16,
+    pub topic: &'a str,
+    pub message_encoding: &'a str,
+}
+
+impl ChannelRecord<'_> {
+    pub fn parse(body: &[u8]) -> Option<ChannelRecord<'_>> {
+        let mut f = Fields(body);
+        let channel = ChannelRecord {
+            id: f.u16()?,
+            schema_id: f.u16()?,
+            topic: f.str()?,
+            message_encoding: f.str()?,
+        };
+        let metadata_bytes = f.u32()?;
+        f.take(metadata_bytes as usize)?;
+        Some(channel)
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MessageHeader {
+    pub channel_id: u16,
+    pub log_time: u64,
+}
+
+impl MessageHeader {
+    /// Channel, sequence, log time, publish time: the data begin here.
+    pub const BYTES: usize = 2 + 4 + 8 + 8;
+
+    pub fn parse(body: &[u8]) -> Option<MessageHeader> {
+        let mut f = Fields(body.get(..Self::BYTES)?);
+        let channel_id = f.u16()?;
+        f.u32()?; // sequence
+        Some(MessageHeader { channel_id, log_time: f.u64()? })
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Statistics {
+    pub message_count: u64,
+    pub channel_count: u32,
+    /// Channel id, messages.
+    pub channel_message_counts: Vec<(u16, u64)>,
+}
+
+impl Statistics {
+    pub fn parse(body: &[u8]) -> Option<Statistics> {
+        let mut f = Fields(body);
+        let message_count = f.u64()?;
+        f.u16()?; // schemas
+        let channel_count = f.u32()?;
+        f.take(4 + 4 + 4 + 8 + 8)?; // attachments, metadata, chunks, first and last log time
+        let map_bytes = f.u32()?;
+        let mut map = Fields(f.take(map_bytes as usize)?);
+        let mut channel_message_counts = Vec::new();
+        while !map.0.is_empty() {
+            channel_message_counts.push((map.u16()?, map.u64()?));
+        }
+        Some(Statistics { message_count, channel_count, channel_message_counts })
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Footer {
+    pub summary_start: u64,
+    pub summary_crc: u32,
+}
+
+impl Footer {
+    pub fn parse(body: &[u8]) -> Option<Footer> {
+        let mut f = Fields(body);
+        let summary_start = f.u64()?;
+        f.u64()?; // summary offset section
+        Some(Footer { summary_start, summary_crc: f.u32()? })
+    }
+}
+
+/// A record in a buffer of whole records.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RecordAt {
+    pub opcode: u8,
+    /// Where the body lies in the buffer.
+    pub from: usize,
+    pub to: usize,
+}
+
+/// The record at `at` in a buffer of whole records; `None` if it is not whole.
+pub fn record_at(buffer: &[u8], at: usize) -> Option<RecordAt> {
+    let header = RecordHeader::parse(buffer.get(at..)?)?;
+    let from = at + RECORD_HEADER;
+    let to = from.checked_add(usize::try_from(header.body_bytes).ok()?)?;
+    (to <= buffer.len()).then_some(RecordAt { opcode: header.opcode, from, to })
+}
+
+/// Takes little-endian fields off the front.
+struct Fields<'a>(&'a [u8]);
+
+impl<'a> Fields<'a> {
+    fn take(&mut self, n: usize) -> Option<&'a [u8]> {
+        let (taken, rest) = self.0.split_at_checked(n)?;
+        self.0 = rest;
+        Some(taken)
+    }
+
+    fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let (taken, rest) = self.0.split_first_chunk::<N>()?;
+        self.0 = rest;
+        Some(*taken)
+    }
+
+    fn u8(&mut self) -> Option<u8> {
+        self.array().map(u8::from_le_bytes)
+    }
+
+    fn u16(&mut self) -> Option<u16> {
+        self.array().map(u16::from_le_bytes)
+    }
+
+    fn u32(&mut self) -> Option<u32> {
+        self.array().map(u32::from_le_bytes)
+    }
+
+    fn u64(&mut self) -> Option<u64> {
+        self.array().map(u64::from_le_bytes)
+    }
+
+    fn str(&mut self) -> Option<&'a str> {
+        let n = self.u32()? as usize;
+        std::str::from_utf8(self.take(n)?).ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mcap::records::Record;
+
+    /// Independent route: the mcap crate's own parser, over a file that it wrote.
+    #[test]
+    fn records_read_the_same_as_by_the_mcap_crate_and_any_cut_of_them_is_none() {
+        let mut file = std::io::Cursor::new(Vec::new());
+        let mut writer = mcap::Writer::new(&mut file).unwrap();
+        let schema = writer.add_schema("inkling.Burst", "protobuf", b"data").unwrap();
+        let metadata = [("k".to_string(), "v".to_string())].into();
+        let channel = writer.add_channel(schema, "/t", "protobuf", &metadata).unwrap();
+        let header = mcap::records::MessageHeader {
+            channel_id: channel,
+            sequence: 1,
+            log_time: 5,
+            publish_time: 6,
+        };
+        writer.write_to_known_channel(&header, b"abc").unwrap();
+        writer.finish().unwrap();
+        drop(writer);
+        let bytes = file.into_inner();
+
+        let mut seen = Vec::new();
+        let mut at = MAGIC.len();
+        while let Some(record) = record_at(&bytes[..bytes.len() - MAGIC.len()], at) {
+            let body = &bytes[record.from..record.to];
+            match mcap::parse_record(record.opcode, body).unwrap() {
+                Record::Schema { header, .. } => {
+                    let ours = SchemaRecord::parse(body).unwrap();
+                    assert_eq!((ours.id, ours.name), (header.id, &*header.name));
+                    assert!((0..body.len()).all(|n| SchemaRecord::parse(&body[..n]).is_none()));
+                }
+                Record::Channel(c) => {
+                    let ours = ChannelRecord::parse(body).unwrap();
+                    assert_eq!((ours.id, ours.schema_id, ours.topic), (c.id, c.schema_id, &*c.topic));
+                    assert_eq!(ours.message_encoding, c.message_encoding);
+                    assert!((0..body.len()).all(|n| ChannelRecord::parse(&body[..n]).is_none()));
+                }
+                Record::Chunk { header, data } => {
+                    let ours = ChunkHeader::parse(body).unwrap();
+                    assert_eq!(ours.uncompressed_size, header.uncompressed_size);
+                    assert_eq!(ours.uncompressed_crc, header.uncompressed_crc);
+                    assert_eq!(ours.compression, header.compression);
+                    assert_eq!(ours.compressed_size, data.len() as u64);
+                    assert_eq!(ours.header_bytes + ours.compressed_size, body.len() as u64);
+                    assert_eq!((ours.start_time, ours.end_time), (5, 5));
+                }
+                Record::Statistics(s) => {
+                    let ours = Statistics::parse(body).unwrap();
+                    assert_eq!(ours.message_count, s.message_count);
+                    assert_eq!(ours.channel_count, s.channel_count);
+                    assert_eq!(ours.channel_message_counts, [(channel, 1)]);
+                    assert!((0..body.len()).all(|n| Statistics::parse(&body[..n]).is_none()));
+                }
+                Record::Footer(f) => {
+                    let ours = Footer::parse(body).unwrap();
+                    assert_eq!(ours.summary_start, f.summary_start);
+                    assert_eq!(ours.summary_crc, f.summary_crc);
+                }
+                _ => {}
+            }
+            seen.push(record.opcode);
+            at = record.to;
+        }
+        for opcode in [op::SCHEMA, op::CHANNEL, op::CHUNK, op::STATISTICS, op::FOOTER] {
+            assert!(seen.contains(&opcode));
+        }
+    }
+
+    #[test]
+    fn a_record_that_claims_more_than_there_is_is_not_whole() {
+        let mut bytes = vec![op::MESSAGE];
+        bytes.extend(u64::MAX.to_le_bytes());
+        assert_eq!(record_at(&bytes, 0), None);
+        assert_eq!(record_at(&bytes, usize::MAX), None);
+    }
+}

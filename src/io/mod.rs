@@ -1,0 +1,50 @@
+//! Bytes: recordings in, verdicts and labels in and out.
+//!
+//! In: files that anybody may have written, cut short or damaged. Out: the nouns of floor 0, and an
+//! account of whatever was lost ([`recording::Damage`]).
+//!
+//! It must never trust a size, panic on bad input, or leave a half-written file under its final name.
+
+pub mod block_reader;
+pub mod burst_codec;
+mod decompress;
+// pub mod inputs;
+// pub mod labels_file;
+mod mcap_records;
+mod part_file;
+pub mod recording;
+pub mod recording_writer;
+pub mod scan;
+mod source;
+// pub mod verdict_reader;
+// pub mod verdict_table;
+
+#[cfg(test)]
+mod recording_tests;
+
+/// What we are willing to hold in memory, whatever a file claims.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Largest record read, compressed chunks included.
+    pub record_bytes: u64,
+    /// Largest uncompressed chunk.
+    pub chunk_bytes: u64,
+    /// Rows of one burst.
+    pub channels: u32,
+    /// Columns of one burst.
+    pub samples_per_channel: u32,
+    /// Bytes of samples of one burst.
+    pub samples_bytes: u64,
+}
+
+impl Default for Limits {
+    fn default() -> Limits {
+        Limits {
+            record_bytes: 257 << 20,
+            chunk_bytes: 256 << 20,
+            channels: 65_536,
+            samples_per_channel: 65_536,
+            samples_bytes: 256 << 20,
+        }
+    }
+}

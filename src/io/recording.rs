@@ -1,0 +1,297 @@
+//! A recording: an MCAP file, opened and checked as a whole.
+//!
+//! In: a path. Out: a [`Recording`], which hands out its blocks in file order
+//! ([`Recording::blocks`]), readers that decode them ([`Recording::reader`]), and what its own
+//! statistics and checksums say about it. Reading never relies on the index: file order is the
+//! verdict order, and a file without a summary reads the same.
+
+use super::Limits;
+use super::block_reader::{BlockReader, Channels};
+use super::mcap_records::{
+    ChannelRecord, FOOTER_BYTES, Footer, MAGIC, RecordHeader, SchemaRecord, Statistics, op,
+    record_at,
+};
+use super::scan::Blocks;
+use super::source::Source;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use thiserror::Error;
+
+/// A byte range of a recording that could not be used, or could not be vouched for.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Damage {
+    pub from_byte: u64,
+    /// Exclusive. Equal to `from_byte`: something is missing there.
+    pub to_byte: u64,
+    pub what: String,
+}
+
+#[derive(Debug, Error)]
+pub enum RecordingError {
+    #[error("{path}: cannot be read: {source}")]
+    Read { path: PathBuf, source: std::io::Error },
+    #[error("{path}: cannot be written: {source}")]
+    Write { path: PathBuf, source: std::io::Error },
+    #[error("{path}: cannot be written as MCAP: {source}")]
+    Mcap { path: PathBuf, source: mcap::McapError },
+    #[error("{path}: not a file; give an MCAP file, a directory or a glob pattern")]
+    NotAFile { path: PathBuf },
+    #[error("{path}: empty file (0 bytes); the recording was never written")]
+    Empty { path: PathBuf },
+    #[error(
+        "{path}: not an MCAP file (it begins with {begins}); inkling reads MCAP, and `inkling convert` makes one from a CSV table"
+    )]
+    NotMcap { path: PathBuf, begins: String },
+    #[error("{path}: MCAP of another version ({begins}); inkling reads version 0")]
+    OtherVersion { path: PathBuf, begins: String },
+}
+
+/// xxh3-128 of a whole recording, and whether its data are what its own checksum says.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Digest {
+    /// `xxh3:` and 32 hexadecimal digits.
+    pub text: String,
+    pub damage: Option<Damage>,
+}
+
+#[derive(Debug)]
+pub struct Recording {
+    pub path: PathBuf,
+    /// File name.
+    pub name: String,
+    pub bytes: u64,
+    /// Burst messages by the recording's own statistics.
+    pub expected: Option<u64>,
+    /// What opening it found wrong; blocks and digest add theirs.
+    pub damage: Vec<Damage>,
+    source: Arc<Source>,
+    limits: Limits,
+    channels: Arc<Channels>,
+    channels_known_upfront: bool,
+    /// First byte after the data section, where the file's end says so.
+    data_end: Option<u64>,
+}
+
+impl Recording {
+    pub fn open(path: &Path, limits: Limits) -> Result<Recording, RecordingError> {
+        let failed = |source| RecordingError::Read { path: path.to_path_buf(), source };
+        let file = File::open(path).map_err(failed)?;
+        let metadata = file.metadata().map_err(failed)?;
+        if !metadata.is_file() {
+            return Err(RecordingError::NotAFile { path: path.to_path_buf() });
+        }
+        let source = Source::new(file, metadata.len());
+        let mut magic = [0; MAGIC.len()];
+        let magic = &mut magic[..MAGIC.len().min(source.bytes() as usize)];
+        source.read_at(0, magic).map_err(failed)?;
+        check_magic(path, magic)?;
+
+        let mut damage = Vec::new();
+        let summary = read_summary(&source).unwrap_or_else(|found| {
+            damage.push(found);
+            Summary::default()
+        });
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        Ok(Recording {
+            path: path.to_path_buf(),
+            name,
+            bytes: source.bytes(),
+            expected: summary.expected(),
+            damage,
+            source: Arc::new(source),
+            limits,
+            channels_known_upfront: summary.complete(),
+            channels: Arc::new(summary.channels),
+            data_end: summary.data_end,
+        })
+    }
+
+    /// Whether the summary names every channel. Then any number of readers may take blocks in any
+    /// order; else one reader must take them all, in order. What a block gives does not depend on
+    /// that.
+    pub fn channels_known_upfront(&self) -> bool {
+        self.channels_known_upfront
+    }
+
+    /// The blocks in file order, found as they are asked for.
+    pub fn blocks(&self) -> Blocks {
+        Blocks::new(self.source.clone(), self.limits, self.data_end)
+    }
+
+    /// A reader of blocks, for one worker.
+    pub fn reader(&self) -> BlockReader {
+        BlockReader::new(
+            self.source.clone(),
+            self.limits,
+            self.channels.clone(),
+            self.channels_known_upfront,
+        )
+    }
+
+    /// What is missing if `found` burst messages were read. `None`: nothing, or nobody knows.
+    pub fn missing(&self, found: u64) -> Option<Damage> {
+        let expected = self.expected.filter(|&expected| expected != found)?;
+        Some(Damage {
+            from_byte: 0,
+            to_byte: self.bytes,
+            what: format!(
+                "{found} burst messages found, the recording's statistics say {expected}"
+            ),
+        })
+    }
+
+    /// One pass over the whole file: its digest, and its data section's checksum if it has one
+    /// (the only check that messages outside chunks have).
+    pub fn digest(&self) -> Result<Digest, RecordingError> {
+        let mut xxh3 = xxhash_rust::xxh3::Xxh3::new();
+        let mut crc = crc32fast::Hasher::new();
+        // The DataEnd record is the last of the data section; its checksum does not cover itself.
+        let data = self.data_end.and_then(|end| self.data_end_record(end));
+        let checked_bytes = data.map_or(0, |(end, crc)| if crc == 0 { 0 } else { end });
+        let mut buffer = vec![0; 1 << 20];
+        let mut at = 0;
+        while at < self.bytes {
+            let n = (buffer.len() as u64).min(self.bytes - at) as usize;
+            let part = &mut buffer[..n];
+            self.source
+                .read_at(at, part)
+                .map_err(|source| RecordingError::Read { path: self.path.clone(), source })?;
+            xxh3.update(part);
+            crc.update(&part[..checked_bytes.saturating_sub(at).min(n as u64) as usize]);
+            at += n as u64;
+        }
+        let crc = crc.finalize();
+        let damage = data.filter(|&(_, expected)| expected != 0 && expected != crc);
+        let damage = damage.map(|(to_byte, expected)| {
+            let what = format!(
+                "data section: its checksum is {crc:08x}, not {expected:08x} as recorded; it was changed"
+            );
+            Damage { from_byte: 0, to_byte, what }
+        });
+        Ok(Digest { text: format!("xxh3:{:032x}", xxh3.digest128()), damage })
+    }
+
+    /// Where the DataEnd record before `end` begins, and its checksum.
+    fn data_end_record(&self, end: u64) -> Option<(u64, u32)> {
+        let mut record = [0; 13];
+        let at = end.checked_sub(record.len() as u64)?;
+        self.source.read_at(at, &mut record).ok()?;
+        let (header, crc) = record.split_at(9);
+        let whole = RecordHeader { opcode: op::DATA_END, body_bytes: 4 };
+        (RecordHeader::parse(header)? == whole)
+            .then(|| crc.first_chunk().map(|crc| (at, u32::from_le_bytes(*crc))))?
+    }
+}
+
+fn check_magic(path: &Path, found: &[u8]) -> Result<(), RecordingError> {
+    let path = path.to_path_buf();
+    if found == MAGIC {
+        return Ok(());
+    }
+    if found.is_empty() {
+        return Err(RecordingError::Empty { path });
+    }
+    let begins = format!("\"{}\"", found.escape_ascii());
+    if found.len() == MAGIC.len() && found.starts_with(&MAGIC[..5]) {
+        Err(RecordingError::OtherVersion { path, begins })
+    } else {
+        Err(RecordingError::NotMcap { path, begins })
+    }
+}
+
+/// What the end of the file says about the whole.
+#[derive(Debug, Default)]
+struct Summary {
+    channels: Channels,
+    channel_ids: Vec<u16>,
+    statistics: Option<Statistics>,
+    data_end: Option<u64>,
+}
+
+impl Summary {
+    /// Every channel of the file is known, and what it carries.
+    fn complete(&self) -> bool {
+        self.statistics.as_ref().is_some_and(|s| s.channel_count as usize == self.channel_ids.len())
+            && self.channel_ids.iter().all(|&id| self.channels.route(id).is_ok())
+    }
+
+    fn expected(&self) -> Option<u64> {
+        let statistics = self.statistics.as_ref().filter(|_| self.complete())?;
+        let counts = &statistics.channel_message_counts;
+        let counted = counts.iter().try_fold(0, |sum: u64, c| sum.checked_add(c.1));
+        if counted != Some(statistics.message_count) {
+            return None; // the counts by channel are optional
+        }
+        let bursts = counts.iter().filter(|c| self.channels.carries_bursts(c.0));
+        Some(bursts.map(|c| c.1).sum())
+    }
+}
+
+/// Reads footer and summary section; damage if they are missing or not sound. All or nothing.
+fn read_summary(source: &Source) -> Result<Summary, Damage> {
+    /// The index of a file of 20 GB in chunks of 1 MiB takes a few MB.
+    const MAX_SUMMARY_BYTES: u64 = 128 << 20;
+    let bytes = source.bytes();
+    let damage = |from_byte, what: &str| {
+        let what = format!("{what}: nothing to check the number of messages against");
+        Damage { from_byte, to_byte: bytes, what }
+    };
+    let cut_short = || damage(bytes, "no footer, the recording was cut short or never closed");
+    let tail_bytes = FOOTER_BYTES + MAGIC.len() as u64;
+    let footer_at = bytes
+        .checked_sub(tail_bytes)
+        .filter(|&at| at >= MAGIC.len() as u64)
+        .ok_or_else(cut_short)?;
+    let unreadable = |e: std::io::Error| damage(footer_at, &format!("summary: {e}"));
+    let mut tail = [0; (FOOTER_BYTES as usize) + MAGIC.len()];
+    source.read_at(footer_at, &mut tail).map_err(unreadable)?;
+    let footer = tail
+        .strip_suffix(MAGIC)
+        .and_then(|t| record_at(t, 0).filter(|r| r.opcode == op::FOOTER && r.to == t.len()))
+        .and_then(|r| Footer::parse(&tail[r.from..r.to]))
+        .ok_or_else(cut_short)?;
+
+    // Without a summary section its checksum covers the footer alone.
+    let start = if footer.summary_start == 0 { footer_at } else { footer.summary_start };
+    let length = footer_at
+        .checked_sub(start)
+        .filter(|&n| n <= MAX_SUMMARY_BYTES && start >= MAGIC.len() as u64)
+        .ok_or_else(|| damage(footer_at, "footer: it points nowhere"))?;
+    let mut section = vec![0; length as usize];
+    source.read_at(start, &mut section).map_err(unreadable)?;
+    if footer.summary_crc != 0 {
+        let mut crc = crc32fast::Hasher::new();
+        crc.update(&section);
+        crc.update(&tail[..FOOTER_BYTES as usize - 4]);
+        if crc.finalize() != footer.summary_crc {
+            return Err(damage(start, "summary: its checksum does not agree"));
+        }
+    }
+    let mut summary = Summary { data_end: Some(start), ..Summary::default() };
+    parse_summary(&section, &mut summary)
+        .ok_or_else(|| damage(start, "summary: its records are malformed"))?;
+    Ok(summary)
+}
+
+fn parse_summary(section: &[u8], summary: &mut Summary) -> Option<()> {
+    let mut at = 0;
+    while at < section.len() {
+        let record = record_at(section, at)?;
+        let body = &section[record.from..record.to];
+        match record.opcode {
+            op::SCHEMA => summary.channels.define_schema(SchemaRecord::parse(body)?).ok()?,
+            op::CHANNEL => {
+                let channel = ChannelRecord::parse(body)?;
+                summary.channels.define_channel(channel).ok()?;
+                if !summary.channel_ids.contains(&channel.id) {
+                    summary.channel_ids.push(channel.id);
+                }
+            }
+            op::STATISTICS => summary.statistics = Some(Statistics::parse(body)?),
+            _ => {}
+        }
+        at = record.to;
+    }
+    Some(())
+}

@@ -1,0 +1,322 @@
+//! Where the blocks of a recording lie.
+//!
+//! In: an opened file. Out: [`Block`]s in file order, found by reading record headers only, and
+//! [`Damage`] where the framing is broken. After broken framing the scan goes on at the next chunk
+//! whose checksum verifies.
+
+use super::Limits;
+use super::block_reader::ChunkLoader;
+use super::mcap_records::{ChunkHeader, MAGIC, RECORD_HEADER, RecordHeader, op};
+use super::recording::Damage;
+use super::source::Source;
+use std::sync::Arc;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BlockKind {
+    /// One chunk record.
+    Chunk,
+    /// A run of schemas, channels and messages outside chunks.
+    Messages,
+}
+
+/// What one worker decodes at a time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Block {
+    /// Place among the blocks, from 0; restores the order after parallel decoding.
+    pub index: u64,
+    /// Of its first record, in the file.
+    pub offset: u64,
+    pub bytes: u64,
+    pub kind: BlockKind,
+}
+
+/// A run of messages ends where it would grow beyond this.
+const RUN_BYTES: u64 = 1 << 20;
+/// Bytes read at once to look at record headers.
+const WINDOW_BYTES: u64 = 16 << 10;
+/// Chunk-like places tried in vain after broken framing, per recording.
+const MAX_FAILED_RESYNCS: usize = 256;
+/// A chunk's header with a compression we know fits in this.
+const CHUNK_HEADER_BYTES: usize = 64;
+
+/// Iterator over the blocks of a recording.
+#[derive(Debug)]
+pub struct Blocks {
+    source: Arc<Source>,
+    limits: Limits,
+    /// Where the footer said that the data section ends.
+    data_end: Option<u64>,
+    at: u64,
+    /// Nothing before this can be the start of a chunk not yet given.
+    known_until: u64,
+    run_from: Option<u64>,
+    after_data_end: bool,
+    done: bool,
+    index: u64,
+    failed_resyncs: usize,
+    window: Vec<u8>,
+    window_at: u64,
+}
+
+/// What to do with the record at hand.
+enum Step {
+    /// Nothing for us; its bytes are accounted for up to there.
+    Skip { known_until: u64 },
+    Run,
+    Chunk { known_until: u64 },
+    /// Its bytes are lost, but its length is believed.
+    Lost(String),
+    /// Nothing here is believed.
+    Broken(String),
+    End,
+}
+
+impl Blocks {
+    pub(super) fn new(source: Arc<Source>, limits: Limits, data_end: Option<u64>) -> Blocks {
+        Blocks {
+            source,
+            limits,
+            data_end,
+            at: MAGIC.len() as u64,
+            known_until: MAGIC.len() as u64,
+            run_from: None,
+            after_data_end: false,
+            done: false,
+            index: 0,
+            failed_resyncs: 0,
+            window: Vec::new(),
+            window_at: 0,
+        }
+    }
+
+    fn end(&self) -> u64 {
+        self.data_end.unwrap_or(self.source.bytes())
+    }
+
+    /// Bytes from `at`, at least `want` if the section has them.
+    fn peek(&mut self, at: u64, want: u64) -> std::io::Result<&[u8]> {
+        let end = self.end();
+        let want_end = at.saturating_add(want).min(end);
+        let window_end = self.window_at + self.window.len() as u64;
+        if at < self.window_at || want_end > window_end {
+            let n = WINDOW_BYTES.max(want).min(end.saturating_sub(at));
+            self.window.resize(n as usize, 0);
+            self.window_at = at;
+            if let Err(e) = self.source.read_at(at, &mut self.window) {
+                self.window.clear();
+                return Err(e);
+            }
+        }
+        Ok(&self.window[(at - self.window_at) as usize..])
+    }
+
+    /// Looks at the record at `self.at`; returns its end too.
+    fn step(&mut self) -> std::io::Result<(Step, u64)> {
+        let (at, end) = (self.at, self.end());
+        if at >= end {
+            return Ok((self.step_at_end(), end));
+        }
+        let Some(header) = RecordHeader::parse(self.peek(at, RECORD_HEADER as u64)?) else {
+            let what = format!("cut short: {} bytes where a record begins", end - at);
+            return Ok((Step::Broken(what), end));
+        };
+        let RecordHeader { opcode, body_bytes } = header;
+        let body_at = at + RECORD_HEADER as u64;
+        let Some(next) = body_at.checked_add(body_bytes).filter(|&next| next <= end) else {
+            let what = format!(
+                "cut short: record 0x{opcode:02x} claims {body_bytes} bytes where {} are left",
+                end - body_at
+            );
+            return Ok((Step::Broken(what), end));
+        };
+        let skip = Step::Skip { known_until: next };
+        let step = match opcode {
+            op::HEADER if at == MAGIC.len() as u64 => skip,
+            _ if at == MAGIC.len() as u64 => Step::Broken("no header record".into()),
+            op::SCHEMA | op::CHANNEL if next - at > self.limits.record_bytes => {
+                Step::Lost(format!("schema or channel of {body_bytes} bytes, beyond the limit"))
+            }
+            op::SCHEMA | op::CHANNEL | op::MESSAGE => Step::Run,
+            op::CHUNK => self.step_chunk(body_at, body_bytes)?,
+            op::MESSAGE_INDEX => {
+                let ids = self.peek(body_at, 6)?;
+                let map_bytes = ids.get(2..6).and_then(|b| b.first_chunk().copied());
+                match map_bytes.map(u32::from_le_bytes) {
+                    Some(n) if u64::from(n) + 6 <= body_bytes => {
+                        Step::Skip { known_until: body_at + 6 + u64::from(n) }
+                    }
+                    _ => Step::Lost("message index that does not fit its record".into()),
+                }
+            }
+            op::ATTACHMENT | op::METADATA => skip,
+            op::DATA_END if self.data_end.is_none_or(|end| end == next) => {
+                self.after_data_end = true;
+                skip
+            }
+            op::DATA_END => Step::Lost("end of data where the data do not end".into()),
+            op::CHUNK_INDEX
+            | op::ATTACHMENT_INDEX
+            | op::STATISTICS
+            | op::METADATA_INDEX
+            | op::SUMMARY_OFFSET
+                if self.after_data_end =>
+            {
+                skip
+            }
+            op::FOOTER if self.after_data_end && next + MAGIC.len() as u64 == end => Step::End,
+            // Kinds of later versions and private ones are to be skipped; but not a chunk whose
+            // kind was hit.
+            0x10..=0xff => {
+                let body = self.peek(body_at, CHUNK_HEADER_BYTES as u64)?;
+                if plausible_chunk(body, body_bytes, u64::MAX).is_some() {
+                    Step::Lost(format!("record of unknown kind 0x{opcode:02x} that holds a chunk"))
+                } else {
+                    skip
+                }
+            }
+            _ => Step::Broken(format!("record 0x{opcode:02x} cannot be here")),
+        };
+        Ok((step, next))
+    }
+
+    fn step_at_end(&self) -> Step {
+        match self.data_end {
+            Some(_) if !self.after_data_end => Step::Lost("the data have no end record".into()),
+            _ => Step::End,
+        }
+    }
+
+    fn step_chunk(&mut self, body_at: u64, body_bytes: u64) -> std::io::Result<Step> {
+        let record_bytes = body_bytes + RECORD_HEADER as u64;
+        if record_bytes > self.limits.record_bytes {
+            return Ok(Step::Lost(format!(
+                "chunk of {body_bytes} bytes, more than the {} that are read at once",
+                self.limits.record_bytes
+            )));
+        }
+        let body = self.peek(body_at, body_bytes.min(1 << 10))?;
+        let body = &body[..body.len().min(body_bytes as usize)];
+        Ok(match ChunkHeader::parse(body) {
+            Some(h) if h.compressed_size <= body_bytes - h.header_bytes => {
+                Step::Chunk { known_until: body_at + h.header_bytes + h.compressed_size }
+            }
+            _ => Step::Lost("chunk header that does not fit its record".into()),
+        })
+    }
+
+    /// The next chunk from `from` on that verifies.
+    fn find_chunk(&mut self, from: u64) -> std::io::Result<Option<u64>> {
+        let mut loader = ChunkLoader::new(self.source.clone(), self.limits);
+        let (mut at, end) = (from, self.end());
+        while at < end {
+            let window = self.peek(at, 1)?;
+            let Some(i) = window.iter().position(|&b| b == op::CHUNK) else {
+                at += window.len() as u64;
+                continue;
+            };
+            at += i as u64;
+            let chunk_bytes = self.limits.chunk_bytes;
+            let bytes = self.peek(at, (RECORD_HEADER + CHUNK_HEADER_BYTES) as u64)?;
+            let found = RecordHeader::parse(bytes).and_then(|record| {
+                let next = at.checked_add(RECORD_HEADER as u64)?.checked_add(record.body_bytes)?;
+                let body = &bytes[RECORD_HEADER..];
+                let header = plausible_chunk(body, record.body_bytes, chunk_bytes)?;
+                (next <= end && header.uncompressed_crc != 0).then_some(next - at)
+            });
+            if let Some(bytes) = found {
+                if loader.load(at, bytes).is_ok() {
+                    return Ok(Some(at));
+                }
+                self.failed_resyncs += 1;
+                if self.failed_resyncs >= MAX_FAILED_RESYNCS {
+                    return Ok(None);
+                }
+            }
+            at += 1;
+        }
+        Ok(None)
+    }
+
+    /// Gives up `self.at`; goes on at the next chunk that verifies, or ends.
+    fn resync(&mut self, what: String) -> Damage {
+        let from = self.known_until.max(MAGIC.len() as u64).min(self.at.saturating_add(1));
+        let to_byte = match self.find_chunk(from) {
+            Ok(Some(chunk)) => chunk,
+            Ok(None) | Err(_) => {
+                self.done = true;
+                self.end()
+            }
+        };
+        let from_byte = self.at.min(to_byte);
+        self.at = to_byte;
+        self.known_until = to_byte;
+        Damage { from_byte, to_byte, what }
+    }
+
+    fn block(&mut self, kind: BlockKind, offset: u64, to: u64) -> Block {
+        let index = self.index;
+        self.index += 1;
+        Block { index, offset, bytes: to - offset, kind }
+    }
+}
+
+impl Iterator for Blocks {
+    type Item = Result<Block, Damage>;
+
+    fn next(&mut self) -> Option<Result<Block, Damage>> {
+        while !self.done {
+            let (step, next) = match self.step() {
+                Ok(found) => found,
+                Err(e) => (Step::Broken(format!("cannot be read: {e}")), self.end()),
+            };
+            let run_goes_on = matches!(step, Step::Run)
+                && self.run_from.is_none_or(|from| next - from <= RUN_BYTES);
+            if let Some(from) = self.run_from.filter(|_| !run_goes_on) {
+                self.run_from = None;
+                return Some(Ok(self.block(BlockKind::Messages, from, self.at)));
+            }
+            let at = self.at;
+            match step {
+                Step::End => self.done = true,
+                Step::Skip { known_until } => self.advance(next, known_until),
+                Step::Run => {
+                    self.run_from.get_or_insert(at);
+                    self.advance(next, next);
+                }
+                Step::Chunk { known_until } => {
+                    self.advance(next, known_until);
+                    return Some(Ok(self.block(BlockKind::Chunk, at, next)));
+                }
+                Step::Lost(what) => {
+                    if at >= next {
+                        self.done = true;
+                    }
+                    self.advance(next, next.min(at + 1));
+                    return Some(Err(Damage { from_byte: at, to_byte: next, what }));
+                }
+                Step::Broken(what) => return Some(Err(self.resync(what))),
+            }
+        }
+        self.run_from.take().map(|from| Ok(self.block(BlockKind::Messages, from, self.at)))
+    }
+}
+
+impl Blocks {
+    fn advance(&mut self, next: u64, known_until: u64) {
+        self.at = next;
+        self.known_until = known_until;
+    }
+}
+
+/// The header of a chunk that `body` may begin with.
+fn plausible_chunk(body: &[u8], body_bytes: u64, max_chunk_bytes: u64) -> Option<ChunkHeader<'_>> {
+    let body = &body[..body.len().min(usize::try_from(body_bytes).unwrap_or(usize::MAX))];
+    let h = ChunkHeader::parse(body)?;
+    let sizes_agree = h.compressed_size <= body_bytes.checked_sub(h.header_bytes)?
+        && (!h.compression.is_empty() || h.uncompressed_size == h.compressed_size);
+    (["", "lz4", "zstd"].contains(&h.compression)
+        && sizes_agree
+        && h.uncompressed_size <= max_chunk_bytes
+        && h.start_time <= h.end_time)
+        .then_some(h)
+}
