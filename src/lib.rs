@@ -31,3 +31,5 @@ pub mod labels;
 pub mod verdict;
 // floor 1
 pub mod model;
+// floor 3
+pub mod simulate;

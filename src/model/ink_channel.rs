@@ -5,6 +5,7 @@ use nalgebra::{DMatrix, Matrix4, dmatrix};
 
 /// Thesis (2-2) in the rates that its A depends on.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct InkChannel {
     /// 1/(I_r B_t), 1/s².
     pub a_per_s2: f64,
