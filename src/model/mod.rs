@@ -4,11 +4,17 @@
 //! thesis (2-1)..(2-5). Never looks at measured data. SI units at every signature; matrices are
 //! scaled to microseconds inside where conditioning asks for it.
 
+pub mod actuation;
+pub mod faults;
+pub mod geometry;
 pub mod ink_channel;
+mod poles;
 pub mod ring_down;
 
 use nalgebra::DMatrix;
 
+pub use actuation::Actuation;
+pub use geometry::Geometry;
 pub use ink_channel::InkChannel;
 
 /// An autonomous linear plant x' = A x, y = C x, rung from a non-zero acquisition state.

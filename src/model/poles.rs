@@ -1,0 +1,80 @@
+//! Poles of an ink channel in closed form. In: rates. Out: damping, frequency, real pole.
+
+use super::InkChannel;
+use super::ring_down::Poles;
+use std::f64::consts::TAU;
+
+impl InkChannel {
+    /// Poles of the observable cubic p3 of thesis (2-2). `None`: the pair is overdamped (three
+    /// real poles), or the rates are not positive and finite.
+    ///
+    /// p3(-g) = a (d - g) and p3(-d) = b (g - d) have opposite signs, so a real pole -lambda lies
+    /// between -g and -d: bisection, then the quadratic that is left.
+    pub fn poles(&self) -> Option<Poles> {
+        let rates = [self.a_per_s2, self.b_per_s2, self.g_per_s, self.d_per_s];
+        if !rates.iter().all(|r| *r > 0.0 && r.is_finite()) {
+            return None;
+        }
+        let (g, d) = (self.g_per_s, self.d_per_s);
+        let [p2, p1, p0] = self.cubic();
+        let p3_at_minus = |x: f64| ((p2 - x) * x - p1) * x + p0;
+        // p3(-x) is positive at the smaller of g, d and negative at the larger.
+        let (mut low, mut high) = (g.min(d), g.max(d));
+        while let mid = 0.5 * (low + high)
+            && low < mid
+            && mid < high
+        {
+            if p3_at_minus(mid) > 0.0 {
+                low = mid;
+            } else {
+                high = mid;
+            }
+        }
+        let lambda = 0.5 * (low + high);
+        // p3 = (s + lambda)(s^2 + 2 damping s + q)
+        let damping = 0.5 * (p2 - lambda);
+        let omega2 = p0 / lambda - damping * damping;
+        (omega2 > 0.0).then(|| Poles {
+            damping_per_s: damping,
+            frequency_hz: omega2.sqrt() / TAU,
+            lambda_per_s: lambda,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::ring_down::eigenvalues;
+
+    const NOMINAL: InkChannel =
+        InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8.0e4 };
+
+    #[test]
+    fn nominal_poles_are_the_published_ones() {
+        let p = NOMINAL.poles().unwrap();
+        assert!((p.damping_per_s / 2.917e4 - 1.0).abs() < 2e-4, "{p:?}");
+        assert!((p.frequency_hz / 64.69e3 - 1.0).abs() < 2e-4, "{p:?}");
+        assert!((p.lambda_per_s / 3.767e4 - 1.0).abs() < 2e-4, "{p:?}");
+    }
+
+    #[test]
+    fn poles_are_eigenvalues_of_a() {
+        for d_per_s in [8.0e4, 2.0e4, 1.6e4, 1.0e4] {
+            let channel = InkChannel { d_per_s, ..NOMINAL };
+            let p = channel.poles().unwrap();
+            let eigenvalues = eigenvalues(&channel);
+            let has = |re: f64, im: f64| {
+                eigenvalues.iter().any(|z| ((z.re - re).hypot(z.im - im)) < 1e-6 * 4e5)
+            };
+            assert!(has(-p.damping_per_s, TAU * p.frequency_hz), "{eigenvalues:?} {p:?}");
+            assert!(has(-p.lambda_per_s, 0.0), "{eigenvalues:?} {p:?}");
+        }
+    }
+
+    #[test]
+    fn an_overdamped_channel_has_no_pair() {
+        assert!(InkChannel { g_per_s: 5e6, d_per_s: 4e6, ..NOMINAL }.poles().is_none());
+        assert!(InkChannel { a_per_s2: f64::NAN, ..NOMINAL }.poles().is_none());
+    }
+}

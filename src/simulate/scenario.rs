@@ -1,0 +1,394 @@
+//! Scenario files. In: TOML. Out: a checked [`Scenario`]; whatever it holds can be simulated.
+//!
+//! Two kinds: `physics` (default; channels of thesis (2-2), faults, print runs) and `classes` (the
+//! data set of thesis §4-1). Unknown keys are refused; `checks` says what else is.
+
+mod checks;
+
+use crate::burst::{Format, Layout};
+use crate::fault::CLASSES;
+use crate::model::{Actuation, Geometry, InkChannel};
+use serde::{Deserialize, Deserializer};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// The version of scenario files that this program reads.
+const SCHEMA: i64 = 1;
+
+/// Why a scenario cannot be simulated.
+#[derive(Debug, thiserror::Error)]
+pub enum ScenarioError {
+    #[error("the scenario is not readable:\n{0}")]
+    Toml(#[from] toml::de::Error),
+    #[error("the scenario has schema {found}, this program reads `schema = 1`")]
+    Schema { found: String },
+    #[error("`{key}`: {why}")]
+    Value { key: String, why: String },
+}
+
+/// A checked scenario.
+#[derive(Clone, Debug)]
+pub struct Scenario {
+    /// The seed that the file asks for; a caller may use another.
+    pub seed: Option<u64>,
+    pub recording: RecordingOptions,
+    pub kind: Kind,
+}
+
+#[derive(Clone, Debug)]
+pub enum Kind {
+    Physics(Arc<Physics>),
+    Classes(Arc<Classes>),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Compression {
+    Zstd,
+    Lz4,
+    None,
+}
+
+/// `[recording]`: how the samples are put into a file. It never changes the samples.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RecordingOptions {
+    pub compression: Compression,
+    /// Uncompressed size at which a chunk is closed.
+    pub chunk_bytes: u64,
+    /// At most so many channels in one burst; by default a print run's printheads are whole, and
+    /// sets have 450.
+    pub channels_per_burst: Option<u32>,
+    #[serde(with = "LayoutWords")]
+    pub layout: Layout,
+    #[serde(with = "FormatWords")]
+    pub format: Format,
+    /// Time of the first burst, ns since the epoch; RFC 3339 in the file.
+    #[serde(rename = "start", deserialize_with = "rfc_3339")]
+    pub start_ns: i64,
+}
+
+impl Default for RecordingOptions {
+    fn default() -> RecordingOptions {
+        RecordingOptions {
+            compression: Compression::Zstd,
+            chunk_bytes: 1 << 20,
+            channels_per_burst: None,
+            layout: Layout::ChannelMajor,
+            format: Format::S16Le,
+            start_ns: 1_735_718_400_000_000_000, // 2025-01-01T08:00:00Z
+        }
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(remote = "Layout", rename_all = "snake_case")]
+enum LayoutWords {
+    ChannelMajor,
+    SampleMajor,
+}
+
+#[derive(Deserialize)]
+#[serde(remote = "Format", rename_all = "lowercase")]
+enum FormatWords {
+    S16Le,
+    F32Le,
+}
+
+fn rfc_3339<'de, D: Deserializer<'de>>(deserializer: D) -> Result<i64, D::Error> {
+    let text = String::deserialize(deserializer)?;
+    let time = chrono::DateTime::parse_from_rfc3339(&text);
+    time.ok().and_then(|t| t.timestamp_nanos_opt()).ok_or_else(|| {
+        let example = "\"2025-01-01T08:00:00Z\"";
+        serde::de::Error::custom(format!("{text:?} is not an RFC 3339 time such as {example}"))
+    })
+}
+
+/// `kind = "physics"`: channels of thesis (2-2) and what happens to them.
+#[derive(Clone, Debug)]
+pub struct Physics {
+    /// Nominal rates at 25 °C.
+    pub channel: InkChannel,
+    pub spread: Spread,
+    pub shot: Shot,
+    pub acquisition: Acquisition,
+    pub temperature: Temperature,
+    pub drive: Drive,
+    pub fault: BTreeMap<String, FaultRange>,
+    pub dataset: Option<Dataset>,
+    pub print_run: Option<PrintRun>,
+}
+
+impl Physics {
+    /// Classes and their severity ranges, in the order of the thesis's tables.
+    pub fn severity_ranges(&self) -> Vec<(String, [f64; 2])> {
+        let range = |class: &&str| Some(((*class).to_owned(), self.fault.get(*class)?.range));
+        CLASSES.iter().filter_map(range).collect()
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PhysicsFile {
+    #[serde(rename = "schema")]
+    _schema: i64,
+    #[serde(rename = "kind")]
+    _kind: Option<String>,
+    seed: Option<u64>,
+    #[serde(default)]
+    recording: RecordingOptions,
+    channel: Option<InkChannel>,
+    geometry: Option<Geometry>,
+    spread: Spread,
+    shot: Shot,
+    acquisition: Acquisition,
+    temperature: Temperature,
+    drive: Drive,
+    #[serde(default)]
+    fault: BTreeMap<String, FaultRange>,
+    dataset: Option<Dataset>,
+    print_run: Option<PrintRun>,
+}
+
+/// Healthy channel to channel: uniform half-widths, relative, constant over a run.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Spread {
+    pub a: f64,
+    pub b: f64,
+    pub g: f64,
+    pub d: f64,
+    pub gain: f64,
+}
+
+/// Burst to burst on one channel: relative standard deviations.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Shot {
+    pub gain: f64,
+    /// Of each component of the acquisition state.
+    pub state: f64,
+}
+
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Acquisition {
+    pub pulse_us: f64,
+    pub delay_us: f64,
+    pub sample_period_us: f64,
+    pub samples: usize,
+    pub largest_healthy_counts: f64,
+    pub noise_sd_counts: f64,
+}
+
+impl Acquisition {
+    pub fn sample_period_s(&self) -> f64 {
+        self.sample_period_us * 1e-6
+    }
+
+    pub fn actuation(&self) -> Actuation {
+        Actuation { pulse_s: self.pulse_us * 1e-6, delay_s: self.delay_us * 1e-6 }
+    }
+}
+
+/// Print runs: a sine about 25 °C.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Temperature {
+    pub swing_c: f64,
+    pub period_s: f64,
+    /// Relative, on g and d.
+    pub viscosity_per_k: f64,
+}
+
+/// Print runs: the level is drawn per burst.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Drive {
+    pub levels_v: Vec<f64>,
+    pub shares: Vec<f64>,
+}
+
+/// Severities of a class, uniform over `range`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FaultRange {
+    /// What a severity is, in words; not read.
+    pub severity: Option<String>,
+    pub range: [f64; 2],
+    /// What the fault changes, in words; where it is given it must be what this program does.
+    pub change: Option<String>,
+}
+
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Dataset {
+    pub healthy: usize,
+    pub per_fault: usize,
+    /// Faulty signals of a further test set; 0: none.
+    #[serde(default)]
+    pub calibration_test: usize,
+}
+
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PrintRun {
+    pub printheads: usize,
+    /// One per printhead; by default `printhead-1` and so on.
+    pub names: Option<Vec<String>>,
+    /// Per printhead.
+    pub channels: usize,
+    pub bursts_per_channel: usize,
+    pub interval_s: f64,
+    /// Share of all channels that get one drawn fault each.
+    #[serde(default)]
+    pub faulty_channels: f64,
+    /// Faults of one's own, instead of drawn ones.
+    #[serde(default)]
+    pub fault: Vec<ExplicitFault>,
+}
+
+impl PrintRun {
+    pub fn name(&self, printhead: usize) -> String {
+        let own = self.names.as_ref().and_then(|names| names.get(printhead).cloned());
+        own.unwrap_or_else(|| format!("printhead-{}", printhead + 1))
+    }
+}
+
+/// A fault from `from_s` (inclusive) to `to_s` (exclusive) after the first burst.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ExplicitFault {
+    pub printhead: String,
+    pub channel: u32,
+    pub class: String,
+    pub severity: f64,
+    pub from_s: f64,
+    pub to_s: f64,
+}
+
+/// `kind = "classes"`: y = round(A (e^{-sigma t} cos(2 pi f t + phi0) + rho e^{-lambda t}) + noise),
+/// t = k T/N, with A, sigma, f uniform in the box of the class.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Classes {
+    #[serde(rename = "schema")]
+    _schema: i64,
+    #[serde(rename = "kind")]
+    _kind: Option<String>,
+    seed: Option<u64>,
+    #[serde(default)]
+    recording: RecordingOptions,
+    pub comment: Option<String>,
+    #[serde(rename = "T_us")]
+    pub t_us: f64,
+    #[serde(rename = "N")]
+    pub n: usize,
+    pub phi0_rad: f64,
+    pub rho: f64,
+    pub lambda_per_s: f64,
+    pub noise_sd_counts: f64,
+    pub n_healthy: usize,
+    pub n_per_fault: usize,
+    /// With what the thesis's method I is judged on this set; not read by the simulator.
+    #[serde(rename = "method_I")]
+    pub method_i: Option<MethodI>,
+    pub classes: ClassBoxes,
+}
+
+impl Classes {
+    pub fn sample_period_s(&self) -> f64 {
+        self.t_us * 1e-6 / self.n as f64
+    }
+
+    /// Fault classes and their boxes: the thesis's in the order of its tables, then others by name.
+    pub fn fault_classes(&self) -> Vec<(String, ClassBox)> {
+        let place = |class: &str| CLASSES.iter().position(|c| *c == class).unwrap_or(CLASSES.len());
+        let faults = self.classes.faults.iter();
+        let mut classes: Vec<_> =
+            faults.map(|(name, class)| (name.clone(), class.clone())).collect();
+        classes.sort_by_key(|(name, _)| place(name)); // stable, and by name so far
+        classes
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MethodI {
+    pub n_o: f64,
+    pub omega_r: String,
+    pub beta_poles_per_s: Vec<f64>,
+}
+
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct ClassBoxes {
+    pub healthy: ClassBox,
+    #[serde(flatten)]
+    pub faults: BTreeMap<String, ClassBox>,
+}
+
+/// Uniform ranges.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClassBox {
+    pub amplitude_counts: [f64; 2],
+    pub sigma_per_s: [f64; 2],
+    pub freq_hz: [f64; 2],
+}
+
+impl Scenario {
+    /// Reads and checks a scenario.
+    pub fn from_toml(text: &str) -> Result<Scenario, ScenarioError> {
+        #[derive(Deserialize)]
+        struct Head {
+            schema: Option<toml::Value>,
+            kind: Option<String>,
+        }
+        let head: Head = toml::from_str(text)?;
+        if head.schema.as_ref().and_then(toml::Value::as_integer) != Some(SCHEMA) {
+            let found = head.schema.map_or_else(|| "missing".to_owned(), |found| found.to_string());
+            return Err(ScenarioError::Schema { found });
+        }
+        let scenario = match head.kind.as_deref().unwrap_or("physics") {
+            "physics" => Scenario::from_physics(toml::from_str(text)?)?,
+            "classes" => {
+                let classes: Classes = toml::from_str(text)?;
+                Scenario {
+                    seed: classes.seed,
+                    recording: classes.recording.clone(),
+                    kind: Kind::Classes(Arc::new(classes)),
+                }
+            }
+            other => {
+                let why = format!("{other:?} is neither \"physics\" nor \"classes\"");
+                return Err(ScenarioError::Value { key: "kind".to_owned(), why });
+            }
+        };
+        checks::check(&scenario)?;
+        Ok(scenario)
+    }
+
+    fn from_physics(file: PhysicsFile) -> Result<Scenario, ScenarioError> {
+        let channel = match (file.channel, file.geometry) {
+            (Some(channel), None) => channel,
+            (None, Some(geometry)) => geometry.ink_channel(),
+            _ => {
+                let why = "give either [channel] or [geometry], one of them".to_owned();
+                return Err(ScenarioError::Value { key: "channel".to_owned(), why });
+            }
+        };
+        let physics = Physics {
+            channel,
+            spread: file.spread,
+            shot: file.shot,
+            acquisition: file.acquisition,
+            temperature: file.temperature,
+            drive: file.drive,
+            fault: file.fault,
+            dataset: file.dataset,
+            print_run: file.print_run,
+        };
+        let kind = Kind::Physics(Arc::new(physics));
+        Ok(Scenario { seed: file.seed, recording: file.recording, kind })
+    }
+}
