@@ -31,3 +31,6 @@ pub mod labels;
 pub mod verdict;
 // floor 1
 pub mod model;
+// floor 2
+pub mod detect;
+pub mod isolate;
