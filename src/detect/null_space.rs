@@ -1,0 +1,504 @@
+//! Numerators that a healthy model cannot excite: the left null space of H-bar.
+//!
+//! In: (A, C), the sample period, a degree. Out: N-bar, and for one output the polynomial N(z)L(z).
+//! thesis (3-2), Fig. H-bar. Any order, any number of outputs. Never looks at a signal.
+//!
+//! Departs: the thesis designs in s and discretises later; here H(z) = [-zI + e^{A dt}; C] is exact
+//! at the samples. A zero-order hold leaves 0.116 of a healthy signal's energy, this 3e-25.
+//! Departs: the text's d_N block rows give degree d_N - 1 while its sum runs to d_N, and it declares
+//! N-bar a column but uses a row. Here `degree` is the degree, degree + 1 the block rows, N-bar a row.
+
+use super::DetectError;
+use crate::model::ring_down::{discretise, in_microseconds};
+use nalgebra::{DMatrix, DVector};
+
+/// Degrees beyond this are a mistake, and would make H-bar large.
+const MAX_DEGREE: usize = 64;
+/// A direction counts as observable if it is more than this above what the rest explains, relative
+/// to the one-sample change of the state. e^{A dt} is good to some 1e-15.
+const OBSERVABLE: f64 = 1e-10;
+/// Singular values of H-bar below this, relative to the largest, are zero.
+const ZERO: f64 = 1e-12;
+/// What N H-bar may be, relative to H-bar: some roundings of a sum of at most 1000 products.
+const REPAIRED: f64 = 1e-14;
+
+/// The left null space of H-bar: all N(z) of a degree with N(z) H(z) = 0.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NullSpace {
+    /// nullity x (degree + 1)(n + m), orthonormal rows N-bar = [N_0 ... N_degree], in the scaled
+    /// states of the design (their scale does not reach N L).
+    pub n_bar: DMatrix<f64>,
+    pub outputs: usize,
+    pub observable_order: usize,
+    pub degree: usize,
+}
+
+/// Left null space of H-bar, thesis (3-2). `a`: n x n, 1/s. `c`: m x n. Its dimension is asserted:
+/// m (degree + 1) - observable order.
+///
+/// Departs: thesis §3-2 says "only one solution". That holds for degree = observable order alone.
+pub fn annihilator(
+    a: &DMatrix<f64>,
+    c: &DMatrix<f64>,
+    dt_s: f64,
+    degree: usize,
+) -> Result<NullSpace, DetectError> {
+    check(a, c, dt_s, degree)?;
+    let (a_d, c) = balanced(a, c, dt_s)?;
+    let outputs = c.nrows();
+    let observable_order = observable_order(&a_d, &c)?;
+    let (h0, h1) = pencil(&a_d, &c);
+    let h_bar = stack(&h0, &h1, degree + 1);
+    let expected = (outputs * (degree + 1)).saturating_sub(observable_order);
+    if expected == 0 {
+        return Err(DetectError::DegreeTooSmall { degree, observable_order, outputs });
+    }
+    let n_bar = left_null_space(&h_bar)?;
+    if n_bar.nrows() != expected {
+        let found = n_bar.nrows();
+        return Err(DetectError::WrongNullity { found, expected, degree, observable_order });
+    }
+    Ok(NullSpace { n_bar, outputs, observable_order, degree })
+}
+
+/// The monic numerator N(z)L(z), descending powers of z, `degree + 1` coefficients, one output.
+/// Degree = observable order: the unique one, whose roots are e^{observable poles dt}. Higher: the
+/// one that rejects an offset too ([`NullSpace::offset_rejection`]).
+pub fn numerator(
+    a: &DMatrix<f64>,
+    c: &DMatrix<f64>,
+    dt_s: f64,
+    degree: usize,
+) -> Result<Vec<f64>, DetectError> {
+    annihilator(a, c, dt_s, degree)?.offset_rejection()
+}
+
+impl NullSpace {
+    /// N(z)L(z) of each row for one output, up to sign: nullity x (degree + 1), ascending powers.
+    /// L = [0; -I] picks the last entry of every block.
+    pub fn polynomials(&self) -> Result<DMatrix<f64>, DetectError> {
+        if self.outputs != 1 {
+            return Err(DetectError::OneOutputOnly { outputs: self.outputs });
+        }
+        let block = self.n_bar.ncols() / (self.degree + 1);
+        Ok(DMatrix::from_fn(self.n_bar.nrows(), self.degree + 1, |i, k| {
+            self.n_bar[(i, (k + 1) * block - 1)]
+        }))
+    }
+
+    /// The monic element with a root of multiplicity nullity - 1 at z = 1, the image of s = 0,
+    /// descending powers. For the ink channel at degree 4 this is (z - 1) p3(z), the image of
+    /// det(A - sI) = s p3(s) of thesis §3-2-1 II; it rejects a constant sensor offset.
+    pub fn offset_rejection(&self) -> Result<Vec<f64>, DetectError> {
+        let q = self.polynomials()?;
+        let nullity = q.nrows();
+        let weights = if nullity == 1 {
+            DMatrix::identity(1, 1)
+        } else {
+            // Taylor coefficients at z = 1 of every element; a combination must have none below
+            // nullity - 1.
+            let binomial = |k: usize, j: usize| {
+                (0..j).fold(1.0, |v, i| v * (k as f64 - i as f64) / (i as f64 + 1.0))
+            };
+            let taylor = DMatrix::from_fn(q.ncols(), nullity - 1, binomial);
+            let at_one = &q * taylor;
+            // Zero but for rounding: every element has these roots already.
+            let conditions = at_one.map(|v| if v.abs() <= ZERO { 0.0 } else { v });
+            left_null_space(&conditions)?
+        };
+        let (degree, observable_order) = (self.degree, self.observable_order);
+        if weights.nrows() != 1 {
+            return Err(DetectError::AmbiguousNumerator { degree, observable_order });
+        }
+        let p = weights * q;
+        let lead = p[(0, degree)];
+        // A leading coefficient of zero means a lower degree, which the nullity rules out.
+        if lead.abs() <= ZERO * p.amax() {
+            return Err(DetectError::AmbiguousNumerator { degree, observable_order });
+        }
+        Ok((0..=degree).rev().map(|k| p[(0, k)] / lead).collect())
+    }
+}
+
+fn check(
+    a: &DMatrix<f64>,
+    c: &DMatrix<f64>,
+    dt_s: f64,
+    degree: usize,
+) -> Result<(), DetectError> {
+    if a.nrows() == 0 || a.nrows() != a.ncols() || c.nrows() == 0 || c.ncols() != a.ncols() {
+        return Err(DetectError::WrongShape {
+            a_rows: a.nrows(),
+            a_columns: a.ncols(),
+            c_rows: c.nrows(),
+            c_columns: c.ncols(),
+        });
+    }
+    for (what, m) in [("A", a), ("C", c)] {
+        if let Some(index) = m.iter().position(|v| !v.is_finite()) {
+            return Err(DetectError::NotFinite { what, index });
+        }
+    }
+    super::poles::check_period(dt_s)?;
+    if degree > MAX_DEGREE {
+        return Err(DetectError::DegreeTooLarge { degree, max: MAX_DEGREE });
+    }
+    Ok(())
+}
+
+/// (A_d, C) with states scaled so that A_d's entries come together (in SI units they differ by 12
+/// decades, and every rank would be wrong), and outputs scaled to 1.
+fn balanced(
+    a: &DMatrix<f64>,
+    c: &DMatrix<f64>,
+    dt_s: f64,
+) -> Result<(DMatrix<f64>, DMatrix<f64>), DetectError> {
+    let (a_us, c_us) = in_microseconds(a, c);
+    // The rest of the scaling, for models whose states do not follow the ink channel's pattern.
+    let mut balanced = a_us;
+    let d: DVector<f64> = nalgebra::linalg::balancing::balance_parlett_reinsch(&mut balanced);
+    let mut c_b = DMatrix::from_fn(c.nrows(), c.ncols(), |i, j| c_us[(i, j)] * d[j]);
+    // in_microseconds has counted time in 1e-6 s; discretise wants 1/s and s: any same unit does.
+    let a_d = discretise(&(balanced * 1e6), dt_s);
+    if let Some(index) = a_d.iter().position(|v| !v.is_finite()) {
+        return Err(DetectError::NotFinite { what: "e^{A dt}", index });
+    }
+    for mut row in c_b.row_iter_mut() {
+        let size = row.norm();
+        if size > 0.0 {
+            row /= size;
+        }
+    }
+    Ok((a_d, c_b))
+}
+
+/// Rank of the observability matrix of (C, A_d), by its staircase: powers of A_d are never formed,
+/// so that slow and fast poles are told apart. A_d - I spans the same space and is better spread.
+fn observable_order(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> Result<usize, DetectError> {
+    let n = a_d.nrows();
+    let mut f = a_d - DMatrix::identity(n, n);
+    let size = f.norm();
+    if size > 0.0 {
+        f /= size;
+    }
+    let mut basis: Vec<DVector<f64>> = Vec::with_capacity(n);
+    let mut candidates: Vec<DVector<f64>> = c.row_iter().map(|row| row.transpose()).collect();
+    let mut next = 0;
+    while next < candidates.len() && basis.len() < n {
+        let mut v = candidates[next].clone();
+        next += 1;
+        for _ in 0..2 {
+            // twice is enough (Kahan, Parlett)
+            for b in &basis {
+                let along = b.dot(&v);
+                v.axpy(-along, b, 1.0);
+            }
+        }
+        let rest = v.norm();
+        if rest > OBSERVABLE {
+            v /= rest;
+            candidates.push(f.tr_mul(&v));
+            basis.push(v);
+        }
+    }
+    if basis.is_empty() { Err(DetectError::NothingObservable) } else { Ok(basis.len()) }
+}
+
+/// H(z) = H_0 + H_1 z, thesis (3-2) in z: H_0 = [A_d; C], H_1 = [-I; 0], (n + m) x n. Decoupled
+/// disturbances would add columns [B_d; D_d] to H_0 here, and nothing else would change.
+fn pencil(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
+    let (n, m) = (a_d.nrows(), c.nrows());
+    let h0 = DMatrix::from_fn(n + m, n, |i, j| if i < n { a_d[(i, j)] } else { c[(i - n, j)] });
+    let h1 = DMatrix::from_fn(n + m, n, |i, j| if i == j { -1.0 } else { 0.0 });
+    (h0, h1)
+}
+
+/// H-bar, thesis Fig. H-bar: `block_rows` block rows, each H_0 H_1 one block further right.
+fn stack(h0: &DMatrix<f64>, h1: &DMatrix<f64>, block_rows: usize) -> DMatrix<f64> {
+    let (rows, columns) = h0.shape();
+    let mut h_bar = DMatrix::zeros(block_rows * rows, (block_rows + 1) * columns);
+    for b in 0..block_rows {
+        h_bar.view_mut((b * rows, b * columns), (rows, columns)).copy_from(h0);
+        h_bar.view_mut((b * rows, (b + 1) * columns), (rows, columns)).copy_from(h1);
+    }
+    h_bar
+}
+
+/// Orthonormal rows N with N M = 0, by SVD, checked to be so.
+fn left_null_space(m: &DMatrix<f64>) -> Result<DMatrix<f64>, DetectError> {
+    let (rows, columns) = m.shape();
+    let failed = DetectError::Decomposition { rows, columns };
+    // U is thin: zero columns up to a square make it complete.
+    let square = m.clone().resize_horizontally(columns.max(rows), 0.0);
+    let svd = square.try_svd(true, true, f64::EPSILON, 10_000).ok_or(failed.clone())?;
+    let (u, v_t) = svd.u.zip(svd.v_t).ok_or(failed.clone())?;
+    let sigma = &svd.singular_values;
+    let bound = ZERO * sigma.max();
+    let (null, range): (Vec<usize>, Vec<usize>) = (0..rows).partition(|&i| sigma[i] <= bound);
+    let mut n = DMatrix::from_fn(null.len(), rows, |i, j| u[(j, null[i])]);
+    // The SVD is at times only good to 1e-12. What is left of N M, taken back through the
+    // pseudo-inverse, repairs that: N - (N M) M^+.
+    for _ in 0..2 {
+        let left = &n * m;
+        for &k in &range {
+            let v = v_t.row(k).columns(0, columns).transpose();
+            let along = (&left * v) / sigma[k];
+            n -= along * u.column(k).transpose();
+        }
+        n = n.transpose().qr().q().transpose();
+    }
+    let left = (&n * m).amax();
+    // Not `>`: a NaN must fail too.
+    if left <= REPAIRED * m.amax() { Ok(n) } else { Err(failed) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::detect::poles::from_poles;
+    use crate::model::{InkChannel, Plant};
+    use nalgebra::Complex;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    const DT_S: f64 = 0.78125e-6;
+    const INK: InkChannel =
+        InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8e4 };
+
+    /// Largest |sum_k p_k y_k+j| over all windows of 128 samples of C A_d^k x, relative to max |y|,
+    /// worst of a few random x.
+    fn misses(p: &[f64], a_d: &DMatrix<f64>, c: &DMatrix<f64>, rng: &mut ChaCha8Rng) -> f64 {
+        let mut worst: f64 = 0.0;
+        for _ in 0..5 {
+            let mut x = DVector::from_fn(a_d.nrows(), |i, _| {
+                // random in units in which every state shows in the output alike
+                let scale = if a_d.nrows() == 4 && i < 2 { 1e-6 } else { 1.0 };
+                scale * rng.random_range(-1.0..1.0)
+            });
+            let y: Vec<f64> = (0..128)
+                .map(|_| {
+                    let out = (c * &x)[0];
+                    x = a_d * &x;
+                    out
+                })
+                .collect();
+            let size = y.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+            for w in y.windows(p.len()) {
+                let left: f64 = p.iter().rev().zip(w).map(|(p, y)| p * y).sum();
+                worst = worst.max(left.abs() / size);
+            }
+        }
+        worst
+    }
+
+    /// A stable system of `n` states in random orthogonal coordinates, its observable poles (1/s);
+    /// the last `hidden` states do not reach the output. Poles are apart, as in a real plant.
+    fn random_system(
+        n: usize,
+        hidden: usize,
+        rng: &mut ChaCha8Rng,
+    ) -> (DMatrix<f64>, DMatrix<f64>, Vec<Complex<f64>>) {
+        let mut blocks = DMatrix::zeros(n, n);
+        let mut poles = Vec::new();
+        let seen = n - hidden;
+        let mut i = 0;
+        while i < n {
+            let room = if i < seen { seen - i } else { n - i };
+            let damping = rng.random_range(1e4..8e4) * (1.0 + i as f64);
+            blocks[(i, i)] = -damping;
+            if room >= 2 && rng.random_bool(0.7) {
+                let omega = rng.random_range(2e5..3e5) * (1.0 + i as f64);
+                blocks[(i + 1, i + 1)] = -damping;
+                blocks[(i, i + 1)] = omega;
+                blocks[(i + 1, i)] = -omega;
+                if i < seen {
+                    poles.push(Complex::new(-damping, omega));
+                    poles.push(Complex::new(-damping, -omega));
+                }
+                i += 2;
+            } else {
+                if i < seen {
+                    poles.push(Complex::new(-damping, 0.0));
+                }
+                i += 1;
+            }
+        }
+        for (i, j) in (seen..n).flat_map(|i| (0..seen).map(move |j| (i, j))) {
+            blocks[(i, j)] = rng.random_range(-1e5..1e5); // hidden states are driven, not seen
+        }
+        let mut c = DMatrix::from_fn(1, n, |_, _| rng.random_range(0.5..1.5));
+        c.columns_mut(seen, hidden).fill(0.0);
+        let q = DMatrix::from_fn(n, n, |_, _| rng.random_range(-1.0..1.0)).qr().q();
+        (&q * blocks * q.transpose(), c * q.transpose(), poles)
+    }
+
+    #[test]
+    fn the_numerator_annihilates_every_healthy_ring_down_of_the_ink_channel() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let a_d = discretise(&INK.a(), DT_S);
+        for degree in 3..=6 {
+            let p = numerator(&INK.a(), &INK.c(), DT_S, degree).unwrap();
+            let left = misses(&p, &a_d, &INK.c(), &mut rng);
+            assert!(left <= 1e-12, "degree {degree}: {left:e}");
+        }
+    }
+
+    #[test]
+    fn the_numerator_annihilates_random_systems_of_order_2_to_8_with_and_without_hidden_states() {
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let mut worst: f64 = 0.0;
+        for n in 2..=8 {
+            for hidden in 0..=(n / 2) {
+                for trial in 0..10 {
+                    let (a, c, poles) = random_system(n, hidden, &mut rng);
+                    let order = n - hidden;
+                    for degree in order..=order + 1 {
+                        let p = numerator(&a, &c, DT_S, degree).unwrap_or_else(|e| {
+                            panic!("n {n} hidden {hidden} trial {trial} degree {degree}: {e}")
+                        });
+                        let left = misses(&p, &discretise(&a, DT_S), &c, &mut rng);
+                        worst = worst.max(left);
+                        assert!(left <= 1e-12, "n {n} hidden {hidden} degree {degree}: {left:e}");
+                    }
+                    // The unique one again, from the poles.
+                    let p = numerator(&a, &c, DT_S, order).unwrap();
+                    for (p, q) in p.iter().zip(from_poles(&poles, DT_S)) {
+                        assert!((p - q).abs() < 1e-6, "n {n} hidden {hidden}: {p} {q}");
+                    }
+                }
+            }
+        }
+        println!("worst {worst:e}");
+    }
+
+    /// What the check is worth: other discretisations, and dt off by 1 %, do not pass it.
+    #[test]
+    fn a_wrong_discretisation_does_not_pass_the_annihilation_check() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let (a, c) = (INK.a(), INK.c());
+        let a_d = discretise(&a, DT_S);
+        let off = numerator(&a, &c, 1.01 * DT_S, 4).unwrap();
+        assert!(misses(&off, &a_d, &c, &mut rng) > 1e-6);
+        // Poles mapped by Tustin and by Euler instead of e^{s dt}.
+        let s: Vec<Complex<f64>> = crate::model::ring_down::eigenvalues(&INK);
+        let tustin = |s: Complex<f64>| (1.0 + s * DT_S / 2.0) / (1.0 - s * DT_S / 2.0);
+        let euler = |s: Complex<f64>| 1.0 + s * DT_S;
+        let maps: [&dyn Fn(Complex<f64>) -> Complex<f64>; 2] = [&tustin, &euler];
+        for map in maps {
+            let as_poles: Vec<_> = s.iter().map(|&s| map(s).ln() / DT_S).collect();
+            let p = from_poles(&as_poles, DT_S);
+            assert!(misses(&p, &a_d, &c, &mut rng) > 1e-6);
+        }
+        let exact = from_poles(&s, DT_S);
+        assert!(misses(&exact, &a_d, &c, &mut rng) <= 1e-12, "the control must pass");
+    }
+
+    #[test]
+    fn nullity_is_block_rows_less_observable_order() {
+        for degree in 3..10 {
+            let space = annihilator(&INK.a(), &INK.c(), DT_S, degree).unwrap();
+            assert_eq!(space.observable_order, 3);
+            assert_eq!(space.n_bar.nrows(), degree + 1 - 3);
+        }
+        for degree in 0..3 {
+            assert!(matches!(
+                annihilator(&INK.a(), &INK.c(), DT_S, degree),
+                Err(DetectError::DegreeTooSmall { observable_order: 3, .. })
+            ));
+        }
+        // Equal R/I in restrictor and nozzle: two observable states are left.
+        let equal = InkChannel { d_per_s: INK.g_per_s, ..INK };
+        let space = annihilator(&equal.a(), &equal.c(), DT_S, 3).unwrap();
+        assert_eq!((space.observable_order, space.n_bar.nrows()), (2, 2));
+    }
+
+    #[test]
+    fn nullity_holds_for_several_outputs() {
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        for n in 3..=6 {
+            let (a, _, _) = random_system(n, 0, &mut rng);
+            let c = DMatrix::from_fn(2, n, |_, _| rng.random_range(-1.0..1.0));
+            for degree in n.div_ceil(2)..n + 2 {
+                let space = annihilator(&a, &c, DT_S, degree).unwrap();
+                assert_eq!(space.n_bar.nrows(), 2 * (degree + 1) - n);
+                assert!(matches!(
+                    space.offset_rejection(),
+                    Err(DetectError::OneOutputOnly { outputs: 2 })
+                ));
+            }
+        }
+    }
+
+    #[test]
+    fn degree_3_gives_the_observable_poles_and_degree_4_a_root_at_1_besides() {
+        let poles = crate::model::ring_down::eigenvalues(&INK);
+        let observable: Vec<_> = poles.into_iter().filter(|s| s.norm() > 1.0).collect();
+        assert_eq!(observable.len(), 3);
+        let at = |p: &[f64], z: Complex<f64>| {
+            p.iter().fold(Complex::new(0.0, 0.0), |v, &c| v * z + c).norm()
+        };
+        let p3 = numerator(&INK.a(), &INK.c(), DT_S, 3).unwrap();
+        let p4 = numerator(&INK.a(), &INK.c(), DT_S, 4).unwrap();
+        assert_eq!((p3.len(), p3[0], p4.len(), p4[0]), (4, 1.0, 5, 1.0));
+        for s in &observable {
+            let z = (s * DT_S).exp();
+            assert!(at(&p3, z) < 1e-12 && at(&p4, z) < 1e-12, "{:e} {:e}", at(&p3, z), at(&p4, z));
+        }
+        assert!(at(&p4, Complex::new(1.0, 0.0)) < 1e-12);
+        // thesis §3-2-1 II: (z - 1) p3 is the image of det(A - sI) = s p3(s).
+        let shifted = [p3[0], p3[1] - p3[0], p3[2] - p3[1], p3[3] - p3[2], -p3[3]];
+        for (p, q) in p4.iter().zip(shifted) {
+            assert!((p - q).abs() < 1e-9);
+        }
+        // Independent: the polynomial made of the mapped poles. Coefficients are less well determined
+        // than what they annihilate: the poles lie close together in z.
+        for (p, q) in p3.iter().zip(from_poles(&observable, DT_S)) {
+            assert!((p - q).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn units_of_the_states_do_not_matter() {
+        let scaled = |t: &[f64; 4]| {
+            let a = INK.a();
+            let a = DMatrix::from_fn(4, 4, |i, j| a[(i, j)] * t[i] / t[j]);
+            let c = DMatrix::from_fn(1, 4, |_, j| INK.c()[j] / t[j]);
+            numerator(&a, &c, DT_S, 4).unwrap()
+        };
+        let p = numerator(&INK.a(), &INK.c(), DT_S, 4).unwrap();
+        for t in [[1e-12, 1e-12, 1e-6, 1e-6], [1e6, 1e6, 1.0, 1.0], [1.0, 1e3, 1e-4, 1e5]] {
+            for (p, q) in p.iter().zip(scaled(&t)) {
+                assert!((p - q).abs() < 1e-9, "{t:?}: {p} {q}");
+            }
+        }
+    }
+
+    #[test]
+    fn senseless_models_are_errors() {
+        let (a, c) = (INK.a(), INK.c());
+        let nan = DMatrix::from_element(4, 4, f64::NAN);
+        assert!(matches!(numerator(&nan, &c, DT_S, 4), Err(DetectError::NotFinite { .. })));
+        assert!(matches!(
+            numerator(&a, &DMatrix::zeros(1, 3), DT_S, 4),
+            Err(DetectError::WrongShape { .. })
+        ));
+        assert!(matches!(
+            numerator(&a, &DMatrix::zeros(1, 4), DT_S, 4),
+            Err(DetectError::NothingObservable)
+        ));
+        assert!(matches!(
+            numerator(&a, &c, DT_S, 65),
+            Err(DetectError::DegreeTooLarge { degree: 65, .. })
+        ));
+        for dt_s in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(matches!(numerator(&a, &c, dt_s, 4), Err(DetectError::BadNumber { .. })));
+        }
+        let growing = nalgebra::dmatrix![1e9];
+        assert!(numerator(&growing, &nalgebra::dmatrix![1.0], 1.0, 1).is_err());
+        let integrator = nalgebra::dmatrix![0.0]; // (z - 1): all multiples reject an offset
+        assert!(matches!(
+            numerator(&integrator, &nalgebra::dmatrix![1.0], DT_S, 2),
+            Err(DetectError::AmbiguousNumerator { .. })
+        ));
+    }
+}

@@ -1,0 +1,197 @@
+//! Denominators alpha(z) of the residual generator: methods I and II.
+//!
+//! In: poles in 1/s (or a fault's model), the sample period. Out: monic polynomials in z, descending
+//! powers, each pole mapped by z = e^{s dt}. thesis §3-2-1.
+
+use super::DetectError;
+use crate::model::ring_down::in_microseconds;
+use nalgebra::{Complex, DMatrix};
+
+/// Eigenvalues smaller than this, relative to the largest, are the model's unobservable pole at 0.
+const AT_ZERO: f64 = 1e-9;
+
+/// Method I: alpha(s) = (s^2 + omega_r^2) prod (s + p_i), thesis §3-2-1 I; the undamped pair keeps
+/// the residual ringing, so that its energy grows over the whole signal. `other_poles_per_s`: p_i,
+/// all positive. Degree: 2 + their number.
+pub fn resonance(
+    omega_r_rad_s: f64,
+    other_poles_per_s: &[f64],
+    dt_s: f64,
+) -> Result<Vec<f64>, DetectError> {
+    check_period(dt_s)?;
+    // Beyond half the sample rate the pair would alias to another frequency.
+    if !(omega_r_rad_s > 0.0 && omega_r_rad_s * dt_s < std::f64::consts::PI) {
+        let must = "above 0 and below half the sample rate (pi / dt)";
+        return Err(DetectError::BadNumber { what: "omega_r_rad_s", value: omega_r_rad_s, must });
+    }
+    let mut poles = vec![Complex::new(0.0, omega_r_rad_s), Complex::new(0.0, -omega_r_rad_s)];
+    for &p in other_poles_per_s {
+        check_decay("pole of the residual generator, 1/s,", p)?;
+        poles.push(Complex::new(-p, 0.0));
+    }
+    Ok(from_poles(&poles, dt_s))
+}
+
+/// omega_r = 2 pi n_o / T with T = samples * dt, thesis §3-2-1 I. rad/s.
+/// Departs: the text has n_o / T, which lacks the 2 pi if n_o counts oscillations.
+pub fn resonance_of_oscillations(oscillations: f64, samples: usize, dt_s: f64) -> f64 {
+    2.0 * std::f64::consts::PI * oscillations / (samples as f64 * dt_s)
+}
+
+/// The n_o that we take unless told: f0 T, that is the healthy resonance itself.
+/// Departs: the thesis has n_o chosen by hand; at the wrong one most faults are missed.
+pub fn healthy_oscillations(frequency_hz: f64, samples: usize, dt_s: f64) -> f64 {
+    frequency_hz * samples as f64 * dt_s
+}
+
+/// Method II: alpha(s) = det(A_f - sI), thesis §3-2-1 II, of a fault's model `a_fault`, n x n, 1/s.
+/// Always of the degree asked for: the slowest of its poles first, a pair never torn apart, as many
+/// as fit; what is then missing is filled with poles at -`filler_per_s`.
+///
+/// Departs: det(A_f - sI) has a pole at 0 like the healthy model; marginally stable and seen by no
+/// output, it would only accumulate noise. It becomes a filler.
+pub fn eigenvalues(
+    a_fault: &DMatrix<f64>,
+    filler_per_s: f64,
+    degree: usize,
+    dt_s: f64,
+) -> Result<Vec<f64>, DetectError> {
+    check_period(dt_s)?;
+    check_decay("filler_per_s", filler_per_s)?;
+    let (n, columns) = a_fault.shape();
+    if n == 0 || n != columns {
+        let (c_rows, c_columns) = (0, 0);
+        return Err(DetectError::WrongShape { a_rows: n, a_columns: columns, c_rows, c_columns });
+    }
+    if let Some(index) = a_fault.iter().position(|v| !v.is_finite()) {
+        return Err(DetectError::NotFinite { what: "A of the fault", index });
+    }
+    let (a_us, _) = in_microseconds(a_fault, &DMatrix::zeros(1, n));
+    let failed = DetectError::Decomposition { rows: n, columns: n };
+    let schur = nalgebra::Schur::try_new(a_us, f64::EPSILON, 10_000).ok_or(failed)?;
+    let mut found: Vec<Complex<f64>> =
+        schur.complex_eigenvalues().iter().map(|s| s * 1e6).collect();
+    let largest = found.iter().map(|s| s.norm()).fold(0.0, f64::max);
+    found.retain(|s| s.norm() > AT_ZERO * largest);
+    if let Some(s) = found.iter().find(|s| s.re > AT_ZERO * largest) {
+        return Err(DetectError::UnstablePole { re: s.re, im: s.im });
+    }
+    // One of each pair (im >= 0), slowest first.
+    found.retain(|s| s.im >= 0.0);
+    found.sort_by(|p, q| q.re.total_cmp(&p.re).then(p.im.total_cmp(&q.im)));
+    let mut poles = Vec::with_capacity(degree);
+    for s in found {
+        let both = if s.im > 0.0 { vec![s, s.conj()] } else { vec![s] };
+        if poles.len() + both.len() <= degree {
+            poles.extend(both);
+        }
+    }
+    poles.resize(degree, Complex::new(-filler_per_s, 0.0));
+    Ok(from_poles(&poles, dt_s))
+}
+
+/// Monic prod (z - e^{s_i dt}), descending powers. `poles` in 1/s, pairs complete.
+pub fn from_poles(poles: &[Complex<f64>], dt_s: f64) -> Vec<f64> {
+    let mut p = vec![Complex::new(1.0, 0.0)];
+    for s in poles {
+        let z = (s * dt_s).exp();
+        p.push(Complex::new(0.0, 0.0));
+        for k in (1..p.len()).rev() {
+            let before = p[k - 1];
+            p[k] -= z * before;
+        }
+    }
+    p.iter().map(|v| v.re).collect()
+}
+
+pub(super) fn check_period(dt_s: f64) -> Result<(), DetectError> {
+    check_decay("sample period, s,", dt_s)
+}
+
+fn check_decay(what: &'static str, value: f64) -> Result<(), DetectError> {
+    if value > 0.0 && value.is_finite() {
+        Ok(())
+    } else {
+        Err(DetectError::BadNumber { what, value, must: "positive and finite" })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{InkChannel, Plant};
+
+    const DT_S: f64 = 0.78125e-6;
+
+    fn value_at(p: &[f64], z: Complex<f64>) -> f64 {
+        p.iter().fold(Complex::new(0.0, 0.0), |v, &c| v * z + c).norm()
+    }
+
+    #[test]
+    fn resonance_has_exactly_the_poles_asked_for() {
+        let alpha = resonance(4.0e5, &[1.0e5, 3.0e5], DT_S).unwrap();
+        assert_eq!((alpha.len(), alpha[0]), (5, 1.0));
+        for s in [(0.0, 4.0e5), (0.0, -4.0e5), (-1.0e5, 0.0), (-3.0e5, 0.0)] {
+            let z = (Complex::new(s.0, s.1) * DT_S).exp();
+            assert!(value_at(&alpha, z) < 1e-14, "{s:?}");
+        }
+    }
+
+    #[test]
+    fn the_undamped_pair_completes_the_oscillations_asked_for() {
+        // 1 / (z^2 - 2 cos(w dt) z + 1) repeats itself after N / n_o samples.
+        let omega = resonance_of_oscillations(8.0, 128, DT_S);
+        let alpha = resonance(omega, &[], DT_S).unwrap();
+        let mut h = vec![0.0, 1.0];
+        for k in 2..130 {
+            h.push(-alpha[1] * h[k - 1] - alpha[2] * h[k - 2]);
+        }
+        for k in 0..112 {
+            assert!((h[k + 16] - h[k]).abs() < 1e-11);
+        }
+        assert_eq!(healthy_oscillations(6.47e4, 128, DT_S), 6.47e4 * 128.0 * DT_S);
+    }
+
+    #[test]
+    fn a_faults_own_poles_are_the_denominators_roots_and_its_pole_at_0_is_not() {
+        let blocked =
+            InkChannel { a_per_s2: 5.6e10, b_per_s2: 4.44e10, g_per_s: 1.6e4, d_per_s: 2e5 };
+        let [p2, p1, p0] = blocked.cubic();
+        let alpha = eigenvalues(&blocked.a(), 2.0e5, 4, DT_S).unwrap();
+        // The cubic's roots by another route: its own companion matrix, in 1/us.
+        let cubic = nalgebra::dmatrix![
+            -p2 * 1e-6, -p1 * 1e-12, -p0 * 1e-18; 1.0, 0.0, 0.0; 0.0, 1.0, 0.0];
+        for s in cubic.complex_eigenvalues().iter() {
+            assert!(value_at(&alpha, (s * 1e6 * DT_S).exp()) < 1e-13);
+        }
+        assert!(value_at(&alpha, Complex::new((-2.0e5 * DT_S).exp(), 0.0)) < 1e-13);
+        assert!(value_at(&alpha, Complex::new(1.0, 0.0)) > 1e-4);
+    }
+
+    #[test]
+    fn eigenvalues_meet_any_degree_without_tearing_a_pair() {
+        let a = InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8e4 };
+        for degree in 0..8 {
+            let alpha = eigenvalues(&a.a(), 2.0e5, degree, DT_S).unwrap();
+            assert_eq!(alpha.len(), degree + 1);
+            assert!(alpha.iter().all(|v| v.is_finite()));
+        }
+        let one = eigenvalues(&a.a(), 2.0e5, 1, DT_S).unwrap();
+        assert!((one[1] + (-3.77e4 * DT_S).exp()).abs() < 1e-3, "the real pole alone: {one:?}");
+    }
+
+    #[test]
+    fn senseless_poles_are_errors() {
+        assert!(resonance(0.0, &[], DT_S).is_err());
+        assert!(resonance(4.1e6, &[], DT_S).is_err(), "beyond half the sample rate");
+        assert!(resonance(4e5, &[-1.0], DT_S).is_err());
+        assert!(resonance(4e5, &[f64::NAN], DT_S).is_err());
+        assert!(resonance(4e5, &[], 0.0).is_err());
+        let growing = nalgebra::dmatrix![1.0e4, 1.0e5; -1.0e5, 1.0e4];
+        assert!(matches!(
+            eigenvalues(&growing, 1e5, 2, DT_S),
+            Err(DetectError::UnstablePole { .. })
+        ));
+        assert!(eigenvalues(&DMatrix::from_element(2, 2, f64::NAN), 1e5, 2, DT_S).is_err());
+    }
+}

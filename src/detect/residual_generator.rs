@@ -1,0 +1,280 @@
+//! The fault detection filter, ready to run: residual r and its energy from a signal's deviation.
+//!
+//! In: N(z)L(z), alpha(z), the deviation y - C e^{At} x_a_hat of a signal from what the healthy model
+//! expects, counts. Out: r, counts, or its energy, counts²·s. thesis r(y), e(r) (before (3-4)).
+//!
+//! Departs: the thesis runs two filters, on y and on x_a_hat. Both are the same linear filter on the
+//! deviation, r = (N L / alpha) (y - y_hat), from zero state: one suffices.
+
+use super::DetectError;
+use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+
+/// r = (numerator / denominator) (y - y_hat). Both polynomials in descending powers of z, of equal
+/// length (a biproper filter: fine in discrete time), the denominator monic: what `new` and
+/// deserialising have checked.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Unchecked")]
+pub struct ResidualGenerator {
+    pub numerator: Vec<f64>,
+    pub denominator: Vec<f64>,
+    pub dt_s: f64,
+}
+
+#[derive(Deserialize)]
+struct Unchecked {
+    numerator: Vec<f64>,
+    denominator: Vec<f64>,
+    dt_s: f64,
+}
+
+impl TryFrom<Unchecked> for ResidualGenerator {
+    type Error = DetectError;
+
+    fn try_from(u: Unchecked) -> Result<Self, DetectError> {
+        ResidualGenerator::new(u.numerator, u.denominator, u.dt_s)
+    }
+}
+
+/// State of a direct form II transposed filter, for degrees up to this without allocation.
+const INLINE: usize = 16;
+
+impl ResidualGenerator {
+    pub fn new(
+        numerator: Vec<f64>,
+        denominator: Vec<f64>,
+        dt_s: f64,
+    ) -> Result<ResidualGenerator, DetectError> {
+        super::poles::check_period(dt_s)?;
+        let lengths = (numerator.len(), denominator.len());
+        if lengths.0 != lengths.1 || lengths.0 == 0 {
+            let (numerator, denominator) = lengths;
+            return Err(DetectError::UnequalDegrees { numerator, denominator });
+        }
+        for (what, p) in [("numerator", &numerator), ("denominator", &denominator)] {
+            if let Some(index) = p.iter().position(|v| !v.is_finite()) {
+                return Err(DetectError::NotFinite { what, index });
+            }
+        }
+        if denominator[0] != 1.0 {
+            return Err(DetectError::NotMonic { value: denominator[0] });
+        }
+        Ok(ResidualGenerator { numerator, denominator, dt_s })
+    }
+
+    pub fn degree(&self) -> usize {
+        self.denominator.len().saturating_sub(1)
+    }
+
+    /// Residual of a deviation, thesis r(y), from zero state. `deviation`, `residual`: N, counts.
+    /// The shorter of the two counts.
+    pub fn filter(&self, deviation: &[f64], residual: &mut [f64]) {
+        let mut out = residual.iter_mut();
+        self.run(deviation, |r| match out.next() {
+            Some(place) => {
+                *place = r;
+                true
+            }
+            None => false,
+        });
+    }
+
+    /// Residual energy, thesis e(r) before (3-4): e = dt sum r², counts²·s; the text has the
+    /// integral. `deviation`: N, counts. The residual is not stored.
+    pub fn energy(&self, deviation: &[f64]) -> f64 {
+        let mut sum = 0.0;
+        self.run(deviation, |r| {
+            sum += r * r;
+            true
+        });
+        self.dt_s * sum
+    }
+
+    /// First `n` samples of the filter's answer to (1, 0, 0, ...).
+    pub fn impulse_response(&self, n: usize) -> Vec<f64> {
+        let mut impulse = vec![0.0; n];
+        if let Some(first) = impulse.first_mut() {
+            *first = 1.0;
+        }
+        let mut h = vec![0.0; n];
+        self.filter(&impulse, &mut h);
+        h
+    }
+
+    /// F of r = F d, n x n, lower triangular Toeplitz.
+    pub fn matrix(&self, n: usize) -> DMatrix<f64> {
+        let h = self.impulse_response(n);
+        DMatrix::from_fn(n, n, |i, j| if i >= j { h[i - j] } else { 0.0 })
+    }
+
+    /// F^T x, so that R^T r = (F^T R)^T d: a projection of the residual without the residual.
+    /// F is Toeplitz: its transpose is F between two reversals.
+    pub fn adjoint(&self, column: &[f64]) -> Vec<f64> {
+        let reversed: Vec<f64> = column.iter().rev().copied().collect();
+        let mut out = vec![0.0; column.len()];
+        self.filter(&reversed, &mut out);
+        out.reverse();
+        out
+    }
+
+    /// Direct form II transposed; `emit` gets every sample and says whether to go on.
+    fn run(&self, deviation: &[f64], mut emit: impl FnMut(f64) -> bool) {
+        let (Some((b0, b)), Some((_, a))) =
+            (self.numerator.split_first(), self.denominator.split_first())
+        else {
+            return;
+        };
+        let order = a.len().min(b.len());
+        let mut inline = [0.0; INLINE];
+        let mut heap;
+        let state = if order <= INLINE {
+            &mut inline[..order]
+        } else {
+            heap = vec![0.0; order];
+            &mut heap[..]
+        };
+        for &d in deviation {
+            let r = b0 * d + state.first().copied().unwrap_or(0.0);
+            for k in 0..order {
+                let next = if k + 1 < order { state[k + 1] } else { 0.0 };
+                state[k] = next + b[k] * d - a[k] * r;
+            }
+            if !emit(r) {
+                return;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::detect::{null_space, poles};
+    use crate::model::{InkChannel, Plant, ring_down};
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    const DT_S: f64 = 0.78125e-6;
+    const INK: InkChannel =
+        InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8e4 };
+
+    fn method_one(oscillations: f64) -> ResidualGenerator {
+        let n = null_space::numerator(&INK.a(), &INK.c(), DT_S, 4).unwrap();
+        let omega = poles::resonance_of_oscillations(oscillations, 128, DT_S);
+        let alpha = poles::resonance(omega, &[2.0e5, 2.0e5], DT_S).unwrap();
+        ResidualGenerator::new(n, alpha, DT_S).unwrap()
+    }
+
+    fn random_signal(seed: u64) -> Vec<f64> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        (0..128).map(|_| rng.random_range(-1000.0..1000.0)).collect()
+    }
+
+    /// sum over x of |p - q|² relative to |q|².
+    fn relative(p: &[f64], q: &[f64]) -> f64 {
+        let difference: f64 = p.iter().zip(q).map(|(x, y)| (x - y) * (x - y)).sum();
+        difference / q.iter().map(|y| y * y).sum::<f64>()
+    }
+
+    #[test]
+    fn recursion_toeplitz_product_and_polynomial_division_agree() {
+        let g = method_one(6.47);
+        let d = random_signal(1);
+        let mut r = vec![0.0; 128];
+        g.filter(&d, &mut r);
+        let product = g.matrix(128) * nalgebra::DVector::from_column_slice(&d);
+        assert!(relative(&r, product.as_slice()) < 1e-24);
+        // Independent: impulse response by long division N / alpha, and a plain convolution.
+        let mut rest = g.numerator.clone();
+        rest.resize(128 + g.denominator.len(), 0.0);
+        let mut h = vec![0.0; 128];
+        for k in 0..128 {
+            h[k] = rest[k];
+            for (j, a) in g.denominator.iter().enumerate() {
+                rest[k + j] -= h[k] * a;
+            }
+        }
+        let convolved: Vec<f64> =
+            (0..128).map(|k| (0..=k).map(|j| h[j] * d[k - j]).sum()).collect();
+        assert!(relative(&r, &convolved) < 1e-22);
+    }
+
+    #[test]
+    fn energy_is_dt_times_the_sum_of_squares_of_what_filter_gives() {
+        let g = method_one(6.47);
+        let d = random_signal(2);
+        let mut r = vec![0.0; 128];
+        g.filter(&d, &mut r);
+        let e = DT_S * r.iter().map(|x| x * x).sum::<f64>();
+        assert!((g.energy(&d) - e).abs() <= 1e-15 * e);
+    }
+
+    #[test]
+    fn adjoint_is_the_transpose() {
+        let g = method_one(6.47);
+        let (d, x) = (random_signal(3), random_signal(4));
+        let mut r = vec![0.0; 128];
+        g.filter(&d, &mut r);
+        let dot = |p: &[f64], q: &[f64]| p.iter().zip(q).map(|(x, y)| x * y).sum::<f64>();
+        let (left, right) = (dot(&x, &r), dot(&g.adjoint(&x), &d));
+        assert!((left - right).abs() <= 1e-11 * (dot(&x, &x) * dot(&r, &r)).sqrt());
+    }
+
+    /// thesis (3-3a), on y itself: without y_hat the numerator alone has to remove the ring-down.
+    /// From rest the first `degree` samples start the filter, so it is started from them instead:
+    /// the numerator's output from its order on, into 1 / alpha.
+    #[test]
+    fn a_healthy_ring_down_leaves_no_residual_energy_from_the_order_on() {
+        for oscillations in [3.0, 6.47] {
+            let g = method_one(oscillations);
+            let x_a = nalgebra::dvector![2e-4, -1e-4, 900.0, 400.0];
+            let y = ring_down::ring_down(&INK, &x_a, DT_S, 128);
+            let n = g.degree();
+            let annihilated: Vec<f64> = (n..y.len())
+                .map(|k| (0..=n).map(|j| g.numerator[j] * y[k - j]).sum())
+                .collect();
+            let mut one = vec![0.0; n + 1];
+            one[0] = 1.0;
+            let rings = ResidualGenerator::new(one, g.denominator.clone(), DT_S).unwrap();
+            let share = rings.energy(&annihilated) / (DT_S * y.iter().map(|v| v * v).sum::<f64>());
+            println!("n_o {oscillations}: relative residual energy {share:.1e}");
+            assert!(share <= 1e-20, "{share}");
+        }
+    }
+
+    #[test]
+    fn degree_above_the_inline_state_filters_alike() {
+        let mut denominator = vec![0.0; 21];
+        denominator[0] = 1.0;
+        denominator[20] = -0.5;
+        let mut numerator = vec![0.0; 21];
+        numerator[0] = 1.0;
+        let h = ResidualGenerator::new(numerator, denominator, 1.0).unwrap().impulse_response(50);
+        assert_eq!((h[0], h[19], h[20], h[40]), (1.0, 0.0, 0.5, 0.25));
+    }
+
+    #[test]
+    fn survives_json_unchanged_and_refuses_a_broken_one() {
+        let g = method_one(6.47);
+        let json = serde_json::to_string(&g).unwrap();
+        assert_eq!(serde_json::from_str::<ResidualGenerator>(&json).unwrap(), g);
+        for broken in [
+            r#"{"numerator":[1,2],"denominator":[1],"dt_s":1e-6}"#,
+            r#"{"numerator":[1],"denominator":[2],"dt_s":1e-6}"#,
+            r#"{"numerator":[],"denominator":[],"dt_s":1e-6}"#,
+            r#"{"numerator":[1],"denominator":[1],"dt_s":0}"#,
+        ] {
+            assert!(serde_json::from_str::<ResidualGenerator>(broken).is_err(), "{broken}");
+        }
+    }
+
+    #[test]
+    fn no_samples_and_short_buffers_are_no_trouble() {
+        let g = method_one(6.47);
+        assert_eq!(g.energy(&[]), 0.0);
+        assert_eq!(g.impulse_response(0).len(), 0);
+        let mut short = [0.0; 3];
+        g.filter(&random_signal(5), &mut short);
+        assert!(short.iter().all(|r| r.is_finite()));
+    }
+}

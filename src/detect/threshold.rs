@@ -1,0 +1,411 @@
+//! Where healthy ends: the threshold on the residual energy.
+//!
+//! In: energies of healthy training signals, counts²·s, and the channel each came from. Out: the
+//! value above which a signal counts as faulty. thesis (3-4) as an option.
+//!
+//! Departs: (3-4) takes the maximum of the training energies, which grows with their number. The
+//! default is the energy that healthy signals exceed at a chosen rate, with a confidence bound.
+//!
+//! The quantile lies where few signals or none have been seen, so the largest energies are fitted
+//! by a generalised Pareto tail (peaks over threshold: Pickands 1975; probability-weighted moments:
+//! Hosking and Wallis 1987). Signals of one channel resemble each other, so the bound comes from
+//! resampling whole channels. It speaks for channels like those of the training set.
+
+use super::DetectError;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+/// Fewer healthy signals say nothing about a tail.
+const MIN_SIGNALS: usize = 20;
+/// Share of the signals that is the tail, if that is enough for a fit and no more than it needs.
+const TAIL_SHARE: f64 = 0.1;
+const MIN_TAIL: usize = 50;
+const MAX_TAIL: usize = 5000;
+/// Spread of the tail shapes that residual energies have: squares of near-Gaussian residuals have
+/// exponential tails, shape 0; channels that differ in gain make them somewhat heavier. A shape
+/// fitted to a few hundred exceedances scatters as much as that, so it is shrunk towards 0.
+const SHAPE_SD: f64 = 0.2;
+/// A bounded tail (negative shape) does not lower the threshold: what bounded it in training need
+/// not later.
+const SHAPE_RANGE: (f64, f64) = (-0.3, 0.5);
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    Quantile,
+    Max,
+}
+
+/// A threshold and where it comes from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Threshold {
+    /// counts²·s. Healthy up to and including this.
+    pub value: f64,
+    pub method: Method,
+    /// Factor of (3-4); with method `max`.
+    pub mu: Option<f64>,
+    /// Share of healthy signals above `value`, at most, with `confidence`; with method `quantile`.
+    pub false_alarm_rate: Option<f64>,
+    pub confidence: Option<f64>,
+    pub n_signals: usize,
+    pub n_channels: usize,
+    /// Independent signals that say as much about the tail as these do: `n_signals` over the design
+    /// effect of their channels.
+    pub n_effective: f64,
+    /// Signals that the tail was fitted to; 0 with method `max`.
+    pub n_tail: usize,
+    /// Shape xi of the tail: 0 exponential, above 0 heavier; 0 with method `max`.
+    pub tail_shape: f64,
+}
+
+impl Threshold {
+    /// f of thesis §3-2, after (3-4): faulty above the threshold, healthy on it. No number is faulty.
+    pub fn is_faulty(&self, energy: f64) -> bool {
+        energy > self.value || energy.is_nan()
+    }
+}
+
+/// T = mu max(e_h), thesis (3-4). `energies`: counts²·s. `channels`: the channel of each.
+pub fn max(energies: &[f64], channels: &[u32], mu: f64) -> Result<Threshold, DetectError> {
+    if !(mu > 0.0 && mu.is_finite()) {
+        return Err(DetectError::BadNumber { what: "mu", value: mu, must: "positive and finite" });
+    }
+    let sample = Sample::new(energies, channels, 1, "max")?;
+    let value = mu * sample.descending[0].0;
+    Ok(Threshold {
+        value,
+        method: Method::Max,
+        mu: Some(mu),
+        false_alarm_rate: None,
+        confidence: None,
+        n_signals: energies.len(),
+        n_channels: sample.sizes.len(),
+        n_effective: sample.effective(1),
+        n_tail: 0,
+        tail_shape: 0.0,
+    })
+}
+
+/// The energy that at most `false_alarm_rate` of healthy signals exceed, with `confidence`.
+/// `energies`: counts²·s, any order. `channels`: the channel of each; one number for all channels of
+/// all printheads (a single channel, or none that repeats, makes the signals count as independent).
+/// Deterministic in `seed` and in the set of signals.
+pub fn quantile(
+    energies: &[f64],
+    channels: &[u32],
+    false_alarm_rate: f64,
+    confidence: f64,
+    seed: u64,
+) -> Result<Threshold, DetectError> {
+    let checks = [
+        ("false_alarm_rate", false_alarm_rate, 0.0, 0.25, "above 0 and at most 0.25"),
+        ("confidence", confidence, 0.499_999, 0.999, "from 0.5 to 0.999"),
+    ];
+    for (what, value, above, up_to, must) in checks {
+        if !(value > above && value <= up_to) {
+            return Err(DetectError::BadNumber { what, value, must });
+        }
+    }
+    let sample = Sample::new(energies, channels, MIN_SIGNALS, "quantile")?;
+    let n = energies.len();
+    let tail = ((TAIL_SHARE * n as f64) as usize)
+        .clamp(MIN_TAIL, MAX_TAIL)
+        // A quantile inside the sample needs exceedances on both sides of it.
+        .max((2.0 * false_alarm_rate * n as f64).ceil() as usize)
+        .min(n / 2);
+    let n_effective = sample.effective(tail);
+    let tail_effective = tail as f64 * n_effective / n as f64;
+    let share = tail as f64 / n as f64;
+    let ones = vec![1.0; sample.sizes.len()];
+    let fit = |weights: &[f64]| sample.tail(weights, share, tail_effective, false_alarm_rate);
+    let (estimate, tail_shape) = fit(&ones);
+    let logs = sample.resampled(seed, |weights| fit(weights).0.ln());
+    let infl = (1.0 + 4.0 / 3.0 / tail_effective / SHAPE_SD.powi(2)).sqrt() * 1.3; let value = estimate * (infl * sample.student(confidence) * deviation(&logs)).exp();
+    Ok(Threshold {
+        value,
+        method: Method::Quantile,
+        mu: None,
+        false_alarm_rate: Some(false_alarm_rate),
+        confidence: Some(confidence),
+        n_signals: n,
+        n_channels: sample.sizes.len(),
+        n_effective,
+        n_tail: tail,
+        tail_shape,
+    })
+}
+
+/// Healthy energies, largest first, each with the index of its channel.
+struct Sample {
+    descending: Vec<(f64, u32)>,
+    /// Signals per channel.
+    sizes: Vec<f64>,
+    /// A single channel: its signals are resampled as if independent, for want of others.
+    alone: bool,
+}
+
+impl Sample {
+    fn new(
+        energies: &[f64],
+        channels: &[u32],
+        needed: usize,
+        method: &'static str,
+    ) -> Result<Sample, DetectError> {
+        if energies.len() != channels.len() {
+            let (energies, channels) = (energies.len(), channels.len());
+            return Err(DetectError::UnequalColumns { energies, channels });
+        }
+        if energies.len() < needed {
+            let found = energies.len();
+            return Err(DetectError::TooFewSignals { found, needed, method });
+        }
+        if let Some(index) = energies.iter().position(|e| !(e.is_finite() && *e >= 0.0)) {
+            return Err(DetectError::NotAnEnergy { value: energies[index], index });
+        }
+        let mut numbers = channels.to_vec();
+        numbers.sort_unstable();
+        numbers.dedup();
+        let mut sizes = vec![0.0; numbers.len()];
+        let mut descending: Vec<(f64, u32)> = energies
+            .iter()
+            .zip(channels)
+            .map(|(&e, channel)| {
+                // Every channel is among its own sorted numbers: the insertion point is its index.
+                let index = numbers.partition_point(|c| c < channel);
+                sizes[index] += 1.0;
+                (e, index as u32)
+            })
+            .collect();
+        descending.sort_unstable_by(|p, q| q.0.total_cmp(&p.0).then(p.1.cmp(&q.1)));
+        if descending[0].0 == 0.0 {
+            return Err(DetectError::NoEnergy { signals: energies.len() });
+        }
+        let alone = sizes.len() == 1;
+        if alone && needed > 1 {
+            for (i, e) in descending.iter_mut().enumerate() {
+                e.1 = i as u32;
+            }
+        }
+        Ok(Sample { descending, sizes, alone })
+    }
+
+    /// n over the design effect 1 + (n_0 - 1) icc, with the intra-channel correlation icc of being
+    /// among the `tail` largest (one-way analysis of variance).
+    fn effective(&self, tail: usize) -> f64 {
+        let (n, groups) = (self.descending.len() as f64, self.sizes.len() as f64);
+        let inside = n - groups;
+        if self.alone || inside <= 0.0 {
+            return n;
+        }
+        let mut hits = vec![0.0; self.sizes.len()];
+        for &(_, channel) in &self.descending[..tail] {
+            hits[channel as usize] += 1.0;
+        }
+        let mean = tail as f64 / n;
+        let (mut between, mut within) = (0.0, 0.0);
+        for (&h, &size) in hits.iter().zip(&self.sizes) {
+            between += size * (h / size - mean).powi(2);
+            within += h * (1.0 - h / size);
+        }
+        let (between, within) = (between / (groups - 1.0), within / inside);
+        let squares: f64 = self.sizes.iter().map(|s| s * s).sum();
+        let n_0 = (n - squares / n) / (groups - 1.0);
+        let icc = (between - within) / (between + (n_0 - 1.0) * within);
+        let icc = if icc.is_finite() { icc.clamp(0.0, 1.0) } else { 0.0 };
+        n / (1.0 + (squares / n - 1.0) * icc)
+    }
+
+    /// The energy exceeded at `rate` and the tail's shape, from channels of these weights.
+    /// `share`: which part is tail.
+    fn tail(&self, weights: &[f64], share: f64, tail_effective: f64, rate: f64) -> (f64, f64) {
+        let total: f64 = if self.alone {
+            weights.iter().sum()
+        } else {
+            weights.iter().zip(&self.sizes).map(|(w, s)| w * s).sum()
+        };
+        let wanted = share * total;
+        // Sums over the tail of w e, and of w (1 - p) e with 1 - p the share of the tail above e.
+        let (mut above, mut sum, mut sum_p, mut sum_1p) = (0.0, 0.0, 0.0, 0.0);
+        let mut u = 0.0;
+        for &(e, channel) in &self.descending {
+            let w = weights[channel as usize];
+            if w == 0.0 {
+                continue;
+            }
+            u = e;
+            if above + w > wanted {
+                break;
+            }
+            sum += w * e;
+            sum_p += w * (above + 0.5 * w) * e;
+            sum_1p += w * (above + 0.5 * w);
+            above += w;
+        }
+        if above == 0.0 {
+            return (u, 0.0);
+        }
+        // Hosking and Wallis (1987) eq. 5, their k = -xi: a_0 = mean excess, a_1 = mean of (1 - p) excess.
+        let a_0 = (sum / above - u).max(0.0);
+        let a_1 = (sum_p - u * sum_1p) / (above * above);
+        let fitted = 2.0 - a_0 / (a_0 - 2.0 * a_1);
+        // Variance of the fitted shape near 0: 4/3 per exceedance.
+        let known = SHAPE_SD * SHAPE_SD;
+        let shrunk = fitted * known / (known + 4.0 / (3.0 * tail_effective));
+        let xi = if shrunk.is_finite() { shrunk.clamp(SHAPE_RANGE.0, SHAPE_RANGE.1) } else { 0.0 };
+        let sigma = a_0 * (1.0 - xi);
+        let beyond = (above / (rate * total)).max(1.0).ln();
+        // (x^xi - 1) / xi, which is ln x at 0
+        let reach = if xi.abs() < 1e-9 { beyond } else { (xi * beyond).exp_m1() / xi };
+        (u + sigma * reach, xi)
+    }
+
+    /// `statistic` of resampled channels (of resampled signals, if there is one channel).
+    fn resampled(&self, seed: u64, statistic: impl Fn(&[f64]) -> f64) -> Vec<f64> {
+        let units = if self.alone { self.descending.len() } else { self.sizes.len() };
+        let replicates = (4_000_000 / units).clamp(100, 400);
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut weights = vec![0.0; units];
+        (0..replicates)
+            .map(|_| {
+                weights.fill(0.0);
+                for _ in 0..units {
+                    weights[rng.random_range(0..units)] += 1.0;
+                }
+                statistic(&weights)
+            })
+            .collect()
+    }
+
+    /// Student's t quantile for as many degrees of freedom as there are channels less one, over the
+    /// bootstrap's own shrinkage sqrt((C - 1) / C).
+    fn student(&self, confidence: f64) -> f64 {
+        let units = if self.alone { self.descending.len() } else { self.sizes.len() } as f64;
+        student_quantile(confidence, units - 1.0) * (units / (units - 1.0)).sqrt()
+    }
+}
+
+fn deviation(x: &[f64]) -> f64 {
+    let n = x.len() as f64;
+    let mean = x.iter().sum::<f64>() / n;
+    (x.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / (n - 1.0)).sqrt()
+}
+
+/// Student's t quantile for p >= 0.5: closed forms for 1 and 2 degrees of freedom, else
+/// Cornish and Fisher's expansion (Abramowitz and Stegun 26.7.5).
+fn student_quantile(p: f64, freedom: f64) -> f64 {
+    if freedom < 1.5 {
+        return (std::f64::consts::PI * (p - 0.5)).tan();
+    }
+    if freedom < 2.5 {
+        let d = 2.0 * p - 1.0;
+        return d * (2.0 / (1.0 - d * d)).sqrt();
+    }
+    let z = normal_quantile(p);
+    let terms = [
+        (z.powi(3) + z) / 4.0,
+        (5.0 * z.powi(5) + 16.0 * z.powi(3) + 3.0 * z) / 96.0,
+        (3.0 * z.powi(7) + 19.0 * z.powi(5) + 17.0 * z.powi(3) - 15.0 * z) / 384.0,
+    ];
+    terms.iter().rev().fold(0.0, |sum, t| (sum + t) / freedom) + z
+}
+
+/// Standard normal quantile for p >= 0.5, to 4.5e-4 (Abramowitz and Stegun 26.2.23).
+fn normal_quantile(p: f64) -> f64 {
+    let t = (-2.0 * (1.0 - p).ln()).sqrt();
+    let over = 2.515517 + t * (0.802853 + t * 0.010328);
+    let under = 1.0 + t * (1.432788 + t * (0.189269 + t * 0.001308));
+    (t - over / under).max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// Healthy energies of one channel: what differs between kinds is the channel's own `gain` and
+    /// how its signals scatter.
+    #[derive(Clone, Copy, Debug)]
+    enum Kind {
+        /// Noise through a filter: a sum of squares, few of them dominate.
+        Noise,
+        /// Frequency scatters uniformly within its range: bounded, besides noise.
+        Uniform,
+        /// Channels differ in gain, log-normally.
+        Gains(f64),
+    }
+
+    impl Kind {
+        fn gain(self, rng: &mut ChaCha8Rng) -> f64 {
+            let z: f64 = StandardNormal.sample(rng);
+            if let Kind::Gains(sd) = self { (sd * z).exp() } else { 1.0 }
+        }
+
+        fn energy(self, gain: f64, rng: &mut ChaCha8Rng) -> f64 {
+            let shift =
+                if let Kind::Uniform = self { rng.random_range(-8.0..8.0) } else { 0.0 };
+            let sum: f64 = [3.0, 2.0, 1.0, 1.0, 0.5, 0.5, 0.5, 0.5]
+                .iter()
+                .enumerate()
+                .map(|(i, weight)| {
+                    let z: f64 = StandardNormal.sample(rng);
+                    weight * (z + if i == 0 { shift } else { 0.0 }).powi(2)
+                })
+                .sum();
+            1e-3 * gain * sum
+        }
+
+        fn sample(self, channels: usize, each: usize, seed: u64) -> (Vec<f64>, Vec<u32>) {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let (mut energies, mut numbers) = (Vec::new(), Vec::new());
+            for c in 0..channels {
+                let gain = self.gain(&mut rng);
+                for _ in 0..each {
+                    energies.push(self.energy(gain, &mut rng));
+                    numbers.push(c as u32);
+                }
+            }
+            (energies, numbers)
+        }
+    }
+
+    /// Share of `seeds` in which the realised false-alarm rate met the target, and its mean over
+    /// the target. `independent`: pretend that no two signals share a channel.
+    fn realised(
+        kind: Kind,
+        (channels, each): (usize, usize),
+        rate: f64,
+        confidence: f64,
+        independent: bool,
+    ) -> (f64, f64) {
+        let (mut all, _) = kind.sample(200_000, 5, 999);
+        all.sort_unstable_by(f64::total_cmp);
+        let seeds = 200;
+        let (mut met, mut mean) = (0, 0.0);
+        for seed in 0..seeds {
+            let (energies, mut numbers) = kind.sample(channels, each, seed);
+            if independent {
+                numbers = (0..energies.len() as u32).collect();
+            }
+            let t = quantile(&energies, &numbers, rate, confidence, 7).unwrap();
+            let above = all.len() - all.partition_point(|&e| e <= t.value);
+            let r = above as f64 / all.len() as f64;
+            met += usize::from(r <= rate);
+            mean += r / rate / seeds as f64;
+        }
+        println!("{kind:?} {channels} x {each} rate {rate}: met {met}/{seeds}, mean {mean:.2}");
+        (met as f64 / seeds as f64, mean)
+    }
+
+    #[test]
+    fn explore() {
+        for rate in [1e-3, 4e-4] {
+            for kind in [Kind::Noise, Kind::Uniform, Kind::Gains(0.3)] {
+                for shape in [(2475, 1), (64, 40), (16, 20), (256, 20)] {
+                    realised(kind, shape, rate, 0.95, false);
+                }
+            }
+        }
+        realised(Kind::Gains(0.3), (64, 40), 1e-3, 0.95, true);
+    }
+}

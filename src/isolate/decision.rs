@@ -1,0 +1,167 @@
+//! What may be said on the strength of weights per class: a class, a category, or neither.
+//!
+//! In: one weight per class (phi, or a posterior), the certainty bound. Out: candidate, fault,
+//! category and certainty as the contract's columns define them. thesis §3-3-2, Tables 4-3ff.
+//! phi is a mixture weight, calibrated to nothing: a sum of it over a category is one too.
+
+use super::{IsolateError, MAX_CLASSES};
+use crate::fault;
+
+/// What is said of one signal. Indices into the rule's classes and categories.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Decision {
+    /// The class with the largest weight; `None` if there were no weights to compare.
+    pub candidate: Option<u16>,
+    /// The named class.
+    pub fault: Option<u16>,
+    /// Of the named class, or the category that is certain where no class is.
+    pub category: Option<u16>,
+    /// Weight of the named class, else of the named category, else of the best class.
+    pub certainty: Option<f32>,
+}
+
+impl Decision {
+    /// Neither class nor category is certain: the outcome is undecided, its reason `uncertain`.
+    pub fn is_uncertain(&self) -> bool {
+        self.category.is_none()
+    }
+}
+
+/// The classes, the categories they form, and the bound from which one is named.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DecisionRule {
+    /// In the order in which the classes first mention them.
+    pub categories: Vec<String>,
+    /// Category of each class.
+    pub category_of: Vec<u16>,
+    certainty: f64,
+}
+
+impl DecisionRule {
+    /// `certainty`: the bound, 0 to 1. 0 names the best class always, as the thesis's Table 4-3.
+    pub fn new(classes: &[String], certainty: f64) -> Result<DecisionRule, IsolateError> {
+        if classes.is_empty() || classes.len() > MAX_CLASSES {
+            return Err(IsolateError::ClassCount { found: classes.len() });
+        }
+        if !(0.0..=1.0).contains(&certainty) {
+            return Err(IsolateError::BadBound { value: certainty });
+        }
+        let mut categories: Vec<String> = Vec::new();
+        let category_of = classes
+            .iter()
+            .map(|class| {
+                let category = fault::category(class);
+                let known = categories.iter().position(|c| c == category);
+                known.unwrap_or_else(|| {
+                    categories.push(category.to_string());
+                    categories.len() - 1
+                }) as u16
+            })
+            .collect();
+        Ok(DecisionRule { categories, category_of, certainty })
+    }
+
+    /// `weights`: one per class. The first of equals wins. Weights that are no numbers: nothing said.
+    pub fn decide(&self, weights: &[f64]) -> Decision {
+        let nothing = Decision { candidate: None, fault: None, category: None, certainty: None };
+        if weights.len() != self.category_of.len() || weights.iter().any(|w| !w.is_finite()) {
+            return nothing;
+        }
+        let Some((best, weight)) = largest(weights) else { return nothing };
+        let candidate = Some(best as u16);
+        if weight >= self.certainty {
+            let category = Some(self.category_of[best]);
+            return Decision { candidate, fault: candidate, category, certainty: unit(weight) };
+        }
+        let mut sums = [0.0; MAX_CLASSES];
+        for (&category, weight) in self.category_of.iter().zip(weights) {
+            sums[usize::from(category)] += weight;
+        }
+        match largest(&sums[..self.categories.len()]) {
+            Some((category, sum)) if sum >= self.certainty => Decision {
+                candidate,
+                fault: None,
+                category: Some(category as u16),
+                certainty: unit(sum),
+            },
+            _ => Decision { candidate, fault: None, category: None, certainty: unit(weight) },
+        }
+    }
+}
+
+fn largest(values: &[f64]) -> Option<(usize, f64)> {
+    values.iter().copied().enumerate().reduce(|best, next| if next.1 > best.1 { next } else { best })
+}
+
+/// Sums of weights reach 1 only to rounding.
+fn unit(weight: f64) -> Option<f32> {
+    Some(weight.clamp(0.0, 1.0) as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rule(certainty: f64) -> DecisionRule {
+        let classes: Vec<String> =
+            ["EC", "AB1", "AB2", "BN", "PBN", "own"].iter().map(|s| s.to_string()).collect();
+        DecisionRule::new(&classes, certainty).unwrap()
+    }
+
+    #[test]
+    fn categories_are_the_contracts_and_a_users_class_is_its_own() {
+        let rule = rule(0.8);
+        assert_eq!(rule.categories, ["empty_channel", "air_bubble", "blocked_nozzle", "own"]);
+        assert_eq!(rule.category_of, [0, 1, 1, 2, 2, 3]);
+    }
+
+    #[test]
+    fn a_class_at_the_bound_is_named_with_its_category() {
+        let d = rule(0.8).decide(&[0.0, 0.1, 0.1, 0.8, 0.0, 0.0]);
+        let said = (d.candidate, d.fault, d.category, d.certainty);
+        assert_eq!(said, (Some(3), Some(3), Some(2), Some(0.8)));
+        assert!(!d.is_uncertain());
+    }
+
+    #[test]
+    fn a_category_may_be_certain_where_the_class_is_not() {
+        let d = rule(0.8).decide(&[0.1, 0.0, 0.0, 0.5, 0.4, 0.0]);
+        assert_eq!((d.candidate, d.fault, d.category), (Some(3), None, Some(2)));
+        assert_eq!(d.certainty, Some(0.9));
+        // The certain category need not be the best class's.
+        let d = rule(0.55).decide(&[0.4, 0.0, 0.0, 0.3, 0.3, 0.0]);
+        assert_eq!((d.candidate, d.fault, d.category), (Some(0), None, Some(2)));
+    }
+
+    #[test]
+    fn below_the_bound_only_the_candidate_is_told() {
+        let d = rule(0.8).decide(&[0.5, 0.0, 0.0, 0.2, 0.2, 0.1]);
+        assert_eq!((d.candidate, d.fault, d.category), (Some(0), None, None));
+        assert_eq!(d.certainty, Some(0.5));
+        assert!(d.is_uncertain());
+    }
+
+    #[test]
+    fn bound_0_names_the_best_class_always_and_the_first_of_equals() {
+        let d = rule(0.0).decide(&[0.1, 0.3, 0.3, 0.1, 0.1, 0.1]);
+        assert_eq!((d.fault, d.category), (Some(1), Some(1)));
+    }
+
+    #[test]
+    fn weights_that_are_no_numbers_decide_nothing() {
+        for weights in [&[f64::NAN; 6][..], &[1.0; 3][..], &[][..]] {
+            let d = rule(0.0).decide(weights);
+            assert_eq!((d.candidate, d.certainty), (None, None));
+            assert!(d.is_uncertain());
+        }
+    }
+
+    #[test]
+    fn senseless_rules_are_errors() {
+        assert!(DecisionRule::new(&[], 0.8).is_err());
+        let one = ["EC".to_string()];
+        for bound in [-0.1, 1.1, f64::NAN] {
+            assert!(DecisionRule::new(&one, bound).is_err());
+        }
+    }
+}

@@ -1,0 +1,34 @@
+//! Names faults: which mixture of known faults looks like what passed the gate.
+//!
+//! In: residuals of flagged signals, mean deviations per fault class. Out: a weight per class, and
+//! what may be said on their strength. thesis §3-3. Never decides whether a signal is faulty.
+
+pub mod decision;
+pub mod residual_matching;
+pub mod signatures;
+
+pub use decision::{Decision, DecisionRule};
+pub use residual_matching::Simplex;
+pub use signatures::{SignatureLibrary, SignatureMatrix};
+
+/// Most fault classes that a design can hold: scratch space of the stream has this size.
+pub const MAX_CLASSES: usize = 32;
+
+/// Why no isolation filter can be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum IsolateError {
+    #[error("{found} fault classes: isolation needs 1 to {max}", max = MAX_CLASSES)]
+    ClassCount { found: usize },
+    #[error("{what} has length {found} where {expected} is due")]
+    WrongLength { what: &'static str, found: usize, expected: usize },
+    #[error("{what} holds a number that is not finite, at index {index}")]
+    NotFinite { what: &'static str, index: usize },
+    #[error("drive scale {value}: it must be positive and finite")]
+    BadDriveScale { value: f64 },
+    #[error("no signal of fault class {class}: label some, or leave the class out")]
+    EmptyClass { class: String },
+    #[error("fault class {class} is listed twice")]
+    RepeatedClass { class: String },
+    #[error("certainty bound {value}: it must be from 0 to 1")]
+    BadBound { value: f64 },
+}

@@ -1,0 +1,507 @@
+//! Residual matching: the mixture of known signatures that is nearest to a residual.
+//!
+//! In: signatures R (N x n_f) once, then c = R^T r per signal. Out: phi, min |R phi - r| subject to
+//! sum phi = 1, phi >= 0. thesis §3-3-2.
+//!
+//! An exact primal active-set method (Lawson and Hanson 1974 with an equality; on the Gram matrix it
+//! is Wolfe's nearest point, 1976): a support of affinely independent signatures, minimised over
+//! exactly, grows by the signature that the gradient favours most. No allocation, always ends.
+//! phi is a mixture weight, not a probability.
+
+use super::{IsolateError, MAX_CLASSES, SignatureMatrix};
+
+/// A pivot of the support's Cholesky factor below this, relative to its diagonal, is zero: the
+/// signature is a combination of the others.
+const DEPENDENT: f64 = 1e-11;
+/// A reduced gradient above minus this, relative to the problem's size, is not worth following.
+const STATIONARY: f64 = 1e-14;
+
+type Row = [f64; MAX_CLASSES];
+
+/// The problem's fixed part. Sum phi = 1 lets every signature be moved by the same vector: they are
+/// centred, so that what they have in common costs no digits.
+#[derive(Clone, Debug)]
+pub struct Simplex {
+    n: usize,
+    /// Centred Gram matrix over `scale`, row by row, n x n.
+    gram: Vec<f64>,
+    /// (rho_i - mean) . mean: what centring asks to be taken from c, counts².
+    shift: Vec<f64>,
+    /// Largest centred norm², counts²; 1 if all signatures are one.
+    scale: f64,
+}
+
+impl Simplex {
+    pub fn new(signatures: &SignatureMatrix) -> Simplex {
+        let r = &signatures.r;
+        let mean = r.column_mean();
+        let mut centred = r.clone();
+        for mut column in centred.column_iter_mut() {
+            column -= &mean;
+        }
+        let gram = centred.tr_mul(&centred);
+        let largest = gram.diagonal().amax();
+        let scale = if largest > 0.0 { largest } else { 1.0 };
+        let shift = centred.tr_mul(&mean).iter().copied().collect();
+        Simplex { n: r.ncols(), gram: gram.iter().map(|g| g / scale).collect(), shift, scale }
+    }
+
+    /// phi of thesis §3-3-2 for c = R^T r. `c`, `phi`: n_f. A c that is not finite gives NaN. Where
+    /// signatures coincide, the first of them takes the weight.
+    pub fn solve(&self, c: &[f64], phi: &mut [f64]) -> Result<(), IsolateError> {
+        for (what, found) in [("c", c.len()), ("phi", phi.len())] {
+            if found != self.n {
+                return Err(IsolateError::WrongLength { what, found, expected: self.n });
+            }
+        }
+        if c.iter().any(|v| !v.is_finite()) {
+            phi.fill(f64::NAN);
+            return Ok(());
+        }
+        // A constant in c does not matter; without it the gradient keeps its digits.
+        let middle = c.iter().sum::<f64>() / self.n as f64;
+        let mut b: Row = [0.0; MAX_CLASSES];
+        for (i, b) in b[..self.n].iter_mut().enumerate() {
+            *b = (c[i] - middle - self.shift[i]) / self.scale;
+        }
+        Search::new(self, b).run(phi);
+        Ok(())
+    }
+
+    fn gram(&self, i: usize, j: usize) -> f64 {
+        self.gram[i * self.n + j]
+    }
+}
+
+/// The state of one search: phi on its support, and the support's order.
+struct Search<'a> {
+    problem: &'a Simplex,
+    b: Row,
+    phi: Row,
+    /// The support: class numbers, the first is the origin of its affine hull.
+    support: [usize; MAX_CLASSES],
+    size: usize,
+    /// Lower Cholesky factor of the support's differences, packed by rows.
+    factor: [f64; MAX_CLASSES * (MAX_CLASSES + 1) / 2],
+}
+
+impl<'a> Search<'a> {
+    /// Starts at the nearest single signature.
+    fn new(problem: &'a Simplex, b: Row) -> Search<'a> {
+        let distance = |i: usize| 0.5 * problem.gram(i, i) - b[i];
+        let mut first = 0;
+        for i in 1..problem.n {
+            if distance(i) < distance(first) {
+                first = i;
+            }
+        }
+        let mut phi = [0.0; MAX_CLASSES];
+        phi[first] = 1.0;
+        let mut support = [0; MAX_CLASSES];
+        support[0] = first;
+        let factor = [0.0; MAX_CLASSES * (MAX_CLASSES + 1) / 2];
+        Search { problem, b, phi, support, size: 1, factor }
+    }
+
+    fn run(mut self, out: &mut [f64]) {
+        let n = self.problem.n;
+        let size = 1.0 + self.b[..n].iter().fold(0.0, |m: f64, b| m.max(b.abs()));
+        // Classes that entered and left again without a step: rounding, not descent.
+        let mut barred = [false; MAX_CLASSES];
+        // Every step descends, so no support returns, and few are visited; the bound is for rounding.
+        for _ in 0..20 * n {
+            let mut gradient: Row = [0.0; MAX_CLASSES];
+            for (j, g) in gradient[..n].iter_mut().enumerate() {
+                let product: f64 = self.support[..self.size]
+                    .iter()
+                    .map(|&i| self.problem.gram(i, j) * self.phi[i])
+                    .sum();
+                *g = product - self.b[j];
+            }
+            let level: f64 =
+                self.support[..self.size].iter().map(|&i| self.phi[i] * gradient[i]).sum();
+            let mut entering = None;
+            let mut lowest = level - STATIONARY * size;
+            for j in 0..n {
+                let free = !barred[j] && !self.support[..self.size].contains(&j);
+                if free && gradient[j] < lowest {
+                    lowest = gradient[j];
+                    entering = Some(j);
+                }
+            }
+            let Some(j) = entering else { break };
+            self.support[self.size] = j;
+            self.size += 1;
+            if self.settle(&gradient) {
+                barred = [false; MAX_CLASSES];
+            } else {
+                barred[j] = true;
+            }
+        }
+        // Rounding off the simplex, if any, is shared out.
+        let sum: f64 = self.phi[..n].iter().sum();
+        for (out, phi) in out.iter_mut().zip(&self.phi) {
+            *out = phi / sum;
+        }
+    }
+
+    /// Minimises over the affine hull of the support, dropping what would become negative, until
+    /// the minimum is inside. Says whether phi has moved.
+    fn settle(&mut self, gradient: &Row) -> bool {
+        let mut moved = false;
+        // Every round but the last drops a class.
+        while self.size > 1 {
+            let mut step: Row = [0.0; MAX_CLASSES];
+            let flat = self.factorise();
+            match flat {
+                None => self.to_minimum(&mut step),
+                Some(dependent) => self.along_dependence(dependent, gradient, &mut step),
+            }
+            // The longest part of the step that keeps phi >= 0.
+            let mut reach = if flat.is_some() { f64::INFINITY } else { 1.0 };
+            let mut blocking = None;
+            for p in 0..self.size {
+                let phi = self.phi[self.support[p]];
+                if step[p] < 0.0 && phi + reach.min(1e300) * step[p] <= 0.0 {
+                    reach = phi / -step[p];
+                    blocking = Some(p);
+                }
+            }
+            if !reach.is_finite() {
+                // No class falls along the dependence: only rounding can have made it so.
+                blocking = Some(self.size - 1);
+                reach = 0.0;
+            }
+            for p in 0..self.size {
+                let phi = &mut self.phi[self.support[p]];
+                let before = *phi;
+                *phi = (*phi + reach * step[p]).max(0.0);
+                moved |= *phi != before;
+            }
+            let Some(p) = blocking else { return moved };
+            self.phi[self.support[p]] = 0.0;
+            self.support.copy_within(p + 1..self.size, p);
+            self.size -= 1;
+        }
+        // One class is left: it has all the weight.
+        self.phi[self.support[0]] = 1.0;
+        moved
+    }
+
+    /// Cholesky factor of (rho_p - rho_0).(rho_q - rho_0) over the support; the place of the first
+    /// class that depends on those before it, if one does.
+    fn factorise(&mut self) -> Option<usize> {
+        let g = |i, j| self.problem.gram(i, j);
+        let s = &self.support;
+        let o = s[0];
+        for p in 1..self.size {
+            let row = (p - 1) * p / 2;
+            for q in 1..=p {
+                let other = (q - 1) * q / 2;
+                let whole = (g(s[p], s[q]) - g(s[p], o)) - (g(o, s[q]) - g(o, o));
+                let known: f64 =
+                    (0..q - 1).map(|k| self.factor[row + k] * self.factor[other + k]).sum();
+                let rest = whole - known;
+                if q < p {
+                    self.factor[row + q - 1] = rest / self.factor[other + q - 1];
+                } else {
+                    // Relative to what the differences were made of, too: their rounding is no pivot.
+                    let size = whole.max(1e-4 * (g(s[p], s[p]) + g(o, o)));
+                    // Not `<=`: a NaN is no pivot.
+                    if !(rest > DEPENDENT * size) {
+                        return Some(p);
+                    }
+                    self.factor[row + p - 1] = rest.sqrt();
+                }
+            }
+        }
+        None
+    }
+
+    /// Solves L L^T x = x in place for the first `n` differences.
+    fn solve(&self, x: &mut Row, n: usize) {
+        let l = |p: usize, q: usize| self.factor[p * (p + 1) / 2 + q];
+        for p in 0..n {
+            let known: f64 = (0..p).map(|q| l(p, q) * x[q]).sum();
+            x[p] = (x[p] - known) / l(p, p);
+        }
+        for p in (0..n).rev() {
+            let known: f64 = (p + 1..n).map(|q| l(q, p) * x[q]).sum();
+            x[p] = (x[p] - known) / l(p, p);
+        }
+    }
+
+    /// Step to the minimum over the support's affine hull.
+    fn to_minimum(&self, step: &mut Row) {
+        let (s, o) = (&self.support, self.support[0]);
+        let mut x: Row = [0.0; MAX_CLASSES];
+        for p in 1..self.size {
+            let i = s[p];
+            x[p - 1] = (self.b[i] - self.b[o])
+                - (self.problem.gram(i, o) - self.problem.gram(o, o));
+        }
+        self.solve(&mut x, self.size - 1);
+        let mut sum = 0.0;
+        for p in 1..self.size {
+            step[p] = x[p - 1] - self.phi[s[p]];
+            sum += x[p - 1];
+        }
+        step[0] = (1.0 - sum) - self.phi[o];
+    }
+
+    /// A direction along which R phi stands still: the class at `dependent` in, its combination of
+    /// those before it out (or the other way round, if that descends).
+    fn along_dependence(&self, dependent: usize, gradient: &Row, step: &mut Row) {
+        let (s, o) = (&self.support, self.support[0]);
+        let g = |i, j| self.problem.gram(i, j);
+        let mut x: Row = [0.0; MAX_CLASSES];
+        for p in 1..dependent {
+            x[p - 1] = (g(s[p], s[dependent]) - g(s[p], o)) - (g(o, s[dependent]) - g(o, o));
+        }
+        self.solve(&mut x, dependent - 1);
+        let mut sum = 0.0;
+        for p in 1..dependent {
+            step[p] = -x[p - 1];
+            sum += x[p - 1];
+        }
+        step[dependent] = 1.0;
+        step[0] = sum - 1.0;
+        let slope: f64 = (0..=dependent).map(|p| step[p] * gradient[s[p]]).sum();
+        if slope > 0.0 {
+            for d in &mut step[..=dependent] {
+                *d = -*d;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clarabel::algebra::CscMatrix;
+    use clarabel::solver::{
+        DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, ZeroConeT,
+    };
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    const N: usize = 40;
+
+    fn random_column(rng: &mut ChaCha8Rng) -> Vec<f64> {
+        (0..N).map(|_| rng.random_range(-1.0..1.0)).collect()
+    }
+
+    fn matrix(columns: &[Vec<f64>]) -> SignatureMatrix {
+        let slices: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+        SignatureMatrix::new(&slices).unwrap()
+    }
+
+    fn mix(columns: &[Vec<f64>], weights: &[f64]) -> Vec<f64> {
+        (0..N).map(|k| columns.iter().zip(weights).map(|(c, w)| w * c[k]).sum()).collect()
+    }
+
+    fn ours(m: &SignatureMatrix, r: &[f64]) -> Vec<f64> {
+        let (mut c, mut phi) = (vec![0.0; m.classes()], vec![0.0; m.classes()]);
+        m.project(r, &mut c);
+        Simplex::new(m).solve(&c, &mut phi).unwrap();
+        phi
+    }
+
+    fn distance_squared(m: &SignatureMatrix, r: &[f64], phi: &[f64]) -> f64 {
+        let x = nalgebra::DVector::from_column_slice(phi);
+        (&m.r * x - nalgebra::DVector::from_column_slice(r)).norm_squared()
+    }
+
+    /// Worst of feasibility, stationarity and complementarity, over the problem's size; from R and r
+    /// themselves, not from what the solver uses.
+    fn kkt(m: &SignatureMatrix, r: &[f64], phi: &[f64]) -> f64 {
+        let x = nalgebra::DVector::from_column_slice(phi);
+        let misfit = &m.r * &x - nalgebra::DVector::from_column_slice(r);
+        let g = m.r.tr_mul(&misfit);
+        let reach = m.r.column_iter().map(|c| c.norm()).fold(0.0, f64::max);
+        let size = (reach * misfit.norm().max(reach)).max(f64::MIN_POSITIVE);
+        let level = g.dot(&x);
+        let sum = (x.sum() - 1.0).abs();
+        let negative = x.iter().fold(0.0, |w: f64, &p| w.max(-p));
+        let dual = g.iter().fold(0.0, |w: f64, g| w.max((level - g) / size));
+        let slack = g.iter().zip(phi).map(|(g, p)| (p * (g - level)).abs() / size).sum::<f64>();
+        [sum, negative, dual, slack].into_iter().fold(0.0, f64::max)
+    }
+
+    fn clarabel(m: &SignatureMatrix, r: &[f64]) -> Vec<f64> {
+        let n = m.classes();
+        let p = CscMatrix::from(
+            &(0..n)
+                .map(|i| (0..n).map(|j| if j >= i { m.gram[(i, j)] } else { 0.0 }).collect())
+                .collect::<Vec<Vec<f64>>>(),
+        );
+        let mut c = vec![0.0; n];
+        m.project(r, &mut c);
+        let q: Vec<f64> = c.iter().map(|c| -c).collect();
+        let mut rows = vec![vec![1.0; n]];
+        rows.extend((0..n).map(|i| (0..n).map(|j| if i == j { -1.0 } else { 0.0 }).collect()));
+        let a = CscMatrix::from(&rows);
+        let mut b = vec![0.0; n + 1];
+        b[0] = 1.0;
+        let cones = [ZeroConeT(1), NonnegativeConeT(n)];
+        let settings = DefaultSettingsBuilder::default().verbose(false).build().unwrap();
+        let mut solver = DefaultSolver::new(&p, &q, &a, &b, &cones, settings).unwrap();
+        solver.solve();
+        solver.solution.x.clone()
+    }
+
+    fn check(columns: &[Vec<f64>], r: &[f64], what: &str) -> f64 {
+        let m = matrix(columns);
+        let phi = ours(&m, r);
+        let left = kkt(&m, r, &phi);
+        assert!(left <= 1e-9, "{what}: KKT residual {left:e}, phi {phi:?}");
+        let size = m.gram.diagonal().amax() + r.iter().map(|v| v * v).sum::<f64>();
+        let (mine, theirs) =
+            (distance_squared(&m, r, &phi), distance_squared(&m, r, &clarabel(&m, r)));
+        assert!(mine <= theirs + 1e-7 * size, "{what}: {mine} against clarabel's {theirs}");
+        // clarabel leaves the simplex by its tolerance, so it may lie a little below.
+        assert!(mine >= theirs - 1e-6 * size, "{what}: {mine} against clarabel's {theirs}");
+        left
+    }
+
+    #[test]
+    fn agrees_with_clarabel_on_random_problems_of_1_to_20_classes() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let mut worst: f64 = 0.0;
+        for n in 1..=20 {
+            for _ in 0..30 {
+                let columns: Vec<_> = (0..n).map(|_| random_column(&mut rng)).collect();
+                let far = rng.random_range(0.1..10.0);
+                let r: Vec<f64> = random_column(&mut rng).iter().map(|v| v * far).collect();
+                worst = worst.max(check(&columns, &r, "random"));
+            }
+        }
+        println!("worst KKT residual {worst:e}");
+    }
+
+    #[test]
+    fn agrees_with_clarabel_on_badly_conditioned_problems() {
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let mut worst: f64 = 0.0;
+        for decades in 1..=9 {
+            for n in [2, 5, 9, 20] {
+                for _ in 0..10 {
+                    // Columns that differ by ever less from a common one, and from each other.
+                    let common = random_column(&mut rng);
+                    let columns: Vec<Vec<f64>> = (0..n)
+                        .map(|i| {
+                            let own = random_column(&mut rng);
+                            let part = 10f64.powf(-(decades as f64) * i as f64 / n as f64);
+                            common.iter().zip(own).map(|(c, o)| c + part * o).collect()
+                        })
+                        .collect();
+                    let r = mix(&columns, &vec![1.0 / n as f64; n]);
+                    let noise = random_column(&mut rng);
+                    let r: Vec<f64> = r.iter().zip(noise).map(|(r, e)| r + 0.01 * e).collect();
+                    worst = worst.max(check(&columns, &r, &format!("1e-{decades}, {n}")));
+                }
+            }
+        }
+        println!("worst KKT residual {worst:e}");
+    }
+
+    #[test]
+    fn degenerate_problems_are_solved_and_end() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        for n in 1..=20 {
+            for _ in 0..10 {
+                let mut columns: Vec<_> = (0..n).map(|_| random_column(&mut rng)).collect();
+                let r = random_column(&mut rng);
+                // inside the hull, a vertex, far away
+                let w: Vec<f64> = (0..n).map(|_| rng.random_range(0.1..1.0)).collect();
+                let total: f64 = w.iter().sum();
+                let inside: Vec<f64> = w.iter().map(|w| w / total).collect();
+                check(&columns, &mix(&columns, &inside), "inside the hull");
+                check(&columns, &columns[n / 2], "a vertex");
+                let far: Vec<f64> = r.iter().map(|v| v * 1e6).collect();
+                check(&columns, &far, "far away");
+                // collinear and duplicated columns, a zero column
+                let middle: Vec<f64> =
+                    columns[0].iter().zip(&columns[n - 1]).map(|(a, b)| 0.5 * (a + b)).collect();
+                columns.push(middle);
+                columns.push(columns[n / 2].clone());
+                columns.push(vec![0.0; N]);
+                columns.push(columns[0].iter().map(|v| 2.0 * v).collect());
+                check(&columns, &r, "dependent columns");
+                let inside = vec![1.0 / columns.len() as f64; columns.len()];
+                check(&columns, &mix(&columns, &inside), "inside, dependent columns");
+                check(&columns, &columns[n], "a dependent column itself");
+            }
+        }
+    }
+
+    #[test]
+    fn more_classes_than_dimensions_are_solved() {
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        for n in [4, 10, 20, 32] {
+            for _ in 0..50 {
+                let flat = |rng: &mut ChaCha8Rng| {
+                    let mut v = random_column(rng);
+                    v[3..].fill(0.0);
+                    v
+                };
+                let columns: Vec<_> = (0..n).map(|_| flat(&mut rng)).collect();
+                check(&columns, &flat(&mut rng), "three dimensions");
+                let near: Vec<f64> = flat(&mut rng).iter().map(|v| 0.1 * v).collect();
+                check(&columns, &near, "three dimensions, inside");
+            }
+        }
+    }
+
+    #[test]
+    fn a_pure_signature_gives_a_unit_vector_and_an_inner_mixture_its_weights() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let columns: Vec<_> = (0..9).map(|_| random_column(&mut rng)).collect();
+        let m = matrix(&columns);
+        for i in 0..9 {
+            let phi = ours(&m, &columns[i]);
+            for (j, phi) in phi.iter().enumerate() {
+                assert!((phi - f64::from(u8::from(i == j))).abs() < 1e-12);
+            }
+        }
+        let w = [0.3, 0.0, 0.1, 0.2, 0.0, 0.05, 0.05, 0.1, 0.2];
+        for (phi, w) in ours(&m, &mix(&columns, &w)).iter().zip(w) {
+            assert!((phi - w).abs() < 1e-10);
+        }
+    }
+
+    #[test]
+    fn the_scale_of_the_counts_does_not_matter() {
+        let mut rng = ChaCha8Rng::seed_from_u64(6);
+        let columns: Vec<_> = (0..9).map(|_| random_column(&mut rng)).collect();
+        let r = random_column(&mut rng);
+        let plain = ours(&matrix(&columns), &r);
+        for scale in [1e-100, 1e-9, 1e9, 1e100] {
+            let times = |v: &Vec<f64>| v.iter().map(|x| x * scale).collect::<Vec<f64>>();
+            let scaled: Vec<_> = columns.iter().map(times).collect();
+            for (p, q) in ours(&matrix(&scaled), &times(&r)).iter().zip(&plain) {
+                assert!((p - q).abs() < 1e-10);
+            }
+        }
+    }
+
+    #[test]
+    fn one_class_takes_all_and_equal_classes_still_sum_to_1() {
+        assert_eq!(ours(&matrix(&[vec![1.0; N]]), &vec![-7.0; N]), [1.0]);
+        assert_eq!(ours(&matrix(&[vec![0.0; N]]), &vec![1.0; N]), [1.0]);
+        for column in [vec![0.0; N], vec![3.0; N]] {
+            let phi = ours(&matrix(&vec![column; 5]), &vec![1.0; N]);
+            assert!(phi.iter().all(|p| *p >= 0.0) && phi.iter().sum::<f64>() == 1.0);
+        }
+    }
+
+    #[test]
+    fn what_is_no_number_gives_no_number_and_wrong_lengths_are_errors() {
+        let simplex = Simplex::new(&matrix(&[vec![1.0; N], vec![2.0; N]]));
+        let mut phi = [0.0; 2];
+        simplex.solve(&[f64::NAN, 1.0], &mut phi).unwrap();
+        assert!(phi.iter().all(|p| p.is_nan()));
+        assert!(simplex.solve(&[1.0], &mut phi).is_err());
+        assert!(simplex.solve(&[1.0, 2.0], &mut phi[..1]).is_err());
+    }
+}
