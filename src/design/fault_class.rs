@@ -4,9 +4,6 @@ use super::HealthyModel;
 use crate::identify::averaging::SignalSet;
 use serde::{Deserialize, Serialize};
 
-/// More classes than this are a mistake in the labels.
-pub const MOST_CLASSES: usize = 64;
-
 /// Departs: thesis §3-3-2 keeps mean residuals. r = F (y - y_hat) is affine in y, so a mean
 /// deviation is kept and filtered by whichever model judges: it survives re-identification.
 #[derive(Clone, Debug, Serialize, Deserialize)]

@@ -83,7 +83,20 @@ impl HealthyModel {
             .and_then(|response| tangent::pole_changes(&identification, &directions, response))
             .unwrap_or((0.0, 0.0));
 
-        let mut model = HealthyModel {
+        let expectation = Expectation {
+            y: &expected,
+            reference_c: temperature_c,
+            response: temperature_response.as_deref(),
+        };
+        let energies = energies(expectation, &generator, healthy);
+        let median_energy = median(&mut energies.clone());
+        let threshold = match anchor.filter(|_| settings.least_agreeing.is_some()) {
+            // Nobody says that the window is free of slight faults, so its own tail cannot be
+            // trusted; its median can. The anchor's tail is carried over, in units of the median.
+            Some(anchor) => anchor.threshold.scaled(median_energy / anchor.median_energy),
+            None => learn_threshold(&energies, &healthy.channel, settings.detect)?,
+        };
+        Ok(HealthyModel {
             printhead: printhead.map(str::to_owned),
             valid_from_ns: None,
             n_signals: mean.n_signals,
@@ -97,48 +110,16 @@ impl HealthyModel {
             damping_per_k,
             frequency_per_k,
             generator,
-            threshold: Threshold::default(),
-            median_energy: 0.0,
-        };
-        let energies = model.energies(healthy);
-        model.median_energy = median(&mut energies.clone());
-        model.threshold = match anchor.filter(|_| settings.least_agreeing.is_some()) {
-            // Nobody says that the window is free of slight faults, so its own tail cannot be
-            // trusted; its median can. The anchor's tail is carried over, in units of the median.
-            Some(anchor) => anchor.threshold.scaled(model.median_energy / anchor.median_energy),
-            None => learn_threshold(&energies, &healthy.channel, settings.detect)?,
-        };
-        Ok(model)
+            threshold,
+            median_energy,
+        })
     }
 
     /// y_hat at a drive and temperature (NaN: not recorded), counts.
     pub fn expect(&self, drive: f64, temperature_c: f64, out: &mut [f64]) {
-        let warmer = match self.temperature_c {
-            Some(reference) if temperature_c.is_finite() => temperature_c - reference,
-            _ => 0.0,
-        };
-        match &self.temperature_response {
-            Some(response) if warmer != 0.0 => {
-                for ((y, e), slope) in out.iter_mut().zip(&self.expected).zip(response) {
-                    *y = drive * (e + warmer * slope);
-                }
-            }
-            _ => out.iter_mut().zip(&self.expected).for_each(|(y, e)| *y = drive * e),
-        }
-    }
-
-    /// Residual energy of every signal of a set, counts²·s.
-    pub fn energies(&self, set: &SignalSet) -> Vec<f64> {
-        let mut deviation = vec![0.0; set.samples];
-        (0..set.len())
-            .map(|i| {
-                self.expect(set.drive[i], set.temperature_c[i], &mut deviation);
-                for (d, &y) in deviation.iter_mut().zip(set.signal(i)) {
-                    *d = f64::from(y) - *d;
-                }
-                self.generator.energy(&deviation)
-            })
-            .collect()
+        let response = self.temperature_response.as_deref();
+        Expectation { y: &self.expected, reference_c: self.temperature_c, response }
+            .at(drive, temperature_c, out);
     }
 
     /// Relative drift (frequency, damping) of `later` from this model, beyond what the recorded
@@ -178,6 +159,45 @@ impl HealthyModel {
     }
 }
 
+/// What a healthy channel is expected to say.
+#[derive(Clone, Copy)]
+struct Expectation<'a> {
+    y: &'a [f64],
+    reference_c: Option<f64>,
+    response: Option<&'a [f64]>,
+}
+
+impl Expectation<'_> {
+    fn at(self, drive: f64, temperature_c: f64, out: &mut [f64]) {
+        let warmer = match self.reference_c {
+            Some(reference) if temperature_c.is_finite() => temperature_c - reference,
+            _ => 0.0,
+        };
+        match self.response {
+            Some(response) if warmer != 0.0 => {
+                for ((y, e), slope) in out.iter_mut().zip(self.y).zip(response) {
+                    *y = drive * (e + warmer * slope);
+                }
+            }
+            _ => out.iter_mut().zip(self.y).for_each(|(y, e)| *y = drive * e),
+        }
+    }
+}
+
+/// Residual energy of every signal of a set, counts²·s.
+fn energies(expectation: Expectation, generator: &ResidualGenerator, set: &SignalSet) -> Vec<f64> {
+    let mut deviation = vec![0.0; set.samples];
+    (0..set.len())
+        .map(|i| {
+            expectation.at(set.drive[i], set.temperature_c[i], &mut deviation);
+            for (d, &y) in deviation.iter_mut().zip(set.signal(i)) {
+                *d = f64::from(y) - *d;
+            }
+            generator.energy(&deviation)
+        })
+        .collect()
+}
+
 /// The FD filter of an identified model: numerator (3-2), denominator §3-2-1.
 fn residual_generator(
     identification: &Identification,
@@ -203,7 +223,7 @@ fn learn_threshold(
 ) -> Result<Threshold, DesignError> {
     const SEED: u64 = 1;
     Ok(match settings.threshold {
-        ThresholdMethod::Max => threshold::max(energies, settings.mu)?,
+        ThresholdMethod::Max => threshold::max(energies, channels, settings.mu)?,
         ThresholdMethod::Quantile => threshold::quantile(
             energies,
             channels,

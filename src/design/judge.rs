@@ -1,9 +1,9 @@
 //! A healthy model and the fault classes as they meet a signal: what rides with every batch.
 
-use super::{Design, DesignError, HealthyModel, IsolateSettings, categories};
+use super::{Design, DesignError, HealthyModel, IsolateSettings};
 use crate::burst::Burst;
 use crate::identify::reservoir::relative_drive;
-use crate::isolate::{Decision, SignatureMatrix, decide};
+use crate::isolate::{Decision, DecisionRule, SignatureMatrix, Simplex};
 
 /// Judges signals by one model. Built once per model, shared by all workers.
 #[derive(Debug)]
@@ -12,9 +12,15 @@ pub struct Judge {
     pub index: u16,
     pub model: HealthyModel,
     pub reference_v: Option<f64>,
-    signatures: Option<SignatureMatrix>,
-    category_of_class: Vec<usize>,
-    certainty: f64,
+    isolator: Option<Isolator>,
+}
+
+/// Residual matching with this model's filter.
+#[derive(Debug)]
+struct Isolator {
+    signatures: SignatureMatrix,
+    simplex: Simplex,
+    rule: DecisionRule,
 }
 
 /// What isolation says of one signal.
@@ -24,6 +30,8 @@ pub type Isolation = Decision;
 #[derive(Debug, Default)]
 pub struct Workspace {
     residual: Vec<f64>,
+    projection: Vec<f64>,
+    /// Per class, of the signal last isolated.
     pub weights: Vec<f64>,
 }
 
@@ -37,29 +45,13 @@ impl Judge {
         design: Option<&Design>,
         settings: &IsolateSettings,
     ) -> Result<Judge, DesignError> {
-        let classes = design.map_or(&[][..], |d| &d.classes);
-        let residuals: Vec<Vec<f64>> = classes
-            .iter()
-            .map(|class| {
-                let mut rho = vec![0.0; class.deviation.len()];
-                model.generator.filter(&class.deviation, &mut rho);
-                rho
-            })
-            .collect();
-        let counts: Vec<u64> = classes.iter().map(|c| c.n_signals).collect();
-        let names: Vec<String> = classes.iter().map(|c| c.name.clone()).collect();
-        let signatures = match residuals.is_empty() {
-            true => None,
-            false => Some(SignatureMatrix::new(&residuals, &counts)?),
+        let isolator = match design {
+            Some(design) if !design.classes.is_empty() => {
+                Some(Isolator::new(&model, design, settings.certainty)?)
+            }
+            _ => None,
         };
-        Ok(Judge {
-            index,
-            reference_v,
-            model,
-            signatures,
-            category_of_class: categories(&names).1,
-            certainty: settings.certainty,
-        })
+        Ok(Judge { index, reference_v, model, isolator })
     }
 
     /// Scale of what is expected of a burst: its drive voltage over the reference.
@@ -73,18 +65,40 @@ impl Judge {
     }
 
     pub fn can_isolate(&self) -> bool {
-        self.signatures.is_some()
+        self.isolator.is_some()
     }
 
     /// Thesis §3-3-2 on the deviation of a signal from what is expected, counts; `drive` scales the
     /// signatures as it scales the signal.
     pub fn isolate(&self, deviation: &[f64], drive: f64, work: &mut Workspace) -> Option<Isolation> {
-        let signatures = self.signatures.as_ref()?;
+        let Isolator { signatures, simplex, rule } = self.isolator.as_ref()?;
         work.residual.resize(deviation.len(), 0.0);
         self.model.generator.filter(deviation, &mut work.residual);
         work.residual.iter_mut().for_each(|r| *r /= drive);
-        work.weights.resize(self.category_of_class.len(), 0.0);
-        signatures.mixture_weights(&work.residual, &mut work.weights);
-        Some(decide(&work.weights, &self.category_of_class, self.certainty))
+        work.projection.resize(signatures.classes(), 0.0);
+        work.weights.resize(signatures.classes(), 0.0);
+        signatures.project(&work.residual, &mut work.projection);
+        // lengths agree by construction; a residual that is no number says nothing
+        simplex.solve(&work.projection, &mut work.weights).ok()?;
+        Some(rule.decide(&work.weights))
+    }
+}
+
+impl Isolator {
+    /// rho of every class is the residual of its mean deviation, by this model's filter.
+    fn new(model: &HealthyModel, design: &Design, certainty: f64) -> Result<Isolator, DesignError> {
+        let residuals: Vec<Vec<f64>> = design
+            .classes
+            .iter()
+            .map(|class| {
+                let mut rho = vec![0.0; class.deviation.len()];
+                model.generator.filter(&class.deviation, &mut rho);
+                rho
+            })
+            .collect();
+        let columns: Vec<&[f64]> = residuals.iter().map(Vec::as_slice).collect();
+        let signatures = SignatureMatrix::new(&columns)?;
+        let rule = DecisionRule::new(&design.class_names(), certainty)?;
+        Ok(Isolator { simplex: Simplex::new(&signatures), signatures, rule })
     }
 }

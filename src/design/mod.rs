@@ -68,11 +68,11 @@ impl Design {
         if !(self.sample_period_s.is_finite() && self.sample_period_s > 0.0) {
             return refuse(format!("sample_period_s = {}: must be positive", self.sample_period_s));
         }
-        if self.classes.len() > fault_class::MOST_CLASSES {
+        if self.classes.len() > crate::isolate::MAX_CLASSES {
             return refuse(format!(
                 "{} fault classes: at most {}",
                 self.classes.len(),
-                fault_class::MOST_CLASSES
+                crate::isolate::MAX_CLASSES
             ));
         }
         if let Some(v) = self.drive_voltage_v
@@ -111,18 +111,14 @@ pub fn same_period(p: f64, q: f64) -> bool {
     (p / q - 1.0).abs() <= 1e-6
 }
 
-/// The categories that some classes form, in order of first appearance, and each class's category.
-pub fn categories(classes: &[String]) -> (Vec<String>, Vec<usize>) {
+/// The categories that some classes form, in order of first appearance.
+pub fn categories(classes: &[String]) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
-    let of_class = classes
-        .iter()
-        .map(|class| {
-            let category = fault::category(class);
-            names.iter().position(|c| c == category).unwrap_or_else(|| {
-                names.push(category.into());
-                names.len() - 1
-            })
-        })
-        .collect();
-    (names, of_class)
+    for class in classes {
+        let category = fault::category(class);
+        if !names.iter().any(|c| c == category) {
+            names.push(category.into());
+        }
+    }
+    names
 }

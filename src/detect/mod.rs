@@ -7,9 +7,11 @@
 pub mod null_space;
 pub mod poles;
 pub mod residual_generator;
+mod settings;
 pub mod threshold;
 
 pub use residual_generator::ResidualGenerator;
+pub use settings::{Denominator, DetectMethod, DetectSettings, ThresholdMethod};
 pub use threshold::Threshold;
 
 /// Why no filter or no threshold can be made.

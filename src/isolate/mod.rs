@@ -5,11 +5,13 @@
 
 pub mod decision;
 pub mod residual_matching;
+mod settings;
 pub mod signatures;
 
 pub use decision::{Decision, DecisionRule};
 pub use residual_matching::Simplex;
-pub use signatures::{SignatureLibrary, SignatureMatrix};
+pub use settings::{IsolateMethod, IsolateSettings};
+pub use signatures::SignatureMatrix;
 
 /// Most fault classes that a design can hold: scratch space of the stream has this size.
 pub const MAX_CLASSES: usize = 32;

@@ -18,7 +18,7 @@ pub fn document(
     counts: &Counts,
 ) -> Value {
     let classes = replay.classes();
-    let (category_names, _) = categories(&classes);
+    let category_names = categories(&classes);
     let models: Vec<Value> = schedule
         .judges
         .iter()

@@ -160,7 +160,7 @@ fn stream(
 ) -> Result<Streamed, PipelineError> {
     let settings = &replay.settings;
     let classes = replay.classes();
-    let (category_names, _) = categories(&classes);
+    let category_names = categories(&classes);
     let mut writer = VerdictWriter::create(
         verdicts,
         TableOptions {

@@ -41,17 +41,17 @@ pub fn push_judged(
     isolation: Option<&Isolation>,
     weights: Option<&[f64]>,
 ) {
-    let decided = isolation.filter(|i| passed && (i.fault.is_some() || i.category.is_some()));
+    let decided = isolation.filter(|i| passed && !i.is_uncertain());
     let (outcome, reason) = match (passed, decided) {
         (false, _) => (Outcome::Healthy, None),
         (true, Some(_)) => (Outcome::Faulty, None),
         (true, None) => (Outcome::Undecided, Some(Reason::Uncertain)),
     };
     push(columns, id, outcome, reason);
-    columns.category.push(decided.and_then(|i| i.category).map(|c| c as u16));
-    columns.fault.push(decided.and_then(|i| i.fault).map(|c| c as u16));
-    columns.candidate.push(isolation.map(|i| i.candidate as u16));
-    columns.certainty.push(isolation.map(|i| i.certainty as f32));
+    columns.category.push(decided.and_then(|i| i.category));
+    columns.fault.push(decided.and_then(|i| i.fault));
+    columns.candidate.push(isolation.and_then(|i| i.candidate));
+    columns.certainty.push(isolation.and_then(|i| i.certainty));
     columns.statistic.push(Some(statistic as f32));
     columns.threshold.push(Some(threshold as f32));
     columns.model.push(Some(model));

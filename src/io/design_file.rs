@@ -1,0 +1,46 @@
+//! The design as JSON (`schemas/design.md`).
+
+use super::part_file::PartFile;
+use crate::design::Design;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// A design of 64 classes and 1000 printheads at 512 samples takes some 50 MB.
+const MOST_BYTES: u64 = 1 << 30;
+
+#[derive(Debug, Error)]
+pub enum DesignFileError {
+    #[error("{path}: cannot be read: {source}")]
+    Read { path: PathBuf, source: std::io::Error },
+    #[error("{path}: cannot be written: {source}")]
+    Write { path: PathBuf, source: std::io::Error },
+    #[error("{path}: {bytes} bytes: no design is that large")]
+    TooLarge { path: PathBuf, bytes: u64 },
+    #[error("{path}: not a design: {what}; `inkling train` makes one")]
+    NotADesign { path: PathBuf, what: String },
+}
+
+/// Reads and checks a design; also its digest, `xxh3:` and 32 hexadecimal digits.
+pub fn read(path: &Path) -> Result<(Design, String), DesignFileError> {
+    let failed = |source| DesignFileError::Read { path: path.into(), source };
+    let bytes = std::fs::metadata(path).map_err(failed)?.len();
+    if bytes > MOST_BYTES {
+        return Err(DesignFileError::TooLarge { path: path.into(), bytes });
+    }
+    let text = std::fs::read(path).map_err(failed)?;
+    let not = |what: String| DesignFileError::NotADesign { path: path.into(), what };
+    let design: Design = serde_json::from_slice(&text).map_err(|e| not(e.to_string()))?;
+    design.check().map_err(|e| not(e.to_string()))?;
+    let digest = format!("xxh3:{:032x}", xxhash_rust::xxh3::xxh3_128(&text));
+    Ok((design, digest))
+}
+
+pub fn write(path: &Path, design: &Design) -> Result<(), DesignFileError> {
+    let failed = |source| DesignFileError::Write { path: path.into(), source };
+    let mut text = serde_json::to_string_pretty(design).map_err(|e| failed(e.into()))?;
+    text.push('\n');
+    let (part, mut file) = PartFile::create(path).map_err(failed)?;
+    file.write_all(text.as_bytes()).map_err(failed)?;
+    part.finish(&file).map_err(failed)
+}
