@@ -60,7 +60,7 @@ fn time_ns(run: &PrintRun, start_ns: i64, step: usize) -> i64 {
 }
 
 /// The first burst at or after `seconds`.
-fn step_at(run: &PrintRun, seconds: f64) -> usize {
+pub fn step_at(run: &PrintRun, seconds: f64) -> usize {
     // a whole number of intervals must not be missed by a rounding error
     ((seconds / run.interval_s - 1e-9).ceil().max(0.0) as usize).min(run.bursts_per_channel)
 }

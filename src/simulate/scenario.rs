@@ -392,3 +392,82 @@ impl Scenario {
         Ok(Scenario { seed: file.seed, recording: file.recording, kind })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    /// A frozen file beside the project, where there is one.
+    fn frozen(name: &str) -> Option<String> {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/benchmark").join(name);
+        let text = std::fs::read_to_string(path);
+        if text.is_err() {
+            eprintln!("SKIPPED: the frozen {name} is not here to compare with");
+        }
+        text.ok()
+    }
+
+    #[test]
+    fn physics_scenario_is_the_frozen_benchmark() {
+        let text = include_str!("../../sample_logs/scenarios/physics.toml");
+        assert!(Scenario::from_toml(text).is_ok());
+        let Some(frozen) = frozen("physics.toml") else { return };
+        let (ours, frozen): (toml::Table, toml::Table) =
+            (toml::from_str(text).unwrap(), toml::from_str(&frozen).unwrap());
+        assert_eq!(ours, frozen);
+    }
+
+    #[test]
+    fn thesis_scenario_is_the_frozen_class_boxes() {
+        let text = include_str!("../../sample_logs/scenarios/thesis.toml");
+        let Kind::Classes(classes) = Scenario::from_toml(text).unwrap().kind else { panic!() };
+        let names: Vec<String> =
+            classes.fault_classes().into_iter().map(|(name, _)| name).collect();
+        assert_eq!(names, CLASSES);
+        let Some(frozen) = frozen("classes.json") else { return };
+        let mut ours: toml::Table = toml::from_str(text).unwrap();
+        ours.retain(|key, _| key != "schema" && key != "kind");
+        let frozen: serde_json::Value = serde_json::from_str(&frozen).unwrap();
+        assert_eq!(serde_json::to_value(ours).unwrap(), frozen);
+    }
+
+    #[test]
+    fn recording_options_are_read_and_have_defaults() {
+        let text = include_str!("../../sample_logs/scenarios/sample.toml");
+        let with = |words: &str| {
+            let text = text.replace("compression = \"zstd\"", words);
+            Scenario::from_toml(&text).unwrap().recording
+        };
+        assert_eq!(with(""), RecordingOptions::default());
+        let all = with(
+            "compression = \"lz4\"\nchunk_bytes = 65536\nchannels_per_burst = 16\n\
+             layout = \"sample_major\"\nformat = \"f32le\"\nstart = \"1970-01-01T01:00:01+01:00\"",
+        );
+        let expected = RecordingOptions {
+            compression: Compression::Lz4,
+            chunk_bytes: 65536,
+            channels_per_burst: Some(16),
+            layout: Layout::SampleMajor,
+            format: Format::F32Le,
+            start_ns: 1_000_000_000,
+        };
+        assert_eq!(all, expected);
+    }
+
+    #[test]
+    fn a_channel_may_be_given_by_its_geometry() {
+        let text = include_str!("../../sample_logs/scenarios/sample.toml");
+        let (before, after) = text.split_once("[channel]").unwrap();
+        let (_, after) = after.split_once("[spread]").unwrap();
+        let geometry = "[geometry]\nrestrictor_length_m = 200e-6\nrestrictor_area_m2 = 2e-9\n\
+            nozzle_length_m = 40e-6\nnozzle_area_m2 = 0.8e-9\nchannel_volume_m3 = 1e-10\n\
+            actuator_compliance_m3_per_pa = 1e-19\ndensity_kg_per_m3 = 1000.0\n\
+            viscosity_pa_s = 0.002\nspeed_of_sound_m_per_s = 1000.0\n";
+        let with =
+            |channel: &str| Scenario::from_toml(&format!("{before}{channel}\n[spread]{after}"));
+        let Kind::Physics(physics) = with(geometry).unwrap().kind else { panic!() };
+        assert!((physics.channel.a_per_s2 / 5e10 - 1.0).abs() < 1e-12);
+        assert!(with("").is_err());
+    }
+}

@@ -111,3 +111,66 @@ impl Sensor {
         }));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::scenario::{Kind, Scenario};
+    use std::sync::Arc;
+
+    fn frozen() -> Arc<Physics> {
+        let text = include_str!("../../sample_logs/scenarios/physics.toml");
+        match Scenario::from_toml(text).unwrap().kind {
+            Kind::Physics(physics) => physics,
+            Kind::Classes(_) => panic!("a physics scenario"),
+        }
+    }
+
+    #[test]
+    fn healthy_channels_fill_their_spread_and_stay_within() {
+        let physics = frozen();
+        let mut rng = stream(1, Purpose::Spread, 0);
+        let (nominal, spread) = (physics.channel, &physics.spread);
+        let mut extremes = [[f64::INFINITY, f64::NEG_INFINITY]; 5];
+        for _ in 0..4000 {
+            let Channel { rates, gain } = Channel::draw(&physics, &mut rng);
+            let relative = [
+                (rates.a_per_s2 / nominal.a_per_s2 - 1.0) / spread.a,
+                (rates.b_per_s2 / nominal.b_per_s2 - 1.0) / spread.b,
+                (rates.g_per_s / nominal.g_per_s - 1.0) / spread.g,
+                (rates.d_per_s / nominal.d_per_s - 1.0) / spread.d,
+                (gain - 1.0) / spread.gain,
+            ];
+            for (extreme, x) in extremes.iter_mut().zip(relative) {
+                *extreme = [extreme[0].min(x), extreme[1].max(x)];
+            }
+        }
+        for [low, high] in extremes {
+            assert!((-1.0 - 1e-9..-0.99).contains(&low) && (0.99..1.0 + 1e-9).contains(&high));
+        }
+    }
+
+    #[test]
+    fn noise_about_the_decay_is_white_rounding_and_shot() {
+        let physics = frozen();
+        let mut sensor = Sensor::new(&physics, 1, 0);
+        let (mut counts, signals, n) = (Vec::new(), 4000, sensor.samples());
+        for _ in 0..signals {
+            sensor.sense(&physics.channel, 1.0, 30.0, &mut counts);
+        }
+        let column = |k: usize| -> (f64, f64) {
+            let y = || counts.iter().skip(k).step_by(n).map(|c| f64::from(*c));
+            let mean = y().sum::<f64>() / f64::from(signals);
+            (mean, (y().map(|y| (y - mean).powi(2)).sum::<f64>() / f64::from(signals)).sqrt())
+        };
+        // late samples: the decay is nearly over, what is left is white noise and rounding
+        let quiet = (17.6_f64.powi(2) + 1.0 / 12.0).sqrt();
+        for k in 100..n {
+            assert!((column(k).1 / quiet - 1.0).abs() < 0.06, "{k} {:?}", column(k));
+        }
+        // the largest sample is 400 counts on average, its shot noise at least that of the gain
+        let largest = (0..n).map(column).max_by(|x, y| x.0.abs().total_cmp(&y.0.abs())).unwrap();
+        assert!((largest.0.abs() - 400.0).abs() < 3.0 * 0.3 + 0.3, "{largest:?}");
+        assert!(largest.1 > quiet && largest.1 < quiet * 1.05, "{largest:?}");
+    }
+}

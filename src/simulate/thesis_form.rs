@@ -82,3 +82,86 @@ pub(super) fn recordings(
         }
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::labels::Labels;
+    use crate::simulate::scenario::{Kind, Scenario};
+
+    fn scenario() -> (Scenario, Arc<Classes>) {
+        let text = include_str!("../../sample_logs/scenarios/thesis.toml");
+        let scenario = Scenario::from_toml(text).unwrap();
+        let Kind::Classes(classes) = scenario.kind.clone() else { panic!("a classes scenario") };
+        (scenario, classes)
+    }
+
+    /// Signals of one class of a recording, by its labels.
+    fn of_class(scenario: &Scenario, recording: usize, class: &str) -> Vec<Vec<f64>> {
+        let labels = Labels::new(scenario.labels(4));
+        let mut signals = Vec::new();
+        for burst in scenario.recordings(4).swap_remove(recording).bursts {
+            for row in 0..burst.channels {
+                let label = labels.at(&burst.printhead, burst.first_channel + row, burst.t_acq_ns);
+                if label.unwrap().state == class {
+                    let mut y = vec![0.0; 128];
+                    burst.copy_signal(row as usize, &mut y);
+                    signals.push(y);
+                }
+            }
+        }
+        signals
+    }
+
+    #[test]
+    fn train_and_test_have_the_thesis_numbers_and_differ() {
+        let (scenario, classes) = scenario();
+        for recording in 0..2 {
+            assert_eq!(of_class(&scenario, recording, "healthy").len(), 2475);
+            for (class, _) in classes.fault_classes() {
+                assert_eq!(of_class(&scenario, recording, &class).len(), 225);
+            }
+        }
+        assert_ne!(of_class(&scenario, 0, "EC")[0], of_class(&scenario, 1, "EC")[0]);
+    }
+
+    #[test]
+    fn class_means_are_the_formula_averaged_over_the_box() {
+        let (scenario, classes) = scenario();
+        let mut boxes = classes.fault_classes();
+        boxes.push(("healthy".to_owned(), classes.classes.healthy.clone()));
+        for (class, of) in boxes {
+            let signals = of_class(&scenario, 1, &class);
+            let count = signals.len() as f64;
+            // the average over the box on a grid of its own
+            let grid =
+                |[low, high]: [f64; 2], i: i32| low + (high - low) * (f64::from(i) + 0.5) / 40.0;
+            let amplitude = 0.5 * (of.amplitude_counts[0] + of.amplitude_counts[1]);
+            let mut chi2 = 0.0;
+            for k in 0..128 {
+                let t = k as f64 * 100e-6 / 128.0;
+                let (mut mean, mut square) = (0.0, 0.0);
+                for i in 0..40 {
+                    for j in 0..40 {
+                        let (sigma, f) = (grid(of.sigma_per_s, i), grid(of.freq_hz, j));
+                        let y = amplitude
+                            * ((-sigma * t).exp() * (TAU * f * t + 0.4).cos()
+                                + 0.06 * (-37e3 * t).exp());
+                        mean += y / 1600.0;
+                        square += y * y / 1600.0;
+                    }
+                }
+                let spread = square - mean * mean;
+                let of_amplitude = (of.amplitude_counts[1] - of.amplitude_counts[0]).powi(2) / 12.0
+                    * square
+                    / (amplitude * amplitude);
+                let variance = spread.max(0.0) + of_amplitude + 17.6 * 17.6 + 1.0 / 12.0;
+                let measured = signals.iter().map(|y| y[k]).sum::<f64>() / count;
+                assert!((measured - mean).abs() < 5.0 * (variance / count).sqrt(), "{class} {k}");
+                chi2 += (measured - mean).powi(2) * count / variance;
+            }
+            // samples of a class vary together, so the band is wide
+            assert!(chi2 / 128.0 < 3.5 && chi2 / 128.0 > 0.2, "{class} {chi2}");
+        }
+    }
+}

@@ -8,13 +8,16 @@ use super::{
 use crate::fault::{CLASSES, HEALTHY};
 use crate::model::faults;
 use crate::simulate::dataset::{CHANNELS_PER_BURST, PRINTHEAD};
-use crate::simulate::print_run::{LEAST_FAULT_BURSTS, first_random_burst};
+use crate::simulate::print_run::{LEAST_FAULT_BURSTS, first_random_burst, step_at};
+use std::collections::HashSet;
 
 /// Truth is kept per channel, and labels per fault: more would fill the memory.
 const MOST_CHANNELS: usize = 1_000_000;
 /// 256 GB of 128 samples: whoever wants more wants another scenario.
 const MOST_SIGNALS: u64 = 1_000_000_000;
-const MOST_SAMPLES: usize = 65_536;
+/// Sampled acquisitions are 100 us or so; each printhead keeps one decay.
+const MOST_SAMPLES: usize = 16_384;
+const MOST_PRINTHEADS: usize = 1024;
 const MOST_BURST_BYTES: u64 = 64 << 20;
 /// Times up to here (year 2200) leave room in i64 nanoseconds.
 const LATEST_NS: f64 = 7.258e18;
@@ -193,6 +196,8 @@ fn check_dataset(dataset: &Dataset, physics: &Physics) -> Check {
 }
 
 fn check_print_run(run: &PrintRun, physics: &Physics, recording: &RecordingOptions) -> Check {
+    let why = format!("{} is not within 1 and {MOST_PRINTHEADS}", run.printheads);
+    require((1..=MOST_PRINTHEADS).contains(&run.printheads), "print_run.printheads", why)?;
     let channels = run.printheads.saturating_mul(run.channels);
     let why = format!(
         "{} x {} channels; there must be between 1 and {MOST_CHANNELS}",
@@ -235,9 +240,10 @@ fn check_names(run: &PrintRun, physics: &Physics) -> Check {
     let Some(names) = &run.names else { return Ok(()) };
     let why = format!("{} names for {} printheads", names.len(), run.printheads);
     require(names.len() == run.printheads, key, why)?;
-    for (i, name) in names.iter().enumerate() {
+    let mut seen = HashSet::new();
+    for name in names {
         require((1..=200).contains(&name.len()), key, "a name has between 1 and 200 bytes")?;
-        require(!names[..i].contains(name), key, format!("{name:?} is there twice"))?;
+        require(seen.insert(name), key, format!("{name:?} is there twice"))?;
         let taken = physics.dataset.is_some() && name == PRINTHEAD;
         require(!taken, key, format!("{name:?} is the printhead of the sets: choose another"))?;
     }
@@ -262,6 +268,9 @@ fn check_explicit_faults(run: &PrintRun, physics: &Physics) -> Check {
         check_severity(&fault.class, fault.severity, physics, &key)?;
         let why = format!("from_s = {} and to_s = {} are no span", fault.from_s, fault.to_s);
         require(0.0 <= fault.from_s && fault.from_s < fault.to_s, &key, why)?;
+        let why =
+            format!("no burst of the run lies within {} s and {} s", fault.from_s, fault.to_s);
+        require(step_at(run, fault.from_s) < step_at(run, fault.to_s), &key, why)?;
     }
     let place = |f: &ExplicitFault| (f.printhead.clone(), f.channel);
     by_channel
@@ -299,4 +308,104 @@ fn check_classes(classes: &Classes, recording: &RecordingOptions) -> Check {
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SMALL: &str = include_str!("../../../sample_logs/scenarios/sample.toml");
+    const THESIS: &str = include_str!("../../../sample_logs/scenarios/thesis.toml");
+
+    fn refusal(text: &str, from: &str, to: &str) -> String {
+        assert!(text.contains(from), "{from}");
+        Scenario::from_toml(&text.replacen(from, to, 1)).expect_err(to).to_string()
+    }
+
+    #[test]
+    fn absurd_and_contradictory_scenarios_are_refused_with_their_key() {
+        for (from, to, key) in [
+            ("schema = 1", "schema = 2", "schema"),
+            ("schema = 1", "schema = 1\nkind = \"optics\"", "kind"),
+            ("schema = 1", "schema = 1\ncolour = 3", "colour"),
+            ("a_per_s2 = 5.6e10", "a_per_s2 = nan", "channel.a_per_s2"),
+            ("a_per_s2 = 5.6e10", "a_per_s2 = 5.6e10\nz = 1", "z"),
+            (
+                "g_per_s = 1.6e4                 # R_r/I_r\nd_per_s = 8.0e4",
+                "g_per_s = 5e6\nd_per_s = 4e6",
+                "overdamped",
+            ),
+            ("samples = 128", "samples = 1000000000", "acquisition.samples"),
+            ("sample_period_us = 0.78125", "sample_period_us = 10", "sample_period_us"),
+            ("healthy = 600", "healthy = 9000000000000000000", "dataset"),
+            ("printheads = 3", "printheads = 1000000000000", "print_run.printheads"),
+            ("channels = 48", "channels = 100000000", "print_run"),
+            ("bursts_per_channel = 60", "bursts_per_channel = 1000000000000", "bursts_per_channel"),
+            ("interval_s = 1.0", "interval_s = 1e300", "interval_s"),
+            ("interval_s = 1.0", "interval_s = 1e-5", "interval_s"),
+            ("interval_s = 1.0", "interval_s = 1.0\nfaulty_channels = 0.05", "faulty_channels"),
+            ("\"cyan-1\"", "\"black-2\"", "print_run.names"),
+            ("\"cyan-1\"", "\"dataset\"", "print_run.names"),
+            ("levels_v = [24.0, 30.0]", "levels_v = []", "drive"),
+            ("shares = [0.3, 0.7]", "shares = [0.3, 0.3]", "drive.shares"),
+            ("range = [0.2, 0.5]", "range = [0.2, 1.0]", "fault.EC.range"),
+            ("range = [1.10, 1.40]", "range = [0.10, 1.40]", "fault.SDN.range"),
+            ("change = \"d * s\"", "change = \"d + s\"", "change"),
+            ("[fault.EC]", "[fault.EX]", "fault.EX"),
+            ("compression = \"zstd\"", "compression = \"rar\"", "rar"),
+            ("compression = \"zstd\"", "channels_per_burst = 0", "channels_per_burst"),
+            ("compression = \"zstd\"", "start = \"today\"", "today"),
+            ("compression = \"zstd\"", "start = \"1900-01-01T00:00:00Z\"", "start"),
+        ] {
+            let refusal = refusal(SMALL, from, to);
+            assert!(refusal.contains(key), "{to}: {refusal}");
+        }
+    }
+
+    #[test]
+    fn explicit_faults_must_fit_into_the_run_one_at_a_time() {
+        let fault = |printhead: &str, channel: u32, class: &str, s: &str, from: f64, to: f64| {
+            format!(
+                "{SMALL}\n[[print_run.fault]]\nprinthead = {printhead:?}\nchannel = {channel}\n\
+                 class = {class:?}\nseverity = {s}\nfrom_s = {from}\nto_s = {to}\n"
+            )
+        };
+        assert!(Scenario::from_toml(&fault("cyan-1", 47, "DDN", "2.0", 3.0, 9.0)).is_ok());
+        for text in [
+            fault("cyan-9", 47, "DDN", "2.0", 3.0, 9.0),
+            fault("cyan-1", 48, "DDN", "2.0", 3.0, 9.0),
+            fault("cyan-1", 47, "healthy", "2.0", 3.0, 9.0),
+            fault("cyan-1", 47, "DDN", "0.5", 3.0, 9.0),
+            fault("cyan-1", 47, "BN", "1.0", 3.0, 9.0),
+            fault("cyan-1", 47, "BN", "nan", 3.0, 9.0),
+            fault("cyan-1", 47, "DDN", "2.0", 9.0, 3.0),
+            fault("cyan-1", 47, "DDN", "2.0", 99.0, 103.0),
+            fault("cyan-1", 47, "DDN", "2.0", 3.2, 3.4),
+            fault("cyan-1", 47, "DDN", "2.0", 3.0, 9.0)
+                + "[[print_run.fault]]\nprinthead = \"cyan-1\"\nchannel = 47\nclass = \"BN\"\n\
+                   severity = 0.95\nfrom_s = 8.0\nto_s = 20.0\n",
+        ] {
+            let refusal = Scenario::from_toml(&text).expect_err(&text).to_string();
+            assert!(refusal.contains("print_run.fault["), "{refusal}");
+        }
+    }
+
+    #[test]
+    fn absurd_class_boxes_are_refused_with_their_key() {
+        for (from, to, key) in [
+            ("N = 128", "N = 0", "N"),
+            ("T_us = 100", "T_us = -1", "T_us"),
+            ("n_healthy = 2475", "n_healthy = 4000000000", "n_healthy"),
+            (
+                "sigma_per_s = [27000.0, 31000.0]",
+                "sigma_per_s = [31000.0, 27000.0]",
+                "healthy.sigma",
+            ),
+            ("sigma_per_s = [27000.0, 31000.0]", "sigma_per_s = [inf, inf]", "healthy.sigma"),
+            ("[classes.healthy]", "[classes.fine]", "healthy"),
+        ] {
+            let refusal = refusal(THESIS, from, to);
+            assert!(refusal.contains(key), "{to}: {refusal}");
+        }
+    }
 }
