@@ -184,7 +184,8 @@ impl Score {
             classes.iter().map(|t| classes.iter().map(|c| count(t, c)).collect()).collect();
         let with_weights = self.class_bins.iter().flatten().any(|b| b.n > 0);
         let classwise_ece = with_weights.then(|| {
-            self.class_bins.iter().map(calibration_error).sum::<f64>() / self.class_bins.len() as f64
+            self.class_bins.iter().map(calibration_error).sum::<f64>()
+                / self.class_bins.len() as f64
         });
         Report {
             detection: self.detection.clone(),

@@ -205,7 +205,8 @@ impl Settings {
                 Err(format!("{key} = {v}: must lie between {lo} and {hi}"))
             }
         };
-        if self.input.rails[0] >= self.input.rails[1] || self.input.rails.iter().any(|v| v.is_nan()) {
+        if self.input.rails[0] >= self.input.rails[1] || self.input.rails.iter().any(|v| v.is_nan())
+        {
             return Err(format!("input.rails = {:?}: the lower one first", self.input.rails));
         }
         share("identify.first", self.identify.first, 0.0, 1e7)?;
@@ -330,7 +331,9 @@ mod seconds {
 
     pub fn deserialize<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
         match Written::deserialize(d).map_err(|_| {
-            serde::de::Error::custom("give seconds as a number, or text such as \"20 s\" or \"5 min\"")
+            serde::de::Error::custom(
+                "give seconds as a number, or text such as \"20 s\" or \"5 min\"",
+            )
         })? {
             Written::Seconds(s) => Ok(s),
             Written::Text(text) => humantime::parse_duration(&text)
@@ -375,7 +378,8 @@ mod tests {
     fn paths_in_a_file_are_relative_to_it_and_paths_on_the_command_line_are_not() {
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join("pipeline.toml");
-        std::fs::write(&file, "[input]\nrecordings = [\"logs\"]\n[output]\ndir = \"out\"\n").unwrap();
+        std::fs::write(&file, "[input]\nrecordings = [\"logs\"]\n[output]\ndir = \"out\"\n")
+            .unwrap();
         let s = Settings::load(Some(&file), None, &["output.dir=here".into()]).unwrap();
         assert_eq!(s.input.recordings, [dir.path().join("logs").to_string_lossy()]);
         assert_eq!(s.output.dir, "here");

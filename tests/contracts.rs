@@ -22,8 +22,7 @@ fn pipeline_toml_says_every_default() {
 
 #[test]
 fn design_file_has_the_documented_keys() {
-    let design: serde_json::Value =
-        serde_json::from_str(&read("sample_logs/design.json")).unwrap();
+    let design: serde_json::Value = serde_json::from_str(&read("sample_logs/design.json")).unwrap();
     let documented: Vec<String> = read("schemas/design.md")
         .lines()
         .filter_map(|l| l.strip_prefix("| `")?.split('`').next().map(str::to_owned))
@@ -67,12 +66,12 @@ fn sample_logs_regenerate_and_retrain() {
 
     house.ok("train train.mcap print_run.mcap --labels labels.csv -o design.json");
     let made = house.read_json("design.json");
-    let shipped: serde_json::Value = serde_json::from_str(&read("sample_logs/design.json")).unwrap();
+    let shipped: serde_json::Value =
+        serde_json::from_str(&read("sample_logs/design.json")).unwrap();
     assert_eq!(made["signals"], shipped["signals"]);
     for key in ["frequency_hz", "damping_per_s"] {
-        let of = |d: &serde_json::Value| {
-            d["pooled"]["identification"]["poles"][key].as_f64().unwrap()
-        };
+        let of =
+            |d: &serde_json::Value| d["pooled"]["identification"]["poles"][key].as_f64().unwrap();
         assert!((of(&made) / of(&shipped) - 1.0).abs() < 1e-4, "{key}");
     }
 }

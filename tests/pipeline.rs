@@ -41,11 +41,20 @@ fn verdicts(path: &Path) -> BTreeMap<(i64, String, u32), String> {
     for columns in verdict_reader::open(path).unwrap() {
         let c = columns.unwrap();
         for i in 0..c.len() {
-            let key = (c.acquired_at_ns[i], c.printheads[c.printhead[i] as usize].to_string(), c.channel[i]);
+            let key = (
+                c.acquired_at_ns[i],
+                c.printheads[c.printhead[i] as usize].to_string(),
+                c.channel[i],
+            );
             let said = format!(
                 "{:?} {:?} {:?} {:?} {:?} {:?} {:?}",
-                c.outcome[i], c.category[i], c.fault[i], c.certainty[i], c.statistic[i],
-                c.threshold[i], c.reason[i]
+                c.outcome[i],
+                c.category[i],
+                c.fault[i],
+                c.certainty[i],
+                c.statistic[i],
+                c.threshold[i],
+                c.reason[i]
             );
             assert!(rows.insert(key, said).is_none(), "a signal has two rows");
         }
@@ -260,10 +269,8 @@ fn unknown_printhead_is_judged_by_the_pooled_model_if_it_agrees() {
     let summary = house.read_json("out/agrees.summary.json");
     assert_eq!(summary["counts"]["judged"], summary["counts"]["signals"]);
 
-    let dried: Vec<Burst> = strangers
-        .iter()
-        .map(|b| Burst { t_acq_ns: b.t_acq_ns, ..slower(b) })
-        .collect();
+    let dried: Vec<Burst> =
+        strangers.iter().map(|b| Burst { t_acq_ns: b.t_acq_ns, ..slower(b) }).collect();
     write(&house.path("differs.mcap"), &dried, WriterOptions::default());
     house.run(&replay("differs.mcap")).exits(3).says("design_mismatch");
 }

@@ -38,8 +38,7 @@ pub struct Args {
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
-    let labels =
-        args.labels.as_deref().map(labels_file::read).transpose().map_err(Failure::new)?;
+    let labels = args.labels.as_deref().map(labels_file::read).transpose().map_err(Failure::new)?;
     let inputs = inputs::find_recordings(&args.recordings).map_err(Failure::new)?;
     let control = interruptible();
     let progress = Progress::new(inputs.len(), 0);
@@ -100,7 +99,8 @@ fn fit(
         &chosen
     };
     let mean = averaging::average(healthy)?;
-    let fit = grey_box::identify(&mean.y, dt_s, mean.standard_error(), &settings.identify.grey_box)?;
+    let fit =
+        grey_box::identify(&mean.y, dt_s, mean.standard_error(), &settings.identify.grey_box)?;
     Ok((mean.n_signals, fit))
 }
 
@@ -127,7 +127,11 @@ fn print(
         "  ended by {:?} after {} steps, {} of {} starts agree; misfit {:.3} counts rms",
         fit.convergence, fit.iterations, fit.starts_agreeing, fit.starts, fit.misfit_rms
     )?;
-    let listed = [("held fixed", &fit.held_fixed), ("at its bound", &fit.at_bounds), ("not identifiable", &fit.not_identifiable)];
+    let listed = [
+        ("held fixed", &fit.held_fixed),
+        ("at its bound", &fit.at_bounds),
+        ("not identifiable", &fit.not_identifiable),
+    ];
     for (what, items) in listed {
         for item in items {
             writeln!(out, "  {what}: {item}")?;

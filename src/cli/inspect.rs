@@ -62,7 +62,13 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     contents.damage.extend(recording.missing(contents.bursts));
 
     let mut out = std::io::stdout().lock();
-    writeln!(out, "{}: {} bytes, {}", printable(&recording.name), thousands(recording.bytes), digest.text)?;
+    writeln!(
+        out,
+        "{}: {} bytes, {}",
+        printable(&recording.name),
+        thousands(recording.bytes),
+        digest.text
+    )?;
     let expected = match recording.expected {
         Some(n) => format!("{} by its own statistics", thousands(n)),
         None => "its statistics do not say how many to expect".into(),

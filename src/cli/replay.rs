@@ -113,7 +113,12 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         return Err(Failure::new(format!("none of {} recordings could be judged", inputs.len())));
     }
     if !failed.is_empty() {
-        eprintln!("inkling: {} of {} recordings failed: {}", failed.len(), inputs.len(), failed.join(", "));
+        eprintln!(
+            "inkling: {} of {} recordings failed: {}",
+            failed.len(),
+            inputs.len(),
+            failed.join(", ")
+        );
     }
     Ok(if whole && failed.is_empty() { Exit::Done } else { Exit::Incomplete })
 }
@@ -136,7 +141,8 @@ fn warn(report: &RecordingReport, progress: &Progress) {
             report.name, damage.from_byte, damage.to_byte, damage.what
         ));
     }
-    let more = report.refusals.len().saturating_sub(MOST) + report.damage.len().saturating_sub(MOST);
+    let more =
+        report.refusals.len().saturating_sub(MOST) + report.damage.len().saturating_sub(MOST);
     if more > 0 {
         progress.say(&format!("warning: {}: {more} more, all in its summary.json", report.name));
     }
@@ -210,7 +216,9 @@ fn load(mut settings: Settings) -> Result<Replay, Failure> {
                 DateTime::parse_from_rfc3339(text)
                     .ok()
                     .and_then(|t| t.timestamp_nanos_opt())
-                    .ok_or_else(|| Failure::usage(format!("identify.spans: \"{text}\" is not RFC 3339")))
+                    .ok_or_else(|| {
+                        Failure::usage(format!("identify.spans: \"{text}\" is not RFC 3339"))
+                    })
             };
             Ok((ns(from)?, ns(to)?))
         })

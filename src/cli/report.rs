@@ -1,9 +1,9 @@
 //! What a finished replay says: one line per printhead, and the faults with since when.
 
 use super::progress::thousands;
+use crate::fault;
 use crate::pipeline::RecordingReport;
 use crate::pipeline::tally::{FaultyChannel, PrintheadTally};
-use crate::fault;
 use chrono::DateTime;
 use std::io::{self, Write};
 
@@ -25,7 +25,11 @@ pub fn print(report: &RecordingReport, classes: &[String], out: &mut impl Write)
         thousands((counts.signals as f64 / report.seconds.max(1e-9)) as u64),
     )?;
     if let Some(behind) = report.behind {
-        writeln!(out, "  replayed at the recorded pace, at most {:.3} s behind", behind.as_secs_f64())?;
+        writeln!(
+            out,
+            "  replayed at the recorded pace, at most {:.3} s behind",
+            behind.as_secs_f64()
+        )?;
     }
     let rejected: u64 = counts.rejected.values().sum();
     if rejected > 0 {
@@ -65,7 +69,8 @@ fn print_printhead(
     }
     lasting.sort_by_key(|(channel, f)| (f.first_ns, **channel));
     for (i, (channel, f)) in lasting.iter().take(MOST_LISTED).enumerate() {
-        let indent = if i == 0 { "" } else { "                                                    " };
+        let indent =
+            if i == 0 { "" } else { "                                                    " };
         let named = f.classes.iter().max_by_key(|(class, n)| (**n, u16::MAX - **class));
         let (class, share) = match named {
             Some((class, n)) => (classes[*class as usize].as_str(), *n as f64 / f.bursts as f64),

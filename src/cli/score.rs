@@ -57,7 +57,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let report = score.unwrap_or_default().report();
     let mut out = std::io::stdout().lock();
     if args.json {
-        serde_json::to_writer_pretty(&mut out, &report).map_err(|e| Failure::from(std::io::Error::from(e)))?;
+        serde_json::to_writer_pretty(&mut out, &report)
+            .map_err(|e| Failure::from(std::io::Error::from(e)))?;
         writeln!(out)?;
     } else {
         print(&report, &mut out)?;

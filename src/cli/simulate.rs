@@ -3,8 +3,9 @@
 use super::exit::{Exit, Failure};
 use super::progress::{interruptible, thousands};
 use crate::io::labels_file;
-use crate::io::recording_writer::RecordingWriter;
+use crate::io::recording_writer::{self, RecordingWriter, WriterOptions};
 use crate::simulate::Scenario;
+use crate::simulate::scenario::{Compression, RecordingOptions};
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -28,15 +29,15 @@ pub struct Args {
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let text = std::fs::read_to_string(&args.scenario)
         .map_err(|e| Failure::usage(format!("{}: cannot be read: {e}", args.scenario.display())))?;
-    let scenario = Scenario::parse(&text)
+    let scenario = Scenario::from_toml(&text)
         .map_err(|e| Failure::usage(format!("{}: {e}", args.scenario.display())))?;
     let control = interruptible();
     let mut out = std::io::stdout().lock();
-    let seed = args.seed.unwrap_or(scenario.seed());
+    let seed = args.seed.or(scenario.seed).unwrap_or(1);
     for recording in scenario.recordings(seed) {
         let path = args.out.join(format!("{}.mcap", recording.stem));
         let mut writer =
-            RecordingWriter::create(&path, recording.options).map_err(Failure::new)?;
+            RecordingWriter::create(&path, options(&recording.options)).map_err(Failure::new)?;
         let (mut bursts, mut signals) = (0, 0);
         for burst in recording.bursts {
             if control.interrupted() {
@@ -44,13 +45,28 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             }
             bursts += 1;
             signals += u64::from(burst.channels);
-            writer.write(&burst, burst.t_acq_ns).map_err(Failure::new)?;
+            writer.write(&burst, burst.t_acq_ns.max(0) as u64).map_err(Failure::new)?;
         }
         writer.finish().map_err(Failure::new)?;
-        writeln!(out, "{}: {} bursts, {} signals", path.display(), thousands(bursts), thousands(signals))?;
+        writeln!(
+            out,
+            "{}: {} bursts, {} signals",
+            path.display(),
+            thousands(bursts),
+            thousands(signals)
+        )?;
     }
     let labels = args.out.join("labels.csv");
     labels_file::write(&labels, &scenario.labels(seed)).map_err(Failure::new)?;
     writeln!(out, "{}", labels.display())?;
     Ok(Exit::Done)
+}
+
+fn options(of: &RecordingOptions) -> WriterOptions {
+    let compression = match of.compression {
+        Compression::None => recording_writer::Compression::None,
+        Compression::Lz4 => recording_writer::Compression::Lz4,
+        Compression::Zstd => recording_writer::Compression::Zstd,
+    };
+    WriterOptions { compression, chunk_bytes: Some(of.chunk_bytes) }
 }

@@ -69,13 +69,19 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             args.labels.display()
         )));
     }
-    let (design, warnings) = Design::train(&set, &settings.identify.grey_box, &settings.detect)
-        .map_err(Failure::new)?;
+    let (design, warnings) =
+        Design::train(&set, &settings.identify.grey_box, &settings.detect).map_err(Failure::new)?;
     warnings.iter().for_each(|w| progress.say(&format!("warning: {w}")));
     design_file::write(&args.out, &design).map_err(Failure::new)?;
 
     let mut out = std::io::stdout().lock();
-    writeln!(out, "{}: {} models, {} classes", args.out.display(), design.models.len() + 1, design.classes.len())?;
+    writeln!(
+        out,
+        "{}: {} models, {} classes",
+        args.out.display(),
+        design.models.len() + 1,
+        design.classes.len()
+    )?;
     for (label, n) in &design.signals {
         writeln!(out, "  {:>10} {label}", thousands(*n))?;
     }

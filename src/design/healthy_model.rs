@@ -66,7 +66,8 @@ impl HealthyModel {
         };
         let mean = averaging::average(healthy)?;
         let dt_s = settings.sample_period_s;
-        let identification = grey_box::identify(&mean.y, dt_s, mean.standard_error(), settings.grey_box)?;
+        let identification =
+            grey_box::identify(&mean.y, dt_s, mean.standard_error(), settings.grey_box)?;
         let expected = identification.expected(dt_s, set.samples);
         let generator = residual_generator(&identification, set.samples, dt_s, settings.detect)?;
 
@@ -118,8 +119,11 @@ impl HealthyModel {
     /// y_hat at a drive and temperature (NaN: not recorded), counts.
     pub fn expect(&self, drive: f64, temperature_c: f64, out: &mut [f64]) {
         let response = self.temperature_response.as_deref();
-        Expectation { y: &self.expected, reference_c: self.temperature_c, response }
-            .at(drive, temperature_c, out);
+        Expectation { y: &self.expected, reference_c: self.temperature_c, response }.at(
+            drive,
+            temperature_c,
+            out,
+        );
     }
 
     /// Relative drift (frequency, damping) of `later` from this model, beyond what the recorded

@@ -70,7 +70,12 @@ impl Judge {
 
     /// Thesis §3-3-2 on the deviation of a signal from what is expected, counts; `drive` scales the
     /// signatures as it scales the signal.
-    pub fn isolate(&self, deviation: &[f64], drive: f64, work: &mut Workspace) -> Option<Isolation> {
+    pub fn isolate(
+        &self,
+        deviation: &[f64],
+        drive: f64,
+        work: &mut Workspace,
+    ) -> Option<Isolation> {
         let Isolator { signatures, simplex, rule } = self.isolator.as_ref()?;
         work.residual.resize(deviation.len(), 0.0);
         self.model.generator.filter(deviation, &mut work.residual);

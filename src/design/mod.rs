@@ -81,7 +81,9 @@ impl Design {
             return refuse(format!("drive_voltage_v = {v}: must be positive"));
         }
         for class in &self.classes {
-            if class.deviation.len() != self.samples || class.deviation.iter().any(|v| !v.is_finite()) {
+            if class.deviation.len() != self.samples
+                || class.deviation.iter().any(|v| !v.is_finite())
+            {
                 return refuse(format!(
                     "class {}: its deviation must be {} finite numbers",
                     class.name, self.samples

@@ -1,6 +1,8 @@
 //! Labelled signals to a design.
 
-use super::{Design, DesignError, DetectSettings, FaultClass, HealthyModel, LearnSettings, VERSION};
+use super::{
+    Design, DesignError, DetectSettings, FaultClass, HealthyModel, LearnSettings, VERSION,
+};
 use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
 use std::collections::BTreeMap;
@@ -74,9 +76,8 @@ impl Design {
 
 /// The thesis's classes in the order of its tables, then a user's own by name.
 fn in_table_order(classes: &mut [FaultClass]) {
-    let place = |name: &str| {
-        crate::fault::CLASSES.iter().position(|c| *c == name).unwrap_or(usize::MAX)
-    };
+    let place =
+        |name: &str| crate::fault::CLASSES.iter().position(|c| *c == name).unwrap_or(usize::MAX);
     classes.sort_by(|a, b| place(&a.name).cmp(&place(&b.name)).then(a.name.cmp(&b.name)));
 }
 

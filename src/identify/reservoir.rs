@@ -53,7 +53,10 @@ impl Reservoir {
         key[8..].copy_from_slice(&channel.to_le_bytes());
         let hash = xxh3_64(&key);
         if self.heap.len() >= self.capacity
-            && self.heap.peek().is_some_and(|(worst, _)| (hash, t_acq_ns, channel) > (worst.0, worst.1, worst.2))
+            && self
+                .heap
+                .peek()
+                .is_some_and(|(worst, _)| (hash, t_acq_ns, channel) > (worst.0, worst.1, worst.2))
         {
             return;
         }
@@ -91,7 +94,8 @@ impl Reservoir {
 
     /// Sum and count of the recorded drive voltages, in rank order.
     pub fn voltage_sum(&self) -> (f64, usize) {
-        let known: Vec<f64> = self.in_order().map(|s| self.voltage_v[s]).filter(|v| *v > 0.0).collect();
+        let known: Vec<f64> =
+            self.in_order().map(|s| self.voltage_v[s]).filter(|v| *v > 0.0).collect();
         (known.iter().sum(), known.len())
     }
 

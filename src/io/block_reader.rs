@@ -244,10 +244,9 @@ impl fmt::Display for Lost {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Lost::UnknownChannel(id) => write!(f, "message on channel {id}, which is not defined"),
-            Lost::UnknownSchema { channel, schema } => write!(
-                f,
-                "message on channel {channel}, whose schema {schema} is not defined"
-            ),
+            Lost::UnknownSchema { channel, schema } => {
+                write!(f, "message on channel {channel}, whose schema {schema} is not defined")
+            }
             Lost::ShortMessage => write!(f, "message shorter than its header"),
             Lost::Malformed(what) => write!(f, "malformed {what} record"),
             Lost::Redefined(what, id) => {
@@ -418,7 +417,9 @@ impl ChunkLoader {
             let crc = crc32fast::hash(&records);
             if crc != chunk.uncompressed_crc {
                 let expected = chunk.uncompressed_crc;
-                return Err(format!("chunk's checksum is {crc:08x}, not {expected:08x} as recorded"));
+                return Err(format!(
+                    "chunk's checksum is {crc:08x}, not {expected:08x} as recorded"
+                ));
             }
         }
         Ok(self.buffers.freeze(records))

@@ -88,7 +88,8 @@ fn search(root: &Path, wanted: impl Fn(&Path) -> bool) -> Result<Vec<Input>, Inp
         let path = entry.path();
         let part = name_ends(path, ".part");
         if entry.file_type().is_file() && !part && wanted(path) {
-            let below = path.strip_prefix(root).ok().and_then(Path::parent).unwrap_or(Path::new(""));
+            let below =
+                path.strip_prefix(root).ok().and_then(Path::parent).unwrap_or(Path::new(""));
             found.push(Input { path: path.to_path_buf(), below: below.to_path_buf() });
         }
     }

@@ -45,7 +45,11 @@ pub fn read(path: &Path) -> Result<Labels, LabelsError> {
         let record = record.map_err(failed)?;
         let line = record.position().map_or(0, csv::Position::line);
         let fields = places.map(|place| record.get(place).unwrap_or(""));
-        rows.push(parse(fields).map_err(|what| LabelsError::Row { path: path.into(), line, what })?);
+        rows.push(parse(fields).map_err(|what| LabelsError::Row {
+            path: path.into(),
+            line,
+            what,
+        })?);
     }
     Ok(Labels::new(rows))
 }
@@ -84,7 +88,10 @@ fn time(column: &str, text: &str) -> Result<Option<i64>, String> {
     if text.is_empty() {
         return Ok(None);
     }
-    let ns = text.parse().ok().or_else(|| DateTime::parse_from_rfc3339(text).ok()?.timestamp_nanos_opt());
+    let ns = text
+        .parse()
+        .ok()
+        .or_else(|| DateTime::parse_from_rfc3339(text).ok()?.timestamp_nanos_opt());
     ns.map(Some).ok_or_else(|| {
         format!("{column} \"{text}\": give RFC 3339 (2026-01-31T12:00:00Z), integer ns, or nothing")
     })

@@ -61,9 +61,13 @@ pub struct Blocks {
 /// What to do with the record at hand.
 enum Step {
     /// Nothing for us; its bytes are accounted for up to there.
-    Skip { known_until: u64 },
+    Skip {
+        known_until: u64,
+    },
     Run,
-    Chunk { known_until: u64 },
+    Chunk {
+        known_until: u64,
+    },
     /// Its bytes are lost, but its length is believed.
     Lost(String),
     /// Nothing here is believed.

@@ -237,8 +237,8 @@ impl<'a> Search<'a> {
         let mut x: Row = [0.0; MAX_CLASSES];
         for p in 1..self.size {
             let i = s[p];
-            x[p - 1] = (self.b[i] - self.b[o])
-                - (self.problem.gram(i, o) - self.problem.gram(o, o));
+            x[p - 1] =
+                (self.b[i] - self.b[o]) - (self.problem.gram(i, o) - self.problem.gram(o, o));
         }
         self.solve(&mut x, self.size - 1);
         let mut sum = 0.0;

@@ -34,47 +34,52 @@ impl<'a> Collector<'a> {
     /// Takes the signals of a recording that fit the first burst's sampling.
     pub fn take(&mut self, recording: &Recording, control: &Control) -> Result<(), PipelineError> {
         let mut signal = Vec::new();
-        visit::bursts(recording, control, |_| true, |_, burst| {
-            let n = burst.samples_per_channel as usize;
-            let (period, samples) = *self.sampling.get_or_insert((burst.sample_period_s, n));
-            if samples != n || !same_period(period, burst.sample_period_s) {
-                self.count("other_sampling", u64::from(burst.channels));
-                return;
-            }
-            signal.resize(n, 0.0);
-            for row in 0..burst.channels {
-                let channel = burst.first_channel + row;
-                let state = match self.labels {
-                    None => Some(HEALTHY),
-                    Some(labels) => labels
-                        .at(&burst.printhead, channel, burst.t_acq_ns)
-                        .map(|label| label.state.as_str()),
-                };
-                let Some(state) = state else {
-                    self.count("unlabelled", 1);
-                    continue;
-                };
-                burst.copy_signal(row as usize, &mut signal);
-                if unusable_signal(&signal, self.rails).is_some() {
-                    self.count("rejected", 1);
-                    continue;
+        visit::bursts(
+            recording,
+            control,
+            |_| true,
+            |_, burst| {
+                let n = burst.samples_per_channel as usize;
+                let (period, samples) = *self.sampling.get_or_insert((burst.sample_period_s, n));
+                if samples != n || !same_period(period, burst.sample_period_s) {
+                    self.count("other_sampling", u64::from(burst.channels));
+                    return;
                 }
-                self.count(state, 1);
-                let key = (state.to_owned(), burst.printhead.to_string());
-                if !self.sets.contains_key(&key) && self.sets.len() >= MOST_SETS {
-                    self.count("beyond_the_limit_of_sets", 1);
-                    continue;
+                signal.resize(n, 0.0);
+                for row in 0..burst.channels {
+                    let channel = burst.first_channel + row;
+                    let state = match self.labels {
+                        None => Some(HEALTHY),
+                        Some(labels) => labels
+                            .at(&burst.printhead, channel, burst.t_acq_ns)
+                            .map(|label| label.state.as_str()),
+                    };
+                    let Some(state) = state else {
+                        self.count("unlabelled", 1);
+                        continue;
+                    };
+                    burst.copy_signal(row as usize, &mut signal);
+                    if unusable_signal(&signal, self.rails).is_some() {
+                        self.count("rejected", 1);
+                        continue;
+                    }
+                    self.count(state, 1);
+                    let key = (state.to_owned(), burst.printhead.to_string());
+                    if !self.sets.contains_key(&key) && self.sets.len() >= MOST_SETS {
+                        self.count("beyond_the_limit_of_sets", 1);
+                        continue;
+                    }
+                    let most = if state == HEALTHY { MOST_HEALTHY } else { MOST_FAULTY };
+                    self.sets.entry(key).or_insert_with(|| Reservoir::new(n, most)).offer(
+                        burst.t_acq_ns,
+                        channel,
+                        &signal,
+                        burst.drive_voltage_v.unwrap_or(f64::NAN),
+                        burst.temperature_c.unwrap_or(f64::NAN),
+                    );
                 }
-                let most = if state == HEALTHY { MOST_HEALTHY } else { MOST_FAULTY };
-                self.sets.entry(key).or_insert_with(|| Reservoir::new(n, most)).offer(
-                    burst.t_acq_ns,
-                    channel,
-                    &signal,
-                    burst.drive_voltage_v.unwrap_or(f64::NAN),
-                    burst.temperature_c.unwrap_or(f64::NAN),
-                );
-            }
-        })
+            },
+        )
     }
 
     fn count(&mut self, label: &str, n: u64) {

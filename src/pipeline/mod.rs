@@ -24,7 +24,7 @@ pub mod tally;
 mod visit;
 mod windows;
 
-pub use replay::{Replay, RecordingReport, replay};
+pub use replay::{RecordingReport, Replay, replay};
 pub use schedule::Refusal;
 
 use crate::design::DesignError;

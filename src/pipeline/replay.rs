@@ -187,18 +187,21 @@ fn stream(
         let (to_isolate, from_gate) = bounded(QUEUE);
         let (to_writer, from_isolate) = bounded(QUEUE);
         let (queue, in_flight, pacer) = (&queue, &in_flight, &mut pacer);
-        let mut running: Vec<(&'static str, ScopedJoinHandle<Result<(), PipelineError>>)> = Vec::new();
+        let mut running: Vec<(&'static str, ScopedJoinHandle<Result<(), PipelineError>>)> =
+            Vec::new();
         let mut pacer = pacer.as_mut();
         for _ in 0..readers {
             let (out, pacer) = (to_identify.clone(), pacer.take());
-            running.push(("reader", scope.spawn(move || {
-                stages::read(recording, queue, in_flight, pacer, control, out)
-            })));
+            running.push((
+                "reader",
+                scope.spawn(move || stages::read(recording, queue, in_flight, pacer, control, out)),
+            ));
         }
         drop(to_identify);
-        running.push(("identify", scope.spawn(move || {
-            stages::identify(schedule, from_reader, to_filter)
-        })));
+        running.push((
+            "identify",
+            scope.spawn(move || stages::identify(schedule, from_reader, to_filter)),
+        ));
         for _ in 0..workers {
             let (input, out) = (from_identify.clone(), to_gate.clone());
             let rails = settings.input.rails;

@@ -62,7 +62,12 @@ pub fn push_judged(
     }));
 }
 
-fn push(columns: &mut VerdictColumns, (t, printhead, channel): Id, outcome: Outcome, reason: Option<Reason>) {
+fn push(
+    columns: &mut VerdictColumns,
+    (t, printhead, channel): Id,
+    outcome: Outcome,
+    reason: Option<Reason>,
+) {
     columns.acquired_at_ns.push(t);
     columns.printhead.push(printhead);
     columns.channel.push(channel);

@@ -43,13 +43,17 @@ pub struct Schedule {
 
 impl Schedule {
     /// The design's models as they are.
-    pub fn of_design(design: &Design, settings: &IsolateSettings) -> Result<Schedule, PipelineError> {
+    pub fn of_design(
+        design: &Design,
+        settings: &IsolateSettings,
+    ) -> Result<Schedule, PipelineError> {
         let mut schedule = Schedule {
             sampling: Some((design.sample_period_s, design.samples)),
             ..Schedule::default()
         };
         for model in &design.models {
-            let judge = schedule.add(model.clone(), design.drive_voltage_v, Some(design), settings)?;
+            let judge =
+                schedule.add(model.clone(), design.drive_voltage_v, Some(design), settings)?;
             if let Some(name) = &model.printhead {
                 schedule.by_name.insert(name.as_str().into(), judge);
             }

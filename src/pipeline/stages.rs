@@ -259,7 +259,11 @@ pub fn isolate(
             match acquisition {
                 Acquisition::Unusable(u) => {
                     let printhead = rows::intern(&mut columns, &u.printhead);
-                    rows::push_rejected(&mut columns, (u.t_acq_ns, printhead, u.first_channel), u.why.into());
+                    rows::push_rejected(
+                        &mut columns,
+                        (u.t_acq_ns, printhead, u.first_channel),
+                        u.why.into(),
+                    );
                     row += 1;
                 }
                 Acquisition::Usable(burst) => {
@@ -268,7 +272,8 @@ pub fn isolate(
                     for k in 0..burst.channels {
                         let id = (burst.t_acq_ns, printhead, burst.first_channel + k);
                         let gated = passed[row];
-                        let verdict = statistic[row].and_then(|e| Ok((e, judge.as_ref().map_err(|r| *r)?)));
+                        let verdict =
+                            statistic[row].and_then(|e| Ok((e, judge.as_ref().map_err(|r| *r)?)));
                         row += 1;
                         let (e, judge) = match verdict {
                             Ok(judged) => judged,
@@ -277,7 +282,8 @@ pub fn isolate(
                                 continue;
                             }
                         };
-                        let isolation = if judge.can_isolate() && (gated || !settings.isolate.gate) {
+                        let isolation = if judge.can_isolate() && (gated || !settings.isolate.gate)
+                        {
                             let n = burst.samples_per_channel as usize;
                             signal.resize(n, 0.0);
                             if !expected_ready {

@@ -50,28 +50,33 @@ pub fn survey(recording: &Recording, control: &Control) -> Result<Survey, Pipeli
     let mut survey = Survey::default();
     let mut index: HashMap<GroupKey, u32> = HashMap::new();
     let Survey { groups, blocks } = &mut survey;
-    visit::bursts(recording, control, |_| true, |block, burst| {
-        let key = GroupKey::of(burst);
-        let t = burst.t_acq_ns;
-        let g = match index.get(&key) {
-            Some(&g) => g,
-            None if groups.len() >= MOST_GROUPS => return,
-            None => {
-                let g = groups.len() as u32;
-                index.insert(key.clone(), g);
-                let sample_period_s = burst.sample_period_s;
-                groups.push(Group { key, sample_period_s, first_ns: t, last_ns: t });
-                g
+    visit::bursts(
+        recording,
+        control,
+        |_| true,
+        |block, burst| {
+            let key = GroupKey::of(burst);
+            let t = burst.t_acq_ns;
+            let g = match index.get(&key) {
+                Some(&g) => g,
+                None if groups.len() >= MOST_GROUPS => return,
+                None => {
+                    let g = groups.len() as u32;
+                    index.insert(key.clone(), g);
+                    let sample_period_s = burst.sample_period_s;
+                    groups.push(Group { key, sample_period_s, first_ns: t, last_ns: t });
+                    g
+                }
+            };
+            let group = &mut groups[g as usize];
+            group.first_ns = group.first_ns.min(t);
+            group.last_ns = group.last_ns.max(t);
+            let spans = blocks.entry(block).or_default();
+            match spans.iter_mut().find(|(of, _, _)| *of == g) {
+                Some((_, from, to)) => (*from, *to) = ((*from).min(t), (*to).max(t)),
+                None => spans.push((g, t, t)),
             }
-        };
-        let group = &mut groups[g as usize];
-        group.first_ns = group.first_ns.min(t);
-        group.last_ns = group.last_ns.max(t);
-        let spans = blocks.entry(block).or_default();
-        match spans.iter_mut().find(|(of, _, _)| *of == g) {
-            Some((_, from, to)) => (*from, *to) = ((*from).min(t), (*to).max(t)),
-            None => spans.push((g, t, t)),
-        }
-    })?;
+        },
+    )?;
     Ok(survey)
 }

@@ -1,8 +1,8 @@
 //! One pass over (some of) a recording's blocks, by a function, outside the stages.
 
 use super::{Control, PipelineError};
-use crate::io::recording::Recording;
 use crate::burst::Burst;
+use crate::io::recording::Recording;
 use std::sync::atomic::Ordering;
 
 /// Calls `see` with every usable burst of the blocks that `want`s chooses by index, in file order.

@@ -139,13 +139,18 @@ impl Learner<'_> {
                 Reservoir::new(samples, self.settings.identify.window_signals)
             })
             .collect();
-        visit::bursts(recording, control, |block| wanted.contains(&block), |_, burst| {
-            for &i in by_group.get(&GroupKey::of(burst)).into_iter().flatten() {
-                if (windows[i].from_ns..windows[i].to_ns).contains(&burst.t_acq_ns) {
-                    self.offer(burst, &mut reservoirs[i]);
+        visit::bursts(
+            recording,
+            control,
+            |block| wanted.contains(&block),
+            |_, burst| {
+                for &i in by_group.get(&GroupKey::of(burst)).into_iter().flatten() {
+                    if (windows[i].from_ns..windows[i].to_ns).contains(&burst.t_acq_ns) {
+                        self.offer(burst, &mut reservoirs[i]);
+                    }
                 }
-            }
-        })?;
+            },
+        )?;
         Ok(reservoirs)
     }
 
@@ -278,7 +283,10 @@ impl Progress {
         if learner.settings.identify.mode == IdentifyMode::Design && learner.design.is_some() {
             // the printhead is unknown to the design: its pooled model, if the windows agree
             if let (true, Some(pooled)) = (agrees, self.reference) {
-                timeline.push((i64::MIN, schedule.add(pooled, self.reference_v, learner.design, isolate)?));
+                timeline.push((
+                    i64::MIN,
+                    schedule.add(pooled, self.reference_v, learner.design, isolate)?,
+                ));
             }
         } else {
             if self.first_refused
@@ -289,10 +297,12 @@ impl Progress {
             }
             for model in self.accepted {
                 let from = model.valid_from_ns.unwrap_or(i64::MIN);
-                timeline.push((from, schedule.add(model, self.reference_v, learner.design, isolate)?));
+                timeline
+                    .push((from, schedule.add(model, self.reference_v, learner.design, isolate)?));
             }
         }
-        let nobody = if learner.design.is_some() { Reason::DesignMismatch } else { Reason::NoModel };
+        let nobody =
+            if learner.design.is_some() { Reason::DesignMismatch } else { Reason::NoModel };
         let timeline = if timeline.is_empty() { Err(nobody) } else { Ok(timeline) };
         schedule.set(group.key.clone(), timeline);
         Ok(())
