@@ -15,38 +15,58 @@ pub use threshold::Threshold;
 /// Why no filter or no threshold can be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum DetectError {
-    #[error("A is {a_rows} x {a_columns} and C is {c_rows} x {c_columns}: A must be n x n with n >= 1, C m x n with m >= 1")]
+    #[error(
+        "A is {a_rows} x {a_columns} and C is {c_rows} x {c_columns}: A must be n x n with n >= 1, C m x n with m >= 1"
+    )]
     WrongShape { a_rows: usize, a_columns: usize, c_rows: usize, c_columns: usize },
     #[error("{what} is {value}: it must be {must}")]
     BadNumber { what: &'static str, value: f64, must: &'static str },
     #[error("{what} holds a number that is not finite, at index {index}")]
     NotFinite { what: &'static str, index: usize },
-    #[error("filter degree {degree} is larger than {max}: choose the observable order or a little more")]
+    #[error(
+        "filter degree {degree} is larger than {max}: choose the observable order or a little more"
+    )]
     DegreeTooLarge { degree: usize, max: usize },
     #[error("C sees no state: nothing of this model shows in the output")]
     NothingObservable,
-    #[error("filter degree {degree} leaves no left null space of H-bar: {observable_order} states are observable through {outputs} output(s); raise the degree")]
+    #[error(
+        "filter degree {degree} leaves no left null space of H-bar: {observable_order} states are observable through {outputs} output(s); raise the degree"
+    )]
     DegreeTooSmall { degree: usize, observable_order: usize, outputs: usize },
-    #[error("left null space of H-bar has dimension {found} where {expected} is due (degree {degree}, observable order {observable_order}): the model is too close to an unobservable one, or the degree is below the observability index")]
+    #[error(
+        "left null space of H-bar has dimension {found} where {expected} is due (degree {degree}, observable order {observable_order}): the model is too close to an unobservable one, or the degree is below the observability index"
+    )]
     WrongNullity { found: usize, expected: usize, degree: usize, observable_order: usize },
-    #[error("singular value decomposition of a {rows} x {columns} matrix did not converge or lost its accuracy: check the model's scaling")]
+    #[error(
+        "singular value decomposition of a {rows} x {columns} matrix did not converge or lost its accuracy: check the model's scaling"
+    )]
     Decomposition { rows: usize, columns: usize },
     #[error("numerators are made for one output, the model has {outputs}")]
     OneOutputOnly { outputs: usize },
-    #[error("no unique numerator rejects an offset at degree {degree}: the model has an observable pole at 0 itself; use degree {observable_order}")]
+    #[error(
+        "no unique numerator rejects an offset at degree {degree}: the model has an observable pole at 0 itself; use degree {observable_order}"
+    )]
     AmbiguousNumerator { degree: usize, observable_order: usize },
     #[error("pole {re} {im:+}j 1/s is not stable: poles of a filter need a negative real part")]
     UnstablePole { re: f64, im: f64 },
-    #[error("numerator has {numerator} coefficients and denominator {denominator}: equal numbers are needed, at least one")]
+    #[error(
+        "numerator has {numerator} coefficients and denominator {denominator}: equal numbers are needed, at least one"
+    )]
     UnequalDegrees { numerator: usize, denominator: usize },
     #[error("leading coefficient of the denominator is {value}: it must be 1")]
     NotMonic { value: f64 },
     #[error("energy {value} at index {index} is no energy: energies are finite and not negative")]
     NotAnEnergy { value: f64, index: usize },
-    #[error("{found} healthy signals are too few for a threshold by {method}: at least {needed} are needed")]
+    #[error(
+        "{found} healthy signals are too few for a threshold by {method}: at least {needed} are needed"
+    )]
     TooFewSignals { found: usize, needed: usize, method: &'static str },
     #[error("{energies} energies but {channels} channel numbers: one channel per energy is needed")]
     UnequalColumns { energies: usize, channels: usize },
+    #[error(
+        "{channels} channels are too few, or too unlike, for a threshold at confidence {confidence}: train on more channels or lower the confidence"
+    )]
+    TooFewChannels { channels: usize, confidence: f64 },
     #[error("all {signals} healthy energies are zero: the deviations were never filled")]
     NoEnergy { signals: usize },
 }

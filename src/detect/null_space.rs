@@ -120,12 +120,7 @@ impl NullSpace {
     }
 }
 
-fn check(
-    a: &DMatrix<f64>,
-    c: &DMatrix<f64>,
-    dt_s: f64,
-    degree: usize,
-) -> Result<(), DetectError> {
+fn check(a: &DMatrix<f64>, c: &DMatrix<f64>, dt_s: f64, degree: usize) -> Result<(), DetectError> {
     if a.nrows() == 0 || a.nrows() != a.ncols() || c.nrows() == 0 || c.ncols() != a.ncols() {
         return Err(DetectError::WrongShape {
             a_rows: a.nrows(),

@@ -230,9 +230,8 @@ mod tests {
             let x_a = nalgebra::dvector![2e-4, -1e-4, 900.0, 400.0];
             let y = ring_down::ring_down(&INK, &x_a, DT_S, 128);
             let n = g.degree();
-            let annihilated: Vec<f64> = (n..y.len())
-                .map(|k| (0..=n).map(|j| g.numerator[j] * y[k - j]).sum())
-                .collect();
+            let annihilated: Vec<f64> =
+                (n..y.len()).map(|k| (0..=n).map(|j| g.numerator[j] * y[k - j]).sum()).collect();
             let mut one = vec![0.0; n + 1];
             one[0] = 1.0;
             let rings = ResidualGenerator::new(one, g.denominator.clone(), DT_S).unwrap();

@@ -90,7 +90,11 @@ impl DecisionRule {
 }
 
 fn largest(values: &[f64]) -> Option<(usize, f64)> {
-    values.iter().copied().enumerate().reduce(|best, next| if next.1 > best.1 { next } else { best })
+    values
+        .iter()
+        .copied()
+        .enumerate()
+        .reduce(|best, next| if next.1 > best.1 { next } else { best })
 }
 
 /// Sums of weights reach 1 only to rounding.

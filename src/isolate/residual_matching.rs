@@ -207,8 +207,7 @@ impl<'a> Search<'a> {
                 } else {
                     // Relative to what the differences were made of, too: their rounding is no pivot.
                     let size = whole.max(1e-4 * (g(s[p], s[p]) + g(o, o)));
-                    // Not `<=`: a NaN is no pivot.
-                    if !(rest > DEPENDENT * size) {
+                    if rest.is_nan() || rest <= DEPENDENT * size {
                         return Some(p);
                     }
                     self.factor[row + p - 1] = rest.sqrt();
@@ -237,8 +236,8 @@ impl<'a> Search<'a> {
         let mut x: Row = [0.0; MAX_CLASSES];
         for p in 1..self.size {
             let i = s[p];
-            x[p - 1] = (self.b[i] - self.b[o])
-                - (self.problem.gram(i, o) - self.problem.gram(o, o));
+            x[p - 1] =
+                (self.b[i] - self.b[o]) - (self.problem.gram(i, o) - self.problem.gram(o, o));
         }
         self.solve(&mut x, self.size - 1);
         let mut sum = 0.0;
