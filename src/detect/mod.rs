@@ -65,6 +65,10 @@ pub enum DetectError {
     TooFewSignals { found: usize, needed: usize, method: &'static str },
     #[error("{energies} energies but {channels} channel numbers: one channel per energy is needed")]
     UnequalColumns { energies: usize, channels: usize },
+    #[error(
+        "{channels} channels are too few, or too unlike, for a threshold at confidence {confidence}: train on more channels or lower the confidence"
+    )]
+    TooFewChannels { channels: usize, confidence: f64 },
     #[error("all {signals} healthy energies are zero: the deviations were never filled")]
     NoEnergy { signals: usize },
 }

@@ -23,12 +23,17 @@ const TAIL_SHARE: f64 = 0.1;
 const MIN_TAIL: usize = 50;
 const MAX_TAIL: usize = 5000;
 /// Spread of the tail shapes that residual energies have: squares of near-Gaussian residuals have
-/// exponential tails, shape 0; channels that differ in gain make them somewhat heavier. A shape
-/// fitted to a few hundred exceedances scatters as much as that, so it is shrunk towards 0.
+/// exponential tails, shape 0; channels that differ in gain make them heavier, poles that scatter
+/// within bounds lighter. A shape fitted to a few hundred exceedances scatters as much, so it is
+/// shrunk towards 0 and kept in a range. Measured (tests): without negative shapes, bounded scatter
+/// costs a threshold ten times too strict; down to -0.5 the bound holds in 83 % instead of 95 %.
 const SHAPE_SD: f64 = 0.2;
-/// A bounded tail (negative shape) does not lower the threshold: what bounded it in training need
-/// not later.
-const SHAPE_RANGE: (f64, f64) = (-0.3, 0.5);
+const SHAPE_RANGE: (f64, f64) = (-0.2, 0.5);
+/// Low estimates come with small deviations, so a bound of so many deviations fails too often.
+/// Widened by this it holds in 90 to 98 % of training sets at a confidence of 95 %.
+const WIDENING: f64 = 1.3;
+/// A bound further than this from its estimate says that the channels are too few.
+const MAX_FACTOR: f64 = 1e3;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -120,8 +125,14 @@ pub fn quantile(
     let ones = vec![1.0; sample.sizes.len()];
     let fit = |weights: &[f64]| sample.tail(weights, share, tail_effective, false_alarm_rate);
     let (estimate, tail_shape) = fit(&ones);
-    let logs = sample.resampled(seed, |weights| fit(weights).0.ln());
-    let infl = (1.0 + 4.0 / 3.0 / tail_effective / SHAPE_SD.powi(2)).sqrt() * 1.3; let value = estimate * (infl * sample.student(confidence) * deviation(&logs)).exp();
+    let logs = sample.resampled(seed, |weights| fit(weights).0.max(estimate / MAX_FACTOR).ln());
+    // What the shrinkage has hidden of the shape's scatter is put back.
+    let hidden = (1.0 + shape_variance(tail_effective) / (SHAPE_SD * SHAPE_SD)).sqrt();
+    let factor = (WIDENING * hidden * sample.student(confidence) * deviation(&logs)).exp();
+    let value = estimate * factor;
+    if !value.is_finite() || factor > MAX_FACTOR {
+        return Err(DetectError::TooFewChannels { channels: sample.sizes.len(), confidence });
+    }
     Ok(Threshold {
         value,
         method: Method::Quantile,
@@ -182,7 +193,7 @@ impl Sample {
             return Err(DetectError::NoEnergy { signals: energies.len() });
         }
         let alone = sizes.len() == 1;
-        if alone && needed > 1 {
+        if alone {
             for (i, e) in descending.iter_mut().enumerate() {
                 e.1 = i as u32;
             }
@@ -249,9 +260,8 @@ impl Sample {
         let a_0 = (sum / above - u).max(0.0);
         let a_1 = (sum_p - u * sum_1p) / (above * above);
         let fitted = 2.0 - a_0 / (a_0 - 2.0 * a_1);
-        // Variance of the fitted shape near 0: 4/3 per exceedance.
         let known = SHAPE_SD * SHAPE_SD;
-        let shrunk = fitted * known / (known + 4.0 / (3.0 * tail_effective));
+        let shrunk = fitted * known / (known + shape_variance(tail_effective));
         let xi = if shrunk.is_finite() { shrunk.clamp(SHAPE_RANGE.0, SHAPE_RANGE.1) } else { 0.0 };
         let sigma = a_0 * (1.0 - xi);
         let beyond = (above / (rate * total)).max(1.0).ln();
@@ -283,6 +293,11 @@ impl Sample {
         let units = if self.alone { self.descending.len() } else { self.sizes.len() } as f64;
         student_quantile(confidence, units - 1.0) * (units / (units - 1.0)).sqrt()
     }
+}
+
+/// Variance of the fitted shape near 0.
+fn shape_variance(tail_effective: f64) -> f64 {
+    4.0 / (3.0 * tail_effective)
 }
 
 fn deviation(x: &[f64]) -> f64 {
@@ -342,8 +357,7 @@ mod tests {
         }
 
         fn energy(self, gain: f64, rng: &mut ChaCha8Rng) -> f64 {
-            let shift =
-                if let Kind::Uniform = self { rng.random_range(-8.0..8.0) } else { 0.0 };
+            let shift = if let Kind::Uniform = self { rng.random_range(-8.0..8.0) } else { 0.0 };
             let sum: f64 = [3.0, 2.0, 1.0, 1.0, 0.5, 0.5, 0.5, 0.5]
                 .iter()
                 .enumerate()
@@ -398,14 +412,132 @@ mod tests {
     }
 
     #[test]
-    fn explore() {
-        for rate in [1e-3, 4e-4] {
-            for kind in [Kind::Noise, Kind::Uniform, Kind::Gains(0.3)] {
-                for shape in [(2475, 1), (64, 40), (16, 20), (256, 20)] {
-                    realised(kind, shape, rate, 0.95, false);
+    fn the_realised_false_alarm_rate_meets_its_target_at_the_confidence_and_not_by_much_more() {
+        for kind in [Kind::Noise, Kind::Uniform, Kind::Gains(0.3)] {
+            for shape in [(2475, 1), (64, 40)] {
+                for rate in [1e-2, 4e-4] {
+                    let (met, mean) = realised(kind, shape, rate, 0.95, false);
+                    assert!(met >= 0.88, "{kind:?} {shape:?} {rate}: met in {met}");
+                    assert!(mean >= 0.2, "{kind:?} {shape:?} {rate}: {mean} of the target");
                 }
             }
         }
-        realised(Kind::Gains(0.3), (64, 40), 1e-3, 0.95, true);
+    }
+
+    #[test]
+    fn channels_that_differ_are_not_mistaken_for_many_independent_signals() {
+        let (met, mean) = realised(Kind::Gains(0.3), (32, 150), 1e-2, 0.95, false);
+        assert!(met >= 0.92 && mean >= 1.0 / 3.0, "met in {met}, mean {mean}");
+        let (naive, _) = realised(Kind::Gains(0.3), (32, 150), 1e-2, 0.95, true);
+        assert!(naive <= 0.8, "the naive bound holds in {naive}: the data test nothing");
+    }
+
+    #[test]
+    fn the_effective_number_lies_between_channels_and_signals() {
+        let effective = |kind: Kind| {
+            let (energies, channels) = kind.sample(64, 40, 3);
+            quantile(&energies, &channels, 1e-2, 0.95, 1).unwrap().n_effective
+        };
+        assert!(effective(Kind::Noise) > 1500.0, "{}", effective(Kind::Noise));
+        let clustered = effective(Kind::Gains(1.0));
+        assert!((64.0..400.0).contains(&clustered), "{clustered}");
+    }
+
+    #[test]
+    fn the_order_of_the_signals_does_not_matter_and_the_seed_makes_it_repeatable() {
+        let (energies, channels) = Kind::Gains(0.2).sample(20, 25, 5);
+        let t = quantile(&energies, &channels, 1e-3, 0.95, 11).unwrap();
+        let back: Vec<f64> = energies.iter().rev().copied().collect();
+        let channels_back: Vec<u32> = channels.iter().rev().copied().collect();
+        assert_eq!(quantile(&back, &channels_back, 1e-3, 0.95, 11).unwrap(), t);
+        assert_eq!(max(&back, &channels_back, 1.0), max(&energies, &channels, 1.0));
+    }
+
+    #[test]
+    fn the_threshold_scales_with_the_energies() {
+        let (energies, channels) = Kind::Noise.sample(50, 20, 6);
+        let t = quantile(&energies, &channels, 1e-3, 0.95, 1).unwrap();
+        let many: Vec<f64> = energies.iter().map(|e| e * 1e12).collect();
+        let scaled = quantile(&many, &channels, 1e-3, 0.95, 1).unwrap();
+        assert!((scaled.value / t.value / 1e12 - 1.0).abs() < 1e-9);
+    }
+
+    /// thesis (3-4).
+    #[test]
+    fn max_is_mu_times_the_largest_healthy_energy_and_the_boundary_is_healthy() {
+        let t = max(&[1.0, 3.0, 2.0], &[0, 1, 1], 2.0).unwrap();
+        assert_eq!((t.value, t.n_signals, t.n_channels), (6.0, 3, 2));
+        assert!(!t.is_faulty(6.0) && t.is_faulty(6.000001));
+        assert!(t.is_faulty(f64::INFINITY) && t.is_faulty(f64::NAN));
+        assert!(max(&[1.0], &[0], 1.0).is_ok());
+    }
+
+    #[test]
+    fn few_signals_one_channel_and_equal_energies_still_give_a_threshold() {
+        let (energies, channels) = Kind::Noise.sample(1, 20, 7);
+        let t = quantile(&energies, &channels, 0.01, 0.95, 1).unwrap();
+        let largest = energies.iter().copied().fold(0.0, f64::max);
+        assert!(t.value > largest && t.value < 100.0 * largest, "{t:?}");
+        let t = quantile(&[5.0; 100], &[3; 100], 0.01, 0.95, 1).unwrap();
+        assert!((t.value - 5.0).abs() < 1e-12, "{t:?}");
+        let mut sparse = vec![0.0; 100];
+        sparse[7] = 1.0;
+        let channels: Vec<u32> = (0..100).collect();
+        if let Ok(t) = quantile(&sparse, &channels, 0.01, 0.95, 1) {
+            assert!(t.value.is_finite() && t.value > 0.0);
+        }
+    }
+
+    #[test]
+    fn senseless_energies_and_rates_are_errors() {
+        let (e, c) = (vec![1.0; 30], vec![0; 30]);
+        for rate in [0.0, -1.0, 0.3, f64::NAN] {
+            assert!(quantile(&e, &c, rate, 0.95, 1).is_err());
+        }
+        for confidence in [0.0, 1.0, f64::NAN] {
+            assert!(quantile(&e, &c, 0.01, confidence, 1).is_err());
+        }
+        for mu in [0.0, f64::NAN, f64::INFINITY] {
+            assert!(max(&e, &c, mu).is_err());
+        }
+        for bad in [f64::NAN, f64::INFINITY, -1.0] {
+            let mut e = e.clone();
+            e[4] = bad;
+            for result in [quantile(&e, &c, 0.01, 0.95, 1), max(&e, &c, 1.0)] {
+                assert!(matches!(result, Err(DetectError::NotAnEnergy { index: 4, .. })));
+            }
+        }
+        assert!(matches!(
+            quantile(&e[..10], &c[..10], 0.01, 0.95, 1),
+            Err(DetectError::TooFewSignals { found: 10, .. })
+        ));
+        assert!(max(&[], &[], 1.0).is_err());
+        assert!(max(&e, &c[..3], 1.0).is_err());
+        assert!(matches!(max(&[0.0; 5], &[0; 5], 1.0), Err(DetectError::NoEnergy { .. })));
+    }
+
+    #[test]
+    fn student_quantiles_are_the_tables() {
+        for (p, freedom, t) in [
+            (0.95, 1.0, 6.314),
+            (0.95, 2.0, 2.920),
+            (0.95, 3.0, 2.353),
+            (0.95, 10.0, 1.812),
+            (0.99, 30.0, 2.457),
+            (0.975, 1e9, 1.960),
+            (0.5, 5.0, 0.0),
+        ] {
+            let found = student_quantile(p, freedom);
+            assert!((found - t).abs() < 0.01 * t.max(0.1), "{p} {freedom}: {found} for {t}");
+        }
+    }
+
+    #[test]
+    fn survives_json_unchanged() {
+        let (energies, channels) = Kind::Noise.sample(50, 20, 8);
+        let t = quantile(&energies, &channels, 1e-3, 0.95, 1).unwrap();
+        let json = serde_json::to_string(&t).unwrap();
+        assert!(json.contains(r#""method":"quantile""#));
+        assert_eq!(serde_json::from_str::<Threshold>(&json).unwrap(), t);
     }
 }

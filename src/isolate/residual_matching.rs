@@ -207,8 +207,7 @@ impl<'a> Search<'a> {
                 } else {
                     // Relative to what the differences were made of, too: their rounding is no pivot.
                     let size = whole.max(1e-4 * (g(s[p], s[p]) + g(o, o)));
-                    // Not `<=`: a NaN is no pivot.
-                    if !(rest > DEPENDENT * size) {
+                    if rest.is_nan() || rest <= DEPENDENT * size {
                         return Some(p);
                     }
                     self.factor[row + p - 1] = rest.sqrt();
