@@ -65,6 +65,25 @@ pub struct Threshold {
 }
 
 impl Threshold {
+    /// The same tail in other units: for a window whose own tail cannot be trusted.
+    pub fn scaled(&self, factor: f64) -> Threshold {
+        Threshold { value: self.value * factor, ..self.clone() }
+    }
+
+    /// How it was learned.
+    pub fn in_words(&self) -> String {
+        match (self.method, self.false_alarm_rate, self.confidence) {
+            (Method::Quantile, Some(rate), Some(confidence)) => format!(
+                "false alarms <= {rate:e} with {:.0} % confidence; generalised Pareto tail of {} \
+                 signals, {:.0} effective",
+                100.0 * confidence,
+                self.n_signals,
+                self.n_effective
+            ),
+            _ => format!("{} times the largest of {} energies", self.mu.unwrap_or(1.0), self.n_signals),
+        }
+    }
+
     /// f of thesis §3-2, after (3-4): faulty above the threshold, healthy on it. No number is faulty.
     pub fn is_faulty(&self, energy: f64) -> bool {
         energy > self.value || energy.is_nan()
