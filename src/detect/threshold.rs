@@ -80,7 +80,11 @@ impl Threshold {
                 self.n_signals,
                 self.n_effective
             ),
-            _ => format!("{} times the largest of {} energies", self.mu.unwrap_or(1.0), self.n_signals),
+            _ => format!(
+                "{} times the largest of {} energies",
+                self.mu.unwrap_or(1.0),
+                self.n_signals
+            ),
         }
     }
 
