@@ -41,11 +41,7 @@ pub struct BurstDecoder {
 
 impl BurstDecoder {
     pub fn new(limits: Limits) -> BurstDecoder {
-        BurstDecoder {
-            limits,
-            message: wire::Burst::default(),
-            names: PrintheadNames::default(),
-        }
+        BurstDecoder { limits, message: wire::Burst::default(), names: PrintheadNames::default() }
     }
 
     /// Decodes one message. The samples are not copied. A burst with several faults is unusable for
@@ -399,8 +395,7 @@ mod tests {
         let set = prost_types::FileDescriptorSet::decode(FILE_DESCRIPTOR_SET).unwrap();
         let file = set.file.iter().find(|f| f.package() == "inkling").unwrap();
         let burst = file.message_type.iter().find(|m| m.name() == "Burst").unwrap();
-        let fields: Vec<(i32, &str)> =
-            burst.field.iter().map(|f| (f.number(), f.name())).collect();
+        let fields: Vec<(i32, &str)> = burst.field.iter().map(|f| (f.number(), f.name())).collect();
         let contract = [
             (1, "timestamp"),
             (2, "printhead"),

@@ -241,7 +241,10 @@ mod tests {
                 }
                 Record::Channel(c) => {
                     let ours = ChannelRecord::parse(body).unwrap();
-                    assert_eq!((ours.id, ours.schema_id, ours.topic), (c.id, c.schema_id, &*c.topic));
+                    assert_eq!(
+                        (ours.id, ours.schema_id, ours.topic),
+                        (c.id, c.schema_id, &*c.topic)
+                    );
                     assert_eq!(ours.message_encoding, c.message_encoding);
                     assert!((0..body.len()).all(|n| ChannelRecord::parse(&body[..n]).is_none()));
                 }

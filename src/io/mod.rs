@@ -8,16 +8,16 @@
 pub mod block_reader;
 pub mod burst_codec;
 mod decompress;
-// pub mod inputs;
-// pub mod labels_file;
+pub mod inputs;
+pub mod labels_file;
 mod mcap_records;
 mod part_file;
 pub mod recording;
 pub mod recording_writer;
 pub mod scan;
 mod source;
-// pub mod verdict_reader;
-// pub mod verdict_table;
+pub mod verdict_reader;
+pub mod verdict_table;
 
 #[cfg(test)]
 mod recording_tests;
