@@ -14,7 +14,7 @@ pub struct Said<'a> {
     pub flagged: bool,
     pub candidate: Option<&'a str>,
     pub certainty: Option<f64>,
-    /// phi or posterior per class, in the order of the classes given to [`Score::new`].
+    /// phi or posterior per class, in the order of the classes given to [`Score::add_classes`].
     pub weights: Option<&'a [f32]>,
 }
 
@@ -84,7 +84,7 @@ struct Bin {
 }
 
 /// Sums while rows come; [`Score::report`] draws the conclusions.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Score {
     classes: Vec<String>,
     bound: f64,
@@ -92,7 +92,6 @@ pub struct Score {
     by_state: BTreeMap<String, ByState>,
     /// (truth, candidate) -> n.
     confusion: BTreeMap<(String, String), u64>,
-    faulty_labelled: u64,
     isolated: u64,
     right: u64,
     certain: u64,
@@ -115,11 +114,39 @@ pub struct Report {
     pub rejected: u64,
 }
 
+impl Default for Score {
+    /// No class known yet; the bound is the thesis's 80 %.
+    fn default() -> Score {
+        Score {
+            classes: Vec::new(),
+            bound: 0.8,
+            detection: Detection::default(),
+            by_state: BTreeMap::new(),
+            confusion: BTreeMap::new(),
+            isolated: 0,
+            right: 0,
+            certain: 0,
+            certain_right: 0,
+            bins: [Bin::default(); BINS],
+            class_bins: Vec::new(),
+            unlabelled: 0,
+            rejected: 0,
+        }
+    }
+}
+
 impl Score {
-    /// `classes`: of the verdicts' metadata. `bound`: the certainty bound.
-    pub fn new(classes: Vec<String>, bound: f64) -> Score {
-        let class_bins = vec![[Bin::default(); BINS]; classes.len()];
-        Score { classes, bound, class_bins, ..Score::default() }
+    /// The certainty bound of `certain`.
+    pub fn set_bound(&mut self, bound: f64) {
+        self.bound = bound;
+    }
+
+    /// Classes that weights are in the order of; what is known already is left as it is.
+    pub fn add_classes(&mut self, classes: &[String]) {
+        for class in classes.iter().skip(self.classes.len()) {
+            self.classes.push(class.clone());
+            self.class_bins.push([Bin::default(); BINS]);
+        }
     }
 
     /// Not analysed, so not scored.
@@ -148,7 +175,6 @@ impl Score {
         if truth == crate::fault::HEALTHY {
             return;
         }
-        self.faulty_labelled += 1;
         let Some(candidate) = said.candidate else { return };
         self.isolated += 1;
         let right = candidate == truth;
@@ -251,7 +277,8 @@ mod tests {
             [0, 0, 0, 0, 0, 99, 117, 9, 0],
             [0, 0, 0, 0, 0, 0, 0, 8, 217],
         ];
-        let mut score = Score::new(classes.clone(), 0.8);
+        let mut score = Score::default();
+        score.add_classes(&classes);
         for (t, row) in table.iter().enumerate() {
             for (c, &n) in row.iter().enumerate() {
                 for _ in 0..n {
@@ -264,7 +291,9 @@ mod tests {
 
     #[test]
     fn perfectly_calibrated_certainty_has_no_calibration_error() {
-        let mut score = Score::new(vec!["EC".into(), "BN".into()], 0.8);
+        let mut score = Score::default();
+        score.add_classes(&["EC".into(), "BN".into()]);
+        score.set_bound(0.8);
         for i in 0..1000 {
             score.add(said(true, if i % 4 == 0 { "BN" } else { "EC" }, 0.75), Some("EC"));
         }
@@ -274,7 +303,7 @@ mod tests {
 
     #[test]
     fn unknown_truth_is_counted_and_not_scored() {
-        let mut score = Score::new(Vec::new(), 0.8);
+        let mut score = Score::default();
         score.add(said(true, "EC", 1.0), None);
         let report = score.report();
         assert_eq!((report.unlabelled, report.detection.tp, report.detection.fp), (1, 0, 0));

@@ -64,7 +64,7 @@ fn sample_logs_regenerate_and_retrain() {
     }
     assert_eq!(read("sample_logs/labels.csv").as_bytes(), house.read("labels.csv"));
 
-    house.ok("train train.mcap print_run.mcap --labels labels.csv -o design.json");
+    house.ok("train train.mcap --labels labels.csv -o design.json");
     let made = house.read_json("design.json");
     let shipped: serde_json::Value =
         serde_json::from_str(&read("sample_logs/design.json")).unwrap();

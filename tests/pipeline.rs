@@ -3,9 +3,10 @@
 
 use crate::house::{House, root};
 use inkling::burst::{Acquisition, Burst, Format, Layout};
+use inkling::io::Limits;
 use inkling::io::recording::Recording;
 use inkling::io::recording_writer::{Compression, RecordingWriter, WriterOptions};
-use inkling::io::{Limits, verdict_reader};
+use inkling::io::verdict_reader::VerdictReader;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -38,7 +39,7 @@ fn write(path: &Path, bursts: &[Burst], options: WriterOptions) {
 /// Rows by (time, printhead, channel): what a verdict may depend on.
 fn verdicts(path: &Path) -> BTreeMap<(i64, String, u32), String> {
     let mut rows = BTreeMap::new();
-    for columns in verdict_reader::open(path).unwrap() {
+    for columns in VerdictReader::open(path).unwrap() {
         let c = columns.unwrap();
         for i in 0..c.len() {
             let key = (

@@ -2,7 +2,8 @@
 
 use super::exit::{Exit, Failure};
 use crate::fault::HEALTHY;
-use crate::io::{inputs, labels_file, verdict_reader};
+use crate::io::verdict_reader::VerdictReader;
+use crate::io::{inputs, labels_file};
 use crate::score::{Report, Said, Score};
 use crate::verdict::Outcome;
 use std::io::Write;
@@ -27,14 +28,20 @@ pub struct Args {
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let labels = labels_file::read(&args.labels).map_err(Failure::new)?;
     let files = inputs::find_verdicts(&args.verdicts).map_err(Failure::new)?;
-    let mut score: Option<Score> = None;
+    let mut score = Score::default();
     for file in &files {
-        let verdicts = verdict_reader::open(&file.path).map_err(Failure::new)?;
-        let classes = verdicts.classes().to_vec();
-        let bound = verdicts.metadata()["settings"]["isolate"]["certainty"].as_f64().unwrap_or(0.8);
-        let score = score.get_or_insert_with(|| Score::new(classes.clone(), bound));
-        for columns in verdicts {
+        let mut verdicts = VerdictReader::open(&file.path).map_err(Failure::new)?;
+        let document: serde_json::Value = verdicts
+            .metadata_json()
+            .and_then(|json| serde_json::from_str(json).ok())
+            .unwrap_or_default();
+        if let Some(bound) = document["settings"]["isolate"]["certainty"].as_f64() {
+            score.set_bound(bound);
+        }
+        while let Some(columns) = verdicts.next() {
             let c = columns.map_err(Failure::new)?;
+            let classes = verdicts.classes();
+            score.add_classes(classes);
             for row in 0..c.len() {
                 if c.outcome[row] == Outcome::Rejected {
                     score.add_rejected();
@@ -42,19 +49,17 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
                 }
                 let printhead = &c.printheads[c.printhead[row] as usize];
                 let truth = labels.at(printhead, c.channel[row], c.acquired_at_ns[row]);
-                let weights = c.weights_start[row]
-                    .map(|start| &c.weights[start as usize..start as usize + classes.len()]);
                 let said = Said {
                     flagged: c.outcome[row] != Outcome::Healthy,
                     candidate: c.candidate[row].map(|k| classes[k as usize].as_str()),
                     certainty: c.certainty[row].map(f64::from),
-                    weights,
+                    weights: c.weights_start[row].map(|start| &c.weights[start as usize..]),
                 };
                 score.add(said, truth.map(|label| label.state.as_str()));
             }
         }
     }
-    let report = score.unwrap_or_default().report();
+    let report = score.report();
     let mut out = std::io::stdout().lock();
     if args.json {
         serde_json::to_writer_pretty(&mut out, &report)

@@ -14,7 +14,7 @@ use super::scan::{Block, BlockKind};
 use super::source::Source;
 use crate::burst::{Acquisition, Unusable, UnusableBurst};
 use bytes::{Bytes, BytesMut};
-use std::collections::{HashMap, VecDeque};
+use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::fmt;
 use std::sync::Arc;
 
@@ -49,7 +49,7 @@ struct OpenBlock {
     records: Bytes,
     at: usize,
     damage: Vec<Damage>,
-    lost: HashMap<String, u64>,
+    lost: BTreeMap<Lost, u64>,
 }
 
 impl BlockReader {
@@ -91,7 +91,7 @@ impl BlockReader {
             Bytes::new()
         });
         let block = *block;
-        self.open = Some(OpenBlock { block, records, at: 0, damage, lost: HashMap::new() });
+        self.open = Some(OpenBlock { block, records, at: 0, damage, lost: BTreeMap::new() });
     }
 
     /// The next acquisitions of the block that was loaded, until they have `max_rows` rows or the
@@ -139,17 +139,12 @@ impl BlockReader {
                 _ => Ok(()), // not ours, or of a later version of the format
             };
             if let Err(lost) = outcome {
-                *open.lost.entry(lost.to_string()).or_default() += 1;
+                *open.lost.entry(lost).or_default() += 1;
             }
         }
         piece.damage.append(&mut open.damage);
         if piece.last {
-            let mut lost: Vec<(String, u64)> = open.lost.drain().collect();
-            lost.sort();
-            let block = &open.block;
-            piece.damage.extend(lost.into_iter().map(|(what, n)| {
-                damage_of(block, if n == 1 { what } else { format!("{n} times: {what}") })
-            }));
+            piece.damage.extend(losses(&open.block, &open.lost));
         } else {
             self.open = Some(open);
         }
@@ -216,6 +211,19 @@ impl BlockReader {
     }
 }
 
+/// The losses of a block; of many kinds, the first few by name.
+fn losses(block: &Block, lost: &BTreeMap<Lost, u64>) -> Vec<Damage> {
+    const NAMED: usize = 16;
+    let named = lost.iter().take(NAMED).map(|(lost, n)| match n {
+        1 => lost.to_string(),
+        n => format!("{n} times: {lost}"),
+    });
+    let more = lost.len().saturating_sub(NAMED);
+    let unnamed: u64 = lost.values().skip(NAMED).sum();
+    let rest = (more > 0).then(|| format!("{unnamed} more records lost for {more} more reasons"));
+    named.chain(rest).map(|what| damage_of(block, what)).collect()
+}
+
 fn damage_of(block: &Block, what: String) -> Damage {
     Damage { from_byte: block.offset, to_byte: block.offset + block.bytes, what }
 }
@@ -231,7 +239,7 @@ pub(super) enum Route {
 }
 
 /// Why a record inside a block is of no use.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Lost {
     UnknownChannel(u16),
     UnknownSchema { channel: u16, schema: u16 },

@@ -92,7 +92,8 @@ mod tests {
                 let mut out = vec![0; claimed];
                 assert!(decompressor.decompress(compression, &compressed, &mut out).is_err());
             }
-            let cut = &compressed[..compressed.len() - 1];
+            // The end mark and checksum (8 bytes) cut off an lz4 frame leave its data whole.
+            let cut = &compressed[..compressed.len() - 9];
             assert!(decompressor.decompress(compression, cut, &mut out).is_err());
         }
         assert!(decompressor.decompress("brotli", &[], &mut []).unwrap_err().contains("brotli"));

@@ -149,7 +149,7 @@ impl Recording {
         // The DataEnd record is the last of the data section; its checksum does not cover itself.
         let data = self.data_end.and_then(|end| self.data_end_record(end));
         let checked_bytes = data.map_or(0, |(end, crc)| if crc == 0 { 0 } else { end });
-        let mut buffer = vec![0; 1 << 20];
+        let mut buffer = vec![0; self.bytes.min(1 << 20) as usize];
         let mut at = 0;
         while at < self.bytes {
             let n = (buffer.len() as u64).min(self.bytes - at) as usize;

@@ -268,13 +268,14 @@ impl Iterator for Blocks {
     type Item = Result<Block, Damage>;
 
     fn next(&mut self) -> Option<Result<Block, Damage>> {
+        let run_bytes = RUN_BYTES.min(self.limits.record_bytes);
         while !self.done {
             let (step, next) = match self.step() {
                 Ok(found) => found,
                 Err(e) => (Step::Broken(format!("cannot be read: {e}")), self.end()),
             };
             let run_goes_on = matches!(step, Step::Run)
-                && self.run_from.is_none_or(|from| next - from <= RUN_BYTES);
+                && self.run_from.is_none_or(|from| next - from <= run_bytes);
             if let Some(from) = self.run_from.filter(|_| !run_goes_on) {
                 self.run_from = None;
                 return Some(Ok(self.block(BlockKind::Messages, from, self.at)));

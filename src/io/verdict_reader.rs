@@ -1,171 +1,482 @@
-//! The verdict table, Parquet in: for scoring, and for whoever holds code and schema together.
+//! Verdict tables read again, for `score`.
 //!
-//! Reads what [`super::verdict_table`] wrote, and the same table rewritten by other tools (plain
-//! strings instead of dictionaries, µs instead of ns).
+//! In: a Parquet file with the columns of the contract, as we wrote it or as another tool wrote it
+//! again (plain strings, other integers, microseconds; nullable columns may be missing). Out:
+//! [`VerdictColumns`] batch by batch.
 
-use super::verdict_table::{METADATA_KEY, VerdictError};
+use super::verdict_table::{METADATA_KEY, TableError};
 use crate::verdict::{Outcome, Reason, VerdictColumns};
 use arrow_array::cast::AsArray;
 use arrow_array::types::{
-    Float32Type, Int32Type, TimestampMicrosecondType, TimestampNanosecondType, UInt16Type,
-    UInt32Type,
+    Float32Type, Float64Type, Int8Type, Int16Type, Int32Type, Int64Type, TimestampMicrosecondType,
+    TimestampMillisecondType, TimestampNanosecondType, TimestampSecondType, UInt8Type, UInt16Type,
+    UInt32Type, UInt64Type,
 };
-use arrow_array::{Array, RecordBatch, StringArray};
+use arrow_array::{Array, ArrayRef, RecordBatch};
 use arrow_schema::{DataType, TimeUnit};
 use parquet::arrow::arrow_reader::{ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder};
-use serde_json::Value;
 use std::collections::HashMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
-/// Batches of a verdict file, in its order.
-pub struct Verdicts {
+const BATCH_ROWS: usize = 1 << 16;
+
+/// Iterator over a verdict table.
+pub struct VerdictReader {
     path: PathBuf,
-    reader: ParquetRecordBatchReader,
-    metadata: Value,
-    classes: Vec<String>,
-    categories: Vec<String>,
+    batches: ParquetRecordBatchReader,
+    metadata_json: Option<String>,
+    classes: Names,
+    categories: Names,
 }
 
-pub fn open(path: &Path) -> Result<Verdicts, VerdictError> {
-    let file = File::open(path)
-        .map_err(|e| VerdictError::NotVerdicts { path: path.into(), what: e.to_string() })?;
-    let parquet = |source| VerdictError::Parquet { path: path.into(), source };
-    let builder = ParquetRecordBatchReaderBuilder::try_new(file).map_err(parquet)?;
-    let not = |what: &str| VerdictError::NotVerdicts { path: path.into(), what: what.into() };
-    let document = builder
-        .metadata()
-        .file_metadata()
-        .key_value_metadata()
-        .and_then(|pairs| pairs.iter().find(|kv| kv.key == METADATA_KEY)?.value.as_deref())
-        .ok_or_else(|| not("no `inkling` metadata"))?;
-    let metadata: Value =
-        serde_json::from_str(document).map_err(|_| not("its `inkling` metadata is no JSON"))?;
-    let names = |key: &str| -> Vec<String> {
-        let list = metadata[key].as_array().into_iter().flatten();
-        list.filter_map(|v| v.as_str().map(str::to_owned)).collect()
-    };
-    let (classes, categories) = (names("classes"), names("categories"));
-    let reader = builder.with_batch_size(65_536).build().map_err(parquet)?;
-    Ok(Verdicts { path: path.into(), reader, metadata, classes, categories })
-}
-
-impl Verdicts {
-    /// The contract's document.
-    pub fn metadata(&self) -> &Value {
-        &self.metadata
+impl VerdictReader {
+    pub fn open(path: &Path) -> Result<VerdictReader, TableError> {
+        let file = File::open(path)
+            .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
+        let failed = |source| TableError::Parquet { path: path.to_path_buf(), source };
+        let builder = ParquetRecordBatchReaderBuilder::try_new(file).map_err(failed)?;
+        let metadata = builder.metadata().file_metadata().key_value_metadata();
+        let metadata_json = metadata
+            .and_then(|all| all.iter().find(|entry| entry.key == METADATA_KEY))
+            .and_then(|entry| entry.value.clone());
+        let document: serde_json::Value = metadata_json
+            .as_deref()
+            .and_then(|json| serde_json::from_str(json).ok())
+            .unwrap_or_default();
+        Ok(VerdictReader {
+            path: path.to_path_buf(),
+            batches: builder.with_batch_size(BATCH_ROWS).build().map_err(failed)?,
+            classes: Names::from(&document["classes"]),
+            categories: Names::from(&document["categories"]),
+            metadata_json,
+        })
     }
 
+    /// The document under the key `inkling`, if the file still has it.
+    pub fn metadata_json(&self) -> Option<&str> {
+        self.metadata_json.as_deref()
+    }
+
+    /// What `fault` and `candidate` index: the metadata's classes, then others as they were met.
     pub fn classes(&self) -> &[String] {
-        &self.classes
+        &self.classes.list
     }
 
-    fn columns(&self, batch: &RecordBatch) -> Option<VerdictColumns> {
-        let mut c = VerdictColumns::default();
-        c.acquired_at_ns = times(batch.column_by_name("acquired_at")?)?;
-        let mut places: HashMap<String, u32> = HashMap::new();
-        for name in strings(batch.column_by_name("printhead")?)? {
-            let name = name?;
-            let place = match places.get(&name) {
-                Some(&place) => place,
-                None => {
-                    c.printheads.push(Arc::from(name.as_str()));
-                    places.insert(name, c.printheads.len() as u32 - 1);
-                    c.printheads.len() as u32 - 1
-                }
-            };
-            c.printhead.push(place);
-        }
-        c.channel =
-            batch.column_by_name("channel")?.as_primitive_opt::<UInt32Type>()?.values().to_vec();
-        for outcome in strings(batch.column_by_name("outcome")?)? {
-            let outcome = outcome?;
-            c.outcome.push(*Outcome::ALL.iter().find(|o| o.as_str() == outcome)?);
-        }
-        for reason in strings(batch.column_by_name("reason")?)? {
-            c.reason.push(match reason {
-                None => None,
-                Some(reason) => Some(*Reason::ALL.iter().find(|r| r.as_str() == reason)?),
-            });
-        }
-        let coded = |column: &str, names: &[String]| -> Option<Vec<Option<u16>>> {
-            let place = |s: String| names.iter().position(|n| *n == s).map(|p| p as u16);
-            let words = strings(batch.column_by_name(column)?)?;
-            Some(words.into_iter().map(|s| s.and_then(place)).collect())
-        };
-        c.category = coded("category", &self.categories)?;
-        c.fault = coded("fault", &self.classes)?;
-        c.candidate = coded("candidate", &self.classes)?;
-        let floats = |column: &str| -> Option<Vec<Option<f32>>> {
-            Some(batch.column_by_name(column)?.as_primitive_opt::<Float32Type>()?.iter().collect())
-        };
-        c.certainty = floats("certainty")?;
-        c.statistic = floats("statistic")?;
-        c.threshold = floats("threshold")?;
-        c.severity = floats("severity")?;
-        c.severity_sd = floats("severity_sd")?;
-        c.model = batch.column_by_name("model")?.as_primitive_opt::<UInt16Type>()?.iter().collect();
-        c.weights_start = vec![None; c.acquired_at_ns.len()];
-        if let Some(weights) = batch.column_by_name("weights") {
-            let list = weights.as_fixed_size_list_opt()?;
-            for (row, start) in c.weights_start.iter_mut().enumerate() {
-                if list.is_valid(row) && !self.classes.is_empty() {
-                    let values = list.value(row);
-                    *start = Some(c.weights.len() as u32);
-                    c.weights.extend(values.as_primitive_opt::<Float32Type>()?.values());
-                }
-            }
-        }
-        Some(c)
+    /// What `category` indexes.
+    pub fn categories(&self) -> &[String] {
+        &self.categories.list
     }
-}
 
-impl Iterator for Verdicts {
-    type Item = Result<VerdictColumns, VerdictError>;
+    fn columns(&mut self, batch: &RecordBatch) -> Result<VerdictColumns, Misfit> {
+        let rows = batch.num_rows();
+        let required = |name| {
+            batch.column_by_name(name).ok_or(Misfit { column: name, what: "is missing".into() })
+        };
+        let floats = |name| -> Result<Vec<Option<f32>>, Misfit> {
+            let Some(column) = batch.column_by_name(name) else { return Ok(vec![None; rows]) };
+            let values = numbers(column).ok_or_else(|| Misfit::kind(name, column))?;
+            // Tools without nulls write NaN for them.
+            Ok(values.iter().map(|v| v.filter(|v| !v.is_nan()).map(|v| v as f32)).collect())
+        };
+        let texts_of = |name| match batch.column_by_name(name) {
+            None => Ok(Texts { keys: vec![None; rows], values: Vec::new() }),
+            Some(column) => Texts::of(column).ok_or_else(|| Misfit::kind(name, column)),
+        };
 
-    fn next(&mut self) -> Option<Self::Item> {
-        let batch = self.reader.next()?;
-        Some(match batch {
-            Err(source) => Err(VerdictError::Arrow { path: self.path.clone(), source }),
-            Ok(batch) => self.columns(&batch).ok_or_else(|| VerdictError::NotVerdicts {
-                path: self.path.clone(),
-                what: "a column is missing or of another type".into(),
-            }),
+        let time = required("acquired_at")?;
+        let printhead = Texts::of(required("printhead")?)
+            .ok_or_else(|| Misfit::kind("printhead", time))?
+            .required("printhead")?;
+        let channel = required("channel")?;
+        let channels = numbers(channel).ok_or_else(|| Misfit::kind("channel", channel))?;
+        required("outcome")?;
+        let outcomes = texts_of("outcome")?;
+        let outcome = |text: &str| Outcome::ALL.into_iter().find(|o| o.as_str() == text);
+        let reason = |text: &str| Reason::ALL.into_iter().find(|r| r.as_str() == text);
+        let (weights_start, weights) = weights(batch)?;
+        Ok(VerdictColumns {
+            acquired_at_ns: nanoseconds(time)?,
+            printhead: printhead.0,
+            printheads: printhead.1,
+            channel: whole(&channels, "channel")?
+                .into_iter()
+                .collect::<Option<_>>()
+                .ok_or_else(|| Misfit::null("channel"))?,
+            outcome: outcomes
+                .parse("outcome", outcome)?
+                .into_iter()
+                .collect::<Option<_>>()
+                .ok_or_else(|| Misfit::null("outcome"))?,
+            category: self.categories.indices(&texts_of("category")?, "category")?,
+            fault: self.classes.indices(&texts_of("fault")?, "fault")?,
+            candidate: self.classes.indices(&texts_of("candidate")?, "candidate")?,
+            certainty: floats("certainty")?,
+            statistic: floats("statistic")?,
+            threshold: floats("threshold")?,
+            severity: floats("severity")?,
+            severity_sd: floats("severity_sd")?,
+            model: match batch.column_by_name("model") {
+                None => vec![None; rows],
+                Some(column) => {
+                    let values = numbers(column).ok_or_else(|| Misfit::kind("model", column))?;
+                    let values: Vec<Option<f64>> =
+                        values.iter().map(|v| v.filter(|v| !v.is_nan())).collect();
+                    whole(&values, "model")?
+                }
+            },
+            reason: texts_of("reason")?.parse("reason", reason)?,
+            weights_start,
+            weights,
         })
     }
 }
 
-fn times(array: &Arc<dyn Array>) -> Option<Vec<i64>> {
-    match array.data_type() {
-        DataType::Timestamp(TimeUnit::Nanosecond, _) => {
-            Some(array.as_primitive_opt::<TimestampNanosecondType>()?.values().to_vec())
-        }
-        DataType::Timestamp(TimeUnit::Microsecond, _) => {
-            let us = array.as_primitive_opt::<TimestampMicrosecondType>()?.values();
-            us.iter().map(|v| v.checked_mul(1000)).collect()
-        }
-        _ => None,
+impl Iterator for VerdictReader {
+    type Item = Result<VerdictColumns, TableError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let batch = match self.batches.next()? {
+            Ok(batch) => batch,
+            Err(source) => {
+                return Some(Err(TableError::Columns { path: self.path.clone(), source }));
+            }
+        };
+        Some(self.columns(&batch).map_err(|Misfit { column, what }| TableError::Column {
+            path: self.path.clone(),
+            column,
+            what,
+        }))
     }
 }
 
-/// A column of words, dictionary or plain.
-fn strings(array: &Arc<dyn Array>) -> Option<Vec<Option<String>>> {
-    let plain = |words: &StringArray| words.iter().map(|s| s.map(str::to_owned)).collect();
-    match array.data_type() {
-        DataType::Dictionary(_, _) => {
-            let dictionary = array.as_dictionary_opt::<Int32Type>()?;
-            let words = dictionary.values().as_string_opt::<i32>()?;
-            let keys = dictionary.keys().iter();
-            Some(keys.map(|k| k.map(|k| words.value(k as usize).to_owned())).collect())
+/// A column that is not what the contract says.
+struct Misfit {
+    column: &'static str,
+    what: String,
+}
+
+impl Misfit {
+    fn kind(column: &'static str, found: &ArrayRef) -> Misfit {
+        Misfit { column, what: format!("has type {}, which does not fit", found.data_type()) }
+    }
+
+    fn null(column: &'static str) -> Misfit {
+        Misfit { column, what: "has a null, and may have none".into() }
+    }
+}
+
+/// Names by index, in the order of their first appearance.
+#[derive(Default)]
+struct Names {
+    list: Vec<String>,
+    index: HashMap<String, u16>,
+}
+
+impl From<&serde_json::Value> for Names {
+    fn from(document: &serde_json::Value) -> Names {
+        let mut names = Names::default();
+        for name in document.as_array().into_iter().flatten().filter_map(|n| n.as_str()) {
+            names.intern(name);
         }
-        DataType::Utf8 => Some(plain(array.as_string_opt::<i32>()?)),
-        DataType::LargeUtf8 => {
-            Some(array.as_string_opt::<i64>()?.iter().map(|s| s.map(str::to_owned)).collect())
+        names
+    }
+}
+
+impl Names {
+    fn intern(&mut self, name: &str) -> Option<u16> {
+        if let Some(&known) = self.index.get(name) {
+            return Some(known);
         }
-        DataType::Utf8View => {
-            Some(array.as_string_view_opt()?.iter().map(|s| s.map(str::to_owned)).collect())
+        let new = u16::try_from(self.list.len()).ok()?;
+        self.list.push(name.to_string());
+        self.index.insert(name.to_string(), new);
+        Some(new)
+    }
+
+    fn indices(&mut self, texts: &Texts, column: &'static str) -> Result<Vec<Option<u16>>, Misfit> {
+        texts.parse(column, |name| self.intern(name))
+    }
+}
+
+/// A text column as keys into its distinct values.
+struct Texts {
+    keys: Vec<Option<usize>>,
+    values: Vec<Option<String>>,
+}
+
+impl Texts {
+    fn of(column: &ArrayRef) -> Option<Texts> {
+        if let Some(dictionary) = column.as_any_dictionary_opt() {
+            let values = plain(dictionary.values())?;
+            if values.is_empty() {
+                return Some(Texts { keys: vec![None; column.len()], values });
+            }
+            let keys = dictionary.normalized_keys().into_iter().enumerate();
+            let keys = keys.map(|(row, key)| column.is_valid(row).then_some(key)).collect();
+            return Some(Texts { keys, values });
         }
-        _ => None,
+        let mut index: HashMap<String, usize> = HashMap::new();
+        let mut values = Vec::new();
+        let keys = plain(column)?.into_iter().map(|text| {
+            text.map(|text| {
+                *index.entry(text).or_insert_with_key(|text| {
+                    values.push(Some(text.clone()));
+                    values.len() - 1
+                })
+            })
+        });
+        let keys = keys.collect();
+        Some(Texts { keys, values })
+    }
+
+    /// Each row's value; a text that is none of the known ones is an error. Only texts that occur
+    /// are looked at: a dictionary may hold more.
+    fn parse<T: Copy>(
+        &self,
+        column: &'static str,
+        mut parse: impl FnMut(&str) -> Option<T>,
+    ) -> Result<Vec<Option<T>>, Misfit> {
+        let mut parsed: Vec<Option<T>> = vec![None; self.values.len()];
+        let value = |key: &Option<usize>| {
+            let Some((key, text)) = key.and_then(|k| Some((k, self.values.get(k)?.as_ref()?)))
+            else {
+                return Ok(None);
+            };
+            if parsed[key].is_none() {
+                parsed[key] = parse(text);
+            }
+            let unknown = || Misfit { column, what: format!("has `{text}`, which is unknown") };
+            parsed[key].map(Some).ok_or_else(unknown)
+        };
+        self.keys.iter().map(value).collect()
+    }
+
+    fn required(
+        self,
+        column: &'static str,
+    ) -> Result<(Vec<u32>, Vec<std::sync::Arc<str>>), Misfit> {
+        let names = self.values.iter().map(|v| v.as_deref().unwrap_or_default().into()).collect();
+        let known = |key: usize| self.values.get(key).is_some_and(Option::is_some);
+        let key = |key: &Option<usize>| key.filter(|&k| known(k)).and_then(|k| k.try_into().ok());
+        let keys: Option<Vec<u32>> = self.keys.iter().map(key).collect();
+        Ok((keys.ok_or_else(|| Misfit::null(column))?, names))
+    }
+}
+
+fn plain(column: &ArrayRef) -> Option<Vec<Option<String>>> {
+    fn owned<'a>(texts: impl Iterator<Item = Option<&'a str>>) -> Vec<Option<String>> {
+        texts.map(|t| t.map(String::from)).collect()
+    }
+    Some(match column.data_type() {
+        DataType::Utf8 => owned(column.as_string::<i32>().iter()),
+        DataType::LargeUtf8 => owned(column.as_string::<i64>().iter()),
+        DataType::Utf8View => owned(column.as_string_view().iter()),
+        DataType::Null => vec![None; column.len()],
+        _ => return None,
+    })
+}
+
+/// Any numeric column. Exact for what the table holds: u16, u32 and f32.
+fn numbers(column: &ArrayRef) -> Option<Vec<Option<f64>>> {
+    macro_rules! of {
+        ($kind:ty) => {
+            column.as_primitive::<$kind>().iter().map(|v| v.map(|v| v as f64)).collect()
+        };
+    }
+    Some(match column.data_type() {
+        DataType::Float32 => of!(Float32Type),
+        DataType::Float64 => of!(Float64Type),
+        DataType::UInt8 => of!(UInt8Type),
+        DataType::UInt16 => of!(UInt16Type),
+        DataType::UInt32 => of!(UInt32Type),
+        DataType::UInt64 => of!(UInt64Type),
+        DataType::Int8 => of!(Int8Type),
+        DataType::Int16 => of!(Int16Type),
+        DataType::Int32 => of!(Int32Type),
+        DataType::Int64 => of!(Int64Type),
+        DataType::Null => vec![None; column.len()],
+        _ => return None,
+    })
+}
+
+fn whole<T: TryFrom<u64>>(
+    values: &[Option<f64>],
+    column: &'static str,
+) -> Result<Vec<Option<T>>, Misfit> {
+    let one = |v: f64| {
+        let n = (v >= 0.0 && v <= f64::from(u32::MAX) && v.fract() == 0.0).then_some(v as u64);
+        let wrong = || Misfit { column, what: format!("has {v}, which is out of range") };
+        n.and_then(|n| T::try_from(n).ok()).ok_or_else(wrong)
+    };
+    values.iter().map(|v| v.map(one).transpose()).collect()
+}
+
+fn nanoseconds(column: &ArrayRef) -> Result<Vec<i64>, Misfit> {
+    const NAME: &str = "acquired_at";
+    macro_rules! of {
+        ($kind:ty, $factor:expr) => {
+            (column.as_primitive::<$kind>().iter().collect::<Vec<Option<i64>>>(), $factor)
+        };
+    }
+    let (values, factor) = match column.data_type() {
+        DataType::Timestamp(TimeUnit::Nanosecond, _) => of!(TimestampNanosecondType, 1),
+        DataType::Timestamp(TimeUnit::Microsecond, _) => of!(TimestampMicrosecondType, 1_000),
+        DataType::Timestamp(TimeUnit::Millisecond, _) => of!(TimestampMillisecondType, 1_000_000),
+        DataType::Timestamp(TimeUnit::Second, _) => of!(TimestampSecondType, 1_000_000_000),
+        DataType::Int64 => of!(Int64Type, 1),
+        _ => return Err(Misfit::kind(NAME, column)),
+    };
+    let one = |value: Option<i64>| {
+        let value = value.ok_or_else(|| Misfit::null(NAME))?;
+        let out_of_range = || Misfit { column: NAME, what: format!("has {value}, out of range") };
+        value.checked_mul(factor).ok_or_else(out_of_range)
+    };
+    values.into_iter().map(one).collect()
+}
+
+/// Starts and values of the weights; empty without the column.
+fn weights(batch: &RecordBatch) -> Result<(Vec<Option<u32>>, Vec<f32>), Misfit> {
+    let Some(column) = batch.column_by_name("weights") else { return Ok(Default::default()) };
+    let mut starts = Vec::with_capacity(column.len());
+    let mut weights = Vec::new();
+    for row in 0..column.len() {
+        let values = match column.data_type() {
+            _ if column.is_null(row) => None,
+            DataType::FixedSizeList(..) => Some(column.as_fixed_size_list().value(row)),
+            DataType::List(_) => Some(column.as_list::<i32>().value(row)),
+            DataType::LargeList(_) => Some(column.as_list::<i64>().value(row)),
+            _ => return Err(Misfit::kind("weights", column)),
+        };
+        starts.push(values.as_ref().and_then(|_| u32::try_from(weights.len()).ok()));
+        if let Some(values) = values {
+            let of_row = numbers(&values).ok_or_else(|| Misfit::kind("weights", &values))?;
+            weights.extend(of_row.iter().map(|w| w.unwrap_or(f64::NAN) as f32));
+        }
+    }
+    Ok((starts, weights))
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::io::verdict_table::tests::{columns, options};
+    use crate::io::verdict_table::{TableOptions, TimestampUnit, VerdictWriter};
+    use arrow_array::{Int64Array, StringArray, StringViewArray, TimestampMicrosecondArray};
+    use arrow_schema::{Field, Schema};
+    use parquet::arrow::ArrowWriter;
+    use std::sync::Arc;
+
+    pub(in crate::io) fn rows(mut reader: VerdictReader) -> (Vec<VerdictColumns>, TableOptions) {
+        let rows = reader.by_ref().map(Result::unwrap).collect();
+        let lists = TableOptions {
+            classes: reader.classes().to_vec(),
+            categories: reader.categories().to_vec(),
+            ..options(false, TimestampUnit::Ns)
+        };
+        (rows, lists)
+    }
+
+    /// Rows as text, with names in place of indices.
+    pub(in crate::io) fn row_texts(c: &VerdictColumns, lists: &TableOptions) -> Vec<String> {
+        let row = |i: usize| {
+            let name = |list: &[String], of: Option<u16>| of.map(|k| list[k as usize].clone());
+            let weights = c.weights_start.get(i).copied().flatten().map(|s| s as usize);
+            format!(
+                "{} {} {} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} weights {:?}",
+                c.acquired_at_ns[i],
+                c.printheads[c.printhead[i] as usize],
+                c.channel[i],
+                c.outcome[i],
+                name(&lists.categories, c.category[i]),
+                name(&lists.classes, c.fault[i]),
+                name(&lists.classes, c.candidate[i]),
+                c.certainty[i],
+                c.statistic[i],
+                c.threshold[i],
+                c.severity[i],
+                c.severity_sd[i],
+                c.model[i],
+                c.reason[i],
+                weights.map(|s| &c.weights[s..s + 3]),
+            )
+        };
+        (0..c.len()).map(row).collect()
+    }
+
+    fn write(path: &Path, columns: Vec<(&str, ArrayRef)>) {
+        let fields: Vec<Field> =
+            columns.iter().map(|(n, c)| Field::new(*n, c.data_type().clone(), true)).collect();
+        let schema = Arc::new(Schema::new(fields));
+        let columns = columns.into_iter().map(|c| c.1).collect();
+        let batch = RecordBatch::try_new(schema.clone(), columns).unwrap();
+        let mut writer = ArrowWriter::try_new(File::create(path).unwrap(), schema, None).unwrap();
+        writer.write(&batch).unwrap();
+        writer.close().unwrap();
+    }
+
+    fn rewritten() -> Vec<(&'static str, ArrayRef)> {
+        let us = TimestampMicrosecondArray::from(vec![1, -2]).with_timezone("UTC");
+        vec![
+            ("acquired_at", Arc::new(us)),
+            ("printhead", Arc::new(StringViewArray::from(vec!["K", "L"]))),
+            ("channel", Arc::new(Int64Array::from(vec![7, i64::from(u32::MAX)]))),
+            ("outcome", Arc::new(StringArray::from(vec!["healthy", "faulty"]))),
+            ("fault", Arc::new(StringArray::from(vec![None, Some("EC")]))),
+            ("severity", Arc::new(arrow_array::Float64Array::from(vec![f64::NAN, 0.5]))),
+        ]
+    }
+
+    #[test]
+    fn a_table_rewritten_by_another_tool_reads_the_same() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("t.parquet");
+        write(&path, rewritten());
+        let (batches, lists) = rows(VerdictReader::open(&path).unwrap());
+        let c = &batches[0];
+        assert_eq!(c.acquired_at_ns, [1000, -2000]);
+        assert_eq!(c.channel, [7, u32::MAX]);
+        assert_eq!(c.outcome, [Outcome::Healthy, Outcome::Faulty]);
+        assert_eq!(c.fault, [None, Some(0)]);
+        assert_eq!(lists.classes, ["EC"]);
+        assert_eq!(c.severity, [None, Some(0.5)]);
+        assert_eq!(c.certainty, [None, None]);
+        let names: Vec<&str> = c.printhead.iter().map(|&p| &*c.printheads[p as usize]).collect();
+        assert_eq!(names, ["K", "L"]);
+    }
+
+    #[test]
+    fn what_is_no_verdict_table_is_refused_with_the_column() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("t.parquet");
+        let refused = |column: &str, array: Option<ArrayRef>| {
+            let mut columns = rewritten();
+            match array {
+                None => columns.retain(|c| c.0 != column),
+                Some(array) => columns.iter_mut().find(|c| c.0 == column).unwrap().1 = array,
+            }
+            write(&path, columns);
+            let error = VerdictReader::open(&path).unwrap().next().unwrap().unwrap_err();
+            assert!(error.to_string().contains(&format!("`{column}`")), "{error}");
+        };
+        refused("outcome", None);
+        refused("outcome", Some(Arc::new(StringArray::from(vec!["fine", "faulty"]))));
+        refused("channel", Some(Arc::new(Int64Array::from(vec![-1, 0]))));
+        refused("channel", Some(Arc::new(Int64Array::from(vec![None, Some(0)]))));
+        refused("printhead", Some(Arc::new(StringArray::from(vec![None, Some("K")]))));
+        refused("severity", Some(Arc::new(StringArray::from(vec!["a", "b"]))));
+        std::fs::write(&path, "not parquet").unwrap();
+        assert!(matches!(VerdictReader::open(&path), Err(TableError::Parquet { .. })));
+    }
+
+    #[test]
+    fn a_table_of_no_rows_reads_as_no_rows() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("t.parquet");
+        let mut writer = VerdictWriter::create(&path, options(true, TimestampUnit::Ns)).unwrap();
+        writer.write(&columns(0, 0, &[])).unwrap();
+        writer.finish("{}".into()).unwrap();
+        let (batches, _) = rows(VerdictReader::open(&path).unwrap());
+        assert_eq!(batches.iter().map(VerdictColumns::len).sum::<usize>(), 0);
     }
 }

@@ -1,15 +1,16 @@
-//! The verdict table, Parquet out (`schemas/verdicts.md`).
+//! Verdicts to a Parquet file: the verdict table of the contract (`schemas/verdicts.md`).
 //!
-//! In: columns of verdicts, batch by batch. Out: one file, complete under its name or not there.
+//! In: verdict columns, batch by batch in the recording's order; at the end the metadata document.
+//! Out: `<stem>.verdicts.parquet`, under its name once it is complete. No string is made per row.
 
 use super::part_file::PartFile;
 use crate::verdict::{Outcome, Reason, VerdictColumns};
-use arrow_array::builder::{FixedSizeListBuilder, Float32Builder};
 use arrow_array::types::Int32Type;
 use arrow_array::{
-    ArrayRef, DictionaryArray, Float32Array, Int32Array, RecordBatch, StringArray,
-    TimestampMicrosecondArray, TimestampNanosecondArray, UInt16Array, UInt32Array,
+    ArrayRef, DictionaryArray, FixedSizeListArray, Float32Array, Int32Array, RecordBatch,
+    StringArray, TimestampMicrosecondArray, TimestampNanosecondArray, UInt16Array, UInt32Array,
 };
+use arrow_buffer::NullBuffer;
 use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef, TimeUnit};
 use parquet::arrow::ArrowWriter;
 use parquet::basic::{Compression, Encoding, ZstdLevel};
@@ -18,68 +19,114 @@ use parquet::file::metadata::KeyValue;
 use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::schema::types::ColumnPath;
 use std::fs::File;
+use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use thiserror::Error;
 
-/// The key of the document in the file's metadata.
+/// Key of the file's metadata document.
 pub const METADATA_KEY: &str = "inkling";
+const ROW_GROUP_ROWS: usize = 1 << 20;
 
-#[derive(Debug, Error)]
-pub enum VerdictError {
-    #[error("{path}: cannot be written: {source}")]
-    Write { path: PathBuf, source: std::io::Error },
-    #[error("{path}: {source}")]
-    Parquet { path: PathBuf, source: ParquetError },
-    #[error("{path}: {source}")]
-    Arrow { path: PathBuf, source: ArrowError },
-    #[error("{path}: {what}; is it a verdict file that inkling wrote?")]
-    NotVerdicts { path: PathBuf, what: String },
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TimestampUnit {
+    Ns,
+    /// For readers without nanoseconds (Spark); its vectorised reader does not know the float
+    /// encoding of the other either, so floats are plain then.
+    Us,
 }
 
 #[derive(Clone, Debug)]
 pub struct TableOptions {
+    /// What `fault` and `candidate` index, and the order of the weights.
     pub classes: Vec<String>,
+    /// What `category` indexes.
     pub categories: Vec<String>,
-    /// Write the weights of every class.
     pub weights: bool,
-    /// Timestamps in µs instead of ns.
-    pub microseconds: bool,
+    pub timestamp_unit: TimestampUnit,
 }
 
-/// The contract's columns.
+#[derive(Debug, Error)]
+pub enum TableError {
+    #[error("{path}: {source}")]
+    Io { path: PathBuf, source: std::io::Error },
+    #[error("{path}: Parquet: {source}")]
+    Parquet { path: PathBuf, source: ParquetError },
+    #[error("{path}: verdict columns do not fit each other: {source}")]
+    Columns { path: PathBuf, source: ArrowError },
+    #[error("{path}: not a verdict table: column `{column}` {what}")]
+    Column { path: PathBuf, column: &'static str, what: String },
+}
+
+/// The table's columns as Arrow sees them.
 pub fn schema(options: &TableOptions) -> Schema {
-    let unit = if options.microseconds { TimeUnit::Microsecond } else { TimeUnit::Nanosecond };
-    let word = || DataType::Dictionary(Box::new(DataType::Int32), Box::new(DataType::Utf8));
+    let text = || DataType::Dictionary(Box::new(DataType::Int32), Box::new(DataType::Utf8));
+    let unit = match options.timestamp_unit {
+        TimestampUnit::Ns => TimeUnit::Nanosecond,
+        TimestampUnit::Us => TimeUnit::Microsecond,
+    };
+    let required = |name, data_type| Field::new(name, data_type, false);
+    let nullable = |name, data_type| Field::new(name, data_type, true);
     let mut fields = vec![
-        Field::new("acquired_at", DataType::Timestamp(unit, Some("UTC".into())), false),
-        Field::new("printhead", word(), false),
-        Field::new("channel", DataType::UInt32, false),
-        Field::new("outcome", word(), false),
-        Field::new("category", word(), true),
-        Field::new("fault", word(), true),
-        Field::new("candidate", word(), true),
-        Field::new("certainty", DataType::Float32, true),
-        Field::new("statistic", DataType::Float32, true),
-        Field::new("threshold", DataType::Float32, true),
-        Field::new("severity", DataType::Float32, true),
-        Field::new("severity_sd", DataType::Float32, true),
-        Field::new("model", DataType::UInt16, true),
-        Field::new("reason", word(), true),
+        required("acquired_at", DataType::Timestamp(unit, Some("UTC".into()))),
+        required("printhead", text()),
+        required("channel", DataType::UInt32),
+        required("outcome", text()),
+        nullable("category", text()),
+        nullable("fault", text()),
+        nullable("candidate", text()),
+        nullable("certainty", DataType::Float32),
+        nullable("statistic", DataType::Float32),
+        nullable("threshold", DataType::Float32),
+        nullable("severity", DataType::Float32),
+        nullable("severity_sd", DataType::Float32),
+        nullable("model", DataType::UInt16),
+        nullable("reason", text()),
     ];
-    if options.weights {
-        let item = Arc::new(Field::new_list_field(DataType::Float32, true));
-        let list = DataType::FixedSizeList(item, options.classes.len().max(1) as i32);
-        fields.push(Field::new("weights", list, true));
+    if has_weights(options) {
+        let list = DataType::FixedSizeList(weight_field(), options.classes.len() as i32);
+        fields.push(nullable("weights", list));
     }
     Schema::new(fields)
 }
 
+/// Without classes there is nothing to weigh.
+fn has_weights(options: &TableOptions) -> bool {
+    options.weights && !options.classes.is_empty()
+}
+
+fn weight_field() -> Arc<Field> {
+    Arc::new(Field::new("element", DataType::Float32, false))
+}
+
+fn properties(unit: TimestampUnit) -> WriterProperties {
+    let column = |name: &str| ColumnPath::from(name);
+    let mut properties = WriterProperties::builder()
+        .set_compression(Compression::ZSTD(ZstdLevel::default()))
+        .set_statistics_enabled(EnabledStatistics::Chunk)
+        .set_max_row_group_row_count(Some(ROW_GROUP_ROWS));
+    for name in ["acquired_at", "channel", "model"] {
+        properties = properties
+            .set_column_dictionary_enabled(column(name), false)
+            .set_column_encoding(column(name), Encoding::DELTA_BINARY_PACKED);
+    }
+    let floats = match unit {
+        TimestampUnit::Ns => Encoding::BYTE_STREAM_SPLIT,
+        TimestampUnit::Us => Encoding::PLAIN,
+    };
+    let weights = "weights.list.element";
+    for name in ["certainty", "statistic", "threshold", "severity", "severity_sd", weights] {
+        let parts = name.split('.').map(String::from).collect::<Vec<_>>();
+        properties = properties
+            .set_column_dictionary_enabled(ColumnPath::new(parts.clone()), false)
+            .set_column_encoding(ColumnPath::new(parts), floats);
+    }
+    properties.build()
+}
+
 pub struct VerdictWriter {
-    path: PathBuf,
-    writer: ArrowWriter<File>,
+    writer: ArrowWriter<BufWriter<File>>,
     part: PartFile,
-    file: File,
     schema: SchemaRef,
     options: TableOptions,
     outcomes: ArrayRef,
@@ -90,137 +137,304 @@ pub struct VerdictWriter {
 }
 
 impl VerdictWriter {
-    pub fn create(path: &Path, options: TableOptions) -> Result<VerdictWriter, VerdictError> {
-        let failed = |source| VerdictError::Write { path: path.into(), source };
-        let (part, file) = PartFile::create(path).map_err(failed)?;
+    pub fn create(path: &Path, options: TableOptions) -> Result<VerdictWriter, TableError> {
+        let (part, file) = PartFile::create(path)
+            .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
         let schema = Arc::new(schema(&options));
-        let writer = ArrowWriter::try_new(
-            file.try_clone().map_err(failed)?,
-            schema.clone(),
-            Some(properties()),
-        )
-        .map_err(|source| VerdictError::Parquet { path: path.into(), source })?;
+        let properties = properties(options.timestamp_unit);
+        let writer = ArrowWriter::try_new(BufWriter::new(file), schema.clone(), Some(properties))
+            .map_err(|source| TableError::Parquet { path: path.to_path_buf(), source })?;
         Ok(VerdictWriter {
-            path: path.into(),
             writer,
             part,
-            file,
             schema,
-            outcomes: words(Outcome::ALL.iter().map(|o| o.as_str())),
-            reasons: words(Reason::ALL.iter().map(|r| r.as_str())),
-            classes: words(options.classes.iter().map(String::as_str)),
-            categories: words(options.categories.iter().map(String::as_str)),
+            outcomes: texts(Outcome::ALL.iter().map(|o| o.as_str())),
+            reasons: texts(Reason::ALL.iter().map(|r| r.as_str())),
+            classes: texts(options.classes.iter().map(String::as_str)),
+            categories: texts(options.categories.iter().map(String::as_str)),
             options,
             rows: 0,
         })
+    }
+
+    /// Appends a batch of verdicts.
+    pub fn write(&mut self, columns: &VerdictColumns) -> Result<(), TableError> {
+        let batch = self
+            .batch(columns)
+            .map_err(|source| TableError::Columns { path: self.path(), source })?;
+        self.writer
+            .write(&batch)
+            .map_err(|source| TableError::Parquet { path: self.path(), source })?;
+        self.rows += columns.len() as u64;
+        Ok(())
     }
 
     pub fn rows(&self) -> u64 {
         self.rows
     }
 
-    pub fn write(&mut self, columns: &VerdictColumns) -> Result<(), VerdictError> {
-        let batch = self
-            .batch(columns)
-            .map_err(|source| VerdictError::Arrow { path: self.path.clone(), source })?;
+    /// Completes the file with its metadata document and gives it its name.
+    pub fn finish(mut self, metadata_json: String) -> Result<(), TableError> {
         self.writer
-            .write(&batch)
-            .map_err(|source| VerdictError::Parquet { path: self.path.clone(), source })?;
-        self.rows += columns.len() as u64;
-        Ok(())
+            .append_key_value_metadata(KeyValue::new(METADATA_KEY.to_string(), metadata_json));
+        let path = self.path();
+        let parquet_failed = |source| TableError::Parquet { path: path.clone(), source };
+        let io_failed = |source| TableError::Io { path: path.clone(), source };
+        // Writes the footer too.
+        let file = self.writer.into_inner().map_err(parquet_failed)?;
+        let file = file.into_inner().map_err(|e| io_failed(e.into_error()))?;
+        self.part.finish(&file).map_err(io_failed)
+    }
+
+    fn path(&self) -> PathBuf {
+        self.part.path().to_path_buf()
     }
 
     fn batch(&self, c: &VerdictColumns) -> Result<RecordBatch, ArrowError> {
-        let times: ArrayRef = if self.options.microseconds {
-            let us = c.acquired_at_ns.iter().map(|ns| ns.div_euclid(1000));
-            Arc::new(TimestampMicrosecondArray::from_iter_values(us).with_timezone("UTC"))
-        } else {
-            let ns = c.acquired_at_ns.iter().copied();
-            Arc::new(TimestampNanosecondArray::from_iter_values(ns).with_timezone("UTC"))
+        let times: ArrayRef = match self.options.timestamp_unit {
+            TimestampUnit::Ns => {
+                let ns = TimestampNanosecondArray::from(c.acquired_at_ns.clone());
+                Arc::new(ns.with_timezone("UTC"))
+            }
+            TimestampUnit::Us => {
+                let us: Vec<i64> = c.acquired_at_ns.iter().map(|t| t.div_euclid(1000)).collect();
+                Arc::new(TimestampMicrosecondArray::from(us).with_timezone("UTC"))
+            }
         };
-        let of_class = |codes: &[Option<u16>], words: &ArrayRef| {
-            coded(codes.iter().map(|c| c.map(i32::from)), words)
+        let printheads = texts(c.printheads.iter().map(|p| &**p));
+        let class = |of: &[Option<u16>]| coded(of.iter().map(|c| c.map(i32::from)), &self.classes);
+        let category = c.category.iter().map(|c| c.map(i32::from));
+        let reason = c.reason.iter().map(|r| r.map(|r| r as i32));
+        let floats = |of: &[Option<f32>]| -> ArrayRef {
+            Arc::new(of.iter().copied().collect::<Float32Array>())
         };
-        let floats = |v: &[Option<f32>]| -> ArrayRef {
-            Arc::new(v.iter().copied().collect::<Float32Array>())
-        };
-        let mut arrays: Vec<ArrayRef> = vec![
+        let mut columns = vec![
             times,
-            coded(
-                c.printhead.iter().map(|&p| Some(p as i32)),
-                &words(c.printheads.iter().map(|p| &**p)),
-            )?,
-            Arc::new(UInt32Array::from_iter_values(c.channel.iter().copied())),
-            coded(c.outcome.iter().map(|o| Some(*o as i32)), &self.outcomes)?,
-            of_class(&c.category, &self.categories)?,
-            of_class(&c.fault, &self.classes)?,
-            of_class(&c.candidate, &self.classes)?,
+            coded(c.printhead.iter().map(|&p| i32::try_from(p).ok().or(Some(-1))), &printheads)?,
+            Arc::new(UInt32Array::from(c.channel.clone())),
+            coded(c.outcome.iter().map(|&o| Some(o as i32)), &self.outcomes)?,
+            coded(category, &self.categories)?,
+            class(&c.fault)?,
+            class(&c.candidate)?,
             floats(&c.certainty),
             floats(&c.statistic),
             floats(&c.threshold),
             floats(&c.severity),
             floats(&c.severity_sd),
             Arc::new(c.model.iter().copied().collect::<UInt16Array>()),
-            coded(c.reason.iter().map(|r| r.map(|r| r as i32)), &self.reasons)?,
+            coded(reason, &self.reasons)?,
         ];
-        if self.options.weights {
-            arrays.push(self.weights(c));
+        if has_weights(&self.options) {
+            columns.push(weights(c, self.options.classes.len())?);
         }
-        RecordBatch::try_new(self.schema.clone(), arrays)
-    }
-
-    fn weights(&self, c: &VerdictColumns) -> ArrayRef {
-        let n = self.options.classes.len();
-        let mut list = FixedSizeListBuilder::new(Float32Builder::new(), n.max(1) as i32);
-        for start in &c.weights_start {
-            match start.and_then(|s| c.weights.get(s as usize..s as usize + n)).filter(|_| n > 0) {
-                Some(weights) => list.values().append_slice(weights),
-                None => list.values().append_nulls(n.max(1)),
-            }
-            list.append(start.is_some() && n > 0);
-        }
-        Arc::new(list.finish())
-    }
-
-    /// Adds the document and gives the file its name.
-    pub fn finish(self, document: String) -> Result<(), VerdictError> {
-        let VerdictWriter { path, mut writer, part, file, .. } = self;
-        let parquet = |source| VerdictError::Parquet { path: path.clone(), source };
-        writer.append_key_value_metadata(KeyValue::new(METADATA_KEY.to_owned(), document));
-        writer.close().map_err(parquet)?;
-        part.finish(&file).map_err(|source| VerdictError::Write { path: path.clone(), source })
+        RecordBatch::try_new(self.schema.clone(), columns)
     }
 }
 
-fn words<'a>(values: impl Iterator<Item = &'a str>) -> ArrayRef {
-    Arc::new(StringArray::from_iter_values(values))
+fn texts<'a>(of: impl Iterator<Item = &'a str>) -> ArrayRef {
+    Arc::new(StringArray::from_iter_values(of))
 }
 
-/// A dictionary column: codes into words, no string per row.
+/// Keys into `values`; keys beyond them are an error.
 fn coded(
-    codes: impl Iterator<Item = Option<i32>>,
-    words: &ArrayRef,
+    keys: impl Iterator<Item = Option<i32>>,
+    values: &ArrayRef,
 ) -> Result<ArrayRef, ArrowError> {
-    let keys: Int32Array = codes.collect();
-    Ok(Arc::new(DictionaryArray::<Int32Type>::try_new(keys, words.clone())?))
+    let keys: Int32Array = keys.collect();
+    Ok(Arc::new(DictionaryArray::<Int32Type>::try_new(keys, values.clone())?))
 }
 
-/// Row groups of about a million rows; floats and times are no dictionaries: they hardly repeat.
-fn properties() -> WriterProperties {
-    let level = ZstdLevel::try_new(1).unwrap_or_default();
-    let mut properties = WriterProperties::builder()
-        .set_compression(Compression::ZSTD(level))
-        .set_max_row_group_row_count(Some(1 << 20))
-        .set_statistics_enabled(EnabledStatistics::Chunk);
-    for (column, encoding) in [
-        ("acquired_at", Encoding::DELTA_BINARY_PACKED),
-        ("channel", Encoding::DELTA_BINARY_PACKED),
-        ("statistic", Encoding::BYTE_STREAM_SPLIT),
-    ] {
-        let column = ColumnPath::from(column);
-        properties = properties
-            .set_column_dictionary_enabled(column.clone(), false)
-            .set_column_encoding(column, encoding);
+/// `classes` weights per row; no weights at all: every row is null.
+fn weights(c: &VerdictColumns, classes: usize) -> Result<ArrayRef, ArrowError> {
+    let mut values = Vec::with_capacity(c.len() * classes);
+    let mut valid = Vec::with_capacity(c.len());
+    for row in 0..c.len() {
+        let start = c.weights_start.get(row).copied().flatten().map(|start| start as usize);
+        match start.map(|start| c.weights.get(start..start + classes)) {
+            Some(Some(of_row)) => values.extend_from_slice(of_row),
+            None => values.resize(values.len() + classes, 0.0),
+            Some(None) => {
+                let what = format!("weights of row {row} lie beyond the weights");
+                return Err(ArrowError::InvalidArgumentError(what));
+            }
+        }
+        valid.push(start.is_some());
     }
-    properties.build()
+    let values = Arc::new(Float32Array::from(values));
+    let valid = Some(NullBuffer::from(valid));
+    let list = FixedSizeListArray::try_new(weight_field(), classes as i32, values, valid)?;
+    Ok(Arc::new(list))
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::io::verdict_reader::VerdictReader;
+
+    pub(in crate::io) fn options(weights: bool, timestamp_unit: TimestampUnit) -> TableOptions {
+        let list = |of: &[&str]| of.iter().map(|s| s.to_string()).collect();
+        TableOptions {
+            classes: list(&["EC", "AB1", "my,own"]),
+            categories: list(&["empty_channel", "air_bubble"]),
+            weights,
+            timestamp_unit,
+        }
+    }
+
+    /// Rows with every outcome, reason and pattern of nulls, numbered from `from`.
+    pub(in crate::io) fn columns(from: u32, rows: u32, printheads: &[&str]) -> VerdictColumns {
+        let mut c = VerdictColumns::default();
+        c.printheads = printheads.iter().map(|&p| p.into()).collect();
+        for i in from..from + rows {
+            let k = i as usize;
+            let some = |n: u32| (i % n == 0).then_some(i as f32 / 7.0);
+            c.acquired_at_ns.push(1_700_000_000_123_456_000 + i64::from(i) * 1000);
+            c.printhead.push(i % printheads.len() as u32);
+            c.channel.push(if i == from { u32::MAX } else { i });
+            c.outcome.push(Outcome::ALL[k % 4]);
+            c.category.push((i % 3 > 0).then_some((i % 2) as u16));
+            c.fault.push((i % 4 > 0).then_some((i % 3) as u16));
+            c.candidate.push((i % 5 > 0).then_some((i % 3) as u16));
+            c.certainty.push(some(2));
+            c.statistic.push(some(3));
+            c.threshold.push(some(1));
+            c.severity.push(some(4));
+            c.severity_sd.push(some(5));
+            c.model.push((i % 2 > 0).then_some((i % 65_536) as u16));
+            c.reason.push((i % 6 > 0).then_some(Reason::ALL[k % Reason::ALL.len()]));
+            c.weights_start.push((i % 3 > 0).then_some(c.weights.len() as u32));
+            if i % 3 > 0 {
+                c.weights.extend([i as f32, 0.25, -1.0]);
+            }
+        }
+        c
+    }
+
+    #[test]
+    fn keys_of_outcomes_and_reasons_are_their_places() {
+        assert!(Outcome::ALL.iter().enumerate().all(|(i, &o)| o as usize == i));
+        assert!(Reason::ALL.iter().enumerate().all(|(i, &r)| r as usize == i));
+    }
+
+    #[test]
+    fn rows_written_are_rows_read_back_over_batches_with_other_printheads() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("out/r.verdicts.parquet");
+        for (with_weights, unit) in [(false, TimestampUnit::Ns), (true, TimestampUnit::Us)] {
+            let mut writer = VerdictWriter::create(&path, options(with_weights, unit)).unwrap();
+            let batches = [
+                columns(0, 1000, &["K1", "K2"]),
+                columns(1000, 777, &["K3"]),
+                columns(5, 0, &["x"]),
+            ];
+            for batch in &batches {
+                writer.write(batch).unwrap();
+            }
+            assert_eq!(writer.rows(), 1777);
+            assert!(!path.exists());
+            writer.finish(r#"{"classes":["EC","AB1","my,own"]}"#.into()).unwrap();
+            assert!(path.exists() && !path.with_extension("parquet.part").exists());
+
+            let reader = VerdictReader::open(&path).unwrap();
+            assert_eq!(reader.metadata_json(), Some(r#"{"classes":["EC","AB1","my,own"]}"#));
+            let (rows, lists) = crate::io::verdict_reader::tests::rows(reader);
+            let expected: Vec<String> = batches
+                .iter()
+                .flat_map(|b| crate::io::verdict_reader::tests::row_texts(b, &options(false, unit)))
+                .map(
+                    |row| {
+                        if with_weights {
+                            row
+                        } else {
+                            row.split(" weights").next().unwrap().into()
+                        }
+                    },
+                )
+                .collect();
+            let found: Vec<String> =
+                rows.iter()
+                    .flat_map(|b| crate::io::verdict_reader::tests::row_texts(b, &lists))
+                    .map(|row| {
+                        if with_weights {
+                            row
+                        } else {
+                            row.split(" weights").next().unwrap().into()
+                        }
+                    })
+                    .collect();
+            assert_eq!(found, expected);
+        }
+        drop(VerdictWriter::create(&path, options(false, TimestampUnit::Ns)).unwrap());
+        assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn columns_that_do_not_fit_are_an_error() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("r.parquet");
+        type Change = fn(&mut VerdictColumns);
+        let changes: [Change; 5] = [
+            |c| c.severity.truncate(3),
+            |c| c.fault[1] = Some(3),
+            |c| c.category[1] = Some(2),
+            |c| c.printhead[1] = u32::MAX,
+            |c| c.weights.truncate(1),
+        ];
+        for change in changes {
+            let mut writer =
+                VerdictWriter::create(&path, options(true, TimestampUnit::Ns)).unwrap();
+            let mut wrong = columns(0, 10, &["K"]);
+            change(&mut wrong);
+            assert!(matches!(writer.write(&wrong), Err(TableError::Columns { .. })));
+        }
+        assert!(!path.exists());
+    }
+
+    /// The documented table is the Arrow schema.
+    #[test]
+    fn schemas_verdicts_md_is_the_schema_in_code() {
+        let doc = include_str!("../../schemas/verdicts.md");
+        let documented: Vec<(String, String)> = doc
+            .lines()
+            .filter_map(|line| {
+                let mut cells = line.strip_prefix("| `")?.split(" | ");
+                let name = cells.next()?.trim_end_matches('`').to_string();
+                Some((name, cells.next()?.to_string()))
+            })
+            .collect();
+        let in_code: Vec<(String, String)> = schema(&options(true, TimestampUnit::Ns))
+            .fields()
+            .iter()
+            .map(|field| {
+                let kind = match field.data_type() {
+                    DataType::Timestamp(TimeUnit::Nanosecond, Some(zone)) => {
+                        format!("timestamp(ns, {zone})")
+                    }
+                    DataType::Dictionary(_, of) if **of == DataType::Utf8 => {
+                        "dictionary of utf8".into()
+                    }
+                    DataType::FixedSizeList(..) => "fixed-size list of float32".into(),
+                    plain => plain.to_string().to_lowercase(),
+                };
+                let nullable = if field.is_nullable() { ", nullable" } else { "" };
+                (field.name().clone(), kind + nullable)
+            })
+            .collect();
+        assert_eq!(documented, in_code);
+    }
+
+    /// Left for readers in other languages: `INKLING_TABLE_OUT=DIR cargo test interop -- --ignored`.
+    #[test]
+    #[ignore = "writes files for a look with DuckDB, Polars and pyarrow"]
+    fn interop_files() {
+        let out = PathBuf::from(std::env::var_os("INKLING_TABLE_OUT").unwrap());
+        for (name, unit) in [("ns", TimestampUnit::Ns), ("us", TimestampUnit::Us)] {
+            let path = out.join(format!("{name}.verdicts.parquet"));
+            let mut writer = VerdictWriter::create(&path, options(true, unit)).unwrap();
+            for i in 0..1500 {
+                writer.write(&columns(i * 1024, 1024, &["K1", "K2"])).unwrap();
+            }
+            writer.finish(r#"{"classes":["EC","AB1","my,own"]}"#.into()).unwrap();
+        }
+    }
 }

@@ -39,7 +39,7 @@ pub enum PipelineError {
     #[error(transparent)]
     Design(#[from] DesignError),
     #[error(transparent)]
-    Verdicts(#[from] crate::io::verdict_table::VerdictError),
+    Verdicts(#[from] crate::io::verdict_table::TableError),
     #[error("{path}: cannot be written: {source}")]
     Write { path: std::path::PathBuf, source: std::io::Error },
     #[error("{recording}: no inkling.Burst messages in it: nothing to judge")]

@@ -10,7 +10,7 @@ use super::{Control, PipelineError, metadata};
 use crate::design::{Design, categories};
 use crate::io::part_file::PartFile;
 use crate::io::recording::{Damage, Recording};
-use crate::io::verdict_table::{TableOptions, VerdictWriter};
+use crate::io::verdict_table::{self, TableOptions, VerdictWriter};
 use crate::labels::Labels;
 use crate::settings::{IdentifyMode, Pace, Settings, TimestampUnit};
 use crossbeam_channel::bounded;
@@ -167,7 +167,10 @@ fn stream(
             classes: classes.clone(),
             categories: category_names,
             weights: settings.output.weights,
-            microseconds: settings.output.timestamps == TimestampUnit::Us,
+            timestamp_unit: match settings.output.timestamps {
+                TimestampUnit::Ns => verdict_table::TimestampUnit::Ns,
+                TimestampUnit::Us => verdict_table::TimestampUnit::Us,
+            },
         },
     )?;
     let mut tally = Tally::new(classes);
