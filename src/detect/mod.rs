@@ -5,6 +5,7 @@
 //! Pure mathematics; never looks at a fault's name.
 
 pub mod null_space;
+pub mod numerator;
 pub mod poles;
 pub mod residual_generator;
 mod settings;
@@ -57,6 +58,12 @@ pub enum DetectError {
     UnequalDegrees { numerator: usize, denominator: usize },
     #[error("leading coefficient of the denominator is {value}: it must be 1")]
     NotMonic { value: f64 },
+    #[error(
+        "denominator of degree {denominator} leaves no room for M(z) beside a numerator of degree {numerator}: raise it"
+    )]
+    NoRoom { numerator: usize, denominator: usize },
+    #[error("healthy deviations leave no residual energy: a ratio to it means nothing")]
+    NoHealthyEnergy,
     #[error("energy {value} at index {index} is no energy: energies are finite and not negative")]
     NotAnEnergy { value: f64, index: usize },
     #[error(

@@ -4,6 +4,8 @@
 //! what may be said on their strength. thesis §3-3. Never decides whether a signal is faulty.
 
 pub mod decision;
+pub mod model_matching;
+pub mod neighbours;
 pub mod residual_matching;
 mod settings;
 pub mod signatures;
@@ -31,6 +33,10 @@ pub enum IsolateError {
     EmptyClass { class: String },
     #[error("fault class {class} is listed twice")]
     RepeatedClass { class: String },
+    #[error("class number {class} of a remembered residual: there are {classes} classes")]
+    UnknownClass { class: u16, classes: usize },
+    #[error("{neighbours} neighbours of {found} residuals: ask for 1 to that many")]
+    NeighbourCount { neighbours: usize, found: usize },
     #[error("certainty bound {value}: it must be from 0 to 1")]
     BadBound { value: f64 },
 }

@@ -160,10 +160,10 @@ impl<'a> Search<'a> {
             // The longest part of the step that keeps phi >= 0.
             let mut reach = if flat.is_some() { f64::INFINITY } else { 1.0 };
             let mut blocking = None;
-            for p in 0..self.size {
+            for (p, &step) in step[..self.size].iter().enumerate() {
                 let phi = self.phi[self.support[p]];
-                if step[p] < 0.0 && phi + reach.min(1e300) * step[p] <= 0.0 {
-                    reach = phi / -step[p];
+                if step < 0.0 && phi + reach.min(1e300) * step <= 0.0 {
+                    reach = phi / -step;
                     blocking = Some(p);
                 }
             }
@@ -172,10 +172,10 @@ impl<'a> Search<'a> {
                 blocking = Some(self.size - 1);
                 reach = 0.0;
             }
-            for p in 0..self.size {
-                let phi = &mut self.phi[self.support[p]];
+            for (&i, step) in self.support[..self.size].iter().zip(&step) {
+                let phi = &mut self.phi[i];
                 let before = *phi;
-                *phi = (*phi + reach * step[p]).max(0.0);
+                *phi = (*phi + reach * step).max(0.0);
                 moved |= *phi != before;
             }
             let Some(p) = blocking else { return moved };
@@ -457,8 +457,8 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         let columns: Vec<_> = (0..9).map(|_| random_column(&mut rng)).collect();
         let m = matrix(&columns);
-        for i in 0..9 {
-            let phi = ours(&m, &columns[i]);
+        for (i, column) in columns.iter().enumerate() {
+            let phi = ours(&m, column);
             for (j, phi) in phi.iter().enumerate() {
                 assert!((phi - f64::from(u8::from(i == j))).abs() < 1e-12);
             }

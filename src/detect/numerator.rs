@@ -1,0 +1,157 @@
+//! Method III: extra zeros M(z) that raise faulty residuals above healthy ones.
+//!
+//! In: N(z)L(z), a denominator with room for M, healthy and faulty deviations. Out: the numerator
+//! M N L. thesis §3-2-1 III, Appendix A.
+//!
+//! Departs: Appendix A takes M(s) = det(Q_x - sI). Q_x is positive semidefinite: such an M has only
+//! real nonnegative roots, whatever the data. The coefficients of M are an eigenvector instead, and
+//! its quotient has the healthy energy below the line, for faulty energy alone rises with any gain.
+//! Departs: energies are sums over samples, not 81 Fourier coefficients of the residual.
+
+use super::{DetectError, ResidualGenerator};
+use nalgebra::{DMatrix, SymmetricEigen};
+
+/// Healthy energy given to every coefficient, relative to the largest: directions in which a small
+/// healthy set has no energy by chance are no gain.
+const RIDGE: f64 = 1e-9;
+
+/// M N L with the M of unit norm, of degree denominator - numerator, that maximises the energy of
+/// the `faulty` residuals over that of the `healthy` ones. Descending powers, as long as
+/// `denominator`. Deviations: counts, each from what the healthy model expects.
+pub fn enhanced(
+    numerator: &[f64],
+    denominator: &[f64],
+    healthy: &[&[f64]],
+    faulty: &[&[f64]],
+    dt_s: f64,
+) -> Result<Vec<f64>, DetectError> {
+    if denominator.len() <= numerator.len() || numerator.is_empty() {
+        let degree = |p: &[f64]| p.len().saturating_sub(1);
+        let (numerator, denominator) = (degree(numerator), degree(denominator));
+        return Err(DetectError::NoRoom { numerator, denominator });
+    }
+    let terms = denominator.len() - numerator.len() + 1;
+    let shifted = |k: usize| {
+        let mut p = vec![0.0; denominator.len()];
+        p[k..k + numerator.len()].copy_from_slice(numerator);
+        p
+    };
+    let basis = (0..terms)
+        .map(|k| ResidualGenerator::new(shifted(k), denominator.to_vec(), dt_s))
+        .collect::<Result<Vec<_>, _>>()?;
+    let q_healthy = mean_energy(&basis, healthy, "healthy deviation")?;
+    let q_faulty = mean_energy(&basis, faulty, "faulty deviation")?;
+    let size = q_healthy.diagonal().amax();
+    let ridge = DMatrix::identity(terms, terms) * (RIDGE * size);
+    let factor = (q_healthy + ridge).cholesky().filter(|_| size > 0.0);
+    let l = factor.ok_or(DetectError::NoHealthyEnergy)?.l();
+    // Q_f m = ratio Q_h m, with m = L^-T v.
+    let failed = || DetectError::Decomposition { rows: terms, columns: terms };
+    let half = l.solve_lower_triangular(&q_faulty).ok_or_else(failed)?;
+    let whitened = l.solve_lower_triangular(&half.transpose()).ok_or_else(failed)?;
+    let symmetric = (&whitened + whitened.transpose()) * 0.5;
+    let eigen = SymmetricEigen::try_new(symmetric, f64::EPSILON, 10_000).ok_or_else(failed)?;
+    let v = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
+    let m = l.transpose().solve_upper_triangular(&v).ok_or_else(failed)?.normalize();
+    let mut product = vec![0.0; denominator.len()];
+    for (k, m) in m.iter().enumerate() {
+        for (p, n) in product[k..].iter_mut().zip(numerator) {
+            *p += m * n;
+        }
+    }
+    Ok(product)
+}
+
+/// Q with m^T Q m = mean residual energy of M with the coefficients m.
+fn mean_energy(
+    basis: &[ResidualGenerator],
+    deviations: &[&[f64]],
+    what: &'static str,
+) -> Result<DMatrix<f64>, DetectError> {
+    let mut q = DMatrix::zeros(basis.len(), basis.len());
+    for d in deviations {
+        if let Some(index) = d.iter().position(|v| !v.is_finite()) {
+            return Err(DetectError::NotFinite { what, index });
+        }
+        let mut columns = DMatrix::zeros(d.len(), basis.len());
+        for (generator, mut column) in basis.iter().zip(columns.column_iter_mut()) {
+            generator.filter(d, column.as_mut_slice());
+        }
+        q += columns.tr_mul(&columns) / deviations.len() as f64;
+    }
+    Ok(q)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::detect::{null_space, poles};
+    use crate::model::{InkChannel, Plant, ring_down};
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    const DT_S: f64 = 0.78125e-6;
+    const INK: InkChannel =
+        InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8e4 };
+
+    fn deviations(plant: &InkChannel, count: usize, rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
+        let x_a = nalgebra::dvector![1e-4, 0.0, 900.0, 400.0];
+        let expected = ring_down::ring_down(&INK, &x_a, DT_S, 128);
+        let y = ring_down::ring_down(plant, &x_a, DT_S, 128);
+        let mut noisy = || {
+            let noise = |rng: &mut ChaCha8Rng| -> f64 { StandardNormal.sample(rng) };
+            y.iter().zip(&expected).map(|(y, e)| y - e + 17.6 * noise(rng)).collect()
+        };
+        (0..count).map(|_| noisy()).collect()
+    }
+
+    fn slices(d: &[Vec<f64>]) -> Vec<&[f64]> {
+        d.iter().map(Vec::as_slice).collect()
+    }
+
+    fn ratio(g: &ResidualGenerator, faulty: &[Vec<f64>], healthy: &[Vec<f64>]) -> f64 {
+        let mean = |d: &[Vec<f64>]| d.iter().map(|d| g.energy(d)).sum::<f64>() / d.len() as f64;
+        mean(faulty) / mean(healthy)
+    }
+
+    #[test]
+    fn enhancement_raises_faulty_over_healthy_energy_on_signals_it_has_not_seen() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let dried = InkChannel { d_per_s: 1.3 * INK.d_per_s, ..INK };
+        let (healthy, faulty) =
+            (deviations(&INK, 300, &mut rng), deviations(&dried, 300, &mut rng));
+        let n = null_space::numerator(&INK.a(), &INK.c(), DT_S, 4).unwrap();
+        let omega = 2.0 * std::f64::consts::PI * 6.47e4;
+        let alpha = poles::resonance(omega, &[2e5; 6], DT_S).unwrap();
+        let m_n = enhanced(&n, &alpha, &slices(&healthy), &slices(&faulty), DT_S).unwrap();
+        let mut plain = n.clone();
+        plain.resize(alpha.len(), 0.0);
+        let plain = ResidualGenerator::new(plain, alpha.clone(), DT_S).unwrap();
+        let raised = ResidualGenerator::new(m_n.clone(), alpha, DT_S).unwrap();
+        let (healthy, faulty) =
+            (deviations(&INK, 300, &mut rng), deviations(&dried, 300, &mut rng));
+        let (before, after) = (ratio(&plain, &faulty, &healthy), ratio(&raised, &faulty, &healthy));
+        println!("faulty over healthy energy {before:.3} -> {after:.3}");
+        assert!(after > 1.02 * before, "{before} -> {after}");
+        // thesis (3-3a) still holds: M N L annihilates what N L does.
+        let y = ring_down::ring_down(&INK, &nalgebra::dvector![1e-4, 0.0, 9e2, 4e2], DT_S, 128);
+        let largest = y.iter().fold(0.0, |m: f64, y| m.max(y.abs()));
+        for w in y.windows(m_n.len()) {
+            let left: f64 = m_n.iter().rev().zip(w).map(|(p, y)| p * y).sum();
+            assert!(left.abs() < 1e-12 * largest);
+        }
+    }
+
+    #[test]
+    fn no_room_and_no_healthy_signals_are_errors() {
+        let d = [1.0; 16];
+        let no_room = enhanced(&[1.0, 0.5], &[1.0, 0.1], &[&d], &[&d], DT_S);
+        assert!(matches!(no_room, Err(DetectError::NoRoom { numerator: 1, denominator: 1 })));
+        let alpha = [1.0, 0.1, 0.0];
+        let none = enhanced(&[1.0, 0.5], &alpha, &[], &[&d], DT_S);
+        assert!(matches!(none, Err(DetectError::NoHealthyEnergy)));
+        let nan = enhanced(&[1.0, 0.5], &alpha, &[&[f64::NAN; 4]], &[&d], DT_S);
+        assert!(matches!(nan, Err(DetectError::NotFinite { .. })));
+    }
+}
