@@ -69,8 +69,10 @@ pub fn find_recordings(args: &[PathBuf]) -> Result<Vec<Input>, InputsError> {
         seen.insert(input.path.canonicalize().unwrap_or_else(|_| input.path.clone()))
     });
     if found.is_empty() {
-        let nothing = || "nothing: no recording was named".to_string();
-        let searched = (!searched.is_empty()).then(|| searched.join(", ")).unwrap_or_else(nothing);
+        if searched.is_empty() {
+            searched.push("nothing: no recording was named".to_string());
+        }
+        let searched = searched.join(", ");
         return Err(InputsError::Nothing { searched });
     }
     Ok(found)
