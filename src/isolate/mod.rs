@@ -27,12 +27,6 @@ pub enum IsolateError {
     WrongLength { what: &'static str, found: usize, expected: usize },
     #[error("{what} holds a number that is not finite, at index {index}")]
     NotFinite { what: &'static str, index: usize },
-    #[error("drive scale {value}: it must be positive and finite")]
-    BadDriveScale { value: f64 },
-    #[error("no signal of fault class {class}: label some, or leave the class out")]
-    EmptyClass { class: String },
-    #[error("fault class {class} is listed twice")]
-    RepeatedClass { class: String },
     #[error("class number {class} of a remembered residual: there are {classes} classes")]
     UnknownClass { class: u16, classes: usize },
     #[error("{neighbours} neighbours of {found} residuals: ask for 1 to that many")]

@@ -65,15 +65,6 @@ mod tests {
 
     #[test]
     fn senseless_signatures_are_errors() {
-        assert!(SignatureLibrary::new(&[], 4).is_err());
-        assert!(SignatureLibrary::new(&names(33), 4).is_err());
-        assert!(SignatureLibrary::new(&["A".to_string(), "A".to_string()], 4).is_err());
-        let mut library = SignatureLibrary::new(&names(1), 2).unwrap();
-        assert!(library.add(1, &[1.0, 2.0], 1.0).is_err());
-        assert!(library.add(0, &[1.0], 1.0).is_err());
-        assert!(library.add(0, &[1.0, f64::NAN], 1.0).is_err());
-        assert!(library.add(0, &[1.0, 2.0], 0.0).is_err());
-        assert_eq!(library.n_signals, [0]);
         assert!(SignatureMatrix::new(&[]).is_err());
         assert!(SignatureMatrix::new(&[&[1.0], &[1.0, 2.0]]).is_err());
         assert!(SignatureMatrix::new(&[&[f64::INFINITY]]).is_err());
