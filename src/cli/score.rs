@@ -53,7 +53,12 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
                     flagged: c.outcome[row] != Outcome::Healthy,
                     candidate: c.candidate[row].map(|k| classes[k as usize].as_str()),
                     certainty: c.certainty[row].map(f64::from),
-                    weights: c.weights_start[row].map(|start| &c.weights[start as usize..]),
+                    weights: c
+                        .weights_start
+                        .get(row)
+                        .copied()
+                        .flatten()
+                        .map(|start| &c.weights[start as usize..]),
                 };
                 score.add(said, truth.map(|label| label.state.as_str()));
             }
