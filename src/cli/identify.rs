@@ -99,8 +99,7 @@ fn fit(
         &chosen
     };
     let mean = averaging::average(healthy)?;
-    let fit =
-        grey_box::identify(&mean.y, dt_s, mean.standard_error(), &settings.identify.grey_box)?;
+    let fit = grey_box::identify_scattered(healthy, &mean, dt_s, &settings.identify.grey_box)?;
     Ok((mean.n_signals, fit))
 }
 

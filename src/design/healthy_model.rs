@@ -66,8 +66,7 @@ impl HealthyModel {
         };
         let mean = averaging::average(healthy)?;
         let dt_s = settings.sample_period_s;
-        let identification =
-            grey_box::identify(&mean.y, dt_s, mean.standard_error(), settings.grey_box)?;
+        let identification = grey_box::identify_scattered(healthy, &mean, dt_s, settings.grey_box)?;
         let expected = identification.expected(dt_s, set.samples);
         let generator = residual_generator(&identification, set.samples, dt_s, settings.detect)?;
 

@@ -9,7 +9,9 @@
 //! ratio g/d (that is A_n/A_r, thesis (2-3), (2-4)) is held at the guess, and the state's component
 //! along (1, -1, 0, 0) at 0. What is held is said in the result.
 
+use super::averaging::{MeanSignal, SignalSet};
 use super::identifiability::{self, Uncertainty};
+use super::scatter::{Scatter, scatter};
 use super::{GreyBoxSettings, IdentifyError};
 use crate::model::{InkChannel, ring_down::Poles};
 use clarabel::algebra::CscMatrix;
@@ -26,6 +28,8 @@ pub const FEWEST_SAMPLES: usize = 12;
 pub enum Convergence {
     /// The gradient, projected on the bounds, vanished.
     Gradient,
+    /// The best step would gain less than a billionth of the cost.
+    Gain,
     /// No step changes the parameters any more.
     Step,
 }
@@ -52,6 +56,8 @@ pub struct Identification {
     pub starts_agreeing: usize,
     pub starts: usize,
     pub uncertainty: Uncertainty,
+    /// How the averaged channels differ; zero where a single signal was fitted.
+    pub scatter: Scatter,
     pub held_fixed: Vec<String>,
     pub at_bounds: Vec<String>,
     pub not_identifiable: Vec<String>,
@@ -76,6 +82,17 @@ pub fn identify(
     noise: f64,
     settings: &GreyBoxSettings,
 ) -> Result<Identification, IdentifyError> {
+    identify_from(y, dt_s, noise, settings, None)
+}
+
+/// Thesis (3-1) from one start, or from several.
+fn identify_from(
+    y: &[f64],
+    dt_s: f64,
+    noise: f64,
+    settings: &GreyBoxSettings,
+    start: Option<&InkChannel>,
+) -> Result<Identification, IdentifyError> {
     if y.len() < FEWEST_SAMPLES {
         return Err(IdentifyError::TooFewSamples { samples: y.len(), needed: FEWEST_SAMPLES });
     }
@@ -85,8 +102,8 @@ pub fn identify(
         return Err(IdentifyError::NoRingDown);
     }
 
-    let problem = Problem::new(y, dt_s, settings);
-    let starts = problem.starts();
+    let problem = Problem::new(y, dt_s, noise, settings);
+    let starts = start.map_or_else(|| problem.starts(), |near| vec![problem.theta(near)]);
     let mut ends: Vec<End> = starts.iter().filter_map(|&start| problem.search(start)).collect();
     ends.sort_by(|p, q| p.cost.total_cmp(&q.cost));
     let best = ends.first().cloned().ok_or_else(|| {
@@ -116,8 +133,12 @@ pub fn identify(
         starts_agreeing: agreeing,
         starts: starts.len(),
         uncertainty: identifiability::uncertainty(cubic, &state, dt_s, y.len(), noise, &misfit),
+        scatter: Scatter::default(),
         held_fixed: vec![
             format!("R_r/I_r over R_n/I_n = {:.4} (the guess's)", problem.kappa),
+            "a / b: prior of a factor e about the guess's (it weighs only where the real pole is \
+             hardly known)"
+                .into(),
             "acquisition state along (1, -1, 0, 0) = 0".into(),
         ],
         at_bounds: problem.at_bounds(&best.theta),
@@ -126,6 +147,38 @@ pub fn identify(
         cubic,
         output_state,
     })
+}
+
+/// Thesis (3-1) for a window: the average is fitted, the curvature that scattering channels leave in
+/// it is taken out ([`super::scatter`]), and what is left is fitted again, to convergence.
+///
+/// Departs: the thesis fits the plain average, whose damping is then biased and whose real pole
+/// takes up the curvature.
+pub fn identify_scattered(
+    set: &SignalSet,
+    mean: &MeanSignal,
+    dt_s: f64,
+    settings: &GreyBoxSettings,
+) -> Result<Identification, IdentifyError> {
+    const ROUNDS: usize = 8;
+    let mut fit = identify(&mean.y, dt_s, mean.standard_error(), settings)?;
+    for _ in 0..ROUNDS {
+        let Some((found, curvature)) = scatter(set, &fit, mean.noise, dt_s) else { break };
+        let straight: Vec<f64> = mean.y.iter().zip(&curvature).map(|(y, c)| y - c).collect();
+        let near = Some(&fit.channel);
+        let next = identify_from(&straight, dt_s, mean.standard_error(), settings, near)?;
+        let step = (next.poles.damping_per_s / fit.poles.damping_per_s - 1.0).abs();
+        let (starts, starts_agreeing) = (fit.starts, fit.starts_agreeing);
+        fit = Identification { scatter: found, starts, starts_agreeing, ..next };
+        if step < 1e-5 {
+            break;
+        }
+    }
+    // the mean over channels is known no better than the channels' own spread allows
+    let (poles, sd) = (fit.poles, &mut fit.uncertainty);
+    sd.damping_sd_per_s = sd.damping_sd_per_s.max(fit.scatter.damping_se * poles.damping_per_s);
+    sd.frequency_sd_hz = sd.frequency_sd_hz.max(fit.scatter.frequency_se * poles.frequency_hz);
+    Ok(fit)
 }
 
 #[derive(Clone, Debug)]
@@ -146,10 +199,17 @@ struct Problem {
     guess: [f64; 3],
     kappa: f64,
     bound: f64,
+    /// Weight of the prior on theta_2, counts².
+    prior: f64,
 }
 
+/// Standard deviation of the prior on ln (a / b) about the guess. An average often knows nothing of
+/// the real pole; without a prior the search then wanders along a flat valley. Against data that do
+/// know it, this weighs nothing.
+const PRIOR_SD: f64 = 1.0;
+
 impl Problem {
-    fn new(y: &[f64], dt_s: f64, settings: &GreyBoxSettings) -> Problem {
+    fn new(y: &[f64], dt_s: f64, noise: f64, settings: &GreyBoxSettings) -> Problem {
         Problem {
             y: DVector::from_row_slice(y),
             dt_us: dt_s * 1e6,
@@ -160,6 +220,7 @@ impl Problem {
             ],
             kappa: settings.g_per_s / settings.d_per_s,
             bound: settings.bound_factor.ln(),
+            prior: (noise / PRIOR_SD).powi(2),
         }
     }
 
@@ -174,10 +235,16 @@ impl Problem {
         }
         // the nearest few by cost are searched
         let cost =
-            |t: &Vector3<f64>| self.project(t).map_or(f64::INFINITY, |(_, r)| r.norm_squared());
+            |t: &Vector3<f64>| self.project(t).map_or(f64::INFINITY, |(_, r)| self.cost(t, &r));
         starts.sort_by(|p, q| cost(p).total_cmp(&cost(q)));
         starts.truncate(5);
         starts
+    }
+
+    fn theta(&self, channel: &InkChannel) -> Vector3<f64> {
+        let (a, b) = (channel.a_per_s2 * 1e-12, channel.b_per_s2 * 1e-12);
+        let relative = [a + b, a / b, channel.d_per_s * 1e-6];
+        Vector3::from_fn(|k, _| (relative[k] / self.guess[k]).ln().clamp(-self.bound, self.bound))
     }
 
     fn rates_per_us(&self, theta: &Vector3<f64>) -> [f64; 4] {
@@ -205,7 +272,12 @@ impl Problem {
         misfit.norm().is_finite().then(|| ([c[0], c[1], c[2]], misfit))
     }
 
-    /// Gradient and Gauss-Newton matrix of 1/2 ||misfit||^2 on the reduced problem, with the full
+    /// 1/2 ||misfit||^2 and the prior, counts².
+    fn cost(&self, theta: &Vector3<f64>, misfit: &DVector<f64>) -> f64 {
+        (misfit.norm_squared() + self.prior * theta[1].powi(2)) / 2.0
+    }
+
+    /// Gradient and Gauss-Newton matrix of [`Problem::cost`] on the reduced problem, with the full
     /// Jacobian of the projection (its second term matters along the weakly known real pole).
     fn normal_equations(
         &self,
@@ -230,8 +302,10 @@ impl Problem {
                 }
             })
             .collect();
-        let gradient = Vector3::from_fn(|k, _| columns[k].dot(misfit));
-        let gauss_newton = Matrix3::from_fn(|j, k| columns[j].dot(&columns[k]));
+        let mut gradient = Vector3::from_fn(|k, _| columns[k].dot(misfit));
+        let mut gauss_newton = Matrix3::from_fn(|j, k| columns[j].dot(&columns[k]));
+        gradient[1] += self.prior * theta[1];
+        gauss_newton[(1, 1)] += self.prior;
         (gradient, gauss_newton)
     }
 
@@ -240,7 +314,7 @@ impl Problem {
         let (mut c, mut misfit) = self.project(&theta)?;
         let mut damping = 1e-3;
         for iterations in 1..=200 {
-            let cost = misfit.norm_squared() / 2.0;
+            let cost = self.cost(&theta, &misfit);
             let (gradient, hessian) = self.normal_equations(&theta, &c, &misfit);
             let here = theta;
             let end = |convergence| End { theta: here, cost, convergence, iterations };
@@ -250,6 +324,14 @@ impl Problem {
             let slope = self.projected(&theta, &gradient).component_div(&scale).amax();
             if slope <= 1e-6 * misfit.norm() + 1e-13 * self.y.norm() {
                 return Some(end(Convergence::Gradient));
+            }
+            // what the undamped step would still gain: 1e-9 of the cost is 1e-4 standard deviations
+            let gain =
+                |step: &Vector3<f64>| -gradient.dot(step) - step.dot(&(hessian * step)) / 2.0;
+            let ridge = hessian + Matrix3::identity() * (1e-14 * hessian.amax());
+            if self.bounded_step(&ridge, &gradient, &theta).is_some_and(|s| gain(&s) <= 1e-9 * cost)
+            {
+                return Some(end(Convergence::Gain));
             }
             let mut moved = false;
             while damping < 1e12 {
@@ -262,12 +344,12 @@ impl Problem {
                     return Some(end(Convergence::Step));
                 }
                 let trial = theta + step;
-                let predicted = -(gradient.dot(&step) + step.dot(&(hessian * step)) / 2.0);
-                let gain = self.project(&trial).map(|(tc, tm)| {
-                    let ratio = (cost - tm.norm_squared() / 2.0) / predicted.max(f64::MIN_POSITIVE);
+                let predicted = gain(&step);
+                let trial_gain = self.project(&trial).map(|(tc, tm)| {
+                    let ratio = (cost - self.cost(&trial, &tm)) / predicted.max(f64::MIN_POSITIVE);
                     (ratio, tc, tm)
                 });
-                match gain {
+                match trial_gain {
                     Some((ratio, tc, tm)) if ratio > 1e-3 => {
                         (theta, c, misfit) = (trial, tc, tm);
                         if ratio > 0.75 {
@@ -491,7 +573,7 @@ mod tests {
 
     #[test]
     fn bounded_step_is_the_constrained_minimum() {
-        let problem = Problem::new(&decay(), DT_S, &GreyBoxSettings::default());
+        let problem = Problem::new(&decay(), DT_S, 0.0, &GreyBoxSettings::default());
         let h = Matrix3::new(4.0, 1.0, 0.5, 1.0, 3.0, 0.2, 0.5, 0.2, 2.0);
         let g = Vector3::new(-40.0, 1.0, 9.0);
         let step = problem.bounded_step(&h, &g, &Vector3::zeros()).unwrap();

@@ -9,6 +9,7 @@ pub mod averaging;
 pub mod grey_box;
 pub mod identifiability;
 pub mod reservoir;
+pub mod scatter;
 pub mod tangent;
 
 use serde::{Deserialize, Serialize};

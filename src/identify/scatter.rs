@@ -1,0 +1,218 @@
+//! What averaging does to channels that differ, and how far they differ.
+//!
+//! In: a window's signals and the fit to their average. Out: the scatter of damping and frequency,
+//! the sampling error of their means, and the curvature that the scatter leaves in the average.
+//!
+//! The mean of decays with different poles is no decay: at 0.8 % scatter of the frequency the fit to
+//! a perfect average has its damping off by 0.6 %. Each signal is projected on the tangent space of
+//! the fit; the covariance of the projections beyond their noise gives the curvature to second order
+//! (the mean of y over theta is y(theta) + 1/2 sum of second derivatives times covariance).
+
+use super::averaging::SignalSet;
+use super::grey_box::{Identification, basis};
+use nalgebra::{DMatrix, DVector, Matrix5, SymmetricEigen, Vector5};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// How channels differ, and how well their mean is known.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Scatter {
+    /// Standard deviation over signals beyond noise, relative.
+    pub damping_sd: f64,
+    pub frequency_sd: f64,
+    /// Standard error of the mean over channels, relative; 0 where there are too few channels.
+    pub damping_se: f64,
+    pub frequency_se: f64,
+}
+
+/// Fewer channels than this say nothing about their own sampling error.
+const FEWEST_CHANNELS: usize = 8;
+
+/// theta = (damping, angular frequency, y, y', y''), per µs; the real pole is held: one signal
+/// knows nothing of it.
+struct Tangent {
+    pair: [f64; 2],
+    lambda: f64,
+    state: [f64; 3],
+    dt_us: f64,
+    samples: usize,
+}
+
+impl Tangent {
+    fn of(fit: &Identification, dt_s: f64, samples: usize) -> Tangent {
+        let poles = fit.poles;
+        let [y, dy, ddy] = fit.output_state;
+        Tangent {
+            pair: [
+                poles.damping_per_s * 1e-6,
+                2.0 * std::f64::consts::PI * poles.frequency_hz * 1e-6,
+            ],
+            lambda: poles.lambda_per_s * 1e-6,
+            state: [y, dy * 1e-6, ddy * 1e-12],
+            dt_us: dt_s * 1e6,
+            samples,
+        }
+    }
+
+    fn signal(&self, step: &Vector5<f64>) -> DVector<f64> {
+        let (sigma, omega) = (self.pair[0] + step[0], self.pair[1] + step[1]);
+        let square = sigma * sigma + omega * omega;
+        let lambda = self.lambda;
+        // (s + lambda)(s^2 + 2 sigma s + sigma^2 + omega^2)
+        let cubic = [2.0 * sigma + lambda, square + 2.0 * sigma * lambda, square * lambda];
+        let c = DVector::from_fn(3, |k, _| self.state[k] + step[k + 2]);
+        basis(cubic, self.dt_us, self.samples) * c
+    }
+
+    fn columns(&self) -> DMatrix<f64> {
+        let mut columns = DMatrix::zeros(self.samples, 5);
+        for k in 0..5 {
+            let size = match k {
+                0 | 1 => self.pair[k],
+                _ => self.state.iter().fold(0.0, |m: f64, v| m.max(v.abs())),
+            };
+            let h = 1e-5 * size.abs().max(1e-9);
+            let mut step = Vector5::zeros();
+            step[k] = h;
+            let slope = (self.signal(&step) - self.signal(&-step)) / (2.0 * h);
+            columns.set_column(k, &slope);
+        }
+        columns
+    }
+}
+
+/// The scatter of a set about its fit, and the curvature it leaves in the average, counts.
+/// `noise`: of one sample, counts.
+pub fn scatter(
+    set: &SignalSet,
+    fit: &Identification,
+    noise: f64,
+    dt_s: f64,
+) -> Option<(Scatter, Vec<f64>)> {
+    let tangent = Tangent::of(fit, dt_s, set.samples);
+    let expected = tangent.signal(&Vector5::zeros());
+    let columns = tangent.columns();
+    let scale = Vector5::from_fn(|k, _| columns.column(k).norm().max(f64::MIN_POSITIVE));
+    let gram =
+        Matrix5::from_fn(|i, j| columns.column(i).dot(&columns.column(j)) / (scale[i] * scale[j]));
+    let inverse = gram.try_inverse()?;
+
+    let (mut sum, mut square) = (Vector5::zeros(), Matrix5::zeros());
+    let (mut of_noise, mut by_channel) = (0.0, BTreeMap::<u32, (Vector5<f64>, f64)>::new());
+    for i in 0..set.len() {
+        let s = set.drive[i];
+        let product = Vector5::from_fn(|k, _| {
+            let column = columns.column(k);
+            let signal = set.signal(i).iter().zip(expected.iter());
+            column.iter().zip(signal).map(|(t, (&y, e))| t * (f64::from(y) / s - e)).sum::<f64>()
+                / scale[k]
+        });
+        let theta = inverse * product;
+        sum += theta;
+        square += theta * theta.transpose();
+        of_noise += (noise / s).powi(2);
+        let channel = by_channel.entry(set.channel[i]).or_default();
+        channel.0 += theta;
+        channel.1 += 1.0;
+    }
+    let n = set.len() as f64;
+    let mean = sum / n;
+    let beyond_noise = square / n - mean * mean.transpose() - inverse * (of_noise / n);
+    let unscaled = |v: Vector5<f64>| v.component_div(&scale);
+
+    // Sigma points along the principal directions: 1/2 (y(+) + y(-)) - y is the curvature.
+    let mut curvature = DVector::zeros(set.samples);
+    let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(beyond_noise);
+    for (value, direction) in eigenvalues.iter().zip(eigenvectors.column_iter()) {
+        if *value > 0.0 {
+            let step = unscaled(direction * value.sqrt());
+            curvature += (tangent.signal(&step) + tangent.signal(&-step)) / 2.0 - &expected;
+        }
+    }
+
+    let relative_sd =
+        |k: usize| beyond_noise[(k, k)].max(0.0).sqrt() / (scale[k] * tangent.pair[k].abs());
+    let channels = by_channel.len();
+    let relative_se = |k: usize| {
+        if channels < FEWEST_CHANNELS {
+            return 0.0;
+        }
+        let variance: f64 = by_channel
+            .values()
+            .map(|(total, m)| ((total[k] - m * mean[k]) / n).powi(2))
+            .sum::<f64>()
+            * (channels as f64 / (channels as f64 - 1.0));
+        variance.sqrt() / (scale[k] * tangent.pair[k].abs())
+    };
+    let scatter = Scatter {
+        damping_sd: relative_sd(0),
+        frequency_sd: relative_sd(1),
+        damping_se: relative_se(0),
+        frequency_se: relative_se(1),
+    };
+    Some((scatter, curvature.as_slice().to_vec()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::{GreyBoxSettings, averaging, grey_box};
+    use crate::model::InkChannel;
+    use crate::model::ring_down::ring_down;
+    use rand::{RngExt, SeedableRng};
+
+    const DT_S: f64 = 0.78125e-6;
+
+    /// Noise-free channels whose stiffness and damping scatter uniformly.
+    fn channels(stiffness: f64, damping: f64, n: usize) -> SignalSet {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+        let mut set = SignalSet::new(128);
+        for i in 0..n {
+            let mut draw = |width: f64| 1.0 + width * rng.random_range(-1.0..1.0);
+            let (q, r) = (draw(stiffness), draw(damping));
+            let channel = InkChannel {
+                a_per_s2: 5.6e10 * q,
+                b_per_s2: 1.11e11 * q,
+                g_per_s: 1.6e4 * r,
+                d_per_s: 8.0e4 * r,
+            };
+            let x_a = DVector::from_row_slice(&[3e-4, 1e-4, 150.0, 240.0]);
+            let y: Vec<f32> =
+                ring_down(&channel, &x_a, DT_S, 128).iter().map(|&v| v as f32).collect();
+            set.push(&y, i as u32, 1.0, f64::NAN);
+        }
+        set
+    }
+
+    #[test]
+    fn curvature_explains_what_averaging_leaves() {
+        let set = channels(0.016, 0.10, 2000);
+        let mean = averaging::average(&set).unwrap();
+        let settings = GreyBoxSettings::default();
+        let plain = grey_box::identify(&mean.y, DT_S, 1.0, &settings).unwrap();
+        let corrected = grey_box::identify_scattered(&set, &mean, DT_S, &settings).unwrap();
+        let truth =
+            InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8.0e4 };
+        let truth = grey_box::poles_of(truth.cubic()).unwrap();
+        let off =
+            |fit: &Identification| (fit.poles.damping_per_s / truth.damping_per_s - 1.0).abs();
+        assert!(off(&corrected) < 0.3 * off(&plain), "{} of {}", off(&corrected), off(&plain));
+        assert!(off(&corrected) < 0.004, "{}", off(&corrected));
+        let lambda = corrected.poles.lambda_per_s / truth.lambda_per_s - 1.0;
+        assert!(lambda.abs() < 0.2, "real pole off by {lambda}");
+    }
+
+    #[test]
+    fn planted_scatter_comes_back() {
+        let set = channels(0.016, 0.10, 2000);
+        let mean = averaging::average(&set).unwrap();
+        let fit =
+            grey_box::identify_scattered(&set, &mean, DT_S, &GreyBoxSettings::default()).unwrap();
+        // uniform half-width w: sd w / sqrt 3; frequency moves by half the stiffness
+        let expected = [0.10 / 3f64.sqrt(), 0.008 / 3f64.sqrt()];
+        let found = [fit.scatter.damping_sd, fit.scatter.frequency_sd];
+        for (e, f) in expected.iter().zip(found) {
+            assert!((f / e - 1.0).abs() < 0.1, "{found:?}");
+        }
+    }
+}
