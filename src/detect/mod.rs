@@ -8,6 +8,7 @@ pub mod null_space;
 pub mod numerator;
 pub mod poles;
 pub mod residual_generator;
+pub mod sensitivity;
 mod settings;
 pub mod threshold;
 

@@ -3,9 +3,11 @@
 //! In: residuals of flagged signals, mean deviations per fault class. Out: a weight per class, and
 //! what may be said on their strength. thesis §3-3. Never decides whether a signal is faulty.
 
+pub mod class_density;
 pub mod decision;
 pub mod model_matching;
 pub mod neighbours;
+pub mod posterior;
 pub mod residual_matching;
 mod settings;
 pub mod signatures;

@@ -9,7 +9,9 @@ pub mod faults;
 pub mod geometry;
 pub mod ink_channel;
 mod poles;
+pub mod ring;
 pub mod ring_down;
+pub mod ring_fit;
 
 use nalgebra::DMatrix;
 

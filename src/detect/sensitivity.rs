@@ -1,0 +1,142 @@
+//! How far a signal lies from the healthy model along the model's own sensitivities.
+//!
+//! In: a signal's deviation from what the healthy model expects. Out: the squared Mahalanobis
+//! distance of (ln amplitude, ln damping, ln frequency) from the healthy channels', which needs no
+//! fault data. To first order the three are projections of the deviation on dy/d(ln A, ln sigma,
+//! ln f); what comes near the threshold is fitted ([`crate::model::ring_fit`]) and judged by the fit.
+//!
+//! The healthy spread is that of the channels plus that of the noise; the noise weighs more where the
+//! drive is low, so the two are kept apart.
+
+use nalgebra::{DMatrix, Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Sensitivity {
+    /// Three rows of N: the features per unit of deviation at the reference drive.
+    pub projection: Vec<Vec<f64>>,
+    /// Mean of the healthy features.
+    pub mean: [f64; 3],
+    /// Covariance of the healthy features beyond the noise.
+    pub spread: [[f64; 3]; 3],
+    /// Covariance of the noise at the reference drive.
+    pub noise: [[f64; 3]; 3],
+}
+
+impl Sensitivity {
+    /// `tangent`: N x 3, dy/d(ln A, ln sigma, ln f), counts. `deviations` and their relative drives:
+    /// healthy signals. `noise`: of one sample, counts. `None` where the three cannot be told apart.
+    pub fn learn(
+        tangent: &DMatrix<f64>,
+        deviations: &[(Vec<f64>, f64)],
+        noise: f64,
+    ) -> Option<Sensitivity> {
+        let gram = tangent.tr_mul(tangent);
+        let inverse = gram.try_inverse()?;
+        let projection = &inverse * tangent.transpose();
+        let mut learned = Sensitivity {
+            projection: projection.row_iter().map(|r| r.iter().copied().collect()).collect(),
+            mean: [0.0; 3],
+            spread: [[0.0; 3]; 3],
+            noise: rows(&Matrix3::from_fn(|i, j| inverse[(i, j)] * noise * noise)),
+        };
+        let features: Vec<Vector3<f64>> =
+            deviations.iter().map(|(d, drive)| learned.features(d, *drive)).collect();
+        let n = features.len() as f64;
+        let mean = features.iter().sum::<Vector3<f64>>() / n;
+        let total = features.iter().fold(Matrix3::zeros(), |s, x| {
+            let d = x - mean;
+            s + d * d.transpose()
+        }) / (n - 1.0).max(1.0);
+        let of_noise = deviations.iter().map(|(_, s)| 1.0 / (s * s)).sum::<f64>() / n;
+        let beyond = total - matrix(&learned.noise) * of_noise;
+        // sampling error may leave a direction with less than the noise: no spread there
+        let eigen = beyond.symmetric_eigen();
+        let kept = eigen.eigenvalues.map(|v| v.max(0.0));
+        let spread =
+            eigen.eigenvectors * Matrix3::from_diagonal(&kept) * eigen.eigenvectors.transpose();
+        learned.mean = mean.into();
+        learned.spread = rows(&spread);
+        spread.iter().all(|v| v.is_finite()).then_some(learned)
+    }
+
+    /// (ln A, ln sigma, ln f) to first order. `deviation`: N, counts.
+    pub fn features(&self, deviation: &[f64], drive: f64) -> Vector3<f64> {
+        Vector3::from_fn(|k, _| {
+            self.projection[k].iter().zip(deviation).map(|(p, d)| p * d).sum::<f64>() / drive
+        })
+    }
+
+    /// Whitening at a drive: the inverse of spread + noise / drive².
+    pub fn metric(&self, drive: f64) -> Option<Matrix3<f64>> {
+        (matrix(&self.spread) + matrix(&self.noise) / (drive * drive)).try_inverse()
+    }
+
+    /// Squared Mahalanobis distance of features from the healthy mean.
+    pub fn distance(&self, metric: &Matrix3<f64>, features: &Vector3<f64>) -> f64 {
+        let d = features - Vector3::from(self.mean);
+        d.dot(&(metric * d))
+    }
+
+    /// Refused if it could not have been learned.
+    pub fn check(&self, samples: usize) -> Result<(), String> {
+        let finite = |v: &[f64]| v.iter().all(|x| x.is_finite());
+        let whole = self.projection.len() == 3
+            && self.projection.iter().all(|r| r.len() == samples && finite(r))
+            && finite(&self.mean)
+            && self.spread.iter().chain(&self.noise).all(|r| finite(r));
+        match whole && self.metric(1.0).is_some() {
+            true => Ok(()),
+            false => Err(format!("`sensitivity` must be three finite rows of {samples}")),
+        }
+    }
+}
+
+fn matrix(rows: &[[f64; 3]; 3]) -> Matrix3<f64> {
+    Matrix3::from_fn(|i, j| rows[i][j])
+}
+
+fn rows(m: &Matrix3<f64>) -> [[f64; 3]; 3] {
+    std::array::from_fn(|i| std::array::from_fn(|j| m[(i, j)]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    #[test]
+    fn distance_of_healthy_signals_is_chi_squared_with_three_degrees() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(2);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let tangent = DMatrix::from_fn(64, 3, |i, j| ((i * (j + 1)) as f64 * 0.1).sin() * 100.0);
+        let mut healthy = |n: usize| -> Vec<(Vec<f64>, f64)> {
+            (0..n)
+                .map(|i| {
+                    let drive = if i % 3 == 0 { 0.8 } else { 1.0 };
+                    let theta = [0.02 * normal(), 0.05 * normal(), 0.002 * normal()];
+                    let d = (0..64)
+                        .map(|k| {
+                            let moved: f64 = (0..3).map(|j| tangent[(k, j)] * theta[j]).sum();
+                            drive * moved + 10.0 * normal()
+                        })
+                        .collect();
+                    (d, drive)
+                })
+                .collect()
+        };
+        let learned = Sensitivity::learn(&tangent, &healthy(4000), 10.0).unwrap();
+        learned.check(64).unwrap();
+        let fresh = healthy(4000);
+        // 99 % point of chi-squared with 3 degrees of freedom
+        let beyond = fresh
+            .iter()
+            .filter(|(d, drive)| {
+                let metric = learned.metric(*drive).unwrap();
+                learned.distance(&metric, &learned.features(d, *drive)) > 11.345
+            })
+            .count();
+        assert!((20..=65).contains(&beyond), "{beyond} of 4000 beyond the 99 % point");
+    }
+}

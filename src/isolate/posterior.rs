@@ -1,0 +1,175 @@
+//! A posterior over the fault classes, from the features of a fitted ring.
+//!
+//! In: labelled features per class. Out: class densities; for a signal's features the probability of
+//! each class, given that the signal is faulty, and whether it fits any class at all.
+
+use super::class_density::ClassDensity;
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+/// Labelled features of one class: (ln amplitude, ln damping, ln frequency) of fits with the phase
+/// held, or with the phase free and last. `noise`: the covariance of a fit at the class's mean.
+#[derive(Clone, Debug)]
+pub struct Examples {
+    pub features: Vec<Vec<f64>>,
+    pub noise: DMatrix<f64>,
+}
+
+/// Densities of the classes.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Posterior {
+    /// Whether the phase is a feature: chosen in training, by which predicts held-out labels better.
+    pub phase: bool,
+    pub classes: Vec<ClassDensity>,
+}
+
+/// A signal further than this from every class fits none: 1e-5 of chi-squared, 4 degrees of freedom.
+const FITS_NONE: f64 = 28.5;
+
+impl Posterior {
+    /// Learns the densities of the same signals fitted with the phase held and free, and keeps what
+    /// predicts better. `None`: a class without examples, or all of one.
+    pub fn learn(held: &[Examples], free: &[Examples]) -> Option<Posterior> {
+        let phase = held_out_score(free) > held_out_score(held);
+        let classes = densities(if phase { free } else { held })?;
+        Some(Posterior { phase, classes })
+    }
+
+    /// Posterior of each class, equal priors; sums to 1.
+    pub fn weigh(&self, features: &[f64], weights: &mut [f64]) {
+        weigh(&self.classes, features, weights);
+    }
+
+    /// No class is near: an unknown fault.
+    pub fn fits_none(&self, features: &[f64]) -> bool {
+        self.classes.iter().all(|class| class.distance(features) > FITS_NONE)
+    }
+}
+
+fn weigh(classes: &[ClassDensity], x: &[f64], weights: &mut [f64]) {
+    for (w, class) in weights.iter_mut().zip(classes) {
+        *w = class.ln_density(x);
+    }
+    let most = weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    weights.iter_mut().for_each(|w| *w = (*w - most).exp());
+    let sum: f64 = weights.iter().sum();
+    weights.iter_mut().for_each(|w| *w /= sum);
+}
+
+fn densities(examples: &[Examples]) -> Option<Vec<ClassDensity>> {
+    let pooled = pooled_covariance(examples)?;
+    examples
+        .iter()
+        .map(|class| {
+            let features: Vec<DVector<f64>> =
+                class.features.iter().map(|x| DVector::from_row_slice(x)).collect();
+            ClassDensity::learn(&features, &class.noise, Some(&pooled))
+        })
+        .collect()
+}
+
+/// Mean log posterior of the true class on the half that was not learned from, both halves.
+fn held_out_score(examples: &[Examples]) -> f64 {
+    let half = |odd: usize| -> Vec<Examples> {
+        let pick = |class: &Examples| Examples {
+            features: class.features.iter().skip(odd).step_by(2).cloned().collect(),
+            noise: class.noise.clone(),
+        };
+        examples.iter().map(pick).collect()
+    };
+    let mut score = 0.0;
+    for (learn, test) in [(0, 1), (1, 0)] {
+        let Some(classes) = densities(&half(learn)) else { return f64::NEG_INFINITY };
+        let mut weights = vec![0.0; examples.len()];
+        for (truth, class) in half(test).iter().enumerate() {
+            for x in &class.features {
+                weigh(&classes, x, &mut weights);
+                score += weights[truth].max(1e-6).ln() / class.features.len() as f64;
+            }
+        }
+    }
+    score
+}
+
+/// Covariance of all examples about their own class's mean.
+fn pooled_covariance(examples: &[Examples]) -> Option<DMatrix<f64>> {
+    let size = examples.first()?.noise.nrows();
+    let (mut scatter, mut degrees) = (DMatrix::zeros(size, size), 0.0);
+    for class in examples {
+        let n = class.features.len() as f64;
+        let rows: Vec<DVector<f64>> =
+            class.features.iter().map(|x| DVector::from_row_slice(x)).collect();
+        let mean = rows.iter().fold(DVector::zeros(size), |s, x| s + x) / n.max(1.0);
+        for x in &rows {
+            let d = x - &mean;
+            scatter += &d * d.transpose();
+        }
+        degrees += (n - 1.0).max(0.0);
+    }
+    (degrees > 0.0).then(|| scatter / degrees)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// Classes that differ in the third coordinate and, where it tells, in the fourth.
+    fn examples(n: usize, phase: Option<f64>, seed: u64) -> Vec<Examples> {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let size = if phase.is_some() { 4 } else { 3 };
+        (0..3)
+            .map(|class| Examples {
+                features: (0..n)
+                    .map(|_| {
+                        let mut x: Vec<f64> = (0..size).map(|_| 0.1 * normal()).collect();
+                        x[2] += 0.15 * class as f64;
+                        if let Some(step) = phase {
+                            x[3] += step * class as f64;
+                        }
+                        x
+                    })
+                    .collect(),
+                noise: DMatrix::identity(size, size) * 0.0025,
+            })
+            .collect()
+    }
+
+    #[test]
+    fn phase_is_used_where_it_tells_the_classes_apart() {
+        let held = examples(100, None, 1);
+        assert!(Posterior::learn(&held, &examples(100, Some(0.3), 1)).unwrap().phase);
+    }
+
+    #[test]
+    fn posterior_is_calibrated_on_fresh_signals() {
+        let held = examples(400, None, 2);
+        let posterior = Posterior { phase: false, classes: densities(&held).unwrap() };
+        let (mut claimed, mut right, mut n) = (0.0, 0.0, 0.0);
+        let mut weights = [0.0; 3];
+        for (truth, class) in examples(3000, None, 3).iter().enumerate() {
+            for x in &class.features {
+                posterior.weigh(x, &mut weights);
+                assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+                let best = (0..3).max_by(|&i, &j| weights[i].total_cmp(&weights[j])).unwrap();
+                claimed += weights[best];
+                right += f64::from(u8::from(best == truth));
+                n += 1.0;
+            }
+        }
+        assert!((claimed - right).abs() / n < 0.015, "claimed {claimed}, right {right} of {n}");
+    }
+
+    #[test]
+    fn what_is_far_from_every_class_fits_none() {
+        let held = examples(100, None, 4);
+        let posterior = Posterior::learn(&held, &examples(100, Some(0.0), 4)).unwrap();
+        let far = [3.0, 0.0, 0.0, 0.0];
+        let near = [0.0, 0.0, 0.15, 0.0];
+        let size = if posterior.phase { 4 } else { 3 };
+        assert!(posterior.fits_none(&far[..size]));
+        assert!(!posterior.fits_none(&near[..size]));
+    }
+}

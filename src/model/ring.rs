@@ -1,0 +1,80 @@
+//! A ring-down in the numbers that a technician sees: amplitude, phase, damping, frequency.
+//!
+//! In: poles and output state of a model. Out: [`Ring`], y(t) = A (e^{-sigma t} cos(omega t + phi) +
+//! rho e^{-lambda t}), and the same decay with other amplitude, damping and frequency.
+
+use super::ring_down::Poles;
+use nalgebra::{Complex, Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// One damped pair and one real pole; rho is the real pole's share of the amplitude.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Ring {
+    /// A, counts.
+    pub amplitude: f64,
+    /// phi, rad.
+    pub phase_rad: f64,
+    /// sigma, 1/s.
+    pub damping_per_s: f64,
+    /// f, Hz.
+    pub frequency_hz: f64,
+    /// rho.
+    pub real_share: f64,
+    /// lambda, 1/s.
+    pub lambda_per_s: f64,
+}
+
+impl Ring {
+    /// From y, y', y'' at t_a (counts, counts/s, counts/s²). `None` where nothing oscillates.
+    pub fn new(poles: Poles, output_state: [f64; 3]) -> Option<Ring> {
+        let omega = 2.0 * std::f64::consts::PI * poles.frequency_hz * 1e-6;
+        let s = Complex::new(-poles.damping_per_s * 1e-6, omega);
+        let lambda = poles.lambda_per_s * 1e-6;
+        // y = Re C + R; y' = Re (s C) - lambda R; y'' = Re (s² C) + lambda² R, per µs
+        let s2 = s * s;
+        let m = Matrix3::new(1.0, 0.0, 1.0, s.re, -s.im, -lambda, s2.re, -s2.im, lambda * lambda);
+        let [y, dy, ddy] = output_state;
+        let x = m.lu().solve(&Vector3::new(y, dy * 1e-6, ddy * 1e-12))?;
+        let c = Complex::new(x[0], x[1]);
+        (c.norm() > 0.0 && c.norm().is_finite()).then(|| Ring {
+            amplitude: c.norm(),
+            phase_rad: c.arg(),
+            damping_per_s: poles.damping_per_s,
+            frequency_hz: poles.frequency_hz,
+            real_share: x[2] / c.norm(),
+            lambda_per_s: poles.lambda_per_s,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::InkChannel;
+    use crate::model::ring_down::ring_down;
+    use nalgebra::DVector;
+
+    #[test]
+    fn ring_is_the_decay_of_the_state_it_was_made_of() {
+        let channel =
+            InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8.0e4 };
+        let x = [3e-4, 1e-4, 150.0, 240.0];
+        let (a, b, g, d) = (channel.a_per_s2, channel.b_per_s2, channel.g_per_s, channel.d_per_s);
+        let volume = x[0] + x[1];
+        let flows = [-a * volume - g * x[2], -b * volume - d * x[3]];
+        let y = x[2] + x[3];
+        let dy = flows[0] + flows[1];
+        let ddy = -(a + b) * y - g * flows[0] - d * flows[1];
+        let ring = Ring::new(channel.poles().unwrap(), [y, dy, ddy]).unwrap();
+        let dt = 0.78125e-6;
+        let decay = ring_down(&channel, &DVector::from_row_slice(&x), dt, 64);
+        for (k, y) in decay.iter().enumerate() {
+            let t = k as f64 * dt;
+            let angle = 2.0 * std::f64::consts::PI * ring.frequency_hz * t + ring.phase_rad;
+            let z = ring.amplitude
+                * ((-ring.damping_per_s * t).exp() * angle.cos()
+                    + ring.real_share * (-ring.lambda_per_s * t).exp());
+            assert!((y - z).abs() < 1e-6, "{y} {z}");
+        }
+    }
+}
