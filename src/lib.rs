@@ -8,10 +8,10 @@
 //!
 //! ```text
 //! 5  main  cli  settings             words, bars, exit codes | pipeline.toml
-//! 4  pipeline        io              threads and bounded channels | bytes
+//! 4  pipeline  thesis  io            threads and bounded channels | chapter 4 again | bytes
 //! 3  design  simulate                the offline artefact | print runs with known truth
 //! 2  identify  detect  isolate       thesis 3-1 | 3-2 | 3-3; they meet only in design
-//! 1  model  score                    what the physics says | thesis chapter 4 numbers
+//! 1  model  score  plot              what the physics says | thesis chapter 4 numbers | figures
 //! 0  burst  fault  verdict  labels   what flows
 //! ```
 //!
@@ -31,6 +31,7 @@ pub mod labels;
 pub mod verdict;
 // floor 1
 pub mod model;
+pub mod plot;
 pub mod score;
 // floor 2
 pub mod detect;
@@ -42,6 +43,7 @@ pub mod simulate;
 // floor 4
 pub mod io;
 pub mod pipeline;
+pub mod thesis;
 // floor 5
 pub mod cli;
 pub mod settings;

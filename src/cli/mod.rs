@@ -8,6 +8,7 @@ mod replay;
 mod report;
 mod score;
 mod simulate;
+mod thesis;
 mod train;
 
 use clap::{Parser, Subcommand};
@@ -51,6 +52,8 @@ enum Verb {
     Score(score::Args),
     /// What is in a recording, and whether it is whole
     Inspect(inspect::Args),
+    /// The thesis's chapter 4 again: its tables beside ours, any seeds
+    Thesis(thesis::Args),
 }
 
 /// Runs the command line `args` and says how it ended.
@@ -69,6 +72,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Simulate(args) => simulate::run(args),
         Verb::Score(args) => score::run(args),
         Verb::Inspect(args) => inspect::run(args),
+        Verb::Thesis(args) => thesis::run(args),
     };
     match ended {
         Ok(exit) => exit.into(),

@@ -70,7 +70,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         )));
     }
     let (design, warnings) =
-        Design::train(&set, &settings.identify.grey_box, &settings.detect).map_err(Failure::new)?;
+        Design::train(&set, &settings.identify.grey_box, &settings.detect, &settings.isolate)
+            .map_err(Failure::new)?;
     warnings.iter().for_each(|w| progress.say(&format!("warning: {w}")));
     design_file::write(&args.out, &design).map_err(Failure::new)?;
 

@@ -1,7 +1,13 @@
-//! A fault class as its mean deviation from the healthy model (thesis §3-3-2, rho before filtering).
+//! A fault class: its mean deviation from the healthy model (thesis §3-3-2, rho before filtering);
+//! for model matching its identified model, for neighbours its training signals.
 
-use super::HealthyModel;
+use super::fd_filter::{by_resonance, deviations};
+use super::{Design, DesignError, HealthyModel, LearnSettings};
+use crate::detect::{ResidualGenerator, null_space};
+use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
+use crate::identify::grey_box::{self, Identification};
+use crate::model::Plant;
 use serde::{Deserialize, Serialize};
 
 /// Departs: thesis §3-3-2 keeps mean residuals. r = F (y - y_hat) is affine in y, so a mean
@@ -13,7 +19,33 @@ pub struct FaultClass {
     pub n_signals: u64,
     /// Mean of y/s - y_hat per unit drive, counts.
     pub deviation: Vec<f64>,
+    /// For `isolate.method` = `model-matching`; absent where the class's mean is no damped
+    /// oscillation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<FaultModel>,
+    /// Deviations of training signals per unit drive, counts, for `isolate.method` = `neighbours`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub examples: Vec<Vec<f64>>,
 }
+
+/// A class's own dynamics, thesis §3-3-1.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct FaultModel {
+    pub identification: Identification,
+    /// What this model expects less what the healthy one expects, per unit drive, counts.
+    pub expected: Vec<f64>,
+    /// Filters what is left of a signal: ignores what this class's dynamics explain.
+    pub generator: ResidualGenerator,
+    /// Residual energy above which a signal is not of this class, counts²·s.
+    pub bound: f64,
+}
+
+/// Share of a class's own training signals that its bound lets through.
+const WITHIN_BOUND: f64 = 0.99;
+
+/// Faults move the rates further than the ink of a healthy channel does: a blocked nozzle's a/b
+/// and d by more than 20 (`model/faults.rs`). Bounds for a fault are this wide at least.
+const FAULT_BOUND_FACTOR: f64 = 300.0;
 
 impl FaultClass {
     /// From the class's signals, each set with the healthy model of its printhead.
@@ -38,6 +70,99 @@ impl FaultClass {
             category: crate::fault::category(name).into(),
             n_signals: n,
             deviation: sum,
+            model: None,
+            examples: Vec::new(),
         }
+    }
+
+    /// Thesis (3-1) on the class's mean signal, seen from `healthy`.
+    pub(super) fn identify(
+        &self,
+        healthy: &HealthyModel,
+        grey_box: &GreyBoxSettings,
+        dt_s: f64,
+    ) -> Result<Identification, DesignError> {
+        let mean: Vec<f64> =
+            healthy.expected.iter().zip(&self.deviation).map(|(y, d)| y + d).collect();
+        let bound_factor = grey_box.bound_factor.max(FAULT_BOUND_FACTOR);
+        let wider = GreyBoxSettings { bound_factor, ..grey_box.clone() };
+        Ok(grey_box::identify(&mean, dt_s, 0.0, &wider)?)
+    }
+
+    /// The class's own model, filter (method I at its own resonance) and bound.
+    pub(super) fn learn_model(
+        &mut self,
+        healthy: &HealthyModel,
+        sets: &[(&HealthyModel, &SignalSet)],
+        settings: LearnSettings,
+    ) -> Result<(), DesignError> {
+        let (dt_s, samples) = (settings.sample_period_s, self.deviation.len());
+        let identification = self.identify(healthy, settings.grey_box, dt_s)?;
+        let own = crate::detect::DetectSettings { oscillations: None, ..settings.detect.clone() };
+        let denominator = by_resonance(&identification, samples, &own, dt_s)?;
+        let channel = identification.channel;
+        let degree = denominator.len() - 1;
+        let numerator = null_space::numerator(&channel.a(), &channel.c(), dt_s, degree)?;
+        let generator = ResidualGenerator::new(numerator, denominator, dt_s)?;
+        let expected: Vec<f64> = identification
+            .expected(dt_s, samples)
+            .iter()
+            .zip(&healthy.expected)
+            .map(|(y, h)| y - h)
+            .collect();
+        let mut model = FaultModel { identification, expected, generator, bound: 0.0 };
+        let mut scratch = Vec::new();
+        let mut energies: Vec<f64> =
+            deviations(sets).iter().map(|d| model.energy(d, 1.0, &mut scratch)).collect();
+        energies.sort_unstable_by(f64::total_cmp);
+        let last = energies.len().saturating_sub(1);
+        model.bound =
+            energies.get((WITHIN_BOUND * last as f64).ceil() as usize).copied().unwrap_or(0.0);
+        if !(model.bound.is_finite() && model.bound > 0.0) {
+            return Err(DesignError::Invalid("its signals leave no residual energy".into()));
+        }
+        self.model = Some(model);
+        Ok(())
+    }
+
+    /// Keeps the training signals themselves, to a hundredth of a count.
+    pub(super) fn keep_examples(&mut self, sets: &[(&HealthyModel, &SignalSet)]) {
+        self.examples = deviations(sets);
+        for v in self.examples.iter_mut().flatten() {
+            *v = (*v * 100.0).round() / 100.0;
+        }
+    }
+
+    pub(super) fn check(&self, design: &Design) -> Result<(), DesignError> {
+        let refuse = |what: &str| Err(DesignError::Invalid(format!("class {}: {what}", self.name)));
+        let finite = |v: &[f64]| v.len() == design.samples && v.iter().all(|x| x.is_finite());
+        if !finite(&self.deviation) {
+            return refuse("`deviation` must be finite, one number per sample");
+        }
+        if !self.examples.iter().all(|e| finite(e)) {
+            return refuse("each of its `examples` must be finite, one number per sample");
+        }
+        if let Some(model) = &self.model {
+            if !finite(&model.expected) {
+                return refuse("its model's `expected` must be finite, one number per sample");
+            }
+            if !super::same_period(model.generator.dt_s, design.sample_period_s) {
+                return refuse("its filter has another sample period than the design");
+            }
+            if !(model.bound.is_finite() && model.bound > 0.0) {
+                return refuse("its model's `bound` must be positive");
+            }
+        }
+        Ok(())
+    }
+}
+
+impl FaultModel {
+    /// Residual energy of a signal under this class's filter, counts²·s per unit drive.
+    /// `deviation`: from what the healthy model expects, at `drive`.
+    pub fn energy(&self, deviation: &[f64], drive: f64, scratch: &mut Vec<f64>) -> f64 {
+        scratch.clear();
+        scratch.extend(deviation.iter().zip(&self.expected).map(|(d, e)| d / drive - e));
+        self.generator.energy(scratch)
     }
 }

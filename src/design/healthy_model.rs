@@ -1,11 +1,11 @@
 //! A healthy model ready to judge by: identification, filter and threshold of one window.
 
+use super::fd_filter::{self, LearnedFilter};
 use super::{Design, DesignError, DetectSettings};
-use crate::detect::{ResidualGenerator, ThresholdMethod, null_space, poles, threshold};
+use crate::detect::{ResidualGenerator, ThresholdMethod, threshold};
 use crate::identify::averaging::{self, SignalSet, median};
 use crate::identify::grey_box::{self, Identification};
 use crate::identify::{GreyBoxSettings, tangent};
-use crate::model::Plant;
 use serde::{Deserialize, Serialize};
 use threshold::Threshold;
 
@@ -17,6 +17,8 @@ pub struct LearnSettings<'a> {
     /// Least share of signals that must agree; `None`: labels say that all are healthy.
     pub least_agreeing: Option<f64>,
     pub sample_period_s: f64,
+    /// What methods II and III have learned from faults; `None` with method I.
+    pub filter: Option<&'a LearnedFilter>,
 }
 
 /// One identified model with its x_a_hat, poles and threshold, thesis §3-1 and §3-2.
@@ -68,7 +70,8 @@ impl HealthyModel {
         let dt_s = settings.sample_period_s;
         let identification = grey_box::identify_scattered(healthy, &mean, dt_s, settings.grey_box)?;
         let expected = identification.expected(dt_s, set.samples);
-        let generator = residual_generator(&identification, set.samples, dt_s, settings.detect)?;
+        let generator =
+            fd_filter::residual_generator(&identification, set.samples, settings, dt_s)?;
 
         let temperature_c = healthy.mean_temperature_c();
         let directions = tangent::tangent(&identification, dt_s, set.samples);
@@ -199,24 +202,6 @@ fn energies(expectation: Expectation, generator: &ResidualGenerator, set: &Signa
             generator.energy(&deviation)
         })
         .collect()
-}
-
-/// The FD filter of an identified model: numerator (3-2), denominator §3-2-1.
-fn residual_generator(
-    identification: &Identification,
-    samples: usize,
-    dt_s: f64,
-    settings: &DetectSettings,
-) -> Result<ResidualGenerator, DesignError> {
-    let plant = identification.channel;
-    let degree = 2 + settings.other_poles_per_s.len();
-    let numerator = null_space::numerator(&plant.a(), &plant.c(), dt_s, degree)?;
-    let oscillations = settings.oscillations.unwrap_or_else(|| {
-        poles::healthy_oscillations(identification.poles.frequency_hz, samples, dt_s)
-    });
-    let omega_r = poles::resonance_of_oscillations(oscillations, samples, dt_s);
-    let denominator = poles::resonance(omega_r, &settings.other_poles_per_s, dt_s)?;
-    Ok(ResidualGenerator::new(numerator, denominator, dt_s)?)
 }
 
 fn learn_threshold(

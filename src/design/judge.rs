@@ -1,9 +1,12 @@
 //! A healthy model and the fault classes as they meet a signal: what rides with every batch.
 
-use super::{Design, DesignError, HealthyModel, IsolateSettings};
+use super::{Design, DesignError, FaultModel, HealthyModel, IsolateSettings};
 use crate::burst::Burst;
 use crate::identify::reservoir::relative_drive;
-use crate::isolate::{Decision, DecisionRule, SignatureMatrix, Simplex};
+use crate::isolate::neighbours::Neighbours;
+use crate::isolate::{
+    Decision, DecisionRule, IsolateMethod, IsolateSignal, SignatureMatrix, Simplex, model_matching,
+};
 
 /// Judges signals by one model. Built once per model, shared by all workers.
 #[derive(Debug)]
@@ -12,15 +15,25 @@ pub struct Judge {
     pub index: u16,
     pub model: HealthyModel,
     pub reference_v: Option<f64>,
-    isolator: Option<Isolator>,
+    isolating: Option<Isolating>,
 }
 
-/// Residual matching with this model's filter.
 #[derive(Debug)]
-struct Isolator {
-    signatures: SignatureMatrix,
-    simplex: Simplex,
+struct Isolating {
+    isolator: Isolator,
+    signal: IsolateSignal,
     rule: DecisionRule,
+}
+
+/// `isolate.method`, ready for this model.
+#[derive(Debug)]
+enum Isolator {
+    /// thesis §3-3-2
+    ResidualMatching(SignatureMatrix, Simplex),
+    /// thesis §3-3-1: per class its model, if it has one.
+    ModelMatching(Vec<Option<FaultModel>>),
+    /// thesis §4-3-1
+    Neighbours(Neighbours),
 }
 
 /// What isolation says of one signal.
@@ -45,13 +58,15 @@ impl Judge {
         design: Option<&Design>,
         settings: &IsolateSettings,
     ) -> Result<Judge, DesignError> {
-        let isolator = match design {
-            Some(design) if !design.classes.is_empty() => {
-                Some(Isolator::new(&model, design, settings.certainty)?)
-            }
+        let isolating = match design {
+            Some(design) if !design.classes.is_empty() => Some(Isolating {
+                isolator: Isolator::new(&model, design, settings)?,
+                signal: settings.signal,
+                rule: DecisionRule::new(&design.class_names(), settings.certainty)?,
+            }),
             _ => None,
         };
-        Ok(Judge { index, reference_v, model, isolator })
+        Ok(Judge { index, reference_v, model, isolating })
     }
 
     /// Scale of what is expected of a burst: its drive voltage over the reference.
@@ -65,45 +80,113 @@ impl Judge {
     }
 
     pub fn can_isolate(&self) -> bool {
-        self.isolator.is_some()
+        self.isolating.is_some()
     }
 
-    /// Thesis §3-3-2 on the deviation of a signal from what is expected, counts; `drive` scales the
-    /// signatures as it scales the signal.
+    /// Thesis §3-3 on the deviation of a signal from what is expected, counts; `drive` scales what
+    /// classes look like as it scales the signal. `None`: it looks like no class.
     pub fn isolate(
         &self,
         deviation: &[f64],
         drive: f64,
         work: &mut Workspace,
     ) -> Option<Isolation> {
-        let Isolator { signatures, simplex, rule } = self.isolator.as_ref()?;
-        work.residual.resize(deviation.len(), 0.0);
-        self.model.generator.filter(deviation, &mut work.residual);
-        work.residual.iter_mut().for_each(|r| *r /= drive);
-        work.projection.resize(signatures.classes(), 0.0);
-        work.weights.resize(signatures.classes(), 0.0);
-        signatures.project(&work.residual, &mut work.projection);
+        let Isolating { isolator, signal, rule } = self.isolating.as_ref()?;
+        let Workspace { residual, projection, weights } = work;
+        let classes = rule.category_of.len();
+        weights.clear();
+        weights.resize(classes, 0.0);
+        projection.resize(classes, 0.0);
+        let compared = |residual: &mut Vec<f64>| {
+            residual.resize(deviation.len(), 0.0);
+            match signal {
+                IsolateSignal::Residual => self.model.generator.filter(deviation, residual),
+                IsolateSignal::Deviation => residual.copy_from_slice(deviation),
+            }
+            residual.iter_mut().for_each(|r| *r /= drive);
+        };
         // lengths agree by construction; a residual that is no number says nothing
-        simplex.solve(&work.projection, &mut work.weights).ok()?;
-        Some(rule.decide(&work.weights))
+        match isolator {
+            Isolator::ResidualMatching(signatures, simplex) => {
+                compared(residual);
+                signatures.project(residual, projection);
+                simplex.solve(projection, weights).ok()?;
+            }
+            Isolator::Neighbours(neighbours) => {
+                compared(residual);
+                neighbours.weigh(residual, weights).ok()?;
+            }
+            Isolator::ModelMatching(models) => {
+                // energy over the class's own bound
+                for (ratio, model) in projection.iter_mut().zip(models) {
+                    *ratio = model
+                        .as_ref()
+                        .map_or(f64::INFINITY, |m| m.energy(deviation, drive, residual) / m.bound);
+                }
+                let best = model_matching::best_class(projection, &vec![1.0; classes])?;
+                weights[usize::from(best)] = 1.0;
+            }
+        }
+        Some(rule.decide(weights))
     }
 }
 
 impl Isolator {
-    /// rho of every class is the residual of its mean deviation, by this model's filter.
-    fn new(model: &HealthyModel, design: &Design, certainty: f64) -> Result<Isolator, DesignError> {
-        let residuals: Vec<Vec<f64>> = design
-            .classes
-            .iter()
-            .map(|class| {
-                let mut rho = vec![0.0; class.deviation.len()];
-                model.generator.filter(&class.deviation, &mut rho);
-                rho
-            })
-            .collect();
-        let columns: Vec<&[f64]> = residuals.iter().map(Vec::as_slice).collect();
-        let signatures = SignatureMatrix::new(&columns)?;
-        let rule = DecisionRule::new(&design.class_names(), certainty)?;
-        Ok(Isolator { simplex: Simplex::new(&signatures), signatures, rule })
+    fn new(
+        model: &HealthyModel,
+        design: &Design,
+        settings: &IsolateSettings,
+    ) -> Result<Isolator, DesignError> {
+        // how this model sees a deviation
+        let seen = |deviation: &[f64]| match settings.signal {
+            IsolateSignal::Deviation => deviation.to_vec(),
+            IsolateSignal::Residual => {
+                let mut r = vec![0.0; deviation.len()];
+                model.generator.filter(deviation, &mut r);
+                r
+            }
+        };
+        let untrained = |method: &str| {
+            DesignError::Invalid(format!(
+                "isolate.method = \"{method}\": the design was not trained with it; \
+                 train with --set isolate.method={method}"
+            ))
+        };
+        match settings.method {
+            // rho of every class is the residual of its mean deviation, by this model's filter
+            IsolateMethod::ResidualMatching => {
+                let rho: Vec<Vec<f64>> =
+                    design.classes.iter().map(|class| seen(&class.deviation)).collect();
+                let columns: Vec<&[f64]> = rho.iter().map(Vec::as_slice).collect();
+                let signatures = SignatureMatrix::new(&columns)?;
+                let simplex = Simplex::new(&signatures);
+                Ok(Isolator::ResidualMatching(signatures, simplex))
+            }
+            IsolateMethod::ModelMatching => {
+                let models: Vec<_> = design.classes.iter().map(|c| c.model.clone()).collect();
+                if models.iter().all(Option::is_none) {
+                    return Err(untrained("model-matching"));
+                }
+                Ok(Isolator::ModelMatching(models))
+            }
+            IsolateMethod::Neighbours => {
+                let (mut rows, mut class_of) = (Vec::new(), Vec::new());
+                for (k, class) in design.classes.iter().enumerate() {
+                    rows.extend(class.examples.iter().map(|e| seen(e)));
+                    class_of.resize(rows.len(), k as u16); // check(): at most 32 classes
+                }
+                if rows.is_empty() {
+                    return Err(untrained("neighbours"));
+                }
+                let rows: Vec<&[f64]> = rows.iter().map(Vec::as_slice).collect();
+                let k = settings.neighbours;
+                Ok(Isolator::Neighbours(Neighbours::new(
+                    &rows,
+                    &class_of,
+                    design.classes.len(),
+                    k,
+                )?))
+            }
+        }
     }
 }

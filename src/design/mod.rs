@@ -5,13 +5,15 @@
 //! `identify`, `detect` and `isolate` meet here and nowhere else. Immutable once made.
 
 mod fault_class;
+mod fd_filter;
 mod healthy_model;
 mod judge;
 mod train;
 
 pub use crate::detect::DetectSettings;
 pub use crate::isolate::IsolateSettings;
-pub use fault_class::FaultClass;
+pub use fault_class::{FaultClass, FaultModel};
+pub use fd_filter::LearnedFilter;
 pub use healthy_model::{HealthyModel, LearnSettings};
 pub use judge::{Isolation, Judge, Workspace};
 pub use train::TrainingSet;
@@ -34,6 +36,9 @@ pub struct Design {
     /// Drive voltage at which the models expect their signals; absent: it was not recorded.
     pub drive_voltage_v: Option<f64>,
     pub detect: DetectSettings,
+    /// With methods II and III: what the filter of every later model takes over.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub filter: Option<LearnedFilter>,
     /// Signals that were trained on, by label; `unlabelled` and `rejected` were not.
     pub signals: std::collections::BTreeMap<String, u64>,
     /// One per printhead, by name.
@@ -80,16 +85,7 @@ impl Design {
         {
             return refuse(format!("drive_voltage_v = {v}: must be positive"));
         }
-        for class in &self.classes {
-            if class.deviation.len() != self.samples
-                || class.deviation.iter().any(|v| !v.is_finite())
-            {
-                return refuse(format!(
-                    "class {}: its deviation must be {} finite numbers",
-                    class.name, self.samples
-                ));
-            }
-        }
+        self.classes.iter().try_for_each(|class| class.check(self))?;
         self.models.iter().chain([&self.pooled]).try_for_each(|model| model.check(self))
     }
 

@@ -1,10 +1,13 @@
 //! Labelled signals to a design.
 
 use super::{
-    Design, DesignError, DetectSettings, FaultClass, HealthyModel, LearnSettings, VERSION,
+    Design, DesignError, DetectSettings, FaultClass, HealthyModel, IsolateSettings, LearnSettings,
+    LearnedFilter, VERSION,
 };
+use crate::detect::Denominator;
 use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
+use crate::isolate::IsolateMethod;
 use std::collections::BTreeMap;
 
 /// Labelled signals of one sampling, by printhead; drives relative to `drive_voltage_v`.
@@ -27,6 +30,7 @@ impl Design {
         set: &TrainingSet,
         grey_box: &GreyBoxSettings,
         detect: &DetectSettings,
+        isolate: &IsolateSettings,
     ) -> Result<(Design, Vec<String>), DesignError> {
         // labels say who is healthy
         let settings = LearnSettings {
@@ -34,7 +38,44 @@ impl Design {
             detect,
             least_agreeing: None,
             sample_period_s: set.sample_period_s,
+            filter: None,
         };
+        let (mut design, mut warnings) = if detect.denominator == Denominator::Resonance {
+            Design::of_healthy(set, settings)?
+        } else {
+            let filter = learned_filter(set, settings)?;
+            let settings = LearnSettings { filter: Some(&filter), ..settings };
+            let (design, warnings) = Design::of_healthy(set, settings)?;
+            (Design { filter: Some(filter), ..design }, warnings)
+        };
+        let mut classes = Vec::new();
+        for (name, printheads) in &set.faulty {
+            let sets = design.with_models(printheads);
+            let mut class = FaultClass::learn(name, &sets);
+            match isolate.method {
+                IsolateMethod::ResidualMatching => {}
+                IsolateMethod::ModelMatching => {
+                    if let Err(e) = class.learn_model(&design.pooled, &sets, settings) {
+                        warnings.push(format!(
+                            "class {name}: no model of its own ({e}); model matching cannot name it"
+                        ));
+                    }
+                }
+                IsolateMethod::Neighbours => class.keep_examples(&sets),
+            }
+            classes.push(class);
+        }
+        design.classes = classes;
+        in_table_order(&mut design.classes);
+        design.check()?;
+        Ok((design, warnings))
+    }
+
+    /// The healthy half: models and thresholds.
+    fn of_healthy(
+        set: &TrainingSet,
+        settings: LearnSettings,
+    ) -> Result<(Design, Vec<String>), DesignError> {
         let pooled = HealthyModel::learn(&pool(&set.healthy, set.samples), None, None, settings)?;
         let (mut models, mut warnings) = (Vec::new(), Vec::new());
         for (name, healthy) in &set.healthy {
@@ -45,33 +86,53 @@ impl Design {
                 )),
             }
         }
-        let mut design = Design {
+        let design = Design {
             version: VERSION,
             made_by: format!("inkling {}", env!("CARGO_PKG_VERSION")),
             sample_period_s: set.sample_period_s,
             samples: set.samples,
             drive_voltage_v: set.drive_voltage_v,
-            detect: detect.clone(),
+            detect: settings.detect.clone(),
+            filter: None,
             signals: set.signals.clone(),
             models,
             pooled,
             classes: Vec::new(),
         };
-        design.classes = set
-            .faulty
-            .iter()
-            .map(|(class, printheads)| {
-                let sets: Vec<(&HealthyModel, &SignalSet)> = printheads
-                    .iter()
-                    .map(|(name, set)| (design.model_of(name).unwrap_or(&design.pooled), set))
-                    .collect();
-                FaultClass::learn(class, &sets)
-            })
-            .collect();
-        in_table_order(&mut design.classes);
-        design.check()?;
         Ok((design, warnings))
     }
+
+    /// Each printhead's signals with the model that judges it.
+    fn with_models<'a>(
+        &'a self,
+        printheads: &'a BTreeMap<String, SignalSet>,
+    ) -> Vec<(&'a HealthyModel, &'a SignalSet)> {
+        let of = |name: &String| self.model_of(name).unwrap_or(&self.pooled);
+        printheads.iter().map(|(name, set)| (of(name), set)).collect()
+    }
+}
+
+/// Methods II and III in two steps: healthy models by method I first, then what the fault says.
+fn learned_filter(
+    set: &TrainingSet,
+    settings: LearnSettings,
+) -> Result<LearnedFilter, DesignError> {
+    let name = &settings.detect.fault;
+    let printheads = set.faulty.get(name).ok_or_else(|| {
+        let known: Vec<&str> = set.faulty.keys().map(String::as_str).collect();
+        DesignError::Invalid(format!(
+            "detect.fault = \"{name}\": no signal is labelled so (labelled faults: {})",
+            known.join(", ")
+        ))
+    })?;
+    let by_resonance =
+        DetectSettings { denominator: Denominator::Resonance, ..settings.detect.clone() };
+    let first = LearnSettings { detect: &by_resonance, ..settings };
+    let (design, _) = Design::of_healthy(set, first)?;
+    let sets = design.with_models(printheads);
+    let class = FaultClass::learn(name, &sets);
+    let healthy = pool(&set.healthy, set.samples);
+    LearnedFilter::learn((&design.pooled, &healthy), &class, &sets, settings)
 }
 
 /// The thesis's classes in the order of its tables, then a user's own by name.

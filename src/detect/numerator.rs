@@ -15,10 +15,10 @@ use nalgebra::{DMatrix, SymmetricEigen};
 /// healthy set has no energy by chance are no gain.
 const RIDGE: f64 = 1e-9;
 
-/// M N L with the M of unit norm, of degree denominator - numerator, that maximises the energy of
-/// the `faulty` residuals over that of the `healthy` ones. Descending powers, as long as
-/// `denominator`. Deviations: counts, each from what the healthy model expects.
-pub fn enhanced(
+/// The M of unit norm, of degree denominator - numerator, that maximises the energy of the `faulty`
+/// residuals of M N L over that of the `healthy` ones. Descending powers. Deviations: counts, each
+/// from what the healthy model expects.
+pub fn enhancement(
     numerator: &[f64],
     denominator: &[f64],
     healthy: &[&[f64]],
@@ -53,13 +53,18 @@ pub fn enhanced(
     let eigen = SymmetricEigen::try_new(symmetric, f64::EPSILON, 10_000).ok_or_else(failed)?;
     let v = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
     let m = l.transpose().solve_upper_triangular(&v).ok_or_else(failed)?.normalize();
-    let mut product = vec![0.0; denominator.len()];
+    Ok(m.iter().copied().collect())
+}
+
+/// M N, both in descending powers.
+pub fn product(m: &[f64], n: &[f64]) -> Vec<f64> {
+    let mut product = vec![0.0; (m.len() + n.len()).saturating_sub(1)];
     for (k, m) in m.iter().enumerate() {
-        for (p, n) in product[k..].iter_mut().zip(numerator) {
+        for (p, n) in product[k..].iter_mut().zip(n) {
             *p += m * n;
         }
     }
-    Ok(product)
+    product
 }
 
 /// Q with m^T Q m = mean residual energy of M with the coefficients m.
@@ -124,7 +129,8 @@ mod tests {
         let n = null_space::numerator(&INK.a(), &INK.c(), DT_S, 4).unwrap();
         let omega = 2.0 * std::f64::consts::PI * 6.47e4;
         let alpha = poles::resonance(omega, &[2e5; 6], DT_S).unwrap();
-        let m_n = enhanced(&n, &alpha, &slices(&healthy), &slices(&faulty), DT_S).unwrap();
+        let m = enhancement(&n, &alpha, &slices(&healthy), &slices(&faulty), DT_S).unwrap();
+        let m_n = product(&m, &n);
         let mut plain = n.clone();
         plain.resize(alpha.len(), 0.0);
         let plain = ResidualGenerator::new(plain, alpha.clone(), DT_S).unwrap();
@@ -146,12 +152,12 @@ mod tests {
     #[test]
     fn no_room_and_no_healthy_signals_are_errors() {
         let d = [1.0; 16];
-        let no_room = enhanced(&[1.0, 0.5], &[1.0, 0.1], &[&d], &[&d], DT_S);
+        let no_room = enhancement(&[1.0, 0.5], &[1.0, 0.1], &[&d], &[&d], DT_S);
         assert!(matches!(no_room, Err(DetectError::NoRoom { numerator: 1, denominator: 1 })));
         let alpha = [1.0, 0.1, 0.0];
-        let none = enhanced(&[1.0, 0.5], &alpha, &[], &[&d], DT_S);
+        let none = enhancement(&[1.0, 0.5], &alpha, &[], &[&d], DT_S);
         assert!(matches!(none, Err(DetectError::NoHealthyEnergy)));
-        let nan = enhanced(&[1.0, 0.5], &alpha, &[&[f64::NAN; 4]], &[&d], DT_S);
+        let nan = enhancement(&[1.0, 0.5], &alpha, &[&[f64::NAN; 4]], &[&d], DT_S);
         assert!(matches!(nan, Err(DetectError::NotFinite { .. })));
     }
 }

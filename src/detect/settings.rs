@@ -29,6 +29,10 @@ pub enum Denominator {
     /// Method I: a marginally stable pair at the healthy resonance, or at `oscillations`.
     #[default]
     Resonance,
+    /// Method II: the eigenvalues of the identified model of the class `fault`.
+    Eigenvalues,
+    /// Method III: numerator enhancement, learned on the class `fault`.
+    Enhanced,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -43,6 +47,8 @@ pub struct DetectSettings {
     /// Factor on the largest healthy energy, for `max`.
     pub mu: f64,
     pub denominator: Denominator,
+    /// The fault class that methods II and III are made for.
+    pub fault: String,
     /// n_o of method I; absent: the healthy resonance, n_o = f0 T.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub oscillations: Option<f64>,
@@ -59,6 +65,7 @@ impl Default for DetectSettings {
             confidence: 0.95,
             mu: 1.0,
             denominator: Denominator::Resonance,
+            fault: "SDN".into(),
             oscillations: None,
             other_poles_per_s: vec![2e5, 2e5],
         }

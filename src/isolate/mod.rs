@@ -14,7 +14,7 @@ pub mod signatures;
 
 pub use decision::{Decision, DecisionRule};
 pub use residual_matching::Simplex;
-pub use settings::{IsolateMethod, IsolateSettings};
+pub use settings::{IsolateMethod, IsolateSettings, IsolateSignal};
 pub use signatures::SignatureMatrix;
 
 /// Most fault classes that a design can hold: scratch space of the stream has this size.

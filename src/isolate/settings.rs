@@ -8,12 +8,31 @@ pub enum IsolateMethod {
     /// Thesis §3-3-2: mixture weights phi on the simplex of mean residuals.
     #[default]
     ResidualMatching,
+    /// Thesis §3-3-1: one identified model per fault class, the smallest residual wins.
+    ModelMatching,
+    /// Thesis §4-3-1: majority of the `neighbours` nearest training signals.
+    Neighbours,
+}
+
+/// What residual matching and neighbours compare.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum IsolateSignal {
+    /// The FD filter's residual, thesis r.
+    #[default]
+    Residual,
+    /// y - y_hat, thesis y: distances, and mixtures whose weights sum to 1, do not see y_hat.
+    Deviation,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct IsolateSettings {
     pub method: IsolateMethod,
+    /// What `residual-matching` and `neighbours` compare.
+    pub signal: IsolateSignal,
+    /// k of `neighbours`.
+    pub neighbours: usize,
     /// Isolate only what passed the detection; false: every signal, as thesis Tables 4-3ff.
     pub gate: bool,
     /// Least weight of the named class (or category).
@@ -22,13 +41,22 @@ pub struct IsolateSettings {
 
 impl Default for IsolateSettings {
     fn default() -> Self {
-        IsolateSettings { method: IsolateMethod::ResidualMatching, gate: true, certainty: 0.8 }
+        IsolateSettings {
+            method: IsolateMethod::ResidualMatching,
+            signal: IsolateSignal::Residual,
+            neighbours: 1,
+            gate: true,
+            certainty: 0.8,
+        }
     }
 }
 
 impl IsolateSettings {
     /// Says which key is wrong, if one is.
     pub fn check(&self) -> Result<(), String> {
+        if !(1..=1000).contains(&self.neighbours) {
+            return Err(format!("neighbours = {}: give 1 to 1000", self.neighbours));
+        }
         if (0.0..=1.0).contains(&self.certainty) {
             Ok(())
         } else {

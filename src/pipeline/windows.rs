@@ -244,6 +244,7 @@ impl Progress {
             detect: &learner.settings.detect,
             least_agreeing: learner.labels.is_none().then_some(identify.least_agreeing),
             sample_period_s: group.sample_period_s,
+            filter: learner.design.as_ref().and_then(|design| design.filter.as_ref()),
         };
         let printhead = Some(&*group.key.printhead);
         let model = HealthyModel::learn(&set, printhead, self.reference.as_ref(), settings)

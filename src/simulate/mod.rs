@@ -8,6 +8,7 @@
 
 mod burst_shape;
 pub mod dataset;
+pub mod drying;
 pub mod print_run;
 pub mod scenario;
 mod sensor;
@@ -86,6 +87,8 @@ mod part {
     pub const TRAIN: u32 = 0;
     pub const TEST: u32 = 1;
     pub const CALIBRATION: u32 = 2;
+    /// Experiments count on from here.
+    pub const DRYING: u32 = 4;
     pub const PRINT_RUN: u32 = 16;
 }
 

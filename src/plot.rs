@@ -1,0 +1,254 @@
+//! Figures: one set of axes with points and lines. In: data and words. Out: SVG, PNG and the data
+//! as CSV, under one name. The only door to `plotters`.
+
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use plotters::style::{FontStyle, register_font};
+use std::io::Write;
+use std::path::Path;
+use std::sync::Once;
+use thiserror::Error;
+
+#[derive(Debug, Error)]
+pub enum PlotError {
+    #[error("{path}: {message}")]
+    Failed { path: String, message: String },
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mark {
+    Points,
+    Line,
+}
+
+#[derive(Clone, Debug)]
+pub struct Series {
+    pub name: String,
+    pub mark: Mark,
+    pub points: Vec<(f64, f64)>,
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct Axis {
+    /// With the unit.
+    pub label: String,
+    pub log: bool,
+    /// Names of the positions 0, 1, 2 ...; empty: numbers.
+    pub categories: Vec<String>,
+    /// `None`: what the data take.
+    pub range: Option<(f64, f64)>,
+}
+
+impl Axis {
+    pub fn new(label: &str) -> Axis {
+        Axis { label: label.into(), ..Axis::default() }
+    }
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct Figure {
+    /// What it shows, as a finding.
+    pub title: String,
+    pub x: Axis,
+    pub y: Axis,
+    pub series: Vec<Series>,
+    /// Vertical lines: where, and what.
+    pub thresholds: Vec<(f64, String)>,
+}
+
+const SIZE: (u32, u32) = (1000, 640);
+const FONT: &str = "DejaVu Sans";
+/// Told apart also without colour vision (Okabe and Ito 2008), then darker ones.
+const COLOURS: [RGBColor; 10] = [
+    RGBColor(0, 0, 0),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 114, 178),
+    RGBColor(0, 158, 115),
+    RGBColor(230, 159, 0),
+    RGBColor(204, 121, 167),
+    RGBColor(86, 180, 233),
+    RGBColor(150, 140, 0),
+    RGBColor(120, 60, 20),
+    RGBColor(130, 130, 130),
+];
+
+impl Figure {
+    /// Writes `<name>.svg`, `<name>.png` and `<name>.csv` into `dir`.
+    pub fn write(&self, dir: &Path, name: &str) -> Result<(), PlotError> {
+        let path = |extension: &str| dir.join(format!("{name}.{extension}"));
+        let failed = |path: &Path, message: String| PlotError::Failed {
+            path: path.display().to_string(),
+            message,
+        };
+        let csv = path("csv");
+        self.write_csv(&csv).map_err(|e| failed(&csv, e.to_string()))?;
+        let (svg, png) = (path("svg"), path("png"));
+        self.draw(SVGBackend::new(&svg, SIZE).into_drawing_area()).map_err(|e| failed(&svg, e))?;
+        self.draw(BitMapBackend::new(&png, SIZE).into_drawing_area()).map_err(|e| failed(&png, e))
+    }
+
+    fn write_csv(&self, path: &Path) -> std::io::Result<()> {
+        let mut file = std::io::BufWriter::new(std::fs::File::create(path)?);
+        let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
+        writeln!(file, "series,{},{}", quoted(&self.x.label), quoted(&self.y.label))?;
+        for series in &self.series {
+            for (x, y) in &series.points {
+                writeln!(file, "{},{x},{y}", quoted(&series.name))?;
+            }
+        }
+        for (x, what) in &self.thresholds {
+            writeln!(file, "{},{x},", quoted(what))?;
+        }
+        file.flush()
+    }
+
+    fn draw<B: DrawingBackend>(&self, area: DrawingArea<B, Shift>) -> Result<(), String> {
+        static ONCE: Once = Once::new();
+        ONCE.call_once(|| {
+            // the crate's own bytes of a valid font: a failure shows below as a missing font
+            let _ = register_font(FONT, FontStyle::Normal, dejavu::sans::regular());
+        });
+        let text = |e: DrawingAreaErrorKind<B::ErrorType>| e.to_string();
+        area.fill(&WHITE).map_err(text)?;
+        let xs = || self.series.iter().flat_map(|s| s.points.iter().map(|p| p.0));
+        let marked = self.thresholds.iter().map(|t| t.0);
+        let (x0, x1) = self.x.span(xs().chain(marked));
+        let (y0, y1) = self.y.span(self.series.iter().flat_map(|s| s.points.iter().map(|p| p.1)));
+        let mut chart = ChartBuilder::on(&area)
+            .caption(&self.title, (FONT, 21))
+            .margin(14)
+            .x_label_area_size(54)
+            .y_label_area_size(84)
+            .build_cartesian_2d(x0..x1, y0..y1)
+            .map_err(text)?;
+        let named = |axis: &Axis, v: &f64| axis.tick(*v);
+        chart
+            .configure_mesh()
+            .light_line_style(RGBColor(240, 240, 240))
+            .bold_line_style(RGBColor(220, 220, 220))
+            .label_style((FONT, 16))
+            .axis_desc_style((FONT, 18))
+            .x_desc(&self.x.label)
+            .y_desc(&self.y.label)
+            .x_labels(9)
+            .y_labels(self.y.categories.len().max(8) + 2)
+            .x_label_formatter(&|v| named(&self.x, v))
+            .y_label_formatter(&|v| named(&self.y, v))
+            .draw()
+            .map_err(text)?;
+        let place = |p: &(f64, f64)| (self.x.at(p.0), self.y.at(p.1));
+        let inside = |&(x, y): &(f64, f64)| (x0..=x1).contains(&x) && (y0..=y1).contains(&y);
+        for (k, series) in self.series.iter().enumerate() {
+            let colour = COLOURS[k % COLOURS.len()];
+            let points = series.points.iter().map(place);
+            let drawn = match series.mark {
+                Mark::Line => chart.draw_series(LineSeries::new(points, colour.stroke_width(2))),
+                Mark::Points => chart.draw_series(
+                    points.filter(inside).map(|p| Circle::new(p, 2, colour.mix(0.55).filled())),
+                ),
+            };
+            drawn.map_err(text)?.label(&series.name).legend(move |(x, y)| {
+                Rectangle::new([(x, y - 4), (x + 14, y + 4)], colour.filled())
+            });
+        }
+        for (x, what) in &self.thresholds {
+            let x = self.x.at(*x);
+            chart
+                .draw_series(LineSeries::new([(x, y0), (x, y1)], RED.stroke_width(2)))
+                .map_err(text)?
+                .label(what)
+                .legend(|(x, y)| Rectangle::new([(x, y - 1), (x + 14, y + 1)], RED.filled()));
+        }
+        if self.series.len() + self.thresholds.len() > 1 {
+            chart
+                .configure_series_labels()
+                .position(SeriesLabelPosition::UpperRight)
+                .background_style(WHITE.mix(0.85))
+                .border_style(RGBColor(200, 200, 200))
+                .label_font((FONT, 16))
+                .draw()
+                .map_err(text)?;
+        }
+        area.present().map_err(text)
+    }
+}
+
+impl Axis {
+    /// A value's place on the axis.
+    fn at(&self, v: f64) -> f64 {
+        if self.log { v.max(f64::MIN_POSITIVE).log10() } else { v }
+    }
+
+    fn span(&self, values: impl Iterator<Item = f64>) -> (f64, f64) {
+        if let Some((low, high)) = self.range {
+            return (self.at(low), self.at(high));
+        }
+        if !self.categories.is_empty() {
+            return (-0.7, self.categories.len() as f64 - 0.3);
+        }
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for v in values.filter(|v| v.is_finite()).map(|v| self.at(v)) {
+            (low, high) = (low.min(v), high.max(v));
+        }
+        if low > high {
+            return (0.0, 1.0);
+        }
+        let room = 0.04 * (high - low).max(1e-9 * (1.0 + high.abs()));
+        (low - room, high + room)
+    }
+
+    fn tick(&self, v: f64) -> String {
+        if !self.categories.is_empty() {
+            let near = v.round();
+            let on = (v - near).abs() < 1e-6 && near >= 0.0;
+            return self.categories.get(near as usize).filter(|_| on).cloned().unwrap_or_default();
+        }
+        if self.log {
+            let power = v.round();
+            return if (v - power).abs() < 1e-6 {
+                format!("1e{power}")
+            } else {
+                format!("{:.1e}", 10f64.powf(v))
+            };
+        }
+        let text = format!("{v:.4}");
+        let short = text.trim_end_matches('0').trim_end_matches('.');
+        if short == "-0" { "0".into() } else { short.into() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_figure_is_three_files_and_its_csv_holds_the_data() {
+        let dir = tempfile::tempdir().unwrap();
+        let line = |name: &str, mark| Series {
+            name: name.into(),
+            mark,
+            points: (1..50).map(|k| (f64::from(k), f64::from(k * k))).collect(),
+        };
+        let figure = Figure {
+            title: "squares grow".into(),
+            x: Axis::new("k"),
+            y: Axis { log: true, ..Axis::new("k², counts") },
+            series: vec![line("a \"b\"", Mark::Line), line("c", Mark::Points)],
+            thresholds: vec![(7.0, "seven".into())],
+        };
+        figure.write(dir.path(), "squares").unwrap();
+        let read = |e: &str| std::fs::read(dir.path().join(format!("squares.{e}"))).unwrap();
+        assert_eq!(&read("png")[1..4], b"PNG");
+        let svg = String::from_utf8(read("svg")).unwrap();
+        assert!(svg.contains("squares grow") && svg.contains("counts"));
+        let csv = String::from_utf8(read("csv")).unwrap();
+        assert_eq!(csv.lines().count(), 1 + 2 * 49 + 1);
+        assert!(csv.starts_with("series,\"k\",\"k², counts\"\n\"a \"\"b\"\"\",1,1\n"));
+    }
+
+    #[test]
+    fn a_directory_that_is_not_there_is_an_error_that_names_it() {
+        let e = Figure::default().write(Path::new("not/there"), "x").unwrap_err();
+        assert!(e.to_string().contains("there"));
+    }
+}

@@ -1,0 +1,71 @@
+//! The drying-and-prefire experiment, simulated. In: the physics scenario, a seed. Out: figures of
+//! thesis Tables 4-2, 4-5, 4-7. The thesis's own signals are not published.
+
+use super::chapter::{self, judge, settings, thesis_detect};
+use super::data::Signals;
+use super::practice::{Spectrum, Thresholds};
+use super::{Figures, ThesisError};
+use crate::fault::HEALTHY;
+use crate::isolate::{IsolateMethod, IsolateSignal};
+use crate::simulate::drying;
+use crate::simulate::scenario::Physics;
+
+/// Training and test experiment of one seed.
+pub fn signals(physics: &Physics, seed: u64) -> (Signals, Signals) {
+    let of = |repeat| {
+        let mut signals = Signals {
+            dt_s: physics.acquisition.sample_period_s(),
+            samples: physics.acquisition.samples,
+            ..Signals::default()
+        };
+        for (state, counts) in drying::experiment(physics, seed, repeat) {
+            signals.y.push(counts.iter().map(|&v| f64::from(v)).collect());
+            signals.state.push(state.into());
+        }
+        signals
+    };
+    (of(0), of(1))
+}
+
+pub fn figures(physics: &Physics, seed: u64, out: &mut Figures) -> Result<(), ThesisError> {
+    let (learn, test) = signals(physics, seed);
+    // mu = 2, thesis §4-2
+    let detect = thesis_detect(2.0);
+    for size in [147, 74, 15] {
+        // the healthy ones are kept whole: identification averages 16 at least
+        let faulty = (size * learn.faulty()).div_ceil(learn.len());
+        let set = learn.training(faulty);
+        let remember = settings(IsolateMethod::Neighbours, IsolateSignal::Residual);
+        let design = chapter::train(&set, &detect, &remember)?;
+        for (method, word) in
+            [(IsolateMethod::ResidualMatching, "LR"), (IsolateMethod::Neighbours, "1-NN")]
+        {
+            for (signal, letter) in
+                [(IsolateSignal::Residual, "r"), (IsolateSignal::Deviation, "y")]
+            {
+                let isolated = judge(&design, &settings(method, signal), &test)?;
+                let first = size == 147 && letter == "r" && word == "LR";
+                out.isolation(&format!("drying: {word} on {letter}, {size}"), &isolated, first);
+                if first {
+                    out.detection("drying", &isolated.ungated);
+                }
+            }
+        }
+    }
+    let spectrum = Spectrum::new(learn.samples, learn.dt_s);
+    let thresholds = Thresholds::learn(&learn, &spectrum.of_all(&learn));
+    let (mut detected, mut isolated) = (0, 0);
+    for (k, state) in spectrum.of_all(&test).iter().zip(&test.state) {
+        if state != HEALTHY {
+            let flagged = thresholds.is_faulty(k);
+            detected += usize::from(flagged);
+            // detection and isolation are one step there: what looks healthy is not named
+            let named = thresholds.name(k, &["IDN", "DDN"]) == Some(state);
+            isolated += usize::from(flagged && named);
+        }
+    }
+    let faulty = test.faulty() as f64;
+    out.put("drying: practice/detection", detected as f64 / faulty);
+    out.put("drying: practice/isolation", isolated as f64 / faulty);
+    Ok(())
+}

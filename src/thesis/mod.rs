@@ -1,0 +1,173 @@
+//! Chapter 4 again: the thesis's tables and figures beside ours, over any seeds.
+//!
+//! In: seeds. Out: a directory with `tables.md`, `tables.json` and figures. Works in memory on the
+//! thesis-form data set and on a simulated drying experiment; the methods are the product's own
+//! ([`crate::design`]).
+
+pub mod chapter;
+pub mod data;
+pub mod experiment;
+mod figures;
+pub mod practice;
+mod report;
+pub mod search;
+mod tables;
+
+use crate::simulate::Scenario;
+use crate::simulate::scenario::Kind;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+use thiserror::Error;
+
+const THESIS_FORM: &str = include_str!("../../sample_logs/scenarios/thesis.toml");
+const PHYSICS: &str = include_str!("../../sample_logs/scenarios/physics.toml");
+
+#[derive(Debug, Error)]
+pub enum ThesisError {
+    #[error("scenario: {0}")]
+    Scenario(String),
+    #[error(transparent)]
+    Design(#[from] crate::design::DesignError),
+    #[error(transparent)]
+    Detect(#[from] crate::detect::DetectError),
+    #[error(transparent)]
+    Plot(#[from] crate::plot::PlotError),
+    #[error("{path}: {source}")]
+    Write { path: String, source: std::io::Error },
+    #[error("interrupted; nothing was written")]
+    Interrupted,
+}
+
+/// Signals of class (row) that were named so (column); a mean over seeds.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Confusion {
+    pub classes: Vec<String>,
+    pub counts: Vec<Vec<f64>>,
+}
+
+/// What one seed gives, by name.
+#[derive(Clone, Debug, Default)]
+pub struct Figures {
+    pub values: BTreeMap<String, f64>,
+    pub confusions: BTreeMap<String, Confusion>,
+}
+
+/// A figure over seeds.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Spread {
+    pub mean: f64,
+    /// From seed to seed.
+    pub sd: f64,
+    pub least: f64,
+    pub most: f64,
+}
+
+/// Chapter 4 over seeds.
+#[derive(Clone, Debug, Serialize)]
+pub struct Chapter {
+    pub seeds: Vec<u64>,
+    pub values: BTreeMap<String, Spread>,
+    pub confusions: BTreeMap<String, Confusion>,
+}
+
+/// Runs every seed, several at a time. `done` hears of each that ends.
+pub fn run(
+    seeds: &[u64],
+    threads: usize,
+    stop: &AtomicBool,
+    done: impl Fn(u64) + Sync,
+) -> Result<Chapter, ThesisError> {
+    let (classes, physics) = scenarios()?;
+    let Kind::Physics(dried) = &physics.kind else {
+        return Err(ThesisError::Scenario("the experiment needs a physics scenario".into()));
+    };
+    let results: Mutex<BTreeMap<usize, Result<Figures, ThesisError>>> = Mutex::default();
+    let next = AtomicUsize::new(0);
+    std::thread::scope(|scope| {
+        for _ in 0..threads.clamp(1, seeds.len().max(1)) {
+            scope.spawn(|| {
+                loop {
+                    let k = next.fetch_add(1, Ordering::Relaxed);
+                    let Some(&seed) = seeds.get(k) else { break };
+                    if stop.load(Ordering::Relaxed) {
+                        break;
+                    }
+                    let result = chapter::figures(&classes, seed).and_then(|mut figures| {
+                        experiment::figures(dried, seed, &mut figures)?;
+                        Ok(figures)
+                    });
+                    results.lock().unwrap_or_else(PoisonError::into_inner).insert(k, result);
+                    done(seed);
+                }
+            });
+        }
+    });
+    let results = results.into_inner().unwrap_or_else(PoisonError::into_inner);
+    if results.len() < seeds.len() {
+        return Err(ThesisError::Interrupted);
+    }
+    let each = results.into_values().collect::<Result<Vec<_>, _>>()?;
+    Ok(Chapter::of(seeds, &each))
+}
+
+/// Writes tables and, of the first seed, figures into `dir`.
+pub fn write(chapter: &Chapter, dir: &Path) -> Result<(), ThesisError> {
+    let failed =
+        |path: &Path, source| ThesisError::Write { path: path.display().to_string(), source };
+    std::fs::create_dir_all(dir).map_err(|e| failed(dir, e))?;
+    let tables = [
+        ("tables.md", report::markdown(chapter)),
+        ("tables.json", serde_json::to_string_pretty(chapter).unwrap_or_default()),
+    ];
+    for (name, text) in tables {
+        let path = dir.join(name);
+        std::fs::write(&path, text + "\n").map_err(|e| failed(&path, e))?;
+    }
+    let (classes, physics) = scenarios()?;
+    figures::write(&classes, &physics, chapter.seeds.first().copied().unwrap_or(1), dir)
+}
+
+fn scenarios() -> Result<(Scenario, Scenario), ThesisError> {
+    let read = |text| Scenario::from_toml(text).map_err(|e| ThesisError::Scenario(e.to_string()));
+    Ok((read(THESIS_FORM)?, read(PHYSICS)?))
+}
+
+impl Chapter {
+    fn of(seeds: &[u64], each: &[Figures]) -> Chapter {
+        let mut values: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+        let mut confusions: BTreeMap<String, Confusion> = BTreeMap::new();
+        for figures in each {
+            for (key, v) in &figures.values {
+                values.entry(key.clone()).or_default().push(*v);
+            }
+            for (key, c) in &figures.confusions {
+                let sum = confusions.entry(key.clone()).or_insert_with(|| Confusion {
+                    classes: c.classes.clone(),
+                    counts: vec![vec![0.0; c.classes.len()]; c.classes.len()],
+                });
+                for (row, add) in sum.counts.iter_mut().zip(&c.counts) {
+                    row.iter_mut().zip(add).for_each(|(s, n)| *s += n / each.len() as f64);
+                }
+            }
+        }
+        let values = values.into_iter().map(|(key, v)| (key, Spread::of(&v))).collect();
+        Chapter { seeds: seeds.to_vec(), values, confusions }
+    }
+}
+
+impl Spread {
+    fn of(v: &[f64]) -> Spread {
+        let n = v.len() as f64;
+        let mean = v.iter().sum::<f64>() / n;
+        let square: f64 = v.iter().map(|x| (x - mean).powi(2)).sum();
+        Spread {
+            mean,
+            sd: (square / (n - 1.0).max(1.0)).sqrt(),
+            least: v.iter().copied().fold(f64::INFINITY, f64::min),
+            most: v.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+        }
+    }
+}

@@ -1,0 +1,93 @@
+//! `tables.md`: ours beside the thesis's. In: figures over seeds. Out: Markdown.
+
+use super::tables::{TABLES, Table};
+use super::{Chapter, Confusion, Spread};
+use std::fmt::Write;
+
+pub fn markdown(chapter: &Chapter) -> String {
+    let (first, last) = (chapter.seeds.first(), chapter.seeds.last());
+    let mut out = format!(
+        "# Chapter 4 again\n\n{} seeds, {} to {}: mean ± standard deviation from seed to seed (least \
+         .. most). Thresholds are learned on training signals alone. `near`: the thesis's number \
+         lies within two standard deviations of our mean (at least .01 of a share, 1 of a count): \
+         it could have been one of our seeds.\n",
+        chapter.seeds.len(),
+        first.copied().unwrap_or(0),
+        last.copied().unwrap_or(0),
+    );
+    for table in &TABLES {
+        write_table(chapter, table, &mut out);
+    }
+    out.push_str(REMARKS);
+    out
+}
+
+fn write_table(chapter: &Chapter, table: &Table, out: &mut String) {
+    // writing to a String cannot fail
+    let _ = writeln!(out, "\n## {}\n\n| | ours | thesis | |\n|---|---|---|---|", table.title);
+    for (what, key, thesis) in table.rows {
+        let Some(ours) = chapter.values.get(*key) else {
+            let _ = writeln!(out, "| {what} | not measured | | |");
+            continue;
+        };
+        let (theirs, verdict) = match thesis {
+            Some(v) => (number(*v), if near(ours, *v) { "near" } else { "differs" }),
+            None => (String::new(), ""),
+        };
+        let [mean, sd, least, most] =
+            [ours.mean, ours.sd, ours.least, ours.most].map(|v| in_style_of(v, ours));
+        let _ =
+            writeln!(out, "| {what} | {mean} ± {sd} ({least} .. {most}) | {theirs} | {verdict} |");
+    }
+    if let Some((name, thesis)) = table.confusion
+        && let Some(ours) = chapter.confusions.get(name)
+    {
+        confusion(ours, thesis, out);
+    }
+}
+
+/// Mean counts, the thesis's in brackets where they differ from 0.
+fn confusion(ours: &Confusion, thesis: &[[u32; 9]], out: &mut String) {
+    let _ = writeln!(out, "\nRows: truth. Ours, mean over seeds (thesis).\n");
+    let _ = writeln!(out, "| | {} |", crate::fault::CLASSES.join(" | "));
+    let _ = writeln!(out, "|---{}|", "|---".repeat(9));
+    let place = |class: &str| ours.classes.iter().position(|c| c == class);
+    for (class, theirs) in crate::fault::CLASSES.iter().zip(thesis) {
+        let _ = write!(out, "| {class} |");
+        for (other, n) in crate::fault::CLASSES.iter().zip(theirs) {
+            let v = match (place(class), place(other)) {
+                (Some(i), Some(j)) => ours.counts[i][j],
+                _ => 0.0,
+            };
+            let _ = match (v >= 0.05, *n > 0) {
+                (false, false) => write!(out, " · |"),
+                (_, false) => write!(out, " {v:.1} |"),
+                (_, true) => write!(out, " {v:.1} ({n}) |"),
+            };
+        }
+        out.push('\n');
+    }
+}
+
+fn near(ours: &Spread, thesis: f64) -> bool {
+    let least = if is_share(ours) { 0.01 } else { 1.0 };
+    (ours.mean - thesis).abs() <= (2.0 * ours.sd).max(least)
+}
+
+fn is_share(ours: &Spread) -> bool {
+    ours.most <= 1.2 && ours.mean.fract() != 0.0
+}
+
+fn in_style_of(v: f64, ours: &Spread) -> String {
+    if is_share(ours) { format!("{v:.3}") } else { number(v) }
+}
+
+fn number(v: f64) -> String {
+    match v.abs() {
+        x if x == 0.0 || (x >= 10.0 && x.fract() == 0.0) || x >= 1000.0 => format!("{v:.0}"),
+        x if x <= 1.2 => format!("{v:.3}"),
+        _ => format!("{v:.1}"),
+    }
+}
+
+const REMARKS: &str = "REMARKS";
