@@ -102,7 +102,8 @@ impl LaneFilter {
             ResidualGenerator::new(one, a.clone(), generator.dt_s).ok()?
         };
         let l1 = |h: Vec<f64>| h.iter().map(|h| h.abs()).sum::<f64>();
-        let (f_norm, g_norm) = (l1(generator.impulse_response(n)), l1(all_pole.impulse_response(n)));
+        let (f_norm, g_norm) =
+            (l1(generator.impulse_response(n)), l1(all_pole.impulse_response(n)));
         let after = |p: &[f64], k: usize| p[k + 1..].iter().map(|c| c.abs()).sum::<f64>();
         let local = |p: &[f64], own: f64| -> f64 {
             (1..=order).map(|k| own * p[k].abs() + 2.0 * after(p, k)).sum()
@@ -145,8 +146,7 @@ impl LaneFilter {
         instructions: Instructions,
     ) -> LaneEnergies {
         tile.subtract(&self.expected, &self.response, instructions);
-        let mut sums = [0.0; LANES];
-        instructions.energies(&self.numerator, &self.denominator, tile.deviations(), &mut sums);
+        let sums = self.square_sums(tile, instructions);
         let mut judged = LaneEnergies { energy: [f64::NAN; LANES], settled: [false; LANES] };
         for lane in 0..tile.lanes() {
             let (residual2, deviation2) = (sums[lane], tile.square_sum(lane));
@@ -174,8 +174,8 @@ impl LaneFilter {
         judged
     }
 
-    /// The arithmetic alone, for benchmarks: sums of squares of the residuals of a tile's deviations.
-    pub fn only(&self, tile: &Tile, instructions: Instructions) -> [f32; LANES] {
+    /// Sums of squares of the residuals of a tile's deviations, counts².
+    pub fn square_sums(&self, tile: &Tile, instructions: Instructions) -> [f32; LANES] {
         let mut sums = [0.0; LANES];
         instructions.energies(&self.numerator, &self.denominator, tile.deviations(), &mut sums);
         sums

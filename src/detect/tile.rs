@@ -78,13 +78,7 @@ pub struct Tile {
 impl Default for Tile {
     fn default() -> Tile {
         let zero = [0.0; LANES];
-        Tile {
-            values: Vec::new(),
-            lanes: 0,
-            drive: zero,
-            warmer: zero,
-            square_sum: zero,
-        }
+        Tile { values: Vec::new(), lanes: 0, drive: zero, warmer: zero, square_sum: zero }
     }
 }
 
@@ -630,15 +624,40 @@ mod four {
 }
 
 arithmetic!(
-    portable, [], four::V, 4, four::set, four::load, four::store, four::add, four::sub, four::mul
+    portable,
+    [],
+    four::V,
+    4,
+    four::set,
+    four::load,
+    four::store,
+    four::add,
+    four::sub,
+    four::mul
 );
 #[cfg(target_arch = "x86_64")]
 arithmetic!(
-    avx2, ["avx2"], __m256, 8, _mm256_set1_ps, _mm256_loadu_ps, _mm256_storeu_ps,
-    _mm256_add_ps, _mm256_sub_ps, _mm256_mul_ps
+    avx2,
+    ["avx2"],
+    __m256,
+    8,
+    _mm256_set1_ps,
+    _mm256_loadu_ps,
+    _mm256_storeu_ps,
+    _mm256_add_ps,
+    _mm256_sub_ps,
+    _mm256_mul_ps
 );
 #[cfg(target_arch = "x86_64")]
 arithmetic!(
-    avx512, ["avx512f"], __m512, 16, _mm512_set1_ps, _mm512_loadu_ps, _mm512_storeu_ps,
-    _mm512_add_ps, _mm512_sub_ps, _mm512_mul_ps
+    avx512,
+    ["avx512f"],
+    __m512,
+    16,
+    _mm512_set1_ps,
+    _mm512_loadu_ps,
+    _mm512_storeu_ps,
+    _mm512_add_ps,
+    _mm512_sub_ps,
+    _mm512_mul_ps
 );
