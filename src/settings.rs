@@ -148,6 +148,10 @@ pub struct ReplaySettings {
     pub pace: Pace,
     /// Workers per parallel stage; 0: the machine's cores.
     pub threads: usize,
+    /// Workers of single stages; 0: `threads`.
+    pub readers: usize,
+    pub filters: usize,
+    pub isolators: usize,
 }
 
 impl Settings {
@@ -224,8 +228,16 @@ impl Settings {
                 self.identify.every, self.identify.first
             ));
         }
-        if self.replay.threads > 1024 {
-            return Err(format!("replay.threads = {}: at most 1024", self.replay.threads));
+        let replay = &self.replay;
+        for (key, n) in [
+            ("threads", replay.threads),
+            ("readers", replay.readers),
+            ("filters", replay.filters),
+            ("isolators", replay.isolators),
+        ] {
+            if n > 1024 {
+                return Err(format!("replay.{key} = {n}: at most 1024"));
+            }
         }
         self.identify.grey_box.check().map_err(|e| format!("identify.grey_box.{e}"))?;
         self.detect.check().map_err(|e| format!("detect.{e}"))?;

@@ -153,6 +153,29 @@ pub struct VerdictColumns {
 }
 
 impl VerdictColumns {
+    /// Room for so many rows.
+    pub fn with_capacity(rows: usize) -> VerdictColumns {
+        VerdictColumns {
+            acquired_at_ns: Vec::with_capacity(rows),
+            printhead: Vec::with_capacity(rows),
+            printheads: Vec::new(),
+            channel: Vec::with_capacity(rows),
+            outcome: Vec::with_capacity(rows),
+            category: Vec::with_capacity(rows),
+            fault: Vec::with_capacity(rows),
+            candidate: Vec::with_capacity(rows),
+            certainty: Vec::with_capacity(rows),
+            statistic: Vec::with_capacity(rows),
+            threshold: Vec::with_capacity(rows),
+            severity: Vec::with_capacity(rows),
+            severity_sd: Vec::with_capacity(rows),
+            model: Vec::with_capacity(rows),
+            reason: Vec::with_capacity(rows),
+            weights_start: Vec::with_capacity(rows),
+            weights: Vec::new(),
+        }
+    }
+
     pub fn len(&self) -> usize {
         self.acquired_at_ns.len()
     }

@@ -72,6 +72,9 @@ pub struct Args {
     /// Workers per parallel stage [default: the machine's cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
+    /// Say where the time went, stage by stage
+    #[arg(long)]
+    timings: bool,
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
@@ -99,6 +102,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
                 done += 1;
                 whole &= report.is_whole();
                 warn(&report, &progress);
+                if args.timings {
+                    say_timings(&report, &progress);
+                }
                 report::print(&report, &replay.classes(), &mut std::io::stdout().lock())?;
             }
             Err(PipelineError::Interrupted) => return Err(PipelineError::Interrupted.into()),
@@ -145,6 +151,19 @@ fn warn(report: &RecordingReport, progress: &Progress) {
         report.refusals.len().saturating_sub(MOST) + report.damage.len().saturating_sub(MOST);
     if more > 0 {
         progress.say(&format!("warning: {}: {more} more, all in its summary.json", report.name));
+    }
+}
+
+fn say_timings(report: &RecordingReport, progress: &Progress) {
+    progress.say(&format!(
+        "{:9} {:>7} {:>8} {:>9} {:>9} {:>9} {:>6}",
+        "stage", "workers", "batches", "busy s", "starved s", "blocked s", "queue"
+    ));
+    for s in &report.timings {
+        progress.say(&format!(
+            "{:9} {:>7} {:>8} {:>9.2} {:>9.2} {:>9.2} {:>6.1}",
+            s.stage, s.workers, s.batches, s.busy_s, s.starved_s, s.blocked_s, s.queue_fill
+        ));
     }
 }
 

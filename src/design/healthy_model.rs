@@ -118,6 +118,14 @@ impl HealthyModel {
         })
     }
 
+    /// K above the model's temperature; 0 where it is unknown or has no effect.
+    pub fn warmer(&self, temperature_c: f64) -> f64 {
+        match (&self.temperature_response, self.temperature_c) {
+            (Some(_), Some(reference)) if temperature_c.is_finite() => temperature_c - reference,
+            _ => 0.0,
+        }
+    }
+
     /// y_hat at a drive and temperature (NaN: not recorded), counts.
     pub fn expect(&self, drive: f64, temperature_c: f64, out: &mut [f64]) {
         let response = self.temperature_response.as_deref();

@@ -2,6 +2,7 @@
 
 use super::{Design, DesignError, FaultModel, HealthyModel, IsolateSettings};
 use crate::burst::Burst;
+use crate::detect::kernel::LaneFilter;
 use crate::identify::reservoir::relative_drive;
 use crate::isolate::neighbours::Neighbours;
 use crate::isolate::{
@@ -15,6 +16,8 @@ pub struct Judge {
     pub index: u16,
     pub model: HealthyModel,
     pub reference_v: Option<f64>,
+    /// The filter for many signals at once; where there is none, the model's own does the work.
+    pub lanes: Option<LaneFilter>,
     isolating: Option<Isolating>,
 }
 
@@ -66,12 +69,19 @@ impl Judge {
             }),
             _ => None,
         };
-        Ok(Judge { index, reference_v, model, isolating })
+        let response = model.temperature_response.as_deref();
+        let lanes = LaneFilter::new(&model.generator, &model.expected, response);
+        Ok(Judge { index, reference_v, model, lanes, isolating })
     }
 
     /// Scale of what is expected of a burst: its drive voltage over the reference.
     pub fn drive(&self, burst: &Burst) -> f64 {
         relative_drive(burst.drive_voltage_v.unwrap_or(f64::NAN), self.reference_v)
+    }
+
+    /// How much warmer than the model a burst was, as far as that matters. K.
+    pub fn warmer(&self, burst: &Burst) -> f64 {
+        self.model.warmer(burst.temperature_c.unwrap_or(f64::NAN))
     }
 
     /// y_hat of a burst, counts.

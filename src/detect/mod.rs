@@ -4,6 +4,7 @@
 //! the model explains, and the energy above which a signal counts as faulty. thesis §3-2.
 //! Pure mathematics; never looks at a fault's name.
 
+pub mod kernel;
 pub mod null_space;
 pub mod numerator;
 pub mod poles;
@@ -11,6 +12,7 @@ pub mod residual_generator;
 pub mod sensitivity;
 mod settings;
 pub mod threshold;
+pub mod tile;
 
 pub use residual_generator::ResidualGenerator;
 pub use settings::{Denominator, DetectMethod, DetectSettings, ThresholdMethod};

@@ -144,6 +144,14 @@ impl Recording {
     /// One pass over the whole file: its digest, and its data section's checksum if it has one
     /// (the only check that messages outside chunks have).
     pub fn digest(&self) -> Result<Digest, RecordingError> {
+        self.digest_behind(|_| Ok(()))
+    }
+
+    /// The same in parts: before each, `wait_for` hears where it ends.
+    pub fn digest_behind<E: From<RecordingError>>(
+        &self,
+        mut wait_for: impl FnMut(u64) -> Result<(), E>,
+    ) -> Result<Digest, E> {
         let mut xxh3 = xxhash_rust::xxh3::Xxh3::new();
         let mut crc = crc32fast::Hasher::new();
         // The DataEnd record is the last of the data section; its checksum does not cover itself.
@@ -153,6 +161,7 @@ impl Recording {
         let mut at = 0;
         while at < self.bytes {
             let n = (buffer.len() as u64).min(self.bytes - at) as usize;
+            wait_for(at + n as u64)?;
             let part = &mut buffer[..n];
             self.source
                 .read_at(at, part)

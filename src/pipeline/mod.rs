@@ -19,8 +19,10 @@ pub mod replay;
 mod rows;
 pub mod schedule;
 mod stages;
+mod statistics;
 mod survey;
 pub mod tally;
+pub mod timings;
 mod visit;
 mod windows;
 

@@ -5,18 +5,19 @@ use super::schedule::{Refusal, Schedule};
 use super::stages::{self, BlockQueue, Pacer};
 use super::survey::survey;
 use super::tally::Tally;
+use super::timings::{StageTiming, Timings};
 use super::windows::Learner;
 use super::{Control, PipelineError, metadata};
 use crate::design::{Design, categories};
 use crate::io::part_file::PartFile;
-use crate::io::recording::{Damage, Recording};
+use crate::io::recording::{Damage, Digest, Recording};
 use crate::io::verdict_table::{self, TableOptions, VerdictWriter};
 use crate::labels::Labels;
 use crate::settings::{IdentifyMode, Pace, Settings, TimestampUnit};
 use crossbeam_channel::bounded;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicU8, Ordering};
 use std::thread::{self, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 
@@ -42,10 +43,12 @@ impl Replay {
         self.design.as_ref().map(Design::class_names).unwrap_or_default()
     }
 
-    fn threads(&self) -> usize {
-        match self.settings.replay.threads {
-            0 => thread::available_parallelism().map_or(1, usize::from),
-            n => n,
+    /// Workers of a stage: its own setting, else `replay.threads`, else the machine's cores.
+    fn workers(&self, of_stage: usize) -> usize {
+        match (of_stage, self.settings.replay.threads) {
+            (0, 0) => thread::available_parallelism().map_or(1, usize::from),
+            (0, threads) => threads,
+            (workers, _) => workers,
         }
     }
 }
@@ -62,6 +65,8 @@ pub struct RecordingReport {
     pub verdicts: PathBuf,
     /// How far behind the recorded pace it ever was.
     pub behind: Option<Duration>,
+    /// Where the time went, stage by stage.
+    pub timings: Vec<StageTiming>,
 }
 
 impl RecordingReport {
@@ -107,14 +112,13 @@ pub fn replay(
         }
         streamed => (schedule, streamed?),
     };
-    let Streamed { mut tally, writer, scan_damage, behind } = streamed;
+    let Streamed { mut tally, writer, scan_damage, behind, timings, digest } = streamed;
 
     let counts = &tally.counts;
     let judged_and_rejected = counts.judged + counts.rejected.values().sum::<u64>();
     if counts.signals != judged_and_rejected || writer.rows() != counts.signals {
         return Err(PipelineError::RowsLost { found: counts.signals, written: writer.rows() });
     }
-    let digest = recording.digest()?;
     let mut damage = recording.damage.clone();
     damage.extend(scan_damage);
     damage.append(&mut tally.damage);
@@ -129,7 +133,9 @@ pub fn replay(
     control.check()?;
     writer.finish(document.to_string())?;
     let seconds = started.elapsed().as_secs_f64();
-    let summary = summary(document, recording, &damage, &schedule, seconds, counts.signals, behind);
+    let mut summary =
+        summary(document, recording, &damage, &schedule, seconds, counts.signals, behind);
+    summary["timings"] = json!(timings);
     write_summary(verdicts, &summary)?;
     Ok(RecordingReport {
         name: recording.name.clone(),
@@ -139,6 +145,7 @@ pub fn replay(
         seconds,
         verdicts: verdicts.to_path_buf(),
         behind,
+        timings,
         tally,
     })
 }
@@ -148,6 +155,8 @@ struct Streamed {
     writer: VerdictWriter,
     scan_damage: Vec<Damage>,
     behind: Option<Duration>,
+    timings: Vec<StageTiming>,
+    digest: Digest,
 }
 
 /// Wires the six stages, runs them, joins them.
@@ -175,51 +184,80 @@ fn stream(
     )?;
     let mut tally = Tally::new(classes);
     let mut pacer = (settings.replay.pace == Pace::Recorded).then(Pacer::new);
-    let workers = replay.threads();
+    let stages = &settings.replay;
+    let (filters, isolators) = (replay.workers(stages.filters), replay.workers(stages.isolators));
     // without channels known upfront, and at the recorded pace, blocks are read one after another
     let one_reader = pacer.is_some() || !recording.channels_known_upfront();
-    let readers = if one_reader { 1 } else { workers };
+    let readers = if one_reader { 1 } else { replay.workers(stages.readers) };
     let queue = BlockQueue::new(recording);
     let in_flight = InFlight::new(MOST_BLOCKS, MOST_BYTES);
+    let timings = Timings::default();
+    let names = ["reader", "identify", "filter", "gate", "isolate", "writer", "digest"];
+    names.iter().for_each(|stage| timings.expect(stage));
     control.bytes_read.store(0, Ordering::Relaxed);
+    let reading = AtomicU8::new(READING);
 
-    thread::scope(|scope| {
+    let digest = thread::scope(|scope| {
         let (to_identify, from_reader) = bounded(QUEUE);
         let (to_filter, from_identify) = bounded(QUEUE);
         let (to_gate, from_filter) = bounded(QUEUE);
         let (to_isolate, from_gate) = bounded(QUEUE);
         let (to_writer, from_isolate) = bounded(QUEUE);
         let (queue, in_flight, pacer) = (&queue, &in_flight, &mut pacer);
+        let (timings, reading) = (&timings, &reading);
         let mut running: Vec<(&'static str, ScopedJoinHandle<Result<(), PipelineError>>)> =
             Vec::new();
         let mut pacer = pacer.as_mut();
+        let digest = scope.spawn(move || {
+            let mut clock = timings.clock("digest");
+            recording.digest_behind(|at| {
+                clock.count();
+                clock.blocked(|| wait_for_readers(at, reading, control))
+            })
+        });
         for _ in 0..readers {
             let (out, pacer) = (to_identify.clone(), pacer.take());
             running.push((
                 "reader",
-                scope.spawn(move || stages::read(recording, queue, in_flight, pacer, control, out)),
+                scope.spawn(move || {
+                    let clock = timings.clock("reader");
+                    stages::read(recording, queue, in_flight, pacer, control, clock, out)
+                }),
             ));
         }
         drop(to_identify);
         running.push((
             "identify",
-            scope.spawn(move || stages::identify(schedule, from_reader, to_filter)),
+            scope.spawn(move || {
+                stages::identify(schedule, timings.clock("identify"), from_reader, to_filter)
+            }),
         ));
-        for _ in 0..workers {
+        for _ in 0..filters {
             let (input, out) = (from_identify.clone(), to_gate.clone());
             let rails = settings.input.rails;
-            running.push(("filter", scope.spawn(move || stages::filter(rails, input, out))));
+            running.push((
+                "filter",
+                scope.spawn(move || stages::filter(rails, timings.clock("filter"), input, out)),
+            ));
         }
         drop((from_identify, to_gate));
-        running.push(("gate", scope.spawn(move || stages::gate(from_filter, to_isolate))));
-        for _ in 0..workers {
+        running.push((
+            "gate",
+            scope.spawn(move || stages::gate(timings.clock("gate"), from_filter, to_isolate)),
+        ));
+        for _ in 0..isolators {
             let (input, out) = (from_gate.clone(), to_writer.clone());
-            running.push(("isolate", scope.spawn(move || stages::isolate(settings, input, out))));
+            running.push((
+                "isolate",
+                scope
+                    .spawn(move || stages::isolate(settings, timings.clock("isolate"), input, out)),
+            ));
         }
         drop((from_gate, to_writer));
 
         let put = |columns: &_| Ok(writer.write(columns)?);
-        let written = stages::write(from_isolate, in_flight, control, &mut tally, put);
+        let clock = timings.clock("writer");
+        let written = stages::write(clock, from_isolate, in_flight, control, &mut tally, put);
         // whoever waits for room in flight must not wait for a writer that is gone
         in_flight.close();
         let mut outcome = written;
@@ -229,11 +267,32 @@ fn stream(
                 outcome = ended;
             }
         }
-        outcome
+        let now = if outcome.is_ok() { DONE } else { FAILED };
+        reading.store(now, Ordering::Relaxed);
+        let digest = digest.join().map_err(|_| PipelineError::Panicked("digest"));
+        outcome?;
+        digest?
     })?;
     let behind = pacer.map(|p| p.behind);
-    Ok(Streamed { tally, writer, scan_damage: queue.damage(), behind })
+    let (scan_damage, timings) = (queue.damage(), timings.stages());
+    Ok(Streamed { tally, writer, scan_damage, behind, timings, digest })
 }
+
+/// Lets the digest follow the readers: what they have just read is still in memory.
+fn wait_for_readers(at: u64, reading: &AtomicU8, control: &Control) -> Result<(), PipelineError> {
+    loop {
+        match reading.load(Ordering::Relaxed) {
+            FAILED => return Err(PipelineError::Interrupted),
+            DONE => return control.check(),
+            _ if at <= control.bytes_read.load(Ordering::Relaxed) => return Ok(()),
+            _ => thread::sleep(Duration::from_millis(1)),
+        }
+    }
+}
+
+const READING: u8 = 0;
+const DONE: u8 = 1;
+const FAILED: u8 = 2;
 
 fn summary(
     mut document: Value,

@@ -62,6 +62,41 @@ pub fn push_judged(
     }));
 }
 
+/// Rows of a burst from `first` on, up to the first that passed the gate or was rejected: how many.
+/// The same as `push_judged` for each, without an isolation.
+pub fn push_healthy(
+    columns: &mut VerdictColumns,
+    (t, printhead, channel): Id,
+    statistic: &[Result<f64, Reason>],
+    passed: &[bool],
+    (threshold, model): (f64, u16),
+) -> usize {
+    let before = columns.len();
+    let healthy = statistic.iter().zip(passed).map_while(|(e, &passed)| match e {
+        Ok(e) if !passed => Some(Some(*e as f32)),
+        _ => None,
+    });
+    columns.statistic.extend(healthy);
+    let rows = columns.statistic.len();
+    let n = rows - before;
+    columns.acquired_at_ns.resize(rows, t);
+    columns.printhead.resize(rows, printhead);
+    columns.channel.extend(channel..channel.saturating_add(n as u32));
+    columns.channel.resize(rows, u32::MAX); // of the last channel there is
+    columns.outcome.resize(rows, Outcome::Healthy);
+    columns.category.resize(rows, None);
+    columns.fault.resize(rows, None);
+    columns.candidate.resize(rows, None);
+    columns.certainty.resize(rows, None);
+    columns.threshold.resize(rows, Some(threshold as f32));
+    columns.severity.resize(rows, None);
+    columns.severity_sd.resize(rows, None);
+    columns.model.resize(rows, Some(model));
+    columns.reason.resize(rows, None);
+    columns.weights_start.resize(rows, None);
+    n
+}
+
 fn push(
     columns: &mut VerdictColumns,
     (t, printhead, channel): Id,

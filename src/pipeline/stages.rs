@@ -5,14 +5,16 @@
 
 use super::in_flight::InFlight;
 use super::schedule::{Assignment, Schedule};
+use super::statistics::Statistics;
 use super::tally::Tally;
+use super::timings::Clock;
 use super::{Control, PipelineError, rows};
 use crate::burst::{Acquisition, Place, SignalBatch};
 use crate::design::{Judge, Workspace};
 use crate::io::recording::{Damage, Recording};
 use crate::io::scan::{Block, Blocks};
 use crate::settings::Settings;
-use crate::verdict::{Reason, VerdictColumns, unusable_signal};
+use crate::verdict::{Reason, VerdictColumns};
 use crossbeam_channel::{Receiver, Sender};
 use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
@@ -131,12 +133,13 @@ pub fn read(
     in_flight: &InFlight,
     mut pacer: Option<&mut Pacer>,
     control: &Control,
+    mut clock: Clock,
     out: Sender<Read>,
 ) -> Result<(), PipelineError> {
     /// Rows of a batch: enough to make a channel's cost vanish, few enough to bound memory.
     const MOST_ROWS: usize = 32_768;
     let mut reader = recording.reader();
-    while let Some(block) = queue.next(in_flight) {
+    while let Some(block) = clock.blocked(|| queue.next(in_flight)) {
         reader.load(&block);
         let mut place = Place { block: block.index, piece: 0 };
         while let Some(piece) = reader.next_piece(MOST_ROWS) {
@@ -147,7 +150,8 @@ pub fn read(
             }
             place.piece += 1;
             let leaves = piece.last.then_some(block.bytes);
-            if out.send(Read { batch, leaves, damage: piece.damage }).is_err() {
+            clock.count();
+            if !clock.send(&out, Read { batch, leaves, damage: piece.damage }) {
                 return Ok(());
             }
         }
@@ -159,10 +163,11 @@ pub fn read(
 /// 2. Identify: the model of every burst, from the windows learned before.
 pub fn identify(
     schedule: &Schedule,
+    mut clock: Clock,
     input: Receiver<Read>,
     out: Sender<Assigned>,
 ) -> Result<(), PipelineError> {
-    for read in input {
+    while let Some(read) = clock.receive(&input) {
         let mut judges = Vec::with_capacity(read.batch.acquisitions.len());
         for acquisition in &read.batch.acquisitions {
             judges.push(match acquisition {
@@ -174,7 +179,7 @@ pub fn identify(
                 },
             });
         }
-        if out.send(Assigned { read, judges }).is_err() {
+        if !clock.send(&out, Assigned { read, judges }) {
             break;
         }
     }
@@ -184,40 +189,14 @@ pub fn identify(
 /// 3. FD filter: the residual energy of every signal, thesis e(r).
 pub fn filter(
     rails: [f64; 2],
+    mut clock: Clock,
     input: Receiver<Assigned>,
     out: Sender<Filtered>,
 ) -> Result<(), PipelineError> {
-    let (mut signal, mut expected) = (Vec::new(), Vec::new());
-    for assigned in input {
-        let mut statistic = Vec::with_capacity(assigned.read.batch.rows());
-        for (acquisition, judge) in assigned.read.batch.acquisitions.iter().zip(&assigned.judges) {
-            let (burst, judge) = match (acquisition, judge) {
-                (Acquisition::Usable(burst), Ok(judge)) => (burst, judge),
-                (_, Err(reason)) => {
-                    statistic.extend(std::iter::repeat_n(Err(*reason), acquisition.rows()));
-                    continue;
-                }
-                (Acquisition::Unusable(unusable), Ok(_)) => {
-                    statistic.push(Err(unusable.why.into()));
-                    continue;
-                }
-            };
-            let n = burst.samples_per_channel as usize;
-            signal.resize(n, 0.0);
-            expected.resize(n, 0.0);
-            judge.expect(burst, &mut expected);
-            for row in 0..burst.channels as usize {
-                burst.copy_signal(row, &mut signal);
-                statistic.push(match unusable_signal(&signal, rails) {
-                    Some(reason) => Err(reason),
-                    None => {
-                        signal.iter_mut().zip(&expected).for_each(|(y, e)| *y -= e);
-                        Ok(judge.model.generator.energy(&signal))
-                    }
-                });
-            }
-        }
-        if out.send(Filtered { assigned, statistic }).is_err() {
+    let mut statistics = Statistics::new(rails);
+    while let Some(assigned) = clock.receive(&input) {
+        let statistic = statistics.of(&assigned);
+        if !clock.send(&out, Filtered { assigned, statistic }) {
             break;
         }
     }
@@ -225,8 +204,12 @@ pub fn filter(
 }
 
 /// 4. Energy gate: e <= threshold is healthy, thesis f after (3-4).
-pub fn gate(input: Receiver<Filtered>, out: Sender<Gated>) -> Result<(), PipelineError> {
-    for filtered in input {
+pub fn gate(
+    mut clock: Clock,
+    input: Receiver<Filtered>,
+    out: Sender<Gated>,
+) -> Result<(), PipelineError> {
+    while let Some(filtered) = clock.receive(&input) {
         let mut passed = Vec::with_capacity(filtered.statistic.len());
         let mut rows = filtered.statistic.iter();
         let assigned = &filtered.assigned;
@@ -236,7 +219,7 @@ pub fn gate(input: Receiver<Filtered>, out: Sender<Gated>) -> Result<(), Pipelin
                 rows.by_ref().take(acquisition.rows()).map(|e| e.is_ok_and(|e| e > threshold)),
             );
         }
-        if out.send(Gated { filtered, passed }).is_err() {
+        if !clock.send(&out, Gated { filtered, passed }) {
             break;
         }
     }
@@ -246,14 +229,15 @@ pub fn gate(input: Receiver<Filtered>, out: Sender<Gated>) -> Result<(), Pipelin
 /// 5. Isolate: names for what passed the gate, and every signal's row.
 pub fn isolate(
     settings: &Settings,
+    mut clock: Clock,
     input: Receiver<Gated>,
     out: Sender<Judged>,
 ) -> Result<(), PipelineError> {
     let mut work = Workspace::default();
     let (mut signal, mut expected) = (Vec::new(), Vec::new());
-    for Gated { filtered, passed } in input {
+    while let Some(Gated { filtered, passed }) = clock.receive(&input) {
         let Filtered { assigned: Assigned { read, judges }, statistic } = filtered;
-        let mut columns = VerdictColumns::default();
+        let mut columns = VerdictColumns::with_capacity(read.batch.rows());
         let mut row = 0;
         for (acquisition, judge) in read.batch.acquisitions.iter().zip(&judges) {
             match acquisition {
@@ -269,9 +253,30 @@ pub fn isolate(
                 Acquisition::Usable(burst) => {
                     let printhead = rows::intern(&mut columns, &burst.printhead);
                     let mut expected_ready = false;
-                    for k in 0..burst.channels {
-                        let id = (burst.t_acq_ns, printhead, burst.first_channel + k);
-                        let gated = passed[row];
+                    let rows = row..row + burst.channels as usize;
+                    let isolates_all =
+                        !settings.isolate.gate && judge.as_ref().is_ok_and(|j| j.can_isolate());
+                    let mut k = 0;
+                    while k < burst.channels {
+                        // what passed no gate and is not isolated: row after row alike
+                        let healthy = match judge {
+                            Ok(judge) if !isolates_all => rows::push_healthy(
+                                &mut columns,
+                                (burst.t_acq_ns, printhead, burst.first_channel + k),
+                                &statistic[row..rows.end],
+                                &passed[row..rows.end],
+                                (judge.model.threshold.value, judge.index),
+                            ),
+                            _ => 0,
+                        };
+                        row += healthy;
+                        k += healthy as u32;
+                        if k == burst.channels {
+                            break;
+                        }
+                        let (at, gated) = (k, passed[row]);
+                        k += 1;
+                        let id = (burst.t_acq_ns, printhead, burst.first_channel + at);
                         let verdict =
                             statistic[row].and_then(|e| Ok((e, judge.as_ref().map_err(|r| *r)?)));
                         row += 1;
@@ -291,7 +296,7 @@ pub fn isolate(
                                 judge.expect(burst, &mut expected);
                                 expected_ready = true;
                             }
-                            burst.copy_signal(k as usize, &mut signal);
+                            burst.copy_signal(at as usize, &mut signal);
                             signal.iter_mut().zip(&expected).for_each(|(y, e)| *y -= e);
                             judge.isolate(&signal, judge.drive(burst), &mut work)
                         } else {
@@ -318,7 +323,7 @@ pub fn isolate(
             columns,
             bursts: read.batch.acquisitions.len() as u64,
         };
-        if out.send(judged).is_err() {
+        if !clock.send(&out, judged) {
             break;
         }
     }
@@ -327,6 +332,7 @@ pub fn isolate(
 
 /// 6. Writer: rows in the recording's order.
 pub fn write(
+    mut clock: Clock,
     input: Receiver<Judged>,
     in_flight: &InFlight,
     control: &Control,
@@ -335,7 +341,7 @@ pub fn write(
 ) -> Result<(), PipelineError> {
     let mut waiting: BTreeMap<Place, Judged> = BTreeMap::new();
     let mut next = Place::default();
-    for judged in input {
+    while let Some(judged) = clock.receive(&input) {
         control.check()?;
         waiting.insert(judged.place, judged);
         while let Some(judged) = waiting.remove(&next) {

@@ -2,7 +2,7 @@
 
 use super::stages::Judged;
 use crate::io::recording::Damage;
-use crate::verdict::{Outcome, Reason};
+use crate::verdict::{Outcome, Reason, VerdictColumns};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -34,6 +34,26 @@ pub struct PrintheadTally {
     pub judged: u64,
     pub passed: u64,
     pub faulty: BTreeMap<u32, FaultyChannel>,
+    /// Channels from .. to that `channels` is known to have: saves looking for each.
+    known: (u32, u32),
+}
+
+impl PrintheadTally {
+    /// Remembers a channel while there is `room`; whether it is new.
+    fn meet(&mut self, channel: u32, room: bool) -> bool {
+        let (from, to) = self.known;
+        if (from..to).contains(&channel) {
+            return false;
+        }
+        let new = room && self.channels.insert(channel);
+        if new || self.channels.contains(&channel) {
+            self.known = match to.checked_add(1) {
+                Some(next) if to == channel => (from, next),
+                _ => (channel, channel.saturating_add(1)),
+            };
+        }
+        new
+    }
 }
 
 /// Channels that are remembered one by one, over all printheads; beyond, only counts go on.
@@ -57,13 +77,23 @@ impl Tally {
         self.counts.bursts += judged.bursts;
         self.damage.extend(judged.damage.iter().cloned());
         let c = &judged.columns;
-        for row in 0..c.len() {
-            self.counts.signals += 1;
-            let name = &c.printheads[c.printhead[row] as usize];
+        let mut rows = 0..c.len();
+        for of_one in c.printhead.chunk_by(|p, q| p == q) {
+            let name = &c.printheads[of_one[0] as usize];
             if !self.printheads.contains_key(name) && self.printheads.len() < MOST_CHANNELS {
                 self.printheads.insert(name.clone(), PrintheadTally::default());
             }
-            let printhead = self.printheads.get_mut(name);
+            let rows = rows.by_ref().take(of_one.len());
+            self.add_rows(c, name, rows);
+        }
+    }
+
+    /// Rows of one printhead.
+    fn add_rows(&mut self, c: &VerdictColumns, name: &str, rows: impl Iterator<Item = usize>) {
+        let mut printhead = self.printheads.get_mut(name);
+        for row in rows {
+            self.counts.signals += 1;
+            let printhead = printhead.as_deref_mut();
             if c.outcome[row] == Outcome::Rejected {
                 let reason = c.reason[row].unwrap_or(Reason::Undecodable);
                 *self.counts.rejected.entry(reason.as_str()).or_default() += 1;
@@ -86,9 +116,7 @@ impl Tally {
             p.signals += 1;
             p.judged += 1;
             let (channel, t) = (c.channel[row], c.acquired_at_ns[row]);
-            if self.remembered < MOST_CHANNELS && p.channels.insert(channel) {
-                self.remembered += 1;
-            }
+            self.remembered += usize::from(p.meet(channel, self.remembered < MOST_CHANNELS));
             if c.outcome[row] == Outcome::Healthy {
                 continue;
             }

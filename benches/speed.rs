@@ -1,0 +1,258 @@
+//! The steps of a replay, one by one: `cargo bench --bench speed`.
+//!
+//! Throughputs are in items: a signal of 128 samples, a row, a problem. End to end:
+//! `examples/benchmark_recording.rs` and `docs/performance.md`.
+
+use bytes::Bytes;
+use divan::counter::ItemsCount;
+use divan::{Bencher, black_box};
+use inkling::burst::{Burst, Format, Layout};
+use inkling::design::Design;
+use inkling::detect::kernel::{LaneFilter, project_lanes};
+use inkling::detect::tile::{Gather, Instructions, LANES, Tile};
+use inkling::io::Limits;
+use inkling::io::burst_codec::{BurstDecoder, encode};
+use inkling::io::decompress::Decompressor;
+use inkling::io::design_file;
+use inkling::io::verdict_table::{TableOptions, TimestampUnit, VerdictWriter};
+use inkling::isolate::{SignatureMatrix, Simplex};
+use inkling::verdict::{Outcome, VerdictColumns};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::path::Path;
+
+fn main() {
+    divan::main();
+}
+
+const SIGNALS: usize = 1024;
+const SEED: u64 = 1;
+
+fn design() -> Design {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/design.json");
+    design_file::read(&path).expect("the sample's design").0
+}
+
+/// Healthy signals of the sample's model: what is expected and uniform noise.
+fn burst(layout: Layout) -> Burst {
+    let design = design();
+    let model = &design.models[0];
+    let n = design.samples;
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    let samples: Vec<u8> = (0..SIGNALS * n)
+        .flat_map(|i| {
+            let k = match layout {
+                Layout::ChannelMajor => i % n,
+                Layout::SampleMajor => i / SIGNALS,
+            };
+            let noise = 1.7 * model.noise * rng.random_range(-1.0..1.0);
+            ((model.expected[k] + noise).round() as i16).to_le_bytes()
+        })
+        .collect();
+    Burst {
+        t_acq_ns: 0,
+        printhead: "K1".into(),
+        first_channel: 0,
+        channels: SIGNALS as u32,
+        samples_per_channel: n as u32,
+        sample_period_s: design.sample_period_s,
+        format: Format::S16Le,
+        layout,
+        samples: samples.into(),
+        temperature_c: Some(25.0),
+        drive_voltage_v: design.drive_voltage_v,
+        idle_time_s: Vec::new(),
+        neighbours_fired: Bytes::new(),
+    }
+}
+
+fn lanes() -> (LaneFilter, f64) {
+    let model = &design().models[0];
+    let lanes = LaneFilter::new(&model.generator, &model.expected, None).expect("a usual filter");
+    (lanes, model.threshold.value)
+}
+
+fn sets() -> Vec<&'static str> {
+    Instructions::available().into_iter().map(Instructions::name).collect()
+}
+
+fn set(name: &str) -> Instructions {
+    let all = Instructions::available();
+    *all.iter().find(|i| i.name() == name).expect("from sets()")
+}
+
+const RAILS: [f64; 2] = [-32768.0, 32767.0];
+
+/// The reference: f64, one signal after the other, from its deviation.
+#[divan::bench]
+fn filter_f64_scalar(bencher: Bencher) {
+    let (design, burst) = (design(), burst(Layout::ChannelMajor));
+    let model = &design.models[0];
+    let deviations: Vec<Vec<f64>> = (0..SIGNALS)
+        .map(|row| {
+            let mut d = vec![0.0; design.samples];
+            burst.copy_signal(row, &mut d);
+            d.iter_mut().zip(&model.expected).for_each(|(y, e)| *y -= e);
+            d
+        })
+        .collect();
+    bencher.counter(ItemsCount::new(SIGNALS)).bench_local(|| {
+        deviations.iter().map(|d| model.generator.energy(black_box(d))).sum::<f64>()
+    });
+}
+
+/// The arithmetic of the kernel alone: deviations in a tile to energies.
+#[divan::bench(args = sets())]
+fn filter_f32_lanes(bencher: Bencher, instructions: &str) {
+    let (instructions, (lanes, _), burst) =
+        (set(instructions), lanes(), burst(Layout::ChannelMajor));
+    let (mut gather, mut tile) = (Gather::default(), Tile::default());
+    (0..LANES).for_each(|row| gather.push(&burst, row, 1.0, 0.0));
+    tile.fill(&mut gather, lanes.samples(), instructions);
+    lanes.judge(&mut tile, 1.0, RAILS, instructions);
+    bencher
+        .counter(ItemsCount::new(LANES))
+        .bench_local(|| lanes.square_sums(black_box(&tile), instructions));
+}
+
+#[divan::bench(args = sets())]
+fn projections_f32_lanes(bencher: Bencher, instructions: &str) {
+    let (instructions, (lanes, _), burst) =
+        (set(instructions), lanes(), burst(Layout::ChannelMajor));
+    let (mut gather, mut tile) = (Gather::default(), Tile::default());
+    (0..LANES).for_each(|row| gather.push(&burst, row, 1.0, 0.0));
+    tile.fill(&mut gather, lanes.samples(), instructions);
+    let p = vec![[0.1_f32; 4]; lanes.samples()];
+    bencher
+        .counter(ItemsCount::new(LANES))
+        .bench_local(|| project_lanes(black_box(&p), &tile, instructions));
+}
+
+fn whole_kernel(bencher: Bencher, instructions: &str, layout: Layout) {
+    let (instructions, (lanes, threshold), burst) = (set(instructions), lanes(), burst(layout));
+    let mut tile = Tile::default();
+    bencher.counter(ItemsCount::new(SIGNALS)).bench_local(|| {
+        let mut settled = 0;
+        for first in (0..SIGNALS).step_by(LANES) {
+            let mut gather = Gather::default();
+            (first..first + LANES).for_each(|row| gather.push(&burst, row, 1.0, 0.0));
+            tile.fill(&mut gather, lanes.samples(), instructions);
+            let judged = lanes.judge(&mut tile, threshold, RAILS, instructions);
+            settled += judged.settled.iter().filter(|&&s| s).count();
+        }
+        settled
+    });
+}
+
+/// int16 in a burst to settled verdicts.
+#[divan::bench(args = sets())]
+fn kernel_channel_major(bencher: Bencher, instructions: &str) {
+    whole_kernel(bencher, instructions, Layout::ChannelMajor);
+}
+
+#[divan::bench(args = sets())]
+fn kernel_sample_major(bencher: Bencher, instructions: &str) {
+    whole_kernel(bencher, instructions, Layout::SampleMajor);
+}
+
+/// A chunk's worth of bursts, bare decompression and checksum.
+#[divan::bench(args = ["", "lz4", "zstd"])]
+fn chunk_decode(bencher: Bencher, compression: &str) {
+    let bytes: Vec<u8> = std::iter::repeat_n(burst(Layout::ChannelMajor).samples, 4)
+        .enumerate()
+        .flat_map(|(i, b)| b.iter().map(|v| v.rotate_left(i as u32)).collect::<Vec<u8>>())
+        .collect();
+    let bytes = if compression == "zstd" { &bytes[..bytes.len() / 4] } else { &bytes[..] };
+    let compressed = match compression {
+        "zstd" => zstd::bulk::compress(bytes, 3).expect("zstd"),
+        "lz4" => {
+            let mut encoder = lz4_flex::frame::FrameEncoder::new(Vec::new());
+            std::io::Write::write_all(&mut encoder, bytes).expect("lz4");
+            encoder.finish().expect("lz4")
+        }
+        _ => bytes.to_vec(),
+    };
+    let (mut decompressor, mut out) = (Decompressor::default(), vec![0; bytes.len()]);
+    bencher.counter(ItemsCount::new(bytes.len() / 256)).bench_local(|| {
+        decompressor.decompress(compression, &compressed, &mut out).expect("whole");
+        crc32fast::hash(&out)
+    });
+}
+
+/// A message to a burst; an item is a burst.
+#[divan::bench(args = [1, 1024])]
+fn burst_codec(bencher: Bencher, channels: u32) {
+    let mut burst = burst(Layout::ChannelMajor);
+    burst.channels = channels;
+    burst.samples = burst.samples.slice(..(channels * burst.samples_per_channel) as usize * 2);
+    let message = Bytes::from(encode(&burst));
+    let mut decoder = BurstDecoder::new(Limits::default());
+    let topic = "K1".into();
+    bencher
+        .counter(ItemsCount::new(1_u32))
+        .bench_local(|| decoder.decode(black_box(message.clone()), 0, &topic));
+}
+
+/// The exact active set on nine classes; an item is a problem.
+#[divan::bench]
+fn active_set(bencher: Bencher) {
+    let design = design();
+    let deviations: Vec<&[f64]> = design.classes.iter().map(|c| &c.deviation[..]).collect();
+    let signatures = SignatureMatrix::new(&deviations).expect("the sample's classes");
+    let simplex = Simplex::new(&signatures);
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    let problems: Vec<Vec<f64>> = (0..SIGNALS)
+        .map(|i| {
+            let of = deviations[i % deviations.len()];
+            let r: Vec<f64> = of.iter().map(|d| d + 30.0 * rng.random_range(-1.0..1.0)).collect();
+            let mut c = vec![0.0; deviations.len()];
+            signatures.project(&r, &mut c);
+            c
+        })
+        .collect();
+    let mut phi = vec![0.0; deviations.len()];
+    bencher.counter(ItemsCount::new(SIGNALS)).bench_local(|| {
+        problems.iter().for_each(|c| simplex.solve(black_box(c), &mut phi).expect("fits"));
+        phi[0]
+    });
+}
+
+/// Verdicts to a Parquet file, 2 % faulty; an item is a row.
+#[divan::bench(sample_count = 10)]
+fn verdict_writer(bencher: Bencher) {
+    const ROWS: usize = 1 << 20;
+    const BATCH: usize = 4096;
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    let mut c = VerdictColumns { printheads: vec!["K1".into()], ..Default::default() };
+    for row in 0..BATCH {
+        let faulty = rng.random_bool(0.02);
+        c.acquired_at_ns.push(1_750_000_000_000_000_000 + 1_000_000 * (row / 1024) as i64);
+        c.printhead.push(0);
+        c.channel.push((row % 1024) as u32);
+        c.outcome.push(if faulty { Outcome::Faulty } else { Outcome::Healthy });
+        c.category.push(faulty.then_some(0));
+        c.fault.push(faulty.then_some(0));
+        c.candidate.push(faulty.then_some(0));
+        c.certainty.push(faulty.then_some(0.9));
+        c.statistic.push(Some(rng.random_range(0.01..0.1)));
+        c.threshold.push(Some(0.18));
+        c.severity.push(None);
+        c.severity_sd.push(None);
+        c.model.push(Some(0));
+        c.reason.push(None);
+        c.weights_start.push(None);
+    }
+    let dir = tempfile::tempdir().expect("a directory for scratch");
+    let path = dir.path().join("r.verdicts.parquet");
+    bencher.counter(ItemsCount::new(ROWS)).bench_local(|| {
+        let options = TableOptions {
+            classes: vec!["EC".into()],
+            categories: vec!["empty_channel".into()],
+            weights: false,
+            timestamp_unit: TimestampUnit::Ns,
+        };
+        let mut writer = VerdictWriter::create(&path, options).expect("created");
+        (0..ROWS / BATCH).for_each(|_| writer.write(&c).expect("written"));
+        writer.finish("{}".into()).expect("finished");
+    });
+}

@@ -1,0 +1,136 @@
+//! Writes a recording to measure `inkling replay` with: any size, codec, burst shape and share of
+//! faulty signals, made from a design. Same arguments, same bytes.
+//!
+//! ```sh
+//! cargo run --release --example benchmark_recording -- sample_logs/design.json big.mcap \
+//!     --signals 4000000 --compression zstd --channels 1024 --faulty 0.02
+//! ```
+//!
+//! Signals are what the design expects plus white noise, rounded to int16, drawn once into a pool
+//! that is larger than any chunk and dealt in turn, so that a codec finds no repetition. A faulty
+//! signal is a class's mean deviation more.
+
+use clap::Parser;
+use inkling::burst::{Burst, Format, Layout};
+use inkling::io::design_file;
+use inkling::io::recording_writer::{Compression, RecordingWriter, WriterOptions};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Normal};
+use std::error::Error;
+use std::path::PathBuf;
+
+#[derive(Parser)]
+struct Args {
+    design: PathBuf,
+    recording: PathBuf,
+    #[arg(long, default_value_t = 4_000_000)]
+    signals: u64,
+    /// none, lz4 or zstd
+    #[arg(long, default_value = "none")]
+    compression: String,
+    /// Channels per burst
+    #[arg(long, default_value_t = 1024)]
+    channels: u32,
+    /// Share of faulty signals
+    #[arg(long, default_value_t = 0.02)]
+    faulty: f64,
+    #[arg(long, default_value_t = 1 << 20)]
+    chunk_bytes: u64,
+    /// Sample-major instead of channel-major
+    #[arg(long)]
+    sample_major: bool,
+    /// f32 samples instead of int16
+    #[arg(long)]
+    floats: bool,
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+/// Healthy signals drawn before they repeat; beyond the window of any chunk.
+const POOL: usize = 1 << 16;
+const FAULTY_POOL: usize = 1 << 13;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let args = Args::parse();
+    let (design, _) = design_file::read(&args.design)?;
+    let model = design.models.first().unwrap_or(&design.pooled);
+    let n = design.samples;
+    let mut rng = ChaCha8Rng::seed_from_u64(args.seed);
+    let noise = Normal::new(0.0, model.noise)?;
+    let mut draw = |class: Option<usize>, pool: &mut Vec<i16>| {
+        for k in 0..n {
+            let deviation = class.map_or(0.0, |c| design.classes[c].deviation[k]);
+            let y = model.expected[k] + deviation + noise.sample(&mut rng);
+            pool.push(y.round().clamp(-32767.0, 32766.0) as i16);
+        }
+    };
+    let (mut healthy, mut faulty) = (Vec::new(), Vec::new());
+    (0..POOL).for_each(|_| draw(None, &mut healthy));
+    let classes = design.classes.len();
+    (0..FAULTY_POOL).for_each(|i| draw(i.checked_rem(classes), &mut faulty));
+
+    let compression = match args.compression.as_str() {
+        "none" => Compression::None,
+        "lz4" => Compression::Lz4,
+        "zstd" => Compression::Zstd,
+        other => return Err(format!("--compression {other}: none, lz4 or zstd").into()),
+    };
+    let options = WriterOptions { compression, chunk_bytes: Some(args.chunk_bytes) };
+    let mut writer = RecordingWriter::create(&args.recording, options)?;
+    let printhead = model.printhead.as_deref().unwrap_or("K1").into();
+    let (mut next_healthy, mut next_faulty, mut written, mut first_channel) = (0, 0, 0, 0);
+    let mut t_ns = 1_750_000_000_000_000_000_i64;
+    let mut burst = Burst {
+        t_acq_ns: t_ns,
+        printhead,
+        first_channel,
+        channels: args.channels,
+        samples_per_channel: n as u32,
+        sample_period_s: design.sample_period_s,
+        format: if args.floats { Format::F32Le } else { Format::S16Le },
+        layout: if args.sample_major { Layout::SampleMajor } else { Layout::ChannelMajor },
+        samples: Default::default(),
+        temperature_c: model.temperature_c,
+        drive_voltage_v: design.drive_voltage_v,
+        idle_time_s: Vec::new(),
+        neighbours_fired: Default::default(),
+    };
+    let channels = args.channels as usize;
+    let mut chosen: Vec<&[i16]> = Vec::with_capacity(channels);
+    while written < args.signals {
+        chosen.clear();
+        for _ in 0..channels {
+            let (pool, next) = if rng.random_bool(args.faulty) {
+                (&faulty, &mut next_faulty)
+            } else {
+                (&healthy, &mut next_healthy)
+            };
+            let at = (*next * n) % pool.len();
+            chosen.push(&pool[at..at + n]);
+            *next += 1;
+        }
+        let values = (0..channels * n).map(|i| match burst.layout {
+            Layout::ChannelMajor => chosen[i / n][i % n],
+            Layout::SampleMajor => chosen[i % channels][i / channels],
+        });
+        burst.samples = match burst.format {
+            Format::S16Le => values.flat_map(i16::to_le_bytes).collect::<Vec<u8>>().into(),
+            Format::F32Le => {
+                values.flat_map(|y| f32::from(y).to_le_bytes()).collect::<Vec<u8>>().into()
+            }
+        };
+        burst.t_acq_ns = t_ns;
+        burst.first_channel = first_channel;
+        writer.write(&burst, t_ns as u64)?;
+        written += u64::from(args.channels);
+        // one printhead of 1024 channels (or more), acquired about a thousand times a second
+        first_channel = (first_channel + args.channels) % args.channels.max(1024);
+        if first_channel == 0 {
+            t_ns += 1_000_000;
+        }
+    }
+    writer.finish()?;
+    println!("{}: {written} signals", args.recording.display());
+    Ok(())
+}

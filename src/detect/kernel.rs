@@ -1,0 +1,205 @@
+//! The streaming kernel: residual energies of many signals at once, one signal a lane, in f32.
+//!
+//! In: a [`Tile`] of signals, the filter, what is expected of them. Out: per lane the energy, and
+//! whether it is *certainly* at or below a threshold; what is not certain is judged again by the
+//! reference, [`ResidualGenerator::energy`]. So every verdict is the reference's. thesis r(y), e(r).
+//!
+//! # One number, whatever the machine
+//!
+//! A lane's arithmetic is the same sequence of IEEE f32 operations in every lane and with every
+//! instruction set: a product is rounded before it is added (no fused multiply-add, which some
+//! machines lack), nothing is summed across lanes. So an energy depends on its signal alone, and not
+//! on its neighbours in the tile, the number of workers, or the processor. `tests` hold the
+//! instruction sets to equal bits.
+//!
+//! # The bound
+//!
+//! u = 2^-24. Hats are what f32 computes. With local rounding eta, the recursion is exactly
+//! A r^ = B d^ + eta, hence for r of the exact recursion on the exact deviation d
+//!
+//! ```text
+//! |r^ - r| <= |B/A| |d^ - d| + |1/A| |eta|                          (norms over N samples)
+//! |eta|    <= u (beta |d^| + alpha |r^|)
+//! beta  = 2 |b_0| + sum_k (4 |b_k| + 2 sum_{i > k} |b_i|)           k = 1 .. order
+//! alpha = 1       + sum_k (3 |a_k| + 2 sum_{i > k} |a_i|)
+//! |d^ - d| <= u |d^| + 6 u drive (|y_hat| + |dT| |response|)
+//! ```
+//!
+//! since r^ takes 2 u |b_0 d^| + u |r^|, the update of state k takes 2 u of each product (coefficient
+//! and product rounded), u of each of its two sums, and a state is a finite sum of b_i d^ and a_i r^.
+//! Operator norms are bounded by the sums of the impulse responses' magnitudes over the N samples,
+//! which are finite for marginally stable poles, too. |r^|, |d^| are measured along with the energy
+//! (their own sums cost (N + 2) u). 1 % on top covers second order and the reference's own rounding,
+//! 2^-29 of this; results below f32's normal range are not trusted at all.
+
+use super::ResidualGenerator;
+use super::tile::{Instructions, LANES, Tile};
+
+/// Highest degree of a filter with a kernel; beyond, the reference does the work.
+pub const MOST_ORDER: usize = 8;
+
+/// Unit roundoff of f32.
+const U: f64 = 1.0 / (1u64 << 24) as f64;
+/// Second order of the bound, and the reference's own rounding.
+const SLACK: f64 = 1.01;
+/// Sums of squares below this may have lost digits to underflow.
+const LEAST: f32 = 1e-28;
+
+/// A residual generator's f32 twin, for signals of one length that are expected to be one shape.
+#[derive(Clone, Debug)]
+pub struct LaneFilter {
+    /// b_0 .. b_order, a_1 .. a_order.
+    numerator: Vec<f32>,
+    denominator: Vec<f32>,
+    dt_s: f64,
+    /// y_hat and d y_hat / d temperature, N each.
+    expected: Vec<f32>,
+    response: Vec<f32>,
+    /// |r^ - r| <= of_deviation |d^| + of_residual |r^| + drive (of_expected + |dT| of_response).
+    of_deviation: f64,
+    of_residual: f64,
+    of_expected: f64,
+    of_response: f64,
+    /// Largest magnitudes, counts and counts/K.
+    largest_expected: f64,
+    largest_response: f64,
+}
+
+/// Of the signals of one tile, lane by lane.
+#[derive(Clone, Copy, Debug)]
+pub struct LaneEnergies {
+    /// Residual energy, counts²·s.
+    pub energy: [f64; LANES],
+    /// The reference's energy is surely at or below the threshold, and no sample is at a rail.
+    pub settled: [bool; LANES],
+}
+
+impl LaneFilter {
+    /// `None` where f32 cannot serve: a degree beyond [`MOST_ORDER`], or numbers beyond its range.
+    pub fn new(
+        generator: &ResidualGenerator,
+        expected: &[f64],
+        response: Option<&[f64]>,
+    ) -> Option<LaneFilter> {
+        let (b, a) = (&generator.numerator, &generator.denominator);
+        let order = generator.degree();
+        let n = expected.len();
+        let zeros = vec![0.0; n];
+        let response = response.unwrap_or(&zeros);
+        let fits = |v: &[f64]| v.iter().all(|&x| x == 0.0 || (1e-25..1e25).contains(&x.abs()));
+        let usable = (1..=MOST_ORDER).contains(&order)
+            && n > 0
+            && response.len() == n
+            && fits(b)
+            && fits(a)
+            && expected.iter().chain(response).all(|x| x.abs() < 1e25);
+        if !usable {
+            return None;
+        }
+        let all_pole = {
+            let mut one = vec![0.0; order + 1];
+            one[0] = 1.0;
+            ResidualGenerator::new(one, a.clone(), generator.dt_s).ok()?
+        };
+        let l1 = |h: Vec<f64>| h.iter().map(|h| h.abs()).sum::<f64>();
+        let (f_norm, g_norm) =
+            (l1(generator.impulse_response(n)), l1(all_pole.impulse_response(n)));
+        let after = |p: &[f64], k: usize| p[k + 1..].iter().map(|c| c.abs()).sum::<f64>();
+        let local = |p: &[f64], own: f64| -> f64 {
+            (1..=order).map(|k| own * p[k].abs() + 2.0 * after(p, k)).sum()
+        };
+        let beta = 2.0 * b[0].abs() + local(b, 4.0);
+        let alpha = 1.0 + local(a, 3.0);
+        let norm = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let largest = |v: &[f64]| v.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+        let sums = (n as f64 + 2.0) * U;
+        let twin = |v: &[f64]| v.iter().map(|&x| x as f32).collect::<Vec<f32>>();
+        let filter = LaneFilter {
+            numerator: twin(b),
+            denominator: twin(&a[1..]),
+            dt_s: generator.dt_s,
+            expected: twin(expected),
+            response: twin(response),
+            of_deviation: SLACK * (1.0 + sums) * U * (f_norm + g_norm * beta),
+            of_residual: SLACK * (sums + U * g_norm * alpha),
+            of_expected: SLACK * 6.0 * U * f_norm * norm(expected),
+            of_response: SLACK * 6.0 * U * f_norm * norm(response),
+            largest_expected: largest(expected),
+            largest_response: largest(response),
+        };
+        let bound = filter.of_deviation + filter.of_residual + filter.of_expected;
+        (bound + filter.of_response).is_finite().then_some(filter)
+    }
+
+    /// Samples of a signal.
+    pub fn samples(&self) -> usize {
+        self.expected.len()
+    }
+
+    /// Judges the signals of `tile`, which are left as deviations from what is expected of them.
+    /// `rails`: counts at or beyond which a sample may be saturated.
+    pub fn judge(
+        &self,
+        tile: &mut Tile,
+        threshold: f64,
+        rails: [f64; 2],
+        instructions: Instructions,
+    ) -> LaneEnergies {
+        tile.subtract(&self.expected, &self.response, instructions);
+        let sums = self.square_sums(tile, instructions);
+        let mut judged = LaneEnergies { energy: [f64::NAN; LANES], settled: [false; LANES] };
+        for lane in 0..tile.lanes() {
+            let (residual2, deviation2) = (sums[lane], tile.square_sum(lane));
+            let energy = self.dt_s * f64::from(residual2);
+            judged.energy[lane] = energy;
+            // comparisons that NaN fails
+            let trusted = residual2 > LEAST && deviation2 > LEAST && deviation2 < f32::INFINITY;
+            if !trusted {
+                continue;
+            }
+            let (r, d) = (f64::from(residual2).sqrt(), f64::from(deviation2).sqrt());
+            let (drive, warmer) = tile.condition(lane);
+            let (drive, warmer) = (f64::from(drive.abs()), f64::from(warmer.abs()));
+            // a sample at a rail would alone deviate more than all do together
+            let largest = drive * (self.largest_expected + warmer * self.largest_response);
+            if SLACK * d + 1.0 >= rails[1].min(-rails[0]) - largest {
+                continue;
+            }
+            let error = self.of_deviation * d
+                + self.of_residual * r
+                + drive * (self.of_expected + warmer * self.of_response);
+            let most = r + error;
+            judged.settled[lane] = self.dt_s * most * most < threshold;
+        }
+        judged
+    }
+
+    /// Sums of squares of the residuals of a tile's deviations, counts².
+    pub fn square_sums(&self, tile: &Tile, instructions: Instructions) -> [f32; LANES] {
+        let mut sums = [0.0; LANES];
+        instructions.energies(&self.numerator, &self.denominator, tile.deviations(), &mut sums);
+        sums
+    }
+
+    /// Bound on the error of |r^| for a signal's |d^| and |r^| at reference drive and temperature.
+    #[cfg(test)]
+    fn bound(&self, d: f64, r: f64) -> f64 {
+        self.of_deviation * d + self.of_residual * r + self.of_expected
+    }
+}
+
+/// Square norm of a deviation's projections, d^T P P^T d, lane by lane, with the arithmetic rules of
+/// this module. `projections`: N rows of M, the columns of P.
+pub fn project_lanes<const M: usize>(
+    projections: &[[f32; M]],
+    tile: &Tile,
+    instructions: Instructions,
+) -> [f32; LANES] {
+    let mut out = [0.0; LANES];
+    instructions.project(projections, tile.deviations(), &mut out);
+    out
+}
+
+#[cfg(test)]
+#[path = "kernel_tests.rs"]
+mod tests;

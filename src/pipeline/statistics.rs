@@ -1,0 +1,131 @@
+//! A batch's signals to their statistic: many at once by the streaming kernel, and again by the
+//! reference where the kernel alone cannot settle the verdict.
+//!
+//! In: bursts with their judges. Out: per signal the residual energy, or why it has none. A signal's
+//! number does not depend on what else is in the batch: short bursts share tiles, and a lane does not
+//! know its neighbours ([`crate::detect::kernel`]).
+
+use super::stages::Assigned;
+use crate::burst::{Acquisition, Burst};
+use crate::design::Judge;
+use crate::detect::kernel::LaneFilter;
+use crate::detect::tile::{Gather, Instructions, LANES, Tile};
+use crate::verdict::{Reason, unusable_signal};
+
+/// Scratch of one worker.
+pub struct Statistics {
+    rails: [f64; 2],
+    instructions: Instructions,
+    tile: Tile,
+    signal: Vec<f64>,
+    expected: Vec<f64>,
+}
+
+/// A signal that waits in a tile: its row in the batch, and in its burst.
+type Waiting<'a> = (usize, &'a Burst, usize);
+
+impl Statistics {
+    pub fn new(rails: [f64; 2]) -> Statistics {
+        Statistics {
+            rails,
+            instructions: Instructions::best(),
+            tile: Tile::default(),
+            signal: Vec::new(),
+            expected: Vec::new(),
+        }
+    }
+
+    /// One entry per row of the batch, in its order.
+    pub fn of(&mut self, assigned: &Assigned) -> Vec<Result<f64, Reason>> {
+        let acquisitions = &assigned.read.batch.acquisitions;
+        let mut statistic = Vec::with_capacity(assigned.read.batch.rows());
+        // bursts to judge: the judge's number, the first row, place in the batch
+        let mut bursts = Vec::with_capacity(acquisitions.len());
+        for (place, (acquisition, judge)) in acquisitions.iter().zip(&assigned.judges).enumerate() {
+            let fill = match (acquisition, judge) {
+                (Acquisition::Usable(burst), Ok(judge)) => {
+                    bursts.push((judge.index, statistic.len(), burst, place));
+                    Ok(f64::NAN)
+                }
+                (_, Err(reason)) => Err(*reason),
+                (Acquisition::Unusable(unusable), Ok(_)) => Err(unusable.why.into()),
+            };
+            statistic.resize(statistic.len() + acquisition.rows(), fill);
+        }
+        // one judge after the other, so that interleaved short bursts fill tiles, too
+        bursts.sort_by_key(|&(judge, row, ..)| (judge, row));
+        for of_judge in bursts.chunk_by(|p, q| p.0 == q.0) {
+            let Ok(judge) = &assigned.judges[of_judge[0].3] else { continue };
+            let of_judge = of_judge.iter().map(|&(_, row, burst, _)| (row, burst));
+            self.of_judge(judge, of_judge, &mut statistic);
+        }
+        statistic
+    }
+
+    fn of_judge<'a>(
+        &mut self,
+        judge: &Judge,
+        bursts: impl Iterator<Item = (usize, &'a Burst)>,
+        statistic: &mut [Result<f64, Reason>],
+    ) {
+        let mut gather = Gather::default();
+        let mut waiting: Vec<Waiting> = Vec::with_capacity(LANES);
+        for (first, burst) in bursts {
+            let n = burst.samples_per_channel as usize;
+            let Some(lanes) = judge.lanes.as_ref().filter(|l| l.samples() == n) else {
+                for row in 0..burst.channels as usize {
+                    statistic[first + row] = self.reference(judge, burst, row);
+                }
+                continue;
+            };
+            let (drive, warmer) = (judge.drive(burst), judge.warmer(burst));
+            for row in 0..burst.channels as usize {
+                gather.push(burst, row, drive, warmer);
+                waiting.push((first + row, burst, row));
+                if gather.is_full() {
+                    self.settle(judge, lanes, &mut gather, &mut waiting, statistic);
+                }
+            }
+        }
+        if let Some(lanes) = &judge.lanes
+            && !gather.is_empty()
+        {
+            self.settle(judge, lanes, &mut gather, &mut waiting, statistic);
+        }
+    }
+
+    /// Judges what waits.
+    fn settle(
+        &mut self,
+        judge: &Judge,
+        lanes: &LaneFilter,
+        gather: &mut Gather,
+        waiting: &mut Vec<Waiting>,
+        statistic: &mut [Result<f64, Reason>],
+    ) {
+        self.tile.fill(gather, lanes.samples(), self.instructions);
+        let threshold = judge.model.threshold.value;
+        let judged = lanes.judge(&mut self.tile, threshold, self.rails, self.instructions);
+        for (lane, (at, burst, row)) in waiting.drain(..).enumerate() {
+            statistic[at] = if judged.settled[lane] {
+                Ok(judged.energy[lane])
+            } else {
+                self.reference(judge, burst, row)
+            };
+        }
+    }
+
+    /// The statistic in f64, and the checks of a signal: what every verdict agrees with.
+    pub fn reference(&mut self, judge: &Judge, burst: &Burst, row: usize) -> Result<f64, Reason> {
+        let n = burst.samples_per_channel as usize;
+        self.signal.resize(n, 0.0);
+        self.expected.resize(n, 0.0);
+        burst.copy_signal(row, &mut self.signal);
+        if let Some(reason) = unusable_signal(&self.signal, self.rails) {
+            return Err(reason);
+        }
+        judge.expect(burst, &mut self.expected);
+        self.signal.iter_mut().zip(&self.expected).for_each(|(y, e)| *y -= e);
+        Ok(judge.model.generator.energy(&self.signal))
+    }
+}
