@@ -1,11 +1,14 @@
 //! A healthy model ready to judge by: identification, filter and threshold of one window.
 
+use super::detector::{Scratch, SensitivityDetector, ring_of};
 use super::fd_filter::{self, LearnedFilter};
 use super::{Design, DesignError, DetectSettings};
-use crate::detect::{ResidualGenerator, ThresholdMethod, threshold};
+use crate::detect::sensitivity::Sensitivity;
+use crate::detect::{DetectMethod, ResidualGenerator, ThresholdMethod, threshold};
 use crate::identify::averaging::{self, SignalSet, median};
 use crate::identify::grey_box::{self, Identification};
 use crate::identify::{GreyBoxSettings, tangent};
+use crate::model::ring_fit::{Features, RingFitter};
 use serde::{Deserialize, Serialize};
 use threshold::Threshold;
 
@@ -45,8 +48,11 @@ pub struct HealthyModel {
     pub frequency_per_k: f64,
     pub generator: ResidualGenerator,
     pub threshold: Threshold,
-    /// Median residual energy of the window's signals, counts²·s.
-    pub median_energy: f64,
+    /// Healthy channels along the model's sensitivities, for `detect.method` = `sensitivity`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensitivity: Option<Sensitivity>,
+    /// Median detection statistic of the window's signals.
+    pub median_statistic: f64,
 }
 
 impl HealthyModel {
@@ -86,18 +92,57 @@ impl HealthyModel {
             .and_then(|response| tangent::pole_changes(&identification, &directions, response))
             .unwrap_or((0.0, 0.0));
 
+        // nobody says that a window's every signal is healthy: what came before is trusted more
+        let trusted = anchor.filter(|_| settings.least_agreeing.is_some());
         let expectation = Expectation {
             y: &expected,
             reference_c: temperature_c,
             response: temperature_response.as_deref(),
         };
-        let energies = energies(expectation, &generator, healthy);
-        let median_energy = median(&mut energies.clone());
-        let threshold = match anchor.filter(|_| settings.least_agreeing.is_some()) {
+        let sensitivity = match settings.detect.method {
+            DetectMethod::ResidualEnergy => None,
+            DetectMethod::Sensitivity => {
+                let fitter = RingFitter::new(ring_of(&identification)?, dt_s, set.samples);
+                let tangent = fitter.tangent(&Features::HEALTHY).columns(0, 3).into_owned();
+                let new = Sensitivity::new(&tangent, mean.noise).ok_or_else(|| {
+                    DesignError::Invalid(
+                        "amplitude, damping and frequency cannot be told apart".into(),
+                    )
+                })?;
+                Some(match trusted.and_then(|anchor| anchor.sensitivity.as_ref()) {
+                    Some(known) => new.with_spread_of(known),
+                    None => {
+                        let mut features = Vec::with_capacity(healthy.len());
+                        expectation.each(healthy, |deviation, drive| {
+                            features.push((new.features(deviation, drive), drive));
+                        });
+                        new.with_spread(&features)
+                    }
+                })
+            }
+        };
+        let statistics = match &sensitivity {
+            None => energies(expectation, &generator, healthy),
+            Some(sensitivity) => {
+                let detector = SensitivityDetector::new(
+                    &identification,
+                    sensitivity.clone(),
+                    &expected,
+                    dt_s,
+                )?;
+                let (mut scratch, mut statistics) = (Scratch::default(), Vec::new());
+                expectation.each(healthy, |deviation, drive| {
+                    statistics.push(detector.statistic(deviation, drive, &mut scratch));
+                });
+                statistics
+            }
+        };
+        let median_statistic = median(&mut statistics.clone());
+        let threshold = match trusted {
             // Nobody says that the window is free of slight faults, so its own tail cannot be
             // trusted; its median can. The anchor's tail is carried over, in units of the median.
-            Some(anchor) => anchor.threshold.scaled(median_energy / anchor.median_energy),
-            None => learn_threshold(&energies, &healthy.channel, settings.detect)?,
+            Some(anchor) => anchor.threshold.scaled(median_statistic / anchor.median_statistic),
+            None => learn_threshold(&statistics, &healthy.channel, settings.detect)?,
         };
         Ok(HealthyModel {
             printhead: printhead.map(str::to_owned),
@@ -113,8 +158,9 @@ impl HealthyModel {
             damping_per_k,
             frequency_per_k,
             generator,
+            sensitivity,
             threshold,
-            median_energy,
+            median_statistic,
         })
     }
 
@@ -134,6 +180,12 @@ impl HealthyModel {
             temperature_c,
             out,
         );
+    }
+
+    /// Calls `see` with the deviation and drive of every signal of a set.
+    pub(super) fn each_deviation(&self, set: &SignalSet, see: impl FnMut(&[f64], f64)) {
+        let response = self.temperature_response.as_deref();
+        Expectation { y: &self.expected, reference_c: self.temperature_c, response }.each(set, see);
     }
 
     /// Relative drift (frequency, damping) of `later` from this model, beyond what the recorded
@@ -166,8 +218,13 @@ impl HealthyModel {
         if !(self.threshold.value.is_finite() && self.threshold.value > 0.0) {
             return refuse("its threshold must be positive");
         }
-        if !(self.median_energy.is_finite() && self.median_energy > 0.0) {
-            return refuse("`median_energy` must be positive");
+        if !(self.median_statistic.is_finite() && self.median_statistic > 0.0) {
+            return refuse("`median_statistic` must be positive");
+        }
+        if let Some(sensitivity) = &self.sensitivity {
+            sensitivity
+                .check(design.samples)
+                .map_err(|what| DesignError::Invalid(format!("model {name}: {what}")))?;
         }
         Ok(())
     }
@@ -196,20 +253,25 @@ impl Expectation<'_> {
             _ => out.iter_mut().zip(self.y).for_each(|(y, e)| *y = drive * e),
         }
     }
+
+    /// Calls `see` with every signal's deviation and drive.
+    fn each(self, set: &SignalSet, mut see: impl FnMut(&[f64], f64)) {
+        let mut deviation = vec![0.0; set.samples];
+        for i in 0..set.len() {
+            self.at(set.drive[i], set.temperature_c[i], &mut deviation);
+            for (d, &y) in deviation.iter_mut().zip(set.signal(i)) {
+                *d = f64::from(y) - *d;
+            }
+            see(&deviation, set.drive[i]);
+        }
+    }
 }
 
 /// Residual energy of every signal of a set, counts²·s.
 fn energies(expectation: Expectation, generator: &ResidualGenerator, set: &SignalSet) -> Vec<f64> {
-    let mut deviation = vec![0.0; set.samples];
-    (0..set.len())
-        .map(|i| {
-            expectation.at(set.drive[i], set.temperature_c[i], &mut deviation);
-            for (d, &y) in deviation.iter_mut().zip(set.signal(i)) {
-                *d = f64::from(y) - *d;
-            }
-            generator.energy(&deviation)
-        })
-        .collect()
+    let mut energies = Vec::with_capacity(set.len());
+    expectation.each(set, |deviation, _| energies.push(generator.energy(deviation)));
+    energies
 }
 
 fn learn_threshold(

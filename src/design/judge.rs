@@ -1,13 +1,16 @@
 //! A healthy model and the fault classes as they meet a signal: what rides with every batch.
 
+use super::detector::{Scratch, SensitivityDetector, ring_of};
 use super::{Design, DesignError, FaultModel, HealthyModel, IsolateSettings};
 use crate::burst::Burst;
 use crate::detect::kernel::LaneFilter;
 use crate::identify::reservoir::relative_drive;
 use crate::isolate::neighbours::Neighbours;
+use crate::isolate::posterior::Posterior;
 use crate::isolate::{
     Decision, DecisionRule, IsolateMethod, IsolateSignal, SignatureMatrix, Simplex, model_matching,
 };
+use crate::model::ring_fit::{Columns, RingFitter};
 
 /// Judges signals by one model. Built once per model, shared by all workers.
 #[derive(Debug)]
@@ -18,6 +21,8 @@ pub struct Judge {
     pub reference_v: Option<f64>,
     /// The filter for many signals at once; where there is none, the model's own does the work.
     pub lanes: Option<LaneFilter>,
+    /// With `detect.method` = `sensitivity`.
+    detector: Option<SensitivityDetector>,
     isolating: Option<Isolating>,
 }
 
@@ -31,6 +36,8 @@ struct Isolating {
 /// `isolate.method`, ready for this model.
 #[derive(Debug)]
 enum Isolator {
+    /// A fitted ring among class densities.
+    Posterior(Posterior, Box<RingFitter>),
     /// thesis §3-3-2
     ResidualMatching(SignatureMatrix, Simplex),
     /// thesis §3-3-1: per class its model, if it has one.
@@ -38,6 +45,9 @@ enum Isolator {
     /// thesis §4-3-1
     Neighbours(Neighbours),
 }
+
+/// A fit that leaves this many times the noise's square is no ring of the model.
+const NO_RING: f64 = 9.0;
 
 /// What isolation says of one signal.
 pub type Isolation = Decision;
@@ -47,6 +57,8 @@ pub type Isolation = Decision;
 pub struct Workspace {
     residual: Vec<f64>,
     projection: Vec<f64>,
+    columns: Columns,
+    detector: Scratch,
     /// Per class, of the signal last isolated.
     pub weights: Vec<f64>,
 }
@@ -70,8 +82,20 @@ impl Judge {
             _ => None,
         };
         let response = model.temperature_response.as_deref();
-        let lanes = LaneFilter::new(&model.generator, &model.expected, response);
-        Ok(Judge { index, reference_v, model, lanes, isolating })
+        let detector = match &model.sensitivity {
+            None => None,
+            Some(sensitivity) => Some(SensitivityDetector::new(
+                &model.identification,
+                sensitivity.clone(),
+                &model.expected,
+                model.generator.dt_s,
+            )?),
+        };
+        let lanes = match detector {
+            None => LaneFilter::new(&model.generator, &model.expected, response),
+            Some(_) => None,
+        };
+        Ok(Judge { index, reference_v, model, lanes, detector, isolating })
     }
 
     /// Scale of what is expected of a burst: its drive voltage over the reference.
@@ -89,6 +113,15 @@ impl Judge {
         self.model.expect(self.drive(burst), burst.temperature_c.unwrap_or(f64::NAN), out);
     }
 
+    /// What is compared with the threshold: residual energy, or distance along the sensitivities.
+    /// `deviation`: of a signal from what is expected, counts.
+    pub fn statistic(&self, deviation: &[f64], drive: f64, work: &mut Workspace) -> f64 {
+        match &self.detector {
+            None => self.model.generator.energy(deviation),
+            Some(detector) => detector.statistic(deviation, drive, &mut work.detector),
+        }
+    }
+
     pub fn can_isolate(&self) -> bool {
         self.isolating.is_some()
     }
@@ -102,7 +135,7 @@ impl Judge {
         work: &mut Workspace,
     ) -> Option<Isolation> {
         let Isolating { isolator, signal, rule } = self.isolating.as_ref()?;
-        let Workspace { residual, projection, weights } = work;
+        let Workspace { residual, projection, weights, columns, .. } = work;
         let classes = rule.category_of.len();
         weights.clear();
         weights.resize(classes, 0.0);
@@ -117,6 +150,23 @@ impl Judge {
         };
         // lengths agree by construction; a residual that is no number says nothing
         match isolator {
+            Isolator::Posterior(posterior, fitter) => {
+                // the signal as it would be at the reference drive and temperature
+                residual.clear();
+                let expected = &self.model.expected;
+                residual.extend(expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
+                let fit = fitter.fit(residual, posterior.phase, columns)?;
+                let features = fit.features.coordinates();
+                let features = &features[..posterior.coordinates()];
+                posterior.weigh(features, weights);
+                let decision = rule.decide(weights);
+                let noise = self.model.noise / drive;
+                let rings_otherwise = fit.misfit > NO_RING * noise * noise * residual.len() as f64;
+                return Some(match posterior.fits_none(features) || rings_otherwise {
+                    true => decision.of_unknown_fault(),
+                    false => decision,
+                });
+            }
             Isolator::ResidualMatching(signatures, simplex) => {
                 compared(residual);
                 signatures.project(residual, projection);
@@ -163,6 +213,12 @@ impl Isolator {
             ))
         };
         match settings.method {
+            IsolateMethod::Posterior => {
+                let posterior = design.posterior.clone().ok_or_else(|| untrained("posterior"))?;
+                let (dt_s, samples) = (model.generator.dt_s, model.expected.len());
+                let fitter = RingFitter::new(ring_of(&model.identification)?, dt_s, samples);
+                Ok(Isolator::Posterior(posterior, Box::new(fitter)))
+            }
             // rho of every class is the residual of its mean deviation, by this model's filter
             IsolateMethod::ResidualMatching => {
                 let rho: Vec<Vec<f64>> =

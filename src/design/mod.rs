@@ -4,6 +4,7 @@
 //! models with filter and threshold, and fault classes as mean deviations from them. Rooms
 //! `identify`, `detect` and `isolate` meet here and nowhere else. Immutable once made.
 
+mod detector;
 mod fault_class;
 mod fd_filter;
 mod healthy_model;
@@ -19,6 +20,7 @@ pub use judge::{Isolation, Judge, Workspace};
 pub use train::TrainingSet;
 
 use crate::fault;
+use crate::isolate::posterior::Posterior;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -46,6 +48,9 @@ pub struct Design {
     /// Of all printheads together: judges a printhead that the design does not know, if it agrees.
     pub pooled: HealthyModel,
     pub classes: Vec<FaultClass>,
+    /// Class densities of a fitted ring's features, for `isolate.method` = `posterior`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub posterior: Option<Posterior>,
 }
 
 #[derive(Debug, Error)]
@@ -86,6 +91,9 @@ impl Design {
             return refuse(format!("drive_voltage_v = {v}: must be positive"));
         }
         self.classes.iter().try_for_each(|class| class.check(self))?;
+        if let Some(posterior) = &self.posterior {
+            posterior.check(self.classes.len()).map_err(DesignError::Invalid)?;
+        }
         self.models.iter().chain([&self.pooled]).try_for_each(|model| model.check(self))
     }
 

@@ -1,5 +1,6 @@
 //! Labelled signals to a design.
 
+use super::detector::ring_of;
 use super::{
     Design, DesignError, DetectSettings, FaultClass, HealthyModel, IsolateSettings, LearnSettings,
     LearnedFilter, VERSION,
@@ -8,6 +9,8 @@ use crate::detect::Denominator;
 use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
 use crate::isolate::IsolateMethod;
+use crate::isolate::posterior::{Examples, Posterior};
+use crate::model::ring_fit::{Columns, Features, RingFitter};
 use std::collections::BTreeMap;
 
 /// Labelled signals of one sampling, by printhead; drives relative to `drive_voltage_v`.
@@ -53,7 +56,7 @@ impl Design {
             let sets = design.with_models(printheads);
             let mut class = FaultClass::learn(name, &sets);
             match isolate.method {
-                IsolateMethod::ResidualMatching => {}
+                IsolateMethod::Posterior | IsolateMethod::ResidualMatching => {}
                 IsolateMethod::ModelMatching => {
                     if let Err(e) = class.learn_model(&design.pooled, &sets, settings) {
                         warnings.push(format!(
@@ -67,6 +70,16 @@ impl Design {
         }
         design.classes = classes;
         in_table_order(&mut design.classes);
+        if !design.classes.is_empty() {
+            design.posterior = learn_posterior(&design, set)?;
+            if design.posterior.is_none() {
+                warnings.push(
+                    "no posterior: a class has too few signals that ring; \
+                     isolate.method = \"residual-matching\" works without it"
+                        .into(),
+                );
+            }
+        }
         design.check()?;
         Ok((design, warnings))
     }
@@ -98,6 +111,7 @@ impl Design {
             models,
             pooled,
             classes: Vec::new(),
+            posterior: None,
         };
         Ok((design, warnings))
     }
@@ -133,6 +147,57 @@ fn learned_filter(
     let class = FaultClass::learn(name, &sets);
     let healthy = pool(&set.healthy, set.samples);
     LearnedFilter::learn((&design.pooled, &healthy), &class, &sets, settings)
+}
+
+/// Class densities from a ring fitted to every labelled signal, the phase held and free.
+fn learn_posterior(design: &Design, set: &TrainingSet) -> Result<Option<Posterior>, DesignError> {
+    let (mut held, mut free) = (Vec::new(), Vec::new());
+    for class in &design.classes {
+        let Some(printheads) = set.faulty.get(&class.name) else { return Ok(None) };
+        let sets = design.with_models(printheads);
+        let (Some(h), Some(f)) = (examples(&sets, false)?, examples(&sets, true)?) else {
+            return Ok(None);
+        };
+        held.push(h);
+        free.push(f);
+    }
+    Ok(Posterior::learn(&held, &free))
+}
+
+/// Features of a class's signals and the noise of a fit at their mean.
+fn examples(
+    sets: &[(&HealthyModel, &SignalSet)],
+    phase: bool,
+) -> Result<Option<Examples>, DesignError> {
+    let coordinates = if phase { 4 } else { 3 };
+    let (mut features, mut columns) = (Vec::new(), Columns::default());
+    let mut noise = None;
+    for (model, set) in sets {
+        let dt_s = model.generator.dt_s;
+        let fitter = RingFitter::new(ring_of(&model.identification)?, dt_s, set.samples);
+        let mut sum = [0.0; 4];
+        let mut fitted = 0.0;
+        model.each_deviation(set, |deviation, drive| {
+            let signal: Vec<f64> =
+                model.expected.iter().zip(deviation).map(|(e, d)| e + d / drive).collect();
+            if let Some(fit) = fitter.fit(&signal, phase, &mut columns) {
+                let x = fit.features.coordinates();
+                sum.iter_mut().zip(x).for_each(|(s, v)| *s += v);
+                fitted += 1.0;
+                features.push(x[..coordinates].to_vec());
+            }
+        });
+        let mean = sum.map(|s| s / f64::max(fitted, 1.0));
+        let at = Features {
+            ln_amplitude: mean[0],
+            ln_damping: mean[1],
+            ln_frequency: mean[2],
+            phase_rad: mean[3],
+        };
+        noise = fitter.noise_covariance(&at, phase, model.noise).or(noise);
+    }
+    let enough = !features.is_empty();
+    Ok(noise.filter(|_| enough).map(|noise| Examples { features, noise }))
 }
 
 /// The thesis's classes in the order of its tables, then a user's own by name.

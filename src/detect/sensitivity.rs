@@ -24,40 +24,44 @@ pub struct Sensitivity {
 }
 
 impl Sensitivity {
-    /// `tangent`: N x 3, dy/d(ln A, ln sigma, ln f), counts. `deviations` and their relative drives:
-    /// healthy signals. `noise`: of one sample, counts. `None` where the three cannot be told apart.
-    pub fn learn(
-        tangent: &DMatrix<f64>,
-        deviations: &[(Vec<f64>, f64)],
-        noise: f64,
-    ) -> Option<Sensitivity> {
+    /// Of a model, its channels' spread not yet known. `tangent`: N x 3, dy/d(ln A, ln sigma, ln f),
+    /// counts. `noise`: of one sample, counts. `None` where the three cannot be told apart.
+    pub fn new(tangent: &DMatrix<f64>, noise: f64) -> Option<Sensitivity> {
         let gram = tangent.tr_mul(tangent);
         let inverse = gram.try_inverse()?;
         let projection = &inverse * tangent.transpose();
-        let mut learned = Sensitivity {
+        let new = Sensitivity {
             projection: projection.row_iter().map(|r| r.iter().copied().collect()).collect(),
             mean: [0.0; 3],
             spread: [[0.0; 3]; 3],
             noise: rows(&Matrix3::from_fn(|i, j| inverse[(i, j)] * noise * noise)),
         };
-        let features: Vec<Vector3<f64>> =
-            deviations.iter().map(|(d, drive)| learned.features(d, *drive)).collect();
+        new.noise.iter().flatten().all(|v| v.is_finite()).then_some(new)
+    }
+
+    /// With the spread of healthy channels. `features`, each with its relative drive.
+    pub fn with_spread(mut self, features: &[(Vector3<f64>, f64)]) -> Sensitivity {
         let n = features.len() as f64;
-        let mean = features.iter().sum::<Vector3<f64>>() / n;
-        let total = features.iter().fold(Matrix3::zeros(), |s, x| {
+        let mean = features.iter().map(|(x, _)| x).sum::<Vector3<f64>>() / n;
+        let total = features.iter().fold(Matrix3::zeros(), |s, (x, _)| {
             let d = x - mean;
             s + d * d.transpose()
         }) / (n - 1.0).max(1.0);
-        let of_noise = deviations.iter().map(|(_, s)| 1.0 / (s * s)).sum::<f64>() / n;
-        let beyond = total - matrix(&learned.noise) * of_noise;
+        let of_noise = features.iter().map(|(_, s)| 1.0 / (s * s)).sum::<f64>() / n;
+        let beyond = total - matrix(&self.noise) * of_noise;
         // sampling error may leave a direction with less than the noise: no spread there
         let eigen = beyond.symmetric_eigen();
         let kept = eigen.eigenvalues.map(|v| v.max(0.0));
         let spread =
             eigen.eigenvectors * Matrix3::from_diagonal(&kept) * eigen.eigenvectors.transpose();
-        learned.mean = mean.into();
-        learned.spread = rows(&spread);
-        spread.iter().all(|v| v.is_finite()).then_some(learned)
+        self.mean = mean.into();
+        self.spread = rows(&spread);
+        self
+    }
+
+    /// With the spread that another model learned: for a window in which nobody says who is healthy.
+    pub fn with_spread_of(self, other: &Sensitivity) -> Sensitivity {
+        Sensitivity { mean: other.mean, spread: other.spread, ..self }
     }
 
     /// (ln A, ln sigma, ln f) to first order. `deviation`: N, counts.
@@ -126,7 +130,10 @@ mod tests {
                 })
                 .collect()
         };
-        let learned = Sensitivity::learn(&tangent, &healthy(4000), 10.0).unwrap();
+        let new = Sensitivity::new(&tangent, 10.0).unwrap();
+        let features: Vec<(Vector3<f64>, f64)> =
+            healthy(4000).iter().map(|(d, drive)| (new.features(d, *drive), *drive)).collect();
+        let learned = new.with_spread(&features);
         learned.check(64).unwrap();
         let fresh = healthy(4000);
         // 99 % point of chi-squared with 3 degrees of freedom

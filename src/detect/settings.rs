@@ -6,8 +6,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DetectMethod {
-    /// Energy of the FD filter's residual, thesis e(r).
+    /// Distance from the healthy channels along the model's own sensitivities.
     #[default]
+    Sensitivity,
+    /// Energy of the FD filter's residual, thesis e(r).
     ResidualEnergy,
 }
 
@@ -59,9 +61,9 @@ pub struct DetectSettings {
 impl Default for DetectSettings {
     fn default() -> Self {
         DetectSettings {
-            method: DetectMethod::ResidualEnergy,
+            method: DetectMethod::Sensitivity,
             threshold: ThresholdMethod::Quantile,
-            false_alarm_rate: 4e-4,
+            false_alarm_rate: 1e-3,
             confidence: 0.95,
             mu: 1.0,
             denominator: Denominator::Resonance,

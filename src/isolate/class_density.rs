@@ -88,6 +88,22 @@ impl ClassDensity {
         })
     }
 
+    /// Refused if it could not have been learned.
+    pub fn check(&self, coordinates: usize) -> Result<(), String> {
+        let finite = |v: &[f64]| v.len() == coordinates && v.iter().all(|x| x.is_finite());
+        let axis = |a: &Axis| match *a {
+            Axis::Gaussian(sd) => sd.is_finite() && sd > 0.0,
+            Axis::Range(width) => width.is_finite() && width > 0.0,
+        };
+        let whole = finite(&self.mean)
+            && self.to_axes.len() == coordinates
+            && self.to_axes.iter().all(|row| finite(row))
+            && self.ln_determinant.is_finite()
+            && self.axes.len() == coordinates
+            && self.axes.iter().all(axis);
+        if whole { Ok(()) } else { Err(format!("a density is not of {coordinates} coordinates")) }
+    }
+
     pub fn ln_density(&self, x: &[f64]) -> f64 {
         let axes = self.axes.iter().zip(&self.to_axes);
         self.ln_determinant

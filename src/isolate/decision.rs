@@ -18,10 +18,17 @@ pub struct Decision {
     pub category: Option<u16>,
     /// Weight of the named class, else of the named category, else of the best class.
     pub certainty: Option<f32>,
+    /// No known class looks like it: an unknown fault.
+    pub fits_none: bool,
 }
 
 impl Decision {
-    /// Neither class nor category is certain: the outcome is undecided, its reason `uncertain`.
+    /// The same, but nothing is named: no known class looks like it.
+    pub fn of_unknown_fault(self) -> Decision {
+        Decision { fault: None, category: None, fits_none: true, ..self }
+    }
+
+    /// Neither class nor category is named: the outcome is undecided.
     pub fn is_uncertain(&self) -> bool {
         self.category.is_none()
     }
@@ -63,7 +70,13 @@ impl DecisionRule {
 
     /// `weights`: one per class. The first of equals wins. Weights that are no numbers: nothing said.
     pub fn decide(&self, weights: &[f64]) -> Decision {
-        let nothing = Decision { candidate: None, fault: None, category: None, certainty: None };
+        let nothing = Decision {
+            candidate: None,
+            fault: None,
+            category: None,
+            certainty: None,
+            fits_none: false,
+        };
         if weights.len() != self.category_of.len() || weights.iter().any(|w| !w.is_finite()) {
             return nothing;
         }
@@ -71,7 +84,13 @@ impl DecisionRule {
         let candidate = Some(best as u16);
         if weight >= self.certainty {
             let category = Some(self.category_of[best]);
-            return Decision { candidate, fault: candidate, category, certainty: unit(weight) };
+            return Decision {
+                candidate,
+                fault: candidate,
+                category,
+                certainty: unit(weight),
+                fits_none: false,
+            };
         }
         let mut sums = [0.0; MAX_CLASSES];
         for (&category, weight) in self.category_of.iter().zip(weights) {
@@ -83,8 +102,15 @@ impl DecisionRule {
                 fault: None,
                 category: Some(category as u16),
                 certainty: unit(sum),
+                fits_none: false,
             },
-            _ => Decision { candidate, fault: None, category: None, certainty: unit(weight) },
+            _ => Decision {
+                candidate,
+                fault: None,
+                category: None,
+                certainty: unit(weight),
+                fits_none: false,
+            },
         }
     }
 }

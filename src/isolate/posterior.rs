@@ -35,6 +35,19 @@ impl Posterior {
         Some(Posterior { phase, classes })
     }
 
+    /// Coordinates of the features that it takes.
+    pub fn coordinates(&self) -> usize {
+        if self.phase { 4 } else { 3 }
+    }
+
+    /// Refused if it could not have been learned.
+    pub fn check(&self, classes: usize) -> Result<(), String> {
+        if self.classes.len() != classes {
+            return Err(format!("`posterior` has {} classes of {classes}", self.classes.len()));
+        }
+        self.classes.iter().try_for_each(|class| class.check(self.coordinates()))
+    }
+
     /// Posterior of each class, equal priors; sums to 1.
     pub fn weigh(&self, features: &[f64], weights: &mut [f64]) {
         weigh(&self.classes, features, weights);

@@ -5,8 +5,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum IsolateMethod {
-    /// Thesis §3-3-2: mixture weights phi on the simplex of mean residuals.
+    /// A fitted ring's features among the classes' densities: a posterior.
     #[default]
+    Posterior,
+    /// Thesis §3-3-2: mixture weights phi on the simplex of mean residuals.
     ResidualMatching,
     /// Thesis §3-3-1: one identified model per fault class, the smallest residual wins.
     ModelMatching,
@@ -42,7 +44,7 @@ pub struct IsolateSettings {
 impl Default for IsolateSettings {
     fn default() -> Self {
         IsolateSettings {
-            method: IsolateMethod::ResidualMatching,
+            method: IsolateMethod::Posterior,
             signal: IsolateSignal::Residual,
             neighbours: 1,
             gate: true,

@@ -17,10 +17,13 @@ pub struct Features {
 }
 
 impl Features {
-    /// The first 3, or all 4.
-    pub fn coordinates(&self, phase: bool) -> Vector4<f64> {
-        let phase_rad = if phase { self.phase_rad } else { 0.0 };
-        Vector4::new(self.ln_amplitude, self.ln_damping, self.ln_frequency, phase_rad)
+    /// Of the healthy ring itself.
+    pub const HEALTHY: Features =
+        Features { ln_amplitude: 0.0, ln_damping: 0.0, ln_frequency: 0.0, phase_rad: 0.0 };
+
+    /// ln amplitude, ln damping, ln frequency, phase.
+    pub fn coordinates(&self) -> [f64; 4] {
+        [self.ln_amplitude, self.ln_damping, self.ln_frequency, self.phase_rad]
     }
 }
 
@@ -129,7 +132,31 @@ impl RingFitter {
             }
         }
         let start = start?;
-        let (mut damping, mut frequency) = (start.damping, start.frequency);
+        self.refine(y, start.damping, start.frequency, phase, work)
+    }
+
+    /// The same from a start that is near already: no coarse search. `y`: N, counts.
+    pub fn fit_from(
+        &self,
+        y: &[f64],
+        near: &Features,
+        phase: bool,
+        work: &mut Columns,
+    ) -> Option<Fit> {
+        let damping = near.ln_damping.clamp(-3.0, 2.0).exp();
+        let frequency = near.ln_frequency.clamp(-0.9, 0.5).exp();
+        self.refine(y, damping, frequency, phase, work)
+    }
+
+    fn refine(
+        &self,
+        y: &[f64],
+        damping: f64,
+        frequency: f64,
+        phase: bool,
+        work: &mut Columns,
+    ) -> Option<Fit> {
+        let (mut damping, mut frequency) = (damping, frequency);
         let mut state = self.state(y, damping, frequency, phase, work)?;
         let mut trust = 1.0;
         for _ in 0..STEPS {
@@ -162,7 +189,7 @@ impl RingFitter {
             phase_rad: state.b.atan2(state.a),
         };
         features
-            .coordinates(true)
+            .coordinates()
             .iter()
             .all(|v| v.is_finite())
             .then_some(Fit { features, misfit: state.misfit })

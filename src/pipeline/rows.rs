@@ -45,6 +45,9 @@ pub fn push_judged(
     let (outcome, reason) = match (passed, decided) {
         (false, _) => (Outcome::Healthy, None),
         (true, Some(_)) => (Outcome::Faulty, None),
+        (true, None) if isolation.is_some_and(|i| i.fits_none) => {
+            (Outcome::Undecided, Some(Reason::UnknownFault))
+        }
         (true, None) => (Outcome::Undecided, Some(Reason::Uncertain)),
     };
     push(columns, id, outcome, reason);

@@ -7,7 +7,7 @@
 
 use super::stages::Assigned;
 use crate::burst::{Acquisition, Burst};
-use crate::design::Judge;
+use crate::design::{Judge, Workspace};
 use crate::detect::kernel::LaneFilter;
 use crate::detect::tile::{Gather, Instructions, LANES, Tile};
 use crate::verdict::{Reason, unusable_signal};
@@ -19,6 +19,7 @@ pub struct Statistics {
     tile: Tile,
     signal: Vec<f64>,
     expected: Vec<f64>,
+    work: Workspace,
 }
 
 /// A signal that waits in a tile: its row in the batch, and in its burst.
@@ -32,6 +33,7 @@ impl Statistics {
             tile: Tile::default(),
             signal: Vec::new(),
             expected: Vec::new(),
+            work: Workspace::default(),
         }
     }
 
@@ -126,6 +128,6 @@ impl Statistics {
         }
         judge.expect(burst, &mut self.expected);
         self.signal.iter_mut().zip(&self.expected).for_each(|(y, e)| *y -= e);
-        Ok(judge.model.generator.energy(&self.signal))
+        Ok(judge.statistic(&self.signal, judge.drive(burst), &mut self.work))
     }
 }

@@ -5,7 +5,7 @@ use super::data::Signals;
 use super::practice::{Spectrum, Thresholds};
 use super::{Confusion, Figures, ThesisError, search};
 use crate::design::{Design, DetectSettings, IsolateSettings, Judge, TrainingSet, Workspace};
-use crate::detect::{Denominator, ThresholdMethod, null_space};
+use crate::detect::{Denominator, DetectMethod, ThresholdMethod, null_space};
 use crate::fault::{CLASSES, HEALTHY};
 use crate::identify::GreyBoxSettings;
 use crate::isolate::{IsolateMethod, IsolateSignal};
@@ -17,6 +17,7 @@ use crate::simulate::Scenario;
 /// The denominator that reproduces the thesis's figures.
 pub fn thesis_detect(mu: f64) -> DetectSettings {
     DetectSettings {
+        method: DetectMethod::ResidualEnergy,
         threshold: ThresholdMethod::Max,
         mu,
         oscillations: Some(7.25),
@@ -115,7 +116,9 @@ pub fn figures(scenario: &Scenario, seed: u64) -> Result<Figures, ThesisError> {
 fn detection(learn: &Signals, test: &Signals, out: &mut Figures) -> Result<(), ThesisError> {
     let isolate = settings(IsolateMethod::ResidualMatching, IsolateSignal::Residual);
     let set = learn.training(learn.faulty());
-    let max = DetectSettings { threshold: ThresholdMethod::Max, ..DetectSettings::default() };
+    let energy =
+        DetectSettings { method: DetectMethod::ResidualEnergy, ..DetectSettings::default() };
+    let max = DetectSettings { threshold: ThresholdMethod::Max, ..energy.clone() };
     let with = |denominator, poles: &[f64]| DetectSettings {
         denominator,
         other_poles_per_s: poles.to_vec(),
@@ -127,7 +130,7 @@ fn detection(learn: &Signals, test: &Signals, out: &mut Figures) -> Result<(), T
         ("n_o = f0 T, degree 3", with(Denominator::Resonance, &[2e5])),
         ("II", with(Denominator::Eigenvalues, &[2e5, 2e5])),
         ("III", with(Denominator::Enhanced, &[2e5; 4])),
-        ("quantile", DetectSettings::default()),
+        ("quantile", energy),
     ];
     for (name, detect) in variants {
         let design = train(&set, &detect, &isolate)?;
