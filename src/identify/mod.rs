@@ -10,6 +10,7 @@ pub mod grey_box;
 pub mod identifiability;
 pub mod reservoir;
 pub mod tangent;
+pub mod whiteness;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
