@@ -147,9 +147,13 @@ impl Figure {
                     points.filter(inside).map(|p| Circle::new(p, 2, colour.mix(0.55).filled())),
                 ),
             };
-            drawn.map_err(text)?.label(&series.name).legend(move |(x, y)| {
-                Rectangle::new([(x, y - 4), (x + 14, y + 4)], colour.filled())
-            });
+            let drawn = drawn.map_err(text)?;
+            // categories stand on their axis: no legend for them
+            if self.y.categories.is_empty() {
+                drawn.label(&series.name).legend(move |(x, y)| {
+                    Rectangle::new([(x, y - 4), (x + 14, y + 4)], colour.filled())
+                });
+            }
         }
         for (x, what) in &self.thresholds {
             let x = self.x.at(*x);

@@ -5,6 +5,7 @@
 
 use crate::design::{DetectSettings, IsolateSettings};
 use crate::identify::GreyBoxSettings;
+use crate::model::Geometry;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -89,6 +90,10 @@ pub struct IdentifySettings {
     /// Signals of a window that are kept to learn from, at most.
     pub window_signals: usize,
     pub grey_box: GreyBoxSettings,
+    /// Dimensions and ink, if known: they give the guess of `grey_box`, and let `identify` state
+    /// individual inertances, resistances and the compliance.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub geometry: Option<Geometry>,
 }
 
 impl Default for IdentifySettings {
@@ -104,6 +109,7 @@ impl Default for IdentifySettings {
             max_damping_drift: 0.10,
             window_signals: 8192,
             grey_box: GreyBoxSettings::default(),
+            geometry: None,
         }
     }
 }
@@ -196,7 +202,14 @@ impl Settings {
             ([], None) => "settings".into(),
             (pairs, _) => format!("settings with --set {}", pairs.join(" ")),
         };
-        let settings: Settings = parse(table, &place)?;
+        let mut settings: Settings = parse(table, &place)?;
+        if let Some(geometry) = &settings.identify.geometry {
+            // thesis (2-3)..(2-5)
+            let rates = geometry.ink_channel();
+            let guess = &mut settings.identify.grey_box;
+            (guess.a_per_s2, guess.b_per_s2) = (rates.a_per_s2, rates.b_per_s2);
+            (guess.g_per_s, guess.d_per_s) = (rates.g_per_s, rates.d_per_s);
+        }
         settings.check().map_err(|message| SettingsError::Invalid { place, message })?;
         Ok(settings)
     }

@@ -3,20 +3,26 @@
 use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible};
 use super::report::printable;
-use crate::identify::averaging::{self, SignalSet};
+use crate::identify::IdentifyError;
+use crate::identify::averaging::{self, MeanSignal, SignalSet};
 use crate::identify::grey_box::{self, Identification};
+use crate::identify::whiteness::{self, Whiteness};
 use crate::io::recording::Recording;
 use crate::io::{Limits, inputs, labels_file, part_file};
+use crate::model::Geometry;
 use crate::pipeline::collect::Collector;
+use crate::plot::{Axis, Figure, Mark, Series};
 use crate::settings::Settings;
+use serde::Serialize;
 use serde_json::{Value, json};
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   inkling identify healthy.mcap -o model.json
   inkling identify night.mcap --labels labels.csv -o model.json
+  inkling identify healthy.mcap -o model.json --plot figures/
   inkling identify healthy.mcap -o model.json --set identify.grey_box.a_per_s2=4e10")]
 pub struct Args {
     /// Files, directories (searched for *.mcap) or glob patterns
@@ -28,6 +34,9 @@ pub struct Args {
     /// Only signals that it says are healthy; without it, those that agree with the majority
     #[arg(long, value_name = "CSV")]
     labels: Option<PathBuf>,
+    /// Directory for a plot of measured against simulated per printhead (SVG, PNG, CSV)
+    #[arg(long, value_name = "DIR")]
+    plot: Option<PathBuf>,
     /// Settings file
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -58,12 +67,24 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let mut models: Vec<Value> = Vec::new();
     for (name, signals) in &set.healthy {
         match fit(signals, labels.is_some(), set.sample_period_s, &settings) {
-            Ok((used, fit)) => {
-                print(&printable(name), used, signals.len(), &fit, &mut out)?;
+            Ok((mean, fit)) => {
+                let used = mean.n_signals;
+                let simulated = fit.expected(set.sample_period_s, set.samples);
+                let misfit: Vec<f64> = mean.y.iter().zip(&simulated).map(|(y, s)| y - s).collect();
+                let white = whiteness::whiteness(&misfit, FITTED);
+                let physical = settings.identify.geometry.map(|g| Physical::of(&fit, &g));
+                print(&printable(name), (used, signals.len()), &fit, white, &mut out)?;
+                if let Some(physical) = &physical {
+                    physical.print(&mut out)?;
+                }
+                if let Some(dir) = &args.plot {
+                    plot(dir, name, (&mean.y, &simulated), set.sample_period_s, &fit)?;
+                }
                 models.push(json!({
                     "printhead": name, "signals": used, "of": signals.len(),
                     "sample_period_s": set.sample_period_s, "samples": set.samples,
                     "drive_voltage_v": set.drive_voltage_v, "identification": fit,
+                    "whiteness": white, "physical": physical,
                 }));
             }
             Err(e) => {
@@ -83,13 +104,13 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     Ok(if incomplete { Exit::Incomplete } else { Exit::Done })
 }
 
-/// How many signals were averaged, and the fit of their average.
+/// The average, and the fit of it.
 fn fit(
     signals: &SignalSet,
     labelled: bool,
     dt_s: f64,
     settings: &Settings,
-) -> Result<(usize, Identification), crate::identify::IdentifyError> {
+) -> Result<(MeanSignal, Identification), IdentifyError> {
     let chosen;
     let healthy = if labelled {
         signals
@@ -100,14 +121,14 @@ fn fit(
     };
     let mean = averaging::average(healthy)?;
     let fit = grey_box::identify_scattered(healthy, &mean, dt_s, &settings.identify.grey_box)?;
-    Ok((mean.n_signals, fit))
+    Ok((mean, fit))
 }
 
 fn print(
     name: &str,
-    used: usize,
-    of: usize,
+    (used, of): (usize, usize),
     fit: &Identification,
+    white: Option<Whiteness>,
     out: &mut impl Write,
 ) -> std::io::Result<()> {
     let (poles, sd) = (&fit.poles, &fit.uncertainty);
@@ -126,6 +147,15 @@ fn print(
         "  ended by {:?} after {} steps, {} of {} starts agree; misfit {:.3} counts rms",
         fit.convergence, fit.iterations, fit.starts_agreeing, fit.starts, fit.misfit_rms
     )?;
+    if let Some(white) = white {
+        let word =
+            if white.p_value < 0.01 { "not white: the model misses something" } else { "white" };
+        writeln!(
+            out,
+            "  misfit {word} (Ljung-Box {:.1} over {} lags, p = {:.2e})",
+            white.ljung_box, white.lags, white.p_value
+        )?;
+    }
     let listed = [
         ("held fixed", &fit.held_fixed),
         ("at its bound", &fit.at_bounds),
@@ -137,4 +167,87 @@ fn print(
         }
     }
     Ok(())
+}
+
+/// Numbers that (3-1) fits to an average.
+const FITTED: usize = 6;
+
+/// Individual parameters of thesis (2-3)..(2-5): one decay gives ratios only, so they rest on the
+/// restrictor's inertance and on A_n/A_r as the geometry has them.
+#[derive(Debug, Serialize)]
+struct Physical {
+    restrictor_inertance_kg_per_m4: f64,
+    nozzle_inertance_kg_per_m4: f64,
+    restrictor_resistance_pa_s_per_m3: f64,
+    nozzle_resistance_pa_s_per_m3: f64,
+    compliance_m3_per_pa: f64,
+    /// By the geometry alone, for comparison.
+    compliance_by_geometry_m3_per_pa: f64,
+    rests_on: &'static str,
+}
+
+impl Physical {
+    fn of(fit: &Identification, geometry: &Geometry) -> Physical {
+        let rates = fit.channel;
+        let prior = geometry.ink_channel();
+        let by_geometry = geometry.compliance_m3_per_pa();
+        let i_r = 1.0 / (prior.a_per_s2 * by_geometry);
+        let b_t = 1.0 / (rates.a_per_s2 * i_r);
+        let i_n = 1.0 / (rates.b_per_s2 * b_t);
+        Physical {
+            restrictor_inertance_kg_per_m4: i_r,
+            nozzle_inertance_kg_per_m4: i_n,
+            restrictor_resistance_pa_s_per_m3: rates.g_per_s * i_r,
+            nozzle_resistance_pa_s_per_m3: rates.d_per_s * i_n,
+            compliance_m3_per_pa: b_t,
+            compliance_by_geometry_m3_per_pa: by_geometry,
+            rests_on: "the restrictor's inertance and the ratio A_n/A_r of identify.geometry",
+        }
+    }
+
+    fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
+        let mut line = |what: &str, value: f64, unit: &str| {
+            writeln!(out, "  {what:<22} {value:>13.6e} {unit}  prior-dependent")
+        };
+        line("I_r (as given)", self.restrictor_inertance_kg_per_m4, "kg/m^4")?;
+        line("I_n", self.nozzle_inertance_kg_per_m4, "kg/m^4")?;
+        line("R_r", self.restrictor_resistance_pa_s_per_m3, "Pa s/m³")?;
+        line("R_n", self.nozzle_resistance_pa_s_per_m3, "Pa s/m³")?;
+        line("B_t", self.compliance_m3_per_pa, "m³/Pa")?;
+        writeln!(out, "  these rest on {}", self.rests_on)
+    }
+}
+
+/// Fig. 3-3: measured against simulated.
+fn plot(
+    dir: &Path,
+    printhead: &str,
+    (measured, simulated): (&[f64], &[f64]),
+    dt_s: f64,
+    fit: &Identification,
+) -> Result<(), Failure> {
+    std::fs::create_dir_all(dir).map_err(|e| Failure::new(format!("{}: {e}", dir.display())))?;
+    let series = |name: &str, mark, y: &[f64]| Series {
+        name: name.into(),
+        mark,
+        points: y.iter().enumerate().map(|(k, &v)| (k as f64 * dt_s * 1e6, v)).collect(),
+    };
+    let figure = Figure {
+        title: format!(
+            "{}: the identified model fits {:.2} % of the average signal",
+            printable(printhead),
+            fit.fit_percent
+        ),
+        x: Axis::new("time since acquisition began, µs"),
+        y: Axis::new("sensor signal, counts"),
+        series: vec![
+            series("measured, average", Mark::Points, measured),
+            series("simulated", Mark::Line, simulated),
+        ],
+        thresholds: Vec::new(),
+    };
+    // a printhead's name is no path
+    let safe = |c: char| if c.is_alphanumeric() || c == '-' { c } else { '_' };
+    let name: String = printhead.chars().map(safe).take(80).collect();
+    figure.write(dir, &format!("identify_{name}")).map_err(Failure::new)
 }

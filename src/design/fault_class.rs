@@ -89,7 +89,7 @@ impl FaultClass {
         Ok(grey_box::identify(&mean, dt_s, 0.0, &wider)?)
     }
 
-    /// The class's own model, filter (method I at its own resonance) and bound.
+    /// The class's own model, filter (its numerator, method I's denominator) and bound.
     pub(super) fn learn_model(
         &mut self,
         healthy: &HealthyModel,
@@ -98,8 +98,8 @@ impl FaultClass {
     ) -> Result<(), DesignError> {
         let (dt_s, samples) = (settings.sample_period_s, self.deviation.len());
         let identification = self.identify(healthy, settings.grey_box, dt_s)?;
-        let own = crate::detect::DetectSettings { oscillations: None, ..settings.detect.clone() };
-        let denominator = by_resonance(&identification, samples, &own, dt_s)?;
+        // one denominator for all classes: their energies are compared
+        let denominator = by_resonance(&healthy.identification, samples, settings.detect, dt_s)?;
         let channel = identification.channel;
         let degree = denominator.len() - 1;
         let numerator = null_space::numerator(&channel.a(), &channel.c(), dt_s, degree)?;

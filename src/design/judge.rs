@@ -8,7 +8,8 @@ use crate::identify::reservoir::relative_drive;
 use crate::isolate::neighbours::Neighbours;
 use crate::isolate::posterior::Posterior;
 use crate::isolate::{
-    Decision, DecisionRule, IsolateMethod, IsolateSignal, SignatureMatrix, Simplex, model_matching,
+    Decision, DecisionRule, IsolateMethod, IsolateSignal, MAX_CLASSES, SignatureMatrix, Simplex,
+    model_matching,
 };
 use crate::model::ring_fit::{Columns, RingFitter};
 
@@ -177,13 +178,15 @@ impl Judge {
                 neighbours.weigh(residual, weights).ok()?;
             }
             Isolator::ModelMatching(models) => {
-                // energy over the class's own bound
-                for (ratio, model) in projection.iter_mut().zip(models) {
-                    *ratio = model
+                // a class without a model fits nothing
+                for (energy, model) in projection.iter_mut().zip(models) {
+                    *energy = model
                         .as_ref()
-                        .map_or(f64::INFINITY, |m| m.energy(deviation, drive, residual) / m.bound);
+                        .map(|m| (m.energy(deviation, drive, residual), m.bound))
+                        .filter(|(energy, bound)| energy <= bound)
+                        .map_or(f64::INFINITY, |(energy, _)| energy);
                 }
-                let best = model_matching::best_class(projection, &vec![1.0; classes])?;
+                let best = model_matching::best_class(projection, &[f64::MAX; MAX_CLASSES])?;
                 weights[usize::from(best)] = 1.0;
             }
         }

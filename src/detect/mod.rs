@@ -4,6 +4,8 @@
 //! the model explains, and the energy above which a signal counts as faulty. thesis §3-2.
 //! Pure mathematics; never looks at a fault's name.
 
+pub mod decoupling;
+pub mod detectability;
 pub mod kernel;
 pub mod null_space;
 pub mod numerator;

@@ -120,7 +120,12 @@ impl NullSpace {
     }
 }
 
-fn check(a: &DMatrix<f64>, c: &DMatrix<f64>, dt_s: f64, degree: usize) -> Result<(), DetectError> {
+pub(super) fn check(
+    a: &DMatrix<f64>,
+    c: &DMatrix<f64>,
+    dt_s: f64,
+    degree: usize,
+) -> Result<(), DetectError> {
     if a.nrows() == 0 || a.nrows() != a.ncols() || c.nrows() == 0 || c.ncols() != a.ncols() {
         return Err(DetectError::WrongShape {
             a_rows: a.nrows(),
@@ -209,7 +214,7 @@ fn pencil(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) 
 }
 
 /// H-bar, thesis Fig. H-bar: `block_rows` block rows, each H_0 H_1 one block further right.
-fn stack(h0: &DMatrix<f64>, h1: &DMatrix<f64>, block_rows: usize) -> DMatrix<f64> {
+pub(super) fn stack(h0: &DMatrix<f64>, h1: &DMatrix<f64>, block_rows: usize) -> DMatrix<f64> {
     let (rows, columns) = h0.shape();
     let mut h_bar = DMatrix::zeros(block_rows * rows, (block_rows + 1) * columns);
     for b in 0..block_rows {
@@ -220,7 +225,7 @@ fn stack(h0: &DMatrix<f64>, h1: &DMatrix<f64>, block_rows: usize) -> DMatrix<f64
 }
 
 /// Orthonormal rows N with N M = 0, by SVD, checked to be so.
-fn left_null_space(m: &DMatrix<f64>) -> Result<DMatrix<f64>, DetectError> {
+pub(super) fn left_null_space(m: &DMatrix<f64>) -> Result<DMatrix<f64>, DetectError> {
     let (rows, columns) = m.shape();
     let failed = DetectError::Decomposition { rows, columns };
     // U is thin: zero columns up to a square make it complete.

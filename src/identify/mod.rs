@@ -11,6 +11,7 @@ pub mod identifiability;
 pub mod reservoir;
 pub mod scatter;
 pub mod tangent;
+pub mod whiteness;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;

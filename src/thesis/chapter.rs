@@ -88,7 +88,9 @@ pub fn judge(
         };
         nothing_said += u64::from(state != HEALTHY && isolation.is_none());
         let candidate = isolation.and_then(|d| d.candidate).map(|k| names[usize::from(k)].as_str());
-        let certainty = isolation.and_then(|d| d.certainty).map(f64::from);
+        // the class's own weight: `certainty` may be its category's
+        let certainty =
+            isolation.and_then(|d| work.weights.get(usize::from(d.candidate?)).copied());
         let said = |candidate| Said { flagged, candidate, certainty, weights: None };
         ungated.add(said(candidate), Some(state));
         gated.add(said(candidate.filter(|_| flagged)), Some(state));

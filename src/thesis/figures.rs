@@ -22,7 +22,12 @@ pub fn write(
     let isolate = settings(IsolateMethod::ResidualMatching, IsolateSignal::Residual);
     let design = chapter::train(&learn.training(learn.faulty()), &thesis_detect(1.0), &isolate)?;
     signal_and_model(&design, &test).write(dir, "fig_3-3_signal_and_model")?;
-    key_numbers(&test, "4-1", dir)?;
+    let titles = [
+        "Frequency parts most faults; dried nozzles differ from healthy ones by damping",
+        "Close up: slightly dried nozzles touch the healthy ones",
+        "Amplitude sets deeply dried nozzles apart; most classes overlap in it",
+    ];
+    key_numbers(&test, "4-1", titles, dir)?;
     energies(
         &design,
         &test,
@@ -33,9 +38,18 @@ pub fn write(
     let Kind::Physics(physics) = &physics.kind else { return Ok(()) };
     let (learn, test) = experiment::signals(physics, seed);
     let design = chapter::train(&learn.training(learn.faulty()), &thesis_detect(2.0), &isolate)?;
-    key_numbers(&test, "4-2", dir)?;
-    energies(&design, &test, "Dried nozzles lie far above twice the largest healthy energy")
-        .write(dir, "fig_4-4_energies_drying")?;
+    let titles = [
+        "Damping rises from healthy to deeply dried nozzles in three clusters",
+        "Close up: intermediately dried nozzles lie between healthy and deeply dried ones",
+        "Amplitude falls as nozzles dry",
+    ];
+    key_numbers(&test, "4-2", titles, dir)?;
+    energies(
+        &design,
+        &test,
+        "Deeply dried nozzles lie far above the threshold, some intermediately dried ones below",
+    )
+    .write(dir, "fig_4-4_energies_drying")?;
     Ok(())
 }
 
@@ -68,7 +82,12 @@ fn states(signals: &Signals) -> Vec<&'static str> {
 }
 
 /// Dominant damping over frequency, amplitude over frequency, and the first without EC, close up.
-fn key_numbers(signals: &Signals, number: &str, dir: &Path) -> Result<(), ThesisError> {
+fn key_numbers(
+    signals: &Signals,
+    number: &str,
+    titles: [&str; 3],
+    dir: &Path,
+) -> Result<(), ThesisError> {
     let numbers = Spectrum::new(signals.samples, signals.dt_s).of_all(signals);
     let figure = |title: &str, y: Axis, of: fn(&KeyNumbers) -> f64| Figure {
         title: title.into(),
@@ -92,18 +111,18 @@ fn key_numbers(signals: &Signals, number: &str, dir: &Path) -> Result<(), Thesis
     let damping = |k: &KeyNumbers| k.damping_per_s / 1e3;
     let range = |low, high| Some((low, high));
     let mut by_damping = figure(
-        "Frequency parts most faults; dried nozzles differ from healthy ones by damping alone",
+        titles[0],
         Axis { range: range(-15.0, 110.0), ..Axis::new("dominant damping, 1000/s") },
         damping,
     );
     by_damping.write(dir, &format!("fig_{number}_damping"))?;
-    by_damping.title = "Close up: slightly dried nozzles touch the healthy ones".into();
+    by_damping.title = titles[1].into();
     by_damping.x.range = range(52.0, 78.0);
     by_damping.y.range = range(10.0, 90.0);
     by_damping.write(dir, &format!("fig_{number}_damping_zoom"))?;
     figure(
-        "Amplitude adds little: the classes overlap in it",
-        Axis { range: range(100.0, 800.0), ..Axis::new("dominant amplitude, counts") },
+        titles[2],
+        Axis { range: range(50.0, 1050.0), ..Axis::new("dominant amplitude, counts") },
         |k| k.amplitude_counts,
     )
     .write(dir, &format!("fig_{number}_amplitude"))?;

@@ -1,0 +1,83 @@
+//! Is what the model leaves of the average white? In: the misfit. Out: Ljung and Box's test (1978).
+//! thesis §3-1 (Fig. 3-3 judges by eye).
+
+use serde::{Deserialize, Serialize};
+
+/// Autocorrelations that are tested, at most.
+const MOST_LAGS: usize = 20;
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Whiteness {
+    /// Q = n (n + 2) sum r_k² / (n - k), over `lags` lags.
+    pub ljung_box: f64,
+    pub lags: usize,
+    /// Chance of a Q as large if the misfit were white; small: the model misses something.
+    pub p_value: f64,
+}
+
+/// `misfit`: y - y_hat, counts. `fitted`: numbers that were fitted to it. `None`: too short, or zero.
+pub fn whiteness(misfit: &[f64], fitted: usize) -> Option<Whiteness> {
+    let n = misfit.len();
+    let lags = MOST_LAGS.min(n / 4);
+    if lags <= fitted {
+        return None;
+    }
+    let mean = misfit.iter().sum::<f64>() / n as f64;
+    let square: f64 = misfit.iter().map(|v| (v - mean).powi(2)).sum();
+    if !(square > 0.0 && square.is_finite()) {
+        return None;
+    }
+    let r = |k: usize| -> f64 {
+        let products = misfit[k..].iter().zip(misfit).map(|(a, b)| (a - mean) * (b - mean));
+        products.sum::<f64>() / square
+    };
+    let length = n as f64;
+    let ljung_box =
+        length * (length + 2.0) * (1..=lags).map(|k| r(k).powi(2) / (n - k) as f64).sum::<f64>();
+    Some(Whiteness { ljung_box, lags, p_value: chi_square_tail(ljung_box, lags - fitted) })
+}
+
+/// P(chi² > q), by Wilson and Hilferty's cube root (1931) and the normal tail (Abramowitz and
+/// Stegun 26.2.17).
+fn chi_square_tail(q: f64, freedom: usize) -> f64 {
+    let v = 2.0 / (9.0 * freedom as f64);
+    let z = ((q / freedom as f64).cbrt() - (1.0 - v)) / v.sqrt();
+    let t = 1.0 / (1.0 + 0.231_641_9 * z.abs());
+    let poly = t
+        * (0.319_381_530
+            + t * (-0.356_563_782
+                + t * (1.781_477_937 + t * (-1.821_255_978 + t * 1.330_274_429))));
+    let tail = (-0.5 * z * z).exp() / (2.0 * std::f64::consts::PI).sqrt() * poly;
+    if z >= 0.0 { tail } else { 1.0 - tail }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    #[test]
+    fn chi_square_tails_are_the_tables() {
+        for (q, freedom, p) in [(31.41, 20, 0.05), (23.68, 14, 0.05), (29.14, 14, 0.01)] {
+            let found = chi_square_tail(q, freedom);
+            assert!((found - p).abs() < 0.02 * p, "{q} {freedom}: {found}");
+        }
+    }
+
+    #[test]
+    fn white_noise_is_refused_as_often_as_its_p_value_says_and_a_tone_is_always() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let (mut refused, runs) = (0, 1000);
+        for _ in 0..runs {
+            let mut y: Vec<f64> = (0..128).map(|_| StandardNormal.sample(&mut rng)).collect();
+            refused += usize::from(whiteness(&y, 0).unwrap().p_value < 0.05);
+            y.iter_mut().enumerate().for_each(|(k, v)| *v += 1.5 * (0.4 * k as f64).sin());
+            assert!(whiteness(&y, 0).unwrap().p_value < 1e-3);
+        }
+        // binomial: 50 +- 7; the approximation is a little liberal at 128 samples
+        assert!((25..90).contains(&refused), "{refused}");
+        assert!(whiteness(&[0.0; 128], 0).is_none() && whiteness(&[1.0, 2.0], 0).is_none());
+    }
+}
