@@ -21,7 +21,8 @@ pub struct Judge {
 /// Residual matching with this model's filter.
 #[derive(Debug)]
 struct Isolator {
-    signatures: SignatureMatrix,
+    /// F^T R of the filter r = F d: projects a deviation as R^T projects its residual.
+    adjoint: SignatureMatrix,
     simplex: Simplex,
     rule: DecisionRule,
 }
@@ -32,7 +33,6 @@ pub type Isolation = Decision;
 /// Scratch of one worker.
 #[derive(Debug, Default)]
 pub struct Workspace {
-    residual: Vec<f64>,
     projection: Vec<f64>,
     /// Per class, of the signal last isolated.
     pub weights: Vec<f64>,
@@ -86,13 +86,12 @@ impl Judge {
         drive: f64,
         work: &mut Workspace,
     ) -> Option<Isolation> {
-        let Isolator { signatures, simplex, rule } = self.isolator.as_ref()?;
-        work.residual.resize(deviation.len(), 0.0);
-        self.model.generator.filter(deviation, &mut work.residual);
-        work.residual.iter_mut().for_each(|r| *r /= drive);
-        work.projection.resize(signatures.classes(), 0.0);
-        work.weights.resize(signatures.classes(), 0.0);
-        signatures.project(&work.residual, &mut work.projection);
+        let Isolator { adjoint, simplex, rule } = self.isolator.as_ref()?;
+        work.projection.resize(adjoint.classes(), 0.0);
+        work.weights.resize(adjoint.classes(), 0.0);
+        // c = R^T r = (F^T R)^T d: without the residual itself
+        adjoint.project(deviation, &mut work.projection);
+        work.projection.iter_mut().for_each(|c| *c /= drive);
         // lengths agree by construction; a residual that is no number says nothing
         simplex.solve(&work.projection, &mut work.weights).ok()?;
         Some(rule.decide(&work.weights))
@@ -114,6 +113,10 @@ impl Isolator {
         let columns: Vec<&[f64]> = residuals.iter().map(Vec::as_slice).collect();
         let signatures = SignatureMatrix::new(&columns)?;
         let rule = DecisionRule::new(&design.class_names(), certainty)?;
-        Ok(Isolator { simplex: Simplex::new(&signatures), signatures, rule })
+        let adjoint: Vec<Vec<f64>> =
+            residuals.iter().map(|rho| model.generator.adjoint(rho)).collect();
+        let columns: Vec<&[f64]> = adjoint.iter().map(Vec::as_slice).collect();
+        let adjoint = SignatureMatrix::new(&columns)?;
+        Ok(Isolator { simplex: Simplex::new(&signatures), adjoint, rule })
     }
 }
