@@ -61,13 +61,17 @@ impl Burst {
             Layout::ChannelMajor => (row * n, 1),
             Layout::SampleMajor => (row, channels),
         };
-        let at = |k: usize| (start + k * stride) * self.format.bytes();
-        for (k, y) in out[..n].iter_mut().enumerate() {
-            let b = &self.samples[at(k)..];
-            *y = match self.format {
-                Format::S16Le => f64::from(i16::from_le_bytes([b[0], b[1]])),
-                Format::F32Le => f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]])),
-            };
+        let of = &self.samples[start * self.format.bytes()..];
+        let out = out[..n].iter_mut();
+        match self.format {
+            Format::S16Le => {
+                let of = of.as_chunks::<2>().0.iter().step_by(stride);
+                out.zip(of).for_each(|(y, b)| *y = i16::from_le_bytes(*b).into());
+            }
+            Format::F32Le => {
+                let of = of.as_chunks::<4>().0.iter().step_by(stride);
+                out.zip(of).for_each(|(y, b)| *y = f32::from_le_bytes(*b).into());
+            }
         }
     }
 

@@ -39,7 +39,7 @@ struct Isolating {
 enum Isolator {
     /// A fitted ring among class densities.
     Posterior(Posterior, Box<RingFitter>),
-    /// thesis §3-3-2
+    /// thesis §3-3-2: F^T R of the filter r = F d, which projects a deviation as R^T its residual.
     ResidualMatching(SignatureMatrix, Simplex),
     /// thesis §3-3-1: per class its model, if it has one.
     ModelMatching(Vec<Option<FaultModel>>),
@@ -168,9 +168,10 @@ impl Judge {
                     false => decision,
                 });
             }
-            Isolator::ResidualMatching(signatures, simplex) => {
-                compared(residual);
-                signatures.project(residual, projection);
+            Isolator::ResidualMatching(adjoint, simplex) => {
+                // c = R^T r = (F^T R)^T d: without the residual itself
+                adjoint.project(deviation, projection);
+                projection.iter_mut().for_each(|c| *c /= drive);
                 simplex.solve(projection, weights).ok()?;
             }
             Isolator::Neighbours(neighbours) => {
@@ -229,7 +230,14 @@ impl Isolator {
                 let columns: Vec<&[f64]> = rho.iter().map(Vec::as_slice).collect();
                 let signatures = SignatureMatrix::new(&columns)?;
                 let simplex = Simplex::new(&signatures);
-                Ok(Isolator::ResidualMatching(signatures, simplex))
+                let adjoint: Vec<Vec<f64>> = match settings.signal {
+                    IsolateSignal::Deviation => rho,
+                    IsolateSignal::Residual => {
+                        rho.iter().map(|rho| model.generator.adjoint(rho)).collect()
+                    }
+                };
+                let columns: Vec<&[f64]> = adjoint.iter().map(Vec::as_slice).collect();
+                Ok(Isolator::ResidualMatching(SignatureMatrix::new(&columns)?, simplex))
             }
             IsolateMethod::ModelMatching => {
                 let models: Vec<_> = design.classes.iter().map(|c| c.model.clone()).collect();

@@ -148,8 +148,8 @@ impl LaneFilter {
         tile.subtract(&self.expected, &self.response, instructions);
         let sums = self.square_sums(tile, instructions);
         let mut judged = LaneEnergies { energy: [f64::NAN; LANES], settled: [false; LANES] };
-        for lane in 0..tile.lanes() {
-            let (residual2, deviation2) = (sums[lane], tile.square_sum(lane));
+        for (lane, residual2) in sums.into_iter().enumerate().take(tile.lanes()) {
+            let deviation2 = tile.square_sum(lane);
             let energy = self.dt_s * f64::from(residual2);
             judged.energy[lane] = energy;
             // comparisons that NaN fails

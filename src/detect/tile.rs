@@ -306,9 +306,9 @@ mod turned_avx2 {
                     _mm256_unpackhi_epi64(ab_high, cd_high),
                 ];
             }
-            for k in 0..4 {
-                let low = _mm256_permute2x128_si256::<0x20>(fours[0][k], fours[1][k]);
-                let high = _mm256_permute2x128_si256::<0x31>(fours[0][k], fours[1][k]);
+            for (k, (upper, lower)) in fours[0].into_iter().zip(fours[1]).enumerate() {
+                let low = _mm256_permute2x128_si256::<0x20>(upper, lower);
+                let high = _mm256_permute2x128_si256::<0x31>(upper, lower);
                 for (pair, at) in [(low, 2 * k), (high, 2 * k + 8)] {
                     let first = _mm256_srai_epi32::<16>(_mm256_slli_epi32::<16>(pair));
                     let second = _mm256_srai_epi32::<16>(pair);

@@ -457,7 +457,7 @@ struct Buffers {
 impl Buffers {
     /// Larger buffers are not kept: bounded memory beats a few page faults per huge chunk.
     const KEPT_BYTES: usize = 8 << 20;
-    const KEPT: usize = 8;
+    const KEPT: usize = 12;
 
     /// A buffer of `bytes` bytes of no particular content.
     fn take(&mut self, bytes: usize) -> BytesMut {

@@ -7,7 +7,7 @@
 
 pub mod block_reader;
 pub mod burst_codec;
-mod decompress;
+pub mod decompress;
 pub mod design_file;
 pub mod inputs;
 pub mod labels_file;

@@ -10,7 +10,7 @@ use arrow_array::{
     ArrayRef, DictionaryArray, FixedSizeListArray, Float32Array, Int32Array, RecordBatch,
     StringArray, TimestampMicrosecondArray, TimestampNanosecondArray, UInt16Array, UInt32Array,
 };
-use arrow_buffer::NullBuffer;
+use arrow_buffer::{BooleanBuffer, NullBuffer};
 use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef, TimeUnit};
 use parquet::arrow::ArrowWriter;
 use parquet::basic::{Compression, Encoding, ZstdLevel};
@@ -110,6 +110,11 @@ fn properties(unit: TimestampUnit) -> WriterProperties {
             .set_column_dictionary_enabled(column(name), false)
             .set_column_encoding(column(name), Encoding::DELTA_BINARY_PACKED);
     }
+    // what is worth skipping row groups by: when, where, how much
+    for name in ["outcome", "category", "fault", "candidate", "reason", "threshold", "model"] {
+        properties =
+            properties.set_column_statistics_enabled(column(name), EnabledStatistics::None);
+    }
     let floats = match unit {
         TimestampUnit::Ns => Encoding::BYTE_STREAM_SPLIT,
         TimestampUnit::Us => Encoding::PLAIN,
@@ -202,18 +207,20 @@ impl VerdictWriter {
             }
         };
         let printheads = texts(c.printheads.iter().map(|p| &**p));
-        let class = |of: &[Option<u16>]| coded(of.iter().map(|c| c.map(i32::from)), &self.classes);
-        let category = c.category.iter().map(|c| c.map(i32::from));
-        let reason = c.reason.iter().map(|r| r.map(|r| r as i32));
+        let class = |of: &[Option<u16>]| coded(keys(of, |&c| c.into()), &self.classes);
         let floats = |of: &[Option<f32>]| -> ArrayRef {
-            Arc::new(of.iter().copied().collect::<Float32Array>())
+            let (values, valid) = columnar(of, |&v| v);
+            Arc::new(Float32Array::new(values.into(), valid))
         };
+        let (models, has_model) = columnar(&c.model, |&m| m);
+        let printhead_keys = c.printhead.iter().map(|&p| i32::try_from(p).unwrap_or(-1));
+        let outcome_keys = c.outcome.iter().map(|&o| o as i32);
         let mut columns = vec![
             times,
-            coded(c.printhead.iter().map(|&p| i32::try_from(p).ok().or(Some(-1))), &printheads)?,
+            coded(Int32Array::from_iter_values(printhead_keys), &printheads)?,
             Arc::new(UInt32Array::from(c.channel.clone())),
-            coded(c.outcome.iter().map(|&o| Some(o as i32)), &self.outcomes)?,
-            coded(category, &self.categories)?,
+            coded(Int32Array::from_iter_values(outcome_keys), &self.outcomes)?,
+            coded(keys(&c.category, |&c| c.into()), &self.categories)?,
             class(&c.fault)?,
             class(&c.candidate)?,
             floats(&c.certainty),
@@ -221,8 +228,8 @@ impl VerdictWriter {
             floats(&c.threshold),
             floats(&c.severity),
             floats(&c.severity_sd),
-            Arc::new(c.model.iter().copied().collect::<UInt16Array>()),
-            coded(reason, &self.reasons)?,
+            Arc::new(UInt16Array::new(models.into(), has_model)),
+            coded(keys(&c.reason, |&r| r as i32), &self.reasons)?,
         ];
         if has_weights(&self.options) {
             columns.push(weights(c, self.options.classes.len())?);
@@ -235,12 +242,29 @@ fn texts<'a>(of: impl Iterator<Item = &'a str>) -> ArrayRef {
     Arc::new(StringArray::from_iter_values(of))
 }
 
+/// Values, and which of them are there; `None` where all are. Without a branch per row: most columns
+/// are all one or all the other.
+fn columnar<T, V: Default>(
+    of: &[Option<T>],
+    value: impl Fn(&T) -> V,
+) -> (Vec<V>, Option<NullBuffer>) {
+    let values = of.iter().map(|v| v.as_ref().map(&value).unwrap_or_default()).collect();
+    let missing = of.iter().filter(|v| v.is_none()).count();
+    let valid = match missing {
+        0 => None,
+        n if n == of.len() => Some(NullBuffer::new_null(n)),
+        _ => Some(NullBuffer::new(BooleanBuffer::collect_bool(of.len(), |i| of[i].is_some()))),
+    };
+    (values, valid)
+}
+
+fn keys<T>(of: &[Option<T>], key: impl Fn(&T) -> i32) -> Int32Array {
+    let (keys, valid) = columnar(of, key);
+    Int32Array::new(keys.into(), valid)
+}
+
 /// Keys into `values`; keys beyond them are an error.
-fn coded(
-    keys: impl Iterator<Item = Option<i32>>,
-    values: &ArrayRef,
-) -> Result<ArrayRef, ArrowError> {
-    let keys: Int32Array = keys.collect();
+fn coded(keys: Int32Array, values: &ArrayRef) -> Result<ArrayRef, ArrowError> {
     Ok(Arc::new(DictionaryArray::<Int32Type>::try_new(keys, values.clone())?))
 }
 

@@ -23,8 +23,10 @@ use std::time::{Duration, Instant};
 
 /// Batches between two stages.
 const QUEUE: usize = 4;
-/// Blocks and their bytes between reader and writer.
-const MOST_BLOCKS: usize = 32;
+/// Blocks between reader and writer, per worker of a parallel stage: one at work, one waiting. More
+/// would only be further from the processor's caches.
+const BLOCKS_PER_WORKER: usize = 2;
+/// Bytes between reader and writer.
 const MOST_BYTES: u64 = 64 << 20;
 
 /// What a run of replay shares over its recordings.
@@ -190,7 +192,7 @@ fn stream(
     let one_reader = pacer.is_some() || !recording.channels_known_upfront();
     let readers = if one_reader { 1 } else { replay.workers(stages.readers) };
     let queue = BlockQueue::new(recording);
-    let in_flight = InFlight::new(MOST_BLOCKS, MOST_BYTES);
+    let in_flight = InFlight::new(BLOCKS_PER_WORKER * (readers + filters + isolators), MOST_BYTES);
     let timings = Timings::default();
     let names = ["reader", "identify", "filter", "gate", "isolate", "writer", "digest"];
     names.iter().for_each(|stage| timings.expect(stage));
