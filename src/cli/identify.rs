@@ -54,12 +54,12 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let set = collector.finish().ok_or_else(|| Failure::new("no inkling.Burst messages found"))?;
     incomplete |= ["rejected", "other_sampling"].iter().any(|k| set.signals.contains_key(*k));
 
-    let mut out = std::io::stdout().lock();
+    let mut said = Vec::new();
     let mut models: Vec<Value> = Vec::new();
     for (name, signals) in &set.healthy {
         match fit(signals, labels.is_some(), set.sample_period_s, &settings) {
             Ok((used, fit)) => {
-                print(&printable(name), used, signals.len(), &fit, &mut out)?;
+                print(&printable(name), used, signals.len(), &fit, &mut said)?;
                 models.push(json!({
                     "printhead": name, "signals": used, "of": signals.len(),
                     "sample_period_s": set.sample_period_s, "samples": set.samples,
@@ -80,6 +80,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let (part, mut file) = part_file::PartFile::create(&args.out).map_err(failed)?;
     writeln!(file, "{text}").map_err(failed)?;
     part.finish(&file).map_err(failed)?;
+    std::io::stdout().lock().write_all(&said)?;
     Ok(if incomplete { Exit::Incomplete } else { Exit::Done })
 }
 

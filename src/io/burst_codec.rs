@@ -94,8 +94,8 @@ impl BurstDecoder {
                     format,
                     layout,
                     samples: std::mem::take(&mut message.samples),
-                    temperature_c: message.temperature_c.filter(|t| !t.is_nan()),
-                    drive_voltage_v: message.drive_voltage_v.filter(|v| !v.is_nan()),
+                    temperature_c: message.temperature_c.filter(|t| t.is_finite()),
+                    drive_voltage_v: message.drive_voltage_v.filter(|v| v.is_finite()),
                     idle_time_s,
                     neighbours_fired,
                 })

@@ -76,11 +76,13 @@ pub struct Recording {
 impl Recording {
     pub fn open(path: &Path, limits: Limits) -> Result<Recording, RecordingError> {
         let failed = |source| RecordingError::Read { path: path.to_path_buf(), source };
-        let file = File::open(path).map_err(failed)?;
-        let metadata = file.metadata().map_err(failed)?;
+        // before it is opened: opening a pipe waits for whoever writes it
+        let metadata = path.metadata().map_err(failed)?;
         if !metadata.is_file() {
             return Err(RecordingError::NotAFile { path: path.to_path_buf() });
         }
+        let file = File::open(path).map_err(failed)?;
+        let metadata = file.metadata().map_err(failed)?;
         let source = Source::new(file, metadata.len());
         let mut magic = [0; MAGIC.len()];
         let magic = &mut magic[..MAGIC.len().min(source.bytes() as usize)];

@@ -212,7 +212,9 @@ pub fn filter(
                     Some(reason) => Err(reason),
                     None => {
                         signal.iter_mut().zip(&expected).for_each(|(y, e)| *y -= e);
-                        Ok(judge.model.generator.energy(&signal))
+                        let energy = judge.model.generator.energy(&signal);
+                        // of absurd covariates; no threshold may call that healthy
+                        if energy.is_finite() { Ok(energy) } else { Err(Reason::NonFinite) }
                     }
                 });
             }
