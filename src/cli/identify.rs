@@ -46,10 +46,11 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let mut incomplete = false;
     for input in &inputs {
         let recording = Recording::open(&input.path, Limits::default()).map_err(Failure::new)?;
-        incomplete |= !recording.damage.is_empty();
-        progress.during(&recording.name, recording.bytes, &control, || {
+        let damage = progress.during(&recording.name, recording.bytes, &control, || {
             collector.take(&recording, &control)
         })?;
+        incomplete |= !damage.is_empty();
+        progress.say_damage(&recording.name, &damage);
     }
     let set = collector.finish().ok_or_else(|| Failure::new("no inkling.Burst messages found"))?;
     incomplete |= ["rejected", "other_sampling"].iter().any(|k| set.signals.contains_key(*k));

@@ -1,6 +1,7 @@
 //! Progress: bars on a terminal, plain lines otherwise, always on stderr.
 
 use super::report::printable;
+use crate::io::recording::Damage;
 use crate::pipeline::Control;
 use indicatif::{HumanBytes, MultiProgress, ProgressBar, ProgressStyle};
 use std::io::{IsTerminal, Write};
@@ -17,7 +18,7 @@ pub fn complain(message: &str) {
     let _ = writeln!(std::io::stderr(), "{message}");
 }
 
-/// A shared control that Ctrl-C interrupts.
+/// A shared control that Ctrl-C or a request to terminate interrupts.
 pub fn interruptible() -> Arc<Control> {
     static ONCE: Once = Once::new();
     let control = Arc::new(Control::default());
@@ -76,6 +77,19 @@ impl Progress {
             self.bars.suspend(|| complain(message));
         } else {
             complain(message);
+        }
+    }
+
+    /// The first few damages of a recording.
+    pub fn say_damage(&self, name: &str, damage: &[Damage]) {
+        const MOST: usize = 10;
+        for d in damage.iter().take(MOST) {
+            let (from, to) = (d.from_byte, d.to_byte);
+            self.say(&format!("warning: {}: bytes {from} to {to}: {}", printable(name), d.what));
+        }
+        if damage.len() > MOST {
+            let more = damage.len() - MOST;
+            self.say(&format!("warning: {}: {more} damages more", printable(name)));
         }
     }
 

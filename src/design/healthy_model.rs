@@ -9,6 +9,10 @@ use crate::model::Plant;
 use serde::{Deserialize, Serialize};
 use threshold::Threshold;
 
+/// A filter that answers one count with more within a signal is unstable: its marginal pair of
+/// poles (thesis §3-2-1) rings on and does not grow.
+const MOST_GAIN: f64 = 1e6;
+
 /// What a healthy model is learned with.
 #[derive(Clone, Copy, Debug)]
 pub struct LearnSettings<'a> {
@@ -143,7 +147,7 @@ impl HealthyModel {
     pub(super) fn check(&self, design: &Design) -> Result<(), DesignError> {
         let name = self.printhead.as_deref().unwrap_or("(pooled)");
         let refuse = |what: &str| Err(DesignError::Invalid(format!("model {name}: {what}")));
-        let finite = |v: &[f64]| v.len() == design.samples && v.iter().all(|x| x.is_finite());
+        let finite = |v: &[f64]| v.len() == design.samples && v.iter().all(|&x| super::is_count(x));
         if !finite(&self.expected) {
             return refuse("`expected` must be finite, one number per sample");
         }
@@ -158,6 +162,18 @@ impl HealthyModel {
         }
         if !(self.median_energy.is_finite() && self.median_energy > 0.0) {
             return refuse("`median_energy` must be positive");
+        }
+        // re-identification carries the threshold over in units of the median
+        if !(1e-9..=1e9).contains(&(self.threshold.value / self.median_energy)) {
+            return refuse("its threshold is out of all proportion to `median_energy`");
+        }
+        let answer = self.generator.impulse_response(design.samples);
+        let largest = answer.iter().map(|v| v.abs()).fold(0.0, f64::max);
+        if !answer.iter().all(|v| v.is_finite()) || largest > MOST_GAIN {
+            return refuse("its filter is unstable");
+        }
+        if largest == 0.0 {
+            return refuse("its filter lets nothing through");
         }
         Ok(())
     }

@@ -27,6 +27,23 @@ pub struct Damage {
     pub what: String,
 }
 
+/// Adds damage to a list that stays small whatever the file: what repeats side by side becomes one
+/// range, and beyond the bound the last range stands for all further ones.
+pub fn note(list: &mut Vec<Damage>, damage: Damage) {
+    const MOST: usize = 10_000;
+    let full = list.len() >= MOST;
+    match list.last_mut() {
+        Some(last) if last.what == damage.what && last.to_byte == damage.from_byte => {
+            last.to_byte = damage.to_byte;
+        }
+        Some(last) if full => {
+            last.to_byte = last.to_byte.max(damage.to_byte);
+            last.what = "more damage than is listed one by one".into();
+        }
+        _ => list.push(damage),
+    }
+}
+
 #[derive(Debug, Error)]
 pub enum RecordingError {
     #[error("{path}: cannot be read: {source}")]

@@ -1,7 +1,7 @@
 //! What a run counts: signals by outcome, for the metadata; channels by fault, for the terminal.
 
 use super::stages::Judged;
-use crate::io::recording::Damage;
+use crate::io::recording::{Damage, note};
 use crate::verdict::{Outcome, Reason};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -38,6 +38,8 @@ pub struct PrintheadTally {
 
 /// Channels that are remembered one by one, over all printheads; beyond, only counts go on.
 const MOST_CHANNELS: usize = 1 << 20;
+/// Printheads that are remembered by name.
+const MOST_PRINTHEADS: usize = 1 << 16;
 
 #[derive(Debug, Default)]
 pub struct Tally {
@@ -55,12 +57,12 @@ impl Tally {
 
     pub(super) fn add(&mut self, judged: &Judged) {
         self.counts.bursts += judged.bursts;
-        self.damage.extend(judged.damage.iter().cloned());
+        judged.damage.iter().for_each(|damage| note(&mut self.damage, damage.clone()));
         let c = &judged.columns;
         for row in 0..c.len() {
             self.counts.signals += 1;
             let name = &c.printheads[c.printhead[row] as usize];
-            if !self.printheads.contains_key(name) && self.printheads.len() < MOST_CHANNELS {
+            if !self.printheads.contains_key(name) && self.printheads.len() < MOST_PRINTHEADS {
                 self.printheads.insert(name.clone(), PrintheadTally::default());
             }
             let printhead = self.printheads.get_mut(name);
