@@ -6,7 +6,7 @@
 use super::{Control, PipelineError, visit};
 use crate::burst::Burst;
 use crate::io::recording::Recording;
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 /// Signals that one model can judge: windows are per (printhead, sample period, samples).
@@ -31,7 +31,7 @@ impl GroupKey {
 /// More printheads than this in one recording are not given models.
 pub const MOST_GROUPS: usize = 4096;
 
-/// A window touches two bins at most, and a bin two windows: more of them are too many models.
+/// There are about as many windows as bins: more of them are too many models.
 const MOST_BINS: usize = 1 << 18;
 
 #[derive(Clone, Debug)]
@@ -40,8 +40,9 @@ pub struct Group {
     pub sample_period_s: f64,
     pub first_ns: i64,
     pub last_ns: i64,
-    /// Spans of time that hold bursts: multiples of the windows' distance.
-    pub bins: BTreeSet<i64>,
+    /// First and last burst of every span of time that holds some; spans are as long as windows are
+    /// apart, and begin at multiples of that.
+    pub bins: BTreeMap<i64, (i64, i64)>,
 }
 
 #[derive(Debug, Default)]
@@ -75,7 +76,7 @@ pub fn survey(
                     let g = groups.len() as u32;
                     index.insert(key.clone(), g);
                     let sample_period_s = burst.sample_period_s;
-                    let (first_ns, last_ns, bins) = (t, t, BTreeSet::new());
+                    let (first_ns, last_ns, bins) = (t, t, BTreeMap::new());
                     groups.push(Group { key, sample_period_s, first_ns, last_ns, bins });
                     g
                 }
@@ -83,8 +84,12 @@ pub fn survey(
             let group = &mut groups[g as usize];
             group.first_ns = group.first_ns.min(t);
             group.last_ns = group.last_ns.max(t);
-            if every_ns > 0 && bins < MOST_BINS && group.bins.insert(t.div_euclid(every_ns)) {
-                bins += 1;
+            if every_ns > 0 && bins < MOST_BINS {
+                let (first, last) = group.bins.entry(t.div_euclid(every_ns)).or_insert_with(|| {
+                    bins += 1;
+                    (t, t)
+                });
+                (*first, *last) = ((*first).min(t), (*last).max(t));
             }
             let spans = blocks.entry(block).or_default();
             match spans.iter_mut().find(|(of, _, _)| *of == g) {

@@ -16,7 +16,7 @@ use crate::io::recording::Recording;
 use crate::labels::Labels;
 use crate::settings::{IdentifyMode, Settings};
 use crate::verdict::{Reason, unusable_signal};
-use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::collections::{BTreeMap, HashSet};
 
 /// Bytes of signals that are held at a time while windows are learned.
 const HELD_BYTES: usize = 96 << 20;
@@ -104,19 +104,25 @@ impl Learner<'_> {
             return Ok(self.spans.iter().map(|&(from, to)| window(from, to)).collect());
         }
         let (first, every) = (ns(self.settings.identify.first), self.every_ns());
-        // Only windows that may hold bursts: a pause or a stray timestamp costs nothing.
-        let origin = i128::from(group.first_ns);
-        let mut starts: BTreeSet<i128> = BTreeSet::from([origin]);
-        for &bin in &group.bins {
-            let every = i128::from(every);
-            let k = (i128::from(bin) * every - origin).div_euclid(every).max(0);
-            starts.extend([origin + k * every, origin + (k + 1) * every]);
+        // After a pause, and so after a stray timestamp, windows begin anew with the first burst.
+        let mut windows = Vec::new();
+        let (mut start, mut after) = (group.first_ns, None);
+        for (&bin, &(from, to)) in &group.bins {
+            if after != Some(bin) {
+                start = from;
+            }
+            after = Some(bin + 1);
+            while start <= to {
+                windows.push(window(start, start.saturating_add(first)));
+                match start.checked_add(every) {
+                    Some(next) => start = next,
+                    None => break,
+                }
+            }
         }
-        let windows: Vec<Window> = starts
-            .into_iter()
-            .filter_map(|from| i64::try_from(from).ok().filter(|from| *from <= group.last_ns))
-            .map(|from| window(from, from.saturating_add(first)))
-            .collect();
+        if windows.is_empty() {
+            windows.push(window(group.first_ns, group.first_ns.saturating_add(first)));
+        }
         let most = u64::from(u16::MAX) / 2;
         if windows.len() as u64 > most {
             return Err(PipelineError::TooManyWindows { windows: windows.len() as u64, most });
