@@ -78,8 +78,11 @@ impl Learner<'_> {
                 }
             }
         }
-        for (g, progress) in models {
-            let group = &survey.groups[g];
+        // models are numbered by printhead, not by which came first in the file
+        let mut models: Vec<(&Group, Progress)> =
+            models.into_iter().map(|(g, progress)| (&survey.groups[g], progress)).collect();
+        models.sort_by(|a, b| a.0.key.cmp(&b.0.key));
+        for (group, progress) in models {
             progress.finish(self, group, &mut schedule)?;
         }
         schedule.set_surveyed();
