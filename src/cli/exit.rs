@@ -61,3 +61,11 @@ impl From<std::io::Error> for Failure {
         Failure { exit, message: format!("cannot write the result: {e}") }
     }
 }
+
+/// What was printed while work remains: that nobody reads on must not stop the work.
+pub fn unless_reader_gone(printed: std::io::Result<()>) -> Result<(), Failure> {
+    match printed.map_err(Failure::from) {
+        Err(failure) if failure.exit != Exit::Done => Err(failure),
+        _ => Ok(()),
+    }
+}

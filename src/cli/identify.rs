@@ -55,15 +55,16 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let mut incomplete = false;
     for input in &inputs {
         let recording = Recording::open(&input.path, Limits::default()).map_err(Failure::new)?;
-        incomplete |= !recording.damage.is_empty();
-        progress.during(&recording.name, recording.bytes, &control, || {
+        let damage = progress.during(&recording.name, recording.bytes, &control, || {
             collector.take(&recording, &control)
         })?;
+        incomplete |= !damage.is_empty();
+        progress.say_damage(&recording.name, &damage);
     }
     let set = collector.finish().ok_or_else(|| Failure::new("no inkling.Burst messages found"))?;
     incomplete |= ["rejected", "other_sampling"].iter().any(|k| set.signals.contains_key(*k));
 
-    let mut out = std::io::stdout().lock();
+    let mut said = Vec::new();
     let mut models: Vec<Value> = Vec::new();
     for (name, signals) in &set.healthy {
         match fit(signals, labels.is_some(), set.sample_period_s, &settings) {
@@ -73,9 +74,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
                 let misfit: Vec<f64> = mean.y.iter().zip(&simulated).map(|(y, s)| y - s).collect();
                 let white = whiteness::whiteness(&misfit, FITTED);
                 let physical = settings.identify.geometry.map(|g| Physical::of(&fit, &g));
-                print(&printable(name), (used, signals.len()), &fit, white, &mut out)?;
+                print(&printable(name), (used, signals.len()), &fit, white, &mut said)?;
                 if let Some(physical) = &physical {
-                    physical.print(&mut out)?;
+                    physical.print(&mut said)?;
                 }
                 if let Some(dir) = &args.plot {
                     plot(dir, name, (&mean.y, &simulated), set.sample_period_s, &fit)?;
@@ -101,6 +102,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let (part, mut file) = part_file::PartFile::create(&args.out).map_err(failed)?;
     writeln!(file, "{text}").map_err(failed)?;
     part.finish(&file).map_err(failed)?;
+    std::io::stdout().lock().write_all(&said)?;
     Ok(if incomplete { Exit::Incomplete } else { Exit::Done })
 }
 

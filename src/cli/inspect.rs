@@ -5,7 +5,7 @@ use super::progress::{Progress, interruptible, thousands};
 use super::report::printable;
 use crate::burst::Acquisition;
 use crate::io::Limits;
-use crate::io::recording::Recording;
+use crate::io::recording::{Recording, note};
 use crate::pipeline::Control;
 use chrono::{DateTime, SecondsFormat};
 use std::collections::BTreeMap;
@@ -45,6 +45,8 @@ struct Contents {
 
 /// Groups listed; a hostile file may have millions.
 const MOST_GROUPS: usize = 1000;
+/// Rows decoded at a time.
+const MOST_ROWS: usize = 32_768;
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let recording = Recording::open(&args.recording, Limits::default()).map_err(Failure::new)?;
@@ -123,19 +125,24 @@ fn look(recording: &Recording, control: &Control, contents: &mut Contents) {
         let block = match block {
             Ok(block) => block,
             Err(damage) => {
-                contents.damage.push(damage);
+                note(&mut contents.damage, damage);
                 continue;
             }
         };
-        let decoded = reader.read(&block);
-        contents.damage.extend(decoded.damage);
-        contents.bursts += decoded.acquisitions.len() as u64;
-        for acquisition in &decoded.acquisitions {
-            match acquisition {
-                Acquisition::Usable(burst) => contents.see(burst),
-                Acquisition::Unusable(u) => {
-                    let why = crate::verdict::Reason::from(u.why).as_str();
-                    *contents.unusable.entry(why.into()).or_default() += 1;
+        reader.load(&block);
+        while let Some(piece) = reader.next_piece(MOST_ROWS) {
+            if control.interrupted() {
+                return;
+            }
+            piece.damage.into_iter().for_each(|damage| note(&mut contents.damage, damage));
+            contents.bursts += piece.acquisitions.len() as u64;
+            for acquisition in &piece.acquisitions {
+                match acquisition {
+                    Acquisition::Usable(burst) => contents.see(burst),
+                    Acquisition::Unusable(u) => {
+                        let why = crate::verdict::Reason::from(u.why).as_str();
+                        *contents.unusable.entry(why.into()).or_default() += 1;
+                    }
                 }
             }
         }

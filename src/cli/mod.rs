@@ -78,7 +78,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Ok(exit) => exit.into(),
         Err(Failure { exit: Exit::Done, .. }) => Exit::Done.into(),
         Err(failure) => {
-            eprintln!("inkling: {}", failure.message);
+            progress::complain(&format!("inkling: {}", failure.message));
             failure.exit.into()
         }
     }

@@ -1,8 +1,10 @@
 //! Progress: bars on a terminal, plain lines otherwise, always on stderr.
 
+use super::report::printable;
+use crate::io::recording::Damage;
 use crate::pipeline::Control;
 use indicatif::{HumanBytes, MultiProgress, ProgressBar, ProgressStyle};
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Once};
 use std::time::{Duration, Instant};
@@ -11,7 +13,12 @@ use std::time::{Duration, Instant};
 const TICK: Duration = Duration::from_millis(100);
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
-/// A shared control that Ctrl-C interrupts.
+/// A line on stderr. `eprintln!` would panic where nobody can read it; the exit status still says it.
+pub fn complain(message: &str) {
+    let _ = writeln!(std::io::stderr(), "{message}");
+}
+
+/// A shared control that Ctrl-C or a request to terminate interrupts.
 pub fn interruptible() -> Arc<Control> {
     static ONCE: Once = Once::new();
     let control = Arc::new(Control::default());
@@ -54,9 +61,9 @@ impl Progress {
         let signals_before = control.signals.load(Ordering::Relaxed);
         let result = std::thread::scope(|scope| {
             scope.spawn(|| self.watch(name, bytes, control, signals_before, &done));
-            let result = job();
-            done.store(true, Ordering::Relaxed);
-            result
+            // also where the job panics: the scope waits for the watcher
+            let _ended = Ended(&done);
+            job()
         });
         if let Some(overall) = &self.overall {
             overall.inc(bytes);
@@ -67,9 +74,22 @@ impl Progress {
     /// A message above the bars.
     pub fn say(&self, message: &str) {
         if self.terminal {
-            self.bars.suspend(|| eprintln!("{message}"));
+            self.bars.suspend(|| complain(message));
         } else {
-            eprintln!("{message}");
+            complain(message);
+        }
+    }
+
+    /// The first few damages of a recording.
+    pub fn say_damage(&self, name: &str, damage: &[Damage]) {
+        const MOST: usize = 10;
+        for d in damage.iter().take(MOST) {
+            let (from, to) = (d.from_byte, d.to_byte);
+            self.say(&format!("warning: {}: bytes {from} to {to}: {}", printable(name), d.what));
+        }
+        if damage.len() > MOST {
+            let more = damage.len() - MOST;
+            self.say(&format!("warning: {}: {more} damages more", printable(name)));
         }
     }
 
@@ -96,17 +116,27 @@ impl Progress {
                 bar.set_message(format!("{} signals/s", thousands(rate() as u64)));
             } else if last_line.elapsed() >= LINE_EVERY {
                 last_line = Instant::now();
-                eprintln!(
-                    "{name}: {} of {}, {} signals/s",
+                complain(&format!(
+                    "{}: {} of {}, {} signals/s",
+                    printable(name),
                     HumanBytes(read),
                     HumanBytes(bytes),
                     thousands(rate() as u64)
-                );
+                ));
             }
         }
         if let Some(bar) = bar {
             bar.finish_and_clear();
         }
+    }
+}
+
+/// Says so when it goes out of scope, however that comes.
+struct Ended<'a>(&'a AtomicBool);
+
+impl Drop for Ended<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
     }
 }
 

@@ -1,6 +1,6 @@
 //! `inkling replay`: the main job.
 
-use super::exit::{Exit, Failure};
+use super::exit::{Exit, Failure, unless_reader_gone};
 use super::progress::{Progress, interruptible};
 use super::report::{self, printable};
 use crate::design::Design;
@@ -105,7 +105,12 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
                 if args.timings {
                     say_timings(&report, &progress);
                 }
-                report::print(&report, &replay.classes(), &mut std::io::stdout().lock())?;
+                // whoever stopped reading still wants the other recordings' verdicts
+                unless_reader_gone(report::print(
+                    &report,
+                    &replay.classes(),
+                    &mut std::io::stdout().lock(),
+                ))?;
             }
             Err(PipelineError::Interrupted) => return Err(PipelineError::Interrupted.into()),
             Err(e) if inputs.len() == 1 => return Err(e.into()),
@@ -119,12 +124,12 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         return Err(Failure::new(format!("none of {} recordings could be judged", inputs.len())));
     }
     if !failed.is_empty() {
-        eprintln!(
+        progress.say(&format!(
             "inkling: {} of {} recordings failed: {}",
             failed.len(),
             inputs.len(),
             failed.join(", ")
-        );
+        ));
     }
     Ok(if whole && failed.is_empty() { Exit::Done } else { Exit::Incomplete })
 }
@@ -174,7 +179,11 @@ fn settings(args: &Args) -> Result<Settings, Failure> {
         None if args.recordings.is_empty() && here.is_file() => Some(here),
         None => None,
     };
-    let mut overrides = args.set.clone();
+    let mut overrides = Vec::new();
+    if args.design.is_some() {
+        overrides.push("identify.mode=design".into()); // the default; --set wins over it
+    }
+    overrides.extend(args.set.iter().cloned());
     let mut text = |key: &str, value: &Path| {
         overrides.push(format!("{key}={}", toml::Value::String(value.to_string_lossy().into())));
     };
@@ -184,12 +193,10 @@ fn settings(args: &Args) -> Result<Settings, Failure> {
     if let Some(design) = &args.design {
         text("input.design", design);
     }
-    match (args.identify, &args.design) {
-        (Some(IdentifyArg::Design), _) | (None, Some(_)) => {
-            overrides.push("identify.mode=design".into());
-        }
-        (Some(IdentifyArg::Windows), _) => overrides.push("identify.mode=windows".into()),
-        (None, None) => {}
+    match args.identify {
+        Some(IdentifyArg::Design) => overrides.push("identify.mode=design".into()),
+        Some(IdentifyArg::Windows) => overrides.push("identify.mode=windows".into()),
+        None => {}
     }
     let preset = args.preset.map(|PresetArg::Thesis| Preset::Thesis);
     let mut settings = Settings::load(file, preset, &overrides)?;
@@ -239,7 +246,13 @@ fn load(mut settings: Settings) -> Result<Replay, Failure> {
                         Failure::usage(format!("identify.spans: \"{text}\" is not RFC 3339"))
                     })
             };
-            Ok((ns(from)?, ns(to)?))
+            let (from_ns, to_ns) = (ns(from)?, ns(to)?);
+            if from_ns >= to_ns {
+                return Err(Failure::usage(format!(
+                    "identify.spans: [\"{from}\", \"{to}\"] ends before it begins"
+                )));
+            }
+            Ok((from_ns, to_ns))
         })
         .collect::<Result<_, Failure>>()?;
     Ok(Replay { settings, design, design_digest, labels, spans })

@@ -9,6 +9,8 @@ use std::io::{self, Write};
 
 /// Faulty channels listed per printhead; the rest is counted.
 const MOST_LISTED: usize = 12;
+/// Printheads listed.
+const MOST_PRINTHEADS: usize = 256;
 /// A channel that passed the gate in fewer bursts is counted, not listed: it may be chance.
 const LEAST_BURSTS: u64 = 3;
 
@@ -42,8 +44,16 @@ pub fn print(report: &RecordingReport, classes: &[String], out: &mut impl Write)
         "  {:<20} {:>8} {:>10} {:>8}  faults (channel, since, bursts)",
         "printhead", "channels", "signals", "faulty"
     )?;
-    for (name, printhead) in &report.tally.printheads {
+    let printheads = &report.tally.printheads;
+    for (name, printhead) in printheads.iter().take(MOST_PRINTHEADS) {
         print_printhead(&printable(name), printhead, classes, out)?;
+    }
+    if printheads.len() > MOST_PRINTHEADS {
+        writeln!(
+            out,
+            "  and {} printheads more",
+            thousands((printheads.len() - MOST_PRINTHEADS) as u64)
+        )?;
     }
     writeln!(out, "  verdicts: {}", report.verdicts.display())
 }

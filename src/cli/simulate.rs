@@ -1,6 +1,6 @@
 //! `inkling simulate`: recordings with known truth.
 
-use super::exit::{Exit, Failure};
+use super::exit::{Exit, Failure, unless_reader_gone};
 use super::progress::{interruptible, thousands};
 use crate::io::labels_file;
 use crate::io::recording_writer::{self, RecordingWriter, WriterOptions};
@@ -48,13 +48,14 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             writer.write(&burst, burst.t_acq_ns.max(0) as u64).map_err(Failure::new)?;
         }
         writer.finish().map_err(Failure::new)?;
-        writeln!(
+        // whoever stopped reading still wants the files
+        unless_reader_gone(writeln!(
             out,
             "{}: {} bursts, {} signals",
             path.display(),
             thousands(bursts),
             thousands(signals)
-        )?;
+        ))?;
     }
     let labels = args.out.join("labels.csv");
     labels_file::write(&labels, &scenario.labels(seed)).map_err(Failure::new)?;

@@ -51,13 +51,11 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let mut damaged = false;
     for input in &inputs {
         let recording = Recording::open(&input.path, Limits::default()).map_err(Failure::new)?;
-        for damage in &recording.damage {
-            damaged = true;
-            progress.say(&format!("warning: {}: {}", recording.name, damage.what));
-        }
-        progress.during(&recording.name, recording.bytes, &control, || {
+        let damage = progress.during(&recording.name, recording.bytes, &control, || {
             collector.take(&recording, &control)
         })?;
+        damaged |= !damage.is_empty();
+        progress.say_damage(&recording.name, &damage);
     }
     let set = collector.finish().ok_or_else(|| Failure::new("no inkling.Burst messages found"))?;
     if set.healthy.is_empty() {

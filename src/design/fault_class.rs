@@ -135,7 +135,7 @@ impl FaultClass {
 
     pub(super) fn check(&self, design: &Design) -> Result<(), DesignError> {
         let refuse = |what: &str| Err(DesignError::Invalid(format!("class {}: {what}", self.name)));
-        let finite = |v: &[f64]| v.len() == design.samples && v.iter().all(|x| x.is_finite());
+        let finite = |v: &[f64]| v.len() == design.samples && v.iter().all(|&x| super::is_count(x));
         if !finite(&self.deviation) {
             return refuse("`deviation` must be finite, one number per sample");
         }

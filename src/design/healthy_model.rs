@@ -12,6 +12,10 @@ use crate::model::ring_fit::{Features, RingFitter};
 use serde::{Deserialize, Serialize};
 use threshold::Threshold;
 
+/// A filter that answers one count with more within a signal is unstable: its marginal pair of
+/// poles (thesis §3-2-1) rings on and does not grow.
+const MOST_GAIN: f64 = 1e6;
+
 /// What a healthy model is learned with.
 #[derive(Clone, Copy, Debug)]
 pub struct LearnSettings<'a> {
@@ -205,7 +209,7 @@ impl HealthyModel {
     pub(super) fn check(&self, design: &Design) -> Result<(), DesignError> {
         let name = self.printhead.as_deref().unwrap_or("(pooled)");
         let refuse = |what: &str| Err(DesignError::Invalid(format!("model {name}: {what}")));
-        let finite = |v: &[f64]| v.len() == design.samples && v.iter().all(|x| x.is_finite());
+        let finite = |v: &[f64]| v.len() == design.samples && v.iter().all(|&x| super::is_count(x));
         if !finite(&self.expected) {
             return refuse("`expected` must be finite, one number per sample");
         }
@@ -225,6 +229,18 @@ impl HealthyModel {
             sensitivity
                 .check(design.samples)
                 .map_err(|what| DesignError::Invalid(format!("model {name}: {what}")))?;
+        }
+        // re-identification carries the threshold over in units of the median
+        if !(1e-9..=1e9).contains(&(self.threshold.value / self.median_statistic)) {
+            return refuse("its threshold is out of all proportion to `median_energy`");
+        }
+        let answer = self.generator.impulse_response(design.samples);
+        let largest = answer.iter().map(|v| v.abs()).fold(0.0, f64::max);
+        if !answer.iter().all(|v| v.is_finite()) || largest > MOST_GAIN {
+            return refuse("its filter is unstable");
+        }
+        if largest == 0.0 {
+            return refuse("its filter lets nothing through");
         }
         Ok(())
     }

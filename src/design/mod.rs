@@ -22,6 +22,7 @@ pub use train::TrainingSet;
 use crate::fault;
 use crate::isolate::posterior::Posterior;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use thiserror::Error;
 
 /// Version of the design file; a breaking change needs a new number.
@@ -90,7 +91,25 @@ impl Design {
         {
             return refuse(format!("drive_voltage_v = {v}: must be positive"));
         }
-        self.classes.iter().try_for_each(|class| class.check(self))?;
+        self.detect.check().map_err(|e| DesignError::Invalid(format!("detect.{e}")))?;
+        let mut names = BTreeSet::new();
+        for model in &self.models {
+            match &model.printhead {
+                Some(name) if names.insert(name) => {}
+                Some(name) => return refuse(format!("two models of printhead {name}")),
+                None => return refuse("a model without printhead".into()),
+            }
+        }
+        let mut names = BTreeSet::new();
+        for class in &self.classes {
+            if class.name.is_empty() || class.name == fault::HEALTHY || !names.insert(&class.name) {
+                return refuse(format!(
+                    "class \"{}\": a fault class needs a name of its own, other than `healthy`",
+                    class.name
+                ));
+            }
+            class.check(self)?;
+        }
         if let Some(posterior) = &self.posterior {
             posterior.check(self.classes.len()).map_err(DesignError::Invalid)?;
         }
@@ -110,6 +129,11 @@ impl Design {
     pub fn class_names(&self) -> Vec<String> {
         self.classes.iter().map(|c| c.name.clone()).collect()
     }
+}
+
+/// Whether a number may be counts: finite, and far from where its square is not.
+fn is_count(v: f64) -> bool {
+    v.abs() <= 1e30
 }
 
 /// Equal sample periods, contract: up to 1e-6 relative.

@@ -461,9 +461,13 @@ fn to_microseconds([y, dy, ddy]: [f64; 3]) -> [f64; 3] {
     [y, dy * 1e-6, ddy * 1e-12]
 }
 
-/// The damped pair and the real pole of a cubic; `None` where all its roots are real.
+/// The damped pair and the real pole of a cubic; `None` where all its roots are real, or absurd.
 pub fn poles_of(cubic: [f64; 3]) -> Option<Poles> {
     let [p2, p1, p0] = cubic_per_us(cubic);
+    // beyond that no rates have such a cubic, and the iteration for its roots may not end
+    if ![p2, p1, p0].iter().all(|p| p.abs() < 1e60) {
+        return None;
+    }
     let companion = Matrix3::new(0.0, 1.0, 0.0, 0.0, 0.0, 1.0, -p0, -p1, -p2);
     let roots = companion.complex_eigenvalues();
     let pair = roots.iter().find(|z| z.im > 1e-9 * z.norm())?;

@@ -94,8 +94,11 @@ impl Reservoir {
 
     /// Sum and count of the recorded drive voltages, in rank order.
     pub fn voltage_sum(&self) -> (f64, usize) {
-        let known: Vec<f64> =
-            self.in_order().map(|s| self.voltage_v[s]).filter(|v| *v > 0.0).collect();
+        let known: Vec<f64> = self
+            .in_order()
+            .map(|s| self.voltage_v[s])
+            .filter(|v| *v > 0.0 && v.is_finite())
+            .collect();
         (known.iter().sum(), known.len())
     }
 

@@ -106,7 +106,7 @@ pub fn pole_changes(
     tangent: &DMatrix<f64>,
     direction: &[f64],
 ) -> Option<(f64, f64)> {
-    let svd = tangent.clone().svd(true, true);
+    let svd = tangent.clone().try_svd(true, true, f64::EPSILON, 10_000)?;
     let scale = svd.singular_values.amax();
     let x = svd.solve(&DVector::from_row_slice(direction), 1e-12 * scale).ok()?;
     let si = [1e6, 1e12, 1e18];

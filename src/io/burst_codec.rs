@@ -20,6 +20,9 @@ pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "
 pub const SCHEMA_NAME: &str = "inkling.Burst";
 pub const MESSAGE_ENCODING: &str = "protobuf";
 
+/// A printhead's name is kept in memory, and stands in summary and metadata more than once.
+const MOST_NAME_BYTES: usize = 1024;
+
 /// The topic of a printhead's bursts, by convention.
 pub fn topic(printhead: &str) -> String {
     format!("/printhead/{printhead}/bursts")
@@ -68,6 +71,10 @@ impl BurstDecoder {
             let first = message.first_channel;
             return unusable(log_time_ns, topic_printhead, first, Unusable::Undecodable);
         };
+        if message.printhead.len() > MOST_NAME_BYTES {
+            let first = message.first_channel;
+            return unusable(t_acq_ns, topic_printhead, first, Unusable::TooLarge);
+        }
         let printhead = match message.printhead.as_str() {
             "" => topic_printhead.clone(),
             name => self.names.intern(name),
@@ -94,8 +101,8 @@ impl BurstDecoder {
                     format,
                     layout,
                     samples: std::mem::take(&mut message.samples),
-                    temperature_c: message.temperature_c.filter(|t| !t.is_nan()),
-                    drive_voltage_v: message.drive_voltage_v.filter(|v| !v.is_nan()),
+                    temperature_c: message.temperature_c.filter(|t| t.is_finite()),
+                    drive_voltage_v: message.drive_voltage_v.filter(|v| v.is_finite()),
                     idle_time_s,
                     neighbours_fired,
                 })

@@ -2,7 +2,7 @@
 
 use super::part_file::PartFile;
 use crate::design::Design;
-use std::io::Write;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -15,7 +15,7 @@ pub enum DesignFileError {
     Read { path: PathBuf, source: std::io::Error },
     #[error("{path}: cannot be written: {source}")]
     Write { path: PathBuf, source: std::io::Error },
-    #[error("{path}: {bytes} bytes: no design is that large")]
+    #[error("{path}: more than {bytes} bytes: no design is that large")]
     TooLarge { path: PathBuf, bytes: u64 },
     #[error("{path}: not a design: {what}; `inkling train` makes one")]
     NotADesign { path: PathBuf, what: String },
@@ -24,11 +24,12 @@ pub enum DesignFileError {
 /// Reads and checks a design; also its digest, `xxh3:` and 32 hexadecimal digits.
 pub fn read(path: &Path) -> Result<(Design, String), DesignFileError> {
     let failed = |source| DesignFileError::Read { path: path.into(), source };
-    let bytes = std::fs::metadata(path).map_err(failed)?.len();
-    if bytes > MOST_BYTES {
-        return Err(DesignFileError::TooLarge { path: path.into(), bytes });
+    let mut text = Vec::new();
+    let file = std::fs::File::open(path).map_err(failed)?;
+    file.take(MOST_BYTES + 1).read_to_end(&mut text).map_err(failed)?;
+    if text.len() as u64 > MOST_BYTES {
+        return Err(DesignFileError::TooLarge { path: path.into(), bytes: MOST_BYTES });
     }
-    let text = std::fs::read(path).map_err(failed)?;
     let not = |what: String| DesignFileError::NotADesign { path: path.into(), what };
     let design: Design = serde_json::from_slice(&text).map_err(|e| not(e.to_string()))?;
     design.check().map_err(|e| not(e.to_string()))?;

@@ -73,6 +73,11 @@ fn name_ends(path: &Path, ending: &str) -> bool {
     path.file_name().is_some_and(|n| n.to_string_lossy().ends_with(ending))
 }
 
+fn input_below(root: &Path, path: &Path) -> Input {
+    let below = path.strip_prefix(root).ok().and_then(Path::parent).unwrap_or(Path::new(""));
+    Input { path: path.to_path_buf(), below: below.to_path_buf() }
+}
+
 /// Files below `root`, sorted. Links to directories are followed, loops are not.
 fn search(root: &Path, wanted: impl Fn(&Path) -> bool) -> Result<Vec<Input>, InputsError> {
     let mut found = Vec::new();
@@ -82,15 +87,21 @@ fn search(root: &Path, wanted: impl Fn(&Path) -> bool) -> Result<Vec<Input>, Inp
             Err(e) if e.loop_ancestor().is_some() => continue,
             Err(e) => {
                 let path = e.path().unwrap_or(root).to_path_buf();
+                // A link to nowhere: if it is named like what is searched, reading it will say so,
+                // and the others are read all the same.
+                if path.is_symlink() {
+                    if wanted(&path) && !name_ends(&path, ".part") {
+                        found.push(input_below(root, &path));
+                    }
+                    continue;
+                }
                 return Err(InputsError::Unreadable { path, what: e.to_string() });
             }
         };
         let path = entry.path();
         let part = name_ends(path, ".part");
         if entry.file_type().is_file() && !part && wanted(path) {
-            let below =
-                path.strip_prefix(root).ok().and_then(Path::parent).unwrap_or(Path::new(""));
-            found.push(Input { path: path.to_path_buf(), below: below.to_path_buf() });
+            found.push(input_below(root, path));
         }
     }
     Ok(found)

@@ -27,6 +27,23 @@ pub struct Damage {
     pub what: String,
 }
 
+/// Adds damage to a list that stays small whatever the file: what repeats side by side becomes one
+/// range, and beyond the bound the last range stands for all further ones.
+pub fn note(list: &mut Vec<Damage>, damage: Damage) {
+    const MOST: usize = 10_000;
+    let full = list.len() >= MOST;
+    match list.last_mut() {
+        Some(last) if last.what == damage.what && last.to_byte == damage.from_byte => {
+            last.to_byte = damage.to_byte;
+        }
+        Some(last) if full => {
+            last.to_byte = last.to_byte.max(damage.to_byte);
+            last.what = "more damage than is listed one by one".into();
+        }
+        _ => list.push(damage),
+    }
+}
+
 #[derive(Debug, Error)]
 pub enum RecordingError {
     #[error("{path}: cannot be read: {source}")]
@@ -76,11 +93,13 @@ pub struct Recording {
 impl Recording {
     pub fn open(path: &Path, limits: Limits) -> Result<Recording, RecordingError> {
         let failed = |source| RecordingError::Read { path: path.to_path_buf(), source };
-        let file = File::open(path).map_err(failed)?;
-        let metadata = file.metadata().map_err(failed)?;
+        // before it is opened: opening a pipe waits for whoever writes it
+        let metadata = path.metadata().map_err(failed)?;
         if !metadata.is_file() {
             return Err(RecordingError::NotAFile { path: path.to_path_buf() });
         }
+        let file = File::open(path).map_err(failed)?;
+        let metadata = file.metadata().map_err(failed)?;
         let source = Source::new(file, metadata.len());
         let mut magic = [0; MAGIC.len()];
         let magic = &mut magic[..MAGIC.len().min(source.bytes() as usize)];

@@ -14,9 +14,12 @@ use arrow_array::types::{
 };
 use arrow_array::{Array, ArrayRef, RecordBatch};
 use arrow_schema::{DataType, TimeUnit};
-use parquet::arrow::arrow_reader::{ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder};
+use parquet::arrow::arrow_reader::{
+    ArrowReaderOptions, ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder,
+};
 use std::collections::HashMap;
 use std::fs::File;
+use std::panic::AssertUnwindSafe;
 use std::path::{Path, PathBuf};
 
 const BATCH_ROWS: usize = 1 << 16;
@@ -35,7 +38,11 @@ impl VerdictReader {
         let file = File::open(path)
             .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
         let failed = |source| TableError::Parquet { path: path.to_path_buf(), source };
-        let builder = ParquetRecordBatchReaderBuilder::try_new(file).map_err(failed)?;
+        // Parquet's own types are enough. The Arrow schema that tools put beside them may say more
+        // than can be read (pandas: a dictionary of nulls), and then the reader panics.
+        let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
+        let open = || ParquetRecordBatchReaderBuilder::try_new_with_options(file, options);
+        let builder = unpanicked(path, open)?.map_err(failed)?;
         let metadata = builder.metadata().file_metadata().key_value_metadata();
         let metadata_json = metadata
             .and_then(|all| all.iter().find(|entry| entry.key == METADATA_KEY))
@@ -85,8 +92,9 @@ impl VerdictReader {
         };
 
         let time = required("acquired_at")?;
-        let printhead = Texts::of(required("printhead")?)
-            .ok_or_else(|| Misfit::kind("printhead", time))?
+        let printhead = required("printhead")?;
+        let printhead = Texts::of(printhead)
+            .ok_or_else(|| Misfit::kind("printhead", printhead))?
             .required("printhead")?;
         let channel = required("channel")?;
         let channels = numbers(channel).ok_or_else(|| Misfit::kind("channel", channel))?;
@@ -136,9 +144,12 @@ impl Iterator for VerdictReader {
     type Item = Result<VerdictColumns, TableError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        let batch = match self.batches.next()? {
-            Ok(batch) => batch,
-            Err(source) => {
+        let batches = &mut self.batches;
+        let batch = match unpanicked(&self.path, || batches.next()) {
+            Err(damaged) => return Some(Err(damaged)),
+            Ok(None) => return None,
+            Ok(Some(Ok(batch))) => batch,
+            Ok(Some(Err(source))) => {
                 return Some(Err(TableError::Columns { path: self.path.clone(), source }));
             }
         };
@@ -148,6 +159,12 @@ impl Iterator for VerdictReader {
             what,
         }))
     }
+}
+
+/// The Parquet reader panics on some damaged pages; a damaged file is no bug of ours.
+fn unpanicked<T>(path: &Path, read: impl FnOnce() -> T) -> Result<T, TableError> {
+    std::panic::catch_unwind(AssertUnwindSafe(read))
+        .map_err(|_| TableError::Damaged { path: path.to_path_buf() })
 }
 
 /// A column that is not what the contract says.

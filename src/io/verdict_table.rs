@@ -50,6 +50,8 @@ pub struct TableOptions {
 pub enum TableError {
     #[error("{path}: {source}")]
     Io { path: PathBuf, source: std::io::Error },
+    #[error("{path}: damaged Parquet file; replay the recording again")]
+    Damaged { path: PathBuf },
     #[error("{path}: Parquet: {source}")]
     Parquet { path: PathBuf, source: ParquetError },
     #[error("{path}: verdict columns do not fit each other: {source}")]

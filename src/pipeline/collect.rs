@@ -4,7 +4,7 @@ use super::{Control, PipelineError, visit};
 use crate::design::{TrainingSet, same_period};
 use crate::fault::HEALTHY;
 use crate::identify::reservoir::Reservoir;
-use crate::io::recording::Recording;
+use crate::io::recording::{Damage, Recording};
 use crate::labels::Labels;
 use crate::verdict::unusable_signal;
 use std::collections::BTreeMap;
@@ -32,9 +32,14 @@ impl<'a> Collector<'a> {
     }
 
     /// Takes the signals of a recording that fit the first burst's sampling.
-    pub fn take(&mut self, recording: &Recording, control: &Control) -> Result<(), PipelineError> {
+    /// Says in words what was lost; unusable bursts count as one rejected signal each.
+    pub fn take(
+        &mut self,
+        recording: &Recording,
+        control: &Control,
+    ) -> Result<Vec<Damage>, PipelineError> {
         let mut signal = Vec::new();
-        visit::bursts(
+        let mut lost = visit::bursts(
             recording,
             control,
             |_| true,
@@ -79,7 +84,13 @@ impl<'a> Collector<'a> {
                     );
                 }
             },
-        )
+        )?;
+        if lost.unusable_bursts > 0 {
+            self.count("rejected", lost.unusable_bursts);
+        }
+        lost.damage.extend(recording.damage.iter().cloned());
+        lost.damage.extend(recording.missing(lost.bursts));
+        Ok(lost.damage)
     }
 
     fn count(&mut self, label: &str, n: u64) {

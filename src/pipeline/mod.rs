@@ -44,8 +44,11 @@ pub enum PipelineError {
     Verdicts(#[from] crate::io::verdict_table::TableError),
     #[error("{path}: cannot be written: {source}")]
     Write { path: std::path::PathBuf, source: std::io::Error },
-    #[error("{recording}: no inkling.Burst messages in it: nothing to judge")]
-    NoBursts { recording: String },
+    #[error(
+        "{recording}: no inkling.Burst messages in it: nothing to judge{}",
+        and_damaged(damage)
+    )]
+    NoBursts { recording: String, damage: Vec<crate::io::recording::Damage> },
     #[error("interrupted; no finished file was written for the recording at hand")]
     Interrupted,
     #[error(
@@ -59,6 +62,13 @@ pub enum PipelineError {
     Panicked(&'static str),
     #[error("a printhead without a model turned up")]
     NeedsSurvey,
+}
+
+/// The first damage of a recording in words, as the end of a sentence.
+fn and_damaged(damage: &[crate::io::recording::Damage]) -> String {
+    damage.first().map_or(String::new(), |d| {
+        format!("; it is damaged: bytes {} to {}: {}", d.from_byte, d.to_byte, d.what)
+    })
 }
 
 /// What the world outside may see and say while a run goes on.

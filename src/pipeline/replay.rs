@@ -92,13 +92,13 @@ pub fn replay(
         None => Ok(Schedule::default()),
     };
     let windows = || -> Result<Schedule, PipelineError> {
-        let survey = survey(recording, control)?;
         let learner = Learner {
             settings: &replay.settings,
             design: replay.design.as_ref(),
             labels: replay.labels.as_ref(),
             spans: replay.spans.clone(),
         };
+        let survey = survey(recording, learner.every_ns(), control)?;
         learner.learn(recording, &survey, design_schedule()?, control)
     };
     let as_designed =
@@ -128,17 +128,19 @@ pub fn replay(
     damage.extend(recording.missing(counts.bursts));
     damage.sort_by_key(|d| (d.from_byte, d.to_byte));
     if counts.bursts == 0 {
-        return Err(PipelineError::NoBursts { recording: recording.path.display().to_string() });
+        let recording = recording.path.display().to_string();
+        return Err(PipelineError::NoBursts { recording, damage });
     }
 
     let document = metadata::document(replay, recording, &digest.text, &schedule, counts);
     control.check()?;
-    writer.finish(document.to_string())?;
+    let text = document.to_string();
     let seconds = started.elapsed().as_secs_f64();
     let mut summary =
         summary(document, recording, &damage, &schedule, seconds, counts.signals, behind);
     summary["timings"] = json!(timings);
-    write_summary(verdicts, &summary)?;
+    // both are complete on disk before either gets its name
+    write_summary(verdicts, &summary, || Ok(writer.finish(text)?))?;
     Ok(RecordingReport {
         name: recording.name.clone(),
         damage,
@@ -324,12 +326,17 @@ pub fn summary_path(verdicts: &Path) -> PathBuf {
     verdicts.with_file_name(format!("{stem}.summary.json"))
 }
 
-fn write_summary(verdicts: &Path, summary: &Value) -> Result<(), PipelineError> {
+fn write_summary(
+    verdicts: &Path,
+    summary: &Value,
+    finish_verdicts: impl FnOnce() -> Result<(), PipelineError>,
+) -> Result<(), PipelineError> {
     let path = summary_path(verdicts);
     let failed = |source| PipelineError::Write { path: path.clone(), source };
     let mut text = serde_json::to_string_pretty(summary).map_err(|e| failed(e.into()))?;
     text.push('\n');
     let (part, mut file) = PartFile::create(&path).map_err(failed)?;
     std::io::Write::write_all(&mut file, text.as_bytes()).map_err(failed)?;
+    finish_verdicts()?;
     part.finish(&file).map_err(failed)
 }

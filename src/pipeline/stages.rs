@@ -11,7 +11,7 @@ use super::timings::Clock;
 use super::{Control, PipelineError, rows};
 use crate::burst::{Acquisition, Place, SignalBatch};
 use crate::design::{Judge, Workspace};
-use crate::io::recording::{Damage, Recording};
+use crate::io::recording::{Damage, Recording, note};
 use crate::io::scan::{Block, Blocks};
 use crate::settings::Settings;
 use crate::verdict::{Reason, VerdictColumns};
@@ -77,7 +77,7 @@ impl BlockQueue {
         loop {
             match blocks.0.next()? {
                 Ok(block) => return in_flight.enter(block.bytes).then_some(block),
-                Err(damage) => blocks.1.push(damage),
+                Err(damage) => note(&mut blocks.1, damage),
             }
         }
     }

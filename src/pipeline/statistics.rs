@@ -128,6 +128,8 @@ impl Statistics {
         }
         judge.expect(burst, &mut self.expected);
         self.signal.iter_mut().zip(&self.expected).for_each(|(y, e)| *y -= e);
-        Ok(judge.statistic(&self.signal, judge.drive(burst), &mut self.work))
+        let statistic = judge.statistic(&self.signal, judge.drive(burst), &mut self.work);
+        // of absurd covariates; no threshold may call that healthy
+        if statistic.is_finite() { Ok(statistic) } else { Err(Reason::NonFinite) }
     }
 }

@@ -6,7 +6,7 @@
 use super::{Control, PipelineError, visit};
 use crate::burst::Burst;
 use crate::io::recording::Recording;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 /// Signals that one model can judge: windows are per (printhead, sample period, samples).
@@ -31,12 +31,18 @@ impl GroupKey {
 /// More printheads than this in one recording are not given models.
 pub const MOST_GROUPS: usize = 4096;
 
+/// There are about as many windows as bins: more of them are too many models.
+const MOST_BINS: usize = 1 << 18;
+
 #[derive(Clone, Debug)]
 pub struct Group {
     pub key: GroupKey,
     pub sample_period_s: f64,
     pub first_ns: i64,
     pub last_ns: i64,
+    /// First and last burst of every span of time that holds some; spans are as long as windows are
+    /// apart, and begin at multiples of that.
+    pub bins: BTreeMap<i64, (i64, i64)>,
 }
 
 #[derive(Debug, Default)]
@@ -46,8 +52,14 @@ pub struct Survey {
     pub blocks: HashMap<u64, Vec<(u32, i64, i64)>>,
 }
 
-pub fn survey(recording: &Recording, control: &Control) -> Result<Survey, PipelineError> {
+/// `every_ns`: the windows' distance; 0: there is only one.
+pub fn survey(
+    recording: &Recording,
+    every_ns: i64,
+    control: &Control,
+) -> Result<Survey, PipelineError> {
     let mut survey = Survey::default();
+    let mut bins = 0;
     let mut index: HashMap<GroupKey, u32> = HashMap::new();
     let Survey { groups, blocks } = &mut survey;
     visit::bursts(
@@ -64,13 +76,21 @@ pub fn survey(recording: &Recording, control: &Control) -> Result<Survey, Pipeli
                     let g = groups.len() as u32;
                     index.insert(key.clone(), g);
                     let sample_period_s = burst.sample_period_s;
-                    groups.push(Group { key, sample_period_s, first_ns: t, last_ns: t });
+                    let (first_ns, last_ns, bins) = (t, t, BTreeMap::new());
+                    groups.push(Group { key, sample_period_s, first_ns, last_ns, bins });
                     g
                 }
             };
             let group = &mut groups[g as usize];
             group.first_ns = group.first_ns.min(t);
             group.last_ns = group.last_ns.max(t);
+            if every_ns > 0 && bins < MOST_BINS {
+                let (first, last) = group.bins.entry(t.div_euclid(every_ns)).or_insert_with(|| {
+                    bins += 1;
+                    (t, t)
+                });
+                (*first, *last) = ((*first).min(t), (*last).max(t));
+            }
             let spans = blocks.entry(block).or_default();
             match spans.iter_mut().find(|(of, _, _)| *of == g) {
                 Some((_, from, to)) => (*from, *to) = ((*from).min(t), (*to).max(t)),
@@ -78,5 +98,9 @@ pub fn survey(recording: &Recording, control: &Control) -> Result<Survey, Pipeli
             }
         },
     )?;
+    if bins >= MOST_BINS {
+        let (windows, most) = (bins as u64, u64::from(u16::MAX));
+        return Err(PipelineError::TooManyWindows { windows, most });
+    }
     Ok(survey)
 }

@@ -1,7 +1,7 @@
 //! What a run counts: signals by outcome, for the metadata; channels by fault, for the terminal.
 
 use super::stages::Judged;
-use crate::io::recording::Damage;
+use crate::io::recording::{Damage, note};
 use crate::verdict::{Outcome, Reason, VerdictColumns};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -58,6 +58,8 @@ impl PrintheadTally {
 
 /// Channels that are remembered one by one, over all printheads; beyond, only counts go on.
 const MOST_CHANNELS: usize = 1 << 20;
+/// Printheads that are remembered by name.
+const MOST_PRINTHEADS: usize = 1 << 16;
 
 #[derive(Debug, Default)]
 pub struct Tally {
@@ -75,12 +77,12 @@ impl Tally {
 
     pub(super) fn add(&mut self, judged: &Judged) {
         self.counts.bursts += judged.bursts;
-        self.damage.extend(judged.damage.iter().cloned());
+        judged.damage.iter().for_each(|damage| note(&mut self.damage, damage.clone()));
         let c = &judged.columns;
         let mut rows = 0..c.len();
         for of_one in c.printhead.chunk_by(|p, q| p == q) {
             let name = &c.printheads[of_one[0] as usize];
-            if !self.printheads.contains_key(name) && self.printheads.len() < MOST_CHANNELS {
+            if !self.printheads.contains_key(name) && self.printheads.len() < MOST_PRINTHEADS {
                 self.printheads.insert(name.clone(), PrintheadTally::default());
             }
             let rows = rows.by_ref().take(of_one.len());

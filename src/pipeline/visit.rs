@@ -1,9 +1,21 @@
 //! One pass over (some of) a recording's blocks, by a function, outside the stages.
 
 use super::{Control, PipelineError};
-use crate::burst::Burst;
-use crate::io::recording::Recording;
+use crate::burst::{Acquisition, Burst};
+use crate::io::recording::{Damage, Recording, note};
 use std::sync::atomic::Ordering;
+
+/// Rows that are decoded at a time: a small chunk may hold millions of messages.
+const MOST_ROWS: usize = 32_768;
+
+/// What a pass met besides usable bursts.
+#[derive(Debug, Default)]
+pub struct Lost {
+    /// Bursts seen, usable or not.
+    pub bursts: u64,
+    pub unusable_bursts: u64,
+    pub damage: Vec<Damage>,
+}
 
 /// Calls `see` with every usable burst of the blocks that `want`s chooses by index, in file order.
 pub fn bursts(
@@ -11,25 +23,37 @@ pub fn bursts(
     control: &Control,
     mut want: impl FnMut(u64) -> bool,
     mut see: impl FnMut(u64, &Burst),
-) -> Result<(), PipelineError> {
+) -> Result<Lost, PipelineError> {
     let mut reader = recording.reader();
+    let mut lost = Lost::default();
     // where the channels are not known upfront, a block may define those of a later one
     let all = !recording.channels_known_upfront();
     control.bytes_read.store(0, Ordering::Relaxed);
-    for block in recording.blocks().flatten() {
+    for block in recording.blocks() {
         control.check()?;
+        let block = match block {
+            Ok(block) => block,
+            Err(damage) => {
+                note(&mut lost.damage, damage);
+                continue;
+            }
+        };
         let wanted = want(block.index);
         if wanted || all {
-            let decoded = reader.read(&block);
-            if wanted {
-                for acquisition in &decoded.acquisitions {
-                    if let crate::burst::Acquisition::Usable(burst) = acquisition {
-                        see(block.index, burst);
+            reader.load(&block);
+            while let Some(piece) = reader.next_piece(MOST_ROWS) {
+                control.check()?;
+                piece.damage.into_iter().for_each(|damage| note(&mut lost.damage, damage));
+                for acquisition in piece.acquisitions.iter().filter(|_| wanted) {
+                    lost.bursts += 1;
+                    match acquisition {
+                        Acquisition::Usable(burst) => see(block.index, burst),
+                        Acquisition::Unusable(_) => lost.unusable_bursts += 1,
                     }
                 }
             }
         }
         control.bytes_read.store(block.offset + block.bytes, Ordering::Relaxed);
     }
-    Ok(())
+    Ok(lost)
 }

@@ -20,6 +20,16 @@ use std::collections::{BTreeMap, HashSet};
 
 /// Bytes of signals that are held at a time while windows are learned.
 const HELD_BYTES: usize = 96 << 20;
+/// Signals of a window that are held whatever their length.
+const FEWEST_HELD: usize = 64;
+/// Of the average's size, what the model must explain for anything to ring at all, per cent.
+const LEAST_FIT_PERCENT: f64 = 50.0;
+/// Signals that differ by more than this share of what is expected have no healthy signal in common.
+const MOST_SCATTER: f64 = 0.5;
+
+fn ns(seconds: f64) -> i64 {
+    (seconds * 1e9) as i64
+}
 
 /// A span of one group's time, half-open.
 #[derive(Clone, Copy, Debug)]
@@ -58,15 +68,21 @@ impl Learner<'_> {
         windows.sort_by_key(|w| (w.from_ns, w.group));
         for few in windows.chunks(self.at_a_time(survey)) {
             let reservoirs = self.fill(recording, survey, few, control)?;
-            for (window, reservoir) in few.iter().zip(reservoirs) {
+            for (window, (bursts, reservoir)) in few.iter().zip(reservoirs) {
+                if bursts == 0 && self.spans.is_empty() {
+                    continue; // nothing was printed then: nothing to learn, nothing to judge by it
+                }
                 let group = &survey.groups[window.group];
                 if let Some(progress) = models.get_mut(&window.group) {
                     progress.take(self, group, *window, reservoir);
                 }
             }
         }
-        for (g, progress) in models {
-            let group = &survey.groups[g];
+        // models are numbered by printhead, not by which came first in the file
+        let mut models: Vec<(&Group, Progress)> =
+            models.into_iter().map(|(g, progress)| (&survey.groups[g], progress)).collect();
+        models.sort_by(|a, b| a.0.key.cmp(&b.0.key));
+        for (group, progress) in models {
             progress.finish(self, group, &mut schedule)?;
         }
         schedule.set_surveyed();
@@ -90,35 +106,59 @@ impl Learner<'_> {
         if !self.spans.is_empty() {
             return Ok(self.spans.iter().map(|&(from, to)| window(from, to)).collect());
         }
-        let ns = |seconds: f64| (seconds * 1e9) as i64;
-        let (first, every) = (ns(self.settings.identify.first), ns(self.settings.identify.every));
-        let span = i128::from(group.last_ns) - i128::from(group.first_ns);
-        let count = if every > 0 { span / i128::from(every) + 1 } else { 1 };
-        let most = i128::from(u16::MAX) / 2;
-        if count > most {
-            let windows = u64::try_from(count).unwrap_or(u64::MAX);
-            return Err(PipelineError::TooManyWindows { windows, most: most as u64 });
+        let (first, every) = (ns(self.settings.identify.first), self.every_ns());
+        // After a pause, and so after a stray timestamp, windows begin anew with the first burst.
+        let mut windows = Vec::new();
+        let (mut start, mut after) = (group.first_ns, None);
+        for (&bin, &(from, to)) in &group.bins {
+            if after != Some(bin) {
+                start = from;
+            }
+            after = Some(bin + 1);
+            while start <= to {
+                windows.push(window(start, start.saturating_add(first)));
+                match start.checked_add(every) {
+                    Some(next) => start = next,
+                    None => break,
+                }
+            }
         }
-        Ok((0..count as i64)
-            .map(|k| group.first_ns.saturating_add(k.saturating_mul(every)))
-            .map(|from| window(from, from.saturating_add(first)))
-            .collect())
+        if windows.is_empty() {
+            windows.push(window(group.first_ns, group.first_ns.saturating_add(first)));
+        }
+        let most = u64::from(u16::MAX) / 2;
+        if windows.len() as u64 > most {
+            return Err(PipelineError::TooManyWindows { windows: windows.len() as u64, most });
+        }
+        Ok(windows)
+    }
+
+    /// The distance of windows, ns; 0: there is only one, or they are given.
+    pub fn every_ns(&self) -> i64 {
+        if self.spans.is_empty() { ns(self.settings.identify.every) } else { 0 }
+    }
+
+    /// Signals of a window that are kept, at most: long ones are fewer.
+    fn most_signals(&self, samples: usize) -> usize {
+        let fit = HELD_BYTES / (4 * samples.max(1));
+        self.settings.identify.window_signals.min(fit.max(FEWEST_HELD))
     }
 
     fn at_a_time(&self, survey: &Survey) -> usize {
         let samples = survey.groups.iter().map(|g| g.key.samples as usize).max().unwrap_or(1);
-        let each = samples * 4 * self.settings.identify.window_signals;
+        let each = samples * 4 * self.most_signals(samples);
         (HELD_BYTES / each.max(1)).max(1)
     }
 
-    /// Reads the blocks that touch some windows, once, and samples their usable signals.
+    /// Reads the blocks that touch some windows, once, and samples their usable signals; with each
+    /// the number of bursts in it.
     fn fill(
         &self,
         recording: &Recording,
         survey: &Survey,
         windows: &[Window],
         control: &Control,
-    ) -> Result<Vec<Reservoir>, PipelineError> {
+    ) -> Result<Vec<(u64, Reservoir)>, PipelineError> {
         let mut by_group: BTreeMap<&GroupKey, Vec<usize>> = BTreeMap::new();
         for (i, window) in windows.iter().enumerate() {
             by_group.entry(&survey.groups[window.group].key).or_default().push(i);
@@ -136,9 +176,10 @@ impl Learner<'_> {
             .iter()
             .map(|w| {
                 let samples = survey.groups[w.group].key.samples as usize;
-                Reservoir::new(samples, self.settings.identify.window_signals)
+                Reservoir::new(samples, self.most_signals(samples))
             })
             .collect();
+        let mut bursts = vec![0; windows.len()];
         visit::bursts(
             recording,
             control,
@@ -146,12 +187,13 @@ impl Learner<'_> {
             |_, burst| {
                 for &i in by_group.get(&GroupKey::of(burst)).into_iter().flatten() {
                     if (windows[i].from_ns..windows[i].to_ns).contains(&burst.t_acq_ns) {
+                        bursts[i] += 1;
                         self.offer(burst, &mut reservoirs[i]);
                     }
                 }
             },
         )?;
-        Ok(reservoirs)
+        Ok(bursts.into_iter().zip(reservoirs).collect())
     }
 
     fn offer(&self, burst: &Burst, reservoir: &mut Reservoir) {
@@ -174,6 +216,29 @@ impl Learner<'_> {
             }
         }
     }
+}
+
+/// Whether a window's signals agree with the healthy model that was learned from them: noise has no
+/// model, and a mixture of healthy and faulty channels has one that is nobody's.
+fn agree_with(model: &HealthyModel) -> Result<(), String> {
+    let fit = model.identification.fit_percent;
+    // a fit that is no number is refused too
+    if !matches!(fit.partial_cmp(&LEAST_FIT_PERCENT), Some(o) if o.is_ge()) {
+        return Err(format!(
+            "the model explains {fit:.0} % of the average signal, {LEAST_FIT_PERCENT} % are needed: \
+             nothing rings in this window"
+        ));
+    }
+    let expected = model.expected.iter().map(|y| y * y).sum::<f64>() / model.expected.len() as f64;
+    let scatter = (model.scatter.powi(2) - model.noise.powi(2)).max(0.0);
+    if scatter > MOST_SCATTER.powi(2) * expected {
+        return Err(format!(
+            "the signals differ from each other by {:.0} % of the expected signal: no healthy signal \
+             that most of them have in common; choose another window or give labels",
+            100.0 * (scatter / expected).sqrt()
+        ));
+    }
+    Ok(())
 }
 
 /// How far a group has come with its windows.
@@ -249,6 +314,9 @@ impl Progress {
         let printhead = Some(&*group.key.printhead);
         let model = HealthyModel::learn(&set, printhead, self.reference.as_ref(), settings)
             .map_err(|e| e.to_string())?;
+        if learner.labels.is_none() {
+            agree_with(&model)?;
+        }
         if let Some(reference) = &self.reference {
             let (frequency, damping) = reference.drift_to(&model);
             for (what, drift, most) in [
@@ -302,6 +370,7 @@ impl Progress {
                     .push((from, schedule.add(model, self.reference_v, learner.design, isolate)?));
             }
         }
+        timeline.sort_by_key(|(from, _)| *from); // windows given as spans may end in any order
         let nobody =
             if learner.design.is_some() { Reason::DesignMismatch } else { Reason::NoModel };
         let timeline = if timeline.is_empty() { Err(nobody) } else { Ok(timeline) };
