@@ -10,11 +10,11 @@ use inkling::io::verdict_reader::VerdictReader;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-fn sample(name: &str) -> std::path::PathBuf {
+pub fn sample(name: &str) -> std::path::PathBuf {
     root().join("sample_logs").join(name)
 }
 
-fn bursts(path: &Path) -> Vec<Burst> {
+pub fn bursts(path: &Path) -> Vec<Burst> {
     let recording = Recording::open(path, Limits::default()).unwrap();
     let mut reader = recording.reader();
     let blocks: Vec<_> = recording.blocks().map(Result::unwrap).collect();
@@ -28,7 +28,7 @@ fn bursts(path: &Path) -> Vec<Burst> {
         .collect()
 }
 
-fn write(path: &Path, bursts: &[Burst], options: WriterOptions) {
+pub fn write(path: &Path, bursts: &[Burst], options: WriterOptions) {
     let mut writer = RecordingWriter::create(path, options).unwrap();
     for (i, burst) in bursts.iter().enumerate() {
         writer.write(burst, 1_000_000_000 + i as u64).unwrap(); // log time says nothing
@@ -115,7 +115,7 @@ fn verdicts_do_not_depend_on_how_the_recording_was_written() {
     assert!(replay(&house, "d.mcap", "") == reference, "single-channel bursts, lz4");
 }
 
-fn signal(burst: &Burst, row: usize) -> Vec<f64> {
+pub fn signal(burst: &Burst, row: usize) -> Vec<f64> {
     let mut y = vec![0.0; burst.samples_per_channel as usize];
     burst.copy_signal(row, &mut y);
     y
@@ -279,7 +279,7 @@ fn unknown_printhead_is_judged_by_the_pooled_model_if_it_agrees() {
 }
 
 /// Rings a quarter as long: another resonance, the same sampling.
-fn slower(burst: &Burst) -> Burst {
+pub fn slower(burst: &Burst) -> Burst {
     let n = burst.samples_per_channel as usize;
     let samples: Vec<u8> = (0..burst.channels as usize)
         .flat_map(|row| {

@@ -1,0 +1,365 @@
+//! What anybody may hand to the process: absurd recordings, designs, places to write to. Each gives
+//! rows with a reason or a message and the contract's exit status; nothing unfinished gets a name.
+
+use crate::house::{Ended, House};
+use crate::pipeline::{bursts, sample, signal, slower, write};
+use inkling::burst::{Burst, Layout};
+use inkling::io::recording_writer::WriterOptions;
+use inkling::io::verdict_reader::VerdictReader;
+use inkling::verdict::Outcome;
+use serde_json::{Value, json};
+use std::process::{Command, Stdio};
+
+const SECOND_NS: i64 = 1_000_000_000;
+
+/// The first bursts of one printhead of the sample run.
+fn some(n: usize) -> Vec<Burst> {
+    let all = bursts(&sample("print_run.mcap"));
+    let one = all[0].printhead.clone();
+    all.into_iter().filter(|b| b.printhead == one).take(n).collect()
+}
+
+fn changed(all: &[Burst], change: impl Fn(usize, &mut Burst)) -> Vec<Burst> {
+    let mut all = all.to_vec();
+    all.iter_mut().enumerate().for_each(|(i, burst)| change(i, burst));
+    all
+}
+
+fn replay(house: &House, name: &str, more: &str) -> Ended {
+    house.run(&format!("replay {name} --out out {more}"))
+}
+
+fn by_design() -> String {
+    format!("--design {}", sample("design.json").display())
+}
+
+/// The summary, its counts checked against the table: one row for every signal found.
+#[track_caller]
+fn summary(house: &House, stem: &str) -> Value {
+    let summary = house.read_json(&format!("out/{stem}.summary.json"));
+    let (mut rows, mut rejected) = (0u64, 0u64);
+    for columns in
+        VerdictReader::open(&house.path(&format!("out/{stem}.verdicts.parquet"))).unwrap()
+    {
+        let c = columns.unwrap();
+        rows += c.len() as u64;
+        for i in 0..c.len() {
+            rejected += u64::from(c.outcome[i] == Outcome::Rejected);
+            let judged = c.outcome[i] != Outcome::Rejected;
+            assert_eq!(judged, c.statistic[i].is_some(), "NaN is read as null");
+            if c.outcome[i] == Outcome::Healthy {
+                assert!(c.statistic[i] <= c.threshold[i]);
+            }
+        }
+    }
+    let counts = &summary["counts"];
+    let by_reason: u64 =
+        counts["rejected"].as_object().unwrap().values().map(|n| n.as_u64().unwrap()).sum();
+    assert_eq!(counts["signals"], rows);
+    assert_eq!(rejected, by_reason);
+    assert_eq!(counts["judged"].as_u64().unwrap() + by_reason, rows);
+    summary
+}
+
+fn files(house: &House, dir: &str) -> Vec<String> {
+    let Ok(entries) = std::fs::read_dir(house.path(dir)) else { return Vec::new() };
+    let name = |e: std::io::Result<std::fs::DirEntry>| {
+        e.unwrap().file_name().to_string_lossy().into_owned()
+    };
+    let mut names: Vec<String> = entries.map(name).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn recording_cut_anywhere_never_panics_and_what_is_whole_is_judged() {
+    let house = House::new();
+    write(&house.path("whole.mcap"), &some(12), WriterOptions::default());
+    let whole = house.read("whole.mcap");
+    for k in 0..24 {
+        let cut = whole.len() * k / 24;
+        house.write("cut.mcap", &whole[..cut]);
+        let ended = replay(&house, "cut.mcap", &by_design());
+        if ended.stdout().is_empty() {
+            ended.exits(1).says("cut.mcap");
+            assert!(files(&house, "out").is_empty(), "cut at {cut}");
+        } else {
+            ended.exits(3).says("warning");
+            assert!(!summary(&house, "cut")["damage"].as_array().unwrap().is_empty());
+            std::fs::remove_dir_all(house.path("out")).unwrap();
+        }
+    }
+}
+
+#[test]
+fn absurd_covariates_never_make_a_signal_healthy() {
+    let house = House::new();
+    let run = some(40);
+    let channels = u64::from(run[0].channels);
+    let volts = [f64::INFINITY, -1.0, 0.0, f64::NAN, 1e308, 1e-308];
+    let all = changed(&run, |i, b| {
+        if i < volts.len() {
+            b.drive_voltage_v = Some(volts[i]);
+        } else if i == 6 {
+            b.temperature_c = Some(f64::NEG_INFINITY);
+        } else if i == 7 {
+            b.idle_time_s = vec![f32::NAN; 3];
+            b.neighbours_fired = vec![9; 3].into();
+        }
+    });
+    write(&house.path("volts.mcap"), &all, WriterOptions::default());
+    for mode in ["", "--identify windows"] {
+        replay(&house, "volts.mcap", &format!("{} {mode}", by_design())).exits(3);
+        // 1e308 V expects more than numbers hold; the others are as if not recorded, or expect nothing
+        assert_eq!(summary(&house, "volts")["counts"]["rejected"], json!({"non_finite": channels}));
+    }
+}
+
+#[test]
+fn pauses_and_stray_timestamps_do_not_refuse_the_recording() {
+    let house = House::new();
+    let run = some(60);
+    let half = run.len() / 2;
+    let paused = changed(&run, |i, b| b.t_acq_ns += if i < half { 0 } else { 86_400 * SECOND_NS });
+    write(&house.path("paused.mcap"), &paused, WriterOptions::default());
+    let short = "--identify windows --set identify.first=10 --set identify.every=20";
+    replay(&house, "paused.mcap", &format!("{} {short}", by_design())).exits(0);
+    let models = summary(&house, "paused")["models"].as_array().unwrap().len();
+    assert!(models >= 2, "{models} models: a window on each side of the night");
+
+    for stray in [0, i64::MAX - 1] {
+        let strayed = changed(&run, |i, b| {
+            if i == 5 {
+                b.t_acq_ns = stray;
+            }
+        });
+        write(&house.path("stray.mcap"), &strayed, WriterOptions::default());
+        let ended = replay(&house, "stray.mcap", &format!("{} --identify windows", by_design()));
+        assert!([Some(0), Some(3)].contains(&ended.code()), "{}", ended.stderr());
+        let summary = summary(&house, "stray");
+        assert_eq!(summary["counts"]["judged"], summary["counts"]["signals"]);
+    }
+}
+
+#[test]
+fn window_of_noise_or_of_two_halves_is_refused() {
+    let house = House::new();
+    let run = some(40);
+    let noise = changed(&run, |i, b| {
+        let n = b.samples.len() / 2;
+        let value = |k: usize| {
+            let x = (k as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(i as u32);
+            ((x.wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 40) % 400) as i16 - 200
+        };
+        b.samples = (0..n).flat_map(|k| value(k).to_le_bytes()).collect::<Vec<u8>>().into();
+    });
+    write(&house.path("noise.mcap"), &noise, WriterOptions::default());
+    replay(&house, "noise.mcap", "").exits(3).says("nothing rings");
+    assert_eq!(summary(&house, "noise")["counts"]["judged"], 0);
+
+    let halves: Vec<Burst> = run
+        .iter()
+        .map(|b| {
+            let (other, half) = (slower(b), b.channels as usize / 2);
+            let of = |row| if row < half { signal(b, row) } else { signal(&other, row) };
+            let samples: Vec<u8> = (0..b.channels as usize)
+                .flat_map(of)
+                .flat_map(|y| (y as i16).to_le_bytes())
+                .collect();
+            Burst { samples: samples.into(), layout: Layout::ChannelMajor, ..b.clone() }
+        })
+        .collect();
+    write(&house.path("halves.mcap"), &halves, WriterOptions::default());
+    replay(&house, "halves.mcap", "").exits(3).says("window of");
+    assert_eq!(summary(&house, "halves")["counts"]["judged"], 0);
+}
+
+#[test]
+fn hostile_printhead_names_move_no_cursor_and_huge_ones_are_rows() {
+    let house = House::new();
+    let names = ["a\nb", "\u{1b}[2J", "\"';,", "../../etc", "💧", "nul\0", &"x".repeat(1 << 20)];
+    let all = changed(&some(14), |i, b| b.printhead = names[i % names.len()].into());
+    let channels = u64::from(all[0].channels);
+    write(&house.path("names.mcap"), &all, WriterOptions::default());
+    let ended = replay(&house, "names.mcap", &by_design()).exits(3);
+    assert!(!(ended.stdout() + &ended.stderr()).contains(['\u{1b}', '\0']));
+    let counts = &summary(&house, "names")["counts"];
+    assert_eq!(counts["rejected"]["too_large"], 2);
+    assert_eq!(counts["signals"], 12 * channels + 2);
+    assert_eq!(files(&house, "out"), ["names.summary.json", "names.verdicts.parquet"]);
+    let inspected = house.run("inspect names.mcap").exits(3).stdout();
+    assert!(!inspected.contains(['\u{1b}', '\0']));
+}
+
+#[test]
+fn design_that_no_training_makes_is_refused_with_its_place() {
+    let house = House::new();
+    write(&house.path("run.mcap"), &some(3), WriterOptions::default());
+    let good: Value =
+        serde_json::from_slice(&std::fs::read(sample("design.json")).unwrap()).unwrap();
+    type Edit = fn(&mut Value);
+    let edits: [(Edit, &str); 9] = [
+        (|d| d["version"] = json!(2), "version 2"),
+        (|d| d["models"][0]["expected"] = json!([1.0]), "expected"),
+        (|d| d["models"][0]["expected"][3] = json!(1e308), "expected"),
+        (|d| d["models"][0]["generator"]["denominator"][1] = json!(-30.0), "unstable"),
+        (|d| d["models"][0]["median_energy"] = json!(1e-300), "median_energy"),
+        (
+            |d| {
+                let again = d["models"][0].clone();
+                d["models"].as_array_mut().unwrap().push(again);
+            },
+            "two models of printhead",
+        ),
+        (|d| d["classes"][0]["name"] = json!("healthy"), "a name of its own"),
+        (|d| d["classes"][0]["deviation"] = json!([]), "deviation"),
+        (|d| d["detect"]["other_poles_per_s"] = json!([-1.0]), "other_poles_per_s"),
+    ];
+    for (edit, word) in edits {
+        let mut design = good.clone();
+        edit(&mut design);
+        house.write("edited.json", design.to_string());
+        replay(&house, "run.mcap", "--design edited.json").exits(1).says("edited.json").says(word);
+    }
+    // a temperature response that drives the poles beyond all numbers ended in an endless iteration
+    let mut design = good;
+    let samples = design["samples"].as_u64().unwrap() as usize;
+    for model in design["models"].as_array_mut().unwrap() {
+        model["temperature_response"] = json!(vec![1e29; samples]);
+    }
+    house.write("edited.json", design.to_string());
+    let ended = replay(&house, "run.mcap", "--design edited.json --identify windows");
+    assert!([Some(0), Some(3)].contains(&ended.code()), "{}", ended.stderr());
+}
+
+#[test]
+fn result_files_are_written_although_nobody_reads_stdout() {
+    let house = House::new();
+    write(&house.path("in/a.mcap"), &some(12), WriterOptions::default());
+    write(&house.path("in/b.mcap"), &some(12), WriterOptions::default());
+    let deaf = |args: &str| {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_inkling"))
+            .args(args.split_whitespace())
+            .current_dir(house.path("."))
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        drop(child.stdout.take()); // as `| head -0` does
+        child.wait().unwrap().code()
+    };
+    assert_eq!(deaf(&format!("replay in --out out {}", by_design())), Some(0));
+    assert_eq!(files(&house, "out").len(), 4, "{:?}", files(&house, "out"));
+    assert_eq!(deaf("identify in/a.mcap -o model.json"), Some(0));
+    assert!(house.path("model.json").exists());
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn stderr_that_takes_nothing_is_no_panic() {
+    let house = House::new();
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let status = Command::new(env!("CARGO_BIN_EXE_inkling"))
+        .args(["inspect", "missing.mcap"])
+        .current_dir(house.path("."))
+        .stderr(full)
+        .status()
+        .unwrap();
+    assert_eq!(status.code(), Some(1));
+}
+
+#[test]
+fn verdicts_get_no_name_where_their_summary_cannot_be_written() {
+    let house = House::new();
+    write(&house.path("run.mcap"), &some(3), WriterOptions::default());
+    std::fs::create_dir_all(house.path("out/run.summary.json.part")).unwrap();
+    replay(&house, "run.mcap", &by_design()).exits(1).says("run.summary.json");
+    assert_eq!(files(&house, "out"), ["run.summary.json.part"]);
+    house.write("file", "");
+    house.run("replay run.mcap --out file").exits(1).says("file");
+}
+
+#[cfg(unix)]
+#[test]
+fn pipes_and_links_to_nowhere_are_named_and_the_rest_is_judged() {
+    let house = House::new();
+    write(&house.path("in/good.mcap"), &some(3), WriterOptions::default());
+    std::os::unix::fs::symlink("nowhere", house.path("in/gone.mcap")).unwrap();
+    std::os::unix::fs::symlink("nowhere", house.path("in/other")).unwrap();
+    replay(&house, "in", &by_design()).exits(3).says("gone.mcap");
+    assert_eq!(files(&house, "out"), ["good.summary.json", "good.verdicts.parquet"]);
+
+    assert!(Command::new("mkfifo").arg(house.path("pipe")).status().unwrap().success());
+    house.run("inspect pipe").exits(1).says("not a file");
+}
+
+#[cfg(unix)]
+#[test]
+fn interrupt_or_terminate_leaves_no_file() {
+    let house = House::new();
+    for signal in ["-INT", "-TERM"] {
+        let child = Command::new(env!("CARGO_BIN_EXE_inkling"))
+            .arg("replay")
+            .arg(sample("print_run.mcap"))
+            .args(["--out", "out", "--pace", "recorded", "--design"])
+            .arg(sample("design.json"))
+            .current_dir(house.path("."))
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        // the handler stands before the first file does
+        while files(&house, "out").is_empty() {
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        let pid = child.id().to_string();
+        assert!(Command::new("kill").args([signal, &pid]).status().unwrap().success());
+        let ended = child.wait_with_output().unwrap();
+        assert_eq!(ended.status.code(), Some(1), "{signal}");
+        assert!(String::from_utf8_lossy(&ended.stderr).contains("interrupted"));
+        assert!(files(&house, "out").is_empty(), "{signal}: {:?}", files(&house, "out"));
+    }
+}
+
+#[test]
+fn training_says_what_was_lost() {
+    let house = House::new();
+    let chunks = WriterOptions { chunk_bytes: Some(20_000), ..WriterOptions::default() };
+    write(&house.path("train.mcap"), &bursts(&sample("train.mcap")), chunks);
+    let bytes = house.read("train.mcap");
+    house.write("cut.mcap", &bytes[..bytes.len() * 3 / 4]);
+    let labels = sample("labels.csv");
+    house
+        .run(&format!("train cut.mcap --labels {} -o design.json", labels.display()))
+        .exits(3)
+        .says("cut short");
+    house.run("identify cut.mcap -o model.json").exits(3).says("cut short");
+
+    let bad = changed(&some(40), |i, b| {
+        if i < 2 {
+            b.sample_period_s = -1.0;
+        }
+    });
+    write(&house.path("bad.mcap"), &bad, WriterOptions::default());
+    house.write(
+        "all.csv",
+        format!("printhead,channel,from,to,state,severity\n{},*,,,healthy,\n", bad[0].printhead),
+    );
+    house.run("train bad.mcap --labels all.csv -o design.json").exits(3).says("rejected");
+    assert_eq!(house.read_json("design.json")["signals"]["rejected"], 2);
+}
+
+#[test]
+fn what_is_set_wins_over_what_a_design_implies() {
+    let house = House::new();
+    write(&house.path("run.mcap"), &some(40), WriterOptions::default());
+    let mode = |more: &str| {
+        replay(&house, "run.mcap", &format!("{} {more}", by_design())).exits(0);
+        summary(&house, "run")["settings"]["identify"]["mode"].clone()
+    };
+    assert_eq!(mode(""), "design");
+    assert_eq!(mode("--set identify.mode=windows"), "windows");
+    assert_eq!(mode("--set identify.mode=design --identify windows"), "windows");
+    let reversed = r#"--set identify.spans=[["2026-01-02T00:00:00Z","2026-01-01T00:00:00Z"]]"#;
+    replay(&house, "run.mcap", reversed).exits(2).says("ends before it begins");
+}
