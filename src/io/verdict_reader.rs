@@ -381,7 +381,9 @@ pub(super) mod tests {
     use crate::io::verdict_table::{TableOptions, TimestampUnit, VerdictWriter};
     use arrow_array::{Int64Array, StringArray, StringViewArray, TimestampMicrosecondArray};
     use arrow_schema::{Field, Schema};
-    use parquet::arrow::ArrowWriter;
+    use parquet::arrow::add_encoded_arrow_schema_to_metadata;
+    use parquet::arrow::arrow_writer::{ArrowWriter, ArrowWriterOptions};
+    use parquet::file::properties::WriterProperties;
     use std::sync::Arc;
 
     pub(in crate::io) fn rows(mut reader: VerdictReader) -> (Vec<VerdictColumns>, TableOptions) {
@@ -460,6 +462,33 @@ pub(super) mod tests {
         assert_eq!(c.certainty, [None, None]);
         let names: Vec<&str> = c.printhead.iter().map(|&p| &*c.printheads[p as usize]).collect();
         assert_eq!(names, ["K", "L"]);
+    }
+
+    /// What pandas puts beside a column without a value: the reader of it panics.
+    #[test]
+    fn arrow_schema_that_claims_a_dictionary_of_nulls_is_not_believed() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("t.parquet");
+        let mut columns = rewritten();
+        columns.push(("reason", Arc::new(StringArray::from(vec![None::<&str>, None]))));
+        let field = |(n, c): &(&str, ArrayRef)| Field::new(*n, c.data_type().clone(), true);
+        let honest: Vec<Field> = columns.iter().map(field).collect();
+        let mut claimed = honest.clone();
+        let nulls = DataType::Dictionary(Box::new(DataType::Int8), Box::new(DataType::Null));
+        *claimed.last_mut().unwrap() = Field::new("reason", nulls, true);
+        let mut properties = WriterProperties::builder().build();
+        add_encoded_arrow_schema_to_metadata(&Schema::new(claimed), &mut properties);
+        let options =
+            ArrowWriterOptions::new().with_skip_arrow_metadata(true).with_properties(properties);
+        let schema = Arc::new(Schema::new(honest));
+        let arrays = columns.into_iter().map(|c| c.1).collect();
+        let batch = RecordBatch::try_new(schema.clone(), arrays).unwrap();
+        let file = File::create(&path).unwrap();
+        let mut writer = ArrowWriter::try_new_with_options(file, schema, options).unwrap();
+        writer.write(&batch).unwrap();
+        writer.close().unwrap();
+        let (batches, _) = rows(VerdictReader::open(&path).unwrap());
+        assert_eq!(batches[0].reason, [None, None]);
     }
 
     #[test]
