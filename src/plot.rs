@@ -210,7 +210,7 @@ impl Axis {
         if self.log {
             let power = v.round();
             return if (v - power).abs() < 1e-6 {
-                format!("1e{power}")
+                format!("1e{}", power as i32)
             } else {
                 format!("{:.1e}", 10f64.powf(v))
             };

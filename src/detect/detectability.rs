@@ -41,7 +41,7 @@ impl FaultyModel {
         self.check()?;
         let scale = self.a.norm().max(1.0);
         // at a frequency that no zero has by chance, the rank is the normal one
-        let generic = Complex::new(0.618_034 * scale, 1.414_214 * scale);
+        let generic = Complex::new(0.618_034 * scale, 1.324_718 * scale);
         Ok(Detectability {
             detectable: self.seen_at(generic)?,
             strongly: self.seen_at(Complex::new(0.0, 0.0))?,

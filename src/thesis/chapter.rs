@@ -183,7 +183,7 @@ fn tuned(
 fn isolation(learn: &Signals, test: &Signals, out: &mut Figures) -> Result<(), ThesisError> {
     let all = learn.faulty();
     let detect = thesis_detect(1.0);
-    for size in [all, (all + 1) / 2, all / 10 + 1] {
+    for size in [all, all.div_ceil(2), all / 10 + 1] {
         let set = learn.training(size);
         let remember = settings(IsolateMethod::Neighbours, IsolateSignal::Residual);
         let design = train(&set, &detect, &remember)?;
