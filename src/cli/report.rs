@@ -86,7 +86,7 @@ fn print_printhead(
             Some((class, n)) => (classes[*class as usize].as_str(), *n as f64 / f.bursts as f64),
             None => ("faulty, not named", 1.0),
         };
-        let words = if share < 0.5 { "mostly not named" } else { fault::in_words(class) };
+        let words = if share < 0.5 { "at best; mostly not named" } else { fault::in_words(class) };
         writeln!(
             out,
             "{indent}  {channel:>5}  {}  {:>5}  {class} ({words})",

@@ -5,7 +5,7 @@ use crate::fault::HEALTHY;
 use crate::io::verdict_reader::VerdictReader;
 use crate::io::{inputs, labels_file};
 use crate::score::{Report, Said, Score};
-use crate::verdict::Outcome;
+use crate::verdict::{Outcome, VerdictColumns};
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -52,7 +52,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
                 let said = Said {
                     flagged: c.outcome[row] != Outcome::Healthy,
                     candidate: c.candidate[row].map(|k| classes[k as usize].as_str()),
-                    certainty: c.certainty[row].map(f64::from),
+                    certainty: class_certainty(&c, row).map(f64::from),
                     weights: c
                         .weights_start
                         .get(row)
@@ -80,6 +80,17 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         )));
     }
     Ok(Exit::Done)
+}
+
+/// Certainty of the candidate class: its own weight where weights were written. Where only a category
+/// is named the column is the category's, and says nothing of the class.
+fn class_certainty(c: &VerdictColumns, row: usize) -> Option<f32> {
+    let own = c.weights_start.get(row).copied().flatten().zip(c.candidate[row]);
+    if let Some((start, class)) = own {
+        return c.weights.get(start as usize + usize::from(class)).copied();
+    }
+    let of_category = c.category[row].is_some() && c.fault[row].is_none();
+    c.certainty[row].filter(|_| !of_category)
 }
 
 fn print(report: &Report, out: &mut impl Write) -> std::io::Result<()> {

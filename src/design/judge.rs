@@ -191,7 +191,7 @@ impl Judge {
                 weights[usize::from(best)] = 1.0;
             }
         }
-        Some(rule.decide(weights))
+        Some(rule.decide(weights).certain_of_class(weights))
     }
 }
 

@@ -28,6 +28,13 @@ impl Decision {
         Decision { fault: None, category: None, fits_none: true, ..self }
     }
 
+    /// The same with the largest weight as its certainty, also where a category is named: what the
+    /// thesis states of phi, whose sums mean nothing.
+    pub fn certain_of_class(self, weights: &[f64]) -> Decision {
+        let certainty = self.candidate.and_then(|k| unit(*weights.get(usize::from(k))?));
+        Decision { certainty, ..self }
+    }
+
     /// Neither class nor category is named: the outcome is undecided.
     pub fn is_uncertain(&self) -> bool {
         self.category.is_none()
