@@ -20,8 +20,14 @@ pub struct Examples {
 pub struct Posterior {
     /// Whether the phase is a feature: chosen in training, by which predicts held-out labels better.
     pub phase: bool,
+    /// Log densities are divided by this before they are compared: 1 where the densities are right,
+    /// more where they promise too much. Chosen in training on held-out signals.
+    pub temperature: f64,
     pub classes: Vec<ClassDensity>,
 }
+
+/// Temperatures tried.
+const TEMPERATURES: [f64; 7] = [1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0];
 
 /// A signal further than this from every class fits none: 1e-5 of chi-squared, 4 degrees of freedom.
 const FITS_NONE: f64 = 28.5;
@@ -30,9 +36,11 @@ impl Posterior {
     /// Learns the densities of the same signals fitted with the phase held and free, and keeps what
     /// predicts better. `None`: a class without examples, or all of one.
     pub fn learn(held: &[Examples], free: &[Examples]) -> Option<Posterior> {
-        let phase = held_out_score(free) > held_out_score(held);
+        let (of_held, of_free) = (held_out(held), held_out(free));
+        let phase = of_free.0 > of_held.0;
         let classes = densities(if phase { free } else { held })?;
-        Some(Posterior { phase, classes })
+        let temperature = if phase { of_free.1 } else { of_held.1 };
+        Some(Posterior { phase, temperature, classes })
     }
 
     /// Coordinates of the features that it takes.
@@ -45,12 +53,15 @@ impl Posterior {
         if self.classes.len() != classes {
             return Err(format!("`posterior` has {} classes of {classes}", self.classes.len()));
         }
+        if !(1.0..=100.0).contains(&self.temperature) {
+            return Err(format!("`posterior.temperature` = {}: 1 to 100", self.temperature));
+        }
         self.classes.iter().try_for_each(|class| class.check(self.coordinates()))
     }
 
     /// Posterior of each class, equal priors; sums to 1.
     pub fn weigh(&self, features: &[f64], weights: &mut [f64]) {
-        weigh(&self.classes, features, weights);
+        weigh(&self.classes, self.temperature, features, weights);
     }
 
     /// No class is near: an unknown fault.
@@ -59,9 +70,9 @@ impl Posterior {
     }
 }
 
-fn weigh(classes: &[ClassDensity], x: &[f64], weights: &mut [f64]) {
+fn weigh(classes: &[ClassDensity], temperature: f64, x: &[f64], weights: &mut [f64]) {
     for (w, class) in weights.iter_mut().zip(classes) {
-        *w = class.ln_density(x);
+        *w = class.ln_density(x) / temperature;
     }
     let most = weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     weights.iter_mut().for_each(|w| *w = (*w - most).exp());
@@ -81,8 +92,9 @@ fn densities(examples: &[Examples]) -> Option<Vec<ClassDensity>> {
         .collect()
 }
 
-/// Mean log posterior of the true class on the half that was not learned from, both halves.
-fn held_out_score(examples: &[Examples]) -> f64 {
+/// Mean log posterior of the true class on the half that was not learned from, both halves, at the
+/// temperature that makes it largest; and that temperature.
+fn held_out(examples: &[Examples]) -> (f64, f64) {
     let half = |odd: usize| -> Vec<Examples> {
         let pick = |class: &Examples| Examples {
             features: class.features.iter().skip(odd).step_by(2).cloned().collect(),
@@ -90,18 +102,21 @@ fn held_out_score(examples: &[Examples]) -> f64 {
         };
         examples.iter().map(pick).collect()
     };
-    let mut score = 0.0;
+    let mut scores = [0.0; TEMPERATURES.len()];
+    let mut weights = vec![0.0; examples.len()];
     for (learn, test) in [(0, 1), (1, 0)] {
-        let Some(classes) = densities(&half(learn)) else { return f64::NEG_INFINITY };
-        let mut weights = vec![0.0; examples.len()];
+        let Some(classes) = densities(&half(learn)) else { return (f64::NEG_INFINITY, 1.0) };
         for (truth, class) in half(test).iter().enumerate() {
             for x in &class.features {
-                weigh(&classes, x, &mut weights);
-                score += weights[truth].max(1e-6).ln() / class.features.len() as f64;
+                for (score, temperature) in scores.iter_mut().zip(TEMPERATURES) {
+                    weigh(&classes, temperature, x, &mut weights);
+                    *score += weights[truth].max(1e-6).ln() / class.features.len() as f64;
+                }
             }
         }
     }
-    score
+    let best = (0..scores.len()).max_by(|&i, &j| scores[i].total_cmp(&scores[j])).unwrap_or(0);
+    (scores[best], TEMPERATURES[best])
 }
 
 /// Covariance of all examples about their own class's mean.
@@ -159,7 +174,7 @@ mod tests {
     #[test]
     fn posterior_is_calibrated_on_fresh_signals() {
         let held = examples(400, None, 2);
-        let posterior = Posterior { phase: false, classes: densities(&held).unwrap() };
+        let posterior = Posterior::learn(&held, &held).unwrap();
         let (mut claimed, mut right, mut n) = (0.0, 0.0, 0.0);
         let mut weights = [0.0; 3];
         for (truth, class) in examples(3000, None, 3).iter().enumerate() {
