@@ -23,14 +23,19 @@ pub struct Posterior {
     /// Log densities are divided by this before they are compared: 1 where the densities are right,
     /// more where they promise too much. Chosen in training on held-out signals.
     pub temperature: f64,
+    /// Squared distance from every class beyond which a signal fits none.
+    pub reach: f64,
     pub classes: Vec<ClassDensity>,
 }
 
 /// Temperatures tried.
 const TEMPERATURES: [f64; 7] = [1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0];
 
-/// A signal further than this from every class fits none: 1e-5 of chi-squared, 4 degrees of freedom.
+/// A signal further than this from every class fits none (1e-5 of chi-squared, 4 degrees of freedom),
+/// unless training signals lie further out themselves: sizes of a fault lie on a curve, not on an axis.
 const FITS_NONE: f64 = 28.5;
+/// Room beyond the outermost training signal.
+const ROOM: f64 = 2.0;
 
 impl Posterior {
     /// Learns the densities of the same signals fitted with the phase held and free, and keeps what
@@ -38,9 +43,16 @@ impl Posterior {
     pub fn learn(held: &[Examples], free: &[Examples]) -> Option<Posterior> {
         let (of_held, of_free) = (held_out(held), held_out(free));
         let phase = of_free.0 > of_held.0;
-        let classes = densities(if phase { free } else { held })?;
+        let examples = if phase { free } else { held };
+        let classes = densities(examples)?;
         let temperature = if phase { of_free.1 } else { of_held.1 };
-        Some(Posterior { phase, temperature, classes })
+        let outermost = examples
+            .iter()
+            .flat_map(|class| &class.features)
+            .map(|x| nearest(&classes, x))
+            .fold(0.0, f64::max);
+        let reach = FITS_NONE.max(ROOM * outermost);
+        Some(Posterior { phase, temperature, reach, classes })
     }
 
     /// Coordinates of the features that it takes.
@@ -56,6 +68,9 @@ impl Posterior {
         if !(1.0..=100.0).contains(&self.temperature) {
             return Err(format!("`posterior.temperature` = {}: 1 to 100", self.temperature));
         }
+        if !(self.reach.is_finite() && self.reach > 0.0) {
+            return Err(format!("`posterior.reach` = {}: must be positive", self.reach));
+        }
         self.classes.iter().try_for_each(|class| class.check(self.coordinates()))
     }
 
@@ -66,8 +81,13 @@ impl Posterior {
 
     /// No class is near: an unknown fault.
     pub fn fits_none(&self, features: &[f64]) -> bool {
-        self.classes.iter().all(|class| class.distance(features) > FITS_NONE)
+        nearest(&self.classes, features) > self.reach
     }
+}
+
+/// Squared distance from the nearest class.
+fn nearest(classes: &[ClassDensity], x: &[f64]) -> f64 {
+    classes.iter().map(|class| class.distance(x)).fold(f64::INFINITY, f64::min)
 }
 
 fn weigh(classes: &[ClassDensity], temperature: f64, x: &[f64], weights: &mut [f64]) {

@@ -31,6 +31,10 @@ fn ns(seconds: f64) -> i64 {
     (seconds * 1e9) as i64
 }
 
+/// The threshold follows a window's median statistic up to this factor; beyond, something else than
+/// the ink has changed, and nothing would be found.
+const MOST_RATIO: f64 = 4.0;
+
 /// A span of one group's time, half-open.
 #[derive(Clone, Copy, Debug)]
 struct Window {
@@ -333,6 +337,13 @@ impl Progress {
                         100.0 * most
                     ));
                 }
+            }
+            let ratio = model.median_statistic / reference.median_statistic;
+            if learner.design.is_some() && !(1.0 / MOST_RATIO..=MOST_RATIO).contains(&ratio) {
+                return Err(format!(
+                    "healthy signals lie {ratio:.3} times as far from the model as in the \
+                     reference: another amplitude or another noise; the last accepted model stays"
+                ));
             }
         }
         Ok(model)
