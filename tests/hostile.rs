@@ -110,8 +110,10 @@ fn absurd_covariates_never_make_a_signal_healthy() {
     write(&house.path("volts.mcap"), &all, WriterOptions::default());
     for mode in ["", "--identify windows"] {
         replay(&house, "volts.mcap", &format!("{} {mode}", by_design())).exits(3);
-        // 1e308 V expects more than numbers hold; the others are as if not recorded, or expect nothing
-        assert_eq!(summary(&house, "volts")["counts"]["rejected"], json!({"non_finite": channels}));
+        // 1e308 V expects more than numbers hold, and per 1e-308 V a signal is more; the others are
+        // as if not recorded
+        let rejected = &summary(&house, "volts")["counts"]["rejected"];
+        assert_eq!(rejected, &json!({"non_finite": 2 * channels}));
     }
 }
 
@@ -203,7 +205,7 @@ fn design_that_no_training_makes_is_refused_with_its_place() {
         (|d| d["models"][0]["expected"] = json!([1.0]), "expected"),
         (|d| d["models"][0]["expected"][3] = json!(1e308), "expected"),
         (|d| d["models"][0]["generator"]["denominator"][1] = json!(-30.0), "unstable"),
-        (|d| d["models"][0]["median_energy"] = json!(1e-300), "median_energy"),
+        (|d| d["models"][0]["median_statistic"] = json!(1e-300), "median_statistic"),
         (
             |d| {
                 let again = d["models"][0].clone();

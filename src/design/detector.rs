@@ -5,7 +5,7 @@ use crate::detect::sensitivity::Sensitivity;
 use crate::identify::grey_box::Identification;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Columns, Features, RingFitter};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 /// A first-order distance beyond this (99 % of healthy signals stay below) is looked at again by a
 /// fit: far from the healthy ring the projections are no longer its features.
@@ -24,8 +24,6 @@ pub struct SensitivityDetector {
 pub struct Scratch {
     columns: Columns,
     signal: Vec<f64>,
-    /// Of the drive last seen.
-    metric: Option<(f64, Matrix3<f64>)>,
 }
 
 /// The ring of an identified model.
@@ -49,14 +47,7 @@ impl SensitivityDetector {
     /// Squared Mahalanobis distance of a signal from the healthy channels. `deviation`: from what is
     /// expected at its drive and temperature, counts.
     pub fn statistic(&self, deviation: &[f64], drive: f64, scratch: &mut Scratch) -> f64 {
-        let metric = match scratch.metric {
-            Some((of, metric)) if of == drive => metric,
-            _ => {
-                let Some(metric) = self.sensitivity.metric(drive) else { return f64::INFINITY };
-                scratch.metric = Some((drive, metric));
-                metric
-            }
-        };
+        let Some(metric) = self.sensitivity.metric(drive) else { return f64::INFINITY };
         let first = self.sensitivity.features(deviation, drive);
         let distance = self.sensitivity.distance(&metric, &first);
         if distance <= SECOND_LOOK {

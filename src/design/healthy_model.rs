@@ -232,7 +232,7 @@ impl HealthyModel {
         }
         // re-identification carries the threshold over in units of the median
         if !(1e-9..=1e9).contains(&(self.threshold.value / self.median_statistic)) {
-            return refuse("its threshold is out of all proportion to `median_energy`");
+            return refuse("its threshold is out of all proportion to `median_statistic`");
         }
         let answer = self.generator.impulse_response(design.samples);
         let largest = answer.iter().map(|v| v.abs()).fold(0.0, f64::max);
