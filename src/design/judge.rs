@@ -49,6 +49,8 @@ enum Isolator {
 
 /// A fit that leaves this many times the noise's square is no ring of the model.
 const NO_RING: f64 = 9.0;
+/// Share of a faulty signal's energy that the healthy real pole may fit badly.
+const MODEL_ERROR: f64 = 0.05;
 
 /// What isolation says of one signal.
 pub type Isolation = Decision;
@@ -162,7 +164,9 @@ impl Judge {
                 posterior.weigh(features, weights);
                 let decision = rule.decide(weights);
                 let noise = self.model.noise / drive;
-                let rings_otherwise = fit.misfit > NO_RING * noise * noise * residual.len() as f64;
+                let size: f64 = residual.iter().map(|y| y * y).sum();
+                let rings_otherwise = fit.misfit
+                    > NO_RING * noise * noise * residual.len() as f64 + MODEL_ERROR * size;
                 return Some(match posterior.fits_none(features) || rings_otherwise {
                     true => decision.of_unknown_fault(),
                     false => decision,

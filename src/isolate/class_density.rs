@@ -110,10 +110,14 @@ impl ClassDensity {
             + axes.map(|(axis, row)| axis.ln_density(self.along(row, x))).sum::<f64>()
     }
 
-    /// Squared distance from the class in units of the noise; about chi-squared inside its spread.
+    /// Squared distance from the class in units of the noise and of [`TOLERANCE`].
     pub fn distance(&self, x: &[f64]) -> f64 {
         let axes = self.axes.iter().zip(&self.to_axes);
-        axes.map(|(axis, row)| axis.distance(self.along(row, x)).powi(2)).sum()
+        axes.map(|(axis, row)| {
+            let elsewhere: f64 = row.iter().zip(TOLERANCE).map(|(b, t)| (b * t).powi(2)).sum();
+            axis.distance(self.along(row, x)).powi(2) / (1.0 + elsewhere)
+        })
+        .sum()
     }
 
     fn along(&self, row: &[f64], x: &[f64]) -> f64 {
@@ -145,6 +149,10 @@ impl Axis {
         }
     }
 }
+
+/// How far a class may lie elsewhere on another printhead or at another temperature (ln amplitude, ln
+/// damping, ln frequency, phase in rad): an unknown fault must be further away than that.
+const TOLERANCE: [f64; 4] = [0.1, 0.15, 0.02, 0.1];
 
 const SQRT_TAU: f64 = 2.506_628_274_631_000_7;
 
@@ -229,7 +237,7 @@ mod tests {
     fn distance_is_small_inside_and_large_outside() {
         let density = ClassDensity::learn(&draw(400, true), &noise(), None).unwrap();
         assert!(density.distance(&[1.3, 0.0]) < 1.0);
-        assert!(density.distance(&[3.0, 0.0]) > 100.0);
+        assert!(density.distance(&[5.0, 0.0]) > 100.0);
         assert!(density.ln_density(&[60.0, 0.0]).is_finite());
     }
 

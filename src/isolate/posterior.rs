@@ -35,7 +35,7 @@ const TEMPERATURES: [f64; 7] = [1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0];
 /// unless training signals lie further out themselves: sizes of a fault lie on a curve, not on an axis.
 const FITS_NONE: f64 = 28.5;
 /// Room beyond the outermost training signal.
-const ROOM: f64 = 2.0;
+const ROOM: f64 = 4.0;
 
 impl Posterior {
     /// Learns the densities of the same signals fitted with the phase held and free, and keeps what
