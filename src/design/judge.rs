@@ -167,7 +167,7 @@ impl Judge {
                 let size: f64 = residual.iter().map(|y| y * y).sum();
                 let rings_otherwise = fit.misfit
                     > NO_RING * noise * noise * residual.len() as f64 + MODEL_ERROR * size;
-                return Some(match posterior.fits_none(features) || rings_otherwise {
+                return Some(match posterior.fits_none(features) && rings_otherwise {
                     true => decision.of_unknown_fault(),
                     false => decision,
                 });
