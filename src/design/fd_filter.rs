@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 pub struct LearnedFilter {
     /// alpha(z), descending powers.
     pub denominator: Vec<f64>,
-    /// M(z) of Appendix A, descending powers; [1] with method II.
+    /// M(z) of Appendix A, descending powers; the constant 1 with method II.
     pub enhancement: Vec<f64>,
 }
 

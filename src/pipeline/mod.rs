@@ -8,9 +8,9 @@
 //!
 //! What crosses a channel is a batch, one block of the recording (a chunk, or about 1 MiB of
 //! messages). Batches carry their place; the writer restores the order, so any number of threads
-//! gives the same bytes. Memory is bounded by what is in flight ([`in_flight::InFlight`]), whatever
+//! gives the same bytes. Memory is bounded by what is in flight (`in_flight`), whatever
 //! the recording's length. Windows are learned before the stages start, in a pass of their own
-//! ([`windows`]): only then is the result the same where the file's order is not the time's.
+//! (`windows`): only then is the result the same where the file's order is not the time's.
 
 pub mod collect;
 mod in_flight;
