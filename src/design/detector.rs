@@ -4,7 +4,7 @@ use super::DesignError;
 use crate::detect::sensitivity::Sensitivity;
 use crate::identify::grey_box::Identification;
 use crate::model::ring::Ring;
-use crate::model::ring_fit::{Columns, Features, RingFitter};
+use crate::model::ring_fit::{Features, RingFitter};
 use nalgebra::Vector3;
 
 /// A first-order distance beyond this (99 % of healthy signals stay below) is looked at again by a
@@ -22,7 +22,6 @@ pub struct SensitivityDetector {
 /// Scratch of one worker.
 #[derive(Clone, Debug, Default)]
 pub struct Scratch {
-    columns: Columns,
     signal: Vec<f64>,
 }
 
@@ -76,7 +75,7 @@ impl SensitivityDetector {
             ln_frequency: first[2],
             phase_rad: 0.0,
         };
-        let fit = self.fitter.fit_from(&scratch.signal, &near, false, &mut scratch.columns)?;
+        let fit = self.fitter.fit_from(&scratch.signal, &near, false)?;
         let x = fit.features;
         Some(Vector3::new(x.ln_amplitude, x.ln_damping, x.ln_frequency))
     }

@@ -11,7 +11,7 @@ use crate::isolate::{
     Decision, DecisionRule, IsolateMethod, IsolateSignal, MAX_CLASSES, SignatureMatrix, Simplex,
     model_matching,
 };
-use crate::model::ring_fit::{Columns, RingFitter};
+use crate::model::ring_fit::{Products, RingFitter};
 
 /// Judges signals by one model. Built once per model, shared by all workers.
 #[derive(Debug)]
@@ -60,7 +60,7 @@ pub type Isolation = Decision;
 pub struct Workspace {
     residual: Vec<f64>,
     projection: Vec<f64>,
-    columns: Columns,
+    products: Products,
     detector: Scratch,
     /// Per class, of the signal last isolated.
     pub weights: Vec<f64>,
@@ -138,7 +138,7 @@ impl Judge {
         work: &mut Workspace,
     ) -> Option<Isolation> {
         let Isolating { isolator, signal, rule } = self.isolating.as_ref()?;
-        let Workspace { residual, projection, weights, columns, .. } = work;
+        let Workspace { residual, projection, weights, products, .. } = work;
         let classes = rule.category_of.len();
         weights.clear();
         weights.resize(classes, 0.0);
@@ -158,7 +158,7 @@ impl Judge {
                 residual.clear();
                 let expected = &self.model.expected;
                 residual.extend(expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
-                let fit = fitter.fit(residual, posterior.phase, columns)?;
+                let fit = fitter.fit(residual, posterior.phase, products)?;
                 let features = fit.features.coordinates();
                 let features = &features[..posterior.coordinates()];
                 posterior.weigh(features, weights);

@@ -10,7 +10,7 @@ use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
 use crate::isolate::IsolateMethod;
 use crate::isolate::posterior::{Examples, Posterior};
-use crate::model::ring_fit::{Columns, Features, RingFitter};
+use crate::model::ring_fit::{Products, Features, RingFitter};
 use std::collections::BTreeMap;
 
 /// Labelled signals of one sampling, by printhead; drives relative to `drive_voltage_v`.
@@ -170,7 +170,7 @@ fn examples(
     phase: bool,
 ) -> Result<Option<Examples>, DesignError> {
     let coordinates = if phase { 4 } else { 3 };
-    let (mut features, mut columns) = (Vec::new(), Columns::default());
+    let (mut features, mut columns) = (Vec::new(), Products::default());
     let mut noise = None;
     for (model, set) in sets {
         let dt_s = model.generator.dt_s;

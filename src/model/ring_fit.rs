@@ -5,6 +5,7 @@
 //! start over damping and frequency is followed by a few damped Gauss-Newton steps. White noise.
 
 use super::ring::Ring;
+use super::ring_moments::{self, Moments, Oscillation};
 use nalgebra::{DMatrix, Matrix4, Vector4};
 
 /// ln (A/A0), ln (sigma/sigma0), ln (f/f0), and phi - phi0 (0 where the phase is not free).
@@ -41,6 +42,9 @@ const DAMPINGS: [f64; 6] = [0.04, 0.2, 0.5, 1.0, 1.8, 3.2];
 const FREQUENCIES: usize = 28;
 const FREQUENCY_RANGE: (f64, f64) = (0.40, 1.55);
 const STEPS: usize = 4;
+/// A step smaller than this, in ln, is none.
+const LEAST_DAMPING: f64 = 1e-5;
+const LEAST_FREQUENCY: f64 = 1e-7;
 /// ln of the largest change of damping and of frequency in one step.
 const MOST_DAMPING: f64 = 0.7;
 const MOST_FREQUENCY: f64 = 0.06;
@@ -54,119 +58,128 @@ pub struct RingFitter {
     /// Real pole's part of the first column, N.
     real: Vec<f64>,
     grid: Vec<Start>,
+    /// N rows of the grid's columns, all in-phase ones first: only the start is chosen by them.
+    table: Vec<f32>,
 }
 
+/// A place of the coarse grid.
 #[derive(Clone, Debug)]
 struct Start {
     damping: f64,
     frequency: f64,
-    /// In phase with the healthy ring, and in quadrature, N each.
-    columns: [Vec<f64>; 2],
-    /// Upper triangle of the inverse of their Gram matrix.
-    inverse: [f64; 3],
+    /// Upper triangle of the inverse of its columns' Gram matrix.
+    inverse: [f32; 3],
 }
 
 /// Scratch of one worker.
 #[derive(Clone, Debug, Default)]
-pub struct Columns {
-    in_phase: Vec<f64>,
-    quadrature: Vec<f64>,
+pub struct Products {
+    of_grid: Vec<f32>,
 }
 
 impl RingFitter {
     pub fn new(ring: Ring, dt_s: f64, samples: usize) -> RingFitter {
-        let real = (0..samples)
+        let real: Vec<f64> = (0..samples)
             .map(|k| ring.real_share * (-ring.lambda_per_s * k as f64 * dt_s).exp())
             .collect();
-        let mut fitter = RingFitter { ring, dt_s, samples, real, grid: Vec::new() };
+        let mut fitter =
+            RingFitter { ring, dt_s, samples, real, grid: Vec::new(), table: Vec::new() };
         let (low, high) = FREQUENCY_RANGE;
+        let nothing = vec![0.0; samples];
+        let mut columns = [Vec::new(), Vec::new()];
         for damping in DAMPINGS {
             for i in 0..FREQUENCIES {
                 let share = i as f64 / (FREQUENCIES - 1) as f64;
                 let frequency = low * (high / low).powf(share);
-                let mut columns = Columns::default();
-                fitter.columns(damping, frequency, &mut columns);
-                let (p, q) = (columns.in_phase, columns.quadrature);
-                let (pp, pq, qq) = (dot(&p, &p), dot(&p, &q), dot(&q, &q));
+                let of = Moments::of(&nothing, &fitter.real, fitter.oscillation(damping, frequency));
+                let [pp, pq, qq, ..] = of.gram;
                 let determinant = pp * qq - pq * pq;
                 if determinant > 1e-9 * pp * qq {
-                    let inverse = [qq / determinant, -pq / determinant, pp / determinant];
-                    fitter.grid.push(Start { damping, frequency, columns: [p, q], inverse });
+                    let inverse = [qq, -pq, pp].map(|g| (g / determinant) as f32);
+                    fitter.grid.push(Start { damping, frequency, inverse });
+                    let [p, q] = fitter.columns(damping, frequency);
+                    columns[0].push(p);
+                    columns[1].push(q);
                 }
             }
         }
+        let columns = columns.concat();
+        fitter.table =
+            (0..samples).flat_map(|k| columns.iter().map(move |c| c[k] as f32)).collect();
         fitter
     }
 
-    /// In-phase and quadrature columns of a ring with those ratios of damping and frequency, per
-    /// unit amplitude; by recurrence, two multiplications a sample.
-    fn columns(&self, damping: f64, frequency: f64, out: &mut Columns) {
-        let omega = 2.0 * std::f64::consts::PI * self.ring.frequency_hz * frequency;
+    /// The ring's damped pair at those ratios of damping and frequency, per unit amplitude.
+    fn oscillation(&self, damping: f64, frequency: f64) -> Oscillation {
         let decay = (-self.ring.damping_per_s * damping * self.dt_s).exp();
-        let (sin, cos) = (omega * self.dt_s).sin_cos();
-        let (c, s) = (decay * cos, decay * sin);
-        let (mut im, mut re) = self.ring.phase_rad.sin_cos();
-        out.in_phase.clear();
-        out.quadrature.clear();
-        for k in 0..self.samples {
-            out.in_phase.push(re + self.real[k]);
-            out.quadrature.push(-im);
+        let (sin, cos) = (self.omega_dt(frequency)).sin_cos();
+        let (first_sin, first_cos) = self.ring.phase_rad.sin_cos();
+        Oscillation { first: (first_cos, first_sin), ratio: (decay * cos, decay * sin) }
+    }
+
+    fn omega_dt(&self, frequency: f64) -> f64 {
+        2.0 * std::f64::consts::PI * self.ring.frequency_hz * frequency * self.dt_s
+    }
+
+    /// In-phase and quadrature columns of a ring with those ratios of damping and frequency, per
+    /// unit amplitude; by recurrence.
+    fn columns(&self, damping: f64, frequency: f64) -> [Vec<f64>; 2] {
+        let Oscillation { first: (mut re, mut im), ratio: (c, s) } =
+            self.oscillation(damping, frequency);
+        let mut columns = [Vec::with_capacity(self.samples), Vec::with_capacity(self.samples)];
+        for real in &self.real {
+            columns[0].push(re + real);
+            columns[1].push(-im);
             (re, im) = (c * re - s * im, s * re + c * im);
         }
+        columns
     }
 
     /// `y`: N, counts. `phase`: free. `None`: the signal is no ring (zero, or not finite).
-    pub fn fit(&self, y: &[f64], phase: bool, work: &mut Columns) -> Option<Fit> {
-        let yy = dot(y, y);
-        if !(yy > 0.0 && yy.is_finite()) {
-            return None;
-        }
-        let (mut best, mut start) = (f64::INFINITY, None);
-        for at in &self.grid {
-            let (u, v) = (dot(y, &at.columns[0]), dot(y, &at.columns[1]));
+    pub fn fit(&self, y: &[f64], phase: bool, work: &mut Products) -> Option<Fit> {
+        let places = self.grid.len();
+        work.of_grid.resize(2 * places, 0.0);
+        ring_moments::products(y, &self.table, &mut work.of_grid);
+        let (in_phase, quadrature) = work.of_grid.split_at(places);
+        let (mut best, mut start) = (f32::NEG_INFINITY, None);
+        for ((at, u), v) in self.grid.iter().zip(in_phase).zip(quadrature) {
             let [i, j, k] = at.inverse;
             let explained = i * u * u + 2.0 * j * u * v + k * v * v;
-            if -explained < best {
-                best = -explained;
+            if explained > best {
+                best = explained;
                 start = Some(at);
             }
         }
         let start = start?;
-        self.refine(y, start.damping, start.frequency, phase, work)
+        self.refine(y, start.damping, start.frequency, phase)
     }
 
     /// The same from a start that is near already: no coarse search. `y`: N, counts.
-    pub fn fit_from(
-        &self,
-        y: &[f64],
-        near: &Features,
-        phase: bool,
-        work: &mut Columns,
-    ) -> Option<Fit> {
+    pub fn fit_from(&self, y: &[f64], near: &Features, phase: bool) -> Option<Fit> {
         let damping = near.ln_damping.clamp(-3.0, 2.0).exp();
         let frequency = near.ln_frequency.clamp(-0.9, 0.5).exp();
-        self.refine(y, damping, frequency, phase, work)
+        self.refine(y, damping, frequency, phase)
     }
 
-    fn refine(
-        &self,
-        y: &[f64],
-        damping: f64,
-        frequency: f64,
-        phase: bool,
-        work: &mut Columns,
-    ) -> Option<Fit> {
+    fn refine(&self, y: &[f64], damping: f64, frequency: f64, phase: bool) -> Option<Fit> {
+        let yy = dot(y, y);
+        if !(yy > 0.0 && yy.is_finite()) {
+            return None;
+        }
         let (mut damping, mut frequency) = (damping, frequency);
-        let mut state = self.state(y, damping, frequency, phase, work)?;
+        let mut state = self.state(y, yy, damping, frequency, phase)?;
         let mut trust = 1.0;
         for _ in 0..STEPS {
-            let step = self.step(y, damping, frequency, &state, phase, work)?;
+            let step = self.step(damping, frequency, &state, phase)?;
+            if step.0.abs() < LEAST_DAMPING && step.1.abs() < LEAST_FREQUENCY {
+                break;
+            }
             let mut accepted = false;
             for _ in 0..4 {
                 let d = (trust * step.0).clamp(-MOST_DAMPING, MOST_DAMPING);
                 let f = (trust * step.1).clamp(-MOST_FREQUENCY, MOST_FREQUENCY);
                 let trial = (damping * d.exp(), frequency * f.exp());
-                if let Some(next) = self.state(y, trial.0, trial.1, phase, work)
+                if let Some(next) = self.state(y, yy, trial.0, trial.1, phase)
                     && next.misfit <= state.misfit
                 {
                     (damping, frequency) = trial;
@@ -177,7 +190,7 @@ impl RingFitter {
                 }
                 trust /= 4.0;
             }
-            if !accepted || (step.0.abs() < 1e-5 && step.1.abs() < 1e-7) {
+            if !accepted {
                 break;
             }
         }
@@ -198,16 +211,15 @@ impl RingFitter {
     /// N x 4: dy/d(ln A, ln sigma, ln f, phi) at some features, counts.
     pub fn tangent(&self, at: &Features) -> DMatrix<f64> {
         let (damping, frequency) = (at.ln_damping.exp(), at.ln_frequency.exp());
-        let mut work = Columns::default();
-        self.columns(damping, frequency, &mut work);
+        let [in_phase, quadrature] = self.columns(damping, frequency);
         let amplitude = self.ring.amplitude * at.ln_amplitude.exp();
         let (sin, cos) = at.phase_rad.sin_cos();
         let (a, b) = (amplitude * cos, amplitude * sin);
         let sigma_dt = self.ring.damping_per_s * damping * self.dt_s;
-        let omega_dt = 2.0 * std::f64::consts::PI * self.ring.frequency_hz * frequency * self.dt_s;
+        let omega_dt = self.omega_dt(frequency);
         let mut tangent = DMatrix::zeros(self.samples, 4);
         for k in 0..self.samples {
-            let (p, q, t) = (work.in_phase[k], work.quadrature[k], k as f64);
+            let (p, q, t) = (in_phase[k], quadrature[k], k as f64);
             let pair = p - self.real[k];
             tangent[(k, 0)] = a * p + b * q;
             tangent[(k, 1)] = -sigma_dt * t * (a * pair + b * q);
@@ -226,69 +238,54 @@ impl RingFitter {
         Some((columns.transpose() * columns).try_inverse()? * (noise * noise))
     }
 
-    /// Best amplitude (and phase) at a damping and frequency.
+    /// Best amplitude (and phase) at a damping and frequency. `yy`: the signal's square norm.
     fn state(
         &self,
         y: &[f64],
+        yy: f64,
         damping: f64,
         frequency: f64,
         phase: bool,
-        work: &mut Columns,
     ) -> Option<State> {
-        self.columns(damping, frequency, work);
-        let (p, q) = (&work.in_phase, &work.quadrature);
-        let (pp, up) = (dot(p, p), dot(y, p));
+        let moments = Moments::of(y, &self.real, self.oscillation(damping, frequency));
+        let ([pp, pq, qq, ..], [up, uq, ..]) = (moments.gram, moments.slope);
         let (a, b) = if phase {
-            let (pq, qq, uq) = (dot(p, q), dot(q, q), dot(y, q));
             let determinant = pp * qq - pq * pq;
             ((qq * up - pq * uq) / determinant, (pp * uq - pq * up) / determinant)
         } else {
             (up / pp, 0.0)
         };
-        let misfit = y
-            .iter()
-            .zip(p.iter().zip(q))
-            .map(|(y, (p, q))| (y - a * p - b * q).powi(2))
-            .sum::<f64>();
-        misfit.is_finite().then_some(State { a, b, misfit })
+        let misfit = (yy - a * up - b * uq).max(0.0);
+        (misfit.is_finite() && a.is_finite() && b.is_finite())
+            .then_some(State { a, b, misfit, moments })
     }
 
     /// Gauss-Newton step of (ln damping, ln frequency), amplitude (and phase) eliminated.
     fn step(
         &self,
-        y: &[f64],
         damping: f64,
         frequency: f64,
         state: &State,
         phase: bool,
-        work: &mut Columns,
     ) -> Option<(f64, f64)> {
-        self.columns(damping, frequency, work);
         let sigma_dt = self.ring.damping_per_s * damping * self.dt_s;
-        let omega_dt = 2.0 * std::f64::consts::PI * self.ring.frequency_hz * frequency * self.dt_s;
-        let (mut gram, mut slope) = (Matrix4::zeros(), Vector4::zeros());
-        for (k, y) in y.iter().enumerate() {
-            let (p, q) = (work.in_phase[k], work.quadrature[k]);
-            let pair = p - self.real[k];
-            // the ring's own oscillation and its quarter turn
-            let ring = state.a * pair + state.b * q;
-            let turned = state.a * q - state.b * pair;
-            let t = k as f64;
-            let columns =
-                [p, if phase { q } else { 0.0 }, -sigma_dt * t * ring, omega_dt * t * turned];
-            let rest = y - state.a * p - state.b * q;
-            for i in 0..4 {
-                slope[i] += columns[i] * rest;
-                for j in 0..=i {
-                    gram[(i, j)] += columns[i] * columns[j];
-                }
-            }
-        }
+        let omega_dt = self.omega_dt(frequency);
+        let &State { a, b, moments: Moments { gram, slope }, .. } = state;
+        let inner = |i: usize, j: usize| gram[i.max(j) * (i.max(j) + 1) / 2 + i.min(j)];
+        let full = Matrix4::from_fn(inner);
+        // dy/d(ln sigma) = -sigma t (a p' + b q), dy/d(ln omega) = omega t (a q - b p')
+        let mut change = Matrix4::identity();
+        change.set_column(2, &(Vector4::new(0.0, 0.0, a, b) * -sigma_dt));
+        change.set_column(3, &(Vector4::new(0.0, 0.0, -b, a) * omega_dt));
         if !phase {
-            gram[(1, 1)] = 1.0;
+            change[(1, 1)] = 0.0;
         }
-        gram.fill_upper_triangle_with_lower_triangle();
-        let step = gram.cholesky()?.solve(&slope);
+        let rest = Vector4::from(slope) - full * Vector4::new(a, b, 0.0, 0.0);
+        let mut normal = change.tr_mul(&(full * change));
+        if !phase {
+            normal[(1, 1)] = 1.0;
+        }
+        let step = normal.cholesky()?.solve(&change.tr_mul(&rest));
         Some((step[2], step[3]))
     }
 }
@@ -297,6 +294,7 @@ struct State {
     a: f64,
     b: f64,
     misfit: f64,
+    moments: Moments,
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -335,7 +333,7 @@ mod tests {
     #[test]
     fn clean_rings_come_back_from_anywhere_in_the_range() {
         let fitter = RingFitter::new(HEALTHY, DT_S, 128);
-        let mut work = Columns::default();
+        let mut work = Products::default();
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
         for _ in 0..500 {
             let (a, d) = (rng.random_range(0.5..1.6), rng.random_range(0.1..3.0));
@@ -351,7 +349,7 @@ mod tests {
     #[test]
     fn fit_is_a_stationary_point_of_the_misfit() {
         let fitter = RingFitter::new(HEALTHY, DT_S, 128);
-        let mut work = Columns::default();
+        let mut work = Products::default();
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(6);
         for _ in 0..50 {
             let y: Vec<f64> = signal(0.9, 1.5, 0.93, 0.0)
@@ -363,14 +361,17 @@ mod tests {
                 .collect();
             for phase in [false, true] {
                 let fit = fitter.fit(&y, phase, &mut work).unwrap();
-                let at = |d: f64, f: f64, work: &mut Columns| {
+                let at = |d: f64, f: f64| {
                     let (damping, frequency) =
                         (fit.features.ln_damping + d, fit.features.ln_frequency + f);
-                    fitter.state(&y, damping.exp(), frequency.exp(), phase, work).unwrap().misfit
+                    {
+                        let yy = dot(&y, &y);
+                        fitter.state(&y, yy, damping.exp(), frequency.exp(), phase).unwrap().misfit
+                    }
                 };
-                let here = at(0.0, 0.0, &mut work);
+                let here = at(0.0, 0.0);
                 for (d, f) in [(0.01, 0.0), (-0.01, 0.0), (0.0, 0.001), (0.0, -0.001)] {
-                    assert!(at(d, f, &mut work) >= here - 1e-9 * here, "lower beside the fit");
+                    assert!(at(d, f) >= here - 1e-9 * here, "lower beside the fit");
                 }
             }
         }
@@ -400,7 +401,7 @@ mod tests {
     #[test]
     fn nothing_is_no_ring() {
         let fitter = RingFitter::new(HEALTHY, DT_S, 128);
-        assert!(fitter.fit(&[0.0; 128], true, &mut Columns::default()).is_none());
-        assert!(fitter.fit(&[f64::NAN; 128], true, &mut Columns::default()).is_none());
+        assert!(fitter.fit(&[0.0; 128], true, &mut Products::default()).is_none());
+        assert!(fitter.fit(&[f64::NAN; 128], true, &mut Products::default()).is_none());
     }
 }
