@@ -8,7 +8,8 @@ use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use inkling::burst::{Burst, Format, Layout};
 use inkling::design::Design;
-use inkling::detect::kernel::{LaneFilter, project_lanes};
+use inkling::detect::kernel::LaneFilter;
+use inkling::detect::lane_sensitivity::LaneSensitivity;
 use inkling::detect::tile::{Gather, Instructions, LANES, Tile};
 use inkling::io::Limits;
 use inkling::io::burst_codec::{BurstDecoder, encode};
@@ -115,17 +116,19 @@ fn filter_f32_lanes(bencher: Bencher, instructions: &str) {
         .bench_local(|| lanes.square_sums(black_box(&tile), instructions));
 }
 
+/// Deviations and distances along the sensitivities.
 #[divan::bench(args = sets())]
-fn projections_f32_lanes(bencher: Bencher, instructions: &str) {
-    let (instructions, (lanes, _), burst) =
-        (set(instructions), lanes(), burst(Layout::ChannelMajor));
+fn sensitivity_f32_lanes(bencher: Bencher, instructions: &str) {
+    let (instructions, burst) = (set(instructions), burst(Layout::ChannelMajor));
+    let model = &design().models[0];
+    let sensitivity = model.sensitivity.as_ref().expect("the sample's default method");
+    let lanes = LaneSensitivity::new(sensitivity, &model.expected, None).expect("a usual model");
     let (mut gather, mut tile) = (Gather::default(), Tile::default());
-    (0..LANES).for_each(|row| gather.push(&burst, row, 1.0, 0.0));
-    tile.fill(&mut gather, lanes.samples(), instructions);
-    let p = vec![[0.1_f32; 4]; lanes.samples()];
-    bencher
-        .counter(ItemsCount::new(LANES))
-        .bench_local(|| project_lanes(black_box(&p), &tile, instructions));
+    bencher.counter(ItemsCount::new(LANES)).bench_local(|| {
+        (0..LANES).for_each(|row| gather.push(&burst, row, 1.0, 0.0));
+        tile.fill(&mut gather, lanes.samples(), instructions);
+        lanes.judge(black_box(&mut tile), 11.0, RAILS, instructions)
+    });
 }
 
 fn whole_kernel(bencher: Bencher, instructions: &str, layout: Layout) {

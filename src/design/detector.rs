@@ -1,15 +1,11 @@
 //! The detection statistic of one model: what is compared with its threshold.
 
 use super::DesignError;
-use crate::detect::sensitivity::Sensitivity;
+use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK, Sensitivity};
 use crate::identify::grey_box::Identification;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
 use nalgebra::Vector3;
-
-/// A first-order distance beyond this (99 % of healthy signals stay below) is looked at again by a
-/// fit: far from the healthy ring the projections are no longer its features.
-const SECOND_LOOK: f64 = 11.345;
 
 /// `detect.method` = `sensitivity`, ready for one model.
 #[derive(Clone, Debug)]
@@ -49,7 +45,7 @@ impl SensitivityDetector {
         let Some(metric) = self.sensitivity.metric(drive) else { return f64::INFINITY };
         let first = self.sensitivity.features(deviation, drive);
         let distance = self.sensitivity.distance(&metric, &first);
-        if distance <= SECOND_LOOK {
+        if distance <= SECOND_LOOK || distance >= CLEARLY_FAR {
             return distance;
         }
         match self.fitted(&first, deviation, drive, scratch) {

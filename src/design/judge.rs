@@ -1,9 +1,9 @@
 //! A healthy model and the fault classes as they meet a signal: what rides with every batch.
 
 use super::detector::{Scratch, SensitivityDetector, ring_of};
+use super::lanes::Lanes;
 use super::{Design, DesignError, FaultModel, HealthyModel, IsolateSettings};
 use crate::burst::Burst;
-use crate::detect::kernel::LaneFilter;
 use crate::identify::reservoir::relative_drive;
 use crate::isolate::neighbours::Neighbours;
 use crate::isolate::posterior::Posterior;
@@ -20,8 +20,8 @@ pub struct Judge {
     pub index: u16,
     pub model: HealthyModel,
     pub reference_v: Option<f64>,
-    /// The filter for many signals at once; where there is none, the model's own does the work.
-    pub lanes: Option<LaneFilter>,
+    /// Detection of many signals at once; where there is none, [`Judge::statistic`] does the work.
+    pub lanes: Option<Lanes>,
     /// With `detect.method` = `sensitivity`.
     detector: Option<SensitivityDetector>,
     isolating: Option<Isolating>,
@@ -84,7 +84,6 @@ impl Judge {
             }),
             _ => None,
         };
-        let response = model.temperature_response.as_deref();
         let detector = match &model.sensitivity {
             None => None,
             Some(sensitivity) => Some(SensitivityDetector::new(
@@ -94,10 +93,7 @@ impl Judge {
                 model.generator.dt_s,
             )?),
         };
-        let lanes = match detector {
-            None => LaneFilter::new(&model.generator, &model.expected, response),
-            Some(_) => None,
-        };
+        let lanes = Lanes::of(&model);
         Ok(Judge { index, reference_v, model, lanes, detector, isolating })
     }
 

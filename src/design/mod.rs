@@ -9,6 +9,7 @@ mod fault_class;
 mod fd_filter;
 mod healthy_model;
 mod judge;
+mod lanes;
 mod train;
 
 pub use crate::detect::DetectSettings;
@@ -17,6 +18,7 @@ pub use fault_class::{FaultClass, FaultModel};
 pub use fd_filter::LearnedFilter;
 pub use healthy_model::{HealthyModel, LearnSettings};
 pub use judge::{Isolation, Judge, Workspace};
+pub use lanes::Lanes;
 pub use train::TrainingSet;
 
 use crate::fault;

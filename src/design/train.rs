@@ -10,7 +10,7 @@ use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
 use crate::isolate::IsolateMethod;
 use crate::isolate::posterior::{Examples, Posterior};
-use crate::model::ring_fit::{Products, Features, RingFitter};
+use crate::model::ring_fit::{Features, Products, RingFitter};
 use std::collections::BTreeMap;
 
 /// Labelled signals of one sampling, by printhead; drives relative to `drive_voltage_v`.

@@ -33,17 +33,18 @@
 //! 2^-29 of this; results below f32's normal range are not trusted at all.
 
 use super::ResidualGenerator;
+use super::lane_expectation::LaneExpectation;
 use super::tile::{Instructions, LANES, Tile};
 
 /// Highest degree of a filter with a kernel; beyond, the reference does the work.
 pub const MOST_ORDER: usize = 8;
 
 /// Unit roundoff of f32.
-const U: f64 = 1.0 / (1u64 << 24) as f64;
+pub(super) const U: f64 = 1.0 / (1u64 << 24) as f64;
 /// Second order of the bound, and the reference's own rounding.
-const SLACK: f64 = 1.01;
+pub(super) const SLACK: f64 = 1.01;
 /// Sums of squares below this may have lost digits to underflow.
-const LEAST: f32 = 1e-28;
+pub(super) const LEAST: f32 = 1e-28;
 
 /// A residual generator's f32 twin, for signals of one length that are expected to be one shape.
 #[derive(Clone, Debug)]
@@ -52,25 +53,19 @@ pub struct LaneFilter {
     numerator: Vec<f32>,
     denominator: Vec<f32>,
     dt_s: f64,
-    /// y_hat and d y_hat / d temperature, N each.
-    expected: Vec<f32>,
-    response: Vec<f32>,
-    /// |r^ - r| <= of_deviation |d^| + of_residual |r^| + drive (of_expected + |dT| of_response).
+    expectation: LaneExpectation,
+    /// |r^ - r| <= of_deviation |d^| + of_residual |r^| + of_expectation (error of what is expected).
     of_deviation: f64,
     of_residual: f64,
-    of_expected: f64,
-    of_response: f64,
-    /// Largest magnitudes, counts and counts/K.
-    largest_expected: f64,
-    largest_response: f64,
+    of_expectation: f64,
 }
 
 /// Of the signals of one tile, lane by lane.
 #[derive(Clone, Copy, Debug)]
-pub struct LaneEnergies {
-    /// Residual energy, counts²·s.
-    pub energy: [f64; LANES],
-    /// The reference's energy is surely at or below the threshold, and no sample is at a rail.
+pub struct LaneStatistics {
+    /// What is compared with the threshold: residual energy, counts²·s, or squared distance.
+    pub statistic: [f64; LANES],
+    /// The reference's statistic is surely at or below the threshold, and no sample is at a rail.
     pub settled: [bool; LANES],
 }
 
@@ -84,16 +79,9 @@ impl LaneFilter {
         let (b, a) = (&generator.numerator, &generator.denominator);
         let order = generator.degree();
         let n = expected.len();
-        let zeros = vec![0.0; n];
-        let response = response.unwrap_or(&zeros);
+        let expectation = LaneExpectation::new(expected, response)?;
         let fits = |v: &[f64]| v.iter().all(|&x| x == 0.0 || (1e-25..1e25).contains(&x.abs()));
-        let usable = (1..=MOST_ORDER).contains(&order)
-            && n > 0
-            && response.len() == n
-            && fits(b)
-            && fits(a)
-            && expected.iter().chain(response).all(|x| x.abs() < 1e25);
-        if !usable {
+        if !((1..=MOST_ORDER).contains(&order) && fits(b) && fits(a)) {
             return None;
         }
         let all_pole = {
@@ -110,30 +98,24 @@ impl LaneFilter {
         };
         let beta = 2.0 * b[0].abs() + local(b, 4.0);
         let alpha = 1.0 + local(a, 3.0);
-        let norm = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
-        let largest = |v: &[f64]| v.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
         let sums = (n as f64 + 2.0) * U;
         let twin = |v: &[f64]| v.iter().map(|&x| x as f32).collect::<Vec<f32>>();
         let filter = LaneFilter {
             numerator: twin(b),
             denominator: twin(&a[1..]),
             dt_s: generator.dt_s,
-            expected: twin(expected),
-            response: twin(response),
+            expectation,
             of_deviation: SLACK * (1.0 + sums) * U * (f_norm + g_norm * beta),
             of_residual: SLACK * (sums + U * g_norm * alpha),
-            of_expected: SLACK * 6.0 * U * f_norm * norm(expected),
-            of_response: SLACK * 6.0 * U * f_norm * norm(response),
-            largest_expected: largest(expected),
-            largest_response: largest(response),
+            of_expectation: SLACK * f_norm,
         };
-        let bound = filter.of_deviation + filter.of_residual + filter.of_expected;
-        (bound + filter.of_response).is_finite().then_some(filter)
+        let bound = filter.of_deviation + filter.of_residual + filter.of_expectation;
+        bound.is_finite().then_some(filter)
     }
 
     /// Samples of a signal.
     pub fn samples(&self) -> usize {
-        self.expected.len()
+        self.expectation.samples()
     }
 
     /// Judges the signals of `tile`, which are left as deviations from what is expected of them.
@@ -144,32 +126,19 @@ impl LaneFilter {
         threshold: f64,
         rails: [f64; 2],
         instructions: Instructions,
-    ) -> LaneEnergies {
-        tile.subtract(&self.expected, &self.response, instructions);
+    ) -> LaneStatistics {
+        self.expectation.subtract(tile, instructions);
         let sums = self.square_sums(tile, instructions);
-        let mut judged = LaneEnergies { energy: [f64::NAN; LANES], settled: [false; LANES] };
+        let mut judged = LaneStatistics { statistic: [f64::NAN; LANES], settled: [false; LANES] };
         for (lane, residual2) in sums.into_iter().enumerate().take(tile.lanes()) {
-            let deviation2 = tile.square_sum(lane);
-            let energy = self.dt_s * f64::from(residual2);
-            judged.energy[lane] = energy;
-            // comparisons that NaN fails
-            let trusted = residual2 > LEAST && deviation2 > LEAST && deviation2 < f32::INFINITY;
-            if !trusted {
-                continue;
-            }
-            let (r, d) = (f64::from(residual2).sqrt(), f64::from(deviation2).sqrt());
-            let (drive, warmer) = tile.condition(lane);
-            let (drive, warmer) = (f64::from(drive.abs()), f64::from(warmer.abs()));
-            // a sample at a rail would alone deviate more than all do together
-            let largest = drive * (self.largest_expected + warmer * self.largest_response);
-            if SLACK * d + 1.0 >= rails[1].min(-rails[0]) - largest {
-                continue;
-            }
-            let error = self.of_deviation * d
+            judged.statistic[lane] = self.dt_s * f64::from(residual2);
+            let Some(deviation) = self.expectation.deviation(tile, lane, rails) else { continue };
+            let r = f64::from(residual2).sqrt();
+            let error = self.of_deviation * deviation.norm
                 + self.of_residual * r
-                + drive * (self.of_expected + warmer * self.of_response);
+                + self.of_expectation * deviation.error;
             let most = r + error;
-            judged.settled[lane] = self.dt_s * most * most < threshold;
+            judged.settled[lane] = residual2 > LEAST && self.dt_s * most * most < threshold;
         }
         judged
     }
@@ -184,20 +153,10 @@ impl LaneFilter {
     /// Bound on the error of |r^| for a signal's |d^| and |r^| at reference drive and temperature.
     #[cfg(test)]
     fn bound(&self, d: f64, r: f64) -> f64 {
-        self.of_deviation * d + self.of_residual * r + self.of_expected
+        self.of_deviation * d
+            + self.of_residual * r
+            + self.of_expectation * self.expectation.error()
     }
-}
-
-/// Square norm of a deviation's projections, d^T P P^T d, lane by lane, with the arithmetic rules of
-/// this module. `projections`: N rows of M, the columns of P.
-pub fn project_lanes<const M: usize>(
-    projections: &[[f32; M]],
-    tile: &Tile,
-    instructions: Instructions,
-) -> [f32; LANES] {
-    let mut out = [0.0; LANES];
-    instructions.project(projections, tile.deviations(), &mut out);
-    out
 }
 
 #[cfg(test)]

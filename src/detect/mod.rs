@@ -7,6 +7,8 @@
 pub mod decoupling;
 pub mod detectability;
 pub mod kernel;
+pub mod lane_expectation;
+pub mod lane_sensitivity;
 pub mod null_space;
 pub mod numerator;
 pub mod poles;

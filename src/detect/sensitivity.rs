@@ -8,8 +8,15 @@
 //! The healthy spread is that of the channels plus that of the noise; the noise weighs more where the
 //! drive is low, so the two are kept apart.
 
+use crate::model::ring_moments::dot;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
+
+/// A first-order distance beyond this (99 % of healthy signals stay below) is looked at again by a
+/// fit: far from the healthy ring the projections are no longer its features.
+pub const SECOND_LOOK: f64 = 11.345;
+/// So far away nothing healthy lies, however it is measured: first order will do.
+pub const CLEARLY_FAR: f64 = 1e3;
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Sensitivity {
@@ -66,9 +73,7 @@ impl Sensitivity {
 
     /// (ln A, ln sigma, ln f) to first order. `deviation`: N, counts.
     pub fn features(&self, deviation: &[f64], drive: f64) -> Vector3<f64> {
-        Vector3::from_fn(|k, _| {
-            self.projection[k].iter().zip(deviation).map(|(p, d)| p * d).sum::<f64>() / drive
-        })
+        Vector3::from_fn(|k, _| dot(&self.projection[k], deviation) / drive)
     }
 
     /// Whitening at a drive: the inverse of spread + noise / drive².

@@ -440,12 +440,12 @@ impl Instructions {
         }
     }
 
-    /// Sum over the columns of `p` of (p . deviation)².
+    /// Per column of `p` its product with the deviation.
     pub(super) fn project<const M: usize>(
         self,
         p: &[[f32; M]],
         deviations: &[Sample],
-        out: &mut Sample,
+        out: &mut [Sample; M],
     ) {
         with!(self.0, project::<M>, (p, deviations, out));
     }
@@ -558,7 +558,7 @@ macro_rules! arithmetic {
             pub(super) fn project<const M: usize>(
                 projections: &[[f32; M]],
                 deviations: &[Sample],
-                out: &mut Sample,
+                out: &mut [Sample; M],
             ) {
                 for lane in (0..LANES).step_by(PAIR * $W) {
                     let mut c = [[$set(0.0); M]; PAIR];
@@ -571,11 +571,9 @@ macro_rules! arithmetic {
                         }
                     }
                     for p in 0..PAIR {
-                        let mut sum = $set(0.0);
                         for j in 0..M {
-                            sum = $add(sum, $mul(c[p][j], c[p][j]));
+                            store(&mut out[j], lane + p * $W, c[p][j]);
                         }
-                        store(out, lane + p * $W, sum);
                     }
                 }
             }

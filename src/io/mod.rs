@@ -15,6 +15,7 @@ mod mcap_records;
 pub mod part_file;
 pub mod recording;
 pub mod recording_writer;
+mod run_column;
 pub mod scan;
 mod source;
 pub mod verdict_reader;

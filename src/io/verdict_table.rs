@@ -4,19 +4,21 @@
 //! Out: `<stem>.verdicts.parquet`, under its name once it is complete. No string is made per row.
 
 use super::part_file::PartFile;
+use super::run_column::{self, RunColumn};
 use crate::verdict::{Outcome, Reason, VerdictColumns};
-use arrow_array::types::Int32Type;
 use arrow_array::{
-    ArrayRef, DictionaryArray, FixedSizeListArray, Float32Array, Int32Array, RecordBatch,
-    StringArray, TimestampMicrosecondArray, TimestampNanosecondArray, UInt16Array, UInt32Array,
+    ArrayRef, FixedSizeListArray, Float32Array, TimestampMicrosecondArray,
+    TimestampNanosecondArray, UInt32Array,
 };
 use arrow_buffer::{BooleanBuffer, NullBuffer};
 use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef, TimeUnit};
 use parquet::arrow::ArrowWriter;
+use parquet::arrow::arrow_writer::{ArrowColumnWriter, ArrowRowGroupWriterFactory, compute_leaves};
 use parquet::basic::{Compression, Encoding, ZstdLevel};
 use parquet::errors::ParquetError;
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::{EnabledStatistics, WriterProperties};
+use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::ColumnPath;
 use std::fs::File;
 use std::io::BufWriter;
@@ -27,6 +29,8 @@ use thiserror::Error;
 /// Key of the file's metadata document.
 pub const METADATA_KEY: &str = "inkling";
 const ROW_GROUP_ROWS: usize = 1 << 20;
+/// A row group that takes this much memory is ended early.
+const MOST_HELD_BYTES: usize = 128 << 20;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TimestampUnit {
@@ -107,22 +111,17 @@ fn properties(unit: TimestampUnit) -> WriterProperties {
         .set_compression(Compression::ZSTD(ZstdLevel::default()))
         .set_statistics_enabled(EnabledStatistics::Chunk)
         .set_max_row_group_row_count(Some(ROW_GROUP_ROWS));
-    for name in ["acquired_at", "channel", "model"] {
+    for name in ["acquired_at", "channel"] {
         properties = properties
             .set_column_dictionary_enabled(column(name), false)
             .set_column_encoding(column(name), Encoding::DELTA_BINARY_PACKED);
-    }
-    // what is worth skipping row groups by: when, where, how much
-    for name in ["outcome", "category", "fault", "candidate", "reason", "threshold", "model"] {
-        properties =
-            properties.set_column_statistics_enabled(column(name), EnabledStatistics::None);
     }
     let floats = match unit {
         TimestampUnit::Ns => Encoding::BYTE_STREAM_SPLIT,
         TimestampUnit::Us => Encoding::PLAIN,
     };
     let weights = "weights.list.element";
-    for name in ["certainty", "statistic", "threshold", "severity", "severity_sd", weights] {
+    for name in ["certainty", "statistic", "severity", "severity_sd", weights] {
         let parts = name.split('.').map(String::from).collect::<Vec<_>>();
         properties = properties
             .set_column_dictionary_enabled(ColumnPath::new(parts.clone()), false)
@@ -132,15 +131,34 @@ fn properties(unit: TimestampUnit) -> WriterProperties {
 }
 
 pub struct VerdictWriter {
-    writer: ArrowWriter<BufWriter<File>>,
+    file: SerializedFileWriter<BufWriter<File>>,
+    factory: ArrowRowGroupWriterFactory,
     part: PartFile,
     schema: SchemaRef,
     options: TableOptions,
-    outcomes: ArrayRef,
-    reasons: ArrayRef,
-    classes: ArrayRef,
-    categories: ArrayRef,
+    group: Option<RowGroup>,
+    groups: usize,
     rows: u64,
+}
+
+/// A row group under way.
+struct RowGroup {
+    /// In the table's order.
+    columns: Vec<Column>,
+    rows: usize,
+}
+
+/// Columns that are the same over many rows are written by runs, the others value by value.
+enum Column {
+    Runs(Box<RunColumn>),
+    Values(Box<ArrowColumnWriter>),
+}
+
+/// What a batch has for a column.
+enum Part<'a> {
+    /// Pushes its runs.
+    Runs(Box<dyn Fn(&mut RunColumn) -> Result<(), ParquetError> + 'a>),
+    Values(ArrayRef),
 }
 
 impl VerdictWriter {
@@ -149,30 +167,45 @@ impl VerdictWriter {
             .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
         let schema = Arc::new(schema(&options));
         let properties = properties(options.timestamp_unit);
-        let writer = ArrowWriter::try_new(BufWriter::new(file), schema.clone(), Some(properties))
-            .map_err(|source| TableError::Parquet { path: path.to_path_buf(), source })?;
-        Ok(VerdictWriter {
-            writer,
-            part,
-            schema,
-            outcomes: texts(Outcome::ALL.iter().map(|o| o.as_str())),
-            reasons: texts(Reason::ALL.iter().map(|r| r.as_str())),
-            classes: texts(options.classes.iter().map(String::as_str)),
-            categories: texts(options.categories.iter().map(String::as_str)),
-            options,
-            rows: 0,
-        })
+        let (file, factory) =
+            ArrowWriter::try_new(BufWriter::new(file), schema.clone(), Some(properties))
+                .and_then(ArrowWriter::into_serialized_writer)
+                .map_err(|source| TableError::Parquet { path: path.to_path_buf(), source })?;
+        Ok(VerdictWriter { file, factory, part, schema, options, group: None, groups: 0, rows: 0 })
     }
 
     /// Appends a batch of verdicts.
     pub fn write(&mut self, columns: &VerdictColumns) -> Result<(), TableError> {
-        let batch = self
-            .batch(columns)
-            .map_err(|source| TableError::Columns { path: self.path(), source })?;
-        self.writer
-            .write(&batch)
-            .map_err(|source| TableError::Parquet { path: self.path(), source })?;
+        let path = self.path();
+        let failed = |source| TableError::Parquet { path: path.clone(), source };
+        let unfit = |source| TableError::Columns { path: path.clone(), source };
+        check_lengths(columns).map_err(unfit)?;
+        let mut group = match self.group.take() {
+            Some(group) => group,
+            None => self.new_group().map_err(failed)?,
+        };
+        let parts = self.parts(columns).map_err(unfit)?;
+        for ((column, part), field) in group.columns.iter_mut().zip(parts).zip(self.schema.fields()) {
+            match (column, part) {
+                (Column::Runs(column), Part::Runs(push)) => {
+                    push(column).map_err(|e| unfit(ArrowError::InvalidArgumentError(e.to_string())))?;
+                }
+                (Column::Values(column), Part::Values(array)) => {
+                    for leaf in compute_leaves(field, &array).map_err(failed)? {
+                        column.write(&leaf).map_err(failed)?;
+                    }
+                }
+                _ => unreachable!("`new_group` and `parts` name the same columns"),
+            }
+        }
+        group.rows += columns.len();
         self.rows += columns.len() as u64;
+        let held = group.columns.iter().map(Column::memory).sum::<usize>();
+        if group.rows >= ROW_GROUP_ROWS || held >= MOST_HELD_BYTES {
+            self.end_group(group).map_err(failed)?;
+        } else if group.rows > 0 {
+            self.group = Some(group);
+        }
         Ok(())
     }
 
@@ -182,13 +215,15 @@ impl VerdictWriter {
 
     /// Completes the file with its metadata document and gives it its name.
     pub fn finish(mut self, metadata_json: String) -> Result<(), TableError> {
-        self.writer
-            .append_key_value_metadata(KeyValue::new(METADATA_KEY.to_string(), metadata_json));
         let path = self.path();
         let parquet_failed = |source| TableError::Parquet { path: path.clone(), source };
         let io_failed = |source| TableError::Io { path: path.clone(), source };
+        if let Some(group) = self.group.take() {
+            self.end_group(group).map_err(parquet_failed)?;
+        }
+        self.file.append_key_value_metadata(KeyValue::new(METADATA_KEY.to_string(), metadata_json));
         // Writes the footer too.
-        let file = self.writer.into_inner().map_err(parquet_failed)?;
+        let file = self.file.into_inner().map_err(parquet_failed)?;
         let file = file.into_inner().map_err(|e| io_failed(e.into_error()))?;
         self.part.finish(&file).map_err(io_failed)
     }
@@ -197,7 +232,41 @@ impl VerdictWriter {
         self.part.path().to_path_buf()
     }
 
-    fn batch(&self, c: &VerdictColumns) -> Result<RecordBatch, ArrowError> {
+    fn new_group(&mut self) -> Result<RowGroup, ParquetError> {
+        let writers = self.factory.create_column_writers(self.groups)?;
+        let of_schema = self.file.schema_descr();
+        let texts = |of: &[String]| of.iter().map(|v| run_column::text(v)).collect::<Vec<_>>();
+        let columns = writers.into_iter().zip(self.schema.fields()).enumerate();
+        let columns = columns.map(|(k, (values, field))| {
+            let known = match field.name().as_str() {
+                "printhead" | "threshold" | "model" => Vec::new(),
+                "outcome" => Outcome::ALL.map(|o| run_column::text(o.as_str())).to_vec(),
+                "reason" => Reason::ALL.map(|r| run_column::text(r.as_str())).to_vec(),
+                "category" => texts(&self.options.categories),
+                "fault" | "candidate" => texts(&self.options.classes),
+                _ => return Column::Values(Box::new(values)),
+            };
+            Column::Runs(Box::new(RunColumn::new(of_schema.column(k), known.into_iter())))
+        });
+        Ok(RowGroup { columns: columns.collect(), rows: 0 })
+    }
+
+    fn end_group(&mut self, group: RowGroup) -> Result<(), ParquetError> {
+        let mut out = self.file.next_row_group()?;
+        for (column, field) in group.columns.into_iter().zip(self.schema.fields()) {
+            match column {
+                // what is worth skipping row groups by: when, where, how much
+                Column::Runs(column) => column.append_to(&mut out, field.name() == "printhead")?,
+                Column::Values(column) => column.close()?.append_to_row_group(&mut out)?,
+            }
+        }
+        out.close()?;
+        self.groups += 1;
+        Ok(())
+    }
+
+    /// Of a batch, in the table's order.
+    fn parts<'a>(&self, c: &'a VerdictColumns) -> Result<Vec<Part<'a>>, ArrowError> {
         let times: ArrayRef = match self.options.timestamp_unit {
             TimestampUnit::Ns => {
                 let ns = TimestampNanosecondArray::from(c.acquired_at_ns.clone());
@@ -208,49 +277,102 @@ impl VerdictWriter {
                 Arc::new(TimestampMicrosecondArray::from(us).with_timezone("UTC"))
             }
         };
-        let printheads = texts(c.printheads.iter().map(|p| &**p));
-        let class = |of: &[Option<u16>]| coded(keys(of, |&c| c.into()), &self.classes);
-        let floats = |of: &[Option<f32>]| -> ArrayRef {
-            let (values, valid) = columnar(of, |&v| v);
-            Arc::new(Float32Array::new(values.into(), valid))
+        let floats = |of: &[Option<f32>]| -> Part {
+            let (values, valid) = columnar(of);
+            Part::Values(Arc::new(Float32Array::new(values.into(), valid)))
         };
-        let (models, has_model) = columnar(&c.model, |&m| m);
-        let printhead_keys = c.printhead.iter().map(|&p| i32::try_from(p).unwrap_or(-1));
-        let outcome_keys = c.outcome.iter().map(|&o| o as i32);
-        let mut columns = vec![
-            times,
-            coded(Int32Array::from_iter_values(printhead_keys), &printheads)?,
-            Arc::new(UInt32Array::from(c.channel.clone())),
-            coded(Int32Array::from_iter_values(outcome_keys), &self.outcomes)?,
-            coded(keys(&c.category, |&c| c.into()), &self.categories)?,
-            class(&c.fault)?,
-            class(&c.candidate)?,
+        let mut parts = vec![
+            Part::Values(times),
+            Part::Runs(Box::new(|column| push_printheads(c, column))),
+            Part::Values(Arc::new(UInt32Array::from(c.channel.clone()))),
+            runs(&c.outcome, |&o, _| Some(o as u32)),
+            runs(&c.category, |&k, _| k.map(u32::from)),
+            runs(&c.fault, |&k, _| k.map(u32::from)),
+            runs(&c.candidate, |&k, _| k.map(u32::from)),
             floats(&c.certainty),
             floats(&c.statistic),
-            floats(&c.threshold),
+            runs(&c.threshold, |v, column| v.map(|v| column.key(v.to_le_bytes().to_vec()))),
             floats(&c.severity),
             floats(&c.severity_sd),
-            Arc::new(UInt16Array::new(models.into(), has_model)),
-            coded(keys(&c.reason, |&r| r as i32), &self.reasons)?,
+            // Parquet has no 16-bit integers
+            runs(&c.model, |m, column| {
+                m.map(|m| column.key(i32::from(m).to_le_bytes().to_vec()))
+            }),
+            runs(&c.reason, |r, _| r.map(|r| r as u32)),
         ];
         if has_weights(&self.options) {
-            columns.push(weights(c, self.options.classes.len())?);
+            parts.push(Part::Values(weights(c, self.options.classes.len())?));
         }
-        RecordBatch::try_new(self.schema.clone(), columns)
+        Ok(parts)
     }
 }
 
-fn texts<'a>(of: impl Iterator<Item = &'a str>) -> ArrayRef {
-    Arc::new(StringArray::from_iter_values(of))
+impl Column {
+    /// Bytes held, about.
+    fn memory(&self) -> usize {
+        match self {
+            Column::Runs(column) => column.memory(),
+            Column::Values(column) => column.memory_size(),
+        }
+    }
+}
+
+/// The runs of a column of a batch; `key` of a value in the dictionary.
+fn runs<'a, T: PartialEq>(
+    of: &'a [T],
+    key: impl Fn(&T, &mut RunColumn) -> Option<u32> + 'a,
+) -> Part<'a> {
+    Part::Runs(Box::new(move |column| {
+        of.chunk_by(|p, q| p == q).try_for_each(|run| {
+            let key = key(&run[0], column);
+            column.push(key, run.len())
+        })
+    }))
+}
+
+/// Printheads by name: a batch numbers its own.
+fn push_printheads(c: &VerdictColumns, column: &mut RunColumn) -> Result<(), ParquetError> {
+    let mut keys: Vec<Option<u32>> = vec![None; c.printheads.len()];
+    c.printhead.chunk_by(|p, q| p == q).try_for_each(|run| {
+        let place = run[0] as usize;
+        let (Some(name), Some(key)) = (c.printheads.get(place), keys.get_mut(place)) else {
+            let known = c.printheads.len();
+            return Err(ParquetError::General(format!("printhead {place} of {known}")));
+        };
+        let key = *key.get_or_insert_with(|| column.key(run_column::text(name)));
+        column.push(Some(key), run.len())
+    })
+}
+
+fn check_lengths(c: &VerdictColumns) -> Result<(), ArrowError> {
+    let lengths = [
+        c.printhead.len(),
+        c.channel.len(),
+        c.outcome.len(),
+        c.category.len(),
+        c.fault.len(),
+        c.candidate.len(),
+        c.certainty.len(),
+        c.statistic.len(),
+        c.threshold.len(),
+        c.severity.len(),
+        c.severity_sd.len(),
+        c.model.len(),
+        c.reason.len(),
+    ];
+    match lengths.iter().all(|&n| n == c.len()) {
+        true => Ok(()),
+        false => Err(ArrowError::InvalidArgumentError(format!(
+            "columns of {lengths:?} rows beside {} times",
+            c.len()
+        ))),
+    }
 }
 
 /// Values, and which of them are there; `None` where all are. Without a branch per row: most columns
 /// are all one or all the other.
-fn columnar<T, V: Default>(
-    of: &[Option<T>],
-    value: impl Fn(&T) -> V,
-) -> (Vec<V>, Option<NullBuffer>) {
-    let values = of.iter().map(|v| v.as_ref().map(&value).unwrap_or_default()).collect();
+fn columnar(of: &[Option<f32>]) -> (Vec<f32>, Option<NullBuffer>) {
+    let values = of.iter().map(|v| v.unwrap_or_default()).collect();
     let missing = of.iter().filter(|v| v.is_none()).count();
     let valid = match missing {
         0 => None,
@@ -258,16 +380,6 @@ fn columnar<T, V: Default>(
         _ => Some(NullBuffer::new(BooleanBuffer::collect_bool(of.len(), |i| of[i].is_some()))),
     };
     (values, valid)
-}
-
-fn keys<T>(of: &[Option<T>], key: impl Fn(&T) -> i32) -> Int32Array {
-    let (keys, valid) = columnar(of, key);
-    Int32Array::new(keys.into(), valid)
-}
-
-/// Keys into `values`; keys beyond them are an error.
-fn coded(keys: Int32Array, values: &ArrayRef) -> Result<ArrayRef, ArrowError> {
-    Ok(Arc::new(DictionaryArray::<Int32Type>::try_new(keys, values.clone())?))
 }
 
 /// `classes` weights per row; no weights at all: every row is null.

@@ -12,7 +12,7 @@ mod poles;
 pub mod ring;
 pub mod ring_down;
 pub mod ring_fit;
-mod ring_moments;
+pub mod ring_moments;
 
 use nalgebra::DMatrix;
 

@@ -5,7 +5,7 @@
 //! start over damping and frequency is followed by a few damped Gauss-Newton steps. White noise.
 
 use super::ring::Ring;
-use super::ring_moments::{self, Moments, Oscillation};
+use super::ring_moments::{self, Moments, Oscillation, dot};
 use nalgebra::{DMatrix, Matrix4, Vector4};
 
 /// ln (A/A0), ln (sigma/sigma0), ln (f/f0), and phi - phi0 (0 where the phase is not free).
@@ -38,8 +38,8 @@ pub struct Fit {
 
 /// Coarse grid, relative to the healthy ring: damping from a thirtieth to five times, frequency from
 /// 0.4 to 1.5 times. Steps of 5 % in frequency lie within reach of Gauss-Newton.
-const DAMPINGS: [f64; 6] = [0.04, 0.2, 0.5, 1.0, 1.8, 3.2];
-const FREQUENCIES: usize = 28;
+const DAMPINGS: [f64; 4] = [0.07, 0.35, 1.0, 2.4];
+const FREQUENCIES: usize = 22;
 const FREQUENCY_RANGE: (f64, f64) = (0.40, 1.55);
 const STEPS: usize = 4;
 /// A step smaller than this, in ln, is none.
@@ -91,7 +91,8 @@ impl RingFitter {
             for i in 0..FREQUENCIES {
                 let share = i as f64 / (FREQUENCIES - 1) as f64;
                 let frequency = low * (high / low).powf(share);
-                let of = Moments::of(&nothing, &fitter.real, fitter.oscillation(damping, frequency));
+                let of =
+                    Moments::of(&nothing, &fitter.real, fitter.oscillation(damping, frequency));
                 let [pp, pq, qq, ..] = of.gram;
                 let determinant = pp * qq - pq * pq;
                 if determinant > 1e-9 * pp * qq {
@@ -256,18 +257,16 @@ impl RingFitter {
             (up / pp, 0.0)
         };
         let misfit = (yy - a * up - b * uq).max(0.0);
-        (misfit.is_finite() && a.is_finite() && b.is_finite())
-            .then_some(State { a, b, misfit, moments })
+        (misfit.is_finite() && a.is_finite() && b.is_finite()).then_some(State {
+            a,
+            b,
+            misfit,
+            moments,
+        })
     }
 
     /// Gauss-Newton step of (ln damping, ln frequency), amplitude (and phase) eliminated.
-    fn step(
-        &self,
-        damping: f64,
-        frequency: f64,
-        state: &State,
-        phase: bool,
-    ) -> Option<(f64, f64)> {
+    fn step(&self, damping: f64, frequency: f64, state: &State, phase: bool) -> Option<(f64, f64)> {
         let sigma_dt = self.ring.damping_per_s * damping * self.dt_s;
         let omega_dt = self.omega_dt(frequency);
         let &State { a, b, moments: Moments { gram, slope }, .. } = state;
@@ -295,10 +294,6 @@ struct State {
     b: f64,
     misfit: f64,
     moments: Moments,
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
 #[cfg(test)]

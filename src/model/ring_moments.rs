@@ -130,6 +130,18 @@ fn sum(lanes: Lanes) -> f64 {
     ((a + e) + (c + g)) + ((b + f) + (d + h))
 }
 
+/// Inner product of vectors of one length, in lanes.
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    let mut sums = [0.0; LANES];
+    for (a, b) in a.iter().zip(b) {
+        for l in 0..LANES {
+            sums[l] += a[l] * b[l];
+        }
+    }
+    a_rest.iter().zip(b_rest).fold(sum(sums), |s, (a, b)| s + a * b)
+}
+
 /// Products of a signal with many columns at once: `table` holds N rows, one entry per column.
 pub fn products(y: &[f64], table: &[f32], out: &mut [f32]) {
     #[cfg(target_arch = "x86_64")]

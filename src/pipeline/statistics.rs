@@ -7,8 +7,7 @@
 
 use super::stages::Assigned;
 use crate::burst::{Acquisition, Burst};
-use crate::design::{Judge, Workspace};
-use crate::detect::kernel::LaneFilter;
+use crate::design::{Judge, Lanes, Workspace};
 use crate::detect::tile::{Gather, Instructions, LANES, Tile};
 use crate::verdict::{Reason, unusable_signal};
 
@@ -100,7 +99,7 @@ impl Statistics {
     fn settle(
         &mut self,
         judge: &Judge,
-        lanes: &LaneFilter,
+        lanes: &Lanes,
         gather: &mut Gather,
         waiting: &mut Vec<Waiting>,
         statistic: &mut [Result<f64, Reason>],
@@ -110,7 +109,7 @@ impl Statistics {
         let judged = lanes.judge(&mut self.tile, threshold, self.rails, self.instructions);
         for (lane, (at, burst, row)) in waiting.drain(..).enumerate() {
             statistic[at] = if judged.settled[lane] {
-                Ok(judged.energy[lane])
+                Ok(judged.statistic[lane])
             } else {
                 self.reference(judge, burst, row)
             };

@@ -1,0 +1,76 @@
+//! What a tile's signals are expected to be, and how far f32 may have missed their deviations.
+//!
+//! In: a tile of signals. Out: their deviations in place; per lane the deviation's norm and the bound
+//! of [`super::kernel`] on its error.
+
+use super::kernel::{LEAST, SLACK, U};
+use super::tile::{Instructions, Tile};
+
+#[derive(Clone, Debug)]
+pub struct LaneExpectation {
+    /// y_hat and d y_hat / d temperature, N each.
+    expected: Vec<f32>,
+    response: Vec<f32>,
+    /// Their norms, and their largest magnitudes; counts and counts/K.
+    norms: [f64; 2],
+    largest: [f64; 2],
+}
+
+/// A lane's |d^|, counts, and the part of |d^ - d| that comes from what is expected.
+#[derive(Clone, Copy, Debug)]
+pub struct Deviation {
+    pub norm: f64,
+    pub error: f64,
+}
+
+impl LaneExpectation {
+    /// `None` where f32 cannot serve.
+    pub fn new(expected: &[f64], response: Option<&[f64]>) -> Option<LaneExpectation> {
+        let zeros = vec![0.0; expected.len()];
+        let response = response.unwrap_or(&zeros);
+        let usable = !expected.is_empty()
+            && response.len() == expected.len()
+            && expected.iter().chain(response).all(|x| x.abs() < 1e25);
+        let norm = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let largest = |v: &[f64]| v.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+        let twin = |v: &[f64]| v.iter().map(|&x| x as f32).collect::<Vec<f32>>();
+        usable.then(|| LaneExpectation {
+            expected: twin(expected),
+            response: twin(response),
+            norms: [norm(expected), norm(response)],
+            largest: [largest(expected), largest(response)],
+        })
+    }
+
+    /// Samples of a signal.
+    pub fn samples(&self) -> usize {
+        self.expected.len()
+    }
+
+    /// Leaves the signals of `tile` as deviations.
+    pub fn subtract(&self, tile: &mut Tile, instructions: Instructions) {
+        tile.subtract(&self.expected, &self.response, instructions);
+    }
+
+    /// Of a lane after `subtract`. `None`: f32 does not settle it; it is out of range, or a sample
+    /// may lie at one of the `rails`.
+    pub fn deviation(&self, tile: &Tile, lane: usize, rails: [f64; 2]) -> Option<Deviation> {
+        let square = tile.square_sum(lane);
+        // comparisons that NaN fails
+        let trusted = square > LEAST && square < f32::INFINITY;
+        let norm = f64::from(square).sqrt();
+        let (drive, warmer) = tile.condition(lane);
+        let (drive, warmer) = (f64::from(drive.abs()), f64::from(warmer.abs()));
+        // a sample at a rail would alone deviate more than all do together
+        let largest = drive * (self.largest[0] + warmer * self.largest[1]);
+        let inside = SLACK * norm + 1.0 < rails[1].min(-rails[0]) - largest;
+        let error = 6.0 * U * drive * (self.norms[0] + warmer * self.norms[1]);
+        (trusted && inside).then_some(Deviation { norm, error })
+    }
+
+    /// Of a signal at reference drive and temperature.
+    #[cfg(test)]
+    pub(super) fn error(&self) -> f64 {
+        6.0 * U * self.norms[0]
+    }
+}

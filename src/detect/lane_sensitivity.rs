@@ -1,0 +1,198 @@
+//! Distances along the model's sensitivities of many signals at once: [`Sensitivity`] in lanes.
+//!
+//! In: a tile of signals. Out: per lane the squared distance to first order, and whether the
+//! reference's is surely at or below a limit. The arithmetic keeps the rules of [`super::kernel`].
+//!
+//! # The bound
+//!
+//! With u = 2^-24 and c = P^T d, |c^_k - c_k| <= |P_k| ((N + 4) u |d^| + |d^ - d|), the latter as in
+//! [`super::kernel`]; the drive that divides c is rounded once, and so is its square in the metric M.
+//! The distance is a norm of x = c / drive - mean, sqrt(x^T M x), which an error of x moves by at most
+//! sum_k sqrt(M_kk) |error of x_k|.
+
+use super::kernel::{LaneStatistics, SLACK, U};
+use super::lane_expectation::LaneExpectation;
+use super::sensitivity::Sensitivity;
+use super::tile::{Instructions, LANES, Tile};
+use nalgebra::{Matrix3, Vector3};
+
+#[derive(Clone, Debug)]
+pub struct LaneSensitivity {
+    expectation: LaneExpectation,
+    /// N rows of the three projections, and the norms of these.
+    projections: Vec<[f32; 3]>,
+    norms: [f64; 3],
+    sensitivity: Sensitivity,
+}
+
+impl LaneSensitivity {
+    /// `None` where f32 cannot serve.
+    pub fn new(
+        sensitivity: &Sensitivity,
+        expected: &[f64],
+        response: Option<&[f64]>,
+    ) -> Option<LaneSensitivity> {
+        let expectation = LaneExpectation::new(expected, response)?;
+        let [p, q, r] = sensitivity.projection.as_slice() else { return None };
+        let fits = |v: &[f64]| {
+            v.len() == expected.len()
+                && v.iter().all(|&x| x == 0.0 || (1e-25..1e25).contains(&x.abs()))
+        };
+        if ![p, q, r].into_iter().all(|v| fits(v)) {
+            return None;
+        }
+        Some(LaneSensitivity {
+            expectation,
+            projections: (0..p.len()).map(|k| [p[k], q[k], r[k]].map(|x| x as f32)).collect(),
+            norms: [p, q, r].map(|v| v.iter().map(|x| x * x).sum::<f64>().sqrt()),
+            sensitivity: sensitivity.clone(),
+        })
+    }
+
+    /// Samples of a signal.
+    pub fn samples(&self) -> usize {
+        self.expectation.samples()
+    }
+
+    /// Judges the signals of `tile`, which are left as deviations from what is expected of them.
+    /// `limit`: of squared distances; `rails`: counts at or beyond which a sample may be saturated.
+    pub fn judge(
+        &self,
+        tile: &mut Tile,
+        limit: f64,
+        rails: [f64; 2],
+        instructions: Instructions,
+    ) -> LaneStatistics {
+        self.expectation.subtract(tile, instructions);
+        let mut products = [[0.0; LANES]; 3];
+        instructions.project(&self.projections, tile.deviations(), &mut products);
+        let mut judged = LaneStatistics { statistic: [f64::NAN; LANES], settled: [false; LANES] };
+        let summing = (self.projections.len() as f64 + 4.0) * U;
+        let mut metric: Option<(f32, Matrix3<f64>)> = None; // of a drive
+        for lane in 0..tile.lanes() {
+            let Some(deviation) = self.expectation.deviation(tile, lane, rails) else { continue };
+            let (drive, _) = tile.condition(lane);
+            let m = match metric {
+                Some((of, m)) if of.to_bits() == drive.to_bits() => m,
+                _ => match self.sensitivity.metric(drive.into()) {
+                    Some(m) => m,
+                    None => continue,
+                },
+            };
+            metric = Some((drive, m));
+            let scale = 1.0 / f64::from(drive);
+            let x = Vector3::from_fn(|k, _| f64::from(products[k][lane]) * scale);
+            let distance = self.sensitivity.distance(&m, &x);
+            judged.statistic[lane] = distance;
+            let error: f64 = (0..3)
+                .map(|k| {
+                    let of_product = self.norms[k] * (summing * deviation.norm + deviation.error);
+                    m[(k, k)].sqrt() * (of_product * scale.abs() + 2.0 * U * x[k].abs())
+                })
+                .sum();
+            let most = SLACK * (distance.sqrt() * (1.0 + 4.0 * U) + SLACK * error);
+            judged.settled[lane] = most * most < limit; // which NaN fails
+        }
+        judged
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::burst::{Burst, Format, Layout};
+    use crate::detect::tile::Gather;
+    use nalgebra::DMatrix;
+    use rand::{RngExt, SeedableRng};
+
+    const N: usize = 61;
+    const RAILS: [f64; 2] = [-32768.0, 32767.0];
+
+    fn burst(signals: &[Vec<i16>], drive_v: f64) -> Burst {
+        Burst {
+            t_acq_ns: 0,
+            printhead: "p".into(),
+            first_channel: 0,
+            channels: signals.len() as u32,
+            samples_per_channel: N as u32,
+            sample_period_s: 1e-6,
+            format: Format::S16Le,
+            layout: Layout::ChannelMajor,
+            samples: signals
+                .concat()
+                .iter()
+                .flat_map(|y| y.to_le_bytes())
+                .collect::<Vec<_>>()
+                .into(),
+            temperature_c: None,
+            drive_voltage_v: Some(drive_v),
+            idle_time_s: Vec::new(),
+            neighbours_fired: bytes::Bytes::new(),
+        }
+    }
+
+    #[test]
+    fn property_lanes_settle_as_the_reference_judges_and_most_of_them() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
+        let tangent = DMatrix::from_fn(N, 3, |i, j| 300.0 * ((i * (j + 2)) as f64 * 0.1).sin());
+        let mut sensitivity = Sensitivity::new(&tangent, 5.0).unwrap();
+        sensitivity.mean = [0.002, -0.01, 0.001];
+        sensitivity.spread = [[1e-4, 2e-5, 0.0], [2e-5, 4e-4, 0.0], [0.0, 0.0, 1e-6]];
+        let expected: Vec<f64> = (0..N).map(|k| 400.0 * (0.3 * k as f64).cos()).collect();
+        let response: Vec<f64> = (0..N).map(|k| 2.0 * (0.3 * k as f64).sin()).collect();
+        let lanes = LaneSensitivity::new(&sensitivity, &expected, Some(&response)).unwrap();
+        let (mut settled, mut below, mut closest) = (0, 0, 0.0f64);
+        for round in 0..300 {
+            let drive = if round % 3 == 0 { 0.8 } else { 1.0 };
+            let warmer = rng.random_range(-3.0..3.0);
+            let theta: [f64; 3] = std::array::from_fn(|_| rng.random_range(-0.02..0.02));
+            let y_hat: Vec<f64> =
+                (0..N).map(|k| drive * (expected[k] + warmer * response[k])).collect();
+            let signals: Vec<Vec<i16>> = (0..LANES)
+                .map(|lane| {
+                    let size = lane as f64 / 16.0;
+                    (0..N)
+                        .map(|k| {
+                            let moved: f64 = (0..3).map(|j| tangent[(k, j)] * theta[j]).sum();
+                            let noise = 8.0 * rng.random_range(-1.0..1.0);
+                            (y_hat[k] + drive * size * moved + noise).round() as i16
+                        })
+                        .collect()
+                })
+                .collect();
+            let burst = burst(&signals, drive);
+            let reference: Vec<f64> = signals
+                .iter()
+                .map(|y| {
+                    let d: Vec<f64> =
+                        y.iter().zip(&y_hat).map(|(&y, e)| f64::from(y) - e).collect();
+                    let metric = sensitivity.metric(drive).unwrap();
+                    sensitivity.distance(&metric, &sensitivity.features(&d, drive))
+                })
+                .collect();
+            // a limit that is some signal's own distance, or just beside it
+            let limit = reference[rng.random_range(0..LANES)] * rng.random_range(0.999..1.001);
+            let mut same = Vec::new();
+            for instructions in Instructions::available() {
+                let (mut gather, mut tile) = (Gather::default(), Tile::default());
+                (0..LANES).for_each(|row| gather.push(&burst, row, drive, warmer));
+                tile.fill(&mut gather, N, instructions);
+                let judged = lanes.judge(&mut tile, limit, RAILS, instructions);
+                same.push((judged.statistic.map(f64::to_bits), judged.settled));
+                for lane in 0..LANES {
+                    let off = judged.statistic[lane] / reference[lane] - 1.0;
+                    assert!(off.abs() < 1e-3, "{off}");
+                    assert!(!judged.settled[lane] || reference[lane] <= limit);
+                    if judged.settled[lane] {
+                        closest = closest.max(reference[lane] / limit);
+                    }
+                }
+                settled += judged.settled.iter().filter(|s| **s).count();
+                below += reference.iter().filter(|d| **d <= limit).count();
+            }
+            assert!(same.windows(2).all(|w| w[0] == w[1]), "bits depend on the instructions");
+        }
+        assert!(settled as f64 > 0.9 * below as f64, "{settled} of {below} settled");
+        assert!(closest > 0.99, "the bound is too wide: {closest}");
+    }
+}
