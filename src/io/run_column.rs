@@ -42,9 +42,16 @@ pub fn text(value: &str) -> Vec<u8> {
 impl RunColumn {
     /// Of a dictionary that is known: key k is its k-th value.
     pub fn new(column: ColumnDescPtr, values: impl Iterator<Item = Vec<u8>>) -> RunColumn {
-        let mut new =
-            RunColumn { column, dictionary: Vec::new(), keys: HashMap::new(), runs: Vec::new(), rows: 0 };
-        values.for_each(|value| drop(new.key(value)));
+        let mut new = RunColumn {
+            column,
+            dictionary: Vec::new(),
+            keys: HashMap::new(),
+            runs: Vec::new(),
+            rows: 0,
+        };
+        for value in values {
+            new.key(value);
+        }
         new
     }
 
@@ -67,7 +74,9 @@ impl RunColumn {
                 let known = self.dictionary.len();
                 return Err(ParquetError::General(format!("key {key} of {known} values")));
             }
-            None if !nullable => return Err(ParquetError::General("null in a required column".into())),
+            None if !nullable => {
+                return Err(ParquetError::General("null in a required column".into()));
+            }
             _ => {}
         }
         let (key, rows) = (key.unwrap_or(NULL), rows as u32); // rows of a row group at most
@@ -142,7 +151,9 @@ impl RunColumn {
             .set_encodings(vec![Encoding::PLAIN, Encoding::RLE, Encoding::RLE_DICTIONARY])
             .set_num_values(self.rows as i64)
             .set_total_compressed_size((first.compressed_size + second.compressed_size) as i64)
-            .set_total_uncompressed_size((first.uncompressed_size + second.uncompressed_size) as i64)
+            .set_total_uncompressed_size(
+                (first.uncompressed_size + second.uncompressed_size) as i64,
+            )
             .set_dictionary_page_offset(Some(first.offset as i64))
             .set_data_page_offset(second.offset as i64);
         if statistics {
@@ -284,9 +295,10 @@ mod tests {
                 let groups = (header >> 1) as usize;
                 let bit = |i: usize| u32::from(of[i / 8] >> (i % 8) & 1);
                 let width = usize::from(width);
-                out.extend((0..groups * 8).map(|v| {
-                    (0..width).map(|b| bit(v * width + b) << b).sum::<u32>()
-                }));
+                out.extend(
+                    (0..groups * 8)
+                        .map(|v| (0..width).map(|b| bit(v * width + b) << b).sum::<u32>()),
+                );
                 of = &of[groups * width..];
             }
         }

@@ -110,6 +110,8 @@ fn properties(unit: TimestampUnit) -> WriterProperties {
     let mut properties = WriterProperties::builder()
         .set_compression(Compression::ZSTD(ZstdLevel::default()))
         .set_statistics_enabled(EnabledStatistics::Chunk)
+        // of no use without statistics per page
+        .set_offset_index_disabled(true)
         .set_max_row_group_row_count(Some(ROW_GROUP_ROWS));
     for name in ["acquired_at", "channel"] {
         properties = properties
@@ -185,10 +187,12 @@ impl VerdictWriter {
             None => self.new_group().map_err(failed)?,
         };
         let parts = self.parts(columns).map_err(unfit)?;
-        for ((column, part), field) in group.columns.iter_mut().zip(parts).zip(self.schema.fields()) {
+        for ((column, part), field) in group.columns.iter_mut().zip(parts).zip(self.schema.fields())
+        {
             match (column, part) {
                 (Column::Runs(column), Part::Runs(push)) => {
-                    push(column).map_err(|e| unfit(ArrowError::InvalidArgumentError(e.to_string())))?;
+                    push(column)
+                        .map_err(|e| unfit(ArrowError::InvalidArgumentError(e.to_string())))?;
                 }
                 (Column::Values(column), Part::Values(array)) => {
                     for leaf in compute_leaves(field, &array).map_err(failed)? {
@@ -295,9 +299,7 @@ impl VerdictWriter {
             floats(&c.severity),
             floats(&c.severity_sd),
             // Parquet has no 16-bit integers
-            runs(&c.model, |m, column| {
-                m.map(|m| column.key(i32::from(m).to_le_bytes().to_vec()))
-            }),
+            runs(&c.model, |m, column| m.map(|m| column.key(i32::from(m).to_le_bytes().to_vec()))),
             runs(&c.reason, |r, _| r.map(|r| r as u32)),
         ];
         if has_weights(&self.options) {

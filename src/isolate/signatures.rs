@@ -3,6 +3,7 @@
 //! In: per class rho, the residual of its mean deviation. Out: R with its Gram matrix.
 
 use super::{IsolateError, MAX_CLASSES};
+use crate::model::ring_moments::dot;
 use nalgebra::DMatrix;
 
 /// R = [rho_1 ... rho_nf], thesis §3-3-2, and G = R^T R. Columns: the residual of each class's mean
@@ -44,24 +45,9 @@ impl SignatureMatrix {
 
     /// c = R^T r into `c` (n_f). `residual`: N, counts; of the shorter only.
     pub fn project(&self, residual: &[f64], c: &mut [f64]) {
-        /// Classes summed side by side: one sum alone waits for each of its additions.
-        const SIDE_BY_SIDE: usize = 6;
-        let (r, n) = (self.r.as_slice(), self.r.nrows());
-        let of_some = r.chunks(n.max(1) * SIDE_BY_SIDE).zip(c.chunks_mut(SIDE_BY_SIDE));
-        for (columns, c) in of_some {
-            let mut sums = [0.0; SIDE_BY_SIDE];
-            // a short block repeats its first column
-            let column = |j: usize| columns.get(j * n..(j + 1) * n).unwrap_or(&columns[..n]);
-            let [p, q, s, t, u, v] = [0, 1, 2, 3, 4, 5].map(column);
-            for (k, r) in residual.iter().enumerate().take(n) {
-                sums[0] += p[k] * r;
-                sums[1] += q[k] * r;
-                sums[2] += s[k] * r;
-                sums[3] += t[k] * r;
-                sums[4] += u[k] * r;
-                sums[5] += v[k] * r;
-            }
-            c.iter_mut().zip(sums).for_each(|(c, sum)| *c = sum);
+        let n = self.r.nrows().min(residual.len());
+        for (c, column) in c.iter_mut().zip(self.r.column_iter()) {
+            *c = dot(&column.as_slice()[..n], &residual[..n]);
         }
     }
 }

@@ -36,12 +36,12 @@ pub struct Fit {
     pub misfit: f64,
 }
 
-/// Coarse grid, relative to the healthy ring: damping from a thirtieth to five times, frequency from
-/// 0.4 to 1.5 times. Steps of 5 % in frequency lie within reach of Gauss-Newton.
+/// Coarse grid, relative to the healthy ring: damping from a twentieth to four times, frequency from
+/// 0.4 to 1.5 times. Steps of 7 % in frequency lie within reach of Gauss-Newton.
 const DAMPINGS: [f64; 4] = [0.07, 0.35, 1.0, 2.4];
 const FREQUENCIES: usize = 22;
 const FREQUENCY_RANGE: (f64, f64) = (0.40, 1.55);
-const STEPS: usize = 4;
+const STEPS: usize = 6;
 /// A step smaller than this, in ln, is none.
 const LEAST_DAMPING: f64 = 1e-5;
 const LEAST_FREQUENCY: f64 = 1e-7;
