@@ -4,6 +4,7 @@
 //! met on the way. A chunk is used only after its checksum verified; its bursts share one buffer.
 
 use super::Limits;
+use super::buffers::Buffers;
 use super::burst_codec::{BurstDecoder, MESSAGE_ENCODING, SCHEMA_NAME, topic_printhead};
 use super::decompress::Decompressor;
 use super::mcap_records::{
@@ -13,8 +14,8 @@ use super::recording::Damage;
 use super::scan::{Block, BlockKind};
 use super::source::Source;
 use crate::burst::{Acquisition, Unusable, UnusableBurst};
-use bytes::{Bytes, BytesMut};
-use std::collections::{BTreeMap, HashMap, VecDeque};
+use bytes::Bytes;
+use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 use std::sync::Arc;
 
@@ -78,13 +79,15 @@ impl BlockReader {
 
     /// Reads the block into memory and verifies it; [`BlockReader::next_piece`] gives what is in it.
     pub fn load(&mut self, block: &Block) {
+        self.load_read(block, None);
+    }
+
+    /// The same of a block that [`Recording::digester`](super::recording::Recording::digester) read.
+    pub fn load_read(&mut self, block: &Block, read: Option<Bytes>) {
         if self.known_upfront {
             self.met = Channels::default();
         }
-        let loaded = match block.kind {
-            BlockKind::Chunk => self.loader.load(block.offset, block.bytes),
-            BlockKind::Messages => self.loader.load_messages(block.offset, block.bytes),
-        };
+        let loaded = self.loader.load(block, read);
         let mut damage = Vec::new();
         let records = loaded.unwrap_or_else(|what| {
             damage.push(damage_of(block, what));
@@ -350,13 +353,12 @@ impl Channels {
     }
 }
 
-/// Reads a chunk, or a run of messages, into one buffer; checks every size before it allocates, and
-/// a chunk's checksum before it gives anything away.
+/// A block's bytes to its records; checks every size before it allocates, and a chunk's checksum
+/// before it gives anything away.
 pub(super) struct ChunkLoader {
     source: Arc<Source>,
     limits: Limits,
     decompressor: Decompressor,
-    compressed: Vec<u8>,
     buffers: Buffers,
 }
 
@@ -366,32 +368,49 @@ impl fmt::Debug for ChunkLoader {
     }
 }
 
+/// Bytes of a block that are read: all, but of one beyond the limit only its head.
+pub(super) fn bytes_to_read(block: &Block, limits: &Limits) -> u64 {
+    /// Enough for a chunk's header with a compression whose name is not absurd.
+    const CHUNK_HEAD_BYTES: u64 = 1 << 10;
+    match block.kind {
+        _ if block.bytes <= limits.record_bytes => block.bytes,
+        BlockKind::Chunk => CHUNK_HEAD_BYTES,
+        BlockKind::Messages => (RECORD_HEADER + MessageHeader::BYTES) as u64,
+    }
+}
+
 impl ChunkLoader {
     pub(super) fn new(source: Arc<Source>, limits: Limits) -> ChunkLoader {
-        ChunkLoader {
-            source,
-            limits,
-            decompressor: Decompressor::default(),
-            compressed: Vec::new(),
-            buffers: Buffers::default(),
+        let (decompressor, buffers) = (Decompressor::default(), Buffers::default());
+        ChunkLoader { source, limits, decompressor, buffers }
+    }
+
+    /// The records of a block. `read`: its [`bytes_to_read`], if somebody has read them.
+    pub(super) fn load(&mut self, block: &Block, read: Option<Bytes>) -> Result<Bytes, String> {
+        let read = match read {
+            Some(read) => read,
+            None => {
+                let mut buffer = self.buffers.take(bytes_to_read(block, &self.limits) as usize);
+                self.source
+                    .read_at(block.offset, &mut buffer)
+                    .map_err(|e| format!("block cannot be read: {e}"))?;
+                self.buffers.freeze(buffer)
+            }
+        };
+        match block.kind {
+            BlockKind::Messages => Ok(read),
+            BlockKind::Chunk => self.unpack(&read),
         }
     }
 
-    /// Enough for a chunk's header with a compression whose name is not absurd.
-    const HEAD_BYTES: u64 = 1 << 10;
-
-    /// The records of the chunk at `offset`, a record of `bytes` in all.
-    pub(super) fn load(&mut self, offset: u64, bytes: u64) -> Result<Bytes, String> {
-        let mut head = [0; Self::HEAD_BYTES as usize];
-        let head = &mut head[..bytes.min(Self::HEAD_BYTES) as usize];
-        let unreadable = |e: std::io::Error| format!("chunk cannot be read: {e}");
-        self.source.read_at(offset, head).map_err(unreadable)?;
-        let body = head.get(RECORD_HEADER..).unwrap_or_default();
+    /// The records of a chunk record.
+    fn unpack(&mut self, read: &Bytes) -> Result<Bytes, String> {
+        let body = read.get(RECORD_HEADER..).unwrap_or_default();
         let chunk = ChunkHeader::parse(body).ok_or("chunk header is malformed")?;
-        let compressed_at = RECORD_HEADER as u64 + chunk.header_bytes;
-        let limit = self.limits.record_bytes.min(bytes.saturating_sub(compressed_at));
-        if chunk.compressed_size > limit {
-            return Err(format!("chunk claims {} bytes, beyond {limit}", chunk.compressed_size));
+        let from = RECORD_HEADER as u64 + chunk.header_bytes;
+        let within = (read.len() as u64).saturating_sub(from);
+        if chunk.compressed_size > within {
+            return Err(format!("chunk claims {} bytes, beyond {within}", chunk.compressed_size));
         }
         if chunk.uncompressed_size > self.limits.chunk_bytes {
             return Err(format!(
@@ -399,28 +418,19 @@ impl ChunkLoader {
                 chunk.uncompressed_size, self.limits.chunk_bytes
             ));
         }
-        let (compressed_bytes, uncompressed_bytes) =
-            (chunk.compressed_size as usize, chunk.uncompressed_size as usize);
-        let mut records = self.buffers.take(uncompressed_bytes);
-        if chunk.compression.is_empty() {
-            if compressed_bytes != uncompressed_bytes {
+        let packed = read.slice(from as usize..(from + chunk.compressed_size) as usize);
+        let records = if chunk.compression.is_empty() {
+            if chunk.compressed_size != chunk.uncompressed_size {
                 return Err("chunk without compression, whose two sizes differ".into());
             }
-            self.source.read_at(offset + compressed_at, &mut records).map_err(unreadable)?;
+            packed
         } else {
-            // Only grows, and not far beyond what is common.
-            if self.compressed.len() < compressed_bytes {
-                self.compressed.resize(compressed_bytes, 0);
-            }
-            let compressed = &mut self.compressed[..compressed_bytes];
-            self.source.read_at(offset + compressed_at, compressed).map_err(unreadable)?;
+            let mut records = self.buffers.take(chunk.uncompressed_size as usize);
             self.decompressor
-                .decompress(chunk.compression, compressed, &mut records)
+                .decompress(chunk.compression, &packed, &mut records)
                 .map_err(|e| format!("chunk cannot be decompressed: {e}"))?;
-            if self.compressed.len() > Buffers::KEPT_BYTES {
-                self.compressed = Vec::new();
-            }
-        }
+            self.buffers.freeze(records)
+        };
         if chunk.uncompressed_crc != 0 {
             let crc = crc32fast::hash(&records);
             if crc != chunk.uncompressed_crc {
@@ -430,56 +440,6 @@ impl ChunkLoader {
                 ));
             }
         }
-        Ok(self.buffers.freeze(records))
-    }
-
-    /// A run of records outside chunks. Of a single one beyond the limit only the head.
-    fn load_messages(&mut self, offset: u64, bytes: u64) -> Result<Bytes, String> {
-        let bytes = if bytes > self.limits.record_bytes {
-            (RECORD_HEADER + MessageHeader::BYTES) as u64
-        } else {
-            bytes
-        };
-        let mut records = self.buffers.take(bytes as usize);
-        self.source
-            .read_at(offset, &mut records)
-            .map_err(|e| format!("messages cannot be read: {e}"))?;
-        Ok(self.buffers.freeze(records))
-    }
-}
-
-/// Buffers given out, to be taken again once no burst shares them.
-#[derive(Debug, Default)]
-struct Buffers {
-    given: VecDeque<Bytes>,
-}
-
-impl Buffers {
-    /// Larger buffers are not kept: bounded memory beats a few page faults per huge chunk.
-    const KEPT_BYTES: usize = 8 << 20;
-    const KEPT: usize = 12;
-
-    /// A buffer of `bytes` bytes of no particular content.
-    fn take(&mut self, bytes: usize) -> BytesMut {
-        let free = self.given.iter().position(Bytes::is_unique);
-        let free = free.and_then(|i| self.given.remove(i)).and_then(|b| b.try_into_mut().ok());
-        match free {
-            Some(mut buffer) if buffer.capacity() >= bytes => {
-                buffer.resize(bytes, 0);
-                buffer
-            }
-            _ => BytesMut::zeroed(bytes),
-        }
-    }
-
-    fn freeze(&mut self, buffer: BytesMut) -> Bytes {
-        let frozen = buffer.freeze();
-        if frozen.len() <= Self::KEPT_BYTES {
-            self.given.push_back(frozen.clone());
-            if self.given.len() > Self::KEPT {
-                self.given.pop_front();
-            }
-        }
-        frozen
+        Ok(records)
     }
 }

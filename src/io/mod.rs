@@ -6,9 +6,11 @@
 //! It must never trust a size, panic on bad input, or leave a half-written file under its final name.
 
 pub mod block_reader;
+mod buffers;
 pub mod burst_codec;
 pub mod decompress;
 pub mod design_file;
+pub mod digest;
 pub mod inputs;
 pub mod labels_file;
 mod mcap_records;

@@ -7,6 +7,7 @@
 
 use super::Limits;
 use super::block_reader::{BlockReader, Channels};
+use super::digest::{Digest, Digester};
 use super::mcap_records::{
     ChannelRecord, FOOTER_BYTES, Footer, MAGIC, RecordHeader, SchemaRecord, Statistics, op,
     record_at,
@@ -62,14 +63,6 @@ pub enum RecordingError {
     NotMcap { path: PathBuf, begins: String },
     #[error("{path}: MCAP of another version ({begins}); inkling reads version 0")]
     OtherVersion { path: PathBuf, begins: String },
-}
-
-/// xxh3-128 of a whole recording, and whether its data are what its own checksum says.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Digest {
-    /// `xxh3:` and 32 hexadecimal digits.
-    pub text: String,
-    pub damage: Option<Damage>,
 }
 
 #[derive(Debug)]
@@ -160,44 +153,16 @@ impl Recording {
         })
     }
 
-    /// One pass over the whole file: its digest, and its data section's checksum if it has one
-    /// (the only check that messages outside chunks have).
-    pub fn digest(&self) -> Result<Digest, RecordingError> {
-        self.digest_behind(|_| Ok(()))
-    }
-
-    /// The same in parts: before each, `wait_for` hears where it ends.
-    pub fn digest_behind<E: From<RecordingError>>(
-        &self,
-        mut wait_for: impl FnMut(u64) -> Result<(), E>,
-    ) -> Result<Digest, E> {
-        let mut xxh3 = xxhash_rust::xxh3::Xxh3::new();
-        let mut crc = crc32fast::Hasher::new();
+    /// Takes the digest while blocks are read.
+    pub fn digester(&self) -> Digester {
         // The DataEnd record is the last of the data section; its checksum does not cover itself.
         let data = self.data_end.and_then(|end| self.data_end_record(end));
-        let checked_bytes = data.map_or(0, |(end, crc)| if crc == 0 { 0 } else { end });
-        let mut buffer = vec![0; self.bytes.min(1 << 20) as usize];
-        let mut at = 0;
-        while at < self.bytes {
-            let n = (buffer.len() as u64).min(self.bytes - at) as usize;
-            wait_for(at + n as u64)?;
-            let part = &mut buffer[..n];
-            self.source
-                .read_at(at, part)
-                .map_err(|source| RecordingError::Read { path: self.path.clone(), source })?;
-            xxh3.update(part);
-            crc.update(&part[..checked_bytes.saturating_sub(at).min(n as u64) as usize]);
-            at += n as u64;
-        }
-        let crc = crc.finalize();
-        let damage = data.filter(|&(_, expected)| expected != 0 && expected != crc);
-        let damage = damage.map(|(to_byte, expected)| {
-            let what = format!(
-                "data section: its checksum is {crc:08x}, not {expected:08x} as recorded; it was changed"
-            );
-            Damage { from_byte: 0, to_byte, what }
-        });
-        Ok(Digest { text: format!("xxh3:{:032x}", xxh3.digest128()), damage })
+        Digester::new(self.path.clone(), self.source.clone(), self.limits, data)
+    }
+
+    /// One pass over the whole file.
+    pub fn digest(&self) -> Result<Digest, RecordingError> {
+        self.digester().finish(|| Ok(()))
     }
 
     /// Where the DataEnd record before `end` begins, and its checksum.

@@ -228,7 +228,8 @@ impl Blocks {
                 (next <= end && header.uncompressed_crc != 0).then_some(next - at)
             });
             if let Some(bytes) = found {
-                if loader.load(at, bytes).is_ok() {
+                let block = Block { index: 0, offset: at, bytes, kind: BlockKind::Chunk };
+                if loader.load(&block, None).is_ok() {
                     return Ok(Some(at));
                 }
                 self.failed_resyncs += 1;

@@ -9,15 +9,16 @@ use super::timings::{StageTiming, Timings};
 use super::windows::Learner;
 use super::{Control, PipelineError, metadata};
 use crate::design::{Design, categories};
+use crate::io::digest::Digest;
 use crate::io::part_file::PartFile;
-use crate::io::recording::{Damage, Digest, Recording};
+use crate::io::recording::{Damage, Recording};
 use crate::io::verdict_table::{self, TableOptions, VerdictWriter};
 use crate::labels::Labels;
 use crate::settings::{IdentifyMode, Pace, Settings, TimestampUnit};
 use crossbeam_channel::bounded;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::atomic::Ordering;
 use std::thread::{self, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 
@@ -196,29 +197,21 @@ fn stream(
     let queue = BlockQueue::new(recording);
     let in_flight = InFlight::new(BLOCKS_PER_WORKER * (readers + filters + isolators), MOST_BYTES);
     let timings = Timings::default();
-    let names = ["reader", "identify", "filter", "gate", "isolate", "writer", "digest"];
+    let names = ["reader", "identify", "filter", "gate", "isolate", "writer"];
     names.iter().for_each(|stage| timings.expect(stage));
     control.bytes_read.store(0, Ordering::Relaxed);
-    let reading = AtomicU8::new(READING);
 
-    let digest = thread::scope(|scope| {
+    thread::scope(|scope| {
         let (to_identify, from_reader) = bounded(QUEUE);
         let (to_filter, from_identify) = bounded(QUEUE);
         let (to_gate, from_filter) = bounded(QUEUE);
         let (to_isolate, from_gate) = bounded(QUEUE);
         let (to_writer, from_isolate) = bounded(QUEUE);
         let (queue, in_flight, pacer) = (&queue, &in_flight, &mut pacer);
-        let (timings, reading) = (&timings, &reading);
+        let timings = &timings;
         let mut running: Vec<(&'static str, ScopedJoinHandle<Result<(), PipelineError>>)> =
             Vec::new();
         let mut pacer = pacer.as_mut();
-        let digest = scope.spawn(move || {
-            let mut clock = timings.clock("digest");
-            recording.digest_behind(|at| {
-                clock.count();
-                clock.blocked(|| wait_for_readers(at, reading, control))
-            })
-        });
         for _ in 0..readers {
             let (out, pacer) = (to_identify.clone(), pacer.take());
             running.push((
@@ -271,32 +264,12 @@ fn stream(
                 outcome = ended;
             }
         }
-        let now = if outcome.is_ok() { DONE } else { FAILED };
-        reading.store(now, Ordering::Relaxed);
-        let digest = digest.join().map_err(|_| PipelineError::Panicked("digest"));
-        outcome?;
-        digest?
+        outcome
     })?;
     let behind = pacer.map(|p| p.behind);
-    let (scan_damage, timings) = (queue.damage(), timings.stages());
+    let ((scan_damage, digest), timings) = (queue.finish(control)?, timings.stages());
     Ok(Streamed { tally, writer, scan_damage, behind, timings, digest })
 }
-
-/// Lets the digest follow the readers: what they have just read is still in memory.
-fn wait_for_readers(at: u64, reading: &AtomicU8, control: &Control) -> Result<(), PipelineError> {
-    loop {
-        match reading.load(Ordering::Relaxed) {
-            FAILED => return Err(PipelineError::Interrupted),
-            DONE => return control.check(),
-            _ if at <= control.bytes_read.load(Ordering::Relaxed) => return Ok(()),
-            _ => thread::sleep(Duration::from_millis(1)),
-        }
-    }
-}
-
-const READING: u8 = 0;
-const DONE: u8 = 1;
-const FAILED: u8 = 2;
 
 fn summary(
     mut document: Value,

@@ -11,10 +11,12 @@ use super::timings::Clock;
 use super::{Control, PipelineError, rows};
 use crate::burst::{Acquisition, Place, SignalBatch};
 use crate::design::{Judge, Workspace};
+use crate::io::digest::{Digest, Digester};
 use crate::io::recording::{Damage, Recording, note};
 use crate::io::scan::{Block, Blocks};
 use crate::settings::Settings;
 use crate::verdict::{Reason, VerdictColumns};
+use bytes::Bytes;
 use crossbeam_channel::{Receiver, Sender};
 use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
@@ -61,30 +63,52 @@ pub struct Judged {
     pub bursts: u64,
 }
 
-/// Hands out blocks in file order to the reader's workers.
+/// Hands out blocks in file order to the reader's workers, with their bytes: one after the other, so
+/// that the digest sees them on the way.
 pub struct BlockQueue {
-    blocks: Mutex<(Blocks, Vec<Damage>)>,
+    queue: Mutex<Queue>,
+}
+
+struct Queue {
+    blocks: Blocks,
+    damage: Vec<Damage>,
+    digester: Digester,
 }
 
 impl BlockQueue {
     pub fn new(recording: &Recording) -> BlockQueue {
-        BlockQueue { blocks: Mutex::new((recording.blocks(), Vec::new())) }
+        let (blocks, digester) = (recording.blocks(), recording.digester());
+        BlockQueue { queue: Mutex::new(Queue { blocks, damage: Vec::new(), digester }) }
     }
 
     /// The next block, once there is room for it in flight.
-    fn next(&self, in_flight: &InFlight) -> Option<Block> {
-        let mut blocks = self.blocks.lock().unwrap_or_else(PoisonError::into_inner);
+    fn next(
+        &self,
+        in_flight: &InFlight,
+        control: &Control,
+        clock: &mut Clock,
+    ) -> Result<Option<(Block, Option<Bytes>)>, PipelineError> {
+        let mut queue = clock.blocked(|| self.queue.lock().unwrap_or_else(PoisonError::into_inner));
         loop {
-            match blocks.0.next()? {
-                Ok(block) => return in_flight.enter(block.bytes).then_some(block),
-                Err(damage) => note(&mut blocks.1, damage),
+            match queue.blocks.next() {
+                None => return Ok(None),
+                Some(Err(damage)) => note(&mut queue.damage, damage),
+                Some(Ok(block)) => {
+                    if !clock.blocked(|| in_flight.enter(block.bytes)) {
+                        return Ok(None);
+                    }
+                    let read = queue.digester.read(&block, || control.check())?;
+                    return Ok(Some((block, read)));
+                }
             }
         }
     }
 
-    /// What the scan could not frame.
-    pub fn damage(self) -> Vec<Damage> {
-        self.blocks.into_inner().unwrap_or_else(PoisonError::into_inner).1
+    /// What the scan could not frame, and the digest of the whole file.
+    pub fn finish(self, control: &Control) -> Result<(Vec<Damage>, Digest), PipelineError> {
+        let Queue { damage, digester, .. } =
+            self.queue.into_inner().unwrap_or_else(PoisonError::into_inner);
+        Ok((damage, digester.finish(|| control.check())?))
     }
 }
 
@@ -139,8 +163,8 @@ pub fn read(
     /// Rows of a batch: enough to make a channel's cost vanish, few enough to bound memory.
     const MOST_ROWS: usize = 32_768;
     let mut reader = recording.reader();
-    while let Some(block) = clock.blocked(|| queue.next(in_flight)) {
-        reader.load(&block);
+    while let Some((block, read)) = queue.next(in_flight, control, &mut clock)? {
+        reader.load_read(&block, read);
         let mut place = Place { block: block.index, piece: 0 };
         while let Some(piece) = reader.next_piece(MOST_ROWS) {
             control.check()?;

@@ -1,0 +1,113 @@
+//! A recording's digest, taken while its blocks are read: every byte is read once.
+//!
+//! In: blocks in file order. Out: their bytes, and at the end [`Digest`] over the whole file, with the
+//! data section's checksum if it has one (the only check that messages outside chunks have).
+
+use super::Limits;
+use super::block_reader::bytes_to_read;
+use super::buffers::Buffers;
+use super::recording::{Damage, RecordingError};
+use super::scan::Block;
+use super::source::Source;
+use bytes::Bytes;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// xxh3-128 of a whole recording, and whether its data are what its own checksum says.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Digest {
+    /// `xxh3:` and 32 hexadecimal digits.
+    pub text: String,
+    pub damage: Option<Damage>,
+}
+
+pub struct Digester {
+    path: PathBuf,
+    source: Arc<Source>,
+    limits: Limits,
+    buffers: Buffers,
+    xxh3: xxhash_rust::xxh3::Xxh3,
+    crc: crc32fast::Hasher,
+    /// Where the data section's checksum ends, and what it should be.
+    data: Option<(u64, u32)>,
+    /// Everything before is in.
+    at: u64,
+}
+
+impl Digester {
+    pub(super) fn new(
+        path: PathBuf,
+        source: Arc<Source>,
+        limits: Limits,
+        data: Option<(u64, u32)>,
+    ) -> Digester {
+        Digester {
+            path,
+            source,
+            limits,
+            buffers: Buffers::default(),
+            xxh3: xxhash_rust::xxh3::Xxh3::new(),
+            crc: crc32fast::Hasher::new(),
+            data: data.filter(|&(_, crc)| crc != 0),
+            at: 0,
+        }
+    }
+
+    /// The bytes of the next block that are to be read, for
+    /// [`load_read`](super::block_reader::BlockReader::load_read). `check` hears of each part read.
+    pub fn read<E: From<RecordingError>>(
+        &mut self,
+        block: &Block,
+        check: impl FnMut() -> Result<(), E>,
+    ) -> Result<Option<Bytes>, E> {
+        if block.offset < self.at {
+            return Ok(None);
+        }
+        self.pass(block.offset, check)?;
+        let buffer = self.buffers.take(bytes_to_read(block, &self.limits) as usize);
+        Ok(Some(self.take(buffer)?))
+    }
+
+    /// Takes what lies before `to` without keeping it.
+    fn pass<E: From<RecordingError>>(
+        &mut self,
+        to: u64,
+        mut check: impl FnMut() -> Result<(), E>,
+    ) -> Result<(), E> {
+        const PART: u64 = 1 << 20;
+        while self.at < to {
+            check()?;
+            let buffer = self.buffers.take((to - self.at).min(PART) as usize);
+            self.take(buffer)?;
+        }
+        Ok(())
+    }
+
+    /// Fills a buffer with what comes next.
+    fn take(&mut self, mut buffer: bytes::BytesMut) -> Result<Bytes, RecordingError> {
+        self.source
+            .read_at(self.at, &mut buffer)
+            .map_err(|source| RecordingError::Read { path: self.path.clone(), source })?;
+        self.xxh3.update(&buffer);
+        let checked = self.data.map_or(0, |(end, _)| end.saturating_sub(self.at));
+        self.crc.update(&buffer[..checked.min(buffer.len() as u64) as usize]);
+        self.at += buffer.len() as u64;
+        Ok(self.buffers.freeze(buffer))
+    }
+
+    /// Takes the rest of the file.
+    pub fn finish<E: From<RecordingError>>(
+        mut self,
+        check: impl FnMut() -> Result<(), E>,
+    ) -> Result<Digest, E> {
+        self.pass(self.source.bytes(), check)?;
+        let crc = self.crc.finalize();
+        let damage = self.data.filter(|&(_, expected)| expected != crc).map(|(to_byte, expected)| {
+            let what = format!(
+                "data section: its checksum is {crc:08x}, not {expected:08x} as recorded; it was changed"
+            );
+            Damage { from_byte: 0, to_byte, what }
+        });
+        Ok(Digest { text: format!("xxh3:{:032x}", self.xxh3.digest128()), damage })
+    }
+}
