@@ -5,7 +5,7 @@
 //! start over damping and frequency is followed by a few damped Gauss-Newton steps. White noise.
 
 use super::ring::Ring;
-use super::ring_moments::{self, Moments, Oscillation, dot};
+use super::ring_moments::{ColumnTable, Moments, Oscillation, dot};
 use nalgebra::{DMatrix, Matrix4, Vector4};
 
 /// ln (A/A0), ln (sigma/sigma0), ln (f/f0), and phi - phi0 (0 where the phase is not free).
@@ -41,10 +41,12 @@ pub struct Fit {
 const DAMPINGS: [f64; 4] = [0.07, 0.35, 1.0, 2.4];
 const FREQUENCIES: usize = 22;
 const FREQUENCY_RANGE: (f64, f64) = (0.40, 1.55);
-const STEPS: usize = 6;
+const STEPS: usize = 12;
+/// A rise of the misfit by this share of the signal's square norm is rounding.
+const ROUNDING: f64 = 1e-13;
 /// A step smaller than this, in ln, is none.
-const LEAST_DAMPING: f64 = 1e-5;
-const LEAST_FREQUENCY: f64 = 1e-7;
+const LEAST_DAMPING: f64 = 3e-5;
+const LEAST_FREQUENCY: f64 = 1e-6;
 /// ln of the largest change of damping and of frequency in one step.
 const MOST_DAMPING: f64 = 0.7;
 const MOST_FREQUENCY: f64 = 0.06;
@@ -58,8 +60,8 @@ pub struct RingFitter {
     /// Real pole's part of the first column, N.
     real: Vec<f64>,
     grid: Vec<Start>,
-    /// N rows of the grid's columns, all in-phase ones first: only the start is chosen by them.
-    table: Vec<f32>,
+    /// The grid's columns, all in-phase ones first: only the start is chosen by them.
+    table: ColumnTable,
 }
 
 /// A place of the coarse grid.
@@ -82,8 +84,14 @@ impl RingFitter {
         let real: Vec<f64> = (0..samples)
             .map(|k| ring.real_share * (-ring.lambda_per_s * k as f64 * dt_s).exp())
             .collect();
-        let mut fitter =
-            RingFitter { ring, dt_s, samples, real, grid: Vec::new(), table: Vec::new() };
+        let mut fitter = RingFitter {
+            ring,
+            dt_s,
+            samples,
+            real,
+            grid: Vec::new(),
+            table: ColumnTable::default(),
+        };
         let (low, high) = FREQUENCY_RANGE;
         let nothing = vec![0.0; samples];
         let mut columns = [Vec::new(), Vec::new()];
@@ -104,9 +112,7 @@ impl RingFitter {
                 }
             }
         }
-        let columns = columns.concat();
-        fitter.table =
-            (0..samples).flat_map(|k| columns.iter().map(move |c| c[k] as f32)).collect();
+        fitter.table = ColumnTable::new(&columns.concat());
         fitter
     }
 
@@ -139,8 +145,7 @@ impl RingFitter {
     /// `y`: N, counts. `phase`: free. `None`: the signal is no ring (zero, or not finite).
     pub fn fit(&self, y: &[f64], phase: bool, work: &mut Products) -> Option<Fit> {
         let places = self.grid.len();
-        work.of_grid.resize(2 * places, 0.0);
-        ring_moments::products(y, &self.table, &mut work.of_grid);
+        self.table.products(y, &mut work.of_grid);
         let (in_phase, quadrature) = work.of_grid.split_at(places);
         let (mut best, mut start) = (f32::NEG_INFINITY, None);
         for ((at, u), v) in self.grid.iter().zip(in_phase).zip(quadrature) {
@@ -181,7 +186,7 @@ impl RingFitter {
                 let f = (trust * step.1).clamp(-MOST_FREQUENCY, MOST_FREQUENCY);
                 let trial = (damping * d.exp(), frequency * f.exp());
                 if let Some(next) = self.state(y, yy, trial.0, trial.1, phase)
-                    && next.misfit <= state.misfit
+                    && next.misfit <= state.misfit + ROUNDING * yy
                 {
                     (damping, frequency) = trial;
                     state = next;

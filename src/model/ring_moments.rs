@@ -142,51 +142,72 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     a_rest.iter().zip(b_rest).fold(sum(sums), |s, (a, b)| s + a * b)
 }
 
-/// Products of a signal with many columns at once: `table` holds N rows, one entry per column.
-pub fn products(y: &[f64], table: &[f32], out: &mut [f32]) {
+/// Columns side by side.
+const SIDE: usize = 64;
+
+/// Many columns of one length, for products with a signal; in f32, panel by panel of [`SIDE`] columns.
+#[derive(Clone, Debug, Default)]
+pub struct ColumnTable {
+    panels: Vec<Vec<[f32; SIDE]>>,
+}
+
+impl ColumnTable {
+    pub fn new(columns: &[Vec<f64>]) -> ColumnTable {
+        let samples = columns.first().map_or(0, Vec::len);
+        let panel = |of: &[Vec<f64>]| -> Vec<[f32; SIDE]> {
+            let entry = |k: usize, j: usize| of.get(j).map_or(0.0, |column| column[k] as f32);
+            (0..samples).map(|k| std::array::from_fn(|j| entry(k, j))).collect()
+        };
+        ColumnTable { panels: columns.chunks(SIDE).map(panel).collect() }
+    }
+
+    /// Products of every column with a signal, in their order; beyond the last column zeros.
+    pub fn products(&self, y: &[f64], out: &mut Vec<f32>) {
+        out.clear();
+        for panel in &self.panels {
+            out.extend(panel_products(y, panel));
+        }
+    }
+}
+
+fn panel_products(y: &[f64], panel: &[[f32; SIDE]]) -> [f32; SIDE] {
     #[cfg(target_arch = "x86_64")]
     {
         // SAFETY: the processor was found to have what is asked of it
         if std::is_x86_feature_detected!("avx512f") {
-            return unsafe { products_x86::with_avx512(y, table, out) };
+            return unsafe { panel_x86::with_avx512(y, panel) };
         }
         // SAFETY: as above
         if std::is_x86_feature_detected!("avx2") {
-            return unsafe { products_x86::with_avx2(y, table, out) };
+            return unsafe { panel_x86::with_avx2(y, panel) };
         }
     }
-    products_portable(y, table, out);
+    panel_portable(y, panel)
 }
 
 #[cfg(target_arch = "x86_64")]
-mod products_x86 {
+mod panel_x86 {
+    use super::{SIDE, panel_portable};
+
     #[target_feature(enable = "avx512f")]
-    pub fn with_avx512(y: &[f64], table: &[f32], out: &mut [f32]) {
-        super::products_portable(y, table, out);
+    pub fn with_avx512(y: &[f64], panel: &[[f32; SIDE]]) -> [f32; SIDE] {
+        panel_portable(y, panel)
     }
 
     #[target_feature(enable = "avx2")]
-    pub fn with_avx2(y: &[f64], table: &[f32], out: &mut [f32]) {
-        super::products_portable(y, table, out);
+    pub fn with_avx2(y: &[f64], panel: &[[f32; SIDE]]) -> [f32; SIDE] {
+        panel_portable(y, panel)
     }
 }
 
-/// Columns side by side.
-const COLUMNS: usize = 64;
-
 #[inline(always)] // compiled once per instruction set
-fn products_portable(y: &[f64], table: &[f32], out: &mut [f32]) {
-    let width = out.len();
-    for (i, of) in out.chunks_mut(COLUMNS).enumerate() {
-        let mut sums = [0.0f32; COLUMNS];
-        let from = i * COLUMNS;
-        for (y, row) in y.iter().zip(table.chunks_exact(width)) {
-            let y = *y as f32;
-            match row[from..].first_chunk::<COLUMNS>() {
-                Some(row) => sums.iter_mut().zip(row).for_each(|(s, c)| *s += y * c),
-                None => sums.iter_mut().zip(&row[from..]).for_each(|(s, c)| *s += y * c),
-            }
+fn panel_portable(y: &[f64], panel: &[[f32; SIDE]]) -> [f32; SIDE] {
+    let mut sums = [0.0f32; SIDE];
+    for (y, row) in y.iter().zip(panel) {
+        let y = *y as f32;
+        for l in 0..SIDE {
+            sums[l] += y * row[l];
         }
-        of.copy_from_slice(&sums[..of.len()]);
     }
+    sums
 }
