@@ -6,7 +6,7 @@
 
 use super::ring::Ring;
 use super::ring_moments::{ColumnTable, Moments, Oscillation, dot};
-use nalgebra::{DMatrix, Matrix4, Vector4};
+use nalgebra::DMatrix;
 
 /// ln (A/A0), ln (sigma/sigma0), ln (f/f0), and phi - phi0 (0 where the phase is not free).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,9 +44,9 @@ const FREQUENCY_RANGE: (f64, f64) = (0.40, 1.55);
 const STEPS: usize = 12;
 /// A rise of the misfit by this share of the signal's square norm is rounding.
 const ROUNDING: f64 = 1e-13;
-/// A step smaller than this, in ln, is none.
-const LEAST_DAMPING: f64 = 3e-5;
-const LEAST_FREQUENCY: f64 = 1e-6;
+/// A step that gains less than this share of the noise's square, as the misfit tells it, is none: it
+/// is shorter than a hundredth of the fit's own standard deviation.
+const NO_GAIN: f64 = 1e-4;
 /// ln of the largest change of damping and of frequency in one step.
 const MOST_DAMPING: f64 = 0.7;
 const MOST_FREQUENCY: f64 = 0.06;
@@ -177,13 +177,13 @@ impl RingFitter {
         let mut trust = 1.0;
         for _ in 0..STEPS {
             let step = self.step(damping, frequency, &state, phase)?;
-            if step.0.abs() < LEAST_DAMPING && step.1.abs() < LEAST_FREQUENCY {
+            if step.gain() * self.samples as f64 <= NO_GAIN * state.misfit + ROUNDING * yy {
                 break;
             }
             let mut accepted = false;
             for _ in 0..4 {
-                let d = (trust * step.0).clamp(-MOST_DAMPING, MOST_DAMPING);
-                let f = (trust * step.1).clamp(-MOST_FREQUENCY, MOST_FREQUENCY);
+                let d = (trust * step.damping).clamp(-MOST_DAMPING, MOST_DAMPING);
+                let f = (trust * step.frequency).clamp(-MOST_FREQUENCY, MOST_FREQUENCY);
                 let trial = (damping * d.exp(), frequency * f.exp());
                 if let Some(next) = self.state(y, yy, trial.0, trial.1, phase)
                     && next.misfit <= state.misfit + ROUNDING * yy
@@ -271,26 +271,54 @@ impl RingFitter {
     }
 
     /// Gauss-Newton step of (ln damping, ln frequency), amplitude (and phase) eliminated.
-    fn step(&self, damping: f64, frequency: f64, state: &State, phase: bool) -> Option<(f64, f64)> {
+    fn step(&self, damping: f64, frequency: f64, state: &State, phase: bool) -> Option<Step> {
         let sigma_dt = self.ring.damping_per_s * damping * self.dt_s;
         let omega_dt = self.omega_dt(frequency);
         let &State { a, b, moments: Moments { gram, slope }, .. } = state;
-        let inner = |i: usize, j: usize| gram[i.max(j) * (i.max(j) + 1) / 2 + i.min(j)];
-        let full = Matrix4::from_fn(inner);
+        let [pp, qp, qq, xp, xq, xx, zp, zq, zx, zz] = gram; // x = t p', z = t q
+        // products of the misfit with x and z
+        let (rx, rz) = (slope[2] - a * xp - b * xq, slope[3] - a * zp - b * zq);
         // dy/d(ln sigma) = -sigma t (a p' + b q), dy/d(ln omega) = omega t (a q - b p')
-        let mut change = Matrix4::identity();
-        change.set_column(2, &(Vector4::new(0.0, 0.0, a, b) * -sigma_dt));
-        change.set_column(3, &(Vector4::new(0.0, 0.0, -b, a) * omega_dt));
-        if !phase {
-            change[(1, 1)] = 0.0;
-        }
-        let rest = Vector4::from(slope) - full * Vector4::new(a, b, 0.0, 0.0);
-        let mut normal = change.tr_mul(&(full * change));
-        if !phase {
-            normal[(1, 1)] = 1.0;
-        }
-        let step = normal.cholesky()?.solve(&change.tr_mul(&rest));
-        Some((step[2], step[3]))
+        let of = |x: f64, z: f64| [-sigma_dt * (a * x + b * z), omega_dt * (a * z - b * x)];
+        let (along_p, along_q, slopes) = (of(xp, zp), of(xq, zq), of(rx, rz));
+        let (by_x, by_z) = (of(xx, zx), of(zx, zz));
+        let (damping_row, frequency_row) = (of(by_x[0], by_z[0]), of(by_x[1], by_z[1]));
+        // what p (and q) can do themselves is theirs
+        let determinant = pp * qq - qp * qp;
+        let shared = |i: usize, j: usize| match phase {
+            false => along_p[i] * along_p[j] / pp,
+            true => {
+                (qq * along_p[i] * along_p[j] + pp * along_q[i] * along_q[j]
+                    - qp * (along_p[i] * along_q[j] + along_q[i] * along_p[j]))
+                    / determinant
+            }
+        };
+        let h = [
+            damping_row[0] - shared(0, 0),
+            frequency_row[0] - shared(0, 1),
+            frequency_row[1] - shared(1, 1),
+        ];
+        let det = h[0] * h[2] - h[1] * h[1];
+        let step = Step {
+            damping: (h[2] * slopes[0] - h[1] * slopes[1]) / det,
+            frequency: (h[0] * slopes[1] - h[1] * slopes[0]) / det,
+            slopes,
+        };
+        (h[0] > 0.0 && det > 0.0 && step.gain().is_finite()).then_some(step)
+    }
+}
+
+/// A step and the slope of half the misfit along it.
+struct Step {
+    damping: f64,
+    frequency: f64,
+    slopes: [f64; 2],
+}
+
+impl Step {
+    /// By how much the misfit would fall, counts².
+    fn gain(&self) -> f64 {
+        self.damping * self.slopes[0] + self.frequency * self.slopes[1]
     }
 }
 
