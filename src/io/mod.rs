@@ -9,6 +9,7 @@ pub mod block_reader;
 pub mod burst_codec;
 pub mod decompress;
 pub mod design_file;
+pub mod episode_table;
 pub mod inputs;
 pub mod labels_file;
 mod mcap_records;
