@@ -64,8 +64,8 @@ pub struct Workspace {
     detector: Scratch,
     /// Per class, of the signal last isolated.
     pub weights: Vec<f64>,
-    /// ln of damping and of frequency of the ring last fitted by the posterior, at the model's drive
-    /// and temperature; `None`: none was fitted.
+    /// ln of damping and of frequency over the healthy model's, of the ring last fitted by the
+    /// posterior, at the model's drive and temperature; `None`: none was fitted.
     pub ring: Option<[f64; 2]>,
 }
 

@@ -32,6 +32,8 @@ const SUSPICION: f32 = 6.0;
 const WHILE_SUSPECT: f32 = 0.1;
 /// What stands out, in standard deviations.
 const STANDS_OUT: f32 = 2.0;
+/// A look beyond this is an onset of its own: what little had gathered before was chance.
+const BEYOND_CHANCE: f32 = 4.0;
 
 /// What a look did.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -109,10 +111,8 @@ impl Evidence {
             () => 0.0,
         };
         self.learn(z, sd, share);
-        match (before > 0.0, self.faulty > 0.0) {
-            (_, false) => Step::Quiet,
-            (was, true) => Step::Suspect { begins: !was },
-        }
+        let begins = before <= 0.0 || (before < SUSPICION && z > BEYOND_CHANCE);
+        if self.faulty > 0.0 { Step::Suspect { begins } } else { Step::Quiet }
     }
 
     /// Robust running level and spread: a look counts as three standard deviations at most.
@@ -193,7 +193,7 @@ mod tests {
                 evidence.look(source.look(1.0), bound);
             }
             let raised = (1..30).find(|_| evidence.look(source.look(8.0), bound) == Step::Raised);
-            assert!(raised.is_some_and(|n| (3..=6).contains(&n)), "{raised:?}");
+            assert!(raised.is_some_and(|n| (2..=6).contains(&n)), "{raised:?}");
             for _ in 0..50 {
                 let step = evidence.look(source.look(8.0), bound);
                 assert!(matches!(step, Step::Faulty { .. }), "{step:?}");

@@ -66,11 +66,10 @@ pub struct Named {
     pub candidate: Option<u16>,
     pub severity: Option<f32>,
     pub severity_sd: Option<f32>,
-    /// ln of the ring's frequency and damping over the healthy model's, and that model's place.
     pub ring: Option<RingChange>,
 }
 
-/// How a signal's ring differs from the healthy one of its model.
+/// How a signal's ring differs from the healthy one of its model: ln of their ratios.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RingChange {
     pub ln_frequency: f64,

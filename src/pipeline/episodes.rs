@@ -84,14 +84,12 @@ impl EpisodeTap {
             while let Some(flagged) = flagged.next_if(|f| (f.row as usize) < to) {
                 let row = flagged.row as usize;
                 let healthy = c.model[row].and_then(|m| self.healthy.get(usize::from(m)));
-                let ring = flagged.ring.zip(healthy).map(|([damping, frequency], healthy)| {
-                    let &[healthy_frequency_hz, healthy_damping_per_s] = healthy;
-                    RingChange {
-                        ln_frequency: frequency - healthy_frequency_hz.ln(),
-                        ln_damping: damping - healthy_damping_per_s.ln(),
-                        healthy_frequency_hz,
-                        healthy_damping_per_s,
-                    }
+                let ring = flagged.ring.zip(healthy);
+                let ring = ring.map(|([ln_damping, ln_frequency], healthy)| RingChange {
+                    ln_frequency,
+                    ln_damping,
+                    healthy_frequency_hz: healthy[0],
+                    healthy_damping_per_s: healthy[1],
                 });
                 looks.named.push(Named {
                     row: (row - from) as u32, // a batch is far smaller
