@@ -11,6 +11,7 @@
 //! 4  pipeline  thesis  io            threads and bounded channels | chapter 4 again | bytes
 //! 3  design  simulate                the offline artefact | print runs with known truth
 //! 2  identify  detect  isolate       thesis 3-1 | 3-2 | 3-3; they meet only in design
+//! 2  episodes                        evidence over time, from verdicts alone
 //! 1  model  score  plot              what the physics says | thesis chapter 4 numbers | figures
 //! 0  burst  fault  verdict  labels   what flows
 //! ```
@@ -35,6 +36,7 @@ pub mod plot;
 pub mod score;
 // floor 2
 pub mod detect;
+pub mod episodes;
 pub mod identify;
 pub mod isolate;
 // floor 3

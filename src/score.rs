@@ -4,7 +4,12 @@
 //! isolation, accuracy, coverage at the certainty bound, calibration. The thesis's "HMA" (§4-3) is
 //! trace over total: plain accuracy.
 
+pub mod episodes;
+pub mod severity;
+
+use episodes::EpisodesReport;
 use serde::Serialize;
+use severity::SeverityReport;
 use std::collections::BTreeMap;
 
 /// What one verdict says, as far as scoring asks.
@@ -65,6 +70,19 @@ pub struct Calibration {
     pub classwise_ece: Option<f64>,
     /// Per bin: certainty's mean, share right, count.
     pub bins: Vec<(f64, f64, u64)>,
+    /// By the best class, of the signals that it was said of.
+    pub by_class: BTreeMap<String, ClassCalibration>,
+}
+
+/// What was said of one class against how often it was right.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct ClassCalibration {
+    pub signals: u64,
+    /// Mean certainty.
+    pub certainty: f64,
+    /// Share right.
+    pub right: f64,
+    pub ece: f64,
 }
 
 /// Detection of one labelled state.
@@ -98,6 +116,7 @@ pub struct Score {
     certain_right: u64,
     bins: [Bin; BINS],
     class_bins: Vec<[Bin; BINS]>,
+    candidate_bins: BTreeMap<String, [Bin; BINS]>,
     unlabelled: u64,
     rejected: u64,
 }
@@ -109,6 +128,11 @@ pub struct Report {
     pub isolation: Isolation,
     pub certain: Certain,
     pub calibration: Calibration,
+    /// By class; empty where nothing was sized, or no label has a size.
+    pub severity: BTreeMap<String, SeverityReport>,
+    /// Absent without an episode table beside the verdicts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub episodes: Option<EpisodesReport>,
     pub by_state: BTreeMap<String, ByState>,
     pub unlabelled: u64,
     pub rejected: u64,
@@ -129,6 +153,7 @@ impl Default for Score {
             certain_right: 0,
             bins: [Bin::default(); BINS],
             class_bins: Vec::new(),
+            candidate_bins: BTreeMap::new(),
             unlabelled: 0,
             rejected: 0,
         }
@@ -180,16 +205,23 @@ impl Score {
         let right = candidate == truth;
         self.right += u64::from(right);
         *self.confusion.entry((truth.to_owned(), candidate.to_owned())).or_default() += 1;
-        if let Some(certainty) = said.certainty {
+        if let Some(certainty) = said.certainty.filter(|c| c.is_finite()) {
             if certainty >= self.bound {
                 self.certain += 1;
                 self.certain_right += u64::from(right);
             }
             fill(&mut self.bins, certainty, right);
+            let bins = match self.candidate_bins.get_mut(candidate) {
+                Some(bins) => bins,
+                None => self.candidate_bins.entry(candidate.to_owned()).or_default(),
+            };
+            fill(bins, certainty, right);
         }
         if let Some(weights) = said.weights {
             for ((bins, class), &w) in self.class_bins.iter_mut().zip(&self.classes).zip(weights) {
-                fill(bins, f64::from(w), class == truth);
+                if w.is_finite() {
+                    fill(bins, f64::from(w), class == truth);
+                }
             }
         }
     }
@@ -229,10 +261,29 @@ impl Score {
                     .iter()
                     .map(|b| (b.certainty / (b.n.max(1)) as f64, share(b.right, b.n), b.n))
                     .collect(),
+                by_class: self
+                    .candidate_bins
+                    .iter()
+                    .map(|(class, bins)| (class.clone(), ClassCalibration::of(bins)))
+                    .collect(),
             },
+            severity: BTreeMap::new(),
+            episodes: None,
             by_state: self.by_state.clone(),
             unlabelled: self.unlabelled,
             rejected: self.rejected,
+        }
+    }
+}
+
+impl ClassCalibration {
+    fn of(bins: &[Bin; BINS]) -> ClassCalibration {
+        let n: u64 = bins.iter().map(|b| b.n).sum();
+        ClassCalibration {
+            signals: n,
+            certainty: bins.iter().map(|b| b.certainty).sum::<f64>() / n.max(1) as f64,
+            right: share(bins.iter().map(|b| b.right).sum(), n),
+            ece: calibration_error(bins),
         }
     }
 }

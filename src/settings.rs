@@ -4,6 +4,7 @@
 //! refused. Relative paths in a file are relative to that file.
 
 use crate::design::{DetectSettings, IsolateSettings};
+use crate::episodes::EpisodeSettings;
 use crate::identify::GreyBoxSettings;
 use crate::model::Geometry;
 use serde::{Deserialize, Serialize};
@@ -32,6 +33,7 @@ pub struct Settings {
     pub identify: IdentifySettings,
     pub detect: DetectSettings,
     pub isolate: IsolateSettings,
+    pub episodes: EpisodeSettings,
     pub output: OutputSettings,
     pub replay: ReplaySettings,
 }
@@ -254,6 +256,7 @@ impl Settings {
         }
         self.identify.grey_box.check().map_err(|e| format!("identify.grey_box.{e}"))?;
         self.detect.check().map_err(|e| format!("detect.{e}"))?;
+        self.episodes.check().map_err(|e| format!("episodes.{e}"))?;
         self.isolate.check().map_err(|e| format!("isolate.{e}"))
     }
 

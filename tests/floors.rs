@@ -7,7 +7,7 @@ fn floor(room: &str) -> u8 {
     match room {
         "burst" | "fault" | "verdict" | "labels" => 0,
         "model" | "plot" | "score" => 1,
-        "identify" | "detect" | "isolate" => 2,
+        "identify" | "detect" | "isolate" | "episodes" => 2,
         "design" | "simulate" => 3,
         "pipeline" | "io" | "thesis" => 4,
         "main" | "cli" | "settings" => 5,

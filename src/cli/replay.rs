@@ -106,11 +106,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
                     say_timings(&report, &progress);
                 }
                 // whoever stopped reading still wants the other recordings' verdicts
-                unless_reader_gone(report::print(
-                    &report,
-                    &replay.classes(),
-                    &mut std::io::stdout().lock(),
-                ))?;
+                unless_reader_gone(report::print(&report, &mut std::io::stdout().lock()))?;
             }
             Err(PipelineError::Interrupted) => return Err(PipelineError::Interrupted.into()),
             Err(e) if inputs.len() == 1 => return Err(e.into()),

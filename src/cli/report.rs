@@ -1,20 +1,18 @@
-//! What a finished replay says: one line per printhead, and the faults with since when.
+//! What a finished replay says: one line per printhead, and its fault episodes.
 
 use super::progress::thousands;
-use crate::fault;
+use crate::episodes::{Counts, Episode};
 use crate::pipeline::RecordingReport;
-use crate::pipeline::tally::{FaultyChannel, PrintheadTally};
+use crate::pipeline::tally::PrintheadTally;
 use chrono::DateTime;
 use std::io::{self, Write};
 
-/// Faulty channels listed per printhead; the rest is counted.
+/// Episodes listed per printhead; the rest is counted.
 const MOST_LISTED: usize = 12;
 /// Printheads listed.
 const MOST_PRINTHEADS: usize = 256;
-/// A channel that passed the gate in fewer bursts is counted, not listed: it may be chance.
-const LEAST_BURSTS: u64 = 3;
 
-pub fn print(report: &RecordingReport, classes: &[String], out: &mut impl Write) -> io::Result<()> {
+pub fn print(report: &RecordingReport, out: &mut impl Write) -> io::Result<()> {
     let counts = &report.tally.counts;
     writeln!(out, "{}", report.name)?;
     writeln!(
@@ -39,14 +37,12 @@ pub fn print(report: &RecordingReport, classes: &[String], out: &mut impl Write)
             counts.rejected.iter().map(|(why, n)| format!("{} {why}", thousands(*n))).collect();
         writeln!(out, "  rejected: {}", each.join(", "))?;
     }
-    writeln!(
-        out,
-        "  {:<20} {:>8} {:>10} {:>8}  faults (channel, since, bursts)",
-        "printhead", "channels", "signals", "faulty"
-    )?;
+    writeln!(out, "  {:<20} {:>8} {:>10} {:>8}", "printhead", "channels", "signals", "flagged")?;
     let printheads = &report.tally.printheads;
     for (name, printhead) in printheads.iter().take(MOST_PRINTHEADS) {
-        print_printhead(&printable(name), printhead, classes, out)?;
+        print_printhead(&printable(name), printhead, out)?;
+        let of_it = report.episodes.listed.iter().filter(|e| e.printhead == *name);
+        print_episodes(&of_it.collect::<Vec<_>>(), out)?;
     }
     if printheads.len() > MOST_PRINTHEADS {
         writeln!(
@@ -55,47 +51,45 @@ pub fn print(report: &RecordingReport, classes: &[String], out: &mut impl Write)
             thousands((printheads.len() - MOST_PRINTHEADS) as u64)
         )?;
     }
+    let left_out = counts_of_left_out(&report.episodes.counts);
+    if left_out > 0 {
+        writeln!(
+            out,
+            "  {} signals left out of the episodes: see its summary.json",
+            thousands(left_out)
+        )?;
+    }
     writeln!(out, "  verdicts: {}", report.verdicts.display())
 }
 
-fn print_printhead(
-    name: &str,
-    printhead: &PrintheadTally,
-    classes: &[String],
-    out: &mut impl Write,
-) -> io::Result<()> {
+fn counts_of_left_out(counts: &Counts) -> u64 {
+    counts.signals_too_late + counts.signals_beyond_limit
+}
+
+fn print_printhead(name: &str, printhead: &PrintheadTally, out: &mut impl Write) -> io::Result<()> {
     let share = 100.0 * printhead.passed as f64 / printhead.judged.max(1) as f64;
-    write!(
+    writeln!(
         out,
         "  {name:<20} {:>8} {:>10} {share:>6.2} %",
         printhead.channels.len(),
         thousands(printhead.signals)
-    )?;
-    let mut lasting: Vec<(&u32, &FaultyChannel)> =
-        printhead.faulty.iter().filter(|(_, f)| f.bursts >= LEAST_BURSTS).collect();
-    if lasting.is_empty() {
-        writeln!(out, "  none")?;
-        return Ok(());
-    }
-    lasting.sort_by_key(|(channel, f)| (f.first_ns, **channel));
-    for (i, (channel, f)) in lasting.iter().take(MOST_LISTED).enumerate() {
-        let indent =
-            if i == 0 { "" } else { "                                                    " };
-        let named = f.classes.iter().max_by_key(|(class, n)| (**n, u16::MAX - **class));
-        let (class, share) = match named {
-            Some((class, n)) => (classes[*class as usize].as_str(), *n as f64 / f.bursts as f64),
-            None => ("faulty, not named", 1.0),
-        };
-        let words = if share < 0.5 { "at best; mostly not named" } else { fault::in_words(class) };
+    )
+}
+
+/// Since when, until when, in how many bursts, and what.
+fn print_episodes(episodes: &[&Episode], out: &mut impl Write) -> io::Result<()> {
+    for e in episodes.iter().take(MOST_LISTED) {
+        let until = e.ended_at_ns.map_or("still on".to_owned(), clock);
         writeln!(
             out,
-            "{indent}  {channel:>5}  {}  {:>5}  {class} ({words})",
-            clock(f.first_ns),
-            f.bursts
+            "    {} to {until:<19} {:>7}  {}",
+            clock(e.began_at_ns),
+            thousands(e.bursts),
+            e.explanation
         )?;
     }
-    if lasting.len() > MOST_LISTED {
-        writeln!(out, "{:52}  and {} channels more", "", lasting.len() - MOST_LISTED)?;
+    if episodes.len() > MOST_LISTED {
+        writeln!(out, "    and {} episodes more", episodes.len() - MOST_LISTED)?;
     }
     Ok(())
 }

@@ -3,15 +3,19 @@
 use super::exit::{Exit, Failure};
 use crate::fault::HEALTHY;
 use crate::io::verdict_reader::VerdictReader;
-use crate::io::{inputs, labels_file};
+use crate::io::{episode_table, inputs, labels_file};
+use crate::labels::Labels;
+use crate::score::episodes::{EpisodeScore, EpisodesReport, SaidEpisode};
+use crate::score::severity::SeverityScore;
 use crate::score::{Report, Said, Score};
 use crate::verdict::{Outcome, VerdictColumns};
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   inkling score verdicts/ --labels labels.csv
+      with the episode tables beside the verdicts
   inkling score night.verdicts.parquet --labels labels.csv --json | jq .detection")]
 pub struct Args {
     /// Verdict files, or directories of them
@@ -29,6 +33,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let labels = labels_file::read(&args.labels).map_err(Failure::new)?;
     let files = inputs::find_verdicts(&args.verdicts).map_err(Failure::new)?;
     let mut score = Score::default();
+    let mut severity = SeverityScore::default();
+    let mut episodes = EpisodeScore::new(&labels);
+    let mut any_episodes = false;
     for file in &files {
         let mut verdicts = VerdictReader::open(&file.path).map_err(Failure::new)?;
         let document: serde_json::Value = verdicts
@@ -37,6 +44,12 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             .unwrap_or_default();
         if let Some(bound) = document["settings"]["isolate"]["certainty"].as_f64() {
             score.set_bound(bound);
+        }
+        let beside = episode_table::path_beside(&file.path);
+        let has_episodes = beside.is_file();
+        if has_episodes {
+            add_episodes(&beside, &labels, &mut episodes)?;
+            any_episodes = true;
         }
         while let Some(columns) = verdicts.next() {
             let c = columns.map_err(Failure::new)?;
@@ -61,10 +74,25 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
                         .map(|start| &c.weights[start as usize..]),
                 };
                 score.add(said, truth.map(|label| label.state.as_str()));
+                if has_episodes {
+                    let healthy = truth.is_some_and(|label| label.state == HEALTHY);
+                    let (channel, t_ns) = (c.channel[row], c.acquired_at_ns[row]);
+                    episodes.add_signal(printhead, channel, t_ns, healthy);
+                }
+                // a size is of the class that it was found for
+                if let (Some(stated), Some(label)) = (c.severity[row], truth)
+                    && let Some(size) = label.severity
+                    && said.candidate == Some(label.state.as_str())
+                {
+                    let sd = c.severity_sd[row].map(f64::from);
+                    severity.add(&label.state, stated.into(), sd, size);
+                }
             }
         }
     }
-    let report = score.report();
+    let mut report = score.report();
+    report.severity = severity.report();
+    report.episodes = any_episodes.then(|| episodes.report());
     let mut out = std::io::stdout().lock();
     if args.json {
         serde_json::to_writer_pretty(&mut out, &report)
@@ -80,6 +108,21 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         )));
     }
     Ok(Exit::Done)
+}
+
+fn add_episodes(path: &Path, labels: &Labels, score: &mut EpisodeScore) -> Result<(), Failure> {
+    for e in episode_table::read(path).map_err(Failure::new)? {
+        let said = SaidEpisode {
+            printhead: &e.printhead,
+            channel: e.channel,
+            category: e.category.as_deref(),
+            fault: e.fault.as_deref(),
+            raised_at_ns: e.raised_at_ns,
+            began_at_ns: e.began_at_ns,
+        };
+        score.add_episode(said, labels);
+    }
+    Ok(())
 }
 
 /// Certainty of the candidate class: its own weight where weights were written. Where only a category
@@ -137,6 +180,68 @@ fn print(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
             Some(ece) => writeln!(out, ", class-wise {ece:.4}")?,
             None => writeln!(out, " (class-wise needs output.weights = true)")?,
         }
+        writeln!(
+            out,
+            "  {:<10} {:>10} {:>8} {:>8} {:>8}",
+            "said", "signals", "stated", "right", "ECE"
+        )?;
+        for (class, c) in &report.calibration.by_class {
+            writeln!(
+                out,
+                "  {class:<10} {:>10} {:>8.4} {:>8.4} {:>8.4}",
+                c.signals, c.certainty, c.right, c.ece
+            )?;
+        }
+    }
+    if !report.severity.is_empty() {
+        writeln!(out, "severity (signals named as what they are)")?;
+        writeln!(
+            out,
+            "  {:<10} {:>10} {:>10} {:>8} {:>16}",
+            "class", "signals", "rmse", "R²", "within 1.96 sd"
+        )?;
+        let number = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.4}"));
+        for (class, s) in &report.severity {
+            let (r2, covered) = (number(s.r2), number(s.coverage95));
+            writeln!(
+                out,
+                "  {class:<10} {:>10} {:>10.5} {r2:>8} {covered:>16}",
+                s.signals, s.rmse
+            )?;
+        }
+    }
+    if let Some(episodes) = &report.episodes {
+        print_episodes(episodes, out)?;
     }
     writeln!(out, "{} unlabelled, {} rejected, not scored", report.unlabelled, report.rejected)
+}
+
+fn print_episodes(e: &EpisodesReport, out: &mut impl Write) -> std::io::Result<()> {
+    let bursts = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v}"));
+    writeln!(out, "episodes")?;
+    writeln!(
+        out,
+        "  recall {:.4} of {}, {} false in {} healthy signals ({:.2} per million)",
+        e.recall, e.faults, e.false_episodes, e.healthy_signals, e.false_per_million
+    )?;
+    writeln!(
+        out,
+        "  raised {} bursts after full size in the median, {} after the onset",
+        bursts(e.delay_bursts),
+        bursts(e.delay_from_onset_bursts)
+    )?;
+    writeln!(
+        out,
+        "  {:<10} {:>8} {:>8} {:>15} {:>12} {:>8}",
+        "state", "faults", "found", "category right", "class right", "delay"
+    )?;
+    for (state, s) in &e.by_state {
+        let delay = bursts(s.delay_bursts);
+        writeln!(
+            out,
+            "  {state:<10} {:>8} {:>8} {:>15} {:>12} {delay:>8}",
+            s.faults, s.found, s.category_right, s.fault_right
+        )?;
+    }
+    Ok(())
 }

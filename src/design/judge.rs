@@ -37,8 +37,8 @@ struct Isolating {
 /// `isolate.method`, ready for this model.
 #[derive(Debug)]
 enum Isolator {
-    /// A fitted ring among class densities.
-    Posterior(Posterior, Box<RingFitter>),
+    /// A fitted ring among class densities, with the classes' priors.
+    Posterior(Posterior, Box<RingFitter>, Vec<f64>),
     /// thesis §3-3-2: F^T R of the filter r = F d, which projects a deviation as R^T its residual.
     ResidualMatching(SignatureMatrix, Simplex),
     /// thesis §3-3-1: per class its model, if it has one.
@@ -64,6 +64,9 @@ pub struct Workspace {
     detector: Scratch,
     /// Per class, of the signal last isolated.
     pub weights: Vec<f64>,
+    /// ln of damping and of frequency over the healthy model's, of the ring last fitted by the
+    /// posterior, at the model's drive and temperature; `None`: none was fitted.
+    pub ring: Option<[f64; 2]>,
 }
 
 impl Judge {
@@ -134,7 +137,8 @@ impl Judge {
         work: &mut Workspace,
     ) -> Option<Isolation> {
         let Isolating { isolator, signal, rule } = self.isolating.as_ref()?;
-        let Workspace { residual, projection, weights, products, .. } = work;
+        let Workspace { residual, projection, weights, products, ring, .. } = work;
+        *ring = None;
         let classes = rule.category_of.len();
         weights.clear();
         weights.resize(classes, 0.0);
@@ -149,15 +153,16 @@ impl Judge {
         };
         // lengths agree by construction; a residual that is no number says nothing
         match isolator {
-            Isolator::Posterior(posterior, fitter) => {
+            Isolator::Posterior(posterior, fitter, priors) => {
                 // the signal as it would be at the reference drive and temperature
                 residual.clear();
                 let expected = &self.model.expected;
                 residual.extend(expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
                 let fit = fitter.fit(residual, posterior.phase, products)?;
+                *ring = Some([fit.features.ln_damping, fit.features.ln_frequency]);
                 let features = fit.features.coordinates();
                 let features = &features[..posterior.coordinates()];
-                posterior.weigh(features, weights);
+                posterior.weigh(features, priors, weights);
                 let decision = rule.decide(weights);
                 let noise = self.model.noise / drive;
                 let size: f64 = residual.iter().map(|y| y * y).sum();
@@ -221,7 +226,8 @@ impl Isolator {
                 let posterior = design.posterior.clone().ok_or_else(|| untrained("posterior"))?;
                 let (dt_s, samples) = (model.generator.dt_s, model.expected.len());
                 let fitter = RingFitter::new(ring_of(&model.identification)?, dt_s, samples);
-                Ok(Isolator::Posterior(posterior, Box::new(fitter)))
+                let priors = settings.prior_weights(&design.class_names())?;
+                Ok(Isolator::Posterior(posterior, Box::new(fitter), priors))
             }
             // rho of every class is the residual of its mean deviation, by this model's filter
             IsolateMethod::ResidualMatching => {

@@ -11,6 +11,7 @@ pub mod burst_codec;
 pub mod decompress;
 pub mod design_file;
 pub mod digest;
+pub mod episode_table;
 pub mod inputs;
 pub mod labels_file;
 mod mcap_records;

@@ -162,7 +162,7 @@ impl Iterator for VerdictReader {
 }
 
 /// The Parquet reader panics on some damaged pages; a damaged file is no bug of ours.
-fn unpanicked<T>(path: &Path, read: impl FnOnce() -> T) -> Result<T, TableError> {
+pub(super) fn unpanicked<T>(path: &Path, read: impl FnOnce() -> T) -> Result<T, TableError> {
     std::panic::catch_unwind(AssertUnwindSafe(read))
         .map_err(|_| TableError::Damaged { path: path.to_path_buf() })
 }
@@ -295,7 +295,7 @@ fn plain(column: &ArrayRef) -> Option<Vec<Option<String>>> {
 }
 
 /// Any numeric column. Exact for what the table holds: u16, u32 and f32.
-fn numbers(column: &ArrayRef) -> Option<Vec<Option<f64>>> {
+pub(super) fn numbers(column: &ArrayRef) -> Option<Vec<Option<f64>>> {
     macro_rules! of {
         ($kind:ty) => {
             column.as_primitive::<$kind>().iter().map(|v| v.map(|v| v as f64)).collect()
@@ -329,21 +329,42 @@ fn whole<T: TryFrom<u64>>(
     values.iter().map(|v| v.map(one).transpose()).collect()
 }
 
-fn nanoseconds(column: &ArrayRef) -> Result<Vec<i64>, Misfit> {
-    const NAME: &str = "acquired_at";
+/// A text column, dictionary or not. `None`: it is none.
+pub(super) fn plain_texts(column: &ArrayRef) -> Option<Vec<Option<String>>> {
+    let texts = Texts::of(column)?;
+    let text = |key: &Option<usize>| key.and_then(|k| texts.values.get(k)?.clone());
+    Some(texts.keys.iter().map(text).collect())
+}
+
+/// A column of times. `None`: it is none, or out of range.
+pub(super) fn timestamps_ns(column: &ArrayRef) -> Option<Vec<Option<i64>>> {
+    let (values, factor) = times(column)?;
+    values
+        .into_iter()
+        .map(|v| v.map(|v| v.checked_mul(factor)).map_or(Some(None), |ns| ns.map(Some)))
+        .collect()
+}
+
+/// Values, and nanoseconds in one.
+fn times(column: &ArrayRef) -> Option<(Vec<Option<i64>>, i64)> {
     macro_rules! of {
         ($kind:ty, $factor:expr) => {
             (column.as_primitive::<$kind>().iter().collect::<Vec<Option<i64>>>(), $factor)
         };
     }
-    let (values, factor) = match column.data_type() {
+    Some(match column.data_type() {
         DataType::Timestamp(TimeUnit::Nanosecond, _) => of!(TimestampNanosecondType, 1),
         DataType::Timestamp(TimeUnit::Microsecond, _) => of!(TimestampMicrosecondType, 1_000),
         DataType::Timestamp(TimeUnit::Millisecond, _) => of!(TimestampMillisecondType, 1_000_000),
         DataType::Timestamp(TimeUnit::Second, _) => of!(TimestampSecondType, 1_000_000_000),
         DataType::Int64 => of!(Int64Type, 1),
-        _ => return Err(Misfit::kind(NAME, column)),
-    };
+        _ => return None,
+    })
+}
+
+fn nanoseconds(column: &ArrayRef) -> Result<Vec<i64>, Misfit> {
+    const NAME: &str = "acquired_at";
+    let (values, factor) = times(column).ok_or_else(|| Misfit::kind(NAME, column))?;
     let one = |value: Option<i64>| {
         let value = value.ok_or_else(|| Misfit::null(NAME))?;
         let out_of_range = || Misfit { column: NAME, what: format!("has {value}, out of range") };

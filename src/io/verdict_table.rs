@@ -62,6 +62,8 @@ pub enum TableError {
     Columns { path: PathBuf, source: ArrowError },
     #[error("{path}: not a verdict table: column `{column}` {what}")]
     Column { path: PathBuf, column: &'static str, what: String },
+    #[error("{path}: not an episode table: {what}")]
+    NotEpisodes { path: PathBuf, what: String },
 }
 
 /// The table's columns as Arrow sees them.

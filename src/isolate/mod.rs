@@ -33,6 +33,8 @@ pub enum IsolateError {
     UnknownClass { class: u16, classes: usize },
     #[error("{neighbours} neighbours of {found} residuals: ask for 1 to that many")]
     NeighbourCount { neighbours: usize, found: usize },
+    #[error("isolate.priors names \"{name}\", which is no class of the design ({classes})")]
+    UnknownPrior { name: String, classes: String },
     #[error("certainty bound {value}: it must be from 0 to 1")]
     BadBound { value: f64 },
 }

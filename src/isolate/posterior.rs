@@ -74,9 +74,12 @@ impl Posterior {
         self.classes.iter().try_for_each(|class| class.check(self.coordinates()))
     }
 
-    /// Posterior of each class, equal priors; sums to 1.
-    pub fn weigh(&self, features: &[f64], weights: &mut [f64]) {
+    /// Posterior of each class; sums to 1. `priors`: of each class.
+    pub fn weigh(&self, features: &[f64], priors: &[f64], weights: &mut [f64]) {
         weigh(&self.classes, self.temperature, features, weights);
+        weights.iter_mut().zip(priors).for_each(|(w, prior)| *w *= prior);
+        let sum: f64 = weights.iter().sum();
+        weights.iter_mut().for_each(|w| *w /= sum);
     }
 
     /// No class is near: an unknown fault.
@@ -199,7 +202,7 @@ mod tests {
         let mut weights = [0.0; 3];
         for (truth, class) in examples(3000, None, 3).iter().enumerate() {
             for x in &class.features {
-                posterior.weigh(x, &mut weights);
+                posterior.weigh(x, &[1.0 / 3.0; 3], &mut weights);
                 assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
                 let best = (0..3).max_by(|&i, &j| weights[i].total_cmp(&weights[j])).unwrap();
                 claimed += weights[best];

@@ -1,6 +1,8 @@
 //! Settings of fault isolation: `pipeline.toml` section `[isolate]`.
 
+use super::IsolateError;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -39,6 +41,9 @@ pub struct IsolateSettings {
     pub gate: bool,
     /// Least weight of the named class (or category).
     pub certainty: f64,
+    /// How frequent a class is among faults, relative to 1 of those that are not named; of
+    /// `posterior` only.
+    pub priors: BTreeMap<String, f64>,
 }
 
 impl Default for IsolateSettings {
@@ -49,6 +54,7 @@ impl Default for IsolateSettings {
             neighbours: 1,
             gate: true,
             certainty: 0.8,
+            priors: BTreeMap::new(),
         }
     }
 }
@@ -59,10 +65,48 @@ impl IsolateSettings {
         if !(1..=1000).contains(&self.neighbours) {
             return Err(format!("neighbours = {}: give 1 to 1000", self.neighbours));
         }
+        if let Some((class, weight)) =
+            self.priors.iter().find(|(_, w)| !(w.is_finite() && **w > 0.0 && **w <= 1e6))
+        {
+            return Err(format!("priors.{class} = {weight}: give a weight above 0, up to 1e6"));
+        }
         if (0.0..=1.0).contains(&self.certainty) {
             Ok(())
         } else {
             Err(format!("certainty = {}: must lie between 0 and 1", self.certainty))
+        }
+    }
+
+    /// Prior probability of each class: sum 1. Names that are no class are refused.
+    pub fn prior_weights(&self, classes: &[String]) -> Result<Vec<f64>, IsolateError> {
+        if let Some(name) = self.priors.keys().find(|name| !classes.contains(name)) {
+            let classes = classes.join(", ");
+            return Err(IsolateError::UnknownPrior { name: name.clone(), classes });
+        }
+        let weight = |class: &String| self.priors.get(class).copied().unwrap_or(1.0);
+        let sum: f64 = classes.iter().map(weight).sum();
+        Ok(classes.iter().map(|class| weight(class) / sum).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn priors_sum_to_one_and_name_known_classes_only() {
+        let classes = ["EC", "BN", "own"].map(String::from);
+        let with = |name: &str, weight: f64| IsolateSettings {
+            priors: [(name.to_owned(), weight)].into(),
+            ..IsolateSettings::default()
+        };
+        let equal = IsolateSettings::default().prior_weights(&classes).unwrap();
+        assert_eq!(equal, [1.0 / 3.0; 3]);
+        assert_eq!(with("own", 2.0).prior_weights(&classes).unwrap(), [0.25, 0.25, 0.5]);
+        let refused = with("ow", 2.0).prior_weights(&classes).unwrap_err().to_string();
+        assert!(refused.contains("ow") && refused.contains("EC, BN, own"), "{refused}");
+        for weight in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(with("EC", weight).check().is_err());
         }
     }
 }

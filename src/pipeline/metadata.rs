@@ -60,6 +60,7 @@ pub fn document(
             "identify": replay.settings.identify,
             "detect": replay.settings.detect,
             "isolate": replay.settings.isolate,
+            "episodes": replay.settings.episodes,
             "output": {
                 "weights": replay.settings.output.weights,
                 "timestamps": replay.settings.output.timestamps,

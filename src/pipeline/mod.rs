@@ -13,6 +13,7 @@
 //! (`windows`): only then is the result the same where the file's order is not the time's.
 
 pub mod collect;
+pub mod episodes;
 mod in_flight;
 mod metadata;
 pub mod replay;
@@ -60,6 +61,8 @@ pub enum PipelineError {
     RowsLost { found: u64, written: u64 },
     #[error("the {0} stage panicked; this is our bug")]
     Panicked(&'static str),
+    #[error(transparent)]
+    Isolate(#[from] crate::isolate::IsolateError),
     #[error("a printhead without a model turned up")]
     NeedsSurvey,
 }

@@ -1,5 +1,6 @@
 //! One recording through the six stages: wire, run, join, check, and only then name the files.
 
+use super::episodes::{EpisodeReport, EpisodeTap, Finished};
 use super::in_flight::InFlight;
 use super::schedule::{Refusal, Schedule};
 use super::stages::{self, BlockQueue, Pacer};
@@ -10,6 +11,7 @@ use super::windows::Learner;
 use super::{Control, PipelineError, metadata};
 use crate::design::{Design, categories};
 use crate::io::digest::Digest;
+use crate::io::episode_table;
 use crate::io::part_file::PartFile;
 use crate::io::recording::{Damage, Recording};
 use crate::io::verdict_table::{self, TableOptions, VerdictWriter};
@@ -66,6 +68,7 @@ pub struct RecordingReport {
     pub models: usize,
     pub seconds: f64,
     pub verdicts: PathBuf,
+    pub episodes: EpisodeReport,
     /// How far behind the recorded pace it ever was.
     pub behind: Option<Duration>,
     /// Where the time went, stage by stage.
@@ -115,7 +118,7 @@ pub fn replay(
         }
         streamed => (schedule, streamed?),
     };
-    let Streamed { mut tally, writer, scan_damage, behind, timings, digest } = streamed;
+    let Streamed { mut tally, writer, episodes, scan_damage, behind, timings, digest } = streamed;
 
     let counts = &tally.counts;
     let judged_and_rejected = counts.judged + counts.rejected.values().sum::<u64>();
@@ -140,8 +143,13 @@ pub fn replay(
     let mut summary =
         summary(document, recording, &damage, &schedule, seconds, counts.signals, behind);
     summary["timings"] = json!(timings);
-    // both are complete on disk before either gets its name
-    write_summary(verdicts, &summary, || Ok(writer.finish(text)?))?;
+    let Finished { report: episodes, table } = episodes;
+    summary["episodes"] = json!(episodes.counts);
+    // all are complete on disk before any gets its name
+    write_summary(verdicts, &summary, || {
+        table.finish(text.clone())?;
+        Ok(writer.finish(text)?)
+    })?;
     Ok(RecordingReport {
         name: recording.name.clone(),
         damage,
@@ -149,6 +157,7 @@ pub fn replay(
         models: schedule.judges.len(),
         seconds,
         verdicts: verdicts.to_path_buf(),
+        episodes,
         behind,
         timings,
         tally,
@@ -158,6 +167,7 @@ pub fn replay(
 struct Streamed {
     tally: Tally,
     writer: VerdictWriter,
+    episodes: Finished,
     scan_damage: Vec<Damage>,
     behind: Option<Duration>,
     timings: Vec<StageTiming>,
@@ -175,16 +185,19 @@ fn stream(
     let settings = &replay.settings;
     let classes = replay.classes();
     let category_names = categories(&classes);
+    let timestamp_unit = match settings.output.timestamps {
+        TimestampUnit::Ns => verdict_table::TimestampUnit::Ns,
+        TimestampUnit::Us => verdict_table::TimestampUnit::Us,
+    };
+    let beside = episode_table::path_beside(verdicts);
+    let mut episodes = EpisodeTap::create(replay, schedule, &beside, timestamp_unit)?;
     let mut writer = VerdictWriter::create(
         verdicts,
         TableOptions {
             classes: classes.clone(),
             categories: category_names,
             weights: settings.output.weights,
-            timestamp_unit: match settings.output.timestamps {
-                TimestampUnit::Ns => verdict_table::TimestampUnit::Ns,
-                TimestampUnit::Us => verdict_table::TimestampUnit::Us,
-            },
+            timestamp_unit,
         },
     )?;
     let mut tally = Tally::new(classes);
@@ -252,7 +265,10 @@ fn stream(
         }
         drop((from_gate, to_writer));
 
-        let put = |columns: &_| Ok(writer.write(columns)?);
+        let put = |judged: &stages::Judged| {
+            episodes.add(judged)?;
+            Ok(writer.write(&judged.columns)?)
+        };
         let clock = timings.clock("writer");
         let written = stages::write(clock, from_isolate, in_flight, control, &mut tally, put);
         // whoever waits for room in flight must not wait for a writer that is gone
@@ -268,7 +284,8 @@ fn stream(
     })?;
     let behind = pacer.map(|p| p.behind);
     let ((scan_damage, digest), timings) = (queue.finish(control)?, timings.stages());
-    Ok(Streamed { tally, writer, scan_damage, behind, timings, digest })
+    let episodes = episodes.finish()?;
+    Ok(Streamed { tally, writer, episodes, scan_damage, behind, timings, digest })
 }
 
 fn summary(

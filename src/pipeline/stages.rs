@@ -60,7 +60,19 @@ pub struct Judged {
     pub leaves: Option<u64>,
     pub damage: Vec<Damage>,
     pub columns: VerdictColumns,
+    /// Of its flagged rows, ascending: what one row of a table has no room for.
+    pub flagged: Vec<Flagged>,
     pub bursts: u64,
+}
+
+/// What isolation says of a flagged signal, for the evidence over time.
+#[derive(Debug)]
+pub struct Flagged {
+    pub row: u32,
+    /// Per class; empty: nothing was said.
+    pub weights: Vec<f32>,
+    /// [`Workspace::ring`]
+    pub ring: Option<[f64; 2]>,
 }
 
 /// Hands out blocks in file order to the reader's workers, with their bytes: one after the other, so
@@ -262,6 +274,7 @@ pub fn isolate(
     while let Some(Gated { filtered, passed }) = clock.receive(&input) {
         let Filtered { assigned: Assigned { read, judges }, statistic } = filtered;
         let mut columns = VerdictColumns::with_capacity(read.batch.rows());
+        let mut flagged = Vec::new();
         let mut row = 0;
         for (acquisition, judge) in read.batch.acquisitions.iter().zip(&judges) {
             match acquisition {
@@ -326,6 +339,13 @@ pub fn isolate(
                         } else {
                             None
                         };
+                        if gated && isolation.is_some() {
+                            flagged.push(Flagged {
+                                row: columns.len() as u32, // a batch is far smaller
+                                weights: work.weights.iter().map(|&w| w as f32).collect(),
+                                ring: work.ring,
+                            });
+                        }
                         let weights = (settings.output.weights && isolation.is_some())
                             .then_some(work.weights.as_slice());
                         rows::push_judged(
@@ -345,6 +365,7 @@ pub fn isolate(
             leaves: read.leaves,
             damage: read.damage,
             columns,
+            flagged,
             bursts: read.batch.acquisitions.len() as u64,
         };
         if !clock.send(&out, judged) {
@@ -361,7 +382,7 @@ pub fn write(
     in_flight: &InFlight,
     control: &Control,
     tally: &mut Tally,
-    mut put: impl FnMut(&VerdictColumns) -> Result<(), PipelineError>,
+    mut put: impl FnMut(&Judged) -> Result<(), PipelineError>,
 ) -> Result<(), PipelineError> {
     let mut waiting: BTreeMap<Place, Judged> = BTreeMap::new();
     let mut next = Place::default();
@@ -370,7 +391,7 @@ pub fn write(
         waiting.insert(judged.place, judged);
         while let Some(judged) = waiting.remove(&next) {
             if !judged.columns.is_empty() {
-                put(&judged.columns)?;
+                put(&judged)?;
             }
             tally.add(&judged);
             control.signals.fetch_add(judged.columns.len() as u64, Ordering::Relaxed);

@@ -1,0 +1,223 @@
+//! How surely a channel is faulty, from one look after another.
+//!
+//! In: a channel's detection statistics over their thresholds, in time order. Out: when the evidence
+//! for a fault suffices, since when it has grown, and when it is gone.
+//!
+//! Page's CUSUM (1954) of the log likelihood ratio of a normal shifted by one standard deviation. The
+//! fourth root of the statistic is close to normal (Hawkins and Wixley 1986, for chi-squared). It is
+//! compared with the channel's own running level, so that a healthy channel that always reads high
+//! is no fault; only a level beyond the threshold itself is not accepted. One look counts for
+//! [`MOST_PER_LOOK`] at most: a single odd signal is no evidence.
+
+/// ln(1 / 5e-4): an odd look is as frequent as the default `detect.false_alarm_rate`.
+const MOST_PER_LOOK: f32 = 7.6;
+/// The shift that is looked for, in standard deviations of a look.
+const SHIFT: f32 = 1.0;
+/// Largest shift that the return to healthy is measured against.
+const LARGEST_SHIFT: f32 = 12.0;
+
+/// What is expected of a channel that was never looked at, and for how many looks that counts: three
+/// degrees of freedom at a threshold of false alarms 5e-4.
+const FIRST_LEVEL: f32 = 0.62;
+const FIRST_LEVEL_LOOKS: f32 = 2.0;
+const FIRST_SPREAD: f32 = 0.11;
+const FIRST_SPREAD_LOOKS: f32 = 20.0;
+/// A channel's level is that of about so many looks back.
+const MEMORY_LOOKS: f32 = 100.0;
+/// No healthy level lies beyond the threshold.
+const LARGEST_LEVEL: f32 = 1.0;
+/// From this evidence on, looks that stand out are not learned from.
+const SUSPICION: f32 = 6.0;
+/// Share of a look that is learned while the channel is suspect but the look does not stand out.
+const WHILE_SUSPECT: f32 = 0.1;
+/// What stands out, in standard deviations.
+const STANDS_OUT: f32 = 2.0;
+/// A look beyond this is an onset of its own: what little had gathered before was chance.
+const BEYOND_CHANCE: f32 = 4.0;
+
+/// What a look did.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// No fault in sight.
+    Quiet,
+    /// Something may have begun; the evidence does not suffice yet. True: with this look.
+    Suspect { begins: bool },
+    /// The evidence suffices from this look on.
+    Raised,
+    /// Still faulty; true: this look would also fit the return to healthy.
+    Faulty { fading: bool },
+    /// Healthy again, since the first of the looks that were `fading`.
+    Ended,
+}
+
+/// One channel's evidence.
+#[derive(Clone, Copy, Debug)]
+pub struct Evidence {
+    level: f32,
+    level_looks: f32,
+    variance: f32,
+    variance_looks: f32,
+    /// ln of the likelihood ratio, faulty since the best onset against healthy.
+    faulty: f32,
+    /// The same for healthy again; only while raised.
+    recovered: f32,
+    shift: f32,
+    raised: bool,
+}
+
+impl Default for Evidence {
+    fn default() -> Evidence {
+        Evidence {
+            level: FIRST_LEVEL,
+            level_looks: FIRST_LEVEL_LOOKS,
+            variance: FIRST_SPREAD * FIRST_SPREAD,
+            variance_looks: FIRST_SPREAD_LOOKS,
+            faulty: 0.0,
+            recovered: 0.0,
+            shift: SHIFT,
+            raised: false,
+        }
+    }
+}
+
+impl Evidence {
+    /// Between the look that raised and the one that ended.
+    pub fn is_raised(&self) -> bool {
+        self.raised
+    }
+
+    /// `ratio`: detection statistic over threshold, not negative. `bound`: ln likelihood ratio that
+    /// raises, and that ends.
+    pub fn look(&mut self, ratio: f32, bound: f32) -> Step {
+        let x = ratio.max(0.0).sqrt().sqrt().min(1e3);
+        let sd = (self.variance * (1.0 + 1.0 / self.level_looks)).sqrt();
+        let z = (x - self.level) / sd;
+        if self.raised { self.look_at_faulty(z, bound) } else { self.look_at_healthy(z, sd, bound) }
+    }
+
+    fn look_at_healthy(&mut self, z: f32, sd: f32, bound: f32) -> Step {
+        let before = self.faulty;
+        let gain = (SHIFT * (z - SHIFT / 2.0)).min(MOST_PER_LOOK);
+        self.faulty = (before + gain).max(0.0);
+        if self.faulty >= bound {
+            self.raised = true;
+            self.recovered = 0.0;
+            self.shift = z.clamp(SHIFT, LARGEST_SHIFT);
+            return Step::Raised;
+        }
+        let share = match () {
+            () if self.faulty < SUSPICION => 1.0,
+            () if z < STANDS_OUT => WHILE_SUSPECT,
+            () => 0.0,
+        };
+        self.learn(z, sd, share);
+        let begins = before <= 0.0 || (before < SUSPICION && z > BEYOND_CHANCE);
+        if self.faulty > 0.0 { Step::Suspect { begins } } else { Step::Quiet }
+    }
+
+    /// Robust running level and spread: a look counts as three standard deviations at most.
+    fn learn(&mut self, z: f32, sd: f32, share: f32) {
+        let innovation = z.clamp(-3.0, 3.0) * sd;
+        let of_one_look = innovation * innovation / (1.0 + 1.0 / self.level_looks);
+        self.level += share * innovation / (self.level_looks + 1.0);
+        self.level = self.level.min(LARGEST_LEVEL);
+        self.variance += share * (of_one_look - self.variance) / (self.variance_looks + 1.0);
+        self.level_looks = (self.level_looks + share).min(MEMORY_LOOKS);
+        self.variance_looks = (self.variance_looks + share).min(MEMORY_LOOKS);
+    }
+
+    /// The likelihood ratio of healthy against the shift that the episode has had so far.
+    fn look_at_faulty(&mut self, z: f32, bound: f32) -> Step {
+        let gain = self.shift * (self.shift / 2.0 - z.min(LARGEST_SHIFT));
+        self.recovered = (self.recovered + gain.clamp(-MOST_PER_LOOK, MOST_PER_LOOK)).max(0.0);
+        if self.recovered >= bound {
+            *self = Evidence { faulty: 0.0, recovered: 0.0, raised: false, ..*self };
+            return Step::Ended;
+        }
+        if z >= self.shift / 2.0 {
+            const GAIN: f32 = 0.1;
+            self.shift = (self.shift + GAIN * (z - self.shift)).clamp(SHIFT, LARGEST_SHIFT);
+        }
+        Step::Faulty { fading: self.recovered > 0.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// |offset + shift + noise|² over the threshold, three degrees of freedom.
+    struct Source(rand_chacha::ChaCha8Rng);
+
+    impl Source {
+        fn look(&mut self, offset: f32) -> f32 {
+            let mut sum = 0.0;
+            for k in 0..3 {
+                let noise: f32 = StandardNormal.sample(&mut self.0);
+                let x = if k == 0 { offset } else { 0.0 } + 0.75 * noise;
+                sum += x * x;
+            }
+            sum / 15.85
+        }
+    }
+
+    fn source(seed: u64) -> Source {
+        Source(rand_chacha::ChaCha8Rng::seed_from_u64(seed))
+    }
+
+    #[test]
+    fn healthy_channels_high_or_low_raise_less_often_than_the_bound_says() {
+        // bound of 20 in a million looks, 1.6 million looks
+        let bound = (1e6f32 / 20.0).ln();
+        let mut source = source(1);
+        let mut raised = 0;
+        for channel in 0..4000 {
+            let offset = 2.0 * channel as f32 / 4000.0;
+            let mut evidence = Evidence::default();
+            for _ in 0..400 {
+                raised += u32::from(evidence.look(source.look(offset), bound) == Step::Raised);
+            }
+        }
+        assert!(raised <= 32, "{raised} raised");
+    }
+
+    #[test]
+    fn fault_is_raised_within_a_few_looks_and_ended_soon_after_it_is_gone() {
+        let bound = 16.0;
+        let mut source = source(2);
+        for _ in 0..200 {
+            let mut evidence = Evidence::default();
+            for _ in 0..60 {
+                evidence.look(source.look(1.0), bound);
+            }
+            let raised = (1..30).find(|_| evidence.look(source.look(8.0), bound) == Step::Raised);
+            assert!(raised.is_some_and(|n| (2..=6).contains(&n)), "{raised:?}");
+            for _ in 0..50 {
+                let step = evidence.look(source.look(8.0), bound);
+                assert!(matches!(step, Step::Faulty { .. }), "{step:?}");
+            }
+            let ended = (1..30).find(|_| evidence.look(source.look(1.0), bound) == Step::Ended);
+            assert!(ended.is_some_and(|n| n <= 8), "{ended:?}");
+        }
+    }
+
+    #[test]
+    fn channel_that_is_faulty_from_the_start_is_raised() {
+        let mut evidence = Evidence::default();
+        let mut source = source(3);
+        let raised = (1..30).find(|_| evidence.look(source.look(8.0), 16.0) == Step::Raised);
+        assert!(raised.is_some_and(|n| n <= 8), "{raised:?}");
+    }
+
+    #[test]
+    fn one_odd_look_however_large_raises_nothing() {
+        let mut evidence = Evidence::default();
+        let mut source = source(4);
+        for i in 0..2000 {
+            let ratio = if i % 50 == 49 { f32::MAX } else { source.look(1.0) };
+            assert!(!matches!(evidence.look(ratio, 16.0), Step::Raised | Step::Ended));
+        }
+    }
+}

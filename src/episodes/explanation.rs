@@ -1,0 +1,170 @@
+//! One plain sentence per episode, for a technician.
+
+use super::Episode;
+use crate::fault;
+
+/// A ring and the healthy one that it is compared with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rings {
+    pub frequency_hz: f64,
+    pub damping_per_s: f64,
+    pub healthy_frequency_hz: f64,
+    pub healthy_damping_per_s: f64,
+}
+
+/// `channel 713: resonance 64.7 → 61.9 kHz, damping +31 %: partly blocked nozzle, 22 ± 3 % of the
+/// cross-section, certainty .97`. `nearest`: the class that comes first where none is certain, with
+/// its weight; `None`: nothing was there to name it.
+pub fn sentence(
+    episode: &Episode,
+    rings: Option<&Rings>,
+    nearest: Option<(&str, f64)>,
+    fits_none: bool,
+) -> String {
+    let mut text = format!("channel {}: ", episode.channel);
+    match rings {
+        Some(r) => text += &format!("{}: ", ring_in_words(r)),
+        None => text += "rings unlike a healthy channel: ",
+    }
+    let certainty =
+        episode.certainty.map_or(String::new(), |c| format!(", certainty {}", share(c)));
+    match (&episode.fault, &episode.category, nearest) {
+        (Some(class), ..) => {
+            text += fault::in_words(class);
+            text += &size_in_words(class, episode.severity_last, episode.severity_sd);
+            text += &certainty;
+        }
+        (None, Some(category), nearest) => {
+            text += &category.replace('_', " ");
+            if let Some((class, _)) = nearest {
+                text += &format!(" (at best {class})");
+            }
+            text += &certainty;
+        }
+        (None, None, _) if fits_none => text += "like no known fault",
+        (None, None, Some((class, weight))) => {
+            text += &format!("not named; at best {}", fault::in_words(class));
+            text += &format!(", certainty {}", share(weight));
+        }
+        (None, None, None) => text += "not named",
+    }
+    text
+}
+
+fn ring_in_words(r: &Rings) -> String {
+    let damping = 100.0 * (r.damping_per_s / r.healthy_damping_per_s - 1.0);
+    let (from, to) = (r.healthy_frequency_hz / 1e3, r.frequency_hz / 1e3);
+    // three digits of each, more where they would look the same
+    let digits = if (to - from).abs() < 0.1 { 2 } else { 1 };
+    format!("resonance {from:.digits$} → {to:.digits$} kHz, damping {}", signed_percent(damping))
+}
+
+fn signed_percent(percent: f64) -> String {
+    let sign = if percent < 0.0 { '−' } else { '+' };
+    format!("{sign}{:.0} %", percent.abs())
+}
+
+/// `.97`; never a rounded 1.
+fn share(c: f64) -> String {
+    let rounded = format!("{:.2}", c.clamp(0.0, 0.99));
+    rounded.trim_start_matches('0').to_owned()
+}
+
+/// `, 22 ± 3 % of the cross-section`: what the severity of a class is (contract), with its standard
+/// deviation; nothing where it was not sized.
+fn size_in_words(class: &str, severity: Option<f64>, sd: Option<f64>) -> String {
+    let Some(size) = severity.filter(|s| s.is_finite()) else { return String::new() };
+    let of = |scale: f64| -> String {
+        let size = size * scale;
+        match sd.filter(|sd| sd.is_finite() && *sd > 0.0).map(|sd| sd * scale) {
+            None => format!("{size:.0}"),
+            Some(sd) => {
+                // one digit of the uncertainty
+                let digits = if sd >= 0.95 { 0 } else { (-sd.log10()).ceil().min(4.0) as usize };
+                format!("{size:.digits$} ± {sd:.digits$}")
+            }
+        }
+    };
+    let ratio = || match sd {
+        Some(sd) if sd.is_finite() => format!("{size:.2} ± {sd:.2}"),
+        _ => format!("{size:.2}"),
+    };
+    match class {
+        "EC" => format!(", {} % of the density missing", of(100.0)),
+        "BN" | "PBN" => format!(", {} % of the cross-section", of(100.0)),
+        "AB1" => format!(", {} % of the nozzle's length", of(100.0)),
+        "AB2" | "AB3" => format!(", compliance +{} %", of(100.0)),
+        "SDN" | "IDN" | "DDN" => format!(", viscosity × {}", ratio()),
+        _ => format!(", severity {}", ratio()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn episode() -> Episode {
+        Episode {
+            printhead: "p".into(),
+            channel: 713,
+            category: Some("blocked_nozzle".into()),
+            fault: Some("PBN".into()),
+            raised_at_ns: 0,
+            began_at_ns: 0,
+            ended_at_ns: None,
+            bursts: 9,
+            certainty: Some(0.971),
+            severity_first: Some(0.05),
+            severity_max: Some(0.23),
+            severity_last: Some(0.22),
+            severity_sd: Some(0.03),
+            explanation: String::new(),
+        }
+    }
+
+    const RINGS: Rings = Rings {
+        frequency_hz: 61.9e3,
+        damping_per_s: 1.31 * 2.9e4,
+        healthy_frequency_hz: 64.7e3,
+        healthy_damping_per_s: 2.9e4,
+    };
+
+    #[test]
+    fn named_fault_is_said_as_the_contract_has_it() {
+        assert_eq!(
+            sentence(&episode(), Some(&RINGS), Some(("PBN", 0.97)), false),
+            "channel 713: resonance 64.7 → 61.9 kHz, damping +31 %: partly blocked nozzle, \
+             22 ± 3 % of the cross-section, certainty .97"
+        );
+    }
+
+    #[test]
+    fn what_is_not_known_is_not_said() {
+        let no_size = Episode { severity_last: None, ..episode() };
+        let text = sentence(&no_size, Some(&RINGS), None, false);
+        assert!(text.ends_with("partly blocked nozzle, certainty .97"), "{text}");
+
+        let category = Episode { fault: None, ..episode() };
+        let text = sentence(&category, None, Some(("BN", 0.6)), false);
+        assert!(text.ends_with("blocked nozzle (at best BN), certainty .97"), "{text}");
+
+        let unnamed = Episode { fault: None, category: None, certainty: None, ..episode() };
+        let text = sentence(&unnamed, None, Some(("BN", 0.6)), false);
+        assert!(text.ends_with("not named; at best blocked nozzle, certainty .60"), "{text}");
+        let text = sentence(&unnamed, None, Some(("BN", 0.6)), true);
+        assert!(text.ends_with("like no known fault"), "{text}");
+        let text = sentence(&unnamed, None, None, false);
+        assert_eq!(text, "channel 713: rings unlike a healthy channel: not named");
+    }
+
+    #[test]
+    fn every_kind_of_size_has_its_words() {
+        let size = |class: &str, s, sd| size_in_words(class, Some(s), Some(sd));
+        assert_eq!(size("IDN", 1.583, 0.043), ", viscosity × 1.58 ± 0.04");
+        assert_eq!(size("AB2", 0.322, 0.021), ", compliance +32 ± 2 %");
+        assert_eq!(size("AB1", 0.1213, 0.004), ", 12.1 ± 0.4 % of the nozzle's length");
+        assert_eq!(size("own", 3.0, 0.5), ", severity 3.00 ± 0.50");
+        assert_eq!(size_in_words("EC", Some(0.4), None), ", 40 % of the density missing");
+        assert_eq!(size_in_words("EC", Some(f64::NAN), None), "");
+    }
+}

@@ -1,0 +1,93 @@
+//! Turns the verdicts of single bursts into episodes: this channel, faulty from then to then.
+//!
+//! In: of every judged signal its detection statistic over the threshold, of the flagged ones what
+//! isolation says; in any order within a bounded window. Out: [`Episode`]s, each with an onset, an
+//! end, a class and a sentence. Memory is bounded; what it has no room for is counted. Never changes
+//! a verdict.
+
+mod classes;
+mod evidence;
+mod explanation;
+mod order;
+mod settings;
+mod tracker;
+
+pub use explanation::Rings;
+pub use settings::EpisodeSettings;
+pub use tracker::Tracker;
+
+use std::sync::Arc;
+
+/// One fault episode of a channel: a row of the episode table (contract, "Out: verdicts").
+#[derive(Clone, Debug, PartialEq)]
+pub struct Episode {
+    pub printhead: Arc<str>,
+    pub channel: u32,
+    pub category: Option<String>,
+    pub fault: Option<String>,
+    /// t_a of the burst at which the evidence sufficed.
+    pub raised_at_ns: i64,
+    /// Best estimate of the onset.
+    pub began_at_ns: i64,
+    /// The first burst that looked healthy again; `None`: still on.
+    pub ended_at_ns: Option<i64>,
+    /// The channel's judged bursts in it.
+    pub bursts: u64,
+    /// Of the named class, else of the named category, else of the best class.
+    pub certainty: Option<f64>,
+    pub severity_first: Option<f64>,
+    pub severity_max: Option<f64>,
+    pub severity_last: Option<f64>,
+    /// Of `severity_last`.
+    pub severity_sd: Option<f64>,
+    pub explanation: String,
+}
+
+/// The signals of one burst, channels ascending one by one.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Looks {
+    pub t_ns: i64,
+    pub first_channel: u32,
+    /// Statistic over threshold per channel; NaN: not judged.
+    pub ratios: Vec<f32>,
+    /// Of flagged channels, ascending.
+    pub named: Vec<Named>,
+}
+
+/// What isolation says of a flagged signal.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Named {
+    /// Place in the burst.
+    pub row: u32,
+    /// Per class; empty: nothing was said.
+    pub weights: Vec<f32>,
+    pub fits_none: bool,
+    /// The class that a severity is of.
+    pub candidate: Option<u16>,
+    pub severity: Option<f32>,
+    pub severity_sd: Option<f32>,
+    pub ring: Option<RingChange>,
+}
+
+/// How a signal's ring differs from the healthy one of its model: ln of their ratios.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RingChange {
+    pub ln_frequency: f64,
+    pub ln_damping: f64,
+    pub healthy_frequency_hz: f64,
+    pub healthy_damping_per_s: f64,
+}
+
+/// What was left out, and what came out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Counts {
+    pub episodes: u64,
+    /// Of them, still on at the end.
+    pub still_on: u64,
+    /// Signals that came after later ones of their channel had been looked at: beyond the window.
+    pub signals_too_late: u64,
+    /// Signals of a burst that was there already, same channel and time.
+    pub signals_repeated: u64,
+    /// Signals of channels beyond the most that are remembered.
+    pub signals_beyond_limit: u64,
+}

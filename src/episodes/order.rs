@@ -1,0 +1,50 @@
+//! Puts the bursts of a printhead in time order over a bounded window.
+
+use super::Looks;
+use std::collections::BTreeMap;
+
+/// Bursts that wait for earlier ones.
+#[derive(Debug, Default)]
+pub struct Waiting {
+    /// By time, first channel and arrival.
+    bursts: BTreeMap<(i64, u32, u64), Looks>,
+    arrived: u64,
+    signals: usize,
+}
+
+impl Waiting {
+    pub fn push(&mut self, looks: Looks) {
+        self.signals += looks.ratios.len();
+        self.arrived += 1;
+        self.bursts.insert((looks.t_ns, looks.first_channel, self.arrived), looks);
+    }
+
+    pub fn signals(&self) -> usize {
+        self.signals
+    }
+
+    /// The earliest.
+    pub fn pop(&mut self) -> Option<Looks> {
+        let (_, looks) = self.bursts.pop_first()?;
+        self.signals -= looks.ratios.len();
+        Some(looks)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn earliest_leaves_first_and_signals_are_counted() {
+        let mut waiting = Waiting::default();
+        for (t_ns, rows) in [(5, 2), (1, 3), (5, 1), (3, 4)] {
+            waiting.push(Looks { t_ns, ratios: vec![0.0; rows], ..Looks::default() });
+        }
+        assert_eq!(waiting.signals(), 10);
+        let left: Vec<(i64, usize)> =
+            std::iter::from_fn(|| waiting.pop()).map(|l| (l.t_ns, l.ratios.len())).collect();
+        assert_eq!(left, [(1, 3), (3, 4), (5, 2), (5, 1)]);
+        assert_eq!(waiting.signals(), 0);
+    }
+}

@@ -1,0 +1,532 @@
+//! All channels of a recording: bursts in, episodes out.
+
+use super::classes::ClassFilter;
+use super::evidence::{Evidence, Step};
+use super::explanation::{self, Rings};
+use super::order::Waiting;
+use super::{Counts, Episode, EpisodeSettings, Looks, Named};
+use crate::fault;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// Channels that are remembered, over all printheads.
+const MOST_CHANNELS: usize = 1 << 20;
+/// Printheads that are remembered.
+const MOST_PRINTHEADS: usize = 1 << 16;
+/// Signals that wait for earlier ones, over all printheads.
+const MOST_WAITING: usize = 1 << 22;
+
+/// What is said of an episode and in which words, the same for all channels.
+#[derive(Debug)]
+struct Naming {
+    classes: Vec<String>,
+    priors: Vec<f64>,
+    /// Least weight of a named class, or category.
+    certainty: f64,
+}
+
+/// Follows every channel. Episodes leave as they end, in an order that depends on the recording only.
+#[derive(Debug)]
+pub struct Tracker {
+    naming: Naming,
+    bound: f32,
+    reorder_signals: usize,
+    printheads: HashMap<Arc<str>, Printhead>,
+    channels: usize,
+    waiting: usize,
+    counts: Counts,
+    ended: Vec<Episode>,
+}
+
+#[derive(Debug)]
+struct Printhead {
+    name: Arc<str>,
+    waiting: Waiting,
+    states: Vec<Channel>,
+    place: HashMap<u32, usize>,
+}
+
+#[derive(Debug)]
+struct Channel {
+    number: u32,
+    last_ns: i64,
+    /// Judged looks since the onset.
+    looks: u64,
+    onset_ns: i64,
+    evidence: Evidence,
+    found: Option<Box<Found>>,
+}
+
+/// What is known of an episode, or of what may become one.
+#[derive(Clone, Debug)]
+struct Found {
+    raised_at_ns: i64,
+    /// The first of the looks that fit the return to healthy, and the looks before it.
+    fading: Option<(i64, u64)>,
+    classes: ClassFilter,
+    named: u64,
+    fits_none: u64,
+    rings: Option<Rings>,
+    ring_looks: f64,
+    /// By the quantity that was sized: the class's category, or its own.
+    sizes: Vec<Option<Sizes>>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Sizes {
+    first: f32,
+    max: f32,
+    last: f32,
+    sd: Option<f32>,
+}
+
+impl Tracker {
+    /// `classes` in the order of the weights, `priors` of them, `certainty`: least weight of what is
+    /// named.
+    pub fn new(
+        classes: &[String],
+        priors: &[f64],
+        certainty: f64,
+        settings: &EpisodeSettings,
+    ) -> Tracker {
+        Tracker {
+            naming: Naming { classes: classes.to_vec(), priors: priors.to_vec(), certainty },
+            bound: settings.evidence_bound() as f32,
+            reorder_signals: settings.reorder_signals,
+            printheads: HashMap::new(),
+            channels: 0,
+            waiting: 0,
+            counts: Counts::default(),
+            ended: Vec::new(),
+        }
+    }
+
+    /// One burst of a printhead, in the recording's order.
+    pub fn push(&mut self, printhead: &Arc<str>, looks: Looks) {
+        if !self.printheads.contains_key(printhead) {
+            if self.printheads.len() >= MOST_PRINTHEADS {
+                self.counts.signals_beyond_limit += looks.ratios.len() as u64;
+                return;
+            }
+            self.printheads.insert(printhead.clone(), Printhead::new(printhead.clone()));
+        }
+        let Some(of) = self.printheads.get_mut(printhead) else { return };
+        self.waiting += looks.ratios.len();
+        of.waiting.push(looks);
+        while of.waiting.signals() > self.reorder_signals || self.waiting > MOST_WAITING {
+            let Some(looks) = of.waiting.pop() else { break };
+            self.waiting -= looks.ratios.len();
+            let room = &mut self.channels;
+            of.look(&looks, self.bound, room, &self.naming, &mut self.counts, &mut self.ended);
+        }
+    }
+
+    /// What has ended since it was asked last.
+    pub fn take_ended(&mut self) -> Vec<Episode> {
+        std::mem::take(&mut self.ended)
+    }
+
+    /// The last episodes, those still on by printhead and channel, and the counts.
+    pub fn finish(mut self) -> (Vec<Episode>, Counts) {
+        let mut printheads: Vec<Printhead> = self.printheads.drain().map(|(_, p)| p).collect();
+        printheads.sort_by(|a, b| a.name.cmp(&b.name));
+        for of in &mut printheads {
+            while let Some(looks) = of.waiting.pop() {
+                let room = &mut self.channels;
+                of.look(&looks, self.bound, room, &self.naming, &mut self.counts, &mut self.ended);
+            }
+        }
+        for of in &mut printheads {
+            of.states.sort_by_key(|channel| channel.number);
+            for channel in &mut of.states {
+                let Some(found) = channel.found.take().filter(|_| channel.evidence.is_raised())
+                else {
+                    continue;
+                };
+                self.counts.still_on += 1;
+                self.counts.episodes += 1;
+                self.ended.push(self.naming.episode(&of.name, channel, &found, None));
+            }
+        }
+        (self.ended, self.counts)
+    }
+}
+
+impl Printhead {
+    fn new(name: Arc<str>) -> Printhead {
+        Printhead { name, waiting: Waiting::default(), states: Vec::new(), place: HashMap::new() }
+    }
+
+    /// Where a channel's state is; a new one while there is room. `near`: where it probably is.
+    fn place_of(&mut self, number: u32, near: usize, room: &mut usize) -> Option<usize> {
+        if self.states.get(near).is_some_and(|state| state.number == number) {
+            return Some(near);
+        }
+        if let Some(&place) = self.place.get(&number) {
+            return Some(place);
+        }
+        if *room >= MOST_CHANNELS {
+            return None;
+        }
+        *room += 1;
+        self.place.insert(number, self.states.len());
+        self.states.push(Channel {
+            number,
+            last_ns: i64::MIN,
+            looks: 0,
+            onset_ns: 0,
+            evidence: Evidence::default(),
+            found: None,
+        });
+        Some(self.states.len() - 1)
+    }
+
+    /// One burst, the next in time.
+    fn look(
+        &mut self,
+        looks: &Looks,
+        bound: f32,
+        room: &mut usize,
+        naming: &Naming,
+        counts: &mut Counts,
+        ended: &mut Vec<Episode>,
+    ) {
+        let mut named = looks.named.iter().peekable();
+        let mut near = 0;
+        for (row, &ratio) in (0u32..).zip(&looks.ratios) {
+            let named = named.next_if(|n| n.row == row);
+            if ratio.is_nan() {
+                continue;
+            }
+            let number = looks.first_channel.saturating_add(row);
+            let Some(place) = self.place_of(number, near, room) else {
+                counts.signals_beyond_limit += 1;
+                continue;
+            };
+            near = place + 1;
+            let channel = &mut self.states[place];
+            // the same time again is the same look
+            if looks.t_ns <= channel.last_ns {
+                match looks.t_ns < channel.last_ns {
+                    true => counts.signals_too_late += 1,
+                    false => counts.signals_repeated += 1,
+                }
+                continue;
+            }
+            channel.last_ns = looks.t_ns;
+            if let Some(over) = channel.look(looks.t_ns, ratio, named, bound, naming) {
+                counts.episodes += 1;
+                let end = over.fading.map(|(t_ns, _)| t_ns);
+                ended.push(naming.episode(&self.name, channel, &over, end));
+            }
+        }
+    }
+}
+
+impl Channel {
+    /// The next look; what has ended with it.
+    fn look(
+        &mut self,
+        t_ns: i64,
+        ratio: f32,
+        named: Option<&Named>,
+        bound: f32,
+        naming: &Naming,
+    ) -> Option<Box<Found>> {
+        let step = self.evidence.look(ratio, bound);
+        self.looks += 1;
+        match step {
+            Step::Quiet => {
+                self.found = None;
+                return None;
+            }
+            Step::Suspect { begins: true } => {
+                (self.onset_ns, self.looks, self.found) = (t_ns, 1, None);
+            }
+            Step::Suspect { begins: false } => {}
+            Step::Raised => self.found(naming).raised_at_ns = t_ns,
+            Step::Faulty { fading: true } => {
+                let before = self.looks - 1;
+                self.found(naming).fading.get_or_insert((t_ns, before));
+            }
+            Step::Faulty { fading: false } => self.found(naming).fading = None,
+            Step::Ended => {
+                let before = self.looks - 1;
+                let mut over = self.found.take()?;
+                over.fading.get_or_insert((t_ns, before));
+                return Some(over);
+            }
+        }
+        if let Some(named) = named {
+            self.found(naming).name(named, naming);
+        }
+        None
+    }
+
+    fn found(&mut self, naming: &Naming) -> &mut Found {
+        self.found.get_or_insert_with(|| {
+            Box::new(Found {
+                raised_at_ns: 0,
+                fading: None,
+                classes: ClassFilter::new(&naming.priors),
+                named: 0,
+                fits_none: 0,
+                rings: None,
+                ring_looks: 0.0,
+                sizes: Vec::new(),
+            })
+        })
+    }
+}
+
+impl Found {
+    fn name(&mut self, named: &Named, naming: &Naming) {
+        if let Some(ring) = &named.ring {
+            // a running mean over about ten looks: a fault may grow
+            self.ring_looks = (self.ring_looks + 1.0).min(10.0);
+            let share = 1.0 / self.ring_looks;
+            let f = ring.healthy_frequency_hz * ring.ln_frequency.exp();
+            let damping = ring.healthy_damping_per_s * ring.ln_damping.exp();
+            let of = self.rings.get_or_insert(Rings {
+                frequency_hz: f,
+                damping_per_s: damping,
+                healthy_frequency_hz: ring.healthy_frequency_hz,
+                healthy_damping_per_s: ring.healthy_damping_per_s,
+            });
+            of.frequency_hz += share * (f - of.frequency_hz);
+            of.damping_per_s += share * (damping - of.damping_per_s);
+            of.healthy_frequency_hz = ring.healthy_frequency_hz;
+            of.healthy_damping_per_s = ring.healthy_damping_per_s;
+        }
+        if named.weights.is_empty() {
+            return;
+        }
+        self.named += 1;
+        self.fits_none += u64::from(named.fits_none);
+        if !named.fits_none {
+            self.classes.look(&named.weights, &naming.priors);
+        }
+        if let (Some(class), Some(size)) = (named.candidate, named.severity)
+            && size.is_finite()
+        {
+            let quantity = naming.quantity(usize::from(class));
+            self.sizes.resize(naming.classes.len(), None);
+            let Some(of) = self.sizes.get_mut(quantity) else { return };
+            let known = of.get_or_insert(Sizes { first: size, max: size, last: size, sd: None });
+            known.max = known.max.max(size);
+            (known.last, known.sd) = (size, named.severity_sd);
+        }
+    }
+}
+
+impl Naming {
+    /// The first class that is sized by the same quantity: those of a category are, except that a
+    /// bubble in the nozzle takes length and one in the chamber adds compliance.
+    fn quantity(&self, class: usize) -> usize {
+        let of = |name: &str| match name {
+            "AB1" => "AB1".to_owned(),
+            other => fault::category(other).to_owned(),
+        };
+        let Some(name) = self.classes.get(class) else { return class };
+        self.classes.iter().position(|other| of(other) == of(name)).unwrap_or(class)
+    }
+
+    /// The sums over categories, in order of first appearance.
+    fn categories(&self, weights: &[f64]) -> Vec<(&str, f64)> {
+        let mut sums: Vec<(&str, f64)> = Vec::new();
+        for (class, weight) in self.classes.iter().zip(weights) {
+            let category = fault::category(class);
+            match sums.iter_mut().find(|(name, _)| *name == category) {
+                Some((_, sum)) => *sum += weight,
+                None => sums.push((category, *weight)),
+            }
+        }
+        sums
+    }
+
+    fn episode(
+        &self,
+        printhead: &Arc<str>,
+        channel: &Channel,
+        found: &Found,
+        ended_at_ns: Option<i64>,
+    ) -> Episode {
+        let largest = |weights: &mut dyn Iterator<Item = f64>| -> Option<(usize, f64)> {
+            weights.enumerate().reduce(|best, next| if next.1 > best.1 { next } else { best })
+        };
+        let weights = found.classes.weights();
+        let fits_none = 2 * found.fits_none > found.named;
+        let best = largest(&mut weights.iter().copied()).filter(|_| found.named > 0);
+        let categories = self.categories(weights);
+        let category = largest(&mut categories.iter().map(|c| c.1));
+        let (mut fault, mut named_category, mut certainty) = (None, None, best.map(|b| b.1));
+        if let (Some((class, weight)), false) = (best, fits_none) {
+            if weight >= self.certainty {
+                fault = Some(self.classes[class].clone());
+                named_category = Some(fault::category(&self.classes[class]).to_owned());
+            } else if let Some((k, sum)) = category.filter(|(_, sum)| *sum >= self.certainty) {
+                named_category = Some(categories[k].0.to_owned());
+                certainty = Some(sum);
+            }
+        }
+        let sizes = best.and_then(|(class, _)| *found.sizes.get(self.quantity(class))?);
+        // looks that fit the return to healthy are not the fault's, unless it stayed
+        let bursts = match (ended_at_ns, found.fading) {
+            (Some(_), Some((_, before))) => before,
+            _ => channel.looks,
+        };
+        let mut episode = Episode {
+            printhead: printhead.clone(),
+            channel: channel.number,
+            category: named_category,
+            fault,
+            raised_at_ns: found.raised_at_ns,
+            began_at_ns: channel.onset_ns,
+            ended_at_ns,
+            bursts,
+            certainty,
+            severity_first: sizes.map(|s| f64::from(s.first)),
+            severity_max: sizes.map(|s| f64::from(s.max)),
+            severity_last: sizes.map(|s| f64::from(s.last)),
+            severity_sd: sizes.and_then(|s| s.sd).map(f64::from),
+            explanation: String::new(),
+        };
+        let nearest = best.map(|(class, weight)| (self.classes[class].as_str(), weight));
+        episode.explanation =
+            explanation::sentence(&episode, found.rings.as_ref(), nearest, fits_none);
+        episode
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::episodes::RingChange;
+
+    fn tracker(reorder_signals: usize) -> Tracker {
+        let classes: Vec<String> = ["BN", "PBN", "SDN"].map(String::from).to_vec();
+        let settings = EpisodeSettings { reorder_signals, ..EpisodeSettings::default() };
+        Tracker::new(&classes, &[1.0 / 3.0; 3], 0.8, &settings)
+    }
+
+    /// Bursts of four channels, one per second; channel 7 is partly blocked from 50 to 80.
+    fn bursts() -> Vec<Looks> {
+        let burst = |step: i64| {
+            let faulty = (50..80).contains(&step);
+            let wiggle = |row: i64| 0.15 + 0.02 * ((step * 7 + row * 3) % 5) as f32;
+            let mut ratios: Vec<f32> = (0..4).map(wiggle).collect();
+            let mut named = Vec::new();
+            if faulty {
+                ratios[2] = 10.0;
+                named.push(Named {
+                    row: 2,
+                    weights: vec![0.3, 0.69, 0.01],
+                    candidate: Some(1),
+                    severity: Some(0.2 + 0.001 * (step - 50) as f32),
+                    severity_sd: Some(0.01),
+                    ring: Some(RingChange {
+                        ln_frequency: 0.95f64.ln(),
+                        ln_damping: 1.3f64.ln(),
+                        healthy_frequency_hz: 64.7e3,
+                        healthy_damping_per_s: 2.9e4,
+                    }),
+                    ..Named::default()
+                });
+            }
+            Looks { t_ns: step * 1_000_000_000, first_channel: 5, ratios, named }
+        };
+        (0..140).map(burst).collect()
+    }
+
+    fn run(
+        mut tracker: Tracker,
+        bursts: impl IntoIterator<Item = Looks>,
+    ) -> (Vec<Episode>, Counts) {
+        let name: Arc<str> = "p".into();
+        bursts.into_iter().for_each(|looks| tracker.push(&name, looks));
+        let mut episodes = tracker.take_ended();
+        let (last, counts) = tracker.finish();
+        episodes.extend(last);
+        (episodes, counts)
+    }
+
+    #[test]
+    fn fault_is_one_episode_with_onset_end_class_and_sentence() {
+        let (episodes, counts) = run(tracker(8), bursts());
+        assert_eq!((episodes.len(), counts.episodes, counts.still_on), (1, 1, 0));
+        let e = &episodes[0];
+        assert_eq!((e.channel, e.began_at_ns / 1_000_000_000), (7, 50));
+        assert!((51..54).contains(&(e.raised_at_ns / 1_000_000_000)), "{e:?}");
+        assert_eq!(e.ended_at_ns.map(|t| t / 1_000_000_000), Some(80));
+        assert_eq!(e.bursts, 30);
+        assert_eq!(e.fault.as_deref(), Some("PBN"));
+        let sizes = [e.severity_first, e.severity_max, e.severity_last].map(|s| s.unwrap() as f32);
+        assert_eq!(sizes, [0.2, 0.229, 0.229]);
+        assert!(
+            e.explanation
+                .starts_with("channel 7: resonance 64.7 → 61.5 kHz, damping +30 %: partly")
+        );
+    }
+
+    #[test]
+    fn order_within_the_window_and_repeats_do_not_matter() {
+        let sorted = run(tracker(1000), bursts());
+        let mut shuffled = bursts();
+        for chunk in shuffled.chunks_mut(9) {
+            chunk.reverse();
+        }
+        assert_eq!(run(tracker(1000), shuffled), sorted);
+        let twice = bursts().into_iter().flat_map(|b| [b.clone(), b]);
+        let (episodes, counts) = run(tracker(1000), twice);
+        assert_eq!((episodes, counts.signals_repeated), (sorted.0.clone(), 4 * 140));
+        // one channel per burst
+        let apart = bursts().into_iter().flat_map(|b| {
+            (0..4u32).map(move |row| Looks {
+                t_ns: b.t_ns,
+                first_channel: b.first_channel + row,
+                ratios: vec![b.ratios[row as usize]],
+                named: b
+                    .named
+                    .iter()
+                    .filter(|n| n.row == row)
+                    .map(|n| Named { row: 0, ..n.clone() })
+                    .collect(),
+            })
+        });
+        assert_eq!(run(tracker(1000), apart), sorted);
+    }
+
+    #[test]
+    fn what_comes_too_late_is_counted_and_changes_nothing() {
+        let sorted = run(tracker(8), bursts());
+        let mut late = bursts();
+        let first = late.remove(3);
+        late.push(first);
+        let (episodes, counts) = run(tracker(8), late);
+        assert_eq!(episodes, sorted.0);
+        assert_eq!(counts.signals_too_late, 4);
+    }
+
+    #[test]
+    fn still_on_has_no_end_and_rejected_signals_are_no_looks() {
+        let mut cut: Vec<Looks> = bursts().into_iter().take(70).collect();
+        for looks in &mut cut[55..60] {
+            looks.ratios.fill(f32::NAN);
+            looks.named.clear();
+        }
+        let (episodes, counts) = run(tracker(8), cut);
+        assert_eq!((episodes.len(), counts.still_on), (1, 1));
+        assert_eq!((episodes[0].ended_at_ns, episodes[0].bursts), (None, 15));
+    }
+
+    #[test]
+    fn without_classes_episodes_are_found_and_not_named() {
+        let tracker = Tracker::new(&[], &[], 0.8, &EpisodeSettings::default());
+        let unnamed = bursts().into_iter().map(|b| Looks { named: Vec::new(), ..b });
+        let (episodes, _) = run(tracker, unnamed);
+        assert_eq!(episodes.len(), 1);
+        let e = &episodes[0];
+        assert_eq!((&e.fault, &e.category, e.certainty), (&None, &None, None));
+        assert_eq!(e.explanation, "channel 7: rings unlike a healthy channel: not named");
+    }
+}

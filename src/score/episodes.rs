@@ -1,0 +1,287 @@
+//! Episodes against the labels: which faults were found, how soon, and what was raised without one.
+//!
+//! In: labels, then per recording its episodes and the times of its judged signals. Out: recall,
+//! false episodes, delay in bursts. Labels of one state that follow each other without a gap are one
+//! fault; it has its full size from its last label on.
+
+use crate::fault;
+use crate::labels::Labels;
+use serde::Serialize;
+use std::collections::{BTreeMap, HashMap};
+
+/// What an episode says, as far as scoring asks.
+#[derive(Clone, Copy, Debug)]
+pub struct SaidEpisode<'a> {
+    pub printhead: &'a str,
+    pub channel: u32,
+    pub category: Option<&'a str>,
+    pub fault: Option<&'a str>,
+    pub raised_at_ns: i64,
+    pub began_at_ns: i64,
+}
+
+#[derive(Clone, Debug)]
+struct Truth {
+    state: String,
+    from_ns: i64,
+    to_ns: i64,
+    /// From here on it has its full size.
+    full_ns: i64,
+    /// Judged signals of the channel in it.
+    looks: u64,
+    /// Of them, before it was raised; and of those, at full size.
+    looks_before: u64,
+    full_looks_before: u64,
+    found: Option<Found>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Found {
+    raised_at_ns: i64,
+    category_right: bool,
+    fault_right: bool,
+}
+
+/// Faults of one state.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct StateEpisodes {
+    pub faults: u64,
+    pub found: u64,
+    /// Of those found.
+    pub category_right: u64,
+    pub fault_right: u64,
+    /// Median, after the full size; 0: not after it.
+    pub delay_bursts: Option<f64>,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct EpisodesReport {
+    pub faults: u64,
+    pub recall: f64,
+    /// Episodes raised while the channel was labelled healthy.
+    #[serde(rename = "false")]
+    pub false_episodes: u64,
+    pub healthy_signals: u64,
+    pub false_per_million: f64,
+    /// Median of the bursts between the fault's full size and `raised_at`; 0: not after it.
+    pub delay_bursts: Option<f64>,
+    /// The same from its onset on.
+    pub delay_from_onset_bursts: Option<f64>,
+    /// Shares of the faults found.
+    pub category_accuracy: f64,
+    pub fault_accuracy: f64,
+    pub by_state: BTreeMap<String, StateEpisodes>,
+    /// Episodes raised where no label says what is true.
+    pub unlabelled: u64,
+}
+
+/// Sums while recordings come.
+#[derive(Clone, Debug, Default)]
+pub struct EpisodeScore {
+    /// Printhead, channel.
+    truths: HashMap<String, HashMap<u32, Vec<Truth>>>,
+    false_episodes: u64,
+    unlabelled: u64,
+    healthy_signals: u64,
+}
+
+impl EpisodeScore {
+    pub fn new(labels: &Labels) -> EpisodeScore {
+        let mut score = EpisodeScore::default();
+        let mut rows: Vec<_> = labels
+            .rows()
+            .iter()
+            .filter(|row| row.state != fault::HEALTHY)
+            .filter_map(|row| Some((row.channel?, row)))
+            .collect();
+        rows.sort_by_key(|(_, row)| row.from_ns.unwrap_or(i64::MIN));
+        for (channel, row) in rows {
+            let from_ns = row.from_ns.unwrap_or(i64::MIN);
+            let to_ns = row.to_ns.unwrap_or(i64::MAX);
+            let channels = score.truths.entry(row.printhead.clone()).or_default();
+            let truths = channels.entry(channel).or_default();
+            match truths.last_mut().filter(|t| t.state == row.state && t.to_ns >= from_ns) {
+                Some(truth) => {
+                    (truth.to_ns, truth.full_ns) = (truth.to_ns.max(to_ns), from_ns);
+                }
+                None => truths.push(Truth {
+                    state: row.state.clone(),
+                    from_ns,
+                    to_ns,
+                    full_ns: from_ns,
+                    looks: 0,
+                    looks_before: 0,
+                    full_looks_before: 0,
+                    found: None,
+                }),
+            }
+        }
+        score
+    }
+
+    /// All episodes of a recording, before its signals.
+    pub fn add_episode(&mut self, said: SaidEpisode, labels: &Labels) {
+        let truths = self.truths.get_mut(said.printhead);
+        let truths = truths.and_then(|channels| channels.get_mut(&said.channel));
+        let mut explained = false;
+        for truth in truths.into_iter().flatten() {
+            // it may be raised after the fault is over, but not before it has begun
+            if said.raised_at_ns < truth.from_ns || said.began_at_ns >= truth.to_ns {
+                continue;
+            }
+            explained = true;
+            let earlier = truth.found.is_some_and(|f| f.raised_at_ns <= said.raised_at_ns);
+            if !earlier {
+                truth.found = Some(Found {
+                    raised_at_ns: said.raised_at_ns,
+                    category_right: said.category == Some(fault::category(&truth.state)),
+                    fault_right: said.fault == Some(truth.state.as_str()),
+                });
+            }
+        }
+        if explained {
+            return;
+        }
+        match labels.at(said.printhead, said.channel, said.raised_at_ns) {
+            Some(label) if label.state == fault::HEALTHY => self.false_episodes += 1,
+            Some(_) => {} // of a fault that is labelled for all channels at once
+            None => self.unlabelled += 1,
+        }
+    }
+
+    /// A judged signal of a recording that has episodes.
+    pub fn add_signal(&mut self, printhead: &str, channel: u32, t_ns: i64, healthy: bool) {
+        self.healthy_signals += u64::from(healthy);
+        let truths = self.truths.get_mut(printhead);
+        let truths = truths.and_then(|channels| channels.get_mut(&channel));
+        for truth in truths.into_iter().flatten() {
+            if !(truth.from_ns..truth.to_ns).contains(&t_ns) {
+                continue;
+            }
+            truth.looks += 1;
+            if truth.found.is_some_and(|found| t_ns < found.raised_at_ns) {
+                truth.looks_before += 1;
+                truth.full_looks_before += u64::from(t_ns >= truth.full_ns);
+            }
+        }
+    }
+
+    /// Of the faults that were there to be seen.
+    pub fn report(&self) -> EpisodesReport {
+        let mut report = EpisodesReport {
+            false_episodes: self.false_episodes,
+            unlabelled: self.unlabelled,
+            healthy_signals: self.healthy_signals,
+            false_per_million: self.false_episodes as f64 * 1e6
+                / self.healthy_signals.max(1) as f64,
+            ..EpisodesReport::default()
+        };
+        let seen = self.truths.values().flat_map(HashMap::values).flatten();
+        let mut seen: Vec<&Truth> = seen.filter(|truth| truth.looks > 0).collect();
+        seen.sort_by_key(|truth| (truth.from_ns, truth.to_ns));
+        for truth in &seen {
+            let state = report.by_state.entry(truth.state.clone()).or_default();
+            state.faults += 1;
+            state.found += u64::from(truth.found.is_some());
+            state.category_right += u64::from(truth.found.is_some_and(|f| f.category_right));
+            state.fault_right += u64::from(truth.found.is_some_and(|f| f.fault_right));
+        }
+        let found = || seen.iter().filter(|truth| truth.found.is_some());
+        for (name, state) in &mut report.by_state {
+            let of = found().filter(|truth| truth.state == *name);
+            state.delay_bursts = median(of.map(|t| t.full_looks_before).collect());
+        }
+        let sum = |of: fn(&StateEpisodes) -> u64| report.by_state.values().map(of).sum::<u64>();
+        let (faults, n) = (sum(|s| s.faults), sum(|s| s.found));
+        let share = |part: u64, whole: u64| part as f64 / whole.max(1) as f64;
+        report.category_accuracy = share(sum(|s| s.category_right), n);
+        report.fault_accuracy = share(sum(|s| s.fault_right), n);
+        (report.faults, report.recall) = (faults, share(n, faults));
+        report.delay_bursts = median(found().map(|t| t.full_looks_before).collect());
+        report.delay_from_onset_bursts = median(found().map(|t| t.looks_before).collect());
+        report
+    }
+}
+
+fn median(mut of: Vec<u64>) -> Option<f64> {
+    of.sort_unstable();
+    let (low, high) = (of.len().checked_sub(1)? / 2, of.len() / 2);
+    Some((of[low] + of[high]) as f64 / 2.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::labels::Label;
+
+    fn label(channel: Option<u32>, from: Option<i64>, to: Option<i64>, state: &str) -> Label {
+        Label {
+            printhead: "p".into(),
+            channel,
+            from_ns: from,
+            to_ns: to,
+            state: state.into(),
+            severity: None,
+        }
+    }
+
+    fn labels() -> Labels {
+        Labels::new(vec![
+            label(None, None, Some(1000), "healthy"),
+            // grows from 100 on, full size from 102 on
+            label(Some(1), Some(100), Some(101), "BN"),
+            label(Some(1), Some(101), Some(102), "BN"),
+            label(Some(1), Some(102), Some(200), "BN"),
+            label(Some(2), Some(300), Some(400), "EC"),
+            label(Some(9), Some(0), Some(10), "EC"), // of a channel that was not recorded
+        ])
+    }
+
+    fn said(channel: u32, raised_at_ns: i64, fault: Option<&str>) -> SaidEpisode<'_> {
+        SaidEpisode {
+            printhead: "p",
+            channel,
+            category: Some("blocked_nozzle"),
+            fault,
+            raised_at_ns,
+            began_at_ns: raised_at_ns - 2,
+        }
+    }
+
+    fn run(episodes: &[SaidEpisode]) -> EpisodesReport {
+        let labels = labels();
+        let mut score = EpisodeScore::new(&labels);
+        episodes.iter().for_each(|e| score.add_episode(*e, &labels));
+        for t in 0..500 {
+            for channel in 1..4 {
+                let healthy = labels.at("p", channel, t).unwrap().state == "healthy";
+                score.add_signal("p", channel, t, healthy);
+            }
+        }
+        score.report()
+    }
+
+    #[test]
+    fn fault_found_counts_once_with_its_delay() {
+        let report = run(&[said(1, 105, Some("PBN")), said(1, 150, Some("BN"))]);
+        assert_eq!((report.faults, report.recall, report.false_episodes), (2, 0.5, 0));
+        assert_eq!((report.delay_bursts, report.delay_from_onset_bursts), (Some(3.0), Some(5.0)));
+        assert_eq!((report.category_accuracy, report.fault_accuracy), (1.0, 0.0));
+        assert_eq!(report.by_state["EC"].found, 0);
+        assert_eq!(report.healthy_signals, 1500 - 200);
+    }
+
+    #[test]
+    fn raised_before_full_size_has_no_delay_and_raised_before_onset_is_false() {
+        let report = run(&[said(1, 101, Some("BN")), said(2, 299, Some("EC"))]);
+        assert_eq!((report.recall, report.false_episodes), (0.5, 1));
+        assert_eq!(report.delay_bursts, Some(0.0));
+    }
+
+    #[test]
+    fn what_no_label_covers_is_neither_right_nor_false() {
+        let report = run(&[said(3, 2000, None)]);
+        assert_eq!((report.false_episodes, report.unlabelled), (0, 1));
+        assert_eq!(report.delay_bursts, None);
+    }
+}

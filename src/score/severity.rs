@@ -1,0 +1,89 @@
+//! How well faults are sized: stated severity and its standard deviation against the labels'.
+
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Of one class's signals that were sized as that class.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct SeverityReport {
+    pub signals: u64,
+    /// In the unit of the class's severity.
+    pub rmse: f64,
+    /// Share of the labels' variance that is explained; null where they do not vary.
+    pub r2: Option<f64>,
+    /// Share of the labels within 1.96 stated standard deviations; null where none was stated.
+    pub coverage95: Option<f64>,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    n: u64,
+    /// Of the labels: mean and sum of squares about it (Welford).
+    mean: f64,
+    about_mean: f64,
+    squared_error: f64,
+    stated: u64,
+    covered: u64,
+}
+
+/// Sums while rows come.
+#[derive(Clone, Debug, Default)]
+pub struct SeverityScore {
+    by_class: BTreeMap<String, Sums>,
+}
+
+impl SeverityScore {
+    /// One signal that was sized as what it is: the stated size with its standard deviation, the
+    /// label's size. What is no number is passed over.
+    pub fn add(&mut self, class: &str, stated: f64, sd: Option<f64>, truth: f64) {
+        if !(stated.is_finite() && truth.is_finite()) {
+            return;
+        }
+        let sums = match self.by_class.get_mut(class) {
+            Some(sums) => sums,
+            None => self.by_class.entry(class.to_owned()).or_default(),
+        };
+        sums.n += 1;
+        let before = truth - sums.mean;
+        sums.mean += before / sums.n as f64;
+        sums.about_mean += before * (truth - sums.mean);
+        let error = stated - truth;
+        sums.squared_error += error * error;
+        if let Some(sd) = sd.filter(|sd| sd.is_finite()) {
+            sums.stated += 1;
+            sums.covered += u64::from(error.abs() <= 1.96 * sd);
+        }
+    }
+
+    pub fn report(&self) -> BTreeMap<String, SeverityReport> {
+        let report = |s: &Sums| SeverityReport {
+            signals: s.n,
+            rmse: (s.squared_error / s.n as f64).sqrt(),
+            r2: (s.about_mean > 0.0).then(|| 1.0 - s.squared_error / s.about_mean),
+            coverage95: (s.stated > 0).then(|| s.covered as f64 / s.stated as f64),
+        };
+        self.by_class.iter().map(|(class, sums)| (class.clone(), report(sums))).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn figures_are_those_worked_by_hand() {
+        let mut score = SeverityScore::default();
+        for (stated, sd, truth) in [(1.0, 0.5, 1.5), (2.0, 0.1, 2.5), (3.0, 0.5, 2.0)] {
+            score.add("SDN", stated, Some(sd), truth);
+        }
+        score.add("SDN", f64::NAN, None, 1.0);
+        score.add("EC", 0.5, None, 0.5);
+        let report = score.report();
+        let sdn = &report["SDN"];
+        assert!((sdn.rmse - (1.5f64 / 3.0).sqrt()).abs() < 1e-12);
+        // labels 1.5, 2.5, 2: squares about their mean 0.5
+        assert!((sdn.r2.unwrap() - (1.0 - 1.5 / 0.5)).abs() < 1e-12);
+        assert_eq!((sdn.signals, sdn.coverage95), (3, Some(1.0 / 3.0)));
+        assert_eq!((report["EC"].r2, report["EC"].coverage95), (None, None));
+    }
+}
