@@ -7,11 +7,13 @@ use crate::detect::kernel::LaneFilter;
 use crate::identify::reservoir::relative_drive;
 use crate::isolate::neighbours::Neighbours;
 use crate::isolate::posterior::Posterior;
+use crate::isolate::severity::{Severities, Severity};
 use crate::isolate::{
     Decision, DecisionRule, IsolateMethod, IsolateSignal, MAX_CLASSES, SignatureMatrix, Simplex,
     model_matching,
 };
 use crate::model::ring_fit::{Columns, RingFitter};
+use std::sync::Arc;
 
 /// Judges signals by one model. Built once per model, shared by all workers.
 #[derive(Debug)]
@@ -32,6 +34,8 @@ struct Isolating {
     isolator: Isolator,
     signal: IsolateSignal,
     rule: DecisionRule,
+    /// With `isolate.method` = `posterior`.
+    severities: Option<Arc<Severities>>,
 }
 
 /// `isolate.method`, ready for this model.
@@ -64,6 +68,8 @@ pub struct Workspace {
     detector: Scratch,
     /// Per class, of the signal last isolated.
     pub weights: Vec<f64>,
+    /// Of the signal last isolated, if its category was named.
+    pub severity: Option<Severity>,
 }
 
 impl Judge {
@@ -81,6 +87,10 @@ impl Judge {
                 isolator: Isolator::new(&model, design, settings)?,
                 signal: settings.signal,
                 rule: DecisionRule::new(&design.class_names(), settings.certainty)?,
+                severities: match settings.method {
+                    IsolateMethod::Posterior => design.severities(),
+                    _ => None,
+                },
             }),
             _ => None,
         };
@@ -137,8 +147,9 @@ impl Judge {
         drive: f64,
         work: &mut Workspace,
     ) -> Option<Isolation> {
-        let Isolating { isolator, signal, rule } = self.isolating.as_ref()?;
-        let Workspace { residual, projection, weights, columns, .. } = work;
+        work.severity = None;
+        let Isolating { isolator, signal, rule, severities } = self.isolating.as_ref()?;
+        let Workspace { residual, projection, weights, columns, severity, .. } = work;
         let classes = rule.category_of.len();
         weights.clear();
         weights.resize(classes, 0.0);
@@ -163,6 +174,8 @@ impl Judge {
                 let features = &features[..posterior.coordinates()];
                 posterior.weigh(features, weights);
                 let decision = rule.decide(weights);
+                let sized = severities.as_ref().zip(rule.sized(&decision, weights));
+                *severity = sized.and_then(|(of, class)| of.estimate(class, features, drive));
                 let noise = self.model.noise / drive;
                 let size: f64 = residual.iter().map(|y| y * y).sum();
                 let rings_otherwise = fit.misfit

@@ -4,6 +4,7 @@
 //! models with filter and threshold, and fault classes as mean deviations from them. Rooms
 //! `identify`, `detect` and `isolate` meet here and nowhere else. Immutable once made.
 
+mod cold_start;
 mod detector;
 mod fault_class;
 mod fd_filter;
@@ -13,6 +14,7 @@ mod train;
 
 pub use crate::detect::DetectSettings;
 pub use crate::isolate::IsolateSettings;
+pub use crate::isolate::severity::Severity;
 pub use fault_class::{FaultClass, FaultModel};
 pub use fd_filter::LearnedFilter;
 pub use healthy_model::{HealthyModel, LearnSettings};
@@ -21,8 +23,10 @@ pub use train::TrainingSet;
 
 use crate::fault;
 use crate::isolate::posterior::Posterior;
+use crate::isolate::severity::{FaultPhysics, Severities};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
+use std::sync::{Arc, OnceLock};
 use thiserror::Error;
 
 /// Version of the design file; a breaking change needs a new number.
@@ -52,6 +56,12 @@ pub struct Design {
     /// Class densities of a fitted ring's features, for `isolate.method` = `posterior`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub posterior: Option<Posterior>,
+    /// What faults do by the physics, for severities and classes without labelled signals.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub physics: Option<FaultPhysics>,
+    /// Made of `physics` when first asked for.
+    #[serde(skip)]
+    severities: OnceLock<Arc<Severities>>,
 }
 
 #[derive(Debug, Error)]
@@ -113,6 +123,9 @@ impl Design {
         if let Some(posterior) = &self.posterior {
             posterior.check(self.classes.len()).map_err(DesignError::Invalid)?;
         }
+        if let Some(physics) = &self.physics {
+            physics.check().map_err(DesignError::Invalid)?;
+        }
         self.models.iter().chain([&self.pooled]).try_for_each(|model| model.check(self))
     }
 
@@ -124,6 +137,20 @@ impl Design {
     /// Whether signals of that sampling can be judged by this design.
     pub fn fits(&self, sample_period_s: f64, samples: usize) -> bool {
         same_period(self.sample_period_s, sample_period_s) && self.samples == samples
+    }
+
+    /// How severities are told; made once, shared by all models.
+    fn severities(&self) -> Option<Arc<Severities>> {
+        let (physics, posterior) = (self.physics.as_ref()?, self.posterior.as_ref()?);
+        let make = || {
+            Arc::new(physics.curves(
+                &self.class_names(),
+                posterior.phase,
+                self.sample_period_s,
+                self.samples,
+            ))
+        };
+        Some(self.severities.get_or_init(make).clone())
     }
 
     pub fn class_names(&self) -> Vec<String> {

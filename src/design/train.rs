@@ -3,7 +3,7 @@
 use super::detector::ring_of;
 use super::{
     Design, DesignError, DetectSettings, FaultClass, HealthyModel, IsolateSettings, LearnSettings,
-    LearnedFilter, VERSION,
+    LearnedFilter, VERSION, cold_start,
 };
 use crate::detect::Denominator;
 use crate::identify::GreyBoxSettings;
@@ -12,6 +12,7 @@ use crate::isolate::IsolateMethod;
 use crate::isolate::posterior::{Examples, Posterior};
 use crate::model::ring_fit::{Columns, Features, RingFitter};
 use std::collections::BTreeMap;
+use std::sync::OnceLock;
 
 /// Labelled signals of one sampling, by printhead; drives relative to `drive_voltage_v`.
 #[derive(Debug, Default)]
@@ -80,6 +81,9 @@ impl Design {
                 );
             }
         }
+        if isolate.method == IsolateMethod::Posterior {
+            design.physics = cold_start::physics(&design, set, isolate)?;
+        }
         design.check()?;
         Ok((design, warnings))
     }
@@ -112,12 +116,14 @@ impl Design {
             pooled,
             classes: Vec::new(),
             posterior: None,
+            physics: None,
+            severities: OnceLock::new(),
         };
         Ok((design, warnings))
     }
 
     /// Each printhead's signals with the model that judges it.
-    fn with_models<'a>(
+    pub(super) fn with_models<'a>(
         &'a self,
         printheads: &'a BTreeMap<String, SignalSet>,
     ) -> Vec<(&'a HealthyModel, &'a SignalSet)> {
@@ -165,7 +171,7 @@ fn learn_posterior(design: &Design, set: &TrainingSet) -> Result<Option<Posterio
 }
 
 /// Features of a class's signals and the noise of a fit at their mean.
-fn examples(
+pub(super) fn examples(
     sets: &[(&HealthyModel, &SignalSet)],
     phase: bool,
 ) -> Result<Option<Examples>, DesignError> {

@@ -5,11 +5,13 @@
 
 pub mod class_density;
 pub mod decision;
+pub mod fault_curve;
 pub mod model_matching;
 pub mod neighbours;
 pub mod posterior;
 pub mod residual_matching;
 mod settings;
+pub mod severity;
 pub mod signatures;
 
 pub use decision::{Decision, DecisionRule};

@@ -39,6 +39,11 @@ pub struct IsolateSettings {
     pub gate: bool,
     /// Least weight of the named class (or category).
     pub certainty: f64,
+    /// Width of the actuation pulse, s: what the state at t_a comes from, for severities and for
+    /// classes without labelled signals.
+    pub pulse_s: f64,
+    /// From the end of the pulse to t_a, s; a first guess, the healthy phase refines it.
+    pub delay_s: f64,
 }
 
 impl Default for IsolateSettings {
@@ -49,6 +54,8 @@ impl Default for IsolateSettings {
             neighbours: 1,
             gate: true,
             certainty: 0.8,
+            pulse_s: 9e-6,
+            delay_s: 6e-6,
         }
     }
 }
@@ -58,6 +65,12 @@ impl IsolateSettings {
     pub fn check(&self) -> Result<(), String> {
         if !(1..=1000).contains(&self.neighbours) {
             return Err(format!("neighbours = {}: give 1 to 1000", self.neighbours));
+        }
+        if !(1e-9..=1e-2).contains(&self.pulse_s) {
+            return Err(format!("pulse_s = {}: give 1e-9 to 1e-2", self.pulse_s));
+        }
+        if !(0.0..=1e-2).contains(&self.delay_s) {
+            return Err(format!("delay_s = {}: give 0 to 1e-2", self.delay_s));
         }
         if (0.0..=1.0).contains(&self.certainty) {
             Ok(())
