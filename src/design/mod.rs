@@ -22,8 +22,9 @@ pub use judge::{Isolation, Judge, Workspace};
 pub use train::TrainingSet;
 
 use crate::fault;
+use crate::isolate::fault_physics::FaultPhysics;
 use crate::isolate::posterior::Posterior;
-use crate::isolate::severity::{FaultPhysics, Severities};
+use crate::isolate::severity::Severities;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::sync::{Arc, OnceLock};

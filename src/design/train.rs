@@ -82,7 +82,7 @@ impl Design {
             }
         }
         if isolate.method == IsolateMethod::Posterior {
-            design.physics = cold_start::physics(&design, set, isolate)?;
+            design.physics = cold_start::physics(&design, set, grey_box, isolate)?;
         }
         design.check()?;
         Ok((design, warnings))

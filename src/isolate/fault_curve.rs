@@ -9,7 +9,7 @@
 //! healthy real pole) is in the curve. Channels differ by small relative changes of their rates and
 //! gain; what these do at each severity is the slope of the same fit.
 
-use crate::model::ring_down::ring_down_into;
+use crate::model::ring_down::{Poles, ring_down_into};
 use crate::model::ring_fit::{Columns, Features, RingFitter};
 use crate::model::{Actuation, InkChannel, faults};
 use nalgebra::{DMatrix, Matrix4, SMatrix, SymmetricEigen, Vector4};
@@ -25,27 +25,42 @@ pub struct Healthy {
     pub actuation: Actuation,
 }
 
-/// What the fit makes of one faulty channel: features, their slope along [`CHANGES`], noise of the
-/// fit at the reference drive.
+/// What the fit makes of one faulty channel.
 #[derive(Clone, Debug)]
 pub struct Point {
     pub place: f64,
+    /// Features, relative to the healthy channel's.
     pub mean: Vector4<f64>,
+    /// How one channel's own changes move them.
     pub slope: Slope,
+    /// How the curve moves where what is believed of all channels is off: ln a, ln b, ln g, ln d and
+    /// ln pulse. The healthy features stay: they were measured.
+    pub off: Slope,
+    /// Noise of the fit at the reference drive.
     pub noise: Matrix4<f64>,
+}
+
+/// An actuation, and the features of the healthy channel that it leaves.
+#[derive(Clone, Copy, Debug)]
+struct Reference {
+    actuation: Actuation,
+    origin: Vector4<f64>,
 }
 
 /// Fits noise-free decays of faulty channels.
 pub struct Bench<'a> {
     fitter: &'a RingFitter,
-    healthy: Healthy,
+    channel: InkChannel,
     /// Whether the phase is a feature.
     phase: bool,
     /// Of one sample, counts.
     noise: f64,
     dt_s: f64,
-    /// Features of the healthy channel itself: the curves are relative to it.
-    origin: Vector4<f64>,
+    /// As believed, with a longer pulse, with a shorter one.
+    references: [Reference; 3],
+    /// Of the healthy channel, with the phase free.
+    healthy_slope: Slope,
+    healthy_poles: Poles,
     decay: Vec<f64>,
     work: Columns,
 }
@@ -54,8 +69,7 @@ pub struct Bench<'a> {
 const STEP: f64 = 0.01;
 
 impl<'a> Bench<'a> {
-    /// `None`: the healthy channel does not ring. The delay of the actuation is moved until the
-    /// healthy phase is the measured one: the phase tells the delay far better than a setting.
+    /// `None`: the healthy channel does not ring.
     pub fn new(
         fitter: &'a RingFitter,
         healthy: Healthy,
@@ -64,32 +78,57 @@ impl<'a> Bench<'a> {
         dt_s: f64,
         samples: usize,
     ) -> Option<Bench<'a>> {
+        let Healthy { channel, actuation } = healthy;
+        let reference = Reference { actuation, origin: Vector4::zeros() };
+        let mut bench = Bench {
+            fitter,
+            channel,
+            phase,
+            noise,
+            dt_s,
+            references: [reference; 3],
+            healthy_slope: Slope::zeros(),
+            healthy_poles: channel.poles()?,
+            decay: vec![0.0; samples],
+            work: Columns::default(),
+        };
+        for (k, by) in [0.0, STEP, -STEP].into_iter().enumerate() {
+            let pulse_s = actuation.pulse_s * by.exp();
+            bench.references[k] = bench.reference(Actuation { pulse_s, ..actuation })?;
+        }
+        bench.healthy_slope = bench.slope(&Some, true)?.1;
+        Some(bench)
+    }
+
+    /// Moves the delay until the healthy phase is the measured one: the phase tells the delay far
+    /// better than a setting does.
+    fn reference(&mut self, set: Actuation) -> Option<Reference> {
         const MOST_PHASE_RAD: f64 = 1.5;
-        let (decay, work) = (vec![0.0; samples], Columns::default());
-        let origin = Vector4::zeros();
-        let mut bench = Bench { fitter, healthy, phase, noise, dt_s, origin, decay, work };
-        let omega = std::f64::consts::TAU * healthy.channel.poles()?.frequency_hz;
+        let omega = std::f64::consts::TAU * self.healthy_poles.frequency_hz;
+        let channel = self.channel;
+        let mut actuation = set;
         for _ in 0..4 {
-            let ahead = bench.fit(&healthy.channel, None, true)?[3];
-            let delay_s = bench.healthy.actuation.delay_s - ahead / omega;
+            let ahead = self.fit(&channel, &actuation, None, true)?[3];
+            let delay_s = actuation.delay_s - ahead / omega;
             if ahead.abs() > MOST_PHASE_RAD || delay_s < 0.0 {
-                bench.healthy.actuation = healthy.actuation;
+                actuation = set;
                 break;
             }
-            bench.healthy.actuation.delay_s = delay_s;
+            actuation.delay_s = delay_s;
         }
-        bench.origin = bench.fit(&healthy.channel, None, phase)?;
-        Some(bench)
+        let origin = self.fit(&channel, &actuation, None, self.phase)?;
+        Some(Reference { actuation, origin })
     }
 
     /// Features of a channel's decay; searched from `near`, or everywhere.
     fn fit(
         &mut self,
         channel: &InkChannel,
+        actuation: &Actuation,
         near: Option<&Vector4<f64>>,
         phase: bool,
     ) -> Option<Vector4<f64>> {
-        let x_a = self.healthy.actuation.acquisition_state(channel, 1.0);
+        let x_a = actuation.acquisition_state(channel, 1.0);
         ring_down_into(channel, &x_a, self.dt_s, &mut self.decay);
         let fit = match near {
             Some(x) => self.fitter.fit_from(&self.decay, &features(x), phase, &mut self.work),
@@ -98,31 +137,65 @@ impl<'a> Bench<'a> {
         Some(Vector4::from(fit?.features.coordinates()))
     }
 
-    /// A fault of the kind of `class` at a place of [`faults::scale`].
-    pub fn point(&mut self, class: &str, place: f64) -> Option<Point> {
-        let severity = faults::severity_at(class, place)?;
-        let at = |channel: &InkChannel| faults::apply(class, severity, channel);
-        let channel = self.healthy.channel;
-        let found = self.fit(&at(&channel)?, None, self.phase)?;
+    /// Features of `fault`(channel), not yet relative, and their slope along [`CHANGES`].
+    fn slope(
+        &mut self,
+        fault: &dyn Fn(InkChannel) -> Option<InkChannel>,
+        phase: bool,
+    ) -> Option<(Vector4<f64>, Slope)> {
+        let (channel, actuation) = (self.channel, self.references[0].actuation);
+        let found = self.fit(&fault(channel)?, &actuation, None, phase)?;
         let mut slope = Slope::zeros();
         slope[(0, 4)] = 1.0; // the gain is the amplitude's
         for j in 0..4 {
             let mut moved = |sign: f64| {
                 let mut c = channel;
-                let rate = [&mut c.a_per_s2, &mut c.b_per_s2, &mut c.g_per_s, &mut c.d_per_s];
-                *rate.into_iter().nth(j)? *= (sign * STEP).exp();
-                self.fit(&at(&c)?, Some(&found), self.phase)
+                let rates = [&mut c.a_per_s2, &mut c.b_per_s2, &mut c.g_per_s, &mut c.d_per_s];
+                *rates.into_iter().nth(j)? *= (sign * STEP).exp();
+                self.fit(&fault(c)?, &actuation, Some(&found), phase)
             };
             let (up, down) = (moved(1.0)?, moved(-1.0)?);
             slope.set_column(j, &(turned(up - down) / (2.0 * STEP)));
         }
-        let mut mean = found - self.origin;
+        Some((found, slope))
+    }
+
+    /// How healthy features move with a channel's own changes, the phase free.
+    pub fn healthy_slope(&self) -> &Slope {
+        &self.healthy_slope
+    }
+
+    /// A fault of the kind of `class` at a place of [`faults::scale`].
+    pub fn point(&mut self, class: &str, place: f64) -> Option<Point> {
+        let severity = faults::severity_at(class, place)?;
+        let fault = |channel: InkChannel| faults::apply(class, severity, &channel);
+        let (found, mut slope) = self.slope(&fault, self.phase)?;
+        let faulty = fault(self.channel)?;
+        let [believed, longer, shorter] = self.references;
+        let mut moved = |to: Reference| {
+            Some(self.fit(&faulty, &to.actuation, Some(&found), self.phase)? - to.origin)
+        };
+        let of_pulse = turned(moved(longer)? - moved(shorter)?) / (2.0 * STEP);
+        let mut mean = turned(found - believed.origin);
+
+        // Rates that are off move the healthy features, too, and those were measured: their phase moves
+        // the delay, and so the phase and amplitude of what rings at another frequency and damping.
+        let Poles { damping_per_s, frequency_hz, .. } = self.healthy_poles;
+        let omega = std::f64::consts::TAU * frequency_hz;
+        let mut off = slope - self.healthy_slope;
+        for j in 0..4 {
+            let phase = self.healthy_slope[(3, j)];
+            off[(0, j)] += phase * damping_per_s * mean[1].exp_m1() / omega;
+            off[(3, j)] = slope[(3, j)] - phase * mean[2].exp();
+        }
+        off.set_column(4, &of_pulse);
         if !self.phase {
             mean[3] = 0.0;
             slope.row_mut(3).fill(0.0);
+            off.row_mut(3).fill(0.0);
         }
         let covariance = self.fitter.noise_covariance(&features(&mean), self.phase, self.noise)?;
-        Some(Point { place, mean: turned(mean), slope, noise: padded(&covariance) })
+        Some(Point { place, mean, slope, off, noise: padded(&covariance) })
     }
 }
 
@@ -155,8 +228,6 @@ pub struct Node {
     /// Length of its part of that scale.
     pub length: f64,
     pub mean: Vector4<f64>,
-    /// Features are moved so by a channel's own relative changes.
-    pub slope: Slope,
     /// u = to_axes (x - mean): the noise at the reference drive is unit, the spread diagonal.
     to_axes: Matrix4<f64>,
     spread: Vector4<f64>,
@@ -178,6 +249,15 @@ impl Node {
     }
 }
 
+/// What scatters features besides the noise.
+#[derive(Clone, Copy, Debug)]
+pub struct Scatter {
+    /// Covariance of [`CHANGES`] from channel to channel.
+    pub channels: SMatrix<f64, CHANGES, CHANGES>,
+    /// Covariance of what is believed of all: ln a, ln b, ln g, ln d, ln pulse.
+    pub belief: SMatrix<f64, CHANGES, CHANGES>,
+}
+
 /// A kind of fault from none to its largest.
 #[derive(Clone, Debug)]
 pub struct FaultCurve {
@@ -193,12 +273,12 @@ const MOST_BETWEEN: usize = 48;
 
 impl FaultCurve {
     /// The kind of `class`, over the severities of `classes` (all of that kind) and down to none.
-    /// `spread`: covariance of the channels' [`CHANGES`]. `None`: it does not ring over its range.
+    /// `None`: it does not ring over its range.
     pub fn new(
         bench: &mut Bench,
         class: &str,
         largest: f64,
-        spread: &SMatrix<f64, CHANGES, CHANGES>,
+        scatter: &Scatter,
     ) -> Option<FaultCurve> {
         let none = faults::scale(class, faults::no_fault_severity(class)?)?;
         let most = faults::scale(class, largest)?;
@@ -209,18 +289,21 @@ impl FaultCurve {
         for pair in points.windows(2) {
             let (from, to) = (&pair[0], &pair[1]);
             let step = turned(to.mean - from.mean);
-            let scatter = from.slope * spread * from.slope.transpose() + from.noise;
-            let distance = step.dot(&(scatter.try_inverse()? * step)).sqrt();
+            let own = from.slope * scatter.channels * from.slope.transpose() + from.noise;
+            let distance = step.dot(&(own.try_inverse()? * step)).sqrt();
             let n = ((distance / NODE_DISTANCE).ceil() as usize).clamp(1, MOST_BETWEEN);
             for i in 0..n {
                 let share = (i as f64 + 0.5) / n as f64;
                 let place = from.place + share * (to.place - from.place);
                 let mean = turned(from.mean + step * share);
                 let slope = from.slope * (1.0 - share) + to.slope * share;
+                let off = from.off * (1.0 - share) + to.off * share;
                 let noise = from.noise * (1.0 - share) + to.noise * share;
                 let length = (to.place - from.place) / n as f64;
                 let severity = faults::severity_at(class, place)?;
-                nodes.push(Node::new(severity, place, length, (mean, slope, noise), spread)?);
+                let beyond = slope * scatter.channels * slope.transpose()
+                    + off * scatter.belief * off.transpose();
+                nodes.push(Node::new(severity, place, length, mean, &beyond, &noise)?);
             }
         }
         Some(FaultCurve { nodes })
@@ -232,25 +315,17 @@ impl Node {
         severity: f64,
         place: f64,
         length: f64,
-        (mean, slope, noise): (Vector4<f64>, Slope, Matrix4<f64>),
-        spread: &SMatrix<f64, CHANGES, CHANGES>,
+        mean: Vector4<f64>,
+        beyond: &Matrix4<f64>,
+        noise: &Matrix4<f64>,
     ) -> Option<Node> {
         let inverse = noise.cholesky()?.l().try_inverse()?;
-        let whitened = inverse * slope * spread * slope.transpose() * inverse.transpose();
+        let whitened = inverse * beyond * inverse.transpose();
         let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(whitened);
         let to_axes = eigenvectors.transpose() * inverse;
         let ln_determinant = to_axes.determinant().abs().ln();
         let spread = eigenvalues.map(|v| v.max(0.0));
         let finite = ln_determinant.is_finite() && spread.iter().all(|v| v.is_finite());
-        finite.then_some(Node {
-            severity,
-            place,
-            length,
-            mean,
-            slope,
-            to_axes,
-            spread,
-            ln_determinant,
-        })
+        finite.then_some(Node { severity, place, length, mean, to_axes, spread, ln_determinant })
     }
 }

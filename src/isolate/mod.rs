@@ -6,6 +6,7 @@
 pub mod class_density;
 pub mod decision;
 pub mod fault_curve;
+pub mod fault_physics;
 pub mod model_matching;
 pub mod neighbours;
 pub mod posterior;

@@ -44,6 +44,8 @@ pub struct IsolateSettings {
     pub pulse_s: f64,
     /// From the end of the pulse to t_a, s; a first guess, the healthy phase refines it.
     pub delay_s: f64,
+    /// How well the ratios a/b and g/d of `identify.grey_box` are known, relative standard deviation.
+    pub guess_sd: f64,
 }
 
 impl Default for IsolateSettings {
@@ -56,6 +58,7 @@ impl Default for IsolateSettings {
             certainty: 0.8,
             pulse_s: 9e-6,
             delay_s: 6e-6,
+            guess_sd: 0.05,
         }
     }
 }
@@ -71,6 +74,9 @@ impl IsolateSettings {
         }
         if !(0.0..=1e-2).contains(&self.delay_s) {
             return Err(format!("delay_s = {}: give 0 to 1e-2", self.delay_s));
+        }
+        if !(1e-4..=2.0).contains(&self.guess_sd) {
+            return Err(format!("guess_sd = {}: give 1e-4 to 2", self.guess_sd));
         }
         if (0.0..=1.0).contains(&self.certainty) {
             Ok(())
