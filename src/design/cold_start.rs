@@ -5,11 +5,13 @@
 
 use super::detector::ring_of;
 use super::train::examples;
-use super::{Design, DesignError, HealthyModel, IsolateSettings, TrainingSet};
+use super::{Design, DesignError, FaultClass, HealthyModel, IsolateSettings, TrainingSet};
+use crate::fault;
 use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
 use crate::isolate::fault_curve::Healthy;
 use crate::isolate::fault_physics::{FaultPhysics, Look};
+use crate::isolate::physics_density::SeenSizes;
 use crate::model::ring_fit::{Columns, RingFitter};
 use crate::model::{Actuation, InkChannel, faults};
 use nalgebra::Vector4;
@@ -60,7 +62,7 @@ pub(super) fn physics(
             continue;
         }
         for (model, signals) in design.with_models(printheads) {
-            looks.extend(sized(class, model, &first(signals, MOST_LOOKS))?);
+            looks.extend(looks_of(class, model, &first(signals, MOST_LOOKS))?);
         }
     }
     if !looks.is_empty() {
@@ -70,23 +72,71 @@ pub(super) fn physics(
             physics = before;
         }
     }
+    learn_sizes(&mut physics, &looks, sampling);
     Ok(Some(physics))
+}
+
+/// The sizes of the labelled signals; where the label gives none, as they are estimated.
+fn learn_sizes(physics: &mut FaultPhysics, looks: &[Look], (dt_s, samples): (f64, usize)) {
+    let mut by_class: BTreeMap<&str, Vec<&Look>> = BTreeMap::new();
+    looks.iter().for_each(|look| by_class.entry(&look.class).or_default().push(look));
+    let names: Vec<String> = by_class.keys().map(|name| name.to_string()).collect();
+    let curves = physics.curves(&names, true, dt_s, samples);
+    for (k, (name, looks)) in by_class.into_iter().enumerate() {
+        let mut only = vec![0.0; names.len()];
+        only[k] = 1.0;
+        let size = |look: &&Look| match look.severity.is_finite() {
+            true => Some(look.severity),
+            false => curves
+                .severity(k, look.features.as_slice(), look.drive, &only)
+                .map(|severity| severity.value),
+        };
+        let sizes = SeenSizes::new(looks.iter().filter_map(size).collect());
+        physics.seen.insert(name.into(), sizes);
+    }
+}
+
+/// The thesis's classes that were not labelled, each as the middle of its severities looks.
+pub(super) fn add_classes(design: &mut Design) {
+    let Some(physics) = &design.physics else { return };
+    let sampling = (design.sample_period_s, design.samples);
+    for name in fault::CLASSES {
+        if design.classes.iter().any(|class| class.name == name) {
+            continue;
+        }
+        let middle = || -> Option<f64> {
+            let [low, high] = faults::severity_range(name)?;
+            faults::severity_at(
+                name,
+                (faults::scale(name, low)? + faults::scale(name, high)?) / 2.0,
+            )
+        };
+        let deviation = middle().and_then(|s| physics.deviation(name, s, sampling));
+        if let Some(deviation) = deviation {
+            design.classes.push(FaultClass {
+                name: name.into(),
+                category: fault::category(name).into(),
+                n_signals: 0,
+                deviation,
+                model: None,
+                examples: Vec::new(),
+            });
+        }
+    }
 }
 
 fn first(set: &SignalSet, most: usize) -> SignalSet {
     set.select(&(0..set.len().min(most)).collect::<Vec<_>>())
 }
 
-/// The signals whose severity is labelled, fitted.
-fn sized(class: &str, model: &HealthyModel, set: &SignalSet) -> Result<Vec<Look>, DesignError> {
-    let known: Vec<usize> = (0..set.len()).filter(|&i| set.severity[i].is_finite()).collect();
-    let set = set.select(&known);
+/// A class's labelled signals, fitted; NaN where the severity is not labelled.
+fn looks_of(class: &str, model: &HealthyModel, set: &SignalSet) -> Result<Vec<Look>, DesignError> {
     let fitter =
         RingFitter::new(ring_of(&model.identification)?, model.generator.dt_s, set.samples);
-    let mut looks_of: BTreeMap<u32, f64> = BTreeMap::new();
-    set.channel.iter().for_each(|&c| *looks_of.entry(c).or_default() += 1.0);
+    let mut of_channel: BTreeMap<u32, f64> = BTreeMap::new();
+    set.channel.iter().for_each(|&c| *of_channel.entry(c).or_default() += 1.0);
     let (mut looks, mut columns, mut i) = (Vec::new(), Columns::default(), 0);
-    model.each_deviation(&set, |deviation, drive| {
+    model.each_deviation(set, |deviation, drive| {
         let signal: Vec<f64> =
             model.expected.iter().zip(deviation).map(|(e, d)| e + d / drive).collect();
         if let Some(fit) = fitter.fit(&signal, true, &mut columns) {
@@ -95,7 +145,7 @@ fn sized(class: &str, model: &HealthyModel, set: &SignalSet) -> Result<Vec<Look>
                 severity: set.severity[i],
                 features: Vector4::from(fit.features.coordinates()),
                 drive,
-                weight: 1.0 / looks_of[&set.channel[i]],
+                weight: 1.0 / of_channel[&set.channel[i]],
             });
         }
         i += 1;

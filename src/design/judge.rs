@@ -6,8 +6,9 @@ use crate::burst::Burst;
 use crate::detect::kernel::LaneFilter;
 use crate::identify::reservoir::relative_drive;
 use crate::isolate::neighbours::Neighbours;
+use crate::isolate::physics_density::FaultCurves;
 use crate::isolate::posterior::Posterior;
-use crate::isolate::severity::{Severities, Severity};
+use crate::isolate::severity::Severity;
 use crate::isolate::{
     Decision, DecisionRule, IsolateMethod, IsolateSignal, MAX_CLASSES, SignatureMatrix, Simplex,
     model_matching,
@@ -35,7 +36,7 @@ struct Isolating {
     signal: IsolateSignal,
     rule: DecisionRule,
     /// With `isolate.method` = `posterior`.
-    severities: Option<Arc<Severities>>,
+    curves: Option<Arc<FaultCurves>>,
 }
 
 /// `isolate.method`, ready for this model.
@@ -70,6 +71,8 @@ pub struct Workspace {
     pub weights: Vec<f64>,
     /// Of the signal last isolated, if its category was named.
     pub severity: Option<Severity>,
+    /// ln densities per class by the physics.
+    physics: Vec<f64>,
 }
 
 impl Judge {
@@ -87,8 +90,8 @@ impl Judge {
                 isolator: Isolator::new(&model, design, settings)?,
                 signal: settings.signal,
                 rule: DecisionRule::new(&design.class_names(), settings.certainty)?,
-                severities: match settings.method {
-                    IsolateMethod::Posterior => design.severities(),
+                curves: match settings.method {
+                    IsolateMethod::Posterior => design.curves(),
                     _ => None,
                 },
             }),
@@ -148,8 +151,8 @@ impl Judge {
         work: &mut Workspace,
     ) -> Option<Isolation> {
         work.severity = None;
-        let Isolating { isolator, signal, rule, severities } = self.isolating.as_ref()?;
-        let Workspace { residual, projection, weights, columns, severity, .. } = work;
+        let Isolating { isolator, signal, rule, curves } = self.isolating.as_ref()?;
+        let Workspace { residual, projection, weights, columns, severity, physics, .. } = work;
         let classes = rule.category_of.len();
         weights.clear();
         weights.resize(classes, 0.0);
@@ -172,15 +175,22 @@ impl Judge {
                 let fit = fitter.fit(residual, posterior.phase, columns)?;
                 let features = fit.features.coordinates();
                 let features = &features[..posterior.coordinates()];
-                posterior.weigh(features, weights);
+                physics.clear();
+                let from_curves = match curves {
+                    Some(curves) if posterior.mixes() => {
+                        curves.ln_densities(features, drive, physics)
+                    }
+                    _ => f64::INFINITY,
+                };
+                posterior.weigh(features, physics, weights);
                 let decision = rule.decide(weights);
-                let sized = severities.as_ref().zip(rule.sized(&decision, weights));
-                *severity = sized.and_then(|(of, class)| of.estimate(class, features, drive));
+                let sized = curves.as_ref().zip(rule.sized(&decision, weights));
+                *severity = sized.and_then(|(of, k)| of.severity(k, features, drive, weights));
                 let noise = self.model.noise / drive;
                 let size: f64 = residual.iter().map(|y| y * y).sum();
                 let rings_otherwise = fit.misfit
                     > NO_RING * noise * noise * residual.len() as f64 + MODEL_ERROR * size;
-                return Some(match posterior.fits_none(features) && rings_otherwise {
+                return Some(match posterior.fits_none(features, from_curves) && rings_otherwise {
                     true => decision.of_unknown_fault(),
                     false => decision,
                 });

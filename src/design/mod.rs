@@ -23,8 +23,8 @@ pub use train::TrainingSet;
 
 use crate::fault;
 use crate::isolate::fault_physics::FaultPhysics;
+use crate::isolate::physics_density::FaultCurves;
 use crate::isolate::posterior::Posterior;
-use crate::isolate::severity::Severities;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::sync::{Arc, OnceLock};
@@ -62,7 +62,7 @@ pub struct Design {
     pub physics: Option<FaultPhysics>,
     /// Made of `physics` when first asked for.
     #[serde(skip)]
-    severities: OnceLock<Arc<Severities>>,
+    curves: OnceLock<Arc<FaultCurves>>,
 }
 
 #[derive(Debug, Error)]
@@ -140,18 +140,12 @@ impl Design {
         same_period(self.sample_period_s, sample_period_s) && self.samples == samples
     }
 
-    /// How severities are told; made once, shared by all models.
-    fn severities(&self) -> Option<Arc<Severities>> {
+    /// The classes' curves by the physics; made once, shared by all models.
+    fn curves(&self) -> Option<Arc<FaultCurves>> {
         let (physics, posterior) = (self.physics.as_ref()?, self.posterior.as_ref()?);
-        let make = || {
-            Arc::new(physics.curves(
-                &self.class_names(),
-                posterior.phase,
-                self.sample_period_s,
-                self.samples,
-            ))
-        };
-        Some(self.severities.get_or_init(make).clone())
+        let (dt_s, names) = (self.sample_period_s, self.class_names());
+        let make = || Arc::new(physics.curves(&names, posterior.phase, dt_s, self.samples));
+        Some(self.curves.get_or_init(make).clone())
     }
 
     pub fn class_names(&self) -> Vec<String> {

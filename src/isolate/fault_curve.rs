@@ -9,6 +9,7 @@
 //! healthy real pole) is in the curve. Channels differ by small relative changes of their rates and
 //! gain; what these do at each severity is the slope of the same fit.
 
+use super::class_density::TOLERANCE;
 use crate::model::ring_down::{Poles, ring_down_into};
 use crate::model::ring_fit::{Columns, Features, RingFitter};
 use crate::model::{Actuation, InkChannel, faults};
@@ -160,6 +161,15 @@ impl<'a> Bench<'a> {
         Some((found, slope))
     }
 
+    /// A channel's decay as the believed actuation and gain leave it, counts.
+    pub fn decay(&self, channel: &InkChannel) -> Option<Vec<f64>> {
+        let Reference { actuation, origin } = self.references[0];
+        let x_a = actuation.acquisition_state(channel, (-origin[0]).exp());
+        let mut decay = vec![0.0; self.decay.len()];
+        ring_down_into(channel, &x_a, self.dt_s, &mut decay);
+        decay.iter().all(|y| y.is_finite()).then_some(decay)
+    }
+
     /// How healthy features move with a channel's own changes, the phase free.
     pub fn healthy_slope(&self) -> &Slope {
         &self.healthy_slope
@@ -219,6 +229,9 @@ pub fn padded(covariance: &DMatrix<f64>) -> Matrix4<f64> {
     })
 }
 
+/// ln (2 pi)^2; a held phase has a density of its own there, the same for all.
+const LN_TAU_SQUARED: f64 = 3.675_754_132_818_691;
+
 /// A place on the curve, ready to be compared with a signal.
 #[derive(Clone, Debug)]
 pub struct Node {
@@ -235,7 +248,7 @@ pub struct Node {
 }
 
 impl Node {
-    /// ln of the density of features at a drive, given this severity; without 2 pi.
+    /// ln of the density of features at a drive, given this severity.
     pub fn ln_density(&self, x: &Vector4<f64>, drive: f64) -> f64 {
         let u = self.to_axes * turned(x - self.mean);
         let noise = 1.0 / (drive * drive);
@@ -245,7 +258,17 @@ impl Node {
             square += u[j] * u[j] / variance;
             product *= variance;
         }
-        self.ln_determinant - 0.5 * (square + product.ln())
+        self.ln_determinant - 0.5 * (square + product.ln()) - LN_TAU_SQUARED
+    }
+
+    /// Squared distance of features from here, in units of what scatters them and of [`TOLERANCE`].
+    pub fn distance(&self, x: &Vector4<f64>, drive: f64) -> f64 {
+        let u = self.to_axes * turned(x - self.mean);
+        let elsewhere = |j: usize| -> f64 {
+            (0..4).map(|k| (self.to_axes[(j, k)] * TOLERANCE[k]).powi(2)).sum()
+        };
+        let noise = 1.0 / (drive * drive);
+        (0..4).map(|j| u[j] * u[j] / (self.spread[j] + noise + elsewhere(j))).sum()
     }
 }
 

@@ -10,12 +10,13 @@
 //! on the features, Student weights against wrong labels).
 
 use super::fault_curve::{Bench, CHANGES, FaultCurve, Healthy, Scatter, Slope, padded, turned};
-use super::severity::Severities;
+use super::physics_density::{FaultCurves, SeenSizes};
 use crate::model::ring::Ring;
 use crate::model::ring_fit::RingFitter;
 use crate::model::{Actuation, InkChannel, faults};
 use nalgebra::{DMatrix, Matrix4, SMatrix, SVector, Vector4};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 type Square = SMatrix<f64, CHANGES, CHANGES>;
 
@@ -32,6 +33,8 @@ pub struct FaultPhysics {
     pub noise: f64,
     /// Standard deviations of healthy channels: ln a, ln b, ln g, ln d, ln gain.
     pub spread: [f64; CHANGES],
+    /// Severities of the labelled signals of a class.
+    pub seen: BTreeMap<String, SeenSizes>,
 }
 
 /// A labelled signal of known severity.
@@ -70,6 +73,7 @@ impl FaultPhysics {
             ring,
             noise,
             spread: [0.0; CHANGES],
+            seen: BTreeMap::new(),
         };
         let prior = Prior::new(guess, guess_sd)?;
         for _ in 0..2 * ROUNDS {
@@ -106,7 +110,7 @@ impl FaultPhysics {
         for _ in 0..ROUNDS {
             let mut bench = Bench::new(&fitter, self.healthy(), true, self.noise, dt_s, samples)?;
             let (mut information, mut gradient) = (Square::zeros(), SVector::zeros());
-            for look in looks {
+            for look in looks.iter().filter(|look| look.severity.is_finite()) {
                 let place = faults::scale(&look.class, look.severity);
                 let Some(point) = place.and_then(|at| bench.point(&look.class, at)) else {
                     continue;
@@ -187,7 +191,8 @@ impl FaultPhysics {
         let spread = self.spread.iter().all(|sd| (0.0..=1.0).contains(sd));
         let Actuation { pulse_s, delay_s } = self.actuation;
         let pulse = (1e-10..=1e-1).contains(&pulse_s) && (0.0..=1e-2).contains(&delay_s);
-        match positive && finite && spread && pulse {
+        let seen = self.seen.values().all(|s| s.severities.iter().all(|s| s.is_finite()));
+        match positive && finite && spread && pulse && seen {
             true => Ok(()),
             false => Err("`physics` could not have been learned; train again".into()),
         }
@@ -202,31 +207,50 @@ impl FaultPhysics {
     }
 
     /// Curves of `classes`. `phase`: it is a feature.
-    pub fn curves(&self, classes: &[String], phase: bool, dt_s: f64, samples: usize) -> Severities {
+    pub fn curves(
+        &self,
+        classes: &[String],
+        phase: bool,
+        dt_s: f64,
+        samples: usize,
+    ) -> FaultCurves {
         let coordinates = if phase { 4 } else { 3 };
-        let mut severities =
-            Severities { curve_of: vec![None; classes.len()], curves: Vec::new(), coordinates };
+        let mut curves = FaultCurves::new(classes.len(), coordinates);
         let fitter = RingFitter::new(self.ring, dt_s, samples);
         let bench = Bench::new(&fitter, self.healthy(), phase, self.noise, dt_s, samples);
-        let Some(mut bench) = bench else { return severities };
+        let Some(mut bench) = bench else { return curves };
         let belief = Square::from_fn(|i, j| self.belief[i][j]);
         let scatter = Scatter { channels: self.channels(), belief };
         let mut kinds: Vec<(&str, Option<usize>)> = Vec::new();
-        for (class, curve_of) in classes.iter().zip(&mut severities.curve_of) {
+        for (k, class) in classes.iter().enumerate() {
             let Some(kind) = faults::change(class) else { continue };
-            if let Some((_, known)) = kinds.iter().find(|(k, _)| *k == kind) {
-                *curve_of = *known;
-                continue;
+            let known = kinds.iter().find(|(of, _)| *of == kind).map(|(_, curve)| *curve);
+            let number = known.unwrap_or_else(|| {
+                let curve = faults::largest(class)
+                    .and_then(|most| FaultCurve::new(&mut bench, class, most, &scatter));
+                let number = curve.map(|curve| curves.add(curve));
+                kinds.push((kind, number));
+                number
+            });
+            if let Some(number) = number {
+                curves.set(k, class, number, self.seen.get(class));
             }
-            let curve = faults::largest(class)
-                .and_then(|most| FaultCurve::new(&mut bench, class, most, &scatter));
-            if let Some(curve) = curve {
-                *curve_of = Some(severities.curves.len());
-                severities.curves.push(curve);
-            }
-            kinds.push((kind, *curve_of));
         }
-        severities
+        curves
+    }
+
+    /// What a fault of this severity adds to the healthy signal, counts. `None`: it does not ring.
+    pub fn deviation(
+        &self,
+        class: &str,
+        severity: f64,
+        (dt_s, samples): Sampling,
+    ) -> Option<Vec<f64>> {
+        let fitter = RingFitter::new(self.ring, dt_s, samples);
+        let bench = Bench::new(&fitter, self.healthy(), true, self.noise, dt_s, samples)?;
+        let healthy = bench.decay(&self.channel)?;
+        let faulty = bench.decay(&faults::apply(class, severity, &self.channel)?)?;
+        Some(faulty.iter().zip(&healthy).map(|(f, h)| f - h).collect())
     }
 }
 

@@ -9,6 +9,7 @@ pub mod fault_curve;
 pub mod fault_physics;
 pub mod model_matching;
 pub mod neighbours;
+pub mod physics_density;
 pub mod posterior;
 pub mod residual_matching;
 mod settings;

@@ -39,6 +39,8 @@ pub struct IsolateSettings {
     pub gate: bool,
     /// Least weight of the named class (or category).
     pub certainty: f64,
+    /// Know the thesis's fault classes by the physics where no signal is labelled.
+    pub unlabelled_classes: bool,
     /// Width of the actuation pulse, s: what the state at t_a comes from, for severities and for
     /// classes without labelled signals.
     pub pulse_s: f64,
@@ -56,6 +58,7 @@ impl Default for IsolateSettings {
             neighbours: 1,
             gate: true,
             certainty: 0.8,
+            unlabelled_classes: true,
             pulse_s: 9e-6,
             delay_s: 6e-6,
             guess_sd: 0.05,

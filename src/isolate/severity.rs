@@ -1,12 +1,11 @@
 //! How bad a named fault is.
 //!
-//! In: the features of a signal's fitted ring, the class that was named. Out: the mean and the
-//! standard deviation of the severity's posterior, from the physics of that kind of fault
-//! ([`super::fault_curve`]): every severity from none to the largest is as likely beforehand, whatever
-//! the class's name says of size. thesis §2-2, chapter 5 (fault estimation).
+//! In: the features of a signal's fitted ring, the posterior of the classes. Out: mean and standard
+//! deviation of the severity's posterior, from the physics of that kind of fault
+//! ([`super::fault_curve`]). Beforehand severities are as likely as in the class's labelled signals; a
+//! part of the belief stays on every size of that kind. thesis §2-2, chapter 5 (fault estimation).
 
-use super::fault_curve::FaultCurve;
-use nalgebra::Vector4;
+use super::physics_density::FaultCurves;
 
 /// A severity in the contract's unit, with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,40 +14,46 @@ pub struct Severity {
     pub sd: f64,
 }
 
-/// Curves of the design's classes.
-#[derive(Clone, Debug)]
-pub struct Severities {
-    /// Per class its kind's curve; `None`: a user's own class, or a kind that does not ring.
-    pub(super) curve_of: Vec<Option<usize>>,
-    pub(super) curves: Vec<FaultCurve>,
-    pub(super) coordinates: usize,
-}
-
-impl Severities {
-    /// Of a fault of `class` with these features, at a drive. `None`: the physics knows no such
-    /// class.
-    pub fn estimate(&self, class: usize, features: &[f64], drive: f64) -> Option<Severity> {
-        let curve = &self.curves[(*self.curve_of.get(class)?)?];
-        let mut x = Vector4::zeros();
-        x.iter_mut().zip(&features[..self.coordinates]).for_each(|(x, f)| *x = *f);
-        let (mut most, mut sum, mut first, mut second) = (f64::NEG_INFINITY, 0.0, 0.0, 0.0);
-        for node in &curve.nodes {
-            let ln = node.ln_density(&x, drive) + node.length.ln();
-            if ln > most {
-                // scale what was summed to the new largest
-                let factor = (most - ln).exp();
-                (sum, first, second) = (sum * factor, first * factor, second * factor);
-                most = ln;
+impl FaultCurves {
+    /// Of a fault of the kind of `class` with these features, at a drive. `weights`: the posterior of
+    /// the classes; those of the same kind add up. `None`: the physics knows no such class.
+    pub fn severity(
+        &self,
+        class: usize,
+        features: &[f64],
+        drive: f64,
+        weights: &[f64],
+    ) -> Option<Severity> {
+        let of = self.class(class)?.curve;
+        let alike: Vec<(usize, f64)> = (0..weights.len())
+            .filter(|&k| weights[k] > 1e-3 && self.class(k).is_some_and(|c| c.curve == of))
+            .map(|k| (k, weights[k]))
+            .collect();
+        let x = self.vector(features);
+        let (mut value, mut square, mut total) = (0.0, 0.0, 0.0);
+        for (k, weight) in alike {
+            let sizes = self.class(k)?;
+            let (mut most, mut sum) = (f64::NEG_INFINITY, [0.0; 3]);
+            for (node, ln_share) in self.nodes(of).iter().zip(&sizes.ln_share) {
+                let ln = node.ln_density(&x, drive) + ln_share;
+                if ln > most {
+                    // what was summed is relative to the largest
+                    sum = sum.map(|s: f64| s * (most - ln).exp());
+                    most = ln;
+                }
+                if ln > most - 40.0 {
+                    let w = (ln - most).exp();
+                    sum[0] += w;
+                    sum[1] += w * node.severity;
+                    sum[2] += w * node.severity * node.severity;
+                }
             }
-            if ln > most - 40.0 {
-                let w = (ln - most).exp();
-                sum += w;
-                first += w * node.severity;
-                second += w * node.severity * node.severity;
-            }
+            value += weight * sum[1] / sum[0];
+            square += weight * sum[2] / sum[0];
+            total += weight;
         }
-        let value = first / sum;
-        let variance = (second / sum - value * value).max(0.0);
+        let value = value / total;
+        let variance = (square / total - value * value).max(0.0);
         value.is_finite().then_some(Severity { value, sd: variance.sqrt() })
     }
 }
