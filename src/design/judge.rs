@@ -6,12 +6,15 @@ use super::{Design, DesignError, FaultModel, HealthyModel, IsolateSettings};
 use crate::burst::Burst;
 use crate::identify::reservoir::relative_drive;
 use crate::isolate::neighbours::Neighbours;
+use crate::isolate::physics_density::FaultCurves;
 use crate::isolate::posterior::Posterior;
+use crate::isolate::severity::Severity;
 use crate::isolate::{
     Decision, DecisionRule, IsolateMethod, IsolateSignal, MAX_CLASSES, SignatureMatrix, Simplex,
     model_matching,
 };
 use crate::model::ring_fit::{Products, RingFitter};
+use std::sync::Arc;
 
 /// Judges signals by one model. Built once per model, shared by all workers.
 #[derive(Debug)]
@@ -32,6 +35,8 @@ struct Isolating {
     isolator: Isolator,
     signal: IsolateSignal,
     rule: DecisionRule,
+    /// With `isolate.method` = `posterior`.
+    curves: Option<Arc<FaultCurves>>,
 }
 
 /// `isolate.method`, ready for this model.
@@ -67,6 +72,10 @@ pub struct Workspace {
     /// ln of damping and of frequency over the healthy model's, of the ring last fitted by the
     /// posterior, at the model's drive and temperature; `None`: none was fitted.
     pub ring: Option<[f64; 2]>,
+    /// Of the signal last isolated, if its category was named.
+    pub severity: Option<Severity>,
+    /// ln densities per class by the physics.
+    physics: Vec<f64>,
 }
 
 impl Judge {
@@ -84,6 +93,10 @@ impl Judge {
                 isolator: Isolator::new(&model, design, settings)?,
                 signal: settings.signal,
                 rule: DecisionRule::new(&design.class_names(), settings.certainty)?,
+                curves: match settings.method {
+                    IsolateMethod::Posterior => design.curves(),
+                    _ => None,
+                },
             }),
             _ => None,
         };
@@ -136,8 +149,10 @@ impl Judge {
         drive: f64,
         work: &mut Workspace,
     ) -> Option<Isolation> {
-        let Isolating { isolator, signal, rule } = self.isolating.as_ref()?;
-        let Workspace { residual, projection, weights, products, ring, .. } = work;
+        work.severity = None;
+        let Isolating { isolator, signal, rule, curves } = self.isolating.as_ref()?;
+        let Workspace { residual, projection, weights, products, ring, severity, physics, .. } =
+            work;
         *ring = None;
         let classes = rule.category_of.len();
         weights.clear();
@@ -162,13 +177,22 @@ impl Judge {
                 *ring = Some([fit.features.ln_damping, fit.features.ln_frequency]);
                 let features = fit.features.coordinates();
                 let features = &features[..posterior.coordinates()];
-                posterior.weigh(features, priors, weights);
+                physics.clear();
+                let from_curves = match curves {
+                    Some(curves) if posterior.mixes() => {
+                        curves.ln_densities(features, drive, physics)
+                    }
+                    _ => f64::INFINITY,
+                };
+                posterior.weigh(features, physics, priors, weights);
                 let decision = rule.decide(weights);
+                let sized = curves.as_ref().zip(rule.sized(&decision, weights));
+                *severity = sized.and_then(|(of, k)| of.severity(k, features, drive, weights));
                 let noise = self.model.noise / drive;
                 let size: f64 = residual.iter().map(|y| y * y).sum();
                 let rings_otherwise = fit.misfit
                     > NO_RING * noise * noise * residual.len() as f64 + MODEL_ERROR * size;
-                return Some(match posterior.fits_none(features) && rings_otherwise {
+                return Some(match posterior.fits_none(features, from_curves) && rings_otherwise {
                     true => decision.of_unknown_fault(),
                     false => decision,
                 });

@@ -4,6 +4,7 @@
 //! models with filter and threshold, and fault classes as mean deviations from them. Rooms
 //! `identify`, `detect` and `isolate` meet here and nowhere else. Immutable once made.
 
+mod cold_start;
 mod detector;
 mod fault_class;
 mod fd_filter;
@@ -14,6 +15,7 @@ mod train;
 
 pub use crate::detect::DetectSettings;
 pub use crate::isolate::IsolateSettings;
+pub use crate::isolate::severity::Severity;
 pub use fault_class::{FaultClass, FaultModel};
 pub use fd_filter::LearnedFilter;
 pub use healthy_model::{HealthyModel, LearnSettings};
@@ -22,9 +24,12 @@ pub use lanes::Lanes;
 pub use train::TrainingSet;
 
 use crate::fault;
+use crate::isolate::fault_physics::FaultPhysics;
+use crate::isolate::physics_density::FaultCurves;
 use crate::isolate::posterior::Posterior;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
+use std::sync::{Arc, OnceLock};
 use thiserror::Error;
 
 /// Version of the design file; a breaking change needs a new number.
@@ -54,6 +59,12 @@ pub struct Design {
     /// Class densities of a fitted ring's features, for `isolate.method` = `posterior`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub posterior: Option<Posterior>,
+    /// What faults do by the physics, for severities and classes without labelled signals.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub physics: Option<FaultPhysics>,
+    /// Made of `physics` when first asked for.
+    #[serde(skip)]
+    curves: OnceLock<Arc<FaultCurves>>,
 }
 
 #[derive(Debug, Error)]
@@ -115,6 +126,9 @@ impl Design {
         if let Some(posterior) = &self.posterior {
             posterior.check(self.classes.len()).map_err(DesignError::Invalid)?;
         }
+        if let Some(physics) = &self.physics {
+            physics.check().map_err(DesignError::Invalid)?;
+        }
         self.models.iter().chain([&self.pooled]).try_for_each(|model| model.check(self))
     }
 
@@ -126,6 +140,14 @@ impl Design {
     /// Whether signals of that sampling can be judged by this design.
     pub fn fits(&self, sample_period_s: f64, samples: usize) -> bool {
         same_period(self.sample_period_s, sample_period_s) && self.samples == samples
+    }
+
+    /// The classes' curves by the physics; made once, shared by all models.
+    fn curves(&self) -> Option<Arc<FaultCurves>> {
+        let (physics, posterior) = (self.physics.as_ref()?, self.posterior.as_ref()?);
+        let (dt_s, names) = (self.sample_period_s, self.class_names());
+        let make = || Arc::new(physics.curves(&names, posterior.phase, dt_s, self.samples));
+        Some(self.curves.get_or_init(make).clone())
     }
 
     pub fn class_names(&self) -> Vec<String> {

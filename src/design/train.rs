@@ -3,7 +3,7 @@
 use super::detector::ring_of;
 use super::{
     Design, DesignError, DetectSettings, FaultClass, HealthyModel, IsolateSettings, LearnSettings,
-    LearnedFilter, VERSION,
+    LearnedFilter, VERSION, cold_start,
 };
 use crate::detect::Denominator;
 use crate::identify::GreyBoxSettings;
@@ -12,6 +12,7 @@ use crate::isolate::IsolateMethod;
 use crate::isolate::posterior::{Examples, Posterior};
 use crate::model::ring_fit::{Features, Products, RingFitter};
 use std::collections::BTreeMap;
+use std::sync::OnceLock;
 
 /// Labelled signals of one sampling, by printhead; drives relative to `drive_voltage_v`.
 #[derive(Debug, Default)]
@@ -69,6 +70,12 @@ impl Design {
             classes.push(class);
         }
         design.classes = classes;
+        if isolate.method == IsolateMethod::Posterior {
+            design.physics = cold_start::physics(&design, set, grey_box, isolate)?;
+            if isolate.unlabelled_classes {
+                cold_start::add_classes(&mut design);
+            }
+        }
         in_table_order(&mut design.classes);
         if !design.classes.is_empty() {
             design.posterior = learn_posterior(&design, set)?;
@@ -112,12 +119,14 @@ impl Design {
             pooled,
             classes: Vec::new(),
             posterior: None,
+            physics: None,
+            curves: OnceLock::new(),
         };
         Ok((design, warnings))
     }
 
     /// Each printhead's signals with the model that judges it.
-    fn with_models<'a>(
+    pub(super) fn with_models<'a>(
         &'a self,
         printheads: &'a BTreeMap<String, SignalSet>,
     ) -> Vec<(&'a HealthyModel, &'a SignalSet)> {
@@ -149,23 +158,44 @@ fn learned_filter(
     LearnedFilter::learn((&design.pooled, &healthy), &class, &sets, settings)
 }
 
-/// Class densities from a ring fitted to every labelled signal, the phase held and free.
+/// Class densities from a ring fitted to every labelled signal, the phase held and free, and from
+/// the physics as far as it predicts them.
 fn learn_posterior(design: &Design, set: &TrainingSet) -> Result<Option<Posterior>, DesignError> {
     let (mut held, mut free) = (Vec::new(), Vec::new());
     for class in &design.classes {
-        let Some(printheads) = set.faulty.get(&class.name) else { return Ok(None) };
-        let sets = design.with_models(printheads);
-        let (Some(h), Some(f)) = (examples(&sets, false)?, examples(&sets, true)?) else {
-            return Ok(None);
-        };
-        held.push(h);
-        free.push(f);
+        let sets = set.faulty.get(&class.name).map(|sets| design.with_models(sets));
+        let sets = sets.unwrap_or_default();
+        held.push(examples(&sets, false)?);
+        free.push(examples(&sets, true)?);
     }
-    Ok(Posterior::learn(&held, &free))
+    let all = |some: &[Option<Examples>]| some.iter().cloned().collect::<Option<Vec<_>>>();
+    let learned =
+        all(&held).zip(all(&free)).and_then(|(held, free)| Posterior::learn(&held, &free));
+    let Some(physics) = &design.physics else { return Ok(learned) };
+    // what the phase tells of an unlabelled class, the physics knows
+    let phase = learned.as_ref().is_none_or(|posterior| posterior.phase);
+    let examples = if phase { free } else { held };
+    let curves =
+        physics.curves(&design.class_names(), phase, design.sample_period_s, design.samples);
+    let known: Vec<bool> = (0..examples.len()).map(|k| curves.class(k).is_some()).collect();
+    let by_physics: Vec<Vec<Vec<f64>>> = examples
+        .iter()
+        .map(|class| {
+            let features = class.iter().flat_map(|class| &class.features);
+            features
+                .map(|x| {
+                    let mut ln = Vec::new();
+                    curves.ln_densities(x, 1.0, &mut ln);
+                    ln
+                })
+                .collect()
+        })
+        .collect();
+    Ok(Posterior::stack(phase, &examples, &by_physics, &known).or(learned))
 }
 
 /// Features of a class's signals and the noise of a fit at their mean.
-fn examples(
+pub(super) fn examples(
     sets: &[(&HealthyModel, &SignalSet)],
     phase: bool,
 ) -> Result<Option<Examples>, DesignError> {

@@ -19,6 +19,8 @@ pub struct SignalSet {
     pub drive: Vec<f64>,
     /// °C; NaN where it was not recorded.
     pub temperature_c: Vec<f64>,
+    /// Of the label; NaN where it gives none.
+    pub severity: Vec<f64>,
 }
 
 impl SignalSet {
@@ -45,6 +47,14 @@ impl SignalSet {
         self.channel.push(channel);
         self.drive.push(drive);
         self.temperature_c.push(temperature_c);
+        self.severity.push(f64::NAN);
+    }
+
+    /// Says how bad the fault of the signal last pushed is.
+    pub fn set_severity(&mut self, severity: f64) {
+        if let Some(last) = self.severity.last_mut() {
+            *last = severity;
+        }
     }
 
     /// The signals whose index `keep` names, in that order.
@@ -52,6 +62,7 @@ impl SignalSet {
         let mut chosen = SignalSet::new(self.samples);
         for &i in keep {
             chosen.push(self.signal(i), self.channel[i], self.drive[i], self.temperature_c[i]);
+            chosen.set_severity(self.severity[i]);
         }
         chosen
     }

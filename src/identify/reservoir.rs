@@ -20,6 +20,8 @@ pub struct Reservoir {
     channel: Vec<u32>,
     voltage_v: Vec<f64>,
     temperature_c: Vec<f64>,
+    /// Of the label; NaN where it gives none.
+    severity: Vec<f64>,
     /// Signals offered, kept or not.
     pub offered: u64,
 }
@@ -34,6 +36,7 @@ impl Reservoir {
             channel: Vec::new(),
             voltage_v: Vec::new(),
             temperature_c: Vec::new(),
+            severity: Vec::new(),
             offered: 0,
         }
     }
@@ -46,6 +49,18 @@ impl Reservoir {
         signal: &[f64],
         voltage_v: f64,
         temperature_c: f64,
+    ) {
+        self.offer_sized(t_acq_ns, channel, signal, (voltage_v, temperature_c), f64::NAN);
+    }
+
+    /// The same with the severity of its label.
+    pub fn offer_sized(
+        &mut self,
+        t_acq_ns: i64,
+        channel: u32,
+        signal: &[f64],
+        (voltage_v, temperature_c): (f64, f64),
+        severity: f64,
     ) {
         self.offered += 1;
         let mut key = [0; 12];
@@ -68,6 +83,7 @@ impl Reservoir {
             self.channel.push(channel);
             self.voltage_v.push(voltage_v);
             self.temperature_c.push(temperature_c);
+            self.severity.push(severity);
             self.channel.len() - 1
         } else {
             match self.heap.peek() {
@@ -79,6 +95,7 @@ impl Reservoir {
             self.channel[slot] = channel;
             self.voltage_v[slot] = voltage_v;
             self.temperature_c[slot] = temperature_c;
+            self.severity[slot] = severity;
             slot
         };
         self.heap.push((rank, slot));
@@ -109,6 +126,7 @@ impl Reservoir {
             let signal = &self.data[slot * self.samples..(slot + 1) * self.samples];
             let drive = relative_drive(self.voltage_v[slot], reference_v);
             set.push(signal, self.channel[slot], drive, self.temperature_c[slot]);
+            set.set_severity(self.severity[slot]);
         }
         set
     }

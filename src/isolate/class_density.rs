@@ -152,7 +152,7 @@ impl Axis {
 
 /// How far a class may lie elsewhere on another printhead or at another temperature (ln amplitude, ln
 /// damping, ln frequency, phase in rad): an unknown fault must be further away than that.
-const TOLERANCE: [f64; 4] = [0.1, 0.15, 0.02, 0.1];
+pub(super) const TOLERANCE: [f64; 4] = [0.1, 0.15, 0.02, 0.1];
 
 const SQRT_TAU: f64 = 2.506_628_274_631_000_7;
 

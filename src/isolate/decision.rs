@@ -75,6 +75,17 @@ impl DecisionRule {
         Ok(DecisionRule { categories, category_of, certainty })
     }
 
+    /// The class whose severity a decision speaks of: the named one, else the best of the named
+    /// category; `None`: nothing is named.
+    pub fn sized(&self, decision: &Decision, weights: &[f64]) -> Option<usize> {
+        let category = decision.category?;
+        let of_category = |k: &usize| self.category_of[*k] == category;
+        let best = (0..self.category_of.len())
+            .filter(of_category)
+            .max_by(|&i, &j| weights[i].total_cmp(&weights[j]));
+        decision.fault.map(usize::from).or(best)
+    }
+
     /// `weights`: one per class. The first of equals wins. Weights that are no numbers: nothing said.
     pub fn decide(&self, weights: &[f64]) -> Decision {
         let nothing = Decision {

@@ -5,11 +5,15 @@
 
 pub mod class_density;
 pub mod decision;
+pub mod fault_curve;
+pub mod fault_physics;
 pub mod model_matching;
 pub mod neighbours;
+pub mod physics_density;
 pub mod posterior;
 pub mod residual_matching;
 mod settings;
+pub mod severity;
 pub mod signatures;
 
 pub use decision::{Decision, DecisionRule};

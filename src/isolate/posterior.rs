@@ -25,7 +25,11 @@ pub struct Posterior {
     pub temperature: f64,
     /// Squared distance from every class beyond which a signal fits none.
     pub reach: f64,
-    pub classes: Vec<ClassDensity>,
+    /// Learned from labelled signals; `None`: none were labelled, the physics stands in.
+    pub classes: Vec<Option<ClassDensity>>,
+    /// Share of the physics in each class's density; empty: it has none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub physics_share: Vec<f64>,
 }
 
 /// Temperatures tried.
@@ -52,7 +56,84 @@ impl Posterior {
             .map(|x| nearest(&classes, x))
             .fold(0.0, f64::max);
         let reach = FITS_NONE.max(ROOM * outermost);
-        Some(Posterior { phase, temperature, reach, classes })
+        let classes = classes.into_iter().map(Some).collect();
+        Some(Posterior { phase, temperature, reach, classes, physics_share: Vec::new() })
+    }
+
+    /// The same where the physics has a density of its own for some classes and others have no
+    /// examples, `None`. `physics`: per class per example, its ln density in every class.
+    ///
+    /// A class's density is a mixture of the learned one and the physics', the shares by expectation
+    /// maximisation on held-out examples (stacking, Wolpert 1992): the physics counts for
+    /// [`PHYSICS_COUNTS`] examples that it predicts, so it stands alone at first and stays as far as
+    /// it is right. `None`: a class has neither.
+    pub fn stack(
+        phase: bool,
+        examples: &[Option<Examples>],
+        physics: &[Vec<Vec<f64>>],
+        known: &[bool],
+    ) -> Option<Posterior> {
+        let learned = some_densities(examples);
+        let outermost = examples
+            .iter()
+            .flatten()
+            .flat_map(|class| &class.features)
+            .map(|x| nearest(learned.iter().flatten(), x))
+            .fold(0.0, f64::max);
+        // ln density of every example in every class, learned without its half
+        let mut unseen: Vec<Vec<Vec<f64>>> = physics.to_vec();
+        for odd in [0, 1] {
+            let half: Vec<_> =
+                examples.iter().map(|e| e.as_ref().and_then(|e| pick(e, 1 - odd))).collect();
+            let half = some_densities(&half);
+            for (class, rows) in examples.iter().zip(&mut unseen) {
+                let Some(class) = class else { continue };
+                for (x, row) in class.features.iter().zip(rows).skip(odd).step_by(2) {
+                    *row = half.iter().map(|d| ln_or_none(d.as_ref(), x)).collect();
+                }
+            }
+        }
+        if (0..examples.len()).any(|k| learned[k].is_none() && !known[k]) {
+            return None;
+        }
+        let physics_share: Vec<f64> = (0..examples.len())
+            .map(|k| match (&learned[k], known[k]) {
+                (_, false) => 0.0,
+                (None, true) => 1.0,
+                (Some(_), true) => {
+                    share(unseen[k].iter().zip(&physics[k]).map(|(l, p)| (l[k], p[k])))
+                }
+            })
+            .collect();
+        let mut weights = vec![0.0; examples.len()];
+        let score = |temperature: f64| -> f64 {
+            let of_class = |k: usize| -> f64 {
+                let rows = unseen[k].iter().zip(&physics[k]);
+                let sum: f64 = rows
+                    .map(|(learned, physics)| {
+                        for (j, w) in weights.iter_mut().enumerate() {
+                            *w = mixed(learned[j], physics[j], physics_share[j]);
+                        }
+                        to_posterior(temperature, &mut weights);
+                        weights[k].max(1e-6).ln()
+                    })
+                    .sum();
+                sum / unseen[k].len().max(1) as f64
+            };
+            (0..examples.len()).map(of_class).sum()
+        };
+        let scores = TEMPERATURES.map(score);
+        let best = (0..scores.len()).max_by(|&i, &j| scores[i].total_cmp(&scores[j])).unwrap_or(0);
+        // few examples say little of the temperature
+        let fewest = examples.iter().map(|e| e.as_ref().map_or(0, |e| e.features.len())).min();
+        let temperature = if fewest >= Some(FEWEST_TEMPERED) { TEMPERATURES[best] } else { 1.0 };
+        let reach = FITS_NONE.max(ROOM * outermost);
+        Some(Posterior { phase, temperature, reach, classes: learned, physics_share })
+    }
+
+    /// Whether the physics has a share in any class.
+    pub fn mixes(&self) -> bool {
+        self.physics_share.iter().any(|share| *share > 0.0)
     }
 
     /// Coordinates of the features that it takes.
@@ -71,32 +152,109 @@ impl Posterior {
         if !(self.reach.is_finite() && self.reach > 0.0) {
             return Err(format!("`posterior.reach` = {}: must be positive", self.reach));
         }
-        self.classes.iter().try_for_each(|class| class.check(self.coordinates()))
+        let share = |k: usize| self.physics_share.get(k).copied().unwrap_or(0.0);
+        let stands = |(k, class): (usize, &Option<ClassDensity>)| match class {
+            Some(_) => (0.0..=1.0).contains(&share(k)),
+            None => share(k) == 1.0,
+        };
+        if !self.classes.iter().enumerate().all(stands) {
+            return Err(
+                "`posterior`: a class has no density, or `physics_share` is no share".into()
+            );
+        }
+        self.classes.iter().flatten().try_for_each(|class| class.check(self.coordinates()))
     }
 
-    /// Posterior of each class; sums to 1. `priors`: of each class.
-    pub fn weigh(&self, features: &[f64], priors: &[f64], weights: &mut [f64]) {
-        weigh(&self.classes, self.temperature, features, weights);
+    /// Posterior of each class; sums to 1. `physics`: its ln densities, where it has a share; else
+    /// empty. `priors`: of each class.
+    pub fn weigh(&self, features: &[f64], physics: &[f64], priors: &[f64], weights: &mut [f64]) {
+        for (k, (w, class)) in weights.iter_mut().zip(&self.classes).enumerate() {
+            let learned = ln_or_none(class.as_ref(), features);
+            *w = match (self.physics_share.get(k), physics.get(k)) {
+                (Some(share), Some(physics)) => mixed(learned, *physics, *share),
+                _ => learned,
+            };
+        }
+        to_posterior(self.temperature, weights);
         weights.iter_mut().zip(priors).for_each(|(w, prior)| *w *= prior);
         let sum: f64 = weights.iter().sum();
         weights.iter_mut().for_each(|w| *w /= sum);
     }
 
-    /// No class is near: an unknown fault.
-    pub fn fits_none(&self, features: &[f64]) -> bool {
-        nearest(&self.classes, features) > self.reach
+    /// No class is near: an unknown fault. `from_curves`: squared distance from what the physics
+    /// knows.
+    pub fn fits_none(&self, features: &[f64], from_curves: f64) -> bool {
+        from_curves > FITS_NONE && nearest(self.classes.iter().flatten(), features) > self.reach
     }
 }
 
 /// Squared distance from the nearest class.
-fn nearest(classes: &[ClassDensity], x: &[f64]) -> f64 {
-    classes.iter().map(|class| class.distance(x)).fold(f64::INFINITY, f64::min)
+fn nearest<'a>(classes: impl IntoIterator<Item = &'a ClassDensity>, x: &[f64]) -> f64 {
+    classes.into_iter().map(|class| class.distance(x)).fold(f64::INFINITY, f64::min)
+}
+
+/// Examples that the physics counts for in its share of a class.
+const PHYSICS_COUNTS: f64 = 8.0;
+/// Examples of every class from which a temperature is learned.
+const FEWEST_TEMPERED: usize = 20;
+
+/// Share of the physics that makes held-out examples likeliest; pairs of ln densities (learned,
+/// physics). Expectation maximisation.
+fn share(examples: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
+    let mut share = 0.5;
+    for _ in 0..50 {
+        let (mut sum, mut n) = (PHYSICS_COUNTS, PHYSICS_COUNTS);
+        for (learned, physics) in examples.clone() {
+            let all = mixed(learned, physics, share);
+            if all.is_finite() {
+                sum += (physics + share.ln() - all).exp();
+            }
+            n += 1.0;
+        }
+        share = (sum / n).clamp(1e-6, 1.0);
+    }
+    share
+}
+
+/// ln of the mixture of two densities.
+fn mixed(learned: f64, physics: f64, share: f64) -> f64 {
+    let (l, p) = (learned + (1.0 - share).ln(), physics + share.ln());
+    let most = l.max(p);
+    if most == f64::NEG_INFINITY { most } else { most + ((l - most).exp() + (p - most).exp()).ln() }
+}
+
+fn ln_or_none(class: Option<&ClassDensity>, x: &[f64]) -> f64 {
+    class.map_or(f64::NEG_INFINITY, |class| class.ln_density(x))
+}
+
+/// Every other example, from the first (0) or the second (1) on; `None`: none is left.
+fn pick(class: &Examples, odd: usize) -> Option<Examples> {
+    let features: Vec<Vec<f64>> = class.features.iter().skip(odd).step_by(2).cloned().collect();
+    (!features.is_empty()).then(|| Examples { features, noise: class.noise.clone() })
+}
+
+/// Densities of the classes that have examples enough.
+fn some_densities(examples: &[Option<Examples>]) -> Vec<Option<ClassDensity>> {
+    let some: Vec<Examples> = examples.iter().flatten().cloned().collect();
+    let pooled = pooled_covariance(&some);
+    let density = |class: &Examples| {
+        let features: Vec<DVector<f64>> =
+            class.features.iter().map(|x| DVector::from_row_slice(x)).collect();
+        ClassDensity::learn(&features, &class.noise, pooled.as_ref())
+    };
+    examples.iter().map(|class| class.as_ref().and_then(density)).collect()
 }
 
 fn weigh(classes: &[ClassDensity], temperature: f64, x: &[f64], weights: &mut [f64]) {
     for (w, class) in weights.iter_mut().zip(classes) {
-        *w = class.ln_density(x) / temperature;
+        *w = class.ln_density(x);
     }
+    to_posterior(temperature, weights);
+}
+
+/// ln densities to a posterior.
+fn to_posterior(temperature: f64, weights: &mut [f64]) {
+    weights.iter_mut().for_each(|w| *w /= temperature);
     let most = weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     weights.iter_mut().for_each(|w| *w = (*w - most).exp());
     let sum: f64 = weights.iter().sum();
@@ -202,7 +360,7 @@ mod tests {
         let mut weights = [0.0; 3];
         for (truth, class) in examples(3000, None, 3).iter().enumerate() {
             for x in &class.features {
-                posterior.weigh(x, &[1.0 / 3.0; 3], &mut weights);
+                posterior.weigh(x, &[], &[1.0 / 3.0; 3], &mut weights);
                 assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
                 let best = (0..3).max_by(|&i, &j| weights[i].total_cmp(&weights[j])).unwrap();
                 claimed += weights[best];
@@ -220,7 +378,7 @@ mod tests {
         let far = [3.0, 0.0, 0.0, 0.0];
         let near = [0.0, 0.0, 0.15, 0.0];
         let size = if posterior.phase { 4 } else { 3 };
-        assert!(posterior.fits_none(&far[..size]));
-        assert!(!posterior.fits_none(&near[..size]));
+        assert!(posterior.fits_none(&far[..size], f64::INFINITY));
+        assert!(!posterior.fits_none(&near[..size], f64::INFINITY));
     }
 }

@@ -44,6 +44,15 @@ pub struct IsolateSettings {
     /// How frequent a class is among faults, relative to 1 of those that are not named; of
     /// `posterior` only.
     pub priors: BTreeMap<String, f64>,
+    /// Know the thesis's fault classes by the physics where no signal is labelled.
+    pub unlabelled_classes: bool,
+    /// Width of the actuation pulse, s: what the state at t_a comes from, for severities and for
+    /// classes without labelled signals.
+    pub pulse_s: f64,
+    /// From the end of the pulse to t_a, s; a first guess, the healthy phase refines it.
+    pub delay_s: f64,
+    /// How well the ratios a/b and g/d of `identify.grey_box` are known, relative standard deviation.
+    pub guess_sd: f64,
 }
 
 impl Default for IsolateSettings {
@@ -55,6 +64,10 @@ impl Default for IsolateSettings {
             gate: true,
             certainty: 0.8,
             priors: BTreeMap::new(),
+            unlabelled_classes: true,
+            pulse_s: 9e-6,
+            delay_s: 6e-6,
+            guess_sd: 0.05,
         }
     }
 }
@@ -69,6 +82,15 @@ impl IsolateSettings {
             self.priors.iter().find(|(_, w)| !(w.is_finite() && **w > 0.0 && **w <= 1e6))
         {
             return Err(format!("priors.{class} = {weight}: give a weight above 0, up to 1e6"));
+        }
+        if !(1e-9..=1e-2).contains(&self.pulse_s) {
+            return Err(format!("pulse_s = {}: give 1e-9 to 1e-2", self.pulse_s));
+        }
+        if !(0.0..=1e-2).contains(&self.delay_s) {
+            return Err(format!("delay_s = {}: give 0 to 1e-2", self.delay_s));
+        }
+        if !(1e-4..=2.0).contains(&self.guess_sd) {
+            return Err(format!("guess_sd = {}: give 1e-4 to 2", self.guess_sd));
         }
         if (0.0..=1.0).contains(&self.certainty) {
             Ok(())

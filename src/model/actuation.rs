@@ -6,7 +6,7 @@ use super::InkChannel;
 use nalgebra::Vector4;
 
 /// A rectangular actuation pulse and the wait until acquisition begins.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Actuation {
     /// Width of the pulse, s.
     pub pulse_s: f64,

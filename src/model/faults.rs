@@ -29,6 +29,57 @@ pub fn change(class: &str) -> Option<&'static str> {
     CHANGES.iter().find(|(name, _)| *name == class).map(|(_, change)| *change)
 }
 
+/// Which severities a class's name means: `change`s alike are told apart by size alone.
+///
+/// Departs: thesis §2-2 names degrees of drying and blockage without numbers. A nozzle is dried
+/// slightly up to half an octave of viscosity, deeply from one octave on; blocked from four fifths of
+/// its cross-section on; a bubble is large where it yields more than the chamber itself. The outer
+/// ends are what a channel can still ring with.
+const RANGES: [(&str, [f64; 2]); 9] = [
+    ("EC", [0.05, 0.6]),
+    ("AB1", [0.02, 0.6]),
+    ("AB2", [0.03, 1.0]),
+    ("AB3", [1.0, 6.0]),
+    ("BN", [0.8, 0.999]),
+    ("PBN", [0.02, 0.8]),
+    ("SDN", [1.03, std::f64::consts::SQRT_2]),
+    ("IDN", [std::f64::consts::SQRT_2, 2.0]),
+    ("DDN", [2.0, 8.0]),
+];
+
+/// The severities that a class's name means; `None`: no such class.
+pub fn severity_range(class: &str) -> Option<[f64; 2]> {
+    RANGES.iter().find(|(name, _)| *name == class).map(|(_, range)| *range)
+}
+
+/// The largest severity of any class whose change is that of `class`; `None`: no such class.
+pub fn largest(class: &str) -> Option<f64> {
+    let kind = change(class)?;
+    let alike = RANGES.iter().filter(|(name, _)| change(name) == Some(kind));
+    alike.map(|(_, [_, most])| *most).reduce(f64::max)
+}
+
+/// Severity on the scale on which sizes of a fault are equally likely before anything is known:
+/// factors (viscosity, compliance) by their logarithm, shares as they are. `None`: no such class.
+pub fn scale(class: &str, severity: f64) -> Option<f64> {
+    change(class)?;
+    Some(match class {
+        "SDN" | "IDN" | "DDN" => severity.ln(),
+        "AB2" | "AB3" => severity.ln_1p(),
+        _ => severity,
+    })
+}
+
+/// The severity at a place of [`scale`].
+pub fn severity_at(class: &str, place: f64) -> Option<f64> {
+    change(class)?;
+    Some(match class {
+        "SDN" | "IDN" | "DDN" => place.exp(),
+        "AB2" | "AB3" => place.exp_m1(),
+        _ => place,
+    })
+}
+
 /// The severity at which a fault of this class would be none: the drying factor is 1, all others
 /// are shares or additions. `None`: no such class.
 pub fn no_fault_severity(class: &str) -> Option<f64> {

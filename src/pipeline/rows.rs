@@ -1,6 +1,6 @@
 //! What the stages know of a signal, as a row of the verdict table.
 
-use crate::design::Isolation;
+use crate::design::{Isolation, Severity};
 use crate::verdict::{Outcome, Reason, VerdictColumns};
 use std::sync::Arc;
 
@@ -65,6 +65,17 @@ pub fn push_judged(
     }));
 }
 
+/// The severity of the row last pushed, if it is faulty.
+pub fn set_severity(columns: &mut VerdictColumns, severity: Option<Severity>) {
+    let Some(Severity { value, sd }) = severity else { return };
+    if columns.outcome.last() != Some(&Outcome::Faulty) {
+        return;
+    }
+    if let (Some(v), Some(s)) = (columns.severity.last_mut(), columns.severity_sd.last_mut()) {
+        (*v, *s) = (Some(value as f32), Some(sd as f32));
+    }
+}
+
 /// Rows of a burst from `first` on, up to the first that passed the gate or was rejected: how many.
 /// The same as `push_judged` for each, without an isolation.
 pub fn push_healthy(
@@ -111,7 +122,7 @@ fn push(
     columns.channel.push(channel);
     columns.outcome.push(outcome);
     columns.reason.push(reason);
-    // residual matching does not size a fault
+    // only the posterior sizes a fault: `set_severity`
     columns.severity.push(None);
     columns.severity_sd.push(None);
 }

@@ -356,6 +356,7 @@ pub fn isolate(
                             isolation.as_ref(),
                             weights,
                         );
+                        rows::set_severity(&mut columns, work.severity.take());
                     }
                 }
             }

@@ -1,0 +1,154 @@
+//! What the physics says of faults before one was seen, and what labelled severities add to it.
+//!
+//! In: the healthy models and signals, a guess of rates and actuation, labelled faults. Out:
+//! [`FaultPhysics`], from which severities and the densities of unlabelled classes follow. thesis §2-2.
+
+use super::detector::ring_of;
+use super::train::examples;
+use super::{Design, DesignError, FaultClass, HealthyModel, IsolateSettings, TrainingSet};
+use crate::fault;
+use crate::identify::GreyBoxSettings;
+use crate::identify::averaging::SignalSet;
+use crate::isolate::fault_curve::Healthy;
+use crate::isolate::fault_physics::{FaultPhysics, Look};
+use crate::isolate::physics_density::SeenSizes;
+use crate::model::ring_fit::{Products, RingFitter};
+use crate::model::{Actuation, InkChannel, faults};
+use nalgebra::Vector4;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Healthy signals of a printhead that are fitted to see how channels differ, at most.
+const MOST_HEALTHY: usize = 4096;
+/// Labelled signals of a class and printhead that correct the rates, at most.
+const MOST_LOOKS: usize = 512;
+
+/// `None`: the healthy signals do not ring, or are too few to tell how channels differ.
+pub(super) fn physics(
+    design: &Design,
+    set: &TrainingSet,
+    grey_box: &GreyBoxSettings,
+    isolate: &IsolateSettings,
+) -> Result<Option<FaultPhysics>, DesignError> {
+    let GreyBoxSettings { a_per_s2, b_per_s2, g_per_s, d_per_s, .. } = *grey_box;
+    let channel = InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s };
+    let actuation = Actuation { pulse_s: isolate.pulse_s, delay_s: isolate.delay_s };
+    let guess = Healthy { channel, actuation };
+    let model = &design.pooled;
+    let sampling = (design.sample_period_s, design.samples);
+    let ring = ring_of(&model.identification)?;
+    let Some(mut physics) = FaultPhysics::new(guess, isolate.guess_sd, ring, model.noise) else {
+        return Ok(None);
+    };
+
+    let few: BTreeMap<String, SignalSet> =
+        set.healthy.iter().map(|(name, all)| (name.clone(), first(all, MOST_HEALTHY))).collect();
+    let channels: BTreeSet<(&str, u32)> = few
+        .iter()
+        .flat_map(|(name, set)| set.channel.iter().map(move |&c| (name.as_str(), c)))
+        .collect();
+    let looks = few.values().flat_map(|set| &set.drive);
+    let weaker = looks.clone().map(|s| 1.0 / (s * s)).sum::<f64>() / looks.count().max(1) as f64;
+    let learned = examples(&design.with_models(&few), true)?.and_then(|healthy| {
+        let noise = healthy.noise * weaker;
+        physics.learn_spread(&healthy.features, &noise, channels.len(), sampling)
+    });
+    if learned.is_none() {
+        return Ok(None);
+    }
+
+    let mut looks = Vec::new();
+    for (class, printheads) in &set.faulty {
+        if faults::change(class).is_none() {
+            continue;
+        }
+        for (model, signals) in design.with_models(printheads) {
+            looks.extend(looks_of(class, model, &first(signals, MOST_LOOKS))?);
+        }
+    }
+    if !looks.is_empty() {
+        let before = physics.clone();
+        // rates that ring no more: the labels do not fit the physics at all
+        if physics.learn_rates(guess, isolate.guess_sd, &looks, sampling).is_none() {
+            physics = before;
+        }
+    }
+    learn_sizes(&mut physics, &looks, sampling);
+    Ok(Some(physics))
+}
+
+/// The sizes of the labelled signals; where the label gives none, as they are estimated.
+fn learn_sizes(physics: &mut FaultPhysics, looks: &[Look], (dt_s, samples): (f64, usize)) {
+    let mut by_class: BTreeMap<&str, Vec<&Look>> = BTreeMap::new();
+    looks.iter().for_each(|look| by_class.entry(&look.class).or_default().push(look));
+    let names: Vec<String> = by_class.keys().map(|name| name.to_string()).collect();
+    let curves = physics.curves(&names, true, dt_s, samples);
+    for (k, (name, looks)) in by_class.into_iter().enumerate() {
+        let mut only = vec![0.0; names.len()];
+        only[k] = 1.0;
+        let size = |look: &&Look| match look.severity.is_finite() {
+            true => Some(look.severity),
+            false => curves
+                .severity(k, look.features.as_slice(), look.drive, &only)
+                .map(|severity| severity.value),
+        };
+        let sizes = SeenSizes::new(looks.iter().filter_map(size).collect());
+        physics.seen.insert(name.into(), sizes);
+    }
+}
+
+/// The thesis's classes that were not labelled, each as the middle of its severities looks.
+pub(super) fn add_classes(design: &mut Design) {
+    let Some(physics) = &design.physics else { return };
+    let sampling = (design.sample_period_s, design.samples);
+    for name in fault::CLASSES {
+        if design.classes.iter().any(|class| class.name == name) {
+            continue;
+        }
+        let middle = || -> Option<f64> {
+            let [low, high] = faults::severity_range(name)?;
+            faults::severity_at(
+                name,
+                (faults::scale(name, low)? + faults::scale(name, high)?) / 2.0,
+            )
+        };
+        let deviation = middle().and_then(|s| physics.deviation(name, s, sampling));
+        if let Some(deviation) = deviation {
+            design.classes.push(FaultClass {
+                name: name.into(),
+                category: fault::category(name).into(),
+                n_signals: 0,
+                deviation,
+                model: None,
+                examples: Vec::new(),
+            });
+        }
+    }
+}
+
+fn first(set: &SignalSet, most: usize) -> SignalSet {
+    set.select(&(0..set.len().min(most)).collect::<Vec<_>>())
+}
+
+/// A class's labelled signals, fitted; NaN where the severity is not labelled.
+fn looks_of(class: &str, model: &HealthyModel, set: &SignalSet) -> Result<Vec<Look>, DesignError> {
+    let fitter =
+        RingFitter::new(ring_of(&model.identification)?, model.generator.dt_s, set.samples);
+    let mut of_channel: BTreeMap<u32, f64> = BTreeMap::new();
+    set.channel.iter().for_each(|&c| *of_channel.entry(c).or_default() += 1.0);
+    let (mut looks, mut columns, mut i) = (Vec::new(), Products::default(), 0);
+    model.each_deviation(set, |deviation, drive| {
+        let signal: Vec<f64> =
+            model.expected.iter().zip(deviation).map(|(e, d)| e + d / drive).collect();
+        if let Some(fit) = fitter.fit(&signal, true, &mut columns) {
+            looks.push(Look {
+                class: class.into(),
+                severity: set.severity[i],
+                features: Vector4::from(fit.features.coordinates()),
+                drive,
+                weight: 1.0 / of_channel[&set.channel[i]],
+            });
+        }
+        i += 1;
+    });
+    Ok(looks)
+}

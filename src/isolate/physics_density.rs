@@ -1,0 +1,169 @@
+//! Class densities of a ring's features by the physics.
+//!
+//! In: the curves of the kinds of fault, the sizes that each class's name stands for. Out: ln density
+//! of features in every class: the integral over the class's severities of what healthy channels and
+//! noise scatter about the curve. thesis §2-2.
+
+use super::fault_curve::{FaultCurve, Node};
+use crate::model::faults;
+use nalgebra::Vector4;
+
+/// Curves of the design's classes.
+#[derive(Clone, Debug)]
+pub struct FaultCurves {
+    /// `None`: a user's own class, or a kind that does not ring.
+    classes: Vec<Option<Sizes>>,
+    curves: Vec<FaultCurve>,
+    coordinates: usize,
+}
+
+/// A class: which curve, and how likely each of its nodes.
+#[derive(Clone, Debug)]
+pub struct Sizes {
+    pub curve: usize,
+    /// ln of the share of the class's signals that lie at a node.
+    pub ln_share: Vec<f64>,
+}
+
+/// Severities of labelled signals of a class: quantiles, and of how many.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct SeenSizes {
+    pub n: usize,
+    pub severities: Vec<f64>,
+}
+
+/// Labelled signals for which the sizes that a class's name stands for count, and every size of its
+/// kind.
+const NAME_COUNTS: f64 = 4.0;
+const ANY_COUNTS: f64 = 1.0;
+/// Quantiles kept.
+const MOST_SEEN: usize = 64;
+
+impl SeenSizes {
+    pub fn new(mut severities: Vec<f64>) -> SeenSizes {
+        severities.retain(|s| s.is_finite());
+        severities.sort_unstable_by(f64::total_cmp);
+        let n = severities.len();
+        let kept = n.min(MOST_SEEN);
+        let quantile = |i: usize| severities[(2 * i + 1) * n / (2 * kept)];
+        SeenSizes { n, severities: (0..kept).map(quantile).collect() }
+    }
+}
+
+impl FaultCurves {
+    pub fn new(classes: usize, coordinates: usize) -> FaultCurves {
+        FaultCurves { classes: vec![None; classes], curves: Vec::new(), coordinates }
+    }
+
+    /// The number of a new curve.
+    pub fn add(&mut self, curve: FaultCurve) -> usize {
+        self.curves.push(curve);
+        self.curves.len() - 1
+    }
+
+    /// Gives class number `k` a curve: sizes as its name says, and as its labelled signals were.
+    pub fn set(&mut self, k: usize, name: &str, curve: usize, seen: Option<&SeenSizes>) {
+        let nodes = &self.curves[curve].nodes;
+        let (n, seen): (f64, Vec<f64>) = seen.map_or((0.0, Vec::new()), |seen| {
+            let places = seen.severities.iter().filter_map(|&s| faults::scale(name, s));
+            (seen.n as f64, places.collect())
+        });
+        let width = bandwidth(&seen, n);
+        let [low, high] = faults::severity_range(name)
+            .map_or([f64::NEG_INFINITY, f64::INFINITY], |range| {
+                range.map(|s| faults::scale(name, s).unwrap_or(f64::NAN))
+            });
+        let mut of_name: Vec<f64> = nodes
+            .iter()
+            .map(|node| {
+                let half = 0.5 * node.length;
+                (high.min(node.place + half) - low.max(node.place - half)).max(0.0)
+            })
+            .collect();
+        let mut of_seen: Vec<f64> = nodes
+            .iter()
+            .map(|node| {
+                let kernel = |at: &f64| (-0.5 * ((node.place - at) / width).powi(2)).exp();
+                node.length * seen.iter().map(kernel).sum::<f64>()
+            })
+            .collect();
+        let mut any: Vec<f64> = nodes.iter().map(|node| node.length).collect();
+        for shares in [&mut of_name, &mut of_seen, &mut any] {
+            let sum: f64 = shares.iter().sum();
+            if sum > 0.0 {
+                shares.iter_mut().for_each(|s| *s /= sum);
+            }
+        }
+        let shares = of_name.iter().zip(&of_seen).zip(&any);
+        let ln_share = shares
+            .map(|((name, seen), any)| {
+                let counted = NAME_COUNTS * name + n * seen + ANY_COUNTS * any;
+                (counted / (NAME_COUNTS + n + ANY_COUNTS)).ln()
+            })
+            .collect();
+        self.classes[k] = Some(Sizes { curve, ln_share });
+    }
+
+    pub fn class(&self, k: usize) -> Option<&Sizes> {
+        self.classes.get(k)?.as_ref()
+    }
+
+    pub fn nodes(&self, curve: usize) -> &[Node] {
+        &self.curves[curve].nodes
+    }
+
+    /// Features as a vector, 0 where the phase is held.
+    pub fn vector(&self, features: &[f64]) -> Vector4<f64> {
+        let mut x = Vector4::zeros();
+        x.iter_mut().zip(features).take(self.coordinates).for_each(|(x, f)| *x = *f);
+        x
+    }
+
+    /// ln density of features in every class, at a drive; without a curve: none. And the squared
+    /// distance from the nearest curve.
+    pub fn ln_densities(&self, features: &[f64], drive: f64, out: &mut Vec<f64>) -> f64 {
+        let x = self.vector(features);
+        let (mut nearest, mut of_nodes) = (f64::INFINITY, Vec::new());
+        out.clear();
+        out.resize(self.classes.len(), f64::NEG_INFINITY);
+        for (c, curve) in self.curves.iter().enumerate() {
+            of_nodes.clear();
+            of_nodes.extend(curve.nodes.iter().map(|node| node.ln_density(&x, drive)));
+            for (ln, class) in out.iter_mut().zip(&self.classes) {
+                if let Some(sizes) = class.as_ref().filter(|sizes| sizes.curve == c) {
+                    *ln = ln_sum(of_nodes.iter().zip(&sizes.ln_share).map(|(d, s)| d + s));
+                }
+            }
+            let best = (0..of_nodes.len()).max_by(|&i, &j| of_nodes[i].total_cmp(&of_nodes[j]));
+            if let Some(best) = best {
+                nearest = nearest.min(curve.nodes[best].distance(&x, drive));
+            }
+        }
+        nearest
+    }
+}
+
+/// Silverman's rule, on the scale of places; n may be more than the quantiles.
+fn bandwidth(places: &[f64], n: f64) -> f64 {
+    let m = places.len() as f64;
+    if places.len() < 2 {
+        return 0.1;
+    }
+    let mean = places.iter().sum::<f64>() / m;
+    let sd = (places.iter().map(|p| (p - mean).powi(2)).sum::<f64>() / (m - 1.0)).sqrt();
+    (0.9 * sd * n.powf(-0.2)).max(1e-3)
+}
+
+fn ln_sum(values: impl Iterator<Item = f64>) -> f64 {
+    let (mut most, mut sum) = (f64::NEG_INFINITY, 0.0);
+    for v in values {
+        if v > most {
+            sum *= (most - v).exp();
+            most = v;
+        }
+        if v > most - 40.0 {
+            sum += (v - most).exp();
+        }
+    }
+    if sum > 0.0 { most + sum.ln() } else { f64::NEG_INFINITY }
+}

@@ -1,0 +1,59 @@
+//! How bad a named fault is.
+//!
+//! In: the features of a signal's fitted ring, the posterior of the classes. Out: mean and standard
+//! deviation of the severity's posterior, from the physics of that kind of fault
+//! ([`super::fault_curve`]). Beforehand severities are as likely as in the class's labelled signals; a
+//! part of the belief stays on every size of that kind. thesis §2-2, chapter 5 (fault estimation).
+
+use super::physics_density::FaultCurves;
+
+/// A severity in the contract's unit, with its standard deviation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Severity {
+    pub value: f64,
+    pub sd: f64,
+}
+
+impl FaultCurves {
+    /// Of a fault of the kind of `class` with these features, at a drive. `weights`: the posterior of
+    /// the classes; those of the same kind add up. `None`: the physics knows no such class.
+    pub fn severity(
+        &self,
+        class: usize,
+        features: &[f64],
+        drive: f64,
+        weights: &[f64],
+    ) -> Option<Severity> {
+        let of = self.class(class)?.curve;
+        let alike: Vec<(usize, f64)> = (0..weights.len())
+            .filter(|&k| weights[k] > 1e-3 && self.class(k).is_some_and(|c| c.curve == of))
+            .map(|k| (k, weights[k]))
+            .collect();
+        let x = self.vector(features);
+        let (mut value, mut square, mut total) = (0.0, 0.0, 0.0);
+        for (k, weight) in alike {
+            let sizes = self.class(k)?;
+            let (mut most, mut sum) = (f64::NEG_INFINITY, [0.0; 3]);
+            for (node, ln_share) in self.nodes(of).iter().zip(&sizes.ln_share) {
+                let ln = node.ln_density(&x, drive) + ln_share;
+                if ln > most {
+                    // what was summed is relative to the largest
+                    sum = sum.map(|s: f64| s * (most - ln).exp());
+                    most = ln;
+                }
+                if ln > most - 40.0 {
+                    let w = (ln - most).exp();
+                    sum[0] += w;
+                    sum[1] += w * node.severity;
+                    sum[2] += w * node.severity * node.severity;
+                }
+            }
+            value += weight * sum[1] / sum[0];
+            square += weight * sum[2] / sum[0];
+            total += weight;
+        }
+        let value = value / total;
+        let variance = (square / total - value * value).max(0.0);
+        value.is_finite().then_some(Severity { value, sd: variance.sqrt() })
+    }
+}
