@@ -15,8 +15,10 @@ mod mcap_records;
 pub mod part_file;
 pub mod recording;
 pub mod recording_writer;
+pub mod sampling;
 pub mod scan;
 mod source;
+pub mod table_file;
 pub mod verdict_reader;
 pub mod verdict_table;
 
