@@ -19,6 +19,7 @@ pub mod sampling;
 pub mod scan;
 mod source;
 pub mod table_file;
+pub mod truth_file;
 pub mod verdict_reader;
 pub mod verdict_table;
 
