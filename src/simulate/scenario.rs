@@ -267,6 +267,11 @@ pub struct HiddenRun {
     /// Times since the previous actuation, drawn per signal; as often as each of them there was none.
     #[serde(default)]
     pub idle_times_us: Vec<f64>,
+    /// Healthy scatter from burst to burst beside `shot`: relative standard deviations.
+    #[serde(default)]
+    pub frequency_sd: f64,
+    #[serde(default)]
+    pub damping_sd: f64,
 }
 
 /// A fault from `from_s` (inclusive) to `to_s` (exclusive) after the first burst.

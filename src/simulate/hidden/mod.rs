@@ -44,12 +44,18 @@ pub enum Recorded {
 pub enum Circumstance {
     /// Channels' frequencies scatter by this standard deviation, relative.
     FrequencyScatter(f64),
+    /// Every signal's own frequency does.
+    BurstScatter(f64),
     FaultyChannels,
     TemperatureFollowsTime,
     HeavyTails,
 }
 
 impl Circumstance {
+    fn burst_scatter(&self) -> Option<f64> {
+        if let Circumstance::BurstScatter(sd) = self { Some(*sd) } else { None }
+    }
+
     fn frequency_scatter(&self) -> Option<f64> {
         if let Circumstance::FrequencyScatter(sd) = self { Some(*sd) } else { None }
     }
@@ -203,7 +209,8 @@ fn draw(physics: &Physics, run: &PrintRun, hidden: &HiddenRun, seed: u64) -> Pla
         && (effects.is_empty() || effects.iter().any(|(e, _)| time_bound(e)));
     let circumstances = match circumstance {
         c if c < 0.4 => vec![],
-        c if c < 0.6 => vec![Circumstance::FrequencyScatter(sd)],
+        c if c < 0.5 => vec![Circumstance::FrequencyScatter(sd)],
+        c if c < 0.6 => vec![Circumstance::BurstScatter(sd)],
         c if c < 0.75 => vec![Circumstance::FaultyChannels],
         c if c < 0.9 && collinear => vec![Circumstance::TemperatureFollowsTime],
         c if c >= 0.9 && effects.is_empty() => vec![Circumstance::HeavyTails],

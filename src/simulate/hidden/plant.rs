@@ -161,7 +161,7 @@ mod tests {
             let at = |k: usize| k as f64 + y[k] / (y[k] - y[k + 1]);
             let mut zeros = (0..100).filter(|&k| y[k] * y[k + 1] < 0.0).map(at);
             let (first, rest) = (zeros.next().unwrap(), zeros.collect::<Vec<_>>());
-            (rest[9] - first) / 10.0
+            (rest[7] - first) / 8.0
         };
         let energy = |y: &[f64]| y[40..].iter().map(|y| y * y).sum::<f64>();
         let plain = decay(&nominal(), 3e-4);

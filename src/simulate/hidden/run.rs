@@ -116,6 +116,15 @@ impl Base {
         channels
     }
 
+    /// Standard deviations of [`Conditions::shot`].
+    pub fn shot_sd(&self) -> [f64; 7] {
+        let (shot, hidden) = (&self.physics.shot, &self.hidden);
+        let wide = self.circumstances.iter().find_map(Circumstance::burst_scatter);
+        let frequency_sd = wide.unwrap_or(hidden.frequency_sd);
+        let state = shot.state;
+        [shot.gain, state, state, state, state, frequency_sd, hidden.damping_sd]
+    }
+
     pub fn dt_s(&self) -> f64 {
         self.physics.acquisition.sample_period_s()
     }
@@ -170,10 +179,14 @@ impl Base {
         [flow, volume]
     }
 
-    /// A signal without noise. `shot`: relative changes of the gain and of the state's components.
-    pub fn clean(&self, made: &Made, c: &Conditions, shot: &[f64; 5], effects: &[Effect]) -> Vec<f64> {
+    /// A signal without noise.
+    pub fn clean(&self, made: &Made, c: &Conditions, effects: &[Effect]) -> Vec<f64> {
         let (n, dt) = (self.physics.acquisition.samples, self.dt_s());
         let mut equation = self.equation(&made.rates);
+        equation.a_per_s2 *= (1.0 + c.shot[5]).powi(2);
+        equation.b_per_s2 *= (1.0 + c.shot[5]).powi(2);
+        equation.g_per_s *= 1.0 + c.shot[6];
+        equation.d_per_s *= 1.0 + c.shot[6];
         let mut late_s = 0.0;
         for effect in effects {
             match effect.acts {
@@ -183,8 +196,8 @@ impl Base {
             }
         }
         let mut state = self.rung(&equation, c.drive_v, late_s);
-        for (x, of_component) in state.x.iter_mut().zip(&shot[1..]) {
-            *x *= made.gain * (1.0 + shot[0]) * (1.0 + of_component);
+        for (x, of_component) in state.x.iter_mut().zip(&c.shot[1..5]) {
+            *x *= made.gain * (1.0 + c.shot[0]) * (1.0 + of_component);
         }
         let tails = effects.iter().filter(|e| matches!(e.acts, Acts::Tail));
         let tail: f64 = if c.idle_s.is_nan() { 0.0 } else { tails.map(|e| e.size).sum() };
@@ -233,8 +246,8 @@ impl Acquisitions {
         }
     }
 
-    /// Of all channels of printhead `head` at burst `step`, with each signal's shot.
-    pub fn conditions(&mut self, head: usize, step: usize) -> Vec<(Conditions, [f64; 5])> {
+    /// Of all channels of printhead `head` at burst `step`.
+    pub fn conditions(&mut self, head: usize, step: usize) -> Vec<Conditions> {
         let (physics, run) = (&self.base.physics, &self.base.run);
         let rng = &mut self.conditions[head];
         let last = (run.bursts_per_channel - 1).max(1) as f64;
@@ -247,13 +260,13 @@ impl Acquisitions {
         let phase_rad = TAU * rng.random::<f64>();
         let last_channel = (run.channels - 1).max(1) as f64;
         let shot_rng = &mut self.shots[head];
-        let shot_sd = &physics.shot;
+        let shot_sd = self.base.shot_sd();
         (0..run.channels)
             .map(|channel| {
                 let idle = &self.base.hidden.idle_times_us;
                 // one more place: nothing was actuated before
                 let drawn = rng.random_range(0..=idle.len());
-                let c = Conditions {
+                Conditions {
                     progress,
                     position: channel as f64 / last_channel - 0.5,
                     drive_v,
@@ -263,13 +276,8 @@ impl Acquisitions {
                     trigger: rng.sample(StandardNormal),
                     phase_rad,
                     burst: step,
-                };
-                let mut shot = [0.0; 5];
-                for (i, shot) in shot.iter_mut().enumerate() {
-                    let sd = if i == 0 { shot_sd.gain } else { shot_sd.state };
-                    *shot = sd * shot_rng.sample::<f64, _>(StandardNormal);
+                    shot: shot_sd.map(|sd| sd * shot_rng.sample::<f64, _>(StandardNormal)),
                 }
-                (c, shot)
             })
             .collect()
     }
@@ -312,14 +320,14 @@ impl Acquisitions {
         let conditions = self.conditions(head, step);
         let n = self.base.physics.acquisition.samples;
         let mut counts = Vec::with_capacity(conditions.len() * n);
-        for (channel, (c, shot)) in conditions.iter().enumerate() {
-            let clean = self.base.clean(&self.base.heads[head][channel], c, shot, &self.effects);
+        for (c, made) in conditions.iter().zip(self.base.heads[head].clone()) {
+            let clean = self.base.clean(&made, c, &self.effects);
             self.digitised(head, &clean, &mut counts);
         }
         let misread: f64 = self.noise[head].sample(StandardNormal);
         let run = &self.base.run;
         let recorded = |what: Recorded| self.base.hidden.recorded.contains(&what);
-        let first = conditions.first().map(|(c, _)| *c);
+        let first = conditions.first().copied();
         let known = |what: Recorded, of: fn(&Conditions) -> f64| {
             first.as_ref().filter(|_| recorded(what)).map(of)
         };
@@ -334,11 +342,11 @@ impl Acquisitions {
                 .map(|t| t + RECORDED_TEMPERATURE_SD_K * misread),
             drive_voltage_v: known(Recorded::Drive, |c| c.drive_v),
             idle_time_s: match recorded(Recorded::Idle) {
-                true => conditions.iter().map(|(c, _)| c.idle_s as f32).collect(),
+                true => conditions.iter().map(|c| c.idle_s as f32).collect(),
                 false => Vec::new(),
             },
             neighbours_fired: match recorded(Recorded::Neighbours) {
-                true => conditions.iter().map(|(c, _)| c.neighbours).collect(),
+                true => conditions.iter().map(|c| c.neighbours).collect(),
                 false => Vec::new(),
             },
         }

@@ -103,6 +103,8 @@ fn check_physics(physics: &Physics, recording: &RecordingOptions) -> Check {
         for us in &hidden.idle_times_us {
             within(*us, 1.0, 1e4, "hidden.idle_times_us")?;
         }
+        within(hidden.frequency_sd, 0.0, 0.1, "hidden.frequency_sd")?;
+        within(hidden.damping_sd, 0.0, 0.1, "hidden.damping_sd")?;
     }
     let something = physics.dataset.is_some() || physics.print_run.is_some();
     require(something, "dataset", "there is neither [dataset] nor [print_run]: nothing to simulate")
