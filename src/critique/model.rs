@@ -323,7 +323,7 @@ impl Model {
         offset: &[Vector5],
         units: usize,
     ) -> (Matrix5, Matrix5) {
-        let mut sums = vec![(Vector5::zeros(), 0.0); units];
+        let mut sums = vec![(Vector5::zeros(), 0.0_f64); units];
         let estimates: Vec<(usize, Vector5, Matrix5)> = signals
             .iter()
             .map(|(unit, gram, product)| {
@@ -336,7 +336,7 @@ impl Model {
             sums[*unit].0 += x;
             sums[*unit].1 += 1.0;
         }
-        let means: Vec<Vector5> = sums.iter().map(|(sum, n)| sum / n.max(1.0)).collect();
+        let means: Vec<Vector5> = sums.iter().map(|(sum, n)| sum / f64::max(*n, 1.0)).collect();
         let mut within = Matrix5::zeros();
         let mut noise = Matrix5::zeros();
         for (unit, x, covariance) in &estimates {
