@@ -1,10 +1,7 @@
 //! Signals with a known effect, for this room's own tests and tuning (the hidden plants of `tests/`
 //! are other code). Closed-form decays per channel; physical terms by their integrator.
 
-use super::covariates::Covariates;
-use super::model::Model;
 use super::observations::{Beside, Observations, Sampler};
-use super::selection;
 use crate::model::terms::{Interior, Seen, Term};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -184,74 +181,90 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
 }
 
 /// Strengths near one or two detection limits.
-const EFFECTS: [(&str, f64); 15] = [
-    ("offset", 0.2),
-    ("droop", 0.2),
-    ("meniscus", 0.05),
-    ("lowpass", 0.03),
-    ("second_mode", 0.6),
-    ("quadratic_drag", 0.1),
-    ("dry_friction", 0.1),
-    ("cubic_stiffness", 0.01),
-    ("tone", 0.2),
-    ("previous_tail", 0.3),
-    ("crosstalk", 0.02),
+const EFFECTS: [(&str, f64); 22] = [
+    ("offset", 0.15),
+    ("droop", 0.5),
+    ("meniscus", 0.01),
+    ("lowpass", 0.02),
+    ("second_mode", 0.5),
+    ("quadratic_drag", 0.04),
+    ("dry_friction", 0.01),
+    ("cubic_stiffness", 0.002),
+    ("fractional_damping", 0.2),
+    ("tone", 0.15),
+    ("random_tone", 0.3),
+    ("trigger_jitter", 0.0005),
+    ("clipping", 120.0),
+    ("coarse_lsb", 2.0),
+    ("previous_tail", 0.1),
+    ("crosstalk", 0.01),
     ("temperature", 0.006),
     ("ageing", 0.06),
-    ("position_gradient", 0.005),
-    ("clock_drift", 0.005),
+    ("position_gradient", 0.008),
+    ("clock_drift", 0.003),
+    ("correlated_noise", 0.05),
+    ("heteroscedastic_noise", 0.5),
 ];
 
-/// Prints what the selection says: for tuning, `cargo test --lib critique::generator -- --ignored`.
+fn said(critique: &super::finding::Critique) -> String {
+    let causes: Vec<String> = critique
+        .causes
+        .iter()
+        .map(|c| {
+            format!(
+                "{} {:.5} [{:.5}, {:.5}] DL {:.1} {:?}",
+                c.id, c.value, c.ci95[0], c.ci95[1], c.strength_dl, c.tied_with
+            )
+        })
+        .collect();
+    format!("{} | {} | {:?}", critique.verdict.as_str(), causes.join("; "), critique.remarks)
+}
+
+/// For tuning: `SEEDS=3 ONLY=offset,tone TIMES=2 cargo test --release critique::generator -- --ignored --nocapture`.
 #[test]
 #[ignore = "prints a table for tuning"]
 fn tuning_table() {
-    let seeds: u64 = std::env::var("SEEDS").ok().and_then(|s| s.parse().ok()).unwrap_or(2);
+    let number = |name: &str, default: f64| -> f64 {
+        std::env::var(name).ok().and_then(|s| s.parse().ok()).unwrap_or(default)
+    };
     let only = std::env::var("ONLY").unwrap_or_default();
-    let times: f64 = std::env::var("TIMES").ok().and_then(|s| s.parse().ok()).unwrap_or(1.0);
     let mut effects = vec![("none", 0.0)];
     effects.extend(EFFECTS);
     for (effect, size) in effects {
         if !only.is_empty() && !only.split(',').any(|o| o == effect) {
             continue;
         }
-        for seed in 0..seeds {
-            let run = Run { effect, size: size * times, ..Run::default() };
-            let data = draw(&run, 1000 + seed);
+        let (mut seconds, mut named) = (0.0, 0);
+        for seed in 0..number("SEEDS", 2.0) as u64 {
+            let scaled = match effect {
+                "clipping" => size,
+                _ => size * number("TIMES", 1.0),
+            };
+            let run = Run {
+                effect,
+                size: scaled,
+                channels: number("CHANNELS", 32.0) as usize,
+                bursts: number("BURSTS", 6.0) as usize,
+                heavy: number("HEAVY", 0.0) > 0.0,
+                faulty: number("FAULTY", 0.0) as usize,
+                spread: [number("STIFF", 0.004), 0.06, 0.025],
+                ..Run::default()
+            };
+            let data = draw(&run, number("SEED", 1000.0) as u64 + seed);
             let started = std::time::Instant::now();
-            let beside = Covariates::of(&data);
-            let mut model = Model::start(&data, &beside, true).unwrap();
-            model.fit(&data, &beside, 2);
-            let selected = selection::select(model, &data, &beside, &mut |_| {});
-            let said: Vec<String> = selected
-                .causes
-                .iter()
-                .map(|c| {
-                    format!(
-                        "{} {:.4}±{:.4} (DL {:.1}) tied {:?}",
-                        c.scored.applied.id,
-                        c.scored.value,
-                        c.scored.sd,
-                        (c.statistic / 20.9).sqrt(),
-                        c.tied_with
-                    )
-                })
-                .collect();
-            let top: Vec<String> = selected
-                .evidence
-                .iter()
-                .filter(|e| e.step == 0)
-                .take(3)
-                .map(|e| format!("{}:{:.1}", e.id, -e.p.ln()))
-                .collect();
-            println!(
-                "{effect:<20} {:.4} | {} | {} | {:.1}s noise {:.3}",
-                run.size,
-                said.join("; "),
-                top.join(" "),
-                started.elapsed().as_secs_f64(),
-                selected.model.noise_var.sqrt()
-            );
+            let outcome = super::engine::critique(&data, false, &mut |_| {}).unwrap();
+            seconds += started.elapsed().as_secs_f64();
+            let verdict = said(&outcome.critique);
+            if effect == "none" && verdict.starts_with("none") {
+                named += 1;
+                continue;
+            }
+            let mut top: Vec<_> = outcome.critique.evidence.iter().filter(|e| e.step == 0).collect();
+            top.sort_by(|p, q| p.p.total_cmp(&q.p));
+            let top: Vec<String> =
+                top.iter().take(3).map(|e| format!("{}:{:.1}", e.id, -e.p.max(1e-300).ln())).collect();
+            println!("{effect:<20} {scaled:.4} | {verdict} | {}", top.join(" "));
         }
+        println!("{effect}: {seconds:.1} s, {named} none");
     }
 }

@@ -5,10 +5,16 @@
 //! single signals, never to an average alone; every extension of it is tested at once ([`space`],
 //! [`candidates`]); those that compete are refitted ([`selection`]).
 
+mod adequacy;
 pub mod candidates;
 pub mod catalogue;
+mod codes;
 pub mod covariates;
+pub mod engine;
+mod ensemble;
+mod figures;
 pub mod finding;
+mod gain;
 pub mod model;
 pub mod observations;
 mod outliers;

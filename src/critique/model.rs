@@ -39,6 +39,8 @@ pub struct Model {
     pub shapes: [Vec<f64>; PATTERNS],
     /// Parameters of each channel about which the model is linearised.
     pub units: Vec<Theta>,
+    /// Samples that are expected above are clipped: they count for nothing.
+    pub ceiling: Option<f64>,
 }
 
 /// What one signal says: residual and tangent.
@@ -91,6 +93,7 @@ impl Model {
             tail_gain: 0.0,
             shapes: std::array::from_fn(|_| vec![0.0; n]),
             units: vec![mean; data.units],
+            ceiling: None,
         };
         model.fit_units(data, beside, 12);
         model.recentre();
@@ -141,6 +144,11 @@ impl Model {
             let shape: f64 = (0..PATTERNS).map(|p| powers[p] * self.shapes[p][k]).sum();
             let expected = s * out.tangent.y[k] + self.tail_gain * out.tail[k] + shape;
             out.residual.push(f64::from(y) - expected);
+            if self.ceiling.is_some_and(|ceiling| expected > ceiling || f64::from(y) > ceiling) {
+                out.residual[k] = 0.0;
+                out.tail[k] = 0.0;
+                out.tangent.columns.iter_mut().for_each(|column| column[k] = 0.0);
+            }
         }
     }
 

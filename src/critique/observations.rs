@@ -23,6 +23,8 @@ pub struct Beside {
 #[derive(Clone, Copy, Debug)]
 pub struct Row {
     pub beside: Beside,
+    /// Index of its printhead among `printheads`.
+    pub printhead: usize,
     /// Index of its channel (of one printhead) among all that were seen.
     pub unit: usize,
     /// Index of its acquisition: signals of one printhead and time.
@@ -41,6 +43,7 @@ pub struct Observations {
     pub units: usize,
     pub bursts: usize,
     pub found: u64,
+    pub printheads: Vec<String>,
 }
 
 impl Observations {
@@ -82,6 +85,7 @@ impl Observations {
             units: 0,
             bursts: 0,
             found: self.found,
+            printheads: self.printheads.clone(),
         }
     }
 }
@@ -168,7 +172,7 @@ impl Sampler {
             let unit = *units.entry((printhead, channel)).or_insert(next);
             let next = bursts.len();
             let burst = *bursts.entry((printhead, time)).or_insert(next);
-            rows.push(Row { beside: h.beside, unit, burst });
+            rows.push(Row { beside: h.beside, printhead, unit, burst });
             y.extend_from_slice(&h.y);
         }
         Observations {
@@ -180,6 +184,7 @@ impl Sampler {
             units: units.len(),
             bursts: bursts.len(),
             found: self.found,
+            printheads: self.printheads.into_keys().collect(),
         }
     }
 }
