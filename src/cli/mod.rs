@@ -1,6 +1,7 @@
 //! Words and bars: the command line, one file per verb. Results on stdout, messages on stderr.
 
 mod convert;
+mod critique;
 mod exit;
 mod identify;
 mod inspect;
@@ -49,6 +50,8 @@ enum Verb {
     Identify(identify::Args),
     /// A table of time and outputs becomes a recording
     Convert(convert::Args),
+    /// What the model gets wrong, why, the extended model, the gain
+    Critique(critique::Args),
     /// Make recordings with known truth from a scenario
     Simulate(simulate::Args),
     /// Verdicts against labels: detection, isolation, calibration
@@ -73,6 +76,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Train(args) => train::run(args),
         Verb::Identify(args) => identify::run(args),
         Verb::Convert(args) => convert::run(args),
+        Verb::Critique(args) => critique::run(args),
         Verb::Simulate(args) => simulate::run(args),
         Verb::Score(args) => score::run(args),
         Verb::Inspect(args) => inspect::run(args),

@@ -7,6 +7,7 @@
 
 pub mod block_reader;
 pub mod burst_codec;
+pub mod critique_tables;
 pub mod decompress;
 pub mod design_file;
 pub mod inputs;

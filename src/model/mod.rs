@@ -12,6 +12,7 @@ mod poles;
 pub mod ring;
 pub mod ring_down;
 pub mod ring_fit;
+pub mod terms;
 
 use nalgebra::DMatrix;
 

@@ -15,6 +15,7 @@
 pub mod collect;
 mod in_flight;
 mod metadata;
+pub mod observe;
 pub mod replay;
 mod rows;
 pub mod schedule;
