@@ -9,7 +9,7 @@
 //! ```text
 //! 5  main  cli  settings             words, bars, exit codes | pipeline.toml
 //! 4  pipeline  thesis  io            threads and bounded channels | chapter 4 again | bytes
-//! 3  design  simulate                the offline artefact | print runs with known truth
+//! 3  design  critique  simulate      the offline artefact | what the model gets wrong | known truth
 //! 2  identify  detect  isolate       thesis 3-1 | 3-2 | 3-3; they meet only in design
 //! 2  episodes                        evidence over time, from verdicts alone
 //! 1  model  score  plot              what the physics says | thesis chapter 4 numbers | figures
@@ -40,6 +40,7 @@ pub mod episodes;
 pub mod identify;
 pub mod isolate;
 // floor 3
+pub mod critique;
 pub mod design;
 pub mod simulate;
 // floor 4

@@ -8,7 +8,7 @@ fn floor(room: &str) -> u8 {
         "burst" | "fault" | "verdict" | "labels" => 0,
         "model" | "plot" | "score" => 1,
         "identify" | "detect" | "isolate" | "episodes" => 2,
-        "design" | "simulate" => 3,
+        "design" | "critique" | "simulate" => 3,
         "pipeline" | "io" | "thesis" => 4,
         "main" | "cli" | "settings" => 5,
         "lib" => 9,

@@ -3,6 +3,7 @@
 mod house; // a fresh directory and the inkling command
 
 mod cli; // process boundary: exit codes, hints in messages
+mod convert; // tables become recordings
 mod contracts; // pipeline.toml = defaults, schemas = code, sample_logs regenerate and retrain
 mod floors; // imports go down only
 mod hostile; // absurd recordings, covariates, names, designs, places to write to: rows and words, no panic

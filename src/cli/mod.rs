@@ -1,5 +1,7 @@
 //! Words and bars: the command line, one file per verb. Results on stdout, messages on stderr.
 
+mod convert;
+mod critique;
 mod exit;
 mod identify;
 mod inspect;
@@ -46,6 +48,10 @@ enum Verb {
     Train(train::Args),
     /// Grey-box identification alone, with what is and is not identifiable
     Identify(identify::Args),
+    /// A table of time and outputs becomes a recording
+    Convert(convert::Args),
+    /// What the model gets wrong, why, the extended model, the gain
+    Critique(critique::Args),
     /// Make recordings with known truth from a scenario
     Simulate(simulate::Args),
     /// Verdicts against labels: detection, isolation, calibration
@@ -69,6 +75,8 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Replay(args) => replay::run(args),
         Verb::Train(args) => train::run(args),
         Verb::Identify(args) => identify::run(args),
+        Verb::Convert(args) => convert::run(args),
+        Verb::Critique(args) => critique::run(args),
         Verb::Simulate(args) => simulate::run(args),
         Verb::Score(args) => score::run(args),
         Verb::Inspect(args) => inspect::run(args),

@@ -2,19 +2,28 @@
 
 use super::exit::{Exit, Failure, unless_reader_gone};
 use super::progress::{interruptible, thousands};
-use crate::io::labels_file;
+use crate::io::{labels_file, truth_file};
 use crate::io::recording_writer::{self, RecordingWriter, WriterOptions};
-use crate::simulate::Scenario;
+use crate::simulate::scenario::Kind;
+use crate::simulate::{Scenario, SimulatedRecording, hidden};
 use crate::simulate::scenario::{Compression, RecordingOptions};
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   inkling simulate sample_logs/scenarios/sample.toml -o run/
   inkling simulate sample_logs/scenarios/physics.toml -o run/ --seed 7
 
-Writes the scenario's recordings and labels.csv, the truth of all of them.")]
+  inkling simulate sample_logs/scenarios/hidden.toml -o blind/ --hide 7
+
+Writes the scenario's recordings and labels.csv, the truth of all of them.
+
+With --hide, something (or nothing) drawn from SEED is put into the scenario's healthy print run: an
+effect that the model does not know. What it is stands in DIR/sealed/truth.json, for `inkling score
+critique.json --truth truth.json` afterwards; the salted SHA-256 of it, truth.sha256, lies beside the
+recording, so that the truth cannot change unseen. The recording is not compressed: its size says
+nothing.")]
 pub struct Args {
     /// Scenario file
     scenario: PathBuf,
@@ -24,6 +33,9 @@ pub struct Args {
     /// Instead of the scenario's seed; same seed, same bytes
     #[arg(long)]
     seed: Option<u64>,
+    /// Hide something in the print run, drawn from SEED
+    #[arg(long, value_name = "SEED", conflicts_with = "seed")]
+    hide: Option<u64>,
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
@@ -31,35 +43,68 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         .map_err(|e| Failure::usage(format!("{}: cannot be read: {e}", args.scenario.display())))?;
     let scenario = Scenario::from_toml(&text)
         .map_err(|e| Failure::usage(format!("{}: {e}", args.scenario.display())))?;
-    let control = interruptible();
+    if let Some(seed) = args.hide {
+        return hide(&args, &scenario, seed);
+    }
     let mut out = std::io::stdout().lock();
     let seed = args.seed.or(scenario.seed).unwrap_or(1);
     for recording in scenario.recordings(seed) {
-        let path = args.out.join(format!("{}.mcap", recording.stem));
-        let mut writer =
-            RecordingWriter::create(&path, options(&recording.options)).map_err(Failure::new)?;
-        let (mut bursts, mut signals) = (0, 0);
-        for burst in recording.bursts {
-            if control.interrupted() {
-                return Err(Failure::new("interrupted; the recording at hand was not written"));
-            }
-            bursts += 1;
-            signals += u64::from(burst.channels);
-            writer.write(&burst, burst.t_acq_ns.max(0) as u64).map_err(Failure::new)?;
-        }
-        writer.finish().map_err(Failure::new)?;
-        // whoever stopped reading still wants the files
-        unless_reader_gone(writeln!(
-            out,
-            "{}: {} bursts, {} signals",
-            path.display(),
-            thousands(bursts),
-            thousands(signals)
-        ))?;
+        write(recording, &args.out, &mut out)?;
     }
     let labels = args.out.join("labels.csv");
     labels_file::write(&labels, &scenario.labels(seed)).map_err(Failure::new)?;
     writeln!(out, "{}", labels.display())?;
+    Ok(Exit::Done)
+}
+
+/// Writes a recording into `dir` and says so.
+fn write(
+    recording: SimulatedRecording,
+    dir: &Path,
+    out: &mut impl Write,
+) -> Result<(), Failure> {
+    let control = interruptible();
+    let path = dir.join(format!("{}.mcap", recording.stem));
+    let mut writer =
+        RecordingWriter::create(&path, options(&recording.options)).map_err(Failure::new)?;
+    let (mut bursts, mut signals) = (0, 0);
+    for burst in recording.bursts {
+        if control.interrupted() {
+            return Err(Failure::new("interrupted; the recording at hand was not written"));
+        }
+        bursts += 1;
+        signals += u64::from(burst.channels);
+        writer.write(&burst, burst.t_acq_ns.max(0) as u64).map_err(Failure::new)?;
+    }
+    writer.finish().map_err(Failure::new)?;
+    // whoever stopped reading still wants the files
+    unless_reader_gone(writeln!(
+        out,
+        "{}: {} bursts, {} signals",
+        path.display(),
+        thousands(bursts),
+        thousands(signals)
+    ))
+}
+
+/// A recording with something in it, and its sealed truth.
+fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
+    let Kind::Physics(physics) = &scenario.kind else {
+        return Err(Failure::usage(format!(
+            "{}: --hide needs a scenario of kind \"physics\"",
+            args.scenario.display()
+        )));
+    };
+    let hidden = hidden::recording(physics, &scenario.recording, seed)
+        .map_err(|e| Failure::usage(format!("{}: {e}", args.scenario.display())))?;
+    let mut out = std::io::stdout().lock();
+    // the seal first: without it a recording would be one whose truth could still change
+    let sealed = args.out.join("sealed");
+    let digest = args.out.join("truth.sha256");
+    truth_file::write(&sealed.join("truth.json"), &digest, &hidden.truth).map_err(Failure::new)?;
+    labels_file::write(&sealed.join("labels.csv"), &hidden.labels).map_err(Failure::new)?;
+    write(hidden.recording, &args.out, &mut out)?;
+    writeln!(out, "{}", digest.display())?;
     Ok(Exit::Done)
 }
 

@@ -8,6 +8,7 @@
 pub mod block_reader;
 mod buffers;
 pub mod burst_codec;
+pub mod critique_tables;
 pub mod decompress;
 pub mod design_file;
 pub mod digest;
@@ -19,8 +20,11 @@ pub mod part_file;
 pub mod recording;
 pub mod recording_writer;
 mod run_column;
+pub mod sampling;
 pub mod scan;
 mod source;
+pub mod table_file;
+pub mod truth_file;
 pub mod verdict_reader;
 pub mod verdict_table;
 

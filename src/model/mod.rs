@@ -13,6 +13,7 @@ pub mod ring;
 pub mod ring_down;
 pub mod ring_fit;
 pub mod ring_moments;
+pub mod terms;
 
 use nalgebra::DMatrix;
 

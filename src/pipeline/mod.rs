@@ -16,6 +16,7 @@ pub mod collect;
 pub mod episodes;
 mod in_flight;
 mod metadata;
+pub mod observe;
 pub mod replay;
 mod rows;
 pub mod schedule;

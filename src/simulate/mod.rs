@@ -9,6 +9,7 @@
 mod burst_shape;
 pub mod dataset;
 pub mod drying;
+pub mod hidden;
 pub mod print_run;
 pub mod scenario;
 mod sensor;
@@ -73,6 +74,7 @@ enum Purpose {
     Temperature = 5,
     Drive = 6,
     Neighbours = 7,
+    Hidden = 8,
 }
 
 /// The random numbers of one purpose in one part of a scenario (a set, or a printhead of a run).
@@ -90,6 +92,8 @@ mod part {
     /// Experiments count on from here.
     pub const DRYING: u32 = 4;
     pub const PRINT_RUN: u32 = 16;
+    /// Hidden effects; their printheads count on from the next.
+    pub const HIDDEN: u32 = 1 << 20;
 }
 
 fn healthy_everywhere(printhead: &str) -> Label {

@@ -211,7 +211,7 @@ impl Printhead {
     }
 }
 
-fn draw_level(drive: &Drive, rng: &mut ChaCha8Rng) -> f64 {
+pub(super) fn draw_level(drive: &Drive, rng: &mut ChaCha8Rng) -> f64 {
     let mut left: f64 = rng.random();
     for (level, share) in drive.levels_v.iter().zip(&drive.shares) {
         left -= share;

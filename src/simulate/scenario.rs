@@ -8,6 +8,7 @@ mod checks;
 use crate::burst::{Format, Layout};
 use crate::fault::CLASSES;
 use crate::model::{Actuation, Geometry, InkChannel};
+use crate::simulate::hidden::Recorded;
 use serde::{Deserialize, Deserializer};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -117,6 +118,7 @@ pub struct Physics {
     pub fault: BTreeMap<String, FaultRange>,
     pub dataset: Option<Dataset>,
     pub print_run: Option<PrintRun>,
+    pub hidden: Option<HiddenRun>,
 }
 
 impl Physics {
@@ -148,6 +150,7 @@ struct PhysicsFile {
     fault: BTreeMap<String, FaultRange>,
     dataset: Option<Dataset>,
     print_run: Option<PrintRun>,
+    hidden: Option<HiddenRun>,
 }
 
 /// Healthy channel to channel: uniform half-widths, relative, constant over a run.
@@ -253,6 +256,22 @@ impl PrintRun {
         let own = self.names.as_ref().and_then(|names| names.get(printhead).cloned());
         own.unwrap_or_else(|| format!("printhead-{}", printhead + 1))
     }
+}
+
+/// `[hidden]`: what a print run records when something is hidden in it (`simulate --hide`).
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HiddenRun {
+    /// Covariates that the recording holds.
+    pub recorded: Vec<Recorded>,
+    /// Times since the previous actuation, drawn per signal; as often as each of them there was none.
+    #[serde(default)]
+    pub idle_times_us: Vec<f64>,
+    /// Healthy scatter from burst to burst beside `shot`: relative standard deviations.
+    #[serde(default)]
+    pub frequency_sd: f64,
+    #[serde(default)]
+    pub damping_sd: f64,
 }
 
 /// A fault from `from_s` (inclusive) to `to_s` (exclusive) after the first burst.
@@ -387,6 +406,7 @@ impl Scenario {
             fault: file.fault,
             dataset: file.dataset,
             print_run: file.print_run,
+            hidden: file.hidden,
         };
         let kind = Kind::Physics(Arc::new(physics));
         Ok(Scenario { seed: file.seed, recording: file.recording, kind })

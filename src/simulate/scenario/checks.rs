@@ -99,6 +99,13 @@ fn check_physics(physics: &Physics, recording: &RecordingOptions) -> Check {
         // all channels of a printhead are sensed together
         check_burst_size(run.channels, physics.acquisition.samples, recording)?;
     }
+    if let Some(hidden) = &physics.hidden {
+        for us in &hidden.idle_times_us {
+            within(*us, 1.0, 1e4, "hidden.idle_times_us")?;
+        }
+        within(hidden.frequency_sd, 0.0, 0.1, "hidden.frequency_sd")?;
+        within(hidden.damping_sd, 0.0, 0.1, "hidden.damping_sd")?;
+    }
     let something = physics.dataset.is_some() || physics.print_run.is_some();
     require(something, "dataset", "there is neither [dataset] nor [print_run]: nothing to simulate")
 }

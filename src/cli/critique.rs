@@ -1,0 +1,200 @@
+//! `inkling critique`: what the model gets wrong, why, the extended model, the gain.
+
+use super::exit::{Exit, Failure};
+use super::progress::{Progress, interruptible};
+use super::report::printable;
+use crate::critique::engine::{self, MOST_SAMPLES, Outcome};
+use crate::critique::finding::{Critique, GainFigures};
+use crate::critique::observations::Observations;
+use crate::design::{Design, TrainingSet};
+use crate::identify::averaging::SignalSet;
+use crate::io::recording::Recording;
+use crate::io::{Limits, critique_tables, design_file, inputs, labels_file, part_file};
+use crate::pipeline::observe::Observer;
+use crate::settings::Settings;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  inkling critique healthy.mcap -o critique/
+  inkling critique night.mcap --labels labels.csv -o critique/
+  inkling critique pendulum.mcap --plant oscillator -o critique/
+
+Writes critique.json, evidence.parquet, residuals.parquet and, where it can, extended.design.json,
+which `inkling replay --design` loads.")]
+pub struct Args {
+    /// Files, directories (searched for *.mcap) or glob patterns
+    #[arg(required = true)]
+    recordings: Vec<String>,
+    /// Where the critique goes
+    #[arg(short, long, value_name = "DIR")]
+    out: PathBuf,
+    /// Only signals that it says are healthy; without it, outliers are found and left out
+    #[arg(long, value_name = "CSV")]
+    labels: Option<PathBuf>,
+    /// What rings
+    #[arg(long, value_enum, default_value_t = PlantArg::InkChannel)]
+    plant: PlantArg,
+    /// Settings file
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Any setting of pipeline.toml, repeatable
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum PlantArg {
+    /// Thesis (2-2)
+    InkChannel,
+    /// A damped oscillator seen through its displacement
+    Oscillator,
+}
+
+pub fn run(args: Args) -> Result<Exit, Failure> {
+    let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
+    let labels = args.labels.as_deref().map(labels_file::read).transpose().map_err(Failure::new)?;
+    let inputs = inputs::find_recordings(&args.recordings).map_err(Failure::new)?;
+    let control = interruptible();
+    let progress = Progress::new(inputs.len(), 0);
+    let oscillator = args.plant == PlantArg::Oscillator;
+    let most = if oscillator { usize::MAX } else { MOST_SAMPLES };
+    let mut observer = Observer::new(labels.as_ref(), settings.input.rails, most);
+    let mut incomplete = false;
+    for input in &inputs {
+        let recording = Recording::open(&input.path, Limits::default()).map_err(Failure::new)?;
+        let damage = progress.during(&recording.name, recording.bytes, &control, || {
+            observer.take(&recording, &control)
+        })?;
+        incomplete |= !damage.is_empty();
+        progress.say_damage(&recording.name, &damage);
+    }
+    let rejected = observer.rejected + observer.other_sampling;
+    incomplete |= rejected > 0;
+    let data = observer.finish().ok_or_else(|| Failure::new("no inkling.Burst messages found"))?;
+    let mut stages = |what: &str| progress.say(&format!("{what} ..."));
+    let mut outcome = match oscillator {
+        false => engine::critique(&data, labels.is_some(), &mut stages),
+        true => engine::critique_oscillator(&data, &mut stages),
+    }
+    .map_err(Failure::new)?;
+    outcome.critique.signals.rejected = rejected;
+
+    if !oscillator {
+        progress.say("extending the design ...");
+        match extended_design(&data, &outcome, &settings) {
+            Ok(design) => {
+                let name = "extended.design.json";
+                design_file::write(&args.out.join(name), &design).map_err(Failure::new)?;
+                outcome.critique.extended_model = Some(name.into());
+            }
+            Err(why) => progress.say(&format!("warning: no extended design: {why}")),
+        }
+    }
+    write(&args.out, &outcome.critique)?;
+    let mut out = std::io::stdout().lock();
+    print(&args.out, &outcome.critique, &mut out)?;
+    Ok(if incomplete { Exit::Incomplete } else { Exit::Done })
+}
+
+/// A design of the healthy signals that the critique kept.
+fn extended_design(
+    data: &Observations,
+    outcome: &Outcome,
+    settings: &Settings,
+) -> Result<Design, String> {
+    let volts = |i: usize| data.rows[i].beside.drive_v;
+    let kept: Vec<usize> = (0..data.len()).filter(|&i| !outcome.outlier[i]).collect();
+    let known: Vec<f64> = kept.iter().map(|&i| volts(i)).filter(|v| *v > 0.0).collect();
+    let drive_voltage_v =
+        (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64);
+    let mut set = TrainingSet {
+        sample_period_s: data.dt_s,
+        samples: data.samples,
+        drive_voltage_v,
+        ..TrainingSet::default()
+    };
+    for &i in &kept {
+        let row = &data.rows[i];
+        let drive = match drive_voltage_v {
+            Some(mean) if volts(i) > 0.0 => volts(i) / mean,
+            _ => 1.0,
+        };
+        set.healthy
+            .entry(data.printheads[row.printhead].clone())
+            .or_insert_with(|| SignalSet::new(data.samples))
+            .push(data.signal(i), row.beside.channel, drive, row.beside.temperature_c);
+    }
+    set.signals.insert(crate::fault::HEALTHY.into(), kept.len() as u64);
+    let (design, _) =
+        Design::train(&set, &settings.identify.grey_box, &settings.detect, &settings.isolate)
+            .map_err(|e| e.to_string())?;
+    Ok(design)
+}
+
+/// The tables first, `critique.json` last: who finds it finds all.
+fn write(dir: &Path, critique: &Critique) -> Result<(), Failure> {
+    critique_tables::write_evidence(&dir.join("evidence.parquet"), critique)
+        .map_err(Failure::new)?;
+    critique_tables::write_residuals(&dir.join("residuals.parquet"), critique)
+        .map_err(Failure::new)?;
+    let path = dir.join("critique.json");
+    let failed = |e: std::io::Error| Failure::new(format!("{}: {e}", path.display()));
+    let text = serde_json::to_string_pretty(critique).map_err(Failure::new)?;
+    let (part, mut file) = part_file::PartFile::create(&path).map_err(failed)?;
+    writeln!(file, "{text}").map_err(failed)?;
+    part.finish(&file).map_err(failed)
+}
+
+fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Result<()> {
+    writeln!(out, "{}", printable(&critique.sentence))?;
+    if !critique.causes.is_empty() {
+        writeln!(
+            out,
+            "  {:<22} {:<18} {:>12}  {:>25}  {:>8}  tied with",
+            "cause", "parameter", "value", "95 % interval", "strength"
+        )?;
+    }
+    for c in &critique.causes {
+        writeln!(
+            out,
+            "  {:<22} {:<18} {:>12.5e}  {:>12.4e} {:>12.4e}  {:>5.1} DL  {}",
+            c.id,
+            format!("{} ({})", c.parameter, c.unit),
+            c.value,
+            c.ci95[0],
+            c.ci95[1],
+            c.strength_dl,
+            c.tied_with.join(", ")
+        )?;
+    }
+    let line = |out: &mut dyn Write, when: &str, g: &GainFigures| {
+        writeln!(
+            out,
+            "  {when:<8} chi²/dof {:.4}, nrmse {:.2} %, whiteness p {:.2e}, false alarms {:.2} %, \
+             detection AUC {:.3}",
+            g.chi2_per_dof,
+            g.nrmse_percent,
+            g.whiteness_p,
+            100.0 * g.false_alarms,
+            g.detection_auc
+        )
+    };
+    if critique.gain.held_out.signals > 0 {
+        writeln!(
+            out,
+            "  on {} signals that nothing was fitted to (by {}):",
+            critique.gain.held_out.signals, critique.gain.held_out.by
+        )?;
+        line(out, "before", &critique.gain.before)?;
+        line(out, "after", &critique.gain.after)?;
+    }
+    for n in &critique.not_testable {
+        writeln!(out, "  not testable: {} (needs {})", n.id, n.needs)?;
+    }
+    for remark in &critique.remarks {
+        writeln!(out, "  {}", printable(remark))?;
+    }
+    writeln!(out, "  {}", dir.join("critique.json").display())
+}

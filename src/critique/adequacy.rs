@@ -1,0 +1,79 @@
+//! Whether the model that was found is enough: what is left, tested without the catalogue.
+//!
+//! In: the selected model. Out: [`Left`]: what is still significant, in words, and how much of the
+//! misfit it is.
+
+use super::candidates::{Applied, Bench};
+use super::covariates::{Covariates, NAMES};
+use super::engine::Found;
+use super::finding::Cause;
+use super::observations::Observations;
+use super::selection::{Selected, THRESHOLD};
+use super::space::Nuisance;
+
+/// Parameters in words.
+const PARAMETERS: [&str; 5] = ["damping", "frequency", "amplitude", "phase", "slow decay"];
+/// Of what the named causes explain, this share may be left: no model of a cause is exact.
+const SHARE_ALLOWED: f64 = 0.15;
+/// An omnibus test must be more surprising than a candidate: it has no mechanism behind it.
+const MARGIN: f64 = 1.5;
+
+#[derive(Clone, Debug, Default)]
+pub struct Left {
+    pub significant: Vec<String>,
+    /// Of all misfit (explained and not), the share that is not explained.
+    pub share: f64,
+    pub share_allowed: f64,
+    pub nearest: Vec<Cause>,
+}
+
+pub fn check(
+    selected: &Selected,
+    data: &Observations,
+    beside: &Covariates,
+    _of_noise: &[Found],
+) -> Left {
+    let directions: Vec<_> =
+        selected.causes.iter().flat_map(|c| c.scored.applied.directions.iter().cloned()).collect();
+    let nuisance = Nuisance::new(&selected.space, &directions);
+    let identity = |y: Vec<f64>| y;
+    let length = (data.dt_s * data.samples as f64, data.integer);
+    let bench =
+        Bench::new(&selected.model, beside, &selected.space, &nuisance, length, &identity);
+    let mut left = Left { share_allowed: SHARE_ALLOWED, ..Left::default() };
+    let explained: f64 = selected.causes.iter().map(|c| c.statistic).sum();
+    let mut unexplained = 0.0_f64;
+    let (local, tried) = bench.local_scan();
+    let local = local - tried.max(1.0).ln();
+    if local > MARGIN + THRESHOLD - 3.0 {
+        left.significant.push("the mean misfit has a shape of its own".into());
+        unexplained = unexplained.max(2.0 * local);
+    }
+    // causes that act through a covariate own whatever that covariate does
+    let owned: Vec<usize> = selected.causes.iter().filter_map(|c| which(&c.scored.applied)).collect();
+    for (which, parameter, surprise) in bench.covariate_scan() {
+        if owned.contains(&which) {
+            continue;
+        }
+        if surprise > THRESHOLD + MARGIN {
+            left.significant.push(format!("{} follows {}", PARAMETERS[parameter], NAMES[which]));
+            unexplained = unexplained.max(2.0 * surprise);
+        }
+    }
+    for s in &selected.unnamed {
+        if s.surprise > THRESHOLD + MARGIN {
+            left.significant.push(format!("something like {} ({})", s.applied.id, s.disqualified));
+            unexplained = unexplained.max(s.statistic);
+        }
+    }
+    left.share = unexplained / (unexplained + explained).max(1e-300);
+    left
+}
+
+fn which(applied: &Applied) -> Option<usize> {
+    match applied.kind {
+        super::candidates::Kind::Covariate { which, .. } => Some(which),
+        super::candidates::Kind::Tail => Some(super::covariates::IDLE),
+        super::candidates::Kind::Shapes => None,
+    }
+}

@@ -1,0 +1,118 @@
+//! What the converter does to the numbers: clipping and missing codes.
+//!
+//! In: whole counts and the fitted model. Out: [`Found`] for `clipping` and `coarse_lsb`. Clipped
+//! samples are left out of what is fitted afterwards (`Model::ceiling`).
+
+use super::candidates::ln_normal_tail;
+use super::covariates::Covariates;
+use super::engine::{Found, found};
+use super::model::{Linear, Model};
+use super::observations::Observations;
+use std::collections::BTreeMap;
+
+/// A code counts as populated from this many samples on; a gap tells something from this many on.
+const POPULATED: f64 = 8.0;
+
+pub fn test(data: &Observations, beside: &Covariates, model: &mut Model) -> Vec<Found> {
+    let mut histogram: BTreeMap<i64, u64> = BTreeMap::new();
+    for i in 0..data.len() {
+        for y in data.signal(i) {
+            *histogram.entry((f64::from(*y) * if data.integer { 1.0 } else { 1e6 }) as i64).or_default() += 1;
+        }
+    }
+    let mut all = vec![clipping(data, beside, model, &histogram)];
+    all.push(lattice(data, model, &histogram));
+    all
+}
+
+/// Nothing above L although the model says that much should be: the probability of that.
+fn clipping(
+    data: &Observations,
+    beside: &Covariates,
+    model: &mut Model,
+    histogram: &BTreeMap<i64, u64>,
+) -> Found {
+    let unit = if data.integer { 1.0 } else { 1e-6 };
+    let Some((&top, &at_top)) = histogram.last_key_value() else {
+        return found("clipping", 0.0, 0.0, f64::NAN, f64::NAN, Some("no samples"));
+    };
+    let level = top as f64 * unit;
+    let sd = model.noise_var.sqrt();
+    let half = if data.integer { 0.5 } else { 0.0 };
+    let mut linear = Linear::default();
+    let (mut surprise, mut beyond) = (0.0, 0.0);
+    for i in 0..data.len() {
+        model.linearise(i, data, beside, &mut linear);
+        for (k, y) in data.signal(i).iter().enumerate() {
+            // clipped samples pull the fit down: what it expects is rather too small
+            let expected = f64::from(*y) - linear.residual[k];
+            let z = (level + half - expected) / sd;
+            if z < 6.0 {
+                let tail = ln_normal_tail(z);
+                surprise -= (1.0 - tail.exp()).max(1e-12).ln();
+                beyond += tail.exp();
+            }
+        }
+    }
+    // the top code alone must hold what should lie above it
+    let crowded = at_top as f64 > 4.0 + 0.5 * beyond;
+    // one free level; unmodelled scatter of the largest signals is allowed for
+    let surprise: f64 = if crowded { (0.6 * surprise - 3.0_f64).max(0.0) } else { 0.0 };
+    let f = found("clipping", surprise, 2.0 * surprise, level, half.max(1e-3) * 0.5, None);
+    if f.evidence.accepted {
+        model.ceiling = Some(level - 3.0 * sd);
+    }
+    f
+}
+
+/// Codes that are never met although their neighbours are: the spacing of those that are.
+fn lattice(data: &Observations, model: &Model, histogram: &BTreeMap<i64, u64>) -> Found {
+    let lack = |why| found("coarse_lsb", 0.0, 0.0, f64::NAN, f64::NAN, Some(why));
+    if !data.integer {
+        // floats lie on a lattice where few distinct values are met often
+        let total: u64 = histogram.values().sum();
+        if histogram.len() as f64 > 0.2 * total as f64 {
+            return found("coarse_lsb", 0.0, 0.0, f64::NAN, f64::NAN, None);
+        }
+    }
+    let unit = if data.integer { 1.0 } else { 1e-6 };
+    let total: u64 = histogram.values().sum();
+    if total == 0 {
+        return lack("no samples");
+    }
+    // the stretch about the middle where codes are met often
+    let (mut low, mut high, mut run) = (0, 0, 0_u64);
+    let from = total / 20;
+    for (&code, &n) in histogram {
+        if run < from {
+            low = code;
+        }
+        run += n;
+        if run <= total - from {
+            high = code;
+        }
+    }
+    let met: Vec<i64> = histogram.range(low..=high).map(|(&code, _)| code).collect();
+    if met.len() < 8 {
+        return found("coarse_lsb", 0.0, 0.0, f64::NAN, f64::NAN, None);
+    }
+    let codes = ((met[met.len() - 1] - met[0]) as f64).max(1.0);
+    let step = codes / (met.len() - 1) as f64;
+    let inside: u64 = histogram.range(met[0]..=met[met.len() - 1]).map(|(_, n)| n).sum();
+    let per_code = inside as f64 / (codes + 1.0);
+    let missing = codes + 1.0 - met.len() as f64;
+    if !data.integer {
+        let value = step * unit;
+        let sd = model.noise_var.sqrt();
+        let surprise = if value > 0.02 * sd && per_code < 0.5 { 50.0 } else { 0.0 };
+        return found("coarse_lsb", surprise, 2.0 * surprise, value, 1e-3 * value, None);
+    }
+    // each missing code had a chance of e^-per_code of being missed
+    let expected = (codes + 1.0) * (-0.5 * per_code).exp();
+    let surprise = if per_code > POPULATED && missing > 3.0 * expected + 2.0 {
+        missing * 0.5 * per_code
+    } else {
+        0.0
+    };
+    found("coarse_lsb", surprise, 2.0 * surprise, step * unit, step / codes.max(1.0), None)
+}

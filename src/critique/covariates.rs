@@ -1,0 +1,113 @@
+//! What was recorded beside the signals, standardised.
+//!
+//! In: observations. Out: per signal its drive relative to the mean, and its covariates with mean 0 and
+//! standard deviation 1; a covariate that was not recorded, or does not vary, is absent and counts 0.
+
+use super::observations::{Beside, Observations};
+
+/// Index of a covariate. `ONE` is the constant: the mean of all channels.
+pub const ONE: usize = 0;
+pub const TIME: usize = 1;
+pub const TEMPERATURE: usize = 2;
+pub const POSITION: usize = 3;
+pub const NEIGHBOURS: usize = 4;
+pub const IDLE: usize = 5;
+pub const DRIVE: usize = 6;
+pub const COVARIATES: usize = 7;
+
+pub const NAMES: [&str; COVARIATES] =
+    ["one", "time", "temperature", "channel", "neighbours", "idle", "drive"];
+pub const UNITS: [&str; COVARIATES] = ["1", "s", "°C", "1", "1", "s", "V"];
+
+/// Share of signals that must have a covariate before it counts as recorded.
+const LEAST_RECORDED: f64 = 0.9;
+
+#[derive(Clone, Debug)]
+pub struct Covariates {
+    /// Relative to the mean drive; 1 where it was not recorded.
+    pub drive: Vec<f64>,
+    pub drive_mean_v: Option<f64>,
+    pub z: Vec<[f64; COVARIATES]>,
+    pub present: [bool; COVARIATES],
+    pub mean: [f64; COVARIATES],
+    pub sd: [f64; COVARIATES],
+    /// Largest minus smallest, in the covariate's unit.
+    pub span: [f64; COVARIATES],
+    /// Whether the drive spans enough to tell what scales with it from what does not.
+    pub drive_scan: bool,
+    /// Whether time since the previous actuation was recorded.
+    pub idle: bool,
+}
+
+fn value(which: usize, beside: &Beside, first_ns: i64) -> f64 {
+    match which {
+        ONE => 1.0,
+        TIME => beside.t_acq_ns.saturating_sub(first_ns) as f64 * 1e-9,
+        TEMPERATURE => beside.temperature_c,
+        POSITION => f64::from(beside.channel),
+        NEIGHBOURS => beside.neighbours,
+        // a long wait is like none at all: what matters is the logarithm, up to a second
+        IDLE => beside.idle_s.clamp(1e-6, 1.0).ln(),
+        _ => beside.drive_v,
+    }
+}
+
+impl Covariates {
+    pub fn of(data: &Observations) -> Covariates {
+        let n = data.len().max(1) as f64;
+        let first_ns = data.rows.iter().map(|r| r.beside.t_acq_ns).min().unwrap_or(0);
+        let drives = || data.rows.iter().map(|r| r.beside.drive_v).filter(|v| *v > 0.0);
+        let recorded = drives().count() as f64 >= LEAST_RECORDED * n;
+        let drive_mean_v = recorded.then(|| drives().sum::<f64>() / drives().count() as f64);
+        let drive: Vec<f64> = data
+            .rows
+            .iter()
+            .map(|r| match drive_mean_v {
+                Some(mean) if r.beside.drive_v > 0.0 => r.beside.drive_v / mean,
+                _ => 1.0,
+            })
+            .collect();
+        let mut new = Covariates {
+            drive,
+            drive_mean_v,
+            z: vec![[0.0; COVARIATES]; data.len()],
+            present: [false; COVARIATES],
+            mean: [0.0; COVARIATES],
+            sd: [1.0; COVARIATES],
+            span: [0.0; COVARIATES],
+            drive_scan: false,
+            idle: data.rows.iter().filter(|r| !r.beside.idle_s.is_nan()).count() as f64
+                >= LEAST_RECORDED * n,
+        };
+        for which in 0..COVARIATES {
+            let of = |i: usize| value(which, &data.rows[i].beside, first_ns);
+            let known: Vec<usize> = (0..data.len()).filter(|&i| of(i).is_finite()).collect();
+            if which == ONE {
+                new.z.iter_mut().for_each(|z| z[ONE] = 1.0);
+                new.present[ONE] = true;
+                continue;
+            }
+            if (known.len() as f64) < LEAST_RECORDED * n || known.is_empty() {
+                continue;
+            }
+            let count = known.len() as f64;
+            let mean = known.iter().map(|&i| of(i)).sum::<f64>() / count;
+            let square = known.iter().map(|&i| (of(i) - mean).powi(2)).sum::<f64>() / count;
+            let low = known.iter().map(|&i| of(i)).fold(f64::INFINITY, f64::min);
+            let high = known.iter().map(|&i| of(i)).fold(f64::NEG_INFINITY, f64::max);
+            new.mean[which] = mean;
+            new.span[which] = high - low;
+            if square.sqrt() <= 1e-9 * mean.abs().max(1e-300) || square <= 0.0 {
+                continue; // it does not vary
+            }
+            new.sd[which] = square.sqrt();
+            new.present[which] = true;
+            for &i in &known {
+                new.z[i][which] = (of(i) - mean) / square.sqrt();
+            }
+        }
+        let spread = new.drive.iter().map(|s| (s - 1.0).powi(2)).sum::<f64>() / n;
+        new.drive_scan = spread.sqrt() > 0.03;
+        new
+    }
+}

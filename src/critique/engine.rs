@@ -1,0 +1,369 @@
+//! The critique itself, from observations to findings.
+
+use super::adequacy;
+use super::catalogue::{CATALOGUE, Needs, entry_of, experiment, lacking};
+use super::codes;
+use super::covariates::Covariates;
+use super::ensemble;
+use super::figures;
+use super::finding::{
+    Cause, Critique, Evidence, Misfit, NotTestable, Signals, VERSION, Verdict,
+};
+use super::gain;
+use super::model::{Model, Unfit};
+use super::observations::Observations;
+use super::outliers::outliers;
+use super::selection::{self, Chosen, DETECTION_LIMIT, Selected};
+use super::space::Space;
+use thiserror::Error;
+
+/// Signals that a critique needs at least, and samples of each.
+const FEWEST_SIGNALS: usize = 8;
+const FEWEST_SAMPLES: usize = 16;
+/// Longer signals are judged by their first samples.
+pub const MOST_SAMPLES: usize = 512;
+
+#[derive(Debug, Error)]
+pub enum CritiqueError {
+    #[error("{found} usable signals: a critique needs {FEWEST_SIGNALS} at least")]
+    TooFew { found: usize },
+    #[error("signals of {samples} samples: a critique needs {FEWEST_SAMPLES} at least")]
+    TooShort { samples: usize },
+    #[error("nothing rings in these signals: one damped oscillation explains less than a tenth")]
+    NoRing,
+}
+
+/// A critique, and the model that it ended with.
+pub struct Outcome {
+    pub critique: Critique,
+    /// Rows that were left out as unlike the others.
+    pub outlier: Vec<bool>,
+}
+
+/// `stages`: told what is being done.
+pub fn critique(
+    all: &Observations,
+    labelled: bool,
+    stages: &mut dyn FnMut(&str),
+) -> Result<Outcome, CritiqueError> {
+    if all.len() < FEWEST_SIGNALS {
+        return Err(CritiqueError::TooFew { found: all.len() });
+    }
+    if all.samples < FEWEST_SAMPLES {
+        return Err(CritiqueError::TooShort { samples: all.samples });
+    }
+    stages("fitting the baseline");
+    let beside = Covariates::of(all);
+    let start = Model::start(all, &beside, true).map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
+    let outlier =
+        if labelled { vec![false; all.len()] } else { outliers(all, &beside, &start) };
+    let data = all.select(|i| !outlier[i]);
+    if data.len() < FEWEST_SIGNALS {
+        return Err(CritiqueError::TooFew { found: data.len() });
+    }
+    let beside = Covariates::of(&data);
+    let mut baseline =
+        Model::start(&data, &beside, true).map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
+    baseline.fit(&data, &beside, 2);
+
+    stages("looking at codes and noise");
+    let of_codes = codes::test(&data, &beside, &mut baseline);
+    if !of_codes.is_empty() {
+        baseline.fit(&data, &beside, 2);
+    }
+    let of_noise = ensemble::test(&data, &beside, &mut baseline);
+
+    let before = baseline.clone();
+    let selected = selection::select(baseline, &data, &beside, stages);
+
+    stages("checking what is left");
+    let left = adequacy::check(&selected, &data, &beside, &of_noise);
+    stages("measuring the gain");
+    let gain = gain::measure(&before, &selected.model, &data, &beside);
+    let figures = figures::draw(&before, &selected.model, &data, &beside, &gain.energies);
+    let matters = gain.auc_gain > MATTERS;
+
+    let mut causes = Vec::new();
+    let mut evidence: Vec<Evidence> = Vec::new();
+    for found in of_codes.iter().chain(&of_noise) {
+        evidence.push(found.evidence.clone());
+        if found.evidence.accepted {
+            causes.push(found.cause(false));
+        }
+    }
+    evidence.extend(selected.evidence.iter().cloned());
+    causes.extend(selected.causes.iter().map(|c| cause_of(c, matters && is_covariate(c))));
+    let (verdict, mut remarks) = verdict(&mut causes, &selected, &left);
+    let left_out = outlier.iter().filter(|o| **o).count();
+    if left_out > 0 {
+        remarks.push(format!(
+            "{left_out} of {} signals ring unlike the others and were left out: faulty channels, \
+             it seems",
+            all.len()
+        ));
+    }
+    if (all.len() as u64) < all.found {
+        remarks.push(format!("{} signals were drawn from {}", all.len(), all.found));
+    }
+    for cause in &causes {
+        for tied in &cause.tied_with {
+            remarks.push(format!(
+                "{} and {tied} cannot be told apart here: {}",
+                cause.id,
+                experiment(&cause.id, tied)
+            ));
+        }
+    }
+    let not_testable = CATALOGUE
+        .iter()
+        .filter_map(|e| {
+            let needs = lacking(e.needs, &beside, data.integer, data.units)?;
+            Some(NotTestable { id: e.id.into(), needs: needs.into() })
+        })
+        .collect();
+    let space: &Space = &selected.space;
+    let critique = Critique {
+        version: VERSION,
+        verdict,
+        sentence: sentence(verdict, &causes, &left),
+        equation: equation(&causes),
+        causes,
+        not_testable,
+        misfit: Misfit { ..gain.misfit },
+        gain: gain.gain,
+        extended_model: None,
+        remarks,
+        signals: Signals {
+            found: all.found,
+            used: all.len(),
+            outliers: left_out,
+            channels: space.units,
+            rejected: 0,
+        },
+        evidence,
+        figures,
+    };
+    Ok(Outcome { critique, outlier })
+}
+
+/// The same for a damped oscillator that is seen through its displacement: few long decays.
+pub fn critique_oscillator(
+    all: &Observations,
+    stages: &mut dyn FnMut(&str),
+) -> Result<Outcome, CritiqueError> {
+    critique(all, true, stages)
+}
+
+/// Gain in detection AUC from which on a cause matters for detection.
+const MATTERS: f64 = 0.01;
+
+/// Whether a cause moves single signals, rather than all of them alike.
+fn is_covariate(chosen: &Chosen) -> bool {
+    !matches!(chosen.scored.applied.kind, super::candidates::Kind::Shapes)
+}
+
+fn cause_of(chosen: &Chosen, matters: bool) -> Cause {
+    let s = &chosen.scored;
+    let entry = entry_of(s.applied.id);
+    let half = 1.96 * s.sd;
+    let mut cause = Cause {
+        id: entry.id.into(),
+        parameter: entry.parameter.into(),
+        unit: entry.unit.into(),
+        value: s.value,
+        ci95: [s.value - half, s.value + half],
+        strength_dl: (chosen.statistic / DETECTION_LIMIT).sqrt(),
+        delta_bic: chosen.delta_bic,
+        tied_with: chosen.tied_with.clone(),
+        matters_for_detection: matters,
+        explains: None,
+        sentence: String::new(),
+    };
+    cause.sentence = cause_sentence(&cause);
+    cause
+}
+
+/// One sentence of a cause: what, how large.
+pub fn cause_sentence(cause: &Cause) -> String {
+    let entry = entry_of(&cause.id);
+    let unit = if cause.unit == "1" { String::new() } else { format!(" {}", cause.unit) };
+    format!(
+        "{}: {} = {:.4}{unit} ({:.4} to {:.4})",
+        entry.words, cause.parameter, cause.value, cause.ci95[0], cause.ci95[1]
+    )
+}
+
+fn verdict(
+    causes: &mut Vec<Cause>,
+    selected: &Selected,
+    left: &adequacy::Left,
+) -> (Verdict, Vec<String>) {
+    let mut remarks = Vec::new();
+    for what in &left.significant {
+        remarks.push(format!("still unexplained: {what}"));
+    }
+    if let Some(s) = selected.unnamed.first() {
+        remarks.push(format!(
+            "{} fits best but {}: it is not named",
+            s.applied.id, s.disqualified
+        ));
+    }
+    let unexplained = !left.significant.is_empty();
+    if causes.is_empty() {
+        if unexplained {
+            causes.extend(left.nearest.clone());
+            return (Verdict::Unknown, remarks);
+        }
+        return (Verdict::None, remarks);
+    }
+    if unexplained && left.share > left.share_allowed {
+        for cause in causes.iter_mut() {
+            cause.explains = Some(1.0 - left.share);
+        }
+        return (Verdict::Unknown, remarks);
+    }
+    match &causes[..] {
+        [one] if !one.tied_with.is_empty() => (Verdict::Tie, remarks),
+        _ => (Verdict::Named, remarks),
+    }
+}
+
+fn sentence(verdict: Verdict, causes: &[Cause], left: &adequacy::Left) -> String {
+    let matter = |cause: &Cause| {
+        if cause.matters_for_detection { "it spoils fault detection" } else { "fault detection hardly notices" }
+    };
+    match verdict {
+        Verdict::None => "The model explains these signals: nothing in them asks for more.".into(),
+        Verdict::Unknown => {
+            let what = left.significant.first().map_or("a misfit", String::as_str);
+            match causes.first() {
+                Some(c) => format!(
+                    "The model misses something that the catalogue does not hold ({what}); nearest \
+                     is {}, which explains {:.0} % of it.",
+                    c.id,
+                    100.0 * c.explains.unwrap_or(0.0)
+                ),
+                None => format!(
+                    "The model misses something that the catalogue does not hold ({what})."
+                ),
+            }
+        }
+        Verdict::Tie => {
+            let c = &causes[0];
+            format!(
+                "{}; {} explains the signals as well: {}.",
+                capital(&c.sentence),
+                c.tied_with.join(" or "),
+                experiment(&c.id, &c.tied_with[0])
+            )
+        }
+        Verdict::Named => {
+            let each: Vec<String> =
+                causes.iter().map(|c| format!("{}; {}", capital(&c.sentence), matter(c))).collect();
+            format!("{}.", each.join(". "))
+        }
+    }
+}
+
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |c| c.to_uppercase().chain(letters).collect())
+}
+
+fn equation(causes: &[Cause]) -> String {
+    let mut text = String::from("y = s C e^{A t} x_a + e");
+    for cause in causes {
+        let term = match cause.id.as_str() {
+            "offset" => "+ b",
+            "droop" => "- w int_0^t e^{-w(t-u)} y(u) du",
+            "meniscus" => "; q_n' gains -(B_t/B_m) V_n/(I_n B_t)",
+            "lowpass" => "+ y(0) h e^{-w t}",
+            "second_mode" => "+ s e^{-gamma t} (p cos 2 pi f2 t + q sin 2 pi f2 t)",
+            "quadratic_drag" => "; q_n' gains -k |q_n| q_n",
+            "dry_friction" => "; q_n' gains -mu sign(q_n)",
+            "cubic_stiffness" => "; V becomes V + k3 V^3",
+            "fractional_damping" => "; (1 - eta) R_n q_n + eta R_n omega^{-1/2} D^{1/2} q_n",
+            "tone" => "+ p cos 2 pi f t + q sin 2 pi f t",
+            "random_tone" => "+ p cos(2 pi f t + phase of the burst)",
+            "trigger_jitter" => "; x_a becomes e^{A delta} x_a, delta random per burst",
+            "clipping" => "; y becomes min(y, L)",
+            "coarse_lsb" => "; y becomes q round(y/q)",
+            "previous_tail" => "+ g s f(t + idle time)",
+            "crosstalk" => "; s becomes s (1 + kappa n_nb)",
+            "temperature" => "; R becomes R (1 + beta (T - mean T))",
+            "ageing" => "; R becomes R (1 + a t/run)",
+            "position_gradient" => "; 1/B_t changes along the channels",
+            "clock_drift" => "; t becomes t (1 + eps t/run)",
+            "correlated_noise" => "; e_k = rho e_{k-1} + white",
+            "heteroscedastic_noise" => "; var e = v (1 + h f^2/max f^2)",
+            _ => "",
+        };
+        text.push(' ');
+        text.push_str(term);
+    }
+    text
+}
+
+/// Rows of the catalogue that are tested on codes or on the ensemble.
+pub fn found(
+    id: &str,
+    surprise: f64,
+    statistic: f64,
+    value: f64,
+    sd: f64,
+    lack: Option<&str>,
+) -> Found {
+    let accepted = surprise > selection::THRESHOLD && lack.is_none();
+    Found {
+        evidence: Evidence {
+            step: 0,
+            id: id.into(),
+            statistic,
+            threshold: DETECTION_LIMIT,
+            p: (-surprise).exp(),
+            delta_bic: statistic - (statistic.max(3.0)).ln(),
+            strength_dl: (statistic.max(0.0) / DETECTION_LIMIT).sqrt(),
+            value,
+            sd,
+            tested: lack.is_none(),
+            accepted,
+            why_not: match (accepted, lack) {
+                (true, _) => String::new(),
+                (false, Some(lack)) => lack.into(),
+                (false, None) => "not significant".into(),
+            },
+        },
+    }
+}
+
+#[derive(Clone, Debug)]
+pub struct Found {
+    pub evidence: Evidence,
+}
+
+impl Found {
+    fn cause(&self, matters: bool) -> Cause {
+        let e = &self.evidence;
+        let entry = entry_of(&e.id);
+        let mut cause = Cause {
+            id: entry.id.into(),
+            parameter: entry.parameter.into(),
+            unit: entry.unit.into(),
+            value: e.value,
+            ci95: [e.value - 1.96 * e.sd, e.value + 1.96 * e.sd],
+            strength_dl: e.strength_dl,
+            delta_bic: e.delta_bic,
+            tied_with: Vec::new(),
+            matters_for_detection: matters,
+            explains: None,
+            sentence: String::new(),
+        };
+        cause.sentence = cause_sentence(&cause);
+        cause
+    }
+}
+
+/// Whether an entry is testable at all on these data.
+pub fn testable(needs: Needs, beside: &Covariates, data: &Observations) -> bool {
+    lacking(needs, beside, data.integer, data.units).is_none()
+}

@@ -1,0 +1,375 @@
+//! Causes that show in the scatter of single signals, not in their mean: random tone, correlated and
+//! heteroscedastic noise, trigger jitter.
+//!
+//! In: the baseline's residuals, each freed of what its own ring explains and of what all signals have
+//! in common. Out: [`Found`] each. Errors come from the spread over signals, so heavy tails widen them.
+
+use super::candidates::{ln_normal_tail, surprise};
+use super::covariates::Covariates;
+use super::engine::{Found, found};
+use super::model::{Linear, Model, PATTERNS, dot};
+use super::observations::Observations;
+use super::ring::FREE;
+use nalgebra::{DMatrix, DVector};
+use std::f64::consts::{PI, TAU};
+
+/// One signal's residual u = (1 - Q Q^T) r and the basis Q of what was projected out, N x FREE.
+pub struct Left {
+    pub u: Vec<f64>,
+    pub q: DMatrix<f64>,
+    /// What the model expects, counts.
+    pub expected: Vec<f64>,
+}
+
+/// Residuals of every signal, freed of the tangent and of the mean over signals.
+pub fn residuals(model: &Model, data: &Observations, beside: &Covariates) -> Vec<Left> {
+    let n = data.samples;
+    let mut linear = Linear::default();
+    let mut all: Vec<Left> = Vec::with_capacity(data.len());
+    for i in 0..data.len() {
+        model.linearise(i, data, beside, &mut linear);
+        let columns = &linear.tangent.columns;
+        let j = DMatrix::from_fn(n, FREE, |k, j| {
+            columns[j][k] / columns[j].iter().map(|c| c * c).sum::<f64>().sqrt().max(1e-300)
+        });
+        let q = j.qr().q();
+        let expected =
+            data.signal(i).iter().zip(&linear.residual).map(|(y, r)| f64::from(*y) - r).collect();
+        all.push(Left { u: linear.residual.clone(), q, expected });
+    }
+    // the mean per power of the drive, sample by sample
+    let powers = |i: usize| {
+        let s = beside.drive[i];
+        [1.0, s, s * s, s * s * s]
+    };
+    let used = if beside.drive_scan { PATTERNS } else { 1 };
+    let mut gram = DMatrix::<f64>::identity(used, used) * 1e-9;
+    let mut sums = DMatrix::<f64>::zeros(used, n);
+    for (i, left) in all.iter().enumerate() {
+        let p = powers(i);
+        for a in 0..used {
+            for b in 0..used {
+                gram[(a, b)] += p[a] * p[b];
+            }
+            for (k, u) in left.u.iter().enumerate() {
+                sums[(a, k)] += p[a] * u;
+            }
+        }
+    }
+    let mean = gram.cholesky().map_or(DMatrix::zeros(used, n), |c| c.solve(&sums));
+    for (i, left) in all.iter_mut().enumerate() {
+        let p = powers(i);
+        for (k, u) in left.u.iter_mut().enumerate() {
+            *u -= (0..used).map(|a| p[a] * mean[(a, k)]).sum::<f64>();
+        }
+        project(&left.q, &mut left.u);
+    }
+    all
+}
+
+fn project(q: &DMatrix<f64>, u: &mut [f64]) {
+    for column in q.column_iter() {
+        let share: f64 = column.iter().zip(u.iter()).map(|(q, u)| q * u).sum();
+        u.iter_mut().zip(column.iter()).for_each(|(u, q)| *u -= share * q);
+    }
+}
+
+/// Mean, and standard error of it.
+fn mean_of(values: &[f64]) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    (mean, (square / n).sqrt())
+}
+
+fn two_sided(z: f64) -> f64 {
+    -(ln_normal_tail(z.abs()) + 2f64.ln()).min(0.0)
+}
+
+pub fn test(data: &Observations, beside: &Covariates, model: &mut Model) -> Vec<Found> {
+    let mut left = residuals(model, data, beside);
+    let n = data.samples;
+    let v = left.iter().map(|l| dot(&l.u, &l.u)).sum::<f64>()
+        / (left.len() * (n - FREE).max(1)) as f64;
+    let line = pooled_line(&left, n, v);
+    let mut rho = lag_one(&left, n, v);
+    // a line correlates the noise, and correlated noise is a broad hump: the narrower wins
+    let mut line_surprise = line.surprise;
+    if line_surprise > 0.0 && two_sided(rho.2) > 0.0 {
+        let mut without: Vec<Left> = Vec::new();
+        std::mem::swap(&mut without, &mut left);
+        left = without
+            .into_iter()
+            .map(|mut l| {
+                notch(&mut l, line.omega, n);
+                l
+            })
+            .collect();
+        let rho_without = lag_one(&left, n, v);
+        let local = line.contrast;
+        if line.surprise > super::selection::THRESHOLD && local > 3.0 {
+            rho = rho_without;
+        } else {
+            line_surprise = 0.0;
+        }
+    }
+    let length_s = data.dt_s * n as f64;
+    let mut all = vec![
+        found(
+            "random_tone",
+            line_surprise,
+            line.z * line.z,
+            line.omega / TAU / length_s,
+            line.sd / TAU / length_s,
+            None,
+        ),
+        found("correlated_noise", two_sided(rho.2), rho.2 * rho.2, rho.0, rho.1, None),
+    ];
+    let (h, sd, z) = heteroscedastic(&left, n, v);
+    // noise that shrinks with the signal is none of the catalogue
+    let shown = if h > 0.0 { two_sided(z) } else { 0.0 };
+    all.push(found("heteroscedastic_noise", shown, z * z, h, sd, None));
+    all.push(jitter(model, data, beside));
+    all
+}
+
+struct Line {
+    omega: f64,
+    sd: f64,
+    z: f64,
+    surprise: f64,
+    /// Excess over the neighbouring frequencies' excess.
+    contrast: f64,
+}
+
+/// Takes cos and sin at a frequency out of a residual.
+fn notch(left: &mut Left, omega: f64, n: usize) {
+    let mut q = left.q.clone().resize_horizontally(FREE + 2, 0.0);
+    for k in 0..n {
+        let t = k as f64 / n as f64;
+        (q[(k, FREE)], q[(k, FREE + 1)]) = ((omega * t).cos(), (omega * t).sin());
+    }
+    left.q = q.qr().q();
+    let q = left.q.clone();
+    project(&q, &mut left.u);
+}
+
+fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
+    // (ratio of the mean periodogram to what white noise leaves, its standard error)
+    let ratio = |omega: f64| -> (f64, f64) {
+        let (sin, cos) = (omega / n as f64).sin_cos();
+        let mut c = vec![0.0; n];
+        let mut s = vec![0.0; n];
+        let (mut x, mut y) = (1.0, 0.0);
+        for k in 0..n {
+            (c[k], s[k]) = (x, y);
+            (x, y) = (x * cos - y * sin, y * cos + x * sin);
+        }
+        let values: Vec<f64> = left
+            .iter()
+            .map(|l| {
+                let power = dot(&l.u, &c).powi(2) + dot(&l.u, &s).powi(2);
+                let lost: f64 = l
+                    .q
+                    .column_iter()
+                    .map(|q| {
+                        let q = q.as_slice();
+                        dot(q, &c).powi(2) + dot(q, &s).powi(2)
+                    })
+                    .sum();
+                power / (v * (n as f64 - lost).max(1.0))
+            })
+            .collect();
+        mean_of(&values)
+    };
+    let m = left.len() as f64;
+    // Wilson and Hilferty: the mean of m exponentials
+    let z_of = |r: f64| 3.0 * m.sqrt() * (r.max(1e-9).cbrt() - (1.0 - 1.0 / (9.0 * m)));
+    let count = 2 * n;
+    let step = PI * n as f64 / count as f64;
+    let all: Vec<f64> = (1..count - 1).map(|j| ratio(j as f64 * step).0).collect();
+    let mut best = 2;
+    for j in 2..all.len().saturating_sub(2) {
+        if all[j] > all[best] {
+            best = j;
+        }
+    }
+    let mut omega = (best + 1) as f64 * step;
+    let mut reach = 0.5 * step;
+    for _ in 0..10 {
+        let trials = [omega - reach, omega, omega + reach];
+        let at = trials.map(|w| ratio(w).0);
+        let top = (0..3).fold(1, |b, j| if at[j] > at[b] { j } else { b });
+        omega = trials[top];
+        if top == 1 {
+            reach *= 0.5;
+        }
+    }
+    let (r, se) = ratio(omega);
+    let z = z_of(r).min((r - 1.0) / se.max(1e-9) * 1.5);
+    let mut near: Vec<f64> = all
+        .iter()
+        .enumerate()
+        .filter(|(j, _)| {
+            let off = j.abs_diff(best);
+            (5..=24).contains(&off)
+        })
+        .map(|(_, r)| *r)
+        .collect();
+    near.sort_by(f64::total_cmp);
+    let around = near.get(near.len() / 2).copied().unwrap_or(1.0);
+    let contrast = (r - 1.0) / (around - 1.0).abs().max(1.0 / m.sqrt());
+    // amplitude² / 4 * N per signal over v is r - 1
+    let snr = (r - 1.0).max(1e-6);
+    let var = 6.0 / (n as f64 * n as f64) / (snr * m) * (1.0 + 1.0 / snr) * (n * n) as f64;
+    Line {
+        omega,
+        sd: var.sqrt(),
+        z,
+        surprise: (-(ln_normal_tail(z)) - (n as f64).ln()).max(0.0),
+        contrast,
+    }
+}
+
+/// (rho, its standard error, z of its being zero), corrected for what the projection correlates.
+fn lag_one(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
+    let values: Vec<f64> = left
+        .iter()
+        .map(|l| {
+            let products: f64 = l.u.windows(2).map(|w| w[0] * w[1]).sum();
+            // E[u^T S u] = -v tr(S Q Q^T) under white noise
+            let lost: f64 = l
+                .q
+                .column_iter()
+                .map(|q| q.as_slice().windows(2).map(|w| w[0] * w[1]).sum::<f64>())
+                .sum();
+            (products + v * lost) / (v * (n as f64 - 1.0 - FREE as f64).max(1.0))
+        })
+        .collect();
+    let (mean, se) = mean_of(&values);
+    // the projection takes power where the ring is: to first order in rho
+    (mean, se, mean / se.max(1e-12))
+}
+
+/// Growth of the noise variance with the signal: (h, sd, z).
+fn heteroscedastic(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
+    let largest =
+        left.iter().flat_map(|l| l.expected.iter()).fold(0.0_f64, |m, y| m.max(y.abs())).max(1e-300);
+    let (mut sum, mut square, mut count) = (0.0, 0.0, 0.0);
+    for l in left {
+        for y in &l.expected {
+            let x = (y / largest).powi(2);
+            sum += x;
+            square += x * x;
+            count += 1.0;
+        }
+    }
+    let centre = sum / count;
+    let spread = square / count - centre * centre;
+    // slope and level of u² / (1 - leverage) against x
+    let values: Vec<(f64, f64)> = left
+        .iter()
+        .map(|l| {
+            let (mut slope, mut level) = (0.0, 0.0);
+            for k in 0..n {
+                let leverage: f64 = l.q.row(k).iter().map(|q| q * q).sum();
+                let w = l.u[k] * l.u[k] / (1.0 - leverage).max(0.2) / v;
+                let x = (l.expected[k] / largest).powi(2) - centre;
+                slope += (w - 1.0) * x;
+                level += w;
+            }
+            (slope / (spread * n as f64).max(1e-300), level / n as f64)
+        })
+        .collect();
+    let slopes: Vec<f64> = values.iter().map(|(s, _)| *s).collect();
+    let (slope, se) = mean_of(&slopes);
+    let level = values.iter().map(|(_, l)| l).sum::<f64>() / values.len() as f64;
+    let at_zero = (level - slope * centre).max(0.05);
+    (slope / at_zero, se / at_zero * (1.0 + slope / at_zero * centre), slope / se.max(1e-12))
+}
+
+/// Scatter along a shift in time. Healthy scatter of the acquisition state moves amplitude and phase
+/// alike; a jitter moves the phase alone, and moves all channels of a burst together.
+fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Found {
+    let length_s = data.dt_s * data.samples as f64;
+    let mut linear = Linear::default();
+    let amplitude = model.amplitude();
+    let (sigma, omega) = (model.mean[0].exp(), model.mean[1].exp());
+    // per signal: (gain, shift) relative to its channel, and their noise
+    let mut each: Vec<(usize, usize, [f64; 2], [f64; 2])> = Vec::new();
+    for i in 0..data.len() {
+        model.linearise(i, data, beside, &mut linear);
+        let theta = model.theta(i, data, beside);
+        let (a, b) = (theta[2], theta[3]);
+        let n = data.samples;
+        let c = &linear.tangent.columns;
+        // gain scales a and b, a shift in time turns them
+        let columns = DMatrix::from_fn(n, 2, |k, j| {
+            if j == 0 {
+                a * c[2][k] + b * c[3][k]
+            } else {
+                (omega * b - sigma * a) * c[2][k] - (omega * a + sigma * b) * c[3][k]
+            }
+        });
+        let r = DVector::from_column_slice(&linear.residual);
+        let gram = columns.tr_mul(&columns);
+        let Some(inverse) = gram.try_inverse() else { continue };
+        let x = &inverse * columns.tr_mul(&r);
+        let var = [inverse[(0, 0)] * model.noise_var, inverse[(1, 1)] * model.noise_var];
+        each.push((data.rows[i].unit, data.rows[i].burst, [x[0], x[1]], var));
+    }
+    let lack = |why| found("trigger_jitter", 0.0, 0.0, f64::NAN, f64::NAN, Some(why));
+    if each.len() < data.units + 8 || amplitude <= 0.0 {
+        return lack("several bursts of a channel");
+    }
+    // about the channel's own mean
+    let mut sums = vec![([0.0; 2], 0.0); data.units];
+    for (unit, _, x, _) in &each {
+        sums[*unit].0[0] += x[0];
+        sums[*unit].0[1] += x[1];
+        sums[*unit].1 += 1.0;
+    }
+    let (mut squares, mut noise, mut fourth) = ([0.0; 2], [0.0; 2], 0.0);
+    let mut common: std::collections::BTreeMap<usize, (f64, f64, f64)> = Default::default();
+    for (unit, burst, x, var) in &mut each {
+        let (sum, count) = sums[*unit];
+        let inflate = (count / (count - 1.0_f64).max(1.0)).sqrt();
+        for j in 0..2 {
+            x[j] = (x[j] - sum[j] / count) * inflate;
+            squares[j] += x[j] * x[j];
+            noise[j] += var[j];
+        }
+        fourth += x[1].powi(4);
+        let entry = common.entry(*burst).or_default();
+        entry.0 += x[1];
+        entry.1 += 1.0;
+        entry.2 += x[1] * x[1];
+    }
+    let m = each.len() as f64;
+    let gain_var = ((squares[0] - noise[0]) / m).max(0.0);
+    let shift_var = (squares[1] - noise[1]) / m;
+    let shift_se = ((fourth / m - (squares[1] / m).powi(2)).max(0.0) / m).sqrt();
+    // all channels of a burst together: what bursts have in common beyond chance
+    let (mut between, mut own, mut pairs) = (0.0, 0.0, 0.0);
+    for (sum, count, square) in common.values() {
+        between += sum * sum - square;
+        own += square * square;
+        pairs += count * (count - 1.0);
+    }
+    let of_chance = squares[1] / m;
+    let _ = own;
+    let z_common = if pairs > 30.0 { between / (of_chance * (2.0 * pairs).sqrt()) } else { 0.0 };
+    // healthy: the phase scatters no more than some times what the gain does
+    let healthy = 3.0 * gain_var * (length_s / length_s) / (omega * omega);
+    let z_alone = (shift_var - healthy - (noise[0] / m) * 0.3 / (omega * omega)) / shift_se.max(1e-300);
+    let s_common = if z_common > 0.0 { surprise(z_common * z_common, 1, 1.0, f64::INFINITY) } else { 0.0 };
+    let s_alone = if z_alone > 0.0 { surprise(z_alone * z_alone, 1, 1.0, f64::INFINITY) } else { 0.0 };
+    let (s, z, var, se) = if s_common > s_alone {
+        (s_common, z_common, between / pairs, of_chance * (2.0 / pairs).sqrt())
+    } else {
+        let rest = (shift_var - gain_var / (omega * omega)).max(1e-300);
+        (s_alone, z_alone, rest, shift_se)
+    };
+    let sd = var.max(1e-300).sqrt();
+    found("trigger_jitter", s, z * z, sd * length_s, se / (2.0 * sd) * length_s, None)
+}

@@ -1,0 +1,216 @@
+//! What a critique says. Filled by the engine; the JSON writer, the tables and the report only read.
+//!
+//! `critique.json` is [`Critique`] serialised (contract, `critique.json`); the evidence and the figures
+//! go to tables of their own and to the report.
+
+use serde::Serialize;
+
+/// Version of `critique.json`.
+pub const VERSION: u32 = 1;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// The model explains the data.
+    None,
+    /// Every cause is named; of several, one may be tied.
+    Named,
+    /// One discrepancy, and several causes that explain it equally well.
+    Tie,
+    /// The misfit is significant and nothing in the catalogue explains it.
+    Unknown,
+}
+
+impl Verdict {
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Verdict::None => "none",
+            Verdict::Named => "named",
+            Verdict::Tie => "tie",
+            Verdict::Unknown => "unknown",
+        }
+    }
+}
+
+#[derive(Clone, Debug, Serialize)]
+pub struct Critique {
+    pub version: u32,
+    pub verdict: Verdict,
+    pub causes: Vec<Cause>,
+    pub not_testable: Vec<NotTestable>,
+    pub misfit: Misfit,
+    pub gain: Gain,
+    /// File name of the extended design, beside this document; absent where none could be made.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub extended_model: Option<String>,
+    /// What is wrong, how large, whether it matters, in one plain sentence.
+    pub sentence: String,
+    /// What remains unexplained, which outliers were left out, which experiment would settle a tie.
+    pub remarks: Vec<String>,
+    /// The extended equation, plain text.
+    pub equation: String,
+    pub signals: Signals,
+    #[serde(skip)]
+    pub evidence: Vec<Evidence>,
+    #[serde(skip)]
+    pub figures: Figures,
+}
+
+#[derive(Clone, Debug, Serialize)]
+pub struct Cause {
+    /// Of the catalogue.
+    pub id: String,
+    pub parameter: String,
+    pub unit: String,
+    pub value: f64,
+    pub ci95: [f64; 2],
+    /// In detection limits: sqrt(noncentrality / 20.9).
+    pub strength_dl: f64,
+    /// BIC without this cause minus BIC with it: positive speaks for it.
+    pub delta_bic: f64,
+    pub tied_with: Vec<String>,
+    pub matters_for_detection: bool,
+    /// With verdict `unknown`: the share of the misfit that the nearest cause explains.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub explains: Option<f64>,
+    pub sentence: String,
+}
+
+#[derive(Clone, Debug, Serialize)]
+pub struct NotTestable {
+    pub id: String,
+    pub needs: String,
+}
+
+/// Of the baseline model, on all signals that were judged.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Misfit {
+    pub chi2_per_dof: f64,
+    pub nrmse_percent: f64,
+    pub whiteness_p: f64,
+}
+
+/// On signals that nothing was fitted to.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Gain {
+    pub before: GainFigures,
+    pub after: GainFigures,
+    pub held_out: HeldOut,
+}
+
+/// Intervals are 95 %, by resampling channels; absent where there is nothing to resample.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct GainFigures {
+    pub chi2_per_dof: f64,
+    pub chi2_per_dof_interval: Option<[f64; 2]>,
+    pub nrmse_percent: f64,
+    pub nrmse_percent_interval: Option<[f64; 2]>,
+    pub whiteness_p: f64,
+    /// Detection threshold, on the scale of `figures.energies`.
+    pub threshold: f64,
+    /// Share of held-out healthy signals beyond the threshold.
+    pub false_alarms: f64,
+    pub false_alarms_interval: Option<[f64; 2]>,
+    /// Area under the ROC curve of a small nozzle fault put into held-out signals.
+    pub detection_auc: f64,
+    pub detection_auc_interval: Option<[f64; 2]>,
+}
+
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct HeldOut {
+    /// `channel+time`, or `time` where there is one channel.
+    pub by: String,
+    pub signals: usize,
+}
+
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Signals {
+    /// Usable signals that the recordings hold.
+    pub found: u64,
+    /// Of these, drawn for the critique (memory is bounded).
+    pub used: usize,
+    /// Left out: unlike the others (or not healthy by the labels).
+    pub outliers: usize,
+    pub channels: usize,
+    pub rejected: u64,
+}
+
+/// One candidate in one step of the selection.
+#[derive(Clone, Debug)]
+pub struct Evidence {
+    /// 0: against the baseline; k: with k causes in the model.
+    pub step: u32,
+    pub id: String,
+    /// Likelihood-ratio statistic (squared distance of the strength from none, in its own errors).
+    pub statistic: f64,
+    /// What it must exceed, by simulation of the fitted null; NaN where not testable.
+    pub threshold: f64,
+    pub p: f64,
+    pub delta_bic: f64,
+    pub strength_dl: f64,
+    /// Of the parameter in critique units; NaN where it was not estimated.
+    pub value: f64,
+    pub sd: f64,
+    pub tested: bool,
+    pub accepted: bool,
+    /// Why not accepted; empty where it was.
+    pub why_not: String,
+}
+
+/// Numbers behind the report's pictures. `residuals.parquet` holds the curves.
+#[derive(Clone, Debug, Default)]
+pub struct Figures {
+    pub mean_misfit: MeanMisfit,
+    pub spectrum: Spectrum,
+    pub covariates: Vec<CovariateFigure>,
+    pub energies: Energies,
+}
+
+/// Mean of measured minus simulated at each sample, with its 95 % band. Counts.
+#[derive(Clone, Debug, Default)]
+pub struct MeanMisfit {
+    pub time_s: Vec<f64>,
+    pub before: Vec<f64>,
+    pub before_low: Vec<f64>,
+    pub before_high: Vec<f64>,
+    pub after: Vec<f64>,
+    pub after_low: Vec<f64>,
+    pub after_high: Vec<f64>,
+}
+
+/// Mean periodogram of single signals' misfits, counts² per bin; the band is 95 % of a right model.
+#[derive(Clone, Debug, Default)]
+pub struct Spectrum {
+    pub frequency_hz: Vec<f64>,
+    pub before: Vec<f64>,
+    pub after: Vec<f64>,
+    pub band_low: Vec<f64>,
+    pub band_high: Vec<f64>,
+}
+
+/// Misfit of a model parameter against a recorded covariate, in bins.
+#[derive(Clone, Debug, Default)]
+pub struct CovariateFigure {
+    /// `temperature`, `time`, `channel`, `idle`, `neighbours`, `drive`.
+    pub covariate: String,
+    pub unit: String,
+    /// `amplitude`, `damping` or `frequency`, relative.
+    pub parameter: String,
+    pub centre: Vec<f64>,
+    /// Means per bin, and half-widths of their 95 % bars.
+    pub before: Vec<f64>,
+    pub before_bar: Vec<f64>,
+    pub after: Vec<f64>,
+    pub after_bar: Vec<f64>,
+}
+
+/// Histograms of the detection statistic on held-out healthy signals.
+#[derive(Clone, Debug, Default)]
+pub struct Energies {
+    /// Bin edges, one more than counts.
+    pub edges: Vec<f64>,
+    pub before: Vec<u64>,
+    pub after: Vec<u64>,
+    pub threshold_before: f64,
+    pub threshold_after: f64,
+}

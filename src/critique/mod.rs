@@ -1,0 +1,25 @@
+//! Shows what the model's simulation gets wrong, names the cause, extends the model, measures the gain.
+//!
+//! In: healthy signals with what was recorded beside them ([`observations`]). Out: a
+//! [`finding::Critique`] and the extended model. A mixed-effects baseline ([`model`]) is fitted to
+//! single signals, never to an average alone; every extension of it is tested at once ([`space`],
+//! [`candidates`]); those that compete are refitted ([`selection`]).
+
+mod adequacy;
+pub mod candidates;
+pub mod catalogue;
+mod codes;
+pub mod covariates;
+pub mod engine;
+mod ensemble;
+mod figures;
+pub mod finding;
+mod gain;
+pub mod model;
+pub mod observations;
+mod outliers;
+mod ring;
+pub mod selection;
+pub mod space;
+#[cfg(test)]
+mod generator;

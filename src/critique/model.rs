@@ -1,0 +1,523 @@
+//! The mixed-effects model of all signals, thesis (2-2) seen from outside, and its fit.
+//!
+//! y_i = s_i y(theta_i) + shapes + tail + noise; theta_i = mean + channel + burst + covariates. A
+//! healthy channel's own parameters are constant over its bursts, so the scatter is split: `between`
+//! channels and `within` a channel from burst to burst. Both are estimated (EM), and so is the noise.
+//! The model is linearised about each channel's own parameters (first order, conditional), so that
+//! channels whose frequency scatters by per cents are each judged by their own decay.
+
+use super::covariates::{COVARIATES, Covariates};
+use super::observations::Observations;
+use super::ring::{self, ALL, FREE, Tangent, Theta};
+use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+
+pub type Matrix5 = SMatrix<f64, FREE, FREE>;
+pub type Vector5 = SVector<f64, FREE>;
+
+/// Powers of the drive with which a shape may scale: 0, 1, 2, 3.
+pub const PATTERNS: usize = 4;
+/// The real pole against the damping, and how well that is known (a factor): the ratio follows from
+/// the cross-sections and the ratio of inertances, thesis (2-3), (2-4).
+pub const LAMBDA_OVER_SIGMA: f64 = 1.27;
+pub const LN_LAMBDA_SD: f64 = 0.35;
+/// Ratio of the resistive rates, A_n/A_r, thesis (2-3), (2-4).
+pub const RATIO_OF_RATES: f64 = 0.2;
+
+#[derive(Clone, Debug)]
+pub struct Model {
+    /// Whether there is a real pole (ink channel) or none (oscillator).
+    pub real: bool,
+    pub mean: Theta,
+    pub between: Matrix5,
+    pub within: Matrix5,
+    pub noise_var: f64,
+    /// Change of theta per standard deviation of each covariate.
+    pub beta: [Theta; COVARIATES],
+    /// Share of the previous ring that is left.
+    pub tail_gain: f64,
+    /// What is added to every signal, per power of the drive, N each.
+    pub shapes: [Vec<f64>; PATTERNS],
+    /// Parameters of each channel about which the model is linearised.
+    pub units: Vec<Theta>,
+    /// Samples that are expected above are clipped: they count for nothing.
+    pub ceiling: Option<f64>,
+}
+
+/// What one signal says: residual and tangent.
+#[derive(Debug, Default)]
+pub struct Linear {
+    pub tangent: Tangent,
+    pub residual: Vec<f64>,
+    pub tail: Vec<f64>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unfit {
+    /// Nothing rings in the signals.
+    NoRing,
+}
+
+/// t of sample k, in signal lengths, against the idle time.
+pub fn tail_shift(idle_s: f64, data: &Observations) -> Option<f64> {
+    (idle_s.is_finite() && idle_s > 0.0).then(|| idle_s / (data.dt_s * data.samples as f64))
+}
+
+impl Model {
+    /// From the average signal, then from each channel's own.
+    pub fn start(data: &Observations, beside: &Covariates, real: bool) -> Result<Model, Unfit> {
+        let n = data.samples;
+        let mut average = vec![0.0; n];
+        let mut weight = 0.0;
+        for i in 0..data.len() {
+            let s = beside.drive[i];
+            weight += s * s;
+            average.iter_mut().zip(data.signal(i)).for_each(|(a, &y)| *a += s * f64::from(y));
+        }
+        average.iter_mut().for_each(|a| *a /= weight);
+        let mean = first_guess(&average, real).ok_or(Unfit::NoRing)?;
+        let amplitude = mean[2].hypot(mean[3]).max(f64::MIN_POSITIVE);
+        let wide = Matrix5::from_diagonal(&Vector5::from([
+            0.5 * 0.5,
+            0.1 * 0.1,
+            amplitude * amplitude,
+            amplitude * amplitude,
+            (0.3 * amplitude).powi(2),
+        ]));
+        let mut model = Model {
+            real,
+            mean,
+            between: wide,
+            within: wide * 1e-6,
+            noise_var: 1.0,
+            beta: [Theta::zeros(); COVARIATES],
+            tail_gain: 0.0,
+            shapes: std::array::from_fn(|_| vec![0.0; n]),
+            units: vec![mean; data.units],
+            ceiling: None,
+        };
+        model.fit_units(data, beside, 12);
+        model.recentre();
+        Ok(model)
+    }
+
+    /// Mean over the channels, robust against a few that differ: the median.
+    fn recentre(&mut self) {
+        for j in 0..FREE {
+            let mut values: Vec<f64> = self.units.iter().map(|u| u[j]).collect();
+            let middle = values.len() / 2;
+            values.select_nth_unstable_by(middle, f64::total_cmp);
+            self.mean[j] = values[middle];
+        }
+    }
+
+    /// Typical amplitude of the pair at unit drive, counts.
+    pub fn amplitude(&self) -> f64 {
+        self.mean[2].hypot(self.mean[3])
+    }
+
+    /// theta of signal i.
+    pub fn theta(&self, i: usize, data: &Observations, beside: &Covariates) -> Theta {
+        let mut theta = self.units[data.rows[i].unit];
+        theta[5] = self.mean[5];
+        for (beta, z) in self.beta.iter().zip(beside.z[i]) {
+            theta += beta * z;
+        }
+        theta
+    }
+
+    /// Residual y - prediction and tangent of signal i, both in counts (drive included).
+    pub fn linearise(&self, i: usize, data: &Observations, beside: &Covariates, out: &mut Linear) {
+        let theta = self.theta(i, data, beside);
+        let n = data.samples;
+        let s = beside.drive[i];
+        out.tangent.at(&theta, self.real, n);
+        out.tail.clear();
+        out.tail.resize(n, 0.0);
+        if let Some(shift) = tail_shift(data.rows[i].beside.idle_s, data) {
+            ring::signal_into(&theta, self.real, shift, &mut out.tail);
+        }
+        out.residual.clear();
+        let powers = [1.0, s, s * s, s * s * s];
+        for (k, &y) in data.signal(i).iter().enumerate() {
+            out.tangent.columns.iter_mut().for_each(|column| column[k] *= s);
+            out.tail[k] *= s;
+            let shape: f64 = (0..PATTERNS).map(|p| powers[p] * self.shapes[p][k]).sum();
+            let expected = s * out.tangent.y[k] + self.tail_gain * out.tail[k] + shape;
+            out.residual.push(f64::from(y) - expected);
+            if self.ceiling.is_some_and(|ceiling| expected > ceiling || f64::from(y) > ceiling) {
+                out.residual[k] = 0.0;
+                out.tail[k] = 0.0;
+                out.tangent.columns.iter_mut().for_each(|column| column[k] = 0.0);
+            }
+        }
+    }
+
+    /// Moves every channel's parameters to their most probable values, given the present mean and
+    /// scatter. Levenberg-Marquardt, all bursts of a channel together.
+    pub fn fit_units(&mut self, data: &Observations, beside: &Covariates, steps: usize) {
+        let mut rows = vec![Vec::new(); data.units];
+        (0..data.len()).for_each(|i| rows[data.rows[i].unit].push(i));
+        let scale = self.scale();
+        let precision = inverse(&scaled(&self.between, &scale));
+        let mut linear = Linear::default();
+        for (unit, rows) in rows.iter().enumerate() {
+            let mut damping = 1e-4;
+            let mut now = self.normal(rows, data, beside, &scale, &mut linear);
+            let cost = |normal: &Normal, theta: &Theta| {
+                let off = (theta - self.mean).fixed_rows::<FREE>(0).component_div(&scale);
+                normal.square / self.noise_var + off.dot(&(precision * off))
+            };
+            let mut best = cost(&now, &self.units[unit]);
+            for _ in 0..steps {
+                let theta = self.units[unit];
+                let off = (theta - self.mean).fixed_rows::<FREE>(0).component_div(&scale);
+                let gradient = now.product / self.noise_var - precision * off;
+                let mut hessian = now.gram / self.noise_var + precision;
+                let diagonal = hessian.diagonal() * damping;
+                hessian += Matrix5::from_diagonal(&diagonal);
+                let Some(step) = hessian.cholesky().map(|c| c.solve(&gradient)) else { break };
+                let mut trial = theta;
+                for j in 0..FREE {
+                    let most = if j < 2 { 0.5 } else { f64::INFINITY };
+                    trial[j] += (step[j] * scale[j]).clamp(-most, most);
+                }
+                self.units[unit] = trial;
+                let next = self.normal(rows, data, beside, &scale, &mut linear);
+                let value = cost(&next, &trial);
+                if value.is_finite() && value <= best {
+                    let gain = best - value;
+                    (best, now) = (value, next);
+                    damping = (damping * 0.2).max(1e-9);
+                    if gain < 1e-6 {
+                        break;
+                    }
+                } else {
+                    self.units[unit] = theta;
+                    damping *= 20.0;
+                    if damping > 1e8 {
+                        break;
+                    }
+                }
+            }
+        }
+    }
+
+    fn normal(
+        &self,
+        rows: &[usize],
+        data: &Observations,
+        beside: &Covariates,
+        scale: &Vector5,
+        linear: &mut Linear,
+    ) -> Normal {
+        let mut sum = Normal { gram: Matrix5::zeros(), product: Vector5::zeros(), square: 0.0 };
+        for &i in rows {
+            self.linearise(i, data, beside, linear);
+            let (gram, product) = free_products(linear, scale);
+            sum.gram += gram;
+            sum.product += product;
+            sum.square += linear.residual.iter().map(|r| r * r).sum::<f64>();
+        }
+        sum
+    }
+
+    /// Units of theta: logarithms as they are, amplitudes relative.
+    pub fn scale(&self) -> Vector5 {
+        let a = self.amplitude();
+        Vector5::from([1.0, 1.0, a, a, a])
+    }
+
+    /// Estimates noise, scatter and mean given the linearisation; `steps` of EM.
+    pub fn estimate_scatter(&mut self, data: &Observations, beside: &Covariates, steps: usize) {
+        let scale = self.scale();
+        let mut linear = Linear::default();
+        // per signal: information and score about the unit's parameters, per noise variance 1
+        let mut signals: Vec<(usize, Matrix5, Vector5)> = Vec::with_capacity(data.len());
+        let mut left = Vec::with_capacity(data.len());
+        for i in 0..data.len() {
+            self.linearise(i, data, beside, &mut linear);
+            let (gram, product) = free_products(&linear, &scale);
+            let square: f64 = linear.residual.iter().map(|r| r * r).sum();
+            let ridge = gram + Matrix5::identity() * (1e-9 * gram.trace());
+            let explained =
+                ridge.cholesky().map_or(0.0, |c| product.dot(&c.solve(&product))).min(square);
+            left.push((square - explained) / (data.samples - FREE).max(1) as f64);
+            signals.push((data.rows[i].unit, gram, product));
+        }
+        // the mean over all but the noisiest signals
+        let mut sorted = left.clone();
+        sorted.sort_by(f64::total_cmp);
+        let kept = &sorted[..(sorted.len() * 99).div_ceil(100)];
+        self.noise_var = (kept.iter().sum::<f64>() / kept.len() as f64).max(1e-300);
+        let v = self.noise_var;
+        signals.iter_mut().for_each(|(_, gram, product)| {
+            *gram /= v;
+            *product /= v;
+        });
+        let repeated = data.len() > data.units;
+        let offset: Vec<Vector5> = self
+            .units
+            .iter()
+            .map(|u| (u - self.mean).fixed_rows::<FREE>(0).component_div(&scale))
+            .collect();
+        let mut mean = Vector5::zeros();
+        let mut between = scaled(&self.between, &scale);
+        let mut within = scaled(&self.within, &scale);
+        if self.within_is_new() {
+            (between, within) = self.moments(&signals, &offset, data.units);
+        }
+        for _ in 0..steps {
+            if !repeated {
+                within = Matrix5::zeros();
+            }
+            let (precision_b, precision_w) = (inverse(&between), inverse(&within));
+            let mut info = vec![Matrix5::zeros(); data.units];
+            let mut score = vec![Vector5::zeros(); data.units];
+            let mut each = Vec::with_capacity(signals.len());
+            for (unit, gram, product) in &signals {
+                let q = product + gram * (offset[*unit] - mean);
+                let d = if repeated {
+                    (precision_w + gram).try_inverse().unwrap_or_else(Matrix5::zeros)
+                } else {
+                    Matrix5::zeros()
+                };
+                info[*unit] += gram - gram * d * gram;
+                score[*unit] += q - gram * (d * q);
+                each.push((q, d));
+            }
+            let mut sum_b = Matrix5::zeros();
+            let mut sum_w = Matrix5::zeros();
+            let mut centre = Vector5::zeros();
+            let mut posterior = Vec::with_capacity(data.units);
+            for unit in 0..data.units {
+                let c =
+                    (precision_b + info[unit]).try_inverse().unwrap_or_else(Matrix5::zeros);
+                let b = c * score[unit];
+                sum_b += b * b.transpose() + c;
+                centre += b;
+                posterior.push((b, c));
+            }
+            for ((unit, gram, _), (q, d)) in signals.iter().zip(&each) {
+                let (b, c) = posterior[*unit];
+                let w = d * (q - gram * b);
+                let dg = d * gram;
+                sum_w += w * w.transpose() + d + dg * c * dg.transpose();
+            }
+            let units = data.units as f64;
+            centre /= units;
+            between = (sum_b / units - centre * centre.transpose())
+                * if units > 1.0 { units / (units - 1.0) } else { 1.0 };
+            if repeated {
+                within = sum_w / signals.len() as f64;
+            }
+            mean += centre;
+        }
+        let back = |m: &Matrix5| Matrix5::from_fn(|i, j| m[(i, j)] * scale[i] * scale[j]);
+        self.between = back(&floored(&between));
+        self.within = if repeated { back(&floored(&within)) } else { Matrix5::zeros() };
+        for j in 0..FREE {
+            self.mean[j] += mean[j] * scale[j];
+        }
+    }
+
+    fn within_is_new(&self) -> bool {
+        self.within[(1, 1)] == self.between[(1, 1)] * 1e-6
+    }
+
+    /// Scatter by moments: where EM starts.
+    fn moments(
+        &self,
+        signals: &[(usize, Matrix5, Vector5)],
+        offset: &[Vector5],
+        units: usize,
+    ) -> (Matrix5, Matrix5) {
+        let mut sums = vec![(Vector5::zeros(), 0.0_f64); units];
+        let estimates: Vec<(usize, Vector5, Matrix5)> = signals
+            .iter()
+            .map(|(unit, gram, product)| {
+                let ridge = gram + Matrix5::identity() * 1e2;
+                let inverse = ridge.try_inverse().unwrap_or_else(Matrix5::zeros);
+                (*unit, inverse * product + offset[*unit], inverse)
+            })
+            .collect();
+        for (unit, x, _) in &estimates {
+            sums[*unit].0 += x;
+            sums[*unit].1 += 1.0;
+        }
+        let means: Vec<Vector5> = sums.iter().map(|(sum, n)| sum / f64::max(*n, 1.0)).collect();
+        let mut within = Matrix5::zeros();
+        let mut noise = Matrix5::zeros();
+        for (unit, x, covariance) in &estimates {
+            let d = x - means[*unit];
+            within += d * d.transpose();
+            noise += covariance;
+        }
+        let (count, units) = (estimates.len() as f64, units as f64);
+        noise /= count;
+        within = within / (count - units).max(1.0) - noise;
+        let centre = means.iter().sum::<Vector5>() / units;
+        let mut between = Matrix5::zeros();
+        for mean in &means {
+            let d = mean - centre;
+            between += d * d.transpose() / (units - 1.0).max(1.0);
+        }
+        between -= (noise + within) * (units / count);
+        (floored(&between), floored(&within))
+    }
+
+    /// Alternates linearisation and estimation until both rest.
+    pub fn fit(&mut self, data: &Observations, beside: &Covariates, rounds: usize) {
+        for _ in 0..rounds {
+            self.estimate_scatter(data, beside, 30);
+            self.fit_units(data, beside, 4);
+        }
+    }
+}
+
+struct Normal {
+    gram: Matrix5,
+    product: Vector5,
+    square: f64,
+}
+
+/// J^T J and J^T r over the free parameters, in units of `scale`.
+fn free_products(linear: &Linear, scale: &Vector5) -> (Matrix5, Vector5) {
+    let columns = &linear.tangent.columns;
+    let mut gram = Matrix5::zeros();
+    let mut product = Vector5::zeros();
+    for i in 0..FREE {
+        product[i] = dot(&columns[i], &linear.residual) * scale[i];
+        for j in 0..=i {
+            gram[(i, j)] = dot(&columns[i], &columns[j]) * scale[i] * scale[j];
+            gram[(j, i)] = gram[(i, j)];
+        }
+    }
+    (gram, product)
+}
+
+pub fn dot(x: &[f64], y: &[f64]) -> f64 {
+    let (x4, x_rest) = x.as_chunks::<4>();
+    let (y4, y_rest) = y.as_chunks::<4>();
+    let mut sum = [0.0; 4];
+    for (x, y) in x4.iter().zip(y4) {
+        for k in 0..4 {
+            sum[k] += x[k] * y[k];
+        }
+    }
+    let rest: f64 = x_rest.iter().zip(y_rest).map(|(x, y)| x * y).sum();
+    sum.iter().sum::<f64>() + rest
+}
+
+/// Scatter below this share, squared, is none: it keeps covariances invertible.
+const LEAST_SCATTER: f64 = 1e-10;
+
+fn floored(m: &Matrix5) -> Matrix5 {
+    let eigen = ((m + m.transpose()) * 0.5).symmetric_eigen();
+    let values = eigen.eigenvalues.map(|v| v.max(LEAST_SCATTER));
+    eigen.eigenvectors * Matrix5::from_diagonal(&values) * eigen.eigenvectors.transpose()
+}
+
+fn inverse(m: &Matrix5) -> Matrix5 {
+    floored(m).try_inverse().unwrap_or_else(Matrix5::zeros)
+}
+
+fn scaled(m: &Matrix5, scale: &Vector5) -> Matrix5 {
+    Matrix5::from_fn(|i, j| m[(i, j)] / (scale[i] * scale[j]))
+}
+
+/// The best single ring of one signal: a grid over frequency and damping, amplitudes (and an offset,
+/// which is then left out) in closed form.
+fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
+    let n = y.len();
+    let mut best: Option<(f64, Theta)> = None;
+    let most = std::f64::consts::PI * n as f64 * 0.9;
+    let yv = DVector::from_column_slice(y);
+    let mean = yv.mean();
+    let total = yv.map(|v| v - mean).norm_squared();
+    if !(total > 0.0 && total.is_finite()) {
+        return None;
+    }
+    // the frequencies with most power, and their neighbours
+    let mut powers: Vec<(f64, f64)> = Vec::new();
+    let mut omega: f64 = 2.0;
+    while omega < most {
+        let (sin, cos) = (omega / n as f64).sin_cos();
+        let (mut c, mut s, mut re, mut im) = (1.0, 0.0, 0.0, 0.0);
+        for v in y {
+            re += (v - mean) * c;
+            im += (v - mean) * s;
+            (c, s) = (c * cos - s * sin, s * cos + c * sin);
+        }
+        powers.push((re * re + im * im, omega));
+        omega += 0.9;
+    }
+    powers.sort_by(|p, q| q.0.total_cmp(&p.0));
+    for &(_, omega) in powers.iter().take(12) {
+        for ln_sigma in [-4.0_f64, -2.5, -1.5, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.2] {
+            let sigma = ln_sigma.exp();
+            let columns = DMatrix::from_fn(n, 4, |k, j| {
+                let t = k as f64 / n as f64;
+                match j {
+                    0 => (-sigma * t).exp() * (omega * t).cos(),
+                    1 => (-sigma * t).exp() * (omega * t).sin(),
+                    2 => 1.0,
+                    _ if real => (-LAMBDA_OVER_SIGMA * sigma * t).exp(),
+                    _ => 0.0,
+                }
+            });
+            let gram = columns.tr_mul(&columns) + DMatrix::identity(4, 4) * 1e-6;
+            let Some(x) = gram.cholesky().map(|c| c.solve(&columns.tr_mul(&yv))) else { continue };
+            let left = (&yv - &columns * &x).norm_squared();
+            if best.as_ref().is_none_or(|(cost, _)| left < *cost) && x[0].hypot(x[1]) > 0.0 {
+                let lambda = (LAMBDA_OVER_SIGMA * sigma).ln();
+                best = Some((left, Theta::from([ln_sigma, omega.ln(), x[0], x[1], x[3], lambda])));
+            }
+        }
+    }
+    let (cost, mut theta) = best?;
+    refine(&mut theta, y, real);
+    (cost < 0.9 * total && theta.iter().all(|v| v.is_finite())).then_some(theta)
+}
+
+/// Levenberg-Marquardt of one ring (and an offset) on one signal; lambda stays at its ratio.
+fn refine(theta: &mut Theta, y: &[f64], real: bool) {
+    let n = y.len();
+    let mut damping = 1e-3;
+    let mut tangent = Tangent::default();
+    let mut offset = 0.0;
+    let residual = |theta: &Theta, offset: f64, tangent: &mut Tangent| {
+        tangent.at(theta, real, n);
+        DVector::from_fn(n, |k, _| y[k] - tangent.y[k] - offset)
+    };
+    let mut r = residual(theta, offset, &mut tangent);
+    for _ in 0..60 {
+        let jacobian =
+            DMatrix::from_fn(n, 6, |k, j| if j < FREE { tangent.columns[j][k] } else { 1.0 });
+        let mut gram = jacobian.tr_mul(&jacobian);
+        for j in 0..6 {
+            gram[(j, j)] += damping * gram[(j, j)] + 1e-12;
+        }
+        let Some(step) = gram.cholesky().map(|c| c.solve(&jacobian.tr_mul(&r))) else { break };
+        let mut trial = *theta;
+        for j in 0..FREE {
+            let most = if j < 2 { 0.3 } else { f64::INFINITY };
+            trial[j] += step[j].clamp(-most, most);
+        }
+        trial[ALL - 1] = trial[0] + LAMBDA_OVER_SIGMA.ln();
+        let next = residual(&trial, offset + step[5], &mut tangent);
+        if next.norm_squared() < r.norm_squared() {
+            let gain = 1.0 - next.norm_squared() / r.norm_squared();
+            (*theta, offset, r) = (trial, offset + step[5], next);
+            damping = (damping * 0.3).max(1e-12);
+            if gain < 1e-12 {
+                break;
+            }
+        } else {
+            damping *= 10.0;
+            if damping > 1e12 {
+                break;
+            }
+            tangent.at(theta, real, n);
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! The baseline's signal: one damped pair and one real pole, and its derivatives.
+//!
+//! y(t) = e^{-sigma t} (a cos omega t + b sin omega t) + c e^{-lambda t}, per unit drive. Time counts in
+//! signal lengths (0 <= t < 1), so that rates are numbers near 1..100 whatever the plant.
+
+use nalgebra::SVector;
+
+/// ln sigma, ln omega, a, b, c: what differs from channel to channel.
+pub const FREE: usize = 5;
+/// The same and ln lambda, which all channels share.
+pub const ALL: usize = 6;
+
+pub type Theta = SVector<f64, ALL>;
+
+/// Columns dy/d(theta), N each, and y itself.
+#[derive(Clone, Debug, Default)]
+pub struct Tangent {
+    pub y: Vec<f64>,
+    pub columns: [Vec<f64>; ALL],
+}
+
+/// y of one theta at times k/N + shift, per unit drive. `real`: whether there is a real pole.
+pub fn signal_into(theta: &Theta, real: bool, shift: f64, out: &mut [f64]) {
+    let n = out.len() as f64;
+    let (sigma, omega, lambda) = (theta[0].exp(), theta[1].exp(), theta[5].exp());
+    let decay = (-sigma / n).exp();
+    let (sin, cos) = (omega / n).sin_cos();
+    let start = (-sigma * shift).exp();
+    let (s0, c0) = (omega * shift).sin_cos();
+    let (mut c, mut s) = (start * c0, start * s0);
+    let mut r = if real { (-lambda * shift).exp() } else { 0.0 };
+    let fall = (-lambda / n).exp();
+    for y in out {
+        *y = theta[2] * c + theta[3] * s + theta[4] * r;
+        (c, s) = (decay * (c * cos - s * sin), decay * (s * cos + c * sin));
+        r *= fall;
+    }
+}
+
+impl Tangent {
+    pub fn at(&mut self, theta: &Theta, real: bool, samples: usize) {
+        let n = samples as f64;
+        let (sigma, omega, lambda) = (theta[0].exp(), theta[1].exp(), theta[5].exp());
+        let (a, b, c_real) = (theta[2], theta[3], theta[4]);
+        let decay = (-sigma / n).exp();
+        let (sin, cos) = (omega / n).sin_cos();
+        let fall = (-lambda / n).exp();
+        let (mut c, mut s) = (1.0, 0.0);
+        let mut r = if real { 1.0 } else { 0.0 };
+        self.y.resize(samples, 0.0);
+        self.columns.iter_mut().for_each(|column| column.resize(samples, 0.0));
+        for k in 0..samples {
+            let t = k as f64 / n;
+            let pair = a * c + b * s;
+            self.y[k] = pair + c_real * r;
+            let [sigma_column, omega_column, a_column, b_column, c_column, lambda_column] =
+                &mut self.columns;
+            sigma_column[k] = -sigma * t * pair;
+            omega_column[k] = omega * t * (b * c - a * s);
+            a_column[k] = c;
+            b_column[k] = s;
+            c_column[k] = r;
+            lambda_column[k] = -lambda * t * c_real * r;
+            (c, s) = (decay * (c * cos - s * sin), decay * (s * cos + c * sin));
+            r *= fall;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tangent_is_the_derivative_of_the_signal() {
+        let theta = Theta::from([2.9_f64.ln(), 40.6_f64.ln(), 90.0, -40.0, 6.0, 3.7_f64.ln()]);
+        let mut tangent = Tangent::default();
+        tangent.at(&theta, true, 128);
+        let mut y = vec![0.0; 128];
+        signal_into(&theta, true, 0.0, &mut y);
+        for k in 0..128 {
+            assert!((y[k] - tangent.y[k]).abs() < 1e-9);
+        }
+        for j in 0..ALL {
+            let mut step = Theta::zeros();
+            step[j] = 1e-6 * theta[j].abs().max(1.0);
+            let (mut up, mut down) = (vec![0.0; 128], vec![0.0; 128]);
+            signal_into(&(theta + step), true, 0.0, &mut up);
+            signal_into(&(theta - step), true, 0.0, &mut down);
+            for k in 0..128 {
+                let slope = (up[k] - down[k]) / (2.0 * step[j]);
+                assert!((slope - tangent.columns[j][k]).abs() < 1e-4, "{j} {k}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_later_start_is_the_same_decay_later() {
+        let theta = Theta::from([2.9_f64.ln(), 40.6_f64.ln(), 90.0, -40.0, 6.0, 3.7_f64.ln()]);
+        let (mut all, mut later) = (vec![0.0; 128], vec![0.0; 64]);
+        signal_into(&theta, true, 0.0, &mut all);
+        // 64 samples of half the length: the grid is twice as coarse, so every second sample
+        signal_into(&theta, true, 16.0 / 128.0, &mut later);
+        for k in 0..40 {
+            assert!((later[k] - all[16 + 2 * k]).abs() < 1e-9);
+        }
+    }
+}

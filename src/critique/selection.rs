@@ -1,0 +1,292 @@
+//! Which causes the data ask for: forward selection, full refits of what competes, backward elimination.
+//!
+//! In: signals and a fitted baseline. Out: the causes, with what was tried on the way. A cause enters
+//! when its surprise passes the family-wise threshold; the winner among those that compete is the one
+//! whose refitted model is most likely; what cannot be told apart from it is tied with it.
+
+use super::candidates::{Applied, Bench, Kind, Scored};
+use super::catalogue::same_class;
+use super::covariates::Covariates;
+use super::finding::Evidence;
+use super::model::Model;
+use super::observations::Observations;
+use super::space::{Direction, Nuisance, Space};
+
+/// -ln of the chance that one candidate passes on data of the model itself: 22 candidates stay well
+/// below 1 % together.
+pub const THRESHOLD: f64 = 8.3;
+/// Rivals whose refitted -2 ln likelihood is within this of the best cannot be told from it.
+const TIE: f64 = 6.0;
+/// Causes that are looked for at most.
+const MOST_CAUSES: usize = 4;
+/// Rivals that are refitted in a step, at most.
+const MOST_RIVALS: usize = 5;
+/// Noncentrality of one detection limit.
+pub const DETECTION_LIMIT: f64 = 20.9;
+
+#[derive(Clone, Debug)]
+pub struct Chosen {
+    pub scored: Scored,
+    pub delta_bic: f64,
+    pub tied_with: Vec<String>,
+    /// Likelihood-ratio statistic against the final model without it.
+    pub statistic: f64,
+}
+
+pub struct Selected {
+    pub model: Model,
+    pub causes: Vec<Chosen>,
+    pub space: Space,
+    pub evidence: Vec<Evidence>,
+    /// Candidates that passed but cannot be the cause, of the last step.
+    pub unnamed: Vec<Scored>,
+}
+
+/// Puts a cause into a model, `share` of its coefficients.
+pub fn apply(model: &mut Model, applied: &Applied, coefficients: &[f64]) {
+    match &applied.kind {
+        Kind::Shapes => {
+            let n = model.shapes[0].len();
+            for (direction, coefficient) in applied.directions.iter().zip(coefficients) {
+                for (at, values) in &direction.0 {
+                    for (i, v) in values.iter().enumerate() {
+                        model.shapes[(at + i) / n][(at + i) % n] += coefficient * v;
+                    }
+                }
+            }
+        }
+        Kind::Covariate { which, v } => {
+            for (beta, v) in model.beta[*which].iter_mut().zip(v) {
+                *beta += coefficients[0] * v;
+            }
+        }
+        Kind::Tail => model.tail_gain += coefficients[0],
+    }
+}
+
+/// A model with its causes, refitted: scatter, noise, and the causes' sizes.
+pub struct Refit {
+    pub model: Model,
+    pub causes: Vec<Applied>,
+    pub space: Space,
+    pub deviance: f64,
+}
+
+fn directions(causes: &[Applied]) -> Vec<Direction> {
+    causes.iter().flat_map(|c| c.directions.iter().cloned()).collect()
+}
+
+/// Gauss-Newton over the causes' coefficients, EM over the scatter, in turn.
+pub fn refit(
+    mut model: Model,
+    mut causes: Vec<Applied>,
+    data: &Observations,
+    beside: &Covariates,
+    rounds: usize,
+) -> Refit {
+    let mut space;
+    let mut round = 0;
+    loop {
+        model.fit(data, beside, 1);
+        space = Space::of(&model, data, beside);
+        let nuisance = Nuisance::new(&space, &directions(&causes));
+        let deviance = space.deviance - nuisance.gain();
+        round += 1;
+        if round >= rounds || causes.is_empty() {
+            return Refit { model, causes, space, deviance };
+        }
+        let (steps, _) = nuisance.causes();
+        let mut at = 0;
+        for cause in &mut causes {
+            let q = cause.coefficients.len();
+            let step = &steps.as_slice()[at..at + q];
+            apply(&mut model, cause, step);
+            cause.coefficients.iter_mut().zip(step).for_each(|(c, s)| *c += s);
+            at += q;
+        }
+    }
+}
+
+pub fn select(
+    baseline: Model,
+    data: &Observations,
+    beside: &Covariates,
+    stages: &mut dyn FnMut(&str),
+) -> Selected {
+    let mut now = refit(baseline, Vec::new(), data, beside, 1);
+    let mut chosen: Vec<Chosen> = Vec::new();
+    let mut evidence = Vec::new();
+    let length = (data.dt_s * data.samples as f64, data.integer);
+    let n_eff = (data.len() as f64 * data.samples as f64).ln();
+    let mut unnamed = Vec::new();
+    for step in 0..=MOST_CAUSES as u32 {
+        stages("testing the catalogue");
+        let nuisance = Nuisance::new(&now.space, &directions(&now.causes));
+        let identity = |y: Vec<f64>| y;
+        let bench = Bench::new(&now.model, beside, &now.space, &nuisance, length, &identity);
+        let mut scored = bench.score_all();
+        scored.retain(|s| now.causes.iter().all(|c| c.id != s.applied.id));
+        scored.sort_by(|p, q| q.surprise.total_cmp(&p.surprise));
+        let rows = evidence.len();
+        for s in &scored {
+            evidence.push(Evidence {
+                step,
+                id: s.applied.id.into(),
+                statistic: s.statistic,
+                threshold: threshold_statistic(s),
+                p: (-s.surprise).exp(),
+                delta_bic: s.statistic - s.degrees as f64 * n_eff,
+                strength_dl: (s.statistic / DETECTION_LIMIT).sqrt(),
+                value: s.value,
+                sd: s.sd,
+                tested: true,
+                accepted: false,
+                why_not: if s.disqualified.is_empty() {
+                    "not significant".into()
+                } else {
+                    s.disqualified.clone()
+                },
+            });
+        }
+        unnamed = scored
+            .iter()
+            .filter(|s| s.surprise > THRESHOLD && !s.disqualified.is_empty())
+            .cloned()
+            .collect();
+        let able: Vec<&Scored> = scored.iter().filter(|s| s.disqualified.is_empty()).collect();
+        let Some(best) = able.first().filter(|s| s.surprise > THRESHOLD) else { break };
+        if step as usize == MOST_CAUSES {
+            break;
+        }
+        stages("refitting what competes");
+        let mut rivals: Vec<(Refit, &Scored)> = Vec::new();
+        for s in able.iter().filter(|s| {
+            s.surprise > 0.35 * best.surprise && s.surprise > 0.5 * THRESHOLD
+                || same_class(s.applied.id, best.applied.id) && s.surprise > 0.3 * THRESHOLD
+        }) {
+            if rivals.len() >= MOST_RIVALS {
+                break;
+            }
+            let mut model = now.model.clone();
+            let mut causes = now.causes.clone();
+            apply(&mut model, &s.applied, &s.applied.coefficients);
+            causes.push(s.applied.clone());
+            rivals.push((refit(model, causes, data, beside, 2), s));
+        }
+        let penalised =
+            |r: &(Refit, &Scored)| r.0.deviance + 2.0 * (r.1.degrees as f64 + r.1.tried.ln());
+        rivals.sort_by(|p, q| penalised(p).total_cmp(&penalised(q)));
+        let least = penalised(&rivals[0]);
+        let tied: Vec<String> = rivals[1..]
+            .iter()
+            .filter(|r| penalised(r) - least < TIE)
+            .map(|r| r.1.applied.id.to_owned())
+            .collect();
+        for r in &rivals {
+            if let Some(row) = evidence[rows..].iter_mut().find(|e| e.id == r.1.applied.id) {
+                row.delta_bic = now.deviance - r.0.deviance - r.1.degrees as f64 * n_eff;
+                row.why_not = "another cause explains more".into();
+            }
+        }
+        let (next, winner) = rivals.swap_remove(0);
+        let statistic = (now.deviance - next.deviance).max(0.0);
+        if let Some(row) = evidence[rows..].iter_mut().find(|e| e.id == winner.applied.id) {
+            row.accepted = true;
+            row.why_not = String::new();
+        }
+        chosen.push(Chosen {
+            delta_bic: statistic - winner.degrees as f64 * n_eff,
+            statistic,
+            scored: winner.clone(),
+            tied_with: tied,
+        });
+        now = next;
+        // what the newcomer makes superfluous goes again
+        let nuisance = Nuisance::new(&now.space, &directions(&now.causes));
+        let kept = necessary(&now, &nuisance);
+        if kept.iter().any(|k| !k) {
+            let mut model = now.model.clone();
+            for (cause, _) in now.causes.iter().zip(&kept).filter(|(_, k)| !**k) {
+                let minus: Vec<f64> = cause.coefficients.iter().map(|c| -c).collect();
+                apply(&mut model, cause, &minus);
+            }
+            let mut keep = kept.iter();
+            chosen.retain(|_| *keep.next().unwrap_or(&true));
+            let mut keep = kept.iter();
+            let mut causes = now.causes.clone();
+            causes.retain(|_| *keep.next().unwrap_or(&true));
+            now = refit(model, causes, data, beside, 2);
+        }
+    }
+    stages("measuring the causes");
+    let mut last = refit(now.model, now.causes, data, beside, 3);
+    values(&mut chosen, &mut last, beside, length);
+    Selected { model: last.model, causes: chosen, space: last.space, evidence, unnamed }
+}
+
+/// Which causes stay significant beside the others.
+fn necessary(now: &Refit, nuisance: &Nuisance) -> Vec<bool> {
+    let (steps, covariance) = nuisance.causes();
+    let mut at = 0;
+    now.causes
+        .iter()
+        .map(|cause| {
+            let q = cause.coefficients.len();
+            let total: Vec<f64> =
+                cause.coefficients.iter().zip(steps.rows(at, q).iter()).map(|(c, s)| c + s).collect();
+            let block = covariance.view((at, at), (q, q)).into_owned();
+            at += q;
+            let x = nalgebra::DVector::from_vec(total);
+            let statistic = block.try_inverse().map_or(0.0, |inverse| x.dot(&(inverse * &x)));
+            super::candidates::surprise(statistic, q, 1.0, f64::INFINITY) > 0.7 * THRESHOLD
+        })
+        .collect()
+}
+
+/// Final sizes with their standard deviations: each cause is scored again with itself taken out of the
+/// nuisance (all others in).
+fn values(chosen: &mut [Chosen], last: &mut Refit, beside: &Covariates, length: (f64, bool)) {
+    for (index, cause) in chosen.iter_mut().enumerate() {
+        let others: Vec<Applied> = last
+            .causes
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| *i != index)
+            .map(|(_, c)| c.clone())
+            .collect();
+        let own = &last.causes[index];
+        // about the model with this cause: score moved back to where it is absent
+        let mut space = last.space.clone();
+        for (direction, c) in own.directions.iter().zip(&own.coefficients) {
+            let moved = space.times(direction) * *c;
+            space.g += moved;
+        }
+        let nuisance = Nuisance::new(&space, &directions(&others));
+        let identity = |y: Vec<f64>| y;
+        let mut model = last.model.clone();
+        if let Kind::Tail = own.kind {
+            model.tail_gain = 0.0;
+        }
+        let bench = Bench::new(&model, beside, &space, &nuisance, length, &identity);
+        if let Some(scored) = bench.score_one(own.id) {
+            cause.statistic = scored.statistic;
+            cause.scored.value = scored.value;
+            cause.scored.sd = scored.sd;
+            cause.scored.statistic = scored.statistic;
+        }
+    }
+}
+
+/// The value of the statistic at which the surprise reaches the threshold.
+fn threshold_statistic(s: &Scored) -> f64 {
+    let (mut low, mut high) = (0.0, 400.0);
+    for _ in 0..40 {
+        let mid = 0.5 * (low + high);
+        if super::candidates::surprise(mid, s.degrees, s.tried, f64::INFINITY) > THRESHOLD {
+            high = mid;
+        } else {
+            low = mid;
+        }
+    }
+    high
+}

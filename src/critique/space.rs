@@ -1,0 +1,360 @@
+//! Information and score of every linear extension of the model at once.
+//!
+//! In: a fitted model and its signals. Out: [`Space`], K = sum X^T V^-1 X and g = sum X^T V^-1 r over
+//! X = [any shape in time, times the drive to the power 0..3 | every covariate on every parameter |
+//! the tail of the previous ring]. V holds the noise and both scatters (Woodbury; first the bursts',
+//! then the channels'). A candidate is a direction in this space: its likelihood-ratio statistic, with
+//! whatever nuisance, is linear algebra on K and g, and the signals are read once.
+
+use super::covariates::{COVARIATES, Covariates, ONE};
+use super::model::{LN_LAMBDA_SD, Linear, Matrix5, Model, PATTERNS, Vector5};
+use super::observations::Observations;
+use super::ring::{ALL, FREE};
+use nalgebra::{DMatrix, DVector, SMatrix};
+
+type Matrix6 = SMatrix<f64, ALL, ALL>;
+
+/// Channels whose part of K is held until it is added as one product.
+const AT_A_TIME: usize = 64;
+/// Of larger sets, this many signals (whole channels, evenly) tell how the scatter hides shapes.
+const MOST_FOR_SCATTER: usize = 1024;
+
+#[derive(Clone, Debug)]
+pub struct Space {
+    pub samples: usize,
+    pub k: DMatrix<f64>,
+    pub g: DVector<f64>,
+    /// Score of each channel alone; empty where there are too many.
+    pub by_unit: Vec<DVector<f64>>,
+    pub signals: usize,
+    pub units: usize,
+    /// -2 ln likelihood at no extension, up to a constant.
+    pub deviance: f64,
+}
+
+/// A direction: blocks of numbers at places of the space.
+#[derive(Clone, Debug)]
+pub struct Direction(pub Vec<(usize, Vec<f64>)>);
+
+impl Direction {
+    /// A shape that scales as the drive to the power `pattern`. `shape`: N.
+    pub fn shape(pattern: usize, shape: Vec<f64>) -> Direction {
+        Direction(vec![(pattern * shape.len(), shape)])
+    }
+
+    /// A change of the parameters with a covariate.
+    pub fn covariate(samples: usize, which: usize, v: [f64; ALL]) -> Direction {
+        Direction(vec![(PATTERNS * samples + which * ALL, v.to_vec())])
+    }
+
+    pub fn tail(samples: usize) -> Direction {
+        Direction(vec![(PATTERNS * samples + COVARIATES * ALL, vec![1.0])])
+    }
+
+    fn dot(&self, x: &DVector<f64>) -> f64 {
+        self.0
+            .iter()
+            .map(|(at, v)| v.iter().enumerate().map(|(i, v)| v * x[at + i]).sum::<f64>())
+            .sum()
+    }
+}
+
+impl Space {
+    pub fn dimension(samples: usize) -> usize {
+        PATTERNS * samples + COVARIATES * ALL + 1
+    }
+
+    pub fn of(model: &Model, data: &Observations, beside: &Covariates) -> Space {
+        let n = data.samples;
+        let d = Space::dimension(n);
+        let shapes = PATTERNS * n;
+        let mut k = DMatrix::zeros(d, d);
+        let mut g = DVector::zeros(d);
+        let mut by_unit = Vec::new();
+        let keep_units = data.units * d * 8 <= 64 << 20;
+        let v = model.noise_var;
+        let mut diagonal = [[0.0; PATTERNS]; PATTERNS];
+        let (mut deviance, mut linear) = (data.len() as f64 * n as f64 * v.ln(), Linear::default());
+        let stride = data.len().div_ceil(MOST_FOR_SCATTER).max(1);
+        let chosen_units = data.units.div_ceil(stride);
+        let inflate = data.units as f64 / chosen_units as f64;
+        let mut columns: Vec<f64> = Vec::new();
+        let flush = |columns: &mut Vec<f64>, k: &mut DMatrix<f64>, rows: usize, sign: f64| {
+            if !columns.is_empty() {
+                let m = DMatrix::from_vec(rows, columns.len() / rows, std::mem::take(columns));
+                let mut block = k.view_mut((0, 0), (rows, rows));
+                block.gemm(sign, &m, &m.transpose(), 1.0);
+            }
+        };
+        let mut wide: Vec<f64> = Vec::new();
+        let mut i = 0;
+        while i < data.len() {
+            let unit = data.rows[i].unit;
+            let mut end = i;
+            while end < data.len() && data.rows[end].unit == unit {
+                end += 1;
+            }
+            let of_scatter = unit % stride == 0;
+            let mut info = Matrix5::zeros();
+            let mut score = Vector5::zeros();
+            let mut cross = DMatrix::<f64>::zeros(d, FREE);
+            let mut g_unit = DVector::<f64>::zeros(d);
+            for row in i..end {
+                model.linearise(row, data, beside, &mut linear);
+                let s = beside.drive[row];
+                let powers = [1.0, s, s * s, s * s * s];
+                let z = &beside.z[row];
+                // working residual: about the mean, not about the channel's own parameters
+                let off = (model.units[unit] - model.mean).fixed_rows::<FREE>(0).into_owned();
+                let t = &linear.tangent.columns;
+                let r = DVector::from_fn(n, |k, _| {
+                    linear.residual[k] + (0..FREE).map(|j| t[j][k] * off[j]).sum::<f64>()
+                });
+                let j6 = DMatrix::from_fn(n, ALL, |k, j| t[j][k]);
+                let gram = j6.tr_mul(&j6) / v;
+                let gram5: Matrix5 = gram.fixed_view::<FREE, FREE>(0, 0).into_owned();
+                let inner = Matrix5::identity() + gram5 * model.within;
+                // M = within (1 + G within)^-1: V^-1 = 1/v - J M J^T / v²
+                let m = model.within * inner.try_inverse().unwrap_or_else(Matrix5::zeros);
+                let m = (m + m.transpose()) * 0.5;
+                deviance += inner.determinant().max(f64::MIN_POSITIVE).ln();
+                let j5 = j6.columns(0, FREE).into_owned();
+                let root = square_root(&m);
+                let l = &j5 * root / v; // N x 5, V^-1 = 1/v - L L^T
+                let solve = |x: &DVector<f64>| x / v - &l * (l.tr_mul(x));
+                let w = &j6 / v - &l * (l.tr_mul(&j6)); // V^-1 J
+                let vr = solve(&r);
+                deviance += r.dot(&vr);
+                let h: Matrix6 = Matrix6::from_fn(|a, b| j6.column(a).dot(&w.column(b)));
+                let jr: SMatrix<f64, ALL, 1> = SMatrix::from_fn(|a, _| w.column(a).dot(&r));
+                let tail = DVector::from_column_slice(&linear.tail);
+                let v_tail = solve(&tail);
+                for p in 0..PATTERNS {
+                    for q in 0..PATTERNS {
+                        diagonal[p][q] += powers[p] * powers[q] / v;
+                    }
+                    for a in 0..n {
+                        g_unit[p * n + a] += powers[p] * vr[a];
+                        for (c, zc) in z.iter().enumerate().filter(|(_, zc)| **zc != 0.0) {
+                            for j in 0..ALL {
+                                k[(shapes + c * ALL + j, p * n + a)] += powers[p] * zc * w[(a, j)];
+                            }
+                        }
+                        k[(d - 1, p * n + a)] += powers[p] * v_tail[a]; // row of the tail
+                        for j in 0..FREE {
+                            cross[(p * n + a, j)] += powers[p] * w[(a, j)];
+                        }
+                    }
+                }
+                let tw: SMatrix<f64, ALL, 1> = SMatrix::from_fn(|a, _| w.column(a).dot(&tail));
+                for (c, zc) in z.iter().enumerate().filter(|(_, zc)| **zc != 0.0) {
+                    for j in 0..ALL {
+                        let at = shapes + c * ALL + j;
+                        g_unit[at] += zc * jr[j];
+                        k[(d - 1, at)] += zc * tw[j];
+                        for f in 0..FREE {
+                            cross[(at, f)] += zc * h[(f, j)];
+                        }
+                        for (e, ze) in z.iter().enumerate() {
+                            for b in 0..ALL {
+                                k[(at, shapes + e * ALL + b)] += zc * ze * h[(j, b)];
+                            }
+                        }
+                    }
+                }
+                g_unit[d - 1] += tail.dot(&vr);
+                k[(d - 1, d - 1)] += tail.dot(&v_tail);
+                for f in 0..FREE {
+                    cross[(d - 1, f)] += tw[f];
+                    score[f] += jr[f];
+                }
+                info += h.fixed_view::<FREE, FREE>(0, 0);
+                if of_scatter {
+                    let scale = inflate.sqrt();
+                    for f in 0..FREE {
+                        for power in powers {
+                            wide.extend(l.column(f).iter().map(|x| x * power * scale));
+                        }
+                    }
+                    if wide.len() >= AT_A_TIME * FREE * shapes {
+                        flush(&mut wide, &mut k, shapes, -1.0);
+                    }
+                }
+            }
+            // channels: K -= B^T S B with S = between (1 + H between)^-1
+            let inner = Matrix5::identity() + info * model.between;
+            let s = model.between * inner.try_inverse().unwrap_or_else(Matrix5::zeros);
+            let s = (s + s.transpose()) * 0.5;
+            deviance += inner.determinant().max(f64::MIN_POSITIVE).ln();
+            deviance -= score.dot(&(s * score));
+            let root = square_root(&s);
+            let f = &cross * DMatrix::from_fn(FREE, FREE, |a, b| root[(a, b)]);
+            g_unit -= &cross * DVector::from_column_slice((s * score).as_slice());
+            if of_scatter {
+                let scale = inflate.sqrt();
+                for c in 0..FREE {
+                    columns.extend(f.column(c).rows(0, shapes).iter().map(|x| x * scale));
+                }
+                if columns.len() >= AT_A_TIME * FREE * shapes {
+                    flush(&mut columns, &mut k, shapes, -1.0);
+                }
+            }
+            let low = f.rows(shapes, d - shapes).into_owned();
+            let mut block = k.view_mut((shapes, 0), (d - shapes, d));
+            block.gemm(-1.0, &low, &f.transpose(), 1.0);
+            g += &g_unit;
+            if keep_units {
+                by_unit.push(g_unit);
+            }
+            i = end;
+        }
+        flush(&mut wide, &mut k, shapes, -1.0);
+        flush(&mut columns, &mut k, shapes, -1.0);
+        for p in 0..PATTERNS {
+            for q in 0..PATTERNS {
+                for a in 0..n {
+                    k[(p * n + a, q * n + a)] += diagonal[p][q];
+                }
+            }
+        }
+        // the lower left block was filled; mirror it
+        for row in shapes..d {
+            for column in 0..shapes {
+                k[(column, row)] = k[(row, column)];
+            }
+        }
+        for c in shapes..d - 1 {
+            k[(c, d - 1)] = k[(d - 1, c)];
+        }
+        Space { samples: n, k, g, by_unit, signals: data.len(), units: data.units, deviance }
+    }
+
+    /// K x for a direction.
+    pub fn times(&self, x: &Direction) -> DVector<f64> {
+        let mut out = DVector::zeros(self.k.nrows());
+        for (at, v) in &x.0 {
+            let block = self.k.columns(*at, v.len());
+            out += block * DVector::from_column_slice(v);
+        }
+        out
+    }
+}
+
+/// Directions that are allowed for before anything is tested: the mean of all channels (lambda within
+/// its prior), and the causes that are in the model already.
+#[derive(Clone, Debug)]
+pub struct Nuisance {
+    directions: Vec<Direction>,
+    /// K times each.
+    k_times: Vec<DVector<f64>>,
+    inverse: DMatrix<f64>,
+    score: DVector<f64>,
+}
+
+/// What testing a direction (or several together) gives.
+#[derive(Clone, Debug)]
+pub struct Tested {
+    /// g^T K^-1 g after the nuisance: chi-squared with as many degrees as directions.
+    pub statistic: f64,
+    pub coefficients: Vec<f64>,
+    pub covariance: DMatrix<f64>,
+}
+
+impl Nuisance {
+    pub fn new(space: &Space, causes: &[Direction]) -> Nuisance {
+        let unit = |j: usize| {
+            let mut v = [0.0; ALL];
+            v[j] = 1.0;
+            Direction::covariate(space.samples, ONE, v)
+        };
+        let mut directions: Vec<Direction> = (0..ALL).map(unit).collect();
+        directions.extend(causes.iter().cloned());
+        let k_times: Vec<DVector<f64>> = directions.iter().map(|x| space.times(x)).collect();
+        let q = directions.len();
+        let mut gram = DMatrix::from_fn(q, q, |i, j| directions[i].dot(&k_times[j]));
+        gram[(ALL - 1, ALL - 1)] += 1.0 / (LN_LAMBDA_SD * LN_LAMBDA_SD);
+        let score = DVector::from_fn(q, |i, _| directions[i].dot(&space.g));
+        Nuisance { inverse: pseudo_inverse(&gram), directions, k_times, score }
+    }
+
+    /// Coefficients of the causes in the nuisance, jointly, with their covariance.
+    pub fn causes(&self) -> (DVector<f64>, DMatrix<f64>) {
+        let q = self.directions.len();
+        let all = &self.inverse * &self.score;
+        (
+            all.rows(ALL, q - ALL).into_owned(),
+            self.inverse.view((ALL, ALL), (q - ALL, q - ALL)).into_owned(),
+        )
+    }
+
+    /// Shift of the mean parameters that the data ask for.
+    pub fn mean_shift(&self) -> [f64; ALL] {
+        let all = &self.inverse * &self.score;
+        std::array::from_fn(|j| all[j])
+    }
+
+    /// Gain of the nuisance itself in -2 ln likelihood.
+    pub fn gain(&self) -> f64 {
+        self.score.dot(&(&self.inverse * &self.score))
+    }
+
+    /// Likelihood-ratio test of some directions together.
+    pub fn test(&self, space: &Space, directions: &[Direction]) -> Option<Tested> {
+        let q = directions.len();
+        let k_times: Vec<DVector<f64>> = directions.iter().map(|x| space.times(x)).collect();
+        let cross = DMatrix::from_fn(self.directions.len(), q, |i, j| {
+            self.directions[i].dot(&k_times[j])
+        });
+        let raw = DMatrix::from_fn(q, q, |i, j| directions[i].dot(&k_times[j]));
+        let gram = &raw - cross.tr_mul(&(&self.inverse * &cross));
+        // a direction that the nuisance holds already says nothing
+        if (0..q).any(|i| gram[(i, i)] <= 1e-7 * raw[(i, i)] || gram[(i, i)] <= 0.0) {
+            return None;
+        }
+        let score = DVector::from_fn(q, |i, _| directions[i].dot(&space.g))
+            - cross.tr_mul(&(&self.inverse * &self.score));
+        let covariance = gram.cholesky()?.inverse();
+        let coefficients = &covariance * &score;
+        Some(Tested {
+            statistic: score.dot(&coefficients),
+            coefficients: coefficients.as_slice().to_vec(),
+            covariance,
+        })
+    }
+
+    /// Score of every channel along one direction, nuisance projected out.
+    pub fn by_unit(&self, space: &Space, direction: &Direction) -> Vec<f64> {
+        let k_times = space.times(direction);
+        let cross =
+            DVector::from_fn(self.directions.len(), |i, _| self.directions[i].dot(&k_times));
+        let weight = &self.inverse * cross;
+        space
+            .by_unit
+            .iter()
+            .map(|g| {
+                direction.dot(g)
+                    - self.directions.iter().zip(&weight).map(|(x, w)| w * x.dot(g)).sum::<f64>()
+            })
+            .collect()
+    }
+}
+
+fn square_root(m: &Matrix5) -> Matrix5 {
+    let scale = Vector5::from_fn(|i, _| m[(i, i)].max(1e-300).sqrt());
+    let unit = Matrix5::from_fn(|i, j| m[(i, j)] / (scale[i] * scale[j]));
+    let eigen = unit.symmetric_eigen();
+    let values = eigen.eigenvalues.map(|v| v.max(0.0).sqrt());
+    Matrix5::from_diagonal(&scale) * eigen.eigenvectors * Matrix5::from_diagonal(&values)
+}
+
+fn pseudo_inverse(m: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = m.nrows();
+    let scale = DVector::from_fn(n, |i, _| m[(i, i)].max(1e-300).sqrt());
+    let unit = DMatrix::from_fn(n, n, |i, j| m[(i, j)] / (scale[i] * scale[j]));
+    let eigen = unit.symmetric_eigen();
+    let values = eigen.eigenvalues.map(|v| if v > 1e-10 { 1.0 / v } else { 0.0 });
+    let inverse =
+        &eigen.eigenvectors * DMatrix::from_diagonal(&values) * eigen.eigenvectors.transpose();
+    DMatrix::from_fn(n, n, |i, j| inverse[(i, j)] / (scale[i] * scale[j]))
+}
+

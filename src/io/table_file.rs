@@ -1,0 +1,317 @@
+//! A table of time and outputs, as others write them. In: CSV and which columns. Out: [`Table`], its
+//! decays as written: times and one column per output.
+//!
+//! Comma, semicolon (then with decimal commas) or tab; a byte order mark and lines that begin with
+//! `#` are passed over. It must never drop a cell without saying so: what is no number is an error
+//! that names the line, what is missing is kept as NaN and counted by whoever samples.
+
+use csv::StringRecord;
+use std::collections::HashMap;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// Cells that we hold in memory at most: 16 bytes each with the copy that is sampled.
+const MOST_CELLS: usize = 1 << 25;
+
+#[derive(Debug, Error)]
+pub enum TableError {
+    #[error("{path}: cannot be read: {source}")]
+    Read { path: PathBuf, source: std::io::Error },
+    #[error("{path}, line {line}: {what}")]
+    Line { path: PathBuf, line: u64, what: String },
+    #[error("{path}: {what}")]
+    Columns { path: PathBuf, what: String },
+}
+
+/// Which columns are what; `None`: the first that is not the burst column is time, the rest outputs.
+#[derive(Clone, Debug, Default)]
+pub struct Columns {
+    pub time: Option<String>,
+    pub outputs: Option<Vec<String>>,
+    pub burst: Option<String>,
+}
+
+/// One decay of a table: rows of one value of the burst column, in the table's order.
+#[derive(Clone, Debug, Default)]
+pub struct Decay {
+    /// The value of the burst column; empty without one.
+    pub name: String,
+    /// The table's line of its first row.
+    pub line: u64,
+    /// In the unit of the table.
+    pub times: Vec<f64>,
+    /// One column per output, each as long as `times`; NaN: missing.
+    pub outputs: Vec<Vec<f64>>,
+}
+
+#[derive(Clone, Debug)]
+pub struct Table {
+    pub time: String,
+    /// Names of the outputs: channel 0, 1, 2 ...
+    pub outputs: Vec<String>,
+    /// In the order in which they first appear; at least one, none of them empty.
+    pub decays: Vec<Decay>,
+}
+
+/// Reads a table.
+pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
+    let unreadable = |source| TableError::Read { path: path.into(), source };
+    let file = File::open(path).map_err(unreadable)?;
+    let mut file = BufReader::with_capacity(1 << 16, file);
+    let delimiter = delimiter(file.fill_buf().map_err(unreadable)?);
+    read_from(file, delimiter, path, columns)
+}
+
+/// What separates cells: of semicolon, tab and comma the first that the first line of cells has.
+fn delimiter(start: &[u8]) -> u8 {
+    let mut lines = start.split(|b| *b == b'\n').filter(|line| !line.trim_ascii().is_empty());
+    let header = lines.find(|line| !line.starts_with(b"#")).unwrap_or_default();
+    [b';', b'\t'].into_iter().find(|d| header.contains(d)).unwrap_or(b',')
+}
+
+fn read_from(
+    input: impl Read,
+    delimiter: u8,
+    path: &Path,
+    columns: &Columns,
+) -> Result<Table, TableError> {
+    let mut csv = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .delimiter(delimiter)
+        .comment(Some(b'#'))
+        .from_reader(input);
+    let failed = |e: csv::Error| {
+        let line = e.position().map_or(1, csv::Position::line);
+        match e.into_kind() {
+            csv::ErrorKind::Io(source) => TableError::Read { path: path.into(), source },
+            csv::ErrorKind::Utf8 { .. } => line_error(path, line, "is not UTF-8 text".into()),
+            csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+                let what = format!("{len} cells where the header has {expected_len}");
+                line_error(path, line, what)
+            }
+            other => line_error(path, line, format!("{other:?}")),
+        }
+    };
+    let header = csv.headers().map_err(failed)?.clone();
+    let decimal_comma = delimiter != b',';
+    let chosen = choose(&header, columns, decimal_comma)
+        .map_err(|what| TableError::Columns { path: path.into(), what })?;
+    let mut table = Table {
+        time: chosen.names[chosen.time].clone(),
+        outputs: chosen.outputs.iter().map(|&c| chosen.names[c].clone()).collect(),
+        decays: Vec::new(),
+    };
+    let mut by_name: HashMap<String, usize> = HashMap::new();
+    let (mut record, mut cells) = (StringRecord::new(), 0);
+    while csv.read_record(&mut record).map_err(failed)? {
+        let line = record.position().map_or(0, csv::Position::line);
+        cells += 1 + chosen.outputs.len();
+        if cells > MOST_CELLS {
+            let what = format!(
+                "more than {MOST_CELLS} cells of time and outputs; cut the table into several"
+            );
+            return Err(line_error(path, line, what));
+        }
+        let name = chosen.burst.and_then(|c| record.get(c)).unwrap_or_default();
+        let number = match by_name.get(name) {
+            Some(number) => *number,
+            None => {
+                let outputs = vec![Vec::new(); chosen.outputs.len()];
+                let decay = Decay { name: name.to_owned(), line, outputs, ..Decay::default() };
+                table.decays.push(decay);
+                by_name.insert(name.to_owned(), table.decays.len() - 1);
+                table.decays.len() - 1
+            }
+        };
+        let decay = &mut table.decays[number];
+        let cell = |c: usize| {
+            number_in(record.get(c).unwrap_or_default(), decimal_comma).map_err(|what| {
+                line_error(path, line, format!("column {:?}: {what}", chosen.names[c]))
+            })
+        };
+        let time = cell(chosen.time)?;
+        if !time.is_finite() {
+            let what = format!("column {:?}: a row without a time", chosen.names[chosen.time]);
+            return Err(line_error(path, line, what));
+        }
+        decay.times.push(time);
+        for (column, &c) in decay.outputs.iter_mut().zip(&chosen.outputs) {
+            column.push(cell(c)?);
+        }
+    }
+    if table.decays.is_empty() {
+        let what = "a header and no rows".to_owned();
+        return Err(TableError::Columns { path: path.into(), what });
+    }
+    Ok(table)
+}
+
+fn line_error(path: &Path, line: u64, what: String) -> TableError {
+    TableError::Line { path: path.into(), line, what }
+}
+
+struct Chosen {
+    names: Vec<String>,
+    time: usize,
+    outputs: Vec<usize>,
+    burst: Option<usize>,
+}
+
+/// Columns by name. Whatever is ambiguous is refused.
+fn choose(
+    header: &StringRecord,
+    columns: &Columns,
+    decimal_comma: bool,
+) -> Result<Chosen, String> {
+    let names: Vec<String> =
+        header.iter().map(|h| h.trim_start_matches('\u{feff}').trim().to_owned()).collect();
+    let numbers = names.iter().filter(|name| number_in(name, decimal_comma).is_ok_and(f64::is_finite));
+    if numbers.count() == names.len() {
+        return Err("the first line holds numbers: it must name the columns".to_owned());
+    }
+    let place = |name: &str| {
+        let mut places = (0..names.len()).filter(|&c| names[c] == name);
+        match (places.next(), places.next()) {
+            (Some(place), None) => Ok(place),
+            (Some(_), Some(_)) => Err(format!("there are several columns {name:?}: rename them")),
+            (None, _) => Err(format!("no column {name:?}; there are {}", names.join(", "))),
+        }
+    };
+    let burst = columns.burst.as_deref().map(place).transpose()?;
+    let time = match &columns.time {
+        Some(name) => place(name)?,
+        None => (0..names.len())
+            .find(|c| Some(*c) != burst)
+            .ok_or("there is no column left for time")?,
+    };
+    let outputs: Vec<usize> = match &columns.outputs {
+        Some(outputs) => outputs.iter().map(|name| place(name)).collect::<Result<_, _>>()?,
+        None => (0..names.len()).filter(|c| *c != time && Some(*c) != burst).collect(),
+    };
+    if outputs.is_empty() {
+        return Err(format!("no column is left for an output beside {:?}", names[time]));
+    }
+    let mut used: Vec<usize> = outputs.iter().copied().chain([time]).chain(burst).collect();
+    used.sort_unstable();
+    for (i, &c) in used.iter().enumerate() {
+        place(&names[c])?; // the default takes columns by place: equal names would be two channels
+        if used.get(i + 1) == Some(&c) {
+            return Err(format!("the column {:?} is asked for twice", names[c]));
+        }
+    }
+    Ok(Chosen { names, time, outputs, burst })
+}
+
+/// A cell as a number; NaN where it is empty or says so.
+fn number_in(cell: &str, decimal_comma: bool) -> Result<f64, String> {
+    if cell.is_empty() || ["nan", "na", "null", "none", "-"].iter().any(|w| cell.eq_ignore_ascii_case(w))
+    {
+        return Ok(f64::NAN);
+    }
+    let parsed = match decimal_comma && cell.contains(',') && !cell.contains('.') {
+        true => cell.replacen(',', ".", 1).parse::<f64>(),
+        false => cell.parse(),
+    };
+    match parsed {
+        // samples are stored as f32
+        Ok(x) if x.abs() <= f64::from(f32::MAX) || x.is_nan() => Ok(x),
+        Ok(_) => Err(format!("{cell} is too large for a sample (f32)")),
+        Err(_) => Err(format!("{:?} is no number", shortened(cell))),
+    }
+}
+
+fn shortened(cell: &str) -> String {
+    cell.chars().take(40).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table(text: &str, columns: &Columns) -> Result<Table, String> {
+        let path = Path::new("t.csv");
+        read_from(text.as_bytes(), delimiter(text.as_bytes()), path, columns)
+            .map_err(|e| e.to_string())
+    }
+
+    fn columns(time: &str, outputs: &str, burst: &str) -> Columns {
+        let some = |name: &str| (!name.is_empty()).then(|| name.to_owned());
+        Columns {
+            time: some(time),
+            outputs: some(outputs).map(|o| o.split(',').map(str::to_owned).collect()),
+            burst: some(burst),
+        }
+    }
+
+    #[test]
+    fn the_first_column_is_time_and_the_rest_are_outputs() {
+        let t = table("t,a,b\n0,1,2\n1,3,4\n", &Columns::default()).unwrap();
+        assert_eq!((t.time.as_str(), t.outputs.join(" ")), ("t", "a b".to_owned()));
+        assert_eq!(t.decays.len(), 1);
+        assert_eq!(t.decays[0].times, [0.0, 1.0]);
+        assert_eq!(t.decays[0].outputs, [[1.0, 3.0], [2.0, 4.0]]);
+    }
+
+    #[test]
+    fn a_burst_column_groups_rows_also_where_they_alternate() {
+        let text = "gap,t,in,out\nx,0,9,1\ny,0,9,2\nx,1,9,3\ny,1,9,4\n";
+        let t = table(text, &columns("t", "out", "gap")).unwrap();
+        let names: Vec<&str> = t.decays.iter().map(|d| d.name.as_str()).collect();
+        assert_eq!(names, ["x", "y"]);
+        assert_eq!(t.decays[1].outputs, [[2.0, 4.0]]);
+        assert_eq!(t.decays[1].line, 3);
+        let t = table(text, &columns("", "", "gap")).unwrap();
+        assert_eq!(t.outputs, ["in", "out"]);
+    }
+
+    #[test]
+    fn semicolons_decimal_commas_tabs_marks_comments_and_quotes_are_read() {
+        let expected = vec![vec![1.5, -2e3]];
+        for text in [
+            "\u{feff}t;y\r\n0;1,5\r\n1;-2e3\r\n",
+            "# made by hand\nt\ty\n0\t1.5\n1\t-2000\n",
+            "\"t\", \"y\"\n\n0, \"1.5\"\n1, -2000.0\n",
+        ] {
+            let t = table(text, &Columns::default()).unwrap();
+            assert_eq!((t.time.as_str(), &t.decays[0].outputs), ("t", &expected), "{text}");
+        }
+    }
+
+    #[test]
+    fn missing_cells_are_nan_and_what_is_no_number_names_its_line() {
+        let t = table("t,y\n0,\n1,NaN\n2,3\n", &Columns::default()).unwrap();
+        let y = &t.decays[0].outputs[0];
+        assert!(y[0].is_nan() && y[1].is_nan() && y[2] == 3.0);
+        for (text, says) in [
+            ("t,y\n0,1\n1,abc\n", "line 3: column \"y\": \"abc\" is no number"),
+            ("t,y\n0,1\n,2\n", "line 3: column \"t\": a row without a time"),
+            ("t,y\n0,1\ninf,2\n", "line 3"),
+            ("t,y\n0,1e60\n", "too large"),
+            ("t,y\n0,1\n1\n", "line 3: 1 cells where the header has 2"),
+            ("t,y\n", "no rows"),
+            ("", "numbers: it must name"),
+            ("0,1\n1,2\n", "must name the columns"),
+            ("t\n0\n", "no column is left for an output"),
+            ("t,y,y\n0,1,2\n", "several columns \"y\""),
+        ] {
+            let e = table(text, &Columns::default()).unwrap_err();
+            assert!(e.contains(says), "{text:?}: {e}");
+        }
+        for (columns, says) in [
+            (columns("u", "", ""), "no column \"u\"; there are t, y"),
+            (columns("t", "y,y", ""), "asked for twice"),
+            (columns("t", "t", ""), "asked for twice"),
+        ] {
+            let e = table("t,y\n0,1\n", &columns).unwrap_err();
+            assert!(e.contains(says), "{e}");
+        }
+    }
+
+    #[test]
+    fn text_that_is_not_utf_8_is_an_error() {
+        let e = read_from(&b"t,y\n0,1\n1,\xff\n"[..], b',', Path::new("t"), &Columns::default());
+        assert!(e.unwrap_err().to_string().contains("line 3: is not UTF-8"));
+    }
+}

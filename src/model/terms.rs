@@ -1,0 +1,309 @@
+//! What the thesis's model leaves out: one term each, in the equation of motion.
+//!
+//! In: the ring as it is seen (poles, output state) and a term of some strength. Out: the decay with
+//! that term, by Runge-Kutta. Time counts in signal lengths, output in counts; strengths are relative
+//! changes of frequency or damping at unit drive, so that they mean something without the interior.
+//!
+//! The interior is thesis (2-2): V = V_r + V_n, q_r, q_n. Poles and output fix it but for the ratios
+//! R_r/I_r over R_n/I_n, which is held (thesis (2-3), (2-4)).
+
+use super::InkChannel;
+use std::f64::consts::PI;
+
+/// Steps of Runge-Kutta per sample at least, and radians per step at most.
+const STEPS: usize = 2;
+const RADIANS: f64 = 0.12;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Term {
+    /// -k3 V^3 beside the compliance's -V (pendulum: sin).
+    CubicStiffness,
+    /// -k |q_n| q_n, orifice loss.
+    QuadraticDrag,
+    /// -mu sign(q_n).
+    DryFriction,
+    /// -V_n/(I_n B_m), surface tension in the nozzle; strength is B_t/B_m.
+    Meniscus,
+    /// Part of the nozzle's loss as a half-order derivative of the flow (boundary layer).
+    FractionalDamping,
+}
+
+/// Ring numbers: sigma, omega, lambda, and the output's a, b, c; per signal length.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen {
+    pub sigma: f64,
+    pub omega: f64,
+    pub lambda: f64,
+    pub a: f64,
+    pub b: f64,
+    pub c: f64,
+}
+
+/// A plant's inside, ready to be integrated.
+#[derive(Clone, Copy, Debug)]
+pub enum Interior {
+    /// (V, q_r, q_n) at t_a, and the rates.
+    Ink { channel: InkChannel, state: [f64; 3] },
+    /// x'' = -stiffness x - loss x'.
+    Oscillator { stiffness: f64, loss: f64, state: [f64; 2] },
+}
+
+impl Interior {
+    /// The ink channel that is seen so. `ratio`: R_r/I_r over R_n/I_n. `None`: no such channel.
+    pub fn ink(seen: &Seen, ratio: f64) -> Option<Interior> {
+        let Seen { sigma, omega, lambda, a, b, c } = *seen;
+        let d = (2.0 * sigma + lambda) / (1.0 + ratio);
+        let g = ratio * d;
+        let square = sigma * sigma + omega * omega;
+        let sum = square + 2.0 * sigma * lambda - g * d; // a + b of thesis (2-2)
+        let p0 = lambda * square;
+        let b_rate = (sum - p0 / d) / (1.0 - ratio);
+        let a_rate = sum - b_rate;
+        let y = a + c;
+        let dy = -sigma * a + omega * b - lambda * c;
+        let ddy =
+            (sigma * sigma - omega * omega) * a - 2.0 * sigma * omega * b + lambda * lambda * c;
+        // y = q_r + q_n, y' = -(a+b) V - g q_r - d q_n, and y'' = -(a+b) y - g q_r' - d q_n'
+        let m = nalgebra::Matrix3::new(
+            0.0, 1.0, 1.0, //
+            -sum, -g, -d, //
+            g * a_rate + d * b_rate, g * g, d * d,
+        );
+        let x = m.lu().solve(&nalgebra::Vector3::new(y, dy, ddy + sum * y))?;
+        let channel = InkChannel { a_per_s2: a_rate, b_per_s2: b_rate, g_per_s: g, d_per_s: d };
+        (a_rate > 0.0 && b_rate > 0.0 && x.iter().all(|v| v.is_finite()))
+            .then_some(Interior::Ink { channel, state: [x[0], x[1], x[2]] })
+    }
+
+    /// The oscillator whose displacement is seen so.
+    pub fn oscillator(seen: &Seen) -> Interior {
+        let Seen { sigma, omega, a, b, .. } = *seen;
+        Interior::Oscillator {
+            stiffness: sigma * sigma + omega * omega,
+            loss: 2.0 * sigma,
+            state: [a, -sigma * a + omega * b],
+        }
+    }
+
+    /// (amplitude of what is stiff, amplitude of what is damped) at t_a, and the damping's change
+    /// with the loss coefficient that the terms act on.
+    fn amplitudes(&self, seen: &Seen) -> (f64, f64, f64) {
+        let Seen { sigma, omega, .. } = *seen;
+        let envelope = |x: f64, dx: f64| x.hypot((dx + sigma * x) / omega);
+        match *self {
+            Interior::Ink { channel, state: [v, q_r, q_n] } => {
+                let stiff = envelope(v, q_r + q_n);
+                let damped =
+                    envelope(q_n, -channel.b_per_s2 * v - channel.d_per_s * q_n);
+                let at = |d: f64| {
+                    InkChannel { d_per_s: d, ..channel }.poles().map(|p| p.damping_per_s)
+                };
+                let h = 1e-3 * channel.d_per_s;
+                let slope = match (at(channel.d_per_s + h), at(channel.d_per_s - h)) {
+                    (Some(up), Some(down)) => (up - down) / (2.0 * h),
+                    _ => 0.3,
+                };
+                (stiff, damped, slope)
+            }
+            Interior::Oscillator { stiffness, loss, state: [x, dx] } => {
+                (envelope(x, dx), envelope(dx, -stiffness * x - loss * dx), 0.5)
+            }
+        }
+    }
+
+    /// The decay at a drive with `term` of `strength` (relative change of frequency or damping at
+    /// unit drive; share; ratio), per `samples` of one signal length. Counts.
+    pub fn decay(
+        &self,
+        seen: &Seen,
+        term: Option<(Term, f64)>,
+        drive: f64,
+        samples: usize,
+    ) -> Vec<f64> {
+        let (stiff, damped, slope) = self.amplitudes(seen);
+        let (mut cubic, mut drag, mut dry, mut meniscus, mut memory) = (0.0, 0.0, 0.0, 0.0, None);
+        match term {
+            // frequency of x'' = -w²(x + k x³): w (1 + 3/8 k A²)
+            Some((Term::CubicStiffness, e)) => cubic = e * 8.0 / 3.0 / (stiff * stiff),
+            // loss k |q| q is 8/(3 pi) k A q in the mean over a period
+            Some((Term::QuadraticDrag, e)) => {
+                drag = e * seen.sigma / (slope * 8.0 / (3.0 * PI) * damped);
+            }
+            // mu sign(q) is 4 mu/(pi A) q
+            Some((Term::DryFriction, e)) => dry = e * seen.sigma * PI * damped / (4.0 * slope),
+            Some((Term::Meniscus, e)) => meniscus = e,
+            Some((Term::FractionalDamping, e)) => {
+                memory = Some(self.memory_force(seen, e, drive, samples));
+            }
+            None => {}
+        }
+        let small = 0.02 * damped;
+        let force = |t: f64| match &memory {
+            None => 0.0,
+            Some(f) => {
+                let at = t * samples as f64;
+                let k = (at as usize).min(samples - 2);
+                f[k] + (f[k + 1] - f[k]) * (at - k as f64)
+            }
+        };
+        // V, q_r, q_n, V_n; or x, x'
+        let slope_of = |x: [f64; 4], t: f64| -> [f64; 4] {
+            match *self {
+                Interior::Ink { channel, .. } => {
+                    let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = channel;
+                    let [v, q_r, q_n, v_n] = x;
+                    let pressure = v + cubic * v * v * v;
+                    let extra = -drag * q_n.abs() * q_n - dry * (q_n / small).tanh()
+                        - b * meniscus * v_n
+                        + force(t);
+                    [
+                        q_r + q_n,
+                        -a * pressure - g * q_r,
+                        -b * pressure - d * q_n + extra,
+                        q_n,
+                    ]
+                }
+                Interior::Oscillator { stiffness, loss, .. } => {
+                    let [p, q, ..] = x;
+                    let extra =
+                        -drag * q.abs() * q - dry * (q / small).tanh() + force(t);
+                    [q, -stiffness * (p + cubic * p * p * p) - loss * q + extra, 0.0, 0.0]
+                }
+            }
+        };
+        let steps = STEPS.max((seen.omega / samples as f64 / RADIANS).ceil() as usize);
+        let h = 1.0 / (samples * steps) as f64;
+        let mut x = match *self {
+            Interior::Ink { state: [v, q_r, q_n], .. } => {
+                [v * drive, q_r * drive, q_n * drive, 0.0]
+            }
+            Interior::Oscillator { state: [p, q], .. } => [p * drive, q * drive, 0.0, 0.0],
+        };
+        let plus = |x: &[f64; 4], k: &[f64; 4], h: f64| -> [f64; 4] {
+            std::array::from_fn(|i| x[i] + h * k[i])
+        };
+        let mut out = Vec::with_capacity(samples);
+        for sample in 0..samples {
+            out.push(match self {
+                Interior::Ink { .. } => x[1] + x[2],
+                Interior::Oscillator { .. } => x[0],
+            });
+            for step in 0..steps {
+                let t = (sample * steps + step) as f64 * h;
+                let k1 = slope_of(x, t);
+                let k2 = slope_of(plus(&x, &k1, h / 2.0), t + h / 2.0);
+                let k3 = slope_of(plus(&x, &k2, h / 2.0), t + h / 2.0);
+                let k4 = slope_of(plus(&x, &k3, h), t + h);
+                x = std::array::from_fn(|i| {
+                    x[i] + h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i])
+                });
+            }
+        }
+        out
+    }
+
+    /// Force of a half-order loss that takes the place of a share `e` of the viscous one:
+    /// -e loss (omega^-1/2 D^1/2 q - q), D^1/2 in Caputo's sense from t_a on (the flow before is not
+    /// known), by the L1 scheme; of the flow without the term, so to first order in e.
+    fn memory_force(&self, seen: &Seen, e: f64, drive: f64, samples: usize) -> Vec<f64> {
+        let (flow, loss): (Vec<f64>, f64) = match *self {
+            Interior::Ink { channel, .. } => (self.nozzle_flow(drive, samples), channel.d_per_s),
+            Interior::Oscillator { loss, .. } => {
+                let y = self.decay(seen, None, drive, samples);
+                let n = samples as f64;
+                let at = |k: usize| y[k.min(samples - 1)];
+                let slope = |k: usize| (at(k + 1) - at(k.saturating_sub(1))) * n / 2.0;
+                ((0..samples).map(slope).collect(), loss)
+            }
+        };
+        let h = 1.0 / samples as f64;
+        let scale = 2.0 / PI.sqrt() / h.sqrt();
+        let weight: Vec<f64> =
+            (0..samples).map(|j| ((j + 1) as f64).sqrt() - (j as f64).sqrt()).collect();
+        (0..samples)
+            .map(|k| {
+                let half: f64 =
+                    (0..k).map(|j| weight[j] * (flow[k - j] - flow[k - j - 1])).sum::<f64>() * scale;
+                -e * loss * (half / seen.omega.sqrt() - flow[k])
+            })
+            .collect()
+    }
+
+    /// q_n of an ink channel without terms.
+    fn nozzle_flow(&self, drive: f64, samples: usize) -> Vec<f64> {
+        let Interior::Ink { channel, state: [v, q_r, q_n] } = *self else { return Vec::new() };
+        let step = channel.transition(1.0 / samples as f64);
+        // V_r and V_n enter as their sum
+        let mut x = nalgebra::Vector4::new(v, 0.0, q_r, q_n) * drive;
+        (0..samples)
+            .map(|_| {
+                let q = x[3];
+                x = step * x;
+                q
+            })
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SEEN: Seen = Seen { sigma: 2.917, omega: 40.65, lambda: 3.767, a: 80.0, b: -50.0, c: 5.0 };
+
+    fn linear(t: f64) -> f64 {
+        (-SEEN.sigma * t).exp()
+            * (SEEN.a * (SEEN.omega * t).cos() + SEEN.b * (SEEN.omega * t).sin())
+            + SEEN.c * (-SEEN.lambda * t).exp()
+    }
+
+    #[test]
+    fn interior_without_a_term_is_what_was_seen() {
+        let ink = Interior::ink(&SEEN, 0.2).unwrap();
+        for (k, y) in ink.decay(&SEEN, None, 1.5, 128).iter().enumerate() {
+            assert!((y - 1.5 * linear(k as f64 / 128.0)).abs() < 2e-3, "{k}");
+        }
+        let seen = Seen { c: 0.0, ..SEEN };
+        let oscillator = Interior::oscillator(&seen);
+        for (k, y) in oscillator.decay(&seen, None, 1.0, 128).iter().enumerate() {
+            let t = k as f64 / 128.0;
+            assert!((y - linear(t) + SEEN.c * (-SEEN.lambda * t).exp()).abs() < 2e-3, "{k}");
+        }
+    }
+
+    #[test]
+    fn strength_of_cubic_stiffness_is_the_change_of_frequency() {
+        // hardly damped: count periods
+        let seen = Seen { sigma: 1e-3, omega: 60.0, c: 0.0, ..SEEN };
+        let oscillator = Interior::oscillator(&seen);
+        let y = oscillator.decay(&seen, Some((Term::CubicStiffness, 0.02)), 1.0, 4000);
+        let crossings: Vec<f64> = (1..4000)
+            .filter(|&k| y[k - 1] < 0.0 && y[k] >= 0.0)
+            .map(|k| k as f64 - y[k] / (y[k] - y[k - 1]))
+            .collect();
+        let n = crossings.len() - 1;
+        let omega = 2.0 * PI * n as f64 / ((crossings[n] - crossings[0]) / 4000.0);
+        assert!((omega / 60.0 - 1.02).abs() < 1e-3, "{}", omega / 60.0);
+    }
+
+    #[test]
+    fn strengths_of_drag_and_friction_are_the_change_of_damping_at_the_start() {
+        let seen = Seen { sigma: 0.5, omega: 300.0, c: 0.0, ..SEEN };
+        for term in [Term::QuadraticDrag, Term::DryFriction] {
+            let oscillator = Interior::oscillator(&seen);
+            let y = oscillator.decay(&seen, Some((term, 0.2)), 1.0, 8000);
+            // amplitude over the first periods, by projection
+            let amplitude = |from: usize| {
+                let (mut re, mut im) = (0.0, 0.0);
+                for (k, y) in y.iter().enumerate().skip(from).take(168) {
+                    let t = k as f64 / 8000.0;
+                    re += y * (300.0 * t).cos();
+                    im += y * (300.0 * t).sin();
+                }
+                f64::hypot(re, im)
+            };
+            let sigma = (amplitude(0) / amplitude(336)).ln() / (336.0 / 8000.0);
+            assert!((sigma / 0.5 - 1.2).abs() < 0.02, "{term:?} {sigma}");
+        }
+    }
+}

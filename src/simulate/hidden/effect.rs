@@ -1,0 +1,321 @@
+//! What can be hidden in a recording, and what it does to one signal. In: a size and the conditions of
+//! a signal. Out: changed rates, samples, noise or codes.
+//!
+//! Identifiers, parameters and units are those of the catalogue (contract, `critique.json`); what an
+//! [`Effect`] with another identifier does is outside it. The definitions are written from the
+//! catalogue's words alone: the critique's own models are other code.
+
+use super::plant::Equation;
+use std::f64::consts::TAU;
+
+/// What is known or drawn of one signal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Conditions {
+    /// 0 at the first burst of the run, 1 at its last.
+    pub progress: f64,
+    /// -1/2 at the first channel of its printhead, 1/2 at the last.
+    pub position: f64,
+    pub drive_v: f64,
+    /// Above 25 °C.
+    pub above_c: f64,
+    /// NaN: nothing was actuated before.
+    pub idle_s: f64,
+    pub neighbours: u8,
+    /// Normal: the trigger's jitter.
+    pub trigger: f64,
+    /// Uniform, one for all channels of a burst, rad.
+    pub phase_rad: f64,
+    /// Number of the burst.
+    pub burst: usize,
+    /// Healthy scatter from burst to burst, relative: of the gain, the state's four components, the
+    /// frequency, the damping.
+    pub shot: [f64; 7],
+}
+
+/// The signal's samples, and what belongs to them.
+pub struct Samples<'a> {
+    pub y: &'a mut [f64],
+    pub period_s: f64,
+    /// Peak of the nominal channel at 30 V, counts.
+    pub peak_counts: f64,
+}
+
+/// Where an effect acts.
+#[derive(Clone, Copy, Debug)]
+pub enum Acts {
+    /// On the equation of motion.
+    Plant(fn(&Effect, &Conditions, &mut Equation)),
+    /// On what the sensor gives, before noise.
+    Output(fn(&Effect, &Conditions, &mut Samples)),
+    /// The acquisition begins `size * trigger` later.
+    Trigger,
+    /// `size` times what the previous actuation would still give is added.
+    Tail,
+    /// Noise follows itself with correlation `size` from sample to sample.
+    Correlation,
+    /// The noise's variance grows by `size` from zero to the largest signal.
+    NoiseGrowth,
+    /// Codes: after noise, at digitising.
+    Code(fn(&Effect, f64) -> f64),
+}
+
+/// What must have been recorded, or varied, for an effect to be seen at all.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Needs {
+    Nothing,
+    DriveScan,
+    Temperature,
+    Idle,
+    Neighbours,
+}
+
+/// One effect of one size.
+#[derive(Clone, Copy, Debug)]
+pub struct Effect {
+    pub id: &'static str,
+    pub parameter: &'static str,
+    pub unit: &'static str,
+    pub needs: Needs,
+    pub acts: Acts,
+    /// What strength scales: the parameter itself, or an amplitude in counts.
+    pub size: f64,
+    /// What strength does not scale: a frequency in Hz, a rate in 1/s.
+    pub shape: f64,
+    /// Range that `shape` is drawn from.
+    pub shapes: [f64; 2],
+    /// Names that an honest critic may leave it tied with.
+    pub ties: &'static [&'static str],
+}
+
+impl Effect {
+    pub fn of_size(self, size: f64) -> Effect {
+        Effect { size, ..self }
+    }
+
+    pub fn is_code(&self) -> bool {
+        matches!(self.acts, Acts::Code(_))
+    }
+
+    /// Its spectrum is a line at `shape`.
+    pub fn is_line(&self) -> bool {
+        matches!(self.id, "tone" | "random_tone" | "second_mode")
+    }
+}
+
+/// An effect on the noise-free samples, which strength scales linearly.
+const fn effect(
+    id: &'static str,
+    parameter: &'static str,
+    unit: &'static str,
+    needs: Needs,
+    size: f64,
+    acts: Acts,
+) -> Effect {
+    Effect { id, parameter, unit, needs, acts, size, shape: 0.0, shapes: [0.0; 2], ties: &[] }
+}
+
+/// The catalogue; `size` is about one detection limit of 192 signals of 128 samples.
+pub fn catalogue() -> Vec<Effect> {
+    use Acts::{Code, Output, Plant};
+    use Needs::{DriveScan, Idle, Neighbours, Nothing, Temperature};
+    let slow: &[&str] = &["offset", "droop", "meniscus"];
+    let early: &[&str] = &["lowpass", "fractional_damping"];
+    vec![
+        Effect { ties: slow, ..effect("offset", "offset", "counts", Nothing, 0.1, Output(offset)) },
+        Effect { ties: slow, ..effect("droop", "rate", "1/s", DriveScan, 1e3, Output(droop)) },
+        Effect {
+            ties: slow,
+            ..effect("meniscus", "compliance_ratio", "1", DriveScan, 0.02, Plant(|s, _, e| e.meniscus = s.size))
+        },
+        Effect {
+            ties: early,
+            shapes: [3e5, 1.2e6],
+            ..effect("lowpass", "rate", "1/s", Nothing, 0.015, Output(lowpass))
+        },
+        Effect {
+            shapes: [25e3, 240e3],
+            ..effect("second_mode", "frequency", "Hz", DriveScan, 0.25, Output(second_mode))
+        },
+        effect("quadratic_drag", "damping_change", "1", DriveScan, 30.0, Plant(|s, _, e| e.drag_per_s_count = s.size)),
+        effect("dry_friction", "damping_change", "1", DriveScan, 3e4, Plant(|s, _, e| e.friction_counts_per_s = s.size)),
+        effect("cubic_stiffness", "frequency_change", "1", DriveScan, 1e5, Plant(|s, _, e| e.cubic = s.size)),
+        Effect {
+            ties: early,
+            ..effect("fractional_damping", "eta", "1", Nothing, 0.1, Plant(|s, _, e| e.half_order = s.size))
+        },
+        Effect { shapes: [15e3, 280e3], ..effect("tone", "frequency", "Hz", Nothing, 0.09, Output(tone)) },
+        Effect {
+            shapes: [15e3, 280e3],
+            ..effect("random_tone", "frequency", "Hz", Nothing, 0.2, Output(random_tone))
+        },
+        effect("trigger_jitter", "sd", "s", Nothing, 27e-9, Acts::Trigger),
+        effect("clipping", "level", "counts", Nothing, 90.0, Code(|s, y| y.min(s.size))),
+        effect("coarse_lsb", "step", "counts", Nothing, 2.0, Code(|s, y| (y / s.size).round() * s.size)),
+        effect("previous_tail", "gain", "1", Idle, 0.3, Acts::Tail),
+        effect("crosstalk", "kappa", "1", Neighbours, 0.012, Output(crosstalk)),
+        effect("temperature", "damping_change", "1/K", Temperature, -0.003, Plant(|s, c, e| thin(e, 1.0 + s.size * c.above_c))),
+        effect("ageing", "damping_change", "1", Nothing, 0.03, Plant(|s, c, e| thin(e, 1.0 + s.size * c.progress))),
+        effect("position_gradient", "frequency_change", "1", Nothing, 0.005, Plant(|s, c, e| stiffen(e, 1.0 + s.size * c.position))),
+        effect("clock_drift", "rate_change", "1", Nothing, 0.005, Plant(|s, c, e| {
+            stiffen(e, 1.0 + s.size * c.progress);
+            thin(e, 1.0 + s.size * c.progress);
+        })),
+        effect("correlated_noise", "rho", "1", Nothing, 0.03, Acts::Correlation),
+        effect("heteroscedastic_noise", "h", "1", Nothing, 0.1, Acts::NoiseGrowth),
+    ]
+}
+
+/// Effects that no catalogue names. More, which nobody has seen, are in the tests.
+pub fn outside() -> Vec<Effect> {
+    use Acts::{Output, Plant};
+    use Needs::{DriveScan, Nothing, Temperature};
+    vec![
+        // even-order distortion of the amplifier
+        effect("outside_even_order", "share", "1", DriveScan, 0.02, Output(|s, _, o| {
+            o.y.iter_mut().for_each(|y| *y += s.size * *y * *y / o.peak_counts);
+        })),
+        // a reflection that arrives in the middle of the acquisition
+        Effect {
+            shapes: [25e-6, 45e-6],
+            ..effect("outside_echo", "share", "1", Nothing, 0.02, Output(echo))
+        },
+        // a spike at the same sample of every signal
+        Effect { shapes: [0.2, 0.8], ..effect("outside_glitch", "counts", "counts", Nothing, 1.0, Output(|s, _, o| {
+            let k = (s.shape * o.y.len() as f64) as usize;
+            o.y[k.min(o.y.len() - 1)] += s.size;
+        })) },
+        // stiffness follows temperature: the catalogue has only damping do so
+        effect("outside_warm_stiffness", "1/K", "1/K", Temperature, 0.001, Plant(|s, c, e| stiffen(e, 1.0 + s.size * c.above_c))),
+    ]
+}
+
+/// All losses by `factor`.
+fn thin(equation: &mut Equation, factor: f64) {
+    equation.g_per_s *= factor;
+    equation.d_per_s *= factor;
+}
+
+/// Frequencies by `factor`.
+fn stiffen(equation: &mut Equation, factor: f64) {
+    equation.a_per_s2 *= factor * factor;
+    equation.b_per_s2 *= factor * factor;
+}
+
+fn offset(effect: &Effect, _: &Conditions, samples: &mut Samples) {
+    samples.y.iter_mut().for_each(|y| *y += effect.size);
+}
+
+/// A charge amplifier with high-pass rate w, reset at t_a: y - w I, I = int e^{-w(t-s)} y ds, by a rule
+/// that is exact for cubics between samples (quadratics at the ends).
+fn droop(effect: &Effect, _: &Conditions, samples: &mut Samples) {
+    let (w, dt) = (effect.size, samples.period_s);
+    let y = samples.y.to_vec();
+    let mut leaked = 0.0;
+    for k in 1..y.len() {
+        // of sample k - 1 + j, seen at sample k
+        let seen = |j: usize| y[k + j - 2] * (-w * dt * (2.0 - j as f64)).exp();
+        let step = match (k >= 2, k + 1 < y.len()) {
+            (true, true) => (13.0 * (seen(1) + seen(2)) - seen(0) - seen(3)) / 24.0,
+            (false, true) => (5.0 * seen(1) + 8.0 * seen(2) - seen(3)) / 12.0,
+            (true, false) => (5.0 * seen(2) + 8.0 * seen(1) - seen(0)) / 12.0,
+            (false, false) => 0.5 * (seen(1) + seen(2)),
+        };
+        leaked = leaked * (-w * dt).exp() + step * dt;
+        samples.y[k] = y[k] - w * leaked;
+    }
+}
+
+/// An amplifier of finite bandwidth that has not settled at t_a.
+fn lowpass(effect: &Effect, _: &Conditions, samples: &mut Samples) {
+    let (missing, decay) = (effect.size * samples.y[0], (-effect.shape * samples.period_s).exp());
+    let mut left = missing;
+    for y in samples.y.iter_mut() {
+        *y -= left;
+        left *= decay;
+    }
+}
+
+/// Another resonance, rung by the same pulse: it scales with the drive.
+fn second_mode(effect: &Effect, conditions: &Conditions, samples: &mut Samples) {
+    let amplitude = effect.size * conditions.drive_v / 30.0;
+    let sigma = 0.04 * effect.shape;
+    for (k, y) in samples.y.iter_mut().enumerate() {
+        let t = k as f64 * samples.period_s;
+        *y += amplitude * (-sigma * t).exp() * (TAU * effect.shape * t + 1.1).cos();
+    }
+}
+
+fn tone(effect: &Effect, _: &Conditions, samples: &mut Samples) {
+    add_tone(effect, 0.7, samples);
+}
+
+fn random_tone(effect: &Effect, conditions: &Conditions, samples: &mut Samples) {
+    add_tone(effect, conditions.phase_rad, samples);
+}
+
+fn add_tone(effect: &Effect, phase_rad: f64, samples: &mut Samples) {
+    for (k, y) in samples.y.iter_mut().enumerate() {
+        *y += effect.size * (TAU * effect.shape * k as f64 * samples.period_s + phase_rad).cos();
+    }
+}
+
+fn crosstalk(effect: &Effect, conditions: &Conditions, samples: &mut Samples) {
+    let share = 1.0 + effect.size * f64::from(conditions.neighbours);
+    samples.y.iter_mut().for_each(|y| *y *= share);
+}
+
+fn echo(effect: &Effect, _: &Conditions, samples: &mut Samples) {
+    let late = ((effect.shape / samples.period_s) as usize).min(samples.y.len() - 1);
+    for k in (late..samples.y.len()).rev() {
+        samples.y[k] += effect.size * samples.y[k - late];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PLAIN: Conditions = Conditions {
+        progress: 0.0,
+        position: 0.0,
+        drive_v: 30.0,
+        above_c: 0.0,
+        idle_s: f64::NAN,
+        neighbours: 0,
+        trigger: 0.0,
+        phase_rad: 0.0,
+        burst: 0,
+        shot: [0.0; 7],
+    };
+
+    #[test]
+    fn droop_subtracts_the_charge_that_leaked() {
+        // y - w int_0^t e^{-w(t-s)} y ds by a fine sum
+        let f = |t: f64| (-3e4 * t).exp() * (4e5 * t).cos();
+        let (dt, w) = (0.78125e-6, 4e3);
+        let mut y: Vec<f64> = (0..128).map(|k| f(k as f64 * dt)).collect();
+        let effect = catalogue()[1].of_size(w);
+        droop(&effect, &PLAIN, &mut Samples { y: &mut y, period_s: dt, peak_counts: 1.0 });
+        for k in [1, 40, 127] {
+            let (t, n) = (k as f64 * dt, 40_000);
+            let sum: f64 = (0..n)
+                .map(|i| (i as f64 + 0.5) / n as f64 * t)
+                .map(|s| (-w * (t - s)).exp() * f(s) * t / n as f64)
+                .sum();
+            assert!((y[k] - (f(t) - w * sum)).abs() < 2e-6, "{k}");
+        }
+    }
+
+    #[test]
+    fn identifiers_are_told_apart_and_outsiders_say_so() {
+        let ids: Vec<&str> = catalogue().iter().map(|e| e.id).collect();
+        let mut sorted = ids.clone();
+        sorted.sort_unstable();
+        sorted.dedup();
+        assert_eq!((ids.len(), sorted.len()), (22, 22));
+        assert!(outside().iter().all(|e| e.id.starts_with("outside_")));
+        for effect in catalogue() {
+            assert!(effect.ties.is_empty() || effect.ties.contains(&effect.id));
+        }
+    }
+}

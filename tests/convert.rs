@@ -1,0 +1,123 @@
+//! Tables become recordings: regular ones as they are, others refused with what to do.
+
+use crate::house::{House, root};
+use inkling::burst::{Acquisition, Burst};
+use inkling::io::{Limits, recording::Recording};
+use std::path::Path;
+
+fn bursts(path: &Path) -> Vec<Burst> {
+    let recording = Recording::open(path, Limits::default()).unwrap();
+    let mut reader = recording.reader();
+    let mut all = Vec::new();
+    for block in recording.blocks().map(Result::unwrap) {
+        for acquisition in reader.read(&block).acquisitions {
+            let Acquisition::Usable(burst) = acquisition else { panic!("unusable burst") };
+            all.push(burst);
+        }
+    }
+    all
+}
+
+fn signal(burst: &Burst, row: usize) -> Vec<f64> {
+    let mut y = vec![0.0; burst.samples_per_channel as usize];
+    burst.copy_signal(row, &mut y);
+    y
+}
+
+#[test]
+fn a_table_becomes_bursts_of_its_decays_and_outputs() {
+    let house = House::new();
+    let mut text = "run;t_ms;a;b\n".to_owned();
+    for run in 0..3 {
+        for k in 0..20 {
+            text += &format!("{run};{k};{},5;{}\n", run * 100 + k, -k);
+        }
+    }
+    house.write("three decays.csv", &text);
+    std::fs::rename(house.path("three decays.csv"), house.path("t.csv")).unwrap();
+    house.run("convert t.csv --burst run --time t_ms -o sub/t.mcap").exits(0).says("channel 1: b");
+    let bursts = bursts(&house.path("sub/t.mcap"));
+    assert_eq!(bursts.len(), 3);
+    for (run, burst) in bursts.iter().enumerate() {
+        assert_eq!((burst.channels, burst.samples_per_channel), (2, 20));
+        assert!((burst.sample_period_s - 1e-3).abs() < 1e-12 && &*burst.printhead == "t");
+        assert_eq!(burst.t_acq_ns - bursts[0].t_acq_ns, run as i64 * 20_000_000);
+        let expected: Vec<f64> = (0..20).map(|k| f64::from(run as i32 * 100 + k) + 0.5).collect();
+        assert_eq!(signal(burst, 0), expected);
+    }
+    house.run("inspect sub/t.mcap").exits(0);
+}
+
+#[test]
+fn bad_tables_are_refused_and_leave_no_recording() {
+    let house = House::new();
+    let regular: String = (0..50).map(|k| format!("{k},{}\n", k % 5)).collect();
+    let cases = [
+        ("t,y\n0,1\n".to_owned(), "1 samples"),
+        ("t,y\n0,1\n1,2\n2,3\n2,4\n3,5\n".to_owned(), "does not increase at its row 4"),
+        (format!("t,y\n{regular}51,1\n"), "--resample"),
+        (format!("t,y\n{regular}50,\n"), "no value at t = 50"),
+        (format!("t,y\n{regular}50,x\n"), "line 52"),
+        (format!("t,y,y\n{}", "0,1,2\n"), "several columns"),
+        ("".to_owned(), "name the columns"),
+        ("\u{0}\u{1}\u{2}".to_owned(), "no column is left"),
+    ];
+    for (text, says) in cases {
+        house.write("t.csv", &text);
+        house.run("convert t.csv -o t.mcap").exits(1).says(says);
+        assert!(!house.path("t.mcap").exists() && !house.path("t.mcap.part").exists());
+    }
+    house.run("convert missing.csv -o t.mcap").exits(1).says("missing.csv");
+    house.write("t.csv", "t,y\n0,1\n1,2\n2,1\n3,5\n");
+    house.run("convert t.csv -o t.csv").exits(2).says("overwrite");
+    house.run("convert t.csv -o t.mcap --start yesterday").exits(2).says("yesterday");
+    house.run("convert t.csv -o t.mcap --outputs z").exits(1).says("no column \"z\"; there are t, y");
+}
+
+#[test]
+fn missing_and_irregular_samples_are_interpolated_only_when_asked() {
+    let house = House::new();
+    let rows = (0..60).filter(|k| k % 9 != 4);
+    let row = |k: i32| match k {
+        20 => format!("{},\n", 0.5 * f64::from(k)),
+        _ => format!("{},{}\n", 0.5 * f64::from(k), (0.2 * f64::from(k)).sin()),
+    };
+    house.write("t.csv", format!("t,y\n{}", rows.map(row).collect::<String>()));
+    house.run("convert t.csv -o t.mcap").exits(1).says("no value");
+    house.run("convert t.csv --resample -o t.mcap").exits(0).says("8 of 60").says("1 cells");
+    let y = signal(&bursts(&house.path("t.mcap"))[0], 0);
+    let worst = y.iter().enumerate().map(|(k, y)| (y - (0.2 * k as f64).sin()).abs());
+    assert!(worst.fold(0.0, f64::max) < 1e-3);
+}
+
+/// Real ring-downs, where they are: they may not be copied into the project.
+#[test]
+fn measured_tables_become_recordings() {
+    let measured = root().join("../shared/measured");
+    if !measured.is_dir() {
+        println!("skipped: no measured ring-downs beside the project ({})", measured.display());
+        return;
+    }
+    let house = House::new();
+    let silverbox = "--time time_s --outputs output_v --burst gap";
+    for (name, options, bursts_channels_samples, period_s) in [
+        ("air_track_one_mass", "", (1, 1, 870), 0.033378),
+        ("air_track_two_masses", "", (1, 2, 495), 0.033378),
+        ("beam_aluminium", "", (1, 2, 4096), 1.0 / 2048.0),
+        ("pendulum_wooden_bob", "", (1, 1, 917), 1.0 / 30.0),
+        ("silverbox_free_decays", silverbox, (5, 1, 88), 1.6384e-3),
+        ("pendulum", "--resample", (1, 1, 568), 1.0 / 6.0),
+    ] {
+        let table = measured.join(format!("{name}.csv"));
+        house.ok(&format!("convert {} {options} -o {name}.mcap", table.display()));
+        let bursts = bursts(&house.path(&format!("{name}.mcap")));
+        let (count, channels, samples) = bursts_channels_samples;
+        assert_eq!(bursts.len(), count, "{name}");
+        for burst in &bursts {
+            assert_eq!((burst.channels, burst.samples_per_channel), (channels, samples), "{name}");
+            assert!((burst.sample_period_s / period_s - 1.0).abs() < 1e-4, "{name}");
+        }
+    }
+    let pendulum = measured.join("pendulum.csv");
+    house.run(&format!("convert {} -o p.mcap", pendulum.display())).exits(1).says("irregular");
+}
