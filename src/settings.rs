@@ -45,6 +45,8 @@ pub struct InputSettings {
     pub recordings: Vec<String>,
     /// The design; empty: none, replay identifies and detects only.
     pub design: String,
+    /// Channels' own healthy baselines, read and written; empty: none are used.
+    pub baseline: String,
     /// Two or more consecutive samples at or beyond a rail are saturated. Counts.
     pub rails: [f64; 2],
 }
@@ -54,6 +56,7 @@ impl Default for InputSettings {
         InputSettings {
             recordings: Vec::new(),
             design: String::new(),
+            baseline: String::new(),
             rails: [f64::from(i16::MIN), f64::from(i16::MAX)],
         }
     }
@@ -268,9 +271,14 @@ impl Settings {
             }
         };
         self.input.recordings.iter_mut().for_each(root);
-        [&mut self.input.design, &mut self.identify.labels, &mut self.output.dir]
-            .into_iter()
-            .for_each(root);
+        [
+            &mut self.input.design,
+            &mut self.input.baseline,
+            &mut self.identify.labels,
+            &mut self.output.dir,
+        ]
+        .into_iter()
+        .for_each(root);
         self
     }
 
@@ -280,6 +288,7 @@ impl Settings {
         vec![
             ("input", "recordings", Value::Array(list)),
             ("input", "design", Value::String(self.input.design.clone())),
+            ("input", "baseline", Value::String(self.input.baseline.clone())),
             ("identify", "labels", Value::String(self.identify.labels.clone())),
             ("output", "dir", Value::String(self.output.dir.clone())),
         ]

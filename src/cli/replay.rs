@@ -4,9 +4,10 @@ use super::exit::{Exit, Failure, unless_reader_gone};
 use super::progress::{Progress, interruptible};
 use super::report::{self, printable};
 use crate::design::Design;
+use crate::io::inputs::Input;
 use crate::io::recording::Recording;
-use crate::io::{Limits, design_file, inputs, labels_file};
-use crate::pipeline::{self, PipelineError, RecordingReport, Replay};
+use crate::io::{Limits, baseline_file, design_file, inputs, labels_file};
+use crate::pipeline::{self, Control, PipelineError, RecordingReport, Replay};
 use crate::settings::{Pace, Preset, Settings};
 use chrono::DateTime;
 use clap::ValueEnum;
@@ -56,6 +57,10 @@ pub struct Args {
     /// Design, from `inkling train`
     #[arg(long, value_name = "FILE")]
     design: Option<PathBuf>,
+    /// Channels' own healthy baselines: read if the file is there, brought up to date at the end;
+    /// recordings are then judged in the order of their start times
+    #[arg(long, value_name = "FILE")]
+    baseline: Option<PathBuf>,
     /// Judge by the design's models as they are, or identify again on healthy windows
     /// [default: design where --design is given, else windows]
     #[arg(long, value_enum)]
@@ -82,9 +87,13 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let inputs = inputs::find_recordings(&settings.input.recordings).map_err(Failure::new)?;
     let out = PathBuf::from(&settings.output.dir);
     inputs::refuse_shared_verdicts(&out, &inputs).map_err(Failure::usage)?;
-    let replay = load(settings)?;
+    let mut replay = load(settings)?;
 
     let control = interruptible();
+    let inputs = match &replay.baselines {
+        Some(_) => by_start(inputs, &control),
+        None => inputs,
+    };
     let total = inputs.iter().filter_map(|i| i.path.metadata().ok()).map(|m| m.len()).sum();
     let progress = Progress::new(inputs.len(), total);
     let (mut done, mut failed, mut whole) = (0, Vec::new(), true);
@@ -98,8 +107,13 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             },
         );
         match judged {
-            Ok(report) => {
+            Ok(mut report) => {
                 done += 1;
+                if let Some(baselines) = report.baselines.take() {
+                    baseline_file::write(Path::new(&replay.settings.input.baseline), &baselines)
+                        .map_err(Failure::new)?;
+                    replay.baselines = Some(baselines);
+                }
                 whole &= report.is_whole();
                 warn(&report, &progress);
                 if args.timings {
@@ -128,6 +142,18 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         ));
     }
     Ok(if whole && failed.is_empty() { Exit::Done } else { Exit::Incomplete })
+}
+
+/// In the order of their first bursts; those that cannot be read last, where they fail.
+fn by_start(mut inputs: Vec<Input>, control: &Control) -> Vec<Input> {
+    let start = |input: &Input| {
+        let recording = Recording::open(&input.path, Limits::default()).ok()?;
+        pipeline::baseline::starts(&recording, control).ok()?.into_values().min()
+    };
+    if inputs.len() > 1 {
+        inputs.sort_by_cached_key(|input| start(input).unwrap_or(i64::MAX));
+    }
+    inputs
 }
 
 fn warn(report: &RecordingReport, progress: &Progress) {
@@ -188,6 +214,9 @@ fn settings(args: &Args) -> Result<Settings, Failure> {
     }
     if let Some(design) = &args.design {
         text("input.design", design);
+    }
+    if let Some(baseline) = &args.baseline {
+        text("input.baseline", baseline);
     }
     match args.identify {
         Some(IdentifyArg::Design) => overrides.push("identify.mode=design".into()),
@@ -251,5 +280,11 @@ fn load(mut settings: Settings) -> Result<Replay, Failure> {
             Ok((from_ns, to_ns))
         })
         .collect::<Result<_, Failure>>()?;
-    Ok(Replay { settings, design, design_digest, labels, spans })
+    let baselines = match settings.input.baseline.as_str() {
+        "" => None,
+        path => Some(
+            baseline_file::read(Path::new(path), design_digest.as_deref()).map_err(Failure::new)?,
+        ),
+    };
+    Ok(Replay { settings, design, design_digest, labels, spans, baselines })
 }

@@ -88,7 +88,7 @@ fn learn_sizes(physics: &mut FaultPhysics, looks: &[Look], (dt_s, samples): (f64
         let size = |look: &&Look| match look.severity.is_finite() {
             true => Some(look.severity),
             false => curves
-                .severity(k, look.features.as_slice(), look.drive, &only)
+                .severity(k, look.features.as_slice(), (look.drive, None), &only)
                 .map(|severity| severity.value),
         };
         let sizes = SeenSizes::new(looks.iter().filter_map(size).collect());

@@ -1,11 +1,12 @@
 //! The detection statistic of one model: what is compared with its threshold.
 
 use super::DesignError;
+use super::own_channel::Own;
 use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK, Sensitivity};
 use crate::identify::grey_box::Identification;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Matrix3x4, Matrix4, Vector3};
 
 /// `detect.method` = `sensitivity`, ready for one model.
 #[derive(Clone, Debug)]
@@ -13,6 +14,33 @@ pub struct SensitivityDetector {
     sensitivity: Sensitivity,
     fitter: RingFitter,
     expected: Vec<f64>,
+    pub(super) own: OwnFrame,
+}
+
+/// How a channel's own four features are seen, and how they look in the three of the statistic.
+#[derive(Clone, Debug)]
+pub(super) struct OwnFrame {
+    /// Four rows of N: the features per unit of deviation at the reference drive.
+    pub projection: Vec<Vec<f64>>,
+    pub noise: Matrix4<f64>,
+    to_three: Matrix3x4<f64>,
+}
+
+impl OwnFrame {
+    /// `None`: amplitude, damping, frequency and phase cannot be told apart.
+    fn new(fitter: &RingFitter, sensitivity: &Sensitivity, noise: f64) -> Option<OwnFrame> {
+        let tangent = fitter.tangent(&Features::HEALTHY);
+        let inverse = tangent.tr_mul(&tangent).try_inverse()?;
+        let projection = &inverse * tangent.transpose();
+        let to_three = Matrix3x4::from_fn(|i, j| {
+            sensitivity.projection[i].iter().zip(tangent.column(j).iter()).map(|(p, t)| p * t).sum()
+        });
+        Some(OwnFrame {
+            projection: projection.row_iter().map(|r| r.iter().copied().collect()).collect(),
+            noise: Matrix4::from_fn(|i, j| inverse[(i, j)] * noise * noise),
+            to_three,
+        })
+    }
 }
 
 /// Scratch of one worker.
@@ -36,7 +64,35 @@ impl SensitivityDetector {
         dt_s: f64,
     ) -> Result<SensitivityDetector, DesignError> {
         let fitter = RingFitter::new(ring_of(identification)?, dt_s, expected.len());
-        Ok(SensitivityDetector { sensitivity, fitter, expected: expected.to_vec() })
+        // of one sample, from what it leaves in the amplitude
+        let of_amplitude: f64 = sensitivity.projection[0].iter().map(|p| p * p).sum();
+        let noise = (sensitivity.noise[0][0] / of_amplitude).sqrt();
+        let own = OwnFrame::new(&fitter, &sensitivity, noise)
+            .ok_or_else(|| DesignError::Invalid("the model's phase cannot be told".into()))?;
+        Ok(SensitivityDetector { sensitivity, fitter, expected: expected.to_vec(), own })
+    }
+
+    /// The same statistic about the channel's own baseline: squared distance in what one channel's
+    /// signals scatter by.
+    pub fn statistic_of_own(
+        &self,
+        deviation: &[f64],
+        drive: f64,
+        own: &Own,
+        scratch: &mut Scratch,
+    ) -> f64 {
+        let to_three = &self.own.to_three;
+        let scatter = to_three * own.scatter(&self.own.noise) * to_three.transpose();
+        let noise = Matrix3::from_fn(|i, j| self.sensitivity.noise[i][j]) / (drive * drive);
+        let Some(metric) = (scatter + noise).try_inverse() else { return f64::INFINITY };
+        let centre = to_three * own.baseline;
+        let distance = |x: &Vector3<f64>| (x - centre).dot(&(metric * (x - centre)));
+        let first = self.sensitivity.features(deviation, drive);
+        if distance(&first) <= SECOND_LOOK {
+            return distance(&first);
+        }
+        let fitted = self.fitted(&first, deviation, drive, scratch);
+        fitted.map_or(distance(&first), |x| distance(&x))
     }
 
     /// Squared Mahalanobis distance of a signal from the healthy channels. `deviation`: from what is

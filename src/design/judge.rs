@@ -2,6 +2,7 @@
 
 use super::detector::{Scratch, SensitivityDetector, ring_of};
 use super::lanes::Lanes;
+use super::own_channel::Own;
 use super::{Design, DesignError, FaultModel, HealthyModel, IsolateSettings};
 use crate::burst::Burst;
 use crate::identify::reservoir::relative_drive;
@@ -76,6 +77,8 @@ pub struct Workspace {
     pub severity: Option<Severity>,
     /// ln densities per class by the physics.
     physics: Vec<f64>,
+    /// With `--baseline`: of the channel whose signal is next, if it is known.
+    pub own: Option<Own>,
 }
 
 impl Judge {
@@ -133,8 +136,16 @@ impl Judge {
     pub fn statistic(&self, deviation: &[f64], drive: f64, work: &mut Workspace) -> f64 {
         match &self.detector {
             None => self.model.generator.energy(deviation),
-            Some(detector) => detector.statistic(deviation, drive, &mut work.detector),
+            Some(detector) => match &work.own {
+                None => detector.statistic(deviation, drive, &mut work.detector),
+                Some(own) => detector.statistic_of_own(deviation, drive, own, &mut work.detector),
+            },
         }
+    }
+
+    /// With `detect.method` = `sensitivity`: what a channel's baseline is made of.
+    pub fn detector(&self) -> Option<&SensitivityDetector> {
+        self.detector.as_ref()
     }
 
     pub fn can_isolate(&self) -> bool {
@@ -151,8 +162,9 @@ impl Judge {
     ) -> Option<Isolation> {
         work.severity = None;
         let Isolating { isolator, signal, rule, curves } = self.isolating.as_ref()?;
-        let Workspace { residual, projection, weights, products, ring, severity, physics, .. } =
-            work;
+        let Workspace {
+            residual, projection, weights, products, ring, severity, physics, own, ..
+        } = work;
         *ring = None;
         let classes = rule.category_of.len();
         weights.clear();
@@ -177,17 +189,22 @@ impl Judge {
                 *ring = Some([fit.features.ln_damping, fit.features.ln_frequency]);
                 let features = fit.features.coordinates();
                 let features = &features[..posterior.coordinates()];
+                let of_own =
+                    own.as_ref().and_then(|own| own.curves.as_ref().zip(Some(&own.baseline)));
+                let curves = of_own.map(|(curves, _)| curves).or(curves.as_ref());
+                let baseline = of_own.map(|(_, baseline)| baseline);
                 physics.clear();
                 let from_curves = match curves {
                     Some(curves) if posterior.mixes() => {
-                        curves.ln_densities(features, drive, physics)
+                        curves.ln_densities(features, drive, baseline, physics)
                     }
                     _ => f64::INFINITY,
                 };
                 posterior.weigh(features, physics, priors, weights);
                 let decision = rule.decide(weights);
-                let sized = curves.as_ref().zip(rule.sized(&decision, weights));
-                *severity = sized.and_then(|(of, k)| of.severity(k, features, drive, weights));
+                let sized = curves.zip(rule.sized(&decision, weights));
+                *severity =
+                    sized.and_then(|(of, k)| of.severity(k, features, (drive, baseline), weights));
                 let noise = self.model.noise / drive;
                 let size: f64 = residual.iter().map(|y| y * y).sum();
                 let rings_otherwise = fit.misfit

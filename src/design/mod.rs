@@ -4,6 +4,7 @@
 //! models with filter and threshold, and fault classes as mean deviations from them. Rooms
 //! `identify`, `detect` and `isolate` meet here and nowhere else. Immutable once made.
 
+mod baseline;
 mod cold_start;
 mod detector;
 mod fault_class;
@@ -11,16 +12,19 @@ mod fd_filter;
 mod healthy_model;
 mod judge;
 mod lanes;
+mod own_channel;
 mod train;
 
 pub use crate::detect::DetectSettings;
 pub use crate::isolate::IsolateSettings;
 pub use crate::isolate::severity::Severity;
+pub use baseline::{Baselines, Heard, MOST_CHANNELS, PrintheadBaselines};
 pub use fault_class::{FaultClass, FaultModel};
 pub use fd_filter::LearnedFilter;
 pub use healthy_model::{HealthyModel, LearnSettings};
 pub use judge::{Isolation, Judge, Workspace};
 pub use lanes::Lanes;
+pub use own_channel::{Own, OwnChannels};
 pub use train::TrainingSet;
 
 use crate::fault;
@@ -143,7 +147,7 @@ impl Design {
     }
 
     /// The classes' curves by the physics; made once, shared by all models.
-    fn curves(&self) -> Option<Arc<FaultCurves>> {
+    pub fn curves(&self) -> Option<Arc<FaultCurves>> {
         let (physics, posterior) = (self.physics.as_ref()?, self.posterior.as_ref()?);
         let (dt_s, names) = (self.sample_period_s, self.class_names());
         let make = || Arc::new(physics.curves(&names, posterior.phase, dt_s, self.samples));

@@ -172,26 +172,29 @@ fn learn_posterior(design: &Design, set: &TrainingSet) -> Result<Option<Posterio
     let learned =
         all(&held).zip(all(&free)).and_then(|(held, free)| Posterior::learn(&held, &free));
     let Some(physics) = &design.physics else { return Ok(learned) };
-    // what the phase tells of an unlabelled class, the physics knows
-    let phase = learned.as_ref().is_none_or(|posterior| posterior.phase);
-    let examples = if phase { free } else { held };
-    let curves =
-        physics.curves(&design.class_names(), phase, design.sample_period_s, design.samples);
-    let known: Vec<bool> = (0..examples.len()).map(|k| curves.class(k).is_some()).collect();
-    let by_physics: Vec<Vec<Vec<f64>>> = examples
-        .iter()
-        .map(|class| {
-            let features = class.iter().flat_map(|class| &class.features);
-            features
-                .map(|x| {
-                    let mut ln = Vec::new();
-                    curves.ln_densities(x, 1.0, &mut ln);
-                    ln
-                })
-                .collect()
-        })
-        .collect();
-    Ok(Posterior::stack(phase, &examples, &by_physics, &known).or(learned))
+    let stacked = |phase: bool, examples: &[Option<Examples>]| {
+        let names = design.class_names();
+        let curves = physics.curves(&names, phase, design.sample_period_s, design.samples);
+        let known: Vec<bool> = (0..examples.len()).map(|k| curves.class(k).is_some()).collect();
+        let ln_densities = |x: &Vec<f64>| {
+            let mut ln = Vec::new();
+            curves.ln_densities(x, 1.0, None, &mut ln);
+            ln
+        };
+        let by_physics: Vec<Vec<Vec<f64>>> = examples
+            .iter()
+            .map(|class| class.iter().flat_map(|class| &class.features).map(ln_densities).collect())
+            .collect();
+        Posterior::stack(phase, examples, &by_physics, &known)
+    };
+    // where examples are too few to tell, both score 0: the physics knows what the phase tells
+    let of_free = stacked(true, &free);
+    let of_held = if all(&held).is_some() { stacked(false, &held) } else { None };
+    let better = match (of_free, of_held) {
+        (Some(free), Some(held)) => Some(if held.1 > free.1 { held } else { free }),
+        (free, held) => free.or(held),
+    };
+    Ok(better.map(|(posterior, _)| posterior).or(learned))
 }
 
 /// Features of a class's signals and the noise of a fit at their mean.

@@ -241,6 +241,12 @@ pub struct Node {
     /// Length of its part of that scale.
     pub length: f64,
     pub mean: Vector4<f64>,
+    slope: Slope,
+    /// Covariance of what is believed of all channels.
+    belief: Matrix4<f64>,
+    noise: Matrix4<f64>,
+    /// Of one channel: how the mean follows its baseline.
+    follows: Matrix4<f64>,
     /// u = to_axes (x - mean): the noise at the reference drive is unit, the spread diagonal.
     to_axes: Matrix4<f64>,
     spread: Vector4<f64>,
@@ -249,8 +255,8 @@ pub struct Node {
 
 impl Node {
     /// ln of the density of features at a drive, given this severity.
-    pub fn ln_density(&self, x: &Vector4<f64>, drive: f64) -> f64 {
-        let u = self.to_axes * turned(x - self.mean);
+    pub fn ln_density(&self, x: &Vector4<f64>, drive: f64, baseline: Option<&Vector4<f64>>) -> f64 {
+        let u = self.along_axes(x, baseline);
         let noise = 1.0 / (drive * drive);
         let (mut square, mut product) = (0.0, 1.0);
         for j in 0..4 {
@@ -261,9 +267,14 @@ impl Node {
         self.ln_determinant - 0.5 * (square + product.ln()) - LN_TAU_SQUARED
     }
 
+    fn along_axes(&self, x: &Vector4<f64>, baseline: Option<&Vector4<f64>>) -> Vector4<f64> {
+        let mean = baseline.map_or(self.mean, |own| self.mean + self.follows * own);
+        self.to_axes * turned(x - mean)
+    }
+
     /// Squared distance of features from here, in units of what scatters them and of [`TOLERANCE`].
-    pub fn distance(&self, x: &Vector4<f64>, drive: f64) -> f64 {
-        let u = self.to_axes * turned(x - self.mean);
+    pub fn distance(&self, x: &Vector4<f64>, drive: f64, baseline: Option<&Vector4<f64>>) -> f64 {
+        let u = self.along_axes(x, baseline);
         let elsewhere = |j: usize| -> f64 {
             (0..4).map(|k| (self.to_axes[(j, k)] * TOLERANCE[k]).powi(2)).sum()
         };
@@ -324,9 +335,22 @@ impl FaultCurve {
                 let noise = from.noise * (1.0 - share) + to.noise * share;
                 let length = (to.place - from.place) / n as f64;
                 let severity = faults::severity_at(class, place)?;
-                let beyond = slope * scatter.channels * slope.transpose()
-                    + off * scatter.belief * off.transpose();
-                nodes.push(Node::new(severity, place, length, mean, &beyond, &noise)?);
+                let spread = slope * scatter.channels * slope.transpose();
+                let belief = off * scatter.belief * off.transpose();
+                let node = Node {
+                    severity,
+                    place,
+                    length,
+                    mean,
+                    slope,
+                    belief,
+                    noise,
+                    follows: Matrix4::zeros(),
+                    to_axes: Matrix4::identity(),
+                    spread: Vector4::zeros(),
+                    ln_determinant: 0.0,
+                };
+                nodes.push(node.scattered(&(spread + belief))?);
             }
         }
         Some(FaultCurve { nodes })
@@ -334,21 +358,27 @@ impl FaultCurve {
 }
 
 impl Node {
-    fn new(
-        severity: f64,
-        place: f64,
-        length: f64,
-        mean: Vector4<f64>,
-        beyond: &Matrix4<f64>,
-        noise: &Matrix4<f64>,
-    ) -> Option<Node> {
-        let inverse = noise.cholesky()?.l().try_inverse()?;
+    /// With that covariance beyond the noise.
+    fn scattered(self, beyond: &Matrix4<f64>) -> Option<Node> {
+        let inverse = self.noise.cholesky()?.l().try_inverse()?;
         let whitened = inverse * beyond * inverse.transpose();
         let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(whitened);
         let to_axes = eigenvectors.transpose() * inverse;
         let ln_determinant = to_axes.determinant().abs().ln();
         let spread = eigenvalues.map(|v| v.max(0.0));
         let finite = ln_determinant.is_finite() && spread.iter().all(|v| v.is_finite());
-        finite.then_some(Node { severity, place, length, mean, to_axes, spread, ln_determinant })
+        finite.then_some(Node { to_axes, spread, ln_determinant, ..self })
+    }
+
+    /// Of one channel, whose changes a baseline tells by `gain` and leaves `left` of.
+    pub fn of_one_channel(
+        &self,
+        gain: &SMatrix<f64, CHANGES, 4>,
+        left: &SMatrix<f64, CHANGES, CHANGES>,
+        shot: &Matrix4<f64>,
+    ) -> Option<Node> {
+        let beyond = self.slope * left * self.slope.transpose() + shot + self.belief;
+        let own = Node { follows: self.slope * gain, ..self.clone() };
+        own.scattered(&beyond)
     }
 }

@@ -10,9 +10,9 @@
 //! on the features, Student weights against wrong labels).
 
 use super::fault_curve::{Bench, CHANGES, FaultCurve, Healthy, Scatter, Slope, padded, turned};
-use super::physics_density::{FaultCurves, SeenSizes};
+use super::physics_density::{FaultCurves, HealthySpread, SeenSizes};
 use crate::model::ring::Ring;
-use crate::model::ring_fit::RingFitter;
+use crate::model::ring_fit::{Features, RingFitter};
 use crate::model::{Actuation, InkChannel, faults};
 use nalgebra::{DMatrix, Matrix4, SMatrix, SVector, Vector4};
 use serde::{Deserialize, Serialize};
@@ -215,9 +215,15 @@ impl FaultPhysics {
         samples: usize,
     ) -> FaultCurves {
         let coordinates = if phase { 4 } else { 3 };
-        let mut curves = FaultCurves::new(classes.len(), coordinates);
         let fitter = RingFitter::new(self.ring, dt_s, samples);
         let bench = Bench::new(&fitter, self.healthy(), phase, self.noise, dt_s, samples);
+        let noise = fitter.noise_covariance(&Features::HEALTHY, true, self.noise);
+        let healthy = HealthySpread {
+            slope: bench.as_ref().map_or(Slope::zeros(), |bench| *bench.healthy_slope()),
+            channels: self.channels(),
+            noise: noise.map_or(Matrix4::identity(), |noise| padded(&noise)),
+        };
+        let mut curves = FaultCurves::new(classes.len(), coordinates, healthy);
         let Some(mut bench) = bench else { return curves };
         let belief = Square::from_fn(|i, j| self.belief[i][j]);
         let scatter = Scatter { channels: self.channels(), belief };
@@ -286,11 +292,16 @@ fn channel(theta: &SVector<f64, CHANGES>) -> InkChannel {
     }
 }
 
+/// ln of the factor within which the spreads of g and d are believed.
+const ALIKE: f64 = 0.405;
+/// More channels than this do not make a Gaussian of what is none.
+const MOST_CHANNELS: usize = 400;
+
 /// How far healthy channels differ in their rates and gain, from how far their features do beyond the
 /// noise. `features`: of fits with the phase free. `noise`: their mean noise covariance.
 ///
 /// Three or four features cannot tell five spreads: a and b are taken to spread alike, and g as d
-/// unless the features say otherwise (a prior: within a factor of two of each other). Maximum a
+/// unless the features say otherwise (a prior: within a factor of 1.5 of each other). Maximum a
 /// posteriori, by a coordinate search.
 fn spread_of_channels(
     slope: &Slope,
@@ -315,10 +326,10 @@ fn spread_of_channels(
         model[(3, 3)] += v[4];
         let Some(cholesky) = model.cholesky() else { return f64::INFINITY };
         let fit = cholesky.determinant().ln() + (cholesky.inverse() * sample).trace();
-        let alike = (ln_sd[1] - ln_sd[2]) / std::f64::consts::LN_2;
+        let alike = (ln_sd[1] - ln_sd[2]) / ALIKE;
         // what the features do not show tends to nothing, slowly
         let small: f64 = ln_sd.iter().map(|l| ((l + 5.0) / 3.0).powi(2)).sum();
-        0.5 * channels as f64 * fit + 0.5 * (alike * alike + small)
+        0.5 * channels.min(MOST_CHANNELS) as f64 * fit + 0.5 * (alike * alike + small)
     };
     let mut best = [-5.0; 5];
     let mut least = cost(&best);

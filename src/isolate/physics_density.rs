@@ -4,9 +4,9 @@
 //! of features in every class: the integral over the class's severities of what healthy channels and
 //! noise scatter about the curve. thesis §2-2.
 
-use super::fault_curve::{FaultCurve, Node};
+use super::fault_curve::{CHANGES, FaultCurve, Node, Slope};
 use crate::model::faults;
-use nalgebra::Vector4;
+use nalgebra::{Matrix4, SMatrix, Vector4};
 
 /// Curves of the design's classes.
 #[derive(Clone, Debug)]
@@ -15,6 +15,17 @@ pub struct FaultCurves {
     classes: Vec<Option<Sizes>>,
     curves: Vec<FaultCurve>,
     coordinates: usize,
+    /// How healthy channels differ.
+    healthy: HealthySpread,
+}
+
+/// Healthy features (the phase free): how a channel's own changes move them, how channels differ in
+/// these, the noise of a fit at the reference drive.
+#[derive(Clone, Debug)]
+pub struct HealthySpread {
+    pub slope: Slope,
+    pub channels: SMatrix<f64, CHANGES, CHANGES>,
+    pub noise: Matrix4<f64>,
 }
 
 /// A class: which curve, and how likely each of its nodes.
@@ -51,8 +62,30 @@ impl SeenSizes {
 }
 
 impl FaultCurves {
-    pub fn new(classes: usize, coordinates: usize) -> FaultCurves {
-        FaultCurves { classes: vec![None; classes], curves: Vec::new(), coordinates }
+    pub fn new(classes: usize, coordinates: usize, healthy: HealthySpread) -> FaultCurves {
+        FaultCurves { classes: vec![None; classes], curves: Vec::new(), coordinates, healthy }
+    }
+
+    /// The same curves for one channel that `signals` healthy signals are known of: they follow its
+    /// baseline, and scatter by what that does not tell. `shot`: covariance of one channel's signals
+    /// beyond the noise. A Kalman step from the spread of all channels.
+    pub fn of_one_channel(&self, shot: &Matrix4<f64>, signals: f64) -> Option<FaultCurves> {
+        let HealthySpread { slope, channels, noise } = &self.healthy;
+        let of_baseline = (noise + shot) / signals;
+        let all = slope * channels * slope.transpose() + of_baseline;
+        let gain = channels * slope.transpose() * all.try_inverse()?;
+        let left = channels - gain * slope * channels;
+        let left = (left + left.transpose()) * 0.5;
+        let mut shot = *shot;
+        if self.coordinates < 4 {
+            shot.row_mut(3).fill(0.0);
+            shot.column_mut(3).fill(0.0);
+        }
+        let mut own = self.clone();
+        for node in own.curves.iter_mut().flat_map(|curve| &mut curve.nodes) {
+            *node = node.of_one_channel(&gain, &left, &shot)?;
+        }
+        Some(own)
     }
 
     /// The number of a new curve.
@@ -121,14 +154,20 @@ impl FaultCurves {
 
     /// ln density of features in every class, at a drive; without a curve: none. And the squared
     /// distance from the nearest curve.
-    pub fn ln_densities(&self, features: &[f64], drive: f64, out: &mut Vec<f64>) -> f64 {
+    pub fn ln_densities(
+        &self,
+        features: &[f64],
+        drive: f64,
+        baseline: Option<&Vector4<f64>>,
+        out: &mut Vec<f64>,
+    ) -> f64 {
         let x = self.vector(features);
         let (mut nearest, mut of_nodes) = (f64::INFINITY, Vec::new());
         out.clear();
         out.resize(self.classes.len(), f64::NEG_INFINITY);
         for (c, curve) in self.curves.iter().enumerate() {
             of_nodes.clear();
-            of_nodes.extend(curve.nodes.iter().map(|node| node.ln_density(&x, drive)));
+            of_nodes.extend(curve.nodes.iter().map(|node| node.ln_density(&x, drive, baseline)));
             for (ln, class) in out.iter_mut().zip(&self.classes) {
                 if let Some(sizes) = class.as_ref().filter(|sizes| sizes.curve == c) {
                     *ln = ln_sum(of_nodes.iter().zip(&sizes.ln_share).map(|(d, s)| d + s));
@@ -136,14 +175,15 @@ impl FaultCurves {
             }
             let best = (0..of_nodes.len()).max_by(|&i, &j| of_nodes[i].total_cmp(&of_nodes[j]));
             if let Some(best) = best {
-                nearest = nearest.min(curve.nodes[best].distance(&x, drive));
+                nearest = nearest.min(curve.nodes[best].distance(&x, drive, baseline));
             }
         }
         nearest
     }
 }
 
-/// Silverman's rule, on the scale of places; n may be more than the quantiles.
+/// Of a kernel density, on the scale of places; n may be more than the quantiles. Narrower than
+/// Silverman's rule, which is for Gaussians: sizes fill a range.
 fn bandwidth(places: &[f64], n: f64) -> f64 {
     let m = places.len() as f64;
     if places.len() < 2 {
@@ -151,7 +191,7 @@ fn bandwidth(places: &[f64], n: f64) -> f64 {
     }
     let mean = places.iter().sum::<f64>() / m;
     let sd = (places.iter().map(|p| (p - mean).powi(2)).sum::<f64>() / (m - 1.0)).sqrt();
-    (0.9 * sd * n.powf(-0.2)).max(1e-3)
+    (sd * n.powf(-0.35)).max(1e-3)
 }
 
 fn ln_sum(values: impl Iterator<Item = f64>) -> f64 {

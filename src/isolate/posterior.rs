@@ -66,13 +66,14 @@ impl Posterior {
     /// A class's density is a mixture of the learned one and the physics', the shares by expectation
     /// maximisation on held-out examples (stacking, Wolpert 1992): the physics counts for
     /// [`PHYSICS_COUNTS`] examples that it predicts, so it stands alone at first and stays as far as
-    /// it is right. `None`: a class has neither.
+    /// it is right. With the mean log posterior of held-out examples, summed over classes; 0 where
+    /// they are too few to tell. `None`: a class has neither.
     pub fn stack(
         phase: bool,
         examples: &[Option<Examples>],
         physics: &[Vec<Vec<f64>>],
         known: &[bool],
-    ) -> Option<Posterior> {
+    ) -> Option<(Posterior, f64)> {
         let learned = some_densities(examples);
         let outermost = examples
             .iter()
@@ -126,9 +127,12 @@ impl Posterior {
         let best = (0..scores.len()).max_by(|&i, &j| scores[i].total_cmp(&scores[j])).unwrap_or(0);
         // few examples say little of the temperature
         let fewest = examples.iter().map(|e| e.as_ref().map_or(0, |e| e.features.len())).min();
-        let temperature = if fewest >= Some(FEWEST_TEMPERED) { TEMPERATURES[best] } else { 1.0 };
+        let (temperature, score) = match fewest >= Some(FEWEST_TEMPERED) {
+            true => (TEMPERATURES[best], scores[best]),
+            false => (1.0, 0.0),
+        };
         let reach = FITS_NONE.max(ROOM * outermost);
-        Some(Posterior { phase, temperature, reach, classes: learned, physics_share })
+        Some((Posterior { phase, temperature, reach, classes: learned, physics_share }, score))
     }
 
     /// Whether the physics has a share in any class.

@@ -12,6 +12,7 @@
 //! the recording's length. Windows are learned before the stages start, in a pass of their own
 //! (`windows`): only then is the result the same where the file's order is not the time's.
 
+pub mod baseline;
 pub mod collect;
 pub mod episodes;
 mod in_flight;

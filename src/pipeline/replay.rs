@@ -1,5 +1,6 @@
 //! One recording through the six stages: wire, run, join, check, and only then name the files.
 
+use super::baseline::{self, InUse};
 use super::episodes::{EpisodeReport, EpisodeTap, Finished};
 use super::in_flight::InFlight;
 use super::schedule::{Refusal, Schedule};
@@ -9,7 +10,7 @@ use super::tally::Tally;
 use super::timings::{StageTiming, Timings};
 use super::windows::Learner;
 use super::{Control, PipelineError, metadata};
-use crate::design::{Design, categories};
+use crate::design::{Baselines, Design, categories};
 use crate::io::digest::Digest;
 use crate::io::episode_table;
 use crate::io::part_file::PartFile;
@@ -41,6 +42,8 @@ pub struct Replay {
     pub labels: Option<Labels>,
     /// Healthy windows as spans of time, ns.
     pub spans: Vec<(i64, i64)>,
+    /// With `--baseline`: what is remembered of the channels.
+    pub baselines: Option<Baselines>,
 }
 
 impl Replay {
@@ -73,6 +76,8 @@ pub struct RecordingReport {
     pub behind: Option<Duration>,
     /// Where the time went, stage by stage.
     pub timings: Vec<StageTiming>,
+    /// With `--baseline`: what is remembered for the next recording.
+    pub baselines: Option<Baselines>,
 }
 
 impl RecordingReport {
@@ -109,14 +114,20 @@ pub fn replay(
         replay.design.is_some() && replay.settings.identify.mode == IdentifyMode::Design;
     let schedule = if as_designed { design_schedule()? } else { windows()? };
 
-    let (schedule, streamed) = match stream(replay, recording, &schedule, verdicts, control) {
+    let run = |schedule: &Schedule| {
+        let learned = learn_baselines(replay, recording, schedule, control)?;
+        let in_use = learned.as_ref().map(|(in_use, _)| in_use);
+        let streamed = stream(replay, recording, schedule, in_use, verdicts, control)?;
+        Ok((streamed, learned))
+    };
+    let (schedule, (streamed, learned)) = match run(&schedule) {
         // a printhead that the design does not know: its windows decide
         Err(PipelineError::NeedsSurvey) => {
             let schedule = windows()?;
-            let streamed = stream(replay, recording, &schedule, verdicts, control)?;
-            (schedule, streamed)
+            let done = run(&schedule)?;
+            (schedule, done)
         }
-        streamed => (schedule, streamed?),
+        done => (schedule, done?),
     };
     let Streamed { mut tally, writer, episodes, scan_damage, behind, timings, digest } = streamed;
 
@@ -143,6 +154,14 @@ pub fn replay(
     let mut summary =
         summary(document, recording, &damage, &schedule, seconds, counts.signals, behind);
     summary["timings"] = json!(timings);
+    if let Some((in_use, _)) = &learned {
+        summary["baseline"] = json!({
+            "channels_remembered": in_use.remembered,
+            "channels_learned_in_the_first_window": in_use.learned,
+            "channels_heard": in_use.heard,
+            "signals_of_channels_beyond_the_limit": in_use.beyond,
+        });
+    }
     let Finished { report: episodes, table } = episodes;
     summary["episodes"] = json!(episodes.counts);
     // all are complete on disk before any gets its name
@@ -161,7 +180,21 @@ pub fn replay(
         behind,
         timings,
         tally,
+        baselines: learned.map(|(_, next)| next),
     })
+}
+
+/// With `--baseline`, in a pass of its own.
+fn learn_baselines(
+    replay: &Replay,
+    recording: &Recording,
+    schedule: &Schedule,
+    control: &Control,
+) -> Result<Option<(InUse, Baselines)>, PipelineError> {
+    let Some(remembered) = &replay.baselines else { return Ok(None) };
+    let window_ns = (replay.settings.identify.first * 1e9) as i64;
+    let how = (replay.settings.input.rails, window_ns);
+    baseline::learn(remembered, recording, schedule, replay.design.as_ref(), how, control).map(Some)
 }
 
 struct Streamed {
@@ -179,6 +212,7 @@ fn stream(
     replay: &Replay,
     recording: &Recording,
     schedule: &Schedule,
+    baselines: Option<&InUse>,
     verdicts: &Path,
     control: &Control,
 ) -> Result<Streamed, PipelineError> {
@@ -247,7 +281,9 @@ fn stream(
             let rails = settings.input.rails;
             running.push((
                 "filter",
-                scope.spawn(move || stages::filter(rails, timings.clock("filter"), input, out)),
+                scope.spawn(move || {
+                    stages::filter(rails, baselines, timings.clock("filter"), input, out)
+                }),
             ));
         }
         drop((from_identify, to_gate));
@@ -259,8 +295,9 @@ fn stream(
             let (input, out) = (from_gate.clone(), to_writer.clone());
             running.push((
                 "isolate",
-                scope
-                    .spawn(move || stages::isolate(settings, timings.clock("isolate"), input, out)),
+                scope.spawn(move || {
+                    stages::isolate(settings, baselines, timings.clock("isolate"), input, out)
+                }),
             ));
         }
         drop((from_gate, to_writer));

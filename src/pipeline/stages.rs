@@ -3,6 +3,7 @@
 //! A stage ends when its input does; a peer that has gone away ends it quietly, because the peer
 //! has the cause.
 
+use super::baseline::InUse;
 use super::in_flight::InFlight;
 use super::schedule::{Assignment, Schedule};
 use super::statistics::Statistics;
@@ -225,13 +226,17 @@ pub fn identify(
 /// 3. FD filter: the residual energy of every signal, thesis e(r).
 pub fn filter(
     rails: [f64; 2],
+    baselines: Option<&InUse>,
     mut clock: Clock,
     input: Receiver<Assigned>,
     out: Sender<Filtered>,
 ) -> Result<(), PipelineError> {
     let mut statistics = Statistics::new(rails);
     while let Some(assigned) = clock.receive(&input) {
-        let statistic = statistics.of(&assigned);
+        let mut statistic = statistics.of(&assigned);
+        if let Some(baselines) = baselines {
+            baselines.sharpen(&assigned, &mut statistics, &mut statistic);
+        }
         if !clock.send(&out, Filtered { assigned, statistic }) {
             break;
         }
@@ -265,6 +270,7 @@ pub fn gate(
 /// 5. Isolate: names for what passed the gate, and every signal's row.
 pub fn isolate(
     settings: &Settings,
+    baselines: Option<&InUse>,
     mut clock: Clock,
     input: Receiver<Gated>,
     out: Sender<Judged>,
@@ -335,6 +341,7 @@ pub fn isolate(
                             }
                             burst.copy_signal(at as usize, &mut signal);
                             signal.iter_mut().zip(&expected).for_each(|(y, e)| *y -= e);
+                            work.own = baselines.and_then(|b| b.of(burst, at));
                             judge.isolate(&signal, judge.drive(burst), &mut work)
                         } else {
                             None

@@ -7,7 +7,7 @@
 
 use super::stages::Assigned;
 use crate::burst::{Acquisition, Burst};
-use crate::design::{Judge, Lanes, Workspace};
+use crate::design::{Judge, Lanes, Own, Workspace};
 use crate::detect::tile::{Gather, Instructions, LANES, Tile};
 use crate::verdict::{Reason, unusable_signal};
 
@@ -114,6 +114,20 @@ impl Statistics {
                 self.reference(judge, burst, row)
             };
         }
+    }
+
+    /// The statistic about the channel's own baseline.
+    pub fn of_own(
+        &mut self,
+        judge: &Judge,
+        burst: &Burst,
+        row: usize,
+        own: Own,
+    ) -> Result<f64, Reason> {
+        self.work.own = Some(own);
+        let statistic = self.reference(judge, burst, row);
+        self.work.own = None;
+        statistic
     }
 
     /// The statistic in f64, and the checks of a signal: what every verdict agrees with.

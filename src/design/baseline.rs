@@ -1,0 +1,261 @@
+//! Each channel's own healthy ring, over its history.
+//!
+//! In: features of the channel's healthy signals, recording after recording. Out: where the channel
+//! lies among all (ln amplitude, ln damping, ln frequency, phase), and how far one of its signals lies
+//! from there: what is not the channel's own is a fault much smaller than channels differ.
+//!
+//! A channel that is faulty from the start has no baseline: its signals are far from all others. A
+//! baseline moves by at most half the way to a recording's mean, and never learns from signals that
+//! are far from the healthy channels, so that a fault that grows slowly is not followed for long.
+//! Sums are in whole units of [`UNIT`]: no order of the signals gives other baselines.
+
+use super::DesignError;
+use nalgebra::{Matrix4, Vector4};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Version of the baseline file.
+pub const BASELINE_VERSION: u32 = 1;
+/// Channels of all printheads that are remembered, at most.
+pub const MOST_CHANNELS: usize = 1 << 20;
+/// Healthy signals that make a baseline.
+pub const FEWEST: u32 = 4;
+/// Signals that a baseline remembers: older ones are forgotten.
+const MEMORY: f64 = 64.0;
+/// Largest share by which a recording moves a baseline.
+const MOST_GAIN: f64 = 0.5;
+/// Share of a channel's signals that must be healthy for it to be learned from.
+const LEAST_HEALTHY: f64 = 0.75;
+/// Of features, in fixed point.
+const UNIT: f64 = 1e-9;
+
+/// Baselines of all printheads: what `--baseline FILE` holds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Baselines {
+    pub version: u32,
+    /// Digest of the design whose models the features are relative to; absent: there was none.
+    pub design: Option<String>,
+    pub printheads: BTreeMap<String, PrintheadBaselines>,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PrintheadBaselines {
+    /// Covariance of one channel's signals about its baseline, beyond the noise.
+    pub shot: [[f64; 4]; 4],
+    /// Signals that `shot` rests on.
+    pub shot_signals: f64,
+    pub channels: BTreeMap<u32, ChannelBaseline>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ChannelBaseline {
+    /// Healthy signals it rests on, counted at the reference drive.
+    pub signals: f64,
+    /// ln amplitude, ln damping, ln frequency, phase in rad: relative to the printhead's model.
+    pub features: [f64; 4],
+}
+
+/// What one channel's signals add up to.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sum {
+    healthy: u32,
+    unhealthy: u32,
+    features: [i64; 4],
+}
+
+/// What one recording says of one printhead's channels.
+#[derive(Clone, Debug, Default)]
+pub struct Heard {
+    /// Per channel: in the first window, in the whole recording.
+    channels: BTreeMap<u32, [Sum; 2]>,
+    squares: [[i128; 4]; 4],
+    /// Sum of 1/drive² over healthy signals.
+    weaker: i64,
+    /// Channels beyond the limit.
+    pub beyond: u64,
+}
+
+impl Heard {
+    /// Takes a signal. `room`: channels that may still be added.
+    pub fn take(
+        &mut self,
+        channel: u32,
+        features: &Vector4<f64>,
+        drive: f64,
+        healthy: bool,
+        in_window: bool,
+        room: &mut usize,
+    ) {
+        if !self.channels.contains_key(&channel) {
+            if *room == 0 {
+                self.beyond += 1;
+                return;
+            }
+            *room -= 1;
+        }
+        let sums = self.channels.entry(channel).or_default();
+        // healthy features are below 1; whatever is not cannot overflow the sums either
+        let fixed: [i64; 4] =
+            std::array::from_fn(|k| (features[k].clamp(-4.0, 4.0) / UNIT).round() as i64);
+        let weaker = (1.0 / (drive * drive)).clamp(0.0, 1e4);
+        for sum in &mut sums[usize::from(!in_window)..] {
+            if !healthy {
+                sum.unhealthy = sum.unhealthy.saturating_add(1);
+            } else if sum.healthy < 1 << 30 {
+                sum.healthy += 1;
+                sum.features.iter_mut().zip(fixed).for_each(|(s, f)| *s += f);
+            }
+        }
+        if healthy && sums[1].healthy < 1 << 30 {
+            for i in 0..4 {
+                for j in 0..4 {
+                    self.squares[i][j] += i128::from(fixed[i]) * i128::from(fixed[j]);
+                }
+            }
+            self.weaker += (weaker * 1e6).round() as i64;
+        }
+    }
+
+    pub fn channels(&self) -> usize {
+        self.channels.len()
+    }
+
+    /// Mean of 1/drive² and the covariance within channels beyond `noise`, with its signals.
+    fn within(&self, noise: &Matrix4<f64>) -> (f64, Matrix4<f64>, f64) {
+        let (mut n, mut degrees) = (0.0, 0.0);
+        let mut scatter = Matrix4::from_fn(|i, j| self.squares[i][j] as f64 * UNIT * UNIT);
+        for [_, all] in self.channels.values() {
+            let healthy = f64::from(all.healthy);
+            if all.healthy > 0 {
+                let sum = Vector4::from(all.features.map(|f| f as f64 * UNIT));
+                scatter -= sum * sum.transpose() / healthy;
+                n += healthy;
+                degrees += healthy - 1.0;
+            }
+        }
+        let weaker = self.weaker as f64 * 1e-6 / f64::max(n, 1.0);
+        if degrees < 16.0 {
+            return (weaker.max(1e-9), Matrix4::zeros(), 0.0);
+        }
+        let beyond = scatter / degrees - noise * weaker;
+        let eigen = beyond.symmetric_eigen();
+        let kept = Matrix4::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0)));
+        let shot = eigen.eigenvectors * kept * eigen.eigenvectors.transpose();
+        (weaker.max(1e-9), shot, degrees)
+    }
+}
+
+impl Sum {
+    /// The mean, where most signals were healthy.
+    fn mean(&self) -> Option<[f64; 4]> {
+        let all = f64::from(self.healthy) + f64::from(self.unhealthy);
+        (self.healthy >= FEWEST && f64::from(self.healthy) >= LEAST_HEALTHY * all)
+            .then(|| self.features.map(|f| f as f64 * UNIT / f64::from(self.healthy)))
+    }
+}
+
+impl Baselines {
+    pub fn new(design: Option<String>) -> Baselines {
+        Baselines { version: BASELINE_VERSION, design, printheads: BTreeMap::new() }
+    }
+
+    /// Refuses what no run could have written.
+    pub fn check(&self) -> Result<(), DesignError> {
+        let refuse = |what: String| Err(DesignError::Invalid(what));
+        if self.version != BASELINE_VERSION {
+            return refuse(format!(
+                "baseline version {}: this inkling reads version {BASELINE_VERSION}",
+                self.version
+            ));
+        }
+        let channels: usize = self.printheads.values().map(|p| p.channels.len()).sum();
+        if channels > MOST_CHANNELS {
+            return refuse(format!("{channels} channels: at most {MOST_CHANNELS}"));
+        }
+        for (name, printhead) in &self.printheads {
+            let shot = Matrix4::from_fn(|i, j| printhead.shot[i][j]);
+            let positive = (shot + Matrix4::identity() * 1e-12).cholesky().is_some();
+            let whole = |c: &ChannelBaseline| {
+                c.signals > 0.0
+                    && c.signals.is_finite()
+                    && c.features.iter().all(|f| f.abs() <= 4.0)
+            };
+            if !(positive
+                && printhead.shot_signals >= 0.0
+                && printhead.shot_signals.is_finite()
+                && printhead.channels.values().all(whole))
+            {
+                return refuse(format!("baselines of printhead {name}: numbers out of range"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Channels remembered.
+    pub fn channels(&self) -> usize {
+        self.printheads.values().map(|p| p.channels.len()).sum()
+    }
+
+    /// What judges a recording: what was remembered, and from the end of the first window on what it
+    /// said of channels that were not. `noise`: of a fit, at the reference drive.
+    pub fn with_first_window(
+        &self,
+        name: &str,
+        heard: &Heard,
+        noise: &Matrix4<f64>,
+    ) -> PrintheadBaselines {
+        let known = self.printheads.get(name).cloned().unwrap_or_default();
+        let (weaker, shot, degrees) = heard.within(noise);
+        let mut judging = merged_shot(&known, &shot, degrees);
+        for (&channel, [window, _]) in &heard.channels {
+            if let Some(features) = window.mean() {
+                let signals = f64::from(window.healthy) / weaker;
+                judging
+                    .channels
+                    .entry(channel)
+                    .or_insert(ChannelBaseline { signals: signals.min(MEMORY), features });
+            }
+        }
+        judging
+    }
+
+    /// Learns from a recording, for the next.
+    pub fn learn(&mut self, name: &str, heard: &Heard, noise: &Matrix4<f64>) {
+        let (weaker, shot, degrees) = heard.within(noise);
+        let known = self.printheads.remove(name).unwrap_or_default();
+        let mut learned = merged_shot(&known, &shot, degrees);
+        for (&channel, [_, all]) in &heard.channels {
+            let Some(features) = all.mean() else { continue };
+            let signals = (f64::from(all.healthy) / weaker).min(MEMORY);
+            let new = ChannelBaseline { signals, features };
+            let entry = learned.channels.entry(channel).or_insert(new);
+            if known.channels.contains_key(&channel) {
+                let gain = (signals / (entry.signals + signals)).min(MOST_GAIN);
+                entry.features.iter_mut().zip(features).for_each(|(e, f)| *e += gain * (f - *e));
+                entry.signals = (entry.signals + signals).min(MEMORY);
+            }
+        }
+        self.printheads.insert(name.into(), learned);
+    }
+}
+
+fn merged_shot(
+    known: &PrintheadBaselines,
+    shot: &Matrix4<f64>,
+    degrees: f64,
+) -> PrintheadBaselines {
+    const MOST_SIGNALS: f64 = 1e6;
+    let total = known.shot_signals + degrees;
+    let share = if total > 0.0 { degrees / total } else { 0.0 };
+    let mut merged = known.clone();
+    for i in 0..4 {
+        for j in 0..4 {
+            merged.shot[i][j] += share * (shot[(i, j)] - merged.shot[i][j]);
+        }
+    }
+    merged.shot_signals = total.min(MOST_SIGNALS);
+    merged
+}
