@@ -51,6 +51,16 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         ("misses, n_o = f0 T", "FD n_o = f0 T/misses"),
         ("isolation by LR on r (thesis .801)", "LR on r, 2025/accuracy"),
         ("the same, phi >= .8 (thesis .879)", "LR on r, 2025/certain"),
+        ("default: misses of 2025", "FD default/misses"),
+        ("default: false alarms of 2475", "FD default/false alarms"),
+        ("default: isolation, 2025 signals", "posterior, 2025/accuracy"),
+        ("default: 1013", "posterior, 1013/accuracy"),
+        ("default: 203", "posterior, 203/accuracy"),
+        ("default: best 53.2 %", "posterior, 2025/best 53.2 %"),
+        ("default: certainty >= .8", "posterior, 2025/certain"),
+        ("default: share of them", "posterior, 2025/coverage"),
+        ("default: ECE", "posterior, 2025/ECE"),
+        ("default: ECE class-wise", "posterior, 2025/class-wise ECE"),
     ] {
         if let Some(v) = chapter.values.get(key) {
             writeln!(out, "{what:<38} {:.4} ± {:.4}", v.mean, v.sd)?;

@@ -60,7 +60,11 @@ fn ring_in_words(r: &Rings) -> String {
 }
 
 fn signed_percent(percent: f64) -> String {
-    let sign = if percent < 0.0 { '−' } else { '+' };
+    let sign = match percent.round() {
+        0.0 => '±',
+        p if p < 0.0 => '−',
+        _ => '+',
+    };
     format!("{sign}{:.0} %", percent.abs())
 }
 

@@ -1,4 +1,4 @@
-//! What a run counts: signals by outcome, for the metadata; channels by fault, for the terminal.
+//! What a run counts: signals by outcome, for the metadata; channels and flagged signals, for the terminal.
 
 use super::stages::Judged;
 use crate::io::recording::{Damage, note};
@@ -17,23 +17,12 @@ pub struct Counts {
     pub faulty: BTreeMap<String, u64>,
 }
 
-/// A channel that was faulty at some time.
-#[derive(Clone, Debug)]
-pub struct FaultyChannel {
-    pub first_ns: i64,
-    pub last_ns: i64,
-    pub bursts: u64,
-    /// Bursts by named class; what was not named is not in it.
-    pub classes: BTreeMap<u16, u64>,
-}
-
 #[derive(Clone, Debug, Default)]
 pub struct PrintheadTally {
     pub channels: BTreeSet<u32>,
     pub signals: u64,
     pub judged: u64,
     pub passed: u64,
-    pub faulty: BTreeMap<u32, FaultyChannel>,
     /// Channels from .. to that `channels` is known to have: saves looking for each.
     known: (u32, u32),
 }
@@ -117,27 +106,9 @@ impl Tally {
             let Some(p) = printhead else { continue };
             p.signals += 1;
             p.judged += 1;
-            let (channel, t) = (c.channel[row], c.acquired_at_ns[row]);
+            let channel = c.channel[row];
             self.remembered += usize::from(p.meet(channel, self.remembered < MOST_CHANNELS));
-            if c.outcome[row] == Outcome::Healthy {
-                continue;
-            }
-            p.passed += 1;
-            if !p.channels.contains(&channel) {
-                continue;
-            }
-            let known = p.faulty.entry(channel).or_insert_with(|| FaultyChannel {
-                first_ns: t,
-                last_ns: t,
-                bursts: 0,
-                classes: BTreeMap::new(),
-            });
-            known.first_ns = known.first_ns.min(t);
-            known.last_ns = known.last_ns.max(t);
-            known.bursts += 1;
-            if let Some(class) = named {
-                *known.classes.entry(class).or_default() += 1;
-            }
+            p.passed += u64::from(c.outcome[row] != Outcome::Healthy);
         }
     }
 }

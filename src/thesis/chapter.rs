@@ -112,6 +112,7 @@ pub fn figures(scenario: &Scenario, seed: u64) -> Result<Figures, ThesisError> {
     detection(&learn, &test, &mut figures)?;
     isolation(&learn, &test, &mut figures)?;
     practice(&learn, &test, &mut figures);
+    super::defaults::figures(scenario, seed, &learn, &test, &mut figures)?;
     Ok(figures)
 }
 

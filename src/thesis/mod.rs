@@ -6,6 +6,7 @@
 
 pub mod chapter;
 pub mod data;
+pub mod defaults;
 pub mod experiment;
 mod figures;
 pub mod practice;

@@ -40,7 +40,7 @@ const TABLE_4_4: [[u32; 9]; 9] = [
     [0, 0, 0, 0, 0, 0, 0, 0, 63],
 ];
 
-pub const TABLES: [Table; 11] = [
+pub const TABLES: [Table; 12] = [
     table(
         "Table 4-1: detection, simulated data (mu = 1)",
         &[
@@ -186,6 +186,32 @@ pub const TABLES: [Table; 11] = [
             ("15, y: LR", "drying: LR on y, 15/accuracy", Some(0.980)),
             ("15, y: LR, phi >= 0.8", "drying: LR on y, 15/certain", Some(1.0)),
             ("15, y: 1-NN", "drying: 1-NN on y, 15/accuracy", Some(0.980)),
+        ],
+    ),
+    table(
+        "The default methods: sensitivities and posterior",
+        &[
+            ("FD misses of 2025", "FD default/misses", None),
+            ("FD false alarms of 2475", "FD default/false alarms", None),
+            ("FD share right", "FD default/accuracy", None),
+            ("2025 training signals: FI accuracy", "posterior, 2025/accuracy", None),
+            ("2025: accuracy where the certainty is >= .8", "posterior, 2025/certain", None),
+            ("2025: share of them", "posterior, 2025/coverage", None),
+            ("2025: accuracy of the best 53.2 %", "posterior, 2025/best 53.2 %", None),
+            ("2025: ECE top-label, 20 007 signals", "posterior, 2025/ECE", None),
+            ("2025: ECE class-wise", "posterior, 2025/class-wise ECE", None),
+            ("1013 training signals: FI accuracy", "posterior, 1013/accuracy", None),
+            ("1013: accuracy where the certainty is >= .8", "posterior, 1013/certain", None),
+            ("1013: share of them", "posterior, 1013/coverage", None),
+            ("1013: accuracy of the best 53.2 %", "posterior, 1013/best 53.2 %", None),
+            ("1013: ECE top-label, 20 007 signals", "posterior, 1013/ECE", None),
+            ("1013: ECE class-wise", "posterior, 1013/class-wise ECE", None),
+            ("203 training signals: FI accuracy", "posterior, 203/accuracy", None),
+            ("203: accuracy where the certainty is >= .8", "posterior, 203/certain", None),
+            ("203: share of them", "posterior, 203/coverage", None),
+            ("203: accuracy of the best 53.2 %", "posterior, 203/best 53.2 %", None),
+            ("203: ECE top-label, 20 007 signals", "posterior, 203/ECE", None),
+            ("203: ECE class-wise", "posterior, 203/class-wise ECE", None),
         ],
     ),
 ];
