@@ -4,6 +4,8 @@
 //! isolation, accuracy, coverage at the certainty bound, calibration. The thesis's "HMA" (§4-3) is
 //! trace over total: plain accuracy.
 
+pub mod blind;
+
 use serde::Serialize;
 use std::collections::BTreeMap;
 
