@@ -32,14 +32,14 @@ pub fn check(
     data: &Observations,
     beside: &Covariates,
     _of_noise: &[Found],
+    avoid: &[f64],
 ) -> Left {
     let directions: Vec<_> =
         selected.causes.iter().flat_map(|c| c.scored.applied.directions.iter().cloned()).collect();
     let nuisance = Nuisance::new(&selected.space, &directions);
-    let identity = |y: Vec<f64>| y;
     let length = (data.dt_s * data.samples as f64, data.integer);
     let bench =
-        Bench::new(&selected.model, beside, &selected.space, &nuisance, length, &identity);
+        Bench::new(&selected.model, beside, &selected.space, &nuisance, length, avoid);
     let mut left = Left { share_allowed: SHARE_ALLOWED, ..Left::default() };
     let explained: f64 = selected.causes.iter().map(|c| c.statistic).sum();
     let mut unexplained = 0.0_f64;

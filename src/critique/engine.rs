@@ -13,7 +13,7 @@ use super::gain;
 use super::model::{Model, Unfit};
 use super::observations::Observations;
 use super::outliers::outliers;
-use super::selection::{self, Chosen, DETECTION_LIMIT, Selected};
+use super::selection::{self, Chosen, DETECTION_LIMIT, Selected, Setting};
 use super::space::Space;
 use thiserror::Error;
 
@@ -71,13 +71,30 @@ pub fn critique(
     if !of_codes.is_empty() {
         baseline.fit(&data, &beside, 2);
     }
-    let of_noise = ensemble::test(&data, &beside, &mut baseline);
+    let mut of_noise = ensemble::test(&data, &beside, &baseline);
+    let mut data = data;
+    if let Some(rho) = accepted(&of_noise, "correlated_noise") {
+        // what is white again can be judged by the same tests
+        data = data.whitened(rho.clamp(-0.97, 0.97));
+        baseline =
+            Model::start(&data, &beside, true).map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
+        baseline.fit(&data, &beside, 2);
+        let again = ensemble::test(&data, &beside, &baseline);
+        of_noise.retain(|f| f.evidence.id == "correlated_noise");
+        of_noise.extend(again.into_iter().filter(|f| f.evidence.id != "correlated_noise"));
+    }
+    let length_s = data.dt_s * data.samples as f64;
+    let avoid: Vec<f64> = accepted(&of_noise, "random_tone")
+        .map(|hz| hz * length_s * std::f64::consts::TAU)
+        .into_iter()
+        .collect();
 
     let before = baseline.clone();
-    let selected = selection::select(baseline, &data, &beside, stages);
+    let setting = Setting { data: &data, beside: &beside, avoid: &avoid };
+    let selected = selection::select(baseline, setting, stages);
 
     stages("checking what is left");
-    let left = adequacy::check(&selected, &data, &beside, &of_noise);
+    let left = adequacy::check(&selected, &data, &beside, &of_noise, &avoid);
     stages("measuring the gain");
     let gain = gain::measure(&before, &selected.model, &data, &beside);
     let figures = figures::draw(&before, &selected.model, &data, &beside, &gain.energies);
@@ -144,6 +161,11 @@ pub fn critique(
         figures,
     };
     Ok(Outcome { critique, outlier })
+}
+
+/// The value of a cause among those found.
+fn accepted(found: &[Found], id: &str) -> Option<f64> {
+    found.iter().find(|f| f.evidence.id == id && f.evidence.accepted).map(|f| f.evidence.value)
 }
 
 /// The same for a damped oscillator that is seen through its displacement: few long decays.

@@ -86,7 +86,7 @@ fn two_sided(z: f64) -> f64 {
     -(ln_normal_tail(z.abs()) + 2f64.ln()).min(0.0)
 }
 
-pub fn test(data: &Observations, beside: &Covariates, model: &mut Model) -> Vec<Found> {
+pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Found> {
     let mut left = residuals(model, data, beside);
     let n = data.samples;
     let v = left.iter().map(|l| dot(&l.u, &l.u)).sum::<f64>()
@@ -232,22 +232,27 @@ fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
 }
 
 /// (rho, its standard error, z of its being zero), corrected for what the projection correlates.
+///
+/// With S = (shift + its transpose)/2 and P = Q Q^T: E[u^T S u] = v (-tr S P + 2 rho (tr S² - 2 tr S² P
+/// + tr S P S P)) to first order in rho.
 fn lag_one(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
     let values: Vec<f64> = left
         .iter()
         .map(|l| {
             let products: f64 = l.u.windows(2).map(|w| w[0] * w[1]).sum();
-            // E[u^T S u] = -v tr(S Q Q^T) under white noise
-            let lost: f64 = l
-                .q
-                .column_iter()
-                .map(|q| q.as_slice().windows(2).map(|w| w[0] * w[1]).sum::<f64>())
-                .sum();
-            (products + v * lost) / (v * (n as f64 - 1.0 - FREE as f64).max(1.0))
+            let q = &l.q;
+            let s_q = DMatrix::from_fn(n, q.ncols(), |k, j| {
+                let before = if k > 0 { q[(k - 1, j)] } else { 0.0 };
+                let after = if k + 1 < n { q[(k + 1, j)] } else { 0.0 };
+                0.5 * (before + after)
+            });
+            let inner = q.tr_mul(&s_q);
+            let lost = inner.trace();
+            let slope = (n as f64 - 1.0) - 4.0 * s_q.norm_squared() + 2.0 * inner.norm_squared();
+            (products + v * lost) / (v * slope.max(1.0))
         })
         .collect();
     let (mean, se) = mean_of(&values);
-    // the projection takes power where the ring is: to first order in rho
     (mean, se, mean / se.max(1e-12))
 }
 

@@ -212,7 +212,7 @@ fn said(critique: &super::finding::Critique) -> String {
         .iter()
         .map(|c| {
             format!(
-                "{} {:.5} [{:.5}, {:.5}] DL {:.1} {:?}",
+                "{} {:.4e} [{:.3e}, {:.3e}] DL {:.1} {:?}",
                 c.id, c.value, c.ci95[0], c.ci95[1], c.strength_dl, c.tied_with
             )
         })

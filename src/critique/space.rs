@@ -245,8 +245,6 @@ impl Space {
 #[derive(Clone, Debug)]
 pub struct Nuisance {
     directions: Vec<Direction>,
-    /// K times each.
-    k_times: Vec<DVector<f64>>,
     inverse: DMatrix<f64>,
     score: DVector<f64>,
 }
@@ -274,7 +272,7 @@ impl Nuisance {
         let mut gram = DMatrix::from_fn(q, q, |i, j| directions[i].dot(&k_times[j]));
         gram[(ALL - 1, ALL - 1)] += 1.0 / (LN_LAMBDA_SD * LN_LAMBDA_SD);
         let score = DVector::from_fn(q, |i, _| directions[i].dot(&space.g));
-        Nuisance { inverse: pseudo_inverse(&gram), directions, k_times, score }
+        Nuisance { inverse: pseudo_inverse(&gram), directions, score }
     }
 
     /// Coefficients of the causes in the nuisance, jointly, with their covariance.
