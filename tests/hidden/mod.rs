@@ -181,6 +181,8 @@ fn nothing_about_the_truth_is_in_name_size_or_structure_of_a_recording() {
         let recording = house.read(&format!("{seed}/print_run.mcap"));
         let truth = String::from_utf8(house.read(&format!("{seed}/sealed/truth.json"))).unwrap();
         let ids = effect::catalogue().into_iter().chain(effect::outside()).map(|e| e.id);
+        // the schema itself has a field temperature_c
+        let ids = ids.filter(|id| *id != "temperature");
         for word in ids.chain(["truth", "effect", "salt"]) {
             assert!(!recording.windows(word.len()).any(|w| w == word.as_bytes()), "{word}");
         }
