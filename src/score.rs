@@ -4,6 +4,7 @@
 //! isolation, accuracy, coverage at the certainty bound, calibration. The thesis's "HMA" (§4-3) is
 //! trace over total: plain accuracy.
 
+pub mod blind;
 pub mod episodes;
 pub mod severity;
 

@@ -1,10 +1,11 @@
-//! `inkling score`: verdicts against labels.
+//! `inkling score`: verdicts against labels, critiques against what was hidden.
 
 use super::exit::{Exit, Failure};
 use crate::fault::HEALTHY;
 use crate::io::verdict_reader::VerdictReader;
-use crate::io::{episode_table, inputs, labels_file};
+use crate::io::{episode_table, inputs, labels_file, truth_file};
 use crate::labels::Labels;
+use crate::score::blind::{Blind, Said as SaidCritique, True};
 use crate::score::episodes::{EpisodeScore, EpisodesReport, SaidEpisode};
 use crate::score::severity::SeverityScore;
 use crate::score::{Report, Said, Score};
@@ -16,21 +17,31 @@ use std::path::{Path, PathBuf};
 #[command(after_help = "Examples:
   inkling score verdicts/ --labels labels.csv
       with the episode tables beside the verdicts
-  inkling score night.verdicts.parquet --labels labels.csv --json | jq .detection")]
+  inkling score night.verdicts.parquet --labels labels.csv --json | jq .detection
+  inkling score critique/critique.json --truth blind/sealed/truth.json
+
+With --truth, critiques are scored against what `inkling simulate --hide` put into their recordings: as
+many truths as critiques, in the same order. Right: every effect by its name (nothing: `none`; outside
+the catalogue: `unknown`). Honest tie: only names that the truth says nobody could tell apart. Withheld:
+`unknown`. A truth that was changed after it was sealed is refused.")]
 pub struct Args {
-    /// Verdict files, or directories of them
+    /// Verdict files, or directories of them; with --truth, critique.json files
     #[arg(required = true)]
     verdicts: Vec<String>,
     /// What is true of the channels
-    #[arg(long, value_name = "CSV")]
-    labels: PathBuf,
+    #[arg(long, value_name = "CSV", required_unless_present = "truth")]
+    labels: Option<PathBuf>,
+    /// What was hidden in the recordings of the critiques
+    #[arg(long, value_name = "TRUTH", num_args = 1.., conflicts_with = "labels")]
+    truth: Vec<PathBuf>,
     /// As JSON
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
-    let labels = labels_file::read(&args.labels).map_err(Failure::new)?;
+    let Some(labels_path) = &args.labels else { return critiques(&args) };
+    let labels = labels_file::read(labels_path).map_err(Failure::new)?;
     let files = inputs::find_verdicts(&args.verdicts).map_err(Failure::new)?;
     let mut score = Score::default();
     let mut severity = SeverityScore::default();
@@ -104,7 +115,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     if report.by_state.is_empty() {
         return Err(Failure::new(format!(
             "no verdict is covered by {}: do printhead names and times agree?",
-            args.labels.display()
+            labels_path.display()
         )));
     }
     Ok(Exit::Done)
@@ -123,6 +134,53 @@ fn add_episodes(path: &Path, labels: &Labels, score: &mut EpisodeScore) -> Resul
         score.add_episode(said, labels);
     }
     Ok(())
+}
+
+/// Critiques against truths, pair by pair.
+fn critiques(args: &Args) -> Result<Exit, Failure> {
+    if args.verdicts.len() != args.truth.len() {
+        return Err(Failure::usage(format!(
+            "{} critiques and {} truths: give one truth per critique, in the same order",
+            args.verdicts.len(),
+            args.truth.len()
+        )));
+    }
+    let mut blind = Blind::default();
+    let mut lines = Vec::new();
+    for (path, truth_path) in args.verdicts.iter().zip(&args.truth) {
+        let bad = |what: &dyn std::fmt::Display| Failure::new(format!("{path}: {what}"));
+        let bytes = std::fs::read(path).map_err(|e| bad(&format!("cannot be read: {e}")))?;
+        let said: SaidCritique = serde_json::from_slice(&bytes)
+            .map_err(|e| bad(&format!("is no critique.json: {e}")))?;
+        let truth = truth_file::read(truth_path).map_err(Failure::new)?;
+        let truth: True = serde_json::from_value(truth)
+            .map_err(|e| Failure::new(format!("{}: is no truth: {e}", truth_path.display())))?;
+        let names = |ids: Vec<&str>| {
+            if ids.is_empty() { "nothing".to_owned() } else { ids.join(" + ") }
+        };
+        let hidden = names(truth.effects.iter().map(|e| e.id.as_str()).collect());
+        let causes = names(said.causes.iter().map(|c| c.id.as_str()).collect());
+        let outcome = blind.add(&said, &truth).word();
+        lines.push(format!(
+            "{path}: {outcome} (hidden: {hidden}; said: {}, {causes})",
+            said.verdict
+        ));
+    }
+    let mut out = std::io::stdout().lock();
+    if args.json {
+        serde_json::to_writer_pretty(&mut out, &blind.json())
+            .map_err(|e| Failure::from(std::io::Error::from(e)))?;
+        writeln!(out)?;
+    } else {
+        lines.iter().try_for_each(|line| writeln!(out, "{}", printable_line(line)))?;
+        writeln!(out, "\n{}", blind.markdown())?;
+    }
+    Ok(Exit::Done)
+}
+
+/// Names come from files: no control characters on the terminal.
+fn printable_line(line: &str) -> String {
+    line.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
 }
 
 /// Certainty of the candidate class: its own weight where weights were written. Where only a category

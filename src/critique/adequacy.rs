@@ -32,14 +32,13 @@ pub fn check(
     data: &Observations,
     beside: &Covariates,
     _of_noise: &[Found],
+    avoid: &[f64],
 ) -> Left {
     let directions: Vec<_> =
         selected.causes.iter().flat_map(|c| c.scored.applied.directions.iter().cloned()).collect();
     let nuisance = Nuisance::new(&selected.space, &directions);
-    let identity = |y: Vec<f64>| y;
     let length = (data.dt_s * data.samples as f64, data.integer);
-    let bench =
-        Bench::new(&selected.model, beside, &selected.space, &nuisance, length, &identity);
+    let bench = Bench::new(&selected.model, beside, &selected.space, &nuisance, length, avoid);
     let mut left = Left { share_allowed: SHARE_ALLOWED, ..Left::default() };
     let explained: f64 = selected.causes.iter().map(|c| c.statistic).sum();
     let mut unexplained = 0.0_f64;
@@ -50,7 +49,8 @@ pub fn check(
         unexplained = unexplained.max(2.0 * local);
     }
     // causes that act through a covariate own whatever that covariate does
-    let owned: Vec<usize> = selected.causes.iter().filter_map(|c| which(&c.scored.applied)).collect();
+    let owned: Vec<usize> =
+        selected.causes.iter().filter_map(|c| which(&c.scored.applied)).collect();
     for (which, parameter, surprise) in bench.covariate_scan() {
         if owned.contains(&which) {
             continue;

@@ -5,9 +5,7 @@
 //! over its shape parameter (frequency, rate, strength), with its value in the catalogue's units.
 
 use super::catalogue::{CATALOGUE, Needs, lacking};
-use super::covariates::{
-    COVARIATES, Covariates, NEIGHBOURS, POSITION, TEMPERATURE, TIME,
-};
+use super::covariates::{COVARIATES, Covariates, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
 use super::model::{Model, PATTERNS, RATIO_OF_RATES};
 use super::ring::ALL;
 use super::space::{Direction, Nuisance, Space, Tested};
@@ -15,12 +13,22 @@ use crate::model::terms::{Interior, Seen, Term};
 use nalgebra::{DMatrix, Matrix4, Vector4};
 use std::f64::consts::{PI, TAU};
 
+/// d theta per relative change of damping (the real pole with it), and of frequency.
+const DAMPING: [f64; ALL] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+const FREQUENCY: [f64; ALL] = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0];
+/// A line below this share of the model's own frequency is no mode, and below so many periods of the
+/// signal it is no line.
+const LEAST_MODE: f64 = 0.3;
+const LEAST_PERIODS: f64 = 1.5;
+
 /// A cause as it enters the model.
 #[derive(Clone, Debug)]
 pub struct Applied {
     pub id: &'static str,
     /// Frequency or rate per signal length, or strength; 0 where there is none.
     pub shape: f64,
+    /// Damping of a line, per signal length.
+    pub damping: f64,
     pub coefficients: Vec<f64>,
     pub directions: Vec<Direction>,
     /// What it does to the mean signal: per power of the drive, N each; none where it is a covariate's.
@@ -30,7 +38,11 @@ pub struct Applied {
 #[derive(Clone, Debug)]
 pub enum Kind {
     Shapes,
-    Covariate { which: usize, v: [f64; ALL] },
+    /// One change of the parameters per coefficient.
+    Covariate {
+        which: usize,
+        v: Vec<[f64; ALL]>,
+    },
     Tail,
 }
 
@@ -64,8 +76,8 @@ pub struct Bench<'a> {
     pub drives: [f64; 2],
     /// Degrees of freedom of what is constant over a channel.
     pub units: usize,
-    /// Noise made white: applied to every shape.
-    pub whiten: &'a dyn Fn(Vec<f64>) -> Vec<f64>,
+    /// Frequencies (rad per signal length) that random tones have taken already.
+    pub avoid: &'a [f64],
 }
 
 impl<'a> Bench<'a> {
@@ -75,7 +87,7 @@ impl<'a> Bench<'a> {
         space: &'a Space,
         nuisance: &'a Nuisance,
         (length_s, integer): (f64, bool),
-        whiten: &'a dyn Fn(Vec<f64>) -> Vec<f64>,
+        avoid: &'a [f64],
     ) -> Bench<'a> {
         let t = &model.mean;
         let seen = Seen {
@@ -104,7 +116,7 @@ impl<'a> Bench<'a> {
             integer,
             drives: [low, high],
             units,
-            whiten,
+            avoid,
         }
     }
 
@@ -117,7 +129,7 @@ impl<'a> Bench<'a> {
             {
                 continue;
             }
-            if let Some(mut scored) = self.score_one(entry.id) {
+            if let Some(mut scored) = self.score_one(entry.id, None) {
                 if entry.needs == Needs::DriveScan && !self.beside.drive_scan {
                     scored.disqualified = "needs a drive scan".into();
                 }
@@ -127,32 +139,41 @@ impl<'a> Bench<'a> {
         all
     }
 
-    pub fn score_one(&self, id: &'static str) -> Option<Scored> {
+    /// `near`: where its shape was before; without, all shapes are tried.
+    pub fn score_one(&self, id: &'static str, near: Option<&Applied>) -> Option<Scored> {
         let n = self.space.samples;
         match id {
-            "offset" => self.fixed(id, Direction::shape(0, (self.whiten)(vec![1.0; n])), 1.0),
-            "droop" => self.grown(id, 0.05, |w| Some(self.pattern(1, self.droop(w))), |w| w / self.length_s),
+            "offset" => self.fixed(id, Direction::shape(0, vec![1.0; n]), 1.0),
+            "droop" => self.grown(
+                id,
+                0.05,
+                |w| Some(self.pattern(1, self.droop(w))),
+                |w| w / self.length_s,
+            ),
             "meniscus" => self.term(id, Term::Meniscus, 0.01, 1),
             "quadratic_drag" => self.term(id, Term::QuadraticDrag, 0.01, 2),
             "dry_friction" => self.term(id, Term::DryFriction, 0.01, 0),
             "cubic_stiffness" => self.term(id, Term::CubicStiffness, 0.002, 3),
             "fractional_damping" => self.term(id, Term::FractionalDamping, 0.02, 1),
-            "lowpass" => self.lowpass(),
-            "tone" => self.line(id, 0, &[0.0]),
+            "lowpass" => self.lowpass(near),
+            "tone" => self.line(id, 0, &[0.0], near),
             "second_mode" => {
                 let sigma = self.seen.sigma;
-                self.line(id, 1, &[0.4 * sigma, sigma, 2.0 * sigma])
+                self.line(id, 1, &[0.4 * sigma, sigma, 2.0 * sigma], near)
             }
             "temperature" => {
-                let v = self.damping_direction();
-                self.covariate(id, TEMPERATURE, v, 1.0 / self.beside.sd[TEMPERATURE])
+                let unit = 1.0 / self.beside.sd[TEMPERATURE];
+                self.covariate_free(id, TEMPERATURE, DAMPING, self.damping_direction(), unit)
             }
-            "ageing" => self.covariate(id, TIME, self.damping_direction(), self.over(TIME)),
+            "ageing" => {
+                self.covariate_free(id, TIME, DAMPING, self.damping_direction(), self.over(TIME))
+            }
             "clock_drift" => {
                 self.covariate(id, TIME, [1.0, 1.0, 0.0, 0.0, 0.0, 1.0], self.over(TIME))
             }
             "position_gradient" => {
-                self.covariate(id, POSITION, self.stiffness_direction(), self.over(POSITION))
+                let v = self.stiffness_direction();
+                self.covariate_free(id, POSITION, FREQUENCY, v, self.over(POSITION))
             }
             "crosstalk" => {
                 let t = &self.model.mean;
@@ -175,6 +196,7 @@ impl<'a> Bench<'a> {
                     applied: Applied {
                         id,
                         shape: 0.0,
+                        damping: 0.0,
                         coefficients: tested.coefficients.clone(),
                         directions: vec![Direction::tail(n)],
                         kind: Kind::Tail,
@@ -204,7 +226,7 @@ impl<'a> Bench<'a> {
 
     /// A shape that scales as a power of the drive.
     fn pattern(&self, pattern: usize, shape: Vec<f64>) -> Direction {
-        Direction::shape(pattern, (self.whiten)(shape))
+        Direction::shape(pattern, shape)
     }
 
     fn fixed(&self, id: &'static str, direction: Direction, unit: f64) -> Option<Scored> {
@@ -221,6 +243,7 @@ impl<'a> Bench<'a> {
             applied: Applied {
                 id,
                 shape: 0.0,
+                damping: 0.0,
                 coefficients: tested.coefficients,
                 directions: vec![direction],
                 kind: Kind::Shapes,
@@ -297,12 +320,11 @@ impl<'a> Bench<'a> {
             let without = interior.decay(&self.seen, None, s, n);
             with.iter().zip(without).map(|(w, o)| (w - o) / e).collect()
         };
-        let finite = |d: Direction| {
-            d.0.iter().all(|(_, v)| v.iter().all(|x| x.is_finite())).then_some(d)
-        };
+        let finite =
+            |d: Direction| d.0.iter().all(|(_, v)| v.iter().all(|x| x.is_finite())).then_some(d);
         let [low, high] = self.drives;
         if high < 1.02 * low {
-            return finite(Direction::shape(power.clamp(0, 3) as usize, (self.whiten)(added(1.0))));
+            return finite(Direction::shape(power.clamp(0, 3) as usize, added(1.0)));
         }
         // interpolate between four drives
         let nodes: [f64; 4] = std::array::from_fn(|j| {
@@ -319,7 +341,7 @@ impl<'a> Bench<'a> {
                     (inverse.row(p) * values)[0]
                 })
                 .collect();
-            blocks.push((p * n, (self.whiten)(shape)));
+            blocks.push((p * n, shape));
         }
         finite(Direction(blocks))
     }
@@ -349,7 +371,7 @@ impl<'a> Bench<'a> {
         y
     }
 
-    fn lowpass(&self) -> Option<Scored> {
+    fn lowpass(&self, near: Option<&Applied>) -> Option<Scored> {
         let n = self.space.samples as f64;
         let shape = |w: f64| {
             let y: Vec<f64> = (0..self.space.samples).map(|k| (-w * k as f64 / n).exp()).collect();
@@ -360,8 +382,9 @@ impl<'a> Bench<'a> {
         };
         let (low, high) = ((4.0 * self.seen.sigma).max(6.0), 2.0 * n);
         let mut best = (0.0, low);
-        for i in 0..24 {
-            let w = low * (high / low).powf(f64::from(i) / 23.0);
+        let grid = (0..24).map(|i| low * (high / low).powf(f64::from(i) / 23.0));
+        let grid: Vec<f64> = near.map_or_else(|| grid.collect(), |n| vec![n.shape]);
+        for w in grid {
             let statistic = test(w);
             if statistic > best.0 {
                 best = (statistic, w);
@@ -398,6 +421,7 @@ impl<'a> Bench<'a> {
             applied: Applied {
                 id,
                 shape,
+                damping: 0.0,
                 coefficients: tested.coefficients,
                 directions,
                 kind: Kind::Shapes,
@@ -406,7 +430,13 @@ impl<'a> Bench<'a> {
     }
 
     /// A line: cos and sin at the frequency that explains most, over some dampings.
-    fn line(&self, id: &'static str, pattern: usize, dampings: &[f64]) -> Option<Scored> {
+    fn line(
+        &self,
+        id: &'static str,
+        pattern: usize,
+        dampings: &[f64],
+        near: Option<&Applied>,
+    ) -> Option<Scored> {
         let n = self.space.samples;
         let columns = |omega: f64, gamma: f64| {
             let column = |phase: f64| {
@@ -425,14 +455,19 @@ impl<'a> Bench<'a> {
         // near its own frequency a second mode is no second mode: the pair splits
         let banned = |omega: f64, gamma: f64| {
             let near = 1.2 * resolution + 1.5 * (self.seen.sigma + gamma);
-            pattern == 1
-                && ((omega - own).abs() < near
-                    || (2..=4).any(|m| (omega - f64::from(m) * own).abs() < 0.6 * resolution))
+            let mode = pattern == 1
+                && (omega < LEAST_MODE * own
+                    || (omega - own).abs() < near
+                    || (2..=4).any(|m| (omega - f64::from(m) * own).abs() < 0.6 * resolution));
+            mode || self.avoid.iter().any(|w| (omega - w).abs() < 1.5 * resolution)
         };
         let most = PI * n as f64 * 0.97;
         let (mut best, mut best_banned) = ((0.0, 0.0, 0.0), 0.0_f64);
-        for &gamma in dampings {
-            let mut omega = 0.75 * TAU;
+        if let Some(near) = near {
+            best = (0.0, near.shape, near.damping);
+        }
+        for &gamma in dampings.iter().filter(|_| near.is_none()) {
+            let mut omega = LEAST_PERIODS * TAU;
             while omega < most {
                 let statistic = test(omega, gamma);
                 if banned(omega, gamma) {
@@ -469,6 +504,7 @@ impl<'a> Bench<'a> {
             value,
             sd / TAU / self.length_s,
         );
+        scored.applied.damping = gamma;
         if banned(omega, gamma) || best_banned > scored.statistic + 10.0 {
             scored.disqualified =
                 "its line lies at the model's own frequency or a multiple of it".into();
@@ -500,11 +536,50 @@ impl<'a> Bench<'a> {
             applied: Applied {
                 id,
                 shape: 0.0,
+                damping: 0.0,
                 coefficients: tested.coefficients,
                 directions: vec![direction],
-                kind: Kind::Covariate { which, v },
+                kind: Kind::Covariate { which, v: vec![v] },
             },
         })
+    }
+
+    /// A covariate on damping or frequency. The acquisition state may follow it, too: how much rests on
+    /// what came before t_a. It is tested with the state unmoved and with the state of the interior
+    /// unmoved, whichever fits; its size is estimated with the state left free.
+    fn covariate_free(
+        &self,
+        id: &'static str,
+        which: usize,
+        plain: [f64; ALL],
+        interior: [f64; ALL],
+        unit: f64,
+    ) -> Option<Scored> {
+        let mut best = self.covariate(id, which, plain, unit)?;
+        if let Some(other) = self.covariate(id, which, interior, unit)
+            && other.statistic > best.statistic
+        {
+            best = other;
+        }
+        let amplitude = self.model.amplitude();
+        let mut v = vec![plain];
+        for j in 2..5 {
+            let mut free = [0.0; ALL];
+            free[j] = amplitude;
+            v.push(free);
+        }
+        let n = self.space.samples;
+        let directions: Vec<Direction> =
+            v.iter().map(|v| Direction::covariate(n, which, *v)).collect();
+        if let Some(tested) = self.nuisance.test(self.space, &directions) {
+            best.value = tested.coefficients[0] * unit;
+            best.sd = tested.covariance[(0, 0)].sqrt() * unit;
+            best.degrees = directions.len();
+            best.applied.coefficients = tested.coefficients;
+            best.applied.directions = directions;
+            best.applied.kind = Kind::Covariate { which, v };
+        }
+        Some(best)
     }
 
     /// d theta where all losses grow by a share, the acquisition state being what it was.
@@ -547,9 +622,15 @@ impl<'a> Bench<'a> {
             let dy = dr + dn;
             let ddy = -(a + b) * y - g * dr - d * dn;
             let m = nalgebra::Matrix3::new(
-                1.0, 0.0, 1.0, //
-                -sigma, omega, -lambda, //
-                sigma * sigma - omega * omega, -2.0 * sigma * omega, lambda * lambda,
+                1.0,
+                0.0,
+                1.0, //
+                -sigma,
+                omega,
+                -lambda, //
+                sigma * sigma - omega * omega,
+                -2.0 * sigma * omega,
+                lambda * lambda,
             );
             let x = m.lu().solve(&nalgebra::Vector3::new(y, dy, ddy))?;
             Some([sigma.ln(), omega.ln(), x[0], x[1], x[2], lambda.ln()])
@@ -701,7 +782,9 @@ mod tests {
     fn surprise_is_minus_the_logarithm_of_known_probabilities() {
         // two-sided normal: 1.96 -> .05, 3.29 -> .001; chi-squared with 2: exact
         assert!((surprise(1.96 * 1.96, 1, 1.0, f64::INFINITY) - (-(0.05_f64.ln()))).abs() < 1e-3);
-        assert!((surprise(3.2905_f64.powi(2), 1, 1.0, f64::INFINITY) + 0.001_f64.ln()).abs() < 2e-3);
+        assert!(
+            (surprise(3.2905_f64.powi(2), 1, 1.0, f64::INFINITY) + 0.001_f64.ln()).abs() < 2e-3
+        );
         assert!((surprise(9.21, 2, 1.0, f64::INFINITY) + 0.01_f64.ln()).abs() < 1e-3);
         // Student: t = 2.086 with 20 degrees is .05, 3.850 is .001
         assert!((surprise(2.086 * 2.086, 1, 1.0, 20.0) + 0.05_f64.ln()).abs() < 0.05);

@@ -6,14 +6,12 @@ use super::codes;
 use super::covariates::Covariates;
 use super::ensemble;
 use super::figures;
-use super::finding::{
-    Cause, Critique, Evidence, Misfit, NotTestable, Signals, VERSION, Verdict,
-};
+use super::finding::{Cause, Critique, Evidence, Misfit, NotTestable, Signals, VERSION, Verdict};
 use super::gain;
 use super::model::{Model, Unfit};
 use super::observations::Observations;
 use super::outliers::outliers;
-use super::selection::{self, Chosen, DETECTION_LIMIT, Selected};
+use super::selection::{self, Chosen, DETECTION_LIMIT, Selected, Setting};
 use super::space::Space;
 use thiserror::Error;
 
@@ -55,8 +53,7 @@ pub fn critique(
     stages("fitting the baseline");
     let beside = Covariates::of(all);
     let start = Model::start(all, &beside, true).map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
-    let outlier =
-        if labelled { vec![false; all.len()] } else { outliers(all, &beside, &start) };
+    let outlier = if labelled { vec![false; all.len()] } else { outliers(all, &beside, &start) };
     let data = all.select(|i| !outlier[i]);
     if data.len() < FEWEST_SIGNALS {
         return Err(CritiqueError::TooFew { found: data.len() });
@@ -71,13 +68,30 @@ pub fn critique(
     if !of_codes.is_empty() {
         baseline.fit(&data, &beside, 2);
     }
-    let of_noise = ensemble::test(&data, &beside, &mut baseline);
+    let mut of_noise = ensemble::test(&data, &beside, &baseline);
+    let mut data = data;
+    if let Some(rho) = accepted(&of_noise, "correlated_noise") {
+        // what is white again can be judged by the same tests
+        data = data.whitened(rho.clamp(-0.97, 0.97));
+        baseline =
+            Model::start(&data, &beside, true).map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
+        baseline.fit(&data, &beside, 2);
+        let again = ensemble::test(&data, &beside, &baseline);
+        of_noise.retain(|f| f.evidence.id == "correlated_noise");
+        of_noise.extend(again.into_iter().filter(|f| f.evidence.id != "correlated_noise"));
+    }
+    let length_s = data.dt_s * data.samples as f64;
+    let avoid: Vec<f64> = accepted(&of_noise, "random_tone")
+        .map(|hz| hz * length_s * std::f64::consts::TAU)
+        .into_iter()
+        .collect();
 
     let before = baseline.clone();
-    let selected = selection::select(baseline, &data, &beside, stages);
+    let setting = Setting { data: &data, beside: &beside, avoid: &avoid };
+    let selected = selection::select(baseline, setting, stages);
 
     stages("checking what is left");
-    let left = adequacy::check(&selected, &data, &beside, &of_noise);
+    let left = adequacy::check(&selected, &data, &beside, &of_noise, &avoid);
     stages("measuring the gain");
     let gain = gain::measure(&before, &selected.model, &data, &beside);
     let figures = figures::draw(&before, &selected.model, &data, &beside, &gain.energies);
@@ -146,6 +160,11 @@ pub fn critique(
     Ok(Outcome { critique, outlier })
 }
 
+/// The value of a cause among those found.
+fn accepted(found: &[Found], id: &str) -> Option<f64> {
+    found.iter().find(|f| f.evidence.id == id && f.evidence.accepted).map(|f| f.evidence.value)
+}
+
 /// The same for a damped oscillator that is seen through its displacement: few long decays.
 pub fn critique_oscillator(
     all: &Observations,
@@ -203,10 +222,7 @@ fn verdict(
         remarks.push(format!("still unexplained: {what}"));
     }
     if let Some(s) = selected.unnamed.first() {
-        remarks.push(format!(
-            "{} fits best but {}: it is not named",
-            s.applied.id, s.disqualified
-        ));
+        remarks.push(format!("{} fits best but {}: it is not named", s.applied.id, s.disqualified));
     }
     let unexplained = !left.significant.is_empty();
     if causes.is_empty() {
@@ -230,7 +246,11 @@ fn verdict(
 
 fn sentence(verdict: Verdict, causes: &[Cause], left: &adequacy::Left) -> String {
     let matter = |cause: &Cause| {
-        if cause.matters_for_detection { "it spoils fault detection" } else { "fault detection hardly notices" }
+        if cause.matters_for_detection {
+            "it spoils fault detection"
+        } else {
+            "fault detection hardly notices"
+        }
     };
     match verdict {
         Verdict::None => "The model explains these signals: nothing in them asks for more.".into(),
@@ -243,9 +263,9 @@ fn sentence(verdict: Verdict, causes: &[Cause], left: &adequacy::Left) -> String
                     c.id,
                     100.0 * c.explains.unwrap_or(0.0)
                 ),
-                None => format!(
-                    "The model misses something that the catalogue does not hold ({what})."
-                ),
+                None => {
+                    format!("The model misses something that the catalogue does not hold ({what}).")
+                }
             }
         }
         Verdict::Tie => {

@@ -86,11 +86,11 @@ fn two_sided(z: f64) -> f64 {
     -(ln_normal_tail(z.abs()) + 2f64.ln()).min(0.0)
 }
 
-pub fn test(data: &Observations, beside: &Covariates, model: &mut Model) -> Vec<Found> {
+pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Found> {
     let mut left = residuals(model, data, beside);
     let n = data.samples;
-    let v = left.iter().map(|l| dot(&l.u, &l.u)).sum::<f64>()
-        / (left.len() * (n - FREE).max(1)) as f64;
+    let v =
+        left.iter().map(|l| dot(&l.u, &l.u)).sum::<f64>() / (left.len() * (n - FREE).max(1)) as f64;
     let line = pooled_line(&left, n, v);
     let mut rho = lag_one(&left, n, v);
     // a line correlates the noise, and correlated noise is a broad hump: the narrower wins
@@ -169,14 +169,13 @@ fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
             .iter()
             .map(|l| {
                 let power = dot(&l.u, &c).powi(2) + dot(&l.u, &s).powi(2);
-                let lost: f64 = l
-                    .q
-                    .column_iter()
-                    .map(|q| {
-                        let q = q.as_slice();
-                        dot(q, &c).powi(2) + dot(q, &s).powi(2)
-                    })
-                    .sum();
+                let lost: f64 =
+                    l.q.column_iter()
+                        .map(|q| {
+                            let q = q.as_slice();
+                            dot(q, &c).powi(2) + dot(q, &s).powi(2)
+                        })
+                        .sum();
                 power / (v * (n as f64 - lost).max(1.0))
             })
             .collect();
@@ -232,29 +231,37 @@ fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
 }
 
 /// (rho, its standard error, z of its being zero), corrected for what the projection correlates.
+///
+/// With S = (shift + its transpose)/2 and P = Q Q^T: E[u^T S u] = v (-tr S P + 2 rho (tr S² - 2 tr S² P
+/// + tr S P S P)) to first order in rho.
 fn lag_one(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
     let values: Vec<f64> = left
         .iter()
         .map(|l| {
             let products: f64 = l.u.windows(2).map(|w| w[0] * w[1]).sum();
-            // E[u^T S u] = -v tr(S Q Q^T) under white noise
-            let lost: f64 = l
-                .q
-                .column_iter()
-                .map(|q| q.as_slice().windows(2).map(|w| w[0] * w[1]).sum::<f64>())
-                .sum();
-            (products + v * lost) / (v * (n as f64 - 1.0 - FREE as f64).max(1.0))
+            let q = &l.q;
+            let s_q = DMatrix::from_fn(n, q.ncols(), |k, j| {
+                let before = if k > 0 { q[(k - 1, j)] } else { 0.0 };
+                let after = if k + 1 < n { q[(k + 1, j)] } else { 0.0 };
+                0.5 * (before + after)
+            });
+            let inner = q.tr_mul(&s_q);
+            let lost = inner.trace();
+            let slope = (n as f64 - 1.0) - 4.0 * s_q.norm_squared() + 2.0 * inner.norm_squared();
+            (products + v * lost) / (v * slope.max(1.0))
         })
         .collect();
     let (mean, se) = mean_of(&values);
-    // the projection takes power where the ring is: to first order in rho
     (mean, se, mean / se.max(1e-12))
 }
 
 /// Growth of the noise variance with the signal: (h, sd, z).
 fn heteroscedastic(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
-    let largest =
-        left.iter().flat_map(|l| l.expected.iter()).fold(0.0_f64, |m, y| m.max(y.abs())).max(1e-300);
+    let largest = left
+        .iter()
+        .flat_map(|l| l.expected.iter())
+        .fold(0.0_f64, |m, y| m.max(y.abs()))
+        .max(1e-300);
     let (mut sum, mut square, mut count) = (0.0, 0.0, 0.0);
     for l in left {
         for y in &l.expected {
@@ -361,9 +368,12 @@ fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Found {
     let z_common = if pairs > 30.0 { between / (of_chance * (2.0 * pairs).sqrt()) } else { 0.0 };
     // healthy: the phase scatters no more than some times what the gain does
     let healthy = 3.0 * gain_var * (length_s / length_s) / (omega * omega);
-    let z_alone = (shift_var - healthy - (noise[0] / m) * 0.3 / (omega * omega)) / shift_se.max(1e-300);
-    let s_common = if z_common > 0.0 { surprise(z_common * z_common, 1, 1.0, f64::INFINITY) } else { 0.0 };
-    let s_alone = if z_alone > 0.0 { surprise(z_alone * z_alone, 1, 1.0, f64::INFINITY) } else { 0.0 };
+    let z_alone =
+        (shift_var - healthy - (noise[0] / m) * 0.3 / (omega * omega)) / shift_se.max(1e-300);
+    let s_common =
+        if z_common > 0.0 { surprise(z_common * z_common, 1, 1.0, f64::INFINITY) } else { 0.0 };
+    let s_alone =
+        if z_alone > 0.0 { surprise(z_alone * z_alone, 1, 1.0, f64::INFINITY) } else { 0.0 };
     let (s, z, var, se) = if s_common > s_alone {
         (s_common, z_common, between / pairs, of_chance * (2.0 / pairs).sqrt())
     } else {

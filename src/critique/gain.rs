@@ -13,6 +13,11 @@ pub struct Measured {
     pub auc_gain: f64,
 }
 
-pub fn measure(_before: &Model, _after: &Model, _data: &Observations, _beside: &Covariates) -> Measured {
+pub fn measure(
+    _before: &Model,
+    _after: &Model,
+    _data: &Observations,
+    _beside: &Covariates,
+) -> Measured {
     Measured::default()
 }

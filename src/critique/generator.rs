@@ -74,10 +74,8 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
             b: -40.0,
             c: 5.0,
         };
-        let gain = s
-            * g
-            * (1.0 + run.shot * normal(&mut rng))
-            * (1.0 + e("crosstalk") * neighbours);
+        let gain =
+            s * g * (1.0 + run.shot * normal(&mut rng)) * (1.0 + e("crosstalk") * neighbours);
         let mut shot = || 1.0 + run.shot * normal(&mut rng);
         let (a, b, c) = (seen.a * shot(), seen.b * shot(), seen.c * shot());
         let shift = e("trigger_jitter") * normal(&mut rng); // in signal lengths
@@ -115,7 +113,9 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
             y = (0..n)
                 .map(|k| {
                     let t = k as f64 / n as f64;
-                    0.8 * gain * (-sigma * t).exp() * (a * (seen.omega * t).cos() + b * (seen.omega * t).sin())
+                    0.8 * gain
+                        * (-sigma * t).exp()
+                        * (a * (seen.omega * t).cos() + b * (seen.omega * t).sin())
                 })
                 .collect();
         }
@@ -212,7 +212,7 @@ fn said(critique: &super::finding::Critique) -> String {
         .iter()
         .map(|c| {
             format!(
-                "{} {:.5} [{:.5}, {:.5}] DL {:.1} {:?}",
+                "{} {:.4e} [{:.3e}, {:.3e}] DL {:.1} {:?}",
                 c.id, c.value, c.ci95[0], c.ci95[1], c.strength_dl, c.tied_with
             )
         })
@@ -259,10 +259,14 @@ fn tuning_table() {
                 named += 1;
                 continue;
             }
-            let mut top: Vec<_> = outcome.critique.evidence.iter().filter(|e| e.step == 0).collect();
+            let mut top: Vec<_> =
+                outcome.critique.evidence.iter().filter(|e| e.step == 0).collect();
             top.sort_by(|p, q| p.p.total_cmp(&q.p));
-            let top: Vec<String> =
-                top.iter().take(3).map(|e| format!("{}:{:.1}", e.id, -e.p.max(1e-300).ln())).collect();
+            let top: Vec<String> = top
+                .iter()
+                .take(3)
+                .map(|e| format!("{}:{:.1}", e.id, -e.p.max(1e-300).ln()))
+                .collect();
             println!("{effect:<20} {scaled:.4} | {verdict} | {}", top.join(" "));
         }
         println!("{effect}: {seconds:.1} s, {named} none");

@@ -130,7 +130,7 @@ impl Model {
         let theta = self.theta(i, data, beside);
         let n = data.samples;
         let s = beside.drive[i];
-        out.tangent.at(&theta, self.real, n);
+        out.tangent.at(&theta, self.mean[4], self.real, n);
         out.tail.clear();
         out.tail.resize(n, 0.0);
         if let Some(shift) = tail_shift(data.rows[i].beside.idle_s, data) {
@@ -290,8 +290,7 @@ impl Model {
             let mut centre = Vector5::zeros();
             let mut posterior = Vec::with_capacity(data.units);
             for unit in 0..data.units {
-                let c =
-                    (precision_b + info[unit]).try_inverse().unwrap_or_else(Matrix5::zeros);
+                let c = (precision_b + info[unit]).try_inverse().unwrap_or_else(Matrix5::zeros);
                 let b = c * score[unit];
                 sum_b += b * b.transpose() + c;
                 centre += b;
@@ -486,7 +485,7 @@ fn refine(theta: &mut Theta, y: &[f64], real: bool) {
     let mut tangent = Tangent::default();
     let mut offset = 0.0;
     let residual = |theta: &Theta, offset: f64, tangent: &mut Tangent| {
-        tangent.at(theta, real, n);
+        tangent.at(theta, theta[4], real, n);
         DVector::from_fn(n, |k, _| y[k] - tangent.y[k] - offset)
     };
     let mut r = residual(theta, offset, &mut tangent);
@@ -517,7 +516,7 @@ fn refine(theta: &mut Theta, y: &[f64], real: bool) {
             if damping > 1e12 {
                 break;
             }
-            tangent.at(theta, real, n);
+            tangent.at(theta, theta[4], real, n);
         }
     }
 }

@@ -75,6 +75,18 @@ impl Observations {
         kept
     }
 
+    /// Signals whose AR(1) noise is made white, y_k - rho y_{k-1}: a ring stays a ring, the first
+    /// sample is lost.
+    pub fn whitened(&self, rho: f64) -> Observations {
+        let mut white = self.clone();
+        white.samples -= 1;
+        white.integer = false;
+        white.y = (0..self.len())
+            .flat_map(|i| self.signal(i).windows(2).map(|w| w[1] - rho as f32 * w[0]))
+            .collect();
+        white
+    }
+
     fn clone_empty(&self) -> Observations {
         Observations {
             rows: Vec::new(),

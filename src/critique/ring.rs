@@ -38,7 +38,9 @@ pub fn signal_into(theta: &Theta, real: bool, shift: f64, out: &mut [f64]) {
 }
 
 impl Tangent {
-    pub fn at(&mut self, theta: &Theta, real: bool, samples: usize) {
+    /// `weak`: the real pole's amplitude in the derivative by lambda. One signal hardly knows it; with
+    /// the channel's own noisy one that column would be an error in variables.
+    pub fn at(&mut self, theta: &Theta, weak: f64, real: bool, samples: usize) {
         let n = samples as f64;
         let (sigma, omega, lambda) = (theta[0].exp(), theta[1].exp(), theta[5].exp());
         let (a, b, c_real) = (theta[2], theta[3], theta[4]);
@@ -60,7 +62,7 @@ impl Tangent {
             a_column[k] = c;
             b_column[k] = s;
             c_column[k] = r;
-            lambda_column[k] = -lambda * t * c_real * r;
+            lambda_column[k] = -lambda * t * weak * r;
             (c, s) = (decay * (c * cos - s * sin), decay * (s * cos + c * sin));
             r *= fall;
         }
@@ -75,7 +77,7 @@ mod tests {
     fn tangent_is_the_derivative_of_the_signal() {
         let theta = Theta::from([2.9_f64.ln(), 40.6_f64.ln(), 90.0, -40.0, 6.0, 3.7_f64.ln()]);
         let mut tangent = Tangent::default();
-        tangent.at(&theta, true, 128);
+        tangent.at(&theta, theta[4], true, 128);
         let mut y = vec![0.0; 128];
         signal_into(&theta, true, 0.0, &mut y);
         for k in 0..128 {

@@ -56,8 +56,10 @@ pub fn apply(model: &mut Model, applied: &Applied, coefficients: &[f64]) {
             }
         }
         Kind::Covariate { which, v } => {
-            for (beta, v) in model.beta[*which].iter_mut().zip(v) {
-                *beta += coefficients[0] * v;
+            for (v, coefficient) in v.iter().zip(coefficients) {
+                for (beta, v) in model.beta[*which].iter_mut().zip(v) {
+                    *beta += coefficient * v;
+                }
             }
         }
         Kind::Tail => model.tail_gain += coefficients[0],
@@ -76,19 +78,61 @@ fn directions(causes: &[Applied]) -> Vec<Direction> {
     causes.iter().flat_map(|c| c.directions.iter().cloned()).collect()
 }
 
-/// Gauss-Newton over the causes' coefficients, EM over the scatter, in turn.
-pub fn refit(
-    mut model: Model,
-    mut causes: Vec<Applied>,
-    data: &Observations,
-    beside: &Covariates,
-    rounds: usize,
-) -> Refit {
-    let mut space;
+/// What a refit looks at besides the signals.
+#[derive(Clone, Copy)]
+pub struct Setting<'a> {
+    pub data: &'a Observations,
+    pub beside: &'a Covariates,
+    /// Frequencies that random tones have taken already, rad per signal length.
+    pub avoid: &'a [f64],
+}
+
+impl<'a> Setting<'a> {
+    fn bench(&self, model: &'a Model, space: &'a Space, nuisance: &'a Nuisance) -> Bench<'a> {
+        let length = (self.data.dt_s * self.data.samples as f64, self.data.integer);
+        Bench::new(model, self.beside, space, nuisance, length, self.avoid)
+    }
+}
+
+/// One cause scored again about a model that holds it, all others in the nuisance: its shape and
+/// strength are found anew by the model as it is now.
+fn rescored(
+    index: usize,
+    model: &Model,
+    causes: &[Applied],
+    space: &Space,
+    setting: Setting,
+) -> Option<Scored> {
+    let own = &causes[index];
+    let others: Vec<Applied> =
+        causes.iter().enumerate().filter(|(i, _)| *i != index).map(|(_, c)| c.clone()).collect();
+    let mut space = space.clone();
+    for (direction, c) in own.directions.iter().zip(&own.coefficients) {
+        let moved = space.times(direction) * *c;
+        space.g += moved;
+    }
+    let nuisance = Nuisance::new(&space, &directions(&others));
+    let mut model = model.clone();
+    if let Kind::Tail = own.kind {
+        model.tail_gain = 0.0;
+    }
+    let bench = Bench::new(
+        &model,
+        setting.beside,
+        &space,
+        &nuisance,
+        (setting.data.dt_s * setting.data.samples as f64, setting.data.integer),
+        setting.avoid,
+    );
+    bench.score_one(own.id, Some(own))
+}
+
+/// Gauss-Newton over the causes' sizes and shapes, EM over the scatter, in turn.
+pub fn refit(mut model: Model, mut causes: Vec<Applied>, setting: Setting, rounds: usize) -> Refit {
     let mut round = 0;
     loop {
-        model.fit(data, beside, 1);
-        space = Space::of(&model, data, beside);
+        model.fit(setting.data, setting.beside, 1);
+        let space = Space::of(&model, setting.data, setting.beside);
         let nuisance = Nuisance::new(&space, &directions(&causes));
         let deviance = space.deviance - nuisance.gain();
         round += 1;
@@ -96,34 +140,41 @@ pub fn refit(
             return Refit { model, causes, space, deviance };
         }
         let (steps, _) = nuisance.causes();
+        let mut next = causes.clone();
         let mut at = 0;
-        for cause in &mut causes {
+        for (index, cause) in next.iter_mut().enumerate() {
             let q = cause.coefficients.len();
             let step = &steps.as_slice()[at..at + q];
-            apply(&mut model, cause, step);
-            cause.coefficients.iter_mut().zip(step).for_each(|(c, s)| *c += s);
             at += q;
+            let anew = match cause.kind {
+                Kind::Shapes => rescored(index, &model, &causes, &space, setting),
+                _ => None,
+            };
+            match anew {
+                Some(anew) => *cause = anew.applied,
+                None => cause.coefficients.iter_mut().zip(step).for_each(|(c, s)| *c += s),
+            }
         }
+        for (old, new) in causes.iter().zip(&next) {
+            let minus: Vec<f64> = old.coefficients.iter().map(|c| -c).collect();
+            apply(&mut model, old, &minus);
+            apply(&mut model, new, &new.coefficients);
+        }
+        causes = next;
     }
 }
 
-pub fn select(
-    baseline: Model,
-    data: &Observations,
-    beside: &Covariates,
-    stages: &mut dyn FnMut(&str),
-) -> Selected {
-    let mut now = refit(baseline, Vec::new(), data, beside, 1);
+pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -> Selected {
+    let data = setting.data;
+    let mut now = refit(baseline, Vec::new(), setting, 1);
     let mut chosen: Vec<Chosen> = Vec::new();
     let mut evidence = Vec::new();
-    let length = (data.dt_s * data.samples as f64, data.integer);
     let n_eff = (data.len() as f64 * data.samples as f64).ln();
     let mut unnamed = Vec::new();
     for step in 0..=MOST_CAUSES as u32 {
         stages("testing the catalogue");
         let nuisance = Nuisance::new(&now.space, &directions(&now.causes));
-        let identity = |y: Vec<f64>| y;
-        let bench = Bench::new(&now.model, beside, &now.space, &nuisance, length, &identity);
+        let bench = setting.bench(&now.model, &now.space, &nuisance);
         let mut scored = bench.score_all();
         scored.retain(|s| now.causes.iter().all(|c| c.id != s.applied.id));
         scored.sort_by(|p, q| q.surprise.total_cmp(&p.surprise));
@@ -171,7 +222,7 @@ pub fn select(
             let mut causes = now.causes.clone();
             apply(&mut model, &s.applied, &s.applied.coefficients);
             causes.push(s.applied.clone());
-            rivals.push((refit(model, causes, data, beside, 2), s));
+            rivals.push((refit(model, causes, setting, 2), s));
         }
         let penalised =
             |r: &(Refit, &Scored)| r.0.deviance + 2.0 * (r.1.degrees as f64 + r.1.tried.ln());
@@ -215,12 +266,17 @@ pub fn select(
             let mut keep = kept.iter();
             let mut causes = now.causes.clone();
             causes.retain(|_| *keep.next().unwrap_or(&true));
-            now = refit(model, causes, data, beside, 2);
+            now = refit(model, causes, setting, 2);
         }
     }
     stages("measuring the causes");
-    let mut last = refit(now.model, now.causes, data, beside, 3);
-    values(&mut chosen, &mut last, beside, length);
+    let last = refit(now.model, now.causes, setting, 3);
+    for (index, cause) in chosen.iter_mut().enumerate() {
+        if let Some(scored) = rescored(index, &last.model, &last.causes, &last.space, setting) {
+            cause.statistic = scored.statistic;
+            cause.scored = scored;
+        }
+    }
     Selected { model: last.model, causes: chosen, space: last.space, evidence, unnamed }
 }
 
@@ -232,8 +288,12 @@ fn necessary(now: &Refit, nuisance: &Nuisance) -> Vec<bool> {
         .iter()
         .map(|cause| {
             let q = cause.coefficients.len();
-            let total: Vec<f64> =
-                cause.coefficients.iter().zip(steps.rows(at, q).iter()).map(|(c, s)| c + s).collect();
+            let total: Vec<f64> = cause
+                .coefficients
+                .iter()
+                .zip(steps.rows(at, q).iter())
+                .map(|(c, s)| c + s)
+                .collect();
             let block = covariance.view((at, at), (q, q)).into_owned();
             at += q;
             let x = nalgebra::DVector::from_vec(total);
@@ -241,40 +301,6 @@ fn necessary(now: &Refit, nuisance: &Nuisance) -> Vec<bool> {
             super::candidates::surprise(statistic, q, 1.0, f64::INFINITY) > 0.7 * THRESHOLD
         })
         .collect()
-}
-
-/// Final sizes with their standard deviations: each cause is scored again with itself taken out of the
-/// nuisance (all others in).
-fn values(chosen: &mut [Chosen], last: &mut Refit, beside: &Covariates, length: (f64, bool)) {
-    for (index, cause) in chosen.iter_mut().enumerate() {
-        let others: Vec<Applied> = last
-            .causes
-            .iter()
-            .enumerate()
-            .filter(|(i, _)| *i != index)
-            .map(|(_, c)| c.clone())
-            .collect();
-        let own = &last.causes[index];
-        // about the model with this cause: score moved back to where it is absent
-        let mut space = last.space.clone();
-        for (direction, c) in own.directions.iter().zip(&own.coefficients) {
-            let moved = space.times(direction) * *c;
-            space.g += moved;
-        }
-        let nuisance = Nuisance::new(&space, &directions(&others));
-        let identity = |y: Vec<f64>| y;
-        let mut model = last.model.clone();
-        if let Kind::Tail = own.kind {
-            model.tail_gain = 0.0;
-        }
-        let bench = Bench::new(&model, beside, &space, &nuisance, length, &identity);
-        if let Some(scored) = bench.score_one(own.id) {
-            cause.statistic = scored.statistic;
-            cause.scored.value = scored.value;
-            cause.scored.sd = scored.sd;
-            cause.scored.statistic = scored.statistic;
-        }
-    }
 }
 
 /// The value of the statistic at which the surprise reaches the threshold.

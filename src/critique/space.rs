@@ -245,8 +245,6 @@ impl Space {
 #[derive(Clone, Debug)]
 pub struct Nuisance {
     directions: Vec<Direction>,
-    /// K times each.
-    k_times: Vec<DVector<f64>>,
     inverse: DMatrix<f64>,
     score: DVector<f64>,
 }
@@ -274,7 +272,7 @@ impl Nuisance {
         let mut gram = DMatrix::from_fn(q, q, |i, j| directions[i].dot(&k_times[j]));
         gram[(ALL - 1, ALL - 1)] += 1.0 / (LN_LAMBDA_SD * LN_LAMBDA_SD);
         let score = DVector::from_fn(q, |i, _| directions[i].dot(&space.g));
-        Nuisance { inverse: pseudo_inverse(&gram), directions, k_times, score }
+        Nuisance { inverse: pseudo_inverse(&gram), directions, score }
     }
 
     /// Coefficients of the causes in the nuisance, jointly, with their covariance.
@@ -302,9 +300,8 @@ impl Nuisance {
     pub fn test(&self, space: &Space, directions: &[Direction]) -> Option<Tested> {
         let q = directions.len();
         let k_times: Vec<DVector<f64>> = directions.iter().map(|x| space.times(x)).collect();
-        let cross = DMatrix::from_fn(self.directions.len(), q, |i, j| {
-            self.directions[i].dot(&k_times[j])
-        });
+        let cross =
+            DMatrix::from_fn(self.directions.len(), q, |i, j| self.directions[i].dot(&k_times[j]));
         let raw = DMatrix::from_fn(q, q, |i, j| directions[i].dot(&k_times[j]));
         let gram = &raw - cross.tr_mul(&(&self.inverse * &cross));
         // a direction that the nuisance holds already says nothing
@@ -357,4 +354,3 @@ fn pseudo_inverse(m: &DMatrix<f64>) -> DMatrix<f64> {
         &eigen.eigenvectors * DMatrix::from_diagonal(&values) * eigen.eigenvectors.transpose();
     DMatrix::from_fn(n, n, |i, j| inverse[(i, j)] / (scale[i] * scale[j]))
 }
-

@@ -215,6 +215,9 @@ fn features(x: &Vector4<f64>) -> Features {
 
 /// The same with its phase in -pi .. pi.
 pub fn turned(mut x: Vector4<f64>) -> Vector4<f64> {
+    if x[3].abs() <= std::f64::consts::PI {
+        return x;
+    }
     x[3] -= std::f64::consts::TAU * (x[3] / std::f64::consts::TAU).round();
     x
 }
@@ -265,6 +268,14 @@ impl Node {
             product *= variance;
         }
         self.ln_determinant - 0.5 * (square + product.ln()) - LN_TAU_SQUARED
+    }
+
+    /// Of each coordinate: beyond the noise, and of the noise at the reference drive.
+    pub fn variances(&self) -> [Vector4<f64>; 2] {
+        // x = to_axes^-1 u, where the noise is unit
+        let back = self.to_axes.try_inverse().unwrap_or_else(Matrix4::identity);
+        let along = |u: &Vector4<f64>| back * Matrix4::from_diagonal(u) * back.transpose();
+        [along(&self.spread).diagonal(), along(&Vector4::repeat(1.0)).diagonal()]
     }
 
     fn along_axes(&self, x: &Vector4<f64>, baseline: Option<&Vector4<f64>>) -> Vector4<f64> {

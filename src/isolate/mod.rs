@@ -15,6 +15,7 @@ pub mod residual_matching;
 mod settings;
 pub mod severity;
 pub mod signatures;
+mod stretches;
 
 pub use decision::{Decision, DecisionRule};
 pub use residual_matching::Simplex;

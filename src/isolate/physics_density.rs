@@ -5,6 +5,7 @@
 //! noise scatter about the curve. thesis §2-2.
 
 use super::fault_curve::{CHANGES, FaultCurve, Node, Slope};
+use super::stretches::Stretches;
 use crate::model::faults;
 use nalgebra::{Matrix4, SMatrix, Vector4};
 
@@ -14,6 +15,8 @@ pub struct FaultCurves {
     /// `None`: a user's own class, or a kind that does not ring.
     classes: Vec<Option<Sizes>>,
     curves: Vec<FaultCurve>,
+    /// Of each curve.
+    stretches: Vec<Stretches>,
     coordinates: usize,
     /// How healthy channels differ.
     healthy: HealthySpread,
@@ -63,7 +66,13 @@ impl SeenSizes {
 
 impl FaultCurves {
     pub fn new(classes: usize, coordinates: usize, healthy: HealthySpread) -> FaultCurves {
-        FaultCurves { classes: vec![None; classes], curves: Vec::new(), coordinates, healthy }
+        FaultCurves {
+            classes: vec![None; classes],
+            curves: Vec::new(),
+            stretches: Vec::new(),
+            coordinates,
+            healthy,
+        }
     }
 
     /// The same curves for one channel that `signals` healthy signals are known of: they follow its
@@ -90,6 +99,7 @@ impl FaultCurves {
 
     /// The number of a new curve.
     pub fn add(&mut self, curve: FaultCurve) -> usize {
+        self.stretches.push(Stretches::of(&curve.nodes));
         self.curves.push(curve);
         self.curves.len() - 1
     }
@@ -141,8 +151,15 @@ impl FaultCurves {
         self.classes.get(k)?.as_ref()
     }
 
-    pub fn nodes(&self, curve: usize) -> &[Node] {
-        &self.curves[curve].nodes
+    /// Nodes of a curve that are not far from features, by number.
+    pub fn near(
+        &self,
+        curve: usize,
+        x: &Vector4<f64>,
+        drive: f64,
+    ) -> impl Iterator<Item = (usize, &Node)> {
+        let nodes = &self.curves[curve].nodes;
+        self.stretches[curve].near(x, drive).map(move |i| (i, &nodes[i]))
     }
 
     /// Features as a vector, 0 where the phase is held.
@@ -166,15 +183,16 @@ impl FaultCurves {
         out.clear();
         out.resize(self.classes.len(), f64::NEG_INFINITY);
         for (c, curve) in self.curves.iter().enumerate() {
+            let near = self.stretches[c].near(&x, drive);
             of_nodes.clear();
-            of_nodes.extend(curve.nodes.iter().map(|node| node.ln_density(&x, drive, baseline)));
+            of_nodes.extend(near.map(|i| (i, curve.nodes[i].ln_density(&x, drive, baseline))));
             for (ln, class) in out.iter_mut().zip(&self.classes) {
                 if let Some(sizes) = class.as_ref().filter(|sizes| sizes.curve == c) {
-                    *ln = ln_sum(of_nodes.iter().zip(&sizes.ln_share).map(|(d, s)| d + s));
+                    *ln = ln_sum(of_nodes.iter().map(|(i, d)| d + sizes.ln_share[*i]));
                 }
             }
-            let best = (0..of_nodes.len()).max_by(|&i, &j| of_nodes[i].total_cmp(&of_nodes[j]));
-            if let Some(best) = best {
+            let best = of_nodes.iter().max_by(|p, q| p.1.total_cmp(&q.1));
+            if let Some(&(best, _)) = best {
                 nearest = nearest.min(curve.nodes[best].distance(&x, drive, baseline));
             }
         }

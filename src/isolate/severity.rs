@@ -36,8 +36,8 @@ impl FaultCurves {
         for (k, weight) in alike {
             let sizes = self.class(k)?;
             let (mut most, mut sum) = (f64::NEG_INFINITY, [0.0; 3]);
-            for (node, ln_share) in self.nodes(of).iter().zip(&sizes.ln_share) {
-                let ln = node.ln_density(&x, drive, baseline) + ln_share;
+            for (i, node) in self.near(of, &x, drive) {
+                let ln = node.ln_density(&x, drive, baseline) + sizes.ln_share[i];
                 if ln > most {
                     // what was summed is relative to the largest
                     sum = sum.map(|s: f64| s * (most - ln).exp());

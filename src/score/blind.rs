@@ -1,0 +1,398 @@
+//! Critiques against what was hidden. In: `critique.json` and `truth.json`, one pair per recording. Out:
+//! how often a cause was found, rightly named, tied, withheld or wrongly named, by strength.
+//!
+//! A name is right where it is the truth's. A tie is honest where every name in it is one that the truth
+//! says nobody could tell from it; where the truth can only be tied (a covariate that follows another),
+//! naming one of them alone is wrong.
+
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Of `critique.json`, what scoring asks.
+#[derive(Clone, Debug, Default, Deserialize)]
+pub struct Said {
+    pub verdict: String,
+    #[serde(default)]
+    pub causes: Vec<SaidCause>,
+}
+
+#[derive(Clone, Debug, Default, Deserialize)]
+pub struct SaidCause {
+    pub id: String,
+    pub value: Option<f64>,
+    pub ci95: Option<[Option<f64>; 2]>,
+    #[serde(default)]
+    pub tied_with: Vec<String>,
+}
+
+/// Of `truth.json`, what scoring asks.
+#[derive(Clone, Debug, Default, Deserialize)]
+pub struct True {
+    pub effects: Vec<TrueEffect>,
+    #[serde(default)]
+    pub circumstances: Vec<serde_json::Value>,
+}
+
+#[derive(Clone, Debug, Default, Deserialize)]
+pub struct TrueEffect {
+    pub id: String,
+    pub in_catalogue: bool,
+    pub value: f64,
+    pub strength_dl: f64,
+    #[serde(default)]
+    pub ties: Vec<String>,
+}
+
+impl True {
+    fn has(&self, circumstance: &str) -> bool {
+        self.circumstances.iter().any(|c| c.as_str() == Some(circumstance))
+    }
+}
+
+/// What became of one recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// Every effect by its name, nothing else; of nothing: `none`; of what is outside: `unknown`.
+    Right,
+    /// A tie that the truth says is honest.
+    HonestTie,
+    /// A tie with the truth in it, and others that could have been told apart.
+    WideTie,
+    /// Of two effects one.
+    Partly,
+    /// `unknown`, or of a null recording with unusual noise `unknown`.
+    Withheld,
+    /// `none` though there is something.
+    Missed,
+    /// A name that is not the truth's.
+    Wrong,
+}
+
+impl Outcome {
+    pub fn word(self) -> &'static str {
+        match self {
+            Outcome::Right => "right",
+            Outcome::HonestTie => "honest tie",
+            Outcome::WideTie => "wide tie",
+            Outcome::Partly => "one of two",
+            Outcome::Withheld => "withheld",
+            Outcome::Missed => "missed",
+            Outcome::Wrong => "wrong",
+        }
+    }
+}
+
+fn names(cause: &SaidCause) -> BTreeSet<&str> {
+    cause.tied_with.iter().chain([&cause.id]).map(String::as_str).collect()
+}
+
+/// One recording. Names of an `unknown` are the nearest, and no claim.
+pub fn outcome(said: &Said, truth: &True) -> Outcome {
+    let claims = matches!(said.verdict.as_str(), "named" | "tie");
+    if truth.effects.is_empty() {
+        return match said.verdict.as_str() {
+            "none" => Outcome::Right,
+            // it points at the noise; a name would be false
+            "unknown" if truth.has("heavy_tails") => Outcome::Withheld,
+            _ => Outcome::Wrong,
+        };
+    }
+    if !claims {
+        let outside = truth.effects.iter().all(|e| !e.in_catalogue);
+        return match (said.verdict.as_str(), outside) {
+            ("unknown", true) => Outcome::Right,
+            ("unknown", false) => Outcome::Withheld,
+            _ => Outcome::Missed,
+        };
+    }
+    let follows = truth.has("temperature_follows_time");
+    let (mut found, mut tied, mut wide) = (0, false, false);
+    let mut wrong = false;
+    // a verdict `tie` is one discrepancy, however its names are written down
+    let groups: Vec<BTreeSet<&str>> = match said.verdict.as_str() {
+        "tie" => vec![said.causes.iter().flat_map(names).collect()],
+        _ => said.causes.iter().map(names).collect(),
+    };
+    let mut hit = BTreeSet::new();
+    for group in &groups {
+        let of = truth.effects.iter().find(|e| group.contains(e.id.as_str()));
+        let Some(effect) = of.filter(|e| hit.insert(e.id.as_str())) else {
+            wrong = true;
+            continue;
+        };
+        found += 1;
+        let must_tie = follows && !effect.ties.is_empty();
+        let honest = group.iter().all(|name| effect.ties.iter().any(|t| t == name));
+        match group.len() {
+            1 => wrong |= must_tie,
+            _ if honest => tied = true,
+            _ => wide = true,
+        }
+    }
+    match () {
+        () if wrong => Outcome::Wrong,
+        () if found < truth.effects.len() => Outcome::Partly,
+        () if wide => Outcome::WideTie,
+        () if tied => Outcome::HonestTie,
+        () => Outcome::Right,
+    }
+}
+
+/// Whether the interval of the cause that is named as `effect` holds its true value.
+fn covered(said: &Said, effect: &TrueEffect) -> Option<bool> {
+    let cause = said.causes.iter().find(|c| c.id == effect.id)?;
+    let [Some(low), Some(high)] = cause.ci95? else { return None };
+    Some(low <= effect.value && effect.value <= high)
+}
+
+/// Counts of outcomes.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Row {
+    pub recordings: u32,
+    /// The verdict is not `none`.
+    pub detected: u32,
+    pub outcomes: BTreeMap<Outcome, u32>,
+    /// Of those named alone with an interval: how many intervals hold the truth.
+    pub intervals: u32,
+    pub covered: u32,
+}
+
+impl Row {
+    pub fn count(&self, outcome: Outcome) -> u32 {
+        self.outcomes.get(&outcome).copied().unwrap_or(0)
+    }
+
+    pub fn share(&self, outcomes: &[Outcome]) -> f64 {
+        let n: u32 = outcomes.iter().map(|o| self.count(*o)).sum();
+        f64::from(n) / f64::from(self.recordings)
+    }
+
+    fn merge(&mut self, other: &Row) {
+        self.recordings += other.recordings;
+        self.detected += other.detected;
+        self.intervals += other.intervals;
+        self.covered += other.covered;
+        for (outcome, n) in &other.outcomes {
+            *self.outcomes.entry(*outcome).or_default() += n;
+        }
+    }
+}
+
+/// What was hidden.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    Nothing,
+    One,
+    Two,
+    Outside,
+}
+
+/// Critiques against truths.
+#[derive(Clone, Debug, Default)]
+pub struct Blind {
+    /// By kind, effect (`a + b` for two) and strength (the weaker of two).
+    rows: BTreeMap<(Kind, String, u32), Row>,
+}
+
+impl Blind {
+    pub fn add(&mut self, said: &Said, truth: &True) -> Outcome {
+        let kind = match truth.effects.as_slice() {
+            [] => Kind::Nothing,
+            [one] if one.in_catalogue => Kind::One,
+            [_] => Kind::Outside,
+            _ => Kind::Two,
+        };
+        let ids: Vec<&str> = truth.effects.iter().map(|e| e.id.as_str()).collect();
+        let strength = truth.effects.iter().map(|e| e.strength_dl).fold(f64::INFINITY, f64::min);
+        let strength = if strength.is_finite() { strength.round() as u32 } else { 0 };
+        let outcome = outcome(said, truth);
+        let row = self.rows.entry((kind, ids.join(" + "), strength)).or_default();
+        row.recordings += 1;
+        row.detected += u32::from(said.verdict != "none");
+        *row.outcomes.entry(outcome).or_default() += 1;
+        if said.verdict == "named" && matches!(outcome, Outcome::Right | Outcome::HonestTie) {
+            for inside in truth.effects.iter().filter_map(|effect| covered(said, effect)) {
+                row.intervals += 1;
+                row.covered += u32::from(inside);
+            }
+        }
+        outcome
+    }
+
+    /// All recordings of a kind whose strength lies in `strengths`.
+    pub fn row(&self, kind: Kind, strengths: std::ops::RangeInclusive<u32>) -> Row {
+        let mut sum = Row::default();
+        let of = self.rows.iter().filter(|((k, _, s), _)| *k == kind && strengths.contains(s));
+        of.for_each(|(_, row)| sum.merge(row));
+        sum
+    }
+
+    /// By effect, whatever its strength from `least_dl` on.
+    pub fn by_effect(&self, kind: Kind, least_dl: u32) -> BTreeMap<String, Row> {
+        let mut rows: BTreeMap<String, Row> = BTreeMap::new();
+        for ((k, id, strength), row) in &self.rows {
+            if *k == kind && *strength >= least_dl {
+                rows.entry(id.clone()).or_default().merge(row);
+            }
+        }
+        rows
+    }
+
+    /// The rows of the goals, each with a name.
+    pub fn goals(&self) -> Vec<(&'static str, Row)> {
+        let all = 0..=u32::MAX;
+        vec![
+            ("nothing hidden", self.row(Kind::Nothing, all.clone())),
+            ("one effect, 1 DL", self.row(Kind::One, 1..=1)),
+            ("one effect, >= 2 DL", self.row(Kind::One, 2..=u32::MAX)),
+            ("one effect, >= 4 DL", self.row(Kind::One, 4..=u32::MAX)),
+            ("outside the catalogue, >= 4 DL", self.row(Kind::Outside, 4..=u32::MAX)),
+            ("outside the catalogue, all", self.row(Kind::Outside, all.clone())),
+            ("two effects, both >= 4 DL", self.row(Kind::Two, 4..=u32::MAX)),
+            ("two effects, all", self.row(Kind::Two, all)),
+        ]
+    }
+
+    /// The goals as a Markdown table, then the effects that were not always right.
+    pub fn markdown(&self) -> String {
+        use Outcome::{HonestTie, Missed, Partly, Right, WideTie, Withheld, Wrong};
+        let columns = [Right, HonestTie, WideTie, Partly, Withheld, Missed, Wrong];
+        let line = |name: &str, row: &Row| {
+            let counts: String = columns.iter().map(|c| format!(" {} |", row.count(*c))).collect();
+            let covered = format!("{}/{}", row.covered, row.intervals);
+            format!("| {name} | {} | {} |{counts} {covered} |\n", row.recordings, row.detected)
+        };
+        let heads: String = columns.iter().map(|c| format!(" {} |", c.word())).collect();
+        let head = |what: &str| {
+            let rule = "---|".repeat(columns.len() + 4);
+            format!(
+                "| {what} | recordings | detected |{heads} interval holds the truth |\n|{rule}\n"
+            )
+        };
+        let mut text = head("hidden");
+        for (name, row) in self.goals().iter().filter(|(_, row)| row.recordings > 0) {
+            text += &line(name, row);
+        }
+        for (kind, what) in
+            [(Kind::One, "one effect, >= 2 DL"), (Kind::Outside, "outside, >= 2 DL")]
+        {
+            let rows = self.by_effect(kind, 2);
+            if !rows.is_empty() {
+                text += &format!("\n{}", head(what));
+                rows.iter().for_each(|(id, row)| text += &line(id, row));
+            }
+        }
+        text
+    }
+
+    /// The same as JSON.
+    pub fn json(&self) -> serde_json::Value {
+        let rows: Vec<serde_json::Value> = self
+            .rows
+            .iter()
+            .map(|((kind, effects, strength_dl), row)| {
+                serde_json::json!({
+                    "hidden": kind, "effects": effects, "strength_dl": strength_dl, "score": row
+                })
+            })
+            .collect();
+        let goals: serde_json::Map<String, serde_json::Value> = self
+            .goals()
+            .into_iter()
+            .filter(|(_, row)| row.recordings > 0)
+            .map(|(name, row)| (name.to_owned(), serde_json::json!(row)))
+            .collect();
+        serde_json::json!({ "goals": goals, "rows": rows })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn said(verdict: &str, causes: &[&[&str]]) -> Said {
+        let causes = causes.iter().map(|names| SaidCause {
+            id: names[0].to_owned(),
+            value: Some(1.0),
+            ci95: Some([Some(0.5), Some(1.5)]),
+            tied_with: names[1..].iter().map(|n| (*n).to_owned()).collect(),
+        });
+        Said { verdict: verdict.to_owned(), causes: causes.collect() }
+    }
+
+    fn truth(ids: &[&str], ties: &[&str], circumstances: &[&str]) -> True {
+        let effects = ids.iter().map(|id| TrueEffect {
+            id: (*id).to_owned(),
+            in_catalogue: !id.starts_with("outside"),
+            value: 1.2,
+            strength_dl: 4.0,
+            ties: ties.iter().map(|t| (*t).to_owned()).collect(),
+        });
+        let circumstances = circumstances.iter().map(|c| serde_json::json!(c)).collect();
+        True { effects: effects.collect(), circumstances }
+    }
+
+    #[test]
+    fn every_outcome_has_its_rule() {
+        let slow = ["offset", "droop"];
+        let follows = ["temperature_follows_time"];
+        for (said, truth, expected) in [
+            (said("none", &[]), truth(&[], &[], &[]), Outcome::Right),
+            (said("unknown", &[]), truth(&[], &[], &[]), Outcome::Wrong),
+            (said("unknown", &[]), truth(&[], &[], &["heavy_tails"]), Outcome::Withheld),
+            (said("named", &[&["tone"]]), truth(&[], &[], &["heavy_tails"]), Outcome::Wrong),
+            (said("tie", &[&["ageing", "temperature"]]), truth(&[], &[], &[]), Outcome::Wrong),
+            (said("named", &[&["tone"]]), truth(&["tone"], &[], &[]), Outcome::Right),
+            (said("named", &[&["tone"], &["offset"]]), truth(&["tone"], &[], &[]), Outcome::Wrong),
+            (said("none", &[]), truth(&["tone"], &[], &[]), Outcome::Missed),
+            (said("unknown", &[&["tone"]]), truth(&["tone"], &[], &[]), Outcome::Withheld),
+            (
+                said("tie", &[&["offset", "droop"]]),
+                truth(&["droop"], &slow, &[]),
+                Outcome::HonestTie,
+            ),
+            (
+                said("tie", &[&["offset"], &["droop"]]),
+                truth(&["droop"], &slow, &[]),
+                Outcome::HonestTie,
+            ),
+            (said("tie", &[&["offset", "tone"]]), truth(&["tone"], &[], &[]), Outcome::WideTie),
+            (said("named", &[&["offset"]]), truth(&["droop"], &slow, &[]), Outcome::Wrong),
+            (said("unknown", &[&["tone"]]), truth(&["outside_x"], &[], &[]), Outcome::Right),
+            (said("named", &[&["tone"]]), truth(&["outside_x"], &[], &[]), Outcome::Wrong),
+            (said("named", &[&["tone"]]), truth(&["tone", "ageing"], &[], &[]), Outcome::Partly),
+            (
+                said("named", &[&["ageing"], &["tone"]]),
+                truth(&["tone", "ageing"], &[], &[]),
+                Outcome::Right,
+            ),
+            (
+                said("named", &[&["ageing"]]),
+                truth(&["ageing"], &["ageing", "temperature"], &follows),
+                Outcome::Wrong,
+            ),
+            (
+                said("tie", &[&["ageing", "temperature"]]),
+                truth(&["ageing"], &["ageing", "temperature"], &follows),
+                Outcome::HonestTie,
+            ),
+        ] {
+            assert_eq!(outcome(&said, &truth), expected, "{said:?} {truth:?}");
+        }
+    }
+
+    #[test]
+    fn counts_add_up_and_intervals_are_counted_once() {
+        let mut blind = Blind::default();
+        blind.add(&said("named", &[&["tone"]]), &truth(&["tone"], &[], &[]));
+        blind.add(&said("none", &[]), &truth(&["tone"], &[], &[]));
+        blind.add(&said("none", &[]), &truth(&[], &[], &[]));
+        let row = blind.row(Kind::One, 4..=4);
+        assert_eq!((row.recordings, row.detected, row.intervals, row.covered), (2, 1, 1, 1));
+        assert!((row.share(&[Outcome::Missed]) - 0.5).abs() < 1e-12);
+        assert!(blind.markdown().contains("| tone | 2 | 1 | 1 | 0 | 0 | 0 | 0 | 1 | 0 | 1/1 |"));
+        assert_eq!(blind.json()["goals"]["nothing hidden"]["recordings"], 1);
+    }
+}
