@@ -196,7 +196,15 @@ impl FaultCurves {
                 nearest = nearest.min(curve.nodes[best].distance(&x, drive, baseline));
             }
         }
-        nearest
+        if nearest.is_finite() {
+            return nearest;
+        }
+        // near to none: how far is told well enough by a few nodes
+        let few = |(curve, of): (&FaultCurve, &Stretches)| {
+            let distance = |i: usize| curve.nodes[i].distance(&x, drive, baseline);
+            of.middles().map(distance).fold(f64::INFINITY, f64::min)
+        };
+        self.curves.iter().zip(&self.stretches).map(few).fold(nearest, f64::min)
     }
 }
 

@@ -4,16 +4,14 @@
 //! nodes of a stretch lie in a box; what is far outside the box in one coordinate is far from all of
 //! them.
 
-use super::class_density::TOLERANCE;
 use super::fault_curve::Node;
 use nalgebra::Vector4;
 use std::ops::Range;
 
 /// Nodes of a stretch.
 const NODES: usize = 16;
-/// Squared distance in one coordinate from which on a node says nothing: e^-16 of its peak at most, and
-/// beyond what is called an unknown fault.
-const FAR: f64 = 32.0;
+/// Squared distance in one coordinate from which on a node says nothing: e^-30 of its peak.
+const FAR: f64 = 60.0;
 /// Amplitude, damping, frequency; a phase comes round again.
 const COORDINATES: usize = 3;
 
@@ -58,10 +56,15 @@ impl Stretches {
         let is_near = move |of: &&Stretch| {
             (0..COORDINATES).all(|k| {
                 let outside = (of.low[k] - x[k]).max(x[k] - of.high[k]).max(0.0);
-                let variance = of.beyond[k] + noise * of.noise[k] + TOLERANCE[k] * TOLERANCE[k];
+                let variance = of.beyond[k] + noise * of.noise[k];
                 outside * outside <= FAR * variance
             })
         };
         self.0.iter().filter(is_near).flat_map(|of| of.nodes.clone())
+    }
+
+    /// The middle of every stretch.
+    pub fn middles(&self) -> impl Iterator<Item = usize> {
+        self.0.iter().map(|of| of.nodes.start.midpoint(of.nodes.end))
     }
 }
