@@ -44,7 +44,7 @@ struct Isolating {
 #[derive(Debug)]
 enum Isolator {
     /// A fitted ring among class densities.
-    Posterior(Posterior, Box<RingFitter>),
+    Posterior(Posterior, Box<RingFitter>, [f64; 4]),
     /// thesis §3-3-2: F^T R of the filter r = F d, which projects a deviation as R^T its residual.
     ResidualMatching(SignatureMatrix, Simplex),
     /// thesis §3-3-1: per class its model, if it has one.
@@ -74,6 +74,8 @@ pub struct Workspace {
     pub severity: Option<Severity>,
     /// ln densities per class by the physics.
     physics: Vec<f64>,
+    /// Of the signal next isolated, see [`Judge::warmer`]. K.
+    pub warmer: f64,
     /// With `--baseline`: of the channel whose signal is next, if it is known.
     pub own: Option<Own>,
 }
@@ -163,7 +165,17 @@ impl Judge {
     ) -> Option<Isolation> {
         work.severity = None;
         let Isolating { isolator, signal, rule, curves } = self.isolating.as_ref()?;
-        let Workspace { residual, projection, weights, columns, severity, physics, own, .. } = work;
+        let Workspace {
+            residual,
+            projection,
+            weights,
+            columns,
+            severity,
+            physics,
+            own,
+            warmer,
+            ..
+        } = work;
         let classes = rule.category_of.len();
         weights.clear();
         weights.resize(classes, 0.0);
@@ -178,13 +190,13 @@ impl Judge {
         };
         // lengths agree by construction; a residual that is no number says nothing
         match isolator {
-            Isolator::Posterior(posterior, fitter) => {
-                // the signal as it would be at the reference drive and temperature
-                residual.clear();
-                let expected = &self.model.expected;
-                residual.extend(expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
+            Isolator::Posterior(posterior, fitter, per_k) => {
+                // the ring as it would be at the reference drive and temperature
+                let warmer = *warmer;
+                self.model.per_drive(deviation, drive, warmer, residual);
                 let fit = fitter.fit(residual, posterior.phase, columns)?;
-                let features = fit.features.coordinates();
+                let mut features = fit.features.coordinates();
+                features.iter_mut().zip(per_k).for_each(|(x, slope)| *x -= warmer * slope);
                 let features = &features[..posterior.coordinates()];
                 let of_own =
                     own.as_ref().and_then(|own| own.curves.as_ref().zip(Some(&own.baseline)));
@@ -264,7 +276,8 @@ impl Isolator {
                 let posterior = design.posterior.clone().ok_or_else(|| untrained("posterior"))?;
                 let (dt_s, samples) = (model.generator.dt_s, model.expected.len());
                 let fitter = RingFitter::new(ring_of(&model.identification)?, dt_s, samples);
-                Ok(Isolator::Posterior(posterior, Box::new(fitter)))
+                let per_k = model.features_per_k(&fitter);
+                Ok(Isolator::Posterior(posterior, Box::new(fitter), per_k))
             }
             // rho of every class is the residual of its mean deviation, by this model's filter
             IsolateMethod::ResidualMatching => {
