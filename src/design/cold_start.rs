@@ -85,11 +85,14 @@ fn learn_sizes(physics: &mut FaultPhysics, looks: &[Look], (dt_s, samples): (f64
     for (k, (name, looks)) in by_class.into_iter().enumerate() {
         let mut only = vec![0.0; names.len()];
         only[k] = 1.0;
-        let size = |look: &&Look| match look.severity.is_finite() {
-            true => Some(look.severity),
-            false => curves
-                .severity(k, look.features.as_slice(), (look.drive, None), &only)
-                .map(|severity| severity.value),
+        let size = |look: &&Look| {
+            let estimated =
+                || curves.severity(k, look.features.as_slice(), (look.drive, None), &only);
+            let severity = match look.severity.is_finite() {
+                true => Some(look.severity),
+                false => estimated().map(|severity| severity.value),
+            };
+            Some((severity?, look.weight))
         };
         let sizes = SeenSizes::new(looks.iter().filter_map(size).collect());
         physics.seen.insert(name.into(), sizes);
