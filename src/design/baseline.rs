@@ -66,11 +66,10 @@ struct Sum {
     features: [i64; 4],
 }
 
-/// What one recording says of one printhead's channels.
+/// What a recording, or its first window, says of one printhead's channels.
 #[derive(Clone, Debug, Default)]
 pub struct Heard {
-    /// Per channel: in the first window, in the whole recording.
-    channels: BTreeMap<u32, [Sum; 2]>,
+    channels: BTreeMap<u32, Sum>,
     squares: [[i128; 4]; 4],
     /// Sum of 1/drive² over healthy signals.
     weaker: i64,
@@ -86,7 +85,6 @@ impl Heard {
         features: &Vector4<f64>,
         drive: f64,
         healthy: bool,
-        in_window: bool,
         room: &mut usize,
     ) {
         if !self.channels.contains_key(&channel) {
@@ -96,20 +94,16 @@ impl Heard {
             }
             *room -= 1;
         }
-        let sums = self.channels.entry(channel).or_default();
+        let sum = self.channels.entry(channel).or_default();
         // healthy features are below 1; whatever is not cannot overflow the sums either
         let fixed: [i64; 4] =
             std::array::from_fn(|k| (features[k].clamp(-4.0, 4.0) / UNIT).round() as i64);
         let weaker = (1.0 / (drive * drive)).clamp(0.0, 1e4);
-        for sum in &mut sums[usize::from(!in_window)..] {
-            if !healthy {
-                sum.unhealthy = sum.unhealthy.saturating_add(1);
-            } else if sum.healthy < 1 << 30 {
-                sum.healthy += 1;
-                sum.features.iter_mut().zip(fixed).for_each(|(s, f)| *s += f);
-            }
-        }
-        if healthy && sums[1].healthy < 1 << 30 {
+        if !healthy {
+            sum.unhealthy = sum.unhealthy.saturating_add(1);
+        } else if sum.healthy < 1 << 30 {
+            sum.healthy += 1;
+            sum.features.iter_mut().zip(fixed).for_each(|(s, f)| *s += f);
             for i in 0..4 {
                 for j in 0..4 {
                     self.squares[i][j] += i128::from(fixed[i]) * i128::from(fixed[j]);
@@ -127,7 +121,7 @@ impl Heard {
     fn within(&self, noise: &Matrix4<f64>) -> (f64, Matrix4<f64>, f64) {
         let (mut n, mut degrees) = (0.0, 0.0);
         let mut scatter = Matrix4::from_fn(|i, j| self.squares[i][j] as f64 * UNIT * UNIT);
-        for [_, all] in self.channels.values() {
+        for all in self.channels.values() {
             let healthy = f64::from(all.healthy);
             if all.healthy > 0 {
                 let sum = Vector4::from(all.features.map(|f| f as f64 * UNIT));
@@ -200,7 +194,7 @@ impl Baselines {
     }
 
     /// What judges a recording: what was remembered, and from the end of the first window on what it
-    /// said of channels that were not. `noise`: of a fit, at the reference drive.
+    /// said of channels that were not: `heard`. `noise`: of a fit, at the reference drive.
     pub fn with_first_window(
         &self,
         name: &str,
@@ -210,7 +204,7 @@ impl Baselines {
         let known = self.printheads.get(name).cloned().unwrap_or_default();
         let (weaker, shot, degrees) = heard.within(noise);
         let mut judging = merged_shot(&known, &shot, degrees);
-        for (&channel, [window, _]) in &heard.channels {
+        for (&channel, window) in &heard.channels {
             if let Some(features) = window.mean() {
                 let signals = f64::from(window.healthy) / weaker;
                 judging
@@ -227,7 +221,7 @@ impl Baselines {
         let (weaker, shot, degrees) = heard.within(noise);
         let known = self.printheads.remove(name).unwrap_or_default();
         let mut learned = merged_shot(&known, &shot, degrees);
-        for (&channel, [_, all]) in &heard.channels {
+        for (&channel, all) in &heard.channels {
             let Some(features) = all.mean() else { continue };
             let signals = (f64::from(all.healthy) / weaker).min(MEMORY);
             let new = ChannelBaseline { signals, features };

@@ -85,11 +85,14 @@ fn learn_sizes(physics: &mut FaultPhysics, looks: &[Look], (dt_s, samples): (f64
     for (k, (name, looks)) in by_class.into_iter().enumerate() {
         let mut only = vec![0.0; names.len()];
         only[k] = 1.0;
-        let size = |look: &&Look| match look.severity.is_finite() {
-            true => Some(look.severity),
-            false => curves
-                .severity(k, look.features.as_slice(), (look.drive, None), &only)
-                .map(|severity| severity.value),
+        let size = |look: &&Look| {
+            let estimated =
+                || curves.severity(k, look.features.as_slice(), (look.drive, None), &only);
+            let severity = match look.severity.is_finite() {
+                true => Some(look.severity),
+                false => estimated().map(|severity| severity.value),
+            };
+            Some((severity?, look.weight))
         };
         let sizes = SeenSizes::new(looks.iter().filter_map(size).collect());
         physics.seen.insert(name.into(), sizes);
@@ -135,15 +138,17 @@ fn looks_of(class: &str, model: &HealthyModel, set: &SignalSet) -> Result<Vec<Lo
         RingFitter::new(ring_of(&model.identification)?, model.generator.dt_s, set.samples);
     let mut of_channel: BTreeMap<u32, f64> = BTreeMap::new();
     set.channel.iter().for_each(|&c| *of_channel.entry(c).or_default() += 1.0);
-    let (mut looks, mut columns, mut i) = (Vec::new(), Products::default(), 0);
+    let per_k = Vector4::from(model.features_per_k(&fitter));
+    let (mut looks, mut columns, mut signal, mut i) =
+        (Vec::new(), Products::default(), Vec::new(), 0);
     model.each_deviation(set, |deviation, drive| {
-        let signal: Vec<f64> =
-            model.expected.iter().zip(deviation).map(|(e, d)| e + d / drive).collect();
+        let warmer = model.warmer(set.temperature_c[i]);
+        model.per_drive(deviation, drive, warmer, &mut signal);
         if let Some(fit) = fitter.fit(&signal, true, &mut columns) {
             looks.push(Look {
                 class: class.into(),
                 severity: set.severity[i],
-                features: Vector4::from(fit.features.coordinates()),
+                features: Vector4::from(fit.features.coordinates()) - per_k * warmer,
                 drive,
                 weight: 1.0 / of_channel[&set.channel[i]],
             });

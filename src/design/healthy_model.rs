@@ -168,6 +168,22 @@ impl HealthyModel {
         })
     }
 
+    /// What a kelvin adds to a ring's features, whatever rings: a fault's ratios to the healthy ring
+    /// hardly depend on temperature, its difference from the healthy signal does.
+    pub(super) fn features_per_k(&self, fitter: &RingFitter) -> [f64; 4] {
+        let response = self.temperature_response.as_deref();
+        response.and_then(|response| fitter.features_of(response)).unwrap_or_default()
+    }
+
+    /// A signal per unit drive, at its own temperature, from its deviation. Counts.
+    pub(super) fn per_drive(&self, deviation: &[f64], drive: f64, warmer: f64, out: &mut Vec<f64>) {
+        out.clear();
+        out.extend(self.expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
+        if let Some(response) = self.temperature_response.as_ref().filter(|_| warmer != 0.0) {
+            out.iter_mut().zip(response).for_each(|(y, slope)| *y += warmer * slope);
+        }
+    }
+
     /// K above the model's temperature; 0 where it is unknown or has no effect.
     pub fn warmer(&self, temperature_c: f64) -> f64 {
         match (&self.temperature_response, self.temperature_c) {

@@ -40,11 +40,22 @@ struct Isolating {
     curves: Option<Arc<FaultCurves>>,
 }
 
+/// What names a fitted ring.
+#[derive(Debug)]
+struct OfRings {
+    posterior: Posterior,
+    fitter: RingFitter,
+    /// Of each class.
+    priors: Vec<f64>,
+    /// How healthy features change with temperature, per K.
+    per_k: [f64; 4],
+}
+
 /// `isolate.method`, ready for this model.
 #[derive(Debug)]
 enum Isolator {
-    /// A fitted ring among class densities, with the classes' priors.
-    Posterior(Posterior, Box<RingFitter>, Vec<f64>),
+    /// A fitted ring among class densities.
+    Posterior(Box<OfRings>),
     /// thesis §3-3-2: F^T R of the filter r = F d, which projects a deviation as R^T its residual.
     ResidualMatching(SignatureMatrix, Simplex),
     /// thesis §3-3-1: per class its model, if it has one.
@@ -77,6 +88,8 @@ pub struct Workspace {
     pub severity: Option<Severity>,
     /// ln densities per class by the physics.
     physics: Vec<f64>,
+    /// Of the signal next isolated, see [`Judge::warmer`]. K.
+    pub warmer: f64,
     /// With `--baseline`: of the channel whose signal is next, if it is known.
     pub own: Option<Own>,
 }
@@ -163,7 +176,16 @@ impl Judge {
         work.severity = None;
         let Isolating { isolator, signal, rule, curves } = self.isolating.as_ref()?;
         let Workspace {
-            residual, projection, weights, products, ring, severity, physics, own, ..
+            residual,
+            projection,
+            weights,
+            products,
+            ring,
+            severity,
+            physics,
+            own,
+            warmer,
+            ..
         } = work;
         *ring = None;
         let classes = rule.category_of.len();
@@ -180,14 +202,15 @@ impl Judge {
         };
         // lengths agree by construction; a residual that is no number says nothing
         match isolator {
-            Isolator::Posterior(posterior, fitter, priors) => {
-                // the signal as it would be at the reference drive and temperature
-                residual.clear();
-                let expected = &self.model.expected;
-                residual.extend(expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
+            Isolator::Posterior(of_rings) => {
+                let OfRings { posterior, fitter, priors, per_k } = &**of_rings;
+                // the ring as it would be at the reference drive and temperature
+                let warmer = *warmer;
+                self.model.per_drive(deviation, drive, warmer, residual);
                 let fit = fitter.fit(residual, posterior.phase, products)?;
-                *ring = Some([fit.features.ln_damping, fit.features.ln_frequency]);
-                let features = fit.features.coordinates();
+                let mut features = fit.features.coordinates();
+                features.iter_mut().zip(per_k).for_each(|(x, slope)| *x -= warmer * slope);
+                *ring = Some([features[1], features[2]]);
                 let features = &features[..posterior.coordinates()];
                 let of_own =
                     own.as_ref().and_then(|own| own.curves.as_ref().zip(Some(&own.baseline)));
@@ -268,7 +291,8 @@ impl Isolator {
                 let (dt_s, samples) = (model.generator.dt_s, model.expected.len());
                 let fitter = RingFitter::new(ring_of(&model.identification)?, dt_s, samples);
                 let priors = settings.prior_weights(&design.class_names())?;
-                Ok(Isolator::Posterior(posterior, Box::new(fitter), priors))
+                let per_k = model.features_per_k(&fitter);
+                Ok(Isolator::Posterior(Box::new(OfRings { posterior, fitter, priors, per_k })))
             }
             // rho of every class is the residual of its mean deviation, by this model's filter
             IsolateMethod::ResidualMatching => {

@@ -57,6 +57,11 @@ impl OwnChannels {
         OwnChannels { shot, channels, curves }
     }
 
+    /// Channels that are known.
+    pub fn channels(&self) -> usize {
+        self.channels.len()
+    }
+
     /// A channel's baseline, if it is known by then.
     pub fn of(&self, channel: u32, t_ns: i64) -> Option<Own> {
         let &(baseline, signals, from_ns) = self.channels.get(&channel)?;

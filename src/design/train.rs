@@ -210,11 +210,15 @@ pub(super) fn examples(
         let fitter = RingFitter::new(ring_of(&model.identification)?, dt_s, set.samples);
         let mut sum = [0.0; 4];
         let mut fitted = 0.0;
+        let per_k = model.features_per_k(&fitter);
+        let (mut signal, mut i) = (Vec::new(), 0);
         model.each_deviation(set, |deviation, drive| {
-            let signal: Vec<f64> =
-                model.expected.iter().zip(deviation).map(|(e, d)| e + d / drive).collect();
+            let warmer = model.warmer(set.temperature_c[i]);
+            i += 1;
+            model.per_drive(deviation, drive, warmer, &mut signal);
             if let Some(fit) = fitter.fit(&signal, phase, &mut columns) {
-                let x = fit.features.coordinates();
+                let mut x = fit.features.coordinates();
+                x.iter_mut().zip(per_k).for_each(|(x, slope)| *x -= warmer * slope);
                 sum.iter_mut().zip(x).for_each(|(s, v)| *s += v);
                 fitted += 1.0;
                 features.push(x[..coordinates].to_vec());

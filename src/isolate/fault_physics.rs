@@ -191,7 +191,8 @@ impl FaultPhysics {
         let spread = self.spread.iter().all(|sd| (0.0..=1.0).contains(sd));
         let Actuation { pulse_s, delay_s } = self.actuation;
         let pulse = (1e-10..=1e-1).contains(&pulse_s) && (0.0..=1e-2).contains(&delay_s);
-        let seen = self.seen.values().all(|s| s.severities.iter().all(|s| s.is_finite()));
+        let seen =
+            self.seen.values().all(|s| s.n >= 0.0 && s.severities.iter().all(|s| s.is_finite()));
         match positive && finite && spread && pulse && seen {
             true => Ok(()),
             false => Err("`physics` could not have been learned; train again".into()),

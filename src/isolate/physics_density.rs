@@ -39,10 +39,11 @@ pub struct Sizes {
     pub ln_share: Vec<f64>,
 }
 
-/// Severities of labelled signals of a class: quantiles, and of how many.
+/// Severities of labelled signals of a class: quantiles, and of how many channels.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct SeenSizes {
-    pub n: usize,
+    /// Looks: signals, those of one channel together one.
+    pub n: f64,
     pub severities: Vec<f64>,
 }
 
@@ -54,13 +55,22 @@ const ANY_COUNTS: f64 = 1.0;
 const MOST_SEEN: usize = 64;
 
 impl SeenSizes {
-    pub fn new(mut severities: Vec<f64>) -> SeenSizes {
-        severities.retain(|s| s.is_finite());
-        severities.sort_unstable_by(f64::total_cmp);
-        let n = severities.len();
-        let kept = n.min(MOST_SEEN);
-        let quantile = |i: usize| severities[(2 * i + 1) * n / (2 * kept)];
-        SeenSizes { n, severities: (0..kept).map(quantile).collect() }
+    /// Of severities, each with its weight.
+    pub fn new(mut severities: Vec<(f64, f64)>) -> SeenSizes {
+        severities.retain(|(s, _)| s.is_finite());
+        severities.sort_unstable_by(|p, q| p.0.total_cmp(&q.0));
+        let n: f64 = severities.iter().map(|(_, w)| w).sum();
+        let kept = severities.len().min(MOST_SEEN);
+        let (mut quantiles, mut below) = (Vec::with_capacity(kept), 0.0);
+        for (severity, weight) in severities {
+            below += weight;
+            while quantiles.len() < kept
+                && below * kept as f64 >= (quantiles.len() as f64 + 0.5) * n
+            {
+                quantiles.push(severity);
+            }
+        }
+        SeenSizes { n, severities: quantiles }
     }
 }
 
@@ -109,7 +119,7 @@ impl FaultCurves {
         let nodes = &self.curves[curve].nodes;
         let (n, seen): (f64, Vec<f64>) = seen.map_or((0.0, Vec::new()), |seen| {
             let places = seen.severities.iter().filter_map(|&s| faults::scale(name, s));
-            (seen.n as f64, places.collect())
+            (seen.n, places.collect())
         });
         let width = bandwidth(&seen, n);
         let [low, high] = faults::severity_range(name)

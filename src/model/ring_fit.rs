@@ -235,6 +235,15 @@ impl RingFitter {
         tangent
     }
 
+    /// Features of a small deviation from the healthy ring, to first order: coordinates of what it has
+    /// in common with the tangent space. `deviation`: N, counts.
+    pub fn features_of(&self, deviation: &[f64]) -> Option<[f64; 4]> {
+        let tangent = self.tangent(&Features::HEALTHY);
+        let gram = (tangent.transpose() * &tangent).try_inverse()?;
+        let x = gram * tangent.transpose() * nalgebra::DVector::from_row_slice(deviation);
+        Some(std::array::from_fn(|k| x[k]))
+    }
+
     /// Covariance of the noise of a fit there, 4 x 4; with the phase held, of its first three. `noise`:
     /// of one sample, counts.
     pub fn noise_covariance(&self, at: &Features, phase: bool, noise: f64) -> Option<DMatrix<f64>> {

@@ -12,7 +12,9 @@ use super::stages::Assigned;
 use super::statistics::Statistics;
 use super::{Control, PipelineError, visit};
 use crate::burst::{Acquisition, Burst};
-use crate::design::{Baselines, Design, Heard, MOST_CHANNELS, Own, OwnChannels, Workspace};
+use crate::design::{
+    Baselines, Design, Heard, MOST_CHANNELS, Own, OwnChannels, PrintheadBaselines, Workspace,
+};
 use crate::io::recording::Recording;
 use crate::verdict::{Reason, unusable_signal};
 use nalgebra::Matrix4;
@@ -83,8 +85,12 @@ pub fn starts(
     Ok(starts)
 }
 
-/// Learns from a recording. `window_ns`: length of the first window. With a design that has no
-/// sensitivities nothing is learned.
+/// What a recording says of its printheads, with the noise of a fit.
+type HeardOf = BTreeMap<Arc<str>, (Heard, Matrix4<f64>)>;
+
+/// Learns from a recording, in two passes: what the first window says of channels that are not
+/// remembered, then what all of it says, judged by both. With a design that has no sensitivities
+/// nothing is learned. `window_ns`: length of the first window.
 pub fn learn(
     remembered: &Baselines,
     recording: &Recording,
@@ -94,82 +100,115 @@ pub fn learn(
     control: &Control,
 ) -> Result<(InUse, Baselines), PipelineError> {
     let starts = starts(recording, control)?;
-    let mut heard: BTreeMap<Arc<str>, (Heard, Matrix4<f64>)> = BTreeMap::new();
-    let mut room = MOST_CHANNELS.saturating_sub(remembered.channels());
-    let (mut signal, mut expected, mut work) = (Vec::new(), Vec::new(), Workspace::default());
-    let mut unknown = false;
-    let owns: HashMap<&str, OwnChannels> = remembered
+    let end = |printhead: &str| {
+        starts.get(printhead).map_or(i64::MAX, |start| start.saturating_add(window_ns))
+    };
+    let known = |name: &Arc<str>, judging: &PrintheadBaselines| {
+        let known = remembered.printheads.get(&**name);
+        let from = |channel: u32| match known {
+            Some(known) if known.channels.contains_key(&channel) => i64::MIN,
+            _ => end(name),
+        };
+        OwnChannels::new(judging, from, design.and_then(Design::curves).as_deref())
+    };
+    let of_names = |owns: &mut HashMap<Arc<str>, OwnChannels>, heard: &HeardOf| {
+        for (name, (heard, noise)) in heard {
+            let judging = remembered.with_first_window(name, heard, noise);
+            owns.insert(name.clone(), known(name, &judging));
+        }
+    };
+    let mut owns: HashMap<Arc<str>, OwnChannels> = remembered
         .printheads
         .iter()
-        .map(|(name, known)| (name.as_str(), OwnChannels::new(known, |_| i64::MIN, None)))
+        .map(|(name, of_name)| {
+            let name: Arc<str> = name.as_str().into();
+            (name.clone(), known(&name, of_name))
+        })
         .collect();
-    visit::bursts(
-        recording,
-        control,
-        |_| true,
-        |_, burst| {
-            let judge = match schedule.assign(burst) {
-                Assignment::Judge(judge) => judge,
-                Assignment::Survey => {
-                    unknown = true;
-                    return;
-                }
-                Assignment::Reject(_) => return,
-            };
-            let (Some(detector), Some(&start)) = (judge.detector(), starts.get(&burst.printhead))
-            else {
-                return;
-            };
-            let (of_printhead, noise) = heard.entry(burst.printhead.clone()).or_default();
-            *noise = *detector.own_noise();
-            let known = owns.get(&*burst.printhead);
-            let (n, drive) = (burst.samples_per_channel as usize, judge.drive(burst));
-            signal.resize(n, 0.0);
-            expected.resize(n, 0.0);
-            judge.expect(burst, &mut expected);
-            let in_window = burst.t_acq_ns < start.saturating_add(window_ns);
-            for row in 0..burst.channels {
-                let Some(channel) = burst.first_channel.checked_add(row) else { break };
-                burst.copy_signal(row as usize, &mut signal);
-                if unusable_signal(&signal, rails).is_some() {
-                    continue;
-                }
-                signal.iter_mut().zip(&expected).for_each(|(y, e)| *y -= e);
-                // far from all channels, or from what this one was: not healthy
-                work.own = None;
-                let mut statistic = judge.statistic(&signal, drive, &mut work);
-                work.own = known.and_then(|known| known.of(channel, burst.t_acq_ns));
-                if work.own.is_some() {
-                    statistic = statistic.max(judge.statistic(&signal, drive, &mut work));
-                }
-                let healthy = statistic <= judge.model.threshold.value;
-                let features = detector.own_features(&signal, drive);
-                of_printhead.take(channel, &features, drive, healthy, in_window, &mut room);
-            }
-        },
-    )?;
-    if unknown {
-        return Err(PipelineError::NeedsSurvey);
-    }
-    let (mut next, mut printheads) = (remembered.clone(), HashMap::new());
-    let (mut learned, mut channels, mut beyond) = (0, 0, 0);
-    let curves = design.and_then(Design::curves);
-    for (name, (heard, noise)) in &heard {
-        let judging = remembered.with_first_window(name, heard, noise);
-        let known = remembered.printheads.get(&**name);
-        let is_new =
-            |channel: u32| known.is_none_or(|known| !known.channels.contains_key(&channel));
-        let start = starts.get(name).copied().unwrap_or(i64::MIN);
-        let from = |channel: u32| match is_new(channel) {
-            true => start.saturating_add(window_ns),
-            false => i64::MIN,
-        };
-        learned += judging.channels.keys().filter(|&&channel| is_new(channel)).count();
-        channels += heard.channels();
+    let pass = Pass { recording, schedule, rails, control };
+    let room = MOST_CHANNELS.saturating_sub(remembered.channels());
+    let first = pass.hear(&owns, room, |burst| burst.t_acq_ns < end(&burst.printhead))?;
+    of_names(&mut owns, &first);
+    let all = pass.hear(&owns, room, |_| true)?;
+
+    let mut next = remembered.clone();
+    let (mut learned, mut heard_channels, mut beyond) = (0, 0, 0);
+    for (name, (heard, noise)) in &all {
+        heard_channels += heard.channels();
         beyond += heard.beyond;
-        printheads.insert(name.clone(), OwnChannels::new(&judging, from, curves.as_deref()));
         next.learn(name, heard, noise);
     }
+    for (name, own) in &owns {
+        let known = remembered.printheads.get(&**name).map_or(0, |known| known.channels.len());
+        learned += own.channels().saturating_sub(known);
+    }
     let remembered = remembered.channels();
-    Ok((InUse { printheads, remembered, learned, heard: channels, beyond }, next))
+    Ok((InUse { printheads: owns, remembered, learned, heard: heard_channels, beyond }, next))
+}
+
+struct Pass<'a> {
+    recording: &'a Recording,
+    schedule: &'a Schedule,
+    rails: [f64; 2],
+    control: &'a Control,
+}
+
+impl Pass<'_> {
+    /// Takes the bursts that `want` chooses. A signal is healthy if it is near all channels, and near
+    /// its own baseline where there is one.
+    fn hear(
+        &self,
+        owns: &HashMap<Arc<str>, OwnChannels>,
+        mut room: usize,
+        want: impl Fn(&Burst) -> bool,
+    ) -> Result<HeardOf, PipelineError> {
+        let mut heard = HeardOf::new();
+        let (mut signal, mut expected, mut work) = (Vec::new(), Vec::new(), Workspace::default());
+        let mut unknown = false;
+        visit::bursts(
+            self.recording,
+            self.control,
+            |_| true,
+            |_, burst| {
+                if !want(burst) {
+                    return;
+                }
+                let judge = match self.schedule.assign(burst) {
+                    Assignment::Judge(judge) => judge,
+                    Assignment::Survey => {
+                        unknown = true;
+                        return;
+                    }
+                    Assignment::Reject(_) => return,
+                };
+                let Some(detector) = judge.detector() else { return };
+                let (of_printhead, noise) = heard.entry(burst.printhead.clone()).or_default();
+                *noise = *detector.own_noise();
+                let own = owns.get(&burst.printhead);
+                let (n, drive) = (burst.samples_per_channel as usize, judge.drive(burst));
+                signal.resize(n, 0.0);
+                expected.resize(n, 0.0);
+                judge.expect(burst, &mut expected);
+                for row in 0..burst.channels {
+                    let Some(channel) = burst.first_channel.checked_add(row) else { break };
+                    burst.copy_signal(row as usize, &mut signal);
+                    if unusable_signal(&signal, self.rails).is_some() {
+                        continue;
+                    }
+                    signal.iter_mut().zip(&expected).for_each(|(y, e)| *y -= e);
+                    work.own = None;
+                    let mut statistic = judge.statistic(&signal, drive, &mut work);
+                    // whatever its time: what is learned later was not judged by it
+                    work.own = own.and_then(|own| own.of(channel, i64::MAX));
+                    if work.own.is_some() {
+                        statistic = statistic.max(judge.statistic(&signal, drive, &mut work));
+                    }
+                    let healthy = statistic <= judge.model.threshold.value;
+                    let features = detector.own_features(&signal, drive);
+                    of_printhead.take(channel, &features, drive, healthy, &mut room);
+                }
+            },
+        )?;
+        if unknown { Err(PipelineError::NeedsSurvey) } else { Ok(heard) }
+    }
 }

@@ -342,6 +342,7 @@ pub fn isolate(
                             burst.copy_signal(at as usize, &mut signal);
                             signal.iter_mut().zip(&expected).for_each(|(y, e)| *y -= e);
                             work.own = baselines.and_then(|b| b.of(burst, at));
+                            work.warmer = judge.warmer(burst);
                             judge.isolate(&signal, judge.drive(burst), &mut work)
                         } else {
                             None
