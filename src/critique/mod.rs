@@ -18,6 +18,7 @@ mod gain;
 pub mod model;
 pub mod observations;
 mod outliers;
+pub mod report;
 mod ring;
 pub mod selection;
 pub mod space;
