@@ -47,7 +47,8 @@ pub fn check(
         unexplained = unexplained.max(2.0 * local);
     }
     // causes that act through a covariate own whatever that covariate does
-    let owned: Vec<usize> = selected.causes.iter().filter_map(|c| which(&c.scored.applied)).collect();
+    let owned: Vec<usize> =
+        selected.causes.iter().filter_map(|c| which(&c.scored.applied)).collect();
     for (which, parameter, surprise) in bench.covariate_scan() {
         if owned.contains(&which) {
             continue;

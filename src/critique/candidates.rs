@@ -5,9 +5,7 @@
 //! over its shape parameter (frequency, rate, strength), with its value in the catalogue's units.
 
 use super::catalogue::{CATALOGUE, Needs, lacking};
-use super::covariates::{
-    COVARIATES, Covariates, NEIGHBOURS, POSITION, TEMPERATURE, TIME,
-};
+use super::covariates::{COVARIATES, Covariates, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
 use super::model::{Model, PATTERNS, RATIO_OF_RATES};
 use super::ring::ALL;
 use super::space::{Direction, Nuisance, Space, Tested};
@@ -41,7 +39,10 @@ pub struct Applied {
 pub enum Kind {
     Shapes,
     /// One change of the parameters per coefficient.
-    Covariate { which: usize, v: Vec<[f64; ALL]> },
+    Covariate {
+        which: usize,
+        v: Vec<[f64; ALL]>,
+    },
     Tail,
 }
 
@@ -162,14 +163,15 @@ impl<'a> Bench<'a> {
             "offset" => self.fixed(id, Direction::shape(0, vec![1.0; n]), 1.0),
             "droop" => {
                 let shape = |w: f64| Some(self.pattern(1, self.droop(w)));
-                self.grown(id, (0.05, 12.0), shape, |w| w / self.length_s, near)
-                    .map(|s| match s.applied.coefficients[0] < 0.0 {
+                self.grown(id, (0.05, 12.0), shape, |w| w / self.length_s, near).map(|s| {
+                    match s.applied.coefficients[0] < 0.0 {
                         true => {
                             let why = "its coefficient has the unphysical sign".into();
                             Scored { disqualified: why, ..s }
                         }
                         false => s,
-                    })
+                    }
+                })
             }
             "meniscus" => self.term(id, Term::Meniscus, (0.003, 0.5), 1, near),
             "quadratic_drag" => self.term(id, Term::QuadraticDrag, (0.01, 3.0), 2, near),
@@ -217,7 +219,7 @@ impl<'a> Bench<'a> {
                     applied: Applied {
                         id,
                         shape: 0.0,
-                damping: 0.0,
+                        damping: 0.0,
                         coefficients: tested.coefficients.clone(),
                         directions: vec![Direction::tail(n)],
                         kind: Kind::Tail,
@@ -365,9 +367,8 @@ impl<'a> Bench<'a> {
             let without = interior.decay(&self.seen, None, s, n);
             with.iter().zip(without).map(|(w, o)| (w - o) / e).collect()
         };
-        let finite = |d: Direction| {
-            d.0.iter().all(|(_, v)| v.iter().all(|x| x.is_finite())).then_some(d)
-        };
+        let finite =
+            |d: Direction| d.0.iter().all(|(_, v)| v.iter().all(|x| x.is_finite())).then_some(d);
         let [low, high] = self.drives;
         if high < 1.02 * low {
             return finite(Direction::shape(power.clamp(0, 3) as usize, added(1.0)));
@@ -423,9 +424,7 @@ impl<'a> Bench<'a> {
             let y: Vec<f64> = (0..self.samples).map(|k| (-w * k as f64 / n).exp()).collect();
             self.pattern(1, y)
         };
-        let test = |w: f64| -> f64 {
-            self.shapes.test(&[shape(w)]).map_or(0.0, |t| t.statistic)
-        };
+        let test = |w: f64| -> f64 { self.shapes.test(&[shape(w)]).map_or(0.0, |t| t.statistic) };
         let (low, high) = ((4.0 * self.seen.sigma).max(6.0), 2.0 * n);
         let mut best = (0.0, low);
         let grid = (0..24).map(|i| low * (high / low).powf(f64::from(i) / 23.0));
@@ -670,9 +669,15 @@ impl<'a> Bench<'a> {
             let dy = dr + dn;
             let ddy = -(a + b) * y - g * dr - d * dn;
             let m = nalgebra::Matrix3::new(
-                1.0, 0.0, 1.0, //
-                -sigma, omega, -lambda, //
-                sigma * sigma - omega * omega, -2.0 * sigma * omega, lambda * lambda,
+                1.0,
+                0.0,
+                1.0, //
+                -sigma,
+                omega,
+                -lambda, //
+                sigma * sigma - omega * omega,
+                -2.0 * sigma * omega,
+                lambda * lambda,
             );
             let x = m.lu().solve(&nalgebra::Vector3::new(y, dy, ddy))?;
             Some([sigma.ln(), omega.ln(), x[0], x[1], x[2], lambda.ln()])
@@ -811,7 +816,9 @@ mod tests {
     fn surprise_is_minus_the_logarithm_of_known_probabilities() {
         // two-sided normal: 1.96 -> .05, 3.29 -> .001; chi-squared with 2: exact
         assert!((surprise(1.96 * 1.96, 1, 1.0, f64::INFINITY) - (-(0.05_f64.ln()))).abs() < 1e-3);
-        assert!((surprise(3.2905_f64.powi(2), 1, 1.0, f64::INFINITY) + 0.001_f64.ln()).abs() < 2e-3);
+        assert!(
+            (surprise(3.2905_f64.powi(2), 1, 1.0, f64::INFINITY) + 0.001_f64.ln()).abs() < 2e-3
+        );
         assert!((surprise(9.21, 2, 1.0, f64::INFINITY) + 0.01_f64.ln()).abs() < 1e-3);
         // Student: t = 2.086 with 20 degrees is .05, 3.850 is .001
         assert!((surprise(2.086 * 2.086, 1, 1.0, 20.0) + 0.05_f64.ln()).abs() < 0.05);

@@ -6,9 +6,7 @@ use super::codes;
 use super::covariates::Covariates;
 use super::ensemble;
 use super::figures;
-use super::finding::{
-    Cause, Critique, Evidence, Misfit, NotTestable, Signals, VERSION, Verdict,
-};
+use super::finding::{Cause, Critique, Evidence, Misfit, NotTestable, Signals, VERSION, Verdict};
 use super::gain;
 use super::model::{Model, Unfit};
 use super::observations::Observations;
@@ -54,8 +52,7 @@ pub fn critique(
     stages("fitting the baseline");
     let beside = Covariates::of(all);
     let start = Model::start(all, &beside, true).map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
-    let outlier =
-        if labelled { vec![false; all.len()] } else { outliers(all, &beside, &start) };
+    let outlier = if labelled { vec![false; all.len()] } else { outliers(all, &beside, &start) };
     let data = all.select(|i| !outlier[i]);
     if data.len() < FEWEST_SIGNALS {
         return Err(CritiqueError::TooFew { found: data.len() });
@@ -98,7 +95,8 @@ pub fn critique(
     stages("checking what is left");
     let left = adequacy::check(&selected, &data, &beside, &of_noise, &avoid);
     stages("measuring the gain");
-    let gain = gain::measure(&before, &selected.model, &data, &beside);
+    let applied: Vec<_> = selected.causes.iter().map(|c| c.scored.applied.clone()).collect();
+    let gain = gain::measure(&before, &applied, setting);
     let figures = figures::draw(&before, &selected.model, &data, &beside, &gain.energies);
     let matters = gain.auc_gain > MATTERS;
 
@@ -140,7 +138,7 @@ pub fn critique(
             Some(NotTestable { id: e.id.into(), needs: needs.into() })
         })
         .collect();
-    
+
     let critique = Critique {
         version: VERSION,
         verdict,
@@ -227,10 +225,7 @@ fn verdict(
         remarks.push(format!("still unexplained: {what}"));
     }
     if let Some(s) = selected.unnamed.first() {
-        remarks.push(format!(
-            "{} fits best but {}: it is not named",
-            s.applied.id, s.disqualified
-        ));
+        remarks.push(format!("{} fits best but {}: it is not named", s.applied.id, s.disqualified));
     }
     let unexplained = !left.significant.is_empty();
     if causes.is_empty() {
@@ -254,7 +249,11 @@ fn verdict(
 
 fn sentence(verdict: Verdict, causes: &[Cause], left: &adequacy::Left) -> String {
     let matter = |cause: &Cause| {
-        if cause.matters_for_detection { "it spoils fault detection" } else { "fault detection hardly notices" }
+        if cause.matters_for_detection {
+            "it spoils fault detection"
+        } else {
+            "fault detection hardly notices"
+        }
     };
     match verdict {
         Verdict::None => "The model explains these signals: nothing in them asks for more.".into(),
@@ -267,9 +266,9 @@ fn sentence(verdict: Verdict, causes: &[Cause], left: &adequacy::Left) -> String
                     c.id,
                     100.0 * c.explains.unwrap_or(0.0)
                 ),
-                None => format!(
-                    "The model misses something that the catalogue does not hold ({what})."
-                ),
+                None => {
+                    format!("The model misses something that the catalogue does not hold ({what}).")
+                }
             }
         }
         Verdict::Tie => {

@@ -67,7 +67,8 @@ pub fn residuals(model: &Model, data: &Observations, beside: &Covariates) -> Vec
     all
 }
 
-fn project(q: &DMatrix<f64>, u: &mut [f64]) {
+/// Takes what an orthonormal basis explains out of u.
+pub fn project(q: &DMatrix<f64>, u: &mut [f64]) {
     for column in q.column_iter() {
         let share: f64 = column.iter().zip(u.iter()).map(|(q, u)| q * u).sum();
         u.iter_mut().zip(column.iter()).for_each(|(u, q)| *u -= share * q);
@@ -89,8 +90,8 @@ fn two_sided(z: f64) -> f64 {
 pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Found> {
     let mut left = residuals(model, data, beside);
     let n = data.samples;
-    let v = left.iter().map(|l| dot(&l.u, &l.u)).sum::<f64>()
-        / (left.len() * (n - FREE).max(1)) as f64;
+    let v =
+        left.iter().map(|l| dot(&l.u, &l.u)).sum::<f64>() / (left.len() * (n - FREE).max(1)) as f64;
     let line = pooled_line(&left, n, v);
     let mut rho = lag_one(&left, n, v);
     // a line correlates the noise, and correlated noise is a broad hump: the narrower wins
@@ -168,14 +169,13 @@ fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
             .iter()
             .map(|l| {
                 let power = dot(&l.u, &c).powi(2) + dot(&l.u, &s).powi(2);
-                let lost: f64 = l
-                    .q
-                    .column_iter()
-                    .map(|q| {
-                        let q = q.as_slice();
-                        dot(q, &c).powi(2) + dot(q, &s).powi(2)
-                    })
-                    .sum();
+                let lost: f64 =
+                    l.q.column_iter()
+                        .map(|q| {
+                            let q = q.as_slice();
+                            dot(q, &c).powi(2) + dot(q, &s).powi(2)
+                        })
+                        .sum();
                 power / (v * (n as f64 - lost).max(1.0))
             })
             .collect();
@@ -259,8 +259,11 @@ fn lag_one(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
 
 /// Growth of the noise variance with the signal: (h, sd, z).
 fn heteroscedastic(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
-    let largest =
-        left.iter().flat_map(|l| l.expected.iter()).fold(0.0_f64, |m, y| m.max(y.abs())).max(1e-300);
+    let largest = left
+        .iter()
+        .flat_map(|l| l.expected.iter())
+        .fold(0.0_f64, |m, y| m.max(y.abs()))
+        .max(1e-300);
     let (mut sum, mut square, mut count) = (0.0, 0.0, 0.0);
     for l in left {
         for y in &l.expected {
@@ -367,9 +370,12 @@ pub fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Found 
     let z_common = if pairs > 30.0 { between / (of_chance * (2.0 * pairs).sqrt()) } else { 0.0 };
     // healthy: the phase scatters no more than some times what the gain does
     let healthy = 3.0 * gain_var * (length_s / length_s) / (omega * omega);
-    let z_alone = (shift_var - healthy - (noise[0] / m) * 0.3 / (omega * omega)) / shift_se.max(1e-300);
-    let s_common = if z_common > 0.0 { surprise(z_common * z_common, 1, 1.0, f64::INFINITY) } else { 0.0 };
-    let s_alone = if z_alone > 0.0 { surprise(z_alone * z_alone, 1, 1.0, f64::INFINITY) } else { 0.0 };
+    let z_alone =
+        (shift_var - healthy - (noise[0] / m) * 0.3 / (omega * omega)) / shift_se.max(1e-300);
+    let s_common =
+        if z_common > 0.0 { surprise(z_common * z_common, 1, 1.0, f64::INFINITY) } else { 0.0 };
+    let s_alone =
+        if z_alone > 0.0 { surprise(z_alone * z_alone, 1, 1.0, f64::INFINITY) } else { 0.0 };
     let (s, z, var, se) = if s_common > s_alone {
         (s_common, z_common, between / pairs, of_chance * (2.0 / pairs).sqrt())
     } else {

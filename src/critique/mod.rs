@@ -15,11 +15,11 @@ mod ensemble;
 mod figures;
 pub mod finding;
 mod gain;
+#[cfg(test)]
+mod generator;
 pub mod model;
 pub mod observations;
 mod outliers;
 mod ring;
 pub mod selection;
 pub mod space;
-#[cfg(test)]
-mod generator;

@@ -315,8 +315,7 @@ impl Model {
             let mut centre = Vector5::zeros();
             let mut posterior = Vec::with_capacity(data.units);
             for unit in 0..data.units {
-                let c =
-                    (precision_b + info[unit]).try_inverse().unwrap_or_else(Matrix5::zeros);
+                let c = (precision_b + info[unit]).try_inverse().unwrap_or_else(Matrix5::zeros);
                 let b = c * score[unit];
                 sum_b += b * b.transpose() + c;
                 centre += b;

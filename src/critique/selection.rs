@@ -225,11 +225,7 @@ pub fn refit(
     }
 }
 
-pub fn select(
-    baseline: Model,
-    setting: Setting,
-    stages: &mut dyn FnMut(&str),
-) -> Selected {
+pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -> Selected {
     let data = setting.data;
     let mut now = refit(baseline, Vec::new(), setting, 3, true);
     let mut chosen: Vec<Chosen> = Vec::new();
@@ -292,8 +288,9 @@ pub fn select(
             causes.push(s.applied.clone());
             rivals.push((refit(model, causes, setting, 3, false), s));
         }
-        let penalised =
-            |r: &(Refit, &Scored)| r.0.deviance(&kind) + 2.0 * (r.1.degrees as f64 + r.1.tried.ln());
+        let penalised = |r: &(Refit, &Scored)| {
+            r.0.deviance(&kind) + 2.0 * (r.1.degrees as f64 + r.1.tried.ln())
+        };
         rivals.sort_by(|p, q| penalised(p).total_cmp(&penalised(q)));
         let least = penalised(&rivals[0]);
         let tied: Vec<String> = rivals[1..]
@@ -303,7 +300,8 @@ pub fn select(
             .collect();
         for r in &rivals {
             if let Some(row) = evidence[rows..].iter_mut().find(|e| e.id == r.1.applied.id) {
-                row.delta_bic = now.deviance(&kind) - r.0.deviance(&kind) - r.1.degrees as f64 * n_eff;
+                row.delta_bic =
+                    now.deviance(&kind) - r.0.deviance(&kind) - r.1.degrees as f64 * n_eff;
                 row.why_not = "another cause explains more".into();
             }
         }

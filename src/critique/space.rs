@@ -253,7 +253,16 @@ impl Space {
         }
         let off = model.lambda_off();
         deviance += (off / LN_LAMBDA_SD).powi(2);
-        Space { samples: n, lambda_off: off, k, g, by_unit, signals: data.len(), units: data.units, deviance }
+        Space {
+            samples: n,
+            lambda_off: off,
+            k,
+            g,
+            by_unit,
+            signals: data.len(),
+            units: data.units,
+            deviance,
+        }
     }
 
     /// K x for a direction.
@@ -342,9 +351,8 @@ impl Nuisance {
     pub fn test(&self, space: &Space, directions: &[Direction]) -> Option<Tested> {
         let q = directions.len();
         let k_times: Vec<DVector<f64>> = directions.iter().map(|x| space.times(x)).collect();
-        let cross = DMatrix::from_fn(self.directions.len(), q, |i, j| {
-            self.directions[i].dot(&k_times[j])
-        });
+        let cross =
+            DMatrix::from_fn(self.directions.len(), q, |i, j| self.directions[i].dot(&k_times[j]));
         let raw = DMatrix::from_fn(q, q, |i, j| directions[i].dot(&k_times[j]));
         let gram = &raw - cross.tr_mul(&(&self.inverse * &cross));
         // a direction that the nuisance holds already says nothing
@@ -398,4 +406,3 @@ fn pseudo_inverse(m: &DMatrix<f64>) -> DMatrix<f64> {
         &eigen.eigenvectors * DMatrix::from_diagonal(&values) * eigen.eigenvectors.transpose();
     DMatrix::from_fn(n, n, |i, j| inverse[(i, j)] / (scale[i] * scale[j]))
 }
-
