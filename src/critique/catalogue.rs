@@ -67,10 +67,17 @@ pub fn entry_of(id: &str) -> &'static Entry {
 }
 
 /// What the data lack for this entry; `None`: it can be tested.
-pub fn lacking(needs: Needs, beside: &Covariates, integer: bool, units: usize) -> Option<&'static str> {
+pub fn lacking(
+    needs: Needs,
+    beside: &Covariates,
+    integer: bool,
+    units: usize,
+) -> Option<&'static str> {
     let missing = match needs {
         Needs::Nothing => return None,
-        Needs::DriveScan => (!beside.drive_scan, "drive_voltage_v, recorded and varied by 3 % or more"),
+        Needs::DriveScan => {
+            (!beside.drive_scan, "drive_voltage_v, recorded and varied by 3 % or more")
+        }
         Needs::Temperature => (!beside.present[TEMPERATURE], "temperature_c, recorded and varied"),
         Needs::Idle => (!beside.idle, "idle_time_s"),
         Needs::Neighbours => (!beside.present[NEIGHBOURS], "neighbours_fired, recorded and varied"),

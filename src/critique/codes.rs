@@ -17,7 +17,9 @@ pub fn test(data: &Observations, beside: &Covariates, model: &mut Model) -> Vec<
     let mut histogram: BTreeMap<i64, u64> = BTreeMap::new();
     for i in 0..data.len() {
         for y in data.signal(i) {
-            *histogram.entry((f64::from(*y) * if data.integer { 1.0 } else { 1e6 }) as i64).or_default() += 1;
+            *histogram
+                .entry((f64::from(*y) * if data.integer { 1.0 } else { 1e6 }) as i64)
+                .or_default() += 1;
         }
     }
     let mut all = vec![clipping(data, beside, model, &histogram)];

@@ -6,15 +6,12 @@ use super::codes;
 use super::covariates::Covariates;
 use super::ensemble;
 use super::figures;
-use super::finding::{
-    Cause, Critique, Evidence, Misfit, NotTestable, Signals, VERSION, Verdict,
-};
+use super::finding::{Cause, Critique, Evidence, Misfit, NotTestable, Signals, VERSION, Verdict};
 use super::gain;
 use super::model::{Model, Unfit};
 use super::observations::Observations;
 use super::outliers::outliers;
 use super::selection::{self, Chosen, DETECTION_LIMIT, Selected, Setting};
-use super::space::Space;
 use thiserror::Error;
 
 /// Signals that a critique needs at least, and samples of each.
@@ -55,8 +52,7 @@ pub fn critique(
     stages("fitting the baseline");
     let beside = Covariates::of(all);
     let start = Model::start(all, &beside, true).map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
-    let outlier =
-        if labelled { vec![false; all.len()] } else { outliers(all, &beside, &start) };
+    let outlier = if labelled { vec![false; all.len()] } else { outliers(all, &beside, &start) };
     let data = all.select(|i| !outlier[i]);
     if data.len() < FEWEST_SIGNALS {
         return Err(CritiqueError::TooFew { found: data.len() });
@@ -93,10 +89,14 @@ pub fn critique(
     let setting = Setting { data: &data, beside: &beside, avoid: &avoid };
     let selected = selection::select(baseline, setting, stages);
 
+    // a shift in time is told from drifts once these are in the model
+    of_noise.push(ensemble::jitter(&selected.model, &data, &beside));
+
     stages("checking what is left");
     let left = adequacy::check(&selected, &data, &beside, &of_noise, &avoid);
     stages("measuring the gain");
-    let gain = gain::measure(&before, &selected.model, &data, &beside);
+    let applied: Vec<_> = selected.causes.iter().map(|c| c.scored.applied.clone()).collect();
+    let gain = gain::measure(&before, &applied, setting);
     let figures = figures::draw(&before, &selected.model, &data, &beside, &gain.energies);
     let matters = gain.auc_gain > MATTERS;
 
@@ -138,7 +138,7 @@ pub fn critique(
             Some(NotTestable { id: e.id.into(), needs: needs.into() })
         })
         .collect();
-    let space: &Space = &selected.space;
+
     let critique = Critique {
         version: VERSION,
         verdict,
@@ -154,7 +154,7 @@ pub fn critique(
             found: all.found,
             used: all.len(),
             outliers: left_out,
-            channels: space.units,
+            channels: data.units,
             rejected: 0,
         },
         evidence,
@@ -225,10 +225,7 @@ fn verdict(
         remarks.push(format!("still unexplained: {what}"));
     }
     if let Some(s) = selected.unnamed.first() {
-        remarks.push(format!(
-            "{} fits best but {}: it is not named",
-            s.applied.id, s.disqualified
-        ));
+        remarks.push(format!("{} fits best but {}: it is not named", s.applied.id, s.disqualified));
     }
     let unexplained = !left.significant.is_empty();
     if causes.is_empty() {
@@ -252,7 +249,11 @@ fn verdict(
 
 fn sentence(verdict: Verdict, causes: &[Cause], left: &adequacy::Left) -> String {
     let matter = |cause: &Cause| {
-        if cause.matters_for_detection { "it spoils fault detection" } else { "fault detection hardly notices" }
+        if cause.matters_for_detection {
+            "it spoils fault detection"
+        } else {
+            "fault detection hardly notices"
+        }
     };
     match verdict {
         Verdict::None => "The model explains these signals: nothing in them asks for more.".into(),
@@ -265,9 +266,9 @@ fn sentence(verdict: Verdict, causes: &[Cause], left: &adequacy::Left) -> String
                     c.id,
                     100.0 * c.explains.unwrap_or(0.0)
                 ),
-                None => format!(
-                    "The model misses something that the catalogue does not hold ({what})."
-                ),
+                None => {
+                    format!("The model misses something that the catalogue does not hold ({what}).")
+                }
             }
         }
         Verdict::Tie => {

@@ -4,7 +4,7 @@
 //! In: the baseline's residuals, each freed of what its own ring explains and of what all signals have
 //! in common. Out: [`Found`] each. Errors come from the spread over signals, so heavy tails widen them.
 
-use super::candidates::{ln_normal_tail, surprise};
+use super::candidates::{LEAST_PERIODS, ln_normal_tail, surprise};
 use super::covariates::Covariates;
 use super::engine::{Found, found};
 use super::model::{Linear, Model, PATTERNS, dot};
@@ -67,7 +67,8 @@ pub fn residuals(model: &Model, data: &Observations, beside: &Covariates) -> Vec
     all
 }
 
-fn project(q: &DMatrix<f64>, u: &mut [f64]) {
+/// Takes what an orthonormal basis explains out of u.
+pub fn project(q: &DMatrix<f64>, u: &mut [f64]) {
     for column in q.column_iter() {
         let share: f64 = column.iter().zip(u.iter()).map(|(q, u)| q * u).sum();
         u.iter_mut().zip(column.iter()).for_each(|(u, q)| *u -= share * q);
@@ -89,8 +90,8 @@ fn two_sided(z: f64) -> f64 {
 pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Found> {
     let mut left = residuals(model, data, beside);
     let n = data.samples;
-    let v = left.iter().map(|l| dot(&l.u, &l.u)).sum::<f64>()
-        / (left.len() * (n - FREE).max(1)) as f64;
+    let v =
+        left.iter().map(|l| dot(&l.u, &l.u)).sum::<f64>() / (left.len() * (n - FREE).max(1)) as f64;
     let line = pooled_line(&left, n, v);
     let mut rho = lag_one(&left, n, v);
     // a line correlates the noise, and correlated noise is a broad hump: the narrower wins
@@ -129,7 +130,6 @@ pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Foun
     // noise that shrinks with the signal is none of the catalogue
     let shown = if h > 0.0 { two_sided(z) } else { 0.0 };
     all.push(found("heteroscedastic_noise", shown, z * z, h, sd, None));
-    all.push(jitter(model, data, beside));
     all
 }
 
@@ -169,14 +169,13 @@ fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
             .iter()
             .map(|l| {
                 let power = dot(&l.u, &c).powi(2) + dot(&l.u, &s).powi(2);
-                let lost: f64 = l
-                    .q
-                    .column_iter()
-                    .map(|q| {
-                        let q = q.as_slice();
-                        dot(q, &c).powi(2) + dot(q, &s).powi(2)
-                    })
-                    .sum();
+                let lost: f64 =
+                    l.q.column_iter()
+                        .map(|q| {
+                            let q = q.as_slice();
+                            dot(q, &c).powi(2) + dot(q, &s).powi(2)
+                        })
+                        .sum();
                 power / (v * (n as f64 - lost).max(1.0))
             })
             .collect();
@@ -188,8 +187,10 @@ fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
     let count = 2 * n;
     let step = PI * n as f64 / count as f64;
     let all: Vec<f64> = (1..count - 1).map(|j| ratio(j as f64 * step).0).collect();
-    let mut best = 2;
-    for j in 2..all.len().saturating_sub(2) {
+    // a line has a period and a half at least
+    let first = (LEAST_PERIODS * TAU / step).ceil() as usize;
+    let mut best = first.min(all.len() - 1);
+    for j in first..all.len().saturating_sub(2) {
         if all[j] > all[best] {
             best = j;
         }
@@ -258,8 +259,11 @@ fn lag_one(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
 
 /// Growth of the noise variance with the signal: (h, sd, z).
 fn heteroscedastic(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
-    let largest =
-        left.iter().flat_map(|l| l.expected.iter()).fold(0.0_f64, |m, y| m.max(y.abs())).max(1e-300);
+    let largest = left
+        .iter()
+        .flat_map(|l| l.expected.iter())
+        .fold(0.0_f64, |m, y| m.max(y.abs()))
+        .max(1e-300);
     let (mut sum, mut square, mut count) = (0.0, 0.0, 0.0);
     for l in left {
         for y in &l.expected {
@@ -295,7 +299,7 @@ fn heteroscedastic(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
 
 /// Scatter along a shift in time. Healthy scatter of the acquisition state moves amplitude and phase
 /// alike; a jitter moves the phase alone, and moves all channels of a burst together.
-fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Found {
+pub fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Found {
     let length_s = data.dt_s * data.samples as f64;
     let mut linear = Linear::default();
     let amplitude = model.amplitude();
@@ -366,9 +370,12 @@ fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Found {
     let z_common = if pairs > 30.0 { between / (of_chance * (2.0 * pairs).sqrt()) } else { 0.0 };
     // healthy: the phase scatters no more than some times what the gain does
     let healthy = 3.0 * gain_var * (length_s / length_s) / (omega * omega);
-    let z_alone = (shift_var - healthy - (noise[0] / m) * 0.3 / (omega * omega)) / shift_se.max(1e-300);
-    let s_common = if z_common > 0.0 { surprise(z_common * z_common, 1, 1.0, f64::INFINITY) } else { 0.0 };
-    let s_alone = if z_alone > 0.0 { surprise(z_alone * z_alone, 1, 1.0, f64::INFINITY) } else { 0.0 };
+    let z_alone =
+        (shift_var - healthy - (noise[0] / m) * 0.3 / (omega * omega)) / shift_se.max(1e-300);
+    let s_common =
+        if z_common > 0.0 { surprise(z_common * z_common, 1, 1.0, f64::INFINITY) } else { 0.0 };
+    let s_alone =
+        if z_alone > 0.0 { surprise(z_alone * z_alone, 1, 1.0, f64::INFINITY) } else { 0.0 };
     let (s, z, var, se) = if s_common > s_alone {
         (s_common, z_common, between / pairs, of_chance * (2.0 / pairs).sqrt())
     } else {

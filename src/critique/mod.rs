@@ -15,6 +15,8 @@ mod ensemble;
 mod figures;
 pub mod finding;
 mod gain;
+#[cfg(test)]
+mod generator;
 pub mod model;
 pub mod observations;
 mod outliers;
@@ -22,5 +24,3 @@ pub mod report;
 mod ring;
 pub mod selection;
 pub mod space;
-#[cfg(test)]
-mod generator;

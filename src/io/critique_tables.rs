@@ -60,7 +60,14 @@ pub fn write_residuals(path: &Path, critique: &Critique) -> Result<(), CritiqueT
     let m = &f.mean_misfit;
     for k in 0..m.time_s.len() {
         let t = m.time_s[k];
-        rows.push(("mean_misfit", "before".into(), t, m.before[k], m.before_low[k], m.before_high[k]));
+        rows.push((
+            "mean_misfit",
+            "before".into(),
+            t,
+            m.before[k],
+            m.before_low[k],
+            m.before_high[k],
+        ));
         rows.push(("mean_misfit", "after".into(), t, m.after[k], m.after_low[k], m.after_high[k]));
     }
     let s = &f.spectrum;
@@ -98,7 +105,8 @@ fn write(path: &Path, columns: Vec<(&str, ArrayRef)>) -> Result<(), CritiqueTabl
     let properties = WriterProperties::builder()
         .set_compression(Compression::ZSTD(ZstdLevel::default()))
         .build();
-    let mut writer = ArrowWriter::try_new(file, batch.schema(), Some(properties)).map_err(failed)?;
+    let mut writer =
+        ArrowWriter::try_new(file, batch.schema(), Some(properties)).map_err(failed)?;
     writer.write(&batch).map_err(failed)?;
     let file = writer.into_inner().map_err(failed)?;
     part.finish(&file).map_err(io)

@@ -65,9 +65,15 @@ impl Interior {
             (sigma * sigma - omega * omega) * a - 2.0 * sigma * omega * b + lambda * lambda * c;
         // y = q_r + q_n, y' = -(a+b) V - g q_r - d q_n, and y'' = -(a+b) y - g q_r' - d q_n'
         let m = nalgebra::Matrix3::new(
-            0.0, 1.0, 1.0, //
-            -sum, -g, -d, //
-            g * a_rate + d * b_rate, g * g, d * d,
+            0.0,
+            1.0,
+            1.0, //
+            -sum,
+            -g,
+            -d, //
+            g * a_rate + d * b_rate,
+            g * g,
+            d * d,
         );
         let x = m.lu().solve(&nalgebra::Vector3::new(y, dy, ddy + sum * y))?;
         let channel = InkChannel { a_per_s2: a_rate, b_per_s2: b_rate, g_per_s: g, d_per_s: d };
@@ -93,11 +99,9 @@ impl Interior {
         match *self {
             Interior::Ink { channel, state: [v, q_r, q_n] } => {
                 let stiff = envelope(v, q_r + q_n);
-                let damped =
-                    envelope(q_n, -channel.b_per_s2 * v - channel.d_per_s * q_n);
-                let at = |d: f64| {
-                    InkChannel { d_per_s: d, ..channel }.poles().map(|p| p.damping_per_s)
-                };
+                let damped = envelope(q_n, -channel.b_per_s2 * v - channel.d_per_s * q_n);
+                let at =
+                    |d: f64| InkChannel { d_per_s: d, ..channel }.poles().map(|p| p.damping_per_s);
                 let h = 1e-3 * channel.d_per_s;
                 let slope = match (at(channel.d_per_s + h), at(channel.d_per_s - h)) {
                     (Some(up), Some(down)) => (up - down) / (2.0 * h),
@@ -153,20 +157,14 @@ impl Interior {
                     let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = channel;
                     let [v, q_r, q_n, v_n] = x;
                     let pressure = v + cubic * v * v * v;
-                    let extra = -drag * q_n.abs() * q_n - dry * (q_n / small).tanh()
-                        - b * meniscus * v_n
-                        + force(t);
-                    [
-                        q_r + q_n,
-                        -a * pressure - g * q_r,
-                        -b * pressure - d * q_n + extra,
-                        q_n,
-                    ]
+                    let extra =
+                        -drag * q_n.abs() * q_n - dry * (q_n / small).tanh() - b * meniscus * v_n
+                            + force(t);
+                    [q_r + q_n, -a * pressure - g * q_r, -b * pressure - d * q_n + extra, q_n]
                 }
                 Interior::Oscillator { stiffness, loss, .. } => {
                     let [p, q, ..] = x;
-                    let extra =
-                        -drag * q.abs() * q - dry * (q / small).tanh() + force(t);
+                    let extra = -drag * q.abs() * q - dry * (q / small).tanh() + force(t);
                     [q, -stiffness * (p + cubic * p * p * p) - loss * q + extra, 0.0, 0.0]
                 }
             }
@@ -223,7 +221,8 @@ impl Interior {
         (0..samples)
             .map(|k| {
                 let half: f64 =
-                    (0..k).map(|j| weight[j] * (flow[k - j] - flow[k - j - 1])).sum::<f64>() * scale;
+                    (0..k).map(|j| weight[j] * (flow[k - j] - flow[k - j - 1])).sum::<f64>()
+                        * scale;
                 -e * loss * (half / seen.omega.sqrt() - flow[k])
             })
             .collect()
@@ -249,7 +248,8 @@ impl Interior {
 mod tests {
     use super::*;
 
-    const SEEN: Seen = Seen { sigma: 2.917, omega: 40.65, lambda: 3.767, a: 80.0, b: -50.0, c: 5.0 };
+    const SEEN: Seen =
+        Seen { sigma: 2.917, omega: 40.65, lambda: 3.767, a: 80.0, b: -50.0, c: 5.0 };
 
     fn linear(t: f64) -> f64 {
         (-SEEN.sigma * t).exp()
