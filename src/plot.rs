@@ -19,6 +19,12 @@ pub enum PlotError {
 pub enum Mark {
     Points,
     Line,
+    /// Large points, told apart in the legend also on an axis of categories.
+    Dots,
+    /// The area between a lower edge and an upper one: its points go there and back.
+    Band,
+    /// Vertical bars: each from a point to the next.
+    Bars,
 }
 
 #[derive(Clone, Debug)]
@@ -87,6 +93,14 @@ impl Figure {
         self.draw(BitMapBackend::new(&png, SIZE).into_drawing_area()).map_err(|e| failed(&png, e))
     }
 
+    /// The figure as an SVG document.
+    pub fn svg(&self) -> Result<String, PlotError> {
+        let mut text = String::new();
+        let drawn = self.draw(SVGBackend::with_string(&mut text, SIZE).into_drawing_area());
+        drawn.map_err(|message| PlotError::Failed { path: self.title.clone(), message })?;
+        Ok(text)
+    }
+
     fn write_csv(&self, path: &Path) -> std::io::Result<()> {
         let mut file = std::io::BufWriter::new(std::fs::File::create(path)?);
         let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
@@ -146,10 +160,24 @@ impl Figure {
                 Mark::Points => chart.draw_series(
                     points.filter(inside).map(|p| Circle::new(p, 2, colour.mix(0.55).filled())),
                 ),
+                Mark::Dots => chart.draw_series(
+                    points.filter(inside).map(|p| Circle::new(p, 5, colour.mix(0.8).filled())),
+                ),
+                Mark::Band => {
+                    let area: Vec<(f64, f64)> = points.collect();
+                    chart.draw_series([Polygon::new(area, colour.mix(0.18).filled())])
+                }
+                Mark::Bars => {
+                    let ends: Vec<(f64, f64)> = points.collect();
+                    let bars = ends.as_chunks::<2>().0.iter().map(|bar| bar.to_vec());
+                    let style = colour.stroke_width(2);
+                    chart.draw_series(bars.map(|bar| PathElement::new(bar, style)))
+                }
             };
             let drawn = drawn.map_err(text)?;
             // categories stand on their axis: no legend for them
-            if self.y.categories.is_empty() {
+            let named = self.y.categories.is_empty() || series.mark == Mark::Dots;
+            if named && !series.name.is_empty() {
                 drawn.label(&series.name).legend(move |(x, y)| {
                     Rectangle::new([(x, y - 4), (x + 14, y + 4)], colour.filled())
                 });

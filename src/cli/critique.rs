@@ -6,6 +6,7 @@ use super::report::printable;
 use crate::critique::engine::{self, MOST_SAMPLES, Outcome};
 use crate::critique::finding::{Critique, GainFigures};
 use crate::critique::observations::Observations;
+use crate::critique::report;
 use crate::design::{Design, TrainingSet};
 use crate::identify::averaging::SignalSet;
 use crate::io::recording::Recording;
@@ -21,7 +22,7 @@ use std::path::{Path, PathBuf};
   inkling critique night.mcap --labels labels.csv -o critique/
   inkling critique pendulum.mcap --plant oscillator -o critique/
 
-Writes critique.json, evidence.parquet, residuals.parquet and, where it can, extended.design.json,
+Writes report.html, critique.json, evidence.parquet, residuals.parquet and, where it can, extended.design.json,
 which `inkling replay --design` loads.")]
 pub struct Args {
     /// Files, directories (searched for *.mcap) or glob patterns
@@ -139,11 +140,15 @@ fn write(dir: &Path, critique: &Critique) -> Result<(), Failure> {
         .map_err(Failure::new)?;
     critique_tables::write_residuals(&dir.join("residuals.parquet"), critique)
         .map_err(Failure::new)?;
-    let path = dir.join("critique.json");
-    let failed = |e: std::io::Error| Failure::new(format!("{}: {e}", path.display()));
+    write_text(&dir.join("report.html"), &report::html(critique))?;
     let text = serde_json::to_string_pretty(critique).map_err(Failure::new)?;
-    let (part, mut file) = part_file::PartFile::create(&path).map_err(failed)?;
-    writeln!(file, "{text}").map_err(failed)?;
+    write_text(&dir.join("critique.json"), &(text + "\n"))
+}
+
+fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
+    let failed = |e: std::io::Error| Failure::new(format!("{}: {e}", path.display()));
+    let (part, mut file) = part_file::PartFile::create(path).map_err(failed)?;
+    file.write_all(text.as_bytes()).map_err(failed)?;
     part.finish(&file).map_err(failed)
 }
 

@@ -3,13 +3,12 @@
 //! In: the selected model. Out: [`Left`]: what is still significant, in words, and how much of the
 //! misfit it is.
 
-use super::candidates::{Applied, Bench};
+use super::candidates::Applied;
 use super::covariates::{Covariates, NAMES};
 use super::engine::Found;
 use super::finding::Cause;
 use super::observations::Observations;
-use super::selection::{Selected, THRESHOLD};
-use super::space::Nuisance;
+use super::selection::{Selected, Setting, THRESHOLD};
 
 /// Parameters in words.
 const PARAMETERS: [&str; 5] = ["damping", "frequency", "amplitude", "phase", "slow decay"];
@@ -34,11 +33,10 @@ pub fn check(
     _of_noise: &[Found],
     avoid: &[f64],
 ) -> Left {
-    let directions: Vec<_> =
-        selected.causes.iter().flat_map(|c| c.scored.applied.directions.iter().cloned()).collect();
-    let nuisance = Nuisance::new(&selected.space, &directions);
-    let length = (data.dt_s * data.samples as f64, data.integer);
-    let bench = Bench::new(&selected.model, beside, &selected.space, &nuisance, length, avoid);
+    let applied: Vec<Applied> = selected.causes.iter().map(|c| c.scored.applied.clone()).collect();
+    let nuisances = selected.spaces.nuisances(&applied);
+    let setting = Setting { data, beside, avoid };
+    let bench = setting.bench(&selected.model, &selected.spaces, &nuisances);
     let mut left = Left { share_allowed: SHARE_ALLOWED, ..Left::default() };
     let explained: f64 = selected.causes.iter().map(|c| c.statistic).sum();
     let mut unexplained = 0.0_f64;

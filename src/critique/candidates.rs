@@ -10,7 +10,7 @@ use super::model::{Model, PATTERNS, RATIO_OF_RATES};
 use super::ring::ALL;
 use super::space::{Direction, Nuisance, Space, Tested};
 use crate::model::terms::{Interior, Seen, Term};
-use nalgebra::{DMatrix, Matrix4, Vector4};
+use nalgebra::{Matrix4, Vector4};
 use std::f64::consts::{PI, TAU};
 
 /// d theta per relative change of damping (the real pole with it), and of frequency.
@@ -19,7 +19,7 @@ const FREQUENCY: [f64; ALL] = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0];
 /// A line below this share of the model's own frequency is no mode, and below so many periods of the
 /// signal it is no line.
 const LEAST_MODE: f64 = 0.3;
-const LEAST_PERIODS: f64 = 1.5;
+pub const LEAST_PERIODS: f64 = 1.5;
 
 /// A cause as it enters the model.
 #[derive(Clone, Debug)]
@@ -61,12 +61,28 @@ pub struct Scored {
     pub disqualified: String,
 }
 
+/// A space, and what is allowed for in it.
+#[derive(Clone, Copy)]
+pub struct View<'a> {
+    pub space: &'a Space,
+    pub nuisance: &'a Nuisance,
+}
+
+impl View<'_> {
+    fn test(&self, directions: &[Direction]) -> Option<Tested> {
+        self.nuisance.test(self.space, directions)
+    }
+}
+
 /// Everything that a candidate is built from.
 pub struct Bench<'a> {
     pub model: &'a Model,
     pub beside: &'a Covariates,
-    pub space: &'a Space,
-    pub nuisance: &'a Nuisance,
+    /// Channels free: shapes.
+    pub shapes: View<'a>,
+    /// Channels scattered: covariates.
+    pub covariates: View<'a>,
+    samples: usize,
     pub seen: Seen,
     pub interior: Option<Interior>,
     /// Signal length, s.
@@ -84,8 +100,8 @@ impl<'a> Bench<'a> {
     pub fn new(
         model: &'a Model,
         beside: &'a Covariates,
-        space: &'a Space,
-        nuisance: &'a Nuisance,
+        shapes: View<'a>,
+        covariates: View<'a>,
         (length_s, integer): (f64, bool),
         avoid: &'a [f64],
     ) -> Bench<'a> {
@@ -104,12 +120,13 @@ impl<'a> Bench<'a> {
         };
         let low = beside.drive.iter().copied().fold(f64::INFINITY, f64::min);
         let high = beside.drive.iter().copied().fold(0.0, f64::max);
-        let units = space.units;
+        let units = shapes.space.units;
         Bench {
             model,
             beside,
-            space,
-            nuisance,
+            shapes,
+            covariates,
+            samples: shapes.space.samples,
             seen,
             interior,
             length_s,
@@ -141,20 +158,26 @@ impl<'a> Bench<'a> {
 
     /// `near`: where its shape was before; without, all shapes are tried.
     pub fn score_one(&self, id: &'static str, near: Option<&Applied>) -> Option<Scored> {
-        let n = self.space.samples;
+        let n = self.samples;
         match id {
             "offset" => self.fixed(id, Direction::shape(0, vec![1.0; n]), 1.0),
-            "droop" => self.grown(
-                id,
-                0.05,
-                |w| Some(self.pattern(1, self.droop(w))),
-                |w| w / self.length_s,
-            ),
-            "meniscus" => self.term(id, Term::Meniscus, 0.01, 1),
-            "quadratic_drag" => self.term(id, Term::QuadraticDrag, 0.01, 2),
-            "dry_friction" => self.term(id, Term::DryFriction, 0.01, 0),
-            "cubic_stiffness" => self.term(id, Term::CubicStiffness, 0.002, 3),
-            "fractional_damping" => self.term(id, Term::FractionalDamping, 0.02, 1),
+            "droop" => {
+                let shape = |w: f64| Some(self.pattern(1, self.droop(w)));
+                self.grown(id, (0.05, 12.0), shape, |w| w / self.length_s, near).map(|s| {
+                    match s.applied.coefficients[0] < 0.0 {
+                        true => {
+                            let why = "its coefficient has the unphysical sign".into();
+                            Scored { disqualified: why, ..s }
+                        }
+                        false => s,
+                    }
+                })
+            }
+            "meniscus" => self.term(id, Term::Meniscus, (0.003, 0.5), 1, near),
+            "quadratic_drag" => self.term(id, Term::QuadraticDrag, (0.01, 3.0), 2, near),
+            "dry_friction" => self.term(id, Term::DryFriction, (0.01, 3.0), 0, near),
+            "cubic_stiffness" => self.term(id, Term::CubicStiffness, (0.002, 0.4), 3, near),
+            "fractional_damping" => self.term(id, Term::FractionalDamping, (0.02, 1.0), 1, near),
             "lowpass" => self.lowpass(near),
             "tone" => self.line(id, 0, &[0.0], near),
             "second_mode" => {
@@ -190,7 +213,7 @@ impl<'a> Bench<'a> {
                 Some(scored)
             }
             "previous_tail" => {
-                let tested = self.nuisance.test(self.space, &[Direction::tail(n)])?;
+                let tested = self.covariates.test(&[Direction::tail(n)])?;
                 let (value, sd) = (tested.coefficients[0], tested.covariance[(0, 0)].sqrt());
                 Some(Scored {
                     applied: Applied {
@@ -219,8 +242,8 @@ impl<'a> Bench<'a> {
     }
 
     fn dof(&self, of_channels: bool) -> f64 {
-        let repeated = self.space.signals > self.units;
-        let n = if of_channels || !repeated { self.units } else { self.space.signals };
+        let repeated = self.shapes.space.signals > self.units;
+        let n = if of_channels || !repeated { self.units } else { self.shapes.space.signals };
         (n as f64 - 3.0).max(1.0)
     }
 
@@ -230,7 +253,7 @@ impl<'a> Bench<'a> {
     }
 
     fn fixed(&self, id: &'static str, direction: Direction, unit: f64) -> Option<Scored> {
-        let tested = self.nuisance.test(self.space, std::slice::from_ref(&direction))?;
+        let tested = self.shapes.test(std::slice::from_ref(&direction))?;
         let value = tested.coefficients[0];
         Some(Scored {
             surprise: surprise(tested.statistic, 1, 1.0, f64::INFINITY),
@@ -251,41 +274,66 @@ impl<'a> Bench<'a> {
         })
     }
 
-    /// A shape that depends on its own strength: the secant at the strength that is found.
+    /// A shape that depends on its own strength e: the likelihood profiled over e. With information i
+    /// and score s along the secant D(e), adding e D(e) gains 2 e s - e² i.
     fn grown(
         &self,
         id: &'static str,
-        first: f64,
+        (first, most): (f64, f64),
         shape: impl Fn(f64) -> Option<Direction>,
         value: impl Fn(f64) -> f64,
+        near: Option<&Applied>,
     ) -> Option<Scored> {
-        let mut strength = first;
-        let mut scored = None;
-        for _ in 0..4 {
-            let found = self.fixed(id, shape(strength)?, 1.0)?;
-            let next = found.applied.coefficients[0];
-            let rests = (next - strength).abs() < 0.02 * next.abs().max(0.1 * first);
-            // a step too far would leave what can be simulated
-            let most = 12.0 * strength.abs();
-            scored = Some((found, strength));
-            strength = next.clamp(-most, most);
-            if strength.abs() < 0.1 * first {
-                strength = 0.1 * first * if strength < 0.0 { -1.0 } else { 1.0 };
+        let gain = |e: f64| -> f64 {
+            let tested = shape(e).and_then(|d| self.shapes.test(&[d]));
+            tested.map_or(f64::NEG_INFINITY, |t| {
+                let ratio = e / t.coefficients[0];
+                t.statistic * (2.0 * ratio - ratio * ratio)
+            })
+        };
+        let mut scored = self.fixed(id, shape(first)?, 1.0)?;
+        let linear = scored.applied.coefficients[0];
+        // what is hardly there is linear
+        let mut strength = linear.clamp(-most, most);
+        if scored.statistic > 4.0 || near.is_some() {
+            let mut trials: Vec<f64> = vec![strength];
+            match near {
+                Some(near) => trials.extend([near.shape, 0.7 * near.shape, 1.4 * near.shape]),
+                None => {
+                    trials.extend((0..7).map(|k| linear.signum() * first * 3f64.powi(k - 2)));
+                    trials.extend((0..3).map(|k| -linear.signum() * first * 5f64.powi(k)));
+                }
             }
-            if rests {
-                break;
-            }
+            trials.retain(|e| e.abs() <= most && *e != 0.0);
+            let best = trials
+                .into_iter()
+                .map(|e| (gain(e), e))
+                .fold((f64::NEG_INFINITY, strength), |b, t| if t.0 > b.0 { t } else { b });
+            let sign = best.1.signum();
+            let reach = if near.is_some() { 0.35 } else { 1.1 };
+            let ln = maximum(|x| gain(sign * x.exp().min(most)), best.1.abs().ln(), reach);
+            strength = sign * ln.exp().min(most);
+            scored.statistic = gain(strength).max(0.0);
+            scored.sd = width(&gain, strength, 0.3 * scored.sd);
+            scored.surprise = surprise(scored.statistic, 1, 1.0, f64::INFINITY);
+            scored.applied.directions = vec![shape(strength)?];
+            scored.applied.coefficients = vec![strength];
         }
-        let (mut scored, strength) = scored?;
         scored.applied.shape = strength;
-        let at = scored.value;
-        let h = 1e-3 * at.abs().max(1e-12);
-        scored.sd *= ((value(at + h) - value(at - h)) / (2.0 * h)).abs();
-        scored.value = value(at);
+        let h = 1e-3 * strength.abs().max(1e-12);
+        scored.sd *= ((value(strength + h) - value(strength - h)) / (2.0 * h)).abs();
+        scored.value = value(strength);
         Some(scored)
     }
 
-    fn term(&self, id: &'static str, term: Term, first: f64, power: i32) -> Option<Scored> {
+    fn term(
+        &self,
+        id: &'static str,
+        term: Term,
+        (first, most): (f64, f64),
+        power: i32,
+        near: Option<&Applied>,
+    ) -> Option<Scored> {
         let shape = |e: f64| self.term_direction(term, e, power);
         let [low, high] = self.drives;
         let value = |e: f64| -> f64 {
@@ -303,9 +351,8 @@ impl<'a> Bench<'a> {
                 Term::Meniscus | Term::FractionalDamping => e,
             }
         };
-        let mut scored = self.grown(id, first, shape, value)?;
-        let wrong = scored.applied.coefficients[0] < 0.0;
-        if wrong && term != Term::CubicStiffness {
+        let mut scored = self.grown(id, (first, most), shape, value, near)?;
+        if scored.applied.coefficients[0] < 0.0 && term != Term::CubicStiffness {
             scored.disqualified = "its coefficient has the unphysical sign".into();
         }
         Some(scored)
@@ -313,7 +360,7 @@ impl<'a> Bench<'a> {
 
     /// What a term of strength e adds, per unit e, as shapes times powers of the drive.
     fn term_direction(&self, term: Term, e: f64, power: i32) -> Option<Direction> {
-        let n = self.space.samples;
+        let n = self.samples;
         let interior = self.interior?;
         let added = |s: f64| -> Vec<f64> {
             let with = interior.decay(&self.seen, Some((term, e)), s, n);
@@ -348,7 +395,7 @@ impl<'a> Bench<'a> {
 
     /// -int e^{-w(t-s)} y ds at unit drive (per unit w).
     fn droop(&self, w: f64) -> Vec<f64> {
-        let n = self.space.samples;
+        let n = self.samples;
         let y = self.ring();
         let h = 1.0 / n as f64;
         let fall = (-w * h).exp();
@@ -366,20 +413,18 @@ impl<'a> Bench<'a> {
 
     /// The mean signal at unit drive.
     fn ring(&self) -> Vec<f64> {
-        let mut y = vec![0.0; self.space.samples];
+        let mut y = vec![0.0; self.samples];
         super::ring::signal_into(&self.model.mean, self.model.real, 0.0, &mut y);
         y
     }
 
     fn lowpass(&self, near: Option<&Applied>) -> Option<Scored> {
-        let n = self.space.samples as f64;
+        let n = self.samples as f64;
         let shape = |w: f64| {
-            let y: Vec<f64> = (0..self.space.samples).map(|k| (-w * k as f64 / n).exp()).collect();
+            let y: Vec<f64> = (0..self.samples).map(|k| (-w * k as f64 / n).exp()).collect();
             self.pattern(1, y)
         };
-        let test = |w: f64| -> f64 {
-            self.nuisance.test(self.space, &[shape(w)]).map_or(0.0, |t| t.statistic)
-        };
+        let test = |w: f64| -> f64 { self.shapes.test(&[shape(w)]).map_or(0.0, |t| t.statistic) };
         let (low, high) = ((4.0 * self.seen.sigma).max(6.0), 2.0 * n);
         let mut best = (0.0, low);
         let grid = (0..24).map(|i| low * (high / low).powf(f64::from(i) / 23.0));
@@ -393,7 +438,7 @@ impl<'a> Bench<'a> {
         let ln_w = maximum(|x| test(x.exp()), best.1.ln(), 0.12);
         let w = ln_w.exp();
         let direction = shape(w);
-        let tested = self.nuisance.test(self.space, std::slice::from_ref(&direction))?;
+        let tested = self.shapes.test(std::slice::from_ref(&direction))?;
         let sd = width(|x| test(x.exp()), ln_w, 0.02) * w / self.length_s;
         Some(self.shaped("lowpass", tested, vec![direction], w, 3.0, w / self.length_s, sd))
     }
@@ -437,7 +482,7 @@ impl<'a> Bench<'a> {
         dampings: &[f64],
         near: Option<&Applied>,
     ) -> Option<Scored> {
-        let n = self.space.samples;
+        let n = self.samples;
         let columns = |omega: f64, gamma: f64| {
             let column = |phase: f64| {
                 let y = (0..n).map(|k| {
@@ -449,7 +494,7 @@ impl<'a> Bench<'a> {
             [column(0.0), column(-PI / 2.0)]
         };
         let test = |omega: f64, gamma: f64| {
-            self.nuisance.test(self.space, &columns(omega, gamma)).map_or(0.0, |t| t.statistic)
+            self.shapes.test(&columns(omega, gamma)).map_or(0.0, |t| t.statistic)
         };
         let (own, resolution) = (self.seen.omega, TAU);
         // near its own frequency a second mode is no second mode: the pair splits
@@ -459,7 +504,9 @@ impl<'a> Bench<'a> {
                 && (omega < LEAST_MODE * own
                     || (omega - own).abs() < near
                     || (2..=4).any(|m| (omega - f64::from(m) * own).abs() < 0.6 * resolution));
-            mode || self.avoid.iter().any(|w| (omega - w).abs() < 1.5 * resolution)
+            // so is a tone at its own frequency: anything that changes the ring looks like one
+            let own = (omega - own).abs() < 1.2 * resolution;
+            mode || own || self.avoid.iter().any(|w| (omega - w).abs() < 1.5 * resolution)
         };
         let most = PI * n as f64 * 0.97;
         let (mut best, mut best_banned) = ((0.0, 0.0, 0.0), 0.0_f64);
@@ -491,7 +538,7 @@ impl<'a> Bench<'a> {
             }
         }
         let directions = columns(omega, gamma);
-        let tested = self.nuisance.test(self.space, &directions)?;
+        let tested = self.shapes.test(&directions)?;
         let sd = width(|x| test(x, gamma), omega, 0.02);
         let value = omega / TAU / self.length_s;
         let tried = n as f64 * dampings.len() as f64;
@@ -522,8 +569,8 @@ impl<'a> Bench<'a> {
         if !self.beside.present[which] {
             return None;
         }
-        let direction = Direction::covariate(self.space.samples, which, v);
-        let tested = self.nuisance.test(self.space, std::slice::from_ref(&direction))?;
+        let direction = Direction::covariate(self.samples, which, v);
+        let tested = self.covariates.test(std::slice::from_ref(&direction))?;
         let (value, sd) = (tested.coefficients[0] * unit, tested.covariance[(0, 0)].sqrt() * unit);
         Some(Scored {
             surprise: surprise(tested.statistic, 1, 1.0, self.dof(which == POSITION)),
@@ -568,10 +615,10 @@ impl<'a> Bench<'a> {
             free[j] = amplitude;
             v.push(free);
         }
-        let n = self.space.samples;
+        let n = self.samples;
         let directions: Vec<Direction> =
             v.iter().map(|v| Direction::covariate(n, which, *v)).collect();
-        if let Some(tested) = self.nuisance.test(self.space, &directions) {
+        if let Some(tested) = self.covariates.test(&directions) {
             best.value = tested.coefficients[0] * unit;
             best.sd = tested.covariance[(0, 0)].sqrt() * unit;
             best.degrees = directions.len();
@@ -651,8 +698,8 @@ impl<'a> Bench<'a> {
             for j in 0..ALL - 1 {
                 let mut v = [0.0; ALL];
                 v[j] = 1.0;
-                let direction = Direction::covariate(self.space.samples, which, v);
-                if let Some(tested) = self.nuisance.test(self.space, &[direction]) {
+                let direction = Direction::covariate(self.samples, which, v);
+                if let Some(tested) = self.covariates.test(&[direction]) {
                     let dof = self.dof(which == POSITION);
                     all.push((which, j, surprise(tested.statistic, 1, 1.0, dof)));
                 }
@@ -663,7 +710,7 @@ impl<'a> Bench<'a> {
 
     /// Local misfit of the mean: windows of several lengths at several places, per power of the drive.
     pub fn local_scan(&self) -> (f64, f64) {
-        let n = self.space.samples;
+        let n = self.samples;
         let (mut best, mut tried) = (0.0_f64, 0.0);
         for pattern in 0..2 {
             let mut length = 4;
@@ -674,7 +721,7 @@ impl<'a> Bench<'a> {
                         *y = (PI * (k as f64 + 0.5) / length as f64).sin();
                     }
                     let direction = self.pattern(pattern, shape);
-                    if let Some(t) = self.nuisance.test(self.space, &[direction]) {
+                    if let Some(t) = self.shapes.test(&[direction]) {
                         best = best.max(surprise(t.statistic, 1, 1.0, f64::INFINITY));
                         tried += 1.0;
                     }
@@ -759,19 +806,6 @@ fn width(f: impl Fn(f64) -> f64, at: f64, step: f64) -> f64 {
         h *= if drop <= 0.5 { 1.7 } else { 0.5 };
     }
     h
-}
-
-/// Correlation of the tests of two candidates, nuisance projected out.
-pub fn correlation(bench: &Bench, p: &Applied, q: &Applied) -> f64 {
-    let joint: Vec<Direction> = p.directions.iter().chain(&q.directions).cloned().collect();
-    match (p.directions.len(), q.directions.len(), bench.nuisance.test(bench.space, &joint)) {
-        (1, 1, Some(tested)) => {
-            let c: &DMatrix<f64> = &tested.covariance;
-            -c[(0, 1)] / (c[(0, 0)] * c[(1, 1)]).sqrt()
-        }
-        (_, _, None) => 1.0,
-        _ => 0.0,
-    }
 }
 
 #[cfg(test)]

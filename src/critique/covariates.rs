@@ -53,6 +53,16 @@ fn value(which: usize, beside: &Beside, first_ns: i64) -> f64 {
 }
 
 impl Covariates {
+    /// Those rows alone, in the same units and about the same means.
+    pub fn select(&self, keep: impl Fn(usize) -> bool) -> Covariates {
+        let rows: Vec<usize> = (0..self.z.len()).filter(|&i| keep(i)).collect();
+        Covariates {
+            drive: rows.iter().map(|&i| self.drive[i]).collect(),
+            z: rows.iter().map(|&i| self.z[i]).collect(),
+            ..self.clone()
+        }
+    }
+
     pub fn of(data: &Observations) -> Covariates {
         let n = data.len().max(1) as f64;
         let first_ns = data.rows.iter().map(|r| r.beside.t_acq_ns).min().unwrap_or(0);

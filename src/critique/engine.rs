@@ -12,7 +12,6 @@ use super::model::{Model, Unfit};
 use super::observations::Observations;
 use super::outliers::outliers;
 use super::selection::{self, Chosen, DETECTION_LIMIT, Selected, Setting};
-use super::space::Space;
 use thiserror::Error;
 
 /// Signals that a critique needs at least, and samples of each.
@@ -90,10 +89,14 @@ pub fn critique(
     let setting = Setting { data: &data, beside: &beside, avoid: &avoid };
     let selected = selection::select(baseline, setting, stages);
 
+    // a shift in time is told from drifts once these are in the model
+    of_noise.push(ensemble::jitter(&selected.model, &data, &beside));
+
     stages("checking what is left");
     let left = adequacy::check(&selected, &data, &beside, &of_noise, &avoid);
     stages("measuring the gain");
-    let gain = gain::measure(&before, &selected.model, &data, &beside);
+    let applied: Vec<_> = selected.causes.iter().map(|c| c.scored.applied.clone()).collect();
+    let gain = gain::measure(&before, &applied, setting);
     let figures = figures::draw(&before, &selected.model, &data, &beside, &gain.energies);
     let matters = gain.auc_gain > MATTERS;
 
@@ -135,7 +138,7 @@ pub fn critique(
             Some(NotTestable { id: e.id.into(), needs: needs.into() })
         })
         .collect();
-    let space: &Space = &selected.space;
+
     let critique = Critique {
         version: VERSION,
         verdict,
@@ -151,7 +154,7 @@ pub fn critique(
             found: all.found,
             used: all.len(),
             outliers: left_out,
-            channels: space.units,
+            channels: data.units,
             rejected: 0,
         },
         evidence,

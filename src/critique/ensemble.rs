@@ -4,7 +4,7 @@
 //! In: the baseline's residuals, each freed of what its own ring explains and of what all signals have
 //! in common. Out: [`Found`] each. Errors come from the spread over signals, so heavy tails widen them.
 
-use super::candidates::{ln_normal_tail, surprise};
+use super::candidates::{LEAST_PERIODS, ln_normal_tail, surprise};
 use super::covariates::Covariates;
 use super::engine::{Found, found};
 use super::model::{Linear, Model, PATTERNS, dot};
@@ -67,7 +67,8 @@ pub fn residuals(model: &Model, data: &Observations, beside: &Covariates) -> Vec
     all
 }
 
-fn project(q: &DMatrix<f64>, u: &mut [f64]) {
+/// Takes what an orthonormal basis explains out of u.
+pub fn project(q: &DMatrix<f64>, u: &mut [f64]) {
     for column in q.column_iter() {
         let share: f64 = column.iter().zip(u.iter()).map(|(q, u)| q * u).sum();
         u.iter_mut().zip(column.iter()).for_each(|(u, q)| *u -= share * q);
@@ -129,7 +130,6 @@ pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Foun
     // noise that shrinks with the signal is none of the catalogue
     let shown = if h > 0.0 { two_sided(z) } else { 0.0 };
     all.push(found("heteroscedastic_noise", shown, z * z, h, sd, None));
-    all.push(jitter(model, data, beside));
     all
 }
 
@@ -187,8 +187,10 @@ fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
     let count = 2 * n;
     let step = PI * n as f64 / count as f64;
     let all: Vec<f64> = (1..count - 1).map(|j| ratio(j as f64 * step).0).collect();
-    let mut best = 2;
-    for j in 2..all.len().saturating_sub(2) {
+    // a line has a period and a half at least
+    let first = (LEAST_PERIODS * TAU / step).ceil() as usize;
+    let mut best = first.min(all.len() - 1);
+    for j in first..all.len().saturating_sub(2) {
         if all[j] > all[best] {
             best = j;
         }
@@ -297,7 +299,7 @@ fn heteroscedastic(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
 
 /// Scatter along a shift in time. Healthy scatter of the acquisition state moves amplitude and phase
 /// alike; a jitter moves the phase alone, and moves all channels of a burst together.
-fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Found {
+pub fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Found {
     let length_s = data.dt_s * data.samples as f64;
     let mut linear = Linear::default();
     let amplitude = model.amplitude();

@@ -20,6 +20,7 @@ mod generator;
 pub mod model;
 pub mod observations;
 mod outliers;
+pub mod report;
 mod ring;
 pub mod selection;
 pub mod space;

@@ -20,6 +20,8 @@ pub const PATTERNS: usize = 4;
 /// the cross-sections and the ratio of inertances, thesis (2-3), (2-4).
 pub const LAMBDA_OVER_SIGMA: f64 = 1.27;
 pub const LN_LAMBDA_SD: f64 = 0.35;
+/// R_r/I_r and R_n/I_n over the damping: lambda lies between them.
+const LAMBDA_BOUNDS: (f64, f64) = (0.55, 2.7);
 /// Ratio of the resistive rates, A_n/A_r, thesis (2-3), (2-4).
 pub const RATIO_OF_RATES: f64 = 0.2;
 
@@ -113,6 +115,29 @@ impl Model {
     /// Typical amplitude of the pair at unit drive, counts.
     pub fn amplitude(&self) -> f64 {
         self.mean[2].hypot(self.mean[3])
+    }
+
+    /// ln lambda beyond what the damping lets expect.
+    pub fn lambda_off(&self) -> f64 {
+        self.mean[5] - self.mean[0] - LAMBDA_OVER_SIGMA.ln()
+    }
+
+    /// Moves all channels alike.
+    pub fn shift(&mut self, step: &[f64; ALL]) {
+        let most = [0.3, 0.05];
+        for j in 0..FREE {
+            let step = most.get(j).map_or(step[j], |most| step[j].clamp(-most, *most));
+            self.mean[j] += step;
+            self.units.iter_mut().for_each(|u| u[j] += step);
+        }
+        self.shift_lambda(step[ALL - 1]);
+    }
+
+    /// Moves lambda, within the bounds that the rates R_r/I_r and R_n/I_n set it.
+    pub fn shift_lambda(&mut self, step: f64) {
+        let (low, high) = LAMBDA_BOUNDS;
+        let moved = self.mean[5] + step.clamp(-0.3, 0.3);
+        self.mean[5] = moved.clamp(self.mean[0] + low.ln(), self.mean[0] + high.ln());
     }
 
     /// theta of signal i.
@@ -367,8 +392,8 @@ impl Model {
     /// Alternates linearisation and estimation until both rest.
     pub fn fit(&mut self, data: &Observations, beside: &Covariates, rounds: usize) {
         for _ in 0..rounds {
-            self.estimate_scatter(data, beside, 30);
             self.fit_units(data, beside, 4);
+            self.estimate_scatter(data, beside, 30);
         }
     }
 }

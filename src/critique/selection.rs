@@ -4,13 +4,13 @@
 //! when its surprise passes the family-wise threshold; the winner among those that compete is the one
 //! whose refitted model is most likely; what cannot be told apart from it is tied with it.
 
-use super::candidates::{Applied, Bench, Kind, Scored};
+use super::candidates::{Applied, Bench, Kind, Scored, View};
 use super::catalogue::same_class;
 use super::covariates::Covariates;
 use super::finding::Evidence;
 use super::model::Model;
 use super::observations::Observations;
-use super::space::{Direction, Nuisance, Space};
+use super::space::{Channels, Direction, Nuisance, Space};
 
 /// -ln of the chance that one candidate passes on data of the model itself: 22 candidates stay well
 /// below 1 % together.
@@ -36,7 +36,7 @@ pub struct Chosen {
 pub struct Selected {
     pub model: Model,
     pub causes: Vec<Chosen>,
-    pub space: Space,
+    pub spaces: Spaces,
     pub evidence: Vec<Evidence>,
     /// Candidates that passed but cannot be the cause, of the last step.
     pub unnamed: Vec<Scored>,
@@ -70,8 +70,47 @@ pub fn apply(model: &mut Model, applied: &Applied, coefficients: &[f64]) {
 pub struct Refit {
     pub model: Model,
     pub causes: Vec<Applied>,
-    pub space: Space,
-    pub deviance: f64,
+    pub spaces: Spaces,
+}
+
+/// Both spaces of a model.
+#[derive(Clone)]
+pub struct Spaces {
+    /// Channels free: shapes.
+    pub shapes: Space,
+    /// Channels scattered: covariates.
+    pub covariates: Space,
+}
+
+impl Spaces {
+    pub fn of(model: &Model, setting: Setting) -> Spaces {
+        let of = |channels| Space::of(model, setting.data, setting.beside, channels);
+        Spaces { shapes: of(Channels::Free), covariates: of(Channels::Scattered) }
+    }
+
+    pub fn nuisances(&self, causes: &[Applied]) -> Nuisances {
+        let directions = directions(causes);
+        Nuisances {
+            shapes: Nuisance::new(&self.shapes, &directions),
+            covariates: Nuisance::new(&self.covariates, &directions),
+        }
+    }
+}
+
+pub struct Nuisances {
+    pub shapes: Nuisance,
+    pub covariates: Nuisance,
+}
+
+impl Refit {
+    /// -2 ln likelihood, of the kind that tells causes of one kind apart.
+    pub fn deviance(&self, kind: &Kind) -> f64 {
+        let nuisances = self.spaces.nuisances(&self.causes);
+        match kind {
+            Kind::Shapes => self.spaces.shapes.deviance - nuisances.shapes.gain(),
+            _ => self.spaces.covariates.deviance - nuisances.covariates.gain(),
+        }
+    }
 }
 
 fn directions(causes: &[Applied]) -> Vec<Direction> {
@@ -88,9 +127,16 @@ pub struct Setting<'a> {
 }
 
 impl<'a> Setting<'a> {
-    fn bench(&self, model: &'a Model, space: &'a Space, nuisance: &'a Nuisance) -> Bench<'a> {
+    pub fn bench(
+        &self,
+        model: &'a Model,
+        spaces: &'a Spaces,
+        nuisances: &'a Nuisances,
+    ) -> Bench<'a> {
         let length = (self.data.dt_s * self.data.samples as f64, self.data.integer);
-        Bench::new(model, self.beside, space, nuisance, length, self.avoid)
+        let shapes = View { space: &spaces.shapes, nuisance: &nuisances.shapes };
+        let covariates = View { space: &spaces.covariates, nuisance: &nuisances.covariates };
+        Bench::new(model, self.beside, shapes, covariates, length, self.avoid)
     }
 }
 
@@ -100,46 +146,60 @@ fn rescored(
     index: usize,
     model: &Model,
     causes: &[Applied],
-    space: &Space,
+    spaces: &Spaces,
     setting: Setting,
 ) -> Option<Scored> {
     let own = &causes[index];
     let others: Vec<Applied> =
         causes.iter().enumerate().filter(|(i, _)| *i != index).map(|(_, c)| c.clone()).collect();
-    let mut space = space.clone();
+    let mut nuisances = spaces.nuisances(&others);
     for (direction, c) in own.directions.iter().zip(&own.coefficients) {
-        let moved = space.times(direction) * *c;
-        space.g += moved;
+        nuisances.shapes.move_score(&spaces.shapes, direction, *c);
+        nuisances.covariates.move_score(&spaces.covariates, direction, *c);
     }
-    let nuisance = Nuisance::new(&space, &directions(&others));
     let mut model = model.clone();
     if let Kind::Tail = own.kind {
         model.tail_gain = 0.0;
     }
-    let bench = Bench::new(
-        &model,
-        setting.beside,
-        &space,
-        &nuisance,
-        (setting.data.dt_s * setting.data.samples as f64, setting.data.integer),
-        setting.avoid,
-    );
-    bench.score_one(own.id, Some(own))
+    setting.bench(&model, spaces, &nuisances).score_one(own.id, Some(own))
+}
+
+/// Moves all channels as they must where causes in the model change from `old` to `new`.
+pub fn follow(model: &mut Model, spaces: &Spaces, old: &[Applied], new: &[Applied]) {
+    let mut nuisance = Nuisance::new(&spaces.shapes, &[]);
+    for (causes, sign) in [(old, 1.0), (new, -1.0)] {
+        for cause in causes {
+            for (direction, c) in cause.directions.iter().zip(&cause.coefficients) {
+                nuisance.move_score(&spaces.shapes, direction, sign * c);
+            }
+        }
+    }
+    model.shift(&nuisance.mean_shift());
 }
 
 /// Gauss-Newton over the causes' sizes and shapes, EM over the scatter, in turn.
-pub fn refit(mut model: Model, mut causes: Vec<Applied>, setting: Setting, rounds: usize) -> Refit {
+///
+/// `scatter`: whether noise and scatter are estimated anew. Rivals are compared at the same scatter.
+pub fn refit(
+    mut model: Model,
+    mut causes: Vec<Applied>,
+    setting: Setting,
+    rounds: usize,
+    scatter: bool,
+) -> Refit {
     let mut round = 0;
     loop {
-        model.fit(setting.data, setting.beside, 1);
-        let space = Space::of(&model, setting.data, setting.beside);
-        let nuisance = Nuisance::new(&space, &directions(&causes));
-        let deviance = space.deviance - nuisance.gain();
-        round += 1;
-        if round >= rounds || causes.is_empty() {
-            return Refit { model, causes, space, deviance };
+        match scatter {
+            true => model.fit(setting.data, setting.beside, 1),
+            false => model.fit_units(setting.data, setting.beside, 4),
         }
-        let (steps, _) = nuisance.causes();
+        let spaces = Spaces::of(&model, setting);
+        let nuisances = spaces.nuisances(&causes);
+        round += 1;
+        if round >= rounds {
+            return Refit { model, causes, spaces };
+        }
+        let (steps, _) = nuisances.covariates.causes();
         let mut next = causes.clone();
         let mut at = 0;
         for (index, cause) in next.iter_mut().enumerate() {
@@ -147,7 +207,7 @@ pub fn refit(mut model: Model, mut causes: Vec<Applied>, setting: Setting, round
             let step = &steps.as_slice()[at..at + q];
             at += q;
             let anew = match cause.kind {
-                Kind::Shapes => rescored(index, &model, &causes, &space, setting),
+                Kind::Shapes => rescored(index, &model, &causes, &spaces, setting),
                 _ => None,
             };
             match anew {
@@ -155,6 +215,7 @@ pub fn refit(mut model: Model, mut causes: Vec<Applied>, setting: Setting, round
                 None => cause.coefficients.iter_mut().zip(step).for_each(|(c, s)| *c += s),
             }
         }
+        follow(&mut model, &spaces, &causes, &next);
         for (old, new) in causes.iter().zip(&next) {
             let minus: Vec<f64> = old.coefficients.iter().map(|c| -c).collect();
             apply(&mut model, old, &minus);
@@ -166,15 +227,15 @@ pub fn refit(mut model: Model, mut causes: Vec<Applied>, setting: Setting, round
 
 pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -> Selected {
     let data = setting.data;
-    let mut now = refit(baseline, Vec::new(), setting, 1);
+    let mut now = refit(baseline, Vec::new(), setting, 3, true);
     let mut chosen: Vec<Chosen> = Vec::new();
     let mut evidence = Vec::new();
     let n_eff = (data.len() as f64 * data.samples as f64).ln();
     let mut unnamed = Vec::new();
     for step in 0..=MOST_CAUSES as u32 {
         stages("testing the catalogue");
-        let nuisance = Nuisance::new(&now.space, &directions(&now.causes));
-        let bench = setting.bench(&now.model, &now.space, &nuisance);
+        let nuisances = now.spaces.nuisances(&now.causes);
+        let bench = setting.bench(&now.model, &now.spaces, &nuisances);
         let mut scored = bench.score_all();
         scored.retain(|s| now.causes.iter().all(|c| c.id != s.applied.id));
         scored.sort_by(|p, q| q.surprise.total_cmp(&p.surprise));
@@ -211,7 +272,9 @@ pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -
         }
         stages("refitting what competes");
         let mut rivals: Vec<(Refit, &Scored)> = Vec::new();
-        for s in able.iter().filter(|s| {
+        let of_shapes = |s: &Scored| matches!(s.applied.kind, Kind::Shapes);
+        let kind = best.applied.kind.clone();
+        for s in able.iter().filter(|s| of_shapes(s) == of_shapes(best)).filter(|s| {
             s.surprise > 0.35 * best.surprise && s.surprise > 0.5 * THRESHOLD
                 || same_class(s.applied.id, best.applied.id) && s.surprise > 0.3 * THRESHOLD
         }) {
@@ -220,12 +283,14 @@ pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -
             }
             let mut model = now.model.clone();
             let mut causes = now.causes.clone();
+            follow(&mut model, &now.spaces, &[], std::slice::from_ref(&s.applied));
             apply(&mut model, &s.applied, &s.applied.coefficients);
             causes.push(s.applied.clone());
-            rivals.push((refit(model, causes, setting, 2), s));
+            rivals.push((refit(model, causes, setting, 3, false), s));
         }
-        let penalised =
-            |r: &(Refit, &Scored)| r.0.deviance + 2.0 * (r.1.degrees as f64 + r.1.tried.ln());
+        let penalised = |r: &(Refit, &Scored)| {
+            r.0.deviance(&kind) + 2.0 * (r.1.degrees as f64 + r.1.tried.ln())
+        };
         rivals.sort_by(|p, q| penalised(p).total_cmp(&penalised(q)));
         let least = penalised(&rivals[0]);
         let tied: Vec<String> = rivals[1..]
@@ -235,12 +300,13 @@ pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -
             .collect();
         for r in &rivals {
             if let Some(row) = evidence[rows..].iter_mut().find(|e| e.id == r.1.applied.id) {
-                row.delta_bic = now.deviance - r.0.deviance - r.1.degrees as f64 * n_eff;
+                row.delta_bic =
+                    now.deviance(&kind) - r.0.deviance(&kind) - r.1.degrees as f64 * n_eff;
                 row.why_not = "another cause explains more".into();
             }
         }
         let (next, winner) = rivals.swap_remove(0);
-        let statistic = (now.deviance - next.deviance).max(0.0);
+        let statistic = (now.deviance(&kind) - next.deviance(&kind)).max(0.0);
         if let Some(row) = evidence[rows..].iter_mut().find(|e| e.id == winner.applied.id) {
             row.accepted = true;
             row.why_not = String::new();
@@ -251,10 +317,9 @@ pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -
             scored: winner.clone(),
             tied_with: tied,
         });
-        now = next;
+        now = refit(next.model, next.causes, setting, 2, true);
         // what the newcomer makes superfluous goes again
-        let nuisance = Nuisance::new(&now.space, &directions(&now.causes));
-        let kept = necessary(&now, &nuisance);
+        let kept = necessary(&now);
         if kept.iter().any(|k| !k) {
             let mut model = now.model.clone();
             for (cause, _) in now.causes.iter().zip(&kept).filter(|(_, k)| !**k) {
@@ -266,27 +331,31 @@ pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -
             let mut keep = kept.iter();
             let mut causes = now.causes.clone();
             causes.retain(|_| *keep.next().unwrap_or(&true));
-            now = refit(model, causes, setting, 2);
+            now = refit(model, causes, setting, 2, true);
         }
     }
     stages("measuring the causes");
-    let last = refit(now.model, now.causes, setting, 3);
+    let last = refit(now.model, now.causes, setting, 3, true);
     for (index, cause) in chosen.iter_mut().enumerate() {
-        if let Some(scored) = rescored(index, &last.model, &last.causes, &last.space, setting) {
+        if let Some(scored) = rescored(index, &last.model, &last.causes, &last.spaces, setting) {
             cause.statistic = scored.statistic;
             cause.scored = scored;
         }
     }
-    Selected { model: last.model, causes: chosen, space: last.space, evidence, unnamed }
+    Selected { model: last.model, causes: chosen, spaces: last.spaces, evidence, unnamed }
 }
 
 /// Which causes stay significant beside the others.
-fn necessary(now: &Refit, nuisance: &Nuisance) -> Vec<bool> {
-    let (steps, covariance) = nuisance.causes();
+fn necessary(now: &Refit) -> Vec<bool> {
+    let nuisances = now.spaces.nuisances(&now.causes);
     let mut at = 0;
     now.causes
         .iter()
         .map(|cause| {
+            let (steps, covariance) = match cause.kind {
+                Kind::Shapes => nuisances.shapes.causes(),
+                _ => nuisances.covariates.causes(),
+            };
             let q = cause.coefficients.len();
             let total: Vec<f64> = cause
                 .coefficients

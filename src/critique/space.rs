@@ -19,9 +19,25 @@ const AT_A_TIME: usize = 64;
 /// Of larger sets, this many signals (whole channels, evenly) tell how the scatter hides shapes.
 const MOST_FOR_SCATTER: usize = 1024;
 
+/// How a channel's own parameters count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Channels {
+    /// As good as free: for shapes in time. What a shape does to a channel's parameters it does to the
+    /// mean of all, which is free anyway; and to first order that knowledge would be biased, by as much
+    /// as the tangent turns from channel to channel.
+    Free,
+    /// Drawn from the population: for covariates. Shapes are left out.
+    Scattered,
+}
+
+/// Variance of a free channel over that of a scattered one.
+const FREEDOM: f64 = 1e4;
+
 #[derive(Clone, Debug)]
 pub struct Space {
     pub samples: usize,
+    /// ln lambda beyond what its prior expects.
+    pub lambda_off: f64,
     pub k: DMatrix<f64>,
     pub g: DVector<f64>,
     /// Score of each channel alone; empty where there are too many.
@@ -64,15 +80,24 @@ impl Space {
         PATTERNS * samples + COVARIATES * ALL + 1
     }
 
-    pub fn of(model: &Model, data: &Observations, beside: &Covariates) -> Space {
+    pub fn of(
+        model: &Model,
+        data: &Observations,
+        beside: &Covariates,
+        channels: Channels,
+    ) -> Space {
         let n = data.samples;
         let d = Space::dimension(n);
         let shapes = PATTERNS * n;
         let mut k = DMatrix::zeros(d, d);
         let mut g = DVector::zeros(d);
         let mut by_unit = Vec::new();
-        let keep_units = data.units * d * 8 <= 64 << 20;
+        let keep_units = data.units * d * 8 <= 32 << 20;
         let v = model.noise_var;
+        let (patterns, between) = match channels {
+            Channels::Free => (PATTERNS, model.between * FREEDOM),
+            Channels::Scattered => (0, model.between),
+        };
         let mut diagonal = [[0.0; PATTERNS]; PATTERNS];
         let (mut deviance, mut linear) = (data.len() as f64 * n as f64 * v.ln(), Linear::default());
         let stride = data.len().div_ceil(MOST_FOR_SCATTER).max(1);
@@ -129,8 +154,8 @@ impl Space {
                 let jr: SMatrix<f64, ALL, 1> = SMatrix::from_fn(|a, _| w.column(a).dot(&r));
                 let tail = DVector::from_column_slice(&linear.tail);
                 let v_tail = solve(&tail);
-                for p in 0..PATTERNS {
-                    for q in 0..PATTERNS {
+                for p in 0..patterns {
+                    for q in 0..patterns {
                         diagonal[p][q] += powers[p] * powers[q] / v;
                     }
                     for a in 0..n {
@@ -169,7 +194,7 @@ impl Space {
                     score[f] += jr[f];
                 }
                 info += h.fixed_view::<FREE, FREE>(0, 0);
-                if of_scatter {
+                if of_scatter && patterns > 0 {
                     let scale = inflate.sqrt();
                     for f in 0..FREE {
                         for power in powers {
@@ -182,15 +207,15 @@ impl Space {
                 }
             }
             // channels: K -= B^T S B with S = between (1 + H between)^-1
-            let inner = Matrix5::identity() + info * model.between;
-            let s = model.between * inner.try_inverse().unwrap_or_else(Matrix5::zeros);
+            let inner = Matrix5::identity() + info * between;
+            let s = between * inner.try_inverse().unwrap_or_else(Matrix5::zeros);
             let s = (s + s.transpose()) * 0.5;
             deviance += inner.determinant().max(f64::MIN_POSITIVE).ln();
             deviance -= score.dot(&(s * score));
             let root = square_root(&s);
             let f = &cross * DMatrix::from_fn(FREE, FREE, |a, b| root[(a, b)]);
             g_unit -= &cross * DVector::from_column_slice((s * score).as_slice());
-            if of_scatter {
+            if of_scatter && patterns > 0 {
                 let scale = inflate.sqrt();
                 for c in 0..FREE {
                     columns.extend(f.column(c).rows(0, shapes).iter().map(|x| x * scale));
@@ -226,7 +251,18 @@ impl Space {
         for c in shapes..d - 1 {
             k[(c, d - 1)] = k[(d - 1, c)];
         }
-        Space { samples: n, k, g, by_unit, signals: data.len(), units: data.units, deviance }
+        let off = model.lambda_off();
+        deviance += (off / LN_LAMBDA_SD).powi(2);
+        Space {
+            samples: n,
+            lambda_off: off,
+            k,
+            g,
+            by_unit,
+            signals: data.len(),
+            units: data.units,
+            deviance,
+        }
     }
 
     /// K x for a direction.
@@ -247,6 +283,8 @@ pub struct Nuisance {
     directions: Vec<Direction>,
     inverse: DMatrix<f64>,
     score: DVector<f64>,
+    /// What is added to the space's score: causes taken out of the model again.
+    moved: Option<DVector<f64>>,
 }
 
 /// What testing a direction (or several together) gives.
@@ -271,8 +309,21 @@ impl Nuisance {
         let q = directions.len();
         let mut gram = DMatrix::from_fn(q, q, |i, j| directions[i].dot(&k_times[j]));
         gram[(ALL - 1, ALL - 1)] += 1.0 / (LN_LAMBDA_SD * LN_LAMBDA_SD);
-        let score = DVector::from_fn(q, |i, _| directions[i].dot(&space.g));
-        Nuisance { inverse: pseudo_inverse(&gram), directions, score }
+        let mut score = DVector::from_fn(q, |i, _| directions[i].dot(&space.g));
+        score[ALL - 1] -= space.lambda_off / (LN_LAMBDA_SD * LN_LAMBDA_SD);
+        Nuisance { inverse: pseudo_inverse(&gram), directions, score, moved: None }
+    }
+
+    /// Looks at the data as if a cause in the model, `coefficient` of a direction, were not in it.
+    pub fn move_score(&mut self, space: &Space, direction: &Direction, coefficient: f64) {
+        let step = space.times(direction) * coefficient;
+        for (score, own) in self.score.iter_mut().zip(&self.directions) {
+            *score += own.dot(&step);
+        }
+        match &mut self.moved {
+            Some(moved) => *moved += step,
+            None => self.moved = Some(step),
+        }
     }
 
     /// Coefficients of the causes in the nuisance, jointly, with their covariance.
@@ -308,7 +359,8 @@ impl Nuisance {
         if (0..q).any(|i| gram[(i, i)] <= 1e-7 * raw[(i, i)] || gram[(i, i)] <= 0.0) {
             return None;
         }
-        let score = DVector::from_fn(q, |i, _| directions[i].dot(&space.g))
+        let own = |x: &Direction| x.dot(&space.g) + self.moved.as_ref().map_or(0.0, |m| x.dot(m));
+        let score = DVector::from_fn(q, |i, _| own(&directions[i]))
             - cross.tr_mul(&(&self.inverse * &self.score));
         let covariance = gram.cholesky()?.inverse();
         let coefficients = &covariance * &score;

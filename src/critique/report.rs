@@ -1,0 +1,455 @@
+//! The critique as one page for a reader. In: a [`Critique`]. Out: `report.html`, self-contained: its
+//! figures are SVG inside it, it loads nothing and runs nothing.
+//!
+//! The sentence comes first, then what can be done, then the numbers it rests on. A figure's title
+//! says what it shows, computed from the figure's own data. Every text is escaped: names in a recording
+//! are anybody's. It must never compute a finding of its own.
+
+use super::finding::{
+    Cause, CovariateFigure, Critique, Energies, Evidence, Gain, GainFigures, MeanMisfit, Spectrum,
+    Verdict,
+};
+use crate::plot::{Axis, Figure, Mark, Series};
+use std::fmt::Write;
+
+const STYLE: &str = "body{font:16px/1.5 system-ui,'DejaVu Sans',sans-serif;color:#1a1a1a;background:#fff;\
+margin:2rem auto;max-width:62rem;padding:0 1rem}h1{font-size:1.05rem;color:#555;font-weight:600;margin:0}\
+.sentence{font-size:1.45rem;line-height:1.35;margin:.4rem 0 1rem}h2{font-size:1.15rem;margin:2.2rem 0 .4rem}\
+table{border-collapse:collapse;margin:.6rem 0;font-size:.93rem}th,td{padding:.25rem .8rem .25rem 0;\
+text-align:left;border-bottom:1px solid #ddd;vertical-align:top}td.n,th.n{text-align:right}\
+pre{background:#f5f5f5;padding:.8rem;overflow-x:auto}svg{max-width:100%;height:auto;margin:.4rem 0}\
+.verdict{display:inline-block;padding:0 .6rem;border-radius:.3rem;background:#e8eef5}\
+.note{color:#555}li{margin:.2rem 0}";
+
+/// The page.
+pub fn html(critique: &Critique) -> String {
+    let mut page = String::new();
+    // writing to a String cannot fail
+    let _ = write_page(critique, &mut page);
+    page
+}
+
+fn write_page(c: &Critique, page: &mut String) -> std::fmt::Result {
+    write!(
+        page,
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width\"><title>Model critique</title>\
+         <style>{STYLE}</style></head><body>\n<h1>Model critique \
+         <span class=\"verdict\">{}</span></h1>\n<p class=\"sentence\">{}</p>\n",
+        c.verdict.as_str(),
+        escaped(&c.sentence)
+    )?;
+    writeln!(
+        page,
+        "<p class=\"note\">{} of {} signals on {} channels; {} left out as outliers, {} rejected.</p>",
+        c.signals.used, c.signals.found, c.signals.channels, c.signals.outliers, c.signals.rejected
+    )?;
+    causes(c, page)?;
+    list(page, "What remains, and what would settle it", &c.remarks)?;
+    if !c.equation.is_empty() {
+        writeln!(page, "<h2>The extended model</h2>\n<pre>{}</pre>", escaped(&c.equation))?;
+        if let Some(name) = &c.extended_model {
+            let name = escaped(name);
+            writeln!(page, "<p>As a design: <code>{name}</code>, for <code>inkling replay --design</code>.</p>")?;
+        }
+    }
+    gain(&c.gain, page)?;
+    figures(c, page)?;
+    not_testable(c, page)?;
+    evidence_table(&c.evidence, page)?;
+    page.write_str("</body></html>\n")
+}
+
+/// Text that markup cannot be made of.
+fn escaped(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '"' => out.push_str("&quot;"),
+            '\'' => out.push_str("&#39;"),
+            c if c.is_control() && c != '\n' => out.push('\u{fffd}'),
+            c => out.push(c),
+        }
+    }
+    out
+}
+
+/// Four significant digits.
+fn short(x: f64) -> String {
+    if !x.is_finite() {
+        return "–".to_owned();
+    }
+    if x == 0.0 {
+        return "0".to_owned();
+    }
+    let power = x.abs().log10().floor() as i32;
+    if !(-4..6).contains(&power) {
+        return format!("{x:.3e}");
+    }
+    let text = format!("{x:.*}", (3 - power).max(0) as usize);
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+fn causes(c: &Critique, page: &mut String) -> std::fmt::Result {
+    if c.causes.is_empty() {
+        return Ok(());
+    }
+    let title = match c.verdict {
+        Verdict::Unknown => "The nearest names, which do not explain it",
+        Verdict::Tie => "One of these",
+        _ => "What it is",
+    };
+    page.write_str(&format!(
+        "<h2>{title}</h2>\n<table><tr><th>cause</th><th>parameter</th><th class=n>value</th>\
+         <th class=n>95 % interval</th><th class=n>strength</th><th class=n>delta BIC</th>\
+         <th>matters for detection</th></tr>\n"
+    ))?;
+    for cause in &c.causes {
+        let Cause { value, ci95: [low, high], .. } = cause;
+        let tied = match cause.tied_with.is_empty() {
+            true => String::new(),
+            false => format!("<br>or {}", escaped(&cause.tied_with.join(", "))),
+        };
+        let explains = cause.explains.map_or(String::new(), |share| {
+            format!("<br>explains {} % of it", short(100.0 * share))
+        });
+        writeln!(
+            page,
+            "<tr><td><b>{}</b>{tied}{explains}</td><td>{} ({})</td><td class=n>{}</td>\
+             <td class=n>{} to {}</td><td class=n>{} DL</td><td class=n>{}</td><td>{}</td></tr>",
+            escaped(&cause.id),
+            escaped(&cause.parameter),
+            escaped(&cause.unit),
+            short(*value),
+            short(*low),
+            short(*high),
+            short(cause.strength_dl),
+            short(cause.delta_bic),
+            if cause.matters_for_detection { "yes" } else { "no" },
+        )?;
+    }
+    page.write_str("</table>\n")?;
+    let sentences: Vec<String> = c.causes.iter().map(|cause| cause.sentence.clone()).collect();
+    list(page, "", &sentences)?;
+    page.write_str(
+        "<p class=\"note\">DL: detection limits; 1 DL is found in 90 of 100 recordings.</p>\n",
+    )
+}
+
+fn list(page: &mut String, title: &str, lines: &[String]) -> std::fmt::Result {
+    let mut lines = lines.iter().filter(|line| !line.is_empty()).peekable();
+    if lines.peek().is_none() {
+        return Ok(());
+    }
+    if !title.is_empty() {
+        write!(page, "<h2>{title}</h2>")?;
+    }
+    page.write_str("<ul>\n")?;
+    lines.try_for_each(|line| writeln!(page, "<li>{}</li>", escaped(line)))?;
+    page.write_str("</ul>\n")
+}
+
+fn gain(gain: &Gain, page: &mut String) -> std::fmt::Result {
+    if gain.held_out.signals == 0 {
+        return Ok(());
+    }
+    let (before, after) = (&gain.before, &gain.after);
+    writeln!(
+        page,
+        "<h2>What the extension buys</h2>\n<p class=\"note\">On {} signals that nothing was fitted to \
+         (by {}); in brackets 95 % intervals.</p>\n<table><tr><th></th><th class=n>before</th>\
+         <th class=n>after</th></tr>",
+        gain.held_out.signals,
+        escaped(&gain.held_out.by)
+    )?;
+    type Entry = (&'static str, fn(&GainFigures) -> f64, fn(&GainFigures) -> Option<[f64; 2]>);
+    let entries: [Entry; 6] = [
+        ("chi² per degree of freedom (1: right)", |g| g.chi2_per_dof, |g| g.chi2_per_dof_interval),
+        ("misfit, % of the signal (NRMSE)", |g| g.nrmse_percent, |g| g.nrmse_percent_interval),
+        ("whiteness of the misfit, p", |g| g.whiteness_p, |_| None),
+        ("detection threshold", |g| g.threshold, |_| None),
+        ("false alarms, share of the healthy", |g| g.false_alarms, |g| g.false_alarms_interval),
+        ("detection of a small fault, AUC", |g| g.detection_auc, |g| g.detection_auc_interval),
+    ];
+    for (name, value, interval) in entries {
+        let cell = |g: &GainFigures| {
+            let range = interval(g).map(|[low, high]| format!(" [{}, {}]", short(low), short(high)));
+            format!("{}{}", short(value(g)), range.unwrap_or_default())
+        };
+        let (before, after) = (cell(before), cell(after));
+        writeln!(page, "<tr><td>{name}</td><td class=n>{before}</td><td class=n>{after}</td></tr>")?;
+    }
+    page.write_str("</table>\n")
+}
+
+fn not_testable(c: &Critique, page: &mut String) -> std::fmt::Result {
+    let lines: Vec<String> =
+        c.not_testable.iter().map(|n| format!("{}: needs {}", n.id, n.needs)).collect();
+    list(page, "Not testable on these recordings", &lines)
+}
+
+fn figures(c: &Critique, page: &mut String) -> std::fmt::Result {
+    let f = &c.figures;
+    let mut drawn: Vec<(&str, Option<Figure>)> = vec![
+        ("Misfit, measured minus simulated", mean_misfit(&f.mean_misfit)),
+        ("Spectrum of the misfit", spectrum(&f.spectrum)),
+    ];
+    drawn.extend(f.covariates.iter().map(|f| ("", covariate(f))));
+    drawn.push(("Evidence for each candidate", evidence(&c.evidence)));
+    drawn.push(("Detection", energies(&f.energies)));
+    for (heading, figure) in drawn {
+        let Some(figure) = figure.map(plain) else { continue };
+        if !heading.is_empty() {
+            writeln!(page, "<h2>{heading}</h2>")?;
+        }
+        match figure.svg() {
+            Ok(svg) => writeln!(page, "{svg}")?,
+            Err(e) => writeln!(page, "<p>{}: {}</p>", escaped(&figure.title), escaped(&e.to_string()))?,
+        }
+    }
+    Ok(())
+}
+
+/// The figure without control characters (SVG escapes markup, but carries these), and with room for
+/// its legend above the data.
+fn plain(mut figure: Figure) -> Figure {
+    let clean = |text: &mut String| {
+        *text = text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).take(200).collect();
+    };
+    clean(&mut figure.title);
+    clean(&mut figure.x.label);
+    clean(&mut figure.y.label);
+    figure.y.categories.iter_mut().for_each(clean);
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    for (_, y) in figure.series.iter().flat_map(|s| &s.points).filter(|p| p.1.is_finite()) {
+        (low, high) = (low.min(*y), high.max(*y));
+    }
+    if figure.y.categories.is_empty() && !figure.y.log && low < high {
+        figure.y.range = Some((low - 0.05 * (high - low), high + 0.4 * (high - low)));
+    }
+    figure
+}
+
+fn series(name: &str, mark: Mark, points: Vec<(f64, f64)>) -> Series {
+    Series { name: name.to_owned(), mark, points }
+}
+
+fn line(name: &str, x: &[f64], y: &[f64]) -> Series {
+    series(name, Mark::Line, x.iter().copied().zip(y.iter().copied()).collect())
+}
+
+/// There along `low`, back along `high`.
+fn band(name: &str, x: &[f64], low: &[f64], high: &[f64]) -> Series {
+    let there = x.iter().copied().zip(low.iter().copied());
+    let back = x.iter().copied().zip(high.iter().copied()).rev();
+    series(name, Mark::Band, there.chain(back).collect())
+}
+
+fn percent(count: usize, of: usize) -> String {
+    format!("{:.0} %", 100.0 * count as f64 / of.max(1) as f64)
+}
+
+/// How many samples' bands do not hold zero.
+fn off_zero(low: &[f64], high: &[f64]) -> usize {
+    low.iter().zip(high).filter(|(low, high)| **low > 0.0 || **high < 0.0).count()
+}
+
+/// s in a unit that reads well, and its name.
+fn unit_of_time(longest_s: f64) -> (f64, &'static str) {
+    match longest_s {
+        t if t < 2e-3 => (1e6, "µs"),
+        t if t < 2.0 => (1e3, "ms"),
+        _ => (1.0, "s"),
+    }
+}
+
+fn scaled(values: &[f64], by: f64) -> Vec<f64> {
+    values.iter().map(|x| x * by).collect()
+}
+
+fn mean_misfit(m: &MeanMisfit) -> Option<Figure> {
+    let n = m.time_s.len();
+    let (scale, unit) = unit_of_time(*m.time_s.last()?);
+    let t = scaled(&m.time_s, scale);
+    Some(Figure {
+        title: format!(
+            "The mean misfit is off zero at {} of the samples, after the extension at {} (chance: 5 %)",
+            percent(off_zero(&m.before_low, &m.before_high), n),
+            percent(off_zero(&m.after_low, &m.after_high), n)
+        ),
+        x: Axis::new(&format!("time since t_a, {unit}")),
+        y: Axis::new("mean of measured minus simulated, counts"),
+        series: vec![
+            line("before", &t, &m.before),
+            line("after", &t, &m.after),
+            band("95 % of before", &t, &m.before_low, &m.before_high),
+            band("95 % of after", &t, &m.after_low, &m.after_high),
+        ],
+        thresholds: Vec::new(),
+    })
+}
+
+/// The largest ratio to the band's upper edge, and where.
+fn loudest(frequency_hz: &[f64], power: &[f64], high: &[f64]) -> Option<(f64, f64)> {
+    let ratios = frequency_hz.iter().zip(power).zip(high).filter(|(_, high)| **high > 0.0);
+    let ratios = ratios.map(|((f, p), high)| (p / high, *f));
+    ratios.max_by(|x, y| x.0.total_cmp(&y.0))
+}
+
+fn spectrum(s: &Spectrum) -> Option<Figure> {
+    let (before, at_hz) = loudest(&s.frequency_hz, &s.before, &s.band_high)?;
+    let (after, _) = loudest(&s.frequency_hz, &s.after, &s.band_high)?;
+    let (scale, unit) = match s.frequency_hz.last()? {
+        f if *f >= 2e3 => (1e-3, "kHz"),
+        _ => (1.0, "Hz"),
+    };
+    let f = scaled(&s.frequency_hz, scale);
+    Some(Figure {
+        title: format!(
+            "The misfit is loudest at {} {unit}: {} of what a right model may have; after: {}",
+            short(at_hz * scale),
+            short(before),
+            short(after)
+        ),
+        x: Axis::new(&format!("frequency, {unit}")),
+        y: Axis { log: true, ..Axis::new("mean periodogram of the misfit, counts² per bin") },
+        series: vec![
+            line("before", &f, &s.before),
+            line("after", &f, &s.after),
+            band("95 % of a right model", &f, &s.band_low, &s.band_high),
+        ],
+        thresholds: Vec::new(),
+    })
+}
+
+fn range(values: &[f64]) -> f64 {
+    let finite = || values.iter().filter(|v| v.is_finite());
+    let (low, high) = finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (v.min(l), v.max(h)));
+    (high - low).max(0.0)
+}
+
+fn covariate(c: &CovariateFigure) -> Option<Figure> {
+    if c.centre.is_empty() {
+        return None;
+    }
+    let bars = |middle: &[f64], bar: &[f64], aside: f64| -> Vec<(f64, f64)> {
+        let at = c.centre.iter().zip(middle.iter().zip(bar));
+        at.flat_map(|(x, (y, b))| {
+            let x = x + aside;
+            [(x, 100.0 * (y - b)), (x, 100.0 * (y + b))]
+        })
+        .collect()
+    };
+    // the two bars of a bin stand side by side
+    let aside = range(&c.centre).max(1e-9) * 0.006;
+    Some(Figure {
+        title: format!(
+            "Against {}, {} spans {} % before and {} % after the extension",
+            c.covariate,
+            c.parameter,
+            short(100.0 * range(&c.before)),
+            short(100.0 * range(&c.after))
+        ),
+        x: Axis::new(&format!("{}, {}", c.covariate, c.unit)),
+        y: Axis::new(&format!("{} against the model, %", c.parameter)),
+        series: vec![
+            series("before, 95 %", Mark::Bars, bars(&c.before, &c.before_bar, -aside)),
+            series("after, 95 %", Mark::Bars, bars(&c.after, &c.after_bar, aside)),
+        ],
+        thresholds: Vec::new(),
+    })
+}
+
+/// Statistic over threshold, of the first step and of the last.
+fn evidence(evidence: &[Evidence]) -> Option<Figure> {
+    let ratio = |e: &Evidence| (e.statistic / e.threshold).max(1e-3);
+    let drawable = |e: &&Evidence| e.tested && e.statistic.is_finite() && e.threshold > 0.0;
+    let first: Vec<&Evidence> = evidence.iter().filter(|e| e.step == 0).filter(drawable).collect();
+    let last_step = evidence.iter().map(|e| e.step).max()?;
+    let mut order = first.clone();
+    order.sort_by(|x, y| ratio(x).total_cmp(&ratio(y)));
+    let strongest = order.last()?;
+    let ids: Vec<String> = order.iter().map(|e| e.id.clone()).collect();
+    let place = |id: &str| ids.iter().position(|known| known == id).map(|k| k as f64);
+    let points = |step: u32| -> Vec<(f64, f64)> {
+        let of_step = evidence.iter().filter(|e| e.step == step).filter(drawable);
+        of_step.filter_map(|e| Some((ratio(e), place(&e.id)?))).collect()
+    };
+    let beyond = first.iter().filter(|e| ratio(e) > 1.0).count();
+    let mut series_of = vec![series("against the baseline", Mark::Dots, points(0))];
+    if last_step > 0 {
+        series_of.push(series("after the extension", Mark::Dots, points(last_step)));
+    }
+    Some(Figure {
+        title: match beyond {
+            0 => "No candidate reaches its threshold".to_owned(),
+            n => format!("{n} candidates pass alone, {} furthest", strongest.id),
+        },
+        x: Axis { log: true, ..Axis::new("likelihood-ratio statistic over its threshold") },
+        y: Axis { categories: ids, ..Axis::new("") },
+        series: series_of,
+        thresholds: vec![(1.0, "threshold".to_owned())],
+    })
+}
+
+fn energies(e: &Energies) -> Option<Figure> {
+    if e.edges.len() < 2 || e.edges.len() != e.before.len() + 1 {
+        return None;
+    }
+    let steps = |counts: &[u64]| -> Vec<(f64, f64)> {
+        let edges = e.edges.windows(2).zip(counts);
+        edges.flat_map(|(w, n)| [(w[0], *n as f64), (w[1], *n as f64)]).collect()
+    };
+    Some(Figure {
+        title: format!(
+            "The detection threshold goes from {} to {}",
+            short(e.threshold_before),
+            short(e.threshold_after)
+        ),
+        x: Axis { log: e.edges[0] > 0.0, ..Axis::new("detection statistic of held-out healthy signals") },
+        y: Axis::new("signals"),
+        series: vec![
+            series("before", Mark::Line, steps(&e.before)),
+            series("after", Mark::Line, steps(&e.after)),
+        ],
+        thresholds: vec![
+            (e.threshold_before, "threshold before".to_owned()),
+            (e.threshold_after, "threshold after".to_owned()),
+        ],
+    })
+}
+
+fn evidence_table(evidence: &[Evidence], page: &mut String) -> std::fmt::Result {
+    if evidence.is_empty() {
+        return Ok(());
+    }
+    page.write_str(
+        "<h2>All evidence</h2>\n<details><summary>Every candidate in every step of the selection</summary>\
+         <table><tr><th class=n>step</th><th>candidate</th><th class=n>statistic</th>\
+         <th class=n>threshold</th><th class=n>p</th><th class=n>delta BIC</th><th class=n>strength, DL</th>\
+         <th>accepted</th></tr>\n",
+    )?;
+    for e in evidence {
+        let accepted = if e.accepted { "yes".to_owned() } else { escaped(&e.why_not) };
+        writeln!(
+            page,
+            "<tr><td class=n>{}</td><td>{}</td><td class=n>{}</td><td class=n>{}</td>\
+             <td class=n>{}</td><td class=n>{}</td><td class=n>{}</td><td>{accepted}</td></tr>",
+            e.step,
+            escaped(&e.id),
+            short(e.statistic),
+            short(e.threshold),
+            short(e.p),
+            short(e.delta_bic),
+            short(e.strength_dl)
+        )?;
+    }
+    page.write_str("</table></details>\n")
+}
+
+#[cfg(test)]
+#[path = "report_tests.rs"]
+mod tests;

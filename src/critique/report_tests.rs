@@ -1,0 +1,181 @@
+use super::*;
+use crate::critique::finding::{Figures, HeldOut, Misfit, NotTestable, Signals, VERSION};
+
+/// A critique with everything in it; `name` stands wherever a text of others may stand.
+fn full(name: &str) -> Critique {
+    let t: Vec<f64> = (0..128).map(|k| f64::from(k) * 0.78e-6).collect();
+    let wave = |a: f64| -> Vec<f64> {
+        t.iter().map(|t| a * (6.28e5 * t).sin() + 0.02 * (1e9 * t).sin()).collect()
+    };
+    let around = |y: &[f64], d: f64| -> Vec<f64> { y.iter().map(|y| y + d).collect() };
+    let (before, after) = (wave(0.6), wave(0.01));
+    let frequency_hz: Vec<f64> = (1..64).map(|k| f64::from(k) * 1e4).collect();
+    let power = |line: f64| -> Vec<f64> {
+        frequency_hz.iter().map(|f| 4.0 + line * (-((f - 1e5) / 1e4).powi(2)).exp()).collect()
+    };
+    let bins: Vec<f64> = (0..8).map(|k| 21.0 + f64::from(k)).collect();
+    let evidence = |step: u32, id: &str, statistic: f64| Evidence {
+        step,
+        id: id.into(),
+        statistic,
+        threshold: 20.9,
+        p: (-statistic / 2.0).exp(),
+        delta_bic: statistic - 5.0,
+        strength_dl: (statistic / 20.9).sqrt(),
+        value: 1.0,
+        sd: 0.1,
+        tested: true,
+        accepted: statistic > 400.0,
+        why_not: if statistic > 400.0 { String::new() } else { name.into() },
+    };
+    let figures = |chi2: f64, auc: f64| GainFigures {
+        chi2_per_dof: chi2,
+        chi2_per_dof_interval: Some([chi2 - 0.01, chi2 + 0.01]),
+        nrmse_percent: 3.0 * chi2,
+        detection_auc: auc,
+        threshold: 10.0 * chi2,
+        ..GainFigures::default()
+    };
+    let cause = Cause {
+        id: "tone".into(),
+        parameter: "frequency".into(),
+        unit: "Hz".into(),
+        value: 1e5,
+        ci95: [99_800.0, 100_200.0],
+        strength_dl: 4.8,
+        delta_bic: 470.0,
+        tied_with: vec![name.into()],
+        matters_for_detection: false,
+        explains: None,
+        sentence: format!("An interference at 100 kHz on {name}."),
+    };
+    Critique {
+        version: VERSION,
+        verdict: Verdict::Named,
+        causes: vec![cause],
+        not_testable: vec![NotTestable { id: "crosstalk".into(), needs: name.into() }],
+        misfit: Misfit::default(),
+        gain: Gain {
+            before: figures(1.3, 0.7),
+            after: figures(1.0, 0.8),
+            held_out: HeldOut { by: "channel+time".into(), signals: 96 },
+        },
+        extended_model: Some(name.into()),
+        sentence: format!("An interference of 0.6 counts at 100 kHz is in the signals of {name}."),
+        remarks: vec![format!("3 outliers on {name} were left out.")],
+        equation: "y = C x + 0.6 cos(2 pi 100 kHz t + 0.7)".into(),
+        signals: Signals { found: 192, used: 192, outliers: 3, channels: 12, rejected: 0 },
+        evidence: vec![
+            evidence(0, "tone", 480.0),
+            evidence(0, "second_mode", 260.0),
+            evidence(0, "offset", 3.0),
+            evidence(1, "second_mode", 2.0),
+            evidence(1, "offset", 1.0),
+        ],
+        figures: Figures {
+            mean_misfit: MeanMisfit {
+                before_low: around(&before, -0.1),
+                before_high: around(&before, 0.1),
+                after_low: around(&after, -0.1),
+                after_high: around(&after, 0.1),
+                time_s: t.clone(),
+                before,
+                after,
+            },
+            spectrum: Spectrum {
+                before: power(30.0),
+                after: power(0.0),
+                band_low: frequency_hz.iter().map(|_| 3.2).collect(),
+                band_high: frequency_hz.iter().map(|_| 4.8).collect(),
+                frequency_hz,
+            },
+            covariates: vec![CovariateFigure {
+                covariate: "temperature".into(),
+                unit: "°C".into(),
+                parameter: "damping".into(),
+                before: bins.iter().map(|b| 0.01 * (b - 24.5)).collect(),
+                before_bar: bins.iter().map(|_| 0.004).collect(),
+                after: bins.iter().map(|_| 0.0005).collect(),
+                after_bar: bins.iter().map(|_| 0.004).collect(),
+                centre: bins,
+            }],
+            energies: Energies {
+                edges: (0..20).map(|k| 100.0 * 1.2_f64.powi(k)).collect(),
+                before: (0..19).map(|k| 40 - (k as u64 - 9).pow(2) / 3).collect(),
+                after: (0..19).map(|k| if k < 10 { 20 + k } else { 0 }).collect(),
+                threshold_before: 3000.0,
+                threshold_after: 900.0,
+            },
+        },
+    }
+}
+
+#[test]
+fn hostile_names_cannot_inject_markup() {
+    for name in [
+        "<script>alert(1)</script>",
+        "\"><img src=x onerror=alert(1)>",
+        "</style></title></svg><svg onload='x'>",
+        "a&b<b>\u{0}\u{1b}[31m",
+    ] {
+        let mut critique = full(name);
+        critique.figures.covariates[0].covariate = name.into();
+        critique.figures.covariates[0].unit = name.into();
+        critique.evidence[0].id = name.into();
+        critique.causes[0].id = name.into();
+        critique.gain.held_out.by = name.into();
+        let page = html(&critique);
+        let markup = ["<script", "<img", "</style></title>", "<svg onload", "onerror=alert(1)>", "<b>\u{fffd}", "\u{1b}", "\u{0}"];
+        for bad in markup {
+            assert!(!page.contains(bad), "{name}: {bad} is in the page");
+        }
+        assert_eq!(page.matches("<style>").count(), 1);
+    }
+}
+
+#[test]
+fn the_page_is_whole_says_the_sentence_first_and_loads_nothing() {
+    let page = html(&full("printhead-1"));
+    assert!(page.starts_with("<!doctype html>") && page.ends_with("</body></html>\n"));
+    let place = |what: &str| page.find(what).unwrap_or_else(|| panic!("{what} is not in the page"));
+    assert!(place("is in the signals of printhead-1") < place("<table>"));
+    for part in [
+        "The mean misfit is off zero at",
+        "The misfit is loudest at 100 kHz",
+        "Against temperature, damping spans 7 % before",
+        "2 candidates pass alone, tone furthest",
+        "The detection threshold goes from 3000 to 900",
+        "crosstalk: needs printhead-1",
+        "<pre>y = C x + 0.6 cos",
+        "[1.29, 1.31]",
+    ] {
+        place(part);
+    }
+    assert_eq!(page.matches("<svg").count(), 5);
+    let bare = page.replace("http://www.w3.org/2000/svg", "");
+    for outside in ["http", "src=", "href=", "url(", "@import"] {
+        assert!(!bare.contains(outside), "{outside}");
+    }
+    if let Ok(path) = std::env::var("INKLING_REPORT") {
+        std::fs::write(path, page).unwrap();
+    }
+}
+
+#[test]
+fn a_critique_without_figures_is_a_page_too() {
+    let mut critique = full("p");
+    critique.figures = Figures::default();
+    critique.evidence.clear();
+    critique.causes.clear();
+    critique.verdict = Verdict::None;
+    let page = html(&critique);
+    assert!(!page.contains("<svg") && page.contains("none"));
+}
+
+#[test]
+fn numbers_are_short_and_never_lose_their_size() {
+    let cases = [(0.0, "0"), (1.0, "1"), (0.123456, "0.1235"), (100_000.0, "100000"), (3e-9, "3.000e-9"), (f64::NAN, "–"), (-12.5, "-12.5")];
+    for (x, text) in cases {
+        assert_eq!(short(x), text);
+    }
+}
