@@ -24,6 +24,8 @@ const FIRST_SPREAD: f32 = 0.11;
 const FIRST_SPREAD_LOOKS: f32 = 20.0;
 /// A channel's level is that of about so many looks back.
 const MEMORY_LOOKS: f32 = 100.0;
+/// After a change of the model that judges, what was learned counts for so many looks.
+const MEMORY_OF_OTHER_MODEL: f32 = 25.0;
 /// No healthy level lies beyond the threshold.
 const LARGEST_LEVEL: f32 = 1.0;
 /// From this evidence on, looks that stand out are not learned from.
@@ -84,6 +86,11 @@ impl Evidence {
     /// Between the look that raised and the one that ended.
     pub fn is_raised(&self) -> bool {
         self.raised
+    }
+
+    /// From here on another model judges: it may see the channel a little differently.
+    pub fn change_model(&mut self) {
+        self.level_looks = self.level_looks.min(MEMORY_OF_OTHER_MODEL);
     }
 
     /// `ratio`: detection statistic over threshold, not negative. `bound`: ln likelihood ratio that

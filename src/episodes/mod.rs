@@ -48,6 +48,8 @@ pub struct Episode {
 pub struct Looks {
     pub t_ns: i64,
     pub first_channel: u32,
+    /// Which model judged.
+    pub model: u16,
     /// Statistic over threshold per channel; NaN: not judged.
     pub ratios: Vec<f32>,
     /// Of flagged channels, ascending.

@@ -53,6 +53,7 @@ struct Channel {
     /// Judged looks since the onset.
     looks: u64,
     onset_ns: i64,
+    model: u16,
     evidence: Evidence,
     found: Option<Box<Found>>,
 }
@@ -175,6 +176,7 @@ impl Printhead {
             last_ns: i64::MIN,
             looks: 0,
             onset_ns: 0,
+            model: 0,
             evidence: Evidence::default(),
             found: None,
         });
@@ -214,6 +216,10 @@ impl Printhead {
                 continue;
             }
             channel.last_ns = looks.t_ns;
+            if channel.model != looks.model {
+                channel.model = looks.model;
+                channel.evidence.change_model();
+            }
             if let Some(over) = channel.look(looks.t_ns, ratio, named, bound, naming) {
                 counts.episodes += 1;
                 let end = over.fading.map(|(t_ns, _)| t_ns);
@@ -433,7 +439,7 @@ mod tests {
                     ..Named::default()
                 });
             }
-            Looks { t_ns: step * 1_000_000_000, first_channel: 5, ratios, named }
+            Looks { t_ns: step * 1_000_000_000, first_channel: 5, model: 0, ratios, named }
         };
         (0..140).map(burst).collect()
     }
@@ -484,6 +490,7 @@ mod tests {
             (0..4u32).map(move |row| Looks {
                 t_ns: b.t_ns,
                 first_channel: b.first_channel + row,
+                model: b.model,
                 ratios: vec![b.ratios[row as usize]],
                 named: b
                     .named

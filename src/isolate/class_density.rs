@@ -3,9 +3,9 @@
 //! In: features of labelled signals (ln amplitude, ln damping, ln frequency, phase), the fit's noise
 //! covariance there. Out: log density of any features, and how far outside the class they lie.
 //!
-//! Faults come in sizes over a range: in the axes in which the noise is unit and the class's spread
-//! diagonal, each axis is either a Gaussian or a uniform range seen through unit noise, whichever the
-//! examples make likelier. Both have closed forms and need only mean and covariance.
+//! Faults come in sizes over a range: each axis is either a Gaussian or a uniform range seen through
+//! unit noise, whichever the examples make likelier. The axes are those in which the noise is unit and
+//! the class's spread diagonal, or the features themselves, again whichever is likelier.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::{Deserialize, Serialize};
@@ -23,7 +23,7 @@ enum Axis {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ClassDensity {
     mean: Vec<f64>,
-    /// Rows: u = B (x - mean), in which the noise is unit.
+    /// Rows: u = B (x - mean), in which the noise of each is unit.
     to_axes: Vec<Vec<f64>>,
     ln_determinant: f64,
     axes: Vec<Axis>,
@@ -55,37 +55,15 @@ impl ClassDensity {
         // noise = L L^T; the spread in units of the noise, along its own axes
         let l = noise.clone().cholesky()?.l();
         let inverse = l.try_inverse()?;
-        let spread = &inverse * covariance * inverse.transpose();
-        let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(spread);
-        let to_axes = eigenvectors.transpose() * inverse;
-        let ln_determinant = to_axes.determinant().abs().ln();
-        if !ln_determinant.is_finite() {
-            return None;
-        }
-        let axes = (0..first.len())
-            .map(|j| {
-                let variance = eigenvalues[j].max(0.25);
-                let gaussian = Axis::Gaussian(variance.sqrt());
-                let width = (3.0 * (variance - 1.0).max(0.0) * (1.0 + 1.0 / n)).sqrt();
-                if width < 0.05 {
-                    return gaussian;
-                }
-                let range = Axis::Range(width);
-                let likelihood = |axis: Axis| -> f64 {
-                    features
-                        .iter()
-                        .map(|x| axis.ln_density(to_axes.row(j).transpose().dot(&(x - &mean))))
-                        .sum()
-                };
-                if likelihood(range) > likelihood(gaussian) { range } else { gaussian }
-            })
-            .collect();
-        Some(ClassDensity {
-            mean: mean.as_slice().to_vec(),
-            to_axes: to_axes.row_iter().map(|r| r.iter().copied().collect()).collect(),
-            ln_determinant,
-            axes,
-        })
+        let spread = &inverse * &covariance * inverse.transpose();
+        let SymmetricEigen { eigenvectors, .. } = SymmetricEigen::new(spread);
+        // sizes that vary apart from each other lie along the features themselves
+        let apart = DMatrix::from_diagonal(&noise.diagonal().map(|v| 1.0 / v.sqrt()));
+        [eigenvectors.transpose() * inverse, apart]
+            .into_iter()
+            .filter_map(|to_axes| along(to_axes, &mean, &covariance, features))
+            .max_by(|(p, _), (q, _)| p.total_cmp(q))
+            .map(|(_, density)| density)
     }
 
     /// Refused if it could not have been learned.
@@ -125,7 +103,90 @@ impl ClassDensity {
     }
 }
 
+/// The density with each axis the likelier of both kinds, and its log likelihood.
+fn along(
+    to_axes: DMatrix<f64>,
+    mean: &DVector<f64>,
+    covariance: &DMatrix<f64>,
+    features: &[DVector<f64>],
+) -> Option<(f64, ClassDensity)> {
+    let ln_determinant = to_axes.determinant().abs().ln();
+    if !ln_determinant.is_finite() {
+        return None;
+    }
+    let n = features.len() as f64;
+    let spread = &to_axes * covariance * to_axes.transpose();
+    let mut likelihood = n * ln_determinant;
+    let mut centre = DVector::zeros(mean.len());
+    let mut axes = Vec::with_capacity(mean.len());
+    for j in 0..mean.len() {
+        let row = to_axes.row(j);
+        let u: Vec<f64> = features.iter().map(|x| (row * (x - mean))[0]).collect();
+        let variance = spread[(j, j)].max(0.25);
+        let gaussian = Axis::Gaussian(variance.sqrt());
+        let of_gaussian = gaussian.ln_likelihood(&u, 0.0);
+        let width = (3.0 * (variance - 1.0).max(0.0) * (1.0 + 1.0 / n)).sqrt();
+        let (of_range, middle, range) = match width >= 0.05 {
+            true => likeliest_range(&u, width),
+            false => (f64::NEG_INFINITY, 0.0, gaussian),
+        };
+        let is_range = of_range > of_gaussian;
+        likelihood += if is_range { of_range } else { of_gaussian };
+        centre[j] = if is_range { middle } else { 0.0 };
+        axes.push(if is_range { range } else { gaussian });
+    }
+    let mean = mean + to_axes.clone().try_inverse()? * centre;
+    let density = ClassDensity {
+        mean: mean.as_slice().to_vec(),
+        to_axes: to_axes.row_iter().map(|r| r.iter().copied().collect()).collect(),
+        ln_determinant,
+        axes,
+    };
+    Some((likelihood, density))
+}
+
+/// The range that the examples make likeliest: its log likelihood, its middle, and the range itself,
+/// a little wider, since its ends lie outside the outermost examples. The mean and the variance that
+/// it starts from know the ends far worse (their error falls with the root of the examples' number,
+/// the ends' with the number).
+fn likeliest_range(u: &[f64], width: f64) -> (f64, f64, Axis) {
+    /// Fewer examples say nothing of ends.
+    const LEAST_EXAMPLES: usize = 10;
+    const NARROWEST: f64 = 0.02;
+    let mut best = (Axis::Range(width).ln_likelihood(u, 0.0), 0.0, width);
+    if u.len() < LEAST_EXAMPLES {
+        return (best.0, 0.0, Axis::Range(width));
+    }
+    // pattern search: the likelihood is smooth, with one peak near the start
+    let mut step = 0.2 * width;
+    let ways = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)];
+    for _ in 0..60 {
+        let better = ways.iter().find_map(|&(along, out)| {
+            let middle = best.1 + f64::from(along) * step;
+            let width = best.2 + f64::from(out) * step;
+            if width < NARROWEST {
+                return None;
+            }
+            let likelihood = Axis::Range(width).ln_likelihood(u, middle);
+            (likelihood > best.0 + 1e-9).then_some((likelihood, middle, width))
+        });
+        match better {
+            Some(better) => best = better,
+            None => step /= 2.0,
+        }
+        if step < 0.01 {
+            break;
+        }
+    }
+    let n = u.len() as f64;
+    (best.0, best.1, Axis::Range(best.2 * (n + 1.0) / (n - 1.0)))
+}
+
 impl Axis {
+    fn ln_likelihood(self, u: &[f64], middle: f64) -> f64 {
+        u.iter().map(|u| self.ln_density(u - middle)).sum()
+    }
+
     fn ln_density(self, u: f64) -> f64 {
         match self {
             Axis::Gaussian(sd) => -0.5 * (u / sd).powi(2) - (sd * SQRT_TAU).ln(),

@@ -78,6 +78,8 @@ impl EpisodeTap {
             let mut looks = Looks {
                 t_ns: c.acquired_at_ns[from],
                 first_channel: c.channel[from],
+                // a burst has one; of rejected signals nothing is asked
+                model: c.model[from..to].iter().flatten().copied().next().unwrap_or_default(),
                 ratios: (from..to).map(ratio).collect(),
                 named: Vec::new(),
             };
