@@ -71,7 +71,10 @@ fn bad_tables_are_refused_and_leave_no_recording() {
     house.write("t.csv", "t,y\n0,1\n1,2\n2,1\n3,5\n");
     house.run("convert t.csv -o t.csv").exits(2).says("overwrite");
     house.run("convert t.csv -o t.mcap --start yesterday").exits(2).says("yesterday");
-    house.run("convert t.csv -o t.mcap --outputs z").exits(1).says("no column \"z\"; there are t, y");
+    house
+        .run("convert t.csv -o t.mcap --outputs z")
+        .exits(1)
+        .says("no column \"z\"; there are t, y");
 }
 
 #[test]

@@ -3,8 +3,8 @@
 mod house; // a fresh directory and the inkling command
 
 mod cli; // process boundary: exit codes, hints in messages
-mod convert; // tables become recordings
 mod contracts; // pipeline.toml = defaults, schemas = code, sample_logs regenerate and retrain
+mod convert; // tables become recordings
 mod floors; // imports go down only
 mod hidden; // effects hidden in recordings: named, withheld, scored
 mod hostile; // absurd recordings, covariates, names, designs, places to write to: rows and words, no panic

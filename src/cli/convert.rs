@@ -56,16 +56,22 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         .filter(|ns| (0.0..LATEST_NS).contains(&(*ns as f64)))
         .ok_or_else(|| {
             let example = "2025-01-01T08:00:00Z";
-            Failure::usage(format!("--start {:?} is no time such as {example} (1970 to 2200)", args.start))
+            Failure::usage(format!(
+                "--start {:?} is no time such as {example} (1970 to 2200)",
+                args.start
+            ))
         })?;
     if same_file(&args.table, &args.out) {
-        return Err(Failure::usage("the recording would overwrite its own table: choose another -o"));
+        return Err(Failure::usage(
+            "the recording would overwrite its own table: choose another -o",
+        ));
     }
     let Args { time, outputs, burst, .. } = args;
     let columns = Columns { time, outputs, burst };
     let table = table_file::read(&args.table, &columns).map_err(Failure::new)?;
     let of_table = |e: &dyn std::fmt::Display| format!("{}: {e}", args.table.display());
-    let sampled = sampling::sample(&table, args.resample).map_err(|e| Failure::new(of_table(&e)))?;
+    let sampled =
+        sampling::sample(&table, args.resample).map_err(|e| Failure::new(of_table(&e)))?;
     let unit_s = unit_s(&table.time);
     let period_s = sampled.period * unit_s;
     let starts_ns = starts_ns(&sampled.decays, sampled.period, unit_s, start_ns)
@@ -154,12 +160,7 @@ fn starts_ns(decays: &[Regular], period: f64, unit_s: f64, start_ns: i64) -> Opt
     Some(starts)
 }
 
-fn as_burst(
-    decay: &Regular,
-    printhead: &Arc<str>,
-    t_acq_ns: i64,
-    sample_period_s: f64,
-) -> Burst {
+fn as_burst(decay: &Regular, printhead: &Arc<str>, t_acq_ns: i64, sample_period_s: f64) -> Burst {
     let samples: Vec<u8> =
         decay.outputs.iter().flatten().flat_map(|y| (*y as f32).to_le_bytes()).collect();
     Burst {
@@ -186,7 +187,8 @@ mod tests {
     #[test]
     fn bursts_stand_where_the_table_has_them_or_follow_each_other() {
         let decay = |start| Regular { name: String::new(), start, outputs: vec![vec![0.0; 10]] };
-        let starts = starts_ns(&[decay(7.0), decay(100.0), decay(110.0)], 1.0, 1e-3, 5_000).unwrap();
+        let starts =
+            starts_ns(&[decay(7.0), decay(100.0), decay(110.0)], 1.0, 1e-3, 5_000).unwrap();
         assert_eq!((starts.at, starts.moved), (vec![5_000, 93_005_000, 103_005_000], 0));
         let starts = starts_ns(&[decay(0.0), decay(0.0), decay(3.0)], 1.0, 1.0, 0).unwrap();
         assert_eq!((starts.at, starts.moved), (vec![0, 10_000_000_000, 20_000_000_000], 2));

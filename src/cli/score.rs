@@ -118,7 +118,10 @@ fn critiques(args: &Args) -> Result<Exit, Failure> {
         let hidden = names(truth.effects.iter().map(|e| e.id.as_str()).collect());
         let causes = names(said.causes.iter().map(|c| c.id.as_str()).collect());
         let outcome = blind.add(&said, &truth).word();
-        lines.push(format!("{path}: {outcome} (hidden: {hidden}; said: {}, {causes})", said.verdict));
+        lines.push(format!(
+            "{path}: {outcome} (hidden: {hidden}; said: {}, {causes})",
+            said.verdict
+        ));
     }
     let mut out = std::io::stdout().lock();
     if args.json {

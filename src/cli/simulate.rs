@@ -2,11 +2,11 @@
 
 use super::exit::{Exit, Failure, unless_reader_gone};
 use super::progress::{interruptible, thousands};
-use crate::io::{labels_file, truth_file};
 use crate::io::recording_writer::{self, RecordingWriter, WriterOptions};
+use crate::io::{labels_file, truth_file};
 use crate::simulate::scenario::Kind;
-use crate::simulate::{Scenario, SimulatedRecording, hidden};
 use crate::simulate::scenario::{Compression, RecordingOptions};
+use crate::simulate::{Scenario, SimulatedRecording, hidden};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -58,11 +58,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 }
 
 /// Writes a recording into `dir` and says so.
-fn write(
-    recording: SimulatedRecording,
-    dir: &Path,
-    out: &mut impl Write,
-) -> Result<(), Failure> {
+fn write(recording: SimulatedRecording, dir: &Path, out: &mut impl Write) -> Result<(), Failure> {
     let control = interruptible();
     let path = dir.join(format!("{}.mcap", recording.stem));
     let mut writer =

@@ -57,7 +57,11 @@ pub fn sample(table: &Table, resample: bool) -> Result<Sampled, SamplingError> {
     let mut periods = Vec::new();
     for decay in &table.decays {
         check(decay, table, resample)?;
-        periods.push(if resample { median_step(&decay.times) } else { fitted_period(&decay.times) });
+        periods.push(if resample {
+            median_step(&decay.times)
+        } else {
+            fitted_period(&decay.times)
+        });
     }
     let common = median(periods.clone());
     if !resample
@@ -74,7 +78,13 @@ pub fn sample(table: &Table, resample: bool) -> Result<Sampled, SamplingError> {
         decays: Vec::new(),
         most_off_grid: 0.0,
         interpolated: 0,
-        missing: table.decays.iter().flat_map(|d| &d.outputs).flatten().filter(|y| y.is_nan()).count(),
+        missing: table
+            .decays
+            .iter()
+            .flat_map(|d| &d.outputs)
+            .flatten()
+            .filter(|y| y.is_nan())
+            .count(),
     };
     for decay in &table.decays {
         let regular = match resample {
@@ -257,7 +267,8 @@ impl Spline<'_> {
             let share = (t[i] - t[i - 1]) / (t[i + 1] - t[i - 1]);
             let pivot = share * bend[i - 1] + 2.0;
             bend[i] = (share - 1.0) / pivot;
-            let slope = (y[i + 1] - y[i]) / (t[i + 1] - t[i]) - (y[i] - y[i - 1]) / (t[i] - t[i - 1]);
+            let slope =
+                (y[i + 1] - y[i]) / (t[i + 1] - t[i]) - (y[i] - y[i - 1]) / (t[i] - t[i - 1]);
             upper[i] = (6.0 * slope / (t[i + 1] - t[i - 1]) - share * upper[i - 1]) / pivot;
         }
         bend[n - 1] = 0.0;
@@ -353,7 +364,8 @@ mod tests {
     #[test]
     fn decays_of_different_period_are_refused_and_resampled_to_one() {
         let at = |period: f64| (0..50).map(|k| f64::from(k) * period).collect::<Vec<f64>>();
-        let decays = || vec![decay(at(1.0), f64::cos), decay(at(1.0), f64::cos), decay(at(1.5), f64::cos)];
+        let decays =
+            || vec![decay(at(1.0), f64::cos), decay(at(1.0), f64::cos), decay(at(1.5), f64::cos)];
         let e = sample(&table(decays()), false).unwrap_err().to_string();
         assert!(e.contains("1.5") && e.contains("--resample"), "{e}");
         let sampled = sample(&table(decays()), true).unwrap();

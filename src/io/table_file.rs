@@ -160,14 +160,11 @@ struct Chosen {
 }
 
 /// Columns by name. Whatever is ambiguous is refused.
-fn choose(
-    header: &StringRecord,
-    columns: &Columns,
-    decimal_comma: bool,
-) -> Result<Chosen, String> {
+fn choose(header: &StringRecord, columns: &Columns, decimal_comma: bool) -> Result<Chosen, String> {
     let names: Vec<String> =
         header.iter().map(|h| h.trim_start_matches('\u{feff}').trim().to_owned()).collect();
-    let numbers = names.iter().filter(|name| number_in(name, decimal_comma).is_ok_and(f64::is_finite));
+    let numbers =
+        names.iter().filter(|name| number_in(name, decimal_comma).is_ok_and(f64::is_finite));
     if numbers.count() == names.len() {
         return Err("the first line holds numbers: it must name the columns".to_owned());
     }
@@ -206,7 +203,8 @@ fn choose(
 
 /// A cell as a number; NaN where it is empty or says so.
 fn number_in(cell: &str, decimal_comma: bool) -> Result<f64, String> {
-    if cell.is_empty() || ["nan", "na", "null", "none", "-"].iter().any(|w| cell.eq_ignore_ascii_case(w))
+    if cell.is_empty()
+        || ["nan", "na", "null", "none", "-"].iter().any(|w| cell.eq_ignore_ascii_case(w))
     {
         return Ok(f64::NAN);
     }

@@ -44,8 +44,8 @@ fn digest(bytes: &[u8]) -> String {
 
 /// Reads a truth; where its seal lies beside the directory it is in, the seal must hold.
 pub fn read(path: &Path) -> Result<serde_json::Value, TruthError> {
-    let bytes = std::fs::read(path)
-        .map_err(|source| TruthError::Read { path: path.into(), source })?;
+    let bytes =
+        std::fs::read(path).map_err(|source| TruthError::Read { path: path.into(), source })?;
     let seal = path.parent().and_then(Path::parent).map(|dir| dir.join("truth.sha256"));
     if let Some(seal) = seal
         && let Ok(sealed) = std::fs::read_to_string(&seal)

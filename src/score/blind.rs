@@ -260,21 +260,23 @@ impl Blind {
         use Outcome::{HonestTie, Missed, Partly, Right, WideTie, Withheld, Wrong};
         let columns = [Right, HonestTie, WideTie, Partly, Withheld, Missed, Wrong];
         let line = |name: &str, row: &Row| {
-            let counts: String =
-                columns.iter().map(|c| format!(" {} |", row.count(*c))).collect();
+            let counts: String = columns.iter().map(|c| format!(" {} |", row.count(*c))).collect();
             let covered = format!("{}/{}", row.covered, row.intervals);
             format!("| {name} | {} | {} |{counts} {covered} |\n", row.recordings, row.detected)
         };
         let heads: String = columns.iter().map(|c| format!(" {} |", c.word())).collect();
         let head = |what: &str| {
             let rule = "---|".repeat(columns.len() + 4);
-            format!("| {what} | recordings | detected |{heads} interval holds the truth |\n|{rule}\n")
+            format!(
+                "| {what} | recordings | detected |{heads} interval holds the truth |\n|{rule}\n"
+            )
         };
         let mut text = head("hidden");
         for (name, row) in self.goals().iter().filter(|(_, row)| row.recordings > 0) {
             text += &line(name, row);
         }
-        for (kind, what) in [(Kind::One, "one effect, >= 2 DL"), (Kind::Outside, "outside, >= 2 DL")]
+        for (kind, what) in
+            [(Kind::One, "one effect, >= 2 DL"), (Kind::Outside, "outside, >= 2 DL")]
         {
             let rows = self.by_effect(kind, 2);
             if !rows.is_empty() {
@@ -346,16 +348,36 @@ mod tests {
             (said("named", &[&["tone"], &["offset"]]), truth(&["tone"], &[], &[]), Outcome::Wrong),
             (said("none", &[]), truth(&["tone"], &[], &[]), Outcome::Missed),
             (said("unknown", &[&["tone"]]), truth(&["tone"], &[], &[]), Outcome::Withheld),
-            (said("tie", &[&["offset", "droop"]]), truth(&["droop"], &slow, &[]), Outcome::HonestTie),
-            (said("tie", &[&["offset"], &["droop"]]), truth(&["droop"], &slow, &[]), Outcome::HonestTie),
+            (
+                said("tie", &[&["offset", "droop"]]),
+                truth(&["droop"], &slow, &[]),
+                Outcome::HonestTie,
+            ),
+            (
+                said("tie", &[&["offset"], &["droop"]]),
+                truth(&["droop"], &slow, &[]),
+                Outcome::HonestTie,
+            ),
             (said("tie", &[&["offset", "tone"]]), truth(&["tone"], &[], &[]), Outcome::WideTie),
             (said("named", &[&["offset"]]), truth(&["droop"], &slow, &[]), Outcome::Wrong),
             (said("unknown", &[&["tone"]]), truth(&["outside_x"], &[], &[]), Outcome::Right),
             (said("named", &[&["tone"]]), truth(&["outside_x"], &[], &[]), Outcome::Wrong),
             (said("named", &[&["tone"]]), truth(&["tone", "ageing"], &[], &[]), Outcome::Partly),
-            (said("named", &[&["ageing"], &["tone"]]), truth(&["tone", "ageing"], &[], &[]), Outcome::Right),
-            (said("named", &[&["ageing"]]), truth(&["ageing"], &["ageing", "temperature"], &follows), Outcome::Wrong),
-            (said("tie", &[&["ageing", "temperature"]]), truth(&["ageing"], &["ageing", "temperature"], &follows), Outcome::HonestTie),
+            (
+                said("named", &[&["ageing"], &["tone"]]),
+                truth(&["tone", "ageing"], &[], &[]),
+                Outcome::Right,
+            ),
+            (
+                said("named", &[&["ageing"]]),
+                truth(&["ageing"], &["ageing", "temperature"], &follows),
+                Outcome::Wrong,
+            ),
+            (
+                said("tie", &[&["ageing", "temperature"]]),
+                truth(&["ageing"], &["ageing", "temperature"], &follows),
+                Outcome::HonestTie,
+            ),
         ] {
             assert_eq!(outcome(&said, &truth), expected, "{said:?} {truth:?}");
         }

@@ -157,7 +157,9 @@ fn missed_goals(blind: &Blind) -> Vec<String> {
         ("interval holds the truth", one.intervals, covered(&one), 0.92, 0.98),
     ];
     let missed = goals.iter().filter(|(_, n, x, low, high)| *n > 0 && !(low..=high).contains(&x));
-    missed.map(|(what, n, x, low, high)| format!("{what}: {x:.3} of {n}, wanted {low} to {high}")).collect()
+    missed
+        .map(|(what, n, x, low, high)| format!("{what}: {x:.3} of {n}, wanted {low} to {high}"))
+        .collect()
 }
 
 fn said(verdict: &str, id: &str) -> Said {
@@ -209,7 +211,10 @@ fn nothing_about_the_truth_is_in_name_size_or_structure_of_a_recording() {
     let changed = digests[0].1.replace("\"seed\": 1", "\"seed\": 2");
     house.write("1/sealed/truth.json", changed);
     house.run("score said.json --truth 1/sealed/truth.json").exits(1).says("changed after");
-    house.run("score said.json said.json --truth 1/sealed/truth.json").exits(2).says("one truth per");
+    house
+        .run("score said.json said.json --truth 1/sealed/truth.json")
+        .exits(2)
+        .says("one truth per");
 }
 
 fn bursts(house: &House, seed: u64) -> Vec<Burst> {

@@ -16,7 +16,12 @@ pub fn unseen() -> Vec<Effect> {
         outside("outside_baseline_step", Needs::Nothing, 0.2, Acts::Output(baseline_step)),
         outside("outside_chirp", Needs::Nothing, 0.15, Acts::Output(chirp)),
         outside("outside_held_sample", Needs::Nothing, 0.2, Acts::Output(held_sample)),
-        outside("outside_stiff_neighbours", Needs::Neighbours, 0.001, Acts::Plant(stiff_neighbours)),
+        outside(
+            "outside_stiff_neighbours",
+            Needs::Neighbours,
+            0.001,
+            Acts::Plant(stiff_neighbours),
+        ),
     ]
 }
 

@@ -125,7 +125,14 @@ pub fn catalogue() -> Vec<Effect> {
         Effect { ties: slow, ..effect("droop", "rate", "1/s", DriveScan, 1e3, Output(droop)) },
         Effect {
             ties: slow,
-            ..effect("meniscus", "compliance_ratio", "1", DriveScan, 0.02, Plant(|s, _, e| e.meniscus = s.size))
+            ..effect(
+                "meniscus",
+                "compliance_ratio",
+                "1",
+                DriveScan,
+                0.02,
+                Plant(|s, _, e| e.meniscus = s.size),
+            )
         },
         Effect {
             ties: early,
@@ -136,30 +143,96 @@ pub fn catalogue() -> Vec<Effect> {
             shapes: [25e3, 240e3],
             ..effect("second_mode", "frequency", "Hz", DriveScan, 0.25, Output(second_mode))
         },
-        effect("quadratic_drag", "damping_change", "1", DriveScan, 30.0, Plant(|s, _, e| e.drag_per_s_count = s.size)),
-        effect("dry_friction", "damping_change", "1", DriveScan, 3e4, Plant(|s, _, e| e.friction_counts_per_s = s.size)),
-        effect("cubic_stiffness", "frequency_change", "1", DriveScan, 1e5, Plant(|s, _, e| e.cubic = s.size)),
+        effect(
+            "quadratic_drag",
+            "damping_change",
+            "1",
+            DriveScan,
+            30.0,
+            Plant(|s, _, e| e.drag_per_s_count = s.size),
+        ),
+        effect(
+            "dry_friction",
+            "damping_change",
+            "1",
+            DriveScan,
+            3e4,
+            Plant(|s, _, e| e.friction_counts_per_s = s.size),
+        ),
+        effect(
+            "cubic_stiffness",
+            "frequency_change",
+            "1",
+            DriveScan,
+            1e5,
+            Plant(|s, _, e| e.cubic = s.size),
+        ),
         Effect {
             ties: early,
-            ..effect("fractional_damping", "eta", "1", Nothing, 0.1, Plant(|s, _, e| e.half_order = s.size))
+            ..effect(
+                "fractional_damping",
+                "eta",
+                "1",
+                Nothing,
+                0.1,
+                Plant(|s, _, e| e.half_order = s.size),
+            )
         },
-        Effect { shapes: [15e3, 280e3], ..effect("tone", "frequency", "Hz", Nothing, 0.09, Output(tone)) },
+        Effect {
+            shapes: [15e3, 280e3],
+            ..effect("tone", "frequency", "Hz", Nothing, 0.09, Output(tone))
+        },
         Effect {
             shapes: [15e3, 280e3],
             ..effect("random_tone", "frequency", "Hz", Nothing, 0.2, Output(random_tone))
         },
         effect("trigger_jitter", "sd", "s", Nothing, 27e-9, Acts::Trigger),
         effect("clipping", "level", "counts", Nothing, 90.0, Code(|s, y| y.min(s.size))),
-        effect("coarse_lsb", "step", "counts", Nothing, 2.0, Code(|s, y| (y / s.size).round() * s.size)),
+        effect(
+            "coarse_lsb",
+            "step",
+            "counts",
+            Nothing,
+            2.0,
+            Code(|s, y| (y / s.size).round() * s.size),
+        ),
         effect("previous_tail", "gain", "1", Idle, 0.3, Acts::Tail),
         effect("crosstalk", "kappa", "1", Neighbours, 0.012, Output(crosstalk)),
-        effect("temperature", "damping_change", "1/K", Temperature, -0.003, Plant(|s, c, e| thin(e, 1.0 + s.size * c.above_c))),
-        effect("ageing", "damping_change", "1", Nothing, 0.03, Plant(|s, c, e| thin(e, 1.0 + s.size * c.progress))),
-        effect("position_gradient", "frequency_change", "1", Nothing, 0.005, Plant(|s, c, e| stiffen(e, 1.0 + s.size * c.position))),
-        effect("clock_drift", "rate_change", "1", Nothing, 0.005, Plant(|s, c, e| {
-            stiffen(e, 1.0 + s.size * c.progress);
-            thin(e, 1.0 + s.size * c.progress);
-        })),
+        effect(
+            "temperature",
+            "damping_change",
+            "1/K",
+            Temperature,
+            -0.003,
+            Plant(|s, c, e| thin(e, 1.0 + s.size * c.above_c)),
+        ),
+        effect(
+            "ageing",
+            "damping_change",
+            "1",
+            Nothing,
+            0.03,
+            Plant(|s, c, e| thin(e, 1.0 + s.size * c.progress)),
+        ),
+        effect(
+            "position_gradient",
+            "frequency_change",
+            "1",
+            Nothing,
+            0.005,
+            Plant(|s, c, e| stiffen(e, 1.0 + s.size * c.position)),
+        ),
+        effect(
+            "clock_drift",
+            "rate_change",
+            "1",
+            Nothing,
+            0.005,
+            Plant(|s, c, e| {
+                stiffen(e, 1.0 + s.size * c.progress);
+                thin(e, 1.0 + s.size * c.progress);
+            }),
+        ),
         effect("correlated_noise", "rho", "1", Nothing, 0.03, Acts::Correlation),
         effect("heteroscedastic_noise", "h", "1", Nothing, 0.1, Acts::NoiseGrowth),
     ]
@@ -171,21 +244,45 @@ pub fn outside() -> Vec<Effect> {
     use Needs::{DriveScan, Nothing, Temperature};
     vec![
         // even-order distortion of the amplifier
-        effect("outside_even_order", "share", "1", DriveScan, 0.02, Output(|s, _, o| {
-            o.y.iter_mut().for_each(|y| *y += s.size * *y * *y / o.peak_counts);
-        })),
+        effect(
+            "outside_even_order",
+            "share",
+            "1",
+            DriveScan,
+            0.02,
+            Output(|s, _, o| {
+                o.y.iter_mut().for_each(|y| *y += s.size * *y * *y / o.peak_counts);
+            }),
+        ),
         // a reflection that arrives in the middle of the acquisition
         Effect {
             shapes: [25e-6, 45e-6],
             ..effect("outside_echo", "share", "1", Nothing, 0.02, Output(echo))
         },
         // a spike at the same sample of every signal
-        Effect { shapes: [0.2, 0.8], ..effect("outside_glitch", "counts", "counts", Nothing, 1.0, Output(|s, _, o| {
-            let k = (s.shape * o.y.len() as f64) as usize;
-            o.y[k.min(o.y.len() - 1)] += s.size;
-        })) },
+        Effect {
+            shapes: [0.2, 0.8],
+            ..effect(
+                "outside_glitch",
+                "counts",
+                "counts",
+                Nothing,
+                1.0,
+                Output(|s, _, o| {
+                    let k = (s.shape * o.y.len() as f64) as usize;
+                    o.y[k.min(o.y.len() - 1)] += s.size;
+                }),
+            )
+        },
         // stiffness follows temperature: the catalogue has only damping do so
-        effect("outside_warm_stiffness", "1/K", "1/K", Temperature, 0.001, Plant(|s, c, e| stiffen(e, 1.0 + s.size * c.above_c))),
+        effect(
+            "outside_warm_stiffness",
+            "1/K",
+            "1/K",
+            Temperature,
+            0.001,
+            Plant(|s, c, e| stiffen(e, 1.0 + s.size * c.above_c)),
+        ),
     ]
 }
 

@@ -233,7 +233,12 @@ pub fn shaped(effect: Effect, physics: &Physics, rng: &mut ChaCha8Rng) -> Effect
     Effect { shape: low, ..effect }
 }
 
-fn true_effect(effect: &Effect, strength_dl: f64, yardstick: &Yardstick, plan: &Plan) -> TrueEffect {
+fn true_effect(
+    effect: &Effect,
+    strength_dl: f64,
+    yardstick: &Yardstick,
+    plan: &Plan,
+) -> TrueEffect {
     let mut ties: Vec<String> = effect.ties.iter().map(|t| (*t).to_owned()).collect();
     let follows = plan.circumstances.contains(&Circumstance::TemperatureFollowsTime);
     if follows && matches!(effect.id, "temperature" | "ageing") {

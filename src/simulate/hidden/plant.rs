@@ -133,7 +133,13 @@ mod tests {
     const DT: f64 = 0.78125e-6;
 
     fn nominal() -> Equation {
-        Equation { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8e4, ..Equation::default() }
+        Equation {
+            a_per_s2: 5.6e10,
+            b_per_s2: 1.11e11,
+            g_per_s: 1.6e4,
+            d_per_s: 8e4,
+            ..Equation::default()
+        }
     }
 
     fn decay(equation: &Equation, displaced: f64) -> Vec<f64> {

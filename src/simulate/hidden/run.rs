@@ -254,7 +254,8 @@ impl Acquisitions {
         let progress = step as f64 / last;
         let phase = TAU * step as f64 * run.interval_s / physics.temperature.period_s;
         let follows = self.base.circumstances.contains(&Circumstance::TemperatureFollowsTime);
-        let course = if follows { 2.0 * progress - 1.0 } else { (phase + self.phases_rad[head]).sin() };
+        let course =
+            if follows { 2.0 * progress - 1.0 } else { (phase + self.phases_rad[head]).sin() };
         let above_c = physics.temperature.swing_c * course;
         let drive_v = draw_level(&physics.drive, rng);
         let phase_rad = TAU * rng.random::<f64>();

@@ -166,7 +166,8 @@ impl Yardstick {
             total += e.dot(&we);
             let channel = channels.entry(seen.place).or_default();
             channel.0 += weighted.information;
-            channel.1 += Freedom::from_iterator((self.freedoms.transpose() * &we * drive).iter().copied());
+            channel.1 +=
+                Freedom::from_iterator((self.freedoms.transpose() * &we * drive).iter().copied());
         }
         // channels are drawn about a mean that is free
         let p = &self.precision;
@@ -218,7 +219,8 @@ impl Yardstick {
         }
         let nuisance = information.fixed_view::<4, 4>(1, 1).into_owned();
         let shared = information.fixed_view::<4, 1>(1, 0).into_owned();
-        let explained = nuisance.try_inverse().map_or(0.0, |inverse| shared.dot(&(inverse * shared)));
+        let explained =
+            nuisance.try_inverse().map_or(0.0, |inverse| shared.dot(&(inverse * shared)));
         (information[(0, 0)] - explained) * self.share * 1e32
     }
 
@@ -301,7 +303,8 @@ impl Weighted {
 fn freedoms(base: &Base) -> Option<DMatrix<f64>> {
     let poles = base.rates.poles()?;
     let n = base.physics.acquisition.samples;
-    let (sigma, omega, lambda) = (poles.damping_per_s, TAU * poles.frequency_hz, poles.lambda_per_s);
+    let (sigma, omega, lambda) =
+        (poles.damping_per_s, TAU * poles.frequency_hz, poles.lambda_per_s);
     let mut j = DMatrix::zeros(n, 6);
     for k in 0..n {
         let t = k as f64 * base.dt_s();
@@ -389,7 +392,10 @@ mod tests {
             .replace("gain = 0.01\nstate = 0.01", "gain = 0.0\nstate = 0.0")
             .replace("frequency_sd = 0.002", "frequency_sd = 0.0")
             .replace("damping_sd = 0.01", "damping_sd = 0.0")
-            .replace("a = 0.004\nb = 0.004\ng = 0.03\nd = 0.03\ngain = 0.025", "a = 0.5\nb = 0.5\ng = 0.5\nd = 0.5\ngain = 0.5");
+            .replace(
+                "a = 0.004\nb = 0.004\ng = 0.03\nd = 0.03\ngain = 0.025",
+                "a = 0.5\nb = 0.5\ng = 0.5\nd = 0.5\ngain = 0.5",
+            );
         let Kind::Physics(physics) = Scenario::from_toml(&text).unwrap().kind else { panic!() };
         let run = physics.print_run.clone().unwrap();
         let hidden = physics.hidden.clone().unwrap();
