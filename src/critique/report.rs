@@ -50,7 +50,10 @@ fn write_page(c: &Critique, page: &mut String) -> std::fmt::Result {
         writeln!(page, "<h2>The extended model</h2>\n<pre>{}</pre>", escaped(&c.equation))?;
         if let Some(name) = &c.extended_model {
             let name = escaped(name);
-            writeln!(page, "<p>As a design: <code>{name}</code>, for <code>inkling replay --design</code>.</p>")?;
+            writeln!(
+                page,
+                "<p>As a design: <code>{name}</code>, for <code>inkling replay --design</code>.</p>"
+            )?;
         }
     }
     gain(&c.gain, page)?;
@@ -90,7 +93,11 @@ fn short(x: f64) -> String {
         return format!("{x:.3e}");
     }
     let text = format!("{x:.*}", (3 - power).max(0) as usize);
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+    if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        text
+    }
 }
 
 fn causes(c: &Critique, page: &mut String) -> std::fmt::Result {
@@ -176,11 +183,15 @@ fn gain(gain: &Gain, page: &mut String) -> std::fmt::Result {
     ];
     for (name, value, interval) in entries {
         let cell = |g: &GainFigures| {
-            let range = interval(g).map(|[low, high]| format!(" [{}, {}]", short(low), short(high)));
+            let range =
+                interval(g).map(|[low, high]| format!(" [{}, {}]", short(low), short(high)));
             format!("{}{}", short(value(g)), range.unwrap_or_default())
         };
         let (before, after) = (cell(before), cell(after));
-        writeln!(page, "<tr><td>{name}</td><td class=n>{before}</td><td class=n>{after}</td></tr>")?;
+        writeln!(
+            page,
+            "<tr><td>{name}</td><td class=n>{before}</td><td class=n>{after}</td></tr>"
+        )?;
     }
     page.write_str("</table>\n")
 }
@@ -207,7 +218,9 @@ fn figures(c: &Critique, page: &mut String) -> std::fmt::Result {
         }
         match figure.svg() {
             Ok(svg) => writeln!(page, "{svg}")?,
-            Err(e) => writeln!(page, "<p>{}: {}</p>", escaped(&figure.title), escaped(&e.to_string()))?,
+            Err(e) => {
+                writeln!(page, "<p>{}: {}</p>", escaped(&figure.title), escaped(&e.to_string()))?
+            }
         }
     }
     Ok(())
@@ -217,7 +230,8 @@ fn figures(c: &Critique, page: &mut String) -> std::fmt::Result {
 /// its legend above the data.
 fn plain(mut figure: Figure) -> Figure {
     let clean = |text: &mut String| {
-        *text = text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).take(200).collect();
+        *text =
+            text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).take(200).collect();
     };
     clean(&mut figure.title);
     clean(&mut figure.x.label);
@@ -327,7 +341,8 @@ fn spectrum(s: &Spectrum) -> Option<Figure> {
 
 fn range(values: &[f64]) -> f64 {
     let finite = || values.iter().filter(|v| v.is_finite());
-    let (low, high) = finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (v.min(l), v.max(h)));
+    let (low, high) =
+        finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (v.min(l), v.max(h)));
     (high - low).max(0.0)
 }
 
@@ -409,7 +424,10 @@ fn energies(e: &Energies) -> Option<Figure> {
             short(e.threshold_before),
             short(e.threshold_after)
         ),
-        x: Axis { log: e.edges[0] > 0.0, ..Axis::new("detection statistic of held-out healthy signals") },
+        x: Axis {
+            log: e.edges[0] > 0.0,
+            ..Axis::new("detection statistic of held-out healthy signals")
+        },
         y: Axis::new("signals"),
         series: vec![
             series("before", Mark::Line, steps(&e.before)),

@@ -125,7 +125,16 @@ fn hostile_names_cannot_inject_markup() {
         critique.causes[0].id = name.into();
         critique.gain.held_out.by = name.into();
         let page = html(&critique);
-        let markup = ["<script", "<img", "</style></title>", "<svg onload", "onerror=alert(1)>", "<b>\u{fffd}", "\u{1b}", "\u{0}"];
+        let markup = [
+            "<script",
+            "<img",
+            "</style></title>",
+            "<svg onload",
+            "onerror=alert(1)>",
+            "<b>\u{fffd}",
+            "\u{1b}",
+            "\u{0}",
+        ];
         for bad in markup {
             assert!(!page.contains(bad), "{name}: {bad} is in the page");
         }
@@ -174,7 +183,15 @@ fn a_critique_without_figures_is_a_page_too() {
 
 #[test]
 fn numbers_are_short_and_never_lose_their_size() {
-    let cases = [(0.0, "0"), (1.0, "1"), (0.123456, "0.1235"), (100_000.0, "100000"), (3e-9, "3.000e-9"), (f64::NAN, "–"), (-12.5, "-12.5")];
+    let cases = [
+        (0.0, "0"),
+        (1.0, "1"),
+        (0.123456, "0.1235"),
+        (100_000.0, "100000"),
+        (3e-9, "3.000e-9"),
+        (f64::NAN, "–"),
+        (-12.5, "-12.5"),
+    ];
     for (x, text) in cases {
         assert_eq!(short(x), text);
     }
