@@ -312,19 +312,27 @@ pub fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Found 
         let (a, b) = (theta[2], theta[3]);
         let n = data.samples;
         let c = &linear.tangent.columns;
-        // gain scales a and b, a shift in time turns them
-        let columns = DMatrix::from_fn(n, 2, |k, j| {
-            if j == 0 {
-                a * c[2][k] + b * c[3][k]
-            } else {
-                (omega * b - sigma * a) * c[2][k] - (omega * a + sigma * b) * c[3][k]
-            }
+        // gain scales a and b, a shift in time turns them; damping and frequency are free beside
+        let columns = DMatrix::from_fn(n, 2 + 2, |k, j| match j {
+            0 => a * c[2][k] + b * c[3][k],
+            1 => (omega * b - sigma * a) * c[2][k] - (omega * a + sigma * b) * c[3][k],
+            _ => c[j - 2][k],
         });
         let r = DVector::from_column_slice(&linear.residual);
         let gram = columns.tr_mul(&columns);
         let Some(inverse) = gram.try_inverse() else { continue };
         let x = &inverse * columns.tr_mul(&r);
         let var = [inverse[(0, 0)] * model.noise_var, inverse[(1, 1)] * model.noise_var];
+        // what the linearisation has taken already
+        let own = model.each[i];
+        let square = a * a + b * b;
+        let (p, q) = (own[2], own[3]);
+        let turned = [omega * b - sigma * a, -(omega * a + sigma * b)];
+        let size = turned[0] * turned[0] + turned[1] * turned[1];
+        let x = [
+            x[0] + (a * p + b * q) / square,
+            x[1] + (turned[0] * p + turned[1] * q) / size,
+        ];
         each.push((data.rows[i].unit, data.rows[i].burst, [x[0], x[1]], var));
     }
     let lack = |why| found("trigger_jitter", 0.0, 0.0, f64::NAN, f64::NAN, Some(why));

@@ -17,6 +17,8 @@ use super::space::{Channels, Direction, Nuisance, Space};
 pub const THRESHOLD: f64 = 8.3;
 /// Rivals whose refitted -2 ln likelihood is within this of the best cannot be told from it.
 const TIE: f64 = 6.0;
+/// The same for causes whose effects are known to differ.
+const CLOSE: f64 = 1.5;
 /// Causes that are looked for at most.
 const MOST_CAUSES: usize = 4;
 /// Rivals that are refitted in a step, at most.
@@ -191,7 +193,7 @@ pub fn refit(
     loop {
         match scatter {
             true => model.fit(setting.data, setting.beside, 1),
-            false => model.fit_units(setting.data, setting.beside, 4),
+            false => model.settle(setting.data, setting.beside),
         }
         let spaces = Spaces::of(&model, setting);
         let nuisances = spaces.nuisances(&causes);
@@ -295,7 +297,12 @@ pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -
         let least = penalised(&rivals[0]);
         let tied: Vec<String> = rivals[1..]
             .iter()
-            .filter(|r| penalised(r) - least < TIE)
+            .filter(|r| {
+                let near = penalised(r) - least;
+                let honest = same_class(r.1.applied.id, rivals[0].1.applied.id)
+                    || !matches!(kind, Kind::Shapes);
+                near < if honest { TIE } else { CLOSE }
+            })
             .map(|r| r.1.applied.id.to_owned())
             .collect();
         for r in &rivals {
@@ -370,6 +377,16 @@ fn necessary(now: &Refit) -> Vec<bool> {
             super::candidates::surprise(statistic, q, 1.0, f64::INFINITY) > 0.7 * THRESHOLD
         })
         .collect()
+}
+
+/// What a cause has free: its coefficients, and its rate, frequency and damping.
+fn parameters(s: &Scored) -> f64 {
+    let shape = match s.applied.id {
+        "second_mode" => 3.0,
+        "tone" | "lowpass" => 1.0,
+        _ => 0.0,
+    };
+    s.degrees as f64 + shape
 }
 
 /// The value of the statistic at which the surprise reaches the threshold.
