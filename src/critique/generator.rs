@@ -252,7 +252,13 @@ fn tuning_table() {
             };
             let data = draw(&run, number("SEED", 1000.0) as u64 + seed);
             let started = std::time::Instant::now();
-            let outcome = super::engine::critique(&data, false, &mut |_| {}).unwrap();
+            let outcome = super::engine::critique(
+                &data,
+                super::engine::Rings::InkChannel,
+                false,
+                &mut |_| {},
+            )
+            .unwrap();
             seconds += started.elapsed().as_secs_f64();
             let verdict = said(&outcome.critique);
             if effect == "none" && verdict.starts_with("none") {
@@ -270,86 +276,5 @@ fn tuning_table() {
             println!("{effect:<20} {scaled:.4} | {verdict} | {}", top.join(" "));
         }
         println!("{effect}: {seconds:.1} s, {named} none");
-    }
-}
-
-#[test]
-#[ignore]
-fn debug_scores() {
-    use super::*;
-    let effect: &'static str = Box::leak(std::env::var("ONLY").unwrap().into_boxed_str());
-    let number = |name: &str, default: f64| -> f64 {
-        std::env::var(name).ok().and_then(|s| s.parse().ok()).unwrap_or(default)
-    };
-    for seed in 0..number("SEEDS", 1.0) as u64 {
-        let run = Run {
-            effect,
-            size: number("SIZE", 0.0),
-            channels: number("CHANNELS", 32.0) as usize,
-            bursts: number("BURSTS", 6.0) as usize,
-            noise: number("NOISE", 2.0),
-            spread: [number("STIFF", 0.004), number("DAMP", 0.06), 0.025],
-            shot: number("SHOT", 0.004),
-            ..Run::default()
-        };
-        let data = draw(&run, number("SEED", 1000.0) as u64 + seed);
-        let beside = covariates::Covariates::of(&data);
-        let mut model = model::Model::start(&data, &beside, true).unwrap();
-        model.fit(&data, &beside, 2);
-        println!(
-            "mean {:?} noise {}",
-            model.mean.map(|v| (v * 1e4).round() / 1e4).as_slice(),
-            model.noise_var.sqrt()
-        );
-        let a = model.amplitude();
-        println!(
-            "between sd {:?}",
-            (0..5)
-                .map(|i| model.between[(i, i)].sqrt() / if i < 2 { 1.0 } else { a })
-                .collect::<Vec<_>>()
-        );
-        println!(
-            "within sd {:?}",
-            (0..5)
-                .map(|i| model.within[(i, i)].sqrt() / if i < 2 { 1.0 } else { a })
-                .collect::<Vec<_>>()
-        );
-        let setting = selection::Setting { data: &data, beside: &beside, avoid: &[] };
-        let now = selection::refit(model, Vec::new(), setting, 3, true);
-        let nuisances = now.spaces.nuisances(&[]);
-        println!("mean shift {:?} lambda {}", nuisances.shapes.mean_shift(), now.model.mean[5]);
-        let bench = setting.bench(&now.model, &now.spaces, &nuisances);
-        for s in bench.score_all() {
-            println!(
-                "{} stat {:.1} surprise {:.1} value {:.4e} sd {:.2e} shape {:.3} {}",
-                s.applied.id,
-                s.statistic,
-                s.surprise,
-                s.value,
-                s.sd,
-                s.applied.shape,
-                s.disqualified
-            );
-            if number("REFIT", 0.0) > 0.0 && s.surprise > 4.0 {
-                let mut model = now.model.clone();
-                selection::follow(&mut model, &now.spaces, &[], std::slice::from_ref(&s.applied));
-                selection::apply(&mut model, &s.applied, &s.applied.coefficients);
-                for rounds in [1, 2, 3, 5] {
-                    let r = selection::refit(
-                        model.clone(),
-                        vec![s.applied.clone()],
-                        setting,
-                        rounds,
-                        false,
-                    );
-                    println!(
-                        "     rounds {rounds} refit gain {:.1} coef {:?} shape {:.4}",
-                        now.deviance(&s.applied.kind) - r.deviance(&s.applied.kind),
-                        r.causes[0].coefficients,
-                        r.causes[0].shape
-                    );
-                }
-            }
-        }
     }
 }

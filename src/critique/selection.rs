@@ -364,17 +364,19 @@ fn necessary(now: &Refit) -> Vec<bool> {
                 _ => nuisances.covariates.causes(),
             };
             let q = cause.coefficients.len();
+            // of what follows a covariate, its own effect must stay, not the state's
+            let own = if matches!(cause.kind, Kind::Covariate { .. }) { 1 } else { q };
             let total: Vec<f64> = cause
                 .coefficients
                 .iter()
-                .zip(steps.rows(at, q).iter())
+                .zip(steps.rows(at, own).iter())
                 .map(|(c, s)| c + s)
                 .collect();
-            let block = covariance.view((at, at), (q, q)).into_owned();
+            let block = covariance.view((at, at), (own, own)).into_owned();
             at += q;
             let x = nalgebra::DVector::from_vec(total);
             let statistic = block.try_inverse().map_or(0.0, |inverse| x.dot(&(inverse * &x)));
-            super::candidates::surprise(statistic, q, 1.0, f64::INFINITY) > 0.7 * THRESHOLD
+            super::candidates::surprise(statistic, own, 1.0, f64::INFINITY) > 0.5 * THRESHOLD
         })
         .collect()
 }
