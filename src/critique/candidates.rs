@@ -507,6 +507,9 @@ impl<'a> Bench<'a> {
                 && (omega < LEAST_MODE * own
                     || (omega - own).abs() < near
                     || (2..=4).any(|m| (omega - f64::from(m) * own).abs() < 0.6 * resolution));
+            // nor is every second sample's own gain, which mirrors the ring at half the sampling rate
+            let mirror = PI * n as f64 - own;
+            let mode = mode || pattern == 1 && (omega - mirror).abs() < near;
             // so is a tone at its own frequency: anything that changes the ring looks like one
             let own = (omega - own).abs() < 1.2 * resolution;
             mode || own || self.avoid.iter().any(|w| (omega - w).abs() < 1.5 * resolution)

@@ -278,3 +278,40 @@ fn tuning_table() {
         println!("{effect}: {seconds:.1} s, {named} none");
     }
 }
+
+/// Verdict and names of a run.
+fn names(run: &Run, seed: u64) -> (super::finding::Verdict, Vec<super::finding::Cause>) {
+    let data = draw(run, seed);
+    let rings = super::engine::Rings::InkChannel;
+    let critique = super::engine::critique(&data, rings, false, &mut |_| {}).unwrap().critique;
+    (critique.verdict, critique.causes)
+}
+
+#[test]
+fn a_right_model_is_left_alone_and_a_wrong_one_is_named_with_its_size() {
+    use super::finding::Verdict;
+    let small = Run { channels: 24, bursts: 5, ..Run::default() };
+    for seed in [1, 2] {
+        assert_eq!(names(&small, seed).0, Verdict::None, "seed {seed}");
+    }
+    let heavy = Run { heavy: true, faulty: 1, ..small.clone() };
+    assert_eq!(names(&heavy, 3).0, Verdict::None);
+    for (effect, size, within) in [("offset", 0.6, 0.15), ("temperature", 0.02, 0.004)] {
+        let (verdict, causes) = names(&Run { effect, size, ..small.clone() }, 4);
+        assert_eq!((verdict, causes.len()), (Verdict::Named, 1), "{effect}: {causes:?}");
+        assert_eq!(causes[0].id, effect);
+        assert!((causes[0].value - size).abs() < within, "{effect}: {}", causes[0].value);
+    }
+}
+
+#[test]
+fn covariates_that_follow_each_other_tie() {
+    let run = Run { effect: "ageing", size: 0.2, channels: 24, bursts: 5, ..Run::default() };
+    let mut data = draw(&run, 5);
+    for row in &mut data.rows {
+        row.beside.temperature_c = 20.0 + row.beside.t_acq_ns as f64 * 1e-9;
+    }
+    let rings = super::engine::Rings::InkChannel;
+    let critique = super::engine::critique(&data, rings, false, &mut |_| {}).unwrap().critique;
+    assert_eq!(critique.verdict, super::finding::Verdict::Tie, "{:?}", critique.causes);
+}

@@ -342,14 +342,54 @@ pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -
         }
     }
     stages("measuring the causes");
-    let last = refit(now.model, now.causes, setting, 3, true);
+    let mut last = refit(now.model, now.causes, setting, 3, true);
+    measure(&mut chosen, &last, setting);
+    let kept = beyond_leftovers(&chosen);
+    if kept.iter().any(|k| !k) {
+        for (cause, _) in last.causes.iter().zip(&kept).filter(|(_, k)| !**k) {
+            let minus: Vec<f64> = cause.coefficients.iter().map(|c| -c).collect();
+            apply(&mut last.model, cause, &minus);
+        }
+        let mut keep = kept.iter();
+        chosen.retain(|_| *keep.next().unwrap_or(&true));
+        let mut keep = kept.iter();
+        last.causes.retain(|_| *keep.next().unwrap_or(&true));
+        last = refit(last.model, last.causes, setting, 3, true);
+        measure(&mut chosen, &last, setting);
+    }
+    Selected { model: last.model, causes: chosen, spaces: last.spaces, evidence, unnamed }
+}
+
+/// No model of a cause is exact: what is found beside one that explains so much more is what that one
+/// leaves, and no cause of its own. Of what follows the same covariate, more so.
+const LEFTOVER: f64 = 0.03;
+const LEFTOVER_OF_COVARIATE: f64 = 0.1;
+
+fn beyond_leftovers(chosen: &[Chosen]) -> Vec<bool> {
+    let which = |c: &Chosen| match c.scored.applied.kind {
+        Kind::Covariate { which, .. } => Some(which),
+        _ => None,
+    };
+    chosen
+        .iter()
+        .map(|cause| {
+            chosen.iter().all(|other| {
+                let same = which(cause).is_some() && which(cause) == which(other);
+                let share = if same { LEFTOVER_OF_COVARIATE } else { LEFTOVER };
+                cause.statistic >= share * other.statistic
+            })
+        })
+        .collect()
+}
+
+/// Final sizes, each beside all others.
+fn measure(chosen: &mut [Chosen], last: &Refit, setting: Setting) {
     for (index, cause) in chosen.iter_mut().enumerate() {
         if let Some(scored) = rescored(index, &last.model, &last.causes, &last.spaces, setting) {
             cause.statistic = scored.statistic;
             cause.scored = scored;
         }
     }
-    Selected { model: last.model, causes: chosen, spaces: last.spaces, evidence, unnamed }
 }
 
 /// Which causes stay significant beside the others.
