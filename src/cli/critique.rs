@@ -3,7 +3,7 @@
 use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible};
 use super::report::printable;
-use crate::critique::engine::{self, MOST_SAMPLES, Outcome};
+use crate::critique::engine::{self, MOST_SAMPLES, Outcome, Rings};
 use crate::critique::finding::{Critique, GainFigures};
 use crate::critique::observations::Observations;
 use crate::critique::report;
@@ -60,8 +60,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let control = interruptible();
     let progress = Progress::new(inputs.len(), 0);
     let oscillator = args.plant == PlantArg::Oscillator;
-    let most = if oscillator { usize::MAX } else { MOST_SAMPLES };
-    let mut observer = Observer::new(labels.as_ref(), settings.input.rails, most);
+    let mut observer = Observer::new(labels.as_ref(), settings.input.rails, MOST_SAMPLES);
     let mut incomplete = false;
     for input in &inputs {
         let recording = Recording::open(&input.path, Limits::default()).map_err(Failure::new)?;
@@ -75,11 +74,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     incomplete |= rejected > 0;
     let data = observer.finish().ok_or_else(|| Failure::new("no inkling.Burst messages found"))?;
     let mut stages = |what: &str| progress.say(&format!("{what} ..."));
-    let mut outcome = match oscillator {
-        false => engine::critique(&data, labels.is_some(), &mut stages),
-        true => engine::critique_oscillator(&data, &mut stages),
-    }
-    .map_err(Failure::new)?;
+    let rings = if oscillator { Rings::Oscillator } else { Rings::InkChannel };
+    let mut outcome =
+        engine::critique(&data, rings, labels.is_some(), &mut stages).map_err(Failure::new)?;
     outcome.critique.signals.rejected = rejected;
 
     if !oscillator {

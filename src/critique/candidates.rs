@@ -13,9 +13,12 @@ use crate::model::terms::{Interior, Seen, Term};
 use nalgebra::{Matrix4, Vector4};
 use std::f64::consts::{PI, TAU};
 
+/// Its own effect must show beside that of the state, in standard deviations.
+const LEAST_OWN: f64 = 2.5;
 /// d theta per relative change of damping (the real pole with it), and of frequency.
 const DAMPING: [f64; ALL] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
 const FREQUENCY: [f64; ALL] = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0];
+const CLOCK: [f64; ALL] = [1.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 /// A line below this share of the model's own frequency is no mode, and below so many periods of the
 /// signal it is no line.
 const LEAST_MODE: f64 = 0.3;
@@ -147,7 +150,7 @@ impl<'a> Bench<'a> {
                 continue;
             }
             if let Some(mut scored) = self.score_one(entry.id, None) {
-                if entry.needs == Needs::DriveScan && !self.beside.drive_scan {
+                if entry.needs == Needs::DriveScan && !self.beside.drive_scan && self.model.real {
                     scored.disqualified = "needs a drive scan".into();
                 }
                 all.push(scored);
@@ -192,7 +195,7 @@ impl<'a> Bench<'a> {
                 self.covariate_free(id, TIME, DAMPING, self.damping_direction(), self.over(TIME))
             }
             "clock_drift" => {
-                self.covariate(id, TIME, [1.0, 1.0, 0.0, 0.0, 0.0, 1.0], self.over(TIME))
+                self.covariate_free(id, TIME, CLOCK, self.clock_direction(), self.over(TIME))
             }
             "position_gradient" => {
                 let v = self.stiffness_direction();
@@ -504,6 +507,9 @@ impl<'a> Bench<'a> {
                 && (omega < LEAST_MODE * own
                     || (omega - own).abs() < near
                     || (2..=4).any(|m| (omega - f64::from(m) * own).abs() < 0.6 * resolution));
+            // nor is every second sample's own gain, which mirrors the ring at half the sampling rate
+            let mirror = PI * n as f64 - own;
+            let mode = mode || pattern == 1 && (omega - mirror).abs() < near;
             // so is a tone at its own frequency: anything that changes the ring looks like one
             let own = (omega - own).abs() < 1.2 * resolution;
             mode || own || self.avoid.iter().any(|w| (omega - w).abs() < 1.5 * resolution)
@@ -621,6 +627,15 @@ impl<'a> Bench<'a> {
         if let Some(tested) = self.covariates.test(&directions) {
             best.value = tested.coefficients[0] * unit;
             best.sd = tested.covariance[(0, 0)].sqrt() * unit;
+            let dof = self.dof(which == POSITION);
+            let together = surprise(tested.statistic, directions.len(), 2.0, dof);
+            if together > best.surprise {
+                best.surprise = together;
+                best.statistic = tested.statistic;
+            }
+            if best.value.abs() < LEAST_OWN * best.sd {
+                best.disqualified = "what follows is the acquisition state alone".into();
+            }
             best.degrees = directions.len();
             best.applied.coefficients = tested.coefficients;
             best.applied.directions = directions;
@@ -649,6 +664,16 @@ impl<'a> Bench<'a> {
             let by = v[1];
             v.map(|x| x / by)
         })
+    }
+
+    /// d theta where all rates grow by a share.
+    fn clock_direction(&self) -> [f64; ALL] {
+        self.rates_direction(|c, h| {
+            let by = 1.0 + h;
+            (c.a_per_s2, c.b_per_s2) = (c.a_per_s2 * by * by, c.b_per_s2 * by * by);
+            (c.g_per_s, c.d_per_s) = (c.g_per_s * by, c.d_per_s * by);
+        })
+        .unwrap_or(CLOCK)
     }
 
     fn rates_direction(

@@ -37,13 +37,25 @@ pub struct Outcome {
     pub outlier: Vec<bool>,
 }
 
-/// `stages`: told what is being done.
+/// What rings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rings {
+    /// Thesis (2-2): a damped pair and a real pole.
+    InkChannel,
+    /// A damped oscillator seen through its displacement: one damped pair; few, long decays.
+    Oscillator,
+}
+
+/// `labelled`: labels said that all are healthy. `stages`: told what is being done.
 pub fn critique(
     all: &Observations,
+    rings: Rings,
     labelled: bool,
     stages: &mut dyn FnMut(&str),
 ) -> Result<Outcome, CritiqueError> {
-    if all.len() < FEWEST_SIGNALS {
+    let real = rings == Rings::InkChannel;
+    let fewest = if real { FEWEST_SIGNALS } else { 1 };
+    if all.len() < fewest {
         return Err(CritiqueError::TooFew { found: all.len() });
     }
     if all.samples < FEWEST_SAMPLES {
@@ -51,19 +63,22 @@ pub fn critique(
     }
     stages("fitting the baseline");
     let beside = Covariates::of(all);
-    let start = Model::start(all, &beside, true).map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
-    let outlier = if labelled { vec![false; all.len()] } else { outliers(all, &beside, &start) };
+    let start = Model::start(all, &beside, real).map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
+    let outlier = match labelled || !real {
+        true => vec![false; all.len()],
+        false => outliers(all, &beside, &start),
+    };
     let data = all.select(|i| !outlier[i]);
-    if data.len() < FEWEST_SIGNALS {
+    if data.len() < fewest {
         return Err(CritiqueError::TooFew { found: data.len() });
     }
     let beside = Covariates::of(&data);
     let mut baseline =
-        Model::start(&data, &beside, true).map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
+        Model::start(&data, &beside, real).map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
     baseline.fit(&data, &beside, 2);
 
     stages("looking at codes and noise");
-    let of_codes = codes::test(&data, &beside, &mut baseline);
+    let mut of_codes = codes::test(&data, &beside, &mut baseline);
     if !of_codes.is_empty() {
         baseline.fit(&data, &beside, 2);
     }
@@ -73,7 +88,7 @@ pub fn critique(
         // what is white again can be judged by the same tests
         data = data.whitened(rho.clamp(-0.97, 0.97));
         baseline =
-            Model::start(&data, &beside, true).map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
+            Model::start(&data, &beside, real).map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
         baseline.fit(&data, &beside, 2);
         let again = ensemble::test(&data, &beside, &baseline);
         of_noise.retain(|f| f.evidence.id == "correlated_noise");
@@ -89,6 +104,14 @@ pub fn critique(
     let setting = Setting { data: &data, beside: &beside, avoid: &avoid };
     let selected = selection::select(baseline, setting, stages);
 
+    if accepted(&of_codes, "clipping").is_none() {
+        // what follows a covariate may have hidden it
+        let mut last = selected.model.clone();
+        let again = codes::test(&data, &beside, &mut last);
+        of_codes.extend(
+            again.into_iter().filter(|f| f.evidence.id == "clipping" && f.evidence.accepted),
+        );
+    }
     // a shift in time is told from drifts once these are in the model
     of_noise.push(ensemble::jitter(&selected.model, &data, &beside));
 
@@ -166,14 +189,6 @@ pub fn critique(
 /// The value of a cause among those found.
 fn accepted(found: &[Found], id: &str) -> Option<f64> {
     found.iter().find(|f| f.evidence.id == id && f.evidence.accepted).map(|f| f.evidence.value)
-}
-
-/// The same for a damped oscillator that is seen through its displacement: few long decays.
-pub fn critique_oscillator(
-    all: &Observations,
-    stages: &mut dyn FnMut(&str),
-) -> Result<Outcome, CritiqueError> {
-    critique(all, true, stages)
 }
 
 /// Gain in detection AUC from which on a cause matters for detection.

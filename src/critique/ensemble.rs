@@ -5,7 +5,7 @@
 //! in common. Out: [`Found`] each. Errors come from the spread over signals, so heavy tails widen them.
 
 use super::candidates::{LEAST_PERIODS, ln_normal_tail, surprise};
-use super::covariates::Covariates;
+use super::covariates::{COVARIATES, Covariates};
 use super::engine::{Found, found};
 use super::model::{Linear, Model, PATTERNS, dot};
 use super::observations::Observations;
@@ -298,90 +298,100 @@ fn heteroscedastic(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
 }
 
 /// Scatter along a shift in time. Healthy scatter of the acquisition state moves amplitude and phase
-/// alike; a jitter moves the phase alone, and moves all channels of a burst together.
+/// alike, and a channel that rings faster arrives at t_a with another phase: what is left of the shift
+/// once frequency, damping, amplitude and all covariates are allowed for is compared with the scatter of
+/// the amplitude.
 pub fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Found {
     let length_s = data.dt_s * data.samples as f64;
-    let mut linear = Linear::default();
-    let amplitude = model.amplitude();
+    let lack = |why| found("trigger_jitter", 0.0, 0.0, f64::NAN, f64::NAN, Some(why));
+    if data.len() < data.units + 24 {
+        return lack("several bursts of a channel");
+    }
     let (sigma, omega) = (model.mean[0].exp(), model.mean[1].exp());
-    // per signal: (gain, shift) relative to its channel, and their noise
-    let mut each: Vec<(usize, usize, [f64; 2], [f64; 2])> = Vec::new();
+    let mut linear = Linear::default();
+    // shift, gain, ln sigma, ln omega of every signal about its channel, and their noise
+    const SEEN: usize = 4;
+    const BESIDE: usize = COVARIATES + 1;
+    let mut each: Vec<[f64; SEEN + BESIDE]> = Vec::with_capacity(data.len());
+    let mut noise = DMatrix::<f64>::zeros(SEEN, SEEN);
     for i in 0..data.len() {
         model.linearise(i, data, beside, &mut linear);
         let theta = model.theta(i, data, beside);
         let (a, b) = (theta[2], theta[3]);
         let n = data.samples;
         let c = &linear.tangent.columns;
-        // gain scales a and b, a shift in time turns them
-        let columns = DMatrix::from_fn(n, 2, |k, j| {
-            if j == 0 {
-                a * c[2][k] + b * c[3][k]
-            } else {
-                (omega * b - sigma * a) * c[2][k] - (omega * a + sigma * b) * c[3][k]
-            }
+        let turned = [omega * b - sigma * a, -(omega * a + sigma * b)];
+        let columns = DMatrix::from_fn(n, SEEN, |k, j| match j {
+            0 => turned[0] * c[2][k] + turned[1] * c[3][k],
+            1 => a * c[2][k] + b * c[3][k],
+            _ => c[j - 2][k],
         });
         let r = DVector::from_column_slice(&linear.residual);
-        let gram = columns.tr_mul(&columns);
-        let Some(inverse) = gram.try_inverse() else { continue };
+        let Some(inverse) = columns.tr_mul(&columns).try_inverse() else { continue };
         let x = &inverse * columns.tr_mul(&r);
-        let var = [inverse[(0, 0)] * model.noise_var, inverse[(1, 1)] * model.noise_var];
-        each.push((data.rows[i].unit, data.rows[i].burst, [x[0], x[1]], var));
+        noise += &inverse * model.noise_var;
+        // what the linearisation has taken already
+        let own = model.each[i];
+        let along = |v: [f64; 2]| (v[0] * own[2] + v[1] * own[3]) / (v[0] * v[0] + v[1] * v[1]);
+        let mut row = [0.0; SEEN + BESIDE];
+        row[0] = x[0] + along(turned);
+        row[1] = x[1] + along([a, b]);
+        row[2] = x[2] + own[0];
+        row[3] = x[3] + own[1];
+        row[SEEN..SEEN + COVARIATES].copy_from_slice(&beside.z[i]);
+        row[SEEN + COVARIATES] = beside.z[i][COVARIATES - 1].powi(2);
+        each.push(row);
     }
-    let lack = |why| found("trigger_jitter", 0.0, 0.0, f64::NAN, f64::NAN, Some(why));
-    if each.len() < data.units + 8 || amplitude <= 0.0 {
-        return lack("several bursts of a channel");
+    if each.len() < data.len() {
+        return lack("signals that ring");
     }
     // about the channel's own mean
-    let mut sums = vec![([0.0; 2], 0.0); data.units];
-    for (unit, _, x, _) in &each {
-        sums[*unit].0[0] += x[0];
-        sums[*unit].0[1] += x[1];
-        sums[*unit].1 += 1.0;
+    let mut sums = vec![([0.0; SEEN + BESIDE], 0.0); data.units];
+    for (row, x) in data.rows.iter().zip(&each) {
+        let (sum, count) = &mut sums[row.unit];
+        sum.iter_mut().zip(x).for_each(|(s, x)| *s += x);
+        *count += 1.0;
     }
-    let (mut squares, mut noise, mut fourth) = ([0.0; 2], [0.0; 2], 0.0);
-    let mut common: std::collections::BTreeMap<usize, (f64, f64, f64)> = Default::default();
-    for (unit, burst, x, var) in &mut each {
-        let (sum, count) = sums[*unit];
-        let inflate = (count / (count - 1.0_f64).max(1.0)).sqrt();
-        for j in 0..2 {
-            x[j] = (x[j] - sum[j] / count) * inflate;
-            squares[j] += x[j] * x[j];
-            noise[j] += var[j];
-        }
-        fourth += x[1].powi(4);
-        let entry = common.entry(*burst).or_default();
-        entry.0 += x[1];
-        entry.1 += 1.0;
-        entry.2 += x[1] * x[1];
+    let m = (each.len() - data.units) as f64;
+    let total = SEEN + BESIDE;
+    let mut cov = DMatrix::<f64>::zeros(total, total);
+    for (row, x) in data.rows.iter().zip(&each) {
+        let (sum, count) = &sums[row.unit];
+        let d = DVector::from_fn(total, |j, _| x[j] - sum[j] / count);
+        cov += &d * d.transpose() / m;
     }
-    let m = each.len() as f64;
-    let gain_var = ((squares[0] - noise[0]) / m).max(0.0);
-    let shift_var = (squares[1] - noise[1]) / m;
-    let shift_se = ((fourth / m - (squares[1] / m).powi(2)).max(0.0) / m).sqrt();
-    // all channels of a burst together: what bursts have in common beyond chance
-    let (mut between, mut own, mut pairs) = (0.0, 0.0, 0.0);
-    for (sum, count, square) in common.values() {
-        between += sum * sum - square;
-        own += square * square;
-        pairs += count * (count - 1.0);
-    }
-    let of_chance = squares[1] / m;
-    let _ = own;
-    let z_common = if pairs > 30.0 { between / (of_chance * (2.0 * pairs).sqrt()) } else { 0.0 };
-    // healthy: the phase scatters no more than some times what the gain does
-    let healthy = 3.0 * gain_var * (length_s / length_s) / (omega * omega);
-    let z_alone =
-        (shift_var - healthy - (noise[0] / m) * 0.3 / (omega * omega)) / shift_se.max(1e-300);
-    let s_common =
-        if z_common > 0.0 { surprise(z_common * z_common, 1, 1.0, f64::INFINITY) } else { 0.0 };
-    let s_alone =
-        if z_alone > 0.0 { surprise(z_alone * z_alone, 1, 1.0, f64::INFINITY) } else { 0.0 };
-    let (s, z, var, se) = if s_common > s_alone {
-        (s_common, z_common, between / pairs, of_chance * (2.0 / pairs).sqrt())
-    } else {
-        let rest = (shift_var - gain_var / (omega * omega)).max(1e-300);
-        (s_alone, z_alone, rest, shift_se)
+    noise /= each.len() as f64;
+    let others = total - 1;
+    let conditional = |cov: &DMatrix<f64>| -> Option<f64> {
+        let scale = DVector::from_fn(others, |j, _| cov[(j + 1, j + 1)].max(1e-300).sqrt());
+        let inner = DMatrix::from_fn(others, others, |i, j| {
+            cov[(i + 1, j + 1)] / (scale[i] * scale[j]) + if i == j { 1e-3 } else { 0.0 }
+        });
+        let cross = DVector::from_fn(others, |j, _| cov[(j + 1, 0)] / scale[j]);
+        Some(cov[(0, 0)] - cross.dot(&(inner.try_inverse()? * &cross)))
     };
-    let sd = var.max(1e-300).sqrt();
-    found("trigger_jitter", s, z * z, sd * length_s, se / (2.0 * sd) * length_s, None)
+    let mut intrinsic = cov.clone();
+    for i in 0..SEEN {
+        for j in 0..SEEN {
+            // at least a tenth of a variance is taken for real
+            let share = if i == j { noise[(i, j)].min(0.9 * cov[(i, j)]) } else { noise[(i, j)] };
+            intrinsic[(i, j)] -= share;
+        }
+    }
+    let (Some(seen), Some(shift_var)) = (conditional(&cov), conditional(&intrinsic)) else {
+        return lack("signals that ring");
+    };
+    let gain_var = (cov[(1, 1)] - noise[(1, 1)]).max(0.0);
+    let healthy = HEALTHY_PHASE * gain_var / (omega * omega);
+    let se = (2.0 / m).sqrt() * seen.max(cov[(0, 0)] * 0.1).max(noise[(0, 0)]);
+    let z = (shift_var - healthy) / se.max(1e-300);
+    let s = if z > 0.0 { surprise(z * z, 1, 1.0, f64::INFINITY) } else { 0.0 };
+    // half of the healthy bound is what is expected of a healthy channel
+    let var = (shift_var - 0.5 * healthy).max(1e-300);
+    let sd = var.sqrt();
+    let half = (se * se + (0.5 * healthy).powi(2)).sqrt() / (2.0 * sd);
+    found("trigger_jitter", s, z.max(0.0).powi(2), sd * length_s, half * length_s, None)
 }
+
+/// Healthy channels scatter in phase at most this much more than in amplitude, variance over variance.
+const HEALTHY_PHASE: f64 = 1.3;

@@ -46,7 +46,10 @@ fn see(model: &Model, data: &Observations, beside: &Covariates) -> Seen {
         let unit = model.units[data.rows[i].unit];
         let (a, b) = (unit[2] / scale[2], unit[3] / scale[2]);
         let size = a.hypot(b).max(1e-9);
-        let relative = [(a * x[2] + b * x[3]) / (size * size), x[0], x[1]];
+        let own = model.each[i];
+        let moved = [own[2] / scale[2] + x[2], own[3] / scale[2] + x[3]];
+        let along = (a * moved[0] + b * moved[1]) / (size * size);
+        let relative = [along, own[0] + x[0], own[1] + x[1]];
         let off = [
             size - (model.mean[2] / scale[2]).hypot(model.mean[3] / scale[2]),
             unit[0] - model.mean[0],

@@ -54,6 +54,7 @@ fn judge(model: &Model, data: &Observations, beside: &Covariates) -> Vec<Judged>
     // about the mean, not about the channels' own parameters
     let mut mean = model.clone();
     mean.units = vec![model.mean; data.units];
+    mean.each = vec![Default::default(); data.len()];
     let mut linear = Linear::default();
     let n = data.samples;
     (0..data.len())

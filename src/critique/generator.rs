@@ -252,7 +252,13 @@ fn tuning_table() {
             };
             let data = draw(&run, number("SEED", 1000.0) as u64 + seed);
             let started = std::time::Instant::now();
-            let outcome = super::engine::critique(&data, false, &mut |_| {}).unwrap();
+            let outcome = super::engine::critique(
+                &data,
+                super::engine::Rings::InkChannel,
+                false,
+                &mut |_| {},
+            )
+            .unwrap();
             seconds += started.elapsed().as_secs_f64();
             let verdict = said(&outcome.critique);
             if effect == "none" && verdict.starts_with("none") {
@@ -273,83 +279,39 @@ fn tuning_table() {
     }
 }
 
+/// Verdict and names of a run.
+fn names(run: &Run, seed: u64) -> (super::finding::Verdict, Vec<super::finding::Cause>) {
+    let data = draw(run, seed);
+    let rings = super::engine::Rings::InkChannel;
+    let critique = super::engine::critique(&data, rings, false, &mut |_| {}).unwrap().critique;
+    (critique.verdict, critique.causes)
+}
+
 #[test]
-#[ignore]
-fn debug_scores() {
-    use super::*;
-    let effect: &'static str = Box::leak(std::env::var("ONLY").unwrap().into_boxed_str());
-    let number = |name: &str, default: f64| -> f64 {
-        std::env::var(name).ok().and_then(|s| s.parse().ok()).unwrap_or(default)
-    };
-    for seed in 0..number("SEEDS", 1.0) as u64 {
-        let run = Run {
-            effect,
-            size: number("SIZE", 0.0),
-            channels: number("CHANNELS", 32.0) as usize,
-            bursts: number("BURSTS", 6.0) as usize,
-            noise: number("NOISE", 2.0),
-            spread: [number("STIFF", 0.004), number("DAMP", 0.06), 0.025],
-            shot: number("SHOT", 0.004),
-            ..Run::default()
-        };
-        let data = draw(&run, number("SEED", 1000.0) as u64 + seed);
-        let beside = covariates::Covariates::of(&data);
-        let mut model = model::Model::start(&data, &beside, true).unwrap();
-        model.fit(&data, &beside, 2);
-        println!(
-            "mean {:?} noise {}",
-            model.mean.map(|v| (v * 1e4).round() / 1e4).as_slice(),
-            model.noise_var.sqrt()
-        );
-        let a = model.amplitude();
-        println!(
-            "between sd {:?}",
-            (0..5)
-                .map(|i| model.between[(i, i)].sqrt() / if i < 2 { 1.0 } else { a })
-                .collect::<Vec<_>>()
-        );
-        println!(
-            "within sd {:?}",
-            (0..5)
-                .map(|i| model.within[(i, i)].sqrt() / if i < 2 { 1.0 } else { a })
-                .collect::<Vec<_>>()
-        );
-        let setting = selection::Setting { data: &data, beside: &beside, avoid: &[] };
-        let now = selection::refit(model, Vec::new(), setting, 3, true);
-        let nuisances = now.spaces.nuisances(&[]);
-        println!("mean shift {:?} lambda {}", nuisances.shapes.mean_shift(), now.model.mean[5]);
-        let bench = setting.bench(&now.model, &now.spaces, &nuisances);
-        for s in bench.score_all() {
-            println!(
-                "{} stat {:.1} surprise {:.1} value {:.4e} sd {:.2e} shape {:.3} {}",
-                s.applied.id,
-                s.statistic,
-                s.surprise,
-                s.value,
-                s.sd,
-                s.applied.shape,
-                s.disqualified
-            );
-            if number("REFIT", 0.0) > 0.0 && s.surprise > 4.0 {
-                let mut model = now.model.clone();
-                selection::follow(&mut model, &now.spaces, &[], std::slice::from_ref(&s.applied));
-                selection::apply(&mut model, &s.applied, &s.applied.coefficients);
-                for rounds in [1, 2, 3, 5] {
-                    let r = selection::refit(
-                        model.clone(),
-                        vec![s.applied.clone()],
-                        setting,
-                        rounds,
-                        false,
-                    );
-                    println!(
-                        "     rounds {rounds} refit gain {:.1} coef {:?} shape {:.4}",
-                        now.deviance(&s.applied.kind) - r.deviance(&s.applied.kind),
-                        r.causes[0].coefficients,
-                        r.causes[0].shape
-                    );
-                }
-            }
-        }
+fn a_right_model_is_left_alone_and_a_wrong_one_is_named_with_its_size() {
+    use super::finding::Verdict;
+    let small = Run { channels: 24, bursts: 5, ..Run::default() };
+    for seed in [1, 2] {
+        assert_eq!(names(&small, seed).0, Verdict::None, "seed {seed}");
     }
+    let heavy = Run { heavy: true, faulty: 1, ..small.clone() };
+    assert_eq!(names(&heavy, 3).0, Verdict::None);
+    for (effect, size, within) in [("offset", 0.6, 0.15), ("temperature", 0.02, 0.004)] {
+        let (verdict, causes) = names(&Run { effect, size, ..small.clone() }, 4);
+        assert_eq!((verdict, causes.len()), (Verdict::Named, 1), "{effect}: {causes:?}");
+        assert_eq!(causes[0].id, effect);
+        assert!((causes[0].value - size).abs() < within, "{effect}: {}", causes[0].value);
+    }
+}
+
+#[test]
+fn covariates_that_follow_each_other_tie() {
+    let run = Run { effect: "ageing", size: 0.2, channels: 24, bursts: 5, ..Run::default() };
+    let mut data = draw(&run, 5);
+    for row in &mut data.rows {
+        row.beside.temperature_c = 20.0 + row.beside.t_acq_ns as f64 * 1e-9;
+    }
+    let rings = super::engine::Rings::InkChannel;
+    let critique = super::engine::critique(&data, rings, false, &mut |_| {}).unwrap().critique;
+    assert_eq!(critique.verdict, super::finding::Verdict::Tie, "{:?}", critique.causes);
 }

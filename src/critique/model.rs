@@ -41,6 +41,8 @@ pub struct Model {
     pub shapes: [Vec<f64>; PATTERNS],
     /// Parameters of each channel about which the model is linearised.
     pub units: Vec<Theta>,
+    /// And each signal's own deviation from its channel.
+    pub each: Vec<Theta>,
     /// Samples that are expected above are clipped: they count for nothing.
     pub ceiling: Option<f64>,
 }
@@ -95,6 +97,7 @@ impl Model {
             tail_gain: 0.0,
             shapes: std::array::from_fn(|_| vec![0.0; n]),
             units: vec![mean; data.units],
+            each: vec![Theta::zeros(); data.len()],
             ceiling: None,
         };
         model.fit_units(data, beside, 12);
@@ -142,7 +145,7 @@ impl Model {
 
     /// theta of signal i.
     pub fn theta(&self, i: usize, data: &Observations, beside: &Covariates) -> Theta {
-        let mut theta = self.units[data.rows[i].unit];
+        let mut theta = self.units[data.rows[i].unit] + self.each[i];
         theta[5] = self.mean[5];
         for (beta, z) in self.beta.iter().zip(beside.z[i]) {
             theta += beta * z;
@@ -227,6 +230,30 @@ impl Model {
         }
     }
 
+    /// Moves each signal's own deviation to its most probable value given its channel's parameters.
+    fn fit_each(&mut self, data: &Observations, beside: &Covariates, steps: usize) {
+        if data.len() == data.units {
+            return; // a channel that was heard once is its signal
+        }
+        let scale = self.scale();
+        let precision = inverse(&scaled(&self.within, &scale));
+        let mut linear = Linear::default();
+        for i in 0..data.len() {
+            for _ in 0..steps {
+                self.linearise(i, data, beside, &mut linear);
+                let (gram, product) = free_products(&linear, &scale);
+                let off = self.each[i].fixed_rows::<FREE>(0).component_div(&scale);
+                let gradient = product / self.noise_var - precision * off;
+                let hessian = gram / self.noise_var + precision;
+                let Some(step) = hessian.cholesky().map(|c| c.solve(&gradient)) else { break };
+                for j in 0..FREE {
+                    let most = [0.2, 0.02].get(j).copied().unwrap_or(f64::INFINITY);
+                    self.each[i][j] += (step[j] * scale[j]).clamp(-most, most);
+                }
+            }
+        }
+    }
+
     fn normal(
         &self,
         rows: &[usize],
@@ -267,7 +294,9 @@ impl Model {
             let explained =
                 ridge.cholesky().map_or(0.0, |c| product.dot(&c.solve(&product))).min(square);
             left.push((square - explained) / (data.samples - FREE).max(1) as f64);
-            signals.push((data.rows[i].unit, gram, product));
+            let own = self.each[i].fixed_rows::<FREE>(0).component_div(&scale);
+            // about the channel, not about the signal's own parameters
+            signals.push((data.rows[i].unit, gram, product + gram * own));
         }
         // the mean over all but the noisiest signals
         let mut sorted = left.clone();
@@ -389,10 +418,18 @@ impl Model {
         (floored(&between), floored(&within))
     }
 
+    /// Linearises anew: channels and single signals at their most probable values.
+    pub fn settle(&mut self, data: &Observations, beside: &Covariates) {
+        self.fit_units(data, beside, 3);
+        self.fit_each(data, beside, 3);
+        self.fit_units(data, beside, 2);
+        self.fit_each(data, beside, 1);
+    }
+
     /// Alternates linearisation and estimation until both rest.
     pub fn fit(&mut self, data: &Observations, beside: &Covariates, rounds: usize) {
         for _ in 0..rounds {
-            self.fit_units(data, beside, 4);
+            self.settle(data, beside);
             self.estimate_scatter(data, beside, 30);
         }
     }

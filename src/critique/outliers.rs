@@ -27,6 +27,7 @@ pub fn outliers(data: &Observations, beside: &Covariates, model: &Model) -> Vec<
     }
     alone.units = alone.len();
     let mut each = model.clone();
+    each.each = vec![Default::default(); data.len()];
     each.units = data.rows.iter().map(|r| model.units[r.unit]).collect();
     each.fit_units(&alone, beside, 6);
     let mut features: Vec<[f64; 3]> =

@@ -202,28 +202,45 @@ fn not_testable(c: &Critique, page: &mut String) -> std::fmt::Result {
     list(page, "Not testable on these recordings", &lines)
 }
 
+/// Figures against covariates that stand open; the others can be opened.
+const OPEN_COVARIATES: usize = 4;
+
 fn figures(c: &Critique, page: &mut String) -> std::fmt::Result {
     let f = &c.figures;
-    let mut drawn: Vec<(&str, Option<Figure>)> = vec![
-        ("Misfit, measured minus simulated", mean_misfit(&f.mean_misfit)),
-        ("Spectrum of the misfit", spectrum(&f.spectrum)),
-    ];
-    drawn.extend(f.covariates.iter().map(|f| ("", covariate(f))));
-    drawn.push(("Evidence for each candidate", evidence(&c.evidence)));
-    drawn.push(("Detection", energies(&f.energies)));
-    for (heading, figure) in drawn {
-        let Some(figure) = figure.map(plain) else { continue };
-        if !heading.is_empty() {
-            writeln!(page, "<h2>{heading}</h2>")?;
+    figure("Misfit, measured minus simulated", mean_misfit(&f.mean_misfit), page)?;
+    figure("Spectrum of the misfit", spectrum(&f.spectrum), page)?;
+    // what stands out most comes first
+    let mut covariates: Vec<&CovariateFigure> = f.covariates.iter().collect();
+    covariates.sort_by(|x, y| stands_out(y).total_cmp(&stands_out(x)));
+    for (k, of) in covariates.iter().enumerate() {
+        if k == OPEN_COVARIATES {
+            writeln!(page, "<details><summary>Against what else was recorded</summary>")?;
         }
-        match figure.svg() {
-            Ok(svg) => writeln!(page, "{svg}")?,
-            Err(e) => {
-                writeln!(page, "<p>{}: {}</p>", escaped(&figure.title), escaped(&e.to_string()))?
-            }
-        }
+        let heading = if k == 0 { "Misfit against what was recorded" } else { "" };
+        figure(heading, covariate(of), page)?;
     }
-    Ok(())
+    if covariates.len() > OPEN_COVARIATES {
+        writeln!(page, "</details>")?;
+    }
+    figure("Evidence for each candidate", evidence(&c.evidence), page)?;
+    figure("Detection", energies(&f.energies), page)
+}
+
+fn figure(heading: &str, figure: Option<Figure>, page: &mut String) -> std::fmt::Result {
+    let Some(figure) = figure.map(plain) else { return Ok(()) };
+    if !heading.is_empty() {
+        writeln!(page, "<h2>{heading}</h2>")?;
+    }
+    match figure.svg() {
+        Ok(svg) => writeln!(page, "{svg}"),
+        Err(e) => writeln!(page, "<p>{}: {}</p>", escaped(&figure.title), escaped(&e.to_string())),
+    }
+}
+
+/// The furthest bin from none, in its own bars.
+fn stands_out(c: &CovariateFigure) -> f64 {
+    let bins = c.before.iter().zip(&c.before_bar).filter(|(_, bar)| **bar > 0.0);
+    bins.map(|(y, bar)| (y / bar).abs()).fold(0.0, f64::max)
 }
 
 /// The figure without control characters (SVG escapes markup, but carries these), and with room for

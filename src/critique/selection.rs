@@ -17,6 +17,8 @@ use super::space::{Channels, Direction, Nuisance, Space};
 pub const THRESHOLD: f64 = 8.3;
 /// Rivals whose refitted -2 ln likelihood is within this of the best cannot be told from it.
 const TIE: f64 = 6.0;
+/// The same for causes whose effects are known to differ.
+const CLOSE: f64 = 1.5;
 /// Causes that are looked for at most.
 const MOST_CAUSES: usize = 4;
 /// Rivals that are refitted in a step, at most.
@@ -191,7 +193,7 @@ pub fn refit(
     loop {
         match scatter {
             true => model.fit(setting.data, setting.beside, 1),
-            false => model.fit_units(setting.data, setting.beside, 4),
+            false => model.settle(setting.data, setting.beside),
         }
         let spaces = Spaces::of(&model, setting);
         let nuisances = spaces.nuisances(&causes);
@@ -295,7 +297,12 @@ pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -
         let least = penalised(&rivals[0]);
         let tied: Vec<String> = rivals[1..]
             .iter()
-            .filter(|r| penalised(r) - least < TIE)
+            .filter(|r| {
+                let near = penalised(r) - least;
+                let honest = same_class(r.1.applied.id, rivals[0].1.applied.id)
+                    || !matches!(kind, Kind::Shapes);
+                near < if honest { TIE } else { CLOSE }
+            })
             .map(|r| r.1.applied.id.to_owned())
             .collect();
         for r in &rivals {
@@ -335,14 +342,54 @@ pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -
         }
     }
     stages("measuring the causes");
-    let last = refit(now.model, now.causes, setting, 3, true);
+    let mut last = refit(now.model, now.causes, setting, 3, true);
+    measure(&mut chosen, &last, setting);
+    let kept = beyond_leftovers(&chosen);
+    if kept.iter().any(|k| !k) {
+        for (cause, _) in last.causes.iter().zip(&kept).filter(|(_, k)| !**k) {
+            let minus: Vec<f64> = cause.coefficients.iter().map(|c| -c).collect();
+            apply(&mut last.model, cause, &minus);
+        }
+        let mut keep = kept.iter();
+        chosen.retain(|_| *keep.next().unwrap_or(&true));
+        let mut keep = kept.iter();
+        last.causes.retain(|_| *keep.next().unwrap_or(&true));
+        last = refit(last.model, last.causes, setting, 3, true);
+        measure(&mut chosen, &last, setting);
+    }
+    Selected { model: last.model, causes: chosen, spaces: last.spaces, evidence, unnamed }
+}
+
+/// No model of a cause is exact: what is found beside one that explains so much more is what that one
+/// leaves, and no cause of its own. Of what follows the same covariate, more so.
+const LEFTOVER: f64 = 0.03;
+const LEFTOVER_OF_COVARIATE: f64 = 0.1;
+
+fn beyond_leftovers(chosen: &[Chosen]) -> Vec<bool> {
+    let which = |c: &Chosen| match c.scored.applied.kind {
+        Kind::Covariate { which, .. } => Some(which),
+        _ => None,
+    };
+    chosen
+        .iter()
+        .map(|cause| {
+            chosen.iter().all(|other| {
+                let same = which(cause).is_some() && which(cause) == which(other);
+                let share = if same { LEFTOVER_OF_COVARIATE } else { LEFTOVER };
+                cause.statistic >= share * other.statistic
+            })
+        })
+        .collect()
+}
+
+/// Final sizes, each beside all others.
+fn measure(chosen: &mut [Chosen], last: &Refit, setting: Setting) {
     for (index, cause) in chosen.iter_mut().enumerate() {
         if let Some(scored) = rescored(index, &last.model, &last.causes, &last.spaces, setting) {
             cause.statistic = scored.statistic;
             cause.scored = scored;
         }
     }
-    Selected { model: last.model, causes: chosen, spaces: last.spaces, evidence, unnamed }
 }
 
 /// Which causes stay significant beside the others.
@@ -357,19 +404,31 @@ fn necessary(now: &Refit) -> Vec<bool> {
                 _ => nuisances.covariates.causes(),
             };
             let q = cause.coefficients.len();
+            // of what follows a covariate, its own effect must stay, not the state's
+            let own = if matches!(cause.kind, Kind::Covariate { .. }) { 1 } else { q };
             let total: Vec<f64> = cause
                 .coefficients
                 .iter()
-                .zip(steps.rows(at, q).iter())
+                .zip(steps.rows(at, own).iter())
                 .map(|(c, s)| c + s)
                 .collect();
-            let block = covariance.view((at, at), (q, q)).into_owned();
+            let block = covariance.view((at, at), (own, own)).into_owned();
             at += q;
             let x = nalgebra::DVector::from_vec(total);
             let statistic = block.try_inverse().map_or(0.0, |inverse| x.dot(&(inverse * &x)));
-            super::candidates::surprise(statistic, q, 1.0, f64::INFINITY) > 0.7 * THRESHOLD
+            super::candidates::surprise(statistic, own, 1.0, f64::INFINITY) > 0.5 * THRESHOLD
         })
         .collect()
+}
+
+/// What a cause has free: its coefficients, and its rate, frequency and damping.
+fn parameters(s: &Scored) -> f64 {
+    let shape = match s.applied.id {
+        "second_mode" => 3.0,
+        "tone" | "lowpass" => 1.0,
+        _ => 0.0,
+    };
+    s.degrees as f64 + shape
 }
 
 /// The value of the statistic at which the surprise reaches the threshold.

@@ -130,7 +130,7 @@ impl Space {
                 let powers = [1.0, s, s * s, s * s * s];
                 let z = &beside.z[row];
                 // working residual: about the mean, not about the channel's own parameters
-                let off = (model.units[unit] - model.mean).fixed_rows::<FREE>(0).into_owned();
+                let off = model.units[unit] + model.each[row] - model.mean;
                 let t = &linear.tangent.columns;
                 let r = DVector::from_fn(n, |k, _| {
                     linear.residual[k] + (0..FREE).map(|j| t[j][k] * off[j]).sum::<f64>()
