@@ -4,9 +4,9 @@
 //! of features in every class: the integral over the class's severities of what healthy channels and
 //! noise scatter about the curve. thesis §2-2.
 
-use super::fault_curve::{CHANGES, FaultCurve, Node, Slope};
+use super::fault_curve::{CHANGES, FaultCurve, Node, Seen, Slope};
 use crate::model::faults;
-use nalgebra::{Matrix4, SMatrix, Vector4};
+use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector4};
 
 /// Curves of the design's classes.
 #[derive(Clone, Debug)]
@@ -26,6 +26,8 @@ pub struct HealthySpread {
     pub slope: Slope,
     pub channels: SMatrix<f64, CHANGES, CHANGES>,
     pub noise: Matrix4<f64>,
+    /// ln damping and ln frequency of the ring to [`Seen::changed`].
+    pub change: Matrix2<f64>,
 }
 
 /// A class: which curve, and how likely each of its nodes.
@@ -80,7 +82,7 @@ impl FaultCurves {
     /// baseline, and scatter by what that does not tell. `shot`: covariance of one channel's signals
     /// beyond the noise. A Kalman step from the spread of all channels.
     pub fn of_one_channel(&self, shot: &Matrix4<f64>, signals: f64) -> Option<FaultCurves> {
-        let HealthySpread { slope, channels, noise } = &self.healthy;
+        let HealthySpread { slope, channels, noise, .. } = &self.healthy;
         let of_baseline = (noise + shot) / signals;
         let all = slope * channels * slope.transpose() + of_baseline;
         let gain = channels * slope.transpose() * all.try_inverse()?;
@@ -147,6 +149,11 @@ impl FaultCurves {
         self.classes[k] = Some(Sizes { curve, ln_share });
     }
 
+    /// What has changed where the healthy ring has by these (ln damping, ln frequency).
+    pub fn changed(&self, ring: [f64; 2]) -> Vector2<f64> {
+        self.healthy.change * Vector2::from(ring)
+    }
+
     pub fn class(&self, k: usize) -> Option<&Sizes> {
         self.classes.get(k)?.as_ref()
     }
@@ -162,22 +169,16 @@ impl FaultCurves {
         x
     }
 
-    /// ln density of features in every class, at a drive; without a curve: none. And the squared
+    /// ln density of features in every class; without a curve: none. And the squared
     /// distance from the nearest curve.
-    pub fn ln_densities(
-        &self,
-        features: &[f64],
-        drive: f64,
-        baseline: Option<&Vector4<f64>>,
-        out: &mut Vec<f64>,
-    ) -> f64 {
+    pub fn ln_densities(&self, features: &[f64], seen: Seen, out: &mut Vec<f64>) -> f64 {
         let x = self.vector(features);
         let (mut nearest, mut of_nodes) = (f64::INFINITY, Vec::new());
         out.clear();
         out.resize(self.classes.len(), f64::NEG_INFINITY);
         for (c, curve) in self.curves.iter().enumerate() {
             of_nodes.clear();
-            of_nodes.extend(curve.nodes.iter().map(|node| node.ln_density(&x, drive, baseline)));
+            of_nodes.extend(curve.nodes.iter().map(|node| node.ln_density(&x, seen)));
             for (ln, class) in out.iter_mut().zip(&self.classes) {
                 if let Some(sizes) = class.as_ref().filter(|sizes| sizes.curve == c) {
                     *ln = ln_sum(of_nodes.iter().zip(&sizes.ln_share).map(|(d, s)| d + s));
@@ -185,7 +186,7 @@ impl FaultCurves {
             }
             let best = (0..of_nodes.len()).max_by(|&i, &j| of_nodes[i].total_cmp(&of_nodes[j]));
             if let Some(best) = best {
-                nearest = nearest.min(curve.nodes[best].distance(&x, drive, baseline));
+                nearest = nearest.min(curve.nodes[best].distance(&x, seen));
             }
         }
         nearest

@@ -5,8 +5,8 @@
 //! ([`super::fault_curve`]). Beforehand severities are as likely as in the class's labelled signals; a
 //! part of the belief stays on every size of that kind. thesis §2-2, chapter 5 (fault estimation).
 
+use super::fault_curve::Seen;
 use super::physics_density::FaultCurves;
-use nalgebra::Vector4;
 
 /// A severity in the contract's unit, with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,14 +16,13 @@ pub struct Severity {
 }
 
 impl FaultCurves {
-    /// Of a fault of the kind of `class` with these features, at a drive, of a channel with that
-    /// baseline. `weights`: the posterior of
+    /// Of a fault of the kind of `class` with these features. `weights`: the posterior of
     /// the classes; those of the same kind add up. `None`: the physics knows no such class.
     pub fn severity(
         &self,
         class: usize,
         features: &[f64],
-        (drive, baseline): (f64, Option<&Vector4<f64>>),
+        seen: Seen,
         weights: &[f64],
     ) -> Option<Severity> {
         let of = self.class(class)?.curve;
@@ -37,7 +36,7 @@ impl FaultCurves {
             let sizes = self.class(k)?;
             let (mut most, mut sum) = (f64::NEG_INFINITY, [0.0; 3]);
             for (node, ln_share) in self.nodes(of).iter().zip(&sizes.ln_share) {
-                let ln = node.ln_density(&x, drive, baseline) + ln_share;
+                let ln = node.ln_density(&x, seen) + ln_share;
                 if ln > most {
                     // what was summed is relative to the largest
                     sum = sum.map(|s: f64| s * (most - ln).exp());
