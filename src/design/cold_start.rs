@@ -9,9 +9,10 @@ use super::{Design, DesignError, FaultClass, HealthyModel, IsolateSettings, Trai
 use crate::fault;
 use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
-use crate::isolate::fault_curve::Healthy;
+use crate::isolate::fault_curve::{Healthy, Seen};
 use crate::isolate::fault_physics::{FaultPhysics, Look};
 use crate::isolate::physics_density::SeenSizes;
+use crate::model::ring::Ring;
 use crate::model::ring_fit::{Products, RingFitter};
 use crate::model::{Actuation, InkChannel, faults};
 use nalgebra::Vector4;
@@ -62,7 +63,7 @@ pub(super) fn physics(
             continue;
         }
         for (model, signals) in design.with_models(printheads) {
-            looks.extend(looks_of(class, model, &first(signals, MOST_LOOKS))?);
+            looks.extend(looks_of(class, model, &ring, &first(signals, MOST_LOOKS))?);
         }
     }
     if !looks.is_empty() {
@@ -86,8 +87,9 @@ fn learn_sizes(physics: &mut FaultPhysics, looks: &[Look], (dt_s, samples): (f64
         let mut only = vec![0.0; names.len()];
         only[k] = 1.0;
         let size = |look: &&Look| {
-            let estimated =
-                || curves.severity(k, look.features.as_slice(), (look.drive, None), &only);
+            let changed = curves.changed(look.ring);
+            let seen = Seen { drive: look.drive, changed, baseline: None };
+            let estimated = || curves.severity(k, look.features.as_slice(), seen, &only);
             let severity = match look.severity.is_finite() {
                 true => Some(look.severity),
                 false => estimated().map(|severity| severity.value),
@@ -133,7 +135,12 @@ fn first(set: &SignalSet, most: usize) -> SignalSet {
 }
 
 /// A class's labelled signals, fitted; NaN where the severity is not labelled.
-fn looks_of(class: &str, model: &HealthyModel, set: &SignalSet) -> Result<Vec<Look>, DesignError> {
+fn looks_of(
+    class: &str,
+    model: &HealthyModel,
+    ring: &Ring,
+    set: &SignalSet,
+) -> Result<Vec<Look>, DesignError> {
     let fitter =
         RingFitter::new(ring_of(&model.identification)?, model.generator.dt_s, set.samples);
     let mut of_channel: BTreeMap<u32, f64> = BTreeMap::new();
@@ -150,6 +157,7 @@ fn looks_of(class: &str, model: &HealthyModel, set: &SignalSet) -> Result<Vec<Lo
                 severity: set.severity[i],
                 features: Vector4::from(fit.features.coordinates()) - per_k * warmer,
                 drive,
+                ring: model.ring_from(ring, warmer),
                 weight: 1.0 / of_channel[&set.channel[i]],
             });
         }

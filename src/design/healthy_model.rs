@@ -8,6 +8,7 @@ use crate::detect::{DetectMethod, ResidualGenerator, ThresholdMethod, threshold}
 use crate::identify::averaging::{self, SignalSet, median};
 use crate::identify::grey_box::{self, Identification};
 use crate::identify::{GreyBoxSettings, tangent};
+use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
 use serde::{Deserialize, Serialize};
 use threshold::Threshold;
@@ -173,6 +174,15 @@ impl HealthyModel {
     pub(super) fn features_per_k(&self, fitter: &RingFitter) -> [f64; 4] {
         let response = self.temperature_response.as_deref();
         response.and_then(|response| fitter.features_of(response)).unwrap_or_default()
+    }
+
+    /// ln damping and ln frequency of this model's ring from another's, so much warmer than its window.
+    pub(super) fn ring_from(&self, ring: &Ring, warmer: f64) -> [f64; 2] {
+        let poles = self.identification.poles;
+        [
+            (poles.damping_per_s / ring.damping_per_s).ln() + warmer * self.damping_per_k,
+            (poles.frequency_hz / ring.frequency_hz).ln() + warmer * self.frequency_per_k,
+        ]
     }
 
     /// A signal per unit drive, at its own temperature, from its deviation. Counts.

@@ -6,6 +6,7 @@ use super::own_channel::Own;
 use super::{Design, DesignError, FaultModel, HealthyModel, IsolateSettings};
 use crate::burst::Burst;
 use crate::identify::reservoir::relative_drive;
+use crate::isolate::fault_curve::Seen;
 use crate::isolate::neighbours::Neighbours;
 use crate::isolate::physics_density::FaultCurves;
 use crate::isolate::posterior::Posterior;
@@ -14,7 +15,9 @@ use crate::isolate::{
     Decision, DecisionRule, IsolateMethod, IsolateSignal, MAX_CLASSES, SignatureMatrix, Simplex,
     model_matching,
 };
+use crate::model::ring::Ring;
 use crate::model::ring_fit::{Products, RingFitter};
+use nalgebra::Vector2;
 use std::sync::Arc;
 
 /// Judges signals by one model. Built once per model, shared by all workers.
@@ -38,6 +41,8 @@ struct Isolating {
     rule: DecisionRule,
     /// With `isolate.method` = `posterior`.
     curves: Option<Arc<FaultCurves>>,
+    /// The healthy ring that the curves were made for.
+    physics_ring: Option<Ring>,
 }
 
 /// What names a fitted ring.
@@ -109,6 +114,7 @@ impl Judge {
                 isolator: Isolator::new(&model, design, settings)?,
                 signal: settings.signal,
                 rule: DecisionRule::new(&design.class_names(), settings.certainty)?,
+                physics_ring: design.physics.as_ref().map(|physics| physics.ring),
                 curves: match settings.method {
                     IsolateMethod::Posterior => design.curves(),
                     _ => None,
@@ -174,7 +180,7 @@ impl Judge {
         work: &mut Workspace,
     ) -> Option<Isolation> {
         work.severity = None;
-        let Isolating { isolator, signal, rule, curves } = self.isolating.as_ref()?;
+        let Isolating { isolator, signal, rule, curves, physics_ring } = self.isolating.as_ref()?;
         let Workspace {
             residual,
             projection,
@@ -215,19 +221,23 @@ impl Judge {
                 let of_own =
                     own.as_ref().and_then(|own| own.curves.as_ref().zip(Some(&own.baseline)));
                 let curves = of_own.map(|(curves, _)| curves).or(curves.as_ref());
-                let baseline = of_own.map(|(_, baseline)| baseline);
+                let ring = physics_ring.map(|ring| self.model.ring_from(&ring, warmer));
+                let seen = Seen {
+                    drive,
+                    changed: curves.zip(ring).map_or(Vector2::zeros(), |(c, r)| c.changed(r)),
+                    baseline: of_own.map(|(_, baseline)| baseline),
+                };
                 physics.clear();
                 let from_curves = match curves {
                     Some(curves) if posterior.mixes() => {
-                        curves.ln_densities(features, drive, baseline, physics)
+                        curves.ln_densities(features, seen, physics)
                     }
                     _ => f64::INFINITY,
                 };
                 posterior.weigh(features, physics, priors, weights);
                 let decision = rule.decide(weights);
                 let sized = curves.zip(rule.sized(&decision, weights));
-                *severity =
-                    sized.and_then(|(of, k)| of.severity(k, features, (drive, baseline), weights));
+                *severity = sized.and_then(|(of, k)| of.severity(k, features, seen, weights));
                 let noise = self.model.noise / drive;
                 let size: f64 = residual.iter().map(|y| y * y).sum();
                 let rings_otherwise = fit.misfit

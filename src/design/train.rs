@@ -9,6 +9,7 @@ use crate::detect::Denominator;
 use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
 use crate::isolate::IsolateMethod;
+use crate::isolate::fault_curve::Seen;
 use crate::isolate::posterior::{Examples, Posterior};
 use crate::model::ring_fit::{Features, Products, RingFitter};
 use std::collections::BTreeMap;
@@ -178,7 +179,7 @@ fn learn_posterior(design: &Design, set: &TrainingSet) -> Result<Option<Posterio
         let known: Vec<bool> = (0..examples.len()).map(|k| curves.class(k).is_some()).collect();
         let ln_densities = |x: &Vec<f64>| {
             let mut ln = Vec::new();
-            curves.ln_densities(x, 1.0, None, &mut ln);
+            curves.ln_densities(x, Seen::as_made(), &mut ln);
             ln
         };
         let by_physics: Vec<Vec<Vec<f64>>> = examples

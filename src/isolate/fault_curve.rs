@@ -13,7 +13,7 @@ use super::class_density::TOLERANCE;
 use crate::model::ring_down::{Poles, ring_down_into};
 use crate::model::ring_fit::{Features, Products, RingFitter};
 use crate::model::{Actuation, InkChannel, faults};
-use nalgebra::{DMatrix, Matrix4, SMatrix, SymmetricEigen, Vector4};
+use nalgebra::{DMatrix, Matrix4, Matrix4x2, SMatrix, SymmetricEigen, Vector2, Vector4};
 
 /// Relative changes of a channel: ln a, ln b, ln g, ln d, ln gain.
 pub const CHANGES: usize = 5;
@@ -209,6 +209,12 @@ impl<'a> Bench<'a> {
     }
 }
 
+/// What stiffness and viscosity of all channels do, of their rates' slopes.
+pub fn of_change(slope: &Slope) -> Matrix4x2<f64> {
+    let column = |i: usize, j: usize| slope.column(i) + slope.column(j);
+    Matrix4x2::from_columns(&[column(0, 1), column(2, 3)])
+}
+
 fn features(x: &Vector4<f64>) -> Features {
     Features { ln_amplitude: x[0], ln_damping: x[1], ln_frequency: x[2], phase_rad: x[3] }
 }
@@ -232,6 +238,25 @@ pub fn padded(covariance: &DMatrix<f64>) -> Matrix4<f64> {
     })
 }
 
+/// Under what a signal is seen.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a> {
+    /// Drive voltage over the reference.
+    pub drive: f64,
+    /// ln of how much stiffer (a, b) and more viscous (g, d) all channels are than the curves': the
+    /// ink's temperature, another window, another printhead.
+    pub changed: Vector2<f64>,
+    /// The channel's own, with curves of one channel.
+    pub baseline: Option<&'a Vector4<f64>>,
+}
+
+impl Seen<'_> {
+    /// At the reference drive, and as the curves were made.
+    pub fn as_made() -> Seen<'static> {
+        Seen { drive: 1.0, changed: Vector2::zeros(), baseline: None }
+    }
+}
+
 /// ln (2 pi)^2; a held phase has a density of its own there, the same for all.
 const LN_TAU_SQUARED: f64 = 3.675_754_132_818_691;
 
@@ -248,6 +273,8 @@ pub struct Node {
     /// Covariance of what is believed of all channels.
     belief: Matrix4<f64>,
     noise: Matrix4<f64>,
+    /// How the mean moves with [`Seen::changed`].
+    moves: Matrix4x2<f64>,
     /// Of one channel: how the mean follows its baseline.
     follows: Matrix4<f64>,
     /// u = to_axes (x - mean): the noise at the reference drive is unit, the spread diagonal.
@@ -258,9 +285,9 @@ pub struct Node {
 
 impl Node {
     /// ln of the density of features at a drive, given this severity.
-    pub fn ln_density(&self, x: &Vector4<f64>, drive: f64, baseline: Option<&Vector4<f64>>) -> f64 {
-        let u = self.along_axes(x, baseline);
-        let noise = 1.0 / (drive * drive);
+    pub fn ln_density(&self, x: &Vector4<f64>, seen: Seen) -> f64 {
+        let u = self.along_axes(x, seen);
+        let noise = 1.0 / (seen.drive * seen.drive);
         let (mut square, mut product) = (0.0, 1.0);
         for j in 0..4 {
             let variance = self.spread[j] + noise;
@@ -278,18 +305,24 @@ impl Node {
         [along(&self.spread).diagonal(), along(&Vector4::repeat(1.0)).diagonal()]
     }
 
-    fn along_axes(&self, x: &Vector4<f64>, baseline: Option<&Vector4<f64>>) -> Vector4<f64> {
-        let mean = baseline.map_or(self.mean, |own| self.mean + self.follows * own);
+    /// How far the mean has moved from where the curve was made.
+    pub fn moved(&self, seen: Seen) -> Vector4<f64> {
+        let changed = self.moves * seen.changed;
+        seen.baseline.map_or(changed, |own| changed + self.follows * own)
+    }
+
+    fn along_axes(&self, x: &Vector4<f64>, seen: Seen) -> Vector4<f64> {
+        let mean = self.mean + self.moved(seen);
         self.to_axes * turned(x - mean)
     }
 
     /// Squared distance of features from here, in units of what scatters them and of [`TOLERANCE`].
-    pub fn distance(&self, x: &Vector4<f64>, drive: f64, baseline: Option<&Vector4<f64>>) -> f64 {
-        let u = self.along_axes(x, baseline);
+    pub fn distance(&self, x: &Vector4<f64>, seen: Seen) -> f64 {
+        let u = self.along_axes(x, seen);
         let elsewhere = |j: usize| -> f64 {
             (0..4).map(|k| (self.to_axes[(j, k)] * TOLERANCE[k]).powi(2)).sum()
         };
-        let noise = 1.0 / (drive * drive);
+        let noise = 1.0 / (seen.drive * seen.drive);
         (0..4).map(|j| u[j] * u[j] / (self.spread[j] + noise + elsewhere(j))).sum()
     }
 }
@@ -356,6 +389,7 @@ impl FaultCurve {
                     slope,
                     belief,
                     noise,
+                    moves: of_change(&(slope - bench.healthy_slope)),
                     follows: Matrix4::zeros(),
                     to_axes: Matrix4::identity(),
                     spread: Vector4::zeros(),

@@ -9,12 +9,14 @@
 //! Faults do, if their severity is labelled: every such signal is one look at the rates (Gauss-Newton
 //! on the features, Student weights against wrong labels).
 
-use super::fault_curve::{Bench, CHANGES, FaultCurve, Healthy, Scatter, Slope, padded, turned};
+use super::fault_curve::{
+    Bench, CHANGES, FaultCurve, Healthy, Scatter, Slope, of_change, padded, turned,
+};
 use super::physics_density::{FaultCurves, HealthySpread, SeenSizes};
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
 use crate::model::{Actuation, InkChannel, faults};
-use nalgebra::{DMatrix, Matrix4, SMatrix, SVector, Vector4};
+use nalgebra::{DMatrix, Matrix2, Matrix4, SMatrix, SVector, Vector2, Vector4};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -45,6 +47,8 @@ pub struct Look {
     /// Of a fit with the phase free.
     pub features: Vector4<f64>,
     pub drive: f64,
+    /// ln damping and ln frequency of the healthy ring then, from [`FaultPhysics::ring`]'s.
+    pub ring: [f64; 2],
     /// 1, or less where one channel gave many.
     pub weight: f64,
 }
@@ -108,6 +112,7 @@ impl FaultPhysics {
         let prior = Prior::new(guess, guess_sd)?;
         let fitter = RingFitter::new(self.ring, dt_s, samples);
         for _ in 0..ROUNDS {
+            let change = self.change()?;
             let mut bench = Bench::new(&fitter, self.healthy(), true, self.noise, dt_s, samples)?;
             let (mut information, mut gradient) = (Square::zeros(), SVector::zeros());
             for look in looks.iter().filter(|look| look.severity.is_finite()) {
@@ -118,7 +123,9 @@ impl FaultPhysics {
                 let scatter = point.slope * self.channels() * point.slope.transpose()
                     + point.noise / (look.drive * look.drive);
                 let Some(inverse) = scatter.try_inverse() else { continue };
-                let rest = turned(look.features - point.mean);
+                let changed = change * Vector2::from(look.ring);
+                let moved = of_change(&(point.slope - bench.healthy_slope())) * changed;
+                let rest = turned(look.features - point.mean - moved);
                 let square = rest.dot(&(inverse * rest));
                 let weight = look.weight * (DEGREES + 4.0) / (DEGREES + square);
                 information += point.off.transpose() * inverse * point.off * weight;
@@ -127,6 +134,25 @@ impl FaultPhysics {
             self.step(&prior, information, gradient)?;
         }
         Some(())
+    }
+
+    /// From ln damping and ln frequency of the healthy ring to ln stiffness and ln viscosity.
+    fn change(&self) -> Option<Matrix2<f64>> {
+        const STEP: f64 = 1e-3;
+        let ring = |stiffer: f64, thicker: f64| -> Option<Vector2<f64>> {
+            let InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s } = self.channel;
+            let (k, v) = ((stiffer * STEP).exp(), (thicker * STEP).exp());
+            let p = InkChannel {
+                a_per_s2: a_per_s2 * k,
+                b_per_s2: b_per_s2 * k,
+                g_per_s: g_per_s * v,
+                d_per_s: d_per_s * v,
+            }
+            .poles()?;
+            Some(Vector2::new(p.damping_per_s.ln(), p.frequency_hz.ln()))
+        };
+        let slope = |k: f64, v: f64| Some((ring(k, v)? - ring(-k, -v)?) / (2.0 * STEP));
+        Matrix2::from_columns(&[slope(1.0, 0.0)?, slope(0.0, 1.0)?]).try_inverse()
     }
 
     /// One Gauss-Newton step on ln rates and ln pulse: the prior, the healthy ring, the looks.
@@ -223,6 +249,7 @@ impl FaultPhysics {
             slope: bench.as_ref().map_or(Slope::zeros(), |bench| *bench.healthy_slope()),
             channels: self.channels(),
             noise: noise.map_or(Matrix4::identity(), |noise| padded(&noise)),
+            change: self.change().unwrap_or_default(),
         };
         let mut curves = FaultCurves::new(classes.len(), coordinates, healthy);
         let Some(mut bench) = bench else { return curves };

@@ -4,10 +4,10 @@
 //! of features in every class: the integral over the class's severities of what healthy channels and
 //! noise scatter about the curve. thesis §2-2.
 
-use super::fault_curve::{CHANGES, FaultCurve, Node, Slope};
+use super::fault_curve::{CHANGES, FaultCurve, Node, Seen, Slope};
 use super::stretches::Stretches;
 use crate::model::faults;
-use nalgebra::{Matrix4, SMatrix, Vector4};
+use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector4};
 
 /// Curves of the design's classes.
 #[derive(Clone, Debug)]
@@ -29,6 +29,8 @@ pub struct HealthySpread {
     pub slope: Slope,
     pub channels: SMatrix<f64, CHANGES, CHANGES>,
     pub noise: Matrix4<f64>,
+    /// ln damping and ln frequency of the ring to [`Seen::changed`].
+    pub change: Matrix2<f64>,
 }
 
 /// A class: which curve, and how likely each of its nodes.
@@ -89,7 +91,7 @@ impl FaultCurves {
     /// baseline, and scatter by what that does not tell. `shot`: covariance of one channel's signals
     /// beyond the noise. A Kalman step from the spread of all channels.
     pub fn of_one_channel(&self, shot: &Matrix4<f64>, signals: f64) -> Option<FaultCurves> {
-        let HealthySpread { slope, channels, noise } = &self.healthy;
+        let HealthySpread { slope, channels, noise, .. } = &self.healthy;
         let of_baseline = (noise + shot) / signals;
         let all = slope * channels * slope.transpose() + of_baseline;
         let gain = channels * slope.transpose() * all.try_inverse()?;
@@ -157,6 +159,11 @@ impl FaultCurves {
         self.classes[k] = Some(Sizes { curve, ln_share });
     }
 
+    /// What has changed where the healthy ring has by these (ln damping, ln frequency).
+    pub fn changed(&self, ring: [f64; 2]) -> Vector2<f64> {
+        self.healthy.change * Vector2::from(ring)
+    }
+
     pub fn class(&self, k: usize) -> Option<&Sizes> {
         self.classes.get(k)?.as_ref()
     }
@@ -166,10 +173,10 @@ impl FaultCurves {
         &self,
         curve: usize,
         x: &Vector4<f64>,
-        drive: f64,
+        seen: Seen,
     ) -> impl Iterator<Item = (usize, &Node)> {
         let nodes = &self.curves[curve].nodes;
-        self.stretches[curve].near(x, drive).map(move |i| (i, &nodes[i]))
+        self.stretches[curve].near(x, seen, nodes).map(move |i| (i, &nodes[i]))
     }
 
     /// Features as a vector, 0 where the phase is held.
@@ -179,23 +186,17 @@ impl FaultCurves {
         x
     }
 
-    /// ln density of features in every class, at a drive; without a curve: none. And the squared
+    /// ln density of features in every class; without a curve: none. And the squared
     /// distance from the nearest curve.
-    pub fn ln_densities(
-        &self,
-        features: &[f64],
-        drive: f64,
-        baseline: Option<&Vector4<f64>>,
-        out: &mut Vec<f64>,
-    ) -> f64 {
+    pub fn ln_densities(&self, features: &[f64], seen: Seen, out: &mut Vec<f64>) -> f64 {
         let x = self.vector(features);
         let (mut nearest, mut of_nodes) = (f64::INFINITY, Vec::new());
         out.clear();
         out.resize(self.classes.len(), f64::NEG_INFINITY);
         for (c, curve) in self.curves.iter().enumerate() {
-            let near = self.stretches[c].near(&x, drive);
+            let near = self.stretches[c].near(&x, seen, &curve.nodes);
             of_nodes.clear();
-            of_nodes.extend(near.map(|i| (i, curve.nodes[i].ln_density(&x, drive, baseline))));
+            of_nodes.extend(near.map(|i| (i, curve.nodes[i].ln_density(&x, seen))));
             for (ln, class) in out.iter_mut().zip(&self.classes) {
                 if let Some(sizes) = class.as_ref().filter(|sizes| sizes.curve == c) {
                     *ln = ln_sum(of_nodes.iter().map(|(i, d)| d + sizes.ln_share[*i]));
@@ -203,7 +204,7 @@ impl FaultCurves {
             }
             let best = of_nodes.iter().max_by(|p, q| p.1.total_cmp(&q.1));
             if let Some(&(best, _)) = best {
-                nearest = nearest.min(curve.nodes[best].distance(&x, drive, baseline));
+                nearest = nearest.min(curve.nodes[best].distance(&x, seen));
             }
         }
         if nearest.is_finite() {
@@ -211,7 +212,7 @@ impl FaultCurves {
         }
         // near to none: how far is told well enough by a few nodes
         let few = |(curve, of): (&FaultCurve, &Stretches)| {
-            let distance = |i: usize| curve.nodes[i].distance(&x, drive, baseline);
+            let distance = |i: usize| curve.nodes[i].distance(&x, seen);
             of.middles().map(distance).fold(f64::INFINITY, f64::min)
         };
         self.curves.iter().zip(&self.stretches).map(few).fold(nearest, f64::min)
@@ -230,16 +231,15 @@ fn bandwidth(places: &[f64], n: f64) -> f64 {
     (sd * n.powf(-0.35)).max(1e-3)
 }
 
-fn ln_sum(values: impl Iterator<Item = f64>) -> f64 {
-    let (mut most, mut sum) = (f64::NEG_INFINITY, 0.0);
-    for v in values {
-        if v > most {
-            sum *= (most - v).exp();
-            most = v;
-        }
-        if v > most - 40.0 {
-            sum += (v - most).exp();
-        }
+/// A term by this much smaller, in ln, than the largest adds nothing.
+pub const NEGLIGIBLE: f64 = 30.0;
+
+/// ln of the sum of exponentials.
+fn ln_sum(values: impl Iterator<Item = f64> + Clone) -> f64 {
+    let most = values.clone().fold(f64::NEG_INFINITY, f64::max);
+    if most == f64::NEG_INFINITY {
+        return most;
     }
-    if sum > 0.0 { most + sum.ln() } else { f64::NEG_INFINITY }
+    let counting = values.filter(|v| *v > most - NEGLIGIBLE);
+    most + counting.map(|v| (v - most).exp()).sum::<f64>().ln()
 }

@@ -5,8 +5,9 @@
 //! ([`super::fault_curve`]). Beforehand severities are as likely as in the class's labelled signals; a
 //! part of the belief stays on every size of that kind. thesis §2-2, chapter 5 (fault estimation).
 
-use super::physics_density::FaultCurves;
-use nalgebra::Vector4;
+use super::fault_curve::Seen;
+use super::fault_curve::Node;
+use super::physics_density::{FaultCurves, NEGLIGIBLE};
 
 /// A severity in the contract's unit, with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,14 +17,13 @@ pub struct Severity {
 }
 
 impl FaultCurves {
-    /// Of a fault of the kind of `class` with these features, at a drive, of a channel with that
-    /// baseline. `weights`: the posterior of
+    /// Of a fault of the kind of `class` with these features. `weights`: the posterior of
     /// the classes; those of the same kind add up. `None`: the physics knows no such class.
     pub fn severity(
         &self,
         class: usize,
         features: &[f64],
-        (drive, baseline): (f64, Option<&Vector4<f64>>),
+        seen: Seen,
         weights: &[f64],
     ) -> Option<Severity> {
         let of = self.class(class)?.curve;
@@ -32,23 +32,19 @@ impl FaultCurves {
             .map(|k| (k, weights[k]))
             .collect();
         let x = self.vector(features);
+        let near: Vec<(usize, &Node, f64)> =
+            self.near(of, &x, seen).map(|(i, node)| (i, node, node.ln_density(&x, seen))).collect();
         let (mut value, mut square, mut total) = (0.0, 0.0, 0.0);
         for (k, weight) in alike {
-            let sizes = self.class(k)?;
-            let (mut most, mut sum) = (f64::NEG_INFINITY, [0.0; 3]);
-            for (i, node) in self.near(of, &x, drive) {
-                let ln = node.ln_density(&x, drive, baseline) + sizes.ln_share[i];
-                if ln > most {
-                    // what was summed is relative to the largest
-                    sum = sum.map(|s: f64| s * (most - ln).exp());
-                    most = ln;
-                }
-                if ln > most - 40.0 {
-                    let w = (ln - most).exp();
-                    sum[0] += w;
-                    sum[1] += w * node.severity;
-                    sum[2] += w * node.severity * node.severity;
-                }
+            let ln_share = &self.class(k)?.ln_share;
+            let ln = |(i, _, ln): &(usize, &Node, f64)| ln + ln_share[*i];
+            let most = near.iter().map(ln).fold(f64::NEG_INFINITY, f64::max);
+            let mut sum = [0.0; 3];
+            for of in near.iter().filter(|of| ln(of) > most - NEGLIGIBLE) {
+                let (w, severity) = ((ln(of) - most).exp(), of.1.severity);
+                sum[0] += w;
+                sum[1] += w * severity;
+                sum[2] += w * severity * severity;
             }
             value += weight * sum[1] / sum[0];
             square += weight * sum[2] / sum[0];

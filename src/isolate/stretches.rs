@@ -4,7 +4,7 @@
 //! nodes of a stretch lie in a box; what is far outside the box in one coordinate is far from all of
 //! them.
 
-use super::fault_curve::Node;
+use super::fault_curve::{Node, Seen};
 use nalgebra::Vector4;
 use std::ops::Range;
 
@@ -50,10 +50,16 @@ impl Stretches {
         Stretches(nodes.chunks(NODES).enumerate().map(stretch).collect())
     }
 
-    /// Nodes that are not far from features, at a drive.
-    pub fn near(&self, x: &Vector4<f64>, drive: f64) -> impl Iterator<Item = usize> {
-        let noise = 1.0 / (drive * drive);
+    /// Nodes that are not far from features. `nodes`: the curve's.
+    pub fn near(
+        &self,
+        x: &Vector4<f64>,
+        seen: Seen,
+        nodes: &[Node],
+    ) -> impl Iterator<Item = usize> {
+        let noise = 1.0 / (seen.drive * seen.drive);
         let is_near = move |of: &&Stretch| {
+            let x = x - nodes[of.nodes.start].moved(seen);
             (0..COORDINATES).all(|k| {
                 let outside = (of.low[k] - x[k]).max(x[k] - of.high[k]).max(0.0);
                 let variance = of.beyond[k] + noise * of.noise[k];
