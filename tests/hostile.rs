@@ -188,7 +188,10 @@ fn hostile_printhead_names_move_no_cursor_and_huge_ones_are_rows() {
     let counts = &summary(&house, "names")["counts"];
     assert_eq!(counts["rejected"]["too_large"], 2);
     assert_eq!(counts["signals"], 12 * channels + 2);
-    assert_eq!(files(&house, "out"), ["names.summary.json", "names.verdicts.parquet"]);
+    assert_eq!(
+        files(&house, "out"),
+        ["names.episodes.parquet", "names.summary.json", "names.verdicts.parquet"]
+    );
     let inspected = house.run("inspect names.mcap").exits(3).stdout();
     assert!(!inspected.contains(['\u{1b}', '\0']));
 }
@@ -251,7 +254,7 @@ fn result_files_are_written_although_nobody_reads_stdout() {
         child.wait().unwrap().code()
     };
     assert_eq!(deaf(&format!("replay in --out out {}", by_design())), Some(0));
-    assert_eq!(files(&house, "out").len(), 4, "{:?}", files(&house, "out"));
+    assert_eq!(files(&house, "out").len(), 6, "{:?}", files(&house, "out"));
     assert_eq!(deaf("identify in/a.mcap -o model.json"), Some(0));
     assert!(house.path("model.json").exists());
 }
@@ -289,7 +292,10 @@ fn pipes_and_links_to_nowhere_are_named_and_the_rest_is_judged() {
     std::os::unix::fs::symlink("nowhere", house.path("in/gone.mcap")).unwrap();
     std::os::unix::fs::symlink("nowhere", house.path("in/other")).unwrap();
     replay(&house, "in", &by_design()).exits(3).says("gone.mcap");
-    assert_eq!(files(&house, "out"), ["good.summary.json", "good.verdicts.parquet"]);
+    assert_eq!(
+        files(&house, "out"),
+        ["good.episodes.parquet", "good.summary.json", "good.verdicts.parquet"]
+    );
 
     assert!(Command::new("mkfifo").arg(house.path("pipe")).status().unwrap().success());
     house.run("inspect pipe").exits(1).says("not a file");

@@ -30,6 +30,13 @@ since = duckdb.sql(
 ).fetchall()
 assert since, "DuckDB finds no lasting fault in the sample"
 
+episodes = verdicts.replace(".verdicts.", ".episodes.")
+rows = pq.read_table(episodes)
+assert json.loads(pq.read_metadata(episodes).metadata[b"inkling"])["recording"] == document["recording"]
+assert polars.read_parquet(episodes).height == rows.num_rows > 0, "polars: episodes"
+on = duckdb.sql(f"select count(*) from '{episodes}' where ended_at is null").fetchone()
+assert on == (rows["ended_at"].null_count,), (on, rows["ended_at"].null_count)
+
 signals = bursts = 0
 with open(recording, "rb") as file:
     reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])

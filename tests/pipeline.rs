@@ -84,7 +84,9 @@ fn same_bytes_for_1_2_and_4_threads() {
                 recording.display(),
                 design.display()
             ));
-            house.read(&format!("out{n}/print_run.verdicts.parquet"))
+            let mut both = house.read(&format!("out{n}/print_run.verdicts.parquet"));
+            both.extend(house.read(&format!("out{n}/print_run.episodes.parquet")));
+            both
         })
         .collect();
     assert!(files[0] == files[1] && files[0] == files[2], "bytes differ between threads");
@@ -298,4 +300,64 @@ fn without_a_design_faults_are_detected_and_not_named() {
     let summary = house.read_json("out/print_run.summary.json");
     let faulty = summary["counts"]["faulty"].as_object().unwrap();
     assert_eq!(faulty.keys().collect::<Vec<_>>(), ["undecided"], "{faulty:?}");
+}
+
+#[test]
+fn episodes_do_not_depend_on_how_the_recording_was_written() {
+    const WINDOWS: &str = "--identify windows";
+    let house = House::new();
+    let original = bursts(&sample("print_run.mcap"));
+    let mut backward = original.clone();
+    backward.reverse();
+    let single: Vec<Burst> = original.iter().flat_map(one_channel_each).collect();
+    let twice: Vec<Burst> = original.iter().flat_map(|b| [b.clone(), b.clone()]).collect();
+    let episodes = |name: &str, bursts: &[Burst], more: &str| {
+        write(&house.path(&format!("{name}.mcap")), bursts, WriterOptions::default());
+        house.ok(&format!(
+            "replay {name}.mcap --design {} --out out {more}",
+            sample("design.json").display()
+        ));
+        let table = house.path(&format!("out/{name}.episodes.parquet"));
+        let mut rows = inkling::io::episode_table::read(&table).unwrap();
+        rows.sort_by(|a, b| {
+            (&a.printhead, a.channel, a.began_at_ns).cmp(&(&b.printhead, b.channel, b.began_at_ns))
+        });
+        (rows, house.read_json(&format!("out/{name}.summary.json"))["episodes"].clone())
+    };
+    let (reference, counts) = episodes("a", &original, WINDOWS);
+    assert!(reference.len() >= 8, "{reference:?}");
+    assert_eq!(counts["episodes"], reference.len());
+    // repeated signals make another window; the design's models are the same
+    let (by_design, _) = episodes("f", &original, "--identify design");
+    for (name, bursts, how, reference) in [
+        ("b", &backward, WINDOWS, &reference),
+        ("c", &single, WINDOWS, &reference),
+        ("d", &twice, "--identify design", &by_design),
+    ] {
+        let rows = episodes(name, bursts, how).0;
+        let differ = rows.iter().zip(reference).find(|(a, b)| a != b);
+        assert!(&rows == reference, "{name}: {} of {}: {differ:?}", rows.len(), reference.len());
+    }
+    // beyond the window they are counted instead
+    let (_, counts) = episodes("e", &backward, "--set episodes.reorder_signals=1");
+    assert!(counts["signals_too_late"].as_u64().unwrap() > 1000, "{counts}");
+}
+
+#[test]
+fn priors_move_what_is_named_and_unknown_names_are_refused() {
+    let house = House::new();
+    std::fs::copy(sample("print_run.mcap"), house.path("a.mcap")).unwrap();
+    let named = |more: &str| -> u64 {
+        replay(&house, "a.mcap", more);
+        let counts = &house.read_json("out/a.summary.json")["counts"]["faulty"];
+        counts["IDN"].as_u64().unwrap_or(0)
+    };
+    assert!(named("--set isolate.priors.IDN=1000") > named(""));
+    house
+        .run(&format!(
+            "replay a.mcap --design {} --out out --set isolate.priors.XYZ=2",
+            sample("design.json").display()
+        ))
+        .exits(1)
+        .says("isolate.priors names \"XYZ\"");
 }

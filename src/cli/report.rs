@@ -85,7 +85,7 @@ fn print_episodes(episodes: &[&Episode], out: &mut impl Write) -> io::Result<()>
             "    {} to {until:<19} {:>7}  {}",
             clock(e.began_at_ns),
             thousands(e.bursts),
-            e.explanation
+            without_controls(&e.explanation)
         )?;
     }
     if episodes.len() > MOST_LISTED {
@@ -100,5 +100,9 @@ fn clock(t_ns: i64) -> String {
 
 /// A name from a recording, without what could move a terminal's cursor.
 pub fn printable(name: &str) -> String {
-    name.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).take(64).collect()
+    without_controls(name).chars().take(64).collect()
+}
+
+fn without_controls(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
 }
