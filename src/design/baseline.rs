@@ -253,3 +253,86 @@ fn merged_shot(
     merged.shot_signals = total.min(MOST_SIGNALS);
     merged
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `n` signals of each of some channels about their own features, in an order.
+    fn heard(channels: &[(u32, f64, u32)], backwards: bool) -> Heard {
+        let mut signals = Vec::new();
+        for &(channel, at, n) in channels {
+            for i in 0..n {
+                let off = 0.01 * (f64::from(i * 7 % 11) - 5.0) / 5.0;
+                signals.push((channel, Vector4::new(at + off, at - off, 0.1 * off, off), at < 0.5));
+            }
+        }
+        if backwards {
+            signals.reverse();
+        }
+        let (mut heard, mut room) = (Heard::default(), 100);
+        for (channel, features, healthy) in &signals {
+            heard.take(*channel, features, 0.9, *healthy, &mut room);
+        }
+        heard
+    }
+
+    fn noise() -> Matrix4<f64> {
+        Matrix4::identity() * 1e-4
+    }
+
+    #[test]
+    fn no_order_of_the_signals_gives_other_baselines() {
+        let said = [(1, 0.02, 40), (2, -0.03, 35), (9, 0.0, 5)];
+        let (mut forwards, mut backwards) = (Baselines::new(None), Baselines::new(None));
+        forwards.learn("p", &heard(&said, false), &noise());
+        backwards.learn("p", &heard(&said, true), &noise());
+        assert_eq!(forwards, backwards);
+        forwards.check().unwrap();
+        let found = forwards.printheads["p"].channels[&2].features;
+        assert!((found[0] + 0.03).abs() < 0.003, "{found:?}");
+    }
+
+    #[test]
+    fn a_channel_that_was_faulty_from_the_start_has_no_baseline() {
+        let mut baselines = Baselines::new(None);
+        let said = heard(&[(1, 0.0, 20), (2, 0.9, 20), (3, 0.0, 3)], false);
+        baselines.learn("p", &said, &noise());
+        let known = &baselines.printheads["p"].channels;
+        assert!(known.contains_key(&1) && !known.contains_key(&2) && !known.contains_key(&3));
+        let judging = Baselines::new(None).with_first_window("p", &said, &noise());
+        assert_eq!(&judging.channels, known);
+    }
+
+    #[test]
+    fn one_recording_moves_a_baseline_by_half_the_way_at_most() {
+        let mut baselines = Baselines::new(None);
+        baselines.learn("p", &heard(&[(1, 0.0, 11)], false), &noise());
+        baselines.learn("p", &heard(&[(1, 0.1, 5000)], false), &noise());
+        let moved = baselines.printheads["p"].channels[&1];
+        assert!((0.03..0.056).contains(&moved.features[0]), "{moved:?}");
+        assert!(moved.signals <= MEMORY);
+    }
+
+    #[test]
+    fn channels_beyond_the_limit_are_counted() {
+        let (mut heard, mut room) = (Heard::default(), 1);
+        for channel in 0..3 {
+            heard.take(channel, &Vector4::zeros(), 1.0, true, &mut room);
+        }
+        assert_eq!((heard.channels(), heard.beyond), (1, 2));
+    }
+
+    #[test]
+    fn senseless_files_are_refused() {
+        let mut baselines = Baselines::new(None);
+        baselines.learn("p", &heard(&[(1, 0.0, 20)], false), &noise());
+        let mut other = baselines.clone();
+        other.version = 2;
+        assert!(other.check().is_err());
+        if let Some(printhead) = baselines.printheads.get_mut("p") {
+            printhead.shot[0][0] = -1.0;
+        }
+        assert!(baselines.check().is_err());
+    }
+}

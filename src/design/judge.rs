@@ -157,7 +157,11 @@ impl Judge {
             None => self.model.generator.energy(deviation),
             Some(detector) => match &work.own {
                 None => detector.statistic(deviation, drive, &mut work.detector),
-                Some(own) => detector.statistic_of_own(deviation, drive, own, &mut work.detector),
+                Some(own) => {
+                    let distance =
+                        detector.statistic_of_own(deviation, drive, own, &mut work.detector);
+                    distance * (self.model.threshold.value / own.gate).min(1.0)
+                }
             },
         }
     }

@@ -5,6 +5,7 @@
 
 use super::baseline::{FEWEST, PrintheadBaselines};
 use super::detector::SensitivityDetector;
+use crate::isolate::class_density::upper_tail;
 use crate::isolate::physics_density::FaultCurves;
 use nalgebra::{Matrix4, Vector4};
 use std::collections::HashMap;
@@ -22,6 +23,7 @@ pub struct OwnChannels {
     channels: HashMap<u32, (Vector4<f64>, f64, i64)>,
     /// The fault curves of a channel known by so many signals.
     curves: Vec<Arc<FaultCurves>>,
+    gate: f64,
 }
 
 /// One channel's.
@@ -29,17 +31,21 @@ pub struct OwnChannels {
 pub struct Own {
     pub baseline: Vector4<f64>,
     pub signals: f64,
+    /// Squared distance from the baseline that as few healthy signals exceed as may pass.
+    pub gate: f64,
     shot: Matrix4<f64>,
     /// `None`: the design has no physics.
     pub curves: Option<Arc<FaultCurves>>,
 }
 
 impl OwnChannels {
-    /// `from_ns`: of the channels that were not known before the recording.
+    /// `from_ns`: of the channels that were not known before the recording. `false_alarm_rate`: share
+    /// of healthy signals that may pass.
     pub fn new(
         baselines: &PrintheadBaselines,
         from_ns: impl Fn(u32) -> i64,
         curves: Option<&FaultCurves>,
+        false_alarm_rate: f64,
     ) -> OwnChannels {
         let shot = Matrix4::from_fn(|i, j| baselines.shot[i][j]);
         let curves = curves.map_or(Vec::new(), |curves| {
@@ -54,7 +60,7 @@ impl OwnChannels {
             .filter(|(_, c)| c.signals >= f64::from(FEWEST) / 2.0)
             .map(|(&k, c)| (k, (Vector4::from(c.features), c.signals, from_ns(k))))
             .collect();
-        OwnChannels { shot, channels, curves }
+        OwnChannels { shot, channels, curves, gate: chi_squared_3(false_alarm_rate) }
     }
 
     /// Channels that are known.
@@ -70,8 +76,23 @@ impl OwnChannels {
         }
         let level = LEVELS.iter().rposition(|&n| signals >= n).unwrap_or(0);
         let curves = self.curves.get(level).cloned();
-        Some(Own { baseline, signals, shot: self.shot, curves })
+        Some(Own { baseline, signals, gate: self.gate, shot: self.shot, curves })
     }
+}
+
+/// What chi-squared with three degrees of freedom exceeds at that rate: one channel's signals scatter
+/// by noise, whose tail is known; the channels' own spread, from which the threshold was learned, ends
+/// sooner.
+fn chi_squared_3(rate: f64) -> f64 {
+    let beyond = |x: f64| {
+        2.0 * upper_tail(x.sqrt()) + (2.0 * x / std::f64::consts::PI).sqrt() * (-x / 2.0).exp()
+    };
+    let (mut low, mut high) = (0.0, 200.0);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if beyond(middle) > rate { low = middle } else { high = middle }
+    }
+    high
 }
 
 impl Own {
@@ -93,5 +114,17 @@ impl SensitivityDetector {
     /// Covariance of the noise of these, at the reference drive.
     pub fn own_noise(&self) -> &Matrix4<f64> {
         &self.own.noise
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn chi_squared_agrees_with_tables() {
+        for (rate, x) in [(0.05, 7.815), (0.01, 11.345), (0.001, 16.266)] {
+            assert!((chi_squared_3(rate) / x - 1.0).abs() < 1e-4, "{rate}");
+        }
     }
 }

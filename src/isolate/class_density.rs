@@ -219,7 +219,7 @@ const SQRT_TAU: f64 = 2.506_628_274_631_000_7;
 
 /// 1 - Phi(x), relative error below 1e-7 everywhere: W. J. Cody style rational fit of erfc as in
 /// Numerical Recipes (erfcc), whose relative error is at most 1.2e-7.
-fn upper_tail(x: f64) -> f64 {
+pub(crate) fn upper_tail(x: f64) -> f64 {
     let z = x.abs() / std::f64::consts::SQRT_2;
     let t = 1.0 / (1.0 + 0.5 * z);
     let polynomial = [

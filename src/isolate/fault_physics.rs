@@ -381,3 +381,167 @@ fn spread_of_channels(
     let sd = best.map(f64::exp);
     least.is_finite().then_some([sd[0], sd[0], sd[1], sd[2], sd[3]])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::fault_curve::Seen;
+    use super::*;
+    use crate::fault::{CLASSES, category};
+    use crate::model::ring_down::ring_down_into;
+    use crate::model::ring_fit::Columns;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::StandardNormal;
+
+    const DT_S: f64 = 0.8e-6;
+    const SAMPLES: usize = 120;
+    const TRUE: InkChannel =
+        InkChannel { a_per_s2: 6.0e10, b_per_s2: 1.0e11, g_per_s: 1.7e4, d_per_s: 7.5e4 };
+    const ACTUATION: Actuation = Actuation { pulse_s: 8.5e-6, delay_s: 5e-6 };
+    const NOISE: f64 = 12.0;
+
+    fn decay(channel: &InkChannel, gain: f64) -> Vec<f64> {
+        let x_a = ACTUATION.acquisition_state(channel, gain);
+        let mut y = vec![0.0; SAMPLES];
+        ring_down_into(channel, &x_a, DT_S, &mut y);
+        y
+    }
+
+    /// The gain that makes the healthy channel peak at 400 counts, and its ring.
+    fn healthy() -> (f64, Ring) {
+        let largest = decay(&TRUE, 1.0).iter().fold(0.0_f64, |m, y| m.max(y.abs()));
+        let x = ACTUATION.acquisition_state(&TRUE, 400.0 / largest);
+        let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = TRUE;
+        let volume = x[0] + x[1];
+        let flows = [-a * volume - g * x[2], -b * volume - d * x[3]];
+        let y = x[2] + x[3];
+        let state = [y, flows[0] + flows[1], -(a + b) * y - g * flows[0] - d * flows[1]];
+        (400.0 / largest, Ring::new(TRUE.poles().unwrap(), state).unwrap())
+    }
+
+    fn physics(guess: InkChannel, guess_sd: f64) -> FaultPhysics {
+        let guess = Healthy { channel: guess, actuation: ACTUATION };
+        let mut physics = FaultPhysics::new(guess, guess_sd, healthy().1, NOISE).unwrap();
+        physics.spread = [0.002, 0.002, 0.03, 0.04, 0.015];
+        physics
+    }
+
+    fn names() -> Vec<String> {
+        CLASSES.iter().map(|c| c.to_string()).collect()
+    }
+
+    fn fitted(y: &[f64]) -> Vector4<f64> {
+        let fitter = RingFitter::new(healthy().1, DT_S, SAMPLES);
+        let fit = fitter.fit(y, true, &mut Columns::default()).unwrap();
+        Vector4::from(fit.features.coordinates())
+    }
+
+    /// A severity within what the class's name says, and a noisy look at a channel of the spread.
+    fn look(class: &str, rng: &mut ChaCha8Rng) -> (f64, Vector4<f64>) {
+        let mut normal = |sd: f64| 1.0 + sd * rng.sample::<f64, _>(StandardNormal);
+        let channel = InkChannel {
+            a_per_s2: TRUE.a_per_s2 * normal(0.002),
+            b_per_s2: TRUE.b_per_s2 * normal(0.002),
+            g_per_s: TRUE.g_per_s * normal(0.03),
+            d_per_s: TRUE.d_per_s * normal(0.04),
+        };
+        let gain = healthy().0 * normal(0.015);
+        let [low, high] = faults::severity_range(class).unwrap();
+        let severity = low + (0.2 + 0.6 * rng.random::<f64>()) * (high - low);
+        let mut y = decay(&faults::apply(class, severity, &channel).unwrap(), gain);
+        y.iter_mut().for_each(|y| *y += NOISE * rng.sample::<f64, _>(StandardNormal));
+        (severity, fitted(&y))
+    }
+
+    #[test]
+    fn rates_agree_with_the_measured_ring_whatever_the_guess() {
+        let guess = InkChannel { a_per_s2: 4e10, b_per_s2: 1.5e11, g_per_s: 2e4, d_per_s: 6e4 };
+        let physics = physics(guess, 0.05);
+        let (found, ring) = (physics.channel.poles().unwrap(), healthy().1);
+        assert!((found.damping_per_s / ring.damping_per_s - 1.0).abs() < 1e-4);
+        assert!((found.frequency_hz / ring.frequency_hz - 1.0).abs() < 1e-4);
+        physics.check().unwrap();
+    }
+
+    #[test]
+    fn labelled_severities_tell_the_rates_that_no_healthy_signal_tells() {
+        let guess = InkChannel { a_per_s2: 6.6e10, d_per_s: 8.2e4, ..TRUE };
+        let mut physics = physics(guess, 0.1);
+        let ratio = |c: &InkChannel| (c.a_per_s2 / c.b_per_s2, c.g_per_s / c.d_per_s);
+        let (truth, before) = (ratio(&TRUE), ratio(&physics.channel));
+        assert!((before.0 / truth.0 - 1.0).abs() > 0.05, "the guess is off");
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let looks: Vec<Look> = (0..180)
+            .map(|i| CLASSES[i % CLASSES.len()])
+            .map(|class| {
+                let (severity, features) = look(class, &mut rng);
+                let class = class.to_string();
+                Look { class, severity, features, drive: 1.0, ring: [0.0; 2], weight: 1.0 }
+            })
+            .collect();
+        let guess = Healthy { channel: guess, actuation: ACTUATION };
+        physics.learn_rates(guess, 0.1, &looks, (DT_S, SAMPLES)).unwrap();
+        let after = ratio(&physics.channel);
+        assert!((after.0 / truth.0 - 1.0).abs() < 0.015, "{after:?} {truth:?}");
+        assert!((after.1 / truth.1 - 1.0).abs() < 0.06, "{after:?} {truth:?}");
+    }
+
+    #[test]
+    fn stated_intervals_cover_the_severity_and_categories_are_told_apart() {
+        let curves = physics(TRUE, 0.005).curves(&names(), true, DT_S, SAMPLES);
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let (mut covered, mut right, mut n) = (0, 0, 0);
+        for (k, class) in CLASSES.iter().enumerate() {
+            for _ in 0..60 {
+                let (truth, x) = look(class, &mut rng);
+                let mut weights = Vec::new();
+                curves.ln_densities(x.as_slice(), Seen::as_made(), &mut weights);
+                let most = weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+                weights.iter_mut().for_each(|w| *w = (*w - most).exp());
+                let sum: f64 = weights.iter().sum();
+                weights.iter_mut().for_each(|w| *w /= sum);
+                let best = (0..9).max_by(|&i, &j| weights[i].total_cmp(&weights[j])).unwrap();
+                right += usize::from(category(CLASSES[best]) == category(class));
+                let s = curves.severity(k, x.as_slice(), Seen::as_made(), &weights);
+                covered += usize::from(s.is_some_and(|s| (s.value - truth).abs() < 1.96 * s.sd));
+                n += 1;
+            }
+        }
+        // of 540 signals three standard deviations are 2.8 %
+        assert!((0.92..=0.985).contains(&(f64::from(covered as u32) / f64::from(n))), "{covered}");
+        assert!(right as f64 >= 0.97 * f64::from(n), "{right} of {n}");
+    }
+
+    #[test]
+    fn sizes_of_a_class_are_shares() {
+        let mut physics = physics(TRUE, 0.01);
+        let seen = SeenSizes::new((0..50).map(|i| (1.5 + 0.01 * f64::from(i), 0.5)).collect());
+        assert_eq!((seen.n, seen.severities.len()), (25.0, 50));
+        physics.seen.insert("IDN".into(), seen);
+        let curves = physics.curves(&names(), true, DT_S, SAMPLES);
+        for sizes in (0..CLASSES.len()).filter_map(|k| curves.class(k)) {
+            let sum: f64 = sizes.ln_share.iter().map(|l| l.exp()).sum();
+            assert!((sum - 1.0).abs() < 1e-9, "{sum}");
+        }
+    }
+
+    #[test]
+    fn a_known_channel_is_sized_better_and_its_baseline_is_followed() {
+        let curves = physics(TRUE, 0.005).curves(&names(), true, DT_S, SAMPLES);
+        let own = curves.of_one_channel(&Matrix4::zeros(), 48.0).unwrap();
+        // a channel whose nozzle is 6 % more viscous than the others
+        let channel = InkChannel { d_per_s: 1.06 * TRUE.d_per_s, ..TRUE };
+        let fit = |c: &InkChannel| fitted(&decay(c, healthy().0));
+        let baseline = fit(&channel);
+        let x = fit(&faults::apply("IDN", 1.7, &channel).unwrap());
+        let k = CLASSES.iter().position(|c| *c == "IDN").unwrap();
+        let mut weights = [0.0; 9];
+        weights[k] = 1.0;
+        let seen = Seen { baseline: Some(&baseline), ..Seen::as_made() };
+        let without = curves.severity(k, x.as_slice(), Seen::as_made(), &weights).unwrap();
+        let with = own.severity(k, x.as_slice(), seen, &weights).unwrap();
+        assert!(without.value > 1.75, "{without:?}: it looks worse than it is");
+        assert!((with.value - 1.7).abs() < 0.03, "{with:?}");
+        assert!(with.sd < 0.7 * without.sd, "{with:?} {without:?}");
+    }
+}

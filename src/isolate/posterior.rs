@@ -385,4 +385,32 @@ mod tests {
         assert!(posterior.fits_none(&far[..size], f64::INFINITY));
         assert!(!posterior.fits_none(&near[..size], f64::INFINITY));
     }
+
+    /// ln densities of `examples` in every class by a physics that is right, or off by `off`.
+    fn by_physics(examples: &[Examples], off: f64) -> Vec<Vec<Vec<f64>>> {
+        let ln = |x: &Vec<f64>, k: usize| -> f64 {
+            let at = |j: usize| if j == 2 { 0.15 * k as f64 + off } else { 0.0 };
+            (0..x.len()).map(|j| -0.5 * ((x[j] - at(j)) / 0.1).powi(2) + 1.383_65).sum()
+        };
+        let class =
+            |e: &Examples| e.features.iter().map(|x| (0..3).map(|k| ln(x, k)).collect()).collect();
+        examples.iter().map(class).collect()
+    }
+
+    #[test]
+    fn the_physics_stands_alone_at_first_and_yields_where_it_is_wrong() {
+        let stacked = |n: usize, off: f64| {
+            let examples = examples(n, None, 6);
+            let physics = by_physics(&examples, off);
+            let labelled: Vec<_> = examples.into_iter().map(Some).collect();
+            Posterior::stack(true, &labelled, &physics, &[true; 3]).unwrap().0.physics_share
+        };
+        let none = |n: usize| vec![Vec::new(); n];
+        let alone = Posterior::stack(true, &[None, None, None], &none(3), &[true; 3]).unwrap();
+        assert_eq!(alone.0.physics_share, [1.0; 3]);
+        assert!(Posterior::stack(true, &[None, None], &none(2), &[true, false]).is_none());
+        assert!(stacked(5, 0.0).iter().all(|share| *share > 0.6));
+        assert!(stacked(200, 0.0).iter().all(|share| *share > 0.5));
+        assert!(stacked(200, 1.0).iter().all(|share| *share < 0.1));
+    }
 }

@@ -16,6 +16,7 @@ use crate::design::{
     Baselines, Design, Heard, MOST_CHANNELS, Own, OwnChannels, PrintheadBaselines, Workspace,
 };
 use crate::io::recording::Recording;
+use crate::settings::Settings;
 use crate::verdict::{Reason, unusable_signal};
 use nalgebra::Matrix4;
 use std::collections::{BTreeMap, HashMap};
@@ -96,7 +97,7 @@ pub fn learn(
     recording: &Recording,
     schedule: &Schedule,
     design: Option<&Design>,
-    (rails, window_ns): ([f64; 2], i64),
+    (settings, window_ns): (&Settings, i64),
     control: &Control,
 ) -> Result<(InUse, Baselines), PipelineError> {
     let starts = starts(recording, control)?;
@@ -109,7 +110,8 @@ pub fn learn(
             Some(known) if known.channels.contains_key(&channel) => i64::MIN,
             _ => end(name),
         };
-        OwnChannels::new(judging, from, design.and_then(Design::curves).as_deref())
+        let curves = design.and_then(Design::curves);
+        OwnChannels::new(judging, from, curves.as_deref(), settings.detect.false_alarm_rate)
     };
     let of_names = |owns: &mut HashMap<Arc<str>, OwnChannels>, heard: &HeardOf| {
         for (name, (heard, noise)) in heard {
@@ -125,7 +127,7 @@ pub fn learn(
             (name.clone(), known(&name, of_name))
         })
         .collect();
-    let pass = Pass { recording, schedule, rails, control };
+    let pass = Pass { recording, schedule, rails: settings.input.rails, control };
     let room = MOST_CHANNELS.saturating_sub(remembered.channels());
     let first = pass.hear(&owns, room, |burst| burst.t_acq_ns < end(&burst.printhead))?;
     of_names(&mut owns, &first);

@@ -193,7 +193,7 @@ fn learn_baselines(
 ) -> Result<Option<(InUse, Baselines)>, PipelineError> {
     let Some(remembered) = &replay.baselines else { return Ok(None) };
     let window_ns = (replay.settings.identify.first * 1e9) as i64;
-    let how = (replay.settings.input.rails, window_ns);
+    let how = (&replay.settings, window_ns);
     baseline::learn(remembered, recording, schedule, replay.design.as_ref(), how, control).map(Some)
 }
 
