@@ -388,7 +388,7 @@ mod tests {
     use super::*;
     use crate::fault::{CLASSES, category};
     use crate::model::ring_down::ring_down_into;
-    use crate::model::ring_fit::Columns;
+    use crate::model::ring_fit::Products;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
     use rand_distr::StandardNormal;
@@ -432,7 +432,7 @@ mod tests {
 
     fn fitted(y: &[f64]) -> Vector4<f64> {
         let fitter = RingFitter::new(healthy().1, DT_S, SAMPLES);
-        let fit = fitter.fit(y, true, &mut Columns::default()).unwrap();
+        let fit = fitter.fit(y, true, &mut Products::default()).unwrap();
         Vector4::from(fit.features.coordinates())
     }
 
