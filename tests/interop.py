@@ -34,8 +34,8 @@ episodes = verdicts.replace(".verdicts.", ".episodes.")
 rows = pq.read_table(episodes)
 assert json.loads(pq.read_metadata(episodes).metadata[b"inkling"])["recording"] == document["recording"]
 assert polars.read_parquet(episodes).height == rows.num_rows > 0, "polars: episodes"
-on = duckdb.sql(f"select count(*) from '{episodes}' where ended_at is null").fetchone()
-assert on == (rows["ended_at"].null_count,), (on, rows["ended_at"].null_count)
+on = duckdb.sql(f"select count(*) from '{episodes}' where ended_at is null").fetchall()
+assert on == [(rows["ended_at"].null_count,)], (on, rows["ended_at"].null_count)
 
 signals = bursts = 0
 with open(recording, "rb") as file:
