@@ -63,7 +63,7 @@ impl Default for DetectSettings {
         DetectSettings {
             method: DetectMethod::Sensitivity,
             threshold: ThresholdMethod::Quantile,
-            false_alarm_rate: 5e-4,
+            false_alarm_rate: 7e-4,
             confidence: 0.95,
             mu: 1.0,
             denominator: Denominator::Resonance,

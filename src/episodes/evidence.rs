@@ -9,7 +9,7 @@
 //! is no fault; only a level beyond the threshold itself is not accepted. One look counts for
 //! [`MOST_PER_LOOK`] at most: a single odd signal is no evidence.
 
-/// ln(1 / 5e-4): an odd look is as frequent as the default `detect.false_alarm_rate`.
+/// ln(1 / 5e-4): an odd look is about as frequent as the default `detect.false_alarm_rate`.
 const MOST_PER_LOOK: f32 = 7.6;
 /// The shift that is looked for, in standard deviations of a look.
 const SHIFT: f32 = 1.0;
