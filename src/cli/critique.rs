@@ -2,7 +2,6 @@
 
 use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible};
-use super::report::printable;
 use crate::critique::engine::{self, MOST_SAMPLES, Outcome, Rings};
 use crate::critique::finding::{Critique, GainFigures};
 use crate::critique::observations::Observations;
@@ -150,7 +149,7 @@ fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
 }
 
 fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Result<()> {
-    writeln!(out, "{}", printable(&critique.sentence))?;
+    writeln!(out, "{}", critique.sentence)?;
     if !critique.causes.is_empty() {
         writeln!(
             out,
@@ -196,7 +195,7 @@ fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Resu
         writeln!(out, "  not testable: {} (needs {})", n.id, n.needs)?;
     }
     for remark in &critique.remarks {
-        writeln!(out, "  {}", printable(remark))?;
+        writeln!(out, "  {remark}")?;
     }
     writeln!(out, "  {}", dir.join("critique.json").display())
 }

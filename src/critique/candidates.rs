@@ -317,7 +317,7 @@ impl<'a> Bench<'a> {
             let ln = maximum(|x| gain(sign * x.exp().min(most)), best.1.abs().ln(), reach);
             strength = sign * ln.exp().min(most);
             scored.statistic = gain(strength).max(0.0);
-            scored.sd = width(&gain, strength, 0.3 * scored.sd);
+            scored.sd = width(gain, strength, 0.3 * scored.sd);
             scored.surprise = surprise(scored.statistic, 1, 1.0, f64::INFINITY);
             scored.applied.directions = vec![shape(strength)?];
             scored.applied.coefficients = vec![strength];

@@ -13,6 +13,9 @@ use super::ring::FREE;
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::{PI, TAU};
 
+/// Signals whose spread can be told.
+const FEWEST: usize = 16;
+
 /// One signal's residual u = (1 - Q Q^T) r and the basis Q of what was projected out, N x FREE.
 pub struct Left {
     pub u: Vec<f64>,
@@ -88,6 +91,11 @@ fn two_sided(z: f64) -> f64 {
 }
 
 pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Found> {
+    if data.len() < FEWEST {
+        return ["random_tone", "correlated_noise", "heteroscedastic_noise"]
+            .map(|id| found(id, 0.0, 0.0, f64::NAN, f64::NAN, Some("needs 16 signals")))
+            .into();
+    }
     let mut left = residuals(model, data, beside);
     let n = data.samples;
     let v =

@@ -127,6 +127,9 @@ impl Model {
 
     /// Moves all channels alike.
     pub fn shift(&mut self, step: &[f64; ALL]) {
+        if !step.iter().all(|v| v.is_finite()) {
+            return; // nothing is known of such a shift
+        }
         let most = [0.3, 0.05];
         for j in 0..FREE {
             let step = most.get(j).map_or(step[j], |most| step[j].clamp(-most, *most));
@@ -140,7 +143,7 @@ impl Model {
     pub fn shift_lambda(&mut self, step: f64) {
         let (low, high) = LAMBDA_BOUNDS;
         let moved = self.mean[5] + step.clamp(-0.3, 0.3);
-        self.mean[5] = moved.clamp(self.mean[0] + low.ln(), self.mean[0] + high.ln());
+        self.mean[5] = moved.min(self.mean[0] + high.ln()).max(self.mean[0] + low.ln());
     }
 
     /// theta of signal i.

@@ -80,9 +80,7 @@ mod tests {
         tangent.at(&theta, theta[4], true, 128);
         let mut y = vec![0.0; 128];
         signal_into(&theta, true, 0.0, &mut y);
-        for k in 0..128 {
-            assert!((y[k] - tangent.y[k]).abs() < 1e-9);
-        }
+        assert!(y.iter().zip(&tangent.y).all(|(y, z)| (y - z).abs() < 1e-9));
         for j in 0..ALL {
             let mut step = Theta::zeros();
             step[j] = 1e-6 * theta[j].abs().max(1.0);

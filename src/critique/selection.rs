@@ -290,9 +290,8 @@ pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -
             causes.push(s.applied.clone());
             rivals.push((refit(model, causes, setting, 3, false), s));
         }
-        let penalised = |r: &(Refit, &Scored)| {
-            r.0.deviance(&kind) + 2.0 * (r.1.degrees as f64 + r.1.tried.ln())
-        };
+        let penalised =
+            |r: &(Refit, &Scored)| r.0.deviance(&kind) + 2.0 * (parameters(r.1) + r.1.tried.ln());
         rivals.sort_by(|p, q| penalised(p).total_cmp(&penalised(q)));
         let least = penalised(&rivals[0]);
         let tied: Vec<String> = rivals[1..]

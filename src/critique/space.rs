@@ -119,7 +119,7 @@ impl Space {
             while end < data.len() && data.rows[end].unit == unit {
                 end += 1;
             }
-            let of_scatter = unit % stride == 0;
+            let of_scatter = unit.is_multiple_of(stride);
             let mut info = Matrix5::zeros();
             let mut score = Vector5::zeros();
             let mut cross = DMatrix::<f64>::zeros(d, FREE);
