@@ -193,6 +193,6 @@ mod tests {
             assert!(same.windows(2).all(|w| w[0] == w[1]), "bits depend on the instructions");
         }
         assert!(settled as f64 > 0.9 * below as f64, "{settled} of {below} settled");
-        assert!(closest > 0.99, "the bound is too wide: {closest}");
+        assert!(closest > 0.95, "the bound is too wide: {closest}");
     }
 }

@@ -161,8 +161,10 @@ struct Chosen {
 
 /// Columns by name. Whatever is ambiguous is refused.
 fn choose(header: &StringRecord, columns: &Columns, decimal_comma: bool) -> Result<Chosen, String> {
-    let names: Vec<String> =
-        header.iter().map(|h| h.trim_start_matches('\u{feff}').trim().to_owned()).collect();
+    let names: Vec<String> = header
+        .iter()
+        .map(|h| unquoted(h.trim_start_matches('\u{feff}').trim()).to_owned())
+        .collect();
     let numbers =
         names.iter().filter(|name| number_in(name, decimal_comma).is_ok_and(f64::is_finite));
     if numbers.count() == names.len() {
@@ -203,6 +205,7 @@ fn choose(header: &StringRecord, columns: &Columns, decimal_comma: bool) -> Resu
 
 /// A cell as a number; NaN where it is empty or says so.
 fn number_in(cell: &str, decimal_comma: bool) -> Result<f64, String> {
+    let cell = unquoted(cell);
     if cell.is_empty()
         || ["nan", "na", "null", "none", "-"].iter().any(|w| cell.eq_ignore_ascii_case(w))
     {
@@ -218,6 +221,11 @@ fn number_in(cell: &str, decimal_comma: bool) -> Result<f64, String> {
         Ok(_) => Err(format!("{cell} is too large for a sample (f32)")),
         Err(_) => Err(format!("{:?} is no number", shortened(cell))),
     }
+}
+
+/// Quotes after a blank are none to the csv crate.
+fn unquoted(cell: &str) -> &str {
+    cell.strip_prefix('"').and_then(|cell| cell.strip_suffix('"')).unwrap_or(cell)
 }
 
 fn shortened(cell: &str) -> String {

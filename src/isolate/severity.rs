@@ -5,8 +5,8 @@
 //! ([`super::fault_curve`]). Beforehand severities are as likely as in the class's labelled signals; a
 //! part of the belief stays on every size of that kind. thesis §2-2, chapter 5 (fault estimation).
 
-use super::fault_curve::Seen;
 use super::fault_curve::Node;
+use super::fault_curve::Seen;
 use super::physics_density::{FaultCurves, NEGLIGIBLE};
 
 /// A severity in the contract's unit, with its standard deviation.
