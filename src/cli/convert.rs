@@ -8,7 +8,7 @@ use crate::io::sampling::{self, Regular};
 use crate::io::table_file::{self, Columns};
 use bytes::Bytes;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Times up to here (year 2200) leave room in i64 nanoseconds.
@@ -119,7 +119,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     Ok(Exit::Done)
 }
 
-fn same_file(a: &PathBuf, b: &PathBuf) -> bool {
+fn same_file(a: &Path, b: &Path) -> bool {
     match (a.canonicalize(), b.canonicalize()) {
         (Ok(a), Ok(b)) => a == b,
         _ => false,

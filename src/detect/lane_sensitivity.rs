@@ -81,7 +81,7 @@ impl LaneSensitivity {
             };
             metric = Some((drive, m));
             let scale = 1.0 / f64::from(drive);
-            let x = Vector3::from_fn(|k, _| f64::from(products[k][lane]) * scale);
+            let x = Vector3::from(products.map(|of_lanes| f64::from(of_lanes[lane]) * scale));
             let distance = self.sensitivity.distance(&m, &x);
             judged.statistic[lane] = distance;
             let error: f64 = (0..3)
@@ -179,12 +179,12 @@ mod tests {
                 tile.fill(&mut gather, N, instructions);
                 let judged = lanes.judge(&mut tile, limit, RAILS, instructions);
                 same.push((judged.statistic.map(f64::to_bits), judged.settled));
-                for lane in 0..LANES {
-                    let off = judged.statistic[lane] / reference[lane] - 1.0;
+                for (lane, reference) in reference.iter().enumerate() {
+                    let off = judged.statistic[lane] / reference - 1.0;
                     assert!(off.abs() < 1e-3, "{off}");
-                    assert!(!judged.settled[lane] || reference[lane] <= limit);
+                    assert!(!judged.settled[lane] || *reference <= limit);
                     if judged.settled[lane] {
-                        closest = closest.max(reference[lane] / limit);
+                        closest = closest.max(reference / limit);
                     }
                 }
                 settled += judged.settled.iter().filter(|s| **s).count();

@@ -230,7 +230,7 @@ fn resampled(decay: &Decay, period: f64, so_far: &mut Sampled) -> Result<Regular
     }
     // a hair above: the last sample must not be lost to rounding
     let steps = ((end - start) / period + 1e-6).floor();
-    if !(steps + 1.0 >= FEWEST_SAMPLES as f64) {
+    if steps.is_nan() || steps + 1.0 < FEWEST_SAMPLES as f64 {
         let what = "its outputs have no span of time in common".to_owned();
         return Err(refused(decay, what));
     }

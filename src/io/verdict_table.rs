@@ -158,10 +158,12 @@ enum Column {
     Values(Box<ArrowColumnWriter>),
 }
 
+/// Pushes a batch's runs onto their column.
+type PushRuns<'a> = Box<dyn Fn(&mut RunColumn) -> Result<(), ParquetError> + 'a>;
+
 /// What a batch has for a column.
 enum Part<'a> {
-    /// Pushes its runs.
-    Runs(Box<dyn Fn(&mut RunColumn) -> Result<(), ParquetError> + 'a>),
+    Runs(PushRuns<'a>),
     Values(ArrayRef),
 }
 

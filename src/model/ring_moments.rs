@@ -34,8 +34,9 @@ impl Oscillation {
     /// Re and im of the first samples, and the ratio over as many samples.
     fn lanes(self) -> ([Lanes; 2], (f64, f64)) {
         let (mut at, mut lanes) = (self.first, [[0.0; LANES]; 2]);
-        for l in 0..LANES {
-            (lanes[0][l], lanes[1][l]) = at;
+        let [re, im] = &mut lanes;
+        for (re, im) in re.iter_mut().zip(im) {
+            (*re, *im) = at;
             at = times(at, self.ratio);
         }
         let two = times(self.ratio, self.ratio);

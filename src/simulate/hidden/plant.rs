@@ -78,7 +78,7 @@ impl Equation {
 
     /// Integrates over `duration_s` in equal steps of at most `step_s`.
     pub fn advance(&self, state: &mut State, displaced: f64, duration_s: f64, step_s: f64) {
-        if !(duration_s > 0.0) {
+        if duration_s.is_nan() || duration_s <= 0.0 {
             return;
         }
         let steps = (duration_s / step_s - 1e-9).ceil().max(1.0);

@@ -122,7 +122,7 @@ impl Yardstick {
                 let mut one = effect.size;
                 for _ in 0..3 {
                     let noncentrality = self.noncentrality(&effect.of_size(one));
-                    if !(noncentrality > 0.0) {
+                    if noncentrality.is_nan() || noncentrality <= 0.0 {
                         return one;
                     }
                     one *= (NONCENTRALITY / noncentrality).sqrt();
