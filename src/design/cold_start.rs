@@ -11,7 +11,7 @@ use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
 use crate::isolate::fault_curve::{Healthy, Seen};
 use crate::isolate::fault_physics::{FaultPhysics, Look};
-use crate::isolate::physics_density::SeenSizes;
+use crate::isolate::physics_density::{Comparison, SeenSizes};
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Products, RingFitter};
 use crate::model::{Actuation, InkChannel, faults};
@@ -89,7 +89,11 @@ fn learn_sizes(physics: &mut FaultPhysics, looks: &[Look], (dt_s, samples): (f64
         let size = |look: &&Look| {
             let changed = curves.changed(look.ring);
             let seen = Seen { drive: look.drive, changed, baseline: None };
-            let estimated = || curves.severity(k, look.features.as_slice(), seen, &only);
+            let estimated = || {
+                let mut compared = Comparison::default();
+                curves.compare(look.features.as_slice(), seen, &mut compared);
+                curves.severity(k, &only, &compared)
+            };
             let severity = match look.severity.is_finite() {
                 true => Some(look.severity),
                 false => estimated().map(|severity| severity.value),

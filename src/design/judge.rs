@@ -8,7 +8,7 @@ use crate::burst::Burst;
 use crate::identify::reservoir::relative_drive;
 use crate::isolate::fault_curve::Seen;
 use crate::isolate::neighbours::Neighbours;
-use crate::isolate::physics_density::FaultCurves;
+use crate::isolate::physics_density::{Comparison, FaultCurves};
 use crate::isolate::posterior::Posterior;
 use crate::isolate::severity::Severity;
 use crate::isolate::{
@@ -91,8 +91,7 @@ pub struct Workspace {
     pub ring: Option<[f64; 2]>,
     /// Of the signal last isolated, if its category was named.
     pub severity: Option<Severity>,
-    /// ln densities per class by the physics.
-    physics: Vec<f64>,
+    physics: Comparison,
     /// Of the signal next isolated, see [`Judge::warmer`]. K.
     pub warmer: f64,
     /// With `--baseline`: of the channel whose signal is next, if it is known.
@@ -231,22 +230,22 @@ impl Judge {
                     changed: curves.zip(ring).map_or(Vector2::zeros(), |(c, r)| c.changed(r)),
                     baseline: of_own.map(|(_, baseline)| baseline),
                 };
-                physics.clear();
-                let from_curves = match curves {
-                    Some(curves) if posterior.mixes() => {
-                        curves.ln_densities(features, seen, physics)
-                    }
-                    _ => f64::INFINITY,
-                };
-                posterior.weigh(features, physics, priors, weights);
+                physics.ln_densities.clear();
+                if let Some(curves) = curves {
+                    curves.compare(features, seen, physics);
+                }
+                posterior.weigh(features, &physics.ln_densities, priors, weights);
                 let decision = rule.decide(weights);
                 let sized = curves.zip(rule.sized(&decision, weights));
-                *severity = sized.and_then(|(of, k)| of.severity(k, features, seen, weights));
+                *severity = sized.and_then(|(of, k)| of.severity(k, weights, physics));
                 let noise = self.model.noise / drive;
                 let size: f64 = residual.iter().map(|y| y * y).sum();
                 let rings_otherwise = fit.misfit
                     > NO_RING * noise * noise * residual.len() as f64 + MODEL_ERROR * size;
-                return Some(match posterior.fits_none(features, from_curves) && rings_otherwise {
+                let from_curves =
+                    || curves.map_or(f64::INFINITY, |of| of.distance(features, seen, physics));
+                let unknown = rings_otherwise && posterior.fits_none(features, from_curves);
+                return Some(match unknown {
                     true => decision.of_unknown_fault(),
                     false => decision,
                 });

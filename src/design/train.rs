@@ -10,6 +10,7 @@ use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
 use crate::isolate::IsolateMethod;
 use crate::isolate::fault_curve::Seen;
+use crate::isolate::physics_density::Comparison;
 use crate::isolate::posterior::{Examples, Posterior};
 use crate::model::ring_fit::{Features, Products, RingFitter};
 use std::collections::BTreeMap;
@@ -178,9 +179,9 @@ fn learn_posterior(design: &Design, set: &TrainingSet) -> Result<Option<Posterio
         let curves = physics.curves(&names, phase, design.sample_period_s, design.samples);
         let known: Vec<bool> = (0..examples.len()).map(|k| curves.class(k).is_some()).collect();
         let ln_densities = |x: &Vec<f64>| {
-            let mut ln = Vec::new();
-            curves.ln_densities(x, Seen::as_made(), &mut ln);
-            ln
+            let mut compared = Comparison::default();
+            curves.compare(x, Seen::as_made(), &mut compared);
+            compared.ln_densities
         };
         let by_physics: Vec<Vec<Vec<f64>>> = examples
             .iter()

@@ -257,9 +257,6 @@ impl Seen<'_> {
     }
 }
 
-/// ln (2 pi)^2; a held phase has a density of its own there, the same for all.
-const LN_TAU_SQUARED: f64 = 3.675_754_132_818_691;
-
 /// A place on the curve, ready to be compared with a signal.
 #[derive(Clone, Debug)]
 pub struct Node {
@@ -274,29 +271,16 @@ pub struct Node {
     belief: Matrix4<f64>,
     noise: Matrix4<f64>,
     /// How the mean moves with [`Seen::changed`].
-    moves: Matrix4x2<f64>,
+    pub(super) moves: Matrix4x2<f64>,
     /// Of one channel: how the mean follows its baseline.
-    follows: Matrix4<f64>,
+    pub(super) follows: Matrix4<f64>,
     /// u = to_axes (x - mean): the noise at the reference drive is unit, the spread diagonal.
-    to_axes: Matrix4<f64>,
-    spread: Vector4<f64>,
-    ln_determinant: f64,
+    pub(super) to_axes: Matrix4<f64>,
+    pub(super) spread: Vector4<f64>,
+    pub(super) ln_determinant: f64,
 }
 
 impl Node {
-    /// ln of the density of features at a drive, given this severity.
-    pub fn ln_density(&self, x: &Vector4<f64>, seen: Seen) -> f64 {
-        let u = self.along_axes(x, seen);
-        let noise = 1.0 / (seen.drive * seen.drive);
-        let (mut square, mut product) = (0.0, 1.0);
-        for j in 0..4 {
-            let variance = self.spread[j] + noise;
-            square += u[j] * u[j] / variance;
-            product *= variance;
-        }
-        self.ln_determinant - 0.5 * (square + product.ln()) - LN_TAU_SQUARED
-    }
-
     /// Of each coordinate: beyond the noise, and of the noise at the reference drive.
     pub fn variances(&self) -> [Vector4<f64>; 2] {
         // x = to_axes^-1 u, where the noise is unit
@@ -425,5 +409,48 @@ impl Node {
         let beyond = self.slope * left * self.slope.transpose() + shot + self.belief;
         let own = Node { follows: self.slope * gain, ..self.clone() };
         own.scattered(&beyond)
+    }
+}
+
+#[cfg(test)]
+impl Node {
+    /// ln of the density of features at a drive, given this severity.
+    pub fn ln_density(&self, x: &Vector4<f64>, seen: Seen) -> f64 {
+        let u = self.along_axes(x, seen);
+        let noise = 1.0 / (seen.drive * seen.drive);
+        let (mut square, mut product) = (0.0, 1.0);
+        for j in 0..4 {
+            let variance = self.spread[j] + noise;
+            square += u[j] * u[j] / variance;
+            product *= variance;
+        }
+        self.ln_determinant - 0.5 * (square + product.ln()) - super::physics_density::LN_TAU_SQUARED
+    }
+
+    /// Nodes somewhere along a curve.
+    pub fn drawn(n: usize, rng: &mut impl rand::RngExt) -> Vec<Node> {
+        let mut within = |bound: f64| rng.random_range(-bound..bound);
+        let node = |i: usize| {
+            let t = i as f64 / n as f64;
+            let factor =
+                Matrix4::from_fn(|_, _| within(0.01)) + Matrix4::from_diagonal_element(0.02);
+            let spread = Matrix4::from_fn(|_, _| within(0.02));
+            let node = Node {
+                severity: t,
+                place: t,
+                length: 1.0 / n as f64,
+                mean: Vector4::new(-t, 2.0 * t, -0.1 * t, 7.0 * t - 3.0),
+                slope: Slope::zeros(),
+                belief: Matrix4::zeros(),
+                noise: factor * factor.transpose(),
+                moves: Matrix4x2::from_fn(|_, _| within(0.5)),
+                follows: Matrix4::from_fn(|_, _| within(0.5)),
+                to_axes: Matrix4::identity(),
+                spread: Vector4::zeros(),
+                ln_determinant: 0.0,
+            };
+            node.scattered(&(spread * spread.transpose()))
+        };
+        (0..n).filter_map(node).collect()
     }
 }

@@ -385,6 +385,7 @@ fn spread_of_channels(
 #[cfg(test)]
 mod tests {
     use super::super::fault_curve::Seen;
+    use super::super::physics_density::Comparison;
     use super::*;
     use crate::fault::{CLASSES, category};
     use crate::model::ring_down::ring_down_into;
@@ -494,15 +495,16 @@ mod tests {
         for (k, class) in CLASSES.iter().enumerate() {
             for _ in 0..60 {
                 let (truth, x) = look(class, &mut rng);
-                let mut weights = Vec::new();
-                curves.ln_densities(x.as_slice(), Seen::as_made(), &mut weights);
+                let mut compared = Comparison::default();
+                curves.compare(x.as_slice(), Seen::as_made(), &mut compared);
+                let mut weights = compared.ln_densities.clone();
                 let most = weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
                 weights.iter_mut().for_each(|w| *w = (*w - most).exp());
                 let sum: f64 = weights.iter().sum();
                 weights.iter_mut().for_each(|w| *w /= sum);
                 let best = (0..9).max_by(|&i, &j| weights[i].total_cmp(&weights[j])).unwrap();
                 right += usize::from(category(CLASSES[best]) == category(class));
-                let s = curves.severity(k, x.as_slice(), Seen::as_made(), &weights);
+                let s = curves.severity(k, &weights, &compared);
                 covered += usize::from(s.is_some_and(|s| (s.value - truth).abs() < 1.96 * s.sd));
                 n += 1;
             }
@@ -520,7 +522,7 @@ mod tests {
         physics.seen.insert("IDN".into(), seen);
         let curves = physics.curves(&names(), true, DT_S, SAMPLES);
         for sizes in (0..CLASSES.len()).filter_map(|k| curves.class(k)) {
-            let sum: f64 = sizes.ln_share.iter().map(|l| l.exp()).sum();
+            let sum: f64 = sizes.share.iter().sum();
             assert!((sum - 1.0).abs() < 1e-9, "{sum}");
         }
     }
@@ -538,8 +540,12 @@ mod tests {
         let mut weights = [0.0; 9];
         weights[k] = 1.0;
         let seen = Seen { baseline: Some(&baseline), ..Seen::as_made() };
-        let without = curves.severity(k, x.as_slice(), Seen::as_made(), &weights).unwrap();
-        let with = own.severity(k, x.as_slice(), seen, &weights).unwrap();
+        let size = |curves: &FaultCurves, seen: Seen| {
+            let mut compared = Comparison::default();
+            curves.compare(x.as_slice(), seen, &mut compared);
+            curves.severity(k, &weights, &compared).unwrap()
+        };
+        let (without, with) = (size(&curves, Seen::as_made()), size(&own, seen));
         assert!(without.value > 1.75, "{without:?}: it looks worse than it is");
         assert!((with.value - 1.7).abs() < 0.03, "{with:?}");
         assert!(with.sd < 0.7 * without.sd, "{with:?} {without:?}");

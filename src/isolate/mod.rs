@@ -9,13 +9,13 @@ pub mod fault_curve;
 pub mod fault_physics;
 pub mod model_matching;
 pub mod neighbours;
+mod node_columns;
 pub mod physics_density;
 pub mod posterior;
 pub mod residual_matching;
 mod settings;
 pub mod severity;
 pub mod signatures;
-mod stretches;
 
 pub use decision::{Decision, DecisionRule};
 pub use residual_matching::Simplex;

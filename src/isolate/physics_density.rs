@@ -4,8 +4,8 @@
 //! of features in every class: the integral over the class's severities of what healthy channels and
 //! noise scatter about the curve. thesis §2-2.
 
-use super::fault_curve::{CHANGES, FaultCurve, Node, Seen, Slope};
-use super::stretches::Stretches;
+use super::fault_curve::{CHANGES, FaultCurve, Seen, Slope};
+use super::node_columns::{Compared, NodeColumns};
 use crate::model::faults;
 use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector4};
 
@@ -16,7 +16,7 @@ pub struct FaultCurves {
     classes: Vec<Option<Sizes>>,
     curves: Vec<FaultCurve>,
     /// Of each curve.
-    stretches: Vec<Stretches>,
+    columns: Vec<NodeColumns>,
     coordinates: usize,
     /// How healthy channels differ.
     healthy: HealthySpread,
@@ -37,8 +37,8 @@ pub struct HealthySpread {
 #[derive(Clone, Debug)]
 pub struct Sizes {
     pub curve: usize,
-    /// ln of the share of the class's signals that lie at a node.
-    pub ln_share: Vec<f64>,
+    /// Share of the class's signals that lie at a node.
+    pub share: Vec<f64>,
 }
 
 /// Severities of labelled signals of a class: quantiles, and of how many channels.
@@ -81,7 +81,7 @@ impl FaultCurves {
         FaultCurves {
             classes: vec![None; classes],
             curves: Vec::new(),
-            stretches: Vec::new(),
+            columns: Vec::new(),
             coordinates,
             healthy,
         }
@@ -111,7 +111,7 @@ impl FaultCurves {
 
     /// The number of a new curve.
     pub fn add(&mut self, curve: FaultCurve) -> usize {
-        self.stretches.push(Stretches::of(&curve.nodes));
+        self.columns.push(NodeColumns::of(&curve.nodes));
         self.curves.push(curve);
         self.curves.len() - 1
     }
@@ -150,13 +150,13 @@ impl FaultCurves {
             }
         }
         let shares = of_name.iter().zip(&of_seen).zip(&any);
-        let ln_share = shares
+        let share = shares
             .map(|((name, seen), any)| {
                 let counted = NAME_COUNTS * name + n * seen + ANY_COUNTS * any;
-                (counted / (NAME_COUNTS + n + ANY_COUNTS)).ln()
+                counted / (NAME_COUNTS + n + ANY_COUNTS)
             })
             .collect();
-        self.classes[k] = Some(Sizes { curve, ln_share });
+        self.classes[k] = Some(Sizes { curve, share });
     }
 
     /// What has changed where the healthy ring has by these (ln damping, ln frequency).
@@ -168,17 +168,6 @@ impl FaultCurves {
         self.classes.get(k)?.as_ref()
     }
 
-    /// Nodes of a curve that are not far from features, by number.
-    pub fn near(
-        &self,
-        curve: usize,
-        x: &Vector4<f64>,
-        seen: Seen,
-    ) -> impl Iterator<Item = (usize, &Node)> {
-        let nodes = &self.curves[curve].nodes;
-        self.stretches[curve].near(x, seen, nodes).map(move |i| (i, &nodes[i]))
-    }
-
     /// Features as a vector, 0 where the phase is held.
     pub fn vector(&self, features: &[f64]) -> Vector4<f64> {
         let mut x = Vector4::zeros();
@@ -186,36 +175,88 @@ impl FaultCurves {
         x
     }
 
-    /// ln density of features in every class; without a curve: none. And the squared
-    /// distance from the nearest curve.
-    pub fn ln_densities(&self, features: &[f64], seen: Seen, out: &mut Vec<f64>) -> f64 {
+    /// Compares the features of a signal with every curve.
+    pub fn compare(&self, features: &[f64], seen: Seen, out: &mut Comparison) {
         let x = self.vector(features);
-        let (mut nearest, mut of_nodes) = (f64::INFINITY, Vec::new());
-        out.clear();
-        out.resize(self.classes.len(), f64::NEG_INFINITY);
-        for (c, curve) in self.curves.iter().enumerate() {
-            let near = self.stretches[c].near(&x, seen, &curve.nodes);
-            of_nodes.clear();
-            of_nodes.extend(near.map(|i| (i, curve.nodes[i].ln_density(&x, seen))));
-            for (ln, class) in out.iter_mut().zip(&self.classes) {
+        out.ln_densities.clear();
+        out.ln_densities.resize(self.classes.len(), f64::NEG_INFINITY);
+        out.of_curves.resize(self.curves.len(), OfCurve::default());
+        for (c, columns) in self.columns.iter().enumerate() {
+            columns.compare(&x, seen, &mut out.compared);
+            let of = &mut out.of_curves[c];
+            let peak = of.find_terms(&out.compared);
+            for (ln, class) in out.ln_densities.iter_mut().zip(&self.classes) {
                 if let Some(sizes) = class.as_ref().filter(|sizes| sizes.curve == c) {
-                    *ln = ln_sum(of_nodes.iter().map(|(i, d)| d + sizes.ln_share[*i]));
+                    let sum: f64 = of.terms.iter().map(|(i, term)| sizes.share[*i] * term).sum();
+                    *ln = peak + sum.ln();
                 }
             }
-            let best = of_nodes.iter().max_by(|p, q| p.1.total_cmp(&q.1));
-            if let Some(&(best, _)) = best {
-                nearest = nearest.min(curve.nodes[best].distance(&x, seen));
-            }
         }
-        if nearest.is_finite() {
-            return nearest;
+    }
+
+    /// Squared distance of features from the nearest curve.
+    pub fn distance(&self, features: &[f64], seen: Seen, of: &Comparison) -> f64 {
+        let x = self.vector(features);
+        let to = |(c, of): (usize, &OfCurve)| {
+            Some(self.curves[c].nodes[of.likeliest?].distance(&x, seen))
+        };
+        let near = of.of_curves.iter().enumerate().filter_map(to).fold(f64::INFINITY, f64::min);
+        if near.is_finite() {
+            return near;
         }
         // near to none: how far is told well enough by a few nodes
-        let few = |(curve, of): (&FaultCurve, &Stretches)| {
+        let few = |(curve, columns): (&FaultCurve, &NodeColumns)| {
             let distance = |i: usize| curve.nodes[i].distance(&x, seen);
-            of.middles().map(distance).fold(f64::INFINITY, f64::min)
+            columns.middles(curve.nodes.len()).map(distance).fold(f64::INFINITY, f64::min)
         };
-        self.curves.iter().zip(&self.stretches).map(few).fold(nearest, f64::min)
+        self.curves.iter().zip(&self.columns).map(few).fold(near, f64::min)
+    }
+
+    /// Severity at a node of a curve.
+    pub fn severity_at(&self, curve: usize, node: usize) -> f64 {
+        self.curves[curve].nodes[node].severity
+    }
+}
+
+/// What the physics says of one signal. Its room is used again for the next.
+#[derive(Clone, Debug, Default)]
+pub struct Comparison {
+    /// Of the features in every class; without a curve: -infinity.
+    pub ln_densities: Vec<f64>,
+    pub of_curves: Vec<OfCurve>,
+    compared: Vec<Compared>,
+}
+
+/// Where on a curve a signal may lie.
+#[derive(Clone, Debug, Default)]
+pub struct OfCurve {
+    /// Nodes that count, and their densities; all of a curve to one scale.
+    pub terms: Vec<(usize, f64)>,
+    /// `None`: the signal is far from all of the curve.
+    likeliest: Option<usize>,
+}
+
+impl OfCurve {
+    /// From the curve's nodes that are not far. Returns ln of the scale of the terms.
+    fn find_terms(&mut self, compared: &[Compared]) -> f64 {
+        let squares = compared.iter().flat_map(|of| of.square);
+        let nearest = squares.fold(f64::INFINITY, f64::min);
+        self.terms.clear();
+        self.likeliest = None;
+        let mut highest = 0.0;
+        for of in compared {
+            for (lane, square) in of.square.iter().enumerate() {
+                let less = 0.5 * (nearest - square);
+                if less > -NEGLIGIBLE && of.height[lane] > 0.0 {
+                    let (i, term) = (of.first + lane, of.height[lane] * less.exp());
+                    self.terms.push((i, term));
+                    if term > highest {
+                        (highest, self.likeliest) = (term, Some(i));
+                    }
+                }
+            }
+        }
+        -0.5 * nearest - LN_TAU_SQUARED
     }
 }
 
@@ -231,15 +272,8 @@ fn bandwidth(places: &[f64], n: f64) -> f64 {
     (sd * n.powf(-0.35)).max(1e-3)
 }
 
-/// A term by this much smaller, in ln, than the largest adds nothing.
-pub const NEGLIGIBLE: f64 = 30.0;
+/// A node by this much less likely, in ln, than the likeliest says nothing.
+const NEGLIGIBLE: f64 = 30.0;
 
-/// ln of the sum of exponentials.
-fn ln_sum(values: impl Iterator<Item = f64> + Clone) -> f64 {
-    let most = values.clone().fold(f64::NEG_INFINITY, f64::max);
-    if most == f64::NEG_INFINITY {
-        return most;
-    }
-    let counting = values.filter(|v| *v > most - NEGLIGIBLE);
-    most + counting.map(|v| (v - most).exp()).sum::<f64>().ln()
-}
+/// ln (2 pi)^2; a held phase has a density of its own there, the same for all.
+pub const LN_TAU_SQUARED: f64 = 3.675_754_132_818_691;

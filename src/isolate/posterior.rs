@@ -135,11 +135,6 @@ impl Posterior {
         Some((Posterior { phase, temperature, reach, classes: learned, physics_share }, score))
     }
 
-    /// Whether the physics has a share in any class.
-    pub fn mixes(&self) -> bool {
-        self.physics_share.iter().any(|share| *share > 0.0)
-    }
-
     /// Coordinates of the features that it takes.
     pub fn coordinates(&self) -> usize {
         if self.phase { 4 } else { 3 }
@@ -187,8 +182,8 @@ impl Posterior {
 
     /// No class is near: an unknown fault. `from_curves`: squared distance from what the physics
     /// knows.
-    pub fn fits_none(&self, features: &[f64], from_curves: f64) -> bool {
-        from_curves > FITS_NONE && nearest(self.classes.iter().flatten(), features) > self.reach
+    pub fn fits_none(&self, features: &[f64], from_curves: impl Fn() -> f64) -> bool {
+        nearest(self.classes.iter().flatten(), features) > self.reach && from_curves() > FITS_NONE
     }
 }
 
@@ -382,8 +377,8 @@ mod tests {
         let far = [3.0, 0.0, 0.0, 0.0];
         let near = [0.0, 0.0, 0.15, 0.0];
         let size = if posterior.phase { 4 } else { 3 };
-        assert!(posterior.fits_none(&far[..size], f64::INFINITY));
-        assert!(!posterior.fits_none(&near[..size], f64::INFINITY));
+        assert!(posterior.fits_none(&far[..size], || f64::INFINITY));
+        assert!(!posterior.fits_none(&near[..size], || f64::INFINITY));
     }
 
     /// ln densities of `examples` in every class by a physics that is right, or off by `off`.
