@@ -106,6 +106,7 @@ impl FaultCurves {
         for node in own.curves.iter_mut().flat_map(|curve| &mut curve.nodes) {
             *node = node.of_one_channel(&gain, &left, &shot)?;
         }
+        own.columns = own.curves.iter().map(|curve| NodeColumns::of(&curve.nodes)).collect();
         Some(own)
     }
 
