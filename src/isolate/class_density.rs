@@ -88,6 +88,12 @@ impl ClassDensity {
             + axes.map(|(axis, row)| axis.ln_density(self.along(row, x))).sum::<f64>()
     }
 
+    /// Squared distance from the class in units of its own scatter.
+    pub fn square(&self, x: &[f64]) -> f64 {
+        let axes = self.axes.iter().zip(&self.to_axes);
+        axes.map(|(axis, row)| axis.distance(self.along(row, x)).powi(2)).sum()
+    }
+
     /// Squared distance from the class in units of the noise and of `TOLERANCE`.
     pub fn distance(&self, x: &[f64]) -> f64 {
         let axes = self.axes.iter().zip(&self.to_axes);

@@ -22,16 +22,21 @@ pub struct NodeColumns {
     stretches: Vec<Stretch>,
 }
 
-/// Of the nodes of a stretch.
-#[derive(Clone, Debug)]
-struct Bounds {
-    first: Node,
-    low: Vector4<f64>,
-    high: Vector4<f64>,
+/// Of the nodes of a stretch, in one coordinate.
+#[derive(Clone, Copy, Debug)]
+struct Side {
+    low: f64,
+    high: f64,
     /// Largest variances: beyond the noise, and of the noise at the reference drive.
-    beyond: Vector4<f64>,
-    noise: Vector4<f64>,
+    beyond: f64,
+    noise: f64,
+    /// Of the first node.
+    moves: [f64; 2],
+    follows: [f64; 4],
 }
+
+/// In the order of [`COORDINATES`].
+type Bounds = [Side; COORDINATES.len()];
 
 /// Columns of [`Node`]; the last again and again, with no height, where they are fewer.
 #[derive(Clone, Debug)]
@@ -58,7 +63,7 @@ impl NodeColumns {
     pub fn of(nodes: &[Node]) -> NodeColumns {
         let stretches = nodes.chunks(NODES);
         NodeColumns {
-            boxes: stretches.clone().map(Bounds::of).collect(),
+            boxes: stretches.clone().map(bounds).collect(),
             stretches: stretches.map(Stretch::of).collect(),
         }
     }
@@ -68,7 +73,7 @@ impl NodeColumns {
         out.clear();
         let noise = 1.0 / (seen.drive * seen.drive);
         for (s, bounds) in self.boxes.iter().enumerate() {
-            if bounds.is_near(x, seen, noise) {
+            if bounds.iter().zip(COORDINATES).all(|(side, k)| side.is_near(x[k], seen, noise)) {
                 let (square, height) = self.stretches[s].compare(x, seen, noise);
                 out.push(Compared { first: s * NODES, square, height });
             }
@@ -81,33 +86,31 @@ impl NodeColumns {
     }
 }
 
-impl Bounds {
-    fn of(nodes: &[Node]) -> Bounds {
-        let first = nodes[0].clone();
-        let mut new = Bounds {
-            low: first.mean,
-            high: first.mean,
-            beyond: Vector4::zeros(),
-            noise: Vector4::zeros(),
-            first,
-        };
-        for node in nodes {
-            let [beyond, noise] = node.variances();
-            new.low = new.low.inf(&node.mean);
-            new.high = new.high.sup(&node.mean);
-            new.beyond = new.beyond.sup(&beyond);
-            new.noise = new.noise.sup(&noise);
+fn bounds(nodes: &[Node]) -> Bounds {
+    let variances: Vec<[Vector4<f64>; 2]> = nodes.iter().map(Node::variances).collect();
+    COORDINATES.map(|k| {
+        let means = || nodes.iter().map(|node| node.mean[k]);
+        let largest = |of: usize| variances.iter().map(|v| v[of][k]).fold(0.0, f64::max);
+        let first = &nodes[0];
+        Side {
+            low: means().fold(f64::INFINITY, f64::min),
+            high: means().fold(f64::NEG_INFINITY, f64::max),
+            beyond: largest(0),
+            noise: largest(1),
+            moves: std::array::from_fn(|j| first.moves[(k, j)]),
+            follows: std::array::from_fn(|j| first.follows[(k, j)]),
         }
-        new
-    }
+    })
+}
 
-    fn is_near(&self, x: &Vector4<f64>, seen: Seen, noise: f64) -> bool {
-        let moved = self.first.moved(seen);
-        COORDINATES.iter().all(|&k| {
-            let x = x[k] - moved[k];
-            let outside = (self.low[k] - x).max(x - self.high[k]).max(0.0);
-            outside * outside <= FAR * (self.beyond[k] + noise * self.noise[k])
-        })
+impl Side {
+    fn is_near(&self, x: f64, seen: Seen, noise: f64) -> bool {
+        let mut x = x - self.moves[0] * seen.changed[0] - self.moves[1] * seen.changed[1];
+        if let Some(own) = seen.baseline {
+            x -= self.follows.iter().zip(own.iter()).map(|(f, own)| f * own).sum::<f64>();
+        }
+        let outside = (self.low - x).max(x - self.high).max(0.0);
+        outside * outside <= FAR * (self.beyond + noise * self.noise)
     }
 }
 

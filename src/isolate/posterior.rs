@@ -167,11 +167,21 @@ impl Posterior {
     /// Posterior of each class; sums to 1. `physics`: its ln densities, where it has a share; else
     /// empty. `priors`: of each class.
     pub fn weigh(&self, features: &[f64], physics: &[f64], priors: &[f64], weights: &mut [f64]) {
+        // most classes are so far away that only that counts
+        let share = |k: usize| self.physics_share.get(k).copied().unwrap_or(0.0);
+        let mut nearest = f64::INFINITY;
         for (k, (w, class)) in weights.iter_mut().zip(&self.classes).enumerate() {
-            let learned = ln_or_none(class.as_ref(), features);
-            *w = match (self.physics_share.get(k), physics.get(k)) {
-                (Some(share), Some(physics)) => mixed(learned, *physics, *share),
-                _ => learned,
+            *w = class.as_ref().map_or(f64::INFINITY, |class| class.square(features));
+            if share(k) < MOSTLY_PHYSICS {
+                nearest = nearest.min(*w);
+            }
+        }
+        for (k, (w, class)) in weights.iter_mut().zip(&self.classes).enumerate() {
+            let near = *w < nearest + self.temperature * FAR || nearest == f64::INFINITY;
+            let learned = ln_or_none(class.as_ref().filter(|_| near), features);
+            *w = match physics.get(k) {
+                Some(physics) => mixed(learned, *physics, share(k)),
+                None => learned,
             };
         }
         to_posterior(self.temperature, weights);
@@ -191,6 +201,12 @@ impl Posterior {
 fn nearest<'a>(classes: impl IntoIterator<Item = &'a ClassDensity>, x: &[f64]) -> f64 {
     classes.into_iter().map(|class| class.distance(x)).fold(f64::INFINITY, f64::min)
 }
+
+/// A learned density by this much further away than the nearest, squared, says nothing: e^-60, and
+/// what densities' heights differ by is far less.
+const FAR: f64 = 120.0;
+/// A class whose learned density has less than a thousandth of its own tells nothing of others'.
+const MOSTLY_PHYSICS: f64 = 0.999;
 
 /// Examples that the physics counts for in its share of a class.
 const PHYSICS_COUNTS: f64 = 8.0;
