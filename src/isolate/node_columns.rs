@@ -177,11 +177,11 @@ fn portable(of: &Stretch, x: &Vector4<f64>, seen: Seen, noise: f64) -> (Lanes, L
             let moved = moves[0][i] * seen.changed[0] + moves[1][i] * seen.changed[1];
             d[k][i] = x[k] - mean[i] - moved;
         }
-        if let Some(own) = seen.baseline {
-            for j in 0..4 {
-                for i in 0..NODES {
-                    d[k][i] -= of.follows[k][j][i] * own[j];
-                }
+        for (follows, own) in
+            of.follows[k].iter().zip(seen.baseline.iter().flat_map(|own| own.iter()))
+        {
+            for i in 0..NODES {
+                d[k][i] -= follows[i] * own;
             }
         }
     }
