@@ -2,6 +2,7 @@
 
 use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible};
+use crate::critique::decay;
 use crate::critique::engine::{self, MOST_SAMPLES, Outcome, Rings};
 use crate::critique::finding::{Critique, GainFigures};
 use crate::critique::observations::Observations;
@@ -59,7 +60,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let control = interruptible();
     let progress = Progress::new(inputs.len(), 0);
     let oscillator = args.plant == PlantArg::Oscillator;
-    let mut observer = Observer::new(labels.as_ref(), settings.input.rails, MOST_SAMPLES);
+    let most_samples = if oscillator { decay::MOST_SAMPLES } else { MOST_SAMPLES };
+    let mut observer = Observer::new(labels.as_ref(), settings.input.rails, most_samples);
     let mut incomplete = false;
     for input in &inputs {
         let recording = Recording::open(&input.path, Limits::default()).map_err(Failure::new)?;
