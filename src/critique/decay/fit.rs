@@ -5,12 +5,14 @@
 //! coefficients come from a fit's own misfit, so that what is left over counts as many independent
 //! samples as it has, and no more.
 
-use super::plant::{Decays, Plant, Structure};
+use super::plant::{Decays, OMEGA, Plant, Structure};
 use nalgebra::{DMatrix, DVector};
+use std::f64::consts::{PI, TAU};
 
 /// Orders of the autoregression that are tried.
 const MOST_ORDER: usize = 12;
 const MOST_STEPS: usize = 60;
+const FEW_STEPS: usize = 8;
 
 /// One output's noise: predictors of order 0, 1 ... p, and the standard deviation of what each leaves.
 #[derive(Clone, Debug)]
@@ -92,9 +94,8 @@ impl Noise {
         let n = decays.samples;
         let share = spent as f64 / decays.outputs as f64;
         let colours = (0..decays.outputs).map(|o| {
-            let series: Vec<&[f64]> = (0..decays.bursts)
-                .map(|b| &misfit[(b * decays.outputs + o) * n..][..n])
-                .collect();
+            let series: Vec<&[f64]> =
+                (0..decays.bursts).map(|b| &misfit[(b * decays.outputs + o) * n..][..n]).collect();
             Colour::of(&series, share)
         });
         Noise { colours: colours.collect(), held_out: Vec::new() }
@@ -135,9 +136,16 @@ impl Fit {
         let unit = DMatrix::from_fn(gram.nrows(), gram.nrows(), |i, j| {
             gram[(i, j)] / (scale[i] * scale[j]) + if i == j { 1e-12 } else { 0.0 }
         });
-        let inverse = unit.try_inverse().unwrap_or_else(|| DMatrix::identity(gram.nrows(), gram.nrows()) * 1e12);
+        let inverse = unit
+            .try_inverse()
+            .unwrap_or_else(|| DMatrix::identity(gram.nrows(), gram.nrows()) * 1e12);
         DMatrix::from_fn(gram.nrows(), gram.nrows(), |i, j| inverse[(i, j)] / (scale[i] * scale[j]))
     }
+}
+
+/// What is slower than a swing of the whole record is a drift, and no ring.
+fn slowest(decays: &Decays) -> f64 {
+    TAU / decays.samples as f64
 }
 
 pub fn cost(plant: &Plant, p: &[f64], noise: &Noise, measured: &[f64]) -> (f64, Vec<f64>) {
@@ -166,13 +174,30 @@ pub fn descend(
     noise: &Noise,
     upto: usize,
 ) -> Fit {
+    steps(decays, structure, start, noise, upto, MOST_STEPS)
+}
+
+/// A first look: a few steps.
+pub fn look(decays: &Decays, structure: &Structure, start: &[f64], noise: &Noise) -> Fit {
+    steps(decays, structure, start, noise, decays.samples, FEW_STEPS)
+}
+
+fn steps(
+    decays: &Decays,
+    structure: &Structure,
+    start: &[f64],
+    noise: &Noise,
+    upto: usize,
+    most_steps: usize,
+) -> Fit {
     let plant = Plant::new(decays, structure, upto);
     let measured = plant.measured();
     let mut p = start.to_vec();
     let (mut best, mut r) = cost(&plant, &p, noise, &measured);
     let mut damping = 1e-3;
     let mut calm = 0;
-    for _ in 0..MOST_STEPS {
+    let lowest = slowest(decays).min(start[OMEGA]);
+    for _ in 0..most_steps {
         let (gram, product) = normal(&plant, &p, noise, &r);
         if !gram.iter().chain(product.iter()).all(|x| x.is_finite()) {
             break;
@@ -189,7 +214,7 @@ pub fn descend(
                 continue;
             };
             let trial: Vec<f64> = p.iter().zip(step.iter()).map(|(p, s)| p + s).collect();
-            let (value, residual) = match trial[1] > 0.0 && trial[1] < 3.2 {
+            let (value, residual) = match trial[OMEGA] >= lowest && trial[OMEGA] < PI {
                 true => cost(&plant, &trial, noise, &measured),
                 false => (f64::INFINITY, Vec::new()),
             };

@@ -284,9 +284,8 @@ fn against_amplitude(decays: &Decays, selected: &Selected, after: &[f64]) -> Vec
         };
         for bin in points.chunks(points.len().div_ceil(BINS)) {
             let count = bin.len() as f64;
-            let mean = |f: &dyn Fn(&(f64, [[f64; 3]; 2])) -> f64| {
-                bin.iter().map(f).sum::<f64>() / count
-            };
+            let mean =
+                |f: &dyn Fn(&(f64, [[f64; 3]; 2])) -> f64| bin.iter().map(f).sum::<f64>() / count;
             figure.centre.push(mean(&|p| p.0));
             figure.before.push(mean(&|p| p.1[which][0]));
             figure.after.push(mean(&|p| p.1[which][1]));

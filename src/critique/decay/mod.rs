@@ -54,7 +54,8 @@ struct Left {
 
 fn left(decays: &Decays, selected: &Selected) -> Left {
     let misfit = selected.fit.misfit(decays);
-    let (before, after) = (sizes(&selected.baseline.misfit(decays), decays), sizes(&misfit, decays));
+    let (before, after) =
+        (sizes(&selected.baseline.misfit(decays), decays), sizes(&misfit, decays));
     let (mut missed, mut rest, mut predictable) = (0.0, 0.0, 0.0_f64);
     for (o, colour) in selected.noise.colours.iter().enumerate() {
         let floor = (colour.sds[colour.order()] / after[o]).powi(2).min(1.0);
@@ -104,7 +105,12 @@ pub fn critique(
         remarks.push(format!("still unexplained: {words}"));
     }
     for t in &selected.unnamed {
-        remarks.push(format!("{} fits as well but {}: it is not named", t.cause.id(), t.disqualified));
+        remarks.push(format!(
+            "{} would take {:.0} % of what is left, but {}: it is not named",
+            t.cause.id(),
+            100.0 * t.share.max(0.0),
+            t.disqualified
+        ));
     }
     for cause in &causes {
         for tied in &cause.tied_with {
@@ -199,14 +205,17 @@ fn not_testable() -> Vec<NotTestable> {
         "correlated_noise" => "many bursts: a single decay's misfit may be either",
         _ => "",
     };
-    let lines = CATALOGUE.iter().map(|e| NotTestable { id: e.id.into(), needs: needs(e.id).into() });
+    let lines =
+        CATALOGUE.iter().map(|e| NotTestable { id: e.id.into(), needs: needs(e.id).into() });
     lines.filter(|n| !n.needs.is_empty()).collect()
 }
 
 fn sentence(verdict: Verdict, causes: &[Cause], left: &Left) -> String {
     let what = left.words.as_deref().unwrap_or("a misfit");
     match verdict {
-        Verdict::None => "One damped oscillation explains these decays: nothing in them asks for more.".into(),
+        Verdict::None => {
+            "One damped oscillation explains these decays: nothing in them asks for more.".into()
+        }
         Verdict::Unknown => match causes.first() {
             Some(c) => format!(
                 "The model misses something that the catalogue does not hold: {what}; nearest is {}, which \
@@ -219,7 +228,9 @@ fn sentence(verdict: Verdict, causes: &[Cause], left: &Left) -> String {
         Verdict::Tie | Verdict::Named => {
             let capital = |text: &str| {
                 let mut letters = text.chars();
-                letters.next().map_or_else(String::new, |c| c.to_uppercase().chain(letters).collect())
+                letters
+                    .next()
+                    .map_or_else(String::new, |c| c.to_uppercase().chain(letters).collect())
             };
             let each: Vec<String> = causes
                 .iter()
@@ -229,11 +240,13 @@ fn sentence(verdict: Verdict, causes: &[Cause], left: &Left) -> String {
                 })
                 .collect();
             let rest = match &left.words {
-                Some(_) => format!(" Of what the linear model misses, {:.0} % is still unexplained.", 100.0 * left.share),
+                Some(_) => format!(
+                    " Of what the linear model misses, {:.0} % is still unexplained.",
+                    100.0 * left.share
+                ),
                 None => String::new(),
             };
             format!("{}.{rest}", each.join(". "))
         }
     }
 }
-

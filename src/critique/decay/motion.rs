@@ -101,10 +101,7 @@ impl Motion {
         let k4 = self.kick([end[0] + pushed[0], end[1] + pushed[1]], sign);
         let early = full.on([0.0, k1]);
         let middle = half.on([0.0, 2.0 * (k2 + k3)]);
-        [
-            end[0] + h / 6.0 * (early[0] + middle[0]),
-            end[1] + h / 6.0 * (early[1] + middle[1] + k4),
-        ]
+        [end[0] + h / 6.0 * (early[0] + middle[0]), end[1] + h / 6.0 * (early[1] + middle[1] + k4)]
     }
 
     /// `start`: x and x'/omega at sample 0. NaN where the motion is lost.
@@ -206,8 +203,14 @@ impl Motion {
 mod tests {
     use super::*;
 
-    const PLAIN: Motion =
-        Motion { sigma: 0.004, omega: 0.3, form: Form::Cubic, stiffness: 0.0, drag: 0.0, stick: 0.0 };
+    const PLAIN: Motion = Motion {
+        sigma: 0.004,
+        omega: 0.3,
+        form: Form::Cubic,
+        stiffness: 0.0,
+        drag: 0.0,
+        stick: 0.0,
+    };
 
     fn run(motion: Motion, n: usize) -> Vec<[f64; 2]> {
         let mut out = Vec::new();
@@ -244,7 +247,9 @@ mod tests {
             assert!(path.iter().all(|y| (energy(*y) / first - 1.0).abs() < 1e-5), "{form:?}");
         }
         let duffing = Motion { stiffness: 0.2, ..PLAIN };
-        assert!((duffing.frequency_ratio(0.5) - (1.0_f64 + 0.75 * 0.2 * 0.25).sqrt()).abs() < 1e-12);
+        assert!(
+            (duffing.frequency_ratio(0.5) - (1.0_f64 + 0.75 * 0.2 * 0.25).sqrt()).abs() < 1e-12
+        );
         // a pendulum at 1 rad: 1/1.0663 of its small swings (complete elliptic integral)
         let pendulum = Motion { form: Form::Sine, stiffness: -1.0 / 6.0, ..PLAIN };
         assert!((pendulum.frequency_ratio(1.0) - 1.0 / 1.0663).abs() < 1e-3);

@@ -16,8 +16,8 @@ use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 
 /// Terms that are looked for at most; lines among them.
-const MOST_TERMS: usize = 10;
-const MOST_LINES: usize = 6;
+const MOST_TERMS: usize = 12;
+const MOST_LINES: usize = 8;
 /// Peaks of the misfit's spectrum at which a line is tried.
 const PEAKS: usize = 3;
 /// Rivals within this of the best, -2 ln likelihood and parameters counted, tie with it.
@@ -26,6 +26,8 @@ const TIE: f64 = 6.0;
 const LEAST_SHARE: f64 = 0.1;
 /// Lines this near to a multiple of the ring's frequency, relative, are its harmonics.
 const HARMONIC: f64 = 0.02;
+
+const UNDAMPED: &str = "its damping cannot be told from none";
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
@@ -145,10 +147,12 @@ fn lowest_line(decays: &Decays) -> f64 {
     TAU * LEAST_PERIODS / decays.samples as f64
 }
 
-/// The damped oscillation that explains most.
+/// The damped oscillation that explains most. It is looked for beside an offset, so that it does not
+/// slow down to stand in for one.
 pub fn baseline(decays: &Decays) -> Fit {
-    let structure = Structure::default();
-    let layout = structure.layout(decays.bursts, decays.outputs);
+    let plain = Structure::default();
+    let beside = Structure { offset: true, ..Structure::default() };
+    let layout = beside.layout(decays.bursts, decays.outputs);
     let white = Noise::white(&vec![1.0; decays.outputs]);
     let resolution = TAU / decays.samples as f64;
     let power = misfit_power(&decays.y, decays);
@@ -158,22 +162,26 @@ pub fn baseline(decays: &Decays) -> Fit {
             let mut p = vec![0.0; layout.count];
             p[OMEGA] = omega;
             p[SIGMA] = turns / decays.samples as f64;
-            for (start, how) in [(first_swings(omega), true), (decays.samples, false)] {
-                let fit = match how {
-                    true => fit::follow(decays, &structure, &p, &white, start),
-                    false => fit::descend(decays, &structure, &p, &white, start),
-                };
+            let ways = [
+                fit::follow(decays, &beside, &p, &white, first_swings(omega)),
+                fit::descend(decays, &beside, &p, &white, decays.samples),
+            ];
+            for fit in ways {
                 if found.as_ref().is_none_or(|f| fit.cost < f.cost) {
                     found = Some(fit);
                 }
             }
         }
     }
-    found.unwrap_or_else(|| {
-        let mut p = vec![0.0; layout.count];
-        p[OMEGA] = lowest_line(decays);
-        fit::descend(decays, &structure, &p, &white, decays.samples)
-    })
+    let p = match found {
+        Some(fit) => plain.carried(&beside, &fit.p, decays),
+        None => {
+            let mut p = vec![0.0; plain.layout(decays.bursts, decays.outputs).count];
+            p[OMEGA] = lowest_line(decays);
+            p
+        }
+    };
+    fit::descend(decays, &plain, &p, &white, decays.samples)
 }
 
 /// Starts of a candidate: its parent's optimum first.
@@ -185,9 +193,15 @@ fn starts(decays: &Decays, parent: &Fit, cause: Cause, misfit: &[f64]) -> Vec<Ve
     let at = layout.lines[layout.lines.len() - 1];
     let resolution = TAU / decays.samples as f64;
     let power = misfit_power(misfit, decays);
-    let tops = spectrum::peaks(&power, lowest_line(decays), 2.0 * resolution, PEAKS);
+    // what is in the model already leaves side lines: look elsewhere, too
+    let known = layout.lines[..layout.lines.len() - 1].iter().map(|l| parent.p[l + 1]);
+    let known: Vec<f64> = known.chain([parent.p[OMEGA]]).collect();
+    let all_tops = spectrum::peaks(&power, lowest_line(decays), 2.0 * resolution, 40);
+    let mut tops: Vec<f64> = all_tops.iter().copied().take(1).collect();
+    let elsewhere = |w: &f64| known.iter().all(|k| (k - w).abs() > 0.05 * k + 2.0 * resolution);
+    tops.extend(all_tops.into_iter().skip(1).filter(elsewhere).take(PEAKS - 1));
     let sigmas: &[f64] = match line {
-        Line::Mode => &[1.0, 0.2],
+        Line::Mode => &[1.0],
         Line::Tone => &[0.0],
     };
     let rate = parent.p[SIGMA].abs().max(1.0 / decays.samples as f64);
@@ -202,35 +216,33 @@ fn starts(decays: &Decays, parent: &Fit, cause: Cause, misfit: &[f64]) -> Vec<Ve
     all
 }
 
-/// The best fit of a candidate: from its parent's optimum, and once more from the first swings on.
-pub fn child(decays: &Decays, parent: &Fit, cause: Cause, noise: &Noise, misfit: &[f64]) -> Fit {
+/// Fits of a candidate, each from its parent's optimum on: of a line one per place and damping, of
+/// any other the better of two (once more from the first swings on).
+pub fn children(
+    decays: &Decays,
+    parent: &Fit,
+    cause: Cause,
+    noise: &Noise,
+    misfit: &[f64],
+) -> Vec<Fit> {
     let structure = cause.put(&parent.structure);
-    let mut best: Option<Fit> = None;
-    let mut offer = |fit: Fit| {
-        if best.as_ref().is_none_or(|b| fit.cost < b.cost) {
-            best = Some(fit);
-        }
-    };
-    for start in starts(decays, parent, cause, misfit) {
-        offer(fit::descend(decays, &structure, &start, noise, decays.samples));
-    }
-    let warm = structure.carried(&parent.structure, &parent.p, decays);
-    match cause {
-        Cause::Stiffness(_) | Cause::Drag | Cause::Friction => {
-            let first = first_swings(parent.p[OMEGA]);
-            offer(fit::follow(decays, &structure, &warm, noise, first));
-        }
-        Cause::Offset => {}
-        // a line of no amplitude is its parent
-        Cause::Line(_) => {
-            let mut start = warm;
-            let layout = structure.layout(decays.bursts, decays.outputs);
-            start[layout.lines[layout.lines.len() - 1] + 1] = 0.5 * PI;
-            offer(fit::descend(decays, &structure, &start, noise, decays.samples));
+    let mut all: Vec<Fit> = starts(decays, parent, cause, misfit)
+        .iter()
+        .map(|start| match cause {
+            Cause::Line(_) => fit::look(decays, &structure, start, noise),
+            _ => fit::descend(decays, &structure, start, noise, decays.samples),
+        })
+        .collect();
+    if matches!(cause, Cause::Stiffness(_) | Cause::Drag | Cause::Friction) {
+        let warm = structure.carried(&parent.structure, &parent.p, decays);
+        let first = first_swings(parent.p[OMEGA]);
+        let followed = fit::follow(decays, &structure, &warm, noise, first);
+        all.retain(|fit| fit.cost <= followed.cost);
+        if all.is_empty() {
+            all.push(followed);
         }
     }
-    // there is a start, and its parent's is among them
-    best.unwrap_or_else(|| parent.clone())
+    all
 }
 
 /// Whether a fitted term can be what it is called.
@@ -250,7 +262,9 @@ fn objection(decays: &Decays, fit: &Fit, cause: Cause, covariance: &DMatrix<f64>
         return "the viscous damping beside it would be negative".into();
     }
     match cause {
-        Cause::Line(line) => line_objection(decays, fit, line, fit.structure.lines.len() - 1, covariance),
+        Cause::Line(line) => {
+            line_objection(decays, fit, line, fit.structure.lines.len() - 1, covariance)
+        }
         _ => String::new(),
     }
 }
@@ -273,7 +287,7 @@ fn line_objection(
             .into();
     }
     if line == Line::Mode && sigma < 2.0 * sd {
-        return "its damping cannot be told from none".into();
+        return UNDAMPED.into();
     }
     let resolution = TAU / decays.samples as f64;
     if omega < lowest_line(decays) || omega > PI - resolution {
@@ -352,20 +366,34 @@ pub fn try_all(decays: &Decays, parent: &Fit) -> (Vec<Tried>, Noise) {
     let samples = decays.y.len() as f64;
     let before = deviance(&misfit, decays);
     let mut tried: Vec<(Tried, f64)> = Vec::new();
+    let undamped = |tried: &[(Tried, f64)]| {
+        let mode = tried.iter().find(|(t, _)| t.cause == Cause::Line(Line::Mode));
+        mode.is_none_or(|(t, _)| t.disqualified == UNDAMPED)
+    };
     for cause in all.into_iter().filter(|c| !c.is_in(&parent.structure)) {
-        let fit = child(decays, parent, cause, &plain, &misfit);
-        let left = fit.misfit(decays);
-        let after = deviance(&left, decays);
-        let degrees = fit.p.len() - parent.p.len();
-        let share = 1.0 - ((after - before) / (samples / decays.outputs as f64 * decays.outputs as f64)).exp();
-        let criterion = after + degrees as f64 * samples.ln();
-        let covariance = fit.covariance(decays, &Noise::white(&sizes(&left, decays)));
-        let disqualified = objection(decays, &fit, cause, &covariance);
-        let one = Tried { cause, fit, statistic: 0.0, degrees, surprise: 0.0, share, disqualified };
-        match tried.iter_mut().find(|(t, _)| t.cause.id() == cause.id()) {
-            Some(known) if criterion < known.1 => *known = (one, criterion),
-            Some(_) => {}
-            None => tried.push((one, criterion)),
+        if cause == Cause::Line(Line::Tone) && !undamped(&tried) {
+            continue; // it rings down: a mode
+        }
+        for fit in children(decays, parent, cause, &plain, &misfit) {
+            let left = fit.misfit(decays);
+            let after = deviance(&left, decays);
+            let degrees = fit.p.len() - parent.p.len();
+            let share = 1.0 - ((after - before) / samples).exp();
+            let criterion = after + degrees as f64 * samples.ln();
+            let covariance = fit.covariance(decays, &Noise::white(&sizes(&left, decays)));
+            let disqualified = objection(decays, &fit, cause, &covariance);
+            let one =
+                Tried { cause, fit, statistic: 0.0, degrees, surprise: 0.0, share, disqualified };
+            // what can be the cause goes before what cannot
+            let rank = |t: &Tried, criterion: f64| (!t.disqualified.is_empty(), criterion);
+            match tried.iter_mut().find(|(t, _)| t.cause.id() == cause.id()) {
+                Some(known) => {
+                    if rank(&one, criterion) < rank(&known.0, known.1) {
+                        *known = (one, criterion);
+                    }
+                }
+                None => tried.push((one, criterion)),
+            }
         }
     }
     // the noise that is left by what explains most
@@ -403,6 +431,13 @@ pub fn try_all(decays: &Decays, parent: &Fit) -> (Vec<Tried>, Noise) {
         }
     }
     (tried, noise)
+}
+
+#[cfg(test)]
+pub fn said(evidence: &[Evidence]) {
+    for e in evidence {
+        eprintln!("{} {:<16} {:>12.1} {:?} {}", e.step, e.id, e.statistic, e.accepted, e.why_not);
+    }
 }
 
 fn row(t: &Tried, step: u32, samples: f64) -> Evidence {

@@ -51,7 +51,9 @@ pub fn power(y: &[f64]) -> Vec<f64> {
 pub fn peaks(power: &[f64], lowest: f64, apart: f64, count: usize) -> Vec<f64> {
     let step = PI / (power.len() - 1) as f64;
     let mut order: Vec<usize> = (1..power.len() - 1)
-        .filter(|&j| power[j] >= power[j - 1] && power[j] > power[j + 1] && j as f64 * step >= lowest)
+        .filter(|&j| {
+            power[j] >= power[j - 1] && power[j] > power[j + 1] && j as f64 * step >= lowest
+        })
         .collect();
     order.sort_by(|p, q| power[*q].total_cmp(&power[*p]));
     let mut found: Vec<f64> = Vec::new();

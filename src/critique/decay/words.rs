@@ -19,13 +19,12 @@ fn value(decays: &Decays, selected: &Selected, chosen: &Chosen) -> (f64, f64) {
     let of = |p: &[f64]| -> f64 {
         let motion = motion(&fit.structure, &layout, p);
         match chosen.cause {
-            Cause::Offset => {
-                layout.offset.map_or(0.0, |at| p[at + output] * decays.scale[output])
-            }
+            Cause::Offset => layout.offset.map_or(0.0, |at| p[at + output] * decays.scale[output]),
             Cause::Stiffness(_) => motion.frequency_ratio(largest) - 1.0,
             Cause::Drag | Cause::Friction => {
                 let small = motion.damping_at(smallest);
-                motion.damping_at(largest) / small.abs().max(1e-4 * motion.damping_at(largest).abs())
+                motion.damping_at(largest)
+                    / small.abs().max(1e-4 * motion.damping_at(largest).abs())
                     - 1.0
             }
             Cause::Line(_) => p[layout.lines[chosen.line] + 1] / (TAU * decays.dt_s),
@@ -64,7 +63,10 @@ pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<finding::Cause>, Vec
         let (value, sd) = value(decays, selected, chosen);
         let entry = entry_of(chosen.cause.id());
         if found.iter().any(|c| c.id == entry.id) {
-            remarks.push(format!("one more {}: {} = {value:.5} {}", entry.id, entry.parameter, entry.unit));
+            remarks.push(format!(
+                "one more {}: {} = {value:.5} {}",
+                entry.id, entry.parameter, entry.unit
+            ));
             continue;
         }
         let mut cause = finding::Cause {
