@@ -101,6 +101,12 @@ impl Noise {
         Noise { colours: colours.collect(), held_out: Vec::new() }
     }
 
+    /// Share of the misfit that the samples before predict, of the output where it is the largest.
+    pub fn predictable(&self) -> f64 {
+        let of = |c: &Colour| 1.0 - (c.sds[c.order()] / c.sds[0]).powi(2);
+        self.colours.iter().map(of).fold(0.0, f64::max)
+    }
+
     fn apply(&self, y: &mut [f64], upto: usize) {
         for (i, series) in y.chunks_mut(upto).enumerate() {
             self.colours[i % self.colours.len()].whiten(series);

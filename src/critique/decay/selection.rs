@@ -24,8 +24,12 @@ const PEAKS: usize = 3;
 const TIE: f64 = 6.0;
 /// A line must take away this share of the misfit at least: small lines are what is left of others.
 const LEAST_SHARE: f64 = 0.1;
+/// Where the samples before predict so much of the misfit, its autoregression stands in for something that
+/// is not in the model, and what takes less than this share of the rest says nothing.
+const COLOURED: f64 = 0.5;
+const LEAST_OF_COLOURED: f64 = 0.03;
 /// Lines this near to a multiple of the ring's frequency, relative, are its harmonics.
-const HARMONIC: f64 = 0.02;
+const HARMONIC: f64 = 0.01;
 
 const UNDAMPED: &str = "its damping cannot be told from none";
 
@@ -301,7 +305,7 @@ fn line_objection(
         let off = (omega - m * own).abs();
         let near = match multiple {
             1 => resolution.max(sigma.abs() + fit.p[SIGMA].abs()).max(1.3 * swept * own),
-            _ => (1.5 * resolution).max(HARMONIC * m * own).max(1.3 * swept * m * own),
+            _ => (0.35 * resolution).max(HARMONIC * m * own).max(1.3 * swept * m * own),
         };
         if off < near {
             return match multiple {
@@ -404,6 +408,7 @@ pub fn try_all(decays: &Decays, parent: &Fit) -> (Vec<Tried>, Noise) {
         .map(|(t, _)| t.fit.clone())
         .unwrap_or_else(|| parent.clone());
     let noise = Noise::of(&best.misfit(decays), decays, best.p.len());
+    let predictable = noise.predictable();
     let parent_now = fit::descend(decays, &parent.structure, &parent.p, &noise, decays.samples);
     let mut tried: Vec<Tried> = tried.into_iter().map(|(t, _)| t).collect();
     for t in &mut tried {
@@ -426,7 +431,11 @@ pub fn try_all(decays: &Decays, parent: &Fit) -> (Vec<Tried>, Noise) {
         t.surprise = surprise(t.statistic, t.degrees, lines, samples - t.fit.p.len() as f64);
         let covariance = t.fit.covariance(decays, &noise);
         t.disqualified = objection(decays, &t.fit, t.cause, &covariance);
-        if t.disqualified.is_empty() && matches!(t.cause, Cause::Line(_)) && t.share < LEAST_SHARE {
+        let little = match t.cause {
+            Cause::Line(_) => t.share < LEAST_SHARE,
+            _ => predictable > COLOURED && t.statistic < LEAST_OF_COLOURED * parent_now.cost,
+        };
+        if t.disqualified.is_empty() && little {
             t.disqualified = "it is little of what is left".into();
         }
     }
@@ -509,8 +518,18 @@ pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
             degrees: best.degrees,
             tied_with,
         });
+        let newcomer = best.cause;
+        let lines_before = now.structure.lines.len();
         now = best.fit.clone();
+        let there = causes.len();
         eliminate(decays, &mut now, &mut causes);
+        if causes.len() < there && !causes.iter().any(|c| c.cause == newcomer) {
+            break; // it would come and go for ever
+        }
+        let lines = now.structure.lines.len();
+        if matches!(newcomer, Cause::Line(_)) && lines <= lines_before {
+            break;
+        }
     }
     stages("measuring the causes");
     let noise = Noise::of(&now.misfit(decays), decays, now.p.len());
