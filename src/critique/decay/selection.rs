@@ -442,11 +442,28 @@ pub fn try_all(decays: &Decays, parent: &Fit) -> (Vec<Tried>, Noise) {
     (tried, noise)
 }
 
+/// Two modes of nearly the ring's own frequency, whatever their damping.
 #[cfg(test)]
-pub fn said(evidence: &[Evidence]) {
-    for e in evidence {
-        eprintln!("{} {:<16} {:>12.1} {:?} {}", e.step, e.id, e.statistic, e.accepted, e.why_not);
+pub fn alias(decays: &Decays, parent: &Fit) -> Tried {
+    let structure = Cause::Line(Line::Mode).put(&parent.structure);
+    let layout = structure.layout(decays.bursts, decays.outputs);
+    let at = layout.lines[layout.lines.len() - 1];
+    let noise = Noise::white(&sizes(&parent.misfit(decays), decays));
+    let mut best: Option<Fit> = None;
+    for (sigma, off) in [(-1.0, 1.5), (-1.0, -1.5), (-3.0, 0.5), (1.0, 1.5), (1.0, -1.5)] {
+        let mut p = structure.carried(&parent.structure, &parent.p, decays);
+        p[at] = sigma * parent.p[SIGMA].abs();
+        p[at + 1] = parent.p[OMEGA] + off * TAU / decays.samples as f64;
+        let fit = fit::descend(decays, &structure, &p, &noise, decays.samples);
+        if best.as_ref().is_none_or(|b| fit.cost < b.cost) {
+            best = Some(fit);
+        }
     }
+    let fit = best.unwrap();
+    let covariance = fit.covariance(decays, &noise);
+    let cause = Cause::Line(Line::Mode);
+    let disqualified = objection(decays, &fit, cause, &covariance);
+    Tried { cause, fit, statistic: 0.0, degrees: 0, surprise: 0.0, share: 0.0, disqualified }
 }
 
 fn row(t: &Tried, step: u32, samples: f64) -> Evidence {
