@@ -173,16 +173,20 @@ fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Resu
         )?;
     }
     let line = |out: &mut dyn Write, when: &str, g: &GainFigures| {
-        writeln!(
+        write!(
             out,
-            "  {when:<8} chi²/dof {:.4}, nrmse {:.2} %, whiteness p {:.2e}, false alarms {:.2} %, \
-             detection AUC {:.3}",
-            g.chi2_per_dof,
-            g.nrmse_percent,
-            g.whiteness_p,
-            100.0 * g.false_alarms,
-            g.detection_auc
-        )
+            "  {when:<8} chi²/dof {:.4}, nrmse {:.2} %, whiteness p {:.2e}",
+            g.chi2_per_dof, g.nrmse_percent, g.whiteness_p
+        )?;
+        if g.detection_auc.is_finite() {
+            write!(
+                out,
+                ", false alarms {:.2} %, detection AUC {:.3}",
+                100.0 * g.false_alarms,
+                g.detection_auc
+            )?;
+        }
+        writeln!(out)
     };
     if critique.gain.held_out.signals > 0 {
         writeln!(

@@ -182,6 +182,9 @@ fn gain(gain: &Gain, page: &mut String) -> std::fmt::Result {
         ("detection of a small fault, AUC", |g| g.detection_auc, |g| g.detection_auc_interval),
     ];
     for (name, value, interval) in entries {
+        if value(before).is_nan() && value(after).is_nan() {
+            continue; // not measured here
+        }
         let cell = |g: &GainFigures| {
             let range =
                 interval(g).map(|[low, high]| format!(" [{}, {}]", short(low), short(high)));

@@ -244,17 +244,15 @@ fn an_extension_never_ends_worse_than_its_parent() {
         }
     }
     // a cold start does end worse: the warm one is needed
-    let d = decays(&Truth { cubic: 0.3, swings: 80.0, falls_to: 0.5, ..PLAIN }, 3);
+    let d = decays(&PLAIN, 3);
     let parent = selection::baseline(&d);
     let noise = fit::Noise::white(&selection::sizes(&parent.misfit(&d), &d));
     let parent = fit::descend(&d, &parent.structure, &parent.p, &noise, d.samples);
     let cold = {
-        let structure = super::plant::Structure {
-            stiffness: Some(Form::Cubic),
-            ..super::plant::Structure::default()
-        };
+        let structure =
+            super::plant::Structure { offset: true, ..super::plant::Structure::default() };
         let mut p = structure.carried(&parent.structure, &parent.p, &d);
-        (p[OMEGA], p[SIGMA]) = (1.3 * p[OMEGA], 3.0 * p[SIGMA]);
+        (p[OMEGA], p[SIGMA]) = (2.5 * p[OMEGA], 3.0 * p[SIGMA]);
         fit::descend(&d, &structure, &p, &noise, d.samples)
     };
     assert!(cold.cost > parent.cost, "cold {} parent {}", cold.cost, parent.cost);
