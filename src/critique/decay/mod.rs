@@ -241,7 +241,7 @@ fn sentence(verdict: Verdict, causes: &[Cause], left: &Left) -> String {
                 .collect();
             let rest = match &left.words {
                 Some(_) => format!(
-                    " Of what the linear model misses, {:.0} % is still unexplained.",
+                    " Of what the linear model misses, {:.1} % is still unexplained.",
                     100.0 * left.share
                 ),
                 None => String::new(),

@@ -263,8 +263,12 @@ fn the_extended_equation_is_in_the_report() {
     let c = said(&Truth { sine: 0.9, falls_to: 0.3, drag: 2.0, offset: 0.05, ..PLAIN }, 1);
     assert_eq!(names(&c), ["cubic_stiffness", "offset", "quadratic_drag"]);
     let page = crate::critique::report::html(&c);
-    for part in ["<pre>x&#39;&#39; = -2 s x&#39; - w^2 ", " - d |x&#39;| x&#39;", "y = x + b + e", "frequency against"]
-    {
+    for part in [
+        "<pre>x&#39;&#39; = -2 s x&#39; - w^2 ",
+        " - d |x&#39;| x&#39;",
+        "y = x + b + e",
+        "frequency against",
+    ] {
         assert!(page.contains(part), "{part} is not in the report");
     }
 }
