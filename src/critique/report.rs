@@ -424,7 +424,8 @@ fn evidence(evidence: &[Evidence]) -> Option<Figure> {
             n => format!("{n} candidates pass alone, {} furthest", strongest.id),
         },
         x: Axis { log: true, ..Axis::new("likelihood-ratio statistic over its threshold") },
-        y: Axis { categories: ids, ..Axis::new("") },
+        // an empty place above, for the legend
+        y: Axis { categories: [ids, vec![String::new()]].concat(), ..Axis::new("") },
         series: series_of,
         thresholds: vec![(1.0, "threshold".to_owned())],
     })

@@ -251,8 +251,8 @@ fn an_extension_never_ends_worse_than_its_parent() {
     let cold = {
         let structure =
             super::plant::Structure { offset: true, ..super::plant::Structure::default() };
-        let mut p = structure.carried(&parent.structure, &parent.p, &d);
-        (p[OMEGA], p[SIGMA]) = (2.5 * p[OMEGA], 3.0 * p[SIGMA]);
+        let mut p = vec![0.0; structure.layout(d.bursts, d.outputs).count];
+        (p[OMEGA], p[SIGMA]) = (6.0 * parent.p[OMEGA], parent.p[SIGMA]);
         fit::descend(&d, &structure, &p, &noise, d.samples)
     };
     assert!(cold.cost > parent.cost, "cold {} parent {}", cold.cost, parent.cost);
