@@ -132,7 +132,15 @@ impl Figure {
             .caption(&self.title, (FONT, 21))
             .margin(14)
             .x_label_area_size(54)
-            .y_label_area_size(84)
+            // names of categories take the room of their letters
+            .y_label_area_size(
+                self.y
+                    .categories
+                    .iter()
+                    .map(|c| 24 + 8 * c.len() as u32)
+                    .fold(84, u32::max)
+                    .min(320),
+            )
             .build_cartesian_2d(x0..x1, y0..y1)
             .map_err(text)?;
         let named = |axis: &Axis, v: &f64| axis.tick(*v);

@@ -8,6 +8,7 @@ mod convert; // tables become recordings
 mod floors; // imports go down only
 mod hidden; // effects hidden in recordings: named, withheld, scored
 mod hostile; // absurd recordings, covariates, names, designs, places to write to: rows and words, no panic
+mod measured; // real ring-downs, where they are: shown, named, extended, measured
 mod pipeline; // same bytes for any threads, order, chunking; drift; bad windows
 mod print_run; // recall and false alarms on a print run with known truth
 mod thesis_tables; // thesis chapter 4 on the thesis-form data set

@@ -2,6 +2,7 @@
 
 use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible};
+use crate::critique::decay;
 use crate::critique::engine::{self, MOST_SAMPLES, Outcome, Rings};
 use crate::critique::finding::{Critique, GainFigures};
 use crate::critique::observations::Observations;
@@ -59,7 +60,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let control = interruptible();
     let progress = Progress::new(inputs.len(), 0);
     let oscillator = args.plant == PlantArg::Oscillator;
-    let mut observer = Observer::new(labels.as_ref(), settings.input.rails, MOST_SAMPLES);
+    let most_samples = if oscillator { decay::MOST_SAMPLES } else { MOST_SAMPLES };
+    let mut observer = Observer::new(labels.as_ref(), settings.input.rails, most_samples);
     let mut incomplete = false;
     for input in &inputs {
         let recording = Recording::open(&input.path, Limits::default()).map_err(Failure::new)?;
@@ -171,16 +173,20 @@ fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Resu
         )?;
     }
     let line = |out: &mut dyn Write, when: &str, g: &GainFigures| {
-        writeln!(
+        write!(
             out,
-            "  {when:<8} chi²/dof {:.4}, nrmse {:.2} %, whiteness p {:.2e}, false alarms {:.2} %, \
-             detection AUC {:.3}",
-            g.chi2_per_dof,
-            g.nrmse_percent,
-            g.whiteness_p,
-            100.0 * g.false_alarms,
-            g.detection_auc
-        )
+            "  {when:<8} chi²/dof {:.4}, nrmse {:.2} %, whiteness p {:.2e}",
+            g.chi2_per_dof, g.nrmse_percent, g.whiteness_p
+        )?;
+        if g.detection_auc.is_finite() {
+            write!(
+                out,
+                ", false alarms {:.2} %, detection AUC {:.3}",
+                100.0 * g.false_alarms,
+                g.detection_auc
+            )?;
+        }
+        writeln!(out)
     };
     if critique.gain.held_out.signals > 0 {
         writeln!(

@@ -4,6 +4,7 @@ use super::adequacy;
 use super::catalogue::{CATALOGUE, Needs, entry_of, experiment, lacking};
 use super::codes;
 use super::covariates::Covariates;
+use super::decay;
 use super::ensemble;
 use super::figures;
 use super::finding::{Cause, Critique, Evidence, Misfit, NotTestable, Signals, VERSION, Verdict};
@@ -53,6 +54,14 @@ pub fn critique(
     labelled: bool,
     stages: &mut dyn FnMut(&str),
 ) -> Result<Outcome, CritiqueError> {
+    if rings == Rings::Oscillator && !all.is_empty() && all.samples >= FEWEST_SAMPLES {
+        if decay::can(all) {
+            return decay::critique(all, stages);
+        }
+        if all.samples > MOST_SAMPLES {
+            return critique(&all.first(MOST_SAMPLES), rings, labelled, stages);
+        }
+    }
     let real = rings == Rings::InkChannel;
     let fewest = if real { FEWEST_SIGNALS } else { 1 };
     if all.len() < fewest {

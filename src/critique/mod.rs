@@ -10,6 +10,7 @@ pub mod candidates;
 pub mod catalogue;
 mod codes;
 pub mod covariates;
+pub mod decay;
 pub mod engine;
 mod ensemble;
 mod figures;

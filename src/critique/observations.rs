@@ -87,6 +87,20 @@ impl Observations {
         white
     }
 
+    /// The first samples of every signal.
+    pub fn first(&self, samples: usize) -> Observations {
+        let samples = samples.min(self.samples);
+        let y = (0..self.len()).flat_map(|i| self.signal(i)[..samples].iter().copied()).collect();
+        Observations {
+            samples,
+            y,
+            rows: self.rows.clone(),
+            units: self.units,
+            bursts: self.bursts,
+            ..self.clone_empty()
+        }
+    }
+
     fn clone_empty(&self) -> Observations {
         Observations {
             rows: Vec::new(),

@@ -182,6 +182,9 @@ fn gain(gain: &Gain, page: &mut String) -> std::fmt::Result {
         ("detection of a small fault, AUC", |g| g.detection_auc, |g| g.detection_auc_interval),
     ];
     for (name, value, interval) in entries {
+        if value(before).is_nan() && value(after).is_nan() {
+            continue; // not measured here
+        }
         let cell = |g: &GainFigures| {
             let range =
                 interval(g).map(|[low, high]| format!(" [{}, {}]", short(low), short(high)));
@@ -421,7 +424,8 @@ fn evidence(evidence: &[Evidence]) -> Option<Figure> {
             n => format!("{n} candidates pass alone, {} furthest", strongest.id),
         },
         x: Axis { log: true, ..Axis::new("likelihood-ratio statistic over its threshold") },
-        y: Axis { categories: ids, ..Axis::new("") },
+        // an empty place above, for the legend
+        y: Axis { categories: [ids, vec![String::new()]].concat(), ..Axis::new("") },
         series: series_of,
         thresholds: vec![(1.0, "threshold".to_owned())],
     })

@@ -121,6 +121,11 @@ fn hostile_names_cannot_inject_markup() {
         let mut critique = full(name);
         critique.figures.covariates[0].covariate = name.into();
         critique.figures.covariates[0].unit = name.into();
+        critique.figures.covariates[0].parameter = name.into();
+        critique.causes[0].parameter = name.into();
+        critique.causes[0].unit = name.into();
+        critique.not_testable[0].id = name.into();
+        critique.equation = name.into();
         critique.evidence[0].id = name.into();
         critique.causes[0].id = name.into();
         critique.gain.held_out.by = name.into();
@@ -139,6 +144,24 @@ fn hostile_names_cannot_inject_markup() {
             assert!(!page.contains(bad), "{name}: {bad} is in the page");
         }
         assert_eq!(page.matches("<style>").count(), 1);
+        only_our_markup(&page);
+    }
+}
+
+/// Every tag is one that this page or a figure is made of, and no attribute does anything.
+fn only_our_markup(page: &str) {
+    const TAGS: &str = "!doctype html head meta title style body h1 h2 span p table tr th td b br ul li pre \
+                        code details summary svg g text tspan rect line polyline polygon circle path defs";
+    for tag in page.split('<').skip(1) {
+        let inside = tag.split('>').next().unwrap();
+        let name = inside.trim_start_matches('/').split([' ', '\n', '/']).next().unwrap();
+        assert!(TAGS.split_whitespace().any(|t| t == name), "<{inside}> is none of our tags");
+        // between the quotes is text; what is outside them are names of attributes
+        for outside in inside.split('"').step_by(2) {
+            for word in outside.split_whitespace().skip(usize::from(outside == inside)) {
+                assert!(!word.trim_start_matches('/').starts_with("on"), "<{inside}> acts");
+            }
+        }
     }
 }
 

@@ -12,6 +12,9 @@ use std::sync::atomic::Ordering;
 /// Bytes of signals that are held, and signals at most: a critique needs no more.
 const HELD_BYTES: usize = 64 << 20;
 const MOST_SIGNALS: usize = 8192;
+/// Work per signal grows with the square of its samples: of signals longer than these fewer are held.
+const USUAL_SAMPLES: usize = 128;
+const FEWEST_SIGNALS: usize = 512;
 
 /// Collects what a critique looks at.
 pub struct Observer<'a> {
@@ -54,7 +57,9 @@ impl<'a> Observer<'a> {
                 let n = burst.samples_per_channel as usize;
                 let (period, samples, sampler) = self.sampler.get_or_insert_with(|| {
                     let kept = n.min(self.most_samples);
-                    let capacity = MOST_SIGNALS.min(HELD_BYTES / (4 * kept.max(1)));
+                    let wanted = MOST_SIGNALS * USUAL_SAMPLES.pow(2) / kept.max(1).pow(2);
+                    let wanted = wanted.clamp(FEWEST_SIGNALS, MOST_SIGNALS);
+                    let capacity = wanted.min(HELD_BYTES / (4 * kept.max(1)));
                     (burst.sample_period_s, n, Sampler::new(burst.sample_period_s, kept, capacity))
                 });
                 control.signals.fetch_add(u64::from(burst.channels), Ordering::Relaxed);

@@ -1,0 +1,264 @@
+//! Least squares on the trajectory, in the metric of the noise.
+//!
+//! In: a plant, where to start, the noise. Out: the nearest minimum, never worse than the start
+//! (Levenberg-Marquardt: only steps down are taken). The noise of an output is autoregressive; its
+//! coefficients come from a fit's own misfit, so that what is left over counts as many independent
+//! samples as it has, and no more.
+
+use super::plant::{Decays, OMEGA, Plant, Structure};
+use nalgebra::{DMatrix, DVector};
+use std::f64::consts::{PI, TAU};
+
+/// Orders of the autoregression that are tried.
+const MOST_ORDER: usize = 12;
+const MOST_STEPS: usize = 60;
+const FEW_STEPS: usize = 8;
+
+/// One output's noise: predictors of order 0, 1 ... p, and the standard deviation of what each leaves.
+#[derive(Clone, Debug)]
+pub struct Colour {
+    pub predictors: Vec<Vec<f64>>,
+    pub sds: Vec<f64>,
+}
+
+impl Colour {
+    pub fn white(sd: f64) -> Colour {
+        Colour { predictors: vec![Vec::new()], sds: vec![sd] }
+    }
+
+    pub fn order(&self) -> usize {
+        self.predictors.len() - 1
+    }
+
+    /// The autoregression of misfits that the Bayesian criterion asks for (Levinson, Durbin).
+    /// `spent`: parameters that were fitted to them.
+    pub fn of(series: &[&[f64]], spent: f64) -> Colour {
+        let count: usize = series.iter().map(|s| s.len()).sum();
+        let shortest = series.iter().map(|s| s.len()).min().unwrap_or(0);
+        let most = MOST_ORDER.min(shortest / 8);
+        let free = (count as f64 - spent).max(1.0);
+        let lag = |j: usize| -> f64 {
+            let products = series.iter().flat_map(|s| s.iter().zip(&s[j.min(s.len())..]));
+            products.map(|(a, b)| a * b).sum::<f64>() / free
+        };
+        let zero = lag(0).max(1e-300);
+        let mut all = Colour { predictors: vec![Vec::new()], sds: vec![zero.sqrt()] };
+        let (mut variance, mut phi) = (zero, Vec::<f64>::new());
+        let (mut best, mut least) = (0, free * zero.ln());
+        for p in 1..=most {
+            let reached: f64 = phi.iter().enumerate().map(|(j, f)| f * lag(p - 1 - j)).sum();
+            let mirror = ((lag(p) - reached) / variance).clamp(-0.9999, 0.9999);
+            let old = phi.clone();
+            phi.iter_mut().zip(old.iter().rev()).for_each(|(f, o)| *f -= mirror * o);
+            phi.push(mirror);
+            variance *= 1.0 - mirror * mirror;
+            all.predictors.push(phi.clone());
+            all.sds.push(variance.max(1e-300).sqrt());
+            let criterion = free * variance.ln() + p as f64 * free.ln();
+            if criterion < least {
+                (best, least) = (p, criterion);
+            }
+        }
+        all.predictors.truncate(best + 1);
+        all.sds.truncate(best + 1);
+        all
+    }
+
+    /// Misfits as independent ones of unit variance.
+    pub fn whiten(&self, series: &mut [f64]) {
+        let raw = series.to_vec();
+        for (k, w) in series.iter_mut().enumerate() {
+            let order = k.min(self.order());
+            let phi = &self.predictors[order];
+            let expected: f64 = phi.iter().enumerate().map(|(j, f)| f * raw[k - 1 - j]).sum();
+            *w = (raw[k] - expected) / self.sds[order];
+        }
+    }
+}
+
+/// The metric that misfits are measured in.
+#[derive(Clone, Debug)]
+pub struct Noise {
+    /// One per output.
+    pub colours: Vec<Colour>,
+    /// Samples that count for nothing, by index; empty: all count.
+    pub held_out: Vec<bool>,
+}
+
+impl Noise {
+    pub fn white(sds: &[f64]) -> Noise {
+        Noise { colours: sds.iter().map(|sd| Colour::white(*sd)).collect(), held_out: Vec::new() }
+    }
+
+    pub fn of(misfit: &[f64], decays: &Decays, spent: usize) -> Noise {
+        let n = decays.samples;
+        let share = spent as f64 / decays.outputs as f64;
+        let colours = (0..decays.outputs).map(|o| {
+            let series: Vec<&[f64]> =
+                (0..decays.bursts).map(|b| &misfit[(b * decays.outputs + o) * n..][..n]).collect();
+            Colour::of(&series, share)
+        });
+        Noise { colours: colours.collect(), held_out: Vec::new() }
+    }
+
+    /// Share of the misfit that the samples before predict, of the output where it is the largest.
+    pub fn predictable(&self) -> f64 {
+        let of = |c: &Colour| 1.0 - (c.sds[c.order()] / c.sds[0]).powi(2);
+        self.colours.iter().map(of).fold(0.0, f64::max)
+    }
+
+    fn apply(&self, y: &mut [f64], upto: usize) {
+        for (i, series) in y.chunks_mut(upto).enumerate() {
+            self.colours[i % self.colours.len()].whiten(series);
+            for (w, _) in series.iter_mut().zip(&self.held_out).filter(|(_, held)| **held) {
+                *w = 0.0;
+            }
+        }
+    }
+}
+
+#[derive(Clone, Debug)]
+pub struct Fit {
+    pub structure: Structure,
+    pub p: Vec<f64>,
+    /// Sum of squares in the metric of the noise.
+    pub cost: f64,
+}
+
+impl Fit {
+    /// Measured minus simulated.
+    pub fn misfit(&self, decays: &Decays) -> Vec<f64> {
+        let plant = Plant::new(decays, &self.structure, decays.samples);
+        let mut misfit = plant.measured();
+        misfit.iter_mut().zip(plant.predict(&self.p)).for_each(|(y, m)| *y -= m);
+        misfit
+    }
+
+    /// Of the parameters, in the metric of the noise.
+    pub fn covariance(&self, decays: &Decays, noise: &Noise) -> DMatrix<f64> {
+        let plant = Plant::new(decays, &self.structure, decays.samples);
+        let gram = normal(&plant, &self.p, noise, &vec![0.0; plant.len()]).0;
+        let scale = DVector::from_fn(gram.nrows(), |i, _| gram[(i, i)].max(1e-300).sqrt());
+        let unit = DMatrix::from_fn(gram.nrows(), gram.nrows(), |i, j| {
+            gram[(i, j)] / (scale[i] * scale[j]) + if i == j { 1e-12 } else { 0.0 }
+        });
+        let inverse = unit
+            .try_inverse()
+            .unwrap_or_else(|| DMatrix::identity(gram.nrows(), gram.nrows()) * 1e12);
+        DMatrix::from_fn(gram.nrows(), gram.nrows(), |i, j| inverse[(i, j)] / (scale[i] * scale[j]))
+    }
+}
+
+/// What is slower than a swing of the whole record is a drift, and no ring.
+fn slowest(decays: &Decays) -> f64 {
+    TAU / decays.samples as f64
+}
+
+pub fn cost(plant: &Plant, p: &[f64], noise: &Noise, measured: &[f64]) -> (f64, Vec<f64>) {
+    let mut r = plant.predict(p);
+    r.iter_mut().zip(measured).for_each(|(m, y)| *m = y - *m);
+    noise.apply(&mut r, plant.upto);
+    let sum: f64 = r.iter().map(|r| r * r).sum();
+    (if sum.is_finite() { sum } else { f64::INFINITY }, r)
+}
+
+/// J^T J and J^T r of whitened columns.
+fn normal(plant: &Plant, p: &[f64], noise: &Noise, r: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
+    let mut columns = plant.jacobian(p);
+    columns.iter_mut().for_each(|c| noise.apply(c, plant.upto));
+    let rows = plant.len();
+    let j = DMatrix::from_vec(rows, columns.len(), columns.concat());
+    let product = j.tr_mul(&DVector::from_column_slice(r));
+    (j.tr_mul(&j), product)
+}
+
+/// From `start`, on the first `upto` samples.
+pub fn descend(
+    decays: &Decays,
+    structure: &Structure,
+    start: &[f64],
+    noise: &Noise,
+    upto: usize,
+) -> Fit {
+    steps(decays, structure, start, noise, upto, MOST_STEPS)
+}
+
+/// A first look: a few steps.
+pub fn look(decays: &Decays, structure: &Structure, start: &[f64], noise: &Noise) -> Fit {
+    steps(decays, structure, start, noise, decays.samples, FEW_STEPS)
+}
+
+fn steps(
+    decays: &Decays,
+    structure: &Structure,
+    start: &[f64],
+    noise: &Noise,
+    upto: usize,
+    most_steps: usize,
+) -> Fit {
+    let plant = Plant::new(decays, structure, upto);
+    let measured = plant.measured();
+    let mut p = start.to_vec();
+    let (mut best, mut r) = cost(&plant, &p, noise, &measured);
+    let mut damping = 1e-3;
+    let mut calm = 0;
+    let lowest = slowest(decays).min(start[OMEGA]);
+    for _ in 0..most_steps {
+        let (gram, product) = normal(&plant, &p, noise, &r);
+        if !gram.iter().chain(product.iter()).all(|x| x.is_finite()) {
+            break;
+        }
+        let largest = gram.diagonal().max();
+        let mut gained = f64::INFINITY;
+        while damping < 1e9 {
+            let mut damped = gram.clone();
+            for i in 0..gram.nrows() {
+                damped[(i, i)] += damping * gram[(i, i)] + 1e-14 * largest;
+            }
+            let Some(step) = damped.cholesky().map(|c| c.solve(&product)) else {
+                damping *= 10.0;
+                continue;
+            };
+            let trial: Vec<f64> = p.iter().zip(step.iter()).map(|(p, s)| p + s).collect();
+            let (value, residual) = match trial[OMEGA] >= lowest && trial[OMEGA] < PI {
+                true => cost(&plant, &trial, noise, &measured),
+                false => (f64::INFINITY, Vec::new()),
+            };
+            if value < best {
+                gained = best - value;
+                (best, p, r) = (value, trial, residual);
+                damping = (damping * 0.1).max(1e-12);
+                break;
+            }
+            damping *= 10.0;
+        }
+        if !gained.is_finite() {
+            break; // no step goes down
+        }
+        calm = if gained < 1e-7 * best { calm + 1 } else { 0 };
+        if calm >= 2 {
+            break;
+        }
+    }
+    Fit { structure: structure.clone(), p, cost: best }
+}
+
+/// From `start` on a first stretch, then on ever longer ones: a decay whose frequency or damping
+/// changes is followed from swing to swing, so that no swing is lost.
+pub fn follow(
+    decays: &Decays,
+    structure: &Structure,
+    start: &[f64],
+    noise: &Noise,
+    first: usize,
+) -> Fit {
+    let mut p = start.to_vec();
+    let fewest = structure.layout(decays.bursts, decays.outputs).count * 2
+        / (decays.bursts * decays.outputs);
+    let mut upto = first.max(fewest).max(8);
+    while upto < decays.samples {
+        p = descend(decays, structure, &p, noise, upto).p;
+        upto = (upto as f64 * 1.5).ceil() as usize;
+    }
+    descend(decays, structure, &p, noise, decays.samples)
+}

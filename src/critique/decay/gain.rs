@@ -1,0 +1,299 @@
+//! What the extension buys on stretches of the decays that nothing was fitted to, and the pictures.
+//!
+//! Every third of some twenty stretches is held out; baseline and extended model are fitted to the
+//! others alone. Detection of faults is not measured: a single oscillator has no fault classes.
+
+use super::fit::{self, Fit, Noise};
+use super::plant::{Decays, OMEGA, SIGMA};
+use super::selection::{Selected, sizes};
+use super::spectrum;
+use crate::critique::candidates::surprise;
+use crate::critique::finding::{
+    CovariateFigure, Figures, Gain, GainFigures, HeldOut, MeanMisfit, Misfit, Spectrum,
+};
+use nalgebra::{DMatrix, DVector};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::f64::consts::TAU;
+
+const STRETCHES: usize = 20;
+/// Of so many stretches one is held out.
+const EVERY: usize = 3;
+const RESAMPLINGS: usize = 200;
+const LAGS: usize = 10;
+
+/// p of the misfit's being white, Ljung and Box, over the samples that are looked at.
+pub fn whiteness(misfit: &[f64], decays: &Decays, looked_at: impl Fn(usize) -> bool) -> f64 {
+    let n = decays.samples;
+    let sizes = sizes(misfit, decays);
+    let (mut q, mut degrees) = (0.0, 0);
+    for o in 0..decays.outputs {
+        for lag in 1..=LAGS.min(n / 4) {
+            let (mut sum, mut count) = (0.0, 0.0);
+            for b in 0..decays.bursts {
+                let r = &misfit[(b * decays.outputs + o) * n..][..n];
+                for k in lag..n {
+                    if looked_at(k) && looked_at(k - lag) {
+                        sum += r[k] * r[k - lag];
+                        count += 1.0;
+                    }
+                }
+            }
+            if count > 4.0 {
+                q += (sum / (sizes[o] * sizes[o])).powi(2) / count;
+                degrees += 1;
+            }
+        }
+    }
+    (-surprise(q, degrees.max(3), 1.0, f64::INFINITY)).exp()
+}
+
+/// Sums of squares of one stretch: misfit over the noise, misfit, signal, samples.
+#[derive(Clone, Copy, Default)]
+struct Sums([f64; 4]);
+
+fn stretches(decays: &Decays, misfit: &[f64], sds: &[f64], length: usize) -> Vec<Sums> {
+    let n = decays.samples;
+    let mut all = Vec::new();
+    for stretch in (0..n.div_ceil(length)).filter(|s| s % EVERY == 2) {
+        for (i, r) in misfit.chunks(n).enumerate() {
+            let o = i % decays.outputs;
+            let mut sums = Sums::default();
+            for k in stretch * length..((stretch + 1) * length).min(n) {
+                let y = decays.y[i * n + k];
+                let square = r[k] * r[k];
+                let each = [square / (sds[o] * sds[o]), square, y * y, 1.0];
+                sums.0.iter_mut().zip(each).for_each(|(s, e)| *s += e);
+            }
+            all.push(sums);
+        }
+    }
+    all
+}
+
+fn figures(decays: &Decays, misfit: &[f64], sds: &[f64], length: usize) -> GainFigures {
+    let of = stretches(decays, misfit, sds, length);
+    let total = |chosen: &mut dyn Iterator<Item = usize>| -> [f64; 2] {
+        let mut sum = [0.0; 4];
+        chosen.for_each(|i| sum.iter_mut().zip(of[i].0).for_each(|(s, v)| *s += v));
+        [sum[0] / f64::max(sum[3], 1.0), 100.0 * (sum[1] / f64::max(sum[2], 1e-300)).sqrt()]
+    };
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut resampled: [Vec<f64>; 2] = Default::default();
+    for _ in 0..RESAMPLINGS {
+        let drawn = total(&mut (0..of.len()).map(|_| rng.random_range(0..of.len())));
+        resampled.iter_mut().zip(drawn).for_each(|(r, d)| r.push(d));
+    }
+    let interval = |values: &mut Vec<f64>| {
+        values.sort_by(f64::total_cmp);
+        let at = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
+        Some([at(0.025), at(0.975)])
+    };
+    let [chi2, nrmse] = total(&mut (0..of.len()));
+    let [mut of_chi2, mut of_nrmse] = resampled;
+    GainFigures {
+        chi2_per_dof: chi2,
+        chi2_per_dof_interval: interval(&mut of_chi2),
+        nrmse_percent: nrmse,
+        nrmse_percent_interval: interval(&mut of_nrmse),
+        whiteness_p: whiteness(misfit, decays, |k| (k / length) % EVERY == 2),
+        threshold: f64::NAN,
+        false_alarms: f64::NAN,
+        detection_auc: f64::NAN,
+        ..GainFigures::default()
+    }
+}
+
+pub fn measure(decays: &Decays, selected: &Selected) -> (Misfit, Gain) {
+    let n = decays.samples;
+    let before = selected.baseline.misfit(decays);
+    let sds = sizes(&selected.fit.misfit(decays), decays);
+    let sum = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>();
+    let chi2: f64 = before
+        .chunks(n)
+        .enumerate()
+        .map(|(i, r)| sum(r) / sds[i % decays.outputs].powi(2))
+        .sum::<f64>();
+    let misfit = Misfit {
+        chi2_per_dof: chi2 / decays.y.len() as f64,
+        nrmse_percent: 100.0 * (sum(&before) / sum(&decays.y)).sqrt(),
+        whiteness_p: whiteness(&before, decays, |_| true),
+    };
+    let length = n.div_ceil(STRETCHES).max(2);
+    let mut noise = Noise::white(&sds);
+    noise.held_out = (0..n).map(|k| (k / length) % EVERY == 2).collect();
+    let anew = |fit: &Fit| fit::descend(decays, &fit.structure, &fit.p, &noise, n).misfit(decays);
+    let (plain, extended) = (anew(&selected.baseline), anew(&selected.fit));
+    // the noise of the stretches that were fitted to
+    let kept: Vec<f64> = (0..decays.outputs)
+        .map(|o| {
+            let of = (0..decays.bursts).flat_map(|b| {
+                let r = &extended[(b * decays.outputs + o) * n..][..n];
+                r.iter().zip(&noise.held_out).filter(|(_, held)| !**held).map(|(r, _)| r * r)
+            });
+            let (sum, count) = of.fold((0.0, 0.0), |(s, c), v| (s + v, c + 1.0));
+            (sum / f64::max(count, 1.0)).sqrt().max(1e-12)
+        })
+        .collect();
+    let held = noise.held_out.iter().filter(|h| **h).count();
+    let gain = Gain {
+        before: figures(decays, &plain, &kept, length),
+        after: figures(decays, &extended, &kept, length),
+        held_out: HeldOut {
+            by: format!("time: {held} of {n} samples of each, in stretches of {length}"),
+            signals: decays.bursts * decays.outputs,
+        },
+    };
+    (misfit, gain)
+}
+
+/// Mean over bursts of one output, counts.
+fn mean_of(misfit: &[f64], decays: &Decays, output: usize) -> Vec<f64> {
+    let n = decays.samples;
+    let mut mean = vec![0.0; n];
+    for b in 0..decays.bursts {
+        let r = &misfit[(b * decays.outputs + output) * n..][..n];
+        let weight = decays.scale[output] / decays.bursts as f64;
+        mean.iter_mut().zip(r).for_each(|(m, r)| *m += weight * r);
+    }
+    mean
+}
+
+pub fn draw(decays: &Decays, selected: &Selected) -> Figures {
+    let n = decays.samples;
+    let before = selected.baseline.misfit(decays);
+    let after = selected.fit.misfit(decays);
+    let (large, small) = (sizes(&before, decays), sizes(&after, decays));
+    // the output that gains most
+    let output = (0..decays.outputs)
+        .max_by(|p, q| (large[*p] / small[*p]).total_cmp(&(large[*q] / small[*q])))
+        .unwrap_or(0);
+    let sd = small[output] * decays.scale[output];
+    let half = 1.96 * sd / (decays.bursts as f64).sqrt();
+    let (b, a) = (mean_of(&before, decays, output), mean_of(&after, decays, output));
+    let moved = |y: &[f64], by: f64| y.iter().map(|y| y + by).collect::<Vec<f64>>();
+    let mean_misfit = MeanMisfit {
+        time_s: (0..n).map(|k| k as f64 * decays.dt_s).collect(),
+        before_low: moved(&b, -half),
+        before_high: moved(&b, half),
+        after_low: moved(&a, -half),
+        after_high: moved(&a, half),
+        before: b,
+        after: a,
+    };
+    let mean_power = |misfit: &[f64]| -> Vec<f64> {
+        let mut sum: Vec<f64> = Vec::new();
+        for b in 0..decays.bursts {
+            let r = &misfit[(b * decays.outputs + output) * n..][..n];
+            let power = spectrum::power(r);
+            sum.resize(power.len(), 0.0);
+            let weight = decays.scale[output].powi(2) / decays.bursts as f64;
+            sum.iter_mut().zip(power).for_each(|(s, p)| *s += weight * p);
+        }
+        // the spectrum is interpolated: every fourth point is enough
+        sum.into_iter().skip(4).step_by(4).collect()
+    };
+    let power = mean_power(&before);
+    let step_hz = 4.0 / ((4 * n).next_power_of_two() as f64 * decays.dt_s);
+    // Wilson and Hilferty: the mean of as many exponentials as there are bursts
+    let m = decays.bursts as f64;
+    let quantile = |z: f64| (1.0 - 1.0 / (9.0 * m) + z / (3.0 * m.sqrt())).powi(3).max(1e-3);
+    let spectrum = Spectrum {
+        frequency_hz: (0..power.len()).map(|j| (j + 1) as f64 * step_hz).collect(),
+        band_low: vec![sd * sd * quantile(-1.96); power.len()],
+        band_high: vec![sd * sd * quantile(1.96); power.len()],
+        after: mean_power(&after),
+        before: power,
+    };
+    Figures {
+        mean_misfit,
+        spectrum,
+        covariates: against_amplitude(decays, selected, &after),
+        ..Figures::default()
+    }
+}
+
+/// Amplitude, frequency and damping of a stretch: (a + a' t) cos wt + (b + b' t) sin wt + c about its
+/// middle; with the standard deviations of the last two. Rates per sample.
+fn local(y: &[f64], omega: f64) -> Option<[f64; 5]> {
+    let middle = 0.5 * (y.len() - 1) as f64;
+    let mut omega = omega;
+    let mut found = None;
+    for _ in 0..3 {
+        let basis = DMatrix::from_fn(y.len(), 5, |k, j| {
+            let t = k as f64 - middle;
+            let (s, c) = (omega * t).sin_cos();
+            [c, s, t * c, t * s, 1.0][j]
+        });
+        let inverse = basis.tr_mul(&basis).try_inverse()?;
+        let values = DVector::from_column_slice(y);
+        let x = &inverse * basis.tr_mul(&values);
+        let left = (&values - &basis * &x).norm_squared() / (y.len() as f64 - 5.0).max(1.0);
+        let (a, b, da, db) = (x[0], x[1], x[2], x[3]);
+        let square = a * a + b * b;
+        let turn = (a * db - b * da) / square;
+        let fall = -(a * da + b * db) / square;
+        let sd = (left * 0.5 * (inverse[(2, 2)] + inverse[(3, 3)]) / square).sqrt();
+        omega -= turn.clamp(-0.2 * omega, 0.2 * omega);
+        found = Some([square.sqrt(), omega, fall, sd, sd]);
+    }
+    found
+}
+
+/// Frequency and damping of single stretches against their amplitude.
+fn against_amplitude(decays: &Decays, selected: &Selected, after: &[f64]) -> Vec<CovariateFigure> {
+    const BINS: usize = 8;
+    let n = decays.samples;
+    let (sigma, omega) = (selected.baseline.p[SIGMA], selected.baseline.p[OMEGA]);
+    let length = ((4.0 * TAU / omega).ceil() as usize).max(16);
+    let noise = sizes(after, decays)[0];
+    // amplitude, then (before, after, sd) of frequency and of damping
+    let mut points: Vec<(f64, [[f64; 3]; 2])> = Vec::new();
+    for b in 0..decays.bursts {
+        let (y, left) = (decays.series(b, 0), &after[b * decays.outputs * n..][..n]);
+        for (y, left) in y.chunks_exact(length).zip(left.chunks_exact(length)) {
+            let simulated: Vec<f64> = y.iter().zip(left).map(|(y, r)| y - r).collect();
+            let (Some(seen), Some(expected)) = (local(y, omega), local(&simulated, omega)) else {
+                continue;
+            };
+            if seen[0] > 5.0 * noise && seen[3] < 0.05 * omega {
+                let each = |j: usize, base: f64| {
+                    let base_or = if base.abs() > 1e-9 { base } else { 1e-9 };
+                    [
+                        (seen[j] - base) / base_or,
+                        (seen[j] - expected[j]) / base_or,
+                        (seen[j + 2] / base_or).abs(),
+                    ]
+                };
+                points.push((seen[0] * decays.scale[0], [each(1, omega), each(2, sigma)]));
+            }
+        }
+    }
+    points.retain(|(a, of)| a.is_finite() && of.iter().flatten().all(|v| v.is_finite()));
+    points.sort_by(|p, q| p.0.total_cmp(&q.0));
+    if points.len() < 3 {
+        return Vec::new();
+    }
+    let mut all = Vec::new();
+    for (which, parameter) in ["frequency", "damping"].iter().enumerate() {
+        let mut figure = CovariateFigure {
+            covariate: "amplitude".into(),
+            unit: "counts".into(),
+            parameter: (*parameter).into(),
+            ..CovariateFigure::default()
+        };
+        for bin in points.chunks(points.len().div_ceil(BINS)) {
+            let count = bin.len() as f64;
+            let mean =
+                |f: &dyn Fn(&(f64, [[f64; 3]; 2])) -> f64| bin.iter().map(f).sum::<f64>() / count;
+            figure.centre.push(mean(&|p| p.0));
+            figure.before.push(mean(&|p| p.1[which][0]));
+            figure.after.push(mean(&|p| p.1[which][1]));
+            let sd = (bin.iter().map(|p| p.1[which][2].powi(2)).sum::<f64>()).sqrt() / count;
+            figure.before_bar.push(1.96 * sd);
+            figure.after_bar.push(1.96 * sd);
+        }
+        all.push(figure);
+    }
+    all
+}

@@ -1,0 +1,252 @@
+//! The critique of few, long decays of one oscillator.
+//!
+//! In: decays of one system, a few bursts of one or more outputs. Out: the same findings as for a
+//! printhead. The trajectory itself is fitted (`fit`, `motion`): a damped oscillation for all
+//! outputs, then whatever the decays ask for (`selection`). There is no drive scan, but a long decay
+//! goes through all amplitudes. It must never name what it could not refit.
+
+mod fit;
+mod gain;
+mod motion;
+mod plant;
+mod selection;
+mod spectrum;
+#[cfg(test)]
+mod tests;
+mod words;
+
+use super::catalogue::{CATALOGUE, experiment};
+use super::engine::{CritiqueError, Outcome};
+use super::finding::{Cause, Critique, NotTestable, Signals, VERSION, Verdict};
+use super::observations::Observations;
+use super::selection::DETECTION_LIMIT;
+use plant::Decays;
+use selection::{Selected, sizes};
+
+/// Bursts that are taken for decays of one system; more are an ensemble.
+pub const MOST_BURSTS: usize = 32;
+/// Longer decays are judged by their first samples.
+pub const MOST_SAMPLES: usize = 32_768;
+/// Samples in all: more would not be fitted in reasonable time.
+const MOST_IN_ALL: usize = 8 * MOST_SAMPLES;
+/// Of the misfit of the baseline, beyond the noise, this share may be left beside a name.
+const SHARE_ALLOWED: f64 = 0.5;
+/// What a linear prediction from the samples before must explain of the misfit, to call it unexplained
+/// where nothing is named.
+const PREDICTABLE: f64 = 0.3;
+
+/// Whether these signals are decays for this room.
+pub fn can(data: &Observations) -> bool {
+    data.bursts <= MOST_BURSTS
+        && data.printheads.len() == 1
+        && data.len() * data.samples <= MOST_IN_ALL
+}
+
+/// What is left of the misfit.
+struct Left {
+    /// Of what the baseline missed.
+    share: f64,
+    /// Of what is left, what the samples before predict.
+    predictable: f64,
+    p: f64,
+    words: Option<String>,
+}
+
+fn left(decays: &Decays, selected: &Selected) -> Left {
+    let misfit = selected.fit.misfit(decays);
+    let (before, after) =
+        (sizes(&selected.baseline.misfit(decays), decays), sizes(&misfit, decays));
+    let (mut missed, mut rest, mut predictable) = (0.0, 0.0, 0.0_f64);
+    for (o, colour) in selected.noise.colours.iter().enumerate() {
+        let floor = (colour.sds[colour.order()] / after[o]).powi(2).min(1.0);
+        missed += ((before[o] / after[o]).powi(2) - floor).max(0.0);
+        rest += 1.0 - floor;
+        predictable = predictable.max(1.0 - floor);
+    }
+    let p = gain::whiteness(&misfit, decays, |_| true);
+    let words = (p < 1e-4).then(|| {
+        let n = decays.samples;
+        let power = misfit.chunks(n).enumerate().fold(Vec::new(), |mut sum: Vec<f64>, (i, r)| {
+            let power = spectrum::power(r);
+            sum.resize(power.len(), 0.0);
+            let weight = after[i % decays.outputs].powi(-2);
+            sum.iter_mut().zip(power).for_each(|(s, p)| *s += weight * p);
+            sum
+        });
+        let hz = spectrum::peaks(&power, 0.0, 1e9, 1).first().copied().unwrap_or(0.0)
+            / (std::f64::consts::TAU * decays.dt_s);
+        format!(
+            "the misfit that is left is not white (p = {p:.1e}; {:.0} % of it follows from the samples \
+             before; its spectrum peaks at {hz:.4} Hz)",
+            100.0 * predictable
+        )
+    });
+    Left { share: rest / missed.max(1e-12), predictable, p, words }
+}
+
+pub fn critique(
+    data: &Observations,
+    stages: &mut dyn FnMut(&str),
+) -> Result<Outcome, CritiqueError> {
+    let decays = Decays::of(data).ok_or(CritiqueError::NoRing)?;
+    let selected = selection::select(&decays, stages);
+    let sum = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>();
+    // an offset may be the larger part: what must be explained is the movement
+    let explained = 1.0 - sum(&selected.fit.misfit(&decays)) / sum(&decays.y);
+    if !(explained > 0.1) {
+        return Err(CritiqueError::NoRing);
+    }
+    stages("measuring the gain");
+    let (mut causes, mut remarks) = words::causes(&decays, &selected);
+    let (misfit, gain) = gain::measure(&decays, &selected);
+    let left = left(&decays, &selected);
+    let verdict = verdict(&mut causes, &selected, &left);
+    if let Some(words) = &left.words {
+        remarks.push(format!("still unexplained: {words}"));
+    }
+    for t in &selected.unnamed {
+        remarks.push(format!(
+            "{} would take {:.0} % of what is left, but {}: it is not named",
+            t.cause.id(),
+            100.0 * t.share.max(0.0),
+            t.disqualified
+        ));
+    }
+    for cause in &causes {
+        for tied in &cause.tied_with {
+            remarks.push(format!(
+                "{} and {tied} cannot be told apart here: {}",
+                cause.id,
+                experiment(&cause.id, tied)
+            ));
+        }
+    }
+    if decays.incomplete > 0 {
+        remarks.push(format!(
+            "{} bursts were left out: not all outputs are in them",
+            decays.incomplete
+        ));
+    }
+    let critique = Critique {
+        version: VERSION,
+        verdict,
+        sentence: sentence(verdict, &causes, &left),
+        equation: words::equation(&decays, &selected.fit),
+        causes,
+        not_testable: not_testable(),
+        misfit,
+        gain,
+        extended_model: None,
+        remarks,
+        signals: Signals {
+            found: data.found,
+            used: decays.bursts * decays.outputs,
+            outliers: 0,
+            channels: decays.outputs,
+            rejected: 0,
+        },
+        figures: gain::draw(&decays, &selected),
+        evidence: selected.evidence,
+    };
+    Ok(Outcome { critique, outlier: vec![false; data.len()] })
+}
+
+fn verdict(causes: &mut Vec<Cause>, selected: &Selected, left: &Left) -> Verdict {
+    let unexplained = left.p < 1e-4;
+    if causes.is_empty() {
+        if !unexplained || left.predictable < PREDICTABLE {
+            return Verdict::None;
+        }
+        if let Some(near) = nearest(selected) {
+            causes.push(near);
+        }
+        return Verdict::Unknown;
+    }
+    if unexplained && left.share > SHARE_ALLOWED && left.predictable > PREDICTABLE {
+        causes.iter_mut().for_each(|c| c.explains = Some((1.0 - left.share).max(0.0)));
+        return Verdict::Unknown;
+    }
+    match &causes[..] {
+        [one] if !one.tied_with.is_empty() => Verdict::Tie,
+        _ => Verdict::Named,
+    }
+}
+
+/// The candidate that takes most of the misfit away, though it is not the cause.
+fn nearest(selected: &Selected) -> Option<Cause> {
+    let t = selected.unnamed.iter().max_by(|p, q| p.share.total_cmp(&q.share))?;
+    let entry = super::catalogue::entry_of(t.cause.id());
+    Some(Cause {
+        id: entry.id.into(),
+        parameter: entry.parameter.into(),
+        unit: entry.unit.into(),
+        value: f64::NAN,
+        ci95: [f64::NAN; 2],
+        strength_dl: (t.statistic / DETECTION_LIMIT).sqrt(),
+        delta_bic: t.statistic,
+        tied_with: Vec::new(),
+        matters_for_detection: false,
+        explains: Some(t.share.clamp(0.0, 1.0)),
+        sentence: format!("nearest is {}, but {}", entry.id, t.disqualified),
+    })
+}
+
+/// Rows of the catalogue that a single oscillator's decay does not bear on.
+fn not_testable() -> Vec<NotTestable> {
+    let needs = |id: &str| match id {
+        "droop" | "meniscus" | "lowpass" | "fractional_damping" => "the ink channel's equations",
+        "random_tone" | "trigger_jitter" | "heteroscedastic_noise" => "many bursts",
+        "temperature" => "temperature_c, recorded in many bursts",
+        "previous_tail" => "idle_time_s, recorded in many bursts",
+        "crosstalk" => "neighbours_fired, recorded in many bursts",
+        "ageing" | "clock_drift" => "many bursts at several times",
+        "position_gradient" => "six channels or more, one oscillator each",
+        "clipping" | "coarse_lsb" => "many bursts of whole counts",
+        "correlated_noise" => "many bursts: a single decay's misfit may be either",
+        _ => "",
+    };
+    let lines =
+        CATALOGUE.iter().map(|e| NotTestable { id: e.id.into(), needs: needs(e.id).into() });
+    lines.filter(|n| !n.needs.is_empty()).collect()
+}
+
+fn sentence(verdict: Verdict, causes: &[Cause], left: &Left) -> String {
+    let what = left.words.as_deref().unwrap_or("a misfit");
+    match verdict {
+        Verdict::None => {
+            "One damped oscillation explains these decays: nothing in them asks for more.".into()
+        }
+        Verdict::Unknown => match causes.first() {
+            Some(c) => format!(
+                "The model misses something that the catalogue does not hold: {what}; nearest is {}, which \
+                 explains {:.0} % of it.",
+                c.id,
+                100.0 * c.explains.unwrap_or(0.0)
+            ),
+            None => format!("The model misses something that the catalogue does not hold: {what}."),
+        },
+        Verdict::Tie | Verdict::Named => {
+            let capital = |text: &str| {
+                let mut letters = text.chars();
+                letters
+                    .next()
+                    .map_or_else(String::new, |c| c.to_uppercase().chain(letters).collect())
+            };
+            let each: Vec<String> = causes
+                .iter()
+                .map(|c| match c.tied_with.is_empty() {
+                    true => capital(&c.sentence),
+                    false => format!("{}, or {}", capital(&c.sentence), c.tied_with.join(" or ")),
+                })
+                .collect();
+            let rest = match &left.words {
+                Some(_) => format!(
+                    " Of what the linear model misses, {:.1} % is still unexplained.",
+                    100.0 * left.share
+                ),
+                None => String::new(),
+            };
+            format!("{}.{rest}", each.join(". "))
+        }
+    }
+}

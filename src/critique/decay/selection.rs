@@ -1,0 +1,623 @@
+//! Which terms a long decay asks for: forward selection and backward elimination by full refits.
+//!
+//! In: decays. Out: [`Selected`]. Every candidate starts at its parent's optimum (and once more from
+//! the first swings on), so that it never ends worse; it is judged in the metric of the noise that the
+//! best of the candidates leaves; a coefficient of the unphysical sign, and a line that is an alias of
+//! something else, cannot be the cause.
+
+use super::fit::{self, Fit, Noise};
+use super::motion::Form;
+use super::plant::{Decays, Line, OMEGA, Plant, SIGMA, Structure, motion};
+use super::spectrum;
+use crate::critique::candidates::{LEAST_PERIODS, surprise};
+use crate::critique::finding::Evidence;
+use crate::critique::selection::{DETECTION_LIMIT, THRESHOLD};
+use nalgebra::DMatrix;
+use std::f64::consts::{PI, TAU};
+
+/// Terms that are looked for at most; lines among them.
+const MOST_TERMS: usize = 12;
+const MOST_LINES: usize = 8;
+/// Peaks of the misfit's spectrum at which a line is tried.
+const PEAKS: usize = 3;
+/// Rivals within this of the best, -2 ln likelihood and parameters counted, tie with it.
+const TIE: f64 = 6.0;
+/// A line must take away this share of the misfit at least: small lines are what is left of others.
+const LEAST_SHARE: f64 = 0.1;
+/// Where the samples before predict so much of the misfit, its autoregression stands in for something that
+/// is not in the model, and what takes less than this share of the rest says nothing.
+const COLOURED: f64 = 0.5;
+const LEAST_OF_COLOURED: f64 = 0.03;
+/// Lines this near to a multiple of the ring's frequency, relative, are its harmonics.
+const HARMONIC: f64 = 0.01;
+
+const UNDAMPED: &str = "its damping cannot be told from none";
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    Offset,
+    Stiffness(Form),
+    Drag,
+    Friction,
+    Line(Line),
+}
+
+impl Cause {
+    pub fn id(self) -> &'static str {
+        match self {
+            Cause::Offset => "offset",
+            Cause::Stiffness(_) => "cubic_stiffness",
+            Cause::Drag => "quadratic_drag",
+            Cause::Friction => "dry_friction",
+            Cause::Line(Line::Mode) => "second_mode",
+            Cause::Line(Line::Tone) => "tone",
+        }
+    }
+
+    fn put(self, structure: &Structure) -> Structure {
+        let mut with = structure.clone();
+        match self {
+            Cause::Offset => with.offset = true,
+            Cause::Stiffness(form) => with.stiffness = Some(form),
+            Cause::Drag => with.drag = true,
+            Cause::Friction => with.friction = true,
+            Cause::Line(line) => with.lines.push(line),
+        }
+        with
+    }
+
+    fn is_in(self, structure: &Structure) -> bool {
+        match self {
+            Cause::Offset => structure.offset,
+            Cause::Stiffness(_) => structure.stiffness.is_some(),
+            Cause::Drag => structure.drag,
+            Cause::Friction => structure.friction,
+            Cause::Line(_) => structure.lines.len() >= MOST_LINES,
+        }
+    }
+}
+
+/// A candidate, fitted.
+#[derive(Clone, Debug)]
+pub struct Tried {
+    pub cause: Cause,
+    pub fit: Fit,
+    /// In the noise of the best candidate.
+    pub statistic: f64,
+    pub degrees: usize,
+    pub surprise: f64,
+    /// Share of the parent's misfit (squares) that it takes away.
+    pub share: f64,
+    /// Why it cannot be the cause although it fits; empty where it can.
+    pub disqualified: String,
+}
+
+#[derive(Clone, Debug)]
+pub struct Chosen {
+    pub cause: Cause,
+    /// Which line it is.
+    pub line: usize,
+    pub statistic: f64,
+    pub degrees: usize,
+    pub tied_with: Vec<String>,
+}
+
+pub struct Selected {
+    pub baseline: Fit,
+    pub fit: Fit,
+    /// Of the final model.
+    pub noise: Noise,
+    pub covariance: DMatrix<f64>,
+    pub causes: Vec<Chosen>,
+    pub evidence: Vec<Evidence>,
+    /// What passes but cannot be the cause, of the last step.
+    pub unnamed: Vec<Tried>,
+}
+
+/// Root mean square of each output's misfit.
+pub fn sizes(misfit: &[f64], decays: &Decays) -> Vec<f64> {
+    let mut sums = vec![0.0; decays.outputs];
+    for (i, series) in misfit.chunks(decays.samples).enumerate() {
+        sums[i % decays.outputs] += series.iter().map(|r| r * r).sum::<f64>();
+    }
+    let count = (decays.samples * decays.bursts) as f64;
+    sums.iter().map(|s| (s / count).sqrt().max(1e-12)).collect()
+}
+
+/// Samples that three swings take.
+fn first_swings(omega: f64) -> usize {
+    (3.0 * TAU / omega.max(1e-6)).ceil().min(1e7) as usize
+}
+
+/// Power of the misfits of all bursts and outputs, each output in its own size.
+fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
+    let sizes = sizes(misfit, decays);
+    let mut sum: Vec<f64> = Vec::new();
+    for (i, series) in misfit.chunks(decays.samples).enumerate() {
+        let mean = series.iter().sum::<f64>() / series.len() as f64;
+        let scaled: Vec<f64> =
+            series.iter().map(|r| (r - mean) / sizes[i % decays.outputs]).collect();
+        let power = spectrum::power(&scaled);
+        if sum.is_empty() {
+            sum = power;
+        } else {
+            sum.iter_mut().zip(power).for_each(|(s, p)| *s += p);
+        }
+    }
+    sum
+}
+
+fn lowest_line(decays: &Decays) -> f64 {
+    TAU * LEAST_PERIODS / decays.samples as f64
+}
+
+/// The damped oscillation that explains most. It is looked for beside an offset, so that it does not
+/// slow down to stand in for one.
+pub fn baseline(decays: &Decays) -> Fit {
+    let plain = Structure::default();
+    let beside = Structure { offset: true, ..Structure::default() };
+    let layout = beside.layout(decays.bursts, decays.outputs);
+    let white = Noise::white(&vec![1.0; decays.outputs]);
+    let resolution = TAU / decays.samples as f64;
+    let power = misfit_power(&decays.y, decays);
+    let mut found: Option<Fit> = None;
+    for omega in spectrum::peaks(&power, lowest_line(decays), 2.0 * resolution, 2) {
+        for turns in [0.5, 4.0] {
+            let mut p = vec![0.0; layout.count];
+            p[OMEGA] = omega;
+            p[SIGMA] = turns / decays.samples as f64;
+            let ways = [
+                fit::follow(decays, &beside, &p, &white, first_swings(omega)),
+                fit::descend(decays, &beside, &p, &white, decays.samples),
+            ];
+            for fit in ways {
+                if found.as_ref().is_none_or(|f| fit.cost < f.cost) {
+                    found = Some(fit);
+                }
+            }
+        }
+    }
+    let p = match found {
+        Some(fit) => plain.carried(&beside, &fit.p, decays),
+        None => {
+            let mut p = vec![0.0; plain.layout(decays.bursts, decays.outputs).count];
+            p[OMEGA] = lowest_line(decays);
+            p
+        }
+    };
+    fit::descend(decays, &plain, &p, &white, decays.samples)
+}
+
+/// Starts of a candidate: its parent's optimum first.
+fn starts(decays: &Decays, parent: &Fit, cause: Cause, misfit: &[f64]) -> Vec<Vec<f64>> {
+    let structure = cause.put(&parent.structure);
+    let warm = structure.carried(&parent.structure, &parent.p, decays);
+    let Cause::Line(line) = cause else { return vec![warm] };
+    let layout = structure.layout(decays.bursts, decays.outputs);
+    let at = layout.lines[layout.lines.len() - 1];
+    let resolution = TAU / decays.samples as f64;
+    let power = misfit_power(misfit, decays);
+    // what is in the model already leaves side lines: look elsewhere, too
+    let known = layout.lines[..layout.lines.len() - 1].iter().map(|l| parent.p[l + 1]);
+    let known: Vec<f64> = known.chain([parent.p[OMEGA]]).collect();
+    let all_tops = spectrum::peaks(&power, lowest_line(decays), 2.0 * resolution, 40);
+    let mut tops: Vec<f64> = all_tops.iter().copied().take(1).collect();
+    let elsewhere = |w: &f64| known.iter().all(|k| (k - w).abs() > 0.05 * k + 2.0 * resolution);
+    tops.extend(all_tops.into_iter().skip(1).filter(elsewhere).take(PEAKS - 1));
+    let sigmas: &[f64] = match line {
+        Line::Mode => &[1.0],
+        Line::Tone => &[0.0],
+    };
+    let rate = parent.p[SIGMA].abs().max(1.0 / decays.samples as f64);
+    let mut all = Vec::new();
+    for omega in tops {
+        for sigma in sigmas {
+            let mut p = warm.clone();
+            (p[at], p[at + 1]) = (sigma * rate, omega);
+            all.push(p);
+        }
+    }
+    all
+}
+
+/// Fits of a candidate, each from its parent's optimum on: of a line one per place and damping, of
+/// any other the better of two (once more from the first swings on).
+pub fn children(
+    decays: &Decays,
+    parent: &Fit,
+    cause: Cause,
+    noise: &Noise,
+    misfit: &[f64],
+) -> Vec<Fit> {
+    let structure = cause.put(&parent.structure);
+    let mut all: Vec<Fit> = starts(decays, parent, cause, misfit)
+        .iter()
+        .map(|start| match cause {
+            Cause::Line(_) => fit::look(decays, &structure, start, noise),
+            _ => fit::descend(decays, &structure, start, noise, decays.samples),
+        })
+        .collect();
+    if matches!(cause, Cause::Stiffness(_) | Cause::Drag | Cause::Friction) {
+        let warm = structure.carried(&parent.structure, &parent.p, decays);
+        let first = first_swings(parent.p[OMEGA]);
+        let followed = fit::follow(decays, &structure, &warm, noise, first);
+        all.retain(|fit| fit.cost <= followed.cost);
+        if all.is_empty() {
+            all.push(followed);
+        }
+    }
+    all
+}
+
+/// Whether a fitted term can be what it is called.
+fn objection(decays: &Decays, fit: &Fit, cause: Cause, covariance: &DMatrix<f64>) -> String {
+    let layout = fit.structure.layout(decays.bursts, decays.outputs);
+    let wrong_sign = "its coefficient has the unphysical sign";
+    let coefficient = match cause {
+        Cause::Drag => layout.drag,
+        Cause::Friction => layout.friction,
+        _ => None,
+    };
+    if coefficient.is_some_and(|at| fit.p[at] <= 0.0) {
+        return wrong_sign.into();
+    }
+    let sd = covariance[(SIGMA, SIGMA)].max(0.0).sqrt();
+    if fit.p[SIGMA] < -3.0 * sd && !matches!(cause, Cause::Offset) {
+        return "the viscous damping beside it would be negative".into();
+    }
+    match cause {
+        Cause::Line(line) => {
+            line_objection(decays, fit, line, fit.structure.lines.len() - 1, covariance)
+        }
+        _ => String::new(),
+    }
+}
+
+fn line_objection(
+    decays: &Decays,
+    fit: &Fit,
+    line: Line,
+    index: usize,
+    covariance: &DMatrix<f64>,
+) -> String {
+    let layout = fit.structure.layout(decays.bursts, decays.outputs);
+    let at = layout.lines[index];
+    let (sigma, omega) = (fit.p[at], fit.p[at + 1]);
+    let own = fit.p[OMEGA];
+    let sd = covariance[(at, at)].max(0.0).sqrt();
+    if line == Line::Mode && (sigma <= 0.0 || fit.p[SIGMA] <= 0.0) {
+        return "one of the two modes would have a negative damping: an alias of a frequency or a \
+                damping that changes with amplitude"
+            .into();
+    }
+    if line == Line::Mode && sigma < 2.0 * sd {
+        return UNDAMPED.into();
+    }
+    let resolution = TAU / decays.samples as f64;
+    if omega < lowest_line(decays) || omega > PI - resolution {
+        return "it is no line of the spectrum".into();
+    }
+    let motion = motion(&fit.structure, &layout, &fit.p);
+    let largest = amplitudes(decays, fit).0;
+    let swept = (motion.frequency_ratio(largest) - 1.0).abs();
+    for multiple in 1..=8 {
+        let m = f64::from(multiple);
+        let off = (omega - m * own).abs();
+        let near = match multiple {
+            1 => resolution.max(sigma.abs() + fit.p[SIGMA].abs()).max(1.3 * swept * own),
+            _ => (0.35 * resolution).max(HARMONIC * m * own).max(1.3 * swept * m * own),
+        };
+        if off < near {
+            return match multiple {
+                1 => "it is too near to the frequency of the ring to be told from it".into(),
+                m => format!("it lies on {m} times the frequency of the ring"),
+            };
+        }
+        // and its mirror image
+        if multiple > 1 && (TAU - omega - m * own).abs() < near {
+            return format!("it lies on {m} times the frequency of the ring, folded");
+        }
+    }
+    for other in layout.lines.iter().take(index) {
+        let off = (omega - fit.p[other + 1]).abs();
+        if off < resolution.max(0.5 * (sigma.abs() + fit.p[*other].abs())) {
+            return "it cannot be told from a line that is in the model".into();
+        }
+    }
+    if sigma * 0.5 > omega {
+        return "it does not oscillate".into();
+    }
+    String::new()
+}
+
+/// Largest and smallest amplitude of the ring in these decays; the smallest not below the noise.
+pub fn amplitudes(decays: &Decays, fit: &Fit) -> (f64, f64) {
+    let plant = Plant::new(decays, &fit.structure, decays.samples);
+    let motion = motion(&fit.structure, &plant.layout, &fit.p);
+    let (mut largest, mut smallest) = (0.0_f64, f64::INFINITY);
+    let mut path = Vec::new();
+    for burst in 0..decays.bursts {
+        let at = plant.layout.starts + 2 * burst;
+        motion.run([fit.p[at], fit.p[at + 1]], decays.samples, &mut path);
+        for [x, u] in &path {
+            let size = x.hypot(*u);
+            largest = largest.max(size);
+            smallest = smallest.min(size);
+        }
+    }
+    let noise = sizes(&fit.misfit(decays), decays)[0];
+    (largest.max(1e-12), smallest.max(noise).max(1e-9).min(largest.max(1e-12)))
+}
+
+fn deviance(misfit: &[f64], decays: &Decays) -> f64 {
+    let count = (decays.samples * decays.bursts) as f64;
+    sizes(misfit, decays).iter().map(|s| 2.0 * count * s.ln()).sum()
+}
+
+/// All candidates about a model. Forms of one cause compete here: the better stays.
+pub fn try_all(decays: &Decays, parent: &Fit) -> (Vec<Tried>, Noise) {
+    let misfit = parent.misfit(decays);
+    let plain = Noise::white(&sizes(&misfit, decays));
+    let all = [
+        Cause::Offset,
+        Cause::Stiffness(Form::Cubic),
+        Cause::Stiffness(Form::Sine),
+        Cause::Drag,
+        Cause::Friction,
+        Cause::Line(Line::Mode),
+        Cause::Line(Line::Tone),
+    ];
+    let samples = decays.y.len() as f64;
+    let before = deviance(&misfit, decays);
+    let mut tried: Vec<(Tried, f64)> = Vec::new();
+    let undamped = |tried: &[(Tried, f64)]| {
+        let mode = tried.iter().find(|(t, _)| t.cause == Cause::Line(Line::Mode));
+        mode.is_none_or(|(t, _)| t.disqualified == UNDAMPED)
+    };
+    for cause in all.into_iter().filter(|c| !c.is_in(&parent.structure)) {
+        if cause == Cause::Line(Line::Tone) && !undamped(&tried) {
+            continue; // it rings down: a mode
+        }
+        for fit in children(decays, parent, cause, &plain, &misfit) {
+            let left = fit.misfit(decays);
+            let after = deviance(&left, decays);
+            let degrees = fit.p.len() - parent.p.len();
+            let share = 1.0 - ((after - before) / samples).exp();
+            let criterion = after + degrees as f64 * samples.ln();
+            let covariance = fit.covariance(decays, &Noise::white(&sizes(&left, decays)));
+            let disqualified = objection(decays, &fit, cause, &covariance);
+            let one =
+                Tried { cause, fit, statistic: 0.0, degrees, surprise: 0.0, share, disqualified };
+            // what can be the cause goes before what cannot
+            let rank = |t: &Tried, criterion: f64| (!t.disqualified.is_empty(), criterion);
+            match tried.iter_mut().find(|(t, _)| t.cause.id() == cause.id()) {
+                Some(known) => {
+                    if rank(&one, criterion) < rank(&known.0, known.1) {
+                        *known = (one, criterion);
+                    }
+                }
+                None => tried.push((one, criterion)),
+            }
+        }
+    }
+    // the noise that is left by what explains most
+    let best = tried
+        .iter()
+        .filter(|(t, _)| t.disqualified.is_empty())
+        .min_by(|p, q| p.1.total_cmp(&q.1))
+        .map(|(t, _)| t.fit.clone())
+        .unwrap_or_else(|| parent.clone());
+    let noise = Noise::of(&best.misfit(decays), decays, best.p.len());
+    let predictable = noise.predictable();
+    let parent_now = fit::descend(decays, &parent.structure, &parent.p, &noise, decays.samples);
+    let mut tried: Vec<Tried> = tried.into_iter().map(|(t, _)| t).collect();
+    for t in &mut tried {
+        let from_own = fit::descend(decays, &t.fit.structure, &t.fit.p, &noise, decays.samples);
+        // nor worse than the parent in this metric
+        let warm = t.fit.structure.carried(&parent_now.structure, &parent_now.p, decays);
+        t.fit = match t.cause {
+            Cause::Line(_) => from_own,
+            _ => {
+                let from_parent =
+                    fit::descend(decays, &t.fit.structure, &warm, &noise, decays.samples);
+                if from_parent.cost < from_own.cost { from_parent } else { from_own }
+            }
+        };
+        t.statistic = (parent_now.cost - t.fit.cost).max(0.0);
+        let lines = match t.cause {
+            Cause::Line(_) => decays.samples as f64 / 2.0,
+            _ => 1.0,
+        };
+        t.surprise = surprise(t.statistic, t.degrees, lines, samples - t.fit.p.len() as f64);
+        let covariance = t.fit.covariance(decays, &noise);
+        t.disqualified = objection(decays, &t.fit, t.cause, &covariance);
+        let little = match t.cause {
+            Cause::Line(_) => t.share < LEAST_SHARE,
+            _ => predictable > COLOURED && t.statistic < LEAST_OF_COLOURED * parent_now.cost,
+        };
+        if t.disqualified.is_empty() && little {
+            t.disqualified = "it is little of what is left".into();
+        }
+    }
+    (tried, noise)
+}
+
+/// Two modes of nearly the ring's own frequency, whatever their damping.
+#[cfg(test)]
+pub fn alias(decays: &Decays, parent: &Fit) -> Tried {
+    let structure = Cause::Line(Line::Mode).put(&parent.structure);
+    let layout = structure.layout(decays.bursts, decays.outputs);
+    let at = layout.lines[layout.lines.len() - 1];
+    let noise = Noise::white(&sizes(&parent.misfit(decays), decays));
+    let mut best: Option<Fit> = None;
+    for (sigma, off) in [(-1.0, 1.5), (-1.0, -1.5), (-3.0, 0.5), (1.0, 1.5), (1.0, -1.5)] {
+        let mut p = structure.carried(&parent.structure, &parent.p, decays);
+        p[at] = sigma * parent.p[SIGMA].abs();
+        p[at + 1] = parent.p[OMEGA] + off * TAU / decays.samples as f64;
+        let fit = fit::descend(decays, &structure, &p, &noise, decays.samples);
+        if best.as_ref().is_none_or(|b| fit.cost < b.cost) {
+            best = Some(fit);
+        }
+    }
+    let fit = best.unwrap();
+    let covariance = fit.covariance(decays, &noise);
+    let cause = Cause::Line(Line::Mode);
+    let disqualified = objection(decays, &fit, cause, &covariance);
+    Tried { cause, fit, statistic: 0.0, degrees: 0, surprise: 0.0, share: 0.0, disqualified }
+}
+
+fn row(t: &Tried, step: u32, samples: f64) -> Evidence {
+    let (mut low, mut high) = (0.0, 2000.0);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        let lines = if matches!(t.cause, Cause::Line(_)) { samples / 2.0 } else { 1.0 };
+        match surprise(middle, t.degrees, lines, f64::INFINITY) > THRESHOLD {
+            true => high = middle,
+            false => low = middle,
+        }
+    }
+    Evidence {
+        step,
+        id: t.cause.id().into(),
+        statistic: t.statistic,
+        threshold: high,
+        p: (-t.surprise).exp(),
+        delta_bic: t.statistic - t.degrees as f64 * samples.ln(),
+        strength_dl: (t.statistic / DETECTION_LIMIT).sqrt(),
+        value: f64::NAN,
+        sd: f64::NAN,
+        tested: true,
+        accepted: false,
+        why_not: match t.disqualified.as_str() {
+            "" => "not significant".into(),
+            why => why.into(),
+        },
+    }
+}
+
+pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
+    stages("fitting one damped oscillation");
+    let baseline = baseline(decays);
+    let samples = decays.y.len() as f64;
+    let mut now = baseline.clone();
+    let mut causes: Vec<Chosen> = Vec::new();
+    let (mut evidence, mut unnamed) = (Vec::new(), Vec::new());
+    for step in 0..=MOST_TERMS as u32 {
+        stages("trying what may be added");
+        let (mut tried, _) = try_all(decays, &now);
+        tried.sort_by(|p, q| q.statistic.total_cmp(&p.statistic));
+        let rows = evidence.len();
+        evidence.extend(tried.iter().map(|t| row(t, step, samples)));
+        unnamed = tried
+            .iter()
+            .filter(|t| t.surprise > THRESHOLD && !t.disqualified.is_empty())
+            .cloned()
+            .collect();
+        let penalised = |t: &Tried| t.statistic - t.degrees as f64 * 2.0;
+        let able = |t: &&Tried| t.disqualified.is_empty() && t.surprise > THRESHOLD;
+        let mut rivals: Vec<&Tried> = tried.iter().filter(able).collect();
+        rivals.sort_by(|p, q| penalised(q).total_cmp(&penalised(p)));
+        let Some(best) = rivals.first().filter(|_| (step as usize) < MOST_TERMS) else { break };
+        let tied = rivals[1..].iter().filter(|t| penalised(best) - penalised(t) < TIE);
+        let tied_with: Vec<String> = tied.map(|t| t.cause.id().to_owned()).collect();
+        for e in &mut evidence[rows..] {
+            if e.id == best.cause.id() {
+                e.accepted = true;
+                e.why_not = String::new();
+            } else if rivals.iter().any(|r| r.cause.id() == e.id) {
+                e.why_not = "another cause explains more".into();
+            }
+        }
+        causes.push(Chosen {
+            cause: best.cause,
+            line: best.fit.structure.lines.len().max(1) - 1,
+            statistic: best.statistic,
+            degrees: best.degrees,
+            tied_with,
+        });
+        let newcomer = best.cause;
+        let lines_before = now.structure.lines.len();
+        now = best.fit.clone();
+        let there = causes.len();
+        eliminate(decays, &mut now, &mut causes);
+        if causes.len() < there && !causes.iter().any(|c| c.cause == newcomer) {
+            break; // it would come and go for ever
+        }
+        let lines = now.structure.lines.len();
+        if matches!(newcomer, Cause::Line(_)) && lines <= lines_before {
+            break;
+        }
+    }
+    stages("measuring the causes");
+    let noise = Noise::of(&now.misfit(decays), decays, now.p.len());
+    let fit = fit::descend(decays, &now.structure, &now.p, &noise, decays.samples);
+    let covariance = fit.covariance(decays, &noise);
+    Selected { baseline, fit, noise, covariance, causes, evidence, unnamed }
+}
+
+/// The structure and parameters without one cause.
+fn without(decays: &Decays, fit: &Fit, chosen: &Chosen) -> (Structure, Vec<f64>) {
+    let mut structure = fit.structure.clone();
+    match chosen.cause {
+        Cause::Offset => structure.offset = false,
+        Cause::Stiffness(_) => structure.stiffness = None,
+        Cause::Drag => structure.drag = false,
+        Cause::Friction => structure.friction = false,
+        Cause::Line(_) => {
+            // the line goes last, then away
+            let layout = structure.layout(decays.bursts, decays.outputs);
+            let (mut lines, mut p) = (Vec::new(), fit.p[..layout.lines[0]].to_vec());
+            for (i, at) in layout.lines.iter().enumerate().filter(|(i, _)| *i != chosen.line) {
+                let end = layout.lines.get(i + 1).copied().unwrap_or(layout.count);
+                p.extend_from_slice(&fit.p[*at..end]);
+                lines.push(structure.lines[i]);
+            }
+            structure.lines = lines;
+            return (structure, p);
+        }
+    }
+    let p = structure.carried(&fit.structure, &fit.p, decays);
+    (structure, p)
+}
+
+/// What the newcomer makes superfluous, or gives the wrong sign, goes again.
+fn eliminate(decays: &Decays, now: &mut Fit, causes: &mut Vec<Chosen>) {
+    loop {
+        let noise = Noise::of(&now.misfit(decays), decays, now.p.len());
+        *now = fit::descend(decays, &now.structure, &now.p, &noise, decays.samples);
+        let covariance = now.covariance(decays, &noise);
+        let mut weakest: Option<(usize, Fit, f64)> = None;
+        for (i, chosen) in causes.iter_mut().enumerate() {
+            let (structure, p) = without(decays, now, chosen);
+            let parent = fit::descend(decays, &structure, &p, &noise, decays.samples);
+            chosen.statistic = (parent.cost - now.cost).max(0.0);
+            let lines = match chosen.cause {
+                Cause::Line(_) => decays.samples as f64 / 2.0,
+                _ => 1.0,
+            };
+            let objection = match chosen.cause {
+                Cause::Line(line) => line_objection(decays, now, line, chosen.line, &covariance),
+                cause => objection(decays, now, cause, &covariance),
+            };
+            let free = decays.y.len() as f64 - now.p.len() as f64;
+            let mut surprise = surprise(chosen.statistic, chosen.degrees, lines, free);
+            if !objection.is_empty() {
+                surprise = 0.0;
+            }
+            if surprise <= THRESHOLD && weakest.as_ref().is_none_or(|w| surprise < w.2) {
+                weakest = Some((i, parent, surprise));
+            }
+        }
+        // the newest was judged just now: it goes only where it has become unphysical itself
+        let Some((i, parent, _)) = weakest.filter(|_| causes.len() > 1) else { return };
+        let gone = causes.remove(i);
+        if let Cause::Line(_) = gone.cause {
+            for other in causes.iter_mut() {
+                if matches!(other.cause, Cause::Line(_)) && other.line > gone.line {
+                    other.line -= 1;
+                }
+            }
+        }
+        *now = parent;
+    }
+}

@@ -1,0 +1,85 @@
+//! Where the power of a series lies.
+
+use std::f64::consts::PI;
+
+/// Radix two, in place.
+fn transform(re: &mut [f64], im: &mut [f64]) {
+    let n = re.len();
+    let mut j = 0;
+    for i in 1..n {
+        let mut bit = n >> 1;
+        while j & bit != 0 {
+            j ^= bit;
+            bit >>= 1;
+        }
+        j |= bit;
+        if i < j {
+            re.swap(i, j);
+            im.swap(i, j);
+        }
+    }
+    let mut length = 2;
+    while length <= n {
+        let (sin, cos) = (-2.0 * PI / length as f64).sin_cos();
+        for start in (0..n).step_by(length) {
+            let (mut c, mut s) = (1.0, 0.0);
+            for a in start..start + length / 2 {
+                let b = a + length / 2;
+                let (x, y) = (re[b] * c - im[b] * s, re[b] * s + im[b] * c);
+                (re[b], im[b]) = (re[a] - x, im[a] - y);
+                (re[a], im[a]) = (re[a] + x, im[a] + y);
+                (c, s) = (c * cos - s * sin, s * cos + c * sin);
+            }
+        }
+        length *= 2;
+    }
+}
+
+/// Periodogram |sum y e^{-i omega k}|^2 / n at omega = pi j / (length), j = 0 .. length, where length is
+/// at least twice the number of samples (the spectrum is interpolated).
+pub fn power(y: &[f64]) -> Vec<f64> {
+    let length = (4 * y.len()).next_power_of_two();
+    let (mut re, mut im) = (y.to_vec(), vec![0.0; length]);
+    re.resize(length, 0.0);
+    transform(&mut re, &mut im);
+    let half = length / 2;
+    (0..=half).map(|j| (re[j] * re[j] + im[j] * im[j]) / y.len() as f64).collect()
+}
+
+/// The highest peaks, as frequencies in radians per sample, from `lowest` on; each `apart` at least
+/// from those before.
+pub fn peaks(power: &[f64], lowest: f64, apart: f64, count: usize) -> Vec<f64> {
+    let step = PI / (power.len() - 1) as f64;
+    let mut order: Vec<usize> = (1..power.len() - 1)
+        .filter(|&j| {
+            power[j] >= power[j - 1] && power[j] > power[j + 1] && j as f64 * step >= lowest
+        })
+        .collect();
+    order.sort_by(|p, q| power[*q].total_cmp(&power[*p]));
+    let mut found: Vec<f64> = Vec::new();
+    for j in order {
+        let omega = j as f64 * step;
+        if found.iter().all(|f| (f - omega).abs() >= apart) {
+            found.push(omega);
+        }
+        if found.len() >= count {
+            break;
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cosine_peaks_at_its_frequency_with_a_quarter_of_its_square_per_sample() {
+        let y: Vec<f64> = (0..300).map(|k| 2.0 * (0.7 * f64::from(k) + 0.3).cos()).collect();
+        let power = power(&y);
+        let omega = peaks(&power, 0.05, 0.05, 1)[0];
+        assert!((omega - 0.7).abs() < 2e-3, "{omega}");
+        let top = power.iter().copied().fold(0.0, f64::max);
+        assert!((top / 300.0 - 1.0).abs() < 0.02);
+    }
+}

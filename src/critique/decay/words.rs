@@ -1,0 +1,195 @@
+//! The findings of a decay in the catalogue's parameters, and the extended equation.
+
+use super::fit::Fit;
+use super::motion::Form;
+use super::plant::{Decays, OMEGA, SIGMA, motion};
+use super::selection::{self, Cause, Chosen, Selected};
+use crate::critique::catalogue::entry_of;
+use crate::critique::finding;
+use crate::critique::selection::DETECTION_LIMIT;
+use std::f64::consts::TAU;
+use std::fmt::Write;
+
+/// Of a cause as the catalogue wants it, with its standard deviation.
+fn value(decays: &Decays, selected: &Selected, chosen: &Chosen) -> (f64, f64) {
+    let fit = &selected.fit;
+    let layout = fit.structure.layout(decays.bursts, decays.outputs);
+    let (largest, smallest) = selection::amplitudes(decays, fit);
+    let output = largest_offset(decays, fit);
+    let of = |p: &[f64]| -> f64 {
+        let motion = motion(&fit.structure, &layout, p);
+        match chosen.cause {
+            Cause::Offset => layout.offset.map_or(0.0, |at| p[at + output] * decays.scale[output]),
+            Cause::Stiffness(_) => motion.frequency_ratio(largest) - 1.0,
+            Cause::Drag | Cause::Friction => {
+                let small = motion.damping_at(smallest);
+                motion.damping_at(largest)
+                    / small.abs().max(1e-4 * motion.damping_at(largest).abs())
+                    - 1.0
+            }
+            Cause::Line(_) => p[layout.lines[chosen.line] + 1] / (TAU * decays.dt_s),
+        }
+    };
+    let mut gradient = vec![0.0; fit.p.len()];
+    for (j, g) in gradient.iter_mut().enumerate() {
+        let h = 0.01 * selected.covariance[(j, j)].max(0.0).sqrt();
+        if h > 0.0 && h.is_finite() {
+            let (mut up, mut down) = (fit.p.clone(), fit.p.clone());
+            up[j] += h;
+            down[j] -= h;
+            *g = (of(&up) - of(&down)) / (2.0 * h);
+        }
+    }
+    let gradient = nalgebra::DVector::from_vec(gradient);
+    let variance = gradient.dot(&(&selected.covariance * &gradient));
+    (of(&fit.p), variance.max(0.0).sqrt())
+}
+
+/// The output whose offset is the largest, in counts.
+fn largest_offset(decays: &Decays, fit: &Fit) -> usize {
+    let layout = fit.structure.layout(decays.bursts, decays.outputs);
+    let size = |o: usize| layout.offset.map_or(0.0, |at| (fit.p[at + o] * decays.scale[o]).abs());
+    (0..decays.outputs).max_by(|p, q| size(*p).total_cmp(&size(*q))).unwrap_or(0)
+}
+
+/// The causes, lines of one kind together (the strongest speaks), and what is to be said beside them.
+pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<finding::Cause>, Vec<String>) {
+    let mut found: Vec<finding::Cause> = Vec::new();
+    let mut remarks = Vec::new();
+    let samples = decays.y.len() as f64;
+    let mut order: Vec<&Chosen> = selected.causes.iter().collect();
+    order.sort_by(|p, q| q.statistic.total_cmp(&p.statistic));
+    for chosen in order {
+        let (value, sd) = value(decays, selected, chosen);
+        let entry = entry_of(chosen.cause.id());
+        if found.iter().any(|c| c.id == entry.id) {
+            remarks.push(format!(
+                "one more {}: {} = {value:.5} {}",
+                entry.id, entry.parameter, entry.unit
+            ));
+            continue;
+        }
+        let mut cause = finding::Cause {
+            id: entry.id.into(),
+            parameter: entry.parameter.into(),
+            unit: entry.unit.into(),
+            value,
+            ci95: [value - 1.96 * sd, value + 1.96 * sd],
+            strength_dl: (chosen.statistic / DETECTION_LIMIT).sqrt(),
+            delta_bic: chosen.statistic - chosen.degrees as f64 * samples.ln(),
+            tied_with: chosen.tied_with.clone(),
+            matters_for_detection: false,
+            explains: None,
+            sentence: String::new(),
+        };
+        cause.sentence = sentence(&cause);
+        if chosen.cause == Cause::Offset && decays.outputs > 1 {
+            let layout = selected.fit.structure.layout(decays.bursts, decays.outputs);
+            let each: Vec<String> = (0..decays.outputs)
+                .filter_map(|o| {
+                    let offset = selected.fit.p[layout.offset? + o] * decays.scale[o];
+                    Some(format!("{offset:.4} on channel {}", decays.channels[o]))
+                })
+                .collect();
+            remarks.push(format!("offsets, counts: {}", each.join(", ")));
+        }
+        if let Cause::Stiffness(form) = chosen.cause {
+            let what = match form {
+                Form::Cubic => "x + k x^3 fits the spring better than a pendulum's sine",
+                Form::Sine => "a sine (a pendulum's torque) fits the spring better than x + k x^3",
+            };
+            remarks.push(what.into());
+        }
+        found.push(cause);
+    }
+    (found, remarks)
+}
+
+/// Five significant digits, whatever the size.
+fn digits(x: f64) -> String {
+    match x.abs() {
+        a if a == 0.0 || (1e-3..1e5).contains(&a) => {
+            let places = (4 - a.max(1e-9).log10().floor() as i32).clamp(0, 8) as usize;
+            format!("{x:.places$}")
+        }
+        _ => format!("{x:.4e}"),
+    }
+}
+
+pub fn sentence(cause: &finding::Cause) -> String {
+    let words = match cause.id.as_str() {
+        "quadratic_drag" => "damping grows with amplitude: drag that grows with speed squared",
+        "offset" => "the sensor has an offset: what it shows at rest is not zero",
+        "tone" => "an undamped line is added: an interference from outside",
+        id => entry_of(id).words,
+    };
+    let unit = if cause.unit == "1" { String::new() } else { format!(" {}", cause.unit) };
+    let [low, high] = cause.ci95;
+    format!(
+        "{words}: {} = {}{unit} ({} to {})",
+        cause.parameter,
+        digits(cause.value),
+        digits(low),
+        digits(high)
+    )
+}
+
+/// The model with its numbers, in counts and seconds.
+pub fn equation(decays: &Decays, fit: &Fit) -> String {
+    let layout = fit.structure.layout(decays.bursts, decays.outputs);
+    let motion = motion(&fit.structure, &layout, &fit.p);
+    let (dt, scale) = (decays.dt_s, decays.scale[0]);
+    let mut text = String::from("x'' = -2 s x' - w^2 ");
+    let mut numbers = format!(
+        "s = {} 1/s, w = {} rad/s ({} Hz)",
+        digits(fit.p[SIGMA] / dt),
+        digits(fit.p[OMEGA] / dt),
+        digits(fit.p[OMEGA] / (TAU * dt))
+    );
+    // writing to a String cannot fail
+    let mut number = |name: &str, value: f64, unit: &str| {
+        let _ = write!(numbers, ", {name} = {} {unit}", digits(value));
+    };
+    let k = motion.stiffness / (scale * scale);
+    match fit.structure.stiffness {
+        None => text += "x",
+        Some(Form::Sine) if k < 0.0 => {
+            text += "sin(c x)/c";
+            number("c", (-6.0 * k).sqrt(), "1/count");
+        }
+        Some(Form::Sine) => {
+            text += "sinh(c x)/c";
+            number("c", (6.0 * k).sqrt(), "1/count");
+        }
+        Some(Form::Cubic) => {
+            text += "(x + k x^3)";
+            number("k", k, "1/count^2");
+        }
+    }
+    if fit.structure.drag {
+        text += " - d |x'| x'";
+        number("d", motion.drag / scale, "1/count");
+    }
+    if fit.structure.friction {
+        text += " - m sign(x')";
+        number("m", motion.stick * fit.p[OMEGA].powi(2) * scale / (dt * dt), "counts/s^2");
+    }
+    text += if decays.outputs > 1 { "\ny_j = g_j x + h_j x'" } else { "\ny = x" };
+    if let Some(at) = layout.offset {
+        text += if decays.outputs > 1 { " + b_j" } else { " + b" };
+        for o in 0..decays.outputs {
+            let name = match decays.outputs {
+                1 => "b".to_owned(),
+                _ => format!("b_{}", decays.channels[o]),
+            };
+            number(&name, fit.p[at + o] * decays.scale[o], "counts");
+        }
+    }
+    for (i, at) in layout.lines.iter().enumerate() {
+        let n = i + 2;
+        let _ = write!(text, " + e^(-s{n} t) (p{n} cos w{n} t + q{n} sin w{n} t)");
+        number(&format!("s{n}"), fit.p[*at] / dt, "1/s");
+        number(&format!("w{n}"), fit.p[at + 1] / dt, "rad/s");
+    }
+    format!("{text} + e\n{numbers}")
+}
