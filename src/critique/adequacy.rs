@@ -13,7 +13,7 @@ use super::selection::{Selected, Setting, THRESHOLD};
 /// Parameters in words.
 const PARAMETERS: [&str; 5] = ["damping", "frequency", "amplitude", "phase", "slow decay"];
 /// Of what the named causes explain, this share may be left: no model of a cause is exact.
-const SHARE_ALLOWED: f64 = 0.15;
+const SHARE_ALLOWED: f64 = 0.05;
 /// An omnibus test must be more surprising than a candidate: it has no mechanism behind it.
 const MARGIN: f64 = 1.5;
 
@@ -63,6 +63,11 @@ pub fn check(
             left.significant.push(format!("something like {} ({})", s.applied.id, s.disqualified));
             unexplained = unexplained.max(s.statistic);
         }
+    }
+    // several shapes in the mean that leave another one are as good as any curve: they name nothing
+    let shapes = selected.causes.iter().filter(|c| which(&c.scored.applied).is_none()).count();
+    if shapes >= 2 && !left.significant.is_empty() {
+        left.share_allowed = 0.0;
     }
     left.share = unexplained / (unexplained + explained).max(1e-300);
     left

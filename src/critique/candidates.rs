@@ -23,6 +23,8 @@ const CLOCK: [f64; ALL] = [1.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 /// signal it is no line.
 const LEAST_MODE: f64 = 0.3;
 pub const LEAST_PERIODS: f64 = 1.5;
+/// A line so near a multiple of the ring's frequency is no line of its own, relative to that frequency.
+const NEAR: f64 = 0.1;
 
 /// A cause as it enters the model.
 #[derive(Clone, Debug)]
@@ -509,10 +511,13 @@ impl<'a> Bench<'a> {
                     || (2..=4).any(|m| (omega - f64::from(m) * own).abs() < 0.6 * resolution));
             // nor is every second sample's own gain, which mirrors the ring at half the sampling rate
             let mirror = PI * n as f64 - own;
-            let mode = mode || pattern == 1 && (omega - mirror).abs() < near;
+            // what is at a multiple of its own frequency, or at its mirror, is the ring's own doing
+            let order = (omega / own).round().max(1.0);
+            let multiple = (omega - order * own).abs() < NEAR * own;
+            let mirrored = (omega - mirror).abs() < near.min(NEAR * own).max(resolution);
             // so is a tone at its own frequency: anything that changes the ring looks like one
             let own = (omega - own).abs() < 1.2 * resolution;
-            mode || own || self.avoid.iter().any(|w| (omega - w).abs() < 1.5 * resolution)
+            mode || own || multiple || mirrored || self.avoid.iter().any(|w| (omega - w).abs() < 1.5 * resolution)
         };
         let most = PI * n as f64 * 0.97;
         let (mut best, mut best_banned) = ((0.0, 0.0, 0.0), 0.0_f64);
@@ -558,7 +563,7 @@ impl<'a> Bench<'a> {
             sd / TAU / self.length_s,
         );
         scored.applied.damping = gamma;
-        if banned(omega, gamma) || best_banned > scored.statistic + 10.0 {
+        if near.is_none() && banned(omega, gamma) || best_banned > scored.statistic + 10.0 {
             scored.disqualified =
                 "its line lies at the model's own frequency or a multiple of it".into();
         }
@@ -577,10 +582,14 @@ impl<'a> Bench<'a> {
         }
         let direction = Direction::covariate(self.samples, which, v);
         let tested = self.covariates.test(std::slice::from_ref(&direction))?;
-        let (value, sd) = (tested.coefficients[0] * unit, tested.covariance[(0, 0)].sqrt() * unit);
+        let statistic = self.against_rest(which, tested.statistic);
+        // the scatter that the test is made against holds the effect itself
+        let narrower = (tested.statistic / statistic.max(1e-12)).sqrt().min(1.0);
+        let sd = tested.covariance[(0, 0)].sqrt() * unit * narrower;
+        let value = tested.coefficients[0] * unit;
         Some(Scored {
-            surprise: surprise(tested.statistic, 1, 1.0, self.dof(which == POSITION)),
-            statistic: tested.statistic,
+            surprise: surprise(statistic, 1, 1.0, self.dof(which == POSITION)),
+            statistic,
             degrees: 1,
             tried: 1.0,
             value,
@@ -626,12 +635,18 @@ impl<'a> Bench<'a> {
             v.iter().map(|v| Direction::covariate(n, which, *v)).collect();
         if let Some(tested) = self.covariates.test(&directions) {
             best.value = tested.coefficients[0] * unit;
-            best.sd = tested.covariance[(0, 0)].sqrt() * unit;
             let dof = self.dof(which == POSITION);
-            let together = surprise(tested.statistic, directions.len(), 2.0, dof);
+            let statistic = self.against_rest(which, tested.statistic);
+            let narrower = (tested.statistic / statistic.max(1e-12)).sqrt().min(1.0);
+            best.sd = tested.covariance[(0, 0)].sqrt() * unit * narrower;
+            // of few channels, four coefficients at once say nothing
+            let together = match which == POSITION {
+                true => 0.0,
+                false => surprise(statistic, directions.len(), 2.0, dof),
+            };
             if together > best.surprise {
                 best.surprise = together;
-                best.statistic = tested.statistic;
+                best.statistic = statistic;
             }
             if best.value.abs() < LEAST_OWN * best.sd {
                 best.disqualified = "what follows is the acquisition state alone".into();
@@ -642,6 +657,17 @@ impl<'a> Bench<'a> {
             best.applied.kind = Kind::Covariate { which, v };
         }
         Some(best)
+    }
+
+    /// The scatter of few channels was estimated with what follows their position still in it: of n
+    /// channels the statistic is n R², which becomes t² = dof R²/(1 - R²).
+    fn against_rest(&self, which: usize, statistic: f64) -> f64 {
+        if which != POSITION {
+            return statistic;
+        }
+        let n = (self.units as f64 - 1.0).max(1.0);
+        let explained = (statistic / n).min(0.999);
+        (self.dof(true) * explained / (1.0 - explained)).max(statistic)
     }
 
     /// d theta where all losses grow by a share, the acquisition state being what it was.
@@ -726,7 +752,8 @@ impl<'a> Bench<'a> {
                 let direction = Direction::covariate(self.samples, which, v);
                 if let Some(tested) = self.covariates.test(&[direction]) {
                     let dof = self.dof(which == POSITION);
-                    all.push((which, j, surprise(tested.statistic, 1, 1.0, dof)));
+                    let statistic = self.against_rest(which, tested.statistic);
+                    all.push((which, j, surprise(statistic, 1, 1.0, dof)));
                 }
             }
         }

@@ -6,6 +6,7 @@ use super::codes;
 use super::covariates::Covariates;
 use super::ensemble;
 use super::figures;
+use super::jitter;
 use super::finding::{Cause, Critique, Evidence, Misfit, NotTestable, Signals, VERSION, Verdict};
 use super::gain;
 use super::model::{Model, Unfit};
@@ -17,6 +18,8 @@ use thiserror::Error;
 /// Signals that a critique needs at least, and samples of each.
 const FEWEST_SIGNALS: usize = 8;
 const FEWEST_SAMPLES: usize = 16;
+/// Times that the correlation of the noise is estimated anew.
+const MOST_WHITENINGS: usize = 4;
 /// Longer signals are judged by their first samples.
 pub const MOST_SAMPLES: usize = 512;
 
@@ -85,13 +88,29 @@ pub fn critique(
     let mut of_noise = ensemble::test(&data, &beside, &baseline);
     let mut data = data;
     if let Some(rho) = accepted(&of_noise, "correlated_noise") {
-        // what is white again can be judged by the same tests
-        data = data.whitened(rho.clamp(-0.97, 0.97));
-        baseline =
-            Model::start(&data, &beside, real).map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
-        baseline.fit(&data, &beside, 2);
-        let again = ensemble::test(&data, &beside, &baseline);
+        let coloured = data;
+        let mut total = rho;
+        let mut round = 0;
+        // what is white again can be judged by the same tests; what is left of rho tells how far off it was
+        let again = loop {
+            total = total.clamp(-0.97, 0.97);
+            data = coloured.whitened(total);
+            baseline =
+                Model::start(&data, &beside, real).map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
+            baseline.fit(&data, &beside, 2);
+            let again = ensemble::test(&data, &beside, &baseline);
+            round += 1;
+            let more = again.iter().find(|f| f.evidence.id == "correlated_noise");
+            let more = more.map_or(0.0, |f| f.evidence.value);
+            if round >= MOST_WHITENINGS || !(more.abs() > 0.01) {
+                break again;
+            }
+            total += more;
+        };
         of_noise.retain(|f| f.evidence.id == "correlated_noise");
+        for f in &mut of_noise {
+            f.evidence.value = total;
+        }
         of_noise.extend(again.into_iter().filter(|f| f.evidence.id != "correlated_noise"));
     }
     let length_s = data.dt_s * data.samples as f64;
@@ -113,7 +132,7 @@ pub fn critique(
         );
     }
     // a shift in time is told from drifts once these are in the model
-    of_noise.push(ensemble::jitter(&selected.model, &data, &beside));
+    of_noise.push(jitter::jitter(&selected.model, &data, &beside));
 
     stages("checking what is left");
     let left = adequacy::check(&selected, &data, &beside, &of_noise, &avoid);

@@ -360,21 +360,32 @@ pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -
 }
 
 /// No model of a cause is exact: what is found beside one that explains so much more is what that one
-/// leaves, and no cause of its own. Of what follows the same covariate, more so.
+/// leaves, and no cause of its own. Of what follows the same covariate, or the amplitude, more so.
 const LEFTOVER: f64 = 0.03;
-const LEFTOVER_OF_COVARIATE: f64 = 0.1;
+const LEFTOVER_OF_RELATED: f64 = 0.1;
 
 fn beyond_leftovers(chosen: &[Chosen]) -> Vec<bool> {
     let which = |c: &Chosen| match c.scored.applied.kind {
         Kind::Covariate { which, .. } => Some(which),
-        _ => None,
+        Kind::Tail => Some(super::covariates::IDLE),
+        Kind::Shapes => None,
+    };
+    let with_amplitude = |c: &Chosen| {
+        matches!(c.scored.applied.id, "quadratic_drag" | "dry_friction" | "cubic_stiffness")
     };
     chosen
         .iter()
         .map(|cause| {
             chosen.iter().all(|other| {
-                let same = which(cause).is_some() && which(cause) == which(other);
-                let share = if same { LEFTOVER_OF_COVARIATE } else { LEFTOVER };
+                let of_shapes = which(cause).is_none() && which(other).is_none();
+                let related = which(cause).is_some() && which(cause) == which(other)
+                    || with_amplitude(cause) && with_amplitude(other);
+                let share = match (related, of_shapes) {
+                    (true, _) => LEFTOVER_OF_RELATED,
+                    (false, true) => LEFTOVER,
+                    // what one leaves in the mean follows no covariate, nor the reverse
+                    (false, false) => 0.0,
+                };
                 cause.statistic >= share * other.statistic
             })
         })
