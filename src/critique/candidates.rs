@@ -260,6 +260,9 @@ impl<'a> Bench<'a> {
     fn fixed(&self, id: &'static str, direction: Direction, unit: f64) -> Option<Scored> {
         let tested = self.shapes.test(std::slice::from_ref(&direction))?;
         let value = tested.coefficients[0];
+        if !value.is_finite() || !tested.statistic.is_finite() {
+            return None;
+        }
         Some(Scored {
             surprise: surprise(tested.statistic, 1, 1.0, f64::INFINITY),
             statistic: tested.statistic,
@@ -314,6 +317,9 @@ impl<'a> Bench<'a> {
                 .into_iter()
                 .map(|e| (gain(e), e))
                 .fold((f64::NEG_INFINITY, strength), |b, t| if t.0 > b.0 { t } else { b });
+            if best.1 == 0.0 || !best.0.is_finite() {
+                return None;
+            }
             let sign = best.1.signum();
             let reach = if near.is_some() { 0.35 } else { 1.1 };
             let ln = maximum(|x| gain(sign * x.exp().min(most)), best.1.abs().ln(), reach);
@@ -636,17 +642,17 @@ impl<'a> Bench<'a> {
         if let Some(tested) = self.covariates.test(&directions) {
             best.value = tested.coefficients[0] * unit;
             let dof = self.dof(which == POSITION);
-            let statistic = self.against_rest(which, tested.statistic);
-            let narrower = (tested.statistic / statistic.max(1e-12)).sqrt().min(1.0);
-            best.sd = tested.covariance[(0, 0)].sqrt() * unit * narrower;
-            // of few channels, four coefficients at once say nothing
-            let together = match which == POSITION {
-                true => 0.0,
-                false => surprise(statistic, directions.len(), 2.0, dof),
-            };
-            if together > best.surprise {
+            best.sd = tested.covariance[(0, 0)].sqrt() * unit;
+            let together = surprise(tested.statistic, directions.len(), 2.0, dof);
+            if which == POSITION {
+                // of few channels, four coefficients at once say nothing: the frequency's alone
+                let own = (best.value / best.sd).powi(2);
+                best.statistic = self.against_rest(which, own);
+                best.surprise = surprise(best.statistic, 1, 1.0, dof);
+                best.sd *= (own / best.statistic.max(1e-12)).sqrt().min(1.0);
+            } else if together > best.surprise {
                 best.surprise = together;
-                best.statistic = statistic;
+                best.statistic = tested.statistic;
             }
             if best.value.abs() < LEAST_OWN * best.sd {
                 best.disqualified = "what follows is the acquisition state alone".into();

@@ -84,7 +84,7 @@ fn lattice(data: &Observations, model: &mut Model, histogram: &BTreeMap<i64, u64
     }
     // the stretch about the middle where codes are met often
     let (mut low, mut high, mut run) = (0, 0, 0_u64);
-    let from = total / 20;
+    let from = total / 50;
     for (&code, &n) in histogram {
         if run < from {
             low = code;
@@ -95,7 +95,7 @@ fn lattice(data: &Observations, model: &mut Model, histogram: &BTreeMap<i64, u64
         }
     }
     let met: Vec<i64> = histogram.range(low..=high).map(|(&code, _)| code).collect();
-    if met.len() < 8 {
+    if met.len() < 5 {
         return found("coarse_lsb", 0.0, 0.0, f64::NAN, f64::NAN, None);
     }
     let codes = ((met[met.len() - 1] - met[0]) as f64).max(1.0);

@@ -19,7 +19,7 @@ use thiserror::Error;
 const FEWEST_SIGNALS: usize = 8;
 const FEWEST_SAMPLES: usize = 16;
 /// Times that the correlation of the noise is estimated anew.
-const MOST_WHITENINGS: usize = 4;
+const MOST_WHITENINGS: usize = 8;
 /// Longer signals are judged by their first samples.
 pub const MOST_SAMPLES: usize = 512;
 

@@ -377,13 +377,13 @@ fn beyond_leftovers(chosen: &[Chosen]) -> Vec<bool> {
         .iter()
         .map(|cause| {
             chosen.iter().all(|other| {
-                let of_shapes = which(cause).is_none() && which(other).is_none();
+                let of_shapes = which(cause).is_none() == which(other).is_none();
                 let related = which(cause).is_some() && which(cause) == which(other)
                     || with_amplitude(cause) && with_amplitude(other);
                 let share = match (related, of_shapes) {
                     (true, _) => LEFTOVER_OF_RELATED,
                     (false, true) => LEFTOVER,
-                    // what one leaves in the mean follows no covariate, nor the reverse
+                    // what a shape leaves in the mean follows no covariate, nor the reverse
                     (false, false) => 0.0,
                 };
                 cause.statistic >= share * other.statistic
