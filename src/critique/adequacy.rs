@@ -4,6 +4,7 @@
 //! misfit it is.
 
 use super::candidates::Applied;
+use super::catalogue::same_class;
 use super::covariates::{Covariates, DRIVE, NAMES};
 use super::engine::Found;
 use super::finding::Cause;
@@ -67,7 +68,10 @@ pub fn check(
         }
     }
     for s in &selected.unnamed {
-        if s.surprise > THRESHOLD + MARGIN {
+        // a relative of what was named, with the wrong sign, is what that one's model leaves
+        let relative =
+            selected.causes.iter().any(|c| same_class(c.scored.applied.id, s.applied.id));
+        if s.surprise > THRESHOLD + MARGIN && !relative {
             left.significant.push(format!("something like {} ({})", s.applied.id, s.disqualified));
             unexplained = unexplained.max(s.statistic);
         }

@@ -551,7 +551,8 @@ impl<'a> Bench<'a> {
             if gamma > 0.0 {
                 gamma = maximum(|x| test(omega, x.exp()), gamma.ln(), 0.4)
                     .exp()
-                    .clamp(0.1 * self.seen.sigma, 6.0 * self.seen.sigma);
+                    .max(0.1 * self.seen.sigma)
+                    .min(6.0 * self.seen.sigma);
             }
         }
         let directions = columns(omega, gamma);
@@ -569,6 +570,24 @@ impl<'a> Bench<'a> {
             sd / TAU / self.length_s,
         );
         scored.applied.damping = gamma;
+        // so near to the ring a mode cannot be told from it; what fits as well as one is no tone
+        let close = 1.2 * resolution + 3.0 * self.seen.sigma;
+        if pattern == 0 && near.is_none() && (omega - own).abs() < close && self.beside.drive_scan {
+            let as_mode = [0.4, 1.0, 2.0].map(|share| {
+                let column = |phase: f64| {
+                    let y = (0..n).map(|k| {
+                        let t = k as f64 / n as f64;
+                        (-share * self.seen.sigma * t).exp() * (omega * t + phase).cos()
+                    });
+                    self.pattern(1, y.collect())
+                };
+                let columns = [column(0.0), column(-PI / 2.0)];
+                self.shapes.test(&columns).map_or(0.0, |t| t.statistic)
+            });
+            if as_mode.iter().any(|s| *s > scored.statistic - 3.0) {
+                scored.disqualified = "it may be a mode near the ring's own".into();
+            }
+        }
         if near.is_none() && banned(omega, gamma) || best_banned > scored.statistic + 10.0 {
             scored.disqualified =
                 "its line lies at the model's own frequency or a multiple of it".into();
@@ -668,7 +687,8 @@ impl<'a> Bench<'a> {
     /// The scatter of few channels was estimated with what follows their position still in it: of n
     /// channels the statistic is n R², which becomes t² = dof R²/(1 - R²).
     fn against_rest(&self, which: usize, statistic: f64) -> f64 {
-        if which != POSITION {
+        // in the model, it is no part of the scatter any more
+        if which != POSITION || self.model.beta[POSITION].iter().any(|b| *b != 0.0) {
             return statistic;
         }
         let n = (self.units as f64 - 1.0).max(1.0);
@@ -752,13 +772,22 @@ impl<'a> Bench<'a> {
             if !self.beside.present[which] {
                 continue;
             }
-            for j in 0..ALL - 1 {
-                let mut v = [0.0; ALL];
-                v[j] = 1.0;
-                let direction = Direction::covariate(self.samples, which, v);
+            let dof = self.dof(which == POSITION);
+            let each: Vec<Direction> = (0..ALL - 1)
+                .map(|j| {
+                    let mut v = [0.0; ALL];
+                    v[j] = 1.0;
+                    Direction::covariate(self.samples, which, v)
+                })
+                .collect();
+            // alone, and with the others free: what moves two together is in their common scatter
+            let together = self.covariates.test(&each);
+            for (j, direction) in each.into_iter().enumerate() {
+                let beside = together.as_ref().map_or(0.0, |t| {
+                    t.coefficients[j].powi(2) / t.covariance[(j, j)].max(f64::MIN_POSITIVE)
+                });
                 if let Some(tested) = self.covariates.test(&[direction]) {
-                    let dof = self.dof(which == POSITION);
-                    let statistic = self.against_rest(which, tested.statistic);
+                    let statistic = self.against_rest(which, tested.statistic.max(beside));
                     all.push((which, j, surprise(statistic, 1, 1.0, dof)));
                 }
             }

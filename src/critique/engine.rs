@@ -20,6 +20,8 @@ const FEWEST_SIGNALS: usize = 8;
 const FEWEST_SAMPLES: usize = 16;
 /// Times that the correlation of the noise is estimated anew.
 const MOST_WHITENINGS: usize = 8;
+/// Share of what strongly correlated noise explains that it may leave to others.
+const LEFT_OF_NOISE: f64 = 0.1;
 /// Longer signals are judged by their first samples.
 pub const MOST_SAMPLES: usize = 512;
 
@@ -111,7 +113,20 @@ pub fn critique(
         for f in &mut of_noise {
             f.evidence.value = total;
         }
-        of_noise.extend(again.into_iter().filter(|f| f.evidence.id != "correlated_noise"));
+        // strongly correlated noise is never made quite white: what is found in the rest must be large
+        let least = if total.abs() > 0.5 {
+            LEFT_OF_NOISE * of_noise.iter().fold(0.0, |m: f64, f| m.max(f.evidence.statistic))
+        } else {
+            0.0
+        };
+        let others = again.into_iter().filter(|f| f.evidence.id != "correlated_noise");
+        of_noise.extend(others.map(|mut f| {
+            if f.evidence.accepted && f.evidence.statistic < least {
+                f.evidence.accepted = false;
+                f.evidence.why_not = "what correlated noise leaves".into();
+            }
+            f
+        }));
     }
     let length_s = data.dt_s * data.samples as f64;
     let avoid: Vec<f64> = accepted(&of_noise, "random_tone")

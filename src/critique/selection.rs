@@ -190,10 +190,14 @@ pub fn refit(
     scatter: bool,
 ) -> Refit {
     let mut round = 0;
+    let mut last: Option<Refit> = None;
     loop {
         match scatter {
             true => model.fit(setting.data, setting.beside, 1),
             false => model.settle(setting.data, setting.beside),
+        }
+        if let Some(last) = last.take_if(|_| !model.mean.iter().all(|v| v.is_finite())) {
+            return last; // that step led nowhere
         }
         let spaces = Spaces::of(&model, setting);
         let nuisances = spaces.nuisances(&causes);
@@ -217,12 +221,15 @@ pub fn refit(
                 None => cause.coefficients.iter_mut().zip(step).for_each(|(c, s)| *c += s),
             }
         }
+        let before = model.clone();
         follow(&mut model, &spaces, &causes, &next);
         for (old, new) in causes.iter().zip(&next) {
             let minus: Vec<f64> = old.coefficients.iter().map(|c| -c).collect();
             apply(&mut model, old, &minus);
             apply(&mut model, new, &new.coefficients);
         }
+        let (model, spaces) = (before, spaces);
+        last = Some(Refit { model, causes, spaces });
         causes = next;
     }
 }
