@@ -194,14 +194,16 @@ impl<'a> Bench<'a> {
                 self.covariate_free(id, TEMPERATURE, DAMPING, self.damping_direction(), unit)
             }
             "ageing" => {
-                self.covariate_free(id, TIME, DAMPING, self.damping_direction(), self.over(TIME))
+                let v = self.damping_direction();
+                self.covariate_free(id, TIME, DAMPING, v, self.over(TIME)).map(relative)
             }
             "clock_drift" => {
-                self.covariate_free(id, TIME, CLOCK, self.clock_direction(), self.over(TIME))
+                let v = self.clock_direction();
+                self.covariate_free(id, TIME, CLOCK, v, self.over(TIME)).map(relative)
             }
             "position_gradient" => {
                 let v = self.stiffness_direction();
-                self.covariate_free(id, POSITION, FREQUENCY, v, self.over(POSITION))
+                self.covariate_free(id, POSITION, FREQUENCY, v, self.over(POSITION)).map(relative)
             }
             "crosstalk" => {
                 let t = &self.model.mean;
@@ -523,7 +525,10 @@ impl<'a> Bench<'a> {
             let mirrored = (omega - mirror).abs() < near.min(NEAR * own).max(resolution);
             // so is a tone at its own frequency: anything that changes the ring looks like one
             let own = (omega - own).abs() < 1.2 * resolution;
-            mode || own || multiple || mirrored || self.avoid.iter().any(|w| (omega - w).abs() < 1.5 * resolution)
+            mode || own
+                || multiple
+                || mirrored
+                || self.avoid.iter().any(|w| (omega - w).abs() < 1.5 * resolution)
         };
         let most = PI * n as f64 * 0.97;
         let (mut best, mut best_banned) = ((0.0, 0.0, 0.0), 0.0_f64);
@@ -818,6 +823,12 @@ impl<'a> Bench<'a> {
         }
         (best, tried)
     }
+}
+
+/// A change of a logarithm from first to last, as a relative change.
+fn relative(scored: Scored) -> Scored {
+    let grown = scored.value.exp();
+    Scored { value: grown - 1.0, sd: scored.sd * grown, ..scored }
 }
 
 /// -ln p of a chi-squared statistic with 1 or 2 degrees, times the number of independent tries; by

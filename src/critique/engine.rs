@@ -6,9 +6,9 @@ use super::codes;
 use super::covariates::Covariates;
 use super::ensemble;
 use super::figures;
-use super::jitter;
 use super::finding::{Cause, Critique, Evidence, Misfit, NotTestable, Signals, VERSION, Verdict};
 use super::gain;
+use super::jitter;
 use super::model::{Model, Unfit};
 use super::observations::Observations;
 use super::outliers::outliers;
@@ -97,8 +97,8 @@ pub fn critique(
         let again = loop {
             total = total.clamp(-0.97, 0.97);
             data = coloured.whitened(total);
-            baseline =
-                Model::start(&data, &beside, real).map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
+            baseline = Model::start(&data, &beside, real)
+                .map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
             baseline.fit(&data, &beside, 2);
             let again = ensemble::test(&data, &beside, &baseline);
             round += 1;

@@ -35,7 +35,8 @@ pub struct Scatter {
 fn components(model: &Model) -> Vec<Vector2<f64>> {
     let t = &model.mean;
     let (sigma, omega, lambda) = (t[0].exp(), t[1].exp(), t[5].exp());
-    let seen = Seen { sigma, omega, lambda, a: t[2], b: t[3], c: if model.real { t[4] } else { 0.0 } };
+    let seen =
+        Seen { sigma, omega, lambda, a: t[2], b: t[3], c: if model.real { t[4] } else { 0.0 } };
     let interior = if model.real { Interior::ink(&seen, RATIO_OF_RATES) } else { None };
     let Some(Interior::Ink { channel, state: [v, q_r, q_n] }) = interior else {
         return vec![Vector2::new(t[2], 0.0), Vector2::new(0.0, t[3])];
@@ -94,8 +95,7 @@ fn shapes(state: &Matrix2<f64>) -> [Matrix4<f64>; TERMS] {
 }
 
 /// Which components are variances, not covariances.
-const VARIANCE: [bool; TERMS] =
-    [true, true, false, false, false, false, false, true, true, true];
+const VARIANCE: [bool; TERMS] = [true, true, false, false, false, false, false, true, true, true];
 
 struct Fitted {
     terms: Terms,

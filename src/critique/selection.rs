@@ -380,21 +380,24 @@ fn beyond_leftovers(chosen: &[Chosen]) -> Vec<bool> {
     let with_amplitude = |c: &Chosen| {
         matches!(c.scored.applied.id, "quadratic_drag" | "dry_friction" | "cubic_stiffness")
     };
+    let largest = chosen.iter().fold(0.0, |m: f64, c| m.max(c.statistic));
     chosen
         .iter()
         .map(|cause| {
-            chosen.iter().all(|other| {
-                let of_shapes = which(cause).is_none() == which(other).is_none();
-                let related = which(cause).is_some() && which(cause) == which(other)
-                    || with_amplitude(cause) && with_amplitude(other);
-                let share = match (related, of_shapes) {
-                    (true, _) => LEFTOVER_OF_RELATED,
-                    (false, true) => LEFTOVER,
-                    // what a shape leaves in the mean follows no covariate, nor the reverse
-                    (false, false) => 0.0,
-                };
-                cause.statistic >= share * other.statistic
-            })
+            // beside another, below one detection limit: chance, or what that one leaves
+            cause.statistic >= DETECTION_LIMIT.min(largest)
+                && chosen.iter().all(|other| {
+                    let of_shapes = which(cause).is_none() == which(other).is_none();
+                    let related = which(cause).is_some() && which(cause) == which(other)
+                        || with_amplitude(cause) && with_amplitude(other);
+                    let share = match (related, of_shapes) {
+                        (true, _) => LEFTOVER_OF_RELATED,
+                        (false, true) => LEFTOVER,
+                        // what a shape leaves in the mean follows no covariate, nor the reverse
+                        (false, false) => 0.0,
+                    };
+                    cause.statistic >= share * other.statistic
+                })
         })
         .collect()
 }
