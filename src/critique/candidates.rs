@@ -23,6 +23,8 @@ const CLOCK: [f64; ALL] = [1.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 /// signal it is no line.
 const LEAST_MODE: f64 = 0.3;
 pub const LEAST_PERIODS: f64 = 1.5;
+/// A line so near a multiple of the ring's frequency is no line of its own, relative to that frequency.
+const NEAR: f64 = 0.1;
 
 /// A cause as it enters the model.
 #[derive(Clone, Debug)]
@@ -192,14 +194,16 @@ impl<'a> Bench<'a> {
                 self.covariate_free(id, TEMPERATURE, DAMPING, self.damping_direction(), unit)
             }
             "ageing" => {
-                self.covariate_free(id, TIME, DAMPING, self.damping_direction(), self.over(TIME))
+                let v = self.damping_direction();
+                self.covariate_free(id, TIME, DAMPING, v, self.over(TIME)).map(relative)
             }
             "clock_drift" => {
-                self.covariate_free(id, TIME, CLOCK, self.clock_direction(), self.over(TIME))
+                let v = self.clock_direction();
+                self.covariate_free(id, TIME, CLOCK, v, self.over(TIME)).map(relative)
             }
             "position_gradient" => {
                 let v = self.stiffness_direction();
-                self.covariate_free(id, POSITION, FREQUENCY, v, self.over(POSITION))
+                self.covariate_free(id, POSITION, FREQUENCY, v, self.over(POSITION)).map(relative)
             }
             "crosstalk" => {
                 let t = &self.model.mean;
@@ -258,6 +262,9 @@ impl<'a> Bench<'a> {
     fn fixed(&self, id: &'static str, direction: Direction, unit: f64) -> Option<Scored> {
         let tested = self.shapes.test(std::slice::from_ref(&direction))?;
         let value = tested.coefficients[0];
+        if !value.is_finite() || !tested.statistic.is_finite() {
+            return None;
+        }
         Some(Scored {
             surprise: surprise(tested.statistic, 1, 1.0, f64::INFINITY),
             statistic: tested.statistic,
@@ -312,6 +319,9 @@ impl<'a> Bench<'a> {
                 .into_iter()
                 .map(|e| (gain(e), e))
                 .fold((f64::NEG_INFINITY, strength), |b, t| if t.0 > b.0 { t } else { b });
+            if best.1 == 0.0 || !best.0.is_finite() {
+                return None;
+            }
             let sign = best.1.signum();
             let reach = if near.is_some() { 0.35 } else { 1.1 };
             let ln = maximum(|x| gain(sign * x.exp().min(most)), best.1.abs().ln(), reach);
@@ -509,10 +519,16 @@ impl<'a> Bench<'a> {
                     || (2..=4).any(|m| (omega - f64::from(m) * own).abs() < 0.6 * resolution));
             // nor is every second sample's own gain, which mirrors the ring at half the sampling rate
             let mirror = PI * n as f64 - own;
-            let mode = mode || pattern == 1 && (omega - mirror).abs() < near;
+            // what is at a multiple of its own frequency, or at its mirror, is the ring's own doing
+            let order = (omega / own).round().max(1.0);
+            let multiple = (omega - order * own).abs() < NEAR * own;
+            let mirrored = (omega - mirror).abs() < near.min(NEAR * own).max(resolution);
             // so is a tone at its own frequency: anything that changes the ring looks like one
             let own = (omega - own).abs() < 1.2 * resolution;
-            mode || own || self.avoid.iter().any(|w| (omega - w).abs() < 1.5 * resolution)
+            mode || own
+                || multiple
+                || mirrored
+                || self.avoid.iter().any(|w| (omega - w).abs() < 1.5 * resolution)
         };
         let most = PI * n as f64 * 0.97;
         let (mut best, mut best_banned) = ((0.0, 0.0, 0.0), 0.0_f64);
@@ -540,7 +556,8 @@ impl<'a> Bench<'a> {
             if gamma > 0.0 {
                 gamma = maximum(|x| test(omega, x.exp()), gamma.ln(), 0.4)
                     .exp()
-                    .clamp(0.1 * self.seen.sigma, 6.0 * self.seen.sigma);
+                    .max(0.1 * self.seen.sigma)
+                    .min(6.0 * self.seen.sigma);
             }
         }
         let directions = columns(omega, gamma);
@@ -558,7 +575,25 @@ impl<'a> Bench<'a> {
             sd / TAU / self.length_s,
         );
         scored.applied.damping = gamma;
-        if banned(omega, gamma) || best_banned > scored.statistic + 10.0 {
+        // so near to the ring a mode cannot be told from it; what fits as well as one is no tone
+        let close = 1.2 * resolution + 3.0 * self.seen.sigma;
+        if pattern == 0 && near.is_none() && (omega - own).abs() < close && self.beside.drive_scan {
+            let as_mode = [0.4, 1.0, 2.0].map(|share| {
+                let column = |phase: f64| {
+                    let y = (0..n).map(|k| {
+                        let t = k as f64 / n as f64;
+                        (-share * self.seen.sigma * t).exp() * (omega * t + phase).cos()
+                    });
+                    self.pattern(1, y.collect())
+                };
+                let columns = [column(0.0), column(-PI / 2.0)];
+                self.shapes.test(&columns).map_or(0.0, |t| t.statistic)
+            });
+            if as_mode.iter().any(|s| *s > scored.statistic - 3.0) {
+                scored.disqualified = "it may be a mode near the ring's own".into();
+            }
+        }
+        if near.is_none() && banned(omega, gamma) || best_banned > scored.statistic + 10.0 {
             scored.disqualified =
                 "its line lies at the model's own frequency or a multiple of it".into();
         }
@@ -577,10 +612,14 @@ impl<'a> Bench<'a> {
         }
         let direction = Direction::covariate(self.samples, which, v);
         let tested = self.covariates.test(std::slice::from_ref(&direction))?;
-        let (value, sd) = (tested.coefficients[0] * unit, tested.covariance[(0, 0)].sqrt() * unit);
+        let statistic = self.against_rest(which, tested.statistic);
+        // the scatter that the test is made against holds the effect itself
+        let narrower = (tested.statistic / statistic.max(1e-12)).sqrt().min(1.0);
+        let sd = tested.covariance[(0, 0)].sqrt() * unit * narrower;
+        let value = tested.coefficients[0] * unit;
         Some(Scored {
-            surprise: surprise(tested.statistic, 1, 1.0, self.dof(which == POSITION)),
-            statistic: tested.statistic,
+            surprise: surprise(statistic, 1, 1.0, self.dof(which == POSITION)),
+            statistic,
             degrees: 1,
             tried: 1.0,
             value,
@@ -626,10 +665,16 @@ impl<'a> Bench<'a> {
             v.iter().map(|v| Direction::covariate(n, which, *v)).collect();
         if let Some(tested) = self.covariates.test(&directions) {
             best.value = tested.coefficients[0] * unit;
-            best.sd = tested.covariance[(0, 0)].sqrt() * unit;
             let dof = self.dof(which == POSITION);
+            best.sd = tested.covariance[(0, 0)].sqrt() * unit;
             let together = surprise(tested.statistic, directions.len(), 2.0, dof);
-            if together > best.surprise {
+            if which == POSITION {
+                // of few channels, four coefficients at once say nothing: the frequency's alone
+                let own = (best.value / best.sd).powi(2);
+                best.statistic = self.against_rest(which, own);
+                best.surprise = surprise(best.statistic, 1, 1.0, dof);
+                best.sd *= (own / best.statistic.max(1e-12)).sqrt().min(1.0);
+            } else if together > best.surprise {
                 best.surprise = together;
                 best.statistic = tested.statistic;
             }
@@ -642,6 +687,18 @@ impl<'a> Bench<'a> {
             best.applied.kind = Kind::Covariate { which, v };
         }
         Some(best)
+    }
+
+    /// The scatter of few channels was estimated with what follows their position still in it: of n
+    /// channels the statistic is n R², which becomes t² = dof R²/(1 - R²).
+    fn against_rest(&self, which: usize, statistic: f64) -> f64 {
+        // in the model, it is no part of the scatter any more
+        if which != POSITION || self.model.beta[POSITION].iter().any(|b| *b != 0.0) {
+            return statistic;
+        }
+        let n = (self.units as f64 - 1.0).max(1.0);
+        let explained = (statistic / n).min(0.999);
+        (self.dof(true) * explained / (1.0 - explained)).max(statistic)
     }
 
     /// d theta where all losses grow by a share, the acquisition state being what it was.
@@ -720,13 +777,23 @@ impl<'a> Bench<'a> {
             if !self.beside.present[which] {
                 continue;
             }
-            for j in 0..ALL - 1 {
-                let mut v = [0.0; ALL];
-                v[j] = 1.0;
-                let direction = Direction::covariate(self.samples, which, v);
+            let dof = self.dof(which == POSITION);
+            let each: Vec<Direction> = (0..ALL - 1)
+                .map(|j| {
+                    let mut v = [0.0; ALL];
+                    v[j] = 1.0;
+                    Direction::covariate(self.samples, which, v)
+                })
+                .collect();
+            // alone, and with the others free: what moves two together is in their common scatter
+            let together = self.covariates.test(&each);
+            for (j, direction) in each.into_iter().enumerate() {
+                let beside = together.as_ref().map_or(0.0, |t| {
+                    t.coefficients[j].powi(2) / t.covariance[(j, j)].max(f64::MIN_POSITIVE)
+                });
                 if let Some(tested) = self.covariates.test(&[direction]) {
-                    let dof = self.dof(which == POSITION);
-                    all.push((which, j, surprise(tested.statistic, 1, 1.0, dof)));
+                    let statistic = self.against_rest(which, tested.statistic.max(beside));
+                    all.push((which, j, surprise(statistic, 1, 1.0, dof)));
                 }
             }
         }
@@ -756,6 +823,12 @@ impl<'a> Bench<'a> {
         }
         (best, tried)
     }
+}
+
+/// A change of a logarithm from first to last, as a relative change.
+fn relative(scored: Scored) -> Scored {
+    let grown = scored.value.exp();
+    Scored { value: grown - 1.0, sd: scored.sd * grown, ..scored }
 }
 
 /// -ln p of a chi-squared statistic with 1 or 2 degrees, times the number of independent tries; by

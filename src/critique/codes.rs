@@ -68,7 +68,7 @@ fn clipping(
 }
 
 /// Codes that are never met although their neighbours are: the spacing of those that are.
-fn lattice(data: &Observations, model: &Model, histogram: &BTreeMap<i64, u64>) -> Found {
+fn lattice(data: &Observations, model: &mut Model, histogram: &BTreeMap<i64, u64>) -> Found {
     let lack = |why| found("coarse_lsb", 0.0, 0.0, f64::NAN, f64::NAN, Some(why));
     if !data.integer {
         // floats lie on a lattice where few distinct values are met often
@@ -84,7 +84,7 @@ fn lattice(data: &Observations, model: &Model, histogram: &BTreeMap<i64, u64>) -
     }
     // the stretch about the middle where codes are met often
     let (mut low, mut high, mut run) = (0, 0, 0_u64);
-    let from = total / 20;
+    let from = total / 50;
     for (&code, &n) in histogram {
         if run < from {
             low = code;
@@ -95,7 +95,7 @@ fn lattice(data: &Observations, model: &Model, histogram: &BTreeMap<i64, u64>) -
         }
     }
     let met: Vec<i64> = histogram.range(low..=high).map(|(&code, _)| code).collect();
-    if met.len() < 8 {
+    if met.len() < 5 {
         return found("coarse_lsb", 0.0, 0.0, f64::NAN, f64::NAN, None);
     }
     let codes = ((met[met.len() - 1] - met[0]) as f64).max(1.0);
@@ -116,5 +116,10 @@ fn lattice(data: &Observations, model: &Model, histogram: &BTreeMap<i64, u64>) -
     } else {
         0.0
     };
-    found("coarse_lsb", surprise, 2.0 * surprise, step * unit, step / codes.max(1.0), None)
+    let whole = step.round().max(1.0);
+    let f = found("coarse_lsb", surprise, 2.0 * surprise, step * unit, step / codes.max(1.0), None);
+    if f.evidence.accepted && met.iter().all(|code| (code - met[0]) % whole as i64 == 0) {
+        model.lattice = Some([whole, (met[0] % whole as i64) as f64]);
+    }
+    f
 }

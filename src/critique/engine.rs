@@ -9,6 +9,7 @@ use super::ensemble;
 use super::figures;
 use super::finding::{Cause, Critique, Evidence, Misfit, NotTestable, Signals, VERSION, Verdict};
 use super::gain;
+use super::jitter;
 use super::model::{Model, Unfit};
 use super::observations::Observations;
 use super::outliers::outliers;
@@ -18,6 +19,10 @@ use thiserror::Error;
 /// Signals that a critique needs at least, and samples of each.
 const FEWEST_SIGNALS: usize = 8;
 const FEWEST_SAMPLES: usize = 16;
+/// Times that the correlation of the noise is estimated anew.
+const MOST_WHITENINGS: usize = 8;
+/// Share of what strongly correlated noise explains that it may leave to others.
+const LEFT_OF_NOISE: f64 = 0.1;
 /// Longer signals are judged by their first samples.
 pub const MOST_SAMPLES: usize = 512;
 
@@ -94,14 +99,43 @@ pub fn critique(
     let mut of_noise = ensemble::test(&data, &beside, &baseline);
     let mut data = data;
     if let Some(rho) = accepted(&of_noise, "correlated_noise") {
-        // what is white again can be judged by the same tests
-        data = data.whitened(rho.clamp(-0.97, 0.97));
-        baseline =
-            Model::start(&data, &beside, real).map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
-        baseline.fit(&data, &beside, 2);
-        let again = ensemble::test(&data, &beside, &baseline);
+        let coloured = data;
+        let mut total = rho;
+        let mut round = 0;
+        // what is white again can be judged by the same tests; what is left of rho tells how far off it was
+        let again = loop {
+            total = total.clamp(-0.97, 0.97);
+            data = coloured.whitened(total);
+            baseline = Model::start(&data, &beside, real)
+                .map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
+            baseline.fit(&data, &beside, 2);
+            let again = ensemble::test(&data, &beside, &baseline);
+            round += 1;
+            let more = again.iter().find(|f| f.evidence.id == "correlated_noise");
+            let more = more.map_or(0.0, |f| f.evidence.value);
+            if round >= MOST_WHITENINGS || !(more.abs() > 0.01) {
+                break again;
+            }
+            total += more;
+        };
         of_noise.retain(|f| f.evidence.id == "correlated_noise");
-        of_noise.extend(again.into_iter().filter(|f| f.evidence.id != "correlated_noise"));
+        for f in &mut of_noise {
+            f.evidence.value = total;
+        }
+        // strongly correlated noise is never made quite white: what is found in the rest must be large
+        let least = if total.abs() > 0.5 {
+            LEFT_OF_NOISE * of_noise.iter().fold(0.0, |m: f64, f| m.max(f.evidence.statistic))
+        } else {
+            0.0
+        };
+        let others = again.into_iter().filter(|f| f.evidence.id != "correlated_noise");
+        of_noise.extend(others.map(|mut f| {
+            if f.evidence.accepted && f.evidence.statistic < least {
+                f.evidence.accepted = false;
+                f.evidence.why_not = "what correlated noise leaves".into();
+            }
+            f
+        }));
     }
     let length_s = data.dt_s * data.samples as f64;
     let avoid: Vec<f64> = accepted(&of_noise, "random_tone")
@@ -122,7 +156,7 @@ pub fn critique(
         );
     }
     // a shift in time is told from drifts once these are in the model
-    of_noise.push(ensemble::jitter(&selected.model, &data, &beside));
+    of_noise.push(jitter::jitter(&selected.model, &data, &beside));
 
     stages("checking what is left");
     let left = adequacy::check(&selected, &data, &beside, &of_noise, &avoid);

@@ -1,16 +1,16 @@
-//! Causes that show in the scatter of single signals, not in their mean: random tone, correlated and
-//! heteroscedastic noise, trigger jitter.
+//! Causes that show in the noise of single signals, not in their mean: random tone, correlated and
+//! heteroscedastic noise.
 //!
 //! In: the baseline's residuals, each freed of what its own ring explains and of what all signals have
 //! in common. Out: [`Found`] each. Errors come from the spread over signals, so heavy tails widen them.
 
-use super::candidates::{LEAST_PERIODS, ln_normal_tail, surprise};
-use super::covariates::{COVARIATES, Covariates};
+use super::candidates::{LEAST_PERIODS, ln_normal_tail};
+use super::covariates::Covariates;
 use super::engine::{Found, found};
 use super::model::{Linear, Model, PATTERNS, dot};
 use super::observations::Observations;
 use super::ring::FREE;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 
 /// Signals whose spread can be told.
@@ -304,102 +304,3 @@ fn heteroscedastic(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
     let at_zero = (level - slope * centre).max(0.05);
     (slope / at_zero, se / at_zero * (1.0 + slope / at_zero * centre), slope / se.max(1e-12))
 }
-
-/// Scatter along a shift in time. Healthy scatter of the acquisition state moves amplitude and phase
-/// alike, and a channel that rings faster arrives at t_a with another phase: what is left of the shift
-/// once frequency, damping, amplitude and all covariates are allowed for is compared with the scatter of
-/// the amplitude.
-pub fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Found {
-    let length_s = data.dt_s * data.samples as f64;
-    let lack = |why| found("trigger_jitter", 0.0, 0.0, f64::NAN, f64::NAN, Some(why));
-    if data.len() < data.units + 24 {
-        return lack("several bursts of a channel");
-    }
-    let (sigma, omega) = (model.mean[0].exp(), model.mean[1].exp());
-    let mut linear = Linear::default();
-    // shift, gain, ln sigma, ln omega of every signal about its channel, and their noise
-    const SEEN: usize = 4;
-    const BESIDE: usize = COVARIATES + 1;
-    let mut each: Vec<[f64; SEEN + BESIDE]> = Vec::with_capacity(data.len());
-    let mut noise = DMatrix::<f64>::zeros(SEEN, SEEN);
-    for i in 0..data.len() {
-        model.linearise(i, data, beside, &mut linear);
-        let theta = model.theta(i, data, beside);
-        let (a, b) = (theta[2], theta[3]);
-        let n = data.samples;
-        let c = &linear.tangent.columns;
-        let turned = [omega * b - sigma * a, -(omega * a + sigma * b)];
-        let columns = DMatrix::from_fn(n, SEEN, |k, j| match j {
-            0 => turned[0] * c[2][k] + turned[1] * c[3][k],
-            1 => a * c[2][k] + b * c[3][k],
-            _ => c[j - 2][k],
-        });
-        let r = DVector::from_column_slice(&linear.residual);
-        let Some(inverse) = columns.tr_mul(&columns).try_inverse() else { continue };
-        let x = &inverse * columns.tr_mul(&r);
-        noise += &inverse * model.noise_var;
-        // what the linearisation has taken already
-        let own = model.each[i];
-        let along = |v: [f64; 2]| (v[0] * own[2] + v[1] * own[3]) / (v[0] * v[0] + v[1] * v[1]);
-        let mut row = [0.0; SEEN + BESIDE];
-        row[0] = x[0] + along(turned);
-        row[1] = x[1] + along([a, b]);
-        row[2] = x[2] + own[0];
-        row[3] = x[3] + own[1];
-        row[SEEN..SEEN + COVARIATES].copy_from_slice(&beside.z[i]);
-        row[SEEN + COVARIATES] = beside.z[i][COVARIATES - 1].powi(2);
-        each.push(row);
-    }
-    if each.len() < data.len() {
-        return lack("signals that ring");
-    }
-    // about the channel's own mean
-    let mut sums = vec![([0.0; SEEN + BESIDE], 0.0); data.units];
-    for (row, x) in data.rows.iter().zip(&each) {
-        let (sum, count) = &mut sums[row.unit];
-        sum.iter_mut().zip(x).for_each(|(s, x)| *s += x);
-        *count += 1.0;
-    }
-    let m = (each.len() - data.units) as f64;
-    let total = SEEN + BESIDE;
-    let mut cov = DMatrix::<f64>::zeros(total, total);
-    for (row, x) in data.rows.iter().zip(&each) {
-        let (sum, count) = &sums[row.unit];
-        let d = DVector::from_fn(total, |j, _| x[j] - sum[j] / count);
-        cov += &d * d.transpose() / m;
-    }
-    noise /= each.len() as f64;
-    let others = total - 1;
-    let conditional = |cov: &DMatrix<f64>| -> Option<f64> {
-        let scale = DVector::from_fn(others, |j, _| cov[(j + 1, j + 1)].max(1e-300).sqrt());
-        let inner = DMatrix::from_fn(others, others, |i, j| {
-            cov[(i + 1, j + 1)] / (scale[i] * scale[j]) + if i == j { 1e-3 } else { 0.0 }
-        });
-        let cross = DVector::from_fn(others, |j, _| cov[(j + 1, 0)] / scale[j]);
-        Some(cov[(0, 0)] - cross.dot(&(inner.try_inverse()? * &cross)))
-    };
-    let mut intrinsic = cov.clone();
-    for i in 0..SEEN {
-        for j in 0..SEEN {
-            // at least a tenth of a variance is taken for real
-            let share = if i == j { noise[(i, j)].min(0.9 * cov[(i, j)]) } else { noise[(i, j)] };
-            intrinsic[(i, j)] -= share;
-        }
-    }
-    let (Some(seen), Some(shift_var)) = (conditional(&cov), conditional(&intrinsic)) else {
-        return lack("signals that ring");
-    };
-    let gain_var = (cov[(1, 1)] - noise[(1, 1)]).max(0.0);
-    let healthy = HEALTHY_PHASE * gain_var / (omega * omega);
-    let se = (2.0 / m).sqrt() * seen.max(cov[(0, 0)] * 0.1).max(noise[(0, 0)]);
-    let z = (shift_var - healthy) / se.max(1e-300);
-    let s = if z > 0.0 { surprise(z * z, 1, 1.0, f64::INFINITY) } else { 0.0 };
-    // half of the healthy bound is what is expected of a healthy channel
-    let var = (shift_var - 0.5 * healthy).max(1e-300);
-    let sd = var.sqrt();
-    let half = (se * se + (0.5 * healthy).powi(2)).sqrt() / (2.0 * sd);
-    found("trigger_jitter", s, z.max(0.0).powi(2), sd * length_s, half * length_s, None)
-}
-
-/// Healthy channels scatter in phase at most this much more than in amplitude, variance over variance.
-const HEALTHY_PHASE: f64 = 1.3;

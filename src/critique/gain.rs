@@ -243,6 +243,7 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     let part = Setting { data: &of_train, beside: &z_train, avoid: setting.avoid };
     let Ok(mut start) = Model::start(&of_train, &z_train, before.real) else { return measured };
     start.ceiling = before.ceiling;
+    start.lattice = before.lattice;
     start.fit(&of_train, &z_train, 2);
     let plain = refit(start, Vec::new(), part, 2, true).model;
     let extended = if causes.is_empty() {

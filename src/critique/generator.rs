@@ -72,7 +72,7 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
             lambda: 3.767 * loss * clock * scale,
             a: 90.0,
             b: -40.0,
-            c: 5.0,
+            c: 0.3,
         };
         let gain =
             s * g * (1.0 + run.shot * normal(&mut rng)) * (1.0 + e("crosstalk") * neighbours);

@@ -18,6 +18,7 @@ pub mod finding;
 mod gain;
 #[cfg(test)]
 mod generator;
+mod jitter;
 pub mod model;
 pub mod observations;
 mod outliers;

@@ -10,6 +10,7 @@ use super::covariates::{COVARIATES, Covariates};
 use super::observations::Observations;
 use super::ring::{self, ALL, FREE, Tangent, Theta};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+use std::f64::consts::{PI, TAU};
 
 pub type Matrix5 = SMatrix<f64, FREE, FREE>;
 pub type Vector5 = SVector<f64, FREE>;
@@ -45,6 +46,8 @@ pub struct Model {
     pub each: Vec<Theta>,
     /// Samples that are expected above are clipped: they count for nothing.
     pub ceiling: Option<f64>,
+    /// Codes are multiples of a step, and of what remainder; counts.
+    pub lattice: Option<[f64; 2]>,
 }
 
 /// What one signal says: residual and tangent.
@@ -99,6 +102,7 @@ impl Model {
             units: vec![mean; data.units],
             each: vec![Theta::zeros(); data.len()],
             ceiling: None,
+            lattice: None,
         };
         model.fit_units(data, beside, 12);
         model.recentre();
@@ -118,6 +122,30 @@ impl Model {
     /// Typical amplitude of the pair at unit drive, counts.
     pub fn amplitude(&self) -> f64 {
         self.mean[2].hypot(self.mean[3])
+    }
+
+    /// Standard deviation that the real pole's amplitude is expected within. In the slow mode q_r + q_n =
+    /// dV/dt is lambda g/a of the flow through the restrictor, thesis (2-2), and the pulse, which moves
+    /// both flows alike, excites that flow by their difference in losses, (d - g)/omega: together about
+    /// 4.5 (sigma/omega)^3 of the ring; twice that is allowed. Without a bound the real pole swallows
+    /// offset, droop and transients.
+    pub fn slow_sd(&self) -> f64 {
+        let narrow = (self.mean[0] - self.mean[1]).exp();
+        (9.0 * narrow.powi(3)).clamp(1e-4, 1.0) * self.amplitude().max(f64::MIN_POSITIVE)
+    }
+
+    /// Mean of what rounding to a coarse step adds to an expected value; `sd`: of the noise before.
+    fn rounding(&self, expected: f64) -> f64 {
+        let Some([step, first]) = self.lattice else { return 0.0 };
+        let var = (self.noise_var - step * step / 12.0).max(0.09);
+        let turn = TAU * (expected - first) / step;
+        let fall = (TAU / step).powi(2) * var / 2.0;
+        let waves = (1..=6).map(|k| {
+            let k = f64::from(k);
+            let sign = if k as i32 % 2 == 0 { 1.0 } else { -1.0 };
+            sign * (k * turn).sin() * (-k * k * fall).exp() / (PI * k)
+        });
+        step * waves.sum::<f64>()
     }
 
     /// ln lambda beyond what the damping lets expect.
@@ -173,7 +201,8 @@ impl Model {
             out.tangent.columns.iter_mut().for_each(|column| column[k] *= s);
             out.tail[k] *= s;
             let shape: f64 = (0..PATTERNS).map(|p| powers[p] * self.shapes[p][k]).sum();
-            let expected = s * out.tangent.y[k] + self.tail_gain * out.tail[k] + shape;
+            let plain = s * out.tangent.y[k] + self.tail_gain * out.tail[k] + shape;
+            let expected = plain + self.rounding(plain);
             out.residual.push(f64::from(y) - expected);
             if self.ceiling.is_some_and(|ceiling| expected > ceiling || f64::from(y) > ceiling) {
                 out.residual[k] = 0.0;

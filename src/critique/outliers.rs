@@ -4,19 +4,46 @@
 //! [`FAR`] robust deviations of the median in amplitude, damping or frequency, or that leaves far more
 //! than the others, is left out. What spreads over all signals widens the deviation and stays in.
 
-use super::covariates::Covariates;
+use super::covariates::{Covariates, POSITION};
 use super::model::{Linear, Model};
 use super::observations::Observations;
 
 const FAR: f64 = 7.0;
 /// Deviations below these (ln damping, ln frequency, ln amplitude) are never far.
 const LEAST: [f64; 3] = [0.025, 0.004, 0.015];
+/// Channels that tell a trend along the head, and pairs of them that it takes.
+const MOST_CHANNELS: usize = 256;
+const FEWEST_SLOPES: usize = 15;
 /// Misfit of one signal over the median one.
 const NOISIER: f64 = 3.0;
 
 fn median(values: &mut [f64]) -> f64 {
     let middle = values.len() / 2;
     *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// What all channels follow along the head is no fault of theirs: the median slope between channels
+/// (Theil and Sen) of their medians.
+fn trend(data: &Observations, beside: &Covariates, features: &[[f64; 3]], j: usize) -> f64 {
+    let mut of_unit = vec![Vec::new(); data.units];
+    let mut place = vec![0.0; data.units];
+    for (i, row) in data.rows.iter().enumerate() {
+        of_unit[row.unit].push(features[i][j]);
+        place[row.unit] = beside.z[i][POSITION];
+    }
+    let at: Vec<(f64, f64)> = of_unit
+        .iter_mut()
+        .zip(place)
+        .filter(|(values, _)| !values.is_empty())
+        .map(|(values, z)| (z, median(values)))
+        .step_by(data.units.div_ceil(MOST_CHANNELS).max(1))
+        .collect();
+    let mut slopes = Vec::new();
+    for (k, p) in at.iter().enumerate() {
+        let later = at[k + 1..].iter().filter(|q| q.0 != p.0);
+        slopes.extend(later.map(|q| (q.1 - p.1) / (q.0 - p.0)));
+    }
+    if slopes.len() < FEWEST_SLOPES { 0.0 } else { median(&mut slopes) }
 }
 
 /// For each row whether it is an outlier.
@@ -32,6 +59,12 @@ pub fn outliers(data: &Observations, beside: &Covariates, model: &Model) -> Vec<
     each.fit_units(&alone, beside, 6);
     let mut features: Vec<[f64; 3]> =
         each.units.iter().map(|u| [u[0], u[1], u[2].hypot(u[3]).max(1e-300).ln()]).collect();
+    for j in 0..3 {
+        let slope = trend(data, beside, &features, j);
+        for (feature, z) in features.iter_mut().zip(&beside.z) {
+            feature[j] -= slope * z[POSITION];
+        }
+    }
     let mut linear = Linear::default();
     let left: Vec<f64> = (0..alone.len())
         .map(|i| {

@@ -190,10 +190,14 @@ pub fn refit(
     scatter: bool,
 ) -> Refit {
     let mut round = 0;
+    let mut last: Option<Refit> = None;
     loop {
         match scatter {
             true => model.fit(setting.data, setting.beside, 1),
             false => model.settle(setting.data, setting.beside),
+        }
+        if let Some(last) = last.take_if(|_| !model.mean.iter().all(|v| v.is_finite())) {
+            return last; // that step led nowhere
         }
         let spaces = Spaces::of(&model, setting);
         let nuisances = spaces.nuisances(&causes);
@@ -217,12 +221,15 @@ pub fn refit(
                 None => cause.coefficients.iter_mut().zip(step).for_each(|(c, s)| *c += s),
             }
         }
+        let before = model.clone();
         follow(&mut model, &spaces, &causes, &next);
         for (old, new) in causes.iter().zip(&next) {
             let minus: Vec<f64> = old.coefficients.iter().map(|c| -c).collect();
             apply(&mut model, old, &minus);
             apply(&mut model, new, &new.coefficients);
         }
+        let (model, spaces) = (before, spaces);
+        last = Some(Refit { model, causes, spaces });
         causes = next;
     }
 }
@@ -360,23 +367,37 @@ pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -
 }
 
 /// No model of a cause is exact: what is found beside one that explains so much more is what that one
-/// leaves, and no cause of its own. Of what follows the same covariate, more so.
+/// leaves, and no cause of its own. Of what follows the same covariate, or the amplitude, more so.
 const LEFTOVER: f64 = 0.03;
-const LEFTOVER_OF_COVARIATE: f64 = 0.1;
+const LEFTOVER_OF_RELATED: f64 = 0.1;
 
 fn beyond_leftovers(chosen: &[Chosen]) -> Vec<bool> {
     let which = |c: &Chosen| match c.scored.applied.kind {
         Kind::Covariate { which, .. } => Some(which),
-        _ => None,
+        Kind::Tail => Some(super::covariates::IDLE),
+        Kind::Shapes => None,
     };
+    let with_amplitude = |c: &Chosen| {
+        matches!(c.scored.applied.id, "quadratic_drag" | "dry_friction" | "cubic_stiffness")
+    };
+    let largest = chosen.iter().fold(0.0, |m: f64, c| m.max(c.statistic));
     chosen
         .iter()
         .map(|cause| {
-            chosen.iter().all(|other| {
-                let same = which(cause).is_some() && which(cause) == which(other);
-                let share = if same { LEFTOVER_OF_COVARIATE } else { LEFTOVER };
-                cause.statistic >= share * other.statistic
-            })
+            // beside another, below one detection limit: chance, or what that one leaves
+            cause.statistic >= DETECTION_LIMIT.min(largest)
+                && chosen.iter().all(|other| {
+                    let of_shapes = which(cause).is_none() == which(other).is_none();
+                    let related = which(cause).is_some() && which(cause) == which(other)
+                        || with_amplitude(cause) && with_amplitude(other);
+                    let share = match (related, of_shapes) {
+                        (true, _) => LEFTOVER_OF_RELATED,
+                        (false, true) => LEFTOVER,
+                        // what a shape leaves in the mean follows no covariate, nor the reverse
+                        (false, false) => 0.0,
+                    };
+                    cause.statistic >= share * other.statistic
+                })
         })
         .collect()
 }

@@ -30,14 +30,21 @@ pub enum Channels {
     Scattered,
 }
 
-/// Variance of a free channel over that of a scattered one.
-const FREEDOM: f64 = 1e4;
+/// Standard deviation of a free channel over that of a scattered one. The real pole's amplitude is not
+/// freed: its tangent does not turn from channel to channel, and free it would swallow what is slow.
+const FREEDOM: [f64; FREE] = [100.0, 100.0, 100.0, 100.0, 1.0];
+
+fn freed(between: &Matrix5) -> Matrix5 {
+    Matrix5::from_fn(|i, j| between[(i, j)] * FREEDOM[i] * FREEDOM[j])
+}
 
 #[derive(Clone, Debug)]
 pub struct Space {
     pub samples: usize,
     /// ln lambda beyond what its prior expects.
     pub lambda_off: f64,
+    /// Amplitude of the real pole, and what it is expected within, counts.
+    pub slow: [f64; 2],
     pub k: DMatrix<f64>,
     pub g: DVector<f64>,
     /// Score of each channel alone; empty where there are too many.
@@ -95,7 +102,7 @@ impl Space {
         let keep_units = data.units * d * 8 <= 32 << 20;
         let v = model.noise_var;
         let (patterns, between) = match channels {
-            Channels::Free => (PATTERNS, model.between * FREEDOM),
+            Channels::Free => (PATTERNS, freed(&model.between)),
             Channels::Scattered => (0, model.between),
         };
         let mut diagonal = [[0.0; PATTERNS]; PATTERNS];
@@ -253,9 +260,12 @@ impl Space {
         }
         let off = model.lambda_off();
         deviance += (off / LN_LAMBDA_SD).powi(2);
+        let slow = [model.mean[4], model.slow_sd()];
+        deviance += (slow[0] / slow[1]).powi(2);
         Space {
             samples: n,
             lambda_off: off,
+            slow,
             k,
             g,
             by_unit,
@@ -311,6 +321,9 @@ impl Nuisance {
         gram[(ALL - 1, ALL - 1)] += 1.0 / (LN_LAMBDA_SD * LN_LAMBDA_SD);
         let mut score = DVector::from_fn(q, |i, _| directions[i].dot(&space.g));
         score[ALL - 1] -= space.lambda_off / (LN_LAMBDA_SD * LN_LAMBDA_SD);
+        let [slow, slow_sd] = space.slow;
+        gram[(4, 4)] += 1.0 / (slow_sd * slow_sd);
+        score[4] -= slow / (slow_sd * slow_sd);
         Nuisance { inverse: pseudo_inverse(&gram), directions, score, moved: None }
     }
 
