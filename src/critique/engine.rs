@@ -113,7 +113,7 @@ pub fn critique(
             round += 1;
             let more = again.iter().find(|f| f.evidence.id == "correlated_noise");
             let more = more.map_or(0.0, |f| f.evidence.value);
-            if round >= MOST_WHITENINGS || !(more.abs() > 0.01) {
+            if round >= MOST_WHITENINGS || more.is_nan() || more.abs() <= 0.01 {
                 break again;
             }
             total += more;

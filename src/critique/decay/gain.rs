@@ -59,9 +59,9 @@ fn stretches(decays: &Decays, misfit: &[f64], sds: &[f64], length: usize) -> Vec
         for (i, r) in misfit.chunks(n).enumerate() {
             let o = i % decays.outputs;
             let mut sums = Sums::default();
-            for k in stretch * length..((stretch + 1) * length).min(n) {
-                let y = decays.y[i * n + k];
-                let square = r[k] * r[k];
+            let (from, to) = (stretch * length, ((stretch + 1) * length).min(n));
+            for (r, y) in r[from..to].iter().zip(&decays.y[i * n + from..]) {
+                let square = r * r;
                 let each = [square / (sds[o] * sds[o]), square, y * y, 1.0];
                 sums.0.iter_mut().zip(each).for_each(|(s, e)| *s += e);
             }
@@ -284,11 +284,10 @@ fn against_amplitude(decays: &Decays, selected: &Selected, after: &[f64]) -> Vec
         };
         for bin in points.chunks(points.len().div_ceil(BINS)) {
             let count = bin.len() as f64;
-            let mean =
-                |f: &dyn Fn(&(f64, [[f64; 3]; 2])) -> f64| bin.iter().map(f).sum::<f64>() / count;
-            figure.centre.push(mean(&|p| p.0));
-            figure.before.push(mean(&|p| p.1[which][0]));
-            figure.after.push(mean(&|p| p.1[which][1]));
+            let mean = |state: usize| bin.iter().map(|p| p.1[which][state]).sum::<f64>() / count;
+            figure.centre.push(bin.iter().map(|p| p.0).sum::<f64>() / count);
+            figure.before.push(mean(0));
+            figure.after.push(mean(1));
             let sd = (bin.iter().map(|p| p.1[which][2].powi(2)).sum::<f64>()).sqrt() / count;
             figure.before_bar.push(1.96 * sd);
             figure.after_bar.push(1.96 * sd);

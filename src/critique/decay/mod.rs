@@ -93,7 +93,7 @@ pub fn critique(
     let sum = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>();
     // an offset may be the larger part: what must be explained is the movement
     let explained = 1.0 - sum(&selected.fit.misfit(&decays)) / sum(&decays.y);
-    if !(explained > 0.1) {
+    if explained.is_nan() || explained <= 0.1 {
         return Err(CritiqueError::NoRing);
     }
     stages("measuring the gain");

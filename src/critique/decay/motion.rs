@@ -134,7 +134,7 @@ impl Motion {
                     (y, sign, rests) = self.turned(y, sign, h);
                 }
             }
-            if !(y[0].abs() < LOST) {
+            if y[0].is_nan() || y[0].abs() >= LOST {
                 out.resize(samples, [f64::NAN; 2]);
                 return;
             }

@@ -55,7 +55,7 @@ impl Decays {
         let mut order: Vec<usize> = (0..channels.len()).collect();
         order.sort_by(|p, q| spread(*q).1.total_cmp(&spread(*p).1));
         let scale: Vec<f64> = order.iter().map(|&o| spread(o).0).collect();
-        if scale.iter().any(|s| !(*s > 0.0)) {
+        if scale.iter().any(|s| s.is_nan() || *s <= 0.0) {
             return None;
         }
         let mut y = Vec::with_capacity(whole.len() * order.len() * n);

@@ -54,7 +54,7 @@ fn observed(truth: &Truth, seed: u64) -> Observations {
     let sigma = -truth.falls_to.ln() / n as f64;
     let drag = truth.drag * sigma * 3.0 * std::f64::consts::PI / (4.0 * omega);
     let friction = truth.friction * sigma * omega * std::f64::consts::FRAC_PI_2;
-    let phase = rng.random_range(0.0..6.28_f64);
+    let phase = rng.random_range(0.0..std::f64::consts::TAU);
     let (mut x, mut v) = (phase.cos(), omega * phase.sin());
     const STEPS: usize = 200;
     let h = 1.0 / STEPS as f64;
@@ -64,7 +64,7 @@ fn observed(truth: &Truth, seed: u64) -> Observations {
     };
     let loss =
         |v: f64| -2.0 * sigma * v - drag * v.abs() * v - friction * (v / (1e-4 * omega)).tanh();
-    let phase2 = rng.random_range(0.0..6.28_f64);
+    let phase2 = rng.random_range(0.0..std::f64::consts::TAU);
     let mut previous: f64 = StandardNormal.sample(&mut rng);
     let mut y = Vec::with_capacity(n);
     for k in 0..n {
