@@ -300,7 +300,8 @@ impl Node {
         self.to_axes * turned(x - mean)
     }
 
-    /// Squared distance of features from here, in units of what scatters them and of [`TOLERANCE`].
+    /// Squared distance of features from here, in units of what scatters them and of the tolerance
+    /// of classes.
     pub fn distance(&self, x: &Vector4<f64>, seen: Seen) -> f64 {
         let u = self.along_axes(x, seen);
         let elsewhere = |j: usize| -> f64 {

@@ -65,7 +65,7 @@ impl Posterior {
     ///
     /// A class's density is a mixture of the learned one and the physics', the shares by expectation
     /// maximisation on held-out examples (stacking, Wolpert 1992): the physics counts for
-    /// [`PHYSICS_COUNTS`] examples that it predicts, so it stands alone at first and stays as far as
+    /// `PHYSICS_COUNTS` examples that it predicts, so it stands alone at first and stays as far as
     /// it is right. With the mean log posterior of held-out examples, summed over classes; 0 where
     /// they are too few to tell. `None`: a class has neither.
     pub fn stack(

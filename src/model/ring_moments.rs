@@ -146,7 +146,7 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
 /// Columns side by side.
 const SIDE: usize = 64;
 
-/// Many columns of one length, for products with a signal; in f32, panel by panel of [`SIDE`] columns.
+/// Many columns of one length, for products with a signal; in f32, in panels.
 #[derive(Clone, Debug, Default)]
 pub struct ColumnTable {
     panels: Vec<Vec<[f32; SIDE]>>,
