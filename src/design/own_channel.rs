@@ -68,6 +68,11 @@ impl OwnChannels {
         self.channels.len()
     }
 
+    /// Whether a channel has a baseline by then.
+    pub fn knows(&self, channel: u32, t_ns: i64) -> bool {
+        self.channels.get(&channel).is_some_and(|&(.., from_ns)| t_ns >= from_ns)
+    }
+
     /// A channel's baseline, if it is known by then.
     pub fn of(&self, channel: u32, t_ns: i64) -> Option<Own> {
         let &(baseline, signals, from_ns) = self.channels.get(&channel)?;

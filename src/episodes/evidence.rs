@@ -93,6 +93,13 @@ impl Evidence {
         self.level_looks = self.level_looks.min(MEMORY_OF_OTHER_MODEL);
     }
 
+    /// From here on another statistic judges, as when a channel's own baseline begins: the level
+    /// learned so far says nothing of it.
+    pub fn change_statistic(&mut self) {
+        let Evidence { level, level_looks, variance, variance_looks, .. } = Evidence::default();
+        *self = Evidence { level, level_looks, variance, variance_looks, ..*self };
+    }
+
     /// `ratio`: detection statistic over threshold, not negative. `bound`: ln likelihood ratio that
     /// raises, and that ends.
     pub fn look(&mut self, ratio: f32, bound: f32) -> Step {
@@ -216,6 +223,26 @@ mod tests {
         let mut source = source(3);
         let raised = (1..30).find(|_| evidence.look(source.look(8.0), 16.0) == Step::Raised);
         assert!(raised.is_some_and(|n| n <= 8), "{raised:?}");
+    }
+
+    #[test]
+    fn another_statistic_is_no_fault_if_it_is_told_and_would_be_one_if_not() {
+        // twenty looks by all channels' spread, then by the channel's own, which reads higher
+        let raised = |told: bool| {
+            let mut source = source(5);
+            let raises = |_: &u32| {
+                let mut evidence = Evidence::default();
+                let by_all =
+                    (0..20).any(|_| evidence.look(0.3 * source.look(0.5), 16.0) == Step::Raised);
+                if told {
+                    evidence.change_statistic();
+                }
+                by_all | (0..200).any(|_| evidence.look(source.look(0.5), 16.0) == Step::Raised)
+            };
+            (0..2000).filter(raises).count()
+        };
+        assert!(raised(true) <= 1, "{}", raised(true));
+        assert!(raised(false) >= 20, "{}", raised(false));
     }
 
     #[test]

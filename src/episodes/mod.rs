@@ -52,6 +52,8 @@ pub struct Looks {
     pub model: u16,
     /// Statistic over threshold per channel; NaN: not judged.
     pub ratios: Vec<f32>,
+    /// Per channel, whether its own baseline judged it; empty: no channel's did.
+    pub own: Vec<bool>,
     /// Of flagged channels, ascending.
     pub named: Vec<Named>,
 }

@@ -54,6 +54,8 @@ struct Channel {
     looks: u64,
     onset_ns: i64,
     model: u16,
+    /// Whether its own baseline judged it last.
+    own: bool,
     evidence: Evidence,
     found: Option<Box<Found>>,
 }
@@ -177,6 +179,7 @@ impl Printhead {
             looks: 0,
             onset_ns: 0,
             model: 0,
+            own: false,
             evidence: Evidence::default(),
             found: None,
         });
@@ -219,6 +222,11 @@ impl Printhead {
             if channel.model != looks.model {
                 channel.model = looks.model;
                 channel.evidence.change_model();
+            }
+            let own = looks.own.get(row as usize).is_some_and(|&own| own);
+            if channel.own != own {
+                channel.own = own;
+                channel.evidence.change_statistic();
             }
             if let Some(over) = channel.look(looks.t_ns, ratio, named, bound, naming) {
                 counts.episodes += 1;
@@ -439,7 +447,13 @@ mod tests {
                     ..Named::default()
                 });
             }
-            Looks { t_ns: step * 1_000_000_000, first_channel: 5, model: 0, ratios, named }
+            Looks {
+                t_ns: step * 1_000_000_000,
+                first_channel: 5,
+                ratios,
+                named,
+                ..Looks::default()
+            }
         };
         (0..140).map(burst).collect()
     }
@@ -475,6 +489,24 @@ mod tests {
     }
 
     #[test]
+    fn what_was_learned_by_another_statistic_is_forgotten() {
+        // from 20 on its own baseline judges, and reads three times higher
+        let higher = |told: bool| {
+            let own = move |burst: &mut Looks, step| {
+                if step >= 20 {
+                    burst.ratios.iter_mut().for_each(|r| *r *= 3.0);
+                    burst.own = vec![told; 4];
+                }
+            };
+            let mut bursts: Vec<Looks> = bursts().into_iter().take(50).collect();
+            bursts.iter_mut().enumerate().for_each(|(step, b)| own(b, step));
+            run(tracker(8), bursts).1.episodes
+        };
+        assert_eq!(higher(true), 0);
+        assert_eq!(higher(false), 4);
+    }
+
+    #[test]
     fn order_within_the_window_and_repeats_do_not_matter() {
         let sorted = run(tracker(1000), bursts());
         let mut shuffled = bursts();
@@ -498,6 +530,7 @@ mod tests {
                     .filter(|n| n.row == row)
                     .map(|n| Named { row: 0, ..n.clone() })
                     .collect(),
+                ..Looks::default()
             })
         });
         assert_eq!(run(tracker(1000), apart), sorted);

@@ -40,6 +40,11 @@ impl InUse {
         self.printheads.get(&burst.printhead)?.of(channel, burst.t_acq_ns)
     }
 
+    /// Whether a channel of a printhead has a baseline at a time.
+    pub fn knows(&self, printhead: &str, channel: u32, t_ns: i64) -> bool {
+        self.printheads.get(printhead).is_some_and(|of| of.knows(channel, t_ns))
+    }
+
     /// Judges again by its own baseline every signal that has one.
     pub fn sharpen(
         &self,

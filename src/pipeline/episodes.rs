@@ -1,6 +1,7 @@
 //! The tap at the writer: rows in the recording's order become evidence over time.
 
 use super::PipelineError;
+use super::baseline::InUse;
 use super::replay::Replay;
 use super::schedule::Schedule;
 use super::stages::Judged;
@@ -15,7 +16,8 @@ use std::path::Path;
 const MOST_LISTED: usize = 1 << 14;
 
 /// Follows the rows of one recording.
-pub struct EpisodeTap {
+pub struct EpisodeTap<'a> {
+    baselines: Option<&'a InUse>,
     tracker: Tracker,
     table: EpisodeWriter,
     /// Per model: frequency, damping.
@@ -37,13 +39,14 @@ pub struct Finished {
     pub table: EpisodeWriter,
 }
 
-impl EpisodeTap {
+impl<'a> EpisodeTap<'a> {
     pub fn create(
         replay: &Replay,
         schedule: &Schedule,
+        baselines: Option<&'a InUse>,
         path: &Path,
         unit: TimestampUnit,
-    ) -> Result<EpisodeTap, PipelineError> {
+    ) -> Result<EpisodeTap<'a>, PipelineError> {
         let settings = &replay.settings;
         let classes = replay.classes();
         // weights of the other methods know no priors
@@ -53,6 +56,7 @@ impl EpisodeTap {
         };
         let poles = schedule.judges.iter().map(|judge| judge.model.identification.poles);
         Ok(EpisodeTap {
+            baselines,
             tracker: Tracker::new(
                 &classes,
                 &priors,
@@ -75,12 +79,19 @@ impl EpisodeTap {
                 (Some(statistic), Some(threshold)) if threshold > 0.0 => statistic / threshold,
                 _ => f32::NAN,
             };
+            let printhead = &c.printheads[c.printhead[from] as usize];
+            let known = |baselines: &InUse| {
+                (from..to)
+                    .map(|row| baselines.knows(printhead, c.channel[row], c.acquired_at_ns[row]))
+                    .collect()
+            };
             let mut looks = Looks {
                 t_ns: c.acquired_at_ns[from],
                 first_channel: c.channel[from],
                 // a burst has one; of rejected signals nothing is asked
                 model: c.model[from..to].iter().flatten().copied().next().unwrap_or_default(),
                 ratios: (from..to).map(ratio).collect(),
+                own: self.baselines.map(known).unwrap_or_default(),
                 named: Vec::new(),
             };
             while let Some(flagged) = flagged.next_if(|f| (f.row as usize) < to) {
@@ -103,7 +114,7 @@ impl EpisodeTap {
                     ring,
                 });
             }
-            self.tracker.push(&c.printheads[c.printhead[from] as usize], looks);
+            self.tracker.push(printhead, looks);
             from = to;
         }
         self.take_ended()

@@ -224,7 +224,7 @@ fn stream(
         TimestampUnit::Us => verdict_table::TimestampUnit::Us,
     };
     let beside = episode_table::path_beside(verdicts);
-    let mut episodes = EpisodeTap::create(replay, schedule, &beside, timestamp_unit)?;
+    let mut episodes = EpisodeTap::create(replay, schedule, baselines, &beside, timestamp_unit)?;
     let mut writer = VerdictWriter::create(
         verdicts,
         TableOptions {
