@@ -226,7 +226,7 @@ impl Printhead {
             let own = looks.own.get(row as usize).is_some_and(|&own| own);
             if channel.own != own {
                 channel.own = own;
-                channel.evidence.change_statistic();
+                channel.evidence.judge_by_own(own);
             }
             if let Some(over) = channel.look(looks.t_ns, ratio, named, bound, naming) {
                 counts.episodes += 1;
@@ -490,13 +490,11 @@ mod tests {
 
     #[test]
     fn what_was_learned_by_another_statistic_is_forgotten() {
-        // from 20 on its own baseline judges, and reads three times higher
+        // from 20 on their own baselines judge: a statistic that reads higher
         let higher = |told: bool| {
-            let own = move |burst: &mut Looks, step| {
-                if step >= 20 {
-                    burst.ratios.iter_mut().for_each(|r| *r *= 3.0);
-                    burst.own = vec![told; 4];
-                }
+            let own = move |burst: &mut Looks, step| match step {
+                0..20 => burst.ratios.iter_mut().for_each(|r| *r *= 0.1),
+                _ => burst.own = vec![told; 4],
             };
             let mut bursts: Vec<Looks> = bursts().into_iter().take(50).collect();
             bursts.iter_mut().enumerate().for_each(|(step, b)| own(b, step));
