@@ -3,7 +3,6 @@
 
 use crate::house::{House, root};
 use inkling::thesis;
-use std::sync::atomic::AtomicBool;
 
 #[test]
 fn thesis_method_reproduces_detection_and_isolation_within_bands() {
@@ -33,7 +32,7 @@ fn thesis_method_reproduces_detection_and_isolation_within_bands() {
 #[test]
 fn chapter_4_lands_in_its_bands() {
     let seeds = [201, 202, 203, 204];
-    let chapter = thesis::run(&seeds, 2, &AtomicBool::new(false), |_| {}).unwrap();
+    let chapter = thesis::run(&seeds, 2, |_| {}).unwrap();
     for (key, low, high) in [
         ("FD n_o = 7.25/accuracy", 0.968, 0.988),
         ("FD n_o = 7.25/false alarms", 0.0, 4.0),

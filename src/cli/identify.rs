@@ -70,6 +70,15 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         match fit(signals, labels.is_some(), set.sample_period_s, &settings) {
             Ok((mean, fit)) => {
                 let used = mean.n_signals;
+                if fit.fit_percent < LEAST_FIT_PERCENT || !fit.at_bounds.is_empty() {
+                    progress.say(&format!(
+                        "warning: printhead {}: the model fits {:.1} % of the average{}; are these signals \
+                         healthy, and is identify.grey_box of this printhead?",
+                        printable(name),
+                        fit.fit_percent,
+                        if fit.at_bounds.is_empty() { "" } else { ", with a rate at its bound" }
+                    ));
+                }
                 let simulated = fit.expected(set.sample_period_s, set.samples);
                 let misfit: Vec<f64> = mean.y.iter().zip(&simulated).map(|(y, s)| y - s).collect();
                 let white = whiteness::whiteness(&misfit, FITTED);
@@ -170,6 +179,9 @@ fn print(
     }
     Ok(())
 }
+
+/// Averages of faulty signals, or of a mixture, are fitted worse than this; healthy ones far better.
+const LEAST_FIT_PERCENT: f64 = 90.0;
 
 /// Numbers that (3-1) fits to an average.
 const FITTED: usize = 6;

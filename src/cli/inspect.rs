@@ -49,6 +49,10 @@ const MOST_GROUPS: usize = 1000;
 const MOST_ROWS: usize = 32_768;
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
+    if args.recording.is_dir() {
+        let dir = args.recording.display();
+        return Err(Failure::usage(format!("{dir}: a directory; inspect looks at one recording")));
+    }
     let recording = Recording::open(&args.recording, Limits::default()).map_err(Failure::new)?;
     let control = interruptible();
     let progress = Progress::new(1, recording.bytes);

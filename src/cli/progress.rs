@@ -18,14 +18,20 @@ pub fn complain(message: &str) {
     let _ = writeln!(std::io::stderr(), "{message}");
 }
 
-/// A shared control that Ctrl-C or a request to terminate interrupts.
+/// A shared control that Ctrl-C or a request to terminate interrupts; the second one ends the run where
+/// it is.
 pub fn interruptible() -> Arc<Control> {
     static ONCE: Once = Once::new();
     let control = Arc::new(Control::default());
     let handle = control.clone();
     ONCE.call_once(|| {
         // without a handler Ctrl-C still ends the run; only the .part file is left behind
-        let _ = ctrlc::set_handler(move || handle.interrupt());
+        let _ = ctrlc::set_handler(move || {
+            if handle.interrupted() {
+                std::process::exit(1);
+            }
+            handle.interrupt();
+        });
     });
     control
 }

@@ -168,14 +168,19 @@ fn warn(report: &RecordingReport, progress: &Progress) {
             refusal.why
         ));
     }
+    for (printhead, what) in report.warnings.iter().take(MOST) {
+        progress.say(&format!("warning: {}: {}: {what}", report.name, printable(printhead)));
+    }
     for damage in report.damage.iter().take(MOST) {
         progress.say(&format!(
             "warning: {}: bytes {} to {}: {}",
             report.name, damage.from_byte, damage.to_byte, damage.what
         ));
     }
-    let more =
-        report.refusals.len().saturating_sub(MOST) + report.damage.len().saturating_sub(MOST);
+    let more = [report.refusals.len(), report.warnings.len(), report.damage.len()]
+        .map(|n| n.saturating_sub(MOST))
+        .iter()
+        .sum::<usize>();
     if more > 0 {
         progress.say(&format!("warning: {}: {more} more, all in its summary.json", report.name));
     }

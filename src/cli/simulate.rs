@@ -4,6 +4,7 @@ use super::exit::{Exit, Failure, unless_reader_gone};
 use super::progress::{interruptible, thousands};
 use crate::io::recording_writer::{self, RecordingWriter, WriterOptions};
 use crate::io::{labels_file, truth_file};
+use crate::pipeline::Control;
 use crate::simulate::scenario::Kind;
 use crate::simulate::scenario::{Compression, RecordingOptions};
 use crate::simulate::{Scenario, SimulatedRecording, hidden};
@@ -48,8 +49,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     }
     let mut out = std::io::stdout().lock();
     let seed = args.seed.or(scenario.seed).unwrap_or(1);
+    let control = interruptible();
     for recording in scenario.recordings(seed) {
-        write(recording, &args.out, &mut out)?;
+        write(recording, &args.out, &control, &mut out)?;
     }
     let labels = args.out.join("labels.csv");
     labels_file::write(&labels, &scenario.labels(seed)).map_err(Failure::new)?;
@@ -58,8 +60,12 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 }
 
 /// Writes a recording into `dir` and says so.
-fn write(recording: SimulatedRecording, dir: &Path, out: &mut impl Write) -> Result<(), Failure> {
-    let control = interruptible();
+fn write(
+    recording: SimulatedRecording,
+    dir: &Path,
+    control: &Control,
+    out: &mut impl Write,
+) -> Result<(), Failure> {
     let path = dir.join(format!("{}.mcap", recording.stem));
     let mut writer =
         RecordingWriter::create(&path, options(&recording.options)).map_err(Failure::new)?;
@@ -99,7 +105,7 @@ fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
     let digest = args.out.join("truth.sha256");
     truth_file::write(&sealed.join("truth.json"), &digest, &hidden.truth).map_err(Failure::new)?;
     labels_file::write(&sealed.join("labels.csv"), &hidden.labels).map_err(Failure::new)?;
-    write(hidden.recording, &args.out, &mut out)?;
+    write(hidden.recording, &args.out, &interruptible(), &mut out)?;
     writeln!(out, "{}", digest.display())?;
     Ok(Exit::Done)
 }

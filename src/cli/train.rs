@@ -4,6 +4,7 @@ use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible, thousands};
 use super::replay::PresetArg;
 use crate::design::Design;
+use crate::detect::DetectMethod;
 use crate::io::recording::Recording;
 use crate::io::{Limits, design_file, inputs, labels_file};
 use crate::pipeline::collect::Collector;
@@ -93,7 +94,11 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         poles.lambda_per_s
     )?;
     let t = &design.pooled.threshold;
-    writeln!(out, "  threshold {:.4e} counts²·s ({})", t.value, t.in_words())?;
+    let unit = match design.detect.method {
+        DetectMethod::Sensitivity => "squared distance",
+        DetectMethod::ResidualEnergy => "counts²·s",
+    };
+    writeln!(out, "  threshold {:.4e} {unit} ({})", t.value, t.in_words())?;
     let lost = ["rejected", "other_sampling"].iter().any(|k| design.signals.contains_key(*k));
     Ok(if damaged || lost { Exit::Incomplete } else { Exit::Done })
 }

@@ -86,12 +86,11 @@ impl HealthyModel {
 
         let temperature_c = healthy.mean_temperature_c();
         let directions = tangent::tangent(&identification, dt_s, set.samples);
-        let temperature_response = match anchor {
-            Some(anchor) => anchor.temperature_response.clone(),
-            None => temperature_c.and_then(|reference| {
-                tangent::temperature_response(healthy, &expected, &directions, reference)
-            }),
-        };
+        let known = anchor.and_then(|anchor| anchor.temperature_response.clone());
+        let temperature_response = known.or_else(|| {
+            let reference = temperature_c?;
+            tangent::temperature_response(healthy, &expected, &directions, reference)
+        });
         let (damping_per_k, frequency_per_k) = temperature_response
             .as_ref()
             .and_then(|response| tangent::pole_changes(&identification, &directions, response))
@@ -219,16 +218,17 @@ impl HealthyModel {
     }
 
     /// Relative drift (frequency, damping) of `later` from this model, beyond what the recorded
-    /// temperatures explain where their effect is known.
+    /// temperatures explain where one of the two knows their effect.
     pub fn drift_to(&self, later: &HealthyModel) -> (f64, f64) {
+        let knows = if self.temperature_response.is_some() { self } else { later };
         let warmer = match (self.temperature_c, later.temperature_c) {
             (Some(here), Some(there)) => there - here,
             _ => 0.0,
         };
         let (p, q) = (self.identification.poles, later.identification.poles);
         (
-            q.frequency_hz / (p.frequency_hz * (1.0 + warmer * self.frequency_per_k)) - 1.0,
-            q.damping_per_s / (p.damping_per_s * (1.0 + warmer * self.damping_per_k)) - 1.0,
+            q.frequency_hz / (p.frequency_hz * (1.0 + warmer * knows.frequency_per_k)) - 1.0,
+            q.damping_per_s / (p.damping_per_s * (1.0 + warmer * knows.damping_per_k)) - 1.0,
         )
     }
 

@@ -81,6 +81,7 @@ impl Design {
         in_table_order(&mut design.classes);
         if !design.classes.is_empty() {
             design.posterior = learn_posterior(&design, set)?;
+            warnings.extend(yield_to_own_classes(&mut design, set)?);
             if design.posterior.is_none() {
                 warnings.push(
                     "no posterior: a class has too few signals that ring; \
@@ -108,6 +109,7 @@ impl Design {
                 )),
             }
         }
+        warnings.extend(temperature_unknown(&pooled));
         let design = Design {
             version: VERSION,
             made_by: format!("inkling {}", env!("CARGO_PKG_VERSION")),
@@ -135,6 +137,16 @@ impl Design {
         let of = |name: &String| self.model_of(name).unwrap_or(&self.pooled);
         printheads.iter().map(|(name, set)| (of(name), set)).collect()
     }
+}
+
+/// Said where temperature was recorded and the model does not know its effect.
+fn temperature_unknown(pooled: &HealthyModel) -> Option<String> {
+    let reference = pooled.temperature_c.filter(|_| pooled.temperature_response.is_none())?;
+    Some(format!(
+        "what temperature does was not learned: it hardly varied about {reference:.1} °C, or had no effect. \
+         For recordings at other temperatures train on healthy signals at several, too, or replay \
+         with --identify windows"
+    ))
 }
 
 /// Methods II and III in two steps: healthy models by method I first, then what the fault says.
@@ -197,6 +209,47 @@ fn learn_posterior(design: &Design, set: &TrainingSet) -> Result<Option<Posterio
         (free, held) => free.or(held),
     };
     Ok(better.map(|(posterior, _)| posterior).or(learned))
+}
+
+/// A class that is known by physics only and takes the signals of a user's own class is that class by
+/// another name: the label counts. Says which were left out.
+fn yield_to_own_classes(
+    design: &mut Design,
+    set: &TrainingSet,
+) -> Result<Vec<String>, DesignError> {
+    /// Share of its signals' certainty that a class of one's own may lose to one of them.
+    const MOST_TAKEN: f64 = 0.2;
+    let mut said = Vec::new();
+    let own = |name: &str| !crate::fault::CLASSES.contains(&name);
+    for (name, printheads) in set.faulty.iter().filter(|(name, _)| own(name)) {
+        let (Some(posterior), Some(curves)) = (&design.posterior, design.curves()) else { break };
+        let sets = design.with_models(printheads);
+        let Some(examples) = examples(&sets, posterior.phase)? else { continue };
+        let classes = design.classes.len();
+        let (mut weights, mut taken) = (vec![0.0; classes], vec![0.0; classes]);
+        for x in &examples.features {
+            let mut compared = Comparison::default();
+            curves.compare(x, Seen::as_made(), &mut compared);
+            posterior.weigh(x, &compared.ln_densities, &vec![1.0; classes], &mut weights);
+            taken.iter_mut().zip(&weights).for_each(|(t, w)| *t += w);
+        }
+        let of_all = examples.features.len() as f64;
+        let takes = |k: usize| design.classes[k].n_signals == 0 && taken[k] > MOST_TAKEN * of_all;
+        let gone: Vec<String> =
+            (0..classes).filter(|&k| takes(k)).map(|k| design.classes[k].name.clone()).collect();
+        if gone.is_empty() {
+            continue;
+        }
+        design.classes.retain(|class| !gone.contains(&class.name));
+        design.curves = OnceLock::new();
+        design.posterior = learn_posterior(design, set)?;
+        said.push(format!(
+            "{}: known by physics only, and what {name} looks like: left out. Label signals of it to \
+             tell the two apart",
+            gone.join(", ")
+        ));
+    }
+    Ok(said)
 }
 
 /// Features of a class's signals and the noise of a fit at their mean.

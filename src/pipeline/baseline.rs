@@ -31,6 +31,8 @@ pub struct InUse {
     pub learned: usize,
     pub heard: usize,
     pub beyond: u64,
+    /// Printheads whose baselines are not used, and why.
+    pub refused: Vec<(Arc<str>, String)>,
 }
 
 impl InUse {
@@ -91,8 +93,29 @@ pub fn starts(
     Ok(starts)
 }
 
-/// What a recording says of its printheads, with the noise of a fit.
-type HeardOf = BTreeMap<Arc<str>, (Heard, Matrix4<f64>)>;
+/// A printhead's baselines are not used where so many of its signals that look like a healthy channel
+/// do not look like their own: it is another head, or something drifted that the models do not know.
+/// Some slightly dried nozzles are far less.
+const MOST_ESTRANGED: f64 = 0.2;
+
+/// What a recording says of a printhead.
+#[derive(Default)]
+struct Told {
+    heard: Heard,
+    /// Of a fit.
+    noise: Matrix4<f64>,
+    /// Signals near all channels whose channel has a baseline, and those of them that are far from it.
+    near: u64,
+    estranged: u64,
+}
+
+impl Told {
+    fn is_estranged(&self) -> bool {
+        self.estranged as f64 > MOST_ESTRANGED * self.near as f64
+    }
+}
+
+type HeardOf = BTreeMap<Arc<str>, Told>;
 
 /// Learns from a recording, in two passes: what the first window says of channels that are not
 /// remembered, then what all of it says, judged by both. With a design that has no sensitivities
@@ -119,8 +142,8 @@ pub fn learn(
         OwnChannels::new(judging, from, curves.as_deref(), settings.detect.false_alarm_rate)
     };
     let of_names = |owns: &mut HashMap<Arc<str>, OwnChannels>, heard: &HeardOf| {
-        for (name, (heard, noise)) in heard {
-            let judging = remembered.with_first_window(name, heard, noise);
+        for (name, told) in heard {
+            let judging = remembered.with_first_window(name, &told.heard, &told.noise);
             owns.insert(name.clone(), known(name, &judging));
         }
     };
@@ -140,17 +163,33 @@ pub fn learn(
 
     let mut next = remembered.clone();
     let (mut learned, mut heard_channels, mut beyond) = (0, 0, 0);
-    for (name, (heard, noise)) in &all {
-        heard_channels += heard.channels();
-        beyond += heard.beyond;
-        next.learn(name, heard, noise);
+    let mut refused = Vec::new();
+    for (name, told) in &all {
+        heard_channels += told.heard.channels();
+        beyond += told.heard.beyond;
+        if told.is_estranged() {
+            owns.remove(name);
+            refused.push((name.clone(), estranged(told)));
+        } else {
+            next.learn(name, &told.heard, &told.noise);
+        }
     }
     for (name, own) in &owns {
         let known = remembered.printheads.get(&**name).map_or(0, |known| known.channels.len());
         learned += own.channels().saturating_sub(known);
     }
     let remembered = remembered.channels();
-    Ok((InUse { printheads: owns, remembered, learned, heard: heard_channels, beyond }, next))
+    let heard = heard_channels;
+    Ok((InUse { printheads: owns, remembered, learned, heard, beyond, refused }, next))
+}
+
+fn estranged(told: &Told) -> String {
+    format!(
+        "its channels' own baselines are not used, nor brought up to date: {:.0} % of the signals that \
+         look healthy do not look like their own channel. Another printhead of that name (then give \
+         it a baseline file of its own), or a drift that the models do not know, such as temperature",
+        100.0 * told.estranged as f64 / told.near as f64
+    )
 }
 
 struct Pass<'a> {
@@ -189,8 +228,8 @@ impl Pass<'_> {
                     Assignment::Reject(_) => return,
                 };
                 let Some(detector) = judge.detector() else { return };
-                let (of_printhead, noise) = heard.entry(burst.printhead.clone()).or_default();
-                *noise = *detector.own_noise();
+                let told = heard.entry(burst.printhead.clone()).or_default();
+                told.noise = *detector.own_noise();
                 let own = owns.get(&burst.printhead);
                 let (n, drive) = (burst.samples_per_channel as usize, judge.drive(burst));
                 signal.resize(n, 0.0);
@@ -207,12 +246,15 @@ impl Pass<'_> {
                     let mut statistic = judge.statistic(&signal, drive, &mut work);
                     // whatever its time: what is learned later was not judged by it
                     work.own = own.and_then(|own| own.of(channel, i64::MAX));
-                    if work.own.is_some() {
+                    let threshold = judge.model.threshold.value;
+                    if work.own.is_some() && statistic <= threshold {
                         statistic = statistic.max(judge.statistic(&signal, drive, &mut work));
+                        told.near += 1;
+                        told.estranged += u64::from(statistic > threshold);
                     }
-                    let healthy = statistic <= judge.model.threshold.value;
+                    let healthy = statistic <= threshold;
                     let features = detector.own_features(&signal, drive);
-                    of_printhead.take(channel, &features, drive, healthy, &mut room);
+                    told.heard.take(channel, &features, drive, healthy, &mut room);
                 }
             },
         )?;

@@ -27,6 +27,7 @@ mod survey;
 pub mod tally;
 pub mod timings;
 mod visit;
+mod warmth;
 mod windows;
 
 pub use replay::{RecordingReport, Replay, replay};

@@ -8,6 +8,7 @@ use super::stages::{self, BlockQueue, Pacer};
 use super::survey::survey;
 use super::tally::Tally;
 use super::timings::{StageTiming, Timings};
+use super::warmth::Warmth;
 use super::windows::Learner;
 use super::{Control, PipelineError, metadata};
 use crate::design::{Baselines, Design, categories};
@@ -21,6 +22,7 @@ use crate::settings::{IdentifyMode, Pace, Settings, TimestampUnit};
 use crossbeam_channel::bounded;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::thread::{self, ScopedJoinHandle};
 use std::time::{Duration, Instant};
@@ -68,6 +70,8 @@ pub struct RecordingReport {
     pub tally: Tally,
     pub damage: Vec<Damage>,
     pub refusals: Vec<Refusal>,
+    /// Printhead and what to know about its verdicts.
+    pub warnings: Vec<(Arc<str>, String)>,
     pub models: usize,
     pub seconds: f64,
     pub verdicts: PathBuf,
@@ -129,7 +133,9 @@ pub fn replay(
         }
         done => (schedule, done?),
     };
-    let Streamed { mut tally, writer, episodes, scan_damage, behind, timings, digest } = streamed;
+    let Streamed { mut tally, writer, episodes, scan_damage, behind, timings, digest, warmth } =
+        streamed;
+    let mut warnings = warmth.warnings();
 
     let counts = &tally.counts;
     let judged_and_rejected = counts.judged + counts.rejected.values().sum::<u64>();
@@ -155,6 +161,7 @@ pub fn replay(
         summary(document, recording, &damage, &schedule, seconds, counts.signals, behind);
     summary["timings"] = json!(timings);
     if let Some((in_use, _)) = &learned {
+        warnings.extend(in_use.refused.iter().cloned());
         summary["baseline"] = json!({
             "channels_remembered": in_use.remembered,
             "channels_learned_in_the_first_window": in_use.learned,
@@ -162,6 +169,10 @@ pub fn replay(
             "signals_of_channels_beyond_the_limit": in_use.beyond,
         });
     }
+    summary["warnings"] = warnings
+        .iter()
+        .map(|(printhead, what)| json!({"printhead": &**printhead, "what": what}))
+        .collect();
     let Finished { report: episodes, table } = episodes;
     summary["episodes"] = json!(episodes.counts);
     // all are complete on disk before any gets its name
@@ -173,6 +184,7 @@ pub fn replay(
         name: recording.name.clone(),
         damage,
         refusals: schedule.refusals,
+        warnings,
         models: schedule.judges.len(),
         seconds,
         verdicts: verdicts.to_path_buf(),
@@ -205,6 +217,7 @@ struct Streamed {
     behind: Option<Duration>,
     timings: Vec<StageTiming>,
     digest: Digest,
+    warmth: Warmth,
 }
 
 /// Wires the six stages, runs them, joins them.
@@ -234,7 +247,7 @@ fn stream(
             timestamp_unit,
         },
     )?;
-    let mut tally = Tally::new(classes);
+    let (mut tally, mut warmth) = (Tally::new(classes), Warmth::default());
     let mut pacer = (settings.replay.pace == Pace::Recorded).then(Pacer::new);
     let stages = &settings.replay;
     let (filters, isolators) = (replay.workers(stages.filters), replay.workers(stages.isolators));
@@ -255,6 +268,7 @@ fn stream(
         let (to_isolate, from_gate) = bounded(QUEUE);
         let (to_writer, from_isolate) = bounded(QUEUE);
         let (queue, in_flight, pacer) = (&queue, &in_flight, &mut pacer);
+        let warmth = &mut warmth;
         let timings = &timings;
         let mut running: Vec<(&'static str, ScopedJoinHandle<Result<(), PipelineError>>)> =
             Vec::new();
@@ -273,7 +287,8 @@ fn stream(
         running.push((
             "identify",
             scope.spawn(move || {
-                stages::identify(schedule, timings.clock("identify"), from_reader, to_filter)
+                let clock = timings.clock("identify");
+                stages::identify(schedule, warmth, clock, from_reader, to_filter)
             }),
         ));
         for _ in 0..filters {
@@ -322,7 +337,7 @@ fn stream(
     let behind = pacer.map(|p| p.behind);
     let ((scan_damage, digest), timings) = (queue.finish(control)?, timings.stages());
     let episodes = episodes.finish()?;
-    Ok(Streamed { tally, writer, episodes, scan_damage, behind, timings, digest })
+    Ok(Streamed { tally, writer, episodes, scan_damage, behind, timings, digest, warmth })
 }
 
 fn summary(

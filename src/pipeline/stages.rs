@@ -9,6 +9,7 @@ use super::schedule::{Assignment, Schedule};
 use super::statistics::Statistics;
 use super::tally::Tally;
 use super::timings::Clock;
+use super::warmth::Warmth;
 use super::{Control, PipelineError, rows};
 use crate::burst::{Acquisition, Place, SignalBatch};
 use crate::design::{Judge, Workspace};
@@ -200,6 +201,7 @@ pub fn read(
 /// 2. Identify: the model of every burst, from the windows learned before.
 pub fn identify(
     schedule: &Schedule,
+    warmth: &mut Warmth,
     mut clock: Clock,
     input: Receiver<Read>,
     out: Sender<Assigned>,
@@ -210,7 +212,10 @@ pub fn identify(
             judges.push(match acquisition {
                 Acquisition::Unusable(unusable) => Err(unusable.why.into()),
                 Acquisition::Usable(burst) => match schedule.assign(burst) {
-                    Assignment::Judge(judge) => Ok(judge.clone()),
+                    Assignment::Judge(judge) => {
+                        warmth.take(judge, burst);
+                        Ok(judge.clone())
+                    }
                     Assignment::Reject(reason) => Err(reason),
                     Assignment::Survey => return Err(PipelineError::NeedsSurvey),
                 },

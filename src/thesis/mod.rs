@@ -19,7 +19,7 @@ use crate::simulate::scenario::Kind;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use thiserror::Error;
 
@@ -38,8 +38,6 @@ pub enum ThesisError {
     Plot(#[from] crate::plot::PlotError),
     #[error("{path}: {source}")]
     Write { path: String, source: std::io::Error },
-    #[error("interrupted; nothing was written")]
-    Interrupted,
 }
 
 /// Signals of class (row) that were named so (column); a mean over seeds.
@@ -78,7 +76,6 @@ pub struct Chapter {
 pub fn run(
     seeds: &[u64],
     threads: usize,
-    stop: &AtomicBool,
     done: impl Fn(u64) + Sync,
 ) -> Result<Chapter, ThesisError> {
     let (classes, physics) = scenarios()?;
@@ -93,9 +90,6 @@ pub fn run(
                 loop {
                     let k = next.fetch_add(1, Ordering::Relaxed);
                     let Some(&seed) = seeds.get(k) else { break };
-                    if stop.load(Ordering::Relaxed) {
-                        break;
-                    }
                     let result = chapter::figures(&classes, seed).and_then(|mut figures| {
                         experiment::figures(dried, seed, &mut figures)?;
                         Ok(figures)
@@ -107,9 +101,6 @@ pub fn run(
         }
     });
     let results = results.into_inner().unwrap_or_else(PoisonError::into_inner);
-    if results.len() < seeds.len() {
-        return Err(ThesisError::Interrupted);
-    }
     let each = results.into_values().collect::<Result<Vec<_>, _>>()?;
     Ok(Chapter::of(seeds, &each))
 }

@@ -1,0 +1,59 @@
+//! Temperatures at which a model judges without knowing what temperature does.
+//!
+//! In: bursts and the judges assigned to them. Out: a warning per printhead that was judged so.
+
+use crate::burst::Burst;
+use crate::design::Judge;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Some K change damping by some percent (water-based ink: about 2 % per K), as much as channels differ.
+const HARMLESS_K: f64 = 2.0;
+/// Printheads that are told apart.
+const MOST_PRINTHEADS: usize = 1 << 10;
+
+#[derive(Debug, Default)]
+pub struct Warmth {
+    by_printhead: BTreeMap<Arc<str>, Seen>,
+}
+
+/// Temperatures of bursts whose model knows no response, and the farthest from that model. °C, K.
+#[derive(Clone, Copy, Debug)]
+struct Seen {
+    least: f64,
+    most: f64,
+    farthest: f64,
+}
+
+impl Warmth {
+    pub fn take(&mut self, judge: &Judge, burst: &Burst) {
+        let Some(t) = burst.temperature_c.filter(|t| t.is_finite()) else { return };
+        if judge.model.temperature_response.is_some() {
+            return;
+        }
+        let off = judge.model.temperature_c.map_or(0.0, |reference| (t - reference).abs());
+        if let Some(seen) = self.by_printhead.get_mut(&burst.printhead) {
+            seen.least = seen.least.min(t);
+            seen.most = seen.most.max(t);
+            seen.farthest = seen.farthest.max(off);
+        } else if self.by_printhead.len() < MOST_PRINTHEADS {
+            let seen = Seen { least: t, most: t, farthest: off };
+            self.by_printhead.insert(burst.printhead.clone(), seen);
+        }
+    }
+
+    /// Printhead and what to know about it.
+    pub fn warnings(&self) -> Vec<(Arc<str>, String)> {
+        let says = |seen: &Seen| {
+            format!(
+                "judged at {:.1} to {:.1} °C by models that do not know what temperature does \
+                 (it did not vary where they were learned): expect false alarms. Train on recordings \
+                 at several temperatures, too, or replay with --identify windows",
+                seen.least, seen.most
+            )
+        };
+        let matters = |seen: &Seen| seen.farthest.max(0.5 * (seen.most - seen.least)) > HARMLESS_K;
+        let of = self.by_printhead.iter().filter(|(_, seen)| matters(seen));
+        of.map(|(name, seen)| (name.clone(), says(seen))).collect()
+    }
+}
