@@ -168,6 +168,13 @@ fn warn(report: &RecordingReport, progress: &Progress) {
             refusal.why
         ));
     }
+    for what in &report.learned_temperature {
+        progress.say(&format!(
+            "{}: what temperature does is not in the design, learned from this recording: {}",
+            report.name,
+            printable(what)
+        ));
+    }
     for (printhead, what) in report.warnings.iter().take(MOST) {
         progress.say(&format!("warning: {}: {}: {what}", report.name, printable(printhead)));
     }

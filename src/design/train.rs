@@ -144,8 +144,8 @@ fn temperature_unknown(pooled: &HealthyModel) -> Option<String> {
     let reference = pooled.temperature_c.filter(|_| pooled.temperature_response.is_none())?;
     Some(format!(
         "what temperature does was not learned: it hardly varied about {reference:.1} °C, or had no effect. \
-         For recordings at other temperatures train on healthy signals at several, too, or replay \
-         with --identify windows"
+         Healthy signals at several temperatures would tell; without, replay learns it from recordings \
+         in which it varies"
     ))
 }
 

@@ -25,6 +25,7 @@ mod stages;
 mod statistics;
 mod survey;
 pub mod tally;
+mod temperature;
 pub mod timings;
 mod visit;
 mod warmth;
@@ -68,6 +69,8 @@ pub enum PipelineError {
     Isolate(#[from] crate::isolate::IsolateError),
     #[error("a printhead without a model turned up")]
     NeedsSurvey,
+    #[error("temperatures turned up at which the models do not know what to expect")]
+    NeedsTemperature,
 }
 
 /// The first damage of a recording in words, as the end of a sentence.

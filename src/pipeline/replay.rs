@@ -36,6 +36,7 @@ const BLOCKS_PER_WORKER: usize = 2;
 const MOST_BYTES: u64 = 64 << 20;
 
 /// What a run of replay shares over its recordings.
+#[derive(Clone)]
 pub struct Replay {
     pub settings: Settings,
     pub design: Option<Design>,
@@ -72,6 +73,8 @@ pub struct RecordingReport {
     pub refusals: Vec<Refusal>,
     /// Printhead and what to know about its verdicts.
     pub warnings: Vec<(Arc<str>, String)>,
+    /// What was learned of temperature from the recording itself, in words.
+    pub learned_temperature: Vec<String>,
     pub models: usize,
     pub seconds: f64,
     pub verdicts: PathBuf,
@@ -98,6 +101,28 @@ pub fn replay(
     verdicts: &Path,
     control: &Control,
 ) -> Result<RecordingReport, PipelineError> {
+    let may_learn = replay.design.is_some();
+    match judge(replay, recording, verdicts, may_learn, control) {
+        Err(PipelineError::NeedsTemperature) => {}
+        done => return done,
+    }
+    let Some((knowing, learned)) = replay.learn_temperature(recording, control)? else {
+        return judge(replay, recording, verdicts, false, control);
+    };
+    let replay = Replay { design: Some(knowing), ..replay.clone() };
+    let mut report = judge(&replay, recording, verdicts, false, control)?;
+    report.learned_temperature = learned;
+    Ok(report)
+}
+
+/// `may_learn`: what temperature does can still be learned from the recording.
+fn judge(
+    replay: &Replay,
+    recording: &Recording,
+    verdicts: &Path,
+    may_learn: bool,
+    control: &Control,
+) -> Result<RecordingReport, PipelineError> {
     let started = Instant::now();
     let isolate = &replay.settings.isolate;
     let design_schedule = || match &replay.design {
@@ -121,7 +146,7 @@ pub fn replay(
     let run = |schedule: &Schedule| {
         let learned = learn_baselines(replay, recording, schedule, control)?;
         let in_use = learned.as_ref().map(|(in_use, _)| in_use);
-        let streamed = stream(replay, recording, schedule, in_use, verdicts, control)?;
+        let streamed = stream(replay, recording, schedule, in_use, (verdicts, may_learn), control)?;
         Ok((streamed, learned))
     };
     let (schedule, (streamed, learned)) = match run(&schedule) {
@@ -185,6 +210,7 @@ pub fn replay(
         damage,
         refusals: schedule.refusals,
         warnings,
+        learned_temperature: Vec::new(),
         models: schedule.judges.len(),
         seconds,
         verdicts: verdicts.to_path_buf(),
@@ -226,7 +252,7 @@ fn stream(
     recording: &Recording,
     schedule: &Schedule,
     baselines: Option<&InUse>,
-    verdicts: &Path,
+    (verdicts, may_learn): (&Path, bool),
     control: &Control,
 ) -> Result<Streamed, PipelineError> {
     let settings = &replay.settings;
@@ -247,7 +273,7 @@ fn stream(
             timestamp_unit,
         },
     )?;
-    let (mut tally, mut warmth) = (Tally::new(classes), Warmth::default());
+    let (mut tally, mut warmth) = (Tally::new(classes), Warmth::new(may_learn));
     let mut pacer = (settings.replay.pace == Pace::Recorded).then(Pacer::new);
     let stages = &settings.replay;
     let (filters, isolators) = (replay.workers(stages.filters), replay.workers(stages.isolators));

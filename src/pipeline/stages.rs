@@ -213,7 +213,7 @@ pub fn identify(
                 Acquisition::Unusable(unusable) => Err(unusable.why.into()),
                 Acquisition::Usable(burst) => match schedule.assign(burst) {
                     Assignment::Judge(judge) => {
-                        warmth.take(judge, burst);
+                        warmth.take(judge, burst)?;
                         Ok(judge.clone())
                     }
                     Assignment::Reject(reason) => Err(reason),

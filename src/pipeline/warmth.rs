@@ -1,19 +1,23 @@
 //! Temperatures at which a model judges without knowing what temperature does.
 //!
-//! In: bursts and the judges assigned to them. Out: a warning per printhead that was judged so.
+//! In: bursts and the judges assigned to them. Out: the demand to learn it ([`super::temperature`]) or,
+//! where that was tried in vain, a warning per printhead.
 
+use super::PipelineError;
 use crate::burst::Burst;
 use crate::design::Judge;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Some K change damping by some percent (water-based ink: about 2 % per K), as much as channels differ.
-const HARMLESS_K: f64 = 2.0;
+/// A K changes damping by some percent (water-based ink: about 2): half of what channels differ by.
+const HARMLESS_K: f64 = 1.0;
 /// Printheads that are told apart.
 const MOST_PRINTHEADS: usize = 1 << 10;
 
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Warmth {
+    /// It may still be learned from the recording.
+    may_learn: bool,
     by_printhead: BTreeMap<Arc<str>, Seen>,
 }
 
@@ -26,10 +30,14 @@ struct Seen {
 }
 
 impl Warmth {
-    pub fn take(&mut self, judge: &Judge, burst: &Burst) {
-        let Some(t) = burst.temperature_c.filter(|t| t.is_finite()) else { return };
+    pub fn new(may_learn: bool) -> Warmth {
+        Warmth { may_learn, by_printhead: BTreeMap::new() }
+    }
+
+    pub fn take(&mut self, judge: &Judge, burst: &Burst) -> Result<(), PipelineError> {
+        let Some(t) = burst.temperature_c.filter(|t| t.is_finite()) else { return Ok(()) };
         if judge.model.temperature_response.is_some() {
-            return;
+            return Ok(());
         }
         let off = judge.model.temperature_c.map_or(0.0, |reference| (t - reference).abs());
         if let Some(seen) = self.by_printhead.get_mut(&burst.printhead) {
@@ -40,15 +48,18 @@ impl Warmth {
             let seen = Seen { least: t, most: t, farthest: off };
             self.by_printhead.insert(burst.printhead.clone(), seen);
         }
+        if self.may_learn && off > HARMLESS_K {
+            return Err(PipelineError::NeedsTemperature);
+        }
+        Ok(())
     }
 
     /// Printhead and what to know about it.
     pub fn warnings(&self) -> Vec<(Arc<str>, String)> {
         let says = |seen: &Seen| {
             format!(
-                "judged at {:.1} to {:.1} °C by models that do not know what temperature does \
-                 (it did not vary where they were learned): expect false alarms. Train on recordings \
-                 at several temperatures, too, or replay with --identify windows",
+                "judged at {:.1} to {:.1} °C by models that do not know what temperature does, \
+                 and this recording does not tell: expect false alarms",
                 seen.least, seen.most
             )
         };

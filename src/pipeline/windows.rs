@@ -19,7 +19,7 @@ use crate::verdict::{Reason, unusable_signal};
 use std::collections::{BTreeMap, HashSet};
 
 /// Bytes of signals that are held at a time while windows are learned.
-const HELD_BYTES: usize = 96 << 20;
+pub(super) const HELD_BYTES: usize = 96 << 20;
 /// Signals of a window that are held whatever their length.
 const FEWEST_HELD: usize = 64;
 /// Of the average's size, what the model must explain for anything to ring at all, per cent.
@@ -192,32 +192,38 @@ impl Learner<'_> {
                 for &i in by_group.get(&GroupKey::of(burst)).into_iter().flatten() {
                     if (windows[i].from_ns..windows[i].to_ns).contains(&burst.t_acq_ns) {
                         bursts[i] += 1;
-                        self.offer(burst, &mut reservoirs[i]);
+                        offer(self.settings, self.labels, burst, &mut reservoirs[i]);
                     }
                 }
             },
         )?;
         Ok(bursts.into_iter().zip(reservoirs).collect())
     }
+}
 
-    fn offer(&self, burst: &Burst, reservoir: &mut Reservoir) {
-        let mut signal = vec![0.0; burst.samples_per_channel as usize];
-        for row in 0..burst.channels {
-            let channel = burst.first_channel + row;
-            let healthy = |labels: &Labels| {
-                labels
-                    .at(&burst.printhead, channel, burst.t_acq_ns)
-                    .is_some_and(|label| label.state == HEALTHY)
-            };
-            if self.labels.is_some_and(|labels| !healthy(labels)) {
-                continue;
-            }
-            burst.copy_signal(row as usize, &mut signal);
-            if unusable_signal(&signal, self.settings.input.rails).is_none() {
-                let voltage = burst.drive_voltage_v.unwrap_or(f64::NAN);
-                let temperature = burst.temperature_c.unwrap_or(f64::NAN);
-                reservoir.offer(burst.t_acq_ns, channel, &signal, voltage, temperature);
-            }
+/// Offers a burst's usable signals, with labels those that are labelled healthy.
+pub(super) fn offer(
+    settings: &Settings,
+    labels: Option<&Labels>,
+    burst: &Burst,
+    reservoir: &mut Reservoir,
+) {
+    let mut signal = vec![0.0; burst.samples_per_channel as usize];
+    for row in 0..burst.channels {
+        let channel = burst.first_channel + row;
+        let healthy = |labels: &Labels| {
+            labels
+                .at(&burst.printhead, channel, burst.t_acq_ns)
+                .is_some_and(|label| label.state == HEALTHY)
+        };
+        if labels.is_some_and(|labels| !healthy(labels)) {
+            continue;
+        }
+        burst.copy_signal(row as usize, &mut signal);
+        if unusable_signal(&signal, settings.input.rails).is_none() {
+            let voltage = burst.drive_voltage_v.unwrap_or(f64::NAN);
+            let temperature = burst.temperature_c.unwrap_or(f64::NAN);
+            reservoir.offer(burst.t_acq_ns, channel, &signal, voltage, temperature);
         }
     }
 }
