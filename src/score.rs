@@ -8,6 +8,7 @@ pub mod blind;
 pub mod episodes;
 pub mod severity;
 
+use crate::fault::category;
 use episodes::EpisodesReport;
 use serde::Serialize;
 use severity::SeverityReport;
@@ -53,6 +54,8 @@ pub struct Isolation {
     pub classes: Vec<String>,
     pub confusion: Vec<Vec<u64>>,
     pub accuracy: f64,
+    /// The best class is of the right category.
+    pub category_accuracy: f64,
 }
 
 /// Only candidates whose certainty reaches the bound.
@@ -112,6 +115,7 @@ pub struct Score {
     /// (truth, candidate) -> n.
     confusion: BTreeMap<(String, String), u64>,
     isolated: u64,
+    category_right: u64,
     right: u64,
     certain: u64,
     certain_right: u64,
@@ -131,6 +135,8 @@ pub struct Report {
     pub calibration: Calibration,
     /// By class; empty where nothing was sized, or no label has a size.
     pub severity: BTreeMap<String, SeverityReport>,
+    /// The same of categories whose classes are sized by one quantity.
+    pub severity_by_category: BTreeMap<String, SeverityReport>,
     /// Absent without an episode table beside the verdicts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub episodes: Option<EpisodesReport>,
@@ -150,6 +156,7 @@ impl Default for Score {
             confusion: BTreeMap::new(),
             isolated: 0,
             right: 0,
+            category_right: 0,
             certain: 0,
             certain_right: 0,
             bins: [Bin::default(); BINS],
@@ -205,6 +212,7 @@ impl Score {
         self.isolated += 1;
         let right = candidate == truth;
         self.right += u64::from(right);
+        self.category_right += u64::from(category(candidate) == category(truth));
         *self.confusion.entry((truth.to_owned(), candidate.to_owned())).or_default() += 1;
         if let Some(certainty) = said.certainty.filter(|c| c.is_finite()) {
             if certainty >= self.bound {
@@ -248,7 +256,12 @@ impl Score {
         });
         Report {
             detection: self.detection.clone(),
-            isolation: Isolation { classes, confusion, accuracy: share(self.right, self.isolated) },
+            isolation: Isolation {
+                classes,
+                confusion,
+                accuracy: share(self.right, self.isolated),
+                category_accuracy: share(self.category_right, self.isolated),
+            },
             certain: Certain {
                 bound: self.bound,
                 accuracy: share(self.certain_right, self.certain),
@@ -269,6 +282,7 @@ impl Score {
                     .collect(),
             },
             severity: BTreeMap::new(),
+            severity_by_category: BTreeMap::new(),
             episodes: None,
             by_state: self.by_state.clone(),
             unlabelled: self.unlabelled,
@@ -339,6 +353,10 @@ mod tests {
             }
         }
         assert!((score.report().isolation.accuracy - 0.801).abs() < 5e-4);
+        // right but for EC as SDN or DDN, AB1 as BN or SDN, AB2 as BN, PBN as AB1 or SDN
+        let wrong = 27 + 44 + 6 + 46 + 1 + 1 + 52;
+        let by_hand = 1.0 - f64::from(wrong) / 2025.0;
+        assert!((score.report().isolation.category_accuracy - by_hand).abs() < 1e-12);
     }
 
     #[test]

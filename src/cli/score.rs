@@ -1,7 +1,7 @@
 //! `inkling score`: verdicts against labels, critiques against what was hidden.
 
 use super::exit::{Exit, Failure};
-use crate::fault::HEALTHY;
+use crate::fault::{HEALTHY, category};
 use crate::io::verdict_reader::VerdictReader;
 use crate::io::{episode_table, inputs, labels_file, truth_file};
 use crate::labels::Labels;
@@ -39,12 +39,16 @@ pub struct Args {
     json: bool,
 }
 
+/// Categories whose classes are sized by one quantity: a share of the nozzle's cross-section, a
+/// viscosity factor.
+const ONE_QUANTITY: [&str; 2] = ["blocked_nozzle", "dried_nozzle"];
+
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let Some(labels_path) = &args.labels else { return critiques(&args) };
     let labels = labels_file::read(labels_path).map_err(Failure::new)?;
     let files = inputs::find_verdicts(&args.verdicts).map_err(Failure::new)?;
     let mut score = Score::default();
-    let mut severity = SeverityScore::default();
+    let (mut severity, mut of_categories) = (SeverityScore::default(), SeverityScore::default());
     let mut episodes = EpisodeScore::new(&labels);
     let mut any_episodes = false;
     for file in &files {
@@ -97,12 +101,17 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
                 {
                     let sd = c.severity_sd[row].map(f64::from);
                     severity.add(&label.state, stated.into(), sd, size);
+                    let category = category(&label.state);
+                    if ONE_QUANTITY.contains(&category) {
+                        of_categories.add(category, stated.into(), sd, size);
+                    }
                 }
             }
         }
     }
     let mut report = score.report();
     report.severity = severity.report();
+    report.severity_by_category = of_categories.report();
     report.episodes = any_episodes.then(|| episodes.report());
     let mut out = std::io::stdout().lock();
     if args.json {
@@ -194,6 +203,11 @@ fn class_certainty(c: &VerdictColumns, row: usize) -> Option<f32> {
     c.certainty[row].filter(|_| !of_category)
 }
 
+/// A share of so many signals; of none there is none.
+fn or_dash(of: u64, share: f64, digits: usize) -> String {
+    if of == 0 { "-".into() } else { format!("{share:.digits$}") }
+}
+
 fn print(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
     let d = &report.detection;
     writeln!(out, "detection")?;
@@ -202,10 +216,10 @@ fn print(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
     writeln!(out, "  {:<24} {:>10} {:>10}", "truly faulty, said:", d.fn_, d.tp)?;
     writeln!(
         out,
-        "  accuracy {:.4}, recall {:.4}, false alarms {:.5} of the healthy",
+        "  accuracy {:.4}, recall {}, false alarms {} of the healthy",
         d.accuracy(),
-        d.recall(),
-        d.false_alarm_rate()
+        or_dash(d.tp + d.fn_, d.recall(), 4),
+        or_dash(d.tn + d.fp, d.false_alarm_rate(), 5)
     )?;
     writeln!(out, "  {:<10} {:>10} {:>10} {:>8}", "state", "signals", "flagged", "share")?;
     for (state, s) in &report.by_state {
@@ -224,7 +238,11 @@ fn print(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
             row.iter().try_for_each(|n| write!(out, " {n:>7}"))?;
             writeln!(out)?;
         }
-        writeln!(out, "  accuracy {:.4}", iso.accuracy)?;
+        writeln!(
+            out,
+            "  class right {:.4}, category right {:.4}",
+            iso.accuracy, iso.category_accuracy
+        )?;
         let c = &report.certain;
         writeln!(
             out,
@@ -255,17 +273,22 @@ fn print(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
         writeln!(out, "severity (signals named as what they are)")?;
         writeln!(
             out,
-            "  {:<10} {:>10} {:>10} {:>8} {:>16}",
+            "  {:<14} {:>10} {:>10} {:>8} {:>16}",
             "class", "signals", "rmse", "R²", "within 1.96 sd"
         )?;
         let number = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.4}"));
-        for (class, s) in &report.severity {
+        for (class, s) in report.severity.iter().chain(&report.severity_by_category) {
             let (r2, covered) = (number(s.r2), number(s.coverage95));
             writeln!(
                 out,
-                "  {class:<10} {:>10} {:>10.5} {r2:>8} {covered:>16}",
+                "  {class:<14} {:>10} {:>10.5} {r2:>8} {covered:>16}",
                 s.signals, s.rmse
             )?;
+        }
+        let all: f64 = report.severity.values().map(|s| s.signals as f64).sum();
+        let covered = report.severity.values().map(|s| Some(s.signals as f64 * s.coverage95?));
+        if let Some(covered) = covered.sum::<Option<f64>>() {
+            writeln!(out, "  {:<14} {all:>10} {:>36.4}", "all", covered / all)?;
         }
     }
     if let Some(episodes) = &report.episodes {
