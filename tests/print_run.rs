@@ -56,3 +56,32 @@ fn faults_are_detected_at_few_false_alarms() {
     assert!(episodes["false"].as_u64().unwrap() <= 1, "{episodes}");
     assert!(episodes["delay_bursts"].as_f64().unwrap() <= 3.0, "{episodes}");
 }
+
+#[test]
+fn unknown_temperature_is_learned_and_another_head_has_no_baselines() {
+    let house = House::new();
+    house.write("scenario.toml", smaller_print_run());
+    house.ok("simulate scenario.toml -o head --seed 21");
+    house.ok("simulate scenario.toml -o other --seed 22");
+    // the fault library was recorded at 25 degrees, the print runs at 21 to 29
+    let trained = house.run("train head/train.mcap --labels head/labels.csv -o design.json");
+    assert!(trained.stderr().contains("what temperature does was not learned"));
+    let episodes = |run: &str, options: &str, says: &str| {
+        let replay = format!("replay {run}/print_run.mcap --design design.json --out out {options}");
+        let ended = house.run(&replay);
+        assert!(ended.stderr().contains(says), "{}", ended.stderr());
+        let score = format!("score out/print_run.verdicts.parquet --labels {run}/labels.csv --json");
+        let score = house.json(&score);
+        println!("{replay}: {}", score["episodes"]);
+        (score["episodes"]["recall"].as_f64().unwrap(), score["episodes"]["false"].as_u64().unwrap())
+    };
+    let by_design = episodes("head", "", "this recording does: damping");
+    assert!(by_design.0 >= 0.9 && by_design.1 <= 1, "{by_design:?}");
+    let by_own = episodes("head", "--baseline own.json", "this recording does: damping");
+    assert!(by_own.0 >= 0.95 && by_own.1 <= 1, "{by_own:?}");
+    // another head of the same names: its channels are not those that are remembered
+    let remembered = std::fs::read(house.path("own.json")).unwrap();
+    let by_others = episodes("other", "--baseline own.json", "own baselines are not used");
+    assert!(by_others.0 >= 0.9 && by_others.1 <= 1, "{by_others:?}");
+    assert_eq!(std::fs::read(house.path("own.json")).unwrap(), remembered);
+}

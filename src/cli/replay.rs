@@ -168,11 +168,11 @@ fn warn(report: &RecordingReport, progress: &Progress) {
             refusal.why
         ));
     }
-    for what in &report.learned_temperature {
+    for (printhead, what) in report.learned_temperature.iter().take(MOST) {
         progress.say(&format!(
-            "{}: what temperature does is not in the design, learned from this recording: {}",
+            "{}: {}: the design does not know what temperature does, this recording does: {what}",
             report.name,
-            printable(what)
+            printable(printhead)
         ));
     }
     for (printhead, what) in report.warnings.iter().take(MOST) {

@@ -73,8 +73,8 @@ pub struct RecordingReport {
     pub refusals: Vec<Refusal>,
     /// Printhead and what to know about its verdicts.
     pub warnings: Vec<(Arc<str>, String)>,
-    /// What was learned of temperature from the recording itself, in words.
-    pub learned_temperature: Vec<String>,
+    /// What was learned of temperature from the recording itself, in words by printhead.
+    pub learned_temperature: Vec<(String, String)>,
     pub models: usize,
     pub seconds: f64,
     pub verdicts: PathBuf,

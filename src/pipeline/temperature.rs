@@ -17,12 +17,12 @@ use std::collections::BTreeMap;
 const FEWEST_HELD: usize = 64;
 
 impl Replay {
-    /// The design with what could be learned, and of which models; `None`: of none.
+    /// The design with what could be learned, and that in words by model; `None`: nothing.
     pub(super) fn learn_temperature(
         &self,
         recording: &Recording,
         control: &Control,
-    ) -> Result<Option<(Design, Vec<String>)>, PipelineError> {
+    ) -> Result<Option<(Design, Vec<(String, String)>)>, PipelineError> {
         let Some(design) = &self.design else { return Ok(None) };
         // by the model's place; after the last: the pooled one
         let mut reservoirs: BTreeMap<usize, Reservoir> = BTreeMap::new();
@@ -55,12 +55,13 @@ impl Replay {
             let model = knowing.models.get_mut(place).unwrap_or(&mut knowing.pooled);
             if model.temperature_response.is_none() && model.learn_temperature(&set, least_agreeing)
             {
-                learned.push(format!(
-                    "{}: damping {:+.2} %, resonance {:+.3} % per K",
-                    model.printhead.as_deref().unwrap_or("all printheads that it does not know"),
+                let whose = model.printhead.as_deref().unwrap_or("printheads without a model");
+                let what = format!(
+                    "damping {:+.2} %, resonance {:+.3} % per K",
                     100.0 * model.damping_per_k,
                     100.0 * model.frequency_per_k
-                ));
+                );
+                learned.push((whose.to_owned(), what));
             }
         }
         Ok((!learned.is_empty()).then_some((knowing, learned)))
