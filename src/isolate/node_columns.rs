@@ -17,10 +17,13 @@ type OfBoxes = [f64; BOXES];
 /// Squared distance in one coordinate from which on a node says nothing: e^-30 of its peak.
 const FAR: f64 = 60.0;
 /// Frequency, damping, amplitude, in the order in which they rule out most; a phase comes round again.
-const COORDINATES: [usize; 3] = [2, 1, 0];
+const COORDINATES: [usize; 3] = [FREQUENCY, 1, 0];
+const FREQUENCY: usize = 2;
 
 #[derive(Clone, Debug)]
 pub struct NodeColumns {
+    /// Of each of the boxes.
+    frequencies: Vec<Interval>,
     boxes: Vec<Boxes>,
     stretches: Vec<Stretch>,
 }
@@ -39,6 +42,16 @@ struct Side {
     /// Of the first node.
     moves: [OfBoxes; 2],
     follows: [OfBoxes; 4],
+}
+
+/// Of all nodes of some boxes in ln frequency, so that most are passed over at once. From .. to.
+#[derive(Clone, Copy, Debug)]
+struct Interval {
+    mean: [f64; 2],
+    /// As [`Side`].
+    moves: [[f64; 2]; 2],
+    beyond: f64,
+    noise: f64,
 }
 
 /// Columns of [`Node`]; the last again and again, with no height, where they are fewer.
@@ -72,8 +85,10 @@ pub struct Terms {
 impl NodeColumns {
     pub fn of(nodes: &[Node]) -> NodeColumns {
         let stretches: Vec<&[Node]> = nodes.chunks(NODES).collect();
+        let boxes: Vec<Boxes> = stretches.chunks(BOXES).map(boxes).collect();
         NodeColumns {
-            boxes: stretches.chunks(BOXES).map(boxes).collect(),
+            frequencies: boxes.iter().map(|sides| Interval::of(&sides[0])).collect(),
+            boxes,
             stretches: stretches.into_iter().map(Stretch::of).collect(),
         }
     }
@@ -146,6 +161,42 @@ fn boxes(stretches: &[&[Node]]) -> Boxes {
             follows: std::array::from_fn(|j| lanes(0.0, &|b| stretches[b][0].follows[(k, j)])),
         }
     })
+}
+
+impl Interval {
+    fn of(side: &Side) -> Interval {
+        let span = |of: &OfBoxes| {
+            let there = || of.iter().zip(side.low).filter(|(_, low)| *low < f64::INFINITY);
+            [
+                there().fold(f64::INFINITY, |m, (v, _)| m.min(*v)),
+                there().fold(f64::NEG_INFINITY, |m, (v, _)| m.max(*v)),
+            ]
+        };
+        Interval {
+            mean: [span(&side.low)[0], span(&side.high)[1]],
+            moves: [span(&side.moves[0]), span(&side.moves[1])],
+            beyond: span(&side.beyond)[1],
+            noise: span(&side.noise)[1],
+        }
+    }
+
+    /// Whether a box of them may be near.
+    #[inline(always)] // compiled once per instruction set
+    fn near(&self, x: f64, seen: Seen, noise: f64) -> bool {
+        if seen.baseline.is_some() {
+            return true;
+        }
+        let moved = |j: usize| {
+            let (p, q) = (self.moves[j][0] * seen.changed[j], self.moves[j][1] * seen.changed[j]);
+            if p < q { (p, q) } else { (q, p) }
+        };
+        let (by_first, by_second) = (moved(0), moved(1));
+        let below = self.mean[0] + (by_first.0 + by_second.0) - x;
+        let above = x - self.mean[1] - (by_first.1 + by_second.1);
+        let outside = below.max(above).max(0.0);
+        // a little wider, for rounding
+        outside * outside <= 1.001 * FAR * (self.beyond + noise * self.noise)
+    }
 }
 
 impl Side {
@@ -232,7 +283,10 @@ mod x86 {
 fn compare(of: &NodeColumns, x: &Vector4<f64>, seen: Seen, out: &mut Vec<Compared>) {
     out.clear();
     let noise = 1.0 / (seen.drive * seen.drive);
-    for (group, sides) in of.boxes.iter().enumerate() {
+    for (group, (sides, frequencies)) in of.boxes.iter().zip(&of.frequencies).enumerate() {
+        if !frequencies.near(x[FREQUENCY], seen, noise) {
+            continue;
+        }
         let mut near = [true; BOXES];
         for (side, k) in sides.iter().zip(COORDINATES) {
             let also = side.near(x[k], seen, noise);

@@ -45,8 +45,8 @@ const STEPS: usize = 12;
 /// A rise of the misfit by this share of the signal's square norm is rounding.
 const ROUNDING: f64 = 1e-13;
 /// A step that gains less than this share of the noise's square, as the misfit tells it, is none: it
-/// is shorter than a thirtieth of the fit's own standard deviation, and is taken to first order.
-const NO_GAIN: f64 = 1e-3;
+/// is shorter than a hundredth of the fit's own standard deviation, and is taken to first order.
+const NO_GAIN: f64 = 1e-4;
 /// First order will do where the last step changes the phase at the end, rad, and ln damping by less.
 const SMALL: f64 = 0.05;
 /// Phase of the grid's highest frequency from one sum of samples to the next, rad: their products are
@@ -174,14 +174,13 @@ impl RingFitter {
         self.sum_into(y, sums);
         self.table.products(sums, of_grid);
         let (in_phase, quadrature) = of_grid.split_at(self.grid.len());
-        explained.clear();
-        let [uu, uv, vv] = &self.inverses;
-        let inverses = uu.iter().zip(uv).zip(vv);
-        explained.extend(
-            inverses
-                .zip(in_phase.iter().zip(quadrature))
-                .map(|(((uu, uv), vv), (u, v))| uu * u * u + uv * u * v + vv * v * v),
-        );
+        let n = self.grid.len();
+        explained.resize(n, 0.0);
+        let (u, v) = (&in_phase[..n], &quadrature[..n]);
+        let [uu, uv, vv] = self.inverses.each_ref().map(|of| &of[..n]);
+        for (i, explained) in explained.iter_mut().enumerate() {
+            *explained = uu[i] * u[i] * u[i] + uv[i] * u[i] * v[i] + vv[i] * v[i] * v[i];
+        }
         let [damping, frequency] = self.start(explained)?;
         self.refine(y, damping, frequency, phase)
     }
