@@ -1,7 +1,8 @@
 //! Distances along the model's sensitivities of many signals at once: [`Sensitivity`] in lanes.
 //!
-//! In: a tile of signals. Out: per lane the squared distance to first order, and whether the
-//! reference's is surely at or below a limit. The arithmetic keeps the rules of [`super::kernel`].
+//! In: a tile of signals, or int16 rows as they lie. Out: per lane the squared distance to first
+//! order, and whether the reference's is surely at or below a limit. The arithmetic keeps the rules of
+//! [`super::kernel`].
 //!
 //! # The bound
 //!
@@ -162,26 +163,61 @@ impl LaneSensitivity {
 
 impl Limit {
     fn judge(&self, sums: &Sums, lanes: Range<usize>, judged: &mut LaneStatistics) {
-        let (m, scale) = (&self.metric, self.scale);
-        for lane in lanes {
-            let square = sums.squares[lane];
-            let norm = f64::from(square).sqrt();
-            // comparisons that NaN fails; a sample at a rail would alone deviate more than all do
-            let trusted = (square > LEAST) & (square < f32::INFINITY);
-            let inside = SLACK * norm + 1.0 < self.room;
-            let (mut d, mut error) = ([0.0; 3], 0.0);
-            for k in 0..3 {
-                let x = f64::from(sums.products[k][lane]) * scale;
-                let of_product = self.norms[k] * (self.summing * norm + self.error);
-                error += self.roots[k] * (of_product * scale.abs() + 2.0 * U * x.abs());
-                d[k] = x - self.mean[k];
+        #[cfg(target_arch = "x86_64")]
+        {
+            // SAFETY: the processor was found to have what is asked of it
+            if std::is_x86_feature_detected!("avx512f") {
+                return unsafe { x86::with_avx512(self, sums, lanes, judged) };
             }
-            let along = |row: &[f64; 3]| row[0] * d[0] + row[1] * d[1] + row[2] * d[2];
-            let distance = d[0] * along(&m[0]) + d[1] * along(&m[1]) + d[2] * along(&m[2]);
-            let most = SLACK * (distance.sqrt() * (1.0 + 4.0 * U) + SLACK * error);
-            judged.statistic[lane] = distance;
-            judged.settled[lane] = trusted & inside & (most * most < self.limit);
+            // SAFETY: as above
+            if std::is_x86_feature_detected!("avx2") {
+                return unsafe { x86::with_avx2(self, sums, lanes, judged) };
+            }
         }
+        portable(self, sums, lanes, judged);
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use super::{LaneStatistics, Limit, Range, Sums, portable};
+
+    #[target_feature(enable = "avx512f")]
+    pub fn with_avx512(of: &Limit, sums: &Sums, lanes: Range<usize>, judged: &mut LaneStatistics) {
+        portable(of, sums, lanes, judged);
+    }
+
+    #[target_feature(enable = "avx2")]
+    pub fn with_avx2(of: &Limit, sums: &Sums, lanes: Range<usize>, judged: &mut LaneStatistics) {
+        portable(of, sums, lanes, judged);
+    }
+}
+
+#[inline(always)] // compiled once per instruction set
+fn portable(of: &Limit, sums: &Sums, lanes: Range<usize>, judged: &mut LaneStatistics) {
+    let (m, scale) = (&of.metric, of.scale);
+    let squares = &sums.squares[lanes.clone()];
+    let [p, q, r] = sums.products.each_ref().map(|of| &of[lanes.clone()]);
+    let (statistic, settled) =
+        (&mut judged.statistic[lanes.clone()], &mut judged.settled[lanes.clone()]);
+    for i in 0..lanes.len() {
+        let norm = f64::from(squares[i]).sqrt();
+        // comparisons that NaN fails; a sample at a rail would alone deviate more than all do
+        let trusted = (squares[i] > LEAST) & (squares[i] < f32::INFINITY);
+        let inside = SLACK * norm + 1.0 < of.room;
+        let c = [p[i], q[i], r[i]];
+        let (mut d, mut error) = ([0.0; 3], 0.0);
+        for k in 0..3 {
+            let x = f64::from(c[k]) * scale;
+            let of_product = of.norms[k] * (of.summing * norm + of.error);
+            error += of.roots[k] * (of_product * scale.abs() + 2.0 * U * x.abs());
+            d[k] = x - of.mean[k];
+        }
+        let along = |row: &[f64; 3]| row[0] * d[0] + row[1] * d[1] + row[2] * d[2];
+        let distance = d[0] * along(&m[0]) + d[1] * along(&m[1]) + d[2] * along(&m[2]);
+        let most = SLACK * (distance.sqrt() * (1.0 + 4.0 * U) + SLACK * error);
+        statistic[i] = distance;
+        settled[i] = trusted & inside & (most * most < of.limit);
     }
 }
 

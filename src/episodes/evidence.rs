@@ -99,6 +99,11 @@ impl Evidence {
         self.raised
     }
 
+    /// No fault in sight.
+    pub fn is_quiet(&self) -> bool {
+        !self.raised && self.learned.faulty <= 0.0
+    }
+
     /// From here on another model judges: it may see the channel a little differently.
     pub fn change_model(&mut self) {
         self.learned.level_looks = self.learned.level_looks.min(MEMORY_OF_OTHER_MODEL);

@@ -395,11 +395,7 @@ impl ChunkLoader {
     }
 
     /// The records of a block. `read`: its [`bytes_to_read`], if somebody has read them.
-    pub(super) fn load(
-        &mut self,
-        block: &Block,
-        read: Option<ReadBlock>,
-    ) -> Result<Bytes, String> {
+    pub(super) fn load(&mut self, block: &Block, read: Option<ReadBlock>) -> Result<Bytes, String> {
         let ReadBlock { bytes: read, crc } = match read {
             Some(read) => read,
             None => {

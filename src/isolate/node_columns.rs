@@ -254,12 +254,7 @@ mod x86 {
     use super::*;
 
     #[target_feature(enable = "avx512f")]
-    pub fn compare_avx512(
-        of: &NodeColumns,
-        x: &Vector4<f64>,
-        seen: Seen,
-        out: &mut Vec<Compared>,
-    ) {
+    pub fn compare_avx512(of: &NodeColumns, x: &Vector4<f64>, seen: Seen, out: &mut Vec<Compared>) {
         compare(of, x, seen, out);
     }
 
@@ -479,7 +474,8 @@ mod tests {
             columns.compare(&x, Seen::as_made(), &mut compared);
             let scale = super::terms(&compared, &mut terms);
             let sum: f64 = terms.iter().flat_map(|of| of.of).sum();
-            let all: f64 = nodes.iter().map(|node| node.ln_density(&x, Seen::as_made()).exp()).sum();
+            let all: f64 =
+                nodes.iter().map(|node| node.ln_density(&x, Seen::as_made()).exp()).sum();
             let found = scale + sum.ln() - 2.0 * TAU.ln();
             assert!((found - all.ln()).abs() < 1e-9, "{found} {}", all.ln());
         }

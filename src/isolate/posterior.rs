@@ -139,8 +139,7 @@ impl Posterior {
         };
         let reach = FITS_NONE.max(ROOM * outermost);
         let (classes, ln_shares) = (learned, OnceLock::new());
-        let posterior =
-            Posterior { phase, temperature, reach, classes, physics_share, ln_shares };
+        let posterior = Posterior { phase, temperature, reach, classes, physics_share, ln_shares };
         Some((posterior, score))
     }
 

@@ -260,11 +260,7 @@ impl RingFitter {
             phase_rad: b.atan2(a),
         };
         let misfit = (state.misfit - last.gain()).max(0.0);
-        features
-            .coordinates()
-            .iter()
-            .all(|v| v.is_finite())
-            .then_some(Fit { features, misfit })
+        features.coordinates().iter().all(|v| v.is_finite()).then_some(Fit { features, misfit })
     }
 
     /// N x 4: dy/d(ln A, ln sigma, ln f, phi) at some features, counts.

@@ -312,7 +312,8 @@ fn stream(
             Ok(writer.write(&judged.columns)?)
         };
         let clock = timings.clock("writer");
-        let written = stages::write(clock, from_isolate, in_flight, control, (&mut tally, spares), put);
+        let written =
+            stages::write(clock, from_isolate, in_flight, control, (&mut tally, spares), put);
         // whoever waits for room in flight must not wait for a writer that is gone
         in_flight.close();
         let mut outcome = written;

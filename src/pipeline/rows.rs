@@ -85,14 +85,11 @@ pub fn push_healthy(
     passed: &[bool],
     (threshold, model): (f64, u16),
 ) -> usize {
-    let before = columns.len();
-    let healthy = statistic.iter().zip(passed).map_while(|(e, &passed)| match e {
-        Ok(e) if !passed => Some(Some(*e as f32)),
-        _ => None,
-    });
-    columns.statistic.extend(healthy);
+    let healthy = statistic.iter().zip(passed).take_while(|(e, passed)| e.is_ok() && !**passed);
+    let n = healthy.count();
+    let of_healthy = statistic[..n].iter();
+    columns.statistic.extend(of_healthy.map(|e| e.as_ref().ok().map(|e| *e as f32)));
     let rows = columns.statistic.len();
-    let n = rows - before;
     columns.acquired_at_ns.resize(rows, t);
     columns.printhead.resize(rows, printhead);
     columns.channel.extend(channel..channel.saturating_add(n as u32));
