@@ -147,7 +147,7 @@ pub struct VerdictColumns {
     pub model: Vec<Option<u16>>,
     pub reason: Vec<Option<Reason>>,
     /// `classes.len()` weights per row, concatenated over the rows that have them; `Some(start)`
-    /// points at a row's first weight. Empty unless the weights are wanted.
+    /// points at a row's first weight. Ends with the last row that has any.
     pub weights_start: Vec<Option<u32>>,
     pub weights: Vec<f32>,
 }

@@ -223,8 +223,10 @@ fn nearest<'a>(classes: impl IntoIterator<Item = &'a ClassDensity>, x: &[f64]) -
 /// A learned density by this much further away than the nearest, squared, says nothing: e^-60, and
 /// what densities' heights differ by is far less.
 const FAR: f64 = 120.0;
-/// e^-25 beside 1 is far less than the last digit of a certainty.
-const NOTHING: f64 = 25.0;
+/// e^-17 beside 1 is less than the last digit of a certainty.
+const NOTHING: f64 = 17.0;
+/// e^-40 added to 1 leaves 1.
+const ROUNDED_AWAY: f64 = 40.0;
 /// A class whose learned density has less than a thousandth of its own tells nothing of others'.
 const MOSTLY_PHYSICS: f64 = 0.999;
 
@@ -259,7 +261,7 @@ fn mixed(learned: f64, physics: f64, share: f64) -> f64 {
 /// ln of the sum of two, each by its ln.
 fn sum_of(p: f64, q: f64) -> f64 {
     let (most, other) = if p > q { (p, q) } else { (q, p) };
-    if other < most - NOTHING || most == f64::NEG_INFINITY {
+    if other < most - ROUNDED_AWAY || most == f64::NEG_INFINITY {
         return most;
     }
     most + ((p - most).exp() + (q - most).exp()).ln()

@@ -26,7 +26,6 @@ pub fn push_rejected(columns: &mut VerdictColumns, id: Id, reason: Reason) {
     columns.statistic.push(None);
     columns.threshold.push(None);
     columns.model.push(None);
-    columns.weights_start.push(None);
 }
 
 /// A detection: statistic, threshold, model.
@@ -58,11 +57,12 @@ pub fn push_judged(
     columns.statistic.push(Some(statistic as f32));
     columns.threshold.push(Some(threshold as f32));
     columns.model.push(Some(model));
-    columns.weights_start.push(weights.map(|w| {
-        let start = columns.weights.len() as u32;
-        columns.weights.extend(w.iter().map(|&v| v as f32));
-        start
-    }));
+    if let Some(weights) = weights {
+        // rows without weights before this one; those after the last need no entry
+        columns.weights_start.resize(columns.acquired_at_ns.len() - 1, None);
+        columns.weights_start.push(Some(columns.weights.len() as u32));
+        columns.weights.extend(weights.iter().map(|&v| v as f32));
+    }
 }
 
 /// The severity of the row last pushed, if it is faulty.
@@ -104,7 +104,6 @@ pub fn push_healthy(
     columns.severity_sd.resize(rows, None);
     columns.model.resize(rows, Some(model));
     columns.reason.resize(rows, None);
-    columns.weights_start.resize(rows, None);
     n
 }
 
