@@ -65,14 +65,26 @@ impl Burst {
         let out = out[..n].iter_mut();
         match self.format {
             Format::S16Le => {
-                let of = of.as_chunks::<2>().0.iter().step_by(stride);
-                out.zip(of).for_each(|(y, b)| *y = i16::from_le_bytes(*b).into());
+                let of = of.as_chunks::<2>().0;
+                if stride == 1 {
+                    out.zip(of).for_each(|(y, b)| *y = i16::from_le_bytes(*b).into());
+                } else {
+                    let of = of.iter().step_by(stride);
+                    out.zip(of).for_each(|(y, b)| *y = i16::from_le_bytes(*b).into());
+                }
             }
             Format::F32Le => {
                 let of = of.as_chunks::<4>().0.iter().step_by(stride);
                 out.zip(of).for_each(|(y, b)| *y = f32::from_le_bytes(*b).into());
             }
         }
+    }
+
+    /// The int16 signals of `rows` rows from `row` on, if they lie one after the other.
+    pub fn int16_rows(&self, row: usize, rows: usize) -> Option<&[u8]> {
+        let bytes = self.samples_per_channel as usize * Format::S16Le.bytes();
+        let aligned = self.layout == Layout::ChannelMajor && self.format == Format::S16Le;
+        aligned.then(|| self.samples.get(row * bytes..(row + rows) * bytes)).flatten()
     }
 
     /// Idle time of row `row`, s: `None` where it was not recorded, NaN where there was none.

@@ -147,33 +147,50 @@ pub struct VerdictColumns {
     pub model: Vec<Option<u16>>,
     pub reason: Vec<Option<Reason>>,
     /// `classes.len()` weights per row, concatenated over the rows that have them; `Some(start)`
-    /// points at a row's first weight. Empty unless the weights are wanted.
+    /// points at a row's first weight. Ends with the last row that has any.
     pub weights_start: Vec<Option<u32>>,
     pub weights: Vec<f32>,
 }
 
 impl VerdictColumns {
-    /// Room for so many rows.
-    pub fn with_capacity(rows: usize) -> VerdictColumns {
-        VerdictColumns {
-            acquired_at_ns: Vec::with_capacity(rows),
-            printhead: Vec::with_capacity(rows),
-            printheads: Vec::new(),
-            channel: Vec::with_capacity(rows),
-            outcome: Vec::with_capacity(rows),
-            category: Vec::with_capacity(rows),
-            fault: Vec::with_capacity(rows),
-            candidate: Vec::with_capacity(rows),
-            certainty: Vec::with_capacity(rows),
-            statistic: Vec::with_capacity(rows),
-            threshold: Vec::with_capacity(rows),
-            severity: Vec::with_capacity(rows),
-            severity_sd: Vec::with_capacity(rows),
-            model: Vec::with_capacity(rows),
-            reason: Vec::with_capacity(rows),
-            weights_start: Vec::with_capacity(rows),
-            weights: Vec::new(),
-        }
+    /// Room for so many more rows.
+    pub fn reserve(&mut self, rows: usize) {
+        self.acquired_at_ns.reserve(rows);
+        self.printhead.reserve(rows);
+        self.channel.reserve(rows);
+        self.outcome.reserve(rows);
+        self.category.reserve(rows);
+        self.fault.reserve(rows);
+        self.candidate.reserve(rows);
+        self.certainty.reserve(rows);
+        self.statistic.reserve(rows);
+        self.threshold.reserve(rows);
+        self.severity.reserve(rows);
+        self.severity_sd.reserve(rows);
+        self.model.reserve(rows);
+        self.reason.reserve(rows);
+        self.weights_start.reserve(rows);
+    }
+
+    /// No rows, the room kept.
+    pub fn clear(&mut self) {
+        self.acquired_at_ns.clear();
+        self.printhead.clear();
+        self.channel.clear();
+        self.outcome.clear();
+        self.category.clear();
+        self.fault.clear();
+        self.candidate.clear();
+        self.certainty.clear();
+        self.statistic.clear();
+        self.threshold.clear();
+        self.severity.clear();
+        self.severity_sd.clear();
+        self.model.clear();
+        self.reason.clear();
+        self.weights_start.clear();
+        self.printheads.clear();
+        self.weights.clear();
     }
 
     pub fn len(&self) -> usize {

@@ -67,13 +67,18 @@ fn unknown_temperature_is_learned_and_another_head_has_no_baselines() {
     let trained = house.run("train head/train.mcap --labels head/labels.csv -o design.json");
     assert!(trained.stderr().contains("what temperature does was not learned"));
     let episodes = |run: &str, options: &str, says: &str| {
-        let replay = format!("replay {run}/print_run.mcap --design design.json --out out {options}");
+        let replay =
+            format!("replay {run}/print_run.mcap --design design.json --out out {options}");
         let ended = house.run(&replay);
         assert!(ended.stderr().contains(says), "{}", ended.stderr());
-        let score = format!("score out/print_run.verdicts.parquet --labels {run}/labels.csv --json");
+        let score =
+            format!("score out/print_run.verdicts.parquet --labels {run}/labels.csv --json");
         let score = house.json(&score);
         println!("{replay}: {}", score["episodes"]);
-        (score["episodes"]["recall"].as_f64().unwrap(), score["episodes"]["false"].as_u64().unwrap())
+        (
+            score["episodes"]["recall"].as_f64().unwrap(),
+            score["episodes"]["false"].as_u64().unwrap(),
+        )
     };
     let by_design = episodes("head", "", "this recording does: damping");
     assert!(by_design.0 >= 0.9 && by_design.1 <= 1, "{by_design:?}");

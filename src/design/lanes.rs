@@ -2,7 +2,7 @@
 
 use super::HealthyModel;
 use crate::detect::kernel::{LaneFilter, LaneStatistics};
-use crate::detect::lane_sensitivity::LaneSensitivity;
+use crate::detect::lane_sensitivity::{LaneSensitivity, RowCondition};
 use crate::detect::sensitivity::SECOND_LOOK;
 use crate::detect::tile::{Instructions, Tile};
 
@@ -34,6 +34,19 @@ impl Lanes {
         }
     }
 
+    /// What is expected of int16 signals that lie one after the other; `None`: they must be turned.
+    pub fn rows(&self, drive: f64, warmer: f64) -> Option<(&LaneSensitivity, RowCondition)> {
+        match self {
+            Lanes::ResidualEnergy(_) => None,
+            Lanes::Sensitivity(lanes) => Some((lanes, lanes.condition(drive, warmer))),
+        }
+    }
+
+    /// Below this first order settles a squared distance: beyond, the reference looks a second time.
+    pub fn limit(threshold: f64) -> f64 {
+        threshold.min(SECOND_LOOK)
+    }
+
     /// Statistics of a tile's signals, and which of them are surely what the reference gives, at or
     /// below the threshold.
     pub fn judge(
@@ -45,9 +58,8 @@ impl Lanes {
     ) -> LaneStatistics {
         match self {
             Lanes::ResidualEnergy(lanes) => lanes.judge(tile, threshold, rails, instructions),
-            // beyond, the reference looks a second time
             Lanes::Sensitivity(lanes) => {
-                lanes.judge(tile, threshold.min(SECOND_LOOK), rails, instructions)
+                lanes.judge(tile, Lanes::limit(threshold), rails, instructions)
             }
         }
     }

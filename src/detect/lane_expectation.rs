@@ -4,6 +4,7 @@
 //! of [`super::kernel`] on its error.
 
 use super::kernel::{LEAST, SLACK, U};
+use super::row_projection::{Phases, in_phases};
 use super::tile::{Instructions, Tile};
 
 #[derive(Clone, Debug)]
@@ -52,6 +53,12 @@ impl LaneExpectation {
         tile.subtract(&self.expected, &self.response, instructions);
     }
 
+    /// What is expected at a drive and so many K above the reference, as `subtract` has it.
+    pub fn at(&self, drive: f32, warmer: f32) -> Vec<Phases> {
+        let each = self.expected.iter().zip(&self.response);
+        in_phases(each.map(|(e, slope)| drive * (e + warmer * slope)))
+    }
+
     /// Of a lane after `subtract`. `None`: f32 does not settle it; it is out of range, or a sample
     /// may lie at one of the `rails`.
     pub fn deviation(&self, tile: &Tile, lane: usize, rails: [f64; 2]) -> Option<Deviation> {
@@ -60,12 +67,21 @@ impl LaneExpectation {
         let trusted = square > LEAST && square < f32::INFINITY;
         let norm = f64::from(square).sqrt();
         let (drive, warmer) = tile.condition(lane);
-        let (drive, warmer) = (f64::from(drive.abs()), f64::from(warmer.abs()));
-        // a sample at a rail would alone deviate more than all do together
-        let largest = drive * (self.largest[0] + warmer * self.largest[1]);
-        let inside = SLACK * norm + 1.0 < rails[1].min(-rails[0]) - largest;
-        let error = 6.0 * U * drive * (self.norms[0] + warmer * self.norms[1]);
+        let inside = SLACK * norm + 1.0 < self.room(drive, warmer, rails);
+        let error = self.error_at(drive, warmer);
         (trusted && inside).then_some(Deviation { norm, error })
+    }
+
+    /// A sample at one of the `rails` would alone deviate by this from what is expected.
+    pub fn room(&self, drive: f32, warmer: f32, rails: [f64; 2]) -> f64 {
+        let (drive, warmer) = (f64::from(drive.abs()), f64::from(warmer.abs()));
+        rails[1].min(-rails[0]) - drive * (self.largest[0] + warmer * self.largest[1])
+    }
+
+    /// [`Deviation::error`] there.
+    pub fn error_at(&self, drive: f32, warmer: f32) -> f64 {
+        let (drive, warmer) = (f64::from(drive.abs()), f64::from(warmer.abs()));
+        6.0 * U * drive * (self.norms[0] + warmer * self.norms[1])
     }
 
     /// Of a signal at reference drive and temperature.

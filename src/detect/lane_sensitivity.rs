@@ -1,7 +1,8 @@
 //! Distances along the model's sensitivities of many signals at once: [`Sensitivity`] in lanes.
 //!
-//! In: a tile of signals. Out: per lane the squared distance to first order, and whether the
-//! reference's is surely at or below a limit. The arithmetic keeps the rules of [`super::kernel`].
+//! In: a tile of signals, or int16 rows as they lie. Out: per lane the squared distance to first
+//! order, and whether the reference's is surely at or below a limit. The arithmetic keeps the rules of
+//! [`super::kernel`].
 //!
 //! # The bound
 //!
@@ -10,19 +11,50 @@
 //! The distance is a norm of x = c / drive - mean, sqrt(x^T M x), which an error of x moves by at most
 //! sum_k sqrt(M_kk) |error of x_k|.
 
-use super::kernel::{LaneStatistics, SLACK, U};
+use super::kernel::{LEAST, LaneStatistics, SLACK, U};
 use super::lane_expectation::LaneExpectation;
+use super::row_projection::{Phases, Rows, in_phases};
 use super::sensitivity::Sensitivity;
-use super::tile::{Instructions, LANES, Tile};
-use nalgebra::{Matrix3, Vector3};
+use super::tile::{Instructions, LANES, Sample, Tile};
+use std::ops::Range;
 
 #[derive(Clone, Debug)]
 pub struct LaneSensitivity {
     expectation: LaneExpectation,
-    /// N rows of the three projections, and the norms of these.
-    projections: Vec<[f32; 3]>,
+    /// The three projections, sixteen samples a piece, and their norms.
+    projections: Vec<[Phases; 3]>,
     norms: [f64; 3],
     sensitivity: Sensitivity,
+}
+
+/// What is expected of signals that were taken under one condition.
+#[derive(Clone, Debug)]
+pub struct RowCondition {
+    drive: f32,
+    warmer: f32,
+    expected: Vec<Phases>,
+}
+
+/// Per lane: products with the three projections, and the deviation's square sum.
+#[derive(Clone, Debug)]
+struct Sums {
+    products: [Sample; 3],
+    squares: Sample,
+}
+
+/// A limit for signals of one drive and temperature: the constants of the bound.
+#[derive(Clone, Copy, Debug)]
+struct Limit {
+    limit: f64,
+    mean: [f64; 3],
+    metric: [[f64; 3]; 3],
+    /// sqrt(M_kk).
+    roots: [f64; 3],
+    norms: [f64; 3],
+    summing: f64,
+    scale: f64,
+    error: f64,
+    room: f64,
 }
 
 impl LaneSensitivity {
@@ -41,9 +73,10 @@ impl LaneSensitivity {
         if ![p, q, r].into_iter().all(|v| fits(v)) {
             return None;
         }
+        let [of_p, of_q, of_r] = [p, q, r].map(|v| in_phases(v.iter().map(|&x| x as f32)));
         Some(LaneSensitivity {
             expectation,
-            projections: (0..p.len()).map(|k| [p[k], q[k], r[k]].map(|x| x as f32)).collect(),
+            projections: (0..of_p.len()).map(|i| [of_p[i], of_q[i], of_r[i]]).collect(),
             norms: [p, q, r].map(|v| v.iter().map(|x| x * x).sum::<f64>().sqrt()),
             sensitivity: sensitivity.clone(),
         })
@@ -64,36 +97,127 @@ impl LaneSensitivity {
         instructions: Instructions,
     ) -> LaneStatistics {
         self.expectation.subtract(tile, instructions);
-        let mut products = [[0.0; LANES]; 3];
-        instructions.project(&self.projections, tile.deviations(), &mut products);
+        let mut sums = Sums { products: [[0.0; LANES]; 3], squares: [0.0; LANES] };
+        instructions.project(&self.projections, tile.deviations(), &mut sums.products);
+        (0..LANES).for_each(|lane| sums.squares[lane] = tile.square_sum(lane));
         let mut judged = LaneStatistics { statistic: [f64::NAN; LANES], settled: [false; LANES] };
-        let summing = (self.projections.len() as f64 + 4.0) * U;
-        let mut metric: Option<(f32, Matrix3<f64>)> = None; // of a drive
-        for lane in 0..tile.lanes() {
-            let Some(deviation) = self.expectation.deviation(tile, lane, rails) else { continue };
-            let (drive, _) = tile.condition(lane);
-            let m = match metric {
-                Some((of, m)) if of.to_bits() == drive.to_bits() => m,
-                _ => match self.sensitivity.metric(drive.into()) {
-                    Some(m) => m,
-                    None => continue,
-                },
-            };
-            metric = Some((drive, m));
-            let scale = 1.0 / f64::from(drive);
-            let x = Vector3::from(products.map(|of_lanes| f64::from(of_lanes[lane]) * scale));
-            let distance = self.sensitivity.distance(&m, &x);
-            judged.statistic[lane] = distance;
-            let error: f64 = (0..3)
-                .map(|k| {
-                    let of_product = self.norms[k] * (summing * deviation.norm + deviation.error);
-                    m[(k, k)].sqrt() * (of_product * scale.abs() + 2.0 * U * x[k].abs())
-                })
-                .sum();
-            let most = SLACK * (distance.sqrt() * (1.0 + 4.0 * U) + SLACK * error);
-            judged.settled[lane] = most * most < limit; // which NaN fails
+        let bits = |lane: usize| {
+            let (drive, warmer) = tile.condition(lane);
+            (drive.to_bits(), warmer.to_bits())
+        };
+        let mut from = 0;
+        while from < tile.lanes() {
+            let alike = (from..tile.lanes()).take_while(|&lane| bits(lane) == bits(from)).count();
+            let (drive, warmer) = tile.condition(from);
+            if let Some(limit) = self.limit(limit, drive, warmer, rails) {
+                limit.judge(&sums, from..from + alike, &mut judged);
+            }
+            from += alike;
         }
         judged
+    }
+
+    /// What is expected at a drive and so many K above the reference.
+    pub fn condition(&self, drive: f64, warmer: f64) -> RowCondition {
+        let (drive, warmer) = (drive as f32, warmer as f32);
+        RowCondition { drive, warmer, expected: self.expectation.at(drive, warmer) }
+    }
+
+    /// The same as [`LaneSensitivity::judge`] of [`LANES`] int16 signals that lie one after the other,
+    /// all under one condition.
+    pub fn judge_rows(
+        &self,
+        samples: &[u8],
+        condition: &RowCondition,
+        limit: f64,
+        rails: [f64; 2],
+        instructions: Instructions,
+    ) -> LaneStatistics {
+        let mut sums = Sums { products: [[0.0; LANES]; 3], squares: [0.0; LANES] };
+        let rows = Rows { samples, n: self.samples(), expected: &condition.expected };
+        let Sums { products, squares } = &mut sums;
+        instructions.project_rows(rows, &self.projections, products, squares);
+        let mut judged = LaneStatistics { statistic: [f64::NAN; LANES], settled: [false; LANES] };
+        if let Some(limit) = self.limit(limit, condition.drive, condition.warmer, rails) {
+            limit.judge(&sums, 0..LANES, &mut judged);
+        }
+        judged
+    }
+
+    /// `None`: nothing can be judged at that drive.
+    fn limit(&self, limit: f64, drive: f32, warmer: f32, rails: [f64; 2]) -> Option<Limit> {
+        let metric = self.sensitivity.metric(drive.into())?;
+        Some(Limit {
+            limit,
+            mean: self.sensitivity.mean,
+            metric: std::array::from_fn(|i| std::array::from_fn(|j| metric[(i, j)])),
+            roots: std::array::from_fn(|k| metric[(k, k)].sqrt()),
+            norms: self.norms,
+            summing: (self.samples() as f64 + 4.0) * U,
+            scale: 1.0 / f64::from(drive),
+            error: self.expectation.error_at(drive, warmer),
+            room: self.expectation.room(drive, warmer, rails),
+        })
+    }
+}
+
+impl Limit {
+    fn judge(&self, sums: &Sums, lanes: Range<usize>, judged: &mut LaneStatistics) {
+        #[cfg(target_arch = "x86_64")]
+        {
+            // SAFETY: the processor was found to have what is asked of it
+            if std::is_x86_feature_detected!("avx512f") {
+                return unsafe { x86::with_avx512(self, sums, lanes, judged) };
+            }
+            // SAFETY: as above
+            if std::is_x86_feature_detected!("avx2") {
+                return unsafe { x86::with_avx2(self, sums, lanes, judged) };
+            }
+        }
+        portable(self, sums, lanes, judged);
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use super::{LaneStatistics, Limit, Range, Sums, portable};
+
+    #[target_feature(enable = "avx512f")]
+    pub fn with_avx512(of: &Limit, sums: &Sums, lanes: Range<usize>, judged: &mut LaneStatistics) {
+        portable(of, sums, lanes, judged);
+    }
+
+    #[target_feature(enable = "avx2")]
+    pub fn with_avx2(of: &Limit, sums: &Sums, lanes: Range<usize>, judged: &mut LaneStatistics) {
+        portable(of, sums, lanes, judged);
+    }
+}
+
+#[inline(always)] // compiled once per instruction set
+fn portable(of: &Limit, sums: &Sums, lanes: Range<usize>, judged: &mut LaneStatistics) {
+    let (m, scale) = (&of.metric, of.scale);
+    let squares = &sums.squares[lanes.clone()];
+    let [p, q, r] = sums.products.each_ref().map(|of| &of[lanes.clone()]);
+    let (statistic, settled) =
+        (&mut judged.statistic[lanes.clone()], &mut judged.settled[lanes.clone()]);
+    for i in 0..lanes.len() {
+        let norm = f64::from(squares[i]).sqrt();
+        // comparisons that NaN fails; a sample at a rail would alone deviate more than all do
+        let trusted = (squares[i] > LEAST) & (squares[i] < f32::INFINITY);
+        let inside = SLACK * norm + 1.0 < of.room;
+        let c = [p[i], q[i], r[i]];
+        let (mut d, mut error) = ([0.0; 3], 0.0);
+        for k in 0..3 {
+            let x = f64::from(c[k]) * scale;
+            let of_product = of.norms[k] * (of.summing * norm + of.error);
+            error += of.roots[k] * (of_product * scale.abs() + 2.0 * U * x.abs());
+            d[k] = x - of.mean[k];
+        }
+        let along = |row: &[f64; 3]| row[0] * d[0] + row[1] * d[1] + row[2] * d[2];
+        let distance = d[0] * along(&m[0]) + d[1] * along(&m[1]) + d[2] * along(&m[2]);
+        let most = SLACK * (distance.sqrt() * (1.0 + 4.0 * U) + SLACK * error);
+        statistic[i] = distance;
+        settled[i] = trusted & inside & (most * most < of.limit);
     }
 }
 
@@ -172,6 +296,8 @@ mod tests {
                 .collect();
             // a limit that is some signal's own distance, or just beside it
             let limit = reference[rng.random_range(0..LANES)] * rng.random_range(0.999..1.001);
+            let samples = burst.samples.clone();
+            let condition = lanes.condition(drive, warmer);
             let mut same = Vec::new();
             for instructions in Instructions::available() {
                 let (mut gather, mut tile) = (Gather::default(), Tile::default());
@@ -179,6 +305,9 @@ mod tests {
                 tile.fill(&mut gather, N, instructions);
                 let judged = lanes.judge(&mut tile, limit, RAILS, instructions);
                 same.push((judged.statistic.map(f64::to_bits), judged.settled));
+                // as they lie
+                let rows = lanes.judge_rows(&samples, &condition, limit, RAILS, instructions);
+                same.push((rows.statistic.map(f64::to_bits), rows.settled));
                 for (lane, reference) in reference.iter().enumerate() {
                     let off = judged.statistic[lane] / reference - 1.0;
                     assert!(off.abs() < 1e-3, "{off}");

@@ -13,6 +13,7 @@ pub mod null_space;
 pub mod numerator;
 pub mod poles;
 pub mod residual_generator;
+pub mod row_projection;
 pub mod sensitivity;
 mod settings;
 pub mod threshold;

@@ -3,8 +3,10 @@
 //!
 //! In: rows of bursts in any layout and format, of one burst or of many. Out: their deviations from
 //! what is expected of them, sample by sample, lane by lane. What is done with a deviation stands in
-//! [`super::kernel`]; the only unsafe code, choosing functions by what the processor has, is here.
+//! [`super::kernel`]; unsafe code, choosing functions by what the processor has, is only here, in
+//! [`super::row_projection`] and where a distance meets its limit ([`super::lane_sensitivity`]).
 
+use super::row_projection::{PHASES, Phases};
 use crate::burst::{Burst, Format, Layout};
 
 /// Signals of a tile: two AVX-512 vectors.
@@ -339,10 +341,10 @@ mod turned {
 
 /// Which of the processor's instructions are used. Results do not depend on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Instructions(Set);
+pub struct Instructions(pub(super) Set);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Set {
+pub(super) enum Set {
     /// What every processor of the target has.
     Portable,
     #[cfg(target_arch = "x86_64")]
@@ -440,10 +442,10 @@ impl Instructions {
         }
     }
 
-    /// Per column of `p` its product with the deviation.
+    /// Per column of `p` its product with the deviation; bit by bit as `project_rows`.
     pub(super) fn project<const M: usize>(
         self,
-        p: &[[f32; M]],
+        p: &[[Phases; M]],
         deviations: &[Sample],
         out: &mut [Sample; M],
     ) {
@@ -484,6 +486,18 @@ macro_rules! arithmetic {
                 unsafe { $store(to.as_mut_ptr(), v) }
             }
 
+            /// Of sixteen, in the order of `row_projection::tree`.
+            #[inline]
+            $(#[target_feature(enable = $feature)])?
+            fn tree(mut of: [$V; PHASES]) -> $V {
+                for half in [8, 4, 2, 1] {
+                    for l in 0..half {
+                        of[l] = $add(of[l], of[l + half]);
+                    }
+                }
+                of[0]
+            }
+
             $(#[target_feature(enable = $feature)])?
             pub(super) fn subtract<const UNIFORM: bool>(
                 tile: &mut Tile,
@@ -496,9 +510,9 @@ macro_rules! arithmetic {
                         drive[p] = load(&tile.drive, lane + p * $W);
                         warmer[p] = load(&tile.warmer, lane + p * $W);
                     }
-                    let mut square_sum = [$set(0.0); PAIR];
+                    let mut square_sum = [[$set(0.0); PHASES]; PAIR];
                     let rows = tile.values.iter_mut().zip(expected.iter().zip(response));
-                    for (sample, (&e, &slope)) in rows {
+                    for (k, (sample, (&e, &slope))) in rows.enumerate() {
                         // the same operations on the same numbers: the same bits either way
                         let shared = $set(tile.drive[0] * (e + tile.warmer[0] * slope));
                         for p in 0..PAIR {
@@ -508,12 +522,13 @@ macro_rules! arithmetic {
                                 $mul(drive[p], $add($set(e), $mul(warmer[p], $set(slope))))
                             };
                             let d = $sub(load(sample, lane + p * $W), y_hat);
-                            square_sum[p] = $add(square_sum[p], $mul(d, d));
+                            let sum = &mut square_sum[p][k % PHASES];
+                            *sum = $add(*sum, $mul(d, d));
                             store(sample, lane + p * $W, d);
                         }
                     }
                     for p in 0..PAIR {
-                        store(&mut tile.square_sum, lane + p * $W, square_sum[p]);
+                        store(&mut tile.square_sum, lane + p * $W, tree(square_sum[p]));
                     }
                 }
             }
@@ -556,23 +571,32 @@ macro_rules! arithmetic {
 
             $(#[target_feature(enable = $feature)])?
             pub(super) fn project<const M: usize>(
-                projections: &[[f32; M]],
+                projections: &[[Phases; M]],
                 deviations: &[Sample],
                 out: &mut [Sample; M],
             ) {
                 for lane in (0..LANES).step_by(PAIR * $W) {
-                    let mut c = [[$set(0.0); M]; PAIR];
-                    for (sample, row) in deviations.iter().zip(projections) {
+                    let mut sums = [[[$set(0.0); PHASES]; M]; PAIR];
+                    for phase in 0..PHASES {
+                        let mut c = [[$set(0.0); M]; PAIR];
+                        let samples = deviations.iter().skip(phase).step_by(PHASES);
+                        for (sample, row) in samples.zip(projections) {
+                            for p in 0..PAIR {
+                                let d = load(sample, lane + p * $W);
+                                for j in 0..M {
+                                    c[p][j] = $add(c[p][j], $mul($set(row[j][phase]), d));
+                                }
+                            }
+                        }
                         for p in 0..PAIR {
-                            let d = load(sample, lane + p * $W);
                             for j in 0..M {
-                                c[p][j] = $add(c[p][j], $mul($set(row[j]), d));
+                                sums[p][j][phase] = c[p][j];
                             }
                         }
                     }
                     for p in 0..PAIR {
                         for j in 0..M {
-                            store(&mut out[j], lane + p * $W, c[p][j]);
+                            store(&mut out[j], lane + p * $W, tree(sums[p][j]));
                         }
                     }
                 }
@@ -582,7 +606,7 @@ macro_rules! arithmetic {
 }
 
 /// Four lanes in plain Rust; compilers make vectors of it.
-mod four {
+pub(super) mod four {
     pub type V = [f32; 4];
     macro_rules! each {
         ($name:ident, $x:ident, $y:ident, $result:expr) => {

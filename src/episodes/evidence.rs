@@ -61,26 +61,34 @@ pub enum Step {
 /// One channel's evidence.
 #[derive(Clone, Copy, Debug)]
 pub struct Evidence {
+    learned: Learned,
+    /// ln of the likelihood ratio, healthy again against faulty; only while raised.
+    recovered: f32,
+    shift: f32,
+    raised: bool,
+}
+
+/// What looks at a channel that is not raised change.
+#[derive(Clone, Copy, Debug)]
+struct Learned {
     level: f32,
     level_looks: f32,
     variance: f32,
     variance_looks: f32,
     /// ln of the likelihood ratio, faulty since the best onset against healthy.
     faulty: f32,
-    /// The same for healthy again; only while raised.
-    recovered: f32,
-    shift: f32,
-    raised: bool,
 }
 
 impl Default for Evidence {
     fn default() -> Evidence {
         Evidence {
-            level: FIRST_LEVEL,
-            level_looks: FIRST_LEVEL_LOOKS,
-            variance: FIRST_SPREAD * FIRST_SPREAD,
-            variance_looks: FIRST_SPREAD_LOOKS,
-            faulty: 0.0,
+            learned: Learned {
+                level: FIRST_LEVEL,
+                level_looks: FIRST_LEVEL_LOOKS,
+                variance: FIRST_SPREAD * FIRST_SPREAD,
+                variance_looks: FIRST_SPREAD_LOOKS,
+                faulty: 0.0,
+            },
             recovered: 0.0,
             shift: SHIFT,
             raised: false,
@@ -88,15 +96,23 @@ impl Default for Evidence {
     }
 }
 
+/// Channels that are looked at together.
+pub const TOGETHER: usize = 8;
+
 impl Evidence {
     /// Between the look that raised and the one that ended.
     pub fn is_raised(&self) -> bool {
         self.raised
     }
 
+    /// No fault in sight.
+    pub fn is_quiet(&self) -> bool {
+        !self.raised && self.learned.faulty <= 0.0
+    }
+
     /// From here on another model judges: it may see the channel a little differently.
     pub fn change_model(&mut self) {
-        self.level_looks = self.level_looks.min(MEMORY_OF_OTHER_MODEL);
+        self.learned.level_looks = self.learned.level_looks.min(MEMORY_OF_OTHER_MODEL);
     }
 
     /// From here on the channel's own baseline judges, or no more: the level learned so far is of
@@ -118,41 +134,45 @@ impl Evidence {
     /// `ratio`: detection statistic over threshold, not negative. `bound`: ln likelihood ratio that
     /// raises, and that ends.
     pub fn look(&mut self, ratio: f32, bound: f32) -> Step {
-        let x = ratio.max(0.0).sqrt().sqrt().min(1e3);
-        let sd = (self.variance * (1.0 + 1.0 / self.level_looks)).sqrt();
-        let z = (x - self.level) / sd;
-        if self.raised { self.look_at_faulty(z, bound) } else { self.look_at_healthy(z, sd, bound) }
-    }
-
-    fn look_at_healthy(&mut self, z: f32, sd: f32, bound: f32) -> Step {
-        let before = self.faulty;
-        let gain = (SHIFT * (z - SHIFT / 2.0)).min(MOST_PER_LOOK);
-        self.faulty = (before + gain).max(0.0);
-        if self.faulty >= bound {
+        let (z, sd) = self.learned.deviation(ratio);
+        if self.raised {
+            return self.look_at_faulty(z, bound);
+        }
+        let before = self.learned.faulty;
+        let next = self.learned.after(z, sd);
+        if next.faulty >= bound {
+            self.learned.faulty = next.faulty;
             self.raised = true;
             self.recovered = 0.0;
             self.shift = z.clamp(SHIFT, LARGEST_SHIFT);
             return Step::Raised;
         }
-        let share = match () {
-            () if self.faulty < SUSPICION => 1.0,
-            () if z < STANDS_OUT => WHILE_SUSPECT,
-            () => 0.0,
-        };
-        self.learn(z, sd, share);
-        let begins = before <= 0.0 || (before < SUSPICION && z > BEYOND_CHANCE);
-        if self.faulty > 0.0 { Step::Suspect { begins } } else { Step::Quiet }
+        self.learned = next;
+        if next.faulty > 0.0 { Step::Suspect { begins: begins(before, z) } } else { Step::Quiet }
     }
 
-    /// Robust running level and spread: a look counts as three standard deviations at most.
-    fn learn(&mut self, z: f32, sd: f32, share: f32) {
-        let innovation = z.clamp(-3.0, 3.0) * sd;
-        let of_one_look = innovation * innovation / (1.0 + 1.0 / self.level_looks);
-        self.level += share * innovation / (self.level_looks + 1.0);
-        self.level = self.level.min(LARGEST_LEVEL);
-        self.variance += share * (of_one_look - self.variance) / (self.variance_looks + 1.0);
-        self.level_looks = (self.level_looks + share).min(MEMORY_LOOKS);
-        self.variance_looks = (self.variance_looks + share).min(MEMORY_LOOKS);
+    /// The same for some channels at once, none of them raised; for each, whether something begins.
+    /// `None`, and nothing is changed: one of them would be raised.
+    pub fn look_at_quiet(
+        of: [&mut Evidence; TOGETHER],
+        ratios: &[f32; TOGETHER],
+        bound: f32,
+    ) -> Option<[bool; TOGETHER]> {
+        let learned = of.each_ref().map(|of| of.learned);
+        let (mut next, mut begin, mut raised) = (learned, [false; TOGETHER], false);
+        for i in 0..TOGETHER {
+            let (z, sd) = learned[i].deviation(ratios[i]);
+            next[i] = learned[i].after(z, sd);
+            begin[i] = (next[i].faulty > 0.0) & begins(learned[i].faulty, z);
+            raised |= next[i].faulty >= bound;
+        }
+        if raised {
+            return None;
+        }
+        for (of, next) in of.into_iter().zip(next) {
+            of.learned = next;
+        }
+        Some(begin)
     }
 
     /// The likelihood ratio of healthy against the shift that the episode has had so far.
@@ -160,7 +180,7 @@ impl Evidence {
         let gain = self.shift * (self.shift / 2.0 - z.min(LARGEST_SHIFT));
         self.recovered = (self.recovered + gain.clamp(-MOST_PER_LOOK, MOST_PER_LOOK)).max(0.0);
         if self.recovered >= bound {
-            *self = Evidence { faulty: 0.0, recovered: 0.0, raised: false, ..*self };
+            (self.learned.faulty, self.recovered, self.raised) = (0.0, 0.0, false);
             return Step::Ended;
         }
         if z >= self.shift / 2.0 {
@@ -168,6 +188,43 @@ impl Evidence {
             self.shift = (self.shift + GAIN * (z - self.shift)).clamp(SHIFT, LARGEST_SHIFT);
         }
         Step::Faulty { fading: self.recovered > 0.0 }
+    }
+}
+
+/// Whether a look that leaves evidence is an onset.
+fn begins(before: f32, z: f32) -> bool {
+    (before <= 0.0) | ((before < SUSPICION) & (z > BEYOND_CHANCE))
+}
+
+impl Learned {
+    /// A look's, in standard deviations, and one of these.
+    #[inline(always)] // several channels side by side
+    fn deviation(self, ratio: f32) -> (f32, f32) {
+        let x = ratio.max(0.0).sqrt().sqrt().min(1e3);
+        let sd = (self.variance * (1.0 + 1.0 / self.level_looks)).sqrt();
+        ((x - self.level) / sd, sd)
+    }
+
+    /// After a look. Robust running level and spread: a look counts as three standard deviations at
+    /// most.
+    #[inline(always)] // as above
+    fn after(self, z: f32, sd: f32) -> Learned {
+        let gain = (SHIFT * (z - SHIFT / 2.0)).min(MOST_PER_LOOK);
+        let faulty = (self.faulty + gain).max(0.0);
+        let while_suspect = if z < STANDS_OUT { WHILE_SUSPECT } else { 0.0 };
+        let share = if faulty < SUSPICION { 1.0 } else { while_suspect };
+        let innovation = z.clamp(-3.0, 3.0) * sd;
+        let of_one_look = innovation * innovation / (1.0 + 1.0 / self.level_looks);
+        let level = self.level + share * innovation / (self.level_looks + 1.0);
+        let variance =
+            self.variance + share * (of_one_look - self.variance) / (self.variance_looks + 1.0);
+        Learned {
+            level: level.min(LARGEST_LEVEL),
+            level_looks: (self.level_looks + share).min(MEMORY_LOOKS),
+            variance,
+            variance_looks: (self.variance_looks + share).min(MEMORY_LOOKS),
+            faulty,
+        }
     }
 }
 
@@ -287,5 +344,34 @@ mod tests {
             let ratio = if i % 50 == 49 { f32::MAX } else { source.look(1.0) };
             assert!(!matches!(evidence.look(ratio, 16.0), Step::Raised | Step::Ended));
         }
+    }
+
+    #[test]
+    fn channels_together_are_channels_one_by_one() {
+        let mut source = source(5);
+        let mut one_by_one = [Evidence::default(); TOGETHER];
+        let (mut together, mut refused) = (one_by_one, 0);
+        for look in 0..400 {
+            let offset = if look > 350 { 8.0 } else { 1.5 };
+            let ratios: [f32; TOGETHER] = std::array::from_fn(|_| source.look(offset));
+            if one_by_one.iter().any(Evidence::is_raised) {
+                break;
+            }
+            let before = together;
+            let begin = Evidence::look_at_quiet(together.each_mut(), &ratios, 16.0);
+            let steps: Vec<Step> =
+                one_by_one.iter_mut().zip(ratios).map(|(e, ratio)| e.look(ratio, 16.0)).collect();
+            let Some(begin) = begin else {
+                refused += 1;
+                assert!(steps.contains(&Step::Raised));
+                assert_eq!(format!("{before:?}"), format!("{together:?}"));
+                break;
+            };
+            assert_eq!(format!("{one_by_one:?}"), format!("{together:?}"));
+            for (step, begin) in steps.into_iter().zip(begin) {
+                assert_eq!(begin, step == Step::Suspect { begins: true });
+            }
+        }
+        assert_eq!(refused, 1);
     }
 }

@@ -1,7 +1,7 @@
 //! All channels of a recording: bursts in, episodes out.
 
 use super::classes::ClassFilter;
-use super::evidence::{Evidence, Step};
+use super::evidence::{Evidence, Step, TOGETHER};
 use super::explanation::{self, Rings};
 use super::order::Waiting;
 use super::{Counts, Episode, EpisodeSettings, Looks, Named};
@@ -186,6 +186,39 @@ impl Printhead {
         Some(self.states.len() - 1)
     }
 
+    /// Some channels from `row` on, whose states begin at `near` and of which nothing is named, if
+    /// none is raised before or after. False: nothing was done.
+    fn look_at_quiet(&mut self, looks: &Looks, row: u32, near: usize, bound: f32) -> bool {
+        let ratios = looks.ratios.get(row as usize..).and_then(<[f32]>::first_chunk::<TOGETHER>);
+        let states = self.states.get_mut(near..).and_then(<[Channel]>::first_chunk_mut::<TOGETHER>);
+        let (Some(ratios), Some(states)) = (ratios, states) else { return false };
+        let first = looks.first_channel.saturating_add(row);
+        let mut plain = true;
+        for ((i, state), ratio) in (0u32..).zip(states.iter()).zip(ratios) {
+            plain &= (state.number == first.saturating_add(i))
+                & (state.last_ns < looks.t_ns)
+                & (state.model == looks.model)
+                & !state.evidence.is_raised()
+                & !ratio.is_nan();
+        }
+        if !plain {
+            return false;
+        }
+        let evidence = states.each_mut().map(|state| &mut state.evidence);
+        let Some(begin) = Evidence::look_at_quiet(evidence, ratios, bound) else { return false };
+        // as `Channel::look` of `Step::Quiet` and `Step::Suspect`
+        for (state, begins) in states.iter_mut().zip(begin) {
+            (state.last_ns, state.looks) = (looks.t_ns, state.looks + 1);
+            if begins {
+                (state.onset_ns, state.looks) = (looks.t_ns, 1);
+            }
+            if state.found.is_some() && (begins || state.evidence.is_quiet()) {
+                state.found = None;
+            }
+        }
+        true
+    }
+
     /// One burst, the next in time.
     fn look(
         &mut self,
@@ -197,8 +230,21 @@ impl Printhead {
         ended: &mut Vec<Episode>,
     ) {
         let mut named = looks.named.iter().peekable();
-        let mut near = 0;
+        // rows before these were looked at together, or are not to be
+        let (mut near, mut together, mut alone) = (0, 0, 0);
         for (row, &ratio) in (0u32..).zip(&looks.ratios) {
+            if row < together {
+                continue;
+            }
+            if row >= alone {
+                let ahead = named.peek().map_or(u32::MAX, |n| n.row);
+                let next = row.saturating_add(TOGETHER as u32);
+                if next <= ahead && self.look_at_quiet(looks, row, near, bound) {
+                    (near, together) = (near + TOGETHER, next);
+                    continue;
+                }
+                alone = next;
+            }
             let named = named.next_if(|n| n.row == row);
             if ratio.is_nan() {
                 continue;

@@ -7,6 +7,7 @@ use super::Limits;
 use super::buffers::Buffers;
 use super::burst_codec::{BurstDecoder, MESSAGE_ENCODING, SCHEMA_NAME, topic_printhead};
 use super::decompress::Decompressor;
+use super::digest::ReadBlock;
 use super::mcap_records::{
     ChannelRecord, ChunkHeader, MessageHeader, RECORD_HEADER, SchemaRecord, op, record_at,
 };
@@ -83,7 +84,7 @@ impl BlockReader {
     }
 
     /// The same of a block that [`Recording::digester`](super::recording::Recording::digester) read.
-    pub fn load_read(&mut self, block: &Block, read: Option<Bytes>) {
+    pub fn load_read(&mut self, block: &Block, read: Option<ReadBlock>) {
         if self.known_upfront {
             self.met = Channels::default();
         }
@@ -379,6 +380,14 @@ pub(super) fn bytes_to_read(block: &Block, limits: &Limits) -> u64 {
     }
 }
 
+/// Where a chunk record has its records, if they are as they were, not compressed.
+pub(super) fn records_of(chunk: &[u8]) -> Option<std::ops::Range<usize>> {
+    let header = ChunkHeader::parse(chunk.get(RECORD_HEADER..)?)?;
+    let from = RECORD_HEADER + header.header_bytes as usize; // within the record
+    let to = from.checked_add(usize::try_from(header.compressed_size).ok()?)?;
+    (header.compression.is_empty() && to <= chunk.len()).then_some(from..to)
+}
+
 impl ChunkLoader {
     pub(super) fn new(source: Arc<Source>, limits: Limits) -> ChunkLoader {
         let (decompressor, buffers) = (Decompressor::default(), Buffers::default());
@@ -386,25 +395,25 @@ impl ChunkLoader {
     }
 
     /// The records of a block. `read`: its [`bytes_to_read`], if somebody has read them.
-    pub(super) fn load(&mut self, block: &Block, read: Option<Bytes>) -> Result<Bytes, String> {
-        let read = match read {
+    pub(super) fn load(&mut self, block: &Block, read: Option<ReadBlock>) -> Result<Bytes, String> {
+        let ReadBlock { bytes: read, crc } = match read {
             Some(read) => read,
             None => {
                 let mut buffer = self.buffers.take(bytes_to_read(block, &self.limits) as usize);
                 self.source
                     .read_at(block.offset, &mut buffer)
                     .map_err(|e| format!("block cannot be read: {e}"))?;
-                self.buffers.freeze(buffer)
+                ReadBlock { bytes: self.buffers.freeze(buffer), crc: None }
             }
         };
         match block.kind {
             BlockKind::Messages => Ok(read),
-            BlockKind::Chunk => self.unpack(&read),
+            BlockKind::Chunk => self.unpack(&read, crc),
         }
     }
 
-    /// The records of a chunk record.
-    fn unpack(&mut self, read: &Bytes) -> Result<Bytes, String> {
+    /// The records of a chunk record. `crc`: of [`records_of`] it, if somebody has taken it.
+    fn unpack(&mut self, read: &Bytes, crc: Option<u32>) -> Result<Bytes, String> {
         let body = read.get(RECORD_HEADER..).unwrap_or_default();
         let chunk = ChunkHeader::parse(body).ok_or("chunk header is malformed")?;
         let from = RECORD_HEADER as u64 + chunk.header_bytes;
@@ -432,7 +441,7 @@ impl ChunkLoader {
             self.buffers.freeze(records)
         };
         if chunk.uncompressed_crc != 0 {
-            let crc = crc32fast::hash(&records);
+            let crc = crc.unwrap_or_else(|| crc32fast::hash(&records));
             if crc != chunk.uncompressed_crc {
                 let expected = chunk.uncompressed_crc;
                 return Err(format!(

@@ -4,10 +4,10 @@
 //! data section's checksum if it has one (the only check that messages outside chunks have).
 
 use super::Limits;
-use super::block_reader::bytes_to_read;
+use super::block_reader::{bytes_to_read, records_of};
 use super::buffers::Buffers;
 use super::recording::{Damage, RecordingError};
-use super::scan::Block;
+use super::scan::{Block, BlockKind};
 use super::source::Source;
 use bytes::Bytes;
 use std::path::PathBuf;
@@ -19,6 +19,14 @@ pub struct Digest {
     /// `xxh3:` and 32 hexadecimal digits.
     pub text: String,
     pub damage: Option<Damage>,
+}
+
+/// A block's bytes.
+#[derive(Clone, Debug)]
+pub struct ReadBlock {
+    pub bytes: Bytes,
+    /// Checksum of a chunk's uncompressed records, where the data section's went over them.
+    pub crc: Option<u32>,
 }
 
 pub struct Digester {
@@ -59,13 +67,13 @@ impl Digester {
         &mut self,
         block: &Block,
         check: impl FnMut() -> Result<(), E>,
-    ) -> Result<Option<Bytes>, E> {
+    ) -> Result<Option<ReadBlock>, E> {
         if block.offset < self.at {
             return Ok(None);
         }
         self.pass(block.offset, check)?;
         let buffer = self.buffers.take(bytes_to_read(block, &self.limits) as usize);
-        Ok(Some(self.take(buffer)?))
+        Ok(Some(self.take(buffer, Some(block.kind))?))
     }
 
     /// Takes what lies before `to` without keeping it.
@@ -78,21 +86,40 @@ impl Digester {
         while self.at < to {
             check()?;
             let buffer = self.buffers.take((to - self.at).min(PART) as usize);
-            self.take(buffer)?;
+            self.take(buffer, None)?;
         }
         Ok(())
     }
 
-    /// Fills a buffer with what comes next.
-    fn take(&mut self, mut buffer: bytes::BytesMut) -> Result<Bytes, RecordingError> {
+    /// Fills a buffer with what comes next: a block, or some bytes.
+    fn take(
+        &mut self,
+        mut buffer: bytes::BytesMut,
+        kind: Option<BlockKind>,
+    ) -> Result<ReadBlock, RecordingError> {
         self.source
             .read_at(self.at, &mut buffer)
             .map_err(|source| RecordingError::Read { path: self.path.clone(), source })?;
         self.xxh3.update(&buffer);
         let checked = self.data.map_or(0, |(end, _)| end.saturating_sub(self.at));
-        self.crc.update(&buffer[..checked.min(buffer.len() as u64) as usize]);
+        let records = match kind {
+            Some(BlockKind::Chunk) if checked >= buffer.len() as u64 => records_of(&buffer),
+            _ => None,
+        };
+        // the data section's checksum is made of the chunk's, so that one pass serves both
+        let crc = records.map(|records| {
+            let crc = crc32fast::hash(&buffer[records.clone()]);
+            self.crc.update(&buffer[..records.start]);
+            let of_records = crc32fast::Hasher::new_with_initial_len(crc, records.len() as u64);
+            self.crc.combine(&of_records);
+            self.crc.update(&buffer[records.end..]);
+            crc
+        });
+        if crc.is_none() {
+            self.crc.update(&buffer[..checked.min(buffer.len() as u64) as usize]);
+        }
         self.at += buffer.len() as u64;
-        Ok(self.buffers.freeze(buffer))
+        Ok(ReadBlock { bytes: self.buffers.freeze(buffer), crc })
     }
 
     /// Takes the rest of the file.

@@ -522,7 +522,7 @@ mod tests {
         physics.seen.insert("IDN".into(), seen);
         let curves = physics.curves(&names(), true, DT_S, SAMPLES);
         for sizes in (0..CLASSES.len()).filter_map(|k| curves.class(k)) {
-            let sum: f64 = sizes.share.iter().sum();
+            let sum: f64 = sizes.share.iter().flatten().sum();
             assert!((sum - 1.0).abs() < 1e-9, "{sum}");
         }
     }

@@ -5,7 +5,7 @@
 //! noise scatter about the curve. thesis §2-2.
 
 use super::fault_curve::{CHANGES, FaultCurve, Seen, Slope};
-use super::node_columns::{Compared, NodeColumns};
+use super::node_columns::{self, Compared, Lanes, NODES, NodeColumns, Terms};
 use crate::model::faults;
 use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector4};
 
@@ -37,8 +37,8 @@ pub struct HealthySpread {
 #[derive(Clone, Debug)]
 pub struct Sizes {
     pub curve: usize,
-    /// Share of the class's signals that lie at a node.
-    pub share: Vec<f64>,
+    /// Share of the class's signals that lie at a node, in stretches.
+    pub share: Vec<Lanes>,
 }
 
 /// Severities of labelled signals of a class: quantiles, and of how many channels.
@@ -151,13 +151,13 @@ impl FaultCurves {
             }
         }
         let shares = of_name.iter().zip(&of_seen).zip(&any);
-        let share = shares
+        let share: Vec<f64> = shares
             .map(|((name, seen), any)| {
                 let counted = NAME_COUNTS * name + n * seen + ANY_COUNTS * any;
                 counted / (NAME_COUNTS + n + ANY_COUNTS)
             })
             .collect();
-        self.classes[k] = Some(Sizes { curve, share });
+        self.classes[k] = Some(Sizes { curve, share: NodeColumns::in_stretches(&share) });
     }
 
     /// What has changed where the healthy ring has by these (ln damping, ln frequency).
@@ -185,11 +185,13 @@ impl FaultCurves {
         for (c, columns) in self.columns.iter().enumerate() {
             columns.compare(&x, seen, &mut out.compared);
             let of = &mut out.of_curves[c];
-            let peak = of.find_terms(&out.compared);
+            let scale = node_columns::terms(&out.compared, &mut of.terms) - LN_TAU_SQUARED;
+            if of.terms.is_empty() {
+                continue;
+            }
             for (ln, class) in out.ln_densities.iter_mut().zip(&self.classes) {
                 if let Some(sizes) = class.as_ref().filter(|sizes| sizes.curve == c) {
-                    let sum: f64 = of.terms.iter().map(|(i, term)| sizes.share[*i] * term).sum();
-                    *ln = peak + sum.ln();
+                    *ln = scale + sizes.expectation(&of.terms).ln();
                 }
             }
         }
@@ -199,7 +201,7 @@ impl FaultCurves {
     pub fn distance(&self, features: &[f64], seen: Seen, of: &Comparison) -> f64 {
         let x = self.vector(features);
         let to = |(c, of): (usize, &OfCurve)| {
-            Some(self.curves[c].nodes[of.likeliest?].distance(&x, seen))
+            Some(self.curves[c].nodes[of.likeliest()?].distance(&x, seen))
         };
         let near = of.of_curves.iter().enumerate().filter_map(to).fold(f64::INFINITY, f64::min);
         if near.is_finite() {
@@ -213,9 +215,9 @@ impl FaultCurves {
         self.curves.iter().zip(&self.columns).map(few).fold(near, f64::min)
     }
 
-    /// Severity at a node of a curve.
-    pub fn severity_at(&self, curve: usize, node: usize) -> f64 {
-        self.curves[curve].nodes[node].severity
+    /// Severities at the nodes of a stretch of a curve.
+    pub fn severities(&self, curve: usize, stretch: usize) -> &Lanes {
+        self.columns[curve].severities(stretch)
     }
 }
 
@@ -231,33 +233,33 @@ pub struct Comparison {
 /// Where on a curve a signal may lie.
 #[derive(Clone, Debug, Default)]
 pub struct OfCurve {
-    /// Nodes that count, and their densities; all of a curve to one scale.
-    pub terms: Vec<(usize, f64)>,
-    /// `None`: the signal is far from all of the curve.
-    likeliest: Option<usize>,
+    /// Of the stretches whose nodes count.
+    pub terms: Vec<Terms>,
 }
 
 impl OfCurve {
-    /// From the curve's nodes that are not far. Returns ln of the scale of the terms.
-    fn find_terms(&mut self, compared: &[Compared]) -> f64 {
-        let squares = compared.iter().flat_map(|of| of.square);
-        let nearest = squares.fold(f64::INFINITY, f64::min);
-        self.terms.clear();
-        self.likeliest = None;
-        let mut highest = 0.0;
-        for of in compared {
-            for (lane, square) in of.square.iter().enumerate() {
-                let less = 0.5 * (nearest - square);
-                if less > -NEGLIGIBLE && of.height[lane] > 0.0 {
-                    let (i, term) = (of.first + lane, of.height[lane] * less.exp());
-                    self.terms.push((i, term));
-                    if term > highest {
-                        (highest, self.likeliest) = (term, Some(i));
-                    }
-                }
+    /// The node whose term is the largest. `None`: the signal is far from all of the curve.
+    fn likeliest(&self) -> Option<usize> {
+        let of = |of: &Terms| {
+            let Terms { stretch, of } = *of;
+            (0..NODES).map(move |i| (stretch * NODES + i, of[i]))
+        };
+        let terms = self.terms.iter().flat_map(of).filter(|(_, term)| *term > 0.0);
+        terms.reduce(|best, next| if next.1 > best.1 { next } else { best }).map(|(i, _)| i)
+    }
+}
+
+impl Sizes {
+    /// Of terms over the class's sizes.
+    fn expectation(&self, terms: &[Terms]) -> f64 {
+        let mut sums = [0.0; NODES];
+        for of in terms {
+            let share = &self.share[of.stretch];
+            for i in 0..NODES {
+                sums[i] += share[i] * of.of[i];
             }
         }
-        -0.5 * nearest - LN_TAU_SQUARED
+        sums.iter().sum()
     }
 }
 
@@ -272,9 +274,6 @@ fn bandwidth(places: &[f64], n: f64) -> f64 {
     let sd = (places.iter().map(|p| (p - mean).powi(2)).sum::<f64>() / (m - 1.0)).sqrt();
     (sd * n.powf(-0.35)).max(1e-3)
 }
-
-/// A node by this much less likely, in ln, than the likeliest says nothing.
-const NEGLIGIBLE: f64 = 30.0;
 
 /// ln (2 pi)^2; a held phase has a density of its own there, the same for all.
 pub const LN_TAU_SQUARED: f64 = 3.675_754_132_818_691;

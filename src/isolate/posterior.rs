@@ -6,6 +6,7 @@
 use super::class_density::ClassDensity;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
+use std::sync::OnceLock;
 
 /// Labelled features of one class: (ln amplitude, ln damping, ln frequency) of fits with the phase
 /// held, or with the phase free and last. `noise`: the covariance of a fit at the class's mean.
@@ -30,6 +31,9 @@ pub struct Posterior {
     /// Share of the physics in each class's density; empty: it has none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub physics_share: Vec<f64>,
+    /// ln of what the learned density has of each class, and the physics.
+    #[serde(skip)]
+    ln_shares: OnceLock<Vec<[f64; 2]>>,
 }
 
 /// Temperatures tried.
@@ -57,7 +61,9 @@ impl Posterior {
             .fold(0.0, f64::max);
         let reach = FITS_NONE.max(ROOM * outermost);
         let classes = classes.into_iter().map(Some).collect();
-        Some(Posterior { phase, temperature, reach, classes, physics_share: Vec::new() })
+        let physics_share = Vec::new();
+        let ln_shares = OnceLock::new();
+        Some(Posterior { phase, temperature, reach, classes, physics_share, ln_shares })
     }
 
     /// The same where the physics has a density of its own for some classes and others have no
@@ -132,7 +138,9 @@ impl Posterior {
             false => (1.0, 0.0),
         };
         let reach = FITS_NONE.max(ROOM * outermost);
-        Some((Posterior { phase, temperature, reach, classes: learned, physics_share }, score))
+        let (classes, ln_shares) = (learned, OnceLock::new());
+        let posterior = Posterior { phase, temperature, reach, classes, physics_share, ln_shares };
+        Some((posterior, score))
     }
 
     /// Coordinates of the features that it takes.
@@ -169,6 +177,11 @@ impl Posterior {
     pub fn weigh(&self, features: &[f64], physics: &[f64], priors: &[f64], weights: &mut [f64]) {
         // most classes are so far away that only that counts
         let share = |k: usize| self.physics_share.get(k).copied().unwrap_or(0.0);
+        let ln_shares = self.ln_shares.get_or_init(|| {
+            (0..self.classes.len()).map(|k| [(1.0 - share(k)).ln(), share(k).ln()]).collect()
+        });
+        let of_physics = |k: usize| physics.get(k).map(|physics| physics + ln_shares[k][1]);
+        let least = (0..physics.len()).filter_map(of_physics).fold(f64::NEG_INFINITY, f64::max);
         let mut nearest = f64::INFINITY;
         for (k, (w, class)) in weights.iter_mut().zip(&self.classes).enumerate() {
             *w = class.as_ref().map_or(f64::INFINITY, |class| class.square(features));
@@ -178,11 +191,16 @@ impl Posterior {
         }
         for (k, (w, class)) in weights.iter_mut().zip(&self.classes).enumerate() {
             let near = *w < nearest + self.temperature * FAR || nearest == f64::INFINITY;
-            let learned = ln_or_none(class.as_ref().filter(|_| near), features);
-            *w = match physics.get(k) {
-                Some(physics) => mixed(learned, *physics, share(k)),
-                None => learned,
+            let physics = of_physics(k);
+            // what adds nothing to the physics' density, or to that of all classes, is not asked
+            let counts = |class: &&ClassDensity| {
+                let highest = ln_shares[k][0] + class.ln_highest() - 0.5 * *w;
+                physics.is_none_or(|ln| {
+                    highest > ln - NOTHING && highest > least - self.temperature * NOTHING
+                })
             };
+            let learned = ln_or_none(class.as_ref().filter(|_| near).filter(counts), features);
+            *w = physics.map_or(learned, |physics| sum_of(learned + ln_shares[k][0], physics));
         }
         to_posterior(self.temperature, weights);
         weights.iter_mut().zip(priors).for_each(|(w, prior)| *w *= prior);
@@ -205,6 +223,10 @@ fn nearest<'a>(classes: impl IntoIterator<Item = &'a ClassDensity>, x: &[f64]) -
 /// A learned density by this much further away than the nearest, squared, says nothing: e^-60, and
 /// what densities' heights differ by is far less.
 const FAR: f64 = 120.0;
+/// e^-17 beside 1 is less than the last digit of a certainty.
+const NOTHING: f64 = 17.0;
+/// e^-40 added to 1 leaves 1.
+const ROUNDED_AWAY: f64 = 40.0;
 /// A class whose learned density has less than a thousandth of its own tells nothing of others'.
 const MOSTLY_PHYSICS: f64 = 0.999;
 
@@ -233,9 +255,16 @@ fn share(examples: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
 
 /// ln of the mixture of two densities.
 fn mixed(learned: f64, physics: f64, share: f64) -> f64 {
-    let (l, p) = (learned + (1.0 - share).ln(), physics + share.ln());
-    let most = l.max(p);
-    if most == f64::NEG_INFINITY { most } else { most + ((l - most).exp() + (p - most).exp()).ln() }
+    sum_of(learned + (1.0 - share).ln(), physics + share.ln())
+}
+
+/// ln of the sum of two, each by its ln.
+fn sum_of(p: f64, q: f64) -> f64 {
+    let (most, other) = if p > q { (p, q) } else { (q, p) };
+    if other < most - ROUNDED_AWAY || most == f64::NEG_INFINITY {
+        return most;
+    }
+    most + ((p - most).exp() + (q - most).exp()).ln()
 }
 
 fn ln_or_none(class: Option<&ClassDensity>, x: &[f64]) -> f64 {
@@ -271,7 +300,8 @@ fn weigh(classes: &[ClassDensity], temperature: f64, x: &[f64], weights: &mut [f
 fn to_posterior(temperature: f64, weights: &mut [f64]) {
     weights.iter_mut().for_each(|w| *w /= temperature);
     let most = weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    weights.iter_mut().for_each(|w| *w = (*w - most).exp());
+    // e^-746 is 0
+    weights.iter_mut().for_each(|w| *w = if *w < most - 746.0 { 0.0 } else { (*w - most).exp() });
     let sum: f64 = weights.iter().sum();
     weights.iter_mut().for_each(|w| *w /= sum);
 }

@@ -5,6 +5,7 @@
 //! ([`super::fault_curve`]). Beforehand severities are as likely as in the class's labelled signals; a
 //! part of the belief stays on every size of that kind. thesis §2-2, chapter 5 (fault estimation).
 
+use super::node_columns::NODES;
 use super::physics_density::{Comparison, FaultCurves};
 
 /// A severity in the contract's unit, with its standard deviation.
@@ -23,13 +24,18 @@ impl FaultCurves {
         let (mut value, mut square, mut total) = (0.0, 0.0, 0.0);
         for (k, weight) in weights.iter().enumerate().filter(|(_, weight)| **weight > 1e-3) {
             let Some(sizes) = self.class(k).filter(|sizes| sizes.curve == curve) else { continue };
-            let mut sum = [0.0; 3];
-            for (i, term) in terms {
-                let (w, severity) = (sizes.share[*i] * term, self.severity_at(curve, *i));
-                sum[0] += w;
-                sum[1] += w * severity;
-                sum[2] += w * severity * severity;
+            let mut sums = [[0.0; NODES]; 3];
+            for of in terms {
+                let (share, severity) =
+                    (&sizes.share[of.stretch], self.severities(curve, of.stretch));
+                for i in 0..NODES {
+                    let w = share[i] * of.of[i];
+                    sums[0][i] += w;
+                    sums[1][i] += w * severity[i];
+                    sums[2][i] += w * severity[i] * severity[i];
+                }
             }
+            let sum = sums.map(|lanes| lanes.iter().sum::<f64>());
             value += weight * sum[1] / sum[0];
             square += weight * sum[2] / sum[0];
             total += weight;

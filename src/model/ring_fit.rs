@@ -45,8 +45,13 @@ const STEPS: usize = 12;
 /// A rise of the misfit by this share of the signal's square norm is rounding.
 const ROUNDING: f64 = 1e-13;
 /// A step that gains less than this share of the noise's square, as the misfit tells it, is none: it
-/// is shorter than a hundredth of the fit's own standard deviation.
+/// is shorter than a hundredth of the fit's own standard deviation, and is taken to first order.
 const NO_GAIN: f64 = 1e-4;
+/// First order will do where the last step changes the phase at the end, rad, and ln damping by less.
+const SMALL: f64 = 0.05;
+/// Phase of the grid's highest frequency from one sum of samples to the next, rad: their products are
+/// then as good as those of the samples.
+const COARSE_RAD: f64 = 2.0;
 /// ln of the largest change of damping and of frequency in one step.
 const MOST_DAMPING: f64 = 0.7;
 const MOST_FREQUENCY: f64 = 0.06;
@@ -59,24 +64,24 @@ pub struct RingFitter {
     samples: usize,
     /// Real pole's part of the first column, N.
     real: Vec<f64>,
-    grid: Vec<Start>,
-    /// The grid's columns, all in-phase ones first: only the start is chosen by them.
+    /// cos and sin of the ring's phase.
+    first: (f64, f64),
+    /// ln damping and ln frequency of the grid's places, of each damping all frequencies.
+    grid: Vec<[f64; 2]>,
+    /// Upper triangles of the inverses of their columns' Gram matrices; zeros where there is none.
+    inverses: [Vec<f32>; 3],
+    /// The grid's columns, all in-phase ones first, of samples added up in pairs so many times: only
+    /// the start is chosen by them.
     table: ColumnTable,
-}
-
-/// A place of the coarse grid.
-#[derive(Clone, Debug)]
-struct Start {
-    damping: f64,
-    frequency: f64,
-    /// Upper triangle of the inverse of its columns' Gram matrix.
-    inverse: [f32; 3],
+    paired: u32,
 }
 
 /// Scratch of one worker.
 #[derive(Clone, Debug, Default)]
 pub struct Products {
+    sums: Vec<f64>,
     of_grid: Vec<f32>,
+    explained: Vec<f32>,
 }
 
 impl RingFitter {
@@ -89,27 +94,30 @@ impl RingFitter {
             dt_s,
             samples,
             real,
+            first: (ring.phase_rad.cos(), ring.phase_rad.sin()),
             grid: Vec::new(),
+            inverses: Default::default(),
             table: ColumnTable::default(),
+            paired: 0,
         };
         let (low, high) = FREQUENCY_RANGE;
-        let nothing = vec![0.0; samples];
+        let summed = (COARSE_RAD / fitter.omega_dt(high)) as usize;
+        fitter.paired = summed.clamp(1, (samples / 16).max(1)).ilog2();
         let mut columns = [Vec::new(), Vec::new()];
         for damping in DAMPINGS {
             for i in 0..FREQUENCIES {
                 let share = i as f64 / (FREQUENCIES - 1) as f64;
                 let frequency = low * (high / low).powf(share);
-                let of =
-                    Moments::of(&nothing, &fitter.real, fitter.oscillation(damping, frequency));
-                let [pp, pq, qq, ..] = of.gram;
+                let [p, q] = fitter.columns(damping, frequency).map(|c| fitter.sums(&c));
+                let [pp, pq, qq] = [dot(&p, &p), dot(&p, &q), dot(&q, &q)];
                 let determinant = pp * qq - pq * pq;
-                if determinant > 1e-9 * pp * qq {
-                    let inverse = [qq, -pq, pp].map(|g| (g / determinant) as f32);
-                    fitter.grid.push(Start { damping, frequency, inverse });
-                    let [p, q] = fitter.columns(damping, frequency);
-                    columns[0].push(p);
-                    columns[1].push(q);
+                let there = determinant > 1e-9 * pp * qq;
+                for (all, g) in fitter.inverses.iter_mut().zip([qq, -2.0 * pq, pp]) {
+                    all.push(if there { (g / determinant) as f32 } else { 0.0 });
                 }
+                fitter.grid.push([damping.ln(), frequency.ln()]);
+                columns[0].push(p);
+                columns[1].push(q);
             }
         }
         fitter.table = ColumnTable::new(&columns.concat());
@@ -120,8 +128,7 @@ impl RingFitter {
     fn oscillation(&self, damping: f64, frequency: f64) -> Oscillation {
         let decay = (-self.ring.damping_per_s * damping * self.dt_s).exp();
         let (sin, cos) = (self.omega_dt(frequency)).sin_cos();
-        let (first_sin, first_cos) = self.ring.phase_rad.sin_cos();
-        Oscillation { first: (first_cos, first_sin), ratio: (decay * cos, decay * sin) }
+        Oscillation { first: self.first, ratio: (decay * cos, decay * sin) }
     }
 
     fn omega_dt(&self, frequency: f64) -> f64 {
@@ -142,22 +149,62 @@ impl RingFitter {
         columns
     }
 
+    /// Sums of neighbouring samples.
+    fn sums(&self, y: &[f64]) -> Vec<f64> {
+        let mut sums = Vec::new();
+        self.sum_into(y, &mut sums);
+        sums
+    }
+
+    fn sum_into(&self, y: &[f64], sums: &mut Vec<f64>) {
+        sums.clear();
+        sums.extend_from_slice(y);
+        for _ in 0..self.paired {
+            let half = sums.len() / 2; // the last of an odd number is left out
+            for i in 0..half {
+                sums[i] = sums[2 * i] + sums[2 * i + 1];
+            }
+            sums.truncate(half);
+        }
+    }
+
     /// `y`: N, counts. `phase`: free. `None`: the signal is no ring (zero, or not finite).
     pub fn fit(&self, y: &[f64], phase: bool, work: &mut Products) -> Option<Fit> {
-        let places = self.grid.len();
-        self.table.products(y, &mut work.of_grid);
-        let (in_phase, quadrature) = work.of_grid.split_at(places);
-        let (mut best, mut start) = (f32::NEG_INFINITY, None);
-        for ((at, u), v) in self.grid.iter().zip(in_phase).zip(quadrature) {
-            let [i, j, k] = at.inverse;
-            let explained = i * u * u + 2.0 * j * u * v + k * v * v;
-            if explained > best {
-                best = explained;
-                start = Some(at);
-            }
+        let Products { sums, of_grid, explained } = work;
+        self.sum_into(y, sums);
+        self.table.products(sums, of_grid);
+        let (in_phase, quadrature) = of_grid.split_at(self.grid.len());
+        let n = self.grid.len();
+        explained.resize(n, 0.0);
+        let (u, v) = (&in_phase[..n], &quadrature[..n]);
+        let [uu, uv, vv] = self.inverses.each_ref().map(|of| &of[..n]);
+        for (i, explained) in explained.iter_mut().enumerate() {
+            *explained = uu[i] * u[i] * u[i] + uv[i] * u[i] * v[i] + vv[i] * v[i] * v[i];
         }
-        let start = start?;
-        self.refine(y, start.damping, start.frequency, phase)
+        let [damping, frequency] = self.start(explained)?;
+        self.refine(y, damping, frequency, phase)
+    }
+
+    /// Damping and frequency where the grid explains most, between its places by parabolas. `None`:
+    /// nothing explains anything.
+    fn start(&self, explained: &[f32]) -> Option<[f64; 2]> {
+        let most = explained.iter().fold(f32::NEG_INFINITY, |m, e| if *e > m { *e } else { m });
+        let best = explained.iter().position(|e| *e == most)?;
+        let at = |i: usize| (self.grid[i], f64::from(explained[i]));
+        let (here, most) = at(best);
+        let mut place = here;
+        let (row, column) = (best / FREQUENCIES, best % FREQUENCIES);
+        if (1..DAMPINGS.len() - 1).contains(&row) {
+            let (below, above) = (at(best - FREQUENCIES), at(best + FREQUENCIES));
+            let x = [below.0, here, above.0].map(|at| at[0]);
+            place[0] = peak(x, [below.1, most, above.1]);
+        }
+        if (1..FREQUENCIES - 1).contains(&column) {
+            let (below, above) = (at(best - 1), at(best + 1));
+            let x = [below.0, here, above.0].map(|at| at[1]);
+            place[1] = peak(x, [below.1, most, above.1]);
+        }
+        Some(place.map(f64::exp))
     }
 
     /// The same from a start that is near already: no coarse search. `y`: N, counts.
@@ -175,9 +222,14 @@ impl RingFitter {
         let (mut damping, mut frequency) = (damping, frequency);
         let mut state = self.state(y, yy, damping, frequency, phase)?;
         let mut trust = 1.0;
+        let mut last = Step::NONE;
         for _ in 0..STEPS {
             let step = self.step(damping, frequency, &state, phase)?;
             if step.gain() * self.samples as f64 <= NO_GAIN * state.misfit + ROUNDING * yy {
+                let turn = self.omega_dt(frequency) * self.samples as f64 * step.frequency;
+                if turn.abs() < SMALL && step.damping.abs() < SMALL {
+                    last = step;
+                }
                 break;
             }
             let mut accepted = false;
@@ -200,18 +252,15 @@ impl RingFitter {
                 break;
             }
         }
-        let amplitude = state.a.hypot(state.b);
+        let (a, b) = (state.a + last.amplitudes[0], state.b + last.amplitudes[1]);
         let features = Features {
-            ln_amplitude: (amplitude / self.ring.amplitude).ln(),
-            ln_damping: damping.ln(),
-            ln_frequency: frequency.ln(),
-            phase_rad: state.b.atan2(state.a),
+            ln_amplitude: (a.hypot(b) / self.ring.amplitude).ln(),
+            ln_damping: damping.ln() + last.damping,
+            ln_frequency: frequency.ln() + last.frequency,
+            phase_rad: b.atan2(a),
         };
-        features
-            .coordinates()
-            .iter()
-            .all(|v| v.is_finite())
-            .then_some(Fit { features, misfit: state.misfit })
+        let misfit = (state.misfit - last.gain()).max(0.0);
+        features.coordinates().iter().all(|v| v.is_finite()).then_some(Fit { features, misfit })
     }
 
     /// N x 4: dy/d(ln A, ln sigma, ln f, phi) at some features, counts.
@@ -308,11 +357,19 @@ impl RingFitter {
             frequency_row[1] - shared(1, 1),
         ];
         let det = h[0] * h[2] - h[1] * h[1];
-        let step = Step {
-            damping: (h[2] * slopes[0] - h[1] * slopes[1]) / det,
-            frequency: (h[0] * slopes[1] - h[1] * slopes[0]) / det,
-            slopes,
+        let moves = [
+            (h[2] * slopes[0] - h[1] * slopes[1]) / det,
+            (h[0] * slopes[1] - h[1] * slopes[0]) / det,
+        ];
+        let along = |of: [f64; 2]| of[0] * moves[0] + of[1] * moves[1];
+        let (of_p, of_q) = (along(along_p), along(along_q));
+        let amplitudes = match phase {
+            false => [-of_p / pp, 0.0],
+            true => {
+                [-(qq * of_p - qp * of_q) / determinant, -(pp * of_q - qp * of_p) / determinant]
+            }
         };
+        let step = Step { damping: moves[0], frequency: moves[1], slopes, amplitudes };
         (h[0] > 0.0 && det > 0.0 && step.gain().is_finite()).then_some(step)
     }
 }
@@ -322,9 +379,25 @@ struct Step {
     damping: f64,
     frequency: f64,
     slopes: [f64; 2],
+    /// What it changes of the in-phase and quadrature amplitudes, counts.
+    amplitudes: [f64; 2],
+}
+
+/// Where a parabola through three points is highest, no further than half way to the outer ones.
+fn peak(x: [f64; 3], y: [f64; 3]) -> f64 {
+    let (left, right) = (x[1] - x[0], x[2] - x[1]);
+    let (rise, fall) = ((y[1] - y[0]) / left, (y[2] - y[1]) / right);
+    // slope at the middle and curvature
+    let slope = (rise * right + fall * left) / (left + right);
+    let curvature = 2.0 * (fall - rise) / (left + right);
+    let shift = if curvature < 0.0 { -slope / curvature } else { 0.0 };
+    x[1] + shift.clamp(-0.5 * left, 0.5 * right)
 }
 
 impl Step {
+    const NONE: Step =
+        Step { damping: 0.0, frequency: 0.0, slopes: [0.0; 2], amplitudes: [0.0; 2] };
+
     /// By how much the misfit would fall, counts².
     fn gain(&self) -> f64 {
         self.damping * self.slopes[0] + self.frequency * self.slopes[1]

@@ -127,8 +127,8 @@ fn portable(y: &[f64], real: &[f64], oscillation: Oscillation) -> Moments {
 
 /// In a fixed order.
 fn sum(lanes: Lanes) -> f64 {
-    let [a, b, c, d, e, f, g, h] = lanes;
-    ((a + e) + (c + g)) + ((b + f) + (d + h))
+    let half: [f64; 4] = std::array::from_fn(|l| lanes[l] + lanes[l + 4]);
+    (half[0] + half[2]) + (half[1] + half[3])
 }
 
 /// Inner product of vectors of one length, in lanes.

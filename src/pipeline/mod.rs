@@ -21,6 +21,7 @@ pub mod observe;
 pub mod replay;
 mod rows;
 pub mod schedule;
+mod spares;
 mod stages;
 mod statistics;
 mod survey;

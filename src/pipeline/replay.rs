@@ -4,6 +4,7 @@ use super::baseline::{self, InUse};
 use super::episodes::{EpisodeReport, EpisodeTap, Finished};
 use super::in_flight::InFlight;
 use super::schedule::{Refusal, Schedule};
+use super::spares::Spares;
 use super::stages::{self, BlockQueue, Pacer};
 use super::survey::survey;
 use super::tally::Tally;
@@ -282,7 +283,7 @@ fn stream(
     let readers = if one_reader { 1 } else { replay.workers(stages.readers) };
     let queue = BlockQueue::new(recording);
     let in_flight = InFlight::new(BLOCKS_PER_WORKER * (readers + filters + isolators), MOST_BYTES);
-    let timings = Timings::default();
+    let (timings, spares) = (Timings::default(), Spares::default());
     let names = ["reader", "identify", "filter", "gate", "isolate", "writer"];
     names.iter().for_each(|stage| timings.expect(stage));
     control.bytes_read.store(0, Ordering::Relaxed);
@@ -294,8 +295,7 @@ fn stream(
         let (to_isolate, from_gate) = bounded(QUEUE);
         let (to_writer, from_isolate) = bounded(QUEUE);
         let (queue, in_flight, pacer) = (&queue, &in_flight, &mut pacer);
-        let warmth = &mut warmth;
-        let timings = &timings;
+        let (timings, spares, warmth) = (&timings, &spares, &mut warmth);
         let mut running: Vec<(&'static str, ScopedJoinHandle<Result<(), PipelineError>>)> =
             Vec::new();
         let mut pacer = pacer.as_mut();
@@ -323,21 +323,25 @@ fn stream(
             running.push((
                 "filter",
                 scope.spawn(move || {
-                    stages::filter(rails, baselines, timings.clock("filter"), input, out)
+                    let clock = timings.clock("filter");
+                    stages::filter(rails, baselines, spares, clock, input, out)
                 }),
             ));
         }
         drop((from_identify, to_gate));
         running.push((
             "gate",
-            scope.spawn(move || stages::gate(timings.clock("gate"), from_filter, to_isolate)),
+            scope.spawn(move || {
+                stages::gate(spares, timings.clock("gate"), from_filter, to_isolate)
+            }),
         ));
         for _ in 0..isolators {
             let (input, out) = (from_gate.clone(), to_writer.clone());
             running.push((
                 "isolate",
                 scope.spawn(move || {
-                    stages::isolate(settings, baselines, timings.clock("isolate"), input, out)
+                    let clock = timings.clock("isolate");
+                    stages::isolate(settings, baselines, spares, clock, input, out)
                 }),
             ));
         }
@@ -348,7 +352,8 @@ fn stream(
             Ok(writer.write(&judged.columns)?)
         };
         let clock = timings.clock("writer");
-        let written = stages::write(clock, from_isolate, in_flight, control, &mut tally, put);
+        let written =
+            stages::write(clock, from_isolate, in_flight, control, (&mut tally, spares), put);
         // whoever waits for room in flight must not wait for a writer that is gone
         in_flight.close();
         let mut outcome = written;

@@ -26,7 +26,6 @@ pub fn push_rejected(columns: &mut VerdictColumns, id: Id, reason: Reason) {
     columns.statistic.push(None);
     columns.threshold.push(None);
     columns.model.push(None);
-    columns.weights_start.push(None);
 }
 
 /// A detection: statistic, threshold, model.
@@ -58,11 +57,12 @@ pub fn push_judged(
     columns.statistic.push(Some(statistic as f32));
     columns.threshold.push(Some(threshold as f32));
     columns.model.push(Some(model));
-    columns.weights_start.push(weights.map(|w| {
-        let start = columns.weights.len() as u32;
-        columns.weights.extend(w.iter().map(|&v| v as f32));
-        start
-    }));
+    if let Some(weights) = weights {
+        // rows without weights before this one; those after the last need no entry
+        columns.weights_start.resize(columns.acquired_at_ns.len() - 1, None);
+        columns.weights_start.push(Some(columns.weights.len() as u32));
+        columns.weights.extend(weights.iter().map(|&v| v as f32));
+    }
 }
 
 /// The severity of the row last pushed, if it is faulty.
@@ -85,14 +85,11 @@ pub fn push_healthy(
     passed: &[bool],
     (threshold, model): (f64, u16),
 ) -> usize {
-    let before = columns.len();
-    let healthy = statistic.iter().zip(passed).map_while(|(e, &passed)| match e {
-        Ok(e) if !passed => Some(Some(*e as f32)),
-        _ => None,
-    });
-    columns.statistic.extend(healthy);
+    let healthy = statistic.iter().zip(passed).take_while(|(e, passed)| e.is_ok() && !**passed);
+    let n = healthy.count();
+    let of_healthy = statistic[..n].iter();
+    columns.statistic.extend(of_healthy.map(|e| e.as_ref().ok().map(|e| *e as f32)));
     let rows = columns.statistic.len();
-    let n = rows - before;
     columns.acquired_at_ns.resize(rows, t);
     columns.printhead.resize(rows, printhead);
     columns.channel.extend(channel..channel.saturating_add(n as u32));
@@ -107,7 +104,6 @@ pub fn push_healthy(
     columns.severity_sd.resize(rows, None);
     columns.model.resize(rows, Some(model));
     columns.reason.resize(rows, None);
-    columns.weights_start.resize(rows, None);
     n
 }
 

@@ -6,6 +6,7 @@
 use super::baseline::InUse;
 use super::in_flight::InFlight;
 use super::schedule::{Assignment, Schedule};
+use super::spares::Spares;
 use super::statistics::Statistics;
 use super::tally::Tally;
 use super::timings::Clock;
@@ -13,12 +14,11 @@ use super::warmth::Warmth;
 use super::{Control, PipelineError, rows};
 use crate::burst::{Acquisition, Place, SignalBatch};
 use crate::design::{Judge, Workspace};
-use crate::io::digest::{Digest, Digester};
+use crate::io::digest::{Digest, Digester, ReadBlock};
 use crate::io::recording::{Damage, Recording, note};
 use crate::io::scan::{Block, Blocks};
 use crate::settings::Settings;
 use crate::verdict::{Reason, VerdictColumns};
-use bytes::Bytes;
 use crossbeam_channel::{Receiver, Sender};
 use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
@@ -101,7 +101,7 @@ impl BlockQueue {
         in_flight: &InFlight,
         control: &Control,
         clock: &mut Clock,
-    ) -> Result<Option<(Block, Option<Bytes>)>, PipelineError> {
+    ) -> Result<Option<(Block, Option<ReadBlock>)>, PipelineError> {
         let mut queue = clock.blocked(|| self.queue.lock().unwrap_or_else(PoisonError::into_inner));
         loop {
             match queue.blocks.next() {
@@ -232,13 +232,15 @@ pub fn identify(
 pub fn filter(
     rails: [f64; 2],
     baselines: Option<&InUse>,
+    spares: &Spares,
     mut clock: Clock,
     input: Receiver<Assigned>,
     out: Sender<Filtered>,
 ) -> Result<(), PipelineError> {
     let mut statistics = Statistics::new(rails);
     while let Some(assigned) = clock.receive(&input) {
-        let mut statistic = statistics.of(&assigned);
+        let mut statistic = spares.statistic.take();
+        statistics.of(&assigned, &mut statistic);
         if let Some(baselines) = baselines {
             baselines.sharpen(&assigned, &mut statistics, &mut statistic);
         }
@@ -251,12 +253,15 @@ pub fn filter(
 
 /// 4. Energy gate: e <= threshold is healthy, thesis f after (3-4).
 pub fn gate(
+    spares: &Spares,
     mut clock: Clock,
     input: Receiver<Filtered>,
     out: Sender<Gated>,
 ) -> Result<(), PipelineError> {
     while let Some(filtered) = clock.receive(&input) {
-        let mut passed = Vec::with_capacity(filtered.statistic.len());
+        let mut passed = spares.passed.take();
+        passed.clear();
+        passed.reserve(filtered.statistic.len());
         let mut rows = filtered.statistic.iter();
         let assigned = &filtered.assigned;
         for (acquisition, judge) in assigned.read.batch.acquisitions.iter().zip(&assigned.judges) {
@@ -276,6 +281,7 @@ pub fn gate(
 pub fn isolate(
     settings: &Settings,
     baselines: Option<&InUse>,
+    spares: &Spares,
     mut clock: Clock,
     input: Receiver<Gated>,
     out: Sender<Judged>,
@@ -284,7 +290,9 @@ pub fn isolate(
     let (mut signal, mut expected) = (Vec::new(), Vec::new());
     while let Some(Gated { filtered, passed }) = clock.receive(&input) {
         let Filtered { assigned: Assigned { read, judges }, statistic } = filtered;
-        let mut columns = VerdictColumns::with_capacity(read.batch.rows());
+        let mut columns = spares.columns.take();
+        columns.clear();
+        columns.reserve(read.batch.rows());
         let mut flagged = Vec::new();
         let mut row = 0;
         for (acquisition, judge) in read.batch.acquisitions.iter().zip(&judges) {
@@ -382,6 +390,8 @@ pub fn isolate(
             flagged,
             bursts: read.batch.acquisitions.len() as u64,
         };
+        spares.statistic.give(statistic);
+        spares.passed.give(passed);
         if !clock.send(&out, judged) {
             break;
         }
@@ -395,7 +405,7 @@ pub fn write(
     input: Receiver<Judged>,
     in_flight: &InFlight,
     control: &Control,
-    tally: &mut Tally,
+    (tally, spares): (&mut Tally, &Spares),
     mut put: impl FnMut(&Judged) -> Result<(), PipelineError>,
 ) -> Result<(), PipelineError> {
     let mut waiting: BTreeMap<Place, Judged> = BTreeMap::new();
@@ -416,6 +426,7 @@ pub fn write(
                 }
                 None => Place { piece: next.piece + 1, ..next },
             };
+            spares.columns.give(judged.columns);
         }
     }
     Ok(())

@@ -11,13 +11,15 @@ use crate::design::{Judge, Lanes, Own, Workspace};
 use crate::detect::tile::{Gather, Instructions, LANES, Tile};
 use crate::verdict::{Reason, unusable_signal};
 
-/// Scratch of one worker.
+/// Scratch of one worker, for the judges of one schedule.
 pub struct Statistics {
     rails: [f64; 2],
     instructions: Instructions,
     tile: Tile,
     signal: Vec<f64>,
     expected: Vec<f64>,
+    /// Whose `expected` it is: the judge's number, drive and temperature.
+    expected_of: Option<(u16, u64, Option<u64>)>,
     work: Workspace,
 }
 
@@ -32,14 +34,16 @@ impl Statistics {
             tile: Tile::default(),
             signal: Vec::new(),
             expected: Vec::new(),
+            expected_of: None,
             work: Workspace::default(),
         }
     }
 
     /// One entry per row of the batch, in its order.
-    pub fn of(&mut self, assigned: &Assigned) -> Vec<Result<f64, Reason>> {
+    pub fn of(&mut self, assigned: &Assigned, statistic: &mut Vec<Result<f64, Reason>>) {
         let acquisitions = &assigned.read.batch.acquisitions;
-        let mut statistic = Vec::with_capacity(assigned.read.batch.rows());
+        statistic.clear();
+        statistic.reserve(assigned.read.batch.rows());
         // bursts to judge: the judge's number, the first row, place in the batch
         let mut bursts = Vec::with_capacity(acquisitions.len());
         for (place, (acquisition, judge)) in acquisitions.iter().zip(&assigned.judges).enumerate() {
@@ -58,9 +62,8 @@ impl Statistics {
         for of_judge in bursts.chunk_by(|p, q| p.0 == q.0) {
             let Ok(judge) = &assigned.judges[of_judge[0].3] else { continue };
             let of_judge = of_judge.iter().map(|&(_, row, burst, _)| (row, burst));
-            self.of_judge(judge, of_judge, &mut statistic);
+            self.of_judge(judge, of_judge, statistic);
         }
-        statistic
     }
 
     fn of_judge<'a>(
@@ -80,7 +83,8 @@ impl Statistics {
                 continue;
             };
             let (drive, warmer) = (judge.drive(burst), judge.warmer(burst));
-            for row in 0..burst.channels as usize {
+            let whole = self.of_rows(judge, lanes, burst, &mut statistic[first..]);
+            for row in whole..burst.channels as usize {
                 gather.push(burst, row, drive, warmer);
                 waiting.push((first + row, burst, row));
                 if gather.is_full() {
@@ -93,6 +97,40 @@ impl Statistics {
         {
             self.settle(judge, lanes, &mut gather, &mut waiting, statistic);
         }
+    }
+
+    /// Judges a burst's signals as they lie, as many as can be: how many.
+    fn of_rows(
+        &mut self,
+        judge: &Judge,
+        lanes: &Lanes,
+        burst: &Burst,
+        statistic: &mut [Result<f64, Reason>],
+    ) -> usize {
+        let channels = burst.channels as usize;
+        if channels < LANES || burst.int16_rows(0, LANES).is_none() {
+            return 0;
+        }
+        let Some((lanes, condition)) = lanes.rows(judge.drive(burst), judge.warmer(burst)) else {
+            return 0;
+        };
+        let limit = Lanes::limit(judge.model.threshold.value);
+        let mut row = 0;
+        while row + LANES <= channels
+            && let Some(samples) = burst.int16_rows(row, LANES)
+        {
+            let judged =
+                lanes.judge_rows(samples, &condition, limit, self.rails, self.instructions);
+            let each = statistic[row..row + LANES].iter_mut();
+            for (lane, (statistic, settled)) in each.zip(judged.settled).enumerate() {
+                *statistic = match settled {
+                    true => Ok(judged.statistic[lane]),
+                    false => self.reference(judge, burst, row + lane),
+                };
+            }
+            row += LANES;
+        }
+        row
     }
 
     /// Judges what waits.
@@ -134,14 +172,19 @@ impl Statistics {
     pub fn reference(&mut self, judge: &Judge, burst: &Burst, row: usize) -> Result<f64, Reason> {
         let n = burst.samples_per_channel as usize;
         self.signal.resize(n, 0.0);
-        self.expected.resize(n, 0.0);
         burst.copy_signal(row, &mut self.signal);
         if let Some(reason) = unusable_signal(&self.signal, self.rails) {
             return Err(reason);
         }
-        judge.expect(burst, &mut self.expected);
+        let drive = judge.drive(burst);
+        let of = (judge.index, drive.to_bits(), burst.temperature_c.map(f64::to_bits));
+        if self.expected_of != Some(of) || self.expected.len() != n {
+            self.expected.resize(n, 0.0);
+            judge.expect(burst, &mut self.expected);
+            self.expected_of = Some(of);
+        }
         self.signal.iter_mut().zip(&self.expected).for_each(|(y, e)| *y -= e);
-        let statistic = judge.statistic(&self.signal, judge.drive(burst), &mut self.work);
+        let statistic = judge.statistic(&self.signal, drive, &mut self.work);
         // of absurd covariates; no threshold may call that healthy
         if statistic.is_finite() { Ok(statistic) } else { Err(Reason::NonFinite) }
     }

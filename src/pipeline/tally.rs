@@ -4,6 +4,7 @@ use super::stages::Judged;
 use crate::io::recording::{Damage, note};
 use crate::verdict::{Outcome, Reason, VerdictColumns};
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// The contract's `counts`.
@@ -28,6 +29,12 @@ pub struct PrintheadTally {
 }
 
 impl PrintheadTally {
+    /// Whether all of them are among `known`; without a branch per channel.
+    fn knows(&self, channels: &[u32]) -> bool {
+        let (from, to) = self.known;
+        channels.iter().fold(true, |all, &channel| all & (from <= channel) & (channel < to))
+    }
+
     /// Remembers a channel while there is `room`; whether it is new.
     fn meet(&mut self, channel: u32, room: bool) -> bool {
         let (from, to) = self.known;
@@ -68,25 +75,47 @@ impl Tally {
         self.counts.bursts += judged.bursts;
         judged.damage.iter().for_each(|damage| note(&mut self.damage, damage.clone()));
         let c = &judged.columns;
-        let mut rows = 0..c.len();
+        let mut from = 0;
         for of_one in c.printhead.chunk_by(|p, q| p == q) {
             let name = &c.printheads[of_one[0] as usize];
             if !self.printheads.contains_key(name) && self.printheads.len() < MOST_PRINTHEADS {
                 self.printheads.insert(name.clone(), PrintheadTally::default());
             }
-            let rows = rows.by_ref().take(of_one.len());
-            self.add_rows(c, name, rows);
+            self.add_rows(c, name, from..from + of_one.len());
+            from += of_one.len();
         }
     }
 
     /// Rows of one printhead.
-    fn add_rows(&mut self, c: &VerdictColumns, name: &str, rows: impl Iterator<Item = usize>) {
+    fn add_rows(&mut self, c: &VerdictColumns, name: &str, rows: Range<usize>) {
         let mut printhead = self.printheads.get_mut(name);
-        for row in rows {
+        let mut row = rows.start;
+        while row < rows.end {
+            let here = c.outcome[row..rows.end].iter();
+            let healthy = here.take_while(|o| **o == Outcome::Healthy).count();
+            let channels = &c.channel[row..row + healthy];
+            self.counts.signals += healthy as u64;
+            self.counts.judged += healthy as u64;
+            if let Some(p) = printhead.as_deref_mut() {
+                p.signals += healthy as u64;
+                p.judged += healthy as u64;
+                if !p.knows(channels) {
+                    for &channel in channels {
+                        let room = self.remembered < MOST_CHANNELS;
+                        self.remembered += usize::from(p.meet(channel, room));
+                    }
+                }
+            }
+            row += healthy;
+            if row == rows.end {
+                break;
+            }
+            let at = row;
+            row += 1;
             self.counts.signals += 1;
             let printhead = printhead.as_deref_mut();
-            if c.outcome[row] == Outcome::Rejected {
-                let reason = c.reason[row].unwrap_or(Reason::Undecodable);
+            if c.outcome[at] == Outcome::Rejected {
+                let reason = c.reason[at].unwrap_or(Reason::Undecodable);
                 *self.counts.rejected.entry(reason.as_str()).or_default() += 1;
                 self.counts.unusable_bursts += u64::from(reason.is_of_burst());
                 if let Some(p) = printhead {
@@ -95,20 +124,18 @@ impl Tally {
                 continue;
             }
             self.counts.judged += 1;
-            let named = c.fault[row];
-            if c.outcome[row] != Outcome::Healthy {
-                let class = named.map_or("undecided", |k| self.classes[k as usize].as_str());
-                match self.counts.faulty.get_mut(class) {
-                    Some(n) => *n += 1,
-                    None => drop(self.counts.faulty.insert(class.into(), 1)),
-                }
+            let named = c.fault[at];
+            let class = named.map_or("undecided", |k| self.classes[k as usize].as_str());
+            match self.counts.faulty.get_mut(class) {
+                Some(n) => *n += 1,
+                None => drop(self.counts.faulty.insert(class.into(), 1)),
             }
             let Some(p) = printhead else { continue };
             p.signals += 1;
             p.judged += 1;
-            let channel = c.channel[row];
+            let channel = c.channel[at];
             self.remembered += usize::from(p.meet(channel, self.remembered < MOST_CHANNELS));
-            p.passed += u64::from(c.outcome[row] != Outcome::Healthy);
+            p.passed += 1;
         }
     }
 }
