@@ -277,9 +277,9 @@ fn stderr_that_takes_nothing_is_no_panic() {
 fn verdicts_get_no_name_where_their_summary_cannot_be_written() {
     let house = House::new();
     write(&house.path("run.mcap"), &some(3), WriterOptions::default());
-    std::fs::create_dir_all(house.path("out/run.summary.json.part")).unwrap();
+    std::fs::create_dir_all(house.path("out/run.summary.json")).unwrap();
     replay(&house, "run.mcap", &by_design()).exits(1).says("run.summary.json");
-    assert_eq!(files(&house, "out"), ["run.summary.json.part"]);
+    assert_eq!(files(&house, "out"), ["run.summary.json"]);
     house.write("file", "");
     house.run("replay run.mcap --out file").exits(1).says("file");
 }

@@ -4,6 +4,7 @@
 //! again (plain strings, other integers, microseconds; nullable columns may be missing). Out:
 //! [`VerdictColumns`] batch by batch.
 
+use super::regular_file;
 use super::verdict_table::{METADATA_KEY, TableError};
 use crate::verdict::{Outcome, Reason, VerdictColumns};
 use arrow_array::cast::AsArray;
@@ -35,7 +36,7 @@ pub struct VerdictReader {
 
 impl VerdictReader {
     pub fn open(path: &Path) -> Result<VerdictReader, TableError> {
-        let file = File::open(path)
+        let file = regular_file::open(path)
             .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
         let failed = |source| TableError::Parquet { path: path.to_path_buf(), source };
         // Parquet's own types are enough. The Arrow schema that tools put beside them may say more
