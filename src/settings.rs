@@ -6,7 +6,7 @@
 use crate::design::{DetectSettings, IsolateSettings};
 use crate::episodes::EpisodeSettings;
 use crate::identify::GreyBoxSettings;
-use crate::io::regular_file;
+use crate::io::{printable, regular_file};
 use crate::model::Geometry;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -177,9 +177,9 @@ impl Settings {
         if let Some(path) = file {
             let text = regular_file::read_text(path, regular_file::MOST_SETTINGS_BYTES)
                 .map_err(|source| SettingsError::Unreadable { path: path.into(), source })?;
-            table = text
-                .parse::<Table>()
-                .map_err(|e| SettingsError::invalid(path.display().to_string(), e.to_string()))?;
+            table = text.parse::<Table>().map_err(|e| {
+                SettingsError::invalid(path.display().to_string(), printable::of_parser(&e))
+            })?;
             let from_file: Settings = parse(table.clone(), &path.display().to_string())?;
             // absolute from here on, so that later layers (relative to the caller) do not mix
             let dir = path.parent().unwrap_or(Path::new("."));
@@ -326,7 +326,8 @@ impl Preset {
 }
 
 fn parse(table: Table, place: &str) -> Result<Settings, SettingsError> {
-    Settings::deserialize(table).map_err(|e| SettingsError::invalid(place, e.to_string()))
+    Settings::deserialize(table)
+        .map_err(|e| SettingsError::invalid(place, printable::of_parser(&e)))
 }
 
 /// A TOML literal, or else a plain string: `--set output.dir=out` needs no quotes.

@@ -10,7 +10,9 @@ use crate::critique::report;
 use crate::design::{Design, TrainingSet};
 use crate::identify::averaging::SignalSet;
 use crate::io::recording::Recording;
-use crate::io::{Limits, critique_tables, design_file, inputs, labels_file, outputs, part_file, printable};
+use crate::io::{
+    Limits, critique_tables, design_file, inputs, labels_file, outputs, part_file, printable,
+};
 use crate::pipeline::observe::Observer;
 use crate::settings::Settings;
 use std::io::Write;

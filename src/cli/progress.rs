@@ -16,7 +16,8 @@ const LINE_EVERY: Duration = Duration::from_secs(10);
 /// Characters of one message.
 const MOST_OF_A_MESSAGE: usize = 20_000;
 
-/// A line on stderr; what it repeats from files moves no cursor. `eprintln!` would panic where nobody can read it; the exit status still says it.
+/// A line on stderr; what it repeats from files moves no cursor. `eprintln!` would panic where nobody
+/// can read it; the exit status still says it.
 pub fn complain(message: &str) {
     let message = crate::io::printable::lines(message, MOST_OF_A_MESSAGE);
     let _ = writeln!(std::io::stderr(), "{message}");

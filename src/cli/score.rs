@@ -4,8 +4,8 @@ use super::exit::{Exit, Failure};
 use super::progress::complain;
 use super::report::printable as name;
 use crate::fault::HEALTHY;
-use crate::io::verdict_reader::VerdictReader;
 use crate::io::truth_file::Seal;
+use crate::io::verdict_reader::VerdictReader;
 use crate::io::{episode_table, inputs, labels_file, printable, regular_file, truth_file};
 use crate::labels::Labels;
 use crate::score::blind::{Blind, Said as SaidCritique, True};
@@ -155,13 +155,13 @@ fn critiques(args: &Args) -> Result<Exit, Failure> {
         let bytes = regular_file::read(Path::new(path), regular_file::MOST_CRITIQUE_BYTES)
             .map_err(|e| bad(&format!("cannot be read: {e}")))?;
         let said: SaidCritique = serde_json::from_slice(&bytes)
-            .map_err(|e| bad(&format!("is no critique.json: {e}")))?;
+            .map_err(|e| bad(&format!("is no critique.json: {}", printable::of_parser(&e))))?;
         said.check().map_err(|what| bad(&format!("is no critique.json: {what}")))?;
         let (truth, seal) = truth_file::read(truth_path).map_err(Failure::new)?;
-        let no_truth = |what: String| {
-            Failure::new(format!("{}: is no truth: {what}", truth_path.display()))
-        };
-        let truth: True = serde_json::from_value(truth).map_err(|e| no_truth(e.to_string()))?;
+        let no_truth =
+            |what: String| Failure::new(format!("{}: is no truth: {what}", truth_path.display()));
+        let truth: True =
+            serde_json::from_value(truth).map_err(|e| no_truth(printable::of_parser(&e)))?;
         truth.check().map_err(no_truth)?;
         if seal == Seal::Missing {
             complain(&format!(
@@ -188,7 +188,7 @@ fn critiques(args: &Args) -> Result<Exit, Failure> {
         writeln!(out)?;
     } else {
         lines.iter().try_for_each(|line| writeln!(out, "{}", printable::line(line, 4000)))?;
-        writeln!(out, "\n{}", blind.markdown())?;
+        writeln!(out, "\n{}", printable::lines(&blind.markdown(), 1_000_000))?;
     }
     Ok(Exit::Done)
 }
@@ -258,7 +258,11 @@ fn print(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
             writeln!(
                 out,
                 "  {:<10} {:>10} {:>8.4} {:>8.4} {:>8.4}",
-                name(class), c.signals, c.certainty, c.right, c.ece
+                name(class),
+                c.signals,
+                c.certainty,
+                c.right,
+                c.ece
             )?;
         }
     }
@@ -275,7 +279,9 @@ fn print(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
             writeln!(
                 out,
                 "  {:<10} {:>10} {:>10.5} {r2:>8} {covered:>16}",
-                name(class), s.signals, s.rmse
+                name(class),
+                s.signals,
+                s.rmse
             )?;
         }
     }
@@ -309,7 +315,11 @@ fn print_episodes(e: &EpisodesReport, out: &mut impl Write) -> std::io::Result<(
         writeln!(
             out,
             "  {:<10} {:>8} {:>8} {:>15} {:>12} {delay:>8}",
-            name(state), s.faults, s.found, s.category_right, s.fault_right
+            name(state),
+            s.faults,
+            s.found,
+            s.category_right,
+            s.fault_right
         )?;
     }
     Ok(())

@@ -3,7 +3,7 @@
 use super::exit::{Exit, Failure, unless_reader_gone};
 use super::progress::{interruptible, thousands};
 use crate::io::recording_writer::{self, RecordingWriter, WriterOptions};
-use crate::io::{labels_file, outputs, regular_file, truth_file};
+use crate::io::{labels_file, outputs, printable, regular_file, truth_file};
 use crate::simulate::scenario::Kind;
 use crate::simulate::scenario::{Compression, RecordingOptions};
 use crate::simulate::{Scenario, SimulatedRecording, hidden};
@@ -42,8 +42,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     outputs::check_directory(&args.out).map_err(Failure::new)?;
     let text = regular_file::read_text(&args.scenario, regular_file::MOST_SETTINGS_BYTES)
         .map_err(|e| Failure::usage(format!("{}: cannot be read: {e}", args.scenario.display())))?;
-    let scenario = Scenario::from_toml(&text)
-        .map_err(|e| Failure::usage(format!("{}: {e}", args.scenario.display())))?;
+    let scenario = Scenario::from_toml(&text).map_err(|e| {
+        Failure::usage(format!("{}: {}", args.scenario.display(), printable::of_parser(&e)))
+    })?;
     if let Some(seed) = args.hide {
         return hide(&args, &scenario, seed);
     }

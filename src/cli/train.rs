@@ -60,7 +60,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     }
     let set = collector.finish().ok_or_else(|| Failure::new("no inkling.Burst messages found"))?;
     if set.healthy.is_empty() {
-        let seen: Vec<String> = set.signals.iter().map(|(l, n)| format!("{n} {}", printable(l))).collect();
+        let seen: Vec<String> =
+            set.signals.iter().map(|(l, n)| format!("{n} {}", printable(l))).collect();
         return Err(Failure::new(format!(
             "no signal is labelled `healthy` (found: {}); do printhead names and times of {} agree \
              with the recordings? `inkling inspect` shows them",

@@ -182,9 +182,7 @@ impl Baselines {
                 ));
             }
             let whole = |c: &ChannelBaseline| {
-                c.signals > 0.0
-                    && c.signals <= MEMORY
-                    && c.features.iter().all(|f| f.abs() <= 4.0)
+                c.signals > 0.0 && c.signals <= MEMORY && c.features.iter().all(|f| f.abs() <= 4.0)
             };
             if !((0.0..=MOST_SIGNALS).contains(&printhead.shot_signals)
                 && printhead.channels.values().all(whole))
@@ -371,7 +369,8 @@ mod tests {
             other[i][j] = v;
             other
         };
-        for wrong in [entry(0, 1, 5e-4), entry(2, 2, 1e3), entry(3, 3, -1e-3), entry(1, 1, f64::NAN)]
+        for wrong in
+            [entry(0, 1, 5e-4), entry(2, 2, 1e3), entry(3, 3, -1e-3), entry(1, 1, f64::NAN)]
         {
             assert!(with(wrong).unwrap_err().to_string().contains("shot"));
         }

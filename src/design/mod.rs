@@ -94,7 +94,10 @@ impl Design {
             ));
         }
         if !(self.sample_period_s.is_finite() && self.sample_period_s > 0.0) {
-            return refuse(format!("sample_period_s = {:?}: must be positive", self.sample_period_s));
+            return refuse(format!(
+                "sample_period_s = {:?}: must be positive",
+                self.sample_period_s
+            ));
         }
         if self.classes.len() > crate::isolate::MAX_CLASSES {
             return refuse(format!(

@@ -1,6 +1,7 @@
 //! Channels' baselines as JSON: read at the start, written at the end under another name first.
 
 use super::part_file::PartFile;
+use super::printable;
 use super::regular_file;
 use crate::design::Baselines;
 use std::io::{ErrorKind, Write};
@@ -52,7 +53,8 @@ impl BaselineFile {
         };
         file.text = Some(xxh3_128(&text));
         let not = |what: String| BaselineFileError::NotBaselines { path: path.into(), what };
-        let baselines: Baselines = serde_json::from_slice(&text).map_err(|e| not(e.to_string()))?;
+        let baselines: Baselines =
+            serde_json::from_slice(&text).map_err(|e| not(printable::of_parser(&e)))?;
         baselines.check().map_err(|e| not(e.to_string()))?;
         if baselines.design.as_deref() != design {
             let words = |digest: Option<&str>| digest.unwrap_or("none").to_owned();
@@ -111,6 +113,8 @@ mod tests {
         std::fs::remove_file(&path).unwrap();
         assert!(later.write(&baselines).is_err());
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
-        assert!(BaselineFile::read(dir.path(), design).unwrap_err().to_string().contains("not a file"));
+        assert!(
+            BaselineFile::read(dir.path(), design).unwrap_err().to_string().contains("not a file")
+        );
     }
 }

@@ -1,6 +1,7 @@
 //! The design as JSON (`schemas/design.md`).
 
 use super::part_file::PartFile;
+use super::printable;
 use super::regular_file;
 use crate::design::Design;
 use std::io::Write;
@@ -25,7 +26,8 @@ pub fn read(path: &Path) -> Result<(Design, String), DesignFileError> {
     let failed = |source| DesignFileError::Read { path: path.into(), source };
     let text = regular_file::read(path, MOST_BYTES).map_err(failed)?;
     let not = |what: String| DesignFileError::NotADesign { path: path.into(), what };
-    let design: Design = serde_json::from_slice(&text).map_err(|e| not(e.to_string()))?;
+    let design: Design =
+        serde_json::from_slice(&text).map_err(|e| not(printable::of_parser(&e)))?;
     design.check().map_err(|e| not(e.to_string()))?;
     let digest = format!("xxh3:{:032x}", xxhash_rust::xxh3::xxh3_128(&text));
     Ok((design, digest))

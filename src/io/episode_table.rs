@@ -163,8 +163,8 @@ pub fn path_beside(verdicts: &Path) -> PathBuf {
 /// The rows of an episode table, as we wrote it or as another tool wrote it again. Of the columns
 /// only those are read that say where, when and what.
 pub fn read(path: &Path) -> Result<Vec<Episode>, TableError> {
-    let file =
-        regular_file::open(path).map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
+    let file = regular_file::open(path)
+        .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
     let failed = |source| TableError::Parquet { path: path.to_path_buf(), source };
     let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
     let open = || ParquetRecordBatchReaderBuilder::try_new_with_options(file, options);

@@ -39,13 +39,9 @@ pub enum LabelsError {
 /// Reads and checks labels. Further columns are ignored.
 pub fn read(path: &Path) -> Result<Labels, LabelsError> {
     let failed = |source| LabelsError::Read { path: path.into(), source };
-    let mut csv = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .flexible(true)
-        .from_reader(Records::new(
-            regular_file::open(path).map_err(|e| failed(e.into()))?,
-            MOST_BYTES,
-        ));
+    let mut csv = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(
+        Records::new(regular_file::open(path).map_err(|e| failed(e.into()))?, MOST_BYTES),
+    );
     let header = csv.headers().map_err(failed)?.clone();
     let mut places = [0; HEADER.len()];
     for (place, column) in places.iter_mut().zip(HEADER) {
@@ -73,24 +69,27 @@ fn parse([printhead, channel, from, to, state, severity]: [&str; 6]) -> Result<L
     if printhead.len() > LONGEST_NAME {
         return Err(too_long("printhead", printhead));
     }
-    let label = Label {
-        printhead: printhead.into(),
-        channel: match channel {
-            "*" => None,
-            n => Some(n.parse().map_err(|_| format!("channel \"{}\": give a number or *", printable::cell(n)))?),
-        },
-        from_ns: time("from", from)?,
-        to_ns: time("to", to)?,
-        state: match state {
-            "" => return Err("state is empty: give `healthy` or a fault class".into()),
-            state if state.len() > LONGEST_NAME => return Err(too_long("state", state)),
-            state => state.into(),
-        },
-        severity: match severity {
-            "" => None,
-            s => Some(size(state, s)?),
-        },
-    };
+    let label =
+        Label {
+            printhead: printhead.into(),
+            channel: match channel {
+                "*" => None,
+                n => Some(n.parse().map_err(|_| {
+                    format!("channel \"{}\": give a number or *", printable::cell(n))
+                })?),
+            },
+            from_ns: time("from", from)?,
+            to_ns: time("to", to)?,
+            state: match state {
+                "" => return Err("state is empty: give `healthy` or a fault class".into()),
+                state if state.len() > LONGEST_NAME => return Err(too_long("state", state)),
+                state => state.into(),
+            },
+            severity: match severity {
+                "" => None,
+                s => Some(size(state, s)?),
+            },
+        };
     match (label.from_ns, label.to_ns) {
         (Some(from), Some(to)) if from > to => Err("`from` is later than `to`".into()),
         _ => Ok(label),
@@ -105,7 +104,8 @@ fn too_long(column: &str, text: &str) -> String {
 fn size(state: &str, text: &str) -> Result<f64, String> {
     let said = printable::cell(text);
     let number = text.parse().ok().filter(|v: &f64| v.is_finite());
-    let severity = number.ok_or_else(|| format!("severity \"{said}\": give a number or nothing"))?;
+    let severity =
+        number.ok_or_else(|| format!("severity \"{said}\": give a number or nothing"))?;
     let (least, most, what) = match state {
         "EC" => (0.0, 1.0, "the missing share of density"),
         "PBN" | "BN" => (0.0, 1.0, "the blocked share of the nozzle's cross-section"),
@@ -238,7 +238,8 @@ mod tests {
 
     #[test]
     fn severities_of_the_contract_are_taken() {
-        let rows = "p,1,,,EC,1\np,1,,,BN,0\np,1,,,IDN,1\np,1,,,DDN,8\np,1,,,AB3,6\np,1,,,own,-5e9\n";
+        let rows =
+            "p,1,,,EC,1\np,1,,,BN,0\np,1,,,IDN,1\np,1,,,DDN,8\np,1,,,AB3,6\np,1,,,own,-5e9\n";
         let text = format!("printhead,channel,from,to,state,severity\n{rows}");
         assert_eq!(reading(&text).unwrap().rows().len(), 6);
     }
@@ -246,7 +247,8 @@ mod tests {
     #[test]
     fn messages_do_not_repeat_all_of_a_cell_and_quotes_end() {
         let header = "printhead,channel,from,to,state,severity\n";
-        for row in ["p,CELL,,,EC,", "p,1,CELL,,EC,", "p,1,,,EC,CELL", "p,1,,,CELL,", "CELL,1,,,EC,"] {
+        for row in ["p,CELL,,,EC,", "p,1,CELL,,EC,", "p,1,,,EC,CELL", "p,1,,,CELL,", "CELL,1,,,EC,"]
+        {
             let text = format!("{header}{}\n", row.replace("CELL", &"x\u{1b}".repeat(5000)));
             let message = reading(&text).unwrap_err().to_string();
             assert!(message.len() < 600 && !message.contains('\u{1b}'), "{}", message.len());

@@ -56,7 +56,9 @@ mod tests {
         std::fs::write(at("file"), "").unwrap();
         assert!(check_directory(&at("new/below")).is_ok() && check_directory(dir.path()).is_ok());
         assert!(check_file(&at("file")).is_ok() && check_file(&at("new/file")).is_ok());
-        assert!(check_file(Path::new("here")).is_ok() && check_directory(Path::new("here")).is_ok());
+        assert!(
+            check_file(Path::new("here")).is_ok() && check_directory(Path::new("here")).is_ok()
+        );
         for refused in [check_directory(&at("file")), check_directory(&at("file/below"))] {
             let message = refused.unwrap_err().to_string();
             assert!(message.contains("is a file") && !message.contains("below"), "{message}");

@@ -39,7 +39,10 @@ impl PartFile {
             let part = path.with_file_name(name);
             match File::create_new(&part) {
                 Ok(file) => {
-                    return Ok((PartFile { path: path.to_path_buf(), part, finished: false }, file));
+                    return Ok((
+                        PartFile { path: path.to_path_buf(), part, finished: false },
+                        file,
+                    ));
                 }
                 Err(e) if e.kind() == io::ErrorKind::AlreadyExists => taken = e,
                 Err(e) => return Err(e),

@@ -6,6 +6,9 @@
 /// Characters of a cell that a message repeats.
 const MOST_OF_A_CELL: usize = 60;
 
+/// Characters of what a parser says.
+const MOST_OF_A_PARSER: usize = 600;
+
 /// A name or a cell in a message: its beginning.
 pub fn cell(text: &str) -> String {
     line(text, MOST_OF_A_CELL)
@@ -33,9 +36,15 @@ pub fn lines(text: &str, most: usize) -> String {
     short
 }
 
+/// What a parser says of a text: it may repeat all of it.
+pub fn of_parser(error: &impl std::fmt::Display) -> String {
+    lines(&error.to_string(), MOST_OF_A_PARSER)
+}
+
 /// Control characters, line separators, and what overrides the direction of text.
 fn moves(c: char) -> bool {
-    let turns = matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    let turns =
+        matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
     c.is_control() || turns || matches!(c, '\u{2028}' | '\u{2029}' | '\u{061c}')
 }
 

@@ -2,6 +2,7 @@
 //! SHA-256 of its bytes in a file of its own; and back.
 
 use super::part_file::PartFile;
+use super::printable;
 use super::regular_file::{self, MOST_CRITIQUE_BYTES};
 use crate::simulate::hidden::Truth;
 use sha2::{Digest, Sha256};
@@ -70,7 +71,7 @@ pub fn read(path: &Path) -> Result<(serde_json::Value, Seal), TruthError> {
         }
     }
     let truth = serde_json::from_slice(&bytes)
-        .map_err(|e| TruthError::Content { path: path.into(), what: e.to_string() })?;
+        .map_err(|e| TruthError::Content { path: path.into(), what: printable::of_parser(&e) })?;
     Ok((truth, seal))
 }
 

@@ -19,7 +19,6 @@ use parquet::arrow::arrow_reader::{
     ArrowReaderOptions, ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder,
 };
 use std::collections::HashMap;
-use std::fs::File;
 use std::panic::AssertUnwindSafe;
 use std::path::{Path, PathBuf};
 
@@ -406,6 +405,7 @@ pub(super) mod tests {
     use parquet::arrow::add_encoded_arrow_schema_to_metadata;
     use parquet::arrow::arrow_writer::{ArrowWriter, ArrowWriterOptions};
     use parquet::file::properties::WriterProperties;
+    use std::fs::File;
     use std::sync::Arc;
 
     pub(in crate::io) fn rows(mut reader: VerdictReader) -> (Vec<VerdictColumns>, TableOptions) {
