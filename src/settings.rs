@@ -6,6 +6,7 @@
 use crate::design::{DetectSettings, IsolateSettings};
 use crate::episodes::EpisodeSettings;
 use crate::identify::GreyBoxSettings;
+use crate::io::{printable, regular_file};
 use crate::model::Geometry;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -174,11 +175,11 @@ impl Settings {
     ) -> Result<Settings, SettingsError> {
         let mut table = Table::new();
         if let Some(path) = file {
-            let text = std::fs::read_to_string(path)
+            let text = regular_file::read_text(path, regular_file::MOST_SETTINGS_BYTES)
                 .map_err(|source| SettingsError::Unreadable { path: path.into(), source })?;
-            table = text
-                .parse::<Table>()
-                .map_err(|e| SettingsError::invalid(path.display().to_string(), e.to_string()))?;
+            table = text.parse::<Table>().map_err(|e| {
+                SettingsError::invalid(path.display().to_string(), printable::of_parser(&e))
+            })?;
             let from_file: Settings = parse(table.clone(), &path.display().to_string())?;
             // absolute from here on, so that later layers (relative to the caller) do not mix
             let dir = path.parent().unwrap_or(Path::new("."));
@@ -224,7 +225,7 @@ impl Settings {
             if v > lo && v < hi {
                 Ok(())
             } else {
-                Err(format!("{key} = {v}: must lie between {lo} and {hi}"))
+                Err(format!("{key} = {v:?}: must lie between {lo} and {hi}"))
             }
         };
         if self.input.rails[0] >= self.input.rails[1] || self.input.rails.iter().any(|v| v.is_nan())
@@ -232,7 +233,10 @@ impl Settings {
             return Err(format!("input.rails = {:?}: the lower one first", self.input.rails));
         }
         share("identify.first", self.identify.first, 0.0, 1e7)?;
-        share("identify.every", self.identify.every, -1e-9, 1e9)?;
+        if !(0.0..1e9).contains(&self.identify.every) {
+            let every = self.identify.every;
+            return Err(format!("identify.every = {every:?}: give 0 (once) or more, below 1e9 s"));
+        }
         share("identify.least_agreeing", self.identify.least_agreeing, 0.0, 1.0)?;
         share("identify.max_frequency_drift", self.identify.max_frequency_drift, 0.0, 10.0)?;
         share("identify.max_damping_drift", self.identify.max_damping_drift, 0.0, 10.0)?;
@@ -242,7 +246,7 @@ impl Settings {
         }
         if self.identify.every > 0.0 && self.identify.every < self.identify.first {
             return Err(format!(
-                "identify.every = {} is shorter than identify.first = {}: windows would overlap",
+                "identify.every = {:?} is shorter than identify.first = {:?}: windows would overlap",
                 self.identify.every, self.identify.first
             ));
         }
@@ -322,7 +326,8 @@ impl Preset {
 }
 
 fn parse(table: Table, place: &str) -> Result<Settings, SettingsError> {
-    Settings::deserialize(table).map_err(|e| SettingsError::invalid(place, e.to_string()))
+    Settings::deserialize(table)
+        .map_err(|e| SettingsError::invalid(place, printable::of_parser(&e)))
 }
 
 /// A TOML literal, or else a plain string: `--set output.dir=out` needs no quotes.
@@ -405,6 +410,11 @@ mod tests {
             ("detect.false_alarm_rate=2", "false_alarm_rate"),
             ("nonsense", "KEY=VALUE"),
             ("identify.every=soon", "soon"),
+            ("identify.every=-1", "give 0 (once) or more"),
+            ("identify.first=1e300", "= 1e300"),
+            ("episodes.false_per_million=1e-300", "= 1e-300"),
+            ("identify.grey_box.bound_factor=1e308", "= 1e308"),
+            ("isolate.guess_sd=-1e-200", "= -1e-200"),
         ] {
             let message = with(&[pair]).unwrap_err().to_string();
             assert!(message.contains(word), "{pair}: {message}");

@@ -65,7 +65,8 @@ fn bad_tables_are_refused_and_leave_no_recording() {
     for (text, says) in cases {
         house.write("t.csv", &text);
         house.run("convert t.csv -o t.mcap").exits(1).says(says);
-        assert!(!house.path("t.mcap").exists() && !house.path("t.mcap.part").exists());
+        let names = std::fs::read_dir(house.path(".")).unwrap().map(|e| e.unwrap().file_name());
+        assert_eq!(names.filter(|n| n.to_string_lossy().contains("t.mcap")).count(), 0);
     }
     house.run("convert missing.csv -o t.mcap").exits(1).says("missing.csv");
     house.write("t.csv", "t,y\n0,1\n1,2\n2,1\n3,5\n");

@@ -203,7 +203,7 @@ fn design_that_no_training_makes_is_refused_with_its_place() {
     let good: Value =
         serde_json::from_slice(&std::fs::read(sample("design.json")).unwrap()).unwrap();
     type Edit = fn(&mut Value);
-    let edits: [(Edit, &str); 9] = [
+    let edits: [(Edit, &str); 14] = [
         (|d| d["version"] = json!(2), "version 2"),
         (|d| d["models"][0]["expected"] = json!([1.0]), "expected"),
         (|d| d["models"][0]["expected"][3] = json!(1e308), "expected"),
@@ -219,6 +219,11 @@ fn design_that_no_training_makes_is_refused_with_its_place() {
         (|d| d["classes"][0]["name"] = json!("healthy"), "a name of its own"),
         (|d| d["classes"][0]["deviation"] = json!([]), "deviation"),
         (|d| d["detect"]["other_poles_per_s"] = json!([-1.0]), "other_poles_per_s"),
+        (|d| d["pooled"]["noise"] = json!(-17.0), "`noise`"),
+        (|d| d["models"][0]["sensitivity"]["noise"][1][1] = json!(1e40), "sensitivity.noise"),
+        (|d| d["models"][0]["identification"]["poles"]["frequency_hz"] = json!(0), "frequency_hz"),
+        (|d| d["physics"]["noise"] = json!(0.0), "physics"),
+        (|d| d["physics"]["ring"]["real_share"] = json!(1e200), "physics"),
     ];
     for (edit, word) in edits {
         let mut design = good.clone();
@@ -277,9 +282,9 @@ fn stderr_that_takes_nothing_is_no_panic() {
 fn verdicts_get_no_name_where_their_summary_cannot_be_written() {
     let house = House::new();
     write(&house.path("run.mcap"), &some(3), WriterOptions::default());
-    std::fs::create_dir_all(house.path("out/run.summary.json.part")).unwrap();
+    std::fs::create_dir_all(house.path("out/run.summary.json")).unwrap();
     replay(&house, "run.mcap", &by_design()).exits(1).says("run.summary.json");
-    assert_eq!(files(&house, "out"), ["run.summary.json.part"]);
+    assert_eq!(files(&house, "out"), ["run.summary.json"]);
     house.write("file", "");
     house.run("replay run.mcap --out file").exits(1).says("file");
 }
@@ -370,4 +375,77 @@ fn what_is_set_wins_over_what_a_design_implies() {
     assert_eq!(mode("--set identify.mode=design --identify windows"), "windows");
     let reversed = r#"--set identify.spans=[["2026-01-02T00:00:00Z","2026-01-01T00:00:00Z"]]"#;
     replay(&house, "run.mcap", reversed).exits(2).says("ends before it begins");
+}
+
+#[cfg(unix)]
+#[test]
+fn text_that_never_ends_is_refused_whatever_asks_for_it() {
+    let house = House::new();
+    write(&house.path("run.mcap"), &some(3), WriterOptions::default());
+    assert!(Command::new("mkfifo").arg(house.path("pipe")).status().unwrap().success());
+    let scored = "score critique.json --truth";
+    house.write("critique.json", r#"{"verdict":"none"}"#);
+    for endless in ["/dev/zero", "pipe", "."] {
+        for (args, code) in [
+            (format!("replay run.mcap --design {endless}"), 1),
+            (format!("replay run.mcap --config {endless}"), 2),
+            (format!("replay run.mcap --baseline {endless}"), 1),
+            (format!("train run.mcap --labels {endless} -o d.json"), 1),
+            (format!("score {endless} --truth critique.json"), 1),
+            (format!("{scored} {endless}"), 1),
+            (format!("simulate {endless} -o sim"), 2),
+            (format!("convert {endless} -o t.mcap"), 1),
+        ] {
+            house.run(&args).exits(code).says("not a file");
+        }
+    }
+}
+
+#[test]
+fn critiques_that_contradict_themselves_are_not_scored() {
+    let house = House::new();
+    house.write("sealed/truth.json", r#"{"effects":[]}"#);
+    house.write("c.json", r#"{"verdict":"none"}"#);
+    house.run("score c.json --truth sealed/truth.json").exits(0).says("not sealed");
+    house.write("c.json", r#"{"verdict":"none","causes":[{"id":"tone"}]}"#);
+    house.run("score c.json --truth sealed/truth.json").exits(1).says("c.json").says("none");
+    house.write("truth.sha256", "0\n");
+    house.write("c.json", r#"{"verdict":"none"}"#);
+    house
+        .run("score c.json --truth sealed/truth.json")
+        .exits(1)
+        .says("changed after it was sealed");
+}
+
+#[test]
+fn names_from_labels_move_no_cursor() {
+    let house = House::new();
+    let bursts = some(3);
+    write(&house.path("run.mcap"), &bursts, WriterOptions::default());
+    house.write(
+        "l.csv",
+        format!(
+            "printhead,channel,from,to,state,severity\n{},*,,,E\u{1b}[31m\u{202e}C,\n",
+            bursts[0].printhead
+        ),
+    );
+    let ended = house.run("train run.mcap --labels l.csv -o d.json").exits(1).says("[31m");
+    assert!(!ended.stderr().contains(['\u{1b}', '\u{202e}']), "{}", ended.stderr());
+}
+
+#[test]
+fn results_that_have_no_place_are_refused_before_the_work() {
+    let house = House::new();
+    house.write("file", "");
+    for args in [
+        "critique no.mcap -o file",
+        "simulate no.toml -o file/below",
+        "thesis -o file",
+        "convert no.csv -o file/below",
+    ] {
+        house.run(args).exits(1).says("is a file");
+    }
+    house.run("convert no.csv -o .").exits(1).says("is a directory");
+    write(&house.path("run.mcap"), &some(3), WriterOptions::default());
+    house.run("replay run.mcap --out out --set isolate.priors={zz=1}").exits(2).says("zz");
 }

@@ -3,6 +3,7 @@
 use super::exit::{Exit, Failure};
 use super::progress::thousands;
 use crate::burst::{Burst, Format, Layout};
+use crate::io::outputs;
 use crate::io::recording_writer::{RecordingWriter, WriterOptions};
 use crate::io::sampling::{self, Regular};
 use crate::io::table_file::{self, Columns};
@@ -66,6 +67,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             "the recording would overwrite its own table: choose another -o",
         ));
     }
+    outputs::check_file(&args.out).map_err(Failure::new)?;
     let Args { time, outputs, burst, .. } = args;
     let columns = Columns { time, outputs, burst };
     let table = table_file::read(&args.table, &columns).map_err(Failure::new)?;

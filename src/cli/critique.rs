@@ -10,11 +10,23 @@ use crate::critique::report;
 use crate::design::{Design, TrainingSet};
 use crate::identify::averaging::SignalSet;
 use crate::io::recording::Recording;
-use crate::io::{Limits, critique_tables, design_file, inputs, labels_file, part_file};
+use crate::io::{
+    Limits, critique_tables, design_file, inputs, labels_file, outputs, part_file, printable,
+};
 use crate::pipeline::observe::Observer;
 use crate::settings::Settings;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+
+/// What a critique writes, the one that says that all are there first: none of an earlier run may
+/// lie beside those of this one.
+const FILES: [&str; 5] = [
+    "critique.json",
+    "extended.design.json",
+    "evidence.parquet",
+    "residuals.parquet",
+    "report.html",
+];
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -54,6 +66,7 @@ enum PlantArg {
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
+    outputs::check_directory(&args.out).map_err(Failure::new)?;
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
     let labels = args.labels.as_deref().map(labels_file::read).transpose().map_err(Failure::new)?;
     let inputs = inputs::find_recordings(&args.recordings).map_err(Failure::new)?;
@@ -80,6 +93,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         engine::critique(&data, rings, labels.is_some(), &mut stages).map_err(Failure::new)?;
     outcome.critique.signals.rejected = rejected;
 
+    outputs::remove_earlier(&args.out, &FILES).map_err(Failure::new)?;
     if !oscillator {
         progress.say("extending the design ...");
         match extended_design(&data, &outcome, &settings) {
@@ -151,7 +165,7 @@ fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
 }
 
 fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Result<()> {
-    writeln!(out, "{}", critique.sentence)?;
+    writeln!(out, "{}", printable::line(&critique.sentence, 4000))?;
     if !critique.causes.is_empty() {
         writeln!(
             out,
@@ -201,7 +215,7 @@ fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Resu
         writeln!(out, "  not testable: {} (needs {})", n.id, n.needs)?;
     }
     for remark in &critique.remarks {
-        writeln!(out, "  {remark}")?;
+        writeln!(out, "  {}", printable::line(remark, 4000))?;
     }
     writeln!(out, "  {}", dir.join("critique.json").display())
 }

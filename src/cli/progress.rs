@@ -13,8 +13,13 @@ use std::time::{Duration, Instant};
 const TICK: Duration = Duration::from_millis(100);
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
-/// A line on stderr. `eprintln!` would panic where nobody can read it; the exit status still says it.
+/// Characters of one message.
+const MOST_OF_A_MESSAGE: usize = 20_000;
+
+/// A line on stderr; what it repeats from files moves no cursor. `eprintln!` would panic where nobody
+/// can read it; the exit status still says it.
 pub fn complain(message: &str) {
+    let message = crate::io::printable::lines(message, MOST_OF_A_MESSAGE);
     let _ = writeln!(std::io::stderr(), "{message}");
 }
 
@@ -110,7 +115,7 @@ impl Progress {
             bar.set_style(style(
                 "{spinner} {prefix:<16!} {bar:30} {percent:>3} %  {msg}  {eta} left",
             ));
-            bar.set_prefix(name.to_owned());
+            bar.set_prefix(printable(name));
             bar
         });
         let mut last_line = Instant::now();

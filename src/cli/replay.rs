@@ -4,9 +4,11 @@ use super::exit::{Exit, Failure, unless_reader_gone};
 use super::progress::{Progress, interruptible};
 use super::report::{self, printable};
 use crate::design::Design;
+use crate::io::baseline_file::BaselineFile;
 use crate::io::inputs::Input;
 use crate::io::recording::Recording;
-use crate::io::{Limits, baseline_file, design_file, inputs, labels_file};
+use crate::io::{Limits, design_file, inputs, labels_file, outputs};
+use crate::isolate::IsolateMethod;
 use crate::pipeline::{self, Control, PipelineError, RecordingReport, Replay};
 use crate::settings::{Pace, Preset, Settings};
 use chrono::DateTime;
@@ -86,8 +88,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = settings(&args)?;
     let inputs = inputs::find_recordings(&settings.input.recordings).map_err(Failure::new)?;
     let out = PathBuf::from(&settings.output.dir);
+    outputs::check_directory(&out).map_err(Failure::new)?;
     inputs::refuse_shared_verdicts(&out, &inputs).map_err(Failure::usage)?;
-    let mut replay = load(settings)?;
+    let (mut replay, mut baseline_file) = load(settings)?;
 
     let control = interruptible();
     let inputs = match &replay.baselines {
@@ -110,8 +113,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             Ok(mut report) => {
                 done += 1;
                 if let Some(baselines) = report.baselines.take() {
-                    baseline_file::write(Path::new(&replay.settings.input.baseline), &baselines)
-                        .map_err(Failure::new)?;
+                    if let Some(file) = &mut baseline_file {
+                        file.write(&baselines).map_err(Failure::new)?;
+                    }
                     replay.baselines = Some(baselines);
                 }
                 whole &= report.is_whole();
@@ -257,7 +261,7 @@ fn settings(args: &Args) -> Result<Settings, Failure> {
     Ok(settings)
 }
 
-fn load(mut settings: Settings) -> Result<Replay, Failure> {
+fn load(mut settings: Settings) -> Result<(Replay, Option<BaselineFile>), Failure> {
     let (mut design, mut design_digest) = (None, None);
     if !settings.input.design.is_empty() {
         let (read, digest): (Design, String) =
@@ -265,6 +269,10 @@ fn load(mut settings: Settings) -> Result<Replay, Failure> {
         // models learned on windows must be of the design's kind
         settings.detect = read.detect.clone();
         (design, design_digest) = (Some(read), Some(digest));
+    }
+    if settings.isolate.method == IsolateMethod::Posterior {
+        let classes = design.as_ref().map(Design::class_names).unwrap_or_default();
+        settings.isolate.prior_weights(&classes).map_err(Failure::usage)?;
     }
     let labels = match settings.identify.labels.as_str() {
         "" => None,
@@ -292,11 +300,11 @@ fn load(mut settings: Settings) -> Result<Replay, Failure> {
             Ok((from_ns, to_ns))
         })
         .collect::<Result<_, Failure>>()?;
-    let baselines = match settings.input.baseline.as_str() {
-        "" => None,
-        path => Some(
-            baseline_file::read(Path::new(path), design_digest.as_deref()).map_err(Failure::new)?,
-        ),
+    let (baseline_file, baselines) = match settings.input.baseline.as_str() {
+        "" => (None, None),
+        path => BaselineFile::read(Path::new(path), design_digest.as_deref())
+            .map(|(file, baselines)| (Some(file), Some(baselines)))
+            .map_err(Failure::new)?,
     };
-    Ok(Replay { settings, design, design_digest, labels, spans, baselines })
+    Ok((Replay { settings, design, design_digest, labels, spans, baselines }, baseline_file))
 }

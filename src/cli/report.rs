@@ -2,6 +2,7 @@
 
 use super::progress::thousands;
 use crate::episodes::{Counts, Episode};
+use crate::io::printable;
 use crate::pipeline::RecordingReport;
 use crate::pipeline::tally::PrintheadTally;
 use chrono::DateTime;
@@ -14,7 +15,7 @@ const MOST_PRINTHEADS: usize = 256;
 
 pub fn print(report: &RecordingReport, out: &mut impl Write) -> io::Result<()> {
     let counts = &report.tally.counts;
-    writeln!(out, "{}", report.name)?;
+    writeln!(out, "{}", printable::line(&report.name, 255))?;
     writeln!(
         out,
         "  {} signals in {} bursts, {} models, {:.1} s, {} signals/s",
@@ -59,7 +60,7 @@ pub fn print(report: &RecordingReport, out: &mut impl Write) -> io::Result<()> {
             thousands(left_out)
         )?;
     }
-    writeln!(out, "  verdicts: {}", report.verdicts.display())
+    writeln!(out, "  verdicts: {}", printable::line(&report.verdicts.to_string_lossy(), 4096))
 }
 
 fn counts_of_left_out(counts: &Counts) -> u64 {
@@ -85,7 +86,7 @@ fn print_episodes(episodes: &[&Episode], out: &mut impl Write) -> io::Result<()>
             "    {} to {until:<19} {:>7}  {}",
             clock(e.began_at_ns),
             thousands(e.bursts),
-            without_controls(&e.explanation)
+            printable::line(&e.explanation, 1000)
         )?;
     }
     if episodes.len() > MOST_LISTED {
@@ -98,11 +99,7 @@ fn clock(t_ns: i64) -> String {
     DateTime::from_timestamp_nanos(t_ns).format("%Y-%m-%d %H:%M:%S").to_string()
 }
 
-/// A name from a recording, without what could move a terminal's cursor.
+/// A name from a file, as a terminal may show it.
 pub fn printable(name: &str) -> String {
-    without_controls(name).chars().take(64).collect()
-}
-
-fn without_controls(text: &str) -> String {
-    text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
+    printable::line(name, 64)
 }

@@ -1,9 +1,12 @@
 //! `inkling score`: verdicts against labels, critiques against what was hidden.
 
 use super::exit::{Exit, Failure};
+use super::progress::complain;
+use super::report::printable as name;
 use crate::fault::{HEALTHY, category};
+use crate::io::truth_file::Seal;
 use crate::io::verdict_reader::VerdictReader;
-use crate::io::{episode_table, inputs, labels_file, truth_file};
+use crate::io::{episode_table, inputs, labels_file, printable, regular_file, truth_file};
 use crate::labels::Labels;
 use crate::score::blind::{Blind, Said as SaidCritique, True};
 use crate::score::episodes::{EpisodeScore, EpisodesReport, SaidEpisode};
@@ -158,12 +161,24 @@ fn critiques(args: &Args) -> Result<Exit, Failure> {
     let mut lines = Vec::new();
     for (path, truth_path) in args.verdicts.iter().zip(&args.truth) {
         let bad = |what: &dyn std::fmt::Display| Failure::new(format!("{path}: {what}"));
-        let bytes = std::fs::read(path).map_err(|e| bad(&format!("cannot be read: {e}")))?;
+        let bytes = regular_file::read(Path::new(path), regular_file::MOST_CRITIQUE_BYTES)
+            .map_err(|e| bad(&format!("cannot be read: {e}")))?;
         let said: SaidCritique = serde_json::from_slice(&bytes)
-            .map_err(|e| bad(&format!("is no critique.json: {e}")))?;
-        let truth = truth_file::read(truth_path).map_err(Failure::new)?;
-        let truth: True = serde_json::from_value(truth)
-            .map_err(|e| Failure::new(format!("{}: is no truth: {e}", truth_path.display())))?;
+            .map_err(|e| bad(&format!("is no critique.json: {}", printable::of_parser(&e))))?;
+        said.check().map_err(|what| bad(&format!("is no critique.json: {what}")))?;
+        let (truth, seal) = truth_file::read(truth_path).map_err(Failure::new)?;
+        let no_truth =
+            |what: String| Failure::new(format!("{}: is no truth: {what}", truth_path.display()));
+        let truth: True =
+            serde_json::from_value(truth).map_err(|e| no_truth(printable::of_parser(&e)))?;
+        truth.check().map_err(no_truth)?;
+        if seal == Seal::Missing {
+            complain(&format!(
+                "warning: {}: not sealed: no truth.sha256 beside its directory, so nobody can tell \
+                 whether it was changed",
+                truth_path.display()
+            ));
+        }
         let names = |ids: Vec<&str>| {
             if ids.is_empty() { "nothing".to_owned() } else { ids.join(" + ") }
         };
@@ -181,15 +196,10 @@ fn critiques(args: &Args) -> Result<Exit, Failure> {
             .map_err(|e| Failure::from(std::io::Error::from(e)))?;
         writeln!(out)?;
     } else {
-        lines.iter().try_for_each(|line| writeln!(out, "{}", printable_line(line)))?;
-        writeln!(out, "\n{}", blind.markdown())?;
+        lines.iter().try_for_each(|line| writeln!(out, "{}", printable::line(line, 4000)))?;
+        writeln!(out, "\n{}", printable::lines(&blind.markdown(), 1_000_000))?;
     }
     Ok(Exit::Done)
-}
-
-/// Names come from files: no control characters on the terminal.
-fn printable_line(line: &str) -> String {
-    line.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
 }
 
 /// Certainty of the candidate class: its own weight where weights were written. Where only a category
@@ -225,16 +235,17 @@ fn print(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
     for (state, s) in &report.by_state {
         let share = s.flagged as f64 / s.signals.max(1) as f64;
         let what = if state == HEALTHY { "false alarms" } else { "recall" };
+        let state = name(state);
         writeln!(out, "  {state:<10} {:>10} {:>10} {share:>8.4}  {what}", s.signals, s.flagged)?;
     }
     let iso = &report.isolation;
     if iso.confusion.iter().flatten().any(|&n| n > 0) {
         writeln!(out, "isolation (rows: truth, columns: best class)")?;
         write!(out, "  {:<6}", "")?;
-        iso.classes.iter().try_for_each(|c| write!(out, " {c:>7}"))?;
+        iso.classes.iter().try_for_each(|c| write!(out, " {:>7}", name(c)))?;
         writeln!(out)?;
         for (class, row) in iso.classes.iter().zip(&iso.confusion) {
-            write!(out, "  {class:<6}")?;
+            write!(out, "  {:<6}", name(class))?;
             row.iter().try_for_each(|n| write!(out, " {n:>7}"))?;
             writeln!(out)?;
         }
@@ -264,8 +275,12 @@ fn print(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
         for (class, c) in &report.calibration.by_class {
             writeln!(
                 out,
-                "  {class:<10} {:>10} {:>8.4} {:>8.4} {:>8.4}",
-                c.signals, c.certainty, c.right, c.ece
+                "  {:<10} {:>10} {:>8.4} {:>8.4} {:>8.4}",
+                name(class),
+                c.signals,
+                c.certainty,
+                c.right,
+                c.ece
             )?;
         }
     }
@@ -281,8 +296,10 @@ fn print(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
             let (r2, covered) = (number(s.r2), number(s.coverage95));
             writeln!(
                 out,
-                "  {class:<14} {:>10} {:>10.5} {r2:>8} {covered:>16}",
-                s.signals, s.rmse
+                "  {:<14} {:>10} {:>10.5} {r2:>8} {covered:>16}",
+                name(class),
+                s.signals,
+                s.rmse
             )?;
         }
         let all: f64 = report.severity.values().map(|s| s.signals as f64).sum();
@@ -320,8 +337,12 @@ fn print_episodes(e: &EpisodesReport, out: &mut impl Write) -> std::io::Result<(
         let delay = bursts(s.delay_bursts);
         writeln!(
             out,
-            "  {state:<10} {:>8} {:>8} {:>15} {:>12} {delay:>8}",
-            s.faults, s.found, s.category_right, s.fault_right
+            "  {:<10} {:>8} {:>8} {:>15} {:>12} {delay:>8}",
+            name(state),
+            s.faults,
+            s.found,
+            s.category_right,
+            s.fault_right
         )?;
     }
     Ok(())

@@ -3,7 +3,7 @@
 use super::exit::{Exit, Failure, unless_reader_gone};
 use super::progress::{interruptible, thousands};
 use crate::io::recording_writer::{self, RecordingWriter, WriterOptions};
-use crate::io::{labels_file, truth_file};
+use crate::io::{labels_file, outputs, printable, regular_file, truth_file};
 use crate::pipeline::Control;
 use crate::simulate::scenario::Kind;
 use crate::simulate::scenario::{Compression, RecordingOptions};
@@ -40,10 +40,12 @@ pub struct Args {
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
-    let text = std::fs::read_to_string(&args.scenario)
+    outputs::check_directory(&args.out).map_err(Failure::new)?;
+    let text = regular_file::read_text(&args.scenario, regular_file::MOST_SETTINGS_BYTES)
         .map_err(|e| Failure::usage(format!("{}: cannot be read: {e}", args.scenario.display())))?;
-    let scenario = Scenario::from_toml(&text)
-        .map_err(|e| Failure::usage(format!("{}: {e}", args.scenario.display())))?;
+    let scenario = Scenario::from_toml(&text).map_err(|e| {
+        Failure::usage(format!("{}: {}", args.scenario.display(), printable::of_parser(&e)))
+    })?;
     if let Some(seed) = args.hide {
         return hide(&args, &scenario, seed);
     }
@@ -100,6 +102,9 @@ fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
     let hidden = hidden::recording(physics, &scenario.recording, seed)
         .map_err(|e| Failure::usage(format!("{}: {e}", args.scenario.display())))?;
     let mut out = std::io::stdout().lock();
+    // an earlier recording does not belong to the seal that is written now
+    let earlier = format!("{}.mcap", hidden.recording.stem);
+    outputs::remove_earlier(&args.out, &[&earlier]).map_err(Failure::new)?;
     // the seal first: without it a recording would be one whose truth could still change
     let sealed = args.out.join("sealed");
     let digest = args.out.join("truth.sha256");

@@ -28,6 +28,7 @@ pub struct Args {
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
+    crate::io::outputs::check_directory(&args.out).map_err(Failure::new)?;
     let seeds: Vec<u64> = (0..args.seeds).map(|k| args.seed.wrapping_add(k)).collect();
     let threads = match args.threads {
         0 => std::thread::available_parallelism().map_or(1, usize::from),

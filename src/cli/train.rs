@@ -3,6 +3,7 @@
 use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible, thousands};
 use super::replay::PresetArg;
+use super::report::printable;
 use crate::design::Design;
 use crate::detect::DetectMethod;
 use crate::io::recording::Recording;
@@ -60,7 +61,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     }
     let set = collector.finish().ok_or_else(|| Failure::new("no inkling.Burst messages found"))?;
     if set.healthy.is_empty() {
-        let seen: Vec<String> = set.signals.iter().map(|(l, n)| format!("{n} {l}")).collect();
+        let seen: Vec<String> =
+            set.signals.iter().map(|(l, n)| format!("{n} {}", printable(l))).collect();
         return Err(Failure::new(format!(
             "no signal is labelled `healthy` (found: {}); do printhead names and times of {} agree \
              with the recordings? `inkling inspect` shows them",
@@ -83,7 +85,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         design.classes.len()
     )?;
     for (label, n) in &design.signals {
-        writeln!(out, "  {:>10} {label}", thousands(*n))?;
+        writeln!(out, "  {:>10} {}", thousands(*n), printable(label))?;
     }
     let poles = design.pooled.identification.poles;
     writeln!(

@@ -26,6 +26,10 @@ const MEMORY: f64 = 64.0;
 const MOST_GAIN: f64 = 0.5;
 /// Share of a channel's signals that must be healthy for it to be learned from.
 const LEAST_HEALTHY: f64 = 0.75;
+/// Signals that the scatter within channels rests on, at most.
+const MOST_SIGNALS: f64 = 1e6;
+/// Largest entry of the scatter within channels: what features of at most 4 can make of it.
+const MOST_SHOT: f64 = 32.0;
 /// Of features, in fixed point.
 const UNIT: f64 = 1e-9;
 
@@ -171,15 +175,16 @@ impl Baselines {
         }
         for (name, printhead) in &self.printheads {
             let shot = Matrix4::from_fn(|i, j| printhead.shot[i][j]);
-            let positive = (shot + Matrix4::identity() * 1e-12).cholesky().is_some();
+            if !is_covariance(&shot) {
+                return refuse(format!(
+                    "`shot` of printhead {name}: must be a covariance (symmetric, positive \
+                     semidefinite), none of it beyond {MOST_SHOT}"
+                ));
+            }
             let whole = |c: &ChannelBaseline| {
-                c.signals > 0.0
-                    && c.signals.is_finite()
-                    && c.features.iter().all(|f| f.abs() <= 4.0)
+                c.signals > 0.0 && c.signals <= MEMORY && c.features.iter().all(|f| f.abs() <= 4.0)
             };
-            if !(positive
-                && printhead.shot_signals >= 0.0
-                && printhead.shot_signals.is_finite()
+            if !((0.0..=MOST_SIGNALS).contains(&printhead.shot_signals)
                 && printhead.channels.values().all(whole))
             {
                 return refuse(format!("baselines of printhead {name}: numbers out of range"));
@@ -236,12 +241,21 @@ impl Baselines {
     }
 }
 
+/// Symmetric, positive semidefinite, bounded: but for rounding.
+fn is_covariance(m: &Matrix4<f64>) -> bool {
+    const ROUNDING: f64 = 1e-9;
+    let most = m.amax();
+    let bounded = m.iter().all(|v| v.abs() <= MOST_SHOT);
+    bounded
+        && (m - m.transpose()).amax() <= ROUNDING * most
+        && m.symmetric_eigenvalues().min() >= -ROUNDING * most
+}
+
 fn merged_shot(
     known: &PrintheadBaselines,
     shot: &Matrix4<f64>,
     degrees: f64,
 ) -> PrintheadBaselines {
-    const MOST_SIGNALS: f64 = 1e6;
     let total = known.shot_signals + degrees;
     let share = if total > 0.0 { degrees / total } else { 0.0 };
     let mut merged = known.clone();
@@ -334,5 +348,35 @@ mod tests {
             printhead.shot[0][0] = -1.0;
         }
         assert!(baselines.check().is_err());
+    }
+
+    #[test]
+    fn scatter_that_is_no_covariance_is_refused() {
+        let with = |shot: [[f64; 4]; 4]| {
+            let mut baselines = Baselines::new(None);
+            baselines.learn("p", &heard(&[(1, 0.0, 20)], false), &noise());
+            baselines.printheads.get_mut("p").unwrap().shot = shot;
+            baselines.check()
+        };
+        let mut shot = [[0.0; 4]; 4];
+        with(shot).unwrap();
+        for (i, row) in shot.iter_mut().enumerate() {
+            row[i] = 1e-3;
+        }
+        with(shot).unwrap();
+        let entry = |i: usize, j: usize, v: f64| {
+            let mut other = shot;
+            other[i][j] = v;
+            other
+        };
+        for wrong in
+            [entry(0, 1, 5e-4), entry(2, 2, 1e3), entry(3, 3, -1e-3), entry(1, 1, f64::NAN)]
+        {
+            assert!(with(wrong).unwrap_err().to_string().contains("shot"));
+        }
+        // symmetric, but one direction is less than nothing
+        let mut indefinite = entry(0, 1, 2e-3);
+        indefinite[1][0] = 2e-3;
+        assert!(with(indefinite).is_err());
     }
 }

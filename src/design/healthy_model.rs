@@ -265,6 +265,9 @@ impl HealthyModel {
         if self.temperature_response.as_ref().is_some_and(|r| !finite(r)) {
             return refuse("`temperature_response` must be finite, one number per sample");
         }
+        self.check_numbers().map_err(|(key, value, bounds)| {
+            DesignError::Invalid(format!("model {name}: `{key}` = {value:e}: must be {bounds}"))
+        })?;
         if !super::same_period(self.generator.dt_s, design.sample_period_s) {
             return refuse("its filter has another sample period than the design");
         }
@@ -292,6 +295,50 @@ impl HealthyModel {
             return refuse("its filter lets nothing through");
         }
         Ok(())
+    }
+}
+
+/// A number that no training makes: its key, itself, what it must be.
+type WrongNumber = (&'static str, f64, &'static str);
+
+impl HealthyModel {
+    fn check_numbers(&self) -> Result<(), WrongNumber> {
+        let Identification { channel, poles, output_state, acquisition_state, cubic, .. } =
+            &self.identification;
+        let positive = [
+            ("noise", self.noise),
+            ("identification.channel.a_per_s2", channel.a_per_s2),
+            ("identification.channel.b_per_s2", channel.b_per_s2),
+            ("identification.channel.g_per_s", channel.g_per_s),
+            ("identification.channel.d_per_s", channel.d_per_s),
+            ("identification.poles.damping_per_s", poles.damping_per_s),
+            ("identification.poles.frequency_hz", poles.frequency_hz),
+            ("identification.poles.lambda_per_s", poles.lambda_per_s),
+        ];
+        if let Some((key, v)) = positive.into_iter().find(|(_, v)| !super::is_positive(*v)) {
+            return Err((key, v, "1e-30 to 1e30"));
+        }
+        let within = |key: &'static str, all: &[f64], most: f64, bounds: &'static str| {
+            let wrong = all.iter().find(|v| !(v.abs() <= most));
+            wrong.map_or(Ok(()), |v| Err((key, *v, bounds)))
+        };
+        let kelvin = "-1 to 1 per K";
+        within("damping_per_k", &[self.damping_per_k], 1.0, kelvin)?;
+        within("frequency_per_k", &[self.frequency_per_k], 1.0, kelvin)?;
+        within("temperature_c", self.temperature_c.as_slice(), 1e4, "a temperature in °C")?;
+        let state = "-1e60 to 1e60";
+        within("identification.output_state", output_state, 1e60, state)?;
+        within("identification.acquisition_state", acquisition_state, 1e60, state)?;
+        within("identification.cubic", cubic, 1e60, state)?;
+        let Some(sensitivity) = &self.sensitivity else { return Ok(()) };
+        let (relative, counts) = ("-1e6 to 1e6", "-1e30 to 1e30");
+        within("sensitivity.mean", &sensitivity.mean, 1e6, relative)?;
+        within("sensitivity.spread", sensitivity.spread.as_flattened(), 1e6, relative)?;
+        within("sensitivity.noise", sensitivity.noise.as_flattened(), 1e30, counts)?;
+        sensitivity
+            .projection
+            .iter()
+            .try_for_each(|row| within("sensitivity.projection", row, 1e30, counts))
     }
 }
 

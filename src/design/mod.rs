@@ -94,7 +94,10 @@ impl Design {
             ));
         }
         if !(self.sample_period_s.is_finite() && self.sample_period_s > 0.0) {
-            return refuse(format!("sample_period_s = {}: must be positive", self.sample_period_s));
+            return refuse(format!(
+                "sample_period_s = {:?}: must be positive",
+                self.sample_period_s
+            ));
         }
         if self.classes.len() > crate::isolate::MAX_CLASSES {
             return refuse(format!(
@@ -106,7 +109,7 @@ impl Design {
         if let Some(v) = self.drive_voltage_v
             && !(v.is_finite() && v > 0.0)
         {
-            return refuse(format!("drive_voltage_v = {v}: must be positive"));
+            return refuse(format!("drive_voltage_v = {v:?}: must be positive"));
         }
         self.detect.check().map_err(|e| DesignError::Invalid(format!("detect.{e}")))?;
         let mut names = BTreeSet::new();
@@ -162,6 +165,12 @@ impl Design {
 /// Whether a number may be counts: finite, and far from where its square is not.
 fn is_count(v: f64) -> bool {
     v.abs() <= 1e30
+}
+
+/// Whether a number may be a positive rate, frequency or size of counts: its square and its inverse
+/// square are numbers too.
+fn is_positive(v: f64) -> bool {
+    (1e-30..=1e30).contains(&v)
 }
 
 /// Equal sample periods, contract: up to 1e-6 relative.

@@ -22,7 +22,7 @@ impl EpisodeSettings {
     pub fn check(&self) -> Result<(), String> {
         if !(1e-6..=1e4).contains(&self.false_per_million) {
             return Err(format!(
-                "false_per_million = {}: must lie between 1e-6 and 1e4",
+                "false_per_million = {:?}: must lie between 1e-6 and 1e4",
                 self.false_per_million
             ));
         }

@@ -55,11 +55,11 @@ impl GreyBoxSettings {
         ];
         for (key, value) in rates {
             if !(value.is_finite() && value > 0.0) {
-                return Err(format!("{key} = {value}: give a positive rate"));
+                return Err(format!("{key} = {value:?}: give a positive rate"));
             }
         }
         if !(self.bound_factor > 1.0 && self.bound_factor <= 1e3) {
-            return Err(format!("bound_factor = {}: give 1 .. 1000", self.bound_factor));
+            return Err(format!("bound_factor = {:?}: give 1 .. 1000", self.bound_factor));
         }
         if (self.g_per_s / self.d_per_s - 1.0).abs() < 0.01 {
             return Err("g_per_s = d_per_s: at equal rates the real pole is unobservable; \

@@ -1,10 +1,13 @@
 //! Channels' baselines as JSON: read at the start, written at the end under another name first.
 
 use super::part_file::PartFile;
+use super::printable;
+use super::regular_file;
 use crate::design::Baselines;
-use std::io::{Read, Write};
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
+use xxhash_rust::xxh3::xxh3_128;
 
 /// A million channels take some 200 MB.
 const MOST_BYTES: u64 = 1 << 29;
@@ -15,8 +18,11 @@ pub enum BaselineFileError {
     Read { path: PathBuf, source: std::io::Error },
     #[error("{path}: cannot be written: {source}")]
     Write { path: PathBuf, source: std::io::Error },
-    #[error("{path}: more than {bytes} bytes: no baselines are that large")]
-    TooLarge { path: PathBuf, bytes: u64 },
+    #[error(
+        "{path}: another run wrote this file meanwhile, or removed it; it was left as it is. Runs that \
+         share a baseline file must follow each other: run this one again"
+    )]
+    Changed { path: PathBuf },
     #[error("{path}: no baselines: {what}; `inkling replay --baseline` makes them")]
     NotBaselines { path: PathBuf, what: String },
     #[error(
@@ -26,39 +32,89 @@ pub enum BaselineFileError {
     OtherDesign { path: PathBuf, found: String, design: String },
 }
 
-/// Reads and checks baselines that belong to a design; there need not be a file yet.
-pub fn read(path: &Path, design: Option<&str>) -> Result<Baselines, BaselineFileError> {
-    let failed = |source| BaselineFileError::Read { path: path.into(), source };
-    let file = match std::fs::File::open(path) {
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
-            return Ok(Baselines::new(design.map(str::to_owned)));
-        }
-        opened => opened.map_err(failed)?,
-    };
-    let mut text = Vec::new();
-    file.take(MOST_BYTES + 1).read_to_end(&mut text).map_err(failed)?;
-    if text.len() as u64 > MOST_BYTES {
-        return Err(BaselineFileError::TooLarge { path: path.into(), bytes: MOST_BYTES });
-    }
-    let not = |what: String| BaselineFileError::NotBaselines { path: path.into(), what };
-    let baselines: Baselines = serde_json::from_slice(&text).map_err(|e| not(e.to_string()))?;
-    baselines.check().map_err(|e| not(e.to_string()))?;
-    if baselines.design.as_deref() != design {
-        let words = |digest: Option<&str>| digest.unwrap_or("none").to_owned();
-        return Err(BaselineFileError::OtherDesign {
-            path: path.into(),
-            found: words(baselines.design.as_deref()),
-            design: words(design),
-        });
-    }
-    Ok(baselines)
+/// A file of baselines, as it was when it was read or written last: another run's work is not
+/// overwritten.
+#[derive(Debug)]
+pub struct BaselineFile {
+    path: PathBuf,
+    /// Digest of its text; `None`: there was no file.
+    text: Option<u128>,
 }
 
-pub fn write(path: &Path, baselines: &Baselines) -> Result<(), BaselineFileError> {
-    let failed = |source| BaselineFileError::Write { path: path.into(), source };
-    let mut text = serde_json::to_string(baselines).map_err(|e| failed(e.into()))?;
-    text.push('\n');
-    let (part, mut file) = PartFile::create(path).map_err(failed)?;
-    file.write_all(text.as_bytes()).map_err(failed)?;
-    part.finish(&file).map_err(failed)
+impl BaselineFile {
+    /// Reads and checks baselines that belong to a design; there need not be a file yet.
+    pub fn read(
+        path: &Path,
+        design: Option<&str>,
+    ) -> Result<(BaselineFile, Baselines), BaselineFileError> {
+        let mut file = BaselineFile { path: path.into(), text: None };
+        let Some(text) = file.text()? else {
+            return Ok((file, Baselines::new(design.map(str::to_owned))));
+        };
+        file.text = Some(xxh3_128(&text));
+        let not = |what: String| BaselineFileError::NotBaselines { path: path.into(), what };
+        let baselines: Baselines =
+            serde_json::from_slice(&text).map_err(|e| not(printable::of_parser(&e)))?;
+        baselines.check().map_err(|e| not(e.to_string()))?;
+        if baselines.design.as_deref() != design {
+            let words = |digest: Option<&str>| digest.unwrap_or("none").to_owned();
+            return Err(BaselineFileError::OtherDesign {
+                path: path.into(),
+                found: words(baselines.design.as_deref()),
+                design: words(design),
+            });
+        }
+        Ok((file, baselines))
+    }
+
+    /// Replaces the file, unless it is no longer the one that was read.
+    pub fn write(&mut self, baselines: &Baselines) -> Result<(), BaselineFileError> {
+        let failed = |source| BaselineFileError::Write { path: self.path.clone(), source };
+        let mut text = serde_json::to_string(baselines).map_err(|e| failed(e.into()))?;
+        text.push('\n');
+        let (part, mut file) = PartFile::create(&self.path).map_err(failed)?;
+        file.write_all(text.as_bytes()).map_err(failed)?;
+        let complete = part.complete(&file).map_err(failed)?;
+        if self.text()?.as_deref().map(xxh3_128) != self.text {
+            return Err(BaselineFileError::Changed { path: self.path.clone() });
+        }
+        complete.name().map_err(failed)?;
+        self.text = Some(xxh3_128(text.as_bytes()));
+        Ok(())
+    }
+
+    /// `None`: there is no file.
+    fn text(&self) -> Result<Option<Vec<u8>>, BaselineFileError> {
+        match regular_file::read(&self.path, MOST_BYTES) {
+            Ok(text) => Ok(Some(text)),
+            Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
+            Err(source) => Err(BaselineFileError::Read { path: self.path.clone(), source }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_another_run_wrote_meanwhile_is_not_overwritten() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("b.json");
+        let design = Some("xxh3:1");
+        let (mut one, baselines) = BaselineFile::read(&path, design).unwrap();
+        let (mut other, _) = BaselineFile::read(&path, design).unwrap();
+        one.write(&baselines).unwrap();
+        one.write(&baselines).unwrap();
+        let refused = other.write(&baselines).unwrap_err().to_string();
+        assert!(refused.contains("b.json") && refused.contains("another run"), "{refused}");
+        let (mut later, _) = BaselineFile::read(&path, design).unwrap();
+        later.write(&baselines).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        assert!(later.write(&baselines).is_err());
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+        assert!(
+            BaselineFile::read(dir.path(), design).unwrap_err().to_string().contains("not a file")
+        );
+    }
 }

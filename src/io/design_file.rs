@@ -1,8 +1,10 @@
 //! The design as JSON (`schemas/design.md`).
 
 use super::part_file::PartFile;
+use super::printable;
+use super::regular_file;
 use crate::design::Design;
-use std::io::{Read, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -15,8 +17,6 @@ pub enum DesignFileError {
     Read { path: PathBuf, source: std::io::Error },
     #[error("{path}: cannot be written: {source}")]
     Write { path: PathBuf, source: std::io::Error },
-    #[error("{path}: more than {bytes} bytes: no design is that large")]
-    TooLarge { path: PathBuf, bytes: u64 },
     #[error("{path}: not a design: {what}; `inkling train` makes one")]
     NotADesign { path: PathBuf, what: String },
 }
@@ -24,14 +24,10 @@ pub enum DesignFileError {
 /// Reads and checks a design; also its digest, `xxh3:` and 32 hexadecimal digits.
 pub fn read(path: &Path) -> Result<(Design, String), DesignFileError> {
     let failed = |source| DesignFileError::Read { path: path.into(), source };
-    let mut text = Vec::new();
-    let file = std::fs::File::open(path).map_err(failed)?;
-    file.take(MOST_BYTES + 1).read_to_end(&mut text).map_err(failed)?;
-    if text.len() as u64 > MOST_BYTES {
-        return Err(DesignFileError::TooLarge { path: path.into(), bytes: MOST_BYTES });
-    }
+    let text = regular_file::read(path, MOST_BYTES).map_err(failed)?;
     let not = |what: String| DesignFileError::NotADesign { path: path.into(), what };
-    let design: Design = serde_json::from_slice(&text).map_err(|e| not(e.to_string()))?;
+    let design: Design =
+        serde_json::from_slice(&text).map_err(|e| not(printable::of_parser(&e)))?;
     design.check().map_err(|e| not(e.to_string()))?;
     let digest = format!("xxh3:{:032x}", xxhash_rust::xxh3::xxh3_128(&text));
     Ok((design, digest))

@@ -3,7 +3,8 @@
 //! In: episodes as they end; at the end the metadata document. Out: `<stem>.episodes.parquet`, under
 //! its name once it is complete; for `score`, its rows again.
 
-use super::part_file::PartFile;
+use super::part_file::{CompleteFile, PartFile};
+use super::regular_file;
 use super::verdict_reader::{plain_texts, timestamps_ns, unpanicked};
 use super::verdict_table::{METADATA_KEY, TableError, TimestampUnit};
 use crate::episodes::Episode;
@@ -91,8 +92,8 @@ impl EpisodeWriter {
         self.writer.write(&batch).map_err(|source| TableError::Parquet { path, source })
     }
 
-    /// Completes the file with its metadata document and gives it its name.
-    pub fn finish(mut self, metadata_json: String) -> Result<(), TableError> {
+    /// Completes the file with its metadata document; it still has to get its name.
+    pub fn complete(mut self, metadata_json: String) -> Result<CompleteFile, TableError> {
         self.flush()?;
         self.writer.append_key_value_metadata(KeyValue::new(METADATA_KEY.into(), metadata_json));
         let path = self.part.path().to_path_buf();
@@ -100,7 +101,7 @@ impl EpisodeWriter {
         let io_failed = |source| TableError::Io { path: path.clone(), source };
         let file = self.writer.into_inner().map_err(parquet_failed)?;
         let file = file.into_inner().map_err(|e| io_failed(e.into_error()))?;
-        self.part.finish(&file).map_err(io_failed)
+        self.part.complete(&file).map_err(io_failed)
     }
 }
 
@@ -162,8 +163,8 @@ pub fn path_beside(verdicts: &Path) -> PathBuf {
 /// The rows of an episode table, as we wrote it or as another tool wrote it again. Of the columns
 /// only those are read that say where, when and what.
 pub fn read(path: &Path) -> Result<Vec<Episode>, TableError> {
-    let file =
-        File::open(path).map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
+    let file = regular_file::open(path)
+        .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
     let failed = |source| TableError::Parquet { path: path.to_path_buf(), source };
     let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
     let open = || ParquetRecordBatchReaderBuilder::try_new_with_options(file, options);
@@ -258,11 +259,11 @@ mod tests {
         let mut writer = EpisodeWriter::create(&path, TimestampUnit::Ns).unwrap();
         writer.write(episodes()).unwrap();
         assert!(!path.exists(), "no name before it is complete");
-        writer.finish("{}".into()).unwrap();
+        writer.complete("{}".into()).unwrap().name().unwrap();
         assert_eq!(read(&path).unwrap(), episodes());
 
         let writer = EpisodeWriter::create(&path, TimestampUnit::Us).unwrap();
-        writer.finish("{}".into()).unwrap();
+        writer.complete("{}".into()).unwrap().name().unwrap();
         assert_eq!(read(&path).unwrap(), []);
     }
 

@@ -1,11 +1,23 @@
 //! Labels as CSV (contract, "In: labels").
 
 use super::part_file::PartFile;
+use super::printable;
+use super::regular_file::{self, Records};
 use crate::labels::{Label, Labels};
 use chrono::{DateTime, SecondsFormat};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
+
+/// More than a million rows.
+const MOST_BYTES: u64 = 256 << 20;
+/// Rows that we hold in memory: some 200 bytes each.
+const MOST_ROWS: usize = 1 << 22;
+
+/// Of drying and of added compliance: far beyond what a channel can still ring with.
+const MOST_FACTOR: f64 = 1e3;
+/// Bytes of a printhead's or a state's name.
+const LONGEST_NAME: usize = 1024;
 
 const HEADER: [&str; 6] = ["printhead", "channel", "from", "to", "state", "severity"];
 
@@ -27,11 +39,9 @@ pub enum LabelsError {
 /// Reads and checks labels. Further columns are ignored.
 pub fn read(path: &Path) -> Result<Labels, LabelsError> {
     let failed = |source| LabelsError::Read { path: path.into(), source };
-    let mut csv = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .flexible(true)
-        .from_path(path)
-        .map_err(failed)?;
+    let mut csv = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(
+        Records::new(regular_file::open(path).map_err(|e| failed(e.into()))?, MOST_BYTES),
+    );
     let header = csv.headers().map_err(failed)?.clone();
     let mut places = [0; HEADER.len()];
     for (place, column) in places.iter_mut().zip(HEADER) {
@@ -41,46 +51,73 @@ pub fn read(path: &Path) -> Result<Labels, LabelsError> {
             .ok_or(LabelsError::NoColumn { path: path.into(), column })?;
     }
     let mut rows = Vec::new();
-    for record in csv.records() {
-        let record = record.map_err(failed)?;
+    let mut record = csv::StringRecord::new();
+    while csv.read_record(&mut record).map_err(failed)? {
+        csv.get_mut().record_ends();
         let line = record.position().map_or(0, csv::Position::line);
+        let row = |what| LabelsError::Row { path: path.into(), line, what };
         let fields = places.map(|place| record.get(place).unwrap_or(""));
-        rows.push(parse(fields).map_err(|what| LabelsError::Row {
-            path: path.into(),
-            line,
-            what,
-        })?);
+        rows.push(parse(fields).map_err(row)?);
+        if rows.len() > MOST_ROWS {
+            return Err(row(format!("more than {MOST_ROWS} rows: cut the labels into several")));
+        }
     }
     Ok(Labels::new(rows))
 }
 
 fn parse([printhead, channel, from, to, state, severity]: [&str; 6]) -> Result<Label, String> {
-    let label = Label {
-        printhead: printhead.into(),
-        channel: match channel {
-            "*" => None,
-            n => Some(n.parse().map_err(|_| format!("channel \"{n}\": give a number or *"))?),
-        },
-        from_ns: time("from", from)?,
-        to_ns: time("to", to)?,
-        state: match state {
-            "" => return Err("state is empty: give `healthy` or a fault class".into()),
-            state => state.into(),
-        },
-        severity: match severity {
-            "" => None,
-            s => Some(
-                s.parse()
-                    .ok()
-                    .filter(|v: &f64| v.is_finite())
-                    .ok_or_else(|| format!("severity \"{s}\": give a number or nothing"))?,
-            ),
-        },
-    };
+    if printhead.len() > LONGEST_NAME {
+        return Err(too_long("printhead", printhead));
+    }
+    let label =
+        Label {
+            printhead: printhead.into(),
+            channel: match channel {
+                "*" => None,
+                n => Some(n.parse().map_err(|_| {
+                    format!("channel \"{}\": give a number or *", printable::cell(n))
+                })?),
+            },
+            from_ns: time("from", from)?,
+            to_ns: time("to", to)?,
+            state: match state {
+                "" => return Err("state is empty: give `healthy` or a fault class".into()),
+                state if state.len() > LONGEST_NAME => return Err(too_long("state", state)),
+                state => state.into(),
+            },
+            severity: match severity {
+                "" => None,
+                s => Some(size(state, s)?),
+            },
+        };
     match (label.from_ns, label.to_ns) {
         (Some(from), Some(to)) if from > to => Err("`from` is later than `to`".into()),
         _ => Ok(label),
     }
+}
+
+fn too_long(column: &str, text: &str) -> String {
+    format!("{column} \"{}\": a name of more than {LONGEST_NAME} bytes", printable::cell(text))
+}
+
+/// A severity as the contract has it for the state; of own classes any number.
+fn size(state: &str, text: &str) -> Result<f64, String> {
+    let said = printable::cell(text);
+    let number = text.parse().ok().filter(|v: &f64| v.is_finite());
+    let severity =
+        number.ok_or_else(|| format!("severity \"{said}\": give a number or nothing"))?;
+    let (least, most, what) = match state {
+        "EC" => (0.0, 1.0, "the missing share of density"),
+        "PBN" | "BN" => (0.0, 1.0, "the blocked share of the nozzle's cross-section"),
+        "AB1" => (0.0, 1.0, "the share of the nozzle's length taken by air"),
+        "SDN" | "IDN" | "DDN" => (1.0, MOST_FACTOR, "the viscosity factor in the nozzle"),
+        "AB2" | "AB3" => (0.0, MOST_FACTOR, "the added compliance over the chamber's"),
+        _ => return Ok(severity),
+    };
+    if (least..=most).contains(&severity) {
+        return Ok(severity);
+    }
+    Err(format!("severity \"{said}\" of {state}: {what} lies between {least} and {most}"))
 }
 
 /// RFC 3339 or integer nanoseconds; empty: unbounded.
@@ -93,6 +130,7 @@ fn time(column: &str, text: &str) -> Result<Option<i64>, String> {
         .ok()
         .or_else(|| DateTime::parse_from_rfc3339(text).ok()?.timestamp_nanos_opt());
     ns.map(Some).ok_or_else(|| {
+        let text = printable::cell(text);
         format!("{column} \"{text}\": give RFC 3339 (2026-01-31T12:00:00Z), integer ns, or nothing")
     })
 }
@@ -183,11 +221,40 @@ mod tests {
             ("p,1,,,,", "state"),
             ("p,1,,,EC,much", "severity"),
             ("p,1,2,1,EC,", "later"),
+            ("p,1,,,EC,1.1", "density"),
+            ("p,1,,,BN,-0.1", "cross-section"),
+            ("p,1,,,AB1,2", "length"),
+            ("p,1,,,SDN,0.9", "viscosity"),
+            ("p,1,,,DDN,1e4", "viscosity"),
+            ("p,1,,,AB2,-1", "compliance"),
+            ("p,1,,,own,inf", "severity"),
         ] {
             let text = format!("printhead,channel,from,to,state,severity\n{row}\n");
             let message = reading(&text).unwrap_err().to_string();
             assert!(message.contains(word) && message.contains("line 2"), "{message}");
         }
         assert!(reading("a,b\n1,2\n").unwrap_err().to_string().contains("printhead"));
+    }
+
+    #[test]
+    fn severities_of_the_contract_are_taken() {
+        let rows =
+            "p,1,,,EC,1\np,1,,,BN,0\np,1,,,IDN,1\np,1,,,DDN,8\np,1,,,AB3,6\np,1,,,own,-5e9\n";
+        let text = format!("printhead,channel,from,to,state,severity\n{rows}");
+        assert_eq!(reading(&text).unwrap().rows().len(), 6);
+    }
+
+    #[test]
+    fn messages_do_not_repeat_all_of_a_cell_and_quotes_end() {
+        let header = "printhead,channel,from,to,state,severity\n";
+        for row in ["p,CELL,,,EC,", "p,1,CELL,,EC,", "p,1,,,EC,CELL", "p,1,,,CELL,", "CELL,1,,,EC,"]
+        {
+            let text = format!("{header}{}\n", row.replace("CELL", &"x\u{1b}".repeat(5000)));
+            let message = reading(&text).unwrap_err().to_string();
+            assert!(message.len() < 600 && !message.contains('\u{1b}'), "{}", message.len());
+        }
+        let endless = format!("{header}p,1,,,\"{}", "EC,\n".repeat(2 << 20));
+        let message = reading(&endless).unwrap_err().to_string();
+        assert!(message.contains("never closed"), "{message}");
     }
 }

@@ -108,7 +108,10 @@ impl RecordingWriter {
 
     fn failed(&self, source: mcap::McapError) -> RecordingError {
         let path = self.part.as_ref().map(|p| p.path().to_path_buf()).unwrap_or_default();
-        RecordingError::Mcap { path, source }
+        match source {
+            mcap::McapError::Io(source) => RecordingError::Write { path, source },
+            source => RecordingError::Mcap { path, source },
+        }
     }
 }
 

@@ -5,13 +5,20 @@
 //! `#` are passed over. It must never drop a cell without saying so: what is no number is an error
 //! that names the line, what is missing is kept as NaN and counted by whoever samples.
 
+use super::printable;
+use super::regular_file::{self, Records};
 use csv::StringRecord;
 use std::collections::HashMap;
-use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
+/// Columns that are not asked for included.
+const MOST_BYTES: u64 = 1 << 34;
+/// Bytes of a value of the burst column, and of a column's name.
+const LONGEST_NAME: usize = 256;
+/// Characters of the columns' names in a message.
+const MOST_NAMED: usize = 400;
 /// Cells that we hold in memory at most: 16 bytes each with the copy that is sampled.
 const MOST_CELLS: usize = 1 << 25;
 
@@ -58,7 +65,7 @@ pub struct Table {
 /// Reads a table.
 pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
     let unreadable = |source| TableError::Read { path: path.into(), source };
-    let file = File::open(path).map_err(unreadable)?;
+    let file = regular_file::open(path).map_err(unreadable)?;
     let mut file = BufReader::with_capacity(1 << 16, file);
     let delimiter = delimiter(file.fill_buf().map_err(unreadable)?);
     read_from(file, delimiter, path, columns)
@@ -81,7 +88,7 @@ fn read_from(
         .trim(csv::Trim::All)
         .delimiter(delimiter)
         .comment(Some(b'#'))
-        .from_reader(input);
+        .from_reader(Records::new(input, MOST_BYTES));
     let failed = |e: csv::Error| {
         let line = e.position().map_or(1, csv::Position::line);
         match e.into_kind() {
@@ -106,6 +113,7 @@ fn read_from(
     let mut by_name: HashMap<String, usize> = HashMap::new();
     let (mut record, mut cells) = (StringRecord::new(), 0);
     while csv.read_record(&mut record).map_err(failed)? {
+        csv.get_mut().record_ends();
         let line = record.position().map_or(0, csv::Position::line);
         cells += 1 + chosen.outputs.len();
         if cells > MOST_CELLS {
@@ -118,6 +126,12 @@ fn read_from(
         let number = match by_name.get(name) {
             Some(number) => *number,
             None => {
+                if name.len() > LONGEST_NAME {
+                    let what = format!("burst {:?}: a name that long?", printable::cell(name));
+                    return Err(line_error(path, line, what));
+                }
+                // a decay of its own takes about as much as eight rows
+                cells += 16;
                 let outputs = vec![Vec::new(); chosen.outputs.len()];
                 let decay = Decay { name: name.to_owned(), line, outputs, ..Decay::default() };
                 table.decays.push(decay);
@@ -165,6 +179,9 @@ fn choose(header: &StringRecord, columns: &Columns, decimal_comma: bool) -> Resu
         .iter()
         .map(|h| unquoted(h.trim_start_matches('\u{feff}').trim()).to_owned())
         .collect();
+    if let Some(name) = names.iter().find(|name| name.len() > LONGEST_NAME) {
+        return Err(format!("a column's name is too long: {:?}", printable::cell(name)));
+    }
     let numbers =
         names.iter().filter(|name| number_in(name, decimal_comma).is_ok_and(f64::is_finite));
     if numbers.count() == names.len() {
@@ -175,7 +192,10 @@ fn choose(header: &StringRecord, columns: &Columns, decimal_comma: bool) -> Resu
         match (places.next(), places.next()) {
             (Some(place), None) => Ok(place),
             (Some(_), Some(_)) => Err(format!("there are several columns {name:?}: rename them")),
-            (None, _) => Err(format!("no column {name:?}; there are {}", names.join(", "))),
+            (None, _) => {
+                let there = printable::line(&names.join(", "), MOST_NAMED);
+                Err(format!("no column {name:?}; there are {there}"))
+            }
         }
     };
     let burst = columns.burst.as_deref().map(place).transpose()?;
@@ -218,18 +238,14 @@ fn number_in(cell: &str, decimal_comma: bool) -> Result<f64, String> {
     match parsed {
         // samples are stored as f32
         Ok(x) if x.abs() <= f64::from(f32::MAX) || x.is_nan() => Ok(x),
-        Ok(_) => Err(format!("{cell} is too large for a sample (f32)")),
-        Err(_) => Err(format!("{:?} is no number", shortened(cell))),
+        Ok(_) => Err(format!("{} is too large for a sample (f32)", printable::cell(cell))),
+        Err(_) => Err(format!("{:?} is no number", printable::cell(cell))),
     }
 }
 
 /// Quotes after a blank are none to the csv crate.
 fn unquoted(cell: &str) -> &str {
     cell.strip_prefix('"').and_then(|cell| cell.strip_suffix('"')).unwrap_or(cell)
-}
-
-fn shortened(cell: &str) -> String {
-    cell.chars().take(40).collect()
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 //! again (plain strings, other integers, microseconds; nullable columns may be missing). Out:
 //! [`VerdictColumns`] batch by batch.
 
+use super::regular_file;
 use super::verdict_table::{METADATA_KEY, TableError};
 use crate::verdict::{Outcome, Reason, VerdictColumns};
 use arrow_array::cast::AsArray;
@@ -18,7 +19,6 @@ use parquet::arrow::arrow_reader::{
     ArrowReaderOptions, ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder,
 };
 use std::collections::HashMap;
-use std::fs::File;
 use std::panic::AssertUnwindSafe;
 use std::path::{Path, PathBuf};
 
@@ -35,7 +35,7 @@ pub struct VerdictReader {
 
 impl VerdictReader {
     pub fn open(path: &Path) -> Result<VerdictReader, TableError> {
-        let file = File::open(path)
+        let file = regular_file::open(path)
             .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
         let failed = |source| TableError::Parquet { path: path.to_path_buf(), source };
         // Parquet's own types are enough. The Arrow schema that tools put beside them may say more
@@ -405,6 +405,7 @@ pub(super) mod tests {
     use parquet::arrow::add_encoded_arrow_schema_to_metadata;
     use parquet::arrow::arrow_writer::{ArrowWriter, ArrowWriterOptions};
     use parquet::file::properties::WriterProperties;
+    use std::fs::File;
     use std::sync::Arc;
 
     pub(in crate::io) fn rows(mut reader: VerdictReader) -> (Vec<VerdictColumns>, TableOptions) {

@@ -3,7 +3,7 @@
 //! In: verdict columns, batch by batch in the recording's order; at the end the metadata document.
 //! Out: `<stem>.verdicts.parquet`, under its name once it is complete. No string is made per row.
 
-use super::part_file::PartFile;
+use super::part_file::{CompleteFile, PartFile};
 use super::run_column::{self, RunColumn};
 use crate::verdict::{Outcome, Reason, VerdictColumns};
 use arrow_array::{
@@ -221,8 +221,8 @@ impl VerdictWriter {
         self.rows
     }
 
-    /// Completes the file with its metadata document and gives it its name.
-    pub fn finish(mut self, metadata_json: String) -> Result<(), TableError> {
+    /// Completes the file with its metadata document; it still has to get its name.
+    pub fn complete(mut self, metadata_json: String) -> Result<CompleteFile, TableError> {
         let path = self.path();
         let parquet_failed = |source| TableError::Parquet { path: path.clone(), source };
         let io_failed = |source| TableError::Io { path: path.clone(), source };
@@ -233,7 +233,14 @@ impl VerdictWriter {
         // Writes the footer too.
         let file = self.file.into_inner().map_err(parquet_failed)?;
         let file = file.into_inner().map_err(|e| io_failed(e.into_error()))?;
-        self.part.finish(&file).map_err(io_failed)
+        self.part.complete(&file).map_err(io_failed)
+    }
+
+    /// The same, and gives it its name.
+    pub fn finish(self, metadata_json: String) -> Result<(), TableError> {
+        let path = self.path();
+        let named = self.complete(metadata_json)?.name();
+        named.map_err(|source| TableError::Io { path, source })
     }
 
     fn path(&self) -> PathBuf {
@@ -477,7 +484,7 @@ pub(super) mod tests {
             assert_eq!(writer.rows(), 1777);
             assert!(!path.exists());
             writer.finish(r#"{"classes":["EC","AB1","my,own"]}"#.into()).unwrap();
-            assert!(path.exists() && !path.with_extension("parquet.part").exists());
+            assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
 
             let reader = VerdictReader::open(&path).unwrap();
             assert_eq!(reader.metadata_json(), Some(r#"{"classes":["EC","AB1","my,own"]}"#));

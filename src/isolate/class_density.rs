@@ -72,15 +72,15 @@ impl ClassDensity {
 
     /// Refused if it could not have been learned.
     pub fn check(&self, coordinates: usize) -> Result<(), String> {
-        let finite = |v: &[f64]| v.len() == coordinates && v.iter().all(|x| x.is_finite());
+        let finite = |v: &[f64]| v.len() == coordinates && v.iter().all(|x| x.abs() <= 1e30);
         let axis = |a: &Axis| match *a {
-            Axis::Gaussian(sd) => sd.is_finite() && sd > 0.0,
-            Axis::Range(width) => width.is_finite() && width > 0.0,
+            Axis::Gaussian(sd) => (1e-30..=1e30).contains(&sd),
+            Axis::Range(width) => (1e-30..=1e30).contains(&width),
         };
         let whole = finite(&self.mean)
             && self.to_axes.len() == coordinates
             && self.to_axes.iter().all(|row| finite(row))
-            && self.ln_determinant.is_finite()
+            && self.ln_determinant.abs() <= 1e6
             && self.axes.len() == coordinates
             && self.axes.iter().all(axis);
         if whole { Ok(()) } else { Err(format!("a density is not of {coordinates} coordinates")) }

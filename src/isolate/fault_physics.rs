@@ -64,6 +64,8 @@ const SCALE_SD: f64 = 1.0;
 const RING_SD: f64 = 1e-3;
 /// Student's degrees of freedom of a labelled signal's distance from the curve.
 const DEGREES: f64 = 8.0;
+/// Passes over the spreads of channels: some 50 suffice.
+const MOST_PASSES: usize = 10_000;
 /// Gauss-Newton steps on the rates.
 const ROUNDS: usize = 6;
 
@@ -209,20 +211,27 @@ impl FaultPhysics {
         let positive = [a_per_s2, b_per_s2, g_per_s, d_per_s, amplitude, damping_per_s]
             .iter()
             .chain([&frequency_hz, &lambda_per_s, &self.noise])
-            .all(|v| v.is_finite() && *v > 0.0);
+            .all(|v| (1e-30..=1e30).contains(v));
         let finite = [self.ring.phase_rad, self.ring.real_share]
             .iter()
             .chain(self.belief.iter().flatten())
-            .all(|v| v.is_finite());
+            .all(|v| v.abs() <= 1e6);
         let spread = self.spread.iter().all(|sd| (0.0..=1.0).contains(sd));
         let Actuation { pulse_s, delay_s } = self.actuation;
         let pulse = (1e-10..=1e-1).contains(&pulse_s) && (0.0..=1e-2).contains(&delay_s);
-        let seen =
-            self.seen.values().all(|s| s.n >= 0.0 && s.severities.iter().all(|s| s.is_finite()));
-        match positive && finite && spread && pulse && seen {
-            true => Ok(()),
-            false => Err("`physics` could not have been learned; train again".into()),
-        }
+        let seen = self
+            .seen
+            .values()
+            .all(|s| (0.0..=1e15).contains(&s.n) && s.severities.iter().all(|s| s.abs() <= 1e30));
+        let wrong = match (positive, finite, spread, pulse, seen) {
+            (false, ..) => "`channel`, `ring` or `noise` is not 1e-30 to 1e30",
+            (_, false, ..) => "`belief`, `ring.phase_rad` or `ring.real_share` is not -1e6 to 1e6",
+            (_, _, false, ..) => "`spread` is not 0 to 1",
+            (_, _, _, false, _) => "`actuation` is no pulse of an inkjet",
+            (.., false) => "`seen` holds no severities",
+            _ => return Ok(()),
+        };
+        Err(format!("`physics` could not have been learned: {wrong}; train again"))
     }
 
     fn healthy(&self) -> Healthy {
@@ -361,8 +370,14 @@ fn spread_of_channels(
     };
     let mut best = [-5.0; 5];
     let mut least = cost(&best);
+    if !least.is_finite() {
+        return None; // features or noise beyond what squares hold
+    }
     let mut step = 1.0;
-    while step > 1e-3 {
+    for _ in 0..MOST_PASSES {
+        if step <= 1e-3 {
+            break;
+        }
         let before = least;
         for k in 0..best.len() {
             for sign in [-1.0, 1.0] {
@@ -374,9 +389,10 @@ fn spread_of_channels(
                 }
             }
         }
-        if before - least < 1e-6 {
-            step /= 2.0;
+        if before - least >= 1e-6 {
+            continue; // not so where either is no number
         }
+        step /= 2.0;
     }
     let sd = best.map(f64::exp);
     least.is_finite().then_some([sd[0], sd[0], sd[1], sd[2], sd[3]])
@@ -452,6 +468,18 @@ mod tests {
         let mut y = decay(&faults::apply(class, severity, &channel).unwrap(), gain);
         y.iter_mut().for_each(|y| *y += NOISE * rng.sample::<f64, _>(StandardNormal));
         (severity, fitted(&y))
+    }
+
+    #[test]
+    fn features_that_are_no_numbers_have_no_spread_and_an_end() {
+        let noise = DMatrix::identity(4, 4) * 1e-6;
+        for wrong in [f64::NAN, f64::INFINITY, 1e200] {
+            let mut features = vec![vec![1e-3; 4]; 20];
+            features[7][2] = wrong;
+            assert_eq!(spread_of_channels(&Slope::identity(), &features, &noise, 10), None);
+        }
+        let features: Vec<_> = (0..20).map(|i| vec![0.1 * f64::from(i % 3 - 1); 4]).collect();
+        assert!(spread_of_channels(&Slope::identity(), &features, &noise, 10).is_some());
     }
 
     #[test]

@@ -156,8 +156,8 @@ impl Posterior {
         if !(1.0..=100.0).contains(&self.temperature) {
             return Err(format!("`posterior.temperature` = {}: 1 to 100", self.temperature));
         }
-        if !(self.reach.is_finite() && self.reach > 0.0) {
-            return Err(format!("`posterior.reach` = {}: must be positive", self.reach));
+        if !(1e-30..=1e30).contains(&self.reach) {
+            return Err(format!("`posterior.reach` = {:e}: 1e-30 to 1e30", self.reach));
         }
         let share = |k: usize| self.physics_share.get(k).copied().unwrap_or(0.0);
         let stands = |(k, class): (usize, &Option<ClassDensity>)| match class {

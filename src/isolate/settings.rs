@@ -81,21 +81,21 @@ impl IsolateSettings {
         if let Some((class, weight)) =
             self.priors.iter().find(|(_, w)| !(w.is_finite() && **w > 0.0 && **w <= 1e6))
         {
-            return Err(format!("priors.{class} = {weight}: give a weight above 0, up to 1e6"));
+            return Err(format!("priors.{class} = {weight:?}: give a weight above 0, up to 1e6"));
         }
         if !(1e-9..=1e-2).contains(&self.pulse_s) {
-            return Err(format!("pulse_s = {}: give 1e-9 to 1e-2", self.pulse_s));
+            return Err(format!("pulse_s = {:?}: give 1e-9 to 1e-2", self.pulse_s));
         }
         if !(0.0..=1e-2).contains(&self.delay_s) {
-            return Err(format!("delay_s = {}: give 0 to 1e-2", self.delay_s));
+            return Err(format!("delay_s = {:?}: give 0 to 1e-2", self.delay_s));
         }
         if !(1e-4..=2.0).contains(&self.guess_sd) {
-            return Err(format!("guess_sd = {}: give 1e-4 to 2", self.guess_sd));
+            return Err(format!("guess_sd = {:?}: give 1e-4 to 2", self.guess_sd));
         }
         if (0.0..=1.0).contains(&self.certainty) {
             Ok(())
         } else {
-            Err(format!("certainty = {}: must lie between 0 and 1", self.certainty))
+            Err(format!("certainty = {:?}: must lie between 0 and 1", self.certainty))
         }
     }
 

@@ -15,7 +15,7 @@ use super::{Control, PipelineError, metadata};
 use crate::design::{Baselines, Design, categories};
 use crate::io::digest::Digest;
 use crate::io::episode_table;
-use crate::io::part_file::PartFile;
+use crate::io::part_file::{CompleteFile, PartFile};
 use crate::io::recording::{Damage, Recording};
 use crate::io::verdict_table::{self, TableOptions, VerdictWriter};
 use crate::labels::Labels;
@@ -202,10 +202,11 @@ fn judge(
     let Finished { report: episodes, table } = episodes;
     summary["episodes"] = json!(episodes.counts);
     // all are complete on disk before any gets its name
-    write_summary(verdicts, &summary, || {
-        table.finish(text.clone())?;
-        Ok(writer.finish(text)?)
-    })?;
+    name_all([
+        table.complete(text.clone())?,
+        writer.complete(text)?,
+        complete_summary(verdicts, &summary)?,
+    ])?;
     Ok(RecordingReport {
         name: recording.name.clone(),
         damage,
@@ -399,17 +400,19 @@ pub fn summary_path(verdicts: &Path) -> PathBuf {
     verdicts.with_file_name(format!("{stem}.summary.json"))
 }
 
-fn write_summary(
-    verdicts: &Path,
-    summary: &Value,
-    finish_verdicts: impl FnOnce() -> Result<(), PipelineError>,
-) -> Result<(), PipelineError> {
+fn complete_summary(verdicts: &Path, summary: &Value) -> Result<CompleteFile, PipelineError> {
     let path = summary_path(verdicts);
     let failed = |source| PipelineError::Write { path: path.clone(), source };
     let mut text = serde_json::to_string_pretty(summary).map_err(|e| failed(e.into()))?;
     text.push('\n');
     let (part, mut file) = PartFile::create(&path).map_err(failed)?;
     std::io::Write::write_all(&mut file, text.as_bytes()).map_err(failed)?;
-    finish_verdicts()?;
-    part.finish(&file).map_err(failed)
+    part.complete(&file).map_err(failed)
+}
+
+fn name_all(files: [CompleteFile; 3]) -> Result<(), PipelineError> {
+    files.into_iter().try_for_each(|file| {
+        let path = file.path().to_path_buf();
+        file.name().map_err(|source| PipelineError::Write { path, source })
+    })
 }

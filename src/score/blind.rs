@@ -43,7 +43,52 @@ pub struct TrueEffect {
     pub ties: Vec<String>,
 }
 
+impl Said {
+    /// Refuses what contradicts itself: no critique of ours, and no score of it would mean anything.
+    pub fn check(&self) -> Result<(), String> {
+        match (self.verdict.as_str(), self.causes.len()) {
+            ("none", 0) | ("unknown", _) => {}
+            ("named" | "tie", n) if n > 0 => {}
+            ("none", n) => return Err(format!("its verdict is `none`, and it has {n} causes")),
+            ("named" | "tie", _) => {
+                return Err(format!("its verdict is `{}`, and it has no causes", self.verdict));
+            }
+            (other, _) => {
+                let short: String = other.chars().take(60).collect();
+                return Err(format!(
+                    "its verdict is {short:?}: it must be none, named, tie or unknown"
+                ));
+            }
+        }
+        for (i, cause) in self.causes.iter().enumerate() {
+            if cause.id.is_empty() {
+                return Err(format!("causes[{i}] has no id"));
+            }
+            if let Some([Some(low), Some(high)]) = cause.ci95
+                && low > high
+            {
+                return Err(format!("causes[{i}].ci95 = [{low:?}, {high:?}]: the lower one first"));
+            }
+        }
+        Ok(())
+    }
+}
+
 impl True {
+    /// Likewise.
+    pub fn check(&self) -> Result<(), String> {
+        for (i, effect) in self.effects.iter().enumerate() {
+            if effect.id.is_empty() {
+                return Err(format!("effects[{i}] has no id"));
+            }
+            if !(0.0..=1e9).contains(&effect.strength_dl) {
+                let strength = effect.strength_dl;
+                return Err(format!("effects[{i}].strength_dl = {strength:?}: give 0 to 1e9"));
+            }
+        }
+        Ok(())
+    }
+
     fn has(&self, circumstance: &str) -> bool {
         self.circumstances.iter().any(|c| c.as_str() == Some(circumstance))
     }
@@ -332,6 +377,32 @@ mod tests {
         });
         let circumstances = circumstances.iter().map(|c| serde_json::json!(c)).collect();
         True { effects: effects.collect(), circumstances }
+    }
+
+    #[test]
+    fn what_contradicts_itself_is_refused() {
+        for good in [said("none", &[]), said("unknown", &[]), said("unknown", &[&["tone"]])] {
+            good.check().unwrap();
+        }
+        said("tie", &[&["offset", "droop"]]).check().unwrap();
+        for (bad, word) in [
+            (said("none", &[&["tone"]]), "none"),
+            (said("named", &[]), "no causes"),
+            (said("tie", &[]), "no causes"),
+            (said("Named", &[&["tone"]]), "none, named, tie or unknown"),
+            (said("", &[]), "none, named, tie or unknown"),
+            (said("named", &[&[""]]), "no id"),
+        ] {
+            let message = bad.check().unwrap_err();
+            assert!(message.contains(word), "{message}");
+        }
+        let mut swapped = said("named", &[&["tone"]]);
+        swapped.causes[0].ci95 = Some([Some(1.5), Some(0.5)]);
+        assert!(swapped.check().unwrap_err().contains("causes[0].ci95"));
+        swapped.causes[0].ci95 = Some([None, Some(0.5)]);
+        swapped.check().unwrap();
+        truth(&["tone"], &[], &[]).check().unwrap();
+        assert!(truth(&[""], &[], &[]).check().is_err());
     }
 
     #[test]

@@ -29,11 +29,11 @@ fn require(ok: bool, key: &str, why: impl Into<String>) -> Check {
 }
 
 fn within(x: f64, low: f64, high: f64, key: &str) -> Check {
-    require(low <= x && x <= high, key, format!("{x} is not within {low} and {high}"))
+    require(low <= x && x <= high, key, format!("{x:?} is not within {low} and {high}"))
 }
 
 fn positive(x: f64, high: f64, key: &str) -> Check {
-    require(0.0 < x && x <= high, key, format!("{x} is not above 0 and at most {high:e}"))
+    require(0.0 < x && x <= high, key, format!("{x:?} is not above 0 and at most {high:e}"))
 }
 
 pub(super) fn check(scenario: &Scenario) -> Check {
@@ -83,7 +83,8 @@ fn check_physics(physics: &Physics, recording: &RecordingOptions) -> Check {
     positive(temperature.period_s, 1e9, "temperature.period_s")?;
     within(temperature.viscosity_per_k, -1.0, 1.0, "temperature.viscosity_per_k")?;
     let swing = temperature.swing_c * temperature.viscosity_per_k.abs();
-    let why = format!("swing_c * viscosity_per_k = {swing} changes the viscosity by 90 % or more");
+    let why =
+        format!("swing_c * viscosity_per_k = {swing:?} changes the viscosity by 90 % or more");
     require(swing < 0.9, "temperature", why)?;
     check_drive(physics)?;
     check_fault_ranges(physics)?;
@@ -152,7 +153,7 @@ fn check_drive(physics: &Physics) -> Check {
     levels.iter().try_for_each(|v| positive(*v, 1e4, "drive.levels_v"))?;
     shares.iter().try_for_each(|s| within(*s, 0.0, 1.0, "drive.shares"))?;
     let sum: f64 = shares.iter().sum();
-    require((sum - 1.0).abs() < 1e-6, "drive.shares", format!("they add up to {sum}, not 1"))
+    require((sum - 1.0).abs() < 1e-6, "drive.shares", format!("they add up to {sum:?}, not 1"))
 }
 
 fn check_class(class: &str, key: &str) -> Check {
@@ -166,7 +167,7 @@ fn check_severity(class: &str, severity: f64, physics: &Physics, key: &str) -> C
     let faulty = faults::apply(class, severity, &physics.channel);
     let moderate = faulty.is_some_and(|c| c.a_per_s2 + c.b_per_s2 < 1e18 && c.d_per_s < 1e18);
     let why =
-        format!("{severity} is no severity of {class}: {}", faults::change(class).unwrap_or(""));
+        format!("{severity:?} is no severity of {class}: {}", faults::change(class).unwrap_or(""));
     require(severity >= none && moderate, key, why)
 }
 
@@ -181,7 +182,7 @@ fn check_fault_ranges(physics: &Physics) -> Check {
         }
         let key = format!("{key}.range");
         let [low, high] = fault.range;
-        require(low <= high, &key, format!("{low} is not below {high}"))?;
+        require(low <= high, &key, format!("{low:?} is not below {high:?}"))?;
         check_severity(class, low, physics, &key)?;
         check_severity(class, high, physics, &key)?;
     }
@@ -273,7 +274,7 @@ fn check_explicit_faults(run: &PrintRun, physics: &Physics) -> Check {
         require((fault.channel as usize) < run.channels, &key, why)?;
         check_class(&fault.class, &key)?;
         check_severity(&fault.class, fault.severity, physics, &key)?;
-        let why = format!("from_s = {} and to_s = {} are no span", fault.from_s, fault.to_s);
+        let why = format!("from_s = {:?} and to_s = {:?} are no span", fault.from_s, fault.to_s);
         require(0.0 <= fault.from_s && fault.from_s < fault.to_s, &key, why)?;
         let why =
             format!("no burst of the run lies within {} s and {} s", fault.from_s, fault.to_s);

@@ -1,0 +1,80 @@
+//! Where results go: checked before any work is done for them, and freed of an earlier run's files.
+
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+#[derive(Debug, Error)]
+pub enum OutputError {
+    #[error("{path}: is a file, and results go into a directory: give another name")]
+    IsAFile { path: PathBuf },
+    #[error("{path}: is a directory, and the result is a file: give its name")]
+    IsADirectory { path: PathBuf },
+    #[error("{path}: an earlier run's file cannot be removed: {source}")]
+    Stays { path: PathBuf, source: std::io::Error },
+}
+
+/// Refuses a directory for results that cannot be one.
+pub fn check_directory(path: &Path) -> Result<(), OutputError> {
+    // of what is not there yet, the nearest directory above decides
+    match path.ancestors().find(|p| p.symlink_metadata().is_ok()) {
+        Some(there) if !there.is_dir() => Err(OutputError::IsAFile { path: there.into() }),
+        _ => Ok(()),
+    }
+}
+
+/// Refuses a name for a result that cannot be a file's.
+pub fn check_file(path: &Path) -> Result<(), OutputError> {
+    if path.is_dir() {
+        return Err(OutputError::IsADirectory { path: path.into() });
+    }
+    path.parent().map_or(Ok(()), check_directory)
+}
+
+/// Removes an earlier run's files from a directory, in this order: first the one that says that the
+/// others are complete, then all that might not be written again.
+pub fn remove_earlier(dir: &Path, names: &[&str]) -> Result<(), OutputError> {
+    for path in names.iter().map(|name| dir.join(name)) {
+        match std::fs::remove_file(&path) {
+            Err(source) if source.kind() != ErrorKind::NotFound => {
+                return Err(OutputError::Stays { path, source });
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_no_directories_and_directories_no_files() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        std::fs::write(at("file"), "").unwrap();
+        assert!(check_directory(&at("new/below")).is_ok() && check_directory(dir.path()).is_ok());
+        assert!(check_file(&at("file")).is_ok() && check_file(&at("new/file")).is_ok());
+        assert!(
+            check_file(Path::new("here")).is_ok() && check_directory(Path::new("here")).is_ok()
+        );
+        for refused in [check_directory(&at("file")), check_directory(&at("file/below"))] {
+            let message = refused.unwrap_err().to_string();
+            assert!(message.contains("is a file") && !message.contains("below"), "{message}");
+        }
+        assert!(check_file(dir.path()).is_err() && check_file(&at("file/below")).is_err());
+    }
+
+    #[test]
+    fn earlier_files_go_others_stay() {
+        let dir = tempfile::tempdir().unwrap();
+        for name in ["a", "b", "c"] {
+            std::fs::write(dir.path().join(name), "").unwrap();
+        }
+        remove_earlier(dir.path(), &["b", "missing", "a"]).unwrap();
+        let left: Vec<_> = std::fs::read_dir(dir.path()).unwrap().collect();
+        assert_eq!(left.len(), 1);
+        remove_earlier(&dir.path().join("nowhere"), &["a"]).unwrap();
+    }
+}

@@ -1,0 +1,68 @@
+//! Names and cells from files, as a terminal may show them.
+//!
+//! In: any text. Out: the same without what could move a cursor or turn the reading direction, and no
+//! longer than stated.
+
+/// Characters of a cell that a message repeats.
+const MOST_OF_A_CELL: usize = 60;
+
+/// Characters of what a parser says.
+const MOST_OF_A_PARSER: usize = 600;
+
+/// A name or a cell in a message: its beginning.
+pub fn cell(text: &str) -> String {
+    line(text, MOST_OF_A_CELL)
+}
+
+/// One line of at most `most` characters.
+pub fn line(text: &str, most: usize) -> String {
+    let shown = |c: char| if moves(c) { '\u{fffd}' } else { c };
+    let mut short: String = text.chars().take(most).map(shown).collect();
+    if text.chars().nth(most).is_some() {
+        short.push('…');
+    }
+    short
+}
+
+/// Several lines.
+pub fn lines(text: &str, most: usize) -> String {
+    let mut short = String::new();
+    for c in text.chars().take(most) {
+        short.push(if c != '\n' && moves(c) { '\u{fffd}' } else { c });
+    }
+    if text.chars().nth(most).is_some() {
+        short.push('…');
+    }
+    short
+}
+
+/// What a parser says of a text: it may repeat all of it.
+pub fn of_parser(error: &impl std::fmt::Display) -> String {
+    lines(&error.to_string(), MOST_OF_A_PARSER)
+}
+
+/// Control characters, line separators, and what overrides the direction of text.
+fn moves(c: char) -> bool {
+    let turns =
+        matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    c.is_control() || turns || matches!(c, '\u{2028}' | '\u{2029}' | '\u{061c}')
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_moves_a_cursor_or_turns_the_text() {
+        assert_eq!(cell("E\u{1b}[31mC"), "E\u{fffd}[31mC");
+        assert_eq!(cell("a\u{202e}b\u{2069}\u{9b}c\nd"), "a\u{fffd}b\u{fffd}\u{fffd}c\u{fffd}d");
+        assert_eq!(lines("a\nb\rc", 100), "a\nb\u{fffd}c");
+        assert_eq!(cell("größer, 大"), "größer, 大");
+    }
+
+    #[test]
+    fn only_the_beginning_is_repeated() {
+        assert_eq!(cell(&"x".repeat(1000)).chars().count(), MOST_OF_A_CELL + 1);
+        assert_eq!(lines(&"x".repeat(60), 60).chars().count(), 60);
+    }
+}

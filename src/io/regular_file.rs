@@ -1,0 +1,138 @@
+//! Text that a person or a program wrote: settings, labels, scenarios, designs, critiques, tables.
+//!
+//! In: a path. Out: its bytes, of a regular file only (a pipe or a device may never end) and no more
+//! than a stated number; for tables that are read record by record, [`Records`], which ends where one
+//! record is longer than any that was ever meant.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+
+/// Of settings and scenarios.
+pub const MOST_SETTINGS_BYTES: u64 = 4 << 20;
+/// Of critiques and truths.
+pub const MOST_CRITIQUE_BYTES: u64 = 64 << 20;
+/// Of one record of a table, comment lines before it included.
+pub const MOST_RECORD_BYTES: u64 = 4 << 20;
+
+/// Opens a regular file, and nothing else.
+pub fn open(path: &Path) -> io::Result<File> {
+    let regular = |metadata: std::fs::Metadata| match metadata.is_file() {
+        true => Ok(()),
+        false => Err(io::Error::new(
+            io::ErrorKind::InvalidInput,
+            "not a file (a directory, a pipe or a device)",
+        )),
+    };
+    // before it is opened: opening a pipe waits for whoever writes it
+    regular(path.metadata()?)?;
+    let file = File::open(path)?;
+    regular(file.metadata()?)?;
+    Ok(file)
+}
+
+/// All of a regular file, if that is no more than `most_bytes`.
+pub fn read(path: &Path, most_bytes: u64) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    open(path)?.take(most_bytes.saturating_add(1)).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > most_bytes {
+        return Err(too_large(format!("more than {most_bytes} bytes: not what is asked for here")));
+    }
+    Ok(bytes)
+}
+
+/// The same, as text.
+pub fn read_text(path: &Path, most_bytes: u64) -> io::Result<String> {
+    String::from_utf8(read(path, most_bytes)?)
+        .map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "is not UTF-8 text"))
+}
+
+fn too_large(what: String) -> io::Error {
+    io::Error::new(io::ErrorKind::FileTooLarge, what)
+}
+
+/// Bytes of a table: fails where a record, or all of them, are longer than stated. Whoever reads
+/// says where a record ends.
+pub struct Records<R> {
+    input: R,
+    of_record: u64,
+    of_all: u64,
+    most_bytes: u64,
+}
+
+impl<R: Read> Records<R> {
+    pub fn new(input: R, most_bytes: u64) -> Records<R> {
+        Records { input, of_record: 0, of_all: 0, most_bytes }
+    }
+
+    pub fn record_ends(&mut self) {
+        self.of_record = 0;
+    }
+}
+
+impl<R: Read> Read for Records<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let n = self.input.read(buffer)?;
+        self.of_record += n as u64;
+        self.of_all += n as u64;
+        if self.of_record > MOST_RECORD_BYTES {
+            let what = format!(
+                "a record of more than {MOST_RECORD_BYTES} bytes: no table, or a quote that is \
+                 never closed"
+            );
+            return Err(too_large(what));
+        }
+        if self.of_all > self.most_bytes {
+            let what = format!("more than {} bytes: cut it into several", self.most_bytes);
+            return Err(too_large(what));
+        }
+        Ok(n)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_regular_file_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        assert!(open(dir.path()).unwrap_err().to_string().contains("not a file"));
+        let missing = open(&dir.path().join("missing")).unwrap_err();
+        assert_eq!(missing.kind(), io::ErrorKind::NotFound);
+        #[cfg(unix)]
+        {
+            assert!(open(Path::new("/dev/zero")).unwrap_err().to_string().contains("not a file"));
+            let pipe = dir.path().join("pipe");
+            let made = std::process::Command::new("mkfifo").arg(&pipe).status().unwrap();
+            assert!(made.success());
+            assert!(open(&pipe).unwrap_err().to_string().contains("not a file"));
+        }
+    }
+
+    #[test]
+    fn no_more_is_read_than_stated() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x");
+        std::fs::write(&path, "12345").unwrap();
+        assert_eq!(read(&path, 5).unwrap(), b"12345");
+        assert!(read(&path, 4).unwrap_err().to_string().contains("more than 4 bytes"));
+        std::fs::write(&path, [0xff, 0xfe]).unwrap();
+        assert!(read_text(&path, 4).unwrap_err().to_string().contains("UTF-8"));
+    }
+
+    #[test]
+    fn a_record_without_an_end_ends() {
+        let mut records = Records::new(io::repeat(b'x'), 3 * MOST_RECORD_BYTES);
+        let mut buffer = vec![0; MOST_RECORD_BYTES as usize];
+        for _ in 0..3 {
+            assert_eq!(records.read(&mut buffer).unwrap(), buffer.len());
+            records.record_ends();
+        }
+        let all = records.read(&mut buffer).unwrap_err();
+        assert!(all.to_string().contains("cut it into several"), "{all}");
+        let mut records = Records::new(io::repeat(b'x'), u64::MAX);
+        records.read(&mut buffer).unwrap();
+        assert!(records.read(&mut buffer).unwrap_err().to_string().contains("a record of"));
+    }
+}
