@@ -118,17 +118,17 @@ impl Evidence {
     /// From here on the channel's own baseline judges, or no more: the level learned so far is of
     /// another statistic.
     pub fn judge_by_own(&mut self, own: bool) {
-        let Evidence { level, level_looks, variance, variance_looks, .. } = match own {
-            false => Evidence::default(),
-            true => Evidence {
+        let faulty = self.learned.faulty;
+        self.learned = match own {
+            false => Learned { faulty, ..Evidence::default().learned },
+            true => Learned {
                 level: OWN_LEVEL,
                 level_looks: OWN_LEVEL_LOOKS,
                 variance: OWN_SPREAD * OWN_SPREAD,
                 variance_looks: OWN_SPREAD_LOOKS,
-                ..Evidence::default()
+                faulty,
             },
         };
-        *self = Evidence { level, level_looks, variance, variance_looks, ..*self };
     }
 
     /// `ratio`: detection statistic over threshold, not negative. `bound`: ln likelihood ratio that

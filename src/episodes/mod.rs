@@ -58,6 +58,13 @@ pub struct Looks {
     pub named: Vec<Named>,
 }
 
+impl Looks {
+    /// Whether the channel's own baseline judged a row.
+    fn judged_by_own(&self, row: u32) -> bool {
+        self.own.get(row as usize).is_some_and(|&own| own)
+    }
+}
+
 /// What isolation says of a flagged signal.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Named {

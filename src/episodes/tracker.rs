@@ -198,6 +198,7 @@ impl Printhead {
             plain &= (state.number == first.saturating_add(i))
                 & (state.last_ns < looks.t_ns)
                 & (state.model == looks.model)
+                & (state.own == looks.judged_by_own(row + i))
                 & !state.evidence.is_raised()
                 & !ratio.is_nan();
         }
@@ -269,7 +270,7 @@ impl Printhead {
                 channel.model = looks.model;
                 channel.evidence.change_model();
             }
-            let own = looks.own.get(row as usize).is_some_and(|&own| own);
+            let own = looks.judged_by_own(row);
             if channel.own != own {
                 channel.own = own;
                 channel.evidence.judge_by_own(own);
