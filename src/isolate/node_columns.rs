@@ -202,9 +202,9 @@ impl Interval {
 impl Side {
     #[inline(always)] // compiled once per instruction set
     fn near(&self, x: f64, seen: Seen, noise: f64) -> [bool; BOXES] {
-        let mut at = [0.0; BOXES];
+        let ([first, second], mut at) = (&self.moves, [0.0; BOXES]);
         for b in 0..BOXES {
-            at[b] = x - self.moves[0][b] * seen.changed[0] - self.moves[1][b] * seen.changed[1];
+            at[b] = x - first[b] * seen.changed[0] - second[b] * seen.changed[1];
         }
         if let Some(own) = seen.baseline {
             for (follows, own) in self.follows.iter().zip(own.iter()) {
@@ -355,8 +355,8 @@ fn find_terms(compared: &[Compared], out: &mut Vec<Terms>) -> f64 {
     out.clear();
     let mut least = [f64::INFINITY; NODES];
     for of in compared {
-        for i in 0..NODES {
-            least[i] = if of.square[i] < least[i] { of.square[i] } else { least[i] };
+        for (least, &square) in least.iter_mut().zip(&of.square) {
+            *least = if square < *least { square } else { *least };
         }
     }
     let nearest = least.iter().fold(f64::INFINITY, |m, s| m.min(*s));
