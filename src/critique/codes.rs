@@ -123,3 +123,36 @@ fn lattice(data: &Observations, model: &mut Model, histogram: &BTreeMap<i64, u64
     }
     f
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::generator::{Run, draw};
+    use super::*;
+
+    fn tested(effect: &'static str, size: f64) -> (Vec<Found>, Model) {
+        let run = Run { channels: 12, bursts: 4, effect, size, ..Run::default() };
+        let data = draw(&run, 12);
+        let beside = Covariates::of(&data);
+        let mut model = Model::start(&data, &beside, true).unwrap();
+        model.fit(&data, &beside, 1);
+        (test(&data, &beside, &mut model), model)
+    }
+
+    #[test]
+    fn clipping_and_missing_codes_are_met_where_they_are() {
+        let accepted = |found: &[Found]| -> Vec<String> {
+            let all = found.iter().filter(|f| f.evidence.accepted);
+            all.map(|f| f.evidence.id.clone()).collect()
+        };
+        let (healthy, model) = tested("none", 0.0);
+        assert!(accepted(&healthy).is_empty() && model.ceiling.is_none());
+        let (clipped, model) = tested("clipping", 70.0);
+        assert_eq!(accepted(&clipped), ["clipping"]);
+        assert_eq!(clipped[0].evidence.value, 70.0);
+        assert!(model.ceiling.is_some_and(|c| c < 70.0), "near the rail nothing is fitted");
+        let (coarse, model) = tested("coarse_lsb", 3.0);
+        assert_eq!(accepted(&coarse), ["coarse_lsb"]);
+        assert!((coarse[1].evidence.value - 3.0).abs() < 0.1);
+        assert_eq!(model.lattice, Some([3.0, 0.0]));
+    }
+}

@@ -95,6 +95,7 @@ impl Bench<'_> {
             if best.value.abs() < LEAST_OWN * best.sd {
                 best.disqualified = "what follows is the acquisition state alone".into();
             }
+            best.sd *= from_few(dof);
             best.degrees = directions.len();
             best.applied.coefficients = tested.coefficients;
             best.applied.directions = directions;
@@ -215,8 +216,28 @@ impl Bench<'_> {
     }
 }
 
+/// A scatter that was estimated with `dof` degrees of freedom makes the 95 % interval wider by Student's
+/// quantile over the normal one (its first term in 1/dof).
+fn from_few(dof: f64) -> f64 {
+    1.0 + (1.96 * 1.96 + 1.0) / (4.0 * dof)
+}
+
 /// A change of a logarithm from first to last, as a relative change.
 pub(super) fn relative(scored: Scored) -> Scored {
     let grown = scored.value.exp();
     Scored { value: grown - 1.0, sd: scored.sd * grown, ..scored }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn intervals_from_few_are_as_wide_as_students() {
+        // quantiles of Student's t at 97.5 %
+        for (dof, quantile) in [(9.0, 2.262), (20.0, 2.086), (100.0, 1.984)] {
+            let own = 1.96 * from_few(dof);
+            assert!((own / quantile - 1.0).abs() < 0.02, "{dof}: {own}");
+        }
+    }
 }
