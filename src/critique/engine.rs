@@ -21,7 +21,9 @@ use thiserror::Error;
 const FEWEST_SIGNALS: usize = 8;
 const FEWEST_SAMPLES: usize = 16;
 /// Times that the correlation of the noise is estimated anew.
-const MOST_WHITENINGS: usize = 8;
+const MOST_WHITENINGS: usize = 10;
+/// Correlation that may be left.
+const NEARLY_WHITE: f64 = 0.003;
 /// Share of what strongly correlated noise explains that it may leave to others.
 const LEFT_OF_NOISE: f64 = 0.1;
 /// Longer signals are judged by their first samples.
@@ -103,6 +105,7 @@ pub fn critique(
         let coloured = data;
         let mut total = rho;
         let mut round = 0;
+        let mut last = f64::INFINITY;
         // what is white again can be judged by the same tests; what is left of rho tells how far off it was
         let again = loop {
             total = total.clamp(-0.97, 0.97);
@@ -114,10 +117,13 @@ pub fn critique(
             round += 1;
             let more = again.iter().find(|f| f.evidence.id == "correlated_noise");
             let more = more.map_or(0.0, |f| f.evidence.value);
-            if round >= MOST_WHITENINGS || more.is_nan() || more.abs() <= 0.01 {
+            if round >= MOST_WHITENINGS || more.is_nan() || more.abs() <= NEARLY_WHITE {
                 break again;
             }
-            total += more;
+            // fits swallow slow noise, so each step falls short by the same share: to where they lead
+            let share = (more / last).clamp(0.0, 0.8);
+            total += more / (1.0 - share);
+            last = more;
         };
         of_noise.retain(|f| f.evidence.id == "correlated_noise");
         let step = accepted(&of_codes, "coarse_lsb").unwrap_or(1.0);

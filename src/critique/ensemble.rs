@@ -331,7 +331,13 @@ mod tests {
     #[test]
     fn correlation_is_estimated_without_bias_from_what_a_fit_leaves() {
         for (rho, seed) in [(0.0, 21), (0.12, 22)] {
-            let run = Run { channels: 16, bursts: 6, effect: "correlated_noise", size: rho, ..Run::default() };
+            let run = Run {
+                channels: 16,
+                bursts: 6,
+                effect: "correlated_noise",
+                size: rho,
+                ..Run::default()
+            };
             let data = draw(&run, seed);
             let beside = Covariates::of(&data);
             let mut model = Model::start(&data, &beside, true).unwrap();

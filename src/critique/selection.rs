@@ -497,7 +497,10 @@ mod tests {
         let follows =
             |id, which, statistic| chosen(id, Kind::Covariate { which, v: vec![] }, statistic);
         // 2 % of another shape's statistic; of what follows no shape, the same is one
-        assert_eq!(beyond_leftovers(&[shape("tone", 5000.0), shape("offset", 100.0)]), [true, false]);
+        assert_eq!(
+            beyond_leftovers(&[shape("tone", 5000.0), shape("offset", 100.0)]),
+            [true, false]
+        );
         assert_eq!(
             beyond_leftovers(&[shape("tone", 5000.0), follows("temperature", 2, 100.0)]),
             [true, true]

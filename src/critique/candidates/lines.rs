@@ -9,7 +9,7 @@ use std::f64::consts::{PI, TAU};
 /// A line below this share of the model's own frequency is no mode, and below so many periods of the
 /// signal it is no line.
 const LEAST_MODE: f64 = 0.3;
-pub const LEAST_PERIODS: f64 = 1.5;
+pub const LEAST_PERIODS: f64 = 2.0;
 /// A line so near a multiple of the ring's frequency is no line of its own, relative to that frequency.
 const NEAR: f64 = 0.1;
 
@@ -62,11 +62,13 @@ impl Bench<'_> {
         if let Some(near) = near {
             best = (0.0, near.shape, near.damping);
         }
+        let slow = |omega: f64| omega < LEAST_PERIODS * TAU;
         for &gamma in dampings.iter().filter(|_| near.is_none()) {
-            let mut omega = LEAST_PERIODS * TAU;
+            // below, a wave is any slow shape; where one fits better, a line is none
+            let mut omega = 0.4 * LEAST_PERIODS * TAU;
             while omega < most {
                 let statistic = test(omega, gamma);
-                if banned(omega, gamma) {
+                if banned(omega, gamma) || slow(omega) {
                     best_banned = best_banned.max(statistic);
                 } else if statistic > best.0 {
                     best = (statistic, omega, gamma);
@@ -123,6 +125,9 @@ impl Bench<'_> {
         if near.is_none() && banned(omega, gamma) || best_banned > scored.statistic + 10.0 {
             scored.disqualified =
                 "its line lies at the model's own frequency or a multiple of it".into();
+        }
+        if near.is_none() && slow(omega) {
+            scored.disqualified = "it is so slow that it may be no line".into();
         }
         Some(scored)
     }

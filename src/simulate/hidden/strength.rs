@@ -249,6 +249,8 @@ impl Yardstick {
     pub fn parameter(&self, effect: &Effect) -> f64 {
         match effect.id {
             "lowpass" | "second_mode" | "tone" | "random_tone" => effect.shape,
+            // the size is relative to the middle of the head
+            "position_gradient" => (1.0 + 0.5 * effect.size) / (1.0 - 0.5 * effect.size) - 1.0,
             "cubic_stiffness" => {
                 // first harmonic of V (1 + k3 V²): stiffness grows by 3/4 k3 V0²
                 let volume = self.oscillation(&self.base.inner(self.highest_v())[1]);
