@@ -445,7 +445,7 @@ fn necessary(now: &Refit) -> Vec<bool> {
 fn parameters(s: &Scored) -> f64 {
     let shape = match s.applied.id {
         "second_mode" => 3.0,
-        "tone" | "lowpass" => 1.0,
+        "tone" | "lowpass" | "meniscus" => 1.0,
         _ => 0.0,
     };
     s.degrees as f64 + shape

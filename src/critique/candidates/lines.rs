@@ -1,9 +1,12 @@
-//! Causes whose spectrum is a line: a tone, a second mode.
+//! Causes whose spectrum is a line: a tone, a second mode, and the slow mode of a meniscus that is pulled
+//! back.
 //!
 //! In: a [`Bench`]. Out: [`Scored`]; disqualified where the line is the ring's own doing.
 
 use super::chance::{maximum, width};
 use super::{Applied, Bench, Scored};
+use crate::model::InkChannel;
+use crate::model::terms::Interior;
 use std::f64::consts::{PI, TAU};
 
 /// A line below this share of the model's own frequency is no mode, and below so many periods of the
@@ -130,5 +133,107 @@ impl Bench<'_> {
             scored.disqualified = "it is so slow that it may be no line".into();
         }
         Some(scored)
+    }
+
+    /// Surface tension B_t/B_m = m makes of the real pole and of the pole at 0 a slow pair, which scales
+    /// with the drive. How much of it is excited rests on what came before t_a, so that is free.
+    pub(super) fn meniscus(&self, near: Option<&Applied>) -> Option<Scored> {
+        let Interior::Ink { channel, .. } = self.interior? else { return None };
+        let n = self.samples;
+        let columns = |m: f64| {
+            let (gamma, square) = slow_mode(&channel, m);
+            let wave = |of: fn(f64, f64, f64) -> f64| {
+                let y = (0..n).map(|k| of(k as f64 / n as f64, gamma, square)).collect();
+                self.pattern(1, y)
+            };
+            [wave(slow_cosine), wave(slow_sine)]
+        };
+        let test = |m: f64| self.shapes.test(&columns(m)).map_or(0.0, |t| t.statistic);
+        let (low, high) = MENISCUS;
+        let grid: Vec<f64> = match near {
+            Some(near) => vec![near.shape],
+            None => (0..16).map(|i| low * (high / low).powf(f64::from(i) / 15.0)).collect(),
+        };
+        let best = grid
+            .into_iter()
+            .map(|m| (test(m), m))
+            .fold((0.0, low), |best, one| if one.0 > best.0 { one } else { best });
+        let ln_m = maximum(|x| test(x.exp()), best.1.ln(), 0.26).clamp(low.ln(), high.ln());
+        let m = ln_m.exp();
+        let directions = columns(m).to_vec();
+        let tested = self.shapes.test(&directions)?;
+        let sd = width(|x| test(x.exp()), ln_m, 0.1) * m;
+        Some(self.shaped("meniscus", tested, directions, m, 6.0, m, sd))
+    }
+}
+
+/// B_t/B_m that is looked for: below, its mode lies under the real pole and leaves nothing.
+const MENISCUS: (f64, f64) = (0.03, 1.0);
+
+/// Damping and squared frequency of the slow mode: of thesis (2-2) with -b m V_n in it, the slow factor
+/// s² + 2 gamma s + gamma² + w² of (s² + g s + a)(s² + d s + b (1 + m)) - a b. `channel` is what is seen:
+/// most of the pull goes with V and stiffens b.
+fn slow_mode(channel: &InkChannel, m: f64) -> (f64, f64) {
+    let InkChannel { a_per_s2: a, b_per_s2: seen, g_per_s: g, d_per_s: d } = *channel;
+    let b = seen / (1.0 + m * seen / (a + seen));
+    let [c3, c2, c1, c0] = [g + d, a + b * (1.0 + m) + g * d, g * b * (1.0 + m) + a * d, a * b * m];
+    let (mut u, mut v) = (c1 / c2, c0 / c2);
+    for _ in 0..60 {
+        let p = c3 - u;
+        let q = c2 - v - p * u;
+        (u, v) = ((c1 - p * v) / q, c0 / q);
+    }
+    (0.5 * u, v - 0.25 * u * u)
+}
+
+fn slow_cosine(t: f64, gamma: f64, square: f64) -> f64 {
+    let root = square.abs().sqrt();
+    (-gamma * t).exp() * if square > 0.0 { (root * t).cos() } else { (root * t).cosh() }
+}
+
+fn slow_sine(t: f64, gamma: f64, square: f64) -> f64 {
+    let root = square.abs().sqrt().max(1e-9);
+    (-gamma * t).exp() / root * if square > 0.0 { (root * t).sin() } else { (root * t).sinh() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The slow factor and the fast one that is left make the whole polynomial.
+    #[test]
+    fn the_slow_mode_is_a_root_of_the_channel_with_a_meniscus() {
+        let (a, g, d) = (5.6e10, 1.6e4, 8e4);
+        for m in [0.01, 0.1, 0.5] {
+            let b = 1.11e11;
+            // what is seen of b: the pull that goes with V stiffens it
+            let (mut low, mut high) = (b, 3.0 * b);
+            for _ in 0..100 {
+                let seen = 0.5 * (low + high);
+                let of = seen / (1.0 + m * seen / (a + seen));
+                if of < b { low = seen } else { high = seen }
+            }
+            let channel = InkChannel { a_per_s2: a, b_per_s2: low, g_per_s: g, d_per_s: d };
+            let (gamma, square) = slow_mode(&channel, m);
+            let s = root_of(-gamma, square);
+            let left = polynomial(s, [g + d, a + b * (1.0 + m) + g * d], g * b * (1.0 + m) + a * d);
+            let value = (left.0 + a * b * m, left.1);
+            let size = a * b * m;
+            assert!(value.0.hypot(value.1) < 1e-6 * size, "{m}: {value:?}");
+        }
+    }
+
+    fn root_of(re: f64, square: f64) -> (f64, f64) {
+        if square > 0.0 { (re, square.sqrt()) } else { (re + (-square).sqrt(), 0.0) }
+    }
+
+    /// s⁴ + c3 s³ + c2 s² + c1 s.
+    fn polynomial(s: (f64, f64), [c3, c2]: [f64; 2], c1: f64) -> (f64, f64) {
+        let times = |x: (f64, f64), y: (f64, f64)| (x.0 * y.0 - x.1 * y.1, x.0 * y.1 + x.1 * y.0);
+        let plus = |x: (f64, f64), by: f64| (x.0 + by, x.1);
+        let mut value = plus(s, c3);
+        value = plus(times(value, s), c2);
+        value = plus(times(value, s), c1);
+        times(value, s)
     }
 }

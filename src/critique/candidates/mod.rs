@@ -178,7 +178,7 @@ impl<'a> Bench<'a> {
                     }
                 })
             }
-            "meniscus" => self.term(id, Term::Meniscus, (0.003, 0.5), 1, near),
+            "meniscus" => self.meniscus(near),
             "quadratic_drag" => self.term(id, Term::QuadraticDrag, (0.01, 3.0), 2, near),
             "dry_friction" => self.term(id, Term::DryFriction, (0.01, 3.0), 0, near),
             "cubic_stiffness" => self.term(id, Term::CubicStiffness, (0.002, 0.4), 3, near),
