@@ -235,7 +235,11 @@ fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
         omega,
         sd: var.sqrt(),
         z,
-        surprise: (-(ln_normal_tail(z)) - (n as f64).ln()).max(0.0),
+        // what is largest below is slow noise, and no line
+        surprise: match omega < LEAST_PERIODS * TAU {
+            true => 0.0,
+            false => (-(ln_normal_tail(z)) - (n as f64).ln()).max(0.0),
+        },
         contrast,
     }
 }
