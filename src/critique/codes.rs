@@ -22,9 +22,10 @@ pub fn test(data: &Observations, beside: &Covariates, model: &mut Model) -> Vec<
                 .or_default() += 1;
         }
     }
-    let mut all = vec![clipping(data, beside, model, &histogram)];
-    all.push(lattice(data, model, &histogram));
-    all
+    let coarse = lattice(data, model, &histogram);
+    // what lies within half a step of the top code is rounded to it, not clipped
+    let step = if coarse.evidence.accepted { coarse.evidence.value } else { 1.0 };
+    vec![clipping(data, beside, model, &histogram, step), coarse]
 }
 
 /// Nothing above L although the model says that much should be: the probability of that.
@@ -33,6 +34,7 @@ fn clipping(
     beside: &Covariates,
     model: &mut Model,
     histogram: &BTreeMap<i64, u64>,
+    step: f64,
 ) -> Found {
     let unit = if data.integer { 1.0 } else { 1e-6 };
     let Some((&top, &at_top)) = histogram.last_key_value() else {
@@ -40,7 +42,7 @@ fn clipping(
     };
     let level = top as f64 * unit;
     let sd = model.noise_var.sqrt();
-    let half = if data.integer { 0.5 } else { 0.0 };
+    let half = if data.integer { 0.5 * step } else { 0.0 };
     let mut linear = Linear::default();
     let (mut surprise, mut beyond) = (0.0, 0.0);
     for i in 0..data.len() {
@@ -60,7 +62,7 @@ fn clipping(
     let crowded = at_top as f64 > 4.0 + 0.5 * beyond;
     // one free level; unmodelled scatter of the largest signals is allowed for
     let surprise: f64 = if crowded { (0.6 * surprise - 3.0_f64).max(0.0) } else { 0.0 };
-    let f = found("clipping", surprise, 2.0 * surprise, level, half.max(1e-3) * 0.5, None);
+    let f = found("clipping", surprise, 2.0 * surprise, level, half.clamp(1e-3, 0.5) * 0.5, None);
     if f.evidence.accepted {
         model.ceiling = Some(level - 3.0 * sd);
     }

@@ -297,6 +297,14 @@ pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -
             causes.push(s.applied.clone());
             rivals.push((refit(model, causes, setting, 3, false), s));
         }
+        // what explains less once it is refitted leads nowhere: it is no cause, and the misfit stays
+        let before = now.deviance(&kind);
+        rivals.retain(|r| r.0.deviance(&kind) < before);
+        if rivals.is_empty() {
+            let why = "its refit leads nowhere".to_owned();
+            unnamed.push(Scored { disqualified: why, ..(**best).clone() });
+            break;
+        }
         let penalised =
             |r: &(Refit, &Scored)| r.0.deviance(&kind) + 2.0 * (parameters(r.1) + r.1.tried.ln());
         rivals.sort_by(|p, q| penalised(p).total_cmp(&penalised(q)));
