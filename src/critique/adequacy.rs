@@ -16,6 +16,8 @@ use super::space::Direction;
 const PARAMETERS: [&str; 5] = ["damping", "frequency", "amplitude", "phase", "slow decay"];
 /// Of what the named causes explain, this share may be left: no model of a cause is exact.
 const SHARE_ALLOWED: f64 = 0.05;
+/// So many objections are more than what an inexact model of a cause leaves.
+const MANY: usize = 3;
 /// An omnibus test must be more surprising than a candidate: it has no mechanism behind it.
 const MARGIN: f64 = 1.5;
 
@@ -54,8 +56,7 @@ pub fn check(
     let mut owned: Vec<usize> =
         selected.causes.iter().filter_map(|c| which(&c.scored.applied)).collect();
     // and what acts through the amplitude owns the drive
-    let by_amplitude = ["quadratic_drag", "dry_friction", "cubic_stiffness"];
-    if selected.causes.iter().any(|c| by_amplitude.contains(&c.scored.applied.id)) {
+    if selected.causes.iter().any(|c| by_amplitude(c.scored.applied.id)) {
         owned.push(DRIVE);
     }
     for (which, parameter, surprise) in bench.covariate_scan() {
@@ -69,8 +70,10 @@ pub fn check(
     }
     for s in &selected.unnamed {
         // a relative of what was named, with the wrong sign, is what that one's model leaves
-        let relative =
-            selected.causes.iter().any(|c| same_class(c.scored.applied.id, s.applied.id));
+        let relative = selected.causes.iter().any(|c| {
+            let (named, other) = (c.scored.applied.id, s.applied.id);
+            same_class(named, other) || by_amplitude(named) && by_amplitude(other)
+        });
         if s.surprise > THRESHOLD + MARGIN && !relative {
             left.significant.push(format!("something like {} ({})", s.applied.id, s.disqualified));
             unexplained = unexplained.max(s.statistic);
@@ -78,11 +81,17 @@ pub fn check(
     }
     // several shapes in the mean that leave another one are as good as any curve: they name nothing
     let shapes = selected.causes.iter().filter(|c| which(&c.scored.applied).is_none()).count();
-    if shapes >= 2 && !left.significant.is_empty() {
+    // and where several tests of different kinds object, it is not the small error of a model
+    if shapes >= 2 && !left.significant.is_empty() || left.significant.len() >= MANY {
         left.share_allowed = 0.0;
     }
     left.share = unexplained / (unexplained + explained).max(1e-300);
     left
+}
+
+/// Causes that act through the amplitude.
+fn by_amplitude(id: &str) -> bool {
+    matches!(id, "quadratic_drag" | "dry_friction" | "cubic_stiffness")
 }
 
 /// A random tone's mean over few bursts is not nothing: it is allowed for, steady and by the drive.

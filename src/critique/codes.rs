@@ -22,9 +22,10 @@ pub fn test(data: &Observations, beside: &Covariates, model: &mut Model) -> Vec<
                 .or_default() += 1;
         }
     }
-    let mut all = vec![clipping(data, beside, model, &histogram)];
-    all.push(lattice(data, model, &histogram));
-    all
+    let coarse = lattice(data, model, &histogram);
+    // what lies within half a step of the top code is rounded to it, not clipped
+    let step = if coarse.evidence.accepted { coarse.evidence.value } else { 1.0 };
+    vec![clipping(data, beside, model, &histogram, step), coarse]
 }
 
 /// Nothing above L although the model says that much should be: the probability of that.
@@ -33,6 +34,7 @@ fn clipping(
     beside: &Covariates,
     model: &mut Model,
     histogram: &BTreeMap<i64, u64>,
+    step: f64,
 ) -> Found {
     let unit = if data.integer { 1.0 } else { 1e-6 };
     let Some((&top, &at_top)) = histogram.last_key_value() else {
@@ -40,7 +42,7 @@ fn clipping(
     };
     let level = top as f64 * unit;
     let sd = model.noise_var.sqrt();
-    let half = if data.integer { 0.5 } else { 0.0 };
+    let half = if data.integer { 0.5 * step } else { 0.0 };
     let mut linear = Linear::default();
     let (mut surprise, mut beyond) = (0.0, 0.0);
     for i in 0..data.len() {
@@ -60,7 +62,7 @@ fn clipping(
     let crowded = at_top as f64 > 4.0 + 0.5 * beyond;
     // one free level; unmodelled scatter of the largest signals is allowed for
     let surprise: f64 = if crowded { (0.6 * surprise - 3.0_f64).max(0.0) } else { 0.0 };
-    let f = found("clipping", surprise, 2.0 * surprise, level, half.max(1e-3) * 0.5, None);
+    let f = found("clipping", surprise, 2.0 * surprise, level, half.clamp(1e-3, 0.5) * 0.5, None);
     if f.evidence.accepted {
         model.ceiling = Some(level - 3.0 * sd);
     }
@@ -122,4 +124,37 @@ fn lattice(data: &Observations, model: &mut Model, histogram: &BTreeMap<i64, u64
         model.lattice = Some([whole, (met[0] % whole as i64) as f64]);
     }
     f
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::generator::{Run, draw};
+    use super::*;
+
+    fn tested(effect: &'static str, size: f64) -> (Vec<Found>, Model) {
+        let run = Run { channels: 12, bursts: 4, effect, size, ..Run::default() };
+        let data = draw(&run, 12);
+        let beside = Covariates::of(&data);
+        let mut model = Model::start(&data, &beside, true).unwrap();
+        model.fit(&data, &beside, 1);
+        (test(&data, &beside, &mut model), model)
+    }
+
+    #[test]
+    fn clipping_and_missing_codes_are_met_where_they_are() {
+        let accepted = |found: &[Found]| -> Vec<String> {
+            let all = found.iter().filter(|f| f.evidence.accepted);
+            all.map(|f| f.evidence.id.clone()).collect()
+        };
+        let (healthy, model) = tested("none", 0.0);
+        assert!(accepted(&healthy).is_empty() && model.ceiling.is_none());
+        let (clipped, model) = tested("clipping", 70.0);
+        assert_eq!(accepted(&clipped), ["clipping"]);
+        assert_eq!(clipped[0].evidence.value, 70.0);
+        assert!(model.ceiling.is_some_and(|c| c < 70.0), "near the rail nothing is fitted");
+        let (coarse, model) = tested("coarse_lsb", 3.0);
+        assert_eq!(accepted(&coarse), ["coarse_lsb"]);
+        assert!((coarse[1].evidence.value - 3.0).abs() < 0.1);
+        assert_eq!(model.lattice, Some([3.0, 0.0]));
+    }
 }

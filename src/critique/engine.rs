@@ -1,6 +1,7 @@
 //! The critique itself, from observations to findings.
 
 use super::adequacy;
+use super::candidates::{Kind, Scored};
 use super::catalogue::{CATALOGUE, Needs, entry_of, experiment, lacking};
 use super::codes;
 use super::covariates::Covariates;
@@ -13,14 +14,16 @@ use super::jitter;
 use super::model::{Model, Unfit};
 use super::observations::Observations;
 use super::outliers::outliers;
-use super::selection::{self, Chosen, DETECTION_LIMIT, Selected, Setting};
+use super::selection::{self, Chosen, DETECTION_LIMIT, Setting};
 use thiserror::Error;
 
 /// Signals that a critique needs at least, and samples of each.
 const FEWEST_SIGNALS: usize = 8;
 const FEWEST_SAMPLES: usize = 16;
 /// Times that the correlation of the noise is estimated anew.
-const MOST_WHITENINGS: usize = 8;
+const MOST_WHITENINGS: usize = 10;
+/// Correlation that may be left.
+const NEARLY_WHITE: f64 = 0.003;
 /// Share of what strongly correlated noise explains that it may leave to others.
 const LEFT_OF_NOISE: f64 = 0.1;
 /// Longer signals are judged by their first samples.
@@ -102,6 +105,7 @@ pub fn critique(
         let coloured = data;
         let mut total = rho;
         let mut round = 0;
+        let mut last = f64::INFINITY;
         // what is white again can be judged by the same tests; what is left of rho tells how far off it was
         let again = loop {
             total = total.clamp(-0.97, 0.97);
@@ -113,14 +117,19 @@ pub fn critique(
             round += 1;
             let more = again.iter().find(|f| f.evidence.id == "correlated_noise");
             let more = more.map_or(0.0, |f| f.evidence.value);
-            if round >= MOST_WHITENINGS || more.is_nan() || more.abs() <= 0.01 {
+            if round >= MOST_WHITENINGS || more.is_nan() || more.abs() <= NEARLY_WHITE {
                 break again;
             }
-            total += more;
+            // fits swallow slow noise, so each step falls short by the same share: to where they lead
+            let share = (more / last).clamp(0.0, 0.8);
+            total += more / (1.0 - share);
+            last = more;
         };
         of_noise.retain(|f| f.evidence.id == "correlated_noise");
+        let step = accepted(&of_codes, "coarse_lsb").unwrap_or(1.0);
+        let rounding = if coloured.integer { step * step / 12.0 } else { 0.0 };
         for f in &mut of_noise {
-            f.evidence.value = total;
+            f.evidence.value = ensemble::beneath_rounding(total, baseline.noise_var, rounding);
         }
         // strongly correlated noise is never made quite white: what is found in the rest must be large
         let least = if total.abs() > 0.5 {
@@ -176,7 +185,7 @@ pub fn critique(
     }
     evidence.extend(selected.evidence.iter().cloned());
     causes.extend(selected.causes.iter().map(|c| cause_of(c, matters && is_covariate(c))));
-    let (verdict, mut remarks) = verdict(&mut causes, &selected, &left);
+    let (verdict, mut remarks) = verdict(&mut causes, &selected.unnamed, &left);
     let left_out = outlier.iter().filter(|o| **o).count();
     if left_out > 0 {
         remarks.push(format!(
@@ -242,7 +251,7 @@ const MATTERS: f64 = 0.01;
 
 /// Whether a cause moves single signals, rather than all of them alike.
 fn is_covariate(chosen: &Chosen) -> bool {
-    !matches!(chosen.scored.applied.kind, super::candidates::Kind::Shapes)
+    !matches!(chosen.scored.applied.kind, Kind::Shapes)
 }
 
 fn cause_of(chosen: &Chosen, matters: bool) -> Cause {
@@ -278,14 +287,14 @@ pub fn cause_sentence(cause: &Cause) -> String {
 
 fn verdict(
     causes: &mut Vec<Cause>,
-    selected: &Selected,
+    unnamed: &[Scored],
     left: &adequacy::Left,
 ) -> (Verdict, Vec<String>) {
     let mut remarks = Vec::new();
     for what in &left.significant {
         remarks.push(format!("still unexplained: {what}"));
     }
-    if let Some(s) = selected.unnamed.first() {
+    if let Some(s) = unnamed.first() {
         remarks.push(format!("{} fits best but {}: it is not named", s.applied.id, s.disqualified));
     }
     let unexplained = !left.significant.is_empty();
@@ -444,5 +453,37 @@ impl Found {
         };
         cause.sentence = cause_sentence(&cause);
         cause
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cause(id: &str, tied_with: &[&str]) -> Cause {
+        let mut f = found(id, 50.0, 100.0, 1.0, 0.1, None).cause(false);
+        f.tied_with = tied_with.iter().map(|t| (*t).to_owned()).collect();
+        f
+    }
+
+    fn judged(mut causes: Vec<Cause>, left: &adequacy::Left) -> (Verdict, Vec<Cause>) {
+        let verdict = verdict(&mut causes, &[], left).0;
+        (verdict, causes)
+    }
+
+    #[test]
+    fn a_verdict_is_named_only_where_little_is_left() {
+        let nothing = adequacy::Left { share_allowed: 0.05, ..Default::default() };
+        let much = adequacy::Left { significant: vec!["x".into()], share: 0.3, ..nothing.clone() };
+        let little = adequacy::Left { share: 0.01, ..much.clone() };
+        let one = || vec![cause("tone", &[])];
+        assert_eq!(judged(vec![], &nothing).0, Verdict::None);
+        assert_eq!(judged(vec![], &much).0, Verdict::Unknown);
+        assert_eq!(judged(one(), &little).0, Verdict::Named);
+        let (verdict, causes) = judged(one(), &much);
+        assert_eq!((verdict, causes[0].explains), (Verdict::Unknown, Some(0.7)));
+        let tied = || cause("offset", &["droop"]);
+        assert_eq!(judged(vec![tied()], &nothing).0, Verdict::Tie);
+        assert_eq!(judged(vec![tied(), cause("ageing", &[])], &nothing).0, Verdict::Named);
     }
 }

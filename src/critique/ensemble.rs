@@ -235,7 +235,11 @@ fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
         omega,
         sd: var.sqrt(),
         z,
-        surprise: (-(ln_normal_tail(z)) - (n as f64).ln()).max(0.0),
+        // what is largest below is slow noise, and no line
+        surprise: match omega < LEAST_PERIODS * TAU {
+            true => 0.0,
+            false => (-(ln_normal_tail(z)) - (n as f64).ln()).max(0.0),
+        },
         contrast,
     }
 }
@@ -263,6 +267,23 @@ fn lag_one(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
         .collect();
     let (mean, se) = mean_of(&values);
     (mean, se, mean / se.max(1e-12))
+}
+
+/// rho of AR(1) noise that digitising adds white noise of variance `white` to. n_k - t n_{k-1} has no
+/// correlation at lag one, and variance `left`: with S the variance of what follows itself,
+/// S (rho - t)(1 - rho t) = t white, and left = (1 + t²)(S + white) - 2 t rho S.
+pub fn beneath_rounding(t: f64, left: f64, white: f64) -> f64 {
+    let mut rho = t;
+    for _ in 0..50 {
+        let denominator = 1.0 + t * t - 2.0 * t * rho;
+        let own = (left - (1.0 + t * t) * white) / denominator.max(1e-6);
+        if own <= white {
+            return t; // hardly more than the rounding itself: nothing is known of it
+        }
+        let next = t + t * white / (own * (1.0 - rho * t).max(1e-3));
+        rho = (0.5 * (rho + next)).clamp(-0.99, 0.99);
+    }
+    rho
 }
 
 /// Growth of the noise variance with the signal: (h, sd, z).
@@ -303,4 +324,55 @@ fn heteroscedastic(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
     let level = values.iter().map(|(_, l)| l).sum::<f64>() / values.len() as f64;
     let at_zero = (level - slope * centre).max(0.05);
     (slope / at_zero, se / at_zero * (1.0 + slope / at_zero * centre), slope / se.max(1e-12))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::generator::{Run, draw};
+    use super::*;
+
+    /// Fitting takes low frequencies out of the noise and so correlates it: that is allowed for.
+    #[test]
+    fn correlation_is_estimated_without_bias_from_what_a_fit_leaves() {
+        for (rho, seed) in [(0.0, 21), (0.12, 22)] {
+            let run = Run {
+                channels: 16,
+                bursts: 6,
+                effect: "correlated_noise",
+                size: rho,
+                ..Run::default()
+            };
+            let data = draw(&run, seed);
+            let beside = Covariates::of(&data);
+            let mut model = Model::start(&data, &beside, true).unwrap();
+            model.fit(&data, &beside, 2);
+            let found = test(&data, &beside, &model);
+            let own = &found.iter().find(|f| f.evidence.id == "correlated_noise").unwrap().evidence;
+            assert!((own.value - rho).abs() < 3.5 * own.sd, "{rho}: {} +- {}", own.value, own.sd);
+            assert_eq!(own.accepted, rho > 0.0);
+        }
+    }
+
+    /// Autocovariances of AR(1) and white noise added: the t that whitens is found by bisection, and
+    /// from it the rho that was put in.
+    #[test]
+    fn rounding_does_not_hide_how_strongly_noise_is_correlated() {
+        for rho in [-0.6, 0.1, 0.5, 0.87, 0.93] {
+            let (own, white) = (4.0, 1.0 / 12.0);
+            let lag_one = |t: f64| {
+                let at = [own + white, rho * own, rho * rho * own];
+                (1.0 + t * t) * at[1] - t * (at[0] + at[2])
+            };
+            let (mut low, mut high) = (-0.999, 0.999);
+            for _ in 0..60 {
+                let middle = 0.5 * (low + high);
+                if lag_one(middle) > 0.0 { low = middle } else { high = middle }
+            }
+            let t = low;
+            let left = (1.0 + t * t) * (own + white) - 2.0 * t * rho * own;
+            let found = beneath_rounding(t, left, white);
+            assert!((found - rho).abs() < 1e-4, "{rho}: {t} -> {found}");
+            assert!(rho.abs() < 0.8 || (t - rho).abs() > 0.03, "rounding matters: {t}");
+        }
+    }
 }

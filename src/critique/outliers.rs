@@ -93,3 +93,33 @@ pub fn outliers(data: &Observations, beside: &Covariates, model: &Model) -> Vec<
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::generator::{Run, draw};
+    use super::*;
+
+    fn left_out(run: &Run) -> Vec<bool> {
+        let data = draw(run, 11);
+        let beside = Covariates::of(&data);
+        let model = Model::start(&data, &beside, true).unwrap();
+        let out = outliers(&data, &beside, &model);
+        let mut channels = vec![true; run.channels];
+        for (row, out) in data.rows.iter().zip(out) {
+            channels[row.beside.channel as usize] &= out;
+        }
+        channels
+    }
+
+    #[test]
+    fn faulty_channels_are_left_out_and_what_all_follow_is_not() {
+        let small = Run { channels: 16, bursts: 4, ..Run::default() };
+        let faulty = left_out(&Run { faulty: 2, ..small.clone() });
+        assert!(faulty[0] && faulty[1] && !faulty[2..].iter().any(|o| *o), "{faulty:?}");
+        // a strong trend along the head, and strong scatter, are the same for all
+        let steep = Run { effect: "position_gradient", size: 0.1, ..small.clone() };
+        assert!(!left_out(&steep).iter().any(|o| *o));
+        let wide = Run { spread: [0.04, 0.06, 0.025], ..small };
+        assert!(!left_out(&wide).iter().any(|o| *o));
+    }
+}

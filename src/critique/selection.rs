@@ -297,6 +297,14 @@ pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -
             causes.push(s.applied.clone());
             rivals.push((refit(model, causes, setting, 3, false), s));
         }
+        // what explains less once it is refitted leads nowhere: it is no cause, and the misfit stays
+        let before = now.deviance(&kind);
+        rivals.retain(|r| r.0.deviance(&kind) < before);
+        if rivals.is_empty() {
+            let why = "its refit leads nowhere".to_owned();
+            unnamed.push(Scored { disqualified: why, ..(**best).clone() });
+            break;
+        }
         let penalised =
             |r: &(Refit, &Scored)| r.0.deviance(&kind) + 2.0 * (parameters(r.1) + r.1.tried.ln());
         rivals.sort_by(|p, q| penalised(p).total_cmp(&penalised(q)));
@@ -445,7 +453,7 @@ fn necessary(now: &Refit) -> Vec<bool> {
 fn parameters(s: &Scored) -> f64 {
     let shape = match s.applied.id {
         "second_mode" => 3.0,
-        "tone" | "lowpass" => 1.0,
+        "tone" | "lowpass" | "meniscus" => 1.0,
         _ => 0.0,
     };
     s.degrees as f64 + shape
@@ -463,4 +471,66 @@ fn threshold_statistic(s: &Scored) -> f64 {
         }
     }
     high
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chosen(id: &'static str, kind: Kind, statistic: f64) -> Chosen {
+        let applied = Applied {
+            id,
+            shape: 0.0,
+            damping: 0.0,
+            coefficients: vec![1.0],
+            directions: vec![],
+            kind,
+        };
+        let scored = Scored {
+            applied,
+            statistic,
+            degrees: 1,
+            tried: 1.0,
+            surprise: statistic / 2.0,
+            value: 1.0,
+            sd: 0.1,
+            disqualified: String::new(),
+        };
+        Chosen { scored, delta_bic: statistic, tied_with: vec![], statistic }
+    }
+
+    #[test]
+    fn what_a_strong_cause_leaves_is_no_cause_of_its_own() {
+        let shape = |id, statistic| chosen(id, Kind::Shapes, statistic);
+        let follows =
+            |id, which, statistic| chosen(id, Kind::Covariate { which, v: vec![] }, statistic);
+        // 2 % of another shape's statistic; of what follows no shape, the same is one
+        assert_eq!(
+            beyond_leftovers(&[shape("tone", 5000.0), shape("offset", 100.0)]),
+            [true, false]
+        );
+        assert_eq!(
+            beyond_leftovers(&[shape("tone", 5000.0), follows("temperature", 2, 100.0)]),
+            [true, true]
+        );
+        // of two that follow the same covariate, more is asked
+        assert_eq!(
+            beyond_leftovers(&[follows("ageing", 1, 1000.0), follows("clock_drift", 1, 80.0)]),
+            [true, false]
+        );
+        // alone, a weak one stays; beside another it does not
+        assert_eq!(beyond_leftovers(&[shape("tone", 18.0)]), [true]);
+        assert_eq!(beyond_leftovers(&[shape("tone", 60.0), shape("offset", 18.0)]), [true, false]);
+    }
+
+    #[test]
+    fn the_threshold_of_a_statistic_is_where_its_surprise_reaches_it() {
+        for degrees in [1, 2, 4] {
+            let mut one = chosen("tone", Kind::Shapes, 0.0).scored;
+            (one.degrees, one.tried) = (degrees, 20.0);
+            let at = threshold_statistic(&one);
+            let surprise = super::super::candidates::surprise(at, degrees, 20.0, f64::INFINITY);
+            assert!((surprise - THRESHOLD).abs() < 1e-3, "{degrees}: {surprise}");
+        }
+    }
 }

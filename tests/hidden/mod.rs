@@ -336,6 +336,22 @@ fn strong_effects_are_named_and_nothing_is_named_in_healthy_runs() {
     assert!(wrong.is_empty(), "{wrong:?}");
 }
 
+/// For tuning, on seeds of its own: effects that the library has never seen, as `simulate --hide` would
+/// write them, into the directory that INKLING_TUNING names.
+#[test]
+#[ignore = "writes recordings to tune on"]
+fn tuning_recordings() {
+    let Some(directory) = std::env::var_os("INKLING_TUNING") else { return };
+    for case in unseen(6, 60_000) {
+        let hidden = case.hidden();
+        let sealed = Path::new(&directory).join(case.seed.to_string()).join("sealed");
+        std::fs::create_dir_all(&sealed).unwrap();
+        write(hidden.recording.bursts, &sealed.with_file_name("print_run.mcap"));
+        let truth = serde_json::to_vec_pretty(&hidden.truth).unwrap();
+        std::fs::write(sealed.join("truth.json"), truth).unwrap();
+    }
+}
+
 #[test]
 #[ignore = "the goals are not met yet: docs/hidden_effects.md says by how much"]
 fn hidden_quick() {

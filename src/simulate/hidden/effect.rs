@@ -92,6 +92,21 @@ impl Effect {
         Effect { size, ..self }
     }
 
+    /// Where its physical range ends.
+    pub fn largest(&self) -> f64 {
+        match self.id {
+            // a share of a loss, of what has not settled, of a neighbour's ring
+            "fractional_damping" | "lowpass" | "crosstalk" => 1.0,
+            // the meniscus is no stiffer than the channel
+            "meniscus" => 1.0,
+            // the previous actuation was no more than twice as strong
+            "previous_tail" => 2.0,
+            // an amplifier that forgets within the acquisition is another sensor
+            "droop" => 3e4,
+            _ => f64::INFINITY,
+        }
+    }
+
     pub fn is_code(&self) -> bool {
         matches!(self.acts, Acts::Code(_))
     }

@@ -6,6 +6,7 @@
 //! recordings have awkward [`Circumstance`]s. The critique's room may not be imported here, nor this
 //! room there: what finds an effect must not know how it was put in.
 
+pub mod baseline;
 pub mod effect;
 pub mod plant;
 pub mod run;
@@ -22,9 +23,8 @@ use rand_chacha::ChaCha8Rng;
 use run::{Acquisitions, Base};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
-use strength::Yardstick;
+use strength::{STRENGTHS_DL, Yardstick};
 
-const STRENGTHS_DL: [f64; 5] = [1.0, 2.0, 4.0, 8.0, 30.0];
 /// Lines keep so far from the resonance and its multiples, relative to it.
 const CLEAR_OF_HARMONICS: f64 = 0.12;
 
@@ -124,8 +124,9 @@ pub fn planted(
     let mut effects = Vec::new();
     let mut truths = Vec::new();
     for (effect, strength_dl) in &plan.effects {
-        let effect = effect.of_size(yardstick.size(effect, *strength_dl));
-        truths.push(true_effect(&effect, *strength_dl, &yardstick, plan));
+        let (size, strength_dl) = yardstick.size(effect, *strength_dl);
+        let effect = effect.of_size(size);
+        truths.push(true_effect(&effect, strength_dl, &yardstick, plan));
         effects.push(effect);
     }
     let mut salt = stream(seed, Purpose::Hidden, part::HIDDEN + 2);

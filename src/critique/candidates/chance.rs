@@ -1,0 +1,96 @@
+//! How surprising a statistic is, and where a likelihood is largest and how wide.
+
+use std::f64::consts::TAU;
+
+/// -ln p of a chi-squared statistic with 1 or 2 degrees, times the number of independent tries; by
+/// Student's t where the scale was estimated from few.
+pub fn surprise(statistic: f64, degrees: usize, tried: f64, dof: f64) -> f64 {
+    let x = statistic.max(0.0);
+    let x = if dof.is_finite() {
+        // t² with dof degrees as the chi-squared of the same probability, Wallace 1959
+        dof * (1.0 + x / dof).ln() * ((dof - 0.5) / dof).max(0.1)
+    } else {
+        x
+    };
+    let ln_p = match degrees {
+        1 => ln_normal_tail(x.sqrt()) + 2f64.ln(),
+        2 => -x / 2.0,
+        // Wilson and Hilferty
+        q => {
+            let q = q as f64;
+            let z = ((x / q).cbrt() - (1.0 - 2.0 / (9.0 * q))) / (2.0 / (9.0 * q)).sqrt();
+            ln_normal_tail(z)
+        }
+    };
+    (-ln_p - tried.ln()).max(0.0)
+}
+
+/// ln P(Z > z), by the continued fraction in the tail.
+pub fn ln_normal_tail(z: f64) -> f64 {
+    if z < 3.0 {
+        let t = 1.0 / (1.0 + 0.231_641_9 * z.abs());
+        let poly = t
+            * (0.319_381_53
+                + t * (-0.356_563_782
+                    + t * (1.781_477_937 + t * (-1.821_255_978 + t * 1.330_274_429))));
+        let tail = (-z * z / 2.0).exp() / TAU.sqrt() * poly;
+        return if z >= 0.0 { tail.max(1e-300).ln() } else { (1.0 - tail).ln() };
+    }
+    let mut fraction = 0.0;
+    for k in (1..=40).rev() {
+        fraction = f64::from(k) / (z + fraction);
+    }
+    -z * z / 2.0 - (TAU.sqrt() * (z + fraction)).ln()
+}
+
+/// Where a function that is unimodal within `reach` of `near` is largest: golden section.
+pub(super) fn maximum(f: impl Fn(f64) -> f64, near: f64, reach: f64) -> f64 {
+    let golden = 0.618_034;
+    let (mut low, mut high) = (near - reach, near + reach);
+    let (mut p, mut q) = (high - golden * (high - low), low + golden * (high - low));
+    let (mut fp, mut fq) = (f(p), f(q));
+    for _ in 0..18 {
+        if fp > fq {
+            (high, q, fq) = (q, p, fp);
+            p = high - golden * (high - low);
+            fp = f(p);
+        } else {
+            (low, p, fp) = (p, q, fq);
+            q = low + golden * (high - low);
+            fq = f(q);
+        }
+    }
+    0.5 * (low + high)
+}
+
+/// Standard deviation of a parameter from the curvature of twice the log-likelihood.
+pub(super) fn width(f: impl Fn(f64) -> f64, at: f64, step: f64) -> f64 {
+    let mut h = step;
+    let top = f(at);
+    for _ in 0..12 {
+        let drop = top - 0.5 * (f(at - h) + f(at + h));
+        if drop > 0.5 && drop < 4.0 {
+            return h / drop.sqrt();
+        }
+        h *= if drop <= 0.5 { 1.7 } else { 0.5 };
+    }
+    h
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    pub(super) fn surprise_is_minus_the_logarithm_of_known_probabilities() {
+        // two-sided normal: 1.96 -> .05, 3.29 -> .001; chi-squared with 2: exact
+        assert!((surprise(1.96 * 1.96, 1, 1.0, f64::INFINITY) - (-(0.05_f64.ln()))).abs() < 1e-3);
+        assert!(
+            (surprise(3.2905_f64.powi(2), 1, 1.0, f64::INFINITY) + 0.001_f64.ln()).abs() < 2e-3
+        );
+        assert!((surprise(9.21, 2, 1.0, f64::INFINITY) + 0.01_f64.ln()).abs() < 1e-3);
+        // Student: t = 2.086 with 20 degrees is .05, 3.850 is .001
+        assert!((surprise(2.086 * 2.086, 1, 1.0, 20.0) + 0.05_f64.ln()).abs() < 0.05);
+        assert!((surprise(3.850 * 3.850, 1, 1.0, 20.0) + 0.001_f64.ln()).abs() < 0.12);
+    }
+}

@@ -1,0 +1,239 @@
+//! Causes whose spectrum is a line: a tone, a second mode, and the slow mode of a meniscus that is pulled
+//! back.
+//!
+//! In: a [`Bench`]. Out: [`Scored`]; disqualified where the line is the ring's own doing.
+
+use super::chance::{maximum, width};
+use super::{Applied, Bench, Scored};
+use crate::model::InkChannel;
+use crate::model::terms::Interior;
+use std::f64::consts::{PI, TAU};
+
+/// A line below this share of the model's own frequency is no mode, and below so many periods of the
+/// signal it is no line.
+const LEAST_MODE: f64 = 0.3;
+pub const LEAST_PERIODS: f64 = 2.0;
+/// A line so near a multiple of the ring's frequency is no line of its own, relative to that frequency.
+const NEAR: f64 = 0.1;
+
+impl Bench<'_> {
+    /// A line: cos and sin at the frequency that explains most, over some dampings.
+    pub(super) fn line(
+        &self,
+        id: &'static str,
+        pattern: usize,
+        dampings: &[f64],
+        near: Option<&Applied>,
+    ) -> Option<Scored> {
+        let n = self.samples;
+        let columns = |omega: f64, gamma: f64| {
+            let column = |phase: f64| {
+                let y = (0..n).map(|k| {
+                    let t = k as f64 / n as f64;
+                    (-gamma * t).exp() * (omega * t + phase).cos()
+                });
+                self.pattern(pattern, y.collect())
+            };
+            [column(0.0), column(-PI / 2.0)]
+        };
+        let test = |omega: f64, gamma: f64| {
+            self.shapes.test(&columns(omega, gamma)).map_or(0.0, |t| t.statistic)
+        };
+        let (own, resolution) = (self.seen.omega, TAU);
+        // near its own frequency a second mode is no second mode: the pair splits
+        let banned = |omega: f64, gamma: f64| {
+            let near = 1.2 * resolution + 1.5 * (self.seen.sigma + gamma);
+            let mode = pattern == 1
+                && (omega < LEAST_MODE * own
+                    || (omega - own).abs() < near
+                    || (2..=4).any(|m| (omega - f64::from(m) * own).abs() < 0.6 * resolution));
+            // nor is every second sample's own gain, which mirrors the ring at half the sampling rate
+            let mirror = PI * n as f64 - own;
+            // what is at a multiple of its own frequency, or at its mirror, is the ring's own doing
+            let order = (omega / own).round().max(1.0);
+            let multiple = (omega - order * own).abs() < NEAR * own;
+            let mirrored = (omega - mirror).abs() < near.min(NEAR * own).max(resolution);
+            // so is a tone at its own frequency: anything that changes the ring looks like one
+            let own = (omega - own).abs() < 1.2 * resolution;
+            mode || own
+                || multiple
+                || mirrored
+                || self.avoid.iter().any(|w| (omega - w).abs() < 1.5 * resolution)
+        };
+        let most = PI * n as f64 * 0.97;
+        let (mut best, mut best_banned) = ((0.0, 0.0, 0.0), 0.0_f64);
+        if let Some(near) = near {
+            best = (0.0, near.shape, near.damping);
+        }
+        let slow = |omega: f64| omega < LEAST_PERIODS * TAU;
+        for &gamma in dampings.iter().filter(|_| near.is_none()) {
+            // below, a wave is any slow shape; where one fits better, a line is none
+            let mut omega = 0.4 * LEAST_PERIODS * TAU;
+            while omega < most {
+                let statistic = test(omega, gamma);
+                if banned(omega, gamma) || slow(omega) {
+                    best_banned = best_banned.max(statistic);
+                } else if statistic > best.0 {
+                    best = (statistic, omega, gamma);
+                }
+                omega += 0.5 * PI;
+            }
+        }
+        let (_, mut omega, mut gamma) = best;
+        if omega == 0.0 {
+            return None;
+        }
+        for _ in 0..2 {
+            omega = maximum(|x| test(x, gamma), omega, 0.5);
+            if gamma > 0.0 {
+                gamma = maximum(|x| test(omega, x.exp()), gamma.ln(), 0.4)
+                    .exp()
+                    .max(0.1 * self.seen.sigma)
+                    .min(6.0 * self.seen.sigma);
+            }
+        }
+        let directions = columns(omega, gamma);
+        let tested = self.shapes.test(&directions)?;
+        let sd = width(|x| test(x, gamma), omega, 0.02);
+        let value = omega / TAU / self.length_s;
+        let tried = n as f64 * dampings.len() as f64;
+        let mut scored = self.shaped(
+            id,
+            tested,
+            directions.to_vec(),
+            omega,
+            tried,
+            value,
+            sd / TAU / self.length_s,
+        );
+        scored.applied.damping = gamma;
+        // so near to the ring a mode cannot be told from it; what fits as well as one is no tone
+        let close = 1.2 * resolution + 3.0 * self.seen.sigma;
+        if pattern == 0 && near.is_none() && (omega - own).abs() < close && self.beside.drive_scan {
+            let as_mode = [0.4, 1.0, 2.0].map(|share| {
+                let column = |phase: f64| {
+                    let y = (0..n).map(|k| {
+                        let t = k as f64 / n as f64;
+                        (-share * self.seen.sigma * t).exp() * (omega * t + phase).cos()
+                    });
+                    self.pattern(1, y.collect())
+                };
+                let columns = [column(0.0), column(-PI / 2.0)];
+                self.shapes.test(&columns).map_or(0.0, |t| t.statistic)
+            });
+            if as_mode.iter().any(|s| *s > scored.statistic - 3.0) {
+                scored.disqualified = "it may be a mode near the ring's own".into();
+            }
+        }
+        if near.is_none() && banned(omega, gamma) || best_banned > scored.statistic + 10.0 {
+            scored.disqualified =
+                "its line lies at the model's own frequency or a multiple of it".into();
+        }
+        if near.is_none() && slow(omega) {
+            scored.disqualified = "it is so slow that it may be no line".into();
+        }
+        Some(scored)
+    }
+
+    /// Surface tension B_t/B_m = m makes of the real pole and of the pole at 0 a slow pair, which scales
+    /// with the drive. How much of it is excited rests on what came before t_a, so that is free.
+    pub(super) fn meniscus(&self, near: Option<&Applied>) -> Option<Scored> {
+        let Interior::Ink { channel, .. } = self.interior? else { return None };
+        let n = self.samples;
+        let columns = |m: f64| {
+            let (gamma, square) = slow_mode(&channel, m);
+            let wave = |of: fn(f64, f64, f64) -> f64| {
+                let y = (0..n).map(|k| of(k as f64 / n as f64, gamma, square)).collect();
+                self.pattern(1, y)
+            };
+            [wave(slow_cosine), wave(slow_sine)]
+        };
+        let test = |m: f64| self.shapes.test(&columns(m)).map_or(0.0, |t| t.statistic);
+        let (low, high) = MENISCUS;
+        let grid: Vec<f64> = match near {
+            Some(near) => vec![near.shape],
+            None => (0..16).map(|i| low * (high / low).powf(f64::from(i) / 15.0)).collect(),
+        };
+        let best = grid
+            .into_iter()
+            .map(|m| (test(m), m))
+            .fold((0.0, low), |best, one| if one.0 > best.0 { one } else { best });
+        let ln_m = maximum(|x| test(x.exp()), best.1.ln(), 0.26).clamp(low.ln(), high.ln());
+        let m = ln_m.exp();
+        let directions = columns(m).to_vec();
+        let tested = self.shapes.test(&directions)?;
+        let sd = width(|x| test(x.exp()), ln_m, 0.1) * m;
+        Some(self.shaped("meniscus", tested, directions, m, 6.0, m, sd))
+    }
+}
+
+/// B_t/B_m that is looked for: below, its mode lies under the real pole and leaves nothing.
+const MENISCUS: (f64, f64) = (0.03, 1.0);
+
+/// Damping and squared frequency of the slow mode: of thesis (2-2) with -b m V_n in it, the slow factor
+/// s² + 2 gamma s + gamma² + w² of (s² + g s + a)(s² + d s + b (1 + m)) - a b. `channel` is what is seen:
+/// most of the pull goes with V and stiffens b.
+fn slow_mode(channel: &InkChannel, m: f64) -> (f64, f64) {
+    let InkChannel { a_per_s2: a, b_per_s2: seen, g_per_s: g, d_per_s: d } = *channel;
+    let b = seen / (1.0 + m * seen / (a + seen));
+    let [c3, c2, c1, c0] = [g + d, a + b * (1.0 + m) + g * d, g * b * (1.0 + m) + a * d, a * b * m];
+    let (mut u, mut v) = (c1 / c2, c0 / c2);
+    for _ in 0..60 {
+        let p = c3 - u;
+        let q = c2 - v - p * u;
+        (u, v) = ((c1 - p * v) / q, c0 / q);
+    }
+    (0.5 * u, v - 0.25 * u * u)
+}
+
+fn slow_cosine(t: f64, gamma: f64, square: f64) -> f64 {
+    let root = square.abs().sqrt();
+    (-gamma * t).exp() * if square > 0.0 { (root * t).cos() } else { (root * t).cosh() }
+}
+
+fn slow_sine(t: f64, gamma: f64, square: f64) -> f64 {
+    let root = square.abs().sqrt().max(1e-9);
+    (-gamma * t).exp() / root * if square > 0.0 { (root * t).sin() } else { (root * t).sinh() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The slow factor and the fast one that is left make the whole polynomial.
+    #[test]
+    fn the_slow_mode_is_a_root_of_the_channel_with_a_meniscus() {
+        let (a, g, d) = (5.6e10, 1.6e4, 8e4);
+        for m in [0.01, 0.1, 0.5] {
+            let b = 1.11e11;
+            // what is seen of b: the pull that goes with V stiffens it
+            let (mut low, mut high) = (b, 3.0 * b);
+            for _ in 0..100 {
+                let seen = 0.5 * (low + high);
+                let of = seen / (1.0 + m * seen / (a + seen));
+                if of < b { low = seen } else { high = seen }
+            }
+            let channel = InkChannel { a_per_s2: a, b_per_s2: low, g_per_s: g, d_per_s: d };
+            let (gamma, square) = slow_mode(&channel, m);
+            let s = root_of(-gamma, square);
+            let left = polynomial(s, [g + d, a + b * (1.0 + m) + g * d], g * b * (1.0 + m) + a * d);
+            let value = (left.0 + a * b * m, left.1);
+            let size = a * b * m;
+            assert!(value.0.hypot(value.1) < 1e-6 * size, "{m}: {value:?}");
+        }
+    }
+
+    fn root_of(re: f64, square: f64) -> (f64, f64) {
+        if square > 0.0 { (re, square.sqrt()) } else { (re + (-square).sqrt(), 0.0) }
+    }
+
+    /// s⁴ + c3 s³ + c2 s² + c1 s.
+    fn polynomial(s: (f64, f64), [c3, c2]: [f64; 2], c1: f64) -> (f64, f64) {
+        let times = |x: (f64, f64), y: (f64, f64)| (x.0 * y.0 - x.1 * y.1, x.0 * y.1 + x.1 * y.0);
+        let plus = |x: (f64, f64), by: f64| (x.0 + by, x.1);
+        let mut value = plus(s, c3);
+        value = plus(times(value, s), c2);
+        value = plus(times(value, s), c1);
+        times(value, s)
+    }
+}

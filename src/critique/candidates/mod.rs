@@ -1,0 +1,317 @@
+//! Every cause of the catalogue that acts on the mean signal or through a covariate, as directions in
+//! the space of linear extensions, and its likelihood-ratio test.
+//!
+//! In: the space, the model, what is in the model already. Out: [`Scored`], one per candidate: the best
+//! over its shape parameter (frequency, rate, strength), with its value in the catalogue's units.
+//! [`shapes`] and [`lines`] act on the mean signal, [`follows`] through a covariate.
+
+mod chance;
+mod follows;
+mod lines;
+mod shapes;
+
+pub use chance::{ln_normal_tail, surprise};
+pub use lines::LEAST_PERIODS;
+
+use super::catalogue::{CATALOGUE, Needs, lacking};
+use super::covariates::{Covariates, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
+use super::model::{Model, RATIO_OF_RATES};
+use super::ring::ALL;
+use super::space::{Direction, Nuisance, Space, Tested};
+use crate::model::terms::{Interior, Seen, Term};
+use follows::relative;
+
+/// d theta per relative change of damping (the real pole with it), and of frequency.
+const DAMPING: [f64; ALL] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+const FREQUENCY: [f64; ALL] = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0];
+const CLOCK: [f64; ALL] = [1.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+
+/// A cause as it enters the model.
+#[derive(Clone, Debug)]
+pub struct Applied {
+    pub id: &'static str,
+    /// Frequency or rate per signal length, or strength; 0 where there is none.
+    pub shape: f64,
+    /// Damping of a line, per signal length.
+    pub damping: f64,
+    pub coefficients: Vec<f64>,
+    pub directions: Vec<Direction>,
+    /// What it does to the mean signal: per power of the drive, N each; none where it is a covariate's.
+    pub kind: Kind,
+}
+
+#[derive(Clone, Debug)]
+pub enum Kind {
+    Shapes,
+    /// One change of the parameters per coefficient.
+    Covariate {
+        which: usize,
+        v: Vec<[f64; ALL]>,
+    },
+    Tail,
+}
+
+#[derive(Clone, Debug)]
+pub struct Scored {
+    pub applied: Applied,
+    pub statistic: f64,
+    /// Degrees of freedom, and how many independent shapes were tried.
+    pub degrees: usize,
+    pub tried: f64,
+    /// -ln of the p-value, corrected for the shapes tried.
+    pub surprise: f64,
+    pub value: f64,
+    pub sd: f64,
+    /// Why it cannot be the cause although it fits; empty where it can.
+    pub disqualified: String,
+}
+
+/// A space, and what is allowed for in it.
+#[derive(Clone, Copy)]
+pub struct View<'a> {
+    pub space: &'a Space,
+    pub nuisance: &'a Nuisance,
+}
+
+impl View<'_> {
+    fn test(&self, directions: &[Direction]) -> Option<Tested> {
+        self.nuisance.test(self.space, directions)
+    }
+}
+
+/// Everything that a candidate is built from.
+pub struct Bench<'a> {
+    pub model: &'a Model,
+    pub beside: &'a Covariates,
+    /// Channels free: shapes.
+    pub shapes: View<'a>,
+    /// Channels scattered: covariates.
+    pub covariates: View<'a>,
+    samples: usize,
+    pub seen: Seen,
+    pub interior: Option<Interior>,
+    /// Signal length, s.
+    pub length_s: f64,
+    pub integer: bool,
+    /// Smallest and largest relative drive.
+    pub drives: [f64; 2],
+    /// Degrees of freedom of what is constant over a channel.
+    pub units: usize,
+    /// Frequencies (rad per signal length) that random tones have taken already.
+    pub avoid: &'a [f64],
+}
+
+impl<'a> Bench<'a> {
+    pub fn new(
+        model: &'a Model,
+        beside: &'a Covariates,
+        shapes: View<'a>,
+        covariates: View<'a>,
+        (length_s, integer): (f64, bool),
+        avoid: &'a [f64],
+    ) -> Bench<'a> {
+        let t = &model.mean;
+        let seen = Seen {
+            sigma: t[0].exp(),
+            omega: t[1].exp(),
+            lambda: t[5].exp(),
+            a: t[2],
+            b: t[3],
+            c: if model.real { t[4] } else { 0.0 },
+        };
+        let interior = match model.real {
+            true => Interior::ink(&seen, RATIO_OF_RATES),
+            false => Some(Interior::oscillator(&seen)),
+        };
+        let low = beside.drive.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = beside.drive.iter().copied().fold(0.0, f64::max);
+        let units = shapes.space.units;
+        Bench {
+            model,
+            beside,
+            shapes,
+            covariates,
+            samples: shapes.space.samples,
+            seen,
+            interior,
+            length_s,
+            integer,
+            drives: [low, high],
+            units,
+            avoid,
+        }
+    }
+
+    /// All that can be tested; what lacks data is left out.
+    pub fn score_all(&self) -> Vec<Scored> {
+        let mut all = Vec::new();
+        for entry in &CATALOGUE {
+            if lacking(entry.needs, self.beside, self.integer, self.units).is_some()
+                && entry.needs != Needs::DriveScan
+            {
+                continue;
+            }
+            if let Some(mut scored) = self.score_one(entry.id, None) {
+                if entry.needs == Needs::DriveScan && !self.beside.drive_scan && self.model.real {
+                    scored.disqualified = "needs a drive scan".into();
+                }
+                all.push(scored);
+            }
+        }
+        all
+    }
+
+    /// `near`: where its shape was before; without, all shapes are tried.
+    pub fn score_one(&self, id: &'static str, near: Option<&Applied>) -> Option<Scored> {
+        let n = self.samples;
+        match id {
+            "offset" => self.fixed(id, Direction::shape(0, vec![1.0; n]), 1.0),
+            "droop" => {
+                let shape = |w: f64| Some(self.pattern(1, self.droop(w)));
+                self.grown(id, (0.05, 12.0), shape, |w| w / self.length_s, near).map(|s| {
+                    match s.applied.coefficients[0] < 0.0 {
+                        true => {
+                            let why = "its coefficient has the unphysical sign".into();
+                            Scored { disqualified: why, ..s }
+                        }
+                        false => s,
+                    }
+                })
+            }
+            "meniscus" => self.meniscus(near),
+            "quadratic_drag" => self.term(id, Term::QuadraticDrag, (0.01, 3.0), 2, near),
+            "dry_friction" => self.term(id, Term::DryFriction, (0.01, 3.0), 0, near),
+            "cubic_stiffness" => self.term(id, Term::CubicStiffness, (0.002, 0.4), 3, near),
+            "fractional_damping" => self.term(id, Term::FractionalDamping, (0.02, 1.0), 1, near),
+            "lowpass" => self.lowpass(near),
+            "tone" => self.line(id, 0, &[0.0], near),
+            "second_mode" => {
+                let sigma = self.seen.sigma;
+                self.line(id, 1, &[0.4 * sigma, sigma, 2.0 * sigma], near)
+            }
+            "temperature" => {
+                let unit = 1.0 / self.beside.sd[TEMPERATURE];
+                self.covariate_free(id, TEMPERATURE, DAMPING, self.damping_direction(), unit)
+            }
+            "ageing" => {
+                let v = self.damping_direction();
+                self.covariate_free(id, TIME, DAMPING, v, self.over(TIME)).map(relative)
+            }
+            "clock_drift" => {
+                let v = self.clock_direction();
+                self.covariate_free(id, TIME, CLOCK, v, self.over(TIME)).map(relative)
+            }
+            "position_gradient" => {
+                let v = self.stiffness_direction();
+                self.covariate_free(id, POSITION, FREQUENCY, v, self.over(POSITION)).map(relative)
+            }
+            "crosstalk" => {
+                let t = &self.model.mean;
+                let v = [0.0, 0.0, t[2], t[3], t[4], 0.0];
+                let mut scored =
+                    self.covariate(id, NEIGHBOURS, v, 1.0 / self.beside.sd[NEIGHBOURS])?;
+                // relative to a channel without neighbours, not to the mean one
+                let mean = self.beside.mean[NEIGHBOURS];
+                let share = 1.0 - scored.value * mean;
+                if share > 0.1 {
+                    scored.sd /= share * share;
+                    scored.value /= share;
+                }
+                Some(scored)
+            }
+            "previous_tail" => {
+                let tested = self.covariates.test(&[Direction::tail(n)])?;
+                let (value, sd) = (tested.coefficients[0], tested.covariance[(0, 0)].sqrt());
+                Some(Scored {
+                    applied: Applied {
+                        id,
+                        shape: 0.0,
+                        damping: 0.0,
+                        coefficients: tested.coefficients.clone(),
+                        directions: vec![Direction::tail(n)],
+                        kind: Kind::Tail,
+                    },
+                    statistic: tested.statistic,
+                    degrees: 1,
+                    tried: 1.0,
+                    surprise: surprise(tested.statistic, 1, 1.0, self.dof(false)),
+                    value: self.model.tail_gain + value,
+                    sd,
+                    disqualified: String::new(),
+                })
+            }
+            _ => None,
+        }
+    }
+
+    fn over(&self, which: usize) -> f64 {
+        self.beside.span[which] / self.beside.sd[which]
+    }
+
+    fn dof(&self, of_channels: bool) -> f64 {
+        let repeated = self.shapes.space.signals > self.units;
+        let n = if of_channels || !repeated { self.units } else { self.shapes.space.signals };
+        (n as f64 - 3.0).max(1.0)
+    }
+
+    /// A shape that scales as a power of the drive.
+    fn pattern(&self, pattern: usize, shape: Vec<f64>) -> Direction {
+        Direction::shape(pattern, shape)
+    }
+
+    fn fixed(&self, id: &'static str, direction: Direction, unit: f64) -> Option<Scored> {
+        let tested = self.shapes.test(std::slice::from_ref(&direction))?;
+        let value = tested.coefficients[0];
+        if !value.is_finite() || !tested.statistic.is_finite() {
+            return None;
+        }
+        Some(Scored {
+            surprise: surprise(tested.statistic, 1, 1.0, f64::INFINITY),
+            statistic: tested.statistic,
+            degrees: 1,
+            tried: 1.0,
+            value: value * unit,
+            sd: tested.covariance[(0, 0)].sqrt() * unit,
+            disqualified: String::new(),
+            applied: Applied {
+                id,
+                shape: 0.0,
+                damping: 0.0,
+                coefficients: tested.coefficients,
+                directions: vec![direction],
+                kind: Kind::Shapes,
+            },
+        })
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    fn shaped(
+        &self,
+        id: &'static str,
+        tested: Tested,
+        directions: Vec<Direction>,
+        shape: f64,
+        tried: f64,
+        value: f64,
+        sd: f64,
+    ) -> Scored {
+        let degrees = directions.len();
+        Scored {
+            surprise: surprise(tested.statistic, degrees, tried, f64::INFINITY),
+            statistic: tested.statistic,
+            degrees,
+            tried,
+            value,
+            sd,
+            disqualified: String::new(),
+            applied: Applied {
+                id,
+                shape,
+                damping: 0.0,
+                coefficients: tested.coefficients,
+                directions,
+                kind: Kind::Shapes,
+            },
+        }
+    }
+}

@@ -1,0 +1,218 @@
+//! Causes that add a shape to the mean signal: those of a term in the equation of motion, the droop, the
+//! low-pass; and the scan for shapes that no cause has.
+//!
+//! In: a [`Bench`]. Out: [`Scored`].
+
+use super::chance::{maximum, surprise, width};
+use super::{Applied, Bench, Scored};
+use crate::critique::model::PATTERNS;
+use crate::critique::ring;
+use crate::critique::space::Direction;
+use crate::model::terms::Term;
+use nalgebra::{Matrix4, Vector4};
+use std::f64::consts::PI;
+
+/// How well the amplitudes inside are known, relative: they rest on the ratio of the resistive rates,
+/// which is held (thesis (2-3), (2-4)), and on what the pulse moved before t_a.
+const INTERIOR: f64 = 0.05;
+
+impl Bench<'_> {
+    /// A shape that depends on its own strength e: the likelihood profiled over e. With information i
+    /// and score s along the secant D(e), adding e D(e) gains 2 e s - e² i.
+    pub(super) fn grown(
+        &self,
+        id: &'static str,
+        (first, most): (f64, f64),
+        shape: impl Fn(f64) -> Option<Direction>,
+        value: impl Fn(f64) -> f64,
+        near: Option<&Applied>,
+    ) -> Option<Scored> {
+        let gain = |e: f64| -> f64 {
+            let tested = shape(e).and_then(|d| self.shapes.test(&[d]));
+            tested.map_or(f64::NEG_INFINITY, |t| {
+                let ratio = e / t.coefficients[0];
+                t.statistic * (2.0 * ratio - ratio * ratio)
+            })
+        };
+        let mut scored = self.fixed(id, shape(first)?, 1.0)?;
+        let linear = scored.applied.coefficients[0];
+        // what is hardly there is linear
+        let mut strength = linear.clamp(-most, most);
+        if scored.statistic > 4.0 || near.is_some() {
+            let mut trials: Vec<f64> = vec![strength];
+            match near {
+                Some(near) => trials.extend([near.shape, 0.7 * near.shape, 1.4 * near.shape]),
+                None => {
+                    trials.extend((0..7).map(|k| linear.signum() * first * 3f64.powi(k - 2)));
+                    trials.extend((0..3).map(|k| -linear.signum() * first * 5f64.powi(k)));
+                }
+            }
+            trials.retain(|e| e.abs() <= most && *e != 0.0);
+            let best = trials
+                .into_iter()
+                .map(|e| (gain(e), e))
+                .fold((f64::NEG_INFINITY, strength), |b, t| if t.0 > b.0 { t } else { b });
+            if best.1 == 0.0 || !best.0.is_finite() {
+                return None;
+            }
+            let sign = best.1.signum();
+            let reach = if near.is_some() { 0.35 } else { 1.1 };
+            let ln = maximum(|x| gain(sign * x.exp().min(most)), best.1.abs().ln(), reach);
+            strength = sign * ln.exp().min(most);
+            scored.statistic = gain(strength).max(0.0);
+            scored.sd = width(gain, strength, 0.3 * scored.sd);
+            scored.surprise = surprise(scored.statistic, 1, 1.0, f64::INFINITY);
+            scored.applied.directions = vec![shape(strength)?];
+            scored.applied.coefficients = vec![strength];
+        }
+        scored.applied.shape = strength;
+        let h = 1e-3 * strength.abs().max(1e-12);
+        scored.sd *= ((value(strength + h) - value(strength - h)) / (2.0 * h)).abs();
+        scored.value = value(strength);
+        Some(scored)
+    }
+
+    pub(super) fn term(
+        &self,
+        id: &'static str,
+        term: Term,
+        (first, most): (f64, f64),
+        power: i32,
+        near: Option<&Applied>,
+    ) -> Option<Scored> {
+        let shape = |e: f64| self.term_direction(term, e, power);
+        let [low, high] = self.drives;
+        let value = |e: f64| -> f64 {
+            match term {
+                Term::CubicStiffness => e * high * high,
+                // largest against smallest amplitude in the data
+                Term::QuadraticDrag => {
+                    let small = if high > 1.02 * low { low } else { 0.0 };
+                    (1.0 + e * high) / (1.0 + e * small).max(0.05) - 1.0
+                }
+                Term::DryFriction => {
+                    let small = if high > 1.02 * low { low } else { 0.1 * high };
+                    (1.0 + e / high) / (1.0 + e / small).max(0.05) - 1.0
+                }
+                Term::Meniscus | Term::FractionalDamping => e,
+            }
+        };
+        let mut scored = self.grown(id, (first, most), shape, value, near)?;
+        if scored.applied.coefficients[0] < 0.0 && term != Term::CubicStiffness {
+            scored.disqualified = "its coefficient has the unphysical sign".into();
+        }
+        if matches!(term, Term::CubicStiffness | Term::QuadraticDrag | Term::DryFriction) {
+            scored.sd = scored.sd.hypot(INTERIOR * scored.value);
+        }
+        Some(scored)
+    }
+
+    /// What a term of strength e adds, per unit e, as shapes times powers of the drive.
+    pub(super) fn term_direction(&self, term: Term, e: f64, power: i32) -> Option<Direction> {
+        let n = self.samples;
+        let interior = self.interior?;
+        let added = |s: f64| -> Vec<f64> {
+            let with = interior.decay(&self.seen, Some((term, e)), s, n);
+            let without = interior.decay(&self.seen, None, s, n);
+            with.iter().zip(without).map(|(w, o)| (w - o) / e).collect()
+        };
+        let finite =
+            |d: Direction| d.0.iter().all(|(_, v)| v.iter().all(|x| x.is_finite())).then_some(d);
+        let [low, high] = self.drives;
+        if high < 1.02 * low {
+            return finite(Direction::shape(power.clamp(0, 3) as usize, added(1.0)));
+        }
+        // interpolate between four drives
+        let nodes: [f64; 4] = std::array::from_fn(|j| {
+            let x = (PI * (j as f64 + 0.5) / 4.0).cos();
+            0.5 * (low + high) + 0.5 * (high - low) * x
+        });
+        let at = nodes.map(added);
+        let inverse = Matrix4::from_fn(|j, p| nodes[j].powi(p as i32)).try_inverse()?;
+        let mut blocks = Vec::new();
+        for p in 0..PATTERNS {
+            let shape: Vec<f64> = (0..n)
+                .map(|k| {
+                    let values = Vector4::from_fn(|j, _| at[j][k]);
+                    (inverse.row(p) * values)[0]
+                })
+                .collect();
+            blocks.push((p * n, shape));
+        }
+        finite(Direction(blocks))
+    }
+
+    /// -int e^{-w(t-s)} y ds at unit drive (per unit w).
+    pub(super) fn droop(&self, w: f64) -> Vec<f64> {
+        let n = self.samples;
+        let y = self.ring();
+        let h = 1.0 / n as f64;
+        let fall = (-w * h).exp();
+        let mut x = 0.0;
+        (0..n)
+            .map(|k| {
+                if k > 0 {
+                    // Simpson's weights of a smooth y, over the step that ends here
+                    x = x * fall + h * 0.5 * (y[k] + fall * y[k - 1]);
+                }
+                -x
+            })
+            .collect()
+    }
+
+    /// The mean signal at unit drive.
+    pub(super) fn ring(&self) -> Vec<f64> {
+        let mut y = vec![0.0; self.samples];
+        ring::signal_into(&self.model.mean, self.model.real, 0.0, &mut y);
+        y
+    }
+
+    pub(super) fn lowpass(&self, near: Option<&Applied>) -> Option<Scored> {
+        let n = self.samples as f64;
+        let shape = |w: f64| {
+            let y: Vec<f64> = (0..self.samples).map(|k| (-w * k as f64 / n).exp()).collect();
+            self.pattern(1, y)
+        };
+        let test = |w: f64| -> f64 { self.shapes.test(&[shape(w)]).map_or(0.0, |t| t.statistic) };
+        let (low, high) = ((4.0 * self.seen.sigma).max(6.0), 2.0 * n);
+        let mut best = (0.0, low);
+        let grid = (0..24).map(|i| low * (high / low).powf(f64::from(i) / 23.0));
+        let grid: Vec<f64> = near.map_or_else(|| grid.collect(), |n| vec![n.shape]);
+        for w in grid {
+            let statistic = test(w);
+            if statistic > best.0 {
+                best = (statistic, w);
+            }
+        }
+        let ln_w = maximum(|x| test(x.exp()), best.1.ln(), 0.12);
+        let w = ln_w.exp();
+        let direction = shape(w);
+        let tested = self.shapes.test(std::slice::from_ref(&direction))?;
+        let sd = width(|x| test(x.exp()), ln_w, 0.02) * w / self.length_s;
+        Some(self.shaped("lowpass", tested, vec![direction], w, 3.0, w / self.length_s, sd))
+    }
+
+    /// Local misfit of the mean: windows of several lengths at several places, per power of the drive.
+    pub fn local_scan(&self) -> (f64, f64) {
+        let n = self.samples;
+        let (mut best, mut tried) = (0.0_f64, 0.0);
+        for pattern in 0..2 {
+            let mut length = 4;
+            while length <= n / 2 {
+                for start in (0..=n - length).step_by(length / 2) {
+                    let mut shape = vec![0.0; n];
+                    for (k, y) in shape[start..start + length].iter_mut().enumerate() {
+                        *y = (PI * (k as f64 + 0.5) / length as f64).sin();
+                    }
+                    let direction = self.pattern(pattern, shape);
+                    if let Some(t) = self.shapes.test(&[direction]) {
+                        best = best.max(surprise(t.statistic, 1, 1.0, f64::INFINITY));
+                        tried += 1.0;
+                    }
+                }
+                length *= 2;
+            }
+        }
+        (best, tried)
+    }
+}
