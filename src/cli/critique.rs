@@ -3,8 +3,9 @@
 use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible};
 use crate::critique::decay;
+use crate::critique::digits;
 use crate::critique::engine::{self, MOST_SAMPLES, Outcome, Rings};
-use crate::critique::finding::{Critique, GainFigures};
+use crate::critique::finding::{Critique, GainFigures, Verdict};
 use crate::critique::observations::Observations;
 use crate::critique::report;
 use crate::design::{Design, TrainingSet};
@@ -22,8 +23,9 @@ use std::path::{Path, PathBuf};
   inkling critique night.mcap --labels labels.csv -o critique/
   inkling critique pendulum.mcap --plant oscillator -o critique/
 
-Writes report.html, critique.json, evidence.parquet, residuals.parquet and, where it can, extended.design.json,
-which `inkling replay --design` loads.")]
+Writes report.html, critique.json, evidence.parquet and residuals.parquet; of an
+ink channel with a cause found also extended.design.json, for
+`inkling replay --design`. All outputs of one recording are taken as one system.")]
 pub struct Args {
     /// Files, directories (searched for *.mcap) or glob patterns
     #[arg(required = true)]
@@ -80,7 +82,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         engine::critique(&data, rings, labels.is_some(), &mut stages).map_err(Failure::new)?;
     outcome.critique.signals.rejected = rejected;
 
-    if !oscillator {
+    if !oscillator && !outcome.critique.causes.is_empty() {
         progress.say("extending the design ...");
         match extended_design(&data, &outcome, &settings) {
             Ok(design) => {
@@ -155,28 +157,28 @@ fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Resu
     if !critique.causes.is_empty() {
         writeln!(
             out,
-            "  {:<22} {:<18} {:>12}  {:>25}  {:>8}  tied with",
-            "cause", "parameter", "value", "95 % interval", "strength"
+            "  {:<22} {:<18} {:<40} {:>8}  tied with",
+            "cause", "parameter", "value (95 % interval)", "strength"
         )?;
     }
     for c in &critique.causes {
         writeln!(
             out,
-            "  {:<22} {:<18} {:>12.5e}  {:>12.4e} {:>12.4e}  {:>5.1} DL  {}",
+            "  {:<22} {:<18} {:<40} {:>5} DL  {}",
             c.id,
-            format!("{} ({})", c.parameter, c.unit),
-            c.value,
-            c.ci95[0],
-            c.ci95[1],
-            c.strength_dl,
+            c.parameter,
+            digits::measured(c.value, c.ci95, &c.unit),
+            digits::significant(c.strength_dl, 2),
             c.tied_with.join(", ")
         )?;
     }
     let line = |out: &mut dyn Write, when: &str, g: &GainFigures| {
         write!(
             out,
-            "  {when:<8} chi²/dof {:.4}, nrmse {:.2} %, whiteness p {:.2e}",
-            g.chi2_per_dof, g.nrmse_percent, g.whiteness_p
+            "  {when:<8} chi²/dof {:.4}, nrmse {:.2} %, whiteness {}",
+            g.chi2_per_dof,
+            g.nrmse_percent,
+            digits::p_is(g.whiteness_p)
         )?;
         if g.detection_auc.is_finite() {
             write!(
@@ -191,14 +193,21 @@ fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Resu
     if critique.gain.held_out.signals > 0 {
         writeln!(
             out,
-            "  on {} signals that nothing was fitted to (by {}):",
-            critique.gain.held_out.signals, critique.gain.held_out.by
+            "  on {} signals of {} channels that nothing was fitted to (by {}):",
+            critique.gain.held_out.signals,
+            critique.gain.held_out.channels,
+            critique.gain.held_out.by
         )?;
-        line(out, "before", &critique.gain.before)?;
-        line(out, "after", &critique.gain.after)?;
+        if critique.verdict == Verdict::None {
+            line(out, "", &critique.gain.before)?;
+        } else {
+            line(out, "before", &critique.gain.before)?;
+            line(out, "after", &critique.gain.after)?;
+        }
     }
-    for n in &critique.not_testable {
-        writeln!(out, "  not testable: {} (needs {})", n.id, n.needs)?;
+    let untested = report::grouped(&critique.not_testable);
+    if !untested.is_empty() {
+        writeln!(out, "  not testable: {}", untested.join("; "))?;
     }
     for remark in &critique.remarks {
         writeln!(out, "  {remark}")?;
