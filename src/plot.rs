@@ -217,10 +217,17 @@ impl Figure {
             let colour = if self.thresholds.len() > 1 { COLOURS[k % COLOURS.len()] } else { RED };
             let x = self.x.at(*x);
             chart
-                .draw_series(DashedLineSeries::new([(x, y0), (x, y1)], 8, 5, colour.stroke_width(2)))
+                .draw_series(DashedLineSeries::new(
+                    [(x, y0), (x, y1)],
+                    8,
+                    5,
+                    colour.stroke_width(2),
+                ))
                 .map_err(text)?
                 .label(what)
-                .legend(move |(x, y)| PathElement::new([(x, y), (x + 14, y)], colour.stroke_width(2)));
+                .legend(move |(x, y)| {
+                    PathElement::new([(x, y), (x + 14, y)], colour.stroke_width(2))
+                });
         }
         if self.series.len() + self.thresholds.len() > 1 {
             chart
@@ -294,14 +301,15 @@ impl Axis {
             };
             let every = (span / MOST_TICKS).ceil().max(1.0) as i32;
             let decades = (low.floor() as i32)..=(high.ceil() as i32);
-            let all = decades.filter(|d| d % every == 0).flat_map(|d| {
-                mantissas.iter().map(move |m| f64::from(d) + m.log10())
-            });
+            let all = decades
+                .filter(|d| d % every == 0)
+                .flat_map(|d| mantissas.iter().map(move |m| f64::from(d) + m.log10()));
             return all.filter(|at| (low..=high).contains(at)).collect();
         }
         let rough = span / MOST_TICKS;
         let power = 10f64.powf(rough.log10().floor());
-        let step = power * [1.0, 2.0, 2.5, 5.0, 10.0].into_iter().find(|m| m * power >= rough).unwrap_or(10.0);
+        let step = power
+            * [1.0, 2.0, 2.5, 5.0, 10.0].into_iter().find(|m| m * power >= rough).unwrap_or(10.0);
         let first = (low / step).ceil() as i64;
         (0..=MOST_TICKS as i64 + 1)
             .map(|k| (first + k) as f64 * step)

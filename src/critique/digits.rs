@@ -67,8 +67,11 @@ fn alike(value: f64, [low, high]: [f64; 2]) -> [String; 3] {
         let digits = (largest.log10().floor() as i32 - last + 1).clamp(2, 6);
         return all.map(|x| significant(x, digits));
     }
-    let grain = 10f64.powi(last.max(0));
-    all.map(|x| format!("{:.*}", (-last).max(0) as usize, (x / grain).round() * grain))
+    let to_grain = |x: f64| match last {
+        1.. => (x / 10f64.powi(last)).round() * 10f64.powi(last),
+        _ => x,
+    };
+    all.map(|x| format!("{:.*}", (-last).max(0) as usize, to_grain(x)))
         .map(|x| if x.trim_matches(['-', '0', '.']).is_empty() { "0".into() } else { x })
 }
 
@@ -79,7 +82,8 @@ fn prefixed(value: f64, unit: &str) -> (f64, String) {
         "1" => return (1.0, String::new()),
         _ => return (1.0, unit.to_owned()),
     };
-    let (least, name) = *steps.iter().find(|(least, _)| value.abs() >= *least).unwrap_or(&(1.0, unit));
+    let (least, name) =
+        *steps.iter().find(|(least, _)| value.abs() >= *least).unwrap_or(&(1.0, unit));
     let by = match name {
         "ns" => 1e9,
         "Hz" => 1.0,

@@ -10,7 +10,9 @@ use super::digits;
 use super::ensemble;
 use super::evidence;
 use super::figures;
-use super::finding::{Cause, Critique, Detection, Evidence, Misfit, NotTestable, Signals, VERSION, Verdict};
+use super::finding::{
+    Cause, Critique, Detection, Evidence, Misfit, NotTestable, Signals, VERSION, Verdict,
+};
 use super::gain;
 use super::jitter;
 use super::model::{Model, Unfit};
@@ -350,7 +352,9 @@ fn sentence(
             let detection = match detection {
                 Detection::Better => " It spoils fault detection: with the extension it is better.",
                 Detection::Worse => " Fault detection is worse with the extension.",
-                Detection::Same => " Fault detection is the same with the extension, as far as can be told.",
+                Detection::Same => {
+                    " Fault detection is the same with the extension, as far as can be told."
+                }
                 Detection::NotMeasured => "",
             };
             format!("{}.{detection}", each.join(". "))

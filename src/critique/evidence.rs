@@ -94,7 +94,11 @@ mod tests {
                 let surprise = surprise(statistic, 1, 1.0, f64::INFINITY) - penalty;
                 if surprise > 0.0 {
                     let threshold = by_its_chance(statistic, (-surprise).exp());
-                    assert_eq!(statistic > threshold, surprise > THRESHOLD, "{statistic} {penalty}");
+                    assert_eq!(
+                        statistic > threshold,
+                        surprise > THRESHOLD,
+                        "{statistic} {penalty}"
+                    );
                 }
             }
         }

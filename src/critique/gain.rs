@@ -22,8 +22,6 @@ const FEWEST_UNITS: usize = 6;
 /// Signals of a part that a model can be fitted to.
 const FEWEST: usize = 8;
 const RESAMPLINGS: usize = 100;
-/// Share of healthy signals of other channels expected beyond the threshold.
-const FALSE_ALARMS: f64 = 0.01;
 /// The small nozzle fault that is put in: a change of ln damping, in standard deviations of the extended
 /// model's healthy signals.
 const FAULT: f64 = 2.5;
@@ -199,8 +197,7 @@ fn auc(healthy: &[f64], faulty: &[f64]) -> f64 {
     sum / (healthy.len() as f64 * faulty.len() as f64).max(1.0)
 }
 
-/// Above this level a share [`FALSE_ALARMS`] of healthy signals of channels never heard before is
-/// expected: the statistic of signals whose channels were left out is a multiple of F, because the scatter
+/// Above this level one of 100 healthy signals of channels never heard before is expected: the statistic of signals whose channels were left out is a multiple of F, because the scatter
 /// is known from few channels.
 fn threshold(of_left_out: &[f64], units: usize) -> f64 {
     let q = FREE as f64;
@@ -209,7 +206,7 @@ fn threshold(of_left_out: &[f64], units: usize) -> f64 {
     mean * (known - 2.0) / known * quantile_of_f(q, known)
 }
 
-/// The value that F with (p, q) degrees exceeds with the chance [`FALSE_ALARMS`], by Paulson 1942.
+/// The value that F with (p, q) degrees exceeds once in 100 times, by Paulson 1942.
 fn quantile_of_f(p: f64, q: f64) -> f64 {
     const NORMAL: f64 = 2.3263; // of .99
     let (a, b) = (2.0 / (9.0 * p), 2.0 / (9.0 * q));
@@ -398,6 +395,49 @@ fn energies(before: &[f64], after: &[f64], first: &GainFigures, second: &GainFig
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_quantile_of_f_is_that_of_the_tables() {
+        // F of (5, 10), (5, 20), (5, 100) at 1 %, and chi-squared of 5 over 5
+        for (q, table) in [(10.0, 5.636), (20.0, 4.103), (100.0, 3.206), (1e9, 3.017)] {
+            let found = quantile_of_f(5.0, q);
+            assert!((found / table - 1.0).abs() < 0.01, "{q}: {found}, {table}");
+        }
+    }
+
+    /// Signals of a right model: chances are even, and few channels do not raise the alarm.
+    #[test]
+    fn on_healthy_signals_the_misfit_is_white_and_alarms_are_few() {
+        use super::super::generator::{Run, draw};
+        let (mut least, mut alarms, mut signals) = (0, 0.0, 0.0);
+        let mut p: Vec<f64> = (0..24)
+            .map(|seed| {
+                let spread = [[0.004, 0.06, 0.025], [0.02, 0.06, 0.025]][seed as usize % 2];
+                let data =
+                    draw(&Run { channels: 12, bursts: 8, spread, ..Run::default() }, 700 + seed);
+                let beside = Covariates::of(&data);
+                let mut model = Model::start(&data, &beside, true).unwrap();
+                model.fit(&data, &beside, 2);
+                let setting = Setting { data: &data, beside: &beside, avoid: &[] };
+                let measured = measure(&model, &[], setting);
+                let gain = measured.gain;
+                assert_eq!((gain.held_out.channels, gain.held_out.fitted_channels), (6, 6));
+                assert_eq!(gain.before.chi2_per_dof, gain.after.chi2_per_dof);
+                alarms += gain.before.false_alarms * gain.held_out.signals as f64;
+                signals += gain.held_out.signals as f64;
+                least += usize::from(gain.before.whiteness_p < 1e-3);
+                measured.misfit.whiteness_p
+            })
+            .collect();
+        p.sort_by(f64::total_cmp);
+        // Kolmogorov and Smirnov, 99 %
+        for (k, p) in p.iter().enumerate() {
+            let share = (k as f64 + 0.5) / 24.0;
+            assert!((p - share).abs() < 1.63 / 24.0_f64.sqrt(), "{share}: {p}");
+        }
+        assert!(least <= 1, "{least} of 24 held-out sets");
+        assert!(alarms / signals < 0.03, "{alarms} of {signals}");
+    }
 
     #[test]
     fn auc_counts_the_pairs_in_order() {

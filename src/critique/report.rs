@@ -7,8 +7,8 @@
 
 use super::digits::{chance, measured, short, significant};
 use super::finding::{
-    CovariateFigure, Critique, Detection, Energies, Evidence, Gain, GainFigures, HeldOut, MeanMisfit,
-    NotTestable, Spectrum, Verdict,
+    CovariateFigure, Critique, Detection, Energies, Evidence, Gain, GainFigures, HeldOut,
+    MeanMisfit, NotTestable, Spectrum, Verdict,
 };
 use crate::plot::{Axis, Figure, Mark, Series};
 use std::fmt::Write;
@@ -384,7 +384,10 @@ fn spectrum(s: &Spectrum, signals: &str) -> Option<Figure> {
             short(after)
         ),
         x: Axis::new(&format!("frequency, {unit}")),
-        y: Axis { log: true, ..Axis::new(&format!("mean periodogram of the misfit, ({signals})²")) },
+        y: Axis {
+            log: true,
+            ..Axis::new(&format!("mean periodogram of the misfit, ({signals})²"))
+        },
         series: vec![
             line("before", &f, &s.before),
             line("after", &f, &s.after),

@@ -78,7 +78,9 @@ mod tests {
             .map(|i| {
                 let j = DMatrix::from_fn(64, 5, |k, a| {
                     let t = k as f64 / 64.0;
-                    (-2.0 * t).exp() * ((20.0 + f64::from(i)) * t + a as f64).cos() * t.powi(a as i32 / 2)
+                    (-2.0 * t).exp()
+                        * ((20.0 + f64::from(i)) * t + a as f64).cos()
+                        * t.powi(a as i32 / 2)
                 });
                 let mut last = 0.0;
                 let e: Vec<f64> = (0..64)
