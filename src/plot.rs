@@ -2,9 +2,12 @@
 //! as CSV, under one name. The only door to `plotters`.
 
 use plotters::coord::Shift;
+use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint};
+use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::{FontStyle, register_font};
 use std::io::Write;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Once;
 use thiserror::Error;
@@ -21,9 +24,10 @@ pub enum Mark {
     Line,
     /// Large points, told apart in the legend also on an axis of categories.
     Dots,
-    /// The area between a lower edge and an upper one: its points go there and back.
+    /// The area between a lower edge and an upper one: its points go there and back. Where each other
+    /// series has one, it has that one's colour.
     Band,
-    /// Vertical bars: each from a point to the next.
+    /// Vertical bars: each from a point to the next, with a dot in the middle.
     Bars,
 }
 
@@ -141,7 +145,10 @@ impl Figure {
                     .fold(84, u32::max)
                     .min(320),
             )
-            .build_cartesian_2d(x0..x1, y0..y1)
+            .build_cartesian_2d(
+                Scale { low: x0, high: x1, ticks: self.x.ticks(x0, x1) },
+                Scale { low: y0, high: y1, ticks: self.y.ticks(y0, y1) },
+            )
             .map_err(text)?;
         let named = |axis: &Axis, v: &f64| axis.tick(*v);
         chart
@@ -160,8 +167,13 @@ impl Figure {
             .map_err(text)?;
         let place = |p: &(f64, f64)| (self.x.at(p.0), self.y.at(p.1));
         let inside = |&(x, y): &(f64, f64)| (x0..=x1).contains(&x) && (y0..=y1).contains(&y);
+        let bands = self.series.iter().filter(|s| s.mark == Mark::Band).count();
+        let paired = 2 * bands == self.series.len();
+        let (mut of_band, mut of_other) = (0, 0);
         for (k, series) in self.series.iter().enumerate() {
-            let colour = COLOURS[k % COLOURS.len()];
+            let own = if series.mark == Mark::Band { &mut of_band } else { &mut of_other };
+            let colour = COLOURS[if paired { *own } else { k } % COLOURS.len()];
+            *own += 1;
             let points = series.points.iter().map(place);
             let drawn = match series.mark {
                 Mark::Line => chart.draw_series(LineSeries::new(points, colour.stroke_width(2))),
@@ -179,6 +191,15 @@ impl Figure {
                     let ends: Vec<(f64, f64)> = points.collect();
                     let bars = ends.as_chunks::<2>().0.iter().map(|bar| bar.to_vec());
                     let style = colour.stroke_width(2);
+                    let middles = ends
+                        .as_chunks::<2>()
+                        .0
+                        .iter()
+                        .map(|[p, q]| (0.5 * (p.0 + q.0), 0.5 * (p.1 + q.1)))
+                        .filter(inside);
+                    chart
+                        .draw_series(middles.map(|at| Circle::new(at, 4, colour.filled())))
+                        .map_err(text)?;
                     chart.draw_series(bars.map(|bar| PathElement::new(bar, style)))
                 }
             };
@@ -191,13 +212,22 @@ impl Figure {
                 });
             }
         }
-        for (x, what) in &self.thresholds {
+        for (k, (x, what)) in self.thresholds.iter().enumerate() {
+            // several belong to the series, one by one
+            let colour = if self.thresholds.len() > 1 { COLOURS[k % COLOURS.len()] } else { RED };
             let x = self.x.at(*x);
             chart
-                .draw_series(LineSeries::new([(x, y0), (x, y1)], RED.stroke_width(2)))
+                .draw_series(DashedLineSeries::new(
+                    [(x, y0), (x, y1)],
+                    8,
+                    5,
+                    colour.stroke_width(2),
+                ))
                 .map_err(text)?
                 .label(what)
-                .legend(|(x, y)| Rectangle::new([(x, y - 1), (x + 14, y + 1)], RED.filled()));
+                .legend(move |(x, y)| {
+                    PathElement::new([(x, y), (x + 14, y)], colour.stroke_width(2))
+                });
         }
         if self.series.len() + self.thresholds.len() > 1 {
             chart
@@ -245,16 +275,83 @@ impl Axis {
         }
         if self.log {
             let power = v.round();
-            return if (v - power).abs() < 1e-6 {
-                format!("1e{}", power as i32)
-            } else {
-                format!("{:.1e}", 10f64.powf(v))
-            };
+            if (v - power).abs() < 1e-6 && !(-3.0..=5.0).contains(&power) {
+                return format!("1e{}", power as i32);
+            }
+            return plain(10f64.powf(v));
         }
-        let text = format!("{v:.4}");
-        let short = text.trim_end_matches('0').trim_end_matches('.');
-        if short == "-0" { "0".into() } else { short.into() }
+        plain(v)
     }
+
+    /// Where the axis is written at, between two places on it.
+    fn ticks(&self, low: f64, high: f64) -> Vec<f64> {
+        if !self.categories.is_empty() {
+            return (0..self.categories.len()).map(|k| k as f64).collect();
+        }
+        let span = high - low;
+        if !(span > 0.0 && span.is_finite()) {
+            return vec![low];
+        }
+        if self.log {
+            let mantissas: &[f64] = match span {
+                s if s < 0.9 => &[1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0],
+                s if s < 1.8 => &[1.0, 1.5, 2.0, 3.0, 5.0, 7.0],
+                s if s < 3.2 => &[1.0, 2.0, 5.0],
+                _ => &[1.0],
+            };
+            let every = (span / MOST_TICKS).ceil().max(1.0) as i32;
+            let decades = (low.floor() as i32)..=(high.ceil() as i32);
+            let all = decades
+                .filter(|d| d % every == 0)
+                .flat_map(|d| mantissas.iter().map(move |m| f64::from(d) + m.log10()));
+            return all.filter(|at| (low..=high).contains(at)).collect();
+        }
+        let rough = span / MOST_TICKS;
+        let power = 10f64.powf(rough.log10().floor());
+        let step = power
+            * [1.0, 2.0, 2.5, 5.0, 10.0].into_iter().find(|m| m * power >= rough).unwrap_or(10.0);
+        let first = (low / step).ceil() as i64;
+        (0..=MOST_TICKS as i64 + 1)
+            .map(|k| (first + k) as f64 * step)
+            .take_while(|at| *at <= high + 1e-9 * span)
+            .collect()
+    }
+}
+
+/// An axis that is written at where we say.
+struct Scale {
+    low: f64,
+    high: f64,
+    ticks: Vec<f64>,
+}
+
+impl Ranged for Scale {
+    type FormatOption = DefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
+        RangedCoordf64::from(self.low..self.high).map(value, limit)
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        if hint.weight().allow_light_points() { Vec::new() } else { self.ticks.clone() }
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.low..self.high
+    }
+}
+
+const MOST_TICKS: f64 = 8.0;
+
+/// A number of an axis, without what rounding adds.
+fn plain(v: f64) -> String {
+    if v != 0.0 && !(1e-4..1e7).contains(&v.abs()) {
+        return format!("{v:.2e}");
+    }
+    let text = format!("{v:.6}");
+    let short = text.trim_end_matches('0').trim_end_matches('.');
+    if short == "-0" { "0".into() } else { short.into() }
 }
 
 #[cfg(test)]

@@ -3,8 +3,9 @@
 use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible};
 use crate::critique::decay;
+use crate::critique::digits;
 use crate::critique::engine::{self, MOST_SAMPLES, Outcome, Rings};
-use crate::critique::finding::{Critique, GainFigures};
+use crate::critique::finding::{Critique, GainFigures, Verdict};
 use crate::critique::observations::Observations;
 use crate::critique::report;
 use crate::design::{Design, TrainingSet};
@@ -34,8 +35,9 @@ const FILES: [&str; 5] = [
   inkling critique night.mcap --labels labels.csv -o critique/
   inkling critique pendulum.mcap --plant oscillator -o critique/
 
-Writes report.html, critique.json, evidence.parquet, residuals.parquet and, where it can, extended.design.json,
-which `inkling replay --design` loads.")]
+Writes report.html, critique.json, evidence.parquet and residuals.parquet; of an
+ink channel with a cause found also extended.design.json, for
+`inkling replay --design`. All outputs of one recording are taken as one system.")]
 pub struct Args {
     /// Files, directories (searched for *.mcap) or glob patterns
     #[arg(required = true)]
@@ -84,17 +86,31 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         incomplete |= !damage.is_empty();
         progress.say_damage(&recording.name, &damage);
     }
+    let left_out = (observer.rejected, observer.other_sampling);
     let rejected = observer.rejected + observer.other_sampling;
     incomplete |= rejected > 0;
     let data = observer.finish().ok_or_else(|| Failure::new("no inkling.Burst messages found"))?;
-    let mut stages = |what: &str| progress.say(&format!("{what} ..."));
+    if rejected > 0 {
+        progress.say(&format!(
+            "warning: left out: {} signals of another length or sample period than the first burst's, {} \
+             that cannot be used (no numbers, saturated, damaged)",
+            left_out.1, left_out.0
+        ));
+    }
+    let mut stages = |what: &str| {
+        if control.interrupted() {
+            progress.say("inkling: interrupted; nothing was written");
+            std::process::exit(1); // nothing is open, and what computes has no other end
+        }
+        progress.say(&format!("{what} ..."));
+    };
     let rings = if oscillator { Rings::Oscillator } else { Rings::InkChannel };
     let mut outcome =
         engine::critique(&data, rings, labels.is_some(), &mut stages).map_err(Failure::new)?;
     outcome.critique.signals.rejected = rejected;
 
     outputs::remove_earlier(&args.out, &FILES).map_err(Failure::new)?;
-    if !oscillator {
+    if !oscillator && !outcome.critique.causes.is_empty() {
         progress.say("extending the design ...");
         match extended_design(&data, &outcome, &settings) {
             Ok(design) => {
@@ -169,28 +185,28 @@ fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Resu
     if !critique.causes.is_empty() {
         writeln!(
             out,
-            "  {:<22} {:<18} {:>12}  {:>25}  {:>8}  tied with",
-            "cause", "parameter", "value", "95 % interval", "strength"
+            "  {:<22} {:<18} {:<40} {:>8}  tied with",
+            "cause", "parameter", "value (95 % interval)", "strength"
         )?;
     }
     for c in &critique.causes {
         writeln!(
             out,
-            "  {:<22} {:<18} {:>12.5e}  {:>12.4e} {:>12.4e}  {:>5.1} DL  {}",
+            "  {:<22} {:<18} {:<40} {:>5} DL  {}",
             c.id,
-            format!("{} ({})", c.parameter, c.unit),
-            c.value,
-            c.ci95[0],
-            c.ci95[1],
-            c.strength_dl,
+            c.parameter,
+            digits::measured(c.value, c.ci95, &c.unit),
+            digits::significant(c.strength_dl, 2),
             c.tied_with.join(", ")
         )?;
     }
     let line = |out: &mut dyn Write, when: &str, g: &GainFigures| {
         write!(
             out,
-            "  {when:<8} chi²/dof {:.4}, nrmse {:.2} %, whiteness p {:.2e}",
-            g.chi2_per_dof, g.nrmse_percent, g.whiteness_p
+            "  {when:<8} chi²/dof {:.4}, nrmse {:.2} %, whiteness {}",
+            g.chi2_per_dof,
+            g.nrmse_percent,
+            digits::p_is(g.whiteness_p)
         )?;
         if g.detection_auc.is_finite() {
             write!(
@@ -205,14 +221,21 @@ fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Resu
     if critique.gain.held_out.signals > 0 {
         writeln!(
             out,
-            "  on {} signals that nothing was fitted to (by {}):",
-            critique.gain.held_out.signals, critique.gain.held_out.by
+            "  on {} signals of {} channels that nothing was fitted to (by {}):",
+            critique.gain.held_out.signals,
+            critique.gain.held_out.channels,
+            critique.gain.held_out.by
         )?;
-        line(out, "before", &critique.gain.before)?;
-        line(out, "after", &critique.gain.after)?;
+        if critique.verdict == Verdict::None {
+            line(out, "", &critique.gain.before)?;
+        } else {
+            line(out, "before", &critique.gain.before)?;
+            line(out, "after", &critique.gain.after)?;
+        }
     }
-    for n in &critique.not_testable {
-        writeln!(out, "  not testable: {} (needs {})", n.id, n.needs)?;
+    let untested = report::grouped(&critique.not_testable);
+    if !untested.is_empty() {
+        writeln!(out, "  not testable: {}", untested.join("; "))?;
     }
     for remark in &critique.remarks {
         writeln!(out, "  {}", printable::line(remark, 4000))?;

@@ -6,9 +6,13 @@ use super::catalogue::{CATALOGUE, Needs, entry_of, experiment, lacking};
 use super::codes;
 use super::covariates::Covariates;
 use super::decay;
+use super::digits;
 use super::ensemble;
+use super::evidence;
 use super::figures;
-use super::finding::{Cause, Critique, Evidence, Misfit, NotTestable, Signals, VERSION, Verdict};
+use super::finding::{
+    Cause, Critique, Detection, Evidence, Misfit, NotTestable, Signals, VERSION, Verdict,
+};
 use super::gain;
 use super::jitter;
 use super::model::{Model, Unfit};
@@ -31,7 +35,10 @@ pub const MOST_SAMPLES: usize = 512;
 
 #[derive(Debug, Error)]
 pub enum CritiqueError {
-    #[error("{found} usable signals: a critique needs {FEWEST_SIGNALS} at least")]
+    #[error(
+        "{found} usable signals of an ink channel: a critique needs {FEWEST_SIGNALS} at least (few, long decays \
+         of something else: --plant oscillator)"
+    )]
     TooFew { found: usize },
     #[error("signals of {samples} samples: a critique needs {FEWEST_SAMPLES} at least")]
     TooShort { samples: usize },
@@ -173,10 +180,12 @@ pub fn critique(
     let applied: Vec<_> = selected.causes.iter().map(|c| c.scored.applied.clone()).collect();
     let gain = gain::measure(&before, &applied, setting);
     let figures = figures::draw(&before, &selected.model, &data, &beside, &gain.energies);
-    let matters = gain.auc_gain > MATTERS;
+    let detection = gain.gain.detection();
+    let matters = detection == Detection::Better;
 
     let mut causes = Vec::new();
     let mut evidence: Vec<Evidence> = Vec::new();
+    let by_chance = of_codes.len() + of_noise.len();
     for found in of_codes.iter().chain(&of_noise) {
         evidence.push(found.evidence.clone());
         if found.evidence.accepted {
@@ -184,6 +193,7 @@ pub fn critique(
         }
     }
     evidence.extend(selected.evidence.iter().cloned());
+    evidence::tidy(&mut evidence, by_chance);
     causes.extend(selected.causes.iter().map(|c| cause_of(c, matters && is_covariate(c))));
     let (verdict, mut remarks) = verdict(&mut causes, &selected.unnamed, &left);
     let left_out = outlier.iter().filter(|o| **o).count();
@@ -220,7 +230,7 @@ pub fn critique(
     let critique = Critique {
         version: VERSION,
         verdict,
-        sentence: sentence(verdict, &causes, &left),
+        sentence: sentence(verdict, &causes, &left, detection),
         equation: equation(&causes),
         causes,
         not_testable,
@@ -230,7 +240,7 @@ pub fn critique(
         remarks,
         signals: Signals {
             found: all.found,
-            used: all.len(),
+            used: data.len(),
             outliers: left_out,
             channels: data.units,
             rejected: 0,
@@ -245,9 +255,6 @@ pub fn critique(
 fn accepted(found: &[Found], id: &str) -> Option<f64> {
     found.iter().find(|f| f.evidence.id == id && f.evidence.accepted).map(|f| f.evidence.value)
 }
-
-/// Gain in detection AUC from which on a cause matters for detection.
-const MATTERS: f64 = 0.01;
 
 /// Whether a cause moves single signals, rather than all of them alike.
 fn is_covariate(chosen: &Chosen) -> bool {
@@ -278,11 +285,8 @@ fn cause_of(chosen: &Chosen, matters: bool) -> Cause {
 /// One sentence of a cause: what, how large.
 pub fn cause_sentence(cause: &Cause) -> String {
     let entry = entry_of(&cause.id);
-    let unit = if cause.unit == "1" { String::new() } else { format!(" {}", cause.unit) };
-    format!(
-        "{}: {} = {:.4}{unit} ({:.4} to {:.4})",
-        entry.words, cause.parameter, cause.value, cause.ci95[0], cause.ci95[1]
-    )
+    let number = digits::measured(cause.value, cause.ci95, &cause.unit);
+    format!("{}: {} = {number}", entry.words, cause.parameter)
 }
 
 fn verdict(
@@ -294,7 +298,8 @@ fn verdict(
     for what in &left.significant {
         remarks.push(format!("still unexplained: {what}"));
     }
-    if let Some(s) = unnamed.first() {
+    let told = |id: &str| left.significant.iter().any(|w| w.contains(&format!("like {id} (")));
+    if let Some(s) = unnamed.first().filter(|s| !told(s.applied.id)) {
         remarks.push(format!("{} fits best but {}: it is not named", s.applied.id, s.disqualified));
     }
     let unexplained = !left.significant.is_empty();
@@ -317,14 +322,12 @@ fn verdict(
     }
 }
 
-fn sentence(verdict: Verdict, causes: &[Cause], left: &adequacy::Left) -> String {
-    let matter = |cause: &Cause| {
-        if cause.matters_for_detection {
-            "it spoils fault detection"
-        } else {
-            "fault detection hardly notices"
-        }
-    };
+fn sentence(
+    verdict: Verdict,
+    causes: &[Cause],
+    left: &adequacy::Left,
+    detection: Detection,
+) -> String {
     match verdict {
         Verdict::None => "The model explains these signals: nothing in them asks for more.".into(),
         Verdict::Unknown => {
@@ -351,9 +354,16 @@ fn sentence(verdict: Verdict, causes: &[Cause], left: &adequacy::Left) -> String
             )
         }
         Verdict::Named => {
-            let each: Vec<String> =
-                causes.iter().map(|c| format!("{}; {}", capital(&c.sentence), matter(c))).collect();
-            format!("{}.", each.join(". "))
+            let each: Vec<String> = causes.iter().map(|c| capital(&c.sentence)).collect();
+            let detection = match detection {
+                Detection::Better => " It spoils fault detection: with the extension it is better.",
+                Detection::Worse => " Fault detection is worse with the extension.",
+                Detection::Same => {
+                    " Fault detection is the same with the extension, as far as can be told."
+                }
+                Detection::NotMeasured => "",
+            };
+            format!("{}.{detection}", each.join(". "))
         }
     }
 }

@@ -1,14 +1,17 @@
 //! The numbers behind the report's pictures: misfit in time, in frequency, and against what was recorded.
 
-use super::covariates::{COVARIATES, Covariates, NAMES, POSITION, UNITS};
+use super::covariates::{COVARIATES, Covariates, IDLE, NAMES, POSITION, UNITS};
+use super::ensemble::project;
 use super::finding::{CovariateFigure, Energies, Figures, MeanMisfit, Spectrum};
 use super::model::{Linear, Matrix5, Model, Vector5, dot};
 use super::observations::Observations;
 use super::ring::FREE;
+use nalgebra::DMatrix;
 use std::f64::consts::TAU;
 
-/// Bins of a covariate.
+/// Bins of a covariate; with so few distinct values, each is one.
 const BINS: usize = 8;
+const MOST_DISTINCT: usize = 16;
 /// Signals whose spectra are averaged, at most.
 const MOST_SPECTRA: usize = 512;
 
@@ -20,6 +23,8 @@ struct Seen {
     within: Vec<[f64; 3]>,
     about_mean: Vec<[f64; 3]>,
     power: Vec<f64>,
+    /// The same of white noise of variance one.
+    of_white: Vec<f64>,
 }
 
 fn see(model: &Model, data: &Observations, beside: &Covariates) -> Seen {
@@ -27,7 +32,7 @@ fn see(model: &Model, data: &Observations, beside: &Covariates) -> Seen {
     let (mut sum, mut square) = (vec![0.0; n], vec![0.0; n]);
     let mut linear = Linear::default();
     let (mut within, mut about_mean) = (Vec::new(), Vec::new());
-    let mut power = vec![0.0; n / 2];
+    let (mut power, mut of_white) = (vec![0.0; n / 2], vec![0.0; n / 2]);
     let every = data.len().div_ceil(MOST_SPECTRA).max(1);
     let mut spectra = 0.0;
     for i in 0..data.len() {
@@ -64,16 +69,15 @@ fn see(model: &Model, data: &Observations, beside: &Covariates) -> Seen {
         }
         if i % every == 0 {
             spectra += 1.0;
-            for (j, power) in power.iter_mut().enumerate() {
-                let omega = TAU * (j + 1) as f64 / n as f64;
-                let (sin, cos) = omega.sin_cos();
-                let (mut c, mut s, mut re, mut im) = (1.0, 0.0, 0.0, 0.0);
-                for r in &linear.residual {
-                    re += r * c;
-                    im += r * s;
-                    (c, s) = (c * cos - s * sin, s * cos + c * sin);
-                }
-                *power += (re * re + im * im) / n as f64;
+            // beside the signal's own ring, as far as it is free: what the fit takes is known exactly
+            let j = DMatrix::from_fn(n, FREE, |k, a| columns[a][k] * scale[a]);
+            let q = j.qr().q();
+            let mut left = linear.residual.clone();
+            project(&q, &mut left);
+            for (j, (power, of_white)) in power.iter_mut().zip(&mut of_white).enumerate() {
+                *power += power_at(j, &left);
+                let taken = q.column_iter().map(|c| power_at(j, c.as_slice())).sum::<f64>();
+                *of_white += (1.0 - taken).max(0.0);
             }
         }
     }
@@ -84,8 +88,27 @@ fn see(model: &Model, data: &Observations, beside: &Covariates) -> Seen {
         .zip(&mean)
         .map(|(q, mean)| ((q / m - mean * mean).max(0.0) / m).sqrt())
         .collect();
-    power.iter_mut().for_each(|p| *p /= f64::max(spectra, 1.0));
-    Seen { mean, se, within, about_mean, power }
+    power.iter_mut().chain(&mut of_white).for_each(|p| *p /= f64::max(spectra, 1.0));
+    Seen { mean, se, within, about_mean, power, of_white }
+}
+
+/// Periodogram of y at bin j + 1: white noise of variance one has 1 on average.
+fn power_at(j: usize, y: &[f64]) -> f64 {
+    let (sin, cos) = (TAU * (j + 1) as f64 / y.len() as f64).sin_cos();
+    let (mut c, mut s, mut re, mut im) = (1.0, 0.0, 0.0, 0.0);
+    for y in y {
+        re += y * c;
+        im += y * s;
+        (c, s) = (c * cos - s * sin, s * cos + c * sin);
+    }
+    (re * re + im * im) / y.len() as f64
+}
+
+/// Factors that the mean of `count` periodograms of white noise, exponentials each, stays between in 95 of
+/// 100 cases (Wilson and Hilferty 1931).
+pub fn band_of_means(count: f64) -> [f64; 2] {
+    let third = 1.0 / (9.0 * count);
+    [-1.96, 1.96].map(|z| (1.0 - third + z * third.sqrt()).powi(3).max(1e-3))
 }
 
 pub fn draw(
@@ -110,11 +133,12 @@ pub fn draw(
         after: a.mean.clone(),
     };
     let spectra = data.len().div_ceil(data.len().div_ceil(MOST_SPECTRA).max(1)) as f64;
-    let half = 1.96 / spectra.sqrt();
+    let [low, high] = band_of_means(spectra);
+    let edge = |by: f64| a.of_white.iter().map(|w| after.noise_var * w * by).collect();
     let spectrum = Spectrum {
         frequency_hz: (0..n / 2).map(|j| (j + 1) as f64 / (n as f64 * data.dt_s)).collect(),
-        band_low: vec![after.noise_var * (1.0 - half).max(0.0); n / 2],
-        band_high: vec![after.noise_var * (1.0 + half); n / 2],
+        band_low: edge(low),
+        band_high: edge(high),
         before: b.power.clone(),
         after: a.power.clone(),
     };
@@ -122,20 +146,22 @@ pub fn draw(
     for which in 1..COVARIATES {
         if beside.present[which] {
             for (j, parameter) in ["amplitude", "damping", "frequency"].iter().enumerate() {
-                covariates.push(against(which, (j, parameter), (&b, &a), beside));
+                covariates.push(against(which, (j, parameter), (&b, &a), (data, beside)));
             }
         }
     }
-    Figures { mean_misfit, spectrum, covariates, energies: energies.clone() }
+    Figures { unit: "counts".into(), mean_misfit, spectrum, covariates, energies: energies.clone() }
 }
 
 fn against(
     which: usize,
     (j, parameter): (usize, &str),
     (before, after): (&Seen, &Seen),
-    beside: &Covariates,
+    (data, beside): (&Observations, &Covariates),
 ) -> CovariateFigure {
-    let mut order: Vec<usize> = (0..beside.z.len()).collect();
+    // after the first actuation there is no idle time to stand at
+    let known = |i: &usize| which != IDLE || data.rows[*i].beside.idle_s.is_finite();
+    let mut order: Vec<usize> = (0..beside.z.len()).filter(known).collect();
     order.sort_by(|p, q| beside.z[*p][which].total_cmp(&beside.z[*q][which]));
     let mut figure = CovariateFigure {
         covariate: NAMES[which].into(),
@@ -143,8 +169,16 @@ fn against(
         parameter: parameter.into(),
         ..CovariateFigure::default()
     };
+    let alike = |p: &usize, q: &usize| beside.z[*p][which] == beside.z[*q][which];
     let size = order.len().div_ceil(BINS).max(1);
-    for bin in order.chunks(size) {
+    let bins: Vec<&[usize]> = match order.chunk_by(alike).count() <= MOST_DISTINCT {
+        true => order.chunk_by(alike).collect(),
+        false => order.chunks(size).collect(),
+    };
+    if bins.len() < 2 {
+        return figure;
+    }
+    for bin in bins {
         let count = bin.len() as f64;
         let centre = bin.iter().map(|&i| beside.z[i][which]).sum::<f64>() / count;
         let value = beside.mean[which] + centre * beside.sd[which];
@@ -157,7 +191,7 @@ fn against(
             let m = bin.iter().map(|&i| of[i][j]).sum::<f64>() / count;
             let v = bin.iter().map(|&i| (of[i][j] - m).powi(2)).sum::<f64>() / count;
             mean.push(m);
-            bar.push(1.96 * (v / count).sqrt());
+            bar.push(1.96 * (v / (count - 1.0).max(1.0)).sqrt());
         }
     }
     figure

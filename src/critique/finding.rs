@@ -95,7 +95,37 @@ pub struct Misfit {
 pub struct Gain {
     pub before: GainFigures,
     pub after: GainFigures,
+    /// Detection AUC after the extension minus before; the interval draws the same channels for both.
+    /// None where nothing was extended or detection was not measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub detection_gain_interval: Option<[f64; 2]>,
+    #[serde(skip)]
+    pub detection_gain: f64,
     pub held_out: HeldOut,
+}
+
+/// What the extension does to the detection of a small fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Detection {
+    Better,
+    Worse,
+    /// Its interval holds none, or it is too little to matter.
+    Same,
+    NotMeasured,
+}
+
+/// Difference in detection AUC below which it does not matter.
+const MATTERS: f64 = 0.01;
+
+impl Gain {
+    pub fn detection(&self) -> Detection {
+        match self.detection_gain_interval {
+            None => Detection::NotMeasured,
+            Some([low, _]) if low > 0.0 && self.detection_gain > MATTERS => Detection::Better,
+            Some([_, high]) if high < 0.0 && self.detection_gain < -MATTERS => Detection::Worse,
+            Some(_) => Detection::Same,
+        }
+    }
 }
 
 /// Intervals are 95 %, by resampling channels; absent where there is nothing to resample.
@@ -121,13 +151,17 @@ pub struct HeldOut {
     /// `channel+time`, or `time` where there is one channel.
     pub by: String,
     pub signals: usize,
+    pub channels: usize,
+    /// What the models were fitted to.
+    pub fitted_signals: usize,
+    pub fitted_channels: usize,
 }
 
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Signals {
     /// Usable signals that the recordings hold.
     pub found: u64,
-    /// Of these, drawn for the critique (memory is bounded).
+    /// Of these, what the critique rests on: drawn (memory is bounded), and no outliers.
     pub used: usize,
     /// Left out: unlike the others (or not healthy by the labels).
     pub outliers: usize,
@@ -160,13 +194,15 @@ pub struct Evidence {
 /// Numbers behind the report's pictures. `residuals.parquet` holds the curves.
 #[derive(Clone, Debug, Default)]
 pub struct Figures {
+    /// Of the signals: counts, or whatever the table had that was converted.
+    pub unit: String,
     pub mean_misfit: MeanMisfit,
     pub spectrum: Spectrum,
     pub covariates: Vec<CovariateFigure>,
     pub energies: Energies,
 }
 
-/// Mean of measured minus simulated at each sample, with its 95 % band. Counts.
+/// Mean of measured minus simulated at each sample, with its 95 % band, in the unit of the signals.
 #[derive(Clone, Debug, Default)]
 pub struct MeanMisfit {
     pub time_s: Vec<f64>,
@@ -178,7 +214,8 @@ pub struct MeanMisfit {
     pub after_high: Vec<f64>,
 }
 
-/// Mean periodogram of single signals' misfits, counts² per bin; the band is 95 % of a right model.
+/// Mean periodogram of single signals' misfits beside their own rings, unit² per bin; the band is 95 % of
+/// a right model.
 #[derive(Clone, Debug, Default)]
 pub struct Spectrum {
     pub frequency_hz: Vec<f64>,

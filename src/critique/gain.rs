@@ -7,12 +7,12 @@
 
 use super::candidates::Applied;
 use super::covariates::Covariates;
-use super::ensemble::project;
 use super::finding::{Energies, Gain, GainFigures, HeldOut, Misfit};
 use super::model::{Linear, Matrix5, Model, Vector5, dot};
 use super::observations::Observations;
 use super::ring::FREE;
 use super::selection::{Setting, refit};
+use super::whiteness::{Lags, whiteness_p};
 use nalgebra::DMatrix;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -22,19 +22,69 @@ const FEWEST_UNITS: usize = 6;
 /// Signals of a part that a model can be fitted to.
 const FEWEST: usize = 8;
 const RESAMPLINGS: usize = 100;
-/// Share of healthy training signals beyond the threshold.
-const FALSE_ALARMS: f64 = 0.01;
 /// The small nozzle fault that is put in: a change of ln damping, in standard deviations of the extended
 /// model's healthy signals.
 const FAULT: f64 = 2.5;
-const LAGS: usize = 10;
+/// So many channels' weight has the guess that the scatter's parts are independent.
+const SHRINKAGE: f64 = 6.0;
+/// Scatter below this share, squared, is none.
+const LEAST_SPREAD: f64 = 1e-10;
+/// Degrees of freedom that the scatter is known with, at least.
+const LEAST_DEGREES: f64 = 5.0;
+/// Gauss-Newton from the population to a signal's own parameters: steps at most, and the squared step, in its
+/// own errors, that is none.
+const MOST_STEPS: usize = 6;
+const AT_REST: f64 = 1e-3;
+/// Signals whose misfit is tested for whiteness, at most.
+const MOST_WHITENED: usize = 2048;
 
 #[derive(Clone, Debug, Default)]
 pub struct Measured {
     pub gain: Gain,
     pub misfit: Misfit,
     pub energies: Energies,
-    pub auc_gain: f64,
+}
+
+/// Where a channel's parameters lie before it was heard, in units of [`Model::scale`].
+#[derive(Clone, Copy)]
+struct Population {
+    /// From the model's mean.
+    shift: Vector5,
+    spread: Matrix5,
+}
+
+/// The scatter between channels is known from as many channels as were heard. Its matrix is drawn towards
+/// scatter of amplitude, phase and the rest alone (Ledoit and Wolf 2004, weight of [`SHRINKAGE`] channels),
+/// and the mean's own error is added. `without`: as if that channel had not been heard.
+fn population(model: &Model, without: Option<usize>) -> Population {
+    let scale = model.scale();
+    let scaled = |m: &Matrix5| Matrix5::from_fn(|a, b| m[(a, b)] / (scale[a] * scale[b]));
+    let (mut between, mut shift) = (scaled(&model.between), Vector5::zeros());
+    let mut units = model.units.len() as f64;
+    if let Some(unit) = without.filter(|_| units >= FEWEST_UNITS as f64) {
+        let off = (model.units[unit] - model.mean).fixed_rows::<FREE>(0).component_div(&scale);
+        let own = off * off.transpose() * (units / (units - 1.0));
+        between = (between * (units - 1.0) - own) / (units - 2.0);
+        shift = -off / (units - 1.0);
+        units -= 1.0;
+    }
+    if units >= (FEWEST_UNITS - 1) as f64 {
+        let mut turn = Matrix5::identity();
+        let (a, b) = (model.mean[2], model.mean[3]);
+        let size = a.hypot(b).max(f64::MIN_POSITIVE);
+        (turn[(2, 2)], turn[(2, 3)]) = (a / size, b / size);
+        (turn[(3, 2)], turn[(3, 3)]) = (-b / size, a / size);
+        let own = turn * between * turn.transpose();
+        let weight = SHRINKAGE / (units - 1.0 + SHRINKAGE);
+        let alone = Matrix5::from_diagonal(&own.diagonal().map(|v| v.max(0.0)));
+        let drawn = own * (1.0 - weight) + alone * weight;
+        between = turn.transpose() * drawn * turn * (1.0 + 1.0 / units);
+    }
+    let sum = between + scaled(&model.within);
+    let eigen = ((sum + sum.transpose()) * 0.5).symmetric_eigen();
+    let values = Matrix5::from_diagonal(&eigen.eigenvalues.map(|v| v.max(LEAST_SPREAD)));
+    let spread = eigen.eigenvectors * values * eigen.eigenvectors.transpose();
+    Population { shift, spread }
 }
 
 /// What one signal says against a model.
@@ -46,58 +96,78 @@ struct Judged {
     /// Free parameters about the population mean, and the inverse of their covariance.
     off: Vector5,
     metric: Matrix5,
-    /// Products at each lag, whitened.
-    lags: [f64; LAGS],
+    /// Misfit beside all that the signal's own parameters explain, where it is looked at.
+    white: Option<Lags>,
 }
 
-fn judge(model: &Model, data: &Observations, beside: &Covariates) -> Vec<Judged> {
+/// `known`: the signals are those that the model was fitted to, each judged as if its channel was not.
+fn judge(model: &Model, data: &Observations, beside: &Covariates, known: bool) -> Vec<Judged> {
     // about the mean, not about the channels' own parameters
     let mut mean = model.clone();
     mean.units = vec![model.mean; data.units];
     mean.each = vec![Default::default(); data.len()];
-    let mut linear = Linear::default();
+    let of_unit: Vec<Population> = match known {
+        true => (0..model.units.len()).map(|unit| population(model, Some(unit))).collect(),
+        false => vec![population(model, None); data.units],
+    };
+    let scale = model.scale();
+    let v = model.noise_var;
+    let every = data.len().div_ceil(MOST_WHITENED).max(1);
     let n = data.samples;
+    let mut linear = Linear::default();
     (0..data.len())
         .map(|i| {
-            mean.linearise(i, data, beside, &mut linear);
-            let columns = &linear.tangent.columns;
-            let r = &linear.residual;
-            let mut gram = Matrix5::zeros();
-            let mut product = Vector5::zeros();
-            for a in 0..FREE {
-                product[a] = dot(&columns[a], r);
-                for b in 0..=a {
-                    gram[(a, b)] = dot(&columns[a], &columns[b]);
-                    gram[(b, a)] = gram[(a, b)];
+            let unit = data.rows[i].unit;
+            let Population { shift, spread } = of_unit[unit];
+            let precision = spread.try_inverse().unwrap_or_else(Matrix5::zeros);
+            let (mut gram, mut product) = (Matrix5::zeros(), Vector5::zeros());
+            let mut about = Vector5::zeros();
+            let mut square = f64::NAN;
+            // channels differ by per cents: linear about the population is not enough
+            for step in 0..=MOST_STEPS {
+                mean.linearise(i, data, beside, &mut linear);
+                let (columns, r) = (&linear.tangent.columns, &linear.residual);
+                for a in 0..FREE {
+                    product[a] = dot(&columns[a], r) * scale[a];
+                    for b in 0..=a {
+                        gram[(a, b)] = dot(&columns[a], &columns[b]) * scale[a] * scale[b];
+                        gram[(b, a)] = gram[(a, b)];
+                    }
+                }
+                let own = mean.each[i].fixed_rows::<FREE>(0).component_div(&scale);
+                about = own - shift;
+                if step == 0 {
+                    square = dot(r, r);
+                }
+                let hessian = gram / v + precision;
+                let Some(by) = hessian.try_inverse().map(|m| m * (product / v - precision * about))
+                else {
+                    break;
+                };
+                if step == MOST_STEPS || by.dot(&(hessian * by)) < AT_REST {
+                    break;
+                }
+                for j in 0..FREE {
+                    let most = [0.3, 0.05].get(j).copied().unwrap_or(f64::INFINITY);
+                    mean.each[i][j] += (by[j] * scale[j]).clamp(-most, most);
                 }
             }
-            let v = model.noise_var;
-            let spread = model.between + model.within;
-            // r^T (v + J S J^T)^-1 r
-            let inner = Matrix5::identity() * v + gram * spread;
-            let m = spread * inner.try_inverse().unwrap_or_else(Matrix5::zeros);
-            let square = dot(r, r);
-            let chi2 = (square - product.dot(&(m * product))) / v;
-            let scale = model.scale();
-            let scaled = Matrix5::from_fn(|a, b| gram[(a, b)] * scale[a] * scale[b]);
-            let ridge = Matrix5::identity() * (1e-9 * scaled.trace());
-            let inverse = (scaled + ridge).try_inverse().unwrap_or_else(Matrix5::zeros);
-            let off = inverse * product.component_mul(&scale);
-            let covariance =
-                inverse * v + Matrix5::from_fn(|a, b| spread[(a, b)] / (scale[a] * scale[b]));
-            let metric = covariance.try_inverse().unwrap_or_else(Matrix5::zeros);
-            let mut u = r.clone();
-            let j = DMatrix::from_fn(n, FREE, |k, a| columns[a][k] * scale[a]);
-            project(&j.qr().q(), &mut u);
-            let power = dot(&u, &u).max(f64::MIN_POSITIVE);
-            let lags = std::array::from_fn(|lag| {
-                let products: f64 = (lag + 1..n).map(|k| u[k] * u[k - lag - 1]).sum();
-                products / power
+            let (columns, r) = (&linear.tangent.columns, &linear.residual);
+            // r0^T (v + J S J^T)^-1 r0, r0 about the mean, is the least of |r|^2/v + about^T S^-1 about
+            let chi2 = dot(r, r) / v + about.dot(&(precision * about));
+            let ridge = Matrix5::identity() * (1e-9 * gram.trace());
+            let inverse = (gram + ridge).try_inverse().unwrap_or_else(Matrix5::zeros);
+            let off = about + inverse * product;
+            let metric = (inverse * v + spread).try_inverse().unwrap_or_else(Matrix5::zeros);
+            let white = i.is_multiple_of(every).then(|| {
+                let j = DMatrix::from_fn(n, FREE, |k, a| columns[a][k] * scale[a]);
+                Lags::of(r.clone(), &j.qr().q())
             });
             let y = data.signal(i);
             let centre = y.iter().map(|y| f64::from(*y)).sum::<f64>() / n as f64;
             let size = y.iter().map(|y| (f64::from(*y) - centre).powi(2)).sum();
-            Judged { unit: data.rows[i].unit, chi2, square, size, off, metric, lags }
+            mean.each[i] = Default::default();
+            Judged { unit, chi2, square, size, off, metric, white }
         })
         .collect()
 }
@@ -127,16 +197,28 @@ fn auc(healthy: &[f64], faulty: &[f64]) -> f64 {
     sum / (healthy.len() as f64 * faulty.len() as f64).max(1.0)
 }
 
-/// Ljung and Box over the pooled lags, against their own spread over signals.
+/// Above this level one of 100 healthy signals of channels never heard before is expected: the statistic of signals whose channels were left out is a multiple of F, because the scatter
+/// is known from few channels.
+fn threshold(of_left_out: &[f64], units: usize) -> f64 {
+    let q = FREE as f64;
+    let known = (units as f64 - q + SHRINKAGE).max(LEAST_DEGREES);
+    let mean = of_left_out.iter().sum::<f64>() / of_left_out.len().max(1) as f64;
+    mean * (known - 2.0) / known * quantile_of_f(q, known)
+}
+
+/// The value that F with (p, q) degrees exceeds once in 100 times, by Paulson 1942.
+fn quantile_of_f(p: f64, q: f64) -> f64 {
+    const NORMAL: f64 = 2.3263; // of .99
+    let (a, b) = (2.0 / (9.0 * p), 2.0 / (9.0 * q));
+    // ((1 - b) x - (1 - a))^2 = NORMAL^2 (b x^2 + a), x = cube root
+    let z2 = NORMAL * NORMAL;
+    let (s, half, t) =
+        ((1.0 - b).powi(2) - z2 * b, (1.0 - a) * (1.0 - b), (1.0 - a).powi(2) - z2 * a);
+    ((half + (half * half - s * t).max(0.0).sqrt()) / s).powi(3)
+}
+
 fn whiteness(judged: &[Judged]) -> f64 {
-    let n = judged.len() as f64;
-    let mut z2 = 0.0;
-    for lag in 0..LAGS {
-        let mean = judged.iter().map(|j| j.lags[lag]).sum::<f64>() / n;
-        let var = judged.iter().map(|j| (j.lags[lag] - mean).powi(2)).sum::<f64>() / n;
-        z2 += mean * mean / (var / n).max(1e-300);
-    }
-    (-super::candidates::surprise(z2, LAGS, 1.0, f64::INFINITY)).exp()
+    whiteness_p(judged.iter().filter_map(|j| j.white.as_ref()))
 }
 
 struct Sums {
@@ -160,13 +242,10 @@ fn figures(
     train: (&Observations, &Covariates),
     test: (&Observations, &Covariates),
     fault: f64,
-) -> (GainFigures, Vec<f64>) {
-    let mut of_training = statistics(&judge(model, train.0, train.1), 0.0);
-    of_training.sort_by(f64::total_cmp);
-    let at = ((of_training.len() as f64 * (1.0 - FALSE_ALARMS)).ceil() as usize)
-        .clamp(1, of_training.len());
-    let threshold = of_training[at - 1];
-    let judged = judge(model, test.0, test.1);
+) -> (GainFigures, Vec<f64>, Vec<f64>) {
+    let of_training = statistics(&judge(model, train.0, train.1, true), 0.0);
+    let threshold = threshold(&of_training, train.0.units);
+    let judged = judge(model, test.0, test.1, false);
     let healthy = statistics(&judged, 0.0);
     let faulty = statistics(&judged, fault);
     let all = sums(judged.iter(), test.0.samples);
@@ -195,11 +274,7 @@ fn figures(
         resampled[2].push(alarms(&chosen));
         resampled[3].push(auc(&pick(&healthy), &pick(&faulty)));
     }
-    let interval = |values: &mut Vec<f64>| {
-        values.sort_by(f64::total_cmp);
-        let at = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
-        Some([at(0.025), at(0.975)])
-    };
+    let of_auc = resampled[3].clone();
     let everyone: Vec<usize> = (0..judged.len()).collect();
     let found = GainFigures {
         chi2_per_dof: all.chi2,
@@ -213,13 +288,19 @@ fn figures(
         detection_auc: auc(&healthy, &faulty),
         detection_auc_interval: interval(&mut resampled[3]),
     };
-    (found, healthy)
+    (found, healthy, of_auc)
+}
+
+fn interval(values: &mut [f64]) -> Option<[f64; 2]> {
+    values.sort_by(f64::total_cmp);
+    let at = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
+    (!values.is_empty()).then(|| [at(0.025), at(0.975)])
 }
 
 /// `before`: the baseline on all signals. `causes`: as they were found.
 pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured {
     let (data, beside) = (setting.data, setting.beside);
-    let all = judge(before, data, beside);
+    let all = judge(before, data, beside, true);
     let s = sums(all.iter(), data.samples);
     let misfit =
         Misfit { chi2_per_dof: s.chi2, nrmse_percent: s.nrmse, whiteness_p: whiteness(&all) };
@@ -254,11 +335,13 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
         refit(model, causes.to_vec(), part, 3, true).model
     };
     let fault = FAULT * damping_sd(&extended, &of_train, &z_train);
-    let (first, before_statistics) =
+    let (first, before_statistics, auc_before) =
         figures(&plain, (&of_train, &z_train), (&of_test, &z_test), fault);
-    let (second, after_statistics) =
+    let (second, after_statistics, auc_after) =
         figures(&extended, (&of_train, &z_train), (&of_test, &z_test), fault);
-    measured.auc_gain = second.detection_auc - first.detection_auc;
+    // the same channels were drawn for both
+    let mut gains: Vec<f64> = auc_after.iter().zip(&auc_before).map(|(a, b)| a - b).collect();
+    let detection_gain = second.detection_auc - first.detection_auc;
     measured.energies = energies(&before_statistics, &after_statistics, &first, &second);
     let by = match (by_channel, by_time) {
         (true, true) => "channel+time",
@@ -268,14 +351,22 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     measured.gain = Gain {
         before: first,
         after: second,
-        held_out: HeldOut { by: by.into(), signals: of_test.len() },
+        detection_gain,
+        detection_gain_interval: if causes.is_empty() { None } else { interval(&mut gains) },
+        held_out: HeldOut {
+            by: by.into(),
+            signals: of_test.len(),
+            channels: of_test.units,
+            fitted_signals: of_train.len(),
+            fitted_channels: of_train.units,
+        },
     };
     measured
 }
 
 /// Standard deviation of ln damping of one healthy signal about the population, noise included.
 fn damping_sd(model: &Model, data: &Observations, beside: &Covariates) -> f64 {
-    let judged = judge(model, data, beside);
+    let judged = judge(model, data, beside, true);
     let typical = &judged[judged.len() / 2];
     typical.metric.try_inverse().map_or(0.1, |c| c[(0, 0)].max(0.0).sqrt())
 }
@@ -304,6 +395,49 @@ fn energies(before: &[f64], after: &[f64], first: &GainFigures, second: &GainFig
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_quantile_of_f_is_that_of_the_tables() {
+        // F of (5, 10), (5, 20), (5, 100) at 1 %, and chi-squared of 5 over 5
+        for (q, table) in [(10.0, 5.636), (20.0, 4.103), (100.0, 3.206), (1e9, 3.017)] {
+            let found = quantile_of_f(5.0, q);
+            assert!((found / table - 1.0).abs() < 0.01, "{q}: {found}, {table}");
+        }
+    }
+
+    /// Signals of a right model: chances are even, and few channels do not raise the alarm.
+    #[test]
+    fn on_healthy_signals_the_misfit_is_white_and_alarms_are_few() {
+        use super::super::generator::{Run, draw};
+        let (mut least, mut alarms, mut signals) = (0, 0.0, 0.0);
+        let mut p: Vec<f64> = (0..24)
+            .map(|seed| {
+                let spread = [[0.004, 0.06, 0.025], [0.02, 0.06, 0.025]][seed as usize % 2];
+                let data =
+                    draw(&Run { channels: 12, bursts: 8, spread, ..Run::default() }, 700 + seed);
+                let beside = Covariates::of(&data);
+                let mut model = Model::start(&data, &beside, true).unwrap();
+                model.fit(&data, &beside, 2);
+                let setting = Setting { data: &data, beside: &beside, avoid: &[] };
+                let measured = measure(&model, &[], setting);
+                let gain = measured.gain;
+                assert_eq!((gain.held_out.channels, gain.held_out.fitted_channels), (6, 6));
+                assert_eq!(gain.before.chi2_per_dof, gain.after.chi2_per_dof);
+                alarms += gain.before.false_alarms * gain.held_out.signals as f64;
+                signals += gain.held_out.signals as f64;
+                least += usize::from(gain.before.whiteness_p < 1e-3);
+                measured.misfit.whiteness_p
+            })
+            .collect();
+        p.sort_by(f64::total_cmp);
+        // Kolmogorov and Smirnov, 99 %
+        for (k, p) in p.iter().enumerate() {
+            let share = (k as f64 + 0.5) / 24.0;
+            assert!((p - share).abs() < 1.63 / 24.0_f64.sqrt(), "{share}: {p}");
+        }
+        assert!(least <= 1, "{least} of 24 held-out sets");
+        assert!(alarms / signals < 0.03, "{alarms} of {signals}");
+    }
 
     #[test]
     fn auc_counts_the_pairs_in_order() {

@@ -5,9 +5,10 @@
 //! says what it shows, computed from the figure's own data. Every text is escaped: names in a recording
 //! are anybody's. It must never compute a finding of its own.
 
+use super::digits::{chance, measured, short, significant};
 use super::finding::{
-    Cause, CovariateFigure, Critique, Energies, Evidence, Gain, GainFigures, MeanMisfit, Spectrum,
-    Verdict,
+    CovariateFigure, Critique, Detection, Energies, Evidence, Gain, GainFigures, HeldOut,
+    MeanMisfit, NotTestable, Spectrum, Verdict,
 };
 use crate::plot::{Axis, Figure, Mark, Series};
 use std::fmt::Write;
@@ -41,13 +42,14 @@ fn write_page(c: &Critique, page: &mut String) -> std::fmt::Result {
     )?;
     writeln!(
         page,
-        "<p class=\"note\">{} of {} signals on {} channels; {} left out as outliers, {} rejected.</p>",
+        "<p class=\"note\">{} of {} signals used, of {} channels; {} left out as outliers, {} rejected.</p>",
         c.signals.used, c.signals.found, c.signals.channels, c.signals.outliers, c.signals.rejected
     )?;
     causes(c, page)?;
     list(page, "What remains, and what would settle it", &c.remarks)?;
     if !c.equation.is_empty() {
-        writeln!(page, "<h2>The extended model</h2>\n<pre>{}</pre>", escaped(&c.equation))?;
+        let heading = if c.causes.is_empty() { "The model" } else { "The extended model" };
+        writeln!(page, "<h2>{heading}</h2>\n<pre>{}</pre>", escaped(&c.equation))?;
         if let Some(name) = &c.extended_model {
             let name = escaped(name);
             writeln!(
@@ -80,26 +82,6 @@ fn escaped(text: &str) -> String {
     out
 }
 
-/// Four significant digits.
-fn short(x: f64) -> String {
-    if !x.is_finite() {
-        return "–".to_owned();
-    }
-    if x == 0.0 {
-        return "0".to_owned();
-    }
-    let power = x.abs().log10().floor() as i32;
-    if !(-4..6).contains(&power) {
-        return format!("{x:.3e}");
-    }
-    let text = format!("{x:.*}", (3 - power).max(0) as usize);
-    if text.contains('.') {
-        text.trim_end_matches('0').trim_end_matches('.').to_owned()
-    } else {
-        text
-    }
-}
-
 fn causes(c: &Critique, page: &mut String) -> std::fmt::Result {
     if c.causes.is_empty() {
         return Ok(());
@@ -110,12 +92,11 @@ fn causes(c: &Critique, page: &mut String) -> std::fmt::Result {
         _ => "What it is",
     };
     page.write_str(&format!(
-        "<h2>{title}</h2>\n<table><tr><th>cause</th><th>parameter</th><th class=n>value</th>\
-         <th class=n>95 % interval</th><th class=n>strength</th><th class=n>delta BIC</th>\
+        "<h2>{title}</h2>\n<table><tr><th>cause</th><th>parameter</th><th class=n>value (95 % interval)</th>\
+         <th class=n>strength</th><th class=n>delta BIC</th>\
          <th>matters for detection</th></tr>\n"
     ))?;
     for cause in &c.causes {
-        let Cause { value, ci95: [low, high], .. } = cause;
         let tied = match cause.tied_with.is_empty() {
             true => String::new(),
             false => format!("<br>or {}", escaped(&cause.tied_with.join(", "))),
@@ -125,15 +106,12 @@ fn causes(c: &Critique, page: &mut String) -> std::fmt::Result {
         });
         writeln!(
             page,
-            "<tr><td><b>{}</b>{tied}{explains}</td><td>{} ({})</td><td class=n>{}</td>\
-             <td class=n>{} to {}</td><td class=n>{} DL</td><td class=n>{}</td><td>{}</td></tr>",
+            "<tr><td><b>{}</b>{tied}{explains}</td><td>{}</td><td class=n>{}</td>\
+             <td class=n>{} DL</td><td class=n>{}</td><td>{}</td></tr>",
             escaped(&cause.id),
             escaped(&cause.parameter),
-            escaped(&cause.unit),
-            short(*value),
-            short(*low),
-            short(*high),
-            short(cause.strength_dl),
+            escaped(&measured(cause.value, cause.ci95, &cause.unit)),
+            significant(cause.strength_dl, 2),
             short(cause.delta_bic),
             if cause.matters_for_detection { "yes" } else { "no" },
         )?;
@@ -160,49 +138,106 @@ fn list(page: &mut String, title: &str, lines: &[String]) -> std::fmt::Result {
 }
 
 fn gain(gain: &Gain, page: &mut String) -> std::fmt::Result {
-    if gain.held_out.signals == 0 {
+    let held = &gain.held_out;
+    if held.signals == 0 {
         return Ok(());
     }
     let (before, after) = (&gain.before, &gain.after);
-    writeln!(
-        page,
-        "<h2>What the extension buys</h2>\n<p class=\"note\">On {} signals that nothing was fitted to \
-         (by {}); in brackets 95 % intervals.</p>\n<table><tr><th></th><th class=n>before</th>\
-         <th class=n>after</th></tr>",
-        gain.held_out.signals,
-        escaped(&gain.held_out.by)
-    )?;
     type Entry = (&'static str, fn(&GainFigures) -> f64, fn(&GainFigures) -> Option<[f64; 2]>);
     let entries: [Entry; 6] = [
         ("chi² per degree of freedom (1: right)", |g| g.chi2_per_dof, |g| g.chi2_per_dof_interval),
         ("misfit, % of the signal (NRMSE)", |g| g.nrmse_percent, |g| g.nrmse_percent_interval),
-        ("whiteness of the misfit, p", |g| g.whiteness_p, |_| None),
+        (WHITENESS, |g| g.whiteness_p, |_| None),
         ("detection threshold", |g| g.threshold, |_| None),
         ("false alarms, share of the healthy", |g| g.false_alarms, |g| g.false_alarms_interval),
         ("detection of a small fault, AUC", |g| g.detection_auc, |g| g.detection_auc_interval),
     ];
+    // not measured here: NaN, and no row
+    let there = |g: &GainFigures| entries.iter().all(|e| e.1(g).is_nan() || e.1(g) == e.1(before));
+    let one = there(after);
+    let heading = if one { "How well the model predicts" } else { "What the extension buys" };
+    writeln!(page, "<h2>{heading}</h2>\n<p class=\"note\">{}</p>", escaped(&held_out(held)))?;
+    page.write_str("<table><tr><th></th>")?;
+    page.write_str(match one {
+        true => "<th class=n>on these signals</th></tr>\n",
+        false => "<th class=n>before</th><th class=n>after</th></tr>\n",
+    })?;
     for (name, value, interval) in entries {
         if value(before).is_nan() && value(after).is_nan() {
-            continue; // not measured here
+            continue;
         }
         let cell = |g: &GainFigures| {
+            let text = if name == WHITENESS { chance(value(g)) } else { short(value(g)) };
             let range =
                 interval(g).map(|[low, high]| format!(" [{}, {}]", short(low), short(high)));
-            format!("{}{}", short(value(g)), range.unwrap_or_default())
+            escaped(&format!("{text}{}", range.unwrap_or_default()))
         };
-        let (before, after) = (cell(before), cell(after));
+        write!(page, "<tr><td>{name}</td><td class=n>{}</td>", cell(before))?;
+        if !one {
+            write!(page, "<td class=n>{}</td>", cell(after))?;
+        }
+        page.write_str("</tr>\n")?;
+    }
+    page.write_str("</table>\n")?;
+    if let (Some([low, high]), false) = (gain.detection_gain_interval, one) {
+        let word = match gain.detection() {
+            Detection::Better => "better",
+            Detection::Worse => "worse",
+            _ => "neither better nor worse, as far as these signals tell",
+        };
         writeln!(
             page,
-            "<tr><td>{name}</td><td class=n>{before}</td><td class=n>{after}</td></tr>"
+            "<p class=\"note\">Detection with the extension: {word} (AUC {:+.3} [{low:+.3}, {high:+.3}], the \
+             same channels before and after).</p>",
+            gain.detection_gain
         )?;
     }
-    page.write_str("</table>\n")
+    if !before.false_alarms.is_nan() {
+        writeln!(
+            page,
+            "<p class=\"note\">The threshold is meant for 1 % of healthy signals of channels never heard. \
+             It was learned on {} channels: of so few, how much healthy channels differ is known roughly, \
+             and so is the share of false alarms.</p>",
+            held.fitted_channels
+        )?;
+    }
+    Ok(())
+}
+
+const WHITENESS: &str = "chance that white noise looks like the misfit, p";
+
+fn held_out(held: &HeldOut) -> String {
+    if held.by.starts_with("time:") {
+        return format!(
+            "On {} decays that nothing was fitted to in part (by {}); in brackets 95 % intervals.",
+            held.signals, held.by
+        );
+    }
+    format!(
+        "On {} signals of {} channels that nothing was fitted to (by {}; the models were fitted to {} \
+         signals of {} channels); in brackets 95 % intervals.",
+        held.signals, held.channels, held.by, held.fitted_signals, held.fitted_channels
+    )
 }
 
 fn not_testable(c: &Critique, page: &mut String) -> std::fmt::Result {
-    let lines: Vec<String> =
-        c.not_testable.iter().map(|n| format!("{}: needs {}", n.id, n.needs)).collect();
-    list(page, "Not testable on these recordings", &lines)
+    list(page, "Not testable on these recordings", &grouped(&c.not_testable))
+}
+
+/// One line per reason: what it keeps from being tested.
+pub fn grouped(not_testable: &[NotTestable]) -> Vec<String> {
+    let mut groups: Vec<(&str, Vec<&str>)> = Vec::new();
+    for n in not_testable {
+        match groups.iter_mut().find(|(needs, _)| *needs == n.needs) {
+            Some((_, ids)) => ids.push(&n.id),
+            None => groups.push((&n.needs, vec![&n.id])),
+        }
+    }
+    let line = |(needs, ids): (&str, Vec<&str>)| {
+        let verb = if ids.len() == 1 { "needs" } else { "need" };
+        format!("{} {verb} {needs}", ids.join(", "))
+    };
+    groups.into_iter().map(line).collect()
 }
 
 /// Figures against covariates that stand open; the others can be opened.
@@ -210,8 +245,8 @@ const OPEN_COVARIATES: usize = 4;
 
 fn figures(c: &Critique, page: &mut String) -> std::fmt::Result {
     let f = &c.figures;
-    figure("Misfit, measured minus simulated", mean_misfit(&f.mean_misfit), page)?;
-    figure("Spectrum of the misfit", spectrum(&f.spectrum), page)?;
+    figure("Misfit, measured minus simulated", mean_misfit(&f.mean_misfit, &f.unit), page)?;
+    figure("Spectrum of the misfit", spectrum(&f.spectrum, &f.unit), page)?;
     // what stands out most comes first
     let mut covariates: Vec<&CovariateFigure> = f.covariates.iter().collect();
     covariates.sort_by(|x, y| stands_out(y).total_cmp(&stands_out(x)));
@@ -304,7 +339,7 @@ fn scaled(values: &[f64], by: f64) -> Vec<f64> {
     values.iter().map(|x| x * by).collect()
 }
 
-fn mean_misfit(m: &MeanMisfit) -> Option<Figure> {
+fn mean_misfit(m: &MeanMisfit, signals: &str) -> Option<Figure> {
     let n = m.time_s.len();
     let (scale, unit) = unit_of_time(*m.time_s.last()?);
     let t = scaled(&m.time_s, scale);
@@ -315,7 +350,7 @@ fn mean_misfit(m: &MeanMisfit) -> Option<Figure> {
             percent(off_zero(&m.after_low, &m.after_high), n)
         ),
         x: Axis::new(&format!("time since t_a, {unit}")),
-        y: Axis::new("mean of measured minus simulated, counts"),
+        y: Axis::new(&format!("mean of measured minus simulated, {signals}")),
         series: vec![
             line("before", &t, &m.before),
             line("after", &t, &m.after),
@@ -333,7 +368,7 @@ fn loudest(frequency_hz: &[f64], power: &[f64], high: &[f64]) -> Option<(f64, f6
     ratios.max_by(|x, y| x.0.total_cmp(&y.0))
 }
 
-fn spectrum(s: &Spectrum) -> Option<Figure> {
+fn spectrum(s: &Spectrum, signals: &str) -> Option<Figure> {
     let (before, at_hz) = loudest(&s.frequency_hz, &s.before, &s.band_high)?;
     let (after, _) = loudest(&s.frequency_hz, &s.after, &s.band_high)?;
     let (scale, unit) = match s.frequency_hz.last()? {
@@ -349,7 +384,10 @@ fn spectrum(s: &Spectrum) -> Option<Figure> {
             short(after)
         ),
         x: Axis::new(&format!("frequency, {unit}")),
-        y: Axis { log: true, ..Axis::new("mean periodogram of the misfit, counts² per bin") },
+        y: Axis {
+            log: true,
+            ..Axis::new(&format!("mean periodogram of the misfit, ({signals})²"))
+        },
         series: vec![
             line("before", &f, &s.before),
             line("after", &f, &s.after),
@@ -370,32 +408,57 @@ fn covariate(c: &CovariateFigure) -> Option<Figure> {
     if c.centre.is_empty() {
         return None;
     }
-    let bars = |middle: &[f64], bar: &[f64], aside: f64| -> Vec<(f64, f64)> {
-        let at = c.centre.iter().zip(middle.iter().zip(bar));
+    // seconds in a unit that reads well
+    let (by, unit) = match c.unit.as_str() {
+        "s" => unit_of_time(c.centre.iter().copied().fold(0.0, f64::max)),
+        unit => (1.0, unit),
+    };
+    let x = match unit {
+        "1" | "" => c.covariate.clone(),
+        unit => format!("{}, {unit}", c.covariate),
+    };
+    let centre = scaled(&c.centre, by);
+    let (low, high) = (least(&centre), least(&centre) + range(&centre));
+    // waiting times spread over decades
+    let log = low > 0.0 && high > WIDE * low;
+    // the two bars of a bin stand side by side
+    let aside = |x: f64, sign: f64| match log {
+        true => x * (high / low).powf(sign * ASIDE),
+        false => x + sign * ASIDE * range(&centre).max(1e-9),
+    };
+    let bars = |middle: &[f64], bar: &[f64], sign: f64| -> Vec<(f64, f64)> {
+        let at = centre.iter().zip(middle.iter().zip(bar));
         at.flat_map(|(x, (y, b))| {
-            let x = x + aside;
+            let x = aside(*x, sign);
             [(x, 100.0 * (y - b)), (x, 100.0 * (y + b))]
         })
         .collect()
     };
-    // the two bars of a bin stand side by side
-    let aside = range(&c.centre).max(1e-9) * 0.006;
     Some(Figure {
         title: format!(
             "Against {}, {} spans {} % before and {} % after the extension",
             c.covariate,
             c.parameter,
-            short(100.0 * range(&c.before)),
-            short(100.0 * range(&c.after))
+            significant(100.0 * range(&c.before), 2),
+            significant(100.0 * range(&c.after), 2)
         ),
-        x: Axis::new(&format!("{}, {}", c.covariate, c.unit)),
+        x: Axis { log, ..Axis::new(&x) },
         y: Axis::new(&format!("{} against the model, %", c.parameter)),
         series: vec![
-            series("before, 95 %", Mark::Bars, bars(&c.before, &c.before_bar, -aside)),
-            series("after, 95 %", Mark::Bars, bars(&c.after, &c.after_bar, aside)),
+            series("before, 95 %", Mark::Bars, bars(&c.before, &c.before_bar, -1.0)),
+            series("after, 95 %", Mark::Bars, bars(&c.after, &c.after_bar, 1.0)),
         ],
         thresholds: Vec::new(),
     })
+}
+
+/// How far aside the bars of a bin stand, as a share of the axis; and the span from which on an axis is
+/// logarithmic.
+const ASIDE: f64 = 0.008;
+const WIDE: f64 = 30.0;
+
+fn least(values: &[f64]) -> f64 {
+    values.iter().copied().filter(|v| v.is_finite()).fold(f64::INFINITY, f64::min)
 }
 
 /// Statistic over threshold, of the first step and of the last.
@@ -421,11 +484,15 @@ fn evidence(evidence: &[Evidence]) -> Option<Figure> {
     Some(Figure {
         title: match beyond {
             0 => "No candidate reaches its threshold".to_owned(),
+            1 => format!("One candidate passes: {}", strongest.id),
             n => format!("{n} candidates pass alone, {} furthest", strongest.id),
         },
         x: Axis { log: true, ..Axis::new("likelihood-ratio statistic over its threshold") },
-        // an empty place above, for the legend
-        y: Axis { categories: [ids, vec![String::new()]].concat(), ..Axis::new("") },
+        // empty places above, for the legend
+        y: Axis {
+            categories: [ids.clone(), vec![String::new(); 1 + ids.len().div_ceil(5)]].concat(),
+            ..Axis::new("")
+        },
         series: series_of,
         thresholds: vec![(1.0, "threshold".to_owned())],
     })
@@ -440,24 +507,33 @@ fn energies(e: &Energies) -> Option<Figure> {
         edges.flat_map(|(w, n)| [(w[0], *n as f64), (w[1], *n as f64)]).collect()
     };
     Some(Figure {
-        title: format!(
-            "The detection threshold goes from {} to {}",
-            short(e.threshold_before),
-            short(e.threshold_after)
-        ),
+        title: match e.threshold_before == e.threshold_after {
+            true => format!("The detection threshold is {}", short(e.threshold_before)),
+            false => format!(
+                "The detection threshold goes from {} to {}",
+                short(e.threshold_before),
+                short(e.threshold_after)
+            ),
+        },
         x: Axis {
             log: e.edges[0] > 0.0,
             ..Axis::new("detection statistic of held-out healthy signals")
         },
         y: Axis::new("signals"),
-        series: vec![
-            series("before", Mark::Line, steps(&e.before)),
-            series("after", Mark::Line, steps(&e.after)),
-        ],
-        thresholds: vec![
-            (e.threshold_before, "threshold before".to_owned()),
-            (e.threshold_after, "threshold after".to_owned()),
-        ],
+        series: match e.threshold_before == e.threshold_after && e.before == e.after {
+            true => vec![series("held-out signals", Mark::Line, steps(&e.before))],
+            false => vec![
+                series("before", Mark::Line, steps(&e.before)),
+                series("after", Mark::Line, steps(&e.after)),
+            ],
+        },
+        thresholds: match e.threshold_before == e.threshold_after {
+            true => vec![(e.threshold_before, "threshold".to_owned())],
+            false => vec![
+                (e.threshold_before, "threshold before".to_owned()),
+                (e.threshold_after, "threshold after".to_owned()),
+            ],
+        },
     })
 }
 
@@ -481,9 +557,9 @@ fn evidence_table(evidence: &[Evidence], page: &mut String) -> std::fmt::Result 
             escaped(&e.id),
             short(e.statistic),
             short(e.threshold),
-            short(e.p),
+            escaped(&chance(e.p)),
             short(e.delta_bic),
-            short(e.strength_dl)
+            significant(e.strength_dl, 2)
         )?;
     }
     page.write_str("</table></details>\n")

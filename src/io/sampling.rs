@@ -71,7 +71,8 @@ pub fn sample(table: &Table, resample: bool) -> Result<Sampled, SamplingError> {
             .zip(&periods)
             .find(|(_, own)| (*own / common - 1.0).abs() > MOST_PERIOD_DIFFERENCE)
     {
-        return Err(SamplingError::Periods { decay: named(decay), own: *own, common });
+        let (own, common) = (rounded(*own), rounded(common));
+        return Err(SamplingError::Periods { decay: named(decay), own, common });
     }
     let mut sampled = Sampled {
         period: common,
@@ -188,13 +189,18 @@ fn as_written(decay: &Decay, period: f64, so_far: &mut Sampled) -> Result<Regula
         uneven += usize::from(off(k).abs() > MOST_OFF_GRID);
     }
     if off(worst).abs() > MOST_OFF_GRID {
+        if let Some(what) = missing(&decay.times) {
+            return Err(refused(decay, what));
+        }
         let steps = decay.times.windows(2).map(|w| w[1] - w[0]);
         let (least, most) =
             steps.fold((f64::INFINITY, 0.0_f64), |(l, m), step| (l.min(step), m.max(step)));
         let what = format!(
-            "irregular sampling: steps from {least} to {most}; {uneven} of {n} times lie more than \
+            "irregular sampling: steps from {} to {}; {uneven} of {n} times lie more than \
              {MOST_OFF_GRID} of a period from a regular grid, furthest {} (its row {}, {:.2} periods \
              off); --resample interpolates to a regular one",
+            rounded(least),
+            rounded(most),
             decay.times[worst],
             worst + 1,
             off(worst)
@@ -204,6 +210,42 @@ fn as_written(decay: &Decay, period: f64, so_far: &mut Sampled) -> Result<Regula
     too_long(decay, n)?;
     so_far.most_off_grid = so_far.most_off_grid.max(off(worst).abs());
     Ok(Regular { name: decay.name.clone(), start, outputs: decay.outputs.clone() })
+}
+
+/// Of times that lie on a grid but for rows that are not there: where they are missing.
+fn missing(times: &[f64]) -> Option<String> {
+    const MOST_TOLD: usize = 3;
+    let period = median_step(times);
+    let (mut gaps, mut count, mut k) = (Vec::new(), 0, 0.0);
+    for pair in times.windows(2) {
+        let steps = ((pair[1] - pair[0]) / period).round();
+        k += steps;
+        if steps < 1.0 || ((pair[1] - times[0]) / period - k).abs() > 2.0 * MOST_OFF_GRID {
+            return None;
+        }
+        if steps > 1.0 {
+            count += steps as usize - 1;
+            gaps.push(pair[0]);
+        }
+    }
+    let told: Vec<String> = gaps.iter().take(MOST_TOLD).map(|t| format!("after t = {t}")).collect();
+    let more = match gaps.len().saturating_sub(MOST_TOLD) {
+        0 => String::new(),
+        more => format!(" and at {more} more places"),
+    };
+    let samples = if count == 1 { "sample" } else { "samples" };
+    (count > 0).then(|| {
+        format!(
+            "{count} {samples} missing {}{more} of times every {}; --resample interpolates them",
+            told.join(", "),
+            rounded(period)
+        )
+    })
+}
+
+/// Six significant digits.
+fn rounded(x: f64) -> f64 {
+    format!("{x:.5e}").parse().unwrap_or(x)
 }
 
 fn too_long(decay: &Decay, samples: usize) -> Result<(), SamplingError> {
@@ -320,6 +362,27 @@ mod tests {
         for words in ["irregular", "1 of 100", "40.4 (its row 41", "--resample"] {
             assert!(e.contains(words), "{e}");
         }
+    }
+
+    #[test]
+    fn rows_that_are_not_there_are_counted_and_told() {
+        let times = |gone: &[i32]| -> Vec<f64> {
+            (0..2000).filter(|k| !gone.contains(k)).map(|k| f64::from(k) / 100.0).collect()
+        };
+        let e = |gone: &[i32]| {
+            sample(&table(vec![decay(times(gone), f64::sin)]), false).unwrap_err().to_string()
+        };
+        let text = e(&[499, 500, 501]);
+        assert!(text.contains("3 samples missing after t = 4.98 of times every 0.01;"), "{text}");
+        let text = e(&[7]);
+        assert!(text.contains("1 sample missing after t = 0.06 "), "{text}");
+        let text = e(&[7, 100, 200, 300, 301]);
+        assert!(text.contains("5 samples missing") && text.contains("at 1 more place"), "{text}");
+        // written with few digits
+        let coarse: Vec<f64> =
+            times(&[1000]).iter().map(|t| (t / 0.3 * 1e3).round() / 1e3).collect();
+        let text = sample(&table(vec![decay(coarse, f64::sin)]), false).unwrap_err().to_string();
+        assert!(text.contains("1 sample missing") && text.contains("every 0.033333"), "{text}");
     }
 
     #[test]

@@ -102,6 +102,10 @@ fn read_from(
         }
     };
     let header = csv.headers().map_err(failed)?.clone();
+    if header.is_empty() {
+        let what = "is empty: a line of column names and rows of numbers are needed".to_owned();
+        return Err(TableError::Columns { path: path.into(), what });
+    }
     let decimal_comma = delimiter != b',';
     let chosen = choose(&header, columns, decimal_comma)
         .map_err(|what| TableError::Columns { path: path.into(), what })?;

@@ -8,6 +8,7 @@ use super::plant::{Decays, OMEGA, SIGMA};
 use super::selection::{Selected, sizes};
 use super::spectrum;
 use crate::critique::candidates::surprise;
+use crate::critique::figures::band_of_means;
 use crate::critique::finding::{
     CovariateFigure, Figures, Gain, GainFigures, HeldOut, MeanMisfit, Misfit, Spectrum,
 };
@@ -21,6 +22,8 @@ const STRETCHES: usize = 20;
 const EVERY: usize = 3;
 const RESAMPLINGS: usize = 200;
 const LAGS: usize = 10;
+/// Whatever the signals were recorded in.
+const UNIT: &str = "units of the recording";
 
 /// p of the misfit's being white, Ljung and Box, over the samples that are looked at.
 pub fn whiteness(misfit: &[f64], decays: &Decays, looked_at: impl Fn(usize) -> bool) -> f64 {
@@ -142,7 +145,11 @@ pub fn measure(decays: &Decays, selected: &Selected) -> (Misfit, Gain) {
         held_out: HeldOut {
             by: format!("time: {held} of {n} samples of each, in stretches of {length}"),
             signals: decays.bursts * decays.outputs,
+            channels: decays.outputs,
+            fitted_signals: decays.bursts * decays.outputs,
+            fitted_channels: decays.outputs,
         },
+        ..Gain::default()
     };
     (misfit, gain)
 }
@@ -195,19 +202,18 @@ pub fn draw(decays: &Decays, selected: &Selected) -> Figures {
     };
     let power = mean_power(&before);
     let step_hz = 4.0 / ((4 * n).next_power_of_two() as f64 * decays.dt_s);
-    // Wilson and Hilferty: the mean of as many exponentials as there are bursts
-    let m = decays.bursts as f64;
-    let quantile = |z: f64| (1.0 - 1.0 / (9.0 * m) + z / (3.0 * m.sqrt())).powi(3).max(1e-3);
+    let [low, high] = band_of_means(decays.bursts as f64);
     let spectrum = Spectrum {
         frequency_hz: (0..power.len()).map(|j| (j + 1) as f64 * step_hz).collect(),
-        band_low: vec![sd * sd * quantile(-1.96); power.len()],
-        band_high: vec![sd * sd * quantile(1.96); power.len()],
+        band_low: vec![sd * sd * low; power.len()],
+        band_high: vec![sd * sd * high; power.len()],
         after: mean_power(&after),
         before: power,
     };
     Figures {
         mean_misfit,
         spectrum,
+        unit: UNIT.into(),
         covariates: against_amplitude(decays, selected, &after),
         ..Figures::default()
     }
@@ -278,7 +284,7 @@ fn against_amplitude(decays: &Decays, selected: &Selected, after: &[f64]) -> Vec
     for (which, parameter) in ["frequency", "damping"].iter().enumerate() {
         let mut figure = CovariateFigure {
             covariate: "amplitude".into(),
-            unit: "counts".into(),
+            unit: UNIT.into(),
             parameter: (*parameter).into(),
             ..CovariateFigure::default()
         };

@@ -16,6 +16,7 @@ mod tests;
 mod words;
 
 use super::catalogue::{CATALOGUE, experiment};
+use super::digits;
 use super::engine::{CritiqueError, Outcome};
 use super::finding::{Cause, Critique, NotTestable, Signals, VERSION, Verdict};
 use super::observations::Observations;
@@ -76,9 +77,11 @@ fn left(decays: &Decays, selected: &Selected) -> Left {
         let hz = spectrum::peaks(&power, 0.0, 1e9, 1).first().copied().unwrap_or(0.0)
             / (std::f64::consts::TAU * decays.dt_s);
         format!(
-            "the misfit that is left is not white (p = {p:.1e}; {:.0} % of it follows from the samples \
-             before; its spectrum peaks at {hz:.4} Hz)",
-            100.0 * predictable
+            "the misfit that is left is not white ({}; {:.0} % of it follows from the samples before; its \
+             spectrum peaks at {} Hz)",
+            digits::p_is(p),
+            100.0 * predictable,
+            digits::short(hz)
         )
     });
     Left { share: rest / missed.max(1e-12), predictable, p, words }

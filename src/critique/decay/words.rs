@@ -5,6 +5,7 @@ use super::motion::Form;
 use super::plant::{Decays, OMEGA, SIGMA, motion};
 use super::selection::{self, Cause, Chosen, Selected};
 use crate::critique::catalogue::entry_of;
+use crate::critique::digits;
 use crate::critique::finding;
 use crate::critique::selection::DETECTION_LIMIT;
 use std::f64::consts::TAU;
@@ -64,8 +65,10 @@ pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<finding::Cause>, Vec
         let entry = entry_of(chosen.cause.id());
         if found.iter().any(|c| c.id == entry.id) {
             remarks.push(format!(
-                "one more {}: {} = {value:.5} {}",
-                entry.id, entry.parameter, entry.unit
+                "one more {}: {} = {}",
+                entry.id,
+                entry.parameter,
+                digits::measured(value, [value - 1.96 * sd, value + 1.96 * sd], entry.unit)
             ));
             continue;
         }
@@ -88,7 +91,7 @@ pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<finding::Cause>, Vec
             let each: Vec<String> = (0..decays.outputs)
                 .filter_map(|o| {
                     let offset = selected.fit.p[layout.offset? + o] * decays.scale[o];
-                    Some(format!("{offset:.4} on channel {}", decays.channels[o]))
+                    Some(format!("{} on channel {}", digits::short(offset), decays.channels[o]))
                 })
                 .collect();
             remarks.push(format!("offsets, counts: {}", each.join(", ")));
@@ -105,17 +108,6 @@ pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<finding::Cause>, Vec
     (found, remarks)
 }
 
-/// Five significant digits, whatever the size.
-fn digits(x: f64) -> String {
-    match x.abs() {
-        a if a == 0.0 || (1e-3..1e5).contains(&a) => {
-            let places = (4 - a.max(1e-9).log10().floor() as i32).clamp(0, 8) as usize;
-            format!("{x:.places$}")
-        }
-        _ => format!("{x:.4e}"),
-    }
-}
-
 pub fn sentence(cause: &finding::Cause) -> String {
     let words = match cause.id.as_str() {
         "quadratic_drag" => "damping grows with amplitude: drag that grows with speed squared",
@@ -123,15 +115,12 @@ pub fn sentence(cause: &finding::Cause) -> String {
         "tone" => "an undamped line is added: an interference from outside",
         id => entry_of(id).words,
     };
-    let unit = if cause.unit == "1" { String::new() } else { format!(" {}", cause.unit) };
-    let [low, high] = cause.ci95;
-    format!(
-        "{words}: {} = {}{unit} ({} to {})",
-        cause.parameter,
-        digits(cause.value),
-        digits(low),
-        digits(high)
-    )
+    let number = digits::measured(cause.value, cause.ci95, &cause.unit);
+    format!("{words}: {} = {number}", cause.parameter)
+}
+
+fn five(x: f64) -> String {
+    digits::significant(x, 5)
 }
 
 /// The model with its numbers, in counts and seconds.
@@ -142,13 +131,13 @@ pub fn equation(decays: &Decays, fit: &Fit) -> String {
     let mut text = String::from("x'' = -2 s x' - w^2 ");
     let mut numbers = format!(
         "s = {} 1/s, w = {} rad/s ({} Hz)",
-        digits(fit.p[SIGMA] / dt),
-        digits(fit.p[OMEGA] / dt),
-        digits(fit.p[OMEGA] / (TAU * dt))
+        five(fit.p[SIGMA] / dt),
+        five(fit.p[OMEGA] / dt),
+        five(fit.p[OMEGA] / (TAU * dt))
     );
     // writing to a String cannot fail
     let mut number = |name: &str, value: f64, unit: &str| {
-        let _ = write!(numbers, ", {name} = {} {unit}", digits(value));
+        let _ = write!(numbers, ", {name} = {} {unit}", five(value));
     };
     let k = motion.stiffness / (scale * scale);
     match fit.structure.stiffness {

@@ -1,0 +1,107 @@
+//! What the evidence of a selection says to a reader, once the selection is over.
+//!
+//! In: [`Evidence`] as the selection left it. Out: the same rows, whose thresholds are what was asked of
+//! them, and whose reasons name what was chosen instead.
+
+use super::candidates::surprise;
+use super::finding::Evidence;
+use super::selection::THRESHOLD;
+
+const NOT_SIGNIFICANT: &str = "not significant";
+const EXPLAINS_MORE: &str = "another cause explains more";
+
+/// `by_chance`: these were accepted by their chance alone, shapes tried and heavy tails included; their
+/// threshold is the statistic at which that chance would have sufficed.
+pub fn tidy(rows: &mut [Evidence], by_chance: usize) {
+    let count = rows.len().min(by_chance);
+    for row in &mut rows[..count] {
+        row.threshold = if row.tested { by_its_chance(row.statistic, row.p) } else { f64::NAN };
+    }
+    for k in 0..rows.len() {
+        let chosen = rows.iter().find(|r| r.accepted && r.step == rows[k].step && k >= count);
+        let chosen = chosen.map(|r| r.id.clone());
+        let row = &mut rows[k];
+        let beyond = row.tested && !row.accepted && row.statistic > row.threshold;
+        match (row.why_not.as_str(), chosen) {
+            (EXPLAINS_MORE, Some(id)) => row.why_not = format!("{id} explains more"),
+            (NOT_SIGNIFICANT, Some(id)) if beyond => row.why_not = format!("explained by {id}"),
+            (NOT_SIGNIFICANT, None) if beyond => {
+                row.why_not = "passes, but no further cause is looked for".into();
+            }
+            _ => {}
+        }
+    }
+}
+
+/// The statistic that would have been significant, all else being the same.
+fn by_its_chance(statistic: f64, p: f64) -> f64 {
+    let plain = |statistic: f64| surprise(statistic, 1, 1.0, f64::INFINITY);
+    if !statistic.is_finite() || !(p > 0.0) {
+        return f64::NAN;
+    }
+    let asked = THRESHOLD + (plain(statistic) + p.ln()).max(0.0);
+    let (mut low, mut high) = (0.0, 4.0 * asked + 20.0);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if plain(middle) > asked { high = middle } else { low = middle }
+    }
+    high
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(step: u32, id: &str, statistic: f64, accepted: bool) -> Evidence {
+        Evidence {
+            step,
+            id: id.into(),
+            statistic,
+            threshold: 14.0,
+            p: (-surprise(statistic, 1, 1.0, f64::INFINITY)).exp(),
+            delta_bic: 0.0,
+            strength_dl: 1.0,
+            value: 1.0,
+            sd: 0.1,
+            tested: true,
+            accepted,
+            why_not: if accepted { String::new() } else { NOT_SIGNIFICANT.into() },
+        }
+    }
+
+    #[test]
+    fn who_passes_and_is_not_chosen_is_told_by_what() {
+        let mut rows = vec![
+            row(0, "temperature", 16.0, true), // of the noise: it explains nothing of the others
+            row(0, "tone", 300.0, true),
+            row(0, "offset", 40.0, false),
+            row(0, "droop", 3.0, false),
+            row(1, "offset", 15.0, false),
+        ];
+        rows[2].why_not = EXPLAINS_MORE.into();
+        rows.insert(3, row(0, "lowpass", 60.0, false));
+        tidy(&mut rows, 1);
+        let why: Vec<&str> = rows.iter().map(|r| r.why_not.as_str()).collect();
+        let more = "passes, but no further cause is looked for";
+        let told = ["", "", "tone explains more", "explained by tone", NOT_SIGNIFICANT, more];
+        assert_eq!(why, told);
+    }
+
+    #[test]
+    fn a_statistic_beyond_its_threshold_is_one_whose_chance_was_small_enough() {
+        for statistic in [1.0, 10.0, 13.0, 20.0, 40.0, 90.0] {
+            for penalty in [0.0, 2.0, 20.0] {
+                let surprise = surprise(statistic, 1, 1.0, f64::INFINITY) - penalty;
+                if surprise > 0.0 {
+                    let threshold = by_its_chance(statistic, (-surprise).exp());
+                    assert_eq!(
+                        statistic > threshold,
+                        surprise > THRESHOLD,
+                        "{statistic} {penalty}"
+                    );
+                }
+            }
+        }
+        assert!(by_its_chance(f64::NAN, 0.5).is_nan() && by_its_chance(1e4, 0.0).is_nan());
+    }
+}

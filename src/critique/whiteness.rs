@@ -1,0 +1,114 @@
+//! Whether a misfit is white: Ljung and Box's lags, exact for what a fit leaves.
+//!
+//! In: signals' residuals and the bases of what was fitted to each. Out: a p-value. A fit of q parameters
+//! to n samples correlates what it leaves, M e with M = 1 - Q Q^T: the lagged products have a mean and a
+//! covariance of their own, which are known (u = M e of white noise points anywhere in its n - q dimensions
+//! alike; moments of ratios of quadratic forms, Mathai and Provost 1992).
+
+use super::ensemble::project;
+use nalgebra::{DMatrix, DVector};
+
+const LAGS: usize = 10;
+
+/// One signal's autocorrelations less what white noise leads to expect, and their covariance.
+pub struct Lags {
+    off: DVector<f64>,
+    covariance: DMatrix<f64>,
+}
+
+impl Lags {
+    /// `residual`, before or after what the orthonormal columns of `q` explain is taken out.
+    pub fn of(mut residual: Vec<f64>, q: &DMatrix<f64>) -> Lags {
+        project(q, &mut residual);
+        let (u, n) = (residual, q.nrows());
+        let lags = LAGS.min(n / 4);
+        let left = (n - q.ncols()).max(1) as f64;
+        let power = u.iter().map(|u| u * u).sum::<f64>().max(f64::MIN_POSITIVE);
+        // the symmetric shift by a lag, on the basis
+        let shifted: Vec<DMatrix<f64>> = (1..=lags)
+            .map(|lag| {
+                DMatrix::from_fn(n, q.ncols(), |k, a| {
+                    let back = if k >= lag { q[(k - lag, a)] } else { 0.0 };
+                    let on = if k + lag < n { q[(k + lag, a)] } else { 0.0 };
+                    0.5 * (back + on)
+                })
+            })
+            .collect();
+        let inner: Vec<DMatrix<f64>> = shifted.iter().map(|s| q.tr_mul(s)).collect();
+        // tr M A = -tr Q^T A Q: a shift has no diagonal
+        let trace: Vec<f64> = inner.iter().map(|m| -m.trace()).collect();
+        let off = DVector::from_fn(lags, |l, _| {
+            let products: f64 = u.iter().zip(&u[l + 1..]).map(|(x, y)| x * y).sum();
+            products / power - trace[l] / left
+        });
+        let covariance = DMatrix::from_fn(lags, lags, |a, b| {
+            let own = if a == b { 0.5 * (n - a - 1) as f64 } else { 0.0 };
+            let both =
+                own - 2.0 * shifted[a].dot(&shifted[b]) + inner[a].dot(&inner[b].transpose());
+            2.0 * (both - trace[a] * trace[b] / left) / (left * (left + 2.0))
+        });
+        Lags { off, covariance }
+    }
+}
+
+/// p of all being white, by the sum over signals.
+pub fn whiteness_p<'a>(mut all: impl Iterator<Item = &'a Lags>) -> f64 {
+    let Some(first) = all.next() else { return f64::NAN };
+    let (mut off, mut covariance) = (first.off.clone(), first.covariance.clone());
+    for one in all {
+        off += &one.off;
+        covariance += &one.covariance;
+    }
+    let Some(factor) = covariance.cholesky() else { return f64::NAN };
+    let statistic = off.dot(&factor.solve(&off));
+    (-super::candidates::surprise(statistic, off.len(), 1.0, f64::INFINITY)).exp()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// p of 12 signals of 64 samples, AR(1) with `rho`, five smooth columns fitted to each.
+    fn drawn(rho: f64, seed: u64) -> f64 {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let all: Vec<Lags> = (0..12)
+            .map(|i| {
+                let j = DMatrix::from_fn(64, 5, |k, a| {
+                    let t = k as f64 / 64.0;
+                    (-2.0 * t).exp()
+                        * ((20.0 + f64::from(i)) * t + a as f64).cos()
+                        * t.powi(a as i32 / 2)
+                });
+                let mut last = 0.0;
+                let e: Vec<f64> = (0..64)
+                    .map(|_| {
+                        let white: f64 = StandardNormal.sample(&mut rng);
+                        last = rho * last + white;
+                        last
+                    })
+                    .collect();
+                Lags::of(e, &j.qr().q())
+            })
+            .collect();
+        whiteness_p(all.iter())
+    }
+
+    #[test]
+    fn what_a_fit_leaves_of_white_noise_is_white_and_the_chance_is_even() {
+        let mut p: Vec<f64> = (0..600).map(|seed| drawn(0.0, seed)).collect();
+        p.sort_by(f64::total_cmp);
+        // Kolmogorov and Smirnov, 99 %
+        for (k, p) in p.iter().enumerate() {
+            let share = (k as f64 + 0.5) / 600.0;
+            assert!((p - share).abs() < 1.63 / 600.0_f64.sqrt(), "{share}: {p}");
+        }
+    }
+
+    #[test]
+    fn coloured_noise_is_not_white() {
+        assert!((0..20).all(|seed| drawn(0.4, seed) < 1e-4));
+    }
+}
