@@ -319,7 +319,7 @@ impl HealthyModel {
             return Err((key, v, "1e-30 to 1e30"));
         }
         let within = |key: &'static str, all: &[f64], most: f64, bounds: &'static str| {
-            let wrong = all.iter().find(|v| !(v.abs() <= most));
+            let wrong = all.iter().find(|v| v.is_nan() || v.abs() > most);
             wrong.map_or(Ok(()), |v| Err((key, *v, bounds)))
         };
         let kelvin = "-1 to 1 per K";
