@@ -1,5 +1,5 @@
 use super::*;
-use crate::critique::finding::{Figures, HeldOut, Misfit, NotTestable, Signals, VERSION};
+use crate::critique::finding::{Cause, Figures, HeldOut, Misfit, NotTestable, Signals, VERSION};
 
 /// A critique with everything in it; `name` stands wherever a text of others may stand.
 fn full(name: &str) -> Critique {
