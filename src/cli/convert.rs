@@ -26,7 +26,9 @@ const LONGEST_NAME: usize = 200;
 Time is in seconds, unless its column's name ends in _ms, _us or _ns. Each output becomes a channel
 (0, 1, 2 ... in the order of --outputs), each value of --burst a burst. Samples are stored as float32.
 Comma, semicolon and tab are understood. Sampling must be regular, but for the rounding of written
-times; --resample interpolates (cubic spline) to the usual sample period.")]
+times; --resample interpolates (cubic spline) to the usual sample period.
+A critique takes all outputs of one recording as one system: what is independent
+becomes recordings of its own (--outputs).")]
 pub struct Args {
     /// Table with one line of column names
     table: PathBuf,

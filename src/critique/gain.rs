@@ -29,8 +29,6 @@ const FAULT: f64 = 2.5;
 const SHRINKAGE: f64 = 6.0;
 /// Scatter below this share, squared, is none.
 const LEAST_SPREAD: f64 = 1e-10;
-/// Degrees of freedom that the scatter is known with, at least.
-const LEAST_DEGREES: f64 = 5.0;
 /// Gauss-Newton from the population to a signal's own parameters: steps at most, and the squared step, in its
 /// own errors, that is none.
 const MOST_STEPS: usize = 6;
@@ -201,7 +199,8 @@ fn auc(healthy: &[f64], faulty: &[f64]) -> f64 {
 /// is known from few channels.
 fn threshold(of_left_out: &[f64], units: usize) -> f64 {
     let q = FREE as f64;
-    let known = (units as f64 - q + SHRINKAGE).max(LEAST_DEGREES);
+    // of the predictive t under the inverse Wishart prior whose mean weighs SHRINKAGE channels
+    let known = units as f64 + SHRINKAGE + 1.0;
     let mean = of_left_out.iter().sum::<f64>() / of_left_out.len().max(1) as f64;
     mean * (known - 2.0) / known * quantile_of_f(q, known)
 }
@@ -284,7 +283,9 @@ fn figures(
         whiteness_p: whiteness(&judged),
         threshold,
         false_alarms: alarms(&everyone),
-        false_alarms_interval: interval(&mut resampled[2]),
+        // none among so few is not none among all: the 95 % bound of that
+        false_alarms_interval: interval(&mut resampled[2])
+            .map(|[low, high]| [low, high.max(1.0 - 0.05_f64.powf(1.0 / healthy.len() as f64))]),
         detection_auc: auc(&healthy, &faulty),
         detection_auc_interval: interval(&mut resampled[3]),
     };

@@ -420,7 +420,7 @@ fn covariate(c: &CovariateFigure) -> Option<Figure> {
     let centre = scaled(&c.centre, by);
     let (low, high) = (least(&centre), least(&centre) + range(&centre));
     // waiting times spread over decades
-    let log = low > 0.0 && high > WIDE * low;
+    let log = c.covariate == "idle" && low > 0.0 && high > WIDE * low;
     // the two bars of a bin stand side by side
     let aside = |x: f64, sign: f64| match log {
         true => x * (high / low).powf(sign * ASIDE),
