@@ -356,7 +356,7 @@ fn sentence(
         Verdict::Named => {
             let each: Vec<String> = causes.iter().map(|c| capital(&c.sentence)).collect();
             let detection = match detection {
-                Detection::Better => " It spoils fault detection: with the extension it is better.",
+                Detection::Better => " Fault detection is better with the extension.",
                 Detection::Worse => " Fault detection is worse with the extension.",
                 Detection::Same => {
                     " Fault detection is the same with the extension, as far as can be told."

@@ -18,8 +18,9 @@ pub fn tidy(rows: &mut [Evidence], by_chance: usize) {
         row.threshold = if row.tested { by_its_chance(row.statistic, row.p) } else { f64::NAN };
     }
     for k in 0..rows.len() {
-        let chosen = rows.iter().find(|r| r.accepted && r.step == rows[k].step && k >= count);
-        let chosen = chosen.map(|r| r.id.clone());
+        // codes and noise explain nothing of the mean
+        let mut chosen = rows[count..].iter().filter(|r| k >= count && r.step == rows[k].step);
+        let chosen = chosen.find(|r| r.accepted).map(|r| r.id.clone());
         let row = &mut rows[k];
         let beyond = row.tested && !row.accepted && row.statistic > row.threshold;
         match (row.why_not.as_str(), chosen) {

@@ -317,7 +317,7 @@ mod tests {
             ("t,y\n0,1e60\n", "too large"),
             ("t,y\n0,1\n1\n", "line 3: 1 cells where the header has 2"),
             ("t,y\n", "no rows"),
-            ("", "numbers: it must name"),
+            ("", "is empty: a line of column names"),
             ("0,1\n1,2\n", "must name the columns"),
             ("t\n0\n", "no column is left for an output"),
             ("t,y,y\n0,1,2\n", "several columns \"y\""),
