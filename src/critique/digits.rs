@@ -63,7 +63,7 @@ fn alike(value: f64, [low, high]: [f64; 2]) -> [String; 3] {
         return all.map(short);
     }
     let last = half.log10().floor() as i32 - 1;
-    if !(-6..=5).contains(&last) || largest >= 1e7 || largest < 1e-4 {
+    if !(-6..=5).contains(&last) || !(1e-4..1e7).contains(&largest) {
         let digits = (largest.log10().floor() as i32 - last + 1).clamp(2, 6);
         return all.map(|x| significant(x, digits));
     }

@@ -37,7 +37,7 @@ pub fn tidy(rows: &mut [Evidence], by_chance: usize) {
 /// The statistic that would have been significant, all else being the same.
 fn by_its_chance(statistic: f64, p: f64) -> f64 {
     let plain = |statistic: f64| surprise(statistic, 1, 1.0, f64::INFINITY);
-    if !statistic.is_finite() || !(p > 0.0) {
+    if !statistic.is_finite() || p.is_nan() || p <= 0.0 {
         return f64::NAN;
     }
     let asked = THRESHOLD + (plain(statistic) + p.ln()).max(0.0);

@@ -16,13 +16,16 @@ use std::collections::BTreeMap;
 /// Signals that are kept to learn from, of every model.
 const FEWEST_HELD: usize = 64;
 
+/// A design that knows what temperature does, and what that is in words, by printhead.
+pub(super) type Learned = (Design, Vec<(String, String)>);
+
 impl Replay {
-    /// The design with what could be learned, and that in words by model; `None`: nothing.
+    /// What could be learned; `None`: nothing.
     pub(super) fn learn_temperature(
         &self,
         recording: &Recording,
         control: &Control,
-    ) -> Result<Option<(Design, Vec<(String, String)>)>, PipelineError> {
+    ) -> Result<Option<Learned>, PipelineError> {
         let Some(design) = &self.design else { return Ok(None) };
         // by the model's place; after the last: the pooled one
         let mut reservoirs: BTreeMap<usize, Reservoir> = BTreeMap::new();
