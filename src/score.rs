@@ -353,8 +353,8 @@ mod tests {
             }
         }
         assert!((score.report().isolation.accuracy - 0.801).abs() < 5e-4);
-        // right but for EC as SDN or DDN, AB1 as BN or SDN, AB2 as BN, PBN as AB1 or SDN
-        let wrong = 27 + 44 + 6 + 46 + 1 + 1 + 52;
+        // right but for EC as SDN or DDN, AB1 as BN or SDN, AB2 as BN, PBN as AB1 or SDN, IDN as PBN
+        let wrong = 27 + 44 + 6 + 46 + 1 + 1 + 52 + 99;
         let by_hand = 1.0 - f64::from(wrong) / 2025.0;
         assert!((score.report().isolation.category_accuracy - by_hand).abs() < 1e-12);
     }
