@@ -358,6 +358,6 @@ fn priors_move_what_is_named_and_unknown_names_are_refused() {
             "replay a.mcap --design {} --out out --set isolate.priors.XYZ=2",
             sample("design.json").display()
         ))
-        .exits(1)
+        .exits(2)
         .says("isolate.priors names \"XYZ\"");
 }
