@@ -123,5 +123,8 @@ fn measured_tables_become_recordings() {
         }
     }
     let pendulum = measured.join("pendulum.csv");
-    house.run(&format!("convert {} -o p.mcap", pendulum.display())).exits(1).says("samples missing after");
+    house
+        .run(&format!("convert {} -o p.mcap", pendulum.display()))
+        .exits(1)
+        .says("samples missing after");
 }

@@ -4,7 +4,7 @@
 //! and all that is learned from it, is the same for any file order, chunking or number of threads.
 
 use super::averaging::SignalSet;
-use std::collections::BinaryHeap;
+use std::collections::{BinaryHeap, HashSet};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// (hash of time and channel, time, channel, hash of the samples): the last tells repeats apart.
@@ -16,6 +16,8 @@ pub struct Reservoir {
     samples: usize,
     /// The kept signals' ranks and slots, worst on top.
     heap: BinaryHeap<(Rank, usize)>,
+    /// The same ranks: what is repeated is one signal.
+    kept: HashSet<Rank>,
     data: Vec<f32>,
     channel: Vec<u32>,
     voltage_v: Vec<f64>,
@@ -32,6 +34,7 @@ impl Reservoir {
             capacity,
             samples,
             heap: BinaryHeap::new(),
+            kept: HashSet::new(),
             data: Vec::new(),
             channel: Vec::new(),
             voltage_v: Vec::new(),
@@ -78,6 +81,9 @@ impl Reservoir {
         let row: Vec<f32> = signal.iter().map(|&y| y as f32).collect();
         let content: Vec<u8> = row.iter().flat_map(|y| y.to_le_bytes()).collect();
         let rank = (hash, t_acq_ns, channel, xxh3_64(&content));
+        if self.kept.contains(&rank) {
+            return;
+        }
         let slot = if self.heap.len() < self.capacity {
             self.data.extend_from_slice(&row);
             self.channel.push(channel);
@@ -90,7 +96,8 @@ impl Reservoir {
                 Some((worst, _)) if rank < *worst => {}
                 _ => return,
             }
-            let Some((_, slot)) = self.heap.pop() else { return };
+            let Some((worst, slot)) = self.heap.pop() else { return };
+            self.kept.remove(&worst);
             self.data[slot * self.samples..(slot + 1) * self.samples].copy_from_slice(&row);
             self.channel[slot] = channel;
             self.voltage_v[slot] = voltage_v;
@@ -98,6 +105,7 @@ impl Reservoir {
             self.severity[slot] = severity;
             slot
         };
+        self.kept.insert(rank);
         self.heap.push((rank, slot));
     }
 
@@ -176,5 +184,7 @@ mod tests {
             r.into_set(None).data
         };
         assert_eq!(offer(&[1.0, 2.0, 3.0]), offer(&[3.0, 1.0, 2.0]));
+        // the very same signal again is no other
+        assert_eq!(offer(&[1.0, 1.0, 2.0, 2.0, 3.0, 3.0]), offer(&[1.0, 2.0, 3.0]));
     }
 }
