@@ -3,7 +3,7 @@
 //! In: int16 rows side by side, what is expected of them, columns. Out: per row the products of its
 //! deviation with the columns, and its square sum. The arithmetic keeps the rules of
 //! [`super::kernel`]: sample k is added to sum k mod 16, the sixteen sums are added in one order
-//! ([`tree`]), nothing fuses; so the bits depend neither on the instruction set nor on whether a
+//! (`tree`), nothing fuses; so the bits depend neither on the instruction set nor on whether a
 //! signal was turned (`Instructions::project`).
 
 use super::tile::{Instructions, LANES, Sample, Set};

@@ -3,7 +3,7 @@
 //!
 //! In: the space, the model, what is in the model already. Out: [`Scored`], one per candidate: the best
 //! over its shape parameter (frequency, rate, strength), with its value in the catalogue's units.
-//! [`shapes`] and [`lines`] act on the mean signal, [`follows`] through a covariate.
+//! `shapes` and `lines` act on the mean signal, `follows` through a covariate.
 
 mod chance;
 mod follows;
