@@ -8,10 +8,12 @@ pub mod actuation;
 pub mod faults;
 pub mod geometry;
 pub mod ink_channel;
+pub mod lane_math;
 mod poles;
 pub mod ring;
 pub mod ring_down;
 pub mod ring_fit;
+pub mod ring_lanes;
 pub mod ring_moments;
 pub mod terms;
 

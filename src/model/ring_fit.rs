@@ -5,7 +5,8 @@
 //! start over damping and frequency is followed by a few damped Gauss-Newton steps. White noise.
 
 use super::ring::Ring;
-use super::ring_moments::{ColumnTable, Moments, Oscillation, dot};
+use super::ring_lanes::{Frame, Place, SIDE, Search, Start, Turn};
+use super::ring_moments::{ColumnTable, dot};
 use nalgebra::DMatrix;
 
 /// ln (A/A0), ln (sigma/sigma0), ln (f/f0), and phi - phi0 (0 where the phase is not free).
@@ -34,6 +35,8 @@ pub struct Fit {
     pub features: Features,
     /// ||y - fit||^2, counts².
     pub misfit: f64,
+    /// ||y||^2, counts².
+    pub square: f64,
 }
 
 /// Coarse grid, relative to the healthy ring: damping from a twentieth to four times, frequency from
@@ -41,20 +44,9 @@ pub struct Fit {
 const DAMPINGS: [f64; 4] = [0.07, 0.35, 1.0, 2.4];
 const FREQUENCIES: usize = 22;
 const FREQUENCY_RANGE: (f64, f64) = (0.40, 1.55);
-const STEPS: usize = 12;
-/// A rise of the misfit by this share of the signal's square norm is rounding.
-const ROUNDING: f64 = 1e-13;
-/// A step that gains less than this share of the noise's square, as the misfit tells it, is none: it
-/// is shorter than a hundredth of the fit's own standard deviation, and is taken to first order.
-const NO_GAIN: f64 = 1e-4;
-/// First order will do where the last step changes the phase at the end, rad, and ln damping by less.
-const SMALL: f64 = 0.05;
 /// Phase of the grid's highest frequency from one sum of samples to the next, rad: their products are
 /// then as good as those of the samples.
 const COARSE_RAD: f64 = 2.0;
-/// ln of the largest change of damping and of frequency in one step.
-const MOST_DAMPING: f64 = 0.7;
-const MOST_FREQUENCY: f64 = 0.06;
 
 /// Fits signals of one sampling; its coarse grid is computed once.
 #[derive(Clone, Debug)]
@@ -64,8 +56,7 @@ pub struct RingFitter {
     samples: usize,
     /// Real pole's part of the first column, N.
     real: Vec<f64>,
-    /// cos and sin of the ring's phase.
-    first: (f64, f64),
+    frame: Frame,
     /// ln damping and ln frequency of the grid's places, of each damping all frequencies.
     grid: Vec<[f64; 2]>,
     /// Upper triangles of the inverses of their columns' Gram matrices; zeros where there is none.
@@ -82,6 +73,9 @@ pub struct Products {
     sums: Vec<f64>,
     of_grid: Vec<f32>,
     explained: Vec<f32>,
+    /// Signals side by side, and the one that is next.
+    side: Vec<[f64; SIDE]>,
+    signal: Vec<f64>,
 }
 
 impl RingFitter {
@@ -89,12 +83,23 @@ impl RingFitter {
         let real: Vec<f64> = (0..samples)
             .map(|k| ring.real_share * (-ring.lambda_per_s * k as f64 * dt_s).exp())
             .collect();
+        let lambda_dt = ring.lambda_per_s * dt_s;
+        let frame = Frame {
+            samples,
+            sigma_dt: ring.damping_per_s * dt_s,
+            omega_dt: 2.0 * std::f64::consts::PI * ring.frequency_hz * dt_s,
+            first: (ring.phase_rad.cos(), ring.phase_rad.sin()),
+            real_share: ring.real_share,
+            real_ratio: (-lambda_dt).exp(),
+            real_over_all: (-lambda_dt * samples as f64).exp(),
+            real_square: dot(&real, &real),
+        };
         let mut fitter = RingFitter {
             ring,
             dt_s,
             samples,
             real,
-            first: (ring.phase_rad.cos(), ring.phase_rad.sin()),
+            frame,
             grid: Vec::new(),
             inverses: Default::default(),
             table: ColumnTable::default(),
@@ -124,22 +129,17 @@ impl RingFitter {
         fitter
     }
 
-    /// The ring's damped pair at those ratios of damping and frequency, per unit amplitude.
-    fn oscillation(&self, damping: f64, frequency: f64) -> Oscillation {
-        let decay = (-self.ring.damping_per_s * damping * self.dt_s).exp();
-        let (sin, cos) = (self.omega_dt(frequency)).sin_cos();
-        Oscillation { first: self.first, ratio: (decay * cos, decay * sin) }
-    }
-
     fn omega_dt(&self, frequency: f64) -> f64 {
-        2.0 * std::f64::consts::PI * self.ring.frequency_hz * frequency * self.dt_s
+        self.frame.omega_dt * frequency
     }
 
     /// In-phase and quadrature columns of a ring with those ratios of damping and frequency, per
     /// unit amplitude; by recurrence.
     fn columns(&self, damping: f64, frequency: f64) -> [Vec<f64>; 2] {
-        let Oscillation { first: (mut re, mut im), ratio: (c, s) } =
-            self.oscillation(damping, frequency);
+        let (mut re, mut im) = self.frame.first;
+        let decay = (-self.frame.sigma_dt * damping).exp();
+        let (sin, cos) = self.omega_dt(frequency).sin_cos();
+        let (c, s) = (decay * cos, decay * sin);
         let mut columns = [Vec::with_capacity(self.samples), Vec::with_capacity(self.samples)];
         for real in &self.real {
             columns[0].push(re + real);
@@ -170,7 +170,13 @@ impl RingFitter {
 
     /// `y`: N, counts. `phase`: free. `None`: the signal is no ring (zero, or not finite).
     pub fn fit(&self, y: &[f64], phase: bool, work: &mut Products) -> Option<Fit> {
-        let Products { sums, of_grid, explained } = work;
+        let [damping, frequency] = self.search(y, work)?;
+        self.refine(y, damping, frequency, phase)
+    }
+
+    /// The coarse search: ln damping and ln frequency to start from.
+    fn search(&self, y: &[f64], work: &mut Products) -> Option<[f64; 2]> {
+        let Products { sums, of_grid, explained, .. } = work;
         self.sum_into(y, sums);
         self.table.products(sums, of_grid);
         let (in_phase, quadrature) = of_grid.split_at(self.grid.len());
@@ -181,11 +187,10 @@ impl RingFitter {
         for (i, explained) in explained.iter_mut().enumerate() {
             *explained = uu[i] * u[i] * u[i] + uv[i] * u[i] * v[i] + vv[i] * v[i] * v[i];
         }
-        let [damping, frequency] = self.start(explained)?;
-        self.refine(y, damping, frequency, phase)
+        self.start(explained)
     }
 
-    /// Damping and frequency where the grid explains most, between its places by parabolas. `None`:
+    /// ln damping and ln frequency where the grid explains most, between its places by parabolas. `None`:
     /// nothing explains anything.
     fn start(&self, explained: &[f32]) -> Option<[f64; 2]> {
         let most = explained.iter().fold(f32::NEG_INFINITY, |m, e| if *e > m { *e } else { m });
@@ -204,63 +209,104 @@ impl RingFitter {
             let x = [below.0, here, above.0].map(|at| at[1]);
             place[1] = peak(x, [below.1, most, above.1]);
         }
-        Some(place.map(f64::exp))
+        Some(place)
     }
 
     /// The same from a start that is near already: no coarse search. `y`: N, counts.
     pub fn fit_from(&self, y: &[f64], near: &Features, phase: bool) -> Option<Fit> {
-        let damping = near.ln_damping.clamp(-3.0, 2.0).exp();
-        let frequency = near.ln_frequency.clamp(-0.9, 0.5).exp();
+        let [damping, frequency] = self.near(near);
         self.refine(y, damping, frequency, phase)
     }
 
-    fn refine(&self, y: &[f64], damping: f64, frequency: f64, phase: bool) -> Option<Fit> {
-        let yy = dot(y, y);
-        if !(yy > 0.0 && yy.is_finite()) {
-            return None;
-        }
-        let (mut damping, mut frequency) = (damping, frequency);
-        let mut state = self.state(y, yy, damping, frequency, phase)?;
-        let mut trust = 1.0;
-        let mut last = Step::NONE;
-        for _ in 0..STEPS {
-            let step = self.step(damping, frequency, &state, phase)?;
-            if step.gain() * self.samples as f64 <= NO_GAIN * state.misfit + ROUNDING * yy {
-                let turn = self.omega_dt(frequency) * self.samples as f64 * step.frequency;
-                if turn.abs() < SMALL && step.damping.abs() < SMALL {
-                    last = step;
-                }
-                break;
-            }
-            let mut accepted = false;
-            for _ in 0..4 {
-                let d = (trust * step.damping).clamp(-MOST_DAMPING, MOST_DAMPING);
-                let f = (trust * step.frequency).clamp(-MOST_FREQUENCY, MOST_FREQUENCY);
-                let trial = (damping * d.exp(), frequency * f.exp());
-                if let Some(next) = self.state(y, yy, trial.0, trial.1, phase)
-                    && next.misfit <= state.misfit + ROUNDING * yy
-                {
-                    (damping, frequency) = trial;
-                    state = next;
-                    trust = 1.0;
-                    accepted = true;
-                    break;
-                }
-                trust /= 4.0;
-            }
-            if !accepted {
-                break;
+    /// ln damping and ln frequency to start from.
+    fn near(&self, near: &Features) -> [f64; 2] {
+        [near.ln_damping.clamp(-3.0, 2.0), near.ln_frequency.clamp(-0.9, 0.5)]
+    }
+
+    fn refine(&self, y: &[f64], ln_damping: f64, ln_frequency: f64, phase: bool) -> Option<Fit> {
+        let start = self.start_of(y, [ln_damping, ln_frequency])?;
+        let mut search = Search::<1>::new(self.frame, phase);
+        search.begin(0, start);
+        loop {
+            match search.look(y.as_chunks::<1>().0) {
+                [Turn::GoesOn] => {}
+                [Turn::Ended(place)] => return self.fit_of(place?, start.square),
             }
         }
-        let (a, b) = (state.a + last.amplitudes[0], state.b + last.amplitudes[1]);
+    }
+
+    /// `None`: no signal.
+    fn start_of(&self, y: &[f64], [ln_damping, ln_frequency]: [f64; 2]) -> Option<Start> {
+        let square = dot(y, y);
+        let along_real = dot(y, &self.real);
+        let there = square > 0.0 && square.is_finite();
+        there.then_some(Start { ln_damping, ln_frequency, square, along_real })
+    }
+
+    fn fit_of(&self, place: Place, square: f64) -> Option<Fit> {
+        let Place { ln_damping, ln_frequency, a, b, misfit } = place;
         let features = Features {
             ln_amplitude: (a.hypot(b) / self.ring.amplitude).ln(),
-            ln_damping: damping.ln() + last.damping,
-            ln_frequency: frequency.ln() + last.frequency,
+            ln_damping,
+            ln_frequency,
             phase_rad: b.atan2(a),
         };
-        let misfit = (state.misfit - last.gain()).max(0.0);
-        features.coordinates().iter().all(|v| v.is_finite()).then_some(Fit { features, misfit })
+        let finite = features.coordinates().iter().all(|v| v.is_finite());
+        finite.then_some(Fit { features, misfit, square })
+    }
+
+    /// The same of many signals, several side by side. `signal` writes the next one, N counts, and says
+    /// near what it lies, if that is known; `None` of it: there are no more. `found`: the fit of a
+    /// signal by its number.
+    pub fn fit_all(
+        &self,
+        phase: bool,
+        work: &mut Products,
+        mut signal: impl FnMut(&mut [f64]) -> Option<Option<Features>>,
+        mut found: impl FnMut(usize, Option<Fit>),
+    ) {
+        let mut side = std::mem::take(&mut work.side);
+        let mut y = std::mem::take(&mut work.signal);
+        side.resize(self.samples, [0.0; SIDE]);
+        y.resize(self.samples, 0.0);
+        let mut search = Search::<SIDE>::new(self.frame, phase);
+        let mut squares = [0.0; SIDE];
+        let mut of_lane: [Option<usize>; SIDE] = [None; SIDE];
+        let (mut next, mut more) = (0, true);
+        loop {
+            for lane in 0..SIDE {
+                while more && of_lane[lane].is_none() {
+                    let Some(near) = signal(&mut y) else {
+                        more = false;
+                        break;
+                    };
+                    let start = match near {
+                        Some(near) => Some(self.near(&near)),
+                        None => self.search(&y, work),
+                    };
+                    match start.and_then(|start| self.start_of(&y, start)) {
+                        None => found(next, None),
+                        Some(start) => {
+                            side.iter_mut().zip(&y).for_each(|(side, y)| side[lane] = *y);
+                            search.begin(lane, start);
+                            squares[lane] = start.square;
+                            of_lane[lane] = Some(next);
+                        }
+                    }
+                    next += 1;
+                }
+            }
+            if of_lane.iter().all(Option::is_none) {
+                break;
+            }
+            for (lane, turn) in search.look(&side).into_iter().enumerate() {
+                if let (Turn::Ended(place), Some(number)) = (turn, of_lane[lane]) {
+                    found(number, place.and_then(|place| self.fit_of(place, squares[lane])));
+                    of_lane[lane] = None;
+                }
+            }
+        }
+        (work.side, work.signal) = (side, y);
     }
 
     /// N x 4: dy/d(ln A, ln sigma, ln f, phi) at some features, counts.
@@ -301,86 +347,6 @@ impl RingFitter {
         let columns = tangent.columns(0, free);
         Some((columns.transpose() * columns).try_inverse()? * (noise * noise))
     }
-
-    /// Best amplitude (and phase) at a damping and frequency. `yy`: the signal's square norm.
-    fn state(
-        &self,
-        y: &[f64],
-        yy: f64,
-        damping: f64,
-        frequency: f64,
-        phase: bool,
-    ) -> Option<State> {
-        let moments = Moments::of(y, &self.real, self.oscillation(damping, frequency));
-        let ([pp, pq, qq, ..], [up, uq, ..]) = (moments.gram, moments.slope);
-        let (a, b) = if phase {
-            let determinant = pp * qq - pq * pq;
-            ((qq * up - pq * uq) / determinant, (pp * uq - pq * up) / determinant)
-        } else {
-            (up / pp, 0.0)
-        };
-        let misfit = (yy - a * up - b * uq).max(0.0);
-        (misfit.is_finite() && a.is_finite() && b.is_finite()).then_some(State {
-            a,
-            b,
-            misfit,
-            moments,
-        })
-    }
-
-    /// Gauss-Newton step of (ln damping, ln frequency), amplitude (and phase) eliminated.
-    fn step(&self, damping: f64, frequency: f64, state: &State, phase: bool) -> Option<Step> {
-        let sigma_dt = self.ring.damping_per_s * damping * self.dt_s;
-        let omega_dt = self.omega_dt(frequency);
-        let &State { a, b, moments: Moments { gram, slope }, .. } = state;
-        let [pp, qp, qq, xp, xq, xx, zp, zq, zx, zz] = gram; // x = t p', z = t q
-        // products of the misfit with x and z
-        let (rx, rz) = (slope[2] - a * xp - b * xq, slope[3] - a * zp - b * zq);
-        // dy/d(ln sigma) = -sigma t (a p' + b q), dy/d(ln omega) = omega t (a q - b p')
-        let of = |x: f64, z: f64| [-sigma_dt * (a * x + b * z), omega_dt * (a * z - b * x)];
-        let (along_p, along_q, slopes) = (of(xp, zp), of(xq, zq), of(rx, rz));
-        let (by_x, by_z) = (of(xx, zx), of(zx, zz));
-        let (damping_row, frequency_row) = (of(by_x[0], by_z[0]), of(by_x[1], by_z[1]));
-        // what p (and q) can do themselves is theirs
-        let determinant = pp * qq - qp * qp;
-        let shared = |i: usize, j: usize| match phase {
-            false => along_p[i] * along_p[j] / pp,
-            true => {
-                (qq * along_p[i] * along_p[j] + pp * along_q[i] * along_q[j]
-                    - qp * (along_p[i] * along_q[j] + along_q[i] * along_p[j]))
-                    / determinant
-            }
-        };
-        let h = [
-            damping_row[0] - shared(0, 0),
-            frequency_row[0] - shared(0, 1),
-            frequency_row[1] - shared(1, 1),
-        ];
-        let det = h[0] * h[2] - h[1] * h[1];
-        let moves = [
-            (h[2] * slopes[0] - h[1] * slopes[1]) / det,
-            (h[0] * slopes[1] - h[1] * slopes[0]) / det,
-        ];
-        let along = |of: [f64; 2]| of[0] * moves[0] + of[1] * moves[1];
-        let (of_p, of_q) = (along(along_p), along(along_q));
-        let amplitudes = match phase {
-            false => [-of_p / pp, 0.0],
-            true => {
-                [-(qq * of_p - qp * of_q) / determinant, -(pp * of_q - qp * of_p) / determinant]
-            }
-        };
-        let step = Step { damping: moves[0], frequency: moves[1], slopes, amplitudes };
-        (h[0] > 0.0 && det > 0.0 && step.gain().is_finite()).then_some(step)
-    }
-}
-
-/// A step and the slope of half the misfit along it.
-struct Step {
-    damping: f64,
-    frequency: f64,
-    slopes: [f64; 2],
-    /// What it changes of the in-phase and quadrature amplitudes, counts.
-    amplitudes: [f64; 2],
 }
 
 /// Where a parabola through three points is highest, no further than half way to the outer ones.
@@ -392,23 +358,6 @@ fn peak(x: [f64; 3], y: [f64; 3]) -> f64 {
     let curvature = 2.0 * (fall - rise) / (left + right);
     let shift = if curvature < 0.0 { -slope / curvature } else { 0.0 };
     x[1] + shift.clamp(-0.5 * left, 0.5 * right)
-}
-
-impl Step {
-    const NONE: Step =
-        Step { damping: 0.0, frequency: 0.0, slopes: [0.0; 2], amplitudes: [0.0; 2] };
-
-    /// By how much the misfit would fall, counts².
-    fn gain(&self) -> f64 {
-        self.damping * self.slopes[0] + self.frequency * self.slopes[1]
-    }
-}
-
-struct State {
-    a: f64,
-    b: f64,
-    misfit: f64,
-    moments: Moments,
 }
 
 #[cfg(test)]
@@ -474,14 +423,67 @@ mod tests {
                 let at = |d: f64, f: f64| {
                     let (damping, frequency) =
                         (fit.features.ln_damping + d, fit.features.ln_frequency + f);
-                    {
-                        let yy = dot(&y, &y);
-                        fitter.state(&y, yy, damping.exp(), frequency.exp(), phase).unwrap().misfit
-                    }
+                    misfit(&fitter, &y, damping.exp(), frequency.exp(), phase)
                 };
                 let here = at(0.0, 0.0);
                 for (d, f) in [(0.01, 0.0), (-0.01, 0.0), (0.0, 0.001), (0.0, -0.001)] {
                     assert!(at(d, f) >= here - 1e-9 * here, "lower beside the fit");
+                }
+            }
+        }
+    }
+
+    /// By least squares on the columns themselves.
+    fn misfit(fitter: &RingFitter, y: &[f64], damping: f64, frequency: f64, phase: bool) -> f64 {
+        let columns = fitter.columns(damping, frequency);
+        let kept = if phase { 2 } else { 1 };
+        let matrix = DMatrix::from_fn(y.len(), kept, |k, j| columns[j][k]);
+        let y = nalgebra::DVector::from_row_slice(y);
+        let gram = (matrix.transpose() * &matrix).try_inverse().unwrap();
+        let amplitudes = gram * matrix.transpose() * &y;
+        (y - matrix * amplitudes).norm_squared()
+    }
+
+    #[test]
+    fn property_signals_side_by_side_are_fitted_as_each_alone() {
+        for samples in [128, 61] {
+            let fitter = RingFitter::new(HEALTHY, DT_S, samples);
+            let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
+            let signals: Vec<Vec<f64>> = (0..150)
+                .map(|i| {
+                    let (a, d) = (rng.random_range(0.5..1.6), rng.random_range(0.1..3.0));
+                    let (f, turn) = (rng.random_range(0.45..1.4), rng.random_range(-0.5..0.5));
+                    let noise = if i % 20 == 3 { f64::NAN } else { 10.0 * (i % 3) as f64 };
+                    let y = signal(a, d, f, turn);
+                    let noisy = |y: f64, e: f64| if i % 20 == 7 { 0.0 } else { y + noise * e };
+                    y[..samples].iter().map(|&y| noisy(y, rng.sample(StandardNormal))).collect()
+                })
+                .collect();
+            let healthy = Features::HEALTHY;
+            for near in [None, Some(healthy)] {
+                for phase in [false, true] {
+                    let mut work = Products::default();
+                    let (mut next, mut fits) = (0, vec![None; signals.len()]);
+                    fitter.fit_all(
+                        phase,
+                        &mut work,
+                        |y| {
+                            y.copy_from_slice(signals.get(next)?);
+                            next += 1;
+                            Some(near)
+                        },
+                        |number, fit| fits[number] = fit,
+                    );
+                    for (y, fit) in signals.iter().zip(fits) {
+                        let alone = match near {
+                            None => fitter.fit(y, phase, &mut work),
+                            Some(near) => fitter.fit_from(y, &near, phase),
+                        };
+                        let bits = |fit: Option<Fit>| {
+                            fit.map(|f| (f.features.coordinates().map(f64::to_bits), f.misfit))
+                        };
+                        assert_eq!(bits(fit), bits(alone));
+                    }
                 }
             }
         }

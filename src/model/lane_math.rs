@@ -1,0 +1,142 @@
+//! Exponential, logarithm, sine and cosine that loops over lanes are made of.
+//!
+//! In and out: one number. Only sums, products, divisions and whole-number steps without branches, so
+//! a loop over them becomes vectors; none fuses, so bits depend neither on the processor nor on the
+//! C library. Errors are a few units in the last place (`tests`).
+
+/// Added to a number below 2^51 it leaves the nearest integer in the last bits.
+const TO_INTEGER: f64 = 6_755_399_441_055_744.0;
+const LN_2: [f64; 2] = [0.693_147_180_369_123_8, 1.908_214_929_270_587_7e-10];
+
+/// e^x for x in -700 .. 700: 2^k times the Taylor series of what is left, |r| <= ln 2 / 2.
+#[inline(always)] // compiled once per instruction set
+pub fn exp(x: f64) -> f64 {
+    const FACTORIALS: [f64; 14] = [
+        1.0,
+        1.0,
+        2.0,
+        6.0,
+        24.0,
+        120.0,
+        720.0,
+        5040.0,
+        40_320.0,
+        362_880.0,
+        3_628_800.0,
+        39_916_800.0,
+        479_001_600.0,
+        6_227_020_800.0,
+    ];
+    let shifted = x * std::f64::consts::LOG2_E + TO_INTEGER;
+    let k = shifted - TO_INTEGER;
+    let r = (x - k * LN_2[0]) - k * LN_2[1];
+    let mut sum = 1.0 / FACTORIALS[13];
+    for n in (0..13).rev() {
+        sum = sum * r + 1.0 / FACTORIALS[n];
+    }
+    sum * f64::from_bits(shifted.to_bits().wrapping_add(1023) << 52)
+}
+
+/// ln x for positive normal x: x = 2^k m with m in sqrt(1/2) .. sqrt(2), ln m = 2 artanh s,
+/// s = (m - 1) / (m + 1), |s| <= .1716; the series ends at s^21.
+#[inline(always)] // compiled once per instruction set
+pub fn ln(x: f64) -> f64 {
+    /// Bits of sqrt(1/2).
+    const ROOT_HALF: u64 = 0x3fe6_a09e_667f_3bcd;
+    const MANTISSA: u64 = (1 << 52) - 1;
+    let above = x.to_bits().wrapping_sub(ROOT_HALF);
+    // the exponent, at most 2^11, as a number: 2^52 and it, less 2^52; negative ones come round
+    let biased = (above.wrapping_add(1024 << 52)) >> 52;
+    let k = f64::from_bits(biased | 0x4330_0000_0000_0000) - (4_503_599_627_370_496.0 + 1024.0);
+    let m = f64::from_bits((above & MANTISSA).wrapping_add(ROOT_HALF));
+    let s = (m - 1.0) / (m + 1.0);
+    let square = s * s;
+    let mut sum = 1.0 / 21.0;
+    for n in (1..10).rev() {
+        sum = sum * square + 1.0 / (2 * n + 1) as f64;
+    }
+    // ln m = 2 s + 2 s^3 (..)
+    let rest = 2.0 * s * square * sum;
+    k * LN_2[0] + (2.0 * s + (rest + k * LN_2[1]))
+}
+
+/// Sine and cosine for |x| < 10^5: quarter turns, and the Taylor series of what is left, |r| <= pi/4.
+#[inline(always)] // compiled once per instruction set
+pub fn sin_cos(x: f64) -> (f64, f64) {
+    const QUARTER: [f64; 2] = [1.570_796_326_734_125_6, 6.077_100_506_506_192e-11];
+    const SIN: [f64; 8] = [
+        1.0,
+        -1.0 / 6.0,
+        1.0 / 120.0,
+        -1.0 / 5040.0,
+        1.0 / 362_880.0,
+        -1.0 / 39_916_800.0,
+        1.0 / 6_227_020_800.0,
+        -1.0 / 1_307_674_368_000.0,
+    ];
+    const COS: [f64; 9] = [
+        1.0,
+        -0.5,
+        1.0 / 24.0,
+        -1.0 / 720.0,
+        1.0 / 40_320.0,
+        -1.0 / 3_628_800.0,
+        1.0 / 479_001_600.0,
+        -1.0 / 87_178_291_200.0,
+        1.0 / 20_922_789_888_000.0,
+    ];
+    let shifted = x * std::f64::consts::FRAC_2_PI + TO_INTEGER;
+    let (k, quarters) = (shifted - TO_INTEGER, shifted.to_bits());
+    let r = (x - k * QUARTER[0]) - k * QUARTER[1];
+    let square = r * r;
+    let (mut sin, mut cos) = (SIN[7], COS[8]);
+    for n in (0..7).rev() {
+        sin = sin * square + SIN[n];
+    }
+    for n in (0..8).rev() {
+        cos = cos * square + COS[n];
+    }
+    sin *= r;
+    let odd = quarters & 1 == 1;
+    let (s, c) = (if odd { cos } else { sin }, if odd { sin } else { cos });
+    // signs by the bits of the quarter: 0 ++, 1 +-, 2 --, 3 -+
+    let sign = |bit: u64| (bit & 2) << 62;
+    let signed = |v: f64, bit: u64| f64::from_bits(v.to_bits() ^ sign(bit));
+    (signed(s, quarters), signed(c, quarters.wrapping_add(1)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exponential_is_the_exponential() {
+        for i in -700_000..700_000 {
+            let x = f64::from(i) / 1000.0;
+            assert!((exp(x) / x.exp() - 1.0).abs() < 1e-15, "{x}");
+        }
+        assert_eq!(exp(0.0), 1.0);
+    }
+
+    #[test]
+    fn logarithm_is_the_logarithm() {
+        let near_one = (-20_000..20_000).map(|i| 1.0 + f64::from(i) * 2e-5);
+        let all = (-300_000..300_000).map(|i| 10f64.powf(f64::from(i) / 1000.0));
+        for x in near_one.chain(all) {
+            let error = (ln(x) - x.ln()).abs();
+            assert!(error <= 1e-15 * x.ln().abs() + 1e-17, "{x}: {} {}", ln(x), x.ln());
+        }
+        assert_eq!(ln(1.0), 0.0);
+    }
+
+    #[test]
+    fn sine_and_cosine_are_what_they_are() {
+        for i in -400_000..400_000 {
+            let x = f64::from(i) * 1.7e-4;
+            let (sin, cos) = sin_cos(x);
+            assert!((sin - x.sin()).abs() < 4e-16, "{x}");
+            assert!((cos - x.cos()).abs() < 4e-16, "{x}");
+        }
+        assert_eq!(sin_cos(0.0), (0.0, 1.0));
+    }
+}
