@@ -13,7 +13,8 @@ mod poles;
 pub mod ring;
 pub mod ring_down;
 pub mod ring_fit;
-pub mod ring_lanes;
+mod ring_grid;
+mod ring_lanes;
 pub mod ring_moments;
 pub mod terms;
 

@@ -5,8 +5,9 @@
 //! start over damping and frequency is followed by a few damped Gauss-Newton steps. White noise.
 
 use super::ring::Ring;
+use super::ring_grid::{Grid, Sums};
 use super::ring_lanes::{Frame, Place, SIDE, Search, Start, Turn};
-use super::ring_moments::{ColumnTable, dot};
+use super::ring_moments::dot;
 use nalgebra::DMatrix;
 
 /// ln (A/A0), ln (sigma/sigma0), ln (f/f0), and phi - phi0 (0 where the phase is not free).
@@ -39,15 +40,6 @@ pub struct Fit {
     pub square: f64,
 }
 
-/// Coarse grid, relative to the healthy ring: damping from a twentieth to four times, frequency from
-/// 0.4 to 1.5 times. Steps of 7 % in frequency lie within reach of Gauss-Newton.
-const DAMPINGS: [f64; 4] = [0.07, 0.35, 1.0, 2.4];
-const FREQUENCIES: usize = 22;
-const FREQUENCY_RANGE: (f64, f64) = (0.40, 1.55);
-/// Phase of the grid's highest frequency from one sum of samples to the next, rad: their products are
-/// then as good as those of the samples.
-const COARSE_RAD: f64 = 2.0;
-
 /// Fits signals of one sampling; its coarse grid is computed once.
 #[derive(Clone, Debug)]
 pub struct RingFitter {
@@ -57,22 +49,13 @@ pub struct RingFitter {
     /// Real pole's part of the first column, N.
     real: Vec<f64>,
     frame: Frame,
-    /// ln damping and ln frequency of the grid's places, of each damping all frequencies.
-    grid: Vec<[f64; 2]>,
-    /// Upper triangles of the inverses of their columns' Gram matrices; zeros where there is none.
-    inverses: [Vec<f32>; 3],
-    /// The grid's columns, all in-phase ones first, of samples added up in pairs so many times: only
-    /// the start is chosen by them.
-    table: ColumnTable,
-    paired: u32,
+    grid: Grid,
 }
 
 /// Scratch of one worker.
 #[derive(Clone, Debug, Default)]
 pub struct Products {
-    sums: Vec<f64>,
-    of_grid: Vec<f32>,
-    explained: Vec<f32>,
+    sums: Sums,
     /// Signals side by side, and the one that is next.
     side: Vec<[f64; SIDE]>,
     signal: Vec<f64>,
@@ -94,122 +77,24 @@ impl RingFitter {
             real_over_all: (-lambda_dt * samples as f64).exp(),
             real_square: dot(&real, &real),
         };
-        let mut fitter = RingFitter {
-            ring,
-            dt_s,
-            samples,
-            real,
-            frame,
-            grid: Vec::new(),
-            inverses: Default::default(),
-            table: ColumnTable::default(),
-            paired: 0,
-        };
-        let (low, high) = FREQUENCY_RANGE;
-        let summed = (COARSE_RAD / fitter.omega_dt(high)) as usize;
-        fitter.paired = summed.clamp(1, (samples / 16).max(1)).ilog2();
-        let mut columns = [Vec::new(), Vec::new()];
-        for damping in DAMPINGS {
-            for i in 0..FREQUENCIES {
-                let share = i as f64 / (FREQUENCIES - 1) as f64;
-                let frequency = low * (high / low).powf(share);
-                let [p, q] = fitter.columns(damping, frequency).map(|c| fitter.sums(&c));
-                let [pp, pq, qq] = [dot(&p, &p), dot(&p, &q), dot(&q, &q)];
-                let determinant = pp * qq - pq * pq;
-                let there = determinant > 1e-9 * pp * qq;
-                for (all, g) in fitter.inverses.iter_mut().zip([qq, -2.0 * pq, pp]) {
-                    all.push(if there { (g / determinant) as f32 } else { 0.0 });
-                }
-                fitter.grid.push([damping.ln(), frequency.ln()]);
-                columns[0].push(p);
-                columns[1].push(q);
-            }
-        }
-        fitter.table = ColumnTable::new(&columns.concat());
-        fitter
+        let grid = Grid::new(frame.omega_dt, samples, |damping, frequency| {
+            columns(&real, &frame, damping, frequency)
+        });
+        RingFitter { ring, dt_s, samples, real, frame, grid }
     }
 
     fn omega_dt(&self, frequency: f64) -> f64 {
         self.frame.omega_dt * frequency
     }
 
-    /// In-phase and quadrature columns of a ring with those ratios of damping and frequency, per
-    /// unit amplitude; by recurrence.
     fn columns(&self, damping: f64, frequency: f64) -> [Vec<f64>; 2] {
-        let (mut re, mut im) = self.frame.first;
-        let decay = (-self.frame.sigma_dt * damping).exp();
-        let (sin, cos) = self.omega_dt(frequency).sin_cos();
-        let (c, s) = (decay * cos, decay * sin);
-        let mut columns = [Vec::with_capacity(self.samples), Vec::with_capacity(self.samples)];
-        for real in &self.real {
-            columns[0].push(re + real);
-            columns[1].push(-im);
-            (re, im) = (c * re - s * im, s * re + c * im);
-        }
-        columns
-    }
-
-    /// Sums of neighbouring samples.
-    fn sums(&self, y: &[f64]) -> Vec<f64> {
-        let mut sums = Vec::new();
-        self.sum_into(y, &mut sums);
-        sums
-    }
-
-    fn sum_into(&self, y: &[f64], sums: &mut Vec<f64>) {
-        sums.clear();
-        sums.extend_from_slice(y);
-        for _ in 0..self.paired {
-            let half = sums.len() / 2; // the last of an odd number is left out
-            for i in 0..half {
-                sums[i] = sums[2 * i] + sums[2 * i + 1];
-            }
-            sums.truncate(half);
-        }
+        columns(&self.real, &self.frame, damping, frequency)
     }
 
     /// `y`: N, counts. `phase`: free. `None`: the signal is no ring (zero, or not finite).
     pub fn fit(&self, y: &[f64], phase: bool, work: &mut Products) -> Option<Fit> {
-        let [damping, frequency] = self.search(y, work)?;
+        let [damping, frequency] = self.grid.search(y, &mut work.sums)?;
         self.refine(y, damping, frequency, phase)
-    }
-
-    /// The coarse search: ln damping and ln frequency to start from.
-    fn search(&self, y: &[f64], work: &mut Products) -> Option<[f64; 2]> {
-        let Products { sums, of_grid, explained, .. } = work;
-        self.sum_into(y, sums);
-        self.table.products(sums, of_grid);
-        let (in_phase, quadrature) = of_grid.split_at(self.grid.len());
-        let n = self.grid.len();
-        explained.resize(n, 0.0);
-        let (u, v) = (&in_phase[..n], &quadrature[..n]);
-        let [uu, uv, vv] = self.inverses.each_ref().map(|of| &of[..n]);
-        for (i, explained) in explained.iter_mut().enumerate() {
-            *explained = uu[i] * u[i] * u[i] + uv[i] * u[i] * v[i] + vv[i] * v[i] * v[i];
-        }
-        self.start(explained)
-    }
-
-    /// ln damping and ln frequency where the grid explains most, between its places by parabolas. `None`:
-    /// nothing explains anything.
-    fn start(&self, explained: &[f32]) -> Option<[f64; 2]> {
-        let most = explained.iter().fold(f32::NEG_INFINITY, |m, e| if *e > m { *e } else { m });
-        let best = explained.iter().position(|e| *e == most)?;
-        let at = |i: usize| (self.grid[i], f64::from(explained[i]));
-        let (here, most) = at(best);
-        let mut place = here;
-        let (row, column) = (best / FREQUENCIES, best % FREQUENCIES);
-        if (1..DAMPINGS.len() - 1).contains(&row) {
-            let (below, above) = (at(best - FREQUENCIES), at(best + FREQUENCIES));
-            let x = [below.0, here, above.0].map(|at| at[0]);
-            place[0] = peak(x, [below.1, most, above.1]);
-        }
-        if (1..FREQUENCIES - 1).contains(&column) {
-            let (below, above) = (at(best - 1), at(best + 1));
-            let x = [below.0, here, above.0].map(|at| at[1]);
-            place[1] = peak(x, [below.1, most, above.1]);
-        }
-        Some(place)
     }
 
     /// The same from a start that is near already: no coarse search. `y`: N, counts.
@@ -282,7 +167,7 @@ impl RingFitter {
                     };
                     let start = match near {
                         Some(near) => Some(self.near(&near)),
-                        None => self.search(&y, work),
+                        None => self.grid.search(&y, &mut work.sums),
                     };
                     match start.and_then(|start| self.start_of(&y, start)) {
                         None => found(next, None),
@@ -349,15 +234,20 @@ impl RingFitter {
     }
 }
 
-/// Where a parabola through three points is highest, no further than half way to the outer ones.
-fn peak(x: [f64; 3], y: [f64; 3]) -> f64 {
-    let (left, right) = (x[1] - x[0], x[2] - x[1]);
-    let (rise, fall) = ((y[1] - y[0]) / left, (y[2] - y[1]) / right);
-    // slope at the middle and curvature
-    let slope = (rise * right + fall * left) / (left + right);
-    let curvature = 2.0 * (fall - rise) / (left + right);
-    let shift = if curvature < 0.0 { -slope / curvature } else { 0.0 };
-    x[1] + shift.clamp(-0.5 * left, 0.5 * right)
+/// In-phase and quadrature columns of a ring with those ratios of damping and frequency, per unit
+/// amplitude; by recurrence. `real`: the real pole's part, N.
+fn columns(real: &[f64], frame: &Frame, damping: f64, frequency: f64) -> [Vec<f64>; 2] {
+    let (mut re, mut im) = frame.first;
+    let decay = (-frame.sigma_dt * damping).exp();
+    let (sin, cos) = (frame.omega_dt * frequency).sin_cos();
+    let (c, s) = (decay * cos, decay * sin);
+    let mut columns = [Vec::with_capacity(real.len()), Vec::with_capacity(real.len())];
+    for real in real {
+        columns[0].push(re + real);
+        columns[1].push(-im);
+        (re, im) = (c * re - s * im, s * re + c * im);
+    }
+    columns
 }
 
 #[cfg(test)]

@@ -277,11 +277,14 @@ fn looks<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Look; W] {
         (twice[l], square[l]) = (2.0 * re[l], decay * decay);
     }
     let recurrence = goertzel(y, &twice, &square);
+    let (over_all, squares) = powers(frame.samples, [&re, &im], &square);
     let mut out: [[f64; W]; 8] = [[0.0; W]; 8];
     for l in 0..W {
         let z = Complex { re: re[l], im: im[l] };
         let of_signal = std::array::from_fn(|j| recurrence[j][l]);
-        let sums = sums(frame, z, square[l], of_signal, of.along_real[l]);
+        let over_all = Complex { re: over_all[0][l], im: over_all[1][l] };
+        let powers = Powers { over_all, squares: std::array::from_fn(|j| squares[j][l]) };
+        let sums = sums(frame, z, powers, of_signal, of.along_real[l]);
         let look = seen(of.phase, sigma[l], omega[l], &sums, of.square[l]);
         let Look { a, b, misfit, step } = look;
         let all = [a, b, misfit, step.damping, step.frequency, step.a, step.b, step.gain];
@@ -351,19 +354,67 @@ impl Complex {
 
     /// 1 / (1 - self).
     #[inline(always)] // compiled once per instruction set
-    fn geometric(self) -> Complex {
+    fn one_less_inverse(self) -> Complex {
         let (re, im) = (1.0 - self.re, -self.im);
         let norm = 1.0 / (re * re + im * im);
         Complex { re: re * norm, im: -im * norm }
     }
 }
 
+/// z^n, and the sums of |z|^2k, k |z|^2k and k² |z|^2k over k < n.
+#[derive(Clone, Copy)]
+struct Powers {
+    over_all: Complex,
+    squares: [f64; 3],
+}
+
+/// z^n by squaring, the sums by doubling: their closed forms cancel where nothing decays.
+#[inline(always)] // compiled once per instruction set
+fn powers<const W: usize>(
+    n: usize,
+    [re, im]: [&[f64; W]; 2],
+    square: &[f64; W],
+) -> ([[f64; W]; 2], [[f64; W]; 3]) {
+    let ([mut all_re, mut all_im], mut decay) = ([*re, *im], *square);
+    let [mut s0, mut s1, mut s2] = [[1.0; W], [0.0; W], [0.0; W]];
+    let mut done = 1.0;
+    let bits = usize::BITS - n.leading_zeros();
+    for bit in (0..bits.saturating_sub(1)).rev() {
+        let odd = n >> bit & 1 == 1;
+        for l in 0..W {
+            let d = decay[l];
+            s2[l] += d * (s2[l] + done * (2.0 * s1[l] + done * s0[l]));
+            s1[l] += d * (s1[l] + done * s0[l]);
+            s0[l] += d * s0[l];
+            (all_re[l], all_im[l]) =
+                (all_re[l] * all_re[l] - all_im[l] * all_im[l], 2.0 * all_re[l] * all_im[l]);
+            decay[l] = d * d;
+        }
+        done *= 2.0;
+        if odd {
+            for l in 0..W {
+                let d = decay[l];
+                s2[l] += done * done * d;
+                s1[l] += done * d;
+                s0[l] += d;
+                (all_re[l], all_im[l]) = (
+                    all_re[l] * re[l] - all_im[l] * im[l],
+                    all_re[l] * im[l] + all_im[l] * re[l],
+                );
+                decay[l] = d * square[l];
+            }
+            done += 1.0;
+        }
+    }
+    ([all_re, all_im], [s0, s1, s2])
+}
+
 const ONE: Complex = Complex { re: 1.0, im: 0.0 };
 
 /// Sum of w^k and of k w^k over k < n. `over_all`: w^n.
 #[inline(always)] // compiled once per instruction set
-fn powers(w: Complex, over_all: Complex, n: f64) -> (Complex, Complex, Complex) {
-    let inverse = w.geometric();
+fn geometric(w: Complex, over_all: Complex, n: f64) -> (Complex, Complex, Complex) {
+    let inverse = w.one_less_inverse();
     let zeroth = ONE.less(over_all).times(inverse);
     // (1 - w) sum k w^k = sum_{0 < k < n} w^k - (n - 1) w^n
     let first = zeroth.less(ONE).less(over_all.scaled(n - 1.0)).times(inverse);
@@ -371,45 +422,21 @@ fn powers(w: Complex, over_all: Complex, n: f64) -> (Complex, Complex, Complex) 
 }
 
 #[inline(always)] // compiled once per instruction set
-fn sums(frame: &Frame, z: Complex, square: f64, of_signal: [f64; 4], along_real: f64) -> Sums {
+fn sums(frame: &Frame, z: Complex, powers: Powers, of_signal: [f64; 4], along_real: f64) -> Sums {
     let n = frame.samples as f64;
     let first = Complex { re: frame.first.0, im: frame.first.1 };
-    // z^n by squaring, and sums of k^m |z|^2k by doubling: these cancel where nothing decays
-    let (mut over_all, mut decay) = (z, square);
-    let mut squares = [1.0, 0.0, 0.0];
-    let mut done = 1.0;
-    let bits = usize::BITS - frame.samples.leading_zeros();
-    for bit in (0..bits.saturating_sub(1)).rev() {
-        let [s0, s1, s2] = squares;
-        squares = [
-            s0 + decay * s0,
-            s1 + decay * (s1 + done * s0),
-            s2 + decay * (s2 + done * (2.0 * s1 + done * s0)),
-        ];
-        (over_all, decay) = (over_all.times(over_all), decay * decay);
-        done *= 2.0;
-        if frame.samples >> bit & 1 == 1 {
-            squares = [
-                squares[0] + decay,
-                squares[1] + done * decay,
-                squares[2] + done * done * decay,
-            ];
-            (over_all, decay) = (over_all.times(z), decay * square);
-            done += 1.0;
-        }
-    }
+    let Powers { over_all, squares: [s0, s1, s2] } = powers;
     let (w, w_all) = (z.times(z), over_all.times(over_all));
-    let (a0, a1, inverse) = powers(w, w_all, n);
+    let (a0, a1, inverse) = geometric(w, w_all, n);
     // (1 - w) sum k² w^k = sum_{0 < k < n} (2 k - 1) w^k - (n - 1)² w^n
     let a2 = a1.scaled(2.0).less(a0.less(ONE)).less(w_all.scaled((n - 1.0) * (n - 1.0)));
     let turned = first.times(first);
     let (a0, a1, a2) =
         (a0.times(turned), a1.times(turned), a2.times(inverse).times(turned));
     let (c0, c1, _) =
-        powers(z.scaled(frame.real_ratio), over_all.scaled(frame.real_over_all), n);
+        geometric(z.scaled(frame.real_ratio), over_all.scaled(frame.real_over_all), n);
     let share = first.scaled(frame.real_share);
     let (c0, c1) = (c0.times(share), c1.times(share));
-    let [s0, s1, s2] = squares;
     let gram = [
         0.5 * (s0 + a0.re) + 2.0 * c0.re + frame.real_square,
         -0.5 * a0.im - c0.im,
@@ -438,12 +465,9 @@ fn seen(phase: bool, sigma_dt: f64, omega_dt: f64, sums: &Sums, yy: f64) -> Look
     let [pp, qp, qq, xp, xq, xx, zp, zq, zx, zz] = sums.gram;
     let [up, uq, ux, uz] = sums.slope;
     // inverse of the columns' Gram matrix; with the phase held there is no second column
-    let determinant = if phase { pp * qq - qp * qp } else { pp };
-    let inverse = 1.0 / determinant;
-    let [ip, iq, ic] = match phase {
-        true => [qq * inverse, pp * inverse, -qp * inverse],
-        false => [inverse, 0.0, 0.0],
-    };
+    let [of_p, of_q, cross] = if phase { [qq, pp, -qp] } else { [1.0, 0.0, 0.0] };
+    let inverse = 1.0 / (of_p * pp + cross * qp);
+    let [ip, iq, ic] = [of_p * inverse, of_q * inverse, cross * inverse];
     let (a, b) = (ip * up + ic * uq, iq * uq + ic * up);
     let misfit = yy - a * up - b * uq;
     let misfit = if misfit < 0.0 { 0.0 } else { misfit }; // NaN stays
