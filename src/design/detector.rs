@@ -5,7 +5,7 @@ use super::own_channel::Own;
 use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK, Sensitivity};
 use crate::identify::grey_box::Identification;
 use crate::model::ring::Ring;
-use crate::model::ring_fit::{Features, RingFitter};
+use crate::model::ring_fit::{Features, Fit, RingFitter};
 use nalgebra::{Matrix3, Matrix3x4, Matrix4, Vector3};
 
 /// `detect.method` = `sensitivity`, ready for one model.
@@ -40,6 +40,22 @@ impl OwnFrame {
             noise: Matrix4::from_fn(|i, j| inverse[(i, j)] * noise * noise),
             to_three,
         })
+    }
+}
+
+/// A signal's features to first order, and its squared distance by them.
+#[derive(Clone, Copy, Debug)]
+pub struct FirstLook {
+    features: Vector3<f64>,
+    pub distance: f64,
+    /// Where first order does not settle it: the whitening of the second look.
+    near: Option<Matrix3<f64>>,
+}
+
+impl FirstLook {
+    /// Near what the second look finds its ring; `None`: there is none.
+    pub fn asks(&self) -> Option<Features> {
+        self.near.map(|_| features(&self.features))
     }
 }
 
@@ -98,16 +114,45 @@ impl SensitivityDetector {
     /// Squared Mahalanobis distance of a signal from the healthy channels. `deviation`: from what is
     /// expected at its drive and temperature, counts.
     pub fn statistic(&self, deviation: &[f64], drive: f64, scratch: &mut Scratch) -> f64 {
-        let Some(metric) = self.sensitivity.metric(drive) else { return f64::INFINITY };
-        let first = self.sensitivity.features(deviation, drive);
-        let distance = self.sensitivity.distance(&metric, &first);
-        if distance <= SECOND_LOOK || distance >= CLEARLY_FAR {
-            return distance;
+        let look = self.first_look(deviation, drive);
+        match look.asks() {
+            None => look.distance,
+            Some(near) => {
+                self.at_reference(deviation, drive, &mut scratch.signal);
+                let fit = self.fitter.fit_from(&scratch.signal, &near, false);
+                self.second_look(&look, fit.as_ref())
+            }
         }
-        match self.fitted(&first, deviation, drive, scratch) {
-            Some(fitted) => self.sensitivity.distance(&metric, &fitted),
-            None => distance,
+    }
+
+    /// To first order.
+    pub fn first_look(&self, deviation: &[f64], drive: f64) -> FirstLook {
+        let features = self.sensitivity.features(deviation, drive);
+        let Some(metric) = self.sensitivity.metric(drive) else {
+            return FirstLook { features, distance: f64::INFINITY, near: None };
+        };
+        let distance = self.sensitivity.distance(&metric, &features);
+        let settled = distance <= SECOND_LOOK || distance >= CLEARLY_FAR;
+        FirstLook { features, distance, near: (!settled).then_some(metric) }
+    }
+
+    /// The statistic by the fit that a first look asked for.
+    pub fn second_look(&self, look: &FirstLook, fit: Option<&Fit>) -> f64 {
+        match (fit, &look.near) {
+            (Some(fit), Some(metric)) => self.sensitivity.distance(metric, &three(fit)),
+            _ => look.distance,
         }
+    }
+
+    /// What fits for a second look: the phase held, [`SensitivityDetector::at_reference`].
+    pub fn fitter(&self) -> &RingFitter {
+        &self.fitter
+    }
+
+    /// A signal as it would be at the reference drive and temperature, counts.
+    pub fn at_reference(&self, deviation: &[f64], drive: f64, out: &mut Vec<f64>) {
+        out.clear();
+        out.extend(self.expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
     }
 
     /// (ln A, ln sigma, ln f) of the signal as it would be at the reference drive and temperature.
@@ -118,17 +163,17 @@ impl SensitivityDetector {
         drive: f64,
         scratch: &mut Scratch,
     ) -> Option<Vector3<f64>> {
-        scratch.signal.clear();
-        let at_reference = self.expected.iter().zip(deviation).map(|(e, d)| e + d / drive);
-        scratch.signal.extend(at_reference);
-        let near = Features {
-            ln_amplitude: first[0],
-            ln_damping: first[1],
-            ln_frequency: first[2],
-            phase_rad: 0.0,
-        };
-        let fit = self.fitter.fit_from(&scratch.signal, &near, false)?;
-        let x = fit.features;
-        Some(Vector3::new(x.ln_amplitude, x.ln_damping, x.ln_frequency))
+        self.at_reference(deviation, drive, &mut scratch.signal);
+        let fit = self.fitter.fit_from(&scratch.signal, &features(first), false)?;
+        Some(three(&fit))
     }
+}
+
+fn three(fit: &Fit) -> Vector3<f64> {
+    let x = fit.features;
+    Vector3::new(x.ln_amplitude, x.ln_damping, x.ln_frequency)
+}
+
+fn features(x: &Vector3<f64>) -> Features {
+    Features { ln_amplitude: x[0], ln_damping: x[1], ln_frequency: x[2], phase_rad: 0.0 }
 }

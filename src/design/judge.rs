@@ -16,7 +16,7 @@ use crate::isolate::{
     model_matching,
 };
 use crate::model::ring::Ring;
-use crate::model::ring_fit::{Products, RingFitter};
+use crate::model::ring_fit::{Fit, Products, RingFitter};
 use nalgebra::Vector2;
 use std::sync::Arc;
 
@@ -182,21 +182,16 @@ impl Judge {
         drive: f64,
         work: &mut Workspace,
     ) -> Option<Isolation> {
-        work.severity = None;
-        let Isolating { isolator, signal, rule, curves, physics_ring } = self.isolating.as_ref()?;
-        let Workspace {
-            residual,
-            projection,
-            weights,
-            products,
-            ring,
-            severity,
-            physics,
-            own,
-            warmer,
-            ..
-        } = work;
-        *ring = None;
+        let Isolating { isolator, signal, rule, .. } = self.isolating.as_ref()?;
+        if let Isolator::Posterior(of_rings) = isolator {
+            let OfRings { posterior, fitter, .. } = &**of_rings;
+            // the ring as it would be at the reference drive and temperature
+            self.model.per_drive(deviation, drive, work.warmer, &mut work.residual);
+            let fit = fitter.fit(&work.residual, posterior.phase, &mut work.products);
+            return self.isolate_ring(fit.as_ref(), drive, work);
+        }
+        (work.severity, work.ring) = (None, None);
+        let Workspace { residual, projection, weights, .. } = work;
         let classes = rule.category_of.len();
         weights.clear();
         weights.resize(classes, 0.0);
@@ -211,45 +206,7 @@ impl Judge {
         };
         // lengths agree by construction; a residual that is no number says nothing
         match isolator {
-            Isolator::Posterior(of_rings) => {
-                let OfRings { posterior, fitter, priors, per_k } = &**of_rings;
-                // the ring as it would be at the reference drive and temperature
-                let warmer = *warmer;
-                self.model.per_drive(deviation, drive, warmer, residual);
-                let fit = fitter.fit(residual, posterior.phase, products)?;
-                let mut features = fit.features.coordinates();
-                features.iter_mut().zip(per_k).for_each(|(x, slope)| *x -= warmer * slope);
-                *ring = Some([features[1], features[2]]);
-                let features = &features[..posterior.coordinates()];
-                let of_own =
-                    own.as_ref().and_then(|own| own.curves.as_ref().zip(Some(&own.baseline)));
-                let curves = of_own.map(|(curves, _)| curves).or(curves.as_ref());
-                let ring = physics_ring.map(|ring| self.model.ring_from(&ring, warmer));
-                let seen = Seen {
-                    drive,
-                    changed: curves.zip(ring).map_or(Vector2::zeros(), |(c, r)| c.changed(r)),
-                    baseline: of_own.map(|(_, baseline)| baseline),
-                };
-                physics.ln_densities.clear();
-                if let Some(curves) = curves {
-                    curves.compare(features, seen, physics);
-                }
-                posterior.weigh(features, &physics.ln_densities, priors, weights);
-                let decision = rule.decide(weights);
-                let sized = curves.zip(rule.sized(&decision, weights));
-                *severity = sized.and_then(|(of, k)| of.severity(k, weights, physics));
-                let noise = self.model.noise / drive;
-                let size: f64 = residual.iter().map(|y| y * y).sum();
-                let rings_otherwise = fit.misfit
-                    > NO_RING * noise * noise * residual.len() as f64 + MODEL_ERROR * size;
-                let from_curves =
-                    || curves.map_or(f64::INFINITY, |of| of.distance(features, seen, physics));
-                let unknown = rings_otherwise && posterior.fits_none(features, from_curves);
-                return Some(match unknown {
-                    true => decision.of_unknown_fault(),
-                    false => decision,
-                });
-            }
+            Isolator::Posterior(_) => return None, // see above
             Isolator::ResidualMatching(adjoint, simplex) => {
                 // c = R^T r = (F^T R)^T d: without the residual itself
                 adjoint.project(deviation, projection);
@@ -274,6 +231,67 @@ impl Judge {
             }
         }
         Some(rule.decide(weights).certain_of_class(weights))
+    }
+}
+
+/// Of fitted rings.
+impl Judge {
+    /// What fits the rings that `isolate` names, and whether with the phase free; `None`: it names
+    /// none.
+    pub fn rings(&self) -> Option<(&RingFitter, bool)> {
+        match &self.isolating.as_ref()?.isolator {
+            Isolator::Posterior(of) => Some((&of.fitter, of.posterior.phase)),
+            _ => None,
+        }
+    }
+
+    /// [`Judge::isolate`] of a signal whose ring is fitted already, per unit drive, at its own
+    /// temperature. `None`: it is no ring, or no ring is named.
+    pub fn isolate_ring(
+        &self,
+        fit: Option<&Fit>,
+        drive: f64,
+        work: &mut Workspace,
+    ) -> Option<Isolation> {
+        (work.severity, work.ring) = (None, None);
+        let Isolating { isolator, rule, curves, physics_ring, .. } = self.isolating.as_ref()?;
+        let Isolator::Posterior(of_rings) = isolator else { return None };
+        let OfRings { posterior, priors, per_k, .. } = &**of_rings;
+        let Workspace { weights, ring, severity, physics, own, warmer, .. } = work;
+        let (fit, warmer) = (fit?, *warmer);
+        let mut features = fit.features.coordinates();
+        features.iter_mut().zip(per_k).for_each(|(x, slope)| *x -= warmer * slope);
+        *ring = Some([features[1], features[2]]);
+        let features = &features[..posterior.coordinates()];
+        let of_own = own.as_ref().and_then(|own| own.curves.as_ref().zip(Some(&own.baseline)));
+        let curves = of_own.map(|(curves, _)| curves).or(curves.as_ref());
+        let physics_ring = physics_ring.map(|ring| self.model.ring_from(&ring, warmer));
+        let seen = Seen {
+            drive,
+            changed: curves.zip(physics_ring).map_or(Vector2::zeros(), |(c, r)| c.changed(r)),
+            baseline: of_own.map(|(_, baseline)| baseline),
+        };
+        physics.ln_densities.clear();
+        if let Some(curves) = curves {
+            curves.compare(features, seen, physics);
+        }
+        weights.clear();
+        weights.resize(rule.category_of.len(), 0.0);
+        posterior.weigh(features, &physics.ln_densities, priors, weights);
+        let decision = rule.decide(weights);
+        let sized = curves.zip(rule.sized(&decision, weights));
+        *severity = sized.and_then(|(of, k)| of.severity(k, weights, physics));
+        let noise = self.model.noise / drive;
+        let rings_otherwise = fit.misfit
+            > NO_RING * noise * noise * self.model.expected.len() as f64
+                + MODEL_ERROR * fit.square;
+        let from_curves =
+            || curves.map_or(f64::INFINITY, |of| of.distance(features, seen, physics));
+        let unknown = rings_otherwise && posterior.fits_none(features, from_curves);
+        Some(match unknown {
+            true => decision.of_unknown_fault(),
+            false => decision,
+        })
     }
 }
 

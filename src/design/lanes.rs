@@ -3,7 +3,7 @@
 use super::HealthyModel;
 use crate::detect::kernel::{LaneFilter, LaneStatistics};
 use crate::detect::lane_sensitivity::{LaneSensitivity, RowCondition};
-use crate::detect::sensitivity::SECOND_LOOK;
+use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK};
 use crate::detect::tile::{Instructions, Tile};
 
 /// `detect.method` in lanes.
@@ -42,13 +42,14 @@ impl Lanes {
         }
     }
 
-    /// Below this first order settles a squared distance: beyond, the reference looks a second time.
-    pub fn limit(threshold: f64) -> f64 {
-        threshold.min(SECOND_LOOK)
+    /// Nearer than the first and farther than the second first order settles a squared distance:
+    /// between them the reference looks a second time.
+    pub fn limits(threshold: f64) -> [f64; 2] {
+        [threshold.min(SECOND_LOOK), threshold.max(CLEARLY_FAR)]
     }
 
-    /// Statistics of a tile's signals, and which of them are surely what the reference gives, at or
-    /// below the threshold.
+    /// Statistics of a tile's signals, and which of them are surely what the reference gives, on its
+    /// side of the threshold.
     pub fn judge(
         &self,
         tile: &mut Tile,
@@ -59,7 +60,7 @@ impl Lanes {
         match self {
             Lanes::ResidualEnergy(lanes) => lanes.judge(tile, threshold, rails, instructions),
             Lanes::Sensitivity(lanes) => {
-                lanes.judge(tile, Lanes::limit(threshold), rails, instructions)
+                lanes.judge(tile, Lanes::limits(threshold), rails, instructions)
             }
         }
     }

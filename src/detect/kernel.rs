@@ -65,7 +65,7 @@ pub struct LaneFilter {
 pub struct LaneStatistics {
     /// What is compared with the threshold: residual energy, counts²·s, or squared distance.
     pub statistic: [f64; LANES],
-    /// The reference's statistic is surely at or below the threshold, and no sample is at a rail.
+    /// The reference's statistic is surely on that side of the threshold, and no sample is at a rail.
     pub settled: [bool; LANES],
 }
 

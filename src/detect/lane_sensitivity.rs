@@ -1,7 +1,7 @@
 //! Distances along the model's sensitivities of many signals at once: [`Sensitivity`] in lanes.
 //!
 //! In: a tile of signals, or int16 rows as they lie. Out: per lane the squared distance to first
-//! order, and whether the reference's is surely at or below a limit. The arithmetic keeps the rules of
+//! order, and whether the reference's is surely at or below a limit, or surely beyond a far one. The arithmetic keeps the rules of
 //! [`super::kernel`].
 //!
 //! # The bound
@@ -45,7 +45,7 @@ struct Sums {
 /// A limit for signals of one drive and temperature: the constants of the bound.
 #[derive(Clone, Copy, Debug)]
 struct Limit {
-    limit: f64,
+    limits: [f64; 2],
     mean: [f64; 3],
     metric: [[f64; 3]; 3],
     /// sqrt(M_kk).
@@ -88,11 +88,11 @@ impl LaneSensitivity {
     }
 
     /// Judges the signals of `tile`, which are left as deviations from what is expected of them.
-    /// `limit`: of squared distances; `rails`: counts at or beyond which a sample may be saturated.
+    /// `limits`: of squared distances, what is nearer or farther is settled; `rails`: counts at or beyond which a sample may be saturated.
     pub fn judge(
         &self,
         tile: &mut Tile,
-        limit: f64,
+        limits: [f64; 2],
         rails: [f64; 2],
         instructions: Instructions,
     ) -> LaneStatistics {
@@ -109,7 +109,7 @@ impl LaneSensitivity {
         while from < tile.lanes() {
             let alike = (from..tile.lanes()).take_while(|&lane| bits(lane) == bits(from)).count();
             let (drive, warmer) = tile.condition(from);
-            if let Some(limit) = self.limit(limit, drive, warmer, rails) {
+            if let Some(limit) = self.limit(limits, drive, warmer, rails) {
                 limit.judge(&sums, from..from + alike, &mut judged);
             }
             from += alike;
@@ -129,7 +129,7 @@ impl LaneSensitivity {
         &self,
         samples: &[u8],
         condition: &RowCondition,
-        limit: f64,
+        limits: [f64; 2],
         rails: [f64; 2],
         instructions: Instructions,
     ) -> LaneStatistics {
@@ -138,17 +138,17 @@ impl LaneSensitivity {
         let Sums { products, squares } = &mut sums;
         instructions.project_rows(rows, &self.projections, products, squares);
         let mut judged = LaneStatistics { statistic: [f64::NAN; LANES], settled: [false; LANES] };
-        if let Some(limit) = self.limit(limit, condition.drive, condition.warmer, rails) {
+        if let Some(limit) = self.limit(limits, condition.drive, condition.warmer, rails) {
             limit.judge(&sums, 0..LANES, &mut judged);
         }
         judged
     }
 
     /// `None`: nothing can be judged at that drive.
-    fn limit(&self, limit: f64, drive: f32, warmer: f32, rails: [f64; 2]) -> Option<Limit> {
+    fn limit(&self, limits: [f64; 2], drive: f32, warmer: f32, rails: [f64; 2]) -> Option<Limit> {
         let metric = self.sensitivity.metric(drive.into())?;
         Some(Limit {
-            limit,
+            limits,
             mean: self.sensitivity.mean,
             metric: std::array::from_fn(|i| std::array::from_fn(|j| metric[(i, j)])),
             roots: std::array::from_fn(|k| metric[(k, k)].sqrt()),
@@ -215,9 +215,13 @@ fn portable(of: &Limit, sums: &Sums, lanes: Range<usize>, judged: &mut LaneStati
         }
         let along = |row: &[f64; 3]| row[0] * d[0] + row[1] * d[1] + row[2] * d[2];
         let distance = d[0] * along(&m[0]) + d[1] * along(&m[1]) + d[2] * along(&m[2]);
-        let most = SLACK * (distance.sqrt() * (1.0 + 4.0 * U) + SLACK * error);
+        let (root, error) = (distance.sqrt(), SLACK * error);
+        let most = SLACK * (root * (1.0 + 4.0 * U) + error);
+        let least = root * (1.0 - 4.0 * U) - SLACK * error;
+        let near = most * most < of.limits[0];
+        let far = (least > 0.0) & (least * least > SLACK * of.limits[1]);
         statistic[i] = distance;
-        settled[i] = trusted & inside & (most * most < of.limit);
+        settled[i] = trusted & inside & (near | far);
     }
 }
 
@@ -265,7 +269,7 @@ mod tests {
         let expected: Vec<f64> = (0..N).map(|k| 400.0 * (0.3 * k as f64).cos()).collect();
         let response: Vec<f64> = (0..N).map(|k| 2.0 * (0.3 * k as f64).sin()).collect();
         let lanes = LaneSensitivity::new(&sensitivity, &expected, Some(&response)).unwrap();
-        let (mut settled, mut below, mut closest) = (0, 0, 0.0f64);
+        let (mut settled, mut beside, mut closest) = (0, 0, 0.0f64);
         for round in 0..300 {
             let drive = if round % 3 == 0 { 0.8 } else { 1.0 };
             let warmer = rng.random_range(-3.0..3.0);
@@ -296,6 +300,7 @@ mod tests {
                 .collect();
             // a limit that is some signal's own distance, or just beside it
             let limit = reference[rng.random_range(0..LANES)] * rng.random_range(0.999..1.001);
+            let limits = [limit, 1.1 * limit];
             let samples = burst.samples.clone();
             let condition = lanes.condition(drive, warmer);
             let mut same = Vec::new();
@@ -303,25 +308,26 @@ mod tests {
                 let (mut gather, mut tile) = (Gather::default(), Tile::default());
                 (0..LANES).for_each(|row| gather.push(&burst, row, drive, warmer));
                 tile.fill(&mut gather, N, instructions);
-                let judged = lanes.judge(&mut tile, limit, RAILS, instructions);
+                let judged = lanes.judge(&mut tile, limits, RAILS, instructions);
                 same.push((judged.statistic.map(f64::to_bits), judged.settled));
                 // as they lie
-                let rows = lanes.judge_rows(&samples, &condition, limit, RAILS, instructions);
+                let rows = lanes.judge_rows(&samples, &condition, limits, RAILS, instructions);
                 same.push((rows.statistic.map(f64::to_bits), rows.settled));
                 for (lane, reference) in reference.iter().enumerate() {
                     let off = judged.statistic[lane] / reference - 1.0;
                     assert!(off.abs() < 1e-3, "{off}");
-                    assert!(!judged.settled[lane] || *reference <= limit);
-                    if judged.settled[lane] {
-                        closest = closest.max(reference / limit);
+                    let outside = *reference <= limits[0] || *reference > limits[1];
+                    assert!(!judged.settled[lane] || outside);
+                    if judged.settled[lane] && *reference <= limits[0] {
+                        closest = closest.max(reference / limits[0]);
                     }
+                    settled += usize::from(judged.settled[lane]);
+                    beside += usize::from(outside);
                 }
-                settled += judged.settled.iter().filter(|s| **s).count();
-                below += reference.iter().filter(|d| **d <= limit).count();
             }
             assert!(same.windows(2).all(|w| w[0] == w[1]), "bits depend on the instructions");
         }
-        assert!(settled as f64 > 0.9 * below as f64, "{settled} of {below} settled");
+        assert!(settled as f64 > 0.9 * beside as f64, "{settled} of {beside} settled");
         assert!(closest > 0.95, "the bound is too wide: {closest}");
     }
 }

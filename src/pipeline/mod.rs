@@ -19,6 +19,7 @@ mod in_flight;
 mod metadata;
 pub mod observe;
 pub mod replay;
+mod rings;
 mod rows;
 pub mod schedule;
 mod spares;

@@ -5,6 +5,7 @@
 
 use super::baseline::InUse;
 use super::in_flight::InFlight;
+use super::rings::Rings;
 use super::schedule::{Assignment, Schedule};
 use super::spares::Spares;
 use super::statistics::Statistics;
@@ -288,7 +289,10 @@ pub fn isolate(
 ) -> Result<(), PipelineError> {
     let mut work = Workspace::default();
     let (mut signal, mut expected) = (Vec::new(), Vec::new());
-    while let Some(Gated { filtered, passed }) = clock.receive(&input) {
+    let mut rings = Rings::default();
+    while let Some(gated) = clock.receive(&input) {
+        rings.fit(&gated, !settings.isolate.gate);
+        let Gated { filtered, passed } = gated;
         let Filtered { assigned: Assigned { read, judges }, statistic } = filtered;
         let mut columns = spares.columns.take();
         columns.clear();
@@ -343,22 +347,29 @@ pub fn isolate(
                                 continue;
                             }
                         };
-                        let isolation = if judge.can_isolate() && (gated || !settings.isolate.gate)
-                        {
-                            let n = burst.samples_per_channel as usize;
-                            signal.resize(n, 0.0);
-                            if !expected_ready {
-                                expected.resize(n, 0.0);
-                                judge.expect(burst, &mut expected);
-                                expected_ready = true;
-                            }
-                            burst.copy_signal(at as usize, &mut signal);
-                            signal.iter_mut().zip(&expected).for_each(|(y, e)| *y -= e);
+                        let isolates =
+                            judge.can_isolate() && (gated || !settings.isolate.gate);
+                        let isolation = if !isolates {
+                            None
+                        } else {
                             work.own = baselines.and_then(|b| b.of(burst, at));
                             work.warmer = judge.warmer(burst);
-                            judge.isolate(&signal, judge.drive(burst), &mut work)
-                        } else {
-                            None
+                            let drive = judge.drive(burst);
+                            match judge.rings().and_then(|_| rings.take()) {
+                                Some(fit) => judge.isolate_ring(fit.as_ref(), drive, &mut work),
+                                None => {
+                                    let n = burst.samples_per_channel as usize;
+                                    signal.resize(n, 0.0);
+                                    if !expected_ready {
+                                        expected.resize(n, 0.0);
+                                        judge.expect(burst, &mut expected);
+                                        expected_ready = true;
+                                    }
+                                    burst.copy_signal(at as usize, &mut signal);
+                                    signal.iter_mut().zip(&expected).for_each(|(y, e)| *y -= e);
+                                    judge.isolate(&signal, drive, &mut work)
+                                }
+                            }
                         };
                         if gated && isolation.is_some() {
                             flagged.push(Flagged {

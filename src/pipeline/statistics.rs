@@ -9,6 +9,7 @@ use super::stages::Assigned;
 use crate::burst::{Acquisition, Burst};
 use crate::design::{Judge, Lanes, Own, Workspace};
 use crate::detect::tile::{Gather, Instructions, LANES, Tile};
+use crate::model::ring_fit::Products;
 use crate::verdict::{Reason, unusable_signal};
 
 /// Scratch of one worker, for the judges of one schedule.
@@ -21,6 +22,7 @@ pub struct Statistics {
     /// Whose `expected` it is: the judge's number, drive and temperature.
     expected_of: Option<(u16, u64, Option<u64>)>,
     work: Workspace,
+    products: Products,
 }
 
 /// A signal that waits in a tile: its row in the batch, and in its burst.
@@ -36,6 +38,7 @@ impl Statistics {
             expected: Vec::new(),
             expected_of: None,
             work: Workspace::default(),
+            products: Products::default(),
         }
     }
 
@@ -74,38 +77,86 @@ impl Statistics {
     ) {
         let mut gather = Gather::default();
         let mut waiting: Vec<Waiting> = Vec::with_capacity(LANES);
+        let mut unsettled: Vec<Waiting> = Vec::new();
         for (first, burst) in bursts {
             let n = burst.samples_per_channel as usize;
             let Some(lanes) = judge.lanes.as_ref().filter(|l| l.samples() == n) else {
-                for row in 0..burst.channels as usize {
-                    statistic[first + row] = self.reference(judge, burst, row);
-                }
+                unsettled.extend((0..burst.channels as usize).map(|row| (first + row, burst, row)));
                 continue;
             };
             let (drive, warmer) = (judge.drive(burst), judge.warmer(burst));
-            let whole = self.of_rows(judge, lanes, burst, &mut statistic[first..]);
+            let whole = self.of_rows(judge, lanes, (first, burst), statistic, &mut unsettled);
             for row in whole..burst.channels as usize {
                 gather.push(burst, row, drive, warmer);
                 waiting.push((first + row, burst, row));
                 if gather.is_full() {
-                    self.settle(judge, lanes, &mut gather, &mut waiting, statistic);
+                    self.settle(lanes, (judge, &mut gather), &mut waiting, statistic, &mut unsettled);
                 }
             }
         }
         if let Some(lanes) = &judge.lanes
             && !gather.is_empty()
         {
-            self.settle(judge, lanes, &mut gather, &mut waiting, statistic);
+            self.settle(lanes, (judge, &mut gather), &mut waiting, statistic, &mut unsettled);
         }
+        self.look_again(judge, unsettled, statistic);
+    }
+
+    /// The reference's statistic of what the lanes did not settle; rings that it asks for are fitted
+    /// side by side.
+    fn look_again(
+        &mut self,
+        judge: &Judge,
+        mut unsettled: Vec<Waiting>,
+        statistic: &mut [Result<f64, Reason>],
+    ) {
+        let Some(detector) = judge.detector() else {
+            for (at, burst, row) in unsettled {
+                statistic[at] = self.reference(judge, burst, row);
+            }
+            return;
+        };
+        let mut looks = Vec::new();
+        unsettled.retain(|&(at, burst, row)| {
+            let look = self.deviation(judge, burst, row).map(|()| {
+                detector.first_look(&self.signal, judge.drive(burst))
+            });
+            statistic[at] = look.and_then(|look| finite(look.distance));
+            let asks = look.ok().filter(|look| look.asks().is_some());
+            looks.extend(asks);
+            asks.is_some()
+        });
+        let mut products = std::mem::take(&mut self.products);
+        let mut at_reference = Vec::new();
+        let mut next = unsettled.iter().zip(&looks);
+        detector.fitter().fit_all(
+            false,
+            &mut products,
+            |y| {
+                let ((_, burst, row), look) = next.next()?;
+                // it was found usable before
+                if self.deviation(judge, burst, *row).is_ok() {
+                    let drive = judge.drive(burst);
+                    detector.at_reference(&self.signal, drive, &mut at_reference);
+                    y.copy_from_slice(&at_reference);
+                }
+                Some(look.asks())
+            },
+            |i, fit| {
+                statistic[unsettled[i].0] = finite(detector.second_look(&looks[i], fit.as_ref()));
+            },
+        );
+        self.products = products;
     }
 
     /// Judges a burst's signals as they lie, as many as can be: how many.
-    fn of_rows(
+    fn of_rows<'a>(
         &mut self,
         judge: &Judge,
         lanes: &Lanes,
-        burst: &Burst,
+        (first, burst): (usize, &'a Burst),
         statistic: &mut [Result<f64, Reason>],
+        unsettled: &mut Vec<Waiting<'a>>,
     ) -> usize {
         let channels = burst.channels as usize;
         if channels < LANES || burst.int16_rows(0, LANES).is_none() {
@@ -114,19 +165,19 @@ impl Statistics {
         let Some((lanes, condition)) = lanes.rows(judge.drive(burst), judge.warmer(burst)) else {
             return 0;
         };
-        let limit = Lanes::limit(judge.model.threshold.value);
+        let limits = Lanes::limits(judge.model.threshold.value);
         let mut row = 0;
         while row + LANES <= channels
             && let Some(samples) = burst.int16_rows(row, LANES)
         {
             let judged =
-                lanes.judge_rows(samples, &condition, limit, self.rails, self.instructions);
-            let each = statistic[row..row + LANES].iter_mut();
+                lanes.judge_rows(samples, &condition, limits, self.rails, self.instructions);
+            let each = statistic[first + row..].iter_mut();
             for (lane, (statistic, settled)) in each.zip(judged.settled).enumerate() {
-                *statistic = match settled {
-                    true => Ok(judged.statistic[lane]),
-                    false => self.reference(judge, burst, row + lane),
-                };
+                match settled {
+                    true => *statistic = Ok(judged.statistic[lane]),
+                    false => unsettled.push((first + row + lane, burst, row + lane)),
+                }
             }
             row += LANES;
         }
@@ -134,23 +185,22 @@ impl Statistics {
     }
 
     /// Judges what waits.
-    fn settle(
+    fn settle<'a>(
         &mut self,
-        judge: &Judge,
         lanes: &Lanes,
-        gather: &mut Gather,
-        waiting: &mut Vec<Waiting>,
+        (judge, gather): (&Judge, &mut Gather),
+        waiting: &mut Vec<Waiting<'a>>,
         statistic: &mut [Result<f64, Reason>],
+        unsettled: &mut Vec<Waiting<'a>>,
     ) {
         self.tile.fill(gather, lanes.samples(), self.instructions);
         let threshold = judge.model.threshold.value;
         let judged = lanes.judge(&mut self.tile, threshold, self.rails, self.instructions);
-        for (lane, (at, burst, row)) in waiting.drain(..).enumerate() {
-            statistic[at] = if judged.settled[lane] {
-                Ok(judged.statistic[lane])
-            } else {
-                self.reference(judge, burst, row)
-            };
+        for (lane, of) in waiting.drain(..).enumerate() {
+            match judged.settled[lane] {
+                true => statistic[of.0] = Ok(judged.statistic[lane]),
+                false => unsettled.push(of),
+            }
         }
     }
 
@@ -170,6 +220,12 @@ impl Statistics {
 
     /// The statistic in f64, and the checks of a signal: what every verdict agrees with.
     pub fn reference(&mut self, judge: &Judge, burst: &Burst, row: usize) -> Result<f64, Reason> {
+        self.deviation(judge, burst, row)?;
+        finite(judge.statistic(&self.signal, judge.drive(burst), &mut self.work))
+    }
+
+    /// Leaves a signal's deviation from what is expected of it in `signal`, if it can be judged.
+    fn deviation(&mut self, judge: &Judge, burst: &Burst, row: usize) -> Result<(), Reason> {
         let n = burst.samples_per_channel as usize;
         self.signal.resize(n, 0.0);
         burst.copy_signal(row, &mut self.signal);
@@ -184,8 +240,11 @@ impl Statistics {
             self.expected_of = Some(of);
         }
         self.signal.iter_mut().zip(&self.expected).for_each(|(y, e)| *y -= e);
-        let statistic = judge.statistic(&self.signal, drive, &mut self.work);
-        // of absurd covariates; no threshold may call that healthy
-        if statistic.is_finite() { Ok(statistic) } else { Err(Reason::NonFinite) }
+        Ok(())
     }
+}
+
+/// Of absurd covariates; no threshold may call that healthy.
+fn finite(statistic: f64) -> Result<f64, Reason> {
+    if statistic.is_finite() { Ok(statistic) } else { Err(Reason::NonFinite) }
 }

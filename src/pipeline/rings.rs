@@ -1,0 +1,76 @@
+//! Rings of the signals that are to be isolated, fitted side by side.
+//!
+//! In: a batch with the rows that passed the gate. Out: per such row its fit, where the judge's method
+//! names fitted rings. A fit does not depend on its neighbours ([`crate::model::ring_fit`]).
+
+use super::stages::Gated;
+use crate::burst::{Acquisition, Burst};
+use crate::design::Judge;
+use crate::model::ring_fit::{Fit, Products};
+
+/// Of one batch; its room is used again for the next.
+#[derive(Default)]
+pub struct Rings {
+    products: Products,
+    /// Of the rows that were fitted, in their order.
+    fits: Vec<Option<Fit>>,
+    taken: usize,
+}
+
+/// A signal that is to be fitted.
+struct Waiting<'a> {
+    judge: &'a Judge,
+    burst: &'a Burst,
+    row: usize,
+    /// Its place among the fits.
+    number: usize,
+}
+
+impl Rings {
+    /// Fits what passed the gate, or everything that was judged. The fits are then taken row by row.
+    pub fn fit(&mut self, of: &Gated, everything: bool) {
+        let assigned = &of.filtered.assigned;
+        let mut waiting: Vec<Waiting> = Vec::new();
+        let mut first = 0;
+        for (acquisition, judge) in assigned.read.batch.acquisitions.iter().zip(&assigned.judges) {
+            let rows = first..first + acquisition.rows();
+            first = rows.end;
+            let (Acquisition::Usable(burst), Ok(judge)) = (acquisition, judge) else { continue };
+            if judge.rings().is_none() {
+                continue;
+            }
+            let judged = of.passed[rows.clone()].iter().zip(&of.filtered.statistic[rows]);
+            for (row, (passed, statistic)) in judged.enumerate() {
+                if statistic.is_ok() && (*passed || everything) {
+                    waiting.push(Waiting { judge, burst, row, number: waiting.len() });
+                }
+            }
+        }
+        (self.fits, self.taken) = (vec![None; waiting.len()], 0);
+        // one judge after the other, so that interleaved short bursts lie side by side, too
+        waiting.sort_by_key(|w| (w.judge.index, w.number));
+        for of_judge in waiting.chunk_by(|p, q| p.judge.index == q.judge.index) {
+            let Some((fitter, phase)) = of_judge[0].judge.rings() else { continue };
+            let mut next = of_judge.iter();
+            fitter.fit_all(
+                phase,
+                &mut self.products,
+                |y| {
+                    let Waiting { judge, burst, row, .. } = next.next()?;
+                    burst.copy_signal(*row, y);
+                    // per unit drive, at its own temperature
+                    let scale = 1.0 / judge.drive(burst);
+                    y.iter_mut().for_each(|y| *y *= scale);
+                    Some(None)
+                },
+                |i, fit| self.fits[of_judge[i].number] = fit,
+            );
+        }
+    }
+
+    /// Of the next row that was fitted; inner `None`: it is no ring.
+    pub fn take(&mut self) -> Option<Option<Fit>> {
+        self.taken += 1;
+        self.fits.get(self.taken - 1).copied()
+    }
+}
