@@ -114,6 +114,22 @@ impl ClassDensity {
         .sum()
     }
 
+    pub(super) fn mean(&self) -> &[f64] {
+        &self.mean
+    }
+
+    /// Of each axis its row of `to_axes`, over the standard deviation of a Gaussian, and half the width
+    /// of a range, 0 of a Gaussian.
+    pub(super) fn distances(&self) -> impl Iterator<Item = (impl Iterator<Item = f64>, f64)> {
+        self.axes.iter().zip(&self.to_axes).map(|(axis, row)| {
+            let (sd, width) = match *axis {
+                Axis::Gaussian(sd) => (sd, 0.0),
+                Axis::Range(width) => (1.0, width),
+            };
+            (row.iter().map(move |b| b / sd), width)
+        })
+    }
+
     fn along(&self, row: &[f64], x: &[f64]) -> f64 {
         row.iter().zip(x.iter().zip(&self.mean)).map(|(b, (x, m))| b * (x - m)).sum()
     }

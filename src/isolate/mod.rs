@@ -4,6 +4,7 @@
 //! what may be said on their strength. thesis §3-3. Never decides whether a signal is faulty.
 
 pub mod class_density;
+mod class_lanes;
 pub mod decision;
 pub mod fault_curve;
 pub mod fault_physics;

@@ -4,6 +4,8 @@
 //! each class, given that the signal is faulty, and whether it fits any class at all.
 
 use super::class_density::ClassDensity;
+use super::class_lanes::ClassLanes;
+use crate::model::lane_math::exp;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use std::sync::OnceLock;
@@ -31,9 +33,16 @@ pub struct Posterior {
     /// Share of the physics in each class's density; empty: it has none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub physics_share: Vec<f64>,
-    /// ln of what the learned density has of each class, and the physics.
     #[serde(skip)]
-    ln_shares: OnceLock<Vec<[f64; 2]>>,
+    lanes: OnceLock<Lanes>,
+}
+
+/// What is the same for every signal.
+#[derive(Clone, Debug)]
+struct Lanes {
+    classes: ClassLanes,
+    /// ln of what the learned density has of each class, and the physics.
+    ln_shares: Vec<[f64; 2]>,
 }
 
 /// Temperatures tried.
@@ -62,8 +71,8 @@ impl Posterior {
         let reach = FITS_NONE.max(ROOM * outermost);
         let classes = classes.into_iter().map(Some).collect();
         let physics_share = Vec::new();
-        let ln_shares = OnceLock::new();
-        Some(Posterior { phase, temperature, reach, classes, physics_share, ln_shares })
+        let lanes = OnceLock::new();
+        Some(Posterior { phase, temperature, reach, classes, physics_share, lanes })
     }
 
     /// The same where the physics has a density of its own for some classes and others have no
@@ -121,7 +130,7 @@ impl Posterior {
                         for (j, w) in weights.iter_mut().enumerate() {
                             *w = mixed(learned[j], physics[j], physics_share[j]);
                         }
-                        to_posterior(temperature, &mut weights);
+                        to_posterior(temperature, &[], &mut weights);
                         weights[k].max(1e-6).ln()
                     })
                     .sum();
@@ -138,8 +147,8 @@ impl Posterior {
             false => (1.0, 0.0),
         };
         let reach = FITS_NONE.max(ROOM * outermost);
-        let (classes, ln_shares) = (learned, OnceLock::new());
-        let posterior = Posterior { phase, temperature, reach, classes, physics_share, ln_shares };
+        let (classes, lanes) = (learned, OnceLock::new());
+        let posterior = Posterior { phase, temperature, reach, classes, physics_share, lanes };
         Some((posterior, score))
     }
 
@@ -177,24 +186,27 @@ impl Posterior {
     pub fn weigh(&self, features: &[f64], physics: &[f64], priors: &[f64], weights: &mut [f64]) {
         // most classes are so far away that only that counts
         let share = |k: usize| self.physics_share.get(k).copied().unwrap_or(0.0);
-        let ln_shares = self.ln_shares.get_or_init(|| {
-            (0..self.classes.len()).map(|k| [(1.0 - share(k)).ln(), share(k).ln()]).collect()
+        let Lanes { classes, ln_shares } = self.lanes.get_or_init(|| Lanes {
+            classes: ClassLanes::of(&self.classes),
+            ln_shares: (0..self.classes.len())
+                .map(|k| [(1.0 - share(k)).ln(), share(k).ln()])
+                .collect(),
         });
         let of_physics = |k: usize| physics.get(k).map(|physics| physics + ln_shares[k][1]);
         let least = (0..physics.len()).filter_map(of_physics).fold(f64::NEG_INFINITY, f64::max);
         let mut nearest = f64::INFINITY;
-        for (k, (w, class)) in weights.iter_mut().zip(&self.classes).enumerate() {
-            *w = class.as_ref().map_or(f64::INFINITY, |class| class.square(features));
+        classes.squares(features, weights);
+        for (k, square) in weights.iter().enumerate() {
             if share(k) < MOSTLY_PHYSICS {
-                nearest = nearest.min(*w);
+                nearest = nearest.min(*square);
             }
         }
         for (k, (w, class)) in weights.iter_mut().zip(&self.classes).enumerate() {
             let near = *w < nearest + self.temperature * FAR || nearest == f64::INFINITY;
             let physics = of_physics(k);
             // what adds nothing to the physics' density, or to that of all classes, is not asked
-            let counts = |class: &&ClassDensity| {
-                let highest = ln_shares[k][0] + class.ln_highest() - 0.5 * *w;
+            let counts = |_: &&ClassDensity| {
+                let highest = ln_shares[k][0] + classes.ln_highest[k] - 0.5 * *w;
                 physics.is_none_or(|ln| {
                     highest > ln - NOTHING && highest > least - self.temperature * NOTHING
                 })
@@ -202,10 +214,7 @@ impl Posterior {
             let learned = ln_or_none(class.as_ref().filter(|_| near).filter(counts), features);
             *w = physics.map_or(learned, |physics| sum_of(learned + ln_shares[k][0], physics));
         }
-        to_posterior(self.temperature, weights);
-        weights.iter_mut().zip(priors).for_each(|(w, prior)| *w *= prior);
-        let sum: f64 = weights.iter().sum();
-        weights.iter_mut().for_each(|w| *w /= sum);
+        to_posterior(self.temperature, priors, weights);
     }
 
     /// No class is near: an unknown fault. `from_curves`: squared distance from what the physics
@@ -293,18 +302,31 @@ fn weigh(classes: &[ClassDensity], temperature: f64, x: &[f64], weights: &mut [f
     for (w, class) in weights.iter_mut().zip(classes) {
         *w = class.ln_density(x);
     }
-    to_posterior(temperature, weights);
+    to_posterior(temperature, &[], weights);
 }
 
-/// ln densities to a posterior.
-fn to_posterior(temperature: f64, weights: &mut [f64]) {
-    weights.iter_mut().for_each(|w| *w /= temperature);
+/// ln densities to a posterior. `priors`: of each class; none: they are alike.
+fn to_posterior(temperature: f64, priors: &[f64], weights: &mut [f64]) {
+    /// e^-700 is nothing.
+    const LEAST: f64 = -700.0;
     let most = weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    // e^-746 is 0
-    weights.iter_mut().for_each(|w| *w = if *w < most - 746.0 { 0.0 } else { (*w - most).exp() });
+    let by = 1.0 / temperature;
+    for lanes in weights.chunks_mut(CLASSES) {
+        let mut less = [LEAST; CLASSES];
+        less.iter_mut().zip(&*lanes).for_each(|(less, w)| *less = (w - most) * by);
+        for less in &mut less {
+            // NaN stays
+            *less = if *less < LEAST { 0.0 } else { exp(*less) };
+        }
+        lanes.copy_from_slice(&less[..lanes.len()]);
+    }
+    weights.iter_mut().zip(priors).for_each(|(w, prior)| *w *= prior);
     let sum: f64 = weights.iter().sum();
     weights.iter_mut().for_each(|w| *w /= sum);
 }
+
+/// Classes whose exponentials are taken together.
+const CLASSES: usize = 8;
 
 fn densities(examples: &[Examples]) -> Option<Vec<ClassDensity>> {
     let pooled = pooled_covariance(examples)?;

@@ -1,0 +1,152 @@
+//! Squared distances of a signal from all learned classes at once, one class a lane.
+//!
+//! In: class densities, features. Out: per class what [`ClassDensity::square`] says, and the bound of
+//! its density. A lane's arithmetic does not depend on the processor; nothing fuses.
+
+use super::class_density::ClassDensity;
+
+/// Classes side by side.
+const LANES: usize = 8;
+type Lanes = [f64; LANES];
+
+#[derive(Clone, Debug)]
+pub struct ClassLanes {
+    groups: Vec<Group>,
+    /// Of each class: the bound of its ln density, see [`ClassDensity::ln_highest`].
+    pub ln_highest: Vec<f64>,
+}
+
+/// An axis' distance is max(|along to_axes| - width, 0): a range's as it stands, a Gaussian's of
+/// width 0 with its standard deviation in `to_axes`. Where there is no class the width is -infinity.
+#[derive(Clone, Debug)]
+struct Group {
+    mean: [Lanes; 4],
+    to_axes: [[Lanes; 4]; 4],
+    width: [Lanes; 4],
+}
+
+impl ClassLanes {
+    pub fn of(classes: &[Option<ClassDensity>]) -> ClassLanes {
+        let group = |of: &[Option<ClassDensity>]| {
+            let zero = [0.0; LANES];
+            let none = [f64::NEG_INFINITY; LANES];
+            let mut group = Group { mean: [zero; 4], to_axes: [[zero; 4]; 4], width: [none; 4] };
+            for (l, class) in of.iter().enumerate() {
+                let Some(class) = class else { continue };
+                group.width.iter_mut().for_each(|width| width[l] = 0.0);
+                class.mean().iter().zip(&mut group.mean).for_each(|(m, mean)| mean[l] = *m);
+                let axes = class.distances();
+                for ((row, width), (to, of)) in axes.zip(group.to_axes.iter_mut().zip(&mut group.width)) {
+                    row.zip(to).for_each(|(b, to)| to[l] = b);
+                    of[l] = width;
+                }
+            }
+            group
+        };
+        let highest = |class: &Option<ClassDensity>| {
+            class.as_ref().map_or(f64::NEG_INFINITY, ClassDensity::ln_highest)
+        };
+        ClassLanes {
+            groups: classes.chunks(LANES).map(group).collect(),
+            ln_highest: classes.iter().map(highest).collect(),
+        }
+    }
+
+    /// Squared distance of each class; infinite where there is none. At most four features.
+    pub fn squares(&self, features: &[f64], out: &mut [f64]) {
+        let mut x = [0.0; 4];
+        x.iter_mut().zip(features).for_each(|(x, f)| *x = *f);
+        for (group, out) in self.groups.iter().zip(out.chunks_mut(LANES)) {
+            out.copy_from_slice(&group.squares(&x)[..out.len()]);
+        }
+    }
+}
+
+impl Group {
+    fn squares(&self, x: &[f64; 4]) -> Lanes {
+        #[cfg(target_arch = "x86_64")]
+        {
+            // SAFETY: the processor was found to have what is asked of it
+            if std::is_x86_feature_detected!("avx512f") {
+                return unsafe { x86::with_avx512(self, x) };
+            }
+            // SAFETY: as above
+            if std::is_x86_feature_detected!("avx2") {
+                return unsafe { x86::with_avx2(self, x) };
+            }
+        }
+        squares(self, x)
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use super::{Group, Lanes, squares};
+
+    #[target_feature(enable = "avx512f")]
+    pub fn with_avx512(of: &Group, x: &[f64; 4]) -> Lanes {
+        squares(of, x)
+    }
+
+    #[target_feature(enable = "avx2")]
+    pub fn with_avx2(of: &Group, x: &[f64; 4]) -> Lanes {
+        squares(of, x)
+    }
+}
+
+#[inline(always)] // compiled once per instruction set
+fn squares(of: &Group, x: &[f64; 4]) -> Lanes {
+    let (mut d, mut squares) = ([[0.0; LANES]; 4], [0.0; LANES]);
+    for k in 0..4 {
+        for l in 0..LANES {
+            d[k][l] = x[k] - of.mean[k][l];
+        }
+    }
+    for (row, width) in of.to_axes.iter().zip(&of.width) {
+        for l in 0..LANES {
+            let along = (row[0][l] * d[0][l] + row[1][l] * d[1][l])
+                + (row[2][l] * d[2][l] + row[3][l] * d[3][l]);
+            let outside = along.abs() - width[l];
+            let outside = if outside > 0.0 { outside } else { 0.0 };
+            squares[l] += outside * outside;
+        }
+    }
+    squares
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{DMatrix, DVector};
+    use rand::{RngExt, SeedableRng};
+
+    #[test]
+    fn property_lanes_say_what_classes_say_one_by_one() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(8);
+        for coordinates in [3, 4] {
+            let classes: Vec<Option<ClassDensity>> = (0..11)
+                .map(|k| {
+                    let wide = rng.random_range(0.01..1.0);
+                    let features: Vec<DVector<f64>> = (0..60)
+                        .map(|_| {
+                            let x = DVector::from_fn(coordinates, |_, _| rng.random_range(-0.1..0.1));
+                            x * wide
+                        })
+                        .collect();
+                    let noise = DMatrix::identity(coordinates, coordinates) * 1e-4;
+                    (k % 4 != 2).then(|| ClassDensity::learn(&features, &noise, None)).flatten()
+                })
+                .collect();
+            let lanes = ClassLanes::of(&classes);
+            for _ in 0..100 {
+                let x: Vec<f64> = (0..coordinates).map(|_| rng.random_range(-1.0..1.0)).collect();
+                let mut squares = vec![0.0; classes.len()];
+                lanes.squares(&x, &mut squares);
+                for (square, class) in squares.iter().zip(&classes) {
+                    let one = class.as_ref().map_or(f64::INFINITY, |class| class.square(&x));
+                    assert!(*square == one || (square / one - 1.0).abs() < 1e-12, "{square} {one}");
+                }
+            }
+        }
+    }
+}
