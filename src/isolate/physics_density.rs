@@ -7,6 +7,7 @@
 use super::fault_curve::{CHANGES, FaultCurve, Seen, Slope};
 use super::node_columns::{self, Compared, Lanes, NODES, NodeColumns, Terms};
 use crate::model::faults;
+use crate::model::lane_math::ln;
 use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector4};
 
 /// Curves of the design's classes.
@@ -179,22 +180,18 @@ impl FaultCurves {
     /// Compares the features of a signal with every curve.
     pub fn compare(&self, features: &[f64], seen: Seen, out: &mut Comparison) {
         let x = self.vector(features);
-        out.ln_densities.clear();
-        out.ln_densities.resize(self.classes.len(), f64::NEG_INFINITY);
-        out.of_curves.resize(self.curves.len(), OfCurve::default());
-        for (c, columns) in self.columns.iter().enumerate() {
-            columns.compare(&x, seen, &mut out.compared);
-            let of = &mut out.of_curves[c];
-            let scale = node_columns::terms(&out.compared, &mut of.terms) - LN_TAU_SQUARED;
-            if of.terms.is_empty() {
-                continue;
+        #[cfg(target_arch = "x86_64")]
+        {
+            // SAFETY: the processor was found to have what is asked of it
+            if std::is_x86_feature_detected!("avx512f") {
+                return unsafe { x86::with_avx512(self, &x, seen, out) };
             }
-            for (ln, class) in out.ln_densities.iter_mut().zip(&self.classes) {
-                if let Some(sizes) = class.as_ref().filter(|sizes| sizes.curve == c) {
-                    *ln = scale + sizes.expectation(&of.terms).ln();
-                }
+            // SAFETY: as above
+            if std::is_x86_feature_detected!("avx2") {
+                return unsafe { x86::with_avx2(self, &x, seen, out) };
             }
         }
+        compare(self, &x, seen, out);
     }
 
     /// Squared distance of features from the nearest curve.
@@ -221,6 +218,52 @@ impl FaultCurves {
     }
 }
 
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use super::{Comparison, FaultCurves, Seen, Vector4, compare};
+
+    #[target_feature(enable = "avx512f")]
+    pub fn with_avx512(of: &FaultCurves, x: &Vector4<f64>, seen: Seen, out: &mut Comparison) {
+        compare(of, x, seen, out);
+    }
+
+    #[target_feature(enable = "avx2")]
+    pub fn with_avx2(of: &FaultCurves, x: &Vector4<f64>, seen: Seen, out: &mut Comparison) {
+        compare(of, x, seen, out);
+    }
+}
+
+/// Classes whose logarithms are taken together.
+const CLASSES: usize = 16;
+
+#[inline(always)] // compiled once per instruction set
+fn compare(of: &FaultCurves, x: &Vector4<f64>, seen: Seen, out: &mut Comparison) {
+    let Comparison { ln_densities, of_curves, compared } = out;
+    ln_densities.clear();
+    ln_densities.resize(of.classes.len(), 0.0);
+    of_curves.resize(of.curves.len(), OfCurve::default());
+    for (columns, of) in of.columns.iter().zip(&mut *of_curves) {
+        node_columns::compare(columns, x, seen, compared);
+        of.ln_scale = node_columns::terms(compared, &mut of.terms) - LN_TAU_SQUARED;
+    }
+    for (classes, lns) in of.classes.chunks(CLASSES).zip(ln_densities.chunks_mut(CLASSES)) {
+        let (mut expectations, mut scales) = ([1.0; CLASSES], [f64::NEG_INFINITY; CLASSES]);
+        for (l, sizes) in classes.iter().enumerate() {
+            let Some(sizes) = sizes else { continue };
+            let of = &of_curves[sizes.curve];
+            let expectation = sizes.expectation(&of.terms);
+            // nothing of it is near, or it has no signal there
+            if expectation > f64::MIN_POSITIVE {
+                (expectations[l], scales[l]) = (expectation, of.ln_scale);
+            }
+        }
+        for l in 0..CLASSES {
+            scales[l] += ln(expectations[l]);
+        }
+        lns.copy_from_slice(&scales[..classes.len()]);
+    }
+}
+
 /// What the physics says of one signal. Its room is used again for the next.
 #[derive(Clone, Debug, Default)]
 pub struct Comparison {
@@ -235,6 +278,8 @@ pub struct Comparison {
 pub struct OfCurve {
     /// Of the stretches whose nodes count.
     pub terms: Vec<Terms>,
+    /// ln of what the terms are to be multiplied by.
+    ln_scale: f64,
 }
 
 impl OfCurve {
@@ -251,6 +296,7 @@ impl OfCurve {
 
 impl Sizes {
     /// Of terms over the class's sizes.
+    #[inline(always)] // compiled once per instruction set
     fn expectation(&self, terms: &[Terms]) -> f64 {
         let mut sums = [0.0; NODES];
         for of in terms {

@@ -95,6 +95,8 @@ struct Step {
     b: f64,
     /// By how much the misfit would fall, counts²; NaN: there is no step.
     gain: f64,
+    /// By how much the phase changes from sample to sample, rad.
+    turn: f64,
 }
 
 /// One lane's way down.
@@ -223,9 +225,9 @@ impl Lane {
             }
             let samples = frame.samples as f64;
             if step.gain * samples <= NO_GAIN * look.misfit + rounding {
-                let turn = frame.omega_dt * exp(self.ln_frequency) * samples * step.frequency;
+                let turn = step.turn * samples;
                 let small = turn.abs() < SMALL && step.damping.abs() < SMALL;
-                return Err(self.place(if small { &step } else { &Step::NONE }));
+                return Err(self.place(&if small { step } else { Step::default() }));
             }
         } else {
             self.trust /= 4.0;
@@ -234,7 +236,7 @@ impl Lane {
                 return Err(None);
             }
             if self.rejections == REJECTIONS {
-                return Err(self.place(&Step::NONE));
+                return Err(self.place(&Step::default()));
             }
         }
         let (step, trust) = (&self.look.step, self.trust);
@@ -257,10 +259,6 @@ impl Lane {
     }
 }
 
-impl Step {
-    const NONE: Step = Step { damping: 0.0, frequency: 0.0, a: 0.0, b: 0.0, gain: 0.0 };
-}
-
 #[inline(always)] // compiled once per instruction set
 fn looks<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Look; W] {
     let frame = &of.frame;
@@ -278,7 +276,7 @@ fn looks<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Look; W] {
     }
     let recurrence = goertzel(y, &twice, &square);
     let (over_all, squares) = powers(frame.samples, [&re, &im], &square);
-    let mut out: [[f64; W]; 8] = [[0.0; W]; 8];
+    let mut out = [[0.0; W]; 9];
     for l in 0..W {
         let z = Complex { re: re[l], im: im[l] };
         let of_signal = std::array::from_fn(|j| recurrence[j][l]);
@@ -287,14 +285,15 @@ fn looks<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Look; W] {
         let sums = sums(frame, z, powers, of_signal, of.along_real[l]);
         let look = seen(of.phase, sigma[l], omega[l], &sums, of.square[l]);
         let Look { a, b, misfit, step } = look;
-        let all = [a, b, misfit, step.damping, step.frequency, step.a, step.b, step.gain];
-        for j in 0..8 {
+        let all = [a, b, misfit, step.damping, step.frequency, step.a, step.b, step.gain, step.turn];
+        for j in 0..9 {
             out[j][l] = all[j];
         }
     }
     std::array::from_fn(|l| {
-        let [a, b, misfit, damping, frequency, of_a, of_b, gain] = out.map(|of| of[l]);
-        Look { a, b, misfit, step: Step { damping, frequency, a: of_a, b: of_b, gain } }
+        let [a, b, misfit, damping, frequency, of_a, of_b, gain, turn] =
+            std::array::from_fn(|j| out[j][l]);
+        Look { a, b, misfit, step: Step { damping, frequency, a: of_a, b: of_b, gain, turn } }
     })
 }
 
@@ -503,6 +502,7 @@ fn seen(phase: bool, sigma_dt: f64, omega_dt: f64, sums: &Sums, yy: f64) -> Look
         a: -(ip * of_p + ic * of_q),
         b: -(iq * of_q + ic * of_p),
         gain,
+        turn: omega_dt * frequency,
     };
     Look { a, b, misfit, step }
 }
