@@ -115,11 +115,16 @@ impl From<Unusable> for Reason {
 /// Why a signal alone cannot be judged: a sample that is no number, or two or more consecutive
 /// samples at or beyond a rail.
 pub fn unusable_signal(signal: &[f64], rails: [f64; 2]) -> Option<Reason> {
-    let at_rail = |y: f64| y <= rails[0] || y >= rails[1];
-    if signal.iter().any(|y| !y.is_finite()) {
+    let at_rail = |y: f64| (y <= rails[0]) | (y >= rails[1]);
+    // without a branch per sample: hardly a signal has any
+    let (finite, railed) = signal.iter().fold((true, false), |(finite, railed), &y| {
+        (finite & (y.abs() < f64::INFINITY), railed | at_rail(y))
+    });
+    if !finite {
         return Some(Reason::NonFinite);
     }
-    signal.windows(2).any(|w| at_rail(w[0]) && at_rail(w[1])).then_some(Reason::Saturated)
+    let saturated = railed && signal.windows(2).any(|w| at_rail(w[0]) && at_rail(w[1]));
+    saturated.then_some(Reason::Saturated)
 }
 
 /// The verdicts of one batch as columns, all of the same length, in the recording's order.

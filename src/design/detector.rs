@@ -144,13 +144,14 @@ impl SensitivityDetector {
         }
     }
 
-    /// What fits for a second look: the phase held, [`SensitivityDetector::at_reference`].
+    /// What fits signals for a second look, the phase held, as they would be at the reference drive and
+    /// temperature.
     pub fn fitter(&self) -> &RingFitter {
         &self.fitter
     }
 
-    /// A signal as it would be at the reference drive and temperature, counts.
-    pub fn at_reference(&self, deviation: &[f64], drive: f64, out: &mut Vec<f64>) {
+    /// Leaves a signal as it would be at the reference drive and temperature, counts.
+    fn at_reference(&self, deviation: &[f64], drive: f64, out: &mut Vec<f64>) {
         out.clear();
         out.extend(self.expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
     }

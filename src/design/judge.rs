@@ -245,6 +245,15 @@ impl Judge {
         }
     }
 
+    /// Leaves a signal, counts, as it would be at the reference drive and temperature.
+    pub fn at_reference(&self, y: &mut [f64], drive: f64, warmer: f64) {
+        let scale = 1.0 / drive;
+        y.iter_mut().for_each(|y| *y *= scale);
+        if let Some(response) = self.model.temperature_response.as_ref().filter(|_| warmer != 0.0) {
+            y.iter_mut().zip(response).for_each(|(y, slope)| *y -= warmer * slope);
+        }
+    }
+
     /// [`Judge::isolate`] of a signal whose ring is fitted already, per unit drive, at its own
     /// temperature. `None`: it is no ring, or no ring is named.
     pub fn isolate_ring(

@@ -69,9 +69,10 @@ impl<'a> EpisodeTap<'a> {
         })
     }
 
-    pub fn add(&mut self, judged: &Judged) -> Result<(), PipelineError> {
+    /// What is said of flagged signals is taken from it.
+    pub fn add(&mut self, judged: &mut Judged) -> Result<(), PipelineError> {
         let c = &judged.columns;
-        let mut flagged = judged.flagged.iter().peekable();
+        let mut flagged = std::mem::take(&mut judged.flagged).into_iter().peekable();
         let mut from = 0;
         while from < c.len() {
             let to = (from + 1..c.len()).find(|&row| !follows(c, row)).unwrap_or(c.len());
@@ -106,7 +107,7 @@ impl<'a> EpisodeTap<'a> {
                 });
                 looks.named.push(Named {
                     row: (row - from) as u32, // a batch is far smaller
-                    weights: flagged.weights.clone(),
+                    weights: flagged.weights,
                     fits_none: c.reason[row] == Some(Reason::UnknownFault),
                     candidate: c.candidate[row],
                     severity: c.severity[row],

@@ -348,7 +348,7 @@ fn stream(
         }
         drop((from_gate, to_writer));
 
-        let put = |judged: &stages::Judged| {
+        let put = |judged: &mut stages::Judged| {
             episodes.add(judged)?;
             Ok(writer.write(&judged.columns)?)
         };

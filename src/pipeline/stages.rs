@@ -417,16 +417,16 @@ pub fn write(
     in_flight: &InFlight,
     control: &Control,
     (tally, spares): (&mut Tally, &Spares),
-    mut put: impl FnMut(&Judged) -> Result<(), PipelineError>,
+    mut put: impl FnMut(&mut Judged) -> Result<(), PipelineError>,
 ) -> Result<(), PipelineError> {
     let mut waiting: BTreeMap<Place, Judged> = BTreeMap::new();
     let mut next = Place::default();
     while let Some(judged) = clock.receive(&input) {
         control.check()?;
         waiting.insert(judged.place, judged);
-        while let Some(judged) = waiting.remove(&next) {
+        while let Some(mut judged) = waiting.remove(&next) {
             if !judged.columns.is_empty() {
-                put(&judged)?;
+                put(&mut judged)?;
             }
             tally.add(&judged);
             control.signals.fetch_add(judged.columns.len() as u64, Ordering::Relaxed);

@@ -127,19 +127,14 @@ impl Statistics {
             asks.is_some()
         });
         let mut products = std::mem::take(&mut self.products);
-        let mut at_reference = Vec::new();
         let mut next = unsettled.iter().zip(&looks);
         detector.fitter().fit_all(
             false,
             &mut products,
             |y| {
                 let ((_, burst, row), look) = next.next()?;
-                // it was found usable before
-                if self.deviation(judge, burst, *row).is_ok() {
-                    let drive = judge.drive(burst);
-                    detector.at_reference(&self.signal, drive, &mut at_reference);
-                    y.copy_from_slice(&at_reference);
-                }
+                burst.copy_signal(*row, y);
+                judge.at_reference(y, judge.drive(burst), judge.warmer(burst));
                 Some(look.asks())
             },
             |i, fit| {
