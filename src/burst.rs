@@ -67,7 +67,7 @@ impl Burst {
             Format::S16Le => {
                 let of = of.as_chunks::<2>().0;
                 if stride == 1 {
-                    out.zip(of).for_each(|(y, b)| *y = i16::from_le_bytes(*b).into());
+                    int16(of, out.into_slice());
                 } else {
                     let of = of.iter().step_by(stride);
                     out.zip(of).for_each(|(y, b)| *y = i16::from_le_bytes(*b).into());
@@ -156,6 +156,42 @@ impl SignalBatch {
     pub fn rows(&self) -> usize {
         self.acquisitions.iter().map(Acquisition::rows).sum()
     }
+}
+
+/// Samples as numbers.
+fn int16(of: &[[u8; 2]], out: &mut [f64]) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        // SAFETY: the processor was found to have what is asked of it
+        if std::is_x86_feature_detected!("avx512f") {
+            return unsafe { x86::with_avx512(of, out) };
+        }
+        // SAFETY: as above
+        if std::is_x86_feature_detected!("avx2") {
+            return unsafe { x86::with_avx2(of, out) };
+        }
+    }
+    portable(of, out);
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use super::portable;
+
+    #[target_feature(enable = "avx512f")]
+    pub fn with_avx512(of: &[[u8; 2]], out: &mut [f64]) {
+        portable(of, out);
+    }
+
+    #[target_feature(enable = "avx2")]
+    pub fn with_avx2(of: &[[u8; 2]], out: &mut [f64]) {
+        portable(of, out);
+    }
+}
+
+#[inline(always)] // compiled once per instruction set
+fn portable(of: &[[u8; 2]], out: &mut [f64]) {
+    out.iter_mut().zip(of).for_each(|(y, b)| *y = i16::from_le_bytes(*b).into());
 }
 
 #[cfg(test)]

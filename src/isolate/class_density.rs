@@ -7,6 +7,7 @@
 //! unit noise, whichever the examples make likelier. The axes are those in which the noise is unit and
 //! the class's spread diagonal, or the features themselves, again whichever is likelier.
 
+use crate::model::lane_math::{exp, ln};
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::{Deserialize, Serialize};
 use std::sync::OnceLock;
@@ -86,10 +87,26 @@ impl ClassDensity {
         if whole { Ok(()) } else { Err(format!("a density is not of {coordinates} coordinates")) }
     }
 
+    /// At most four features.
     pub fn ln_density(&self, x: &[f64]) -> f64 {
+        // what of a range lies within the noise of u: 1 - Phi inside its near end less beyond its far one
+        let (mut ends, mut gaussian) = ([[f64::NEG_INFINITY, f64::INFINITY]; 4], 0.0);
         let axes = self.axes.iter().zip(&self.to_axes);
-        self.ln_determinant
-            + axes.map(|(axis, row)| axis.ln_density(self.along(row, x))).sum::<f64>()
+        for ((axis, row), ends) in axes.zip(&mut ends) {
+            let u = self.along(row, x);
+            match axis {
+                Axis::Gaussian(sd) => gaussian -= 0.5 * (u / sd) * (u / sd),
+                Axis::Range(width) => *ends = [u.abs() - width, u.abs() + width],
+            }
+        }
+        let mut ln_masses = ln_masses(&ends);
+        for (ln_mass, [beyond, _]) in ln_masses.iter_mut().zip(ends) {
+            // far outside a Gaussian tail from the edge
+            if *ln_mass < LN_LEAST_MASS {
+                *ln_mass = -0.5 * beyond * beyond - (beyond * SQRT_TAU).ln();
+            }
+        }
+        self.ln_highest() + gaussian + ln_masses.iter().sum::<f64>()
     }
 
     /// No ln density lies above this, less half of [`ClassDensity::square`].
@@ -253,30 +270,96 @@ impl Axis {
     }
 }
 
+/// ln of the least mass that a difference of tails is good for.
+const LN_LEAST_MASS: f64 = -644.0;
+
+/// ln of what lies between two ends of a Gaussian, four times; below [`LN_LEAST_MASS`]: less than that.
+fn ln_masses(ends: &[[f64; 2]; 4]) -> [f64; 4] {
+    #[cfg(target_arch = "x86_64")]
+    {
+        // SAFETY: the processor was found to have what is asked of it
+        if std::is_x86_feature_detected!("avx512f") {
+            return unsafe { x86::with_avx512(ends) };
+        }
+        // SAFETY: as above
+        if std::is_x86_feature_detected!("avx2") {
+            return unsafe { x86::with_avx2(ends) };
+        }
+    }
+    portable(ends)
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use super::portable;
+
+    #[target_feature(enable = "avx512f")]
+    pub fn with_avx512(ends: &[[f64; 2]; 4]) -> [f64; 4] {
+        portable(ends)
+    }
+
+    #[target_feature(enable = "avx2")]
+    pub fn with_avx2(ends: &[[f64; 2]; 4]) -> [f64; 4] {
+        portable(ends)
+    }
+}
+
+#[inline(always)] // compiled once per instruction set
+fn portable(ends: &[[f64; 2]; 4]) -> [f64; 4] {
+    // all near ends, then all far ones
+    let at: [f64; 8] = std::array::from_fn(|i| ends[i % 4][i / 4]);
+    let mut tails = [0.0; 8];
+    for i in 0..8 {
+        tails[i] = tail(at[i]);
+    }
+    let mut masses = [0.0; 4];
+    for i in 0..4 {
+        let mass = tails[i] - tails[i + 4];
+        masses[i] = ln(if mass > f64::MIN_POSITIVE { mass } else { f64::MIN_POSITIVE });
+    }
+    masses
+}
+
+/// [`upper_tail`] in lanes; of -infinity 1, of infinity 0.
+#[inline(always)] // compiled once per instruction set
+fn tail(x: f64) -> f64 {
+    let z = x.abs() / std::f64::consts::SQRT_2;
+    let z = if z < 40.0 { z } else { 40.0 };
+    let t = 1.0 / (1.0 + 0.5 * z);
+    let mut exponent = 0.0;
+    for c in ERFC.iter().rev() {
+        exponent = exponent * t + c;
+    }
+    let exponent = exponent - z * z;
+    let half = 0.5 * t * exp(if exponent > -700.0 { exponent } else { -700.0 });
+    if x >= 0.0 { half } else { 1.0 - half }
+}
+
 /// How far a class may lie elsewhere on another printhead or at another temperature (ln amplitude, ln
 /// damping, ln frequency, phase in rad): an unknown fault must be further away than that.
 pub(super) const TOLERANCE: [f64; 4] = [0.1, 0.15, 0.02, 0.1];
 
 const SQRT_TAU: f64 = 2.506_628_274_631_000_7;
 
+const ERFC: [f64; 10] = [
+    -1.265_512_23,
+    1.000_023_68,
+    0.374_091_96,
+    0.096_784_18,
+    -0.186_288_06,
+    0.278_868_07,
+    -1.135_203_98,
+    1.488_515_87,
+    -0.822_152_23,
+    0.170_872_77,
+];
+
 /// 1 - Phi(x), relative error below 1e-7 everywhere: W. J. Cody style rational fit of erfc as in
 /// Numerical Recipes (erfcc), whose relative error is at most 1.2e-7.
 pub(crate) fn upper_tail(x: f64) -> f64 {
     let z = x.abs() / std::f64::consts::SQRT_2;
     let t = 1.0 / (1.0 + 0.5 * z);
-    let polynomial = [
-        -1.265_512_23,
-        1.000_023_68,
-        0.374_091_96,
-        0.096_784_18,
-        -0.186_288_06,
-        0.278_868_07,
-        -1.135_203_98,
-        1.488_515_87,
-        -0.822_152_23,
-        0.170_872_77,
-    ];
-    let exponent = polynomial.iter().rev().fold(0.0, |sum, c| sum * t + c);
+    let exponent = ERFC.iter().rev().fold(0.0, |sum, c| sum * t + c);
     let erfc = t * (-z * z + exponent).exp();
     if x >= 0.0 { erfc / 2.0 } else { 1.0 - erfc / 2.0 }
 }
@@ -342,6 +425,21 @@ mod tests {
         assert!(density.distance(&[1.3, 0.0]) < 1.0);
         assert!(density.distance(&[5.0, 0.0]) > 100.0);
         assert!(density.ln_density(&[60.0, 0.0]).is_finite());
+    }
+
+    #[test]
+    fn density_is_that_of_its_axes() {
+        for uniform in [true, false] {
+            let density = ClassDensity::learn(&draw(400, uniform), &noise(), None).unwrap();
+            for i in -400..600 {
+                let x = [f64::from(i) * 0.1, f64::from(i % 7) * 0.05];
+                let axes = density.axes.iter().zip(&density.to_axes);
+                let each = axes.map(|(axis, row)| axis.ln_density(density.along(row, &x)));
+                let want = density.ln_determinant + each.sum::<f64>();
+                let found = density.ln_density(&x);
+                assert!((found - want).abs() < 1e-9 * want.abs().max(1.0), "{x:?} {found} {want}");
+            }
+        }
     }
 
     #[test]

@@ -158,12 +158,10 @@ impl Intervals {
         }
     }
 
-    /// Whether a box of them may be near.
+    /// Whether a box of them may be near; not for a channel's own curves.
     #[inline(always)] // compiled once per instruction set
-    fn near(&self, x: f64, seen: Seen, noise: f64) -> [bool; BOXES] {
-        if seen.baseline.is_some() {
-            return [true; BOXES];
-        }
+    fn near(&self, At { x, changed, noise, .. }: At) -> [bool; BOXES] {
+        let x = x[FREQUENCY];
         let mut near = [false; BOXES];
         let ([low, high], [first, second]) = (&self.mean, &self.moves);
         for b in 0..BOXES {
@@ -171,7 +169,7 @@ impl Intervals {
                 let (p, q) = (of[0][b] * by, of[1][b] * by);
                 if p < q { (p, q) } else { (q, p) }
             };
-            let (by_first, by_second) = (moved(first, seen.changed[0]), moved(second, seen.changed[1]));
+            let (by_first, by_second) = (moved(first, changed[0]), moved(second, changed[1]));
             let below = low[b] + (by_first.0 + by_second.0) - x;
             let above = x - high[b] - (by_first.1 + by_second.1);
             let outside = if below > above { below } else { above };
@@ -185,13 +183,14 @@ impl Intervals {
 
 impl Side {
     #[inline(always)] // compiled once per instruction set
-    fn near(&self, x: f64, seen: Seen, noise: f64) -> [bool; BOXES] {
+    fn near<const OWN: bool>(&self, x: f64, seen: At) -> [bool; BOXES] {
+        let At { changed, own, noise, .. } = seen;
         let ([first, second], mut at) = (&self.moves, [0.0; BOXES]);
         for b in 0..BOXES {
-            at[b] = x - first[b] * seen.changed[0] - second[b] * seen.changed[1];
+            at[b] = x - first[b] * changed[0] - second[b] * changed[1];
         }
-        if let Some(own) = seen.baseline {
-            for (follows, own) in self.follows.iter().zip(own.iter()) {
+        if OWN {
+            for (follows, own) in self.follows.iter().zip(own) {
                 for b in 0..BOXES {
                     at[b] -= follows[b] * own;
                 }
@@ -233,21 +232,42 @@ impl Stretch {
     }
 }
 
+/// Features, and under what they were seen; by value, so that they stay in registers.
+#[derive(Clone, Copy)]
+struct At {
+    x: [f64; 4],
+    changed: [f64; 2],
+    /// Of the channel's own baseline.
+    own: [f64; 4],
+    noise: f64,
+}
+
 /// Compares features with the nodes that are not far from them.
 #[inline(always)] // compiled once per instruction set
 pub(super) fn compare(of: &NodeColumns, x: &Vector4<f64>, seen: Seen, out: &mut Vec<Compared>) {
-    out.clear();
     let noise = 1.0 / (seen.drive * seen.drive);
+    let own = seen.baseline.copied().unwrap_or_default();
+    let at = At { x: (*x).into(), changed: seen.changed.into(), own: own.into(), noise };
+    match seen.baseline {
+        None => compare_at::<false>(of, at, out),
+        Some(_) => compare_at::<true>(of, at, out),
+    }
+}
+
+/// `OWN`: the curve follows a channel's own baseline.
+#[inline(always)] // compiled once per instruction set
+fn compare_at<const OWN: bool>(of: &NodeColumns, at: At, out: &mut Vec<Compared>) {
+    out.clear();
     let mut nearest = f64::INFINITY;
     for (part, (groups, frequencies)) in of.boxes.chunks(BOXES).zip(&of.frequencies).enumerate() {
-        let in_reach = frequencies.near(x[FREQUENCY], seen, noise);
+        let in_reach = if OWN { [true; BOXES] } else { frequencies.near(at) };
         for (g, sides) in groups.iter().enumerate() {
             if !in_reach[g] {
                 continue;
             }
             let mut near = [true; BOXES];
             for (side, k) in sides.iter().zip(COORDINATES) {
-                let also = side.near(x[k], seen, noise);
+                let also = side.near::<OWN>(at.x[k], at);
                 for b in 0..BOXES {
                     near[b] &= also[b];
                 }
@@ -258,7 +278,18 @@ pub(super) fn compare(of: &NodeColumns, x: &Vector4<f64>, seen: Seen, out: &mut 
             for (b, near) in near.into_iter().enumerate() {
                 if near {
                     let stretch = (part * BOXES + g) * BOXES + b;
-                    of.stretches[stretch].compare(x, seen, noise, stretch, &mut nearest, out);
+                    let Some(nodes) = of.stretches.get(stretch) else { continue };
+                    let (square, inverse) = nodes.compare::<OWN>(at);
+                    let least = least(&square);
+                    // what says nothing beside the nearest so far is left out
+                    if least <= nearest + 2.0 * NEGLIGIBLE {
+                        nearest = if least < nearest { least } else { nearest };
+                        let mut height = [0.0; NODES];
+                        for i in 0..NODES {
+                            height[i] = nodes.determinant[i] * inverse[i].sqrt();
+                        }
+                        out.push(Compared { stretch, square, height });
+                    }
                 }
             }
         }
@@ -269,33 +300,23 @@ pub(super) fn compare(of: &NodeColumns, x: &Vector4<f64>, seen: Seen, out: &mut 
 const TOGETHER: usize = 8;
 
 impl Stretch {
-    /// Adds what may say something beside the `nearest` so far.
+    /// Squared distances of the nodes, and the inverses of their variances' products.
     #[inline(always)] // compiled once per instruction set
-    fn compare(
-        &self,
-        x: &Vector4<f64>,
-        seen: Seen,
-        noise: f64,
-        stretch: usize,
-        nearest: &mut f64,
-        out: &mut Vec<Compared>,
-    ) {
+    fn compare<const OWN: bool>(&self, at: At) -> (Lanes, Lanes) {
+        let At { x, changed, own, noise } = at;
         let (mut square, mut inverse) = ([0.0; NODES], [0.0; NODES]);
         for from in (0..NODES).step_by(TOGETHER) {
             for i in from..from + TOGETHER {
                 let away = |k: usize| {
-                    let moves = &self.moves[k];
-                    let moved = moves[0][i] * seen.changed[0] + moves[1][i] * seen.changed[1];
+                    let (moves, follows) = (&self.moves[k], &self.follows[k]);
+                    let mut moved = moves[0][i] * changed[0] + moves[1][i] * changed[1];
+                    if OWN {
+                        moved += (follows[0][i] * own[0] + follows[1][i] * own[1])
+                            + (follows[2][i] * own[2] + follows[3][i] * own[3]);
+                    }
                     x[k] - self.mean[k][i] - moved
                 };
                 let mut d = [away(0), away(1), away(2), away(3)];
-                if let Some(own) = seen.baseline {
-                    for (d, follows) in d.iter_mut().zip(&self.follows) {
-                        let moved = (follows[0][i] * own[0] + follows[1][i] * own[1])
-                            + (follows[2][i] * own[2] + follows[3][i] * own[3]);
-                        *d -= moved;
-                    }
-                }
                 // a phase beyond one turn is no phase of a fit
                 let turn = if d[3] > PI { TAU } else { 0.0 } - if d[3] < -PI { TAU } else { 0.0 };
                 d[3] -= turn;
@@ -317,16 +338,7 @@ impl Stretch {
                 square[i] = sum * inverse[i];
             }
         }
-        let least = least(&square);
-        if least > *nearest + 2.0 * NEGLIGIBLE {
-            return;
-        }
-        *nearest = if least < *nearest { least } else { *nearest };
-        let mut height = [0.0; NODES];
-        for i in 0..NODES {
-            height[i] = self.determinant[i] * inverse[i].sqrt();
-        }
-        out.push(Compared { stretch, square, height });
+        (square, inverse)
     }
 }
 

@@ -307,18 +307,12 @@ fn weigh(classes: &[ClassDensity], temperature: f64, x: &[f64], weights: &mut [f
 
 /// ln densities to a posterior. `priors`: of each class; none: they are alike.
 fn to_posterior(temperature: f64, priors: &[f64], weights: &mut [f64]) {
-    /// e^-700 is nothing.
-    const LEAST: f64 = -700.0;
     let most = weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let by = 1.0 / temperature;
     for lanes in weights.chunks_mut(CLASSES) {
-        let mut less = [LEAST; CLASSES];
+        let mut less = [f64::NEG_INFINITY; CLASSES];
         less.iter_mut().zip(&*lanes).for_each(|(less, w)| *less = (w - most) * by);
-        for less in &mut less {
-            // NaN stays
-            *less = if *less < LEAST { 0.0 } else { exp(*less) };
-        }
-        lanes.copy_from_slice(&less[..lanes.len()]);
+        lanes.copy_from_slice(&exp_lanes(less)[..lanes.len()]);
     }
     weights.iter_mut().zip(priors).for_each(|(w, prior)| *w *= prior);
     let sum: f64 = weights.iter().sum();
@@ -326,7 +320,45 @@ fn to_posterior(temperature: f64, priors: &[f64], weights: &mut [f64]) {
 }
 
 /// Classes whose exponentials are taken together.
-const CLASSES: usize = 8;
+const CLASSES: usize = 16;
+
+fn exp_lanes(of: [f64; CLASSES]) -> [f64; CLASSES] {
+    #[cfg(target_arch = "x86_64")]
+    {
+        // SAFETY: the processor was found to have what is asked of it
+        if std::is_x86_feature_detected!("avx512f") {
+            return unsafe { x86::with_avx512(of) };
+        }
+        // SAFETY: as above
+        if std::is_x86_feature_detected!("avx2") {
+            return unsafe { x86::with_avx2(of) };
+        }
+    }
+    portable(of)
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use super::{CLASSES, portable};
+
+    #[target_feature(enable = "avx512f")]
+    pub fn with_avx512(of: [f64; CLASSES]) -> [f64; CLASSES] {
+        portable(of)
+    }
+
+    #[target_feature(enable = "avx2")]
+    pub fn with_avx2(of: [f64; CLASSES]) -> [f64; CLASSES] {
+        portable(of)
+    }
+}
+
+#[inline(always)] // compiled once per instruction set
+fn portable(of: [f64; CLASSES]) -> [f64; CLASSES] {
+    /// e^-700 is nothing.
+    const LEAST: f64 = -700.0;
+    // NaN stays
+    of.map(|x| if x < LEAST { 0.0 } else { exp(x) })
+}
 
 fn densities(examples: &[Examples]) -> Option<Vec<ClassDensity>> {
     let pooled = pooled_covariance(examples)?;

@@ -131,7 +131,7 @@ impl RingFitter {
     fn fit_of(&self, place: Place, square: f64) -> Option<Fit> {
         let Place { ln_damping, ln_frequency, a, b, misfit } = place;
         let features = Features {
-            ln_amplitude: (a.hypot(b) / self.ring.amplitude).ln(),
+            ln_amplitude: 0.5 * ((a * a + b * b) / self.ring.amplitude.powi(2)).ln(),
             ln_damping,
             ln_frequency,
             phase_rad: b.atan2(a),
