@@ -4,6 +4,10 @@
 //! `examples/benchmark_recording.rs` and `docs/performance.md`.
 
 use bytes::Bytes;
+use clarabel::algebra::CscMatrix;
+use clarabel::solver::{
+    DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, ZeroConeT,
+};
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use inkling::burst::{Burst, Format, Layout};
@@ -17,6 +21,8 @@ use inkling::io::decompress::Decompressor;
 use inkling::io::design_file;
 use inkling::io::verdict_table::{TableOptions, TimestampUnit, VerdictWriter};
 use inkling::isolate::{SignatureMatrix, Simplex};
+use inkling::model::ring::Ring;
+use inkling::model::ring_fit::{Products, RingFitter};
 use inkling::verdict::{Outcome, VerdictColumns};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -218,6 +224,94 @@ fn active_set(bencher: Bencher) {
         problems.iter().for_each(|c| simplex.solve(black_box(c), &mut phi).expect("fits"));
         phi[0]
     });
+}
+
+/// The same by clarabel, a new solver each; an item is a problem.
+#[divan::bench]
+fn active_set_by_clarabel(bencher: Bencher) {
+    let design = design();
+    let of: Vec<&[f64]> = design.classes.iter().map(|c| &c.deviation[..]).collect();
+    let product = |p: &[f64], q: &[f64]| p.iter().zip(q).map(|(p, q)| p * q).sum::<f64>();
+    let n = of.len();
+    let upper = |i: usize, j: usize| if j >= i { product(of[i], of[j]) } else { 0.0 };
+    let rows: Vec<Vec<f64>> = (0..n).map(|i| (0..n).map(|j| upper(i, j)).collect()).collect();
+    let gram = CscMatrix::from(&rows);
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    let problems: Vec<Vec<f64>> = (0..64)
+        .map(|i| {
+            let r: Vec<f64> =
+                of[i % n].iter().map(|d| d + 30.0 * rng.random_range(-1.0..1.0)).collect();
+            of.iter().map(|column| -product(column, &r)).collect()
+        })
+        .collect();
+    // the sum is one, none is negative
+    let mut rows = vec![vec![1.0; n]];
+    rows.extend((0..n).map(|i| (0..n).map(|j| if i == j { -1.0 } else { 0.0 }).collect()));
+    let constraints = CscMatrix::from(&rows);
+    let mut bounds = vec![0.0; n + 1];
+    bounds[0] = 1.0;
+    let cones = [ZeroConeT(1), NonnegativeConeT(n)];
+    bencher.counter(ItemsCount::new(problems.len())).bench_local(|| {
+        for q in &problems {
+            let settings =
+                DefaultSettingsBuilder::default().verbose(false).build().expect("settings");
+            let mut solver =
+                DefaultSolver::new(&gram, black_box(q), &constraints, &bounds, &cones, settings)
+                    .expect("a program");
+            solver.solve();
+            black_box(&solver.solution.x);
+        }
+    });
+}
+
+/// Rings of faulty signals: the phase free, searched everywhere; one by one and side by side.
+#[divan::bench(args = ["one by one", "side by side"])]
+fn ring_fit(bencher: Bencher, how: &str) {
+    let design = design();
+    let fitter = RingFitter::new(ring_of(), design.sample_period_s, design.samples);
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    let noise = design.models[0].noise;
+    let signals: Vec<Vec<f64>> = (0..SIGNALS)
+        .map(|i| {
+            let of = &design.classes[i % design.classes.len()].deviation;
+            let expected = design.models[0].expected.iter().zip(of);
+            expected.map(|(e, d)| e + d + 1.7 * noise * rng.random_range(-1.0..1.0)).collect()
+        })
+        .collect();
+    let mut work = Products::default();
+    bencher.counter(ItemsCount::new(SIGNALS)).bench_local(|| {
+        let mut found = 0;
+        match how {
+            "one by one" => {
+                for y in &signals {
+                    found += usize::from(fitter.fit(y, true, &mut work).is_some());
+                }
+            }
+            _ => {
+                let mut next = signals.iter();
+                let signal = |y: &mut [f64]| {
+                    y.copy_from_slice(next.next()?);
+                    Some(None)
+                };
+                fitter.fit_all(true, &mut work, signal, |_, fit| {
+                    found += usize::from(fit.is_some());
+                });
+            }
+        }
+        found
+    });
+}
+
+/// Like the sample's healthy ring.
+fn ring_of() -> Ring {
+    Ring {
+        amplitude: 400.0,
+        phase_rad: 0.4,
+        damping_per_s: 2.9e4,
+        frequency_hz: 64_700.0,
+        real_share: 0.06,
+        lambda_per_s: 3.7e4,
+    }
 }
 
 /// Verdicts to a Parquet file, 2 % faulty; an item is a row.

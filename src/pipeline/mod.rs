@@ -24,6 +24,8 @@ mod rows;
 pub mod schedule;
 mod spares;
 mod stages;
+#[cfg(test)]
+mod staging_tests;
 mod statistics;
 mod survey;
 pub mod tally;

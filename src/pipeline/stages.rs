@@ -97,7 +97,7 @@ impl BlockQueue {
     }
 
     /// The next block, once there is room for it in flight.
-    fn next(
+    pub(super) fn next(
         &self,
         in_flight: &InFlight,
         control: &Control,

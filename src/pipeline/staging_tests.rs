@@ -1,0 +1,134 @@
+//! What staging costs: the same stage functions, batch by batch, in one thread without queues between
+//! threads, against the stages side by side.
+//!
+//! ```sh
+//! INKLING_RECORDING=none.mcap cargo test --release --lib staging -- --ignored --nocapture
+//! ```
+
+use super::episodes::EpisodeTap;
+use super::in_flight::InFlight;
+use super::replay::{Replay, replay};
+use super::schedule::Schedule;
+use super::spares::Spares;
+use super::stages::{self, BlockQueue, Judged, Read};
+use super::tally::Tally;
+use super::timings::Timings;
+use super::warmth::Warmth;
+use super::{Control, PipelineError};
+use crate::burst::{Place, SignalBatch};
+use crate::io::recording::Recording;
+use crate::io::verdict_table::{TableOptions, TimestampUnit, VerdictWriter};
+use crate::io::{Limits, design_file};
+use crate::isolate::DecisionRule;
+use crate::settings::Settings;
+use crossbeam_channel::{Receiver, Sender, unbounded};
+use std::path::Path;
+use std::time::Instant;
+
+/// User and system time of this process, s; in hundredths.
+fn cpu_s() -> f64 {
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap();
+    let after_name = stat.rsplit(") ").next().unwrap();
+    let ticks = after_name.split(' ').skip(11).take(2).map(|t| t.parse::<f64>().unwrap());
+    ticks.sum::<f64>() / 100.0
+}
+
+/// One batch through a stage.
+fn through<A, B>(
+    of: A,
+    stage: impl FnOnce(Receiver<A>, Sender<B>) -> Result<(), PipelineError>,
+) -> B {
+    let ((to_stage, input), (out, from_stage)) = (unbounded(), unbounded());
+    to_stage.send(of).unwrap();
+    drop(to_stage);
+    stage(input, out).unwrap();
+    from_stage.recv().unwrap()
+}
+
+/// Returns the rows written.
+fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
+    let (control, timings, spares) = (Control::default(), Timings::default(), Spares::default());
+    let settings = &run.settings;
+    let schedule =
+        Schedule::of_design(run.design.as_ref().unwrap(), &settings.isolate).unwrap();
+    let classes = run.classes();
+    let categories = DecisionRule::new(&classes, 0.0).unwrap().categories;
+    let beside = crate::io::episode_table::path_beside(verdicts);
+    let unit = TimestampUnit::Ns;
+    let mut episodes = EpisodeTap::create(run, &schedule, None, &beside, unit).unwrap();
+    let options =
+        TableOptions { classes: classes.clone(), categories, weights: false, timestamp_unit: unit };
+    let mut writer = VerdictWriter::create(verdicts, options).unwrap();
+    let (mut tally, mut warmth) = (Tally::new(classes), Warmth::new(false));
+    let queue = BlockQueue::new(recording);
+    let in_flight = InFlight::new(2, u64::MAX);
+    let mut reader = recording.reader();
+    let mut clock = timings.clock("reader");
+    while let Some((block, read)) = queue.next(&in_flight, &control, &mut clock).unwrap() {
+        reader.load_read(&block, read);
+        while let Some(piece) = reader.next_piece(32_768) {
+            let place = Place { block: block.index, piece: 0 };
+            let batch = SignalBatch { place, acquisitions: piece.acquisitions };
+            let read = Read { batch, leaves: None, damage: piece.damage };
+            let clock = |stage| timings.clock(stage);
+            let assigned = through(read, |input, out| {
+                stages::identify(&schedule, &mut warmth, clock("identify"), input, out)
+            });
+            let filtered = through(assigned, |input, out| {
+                stages::filter(settings.input.rails, None, &spares, clock("filter"), input, out)
+            });
+            let gated = through(filtered, |input, out| {
+                stages::gate(&spares, clock("gate"), input, out)
+            });
+            let mut judged: Judged = through(gated, |input, out| {
+                stages::isolate(settings, None, &spares, clock("isolate"), input, out)
+            });
+            episodes.add(&mut judged).unwrap();
+            writer.write(&judged.columns).unwrap();
+            tally.add(&judged);
+            spares.columns.give(judged.columns);
+        }
+        in_flight.leave(block.bytes);
+    }
+    queue.finish(&control).unwrap();
+    episodes.finish().unwrap();
+    let rows = writer.rows();
+    writer.finish("{}".into()).unwrap();
+    rows
+}
+
+#[test]
+#[ignore = "measures: wants a recording in INKLING_RECORDING and some seconds"]
+fn staging_against_one_fused_loop() {
+    let recording = std::env::var_os("INKLING_RECORDING").expect("INKLING_RECORDING");
+    let recording = Recording::open(Path::new(&recording), Limits::default()).unwrap();
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/design.json");
+    let (design, digest) = design_file::read(&path).unwrap();
+    let mut settings = Settings::default();
+    settings.identify.mode = crate::settings::IdentifyMode::Design;
+    let run = Replay {
+        settings,
+        design: Some(design),
+        design_digest: Some(digest),
+        labels: None,
+        spans: Vec::new(),
+        baselines: None,
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let verdicts = dir.path().join("r.verdicts.parquet");
+    for _ in 0..3 {
+        let measured = |what: &str, f: &mut dyn FnMut() -> u64| {
+            let (cpu, wall) = (cpu_s(), Instant::now());
+            let rows = f();
+            let (cpu, wall) = (cpu_s() - cpu, wall.elapsed().as_secs_f64());
+            println!("{what:<8} {rows} rows, CPU {cpu:.2} s, wall {wall:.2} s");
+            rows
+        };
+        let alone = measured("fused", &mut || fused(&run, &recording, &verdicts));
+        let staged = measured("staged", &mut || {
+            let report = replay(&run, &recording, &verdicts, &Control::default()).unwrap();
+            report.tally.counts.signals
+        });
+        assert_eq!(alone, staged);
+    }
+}
