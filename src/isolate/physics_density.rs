@@ -305,7 +305,7 @@ impl Sizes {
                 sums[i] += share[i] * of.of[i];
             }
         }
-        sums.iter().sum()
+        node_columns::sum(&sums)
     }
 }
 

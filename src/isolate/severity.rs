@@ -5,7 +5,7 @@
 //! ([`super::fault_curve`]). Beforehand severities are as likely as in the class's labelled signals; a
 //! part of the belief stays on every size of that kind. thesis §2-2, chapter 5 (fault estimation).
 
-use super::node_columns::{NODES, Terms};
+use super::node_columns::{self, NODES, Terms};
 use super::physics_density::{Comparison, FaultCurves, Sizes};
 
 /// A severity in the contract's unit, with its standard deviation.
@@ -79,5 +79,5 @@ fn moments(of: &FaultCurves, sizes: &Sizes, terms: &[Terms]) -> [f64; 3] {
             of_square[i] += weighed * severity[i];
         }
     }
-    [sum, of_value, of_square].map(|lanes| lanes.iter().sum::<f64>())
+    [node_columns::sum(&sum), node_columns::sum(&of_value), node_columns::sum(&of_square)]
 }

@@ -122,8 +122,7 @@ impl RingFitter {
 
     /// `None`: no signal.
     fn start_of(&self, y: &[f64], [ln_damping, ln_frequency]: [f64; 2]) -> Option<Start> {
-        let square = dot(y, y);
-        let along_real = dot(y, &self.real);
+        let [square, along_real] = [dot(y, y), dot(y, &self.real)];
         let there = square > 0.0 && square.is_finite();
         there.then_some(Start { ln_damping, ln_frequency, square, along_real })
     }
