@@ -292,8 +292,7 @@ impl Judge {
         *severity = sized.and_then(|(of, k)| of.severity(k, weights, physics));
         let noise = self.model.noise / drive;
         let rings_otherwise = fit.misfit
-            > NO_RING * noise * noise * self.model.expected.len() as f64
-                + MODEL_ERROR * fit.square;
+            > NO_RING * noise * noise * self.model.expected.len() as f64 + MODEL_ERROR * fit.square;
         let from_curves =
             || curves.map_or(f64::INFINITY, |of| of.distance(features, seen, physics));
         let unknown = rings_otherwise && posterior.fits_none(features, from_curves);

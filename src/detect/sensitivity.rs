@@ -8,7 +8,7 @@
 //! The healthy spread is that of the channels plus that of the noise; the noise weighs more where the
 //! drive is low, so the two are kept apart.
 
-use crate::model::ring_moments::dot;
+use crate::model::inner_product::dot;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 

@@ -36,7 +36,9 @@ impl ClassLanes {
                 group.width.iter_mut().for_each(|width| width[l] = 0.0);
                 class.mean().iter().zip(&mut group.mean).for_each(|(m, mean)| mean[l] = *m);
                 let axes = class.distances();
-                for ((row, width), (to, of)) in axes.zip(group.to_axes.iter_mut().zip(&mut group.width)) {
+                for ((row, width), (to, of)) in
+                    axes.zip(group.to_axes.iter_mut().zip(&mut group.width))
+                {
                     row.zip(to).for_each(|(b, to)| to[l] = b);
                     of[l] = width;
                 }
@@ -129,7 +131,8 @@ mod tests {
                     let wide = rng.random_range(0.01..1.0);
                     let features: Vec<DVector<f64>> = (0..60)
                         .map(|_| {
-                            let x = DVector::from_fn(coordinates, |_, _| rng.random_range(-0.1..0.1));
+                            let x =
+                                DVector::from_fn(coordinates, |_, _| rng.random_range(-0.1..0.1));
                             x * wide
                         })
                         .collect();

@@ -151,7 +151,8 @@ impl Intervals {
             span
         };
         // what is not there must not make infinity times zero
-        let finite = |of: [OfBoxes; 2]| of.map(|of| of.map(|v| if v.is_finite() { v } else { 0.0 }));
+        let finite =
+            |of: [OfBoxes; 2]| of.map(|of| of.map(|v| if v.is_finite() { v } else { 0.0 }));
         Intervals {
             mean: [span(&|side| side.low)[0], span(&|side| side.high)[1]],
             moves: [finite(span(&|side| side.moves[0])), finite(span(&|side| side.moves[1]))],

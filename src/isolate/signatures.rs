@@ -3,7 +3,7 @@
 //! In: per class rho, the residual of its mean deviation. Out: R with its Gram matrix.
 
 use super::{IsolateError, MAX_CLASSES};
-use crate::model::ring_moments::dot;
+use crate::model::inner_product::dot;
 use nalgebra::DMatrix;
 
 /// R = [rho_1 ... rho_nf], thesis §3-3-2, and G = R^T R. Columns: the residual of each class's mean

@@ -8,6 +8,7 @@ pub mod actuation;
 pub mod faults;
 pub mod geometry;
 pub mod ink_channel;
+pub mod inner_product;
 pub mod lane_math;
 mod poles;
 pub mod ring;
@@ -15,7 +16,7 @@ pub mod ring_down;
 pub mod ring_fit;
 mod ring_grid;
 mod ring_lanes;
-pub mod ring_moments;
+mod ring_sums;
 pub mod terms;
 
 use nalgebra::DMatrix;

@@ -4,10 +4,11 @@
 //! ring. Amplitude (and phase) enter linearly and are eliminated (variable projection); a coarse
 //! start over damping and frequency is followed by a few damped Gauss-Newton steps. White noise.
 
+use super::inner_product::dot;
 use super::ring::Ring;
 use super::ring_grid::{Grid, Sums};
-use super::ring_lanes::{Frame, Place, SIDE, Search, Start, Turn};
-use super::ring_moments::dot;
+use super::ring_lanes::{Place, SIDE, Search, Start, Turn};
+use super::ring_sums::Frame;
 use nalgebra::DMatrix;
 
 /// ln (A/A0), ln (sigma/sigma0), ln (f/f0), and phi - phi0 (0 where the phase is not free).

@@ -52,11 +52,7 @@ pub struct Sums {
 impl Grid {
     /// `omega_dt`: of frequency ratio 1, rad a sample. `columns`: of a ring with ratios of damping
     /// and frequency, `samples` each.
-    pub fn new(
-        omega_dt: f64,
-        samples: usize,
-        columns: impl Fn(f64, f64) -> [Vec<f64>; 2],
-    ) -> Grid {
+    pub fn new(omega_dt: f64, samples: usize, columns: impl Fn(f64, f64) -> [Vec<f64>; 2]) -> Grid {
         let (low, high) = FREQUENCY_RANGE;
         let group = ((COARSE_RAD / (omega_dt * high)) as usize).clamp(1, (samples / 16).max(1));
         let group = 1 << group.ilog2();
@@ -70,12 +66,13 @@ impl Grid {
                     let sums = column.chunks_exact(group).map(|c| c.iter().sum::<f64>());
                     sums.collect::<Vec<f64>>()
                 });
-                let product = |p: &[f64], q: &[f64]| p.iter().zip(q).map(|(p, q)| p * q).sum::<f64>();
+                let product =
+                    |p: &[f64], q: &[f64]| p.iter().zip(q).map(|(p, q)| p * q).sum::<f64>();
                 let [pp, pq, qq] = [product(&p, &p), product(&p, &q), product(&q, &q)];
                 let determinant = pp * qq - pq * pq;
                 let there = determinant > 1e-9 * pp * qq;
-                let inverse = [qq, -2.0 * pq, pp]
-                    .map(|g| if there { (g / determinant) as f32 } else { 0.0 });
+                let inverse =
+                    [qq, -2.0 * pq, pp].map(|g| if there { (g / determinant) as f32 } else { 0.0 });
                 places.push([damping.ln(), frequency.ln()]);
                 of_places.push(([p, q], inverse));
             }
@@ -147,9 +144,8 @@ mod x86 {
 fn explain(of: &Grid, y: &[f64], Sums { of_signal, explained }: &mut Sums) -> f32 {
     of_signal.clear();
     match of.group {
-        4 => of_signal.extend(
-            y.as_chunks::<4>().0.iter().map(|y| ((y[0] + y[1]) + (y[2] + y[3])) as f32),
-        ),
+        4 => of_signal
+            .extend(y.as_chunks::<4>().0.iter().map(|y| ((y[0] + y[1]) + (y[2] + y[3])) as f32)),
         group => of_signal.extend(y.chunks_exact(group).map(|y| y.iter().sum::<f64>() as f32)),
     }
     explained.clear();

@@ -347,8 +347,7 @@ pub fn isolate(
                                 continue;
                             }
                         };
-                        let isolates =
-                            judge.can_isolate() && (gated || !settings.isolate.gate);
+                        let isolates = judge.can_isolate() && (gated || !settings.isolate.gate);
                         let isolation = if !isolates {
                             None
                         } else {

@@ -49,8 +49,7 @@ fn through<A, B>(
 fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     let (control, timings, spares) = (Control::default(), Timings::default(), Spares::default());
     let settings = &run.settings;
-    let schedule =
-        Schedule::of_design(run.design.as_ref().unwrap(), &settings.isolate).unwrap();
+    let schedule = Schedule::of_design(run.design.as_ref().unwrap(), &settings.isolate).unwrap();
     let classes = run.classes();
     let categories = DecisionRule::new(&classes, 0.0).unwrap().categories;
     let beside = crate::io::episode_table::path_beside(verdicts);
@@ -77,9 +76,8 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
             let filtered = through(assigned, |input, out| {
                 stages::filter(settings.input.rails, None, &spares, clock("filter"), input, out)
             });
-            let gated = through(filtered, |input, out| {
-                stages::gate(&spares, clock("gate"), input, out)
-            });
+            let gated =
+                through(filtered, |input, out| stages::gate(&spares, clock("gate"), input, out));
             let mut judged: Judged = through(gated, |input, out| {
                 stages::isolate(settings, None, &spares, clock("isolate"), input, out)
             });

@@ -90,7 +90,13 @@ impl Statistics {
                 gather.push(burst, row, drive, warmer);
                 waiting.push((first + row, burst, row));
                 if gather.is_full() {
-                    self.settle(lanes, (judge, &mut gather), &mut waiting, statistic, &mut unsettled);
+                    self.settle(
+                        lanes,
+                        (judge, &mut gather),
+                        &mut waiting,
+                        statistic,
+                        &mut unsettled,
+                    );
                 }
             }
         }
@@ -118,9 +124,9 @@ impl Statistics {
         };
         let mut looks = Vec::new();
         unsettled.retain(|&(at, burst, row)| {
-            let look = self.deviation(judge, burst, row).map(|()| {
-                detector.first_look(&self.signal, judge.drive(burst))
-            });
+            let look = self
+                .deviation(judge, burst, row)
+                .map(|()| detector.first_look(&self.signal, judge.drive(burst)));
             statistic[at] = look.and_then(|look| finite(look.distance));
             let asks = look.ok().filter(|look| look.asks().is_some());
             looks.extend(asks);

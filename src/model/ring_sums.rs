@@ -1,0 +1,254 @@
+//! The sums over a signal's samples that a ring fit rests on, of one lane or of many.
+//!
+//! In: what all signals have in common, a trial of damping and frequency per lane. Out: the Gram matrix
+//! of its columns and their products with the signal.
+//!
+//! With u_k = e^{i phi} z^k, z = e^{(-sigma + i omega) dt}, the columns of a ring are p = Re u + real
+//! (the real pole's part) and q = -Im u. Their products with the signal are the polynomial of its
+//! samples and that one's slope at z, by Goertzel's recurrence; their Gram matrix, and that of t Re u
+//! and t q (t in samples), are sums over k^m z^{2k}, k^m |z|^{2k} and k^m (z l)^k, in closed form.
+
+/// What all signals of a fitter have in common.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame {
+    pub samples: usize,
+    /// Of the ring that ratios refer to, per sample: sigma dt and omega dt.
+    pub sigma_dt: f64,
+    pub omega_dt: f64,
+    /// cos and sin of its phase.
+    pub first: (f64, f64),
+    /// The real pole's part: its share, its ratio from sample to sample and over all samples, and its
+    /// square norm.
+    pub real_share: f64,
+    pub real_ratio: f64,
+    pub real_over_all: f64,
+    pub real_square: f64,
+}
+
+/// Of a trial: its Gram matrix of p, q, x = t Re u, z = t q (lower triangle, row by row) and their
+/// products with the signal.
+#[derive(Clone, Copy, Debug)]
+pub struct Sums {
+    pub gram: [f64; 10],
+    pub slope: [f64; 4],
+}
+
+/// Goertzel's recurrence b_k = y_k + 2 Re z b_{k+1} - |z|² b_{k+2}, and once more c_k = b_k + .. :
+/// b_1, y_0 - |z|² b_2, c_3, b_2 - |z|² c_4. Then sum y_k z^k = b_1 z + (y_0 - |z|² b_2), and its slope
+/// is b_1 + 2 i Im z (c_3 z + (b_2 - |z|² c_4)).
+#[inline(always)] // compiled once per instruction set
+pub fn goertzel<const W: usize>(
+    y: &[[f64; W]],
+    twice: &[f64; W],
+    square: &[f64; W],
+) -> [[f64; W]; 4] {
+    let zero = [0.0; W];
+    let (mut b, mut b_above, mut c, mut c_above) = (zero, zero, zero, zero);
+    let at = |k: usize| y.get(k).copied().unwrap_or(zero);
+    for y in y.iter().skip(3).rev() {
+        for l in 0..W {
+            let next = (y[l] - square[l] * b_above[l]) + twice[l] * b[l];
+            (b_above[l], b[l]) = (b[l], next);
+            let next = (b[l] - square[l] * c_above[l]) + twice[l] * c[l];
+            (c_above[l], c[l]) = (c[l], next);
+        }
+    }
+    let (y_2, y_1, y_0) = (at(2), at(1), at(0));
+    let mut out = [zero; 4];
+    for l in 0..W {
+        let b_2 = (y_2[l] - square[l] * b_above[l]) + twice[l] * b[l];
+        let b_1 = (y_1[l] - square[l] * b[l]) + twice[l] * b_2;
+        out[0][l] = b_1;
+        out[1][l] = y_0[l] - square[l] * b_2;
+        out[2][l] = c[l];
+        out[3][l] = b_2 - square[l] * c_above[l];
+    }
+    out
+}
+
+#[derive(Clone, Copy)]
+pub struct Complex {
+    pub re: f64,
+    pub im: f64,
+}
+
+impl Complex {
+    #[inline(always)] // compiled once per instruction set
+    fn times(self, other: Complex) -> Complex {
+        Complex {
+            re: self.re * other.re - self.im * other.im,
+            im: self.re * other.im + self.im * other.re,
+        }
+    }
+
+    #[inline(always)] // compiled once per instruction set
+    fn scaled(self, by: f64) -> Complex {
+        Complex { re: self.re * by, im: self.im * by }
+    }
+
+    #[inline(always)] // compiled once per instruction set
+    fn less(self, other: Complex) -> Complex {
+        Complex { re: self.re - other.re, im: self.im - other.im }
+    }
+
+    /// 1 / (1 - self).
+    #[inline(always)] // compiled once per instruction set
+    fn one_less_inverse(self) -> Complex {
+        let (re, im) = (1.0 - self.re, -self.im);
+        let norm = 1.0 / (re * re + im * im);
+        Complex { re: re * norm, im: -im * norm }
+    }
+}
+
+/// z^n, and the sums of |z|^2k, k |z|^2k and k² |z|^2k over k < n.
+#[derive(Clone, Copy)]
+pub struct Powers {
+    pub over_all: Complex,
+    pub squares: [f64; 3],
+}
+
+/// z^n by squaring, the sums by doubling: their closed forms cancel where nothing decays.
+#[inline(always)] // compiled once per instruction set
+pub fn powers<const W: usize>(
+    n: usize,
+    [re, im]: [&[f64; W]; 2],
+    square: &[f64; W],
+) -> ([[f64; W]; 2], [[f64; W]; 3]) {
+    let ([mut all_re, mut all_im], mut decay) = ([*re, *im], *square);
+    let [mut s0, mut s1, mut s2] = [[1.0; W], [0.0; W], [0.0; W]];
+    let mut done = 1.0;
+    let bits = usize::BITS - n.leading_zeros();
+    for bit in (0..bits.saturating_sub(1)).rev() {
+        let odd = n >> bit & 1 == 1;
+        for l in 0..W {
+            let d = decay[l];
+            s2[l] += d * (s2[l] + done * (2.0 * s1[l] + done * s0[l]));
+            s1[l] += d * (s1[l] + done * s0[l]);
+            s0[l] += d * s0[l];
+            (all_re[l], all_im[l]) =
+                (all_re[l] * all_re[l] - all_im[l] * all_im[l], 2.0 * all_re[l] * all_im[l]);
+            decay[l] = d * d;
+        }
+        done *= 2.0;
+        if odd {
+            for l in 0..W {
+                let d = decay[l];
+                s2[l] += done * done * d;
+                s1[l] += done * d;
+                s0[l] += d;
+                (all_re[l], all_im[l]) =
+                    (all_re[l] * re[l] - all_im[l] * im[l], all_re[l] * im[l] + all_im[l] * re[l]);
+                decay[l] = d * square[l];
+            }
+            done += 1.0;
+        }
+    }
+    ([all_re, all_im], [s0, s1, s2])
+}
+
+const ONE: Complex = Complex { re: 1.0, im: 0.0 };
+
+/// Sum of w^k and of k w^k over k < n. `over_all`: w^n.
+#[inline(always)] // compiled once per instruction set
+fn geometric(w: Complex, over_all: Complex, n: f64) -> (Complex, Complex, Complex) {
+    let inverse = w.one_less_inverse();
+    let zeroth = ONE.less(over_all).times(inverse);
+    // (1 - w) sum k w^k = sum_{0 < k < n} w^k - (n - 1) w^n
+    let first = zeroth.less(ONE).less(over_all.scaled(n - 1.0)).times(inverse);
+    (zeroth, first, inverse)
+}
+
+#[inline(always)] // compiled once per instruction set
+pub fn sums(
+    frame: &Frame,
+    z: Complex,
+    powers: Powers,
+    of_signal: [f64; 4],
+    along_real: f64,
+) -> Sums {
+    let n = frame.samples as f64;
+    let first = Complex { re: frame.first.0, im: frame.first.1 };
+    let Powers { over_all, squares: [s0, s1, s2] } = powers;
+    let (w, w_all) = (z.times(z), over_all.times(over_all));
+    let (a0, a1, inverse) = geometric(w, w_all, n);
+    // (1 - w) sum k² w^k = sum_{0 < k < n} (2 k - 1) w^k - (n - 1)² w^n
+    let a2 = a1.scaled(2.0).less(a0.less(ONE)).less(w_all.scaled((n - 1.0) * (n - 1.0)));
+    let turned = first.times(first);
+    let (a0, a1, a2) = (a0.times(turned), a1.times(turned), a2.times(inverse).times(turned));
+    let (c0, c1, _) =
+        geometric(z.scaled(frame.real_ratio), over_all.scaled(frame.real_over_all), n);
+    let share = first.scaled(frame.real_share);
+    let (c0, c1) = (c0.times(share), c1.times(share));
+    let gram = [
+        0.5 * (s0 + a0.re) + 2.0 * c0.re + frame.real_square,
+        -0.5 * a0.im - c0.im,
+        0.5 * (s0 - a0.re),
+        0.5 * (s1 + a1.re) + c1.re,
+        -0.5 * a1.im,
+        0.5 * (s2 + a2.re),
+        -0.5 * a1.im - c1.im,
+        0.5 * (s1 - a1.re),
+        -0.5 * a2.im,
+        0.5 * (s2 - a2.re),
+    ];
+    let [b_1, constant, c_3, of_slope] = of_signal;
+    let value = Complex { re: b_1 * z.re + constant, im: b_1 * z.im }.times(first);
+    let quotient = Complex { re: c_3 * z.re + of_slope, im: c_3 * z.im };
+    let slope = Complex { re: b_1 - 2.0 * z.im * quotient.im, im: 2.0 * z.im * quotient.re };
+    let slope = slope.times(z).times(first);
+    Sums { gram, slope: [value.re + along_real, -value.im, slope.re, -slope.im] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sums_are_what_adding_up_gives() {
+        for (n, damping, frequency) in
+            [(128, 0.02, 0.3), (61, 1e-5, 0.2), (100, 0.1, 1.7), (3, 0.02, 0.9)]
+        {
+            let (phase, share, lambda): (f64, f64, f64) = (0.4, 0.06, 0.03);
+            let real: Vec<f64> = (0..n).map(|k| share * (-lambda * k as f64).exp()).collect();
+            let frame = Frame {
+                samples: n,
+                sigma_dt: damping,
+                omega_dt: frequency,
+                first: (phase.cos(), phase.sin()),
+                real_share: share,
+                real_ratio: (-lambda).exp(),
+                real_over_all: (-lambda * n as f64).exp(),
+                real_square: real.iter().map(|r| r * r).sum(),
+            };
+            let y: Vec<[f64; 1]> = (0..n).map(|k| [(k as f64 * 0.37).sin() + 0.2]).collect();
+            let decay = (-damping).exp();
+            let z = Complex { re: decay * frequency.cos(), im: decay * frequency.sin() };
+            let square = decay * decay;
+            let recurrence = goertzel(&y, &[2.0 * z.re], &[square]);
+            let (over_all, squares) = powers(n, [&[z.re], &[z.im]], &[square]);
+            let of_all = Powers {
+                over_all: Complex { re: over_all[0][0], im: over_all[1][0] },
+                squares: squares.map(|s| s[0]),
+            };
+            let along_real = real.iter().zip(&y).map(|(r, y)| r * y[0]).sum();
+            let found = sums(&frame, z, of_all, recurrence.map(|r| r[0]), along_real);
+            let column = |k: usize| {
+                let (t, u) = (k as f64, decay.powi(k as i32));
+                let (sin, cos) = (frequency * t + phase).sin_cos();
+                [u * cos + real[k], -u * sin, t * u * cos, -t * u * sin]
+            };
+            let mut of_gram = found.gram.into_iter();
+            for i in 0..4 {
+                for j in 0..=i {
+                    let want: f64 = (0..n).map(|k| column(k)[i] * column(k)[j]).sum();
+                    let size: f64 = (0..n).map(|k| (column(k)[i] * column(k)[j]).abs()).sum();
+                    let gram = of_gram.next().unwrap();
+                    assert!((gram - want).abs() < 1e-11 * size, "{n} {i} {j}: {gram} {want}");
+                }
+                let want: f64 = (0..n).map(|k| column(k)[i] * y[k][0]).sum();
+                let size: f64 = (0..n).map(|k| (column(k)[i] * y[k][0]).abs()).sum();
+                assert!((found.slope[i] - want).abs() < 1e-11 * size, "{n} {i}");
+            }
+        }
+    }
+}
