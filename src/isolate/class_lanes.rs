@@ -99,9 +99,9 @@ mod x86 {
 #[inline(always)] // compiled once per instruction set
 fn squares(of: &Group, x: &[f64; 4]) -> Lanes {
     let (mut d, mut squares) = ([[0.0; LANES]; 4], [0.0; LANES]);
-    for k in 0..4 {
+    for (d, (x, mean)) in d.iter_mut().zip(x.iter().zip(&of.mean)) {
         for l in 0..LANES {
-            d[k][l] = x[k] - of.mean[k][l];
+            d[l] = x - mean[l];
         }
     }
     for (row, width) in of.to_axes.iter().zip(&of.width) {

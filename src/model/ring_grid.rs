@@ -42,6 +42,9 @@ struct Panel {
     inverses: [OfPlaces; 3],
 }
 
+/// Both columns of a place, and the upper triangle of the inverse of their Gram matrix.
+type OfPlace = ([Vec<f64>; 2], [f32; 3]);
+
 /// Scratch of one worker.
 #[derive(Clone, Debug, Default)]
 pub struct Sums {
@@ -81,7 +84,7 @@ impl Grid {
         let panels = of_places
             .chunks(PLACES)
             .map(|of| {
-                let lanes = |value: &dyn Fn(&([Vec<f64>; 2], [f32; 3])) -> f32| -> OfPlaces {
+                let lanes = |value: &dyn Fn(&OfPlace) -> f32| -> OfPlaces {
                     std::array::from_fn(|l| of.get(l).map_or(0.0, value))
                 };
                 let column = |k: usize, j: usize| lanes(&|(columns, _)| columns[j][k] as f32);
