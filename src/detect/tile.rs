@@ -3,8 +3,8 @@
 //!
 //! In: rows of bursts in any layout and format, of one burst or of many. Out: their deviations from
 //! what is expected of them, sample by sample, lane by lane. What is done with a deviation stands in
-//! [`super::kernel`]; unsafe code, choosing functions by what the processor has, is only here, in
-//! [`super::row_projection`] and where a distance meets its limit ([`super::lane_sensitivity`]).
+//! [`super::kernel`]. Vectors are written out by hand only here and in [`super::row_projection`];
+//! elsewhere unsafe code only chooses, by what the processor has, how plain loops were compiled.
 
 use super::row_projection::{PHASES, Phases};
 use crate::burst::{Burst, Format, Layout};
