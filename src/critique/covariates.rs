@@ -3,7 +3,8 @@
 //! In: observations. Out: per signal its drive relative to the mean, and its covariates with mean 0 and
 //! standard deviation 1; a covariate that was not recorded, or does not vary, is absent and counts 0.
 
-use super::observations::{Beside, Observations};
+use super::observations::Observations;
+use crate::burst::Beside;
 
 /// Index of a covariate. `ONE` is the constant: the mean of all channels.
 pub const ONE: usize = 0;
@@ -46,8 +47,7 @@ fn value(which: usize, beside: &Beside, first_ns: i64) -> f64 {
         TEMPERATURE => beside.temperature_c,
         POSITION => f64::from(beside.channel),
         NEIGHBOURS => beside.neighbours,
-        // a long wait is like none at all: what matters is the logarithm, up to a second
-        IDLE => beside.idle_s.clamp(1e-6, 1.0).ln(),
+        IDLE => beside.ln_idle(),
         _ => beside.drive_v,
     }
 }

@@ -353,7 +353,7 @@ pub fn isolate(
                                 expected_ready = true;
                             }
                             burst.copy_signal(at as usize, &mut signal);
-                            signal.iter_mut().zip(&expected).for_each(|(y, e)| *y -= e);
+                            judge.deviate(burst, at as usize, &expected, &mut signal);
                             work.own = baselines.and_then(|b| b.of(burst, at));
                             work.warmer = judge.warmer(burst);
                             judge.isolate(&signal, judge.drive(burst), &mut work)

@@ -183,7 +183,7 @@ impl Statistics {
             judge.expect(burst, &mut self.expected);
             self.expected_of = Some(of);
         }
-        self.signal.iter_mut().zip(&self.expected).for_each(|(y, e)| *y -= e);
+        judge.deviate(burst, row, &self.expected, &mut self.signal);
         let statistic = judge.statistic(&self.signal, drive, &mut self.work);
         // of absurd covariates; no threshold may call that healthy
         if statistic.is_finite() { Ok(statistic) } else { Err(Reason::NonFinite) }

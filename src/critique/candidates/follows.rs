@@ -6,8 +6,8 @@
 use super::chance::surprise;
 use super::{Applied, Bench, CLOCK, Kind, Scored};
 use crate::critique::covariates::{COVARIATES, POSITION};
-use crate::critique::ring::ALL;
 use crate::critique::space::Direction;
+use crate::model::free_decay::ALL;
 use crate::model::terms::Interior;
 use std::f64::consts::TAU;
 

@@ -16,8 +16,8 @@ pub use lines::LEAST_PERIODS;
 use super::catalogue::{CATALOGUE, Needs, lacking};
 use super::covariates::{Covariates, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
 use super::model::{Model, RATIO_OF_RATES};
-use super::ring::ALL;
 use super::space::{Direction, Nuisance, Space, Tested};
+use crate::model::free_decay::ALL;
 use crate::model::terms::{Interior, Seen, Term};
 use follows::relative;
 
