@@ -186,7 +186,7 @@ pub fn critique(
     of_noise.push(jitter::jitter(&selected.model, &data, &beside));
 
     stages("checking what is left");
-    let left = adequacy::check(&selected, &data, &beside, &of_noise, &avoid);
+    let left = adequacy::check(&selected, &data, &beside, &of_codes, &avoid);
     stages("measuring the gain");
     let applied: Vec<_> = selected.causes.iter().map(|c| c.scored.applied.clone()).collect();
     let gain = gain::measure(&before, &applied, setting);

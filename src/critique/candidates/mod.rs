@@ -21,7 +21,8 @@ use crate::model::free_decay::ALL;
 use crate::model::terms::{Interior, Seen, Term};
 use follows::relative;
 
-/// d theta per relative change of damping (the real pole with it), and of frequency.
+/// d theta per relative change of damping (the real pole with it), of frequency, and of all rates, where
+/// the interior is not known.
 const DAMPING: [f64; ALL] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
 const FREQUENCY: [f64; ALL] = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0];
 const CLOCK: [f64; ALL] = [1.0, 1.0, 0.0, 0.0, 0.0, 1.0];
@@ -191,19 +192,19 @@ impl<'a> Bench<'a> {
             }
             "temperature" => {
                 let unit = 1.0 / self.beside.sd[TEMPERATURE];
-                self.covariate_free(id, TEMPERATURE, DAMPING, self.damping_direction(), unit)
+                self.covariate_free(id, TEMPERATURE, self.damping_direction(), unit)
             }
             "ageing" => {
                 let v = self.damping_direction();
-                self.covariate_free(id, TIME, DAMPING, v, self.over(TIME)).map(relative)
+                self.covariate_free(id, TIME, v, self.over(TIME)).map(relative)
             }
             "clock_drift" => {
                 let v = self.clock_direction();
-                self.covariate_free(id, TIME, CLOCK, v, self.over(TIME)).map(relative)
+                self.covariate_free(id, TIME, v, self.over(TIME)).map(relative)
             }
             "position_gradient" => {
                 let v = self.stiffness_direction();
-                self.covariate_free(id, POSITION, FREQUENCY, v, self.over(POSITION)).map(relative)
+                self.covariate_free(id, POSITION, v, self.over(POSITION)).map(relative)
             }
             "crosstalk" => {
                 let t = &self.model.mean;
