@@ -117,6 +117,7 @@ pub fn critique(
         baseline.fit(&data, &beside, 2);
     }
     let mut of_noise = ensemble::test(&data, &beside, &baseline);
+    beyond_growing_noise(&mut of_noise);
     let (mut data, mut coloured) = (data, None);
     if let Some(rho) = accepted(&of_noise, "correlated_noise") {
         let as_it_came = data;
@@ -184,6 +185,7 @@ pub fn critique(
     }
     // a shift in time is told from drifts once these are in the model
     of_noise.push(jitter::jitter(&selected.model, &data, &beside));
+    beyond_growing_noise(&mut of_noise);
 
     stages("checking what is left");
     let left = adequacy::check(&selected, &data, &beside, &of_codes, &avoid);
@@ -282,6 +284,20 @@ fn in_colour(mut causes: Vec<Applied>, setting: Setting) -> Option<(Model, Vec<A
     causes.iter().for_each(|cause| selection::apply(&mut model, cause, &cause.coefficients));
     let refit = selection::refit(model, causes, setting, 2, true);
     Some((refit.model, refit.causes))
+}
+
+/// The other tests of the noise take its variance for the same all over the signal: what they find must be
+/// large beside noise that grows with the signal.
+fn beyond_growing_noise(of_noise: &mut [Found]) {
+    const GROWS: &str = "heteroscedastic_noise";
+    let grows = of_noise.iter().find(|f| f.evidence.id == GROWS && f.evidence.accepted);
+    let Some(least) = grows.map(|f| LEFT_OF_NOISE * f.evidence.statistic) else { return };
+    for f in of_noise.iter_mut().filter(|f| f.evidence.id != GROWS) {
+        if f.evidence.accepted && f.evidence.statistic < least {
+            f.evidence.accepted = false;
+            f.evidence.why_not = "what growing noise leaves".into();
+        }
+    }
 }
 
 /// The value of a cause among those found.
@@ -512,6 +528,20 @@ mod tests {
     fn judged(mut causes: Vec<Cause>, left: &adequacy::Left) -> (Verdict, Vec<Cause>) {
         let verdict = verdict(&mut causes, &[], left).0;
         (verdict, causes)
+    }
+
+    #[test]
+    fn beside_noise_that_grows_little_is_no_cause() {
+        let of = |growth: f64, rho: f64| {
+            let each = [("heteroscedastic_noise", growth), ("correlated_noise", rho)];
+            let mut all: Vec<Found> =
+                each.map(|(id, x)| found(id, x / 2.0, x, 1.0, 0.1, None)).into();
+            beyond_growing_noise(&mut all);
+            all.iter().map(|f| f.evidence.accepted).collect::<Vec<bool>>()
+        };
+        assert_eq!(of(700.0, 20.0), [true, false]);
+        assert_eq!(of(700.0, 200.0), [true, true]);
+        assert_eq!(of(10.0, 20.0), [false, true], "noise that does not grow leaves nothing");
     }
 
     #[test]
