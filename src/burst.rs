@@ -87,6 +87,24 @@ impl Burst {
         aligned.then(|| self.samples.get(row * bytes..(row + rows) * bytes)).flatten()
     }
 
+    /// What was recorded beside the signal of row `row`.
+    pub fn beside(&self, row: usize) -> Beside {
+        let idle_s = match self.idle_time_s(row) {
+            None => f64::NAN,
+            // there was no actuation before
+            Some(idle) if idle.is_nan() => f64::INFINITY,
+            Some(idle) => f64::from(idle),
+        };
+        Beside {
+            channel: self.first_channel.saturating_add(row as u32), // checked: there are so many
+            t_acq_ns: self.t_acq_ns,
+            drive_v: self.drive_voltage_v.unwrap_or(f64::NAN),
+            temperature_c: self.temperature_c.unwrap_or(f64::NAN),
+            idle_s,
+            neighbours: self.neighbours_fired.get(row).copied().map_or(f64::NAN, f64::from),
+        }
+    }
+
     /// Idle time of row `row`, s: `None` where it was not recorded, NaN where there was none.
     pub fn idle_time_s(&self, row: usize) -> Option<f32> {
         match self.idle_time_s.as_slice() {
@@ -94,6 +112,27 @@ impl Burst {
             [one] => Some(*one),
             each => each.get(row).copied(),
         }
+    }
+}
+
+/// What was recorded beside one signal. NaN: not recorded.
+#[derive(Clone, Copy, Debug)]
+pub struct Beside {
+    pub channel: u32,
+    /// t_a, ns since the epoch.
+    pub t_acq_ns: i64,
+    pub drive_v: f64,
+    pub temperature_c: f64,
+    /// Time since the previous actuation; infinite: there was none. s.
+    pub idle_s: f64,
+    /// How many neighbours were actuated with it.
+    pub neighbours: f64,
+}
+
+impl Beside {
+    /// A long wait is like none at all: what matters is the logarithm, up to a second.
+    pub fn ln_idle(&self) -> f64 {
+        self.idle_s.clamp(1e-6, 1.0).ln()
     }
 }
 

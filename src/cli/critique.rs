@@ -1,15 +1,13 @@
 //! `inkling critique`: what the model gets wrong, why, the extended model, the gain.
 
 use super::exit::{Exit, Failure};
+use super::extended_design;
 use super::progress::{Progress, interruptible};
 use crate::critique::decay;
 use crate::critique::digits;
-use crate::critique::engine::{self, MOST_SAMPLES, Outcome, Rings};
+use crate::critique::engine::{self, MOST_SAMPLES, Rings};
 use crate::critique::finding::{Critique, GainFigures, Verdict};
-use crate::critique::observations::Observations;
 use crate::critique::report;
-use crate::design::{Design, TrainingSet};
-use crate::identify::averaging::SignalSet;
 use crate::io::recording::Recording;
 use crate::io::{
     Limits, critique_tables, design_file, inputs, labels_file, outputs, part_file, printable,
@@ -89,6 +87,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let left_out = (observer.rejected, observer.other_sampling);
     let rejected = observer.rejected + observer.other_sampling;
     incomplete |= rejected > 0;
+    let cut = observer.is_cut();
     let data = observer.finish().ok_or_else(|| Failure::new("no inkling.Burst messages found"))?;
     if rejected > 0 {
         progress.say(&format!(
@@ -112,7 +111,13 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     outputs::remove_earlier(&args.out, &FILES).map_err(Failure::new)?;
     if !oscillator && !outcome.critique.causes.is_empty() {
         progress.say("extending the design ...");
-        match extended_design(&data, &outcome, &settings) {
+        let design = match cut {
+            true => Err(format!(
+                "it would be one of signals of {MOST_SAMPLES} samples, and these are longer"
+            )),
+            false => extended_design::train(&data, &outcome, &settings),
+        };
+        match design {
             Ok(design) => {
                 let name = "extended.design.json";
                 design_file::write(&args.out.join(name), &design).map_err(Failure::new)?;
@@ -125,41 +130,6 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let mut out = std::io::stdout().lock();
     print(&args.out, &outcome.critique, &mut out)?;
     Ok(if incomplete { Exit::Incomplete } else { Exit::Done })
-}
-
-/// A design of the healthy signals that the critique kept.
-fn extended_design(
-    data: &Observations,
-    outcome: &Outcome,
-    settings: &Settings,
-) -> Result<Design, String> {
-    let volts = |i: usize| data.rows[i].beside.drive_v;
-    let kept: Vec<usize> = (0..data.len()).filter(|&i| !outcome.outlier[i]).collect();
-    let known: Vec<f64> = kept.iter().map(|&i| volts(i)).filter(|v| *v > 0.0).collect();
-    let drive_voltage_v =
-        (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64);
-    let mut set = TrainingSet {
-        sample_period_s: data.dt_s,
-        samples: data.samples,
-        drive_voltage_v,
-        ..TrainingSet::default()
-    };
-    for &i in &kept {
-        let row = &data.rows[i];
-        let drive = match drive_voltage_v {
-            Some(mean) if volts(i) > 0.0 => volts(i) / mean,
-            _ => 1.0,
-        };
-        set.healthy
-            .entry(data.printheads[row.printhead].clone())
-            .or_insert_with(|| SignalSet::new(data.samples))
-            .push(data.signal(i), row.beside.channel, drive, row.beside.temperature_c);
-    }
-    set.signals.insert(crate::fault::HEALTHY.into(), kept.len() as u64);
-    let (design, _) =
-        Design::train(&set, &settings.identify.grey_box, &settings.detect, &settings.isolate)
-            .map_err(|e| e.to_string())?;
-    Ok(design)
 }
 
 /// The tables first, `critique.json` last: who finds it finds all.

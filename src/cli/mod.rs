@@ -3,6 +3,7 @@
 mod convert;
 mod critique;
 mod exit;
+mod extended_design;
 mod identify;
 mod inspect;
 mod progress;

@@ -34,7 +34,7 @@ pub fn check(
     selected: &Selected,
     data: &Observations,
     beside: &Covariates,
-    _of_noise: &[Found],
+    of_codes: &[Found],
     avoid: &[f64],
 ) -> Left {
     let mut applied: Vec<Applied> =
@@ -44,7 +44,9 @@ pub fn check(
     let setting = Setting { data, beside, avoid };
     let bench = setting.bench(&selected.model, &selected.spaces, &nuisances);
     let mut left = Left { share_allowed: SHARE_ALLOWED, ..Left::default() };
-    let explained: f64 = selected.causes.iter().map(|c| c.statistic).sum();
+    // the model of clipped or coarse codes is not exact either, and it bends the mean
+    let by_codes = of_codes.iter().filter(|f| f.evidence.accepted).map(|f| f.evidence.statistic);
+    let explained: f64 = selected.causes.iter().map(|c| c.statistic).chain(by_codes).sum();
     let mut unexplained = 0.0_f64;
     let (local, tried) = bench.local_scan();
     let local = local - tried.max(1.0).ln();

@@ -3,7 +3,8 @@
 //! In: observations. Out: per signal its drive relative to the mean, and its covariates with mean 0 and
 //! standard deviation 1; a covariate that was not recorded, or does not vary, is absent and counts 0.
 
-use super::observations::{Beside, Observations};
+use super::observations::Observations;
+use crate::burst::Beside;
 
 /// Index of a covariate. `ONE` is the constant: the mean of all channels.
 pub const ONE: usize = 0;
@@ -13,11 +14,30 @@ pub const POSITION: usize = 3;
 pub const NEIGHBOURS: usize = 4;
 pub const IDLE: usize = 5;
 pub const DRIVE: usize = 6;
-pub const COVARIATES: usize = 7;
+/// Squares, less their mean: no candidate of their own, but what a cause that follows time or temperature
+/// leaves where it is not quite linear.
+pub const TIME_SQUARED: usize = 7;
+pub const TEMPERATURE_SQUARED: usize = 8;
+pub const COVARIATES: usize = 9;
 
-pub const NAMES: [&str; COVARIATES] =
-    ["one", "time", "temperature", "channel", "neighbours", "idle", "drive"];
-pub const UNITS: [&str; COVARIATES] = ["1", "s", "°C", "1", "1", "s", "V"];
+pub const NAMES: [&str; COVARIATES] = [
+    "one",
+    "time",
+    "temperature",
+    "channel",
+    "neighbours",
+    "idle",
+    "drive",
+    "time squared",
+    "temperature squared",
+];
+pub const UNITS: [&str; COVARIATES] = ["1", "s", "°C", "1", "1", "s", "V", "s²", "°C²"];
+const SQUARES: [(usize, usize); 2] = [(TIME, TIME_SQUARED), (TEMPERATURE, TEMPERATURE_SQUARED)];
+
+/// The square of a covariate, where it is looked at.
+pub fn square_of(which: usize) -> Option<usize> {
+    SQUARES.iter().find(|(of, _)| *of == which).map(|(_, square)| *square)
+}
 
 /// Share of signals that must have a covariate before it counts as recorded.
 const LEAST_RECORDED: f64 = 0.9;
@@ -46,8 +66,7 @@ fn value(which: usize, beside: &Beside, first_ns: i64) -> f64 {
         TEMPERATURE => beside.temperature_c,
         POSITION => f64::from(beside.channel),
         NEIGHBOURS => beside.neighbours,
-        // a long wait is like none at all: what matters is the logarithm, up to a second
-        IDLE => beside.idle_s.clamp(1e-6, 1.0).ln(),
+        IDLE => beside.ln_idle(),
         _ => beside.drive_v,
     }
 }
@@ -89,7 +108,7 @@ impl Covariates {
             idle: data.rows.iter().filter(|r| !r.beside.idle_s.is_nan()).count() as f64
                 >= LEAST_RECORDED * n,
         };
-        for which in 0..COVARIATES {
+        for which in 0..TIME_SQUARED {
             let of = |i: usize| value(which, &data.rows[i].beside, first_ns);
             let known: Vec<usize> = (0..data.len()).filter(|&i| of(i).is_finite()).collect();
             if which == ONE {
@@ -114,6 +133,11 @@ impl Covariates {
             new.present[which] = true;
             for &i in &known {
                 new.z[i][which] = (of(i) - mean) / square.sqrt();
+            }
+        }
+        for (which, square) in SQUARES {
+            if new.present[which] {
+                new.z.iter_mut().for_each(|z| z[square] = z[which] * z[which] - 1.0);
             }
         }
         let spread = new.drive.iter().map(|s| (s - 1.0).powi(2)).sum::<f64>() / n;

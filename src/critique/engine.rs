@@ -1,7 +1,7 @@
 //! The critique itself, from observations to findings.
 
 use super::adequacy;
-use super::candidates::{Kind, Scored};
+use super::candidates::{Applied, Kind, Scored};
 use super::catalogue::{CATALOGUE, Needs, entry_of, experiment, lacking};
 use super::codes;
 use super::covariates::Covariates;
@@ -51,6 +51,16 @@ pub struct Outcome {
     pub critique: Critique,
     /// Rows that were left out as unlike the others.
     pub outlier: Vec<bool>,
+    /// Of an ink channel: the causes' part of it makes a design's extension.
+    pub extended: Option<Extended>,
+}
+
+/// The model with its causes, and the covariates that it follows, of the rows that were kept.
+pub struct Extended {
+    /// Identifiers of what is in it.
+    pub causes: Vec<&'static str>,
+    pub model: Model,
+    pub beside: Covariates,
 }
 
 /// What rings.
@@ -107,16 +117,17 @@ pub fn critique(
         baseline.fit(&data, &beside, 2);
     }
     let mut of_noise = ensemble::test(&data, &beside, &baseline);
-    let mut data = data;
+    beyond_growing_noise(&mut of_noise);
+    let (mut data, mut coloured) = (data, None);
     if let Some(rho) = accepted(&of_noise, "correlated_noise") {
-        let coloured = data;
+        let as_it_came = data;
         let mut total = rho;
         let mut round = 0;
         let mut last = f64::INFINITY;
         // what is white again can be judged by the same tests; what is left of rho tells how far off it was
         let again = loop {
             total = total.clamp(-0.97, 0.97);
-            data = coloured.whitened(total);
+            data = as_it_came.whitened(total);
             baseline = Model::start(&data, &beside, real)
                 .map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
             baseline.fit(&data, &beside, 2);
@@ -134,7 +145,7 @@ pub fn critique(
         };
         of_noise.retain(|f| f.evidence.id == "correlated_noise");
         let step = accepted(&of_codes, "coarse_lsb").unwrap_or(1.0);
-        let rounding = if coloured.integer { step * step / 12.0 } else { 0.0 };
+        let rounding = if as_it_came.integer { step * step / 12.0 } else { 0.0 };
         for f in &mut of_noise {
             f.evidence.value = ensemble::beneath_rounding(total, baseline.noise_var, rounding);
         }
@@ -152,6 +163,7 @@ pub fn critique(
             }
             f
         }));
+        coloured = Some(as_it_came);
     }
     let length_s = data.dt_s * data.samples as f64;
     let avoid: Vec<f64> = accepted(&of_noise, "random_tone")
@@ -173,9 +185,10 @@ pub fn critique(
     }
     // a shift in time is told from drifts once these are in the model
     of_noise.push(jitter::jitter(&selected.model, &data, &beside));
+    beyond_growing_noise(&mut of_noise);
 
     stages("checking what is left");
-    let left = adequacy::check(&selected, &data, &beside, &of_noise, &avoid);
+    let left = adequacy::check(&selected, &data, &beside, &of_codes, &avoid);
     stages("measuring the gain");
     let applied: Vec<_> = selected.causes.iter().map(|c| c.scored.applied.clone()).collect();
     let gain = gain::measure(&before, &applied, setting);
@@ -248,7 +261,43 @@ pub fn critique(
         evidence,
         figures,
     };
-    Ok(Outcome { critique, outlier })
+    let extended = match coloured {
+        _ if !real => None,
+        None => Some((selected.model, applied)),
+        Some(coloured) => {
+            in_colour(applied, Setting { data: &coloured, beside: &beside, avoid: &avoid })
+        }
+    };
+    let extended = extended.map(|(model, causes)| {
+        let causes = causes.iter().map(|cause| cause.id).collect();
+        Extended { causes, model, beside }
+    });
+    Ok(Outcome { critique, outlier, extended })
+}
+
+/// The model of signals that were not made white, with the causes that stay there what they are: those that
+/// move the free decay, or add to it a later part of itself.
+fn in_colour(mut causes: Vec<Applied>, setting: Setting) -> Option<(Model, Vec<Applied>)> {
+    let mut model = Model::start(setting.data, setting.beside, true).ok()?;
+    model.fit(setting.data, setting.beside, 2);
+    causes.retain(|cause| !matches!(cause.kind, Kind::Shapes));
+    causes.iter().for_each(|cause| selection::apply(&mut model, cause, &cause.coefficients));
+    let refit = selection::refit(model, causes, setting, 2, true);
+    Some((refit.model, refit.causes))
+}
+
+/// The other tests of the noise take its variance for the same all over the signal: what they find must be
+/// large beside noise that grows with the signal.
+fn beyond_growing_noise(of_noise: &mut [Found]) {
+    const GROWS: &str = "heteroscedastic_noise";
+    let grows = of_noise.iter().find(|f| f.evidence.id == GROWS && f.evidence.accepted);
+    let Some(least) = grows.map(|f| LEFT_OF_NOISE * f.evidence.statistic) else { return };
+    for f in of_noise.iter_mut().filter(|f| f.evidence.id != GROWS) {
+        if f.evidence.accepted && f.evidence.statistic < least {
+            f.evidence.accepted = false;
+            f.evidence.why_not = "what growing noise leaves".into();
+        }
+    }
 }
 
 /// The value of a cause among those found.
@@ -479,6 +528,20 @@ mod tests {
     fn judged(mut causes: Vec<Cause>, left: &adequacy::Left) -> (Verdict, Vec<Cause>) {
         let verdict = verdict(&mut causes, &[], left).0;
         (verdict, causes)
+    }
+
+    #[test]
+    fn beside_noise_that_grows_little_is_no_cause() {
+        let of = |growth: f64, rho: f64| {
+            let each = [("heteroscedastic_noise", growth), ("correlated_noise", rho)];
+            let mut all: Vec<Found> =
+                each.map(|(id, x)| found(id, x / 2.0, x, 1.0, 0.1, None)).into();
+            beyond_growing_noise(&mut all);
+            all.iter().map(|f| f.evidence.accepted).collect::<Vec<bool>>()
+        };
+        assert_eq!(of(700.0, 20.0), [true, false]);
+        assert_eq!(of(700.0, 200.0), [true, true]);
+        assert_eq!(of(10.0, 20.0), [false, true], "noise that does not grow leaves nothing");
     }
 
     #[test]

@@ -9,7 +9,7 @@ use super::covariates::Covariates;
 use super::engine::{Found, found};
 use super::model::{Linear, Model, PATTERNS, dot};
 use super::observations::Observations;
-use super::ring::FREE;
+use crate::model::free_decay::FREE;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 

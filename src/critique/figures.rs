@@ -5,7 +5,7 @@ use super::ensemble::project;
 use super::finding::{CovariateFigure, Energies, Figures, MeanMisfit, Spectrum};
 use super::model::{Linear, Matrix5, Model, Vector5, dot};
 use super::observations::Observations;
-use super::ring::FREE;
+use crate::model::free_decay::FREE;
 use nalgebra::DMatrix;
 use std::f64::consts::TAU;
 

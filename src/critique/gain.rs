@@ -1,7 +1,7 @@
 //! What the extension buys, on signals that nothing was fitted to.
 //!
-//! In: baseline and causes. Out: [`Measured`]. Both models are fitted to every other channel in the
-//! first half of the time, and judged on the other channels in the second half (with too few channels
+//! In: baseline and causes. Out: [`Measured`]. Both models are fitted to every other channel in three of
+//! five blocks of time, and judged on the other channels in the two blocks between (with too few channels
 //! by time alone). A held-out channel's own parameters are unknown: what is judged is the deviation from
 //! the population, in its covariance.
 
@@ -10,9 +10,9 @@ use super::covariates::Covariates;
 use super::finding::{Energies, Gain, GainFigures, HeldOut, Misfit};
 use super::model::{Linear, Matrix5, Model, Vector5, dot};
 use super::observations::Observations;
-use super::ring::FREE;
 use super::selection::{Setting, refit};
 use super::whiteness::{Lags, whiteness_p};
+use crate::model::free_decay::FREE;
 use nalgebra::DMatrix;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -22,6 +22,8 @@ const FEWEST_UNITS: usize = 6;
 /// Signals of a part that a model can be fitted to.
 const FEWEST: usize = 8;
 const RESAMPLINGS: usize = 100;
+/// Blocks of time with equally many signals.
+const BLOCKS: usize = 5;
 /// The small nozzle fault that is put in: a change of ln damping, in standard deviations of the extended
 /// model's healthy signals.
 const FAULT: f64 = 2.5;
@@ -170,6 +172,7 @@ fn judge(model: &Model, data: &Observations, beside: &Covariates, known: bool) -
         .collect()
 }
 
+/// Of every signal with so much more damping.
 fn statistics(judged: &[Judged], fault: f64) -> Vec<f64> {
     let d = |j: &Judged| {
         let mut off = j.off;
@@ -177,6 +180,13 @@ fn statistics(judged: &[Judged], fault: f64) -> Vec<f64> {
         off.dot(&(j.metric * off))
     };
     judged.iter().map(d).collect()
+}
+
+/// Of every signal with the fault in either direction, one after the other: what shifts all signals one
+/// way must not count as a fault found.
+fn faulty_statistics(judged: &[Judged], fault: f64) -> Vec<f64> {
+    let (more, less) = (statistics(judged, fault), statistics(judged, -fault));
+    more.into_iter().zip(less).flat_map(|(more, less)| [more, less]).collect()
 }
 
 /// Area under the ROC curve: the chance that a faulty signal's statistic is the larger.
@@ -246,7 +256,7 @@ fn figures(
     let threshold = threshold(&of_training, train.0.units);
     let judged = judge(model, test.0, test.1, false);
     let healthy = statistics(&judged, 0.0);
-    let faulty = statistics(&judged, fault);
+    let faulty = faulty_statistics(&judged, fault);
     let all = sums(judged.iter(), test.0.samples);
     let alarms = |chosen: &[usize]| {
         chosen.iter().filter(|&&i| healthy[i] > threshold).count() as f64
@@ -267,11 +277,14 @@ fn figures(
             chosen.extend((0..judged.len()).map(|_| rng.random_range(0..judged.len())));
         }
         let s = sums(chosen.iter().map(|&i| &judged[i]), test.0.samples);
-        let pick = |v: &[f64]| -> Vec<f64> { chosen.iter().map(|&i| v[i]).collect() };
+        let both = |i: &usize| [faulty[2 * i], faulty[2 * i + 1]];
         resampled[0].push(s.chi2);
         resampled[1].push(s.nrmse);
         resampled[2].push(alarms(&chosen));
-        resampled[3].push(auc(&pick(&healthy), &pick(&faulty)));
+        resampled[3].push(auc(
+            &chosen.iter().map(|&i| healthy[i]).collect::<Vec<f64>>(),
+            &chosen.iter().flat_map(both).collect::<Vec<f64>>(),
+        ));
     }
     let of_auc = resampled[3].clone();
     let everyone: Vec<usize> = (0..judged.len()).collect();
@@ -309,14 +322,18 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
 
     let mut times: Vec<i64> = data.rows.iter().map(|r| r.beside.t_acq_ns).collect();
     times.sort_unstable();
-    let middle = times[times.len() / 2];
+    let bounds: Vec<i64> = (1..BLOCKS).map(|block| times[times.len() * block / BLOCKS]).collect();
     let by_channel = data.units >= FEWEST_UNITS;
-    let late = |i: usize| data.rows[i].beside.t_acq_ns >= middle;
+    // the second and the fourth block: what drifts is judged between the times that it was learned at
+    let between = |i: usize| {
+        let t = data.rows[i].beside.t_acq_ns;
+        bounds.partition_point(|bound| *bound <= t) % 2 == 1
+    };
     let odd = |i: usize| data.rows[i].unit % 2 == 1;
     // where every channel was heard once, time says nothing beyond the channel
     let by_time = data.len() > data.units;
-    let train = |i: usize| (!by_channel || !odd(i)) && (!by_time || !late(i));
-    let test = |i: usize| (!by_channel || odd(i)) && (!by_time || late(i));
+    let train = |i: usize| (!by_channel || !odd(i)) && (!by_time || !between(i));
+    let test = |i: usize| (!by_channel || odd(i)) && (!by_time || between(i));
     let (of_train, of_test) = (data.select(train), data.select(test));
     if of_train.len() < FEWEST || of_test.len() < FEWEST {
         return measured;

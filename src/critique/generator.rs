@@ -1,7 +1,8 @@
 //! Signals with a known effect, for this room's own tests and tuning (the hidden plants of `tests/`
 //! are other code). Closed-form decays per channel; physical terms by their integrator.
 
-use super::observations::{Beside, Observations, Sampler};
+use super::observations::{Observations, Sampler};
+use crate::burst::Beside;
 use crate::model::terms::{Interior, Seen, Term};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

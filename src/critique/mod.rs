@@ -25,7 +25,6 @@ pub mod model;
 pub mod observations;
 mod outliers;
 pub mod report;
-mod ring;
 pub mod selection;
 pub mod space;
 mod whiteness;

@@ -8,7 +8,7 @@
 
 use super::covariates::{COVARIATES, Covariates};
 use super::observations::Observations;
-use super::ring::{self, ALL, FREE, Tangent, Theta};
+use crate::model::free_decay::{self, ALL, FREE, Tangent, Theta};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use std::f64::consts::{PI, TAU};
 
@@ -193,7 +193,7 @@ impl Model {
         out.tail.clear();
         out.tail.resize(n, 0.0);
         if let Some(shift) = tail_shift(data.rows[i].beside.idle_s, data) {
-            ring::signal_into(&theta, self.real, shift, &mut out.tail);
+            free_decay::add(&theta, self.real, shift, 1.0, &mut out.tail);
         }
         out.residual.clear();
         let powers = [1.0, s, s * s, s * s * s];

@@ -3,21 +3,9 @@
 //! In: signals one by one, in any order. Out: [`Observations`], a bounded sample of them that does not
 //! depend on the order (the lowest hashes of printhead, channel and time stay), sorted by channel and time.
 
+use crate::burst::Beside;
 use std::collections::{BTreeMap, BinaryHeap};
 use xxhash_rust::xxh3::xxh3_64;
-
-/// What was recorded beside one signal. NaN: not recorded.
-#[derive(Clone, Copy, Debug)]
-pub struct Beside {
-    pub channel: u32,
-    /// t_a, ns since the epoch.
-    pub t_acq_ns: i64,
-    pub drive_v: f64,
-    pub temperature_c: f64,
-    /// Time since the previous actuation; infinite: there was none. s.
-    pub idle_s: f64,
-    pub neighbours: f64,
-}
 
 /// One signal's place among the others.
 #[derive(Clone, Copy, Debug)]

@@ -6,11 +6,13 @@
 
 use super::candidates::{Applied, Bench, Kind, Scored, View};
 use super::catalogue::same_class;
-use super::covariates::Covariates;
+use super::covariates::{Covariates, square_of};
 use super::finding::Evidence;
 use super::model::Model;
 use super::observations::Observations;
 use super::space::{Channels, Direction, Nuisance, Space};
+use crate::model::free_decay::ALL;
+use std::collections::BTreeSet;
 
 /// -ln of the chance that one candidate passes on data of the model itself: 22 candidates stay well
 /// below 1 % together.
@@ -90,8 +92,15 @@ impl Spaces {
         Spaces { shapes: of(Channels::Free), covariates: of(Channels::Scattered) }
     }
 
+    /// What the causes do, and what they leave.
     pub fn nuisances(&self, causes: &[Applied]) -> Nuisances {
-        let directions = directions(causes);
+        self.nuisances_beside(causes, causes)
+    }
+
+    /// What some causes do, and what all of them leave.
+    fn nuisances_beside(&self, causes: &[Applied], all: &[Applied]) -> Nuisances {
+        let mut directions = directions(causes);
+        directions.extend(squares(all, self.covariates.samples));
         Nuisances {
             shapes: Nuisance::new(&self.shapes, &directions),
             covariates: Nuisance::new(&self.covariates, &directions),
@@ -117,6 +126,26 @@ impl Refit {
 
 fn directions(causes: &[Applied]) -> Vec<Direction> {
     causes.iter().flat_map(|c| c.directions.iter().cloned()).collect()
+}
+
+/// No cause is quite linear in its covariate: of those that follow time or temperature, the square on every
+/// parameter. They come after the causes' own directions.
+fn squares(causes: &[Applied], samples: usize) -> Vec<Direction> {
+    let followed: BTreeSet<usize> = causes
+        .iter()
+        .filter_map(|cause| match cause.kind {
+            Kind::Covariate { which, .. } => square_of(which),
+            _ => None,
+        })
+        .collect();
+    let each = |which: usize| {
+        (0..ALL).map(move |j| {
+            let mut v = [0.0; ALL];
+            v[j] = 1.0;
+            Direction::covariate(samples, which, v)
+        })
+    };
+    followed.into_iter().flat_map(each).collect()
 }
 
 /// What a refit looks at besides the signals.
@@ -154,7 +183,7 @@ fn rescored(
     let own = &causes[index];
     let others: Vec<Applied> =
         causes.iter().enumerate().filter(|(i, _)| *i != index).map(|(_, c)| c.clone()).collect();
-    let mut nuisances = spaces.nuisances(&others);
+    let mut nuisances = spaces.nuisances_beside(&others, causes);
     for (direction, c) in own.directions.iter().zip(&own.coefficients) {
         nuisances.shapes.move_score(&spaces.shapes, direction, *c);
         nuisances.covariates.move_score(&spaces.covariates, direction, *c);

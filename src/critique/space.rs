@@ -9,7 +9,7 @@
 use super::covariates::{COVARIATES, Covariates, ONE};
 use super::model::{LN_LAMBDA_SD, Linear, Matrix5, Model, PATTERNS, Vector5};
 use super::observations::Observations;
-use super::ring::{ALL, FREE};
+use crate::model::free_decay::{ALL, FREE};
 use nalgebra::{DMatrix, DVector, SMatrix};
 
 type Matrix6 = SMatrix<f64, ALL, ALL>;

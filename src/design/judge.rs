@@ -3,7 +3,7 @@
 use super::detector::{Scratch, SensitivityDetector, ring_of};
 use super::lanes::Lanes;
 use super::own_channel::Own;
-use super::{Design, DesignError, FaultModel, HealthyModel, IsolateSettings};
+use super::{Design, DesignError, Extension, FaultModel, HealthyModel, IsolateSettings};
 use crate::burst::Burst;
 use crate::identify::reservoir::relative_drive;
 use crate::isolate::fault_curve::Seen;
@@ -29,6 +29,8 @@ pub struct Judge {
     pub reference_v: Option<f64>,
     /// Detection of many signals at once; where there is none, [`Judge::statistic`] does the work.
     pub lanes: Option<Lanes>,
+    /// What signals are taken without.
+    extension: Option<Extension>,
     /// With `detect.method` = `sensitivity`.
     detector: Option<SensitivityDetector>,
     isolating: Option<Isolating>,
@@ -130,8 +132,10 @@ impl Judge {
                 model.generator.dt_s,
             )?),
         };
-        let lanes = Lanes::of(&model);
-        Ok(Judge { index, reference_v, model, lanes, detector, isolating })
+        let extension = design.and_then(|design| design.extension.clone());
+        // lanes know what is expected of a burst; an extension asks for each signal
+        let lanes = if extension.is_none() { Lanes::of(&model) } else { None };
+        Ok(Judge { index, reference_v, model, lanes, extension, detector, isolating })
     }
 
     /// Scale of what is expected of a burst: its drive voltage over the reference.
@@ -142,6 +146,21 @@ impl Judge {
     /// How much warmer than the model a burst was, as far as that matters. K.
     pub fn warmer(&self, burst: &Burst) -> f64 {
         self.model.warmer(burst.temperature_c.unwrap_or(f64::NAN))
+    }
+
+    /// The deviation of a burst's signal from what is expected of it. `expected`: of the burst;
+    /// `signal`: as it was acquired. Counts.
+    pub fn deviate(&self, burst: &Burst, row: usize, expected: &[f64], signal: &mut [f64]) {
+        self.take_off_extension(burst, row, signal);
+        signal.iter_mut().zip(expected).for_each(|(y, e)| *y -= e);
+    }
+
+    /// Takes what a critique found off a burst's signal, counts.
+    pub fn take_off_extension(&self, burst: &Burst, row: usize, signal: &mut [f64]) {
+        if let Some(extension) = &self.extension {
+            let beside = burst.beside(row);
+            extension.subtract(&beside, self.drive(burst), burst.sample_period_s, signal);
+        }
     }
 
     /// y_hat of a burst, counts.

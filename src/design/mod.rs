@@ -7,6 +7,7 @@
 mod baseline;
 mod cold_start;
 mod detector;
+mod extension;
 mod fault_class;
 mod fd_filter;
 mod healthy_model;
@@ -19,6 +20,7 @@ pub use crate::detect::DetectSettings;
 pub use crate::isolate::IsolateSettings;
 pub use crate::isolate::severity::Severity;
 pub use baseline::{Baselines, Heard, MOST_CHANNELS, PrintheadBaselines};
+pub use extension::{Covariate, Extension, Follows};
 pub use fault_class::{FaultClass, FaultModel};
 pub use fd_filter::LearnedFilter;
 pub use healthy_model::{HealthyModel, LearnSettings};
@@ -27,7 +29,9 @@ pub use lanes::Lanes;
 pub use own_channel::{Own, OwnChannels};
 pub use train::TrainingSet;
 
+use crate::burst::Burst;
 use crate::fault;
+use crate::identify::reservoir::relative_drive;
 use crate::isolate::fault_physics::FaultPhysics;
 use crate::isolate::physics_density::FaultCurves;
 use crate::isolate::posterior::Posterior;
@@ -60,6 +64,9 @@ pub struct Design {
     /// Of all printheads together: judges a printhead that the design does not know, if it agrees.
     pub pooled: HealthyModel,
     pub classes: Vec<FaultClass>,
+    /// What a critique found that the models lack; every model's signals are taken without it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub extension: Option<Extension>,
     /// Class densities of a fitted ring's features, for `isolate.method` = `posterior`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub posterior: Option<Posterior>,
@@ -130,6 +137,10 @@ impl Design {
             }
             class.check(self)?;
         }
+        if let Some(extension) = &self.extension {
+            let refused = |what| DesignError::Invalid(format!("extension: {what}"));
+            extension.check(self.samples).map_err(refused)?;
+        }
         if let Some(posterior) = &self.posterior {
             posterior.check(self.classes.len()).map_err(DesignError::Invalid)?;
         }
@@ -147,6 +158,15 @@ impl Design {
     /// Whether signals of that sampling can be judged by this design.
     pub fn fits(&self, sample_period_s: f64, samples: usize) -> bool {
         same_period(self.sample_period_s, sample_period_s) && self.samples == samples
+    }
+
+    /// Takes what a critique found off a burst's signal, counts.
+    pub fn take_off_extension(&self, burst: &Burst, row: usize, signal: &mut [f64]) {
+        if let Some(extension) = &self.extension {
+            let voltage_v = burst.drive_voltage_v.unwrap_or(f64::NAN);
+            let drive = relative_drive(voltage_v, self.drive_voltage_v);
+            extension.subtract(&burst.beside(row), drive, burst.sample_period_s, signal);
+        }
     }
 
     /// The classes' curves by the physics; made once, shared by all models.

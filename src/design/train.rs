@@ -2,8 +2,8 @@
 
 use super::detector::ring_of;
 use super::{
-    Design, DesignError, DetectSettings, FaultClass, HealthyModel, IsolateSettings, LearnSettings,
-    LearnedFilter, VERSION, cold_start,
+    Design, DesignError, DetectSettings, Extension, FaultClass, HealthyModel, IsolateSettings,
+    LearnSettings, LearnedFilter, VERSION, cold_start,
 };
 use crate::detect::Denominator;
 use crate::identify::GreyBoxSettings;
@@ -27,6 +27,8 @@ pub struct TrainingSet {
     pub faulty: BTreeMap<String, BTreeMap<String, SignalSet>>,
     /// Signals seen, by label.
     pub signals: BTreeMap<String, u64>,
+    /// What was taken off them.
+    pub extension: Option<Extension>,
 }
 
 impl Design {
@@ -122,6 +124,7 @@ impl Design {
             models,
             pooled,
             classes: Vec::new(),
+            extension: set.extension.clone(),
             posterior: None,
             physics: None,
             curves: OnceLock::new(),

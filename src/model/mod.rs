@@ -6,6 +6,7 @@
 
 pub mod actuation;
 pub mod faults;
+pub mod free_decay;
 pub mod geometry;
 pub mod ink_channel;
 pub mod inner_product;

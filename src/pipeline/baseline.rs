@@ -241,7 +241,7 @@ impl Pass<'_> {
                     if unusable_signal(&signal, self.rails).is_some() {
                         continue;
                     }
-                    signal.iter_mut().zip(&expected).for_each(|(y, e)| *y -= e);
+                    judge.deviate(burst, row as usize, &expected, &mut signal);
                     work.own = None;
                     let mut statistic = judge.statistic(&signal, drive, &mut work);
                     // whatever its time: what is learned later was not judged by it

@@ -1,7 +1,7 @@
 //! Healthy signals out of recordings, with what was recorded beside them, for the critique; bounded.
 
 use super::{Control, PipelineError, visit};
-use crate::critique::observations::{Beside, Observations, Sampler};
+use crate::critique::observations::{Observations, Sampler};
 use crate::design::same_period;
 use crate::fault::HEALTHY;
 use crate::io::recording::{Damage, Recording};
@@ -69,9 +69,9 @@ impl<'a> Observer<'a> {
                 }
                 signal.resize(n, 0.0);
                 for row in 0..burst.channels as usize {
-                    let channel = burst.first_channel + row as u32;
+                    let beside = burst.beside(row);
                     if let Some(labels) = self.labels {
-                        let label = labels.at(&burst.printhead, channel, burst.t_acq_ns);
+                        let label = labels.at(&burst.printhead, beside.channel, beside.t_acq_ns);
                         if label.is_none_or(|l| l.state != HEALTHY) {
                             self.not_healthy += 1;
                             continue;
@@ -82,25 +82,8 @@ impl<'a> Observer<'a> {
                         self.rejected += 1;
                         continue;
                     }
-                    let idle_s = match burst.idle_time_s(row) {
-                        None => f64::NAN,
-                        // there was no actuation before
-                        Some(idle) if idle.is_nan() => f64::INFINITY,
-                        Some(idle) => f64::from(idle),
-                    };
-                    let neighbours = burst.neighbours_fired.get(row).copied();
-                    sampler.offer(
-                        &burst.printhead,
-                        Beside {
-                            channel,
-                            t_acq_ns: burst.t_acq_ns,
-                            drive_v: burst.drive_voltage_v.unwrap_or(f64::NAN),
-                            temperature_c: burst.temperature_c.unwrap_or(f64::NAN),
-                            idle_s,
-                            neighbours: neighbours.map_or(f64::NAN, f64::from),
-                        },
-                        &signal[..n.min(self.most_samples)],
-                    );
+                    let kept = &signal[..n.min(self.most_samples)];
+                    sampler.offer(&burst.printhead, beside, kept);
                 }
             },
         )?;
@@ -108,6 +91,11 @@ impl<'a> Observer<'a> {
         lost.damage.extend(recording.damage.iter().cloned());
         lost.damage.extend(recording.missing(lost.bursts));
         Ok(lost.damage)
+    }
+
+    /// Whether the signals are longer than what was taken of them.
+    pub fn is_cut(&self) -> bool {
+        self.sampler.as_ref().is_some_and(|(_, samples, _)| *samples > self.most_samples)
     }
 
     /// `None`: no burst was seen.

@@ -58,6 +58,7 @@ impl Rings {
                 |y| {
                     let Waiting { judge, burst, row, .. } = next.next()?;
                     burst.copy_signal(*row, y);
+                    judge.take_off_extension(burst, *row, y);
                     // per unit drive, at its own temperature
                     let scale = 1.0 / judge.drive(burst);
                     y.iter_mut().for_each(|y| *y *= scale);

@@ -365,7 +365,7 @@ pub fn isolate(
                                         expected_ready = true;
                                     }
                                     burst.copy_signal(at as usize, &mut signal);
-                                    signal.iter_mut().zip(&expected).for_each(|(y, e)| *y -= e);
+                                    judge.deviate(burst, at as usize, &expected, &mut signal);
                                     judge.isolate(&signal, drive, &mut work)
                                 }
                             }

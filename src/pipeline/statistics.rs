@@ -140,6 +140,7 @@ impl Statistics {
             |y| {
                 let ((_, burst, row), look) = next.next()?;
                 burst.copy_signal(*row, y);
+                judge.take_off_extension(burst, *row, y);
                 judge.at_reference(y, judge.drive(burst), judge.warmer(burst));
                 Some(look.asks())
             },
@@ -240,7 +241,7 @@ impl Statistics {
             judge.expect(burst, &mut self.expected);
             self.expected_of = Some(of);
         }
-        self.signal.iter_mut().zip(&self.expected).for_each(|(y, e)| *y -= e);
+        judge.deviate(burst, row, &self.expected, &mut self.signal);
         Ok(())
     }
 }

@@ -45,7 +45,7 @@ impl Replay {
                     let reservoir = reservoirs
                         .entry(place.unwrap_or(pooled))
                         .or_insert_with(|| Reservoir::new(samples, capacity));
-                    offer(&self.settings, self.labels.as_ref(), burst, reservoir);
+                    offer(&self.settings, self.labels.as_ref(), Some(design), burst, reservoir);
                 }
             },
         )?;

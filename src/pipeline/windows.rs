@@ -192,7 +192,7 @@ impl Learner<'_> {
                 for &i in by_group.get(&GroupKey::of(burst)).into_iter().flatten() {
                     if (windows[i].from_ns..windows[i].to_ns).contains(&burst.t_acq_ns) {
                         bursts[i] += 1;
-                        offer(self.settings, self.labels, burst, &mut reservoirs[i]);
+                        offer(self.settings, self.labels, self.design, burst, &mut reservoirs[i]);
                     }
                 }
             },
@@ -201,10 +201,12 @@ impl Learner<'_> {
     }
 }
 
-/// Offers a burst's usable signals, with labels those that are labelled healthy.
+/// Offers a burst's usable signals, with labels those that are labelled healthy; without what the design's
+/// extension says is in them.
 pub(super) fn offer(
     settings: &Settings,
     labels: Option<&Labels>,
+    design: Option<&Design>,
     burst: &Burst,
     reservoir: &mut Reservoir,
 ) {
@@ -223,6 +225,9 @@ pub(super) fn offer(
         if unusable_signal(&signal, settings.input.rails).is_none() {
             let voltage = burst.drive_voltage_v.unwrap_or(f64::NAN);
             let temperature = burst.temperature_c.unwrap_or(f64::NAN);
+            if let Some(design) = design {
+                design.take_off_extension(burst, row as usize, &mut signal);
+            }
             reservoir.offer(burst.t_acq_ns, channel, &signal, voltage, temperature);
         }
     }

@@ -4,6 +4,7 @@
 //! The full set, with its table in Markdown (docs/hidden_effects.md):
 //! `cargo test --release -- --ignored --nocapture hidden_full`
 
+mod extended;
 mod plants;
 
 use crate::house::{House, root};

@@ -4,10 +4,10 @@
 //! In: a [`Bench`]. Out: [`Scored`].
 
 use super::chance::surprise;
-use super::{Applied, Bench, CLOCK, Kind, Scored};
+use super::{Applied, Bench, CLOCK, DAMPING, FREQUENCY, Kind, Scored};
 use crate::critique::covariates::{COVARIATES, POSITION};
-use crate::critique::ring::ALL;
 use crate::critique::space::Direction;
+use crate::model::free_decay::ALL;
 use crate::model::terms::Interior;
 use std::f64::consts::TAU;
 
@@ -57,10 +57,11 @@ impl Bench<'_> {
         &self,
         id: &'static str,
         which: usize,
-        plain: [f64; ALL],
         interior: [f64; ALL],
         unit: f64,
     ) -> Option<Scored> {
+        // rates and frequency alone: losses move the frequency, too
+        let plain = [interior[0], interior[1], 0.0, 0.0, 0.0, interior[5]];
         let mut best = self.covariate(id, which, plain, unit)?;
         if let Some(other) = self.covariate(id, which, interior, unit)
             && other.statistic > best.statistic
@@ -121,7 +122,7 @@ impl Bench<'_> {
         self.rates_direction(|c, h| {
             (c.g_per_s, c.d_per_s) = (c.g_per_s * (1.0 + h), c.d_per_s * (1.0 + h));
         })
-        .map_or([1.0, 0.0, 0.0, 0.0, 0.0, 1.0], |v| {
+        .map_or(DAMPING, |v| {
             let by = v[0];
             v.map(|x| x / by)
         })
@@ -132,7 +133,7 @@ impl Bench<'_> {
         self.rates_direction(|c, h| {
             (c.a_per_s2, c.b_per_s2) = (c.a_per_s2 * (1.0 + h), c.b_per_s2 * (1.0 + h));
         })
-        .map_or([0.0, 1.0, 0.0, 0.0, 0.0, 0.0], |v| {
+        .map_or(FREQUENCY, |v| {
             let by = v[1];
             v.map(|x| x / by)
         })

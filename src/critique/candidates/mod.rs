@@ -16,12 +16,13 @@ pub use lines::LEAST_PERIODS;
 use super::catalogue::{CATALOGUE, Needs, lacking};
 use super::covariates::{Covariates, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
 use super::model::{Model, RATIO_OF_RATES};
-use super::ring::ALL;
 use super::space::{Direction, Nuisance, Space, Tested};
+use crate::model::free_decay::ALL;
 use crate::model::terms::{Interior, Seen, Term};
 use follows::relative;
 
-/// d theta per relative change of damping (the real pole with it), and of frequency.
+/// d theta per relative change of damping (the real pole with it), of frequency, and of all rates, where
+/// the interior is not known.
 const DAMPING: [f64; ALL] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
 const FREQUENCY: [f64; ALL] = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0];
 const CLOCK: [f64; ALL] = [1.0, 1.0, 0.0, 0.0, 0.0, 1.0];
@@ -158,6 +159,7 @@ impl<'a> Bench<'a> {
                 all.push(scored);
             }
         }
+        withhold_tone(&mut all);
         all
     }
 
@@ -191,19 +193,19 @@ impl<'a> Bench<'a> {
             }
             "temperature" => {
                 let unit = 1.0 / self.beside.sd[TEMPERATURE];
-                self.covariate_free(id, TEMPERATURE, DAMPING, self.damping_direction(), unit)
+                self.covariate_free(id, TEMPERATURE, self.damping_direction(), unit)
             }
             "ageing" => {
                 let v = self.damping_direction();
-                self.covariate_free(id, TIME, DAMPING, v, self.over(TIME)).map(relative)
+                self.covariate_free(id, TIME, v, self.over(TIME)).map(relative)
             }
             "clock_drift" => {
                 let v = self.clock_direction();
-                self.covariate_free(id, TIME, CLOCK, v, self.over(TIME)).map(relative)
+                self.covariate_free(id, TIME, v, self.over(TIME)).map(relative)
             }
             "position_gradient" => {
                 let v = self.stiffness_direction();
-                self.covariate_free(id, POSITION, FREQUENCY, v, self.over(POSITION)).map(relative)
+                self.covariate_free(id, POSITION, v, self.over(POSITION)).map(relative)
             }
             "crosstalk" => {
                 let t = &self.model.mean;
@@ -313,5 +315,59 @@ impl<'a> Bench<'a> {
                 kind: Kind::Shapes,
             },
         }
+    }
+}
+
+/// Lines within this of each other are one, relative to their frequency.
+const SAME_LINE: f64 = 0.03;
+/// How much more surprising the line must be that scales with the drive.
+const CLEARLY: f64 = 1.5;
+
+/// A line that scales with the drive, but may not be a mode, is no tone either.
+fn withhold_tone(all: &mut [Scored]) {
+    let mode = all.iter().find(|s| s.applied.id == "second_mode" && !s.disqualified.is_empty());
+    let Some((hz, surprise)) = mode.map(|s| (s.value, s.surprise)) else { return };
+    if let Some(tone) = all.iter_mut().find(|s| s.applied.id == "tone")
+        && tone.disqualified.is_empty()
+        && (tone.value / hz - 1.0).abs() < SAME_LINE
+        && surprise > tone.surprise + CLEARLY
+    {
+        tone.disqualified = "it scales with the drive".into();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_that_scales_with_the_drive_is_no_tone() {
+        let line = |id, hz: f64, surprise: f64, disqualified: &str| Scored {
+            applied: Applied {
+                id,
+                shape: 0.0,
+                damping: 0.0,
+                coefficients: vec![],
+                directions: vec![],
+                kind: Kind::Shapes,
+            },
+            statistic: 2.0 * surprise,
+            degrees: 2,
+            tried: 1.0,
+            surprise,
+            value: hz,
+            sd: 1.0,
+            disqualified: disqualified.into(),
+        };
+        let named = |tone: Scored, mode: Scored| {
+            let mut all = [tone, mode];
+            withhold_tone(&mut all);
+            all[0].disqualified.is_empty()
+        };
+        let tone = || line("tone", 107.2e3, 18.0, "");
+        assert!(!named(tone(), line("second_mode", 107.1e3, 23.0, "own frequency")));
+        assert!(named(tone(), line("second_mode", 107.1e3, 18.5, "own frequency")));
+        assert!(named(tone(), line("second_mode", 80e3, 23.0, "own frequency")));
+        assert!(named(tone(), line("second_mode", 107.1e3, 23.0, "")), "they compete");
     }
 }

@@ -6,8 +6,8 @@
 use super::chance::{maximum, surprise, width};
 use super::{Applied, Bench, Scored};
 use crate::critique::model::PATTERNS;
-use crate::critique::ring;
 use crate::critique::space::Direction;
+use crate::model::free_decay;
 use crate::model::terms::Term;
 use nalgebra::{Matrix4, Vector4};
 use std::f64::consts::PI;
@@ -175,7 +175,7 @@ impl Bench<'_> {
     /// The mean signal at unit drive.
     pub(super) fn ring(&self) -> Vec<f64> {
         let mut y = vec![0.0; self.samples];
-        ring::signal_into(&self.model.mean, self.model.real, 0.0, &mut y);
+        free_decay::add(&self.model.mean, self.model.real, 0.0, 1.0, &mut y);
         y
     }
 

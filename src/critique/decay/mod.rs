@@ -151,7 +151,7 @@ pub fn critique(
         figures: gain::draw(&decays, &selected),
         evidence: selected.evidence,
     };
-    Ok(Outcome { critique, outlier: vec![false; data.len()] })
+    Ok(Outcome { critique, outlier: vec![false; data.len()], extended: None })
 }
 
 fn verdict(causes: &mut Vec<Cause>, selected: &Selected, left: &Left) -> Verdict {

@@ -4,8 +4,9 @@
 use super::plant::Decays;
 use super::selection::{self, Cause};
 use super::{critique, fit, motion::Form};
+use crate::burst::Beside;
 use crate::critique::finding::{Critique, Verdict};
-use crate::critique::observations::{Beside, Observations, Sampler};
+use crate::critique::observations::{Observations, Sampler};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};

@@ -1,4 +1,4 @@
-//! The baseline's signal: one damped pair and one real pole, and its derivatives.
+//! A free decay of thesis (2-2) as it is seen: one damped pair and one real pole, and its derivatives.
 //!
 //! y(t) = e^{-sigma t} (a cos omega t + b sin omega t) + c e^{-lambda t}, per unit drive. Time counts in
 //! signal lengths (0 <= t < 1), so that rates are numbers near 1..100 whatever the plant.
@@ -19,8 +19,8 @@ pub struct Tangent {
     pub columns: [Vec<f64>; ALL],
 }
 
-/// y of one theta at times k/N + shift, per unit drive. `real`: whether there is a real pole.
-pub fn signal_into(theta: &Theta, real: bool, shift: f64, out: &mut [f64]) {
+/// Adds `scale` y of one theta at times k/N + shift. `real`: whether there is a real pole.
+pub fn add(theta: &Theta, real: bool, shift: f64, scale: f64, out: &mut [f64]) {
     let n = out.len() as f64;
     let (sigma, omega, lambda) = (theta[0].exp(), theta[1].exp(), theta[5].exp());
     let decay = (-sigma / n).exp();
@@ -31,7 +31,7 @@ pub fn signal_into(theta: &Theta, real: bool, shift: f64, out: &mut [f64]) {
     let mut r = if real { (-lambda * shift).exp() } else { 0.0 };
     let fall = (-lambda / n).exp();
     for y in out {
-        *y = theta[2] * c + theta[3] * s + theta[4] * r;
+        *y += scale * (theta[2] * c + theta[3] * s + theta[4] * r);
         (c, s) = (decay * (c * cos - s * sin), decay * (s * cos + c * sin));
         r *= fall;
     }
@@ -79,14 +79,14 @@ mod tests {
         let mut tangent = Tangent::default();
         tangent.at(&theta, theta[4], true, 128);
         let mut y = vec![0.0; 128];
-        signal_into(&theta, true, 0.0, &mut y);
+        add(&theta, true, 0.0, 1.0, &mut y);
         assert!(y.iter().zip(&tangent.y).all(|(y, z)| (y - z).abs() < 1e-9));
         for j in 0..ALL {
             let mut step = Theta::zeros();
             step[j] = 1e-6 * theta[j].abs().max(1.0);
             let (mut up, mut down) = (vec![0.0; 128], vec![0.0; 128]);
-            signal_into(&(theta + step), true, 0.0, &mut up);
-            signal_into(&(theta - step), true, 0.0, &mut down);
+            add(&(theta + step), true, 0.0, 1.0, &mut up);
+            add(&(theta - step), true, 0.0, 1.0, &mut down);
             for k in 0..128 {
                 let slope = (up[k] - down[k]) / (2.0 * step[j]);
                 assert!((slope - tangent.columns[j][k]).abs() < 1e-4, "{j} {k}");
@@ -98,9 +98,9 @@ mod tests {
     fn a_later_start_is_the_same_decay_later() {
         let theta = Theta::from([2.9_f64.ln(), 40.6_f64.ln(), 90.0, -40.0, 6.0, 3.7_f64.ln()]);
         let (mut all, mut later) = (vec![0.0; 128], vec![0.0; 64]);
-        signal_into(&theta, true, 0.0, &mut all);
+        add(&theta, true, 0.0, 1.0, &mut all);
         // 64 samples of half the length: the grid is twice as coarse, so every second sample
-        signal_into(&theta, true, 16.0 / 128.0, &mut later);
+        add(&theta, true, 16.0 / 128.0, 1.0, &mut later);
         for k in 0..40 {
             assert!((later[k] - all[16 + 2 * k]).abs() < 1e-9);
         }

@@ -1,0 +1,102 @@
+//! A critique's model as a design that `replay` loads.
+//!
+//! In: the signals that a critique kept, its model. Out: a design that is trained on them without what the causes
+//! put into them, and its extension, which takes the same off every signal that it judges.
+
+use crate::critique::covariates::{self, Covariates};
+use crate::critique::engine::{Extended, Outcome};
+use crate::critique::observations::Observations;
+use crate::design::{Covariate, Design, Extension, Follows, TrainingSet};
+use crate::identify::averaging::SignalSet;
+use crate::settings::Settings;
+
+/// What a design can follow. Temperature is not among it: its healthy models learn that themselves.
+const FOLLOWED: [(usize, Covariate); 5] = [
+    (covariates::TIME, Covariate::Time),
+    (covariates::POSITION, Covariate::Channel),
+    (covariates::NEIGHBOURS, Covariate::Neighbours),
+    (covariates::IDLE, Covariate::LnIdle),
+    (covariates::DRIVE, Covariate::Drive),
+];
+
+/// `Err`: why there is no design, in words.
+pub fn train(
+    data: &Observations,
+    outcome: &Outcome,
+    settings: &Settings,
+) -> Result<Design, String> {
+    let extended = outcome.extended.as_ref().ok_or("the model is none of an ink channel")?;
+    let Extended { beside, .. } = extended;
+    let kept: Vec<usize> = (0..data.len()).filter(|&i| !outcome.outlier[i]).collect();
+    let first_ns = kept.iter().map(|&i| data.rows[i].beside.t_acq_ns).min().unwrap_or(0);
+    let extension = extension(extended, first_ns as f64 * 1e-9);
+    let mut set = TrainingSet {
+        sample_period_s: data.dt_s,
+        samples: data.samples,
+        drive_voltage_v: beside.drive_mean_v,
+        extension,
+        ..TrainingSet::default()
+    };
+    let (mut signal, mut row32) = (Vec::new(), Vec::new());
+    for (&i, &drive) in kept.iter().zip(&beside.drive) {
+        let row = &data.rows[i];
+        signal.clear();
+        signal.extend(data.signal(i).iter().map(|y| f64::from(*y)));
+        if let Some(extension) = &set.extension {
+            extension.subtract(&row.beside, drive, data.dt_s, &mut signal);
+        }
+        row32.clear();
+        row32.extend(signal.iter().map(|y| *y as f32));
+        set.healthy
+            .entry(data.printheads[row.printhead].clone())
+            .or_insert_with(|| SignalSet::new(data.samples))
+            .push(&row32, row.beside.channel, drive, row.beside.temperature_c);
+    }
+    set.signals.insert(crate::fault::HEALTHY.into(), kept.len() as u64);
+    let (design, _) =
+        Design::train(&set, &settings.identify.grey_box, &settings.detect, &settings.isolate)
+            .map_err(|e| e.to_string())?;
+    Ok(design)
+}
+
+/// `None`: the causes change nothing of what is expected. `start_s`: of the recording, since the epoch.
+fn extension(extended: &Extended, start_s: f64) -> Option<Extension> {
+    let Extended { causes, model, beside } = extended;
+    let moved = |which: usize| model.beta[which].iter().any(|v| *v != 0.0);
+    let follows = FOLLOWED
+        .iter()
+        .filter(|(which, _)| moved(*which) && beside.present[*which])
+        .map(|&(which, covariate)| {
+            let since = if which == covariates::TIME { start_s } else { 0.0 };
+            let (mean, sd) = (beside.mean[which] + since, beside.sd[which]);
+            let [least, most] = range(beside, which);
+            Follows {
+                covariate,
+                about: mean,
+                range: [mean + sd * least, mean + sd * most],
+                slope: (model.beta[which] / sd).into(),
+            }
+        })
+        .collect();
+    let mut shapes: Vec<Vec<f64>> = model.shapes.to_vec();
+    for shape in shapes.iter_mut().filter(|shape| shape.iter().all(|v| *v == 0.0)) {
+        shape.clear();
+    }
+    while shapes.pop_if(|shape| shape.is_empty()).is_some() {}
+    let extension = Extension {
+        causes: causes.iter().filter(|id| **id != "temperature").map(|id| (*id).into()).collect(),
+        decay: model.mean.into(),
+        follows,
+        previous_tail: model.tail_gain,
+        shapes,
+    };
+    let adds = !extension.follows.is_empty()
+        || extension.previous_tail != 0.0
+        || !extension.shapes.is_empty();
+    adds.then_some(extension)
+}
+
+/// Least and largest of a covariate, in standard deviations from its mean.
+fn range(beside: &Covariates, which: usize) -> [f64; 2] {
+    beside.z.iter().fold([0.0_f64; 2], |[l, m], z| [l.min(z[which]), m.max(z[which])])
+}

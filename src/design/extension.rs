@@ -1,0 +1,218 @@
+//! What a critique found missing in the healthy model: what a signal holds beside what is expected.
+//!
+//! In: what was recorded beside a signal. Out: counts, taken off the signal before anything is learned from
+//! it or judged. What follows a covariate moves the parameters of the free decay; the decay that is left of
+//! the previous actuation, and shapes that every signal has, are added. What temperature does is not here:
+//! every healthy model learns it ([`super::HealthyModel`]).
+
+use super::is_count;
+use crate::burst::Beside;
+use crate::model::free_decay::{self, ALL, Theta};
+use serde::{Deserialize, Serialize};
+
+/// ln damping and ln frequency move so far at most.
+const MOST_SHIFT: f64 = 1.0;
+
+/// What was recorded beside a signal, and moves its free decay.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Covariate {
+    /// t_a, s since the epoch.
+    Time,
+    /// Channel number.
+    Channel,
+    /// How many neighbours were actuated with it.
+    Neighbours,
+    /// ln of the time since the previous actuation, in s, up to a second.
+    LnIdle,
+    /// Drive voltage, V.
+    Drive,
+}
+
+impl Covariate {
+    fn value(self, beside: &Beside) -> f64 {
+        match self {
+            Covariate::Time => beside.t_acq_ns as f64 * 1e-9,
+            Covariate::Channel => f64::from(beside.channel),
+            Covariate::Neighbours => beside.neighbours,
+            Covariate::LnIdle => beside.ln_idle(),
+            Covariate::Drive => beside.drive_v,
+        }
+    }
+}
+
+/// How the free decay follows a covariate.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Follows {
+    pub covariate: Covariate,
+    /// Where nothing is added.
+    pub about: f64,
+    /// Values that were seen; beyond them it stays as at the last.
+    pub range: [f64; 2],
+    /// Change of `decay` per unit.
+    pub slope: [f64; ALL],
+}
+
+/// The extension of a design, for all its models.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct Extension {
+    /// Identifiers of the causes, as in `critique.json`.
+    pub causes: Vec<String>,
+    /// The typical free decay, per unit drive: ln sigma, ln omega, a, b, c, ln lambda; time counts in signal
+    /// lengths, amplitudes in counts ([`crate::model::free_decay`]).
+    pub decay: [f64; ALL],
+    pub follows: Vec<Follows>,
+    /// Share that is left of the previous actuation's decay.
+    pub previous_tail: f64,
+    /// What every signal has, times the drive to the power of its place; N each, or none. Counts.
+    pub shapes: Vec<Vec<f64>>,
+}
+
+impl Extension {
+    /// Takes it off a signal. `drive`: of the signal, relative; `dt_s`: sample period.
+    pub fn subtract(&self, beside: &Beside, drive: f64, dt_s: f64, signal: &mut [f64]) {
+        let mut scale = 1.0;
+        for shape in &self.shapes {
+            signal.iter_mut().zip(shape).for_each(|(y, v)| *y -= scale * v);
+            scale *= drive;
+        }
+        let usual = Theta::from(self.decay);
+        let mut own = usual;
+        for follows in &self.follows {
+            let value = follows.covariate.value(beside);
+            if value.is_finite() {
+                let z = value.clamp(follows.range[0], follows.range[1]) - follows.about;
+                own += Theta::from(follows.slope) * z;
+            }
+        }
+        for (own, usual) in own.iter_mut().zip(&usual).take(2) {
+            *own = own.clamp(usual - MOST_SHIFT, usual + MOST_SHIFT);
+        }
+        if !self.follows.is_empty() {
+            free_decay::add(&own, true, 0.0, -drive, signal);
+            free_decay::add(&usual, true, 0.0, drive, signal);
+        }
+        let since = beside.idle_s / (dt_s * signal.len() as f64);
+        if self.previous_tail != 0.0 && since.is_finite() && since > 0.0 {
+            free_decay::add(&own, true, since, -drive * self.previous_tail, signal);
+        }
+    }
+
+    /// What could not have come from a critique, in words.
+    pub(super) fn check(&self, samples: usize) -> Result<(), String> {
+        let numbers = self.decay.iter().chain([&self.previous_tail]);
+        let of_follows =
+            self.follows.iter().flat_map(|f| f.slope.iter().chain(&f.range).chain([&f.about]));
+        if !numbers.chain(of_follows).all(|v| is_count(*v)) {
+            return Err("a number is not finite, or absurd".into());
+        }
+        if self.follows.iter().any(|f| f.range[0] > f.range[1]) {
+            return Err("`range` must rise".into());
+        }
+        // rates in signal lengths
+        if [0, 1, 5].iter().any(|&k| self.decay[k].abs() > 20.0) {
+            return Err("`decay` has a rate that no signal shows".into());
+        }
+        let whole = |shape: &Vec<f64>| shape.len() == samples && shape.iter().all(|v| is_count(*v));
+        if self.shapes.len() > 4 || !self.shapes.iter().all(|s| s.is_empty() || whole(s)) {
+            return Err("`shapes` must be at most 4, finite, one number per sample each".into());
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const N: usize = 128;
+    const DT_S: f64 = 1e-6;
+
+    fn extension() -> Extension {
+        Extension {
+            causes: vec!["ageing".into(), "previous_tail".into(), "offset".into()],
+            decay: [2.9_f64.ln(), 40.6_f64.ln(), 90.0, -40.0, 6.0, 3.7_f64.ln()],
+            follows: vec![Follows {
+                covariate: Covariate::Time,
+                about: 1000.0,
+                range: [900.0, 1100.0],
+                slope: [2e-3, 1e-4, 0.0, 0.1, 0.0, 0.0],
+            }],
+            previous_tail: 0.3,
+            shapes: vec![vec![0.5; N], vec![], vec![0.25; N]],
+        }
+    }
+
+    fn beside(t_s: f64, idle_s: f64) -> Beside {
+        Beside {
+            channel: 3,
+            t_acq_ns: (t_s * 1e9) as i64,
+            drive_v: 30.0,
+            temperature_c: f64::NAN,
+            idle_s,
+            neighbours: f64::NAN,
+        }
+    }
+
+    /// y at sample k of a free decay, from its formula.
+    fn decay(theta: &[f64; ALL], t: f64) -> f64 {
+        let [sigma, omega, lambda] = [theta[0].exp(), theta[1].exp(), theta[5].exp()];
+        let pair = theta[2] * (omega * t).cos() + theta[3] * (omega * t).sin();
+        (-sigma * t).exp() * pair + theta[4] * (-lambda * t).exp()
+    }
+
+    #[test]
+    fn what_is_left_is_the_usual_decay() {
+        let (extension, drive) = (extension(), 0.8);
+        // 50 s late; 5000 s late is beyond what was seen and counts as 100
+        for (t_s, off) in [(1050.0, 50.0), (6000.0, 100.0), (1000.0, 0.0)] {
+            for idle_s in [150e-6, f64::INFINITY, f64::NAN] {
+                let mut own = extension.decay;
+                own.iter_mut().zip(extension.follows[0].slope).for_each(|(x, s)| *x += s * off);
+                let of = |k: usize| {
+                    let t = k as f64 / N as f64;
+                    let tail = if idle_s.is_finite() {
+                        0.3 * decay(&own, t + idle_s / (N as f64 * DT_S))
+                    } else {
+                        0.0
+                    };
+                    drive * (decay(&own, t) + tail) + 0.5 + drive * drive * 0.25
+                };
+                let mut signal: Vec<f64> = (0..N).map(of).collect();
+                extension.subtract(&beside(t_s, idle_s), drive, DT_S, &mut signal);
+                for (k, y) in signal.iter().enumerate() {
+                    let usual = drive * decay(&extension.decay, k as f64 / N as f64);
+                    assert!((y - usual).abs() < 1e-9, "{t_s} {idle_s} {k}: {y} {usual}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_was_not_recorded_adds_nothing() {
+        let mut extension = extension();
+        extension.shapes.clear();
+        extension.follows[0].covariate = Covariate::Neighbours;
+        let mut signal = vec![1.0; N];
+        extension.subtract(&beside(1000.0, f64::NAN), 1.0, DT_S, &mut signal);
+        assert!(signal.iter().all(|y| (y - 1.0).abs() < 1e-9));
+    }
+
+    #[test]
+    fn what_no_critique_writes_is_refused() {
+        assert_eq!(extension().check(N), Ok(()));
+        let refused: [fn(&mut Extension); 6] = [
+            |e| e.previous_tail = f64::NAN,
+            |e| e.decay[1] = 800.0,
+            |e| e.follows[0].range = [1.0, 0.0],
+            |e| e.follows[0].slope[0] = f64::INFINITY,
+            |e| e.shapes[0].truncate(N - 1),
+            |e| e.shapes = vec![vec![]; 5],
+        ];
+        for (i, spoil) in refused.iter().enumerate() {
+            let mut extension = extension();
+            spoil(&mut extension);
+            assert!(extension.check(N).is_err(), "{i}");
+        }
+    }
+}

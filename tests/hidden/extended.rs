@@ -1,0 +1,103 @@
+//! The extended design at work: where an effect was one of a covariate, detection with it comes near to
+//! detection on the same run without the effect.
+
+use super::{FIRST_SEED, SCENARIOS, write};
+use crate::house::House;
+use inkling::burst::Burst;
+use inkling::io::verdict_reader::VerdictReader;
+use inkling::simulate::Scenario;
+use inkling::simulate::hidden::effect::{self, Effect};
+use inkling::simulate::hidden::{self, Plan};
+use inkling::simulate::scenario::Kind as ScenarioKind;
+
+fn bursts(effects: Vec<(Effect, f64)>, seed: u64) -> Vec<Burst> {
+    let scenario = Scenario::from_toml(SCENARIOS[0]).unwrap();
+    let ScenarioKind::Physics(physics) = &scenario.kind else { panic!("a print run") };
+    let plan = Plan { effects, circumstances: vec![] };
+    let hidden = hidden::planted(physics, &scenario.recording, &plan, seed).unwrap();
+    hidden.recording.bursts.collect()
+}
+
+/// More damping on every second signal: e^{-FAULT t} of a whole signal.
+const FAULT: f64 = 0.25;
+
+fn is_faulty(burst: usize, channel: usize) -> bool {
+    (burst + channel) % 2 == 1
+}
+
+fn with_faults(mut bursts: Vec<Burst>) -> Vec<Burst> {
+    for (k, burst) in bursts.iter_mut().enumerate() {
+        let n = burst.samples_per_channel as usize;
+        let mut samples = burst.samples.to_vec();
+        for (i, sample) in samples.as_chunks_mut::<2>().0.iter_mut().enumerate() {
+            if is_faulty(k, i / n) {
+                let y = f64::from(i16::from_le_bytes(*sample));
+                let damped = y * (-FAULT * (i % n) as f64 / n as f64).exp();
+                *sample = (damped.round() as i16).to_le_bytes();
+            }
+        }
+        burst.samples = samples.into();
+    }
+    bursts
+}
+
+/// Area under the ROC curve of the statistic: the chance that a faulty signal's is the larger.
+fn auc(house: &House, recording: &str, design: &str) -> f64 {
+    house.ok(&format!(
+        "replay {recording}.mcap --design {design} --identify design --out {design}.d"
+    ));
+    let (mut healthy, mut faulty) = (Vec::new(), Vec::new());
+    let path = house.path(&format!("{design}.d/{recording}.verdicts.parquet"));
+    for columns in VerdictReader::open(&path).unwrap() {
+        let c = columns.unwrap();
+        for i in 0..c.len() {
+            let statistic = f64::from(c.statistic[i].unwrap());
+            let burst = i / 12; // in file order, 12 channels each
+            match is_faulty(burst, c.channel[i] as usize) {
+                true => faulty.push(statistic),
+                false => healthy.push(statistic),
+            }
+        }
+    }
+    let below: usize = faulty.iter().map(|f| healthy.iter().filter(|h| *h < f).count()).sum();
+    below as f64 / (healthy.len() * faulty.len()) as f64
+}
+
+#[test]
+fn a_design_that_knows_the_cause_detects_as_if_it_were_not_there() {
+    let house = House::new();
+    let (mut spoiled, mut mended) = (0, 0);
+    let of = |id: &str| effect::catalogue().into_iter().find(|e| e.id == id).unwrap();
+    for (id, seed) in ["crosstalk", "previous_tail", "position_gradient", "ageing", "temperature"]
+        .into_iter()
+        .zip(FIRST_SEED + 95_000..)
+    {
+        let recording = |name: &str, bursts: Vec<Burst>| {
+            write(bursts, &house.path(&format!("{name}.mcap")));
+        };
+        let run = bursts(vec![(of(id), 8.0)], seed);
+        let printhead = run[0].printhead.clone();
+        recording("healthy", run.clone());
+        recording("faulty", with_faults(run));
+        house.write(
+            "labels.csv",
+            format!("printhead,channel,from,to,state,severity\n{printhead},*,,,healthy,\n"),
+        );
+        house.ok("critique healthy.mcap -o critique");
+        house.ok("train healthy.mcap --labels labels.csv -o plain.json");
+        // the same run as it is without the effect
+        let clean = bursts(vec![], seed);
+        recording("clean", clean.clone());
+        recording("clean_faulty", with_faults(clean));
+        house.ok("train clean.mcap --labels labels.csv -o clean.json");
+        let design = "critique/extended.design.json";
+        let (before, after) = (auc(&house, "faulty", "plain.json"), auc(&house, "faulty", design));
+        let without = auc(&house, "clean_faulty", "clean.json");
+        println!("{id}: AUC {before:.3} -> {after:.3}, without the effect {without:.3}");
+        assert!(after > without - 0.03, "{id}: {after} after, {without} without the effect");
+        assert!(after > before - 0.03, "{id}: {before} before, {after} after");
+        spoiled += usize::from(before < without - 0.1);
+        mended += usize::from(before < without - 0.1 && after > before + 0.1);
+    }
+    assert!(spoiled > 0 && mended == spoiled, "{mended} of {spoiled} that an effect spoiled");
+}
