@@ -16,7 +16,7 @@ use super::space::Direction;
 const PARAMETERS: [&str; 5] = ["damping", "frequency", "amplitude", "phase", "slow decay"];
 /// Of what the named causes explain, this share may be left: no model of a cause is exact.
 const SHARE_ALLOWED: f64 = 0.05;
-/// So many objections are more than what an inexact model of a cause leaves.
+/// So many objections are more than what an inexact model of a cause leaves; so many causes explain anything.
 const MANY: usize = 3;
 /// An omnibus test must be more surprising than a candidate: it has no mechanism behind it.
 const MARGIN: f64 = 1.5;
@@ -34,7 +34,7 @@ pub fn check(
     selected: &Selected,
     data: &Observations,
     beside: &Covariates,
-    of_codes: &[Found],
+    (of_codes, of_noise): (&[Found], &[Found]),
     avoid: &[f64],
 ) -> Left {
     let mut applied: Vec<Applied> =
@@ -83,8 +83,11 @@ pub fn check(
     }
     // several shapes in the mean that leave another one are as good as any curve: they name nothing
     let shapes = selected.causes.iter().filter(|c| which(&c.scored.applied).is_none()).count();
-    // and where several tests of different kinds object, it is not the small error of a model
-    if shapes >= 2 && !left.significant.is_empty() || left.significant.len() >= MANY {
+    // so are many causes, and where several tests of different kinds object, it is not the small error of
+    // a model
+    let by_chance = of_codes.iter().chain(of_noise).filter(|f| f.evidence.accepted).count();
+    let many = selected.causes.len() + by_chance >= MANY;
+    if (shapes >= 2 || many) && !left.significant.is_empty() || left.significant.len() >= MANY {
         left.share_allowed = 0.0;
     }
     left.share = unexplained / (unexplained + explained).max(1e-300);

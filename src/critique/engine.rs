@@ -188,7 +188,7 @@ pub fn critique(
     beyond_growing_noise(&mut of_noise);
 
     stages("checking what is left");
-    let left = adequacy::check(&selected, &data, &beside, &of_codes, &avoid);
+    let left = adequacy::check(&selected, &data, &beside, (&of_codes, &of_noise), &avoid);
     stages("measuring the gain");
     let applied: Vec<_> = selected.causes.iter().map(|c| c.scored.applied.clone()).collect();
     let gain = gain::measure(&before, &applied, setting);

@@ -84,11 +84,16 @@ impl Bench<'_> {
             best.sd = tested.covariance[(0, 0)].sqrt() * unit;
             let together = surprise(tested.statistic, directions.len(), 2.0, dof);
             if which == POSITION {
-                // of few channels, four coefficients at once say nothing: the frequency's alone
+                // of few channels, four coefficients at once say nothing: the frequency's among them, or
+                // alone with the state unmoved, whichever says more (two looks)
                 let own = (best.value / best.sd).powi(2);
-                best.statistic = self.against_rest(which, own);
-                best.surprise = surprise(best.statistic, 1, 1.0, dof);
-                best.sd *= (own / best.statistic.max(1e-12)).sqrt().min(1.0);
+                let statistic = self.against_rest(which, own);
+                let surprise = surprise(statistic, 1, 1.0, dof);
+                if surprise > best.surprise {
+                    (best.surprise, best.statistic) = (surprise, statistic);
+                }
+                best.surprise = (best.surprise - 2f64.ln()).max(0.0);
+                best.sd *= (own / statistic.max(1e-12)).sqrt().min(1.0);
             } else if together > best.surprise {
                 best.surprise = together;
                 best.statistic = tested.statistic;
