@@ -19,7 +19,7 @@ const SHARE_ALLOWED: f64 = 0.05;
 /// So many objections are more than what an inexact model of a cause leaves; so many causes explain anything.
 const MANY: usize = 3;
 /// An omnibus test must be more surprising than a candidate: it has no mechanism behind it.
-const MARGIN: f64 = 1.5;
+pub const MARGIN: f64 = 1.5;
 
 #[derive(Clone, Debug, Default)]
 pub struct Left {

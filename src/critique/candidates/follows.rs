@@ -5,6 +5,7 @@
 
 use super::chance::surprise;
 use super::{Applied, Bench, CLOCK, DAMPING, FREQUENCY, Kind, Scored};
+use crate::critique::adequacy::MARGIN;
 use crate::critique::covariates::{COVARIATES, POSITION};
 use crate::critique::space::Direction;
 use crate::model::free_decay::ALL;
@@ -84,16 +85,18 @@ impl Bench<'_> {
             best.sd = tested.covariance[(0, 0)].sqrt() * unit;
             let together = surprise(tested.statistic, directions.len(), 2.0, dof);
             if which == POSITION {
-                // of few channels, four coefficients at once say nothing: the frequency's among them, or
-                // alone with the state unmoved, whichever says more (two looks)
+                // of few channels, four coefficients at once say nothing: the frequency's alone
                 let own = (best.value / best.sd).powi(2);
-                let statistic = self.against_rest(which, own);
-                let surprise = surprise(statistic, 1, 1.0, dof);
-                if surprise > best.surprise {
-                    (best.surprise, best.statistic) = (surprise, statistic);
+                best.statistic = self.against_rest(which, own);
+                best.surprise = surprise(best.statistic, 1, 1.0, dof);
+                best.sd *= (own / best.statistic.max(1e-12)).sqrt().min(1.0);
+                // a frequency that follows the channel, whatever else does, is nothing else
+                let looks = self.on_each_parameter(which);
+                if let Some((_, statistic, surprise)) = looks.into_iter().find(|look| look.0 == 1)
+                    && surprise - MARGIN > best.surprise
+                {
+                    (best.statistic, best.surprise) = (statistic, surprise - MARGIN);
                 }
-                best.surprise = (best.surprise - 2f64.ln()).max(0.0);
-                best.sd *= (own / statistic.max(1e-12)).sqrt().min(1.0);
             } else if together > best.surprise {
                 best.surprise = together;
                 best.statistic = tested.statistic;
@@ -193,32 +196,36 @@ impl Bench<'_> {
 
     /// Every covariate on every parameter, one at a time: (covariate, parameter, surprise).
     pub fn covariate_scan(&self) -> Vec<(usize, usize, f64)> {
-        let mut all = Vec::new();
-        for which in 1..COVARIATES {
-            if !self.beside.present[which] {
-                continue;
-            }
-            let dof = self.dof(which == POSITION);
-            let each: Vec<Direction> = (0..ALL - 1)
-                .map(|j| {
-                    let mut v = [0.0; ALL];
-                    v[j] = 1.0;
-                    Direction::covariate(self.samples, which, v)
-                })
-                .collect();
-            // alone, and with the others free: what moves two together is in their common scatter
-            let together = self.covariates.test(&each);
-            for (j, direction) in each.into_iter().enumerate() {
-                let beside = together.as_ref().map_or(0.0, |t| {
-                    t.coefficients[j].powi(2) / t.covariance[(j, j)].max(f64::MIN_POSITIVE)
-                });
-                if let Some(tested) = self.covariates.test(&[direction]) {
-                    let statistic = self.against_rest(which, tested.statistic.max(beside));
-                    all.push((which, j, surprise(statistic, 1, 1.0, dof)));
-                }
-            }
-        }
-        all
+        let present = (1..COVARIATES).filter(|which| self.beside.present[*which]);
+        present
+            .flat_map(|which| {
+                let looks = self.on_each_parameter(which).into_iter();
+                looks.map(move |(parameter, _, surprise)| (which, parameter, surprise))
+            })
+            .collect()
+    }
+
+    /// A covariate on every parameter, one at a time: (parameter, statistic, surprise).
+    fn on_each_parameter(&self, which: usize) -> Vec<(usize, f64, f64)> {
+        let dof = self.dof(which == POSITION);
+        let each: Vec<Direction> = (0..ALL - 1)
+            .map(|j| {
+                let mut v = [0.0; ALL];
+                v[j] = 1.0;
+                Direction::covariate(self.samples, which, v)
+            })
+            .collect();
+        // alone, and with the others free: what moves two together is in their common scatter
+        let together = self.covariates.test(&each);
+        let look = |(j, direction): (usize, Direction)| {
+            let beside = together.as_ref().map_or(0.0, |t| {
+                t.coefficients[j].powi(2) / t.covariance[(j, j)].max(f64::MIN_POSITIVE)
+            });
+            let tested = self.covariates.test(&[direction])?;
+            let statistic = self.against_rest(which, tested.statistic.max(beside));
+            Some((j, statistic, surprise(statistic, 1, 1.0, dof)))
+        };
+        each.into_iter().enumerate().filter_map(look).collect()
     }
 }
 
