@@ -3,6 +3,7 @@
 //! A *burst* is one acquisition of one printhead, channels x samples; a *signal* is one channel's
 //! ring-down in it, the unit that is judged. Only this file knows how samples lie in memory.
 
+use crate::processor::for_processor;
 use bytes::Bytes;
 use std::sync::Arc;
 
@@ -197,35 +198,9 @@ impl SignalBatch {
     }
 }
 
-/// Samples as numbers.
-fn int16(of: &[[u8; 2]], out: &mut [f64]) {
-    #[cfg(target_arch = "x86_64")]
-    {
-        // SAFETY: the processor was found to have what is asked of it
-        if std::is_x86_feature_detected!("avx512f") {
-            return unsafe { x86::with_avx512(of, out) };
-        }
-        // SAFETY: as above
-        if std::is_x86_feature_detected!("avx2") {
-            return unsafe { x86::with_avx2(of, out) };
-        }
-    }
-    portable(of, out);
-}
-
-#[cfg(target_arch = "x86_64")]
-mod x86 {
-    use super::portable;
-
-    #[target_feature(enable = "avx512f")]
-    pub fn with_avx512(of: &[[u8; 2]], out: &mut [f64]) {
-        portable(of, out);
-    }
-
-    #[target_feature(enable = "avx2")]
-    pub fn with_avx2(of: &[[u8; 2]], out: &mut [f64]) {
-        portable(of, out);
-    }
+for_processor! {
+    /// Samples as numbers.
+    fn int16(of: &[[u8; 2]], out: &mut [f64]) { portable }
 }
 
 #[inline(always)] // compiled once per instruction set

@@ -14,6 +14,7 @@
 //! 2  episodes                        evidence over time, from verdicts alone
 //! 1  model  score  plot              what the physics says | thesis chapter 4 numbers | figures
 //! 0  burst  fault  verdict  labels   what flows
+//! 0  processor                       one function for every set of vector instructions
 //! ```
 //!
 //! # The walk
@@ -29,6 +30,7 @@
 pub mod burst;
 pub mod fault;
 pub mod labels;
+mod processor;
 pub mod verdict;
 // floor 1
 pub mod model;

@@ -138,13 +138,7 @@ fn squares(causes: &[Applied], samples: usize) -> Vec<Direction> {
             _ => None,
         })
         .collect();
-    let each = |which: usize| {
-        (0..ALL).map(move |j| {
-            let mut v = [0.0; ALL];
-            v[j] = 1.0;
-            Direction::covariate(samples, which, v)
-        })
-    };
+    let each = |which| (0..ALL).map(move |j| Direction::parameter(samples, which, j));
     followed.into_iter().flat_map(each).collect()
 }
 

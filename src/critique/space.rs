@@ -70,6 +70,13 @@ impl Direction {
         Direction(vec![(PATTERNS * samples + which * ALL, v.to_vec())])
     }
 
+    /// Of one parameter alone.
+    pub fn parameter(samples: usize, which: usize, j: usize) -> Direction {
+        let mut v = [0.0; ALL];
+        v[j] = 1.0;
+        Direction::covariate(samples, which, v)
+    }
+
     pub fn tail(samples: usize) -> Direction {
         Direction(vec![(PATTERNS * samples + COVARIATES * ALL, vec![1.0])])
     }
@@ -308,11 +315,7 @@ pub struct Tested {
 
 impl Nuisance {
     pub fn new(space: &Space, causes: &[Direction]) -> Nuisance {
-        let unit = |j: usize| {
-            let mut v = [0.0; ALL];
-            v[j] = 1.0;
-            Direction::covariate(space.samples, ONE, v)
-        };
+        let unit = |j| Direction::parameter(space.samples, ONE, j);
         let mut directions: Vec<Direction> = (0..ALL).map(unit).collect();
         directions.extend(causes.iter().cloned());
         let k_times: Vec<DVector<f64>> = directions.iter().map(|x| space.times(x)).collect();

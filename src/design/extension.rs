@@ -6,7 +6,8 @@
 //! every healthy model learns it ([`super::HealthyModel`]).
 
 use super::is_count;
-use crate::burst::Beside;
+use crate::burst::{Beside, Burst};
+use crate::identify::reservoir::relative_drive;
 use crate::model::free_decay::{self, ALL, Theta};
 use serde::{Deserialize, Serialize};
 
@@ -96,6 +97,18 @@ impl Extension {
         if self.previous_tail != 0.0 && since.is_finite() && since > 0.0 {
             free_decay::add(&own, true, since, -drive * self.previous_tail, signal);
         }
+    }
+
+    /// The same for row `row` of a burst. `reference_v`: the drive at which models expect their signals.
+    pub fn take_off(
+        &self,
+        burst: &Burst,
+        row: usize,
+        reference_v: Option<f64>,
+        signal: &mut [f64],
+    ) {
+        let drive = relative_drive(burst.drive_voltage_v.unwrap_or(f64::NAN), reference_v);
+        self.subtract(&burst.beside(row), drive, burst.sample_period_s, signal);
     }
 
     /// What could not have come from a critique, in words.

@@ -158,8 +158,7 @@ impl Judge {
     /// Takes what a critique found off a burst's signal, counts.
     pub fn take_off_extension(&self, burst: &Burst, row: usize, signal: &mut [f64]) {
         if let Some(extension) = &self.extension {
-            let beside = burst.beside(row);
-            extension.subtract(&beside, self.drive(burst), burst.sample_period_s, signal);
+            extension.take_off(burst, row, self.reference_v, signal);
         }
     }
 

@@ -31,7 +31,6 @@ pub use train::TrainingSet;
 
 use crate::burst::Burst;
 use crate::fault;
-use crate::identify::reservoir::relative_drive;
 use crate::isolate::fault_physics::FaultPhysics;
 use crate::isolate::physics_density::FaultCurves;
 use crate::isolate::posterior::Posterior;
@@ -163,9 +162,7 @@ impl Design {
     /// Takes what a critique found off a burst's signal, counts.
     pub fn take_off_extension(&self, burst: &Burst, row: usize, signal: &mut [f64]) {
         if let Some(extension) = &self.extension {
-            let voltage_v = burst.drive_voltage_v.unwrap_or(f64::NAN);
-            let drive = relative_drive(voltage_v, self.drive_voltage_v);
-            extension.subtract(&burst.beside(row), drive, burst.sample_period_s, signal);
+            extension.take_off(burst, row, self.drive_voltage_v, signal);
         }
     }
 

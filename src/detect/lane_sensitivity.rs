@@ -16,6 +16,7 @@ use super::lane_expectation::LaneExpectation;
 use super::row_projection::{Phases, Rows, in_phases};
 use super::sensitivity::Sensitivity;
 use super::tile::{Instructions, LANES, Sample, Tile};
+use crate::processor::for_processor;
 use std::ops::Range;
 
 #[derive(Clone, Debug)]
@@ -110,7 +111,7 @@ impl LaneSensitivity {
             let alike = (from..tile.lanes()).take_while(|&lane| bits(lane) == bits(from)).count();
             let (drive, warmer) = tile.condition(from);
             if let Some(limit) = self.limit(limits, drive, warmer, rails) {
-                limit.judge(&sums, from..from + alike, &mut judged);
+                judge(&limit, &sums, from..from + alike, &mut judged);
             }
             from += alike;
         }
@@ -139,7 +140,7 @@ impl LaneSensitivity {
         instructions.project_rows(rows, &self.projections, products, squares);
         let mut judged = LaneStatistics { statistic: [f64::NAN; LANES], settled: [false; LANES] };
         if let Some(limit) = self.limit(limits, condition.drive, condition.warmer, rails) {
-            limit.judge(&sums, 0..LANES, &mut judged);
+            judge(&limit, &sums, 0..LANES, &mut judged);
         }
         judged
     }
@@ -161,36 +162,8 @@ impl LaneSensitivity {
     }
 }
 
-impl Limit {
-    fn judge(&self, sums: &Sums, lanes: Range<usize>, judged: &mut LaneStatistics) {
-        #[cfg(target_arch = "x86_64")]
-        {
-            // SAFETY: the processor was found to have what is asked of it
-            if std::is_x86_feature_detected!("avx512f") {
-                return unsafe { x86::with_avx512(self, sums, lanes, judged) };
-            }
-            // SAFETY: as above
-            if std::is_x86_feature_detected!("avx2") {
-                return unsafe { x86::with_avx2(self, sums, lanes, judged) };
-            }
-        }
-        portable(self, sums, lanes, judged);
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-mod x86 {
-    use super::{LaneStatistics, Limit, Range, Sums, portable};
-
-    #[target_feature(enable = "avx512f")]
-    pub fn with_avx512(of: &Limit, sums: &Sums, lanes: Range<usize>, judged: &mut LaneStatistics) {
-        portable(of, sums, lanes, judged);
-    }
-
-    #[target_feature(enable = "avx2")]
-    pub fn with_avx2(of: &Limit, sums: &Sums, lanes: Range<usize>, judged: &mut LaneStatistics) {
-        portable(of, sums, lanes, judged);
-    }
+for_processor! {
+    fn judge(of: &Limit, sums: &Sums, lanes: Range<usize>, judged: &mut LaneStatistics) { portable }
 }
 
 #[inline(always)] // compiled once per instruction set

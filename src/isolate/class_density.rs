@@ -8,6 +8,7 @@
 //! the class's spread diagonal, or the features themselves, again whichever is likelier.
 
 use crate::model::lane_math::{exp, ln};
+use crate::processor::for_processor;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::{Deserialize, Serialize};
 use std::sync::OnceLock;
@@ -273,35 +274,9 @@ impl Axis {
 /// ln of the least mass that a difference of tails is good for.
 const LN_LEAST_MASS: f64 = -644.0;
 
-/// ln of what lies between two ends of a Gaussian, four times; below [`LN_LEAST_MASS`]: less than that.
-fn ln_masses(ends: &[[f64; 2]; 4]) -> [f64; 4] {
-    #[cfg(target_arch = "x86_64")]
-    {
-        // SAFETY: the processor was found to have what is asked of it
-        if std::is_x86_feature_detected!("avx512f") {
-            return unsafe { x86::with_avx512(ends) };
-        }
-        // SAFETY: as above
-        if std::is_x86_feature_detected!("avx2") {
-            return unsafe { x86::with_avx2(ends) };
-        }
-    }
-    portable(ends)
-}
-
-#[cfg(target_arch = "x86_64")]
-mod x86 {
-    use super::portable;
-
-    #[target_feature(enable = "avx512f")]
-    pub fn with_avx512(ends: &[[f64; 2]; 4]) -> [f64; 4] {
-        portable(ends)
-    }
-
-    #[target_feature(enable = "avx2")]
-    pub fn with_avx2(ends: &[[f64; 2]; 4]) -> [f64; 4] {
-        portable(ends)
-    }
+for_processor! {
+    /// ln of what lies between two ends of a Gaussian, four times; below [`LN_LEAST_MASS`]: less than that.
+    fn ln_masses(ends: &[[f64; 2]; 4]) -> [f64; 4] { portable }
 }
 
 #[inline(always)] // compiled once per instruction set

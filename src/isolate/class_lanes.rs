@@ -4,6 +4,7 @@
 //! its density. A lane's arithmetic does not depend on the processor; nothing fuses.
 
 use super::class_density::ClassDensity;
+use crate::processor::for_processor;
 
 /// Classes side by side.
 const LANES: usize = 8;
@@ -59,45 +60,17 @@ impl ClassLanes {
         let mut x = [0.0; 4];
         x.iter_mut().zip(features).for_each(|(x, f)| *x = *f);
         for (group, out) in self.groups.iter().zip(out.chunks_mut(LANES)) {
-            out.copy_from_slice(&group.squares(&x)[..out.len()]);
+            out.copy_from_slice(&squares(group, &x)[..out.len()]);
         }
     }
 }
 
-impl Group {
-    fn squares(&self, x: &[f64; 4]) -> Lanes {
-        #[cfg(target_arch = "x86_64")]
-        {
-            // SAFETY: the processor was found to have what is asked of it
-            if std::is_x86_feature_detected!("avx512f") {
-                return unsafe { x86::with_avx512(self, x) };
-            }
-            // SAFETY: as above
-            if std::is_x86_feature_detected!("avx2") {
-                return unsafe { x86::with_avx2(self, x) };
-            }
-        }
-        squares(self, x)
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-mod x86 {
-    use super::{Group, Lanes, squares};
-
-    #[target_feature(enable = "avx512f")]
-    pub fn with_avx512(of: &Group, x: &[f64; 4]) -> Lanes {
-        squares(of, x)
-    }
-
-    #[target_feature(enable = "avx2")]
-    pub fn with_avx2(of: &Group, x: &[f64; 4]) -> Lanes {
-        squares(of, x)
-    }
+for_processor! {
+    fn squares(of: &Group, x: &[f64; 4]) -> Lanes { portable }
 }
 
 #[inline(always)] // compiled once per instruction set
-fn squares(of: &Group, x: &[f64; 4]) -> Lanes {
+fn portable(of: &Group, x: &[f64; 4]) -> Lanes {
     let (mut d, mut squares) = ([[0.0; LANES]; 4], [0.0; LANES]);
     for (d, (x, mean)) in d.iter_mut().zip(x.iter().zip(&of.mean)) {
         for l in 0..LANES {

@@ -8,6 +8,7 @@ use super::fault_curve::{CHANGES, FaultCurve, Seen, Slope};
 use super::node_columns::{self, Compared, Lanes, NODES, NodeColumns, Terms};
 use crate::model::faults;
 use crate::model::lane_math::ln;
+use crate::processor::for_processor;
 use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector4};
 
 /// Curves of the design's classes.
@@ -180,17 +181,6 @@ impl FaultCurves {
     /// Compares the features of a signal with every curve.
     pub fn compare(&self, features: &[f64], seen: Seen, out: &mut Comparison) {
         let x = self.vector(features);
-        #[cfg(target_arch = "x86_64")]
-        {
-            // SAFETY: the processor was found to have what is asked of it
-            if std::is_x86_feature_detected!("avx512f") {
-                return unsafe { x86::with_avx512(self, &x, seen, out) };
-            }
-            // SAFETY: as above
-            if std::is_x86_feature_detected!("avx2") {
-                return unsafe { x86::with_avx2(self, &x, seen, out) };
-            }
-        }
         compare(self, &x, seen, out);
     }
 
@@ -218,26 +208,15 @@ impl FaultCurves {
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-mod x86 {
-    use super::{Comparison, FaultCurves, Seen, Vector4, compare};
-
-    #[target_feature(enable = "avx512f")]
-    pub fn with_avx512(of: &FaultCurves, x: &Vector4<f64>, seen: Seen, out: &mut Comparison) {
-        compare(of, x, seen, out);
-    }
-
-    #[target_feature(enable = "avx2")]
-    pub fn with_avx2(of: &FaultCurves, x: &Vector4<f64>, seen: Seen, out: &mut Comparison) {
-        compare(of, x, seen, out);
-    }
-}
-
 /// Classes whose logarithms are taken together.
 const CLASSES: usize = 16;
 
+for_processor! {
+    fn compare(of: &FaultCurves, x: &Vector4<f64>, seen: Seen, out: &mut Comparison) { portable }
+}
+
 #[inline(always)] // compiled once per instruction set
-fn compare(of: &FaultCurves, x: &Vector4<f64>, seen: Seen, out: &mut Comparison) {
+fn portable(of: &FaultCurves, x: &Vector4<f64>, seen: Seen, out: &mut Comparison) {
     let Comparison { ln_densities, of_curves, compared } = out;
     ln_densities.clear();
     ln_densities.resize(of.classes.len(), 0.0);

@@ -6,6 +6,7 @@
 use super::class_density::ClassDensity;
 use super::class_lanes::ClassLanes;
 use crate::model::lane_math::exp;
+use crate::processor::for_processor;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use std::sync::OnceLock;
@@ -322,34 +323,8 @@ fn to_posterior(temperature: f64, priors: &[f64], weights: &mut [f64]) {
 /// Classes whose exponentials are taken together.
 const CLASSES: usize = 16;
 
-fn exp_lanes(of: [f64; CLASSES]) -> [f64; CLASSES] {
-    #[cfg(target_arch = "x86_64")]
-    {
-        // SAFETY: the processor was found to have what is asked of it
-        if std::is_x86_feature_detected!("avx512f") {
-            return unsafe { x86::with_avx512(of) };
-        }
-        // SAFETY: as above
-        if std::is_x86_feature_detected!("avx2") {
-            return unsafe { x86::with_avx2(of) };
-        }
-    }
-    portable(of)
-}
-
-#[cfg(target_arch = "x86_64")]
-mod x86 {
-    use super::{CLASSES, portable};
-
-    #[target_feature(enable = "avx512f")]
-    pub fn with_avx512(of: [f64; CLASSES]) -> [f64; CLASSES] {
-        portable(of)
-    }
-
-    #[target_feature(enable = "avx2")]
-    pub fn with_avx2(of: [f64; CLASSES]) -> [f64; CLASSES] {
-        portable(of)
-    }
+for_processor! {
+    fn exp_lanes(of: [f64; CLASSES]) -> [f64; CLASSES] { portable }
 }
 
 #[inline(always)] // compiled once per instruction set

@@ -7,6 +7,7 @@
 
 use super::node_columns::{self, NODES, Terms};
 use super::physics_density::{Comparison, FaultCurves, Sizes};
+use crate::processor::for_processor;
 
 /// A severity in the contract's unit, with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,7 +25,7 @@ impl FaultCurves {
         let (mut value, mut square, mut total) = (0.0, 0.0, 0.0);
         for (k, weight) in weights.iter().enumerate().filter(|(_, weight)| **weight > 1e-3) {
             let Some(sizes) = self.class(k).filter(|sizes| sizes.curve == curve) else { continue };
-            let [sum, of_value, of_square] = self.moments(sizes, terms);
+            let [sum, of_value, of_square] = moments(self, sizes, terms);
             value += weight * of_value / sum;
             square += weight * of_square / sum;
             total += weight;
@@ -33,41 +34,15 @@ impl FaultCurves {
         let variance = (square / total - value * value).max(0.0);
         value.is_finite().then_some(Severity { value, sd: variance.sqrt() })
     }
-
-    /// Sum of a class's terms, of these times the severity, and times its square.
-    fn moments(&self, sizes: &Sizes, terms: &[Terms]) -> [f64; 3] {
-        #[cfg(target_arch = "x86_64")]
-        {
-            // SAFETY: the processor was found to have what is asked of it
-            if std::is_x86_feature_detected!("avx512f") {
-                return unsafe { x86::with_avx512(self, sizes, terms) };
-            }
-            // SAFETY: as above
-            if std::is_x86_feature_detected!("avx2") {
-                return unsafe { x86::with_avx2(self, sizes, terms) };
-            }
-        }
-        moments(self, sizes, terms)
-    }
 }
 
-#[cfg(target_arch = "x86_64")]
-mod x86 {
-    use super::{FaultCurves, Sizes, Terms, moments};
-
-    #[target_feature(enable = "avx512f")]
-    pub fn with_avx512(of: &FaultCurves, sizes: &Sizes, terms: &[Terms]) -> [f64; 3] {
-        moments(of, sizes, terms)
-    }
-
-    #[target_feature(enable = "avx2")]
-    pub fn with_avx2(of: &FaultCurves, sizes: &Sizes, terms: &[Terms]) -> [f64; 3] {
-        moments(of, sizes, terms)
-    }
+for_processor! {
+    /// Sum of a class's terms, of these times the severity, and times its square.
+    fn moments(of: &FaultCurves, sizes: &Sizes, terms: &[Terms]) -> [f64; 3] { portable }
 }
 
 #[inline(always)] // compiled once per instruction set
-fn moments(of: &FaultCurves, sizes: &Sizes, terms: &[Terms]) -> [f64; 3] {
+fn portable(of: &FaultCurves, sizes: &Sizes, terms: &[Terms]) -> [f64; 3] {
     let [mut sum, mut of_value, mut of_square] = [[0.0; NODES]; 3];
     for Terms { stretch, of: terms } in terms {
         let (share, severity) = (&sizes.share[*stretch], of.severities(sizes.curve, *stretch));

@@ -3,6 +3,8 @@
 //! In: a signal and a column. Out: their product. Lanes are added up in one order,
 //! so that the sums are the same whatever vector instructions the processor has; nothing fuses.
 
+use crate::processor::for_processor;
+
 /// Samples side by side.
 const LANES: usize = 8;
 type Lanes = [f64; LANES];
@@ -14,35 +16,9 @@ fn sum(lanes: Lanes) -> f64 {
     (half[0] + half[2]) + (half[1] + half[3])
 }
 
-/// Inner product of vectors of one length, in lanes.
-pub fn dot(a: &[f64], b: &[f64]) -> f64 {
-    #[cfg(target_arch = "x86_64")]
-    {
-        // SAFETY: the processor was found to have what is asked of it
-        if std::is_x86_feature_detected!("avx512f") {
-            return unsafe { x86::with_avx512(a, b) };
-        }
-        // SAFETY: as above
-        if std::is_x86_feature_detected!("avx2") {
-            return unsafe { x86::with_avx2(a, b) };
-        }
-    }
-    portable(a, b)
-}
-
-#[cfg(target_arch = "x86_64")]
-mod x86 {
-    use super::portable;
-
-    #[target_feature(enable = "avx512f")]
-    pub fn with_avx512(a: &[f64], b: &[f64]) -> f64 {
-        portable(a, b)
-    }
-
-    #[target_feature(enable = "avx2")]
-    pub fn with_avx2(a: &[f64], b: &[f64]) -> f64 {
-        portable(a, b)
-    }
+for_processor! {
+    /// Inner product of vectors of one length, in lanes.
+    pub fn dot(a: &[f64], b: &[f64]) -> f64 { portable }
 }
 
 #[inline(always)] // compiled once per instruction set

@@ -4,6 +4,7 @@
 //! the rings explain most of it. Samples are added up in groups, in f32: only the start is chosen by
 //! them. Sums are made in one order, so the start is the same whatever the processor; nothing fuses.
 
+use crate::processor::for_processor;
 /// Places side by side: with both columns of each 64 sums, four AVX-512 vectors.
 const PLACES: usize = 32;
 type OfPlaces = [f32; PLACES];
@@ -100,17 +101,6 @@ impl Grid {
     /// ln damping and ln frequency where the grid explains most, between its frequencies by a parabola. `y`:
     /// counts. `None`: nothing explains anything.
     pub fn search(&self, y: &[f64], sums: &mut Sums) -> Option<[f64; 2]> {
-        #[cfg(target_arch = "x86_64")]
-        let most = match () {
-            // SAFETY: the processor was found to have what is asked of it
-            _ if std::is_x86_feature_detected!("avx512f") => unsafe {
-                x86::with_avx512(self, y, sums)
-            },
-            // SAFETY: as above
-            _ if std::is_x86_feature_detected!("avx2") => unsafe { x86::with_avx2(self, y, sums) },
-            _ => explain(self, y, sums),
-        };
-        #[cfg(not(target_arch = "x86_64"))]
         let most = explain(self, y, sums);
         let explained = sums.explained.as_flattened();
         let best = explained.iter().position(|e| *e == most)?;
@@ -127,24 +117,13 @@ impl Grid {
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-mod x86 {
-    use super::{Grid, Sums, explain};
-
-    #[target_feature(enable = "avx512f")]
-    pub fn with_avx512(of: &Grid, y: &[f64], sums: &mut Sums) -> f32 {
-        explain(of, y, sums)
-    }
-
-    #[target_feature(enable = "avx2")]
-    pub fn with_avx2(of: &Grid, y: &[f64], sums: &mut Sums) -> f32 {
-        explain(of, y, sums)
-    }
+for_processor! {
+    /// What each place explains of a signal; returns the most.
+    fn explain(of: &Grid, y: &[f64], sums: &mut Sums) -> f32 { portable }
 }
 
-/// What each place explains of a signal; returns the most.
 #[inline(always)] // compiled once per instruction set
-fn explain(of: &Grid, y: &[f64], Sums { of_signal, explained }: &mut Sums) -> f32 {
+fn portable(of: &Grid, y: &[f64], Sums { of_signal, explained }: &mut Sums) -> f32 {
     of_signal.clear();
     match of.group {
         4 => of_signal

@@ -10,6 +10,7 @@
 
 use super::lane_math::{exp, sin_cos};
 use super::ring_sums::{Complex, Frame, Powers, Sums, goertzel, powers, sums};
+use crate::processor::for_processor;
 
 /// Signals side by side.
 pub const SIDE: usize = 16;
@@ -141,34 +142,13 @@ impl<const W: usize> Search<W> {
     }
 
     fn looks(&self, y: &[[f64; W]]) -> [Look; W] {
-        #[cfg(target_arch = "x86_64")]
-        if W > 1 {
-            // SAFETY: the processor was found to have what is asked of it
-            if std::is_x86_feature_detected!("avx512f") {
-                return unsafe { x86::with_avx512(self, y) };
-            }
-            // SAFETY: as above
-            if std::is_x86_feature_detected!("avx2") {
-                return unsafe { x86::with_avx2(self, y) };
-            }
-        }
-        looks(self, y)
+        // one alone is no vector
+        if W == 1 { portable(self, y) } else { looks(self, y) }
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-mod x86 {
-    use super::{Look, Search, looks};
-
-    #[target_feature(enable = "avx512f")]
-    pub fn with_avx512<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Look; W] {
-        looks(of, y)
-    }
-
-    #[target_feature(enable = "avx2")]
-    pub fn with_avx2<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Look; W] {
-        looks(of, y)
-    }
+for_processor! {
+    fn looks<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Look; W] { portable }
 }
 
 impl Lane {
@@ -230,7 +210,7 @@ impl Lane {
 }
 
 #[inline(always)] // compiled once per instruction set
-fn looks<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Look; W] {
+fn portable<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Look; W] {
     let frame = &of.frame;
     // per sample: decay and turn of the trials
     let (mut sigma, mut omega) = ([0.0; W], [0.0; W]);

@@ -208,13 +208,8 @@ impl Bench<'_> {
     /// A covariate on every parameter, one at a time: (parameter, statistic, surprise).
     fn on_each_parameter(&self, which: usize) -> Vec<(usize, f64, f64)> {
         let dof = self.dof(which == POSITION);
-        let each: Vec<Direction> = (0..ALL - 1)
-            .map(|j| {
-                let mut v = [0.0; ALL];
-                v[j] = 1.0;
-                Direction::covariate(self.samples, which, v)
-            })
-            .collect();
+        let alone = |j| Direction::parameter(self.samples, which, j);
+        let each: Vec<Direction> = (0..ALL - 1).map(alone).collect();
         // alone, and with the others free: what moves two together is in their common scatter
         let together = self.covariates.test(&each);
         let look = |(j, direction): (usize, Direction)| {
