@@ -4,7 +4,7 @@
 //! misfit it is.
 
 use super::candidates::Applied;
-use super::catalogue::same_class;
+use super::catalogue::{by_amplitude, same_class};
 use super::covariates::{Covariates, DRIVE, NAMES};
 use super::engine::Found;
 use super::finding::Cause;
@@ -92,11 +92,6 @@ pub fn check(
     }
     left.share = unexplained / (unexplained + explained).max(1e-300);
     left
-}
-
-/// Causes that act through the amplitude.
-fn by_amplitude(id: &str) -> bool {
-    matches!(id, "quadratic_drag" | "dry_friction" | "cubic_stiffness")
 }
 
 /// A random tone's mean over few bursts is not nothing: it is allowed for, steady and by the drive.

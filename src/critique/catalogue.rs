@@ -95,6 +95,11 @@ pub fn same_class(p: &str, q: &str) -> bool {
     CLASSES.iter().any(|class| class.contains(&p) && class.contains(&q))
 }
 
+/// Causes that act through the amplitude.
+pub fn by_amplitude(id: &str) -> bool {
+    matches!(id, "quadratic_drag" | "dry_friction" | "cubic_stiffness")
+}
+
 /// The experiment that would split a tie.
 pub fn experiment(p: &str, q: &str) -> String {
     let has = |id: &str| p == id || q == id;

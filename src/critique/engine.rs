@@ -28,8 +28,11 @@ const FEWEST_SAMPLES: usize = 16;
 const MOST_WHITENINGS: usize = 10;
 /// Correlation that may be left.
 const NEARLY_WHITE: f64 = 0.003;
-/// Share of what strongly correlated noise explains that it may leave to others.
+/// Share of what a cause explains that its model may leave to others: what is found in the noise, in codes,
+/// and, to the noise alone, what moves what is expected.
 const LEFT_OF_NOISE: f64 = 0.1;
+const LEFT_OF_CODES: f64 = 0.005;
+const LEFT_OF_SHAPES: f64 = 0.007;
 /// Longer signals are judged by their first samples.
 pub const MOST_SAMPLES: usize = 512;
 
@@ -173,7 +176,8 @@ pub fn critique(
 
     let before = baseline.clone();
     let setting = Setting { data: &data, beside: &beside, avoid: &avoid };
-    let selected = selection::select(baseline, setting, stages);
+    let least = beside_codes_and_noise(&of_codes, &of_noise);
+    let selected = selection::select(baseline, setting, least, stages);
 
     if accepted(&of_codes, "clipping").is_none() {
         // what follows a covariate may have hidden it
@@ -186,6 +190,11 @@ pub fn critique(
     // a shift in time is told from drifts once these are in the model
     of_noise.push(jitter::jitter(&selected.model, &data, &beside));
     beyond_growing_noise(&mut of_noise);
+    if !selected.causes.is_empty() && of_noise.iter().any(|f| f.evidence.accepted) {
+        still_there(&mut of_noise, &ensemble::test(&data, &beside, &selected.model));
+    }
+    let of_shapes = selected.causes.iter().map(|c| c.statistic).fold(0.0, f64::max);
+    beyond_others(&mut of_noise, &of_codes, of_shapes);
 
     stages("checking what is left");
     let left = adequacy::check(&selected, &data, &beside, (&of_codes, &of_noise), &avoid);
@@ -296,6 +305,49 @@ fn beyond_growing_noise(of_noise: &mut [Found]) {
         if f.evidence.accepted && f.evidence.statistic < least {
             f.evidence.accepted = false;
             f.evidence.why_not = "what growing noise leaves".into();
+        }
+    }
+}
+
+/// What is found in codes and noise, as the rest is judged beside it: the statistic that another cause must
+/// have. Beside either, less than one detection limit is chance or what its model leaves.
+fn beside_codes_and_noise(of_codes: &[Found], of_noise: &[Found]) -> f64 {
+    let of = |found: &[Found], share: f64| {
+        let accepted = found.iter().filter(|f| f.evidence.accepted);
+        accepted.map(|f| (share * f.evidence.statistic).max(DETECTION_LIMIT)).fold(0.0, f64::max)
+    };
+    // where the signal is largest, the noise's variance is so many times what is taken for it
+    let growth = accepted(of_noise, "heteroscedastic_noise").map_or(0.0, |h| 1.0 + h);
+    of(of_codes, LEFT_OF_CODES).max(of(of_noise, LEFT_OF_NOISE)).max(growth * DETECTION_LIMIT)
+}
+
+/// Noise that the named causes' models explain is none: what they leave in single signals looked like it.
+fn still_there(of_noise: &mut [Found], again: &[Found]) {
+    for f in of_noise.iter_mut().filter(|f| f.evidence.accepted) {
+        let id = &f.evidence.id;
+        // a correlation was taken out, and what is left of it is none
+        let gone = id != "correlated_noise"
+            && again.iter().any(|a| a.evidence.id == *id && !a.evidence.accepted);
+        if gone {
+            f.evidence.accepted = false;
+            f.evidence.why_not = "what other causes leave in single signals".into();
+        }
+    }
+}
+
+/// What is found in the noise beside something that explains so much more is what that one's model leaves.
+/// `of_shapes`: the largest statistic of what moves what is expected.
+fn beyond_others(of_noise: &mut [Found], of_codes: &[Found], of_shapes: f64) {
+    let named = |f: &&Found| f.evidence.accepted;
+    let by_codes = of_codes.iter().filter(named).count();
+    let largest = of_noise.iter().filter(named).map(|f| f.evidence.statistic).fold(0.0, f64::max);
+    let others = of_noise.iter().filter(named).count() + by_codes;
+    for f in of_noise.iter_mut().filter(|f| f.evidence.accepted) {
+        let alone = others == 1 && of_shapes == 0.0;
+        let share = (LEFT_OF_SHAPES * of_shapes).max(LEFT_OF_NOISE * largest);
+        if !alone && f.evidence.statistic < share.max(DETECTION_LIMIT.min(largest)) {
+            f.evidence.accepted = false;
+            f.evidence.why_not = "what a stronger cause leaves".into();
         }
     }
 }

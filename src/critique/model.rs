@@ -213,52 +213,15 @@ impl Model {
     }
 
     /// Moves every channel's parameters to their most probable values, given the present mean and
-    /// scatter. Levenberg-Marquardt, all bursts of a channel together.
+    /// scatter, all bursts of a channel together.
     pub fn fit_units(&mut self, data: &Observations, beside: &Covariates, steps: usize) {
         let mut rows = vec![Vec::new(); data.units];
         (0..data.len()).for_each(|i| rows[data.rows[i].unit].push(i));
         let scale = self.scale();
         let precision = inverse(&scaled(&self.between, &scale));
-        let mut linear = Linear::default();
+        let descent = Descent { data, beside, scale, precision, most: [0.5, 0.5], steps };
         for (unit, rows) in rows.iter().enumerate() {
-            let mut damping = 1e-4;
-            let mut now = self.normal(rows, data, beside, &scale, &mut linear);
-            let cost = |normal: &Normal, theta: &Theta| {
-                let off = (theta - self.mean).fixed_rows::<FREE>(0).component_div(&scale);
-                normal.square / self.noise_var + off.dot(&(precision * off))
-            };
-            let mut best = cost(&now, &self.units[unit]);
-            for _ in 0..steps {
-                let theta = self.units[unit];
-                let off = (theta - self.mean).fixed_rows::<FREE>(0).component_div(&scale);
-                let gradient = now.product / self.noise_var - precision * off;
-                let mut hessian = now.gram / self.noise_var + precision;
-                let diagonal = hessian.diagonal() * damping;
-                hessian += Matrix5::from_diagonal(&diagonal);
-                let Some(step) = hessian.cholesky().map(|c| c.solve(&gradient)) else { break };
-                let mut trial = theta;
-                for j in 0..FREE {
-                    let most = if j < 2 { 0.5 } else { f64::INFINITY };
-                    trial[j] += (step[j] * scale[j]).clamp(-most, most);
-                }
-                self.units[unit] = trial;
-                let next = self.normal(rows, data, beside, &scale, &mut linear);
-                let value = cost(&next, &trial);
-                if value.is_finite() && value <= best {
-                    let gain = best - value;
-                    (best, now) = (value, next);
-                    damping = (damping * 0.2).max(1e-9);
-                    if gain < 1e-6 {
-                        break;
-                    }
-                } else {
-                    self.units[unit] = theta;
-                    damping *= 20.0;
-                    if damping > 1e8 {
-                        break;
-                    }
-                }
-            }
+            self.descend(Own::Channel(unit), rows, &descent);
         }
     }
 
@@ -269,18 +232,61 @@ impl Model {
         }
         let scale = self.scale();
         let precision = inverse(&scaled(&self.within, &scale));
-        let mut linear = Linear::default();
+        let descent = Descent { data, beside, scale, precision, most: [0.2, 0.02], steps };
         for i in 0..data.len() {
-            for _ in 0..steps {
-                self.linearise(i, data, beside, &mut linear);
-                let (gram, product) = free_products(&linear, &scale);
-                let off = self.each[i].fixed_rows::<FREE>(0).component_div(&scale);
-                let gradient = product / self.noise_var - precision * off;
-                let hessian = gram / self.noise_var + precision;
-                let Some(step) = hessian.cholesky().map(|c| c.solve(&gradient)) else { break };
-                for j in 0..FREE {
-                    let most = [0.2, 0.02].get(j).copied().unwrap_or(f64::INFINITY);
-                    self.each[i][j] += (step[j] * scale[j]).clamp(-most, most);
+            self.descend(Own::Signal(i), &[i], &descent);
+        }
+    }
+
+    fn own(&mut self, own: Own) -> &mut Theta {
+        match own {
+            Own::Channel(unit) => &mut self.units[unit],
+            Own::Signal(i) => &mut self.each[i],
+        }
+    }
+
+    /// Levenberg-Marquardt on some signals: no step is kept that makes what it moves less probable.
+    fn descend(&mut self, own: Own, rows: &[usize], descent: &Descent) {
+        let Descent { scale, precision, .. } = descent;
+        let centre = match own {
+            Own::Channel(_) => self.mean,
+            Own::Signal(_) => Theta::zeros(),
+        };
+        let off = |theta: &Theta| (theta - centre).fixed_rows::<FREE>(0).component_div(scale);
+        let mut linear = Linear::default();
+        let mut damping = 1e-4;
+        let mut theta = *self.own(own);
+        let mut now = self.normal(rows, descent, &mut linear);
+        let cost = |normal: &Normal, theta: &Theta, noise_var: f64| {
+            normal.square / noise_var + off(theta).dot(&(precision * off(theta)))
+        };
+        let mut best = cost(&now, &theta, self.noise_var);
+        for _ in 0..descent.steps {
+            let gradient = now.product / self.noise_var - precision * off(&theta);
+            let mut hessian = now.gram / self.noise_var + precision;
+            let diagonal = hessian.diagonal() * damping;
+            hessian += Matrix5::from_diagonal(&diagonal);
+            let Some(step) = hessian.cholesky().map(|c| c.solve(&gradient)) else { break };
+            let mut trial = theta;
+            for j in 0..FREE {
+                let most = descent.most.get(j).copied().unwrap_or(f64::INFINITY);
+                trial[j] += (step[j] * scale[j]).clamp(-most, most);
+            }
+            *self.own(own) = trial;
+            let next = self.normal(rows, descent, &mut linear);
+            let value = cost(&next, &trial, self.noise_var);
+            if value.is_finite() && value <= best {
+                let gain = best - value;
+                (best, now, theta) = (value, next, trial);
+                damping = (damping * 0.2).max(1e-9);
+                if gain < 1e-6 {
+                    break;
+                }
+            } else {
+                *self.own(own) = theta;
+                damping *= 20.0;
+                if damping > 1e8 {
+                    break;
                 }
             }
         }
@@ -289,9 +295,7 @@ impl Model {
     fn normal(
         &self,
         rows: &[usize],
-        data: &Observations,
-        beside: &Covariates,
-        scale: &Vector5,
+        Descent { data, beside, scale, .. }: &Descent,
         linear: &mut Linear,
     ) -> Normal {
         let mut sum = Normal { gram: Matrix5::zeros(), product: Vector5::zeros(), square: 0.0 };
@@ -465,6 +469,25 @@ impl Model {
             self.estimate_scatter(data, beside, 30);
         }
     }
+}
+
+/// Whose parameters are moved.
+#[derive(Clone, Copy)]
+enum Own {
+    Channel(usize),
+    Signal(usize),
+}
+
+/// How parameters are moved.
+struct Descent<'a> {
+    data: &'a Observations,
+    beside: &'a Covariates,
+    scale: Vector5,
+    /// Of what they scatter by, in units of `scale`.
+    precision: Matrix5,
+    /// Largest step of ln sigma and ln omega.
+    most: [f64; 2],
+    steps: usize,
 }
 
 struct Normal {

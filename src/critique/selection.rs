@@ -5,8 +5,8 @@
 //! whose refitted model is most likely; what cannot be told apart from it is tied with it.
 
 use super::candidates::{Applied, Bench, Kind, Scored, View};
-use super::catalogue::same_class;
-use super::covariates::{Covariates, square_of};
+use super::catalogue::{by_amplitude, same_class};
+use super::covariates::{Covariates, DRIVE, square_of};
 use super::finding::Evidence;
 use super::model::Model;
 use super::observations::Observations;
@@ -25,6 +25,9 @@ const CLOSE: f64 = 1.5;
 const MOST_CAUSES: usize = 4;
 /// Rivals that are refitted in a step, at most.
 const MOST_RIVALS: usize = 5;
+/// Rounds of a refit at most, and the change of -2 ln likelihood below which it has settled.
+const MOST_ROUNDS: usize = 12;
+const SETTLED: f64 = 1.0;
 /// Noncentrality of one detection limit.
 pub const DETECTION_LIMIT: f64 = 20.9;
 
@@ -101,10 +104,9 @@ impl Spaces {
     fn nuisances_beside(&self, causes: &[Applied], all: &[Applied]) -> Nuisances {
         let mut directions = directions(causes);
         directions.extend(squares(all, self.covariates.samples));
-        Nuisances {
-            shapes: Nuisance::new(&self.shapes, &directions),
-            covariates: Nuisance::new(&self.covariates, &directions),
-        }
+        let shapes = Nuisance::new(&self.shapes, &directions);
+        directions.extend(amplitude(all, self.covariates.samples));
+        Nuisances { shapes, covariates: Nuisance::new(&self.covariates, &directions) }
     }
 }
 
@@ -140,6 +142,15 @@ fn squares(causes: &[Applied], samples: usize) -> Vec<Direction> {
         .collect();
     let each = |which| (0..ALL).map(move |j| Direction::parameter(samples, which, j));
     followed.into_iter().flat_map(each).collect()
+}
+
+/// What acts through the amplitude moves every parameter with the drive, and is not quite what its model says:
+/// what follows another covariate must do so beside the drive.
+fn amplitude(causes: &[Applied], samples: usize) -> Vec<Direction> {
+    match causes.iter().any(|c| by_amplitude(c.id)) {
+        true => (0..ALL).map(|j| Direction::parameter(samples, DRIVE, j)).collect(),
+        false => Vec::new(),
+    }
 }
 
 /// What a refit looks at besides the signals.
@@ -189,9 +200,17 @@ fn rescored(
     setting.bench(&model, spaces, &nuisances).score_one(own.id, Some(own))
 }
 
-/// Moves all channels as they must where causes in the model change from `old` to `new`.
-pub fn follow(model: &mut Model, spaces: &Spaces, old: &[Applied], new: &[Applied]) {
+/// Moves all channels as they must where causes in the model change from `old` to `new`, and a share of what
+/// the data ask for anyway.
+pub fn follow(
+    model: &mut Model,
+    spaces: &Spaces,
+    old: &[Applied],
+    new: &[Applied],
+    stride: f64,
+) {
     let mut nuisance = Nuisance::new(&spaces.shapes, &[]);
+    let own = nuisance.mean_shift();
     for (causes, sign) in [(old, 1.0), (new, -1.0)] {
         for cause in causes {
             for (direction, c) in cause.directions.iter().zip(&cause.coefficients) {
@@ -199,10 +218,12 @@ pub fn follow(model: &mut Model, spaces: &Spaces, old: &[Applied], new: &[Applie
             }
         }
     }
-    model.shift(&nuisance.mean_shift());
+    let all = nuisance.mean_shift();
+    model.shift(&std::array::from_fn(|j| all[j] - (1.0 - stride) * own[j]));
 }
 
-/// Gauss-Newton over the causes' sizes and shapes, EM over the scatter, in turn.
+/// Gauss-Newton over the causes' sizes and shapes, EM over the scatter, in turn, until -2 ln likelihood rests. A
+/// step that makes the signals less likely is taken back and halved.
 ///
 /// `scatter`: whether noise and scatter are estimated anew. Rivals are compared at the same scatter.
 pub fn refit(
@@ -212,52 +233,98 @@ pub fn refit(
     rounds: usize,
     scatter: bool,
 ) -> Refit {
-    let mut round = 0;
-    let mut last: Option<Refit> = None;
-    loop {
+    let mut best: Option<(Refit, Nuisances)> = None;
+    let mut stride = 1.0_f64;
+    for round in 1.. {
         match scatter {
             true => model.fit(setting.data, setting.beside, 1),
             false => model.settle(setting.data, setting.beside),
         }
-        if let Some(last) = last.take_if(|_| !model.mean.iter().all(|v| v.is_finite())) {
-            return last; // that step led nowhere
-        }
         let spaces = Spaces::of(&model, setting);
         let nuisances = spaces.nuisances(&causes);
-        round += 1;
-        if round >= rounds {
-            return Refit { model, causes, spaces };
+        let gain = match &best {
+            Some((best, _)) => best.spaces.shapes.deviance - spaces.shapes.deviance,
+            None => f64::INFINITY,
+        };
+        if std::env::var("DBG").is_ok() { eprintln!("round {round} scatter {scatter} dev {:.1} pred {:.1} stride {stride} {:?}", spaces.shapes.deviance, spaces.shapes.deviance - nuisances.shapes.gain(), causes.iter().map(|c| (c.id, c.coefficients[0])).collect::<Vec<_>>()); }
+        if gain > -SETTLED {
+            stride = (2.0 * stride).min(1.0);
+            best = Some((Refit { model, causes, spaces }, nuisances));
+        } else {
+            stride *= 0.5;
         }
-        let (steps, _) = nuisances.covariates.causes();
-        let mut next = causes.clone();
-        let mut at = 0;
-        for (index, cause) in next.iter_mut().enumerate() {
-            let q = cause.coefficients.len();
-            let step = &steps.as_slice()[at..at + q];
-            at += q;
-            let anew = match cause.kind {
-                Kind::Shapes => rescored(index, &model, &causes, &spaces, setting),
-                _ => None,
-            };
-            match anew {
-                Some(anew) => *cause = anew.applied,
-                None => cause.coefficients.iter_mut().zip(step).for_each(|(c, s)| *c += s),
-            }
+        let Some((now, nuisances)) = &best else { break };
+        let settled = round >= rounds && gain.abs() < SETTLED;
+        if settled || round >= MOST_ROUNDS || stride < 0.1 {
+            break;
         }
-        let before = model.clone();
-        follow(&mut model, &spaces, &causes, &next);
-        for (old, new) in causes.iter().zip(&next) {
-            let minus: Vec<f64> = old.coefficients.iter().map(|c| -c).collect();
-            apply(&mut model, old, &minus);
-            apply(&mut model, new, &new.coefficients);
-        }
-        let (model, spaces) = (before, spaces);
-        last = Some(Refit { model, causes, spaces });
-        causes = next;
+        (model, causes) = stepped(now, nuisances, setting, stride);
     }
+    best.map_or_else(|| unreachable!(), |(best, _)| best)
 }
 
-pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -> Selected {
+/// A cause on its way from an old size and shape to new ones: what it adds lies between what both add.
+fn part_way(old: &Applied, new: Applied, stride: f64) -> Applied {
+    let between = |old: f64, new: f64| old + stride * (new - old);
+    let mut way = new.clone();
+    (way.shape, way.damping) = (between(old.shape, new.shape), between(old.damping, new.damping));
+    for (i, direction) in way.directions.iter_mut().enumerate() {
+        let (from, to) = (old.coefficients[i], new.coefficients[i]);
+        let coefficient = between(from, to);
+        if stride == 1.0 || coefficient * to <= 0.0 {
+            continue;
+        }
+        way.coefficients[i] = coefficient;
+        for (block, before) in direction.0.iter_mut().zip(&old.directions[i].0) {
+            for (new, old) in block.1.iter_mut().zip(&before.1) {
+                *new = between(from * old, to * *new) / coefficient;
+            }
+        }
+    }
+    way
+}
+
+/// A share of a Gauss-Newton step.
+fn stepped(
+    now: &Refit,
+    nuisances: &Nuisances,
+    setting: Setting,
+    stride: f64,
+) -> (Model, Vec<Applied>) {
+    let Refit { model, causes, spaces } = now;
+    let (steps, _) = nuisances.covariates.causes();
+    let mut next = causes.clone();
+    let mut at = 0;
+    for (index, cause) in next.iter_mut().enumerate() {
+        let q = cause.coefficients.len();
+        let step = &steps.as_slice()[at..at + q];
+        at += q;
+        let anew = match cause.kind {
+            Kind::Shapes => rescored(index, model, causes, spaces, setting),
+            _ => None,
+        };
+        match anew {
+            Some(anew) => *cause = part_way(cause, anew.applied, stride),
+            None => cause.coefficients.iter_mut().zip(step).for_each(|(c, s)| *c += stride * s),
+        }
+    }
+    let mut model = model.clone();
+    follow(&mut model, spaces, causes, &next, stride);
+    for (old, new) in causes.iter().zip(&next) {
+        let minus: Vec<f64> = old.coefficients.iter().map(|c| -c).collect();
+        apply(&mut model, old, &minus);
+        apply(&mut model, new, &new.coefficients);
+    }
+    (model, next)
+}
+
+/// `least`: the statistic that a cause must have beside what was found in codes and noise.
+pub fn select(
+    baseline: Model,
+    setting: Setting,
+    least: f64,
+    stages: &mut dyn FnMut(&str),
+) -> Selected {
     let data = setting.data;
     let mut now = refit(baseline, Vec::new(), setting, 3, true);
     let mut chosen: Vec<Chosen> = Vec::new();
@@ -315,7 +382,7 @@ pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -
             }
             let mut model = now.model.clone();
             let mut causes = now.causes.clone();
-            follow(&mut model, &now.spaces, &[], std::slice::from_ref(&s.applied));
+            follow(&mut model, &now.spaces, &[], std::slice::from_ref(&s.applied), 1.0);
             apply(&mut model, &s.applied, &s.applied.coefficients);
             causes.push(s.applied.clone());
             rivals.push((refit(model, causes, setting, 3, false), s));
@@ -381,7 +448,7 @@ pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -
     stages("measuring the causes");
     let mut last = refit(now.model, now.causes, setting, 3, true);
     measure(&mut chosen, &last, setting);
-    let kept = beyond_leftovers(&chosen);
+    let kept = beyond_leftovers(&chosen, least);
     if kept.iter().any(|k| !k) {
         for (cause, _) in last.causes.iter().zip(&kept).filter(|(_, k)| !**k) {
             let minus: Vec<f64> = cause.coefficients.iter().map(|c| -c).collect();
@@ -402,21 +469,19 @@ pub fn select(baseline: Model, setting: Setting, stages: &mut dyn FnMut(&str)) -
 const LEFTOVER: f64 = 0.03;
 const LEFTOVER_OF_RELATED: f64 = 0.1;
 
-fn beyond_leftovers(chosen: &[Chosen]) -> Vec<bool> {
+fn beyond_leftovers(chosen: &[Chosen], least: f64) -> Vec<bool> {
     let which = |c: &Chosen| match c.scored.applied.kind {
         Kind::Covariate { which, .. } => Some(which),
         Kind::Tail => Some(super::covariates::IDLE),
         Kind::Shapes => None,
     };
-    let with_amplitude = |c: &Chosen| {
-        matches!(c.scored.applied.id, "quadratic_drag" | "dry_friction" | "cubic_stiffness")
-    };
+    let with_amplitude = |c: &Chosen| by_amplitude(c.scored.applied.id);
     let largest = chosen.iter().fold(0.0, |m: f64, c| m.max(c.statistic));
     chosen
         .iter()
         .map(|cause| {
             // beside another, below one detection limit: chance, or what that one leaves
-            cause.statistic >= DETECTION_LIMIT.min(largest)
+            cause.statistic >= DETECTION_LIMIT.min(largest).max(least)
                 && chosen.iter().all(|other| {
                     let of_shapes = which(cause).is_none() == which(other).is_none();
                     let related = which(cause).is_some() && which(cause) == which(other)
@@ -529,21 +594,25 @@ mod tests {
             |id, which, statistic| chosen(id, Kind::Covariate { which, v: vec![] }, statistic);
         // 2 % of another shape's statistic; of what follows no shape, the same is one
         assert_eq!(
-            beyond_leftovers(&[shape("tone", 5000.0), shape("offset", 100.0)]),
+            beyond_leftovers(&[shape("tone", 5000.0), shape("offset", 100.0)], 0.0),
             [true, false]
         );
         assert_eq!(
-            beyond_leftovers(&[shape("tone", 5000.0), follows("temperature", 2, 100.0)]),
+            beyond_leftovers(&[shape("tone", 5000.0), follows("temperature", 2, 100.0)], 0.0),
             [true, true]
         );
         // of two that follow the same covariate, more is asked
         assert_eq!(
-            beyond_leftovers(&[follows("ageing", 1, 1000.0), follows("clock_drift", 1, 80.0)]),
+            beyond_leftovers(&[follows("ageing", 1, 1000.0), follows("clock_drift", 1, 80.0)], 0.0),
             [true, false]
         );
         // alone, a weak one stays; beside another it does not
-        assert_eq!(beyond_leftovers(&[shape("tone", 18.0)]), [true]);
-        assert_eq!(beyond_leftovers(&[shape("tone", 60.0), shape("offset", 18.0)]), [true, false]);
+        assert_eq!(beyond_leftovers(&[shape("tone", 18.0)], 0.0), [true]);
+        let two = [shape("tone", 60.0), shape("offset", 18.0)];
+        assert_eq!(beyond_leftovers(&two, 0.0), [true, false]);
+        // beside noise that explains much, more is asked of all
+        assert_eq!(beyond_leftovers(&two, 50.0), [true, false]);
+        assert_eq!(beyond_leftovers(&[shape("tone", 18.0)], 50.0), [false]);
     }
 
     #[test]
