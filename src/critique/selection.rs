@@ -21,6 +21,9 @@ pub const THRESHOLD: f64 = 8.3;
 const TIE: f64 = 6.0;
 /// The same for causes whose effects are known to differ.
 const CLOSE: f64 = 1.5;
+/// A tone and a second mode whose likelihoods differ by less scale with the drive, and decay, as far as can be
+/// told.
+const LINES: f64 = 3.0;
 /// Causes that are looked for at most.
 const MOST_CAUSES: usize = 4;
 /// Rivals that are refitted in a step, at most.
@@ -202,13 +205,7 @@ fn rescored(
 
 /// Moves all channels as they must where causes in the model change from `old` to `new`, and a share of what
 /// the data ask for anyway.
-pub fn follow(
-    model: &mut Model,
-    spaces: &Spaces,
-    old: &[Applied],
-    new: &[Applied],
-    stride: f64,
-) {
+pub fn follow(model: &mut Model, spaces: &Spaces, old: &[Applied], new: &[Applied], stride: f64) {
     let mut nuisance = Nuisance::new(&spaces.shapes, &[]);
     let own = nuisance.mean_shift();
     for (causes, sign) in [(old, 1.0), (new, -1.0)] {
@@ -246,7 +243,6 @@ pub fn refit(
             Some((best, _)) => best.spaces.shapes.deviance - spaces.shapes.deviance,
             None => f64::INFINITY,
         };
-        if std::env::var("DBG").is_ok() { eprintln!("round {round} scatter {scatter} dev {:.1} pred {:.1} stride {stride} {:?}", spaces.shapes.deviance, spaces.shapes.deviance - nuisances.shapes.gain(), causes.iter().map(|c| (c.id, c.coefficients[0])).collect::<Vec<_>>()); }
         if gain > -SETTLED {
             stride = (2.0 * stride).min(1.0);
             best = Some((Refit { model, causes, spaces }, nuisances));
@@ -405,7 +401,9 @@ pub fn select(
                 let near = penalised(r) - least;
                 let honest = same_class(r.1.applied.id, rivals[0].1.applied.id)
                     || !matches!(kind, Kind::Shapes);
-                near < if honest { TIE } else { CLOSE }
+                let lines = is_line(r.1) && is_line(rivals[0].1);
+                let apart = (r.0.deviance(&kind) - rivals[0].0.deviance(&kind)).abs();
+                near < if honest { TIE } else { CLOSE } || lines && apart < LINES
             })
             .map(|r| r.1.applied.id.to_owned())
             .collect();
@@ -467,7 +465,7 @@ pub fn select(
 /// No model of a cause is exact: what is found beside one that explains so much more is what that one
 /// leaves, and no cause of its own. Of what follows the same covariate, or the amplitude, more so.
 const LEFTOVER: f64 = 0.03;
-const LEFTOVER_OF_RELATED: f64 = 0.1;
+const LEFTOVER_OF_RELATED: f64 = 0.15;
 
 fn beyond_leftovers(chosen: &[Chosen], least: f64) -> Vec<bool> {
     let which = |c: &Chosen| match c.scored.applied.kind {
@@ -535,6 +533,10 @@ fn necessary(now: &Refit) -> Vec<bool> {
             super::candidates::surprise(statistic, own, 1.0, f64::INFINITY) > 0.5 * THRESHOLD
         })
         .collect()
+}
+
+fn is_line(s: &Scored) -> bool {
+    matches!(s.applied.id, "tone" | "second_mode")
 }
 
 /// What a cause has free: its coefficients, and its rate, frequency and damping.

@@ -20,6 +20,7 @@ use super::space::{Direction, Nuisance, Space, Tested};
 use crate::model::free_decay::ALL;
 use crate::model::terms::{Interior, Seen, Term};
 use follows::relative;
+use std::f64::consts::TAU;
 
 /// d theta per relative change of damping (the real pole with it), of frequency, and of all rates, where
 /// the interior is not known.
@@ -160,6 +161,7 @@ impl<'a> Bench<'a> {
             }
         }
         withhold_tone(&mut all);
+        withhold_slow_mode(&mut all, self.seen.omega / TAU / self.length_s);
         all
     }
 
@@ -315,6 +317,23 @@ impl<'a> Bench<'a> {
                 kind: Kind::Shapes,
             },
         }
+    }
+}
+
+/// A mode below this share of the ring's frequency may be that of a meniscus that is pulled back, if that explains
+/// so much of it: its damping rests on rates that are not known well.
+const SLOW_MODE: f64 = 0.45;
+const MOSTLY: f64 = 0.85;
+
+fn withhold_slow_mode(all: &mut [Scored], own_hz: f64) {
+    let of = |id: &str| all.iter().find(|s| s.applied.id == id && s.disqualified.is_empty());
+    let Some(meniscus) = of("meniscus").map(|s| s.statistic) else { return };
+    if let Some(mode) = all.iter_mut().find(|s| s.applied.id == "second_mode")
+        && mode.disqualified.is_empty()
+        && mode.value < SLOW_MODE * own_hz
+        && meniscus > MOSTLY * mode.statistic
+    {
+        mode.disqualified = "a meniscus that is pulled back makes such a mode".into();
     }
 }
 
