@@ -3,7 +3,7 @@
 //! In: the selected model. Out: [`Left`]: what is still significant, in words, and how much of the
 //! misfit it is.
 
-use super::candidates::Applied;
+use super::candidates::{Applied, OWN_LINE, Scored};
 use super::catalogue::{by_amplitude, same_class};
 use super::covariates::{Covariates, DRIVE, NAMES};
 use super::engine::Found;
@@ -77,12 +77,25 @@ pub fn check(
             unexplained = unexplained.max(2.0 * surprise);
         }
     }
-    for s in &selected.unnamed {
+    // beside what a random tone leaves in the mean, they are judged again
+    let again = |s: &Scored| match avoid.is_empty() {
+        true => s.clone(),
+        false => match bench.score_one(s.applied.id, None) {
+            Some(now) if now.surprise < s.surprise => {
+                Scored { disqualified: s.disqualified.clone(), ..now }
+            }
+            _ => s.clone(),
+        },
+    };
+    let by_amplitude_too = selected.causes.iter().any(|c| by_amplitude(c.scored.applied.id));
+    for s in &selected.unnamed.iter().map(again).collect::<Vec<Scored>>() {
         // a relative of what was named, with the wrong sign, is what that one's model leaves
         let relative = selected.causes.iter().any(|c| {
             let (named, other) = (c.scored.applied.id, s.applied.id);
             same_class(named, other) || by_amplitude(named) && by_amplitude(other)
         });
+        // and so is a line at the ring's own frequency, of what bends the ring itself
+        let relative = relative || by_amplitude_too && s.disqualified == OWN_LINE;
         if s.surprise / growth > THRESHOLD + MARGIN && !relative {
             left.significant.push(format!("something like {} ({})", s.applied.id, s.disqualified));
             unexplained = unexplained.max(s.statistic);

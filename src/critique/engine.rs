@@ -33,6 +33,9 @@ const NEARLY_WHITE: f64 = 0.003;
 const LEFT_OF_NOISE: f64 = 0.1;
 const LEFT_OF_CODES: f64 = 0.005;
 const LEFT_OF_SHAPES: f64 = 0.007;
+const RANDOM_TONE: &str = "random_tone";
+/// Lines within so many periods of the signal are at one frequency.
+const OWN_PERIODS: f64 = 1.5;
 /// Longer signals are judged by their first samples.
 pub const MOST_SAMPLES: usize = 512;
 
@@ -121,6 +124,7 @@ pub fn critique(
     }
     let mut of_noise = ensemble::test(&data, &beside, &baseline);
     beyond_growing_noise(&mut of_noise);
+    let deferred = at_the_ring(&mut of_noise, &baseline, data.dt_s * data.samples as f64);
     let (mut data, mut coloured) = (data, None);
     if let Some(rho) = accepted(&of_noise, "correlated_noise") {
         let as_it_came = data;
@@ -169,7 +173,7 @@ pub fn critique(
         coloured = Some(as_it_came);
     }
     let length_s = data.dt_s * data.samples as f64;
-    let avoid: Vec<f64> = accepted(&of_noise, "random_tone")
+    let avoid: Vec<f64> = accepted(&of_noise, RANDOM_TONE)
         .map(|hz| hz * length_s * std::f64::consts::TAU)
         .into_iter()
         .collect();
@@ -190,8 +194,14 @@ pub fn critique(
     // a shift in time is told from drifts once these are in the model
     of_noise.push(jitter::jitter(&selected.model, &data, &beside));
     beyond_growing_noise(&mut of_noise);
-    if !selected.causes.is_empty() && of_noise.iter().any(|f| f.evidence.accepted) {
-        still_there(&mut of_noise, &ensemble::test(&data, &beside, &selected.model));
+    let noisy = of_noise.iter().any(|f| f.evidence.accepted);
+    if deferred || noisy && !selected.causes.is_empty() {
+        let again = ensemble::test(&data, &beside, &selected.model);
+        still_there(&mut of_noise, &again);
+        if deferred {
+            of_noise.retain(|f| f.evidence.id != RANDOM_TONE);
+            of_noise.extend(again.into_iter().filter(|f| f.evidence.id == RANDOM_TONE));
+        }
     }
     let of_shapes = selected.causes.iter().map(|c| c.statistic).fold(0.0, f64::max);
     beyond_others(&mut of_noise, &of_codes, of_shapes);
@@ -319,6 +329,17 @@ fn beside_codes_and_noise(of_codes: &[Found], of_noise: &[Found]) -> f64 {
     // where the signal is largest, the noise's variance is so many times what is taken for it
     let growth = accepted(of_noise, "heteroscedastic_noise").map_or(0.0, |h| 1.0 + h);
     of(of_codes, LEFT_OF_CODES).max(of(of_noise, LEFT_OF_NOISE)).max(growth * DETECTION_LIMIT)
+}
+
+/// A random tone at the ring's own frequency may be the ring itself, bent by something that has no name yet: it is
+/// looked for again beside the causes. Whether there is one.
+fn at_the_ring(of_noise: &mut [Found], model: &Model, length_s: f64) -> bool {
+    let own_hz = model.mean[1].exp() / (std::f64::consts::TAU * length_s);
+    let tone = of_noise.iter_mut().find(|f| f.evidence.id == RANDOM_TONE && f.evidence.accepted);
+    let near = |f: &&mut Found| (f.evidence.value - own_hz).abs() * length_s < OWN_PERIODS;
+    let Some(tone) = tone.filter(near) else { return false };
+    tone.evidence.accepted = false;
+    true
 }
 
 /// Noise that the named causes' models explain is none: what they leave in single signals looked like it.

@@ -13,8 +13,10 @@ use std::f64::consts::{PI, TAU};
 /// signal it is no line.
 const LEAST_MODE: f64 = 0.3;
 pub const LEAST_PERIODS: f64 = 2.0;
+/// Why a line at the ring's frequency or a multiple of it is none.
+pub const OWN_LINE: &str = "its line lies at the model's own frequency or a multiple of it";
 /// A line so near a multiple of the ring's frequency is no line of its own, relative to that frequency.
-const NEAR: f64 = 0.1;
+const NEAR: f64 = 0.07;
 
 impl Bench<'_> {
     /// A line: cos and sin at the frequency that explains most, over some dampings.
@@ -42,17 +44,14 @@ impl Bench<'_> {
         let (own, resolution) = (self.seen.omega, TAU);
         // near its own frequency a second mode is no second mode: the pair splits
         let banned = |omega: f64, gamma: f64| {
-            let near = 1.2 * resolution + 1.5 * (self.seen.sigma + gamma);
-            let mode = pattern == 1
-                && (omega < LEAST_MODE * own
-                    || (omega - own).abs() < near
-                    || (2..=4).any(|m| (omega - f64::from(m) * own).abs() < 0.6 * resolution));
+            let near = 0.8 * resolution + 0.5 * (self.seen.sigma + gamma);
+            let mode = pattern == 1 && (omega < LEAST_MODE * own || (omega - own).abs() < near);
             // nor is every second sample's own gain, which mirrors the ring at half the sampling rate
             let mirror = PI * n as f64 - own;
             // what is at a multiple of its own frequency, or at its mirror, is the ring's own doing
             let order = (omega / own).round().max(1.0);
             let multiple = (omega - order * own).abs() < NEAR * own;
-            let mirrored = (omega - mirror).abs() < near.min(NEAR * own).max(resolution);
+            let mirrored = (omega - mirror).abs() < resolution;
             // so is a tone at its own frequency: anything that changes the ring looks like one
             let own = (omega - own).abs() < 1.2 * resolution;
             mode || own
@@ -126,8 +125,7 @@ impl Bench<'_> {
             }
         }
         if near.is_none() && banned(omega, gamma) || best_banned > scored.statistic + 10.0 {
-            scored.disqualified =
-                "its line lies at the model's own frequency or a multiple of it".into();
+            scored.disqualified = OWN_LINE.into();
         }
         if near.is_none() && slow(omega) {
             scored.disqualified = "it is so slow that it may be no line".into();

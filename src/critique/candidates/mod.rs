@@ -11,7 +11,7 @@ mod lines;
 mod shapes;
 
 pub use chance::{ln_normal_tail, surprise};
-pub use lines::LEAST_PERIODS;
+pub use lines::{LEAST_PERIODS, OWN_LINE};
 
 use super::catalogue::{CATALOGUE, Needs, lacking};
 use super::covariates::{Covariates, NEIGHBOURS, POSITION, TEMPERATURE, TIME};

@@ -196,7 +196,7 @@ impl Bench<'_> {
                 best = (statistic, w);
             }
         }
-        let ln_w = maximum(|x| test(x.exp()), best.1.ln(), 0.12);
+        let ln_w = maximum(|x| test(x.exp()), best.1.ln(), 0.12).max(low.ln());
         let w = ln_w.exp();
         let direction = shape(w);
         let tested = self.shapes.test(std::slice::from_ref(&direction))?;
