@@ -5,7 +5,7 @@
 
 use super::candidates::{Applied, OWN_LINE, Scored};
 use super::catalogue::{by_amplitude, same_class};
-use super::covariates::{Covariates, DRIVE, NAMES};
+use super::covariates::{Covariates, DRIVE, NAMES, TEMPERATURE, TIME};
 use super::engine::Found;
 use super::finding::Cause;
 use super::observations::Observations;
@@ -64,6 +64,14 @@ pub fn check(
     // causes that act through a covariate own whatever that covariate does
     let mut owned: Vec<usize> =
         selected.causes.iter().filter_map(|c| which(&c.scored.applied)).collect();
+    // tied ones own each other's
+    let tied = || selected.causes.iter().flat_map(|c| c.tied_with.iter());
+    if tied().any(|id| matches!(id.as_str(), "ageing" | "clock_drift")) {
+        owned.push(TIME);
+    }
+    if tied().any(|id| id == "temperature") {
+        owned.push(TEMPERATURE);
+    }
     // and what acts through the amplitude owns the drive
     if selected.causes.iter().any(|c| by_amplitude(c.scored.applied.id)) {
         owned.push(DRIVE);

@@ -18,7 +18,7 @@ use super::jitter;
 use super::model::{Model, Unfit};
 use super::observations::Observations;
 use super::outliers::outliers;
-use super::selection::{self, Chosen, DETECTION_LIMIT, Setting};
+use super::selection::{self, Chosen, DETECTION_LIMIT, Selected, Setting};
 use thiserror::Error;
 
 /// Signals that a critique needs at least, and samples of each.
@@ -35,7 +35,7 @@ const LEFT_OF_CODES: f64 = 0.005;
 const LEFT_OF_SHAPES: f64 = 0.007;
 const RANDOM_TONE: &str = "random_tone";
 /// Lines within so many periods of the signal are at one frequency.
-const OWN_PERIODS: f64 = 1.5;
+const OWN_PERIODS: f64 = 1.0;
 /// Longer signals are judged by their first samples.
 pub const MOST_SAMPLES: usize = 512;
 
@@ -173,15 +173,29 @@ pub fn critique(
         coloured = Some(as_it_came);
     }
     let length_s = data.dt_s * data.samples as f64;
-    let avoid: Vec<f64> = accepted(&of_noise, RANDOM_TONE)
-        .map(|hz| hz * length_s * std::f64::consts::TAU)
-        .into_iter()
-        .collect();
+    let taken = |of_noise: &[Found]| -> Vec<f64> {
+        let hz = accepted(of_noise, RANDOM_TONE);
+        hz.map(|hz| hz * length_s * std::f64::consts::TAU).into_iter().collect()
+    };
+    let mut avoid = taken(&of_noise);
 
     let before = baseline.clone();
     let setting = Setting { data: &data, beside: &beside, avoid: &avoid };
     let least = beside_codes_and_noise(&of_codes, &of_noise);
-    let selected = selection::select(baseline, setting, least, stages);
+    let mut selected = selection::select(baseline, setting, least, stages);
+    if deferred {
+        let again = ensemble::test(&data, &beside, &selected.model);
+        of_noise.retain(|f| f.evidence.id != RANDOM_TONE);
+        of_noise.extend(again.into_iter().filter(|f| f.evidence.id == RANDOM_TONE));
+        at_the_ring_beside(&mut of_noise, largest(&selected));
+        if accepted(&of_noise, RANDOM_TONE).is_some() {
+            avoid = taken(&of_noise);
+            let least = beside_codes_and_noise(&of_codes, &of_noise);
+            let setting = Setting { data: &data, beside: &beside, avoid: &avoid };
+            selected = selection::select(before.clone(), setting, least, stages);
+        }
+    }
+    let setting = Setting { data: &data, beside: &beside, avoid: &avoid };
 
     if accepted(&of_codes, "clipping").is_none() {
         // what follows a covariate may have hidden it
@@ -195,16 +209,10 @@ pub fn critique(
     of_noise.push(jitter::jitter(&selected.model, &data, &beside));
     beyond_growing_noise(&mut of_noise);
     let noisy = of_noise.iter().any(|f| f.evidence.accepted);
-    if deferred || noisy && !selected.causes.is_empty() {
-        let again = ensemble::test(&data, &beside, &selected.model);
-        still_there(&mut of_noise, &again);
-        if deferred {
-            of_noise.retain(|f| f.evidence.id != RANDOM_TONE);
-            of_noise.extend(again.into_iter().filter(|f| f.evidence.id == RANDOM_TONE));
-        }
+    if noisy && !selected.causes.is_empty() {
+        still_there(&mut of_noise, &ensemble::test(&data, &beside, &selected.model));
     }
-    let of_shapes = selected.causes.iter().map(|c| c.statistic).fold(0.0, f64::max);
-    beyond_others(&mut of_noise, &of_codes, of_shapes);
+    beyond_others(&mut of_noise, &of_codes, largest(&selected));
 
     stages("checking what is left");
     let left = adequacy::check(&selected, &data, &beside, (&of_codes, &of_noise), &avoid);
@@ -340,6 +348,18 @@ fn at_the_ring(of_noise: &mut [Found], model: &Model, length_s: f64) -> bool {
     let Some(tone) = tone.filter(near) else { return false };
     tone.evidence.accepted = false;
     true
+}
+
+/// What bends the ring leaves more at its frequency.
+fn at_the_ring_beside(of_noise: &mut [Found], of_shapes: f64) {
+    for f in of_noise.iter_mut().filter(|f| f.evidence.id == RANDOM_TONE) {
+        f.evidence.accepted &= f.evidence.statistic > LEFT_OF_NOISE * of_shapes;
+    }
+}
+
+/// The largest statistic of what moves what is expected.
+fn largest(selected: &Selected) -> f64 {
+    selected.causes.iter().map(|c| c.statistic).fold(0.0, f64::max)
 }
 
 /// Noise that the named causes' models explain is none: what they leave in single signals looked like it.

@@ -6,7 +6,7 @@
 
 use super::candidates::{Applied, Bench, Kind, Scored, View};
 use super::catalogue::{by_amplitude, same_class};
-use super::covariates::{Covariates, DRIVE, square_of};
+use super::covariates::{Covariates, DRIVE, TEMPERATURE, TIME, square_of};
 use super::finding::Evidence;
 use super::model::Model;
 use super::observations::Observations;
@@ -473,6 +473,13 @@ fn beyond_leftovers(chosen: &[Chosen], least: f64) -> Vec<bool> {
         Kind::Tail => Some(super::covariates::IDLE),
         Kind::Shapes => None,
     };
+    // temperature and time cannot be told apart where what follows one is tied with what follows the other
+    let collinear = |c: &Chosen| {
+        let ids = c.tied_with.iter().map(String::as_str).chain([c.scored.applied.id]);
+        let follows_time = ids.clone().any(|id| matches!(id, "ageing" | "clock_drift"));
+        follows_time && ids.clone().any(|id| id == "temperature")
+    };
+    let by_time = |c: &Chosen| matches!(which(c), Some(TIME | TEMPERATURE));
     let with_amplitude = |c: &Chosen| by_amplitude(c.scored.applied.id);
     let largest = chosen.iter().fold(0.0, |m: f64, c| m.max(c.statistic));
     chosen
@@ -483,6 +490,7 @@ fn beyond_leftovers(chosen: &[Chosen], least: f64) -> Vec<bool> {
                 && chosen.iter().all(|other| {
                     let of_shapes = which(cause).is_none() == which(other).is_none();
                     let related = which(cause).is_some() && which(cause) == which(other)
+                        || by_time(cause) && by_time(other) && collinear(other)
                         || with_amplitude(cause) && with_amplitude(other);
                     let share = match (related, of_shapes) {
                         (true, _) => LEFTOVER_OF_RELATED,

@@ -108,20 +108,22 @@ impl Bench<'_> {
         scored.applied.damping = gamma;
         // so near to the ring a mode cannot be told from it; what fits as well as one is no tone
         let close = 1.2 * resolution + 4.5 * self.seen.sigma;
-        if pattern == 0 && near.is_none() && (omega - own).abs() < close && self.beside.drive_scan {
-            let as_mode = [0.4, 1.0, 2.0].map(|share| {
+        if near.is_none() && (omega - own).abs() < close && self.beside.drive_scan {
+            let shares: &[f64] = if pattern == 0 { &[0.4, 1.0, 2.0] } else { &[0.0] };
+            let as_other = |share: &f64| {
                 let column = |phase: f64| {
                     let y = (0..n).map(|k| {
                         let t = k as f64 / n as f64;
                         (-share * self.seen.sigma * t).exp() * (omega * t + phase).cos()
                     });
-                    self.pattern(1, y.collect())
+                    self.pattern(1 - pattern, y.collect())
                 };
                 let columns = [column(0.0), column(-PI / 2.0)];
                 self.shapes.test(&columns).map_or(0.0, |t| t.statistic)
-            });
-            if as_mode.iter().any(|s| *s > scored.statistic - 3.0) {
-                scored.disqualified = "it may be a mode near the ring's own".into();
+            };
+            if shares.iter().map(as_other).any(|s| s > scored.statistic - 3.0) {
+                let other = if pattern == 0 { "mode" } else { "tone" };
+                scored.disqualified = format!("it may be a {other} near the ring's own frequency");
             }
         }
         if near.is_none() && banned(omega, gamma) || best_banned > scored.statistic + 10.0 {
