@@ -9,7 +9,8 @@ use super::covariates::{Covariates, DRIVE, NAMES, TEMPERATURE, TIME};
 use super::engine::Found;
 use super::finding::Cause;
 use super::observations::Observations;
-use super::selection::{Selected, Setting, THRESHOLD};
+use super::refit::Setting;
+use super::selection::{Selected, THRESHOLD};
 use super::space::Direction;
 
 /// Parameters in words.

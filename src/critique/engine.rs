@@ -6,7 +6,6 @@ use super::catalogue::{CATALOGUE, Needs, entry_of, experiment, lacking};
 use super::codes;
 use super::covariates::Covariates;
 use super::decay;
-use super::digits;
 use super::ensemble;
 use super::evidence;
 use super::figures;
@@ -15,10 +14,16 @@ use super::finding::{
 };
 use super::gain;
 use super::jitter;
+use super::leftovers::{
+    LEFT_OF_NOISE, RANDOM_TONE, accepted, at_the_ring, at_the_ring_beside, beside_codes_and_noise,
+    beyond_growing_noise, beyond_others, largest, still_there,
+};
 use super::model::{Model, Unfit};
 use super::observations::Observations;
 use super::outliers::outliers;
-use super::selection::{self, Chosen, DETECTION_LIMIT, Selected, Setting};
+use super::refit::{self, Setting};
+use super::selection::{self, Chosen, DETECTION_LIMIT};
+use super::words::{cause_sentence, equation, sentence};
 use thiserror::Error;
 
 /// Signals that a critique needs at least, and samples of each.
@@ -28,14 +33,6 @@ const FEWEST_SAMPLES: usize = 16;
 const MOST_WHITENINGS: usize = 10;
 /// Correlation that may be left.
 const NEARLY_WHITE: f64 = 0.003;
-/// Share of what a cause explains that its model may leave to others: what is found in the noise, in codes,
-/// and, to the noise alone, what moves what is expected.
-const LEFT_OF_NOISE: f64 = 0.1;
-const LEFT_OF_CODES: f64 = 0.005;
-const LEFT_OF_SHAPES: f64 = 0.007;
-const RANDOM_TONE: &str = "random_tone";
-/// Lines within so many periods of the signal are at one frequency.
-const OWN_PERIODS: f64 = 1.0;
 /// Longer signals are judged by their first samples.
 pub const MOST_SAMPLES: usize = 512;
 
@@ -308,94 +305,9 @@ fn in_colour(mut causes: Vec<Applied>, setting: Setting) -> Option<(Model, Vec<A
     let mut model = Model::start(setting.data, setting.beside, true).ok()?;
     model.fit(setting.data, setting.beside, 2);
     causes.retain(|cause| !matches!(cause.kind, Kind::Shapes));
-    causes.iter().for_each(|cause| selection::apply(&mut model, cause, &cause.coefficients));
-    let refit = selection::refit(model, causes, setting, 2, true);
+    causes.iter().for_each(|cause| refit::apply(&mut model, cause, &cause.coefficients));
+    let refit = refit::refit(model, causes, setting, 2, true);
     Some((refit.model, refit.causes))
-}
-
-/// The other tests of the noise take its variance for the same all over the signal: what they find must be
-/// large beside noise that grows with the signal.
-fn beyond_growing_noise(of_noise: &mut [Found]) {
-    const GROWS: &str = "heteroscedastic_noise";
-    let grows = of_noise.iter().find(|f| f.evidence.id == GROWS && f.evidence.accepted);
-    let Some(least) = grows.map(|f| LEFT_OF_NOISE * f.evidence.statistic) else { return };
-    for f in of_noise.iter_mut().filter(|f| f.evidence.id != GROWS) {
-        if f.evidence.accepted && f.evidence.statistic < least {
-            f.evidence.accepted = false;
-            f.evidence.why_not = "what growing noise leaves".into();
-        }
-    }
-}
-
-/// What is found in codes and noise, as the rest is judged beside it: the statistic that another cause must
-/// have. Beside either, less than one detection limit is chance or what its model leaves.
-fn beside_codes_and_noise(of_codes: &[Found], of_noise: &[Found]) -> f64 {
-    let of = |found: &[Found], share: f64| {
-        let accepted = found.iter().filter(|f| f.evidence.accepted);
-        accepted.map(|f| (share * f.evidence.statistic).max(DETECTION_LIMIT)).fold(0.0, f64::max)
-    };
-    // where the signal is largest, the noise's variance is so many times what is taken for it
-    let growth = accepted(of_noise, "heteroscedastic_noise").map_or(0.0, |h| 1.0 + h);
-    of(of_codes, LEFT_OF_CODES).max(of(of_noise, LEFT_OF_NOISE)).max(growth * DETECTION_LIMIT)
-}
-
-/// A random tone at the ring's own frequency may be the ring itself, bent by something that has no name yet: it is
-/// looked for again beside the causes. Whether there is one.
-fn at_the_ring(of_noise: &mut [Found], model: &Model, length_s: f64) -> bool {
-    let own_hz = model.mean[1].exp() / (std::f64::consts::TAU * length_s);
-    let tone = of_noise.iter_mut().find(|f| f.evidence.id == RANDOM_TONE && f.evidence.accepted);
-    let near = |f: &&mut Found| (f.evidence.value - own_hz).abs() * length_s < OWN_PERIODS;
-    let Some(tone) = tone.filter(near) else { return false };
-    tone.evidence.accepted = false;
-    true
-}
-
-/// What bends the ring leaves more at its frequency.
-fn at_the_ring_beside(of_noise: &mut [Found], of_shapes: f64) {
-    for f in of_noise.iter_mut().filter(|f| f.evidence.id == RANDOM_TONE) {
-        f.evidence.accepted &= f.evidence.statistic > LEFT_OF_NOISE * of_shapes;
-    }
-}
-
-/// The largest statistic of what moves what is expected.
-fn largest(selected: &Selected) -> f64 {
-    selected.causes.iter().map(|c| c.statistic).fold(0.0, f64::max)
-}
-
-/// Noise that the named causes' models explain is none: what they leave in single signals looked like it.
-fn still_there(of_noise: &mut [Found], again: &[Found]) {
-    for f in of_noise.iter_mut().filter(|f| f.evidence.accepted) {
-        let id = &f.evidence.id;
-        // a correlation was taken out, and what is left of it is none
-        let gone = id != "correlated_noise"
-            && again.iter().any(|a| a.evidence.id == *id && !a.evidence.accepted);
-        if gone {
-            f.evidence.accepted = false;
-            f.evidence.why_not = "what other causes leave in single signals".into();
-        }
-    }
-}
-
-/// What is found in the noise beside something that explains so much more is what that one's model leaves.
-/// `of_shapes`: the largest statistic of what moves what is expected.
-fn beyond_others(of_noise: &mut [Found], of_codes: &[Found], of_shapes: f64) {
-    let named = |f: &&Found| f.evidence.accepted;
-    let by_codes = of_codes.iter().filter(named).count();
-    let largest = of_noise.iter().filter(named).map(|f| f.evidence.statistic).fold(0.0, f64::max);
-    let others = of_noise.iter().filter(named).count() + by_codes;
-    for f in of_noise.iter_mut().filter(|f| f.evidence.accepted) {
-        let alone = others == 1 && of_shapes == 0.0;
-        let share = (LEFT_OF_SHAPES * of_shapes).max(LEFT_OF_NOISE * largest);
-        if !alone && f.evidence.statistic < share.max(DETECTION_LIMIT.min(largest)) {
-            f.evidence.accepted = false;
-            f.evidence.why_not = "what a stronger cause leaves".into();
-        }
-    }
-}
-
-/// The value of a cause among those found.
-fn accepted(found: &[Found], id: &str) -> Option<f64> {
-    found.iter().find(|f| f.evidence.id == id && f.evidence.accepted).map(|f| f.evidence.value)
 }
 
 /// Whether a cause moves single signals, rather than all of them alike.
@@ -422,13 +334,6 @@ fn cause_of(chosen: &Chosen, matters: bool) -> Cause {
     };
     cause.sentence = cause_sentence(&cause);
     cause
-}
-
-/// One sentence of a cause: what, how large.
-pub fn cause_sentence(cause: &Cause) -> String {
-    let entry = entry_of(&cause.id);
-    let number = digits::measured(cause.value, cause.ci95, &cause.unit);
-    format!("{}: {} = {number}", entry.words, cause.parameter)
 }
 
 fn verdict(
@@ -462,91 +367,6 @@ fn verdict(
         [one] if !one.tied_with.is_empty() => (Verdict::Tie, remarks),
         _ => (Verdict::Named, remarks),
     }
-}
-
-fn sentence(
-    verdict: Verdict,
-    causes: &[Cause],
-    left: &adequacy::Left,
-    detection: Detection,
-) -> String {
-    match verdict {
-        Verdict::None => "The model explains these signals: nothing in them asks for more.".into(),
-        Verdict::Unknown => {
-            let what = left.significant.first().map_or("a misfit", String::as_str);
-            match causes.first() {
-                Some(c) => format!(
-                    "The model misses something that the catalogue does not hold ({what}); nearest \
-                     is {}, which explains {:.0} % of it.",
-                    c.id,
-                    100.0 * c.explains.unwrap_or(0.0)
-                ),
-                None => {
-                    format!("The model misses something that the catalogue does not hold ({what}).")
-                }
-            }
-        }
-        Verdict::Tie => {
-            let c = &causes[0];
-            format!(
-                "{}; {} explains the signals as well: {}.",
-                capital(&c.sentence),
-                c.tied_with.join(" or "),
-                experiment(&c.id, &c.tied_with[0])
-            )
-        }
-        Verdict::Named => {
-            let each: Vec<String> = causes.iter().map(|c| capital(&c.sentence)).collect();
-            let detection = match detection {
-                Detection::Better => " Fault detection is better with the extension.",
-                Detection::Worse => " Fault detection is worse with the extension.",
-                Detection::Same => {
-                    " Fault detection is the same with the extension, as far as can be told."
-                }
-                Detection::NotMeasured => "",
-            };
-            format!("{}.{detection}", each.join(". "))
-        }
-    }
-}
-
-fn capital(text: &str) -> String {
-    let mut letters = text.chars();
-    letters.next().map_or_else(String::new, |c| c.to_uppercase().chain(letters).collect())
-}
-
-fn equation(causes: &[Cause]) -> String {
-    let mut text = String::from("y = s C e^{A t} x_a + e");
-    for cause in causes {
-        let term = match cause.id.as_str() {
-            "offset" => "+ b",
-            "droop" => "- w int_0^t e^{-w(t-u)} y(u) du",
-            "meniscus" => "; q_n' gains -(B_t/B_m) V_n/(I_n B_t)",
-            "lowpass" => "+ y(0) h e^{-w t}",
-            "second_mode" => "+ s e^{-gamma t} (p cos 2 pi f2 t + q sin 2 pi f2 t)",
-            "quadratic_drag" => "; q_n' gains -k |q_n| q_n",
-            "dry_friction" => "; q_n' gains -mu sign(q_n)",
-            "cubic_stiffness" => "; V becomes V + k3 V^3",
-            "fractional_damping" => "; (1 - eta) R_n q_n + eta R_n omega^{-1/2} D^{1/2} q_n",
-            "tone" => "+ p cos 2 pi f t + q sin 2 pi f t",
-            "random_tone" => "+ p cos(2 pi f t + phase of the burst)",
-            "trigger_jitter" => "; x_a becomes e^{A delta} x_a, delta random per burst",
-            "clipping" => "; y becomes min(y, L)",
-            "coarse_lsb" => "; y becomes q round(y/q)",
-            "previous_tail" => "+ g s f(t + idle time)",
-            "crosstalk" => "; s becomes s (1 + kappa n_nb)",
-            "temperature" => "; R becomes R (1 + beta (T - mean T))",
-            "ageing" => "; R becomes R (1 + a t/run)",
-            "position_gradient" => "; 1/B_t changes along the channels",
-            "clock_drift" => "; t becomes t (1 + eps t/run)",
-            "correlated_noise" => "; e_k = rho e_{k-1} + white",
-            "heteroscedastic_noise" => "; var e = v (1 + h f^2/max f^2)",
-            _ => "",
-        };
-        text.push(' ');
-        text.push_str(term);
-    }
-    text
 }
 
 /// Rows of the catalogue that are tested on codes or on the ensemble.
@@ -621,20 +441,6 @@ mod tests {
     fn judged(mut causes: Vec<Cause>, left: &adequacy::Left) -> (Verdict, Vec<Cause>) {
         let verdict = verdict(&mut causes, &[], left).0;
         (verdict, causes)
-    }
-
-    #[test]
-    fn beside_noise_that_grows_little_is_no_cause() {
-        let of = |growth: f64, rho: f64| {
-            let each = [("heteroscedastic_noise", growth), ("correlated_noise", rho)];
-            let mut all: Vec<Found> =
-                each.map(|(id, x)| found(id, x / 2.0, x, 1.0, 0.1, None)).into();
-            beyond_growing_noise(&mut all);
-            all.iter().map(|f| f.evidence.accepted).collect::<Vec<bool>>()
-        };
-        assert_eq!(of(700.0, 20.0), [true, false]);
-        assert_eq!(of(700.0, 200.0), [true, true]);
-        assert_eq!(of(10.0, 20.0), [false, true], "noise that does not grow leaves nothing");
     }
 
     #[test]

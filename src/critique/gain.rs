@@ -10,7 +10,7 @@ use super::covariates::Covariates;
 use super::finding::{Energies, Gain, GainFigures, HeldOut, Misfit};
 use super::model::{Linear, Matrix5, Model, Vector5, dot};
 use super::observations::Observations;
-use super::selection::{Setting, refit};
+use super::refit::{Setting, apply, refit};
 use super::whiteness::{Lags, whiteness_p};
 use crate::model::free_decay::FREE;
 use nalgebra::DMatrix;
@@ -349,7 +349,7 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
         plain.clone()
     } else {
         let mut model = plain.clone();
-        causes.iter().for_each(|c| super::selection::apply(&mut model, c, &c.coefficients));
+        causes.iter().for_each(|c| apply(&mut model, c, &c.coefficients));
         refit(model, causes.to_vec(), part, 3, true).model
     };
     let fault = FAULT * damping_sd(&extended, &of_train, &z_train);

@@ -3,7 +3,8 @@
 //! In: healthy signals with what was recorded beside them ([`observations`]). Out: a
 //! [`finding::Critique`] and the extended model. A mixed-effects baseline ([`model`]) is fitted to
 //! single signals, never to an average alone; every extension of it is tested at once ([`space`],
-//! [`candidates`]); those that compete are refitted ([`selection`]).
+//! [`candidates`]); those that compete are refitted
+//! ([`refit`], [`selection`]); what the found ones leave to each other is no cause ([`leftovers`]).
 
 mod adequacy;
 pub mod candidates;
@@ -21,10 +22,13 @@ mod gain;
 #[cfg(test)]
 mod generator;
 mod jitter;
+mod leftovers;
 pub mod model;
 pub mod observations;
 mod outliers;
+mod refit;
 pub mod report;
 pub mod selection;
 pub mod space;
 mod whiteness;
+mod words;

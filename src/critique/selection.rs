@@ -4,15 +4,12 @@
 //! when its surprise passes the family-wise threshold; the winner among those that compete is the one
 //! whose refitted model is most likely; what cannot be told apart from it is tied with it.
 
-use super::candidates::{Applied, Bench, Kind, Scored, View};
+use super::candidates::{Kind, Scored};
 use super::catalogue::{by_amplitude, same_class};
-use super::covariates::{Covariates, DRIVE, TEMPERATURE, TIME, square_of};
+use super::covariates::{TEMPERATURE, TIME};
 use super::finding::Evidence;
 use super::model::Model;
-use super::observations::Observations;
-use super::space::{Channels, Direction, Nuisance, Space};
-use crate::model::free_decay::ALL;
-use std::collections::BTreeSet;
+use super::refit::{Refit, Setting, Spaces, apply, follow, refit, rescored};
 
 /// -ln of the chance that one candidate passes on data of the model itself: 22 candidates stay well
 /// below 1 % together.
@@ -28,9 +25,6 @@ const LINES: f64 = 3.0;
 const MOST_CAUSES: usize = 4;
 /// Rivals that are refitted in a step, at most.
 const MOST_RIVALS: usize = 5;
-/// Rounds of a refit at most, and the change of -2 ln likelihood below which it has settled.
-const MOST_ROUNDS: usize = 12;
-const SETTLED: f64 = 1.0;
 /// Noncentrality of one detection limit.
 pub const DETECTION_LIMIT: f64 = 20.9;
 
@@ -50,268 +44,6 @@ pub struct Selected {
     pub evidence: Vec<Evidence>,
     /// Candidates that passed but cannot be the cause, of the last step.
     pub unnamed: Vec<Scored>,
-}
-
-/// Puts a cause into a model, `share` of its coefficients.
-pub fn apply(model: &mut Model, applied: &Applied, coefficients: &[f64]) {
-    match &applied.kind {
-        Kind::Shapes => {
-            let n = model.shapes[0].len();
-            for (direction, coefficient) in applied.directions.iter().zip(coefficients) {
-                for (at, values) in &direction.0 {
-                    for (i, v) in values.iter().enumerate() {
-                        model.shapes[(at + i) / n][(at + i) % n] += coefficient * v;
-                    }
-                }
-            }
-        }
-        Kind::Covariate { which, v } => {
-            for (v, coefficient) in v.iter().zip(coefficients) {
-                for (beta, v) in model.beta[*which].iter_mut().zip(v) {
-                    *beta += coefficient * v;
-                }
-            }
-        }
-        Kind::Tail => model.tail_gain += coefficients[0],
-    }
-}
-
-/// A model with its causes, refitted: scatter, noise, and the causes' sizes.
-pub struct Refit {
-    pub model: Model,
-    pub causes: Vec<Applied>,
-    pub spaces: Spaces,
-}
-
-/// Both spaces of a model.
-#[derive(Clone)]
-pub struct Spaces {
-    /// Channels free: shapes.
-    pub shapes: Space,
-    /// Channels scattered: covariates.
-    pub covariates: Space,
-}
-
-impl Spaces {
-    pub fn of(model: &Model, setting: Setting) -> Spaces {
-        let of = |channels| Space::of(model, setting.data, setting.beside, channels);
-        Spaces { shapes: of(Channels::Free), covariates: of(Channels::Scattered) }
-    }
-
-    /// What the causes do, and what they leave.
-    pub fn nuisances(&self, causes: &[Applied]) -> Nuisances {
-        self.nuisances_beside(causes, causes)
-    }
-
-    /// What some causes do, and what all of them leave.
-    fn nuisances_beside(&self, causes: &[Applied], all: &[Applied]) -> Nuisances {
-        let mut directions = directions(causes);
-        directions.extend(squares(all, self.covariates.samples));
-        let shapes = Nuisance::new(&self.shapes, &directions);
-        directions.extend(amplitude(all, self.covariates.samples));
-        Nuisances { shapes, covariates: Nuisance::new(&self.covariates, &directions) }
-    }
-}
-
-pub struct Nuisances {
-    pub shapes: Nuisance,
-    pub covariates: Nuisance,
-}
-
-impl Refit {
-    /// -2 ln likelihood, of the kind that tells causes of one kind apart.
-    pub fn deviance(&self, kind: &Kind) -> f64 {
-        let nuisances = self.spaces.nuisances(&self.causes);
-        match kind {
-            Kind::Shapes => self.spaces.shapes.deviance - nuisances.shapes.gain(),
-            _ => self.spaces.covariates.deviance - nuisances.covariates.gain(),
-        }
-    }
-}
-
-fn directions(causes: &[Applied]) -> Vec<Direction> {
-    causes.iter().flat_map(|c| c.directions.iter().cloned()).collect()
-}
-
-/// No cause is quite linear in its covariate: of those that follow time or temperature, the square on every
-/// parameter. They come after the causes' own directions.
-fn squares(causes: &[Applied], samples: usize) -> Vec<Direction> {
-    let followed: BTreeSet<usize> = causes
-        .iter()
-        .filter_map(|cause| match cause.kind {
-            Kind::Covariate { which, .. } => square_of(which),
-            _ => None,
-        })
-        .collect();
-    let each = |which| (0..ALL).map(move |j| Direction::parameter(samples, which, j));
-    followed.into_iter().flat_map(each).collect()
-}
-
-/// What acts through the amplitude moves every parameter with the drive, and is not quite what its model says:
-/// what follows another covariate must do so beside the drive.
-fn amplitude(causes: &[Applied], samples: usize) -> Vec<Direction> {
-    match causes.iter().any(|c| by_amplitude(c.id)) {
-        true => (0..ALL).map(|j| Direction::parameter(samples, DRIVE, j)).collect(),
-        false => Vec::new(),
-    }
-}
-
-/// What a refit looks at besides the signals.
-#[derive(Clone, Copy)]
-pub struct Setting<'a> {
-    pub data: &'a Observations,
-    pub beside: &'a Covariates,
-    /// Frequencies that random tones have taken already, rad per signal length.
-    pub avoid: &'a [f64],
-}
-
-impl<'a> Setting<'a> {
-    pub fn bench(
-        &self,
-        model: &'a Model,
-        spaces: &'a Spaces,
-        nuisances: &'a Nuisances,
-    ) -> Bench<'a> {
-        let length = (self.data.dt_s * self.data.samples as f64, self.data.integer);
-        let shapes = View { space: &spaces.shapes, nuisance: &nuisances.shapes };
-        let covariates = View { space: &spaces.covariates, nuisance: &nuisances.covariates };
-        Bench::new(model, self.beside, shapes, covariates, length, self.avoid)
-    }
-}
-
-/// One cause scored again about a model that holds it, all others in the nuisance: its shape and
-/// strength are found anew by the model as it is now.
-fn rescored(
-    index: usize,
-    model: &Model,
-    causes: &[Applied],
-    spaces: &Spaces,
-    setting: Setting,
-) -> Option<Scored> {
-    let own = &causes[index];
-    let others: Vec<Applied> =
-        causes.iter().enumerate().filter(|(i, _)| *i != index).map(|(_, c)| c.clone()).collect();
-    let mut nuisances = spaces.nuisances_beside(&others, causes);
-    for (direction, c) in own.directions.iter().zip(&own.coefficients) {
-        nuisances.shapes.move_score(&spaces.shapes, direction, *c);
-        nuisances.covariates.move_score(&spaces.covariates, direction, *c);
-    }
-    let mut model = model.clone();
-    if let Kind::Tail = own.kind {
-        model.tail_gain = 0.0;
-    }
-    setting.bench(&model, spaces, &nuisances).score_one(own.id, Some(own))
-}
-
-/// Moves all channels as they must where causes in the model change from `old` to `new`, and a share of what
-/// the data ask for anyway.
-pub fn follow(model: &mut Model, spaces: &Spaces, old: &[Applied], new: &[Applied], stride: f64) {
-    let mut nuisance = Nuisance::new(&spaces.shapes, &[]);
-    let own = nuisance.mean_shift();
-    for (causes, sign) in [(old, 1.0), (new, -1.0)] {
-        for cause in causes {
-            for (direction, c) in cause.directions.iter().zip(&cause.coefficients) {
-                nuisance.move_score(&spaces.shapes, direction, sign * c);
-            }
-        }
-    }
-    let all = nuisance.mean_shift();
-    model.shift(&std::array::from_fn(|j| all[j] - (1.0 - stride) * own[j]));
-}
-
-/// Gauss-Newton over the causes' sizes and shapes, EM over the scatter, in turn, until -2 ln likelihood rests. A
-/// step that makes the signals less likely is taken back and halved.
-///
-/// `scatter`: whether noise and scatter are estimated anew. Rivals are compared at the same scatter.
-pub fn refit(
-    mut model: Model,
-    mut causes: Vec<Applied>,
-    setting: Setting,
-    rounds: usize,
-    scatter: bool,
-) -> Refit {
-    let mut best: Option<(Refit, Nuisances)> = None;
-    let mut stride = 1.0_f64;
-    for round in 1.. {
-        match scatter {
-            true => model.fit(setting.data, setting.beside, 1),
-            false => model.settle(setting.data, setting.beside),
-        }
-        let spaces = Spaces::of(&model, setting);
-        let nuisances = spaces.nuisances(&causes);
-        let gain = match &best {
-            Some((best, _)) => best.spaces.shapes.deviance - spaces.shapes.deviance,
-            None => f64::INFINITY,
-        };
-        if gain > -SETTLED {
-            stride = (2.0 * stride).min(1.0);
-            best = Some((Refit { model, causes, spaces }, nuisances));
-        } else {
-            stride *= 0.5;
-        }
-        let Some((now, nuisances)) = &best else { break };
-        let settled = round >= rounds && gain.abs() < SETTLED;
-        if settled || round >= MOST_ROUNDS || stride < 0.1 {
-            break;
-        }
-        (model, causes) = stepped(now, nuisances, setting, stride);
-    }
-    best.map_or_else(|| unreachable!(), |(best, _)| best)
-}
-
-/// A cause on its way from an old size and shape to new ones: what it adds lies between what both add.
-fn part_way(old: &Applied, new: Applied, stride: f64) -> Applied {
-    let between = |old: f64, new: f64| old + stride * (new - old);
-    let mut way = new.clone();
-    (way.shape, way.damping) = (between(old.shape, new.shape), between(old.damping, new.damping));
-    for (i, direction) in way.directions.iter_mut().enumerate() {
-        let (from, to) = (old.coefficients[i], new.coefficients[i]);
-        let coefficient = between(from, to);
-        if stride == 1.0 || coefficient * to <= 0.0 {
-            continue;
-        }
-        way.coefficients[i] = coefficient;
-        for (block, before) in direction.0.iter_mut().zip(&old.directions[i].0) {
-            for (new, old) in block.1.iter_mut().zip(&before.1) {
-                *new = between(from * old, to * *new) / coefficient;
-            }
-        }
-    }
-    way
-}
-
-/// A share of a Gauss-Newton step.
-fn stepped(
-    now: &Refit,
-    nuisances: &Nuisances,
-    setting: Setting,
-    stride: f64,
-) -> (Model, Vec<Applied>) {
-    let Refit { model, causes, spaces } = now;
-    let (steps, _) = nuisances.covariates.causes();
-    let mut next = causes.clone();
-    let mut at = 0;
-    for (index, cause) in next.iter_mut().enumerate() {
-        let q = cause.coefficients.len();
-        let step = &steps.as_slice()[at..at + q];
-        at += q;
-        let anew = match cause.kind {
-            Kind::Shapes => rescored(index, model, causes, spaces, setting),
-            _ => None,
-        };
-        match anew {
-            Some(anew) => *cause = part_way(cause, anew.applied, stride),
-            None => cause.coefficients.iter_mut().zip(step).for_each(|(c, s)| *c += stride * s),
-        }
-    }
-    let mut model = model.clone();
-    follow(&mut model, spaces, causes, &next, stride);
-    for (old, new) in causes.iter().zip(&next) {
-        let minus: Vec<f64> = old.coefficients.iter().map(|c| -c).collect();
-        apply(&mut model, old, &minus);
-        apply(&mut model, new, &new.coefficients);
-    }
-    (model, next)
 }
 
 /// `least`: the statistic that a cause must have beside what was found in codes and noise.
@@ -573,6 +305,7 @@ fn threshold_statistic(s: &Scored) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::candidates::Applied;
     use super::*;
 
     fn chosen(id: &'static str, kind: Kind, statistic: f64) -> Chosen {

@@ -16,7 +16,7 @@ pub const LEAST_PERIODS: f64 = 2.0;
 /// Why a line at the ring's frequency or a multiple of it is none.
 pub const OWN_LINE: &str = "its line lies at the model's own frequency or a multiple of it";
 /// A line so near a multiple of the ring's frequency is no line of its own, relative to that frequency.
-const NEAR: f64 = 0.07;
+const NEAR: f64 = 0.1;
 
 impl Bench<'_> {
     /// A line: cos and sin at the frequency that explains most, over some dampings.
@@ -45,7 +45,10 @@ impl Bench<'_> {
         // near its own frequency a second mode is no second mode: the pair splits
         let banned = |omega: f64, gamma: f64| {
             let near = 0.8 * resolution + 0.5 * (self.seen.sigma + gamma);
-            let mode = pattern == 1 && (omega < LEAST_MODE * own || (omega - own).abs() < near);
+            let mode = pattern == 1
+                && (omega < LEAST_MODE * own
+                    || (omega - own).abs() < near
+                    || (2..=4).any(|m| (omega - f64::from(m) * own).abs() < 0.6 * resolution));
             // nor is every second sample's own gain, which mirrors the ring at half the sampling rate
             let mirror = PI * n as f64 - own;
             // what is at a multiple of its own frequency, or at its mirror, is the ring's own doing
