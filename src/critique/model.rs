@@ -220,9 +220,10 @@ impl Model {
         let scale = self.scale();
         let precision = inverse(&scaled(&self.between, &scale));
         let descent = Descent { data, beside, scale, precision, most: [0.5, 0.5], steps };
-        for (unit, rows) in rows.iter().enumerate() {
-            self.descend(Own::Channel(unit), rows, &descent);
-        }
+        self.units = self.by_halves(self.units.len(), |model, unit| {
+            model.descend(Own::Channel(unit), &rows[unit], &descent);
+            model.units[unit]
+        });
     }
 
     /// Moves each signal's own deviation to its most probable value given its channel's parameters.
@@ -233,9 +234,29 @@ impl Model {
         let scale = self.scale();
         let precision = inverse(&scaled(&self.within, &scale));
         let descent = Descent { data, beside, scale, precision, most: [0.2, 0.02], steps };
-        for i in 0..data.len() {
-            self.descend(Own::Signal(i), &[i], &descent);
-        }
+        self.each = self.by_halves(data.len(), |model, i| {
+            model.descend(Own::Signal(i), &[i], &descent);
+            model.each[i]
+        });
+    }
+
+    /// What `moved` makes of each of so many, on two threads that have a copy of the model each: what is moved of
+    /// one does not depend on any other's.
+    fn by_halves(
+        &self,
+        count: usize,
+        moved: impl Fn(&mut Model, usize) -> Theta + Sync,
+    ) -> Vec<Theta> {
+        let half = |rows: std::ops::Range<usize>| -> Vec<Theta> {
+            let mut model = self.clone();
+            rows.map(|i| moved(&mut model, i)).collect()
+        };
+        std::thread::scope(|scope| {
+            let other = scope.spawn(|| half(count / 2..count));
+            let mut all = half(0..count / 2);
+            all.extend(other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
+            all
+        })
     }
 
     fn own(&mut self, own: Own) -> &mut Theta {

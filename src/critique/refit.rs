@@ -13,10 +13,11 @@ use crate::model::free_decay::ALL;
 use std::collections::BTreeSet;
 
 /// Rounds of a refit at most (of a rival, at the scatter that is known; of the model itself), and the change of
-/// -2 ln likelihood below which it has settled.
+/// -2 ln likelihood below which it has settled, absolute and relative.
 const ROUNDS_OF_RIVAL: usize = 5;
 const MOST_ROUNDS: usize = 8;
 const SETTLED: f64 = 1.0;
+const RESTS: f64 = 2e-5;
 /// Share of a step below which none leads further.
 const LEAST_STRIDE: f64 = 0.2;
 
@@ -192,40 +193,40 @@ pub fn follow(model: &mut Model, spaces: &Spaces, old: &[Applied], new: &[Applie
 ///
 /// `scatter`: whether noise and scatter are estimated anew. Rivals are compared at the same scatter.
 pub fn refit(
-    mut model: Model,
-    mut causes: Vec<Applied>,
+    model: Model,
+    causes: Vec<Applied>,
     setting: Setting,
     rounds: usize,
     scatter: bool,
 ) -> Refit {
-    let mut best: Option<(Refit, Nuisances)> = None;
-    let mut stride = 1.0_f64;
-    let most = if scatter { MOST_ROUNDS } else { ROUNDS_OF_RIVAL };
-    for round in 1.. {
+    let settled_at = |mut model: Model, causes: Vec<Applied>| {
         match scatter {
             true => model.fit(setting.data, setting.beside, 1),
             false => model.settle(setting.data, setting.beside),
         }
         let spaces = Spaces::of(&model, setting);
         let nuisances = spaces.nuisances(&causes);
-        let gain = match &best {
-            Some((best, _)) => best.spaces.shapes.deviance - spaces.shapes.deviance,
-            None => f64::INFINITY,
-        };
+        (Refit { model, causes, spaces }, nuisances)
+    };
+    let (mut best, mut nuisances) = settled_at(model, causes);
+    let mut stride = 1.0_f64;
+    let most = if scatter { MOST_ROUNDS } else { ROUNDS_OF_RIVAL };
+    for round in 2..=most {
+        let (model, causes) = stepped(&best, &nuisances, setting, stride);
+        let (next, nuisances_there) = settled_at(model, causes);
+        let gain = best.spaces.shapes.deviance - next.spaces.shapes.deviance;
+        let rests = SETTLED.max(RESTS * best.spaces.shapes.deviance);
         if gain > -SETTLED {
             stride = (2.0 * stride).min(1.0);
-            best = Some((Refit { model, causes, spaces }, nuisances));
+            (best, nuisances) = (next, nuisances_there);
         } else {
             stride *= 0.5;
         }
-        let Some((now, nuisances)) = &best else { break };
-        let settled = round >= rounds && gain.abs() < SETTLED;
-        if settled || round >= most || stride < LEAST_STRIDE {
+        if round >= rounds && gain.abs() < rests || stride < LEAST_STRIDE {
             break;
         }
-        (model, causes) = stepped(now, nuisances, setting, stride);
     }
-    best.map_or_else(|| unreachable!(), |(best, _)| best)
+    best
 }
 
 /// A cause on its way from an old size and shape to new ones: what it adds lies between what both add.

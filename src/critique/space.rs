@@ -11,6 +11,7 @@ use super::model::{LN_LAMBDA_SD, Linear, Matrix5, Model, PATTERNS, Vector5};
 use super::observations::Observations;
 use crate::model::free_decay::{ALL, FREE};
 use nalgebra::{DMatrix, DVector, SMatrix};
+use std::ops::Range;
 
 type Matrix6 = SMatrix<f64, ALL, ALL>;
 
@@ -94,12 +95,98 @@ impl Space {
         PATTERNS * samples + COVARIATES * ALL + 1
     }
 
+    /// Two threads, half of the channels each: the sums are the same however many processors there are.
     pub fn of(
         model: &Model,
         data: &Observations,
         beside: &Covariates,
         channels: Channels,
     ) -> Space {
+        let n = data.samples;
+        let d = Space::dimension(n);
+        let shapes = PATTERNS * n;
+        let mut middle = data.len() / 2;
+        while middle > 0 && data.rows[middle].unit == data.rows[middle - 1].unit {
+            middle -= 1;
+        }
+        let part = |rows: Range<usize>| Part::of(model, data, beside, channels, rows);
+        let [mut all, other] = std::thread::scope(|scope| {
+            let other = scope.spawn(|| part(middle..data.len()));
+            let first = part(0..middle);
+            [first, other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))]
+        });
+        all.k += other.k;
+        all.g += other.g;
+        all.by_unit.extend(other.by_unit);
+        let Part { mut k, g, by_unit, mut deviance, mut diagonal } = all;
+        deviance += other.deviance;
+        for (sum, other) in
+            diagonal.as_flattened_mut().iter_mut().zip(other.diagonal.as_flattened())
+        {
+            *sum += other;
+        }
+        for p in 0..PATTERNS {
+            for q in 0..PATTERNS {
+                for a in 0..n {
+                    k[(p * n + a, q * n + a)] += diagonal[p][q];
+                }
+            }
+        }
+        // the lower left block was filled; mirror it
+        for row in shapes..d {
+            for column in 0..shapes {
+                k[(column, row)] = k[(row, column)];
+            }
+        }
+        for c in shapes..d - 1 {
+            k[(c, d - 1)] = k[(d - 1, c)];
+        }
+        let off = model.lambda_off();
+        deviance += (off / LN_LAMBDA_SD).powi(2);
+        let slow = [model.mean[4], model.slow_sd()];
+        deviance += (slow[0] / slow[1]).powi(2);
+        Space {
+            samples: n,
+            lambda_off: off,
+            slow,
+            k,
+            g,
+            by_unit,
+            signals: data.len(),
+            units: data.units,
+            deviance,
+        }
+    }
+
+    /// K x for a direction.
+    pub fn times(&self, x: &Direction) -> DVector<f64> {
+        let mut out = DVector::zeros(self.k.nrows());
+        for (at, v) in &x.0 {
+            let block = self.k.columns(*at, v.len());
+            out += block * DVector::from_column_slice(v);
+        }
+        out
+    }
+}
+
+/// What the signals of some channels add.
+struct Part {
+    k: DMatrix<f64>,
+    g: DVector<f64>,
+    by_unit: Vec<DVector<f64>>,
+    deviance: f64,
+    /// What every sample adds to its own place, per pair of powers of the drive.
+    diagonal: [[f64; PATTERNS]; PATTERNS],
+}
+
+impl Part {
+    fn of(
+        model: &Model,
+        data: &Observations,
+        beside: &Covariates,
+        channels: Channels,
+        rows: Range<usize>,
+    ) -> Part {
         let n = data.samples;
         let d = Space::dimension(n);
         let shapes = PATTERNS * n;
@@ -113,7 +200,7 @@ impl Space {
             Channels::Scattered => (0, model.between),
         };
         let mut diagonal = [[0.0; PATTERNS]; PATTERNS];
-        let (mut deviance, mut linear) = (data.len() as f64 * n as f64 * v.ln(), Linear::default());
+        let (mut deviance, mut linear) = (rows.len() as f64 * n as f64 * v.ln(), Linear::default());
         let stride = data.len().div_ceil(MOST_FOR_SCATTER).max(1);
         let chosen_units = data.units.div_ceil(stride);
         let inflate = data.units as f64 / chosen_units as f64;
@@ -126,11 +213,11 @@ impl Space {
             }
         };
         let mut wide: Vec<f64> = Vec::new();
-        let mut i = 0;
-        while i < data.len() {
+        let mut i = rows.start;
+        while i < rows.end {
             let unit = data.rows[i].unit;
             let mut end = i;
-            while end < data.len() && data.rows[end].unit == unit {
+            while end < rows.end && data.rows[end].unit == unit {
                 end += 1;
             }
             let of_scatter = unit.is_multiple_of(stride);
@@ -249,47 +336,7 @@ impl Space {
         }
         flush(&mut wide, &mut k, shapes, -1.0);
         flush(&mut columns, &mut k, shapes, -1.0);
-        for p in 0..PATTERNS {
-            for q in 0..PATTERNS {
-                for a in 0..n {
-                    k[(p * n + a, q * n + a)] += diagonal[p][q];
-                }
-            }
-        }
-        // the lower left block was filled; mirror it
-        for row in shapes..d {
-            for column in 0..shapes {
-                k[(column, row)] = k[(row, column)];
-            }
-        }
-        for c in shapes..d - 1 {
-            k[(c, d - 1)] = k[(d - 1, c)];
-        }
-        let off = model.lambda_off();
-        deviance += (off / LN_LAMBDA_SD).powi(2);
-        let slow = [model.mean[4], model.slow_sd()];
-        deviance += (slow[0] / slow[1]).powi(2);
-        Space {
-            samples: n,
-            lambda_off: off,
-            slow,
-            k,
-            g,
-            by_unit,
-            signals: data.len(),
-            units: data.units,
-            deviance,
-        }
-    }
-
-    /// K x for a direction.
-    pub fn times(&self, x: &Direction) -> DVector<f64> {
-        let mut out = DVector::zeros(self.k.nrows());
-        for (at, v) in &x.0 {
-            let block = self.k.columns(*at, v.len());
-            out += block * DVector::from_column_slice(v);
-        }
-        out
+        Part { k, g, by_unit, deviance, diagonal }
     }
 }
 
