@@ -2,7 +2,7 @@
 //!
 //! In: a function whose body is `#[inline(always)]`. Out: the same, compiled for AVX-512, for AVX2 and
 //! for what every processor has. Nothing is fused, so the numbers do not depend on which runs. The
-//! streaming kernel has its choice made once and handed on ([`crate::detect::tile::Instructions`]); what is
+//! streaming kernel has its choice made once and handed on (`detect::tile::Instructions`); what is
 //! called for whole blocks of work asks each time.
 
 /// Defines a function that runs `body`, which has the same parameters.

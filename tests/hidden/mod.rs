@@ -100,6 +100,11 @@ fn write(bursts: impl IntoIterator<Item = Burst>, path: &Path) {
 
 /// All cases on two threads; what was wrong is printed.
 fn judged(cases: &[Case], critic: &Critic) -> Blind {
+    judged_where(cases, critic, |_| true)
+}
+
+/// Of these cases, those that the truth says are wanted.
+fn judged_where(cases: &[Case], critic: &Critic, wanted: fn(&Hidden) -> bool) -> Blind {
     let house = House::new();
     let (next, blind) = (AtomicUsize::new(0), Mutex::new(Blind::default()));
     std::thread::scope(|scope| {
@@ -107,6 +112,9 @@ fn judged(cases: &[Case], critic: &Critic) -> Blind {
             scope.spawn(|| {
                 while let Some(case) = cases.get(next.fetch_add(1, Ordering::Relaxed)) {
                     let hidden = case.hidden();
+                    if !wanted(&hidden) {
+                        continue;
+                    }
                     let recording = house.path(&format!("{}.mcap", case.seed));
                     write(hidden.recording.bursts, &recording);
                     let said = critic(&recording);
@@ -363,6 +371,15 @@ fn hidden_quick() {
     println!("{}", blind.markdown());
     let missed = missed_goals(&blind);
     assert!(missed.is_empty(), "{missed:#?}");
+}
+
+/// Of as many again, those with nothing hidden: how often anything is named in them.
+#[test]
+#[ignore = "a quarter of an hour: recordings with nothing hidden"]
+fn hidden_nothing() {
+    let cases = drawn(how_many(), FIRST_SEED + 400_000);
+    let blind = judged_where(&cases, &inkling_critique, |hidden| hidden.truth.effects.is_empty());
+    println!("{}", blind.markdown());
 }
 
 /// How many recordings are drawn: INKLING_HIDDEN, else what makes 500 with nothing hidden.
