@@ -3,7 +3,7 @@
 //! In: the selected model. Out: [`Left`]: what is still significant, in words, and how much of the
 //! misfit it is.
 
-use super::candidates::{Applied, OWN_LINE, Scored};
+use super::candidates::{Applied, MARGIN, OWN_LINE, Scored};
 use super::catalogue::{by_amplitude, same_class};
 use super::covariates::{Covariates, DRIVE, NAMES, TEMPERATURE, TIME};
 use super::engine::Found;
@@ -22,8 +22,6 @@ const SHARE_ALLOWED: f64 = 0.07;
 const SHARE_OF_SEVERAL: f64 = 0.005;
 /// So many causes explain anything.
 const MANY: usize = 3;
-/// An omnibus test must be more surprising than a candidate: it has no mechanism behind it.
-pub const MARGIN: f64 = 1.5;
 
 #[derive(Clone, Debug, Default)]
 pub struct Left {

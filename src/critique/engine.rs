@@ -16,7 +16,7 @@ use super::gain;
 use super::jitter;
 use super::leftovers::{
     LEFT_OF_NOISE, RANDOM_TONE, accepted, at_the_ring, at_the_ring_beside, beside_codes_and_noise,
-    beyond_growing_noise, beyond_others, largest, still_there,
+    beyond_growing_noise, beyond_others, largest, leave_out, still_there,
 };
 use super::model::{Model, Unfit};
 use super::observations::Observations;
@@ -162,8 +162,7 @@ pub fn critique(
         let others = again.into_iter().filter(|f| f.evidence.id != "correlated_noise");
         of_noise.extend(others.map(|mut f| {
             if f.evidence.accepted && f.evidence.statistic < least {
-                f.evidence.accepted = false;
-                f.evidence.why_not = "what correlated noise leaves".into();
+                leave_out(&mut f, "what correlated noise leaves");
             }
             f
         }));

@@ -24,8 +24,7 @@ pub fn beyond_growing_noise(of_noise: &mut [Found]) {
     let Some(least) = grows.map(|f| LEFT_OF_NOISE * f.evidence.statistic) else { return };
     for f in of_noise.iter_mut().filter(|f| f.evidence.id != GROWS) {
         if f.evidence.accepted && f.evidence.statistic < least {
-            f.evidence.accepted = false;
-            f.evidence.why_not = "what growing noise leaves".into();
+            leave_out(f, "what growing noise leaves");
         }
     }
 }
@@ -49,14 +48,16 @@ pub fn at_the_ring(of_noise: &mut [Found], model: &Model, length_s: f64) -> bool
     let tone = of_noise.iter_mut().find(|f| f.evidence.id == RANDOM_TONE && f.evidence.accepted);
     let near = |f: &&mut Found| (f.evidence.value - own_hz).abs() * length_s < OWN_PERIODS;
     let Some(tone) = tone.filter(near) else { return false };
-    tone.evidence.accepted = false;
+    leave_out(tone, "it is looked for beside the causes");
     true
 }
 
 /// What bends the ring leaves more at its frequency.
 pub fn at_the_ring_beside(of_noise: &mut [Found], of_shapes: f64) {
-    for f in of_noise.iter_mut().filter(|f| f.evidence.id == RANDOM_TONE) {
-        f.evidence.accepted &= f.evidence.statistic > LEFT_OF_NOISE * of_shapes;
+    for f in of_noise.iter_mut().filter(|f| f.evidence.id == RANDOM_TONE && f.evidence.accepted) {
+        if f.evidence.statistic <= LEFT_OF_NOISE * of_shapes {
+            leave_out(f, "what bends the ring leaves so much at its frequency");
+        }
     }
 }
 
@@ -73,8 +74,7 @@ pub fn still_there(of_noise: &mut [Found], again: &[Found]) {
         let gone = id != "correlated_noise"
             && again.iter().any(|a| a.evidence.id == *id && !a.evidence.accepted);
         if gone {
-            f.evidence.accepted = false;
-            f.evidence.why_not = "what other causes leave in single signals".into();
+            leave_out(f, "what other causes leave in single signals");
         }
     }
 }
@@ -90,10 +90,14 @@ pub fn beyond_others(of_noise: &mut [Found], of_codes: &[Found], of_shapes: f64)
         let alone = others == 1 && of_shapes == 0.0;
         let share = (LEFT_OF_SHAPES * of_shapes).max(LEFT_OF_NOISE * largest);
         if !alone && f.evidence.statistic < share.max(DETECTION_LIMIT.min(largest)) {
-            f.evidence.accepted = false;
-            f.evidence.why_not = "what a stronger cause leaves".into();
+            leave_out(f, "what a stronger cause leaves");
         }
     }
+}
+
+pub fn leave_out(f: &mut Found, why: &str) {
+    f.evidence.accepted = false;
+    f.evidence.why_not = why.into();
 }
 
 /// The value of a cause among those found.

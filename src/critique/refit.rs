@@ -238,7 +238,7 @@ fn part_way(old: &Applied, new: Applied, stride: f64) -> Applied {
         let (from, to) = (old.coefficients[i], new.coefficients[i]);
         let coefficient = between(from, to);
         if stride == 1.0 || coefficient * to <= 0.0 {
-            continue;
+            continue; // all the way; or through zero, where nothing is halfway
         }
         way.coefficients[i] = coefficient;
         for (block, before) in direction.0.iter_mut().zip(&old.directions[i].0) {

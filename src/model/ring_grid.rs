@@ -5,6 +5,7 @@
 //! them. Sums are made in one order, so the start is the same whatever the processor; nothing fuses.
 
 use crate::processor::for_processor;
+
 /// Places side by side: with both columns of each 64 sums, four AVX-512 vectors.
 const PLACES: usize = 32;
 type OfPlaces = [f32; PLACES];

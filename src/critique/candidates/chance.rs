@@ -2,6 +2,9 @@
 
 use std::f64::consts::TAU;
 
+/// An omnibus test must be more surprising than a candidate: it has no mechanism behind it.
+pub const MARGIN: f64 = 1.5;
+
 /// -ln p of a chi-squared statistic with 1 or 2 degrees, times the number of independent tries; by
 /// Student's t where the scale was estimated from few.
 pub fn surprise(statistic: f64, degrees: usize, tried: f64, dof: f64) -> f64 {

@@ -3,9 +3,8 @@
 //!
 //! In: a [`Bench`]. Out: [`Scored`].
 
-use super::chance::surprise;
+use super::chance::{MARGIN, surprise};
 use super::{Applied, Bench, CLOCK, DAMPING, FREQUENCY, Kind, Scored};
-use crate::critique::adequacy::MARGIN;
 use crate::critique::covariates::{COVARIATES, POSITION};
 use crate::critique::space::Direction;
 use crate::model::free_decay::ALL;
@@ -14,6 +13,7 @@ use std::f64::consts::TAU;
 
 /// Its own effect must show beside that of the state, in standard deviations.
 const LEAST_OWN: f64 = 2.5;
+
 impl Bench<'_> {
     pub(super) fn covariate(
         &self,

@@ -28,7 +28,7 @@ impl Bench<'_> {
         near: Option<&Applied>,
     ) -> Option<Scored> {
         let n = self.samples;
-        let columns = |omega: f64, gamma: f64| {
+        let columns = |pattern: usize, omega: f64, gamma: f64| {
             let column = |phase: f64| {
                 let y = (0..n).map(|k| {
                     let t = k as f64 / n as f64;
@@ -38,9 +38,10 @@ impl Bench<'_> {
             };
             [column(0.0), column(-PI / 2.0)]
         };
-        let test = |omega: f64, gamma: f64| {
-            self.shapes.test(&columns(omega, gamma)).map_or(0.0, |t| t.statistic)
+        let test_as = |pattern: usize, omega: f64, gamma: f64| {
+            self.shapes.test(&columns(pattern, omega, gamma)).map_or(0.0, |t| t.statistic)
         };
+        let test = |omega: f64, gamma: f64| test_as(pattern, omega, gamma);
         let (own, resolution) = (self.seen.omega, TAU);
         // near its own frequency a second mode is no second mode: the pair splits
         let banned = |omega: f64, gamma: f64| {
@@ -94,7 +95,7 @@ impl Bench<'_> {
                     .min(6.0 * self.seen.sigma);
             }
         }
-        let directions = columns(omega, gamma);
+        let directions = columns(pattern, omega, gamma);
         let tested = self.shapes.test(&directions)?;
         let sd = width(|x| test(x, gamma), omega, 0.02);
         let value = omega / TAU / self.length_s;
@@ -113,17 +114,7 @@ impl Bench<'_> {
         let close = 1.2 * resolution + 4.5 * self.seen.sigma;
         if near.is_none() && (omega - own).abs() < close && self.beside.drive_scan {
             let shares: &[f64] = if pattern == 0 { &[0.4, 1.0, 2.0] } else { &[0.0] };
-            let as_other = |share: &f64| {
-                let column = |phase: f64| {
-                    let y = (0..n).map(|k| {
-                        let t = k as f64 / n as f64;
-                        (-share * self.seen.sigma * t).exp() * (omega * t + phase).cos()
-                    });
-                    self.pattern(1 - pattern, y.collect())
-                };
-                let columns = [column(0.0), column(-PI / 2.0)];
-                self.shapes.test(&columns).map_or(0.0, |t| t.statistic)
-            };
+            let as_other = |share: &f64| test_as(1 - pattern, omega, share * self.seen.sigma);
             if shares.iter().map(as_other).any(|s| s > scored.statistic - 3.0) {
                 let other = if pattern == 0 { "mode" } else { "tone" };
                 scored.disqualified = format!("it may be a {other} near the ring's own frequency");
@@ -170,8 +161,8 @@ impl Bench<'_> {
         let mut ln_m = refined(best.1.ln(), loss);
         if test(ln_m.exp(), loss) > SHOWS_ITS_LOSS {
             for _ in 0..3 {
-                let most = (LOSS.ln(), maximum(|x| test(ln_m.exp(), x.exp()), loss.ln(), 0.4));
-                loss = most.1.clamp(-most.0, most.0).exp();
+                let ln_loss = maximum(|x| test(ln_m.exp(), x.exp()), loss.ln(), 0.4);
+                loss = ln_loss.exp().clamp(1.0 / LOSS, LOSS);
                 ln_m = refined(ln_m, loss);
             }
         }

@@ -10,7 +10,7 @@ mod follows;
 mod lines;
 mod shapes;
 
-pub use chance::{ln_normal_tail, surprise};
+pub use chance::{MARGIN, ln_normal_tail, surprise};
 pub use lines::{LEAST_PERIODS, OWN_LINE};
 
 use super::catalogue::{CATALOGUE, Needs, lacking};
