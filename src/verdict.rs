@@ -28,6 +28,29 @@ impl Outcome {
     }
 }
 
+/// Which test a signal's statistic and threshold are of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Test {
+    /// Along the model's sensitivities.
+    Ring,
+    /// Beside them: what no ring explains.
+    Misfit,
+    /// Residual energy, thesis e(r).
+    Energy,
+}
+
+impl Test {
+    pub const ALL: [Test; 3] = [Test::Ring, Test::Misfit, Test::Energy];
+
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Test::Ring => "ring",
+            Test::Misfit => "misfit",
+            Test::Energy => "energy",
+        }
+    }
+}
+
 /// Why a signal was rejected, or why a faulty one is undecided. The names are the contract's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Reason {
@@ -43,11 +66,14 @@ pub enum Reason {
     NoModel,
     DesignMismatch,
     Uncertain,
+    /// A ring, but of no known class.
     UnknownFault,
+    /// No ring explains it: sensor or acquisition.
+    NoRing,
 }
 
 impl Reason {
-    pub const ALL: [Reason; 13] = [
+    pub const ALL: [Reason; 14] = [
         Reason::NonFinite,
         Reason::Saturated,
         Reason::WrongLength,
@@ -61,6 +87,7 @@ impl Reason {
         Reason::DesignMismatch,
         Reason::Uncertain,
         Reason::UnknownFault,
+        Reason::NoRing,
     ];
 
     pub fn as_str(self) -> &'static str {
@@ -78,6 +105,7 @@ impl Reason {
             Reason::DesignMismatch => "design_mismatch",
             Reason::Uncertain => "uncertain",
             Reason::UnknownFault => "unknown_fault",
+            Reason::NoRing => "no_ring",
         }
     }
 }
@@ -147,6 +175,9 @@ pub struct VerdictColumns {
     pub certainty: Vec<Option<f32>>,
     pub statistic: Vec<Option<f32>>,
     pub threshold: Vec<Option<f32>>,
+    pub test: Vec<Option<Test>>,
+    /// Unexplained mean square over the healthy one's.
+    pub misfit: Vec<Option<f32>>,
     pub severity: Vec<Option<f32>>,
     pub severity_sd: Vec<Option<f32>>,
     pub model: Vec<Option<u16>>,
@@ -170,6 +201,8 @@ impl VerdictColumns {
         self.certainty.reserve(rows);
         self.statistic.reserve(rows);
         self.threshold.reserve(rows);
+        self.test.reserve(rows);
+        self.misfit.reserve(rows);
         self.severity.reserve(rows);
         self.severity_sd.reserve(rows);
         self.model.reserve(rows);
@@ -189,6 +222,8 @@ impl VerdictColumns {
         self.certainty.clear();
         self.statistic.clear();
         self.threshold.clear();
+        self.test.clear();
+        self.misfit.clear();
         self.severity.clear();
         self.severity_sd.clear();
         self.model.clear();

@@ -1,19 +1,38 @@
-//! The detection statistic of one model: what is compared with its threshold.
+//! The two detection statistics of one model: along its ring, and beside it.
 
-use super::DesignError;
+use super::{DesignError, HealthyModel};
 use super::own_channel::Own;
+use crate::detect::misfit::Misfit;
 use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK, Sensitivity};
 use crate::identify::grey_box::Identification;
+use crate::model::beside_ring::BesideRing;
+use crate::model::inner_product::dot;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, Fit, RingFitter};
 use nalgebra::{Matrix3, Matrix3x4, Matrix4, Vector3};
+
+/// What detection says of a signal.
+#[derive(Clone, Copy, Debug)]
+pub struct Detection {
+    /// Squared distance along the sensitivities; with `residual-energy` the energy, counts²·s.
+    pub ring: f64,
+    /// Square of what no healthy ring explains, counts². NaN: not asked, or so far out along the ring
+    /// that only a fit tells.
+    pub unexplained: f64,
+}
 
 /// `detect.method` = `sensitivity`, ready for one model.
 #[derive(Clone, Debug)]
 pub struct SensitivityDetector {
     sensitivity: Sensitivity,
+    gram: Matrix3<f64>,
+    /// Square beside the ring that first order settles, counts².
+    settled: f64,
     fitter: RingFitter,
+    beside: BesideRing,
     expected: Vec<f64>,
+    /// What every healthy signal holds beside its ring, counts; empty: nothing.
+    leftover: Vec<f64>,
     pub(super) own: OwnFrame,
 }
 
@@ -48,14 +67,30 @@ impl OwnFrame {
 pub struct FirstLook {
     features: Vector3<f64>,
     pub distance: f64,
-    /// Where first order does not settle it: the whitening of the second look.
+    /// Square beside the ring, counts²; an upper bound, since it takes phase and real pole as they are.
+    pub unexplained: f64,
+    /// Where first order does not settle the distance: the whitening of the second look.
     near: Option<Matrix3<f64>>,
+    /// First order does not settle what lies beside the ring.
+    beside: bool,
 }
 
 impl FirstLook {
     /// Near what the second look finds its ring; `None`: there is none.
     pub fn asks(&self) -> Option<Features> {
-        self.near.map(|_| features(&self.features))
+        (self.near.is_some() || self.beside).then(|| features(&self.features))
+    }
+
+    /// The second look needs the signal itself.
+    pub fn asks_beside(&self) -> bool {
+        self.beside
+    }
+
+    /// Without a second look.
+    pub fn detection(&self) -> Detection {
+        let far = self.distance >= CLEARLY_FAR;
+        let unexplained = if far { f64::NAN } else { self.unexplained };
+        Detection { ring: self.distance, unexplained }
     }
 }
 
@@ -72,20 +107,38 @@ pub fn ring_of(identification: &Identification) -> Result<Ring, DesignError> {
 }
 
 impl SensitivityDetector {
-    /// `expected`: y_hat at the reference drive, counts.
+    /// `misfit`: with the second test.
     pub fn new(
-        identification: &Identification,
+        model: &HealthyModel,
         sensitivity: Sensitivity,
-        expected: &[f64],
-        dt_s: f64,
+        misfit: Option<&Misfit>,
     ) -> Result<SensitivityDetector, DesignError> {
-        let fitter = RingFitter::new(ring_of(identification)?, dt_s, expected.len());
+        let (ring, dt_s) = (ring_of(&model.identification)?, model.generator.dt_s);
+        let samples = model.expected.len();
+        let fitter = RingFitter::new(ring, dt_s, samples);
         // of one sample, from what it leaves in the amplitude
         let of_amplitude: f64 = sensitivity.projection[0].iter().map(|p| p * p).sum();
         let noise = (sensitivity.noise[0][0] / of_amplitude).sqrt();
         let own = OwnFrame::new(&fitter, &sensitivity, noise)
             .ok_or_else(|| DesignError::Invalid("the model's phase cannot be told".into()))?;
-        Ok(SensitivityDetector { sensitivity, fitter, expected: expected.to_vec(), own })
+        let gram = sensitivity.gram().ok_or_else(|| {
+            DesignError::Invalid("amplitude, damping and frequency cannot be told apart".into())
+        })?;
+        Ok(SensitivityDetector {
+            sensitivity,
+            gram,
+            settled: misfit.map_or(f64::INFINITY, Misfit::settled_square),
+            fitter,
+            beside: BesideRing::new(&ring, dt_s, samples),
+            expected: model.expected.clone(),
+            leftover: model.leftover.clone(),
+            own,
+        })
+    }
+
+    /// Looks again at what has more than this square beside the ring, counts².
+    pub(super) fn look_beyond(&mut self, square: f64) {
+        self.settled = square;
     }
 
     /// The same statistic about the channel's own baseline: squared distance in what one channel's
@@ -111,16 +164,16 @@ impl SensitivityDetector {
         fitted.map_or(distance(&first), |x| distance(&x))
     }
 
-    /// Squared Mahalanobis distance of a signal from the healthy channels. `deviation`: from what is
-    /// expected at its drive and temperature, counts.
-    pub fn statistic(&self, deviation: &[f64], drive: f64, scratch: &mut Scratch) -> f64 {
+    /// Both statistics of a signal. `deviation`: from what is expected at its drive and temperature,
+    /// counts.
+    pub fn detect(&self, deviation: &[f64], drive: f64, scratch: &mut Scratch) -> Detection {
         let look = self.first_look(deviation, drive);
         match look.asks() {
-            None => look.distance,
+            None => look.detection(),
             Some(near) => {
                 self.at_reference(deviation, drive, &mut scratch.signal);
                 let fit = self.fitter.fit_from(&scratch.signal, &near, false);
-                self.second_look(&look, fit.as_ref())
+                self.second_look(&look, fit.as_ref(), &scratch.signal, drive)
             }
         }
     }
@@ -128,20 +181,47 @@ impl SensitivityDetector {
     /// To first order.
     pub fn first_look(&self, deviation: &[f64], drive: f64) -> FirstLook {
         let features = self.sensitivity.features(deviation, drive);
+        let along = features * drive;
+        let unexplained = dot(deviation, deviation) - along.dot(&(self.gram * along));
         let Some(metric) = self.sensitivity.metric(drive) else {
-            return FirstLook { features, distance: f64::INFINITY, near: None };
+            let (distance, near, beside) = (f64::INFINITY, None, false);
+            return FirstLook { features, distance, unexplained, near, beside };
         };
         let distance = self.sensitivity.distance(&metric, &features);
         let settled = distance <= SECOND_LOOK || distance >= CLEARLY_FAR;
-        FirstLook { features, distance, near: (!settled).then_some(metric) }
+        let beside = distance < CLEARLY_FAR && unexplained > self.settled;
+        let near = (!settled).then_some(metric);
+        FirstLook { features, distance, unexplained, near, beside }
     }
 
-    /// The statistic by the fit that a first look asked for.
-    pub fn second_look(&self, look: &FirstLook, fit: Option<&Fit>) -> f64 {
-        match (fit, &look.near) {
-            (Some(fit), Some(metric)) => self.sensitivity.distance(metric, &three(fit)),
-            _ => look.distance,
+    /// The statistics by the fit that a first look asked for. `signal`: at reference drive and
+    /// temperature, counts.
+    pub fn second_look(
+        &self,
+        look: &FirstLook,
+        fit: Option<&Fit>,
+        signal: &[f64],
+        drive: f64,
+    ) -> Detection {
+        let mut found = look.detection();
+        if let (Some(fit), Some(metric)) = (fit, &look.near) {
+            found.ring = self.sensitivity.distance(metric, &three(fit));
         }
+        if look.beside {
+            let near = fit.map_or_else(|| features(&look.features), |fit| fit.features);
+            found.unexplained = self.unexplained(signal, &near, drive).unwrap_or(look.unexplained);
+        }
+        found
+    }
+
+    /// Square of what no ring explains of a signal, counts² at its own drive. `signal`: at reference drive
+    /// and temperature, counts; `near`: what its ring lies near.
+    pub fn unexplained(&self, signal: &[f64], near: &Features, drive: f64) -> Option<f64> {
+        let fit = self.fitter.fit_from(signal, near, true)?;
+        let mut left = self.beside.left(&self.fitter, signal, &fit.features);
+        let amplitude = fit.features.ln_amplitude.exp();
+        left.iter_mut().zip(&self.leftover).for_each(|(l, shape)| *l -= amplitude * shape);
+        Some(dot(&left, &left) * drive * drive)
     }
 
     /// What fits signals for a second look, the phase held, as they would be at the reference drive and

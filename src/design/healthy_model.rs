@@ -2,12 +2,16 @@
 
 use super::detector::{Scratch, SensitivityDetector, ring_of};
 use super::fd_filter::{self, LearnedFilter};
+use super::leftover::Left;
 use super::{Design, DesignError, DetectSettings};
+use crate::detect::contamination::{Degrees, contaminated};
+use crate::detect::misfit::{self, Misfit};
 use crate::detect::sensitivity::Sensitivity;
 use crate::detect::{DetectMethod, ResidualGenerator, ThresholdMethod, threshold};
 use crate::identify::averaging::{self, SignalSet, median};
 use crate::identify::grey_box::{self, Identification};
 use crate::identify::{GreyBoxSettings, tangent};
+use crate::model::beside_ring::BesideRing;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
 use serde::{Deserialize, Serialize};
@@ -44,8 +48,12 @@ pub struct HealthyModel {
     /// Mean recorded temperature of the window, °C.
     pub temperature_c: Option<f64>,
     pub identification: Identification,
-    /// y_hat = C e^{At} x_a_hat at the reference drive, counts.
+    /// y_hat = C e^{At} x_a_hat at the reference drive, counts; with `detect.method` = `sensitivity` plus
+    /// what all healthy signals hold beside their ring, `leftover`.
     pub expected: Vec<f64>,
+    /// Part of `expected`, counts; empty: there is none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub leftover: Vec<f64>,
     /// d y_hat / d temperature, counts/K; absent: not recorded or no significant effect.
     pub temperature_response: Option<Vec<f64>>,
     /// Relative change of damping and of resonance per K.
@@ -56,6 +64,9 @@ pub struct HealthyModel {
     /// Healthy channels along the model's sensitivities, for `detect.method` = `sensitivity`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensitivity: Option<Sensitivity>,
+    /// What healthy signals leave beside their rings, for the second test.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub misfit: Option<Misfit>,
     /// Median detection statistic of the window's signals.
     pub median_statistic: f64,
 }
@@ -95,60 +106,7 @@ impl HealthyModel {
             .as_ref()
             .and_then(|response| tangent::pole_changes(&identification, &directions, response))
             .unwrap_or((0.0, 0.0));
-
-        // nobody says that a window's every signal is healthy: what came before is trusted more
-        let trusted = anchor.filter(|_| settings.least_agreeing.is_some());
-        let expectation = Expectation {
-            y: &expected,
-            reference_c: temperature_c,
-            response: temperature_response.as_deref(),
-        };
-        let sensitivity = match settings.detect.method {
-            DetectMethod::ResidualEnergy => None,
-            DetectMethod::Sensitivity => {
-                let fitter = RingFitter::new(ring_of(&identification)?, dt_s, set.samples);
-                let tangent = fitter.tangent(&Features::HEALTHY).columns(0, 3).into_owned();
-                let new = Sensitivity::new(&tangent, mean.noise).ok_or_else(|| {
-                    DesignError::Invalid(
-                        "amplitude, damping and frequency cannot be told apart".into(),
-                    )
-                })?;
-                Some(match trusted.and_then(|anchor| anchor.sensitivity.as_ref()) {
-                    Some(known) => new.with_spread_of(known),
-                    None => {
-                        let mut features = Vec::with_capacity(healthy.len());
-                        expectation.each(healthy, |deviation, drive| {
-                            features.push((new.features(deviation, drive), drive));
-                        });
-                        new.with_spread(&features)
-                    }
-                })
-            }
-        };
-        let statistics = match &sensitivity {
-            None => energies(expectation, &generator, healthy),
-            Some(sensitivity) => {
-                let detector = SensitivityDetector::new(
-                    &identification,
-                    sensitivity.clone(),
-                    &expected,
-                    dt_s,
-                )?;
-                let (mut scratch, mut statistics) = (Scratch::default(), Vec::new());
-                expectation.each(healthy, |deviation, drive| {
-                    statistics.push(detector.statistic(deviation, drive, &mut scratch));
-                });
-                statistics
-            }
-        };
-        let median_statistic = median(&mut statistics.clone());
-        let threshold = match trusted {
-            // Nobody says that the window is free of slight faults, so its own tail cannot be
-            // trusted; its median can. The anchor's tail is carried over, in units of the median.
-            Some(anchor) => anchor.threshold.scaled(median_statistic / anchor.median_statistic),
-            None => learn_threshold(&statistics, &healthy.channel, settings.detect)?,
-        };
-        Ok(HealthyModel {
+        let mut model = HealthyModel {
             printhead: printhead.map(str::to_owned),
             valid_from_ns: None,
             n_signals: mean.n_signals,
@@ -158,14 +116,135 @@ impl HealthyModel {
             temperature_c,
             identification,
             expected,
+            leftover: Vec::new(),
             temperature_response,
             damping_per_k,
             frequency_per_k,
             generator,
-            sensitivity,
-            threshold,
-            median_statistic,
-        })
+            sensitivity: None,
+            threshold: Threshold::none(),
+            misfit: None,
+            median_statistic: f64::NAN,
+        };
+        match settings.detect.method {
+            DetectMethod::ResidualEnergy => model.learn_energies(healthy, anchor, settings)?,
+            DetectMethod::Sensitivity => model.learn_distances(set, healthy, settings)?,
+        }
+        Ok(model)
+    }
+
+    /// `residual-energy`: one test, thesis e(r).
+    fn learn_energies(
+        &mut self,
+        healthy: &SignalSet,
+        anchor: Option<&HealthyModel>,
+        settings: LearnSettings,
+    ) -> Result<(), DesignError> {
+        let mut energies = Vec::with_capacity(healthy.len());
+        self.each_deviation(healthy, |deviation, _| energies.push(self.generator.energy(deviation)));
+        self.median_statistic = median(&mut energies.clone());
+        // Nobody says that the window is free of slight faults, so its own tail cannot be trusted; its
+        // median can. The anchor's tail is carried over, in units of the median.
+        let trusted = anchor.filter(|_| settings.least_agreeing.is_some());
+        self.threshold = match trusted {
+            Some(anchor) => anchor.threshold.scaled(self.median_statistic / anchor.median_statistic),
+            None => learn_threshold(&energies, &healthy.channel, settings.detect, 1.0)?,
+        };
+        Ok(())
+    }
+
+    /// `sensitivity`: along the ring and beside it. `set`: the window; `healthy`: what agrees in it.
+    fn learn_distances(
+        &mut self,
+        set: &SignalSet,
+        healthy: &SignalSet,
+        settings: LearnSettings,
+    ) -> Result<(), DesignError> {
+        let (dt_s, samples) = (settings.sample_period_s, set.samples);
+        let ring = ring_of(&self.identification)?;
+        let fitter = RingFitter::new(ring, dt_s, samples);
+        let beside = BesideRing::new(&ring, dt_s, samples);
+        let near = Some(Features::HEALTHY);
+        let left = Left::of(healthy, (&fitter, &beside), near, |i, y| {
+            self.at_reference(healthy, i, y);
+        });
+        if let Some(shape) = left.shape() {
+            self.expected.iter_mut().zip(&shape).for_each(|(e, s)| *e += s);
+            self.leftover = shape;
+        }
+        let tangent = fitter.tangent(&Features::HEALTHY).columns(0, 3).into_owned();
+        let new = Sensitivity::new(&tangent, self.noise).ok_or_else(|| {
+            DesignError::Invalid("amplitude, damping and frequency cannot be told apart".into())
+        })?;
+        // labels say that all are healthy; without, up to two in five may be faulty
+        let (seen, labelled) = match settings.least_agreeing {
+            None => (healthy, true),
+            Some(_) => (set, false),
+        };
+        let mut features = Vec::with_capacity(seen.len());
+        self.each_deviation(seen, |deviation, drive| {
+            features.push((new.features(deviation, drive), drive));
+        });
+        let sensitivity =
+            if labelled { new.with_spread(&features) } else { new.with_core_spread(&features) };
+        let mut detector = SensitivityDetector::new(self, sensitivity.clone(), None)?;
+        let (mut scratch, mut distances, mut squares) = (Scratch::default(), Vec::new(), Vec::new());
+        self.each_deviation(seen, |deviation, drive| {
+            squares.push(detector.first_look(deviation, drive).detection().unexplained);
+        });
+        squares.retain(|q| q.is_finite());
+        if let Some([root, sd]) = Misfit::scale(&squares) {
+            detector.look_beyond((root + misfit::SECOND_LOOK_SDS * sd).powi(2));
+        }
+        squares.clear();
+        self.each_deviation(seen, |deviation, drive| {
+            let found = detector.detect(deviation, drive, &mut scratch);
+            distances.push(found.ring);
+            squares.push(found.unexplained);
+        });
+        self.sensitivity = Some(sensitivity);
+        self.median_statistic = median(&mut distances.clone());
+        let learn = |statistics: &[f64], channels: &[u32], kind: Degrees, share: f64| {
+            let DetectSettings { false_alarm_rate, confidence, .. } = *settings.detect;
+            match labelled || settings.detect.threshold == ThresholdMethod::Max {
+                true => learn_threshold(statistics, channels, settings.detect, share),
+                false => {
+                    let rate = share * false_alarm_rate;
+                    Ok(contaminated(statistics, channels, kind, rate, confidence)?)
+                }
+            }
+        };
+        let share = 1.0 - misfit::SHARE_OF_RATE;
+        self.threshold = learn(&distances, &seen.channel, Degrees::Three, share)?;
+        // what is far along the ring says nothing of what lies beside it
+        let near = |i: &usize| squares[*i].is_finite() && distances[*i] <= self.threshold.value;
+        let near: Vec<usize> = (0..squares.len()).filter(near).collect();
+        let channels: Vec<u32> = near.iter().map(|&i| seen.channel[i]).collect();
+        let squares: Vec<f64> = near.iter().map(|&i| squares[i]).collect();
+        if let Some(scale) = Misfit::scale(&squares) {
+            let distances: Vec<f64> = squares.iter().map(|q| Misfit::distance(*q, scale)).collect();
+            let threshold =
+                learn(&distances, &channels, Degrees::OneSided, misfit::SHARE_OF_RATE)?;
+            let [root, root_sd] = scale;
+            let within: Vec<f64> = squares
+                .iter()
+                .zip(&distances)
+                .filter(|(_, d)| **d <= threshold.value)
+                .map(|(q, _)| *q)
+                .collect();
+            let square = within.iter().sum::<f64>() / within.len().max(1) as f64;
+            self.misfit = Some(Misfit { square, root, root_sd, threshold });
+        }
+        Ok(())
+    }
+
+    /// Leaves a set's signal as it would be at the reference drive and temperature, counts.
+    pub(super) fn at_reference(&self, set: &SignalSet, i: usize, y: &mut [f64]) {
+        let (drive, warmer) = (set.drive[i], self.warmer(set.temperature_c[i]));
+        y.iter_mut().zip(set.signal(i)).for_each(|(y, v)| *y = f64::from(*v) / drive);
+        if let Some(response) = self.temperature_response.as_ref().filter(|_| warmer != 0.0) {
+            y.iter_mut().zip(response).for_each(|(y, slope)| *y -= warmer * slope);
+        }
     }
 
     /// Learns what temperature does, and nothing else, from signals at other temperatures than its own.
@@ -277,6 +356,14 @@ impl HealthyModel {
         if !(self.median_statistic.is_finite() && self.median_statistic > 0.0) {
             return refuse("`median_statistic` must be positive");
         }
+        if !self.leftover.is_empty() && !finite(&self.leftover) {
+            return refuse("`leftover` must be finite, one number per sample");
+        }
+        if let Some(misfit) = &self.misfit {
+            misfit
+                .check()
+                .map_err(|what| DesignError::Invalid(format!("model {name}: {what}")))?;
+        }
         if let Some(sensitivity) = &self.sensitivity {
             sensitivity
                 .check(design.samples)
@@ -379,17 +466,12 @@ impl Expectation<'_> {
     }
 }
 
-/// Residual energy of every signal of a set, counts²·s.
-fn energies(expectation: Expectation, generator: &ResidualGenerator, set: &SignalSet) -> Vec<f64> {
-    let mut energies = Vec::with_capacity(set.len());
-    expectation.each(set, |deviation, _| energies.push(generator.energy(deviation)));
-    energies
-}
-
+/// `share`: of the rate of false alarms.
 fn learn_threshold(
     energies: &[f64],
     channels: &[u32],
     settings: &DetectSettings,
+    share: f64,
 ) -> Result<Threshold, DesignError> {
     const SEED: u64 = 1;
     Ok(match settings.threshold {
@@ -397,7 +479,7 @@ fn learn_threshold(
         ThresholdMethod::Quantile => threshold::quantile(
             energies,
             channels,
-            settings.false_alarm_rate,
+            share * settings.false_alarm_rate,
             settings.confidence,
             SEED,
         )?,

@@ -1,24 +1,44 @@
 //! A healthy model and the fault classes as they meet a signal: what rides with every batch.
 
-use super::detector::{Scratch, SensitivityDetector, ring_of};
+use super::detector::{Detection, Scratch, SensitivityDetector, ring_of};
 use super::lanes::Lanes;
 use super::own_channel::Own;
 use super::{Design, DesignError, Extension, FaultModel, HealthyModel, IsolateSettings};
 use crate::burst::Burst;
+use crate::verdict::Test;
 use crate::identify::reservoir::relative_drive;
 use crate::isolate::fault_curve::Seen;
 use crate::isolate::neighbours::Neighbours;
 use crate::isolate::physics_density::{Comparison, FaultCurves};
 use crate::isolate::posterior::Posterior;
 use crate::isolate::severity::Severity;
+use crate::isolate::typical::{Beside, Typical};
 use crate::isolate::{
     Decision, DecisionRule, IsolateMethod, IsolateSignal, MAX_CLASSES, SignatureMatrix, Simplex,
     model_matching,
 };
+use crate::model::beside_ring::BesideRing;
 use crate::model::ring::Ring;
-use crate::model::ring_fit::{Fit, Products, RingFitter};
+use crate::model::ring_fit::{Features, Fit, Products, RingFitter};
 use nalgebra::Vector2;
 use std::sync::Arc;
+
+/// What is written of a signal's detection.
+#[derive(Clone, Copy, Debug)]
+pub struct Tested {
+    pub test: Test,
+    pub statistic: f64,
+    pub threshold: f64,
+    /// Unexplained mean square over the healthy one's; NaN: not known.
+    pub misfit: f64,
+}
+
+impl Tested {
+    /// e <= threshold is healthy, thesis f after (3-4).
+    pub fn is_flagged(&self) -> bool {
+        self.statistic > self.threshold
+    }
+}
 
 /// Judges signals by one model. Built once per model, shared by all workers.
 #[derive(Debug)]
@@ -56,6 +76,8 @@ struct OfRings {
     priors: Vec<f64>,
     /// How healthy features change with temperature, per K.
     per_k: [f64; 4],
+    beside: BesideRing,
+    typical: Option<Typical>,
 }
 
 /// `isolate.method`, ready for this model.
@@ -71,10 +93,9 @@ enum Isolator {
     Neighbours(Neighbours),
 }
 
-/// A fit that leaves this many times the noise's square is no ring of the model.
-const NO_RING: f64 = 9.0;
-/// Share of a faulty signal's energy that the healthy real pole may fit badly.
-const MODEL_ERROR: f64 = 0.05;
+/// What the best ring explains of noise alone, in noise variances, is less than this: of two linear and
+/// two searched parameters some 20 at most.
+const NOISE_ALONE: f64 = 40.0;
 
 /// What isolation says of one signal.
 pub type Isolation = Decision;
@@ -93,6 +114,9 @@ pub struct Workspace {
     pub ring: Option<[f64; 2]>,
     /// Of the signal last isolated, if its category was named.
     pub severity: Option<Severity>,
+    /// Mean square that its ring leaves over the noise's; NaN: not fitted.
+    pub misfit: f64,
+    ln_densities: Vec<f64>,
     physics: Comparison,
     /// Of the signal next isolated, see [`Judge::warmer`]. K.
     pub warmer: f64,
@@ -125,12 +149,10 @@ impl Judge {
         };
         let detector = match &model.sensitivity {
             None => None,
-            Some(sensitivity) => Some(SensitivityDetector::new(
-                &model.identification,
-                sensitivity.clone(),
-                &model.expected,
-                model.generator.dt_s,
-            )?),
+            Some(sensitivity) => {
+                let misfit = model.misfit.as_ref();
+                Some(SensitivityDetector::new(&model, sensitivity.clone(), misfit)?)
+            }
         };
         let extension = design.and_then(|design| design.extension.clone());
         // lanes know what is expected of a burst; an extension asks for each signal
@@ -167,19 +189,43 @@ impl Judge {
         self.model.expect(self.drive(burst), burst.temperature_c.unwrap_or(f64::NAN), out);
     }
 
-    /// What is compared with the threshold: residual energy, or distance along the sensitivities.
-    /// `deviation`: of a signal from what is expected, counts.
-    pub fn statistic(&self, deviation: &[f64], drive: f64, work: &mut Workspace) -> f64 {
-        match &self.detector {
-            None => self.model.generator.energy(deviation),
-            Some(detector) => match &work.own {
-                None => detector.statistic(deviation, drive, &mut work.detector),
-                Some(own) => {
-                    let distance =
-                        detector.statistic_of_own(deviation, drive, own, &mut work.detector);
-                    distance * (self.model.threshold.value / own.gate).min(1.0)
-                }
-            },
+    /// What is compared with the thresholds. `deviation`: of a signal from what is expected, counts.
+    pub fn detect(&self, deviation: &[f64], drive: f64, work: &mut Workspace) -> Detection {
+        let Some(detector) = &self.detector else {
+            let ring = self.model.generator.energy(deviation);
+            return Detection { ring, unexplained: f64::NAN };
+        };
+        match &work.own {
+            None => detector.detect(deviation, drive, &mut work.detector),
+            Some(own) => {
+                let distance = detector.statistic_of_own(deviation, drive, own, &mut work.detector);
+                let ring = distance * (self.model.threshold.value / own.gate).min(1.0);
+                Detection { ring, unexplained: f64::NAN }
+            }
+        }
+    }
+
+    /// Whether it fails along its ring, too.
+    pub fn is_faulty_ring(&self, detection: Detection) -> bool {
+        self.model.threshold.is_faulty(detection.ring)
+    }
+
+    /// The test that a signal is nearer to failing, or fails by more.
+    pub fn test(&self, detection: Detection) -> Tested {
+        let Detection { ring, unexplained } = detection;
+        let threshold = self.model.threshold.value;
+        let along = match self.detector {
+            None => Test::Energy,
+            Some(_) => Test::Ring,
+        };
+        let of_ring = Tested { test: along, statistic: ring, threshold, misfit: f64::NAN };
+        let Some(misfit) = &self.model.misfit else { return of_ring };
+        let (statistic, relative) = (misfit.statistic(unexplained), misfit.relative(unexplained));
+        let beside = misfit.threshold.value;
+        // a comparison that NaN fails
+        match statistic * threshold > ring * beside {
+            true => Tested { test: Test::Misfit, statistic, threshold: beside, misfit: relative },
+            false => Tested { misfit: relative, ..of_ring },
         }
     }
 
@@ -205,8 +251,12 @@ impl Judge {
             let OfRings { posterior, fitter, .. } = &**of_rings;
             // the ring as it would be at the reference drive and temperature
             self.model.per_drive(deviation, drive, work.warmer, &mut work.residual);
-            let fit = fitter.fit(&work.residual, posterior.phase, &mut work.products);
-            return self.isolate_ring(fit.as_ref(), drive, work);
+            let signal = std::mem::take(&mut work.residual);
+            let fit = fitter.fit(&signal, posterior.phase, &mut work.products);
+            let copy = |y: &mut Vec<f64>| y.clone_from(&signal);
+            let isolation = self.isolate_ring(fit.as_ref(), drive, copy, work);
+            work.residual = signal;
+            return isolation;
         }
         (work.severity, work.ring) = (None, None);
         let Workspace { residual, projection, weights, .. } = work;
@@ -273,19 +323,25 @@ impl Judge {
     }
 
     /// [`Judge::isolate`] of a signal whose ring is fitted already, per unit drive, at its own
-    /// temperature. `None`: it is no ring, or no ring is named.
+    /// temperature. `signal`: writes it, counts. `None`: no ring is named.
     pub fn isolate_ring(
         &self,
         fit: Option<&Fit>,
         drive: f64,
+        signal: impl FnOnce(&mut Vec<f64>),
         work: &mut Workspace,
     ) -> Option<Isolation> {
-        (work.severity, work.ring) = (None, None);
+        (work.severity, work.ring, work.misfit) = (None, None, f64::NAN);
         let Isolating { isolator, rule, curves, physics_ring, .. } = self.isolating.as_ref()?;
         let Isolator::Posterior(of_rings) = isolator else { return None };
-        let OfRings { posterior, priors, per_k, .. } = &**of_rings;
-        let Workspace { weights, ring, severity, physics, own, warmer, .. } = work;
-        let (fit, warmer) = (fit?, *warmer);
+        let OfRings { posterior, priors, per_k, typical, .. } = &**of_rings;
+        let noise = self.model.noise_beside() / drive;
+        let Some(fit) = fit.filter(|f| f.square - f.misfit > NOISE_ALONE * noise * noise) else {
+            return Some(Isolation::of_no_ring());
+        };
+        let warmer = work.warmer;
+        work.misfit = fit.misfit / (noise * noise * self.model.expected.len() as f64);
+        let Workspace { weights, ring, physics, own, ln_densities, .. } = work;
         let mut features = fit.features.coordinates();
         features.iter_mut().zip(per_k).for_each(|(x, slope)| *x -= warmer * slope);
         *ring = Some([features[1], features[2]]);
@@ -304,20 +360,60 @@ impl Judge {
         }
         weights.clear();
         weights.resize(rule.category_of.len(), 0.0);
-        posterior.weigh(features, &physics.ln_densities, priors, weights);
+        posterior.weigh(features, &physics.ln_densities, priors, ln_densities, weights);
         let decision = rule.decide(weights);
+        let Some(best) = decision.candidate.map(usize::from) else { return Some(decision) };
+        if let Some(typical) = typical {
+            let most = typical.misfit[best];
+            // what a ring leaves is at most what its fit left
+            if work.misfit > most {
+                signal(&mut work.residual);
+                let (left, of_class) = of_rings.left(&work.residual, fit, self, noise);
+                work.misfit = left;
+                if of_class > most {
+                    return Some(Isolation::of_no_ring());
+                }
+            }
+        }
+        let Workspace { weights, severity, physics, ln_densities, .. } = work;
+        let from_curves = || curves.map_or(f64::INFINITY, |of| of.distance(features, seen, physics));
+        let is_typical = |k: usize| posterior.is_typical(k, ln_densities[k], from_curves);
+        if !is_typical(best) {
+            // where a class that is likelier by little is not it, another may be
+            return Some(match (0..weights.len()).any(is_typical) {
+                true => decision.unnamed(),
+                false => decision.of_unknown_fault(),
+            });
+        }
         let sized = curves.zip(rule.sized(&decision, weights));
         *severity = sized.and_then(|(of, k)| of.severity(k, weights, physics));
-        let noise = self.model.noise / drive;
-        let rings_otherwise = fit.misfit
-            > NO_RING * noise * noise * self.model.expected.len() as f64 + MODEL_ERROR * fit.square;
-        let from_curves =
-            || curves.map_or(f64::INFINITY, |of| of.distance(features, seen, physics));
-        let unknown = rings_otherwise && posterior.fits_none(features, from_curves);
-        Some(match unknown {
-            true => decision.of_unknown_fault(),
-            false => decision,
-        })
+        Some(decision)
+    }
+}
+
+impl OfRings {
+    /// Mean square that no ring explains over the noise's, and the same less what known classes leave.
+    /// `y`: per unit drive, counts; `noise`: of a sample of it.
+    fn left(&self, y: &[f64], fit: &Fit, judge: &Judge, noise: f64) -> (f64, f64) {
+        let near = Features { phase_rad: 0.0, ..fit.features };
+        let fit = self.fitter.fit_from(y, &near, true).unwrap_or(*fit);
+        let mut left = self.beside.left(&self.fitter, y, &fit.features);
+        let size = fit.features.ln_amplitude.exp();
+        left.iter_mut().zip(&judge.model.leftover).for_each(|(l, shape)| *l -= size * shape);
+        left.iter_mut().for_each(|v| *v /= noise);
+        let all = left.iter().map(|v| v * v).sum::<f64>() / left.len() as f64;
+        // noise is one at the signal's own drive, and so is its ring
+        let of_class = self.typical.as_ref().map_or(all, |typical| {
+            typical.misfit_of(Beside { left: &left, size: size * judge.relative_noise(noise) })
+        });
+        (all, of_class)
+    }
+}
+
+impl Judge {
+    /// Drive of a signal whose noise per unit drive is this.
+    fn relative_noise(&self, noise: f64) -> f64 {
+        self.model.noise_beside() / noise
     }
 }
 
@@ -349,7 +445,11 @@ impl Isolator {
                 let fitter = RingFitter::new(ring_of(&model.identification)?, dt_s, samples);
                 let priors = settings.prior_weights(&design.class_names())?;
                 let per_k = model.features_per_k(&fitter);
-                Ok(Isolator::Posterior(Box::new(OfRings { posterior, fitter, priors, per_k })))
+                let ring = ring_of(&model.identification)?;
+                let beside = BesideRing::new(&ring, dt_s, samples);
+                let typical = design.typical.clone();
+                let of_rings = OfRings { posterior, fitter, priors, per_k, beside, typical };
+                Ok(Isolator::Posterior(Box::new(of_rings)))
             }
             // rho of every class is the residual of its mean deviation, by this model's filter
             IsolateMethod::ResidualMatching => {

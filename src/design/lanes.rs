@@ -2,7 +2,7 @@
 
 use super::HealthyModel;
 use crate::detect::kernel::{LaneFilter, LaneStatistics};
-use crate::detect::lane_sensitivity::{LaneSensitivity, RowCondition};
+use crate::detect::lane_sensitivity::{LaneSensitivity, Limits, RowCondition};
 use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK};
 use crate::detect::tile::{Instructions, Tile};
 
@@ -42,25 +42,32 @@ impl Lanes {
         }
     }
 
-    /// Nearer than the first and farther than the second first order settles a squared distance:
-    /// between them the reference looks a second time.
-    pub fn limits(threshold: f64) -> [f64; 2] {
-        [threshold.min(SECOND_LOOK), threshold.max(CLEARLY_FAR)]
+    /// Nearer than one and farther than the other first order settles a squared distance: between them
+    /// the reference looks a second time, and where much lies beside the ring.
+    pub fn limits(model: &HealthyModel) -> Limits {
+        let threshold = model.threshold.value;
+        Limits {
+            near: threshold.min(SECOND_LOOK),
+            far: threshold.max(CLEARLY_FAR),
+            unexplained: model.misfit.as_ref().map_or(f64::INFINITY, |m| m.settled_square()),
+        }
     }
 
     /// Statistics of a tile's signals, and which of them are surely what the reference gives, on its
-    /// side of the threshold.
+    /// side of the thresholds.
     pub fn judge(
         &self,
         tile: &mut Tile,
-        threshold: f64,
+        model: &HealthyModel,
         rails: [f64; 2],
         instructions: Instructions,
     ) -> LaneStatistics {
         match self {
-            Lanes::ResidualEnergy(lanes) => lanes.judge(tile, threshold, rails, instructions),
+            Lanes::ResidualEnergy(lanes) => {
+                lanes.judge(tile, model.threshold.value, rails, instructions)
+            }
             Lanes::Sensitivity(lanes) => {
-                lanes.judge(tile, Lanes::limits(threshold), rails, instructions)
+                lanes.judge(tile, Lanes::limits(model), rails, instructions)
             }
         }
     }

@@ -13,8 +13,10 @@ mod fd_filter;
 mod healthy_model;
 mod judge;
 mod lanes;
+mod leftover;
 mod own_channel;
 mod train;
+mod typical;
 
 pub use crate::detect::DetectSettings;
 pub use crate::isolate::IsolateSettings;
@@ -24,8 +26,9 @@ pub use extension::{Covariate, Extension, Follows};
 pub use fault_class::{FaultClass, FaultModel};
 pub use fd_filter::LearnedFilter;
 pub use healthy_model::{HealthyModel, LearnSettings};
-pub use judge::{Isolation, Judge, Workspace};
+pub use judge::{Isolation, Judge, Tested, Workspace};
 pub use lanes::Lanes;
+pub use detector::Detection;
 pub use own_channel::{Own, OwnChannels};
 pub use train::TrainingSet;
 
@@ -34,13 +37,14 @@ use crate::fault;
 use crate::isolate::fault_physics::FaultPhysics;
 use crate::isolate::physics_density::FaultCurves;
 use crate::isolate::posterior::Posterior;
+use crate::isolate::typical::Typical;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::sync::{Arc, OnceLock};
 use thiserror::Error;
 
 /// Version of the design file; a breaking change needs a new number.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// `schemas/design.md` describes the file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -69,6 +73,9 @@ pub struct Design {
     /// Class densities of a fitted ring's features, for `isolate.method` = `posterior`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub posterior: Option<Posterior>,
+    /// Where signals of the classes lie; with a posterior.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub typical: Option<Typical>,
     /// What faults do by the physics, for severities and classes without labelled signals.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub physics: Option<FaultPhysics>,
@@ -142,6 +149,11 @@ impl Design {
         }
         if let Some(posterior) = &self.posterior {
             posterior.check(self.classes.len()).map_err(DesignError::Invalid)?;
+        }
+        if let Some(typical) = &self.typical {
+            typical
+                .check(self.classes.len(), self.samples)
+                .map_err(DesignError::Invalid)?;
         }
         if let Some(physics) = &self.physics {
             physics.check().map_err(DesignError::Invalid)?;

@@ -3,7 +3,7 @@
 use super::detector::ring_of;
 use super::{
     Design, DesignError, DetectSettings, Extension, FaultClass, HealthyModel, IsolateSettings,
-    LearnSettings, LearnedFilter, VERSION, cold_start,
+    LearnSettings, LearnedFilter, VERSION, cold_start, typical,
 };
 use crate::detect::Denominator;
 use crate::identify::GreyBoxSettings;
@@ -84,6 +84,7 @@ impl Design {
         if !design.classes.is_empty() {
             design.posterior = learn_posterior(&design, set)?;
             warnings.extend(yield_to_own_classes(&mut design, set)?);
+            design.typical = typical::learn(&design, set)?;
             if design.posterior.is_none() {
                 warnings.push(
                     "no posterior: a class has too few signals that ring; \
@@ -126,6 +127,7 @@ impl Design {
             classes: Vec::new(),
             extension: set.extension.clone(),
             posterior: None,
+            typical: None,
             physics: None,
             curves: OnceLock::new(),
         };
@@ -233,7 +235,8 @@ fn yield_to_own_classes(
         for x in &examples.features {
             let mut compared = Comparison::default();
             curves.compare(x, Seen::as_made(), &mut compared);
-            posterior.weigh(x, &compared.ln_densities, &vec![1.0; classes], &mut weights);
+            let priors = vec![1.0; classes];
+            posterior.weigh(x, &compared.ln_densities, &priors, &mut Vec::new(), &mut weights);
             taken.iter_mut().zip(&weights).for_each(|(t, w)| *t += w);
         }
         let of_all = examples.features.len() as f64;

@@ -65,8 +65,19 @@ pub struct LaneFilter {
 pub struct LaneStatistics {
     /// What is compared with the threshold: residual energy, counts²·s, or squared distance.
     pub statistic: [f64; LANES],
-    /// The reference's statistic is surely on that side of the threshold, and no sample is at a rail.
+    /// Square of what does not lie along the sensitivities, counts²; NaN where that is not asked.
+    pub unexplained: [f64; LANES],
+    /// The reference's statistics are surely on that side of their thresholds, and no sample is at a
+    /// rail.
     pub settled: [bool; LANES],
+}
+
+impl LaneStatistics {
+    /// Nothing is known yet.
+    pub fn unknown() -> LaneStatistics {
+        let nothing = [f64::NAN; LANES];
+        LaneStatistics { statistic: nothing, unexplained: nothing, settled: [false; LANES] }
+    }
 }
 
 impl LaneFilter {
@@ -129,7 +140,7 @@ impl LaneFilter {
     ) -> LaneStatistics {
         self.expectation.subtract(tile, instructions);
         let sums = self.square_sums(tile, instructions);
-        let mut judged = LaneStatistics { statistic: [f64::NAN; LANES], settled: [false; LANES] };
+        let mut judged = LaneStatistics::unknown();
         for (lane, residual2) in sums.into_iter().enumerate().take(tile.lanes()) {
             judged.statistic[lane] = self.dt_s * f64::from(residual2);
             let Some(deviation) = self.expectation.deviation(tile, lane, rails) else { continue };

@@ -10,6 +10,10 @@
 //! [`super::kernel`]; the drive that divides c is rounded once, and so is its square in the metric M.
 //! The distance is a norm of x = c / drive - mean, sqrt(x^T M x), which an error of x moves by at most
 //! sum_k sqrt(M_kk) |error of x_k|.
+//!
+//! What does not lie along the three columns t_k of the tangent is |d|² - c^T Gram c. The first is
+//! wrong by (N + 4) u |d^|² + 2 |d^| |d^ - d|; the second by 2 sum_k |(Gram c)_k| |error of c_k|, and
+//! (Gram c)_k is the product of d with t_k, at most |t_k| |d|.
 
 use super::kernel::{LEAST, LaneStatistics, SLACK, U};
 use super::lane_expectation::LaneExpectation;
@@ -25,7 +29,19 @@ pub struct LaneSensitivity {
     /// The three projections, sixteen samples a piece, and their norms.
     projections: Vec<[Phases; 3]>,
     norms: [f64; 3],
+    /// sum_k |t_k| |P_k|.
+    condition: f64,
+    gram: [[f64; 3]; 3],
     sensitivity: Sensitivity,
+}
+
+/// What settles a signal: nearer than the first and farther than the second squared distance, and up to
+/// that square beside the ring, counts².
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    pub near: f64,
+    pub far: f64,
+    pub unexplained: f64,
 }
 
 /// What is expected of signals that were taken under one condition.
@@ -46,7 +62,9 @@ struct Sums {
 /// A limit for signals of one drive and temperature: the constants of the bound.
 #[derive(Clone, Copy, Debug)]
 struct Limit {
-    limits: [f64; 2],
+    limits: Limits,
+    gram: [[f64; 3]; 3],
+    condition: f64,
     mean: [f64; 3],
     metric: [[f64; 3]; 3],
     /// sqrt(M_kk).
@@ -74,11 +92,15 @@ impl LaneSensitivity {
         if ![p, q, r].into_iter().all(|v| fits(v)) {
             return None;
         }
+        let gram = sensitivity.gram()?;
+        let norms = [p, q, r].map(|v| v.iter().map(|x| x * x).sum::<f64>().sqrt());
         let [of_p, of_q, of_r] = [p, q, r].map(|v| in_phases(v.iter().map(|&x| x as f32)));
         Some(LaneSensitivity {
             expectation,
             projections: (0..of_p.len()).map(|i| [of_p[i], of_q[i], of_r[i]]).collect(),
-            norms: [p, q, r].map(|v| v.iter().map(|x| x * x).sum::<f64>().sqrt()),
+            condition: (0..3).map(|k| gram[(k, k)].sqrt() * norms[k]).sum(),
+            gram: std::array::from_fn(|i| std::array::from_fn(|j| gram[(i, j)])),
+            norms,
             sensitivity: sensitivity.clone(),
         })
     }
@@ -89,11 +111,11 @@ impl LaneSensitivity {
     }
 
     /// Judges the signals of `tile`, which are left as deviations from what is expected of them.
-    /// `limits`: of squared distances, what is nearer or farther is settled; `rails`: counts at or beyond which a sample may be saturated.
+    /// `rails`: counts at or beyond which a sample may be saturated.
     pub fn judge(
         &self,
         tile: &mut Tile,
-        limits: [f64; 2],
+        limits: Limits,
         rails: [f64; 2],
         instructions: Instructions,
     ) -> LaneStatistics {
@@ -101,7 +123,7 @@ impl LaneSensitivity {
         let mut sums = Sums { products: [[0.0; LANES]; 3], squares: [0.0; LANES] };
         instructions.project(&self.projections, tile.deviations(), &mut sums.products);
         (0..LANES).for_each(|lane| sums.squares[lane] = tile.square_sum(lane));
-        let mut judged = LaneStatistics { statistic: [f64::NAN; LANES], settled: [false; LANES] };
+        let mut judged = LaneStatistics::unknown();
         let bits = |lane: usize| {
             let (drive, warmer) = tile.condition(lane);
             (drive.to_bits(), warmer.to_bits())
@@ -130,7 +152,7 @@ impl LaneSensitivity {
         &self,
         samples: &[u8],
         condition: &RowCondition,
-        limits: [f64; 2],
+        limits: Limits,
         rails: [f64; 2],
         instructions: Instructions,
     ) -> LaneStatistics {
@@ -138,7 +160,7 @@ impl LaneSensitivity {
         let rows = Rows { samples, n: self.samples(), expected: &condition.expected };
         let Sums { products, squares } = &mut sums;
         instructions.project_rows(rows, &self.projections, products, squares);
-        let mut judged = LaneStatistics { statistic: [f64::NAN; LANES], settled: [false; LANES] };
+        let mut judged = LaneStatistics::unknown();
         if let Some(limit) = self.limit(limits, condition.drive, condition.warmer, rails) {
             judge(&limit, &sums, 0..LANES, &mut judged);
         }
@@ -146,10 +168,12 @@ impl LaneSensitivity {
     }
 
     /// `None`: nothing can be judged at that drive.
-    fn limit(&self, limits: [f64; 2], drive: f32, warmer: f32, rails: [f64; 2]) -> Option<Limit> {
+    fn limit(&self, limits: Limits, drive: f32, warmer: f32, rails: [f64; 2]) -> Option<Limit> {
         let metric = self.sensitivity.metric(drive.into())?;
         Some(Limit {
             limits,
+            gram: self.gram,
+            condition: self.condition,
             mean: self.sensitivity.mean,
             metric: std::array::from_fn(|i| std::array::from_fn(|j| metric[(i, j)])),
             roots: std::array::from_fn(|k| metric[(k, k)].sqrt()),
@@ -171,8 +195,9 @@ fn portable(of: &Limit, sums: &Sums, lanes: Range<usize>, judged: &mut LaneStati
     let (m, scale) = (&of.metric, of.scale);
     let squares = &sums.squares[lanes.clone()];
     let [p, q, r] = sums.products.each_ref().map(|of| &of[lanes.clone()]);
-    let (statistic, settled) =
-        (&mut judged.statistic[lanes.clone()], &mut judged.settled[lanes.clone()]);
+    let statistic = &mut judged.statistic[lanes.clone()];
+    let unexplained = &mut judged.unexplained[lanes.clone()];
+    let settled = &mut judged.settled[lanes.clone()];
     for i in 0..lanes.len() {
         let norm = f64::from(squares[i]).sqrt();
         // comparisons that NaN fails; a sample at a rail would alone deviate more than all do
@@ -191,9 +216,19 @@ fn portable(of: &Limit, sums: &Sums, lanes: Range<usize>, judged: &mut LaneStati
         let (root, error) = (distance.sqrt(), SLACK * error);
         let most = SLACK * (root * (1.0 + 4.0 * U) + error);
         let least = root * (1.0 - 4.0 * U) - SLACK * error;
-        let near = most * most < of.limits[0];
-        let far = (least > 0.0) & (least * least > SLACK * of.limits[1]);
+        let near = most * most < of.limits.near;
+        let far = (least > 0.0) & (least * least > SLACK * of.limits.far);
+        // beside the ring
+        let g = &of.gram;
+        let c = c.map(f64::from);
+        let of_c = |row: &[f64; 3]| row[0] * c[0] + row[1] * c[1] + row[2] * c[2];
+        let along = c[0] * of_c(&g[0]) + c[1] * of_c(&g[1]) + c[2] * of_c(&g[2]);
+        let beside = f64::from(squares[i]) - along;
+        let of_sums = 2.0 * norm * (of.summing * norm + of.error);
+        let beside_most = beside + SLACK * of_sums * (1.0 + of.condition);
+        let near = near & (beside_most < of.limits.unexplained);
         statistic[i] = distance;
+        unexplained[i] = if near { beside } else { f64::NAN };
         settled[i] = trusted & inside & (near | far);
     }
 }
@@ -273,7 +308,7 @@ mod tests {
                 .collect();
             // a limit that is some signal's own distance, or just beside it
             let limit = reference[rng.random_range(0..LANES)] * rng.random_range(0.999..1.001);
-            let limits = [limit, 1.1 * limit];
+            let limits = Limits { near: limit, far: 1.1 * limit, unexplained: f64::INFINITY };
             let samples = burst.samples.clone();
             let condition = lanes.condition(drive, warmer);
             let mut same = Vec::new();
@@ -289,10 +324,10 @@ mod tests {
                 for (lane, reference) in reference.iter().enumerate() {
                     let off = judged.statistic[lane] / reference - 1.0;
                     assert!(off.abs() < 1e-3, "{off}");
-                    let outside = *reference <= limits[0] || *reference > limits[1];
+                    let outside = *reference <= limits.near || *reference > limits.far;
                     assert!(!judged.settled[lane] || outside);
-                    if judged.settled[lane] && *reference <= limits[0] {
-                        closest = closest.max(reference / limits[0]);
+                    if judged.settled[lane] && *reference <= limits.near {
+                        closest = closest.max(reference / limits.near);
                     }
                     settled += usize::from(judged.settled[lane]);
                     beside += usize::from(outside);

@@ -4,11 +4,13 @@
 //! the model explains, and the energy above which a signal counts as faulty. thesis §3-2.
 //! Pure mathematics; never looks at a fault's name.
 
+pub mod contamination;
 pub mod decoupling;
 pub mod detectability;
 pub mod kernel;
 pub mod lane_expectation;
 pub mod lane_sensitivity;
+pub mod misfit;
 pub mod null_space;
 pub mod numerator;
 pub mod poles;

@@ -12,6 +12,7 @@
 //! resampling whole channels. It speaks for channels like those of the training set.
 
 use super::DetectError;
+use crate::model::student::student_quantile;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -42,6 +43,8 @@ const MAX_FACTOR: f64 = 1e3;
 pub enum Method {
     Quantile,
     Max,
+    /// Of a window in which nobody says who is healthy: [`super::contamination`].
+    Window,
 }
 
 /// A threshold and where it comes from.
@@ -52,7 +55,7 @@ pub struct Threshold {
     pub method: Method,
     /// Factor of (3-4); with method `max`.
     pub mu: Option<f64>,
-    /// Share of healthy signals above `value`, at most, with `confidence`; with method `quantile`.
+    /// Share of healthy signals above `value`, at most, with `confidence`; but with method `max`.
     pub false_alarm_rate: Option<f64>,
     pub confidence: Option<f64>,
     pub n_signals: usize,
@@ -60,13 +63,34 @@ pub struct Threshold {
     /// Independent signals that say as much about the tail as these do: `n_signals` over the design
     /// effect of their channels.
     pub n_effective: f64,
-    /// Signals that the tail was fitted to; 0 with method `max`.
+    /// Signals that the tail was fitted to; 0 with methods `max` and `window`.
     pub n_tail: usize,
-    /// Shape xi of the tail: 0 exponential, above 0 heavier; 0 with method `max`.
+    /// Shape xi of the tail: 0 exponential, above 0 heavier; 0 with method `max`. With method
+    /// `window` 1 / kappa of its law.
     pub tail_shape: f64,
+    /// With method `window`: by what factor, for want of signals or channels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub widened: Option<f64>,
 }
 
 impl Threshold {
+    /// Not learned yet: nothing passes it.
+    pub fn none() -> Threshold {
+        Threshold {
+            value: f64::INFINITY,
+            method: Method::Max,
+            mu: None,
+            false_alarm_rate: None,
+            confidence: None,
+            n_signals: 0,
+            n_channels: 0,
+            n_effective: 0.0,
+            n_tail: 0,
+            tail_shape: 0.0,
+            widened: None,
+        }
+    }
+
     /// The same tail in other units: for a window whose own tail cannot be trusted.
     pub fn scaled(&self, factor: f64) -> Threshold {
         Threshold { value: self.value * factor, ..self.clone() }
@@ -81,6 +105,13 @@ impl Threshold {
                 100.0 * confidence,
                 self.n_signals,
                 self.n_effective
+            ),
+            (Method::Window, Some(rate), _) => format!(
+                "false alarms <= {rate:e}; law of the window's {} signals, {:.0} of them healthy, \
+                 widened by {:.2}",
+                self.n_signals,
+                self.n_effective,
+                self.widened.unwrap_or(1.0)
             ),
             _ => format!(
                 "{} times the largest of {} energies",
@@ -114,6 +145,7 @@ pub fn max(energies: &[f64], channels: &[u32], mu: f64) -> Result<Threshold, Det
         n_effective: sample.effective(1),
         n_tail: 0,
         tail_shape: 0.0,
+        widened: None,
     })
 }
 
@@ -169,6 +201,7 @@ pub fn quantile(
         n_effective,
         n_tail: tail,
         tail_shape,
+        widened: None,
     })
 }
 
@@ -329,33 +362,6 @@ fn deviation(x: &[f64]) -> f64 {
     let n = x.len() as f64;
     let mean = x.iter().sum::<f64>() / n;
     (x.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / (n - 1.0)).sqrt()
-}
-
-/// Student's t quantile for p >= 0.5: closed forms for 1 and 2 degrees of freedom, else
-/// Cornish and Fisher's expansion (Abramowitz and Stegun 26.7.5).
-fn student_quantile(p: f64, freedom: f64) -> f64 {
-    if freedom < 1.5 {
-        return (std::f64::consts::PI * (p - 0.5)).tan();
-    }
-    if freedom < 2.5 {
-        let d = 2.0 * p - 1.0;
-        return d * (2.0 / (1.0 - d * d)).sqrt();
-    }
-    let z = normal_quantile(p);
-    let terms = [
-        (z.powi(3) + z) / 4.0,
-        (5.0 * z.powi(5) + 16.0 * z.powi(3) + 3.0 * z) / 96.0,
-        (3.0 * z.powi(7) + 19.0 * z.powi(5) + 17.0 * z.powi(3) - 15.0 * z) / 384.0,
-    ];
-    terms.iter().rev().fold(0.0, |sum, t| (sum + t) / freedom) + z
-}
-
-/// Standard normal quantile for p >= 0.5, to 4.5e-4 (Abramowitz and Stegun 26.2.23).
-fn normal_quantile(p: f64) -> f64 {
-    let t = (-2.0 * (1.0 - p).ln()).sqrt();
-    let over = 2.515517 + t * (0.802853 + t * 0.010328);
-    let under = 1.0 + t * (1.432788 + t * (0.189269 + t * 0.001308));
-    (t - over / under).max(0.0)
 }
 
 #[cfg(test)]

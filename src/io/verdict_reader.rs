@@ -6,7 +6,7 @@
 
 use super::regular_file;
 use super::verdict_table::{METADATA_KEY, TableError};
-use crate::verdict::{Outcome, Reason, VerdictColumns};
+use crate::verdict::{Outcome, Reason, Test, VerdictColumns};
 use arrow_array::cast::AsArray;
 use arrow_array::types::{
     Float32Type, Float64Type, Int8Type, Int16Type, Int32Type, Int64Type, TimestampMicrosecondType,
@@ -102,6 +102,7 @@ impl VerdictReader {
         let outcomes = texts_of("outcome")?;
         let outcome = |text: &str| Outcome::ALL.into_iter().find(|o| o.as_str() == text);
         let reason = |text: &str| Reason::ALL.into_iter().find(|r| r.as_str() == text);
+        let test = |text: &str| Test::ALL.into_iter().find(|t| t.as_str() == text);
         let (weights_start, weights) = weights(batch)?;
         Ok(VerdictColumns {
             acquired_at_ns: nanoseconds(time)?,
@@ -122,6 +123,8 @@ impl VerdictReader {
             certainty: floats("certainty")?,
             statistic: floats("statistic")?,
             threshold: floats("threshold")?,
+            test: texts_of("test")?.parse("test", test)?,
+            misfit: floats("misfit")?,
             severity: floats("severity")?,
             severity_sd: floats("severity_sd")?,
             model: match batch.column_by_name("model") {
@@ -435,6 +438,8 @@ pub(super) mod tests {
                 c.certainty[i],
                 c.statistic[i],
                 c.threshold[i],
+                c.test[i].map(Test::as_str),
+                c.misfit[i],
                 c.severity[i],
                 c.severity_sd[i],
                 c.model[i],

@@ -5,7 +5,7 @@
 
 use super::part_file::{CompleteFile, PartFile};
 use super::run_column::{self, RunColumn};
-use crate::verdict::{Outcome, Reason, VerdictColumns};
+use crate::verdict::{Outcome, Reason, Test, VerdictColumns};
 use arrow_array::{
     ArrayRef, FixedSizeListArray, Float32Array, TimestampMicrosecondArray,
     TimestampNanosecondArray, UInt32Array,
@@ -86,6 +86,8 @@ pub fn schema(options: &TableOptions) -> Schema {
         nullable("certainty", DataType::Float32),
         nullable("statistic", DataType::Float32),
         nullable("threshold", DataType::Float32),
+        nullable("test", text()),
+        nullable("misfit", DataType::Float32),
         nullable("severity", DataType::Float32),
         nullable("severity_sd", DataType::Float32),
         nullable("model", DataType::UInt16),
@@ -125,7 +127,7 @@ fn properties(unit: TimestampUnit) -> WriterProperties {
         TimestampUnit::Us => Encoding::PLAIN,
     };
     let weights = "weights.list.element";
-    for name in ["certainty", "statistic", "severity", "severity_sd", weights] {
+    for name in ["certainty", "statistic", "misfit", "severity", "severity_sd", weights] {
         let parts = name.split('.').map(String::from).collect::<Vec<_>>();
         properties = properties
             .set_column_dictionary_enabled(ColumnPath::new(parts.clone()), false)
@@ -256,6 +258,7 @@ impl VerdictWriter {
             let known = match field.name().as_str() {
                 "printhead" | "threshold" | "model" => Vec::new(),
                 "outcome" => Outcome::ALL.map(|o| run_column::text(o.as_str())).to_vec(),
+                "test" => Test::ALL.map(|t| run_column::text(t.as_str())).to_vec(),
                 "reason" => Reason::ALL.map(|r| run_column::text(r.as_str())).to_vec(),
                 "category" => texts(&self.options.categories),
                 "fault" | "candidate" => texts(&self.options.classes),
@@ -307,6 +310,8 @@ impl VerdictWriter {
             floats(&c.certainty),
             floats(&c.statistic),
             runs(&c.threshold, |v, column| v.map(|v| column.key(v.to_le_bytes().to_vec()))),
+            runs(&c.test, |t, _| t.map(|t| t as u32)),
+            floats(&c.misfit),
             floats(&c.severity),
             floats(&c.severity_sd),
             // Parquet has no 16-bit integers
@@ -368,6 +373,8 @@ fn check_lengths(c: &VerdictColumns) -> Result<(), ArrowError> {
         c.certainty.len(),
         c.statistic.len(),
         c.threshold.len(),
+        c.test.len(),
+        c.misfit.len(),
         c.severity.len(),
         c.severity_sd.len(),
         c.model.len(),
@@ -449,6 +456,8 @@ pub(super) mod tests {
             c.certainty.push(some(2));
             c.statistic.push(some(3));
             c.threshold.push(some(1));
+            c.test.push((i % 4 > 0).then_some(Test::ALL[k % 3]));
+            c.misfit.push(some(6));
             c.severity.push(some(4));
             c.severity_sd.push(some(5));
             c.model.push((i % 2 > 0).then_some((i % 65_536) as u16));
@@ -464,6 +473,7 @@ pub(super) mod tests {
     #[test]
     fn keys_of_outcomes_and_reasons_are_their_places() {
         assert!(Outcome::ALL.iter().enumerate().all(|(i, &o)| o as usize == i));
+        assert!(Test::ALL.iter().enumerate().all(|(i, &t)| t as usize == i));
         assert!(Reason::ALL.iter().enumerate().all(|(i, &r)| r as usize == i));
     }
 

@@ -18,14 +18,41 @@ pub struct Decision {
     pub category: Option<u16>,
     /// Weight of the named class, else of the named category, else of the best class.
     pub certainty: Option<f32>,
-    /// No known class looks like it: an unknown fault.
-    pub fits_none: bool,
+    pub likeness: Likeness,
+}
+
+/// Whether what is known explains a signal at all.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Likeness {
+    /// It lies where signals of a known class lie.
+    #[default]
+    Known,
+    /// A ring, but of no known class.
+    NoClass,
+    /// No ring explains it.
+    NoRing,
 }
 
 impl Decision {
+    /// The same, but nothing is named.
+    pub fn unnamed(self) -> Decision {
+        Decision { fault: None, category: None, ..self }
+    }
+
     /// The same, but nothing is named: no known class looks like it.
     pub fn of_unknown_fault(self) -> Decision {
-        Decision { fault: None, category: None, fits_none: true, ..self }
+        Decision { likeness: Likeness::NoClass, ..self.unnamed() }
+    }
+
+    /// No ring explains the signal: it looks like no class, not even at best.
+    pub fn of_no_ring() -> Decision {
+        Decision {
+            candidate: None,
+            fault: None,
+            category: None,
+            certainty: None,
+            likeness: Likeness::NoRing,
+        }
     }
 
     /// The same with the largest weight as its certainty, also where a category is named: what the
@@ -93,7 +120,7 @@ impl DecisionRule {
             fault: None,
             category: None,
             certainty: None,
-            fits_none: false,
+            likeness: Likeness::Known,
         };
         if weights.len() != self.category_of.len() || weights.iter().any(|w| !w.is_finite()) {
             return nothing;
@@ -107,7 +134,7 @@ impl DecisionRule {
                 fault: candidate,
                 category,
                 certainty: unit(weight),
-                fits_none: false,
+                likeness: Likeness::Known,
             };
         }
         let mut sums = [0.0; MAX_CLASSES];
@@ -120,14 +147,14 @@ impl DecisionRule {
                 fault: None,
                 category: Some(category as u16),
                 certainty: unit(sum),
-                fits_none: false,
+                likeness: Likeness::Known,
             },
             _ => Decision {
                 candidate,
                 fault: None,
                 category: None,
                 certainty: unit(weight),
-                fits_none: false,
+                likeness: Likeness::Known,
             },
         }
     }

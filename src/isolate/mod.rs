@@ -17,8 +17,9 @@ pub mod residual_matching;
 mod settings;
 pub mod severity;
 pub mod signatures;
+pub mod typical;
 
-pub use decision::{Decision, DecisionRule};
+pub use decision::{Decision, DecisionRule, Likeness};
 pub use residual_matching::Simplex;
 pub use settings::{IsolateMethod, IsolateSettings, IsolateSignal};
 pub use signatures::SignatureMatrix;

@@ -5,6 +5,7 @@
 
 use super::class_density::ClassDensity;
 use super::class_lanes::ClassLanes;
+use super::typical::ln_density_bound;
 use crate::model::lane_math::exp;
 use crate::processor::for_processor;
 use nalgebra::{DMatrix, DVector};
@@ -27,8 +28,10 @@ pub struct Posterior {
     /// Log densities are divided by this before they are compared: 1 where the densities are right,
     /// more where they promise too much. Chosen in training on held-out signals.
     pub temperature: f64,
-    /// Squared distance from every class beyond which a signal fits none.
-    pub reach: f64,
+    /// Per class, the least ln density in it that its signals have, all but a few; `None`: too few were
+    /// labelled.
+    #[serde(default)]
+    pub least_ln_density: Vec<Option<f64>>,
     /// Learned from labelled signals; `None`: none were labelled, the physics stands in.
     pub classes: Vec<Option<ClassDensity>>,
     /// Share of the physics in each class's density; empty: it has none.
@@ -47,33 +50,30 @@ struct Lanes {
 }
 
 /// Temperatures tried.
-const TEMPERATURES: [f64; 7] = [1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0];
+const TEMPERATURES: [f64; 10] = [1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.5, 5.0];
 
-/// A signal further than this from every class fits none (1e-5 of chi-squared, 4 degrees of freedom),
-/// unless training signals lie further out themselves: sizes of a fault lie on a curve, not on an axis.
-const FITS_NONE: f64 = 28.5;
-/// Room beyond the outermost training signal.
-const ROOM: f64 = 4.0;
+/// A signal further than this from what the physics knows is of no class that only it knows (1e-4 of
+/// chi-squared, 4 degrees of freedom).
+const BEYOND_PHYSICS: f64 = 23.5;
+/// A class of which the physics has more than this share is where the physics says it is, too.
+const PHYSICS_TELLS: f64 = 0.5;
 
 impl Posterior {
     /// Learns the densities of the same signals fitted with the phase held and free, and keeps what
     /// predicts better. `None`: a class without examples, or all of one.
     pub fn learn(held: &[Examples], free: &[Examples]) -> Option<Posterior> {
-        let (of_held, of_free) = (held_out(held), held_out(free));
-        let phase = of_free.0 > of_held.0;
-        let examples = if phase { free } else { held };
-        let classes = densities(examples)?;
-        let temperature = if phase { of_free.1 } else { of_held.1 };
-        let outermost = examples
-            .iter()
-            .flat_map(|class| &class.features)
-            .map(|x| nearest(&classes, x))
-            .fold(0.0, f64::max);
-        let reach = FITS_NONE.max(ROOM * outermost);
-        let classes = classes.into_iter().map(Some).collect();
-        let physics_share = Vec::new();
-        let lanes = OnceLock::new();
-        Some(Posterior { phase, temperature, reach, classes, physics_share, lanes })
+        let [held, free] = [held, free].map(|of| of.iter().cloned().map(Some).collect::<Vec<_>>());
+        let none = |of: &[Option<Examples>]| -> Vec<Vec<Vec<f64>>> {
+            let far = vec![f64::NEG_INFINITY; of.len()];
+            of.iter().map(|e| vec![far.clone(); e.as_ref().map_or(0, |e| e.features.len())]).collect()
+        };
+        let unknown = vec![false; held.len()];
+        let of_held = Posterior::stack(false, &held, &none(&held), &unknown);
+        let of_free = Posterior::stack(true, &free, &none(&free), &unknown);
+        match (of_held, of_free) {
+            (Some(held), Some(free)) => Some(if free.1 > held.1 { free.0 } else { held.0 }),
+            (held, free) => held.or(free).map(|(posterior, _)| posterior),
+        }
     }
 
     /// The same where the physics has a density of its own for some classes and others have no
@@ -91,22 +91,18 @@ impl Posterior {
         known: &[bool],
     ) -> Option<(Posterior, f64)> {
         let learned = some_densities(examples);
-        let outermost = examples
-            .iter()
-            .flatten()
-            .flat_map(|class| &class.features)
-            .map(|x| nearest(learned.iter().flatten(), x))
-            .fold(0.0, f64::max);
-        // ln density of every example in every class, learned without its half
+        // ln density of every example in every class, learned without its part
+        let fewest = examples.iter().flatten().map(|e| e.features.len()).min().unwrap_or(0);
+        let parts = if fewest < FEWEST_TEMPERED { fewest.clamp(2, 10) } else { 2 };
         let mut unseen: Vec<Vec<Vec<f64>>> = physics.to_vec();
-        for odd in [0, 1] {
-            let half: Vec<_> =
-                examples.iter().map(|e| e.as_ref().and_then(|e| pick(e, 1 - odd))).collect();
-            let half = some_densities(&half);
+        for part in 0..parts {
+            let rest: Vec<_> =
+                examples.iter().map(|e| e.as_ref().and_then(|e| without(e, part, parts))).collect();
+            let rest = some_densities(&rest);
             for (class, rows) in examples.iter().zip(&mut unseen) {
                 let Some(class) = class else { continue };
-                for (x, row) in class.features.iter().zip(rows).skip(odd).step_by(2) {
-                    *row = half.iter().map(|d| ln_or_none(d.as_ref(), x)).collect();
+                for (x, row) in class.features.iter().zip(rows).skip(part).step_by(parts) {
+                    *row = rest.iter().map(|d| ln_or_none(d.as_ref(), x)).collect();
                 }
             }
         }
@@ -141,15 +137,23 @@ impl Posterior {
         };
         let scores = TEMPERATURES.map(score);
         let best = (0..scores.len()).max_by(|&i, &j| scores[i].total_cmp(&scores[j])).unwrap_or(0);
-        // few examples say little of the temperature
-        let fewest = examples.iter().map(|e| e.as_ref().map_or(0, |e| e.features.len())).min();
-        let (temperature, score) = match fewest >= Some(FEWEST_TEMPERED) {
+        let least_ln_density = (0..examples.len())
+            .map(|k| {
+                let rows = unseen[k].iter().zip(&physics[k]);
+                let own = rows.map(|(l, p)| mixed(l[k], p[k], physics_share[k]));
+                let own: Vec<f64> = own.filter(|ln| ln.is_finite()).collect();
+                (own.len() >= FEWEST_BOUNDED).then(|| ln_density_bound(&own))
+            })
+            .collect();
+        // where few are labelled by classes that the physics knows, it knows how sure it is
+        let told = examples.iter().zip(known).any(|(e, known)| e.is_some() && !known);
+        let (temperature, score) = match fewest >= FEWEST_TEMPERED || told {
             true => (TEMPERATURES[best], scores[best]),
             false => (1.0, 0.0),
         };
-        let reach = FITS_NONE.max(ROOM * outermost);
         let (classes, lanes) = (learned, OnceLock::new());
-        let posterior = Posterior { phase, temperature, reach, classes, physics_share, lanes };
+        let posterior =
+            Posterior { phase, temperature, least_ln_density, classes, physics_share, lanes };
         Some((posterior, score))
     }
 
@@ -166,8 +170,8 @@ impl Posterior {
         if !(1.0..=100.0).contains(&self.temperature) {
             return Err(format!("`posterior.temperature` = {}: 1 to 100", self.temperature));
         }
-        if !(1e-30..=1e30).contains(&self.reach) {
-            return Err(format!("`posterior.reach` = {:e}: 1e-30 to 1e30", self.reach));
+        if self.least_ln_density.len() != classes {
+            return Err("`posterior.least_ln_density` must hold one number per class".into());
         }
         let share = |k: usize| self.physics_share.get(k).copied().unwrap_or(0.0);
         let stands = |(k, class): (usize, &Option<ClassDensity>)| match class {
@@ -183,8 +187,16 @@ impl Posterior {
     }
 
     /// Posterior of each class; sums to 1. `physics`: its ln densities, where it has a share; else
-    /// empty. `priors`: of each class.
-    pub fn weigh(&self, features: &[f64], physics: &[f64], priors: &[f64], weights: &mut [f64]) {
+    /// empty. `priors`: of each class. `ln_densities` are left: of the features in every class, -infinity
+    /// where that is far below another's.
+    pub fn weigh(
+        &self,
+        features: &[f64],
+        physics: &[f64],
+        priors: &[f64],
+        ln_densities: &mut Vec<f64>,
+        weights: &mut [f64],
+    ) {
         // most classes are so far away that only that counts
         let share = |k: usize| self.physics_share.get(k).copied().unwrap_or(0.0);
         let Lanes { classes, ln_shares } = self.lanes.get_or_init(|| Lanes {
@@ -215,19 +227,20 @@ impl Posterior {
             let learned = ln_or_none(class.as_ref().filter(|_| near).filter(counts), features);
             *w = physics.map_or(learned, |physics| sum_of(learned + ln_shares[k][0], physics));
         }
+        ln_densities.clear();
+        ln_densities.extend_from_slice(weights);
         to_posterior(self.temperature, priors, weights);
     }
 
-    /// No class is near: an unknown fault. `from_curves`: squared distance from what the physics
-    /// knows.
-    pub fn fits_none(&self, features: &[f64], from_curves: impl Fn() -> f64) -> bool {
-        nearest(self.classes.iter().flatten(), features) > self.reach && from_curves() > FITS_NONE
+    /// Whether features of that ln density lie where class `k`'s signals lie. `from_curves`: squared
+    /// distance from what the physics knows.
+    pub fn is_typical(&self, k: usize, ln_density: f64, from_curves: impl Fn() -> f64) -> bool {
+        let least = self.least_ln_density.get(k).copied().flatten();
+        let by_labels = least.is_some_and(|least| ln_density >= least);
+        let physics_tells = least.is_none()
+            || self.physics_share.get(k).is_some_and(|share| *share > PHYSICS_TELLS);
+        by_labels || (physics_tells && from_curves() <= BEYOND_PHYSICS)
     }
-}
-
-/// Squared distance from the nearest class.
-fn nearest<'a>(classes: impl IntoIterator<Item = &'a ClassDensity>, x: &[f64]) -> f64 {
-    classes.into_iter().map(|class| class.distance(x)).fold(f64::INFINITY, f64::min)
 }
 
 /// A learned density by this much further away than the nearest, squared, says nothing: e^-60, and
@@ -242,7 +255,9 @@ const MOSTLY_PHYSICS: f64 = 0.999;
 
 /// Examples that the physics counts for in its share of a class.
 const PHYSICS_COUNTS: f64 = 8.0;
-/// Examples of every class from which a temperature is learned.
+/// Examples of a class from which it has a bound of its own.
+const FEWEST_BOUNDED: usize = 3;
+/// Examples of every class from which a temperature is learned of halves.
 const FEWEST_TEMPERED: usize = 20;
 
 /// Share of the physics that makes held-out examples likeliest; pairs of ln densities (learned,
@@ -281,9 +296,10 @@ fn ln_or_none(class: Option<&ClassDensity>, x: &[f64]) -> f64 {
     class.map_or(f64::NEG_INFINITY, |class| class.ln_density(x))
 }
 
-/// Every other example, from the first (0) or the second (1) on; `None`: none is left.
-fn pick(class: &Examples, odd: usize) -> Option<Examples> {
-    let features: Vec<Vec<f64>> = class.features.iter().skip(odd).step_by(2).cloned().collect();
+/// All examples but every so many-th, from number `part` on; `None`: none is left.
+fn without(class: &Examples, part: usize, parts: usize) -> Option<Examples> {
+    let kept = class.features.iter().enumerate().filter(|(i, _)| i % parts != part);
+    let features: Vec<Vec<f64>> = kept.map(|(_, x)| x.clone()).collect();
     (!features.is_empty()).then(|| Examples { features, noise: class.noise.clone() })
 }
 
@@ -297,13 +313,6 @@ fn some_densities(examples: &[Option<Examples>]) -> Vec<Option<ClassDensity>> {
         ClassDensity::learn(&features, &class.noise, pooled.as_ref())
     };
     examples.iter().map(|class| class.as_ref().and_then(density)).collect()
-}
-
-fn weigh(classes: &[ClassDensity], temperature: f64, x: &[f64], weights: &mut [f64]) {
-    for (w, class) in weights.iter_mut().zip(classes) {
-        *w = class.ln_density(x);
-    }
-    to_posterior(temperature, &[], weights);
 }
 
 /// ln densities to a posterior. `priors`: of each class; none: they are alike.
@@ -333,45 +342,6 @@ fn portable(of: [f64; CLASSES]) -> [f64; CLASSES] {
     const LEAST: f64 = -700.0;
     // NaN stays
     of.map(|x| if x < LEAST { 0.0 } else { exp(x) })
-}
-
-fn densities(examples: &[Examples]) -> Option<Vec<ClassDensity>> {
-    let pooled = pooled_covariance(examples)?;
-    examples
-        .iter()
-        .map(|class| {
-            let features: Vec<DVector<f64>> =
-                class.features.iter().map(|x| DVector::from_row_slice(x)).collect();
-            ClassDensity::learn(&features, &class.noise, Some(&pooled))
-        })
-        .collect()
-}
-
-/// Mean log posterior of the true class on the half that was not learned from, both halves, at the
-/// temperature that makes it largest; and that temperature.
-fn held_out(examples: &[Examples]) -> (f64, f64) {
-    let half = |odd: usize| -> Vec<Examples> {
-        let pick = |class: &Examples| Examples {
-            features: class.features.iter().skip(odd).step_by(2).cloned().collect(),
-            noise: class.noise.clone(),
-        };
-        examples.iter().map(pick).collect()
-    };
-    let mut scores = [0.0; TEMPERATURES.len()];
-    let mut weights = vec![0.0; examples.len()];
-    for (learn, test) in [(0, 1), (1, 0)] {
-        let Some(classes) = densities(&half(learn)) else { return (f64::NEG_INFINITY, 1.0) };
-        for (truth, class) in half(test).iter().enumerate() {
-            for x in &class.features {
-                for (score, temperature) in scores.iter_mut().zip(TEMPERATURES) {
-                    weigh(&classes, temperature, x, &mut weights);
-                    *score += weights[truth].max(1e-6).ln() / class.features.len() as f64;
-                }
-            }
-        }
-    }
-    let best = (0..scores.len()).max_by(|&i, &j| scores[i].total_cmp(&scores[j])).unwrap_or(0);
-    (scores[best], TEMPERATURES[best])
 }
 
 /// Covariance of all examples about their own class's mean.
@@ -434,7 +404,7 @@ mod tests {
         let mut weights = [0.0; 3];
         for (truth, class) in examples(3000, None, 3).iter().enumerate() {
             for x in &class.features {
-                posterior.weigh(x, &[], &[1.0 / 3.0; 3], &mut weights);
+                posterior.weigh(x, &[], &[1.0 / 3.0; 3], &mut Vec::new(), &mut weights);
                 assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
                 let best = (0..3).max_by(|&i, &j| weights[i].total_cmp(&weights[j])).unwrap();
                 claimed += weights[best];
@@ -446,14 +416,22 @@ mod tests {
     }
 
     #[test]
-    fn what_is_far_from_every_class_fits_none() {
-        let held = examples(100, None, 4);
-        let posterior = Posterior::learn(&held, &examples(100, Some(0.0), 4)).unwrap();
-        let far = [3.0, 0.0, 0.0, 0.0];
-        let near = [0.0, 0.0, 0.15, 0.0];
+    fn what_is_far_from_every_class_is_typical_of_none_and_fresh_signals_are_of_theirs() {
+        let held = examples(200, None, 4);
+        let posterior = Posterior::learn(&held, &examples(200, Some(0.0), 4)).unwrap();
         let size = if posterior.phase { 4 } else { 3 };
-        assert!(posterior.fits_none(&far[..size], || f64::INFINITY));
-        assert!(!posterior.fits_none(&near[..size], || f64::INFINITY));
+        let (mut ln, mut weights) = (Vec::new(), [0.0; 3]);
+        let mut typical = |x: &[f64], k: usize| {
+            posterior.weigh(&x[..size], &[], &[1.0; 3], &mut ln, &mut weights);
+            posterior.is_typical(k, ln[k], || f64::INFINITY)
+        };
+        assert!((0..3).all(|k| !typical(&[3.0, 0.0, 0.0, 0.0], k)));
+        let phase = (size == 4).then_some(0.0);
+        let fresh = examples(2000, phase, 5);
+        for (k, class) in fresh.iter().enumerate() {
+            let missed = class.features.iter().filter(|x| !typical(x, k)).count();
+            assert!(missed <= 20, "{missed} of 2000 of class {k}");
+        }
     }
 
     /// ln densities of `examples` in every class by a physics that is right, or off by `off`.

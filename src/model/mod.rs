@@ -5,6 +5,7 @@
 //! scaled to microseconds inside where conditioning asks for it.
 
 pub mod actuation;
+pub mod beside_ring;
 pub mod faults;
 pub mod free_decay;
 pub mod geometry;
@@ -18,6 +19,7 @@ pub mod ring_fit;
 mod ring_grid;
 mod ring_lanes;
 mod ring_sums;
+pub mod student;
 pub mod terms;
 
 use nalgebra::DMatrix;

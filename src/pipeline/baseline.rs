@@ -13,7 +13,7 @@ use super::statistics::Statistics;
 use super::{Control, PipelineError, visit};
 use crate::burst::{Acquisition, Burst};
 use crate::design::{
-    Baselines, Design, Heard, MOST_CHANNELS, Own, OwnChannels, PrintheadBaselines, Workspace,
+    Baselines, Design, Detection, Heard, MOST_CHANNELS, Own, OwnChannels, PrintheadBaselines, Workspace,
 };
 use crate::io::recording::Recording;
 use crate::settings::Settings;
@@ -52,7 +52,7 @@ impl InUse {
         &self,
         assigned: &Assigned,
         statistics: &mut Statistics,
-        statistic: &mut [Result<f64, Reason>],
+        statistic: &mut [Result<Detection, Reason>],
     ) {
         let mut first = 0;
         for (acquisition, judge) in assigned.read.batch.acquisitions.iter().zip(&assigned.judges) {
@@ -63,8 +63,9 @@ impl InUse {
                 continue;
             }
             for (row, of_row) in statistic[rows].iter_mut().enumerate() {
-                if let (Ok(_), Some(own)) = (&of_row, self.of(burst, row as u32)) {
-                    *of_row = statistics.of_own(judge, burst, row, own);
+                if let (Ok(of_all), Some(own)) = (*of_row, self.of(burst, row as u32)) {
+                    let of_own = statistics.of_own(judge, burst, row, own);
+                    *of_row = of_own.map(|of_own| Detection { ring: of_own.ring, ..of_all });
                 }
             }
         }
@@ -243,12 +244,16 @@ impl Pass<'_> {
                     }
                     judge.deviate(burst, row as usize, &expected, &mut signal);
                     work.own = None;
-                    let mut statistic = judge.statistic(&signal, drive, &mut work);
+                    let found = judge.detect(&signal, drive, &mut work);
+                    if judge.test(found).is_flagged() {
+                        continue; // what no ring explains tells nothing of a channel's ring
+                    }
+                    let mut statistic = found.ring;
                     // whatever its time: what is learned later was not judged by it
                     work.own = own.and_then(|own| own.of(channel, i64::MAX));
                     let threshold = judge.model.threshold.value;
                     if work.own.is_some() && statistic <= threshold {
-                        statistic = statistic.max(judge.statistic(&signal, drive, &mut work));
+                        statistic = statistic.max(judge.detect(&signal, drive, &mut work).ring);
                         told.near += 1;
                         told.estranged += u64::from(statistic > threshold);
                     }

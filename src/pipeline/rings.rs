@@ -57,11 +57,7 @@ impl Rings {
                 &mut self.products,
                 |y| {
                     let Waiting { judge, burst, row, .. } = next.next()?;
-                    burst.copy_signal(*row, y);
-                    judge.take_off_extension(burst, *row, y);
-                    // per unit drive, at its own temperature
-                    let scale = 1.0 / judge.drive(burst);
-                    y.iter_mut().for_each(|y| *y *= scale);
+                    per_drive(judge, burst, *row, y);
                     Some(None)
                 },
                 |i, fit| self.fits[of_judge[i].number] = fit,
@@ -74,4 +70,12 @@ impl Rings {
         self.taken += 1;
         self.fits.get(self.taken - 1).copied()
     }
+}
+
+/// Leaves a burst's signal per unit drive, at its own temperature, counts.
+pub fn per_drive(judge: &Judge, burst: &Burst, row: usize, y: &mut [f64]) {
+    burst.copy_signal(row, y);
+    judge.take_off_extension(burst, row, y);
+    let scale = 1.0 / judge.drive(burst);
+    y.iter_mut().for_each(|y| *y *= scale);
 }

@@ -1,6 +1,7 @@
 //! What the stages know of a signal, as a row of the verdict table.
 
-use crate::design::{Isolation, Severity};
+use crate::design::{Detection, Isolation, Judge, Severity, Tested};
+use crate::isolate::Likeness;
 use crate::verdict::{Outcome, Reason, VerdictColumns};
 use std::sync::Arc;
 
@@ -25,37 +26,39 @@ pub fn push_rejected(columns: &mut VerdictColumns, id: Id, reason: Reason) {
     columns.certainty.push(None);
     columns.statistic.push(None);
     columns.threshold.push(None);
+    columns.test.push(None);
+    columns.misfit.push(None);
     columns.model.push(None);
 }
 
-/// A detection: statistic, threshold, model.
-pub type Detection = (f64, f64, u16);
-
-/// `passed`: the gate's word. Without an isolation, what passed is undecided.
+/// Without an isolation, what is flagged is undecided. `model`: its place in the metadata's list.
 pub fn push_judged(
     columns: &mut VerdictColumns,
     id: Id,
-    (statistic, threshold, model): Detection,
-    passed: bool,
+    (tested, model): (Tested, u16),
     isolation: Option<&Isolation>,
     weights: Option<&[f64]>,
 ) {
+    let passed = tested.is_flagged();
     let decided = isolation.filter(|i| passed && !i.is_uncertain());
     let (outcome, reason) = match (passed, decided) {
         (false, _) => (Outcome::Healthy, None),
         (true, Some(_)) => (Outcome::Faulty, None),
-        (true, None) if isolation.is_some_and(|i| i.fits_none) => {
-            (Outcome::Undecided, Some(Reason::UnknownFault))
+        (true, None) => {
+            let reason = match isolation.map(|i| i.likeness).unwrap_or_default() {
+                Likeness::Known => Reason::Uncertain,
+                Likeness::NoClass => Reason::UnknownFault,
+                Likeness::NoRing => Reason::NoRing,
+            };
+            (Outcome::Undecided, Some(reason))
         }
-        (true, None) => (Outcome::Undecided, Some(Reason::Uncertain)),
     };
     push(columns, id, outcome, reason);
     columns.category.push(decided.and_then(|i| i.category));
     columns.fault.push(decided.and_then(|i| i.fault));
     columns.candidate.push(isolation.and_then(|i| i.candidate));
     columns.certainty.push(isolation.and_then(|i| i.certainty));
-    columns.statistic.push(Some(statistic as f32));
-    columns.threshold.push(Some(threshold as f32));
+    push_tested(columns, tested);
     columns.model.push(Some(model));
     if let Some(weights) = weights {
         // rows without weights before this one; those after the last need no entry
@@ -63,6 +66,14 @@ pub fn push_judged(
         columns.weights_start.push(Some(columns.weights.len() as u32));
         columns.weights.extend(weights.iter().map(|&v| v as f32));
     }
+}
+
+fn push_tested(columns: &mut VerdictColumns, tested: Tested) {
+    let Tested { test, statistic, threshold, misfit } = tested;
+    columns.statistic.push(Some(statistic as f32));
+    columns.threshold.push(Some(threshold as f32));
+    columns.test.push(Some(test));
+    columns.misfit.push(misfit.is_finite().then_some(misfit as f32));
 }
 
 /// The severity of the row last pushed, if it is faulty.
@@ -81,14 +92,15 @@ pub fn set_severity(columns: &mut VerdictColumns, severity: Option<Severity>) {
 pub fn push_healthy(
     columns: &mut VerdictColumns,
     (t, printhead, channel): Id,
-    statistic: &[Result<f64, Reason>],
+    found: &[Result<Detection, Reason>],
     passed: &[bool],
-    (threshold, model): (f64, u16),
+    judge: &Judge,
 ) -> usize {
-    let healthy = statistic.iter().zip(passed).take_while(|(e, passed)| e.is_ok() && !**passed);
+    let healthy = found.iter().zip(passed).take_while(|(e, passed)| e.is_ok() && !**passed);
     let n = healthy.count();
-    let of_healthy = statistic[..n].iter();
-    columns.statistic.extend(of_healthy.map(|e| e.as_ref().ok().map(|e| *e as f32)));
+    for found in found[..n].iter().flatten() {
+        push_tested(columns, judge.test(*found));
+    }
     let rows = columns.statistic.len();
     columns.acquired_at_ns.resize(rows, t);
     columns.printhead.resize(rows, printhead);
@@ -99,10 +111,9 @@ pub fn push_healthy(
     columns.fault.resize(rows, None);
     columns.candidate.resize(rows, None);
     columns.certainty.resize(rows, None);
-    columns.threshold.resize(rows, Some(threshold as f32));
     columns.severity.resize(rows, None);
     columns.severity_sd.resize(rows, None);
-    columns.model.resize(rows, Some(model));
+    columns.model.resize(rows, Some(judge.index));
     columns.reason.resize(rows, None);
     n
 }

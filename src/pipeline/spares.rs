@@ -1,6 +1,7 @@
 //! Columns that are used again, so that a long recording allocates little: what one stage makes another
 //! gives back.
 
+use crate::design::Detection;
 use crate::verdict::{Reason, VerdictColumns};
 use std::sync::{Mutex, PoisonError};
 
@@ -28,7 +29,7 @@ impl<T: Default> Spare<T> {
 /// Of all stages.
 #[derive(Debug, Default)]
 pub struct Spares {
-    pub statistic: Spare<Vec<Result<f64, Reason>>>,
+    pub statistic: Spare<Vec<Result<Detection, Reason>>>,
     pub passed: Spare<Vec<bool>>,
     pub columns: Spare<VerdictColumns>,
 }

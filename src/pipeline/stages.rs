@@ -5,7 +5,7 @@
 
 use super::baseline::InUse;
 use super::in_flight::InFlight;
-use super::rings::Rings;
+use super::rings::{self, Rings};
 use super::schedule::{Assignment, Schedule};
 use super::spares::Spares;
 use super::statistics::Statistics;
@@ -14,12 +14,12 @@ use super::timings::Clock;
 use super::warmth::Warmth;
 use super::{Control, PipelineError, rows};
 use crate::burst::{Acquisition, Place, SignalBatch};
-use crate::design::{Judge, Workspace};
+use crate::design::{Detection, Isolation, Judge, Workspace};
 use crate::io::digest::{Digest, Digester, ReadBlock};
 use crate::io::recording::{Damage, Recording, note};
 use crate::io::scan::{Block, Blocks};
 use crate::settings::Settings;
-use crate::verdict::{Reason, VerdictColumns};
+use crate::verdict::{Reason, Test, VerdictColumns};
 use crossbeam_channel::{Receiver, Sender};
 use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
@@ -42,11 +42,11 @@ pub struct Assigned {
     pub judges: Vec<Result<Arc<Judge>, Reason>>,
 }
 
-/// With every signal's statistic, or why it has none.
+/// With every signal's statistics, or why it has none.
 #[derive(Debug)]
 pub struct Filtered {
     pub assigned: Assigned,
-    pub statistic: Vec<Result<f64, Reason>>,
+    pub statistic: Vec<Result<Detection, Reason>>,
 }
 
 /// With the rows that are to be isolated.
@@ -266,10 +266,12 @@ pub fn gate(
         let mut rows = filtered.statistic.iter();
         let assigned = &filtered.assigned;
         for (acquisition, judge) in assigned.read.batch.acquisitions.iter().zip(&assigned.judges) {
-            let threshold = judge.as_ref().map_or(f64::INFINITY, |j| j.model.threshold.value);
-            passed.extend(
-                rows.by_ref().take(acquisition.rows()).map(|e| e.is_ok_and(|e| e > threshold)),
-            );
+            let rows = rows.by_ref().take(acquisition.rows());
+            match judge {
+                Ok(judge) => passed
+                    .extend(rows.map(|e| e.is_ok_and(|found| judge.test(found).is_flagged()))),
+                Err(_) => passed.extend(rows.map(|_| false)),
+            }
         }
         if !clock.send(&out, Gated { filtered, passed }) {
             break;
@@ -325,7 +327,7 @@ pub fn isolate(
                                 (burst.t_acq_ns, printhead, burst.first_channel + k),
                                 &statistic[row..rows.end],
                                 &passed[row..rows.end],
-                                (judge.model.threshold.value, judge.index),
+                                judge,
                             ),
                             _ => 0,
                         };
@@ -340,7 +342,7 @@ pub fn isolate(
                         let verdict =
                             statistic[row].and_then(|e| Ok((e, judge.as_ref().map_err(|r| *r)?)));
                         row += 1;
-                        let (e, judge) = match verdict {
+                        let (found, judge) = match verdict {
                             Ok(judged) => judged,
                             Err(reason) => {
                                 rows::push_rejected(&mut columns, id, reason);
@@ -355,7 +357,13 @@ pub fn isolate(
                             work.warmer = judge.warmer(burst);
                             let drive = judge.drive(burst);
                             match judge.rings().and_then(|_| rings.take()) {
-                                Some(fit) => judge.isolate_ring(fit.as_ref(), drive, &mut work),
+                                Some(fit) => {
+                                    let copy = |y: &mut Vec<f64>| {
+                                        y.resize(burst.samples_per_channel as usize, 0.0);
+                                        rings::per_drive(judge, burst, at as usize, y);
+                                    };
+                                    judge.isolate_ring(fit.as_ref(), drive, copy, &mut work)
+                                }
                                 None => {
                                     let n = burst.samples_per_channel as usize;
                                     signal.resize(n, 0.0);
@@ -370,6 +378,18 @@ pub fn isolate(
                                 }
                             }
                         };
+                        let mut tested = judge.test(found);
+                        // along the ring it is healthy: what else it holds is none of a fault's
+                        let isolation = match isolation.is_some() && tested.test == Test::Misfit {
+                            true if gated && !judge.is_faulty_ring(found) => {
+                                work.severity = None;
+                                Some(Isolation::of_no_ring())
+                            }
+                            _ => isolation,
+                        };
+                        if tested.misfit.is_nan() && isolation.is_some() {
+                            tested.misfit = work.misfit;
+                        }
                         if gated && isolation.is_some() {
                             flagged.push(Flagged {
                                 row: columns.len() as u32, // a batch is far smaller
@@ -382,8 +402,7 @@ pub fn isolate(
                         rows::push_judged(
                             &mut columns,
                             id,
-                            (e, judge.model.threshold.value, judge.index),
-                            gated,
+                            (tested, judge.index),
                             isolation.as_ref(),
                             weights,
                         );

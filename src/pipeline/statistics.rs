@@ -7,9 +7,10 @@
 
 use super::stages::Assigned;
 use crate::burst::{Acquisition, Burst};
-use crate::design::{Judge, Lanes, Own, Workspace};
+use crate::design::{Detection, Judge, Lanes, Own, Workspace};
+use crate::detect::kernel::LaneStatistics;
 use crate::detect::tile::{Gather, Instructions, LANES, Tile};
-use crate::model::ring_fit::Products;
+use crate::model::ring_fit::{Fit, Products};
 use crate::verdict::{Reason, unusable_signal};
 
 /// Scratch of one worker, for the judges of one schedule.
@@ -43,7 +44,7 @@ impl Statistics {
     }
 
     /// One entry per row of the batch, in its order.
-    pub fn of(&mut self, assigned: &Assigned, statistic: &mut Vec<Result<f64, Reason>>) {
+    pub fn of(&mut self, assigned: &Assigned, statistic: &mut Vec<Result<Detection, Reason>>) {
         let acquisitions = &assigned.read.batch.acquisitions;
         statistic.clear();
         statistic.reserve(assigned.read.batch.rows());
@@ -53,7 +54,7 @@ impl Statistics {
             let fill = match (acquisition, judge) {
                 (Acquisition::Usable(burst), Ok(judge)) => {
                     bursts.push((judge.index, statistic.len(), burst, place));
-                    Ok(f64::NAN)
+                    Ok(Detection { ring: f64::NAN, unexplained: f64::NAN })
                 }
                 (_, Err(reason)) => Err(*reason),
                 (Acquisition::Unusable(unusable), Ok(_)) => Err(unusable.why.into()),
@@ -73,7 +74,7 @@ impl Statistics {
         &mut self,
         judge: &Judge,
         bursts: impl Iterator<Item = (usize, &'a Burst)>,
-        statistic: &mut [Result<f64, Reason>],
+        statistic: &mut [Result<Detection, Reason>],
     ) {
         let mut gather = Gather::default();
         let mut waiting: Vec<Waiting> = Vec::with_capacity(LANES);
@@ -114,7 +115,7 @@ impl Statistics {
         &mut self,
         judge: &Judge,
         mut unsettled: Vec<Waiting>,
-        statistic: &mut [Result<f64, Reason>],
+        statistic: &mut [Result<Detection, Reason>],
     ) {
         let Some(detector) = judge.detector() else {
             for (at, burst, row) in unsettled {
@@ -127,13 +128,14 @@ impl Statistics {
             let look = self
                 .deviation(judge, burst, row)
                 .map(|()| detector.first_look(&self.signal, judge.drive(burst)));
-            statistic[at] = look.and_then(|look| finite(look.distance));
+            statistic[at] = look.and_then(|look| finite(look.detection()));
             let asks = look.ok().filter(|look| look.asks().is_some());
             looks.extend(asks);
             asks.is_some()
         });
         let mut products = std::mem::take(&mut self.products);
         let mut next = unsettled.iter().zip(&looks);
+        let mut beside: Vec<(usize, Option<Fit>)> = Vec::new();
         detector.fitter().fit_all(
             false,
             &mut products,
@@ -144,11 +146,25 @@ impl Statistics {
                 judge.at_reference(y, judge.drive(burst), judge.warmer(burst));
                 Some(look.asks())
             },
-            |i, fit| {
-                statistic[unsettled[i].0] = finite(detector.second_look(&looks[i], fit.as_ref()));
+            |i, fit| match looks[i].asks_beside() {
+                true => beside.push((i, fit)),
+                false => {
+                    let drive = judge.drive(unsettled[i].1);
+                    let found = detector.second_look(&looks[i], fit.as_ref(), &[], drive);
+                    statistic[unsettled[i].0] = finite(found);
+                }
             },
         );
         self.products = products;
+        for (i, fit) in beside {
+            let (at, burst, row) = unsettled[i];
+            burst.copy_signal(row, &mut self.signal);
+            judge.take_off_extension(burst, row, &mut self.signal);
+            let drive = judge.drive(burst);
+            judge.at_reference(&mut self.signal, drive, judge.warmer(burst));
+            let found = detector.second_look(&looks[i], fit.as_ref(), &self.signal, drive);
+            statistic[at] = finite(found);
+        }
     }
 
     /// Judges a burst's signals as they lie, as many as can be: how many.
@@ -157,7 +173,7 @@ impl Statistics {
         judge: &Judge,
         lanes: &Lanes,
         (first, burst): (usize, &'a Burst),
-        statistic: &mut [Result<f64, Reason>],
+        statistic: &mut [Result<Detection, Reason>],
         unsettled: &mut Vec<Waiting<'a>>,
     ) -> usize {
         let channels = burst.channels as usize;
@@ -167,7 +183,7 @@ impl Statistics {
         let Some((lanes, condition)) = lanes.rows(judge.drive(burst), judge.warmer(burst)) else {
             return 0;
         };
-        let limits = Lanes::limits(judge.model.threshold.value);
+        let limits = Lanes::limits(&judge.model);
         let mut row = 0;
         while row + LANES <= channels
             && let Some(samples) = burst.int16_rows(row, LANES)
@@ -177,7 +193,7 @@ impl Statistics {
             let each = statistic[first + row..].iter_mut();
             for (lane, (statistic, settled)) in each.zip(judged.settled).enumerate() {
                 match settled {
-                    true => *statistic = Ok(judged.statistic[lane]),
+                    true => *statistic = Ok(of_lane(&judged, lane)),
                     false => unsettled.push((first + row + lane, burst, row + lane)),
                 }
             }
@@ -192,15 +208,14 @@ impl Statistics {
         lanes: &Lanes,
         (judge, gather): (&Judge, &mut Gather),
         waiting: &mut Vec<Waiting<'a>>,
-        statistic: &mut [Result<f64, Reason>],
+        statistic: &mut [Result<Detection, Reason>],
         unsettled: &mut Vec<Waiting<'a>>,
     ) {
         self.tile.fill(gather, lanes.samples(), self.instructions);
-        let threshold = judge.model.threshold.value;
-        let judged = lanes.judge(&mut self.tile, threshold, self.rails, self.instructions);
+        let judged = lanes.judge(&mut self.tile, &judge.model, self.rails, self.instructions);
         for (lane, of) in waiting.drain(..).enumerate() {
             match judged.settled[lane] {
-                true => statistic[of.0] = Ok(judged.statistic[lane]),
+                true => statistic[of.0] = Ok(of_lane(&judged, lane)),
                 false => unsettled.push(of),
             }
         }
@@ -213,7 +228,7 @@ impl Statistics {
         burst: &Burst,
         row: usize,
         own: Own,
-    ) -> Result<f64, Reason> {
+    ) -> Result<Detection, Reason> {
         self.work.own = Some(own);
         let statistic = self.reference(judge, burst, row);
         self.work.own = None;
@@ -221,9 +236,9 @@ impl Statistics {
     }
 
     /// The statistic in f64, and the checks of a signal: what every verdict agrees with.
-    pub fn reference(&mut self, judge: &Judge, burst: &Burst, row: usize) -> Result<f64, Reason> {
+    pub fn reference(&mut self, judge: &Judge, burst: &Burst, row: usize) -> Result<Detection, Reason> {
         self.deviation(judge, burst, row)?;
-        finite(judge.statistic(&self.signal, judge.drive(burst), &mut self.work))
+        finite(judge.detect(&self.signal, judge.drive(burst), &mut self.work))
     }
 
     /// Leaves a signal's deviation from what is expected of it in `signal`, if it can be judged.
@@ -246,7 +261,11 @@ impl Statistics {
     }
 }
 
+fn of_lane(of: &LaneStatistics, lane: usize) -> Detection {
+    Detection { ring: of.statistic[lane], unexplained: of.unexplained[lane] }
+}
+
 /// Of absurd covariates; no threshold may call that healthy.
-fn finite(statistic: f64) -> Result<f64, Reason> {
-    if statistic.is_finite() { Ok(statistic) } else { Err(Reason::NonFinite) }
+fn finite(found: Detection) -> Result<Detection, Reason> {
+    if found.ring.is_finite() { Ok(found) } else { Err(Reason::NonFinite) }
 }

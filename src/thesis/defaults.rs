@@ -83,8 +83,7 @@ fn detection(
     let judge = judge_of(design, isolate)?;
     let (mut score, mut work) = (Score::default(), Workspace::default());
     each_deviation(&judge, test, |deviation, state| {
-        let statistic = judge.statistic(deviation, 1.0, &mut work);
-        let flagged = judge.model.threshold.is_faulty(statistic);
+        let flagged = judge.test(judge.detect(deviation, 1.0, &mut work)).is_flagged();
         score.add(Said { flagged, candidate: None, certainty: None, weights: None }, Some(state));
     });
     out.detection("default", &score.report());

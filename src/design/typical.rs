@@ -1,0 +1,132 @@
+//! Where signals of every class lie: bounds learned from labelled signals, and from the physics where
+//! none are labelled.
+
+use super::detector::ring_of;
+use super::leftover::Left;
+use super::{Design, DesignError, HealthyModel, TrainingSet};
+use crate::identify::averaging::SignalSet;
+use crate::isolate::typical::{Beside, Typical, directions, misfit_bound};
+use crate::model::beside_ring::BesideRing;
+use crate::model::inner_product::dot;
+use crate::model::ring_fit::RingFitter;
+use crate::model::faults;
+use std::collections::BTreeMap;
+
+/// Signals of a class and printhead that are looked at, at most.
+const MOST_SIGNALS: usize = 256;
+/// Directions, at most.
+const MOST_DIRECTIONS: usize = 8;
+/// Severities at which the physics is asked.
+const SEVERITIES: usize = 9;
+/// Labelled signals of a class from which its own bound counts.
+const FEWEST_OWN: usize = 8;
+
+/// `None`: nothing rings, so nothing can be told.
+pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical>, DesignError> {
+    if design.posterior.is_none() {
+        return Ok(None);
+    }
+    let healthy = left_of(design, &set.healthy)?;
+    let mut classes = Vec::new();
+    for class in &design.classes {
+        let labelled = set.faulty.get(&class.name);
+        let mut left = labelled.map_or(Ok(Left::none()), |sets| left_of(design, sets))?;
+        let labelled = left.rows.len();
+        if labelled == 0 {
+            left = by_physics(design, &class.name)?;
+        }
+        classes.push(OfClass { left, labelled });
+    }
+    let rows: Vec<Vec<f64>> =
+        classes.iter().flat_map(|of| of.left.rows.iter().take(MOST_SIGNALS).cloned()).collect();
+    let mut typical = Typical {
+        directions: directions(&rows, MOST_DIRECTIONS),
+        ..Typical::default()
+    };
+    typical.spread = typical
+        .directions
+        .iter()
+        .map(|d| classes.iter().map(|of| of.along(d)).fold(0.0, f64::max))
+        .collect();
+    let misfits = |left: &Left| -> Vec<f64> {
+        let each = left.rows.iter().zip(&left.size);
+        each.map(|(left, &size)| typical.misfit_of(Beside { left, size })).collect()
+    };
+    let of_noise = misfit_bound(&misfits(&healthy));
+    let bounds = classes.iter().map(|of| {
+        let own = misfits(&of.left);
+        match of.labelled {
+            // without noise: what the physics leaves comes on top of it
+            0 => of_noise + 2.0 * own.iter().copied().fold(0.0, f64::max),
+            n if n < FEWEST_OWN => own.iter().copied().fold(of_noise, f64::max) * 1.5,
+            _ => misfit_bound(&own).max(of_noise),
+        }
+    });
+    typical.misfit = bounds.collect();
+    Ok(Some(typical))
+}
+
+struct OfClass {
+    left: Left,
+    labelled: usize,
+}
+
+impl OfClass {
+    /// Variance along a direction beyond the noise's, of a ring as large as the healthy one.
+    fn along(&self, direction: &[f64]) -> f64 {
+        let noise = if self.labelled > 0 { 1.0 } else { 0.0 };
+        let each = self.left.rows.iter().zip(&self.left.size);
+        let sum: f64 =
+            each.map(|(row, size)| (dot(row, direction).powi(2) - noise) / (size * size)).sum();
+        (sum / self.left.rows.len().max(1) as f64).max(0.0)
+    }
+}
+
+/// What signals leave, in units of the noise of a sample.
+fn left_of(design: &Design, sets: &BTreeMap<String, SignalSet>) -> Result<Left, DesignError> {
+    let mut all = Left::none();
+    for (model, set) in design.with_models(sets) {
+        let few: Vec<usize> = (0..set.len()).take(MOST_SIGNALS).collect();
+        let set = set.select(&few);
+        let ring = ring_of(&model.identification)?;
+        let (dt_s, samples) = (model.generator.dt_s, design.samples);
+        let fitter = RingFitter::new(ring, dt_s, samples);
+        let beside = BesideRing::new(&ring, dt_s, samples);
+        let left = Left::of(&set, (&fitter, &beside), None, |i, y| model.at_reference(&set, i, y));
+        all.extend(left.without(&model.leftover).over(model.noise_beside()));
+    }
+    Ok(all)
+}
+
+/// What a class without labelled signals leaves by the physics, free of noise, in units of it.
+fn by_physics(design: &Design, class: &str) -> Result<Left, DesignError> {
+    let (Some(physics), model) = (&design.physics, &design.pooled) else { return Ok(Left::none()) };
+    let sampling = (design.sample_period_s, design.samples);
+    let Some([low, high]) = faults::severity_range(class) else { return Ok(Left::none()) };
+    let Some((low, high)) = faults::scale(class, low).zip(faults::scale(class, high)) else {
+        return Ok(Left::none());
+    };
+    let mut set = SignalSet::new(design.samples);
+    for i in 0..SEVERITIES {
+        let place = low + (high - low) * (i as f64 + 0.5) / SEVERITIES as f64;
+        let severity = faults::severity_at(class, place);
+        let Some(d) = severity.and_then(|s| physics.deviation(class, s, sampling)) else { continue };
+        let y: Vec<f32> = model.expected.iter().zip(&d).map(|(e, d)| (e + d) as f32).collect();
+        set.push(&y, i as u32, 1.0, f64::NAN);
+    }
+    let ring = ring_of(&model.identification)?;
+    let fitter = RingFitter::new(ring, sampling.0, design.samples);
+    let beside = BesideRing::new(&ring, sampling.0, design.samples);
+    let left = Left::of(&set, (&fitter, &beside), None, |i, y| model.at_reference(&set, i, y));
+    Ok(left.without(&model.leftover).over(model.noise_beside()))
+}
+
+impl HealthyModel {
+    /// Noise of one sample beside a ring, counts: what healthy signals leave.
+    pub(super) fn noise_beside(&self) -> f64 {
+        match &self.misfit {
+            Some(misfit) => (misfit.square / self.expected.len() as f64).sqrt(),
+            None => self.noise,
+        }
+    }
+}

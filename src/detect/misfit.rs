@@ -1,0 +1,114 @@
+//! The second test: what no ring explains.
+//!
+//! In: the square of what a healthy ring with free amplitude, damping, frequency and phase leaves of a
+//! signal. Out: how far that is above what healthy signals leave, as a squared distance. The first test
+//! ([`super::sensitivity`]) looks along the ring, this one beside it: offsets, lines, odd samples,
+//! noise and whatever else a wire can bring, constants included.
+
+use super::Threshold;
+use serde::{Deserialize, Serialize};
+
+/// Of the stated rate of false alarms, the share that this test may take: what it looks for stands far
+/// out, so its threshold may lie far out, too.
+pub const SHARE_OF_RATE: f64 = 0.1;
+/// A signal whose root of the square, to first order, is so many healthy deviations above the middle is
+/// looked at again.
+pub const SECOND_LOOK_SDS: f64 = 3.0;
+
+/// What healthy signals leave.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Misfit {
+    /// Mean square that a ring leaves of a signal, counts².
+    pub square: f64,
+    /// Middle and spread of the roots of these squares, counts.
+    pub root: f64,
+    pub root_sd: f64,
+    /// Of [`Misfit::statistic`].
+    pub threshold: Threshold,
+}
+
+impl Misfit {
+    /// Middle and spread of healthy squares, counts², as two in five of them may be faulty: median, and
+    /// median of what deviates from it. `None`: they are no numbers, or all are one.
+    pub fn scale(squares: &[f64]) -> Option<[f64; 2]> {
+        let mut roots: Vec<f64> = squares.iter().map(|q| q.max(0.0).sqrt()).collect();
+        if roots.is_empty() {
+            return None;
+        }
+        let mid = roots.len() / 2;
+        let root = *roots.select_nth_unstable_by(mid, f64::total_cmp).1;
+        let mut off: Vec<f64> = roots.iter().map(|r| (r - root).abs()).collect();
+        let sd = 1.4826 * *off.select_nth_unstable_by(mid, f64::total_cmp).1;
+        (root > 0.0 && sd > 0.0 && sd.is_finite()).then_some([root, sd])
+    }
+
+    /// Squared distance of a signal above the healthy middle; 0 below it. `square`: counts².
+    pub fn distance(square: f64, [root, sd]: [f64; 2]) -> f64 {
+        ((square.max(0.0).sqrt() - root) / sd).max(0.0).powi(2)
+    }
+
+    /// The same. NaN of an unknown square.
+    pub fn statistic(&self, square: f64) -> f64 {
+        if square.is_nan() { f64::NAN } else { Misfit::distance(square, [self.root, self.root_sd]) }
+    }
+
+    /// Unexplained mean square over the healthy one: 1 is noise alone.
+    pub fn relative(&self, square: f64) -> f64 {
+        square / self.square
+    }
+
+    /// Up to this square, counts², first order settles the test.
+    pub fn settled_square(&self) -> f64 {
+        let sds = SECOND_LOOK_SDS.min(self.threshold.value.sqrt());
+        (self.root + self.root_sd * sds).powi(2)
+    }
+
+    /// Refused if it could not have been learned.
+    pub fn check(&self) -> Result<(), String> {
+        let positive = |v: f64| (1e-30..=1e30).contains(&v);
+        let whole = [self.square, self.root, self.root_sd, self.threshold.value];
+        match whole.into_iter().all(positive) {
+            true => Ok(()),
+            false => Err("`misfit` must hold positive numbers".into()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::detect::contamination::{Degrees, contaminated};
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    #[test]
+    fn noise_alone_is_at_1_and_an_offset_stands_out() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+        let mut squares = |offset: f64| -> Vec<f64> {
+            let mut square = || {
+                let each = (0..100).map(|_| -> f64 { StandardNormal.sample(&mut rng) });
+                each.map(|e| (3.0 * e + offset).powi(2)).sum::<f64>()
+            };
+            (0..2000).map(|_| square()).collect()
+        };
+        let healthy = squares(0.0);
+        let scale = Misfit::scale(&healthy).unwrap();
+        let distances: Vec<f64> = healthy.iter().map(|q| Misfit::distance(*q, scale)).collect();
+        let channels: Vec<u32> = (0..2000).collect();
+        let threshold =
+            contaminated(&distances, &channels, Degrees::OneSided, 1e-3, 0.95).unwrap();
+        let square = healthy.iter().sum::<f64>() / 2000.0;
+        let misfit = Misfit { square, root: scale[0], root_sd: scale[1], threshold };
+        misfit.check().unwrap();
+        let beyond = |of: &[f64]| {
+            of.iter().filter(|q| misfit.statistic(**q) > misfit.threshold.value).count()
+        };
+        let fresh = squares(0.0);
+        assert!(beyond(&fresh) <= 7, "{} of 2000 at a rate of 1e-3", beyond(&fresh));
+        assert_eq!(beyond(&squares(6.0)), 2000); // 400 noise variances
+        let mean = fresh.iter().map(|q| misfit.relative(*q)).sum::<f64>() / 2000.0;
+        assert!((mean - 1.0).abs() < 0.02, "{mean}");
+        assert!(misfit.statistic(f64::NAN).is_nan());
+        assert!(misfit.settled_square() < scale[0].powi(2) * 2.0);
+    }
+}

@@ -1,0 +1,103 @@
+//! What a signal holds beside its ring.
+//!
+//! In: a signal and the ring fitted to it. Out: the signal less the ring, less what small changes of
+//! amplitude, damping, frequency, phase and of the real pole's size and rate would explain as well.
+
+use super::inner_product::dot;
+use super::ring::Ring;
+use super::ring_fit::{Features, RingFitter};
+use nalgebra::{SMatrix, SVector};
+
+/// Columns that a ring may move along: four of the pair, two of the real pole.
+const COLUMNS: usize = 6;
+
+/// Signals of one sampling, beside rings of one real pole.
+#[derive(Clone, Debug)]
+pub struct BesideRing {
+    /// e^(-lambda t) and t e^(-lambda t), unit norm, N each.
+    real: [Vec<f64>; 2],
+}
+
+impl BesideRing {
+    pub fn new(ring: &Ring, dt_s: f64, samples: usize) -> BesideRing {
+        let lambda_dt = ring.lambda_per_s * dt_s;
+        let column = |power: i32| {
+            let of = |k: usize| (k as f64).powi(power) * (-lambda_dt * k as f64).exp();
+            let column: Vec<f64> = (0..samples).map(of).collect();
+            let norm = dot(&column, &column).sqrt().max(f64::MIN_POSITIVE);
+            column.into_iter().map(|v| v / norm).collect()
+        };
+        BesideRing { real: [column(0), column(1)] }
+    }
+
+    /// Degrees of freedom that a ring takes from a signal.
+    pub const TAKEN: usize = COLUMNS;
+
+    /// `y`: N, counts; `at`: of its ring, the phase free.
+    pub fn left(&self, fitter: &RingFitter, y: &[f64], at: &Features) -> Vec<f64> {
+        let tangent = fitter.tangent(at);
+        let mut columns: [Vec<f64>; COLUMNS] = Default::default();
+        for (k, column) in columns.iter_mut().enumerate() {
+            *column = match k {
+                0..4 => {
+                    let norm = tangent.column(k).norm().max(f64::MIN_POSITIVE);
+                    tangent.column(k).iter().map(|v| v / norm).collect()
+                }
+                _ => self.real[k - 4].clone(),
+            };
+        }
+        // the first column is the ring itself
+        let mut left: Vec<f64> =
+            y.iter().zip(tangent.column(0).iter()).map(|(y, ring)| y - ring).collect();
+        let gram = SMatrix::<f64, COLUMNS, COLUMNS>::from_fn(|i, j| dot(&columns[i], &columns[j]));
+        // columns that cannot be told apart: their difference explains nothing
+        let steadied = gram + SMatrix::identity() * 1e-9;
+        let product = SVector::<f64, COLUMNS>::from_fn(|i, _| dot(&columns[i], &left));
+        if let Some(of) = steadied.cholesky().map(|c| c.solve(&product)) {
+            for (column, c) in columns.iter().zip(of.iter()) {
+                left.iter_mut().zip(column).for_each(|(l, v)| *l -= c * v);
+            }
+        }
+        left
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RING: Ring = Ring {
+        amplitude: 300.0,
+        phase_rad: 0.3,
+        damping_per_s: 2.5e4,
+        frequency_hz: 61e3,
+        real_share: 0.05,
+        lambda_per_s: 4e4,
+    };
+
+    #[test]
+    fn a_ring_and_its_real_pole_leave_nothing_and_an_offset_most_of_itself() {
+        let (dt_s, n) = (0.9e-6, 120);
+        let fitter = RingFitter::new(RING, dt_s, n);
+        let beside = BesideRing::new(&RING, dt_s, n);
+        let at = Features {
+            ln_amplitude: 0.1,
+            ln_damping: 0.2,
+            ln_frequency: -0.05,
+            phase_rad: 0.2,
+        };
+        let ring: Vec<f64> = fitter.tangent(&at).column(0).iter().copied().collect();
+        let square = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>();
+        assert!(square(&beside.left(&fitter, &ring, &at)) < 1e-12 * square(&ring));
+        let with = |extra: &dyn Fn(usize) -> f64| -> f64 {
+            let y: Vec<f64> = ring.iter().enumerate().map(|(k, r)| r + extra(k)).collect();
+            square(&beside.left(&fitter, &y, &at))
+        };
+        let decay = |k: usize| 20.0 * (-4e4 * k as f64 * dt_s).exp();
+        assert!(with(&decay) < 1e-6);
+        let offset = with(&|_| 5.0);
+        assert!(offset > 0.5 * 25.0 * n as f64 && offset < 25.0 * n as f64, "{offset}");
+        let spike = with(&|k| if k == 60 { 50.0 } else { 0.0 });
+        assert!(spike > 0.9 * 2500.0, "{spike}");
+    }
+}
