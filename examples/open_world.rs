@@ -1,0 +1,186 @@
+//! Measures inkling on an open world: signals of no class, healthy channels of any shape, models
+//! that are wrong, other scales, few labels. Same arguments, same figures.
+//!
+//! ```sh
+//! cargo run --release --example open_world                         # every table, an hour or so
+//! cargo run --release --example open_world -- families --signals 256 --mode design
+//! cargo run --release --example open_world -- shapes --train '--set detect.false_alarm_rate=1e-3'
+//! ```
+
+#[path = "../tests/open_world/mod.rs"]
+mod open_world;
+
+use clap::{Parser, ValueEnum};
+use open_world::lab::{Mode, Program};
+use open_world::plant::Plant;
+use open_world::scatter::{Scatter, Shape};
+use open_world::tables::closed_set::Difference;
+use open_world::tables::healthy::World;
+use open_world::tables::{closed_set, families, few_labels, healthy, training_sets};
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+/// Called so, this program is inkling itself: what is measured is what was built with it.
+const AS_INKLING: &str = "as-inkling";
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Table {
+    /// Signals of no class: called healthy, named, reasons
+    Families,
+    /// False alarms and recall over shapes of healthy scatter
+    Shapes,
+    /// The same where windows hold 0 to 40 % faulty signals
+    Contaminated,
+    /// Known classes where every signal holds a model error
+    Errors,
+    /// Known classes, sample period x .1 to x 100
+    Scales,
+    /// Known classes, amplitude x .02 to x 50
+    Gains,
+    /// Known classes, other noise, phases, real poles, numbers of samples
+    Forms,
+    /// Stated certainty with 3, 5, 10 labels per class
+    Few,
+    /// Realised rates of false alarms over training sets
+    Trainings,
+}
+
+#[derive(Parser)]
+struct Args {
+    /// Tables [default: all]
+    tables: Vec<Table>,
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Signals of each family and level
+    #[arg(long, default_value_t = 1024)]
+    signals: usize,
+    /// Noise variances that no healthy ring explains, of families that come in any size
+    #[arg(long, value_delimiter = ',', default_value = "400,1600")]
+    levels: Vec<f64>,
+    /// Judge so: design, windows, no-design [default: all]
+    #[arg(long = "mode", value_delimiter = ',', value_parser = mode)]
+    modes: Vec<Mode>,
+    /// Recordings of each shape, each with its own design
+    #[arg(long, default_value_t = 4)]
+    recordings: usize,
+    /// Signals of each such recording
+    #[arg(long, default_value_t = 46_080)]
+    recorded: usize,
+    /// Training and test sets of known classes, and of few labels
+    #[arg(long, default_value_t = 4)]
+    sets: usize,
+    #[arg(long, value_delimiter = ',', default_value = "3,5,10")]
+    labels: Vec<usize>,
+    /// Training sets whose realised rate is measured
+    #[arg(long, default_value_t = 100)]
+    trainings: usize,
+    /// Healthy signals that it is measured on
+    #[arg(long, default_value_t = 100_000)]
+    fresh: usize,
+    /// Further arguments of `inkling train`
+    #[arg(long, default_value = "", allow_hyphen_values = true)]
+    train: String,
+    /// Further arguments of `inkling replay`
+    #[arg(long, default_value = "", allow_hyphen_values = true)]
+    replay: String,
+}
+
+fn mode(text: &str) -> Result<Mode, String> {
+    match text {
+        "design" => Ok(Mode::Design),
+        "windows" => Ok(Mode::Windows),
+        "no-design" => Ok(Mode::NoDesign),
+        _ => Err("design, windows or no-design".into()),
+    }
+}
+
+fn main() -> ExitCode {
+    let given: Vec<OsString> = std::env::args_os().collect();
+    if given.get(1).is_some_and(|first| first == AS_INKLING) {
+        let verb_on = given.into_iter().skip(2);
+        return inkling::cli::run(std::iter::once("inkling".into()).chain(verb_on));
+    }
+    let mut args = Args::parse();
+    if args.tables.is_empty() {
+        args.tables = Table::value_variants().to_vec();
+    }
+    if args.modes.is_empty() {
+        args.modes = Mode::ALL.to_vec();
+    }
+    let command = std::env::current_exe().expect("a program knows its own path");
+    let program = Program { command, first: vec![AS_INKLING.into()] };
+    let mut ended = ExitCode::SUCCESS;
+    for &table in &args.tables {
+        if let Err(refusal) = print(table, &program, &args) {
+            eprintln!("{table:?}: {refusal}");
+            ended = ExitCode::FAILURE;
+        }
+    }
+    ended
+}
+
+fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
+    let (seed, train, replay) = (args.seed, args.train.clone(), args.replay.clone());
+    let of_worlds = |worlds: Vec<World>| {
+        let plan = healthy::Plan {
+            seed,
+            recordings: args.recordings,
+            signals: args.recorded,
+            modes: args.modes.clone(),
+            worlds,
+            train: train.clone(),
+            replay: replay.clone(),
+        };
+        healthy::measure(program, &plan).map(|rows| print!("{}", healthy::show(&rows)))
+    };
+    let differing = |difference: Difference| {
+        let (train, replay) = (train.clone(), replay.clone());
+        let plan = closed_set::Plan { seed, sets: args.sets, train, replay };
+        let rows: Vec<_> = difference
+            .plants()
+            .iter()
+            .map(|(what, plant)| closed_set::measure(program, what, plant, &plan))
+            .collect();
+        print!("{}", closed_set::show(&format!("{difference:?}"), &rows));
+        Ok(())
+    };
+    match table {
+        Table::Families => {
+            let (signals, levels) = (args.signals, args.levels.clone());
+            let modes = args.modes.clone();
+            let plan = families::Plan { seed, signals, levels, modes, train, replay };
+            let rows = families::measure(program, &Plant::thesis_form(), &plan)?;
+            plan.modes.iter().for_each(|&mode| print!("{}", families::show(&rows, mode)));
+            Ok(())
+        }
+        Table::Shapes => of_worlds(World::shapes()),
+        Table::Contaminated => of_worlds(World::contaminated()),
+        Table::Errors => differing(Difference::ModelErrors),
+        Table::Scales => differing(Difference::TimeScales),
+        Table::Gains => differing(Difference::Gains),
+        Table::Forms => differing(Difference::Forms),
+        Table::Few => {
+            let labels = args.labels.clone();
+            let plan = few_labels::Plan { seed, sets: args.sets, labels, train, replay };
+            let rows = few_labels::measure(program, &plan)?;
+            print!("{}", few_labels::show(&rows));
+            Ok(())
+        }
+        Table::Trainings => {
+            let realised = [Shape::Box, Shape::Gaussian, Shape::Heavy].map(|shape| {
+                let plan = training_sets::Plan {
+                    seed,
+                    sets: args.trainings,
+                    fresh: args.fresh,
+                    scatter: Scatter { shape, width: 1.0 },
+                    train: train.clone(),
+                    replay: replay.clone(),
+                };
+                training_sets::measure(program, &plan)
+            });
+            let realised: Vec<_> = realised.into_iter().collect::<Result<_, _>>()?;
+            print!("{}", training_sets::show(&realised));
+            Ok(())
+        }
+    }
+}

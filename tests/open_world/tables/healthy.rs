@@ -1,0 +1,150 @@
+//! False alarms and recall where healthy channels scatter in another shape than those that the
+//! design was trained on, and where windows hold faulty signals.
+
+use super::Shown;
+use crate::open_world::chance::Rate;
+use crate::open_world::family::words;
+use crate::open_world::lab::{Lab, Library, Mode, Program, Refusal, Signals, features};
+use crate::open_world::plant::{Noise, Plant, random};
+use crate::open_world::recording::{HEALTHY, Rows};
+use crate::open_world::scatter::{Scatter, Shape};
+use rand::RngExt;
+use rand::seq::IndexedRandom;
+
+/// 2560 signals a window, as usual, over more channels: lasting ones must be many.
+const ROWS: Rows = Rows { channels: 512, every_s: 4.0 };
+
+#[derive(Clone, Copy, Debug)]
+pub struct World {
+    pub scatter: Scatter,
+    pub noise: Noise,
+    /// Of all signals, at random places.
+    pub faulty_share: f64,
+}
+
+pub struct Plan {
+    pub seed: u64,
+    /// Recordings, each with a design of its own.
+    pub recordings: usize,
+    /// Of one recording.
+    pub signals: usize,
+    pub modes: Vec<Mode>,
+    pub worlds: Vec<World>,
+    pub train: String,
+    pub replay: String,
+}
+
+pub struct Row {
+    pub world: World,
+    pub mode: Mode,
+    pub false_alarms: Rate,
+    pub recall: Rate,
+    pub refusals: Vec<Refusal>,
+}
+
+impl World {
+    pub fn shapes() -> Vec<World> {
+        let scatter = |shape, width| Scatter { shape, width };
+        let mut worlds: Vec<World> = [
+            scatter(Shape::Box, 1.0),
+            scatter(Shape::Box, 0.3),
+            scatter(Shape::Gaussian, 1.0),
+            scatter(Shape::Gaussian, 0.4),
+            scatter(Shape::Skewed, 1.0),
+            scatter(Shape::Skewed, 0.6),
+            scatter(Shape::Heavy, 1.0),
+            scatter(Shape::Heavy, 0.6),
+            scatter(Shape::Lasting, 1.0),
+            scatter(Shape::TwoPopulations, 1.0),
+            scatter(Shape::Correlated, 1.0),
+        ]
+        .map(|scatter| World { scatter, noise: Noise::White, faulty_share: 0.04 })
+        .into();
+        worlds.push(World { noise: Noise::Heavy, ..worlds[0] });
+        worlds
+    }
+
+    pub fn contaminated() -> Vec<World> {
+        [0.0, 0.1, 0.2, 0.3, 0.4]
+            .map(|faulty_share| World {
+                scatter: Scatter { shape: Shape::Gaussian, width: 1.0 },
+                noise: Noise::White,
+                faulty_share,
+            })
+            .into()
+    }
+}
+
+pub fn measure(program: &Program, plan: &Plan) -> Result<Vec<Row>, Refusal> {
+    let row = |(world, mode)| Row {
+        world,
+        mode,
+        false_alarms: Rate::default(),
+        recall: Rate::default(),
+        refusals: Vec::new(),
+    };
+    let each = plan.worlds.iter().flat_map(|&w| plan.modes.iter().map(move |&mode| (w, mode)));
+    let mut rows: Vec<Row> = each.map(row).collect();
+    let plant = Plant::thesis_form();
+    for recording in 0..plan.recordings as u64 {
+        let lab = Lab::new(program);
+        let seed = plan.seed + 100 * recording;
+        lab.train(Signals::of(&Library::THESIS, &plant, seed), &plant, &plan.train)?;
+        for (place, world) in plan.worlds.iter().enumerate() {
+            let signals = of_world(world, &plant, plan.signals, seed + 1 + place as u64);
+            lab.write("test", ROWS, &plant, signals.samples);
+            for (mode, row) in plan.modes.iter().zip(&mut rows[place * plan.modes.len()..]) {
+                match lab.judge("test", *mode, &plan.replay) {
+                    Err(refusal) => row.refusals.push(refusal),
+                    Ok(verdicts) => {
+                        for (verdict, state) in verdicts.iter().zip(&signals.states) {
+                            let rate = match state == HEALTHY {
+                                true => &mut row.false_alarms,
+                                false => &mut row.recall,
+                            };
+                            rate.add(verdict.is_flagged());
+                        }
+                    }
+                }
+            }
+        }
+    }
+    Ok(rows)
+}
+
+fn of_world(world: &World, plant: &Plant, count: usize, seed: u64) -> Signals {
+    let plant = Plant { noise: world.noise, ..plant.clone() };
+    let classes: Vec<&String> = plant.faults.keys().collect();
+    let mut rng = random(seed, 1);
+    let mut signals = Signals::default();
+    for place in 0..count {
+        let state = match rng.random_bool(world.faulty_share) {
+            true => classes.choose(&mut rng).unwrap().as_str(),
+            false => HEALTHY,
+        };
+        let channel = ROWS.channel(place);
+        let features = features(&plant, world.scatter, state, channel, seed, &mut rng);
+        signals.push(state, plant.signal(features, &mut rng));
+    }
+    signals
+}
+
+pub fn show(rows: &[Row]) -> Shown {
+    let mut shown = Shown::new(
+        "Healthy scatter of the recording, design trained on a box (width: box's standard deviations)",
+        &["scatter", "noise", "faulty", "mode", "false alarms", "healthy", "recall", "refused"],
+    );
+    for row in rows {
+        shown.rows.push(vec![
+            row.world.scatter.to_string(),
+            words(&row.world.noise),
+            row.world.faulty_share.to_string(),
+            words(&row.mode),
+            row.false_alarms.to_string(),
+            row.false_alarms.of.to_string(),
+            row.recall.to_string(),
+            row.refusals.len().to_string(),
+        ]);
+    }
+    shown
+}
