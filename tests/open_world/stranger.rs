@@ -31,29 +31,29 @@ impl Stranger {
     fn drawn(self, plant: &Plant, rng: &mut Random) -> Features {
         let classes: Vec<_> = plant.faults.values().chain([&plant.healthy]).collect();
         let known = classes[rng.random_range(0..classes.len())].draw(rng);
-        let mut logarithmic = |low: f64, high: f64| rng.random_range(low.ln()..high.ln()).exp();
         match self {
             Stranger::Frequency => Features {
                 // two cycles a signal to a tenth of the sample rate
                 frequency_hz: logarithmic(
                     2.0 / plant.duration_s,
                     0.1 * plant.samples as f64 / plant.duration_s,
+                    rng,
                 ),
-                damping_per_s: logarithmic(3e3, 6e4),
+                damping_per_s: logarithmic(3e3, 6e4, rng),
                 ..known
             },
-            Stranger::Damping => Features { damping_per_s: logarithmic(1e3, 1.2e5), ..known },
-            Stranger::Amplitude => Features {
-                amplitude: known.amplitude
-                    * if rng.random_bool(0.5) {
-                        logarithmic(2.0, 3.0)
-                    } else {
-                        logarithmic(0.33, 0.5)
-                    },
-                ..known
-            },
+            Stranger::Damping => Features { damping_per_s: logarithmic(1e3, 1.2e5, rng), ..known },
+            Stranger::Amplitude => {
+                let more = logarithmic(2.0, 3.0, rng);
+                let factor = if rng.random_bool(0.5) { more } else { 1.0 / more };
+                Features { amplitude: known.amplitude * factor, ..known }
+            }
         }
     }
+}
+
+fn logarithmic(low: f64, high: f64, rng: &mut Random) -> f64 {
+    rng.random_range(low.ln()..high.ln()).exp()
 }
 
 fn is_far(features: &Features, plant: &Plant) -> bool {
