@@ -16,7 +16,9 @@ use open_world::plant::Plant;
 use open_world::scatter::{Scatter, Shape};
 use open_world::tables::closed_set::Difference;
 use open_world::tables::healthy::World;
-use open_world::tables::{closed_set, families, few_labels, healthy, training_sets};
+use open_world::tables::{
+    Further, Shown, closed_set, families, few_labels, healthy, training_sets,
+};
 use std::ffi::OsString;
 use std::process::ExitCode;
 
@@ -120,7 +122,8 @@ fn main() -> ExitCode {
 }
 
 fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
-    let (seed, train, replay) = (args.seed, args.train.clone(), args.replay.clone());
+    let (seed, sets) = (args.seed, args.sets);
+    let further = Further { train: args.train.clone(), replay: args.replay.clone() };
     let of_worlds = |worlds: Vec<World>| {
         let plan = healthy::Plan {
             seed,
@@ -128,29 +131,30 @@ fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
             signals: args.recorded,
             modes: args.modes.clone(),
             worlds,
-            train: train.clone(),
-            replay: replay.clone(),
+            further: further.clone(),
         };
-        healthy::measure(program, &plan).map(|rows| print!("{}", healthy::show(&rows)))
+        let rows = healthy::measure(program, &plan)?;
+        say(&[healthy::show(&rows)], &healthy::missed(&rows));
+        Ok(())
     };
     let differing = |difference: Difference| {
-        let (train, replay) = (train.clone(), replay.clone());
-        let plan = closed_set::Plan { seed, sets: args.sets, train, replay };
-        let rows: Vec<_> = difference
-            .plants()
-            .iter()
-            .map(|(what, plant)| closed_set::measure(program, what, plant, &plan))
-            .collect();
-        print!("{}", closed_set::show(&format!("{difference:?}"), &rows));
+        let plan = closed_set::Plan { seed, sets, further: further.clone() };
+        let rows = closed_set::measure_all(program, difference, &plan);
+        let shown = closed_set::show(&format!("{difference:?}"), &rows);
+        let mut missed = closed_set::missed_of_thesis_form(&rows[0]);
+        missed.extend(closed_set::missed(&rows, |row| difference.allowance(row)));
+        say(&[shown], &missed);
         Ok(())
     };
     match table {
         Table::Families => {
             let (signals, levels) = (args.signals, args.levels.clone());
             let modes = args.modes.clone();
-            let plan = families::Plan { seed, signals, levels, modes, train, replay };
+            let plan = families::Plan { seed, signals, levels, modes, further };
             let rows = families::measure(program, &Plant::thesis_form(), &plan)?;
-            plan.modes.iter().for_each(|&mode| print!("{}", families::show(&rows, mode)));
+            let shown: Vec<Shown> =
+                plan.modes.iter().map(|&mode| families::show(&rows, mode)).collect();
+            say(&shown, &families::missed(&rows));
             Ok(())
         }
         Table::Shapes => of_worlds(World::shapes()),
@@ -161,9 +165,9 @@ fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
         Table::Forms => differing(Difference::Forms),
         Table::Few => {
             let labels = args.labels.clone();
-            let plan = few_labels::Plan { seed, sets: args.sets, labels, train, replay };
+            let plan = few_labels::Plan { seed, sets, labels, further };
             let rows = few_labels::measure(program, &plan)?;
-            print!("{}", few_labels::show(&rows));
+            say(&[few_labels::show(&rows)], &few_labels::missed(&rows));
             Ok(())
         }
         Table::Trainings => {
@@ -173,14 +177,21 @@ fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
                     sets: args.trainings,
                     fresh: args.fresh,
                     scatter: Scatter { shape, width: 1.0 },
-                    train: train.clone(),
-                    replay: replay.clone(),
+                    further: further.clone(),
                 };
                 training_sets::measure(program, &plan)
             });
             let realised: Vec<_> = realised.into_iter().collect::<Result<_, _>>()?;
-            print!("{}", training_sets::show(&realised));
+            say(&[training_sets::show(&realised)], &training_sets::missed(&realised));
             Ok(())
         }
+    }
+}
+
+fn say(tables: &[Shown], missed: &[String]) {
+    tables.iter().for_each(|table| print!("{table}"));
+    match missed {
+        [] => println!("\nEvery goal is met."),
+        _ => println!("\nMissed beyond chance:\n- {}", missed.join("\n- ")),
     }
 }

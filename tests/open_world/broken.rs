@@ -12,7 +12,7 @@ pub enum Broken {
     HalfGain,
     QuarterGain,
     DoubleGain,
-    /// From the middle on always the same value.
+    /// From some sample on always the same value.
     Stuck,
     Flipped,
     Reversed,
@@ -93,7 +93,7 @@ impl Broken {
         (0..noises).for_each(|_| plant.add_noise(&mut y, rng));
         match self {
             Broken::Stuck => {
-                let from = rng.random_range(n * 3 / 10..n * 7 / 10);
+                let from = rng.random_range(n / 5..n * 2 / 5); // while there is a ring to miss
                 let value = y[from];
                 y[from..].fill(value);
             }
@@ -103,7 +103,7 @@ impl Broken {
                 y.iter_mut().skip(first).step_by(4).for_each(|y| *y = 0.0);
             }
             Broken::StuckBit => {
-                let bit = 1 << rng.random_range(6..9);
+                let bit = 1 << rng.random_range(7..9);
                 y.iter_mut().for_each(|y| *y = f64::from(y.round() as i16 | bit));
             }
             Broken::SwappedBytes => {

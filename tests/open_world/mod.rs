@@ -15,6 +15,7 @@ pub mod disturbance;
 pub mod family;
 pub mod lab;
 pub mod model_error;
+pub mod pattern;
 pub mod plant;
 pub mod recording;
 pub mod ring;

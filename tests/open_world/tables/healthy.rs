@@ -1,7 +1,7 @@
 //! False alarms and recall where healthy channels scatter in another shape than those that the
 //! design was trained on, and where windows hold faulty signals.
 
-use super::Shown;
+use super::{Further, STATED, Shown};
 use crate::open_world::chance::Rate;
 use crate::open_world::family::words;
 use crate::open_world::lab::{Lab, Library, Mode, Program, Refusal, Signals, features};
@@ -30,8 +30,7 @@ pub struct Plan {
     pub signals: usize,
     pub modes: Vec<Mode>,
     pub worlds: Vec<World>,
-    pub train: String,
-    pub replay: String,
+    pub further: Further,
 }
 
 pub struct Row {
@@ -89,12 +88,12 @@ pub fn measure(program: &Program, plan: &Plan) -> Result<Vec<Row>, Refusal> {
     for recording in 0..plan.recordings as u64 {
         let lab = Lab::new(program);
         let seed = plan.seed + 100 * recording;
-        lab.train(Signals::of(&Library::THESIS, &plant, seed), &plant, &plan.train)?;
+        lab.train(Signals::of(&Library::THESIS, &plant, seed), &plant, &plan.further.train)?;
         for (place, world) in plan.worlds.iter().enumerate() {
             let signals = of_world(world, &plant, plan.signals, seed + 1 + place as u64);
             lab.write("test", ROWS, &plant, signals.samples);
             for (mode, row) in plan.modes.iter().zip(&mut rows[place * plan.modes.len()..]) {
-                match lab.judge("test", *mode, &plan.replay) {
+                match lab.judge("test", *mode, &plan.further.replay) {
                     Err(refusal) => row.refusals.push(refusal),
                     Ok(verdicts) => {
                         for (verdict, state) in verdicts.iter().zip(&signals.states) {
@@ -127,6 +126,26 @@ fn of_world(world: &World, plant: &Plant, count: usize, seed: u64) -> Signals {
         signals.push(state, plant.signal(features, &mut rng));
     }
     signals
+}
+
+/// Against the goals: in windows and without a design at most twice the stated rate, recall .97.
+pub fn missed(rows: &[Row]) -> Vec<String> {
+    let mut missed = Vec::new();
+    for row in rows {
+        let world = &row.world;
+        let at = format!(
+            "{}, {:?} noise, {} faulty, {:?}",
+            world.scatter, world.noise, world.faulty_share, row.mode
+        );
+        if row.mode != Mode::Design && !row.false_alarms.is_at_most(2.0 * STATED) {
+            missed.push(format!("{at}: false alarms {}", row.false_alarms));
+        }
+        if row.recall.of > 0 && !row.recall.is_at_least(0.97) {
+            missed.push(format!("{at}: recall {}", row.recall));
+        }
+        missed.extend(row.refusals.clone());
+    }
+    missed
 }
 
 pub fn show(rows: &[Row]) -> Shown {

@@ -1,14 +1,12 @@
 //! A threshold is learned from one training set: how often is the rate that it realises above the
 //! rate that is stated?
 
-use super::Shown;
+use super::{Further, STATED, Shown};
 use crate::open_world::chance::Rate;
 use crate::open_world::lab::{Lab, Library, Mode, Program, Refusal, Signals};
 use crate::open_world::plant::Plant;
 use crate::open_world::recording::Rows;
 use crate::open_world::scatter::Scatter;
-
-pub const STATED: f64 = 7e-4;
 
 pub struct Plan {
     pub seed: u64,
@@ -16,8 +14,7 @@ pub struct Plan {
     /// Healthy signals that every set is judged on.
     pub fresh: usize,
     pub scatter: Scatter,
-    pub train: String,
-    pub replay: String,
+    pub further: Further,
 }
 
 pub struct Realised {
@@ -41,13 +38,21 @@ pub fn measure(program: &Program, plan: &Plan) -> Result<Realised, Refusal> {
     };
     lab.write("fresh", Rows::USUAL, &plant, healthy(plan.fresh, plan.seed).samples);
     let rates = (1..=plan.sets as u64).map(|set| {
-        lab.train(healthy(Library::THESIS.healthy, plan.seed + set), &plant, &plan.train)?;
+        lab.train(healthy(Library::THESIS.healthy, plan.seed + set), &plant, &plan.further.train)?;
         let mut rate = Rate::default();
-        let verdicts = lab.judge("fresh", Mode::Design, &plan.replay)?;
+        let verdicts = lab.judge("fresh", Mode::Design, &plan.further.replay)?;
         verdicts.iter().for_each(|verdict| rate.add(verdict.is_flagged()));
         Ok(rate)
     });
     Ok(Realised { scatter: plan.scatter, rates: rates.collect::<Result<_, Refusal>>()? })
+}
+
+/// Against the goal: at most a tenth of the sets.
+pub fn missed(realised: &[Realised]) -> Vec<String> {
+    let beyond = realised.iter().filter(|one| !one.exceeding().is_at_most(0.1));
+    beyond
+        .map(|one| format!("{}: above the stated rate {}", one.scatter, one.exceeding()))
+        .collect()
 }
 
 pub fn show(realised: &[Realised]) -> Shown {
