@@ -15,6 +15,8 @@ pub enum Broken {
     /// From some sample on always the same value.
     Stuck,
     Flipped,
+    /// The amplifier ends below the converter's rails.
+    Clipped,
     Reversed,
     Rectified,
     /// The ring begins late; before it noise.
@@ -31,7 +33,7 @@ pub enum Broken {
 }
 
 impl Broken {
-    pub const ALL: [Broken; 15] = {
+    pub const ALL: [Broken; 16] = {
         use Broken::*;
         [
             DeadLine,
@@ -41,6 +43,7 @@ impl Broken {
             DoubleGain,
             Stuck,
             Flipped,
+            Clipped,
             Reversed,
             Rectified,
             Late,
@@ -83,6 +86,7 @@ impl Broken {
                 plant.sampling().times().map(pole).collect()
             }
             Broken::Stuck
+            | Broken::Clipped
             | Broken::Rectified
             | Broken::Gaps
             | Broken::StuckBit
@@ -96,6 +100,10 @@ impl Broken {
                 let from = rng.random_range(n / 5..n * 2 / 5); // while there is a ring to miss
                 let value = y[from];
                 y[from..].fill(value);
+            }
+            Broken::Clipped => {
+                let bound = height * rng.random_range(0.2..0.4);
+                y.iter_mut().for_each(|y| *y = y.clamp(-bound, bound));
             }
             Broken::Rectified => y.iter_mut().for_each(|y| *y = y.abs()),
             Broken::Gaps => {

@@ -24,7 +24,6 @@ pub enum Disturbance {
     NoiseInPart,
     RememberingNoise,
     Wander,
-    Clipping,
     CoarseSteps,
     LostSamples,
     Crosstalk,
@@ -35,7 +34,7 @@ pub enum Disturbance {
 }
 
 impl Disturbance {
-    pub const ALL: [Disturbance; 23] = {
+    pub const ALL: [Disturbance; 22] = {
         use Disturbance::*;
         [
             Offset,
@@ -53,7 +52,6 @@ impl Disturbance {
             NoiseInPart,
             RememberingNoise,
             Wander,
-            Clipping,
             CoarseSteps,
             LostSamples,
             Crosstalk,
@@ -114,7 +112,6 @@ impl Disturbance {
             }
             Disturbance::RememberingNoise => remembering(n, 0.9, rng),
             Disturbance::Wander => remembering(n, 1.0, rng),
-            Disturbance::Clipping => return Pattern::Clipped,
             Disturbance::CoarseSteps => return Pattern::Coarse,
             Disturbance::LostSamples => return Pattern::Later(rng.random_range(n / 12..n / 2)),
             Disturbance::Chirp => return Pattern::Sweeping,

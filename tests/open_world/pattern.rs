@@ -8,8 +8,6 @@ use super::unexplained;
 pub enum Pattern {
     /// So many times this.
     Added(Vec<f64>),
-    /// So much of the height is cut.
-    Clipped,
     /// Steps of this size.
     Coarse,
     /// From a sample on the ring is so many samples older.
@@ -43,7 +41,7 @@ impl Pattern {
         let size = self.size(x, of)?;
         let mut y = self.of_size(size, of);
         of.plant.add_noise(&mut y, rng);
-        self.after_noise(size, of, &mut y);
+        self.after_noise(size, &mut y);
         Some(of.plant.recorded(y))
     }
 
@@ -78,9 +76,9 @@ impl Pattern {
         let sampling = of.plant.sampling();
         match self {
             Pattern::Added(v) => of.base.iter().zip(v).map(|(y, v)| y + size * v).collect(),
-            Pattern::Clipped | Pattern::Coarse => {
+            Pattern::Coarse => {
                 let mut y = of.base.to_vec();
-                self.after_noise(size, of, &mut y);
+                self.after_noise(size, &mut y);
                 y
             }
             Pattern::Later(from) => {
@@ -100,14 +98,9 @@ impl Pattern {
     }
 
     /// What the converter does, it does to signal and noise.
-    fn after_noise(&self, size: f64, of: &Undisturbed, y: &mut [f64]) {
-        match self {
-            Pattern::Clipped => {
-                let bound = of.height() * (1.0 - size);
-                y.iter_mut().for_each(|y| *y = y.clamp(-bound, bound));
-            }
-            Pattern::Coarse => y.iter_mut().for_each(|y| *y = (*y / size).round() * size),
-            Pattern::Added(_) | Pattern::Later(_) | Pattern::Sweeping => {}
+    fn after_noise(&self, size: f64, y: &mut [f64]) {
+        if let Pattern::Coarse = self {
+            y.iter_mut().for_each(|y| *y = (*y / size).round() * size);
         }
     }
 
@@ -116,7 +109,6 @@ impl Pattern {
         match self {
             Pattern::Added(v) => 20.0 * noise / v.iter().map(|v| v * v).sum::<f64>().sqrt(),
             Pattern::Coarse => 6.0 * noise,
-            Pattern::Clipped => 0.4,
             Pattern::Later(_) => 2.0,
             Pattern::Sweeping => 0.2,
         }
@@ -127,7 +119,6 @@ impl Pattern {
         match self {
             Pattern::Added(v) => HIGHEST * of.height() / height(v),
             Pattern::Coarse => of.height(),
-            Pattern::Clipped => 0.75,
             Pattern::Later(_) => 8.0,
             Pattern::Sweeping => 2.0,
         }
