@@ -17,7 +17,7 @@ use open_world::scatter::{Scatter, Shape};
 use open_world::tables::closed_set::Difference;
 use open_world::tables::healthy::World;
 use open_world::tables::{
-    Further, Shown, closed_set, families, few_labels, healthy, training_sets,
+    Further, Shown, closed_set, episodes, families, few_labels, healthy, physics, training_sets,
 };
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -45,6 +45,12 @@ enum Table {
     Few,
     /// Realised rates of false alarms over training sets
     Trainings,
+    /// Known classes by physics: labelled, unlabelled, print runs
+    Physics,
+    /// Episodes of channels that are of no class: raised, named, in words
+    Words,
+    /// False episodes of clean recordings
+    Clean,
 }
 
 #[derive(Parser)]
@@ -79,6 +85,12 @@ struct Args {
     /// Healthy signals that it is measured on
     #[arg(long, default_value_t = 100_000)]
     fresh: usize,
+    /// Channels of each family whose episodes are looked at
+    #[arg(long, default_value_t = 4)]
+    channels: usize,
+    /// Clean signals whose episodes are counted, of each mode and shape
+    #[arg(long, default_value_t = 10_240_000)]
+    clean: usize,
     /// Further arguments of `inkling train`
     #[arg(long, default_value = "", allow_hyphen_values = true)]
     train: String,
@@ -168,6 +180,29 @@ fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
             let plan = few_labels::Plan { seed, sets, labels, further };
             let rows = few_labels::measure(program, &plan)?;
             say(&[few_labels::show(&rows)], &few_labels::missed(&rows));
+            Ok(())
+        }
+        Table::Physics => {
+            let scenario =
+                concat!(env!("CARGO_MANIFEST_DIR"), "/sample_logs/scenarios/physics.toml");
+            let plan = physics::Plan { seed, scenario: scenario.into(), further };
+            let rows = physics::measure(program, &plan)?;
+            say(&[physics::show(&rows)], &physics::missed(&rows));
+            Ok(())
+        }
+        Table::Words => {
+            let level = args.levels.iter().copied().fold(0.0, f64::max);
+            let plan = episodes::Foreign { seed, channels: args.channels, level, further };
+            let rows = episodes::measure_foreign(program, &plan)?;
+            say(&[episodes::show_foreign(&rows)], &episodes::missed_foreign(&rows));
+            Ok(())
+        }
+        Table::Clean => {
+            // without a design there is no more than with one
+            let modes = args.modes.iter().copied().filter(|&m| m != Mode::NoDesign).collect();
+            let plan = episodes::Clean { seed, signals: args.clean, modes, further };
+            let rows = episodes::measure_clean(program, &plan)?;
+            say(&[episodes::show_clean(&rows)], &episodes::missed_clean(&rows));
             Ok(())
         }
         Table::Trainings => {

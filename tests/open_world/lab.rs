@@ -4,7 +4,7 @@ use super::plant::{Features, Plant, Random, random};
 use super::recording::{self, HEALTHY, Rows};
 use super::ring::Sampling;
 use super::scatter::Scatter;
-use super::verdicts::{self, Verdict};
+use super::verdicts::{self, Episode, Verdict};
 use rand::seq::SliceRandom;
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -72,7 +72,7 @@ impl Signals {
     }
 }
 
-pub fn features(
+fn features(
     plant: &Plant,
     scatter: Scatter,
     state: &str,
@@ -137,13 +137,29 @@ impl Lab {
         recording::write(&path, rows, sampling, plant.is_rounded(), signals);
     }
 
+    /// `name` may hold directories.
     pub fn judge(&self, name: &str, mode: Mode, more: &str) -> Result<Vec<Verdict>, Refusal> {
+        self.run_replay(name, mode, more)?;
+        Ok(verdicts::read(&self.written(name, "verdicts")))
+    }
+
+    /// The episodes alone.
+    pub fn replay(&self, name: &str, mode: Mode, more: &str) -> Result<Vec<Episode>, Refusal> {
+        self.run_replay(name, mode, more)?;
+        Ok(verdicts::read_episodes(&self.written(name, "episodes")))
+    }
+
+    fn run_replay(&self, name: &str, mode: Mode, more: &str) -> Result<(), Refusal> {
         let by = match mode {
             Mode::Design => "--design design.json --identify design",
             Mode::Windows => "--design design.json --identify windows",
             Mode::NoDesign => "",
         };
-        self.run(&format!("replay {name}.mcap {by} --out out {more}"))?;
-        Ok(verdicts::read(&self.path(&format!("out/{name}.verdicts.parquet"))))
+        self.run(&format!("replay {name}.mcap {by} --out out {more}")).map(drop)
+    }
+
+    fn written(&self, name: &str, table: &str) -> PathBuf {
+        let stem = name.rsplit('/').next().unwrap_or(name);
+        self.path(&format!("out/{stem}.{table}.parquet"))
     }
 }

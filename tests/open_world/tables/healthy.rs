@@ -3,8 +3,8 @@
 
 use super::{Further, STATED, Shown};
 use crate::open_world::chance::Rate;
-use crate::open_world::family::words;
-use crate::open_world::lab::{Lab, Library, Mode, Program, Refusal, Signals, features};
+use crate::open_world::family::{Family, words};
+use crate::open_world::lab::{Lab, Library, Mode, Program, Refusal, Signals};
 use crate::open_world::plant::{Noise, Plant, random};
 use crate::open_world::recording::{HEALTHY, Rows};
 use crate::open_world::scatter::{Scatter, Shape};
@@ -14,12 +14,23 @@ use rand::seq::IndexedRandom;
 /// 2560 signals a window, as usual, over more channels: lasting ones must be many.
 const ROWS: Rows = Rows { channels: 512, every_s: 4.0 };
 
+/// What the faulty signals are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Faults {
+    Known,
+    /// Of any family, gross.
+    Foreign,
+}
+
+const GROSS: f64 = 1600.0;
+
 #[derive(Clone, Copy, Debug)]
 pub struct World {
     pub scatter: Scatter,
     pub noise: Noise,
     /// Of all signals, at random places.
     pub faulty_share: f64,
+    pub faults: Faults,
 }
 
 pub struct Plan {
@@ -57,20 +68,27 @@ impl World {
             scatter(Shape::TwoPopulations, 1.0),
             scatter(Shape::Correlated, 1.0),
         ]
-        .map(|scatter| World { scatter, noise: Noise::White, faulty_share: 0.04 })
+        .map(|scatter| World {
+            scatter,
+            noise: Noise::White,
+            faulty_share: 0.04,
+            faults: Faults::Known,
+        })
         .into();
         worlds.push(World { noise: Noise::Heavy, ..worlds[0] });
         worlds
     }
 
     pub fn contaminated() -> Vec<World> {
-        [0.0, 0.1, 0.2, 0.3, 0.4]
-            .map(|faulty_share| World {
-                scatter: Scatter { shape: Shape::Gaussian, width: 1.0 },
-                noise: Noise::White,
-                faulty_share,
-            })
-            .into()
+        let known = [0.0, 0.1, 0.2, 0.3, 0.4].map(|share| (share, Faults::Known));
+        let foreign = [0.1, 0.3].map(|share| (share, Faults::Foreign));
+        let world = |(faulty_share, faults)| World {
+            scatter: Scatter { shape: Shape::Gaussian, width: 1.0 },
+            noise: Noise::White,
+            faulty_share,
+            faults,
+        };
+        known.into_iter().chain(foreign).map(world).collect()
     }
 }
 
@@ -116,14 +134,21 @@ fn of_world(world: &World, plant: &Plant, count: usize, seed: u64) -> Signals {
     let classes: Vec<&String> = plant.faults.keys().collect();
     let mut rng = random(seed, 1);
     let mut signals = Signals::default();
+    let families = Family::all(&[GROSS]);
     for place in 0..count {
-        let state = match rng.random_bool(world.faulty_share) {
-            true => classes.choose(&mut rng).unwrap().as_str(),
-            false => HEALTHY,
-        };
-        let channel = ROWS.channel(place);
-        let features = features(&plant, world.scatter, state, channel, seed, &mut rng);
-        signals.push(state, plant.signal(features, &mut rng));
+        if !rng.random_bool(world.faulty_share) {
+            let channel = ROWS.channel(place);
+            let features = world.scatter.features(&plant, seed, channel, &mut rng);
+            signals.push(HEALTHY, plant.signal(features, &mut rng));
+        } else if world.faults == Faults::Known {
+            let class = classes.choose(&mut rng).unwrap();
+            let features = plant.faults[*class].draw(&mut rng);
+            signals.push(class, plant.signal(features, &mut rng));
+        } else {
+            let family = families.choose(&mut rng).unwrap();
+            let y = family.signal(&plant, &mut rng).expect("families come gross");
+            signals.push("foreign", y);
+        }
     }
     signals
 }
@@ -134,8 +159,8 @@ pub fn missed(rows: &[Row]) -> Vec<String> {
     for row in rows {
         let world = &row.world;
         let at = format!(
-            "{}, {:?} noise, {} faulty, {:?}",
-            world.scatter, world.noise, world.faulty_share, row.mode
+            "{}, {:?} noise, {} faulty ({:?}), {:?}",
+            world.scatter, world.noise, world.faulty_share, world.faults, row.mode
         );
         if row.mode != Mode::Design && !row.false_alarms.is_at_most(2.0 * STATED) {
             missed.push(format!("{at}: false alarms {}", row.false_alarms));
@@ -157,7 +182,7 @@ pub fn show(rows: &[Row]) -> Shown {
         shown.rows.push(vec![
             row.world.scatter.to_string(),
             words(&row.world.noise),
-            row.world.faulty_share.to_string(),
+            format!("{} {}", row.world.faulty_share, words(&row.world.faults)),
             words(&row.mode),
             row.false_alarms.to_string(),
             row.false_alarms.of.to_string(),

@@ -1,9 +1,11 @@
 //! What is measured: one module a table, each a list of rows that tests assert on and people read.
 
 pub mod closed_set;
+pub mod episodes;
 pub mod families;
 pub mod few_labels;
 pub mod healthy;
+pub mod physics;
 pub mod training_sets;
 
 use std::fmt;
