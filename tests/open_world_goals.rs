@@ -2,6 +2,7 @@
 //! seeds, each bound widened by what chance alone makes of it. `examples/open_world.rs` prints the
 //! same tables at any size.
 
+use crate::house::root;
 use crate::open_world::chance::Rate;
 use crate::open_world::disturbance::Disturbance;
 use crate::open_world::lab::{Mode, Program};
@@ -9,7 +10,9 @@ use crate::open_world::plant::{Plant, Random, random};
 use crate::open_world::scatter::{Scatter, Shape};
 use crate::open_world::tables::closed_set::{self, Difference};
 use crate::open_world::tables::healthy::World;
-use crate::open_world::tables::{Further, families, few_labels, healthy, training_sets};
+use crate::open_world::tables::{
+    Further, episodes, families, few_labels, healthy, physics, training_sets,
+};
 use crate::open_world::unexplained;
 
 /// None of those that anything was tuned on.
@@ -106,6 +109,34 @@ fn a_stated_certainty_holds_with_few_labels() {
     let rows = few_labels::measure(&inkling(), &plan).unwrap();
     print!("{}", few_labels::show(&rows));
     none(few_labels::missed(&rows));
+}
+
+#[test]
+fn the_classes_of_physics_stay_known_in_any_temperature() {
+    let scenario = root().join("sample_logs/scenarios/physics.toml").display().to_string();
+    let plan = physics::Plan { seed: SEED + 6, scenario, further: Further::default() };
+    let rows = physics::measure(&inkling(), &plan).unwrap();
+    print!("{}", physics::show(&rows));
+    none(physics::missed(&rows));
+}
+
+#[test]
+fn episodes_of_no_class_are_raised_without_a_name() {
+    let further = Further::default();
+    let plan = episodes::Foreign { seed: SEED + 7, channels: 2, level: 1600.0, further };
+    let rows = episodes::measure_foreign(&inkling(), &plan).unwrap();
+    print!("{}", episodes::show_foreign(&rows));
+    none(episodes::missed_foreign(&rows));
+}
+
+#[test]
+fn clean_recordings_raise_no_episodes() {
+    let modes = vec![Mode::Design, Mode::Windows];
+    let further = Further::default();
+    let plan = episodes::Clean { seed: SEED + 8, signals: 256_000, modes, further };
+    let rows = episodes::measure_clean(&inkling(), &plan).unwrap();
+    print!("{}", episodes::show_clean(&rows));
+    none(episodes::missed_clean(&rows));
 }
 
 /// The ruler first: noise alone leaves 128 less what was fitted, a disturbance what was asked for.

@@ -24,10 +24,6 @@ pub enum Mode {
     NoDesign,
 }
 
-impl Mode {
-    pub const ALL: [Mode; 3] = [Mode::Design, Mode::Windows, Mode::NoDesign];
-}
-
 /// Signals of known state, to learn from.
 #[derive(Clone, Copy, Debug)]
 pub struct Library {

@@ -140,13 +140,23 @@ pub fn measure_foreign(program: &Program, plan: &Foreign) -> Result<Vec<ForeignR
     Ok(families.iter().enumerate().map(of_family).collect())
 }
 
-/// An episode is raised, and names nothing.
+/// Every channel raises an episode, and hardly any names something.
 pub fn missed_foreign(rows: &[ForeignRow]) -> Vec<String> {
-    let wrong = rows.iter().filter(|row| row.raised.count < row.raised.of || row.named.count > 0);
     let said = |row: &ForeignRow| {
-        format!("{}: raised {}, named {}", row.family, row.raised.share(), row.named.share())
+        let (raised, named) = (row.raised.share(), row.named.share());
+        format!("{}: raised {raised:.2}, named {named:.2}", row.family)
     };
-    wrong.map(said).collect()
+    let is_wrong = |row: &&ForeignRow| row.raised.share() < 1.0 || row.named.share() > 0.5;
+    let mut missed: Vec<String> = rows.iter().filter(is_wrong).map(said).collect();
+    let of_all = |all: Rate, row: &ForeignRow| Rate {
+        count: all.count + row.named.count,
+        of: all.of + row.named.of,
+    };
+    let named = rows.iter().fold(Rate::default(), of_all);
+    if !named.is_at_most(0.02) {
+        missed.push(format!("all families: named {named}"));
+    }
+    missed
 }
 
 pub fn show_foreign(rows: &[ForeignRow]) -> Shown {
