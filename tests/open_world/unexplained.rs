@@ -22,11 +22,19 @@ pub fn energy(y: &[f64], healthy: &Ring, sampling: Sampling, noise_sd: f64) -> f
     let (mut left, mut normal, mut gradient) = fit.expand(&at);
     let mut caution = 1e-3;
     for _ in 0..MOST_STEPS {
-        let mut matrix = normal;
+        let (mut matrix, mut towards) = (normal, gradient);
         for i in 0..UNKNOWNS {
             matrix[(i, i)] += caution * normal[(i, i)] + 1e-12;
         }
-        let Some(step) = matrix.cholesky().map(|c| c.solve(&gradient)) else { break };
+        // what stands at a bound and would go beyond stays, and the others move without it
+        for i in fit.held(&at, &gradient) {
+            let diagonal = matrix[(i, i)];
+            matrix.fill_row(i, 0.0);
+            matrix.fill_column(i, 0.0);
+            matrix[(i, i)] = diagonal;
+            towards[i] = 0.0;
+        }
+        let Some(step) = matrix.cholesky().map(|c| c.solve(&towards)) else { break };
         let next = fit.within(at + step);
         let (left_next, normal_next, gradient_next) = fit.expand(&next);
         if left_next < left {
@@ -67,12 +75,26 @@ impl Fit<'_> {
         ])
     }
 
-    fn within(&self, mut at: Unknowns) -> Unknowns {
+    fn bounds(&self) -> [[f64; 2]; UNKNOWNS] {
         let start = self.start();
-        at[3] = at[3].max(0.0);
-        at[4] = at[4].clamp(start[4] / FREQUENCY_FACTOR, start[4] * FREQUENCY_FACTOR);
-        at[5] = at[5].clamp(start[5] / POLE_FACTOR, start[5] * POLE_FACTOR);
-        at
+        let free = [f64::NEG_INFINITY, f64::INFINITY];
+        let around = |i: usize, factor: f64| [start[i] / factor, start[i] * factor];
+        let damping = [0.0, f64::INFINITY];
+        [free, free, free, damping, around(4, FREQUENCY_FACTOR), around(5, POLE_FACTOR)]
+    }
+
+    fn within(&self, at: Unknowns) -> Unknowns {
+        let bounds = self.bounds();
+        Unknowns::from_fn(|i, _| at[i].clamp(bounds[i][0], bounds[i][1]))
+    }
+
+    fn held(&self, at: &Unknowns, descent: &Unknowns) -> Vec<usize> {
+        let bounds = self.bounds();
+        let is_held = |&i: &usize| {
+            let [low, high] = bounds[i];
+            (at[i] <= low && descent[i] < 0.0) || (at[i] >= high && descent[i] > 0.0)
+        };
+        (0..UNKNOWNS).filter(is_held).collect()
     }
 
     /// Sum of squares, its normal matrix and its descent.
