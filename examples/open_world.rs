@@ -1,0 +1,232 @@
+//! Measures inkling on an open world: signals of no class, healthy channels of any shape, models
+//! that are wrong, other scales, few labels. Same arguments, same figures.
+//!
+//! ```sh
+//! cargo run --release --example open_world                         # every table, an hour or so
+//! cargo run --release --example open_world -- families --signals 256 --mode design
+//! cargo run --release --example open_world -- shapes --train '--set detect.false_alarm_rate=1e-3'
+//! ```
+
+#[path = "../tests/open_world/mod.rs"]
+mod open_world;
+
+use clap::{Parser, ValueEnum};
+use open_world::lab::{Mode, Program};
+use open_world::plant::Plant;
+use open_world::scatter::{Scatter, Shape};
+use open_world::tables::closed_set::Difference;
+use open_world::tables::healthy::World;
+use open_world::tables::{
+    Further, Shown, closed_set, episodes, families, few_labels, healthy, physics, training_sets,
+};
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+/// Called so, this program is inkling itself: what is measured is what was built with it.
+const AS_INKLING: &str = "as-inkling";
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Table {
+    /// Signals of no class: called healthy, named, reasons
+    Families,
+    /// False alarms and recall over shapes of healthy scatter
+    Shapes,
+    /// The same where windows hold 0 to 40 % faulty signals
+    Contaminated,
+    /// Known classes where every signal holds a model error
+    Errors,
+    /// Known classes, sample period x .1 to x 100
+    Scales,
+    /// Known classes, amplitude x .02 to x 50
+    Gains,
+    /// Known classes, other noise, phases, real poles, numbers of samples
+    Forms,
+    /// Stated certainty with 3, 5, 10 labels per class
+    Few,
+    /// Realised rates of false alarms over training sets
+    Trainings,
+    /// Known classes by physics: labelled, unlabelled, print runs
+    Physics,
+    /// Episodes of channels that are of no class: raised, named, in words
+    Words,
+    /// False episodes of clean recordings
+    Clean,
+}
+
+#[derive(Parser)]
+struct Args {
+    /// Tables [default: all]
+    tables: Vec<Table>,
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Signals of each family and level
+    #[arg(long, default_value_t = 1024)]
+    signals: usize,
+    /// Noise variances that no healthy ring explains, of families that come in any size
+    #[arg(long, value_delimiter = ',', default_value = "400,1600")]
+    levels: Vec<f64>,
+    /// Judge so: design, windows, no-design [default: all]
+    #[arg(long = "mode", value_delimiter = ',', value_parser = mode)]
+    modes: Vec<Mode>,
+    /// Recordings of each shape, each with its own design
+    #[arg(long, default_value_t = 4)]
+    recordings: usize,
+    /// Signals of each such recording
+    #[arg(long, default_value_t = 46_080)]
+    recorded: usize,
+    /// Training and test sets of known classes, and of few labels
+    #[arg(long, default_value_t = 4)]
+    sets: usize,
+    #[arg(long, value_delimiter = ',', default_value = "3,5,10")]
+    labels: Vec<usize>,
+    /// Training sets whose realised rate is measured
+    #[arg(long, default_value_t = 100)]
+    trainings: usize,
+    /// Healthy signals that it is measured on
+    #[arg(long, default_value_t = 100_000)]
+    fresh: usize,
+    /// Channels of each family whose episodes are looked at
+    #[arg(long, default_value_t = 4)]
+    channels: usize,
+    /// Clean signals whose episodes are counted, of each mode and shape
+    #[arg(long, default_value_t = 10_240_000)]
+    clean: usize,
+    /// Further arguments of `inkling train`
+    #[arg(long, default_value = "", allow_hyphen_values = true)]
+    train: String,
+    /// Further arguments of `inkling replay`
+    #[arg(long, default_value = "", allow_hyphen_values = true)]
+    replay: String,
+}
+
+fn mode(text: &str) -> Result<Mode, String> {
+    match text {
+        "design" => Ok(Mode::Design),
+        "windows" => Ok(Mode::Windows),
+        "no-design" => Ok(Mode::NoDesign),
+        _ => Err("design, windows or no-design".into()),
+    }
+}
+
+fn main() -> ExitCode {
+    let given: Vec<OsString> = std::env::args_os().collect();
+    if given.get(1).is_some_and(|first| first == AS_INKLING) {
+        let verb_on = given.into_iter().skip(2);
+        return inkling::cli::run(std::iter::once("inkling".into()).chain(verb_on));
+    }
+    let mut args = Args::parse();
+    if args.tables.is_empty() {
+        args.tables = Table::value_variants().to_vec();
+    }
+    if args.modes.is_empty() {
+        args.modes = vec![Mode::Design, Mode::Windows, Mode::NoDesign];
+    }
+    let command = std::env::current_exe().expect("a program knows its own path");
+    let program = Program { command, first: vec![AS_INKLING.into()] };
+    let mut ended = ExitCode::SUCCESS;
+    for &table in &args.tables {
+        if let Err(refusal) = print(table, &program, &args) {
+            eprintln!("{table:?}: {refusal}");
+            ended = ExitCode::FAILURE;
+        }
+    }
+    ended
+}
+
+fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
+    let (seed, sets) = (args.seed, args.sets);
+    let further = Further { train: args.train.clone(), replay: args.replay.clone() };
+    let of_worlds = |worlds: Vec<World>| {
+        let plan = healthy::Plan {
+            seed,
+            recordings: args.recordings,
+            signals: args.recorded,
+            modes: args.modes.clone(),
+            worlds,
+            further: further.clone(),
+        };
+        let rows = healthy::measure(program, &plan)?;
+        say(&[healthy::show(&rows)], &healthy::missed(&rows));
+        Ok(())
+    };
+    let differing = |difference: Difference| {
+        let plan = closed_set::Plan { seed, sets, further: further.clone() };
+        let rows = closed_set::measure_all(program, difference, &plan);
+        let shown = closed_set::show(&format!("{difference:?}"), &rows);
+        let mut missed = closed_set::missed_of_thesis_form(&rows[0]);
+        missed.extend(closed_set::missed(&rows, |row| difference.allowance(row)));
+        say(&[shown], &missed);
+        Ok(())
+    };
+    match table {
+        Table::Families => {
+            let (signals, levels) = (args.signals, args.levels.clone());
+            let modes = args.modes.clone();
+            let plan = families::Plan { seed, signals, levels, modes, further };
+            let rows = families::measure(program, &Plant::thesis_form(), &plan)?;
+            let shown: Vec<Shown> =
+                plan.modes.iter().map(|&mode| families::show(&rows, mode)).collect();
+            say(&shown, &families::missed(&rows));
+            Ok(())
+        }
+        Table::Shapes => of_worlds(World::shapes()),
+        Table::Contaminated => of_worlds(World::contaminated()),
+        Table::Errors => differing(Difference::ModelErrors),
+        Table::Scales => differing(Difference::TimeScales),
+        Table::Gains => differing(Difference::Gains),
+        Table::Forms => differing(Difference::Forms),
+        Table::Few => {
+            let labels = args.labels.clone();
+            let plan = few_labels::Plan { seed, sets, labels, further };
+            let rows = few_labels::measure(program, &plan)?;
+            say(&[few_labels::show(&rows)], &few_labels::missed(&rows));
+            Ok(())
+        }
+        Table::Physics => {
+            let scenario =
+                concat!(env!("CARGO_MANIFEST_DIR"), "/sample_logs/scenarios/physics.toml");
+            let plan = physics::Plan { seed, scenario: scenario.into(), further };
+            let rows = physics::measure(program, &plan)?;
+            say(&[physics::show(&rows)], &physics::missed(&rows));
+            Ok(())
+        }
+        Table::Words => {
+            let level = args.levels.iter().copied().fold(0.0, f64::max);
+            let plan = episodes::Foreign { seed, channels: args.channels, level, further };
+            let rows = episodes::measure_foreign(program, &plan)?;
+            say(&[episodes::show_foreign(&rows)], &episodes::missed_foreign(&rows));
+            Ok(())
+        }
+        Table::Clean => {
+            // without a design there is no more than with one
+            let modes = args.modes.iter().copied().filter(|&m| m != Mode::NoDesign).collect();
+            let plan = episodes::Clean { seed, signals: args.clean, modes, further };
+            let rows = episodes::measure_clean(program, &plan)?;
+            say(&[episodes::show_clean(&rows)], &episodes::missed_clean(&rows));
+            Ok(())
+        }
+        Table::Trainings => {
+            let realised = [Shape::Box, Shape::Gaussian, Shape::Heavy].map(|shape| {
+                let plan = training_sets::Plan {
+                    seed,
+                    sets: args.trainings,
+                    fresh: args.fresh,
+                    scatter: Scatter { shape, width: 1.0 },
+                    further: further.clone(),
+                };
+                training_sets::measure(program, &plan)
+            });
+            let realised: Vec<_> = realised.into_iter().collect::<Result<_, _>>()?;
+            say(&[training_sets::show(&realised)], &training_sets::missed(&realised));
+            Ok(())
+        }
+    }
+}
+
+fn say(tables: &[Shown], missed: &[String]) {
+    tables.iter().for_each(|table| print!("{table}"));
+    match missed {
+        [] => println!("\nEvery goal is met."),
+        _ => println!("\nMissed beyond chance:\n- {}", missed.join("\n- ")),
+    }
+}

@@ -1,0 +1,161 @@
+//! A directory and the inkling command: trains designs, judges recordings, hands verdicts back.
+
+use super::plant::{Features, Plant, Random, random};
+use super::recording::{self, HEALTHY, Rows};
+use super::ring::Sampling;
+use super::scatter::Scatter;
+use super::verdicts::{self, Episode, Verdict};
+use rand::seq::SliceRandom;
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::process::Command;
+
+/// How inkling is called: a command, and what stands before the verb.
+#[derive(Clone)]
+pub struct Program {
+    pub command: PathBuf,
+    pub first: Vec<OsString>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    Design,
+    Windows,
+    NoDesign,
+}
+
+/// Signals of known state, to learn from.
+#[derive(Clone, Copy, Debug)]
+pub struct Library {
+    pub scatter: Scatter,
+    pub healthy: usize,
+    pub per_class: usize,
+}
+
+impl Library {
+    /// The size of the thesis's.
+    pub const THESIS: Library = Library { scatter: Scatter::BOX, healthy: 2475, per_class: 225 };
+}
+
+/// Signals with their truth, in the order of a recording.
+#[derive(Default)]
+pub struct Signals {
+    pub states: Vec<String>,
+    pub samples: Vec<Vec<f32>>,
+}
+
+impl Signals {
+    pub fn push(&mut self, state: &str, samples: Vec<f32>) {
+        self.states.push(state.to_owned());
+        self.samples.push(samples);
+    }
+
+    /// Healthy and faulty ones at random places.
+    pub fn of(library: &Library, plant: &Plant, seed: u64) -> Signals {
+        let mut rng = random(seed, 0);
+        let mut states: Vec<&str> = vec![HEALTHY; library.healthy];
+        for class in plant.faults.keys() {
+            states.extend(std::iter::repeat_n(class.as_str(), library.per_class));
+        }
+        states.shuffle(&mut rng);
+        let mut signals = Signals::default();
+        for (place, state) in states.into_iter().enumerate() {
+            let channel = Rows::USUAL.channel(place);
+            let features = features(plant, library.scatter, state, channel, seed, &mut rng);
+            signals.push(state, plant.signal(features, &mut rng));
+        }
+        signals
+    }
+}
+
+fn features(
+    plant: &Plant,
+    scatter: Scatter,
+    state: &str,
+    channel: usize,
+    seed: u64,
+    rng: &mut Random,
+) -> Features {
+    match plant.faults.get(state) {
+        Some(ranges) => ranges.draw(rng),
+        None => scatter.features(plant, seed, channel, rng),
+    }
+}
+
+/// What a command said before it failed.
+pub type Refusal = String;
+
+pub struct Lab {
+    program: Program,
+    dir: tempfile::TempDir,
+}
+
+impl Lab {
+    pub fn new(program: &Program) -> Lab {
+        Lab { program: program.clone(), dir: tempfile::tempdir().unwrap() }
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    /// Arguments separated by white space. What was damaged or skipped is no failure.
+    pub fn run(&self, args: &str) -> Result<String, Refusal> {
+        let output = Command::new(&self.program.command)
+            .args(&self.program.first)
+            .args(args.split_whitespace())
+            .current_dir(self.dir.path())
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stderr).trim().to_owned();
+        match output.status.code() {
+            Some(0 | 3) => Ok(said),
+            code => Err(format!("inkling {args}: exit status {code:?}: {said}")),
+        }
+    }
+
+    /// Learns `design.json` from signals; gives back what was warned of.
+    pub fn train(&self, signals: Signals, plant: &Plant, more: &str) -> Result<String, Refusal> {
+        recording::write_labels(&self.path("labels.csv"), Rows::USUAL, &signals.states);
+        self.write("train", Rows::USUAL, plant, signals.samples);
+        self.run(&format!("train train.mcap --labels labels.csv -o design.json {more}"))
+    }
+
+    pub fn write(
+        &self,
+        name: &str,
+        rows: Rows,
+        plant: &Plant,
+        signals: impl IntoIterator<Item = Vec<f32>>,
+    ) {
+        let sampling: Sampling = plant.sampling();
+        let path = self.path(&format!("{name}.mcap"));
+        recording::write(&path, rows, sampling, plant.is_rounded(), signals);
+    }
+
+    /// `name` may hold directories.
+    pub fn judge(&self, name: &str, mode: Mode, more: &str) -> Result<Vec<Verdict>, Refusal> {
+        self.run_replay(name, mode, more)?;
+        Ok(verdicts::read(&self.written(name, "verdicts")))
+    }
+
+    /// The episodes alone.
+    pub fn replay(&self, name: &str, mode: Mode, more: &str) -> Result<Vec<Episode>, Refusal> {
+        self.run_replay(name, mode, more)?;
+        Ok(verdicts::read_episodes(&self.written(name, "episodes")))
+    }
+
+    fn run_replay(&self, name: &str, mode: Mode, more: &str) -> Result<(), Refusal> {
+        let by = match mode {
+            Mode::Design => "--design design.json --identify design",
+            Mode::Windows => "--design design.json --identify windows",
+            Mode::NoDesign => "",
+        };
+        self.run(&format!("replay {name}.mcap {by} --out out {more}")).map(drop)
+    }
+
+    fn written(&self, name: &str, table: &str) -> PathBuf {
+        let stem = name.rsplit('/').next().unwrap_or(name);
+        self.path(&format!("out/{stem}.{table}.parquet"))
+    }
+}

@@ -1,0 +1,88 @@
+//! Signals to a recording and its labels, by the contract alone.
+
+use super::ring::Sampling;
+use inkling::burst::{Burst, Format, Layout};
+use inkling::io::recording_writer::{RecordingWriter, WriterOptions};
+use std::fmt::Write;
+use std::path::Path;
+
+pub const PRINTHEAD: &str = "head";
+pub const HEALTHY: &str = "healthy";
+const START_NS: i64 = 1_750_000_000_000_000_000;
+
+/// How signals lie in a recording: the first ones in the first burst.
+#[derive(Clone, Copy, Debug)]
+pub struct Rows {
+    pub channels: usize,
+    /// From burst to burst.
+    pub every_s: f64,
+}
+
+impl Rows {
+    /// Twenty seconds, the default window, hold 2560 signals, about a training set.
+    pub const USUAL: Rows = Rows { channels: 128, every_s: 1.0 };
+
+    pub fn channel(self, signal: usize) -> usize {
+        signal % self.channels
+    }
+
+    pub fn t_ns(self, signal: usize) -> i64 {
+        START_NS + ((signal / self.channels) as f64 * self.every_s * 1e9) as i64
+    }
+}
+
+pub fn write(
+    path: &Path,
+    rows: Rows,
+    sampling: Sampling,
+    rounded: bool,
+    signals: impl IntoIterator<Item = Vec<f32>>,
+) {
+    let mut writer = RecordingWriter::create(path, WriterOptions::default()).unwrap();
+    let mut signals = signals.into_iter().peekable();
+    let mut written = 0;
+    while signals.peek().is_some() {
+        let mut samples = Vec::new();
+        let mut channels = 0;
+        for y in signals.by_ref().take(rows.channels) {
+            assert_eq!(y.len(), sampling.samples);
+            for y in y {
+                match rounded {
+                    true => samples.extend((y as i16).to_le_bytes()),
+                    false => samples.extend(y.to_le_bytes()),
+                }
+            }
+            channels += 1;
+        }
+        let t_acq_ns = rows.t_ns(written);
+        let burst = Burst {
+            t_acq_ns,
+            printhead: PRINTHEAD.into(),
+            first_channel: 0,
+            channels,
+            samples_per_channel: sampling.samples as u32,
+            sample_period_s: sampling.period_s,
+            format: if rounded { Format::S16Le } else { Format::F32Le },
+            layout: Layout::ChannelMajor,
+            samples: samples.into(),
+            temperature_c: None,
+            drive_voltage_v: None,
+            idle_time_s: Vec::new(),
+            neighbours_fired: Default::default(),
+        };
+        writer.write(&burst, t_acq_ns as u64).unwrap();
+        written += channels as usize;
+    }
+    writer.finish().unwrap();
+}
+
+/// One row per signal.
+pub fn write_labels(path: &Path, rows: Rows, states: &[String]) {
+    let mut csv = String::from("printhead,channel,from,to,state,severity\n");
+    for (signal, state) in states.iter().enumerate() {
+        let t_ns = rows.t_ns(signal);
+        let channel = rows.channel(signal);
+        writeln!(csv, "{PRINTHEAD},{channel},{t_ns},{},{state},", t_ns + 1).unwrap();
+    }
+    std::fs::write(path, csv).unwrap();
+}

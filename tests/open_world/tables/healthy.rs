@@ -1,0 +1,194 @@
+//! False alarms and recall where healthy channels scatter in another shape than those that the
+//! design was trained on, and where windows hold faulty signals.
+
+use super::{Further, STATED, Shown};
+use crate::open_world::chance::Rate;
+use crate::open_world::family::{Family, words};
+use crate::open_world::lab::{Lab, Library, Mode, Program, Refusal, Signals};
+use crate::open_world::plant::{Noise, Plant, random};
+use crate::open_world::recording::{HEALTHY, Rows};
+use crate::open_world::scatter::{Scatter, Shape};
+use rand::RngExt;
+use rand::seq::IndexedRandom;
+
+/// 2560 signals a window, as usual, over more channels: lasting ones must be many.
+const ROWS: Rows = Rows { channels: 512, every_s: 4.0 };
+
+/// What the faulty signals are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Faults {
+    Known,
+    /// Of any family, gross.
+    Foreign,
+}
+
+const GROSS: f64 = 1600.0;
+
+#[derive(Clone, Copy, Debug)]
+pub struct World {
+    pub scatter: Scatter,
+    pub noise: Noise,
+    /// Of all signals, at random places.
+    pub faulty_share: f64,
+    pub faults: Faults,
+}
+
+pub struct Plan {
+    pub seed: u64,
+    /// Recordings, each with a design of its own.
+    pub recordings: usize,
+    /// Of one recording.
+    pub signals: usize,
+    pub modes: Vec<Mode>,
+    pub worlds: Vec<World>,
+    pub further: Further,
+}
+
+pub struct Row {
+    pub world: World,
+    pub mode: Mode,
+    pub false_alarms: Rate,
+    pub recall: Rate,
+    pub refusals: Vec<Refusal>,
+}
+
+impl World {
+    pub fn shapes() -> Vec<World> {
+        let scatter = |shape, width| Scatter { shape, width };
+        let mut worlds: Vec<World> = [
+            scatter(Shape::Box, 1.0),
+            scatter(Shape::Box, 0.3),
+            scatter(Shape::Gaussian, 1.0),
+            scatter(Shape::Gaussian, 0.4),
+            scatter(Shape::Skewed, 1.0),
+            scatter(Shape::Skewed, 0.6),
+            scatter(Shape::Heavy, 1.0),
+            scatter(Shape::Heavy, 0.6),
+            scatter(Shape::Lasting, 1.0),
+            scatter(Shape::TwoPopulations, 1.0),
+            scatter(Shape::Correlated, 1.0),
+        ]
+        .map(|scatter| World {
+            scatter,
+            noise: Noise::White,
+            faulty_share: 0.04,
+            faults: Faults::Known,
+        })
+        .into();
+        worlds.push(World { noise: Noise::Heavy, ..worlds[0] });
+        worlds
+    }
+
+    pub fn contaminated() -> Vec<World> {
+        let known = [0.0, 0.1, 0.2, 0.3, 0.4].map(|share| (share, Faults::Known));
+        let foreign = [0.1, 0.3].map(|share| (share, Faults::Foreign));
+        let world = |(faulty_share, faults)| World {
+            scatter: Scatter { shape: Shape::Gaussian, width: 1.0 },
+            noise: Noise::White,
+            faulty_share,
+            faults,
+        };
+        known.into_iter().chain(foreign).map(world).collect()
+    }
+}
+
+pub fn measure(program: &Program, plan: &Plan) -> Result<Vec<Row>, Refusal> {
+    let row = |(world, mode)| Row {
+        world,
+        mode,
+        false_alarms: Rate::default(),
+        recall: Rate::default(),
+        refusals: Vec::new(),
+    };
+    let each = plan.worlds.iter().flat_map(|&w| plan.modes.iter().map(move |&mode| (w, mode)));
+    let mut rows: Vec<Row> = each.map(row).collect();
+    let plant = Plant::thesis_form();
+    for recording in 0..plan.recordings as u64 {
+        let lab = Lab::new(program);
+        let seed = plan.seed + 100 * recording;
+        lab.train(Signals::of(&Library::THESIS, &plant, seed), &plant, &plan.further.train)?;
+        for (place, world) in plan.worlds.iter().enumerate() {
+            let signals = of_world(world, &plant, plan.signals, seed + 1 + place as u64);
+            lab.write("test", ROWS, &plant, signals.samples);
+            for (mode, row) in plan.modes.iter().zip(&mut rows[place * plan.modes.len()..]) {
+                match lab.judge("test", *mode, &plan.further.replay) {
+                    Err(refusal) => row.refusals.push(refusal),
+                    Ok(verdicts) => {
+                        for (verdict, state) in verdicts.iter().zip(&signals.states) {
+                            let rate = match state == HEALTHY {
+                                true => &mut row.false_alarms,
+                                false => &mut row.recall,
+                            };
+                            rate.add(verdict.is_flagged());
+                        }
+                    }
+                }
+            }
+        }
+    }
+    Ok(rows)
+}
+
+fn of_world(world: &World, plant: &Plant, count: usize, seed: u64) -> Signals {
+    let plant = Plant { noise: world.noise, ..plant.clone() };
+    let classes: Vec<&String> = plant.faults.keys().collect();
+    let mut rng = random(seed, 1);
+    let mut signals = Signals::default();
+    let families = Family::all(&[GROSS]);
+    for place in 0..count {
+        if !rng.random_bool(world.faulty_share) {
+            let channel = ROWS.channel(place);
+            let features = world.scatter.features(&plant, seed, channel, &mut rng);
+            signals.push(HEALTHY, plant.signal(features, &mut rng));
+        } else if world.faults == Faults::Known {
+            let class = classes.choose(&mut rng).unwrap();
+            let features = plant.faults[*class].draw(&mut rng);
+            signals.push(class, plant.signal(features, &mut rng));
+        } else {
+            let family = families.choose(&mut rng).unwrap();
+            let y = family.signal(&plant, &mut rng).expect("families come gross");
+            signals.push("foreign", y);
+        }
+    }
+    signals
+}
+
+/// Against the goals: in windows and without a design at most twice the stated rate, recall .97.
+pub fn missed(rows: &[Row]) -> Vec<String> {
+    let mut missed = Vec::new();
+    for row in rows {
+        let world = &row.world;
+        let at = format!(
+            "{}, {:?} noise, {} faulty ({:?}), {:?}",
+            world.scatter, world.noise, world.faulty_share, world.faults, row.mode
+        );
+        if row.mode != Mode::Design && !row.false_alarms.is_at_most(2.0 * STATED) {
+            missed.push(format!("{at}: false alarms {}", row.false_alarms));
+        }
+        if row.recall.of > 0 && !row.recall.is_at_least(0.97) {
+            missed.push(format!("{at}: recall {}", row.recall));
+        }
+        missed.extend(row.refusals.clone());
+    }
+    missed
+}
+
+pub fn show(rows: &[Row]) -> Shown {
+    let mut shown = Shown::new(
+        "Healthy scatter of the recording, design trained on a box (width: box's standard deviations)",
+        &["scatter", "noise", "faulty", "mode", "false alarms", "healthy", "recall", "refused"],
+    );
+    for row in rows {
+        shown.rows.push(vec![
+            row.world.scatter.to_string(),
+            words(&row.world.noise),
+            format!("{} {}", row.world.faulty_share, words(&row.world.faults)),
+            words(&row.mode),
+            row.false_alarms.to_string(),
+            row.false_alarms.of.to_string(),
+            row.recall.to_string(),
+            row.refusals.len().to_string(),
+        ]);
+    }
+    shown
+}

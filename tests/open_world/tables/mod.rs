@@ -1,0 +1,62 @@
+//! What is measured: one module a table, each a list of rows that tests assert on and people read.
+
+pub mod closed_set;
+pub mod episodes;
+pub mod families;
+pub mod few_labels;
+pub mod healthy;
+pub mod physics;
+pub mod training_sets;
+
+use std::fmt;
+
+/// The default of `detect.false_alarm_rate`.
+pub const STATED: f64 = 7e-4;
+
+/// Further arguments of `inkling train` and of `inkling replay`.
+#[derive(Clone, Debug, Default)]
+pub struct Further {
+    pub train: String,
+    pub replay: String,
+}
+
+/// Rows of text, shown as Markdown.
+pub struct Shown {
+    pub title: String,
+    pub head: Vec<String>,
+    pub rows: Vec<Vec<String>>,
+}
+
+impl Shown {
+    pub fn new(title: impl Into<String>, head: &[&str]) -> Shown {
+        let head = head.iter().map(|&h| h.to_owned()).collect();
+        Shown { title: title.into(), head, rows: Vec::new() }
+    }
+}
+
+impl fmt::Display for Shown {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let all = || std::iter::once(&self.head).chain(&self.rows);
+        let widths: Vec<usize> = (0..self.head.len())
+            .map(|i| all().map(|row| row[i].chars().count()).max().unwrap_or(0))
+            .collect();
+        let line = |f: &mut fmt::Formatter, row: &[String]| {
+            let cells: Vec<String> =
+                row.iter().zip(&widths).map(|(cell, &width)| format!("{cell:width$}")).collect();
+            writeln!(f, "| {} |", cells.join(" | "))
+        };
+        writeln!(f, "\n{}\n", self.title)?;
+        line(f, &self.head)?;
+        let rule: Vec<String> = widths.iter().map(|&width| "-".repeat(width)).collect();
+        line(f, &rule)?;
+        self.rows.iter().try_for_each(|row| line(f, row))
+    }
+}
+
+pub fn percent(share: f64) -> String {
+    match 100.0 * share {
+        0.0 => "0".into(),
+        p if p < 10.0 => format!("{p:.1}"),
+        p => format!("{p:.0}"),
+    }
+}

@@ -1,0 +1,79 @@
+//! A threshold is learned from one training set: how often is the rate that it realises above the
+//! rate that is stated?
+
+use super::{Further, STATED, Shown};
+use crate::open_world::chance::Rate;
+use crate::open_world::lab::{Lab, Library, Mode, Program, Refusal, Signals};
+use crate::open_world::plant::Plant;
+use crate::open_world::recording::Rows;
+use crate::open_world::scatter::Scatter;
+
+pub struct Plan {
+    pub seed: u64,
+    pub sets: usize,
+    /// Healthy signals that every set is judged on.
+    pub fresh: usize,
+    pub scatter: Scatter,
+    pub further: Further,
+}
+
+pub struct Realised {
+    pub scatter: Scatter,
+    pub rates: Vec<Rate>,
+}
+
+impl Realised {
+    pub fn exceeding(&self) -> Rate {
+        let count = self.rates.iter().filter(|rate| rate.share() > STATED).count();
+        Rate { count, of: self.rates.len() }
+    }
+}
+
+pub fn measure(program: &Program, plan: &Plan) -> Result<Realised, Refusal> {
+    let lab = Lab::new(program);
+    let plant = Plant::thesis_form();
+    let healthy = |count, seed| {
+        let library = Library { scatter: plan.scatter, healthy: count, per_class: 0 };
+        Signals::of(&library, &plant, seed)
+    };
+    lab.write("fresh", Rows::USUAL, &plant, healthy(plan.fresh, plan.seed).samples);
+    let rates = (1..=plan.sets as u64).map(|set| {
+        lab.train(healthy(Library::THESIS.healthy, plan.seed + set), &plant, &plan.further.train)?;
+        let mut rate = Rate::default();
+        let verdicts = lab.judge("fresh", Mode::Design, &plan.further.replay)?;
+        verdicts.iter().for_each(|verdict| rate.add(verdict.is_flagged()));
+        Ok(rate)
+    });
+    Ok(Realised { scatter: plan.scatter, rates: rates.collect::<Result<_, Refusal>>()? })
+}
+
+/// Against the goal: at most a tenth of the sets.
+pub fn missed(realised: &[Realised]) -> Vec<String> {
+    let beyond = realised.iter().filter(|one| !one.exceeding().is_at_most(0.1));
+    beyond
+        .map(|one| format!("{}: above the stated rate {}", one.scatter, one.exceeding()))
+        .collect()
+}
+
+pub fn show(realised: &[Realised]) -> Shown {
+    let mut shown = Shown::new(
+        format!(
+            "Training sets of 2475 healthy signals: realised rate of false alarms, stated {STATED}"
+        ),
+        &["scatter", "sets", "mean", "median", "largest", "share above the stated rate"],
+    );
+    for one in realised {
+        let mut shares: Vec<f64> = one.rates.iter().map(|rate| rate.share()).collect();
+        shares.sort_by(f64::total_cmp);
+        let mean = shares.iter().sum::<f64>() / shares.len() as f64;
+        shown.rows.push(vec![
+            one.scatter.to_string(),
+            shares.len().to_string(),
+            format!("{mean:.1e}"),
+            format!("{:.1e}", shares[shares.len() / 2]),
+            format!("{:.1e}", shares[shares.len() - 1]),
+            one.exceeding().to_string(),
+        ]);
+    }
+    shown
+}

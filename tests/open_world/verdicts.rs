@@ -1,0 +1,166 @@
+//! Verdict tables read as any user's tool would: by the contract's columns.
+
+use arrow_array::cast::AsArray;
+use arrow_array::types::{Float32Type, TimestampNanosecondType, UInt32Type};
+use arrow_array::{Array, RecordBatch};
+use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReaderBuilder};
+use std::fs::File;
+use std::path::Path;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    Healthy,
+    Faulty,
+    Undecided,
+    Rejected,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reason {
+    Uncertain,
+    UnknownFault,
+    NoRing,
+    /// Of a rejected signal.
+    Rejected,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Test {
+    Ring,
+    Misfit,
+    Energy,
+}
+
+#[derive(Clone, Debug)]
+pub struct Verdict {
+    pub t_ns: i64,
+    pub printhead: String,
+    pub channel: u32,
+    pub outcome: Outcome,
+    pub category: Option<String>,
+    pub fault: Option<String>,
+    pub candidate: Option<String>,
+    pub certainty: f32,
+    pub reason: Option<Reason>,
+    /// Where the table has it.
+    pub test: Option<Test>,
+    pub misfit: Option<f32>,
+}
+
+/// What a name must be worth to count as one.
+pub const CERTAIN: f32 = 0.8;
+
+impl Verdict {
+    pub fn is_flagged(&self) -> bool {
+        matches!(self.outcome, Outcome::Faulty | Outcome::Undecided)
+    }
+
+    pub fn certain_class(&self) -> Option<&str> {
+        self.fault.as_deref().filter(|_| self.certainty >= CERTAIN)
+    }
+
+    /// A category that is certain where the class is not.
+    pub fn certain_category(&self) -> Option<&str> {
+        self.category.as_deref().filter(|_| self.fault.is_none() && self.certainty >= CERTAIN)
+    }
+
+    pub fn is_foreign(&self) -> bool {
+        matches!(self.reason, Some(Reason::UnknownFault | Reason::NoRing))
+    }
+}
+
+/// One row of an episode table.
+#[derive(Clone, Debug)]
+pub struct Episode {
+    pub channel: u32,
+    pub category: Option<String>,
+    pub fault: Option<String>,
+    pub explanation: String,
+}
+
+pub fn read_episodes(path: &Path) -> Vec<Episode> {
+    batches(path).iter().flat_map(episodes_of_batch).collect()
+}
+
+fn episodes_of_batch(batch: &RecordBatch) -> Vec<Episode> {
+    let (category, fault) = (texts(batch, "category"), texts(batch, "fault"));
+    let explanation = texts(batch, "explanation");
+    let channel = batch.column_by_name("channel").expect("the contract's column");
+    let channel = channel.as_primitive::<UInt32Type>();
+    (0..batch.num_rows())
+        .map(|i| Episode {
+            channel: channel.value(i),
+            category: category[i].clone(),
+            fault: fault[i].clone(),
+            explanation: explanation[i].clone().unwrap_or_default(),
+        })
+        .collect()
+}
+
+/// In the recording's order.
+pub fn read(path: &Path) -> Vec<Verdict> {
+    batches(path).iter().flat_map(of_batch).collect()
+}
+
+fn batches(path: &Path) -> Vec<RecordBatch> {
+    let file = File::open(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    let plain = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
+    let batches = ParquetRecordBatchReaderBuilder::try_new_with_options(file, plain).unwrap();
+    batches.build().unwrap().map(Result::unwrap).collect()
+}
+
+/// Of a column that may be missing.
+fn texts(batch: &RecordBatch, name: &str) -> Vec<Option<String>> {
+    let column = batch.column_by_name(name).map(|c| c.as_string::<i32>());
+    (0..batch.num_rows())
+        .map(|i| column.filter(|c| c.is_valid(i)).map(|c| c.value(i).to_owned()))
+        .collect()
+}
+
+fn of_batch(batch: &RecordBatch) -> Vec<Verdict> {
+    let texts = |name: &str| texts(batch, name);
+    let numbers = |name: &str| -> Vec<Option<f32>> {
+        let column = batch.column_by_name(name).map(|c| c.as_primitive::<Float32Type>());
+        (0..batch.num_rows())
+            .map(|i| column.filter(|c| c.is_valid(i)).map(|c| c.value(i)))
+            .collect()
+    };
+    let (outcome, category, fault) = (texts("outcome"), texts("category"), texts("fault"));
+    let (candidate, reason, test) = (texts("candidate"), texts("reason"), texts("test"));
+    let (certainty, misfit) = (numbers("certainty"), numbers("misfit"));
+    let required = |name: &str| batch.column_by_name(name).expect("the contract's column");
+    let t_ns = required("acquired_at").as_primitive::<TimestampNanosecondType>();
+    let channel = required("channel").as_primitive::<UInt32Type>();
+    let printhead = required("printhead").as_string::<i32>();
+    (0..batch.num_rows())
+        .map(|i| Verdict {
+            t_ns: t_ns.value(i),
+            printhead: printhead.value(i).to_owned(),
+            channel: channel.value(i),
+            outcome: match outcome[i].as_deref() {
+                Some("healthy") => Outcome::Healthy,
+                Some("faulty") => Outcome::Faulty,
+                Some("undecided") => Outcome::Undecided,
+                Some("rejected") => Outcome::Rejected,
+                other => panic!("outcome {other:?}"),
+            },
+            category: category[i].clone(),
+            fault: fault[i].clone(),
+            candidate: candidate[i].clone(),
+            certainty: certainty[i].unwrap_or(0.0),
+            reason: reason[i].as_deref().map(|reason| match reason {
+                "uncertain" => Reason::Uncertain,
+                "unknown_fault" => Reason::UnknownFault,
+                "no_ring" => Reason::NoRing,
+                _ => Reason::Rejected,
+            }),
+            test: test[i].as_deref().map(|test| match test {
+                "ring" => Test::Ring,
+                "misfit" => Test::Misfit,
+                "energy" => Test::Energy,
+                other => panic!("test {other}"),
+            }),
+            misfit: misfit[i],
+        })
+        .collect()
+}
