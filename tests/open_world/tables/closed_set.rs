@@ -92,7 +92,7 @@ pub fn missed(rows: &[Row], allowed: impl Fn(&Row) -> Allowance) -> Vec<String> 
     let mut missed = Vec::new();
     for row in rows {
         let (what, allowed) = (&row.what, allowed(row));
-        missed.extend(row.refusals.iter().map(|said| format!("{what}: {said}")));
+        missed.extend(row.refusals.first().map(|said| format!("{what}: {said}")));
         if row.misses.of == 0 {
             continue;
         }
