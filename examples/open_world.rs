@@ -14,7 +14,7 @@ use clap::{Parser, ValueEnum};
 use open_world::lab::{Mode, Program};
 use open_world::plant::Plant;
 use open_world::scatter::{Scatter, Shape};
-use open_world::tables::closed_set::Difference;
+use open_world::tables::difference::Difference;
 use open_world::tables::healthy::World;
 use open_world::tables::{
     Further, Shown, closed_set, episodes, families, few_labels, healthy, physics, training_sets,

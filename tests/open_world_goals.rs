@@ -8,10 +8,10 @@ use crate::open_world::disturbance::Disturbance;
 use crate::open_world::lab::{Mode, Program};
 use crate::open_world::plant::{Plant, Random, random};
 use crate::open_world::scatter::{Scatter, Shape};
-use crate::open_world::tables::closed_set::{self, Difference};
+use crate::open_world::tables::difference::Difference;
 use crate::open_world::tables::healthy::World;
 use crate::open_world::tables::{
-    Further, episodes, families, few_labels, healthy, physics, training_sets,
+    Further, closed_set, episodes, families, few_labels, healthy, physics, training_sets,
 };
 use crate::open_world::unexplained;
 

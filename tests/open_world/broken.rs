@@ -82,7 +82,7 @@ impl Broken {
                     pole_per_s: healthy.pole_per_s * rng.random_range(0.2..3.0),
                     ..*healthy
                 };
-                let pole = |t| alone.amplitude * (-alone.pole_per_s * t as f64).exp();
+                let pole = |t: f64| alone.amplitude * (-alone.pole_per_s * t).exp();
                 plant.sampling().times().map(pole).collect()
             }
             Broken::Stuck

@@ -27,7 +27,7 @@ impl Rate {
         let centre = p + z * z / (2.0 * n);
         let half = z * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
         let scale = 1.0 + z * z / n;
-        [((centre - half) / scale).max(0.0), (centre + half) / scale]
+        [if self.count == 0 { 0.0 } else { (centre - half) / scale }, (centre + half) / scale]
     }
 
     /// Not so many that a true rate of `rate` could hardly give them.

@@ -1,6 +1,7 @@
 //! A directory and the inkling command: trains designs, judges recordings, hands verdicts back.
 
-use super::plant::{Features, Plant, Random, random};
+use super::plant::{Plant, Random, random};
+use super::ranges::Features;
 use super::recording::{self, HEALTHY, Rows};
 use super::ring::Sampling;
 use super::scatter::Scatter;

@@ -17,6 +17,7 @@ pub mod lab;
 pub mod model_error;
 pub mod pattern;
 pub mod plant;
+pub mod ranges;
 pub mod recording;
 pub mod ring;
 pub mod scatter;

@@ -1,7 +1,8 @@
 //! Shapes in which healthy channels may scatter. All have the centre of the healthy box, and
 //! `width` times its standard deviation in each of amplitude, damping and frequency.
 
-use super::plant::{Features, Plant, Random, random};
+use super::plant::{Plant, Random, random};
+use super::ranges::Features;
 use rand::RngExt;
 use rand_distr::{Distribution, Gamma, StandardNormal, StudentT};
 use std::fmt;

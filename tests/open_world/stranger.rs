@@ -1,6 +1,7 @@
 //! Rings of channels, but of no class that anyone has labelled.
 
-use super::plant::{Features, Plant, Random, Range};
+use super::plant::{Plant, Random};
+use super::ranges::{Features, Range};
 use rand::RngExt;
 
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,6 +1,7 @@
 //! What is measured: one module a table, each a list of rows that tests assert on and people read.
 
 pub mod closed_set;
+pub mod difference;
 pub mod episodes;
 pub mod families;
 pub mod few_labels;
