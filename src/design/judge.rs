@@ -19,7 +19,7 @@ use crate::isolate::{
 };
 use crate::model::beside_ring::BesideRing;
 use crate::model::ring::Ring;
-use crate::model::ring_fit::{Features, Fit, Products, RingFitter};
+use crate::model::ring_fit::{Fit, Products, RingFitter};
 use nalgebra::Vector2;
 use std::sync::Arc;
 
@@ -365,13 +365,17 @@ impl Judge {
         let Some(best) = decision.candidate.map(usize::from) else { return Some(decision) };
         if let Some(typical) = typical {
             let most = typical.misfit[best];
-            // what a ring leaves is at most what its fit left
-            if work.misfit > most {
+            // what a ring leaves is at most what its fit left; held, its phase may be the other way round
+            let turned = fit.features.phase_rad.abs() > std::f64::consts::FRAC_PI_2;
+            if work.misfit > most || (turned && !posterior.phase) {
                 signal(&mut work.residual);
-                let (left, of_class) = of_rings.left(&work.residual, fit, self, noise);
-                work.misfit = left;
-                if of_class > most {
+                let left = of_rings.left(&work.residual, fit, self, noise);
+                work.misfit = left.all;
+                if left.of_class > most {
                     return Some(Isolation::of_no_ring());
+                }
+                if !typical.has_phase(best, left.phase_rad) {
+                    return Some(decision.of_unknown_fault());
                 }
             }
         }
@@ -391,12 +395,18 @@ impl Judge {
     }
 }
 
+/// Of a ring with its phase free: mean square that it leaves over the noise's, the same less what known
+/// classes leave, and its phase.
+struct LeftOfRing {
+    all: f64,
+    of_class: f64,
+    phase_rad: f64,
+}
+
 impl OfRings {
-    /// Mean square that no ring explains over the noise's, and the same less what known classes leave.
     /// `y`: per unit drive, counts; `noise`: of a sample of it.
-    fn left(&self, y: &[f64], fit: &Fit, judge: &Judge, noise: f64) -> (f64, f64) {
-        let near = Features { phase_rad: 0.0, ..fit.features };
-        let fit = self.fitter.fit_from(y, &near, true).unwrap_or(*fit);
+    fn left(&self, y: &[f64], fit: &Fit, judge: &Judge, noise: f64) -> LeftOfRing {
+        let fit = self.fitter.fit_from(y, &fit.features, true).unwrap_or(*fit);
         let mut left = self.beside.left(&self.fitter, y, &fit.features);
         let size = fit.features.ln_amplitude.exp();
         left.iter_mut().zip(&judge.model.leftover).for_each(|(l, shape)| *l -= size * shape);
@@ -406,7 +416,7 @@ impl OfRings {
         let of_class = self.typical.as_ref().map_or(all, |typical| {
             typical.misfit_of(Beside { left: &left, size: size * judge.relative_noise(noise) })
         });
-        (all, of_class)
+        LeftOfRing { all, of_class, phase_rad: fit.features.phase_rad }
     }
 }
 

@@ -19,16 +19,19 @@ pub(super) struct Left {
     pub rows: Vec<Vec<f64>>,
     /// Amplitude of the ring over the healthy one's at the reference drive.
     pub size: Vec<f64>,
+    /// Of the ring against the healthy one's.
+    pub phase_rad: Vec<f64>,
 }
 
 impl Left {
     pub fn none() -> Left {
-        Left { rows: Vec::new(), size: Vec::new() }
+        Left { rows: Vec::new(), size: Vec::new(), phase_rad: Vec::new() }
     }
 
     pub fn extend(&mut self, more: Left) {
         self.rows.extend(more.rows);
         self.size.extend(more.size);
+        self.phase_rad.extend(more.phase_rad);
     }
 
     /// In other units.
@@ -47,7 +50,7 @@ impl Left {
     ) -> Left {
         let every = set.len().div_ceil(MOST_SIGNALS).max(1);
         let chosen: Vec<usize> = (0..set.len()).step_by(every).collect();
-        let (mut rows, mut size) = (Vec::new(), Vec::new());
+        let mut of = Left::none();
         let mut next = chosen.iter();
         let mut signals: Vec<Vec<f64>> = Vec::with_capacity(chosen.len());
         let mut fits = Vec::with_capacity(chosen.len());
@@ -66,10 +69,11 @@ impl Left {
             let Some(fit) = fit else { continue };
             let drive = set.drive[chosen[i]];
             let left = beside.left(fitter, &signals[i], &fit.features);
-            rows.push(left.into_iter().map(|v| v * drive).collect());
-            size.push(fit.features.ln_amplitude.exp() * drive);
+            of.rows.push(left.into_iter().map(|v| v * drive).collect());
+            of.size.push(fit.features.ln_amplitude.exp() * drive);
+            of.phase_rad.push(fit.features.phase_rad);
         }
-        Left { rows, size }
+        of
     }
 
     /// The mean shape of signals as large as the healthy ring, robust: signals further from the others

@@ -109,13 +109,15 @@ impl Posterior {
         if (0..examples.len()).any(|k| learned[k].is_none() && !known[k]) {
             return None;
         }
+        let pairs = |k: usize| unseen[k].iter().zip(&physics[k]).map(move |(l, p)| (l[k], p[k]));
+        let told = |k: &usize| learned[*k].is_some() && known[*k];
+        // how right the physics is of all classes is what one of few signals starts from
+        let of_all = share(1.0, (0..examples.len()).filter(told).flat_map(pairs));
         let physics_share: Vec<f64> = (0..examples.len())
             .map(|k| match (&learned[k], known[k]) {
                 (_, false) => 0.0,
                 (None, true) => 1.0,
-                (Some(_), true) => {
-                    share(unseen[k].iter().zip(&physics[k]).map(|(l, p)| (l[k], p[k])))
-                }
+                (Some(_), true) => share(of_all, pairs(k)),
             })
             .collect();
         let mut weights = vec![0.0; examples.len()];
@@ -145,9 +147,7 @@ impl Posterior {
                 (own.len() >= FEWEST_BOUNDED).then(|| ln_density_bound(&own))
             })
             .collect();
-        // where few are labelled by classes that the physics knows, it knows how sure it is
-        let told = examples.iter().zip(known).any(|(e, known)| e.is_some() && !known);
-        let (temperature, score) = match fewest >= FEWEST_TEMPERED || told {
+        let (temperature, score) = match fewest >= FEWEST_BOUNDED {
             true => (TEMPERATURES[best], scores[best]),
             false => (1.0, 0.0),
         };
@@ -261,11 +261,11 @@ const FEWEST_BOUNDED: usize = 3;
 const FEWEST_TEMPERED: usize = 20;
 
 /// Share of the physics that makes held-out examples likeliest; pairs of ln densities (learned,
-/// physics). Expectation maximisation.
-fn share(examples: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
-    let mut share = 0.5;
+/// physics). `before`: the share that is believed without them. Expectation maximisation.
+fn share(before: f64, examples: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
+    let mut share = 0.5 * before;
     for _ in 0..50 {
-        let (mut sum, mut n) = (PHYSICS_COUNTS, PHYSICS_COUNTS);
+        let (mut sum, mut n) = (PHYSICS_COUNTS * before, PHYSICS_COUNTS);
         for (learned, physics) in examples.clone() {
             let all = mixed(learned, physics, share);
             if all.is_finite() {

@@ -21,6 +21,9 @@ pub struct Typical {
     pub spread: Vec<f64>,
     /// Per class: most that a signal leaves, over what noise leaves.
     pub misfit: Vec<f64>,
+    /// Where the phase is none of the features, per class: least and most of it, rad; empty: it is one.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub phase_rad: Vec<[f64; 2]>,
 }
 
 /// What one signal leaves beside its ring.
@@ -44,6 +47,11 @@ impl Typical {
         square / left.len() as f64
     }
 
+    /// Whether a ring of class `k` may have that phase.
+    pub fn has_phase(&self, k: usize, phase_rad: f64) -> bool {
+        self.phase_rad.get(k).is_none_or(|[least, most]| (*least..=*most).contains(&phase_rad))
+    }
+
     /// Refused if it could not have been learned.
     pub fn check(&self, classes: usize, samples: usize) -> Result<(), String> {
         let finite = |v: &[f64]| v.iter().all(|x| x.abs() <= 1e30);
@@ -51,7 +59,8 @@ impl Typical {
             && self.spread.len() == self.directions.len()
             && self.spread.iter().all(|v| (0.0..=1e30).contains(v))
             && self.directions.iter().all(|d| d.len() == samples && finite(d))
-            && self.misfit.iter().all(|v| *v > 0.0);
+            && self.misfit.iter().all(|v| *v > 0.0)
+            && (self.phase_rad.is_empty() || self.phase_rad.len() == classes);
         if whole { Ok(()) } else { Err(format!("`typical` is not of {classes} classes")) }
     }
 }
@@ -60,6 +69,12 @@ impl Typical {
 pub fn misfit_bound(left: &[f64]) -> f64 {
     let ln: Vec<f64> = left.iter().map(|v| v.max(f64::MIN_POSITIVE).ln()).collect();
     next_exceeds(&ln, MISSED).exp()
+}
+
+/// Bounds on the phase of the next signal of a class, rad.
+pub fn phase_bounds(phase_rad: &[f64]) -> [f64; 2] {
+    let back: Vec<f64> = phase_rad.iter().map(|p| -p).collect();
+    [-next_exceeds(&back, MISSED), next_exceeds(phase_rad, MISSED)]
 }
 
 /// Least ln density of the next signal of a class, from held-out ones. About half a squared distance

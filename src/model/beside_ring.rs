@@ -1,37 +1,31 @@
 //! What a signal holds beside its ring.
 //!
 //! In: a signal and the ring fitted to it. Out: the signal less the ring, less what small changes of
-//! amplitude, damping, frequency, phase and of the real pole's size and rate would explain as well.
+//! amplitude, damping, frequency, phase and of the real pole's size would explain as well. The real
+//! pole's rate is held: free, it is any slow shape that a wire may bring.
 
 use super::inner_product::dot;
 use super::ring::Ring;
 use super::ring_fit::{Features, RingFitter};
 use nalgebra::{SMatrix, SVector};
 
-/// Columns that a ring may move along: four of the pair, two of the real pole.
-const COLUMNS: usize = 6;
+/// Columns that a ring may move along: four of the pair, one of the real pole.
+const COLUMNS: usize = 5;
 
 /// Signals of one sampling, beside rings of one real pole.
 #[derive(Clone, Debug)]
 pub struct BesideRing {
-    /// e^(-lambda t) and t e^(-lambda t), unit norm, N each.
-    real: [Vec<f64>; 2],
+    /// e^(-lambda t), unit norm, N.
+    real: Vec<f64>,
 }
 
 impl BesideRing {
     pub fn new(ring: &Ring, dt_s: f64, samples: usize) -> BesideRing {
         let lambda_dt = ring.lambda_per_s * dt_s;
-        let column = |power: i32| {
-            let of = |k: usize| (k as f64).powi(power) * (-lambda_dt * k as f64).exp();
-            let column: Vec<f64> = (0..samples).map(of).collect();
-            let norm = dot(&column, &column).sqrt().max(f64::MIN_POSITIVE);
-            column.into_iter().map(|v| v / norm).collect()
-        };
-        BesideRing { real: [column(0), column(1)] }
+        let column: Vec<f64> = (0..samples).map(|k| (-lambda_dt * k as f64).exp()).collect();
+        let norm = dot(&column, &column).sqrt().max(f64::MIN_POSITIVE);
+        BesideRing { real: column.into_iter().map(|v| v / norm).collect() }
     }
-
-    /// Degrees of freedom that a ring takes from a signal.
-    pub const TAKEN: usize = COLUMNS;
 
     /// `y`: N, counts; `at`: of its ring, the phase free.
     pub fn left(&self, fitter: &RingFitter, y: &[f64], at: &Features) -> Vec<f64> {
@@ -43,7 +37,7 @@ impl BesideRing {
                     let norm = tangent.column(k).norm().max(f64::MIN_POSITIVE);
                     tangent.column(k).iter().map(|v| v / norm).collect()
                 }
-                _ => self.real[k - 4].clone(),
+                _ => self.real.clone(),
             };
         }
         // the first column is the ring itself
