@@ -15,7 +15,7 @@ const MOST_PRINTHEADS: usize = 256;
 
 pub fn print(report: &RecordingReport, out: &mut impl Write) -> io::Result<()> {
     let counts = &report.tally.counts;
-    writeln!(out, "{}", printable::line(&report.name, 255))?;
+    writeln!(out, "{}", printable_path(&report.name))?;
     writeln!(
         out,
         "  {} signals in {} bursts, {} models, {:.1} s, {} signals/s",
@@ -102,4 +102,9 @@ fn clock(t_ns: i64) -> String {
 /// A name from a file, as a terminal may show it.
 pub fn printable(name: &str) -> String {
     printable::line(name, 64)
+}
+
+/// A path, as a terminal may show it.
+pub fn printable_path(path: &str) -> String {
+    printable::line(path, 4096)
 }
