@@ -3,7 +3,7 @@
 #![cfg(unix)]
 
 use crate::house::House;
-use crate::nights::{journal, record, replay, results, some};
+use crate::nights::{journal, on_day, record, replay, results, some};
 use crate::pipeline::sample;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -41,7 +41,7 @@ fn killed_anywhere_and_resumed_is_the_same_as_undisturbed() {
     const KILLS: usize = 200;
     let house = House::new();
     for i in 0..3 {
-        record(&house, &format!("rec/{i}/a.mcap"), &some(10 * i, 10));
+        record(&house, &format!("rec/{i}/a.mcap"), &on_day(i, 10));
     }
     const ARGS: &str = "rec --baseline own.json";
     let started = Instant::now();

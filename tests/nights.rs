@@ -9,6 +9,8 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs::File;
 
+const DAY_NS: i64 = 86_400_000_000_000;
+
 /// Bursts of one printhead of the sample run, `n` from the `from`-th on.
 pub fn some(from: usize, n: usize) -> Vec<Burst> {
     let all = bursts(&sample("print_run.mcap"));
@@ -165,12 +167,9 @@ fn another_nights_recording_of_the_same_name_overwrites_nothing() {
 
 #[test]
 fn layouts_keep_apart_what_a_tree_or_a_day_keeps_apart() {
-    const DAY_NS: i64 = 86_400_000_000_000;
     let house = House::new();
-    let next_day: Vec<Burst> =
-        some(0, 3).iter().map(|b| Burst { t_acq_ns: b.t_acq_ns + DAY_NS, ..b.clone() }).collect();
     record(&house, "rec/1/a.mcap", &some(0, 3));
-    record(&house, "rec/2/a.mcap", &next_day);
+    record(&house, "rec/2/a.mcap", &on_day(1, 3));
     replay(&house, "rec/1 --layout date").exits(0);
     replay(&house, "rec/2 --layout date").exits(0);
     for day in ["2025-01-01", "2025-01-02"] {
@@ -292,17 +291,18 @@ fn scripts_get_lines_or_silence() {
     assert_eq!(made.stdout() + &made.stderr(), "");
 }
 
-/// Three recordings of one printhead, one after another in time.
-fn three_in_a_row(house: &House) {
-    for (i, name) in ["c", "b", "a"].iter().enumerate() {
-        record(house, &format!("rec/{name}.mcap"), &some(20 * i, 20));
-    }
+/// `n` bursts of one printhead on a day.
+pub fn on_day(day: i64, n: usize) -> Vec<Burst> {
+    let later = |b: Burst| Burst { t_acq_ns: b.t_acq_ns + day * DAY_NS, ..b };
+    some(5 * day as usize, n).into_iter().map(later).collect()
 }
 
 #[test]
 fn baselines_go_on_where_they_stopped_or_the_reason_is_told() {
     let house = House::new();
-    three_in_a_row(&house);
+    for (day, name) in ["c", "b", "a"].iter().enumerate() {
+        record(&house, &format!("rec/{name}.mcap"), &on_day(day as i64, 20));
+    }
     let with = |more: &str| replay(&house, &format!("rec --baseline own.json {more}"));
     std::fs::rename(house.path("rec/a.mcap"), house.path("a.mcap")).unwrap();
     with("").exits(0).says("2 judged");
@@ -311,7 +311,7 @@ fn baselines_go_on_where_they_stopped_or_the_reason_is_told() {
     std::fs::rename(house.path("a.mcap"), house.path("rec/a.mcap")).unwrap();
     with("").exits(0).says("1 judged, 2 skipped");
     let (all, own) = (results(&house), house.read("own.json"));
-    assert!(own != after_two, "the third taught nothing");
+    assert!(own != after_two, "the third taught something");
     let starts: Vec<i64> =
         journal(&house).iter().map(|e| e["recording"]["starts_at_ns"].as_i64().unwrap()).collect();
     assert!(starts.is_sorted(), "{starts:?}");
@@ -330,7 +330,7 @@ fn baselines_go_on_where_they_stopped_or_the_reason_is_told() {
     assert!(results(&house) == all && house.read("own.json") == own);
 
     // one in the middle changed: the baselines know it and what came after
-    record(&house, "rec/b.mcap", &some(20, 19));
+    record(&house, "rec/b.mcap", &on_day(1, 19));
     with("").exits(1).says("b.mcap: to be judged (the recording changed)").says("baseline");
     with("--force").exits(1).says("c.mcap: to be judged (--force)");
     assert!(results(&house) == all && house.read("own.json") == own);
@@ -339,7 +339,7 @@ fn baselines_go_on_where_they_stopped_or_the_reason_is_told() {
     // one that cannot be read stops nothing, tonight or later
     house.write("rec/d.mcap", b"");
     with("").exits(3).says("3 skipped").says("1 failed");
-    record(&house, "rec/e.mcap", &some(60, 10));
+    record(&house, "rec/e.mcap", &on_day(3, 20));
     with("").exits(3).says("1 judged, 3 skipped").says("1 failed");
     with("").exits(3).says("4 skipped").says("1 failed");
 }
