@@ -14,4 +14,5 @@ mod mutations; // ten thousand changed files: a message or a result, no panic
 mod nights; // batches: journal, resume, layouts, baselines in their order; nothing done twice or overwritten
 mod pipeline; // same bytes for any threads, order, chunking; drift; bad windows
 mod print_run; // recall and false alarms on a print run with known truth
+mod readers; // everything that reads what others wrote, for mutations and fuzzing
 mod thesis_tables; // thesis chapter 4 on the thesis-form data set

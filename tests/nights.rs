@@ -336,6 +336,14 @@ fn baselines_go_on_where_they_stopped_or_the_reason_is_told() {
     assert!(results(&house) == all && house.read("own.json") == own);
     std::fs::remove_file(house.path("own.json")).unwrap();
     with("").exits(0).says("3 judged");
+    // nor does one that failed meanwhile make them forget that they know it
+    let good = house.read("rec/a.mcap");
+    house.write("rec/a.mcap", b"");
+    with("").exits(3).says("2 skipped").says("1 failed");
+    house.write("rec/a.mcap", good);
+    with("").exits(1).says("a.mcap: to be judged (it failed before)");
+    std::fs::remove_file(house.path("own.json")).unwrap();
+    with("").exits(0).says("3 judged");
     // one that cannot be read stops nothing, tonight or later
     house.write("rec/d.mcap", b"");
     with("").exits(3).says("3 skipped").says("1 failed");

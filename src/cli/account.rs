@@ -85,6 +85,11 @@ pub fn unwritable(path: &Path, e: io::Error) -> Failure {
     Failure::new(format!("{}: cannot be written: {e}", path.display()))
 }
 
+/// 1 recording, 2 recordings.
+fn counted(n: u64, what: &str) -> String {
+    format!("{} {what}{}", thousands(n), if n == 1 { "" } else { "s" })
+}
+
 impl Account {
     /// `lost`: what was named and is not there.
     pub fn new(lost: Vec<Row>) -> Account {
@@ -147,7 +152,7 @@ impl Account {
         let totals = self.totals();
         let mut parts = vec![format!("{} judged", thousands(totals.judged as u64))];
         for (n, what) in [
-            (totals.skipped, "skipped (finished before)"),
+            (totals.skipped, "skipped (finished before; --force judges again)"),
             (totals.damaged, "damaged"),
             (totals.failed, "failed"),
             (totals.not_reached, "not reached"),
@@ -158,8 +163,8 @@ impl Account {
         }
         writeln!(
             out,
-            "{} recordings: {}; {} signals in {:.1} s, {} signals/s",
-            thousands(totals.recordings as u64),
+            "{}: {}; {} signals in {:.1} s, {} signals/s",
+            counted(totals.recordings as u64, "recording"),
             parts.join(", "),
             thousands(totals.signals),
             totals.seconds,
@@ -168,9 +173,9 @@ impl Account {
         for note in self.notes.list.iter().filter(|note| note.times > 1) {
             writeln!(
                 out,
-                "  {} times in {} recordings: {}",
+                "  {} times in {}: {}",
                 thousands(note.times),
-                thousands(note.recordings),
+                counted(note.recordings, "recording"),
                 note.what
             )?;
         }

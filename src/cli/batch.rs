@@ -3,17 +3,17 @@
 
 use super::account::{Account, End, RUN_NAME, Row, unwritable};
 use super::exit::{Exit, Failure, unless_reader_gone};
+use super::failed;
 use super::output;
 use super::plan::Planned;
 use super::progress::Progress;
 use super::report::{self, printable_path};
-use super::{failed, notes};
 use crate::io::Limits;
 use crate::io::baseline_file::BaselineFile;
-use crate::io::journal::{self, Entry, JournalWriter, Link, Means, Outcome, Results, Source};
+use crate::io::journal::{Entry, JournalWriter, Link, Means, Outcome};
 use crate::io::printable;
 use crate::io::recording::Recording;
-use crate::pipeline::resume::{self, Decision};
+use crate::pipeline::resume::{self, Decision, Why};
 use crate::pipeline::{self, Control, PipelineError, RecordingReport, Replay};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -123,17 +123,15 @@ impl Batch<'_> {
             again.recording = this.source(*seen, again.recording.digest.take());
             self.append(&again)?;
         }
-        let why = match entry.damage.first() {
-            Some(damage) => damage.what.clone(),
-            None => format!("finished {}", entry.at),
-        };
-        let signals = entry.counts["signals"].as_u64().unwrap_or_default();
-        self.tell(Row { skipped: true, signals, ..this.row(entry.outcome, &why) }, &entry.counts)
+        self.tell(this.skipped_row(entry), &entry.counts)
     }
 
     fn judge(&mut self, this: &Planned) -> Result<(), Stop> {
         let verdicts = this.placed.verdicts_in(self.out);
         let label = this.placed.label();
+        if matches!(this.decision, Decision::Judge(Why::RecordingChanged)) {
+            self.set_aside(&verdicts);
+        }
         let judged = Recording::open(&this.placed.input.path, Limits::default())
             .map_err(PipelineError::from)
             .and_then(|recording| {
@@ -149,13 +147,12 @@ impl Batch<'_> {
             Err(e @ PipelineError::Interrupted) => {
                 Err(Stop { end: End::Interrupted, failure: e.into() })
             }
+            Err(e) if failed::no_room(&e) => {
+                Err(Stop { end: End::NoRoom, failure: self.no_room(&e.to_string()) })
+            }
             Err(e) => {
                 self.set_aside(&verdicts);
-                let words = failed::in_words(&e);
-                if failed::no_room(&e) {
-                    return Err(Stop { end: End::NoRoom, failure: self.no_room(&words) });
-                }
-                self.note_failure(this, words, Some(e.into()))
+                self.note_failure(this, failed::in_words(&e), Some(e.into()))
             }
         }
     }
@@ -174,35 +171,16 @@ impl Batch<'_> {
             baseline = Some(Link { before: file.digest(), after: Some(next.digest()) });
             prepared = Some(next);
         }
-        let entry = self.entry(this, &report, baseline);
+        for file in resume::files(&report.verdicts) {
+            let _ = std::fs::remove_file(stale(&file)); // what was set aside is replaced
+        }
+        let entry = this.judged(self.means, &report, baseline);
         self.append(&entry)?;
         if let (Some(file), Some(prepared)) = (&mut self.baseline_file, prepared) {
             file.replace(prepared).map_err(Stop::broken)?;
             self.replay.baselines = baselines;
         }
-        for file in resume::files(&report.verdicts) {
-            let _ = std::fs::remove_file(stale(&file)); // what was set aside is replaced
-        }
         self.tell_of(this, &report, &entry)
-    }
-
-    fn entry(&self, this: &Planned, report: &RecordingReport, baseline: Option<Link>) -> Entry {
-        let size = |file: PathBuf| file.metadata().map_or(0, |metadata| metadata.len());
-        let bytes = resume::files(&report.verdicts).map(size).to_vec();
-        Entry {
-            version: journal::VERSION,
-            at: journal::now(),
-            recording: this.source(Some(report.stamp), Some(report.digest.clone())),
-            by: self.means.clone(),
-            baseline,
-            outcome: if report.is_whole() { Outcome::Judged } else { Outcome::Damaged },
-            results: Some(Results { verdicts: this.placed.verdicts.clone(), bytes }),
-            error: None,
-            counts: json!(report.tally.counts),
-            damage: notes::damage(report),
-            warnings: notes::warnings(report),
-            seconds: report.seconds,
-        }
     }
 
     /// Warnings each kind once, then the report.
@@ -223,21 +201,14 @@ impl Batch<'_> {
             }
         }
         if self.timings {
-            say_timings(report, self.progress);
+            report::say_timings(report, self.progress);
         }
         if self.telling == Telling::Text {
             // whoever stopped reading still wants the other recordings' verdicts
             let printed = report::print(report, &mut output::report());
             unless_reader_gone(printed).map_err(|failure| Stop { end: End::Broken, failure })?;
         }
-        let why = match (&this.decision, entry.damage.first()) {
-            (_, Some(damage)) => damage.what.clone(),
-            (_, None) if entry.outcome == Outcome::Damaged => rejected(report),
-            (Decision::Judge(why), _) => why.to_string(),
-            _ => String::new(),
-        };
-        let signals = report.tally.counts.signals;
-        self.tell(Row { signals, ..this.row(entry.outcome, &why) }, &entry.counts)
+        self.tell(this.judged_row(report, entry), &entry.counts)
     }
 
     fn tell(&mut self, row: Row, counts: &Value) -> Result<(), Stop> {
@@ -260,23 +231,8 @@ impl Batch<'_> {
         failure: Option<Failure>,
     ) -> Result<(), Stop> {
         let error = printable::line(&error, MOST_OF_AN_ERROR);
-        let entry = Entry {
-            version: journal::VERSION,
-            at: journal::now(),
-            recording: this.source(this.stamp(), None),
-            by: self.means.clone(),
-            baseline: None,
-            outcome: Outcome::Failed,
-            // what is refused has no place here
-            results: failure
-                .is_some()
-                .then(|| Results { verdicts: this.placed.verdicts.clone(), bytes: Vec::new() }),
-            error: Some(error.clone()),
-            counts: Value::Null,
-            damage: Vec::new(),
-            warnings: Vec::new(),
-            seconds: 0.0,
-        };
+        // what is refused has no place here
+        let entry = this.failed(self.means, &error, failure.is_some());
         self.append(&entry)?;
         let path = format!("{}: ", this.placed.input.path.display());
         let row = this.row(Outcome::Failed, error.strip_prefix(&path).unwrap_or(&error));
@@ -326,59 +282,9 @@ impl Batch<'_> {
     }
 }
 
-fn say_timings(report: &RecordingReport, progress: &Progress) {
-    progress.say(&format!(
-        "{:9} {:>7} {:>8} {:>9} {:>9} {:>9} {:>6}",
-        "stage", "workers", "batches", "busy s", "starved s", "blocked s", "queue"
-    ));
-    for s in &report.timings {
-        progress.say(&format!(
-            "{:9} {:>7} {:>8} {:>9.2} {:>9.2} {:>9.2} {:>6.1}",
-            s.stage, s.workers, s.batches, s.busy_s, s.starved_s, s.blocked_s, s.queue_fill
-        ));
-    }
-}
-
 /// `<file>.stale`.
 fn stale(file: &Path) -> PathBuf {
     let mut name = file.file_name().unwrap_or_default().to_os_string();
     name.push(".stale");
     file.with_file_name(name)
-}
-
-/// What of an undamaged recording was not judged, or not as asked.
-fn rejected(report: &RecordingReport) -> String {
-    let signals: u64 = report.tally.counts.rejected.values().sum();
-    match (signals, report.refusals.len()) {
-        (0, windows) => format!("{windows} healthy windows refused"),
-        (signals, 0) => format!("{signals} signals rejected"),
-        (signals, windows) => {
-            format!("{signals} signals rejected, {windows} healthy windows refused")
-        }
-    }
-}
-
-impl Planned {
-    fn row(&self, outcome: Outcome, why: &str) -> Row {
-        let refused = matches!(self.decision, Decision::Refuse(_));
-        Row {
-            recording: self.placed.label(),
-            outcome,
-            skipped: false,
-            why: printable::line(why, 300),
-            verdicts: (!refused && outcome != Outcome::Failed)
-                .then(|| self.placed.verdicts.clone()),
-            signals: 0,
-        }
-    }
-
-    fn source(&self, stamp: Option<journal::Stamp>, digest: Option<String>) -> Source {
-        Source {
-            path: self.placed.source.clone(),
-            stamp,
-            digest,
-            day: self.placed.day.clone(),
-            starts_at_ns: self.starts_at_ns,
-        }
-    }
 }

@@ -9,6 +9,7 @@ mod extended_design;
 mod failed;
 mod identify;
 mod inspect;
+mod lines;
 mod notes;
 mod output;
 mod plan;

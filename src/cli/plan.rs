@@ -24,7 +24,7 @@ pub struct Planned {
     /// Its earliest burst, ns; only with baselines, and only where it can be read.
     pub starts_at_ns: Option<i64>,
     /// What its last verdicts rest on.
-    link: Option<Link>,
+    pub link: Option<Link>,
 }
 
 /// Where each one's results go. What the journal knows of a recording need not be looked up in it.
@@ -79,15 +79,21 @@ impl Planner<'_> {
         let mut planned = Vec::with_capacity(placed.len());
         for placed in placed {
             let decision = self.resume.decide(&placed, |path| self.digest(path))?;
-            let known = self.resume.journal.of_result(&placed.verdicts);
-            let known = known.filter(|entry| entry.is_judged());
             let link = match &decision {
+                Decision::Finished { entry, .. } => entry.baseline.clone(),
+                Decision::Judge(_) => self.learned_from(&placed),
                 Decision::Refuse(_) => None,
-                _ => known.and_then(|entry| entry.baseline.clone()),
             };
             planned.push(Planned { placed, decision, starts_at_ns: None, link });
         }
         Ok(planned)
+    }
+
+    /// What the baselines were when they learned from a recording that is to be judged again.
+    fn learned_from(&self, placed: &Placed) -> Option<Link> {
+        let known = self.resume.journal.of_result(&placed.verdicts);
+        let known = known.filter(|entry| entry.recording.path == placed.source);
+        known.and_then(|entry| entry.baseline.clone())
     }
 
     /// In the order of their first bursts, each by the baselines that those before it left; those

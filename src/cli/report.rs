@@ -1,6 +1,6 @@
 //! What a finished replay says: one line per printhead, and its fault episodes.
 
-use super::progress::thousands;
+use super::progress::{Progress, thousands};
 use crate::episodes::{Counts, Episode};
 use crate::io::printable;
 use crate::pipeline::RecordingReport;
@@ -97,6 +97,20 @@ fn print_episodes(episodes: &[&Episode], out: &mut impl Write) -> io::Result<()>
 
 fn clock(t_ns: i64) -> String {
     DateTime::from_timestamp_nanos(t_ns).format("%Y-%m-%d %H:%M:%S").to_string()
+}
+
+/// Where the time went, on stderr.
+pub fn say_timings(report: &RecordingReport, progress: &Progress) {
+    progress.say(&format!(
+        "{:9} {:>7} {:>8} {:>9} {:>9} {:>9} {:>6}",
+        "stage", "workers", "batches", "busy s", "starved s", "blocked s", "queue"
+    ));
+    for s in &report.timings {
+        progress.say(&format!(
+            "{:9} {:>7} {:>8} {:>9.2} {:>9.2} {:>9.2} {:>6.1}",
+            s.stage, s.workers, s.batches, s.busy_s, s.starved_s, s.blocked_s, s.queue_fill
+        ));
+    }
 }
 
 /// A name from a file, as a terminal may show it.

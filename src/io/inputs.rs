@@ -78,7 +78,7 @@ fn find(named: &[String], ending: &str, what: &'static str) -> Result<Found, Inp
     let mut all = Found::default();
     let mut seen = BTreeSet::new();
     for name in named {
-        let mut found = find_one(name, ending).unwrap_or_else(|e| Found::without(e));
+        let mut found = find_one(name, ending).unwrap_or_else(Found::without);
         if found.inputs.is_empty() && found.lost.is_empty() {
             found = Found::without(InputsError::Nothing { searched: name.clone(), what });
         }

@@ -16,7 +16,7 @@ use std::sync::Arc;
 /// Of what is written: raised where the same recording, design and settings give other columns.
 pub const TABLES_VERSION: u32 = 1;
 /// Bytes of a summary that is asked whose it is.
-const MOST_SUMMARY_BYTES: u64 = 1 << 30;
+const MOST_SUMMARY_BYTES: u64 = 64 << 20;
 /// Settings named one by one.
 const MOST_NAMED: usize = 3;
 
@@ -52,9 +52,7 @@ impl fmt::Display for Why {
             Why::DesignChanged => f.write_str("the design changed"),
             Why::LabelsChanged => f.write_str("the labels changed"),
             Why::SettingsChanged(keys) => write!(f, "settings changed: {keys}"),
-            Why::BaselineChanged => {
-                f.write_str("with channels' own baselines, or without, as before not")
-            }
+            Why::BaselineChanged => f.write_str("--baseline is given now or was then, not both"),
             Why::OtherTables => f.write_str("its tables are of another version"),
             Why::NotInJournal => f.write_str("the journal does not know of its verdicts"),
             Why::ResultsChanged => {
