@@ -13,7 +13,7 @@ use inkling::settings::Settings;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Of the journal, the file is `journal.jsonl` in a directory of its own.
+/// Reads a file; of the journal it is `journal.jsonl` in a directory of its own.
 pub type Reader = fn(&Path);
 
 pub const READERS: [(&str, Reader); 9] = [

@@ -96,8 +96,8 @@ impl Planner<'_> {
         known.and_then(|entry| entry.baseline.clone())
     }
 
-    /// In the order of their first bursts, each by the baselines that those before it left; those
-    /// that cannot be read come last, where they fail.
+    /// In the order of their first bursts, each by the baselines that those before it left; what
+    /// cannot be read comes last, where it fails.
     pub fn chain(
         &self,
         mut planned: Vec<Planned>,
@@ -113,8 +113,10 @@ impl Planner<'_> {
             };
         }
         planned.sort_by_key(|this| this.starts_at_ns.unwrap_or(i64::MAX));
-        let (mut chained, refused): (Vec<_>, Vec<_>) =
-            planned.into_iter().partition(|p| !matches!(p.decision, Decision::Refuse(_)));
+        // what is refused or cannot be read teaches nothing, and is judged by nothing
+        let teaches =
+            |p: &Planned| p.starts_at_ns.is_some() && !matches!(p.decision, Decision::Refuse(_));
+        let (mut chained, others): (Vec<_>, Vec<_>) = planned.into_iter().partition(teaches);
         let first = chained.iter().position(|p| matches!(p.decision, Decision::Judge(_)));
         let first = first.unwrap_or(chained.len());
         let links: Vec<Option<Link>> = chained.iter().map(|p| p.link.clone()).collect();
@@ -126,7 +128,7 @@ impl Planner<'_> {
                 this.decision = Decision::Judge(Why::AfterAnother);
             }
         }
-        chained.extend(refused);
+        chained.extend(others);
         Ok(chained)
     }
 
