@@ -176,6 +176,10 @@ fn layouts_keep_apart_what_a_tree_or_a_day_keeps_apart() {
         assert!(house.path(&format!("out/{day}/a.verdicts.parquet")).exists(), "{day}");
     }
     replay(&house, "rec --layout date").exits(0).says("2 skipped");
+    // its results are known although it cannot be dated any more
+    house.write("rec/2/a.mcap", b"");
+    replay(&house, "rec --layout date").exits(3).says("1 skipped").says("1 failed");
+    assert!(house.path("out/2025-01-02/a.verdicts.parquet.stale").exists());
     std::fs::remove_dir_all(house.path("out")).unwrap();
     replay(&house, "rec --layout flat").exits(2).says("would both be written");
     assert!(!house.path("out").exists(), "refused before anything is written");

@@ -32,8 +32,13 @@ pub fn place(inputs: Vec<Input>, layout: Layout, journal: &Journal) -> Vec<Place
     let day = |path: &Path, source: &str| {
         let stamp = path.metadata().ok().map(|metadata| Stamp::of(&metadata));
         let known = journal.of_recording(source).map(|entry| &entry.recording);
-        let known = known.filter(|of| stamp.is_some() && of.stamp == stamp);
-        known.and_then(|of| of.day.clone()).unwrap_or_else(|| layout::day_of(path))
+        let day_then = known.and_then(|of| of.day.clone());
+        match known {
+            Some(of) if stamp.is_some() && of.stamp == stamp && day_then.is_some() => day_then,
+            // where it cannot be read now, its results are still where they were
+            _ => layout::day_of(path).or(day_then),
+        }
+        .unwrap_or_else(|| layout::UNDATED.into())
     };
     let of_input = |input: Input| {
         let path = input.path.clone();

@@ -83,12 +83,14 @@ pub fn refuse_shared(placed: &[Placed]) -> Result<(), InputsError> {
     Ok(())
 }
 
-/// The day (UTC) of the first usable burst in the file; `undated` where there is none.
-pub fn day_of(path: &Path) -> String {
-    let first = Recording::open(path, Limits::default()).ok().and_then(|r| first_burst_ns(&r));
-    first.map_or("undated".into(), |t_ns| {
-        DateTime::from_timestamp_nanos(t_ns).format("%Y-%m-%d").to_string()
-    })
+/// Of a recording without a burst that could be dated.
+pub const UNDATED: &str = "undated";
+
+/// The day (UTC) of the first usable burst in the file.
+pub fn day_of(path: &Path) -> Option<String> {
+    let recording = Recording::open(path, Limits::default()).ok()?;
+    let first = DateTime::from_timestamp_nanos(first_burst_ns(&recording)?);
+    Some(first.format("%Y-%m-%d").to_string())
 }
 
 fn first_burst_ns(recording: &Recording) -> Option<i64> {
