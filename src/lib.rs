@@ -25,6 +25,9 @@
 //! ([`detect::null_space`], [`detect::residual_generator`]); the filter's residual energy meets its
 //! threshold ([`detect::threshold`]); what passes is named ([`isolate::residual_matching`]); and
 //! every signal becomes one row ([`verdict`], [`io::verdict_table`]).
+//!
+//! Of a batch of recordings, [`pipeline::resume`] says which are finished, [`io::journal`] remembers
+//! what became of each, and [`io::layout`] where its results lie.
 
 // floor 0
 pub mod burst;

@@ -6,6 +6,7 @@
 use crate::design::{DetectSettings, IsolateSettings};
 use crate::episodes::EpisodeSettings;
 use crate::identify::GreyBoxSettings;
+use crate::io::layout::Layout;
 use crate::io::{printable, regular_file};
 use crate::model::Geometry;
 use serde::{Deserialize, Serialize};
@@ -134,6 +135,8 @@ pub enum TimestampUnit {
 pub struct OutputSettings {
     /// Where verdicts go.
     pub dir: String,
+    /// Where below it.
+    pub layout: Layout,
     /// Write the weights of every class.
     pub weights: bool,
     pub timestamps: TimestampUnit,
@@ -141,7 +144,12 @@ pub struct OutputSettings {
 
 impl Default for OutputSettings {
     fn default() -> Self {
-        OutputSettings { dir: "verdicts".into(), weights: false, timestamps: TimestampUnit::Ns }
+        OutputSettings {
+            dir: "verdicts".into(),
+            layout: Layout::Tree,
+            weights: false,
+            timestamps: TimestampUnit::Ns,
+        }
     }
 }
 

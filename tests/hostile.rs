@@ -61,12 +61,14 @@ fn summary(house: &House, stem: &str) -> Value {
     summary
 }
 
+/// Of recordings; what a run keeps for itself apart.
 fn files(house: &House, dir: &str) -> Vec<String> {
     let Ok(entries) = std::fs::read_dir(house.path(dir)) else { return Vec::new() };
     let name = |e: std::io::Result<std::fs::DirEntry>| {
         e.unwrap().file_name().to_string_lossy().into_owned()
     };
     let mut names: Vec<String> = entries.map(name).collect();
+    names.retain(|name| !["journal.jsonl", "run.json", ".inkling.lock"].contains(&name.as_str()));
     names.sort();
     names
 }

@@ -68,11 +68,11 @@ fn unknown_temperature_is_learned_and_another_head_has_no_baselines() {
     assert!(trained.stderr().contains("what temperature does was not learned"));
     let episodes = |run: &str, options: &str, says: &str| {
         let replay =
-            format!("replay {run}/print_run.mcap --design design.json --out out {options}");
+            format!("replay {run}/print_run.mcap --design design.json --out {run}/out {options}");
         let ended = house.run(&replay);
         assert!(ended.stderr().contains(says), "{}", ended.stderr());
         let score =
-            format!("score out/print_run.verdicts.parquet --labels {run}/labels.csv --json");
+            format!("score {run}/out/print_run.verdicts.parquet --labels {run}/labels.csv --json");
         let score = house.json(&score);
         println!("{replay}: {}", score["episodes"]);
         (

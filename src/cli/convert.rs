@@ -91,7 +91,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     }
     writer.finish().map_err(Failure::new)?;
 
-    let mut out = std::io::stdout().lock();
+    let mut out = super::output::report();
     let samples: usize = sampled.decays.iter().flat_map(|d| &d.outputs).map(Vec::len).sum();
     writeln!(
         out,

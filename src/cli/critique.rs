@@ -127,7 +127,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         }
     }
     write(&args.out, &outcome.critique)?;
-    let mut out = std::io::stdout().lock();
+    let mut out = super::output::report();
     print(&args.out, &outcome.critique, &mut out)?;
     Ok(if incomplete { Exit::Incomplete } else { Exit::Done })
 }

@@ -111,7 +111,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let (part, mut file) = part_file::PartFile::create(&args.out).map_err(failed)?;
     writeln!(file, "{text}").map_err(failed)?;
     part.finish(&file).map_err(failed)?;
-    std::io::stdout().lock().write_all(&said)?;
+    super::output::report().write_all(&said)?;
     Ok(if incomplete { Exit::Incomplete } else { Exit::Done })
 }
 

@@ -8,6 +8,7 @@ use crate::io::Limits;
 use crate::io::recording::{Recording, note};
 use crate::pipeline::Control;
 use chrono::{DateTime, SecondsFormat};
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::PathBuf;
@@ -17,6 +18,9 @@ use std::sync::atomic::Ordering;
 pub struct Args {
     /// An MCAP file
     recording: PathBuf,
+    /// The same as one JSON document
+    #[arg(long)]
+    json: bool,
 }
 
 #[derive(Debug)]
@@ -67,6 +71,15 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     contents.damage.extend(digest.damage);
     contents.damage.extend(recording.missing(contents.bursts));
 
+    let exit = match contents.damage.is_empty() && contents.unusable.is_empty() {
+        _ if contents.bursts == 0 => Exit::Failed,
+        true => Exit::Done,
+        false => Exit::Incomplete,
+    };
+    if args.json {
+        super::output::event(&contents.document(&recording, &digest.text, exit))?;
+        return Ok(exit);
+    }
     let mut out = std::io::stdout().lock();
     writeln!(
         out,
@@ -111,13 +124,13 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     for d in &contents.damage {
         writeln!(out, "  damage   bytes {} to {}: {}", d.from_byte, d.to_byte, d.what)?;
     }
-    if contents.bursts == 0 {
-        writeln!(out, "  no inkling.Burst messages in it")?;
-        return Ok(Exit::Failed);
-    }
-    let whole = contents.damage.is_empty() && contents.unusable.is_empty();
-    writeln!(out, "  {}", if whole { "whole" } else { "NOT whole" })?;
-    Ok(if whole { Exit::Done } else { Exit::Incomplete })
+    let last = match exit {
+        Exit::Failed => "no inkling.Burst messages in it",
+        Exit::Done => "whole",
+        _ => "NOT whole",
+    };
+    writeln!(out, "  {last}")?;
+    Ok(exit)
 }
 
 fn look(recording: &Recording, control: &Control, contents: &mut Contents) {
@@ -155,6 +168,36 @@ fn look(recording: &Recording, control: &Control, contents: &mut Contents) {
 }
 
 impl Contents {
+    fn document(&self, recording: &Recording, digest: &str, exit: Exit) -> Value {
+        let groups = self.groups.iter().map(|((printhead, samples, period_ps), f)| {
+            json!({
+                "printhead": printhead,
+                "bursts": f.bursts,
+                "signals": f.signals,
+                "samples": samples,
+                "sample_period_s": *period_ps as f64 / 1e12,
+                "first_channel": f.first_channel,
+                "last_channel": f.last_channel,
+                "from": time(f.first_ns),
+                "to": time(f.last_ns),
+                "temperature": f.temperature,
+                "drive_voltage": f.voltage,
+            })
+        });
+        json!({
+            "recording": recording.name,
+            "bytes": recording.bytes,
+            "digest": digest,
+            "bursts": self.bursts,
+            "expected": recording.expected,
+            "groups": groups.collect::<Vec<_>>(),
+            "bursts_of_further_printheads": self.beyond,
+            "unusable": self.unusable,
+            "damage": self.damage,
+            "whole": exit == Exit::Done,
+        })
+    }
+
     fn see(&mut self, burst: &crate::burst::Burst) {
         let period_ps = (burst.sample_period_s * 1e12).round() as u64;
         let key = (burst.printhead.to_string(), burst.samples_per_channel, period_ps);

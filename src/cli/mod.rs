@@ -1,11 +1,18 @@
 //! Words and bars: the command line, one file per verb. Results on stdout, messages on stderr.
 
+mod account;
+mod batch;
 mod convert;
 mod critique;
 mod exit;
 mod extended_design;
+mod failed;
 mod identify;
 mod inspect;
+mod lines;
+mod notes;
+mod output;
+mod plan;
 mod progress;
 mod replay;
 mod report;
@@ -37,6 +44,9 @@ rejected or skipped (and the output says what). Faults found are a result, not a
 `inkling VERB --help` says more."
 )]
 struct Cli {
+    /// Tell only what fails (where the result is a file)
+    #[arg(long, short, global = true)]
+    quiet: bool,
     #[command(subcommand)]
     verb: Verb,
 }
@@ -72,6 +82,10 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
             return if e.use_stderr() { Exit::Usage } else { Exit::Done }.into();
         }
     };
+    if cli.quiet {
+        output::be_quiet();
+    }
+    failed::outlive_file_size_limits();
     let ended = match cli.verb {
         Verb::Replay(args) => replay::run(args),
         Verb::Train(args) => train::run(args),

@@ -1,5 +1,6 @@
 //! Progress: bars on a terminal, plain lines otherwise, always on stderr.
 
+use super::output::is_quiet;
 use super::report::printable;
 use crate::io::recording::Damage;
 use crate::pipeline::Control;
@@ -50,7 +51,7 @@ pub struct Progress {
 
 impl Progress {
     pub fn new(recordings: usize, total_bytes: u64) -> Progress {
-        let terminal = std::io::stderr().is_terminal();
+        let terminal = std::io::stderr().is_terminal() && !is_quiet();
         let bars = MultiProgress::new();
         let overall = (terminal && recordings > 1).then(|| {
             let bar = ProgressBar::new(total_bytes);
@@ -84,6 +85,13 @@ impl Progress {
 
     /// A message above the bars.
     pub fn say(&self, message: &str) {
+        if !is_quiet() {
+            self.fail(message);
+        }
+    }
+
+    /// The same, also where all else is quiet.
+    pub fn fail(&self, message: &str) {
         if self.terminal {
             self.bars.suspend(|| complain(message));
         } else {
@@ -125,7 +133,7 @@ impl Progress {
             if let Some(bar) = &bar {
                 bar.set_position(read);
                 bar.set_message(format!("{} signals/s", thousands(rate() as u64)));
-            } else if last_line.elapsed() >= LINE_EVERY {
+            } else if last_line.elapsed() >= LINE_EVERY && !is_quiet() {
                 last_line = Instant::now();
                 complain(&format!(
                     "{}: {} of {}, {} signals/s",

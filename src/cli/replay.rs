@@ -1,15 +1,19 @@
 //! `inkling replay`: the main job.
 
-use super::exit::{Exit, Failure, unless_reader_gone};
+use super::account::{Account, Row, unwritable};
+use super::batch::{Batch, Telling};
+use super::exit::{Exit, Failure};
+use super::plan::{self, Planned, Planner};
 use super::progress::{Progress, interruptible};
-use super::report::{self, printable};
 use crate::design::Design;
 use crate::io::baseline_file::BaselineFile;
-use crate::io::inputs::Input;
-use crate::io::recording::Recording;
-use crate::io::{Limits, design_file, inputs, labels_file, outputs};
+use crate::io::journal::{JOURNAL_NAME, Journal, JournalWriter, Means};
+use crate::io::layout::{self, Layout};
+use crate::io::run_lock::RunLock;
+use crate::io::{design_file, digest, inputs, labels_file, outputs};
 use crate::isolate::IsolateMethod;
-use crate::pipeline::{self, Control, PipelineError, RecordingReport, Replay};
+use crate::pipeline::Replay;
+use crate::pipeline::resume::Resume;
 use crate::settings::{Pace, Preset, Settings};
 use chrono::DateTime;
 use clap::ValueEnum;
@@ -35,6 +39,13 @@ enum PaceArg {
     Max,
 }
 
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum LayoutArg {
+    Tree,
+    Date,
+    Flat,
+}
+
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   inkling replay
@@ -45,6 +56,9 @@ enum PaceArg {
       identified again on each recording's healthy windows, so that slow drift is followed
   inkling replay night.mcap --set identify.every=\"5 min\" --set output.weights=true
       without a design: detected, not named; any setting of pipeline.toml by --set
+
+  inkling replay archive/ --design design.json --out verdicts --layout date --quiet
+      every night: what is finished is skipped, journal.jsonl and run.json say what became of each
 
 Where recordings are named, ./pipeline.toml is not read unless --config names it.")]
 pub struct Args {
@@ -82,132 +96,87 @@ pub struct Args {
     /// Say where the time went, stage by stage
     #[arg(long)]
     timings: bool,
+    /// Where below --out: the tree below a directory is kept, by day of the first burst, or flat
+    /// [default: tree]
+    #[arg(long, value_enum)]
+    layout: Option<LayoutArg>,
+    /// Judge again what is finished
+    #[arg(long)]
+    force: bool,
+    /// Say what would be done and why, and do nothing
+    #[arg(long)]
+    dry_run: bool,
+    /// Recognise finished recordings by their content, not by size and time of change
+    #[arg(long)]
+    verify: bool,
+    /// One JSON line per recording and one for the run, instead of text
+    #[arg(long)]
+    json: bool,
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = settings(&args)?;
-    let inputs = inputs::find_recordings(&settings.input.recordings).map_err(Failure::new)?;
+    let found = inputs::find_each_recording(&settings.input.recordings).map_err(Failure::new)?;
     let out = PathBuf::from(&settings.output.dir);
     outputs::check_directory(&out).map_err(Failure::new)?;
-    inputs::refuse_shared_verdicts(&out, &inputs).map_err(Failure::usage)?;
-    let (mut replay, mut baseline_file) = load(settings)?;
+    let journal = || Journal::read(&out).map_err(|e| unreadable(&out, e));
+    let placed = plan::place(found.inputs, settings.output.layout, &journal()?);
+    layout::refuse_shared(&placed).map_err(Failure::usage)?;
+    let Loaded { replay, baseline_file, means } = load(settings)?;
+    let lost: Vec<Row> = found.lost.iter().map(plan::lost).collect();
 
     let control = interruptible();
-    let inputs = match &replay.baselines {
-        Some(_) => by_start(inputs, &control),
-        None => inputs,
+    let lock = match args.dry_run {
+        true => None,
+        false => Some(RunLock::take(&out).map_err(Failure::new)?),
     };
-    let total = inputs.iter().filter_map(|i| i.path.metadata().ok()).map(|m| m.len()).sum();
-    let progress = Progress::new(inputs.len(), total);
-    let (mut done, mut failed, mut whole) = (0, Vec::new(), true);
-    for input in &inputs {
-        let judged = Recording::open(&input.path, Limits::default()).map_err(Into::into).and_then(
-            |recording: Recording| {
-                let verdicts = inputs::verdict_path(&out, input);
-                progress.during(&recording.name, recording.bytes, &control, || {
-                    pipeline::replay(&replay, &recording, &verdicts, &control)
-                })
-            },
-        );
-        match judged {
-            Ok(mut report) => {
-                done += 1;
-                if let Some(baselines) = report.baselines.take() {
-                    if let Some(file) = &mut baseline_file {
-                        file.write(&baselines).map_err(Failure::new)?;
-                    }
-                    replay.baselines = Some(baselines);
-                }
-                whole &= report.is_whole();
-                warn(&report, &progress);
-                if args.timings {
-                    say_timings(&report, &progress);
-                }
-                // whoever stopped reading still wants the other recordings' verdicts
-                unless_reader_gone(report::print(&report, &mut std::io::stdout().lock()))?;
-            }
-            Err(PipelineError::Interrupted) => return Err(PipelineError::Interrupted.into()),
-            Err(e) if inputs.len() == 1 => return Err(e.into()),
-            Err(e) => {
-                progress.say(&format!("inkling: {e}"));
-                failed.push(input.path.display().to_string());
-            }
-        }
+    let journal = journal()?; // as it is now that no other run writes to it
+    let looking = Progress::new(1, 0);
+    if lock.as_ref().is_some_and(|lock| lock.blind) {
+        let out = out.display();
+        looking.say(&format!("warning: {out}: no locks here: a second run would not be noticed"));
     }
-    if done == 0 {
-        return Err(Failure::new(format!("none of {} recordings could be judged", inputs.len())));
-    }
-    if !failed.is_empty() {
-        progress.say(&format!(
-            "inkling: {} of {} recordings failed: {}",
-            failed.len(),
-            inputs.len(),
-            failed.join(", ")
-        ));
-    }
-    Ok(if whole && failed.is_empty() { Exit::Done } else { Exit::Incomplete })
-}
-
-/// In the order of their first bursts; those that cannot be read last, where they fail.
-fn by_start(mut inputs: Vec<Input>, control: &Control) -> Vec<Input> {
-    let start = |input: &Input| {
-        let recording = Recording::open(&input.path, Limits::default()).ok()?;
-        pipeline::baseline::starts(&recording, control).ok()?.into_values().min()
+    let with_baselines = baseline_file.is_some();
+    let resume = Resume {
+        out: &out,
+        journal: &journal,
+        means: &means,
+        with_baselines,
+        force: args.force,
+        verify: args.verify,
     };
-    if inputs.len() > 1 {
-        inputs.sort_by_cached_key(|input| start(input).unwrap_or(i64::MAX));
+    let planner = Planner { resume, progress: &looking, control: &control };
+    let mut planned = planner.plan(placed)?;
+    if let Some(file) = &baseline_file {
+        planned = planner.chain(planned, &file.digest())?;
     }
-    inputs
+    if args.dry_run {
+        return plan::print(&planned, &lost, args.json);
+    }
+    plan::sweep(&planned, &out);
+    baseline_file.iter().for_each(BaselineFile::sweep);
+    let sizes = planned.iter().filter(|p| p.is_to_be_judged()).filter_map(Planned::stamp);
+    let progress = Progress::new(planned.len(), sizes.map(|stamp| stamp.bytes).sum());
+    let writer = JournalWriter::open(&out).map_err(|e| unwritable(&out.join(JOURNAL_NAME), e))?;
+    let batch = Batch {
+        out: &out,
+        replay,
+        baseline_file,
+        journal: writer,
+        means: &means,
+        account: Account::new(lost),
+        progress: &progress,
+        control: &control,
+        telling: if args.json { Telling::Json } else { Telling::Text },
+        timings: args.timings,
+        alone: planned.len() == 1 && found.lost.is_empty(),
+        failures: 0,
+    };
+    batch.run(&planned)
 }
 
-fn warn(report: &RecordingReport, progress: &Progress) {
-    const MOST: usize = 10;
-    for refusal in report.refusals.iter().take(MOST) {
-        let from = DateTime::from_timestamp_nanos(refusal.from_ns);
-        progress.say(&format!(
-            "warning: {}: window of {} at {}: {}",
-            report.name,
-            printable(&refusal.printhead),
-            from.format("%Y-%m-%d %H:%M:%S"),
-            refusal.why
-        ));
-    }
-    for (printhead, what) in report.learned_temperature.iter().take(MOST) {
-        progress.say(&format!(
-            "{}: {}: the design does not know what temperature does, this recording does: {what}",
-            report.name,
-            printable(printhead)
-        ));
-    }
-    for (printhead, what) in report.warnings.iter().take(MOST) {
-        progress.say(&format!("warning: {}: {}: {what}", report.name, printable(printhead)));
-    }
-    for damage in report.damage.iter().take(MOST) {
-        progress.say(&format!(
-            "warning: {}: bytes {} to {}: {}",
-            report.name, damage.from_byte, damage.to_byte, damage.what
-        ));
-    }
-    let more = [report.refusals.len(), report.warnings.len(), report.damage.len()]
-        .map(|n| n.saturating_sub(MOST))
-        .iter()
-        .sum::<usize>();
-    if more > 0 {
-        progress.say(&format!("warning: {}: {more} more, all in its summary.json", report.name));
-    }
-}
-
-fn say_timings(report: &RecordingReport, progress: &Progress) {
-    progress.say(&format!(
-        "{:9} {:>7} {:>8} {:>9} {:>9} {:>9} {:>6}",
-        "stage", "workers", "batches", "busy s", "starved s", "blocked s", "queue"
-    ));
-    for s in &report.timings {
-        progress.say(&format!(
-            "{:9} {:>7} {:>8} {:>9.2} {:>9.2} {:>9.2} {:>6.1}",
-            s.stage, s.workers, s.batches, s.busy_s, s.starved_s, s.blocked_s, s.queue_fill
-        ));
-    }
+fn unreadable(out: &Path, e: std::io::Error) -> Failure {
+    Failure::new(format!("{}: cannot be read: {e}", out.join(JOURNAL_NAME).display()))
 }
 
 fn settings(args: &Args) -> Result<Settings, Failure> {
@@ -249,6 +218,12 @@ fn settings(args: &Args) -> Result<Settings, Failure> {
         Some(PaceArg::Max) => settings.replay.pace = Pace::Max,
         None => {}
     }
+    match args.layout {
+        Some(LayoutArg::Tree) => settings.output.layout = Layout::Tree,
+        Some(LayoutArg::Date) => settings.output.layout = Layout::Date,
+        Some(LayoutArg::Flat) => settings.output.layout = Layout::Flat,
+        None => {}
+    }
     if let Some(threads) = args.threads {
         settings.replay.threads = threads.into();
     }
@@ -261,7 +236,14 @@ fn settings(args: &Args) -> Result<Settings, Failure> {
     Ok(settings)
 }
 
-fn load(mut settings: Settings) -> Result<(Replay, Option<BaselineFile>), Failure> {
+/// What a run works with.
+struct Loaded {
+    replay: Replay,
+    baseline_file: Option<BaselineFile>,
+    means: Means,
+}
+
+fn load(mut settings: Settings) -> Result<Loaded, Failure> {
     let (mut design, mut design_digest) = (None, None);
     if !settings.input.design.is_empty() {
         let (read, digest): (Design, String) =
@@ -274,10 +256,13 @@ fn load(mut settings: Settings) -> Result<(Replay, Option<BaselineFile>), Failur
         let classes = design.as_ref().map(Design::class_names).unwrap_or_default();
         settings.isolate.prior_weights(&classes).map_err(Failure::usage)?;
     }
-    let labels = match settings.identify.labels.as_str() {
-        "" => None,
-        path => Some(labels_file::read(Path::new(path)).map_err(Failure::new)?),
-    };
+    let (mut labels, mut labels_digest) = (None, None);
+    if !settings.identify.labels.is_empty() {
+        let path = Path::new(&settings.identify.labels);
+        labels = Some(labels_file::read(path).map_err(Failure::new)?);
+        let digest = digest::of_file(path, |_| Ok::<_, std::io::Error>(()));
+        labels_digest = Some(digest.map_err(|e| Failure::new(format!("{}: {e}", path.display())))?);
+    }
     let spans = settings
         .identify
         .spans
@@ -306,5 +291,7 @@ fn load(mut settings: Settings) -> Result<(Replay, Option<BaselineFile>), Failur
             .map(|(file, baselines)| (Some(file), Some(baselines)))
             .map_err(Failure::new)?,
     };
-    Ok((Replay { settings, design, design_digest, labels, spans, baselines }, baseline_file))
+    let replay = Replay { settings, design, design_digest, labels, spans, baselines };
+    let means = Means::of(&replay, labels_digest);
+    Ok(Loaded { replay, baseline_file, means })
 }

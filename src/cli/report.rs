@@ -1,6 +1,6 @@
 //! What a finished replay says: one line per printhead, and its fault episodes.
 
-use super::progress::thousands;
+use super::progress::{Progress, thousands};
 use crate::episodes::{Counts, Episode};
 use crate::io::printable;
 use crate::pipeline::RecordingReport;
@@ -15,7 +15,7 @@ const MOST_PRINTHEADS: usize = 256;
 
 pub fn print(report: &RecordingReport, out: &mut impl Write) -> io::Result<()> {
     let counts = &report.tally.counts;
-    writeln!(out, "{}", printable::line(&report.name, 255))?;
+    writeln!(out, "{}", printable_path(&report.name))?;
     writeln!(
         out,
         "  {} signals in {} bursts, {} models, {:.1} s, {} signals/s",
@@ -99,7 +99,26 @@ fn clock(t_ns: i64) -> String {
     DateTime::from_timestamp_nanos(t_ns).format("%Y-%m-%d %H:%M:%S").to_string()
 }
 
+/// Where the time went, on stderr.
+pub fn say_timings(report: &RecordingReport, progress: &Progress) {
+    progress.say(&format!(
+        "{:9} {:>7} {:>8} {:>9} {:>9} {:>9} {:>6}",
+        "stage", "workers", "batches", "busy s", "starved s", "blocked s", "queue"
+    ));
+    for s in &report.timings {
+        progress.say(&format!(
+            "{:9} {:>7} {:>8} {:>9.2} {:>9.2} {:>9.2} {:>6.1}",
+            s.stage, s.workers, s.batches, s.busy_s, s.starved_s, s.blocked_s, s.queue_fill
+        ));
+    }
+}
+
 /// A name from a file, as a terminal may show it.
 pub fn printable(name: &str) -> String {
     printable::line(name, 64)
+}
+
+/// A path, as a terminal may show it.
+pub fn printable_path(path: &str) -> String {
+    printable::line(path, 4096)
 }

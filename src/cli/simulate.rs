@@ -49,7 +49,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     if let Some(seed) = args.hide {
         return hide(&args, &scenario, seed);
     }
-    let mut out = std::io::stdout().lock();
+    let mut out = super::output::report();
     let seed = args.seed.or(scenario.seed).unwrap_or(1);
     let control = interruptible();
     for recording in scenario.recordings(seed) {
@@ -101,7 +101,7 @@ fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
     };
     let hidden = hidden::recording(physics, &scenario.recording, seed)
         .map_err(|e| Failure::usage(format!("{}: {e}", args.scenario.display())))?;
-    let mut out = std::io::stdout().lock();
+    let mut out = super::output::report();
     // an earlier recording does not belong to the seal that is written now
     let earlier = format!("{}.mcap", hidden.recording.stem);
     outputs::remove_earlier(&args.out, &[&earlier]).map_err(Failure::new)?;

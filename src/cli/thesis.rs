@@ -42,7 +42,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     };
     let chapter = thesis::run(&seeds, threads, done).map_err(Failure::new)?;
     thesis::write(&chapter, &args.out).map_err(Failure::new)?;
-    let mut out = std::io::stdout().lock();
+    let mut out = super::output::report();
     for (what, key) in [
         ("detection, n_o = 7.25 (thesis .979)", "FD n_o = 7.25/accuracy"),
         ("misses, n_o = f0 T", "FD n_o = f0 T/misses"),

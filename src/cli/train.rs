@@ -76,7 +76,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     warnings.iter().for_each(|w| progress.say(&format!("warning: {w}")));
     design_file::write(&args.out, &design).map_err(Failure::new)?;
 
-    let mut out = std::io::stdout().lock();
+    let mut out = super::output::report();
     writeln!(
         out,
         "{}: {} models, {} classes",

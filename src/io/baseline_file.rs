@@ -1,6 +1,6 @@
 //! Channels' baselines as JSON: read at the start, written at the end under another name first.
 
-use super::part_file::PartFile;
+use super::part_file::{self, CompleteFile, PartFile};
 use super::printable;
 use super::regular_file;
 use crate::design::Baselines;
@@ -41,7 +41,36 @@ pub struct BaselineFile {
     text: Option<u128>,
 }
 
+/// On disk, but still without its name.
+#[derive(Debug)]
+pub struct Prepared {
+    file: CompleteFile,
+    text: u128,
+}
+
+impl Prepared {
+    pub fn digest(&self) -> String {
+        in_words(self.text)
+    }
+}
+
+fn in_words(digest: u128) -> String {
+    format!("xxh3:{digest:032x}")
+}
+
 impl BaselineFile {
+    /// Of the file as it was read or written last; `None`: there was none.
+    pub fn digest(&self) -> Option<String> {
+        self.text.map(in_words)
+    }
+
+    /// Removes what killed runs left beside it.
+    pub fn sweep(&self) {
+        let name = self.path.file_name().unwrap_or_default().to_string_lossy();
+        let dir = self.path.parent().filter(|p| !p.as_os_str().is_empty());
+        part_file::sweep(dir.unwrap_or(Path::new(".")), |of| of == name);
+    }
+
     /// Reads and checks baselines that belong to a design; there need not be a file yet.
     pub fn read(
         path: &Path,
@@ -69,6 +98,12 @@ impl BaselineFile {
 
     /// Replaces the file, unless it is no longer the one that was read.
     pub fn write(&mut self, baselines: &Baselines) -> Result<(), BaselineFileError> {
+        let prepared = self.prepare(baselines)?;
+        self.replace(prepared)
+    }
+
+    /// What can fail for want of room fails here.
+    pub fn prepare(&self, baselines: &Baselines) -> Result<Prepared, BaselineFileError> {
         let failed = |source| BaselineFileError::Write { path: self.path.clone(), source };
         let mut text = serde_json::to_string(baselines).map_err(|e| failed(e.into()))?;
         text.push('\n');
@@ -78,9 +113,15 @@ impl BaselineFile {
         if self.text()?.as_deref().map(xxh3_128) != self.text {
             return Err(BaselineFileError::Changed { path: self.path.clone() });
         }
-        complete.name().map_err(failed)?;
-        self.text = Some(xxh3_128(text.as_bytes()));
-        Ok(())
+        Ok(Prepared { file: complete, text: xxh3_128(text.as_bytes()) })
+    }
+
+    /// Gives what was prepared the file's name.
+    pub fn replace(&mut self, prepared: Prepared) -> Result<(), BaselineFileError> {
+        let failed = |source| BaselineFileError::Write { path: self.path.clone(), source };
+        prepared.file.name().map_err(failed)?;
+        self.text = Some(prepared.text);
+        part_file::sync_directory_of(&self.path).map_err(failed)
     }
 
     /// `None`: there is no file.

@@ -7,10 +7,12 @@ use super::Limits;
 use super::block_reader::{bytes_to_read, records_of};
 use super::buffers::Buffers;
 use super::recording::{Damage, RecordingError};
+use super::regular_file;
 use super::scan::{Block, BlockKind};
 use super::source::Source;
 use bytes::Bytes;
-use std::path::PathBuf;
+use std::io::Read;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// xxh3-128 of a whole recording, and whether its data are what its own checksum says.
@@ -19,6 +21,24 @@ pub struct Digest {
     /// `xxh3:` and 32 hexadecimal digits.
     pub text: String,
     pub damage: Option<Damage>,
+}
+
+/// Of a file as it lies there, whatever it is; `check` hears of each part read, in bytes.
+pub fn of_file<E: From<std::io::Error>>(
+    path: &Path,
+    mut check: impl FnMut(u64) -> Result<(), E>,
+) -> Result<String, E> {
+    let mut file = regular_file::open(path)?;
+    let mut xxh3 = xxhash_rust::xxh3::Xxh3::new();
+    let mut part = vec![0; 1 << 20];
+    loop {
+        let n = file.read(&mut part)?;
+        if n == 0 {
+            return Ok(format!("xxh3:{:032x}", xxh3.digest128()));
+        }
+        check(n as u64)?;
+        xxh3.update(&part[..n]);
+    }
 }
 
 /// A block's bytes.

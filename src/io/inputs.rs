@@ -1,7 +1,7 @@
 //! Which files a command line means.
 
 use globset::{GlobBuilder, GlobMatcher};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::{Component, Path, PathBuf};
 use thiserror::Error;
 use walkdir::WalkDir;
@@ -10,17 +10,31 @@ use walkdir::WalkDir;
 pub enum InputsError {
     #[error("{path}: no such file or directory")]
     Missing { path: PathBuf },
-    #[error("{path}: {what}")]
+    #[error("{path}: cannot be searched: {what}")]
     Unreadable { path: PathBuf, what: String },
     #[error("\"{pattern}\" is no valid pattern: {what}")]
     BadPattern { pattern: String, what: String },
     #[error("nothing found: searched {searched} for {what}")]
     Nothing { searched: String, what: &'static str },
     #[error(
-        "{first} and {second} would both be written to {verdicts}; \
-         replay them separately or rename one"
+        "{first} and {second} would both be written to {verdicts}: name the directory above both, \
+         whose tree is then kept (--layout tree), lay them out by day (--layout date), or rename one"
     )]
-    Shared { first: PathBuf, second: PathBuf, verdicts: PathBuf },
+    Shared { first: PathBuf, second: PathBuf, verdicts: String },
+}
+
+impl InputsError {
+    /// What it is about.
+    pub fn subject(&self) -> String {
+        match self {
+            InputsError::Missing { path } | InputsError::Unreadable { path, .. } => {
+                path.display().to_string()
+            }
+            InputsError::BadPattern { pattern, .. } => pattern.clone(),
+            InputsError::Nothing { searched, .. } => searched.clone(),
+            InputsError::Shared { second, .. } => second.display().to_string(),
+        }
+    }
 }
 
 /// A file, and the directory below which its results go.
@@ -31,42 +45,81 @@ pub struct Input {
     pub below: PathBuf,
 }
 
-/// Recordings: files as named, directories searched for `*.mcap`, or patterns.
+/// What a command line means, and what of it is not there.
+#[derive(Debug, Default)]
+pub struct Found {
+    pub inputs: Vec<Input>,
+    pub lost: Vec<InputsError>,
+}
+
+/// Recordings: files as named, directories searched for `*.mcap`, or patterns. All must be there.
 pub fn find_recordings(named: &[String]) -> Result<Vec<Input>, InputsError> {
+    all_there(find_each_recording(named)?)
+}
+
+/// The same, of which some may be missing: what cannot be found costs itself alone.
+pub fn find_each_recording(named: &[String]) -> Result<Found, InputsError> {
     find(named, ".mcap", "*.mcap files")
 }
 
 /// Verdict files, likewise.
 pub fn find_verdicts(named: &[String]) -> Result<Vec<Input>, InputsError> {
-    find(named, ".verdicts.parquet", "*.verdicts.parquet files")
+    all_there(find(named, ".verdicts.parquet", "*.verdicts.parquet files")?)
 }
 
-fn find(named: &[String], ending: &str, what: &'static str) -> Result<Vec<Input>, InputsError> {
-    let mut found: Vec<Input> = Vec::new();
+fn all_there(found: Found) -> Result<Vec<Input>, InputsError> {
+    match found.lost.into_iter().next() {
+        Some(lost) => Err(lost),
+        None => Ok(found.inputs),
+    }
+}
+
+fn find(named: &[String], ending: &str, what: &'static str) -> Result<Found, InputsError> {
+    let mut all = Found::default();
     let mut seen = BTreeSet::new();
     for name in named {
-        let path = Path::new(name);
-        let inputs = if path.is_dir() {
-            search(path, |p| name_ends(p, ending))?
-        } else if path.exists() {
-            vec![Input { path: path.into(), below: PathBuf::new() }]
-        } else if name.contains(['*', '?', '[', '{']) {
-            let (root, matcher) = pattern(name)?;
-            search(&root, |p| matcher.is_match(p.strip_prefix("./").unwrap_or(p)))?
-        } else {
-            return Err(InputsError::Missing { path: path.into() });
-        };
-        for input in inputs {
+        let mut found = find_one(name, ending).unwrap_or_else(Found::without);
+        if found.inputs.is_empty() && found.lost.is_empty() {
+            found = Found::without(InputsError::Nothing { searched: name.clone(), what });
+        }
+        for input in found.inputs {
             let real = input.path.canonicalize().unwrap_or_else(|_| input.path.clone());
             if seen.insert(real) {
-                found.push(input);
+                all.inputs.push(input);
             }
         }
+        all.lost.append(&mut found.lost);
     }
-    if found.is_empty() {
-        return Err(InputsError::Nothing { searched: named.join(", "), what });
+    match all.inputs.is_empty() {
+        true => Err(all
+            .lost
+            .into_iter()
+            .next()
+            .unwrap_or(InputsError::Nothing { searched: named.join(", "), what })),
+        false => Ok(all),
     }
-    Ok(found)
+}
+
+fn find_one(name: &str, ending: &str) -> Result<Found, InputsError> {
+    let path = Path::new(name);
+    if path.is_dir() {
+        return Ok(search(path, |p| name_ends(p, ending)));
+    }
+    if path.symlink_metadata().is_ok() {
+        let inputs = vec![Input { path: path.into(), below: PathBuf::new() }];
+        return Ok(Found { inputs, lost: Vec::new() });
+    }
+    if name.contains(['*', '?', '[', '{']) {
+        let (root, matcher) = pattern(name)?;
+        return Ok(search(&root, |p| matcher.is_match(p.strip_prefix("./").unwrap_or(p))));
+    }
+    Err(InputsError::Missing { path: path.into() })
+}
+
+impl Found {
+    fn without(lost: InputsError) -> Found {
+        Found { inputs: Vec::new(), lost: vec![lost] }
+    }
 }
 
 fn name_ends(path: &Path, ending: &str) -> bool {
@@ -79,32 +132,31 @@ fn input_below(root: &Path, path: &Path) -> Input {
 }
 
 /// Files below `root`, sorted. Links to directories are followed, loops are not.
-fn search(root: &Path, wanted: impl Fn(&Path) -> bool) -> Result<Vec<Input>, InputsError> {
-    let mut found = Vec::new();
+fn search(root: &Path, wanted: impl Fn(&Path) -> bool) -> Found {
+    let mut found = Found::default();
     for entry in WalkDir::new(root).follow_links(true).sort_by_file_name() {
         let entry = match entry {
             Ok(entry) => entry,
             Err(e) if e.loop_ancestor().is_some() => continue,
             Err(e) => {
                 let path = e.path().unwrap_or(root).to_path_buf();
-                // A link to nowhere: if it is named like what is searched, reading it will say so,
-                // and the others are read all the same.
-                if path.is_symlink() {
-                    if wanted(&path) && !name_ends(&path, ".part") {
-                        found.push(input_below(root, &path));
-                    }
-                    continue;
+                // A link to nowhere: if it is named like what is searched, reading it will say so.
+                if !path.is_symlink() {
+                    let what = e.io_error().map_or(e.to_string(), ToString::to_string);
+                    found.lost.push(InputsError::Unreadable { path, what });
+                } else if wanted(&path) && !name_ends(&path, ".part") {
+                    found.inputs.push(input_below(root, &path));
                 }
-                return Err(InputsError::Unreadable { path, what: e.to_string() });
+                continue;
             }
         };
         let path = entry.path();
         let part = name_ends(path, ".part");
         if entry.file_type().is_file() && !part && wanted(path) {
-            found.push(input_below(root, path));
+            found.inputs.push(input_below(root, path));
         }
     }
-    Ok(found)
+    found
 }
 
 /// The directory that a pattern begins with, and what matches it.
@@ -120,28 +172,6 @@ fn pattern(text: &str) -> Result<(PathBuf, GlobMatcher), InputsError> {
         return Err(InputsError::Missing { path: root });
     }
     Ok((root, glob.compile_matcher()))
-}
-
-/// `<out>/<below>/<stem>.verdicts.parquet`.
-pub fn verdict_path(out: &Path, input: &Input) -> PathBuf {
-    let stem = input.path.file_stem().unwrap_or_default().to_string_lossy();
-    out.join(&input.below).join(format!("{stem}.verdicts.parquet"))
-}
-
-/// Before anything is written: no two recordings may share a verdict file.
-pub fn refuse_shared_verdicts(out: &Path, inputs: &[Input]) -> Result<(), InputsError> {
-    let mut taken: BTreeMap<PathBuf, &Path> = BTreeMap::new();
-    for input in inputs {
-        let verdicts = verdict_path(out, input);
-        if let Some(first) = taken.insert(verdicts.clone(), &input.path) {
-            return Err(InputsError::Shared {
-                first: first.into(),
-                second: input.path.clone(),
-                verdicts,
-            });
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]
@@ -168,11 +198,9 @@ mod tests {
     fn directories_are_searched_and_the_path_below_is_kept() {
         let dir = tree();
         let found = named(dir.path(), &["a"]).unwrap();
-        let paths: Vec<PathBuf> = found.iter().map(|i| verdict_path(Path::new("o"), i)).collect();
-        let mut paths: Vec<_> = paths.iter().map(|p| p.to_str().unwrap()).collect();
-        paths.sort_unstable();
-        assert_eq!(paths, ["o/b/x.verdicts.parquet", "o/x.verdicts.parquet"]);
-        assert!(refuse_shared_verdicts(Path::new("o"), &found).is_ok());
+        let mut below: Vec<_> = found.iter().map(|i| i.below.to_str().unwrap()).collect();
+        below.sort_unstable();
+        assert_eq!(below, ["", "b"]);
     }
 
     #[test]
@@ -191,16 +219,18 @@ mod tests {
     }
 
     #[test]
-    fn two_recordings_that_would_share_a_verdict_file_are_refused() {
-        let dir = tree();
-        let both = named(dir.path(), &["a/x.mcap", "a/b/x.mcap"]).unwrap();
-        let refused = refuse_shared_verdicts(Path::new("o"), &both);
-        assert!(matches!(refused, Err(InputsError::Shared { .. })));
-    }
-
-    #[test]
     fn missing_input_is_named() {
         let dir = tree();
         assert!(named(dir.path(), &["nope.mcap"]).unwrap_err().to_string().contains("nope.mcap"));
+    }
+
+    #[test]
+    fn what_is_missing_costs_itself_where_that_is_allowed() {
+        let dir = tree();
+        let names = ["c.mcap", "gone.mcap", "a/*.log", "a"];
+        let names = names.map(|n| dir.path().join(n).to_string_lossy().into_owned());
+        let found = find_each_recording(&names).unwrap();
+        assert_eq!((found.inputs.len(), found.lost.len()), (3, 2));
+        assert!(find_recordings(&names).is_err());
     }
 }

@@ -3,6 +3,9 @@
 //! Written as `<name>.<process>-<number>.part`, a name of its own, so that two runs into one directory
 //! never write into one file; renamed by [`PartFile::finish`], removed if dropped before. Files that
 //! belong together are all completed ([`PartFile::complete`]) before the first gets its name.
+//!
+//! While it is written it is locked, and a lock ends with the process that holds it: what a killed run
+//! left behind is known by being free ([`sweep`]).
 
 use std::fs::{self, File};
 use std::io;
@@ -18,6 +21,8 @@ static NUMBER: AtomicU64 = AtomicU64::new(0);
 pub struct PartFile {
     path: PathBuf,
     part: PathBuf,
+    /// The same open file once more: keeps the lock until the file has its name.
+    _lock: Option<File>,
     finished: bool,
 }
 
@@ -39,10 +44,10 @@ impl PartFile {
             let part = path.with_file_name(name);
             match File::create_new(&part) {
                 Ok(file) => {
-                    return Ok((
-                        PartFile { path: path.to_path_buf(), part, finished: false },
-                        file,
-                    ));
+                    // where a file system knows no locks, leftovers stay until somebody removes them
+                    let _lock = file.try_lock().ok().and_then(|()| file.try_clone().ok());
+                    let path = path.to_path_buf();
+                    return Ok((PartFile { path, part, _lock, finished: false }, file));
                 }
                 Err(e) if e.kind() == io::ErrorKind::AlreadyExists => taken = e,
                 Err(e) => return Err(e),
@@ -53,7 +58,9 @@ impl PartFile {
 
     /// Gives the file its name. `file` is the handle that was written to, flushed.
     pub fn finish(self, file: &File) -> io::Result<()> {
-        self.complete(file)?.name()
+        let path = self.path.clone();
+        self.complete(file)?.name()?;
+        sync_directory_of(&path)
     }
 
     /// What can fail for want of room fails here. `file` is the handle that was written to, flushed.
@@ -90,6 +97,40 @@ impl Drop for PartFile {
             let _ = fs::remove_file(&self.part);
         }
     }
+}
+
+/// After names in the directory of `path` changed: a power cut does not undo them.
+pub fn sync_directory_of(path: &Path) -> io::Result<()> {
+    #[cfg(unix)]
+    {
+        let parent = path.parent().filter(|p| !p.as_os_str().is_empty());
+        File::open(parent.unwrap_or(Path::new(".")))?.sync_all()?;
+    }
+    let _ = path; // elsewhere directories cannot be opened
+    Ok(())
+}
+
+/// Removes from a directory what ended processes left of files that `wanted` chooses by their final
+/// name. What another process still writes stays. How many went.
+pub fn sweep(dir: &Path, wanted: impl Fn(&str) -> bool) -> usize {
+    let Ok(entries) = fs::read_dir(dir) else { return 0 }; // not there yet: nothing to sweep
+    let mut swept = 0;
+    for entry in entries.flatten() {
+        let name = entry.file_name();
+        let dead = final_name(&name.to_string_lossy()).is_some_and(&wanted)
+            && entry.file_type().is_ok_and(|kind| kind.is_file())
+            && File::open(entry.path()).is_ok_and(|file| file.try_lock().is_ok());
+        swept += usize::from(dead && fs::remove_file(entry.path()).is_ok());
+    }
+    swept
+}
+
+/// `x` of `x.<process>-<number>.part`.
+fn final_name(part: &str) -> Option<&str> {
+    let (name, owner) = part.strip_suffix(".part")?.rsplit_once('.')?;
+    let (process, number) = owner.split_once('-')?;
+    let digits = |s: &str| !s.is_empty() && s.bytes().all(|b| b.is_ascii_digit());
+    (digits(process) && digits(number)).then_some(name)
 }
 
 #[cfg(test)]
@@ -135,5 +176,18 @@ mod tests {
         let refused = PartFile::create(&dir.path().join("x")).unwrap_err();
         assert_eq!(refused.kind(), io::ErrorKind::IsADirectory);
         assert_eq!(names(dir.path()), ["x"]);
+    }
+
+    #[test]
+    fn leftovers_of_the_dead_are_swept_and_what_is_being_written_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        for name in ["x.12-0.part", "y.12-0.part", "x.part", "x.12-a.part", "x.1-2.part.gz"] {
+            fs::write(dir.path().join(name), "").unwrap();
+        }
+        let (_part, file) = PartFile::create(&dir.path().join("x")).unwrap();
+        drop(file); // its name is still to come
+        assert_eq!(sweep(dir.path(), |name| name == "x"), 1);
+        assert_eq!(names(dir.path()).len(), 5, "{:?}", names(dir.path()));
+        assert_eq!(sweep(&dir.path().join("nowhere"), |_| true), 0);
     }
 }

@@ -8,6 +8,7 @@
 use super::Limits;
 use super::block_reader::{BlockReader, Channels};
 use super::digest::{Digest, Digester};
+use super::journal::Stamp;
 use super::mcap_records::{
     ChannelRecord, FOOTER_BYTES, Footer, MAGIC, RecordHeader, SchemaRecord, Statistics, op,
     record_at,
@@ -71,6 +72,8 @@ pub struct Recording {
     /// File name.
     pub name: String,
     pub bytes: u64,
+    /// When it was opened.
+    pub stamp: Stamp,
     /// Burst messages by the recording's own statistics.
     pub expected: Option<u64>,
     /// What opening it found wrong; blocks and digest add theirs.
@@ -109,6 +112,7 @@ impl Recording {
             path: path.to_path_buf(),
             name,
             bytes: source.bytes(),
+            stamp: Stamp::of(&metadata),
             expected: summary.expected(),
             damage,
             source: Arc::new(source),
@@ -151,6 +155,21 @@ impl Recording {
                 "{found} burst messages found, the recording's statistics say {expected}"
             ),
         })
+    }
+
+    /// Whether it was written to since it was opened: what was read may be of no one state of it.
+    pub fn changed(&self) -> Option<Damage> {
+        let now = self.source.stamp().ok()?;
+        let what = match now.bytes.checked_sub(self.bytes) {
+            _ if now == self.stamp => return None,
+            Some(0) | None => "it was changed while it was read; replay it again".to_owned(),
+            Some(more) => {
+                format!(
+                    "it grew by {more} bytes while it was read; replay it again when it is closed"
+                )
+            }
+        };
+        Some(Damage { from_byte: self.bytes, to_byte: now.bytes.max(self.bytes), what })
     }
 
     /// Takes the digest while blocks are read.

@@ -1,6 +1,7 @@
 //! A file read by offset. No shared cursor, so workers may read side by side; never mapped into
 //! memory, since a mapped file that shrinks kills the process.
 
+use super::journal::Stamp;
 use std::fs::File;
 use std::io;
 
@@ -18,6 +19,11 @@ impl Source {
     /// Length when it was opened.
     pub fn bytes(&self) -> u64 {
         self.bytes
+    }
+
+    /// Of the file as it is now.
+    pub fn stamp(&self) -> io::Result<Stamp> {
+        Ok(Stamp::of(&self.file.metadata()?))
     }
 
     /// Fills `buffer` from `offset`; a file that ends before is an error.

@@ -13,12 +13,14 @@
 //! (`windows`): only then is the result the same where the file's order is not the time's.
 
 pub mod baseline;
+pub mod chain;
 pub mod collect;
 pub mod episodes;
 mod in_flight;
 mod metadata;
 pub mod observe;
 pub mod replay;
+pub mod resume;
 mod rings;
 mod rows;
 pub mod schedule;

@@ -15,7 +15,8 @@ use super::{Control, PipelineError, metadata};
 use crate::design::{Baselines, Design, categories};
 use crate::io::digest::Digest;
 use crate::io::episode_table;
-use crate::io::part_file::{CompleteFile, PartFile};
+use crate::io::journal::Stamp;
+use crate::io::part_file::{self, CompleteFile, PartFile};
 use crate::io::recording::{Damage, Recording};
 use crate::io::verdict_table::{self, TableOptions, VerdictWriter};
 use crate::labels::Labels;
@@ -69,6 +70,9 @@ impl Replay {
 #[derive(Debug)]
 pub struct RecordingReport {
     pub name: String,
+    /// Of the recording, as it was read.
+    pub digest: String,
+    pub stamp: Stamp,
     pub tally: Tally,
     pub damage: Vec<Damage>,
     pub refusals: Vec<Refusal>,
@@ -173,6 +177,7 @@ fn judge(
     damage.append(&mut tally.damage);
     damage.extend(digest.damage);
     damage.extend(recording.missing(counts.bursts));
+    damage.extend(recording.changed());
     damage.sort_by_key(|d| (d.from_byte, d.to_byte));
     if counts.bursts == 0 {
         let recording = recording.path.display().to_string();
@@ -209,6 +214,8 @@ fn judge(
     ])?;
     Ok(RecordingReport {
         name: recording.name.clone(),
+        digest: digest.text,
+        stamp: recording.stamp,
         damage,
         refusals: schedule.refusals,
         warnings,
@@ -410,9 +417,22 @@ fn complete_summary(verdicts: &Path, summary: &Value) -> Result<CompleteFile, Pi
     part.complete(&file).map_err(failed)
 }
 
+/// An earlier run's files go before the first of these gets its name: at no instant do tables of two
+/// runs lie side by side.
 fn name_all(files: [CompleteFile; 3]) -> Result<(), PipelineError> {
-    files.into_iter().try_for_each(|file| {
+    let failed = |path: &Path, source| PipelineError::Write { path: path.into(), source };
+    for file in files.iter().rev() {
+        match std::fs::remove_file(file.path()) {
+            Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+                return Err(failed(file.path(), e));
+            }
+            _ => {}
+        }
+    }
+    let last = files[2].path().to_path_buf();
+    for file in files {
         let path = file.path().to_path_buf();
-        file.name().map_err(|source| PipelineError::Write { path, source })
-    })
+        file.name().map_err(|e| failed(&path, e))?;
+    }
+    part_file::sync_directory_of(&last).map_err(|e| failed(&last, e))
 }

@@ -1,0 +1,290 @@
+//! Recordings one after another: each is judged, noted in the journal, and told of; what fails costs
+//! itself alone, except where nothing more can be written.
+
+use super::account::{Account, End, RUN_NAME, Row, unwritable};
+use super::exit::{Exit, Failure, unless_reader_gone};
+use super::failed;
+use super::output;
+use super::plan::Planned;
+use super::progress::Progress;
+use super::report::{self, printable_path};
+use crate::io::Limits;
+use crate::io::baseline_file::BaselineFile;
+use crate::io::journal::{Entry, JournalWriter, Link, Means, Outcome};
+use crate::io::printable;
+use crate::io::recording::Recording;
+use crate::pipeline::resume::{self, Decision, Why};
+use crate::pipeline::{self, Control, PipelineError, RecordingReport, Replay};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+/// Characters of an error in the journal.
+const MOST_OF_AN_ERROR: usize = 2000;
+
+/// Failures told one by one as they come.
+const MOST_FAILURES: usize = 10;
+
+/// How results are told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Telling {
+    Text,
+    /// A JSON line per recording and one for the run.
+    Json,
+}
+
+pub struct Batch<'a> {
+    pub out: &'a Path,
+    pub replay: Replay,
+    pub baseline_file: Option<BaselineFile>,
+    pub journal: JournalWriter,
+    pub means: &'a Means,
+    pub account: Account,
+    pub progress: &'a Progress,
+    pub control: &'a Control,
+    pub telling: Telling,
+    pub timings: bool,
+    /// Of one recording alone its own report is enough.
+    pub alone: bool,
+    /// Recordings that failed so far.
+    pub failures: usize,
+}
+
+/// Why no further recording is looked at.
+#[derive(Debug)]
+pub struct Stop {
+    pub end: End,
+    pub failure: Failure,
+}
+
+impl Stop {
+    fn broken(e: impl ToString) -> Stop {
+        Stop { end: End::Broken, failure: Failure::new(e) }
+    }
+}
+
+impl Batch<'_> {
+    /// All of them, in this order; then the account of the run.
+    pub fn run(mut self, planned: &[Planned]) -> Result<Exit, Failure> {
+        for row in std::mem::take(&mut self.account.rows) {
+            self.progress.fail(&format!("inkling: {}", row.why));
+            self.tell(row, &Value::Null).map_err(|stop| stop.failure)?;
+        }
+        let stopped = self.each(planned).err();
+        let (end, exit) = match &stopped {
+            Some(stop) => (stop.end, stop.failure.exit),
+            None => (End::Finished, self.account.exit()),
+        };
+        let written = self.account.write(self.out, self.means, end, exit);
+        let skipped = self.account.rows.iter().all(|row| row.skipped);
+        if self.telling == Telling::Json {
+            let mut event = json!(self.account.totals());
+            (event["event"], event["end"]) = (json!("run"), json!(end));
+            event["exit"] = json!(exit as u8);
+            unless_reader_gone(output::event(&event))?;
+        } else if !self.alone || skipped {
+            unless_reader_gone(self.account.print(&mut output::report()))?;
+        }
+        match stopped {
+            Some(stop) => return Err(stop.failure), // run.json on a full disk is the lesser loss
+            None => written.map_err(|e| unwritable(&self.out.join(RUN_NAME), e))?,
+        }
+        match exit {
+            Exit::Failed => Err(Failure::new(format!(
+                "none of {} recordings could be judged",
+                self.account.rows.len()
+            ))),
+            exit => Ok(exit),
+        }
+    }
+
+    fn each(&mut self, planned: &[Planned]) -> Result<(), Stop> {
+        for (at, this) in planned.iter().enumerate() {
+            let reached = self.account.rows.len();
+            let done = match &this.decision {
+                Decision::Finished { .. } => self.skip(this),
+                Decision::Refuse(why) => self.note_failure(this, why.clone(), None),
+                Decision::Judge(_) => self.judge(this),
+            };
+            if let Err(stop) = done {
+                let looked_at = at + usize::from(self.account.rows.len() > reached);
+                let why = printable::line(&stop.failure.message, MOST_OF_AN_ERROR);
+                let left = planned[looked_at..].iter().map(|p| p.row(Outcome::NotReached, &why));
+                self.account.rows.extend(left);
+                return Err(stop);
+            }
+        }
+        Ok(())
+    }
+
+    fn skip(&mut self, this: &Planned) -> Result<(), Stop> {
+        let Decision::Finished { entry, seen } = &this.decision else { return Ok(()) };
+        if seen.is_some() {
+            let mut again = Entry::clone(entry);
+            again.recording = this.source(*seen, again.recording.digest.take());
+            self.append(&again)?;
+        }
+        self.tell(this.skipped_row(entry), &entry.counts)
+    }
+
+    fn judge(&mut self, this: &Planned) -> Result<(), Stop> {
+        let verdicts = this.placed.verdicts_in(self.out);
+        let label = this.placed.label();
+        if matches!(this.decision, Decision::Judge(Why::RecordingChanged)) {
+            self.set_aside(&verdicts);
+        }
+        let judged = Recording::open(&this.placed.input.path, Limits::default())
+            .map_err(PipelineError::from)
+            .and_then(|recording| {
+                self.progress.during(&label, recording.bytes, self.control, || {
+                    pipeline::replay(&self.replay, &recording, &verdicts, self.control)
+                })
+            });
+        match judged {
+            Ok(mut report) => {
+                report.name = label;
+                self.keep(this, report)
+            }
+            Err(e @ PipelineError::Interrupted) => {
+                Err(Stop { end: End::Interrupted, failure: e.into() })
+            }
+            Err(e) if failed::no_room(&e) => {
+                Err(Stop { end: End::NoRoom, failure: self.no_room(&e.to_string()) })
+            }
+            Err(e) => {
+                self.set_aside(&verdicts);
+                self.note_failure(this, failed::in_words(&e), Some(e.into()))
+            }
+        }
+    }
+
+    /// Line in the journal, then baselines: a run that is killed between the two finds the baselines
+    /// from before, and judges this recording once more.
+    fn keep(&mut self, this: &Planned, mut report: RecordingReport) -> Result<(), Stop> {
+        let mut prepared = None;
+        let mut baseline = None;
+        let baselines = report.baselines.take();
+        if let (Some(file), Some(next)) = (&self.baseline_file, &baselines) {
+            let next = file.prepare(next).map_err(|e| match failed::no_room(&e) {
+                true => Stop { end: End::NoRoom, failure: self.no_room(&e.to_string()) },
+                false => Stop::broken(e),
+            })?;
+            baseline = Some(Link { before: file.digest(), after: Some(next.digest()) });
+            prepared = Some(next);
+        }
+        for file in resume::files(&report.verdicts) {
+            let _ = std::fs::remove_file(stale(&file)); // what was set aside is replaced
+        }
+        let entry = this.judged(self.means, &report, baseline);
+        self.append(&entry)?;
+        if let (Some(file), Some(prepared)) = (&mut self.baseline_file, prepared) {
+            file.replace(prepared).map_err(Stop::broken)?;
+            self.replay.baselines = baselines;
+        }
+        self.tell_of(this, &report, &entry)
+    }
+
+    /// Warnings each kind once, then the report.
+    fn tell_of(
+        &mut self,
+        this: &Planned,
+        report: &RecordingReport,
+        entry: &Entry,
+    ) -> Result<(), Stop> {
+        let label = printable_path(&report.name);
+        for told in entry.damage.iter().chain(&entry.warnings) {
+            if self.account.notes.add(&label, told) {
+                let more = match told.times {
+                    1 => String::new(),
+                    n => format!(" ({n} times; all in its summary.json)"),
+                };
+                self.progress.say(&format!("warning: {label}: {}{more}", told.what));
+            }
+        }
+        if self.timings {
+            report::say_timings(report, self.progress);
+        }
+        if self.telling == Telling::Text {
+            // whoever stopped reading still wants the other recordings' verdicts
+            let printed = report::print(report, &mut output::report());
+            unless_reader_gone(printed).map_err(|failure| Stop { end: End::Broken, failure })?;
+        }
+        self.tell(this.judged_row(report, entry), &entry.counts)
+    }
+
+    fn tell(&mut self, row: Row, counts: &Value) -> Result<(), Stop> {
+        if self.telling == Telling::Json {
+            let mut event = json!(row);
+            event["event"] = json!("recording");
+            event["counts"] = counts.clone();
+            unless_reader_gone(output::event(&event))
+                .map_err(|failure| Stop { end: End::Broken, failure })?;
+        }
+        self.account.rows.push(row);
+        Ok(())
+    }
+
+    /// A recording without verdicts. Of a run of one it is the run's own failure.
+    fn note_failure(
+        &mut self,
+        this: &Planned,
+        error: String,
+        failure: Option<Failure>,
+    ) -> Result<(), Stop> {
+        let error = printable::line(&error, MOST_OF_AN_ERROR);
+        // what is refused has no place here
+        let entry = this.failed(self.means, &error, failure.is_some());
+        self.append(&entry)?;
+        let path = format!("{}: ", this.placed.input.path.display());
+        let row = this.row(Outcome::Failed, error.strip_prefix(&path).unwrap_or(&error));
+        self.tell(row, &Value::Null)?;
+        if self.alone {
+            let failure = failure.unwrap_or_else(|| Failure::new(&error));
+            return Err(Stop { end: End::Finished, failure });
+        }
+        match self.failures {
+            n if n < MOST_FAILURES => self.progress.fail(&format!("inkling: {error}")),
+            MOST_FAILURES => self.progress.fail(&format!(
+                "inkling: more recordings fail; all are in {}",
+                self.out.join(RUN_NAME).display()
+            )),
+            _ => {}
+        }
+        self.failures += 1;
+        Ok(())
+    }
+
+    fn append(&mut self, entry: &Entry) -> Result<(), Stop> {
+        self.journal.append(entry).map_err(|e| {
+            let words = format!("{}: cannot be written: {e}", self.journal.path.display());
+            match failed::no_room(&e) {
+                true => Stop { end: End::NoRoom, failure: self.no_room(&words) },
+                false => Stop::broken(words),
+            }
+        })
+    }
+
+    fn no_room(&self, what: &str) -> Failure {
+        Failure::new(format!(
+            "{what}; there is no room left for results in {}. Make room and run the same command \
+             again: it goes on where it stopped",
+            self.out.display()
+        ))
+    }
+
+    /// Verdicts of an earlier state of a recording that fails now do not look current.
+    fn set_aside(&self, verdicts: &Path) {
+        for file in resume::files(verdicts).iter().rev().filter(|file| file.is_file()) {
+            if let Err(e) = std::fs::rename(file, stale(file)) {
+                let file = file.display();
+                self.progress.fail(&format!("inkling: {file}: out of date, and stays: {e}"));
+            }
+        }
+    }
+}
+
+/// `<file>.stale`.
+fn stale(file: &Path) -> PathBuf {
+    let mut name = file.file_name().unwrap_or_default().to_os_string();
+    name.push(".stale");
+    file.with_file_name(name)
+}

@@ -1,0 +1,108 @@
+//! What is noted of a recording: its line in the journal, its row in the account.
+
+use super::account::Row;
+use super::notes;
+use super::plan::Planned;
+use crate::io::journal::{self, Entry, Link, Means, Outcome, Results, Source, Stamp};
+use crate::io::printable;
+use crate::pipeline::RecordingReport;
+use crate::pipeline::resume::{self, Decision};
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+/// Characters of a reason in a row.
+const MOST_OF_A_REASON: usize = 300;
+
+impl Planned {
+    pub fn judged(&self, by: &Means, report: &RecordingReport, baseline: Option<Link>) -> Entry {
+        let size = |file: PathBuf| file.metadata().map_or(0, |metadata| metadata.len());
+        let bytes = resume::files(&report.verdicts).map(size).to_vec();
+        Entry {
+            version: journal::VERSION,
+            at: journal::now(),
+            recording: self.source(Some(report.stamp), Some(report.digest.clone())),
+            by: by.clone(),
+            baseline,
+            outcome: if report.is_whole() { Outcome::Judged } else { Outcome::Damaged },
+            results: Some(Results { verdicts: self.placed.verdicts.clone(), bytes }),
+            error: None,
+            counts: json!(report.tally.counts),
+            damage: notes::damage(report),
+            warnings: notes::warnings(report),
+            seconds: report.seconds,
+        }
+    }
+
+    /// Baselines that once learned from it still know it.
+    pub fn failed(&self, by: &Means, error: &str, has_place: bool) -> Entry {
+        let place = Results { verdicts: self.placed.verdicts.clone(), bytes: Vec::new() };
+        Entry {
+            version: journal::VERSION,
+            at: journal::now(),
+            recording: self.source(self.stamp(), None),
+            by: by.clone(),
+            baseline: self.link.clone(),
+            outcome: Outcome::Failed,
+            results: has_place.then_some(place),
+            error: Some(error.into()),
+            counts: Value::Null,
+            damage: Vec::new(),
+            warnings: Vec::new(),
+            seconds: 0.0,
+        }
+    }
+
+    pub fn source(&self, stamp: Option<Stamp>, digest: Option<String>) -> Source {
+        Source {
+            path: self.placed.source.clone(),
+            stamp,
+            digest,
+            day: self.placed.day.clone(),
+            starts_at_ns: self.starts_at_ns,
+        }
+    }
+
+    pub fn row(&self, outcome: Outcome, why: &str) -> Row {
+        let refused = matches!(self.decision, Decision::Refuse(_));
+        let has_verdicts = !refused && outcome != Outcome::Failed;
+        Row {
+            recording: self.placed.label(),
+            outcome,
+            skipped: false,
+            why: printable::line(why, MOST_OF_A_REASON),
+            verdicts: has_verdicts.then(|| self.placed.verdicts.clone()),
+            signals: 0,
+        }
+    }
+
+    pub fn judged_row(&self, report: &RecordingReport, entry: &Entry) -> Row {
+        let why = match (&self.decision, not_whole(entry)) {
+            (_, Some(what)) => what,
+            (Decision::Judge(why), None) => why.to_string(),
+            _ => String::new(),
+        };
+        Row { signals: report.tally.counts.signals, ..self.row(entry.outcome, &why) }
+    }
+
+    pub fn skipped_row(&self, entry: &Entry) -> Row {
+        let why = not_whole(entry).unwrap_or_else(|| format!("finished {}", entry.at));
+        let signals = entry.counts["signals"].as_u64().unwrap_or_default();
+        Row { skipped: true, signals, ..self.row(entry.outcome, &why) }
+    }
+}
+
+/// What of a damaged recording was not judged, or not as asked.
+fn not_whole(entry: &Entry) -> Option<String> {
+    if entry.outcome != Outcome::Damaged {
+        return None;
+    }
+    let rejected = entry.counts["rejected"].as_object();
+    let rejected: u64 =
+        rejected.into_iter().flat_map(|of| of.values()).filter_map(Value::as_u64).sum();
+    let refused = entry.warnings.first().map(|told| told.what.clone());
+    Some(match (entry.damage.first(), rejected) {
+        (Some(damage), _) => damage.what.clone(),
+        (None, 0) => refused.unwrap_or_default(),
+        (None, n) => format!("{n} signals rejected"),
+    })
+}

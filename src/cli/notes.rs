@@ -1,0 +1,132 @@
+//! What is told of a run's recordings: each kind once, then only counted.
+
+use crate::io::journal::Told;
+use crate::io::printable;
+use crate::pipeline::RecordingReport;
+use chrono::DateTime;
+use std::collections::HashMap;
+
+/// Kinds that are told apart; more are counted as one.
+const MOST_KINDS: usize = 64;
+/// Characters of a note.
+const MOST_OF_A_NOTE: usize = 1000;
+
+/// A kind of note, over a run.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Note {
+    /// The first of its kind.
+    pub what: String,
+    /// Of which recording.
+    pub first: String,
+    pub times: u64,
+    pub recordings: u64,
+}
+
+#[derive(Debug, Default)]
+pub struct Notes {
+    by_kind: HashMap<String, usize>,
+    pub list: Vec<Note>,
+}
+
+impl Notes {
+    /// Whether it is the first of its kind.
+    pub fn add(&mut self, of: &str, told: &Told) -> bool {
+        let mut kind = kind(&told.what);
+        if self.list.len() >= MOST_KINDS && !self.by_kind.contains_key(&kind) {
+            kind.clear();
+        }
+        let new = self.list.len();
+        let place = *self.by_kind.entry(kind).or_insert(new);
+        if place == new {
+            self.list.push(Note {
+                what: told.what.clone(),
+                first: of.into(),
+                times: 0,
+                recordings: 0,
+            });
+        }
+        self.list[place].times += told.times;
+        self.list[place].recordings += 1;
+        place == new
+    }
+}
+
+/// What differs only in its numbers is of one kind.
+fn kind(what: &str) -> String {
+    let mut kind = String::new();
+    let mut in_number = false;
+    for c in what.chars() {
+        let of_number = c.is_ascii_digit() || (in_number && c == '.');
+        if !of_number {
+            kind.push(c);
+        } else if !in_number {
+            kind.push('#');
+        }
+        in_number = of_number;
+    }
+    kind
+}
+
+/// Each kind once, with how often; the text is the first of its kind, with its place.
+fn counted(all: impl Iterator<Item = (String, String)>) -> Vec<Told> {
+    let mut by_kind: HashMap<String, usize> = HashMap::new();
+    let mut list: Vec<Told> = Vec::new();
+    for (place, what) in all {
+        let mut kind = kind(&what);
+        if list.len() >= MOST_KINDS && !by_kind.contains_key(&kind) {
+            kind.clear();
+        }
+        let new = list.len();
+        let at = *by_kind.entry(kind).or_insert(new);
+        if at == new {
+            let what = printable::line(&format!("{place}{what}"), MOST_OF_A_NOTE);
+            list.push(Told { what, times: 0 });
+        }
+        list[at].times += 1;
+    }
+    list
+}
+
+/// What to know about a recording's verdicts.
+pub fn warnings(report: &RecordingReport) -> Vec<Told> {
+    let of = |printhead: &str| printable::cell(printhead);
+    let refused = report.refusals.iter().map(|refusal| {
+        let from = DateTime::from_timestamp_nanos(refusal.from_ns).format("%Y-%m-%d %H:%M:%S");
+        (format!("window of {} at {from}: ", of(&refusal.printhead)), refusal.why.clone())
+    });
+    let learned = report.learned_temperature.iter().map(|(printhead, what)| {
+        let says = "the design does not know what temperature does, this recording does";
+        (format!("{}: ", of(printhead)), format!("{says}: {what}"))
+    });
+    let warned = report.warnings.iter().map(|(p, what)| (format!("{}: ", of(p)), what.clone()));
+    counted(refused.chain(learned).chain(warned))
+}
+
+pub fn damage(report: &RecordingReport) -> Vec<Told> {
+    counted(report.damage.iter().map(|damage| {
+        let place = format!("bytes {} to {}: ", damage.from_byte, damage.to_byte);
+        (place, damage.what.clone())
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_kind_is_told_once_and_counted() {
+        let all = ["12.5 K off", "3 K off", "lost"].map(|what| ("at 7: ".into(), what.to_owned()));
+        let told = counted(all.into_iter());
+        assert_eq!(told.iter().map(|t| t.times).collect::<Vec<_>>(), [2, 1]);
+        assert_eq!(told[0].what, "at 7: 12.5 K off");
+        let mut notes = Notes::default();
+        assert!(notes.add("a", &told[0]) && !notes.add("b", &told[0]) && notes.add("b", &told[1]));
+        let note = &notes.list[0];
+        assert_eq!((note.times, note.recordings, note.first.as_str()), (4, 2, "a"));
+        for i in 0..10_000u32 {
+            let letters: String = i.to_string().bytes().map(|b| char::from(b + 49)).collect();
+            notes.add("c", &Told { what: letters, times: 1 });
+        }
+        assert!(notes.list.len() <= MOST_KINDS + 1);
+    }
+}

@@ -1,0 +1,231 @@
+//! What a run is going to do, and why: decided for all recordings before anything is written.
+
+use super::account::{RUN_NAME, Row};
+use super::exit::{Exit, Failure};
+use super::output;
+use super::progress::{Progress, thousands};
+use super::report::printable_path;
+use crate::io::inputs::{Input, InputsError};
+use crate::io::journal::{Entry, Journal, Link, Outcome, Stamp};
+use crate::io::layout::{self, Layout, Placed};
+use crate::io::recording::Recording;
+use crate::io::{Limits, digest, part_file};
+use crate::pipeline::chain;
+use crate::pipeline::resume::{Decision, Resume, Why};
+use crate::pipeline::{self, Control, PipelineError};
+use serde_json::json;
+use std::io::Write;
+use std::path::Path;
+use std::sync::atomic::Ordering;
+
+pub struct Planned {
+    pub placed: Placed,
+    pub decision: Decision,
+    /// Its earliest burst, ns; only with baselines, and only where it can be read.
+    pub starts_at_ns: Option<i64>,
+    /// What its last verdicts rest on.
+    pub link: Option<Link>,
+}
+
+/// Where each one's results go. What the journal knows of a recording need not be looked up in it.
+pub fn place(inputs: Vec<Input>, layout: Layout, journal: &Journal) -> Vec<Placed> {
+    let day = |path: &Path, source: &str| {
+        let stamp = path.metadata().ok().map(|metadata| Stamp::of(&metadata));
+        let known = journal.of_recording(source).map(|entry| &entry.recording);
+        let day_then = known.and_then(|of| of.day.clone());
+        match known {
+            Some(of) if stamp.is_some() && of.stamp == stamp && day_then.is_some() => day_then,
+            // where it cannot be read now, its results are still where they were
+            _ => layout::day_of(path).or(day_then),
+        }
+        .unwrap_or_else(|| layout::UNDATED.into())
+    };
+    let of_input = |input: Input| {
+        let path = input.path.clone();
+        Placed::new(layout, input, |source| day(&path, source))
+    };
+    inputs.into_iter().map(of_input).collect()
+}
+
+/// What was named and is not there.
+pub fn lost(e: &InputsError) -> Row {
+    Row {
+        recording: e.subject(),
+        outcome: Outcome::Failed,
+        skipped: false,
+        why: e.to_string(),
+        verdicts: None,
+        signals: 0,
+    }
+}
+
+/// Removes what killed runs left where this one writes.
+pub fn sweep(planned: &[Planned], out: &Path) {
+    let of_planned = |p: &Planned| p.placed.verdicts_in(out).parent().map(Path::to_path_buf);
+    let mut dirs: Vec<_> = planned.iter().filter_map(of_planned).collect();
+    dirs.push(out.into());
+    dirs.sort_unstable();
+    dirs.dedup();
+    let endings = [".verdicts.parquet", ".episodes.parquet", ".summary.json"];
+    let ours = |name: &str| name == RUN_NAME || endings.iter().any(|end| name.ends_with(end));
+    for dir in &dirs {
+        part_file::sweep(dir, ours);
+    }
+}
+
+pub struct Planner<'a> {
+    pub resume: Resume<'a>,
+    pub progress: &'a Progress,
+    pub control: &'a Control,
+}
+
+impl Planner<'_> {
+    pub fn plan(&self, placed: Vec<Placed>) -> Result<Vec<Planned>, Failure> {
+        let mut planned = Vec::with_capacity(placed.len());
+        for placed in placed {
+            let decision = self.resume.decide(&placed, |path| self.digest(path))?;
+            let link = match &decision {
+                Decision::Finished { entry, .. } => entry.baseline.clone(),
+                Decision::Judge(_) => self.learned_from(&placed),
+                Decision::Refuse(_) => None,
+            };
+            planned.push(Planned { placed, decision, starts_at_ns: None, link });
+        }
+        Ok(planned)
+    }
+
+    /// What the baselines were when they learned from a recording that is to be judged again.
+    fn learned_from(&self, placed: &Placed) -> Option<Link> {
+        let known = self.resume.journal.of_result(&placed.verdicts);
+        let known = known.filter(|entry| entry.recording.path == placed.source);
+        known.and_then(|entry| entry.baseline.clone())
+    }
+
+    /// In the order of their first bursts, each by the baselines that those before it left; what
+    /// cannot be read comes last, where it fails.
+    pub fn chain(
+        &self,
+        mut planned: Vec<Planned>,
+        baselines: &Option<String>,
+    ) -> Result<Vec<Planned>, Failure> {
+        for this in &mut planned {
+            this.starts_at_ns = match &this.decision {
+                Decision::Refuse(_) => None,
+                Decision::Finished { entry, .. } if entry.recording.starts_at_ns.is_some() => {
+                    entry.recording.starts_at_ns
+                }
+                _ => self.starts_at(&this.placed.input.path)?,
+            };
+        }
+        planned.sort_by_key(|this| this.starts_at_ns.unwrap_or(i64::MAX));
+        // what is refused or cannot be read teaches nothing, and is judged by nothing
+        let teaches =
+            |p: &Planned| p.starts_at_ns.is_some() && !matches!(p.decision, Decision::Refuse(_));
+        let (mut chained, others): (Vec<_>, Vec<_>) = planned.into_iter().partition(teaches);
+        let first = chained.iter().position(|p| matches!(p.decision, Decision::Judge(_)));
+        let first = first.unwrap_or(chained.len());
+        let links: Vec<Option<Link>> = chained.iter().map(|p| p.link.clone()).collect();
+        let Some(from) = chain::resume_at(&links, first, baselines) else {
+            return Err(broken_chain(&chained[first]));
+        };
+        for this in chained[from..].iter_mut() {
+            if let Decision::Finished { .. } = this.decision {
+                this.decision = Decision::Judge(Why::AfterAnother);
+            }
+        }
+        chained.extend(others);
+        Ok(chained)
+    }
+
+    /// `None`: it cannot be read, which whoever judges it will say.
+    fn starts_at(&self, path: &Path) -> Result<Option<i64>, Failure> {
+        let Ok(recording) = Recording::open(path, Limits::default()) else { return Ok(None) };
+        match pipeline::baseline::starts(&recording, self.control) {
+            Ok(starts) => Ok(starts.into_values().min()),
+            Err(e @ PipelineError::Interrupted) => Err(e.into()),
+            Err(_) => Ok(None),
+        }
+    }
+
+    fn digest(&self, path: &Path) -> Result<Option<String>, Failure> {
+        let (name, bytes) = (path.to_string_lossy(), path.metadata().map_or(0, |m| m.len()));
+        self.control.bytes_read.store(0, Ordering::Relaxed);
+        let check = |n| {
+            self.control.bytes_read.fetch_add(n, Ordering::Relaxed);
+            match self.control.interrupted() {
+                true => Err(std::io::Error::from(std::io::ErrorKind::Interrupted)),
+                false => Ok(()),
+            }
+        };
+        let digest =
+            self.progress.during(&name, bytes, self.control, || digest::of_file(path, check));
+        match digest {
+            Ok(digest) => Ok(Some(digest)),
+            Err(_) if self.control.interrupted() => Err(PipelineError::Interrupted.into()),
+            Err(_) => Ok(None),
+        }
+    }
+}
+
+fn broken_chain(first: &Planned) -> Failure {
+    let why = match &first.decision {
+        Decision::Judge(why) => why.to_string(),
+        _ => String::new(),
+    };
+    Failure::new(format!(
+        "{}: to be judged ({why}), but the channels' baselines have meanwhile learned from it or from \
+         recordings after it: its verdicts would not be those of an undisturbed run. Put the baseline \
+         file back as it was before this recording, or remove it to judge all of them again in their \
+         order; what another run judges needs a baseline file of its own",
+        printable_path(&first.placed.label())
+    ))
+}
+
+impl Planned {
+    /// Of the file as it lies there.
+    pub fn stamp(&self) -> Option<Stamp> {
+        self.placed.input.path.metadata().ok().map(|metadata| Stamp::of(&metadata))
+    }
+
+    pub fn is_to_be_judged(&self) -> bool {
+        matches!(self.decision, Decision::Judge(_))
+    }
+
+    fn words(&self) -> (&'static str, String) {
+        match &self.decision {
+            Decision::Judge(why) => ("judge", why.to_string()),
+            Decision::Finished { entry, .. } => ("skip", finished(entry)),
+            Decision::Refuse(why) => ("refuse", why.clone()),
+        }
+    }
+}
+
+fn finished(entry: &Entry) -> String {
+    format!("finished {}", entry.at)
+}
+
+/// `--dry-run`: what would be done, and why.
+pub fn print(planned: &[Planned], lost: &[Row], json: bool) -> Result<Exit, Failure> {
+    let mut out = output::report();
+    let missing = lost.iter().map(|row| (row.recording.clone(), ("lost", row.why.clone())));
+    let all = planned.iter().map(|this| (this.placed.label(), this.words())).chain(missing);
+    let mut counts = [("judge", 0u64), ("skip", 0), ("refuse", 0), ("lost", 0)];
+    for (recording, (what, why)) in all {
+        if let Some((_, n)) = counts.iter_mut().find(|(of, _)| *of == what) {
+            *n += 1;
+        }
+        if json {
+            output::event(&json!({
+                "event": "plan", "recording": recording, "do": what, "why": why
+            }))?;
+        } else {
+            writeln!(out, "{what:<6}  {}  {why}", printable_path(&recording))?;
+        }
+    }
+    let [judge, skip, refuse, lost] = counts.map(|(_, n)| n);
+    if !json {
+        let (judge, skip) = (thousands(judge), thousands(skip));
+        writeln!(out, "would judge {judge}, skip {skip}, refuse {refuse}, not find {lost}")?;
+    }
+    Ok(if refuse + lost > 0 { Exit::Incomplete } else { Exit::Done })
+}

@@ -1,0 +1,74 @@
+//! Channels' own baselines go from each recording to the next, in the order of their times. What is
+//! judged again, or comes in between, must meet them as they were then: else its verdicts would differ
+//! from those of an undisturbed run, and nothing would say so.
+
+use crate::io::journal::Link;
+
+/// Digest of baselines; `None`: there are none yet.
+type State = Option<String>;
+
+/// From where on recordings are judged. `links`: of each, in order, what its verdicts rest on, where
+/// they are finished or were once judged; `first`: the first that is to be judged (as many as there
+/// are: none); `now`: the baselines as they are. `None`: what is to be judged would meet baselines
+/// that others have changed since.
+///
+/// The number may be below `first`: a run was killed after a recording's line was written and before
+/// its baselines were, or somebody put earlier baselines back; then the chain is replayed from there.
+pub fn resume_at(links: &[Option<Link>], first: usize, now: &State) -> Option<usize> {
+    if links.iter().all(Option::is_none) {
+        return Some(first); // nothing here rests on them yet
+    }
+    let fits = |at: usize| wanted(links, at).is_none_or(|state| state == now);
+    match (0..=first).rev().find(|&at| fits(at)) {
+        // all is finished, and others were judged since by the same baselines
+        None if first == links.len() => Some(first),
+        found => found,
+    }
+}
+
+/// The baselines that a run going on at `at` must find: those that the next judged one met, or else
+/// those that the last one left. `None`: any.
+fn wanted(links: &[Option<Link>], at: usize) -> Option<&State> {
+    let next = links[at..].iter().flatten().next().map(|link| &link.before);
+    let last = links[..at].iter().rev().flatten().next().map(|link| &link.after);
+    next.or(last)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn state(digit: u32) -> State {
+        (digit > 0).then(|| digit.to_string())
+    }
+
+    /// Recordings that took the baselines from 0 (none) to 1, to 2 ...
+    fn chain(n: u32) -> Vec<Option<Link>> {
+        (0..n).map(|i| Some(Link { before: state(i), after: state(i + 1) })).collect()
+    }
+
+    #[test]
+    fn what_follows_goes_on_and_what_lies_before_is_refused() {
+        let mut links = chain(3);
+        assert_eq!(resume_at(&links, 3, &state(3)), Some(3), "all is finished");
+        assert_eq!(resume_at(&links, 3, &state(9)), Some(3), "and others followed");
+        assert_eq!(resume_at(&links, 1, &state(3)), None, "changed in the middle");
+        links.push(None);
+        assert_eq!(resume_at(&links, 3, &state(3)), Some(3), "a new one at the end");
+        assert_eq!(resume_at(&links, 3, &state(9)), None, "after others that are not here");
+        links.swap(2, 3);
+        assert_eq!(resume_at(&links, 2, &state(3)), None, "a new one in between");
+        assert_eq!(resume_at(&links, 2, &state(2)), Some(2), "with the baselines of that time");
+        assert_eq!(resume_at(&[None, None], 0, &state(7)), Some(0), "the first run of a chain");
+    }
+
+    #[test]
+    fn the_chain_is_replayed_from_the_baselines_that_are_there() {
+        let links = chain(3);
+        assert_eq!(resume_at(&links, 3, &state(2)), Some(2), "killed before they were written");
+        assert_eq!(resume_at(&links, 3, &state(0)), Some(0), "removed");
+        assert_eq!(resume_at(&links, 2, &state(1)), Some(1), "put back");
+        let taught_nothing = vec![Some(Link { before: state(1), after: state(1) })];
+        assert_eq!(resume_at(&taught_nothing, 1, &state(1)), Some(1));
+    }
+}

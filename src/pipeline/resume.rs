@@ -1,0 +1,295 @@
+//! What of a batch is done already: a recording is finished where its content, the design, the labels,
+//! the settings that have an effect, and the version of the tables are those of the journal's last
+//! line, and its files are there. The program's version does not matter.
+
+use super::replay::{Replay, summary_path};
+use crate::io::episode_table;
+use crate::io::journal::{Entry, Journal, Means, Stamp};
+use crate::io::layout::Placed;
+use crate::io::regular_file;
+use crate::settings::Settings;
+use serde_json::Value;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Of what is written: raised where the same recording, design and settings give other columns.
+pub const TABLES_VERSION: u32 = 1;
+/// Bytes of a summary that is asked whose it is.
+const MOST_SUMMARY_BYTES: u64 = 64 << 20;
+/// Settings named one by one.
+const MOST_NAMED: usize = 3;
+
+/// Why a recording is judged.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Why {
+    New,
+    Forced,
+    FailedBefore,
+    RecordingChanged,
+    DesignChanged,
+    LabelsChanged,
+    SettingsChanged(String),
+    /// Judged by channels' own baselines before and not now, or the other way round.
+    BaselineChanged,
+    /// By another version of the tables.
+    OtherTables,
+    /// The journal does not know of its files.
+    NotInJournal,
+    /// Its files are gone, or not as they were written.
+    ResultsChanged,
+    /// Its baselines are those of a recording before it, which is judged again.
+    AfterAnother,
+}
+
+impl fmt::Display for Why {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Why::New => f.write_str("new"),
+            Why::Forced => f.write_str("--force"),
+            Why::FailedBefore => f.write_str("it failed before"),
+            Why::RecordingChanged => f.write_str("the recording changed"),
+            Why::DesignChanged => f.write_str("the design changed"),
+            Why::LabelsChanged => f.write_str("the labels changed"),
+            Why::SettingsChanged(keys) => write!(f, "settings changed: {keys}"),
+            Why::BaselineChanged => f.write_str("--baseline is given now or was then, not both"),
+            Why::OtherTables => f.write_str("its tables are of another version"),
+            Why::NotInJournal => f.write_str("the journal does not know of its verdicts"),
+            Why::ResultsChanged => {
+                f.write_str("its verdicts are gone, or not as they were written")
+            }
+            Why::AfterAnother => f.write_str("its baselines follow from one that is judged again"),
+        }
+    }
+}
+
+#[derive(Clone, Debug)]
+pub enum Decision {
+    Judge(Why),
+    Finished {
+        entry: Arc<Entry>,
+        /// The same content under another path or with another time of change, to be noted.
+        seen: Option<Stamp>,
+    },
+    /// Its place is another recording's.
+    Refuse(String),
+}
+
+/// What decides, over a batch.
+pub struct Resume<'a> {
+    pub out: &'a Path,
+    pub journal: &'a Journal,
+    pub means: &'a Means,
+    pub with_baselines: bool,
+    pub force: bool,
+    /// Ask the content, whatever the file's size and time of change say.
+    pub verify: bool,
+}
+
+impl Means {
+    pub fn of(replay: &Replay, labels: Option<String>) -> Means {
+        Means {
+            schema: TABLES_VERSION,
+            design: replay.design_digest.clone(),
+            labels,
+            settings: Arc::new(effective(&replay.settings)),
+        }
+    }
+}
+
+/// All settings but those that no verdict depends on. Files count by their content, elsewhere.
+fn effective(settings: &Settings) -> Value {
+    let mut all = serde_json::to_value(settings).unwrap_or_default();
+    for (section, keys) in [
+        ("input", &["recordings", "design", "baseline"][..]),
+        ("identify", &["labels"]),
+        ("output", &["dir", "layout"]),
+        ("replay", &["pace", "threads", "readers", "filters", "isolators"]),
+    ] {
+        if let Some(section) = all.get_mut(section).and_then(Value::as_object_mut) {
+            keys.iter().for_each(|key| drop(section.remove(*key)));
+        }
+    }
+    all
+}
+
+impl Resume<'_> {
+    /// `digest` reads the whole file; it fails only where the run is interrupted, and gives `None`
+    /// where the file cannot be read.
+    pub fn decide<E>(
+        &self,
+        placed: &Placed,
+        digest: impl Fn(&Path) -> Result<Option<String>, E>,
+    ) -> Result<Decision, E> {
+        let path = &placed.input.path;
+        let stamp = path.metadata().ok().map(|metadata| Stamp::of(&metadata));
+        let entry = self.journal.of_result(&placed.verdicts);
+        let there = files(&placed.verdicts_in(self.out)).into_iter().find(|file| file.exists());
+        if let Some(there) = &there {
+            let owner = Owner::of(entry, &placed.verdicts_in(self.out));
+            let same_path = entry.is_some_and(|e| e.recording.path == placed.source);
+            let same = same_path
+                || match (stamp, owner.bytes, &owner.digest) {
+                    (Some(stamp), Some(bytes), Some(of_owner)) if stamp.bytes == bytes => {
+                        digest(path)?.is_some_and(|of_this| of_this == *of_owner)
+                    }
+                    _ => false,
+                };
+            if !same {
+                return Ok(Decision::Refuse(owner.refusal(there)));
+            }
+        }
+        let Some(entry) = entry else {
+            let why = if there.is_some() { Why::NotInJournal } else { Why::New };
+            return Ok(Decision::Judge(why));
+        };
+        match self.stale(entry, placed) {
+            Some(_) if self.force && entry.is_judged() => Ok(Decision::Judge(Why::Forced)),
+            Some(why) => Ok(Decision::Judge(why)),
+            None if self.force => Ok(Decision::Judge(Why::Forced)),
+            None => self.compare(entry, placed, stamp, digest),
+        }
+    }
+
+    /// What but the recording's content speaks for judging it again.
+    fn stale(&self, entry: &Entry, placed: &Placed) -> Option<Why> {
+        let (then, now) = (&entry.by, self.means);
+        let bytes = entry.results.as_ref().map_or(&[][..], |results| &results.bytes);
+        let is_there = |(file, &bytes): (PathBuf, &u64)| {
+            file.metadata().is_ok_and(|found| found.is_file() && found.len() == bytes)
+        };
+        let files = files(&placed.verdicts_in(self.out));
+        if !entry.is_judged() {
+            let known = entry.recording.path == placed.source;
+            Some(if known { Why::FailedBefore } else { Why::New })
+        } else if then.schema != now.schema {
+            Some(Why::OtherTables)
+        } else if then.design != now.design {
+            Some(Why::DesignChanged)
+        } else if then.labels != now.labels {
+            Some(Why::LabelsChanged)
+        } else if then.settings != now.settings {
+            Some(Why::SettingsChanged(changed(&then.settings, &now.settings)))
+        } else if entry.baseline.is_some() != self.with_baselines {
+            Some(Why::BaselineChanged)
+        } else if bytes.len() != files.len() || !files.into_iter().zip(bytes).all(is_there) {
+            Some(Why::ResultsChanged)
+        } else {
+            None
+        }
+    }
+
+    fn compare<E>(
+        &self,
+        entry: &Arc<Entry>,
+        placed: &Placed,
+        stamp: Option<Stamp>,
+        digest: impl Fn(&Path) -> Result<Option<String>, E>,
+    ) -> Result<Decision, E> {
+        let then = &entry.recording;
+        let same_place = then.path == placed.source;
+        if stamp.map(|s| s.bytes) != then.stamp.map(|s| s.bytes) {
+            return Ok(Decision::Judge(Why::RecordingChanged));
+        }
+        let unchanged = stamp == then.stamp && stamp.is_some_and(|s| s.modified_ns.is_some());
+        let entry = entry.clone();
+        if same_place && unchanged && !self.verify {
+            return Ok(Decision::Finished { entry, seen: None });
+        }
+        let of_this = digest(&placed.input.path)?;
+        Ok(match of_this.is_some() && of_this == then.digest {
+            false => Decision::Judge(Why::RecordingChanged),
+            true if same_place && unchanged => Decision::Finished { entry, seen: None },
+            true => Decision::Finished { entry, seen: stamp },
+        })
+    }
+}
+
+/// What is written of a recording: the summary, which says that all are there, last.
+pub fn files(verdicts: &Path) -> [PathBuf; 3] {
+    [verdicts.to_path_buf(), episode_table::path_beside(verdicts), summary_path(verdicts)]
+}
+
+/// Whose files lie at a place.
+#[derive(Default)]
+struct Owner {
+    name: Option<String>,
+    bytes: Option<u64>,
+    digest: Option<String>,
+}
+
+impl Owner {
+    /// By the journal, or else by the summary beside the table.
+    fn of(entry: Option<&Arc<Entry>>, verdicts: &Path) -> Owner {
+        if let Some(of) = entry.map(|entry| &entry.recording) {
+            let bytes = of.stamp.map(|stamp| stamp.bytes);
+            return Owner { name: Some(of.path.clone()), bytes, digest: of.digest.clone() };
+        }
+        let summary = regular_file::read(&summary_path(verdicts), MOST_SUMMARY_BYTES).ok();
+        let summary: Value =
+            summary.and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default();
+        let text = |key: &str| summary["recording"][key].as_str().map(str::to_owned);
+        let bytes = summary["recording"]["bytes"].as_u64();
+        Owner { name: text("name"), bytes, digest: text("digest") }
+    }
+
+    fn refusal(&self, there: &Path) -> String {
+        let whose = match &self.name {
+            Some(name) => format!("the verdicts of another recording, {name}"),
+            None => "there already, and nothing says of which recording".into(),
+        };
+        format!(
+            "{} is {whose}; it was left as it is. Name the directory above both recordings (the tree \
+             below it is kept), lay them out by day (--layout date), give another --out, or remove it",
+            there.display()
+        )
+    }
+}
+
+/// Names of settings that differ: `identify.first, detect.mu`.
+fn changed(then: &Value, now: &Value) -> String {
+    let mut keys = Vec::new();
+    differ("", then, now, &mut keys);
+    let more = keys.len().saturating_sub(MOST_NAMED);
+    let named = keys.into_iter().take(MOST_NAMED).collect::<Vec<_>>().join(", ");
+    if more > 0 { format!("{named} and {more} more") } else { named }
+}
+
+fn differ(key: &str, then: &Value, now: &Value, keys: &mut Vec<String>) {
+    let (Some(a), Some(b)) = (then.as_object(), now.as_object()) else {
+        if then != now {
+            keys.push(key.into());
+        }
+        return;
+    };
+    let mut names: Vec<&String> = a.keys().chain(b.keys()).collect();
+    names.sort_unstable();
+    names.dedup();
+    for name in names {
+        let below = if key.is_empty() { name.clone() } else { format!("{key}.{name}") };
+        let of = |values: &serde_json::Map<String, Value>| values.get(name).cloned();
+        differ(&below, &of(a).unwrap_or_default(), &of(b).unwrap_or_default(), keys);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_without_effect_do_not_count_and_those_with_are_named() {
+        let with = |pairs: &[&str]| {
+            let pairs: Vec<String> = pairs.iter().map(|s| s.to_string()).collect();
+            effective(&Settings::load(None, None, &pairs).unwrap())
+        };
+        let plain = with(&[]);
+        let idle = ["output.dir=x", "replay.threads=3", "input.design=d", "identify.labels=l"];
+        assert_eq!(with(&idle), plain);
+        assert_eq!(changed(&plain, &with(&["identify.first=5"])), "identify.first");
+        let many = ["identify.first=5", "detect.mu=2", "isolate.gate=false", "output.weights=true"];
+        assert_eq!(
+            changed(&plain, &with(&many)),
+            "detect.mu, identify.first, isolate.gate and 1 more"
+        );
+    }
+}

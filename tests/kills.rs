@@ -1,0 +1,200 @@
+//! A run that is killed, locked out, out of room, or whose recording changes under it: nothing is
+//! mixed, nothing half done looks done, the rest is judged.
+#![cfg(unix)]
+
+use crate::house::House;
+use crate::nights::{journal, on_day, record, replay, results, some};
+use crate::pipeline::sample;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+fn start(house: &House, args: &str) -> Child {
+    Command::new(env!("CARGO_BIN_EXE_inkling"))
+        .args(args.split_whitespace())
+        .args(["--out", "out", "--design"])
+        .arg(sample("design.json"))
+        .current_dir(house.path("."))
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+fn parts(house: &House) -> usize {
+    let Ok(entries) = std::fs::read_dir(house.path("out")) else { return 0 };
+    let is_part =
+        |e: &std::fs::DirEntry| e.file_name().to_string_lossy().ends_with(".verdicts.parquet.part");
+    let named = |e: &std::fs::DirEntry| e.file_name().to_string_lossy().ends_with(".part");
+    entries.flatten().filter(|e| is_part(e) || named(e)).count()
+}
+
+fn wait_for_a_part(house: &House) {
+    while parts(house) == 0 {
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+#[test]
+fn killed_anywhere_and_resumed_is_the_same_as_undisturbed() {
+    const KILLS: usize = 200;
+    let house = House::new();
+    for i in 0..3 {
+        record(&house, &format!("rec/{i}/a.mcap"), &on_day(i, 10));
+    }
+    const ARGS: &str = "rec --baseline own.json";
+    let started = Instant::now();
+    replay(&house, ARGS).exits(0);
+    let undisturbed = started.elapsed();
+    let (reference, own) = (results(&house), house.read("own.json"));
+    assert_eq!(reference.len(), 9);
+    let mut random = ChaCha8Rng::seed_from_u64(16);
+    let mut resumed_in_the_middle = 0;
+    for kill in 0..KILLS {
+        // sometimes into what an earlier run finished: then it is done again
+        let again = kill % 4 == 3;
+        if !again {
+            std::fs::remove_dir_all(house.path("out")).unwrap();
+        }
+        std::fs::remove_file(house.path("own.json")).unwrap();
+        let mut child = start(&house, &format!("replay {ARGS}"));
+        std::thread::sleep(undisturbed.mul_f64(random.random_range(0.0..1.1)));
+        child.kill().unwrap(); // SIGKILL
+        child.wait().unwrap();
+        let done = if house.path("out/journal.jsonl").exists() {
+            let text = String::from_utf8(house.read("out/journal.jsonl")).unwrap();
+            text.lines().count()
+        } else {
+            0
+        };
+        resumed_in_the_middle += usize::from(!again && (1..3).contains(&done));
+        replay(&house, ARGS).exits(0);
+        assert!(results(&house) == reference, "kill {kill}: {:?}", results(&house).keys());
+        assert!(house.read("own.json") == own, "kill {kill}: baselines");
+    }
+    println!("{resumed_in_the_middle} of {KILLS} kills between two recordings");
+}
+
+#[test]
+fn second_run_into_a_directory_is_refused_until_the_first_is_gone() {
+    let house = House::new();
+    record(&house, "rec/a.mcap", &some(0, 60));
+    record(&house, "rec/b.mcap", &some(0, 3));
+    let mut first = start(&house, "replay rec/a.mcap --pace recorded");
+    wait_for_a_part(&house);
+    let refused = replay(&house, "rec/b.mcap").exits(1);
+    refused.says(&format!("process {} since 2", first.id())).says("another --out");
+    replay(&house, "rec/b.mcap --dry-run").exits(0).says("judge 1");
+    house.run("replay rec/b.mcap --out elsewhere").exits(0);
+    first.kill().unwrap();
+    first.wait().unwrap();
+    assert!(parts(&house) > 0, "killed while it wrote");
+    replay(&house, "rec").exits(0).says("2 judged");
+    assert_eq!(parts(&house), 0, "leftovers are swept");
+    assert_eq!(results(&house).len(), 6);
+}
+
+#[test]
+fn interrupted_run_says_what_it_did_not_reach() {
+    let house = House::new();
+    record(&house, "rec/a.mcap", &some(0, 2));
+    record(&house, "rec/b.mcap", &some(0, 60));
+    record(&house, "rec/c.mcap", &some(0, 2));
+    replay(&house, "rec/a.mcap").exits(0);
+    let child = start(&house, "replay rec --pace recorded");
+    wait_for_a_part(&house);
+    let pid = child.id().to_string();
+    assert!(Command::new("kill").args(["-TERM", &pid]).status().unwrap().success());
+    let ended = child.wait_with_output().unwrap();
+    assert_eq!(ended.status.code(), Some(1));
+    let run = house.read_json("out/run.json");
+    assert_eq!((&run["end"], &run["exit"]), (&"interrupted".into(), &1.into()));
+    assert_eq!((&run["totals"]["skipped"], &run["totals"]["not_reached"]), (&1.into(), &2.into()));
+    replay(&house, "rec").exits(0).says("2 judged, 1 skipped");
+}
+
+#[test]
+fn recording_that_grows_or_vanishes_while_it_is_read() {
+    use std::io::Write;
+    let house = House::new();
+    record(&house, "rec/a.mcap", &some(0, 6));
+    let grow = start(&house, "replay rec --pace recorded");
+    wait_for_a_part(&house);
+    let mut file = std::fs::File::options().append(true).open(house.path("rec/a.mcap")).unwrap();
+    file.write_all(&[0; 100]).unwrap();
+    let ended = grow.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+    assert_eq!(ended.status.code(), Some(3), "{said}");
+    assert!(said.contains("it grew by 100 bytes"), "{said}");
+    // closed properly, it is judged again
+    record(&house, "rec/a.mcap", &some(0, 7));
+    replay(&house, "rec --dry-run").exits(0).says("the recording changed");
+
+    let vanish = start(&house, "replay rec --pace recorded --set identify.first=19");
+    std::thread::sleep(Duration::from_millis(50));
+    wait_for_a_part(&house);
+    std::fs::remove_file(house.path("rec/a.mcap")).unwrap();
+    // what is open can be read to its end
+    assert_eq!(vanish.wait_with_output().unwrap().status.code(), Some(0));
+    assert_eq!(journal(&house).len(), 2);
+}
+
+/// A shell that runs inkling under a condition; `None`: the condition cannot be had here.
+fn under(house: &House, condition: &str, args: &str) -> Option<(Option<i32>, String)> {
+    let design = sample("design.json");
+    let inkling = env!("CARGO_BIN_EXE_inkling");
+    let line = format!("{condition}; exec {inkling} {args} --design {}", design.display());
+    let ended =
+        Command::new("sh").args(["-c", &line]).current_dir(house.path(".")).output().ok()?;
+    let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+    Some((ended.status.code(), said))
+}
+
+#[test]
+fn file_size_limit_costs_what_is_too_large_and_leaves_nothing_half() {
+    let house = House::new();
+    std::fs::create_dir(house.path("rec")).unwrap();
+    record(&house, "rec/small1.mcap", &some(0, 1));
+    std::fs::copy(sample("print_run.mcap"), house.path("rec/large.mcap")).unwrap();
+    record(&house, "rec/small2.mcap", &some(1, 1));
+    let limit = "ulimit -f 60";
+    let (code, said) =
+        under(&house, limit, "replay rec --out out --set output.weights=true").unwrap();
+    assert_eq!(code, Some(3), "{said}");
+    assert!(said.contains("large") && said.contains("ulimit -f"), "{said}");
+    assert_eq!(results(&house).len(), 6, "{:?}", results(&house).keys());
+    replay(&house, "rec --set output.weights=true").exits(0).says("1 judged, 2 skipped");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn full_disk_ends_the_run_with_what_to_do() {
+    let house = House::new();
+    for i in 0..40 {
+        record(&house, &format!("rec/{i:02}.mcap"), &some(i, 2));
+    }
+    std::fs::create_dir(house.path("out")).unwrap();
+    let script = format!(
+        "mount -t tmpfs -o size=400k none out && {inkling} replay rec --out out \
+         --design {design} --quiet; code=$?; cp out/run.json out/journal.jsonl . ; \
+         ls out | grep -c part >parts; exit $code",
+        inkling = env!("CARGO_BIN_EXE_inkling"),
+        design = sample("design.json").display()
+    );
+    let ended = Command::new("unshare")
+        .args(["-rm", "sh", "-c", &script])
+        .current_dir(house.path("."))
+        .output();
+    let Ok(ended) = ended else { return eprintln!("no unshare here: not tested") };
+    let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+    if said.contains("unshare:") || said.contains("mount:") {
+        return eprintln!("no mounts here: not tested");
+    }
+    assert_eq!(ended.status.code(), Some(1), "{said}");
+    assert_eq!(said.matches("no room left").count(), 1, "one message, not one per file: {said}");
+    assert!(said.contains("run the same command again"), "{said}");
+    assert_eq!(house.read("parts"), b"0\n", "nothing half is left");
+    let lines = String::from_utf8(house.read("journal.jsonl")).unwrap();
+    assert!((1..40).contains(&lines.lines().count()));
+}

@@ -1,0 +1,175 @@
+//! Everything that is read may have been changed by anybody: more than ten thousand changed recordings,
+//! bursts, labels, settings, designs, baselines, tables and journals, each read in this process. A
+//! message or a result, no panic. `tests/corpus/<reader>/` is read likewise.
+
+use crate::house::{House, root};
+use crate::nights::{record, replay, some};
+use crate::pipeline::{sample, write};
+use crate::readers::READERS;
+use inkling::io::burst_codec::encode;
+use inkling::io::recording::Recording;
+use inkling::io::recording_writer::{Compression, RecordingWriter, WriterOptions};
+use inkling::io::{Limits, design_file};
+use inkling::pipeline::{self, Control, Replay};
+use inkling::settings::Settings;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// Changes some bytes, or some words, or the length.
+fn change(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
+    const WORDS: [&[u8]; 12] = [
+        b"1e308",
+        b"-1",
+        b"0",
+        b"1e-320",
+        b"NaN",
+        b"null",
+        b"99999999999999999999",
+        b"\"x\"",
+        b"[]",
+        b"{}",
+        b"\n",
+        b"\xff\xfe",
+    ];
+    const NUMBERS: [u64; 6] = [0, 1, u32::MAX as u64, i64::MAX as u64, u64::MAX, 1 << 40];
+    for _ in 0..random.random_range(1..=4) {
+        let n = bytes.len();
+        let at = random.random_range(0..=n);
+        let length = random.random_range(0..=(n - at).min(64));
+        match random.random_range(0..7) {
+            0 if at < n => bytes[at] ^= 1 << random.random_range(0..8),
+            1 if at < n => bytes[at] = random.random(),
+            2 => {
+                let number = NUMBERS[random.random_range(0..NUMBERS.len())].to_le_bytes();
+                let room = (n - at).min([1, 2, 4, 8][random.random_range(0..4)]);
+                bytes[at..at + room].copy_from_slice(&number[..room]);
+            }
+            3 => drop(bytes.drain(at..at + length)),
+            4 => {
+                let again = bytes[at..at + length].to_vec();
+                bytes.splice(at..at, again);
+            }
+            5 if random.random_range(0..4) == 0 => bytes.truncate(at),
+            _ => {
+                // a number or a word of a text, or whatever stands there
+                let of_word = |b: &u8| b.is_ascii_alphanumeric() || b".-+_".contains(b);
+                let end = at + bytes[at..].iter().take(40).take_while(|b| of_word(b)).count();
+                let word = WORDS[random.random_range(0..WORDS.len())];
+                bytes.splice(at..end, word.iter().copied());
+            }
+        }
+    }
+}
+
+/// Reads `times` changed copies of `original`; the first that panics is told by its number.
+fn attack(house: &House, reader: &str, original: &[u8], times: u64) {
+    let (_, read) = READERS.iter().find(|(name, _)| *name == reader).unwrap();
+    let name = if reader == "journal" { "journal.jsonl" } else { reader };
+    for i in 0..times {
+        let mut random = ChaCha8Rng::seed_from_u64(i);
+        let mut bytes = original.to_vec();
+        change(&mut bytes, &mut random);
+        let path = house.write(&format!("changed/{name}"), &bytes);
+        let ended = catch_unwind(AssertUnwindSafe(|| read(&path)));
+        assert!(ended.is_ok(), "{reader}: change {i} of {} bytes panics", original.len());
+    }
+}
+
+#[test]
+fn ten_thousand_changed_files_are_read_without_a_panic() {
+    let house = House::new();
+    let bursts = some(0, 4);
+    let first = inkling::burst::Burst {
+        idle_time_s: vec![0.5; bursts[0].channels as usize],
+        ..bursts[0].clone()
+    };
+    attack(&house, "burst", &encode(&first), 2000);
+    for compression in [Compression::None, Compression::Lz4, Compression::Zstd] {
+        for chunk_bytes in [None, Some(20_000)] {
+            let path = house.path("whole.mcap");
+            let options = WriterOptions { compression, chunk_bytes };
+            let mut writer = RecordingWriter::create(&path, options).unwrap();
+            bursts.iter().for_each(|burst| writer.write(burst, 1).unwrap());
+            writer.finish().unwrap();
+            attack(&house, "recording", &std::fs::read(path).unwrap(), 700);
+        }
+    }
+    let head = |name: &str, lines: usize| {
+        let text = std::fs::read_to_string(sample(name)).unwrap();
+        text.lines().take(lines).map(|line| format!("{line}\n")).collect::<String>()
+    };
+    attack(&house, "labels", head("labels.csv", 30).as_bytes(), 1500);
+    attack(&house, "settings", &std::fs::read(root().join("pipeline.toml")).unwrap(), 1500);
+    attack(&house, "design", &std::fs::read(sample("design.json")).unwrap(), 400);
+    record(&house, "rec/a.mcap", &some(0, 20));
+    replay(&house, "rec --quiet").exits(0);
+    attack(&house, "verdicts", &house.read("out/a.verdicts.parquet"), 500);
+    attack(&house, "episodes", &house.read("out/a.episodes.parquet"), 300);
+    attack(&house, "journal", &house.read("out/journal.jsonl"), 300);
+    house.ok("replay rec --quiet --out without --baseline own.json");
+    attack(&house, "baseline", &house.read("own.json"), 300);
+}
+
+#[test]
+fn changed_recordings_and_designs_are_judged_without_a_panic() {
+    let house = House::new();
+    // without chunks, and so without their checksums: what is changed is judged
+    let plain = WriterOptions { compression: Compression::None, chunk_bytes: None };
+    write(&house.path("whole.mcap"), &some(0, 3), plain);
+    let whole = house.read("whole.mcap");
+    let text = std::fs::read(sample("design.json")).unwrap();
+    let settings = |mode: &str| {
+        let threads = "replay.threads=1".to_owned();
+        Settings::load(None, None, &[format!("identify.mode={mode}"), threads]).unwrap()
+    };
+    let (mut judged, mut read) = (0, 0);
+    for i in 0..400 {
+        let mut random = ChaCha8Rng::seed_from_u64(1_000_000 + i);
+        let (mut bytes, mut design) = (whole.clone(), text.clone());
+        match i % 4 {
+            0 => change(&mut design, &mut random),
+            _ => change(&mut bytes, &mut random),
+        }
+        let path = house.write("changed.mcap", &bytes);
+        let Ok((design, digest)) = design_file::read(&house.write("changed.json", &design)) else {
+            continue;
+        };
+        read += 1;
+        let run = Replay {
+            settings: settings(if i % 8 < 6 { "design" } else { "windows" }),
+            design: Some(design),
+            design_digest: Some(digest),
+            labels: None,
+            spans: Vec::new(),
+            baselines: None,
+        };
+        let verdicts = house.path("out/changed.verdicts.parquet");
+        let ended = catch_unwind(AssertUnwindSafe(|| {
+            let recording = Recording::open(&path, Limits::default()).ok()?;
+            pipeline::replay(&run, &recording, &verdicts, &Control::default()).ok()
+        }));
+        let Ok(ended) = ended else { panic!("change {i} panics") };
+        judged += u64::from(ended.is_some());
+    }
+    assert!(judged > 100 && read > 300, "{judged} judged of {read}: the changes are too coarse");
+}
+
+#[test]
+fn the_corpus_is_read_without_a_panic() {
+    let house = House::new();
+    for (reader, read) in READERS {
+        let dir = root().join("tests/corpus").join(reader);
+        let mut found = 0;
+        for path in std::fs::read_dir(&dir).unwrap().map(|entry| entry.unwrap().path()) {
+            let copy = match reader {
+                "journal" => house.write("journal.jsonl", std::fs::read(&path).unwrap()),
+                _ => path.clone(),
+            };
+            let ended = catch_unwind(|| read(&copy));
+            assert!(ended.is_ok(), "{}", path.display());
+            found += 1;
+        }
+        assert!(found > 0, "{}: nothing in it", dir.display());
+    }
+}

@@ -1,0 +1,357 @@
+//! Batches of recordings, night after night: every recording accounted for, nothing done twice,
+//! nothing overwritten by something else, baselines in their order or not at all.
+
+use crate::house::{Ended, House};
+use crate::pipeline::{bursts, sample, write};
+use inkling::burst::Burst;
+use inkling::io::recording_writer::WriterOptions;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs::File;
+
+const DAY_NS: i64 = 86_400_000_000_000;
+
+/// Bursts of one printhead of the sample run, `n` from the `from`-th on.
+pub fn some(from: usize, n: usize) -> Vec<Burst> {
+    let all = bursts(&sample("print_run.mcap"));
+    let one = all[0].printhead.clone();
+    all.into_iter().filter(|b| b.printhead == one).skip(from).take(n).collect()
+}
+
+pub fn record(house: &House, name: &str, bursts: &[Burst]) {
+    let path = house.path(name);
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    write(&path, bursts, WriterOptions::default());
+}
+
+pub fn replay(house: &House, args: &str) -> Ended {
+    house.run(&format!("replay {args} --design {} --out out", sample("design.json").display()))
+}
+
+/// Every file below `out` by its path, but for what tells when and how fast.
+pub fn results(house: &House) -> BTreeMap<String, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let root = house.path("out");
+    let mut dirs = vec![root.clone()];
+    while let Some(dir) = dirs.pop() {
+        for path in std::fs::read_dir(dir).unwrap().map(|e| e.unwrap().path()) {
+            let name = path.strip_prefix(&root).unwrap().to_string_lossy().into_owned();
+            if path.is_dir() {
+                dirs.push(path);
+            } else if name.ends_with(".summary.json") {
+                let mut summary: Value =
+                    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+                summary.as_object_mut().unwrap().retain(|k, _| k != "rates" && k != "timings");
+                found.insert(name, summary.to_string().into_bytes());
+            } else if !["journal.jsonl", "run.json", ".inkling.lock"].contains(&name.as_str()) {
+                found.insert(name, std::fs::read(path).unwrap());
+            }
+        }
+    }
+    found
+}
+
+pub fn journal(house: &House) -> Vec<Value> {
+    let text = String::from_utf8(house.read("out/journal.jsonl")).unwrap();
+    text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+fn totals(house: &House) -> Value {
+    house.read_json("out/run.json")["totals"].clone()
+}
+
+#[track_caller]
+fn judged_and_skipped(house: &House, judged: u64, skipped: u64) {
+    let totals = totals(house);
+    assert_eq!((&totals["judged"], &totals["skipped"]), (&judged.into(), &skipped.into()));
+}
+
+#[test]
+fn what_is_finished_is_skipped_and_the_reason_for_what_is_not_is_told() {
+    let house = House::new();
+    for (i, name) in ["rec/1/a.mcap", "rec/1/b.mcap", "rec/2/a.mcap"].iter().enumerate() {
+        record(&house, name, &some(i, 3));
+    }
+    replay(&house, "rec").exits(0).says("2/a.mcap").says("3 recordings: 3 judged");
+    let first = results(&house);
+    assert_eq!(first.len(), 9, "{:?}", first.keys());
+    assert_eq!(journal(&house).len(), 3);
+    replay(&house, "rec").exits(0).says("0 judged, 3 skipped");
+    assert_eq!(journal(&house).len(), 3, "what was not done has no new line");
+
+    // another time of change is no other content, and is remembered
+    let path = house.path("rec/1/b.mcap");
+    let later = std::time::SystemTime::now() + std::time::Duration::from_secs(3600);
+    File::options().write(true).open(&path).unwrap().set_modified(later).unwrap();
+    replay(&house, "rec").exits(0).says("3 skipped");
+    assert_eq!(journal(&house).len(), 4);
+    // the same size and time: only its content tells
+    let mut bytes = std::fs::read(&path).unwrap();
+    let (at, was) = (bytes.len() / 2, std::fs::metadata(&path).unwrap().modified().unwrap());
+    let mut flip = || {
+        bytes[at] ^= 1;
+        std::fs::write(&path, &bytes).unwrap();
+        File::options().write(true).open(&path).unwrap().set_modified(was).unwrap();
+    };
+    flip();
+    replay(&house, "rec").exits(0).says("3 skipped");
+    replay(&house, "rec --verify --dry-run").exits(0).says("1/b.mcap  the recording changed");
+    assert_eq!(journal(&house).len(), 4, "a dry run writes nothing");
+    flip();
+
+    for (more, why) in [
+        ("--set identify.first=10", "settings changed: identify.first"),
+        ("--force", "--force"),
+        ("--set output.timestamps=us", "settings changed: output.timestamps"),
+    ] {
+        replay(&house, &format!("rec --dry-run {more}")).exits(0).says(why).says("judge 3");
+    }
+    replay(&house, "rec --dry-run --threads 1 --pace max").exits(0).says("skip 3");
+    std::fs::remove_file(house.path("out/2/a.episodes.parquet")).unwrap();
+    replay(&house, "rec").exits(0).says("1 judged, 2 skipped");
+    replay(&house, "rec --force").exits(0).says("3 judged");
+    let again = results(&house);
+    assert_eq!(again.keys().collect::<Vec<_>>(), first.keys().collect::<Vec<_>>());
+    assert!(again["1/a.verdicts.parquet"] == first["1/a.verdicts.parquet"]);
+}
+
+#[test]
+fn of_1000_recordings_with_one_changed_one_is_done_again() {
+    let house = House::new();
+    let bursts = some(0, 1);
+    for i in 0..1000 {
+        record(&house, &format!("rec/{}/{i}.mcap", i % 30), &bursts);
+    }
+    replay(&house, "rec --quiet").exits(0);
+    judged_and_skipped(&house, 1000, 0);
+    record(&house, "rec/7/37.mcap", &some(1, 1));
+    replay(&house, "rec --quiet").exits(0);
+    judged_and_skipped(&house, 1, 999);
+    let run = house.read_json("out/run.json");
+    let of_run = run["recordings"].as_array().unwrap();
+    let again: Vec<&Value> = of_run.iter().filter(|row| row["skipped"] == false).collect();
+    assert_eq!(again.len(), 1);
+    assert_eq!(again[0]["recording"], "7/37.mcap");
+    assert_eq!(again[0]["why"], "the recording changed");
+}
+
+#[test]
+fn another_nights_recording_of_the_same_name_overwrites_nothing() {
+    let house = House::new();
+    record(&house, "rec/1/a.mcap", &some(0, 3));
+    record(&house, "rec/2/a.mcap", &some(5, 3));
+    replay(&house, "rec/1").exits(0);
+    let first = results(&house);
+    for force in ["", "--force"] {
+        let refused = replay(&house, &format!("rec/2 {force}")).exits(1);
+        refused.says("another recording").says("--layout date");
+        assert!(results(&house) == first);
+    }
+    // also where only the tables tell whose they are, or nothing does
+    std::fs::remove_file(house.path("out/journal.jsonl")).unwrap();
+    replay(&house, "rec/2").exits(1).says("another recording, a.mcap");
+    replay(&house, "rec/1").exits(0);
+    std::fs::remove_file(house.path("out/journal.jsonl")).unwrap();
+    std::fs::remove_file(house.path("out/a.summary.json")).unwrap();
+    replay(&house, "rec/1").exits(1).says("nothing says of which recording");
+
+    // one that is refused costs itself; the same content elsewhere is the same recording
+    std::fs::remove_dir_all(house.path("out")).unwrap();
+    replay(&house, "rec/1").exits(0);
+    record(&house, "rec/2/b.mcap", &some(5, 3));
+    replay(&house, "rec/2").exits(3).says("1 judged, 1 failed");
+    std::fs::rename(house.path("rec"), house.path("moved")).unwrap();
+    replay(&house, "moved/1").exits(0).says("1 skipped");
+    replay(&house, "moved/1 moved/2").exits(2).says("would both be written");
+}
+
+#[test]
+fn layouts_keep_apart_what_a_tree_or_a_day_keeps_apart() {
+    let house = House::new();
+    record(&house, "rec/1/a.mcap", &some(0, 3));
+    record(&house, "rec/2/a.mcap", &on_day(1, 3));
+    replay(&house, "rec/1 --layout date").exits(0);
+    replay(&house, "rec/2 --layout date").exits(0);
+    for day in ["2025-01-01", "2025-01-02"] {
+        assert!(house.path(&format!("out/{day}/a.verdicts.parquet")).exists(), "{day}");
+    }
+    replay(&house, "rec --layout date").exits(0).says("2 skipped");
+    // its results are known although it cannot be dated any more
+    house.write("rec/2/a.mcap", b"");
+    replay(&house, "rec --layout date").exits(3).says("1 skipped").says("1 failed");
+    assert!(house.path("out/2025-01-02/a.verdicts.parquet.stale").exists());
+    std::fs::remove_dir_all(house.path("out")).unwrap();
+    replay(&house, "rec --layout flat").exits(2).says("would both be written");
+    assert!(!house.path("out").exists(), "refused before anything is written");
+    replay(&house, "rec --set output.layout=wide").exits(2).says("wide");
+}
+
+#[test]
+fn one_bad_recording_costs_one_recording() {
+    let house = House::new();
+    record(&house, "good1.mcap", &some(0, 3));
+    record(&house, "good2.mcap", &some(1, 3));
+    house.write("empty.mcap", b"");
+    house.write("text.mcap", b"no recording at all");
+    std::fs::create_dir(house.path("bare")).unwrap();
+    let ended = replay(&house, "good1.mcap missing.mcap empty.mcap bare text.mcap good2.mcap");
+    let ended = ended.exits(3).says("missing.mcap: no such file").says("nothing found");
+    assert!(ended.stdout().contains("6 recordings: 2 judged, 4 failed"), "{}", ended.stdout());
+    let run = house.read_json("out/run.json");
+    assert_eq!(run["exit"], 3);
+    assert_eq!(run["recordings"].as_array().unwrap().len(), 6);
+    assert_eq!(journal(&house).len(), 4, "what was not found has no line");
+    // of a lone recording that fails there is an account, too
+    replay(&house, "text.mcap").exits(1).says("not an MCAP");
+    let run = house.read_json("out/run.json");
+    assert_eq!((&run["exit"], &run["totals"]["failed"]), (&1.into(), &1.into()));
+}
+
+#[cfg(unix)]
+#[test]
+fn what_may_not_be_read_costs_itself() {
+    use std::os::unix::fs::PermissionsExt;
+    let house = House::new();
+    record(&house, "rec/good.mcap", &some(0, 3));
+    record(&house, "rec/shut.mcap", &some(1, 3));
+    record(&house, "rec/closed/a.mcap", &some(2, 3));
+    let allow = |name: &str, mode| {
+        let permissions = std::fs::Permissions::from_mode(mode);
+        std::fs::set_permissions(house.path(name), permissions).unwrap();
+    };
+    allow("rec/shut.mcap", 0);
+    allow("rec/closed", 0);
+    let all_may = File::open(house.path("rec/shut.mcap")).is_ok(); // as root
+    let ended = replay(&house, "rec");
+    allow("rec/closed", 0o700);
+    match all_may {
+        true => drop(ended.exits(0)),
+        false => drop(ended.exits(3).says("shut.mcap").says("closed").says("1 judged, 2 failed")),
+    }
+}
+
+#[test]
+fn recording_that_fails_today_leaves_no_table_that_looks_current() {
+    let house = House::new();
+    record(&house, "rec/a.mcap", &some(0, 3));
+    record(&house, "rec/b.mcap", &some(1, 3));
+    replay(&house, "rec").exits(0);
+    let before = results(&house);
+    house.write("rec/a.mcap", b"something else");
+    replay(&house, "rec").exits(3).says("a.mcap: not an MCAP");
+    let now = results(&house);
+    let names: Vec<&String> = now.keys().filter(|name| name.starts_with('a')).collect();
+    assert_eq!(names.len(), 3);
+    assert!(names.iter().all(|name| name.ends_with(".stale")), "{names:?}");
+    assert!(now["b.verdicts.parquet"] == before["b.verdicts.parquet"]);
+    record(&house, "rec/a.mcap", &some(0, 3));
+    replay(&house, "rec").exits(0).says("1 judged, 1 skipped");
+    assert!(results(&house) == before);
+}
+
+#[test]
+fn warnings_are_told_once_for_all_recordings_and_counted() {
+    let house = House::new();
+    for i in 0..5usize {
+        let warm: Vec<Burst> = some(3 * i, 3)
+            .into_iter()
+            .map(|b| Burst { temperature_c: Some(60.0 + i as f64), ..b })
+            .collect();
+        record(&house, &format!("rec/{i}.mcap"), &warm);
+    }
+    let ended = replay(&house, "rec");
+    let (said, table) = (ended.stderr(), ended.stdout());
+    assert_eq!(said.matches("expect false alarms").count(), 1, "{said}");
+    assert!(table.contains("5 times in 5 recordings"), "{table}");
+    let warnings = &house.read_json("out/run.json")["warnings"];
+    assert_eq!((&warnings[0]["times"], &warnings[0]["first"]), (&5.into(), &"0.mcap".into()));
+}
+
+#[test]
+fn scripts_get_lines_or_silence() {
+    let house = House::new();
+    record(&house, "rec/a.mcap", &some(0, 3));
+    record(&house, "rec/b.mcap", &some(1, 3));
+    house.write("rec/c.mcap", b"");
+    let ended = replay(&house, "rec --json").exits(3);
+    let events: Vec<Value> =
+        ended.stdout().lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let of = |key: &str| events.iter().map(|e| e[key].clone()).collect::<Vec<_>>();
+    assert_eq!(of("event"), ["recording", "recording", "recording", "run"]);
+    assert_eq!(of("outcome")[..3], ["judged", "judged", "failed"]);
+    assert_eq!(events[0]["counts"]["bursts"], 3);
+    assert_eq!((&events[3]["exit"], &events[3]["judged"]), (&3.into(), &2.into()));
+    let planned = replay(&house, "rec --json --dry-run").exits(0).stdout();
+    assert_eq!(planned.lines().count(), 3);
+
+    std::fs::remove_file(house.path("rec/c.mcap")).unwrap();
+    let quiet = replay(&house, "rec --quiet --force").exits(0);
+    assert_eq!(quiet.stdout() + &quiet.stderr(), "");
+    let failed = replay(&house, "missing.mcap --quiet").exits(1);
+    assert!(failed.stdout().is_empty() && failed.stderr().contains("missing.mcap"));
+    let inspected = house.json("inspect rec/a.mcap --json");
+    assert_eq!((&inspected["bursts"], &inspected["whole"]), (&3.into(), &true.into()));
+    let made = house.run("identify rec/a.mcap -o model.json --quiet").exits(0);
+    assert_eq!(made.stdout() + &made.stderr(), "");
+}
+
+/// `n` bursts of one printhead on a day.
+pub fn on_day(day: i64, n: usize) -> Vec<Burst> {
+    let later = |b: Burst| Burst { t_acq_ns: b.t_acq_ns + day * DAY_NS, ..b };
+    some(5 * day as usize, n).into_iter().map(later).collect()
+}
+
+#[test]
+fn baselines_go_on_where_they_stopped_or_the_reason_is_told() {
+    let house = House::new();
+    for (day, name) in ["c", "b", "a"].iter().enumerate() {
+        record(&house, &format!("rec/{name}.mcap"), &on_day(day as i64, 20));
+    }
+    let with = |more: &str| replay(&house, &format!("rec --baseline own.json {more}"));
+    std::fs::rename(house.path("rec/a.mcap"), house.path("a.mcap")).unwrap();
+    with("").exits(0).says("2 judged");
+    let after_two = house.read("own.json");
+    with("").exits(0).says("2 skipped");
+    std::fs::rename(house.path("a.mcap"), house.path("rec/a.mcap")).unwrap();
+    with("").exits(0).says("1 judged, 2 skipped");
+    let (all, own) = (results(&house), house.read("own.json"));
+    assert!(own != after_two, "the third taught something");
+    let starts: Vec<i64> =
+        journal(&house).iter().map(|e| e["recording"]["starts_at_ns"].as_i64().unwrap()).collect();
+    assert!(starts.is_sorted(), "{starts:?}");
+
+    // the same as in one go
+    std::fs::remove_dir_all(house.path("out")).unwrap();
+    std::fs::remove_file(house.path("own.json")).unwrap();
+    with("").exits(0).says("3 judged");
+    assert!(results(&house) == all && house.read("own.json") == own);
+    // a run that ended before its baselines were written; baselines that are gone
+    house.write("own.json", &after_two);
+    with("").exits(0).says("1 judged, 2 skipped");
+    assert!(results(&house) == all && house.read("own.json") == own);
+    std::fs::remove_file(house.path("own.json")).unwrap();
+    with("").exits(0).says("3 judged");
+    assert!(results(&house) == all && house.read("own.json") == own);
+
+    // one in the middle changed: the baselines know it and what came after
+    record(&house, "rec/b.mcap", &on_day(1, 19));
+    with("").exits(1).says("b.mcap: to be judged (the recording changed)").says("baseline");
+    with("--force").exits(1).says("c.mcap: to be judged (--force)");
+    assert!(results(&house) == all && house.read("own.json") == own);
+    std::fs::remove_file(house.path("own.json")).unwrap();
+    with("").exits(0).says("3 judged");
+    // nor does one that failed meanwhile make them forget that they know it
+    let good = house.read("rec/a.mcap");
+    house.write("rec/a.mcap", b"");
+    with("").exits(3).says("2 skipped").says("1 failed");
+    house.write("rec/a.mcap", good);
+    with("").exits(1).says("a.mcap: to be judged (it failed before)");
+    std::fs::remove_file(house.path("own.json")).unwrap();
+    with("").exits(0).says("3 judged");
+    // one that cannot be read stops nothing, tonight or later
+    house.write("rec/d.mcap", b"");
+    with("").exits(3).says("3 skipped").says("1 failed");
+    record(&house, "rec/e.mcap", &on_day(3, 20));
+    with("").exits(3).says("1 judged, 3 skipped").says("1 failed");
+    with("").exits(3).says("4 skipped").says("1 failed");
+}

@@ -1,0 +1,56 @@
+//! Everything that reads what others wrote, by the name of its directory in `tests/corpus/`; for the
+//! tests here and for the fuzz targets in `fuzz/`. A message or a result, no panic.
+
+use bytes::Bytes;
+use inkling::burst::Acquisition;
+use inkling::io::baseline_file::BaselineFile;
+use inkling::io::burst_codec::BurstDecoder;
+use inkling::io::journal::Journal;
+use inkling::io::recording::Recording;
+use inkling::io::verdict_reader::VerdictReader;
+use inkling::io::{Limits, design_file, episode_table, labels_file};
+use inkling::settings::Settings;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Reads a file; of the journal it is `journal.jsonl` in a directory of its own.
+pub type Reader = fn(&Path);
+
+pub const READERS: [(&str, Reader); 9] = [
+    ("burst", burst),
+    ("recording", recording),
+    ("labels", |path| drop(labels_file::read(path))),
+    ("settings", |path| drop(Settings::load(Some(path), None, &[]))),
+    ("design", |path| drop(design_file::read(path))),
+    ("baseline", |path| drop(BaselineFile::read(path, None))),
+    ("verdicts", |path| {
+        if let Ok(rows) = VerdictReader::open(path) {
+            rows.take_while(Result::is_ok).for_each(drop);
+        }
+    }),
+    ("episodes", |path| drop(episode_table::read(path))),
+    ("journal", |path| drop(Journal::read(path.parent().unwrap()))),
+];
+
+fn burst(path: &Path) {
+    let bytes = Bytes::from(std::fs::read(path).unwrap());
+    let topic: Arc<str> = "topic".into();
+    if let Acquisition::Usable(burst) =
+        BurstDecoder::new(Limits::default()).decode(bytes, 1, &topic)
+    {
+        let mut signal = vec![0.0; burst.samples_per_channel as usize];
+        burst.copy_signal(burst.channels as usize - 1, &mut signal);
+    }
+}
+
+fn recording(path: &Path) {
+    let Ok(recording) = Recording::open(path, Limits::default()) else { return };
+    let mut reader = recording.reader();
+    for block in recording.blocks().flatten() {
+        reader.load(&block);
+        while let Some(piece) = reader.next_piece(1 << 12) {
+            drop(piece);
+        }
+    }
+    drop(recording.digest());
+}
