@@ -51,6 +51,24 @@ impl Test {
     }
 }
 
+/// What a signal looks like that belongs to no known class.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Appearance {
+    /// Nothing rings: noise about zero, or about a constant.
+    NoiseAlone,
+    Constant,
+    /// A healthy ring, so many times as large.
+    OtherGain(f64),
+    /// A steady tone of that frequency, Hz, beside the ring or instead of it.
+    Tone(f64),
+    /// A few samples that stand out.
+    Jumps,
+    /// A slow shape: an offset, a step, a drift.
+    Slow,
+    /// None of these.
+    Other,
+}
+
 /// Why a signal was rejected, or why a faulty one is undecided. The names are the contract's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Reason {

@@ -21,6 +21,9 @@ use threshold::Threshold;
 /// poles (thesis §3-2-1) rings on and does not grow.
 const MOST_GAIN: f64 = 1e6;
 
+/// Samples over which noise may remember.
+const LAGS: usize = 32;
+
 /// What a healthy model is learned with.
 #[derive(Clone, Copy, Debug)]
 pub struct LearnSettings<'a> {
@@ -172,10 +175,15 @@ impl HealthyModel {
             self.expected.iter_mut().zip(&shape).for_each(|(e, s)| *e += s);
             self.leftover = shape;
         }
+        let left = left.without(&self.leftover);
         let tangent = fitter.tangent(&Features::HEALTHY).columns(0, 3).into_owned();
         let new = Sensitivity::new(&tangent, self.noise).ok_or_else(|| {
             DesignError::Invalid("amplitude, damping and frequency cannot be told apart".into())
         })?;
+        let (seen, white) =
+            (left.autocovariance(LAGS), left.of_white_noise(&fitter, &beside, LAGS));
+        let white: Vec<f64> = white.iter().map(|r| r * self.noise * self.noise).collect();
+        let new = new.coloured(&seen, &white);
         // labels say that all are healthy; without, up to two in five may be faulty
         let (seen, labelled) = match settings.least_agreeing {
             None => (healthy, true),

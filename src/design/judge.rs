@@ -5,8 +5,9 @@ use super::lanes::Lanes;
 use super::own_channel::Own;
 use super::{Design, DesignError, Extension, FaultModel, HealthyModel, IsolateSettings};
 use crate::burst::Burst;
-use crate::verdict::Test;
+use crate::verdict::{Appearance, Test};
 use crate::identify::reservoir::relative_drive;
+use crate::isolate::appearance::Strange;
 use crate::isolate::fault_curve::Seen;
 use crate::isolate::neighbours::Neighbours;
 use crate::isolate::physics_density::{Comparison, FaultCurves};
@@ -332,6 +333,7 @@ impl Judge {
         work: &mut Workspace,
     ) -> Option<Isolation> {
         (work.severity, work.ring, work.misfit) = (None, None, f64::NAN);
+        work.weights.clear();
         let Isolating { isolator, rule, curves, physics_ring, .. } = self.isolating.as_ref()?;
         let Isolator::Posterior(of_rings) = isolator else { return None };
         let OfRings { posterior, priors, per_k, typical, .. } = &**of_rings;
@@ -372,6 +374,7 @@ impl Judge {
                 let left = of_rings.left(&work.residual, fit, self, noise);
                 work.misfit = left.all;
                 if left.of_class > most {
+                    work.weights.clear();
                     return Some(Isolation::of_no_ring());
                 }
                 if !typical.has_phase(best, left.phase_rad) {
@@ -421,6 +424,21 @@ impl OfRings {
 }
 
 impl Judge {
+    /// What a signal looks like that belongs to no class. `y`: per unit drive, counts. `None`: no ring is
+    /// named.
+    pub fn appearance(&self, y: &[f64], drive: f64, work: &mut Workspace) -> Option<Appearance> {
+        let Isolator::Posterior(of_rings) = &self.isolating.as_ref()?.isolator else { return None };
+        let noise = self.model.noise_beside() / drive;
+        let fit = of_rings.fitter.fit(y, true, &mut work.products);
+        let mut left = match &fit {
+            Some(fit) => of_rings.beside.left(&of_rings.fitter, y, &fit.features),
+            None => y.to_vec(),
+        };
+        left.iter_mut().for_each(|v| *v /= noise);
+        let (ring, dt_s) = (fit.map(|fit| fit.features), self.model.generator.dt_s);
+        Some(Strange { signal: y, noise, ring, left: &left, dt_s }.appearance())
+    }
+
     /// Drive of a signal whose noise per unit drive is this.
     fn relative_noise(&self, noise: f64) -> f64 {
         self.model.noise_beside() / noise

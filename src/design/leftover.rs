@@ -109,4 +109,42 @@ impl Left {
         }
         self
     }
+
+    /// Mean product of what is left `lag` samples apart, counts², lags from 0 on: of the half of the
+    /// signals that leave least.
+    pub fn autocovariance(&self, lags: usize) -> Vec<f64> {
+        let mut order: Vec<usize> = (0..self.rows.len()).collect();
+        let squares: Vec<f64> = self.rows.iter().map(|row| dot(row, row)).collect();
+        order.sort_by(|&i, &j| squares[i].total_cmp(&squares[j]));
+        let kept = &order[..self.rows.len().div_ceil(2)];
+        let of_lag = |lag: usize| {
+            let each = kept.iter().map(|&i| {
+                let row = &self.rows[i];
+                dot(&row[..row.len() - lag], &row[lag..]) / row.len() as f64
+            });
+            each.sum::<f64>() / kept.len().max(1) as f64
+        };
+        let most = self.rows.first().map_or(0, |row| row.len().min(lags));
+        (0..most).map(of_lag).collect()
+    }
+
+    /// The same of white noise of unit variance, seen beside the same rings.
+    pub fn of_white_noise(&self, fitter: &RingFitter, beside: &BesideRing, lags: usize) -> Vec<f64> {
+        let n = self.rows.first().map_or(0, Vec::len);
+        let rows = (0..64)
+            .map(|i| {
+                // any white sequence: what is asked is what the projection does to it
+                let mut state = 0x9e37_79b9_7f4a_7c15u64.wrapping_mul(i + 1);
+                let mut next = || {
+                    state ^= state << 13;
+                    state ^= state >> 7;
+                    state ^= state << 17;
+                    (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+                };
+                let noise: Vec<f64> = (0..n).map(|_| 12f64.sqrt() * next()).collect();
+                beside.project(fitter, &noise, &Features::HEALTHY)
+            })
+            .collect();
+        Left { rows, size: Vec::new(), phase_rad: Vec::new() }.autocovariance(lags)
+    }
 }

@@ -14,16 +14,16 @@ use serde::{Deserialize, Serialize};
 
 /// A first-order distance beyond this (98 % of healthy signals stay below) is looked at again by a
 /// fit: far from the healthy ring the projections are no longer its features.
-pub const SECOND_LOOK: f64 = 12.0;
+pub const SECOND_LOOK: f64 = 13.0;
 /// So far away nothing healthy lies, however it is measured: first order will do.
 pub const CLEARLY_FAR: f64 = 1e3;
 
 /// Share of the channels' covariance that the distance is measured in, beside all of the noise's. What
 /// is decided is where healthy channels end, one signal in a thousand, and there channels that differ
 /// within bounds end sooner than a Gaussian of their variance: with all of it 20 of 2025 faults are
-/// missed, with half of it 17 (uniform spread; Gaussian 30 and 28, gamma 62 and 63, Student with five
-/// degrees 101 and 108; one false alarm in 2475; thesis form).
-const SPREAD_COUNTS: f64 = 0.5;
+/// missed, with a third of it 16 (uniform spread; Gaussian 30 and 29, gamma 62 and 63, Student with five
+/// degrees 101 and 112; one false alarm in 2475; thesis form).
+const SPREAD_COUNTS: f64 = 0.35;
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Sensitivity {
@@ -51,6 +51,23 @@ impl Sensitivity {
             noise: rows(&Matrix3::from_fn(|i, j| inverse[(i, j)] * noise * noise)),
         };
         new.noise.iter().flatten().all(|v| v.is_finite()).then_some(new)
+    }
+
+    /// Where noise remembers: the features' noise that white noise of the same third differences does not
+    /// have. `colour`: covariance of noise `lag` samples apart, of white noise seen the same way.
+    pub fn coloured(mut self, autocovariance: &[f64], of_white: &[f64]) -> Sensitivity {
+        let along = |row: &[f64], r: &[f64]| -> f64 {
+            let lagged = |lag: usize| -> f64 { row.iter().zip(&row[lag..]).map(|(p, q)| p * q).sum() };
+            (0..r.len().min(row.len()))
+                .map(|lag| if lag == 0 { 1.0 } else { 2.0 } * r[lag] * lagged(lag))
+                .sum()
+        };
+        let ratios = self.projection.iter().map(|p| along(p, autocovariance) / along(p, of_white));
+        let ratio = ratios.fold(0.0, f64::max);
+        if ratio.is_finite() && ratio > 1.0 {
+            self.noise.iter_mut().flatten().for_each(|v| *v *= ratio);
+        }
+        self
     }
 
     /// With the spread of healthy channels. `features`, each with its relative drive.

@@ -2,6 +2,7 @@
 
 use super::Episode;
 use crate::fault;
+use crate::verdict::Appearance;
 
 /// A ring and the healthy one that it is compared with.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -14,14 +15,17 @@ pub struct Rings {
 
 /// `channel 713: resonance 64.7 → 61.9 kHz, damping +31 %: partly blocked nozzle, 22 ± 3 % of the
 /// cross-section, certainty .97`. `nearest`: the class that comes first where none is certain, with
-/// its weight; `None`: nothing was there to name it.
+/// its weight; `None`: nothing was there to name it. `strange`: it belongs to no known class.
 pub fn sentence(
     episode: &Episode,
     rings: Option<&Rings>,
     nearest: Option<(&str, f64)>,
-    fits_none: bool,
+    strange: Option<Appearance>,
 ) -> String {
     let mut text = format!("channel {}: ", episode.channel);
+    if let Some(strange) = strange {
+        return text + &in_words(strange);
+    }
     match rings {
         Some(r) => text += &format!("{}: ", ring_in_words(r)),
         None => text += "rings unlike a healthy channel: ",
@@ -41,7 +45,6 @@ pub fn sentence(
             }
             text += &certainty;
         }
-        (None, None, _) if fits_none => text += "like no known fault",
         (None, None, Some((class, weight))) => {
             text += &format!("not named; at best {}", fault::in_words(class));
             text += &format!(", certainty {}", share(weight));
@@ -49,6 +52,31 @@ pub fn sentence(
         (None, None, None) => text += "not named",
     }
     text
+}
+
+/// What belongs to no class: where to look.
+fn in_words(strange: Appearance) -> String {
+    const LOOK: &str = "look at cable, connector and amplifier, not at the nozzle";
+    match strange {
+        Appearance::NoiseAlone => {
+            format!("nothing rings, noise alone: a dead sensor line or a broken wire; {LOOK}")
+        }
+        Appearance::Constant => format!("nothing rings, a constant value: {LOOK}"),
+        Appearance::OtherGain(ratio) => format!(
+            "rings like a healthy channel with {ratio:.2} times its size: gain or contact of the \
+             sensor line; {LOOK}"
+        ),
+        Appearance::Tone(hz) => {
+            format!("a steady tone of {:.1} kHz beside the ring: pickup; {LOOK}", hz / 1e3)
+        }
+        Appearance::Jumps => format!("single samples jump: a loose contact or lost data; {LOOK}"),
+        Appearance::Slow => {
+            format!("an offset or a slow shape that no ring explains: {LOOK}")
+        }
+        Appearance::Other => "like no known fault, and unlike a healthy channel: look at the sensor \
+                              line first, then at the nozzle"
+            .into(),
+    }
 }
 
 fn ring_in_words(r: &Rings) -> String {
@@ -136,7 +164,7 @@ mod tests {
     #[test]
     fn named_fault_is_said_as_the_contract_has_it() {
         assert_eq!(
-            sentence(&episode(), Some(&RINGS), Some(("PBN", 0.97)), false),
+            sentence(&episode(), Some(&RINGS), Some(("PBN", 0.97)), None),
             "channel 713: resonance 64.7 → 61.9 kHz, damping +31 %: partly blocked nozzle, \
              22 ± 3 % of the cross-section, certainty .97"
         );
@@ -145,19 +173,19 @@ mod tests {
     #[test]
     fn what_is_not_known_is_not_said() {
         let no_size = Episode { severity_last: None, ..episode() };
-        let text = sentence(&no_size, Some(&RINGS), None, false);
+        let text = sentence(&no_size, Some(&RINGS), None, None);
         assert!(text.ends_with("partly blocked nozzle, certainty .97"), "{text}");
 
         let category = Episode { fault: None, ..episode() };
-        let text = sentence(&category, None, Some(("BN", 0.6)), false);
+        let text = sentence(&category, None, Some(("BN", 0.6)), None);
         assert!(text.ends_with("blocked nozzle (at best BN), certainty .97"), "{text}");
 
         let unnamed = Episode { fault: None, category: None, certainty: None, ..episode() };
-        let text = sentence(&unnamed, None, Some(("BN", 0.6)), false);
+        let text = sentence(&unnamed, None, Some(("BN", 0.6)), None);
         assert!(text.ends_with("not named; at best blocked nozzle, certainty .60"), "{text}");
-        let text = sentence(&unnamed, None, Some(("BN", 0.6)), true);
-        assert!(text.ends_with("like no known fault"), "{text}");
-        let text = sentence(&unnamed, None, None, false);
+        let text = sentence(&unnamed, None, Some(("BN", 0.6)), Some(Appearance::NoiseAlone));
+        assert!(text.contains("noise alone") && text.contains("not at the nozzle"), "{text}");
+        let text = sentence(&unnamed, None, None, None);
         assert_eq!(text, "channel 713: rings unlike a healthy channel: not named");
     }
 

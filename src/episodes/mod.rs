@@ -16,6 +16,7 @@ pub use explanation::Rings;
 pub use settings::EpisodeSettings;
 pub use tracker::Tracker;
 
+use crate::verdict::Appearance;
 use std::sync::Arc;
 
 /// One fault episode of a channel: a row of the episode table (contract, "Out: verdicts").
@@ -73,6 +74,8 @@ pub struct Named {
     /// Per class; empty: nothing was said.
     pub weights: Vec<f32>,
     pub fits_none: bool,
+    /// Of what fits none, if it was looked at.
+    pub appearance: Option<Appearance>,
     /// The class that a severity is of.
     pub candidate: Option<u16>,
     pub severity: Option<f32>,

@@ -1,5 +1,6 @@
 //! All channels of a recording: bursts in, episodes out.
 
+use crate::verdict::Appearance;
 use super::classes::ClassFilter;
 use super::evidence::{Evidence, Step, TOGETHER};
 use super::explanation::{self, Rings};
@@ -69,6 +70,8 @@ struct Found {
     classes: ClassFilter,
     named: u64,
     fits_none: u64,
+    /// Of the last signal that fits none.
+    appearance: Option<Appearance>,
     rings: Option<Rings>,
     ring_looks: f64,
     /// By the quantity that was sized: the class's category, or its own.
@@ -332,6 +335,7 @@ impl Channel {
                 classes: ClassFilter::new(&naming.priors),
                 named: 0,
                 fits_none: 0,
+                appearance: None,
                 rings: None,
                 ring_looks: 0.0,
                 sizes: Vec::new(),
@@ -359,9 +363,10 @@ impl Found {
             of.healthy_frequency_hz = ring.healthy_frequency_hz;
             of.healthy_damping_per_s = ring.healthy_damping_per_s;
         }
-        if named.weights.is_empty() {
+        if named.weights.is_empty() && !named.fits_none {
             return;
         }
+        self.appearance = named.appearance.or(self.appearance);
         self.named += 1;
         self.fits_none += u64::from(named.fits_none);
         if !named.fits_none {
@@ -417,7 +422,8 @@ impl Naming {
         };
         let weights = found.classes.weights();
         let fits_none = 2 * found.fits_none > found.named;
-        let best = largest(&mut weights.iter().copied()).filter(|_| found.named > 0);
+        let named = found.named > found.fits_none;
+        let best = largest(&mut weights.iter().copied()).filter(|_| named);
         let categories = self.categories(weights);
         let category = largest(&mut categories.iter().map(|c| c.1));
         let (mut fault, mut named_category, mut certainty) = (None, None, best.map(|b| b.1));
@@ -452,9 +458,10 @@ impl Naming {
             severity_sd: sizes.and_then(|s| s.sd).map(f64::from),
             explanation: String::new(),
         };
+        let strange = fits_none.then_some(found.appearance.unwrap_or(Appearance::Other));
         let nearest = best.map(|(class, weight)| (self.classes[class].as_str(), weight));
         episode.explanation =
-            explanation::sentence(&episode, found.rings.as_ref(), nearest, fits_none);
+            explanation::sentence(&episode, found.rings.as_ref(), nearest, strange);
         episode
     }
 }

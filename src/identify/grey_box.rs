@@ -12,6 +12,7 @@
 use super::averaging::{MeanSignal, SignalSet};
 use super::identifiability::{self, Uncertainty};
 use super::scatter::{Scatter, scatter};
+use super::scale::damped_cosine;
 use super::{GreyBoxSettings, IdentifyError};
 use crate::model::{InkChannel, ring_down::Poles};
 use clarabel::algebra::CscMatrix;
@@ -21,6 +22,10 @@ use serde::{Deserialize, Serialize};
 
 /// 6 numbers are fitted; this many samples leave something to judge the fit by.
 pub const FEWEST_SAMPLES: usize = 12;
+
+/// A model that leaves so many times what the nearest damped cosine of a coarse grid leaves has not found
+/// the ring.
+const WORSE: f64 = 1.5;
 
 /// Why the search ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -82,7 +87,17 @@ pub fn identify(
     noise: f64,
     settings: &GreyBoxSettings,
 ) -> Result<Identification, IdentifyError> {
-    identify_from(y, dt_s, noise, settings, None)
+    let scale = damped_cosine(y, dt_s).ok_or(IdentifyError::NoRingDown)?;
+    let found = identify_from(y, dt_s, noise, &settings.at_frequency(scale.frequency_hz), None)?;
+    // the cosine has four free numbers and a constant, the model six
+    if found.misfit_rms > WORSE * scale.misfit_rms + noise {
+        return Err(IdentifyError::WorseThanACosine {
+            model: found.misfit_rms,
+            cosine: scale.misfit_rms,
+            frequency_hz: scale.frequency_hz,
+        });
+    }
+    Ok(found)
 }
 
 /// Thesis (3-1) from one start, or from several.
@@ -162,6 +177,7 @@ pub fn identify_scattered(
 ) -> Result<Identification, IdentifyError> {
     const ROUNDS: usize = 8;
     let mut fit = identify(&mean.y, dt_s, mean.standard_error(), settings)?;
+    let settings = &settings.at_frequency(fit.poles.frequency_hz);
     for _ in 0..ROUNDS {
         let Some((found, curvature)) = scatter(set, &fit, mean.noise, dt_s) else { break };
         let straight: Vec<f64> = mean.y.iter().zip(&curvature).map(|(y, c)| y - c).collect();

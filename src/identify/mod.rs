@@ -9,6 +9,7 @@ pub mod averaging;
 pub mod grey_box;
 pub mod identifiability;
 pub mod reservoir;
+pub mod scale;
 pub mod scatter;
 pub mod tangent;
 pub mod whiteness;
@@ -72,6 +73,12 @@ impl GreyBoxSettings {
 
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum IdentifyError {
+    #[error(
+        "the model leaves {model:.3} counts of the average signal, a free damped cosine at \
+         {frequency_hz:.4e} Hz {cosine:.3}: it did not find the ring; give identify.grey_box rates whose \
+         ratios fit the channel, or a larger bound_factor"
+    )]
+    WorseThanACosine { model: f64, cosine: f64, frequency_hz: f64 },
     #[error("{found} usable healthy signals, {needed} are needed: widen the window")]
     TooFewSignals { found: usize, needed: usize },
     #[error(

@@ -53,11 +53,18 @@ impl ClassDensity {
             let d = x - &mean;
             s + &d * d.transpose()
         });
+        let known = match pooled {
+            Some(_) => n - 1.0 + SHRINKAGE,
+            None => n - 1.0,
+        };
         let covariance = match pooled {
-            Some(pooled) => (scatter + pooled * SHRINKAGE) / (n - 1.0 + SHRINKAGE),
-            None if n > 1.0 => scatter / (n - 1.0),
+            Some(pooled) => (scatter + pooled * SHRINKAGE) / known,
+            None if n > 1.0 => scatter / known,
             None => return None,
         };
+        // of the next signal: the mean is not known, nor is the covariance (Student's t has variance
+        // nu / (nu - 2))
+        let covariance = covariance * ((1.0 + 1.0 / n) * known / (known - 2.0).max(0.5));
         // noise = L L^T; the spread in units of the noise, along its own axes
         let l = noise.clone().cholesky()?.l();
         let inverse = l.try_inverse()?;
@@ -176,7 +183,7 @@ fn along(
         let gaussian = Axis::Gaussian(variance.sqrt());
         let of_gaussian = gaussian.ln_likelihood(&u, 0.0);
         let width = (3.0 * (variance - 1.0).max(0.0) * (1.0 + 1.0 / n)).sqrt();
-        let (of_range, middle, range) = match width >= 0.05 {
+        let (of_range, middle, range) = match width >= 0.05 && u.len() >= LEAST_EXAMPLES {
             true => likeliest_range(&u, width),
             false => (f64::NEG_INFINITY, 0.0, gaussian),
         };
@@ -196,18 +203,16 @@ fn along(
     Some((likelihood, density))
 }
 
+/// Fewer examples say nothing of ends.
+const LEAST_EXAMPLES: usize = 20;
+
 /// The range that the examples make likeliest: its log likelihood, its middle, and the range itself,
 /// a little wider, since its ends lie outside the outermost examples. The mean and the variance that
 /// it starts from know the ends far worse (their error falls with the root of the examples' number,
 /// the ends' with the number).
 fn likeliest_range(u: &[f64], width: f64) -> (f64, f64, Axis) {
-    /// Fewer examples say nothing of ends.
-    const LEAST_EXAMPLES: usize = 10;
     const NARROWEST: f64 = 0.02;
     let mut best = (Axis::Range(width).ln_likelihood(u, 0.0), 0.0, width);
-    if u.len() < LEAST_EXAMPLES {
-        return (best.0, 0.0, Axis::Range(width));
-    }
     // pattern search: the likelihood is smooth, with one peak near the start
     let mut step = 0.2 * width;
     let ways = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)];

@@ -29,6 +29,14 @@ impl BesideRing {
 
     /// `y`: N, counts; `at`: of its ring, the phase free.
     pub fn left(&self, fitter: &RingFitter, y: &[f64], at: &Features) -> Vec<f64> {
+        let ring = fitter.tangent(at);
+        // the first column is the ring itself
+        let left: Vec<f64> = y.iter().zip(ring.column(0).iter()).map(|(y, ring)| y - ring).collect();
+        self.project(fitter, &left, at)
+    }
+
+    /// What of a deviation from a ring lies beside it, counts. `y`: N.
+    pub fn project(&self, fitter: &RingFitter, y: &[f64], at: &Features) -> Vec<f64> {
         let tangent = fitter.tangent(at);
         let mut columns: [Vec<f64>; COLUMNS] = Default::default();
         for (k, column) in columns.iter_mut().enumerate() {
@@ -40,9 +48,7 @@ impl BesideRing {
                 _ => self.real.clone(),
             };
         }
-        // the first column is the ring itself
-        let mut left: Vec<f64> =
-            y.iter().zip(tangent.column(0).iter()).map(|(y, ring)| y - ring).collect();
+        let mut left = y.to_vec();
         let gram = SMatrix::<f64, COLUMNS, COLUMNS>::from_fn(|i, j| dot(&columns[i], &columns[j]));
         // columns that cannot be told apart: their difference explains nothing
         let steadied = gram + SMatrix::identity() * 1e-9;

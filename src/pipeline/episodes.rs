@@ -108,6 +108,7 @@ impl<'a> EpisodeTap<'a> {
                 looks.named.push(Named {
                     row: (row - from) as u32, // a batch is far smaller
                     weights: flagged.weights,
+                    appearance: flagged.appearance,
                     fits_none: matches!(c.reason[row], Some(Reason::UnknownFault | Reason::NoRing)),
                     candidate: c.candidate[row],
                     severity: c.severity[row],

@@ -15,11 +15,12 @@ use super::warmth::Warmth;
 use super::{Control, PipelineError, rows};
 use crate::burst::{Acquisition, Place, SignalBatch};
 use crate::design::{Detection, Isolation, Judge, Workspace};
+use crate::isolate::Likeness;
 use crate::io::digest::{Digest, Digester, ReadBlock};
 use crate::io::recording::{Damage, Recording, note};
 use crate::io::scan::{Block, Blocks};
 use crate::settings::Settings;
-use crate::verdict::{Reason, Test, VerdictColumns};
+use crate::verdict::{Appearance, Reason, VerdictColumns};
 use crossbeam_channel::{Receiver, Sender};
 use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
@@ -76,6 +77,8 @@ pub struct Flagged {
     pub weights: Vec<f32>,
     /// [`Workspace::ring`]
     pub ring: Option<[f64; 2]>,
+    /// Of what belongs to no class.
+    pub appearance: Option<Appearance>,
 }
 
 /// Hands out blocks in file order to the reader's workers, with their bytes: one after the other, so
@@ -380,24 +383,32 @@ pub fn isolate(
                         };
                         let mut tested = judge.test(found);
                         // along the ring it is healthy: what else it holds is none of a fault's
-                        let isolation = match isolation.is_some() && tested.test == Test::Misfit {
-                            true if gated && !judge.is_faulty_ring(found) => {
+                        let isolation = match gated && !judge.is_faulty_ring(found) {
+                            true => {
                                 work.severity = None;
+                                work.weights.clear();
                                 Some(Isolation::of_no_ring())
                             }
-                            _ => isolation,
+                            false => isolation,
                         };
                         if tested.misfit.is_nan() && isolation.is_some() {
                             tested.misfit = work.misfit;
                         }
-                        if gated && isolation.is_some() {
+                        if gated && let Some(isolation) = &isolation {
+                            let strange = isolation.likeness != Likeness::Known;
+                            let appearance = strange.then(|| {
+                                signal.resize(burst.samples_per_channel as usize, 0.0);
+                                rings::per_drive(judge, burst, at as usize, &mut signal);
+                                judge.appearance(&signal, judge.drive(burst), &mut work)
+                            });
                             flagged.push(Flagged {
+                                appearance: appearance.flatten(),
                                 row: columns.len() as u32, // a batch is far smaller
                                 weights: work.weights.iter().map(|&w| w as f32).collect(),
                                 ring: work.ring,
                             });
                         }
-                        let weights = (settings.output.weights && isolation.is_some())
+                        let weights = (settings.output.weights && isolation.is_some() && !work.weights.is_empty())
                             .then_some(work.weights.as_slice());
                         rows::push_judged(
                             &mut columns,

@@ -1,0 +1,116 @@
+//! The scale of time of an average signal, from the signal itself.
+//!
+//! In: the average. Out: the free damped cosine that is nearest to it: where the search of thesis (3-1)
+//! begins, whatever the rate of a plant, and what its result must at least explain. The nominal channel
+//! of the settings then is a prior for what one decay cannot tell, in ratios, not in rates.
+
+use super::GreyBoxSettings;
+use crate::model::InkChannel;
+use crate::model::inner_product::dot;
+use nalgebra::{Matrix3, Vector3};
+
+/// The nearest damped cosine, on a constant.
+#[derive(Clone, Copy, Debug)]
+pub struct DampedCosine {
+    pub frequency_hz: f64,
+    /// Root mean square of what it leaves, counts.
+    pub misfit_rms: f64,
+}
+
+/// Fewest cycles of a signal, and most of them a sample.
+const FEWEST_CYCLES: f64 = 1.5;
+const MOST_PER_SAMPLE: f64 = 0.3;
+/// Dampings over a signal's length that are tried; frequencies lie a fifth of a cycle apart.
+const DAMPINGS: [f64; 4] = [0.5, 1.5, 3.0, 6.0];
+const STEP: f64 = 0.2;
+/// Frequencies, at most; samples that are looked at.
+const MOST_STEPS: usize = 2000;
+
+/// `y`: N, counts. `None`: nothing there.
+pub fn damped_cosine(y: &[f64], dt_s: f64) -> Option<DampedCosine> {
+    let n = y.len();
+    let most = MOST_PER_SAMPLE * n as f64;
+    let step = STEP.max((most - FEWEST_CYCLES) / MOST_STEPS as f64);
+    let square = dot(y, y);
+    let mut best: Option<(f64, f64)> = None;
+    let mut cycles = FEWEST_CYCLES;
+    while cycles < most {
+        for damping in DAMPINGS {
+            let (decay, angle) = ((-damping / n as f64).exp(), std::f64::consts::TAU * cycles / n as f64);
+            let (sin, cos) = (angle.sin() * decay, angle.cos() * decay);
+            let (mut re, mut im) = (1.0, 0.0);
+            let (mut gram, mut product) = (Matrix3::zeros(), Vector3::zeros());
+            for v in y {
+                let column = Vector3::new(re, im, 1.0);
+                gram += column * column.transpose();
+                product += column * *v;
+                (re, im) = (re * cos - im * sin, re * sin + im * cos);
+            }
+            let Some(inverse) = gram.try_inverse() else { continue };
+            let left = square - product.dot(&(inverse * product));
+            if left.is_finite() && best.is_none_or(|(least, _)| left < least) {
+                best = Some((left, cycles));
+            }
+        }
+        cycles += step;
+    }
+    let (left, cycles) = best?;
+    Some(DampedCosine {
+        frequency_hz: cycles / (n as f64 * dt_s),
+        misfit_rms: (left.max(0.0) / n as f64).sqrt(),
+    })
+}
+
+impl GreyBoxSettings {
+    /// The same channel so much faster that it rings at that frequency.
+    pub fn at_frequency(&self, frequency_hz: f64) -> GreyBoxSettings {
+        let GreyBoxSettings { a_per_s2, b_per_s2, g_per_s, d_per_s, .. } = *self;
+        let nominal = InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s };
+        let Some(poles) = super::grey_box::poles_of(nominal.cubic()) else { return self.clone() };
+        let faster = frequency_hz / poles.frequency_hz;
+        GreyBoxSettings {
+            a_per_s2: a_per_s2 * faster * faster,
+            b_per_s2: b_per_s2 * faster * faster,
+            g_per_s: g_per_s * faster,
+            d_per_s: d_per_s * faster,
+            ..self.clone()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ring_of_any_rate_is_found() {
+        for samples in [64, 128, 500] {
+            for cycles in [3.1, 6.5, 12.0] {
+                let dt_s = 3e-6;
+                let y: Vec<f64> = (0..samples)
+                    .map(|k| {
+                        let t = k as f64 / samples as f64;
+                        let angle = std::f64::consts::TAU * cycles * t + 0.7;
+                        300.0 * (-2.9 * t).exp() * angle.cos() + 20.0 * (-3.7 * t).exp()
+                    })
+                    .collect();
+                let found = damped_cosine(&y, dt_s).unwrap().frequency_hz;
+                let truth = cycles / (samples as f64 * dt_s);
+                assert!((found / truth - 1.0).abs() < 0.05, "{samples} {cycles}: {found} {truth}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_faster_channel_rings_faster_and_keeps_its_ratios() {
+        let nominal = GreyBoxSettings::default();
+        let faster = nominal.at_frequency(1e6);
+        let ratio = |s: &GreyBoxSettings| [s.a_per_s2 / s.b_per_s2, s.g_per_s / s.d_per_s];
+        assert!((ratio(&faster)[0] / ratio(&nominal)[0] - 1.0).abs() < 1e-12);
+        assert!((ratio(&faster)[1] / ratio(&nominal)[1] - 1.0).abs() < 1e-12);
+        let GreyBoxSettings { a_per_s2, b_per_s2, g_per_s, d_per_s, .. } = faster;
+        let channel = InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s };
+        let poles = super::super::grey_box::poles_of(channel.cubic()).unwrap();
+        assert!((poles.frequency_hz / 1e6 - 1.0).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,109 @@
+//! What a signal of no known class looks like, for a technician: the cable, not the nozzle.
+//!
+//! In: the signal, what is left of it beside its ring, the ring's features. Out: [`Appearance`].
+
+use crate::model::inner_product::dot;
+use crate::model::ring_fit::Features;
+use crate::verdict::Appearance;
+
+/// Share of the energy beyond the noise that a shape must hold to give what is left its name.
+const MOST: f64 = 0.6;
+/// A ring with damping and frequency so near to the healthy one's (ln) is a healthy ring of another size.
+const NEAR: [f64; 2] = [0.2, 0.02];
+
+/// A signal that nothing known explains.
+#[derive(Clone, Copy, Debug)]
+pub struct Strange<'a> {
+    /// N, counts, and the noise of a sample.
+    pub signal: &'a [f64],
+    pub noise: f64,
+    /// Of its ring; `None`: it does not ring.
+    pub ring: Option<Features>,
+    /// N: less its ring, in units of the noise.
+    pub left: &'a [f64],
+    pub dt_s: f64,
+}
+
+impl Strange<'_> {
+    pub fn appearance(&self) -> Appearance {
+        let n = self.signal.len() as f64;
+        let mean = self.signal.iter().sum::<f64>() / n;
+        let about: f64 = self.signal.iter().map(|y| (y - mean).powi(2)).sum::<f64>();
+        if about < 2.0 * n * self.noise * self.noise {
+            let stands = mean.abs() > 6.0 * self.noise / n.sqrt();
+            return if stands { Appearance::Constant } else { Appearance::NoiseAlone };
+        }
+        let beyond = dot(self.left, self.left) - n;
+        if beyond < n {
+            return match self.ring {
+                Some(x) if x.ln_damping.abs() < NEAR[0] && x.ln_frequency.abs() < NEAR[1] => {
+                    Appearance::OtherGain(x.ln_amplitude.exp())
+                }
+                _ => Appearance::Other,
+            };
+        }
+        let mut squares: Vec<f64> = self.left.iter().map(|v| v * v).collect();
+        squares.sort_unstable_by(|p, q| q.total_cmp(p));
+        let few = (self.left.len() / 32).max(2);
+        if squares[..few].iter().sum::<f64>() > MOST * beyond {
+            return Appearance::Jumps;
+        }
+        let Some((share, cycles)) = self.line() else { return Appearance::Other };
+        match share > MOST * beyond {
+            true if cycles < 2.0 => Appearance::Slow,
+            true => Appearance::Tone(cycles / (n * self.dt_s)),
+            false => Appearance::Other,
+        }
+    }
+
+    /// The line that holds most of what is left: its energy, and its cycles in the signal. By recurrence
+    /// at half cycles.
+    fn line(&self) -> Option<(f64, f64)> {
+        let n = self.left.len();
+        let energy = |cycles: f64| -> f64 {
+            let step = 2.0 * std::f64::consts::PI * cycles / n as f64;
+            let (sin, cos) = step.sin_cos();
+            let (mut c, mut s, mut sums) = (1.0, 0.0, [0.0; 2]);
+            for v in self.left {
+                sums[0] += v * c;
+                sums[1] += v * s;
+                (c, s) = (c * cos - s * sin, s * cos + c * sin);
+            }
+            2.0 * (sums[0] * sums[0] + sums[1] * sums[1]) / n as f64
+        };
+        let half_cycles = (0..n.min(1024)).map(|k| k as f64 / 2.0);
+        half_cycles
+            .map(|cycles| (energy(cycles) / if cycles == 0.0 { 2.0 } else { 1.0 }, cycles))
+            .max_by(|p, q| p.0.total_cmp(&q.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    #[test]
+    fn each_kind_has_its_name() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(8);
+        let mut of = |shape: &dyn Fn(f64) -> f64, ring: Option<Features>, rings: bool| {
+            let noise: Vec<f64> = (0..128).map(|_| StandardNormal.sample(&mut rng)).collect();
+            let left: Vec<f64> = (0..128).map(|k| noise[k] + shape(k as f64)).collect();
+            let size = if rings { 50.0 } else { 0.0 };
+            let ring_at = |k: usize| size * (-0.02 * k as f64).exp() * (0.5 * k as f64).cos();
+            let signal: Vec<f64> = (0..128).map(|k| left[k] + ring_at(k)).collect();
+            Strange { signal: &signal, noise: 1.0, ring, left: &left, dt_s: 1e-6 }.appearance()
+        };
+        let half = Features { ln_amplitude: 0.5f64.ln(), ..Features::HEALTHY };
+        assert_eq!(of(&|_| 0.0, None, false), Appearance::NoiseAlone);
+        assert_eq!(of(&|_| 40.0, None, false), Appearance::Constant);
+        assert_eq!(of(&|_| 0.0, Some(half), true), Appearance::OtherGain(0.5));
+        let odd = |k: f64| if k == 40.0 { 60.0 } else { 0.0 };
+        assert_eq!(of(&odd, Some(half), true), Appearance::Jumps);
+        assert_eq!(of(&|_| 5.0, Some(half), true), Appearance::Slow);
+        let tone = of(&|k| 6.0 * (1.3 * k).sin(), Some(half), true);
+        let Appearance::Tone(hz) = tone else { panic!("{tone:?}") };
+        assert!((hz / (1.3e6 / std::f64::consts::TAU) - 1.0).abs() < 0.02, "{hz}");
+    }
+}
