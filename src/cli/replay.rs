@@ -122,7 +122,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let journal = || Journal::read(&out).map_err(|e| unreadable(&out, e));
     let placed = plan::place(found.inputs, settings.output.layout, &journal()?);
     layout::refuse_shared(&placed).map_err(Failure::usage)?;
-    let Loaded { replay, baseline_file, means } = load(settings)?;
+    let Loaded { replay, baseline_file, means } = load(settings, asked_to_detect(&args))?;
     let lost: Vec<Row> = found.lost.iter().map(plan::lost).collect();
 
     let control = interruptible();
@@ -243,12 +243,26 @@ struct Loaded {
     means: Means,
 }
 
-fn load(mut settings: Settings) -> Result<Loaded, Failure> {
+/// Whether the command line says how to detect.
+fn asked_to_detect(args: &Args) -> bool {
+    let detects = |pair: &String| pair.trim_start().starts_with("detect.");
+    args.preset.is_some() || args.set.iter().any(detects)
+}
+
+/// `asked_to_detect`: the command line sets how.
+fn load(mut settings: Settings, asked_to_detect: bool) -> Result<Loaded, Failure> {
     let (mut design, mut design_digest) = (None, None);
     if !settings.input.design.is_empty() {
         let (read, digest): (Design, String) =
             design_file::read(Path::new(&settings.input.design)).map_err(Failure::new)?;
         // models learned on windows must be of the design's kind
+        if asked_to_detect && settings.detect != read.detect {
+            return Err(Failure::usage(format!(
+                "{}: its detection was fixed when it was trained; detect.* by --set or --preset has no \
+                 effect beside it: train again with the same --set or --preset, or leave it out",
+                settings.input.design
+            )));
+        }
         settings.detect = read.detect.clone();
         (design, design_digest) = (Some(read), Some(digest));
     }

@@ -21,6 +21,9 @@ use threshold::Threshold;
 /// poles (thesis §3-2-1) rings on and does not grow.
 const MOST_GAIN: f64 = 1e6;
 
+/// A threshold so many times what most of the signals allow was learned on more than healthy ones.
+const SUSPECT: f64 = 3.0;
+
 /// Samples over which noise may remember.
 const LAGS: usize = 32;
 
@@ -70,6 +73,9 @@ pub struct HealthyModel {
     /// What healthy signals leave beside their rings, for the second test.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub misfit: Option<Misfit>,
+    /// Of labelled signals: the share that lies apart from the others, where that moves the threshold.
+    #[serde(skip)]
+    pub apart: Option<f64>,
     /// Median detection statistic of the window's signals.
     pub median_statistic: f64,
 }
@@ -127,6 +133,7 @@ impl HealthyModel {
             sensitivity: None,
             threshold: Threshold::none(),
             misfit: None,
+            apart: None,
             median_statistic: f64::NAN,
         };
         match settings.detect.method {
@@ -224,6 +231,12 @@ impl HealthyModel {
         };
         let share = 1.0 - misfit::SHARE_OF_RATE;
         self.threshold = learn(&distances, &seen.channel, Degrees::Three, share)?;
+        if labelled {
+            let rate = share * settings.detect.false_alarm_rate;
+            let law = contaminated(&distances, &seen.channel, Degrees::Three, rate, 0.5);
+            let apart = law.ok().filter(|law| self.threshold.value > SUSPECT * law.value);
+            self.apart = apart.map(|law| 1.0 - law.n_effective / distances.len() as f64);
+        }
         // what is far along the ring says nothing of what lies beside it
         let near = |i: &usize| squares[*i].is_finite() && distances[*i] <= self.threshold.value;
         let near: Vec<usize> = (0..squares.len()).filter(near).collect();

@@ -113,6 +113,14 @@ impl Design {
             }
         }
         warnings.extend(temperature_unknown(&pooled));
+        warnings.extend(pooled.apart.map(|share| {
+            format!(
+                "{:.1} % of the signals labelled healthy lie apart from the others, and the threshold \
+                 lies beyond them ({:.0}): faults among them, or two kinds of channels; check the labels",
+                100.0 * share,
+                pooled.threshold.value
+            )
+        }));
         let design = Design {
             version: VERSION,
             made_by: format!("inkling {}", env!("CARGO_PKG_VERSION")),
