@@ -198,7 +198,8 @@ fn nearest(selected: &Selected) -> Option<Cause> {
 fn not_testable() -> Vec<NotTestable> {
     let needs = |id: &str| match id {
         "droop" | "meniscus" | "lowpass" | "fractional_damping" => "the ink channel's equations",
-        "random_tone" | "trigger_jitter" | "heteroscedastic_noise" => "many bursts",
+        "random_tone" | "heteroscedastic_noise" => "many bursts",
+        "trigger_jitter" => "many bursts of several channels each",
         "temperature" => "temperature_c, recorded in many bursts",
         "previous_tail" => "idle_time_s, recorded in many bursts",
         "crosstalk" => "neighbours_fired, recorded in many bursts",
