@@ -9,6 +9,7 @@
 mod adequacy;
 pub mod candidates;
 pub mod catalogue;
+mod clusters;
 mod codes;
 pub mod covariates;
 pub mod decay;

@@ -5,6 +5,7 @@
 
 use super::candidates::{Applied, Bench, Kind, Scored, View};
 use super::catalogue::by_amplitude;
+use super::clusters::Clusters;
 use super::covariates::{Covariates, DRIVE, square_of};
 use super::model::Model;
 use super::observations::Observations;
@@ -144,7 +145,8 @@ impl<'a> Setting<'a> {
         let length = (self.data.dt_s * self.data.samples as f64, self.data.integer);
         let shapes = View { space: &spaces.shapes, nuisance: &nuisances.shapes };
         let covariates = View { space: &spaces.covariates, nuisance: &nuisances.covariates };
-        Bench::new(model, self.beside, shapes, covariates, length, self.avoid)
+        let clusters = Clusters { model, data: self.data, beside: self.beside };
+        Bench::new(clusters, shapes, covariates, length, self.avoid)
     }
 }
 

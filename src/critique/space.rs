@@ -434,6 +434,29 @@ impl Nuisance {
         })
     }
 
+    /// Directions together, each by so much, less what the nuisance makes of them.
+    pub fn efficient(
+        &self,
+        space: &Space,
+        directions: &[Direction],
+        coefficients: &[f64],
+    ) -> Direction {
+        let mut blocks = Vec::new();
+        let mut add = |direction: &Direction, by: f64| {
+            let scaled = direction.0.iter();
+            blocks.extend(scaled.map(|(at, v)| (*at, v.iter().map(|v| by * v).collect())));
+        };
+        directions.iter().zip(coefficients).for_each(|(direction, by)| add(direction, *by));
+        let mut cross = DVector::zeros(self.directions.len());
+        for (direction, by) in directions.iter().zip(coefficients) {
+            let k_times = space.times(direction) * *by;
+            cross += DVector::from_fn(cross.len(), |i, _| self.directions[i].dot(&k_times));
+        }
+        let weight = &self.inverse * cross;
+        self.directions.iter().zip(weight.iter()).for_each(|(own, by)| add(own, -by));
+        Direction(blocks)
+    }
+
     /// Score of every channel along one direction, nuisance projected out.
     pub fn by_unit(&self, space: &Space, direction: &Direction) -> Vec<f64> {
         let k_times = space.times(direction);
