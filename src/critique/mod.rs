@@ -17,6 +17,7 @@ pub mod digits;
 pub mod engine;
 mod ensemble;
 mod evidence;
+mod extended;
 mod figures;
 pub mod finding;
 mod gain;

@@ -30,7 +30,7 @@ pub enum Effect {
     HeteroscedasticNoise,
     /// Outside the catalogue: the sensor's gain drifts.
     GainDrift,
-    /// One code of eight is never given.
+    /// Two neighbouring codes of sixteen are never given.
     MissingCodes,
     /// The sensor is not linear: y + c y².
     EvenOrder,
@@ -135,7 +135,7 @@ impl Hidden {
         signal.stiff *= 1.0 + 0.012 * self.of(Effect::PositionGradient) * at.position;
         signal.gain *= 1.0 + 0.004 * self.of(Effect::Crosstalk) * at.neighbours;
         signal.gain *= 1.0 + 0.012 * self.of(Effect::GainDrift) * time;
-        let jitter_s = 27e-9 * (self.of(Effect::TriggerJitter) / layout.a_burst as f64).sqrt();
+        let jitter_s = 40e-9 * (self.of(Effect::TriggerJitter) / layout.a_burst as f64).sqrt();
         signal.late_s += jitter_s * at.trigger;
     }
 
@@ -197,9 +197,10 @@ impl Hidden {
             code = code.min(110.0 - 4.0 * self.strength);
         }
         let whole = code.round();
-        match self.effect == Effect::MissingCodes && whole.rem_euclid(8.0) == 3.0 {
-            true => whole + if code > whole { 1.0 } else { -1.0 },
-            false => whole,
+        match (self.effect, whole.rem_euclid(16.0) as u8) {
+            (Effect::MissingCodes, 3) => whole - 1.0,
+            (Effect::MissingCodes, 4) => whole + 1.0,
+            _ => whole,
         }
     }
 }

@@ -12,6 +12,7 @@ use effect::{Effect, Hidden, Place, Seen};
 use healthy::{FAMILIES, Family, Signal, normal};
 use inkling::burst::Beside;
 use inkling::critique::engine::{Rings, critique};
+use inkling::critique::finding::Critique;
 use inkling::critique::observations::{Observations, Sampler};
 use inkling::score::blind::{Blind, Kind, Outcome, Said, True};
 use plant::Plant;
@@ -19,6 +20,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// One recording.
 #[derive(Clone, Copy, Debug)]
@@ -141,35 +144,51 @@ fn planted(effects: &[Effect], strengths: &[f64], first_seed: u64, count: u64) -
         .collect()
 }
 
-/// What became of the recordings, by family and all in all; what was wrong is printed.
-fn judged(cases: &[Case]) -> (BTreeMap<String, Blind>, Blind) {
-    let (mut families, mut all) = (BTreeMap::<String, Blind>::new(), Blind::default());
-    for case in cases {
-        let data = case.recording();
-        let said = critique(&data, Rings::InkChannel, false, &mut |_| {}).unwrap().critique;
-        let remarks = said.remarks.clone();
-        let said: Said = serde_json::from_value(serde_json::to_value(&said).unwrap()).unwrap();
+/// What became of recordings, by family and all in all.
+#[derive(Default)]
+struct Outcomes {
+    families: BTreeMap<String, Blind>,
+    all: Blind,
+}
+
+/// All cases on two threads; what was not right is printed.
+fn judged(cases: &[Case]) -> Outcomes {
+    let (next, outcomes) = (AtomicUsize::new(0), Mutex::new(Outcomes::default()));
+    let work = || {
+        while let Some(case) = cases.get(next.fetch_add(1, Ordering::Relaxed)) {
+            let data = case.recording();
+            let said = critique(&data, Rings::InkChannel, false, &mut |_| {}).unwrap().critique;
+            outcomes.lock().unwrap().add(case, &said);
+        }
+    };
+    std::thread::scope(|scope| {
+        scope.spawn(work);
+        work();
+    });
+    outcomes.into_inner().unwrap()
+}
+
+impl Outcomes {
+    fn add(&mut self, case: &Case, critique: &Critique) {
+        let said: Said = serde_json::from_value(serde_json::to_value(critique).unwrap()).unwrap();
         let truth = case.truth();
-        let outcome = all.add(&said, &truth);
-        families.entry(format!("{:?}", case.family)).or_default().add(&said, &truth);
+        let outcome = self.all.add(&said, &truth);
+        self.families.entry(format!("{:?}", case.family)).or_default().add(&said, &truth);
         if !matches!(outcome, Outcome::Right | Outcome::HonestTie) {
-            let names: Vec<&str> = said.causes.iter().map(|c| c.id.as_str()).collect();
+            let Case { family, hidden: Hidden { effect, strength }, seed } = case;
+            let causes = &critique.causes;
+            let named: Vec<_> =
+                causes.iter().map(|c| format!("{} ({:.1} DL)", c.id, c.strength_dl)).collect();
+            let (word, verdict, remarks) = (outcome.word(), &said.verdict, &critique.remarks);
             println!(
-                "{} {:?} {:?} x{} seed {}: {} {names:?} {remarks:?}",
-                outcome.word(),
-                case.family,
-                case.hidden.effect,
-                case.hidden.strength,
-                case.seed,
-                said.verdict
+                "{word} {family:?} {effect:?} x{strength} seed {seed}: {verdict} {named:?} {remarks:?}"
             );
         }
     }
-    (families, all)
 }
 
 /// The table of a set: first seed, recordings, part.
-pub fn run(set: &str) {
+pub fn table(set: &str) {
     let mut words = set.split_whitespace();
     let mut number = || words.next().and_then(|w| w.parse().ok()).expect("a first seed, a count");
     let (first, count) = (number(), number());
@@ -178,8 +197,9 @@ pub fn run(set: &str) {
         Some("outside") => planted(&effect::OUTSIDE, &[4.0, 8.0], first, count),
         _ => null(first, count),
     };
-    let (families, all) = judged(&cases);
-    for (family, blind) in &families {
+    let Outcomes { families, all } = judged(&cases);
+    for (family, blind) in families.iter().filter(|_| all.row(Kind::Nothing, 0..=0).recordings > 0)
+    {
         let row = blind.row(Kind::Nothing, 0..=u32::MAX);
         println!("{family:<16} {} of {} right", row.count(Outcome::Right), row.recordings);
     }
@@ -189,5 +209,20 @@ pub fn run(set: &str) {
 #[test]
 #[ignore = "some minutes: prints the table of a set of one's own"]
 fn foreign_table() {
-    run(&std::env::var("INKLING_FOREIGN").unwrap_or_else(|_| "500000 68 null".into()));
+    table(&std::env::var("INKLING_FOREIGN").unwrap_or_else(|_| "500000 68 null".into()));
+}
+
+/// Three recordings of each family, all sizes of bursts among them.
+#[test]
+fn nothing_is_named_in_healthy_runs_of_any_family() {
+    let row = judged(&null(400_000, 51)).all.row(Kind::Nothing, 0..=0);
+    assert!(row.count(Outcome::Right) >= 50, "{row:?}");
+}
+
+/// Each effect of the catalogue once, clearly there.
+#[test]
+fn what_is_clearly_there_is_named_whoever_put_it_in() {
+    let row = judged(&planted(&effect::CATALOGUE, &[6.0], 500_000, 21)).all.row(Kind::One, 0..=99);
+    assert!(row.share(&[Outcome::Right, Outcome::HonestTie]) >= 0.9, "{row:?}");
+    assert!(row.count(Outcome::Wrong) == 0, "{row:?}");
 }

@@ -17,7 +17,7 @@ mod words;
 
 use super::catalogue::{CATALOGUE, experiment};
 use super::digits;
-use super::engine::{CritiqueError, Outcome};
+use super::engine::{CritiqueError, NotExtended, Outcome};
 use super::finding::{Cause, Critique, NotTestable, Signals, VERSION, Verdict};
 use super::observations::Observations;
 use super::selection::DETECTION_LIMIT;
@@ -151,7 +151,11 @@ pub fn critique(
         figures: gain::draw(&decays, &selected),
         evidence: selected.evidence,
     };
-    Ok(Outcome { critique, outlier: vec![false; data.len()], extended: None })
+    Ok(Outcome {
+        critique,
+        outlier: vec![false; data.len()],
+        extended: Err(NotExtended::NoInkChannel),
+    })
 }
 
 fn verdict(causes: &mut Vec<Cause>, selected: &Selected, left: &Left) -> Verdict {
