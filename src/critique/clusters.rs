@@ -15,8 +15,8 @@ use crate::model::free_decay::ALL;
 const MOST: usize = 4096;
 /// Coefficients that bursts are judged about: the mean, and the direction's own.
 const FITTED: f64 = 2.0;
-/// Bursts spread more than their signals where chance makes them spread so in one of ten recordings, sd.
-const MORE_THAN_CHANCE: f64 = 1.28;
+/// Bursts spread more than their signals where chance makes them spread so in one of twenty recordings, sd.
+const MORE_THAN_CHANCE: f64 = 1.645;
 
 /// Signals about a model.
 #[derive(Clone, Copy)]

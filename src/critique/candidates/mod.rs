@@ -172,19 +172,19 @@ impl<'a> Bench<'a> {
         all
     }
 
-    /// `near`: where its shape was before; without, all shapes are tried. Judged by the spread over bursts, where
-    /// these have more in common than their signals let expect.
+    /// `near`: where its shape was before; without, all shapes are tried. What follows a covariate is judged by the
+    /// spread over bursts, where these have more in common than their signals let expect; what they have in common
+    /// are parameters, and shapes are judged beside these.
     pub fn score_one(&self, id: &'static str, near: Option<&Applied>) -> Option<Scored> {
         let mut scored = self.as_if_independent(id, near)?;
         if scored.surprise < WORTH_A_LOOK {
             return Some(scored);
         }
         let Applied { kind, directions, coefficients, .. } = &scored.applied;
-        let view = match kind {
-            Kind::Shapes => self.shapes,
-            Kind::Covariate { .. } | Kind::Tail => self.covariates,
+        let spread = match kind {
+            Kind::Shapes => Spread::NONE,
+            Kind::Covariate { .. } | Kind::Tail => self.spread(directions, coefficients),
         };
-        let spread = self.spread(view, directions, coefficients);
         if spread.excess > 1.0 {
             scored.statistic /= spread.excess;
             scored.sd *= spread.excess.sqrt();
@@ -195,7 +195,8 @@ impl<'a> Bench<'a> {
     }
 
     /// How bursts spread along directions together, each by so much, beside what is allowed for.
-    fn spread(&self, view: View, directions: &[Direction], coefficients: &[f64]) -> Spread {
+    fn spread(&self, directions: &[Direction], coefficients: &[f64]) -> Spread {
+        let view = self.covariates;
         self.clusters.spread(&view.nuisance.efficient(view.space, directions, coefficients))
     }
 
