@@ -350,10 +350,10 @@ mod tests {
 
     #[test]
     fn a_shift_of_whole_bursts_is_found_and_measured() {
-        let spread = Spread { own: [0.01, 0.01], common: [0.01, 0.0] };
+        let spread = Spread { own: [0.01, 0.01], common: [0.02, 0.0] };
         assert!(found_in(spread, 40) >= 38);
         let sizes: f64 = (0..40).map(|seed| excess(spread, seed).along.sqrt()).sum();
-        assert!((sizes / 40.0 - 0.01).abs() < 0.001, "{}", sizes / 40.0);
+        assert!((sizes / 40.0 - 0.02).abs() < 0.002, "{}", sizes / 40.0);
     }
 
     /// However single signals scatter, and whatever a burst's channels have in common in all directions.

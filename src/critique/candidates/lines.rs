@@ -172,18 +172,12 @@ impl Bench<'_> {
         let sd = width(|x| test(x.exp(), loss), ln_m, 0.1).hypot(SPLIT) * m;
         let mut scored = self.shaped("meniscus", tested, directions, m, 6.0, m, sd);
         scored.applied.damping = loss;
-        if m > AT_THE_END * high {
-            scored.disqualified = "it would have to be as stiff as the channel, or stiffer".into();
-        }
         Some(scored)
     }
 }
 
 /// B_t/B_m that is looked for: below, its mode lies under the real pole and leaves nothing.
 const MENISCUS: (f64, f64) = (0.03, 1.0);
-
-/// Beyond this share of the largest compliance ratio the likelihood still rises at the end: it is not a meniscus.
-const AT_THE_END: f64 = 0.95;
 
 /// How well m is known from that mode's frequency, relative: how the stiffness divides between restrictor and
 /// nozzle rests on the held ratio, too.
