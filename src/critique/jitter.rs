@@ -140,7 +140,10 @@ fn centred(each: &[Scatter]) -> Vec<Vector4<f64>> {
 
 /// Variance that single signals have beyond the noise, along the shift and in amplitude.
 fn healthy(each: &[Scatter], direction: usize) -> f64 {
-    let of = centred(each);
+    beyond_noise(each, &centred(each), direction)
+}
+
+fn beyond_noise(each: &[Scatter], of: &[Vector4<f64>], direction: usize) -> f64 {
     let n = each.len() as f64;
     let beyond: Vec<f64> = of
         .iter()
@@ -152,9 +155,26 @@ fn healthy(each: &[Scatter], direction: usize) -> f64 {
     mean.max((square / n).sqrt()) // no smaller than it can be told
 }
 
-/// How much more single signals scatter along the shift than across it; 1 where it is less.
+/// How much more single signals scatter along the shift than across it, what their bursts have in common left out;
+/// 1 where it is less.
 fn healthy_ratio(each: &[Scatter]) -> f64 {
-    (healthy(each, 0) / healthy(each, 1)).max(1.0)
+    let of = about_bursts(each, centred(each));
+    (beyond_noise(each, &of, 0) / beyond_noise(each, &of, 1)).max(1.0)
+}
+
+/// Each signal about its burst's mean.
+fn about_bursts(each: &[Scatter], mut of: Vec<Vector4<f64>>) -> Vec<Vector4<f64>> {
+    let mut sums = BTreeMap::<usize, (Vector4<f64>, f64)>::new();
+    for (x, one) in of.iter().zip(each) {
+        let sum = sums.entry(one.burst).or_default();
+        sum.0 += x;
+        sum.1 += 1.0;
+    }
+    for (x, one) in of.iter_mut().zip(each) {
+        let (sum, n) = sums[&one.burst];
+        *x -= sum / n;
+    }
+    of
 }
 
 /// Contrasts between bursts along the shift and across it, free of channels' own means and of what follows a
