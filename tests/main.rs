@@ -6,6 +6,7 @@ mod cli; // process boundary: exit codes, hints in messages
 mod contracts; // pipeline.toml = defaults, schemas = code, sample_logs regenerate and retrain
 mod convert; // tables become recordings
 mod floors; // imports go down only
+mod foreign; // another generator: healthy families and effects whose constants are not the critique's
 mod hidden; // effects hidden in recordings: named, withheld, scored
 mod hostile; // absurd recordings, covariates, names, designs, places to write to: rows and words, no panic
 mod kills; // killed, locked, out of room, changed while read: nothing mixed, nothing half, the rest judged

@@ -25,7 +25,7 @@ pub fn train(
     outcome: &Outcome,
     settings: &Settings,
 ) -> Result<Design, String> {
-    let extended = outcome.extended.as_ref().ok_or("the model is none of an ink channel")?;
+    let extended = outcome.extended.as_ref().map_err(ToString::to_string)?;
     let Extended { beside, .. } = extended;
     let kept: Vec<usize> = (0..data.len()).filter(|&i| !outcome.outlier[i]).collect();
     let first_ns = kept.iter().map(|&i| data.rows[i].beside.t_acq_ns).min().unwrap_or(0);

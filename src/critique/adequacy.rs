@@ -26,6 +26,8 @@ const MANY: usize = 3;
 #[derive(Clone, Debug, Default)]
 pub struct Left {
     pub significant: Vec<String>,
+    /// Rows of the catalogue that are told of among them.
+    pub told: Vec<&'static str>,
     /// Of all misfit (explained and not), the share that is not explained.
     pub share: f64,
     pub share_allowed: f64,
@@ -54,6 +56,12 @@ pub fn check(
     let growth = found().find(|f| f.evidence.id == "heteroscedastic_noise");
     let growth = growth.map_or(1.0, |f| 1.0 + f.evidence.value);
     let mut unexplained = 0.0_f64;
+    for found in of_codes.iter().chain(of_noise) {
+        if let Some(what) = found.unlike {
+            left.significant.push(what.into());
+            unexplained = unexplained.max(found.evidence.statistic);
+        }
+    }
     let (local, tried) = bench.local_scan();
     let local = local / growth - tried.max(1.0).ln();
     if local > MARGIN + THRESHOLD - 3.0 {
@@ -105,6 +113,7 @@ pub fn check(
         let relative = relative || by_amplitude_too && s.disqualified == OWN_LINE;
         if s.surprise / growth > THRESHOLD + MARGIN && !relative {
             left.significant.push(format!("something like {} ({})", s.applied.id, s.disqualified));
+            left.told.push(s.applied.id);
             unexplained = unexplained.max(s.statistic);
         }
     }

@@ -12,6 +12,7 @@ pub enum Needs {
     Time,
     Channels,
     Codes,
+    SharedBursts,
 }
 
 /// One row.
@@ -48,7 +49,7 @@ pub const CATALOGUE: [Entry; 22] = [
     entry("fractional_damping", "eta", "1", Needs::Nothing, "part of the loss is a boundary layer's (half-order damping)"),
     entry("tone", "frequency", "Hz", Needs::Nothing, "an interference of fixed phase is added"),
     entry("random_tone", "frequency", "Hz", Needs::Nothing, "an interference whose phase differs from burst to burst is added"),
-    entry("trigger_jitter", "sd", "s", Needs::Nothing, "the trigger jitters: t_a scatters from burst to burst"),
+    entry("trigger_jitter", "sd", "s", Needs::SharedBursts, "the trigger jitters: t_a of a burst's channels shifts from burst to burst"),
     entry("clipping", "level", "counts", Needs::Codes, "large samples are clipped"),
     entry("coarse_lsb", "step", "counts", Needs::Codes, "the converter misses codes: its resolution is coarse"),
     entry("previous_tail", "gain", "1", Needs::Idle, "the ring of the previous actuation has not died away at t_a"),
@@ -84,6 +85,7 @@ pub fn lacking(
         Needs::Time => (!beside.present[TIME], "bursts at several times"),
         Needs::Channels => (!beside.present[POSITION] || units < 6, "six channels or more"),
         Needs::Codes => (!integer, "whole counts"),
+        Needs::SharedBursts => (!beside.shared_bursts, "bursts of several channels each"),
     };
     missing.0.then_some(missing.1)
 }

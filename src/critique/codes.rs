@@ -6,6 +6,7 @@
 use super::candidates::ln_normal_tail;
 use super::covariates::Covariates;
 use super::engine::{Found, found};
+use super::leftovers::leave_out;
 use super::model::{Linear, Model};
 use super::observations::Observations;
 use std::collections::BTreeMap;
@@ -125,11 +126,27 @@ fn lattice(
     let (missing, chances) = missed.fold((0, 0.0), |(n, sum), (often, _)| (n + 1, sum + often));
     let surprise = if missing > 2 { 0.5 * chances } else { 0.0 };
     let whole = step.round().max(1.0);
-    let f = found("coarse_lsb", surprise, 2.0 * surprise, step * unit, step / codes.max(1.0), None);
+    let mut f =
+        found("coarse_lsb", surprise, 2.0 * surprise, step * unit, step / codes.max(1.0), None);
+    if f.evidence.accepted && !is_lattice(&met, step) {
+        leave_out(&mut f, "codes are missing, but not those between the multiples of a step");
+        f.unlike = Some("codes are missing that no coarse step would leave out");
+    }
     if f.evidence.accepted && met.iter().all(|code| (code - met[0]) % whole as i64 == 0) {
         model.lattice = Some([whole, (met[0] % whole as i64) as f64]);
     }
     f
+}
+
+/// Gaps between codes that a step rounded to whole codes does not leave, at most: a code in the tails may be missed
+/// by chance.
+const ODD_GAPS: f64 = 0.1;
+
+/// Whether codes are those of one step: its multiples, rounded, lie one of two neighbouring gaps apart.
+fn is_lattice(met: &[i64], step: f64) -> bool {
+    let gaps = met.windows(2).map(|pair| (pair[1] - pair[0]) as f64);
+    let odd = gaps.filter(|gap| (gap - step).abs() >= 1.0).count();
+    odd as f64 <= ODD_GAPS * (met.len() - 1) as f64 * (step - 1.0).min(1.0)
 }
 
 /// How often the model expects each code from `first` on.
@@ -202,6 +219,21 @@ mod tests {
         assert_eq!(accepted(&coarse), ["coarse_lsb"]);
         assert!((coarse[1].evidence.value - 3.0).abs() < 0.1);
         assert_eq!(model.lattice, Some([3.0, 0.0]));
+    }
+
+    #[test]
+    fn codes_of_a_step_are_a_lattice_and_others_are_not() {
+        let met =
+            |keep: &dyn Fn(i64) -> bool| -> Vec<i64> { (-80..80).filter(|k| keep(*k)).collect() };
+        let step = |met: &[i64]| (met[met.len() - 1] - met[0]) as f64 / (met.len() - 1) as f64;
+        let of = |met: Vec<i64>| is_lattice(&met, step(&met));
+        assert!(of(met(&|k| k % 3 == 0)));
+        assert!(of((-40..40).map(|k| (f64::from(k) * 2.5).round() as i64).collect()));
+        // one of a lattice's codes was missed by chance
+        assert!(of(met(&|k| k % 3 == 0 && k != 60)));
+        // two neighbours of sixteen are never given, or one bit hangs
+        assert!(!of(met(&|k| !matches!(k.rem_euclid(16), 3 | 4))));
+        assert!(!of(met(&|k| k & 4 == 0)));
     }
 
     /// One drive level and channels that are all alike: between two samples the flank jumps over codes.

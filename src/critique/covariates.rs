@@ -57,6 +57,8 @@ pub struct Covariates {
     pub drive_scan: bool,
     /// Whether time since the previous actuation was recorded.
     pub idle: bool,
+    /// Whether bursts hold several channels each, most of them at least.
+    pub shared_bursts: bool,
 }
 
 fn value(which: usize, beside: &Beside, first_ns: i64) -> f64 {
@@ -107,6 +109,7 @@ impl Covariates {
             drive_scan: false,
             idle: data.rows.iter().filter(|r| !r.beside.idle_s.is_nan()).count() as f64
                 >= LEAST_RECORDED * n,
+            shared_bursts: data.len() >= 2 * data.bursts,
         };
         for which in 0..TIME_SQUARED {
             let of = |i: usize| value(which, &data.rows[i].beside, first_ns);

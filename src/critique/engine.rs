@@ -1,13 +1,15 @@
 //! The critique itself, from observations to findings.
 
 use super::adequacy;
-use super::candidates::{Applied, Kind, Scored};
+use super::candidates::{Kind, Scored};
 use super::catalogue::{CATALOGUE, Needs, entry_of, experiment, lacking};
 use super::codes;
 use super::covariates::Covariates;
 use super::decay;
 use super::ensemble;
 use super::evidence;
+use super::extended::{self, LeftOut};
+pub use super::extended::{Extended, NotExtended};
 use super::figures;
 use super::finding::{
     Cause, Critique, Detection, Evidence, Misfit, NotTestable, Signals, VERSION, Verdict,
@@ -21,7 +23,7 @@ use super::leftovers::{
 use super::model::{Model, Unfit};
 use super::observations::Observations;
 use super::outliers::outliers;
-use super::refit::{self, Setting};
+use super::refit::Setting;
 use super::selection::{self, Chosen, DETECTION_LIMIT};
 use super::words::{cause_sentence, equation, sentence};
 use thiserror::Error;
@@ -55,15 +57,7 @@ pub struct Outcome {
     /// Rows that were left out as unlike the others.
     pub outlier: Vec<bool>,
     /// Of an ink channel: the causes' part of it makes a design's extension.
-    pub extended: Option<Extended>,
-}
-
-/// The model with its causes, and the covariates that it follows, of the rows that were kept.
-pub struct Extended {
-    /// Identifiers of what is in it.
-    pub causes: Vec<&'static str>,
-    pub model: Model,
-    pub beside: Covariates,
+    pub extended: Result<Extended, NotExtended>,
 }
 
 /// What rings.
@@ -233,12 +227,28 @@ pub fn critique(
     causes.extend(selected.causes.iter().map(|c| cause_of(c, matters && is_covariate(c))));
     let (verdict, mut remarks) = verdict(&mut causes, &selected.unnamed, &left);
     let left_out = outlier.iter().filter(|o| **o).count();
+    let of_outliers = LeftOut { signals: left_out, all: all.len() };
     if left_out > 0 {
         remarks.push(format!(
-            "{left_out} of {} signals ring unlike the others and were left out: faulty channels, \
-             it seems",
+            "{left_out} of {} signals ring unlike the others, or are of channels that at times do, and were left \
+             out: faulty channels, it seems",
             all.len()
         ));
+    }
+    if of_outliers.is_mixture() {
+        remarks.push(
+            "so many are a mixture of healthy and faulty channels, and what is said of the rest may be said of faults: \
+             tell which are healthy (--labels)"
+                .into(),
+        );
+    }
+    let allowed = if real {
+        extended::check(of_outliers, &gain.gain)
+    } else {
+        Err(NotExtended::NoInkChannel)
+    };
+    if let (Err(why), false, true) = (&allowed, causes.is_empty(), real) {
+        remarks.push(format!("no extended design is written: {why}"));
     }
     if (all.len() as u64) < all.found {
         remarks.push(format!("{} signals were drawn from {}", all.len(), all.found));
@@ -284,29 +294,18 @@ pub fn critique(
         evidence,
         figures,
     };
-    let extended = match coloured {
-        _ if !real => None,
-        None => Some((selected.model, applied)),
+    let extended = allowed.and_then(|()| match coloured {
+        None => Ok((selected.model, applied)),
         Some(coloured) => {
-            in_colour(applied, Setting { data: &coloured, beside: &beside, avoid: &avoid })
+            let setting = Setting { data: &coloured, beside: &beside, avoid: &avoid };
+            extended::in_colour(applied, setting)
         }
-    };
+    });
     let extended = extended.map(|(model, causes)| {
         let causes = causes.iter().map(|cause| cause.id).collect();
         Extended { causes, model, beside }
     });
     Ok(Outcome { critique, outlier, extended })
-}
-
-/// The model of signals that were not made white, with the causes that stay there what they are: those that
-/// move the free decay, or add to it a later part of itself.
-fn in_colour(mut causes: Vec<Applied>, setting: Setting) -> Option<(Model, Vec<Applied>)> {
-    let mut model = Model::start(setting.data, setting.beside, true).ok()?;
-    model.fit(setting.data, setting.beside, 2);
-    causes.retain(|cause| !matches!(cause.kind, Kind::Shapes));
-    causes.iter().for_each(|cause| refit::apply(&mut model, cause, &cause.coefficients));
-    let refit = refit::refit(model, causes, setting, 2, true);
-    Some((refit.model, refit.causes))
 }
 
 /// Whether a cause moves single signals, rather than all of them alike.
@@ -344,8 +343,7 @@ fn verdict(
     for what in &left.significant {
         remarks.push(format!("still unexplained: {what}"));
     }
-    let told = |id: &str| left.significant.iter().any(|w| w.contains(&format!("like {id} (")));
-    if let Some(s) = unnamed.first().filter(|s| !told(s.applied.id)) {
+    if let Some(s) = unnamed.first().filter(|s| !left.told.contains(&s.applied.id)) {
         remarks.push(format!("{} fits best but {}: it is not named", s.applied.id, s.disqualified));
     }
     let unexplained = !left.significant.is_empty();
@@ -397,12 +395,15 @@ pub fn found(
                 (false, None) => "not significant".into(),
             },
         },
+        unlike: None,
     }
 }
 
 #[derive(Clone, Debug)]
 pub struct Found {
     pub evidence: Evidence,
+    /// What is there for sure and is none of the catalogue, in words.
+    pub unlike: Option<&'static str>,
 }
 
 impl Found {

@@ -8,8 +8,10 @@
 
 use super::covariates::{COVARIATES, Covariates};
 use super::observations::Observations;
+use super::scatter::{inverse, scaled};
+use super::start::first_guess;
 use crate::model::free_decay::{self, ALL, FREE, Tangent, Theta};
-use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+use nalgebra::{SMatrix, SVector};
 use std::f64::consts::{PI, TAU};
 
 pub type Matrix5 = SMatrix<f64, FREE, FREE>;
@@ -336,145 +338,6 @@ impl Model {
         Vector5::from([1.0, 1.0, a, a, a])
     }
 
-    /// Estimates noise, scatter and mean given the linearisation; `steps` of EM.
-    pub fn estimate_scatter(&mut self, data: &Observations, beside: &Covariates, steps: usize) {
-        let scale = self.scale();
-        let mut linear = Linear::default();
-        // per signal: information and score about the unit's parameters, per noise variance 1
-        let mut signals: Vec<(usize, Matrix5, Vector5)> = Vec::with_capacity(data.len());
-        let mut left = Vec::with_capacity(data.len());
-        for i in 0..data.len() {
-            self.linearise(i, data, beside, &mut linear);
-            let (gram, product) = free_products(&linear, &scale);
-            let square: f64 = linear.residual.iter().map(|r| r * r).sum();
-            let ridge = gram + Matrix5::identity() * (1e-9 * gram.trace());
-            let explained =
-                ridge.cholesky().map_or(0.0, |c| product.dot(&c.solve(&product))).min(square);
-            left.push((square - explained) / (data.samples - FREE).max(1) as f64);
-            let own = self.each[i].fixed_rows::<FREE>(0).component_div(&scale);
-            // about the channel, not about the signal's own parameters
-            signals.push((data.rows[i].unit, gram, product + gram * own));
-        }
-        // the mean over all but the noisiest signals
-        let mut sorted = left.clone();
-        sorted.sort_by(f64::total_cmp);
-        let kept = &sorted[..(sorted.len() * 99).div_ceil(100)];
-        self.noise_var = (kept.iter().sum::<f64>() / kept.len() as f64).max(1e-300);
-        let v = self.noise_var;
-        signals.iter_mut().for_each(|(_, gram, product)| {
-            *gram /= v;
-            *product /= v;
-        });
-        let repeated = data.len() > data.units;
-        let offset: Vec<Vector5> = self
-            .units
-            .iter()
-            .map(|u| (u - self.mean).fixed_rows::<FREE>(0).component_div(&scale))
-            .collect();
-        let mut mean = Vector5::zeros();
-        let mut between = scaled(&self.between, &scale);
-        let mut within = scaled(&self.within, &scale);
-        if self.within_is_new() {
-            (between, within) = self.moments(&signals, &offset, data.units);
-        }
-        for _ in 0..steps {
-            if !repeated {
-                within = Matrix5::zeros();
-            }
-            let (precision_b, precision_w) = (inverse(&between), inverse(&within));
-            let mut info = vec![Matrix5::zeros(); data.units];
-            let mut score = vec![Vector5::zeros(); data.units];
-            let mut each = Vec::with_capacity(signals.len());
-            for (unit, gram, product) in &signals {
-                let q = product + gram * (offset[*unit] - mean);
-                let d = if repeated {
-                    (precision_w + gram).try_inverse().unwrap_or_else(Matrix5::zeros)
-                } else {
-                    Matrix5::zeros()
-                };
-                info[*unit] += gram - gram * d * gram;
-                score[*unit] += q - gram * (d * q);
-                each.push((q, d));
-            }
-            let mut sum_b = Matrix5::zeros();
-            let mut sum_w = Matrix5::zeros();
-            let mut centre = Vector5::zeros();
-            let mut posterior = Vec::with_capacity(data.units);
-            for unit in 0..data.units {
-                let c = (precision_b + info[unit]).try_inverse().unwrap_or_else(Matrix5::zeros);
-                let b = c * score[unit];
-                sum_b += b * b.transpose() + c;
-                centre += b;
-                posterior.push((b, c));
-            }
-            for ((unit, gram, _), (q, d)) in signals.iter().zip(&each) {
-                let (b, c) = posterior[*unit];
-                let w = d * (q - gram * b);
-                let dg = d * gram;
-                sum_w += w * w.transpose() + d + dg * c * dg.transpose();
-            }
-            let units = data.units as f64;
-            centre /= units;
-            between = (sum_b / units - centre * centre.transpose())
-                * if units > 1.0 { units / (units - 1.0) } else { 1.0 };
-            if repeated {
-                within = sum_w / signals.len() as f64;
-            }
-            mean += centre;
-        }
-        let back = |m: &Matrix5| Matrix5::from_fn(|i, j| m[(i, j)] * scale[i] * scale[j]);
-        self.between = back(&floored(&between));
-        self.within = if repeated { back(&floored(&within)) } else { Matrix5::zeros() };
-        for j in 0..FREE {
-            self.mean[j] += mean[j] * scale[j];
-        }
-    }
-
-    fn within_is_new(&self) -> bool {
-        self.within[(1, 1)] == self.between[(1, 1)] * 1e-6
-    }
-
-    /// Scatter by moments: where EM starts.
-    fn moments(
-        &self,
-        signals: &[(usize, Matrix5, Vector5)],
-        offset: &[Vector5],
-        units: usize,
-    ) -> (Matrix5, Matrix5) {
-        let mut sums = vec![(Vector5::zeros(), 0.0_f64); units];
-        let estimates: Vec<(usize, Vector5, Matrix5)> = signals
-            .iter()
-            .map(|(unit, gram, product)| {
-                let ridge = gram + Matrix5::identity() * 1e2;
-                let inverse = ridge.try_inverse().unwrap_or_else(Matrix5::zeros);
-                (*unit, inverse * product + offset[*unit], inverse)
-            })
-            .collect();
-        for (unit, x, _) in &estimates {
-            sums[*unit].0 += x;
-            sums[*unit].1 += 1.0;
-        }
-        let means: Vec<Vector5> = sums.iter().map(|(sum, n)| sum / f64::max(*n, 1.0)).collect();
-        let mut within = Matrix5::zeros();
-        let mut noise = Matrix5::zeros();
-        for (unit, x, covariance) in &estimates {
-            let d = x - means[*unit];
-            within += d * d.transpose();
-            noise += covariance;
-        }
-        let (count, units) = (estimates.len() as f64, units as f64);
-        noise /= count;
-        within = within / (count - units).max(1.0) - noise;
-        let centre = means.iter().sum::<Vector5>() / units;
-        let mut between = Matrix5::zeros();
-        for mean in &means {
-            let d = mean - centre;
-            between += d * d.transpose() / (units - 1.0).max(1.0);
-        }
-        between -= (noise + within) * (units / count);
-        (floored(&between), floored(&within))
-    }
-
     /// Linearises anew: channels and single signals at their most probable values.
     pub fn settle(&mut self, data: &Observations, beside: &Covariates) {
         self.fit_units(data, beside, 3);
@@ -518,7 +381,7 @@ struct Normal {
 }
 
 /// J^T J and J^T r over the free parameters, in units of `scale`.
-fn free_products(linear: &Linear, scale: &Vector5) -> (Matrix5, Vector5) {
+pub fn free_products(linear: &Linear, scale: &Vector5) -> (Matrix5, Vector5) {
     let columns = &linear.tangent.columns;
     let mut gram = Matrix5::zeros();
     let mut product = Vector5::zeros();
@@ -545,116 +408,49 @@ pub fn dot(x: &[f64], y: &[f64]) -> f64 {
     sum.iter().sum::<f64>() + rest
 }
 
-/// Scatter below this share, squared, is none: it keeps covariances invertible.
-const LEAST_SCATTER: f64 = 1e-10;
+#[cfg(test)]
+mod tests {
+    use super::super::generator::{Run, draw};
+    use super::*;
 
-fn floored(m: &Matrix5) -> Matrix5 {
-    let eigen = ((m + m.transpose()) * 0.5).symmetric_eigen();
-    let values = eigen.eigenvalues.map(|v| v.max(LEAST_SCATTER));
-    eigen.eigenvectors * Matrix5::from_diagonal(&values) * eigen.eigenvectors.transpose()
-}
-
-fn inverse(m: &Matrix5) -> Matrix5 {
-    floored(m).try_inverse().unwrap_or_else(Matrix5::zeros)
-}
-
-fn scaled(m: &Matrix5, scale: &Vector5) -> Matrix5 {
-    Matrix5::from_fn(|i, j| m[(i, j)] / (scale[i] * scale[j]))
-}
-
-/// The best single ring of one signal: a grid over frequency and damping, amplitudes (and an offset,
-/// which is then left out) in closed form.
-fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
-    let n = y.len();
-    let mut best: Option<(f64, Theta)> = None;
-    let most = std::f64::consts::PI * n as f64 * 0.9;
-    let yv = DVector::from_column_slice(y);
-    let mean = yv.mean();
-    let total = yv.map(|v| v - mean).norm_squared();
-    if !(total > 0.0 && total.is_finite()) {
-        return None;
-    }
-    // the frequencies with most power, and their neighbours
-    let mut powers: Vec<(f64, f64)> = Vec::new();
-    let mut omega: f64 = 2.0;
-    while omega < most {
-        let (sin, cos) = (omega / n as f64).sin_cos();
-        let (mut c, mut s, mut re, mut im) = (1.0, 0.0, 0.0, 0.0);
-        for v in y {
-            re += (v - mean) * c;
-            im += (v - mean) * s;
-            (c, s) = (c * cos - s * sin, s * cos + c * sin);
+    /// From far off, where a plain Gauss-Newton step overshoots, and whatever the number of steps.
+    #[test]
+    fn no_step_is_kept_that_makes_a_signal_less_probable() {
+        let data = draw(&Run { channels: 6, bursts: 4, ..Run::default() }, 31);
+        let beside = Covariates::of(&data);
+        let mut fitted = Model::start(&data, &beside, true).unwrap();
+        fitted.fit(&data, &beside, 1);
+        let scale = fitted.scale();
+        let precision = inverse(&scaled(&fitted.within, &scale));
+        let descent =
+            Descent { data: &data, beside: &beside, scale, precision, most: [0.2, 0.02], steps: 0 };
+        let costs = |model: &Model| -> Vec<f64> {
+            let mut linear = Linear::default();
+            let cost = |i: usize| {
+                let off = model.each[i].fixed_rows::<FREE>(0).component_div(&scale);
+                let square = model.normal(&[i], &descent, &mut linear).square;
+                square / model.noise_var + off.dot(&(precision * off))
+            };
+            (0..data.len()).map(cost).collect()
+        };
+        let best = costs(&fitted);
+        for (i, each) in fitted.each.iter_mut().enumerate() {
+            let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
+            each[0] += sign;
+            each[1] += 0.06 * sign;
         }
-        powers.push((re * re + im * im, omega));
-        omega += 0.9;
-    }
-    powers.sort_by(|p, q| q.0.total_cmp(&p.0));
-    for &(_, omega) in powers.iter().take(12) {
-        for ln_sigma in [-4.0_f64, -2.5, -1.5, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.2] {
-            let sigma = ln_sigma.exp();
-            let columns = DMatrix::from_fn(n, 4, |k, j| {
-                let t = k as f64 / n as f64;
-                match j {
-                    0 => (-sigma * t).exp() * (omega * t).cos(),
-                    1 => (-sigma * t).exp() * (omega * t).sin(),
-                    2 => 1.0,
-                    _ if real => (-LAMBDA_OVER_SIGMA * sigma * t).exp(),
-                    _ => 0.0,
-                }
-            });
-            let gram = columns.tr_mul(&columns) + DMatrix::identity(4, 4) * 1e-6;
-            let Some(x) = gram.cholesky().map(|c| c.solve(&columns.tr_mul(&yv))) else { continue };
-            let left = (&yv - &columns * &x).norm_squared();
-            if best.as_ref().is_none_or(|(cost, _)| left < *cost) && x[0].hypot(x[1]) > 0.0 {
-                let lambda = (LAMBDA_OVER_SIGMA * sigma).ln();
-                best = Some((left, Theta::from([ln_sigma, omega.ln(), x[0], x[1], x[3], lambda])));
-            }
+        let mut last = costs(&fitted);
+        for steps in [1, 2, 3, 40] {
+            let mut model = fitted.clone();
+            model.fit_each(&data, &beside, steps);
+            let now = costs(&model);
+            assert!(now.iter().zip(&last).all(|(now, last)| now <= last), "{steps} steps");
+            last = now;
         }
-    }
-    let (cost, mut theta) = best?;
-    refine(&mut theta, y, real);
-    (cost < 0.9 * total && theta.iter().all(|v| v.is_finite())).then_some(theta)
-}
-
-/// Levenberg-Marquardt of one ring (and an offset) on one signal; lambda stays at its ratio.
-fn refine(theta: &mut Theta, y: &[f64], real: bool) {
-    let n = y.len();
-    let mut damping = 1e-3;
-    let mut tangent = Tangent::default();
-    let mut offset = 0.0;
-    let residual = |theta: &Theta, offset: f64, tangent: &mut Tangent| {
-        tangent.at(theta, theta[4], real, n);
-        DVector::from_fn(n, |k, _| y[k] - tangent.y[k] - offset)
-    };
-    let mut r = residual(theta, offset, &mut tangent);
-    for _ in 0..60 {
-        let jacobian =
-            DMatrix::from_fn(n, 6, |k, j| if j < FREE { tangent.columns[j][k] } else { 1.0 });
-        let mut gram = jacobian.tr_mul(&jacobian);
-        for j in 0..6 {
-            gram[(j, j)] += damping * gram[(j, j)] + 1e-12;
-        }
-        let Some(step) = gram.cholesky().map(|c| c.solve(&jacobian.tr_mul(&r))) else { break };
-        let mut trial = *theta;
-        for j in 0..FREE {
-            let most = if j < 2 { 0.3 } else { f64::INFINITY };
-            trial[j] += step[j].clamp(-most, most);
-        }
-        trial[ALL - 1] = trial[0] + LAMBDA_OVER_SIGMA.ln();
-        let next = residual(&trial, offset + step[5], &mut tangent);
-        if next.norm_squared() < r.norm_squared() {
-            let gain = 1.0 - next.norm_squared() / r.norm_squared();
-            (*theta, offset, r) = (trial, offset + step[5], next);
-            damping = (damping * 0.3).max(1e-12);
-            if gain < 1e-12 {
-                break;
-            }
-        } else {
-            damping *= 10.0;
-            if damping > 1e12 {
-                break;
-            }
-            tangent.at(theta, theta[4], real, n);
-        }
+        // and it gets where it was
+        assert!(
+            last.iter().zip(&best).all(|(last, best)| last < &(best + 1e-3)),
+            "{last:?} {best:?}"
+        );
     }
 }

@@ -46,7 +46,26 @@ fn trend(data: &Observations, beside: &Covariates, features: &[[f64; 3]], j: usi
     if slopes.len() < FEWEST_SLOPES { 0.0 } else { median(&mut slopes) }
 }
 
-/// For each row whether it is an outlier.
+/// A channel that rings unlike the others in so many signals, and in such a share of its own, is faulty at times:
+/// what is left of it may be a fault that begins or ends.
+const FAULTY_SIGNALS: usize = 2;
+const FAULTY_SHARE: f64 = 0.05;
+
+fn with_whole_channels(data: &Observations, outlier: Vec<bool>) -> Vec<bool> {
+    let mut counts = vec![(0_usize, 0_usize); data.units];
+    for (row, outlier) in data.rows.iter().zip(&outlier) {
+        counts[row.unit].0 += usize::from(*outlier);
+        counts[row.unit].1 += 1;
+    }
+    let faulty = |unit: usize| {
+        let (odd, all) = counts[unit];
+        odd >= FAULTY_SIGNALS && odd as f64 > FAULTY_SHARE * all as f64
+    };
+    let of_channel = data.rows.iter().map(|row| faulty(row.unit));
+    outlier.into_iter().zip(of_channel).map(|(own, of_channel)| own || of_channel).collect()
+}
+
+/// For each row whether it is an outlier, or of a channel that at times is.
 pub fn outliers(data: &Observations, beside: &Covariates, model: &Model) -> Vec<bool> {
     let mut alone = data.clone();
     for (i, row) in alone.rows.iter_mut().enumerate() {
@@ -80,7 +99,7 @@ pub fn outliers(data: &Observations, beside: &Covariates, model: &Model) -> Vec<
         let mut off: Vec<f64> = values.iter().map(|v| (v - centre).abs()).collect();
         *spread = (centre, (1.4826 * median(&mut off)).max(LEAST[j]));
     }
-    features
+    let alone = features
         .drain(..)
         .zip(left)
         .map(|(f, left)| {
@@ -91,7 +110,8 @@ pub fn outliers(data: &Observations, beside: &Covariates, model: &Model) -> Vec<
                     off > FAR || off.is_nan()
                 })
         })
-        .collect()
+        .collect();
+    with_whole_channels(data, alone)
 }
 
 #[cfg(test)]
@@ -109,6 +129,22 @@ mod tests {
             channels[row.beside.channel as usize] &= out;
         }
         channels
+    }
+
+    #[test]
+    fn a_channel_that_is_faulty_at_times_is_left_out_altogether() {
+        let data = draw(&Run { channels: 8, bursts: 10, ..Run::default() }, 12);
+        let odd = |i: usize| {
+            let row = &data.rows[i];
+            let channel = row.beside.channel;
+            channel == 3 && row.beside.t_acq_ns % 3 == 0
+                || channel == 5 && row.beside.t_acq_ns == 50_000_000
+        };
+        let odd: Vec<bool> = (0..data.len()).map(odd).collect();
+        let all = with_whole_channels(&data, odd.clone());
+        for ((row, odd), out) in data.rows.iter().zip(odd).zip(all) {
+            assert_eq!(out, odd || row.beside.channel == 3, "channel {}", row.beside.channel);
+        }
     }
 
     #[test]

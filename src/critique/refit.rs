@@ -5,6 +5,7 @@
 
 use super::candidates::{Applied, Bench, Kind, Scored, View};
 use super::catalogue::by_amplitude;
+use super::clusters::Clusters;
 use super::covariates::{Covariates, DRIVE, square_of};
 use super::model::Model;
 use super::observations::Observations;
@@ -144,7 +145,8 @@ impl<'a> Setting<'a> {
         let length = (self.data.dt_s * self.data.samples as f64, self.data.integer);
         let shapes = View { space: &spaces.shapes, nuisance: &nuisances.shapes };
         let covariates = View { space: &spaces.covariates, nuisance: &nuisances.covariates };
-        Bench::new(model, self.beside, shapes, covariates, length, self.avoid)
+        let clusters = Clusters { model, data: self.data, beside: self.beside };
+        Bench::new(clusters, shapes, covariates, length, self.avoid)
     }
 }
 
@@ -282,4 +284,34 @@ fn stepped(
         apply(&mut model, new, &new.coefficients);
     }
     (model, next)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::generator::{Run, draw};
+    use super::*;
+
+    /// Strong misfits bend the baseline, too: wherever it goes, signals must not become less likely.
+    #[test]
+    fn a_refit_never_ends_with_signals_less_likely_than_at_its_start() {
+        for (effect, size) in [("none", 0.0), ("cubic_stiffness", 0.1), ("quadratic_drag", 0.5)] {
+            let data = draw(&Run { channels: 12, bursts: 8, effect, size, ..Run::default() }, 32);
+            let beside = Covariates::of(&data);
+            let mut model = Model::start(&data, &beside, true).unwrap();
+            model.fit(&data, &beside, 2);
+            let setting = Setting { data: &data, beside: &beside, avoid: &[] };
+            for scatter in [false, true] {
+                let mut start = model.clone();
+                match scatter {
+                    true => start.fit(&data, &beside, 1),
+                    false => start.settle(&data, &beside),
+                }
+                let first = Spaces::of(&start, setting).shapes.deviance;
+                let last = refit(model.clone(), Vec::new(), setting, 3, scatter);
+                assert!(last.model.mean.iter().all(|v| v.is_finite()));
+                let last = last.spaces.shapes.deviance;
+                assert!(last < first + MOST_ROUNDS as f64 * SETTLED, "{effect}: {first} -> {last}");
+            }
+        }
+    }
 }

@@ -434,6 +434,29 @@ impl Nuisance {
         })
     }
 
+    /// Directions together, each by so much, less what the nuisance makes of them.
+    pub fn efficient(
+        &self,
+        space: &Space,
+        directions: &[Direction],
+        coefficients: &[f64],
+    ) -> Direction {
+        let mut blocks = Vec::new();
+        let mut add = |direction: &Direction, by: f64| {
+            let scaled = direction.0.iter();
+            blocks.extend(scaled.map(|(at, v)| (*at, v.iter().map(|v| by * v).collect())));
+        };
+        directions.iter().zip(coefficients).for_each(|(direction, by)| add(direction, *by));
+        let mut cross = DVector::zeros(self.directions.len());
+        for (direction, by) in directions.iter().zip(coefficients) {
+            let k_times = space.times(direction) * *by;
+            cross += DVector::from_fn(cross.len(), |i, _| self.directions[i].dot(&k_times));
+        }
+        let weight = &self.inverse * cross;
+        self.directions.iter().zip(weight.iter()).for_each(|(own, by)| add(own, -by));
+        Direction(blocks)
+    }
+
     /// Score of every channel along one direction, nuisance projected out.
     pub fn by_unit(&self, space: &Space, direction: &Direction) -> Vec<f64> {
         let k_times = space.times(direction);
@@ -468,4 +491,33 @@ fn pseudo_inverse(m: &DMatrix<f64>) -> DMatrix<f64> {
     let inverse =
         &eigen.eigenvectors * DMatrix::from_diagonal(&values) * eigen.eigenvectors.transpose();
     DMatrix::from_fn(n, n, |i, j| inverse[(i, j)] / (scale[i] * scale[j]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::generator::{Run, draw};
+    use super::*;
+
+    #[test]
+    fn two_halves_of_the_channels_say_what_all_say() {
+        let data = draw(&Run { channels: 7, bursts: 3, ..Run::default() }, 33);
+        let beside = Covariates::of(&data);
+        let mut model = Model::start(&data, &beside, true).unwrap();
+        model.fit(&data, &beside, 1);
+        for channels in [Channels::Free, Channels::Scattered] {
+            let space = Space::of(&model, &data, &beside, channels);
+            let whole = Part::of(&model, &data, &beside, channels, 0..data.len());
+            let near = |a: f64, b: f64, scale: f64| (a - b).abs() <= 1e-9 * scale.max(1.0);
+            let scale = whole.g.amax();
+            assert!(space.g.iter().zip(&whole.g).all(|(a, b)| near(*a, *b, scale)));
+            assert_eq!(space.by_unit.len(), whole.by_unit.len());
+            let low = PATTERNS * data.samples;
+            let scale = whole.k.amax();
+            for row in low..space.k.nrows() {
+                for column in 0..low {
+                    assert!(near(space.k[(row, column)], whole.k[(row, column)], scale));
+                }
+            }
+        }
+    }
 }

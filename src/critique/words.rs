@@ -80,7 +80,9 @@ pub fn equation(causes: &[Cause]) -> String {
             "fractional_damping" => "; (1 - eta) R_n q_n + eta R_n omega^{-1/2} D^{1/2} q_n",
             "tone" => "+ p cos 2 pi f t + q sin 2 pi f t",
             "random_tone" => "+ p cos(2 pi f t + phase of the burst)",
-            "trigger_jitter" => "; x_a becomes e^{A delta} x_a, delta random per burst",
+            "trigger_jitter" => {
+                "; x_a becomes e^{A delta} x_a, delta one for all channels of a burst"
+            }
             "clipping" => "; y becomes min(y, L)",
             "coarse_lsb" => "; y becomes q round(y/q)",
             "previous_tail" => "+ g s f(t + idle time)",

@@ -4,7 +4,7 @@
 //! In: a [`Bench`]. Out: [`Scored`].
 
 use super::chance::{MARGIN, surprise};
-use super::{Applied, Bench, CLOCK, DAMPING, FREQUENCY, Kind, Scored};
+use super::{Applied, Bench, CLOCK, DAMPING, FREQUENCY, Kind, Scored, WORTH_A_LOOK};
 use crate::critique::covariates::{COVARIATES, POSITION};
 use crate::critique::space::Direction;
 use crate::model::free_decay::ALL;
@@ -212,15 +212,28 @@ impl Bench<'_> {
         let each: Vec<Direction> = (0..ALL - 1).map(alone).collect();
         // alone, and with the others free: what moves two together is in their common scatter
         let together = self.covariates.test(&each);
-        let look = |(j, direction): (usize, Direction)| {
+        let look = |(j, direction): (usize, &Direction)| {
             let beside = together.as_ref().map_or(0.0, |t| {
                 t.coefficients[j].powi(2) / t.covariance[(j, j)].max(f64::MIN_POSITIVE)
             });
-            let tested = self.covariates.test(&[direction])?;
+            let tested = self.covariates.test(std::slice::from_ref(direction))?;
             let statistic = self.against_rest(which, tested.statistic.max(beside));
-            Some((j, statistic, surprise(statistic, 1, 1.0, dof)))
+            let plain = surprise(statistic, 1, 1.0, dof);
+            if plain < WORTH_A_LOOK {
+                return Some((j, statistic, plain));
+            }
+            let spread = match &together {
+                // of one with the others free: the combination of all that its coefficient is
+                Some(t) if beside > tested.statistic => {
+                    let combined = t.covariance.column(j).into_owned();
+                    self.spread(&each, combined.as_slice())
+                }
+                _ => self.spread(std::slice::from_ref(direction), &[1.0]),
+            };
+            let statistic = statistic / spread.excess;
+            Some((j, statistic, surprise(statistic, 1, 1.0, dof.min(spread.dof))))
         };
-        each.into_iter().enumerate().filter_map(look).collect()
+        each.iter().enumerate().filter_map(look).collect()
     }
 }
 

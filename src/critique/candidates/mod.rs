@@ -14,6 +14,7 @@ pub use chance::{MARGIN, ln_normal_tail, surprise};
 pub use lines::{LEAST_PERIODS, OWN_LINE};
 
 use super::catalogue::{CATALOGUE, Needs, lacking};
+use super::clusters::{Clusters, Spread};
 use super::covariates::{Covariates, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
 use super::model::{Model, RATIO_OF_RATES};
 use super::space::{Direction, Nuisance, Space, Tested};
@@ -21,6 +22,9 @@ use crate::model::free_decay::ALL;
 use crate::model::terms::{Interior, Seen, Term};
 use follows::relative;
 use std::f64::consts::TAU;
+
+/// What is less surprising than this is nothing anyway, whatever bursts have in common.
+const WORTH_A_LOOK: f64 = 4.0;
 
 /// d theta per relative change of damping (the real pole with it), of frequency, and of all rates, where
 /// the interior is not known.
@@ -85,6 +89,8 @@ impl View<'_> {
 pub struct Bench<'a> {
     pub model: &'a Model,
     pub beside: &'a Covariates,
+    /// The signals, burst by burst.
+    pub clusters: Clusters<'a>,
     /// Channels free: shapes.
     pub shapes: View<'a>,
     /// Channels scattered: covariates.
@@ -105,13 +111,13 @@ pub struct Bench<'a> {
 
 impl<'a> Bench<'a> {
     pub fn new(
-        model: &'a Model,
-        beside: &'a Covariates,
+        clusters: Clusters<'a>,
         shapes: View<'a>,
         covariates: View<'a>,
         (length_s, integer): (f64, bool),
         avoid: &'a [f64],
     ) -> Bench<'a> {
+        let Clusters { model, beside, .. } = clusters;
         let t = &model.mean;
         let seen = Seen {
             sigma: t[0].exp(),
@@ -131,6 +137,7 @@ impl<'a> Bench<'a> {
         Bench {
             model,
             beside,
+            clusters,
             shapes,
             covariates,
             samples: shapes.space.samples,
@@ -165,8 +172,35 @@ impl<'a> Bench<'a> {
         all
     }
 
-    /// `near`: where its shape was before; without, all shapes are tried.
+    /// `near`: where its shape was before; without, all shapes are tried. What follows a covariate is judged by the
+    /// spread over bursts, where these have more in common than their signals let expect; what they have in common
+    /// are parameters, and shapes are judged beside these.
     pub fn score_one(&self, id: &'static str, near: Option<&Applied>) -> Option<Scored> {
+        let mut scored = self.as_if_independent(id, near)?;
+        if scored.surprise < WORTH_A_LOOK {
+            return Some(scored);
+        }
+        let Applied { kind, directions, coefficients, .. } = &scored.applied;
+        let spread = match kind {
+            Kind::Shapes => Spread::NONE,
+            Kind::Covariate { .. } | Kind::Tail => self.spread(directions, coefficients),
+        };
+        if spread.excess > 1.0 {
+            scored.statistic /= spread.excess;
+            scored.sd *= spread.excess.sqrt();
+            let Scored { statistic, degrees, tried, .. } = scored;
+            scored.surprise = surprise(statistic, degrees, tried, spread.dof).min(scored.surprise);
+        }
+        Some(scored)
+    }
+
+    /// How bursts spread along directions together, each by so much, beside what is allowed for.
+    fn spread(&self, directions: &[Direction], coefficients: &[f64]) -> Spread {
+        let view = self.covariates;
+        self.clusters.spread(&view.nuisance.efficient(view.space, directions, coefficients))
+    }
+
+    fn as_if_independent(&self, id: &'static str, near: Option<&Applied>) -> Option<Scored> {
         let n = self.samples;
         match id {
             "offset" => self.fixed(id, Direction::shape(0, vec![1.0; n]), 1.0),

@@ -17,7 +17,7 @@ mod words;
 
 use super::catalogue::{CATALOGUE, experiment};
 use super::digits;
-use super::engine::{CritiqueError, Outcome};
+use super::engine::{CritiqueError, NotExtended, Outcome};
 use super::finding::{Cause, Critique, NotTestable, Signals, VERSION, Verdict};
 use super::observations::Observations;
 use super::selection::DETECTION_LIMIT;
@@ -151,7 +151,11 @@ pub fn critique(
         figures: gain::draw(&decays, &selected),
         evidence: selected.evidence,
     };
-    Ok(Outcome { critique, outlier: vec![false; data.len()], extended: None })
+    Ok(Outcome {
+        critique,
+        outlier: vec![false; data.len()],
+        extended: Err(NotExtended::NoInkChannel),
+    })
 }
 
 fn verdict(causes: &mut Vec<Cause>, selected: &Selected, left: &Left) -> Verdict {
@@ -198,7 +202,8 @@ fn nearest(selected: &Selected) -> Option<Cause> {
 fn not_testable() -> Vec<NotTestable> {
     let needs = |id: &str| match id {
         "droop" | "meniscus" | "lowpass" | "fractional_damping" => "the ink channel's equations",
-        "random_tone" | "trigger_jitter" | "heteroscedastic_noise" => "many bursts",
+        "random_tone" | "heteroscedastic_noise" => "many bursts",
+        "trigger_jitter" => "many bursts of several channels each",
         "temperature" => "temperature_c, recorded in many bursts",
         "previous_tail" => "idle_time_s, recorded in many bursts",
         "crosstalk" => "neighbours_fired, recorded in many bursts",

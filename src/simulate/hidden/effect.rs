@@ -21,7 +21,7 @@ pub struct Conditions {
     /// NaN: nothing was actuated before.
     pub idle_s: f64,
     pub neighbours: u8,
-    /// Normal: the trigger's jitter.
+    /// Normal, one for all channels of a burst: the trigger's jitter.
     pub trigger: f64,
     /// Uniform, one for all channels of a burst, rad.
     pub phase_rad: f64,

@@ -262,7 +262,7 @@ impl Acquisitions {
         let last_channel = (run.channels - 1).max(1) as f64;
         let shot_rng = &mut self.shots[head];
         let shot_sd = self.base.shot_sd();
-        (0..run.channels)
+        let mut all: Vec<Conditions> = (0..run.channels)
             .map(|channel| {
                 let idle = &self.base.hidden.idle_times_us;
                 // one more place: nothing was actuated before
@@ -280,7 +280,11 @@ impl Acquisitions {
                     shot: shot_sd.map(|sd| sd * shot_rng.sample::<f64, _>(StandardNormal)),
                 }
             })
-            .collect()
+            .collect();
+        // channels share the trigger; each has drawn, so that what else a seed draws is as it was
+        let trigger = all.first().map_or(0.0, |c| c.trigger);
+        all.iter_mut().for_each(|c| c.trigger = trigger);
+        all
     }
 
     /// Adds noise, and turns samples into codes.

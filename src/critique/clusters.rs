@@ -1,0 +1,168 @@
+//! Whether what is found is told by all signals, or by what few bursts have in common.
+//!
+//! In: a direction in the space of linear extensions. Out: [`Spread`], by how much bursts differ along it more than
+//! signals that have nothing in common would. How healthy bursts differ is not known (a drive that varies, a pulse
+//! that does not repeat), so what follows a burst's covariate is judged by the spread over bursts where that is
+//! larger than the signals' own lets expect.
+
+use super::covariates::{COVARIATES, Covariates};
+use super::model::{Linear, Matrix5, Model, PATTERNS, dot, free_products};
+use super::observations::Observations;
+use super::space::Direction;
+use crate::model::free_decay::ALL;
+
+/// Signals that are looked at, at most.
+const MOST: usize = 4096;
+/// Coefficients that bursts are judged about: the mean, and the direction's own.
+const FITTED: f64 = 2.0;
+/// Bursts spread more than their signals where chance makes them spread so in one of twenty recordings, sd.
+const MORE_THAN_CHANCE: f64 = 1.645;
+
+/// Signals about a model.
+#[derive(Clone, Copy)]
+pub struct Clusters<'a> {
+    pub model: &'a Model,
+    pub data: &'a Observations,
+    pub beside: &'a Covariates,
+}
+
+/// How bursts spread along a direction.
+#[derive(Clone, Copy, Debug)]
+pub struct Spread {
+    /// Variance over what independent signals have; 1 where it is no more.
+    pub excess: f64,
+    /// Degrees of freedom that it was estimated with.
+    pub dof: f64,
+}
+
+impl Spread {
+    pub const NONE: Spread = Spread { excess: 1.0, dof: f64::INFINITY };
+}
+
+/// A direction, unpacked.
+struct Change {
+    shapes: [Vec<f64>; PATTERNS],
+    beta: [[f64; ALL]; COVARIATES],
+    tail: f64,
+}
+
+impl Change {
+    fn of(direction: &Direction, n: usize) -> Change {
+        let mut change = Change {
+            shapes: std::array::from_fn(|_| vec![0.0; n]),
+            beta: [[0.0; ALL]; COVARIATES],
+            tail: 0.0,
+        };
+        let places = direction.0.iter().flat_map(|(at, v)| (*at..).zip(v));
+        for (at, v) in places {
+            match at.checked_sub(PATTERNS * n) {
+                None => change.shapes[at / n][at % n] += v,
+                Some(at) if at < COVARIATES * ALL => change.beta[at / ALL][at % ALL] += v,
+                Some(_) => change.tail += v,
+            }
+        }
+        change
+    }
+
+    /// What it adds to a signal.
+    fn seen(&self, linear: &Linear, drive: f64, z: &[f64; COVARIATES]) -> Vec<f64> {
+        let powers = [1.0, drive, drive * drive, drive * drive * drive];
+        let by: [f64; ALL] =
+            std::array::from_fn(|j| z.iter().zip(&self.beta).map(|(z, beta)| z * beta[j]).sum());
+        (0..linear.residual.len())
+            .map(|k| {
+                let shape: f64 = (0..PATTERNS).map(|p| powers[p] * self.shapes[p][k]).sum();
+                let moved: f64 = (0..ALL).map(|j| by[j] * linear.tangent.columns[j][k]).sum();
+                shape + moved + self.tail * linear.tail[k]
+            })
+            .collect()
+    }
+}
+
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    score: f64,
+    information: f64,
+}
+
+impl Clusters<'_> {
+    pub fn spread(&self, direction: &Direction) -> Spread {
+        let stride = self.data.len().div_ceil(MOST);
+        let change = Change::of(direction, self.data.samples);
+        let scale = self.model.scale();
+        let mut sums = vec![Sum::default(); self.data.bursts];
+        let mut linear = Linear::default();
+        for (i, row) in self.data.rows.iter().enumerate() {
+            if !row.burst.is_multiple_of(stride) {
+                continue;
+            }
+            self.model.linearise(i, self.data, self.beside, &mut linear);
+            let u = change.seen(&linear, self.beside.drive[i], &self.beside.z[i]);
+            let (gram, of_residual) = free_products(&linear, &scale);
+            let own = self.model.each[i].fixed_rows::<{ crate::model::free_decay::FREE }>(0);
+            let v = self.model.noise_var;
+            let of_u = scale.map_with_location(|j, _, s| s * dot(&linear.tangent.columns[j], &u));
+            // V^-1 = 1/v - J M J^T/v², about the channel and not about the signal's own parameters
+            let within = super::scatter::scaled(&self.model.within, &scale);
+            let inner = Matrix5::identity() + gram * within / v;
+            let m = within * inner.try_inverse().unwrap_or_else(Matrix5::zeros);
+            let off = own.component_div(&scale);
+            let of_r = of_residual + gram * off;
+            let sum = &mut sums[row.burst];
+            sum.score +=
+                (dot(&u, &linear.residual) + of_u.dot(&off)) / v - of_u.dot(&(m * of_r)) / (v * v);
+            sum.information += dot(&u, &u) / v - of_u.dot(&(m * of_u)) / (v * v);
+        }
+        sums.retain(|sum| sum.information > 0.0);
+        spread(&sums)
+    }
+}
+
+fn spread(sums: &[Sum]) -> Spread {
+    let dof = sums.len() as f64 - FITTED;
+    let information: f64 = sums.iter().map(|s| s.information).sum();
+    if dof < 1.0 || information <= 0.0 {
+        return Spread::NONE;
+    }
+    let size = sums.iter().map(|s| s.score).sum::<f64>() / information;
+    let squares: f64 = sums.iter().map(|s| (s.score - size * s.information).powi(2)).sum();
+    let excess = squares / information * (dof + FITTED) / dof;
+    match excess > 1.0 + MORE_THAN_CHANCE * (2.0 / dof).sqrt() {
+        true => Spread { excess, dof },
+        false => Spread::NONE,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::covariates::TEMPERATURE;
+    use super::super::generator::{Run, draw};
+    use super::*;
+
+    /// 16 channels in 12 bursts that differ by a share of their amplitude, and have a temperature each.
+    fn along_temperature(common: f64) -> Spread {
+        const BURSTS: usize = 12;
+        let mut data = draw(&Run { channels: 16, bursts: BURSTS, ..Run::default() }, 41);
+        for (i, row) in data.rows.iter_mut().enumerate() {
+            row.burst = i % BURSTS; // rows are sorted by channel and time
+            row.beside.temperature_c = 20.0 + (row.burst * 7 % 11) as f64;
+            // what the drive is known for is not what it was
+            row.beside.drive_v *= 1.0 + if row.burst * 5 % 7 < 3 { common } else { -common };
+        }
+        data.bursts = BURSTS;
+        let beside = Covariates::of(&data);
+        let mut model = Model::start(&data, &beside, true).unwrap();
+        model.fit(&data, &beside, 2);
+        let mut v = [0.0; ALL];
+        (v[2], v[3]) = (model.mean[2], model.mean[3]);
+        let direction = Direction::covariate(data.samples, TEMPERATURE, v);
+        Clusters { model: &model, data: &data, beside: &beside }.spread(&direction)
+    }
+
+    #[test]
+    fn bursts_that_have_something_in_common_spread_more_than_their_signals() {
+        assert_eq!(along_temperature(0.0).excess, 1.0);
+        let common = along_temperature(0.02);
+        assert!(common.excess > 3.0 && common.dof == 10.0, "{common:?}");
+    }
+}

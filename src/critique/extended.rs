@@ -1,0 +1,109 @@
+//! The model with its causes, where it may become a design.
+//!
+//! In: what was selected, and what it buys on signals that nothing was fitted to. Out: [`Extended`], or why there
+//! is none ([`NotExtended`]): a design must not learn from a mixture of healthy and faulty signals, nor detect
+//! worse than the one without it.
+
+use super::candidates::{Applied, Kind};
+use super::covariates::Covariates;
+use super::finding::{Detection, Gain};
+use super::model::Model;
+use super::refit::{Setting, apply, refit};
+use thiserror::Error;
+
+/// Of an unlabelled recording, the share of signals that may ring unlike the others: where more do, what faulty
+/// channels leave among the rest is not known to be little.
+const MOST_LEFT_OUT: f64 = 0.1;
+
+/// The model with its causes, and the covariates that it follows, of the rows that were kept.
+pub struct Extended {
+    /// Identifiers of what is in it.
+    pub causes: Vec<&'static str>,
+    pub model: Model,
+    pub beside: Covariates,
+}
+
+/// Why a model makes no design.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+pub enum NotExtended {
+    #[error("the model is none of an ink channel")]
+    NoInkChannel,
+    #[error("signals whose noise is correlated could not be fitted as they came")]
+    Unfit,
+    #[error(
+        "{left_out} of {all} signals belong to channels that ring unlike the others: of a mixture of healthy and \
+         faulty channels thresholds are learned that hide faults; say which are healthy (--labels)"
+    )]
+    Mixture { left_out: usize, all: usize },
+    #[error(
+        "on signals that nothing was fitted to it detects worse than the plain one (AUC {after:.3}, {before:.3} \
+         without it)"
+    )]
+    DetectsWorse { before: f64, after: f64 },
+}
+
+/// How many signals were left out, of how many.
+#[derive(Clone, Copy, Debug)]
+pub struct LeftOut {
+    pub signals: usize,
+    pub all: usize,
+}
+
+impl LeftOut {
+    pub fn is_mixture(self) -> bool {
+        self.signals as f64 > MOST_LEFT_OUT * self.all as f64
+    }
+}
+
+/// Whether anything speaks against a design of this model.
+pub fn check(left_out: LeftOut, gain: &Gain) -> Result<(), NotExtended> {
+    if left_out.is_mixture() {
+        return Err(NotExtended::Mixture { left_out: left_out.signals, all: left_out.all });
+    }
+    match gain.detection() {
+        Detection::Worse => Err(NotExtended::DetectsWorse {
+            before: gain.before.detection_auc,
+            after: gain.after.detection_auc,
+        }),
+        Detection::Better | Detection::Same | Detection::NotMeasured => Ok(()),
+    }
+}
+
+/// The model of signals that were not made white, with the causes that stay there what they are: those that
+/// move the free decay, or add to it a later part of itself.
+pub fn in_colour(
+    mut causes: Vec<Applied>,
+    setting: Setting,
+) -> Result<(Model, Vec<Applied>), NotExtended> {
+    let start = Model::start(setting.data, setting.beside, true);
+    let mut model = start.map_err(|_| NotExtended::Unfit)?;
+    model.fit(setting.data, setting.beside, 2);
+    causes.retain(|cause| !matches!(cause.kind, Kind::Shapes));
+    causes.iter().for_each(|cause| apply(&mut model, cause, &cause.coefficients));
+    let refit = refit(model, causes, setting, 2, true);
+    Ok((refit.model, refit.causes))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn gain(by: f64) -> Gain {
+        Gain {
+            detection_gain: by,
+            detection_gain_interval: Some([by - 0.01, by + 0.01]),
+            ..Gain::default()
+        }
+    }
+
+    #[test]
+    fn a_mixture_makes_no_design_nor_does_what_detects_worse() {
+        let few = LeftOut { signals: 40, all: 1000 };
+        assert_eq!(check(few, &gain(0.1)), Ok(()));
+        assert_eq!(check(few, &gain(0.0)), Ok(()));
+        assert!(matches!(check(few, &gain(-0.1)), Err(NotExtended::DetectsWorse { .. })));
+        let mixture = LeftOut { signals: 397, all: 1140 };
+        let refused = Err(NotExtended::Mixture { left_out: 397, all: 1140 });
+        assert_eq!(check(mixture, &gain(0.1)), refused);
+    }
+}

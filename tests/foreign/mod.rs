@@ -1,0 +1,228 @@
+//! The critique on recordings of another generator: families of healthy behaviour that break what it could assume,
+//! alone and with one effect in them. Nothing here knows the library's constants, nor they this.
+//!
+//! The table, on seeds of one's own (first seed, recordings; a part of the set: `null`, `effects`, `outside`):
+//! `INKLING_FOREIGN="500000 340 null" cargo test --release -- --ignored --nocapture foreign_table`
+
+mod effect;
+mod healthy;
+mod plant;
+
+use effect::{Effect, Hidden, Place, Seen};
+use healthy::{FAMILIES, Family, Signal, normal};
+use inkling::burst::Beside;
+use inkling::critique::engine::{Rings, critique};
+use inkling::critique::finding::Critique;
+use inkling::critique::observations::{Observations, Sampler};
+use inkling::score::blind::{Blind, Kind, Outcome, Said, True};
+use plant::Plant;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// One recording.
+#[derive(Clone, Copy, Debug)]
+struct Case {
+    family: Family,
+    hidden: Hidden,
+    seed: u64,
+}
+
+const NOTHING: Hidden = Hidden { effect: Effect::Nothing, strength: 0.0 };
+
+impl Case {
+    fn recording(&self) -> Observations {
+        let Case { family, hidden, seed } = self;
+        let mut rng = ChaCha8Rng::seed_from_u64(*seed);
+        let layout = family.layout(seed / FAMILIES.len() as u64);
+        let channels: Vec<_> = (0..layout.channels).map(|_| family.channel(&mut rng)).collect();
+        let bursts = layout.signals.div_ceil(layout.a_burst);
+        let mut sampler = Sampler::new(layout.period_s, layout.samples, usize::MAX);
+        let warmth_phase = TAU * rng.random::<f64>();
+        for burst in 0..bursts {
+            let common = family.burst(&mut rng);
+            let drive_v =
+                layout.drives[0] + (layout.drives[1] - layout.drives[0]) * rng.random::<f64>();
+            let progress = burst as f64 / (bursts - 1) as f64;
+            let warmer_c = 2.2 * (9.0 * progress + warmth_phase).sin() + 0.5 * normal(&mut rng);
+            let (trigger, phase) = (normal(&mut rng), TAU * rng.random::<f64>());
+            for slot in 0..layout.a_burst {
+                let number = burst * layout.a_burst + slot;
+                let channel = number % layout.channels;
+                let at = Place {
+                    progress,
+                    position: channel as f64 / (layout.channels - 1) as f64 - 0.5,
+                    warmer_c,
+                    idle_s: rng.random_range(35e-6..110e-6),
+                    neighbours: f64::from(rng.random_range(0..4_u8)),
+                    trigger,
+                    phase,
+                    number,
+                };
+                let mut signal = Signal {
+                    channel: channels[channel],
+                    common,
+                    drive: drive_v / 20.0,
+                    gain: 1.0,
+                    stiff: 1.0,
+                    loss: 1.0,
+                    clock: 1.0,
+                    late_s: 0.0,
+                };
+                hidden.moves(&mut signal, &at, &layout);
+                let nominal = Plant { rates: signal.channel.rates, terms: plant::Terms::default() };
+                let terms = hidden.terms(nominal.sigma(), nominal.omega());
+                let (plant, x) = family.scattered(&signal, terms, &mut rng);
+                let mut y = plant.samples(x, layout.period_s, layout.samples);
+                let seen = Seen { period_s: layout.period_s, drive: signal.drive };
+                hidden.senses(&mut y, &plant, x, &at, &seen);
+                let [rho, growth] = hidden.noise();
+                let mut before = family.noise(&mut rng);
+                for y in &mut y {
+                    before = rho * before + (1.0 - rho * rho).sqrt() * family.noise(&mut rng);
+                    let grown = (1.0 + growth * (*y / 100.0).powi(2)).sqrt();
+                    *y = hidden.code(*y + layout.noise * grown * before);
+                }
+                let beside = Beside {
+                    channel: channel as u32,
+                    t_acq_ns: burst as i64 * 700_000_000,
+                    drive_v: if layout.drive_recorded { drive_v } else { f64::NAN },
+                    temperature_c: 28.0 + warmer_c,
+                    idle_s: at.idle_s,
+                    neighbours: at.neighbours,
+                };
+                sampler.offer("head", beside, &y);
+            }
+        }
+        sampler.finish()
+    }
+
+    fn truth(&self) -> True {
+        let Hidden { effect, strength } = self.hidden;
+        let one = serde_json::json!({
+            "id": effect.id(),
+            "in_catalogue": !effect::OUTSIDE.contains(&effect),
+            "value": 0.0, // intervals are not scored here
+            "strength_dl": strength,
+            "ties": effect.ties(),
+        });
+        let effects = if effect == Effect::Nothing { vec![] } else { vec![one] };
+        serde_json::from_value(serde_json::json!({ "effects": effects })).unwrap()
+    }
+}
+
+/// Every family in turns, nothing hidden.
+fn null(first_seed: u64, count: u64) -> Vec<Case> {
+    let family = |seed: u64| FAMILIES[(seed % FAMILIES.len() as u64) as usize];
+    (first_seed..first_seed + count)
+        .map(|seed| Case { family: family(seed), hidden: NOTHING, seed })
+        .collect()
+}
+
+/// One effect each, of so many detection limits in turns, in families that can show it.
+fn planted(effects: &[Effect], strengths: &[f64], first_seed: u64, count: u64) -> Vec<Case> {
+    const ABLE: [Family; 5] = [
+        Family::Proportional,
+        Family::Isotropic,
+        Family::Tied,
+        Family::Lasting,
+        Family::CommonAmplitude,
+    ];
+    (0..count)
+        .map(|i| {
+            let effect = effects[i as usize % effects.len()];
+            let round = i / effects.len() as u64;
+            let strength = strengths[round as usize % strengths.len()];
+            // every effect comes with every family and every size of burst
+            let seed = first_seed + i;
+            let family = ABLE[((round + i) % ABLE.len() as u64) as usize];
+            Case { family, hidden: Hidden { effect, strength }, seed }
+        })
+        .collect()
+}
+
+/// What became of recordings, by family and all in all.
+#[derive(Default)]
+struct Outcomes {
+    families: BTreeMap<String, Blind>,
+    all: Blind,
+}
+
+/// All cases on two threads; what was not right is printed.
+fn judged(cases: &[Case]) -> Outcomes {
+    let (next, outcomes) = (AtomicUsize::new(0), Mutex::new(Outcomes::default()));
+    let work = || {
+        while let Some(case) = cases.get(next.fetch_add(1, Ordering::Relaxed)) {
+            let data = case.recording();
+            let said = critique(&data, Rings::InkChannel, false, &mut |_| {}).unwrap().critique;
+            outcomes.lock().unwrap().add(case, &said);
+        }
+    };
+    std::thread::scope(|scope| {
+        scope.spawn(work);
+        work();
+    });
+    outcomes.into_inner().unwrap()
+}
+
+impl Outcomes {
+    fn add(&mut self, case: &Case, critique: &Critique) {
+        let said: Said = serde_json::from_value(serde_json::to_value(critique).unwrap()).unwrap();
+        let truth = case.truth();
+        let outcome = self.all.add(&said, &truth);
+        self.families.entry(format!("{:?}", case.family)).or_default().add(&said, &truth);
+        if !matches!(outcome, Outcome::Right | Outcome::HonestTie) {
+            let Case { family, hidden: Hidden { effect, strength }, seed } = case;
+            let causes = &critique.causes;
+            let named: Vec<_> =
+                causes.iter().map(|c| format!("{} ({:.1} DL)", c.id, c.strength_dl)).collect();
+            let (word, verdict, remarks) = (outcome.word(), &said.verdict, &critique.remarks);
+            println!(
+                "{word} {family:?} {effect:?} x{strength} seed {seed}: {verdict} {named:?} {remarks:?}"
+            );
+        }
+    }
+}
+
+/// The table of a set: first seed, recordings, part.
+pub fn table(set: &str) {
+    let mut words = set.split_whitespace();
+    let mut number = || words.next().and_then(|w| w.parse().ok()).expect("a first seed, a count");
+    let (first, count) = (number(), number());
+    let cases = match words.next() {
+        Some("effects") => planted(&effect::CATALOGUE, &[3.0, 6.0], first, count),
+        Some("outside") => planted(&effect::OUTSIDE, &[4.0, 8.0], first, count),
+        _ => null(first, count),
+    };
+    let Outcomes { families, all } = judged(&cases);
+    for (family, blind) in families.iter().filter(|_| all.row(Kind::Nothing, 0..=0).recordings > 0)
+    {
+        let row = blind.row(Kind::Nothing, 0..=u32::MAX);
+        println!("{family:<16} {} of {} right", row.count(Outcome::Right), row.recordings);
+    }
+    println!("{}", all.markdown());
+}
+
+#[test]
+#[ignore = "some minutes: prints the table of a set of one's own"]
+fn foreign_table() {
+    table(&std::env::var("INKLING_FOREIGN").unwrap_or_else(|_| "500000 68 null".into()));
+}
+
+/// Three recordings of each family, all sizes of bursts among them.
+#[test]
+fn nothing_is_named_in_healthy_runs_of_any_family() {
+    let row = judged(&null(400_000, 51)).all.row(Kind::Nothing, 0..=0);
+    assert!(row.count(Outcome::Right) >= 50, "{row:?}");
+}
+
+/// Each effect of the catalogue once, clearly there.
+#[test]
+fn what_is_clearly_there_is_named_whoever_put_it_in() {
+    let row = judged(&planted(&effect::CATALOGUE, &[6.0], 500_000, 21)).all.row(Kind::One, 0..=99);
+    assert!(row.share(&[Outcome::Right, Outcome::HonestTie]) >= 0.9, "{row:?}");
+    assert!(row.count(Outcome::Wrong) == 0, "{row:?}");
+}
