@@ -1,7 +1,7 @@
 //! The two detection statistics of one model: along its ring, and beside it.
 
-use super::{DesignError, HealthyModel};
 use super::own_channel::Own;
+use super::{DesignError, HealthyModel};
 use crate::detect::misfit::Misfit;
 use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK, Sensitivity};
 use crate::identify::grey_box::Identification;

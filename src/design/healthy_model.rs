@@ -151,13 +151,17 @@ impl HealthyModel {
         settings: LearnSettings,
     ) -> Result<(), DesignError> {
         let mut energies = Vec::with_capacity(healthy.len());
-        self.each_deviation(healthy, |deviation, _| energies.push(self.generator.energy(deviation)));
+        self.each_deviation(healthy, |deviation, _| {
+            energies.push(self.generator.energy(deviation))
+        });
         self.median_statistic = median(&mut energies.clone());
         // Nobody says that the window is free of slight faults, so its own tail cannot be trusted; its
         // median can. The anchor's tail is carried over, in units of the median.
         let trusted = anchor.filter(|_| settings.least_agreeing.is_some());
         self.threshold = match trusted {
-            Some(anchor) => anchor.threshold.scaled(self.median_statistic / anchor.median_statistic),
+            Some(anchor) => {
+                anchor.threshold.scaled(self.median_statistic / anchor.median_statistic)
+            }
             None => learn_threshold(&energies, &healthy.channel, settings.detect, 1.0)?,
         };
         Ok(())
@@ -203,7 +207,8 @@ impl HealthyModel {
         let sensitivity =
             if labelled { new.with_spread(&features) } else { new.with_core_spread(&features) };
         let mut detector = SensitivityDetector::new(self, sensitivity.clone(), None)?;
-        let (mut scratch, mut distances, mut squares) = (Scratch::default(), Vec::new(), Vec::new());
+        let (mut scratch, mut distances, mut squares) =
+            (Scratch::default(), Vec::new(), Vec::new());
         self.each_deviation(seen, |deviation, drive| {
             squares.push(detector.first_look(deviation, drive).detection().unexplained);
         });
@@ -244,8 +249,7 @@ impl HealthyModel {
         let squares: Vec<f64> = near.iter().map(|&i| squares[i]).collect();
         if let Some(scale) = Misfit::scale(&squares) {
             let distances: Vec<f64> = squares.iter().map(|q| Misfit::distance(*q, scale)).collect();
-            let threshold =
-                learn(&distances, &channels, Degrees::OneSided, misfit::SHARE_OF_RATE)?;
+            let threshold = learn(&distances, &channels, Degrees::OneSided, misfit::SHARE_OF_RATE)?;
             let [root, root_sd] = scale;
             let within: Vec<f64> = squares
                 .iter()
@@ -381,9 +385,7 @@ impl HealthyModel {
             return refuse("`leftover` must be finite, one number per sample");
         }
         if let Some(misfit) = &self.misfit {
-            misfit
-                .check()
-                .map_err(|what| DesignError::Invalid(format!("model {name}: {what}")))?;
+            misfit.check().map_err(|what| DesignError::Invalid(format!("model {name}: {what}")))?;
         }
         if let Some(sensitivity) = &self.sensitivity {
             sensitivity

@@ -5,7 +5,6 @@ use super::lanes::Lanes;
 use super::own_channel::Own;
 use super::{Design, DesignError, Extension, FaultModel, HealthyModel, IsolateSettings};
 use crate::burst::Burst;
-use crate::verdict::{Appearance, Test};
 use crate::identify::reservoir::relative_drive;
 use crate::isolate::appearance::Strange;
 use crate::isolate::fault_curve::Seen;
@@ -21,6 +20,7 @@ use crate::isolate::{
 use crate::model::beside_ring::BesideRing;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Fit, Products, RingFitter};
+use crate::verdict::{Appearance, Test};
 use nalgebra::Vector2;
 use std::sync::Arc;
 
@@ -383,7 +383,8 @@ impl Judge {
             }
         }
         let Workspace { weights, severity, physics, ln_densities, .. } = work;
-        let from_curves = || curves.map_or(f64::INFINITY, |of| of.distance(features, seen, physics));
+        let from_curves =
+            || curves.map_or(f64::INFINITY, |of| of.distance(features, seen, physics));
         let is_typical = |k: usize| posterior.is_typical(k, ln_densities[k], from_curves);
         if !is_typical(best) {
             // where a class that is likelier by little is not it, another may be

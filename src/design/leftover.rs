@@ -129,7 +129,12 @@ impl Left {
     }
 
     /// The same of white noise of unit variance, seen beside the same rings.
-    pub fn of_white_noise(&self, fitter: &RingFitter, beside: &BesideRing, lags: usize) -> Vec<f64> {
+    pub fn of_white_noise(
+        &self,
+        fitter: &RingFitter,
+        beside: &BesideRing,
+        lags: usize,
+    ) -> Vec<f64> {
         let n = self.rows.first().map_or(0, Vec::len);
         let rows = (0..64)
             .map(|i| {

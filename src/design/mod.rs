@@ -22,13 +22,13 @@ pub use crate::detect::DetectSettings;
 pub use crate::isolate::IsolateSettings;
 pub use crate::isolate::severity::Severity;
 pub use baseline::{Baselines, Heard, MOST_CHANNELS, PrintheadBaselines};
+pub use detector::Detection;
 pub use extension::{Covariate, Extension, Follows};
 pub use fault_class::{FaultClass, FaultModel};
 pub use fd_filter::LearnedFilter;
 pub use healthy_model::{HealthyModel, LearnSettings};
 pub use judge::{Isolation, Judge, Tested, Workspace};
 pub use lanes::Lanes;
-pub use detector::Detection;
 pub use own_channel::{Own, OwnChannels};
 pub use train::TrainingSet;
 
@@ -151,9 +151,7 @@ impl Design {
             posterior.check(self.classes.len()).map_err(DesignError::Invalid)?;
         }
         if let Some(typical) = &self.typical {
-            typical
-                .check(self.classes.len(), self.samples)
-                .map_err(DesignError::Invalid)?;
+            typical.check(self.classes.len(), self.samples).map_err(DesignError::Invalid)?;
         }
         if let Some(physics) = &self.physics {
             physics.check().map_err(DesignError::Invalid)?;

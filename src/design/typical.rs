@@ -7,9 +7,9 @@ use super::{Design, DesignError, HealthyModel, TrainingSet};
 use crate::identify::averaging::SignalSet;
 use crate::isolate::typical::{Beside, Typical, directions, misfit_bound, phase_bounds};
 use crate::model::beside_ring::BesideRing;
+use crate::model::faults;
 use crate::model::inner_product::dot;
 use crate::model::ring_fit::RingFitter;
-use crate::model::faults;
 use std::collections::BTreeMap;
 
 /// Signals of a class and printhead that are looked at, at most.
@@ -37,10 +37,8 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
     }
     let rows: Vec<Vec<f64>> =
         classes.iter().flat_map(|of| of.left.rows.iter().take(MOST_SIGNALS).cloned()).collect();
-    let mut typical = Typical {
-        directions: directions(&rows, MOST_DIRECTIONS),
-        ..Typical::default()
-    };
+    let mut typical =
+        Typical { directions: directions(&rows, MOST_DIRECTIONS), ..Typical::default() };
     typical.spread = typical
         .directions
         .iter()
@@ -117,7 +115,9 @@ fn by_physics(design: &Design, class: &str) -> Result<Left, DesignError> {
     for i in 0..SEVERITIES {
         let place = low + (high - low) * (i as f64 + 0.5) / SEVERITIES as f64;
         let severity = faults::severity_at(class, place);
-        let Some(d) = severity.and_then(|s| physics.deviation(class, s, sampling)) else { continue };
+        let Some(d) = severity.and_then(|s| physics.deviation(class, s, sampling)) else {
+            continue;
+        };
         let y: Vec<f32> = model.expected.iter().zip(&d).map(|(e, d)| (e + d) as f32).collect();
         set.push(&y, i as u32, 1.0, f64::NAN);
     }

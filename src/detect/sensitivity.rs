@@ -57,7 +57,8 @@ impl Sensitivity {
     /// have. `colour`: covariance of noise `lag` samples apart, of white noise seen the same way.
     pub fn coloured(mut self, autocovariance: &[f64], of_white: &[f64]) -> Sensitivity {
         let along = |row: &[f64], r: &[f64]| -> f64 {
-            let lagged = |lag: usize| -> f64 { row.iter().zip(&row[lag..]).map(|(p, q)| p * q).sum() };
+            let lagged =
+                |lag: usize| -> f64 { row.iter().zip(&row[lag..]).map(|(p, q)| p * q).sum() };
             (0..r.len().min(row.len()))
                 .map(|lag| if lag == 0 { 1.0 } else { 2.0 } * r[lag] * lagged(lag))
                 .sum()

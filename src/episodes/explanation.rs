@@ -73,9 +73,11 @@ fn in_words(strange: Appearance) -> String {
         Appearance::Slow => {
             format!("an offset or a slow shape that no ring explains: {LOOK}")
         }
-        Appearance::Other => "like no known fault, and unlike a healthy channel: look at the sensor \
+        Appearance::Other => {
+            "like no known fault, and unlike a healthy channel: look at the sensor \
                               line first, then at the nozzle"
-            .into(),
+                .into()
+        }
     }
 }
 

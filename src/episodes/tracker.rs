@@ -1,12 +1,12 @@
 //! All channels of a recording: bursts in, episodes out.
 
-use crate::verdict::Appearance;
 use super::classes::ClassFilter;
 use super::evidence::{Evidence, Step, TOGETHER};
 use super::explanation::{self, Rings};
 use super::order::Waiting;
 use super::{Counts, Episode, EpisodeSettings, Looks, Named};
 use crate::fault;
+use crate::verdict::Appearance;
 use std::collections::HashMap;
 use std::sync::Arc;
 

@@ -11,8 +11,8 @@
 
 use super::averaging::{MeanSignal, SignalSet};
 use super::identifiability::{self, Uncertainty};
-use super::scatter::{Scatter, scatter};
 use super::scale::damped_cosine;
+use super::scatter::{Scatter, scatter};
 use super::{GreyBoxSettings, IdentifyError};
 use crate::model::{InkChannel, ring_down::Poles};
 use clarabel::algebra::CscMatrix;

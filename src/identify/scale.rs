@@ -36,7 +36,8 @@ pub fn damped_cosine(y: &[f64], dt_s: f64) -> Option<DampedCosine> {
     let mut cycles = FEWEST_CYCLES;
     while cycles < most {
         for damping in DAMPINGS {
-            let (decay, angle) = ((-damping / n as f64).exp(), std::f64::consts::TAU * cycles / n as f64);
+            let (decay, angle) =
+                ((-damping / n as f64).exp(), std::f64::consts::TAU * cycles / n as f64);
             let (sin, cos) = (angle.sin() * decay, angle.cos() * decay);
             let (mut re, mut im) = (1.0, 0.0);
             let (mut gram, mut product) = (Matrix3::zeros(), Vector3::zeros());

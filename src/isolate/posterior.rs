@@ -65,7 +65,9 @@ impl Posterior {
         let [held, free] = [held, free].map(|of| of.iter().cloned().map(Some).collect::<Vec<_>>());
         let none = |of: &[Option<Examples>]| -> Vec<Vec<Vec<f64>>> {
             let far = vec![f64::NEG_INFINITY; of.len()];
-            of.iter().map(|e| vec![far.clone(); e.as_ref().map_or(0, |e| e.features.len())]).collect()
+            of.iter()
+                .map(|e| vec![far.clone(); e.as_ref().map_or(0, |e| e.features.len())])
+                .collect()
         };
         let unknown = vec![false; held.len()];
         let of_held = Posterior::stack(false, &held, &none(&held), &unknown);

@@ -31,7 +31,8 @@ impl BesideRing {
     pub fn left(&self, fitter: &RingFitter, y: &[f64], at: &Features) -> Vec<f64> {
         let ring = fitter.tangent(at);
         // the first column is the ring itself
-        let left: Vec<f64> = y.iter().zip(ring.column(0).iter()).map(|(y, ring)| y - ring).collect();
+        let left: Vec<f64> =
+            y.iter().zip(ring.column(0).iter()).map(|(y, ring)| y - ring).collect();
         self.project(fitter, &left, at)
     }
 
@@ -80,12 +81,8 @@ mod tests {
         let (dt_s, n) = (0.9e-6, 120);
         let fitter = RingFitter::new(RING, dt_s, n);
         let beside = BesideRing::new(&RING, dt_s, n);
-        let at = Features {
-            ln_amplitude: 0.1,
-            ln_damping: 0.2,
-            ln_frequency: -0.05,
-            phase_rad: 0.2,
-        };
+        let at =
+            Features { ln_amplitude: 0.1, ln_damping: 0.2, ln_frequency: -0.05, phase_rad: 0.2 };
         let ring: Vec<f64> = fitter.tangent(&at).column(0).iter().copied().collect();
         let square = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>();
         assert!(square(&beside.left(&fitter, &ring, &at)) < 1e-12 * square(&ring));

@@ -13,7 +13,8 @@ use super::statistics::Statistics;
 use super::{Control, PipelineError, visit};
 use crate::burst::{Acquisition, Burst};
 use crate::design::{
-    Baselines, Design, Detection, Heard, MOST_CHANNELS, Own, OwnChannels, PrintheadBaselines, Workspace,
+    Baselines, Design, Detection, Heard, MOST_CHANNELS, Own, OwnChannels, PrintheadBaselines,
+    Workspace,
 };
 use crate::io::recording::Recording;
 use crate::settings::Settings;

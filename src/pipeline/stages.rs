@@ -15,10 +15,10 @@ use super::warmth::Warmth;
 use super::{Control, PipelineError, rows};
 use crate::burst::{Acquisition, Place, SignalBatch};
 use crate::design::{Detection, Isolation, Judge, Workspace};
-use crate::isolate::Likeness;
 use crate::io::digest::{Digest, Digester, ReadBlock};
 use crate::io::recording::{Damage, Recording, note};
 use crate::io::scan::{Block, Blocks};
+use crate::isolate::Likeness;
 use crate::settings::Settings;
 use crate::verdict::{Appearance, Reason, VerdictColumns};
 use crossbeam_channel::{Receiver, Sender};
@@ -271,8 +271,9 @@ pub fn gate(
         for (acquisition, judge) in assigned.read.batch.acquisitions.iter().zip(&assigned.judges) {
             let rows = rows.by_ref().take(acquisition.rows());
             match judge {
-                Ok(judge) => passed
-                    .extend(rows.map(|e| e.is_ok_and(|found| judge.test(found).is_flagged()))),
+                Ok(judge) => {
+                    passed.extend(rows.map(|e| e.is_ok_and(|found| judge.test(found).is_flagged())))
+                }
                 Err(_) => passed.extend(rows.map(|_| false)),
             }
         }
@@ -408,8 +409,10 @@ pub fn isolate(
                                 ring: work.ring,
                             });
                         }
-                        let weights = (settings.output.weights && isolation.is_some() && !work.weights.is_empty())
-                            .then_some(work.weights.as_slice());
+                        let weights = (settings.output.weights
+                            && isolation.is_some()
+                            && !work.weights.is_empty())
+                        .then_some(work.weights.as_slice());
                         rows::push_judged(
                             &mut columns,
                             id,

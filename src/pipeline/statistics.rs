@@ -236,7 +236,12 @@ impl Statistics {
     }
 
     /// The statistic in f64, and the checks of a signal: what every verdict agrees with.
-    pub fn reference(&mut self, judge: &Judge, burst: &Burst, row: usize) -> Result<Detection, Reason> {
+    pub fn reference(
+        &mut self,
+        judge: &Judge,
+        burst: &Burst,
+        row: usize,
+    ) -> Result<Detection, Reason> {
         self.deviation(judge, burst, row)?;
         finite(judge.detect(&self.signal, judge.drive(burst), &mut self.work))
     }
