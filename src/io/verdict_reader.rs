@@ -427,7 +427,7 @@ pub(super) mod tests {
             let name = |list: &[String], of: Option<u16>| of.map(|k| list[k as usize].clone());
             let weights = c.weights_start.get(i).copied().flatten().map(|s| s as usize);
             format!(
-                "{} {} {} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} weights {:?}",
+                "{} {} {} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} weights {:?}",
                 c.acquired_at_ns[i],
                 c.printheads[c.printhead[i] as usize],
                 c.channel[i],
