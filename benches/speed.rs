@@ -13,7 +13,7 @@ use divan::{Bencher, black_box};
 use inkling::burst::{Burst, Format, Layout};
 use inkling::design::Design;
 use inkling::detect::kernel::LaneFilter;
-use inkling::detect::lane_sensitivity::{LaneSensitivity, Limits};
+use inkling::detect::lane_sensitivity::{self, LaneSensitivity};
 use inkling::detect::tile::{Gather, Instructions, LANES, Tile};
 use inkling::io::Limits;
 use inkling::io::burst_codec::{BurstDecoder, encode};
@@ -133,7 +133,7 @@ fn sensitivity_f32_lanes(bencher: Bencher, instructions: &str) {
     bencher.counter(ItemsCount::new(LANES)).bench_local(|| {
         (0..LANES).for_each(|row| gather.push(&burst, row, 1.0, 0.0));
         tile.fill(&mut gather, lanes.samples(), instructions);
-        let limits = Limits { near: 11.0, far: 1e3, unexplained: f64::INFINITY };
+        let limits = lane_sensitivity::Limits { near: 11.0, far: 1e3, unexplained: f64::INFINITY };
         lanes.judge(black_box(&mut tile), limits, RAILS, instructions)
     });
 }
