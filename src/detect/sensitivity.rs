@@ -215,7 +215,7 @@ mod tests {
     use rand_distr::{Distribution, StandardNormal};
 
     #[test]
-    fn distance_of_healthy_signals_is_chi_squared_with_three_degrees() {
+    fn mean_distance_of_healthy_signals_is_what_their_covariance_says() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(2);
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
         let tangent = DMatrix::from_fn(64, 3, |i, j| ((i * (j + 1)) as f64 * 0.1).sin() * 100.0);
@@ -240,14 +240,14 @@ mod tests {
         let learned = new.with_spread(&features);
         learned.check(64).unwrap();
         let fresh = healthy(4000);
-        // 99 % point of chi-squared with 3 degrees of freedom
-        let beyond = fresh
-            .iter()
-            .filter(|(d, drive)| {
-                let metric = learned.metric(*drive).unwrap();
-                learned.distance(&metric, &learned.features(d, *drive)) > 11.345
-            })
-            .count();
-        assert!((20..=65).contains(&beyond), "{beyond} of 4000 beyond the 99 % point");
+        // E d' M d = tr M cov d, the covariance of what was drawn
+        let theta = Matrix3::from_diagonal(&Vector3::new(4e-4, 25e-4, 4e-6));
+        let (mut found, mut expected) = (0.0, 0.0);
+        for (d, drive) in &fresh {
+            let metric = learned.metric(*drive).unwrap();
+            found += learned.distance(&metric, &learned.features(d, *drive));
+            expected += (metric * (theta + matrix(&learned.noise) / (drive * drive))).trace();
+        }
+        assert!((found / expected - 1.0).abs() < 0.05, "{found} {expected}");
     }
 }

@@ -87,6 +87,9 @@ pub fn identify(
     noise: f64,
     settings: &GreyBoxSettings,
 ) -> Result<Identification, IdentifyError> {
+    if y.len() < FEWEST_SAMPLES {
+        return Err(IdentifyError::TooFewSamples { samples: y.len(), needed: FEWEST_SAMPLES });
+    }
     let scale = damped_cosine(y, dt_s).ok_or(IdentifyError::NoRingDown)?;
     let found = identify_from(y, dt_s, noise, &settings.at_frequency(scale.frequency_hz), None)?;
     // the cosine has four free numbers and a constant, the model six
@@ -108,9 +111,6 @@ fn identify_from(
     settings: &GreyBoxSettings,
     start: Option<&InkChannel>,
 ) -> Result<Identification, IdentifyError> {
-    if y.len() < FEWEST_SAMPLES {
-        return Err(IdentifyError::TooFewSamples { samples: y.len(), needed: FEWEST_SAMPLES });
-    }
     let mean = y.iter().sum::<f64>() / y.len() as f64;
     let spread = y.iter().map(|v| (v - mean).powi(2)).sum::<f64>().sqrt();
     if !spread.is_finite() || spread <= f64::MIN_POSITIVE {

@@ -64,7 +64,7 @@ impl ClassDensity {
         };
         // of the next signal: the mean is not known, nor is the covariance (Student's t has variance
         // nu / (nu - 2))
-        let covariance = covariance * ((1.0 + 1.0 / n) * known / (known - 2.0).max(0.5));
+        let wider = (1.0 + 1.0 / n) * known / (known - 2.0).max(0.5);
         // noise = L L^T; the spread in units of the noise, along its own axes
         let l = noise.clone().cholesky()?.l();
         let inverse = l.try_inverse()?;
@@ -74,7 +74,7 @@ impl ClassDensity {
         let apart = DMatrix::from_diagonal(&noise.diagonal().map(|v| 1.0 / v.sqrt()));
         [eigenvectors.transpose() * inverse, apart]
             .into_iter()
-            .filter_map(|to_axes| along(to_axes, &mean, &covariance, features))
+            .filter_map(|to_axes| along(to_axes, &mean, (&covariance, wider), features))
             .max_by(|(p, _), (q, _)| p.total_cmp(q))
             .map(|(_, density)| density)
     }
@@ -160,11 +160,12 @@ impl ClassDensity {
     }
 }
 
-/// The density with each axis the likelier of both kinds, and its log likelihood.
+/// The density with each axis the likelier of both kinds, and its log likelihood. `covariance` of the
+/// examples, and by what the next signal's is wider.
 fn along(
     to_axes: DMatrix<f64>,
     mean: &DVector<f64>,
-    covariance: &DMatrix<f64>,
+    (covariance, wider): (&DMatrix<f64>, f64),
     features: &[DVector<f64>],
 ) -> Option<(f64, ClassDensity)> {
     let ln_determinant = to_axes.determinant().abs().ln();
@@ -180,7 +181,7 @@ fn along(
         let row = to_axes.row(j);
         let u: Vec<f64> = features.iter().map(|x| (row * (x - mean))[0]).collect();
         let variance = spread[(j, j)].max(0.25);
-        let gaussian = Axis::Gaussian(variance.sqrt());
+        let gaussian = Axis::Gaussian((wider * variance).sqrt());
         let of_gaussian = gaussian.ln_likelihood(&u, 0.0);
         let width = (3.0 * (variance - 1.0).max(0.0) * (1.0 + 1.0 / n)).sqrt();
         let (of_range, middle, range) = match width >= 0.05 && u.len() >= LEAST_EXAMPLES {
