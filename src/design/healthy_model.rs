@@ -10,7 +10,7 @@ use crate::detect::sensitivity::Sensitivity;
 use crate::detect::{DetectMethod, ResidualGenerator, ThresholdMethod, threshold};
 use crate::identify::averaging::{self, SignalSet, median};
 use crate::identify::grey_box::{self, Identification};
-use crate::identify::{GreyBoxSettings, tangent};
+use crate::identify::{GreyBoxSettings, IdentifyError, tangent};
 use crate::model::beside_ring::BesideRing;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
@@ -20,6 +20,9 @@ use threshold::Threshold;
 /// A filter that answers one count with more within a signal is unstable: its marginal pair of
 /// poles (thesis §3-2-1) rings on and does not grow.
 const MOST_GAIN: f64 = 1e6;
+
+/// Signals from which a window's own spread and thresholds count, where there is a design.
+const FEWEST_OWN: usize = 200;
 
 /// A threshold so many times what most of the signals allow was learned on more than healthy ones.
 const SUSPECT: f64 = 3.0;
@@ -138,7 +141,7 @@ impl HealthyModel {
         };
         match settings.detect.method {
             DetectMethod::ResidualEnergy => model.learn_energies(healthy, anchor, settings)?,
-            DetectMethod::Sensitivity => model.learn_distances(set, healthy, settings)?,
+            DetectMethod::Sensitivity => model.learn_distances(set, healthy, anchor, settings)?,
         }
         Ok(model)
     }
@@ -172,6 +175,7 @@ impl HealthyModel {
         &mut self,
         set: &SignalSet,
         healthy: &SignalSet,
+        anchor: Option<&HealthyModel>,
         settings: LearnSettings,
     ) -> Result<(), DesignError> {
         let (dt_s, samples) = (settings.sample_period_s, set.samples);
@@ -200,10 +204,36 @@ impl HealthyModel {
             None => (healthy, true),
             Some(_) => (set, false),
         };
+        // a window of few signals says less than the design does
+        if let (false, true, Some(anchor)) = (labelled, seen.len() < FEWEST_OWN, anchor)
+            && let Some(known) = &anchor.sensitivity
+        {
+            self.sensitivity = Some(new.with_spread_of(known));
+            self.median_statistic = anchor.median_statistic;
+            (self.threshold, self.misfit) = (anchor.threshold.clone(), anchor.misfit.clone());
+            return Ok(());
+        }
         let mut features = Vec::with_capacity(seen.len());
+        let mut usable = Vec::with_capacity(seen.len());
         self.each_deviation(seen, |deviation, drive| {
-            features.push((new.features(deviation, drive), drive));
+            let x = new.features(deviation, drive);
+            // absurd drives make absurd features
+            usable.push(x.iter().all(|v| v.abs() < 1e6));
+            features.push((x, drive));
         });
+        let kept: Vec<usize> = (0..seen.len()).filter(|&i| usable[i]).collect();
+        let chosen;
+        let seen = if kept.len() == seen.len() {
+            seen
+        } else {
+            chosen = seen.select(&kept);
+            &chosen
+        };
+        let features: Vec<_> = kept.iter().map(|&i| features[i]).collect();
+        if features.len() < averaging::FEWEST_SIGNALS {
+            let (found, needed) = (features.len(), averaging::FEWEST_SIGNALS);
+            return Err(IdentifyError::TooFewSignals { found, needed }.into());
+        }
         let sensitivity =
             if labelled { new.with_spread(&features) } else { new.with_core_spread(&features) };
         let mut detector = SensitivityDetector::new(self, sensitivity.clone(), None)?;

@@ -82,6 +82,11 @@ impl Sensitivity {
         self.with_total(mean, total, features)
     }
 
+    /// With the spread that another model learned: for a window of few signals.
+    pub fn with_spread_of(self, other: &Sensitivity) -> Sensitivity {
+        Sensitivity { mean: other.mean, spread: other.spread, ..self }
+    }
+
     /// The same where up to two in five of the signals may be faulty.
     pub fn with_core_spread(self, features: &[(Vector3<f64>, f64)]) -> Sensitivity {
         let points: Vec<Vector3<f64>> = features.iter().map(|(x, _)| *x).collect();
