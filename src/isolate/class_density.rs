@@ -181,8 +181,9 @@ fn along(
         let row = to_axes.row(j);
         let u: Vec<f64> = features.iter().map(|x| (row * (x - mean))[0]).collect();
         let variance = spread[(j, j)].max(0.25);
+        // which kind is told by the examples themselves
+        let of_gaussian = Axis::Gaussian(variance.sqrt()).ln_likelihood(&u, 0.0);
         let gaussian = Axis::Gaussian((wider * variance).sqrt());
-        let of_gaussian = gaussian.ln_likelihood(&u, 0.0);
         let width = (3.0 * (variance - 1.0).max(0.0) * (1.0 + 1.0 / n)).sqrt();
         let (of_range, middle, range) = match width >= 0.05 && u.len() >= LEAST_EXAMPLES {
             true => likeliest_range(&u, width),
