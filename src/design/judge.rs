@@ -48,7 +48,7 @@ pub struct Judge {
     pub index: u16,
     pub model: HealthyModel,
     pub reference_v: Option<f64>,
-    /// Detection of many signals at once; where there is none, [`Judge::statistic`] does the work.
+    /// Detection of many signals at once; where there is none, [`Judge::detect`] does the work.
     pub lanes: Option<Lanes>,
     /// What signals are taken without.
     extension: Option<Extension>,

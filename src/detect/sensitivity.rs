@@ -119,7 +119,7 @@ impl Sensitivity {
         Vector3::from_fn(|k, _| dot(&self.projection[k], deviation) / drive)
     }
 
-    /// Whitening at a drive: the inverse of [`SPREAD_COUNTS`] spread + noise / drive².
+    /// Whitening at a drive: the inverse of `SPREAD_COUNTS` spread + noise / drive².
     pub fn metric(&self, drive: f64) -> Option<Matrix3<f64>> {
         (matrix(&self.spread) * SPREAD_COUNTS + matrix(&self.noise) / (drive * drive)).try_inverse()
     }
