@@ -259,7 +259,7 @@ impl Judge {
             work.residual = signal;
             return isolation;
         }
-        (work.severity, work.ring) = (None, None);
+        (work.severity, work.ring, work.misfit) = (None, None, f64::NAN);
         let Workspace { residual, projection, weights, .. } = work;
         let classes = rule.category_of.len();
         weights.clear();
