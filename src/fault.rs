@@ -6,6 +6,22 @@ pub const CLASSES: [&str; 9] = ["EC", "AB1", "AB2", "AB3", "BN", "PBN", "SDN", "
 /// The label of a signal without a fault.
 pub const HEALTHY: &str = "healthy";
 
+/// A class by the name that labels and verdicts give it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Class {
+    pub name: String,
+    /// The thesis's classes that it stands for (`isolate.classes`): its own name where none were
+    /// declared.
+    pub of: Vec<String>,
+}
+
+impl Class {
+    /// One of the thesis's classes, or one of a user's own of which nothing else is known.
+    pub fn plain(name: &str) -> Class {
+        Class { name: name.into(), of: vec![name.into()] }
+    }
+}
+
 /// Category of a fault class; a user's own class is its own category.
 pub fn category(class: &str) -> &str {
     match class {

@@ -15,6 +15,7 @@ mod mutations; // ten thousand changed files: a message or a result, no panic
 mod nights; // batches: journal, resume, layouts, baselines in their order; nothing done twice or overwritten
 mod open_world; // signals of no class, healthy channels of any shape: plants and measurements
 mod open_world_goals; // what must hold there: nothing gross is healthy, nothing foreign named
+mod own_classes; // own names for what the physics knows keep sizes
 mod pipeline; // same bytes for any threads, order, chunking; drift; bad windows
 mod print_run; // recall and false alarms on a print run with known truth
 mod readers; // everything that reads what others wrote, for mutations and fuzzing

@@ -249,6 +249,20 @@ fn asked_to_detect(args: &Args) -> bool {
     args.preset.is_some() || args.set.iter().any(detects)
 }
 
+/// Classes of one's own are declared when a design is trained.
+fn check_declared(settings: &Settings, design: Option<&Design>) -> Result<(), Failure> {
+    let known = |(name, of): &(&String, &Vec<String>)| {
+        design.is_some_and(|d| d.classes.iter().any(|c| c.name == **name && c.of == **of))
+    };
+    match settings.isolate.classes.iter().find(|class| !known(class)) {
+        None => Ok(()),
+        Some((name, _)) => Err(Failure::usage(format!(
+            "isolate.classes.\"{name}\": the design was trained without it, and only training makes \
+             classes: train again with these settings"
+        ))),
+    }
+}
+
 /// `asked_to_detect`: the command line sets how.
 fn load(mut settings: Settings, asked_to_detect: bool) -> Result<Loaded, Failure> {
     let (mut design, mut design_digest) = (None, None);
@@ -266,6 +280,7 @@ fn load(mut settings: Settings, asked_to_detect: bool) -> Result<Loaded, Failure
         settings.detect = read.detect.clone();
         (design, design_digest) = (Some(read), Some(digest));
     }
+    check_declared(&settings, design.as_ref())?;
     if settings.isolate.method == IsolateMethod::Posterior {
         let classes = design.as_ref().map(Design::class_names).unwrap_or_default();
         settings.isolate.prior_weights(&classes).map_err(Failure::usage)?;

@@ -8,6 +8,7 @@ use crate::design::Design;
 use crate::detect::DetectMethod;
 use crate::io::recording::Recording;
 use crate::io::{Limits, design_file, inputs, labels_file};
+use crate::labels::{Label, Labels};
 use crate::pipeline::collect::Collector;
 use crate::settings::{Preset, Settings};
 use std::io::Write;
@@ -45,6 +46,11 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let preset = args.preset.map(|PresetArg::Thesis| Preset::Thesis);
     let settings = Settings::load(args.config.as_deref(), preset, &args.set)?;
     let labels = labels_file::read(&args.labels).map_err(Failure::new)?;
+    let named = |row: &Label| Label {
+        state: settings.isolate.name_of(&row.state).to_owned(),
+        ..row.clone()
+    };
+    let labels = Labels::new(labels.rows().iter().map(named).collect());
     let inputs = inputs::find_recordings(&args.recordings).map_err(Failure::new)?;
 
     let control = interruptible();

@@ -64,12 +64,13 @@ pub(super) fn physics(
     }
 
     let mut looks = Vec::new();
-    for (class, printheads) in &set.faulty {
-        if faults::change(class).is_none() {
-            continue;
-        }
+    for (name, printheads) in &set.faulty {
+        let Some(class) = design.classes.iter().find(|class| class.name == *name) else { continue };
+        let class = class.class();
+        let Some(kind) = faults::one_kind(&class.of) else { continue };
         for (model, signals) in design.with_models(printheads) {
-            looks.extend(looks_of(class, model, &ring, &first(signals, MOST_LOOKS))?);
+            let few = first(signals, MOST_LOOKS);
+            looks.extend(looks_of((name, kind), model, &ring, &few)?);
         }
     }
     if !looks.is_empty() {
@@ -87,10 +88,14 @@ pub(super) fn physics(
 fn learn_sizes(physics: &mut FaultPhysics, looks: &[Look], (dt_s, samples): (f64, usize)) {
     let mut by_class: BTreeMap<&str, Vec<&Look>> = BTreeMap::new();
     looks.iter().for_each(|look| by_class.entry(&look.class).or_default().push(look));
-    let names: Vec<String> = by_class.keys().map(|name| name.to_string()).collect();
-    let curves = physics.curves(&names, true, dt_s, samples);
+    let class = |(name, looks): (&&str, &Vec<&Look>)| fault::Class {
+        name: name.to_string(),
+        of: looks.iter().take(1).map(|look| look.kind.clone()).collect(),
+    };
+    let classes: Vec<fault::Class> = by_class.iter().map(class).collect();
+    let curves = physics.curves(&classes, true, dt_s, samples);
     for (k, (name, looks)) in by_class.into_iter().enumerate() {
-        let mut only = vec![0.0; names.len()];
+        let mut only = vec![0.0; classes.len()];
         only[k] = 1.0;
         let size = |look: &&Look| {
             let changed = curves.changed(look.ring);
@@ -111,26 +116,30 @@ fn learn_sizes(physics: &mut FaultPhysics, looks: &[Look], (dt_s, samples): (f64
     }
 }
 
-/// The thesis's classes that were not labelled, each as the middle of its severities looks.
-pub(super) fn add_classes(design: &mut Design) {
+/// The thesis's classes, and those `declared` of them, that were not labelled, each as the middle of
+/// its severities looks.
+pub(super) fn add_classes(design: &mut Design, declared: &BTreeMap<String, Vec<String>>) {
     let Some(physics) = &design.physics else { return };
     let sampling = (design.sample_period_s, design.samples);
-    for name in fault::CLASSES {
+    let middle = |class: &str| -> Option<f64> {
+        let [low, high] = faults::severity_range(class)?;
+        let place = (faults::scale(class, low)? + faults::scale(class, high)?) / 2.0;
+        faults::severity_at(class, place)
+    };
+    let stands = |class: &&str| !declared.values().flatten().any(|of| of == class);
+    let plain = fault::CLASSES.into_iter().filter(stands).map(|name| (name, Vec::new()));
+    let own = declared.iter().map(|(name, of)| (name.as_str(), of.clone()));
+    for (name, of) in plain.chain(own) {
         if design.classes.iter().any(|class| class.name == name) {
             continue;
         }
-        let middle = || -> Option<f64> {
-            let [low, high] = faults::severity_range(name)?;
-            faults::severity_at(
-                name,
-                (faults::scale(name, low)? + faults::scale(name, high)?) / 2.0,
-            )
-        };
-        let deviation = middle().and_then(|s| physics.deviation(name, s, sampling));
+        let like = of.first().map_or(name, String::as_str);
+        let deviation = middle(like).and_then(|s| physics.deviation(like, s, sampling));
         if let Some(deviation) = deviation {
             design.classes.push(FaultClass {
                 name: name.into(),
                 category: fault::category(name).into(),
+                of,
                 n_signals: 0,
                 deviation,
                 model: None,
@@ -146,7 +155,7 @@ fn first(set: &SignalSet, most: usize) -> SignalSet {
 
 /// A class's labelled signals, fitted; NaN where the severity is not labelled.
 fn looks_of(
-    class: &str,
+    (class, kind): (&str, &str),
     model: &HealthyModel,
     ring: &Ring,
     set: &SignalSet,
@@ -164,6 +173,7 @@ fn looks_of(
         if let Some(fit) = fitter.fit(&signal, true, &mut columns) {
             looks.push(Look {
                 class: class.into(),
+                kind: kind.into(),
                 severity: set.severity[i],
                 features: Vector4::from(fit.features.coordinates()) - per_k * warmer,
                 drive,

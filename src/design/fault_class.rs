@@ -4,6 +4,7 @@
 use super::fd_filter::{by_resonance, deviations};
 use super::{Design, DesignError, HealthyModel, LearnSettings};
 use crate::detect::{ResidualGenerator, null_space};
+use crate::fault::{CLASSES, Class};
 use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
 use crate::identify::grey_box::{self, Identification};
@@ -16,6 +17,9 @@ use serde::{Deserialize, Serialize};
 pub struct FaultClass {
     pub name: String,
     pub category: String,
+    /// The thesis's classes that it stands for, where they were declared (`isolate.classes`).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub of: Vec<String>,
     pub n_signals: u64,
     /// Mean of y/s - y_hat per unit drive, counts.
     pub deviation: Vec<f64>,
@@ -68,10 +72,19 @@ impl FaultClass {
         FaultClass {
             name: name.into(),
             category: crate::fault::category(name).into(),
+            of: Vec::new(),
             n_signals: n,
             deviation: sum,
             model: None,
             examples: Vec::new(),
+        }
+    }
+
+    /// Its name and what it stands for.
+    pub fn class(&self) -> Class {
+        match self.of.is_empty() {
+            true => Class::plain(&self.name),
+            false => Class { name: self.name.clone(), of: self.of.clone() },
         }
     }
 
@@ -141,6 +154,9 @@ impl FaultClass {
         }
         if !self.examples.iter().all(|e| finite(e)) {
             return refuse("each of its `examples` must be finite, one number per sample");
+        }
+        if !self.of.iter().all(|class| CLASSES.contains(&class.as_str())) {
+            return refuse("`of` names what is none of the thesis's classes");
         }
         if let Some(model) = &self.model {
             if !finite(&model.expected) {

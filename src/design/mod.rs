@@ -179,13 +179,18 @@ impl Design {
     /// The classes' curves by the physics; made once, shared by all models.
     pub fn curves(&self) -> Option<Arc<FaultCurves>> {
         let (physics, posterior) = (self.physics.as_ref()?, self.posterior.as_ref()?);
-        let (dt_s, names) = (self.sample_period_s, self.class_names());
-        let make = || Arc::new(physics.curves(&names, posterior.phase, dt_s, self.samples));
+        let (dt_s, classes) = (self.sample_period_s, self.fault_classes());
+        let make = || Arc::new(physics.curves(&classes, posterior.phase, dt_s, self.samples));
         Some(self.curves.get_or_init(make).clone())
     }
 
     pub fn class_names(&self) -> Vec<String> {
         self.classes.iter().map(|c| c.name.clone()).collect()
+    }
+
+    /// Its classes, and what they stand for.
+    pub fn fault_classes(&self) -> Vec<fault::Class> {
+        self.classes.iter().map(FaultClass::class).collect()
     }
 }
 

@@ -6,6 +6,7 @@ use super::{
     LearnSettings, LearnedFilter, VERSION, cold_start, typical,
 };
 use crate::detect::Denominator;
+use crate::fault;
 use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
 use crate::isolate::IsolateMethod;
@@ -60,6 +61,7 @@ impl Design {
         for (name, printheads) in &set.faulty {
             let sets = design.with_models(printheads);
             let mut class = FaultClass::learn(name, &sets);
+            class.of = isolate.classes.get(name).cloned().unwrap_or_default();
             match isolate.method {
                 IsolateMethod::Posterior | IsolateMethod::ResidualMatching => {}
                 IsolateMethod::ModelMatching => {
@@ -77,7 +79,7 @@ impl Design {
         if isolate.method == IsolateMethod::Posterior {
             design.physics = cold_start::physics(&design, set, grey_box, isolate)?;
             if isolate.unlabelled_classes {
-                cold_start::add_classes(&mut design);
+                cold_start::add_classes(&mut design, &isolate.classes);
             }
         }
         in_table_order(&mut design.classes);
@@ -200,9 +202,9 @@ fn learn_posterior(design: &Design, set: &TrainingSet) -> Result<Option<Posterio
         all(&held).zip(all(&free)).and_then(|(held, free)| Posterior::learn(&held, &free));
     let Some(physics) = &design.physics else { return Ok(learned) };
     let stacked = |phase: bool, examples: &[Option<Examples>]| {
-        let names = design.class_names();
-        let curves = physics.curves(&names, phase, design.sample_period_s, design.samples);
-        let known: Vec<bool> = (0..examples.len()).map(|k| curves.class(k).is_some()).collect();
+        let classes = design.fault_classes();
+        let curves = physics.curves(&classes, phase, design.sample_period_s, design.samples);
+        let known: Vec<bool> = (0..examples.len()).map(|k| !curves.class(k).is_empty()).collect();
         let ln_densities = |x: &Vec<f64>| {
             let mut compared = Comparison::default();
             curves.compare(x, Seen::as_made(), &mut compared);
@@ -233,8 +235,11 @@ fn yield_to_own_classes(
     /// Share of its signals' certainty that a class of one's own may lose to one of them.
     const MOST_TAKEN: f64 = 0.2;
     let mut said = Vec::new();
-    let own = |name: &str| !crate::fault::CLASSES.contains(&name);
-    for (name, printheads) in set.faulty.iter().filter(|(name, _)| own(name)) {
+    let unknown =
+        |class: &FaultClass| class.of.is_empty() && !fault::CLASSES.contains(&class.name.as_str());
+    let own: Vec<String> =
+        design.classes.iter().filter(|c| unknown(c)).map(|c| c.name.clone()).collect();
+    for (name, printheads) in set.faulty.iter().filter(|(name, _)| own.contains(name)) {
         let (Some(posterior), Some(curves)) = (&design.posterior, design.curves()) else { break };
         let sets = design.with_models(printheads);
         let Some(examples) = examples(&sets, posterior.phase)? else { continue };
@@ -308,8 +313,7 @@ pub(super) fn examples(
 
 /// The thesis's classes in the order of its tables, then a user's own by name.
 fn in_table_order(classes: &mut [FaultClass]) {
-    let place =
-        |name: &str| crate::fault::CLASSES.iter().position(|c| *c == name).unwrap_or(usize::MAX);
+    let place = |name: &str| fault::CLASSES.iter().position(|c| *c == name).unwrap_or(usize::MAX);
     classes.sort_by(|a, b| place(&a.name).cmp(&place(&b.name)).then(a.name.cmp(&b.name)));
 }
 

@@ -31,7 +31,9 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
         let mut left = labelled.map_or(Ok(Left::none()), |sets| left_of(design, sets))?;
         let labelled = left.rows.len();
         if labelled == 0 {
-            left = by_physics(design, &class.name)?;
+            for kind in class.class().of {
+                left.extend(by_physics(design, &kind)?);
+            }
         }
         classes.push(OfClass { left, labelled });
     }

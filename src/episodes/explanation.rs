@@ -1,7 +1,8 @@
 //! One plain sentence per episode, for a technician.
 
 use super::Episode;
-use crate::fault;
+use crate::fault::{self, Class};
+use crate::model::faults;
 use crate::verdict::Appearance;
 
 /// A ring and the healthy one that it is compared with.
@@ -19,7 +20,7 @@ pub struct Rings {
 pub fn sentence(
     episode: &Episode,
     rings: Option<&Rings>,
-    nearest: Option<(&str, f64)>,
+    nearest: Option<(&Class, f64)>,
     strange: Option<Appearance>,
 ) -> String {
     let mut text = format!("channel {}: ", episode.channel);
@@ -33,20 +34,21 @@ pub fn sentence(
     let certainty =
         episode.certainty.map_or(String::new(), |c| format!(", certainty {}", share(c)));
     match (&episode.fault, &episode.category, nearest) {
-        (Some(class), ..) => {
-            text += fault::in_words(class);
-            text += &size_in_words(class, episode.severity_last, episode.severity_sd);
+        (Some(name), ..) => {
+            text += fault::in_words(name);
+            let kind = nearest.and_then(|(class, _)| faults::one_kind(&class.of)).unwrap_or(name);
+            text += &size_in_words(kind, episode.severity_last, episode.severity_sd);
             text += &certainty;
         }
         (None, Some(category), nearest) => {
             text += &category.replace('_', " ");
             if let Some((class, _)) = nearest {
-                text += &format!(" (at best {class})");
+                text += &format!(" (at best {})", class.name);
             }
             text += &certainty;
         }
         (None, None, Some((class, weight))) => {
-            text += &format!("not named; at best {}", fault::in_words(class));
+            text += &format!("not named; at best {}", fault::in_words(&class.name));
             text += &format!(", certainty {}", share(weight));
         }
         (None, None, None) => text += "not named",
@@ -166,7 +168,7 @@ mod tests {
     #[test]
     fn named_fault_is_said_as_the_contract_has_it() {
         assert_eq!(
-            sentence(&episode(), Some(&RINGS), Some(("PBN", 0.97)), None),
+            sentence(&episode(), Some(&RINGS), Some((&Class::plain("PBN"), 0.97)), None),
             "channel 713: resonance 64.7 → 61.9 kHz, damping +31 %: partly blocked nozzle, \
              22 ± 3 % of the cross-section, certainty .97"
         );
@@ -179,13 +181,18 @@ mod tests {
         assert!(text.ends_with("partly blocked nozzle, certainty .97"), "{text}");
 
         let category = Episode { fault: None, ..episode() };
-        let text = sentence(&category, None, Some(("BN", 0.6)), None);
+        let text = sentence(&category, None, Some((&Class::plain("BN"), 0.6)), None);
         assert!(text.ends_with("blocked nozzle (at best BN), certainty .97"), "{text}");
 
         let unnamed = Episode { fault: None, category: None, certainty: None, ..episode() };
-        let text = sentence(&unnamed, None, Some(("BN", 0.6)), None);
+        let text = sentence(&unnamed, None, Some((&Class::plain("BN"), 0.6)), None);
         assert!(text.ends_with("not named; at best blocked nozzle, certainty .60"), "{text}");
-        let text = sentence(&unnamed, None, Some(("BN", 0.6)), Some(Appearance::NoiseAlone));
+        let text = sentence(
+            &unnamed,
+            None,
+            Some((&Class::plain("BN"), 0.6)),
+            Some(Appearance::NoiseAlone),
+        );
         assert!(text.contains("noise alone") && text.contains("not at the nozzle"), "{text}");
         let text = sentence(&unnamed, None, None, None);
         assert_eq!(text, "channel 713: rings unlike a healthy channel: not named");

@@ -5,7 +5,8 @@ use super::evidence::{Evidence, Step, TOGETHER};
 use super::explanation::{self, Rings};
 use super::order::Waiting;
 use super::{Counts, Episode, EpisodeSettings, Looks, Named};
-use crate::fault;
+use crate::fault::{self, Class};
+use crate::model::faults;
 use crate::verdict::Appearance;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -20,7 +21,7 @@ const MOST_WAITING: usize = 1 << 22;
 /// What is said of an episode and in which words, the same for all channels.
 #[derive(Debug)]
 struct Naming {
-    classes: Vec<String>,
+    classes: Vec<Class>,
     priors: Vec<f64>,
     /// Least weight of a named class, or category.
     certainty: f64,
@@ -90,7 +91,7 @@ impl Tracker {
     /// `classes` in the order of the weights, `priors` of them, `certainty`: least weight of what is
     /// named.
     pub fn new(
-        classes: &[String],
+        classes: &[Class],
         priors: &[f64],
         certainty: f64,
         settings: &EpisodeSettings,
@@ -386,22 +387,18 @@ impl Found {
 }
 
 impl Naming {
-    /// The first class that is sized by the same quantity: those of a category are, except that a
-    /// bubble in the nozzle takes length and one in the chamber adds compliance.
+    /// The first class that is sized by the same quantity.
     fn quantity(&self, class: usize) -> usize {
-        let of = |name: &str| match name {
-            "AB1" => "AB1".to_owned(),
-            other => fault::category(other).to_owned(),
-        };
-        let Some(name) = self.classes.get(class) else { return class };
-        self.classes.iter().position(|other| of(other) == of(name)).unwrap_or(class)
+        let of = |class: &Class| faults::one_kind(&class.of).and_then(faults::change);
+        let Some(own) = self.classes.get(class).and_then(of) else { return class };
+        self.classes.iter().position(|other| of(other) == Some(own)).unwrap_or(class)
     }
 
     /// The sums over categories, in order of first appearance.
     fn categories(&self, weights: &[f64]) -> Vec<(&str, f64)> {
         let mut sums: Vec<(&str, f64)> = Vec::new();
         for (class, weight) in self.classes.iter().zip(weights) {
-            let category = fault::category(class);
+            let category = fault::category(&class.name);
             match sums.iter_mut().find(|(name, _)| *name == category) {
                 Some((_, sum)) => *sum += weight,
                 None => sums.push((category, *weight)),
@@ -429,8 +426,9 @@ impl Naming {
         let (mut fault, mut named_category, mut certainty) = (None, None, best.map(|b| b.1));
         if let (Some((class, weight)), false) = (best, fits_none) {
             if weight >= self.certainty {
-                fault = Some(self.classes[class].clone());
-                named_category = Some(fault::category(&self.classes[class]).to_owned());
+                let name = &self.classes[class].name;
+                fault = Some(name.clone());
+                named_category = Some(fault::category(name).to_owned());
             } else if let Some((k, sum)) = category.filter(|(_, sum)| *sum >= self.certainty) {
                 named_category = Some(categories[k].0.to_owned());
                 certainty = Some(sum);
@@ -459,7 +457,7 @@ impl Naming {
             explanation: String::new(),
         };
         let strange = fits_none.then_some(found.appearance.unwrap_or(Appearance::Other));
-        let nearest = best.map(|(class, weight)| (self.classes[class].as_str(), weight));
+        let nearest = best.map(|(class, weight)| (&self.classes[class], weight));
         episode.explanation =
             explanation::sentence(&episode, found.rings.as_ref(), nearest, strange);
         episode
@@ -472,7 +470,7 @@ mod tests {
     use crate::episodes::RingChange;
 
     fn tracker(reorder_signals: usize) -> Tracker {
-        let classes: Vec<String> = ["BN", "PBN", "SDN"].map(String::from).to_vec();
+        let classes = ["BN", "PBN", "SDN"].map(Class::plain);
         let settings = EpisodeSettings { reorder_signals, ..EpisodeSettings::default() };
         Tracker::new(&classes, &[1.0 / 3.0; 3], 0.8, &settings)
     }

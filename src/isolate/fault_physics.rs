@@ -12,7 +12,8 @@
 use super::fault_curve::{
     Bench, CHANGES, FaultCurve, Healthy, Scatter, Slope, of_change, padded, turned,
 };
-use super::physics_density::{FaultCurves, HealthySpread, SeenSizes};
+use super::physics_density::{FaultCurves, HealthySpread, Member, SeenSizes};
+use crate::fault::Class;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
 use crate::model::{Actuation, InkChannel, faults};
@@ -42,7 +43,10 @@ pub struct FaultPhysics {
 /// A labelled signal of known severity.
 #[derive(Clone, Debug)]
 pub struct Look {
+    /// Its label.
     pub class: String,
+    /// The thesis's class in whose unit the severity is.
+    pub kind: String,
     pub severity: f64,
     /// Of a fit with the phase free.
     pub features: Vector4<f64>,
@@ -118,8 +122,8 @@ impl FaultPhysics {
             let mut bench = Bench::new(&fitter, self.healthy(), true, self.noise, dt_s, samples)?;
             let (mut information, mut gradient) = (Square::zeros(), SVector::zeros());
             for look in looks.iter().filter(|look| look.severity.is_finite()) {
-                let place = faults::scale(&look.class, look.severity);
-                let Some(point) = place.and_then(|at| bench.point(&look.class, at)) else {
+                let place = faults::scale(&look.kind, look.severity);
+                let Some(point) = place.and_then(|at| bench.point(&look.kind, at)) else {
                     continue;
                 };
                 let scatter = point.slope * self.channels() * point.slope.transpose()
@@ -243,13 +247,7 @@ impl FaultPhysics {
     }
 
     /// Curves of `classes`. `phase`: it is a feature.
-    pub fn curves(
-        &self,
-        classes: &[String],
-        phase: bool,
-        dt_s: f64,
-        samples: usize,
-    ) -> FaultCurves {
+    pub fn curves(&self, classes: &[Class], phase: bool, dt_s: f64, samples: usize) -> FaultCurves {
         let coordinates = if phase { 4 } else { 3 };
         let fitter = RingFitter::new(self.ring, dt_s, samples);
         let bench = Bench::new(&fitter, self.healthy(), phase, self.noise, dt_s, samples);
@@ -266,18 +264,20 @@ impl FaultPhysics {
         let scatter = Scatter { channels: self.channels(), belief };
         let mut kinds: Vec<(&str, Option<usize>)> = Vec::new();
         for (k, class) in classes.iter().enumerate() {
-            let Some(kind) = faults::change(class) else { continue };
-            let known = kinds.iter().find(|(of, _)| *of == kind).map(|(_, curve)| *curve);
-            let number = known.unwrap_or_else(|| {
-                let curve = faults::largest(class)
-                    .and_then(|most| FaultCurve::new(&mut bench, class, most, &scatter));
-                let number = curve.map(|curve| curves.add(curve));
-                kinds.push((kind, number));
-                number
-            });
-            if let Some(number) = number {
-                curves.set(k, class, number, self.seen.get(class));
+            let mut members = Vec::new();
+            for class in &class.of {
+                let Some(kind) = faults::change(class) else { continue };
+                let known = kinds.iter().find(|(of, _)| *of == kind).map(|(_, curve)| *curve);
+                let number = known.unwrap_or_else(|| {
+                    let curve = faults::largest(class)
+                        .and_then(|most| FaultCurve::new(&mut bench, class, most, &scatter));
+                    let number = curve.map(|curve| curves.add(curve));
+                    kinds.push((kind, number));
+                    number
+                });
+                members.extend(number.map(|curve| Member { class, curve }));
             }
+            curves.set(k, &members, self.seen.get(&class.name));
         }
         curves
     }
@@ -443,8 +443,8 @@ mod tests {
         physics
     }
 
-    fn names() -> Vec<String> {
-        CLASSES.iter().map(|c| c.to_string()).collect()
+    fn classes() -> Vec<Class> {
+        CLASSES.map(Class::plain).to_vec()
     }
 
     fn fitted(y: &[f64]) -> Vector4<f64> {
@@ -504,8 +504,8 @@ mod tests {
             .map(|i| CLASSES[i % CLASSES.len()])
             .map(|class| {
                 let (severity, features) = look(class, &mut rng);
-                let class = class.to_string();
-                Look { class, severity, features, drive: 1.0, ring: [0.0; 2], weight: 1.0 }
+                let [class, kind] = [class.to_string(), class.to_string()];
+                Look { class, kind, severity, features, drive: 1.0, ring: [0.0; 2], weight: 1.0 }
             })
             .collect();
         let guess = Healthy { channel: guess, actuation: ACTUATION };
@@ -517,7 +517,7 @@ mod tests {
 
     #[test]
     fn stated_intervals_cover_the_severity_and_categories_are_told_apart() {
-        let curves = physics(TRUE, 0.005).curves(&names(), true, DT_S, SAMPLES);
+        let curves = physics(TRUE, 0.005).curves(&classes(), true, DT_S, SAMPLES);
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         let (mut covered, mut right, mut n) = (0, 0, 0);
         for (k, class) in CLASSES.iter().enumerate() {
@@ -548,8 +548,8 @@ mod tests {
         let seen = SeenSizes::new((0..50).map(|i| (1.5 + 0.01 * f64::from(i), 0.5)).collect());
         assert_eq!((seen.n, seen.severities.len()), (25.0, 50));
         physics.seen.insert("IDN".into(), seen);
-        let curves = physics.curves(&names(), true, DT_S, SAMPLES);
-        for sizes in (0..CLASSES.len()).filter_map(|k| curves.class(k)) {
+        let curves = physics.curves(&classes(), true, DT_S, SAMPLES);
+        for sizes in (0..CLASSES.len()).flat_map(|k| curves.class(k)) {
             let sum: f64 = sizes.share.iter().flatten().sum();
             assert!((sum - 1.0).abs() < 1e-9, "{sum}");
         }
@@ -557,7 +557,7 @@ mod tests {
 
     #[test]
     fn a_known_channel_is_sized_better_and_its_baseline_is_followed() {
-        let curves = physics(TRUE, 0.005).curves(&names(), true, DT_S, SAMPLES);
+        let curves = physics(TRUE, 0.005).curves(&classes(), true, DT_S, SAMPLES);
         let own = curves.of_one_channel(&Matrix4::zeros(), 48.0).unwrap();
         // a channel whose nozzle is 6 % more viscous than the others
         let channel = InkChannel { d_per_s: 1.06 * TRUE.d_per_s, ..TRUE };

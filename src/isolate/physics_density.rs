@@ -4,7 +4,7 @@
 //! of features in every class: the integral over the class's severities of what healthy channels and
 //! noise scatter about the curve. thesis §2-2.
 
-use super::fault_curve::{CHANGES, FaultCurve, Seen, Slope};
+use super::fault_curve::{CHANGES, FaultCurve, Node, Seen, Slope};
 use super::node_columns::{self, Compared, Lanes, NODES, NodeColumns, Terms};
 use crate::model::faults;
 use crate::model::lane_math::ln;
@@ -14,8 +14,8 @@ use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector4};
 /// Curves of the design's classes.
 #[derive(Clone, Debug)]
 pub struct FaultCurves {
-    /// `None`: a user's own class, or a kind that does not ring.
-    classes: Vec<Option<Sizes>>,
+    /// Of each class its kinds of fault; none: a user's own class, or kinds that do not ring.
+    classes: Vec<Vec<Sizes>>,
     curves: Vec<FaultCurve>,
     /// Of each curve.
     columns: Vec<NodeColumns>,
@@ -35,12 +35,19 @@ pub struct HealthySpread {
     pub change: Matrix2<f64>,
 }
 
-/// A class: which curve, and how likely each of its nodes.
+/// A kind of fault that a class stands for: which curve, and how likely each of its nodes.
 #[derive(Clone, Debug)]
 pub struct Sizes {
     pub curve: usize,
     /// Share of the class's signals that lie at a node, in stretches.
     pub share: Vec<Lanes>,
+}
+
+/// One of the thesis's classes, and the curve of its kind.
+#[derive(Clone, Copy, Debug)]
+pub struct Member<'a> {
+    pub class: &'a str,
+    pub curve: usize,
 }
 
 /// Severities of labelled signals of a class: quantiles, and of how many channels.
@@ -81,7 +88,7 @@ impl SeenSizes {
 impl FaultCurves {
     pub fn new(classes: usize, coordinates: usize, healthy: HealthySpread) -> FaultCurves {
         FaultCurves {
-            classes: vec![None; classes],
+            classes: vec![Vec::new(); classes],
             curves: Vec::new(),
             columns: Vec::new(),
             coordinates,
@@ -119,47 +126,37 @@ impl FaultCurves {
         self.curves.len() - 1
     }
 
-    /// Gives class number `k` a curve: sizes as its name says, and as its labelled signals were.
-    pub fn set(&mut self, k: usize, name: &str, curve: usize, seen: Option<&SeenSizes>) {
-        let nodes = &self.curves[curve].nodes;
-        let (n, seen): (f64, Vec<f64>) = seen.map_or((0.0, Vec::new()), |seen| {
-            let places = seen.severities.iter().filter_map(|&s| faults::scale(name, s));
-            (seen.n, places.collect())
-        });
-        let width = bandwidth(&seen, n);
-        let [low, high] = faults::severity_range(name)
-            .map_or([f64::NEG_INFINITY, f64::INFINITY], |range| {
-                range.map(|s| faults::scale(name, s).unwrap_or(f64::NAN))
-            });
-        let mut of_name: Vec<f64> = nodes
-            .iter()
-            .map(|node| {
-                let half = 0.5 * node.length;
-                (high.min(node.place + half) - low.max(node.place - half)).max(0.0)
-            })
-            .collect();
-        let mut of_seen: Vec<f64> = nodes
-            .iter()
-            .map(|node| {
-                let kernel = |at: &f64| (-0.5 * ((node.place - at) / width).powi(2)).exp();
-                node.length * seen.iter().map(kernel).sum::<f64>()
-            })
-            .collect();
-        let mut any: Vec<f64> = nodes.iter().map(|node| node.length).collect();
-        for shares in [&mut of_name, &mut of_seen, &mut any] {
-            let sum: f64 = shares.iter().sum();
-            if sum > 0.0 {
-                shares.iter_mut().for_each(|s| *s /= sum);
+    /// Gives class number `k` the curves of its members: sizes as their names say, and as its labelled
+    /// signals were. Members of several kinds are as likely as each other; severities of these have no
+    /// common unit, so `seen` is not asked.
+    pub fn set(&mut self, k: usize, members: &[Member], seen: Option<&SeenSizes>) {
+        let mut curves: Vec<usize> = members.iter().map(|member| member.curve).collect();
+        curves.dedup();
+        let seen = seen.filter(|_| curves.len() == 1);
+        let n = seen.map_or(0.0, |seen| seen.n);
+        let of_curve = |&curve: &usize| {
+            let nodes = &self.curves[curve].nodes;
+            let own: Vec<&str> =
+                members.iter().filter(|m| m.curve == curve).map(|m| m.class).collect();
+            let part = own.len() as f64 / members.len() as f64;
+            let mut share = vec![0.0; nodes.len()];
+            let mut add = |counted: f64, shares: Vec<f64>| {
+                let sum: f64 = shares.iter().sum();
+                if sum > 0.0 {
+                    let by = counted / sum / (NAME_COUNTS + n + ANY_COUNTS);
+                    share.iter_mut().zip(shares).for_each(|(share, s)| *share += by * s);
+                }
+            };
+            for class in &own {
+                add(NAME_COUNTS * part / own.len() as f64, of_name(nodes, class));
             }
-        }
-        let shares = of_name.iter().zip(&of_seen).zip(&any);
-        let share: Vec<f64> = shares
-            .map(|((name, seen), any)| {
-                let counted = NAME_COUNTS * name + n * seen + ANY_COUNTS * any;
-                counted / (NAME_COUNTS + n + ANY_COUNTS)
-            })
-            .collect();
-        self.classes[k] = Some(Sizes { curve, share: NodeColumns::in_stretches(&share) });
+            if let Some(seen) = seen {
+                add(n, of_seen(nodes, own[0], seen));
+            }
+            add(ANY_COUNTS * part, nodes.iter().map(|node| node.length).collect());
+            Sizes { curve, share: NodeColumns::in_stretches(&share) }
+        };
+        self.classes[k] = curves.iter().map(of_curve).collect();
     }
 
     /// What has changed where the healthy ring has by these (ln damping, ln frequency).
@@ -167,8 +164,9 @@ impl FaultCurves {
         self.healthy.change * Vector2::from(ring)
     }
 
-    pub fn class(&self, k: usize) -> Option<&Sizes> {
-        self.classes.get(k)?.as_ref()
+    /// The kinds of fault that class number `k` stands for.
+    pub fn class(&self, k: usize) -> &[Sizes] {
+        self.classes.get(k).map_or(&[], Vec::as_slice)
     }
 
     /// Features as a vector, 0 where the phase is held.
@@ -227,13 +225,24 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, seen: Seen, out: &mut Comparison
     }
     for (classes, lns) in of.classes.chunks(CLASSES).zip(ln_densities.chunks_mut(CLASSES)) {
         let (mut expectations, mut scales) = ([1.0; CLASSES], [f64::NEG_INFINITY; CLASSES]);
-        for (l, sizes) in classes.iter().enumerate() {
-            let Some(sizes) = sizes else { continue };
-            let of = &of_curves[sizes.curve];
-            let expectation = sizes.expectation(&of.terms);
-            // nothing of it is near, or it has no signal there
-            if expectation > f64::MIN_POSITIVE {
-                (expectations[l], scales[l]) = (expectation, of.ln_scale);
+        for (l, kinds) in classes.iter().enumerate() {
+            for sizes in kinds {
+                let of = &of_curves[sizes.curve];
+                let expectation = sizes.expectation(&of.terms);
+                // nothing of it is near, or it has no signal there
+                if expectation <= f64::MIN_POSITIVE {
+                    continue;
+                }
+                match scales[l] == f64::NEG_INFINITY {
+                    true => (expectations[l], scales[l]) = (expectation, of.ln_scale),
+                    // of several kinds: the sum, on the larger scale
+                    false => {
+                        let most = scales[l].max(of.ln_scale);
+                        expectations[l] = expectations[l] * (scales[l] - most).exp()
+                            + expectation * (of.ln_scale - most).exp();
+                        scales[l] = most;
+                    }
+                }
             }
         }
         for l in 0..CLASSES {
@@ -286,6 +295,31 @@ impl Sizes {
         }
         node_columns::sum(&sums)
     }
+}
+
+/// Share of a node in the severities that a class's name stands for.
+fn of_name(nodes: &[Node], class: &str) -> Vec<f64> {
+    let [low, high] = faults::severity_range(class)
+        .map_or([f64::NEG_INFINITY, f64::INFINITY], |range| {
+            range.map(|s| faults::scale(class, s).unwrap_or(f64::NAN))
+        });
+    let inside = |node: &Node| {
+        let half = 0.5 * node.length;
+        (high.min(node.place + half) - low.max(node.place - half)).max(0.0)
+    };
+    nodes.iter().map(inside).collect()
+}
+
+/// The same in severities that were labelled, in the unit of `class`.
+fn of_seen(nodes: &[Node], class: &str, seen: &SeenSizes) -> Vec<f64> {
+    let places: Vec<f64> =
+        seen.severities.iter().filter_map(|&s| faults::scale(class, s)).collect();
+    let width = bandwidth(&places, seen.n);
+    let density = |node: &Node| {
+        let kernel = |at: &f64| (-0.5 * ((node.place - at) / width).powi(2)).exp();
+        node.length * places.iter().map(kernel).sum::<f64>()
+    };
+    nodes.iter().map(density).collect()
 }
 
 /// Of a kernel density, on the scale of places; n may be more than the quantiles. Narrower than

@@ -1,6 +1,7 @@
 //! Settings of fault isolation: `pipeline.toml` section `[isolate]`.
 
 use super::IsolateError;
+use crate::fault::{CLASSES, HEALTHY};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -44,6 +45,9 @@ pub struct IsolateSettings {
     /// How frequent a class is among faults, relative to 1 of those that are not named; of
     /// `posterior` only.
     pub priors: BTreeMap<String, f64>,
+    /// Names of one's own for one or several of the thesis's classes, of `train` only: they keep what
+    /// the physics knows of these.
+    pub classes: BTreeMap<String, Vec<String>>,
     /// Know the thesis's fault classes by the physics where no signal is labelled.
     pub unlabelled_classes: bool,
     /// Width of the actuation pulse, s: what the state at t_a comes from, for severities and for
@@ -64,6 +68,7 @@ impl Default for IsolateSettings {
             gate: true,
             certainty: 0.8,
             priors: BTreeMap::new(),
+            classes: BTreeMap::new(),
             unlabelled_classes: true,
             pulse_s: 9e-6,
             delay_s: 6e-6,
@@ -83,6 +88,7 @@ impl IsolateSettings {
         {
             return Err(format!("priors.{class} = {weight:?}: give a weight above 0, up to 1e6"));
         }
+        self.check_classes()?;
         if !(1e-9..=1e-2).contains(&self.pulse_s) {
             return Err(format!("pulse_s = {:?}: give 1e-9 to 1e-2", self.pulse_s));
         }
@@ -97,6 +103,39 @@ impl IsolateSettings {
         } else {
             Err(format!("certainty = {:?}: must lie between 0 and 1", self.certainty))
         }
+    }
+
+    fn check_classes(&self) -> Result<(), String> {
+        let mut taken: BTreeMap<&str, &str> = BTreeMap::new();
+        for (name, of) in &self.classes {
+            if name.is_empty() || name == HEALTHY || CLASSES.contains(&name.as_str()) {
+                return Err(format!("classes.\"{name}\": give a name of your own"));
+            }
+            if of.is_empty() {
+                return Err(format!("classes.\"{name}\" = []: name at least one class"));
+            }
+            for class in of {
+                if !CLASSES.contains(&class.as_str()) {
+                    let known = CLASSES.join(", ");
+                    return Err(format!(
+                        "classes.\"{name}\": there is no class \"{class}\" (there are {known})"
+                    ));
+                }
+                if let Some(other) = taken.insert(class, name) {
+                    return Err(format!(
+                        "classes.\"{name}\": {class} is taken by \"{other}\" already; a class can \
+                         stand in one of them"
+                    ));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// What signals labelled so are called.
+    pub fn name_of<'a>(&'a self, label: &'a str) -> &'a str {
+        let declared = self.classes.iter().find(|(_, of)| of.iter().any(|class| class == label));
+        declared.map_or(label, |(name, _)| name)
     }
 
     /// Prior probability of each class: sum 1. Names that are no class are refused.

@@ -18,13 +18,17 @@ pub struct Severity {
 
 impl FaultCurves {
     /// Of a signal that is a fault of the kind of `class`. `weights`: the posterior of the classes;
-    /// those of the same kind add up. `None`: the physics knows no such class.
+    /// those of the same kind add up. `None`: the physics knows no such class, or it is of several
+    /// kinds, whose severities have no common unit.
     pub fn severity(&self, class: usize, weights: &[f64], of: &Comparison) -> Option<Severity> {
-        let curve = self.class(class)?.curve;
+        let [Sizes { curve, .. }] = *self.class(class) else { return None };
         let terms = &of.of_curves.get(curve)?.terms;
         let (mut value, mut square, mut total) = (0.0, 0.0, 0.0);
         for (k, weight) in weights.iter().enumerate().filter(|(_, weight)| **weight > 1e-3) {
-            let Some(sizes) = self.class(k).filter(|sizes| sizes.curve == curve) else { continue };
+            let [sizes] = self.class(k) else { continue };
+            if sizes.curve != curve {
+                continue;
+            }
             let [sum, of_value, of_square] = moments(self, sizes, terms);
             value += weight * of_value / sum;
             square += weight * of_square / sum;

@@ -29,6 +29,14 @@ pub fn change(class: &str) -> Option<&'static str> {
     CHANGES.iter().find(|(name, _)| *name == class).map(|(_, change)| *change)
 }
 
+/// The class in whose severities faults of all `classes` are sized; `None`: they are of several kinds,
+/// or of none that is known.
+pub fn one_kind(classes: &[String]) -> Option<&str> {
+    let first = classes.first()?;
+    let kind = change(first)?;
+    classes.iter().all(|class| change(class) == Some(kind)).then_some(first)
+}
+
 /// Which severities a class's name means: `change`s alike are told apart by size alone.
 ///
 /// Departs: thesis §2-2 names degrees of drying and blockage without numbers. A nozzle is dried

@@ -5,6 +5,7 @@ use super::baseline::InUse;
 use super::replay::Replay;
 use super::schedule::Schedule;
 use super::stages::Judged;
+use crate::design::Design;
 use crate::episodes::{Counts, Episode, Looks, Named, RingChange, Tracker};
 use crate::io::episode_table::EpisodeWriter;
 use crate::io::verdict_table::TimestampUnit;
@@ -48,10 +49,11 @@ impl<'a> EpisodeTap<'a> {
         unit: TimestampUnit,
     ) -> Result<EpisodeTap<'a>, PipelineError> {
         let settings = &replay.settings;
-        let classes = replay.classes();
+        let design = replay.design.as_ref();
+        let classes = design.map(Design::fault_classes).unwrap_or_default();
         // weights of the other methods know no priors
         let priors = match settings.isolate.method {
-            IsolateMethod::Posterior => settings.isolate.prior_weights(&classes)?,
+            IsolateMethod::Posterior => settings.isolate.prior_weights(&replay.classes())?,
             _ => vec![1.0 / classes.len().max(1) as f64; classes.len()],
         };
         let poles = schedule.judges.iter().map(|judge| judge.model.identification.poles);
