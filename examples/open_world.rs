@@ -162,7 +162,7 @@ fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
         Table::Families => {
             let (signals, levels) = (args.signals, args.levels.clone());
             let modes = args.modes.clone();
-            let plan = families::Plan { seed, signals, levels, modes, further };
+            let plan = families::Plan { seed, signals, levels, modes, further, mutant: None };
             let rows = families::measure(program, &Plant::thesis_form(), &plan)?;
             let shown: Vec<Shown> =
                 plan.modes.iter().map(|&mode| families::show(&rows, mode)).collect();

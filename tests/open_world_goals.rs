@@ -5,7 +5,7 @@
 use crate::house::root;
 use crate::open_world::chance::Rate;
 use crate::open_world::disturbance::Disturbance;
-use crate::open_world::lab::{Mode, Program};
+use crate::open_world::lab::{Mode, Mutant, Program};
 use crate::open_world::plant::{Plant, Random, random};
 use crate::open_world::scatter::{Scatter, Shape};
 use crate::open_world::tables::difference::Difference;
@@ -36,10 +36,51 @@ fn nothing_gross_is_called_healthy_and_nothing_foreign_is_named() {
         levels: vec![400.0, 1600.0],
         modes: vec![Mode::Design, Mode::Windows],
         further: Further::default(),
+        mutant: None,
     };
     let rows = families::measure(&inkling(), &Plant::thesis_form(), &plan).unwrap();
     plan.modes.iter().for_each(|&mode| print!("{}", families::show(&rows, mode)));
     none(families::missed(&rows));
+}
+
+/// The goals' families must miss them where the method lacks a part: else they would prove nothing.
+fn missed_by(mutant: Mutant) -> String {
+    let plan = families::Plan {
+        seed: SEED,
+        signals: 64,
+        levels: vec![400.0, 1600.0],
+        modes: vec![Mode::Design],
+        further: Further::default(),
+        mutant: Some(mutant),
+    };
+    let rows = families::measure(&inkling(), &Plant::thesis_form(), &plan).unwrap();
+    families::missed(&rows).join("\n")
+}
+
+#[test]
+fn without_the_second_test_offsets_and_tones_are_called_healthy() {
+    let missed = missed_by(|design| {
+        let models = std::iter::once("/pooled".to_owned());
+        let own = (0..design["models"].as_array().unwrap().len()).map(|i| format!("/models/{i}"));
+        for model in models.chain(own) {
+            let model = design.pointer_mut(&model).unwrap().as_object_mut().unwrap();
+            assert!(model.remove("misfit").is_some_and(|misfit| misfit.is_object()));
+        }
+    });
+    let healthy = missed.lines().filter(|line| line.contains("called healthy")).count();
+    assert!(healthy >= 8, "{missed}");
+}
+
+#[test]
+fn without_typical_sets_dead_lines_are_named() {
+    let missed = missed_by(|design| {
+        assert!(design.as_object_mut().unwrap().remove("typical").is_some());
+        for least in design["posterior"]["least_ln_density"].as_array_mut().unwrap() {
+            *least = serde_json::json!(-1e300);
+        }
+    });
+    let named = missed.lines().filter(|line| line.contains("named")).count();
+    assert!(named >= 4, "{missed}");
 }
 
 fn worlds(worlds: Vec<World>) {

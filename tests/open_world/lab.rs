@@ -83,6 +83,9 @@ fn features(
     }
 }
 
+/// What is done to a design that was learned.
+pub type Mutant = fn(&mut serde_json::Value);
+
 /// What a command said before it failed.
 pub type Refusal = String;
 
@@ -120,6 +123,14 @@ impl Lab {
         recording::write_labels(&self.path("labels.csv"), Rows::USUAL, &signals.states);
         self.write("train", Rows::USUAL, plant, signals.samples);
         self.run(&format!("train train.mcap --labels labels.csv -o design.json {more}"))
+    }
+
+    /// Takes something out of what was learned.
+    pub fn spoil(&self, mutant: Mutant) {
+        let path = self.path("design.json");
+        let mut design = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+        mutant(&mut design);
+        std::fs::write(&path, design.to_string()).unwrap();
     }
 
     pub fn write(

@@ -3,7 +3,7 @@
 use super::{Further, Shown, percent};
 use crate::open_world::chance::Rate;
 use crate::open_world::family::Family;
-use crate::open_world::lab::{Lab, Library, Mode, Program, Refusal, Signals};
+use crate::open_world::lab::{Lab, Library, Mode, Mutant, Program, Refusal, Signals};
 use crate::open_world::plant::{Plant, random};
 use crate::open_world::recording::{HEALTHY, Rows};
 use crate::open_world::verdicts::{Outcome, Reason, Test, Verdict};
@@ -17,6 +17,8 @@ pub struct Plan {
     pub levels: Vec<f64>,
     pub modes: Vec<Mode>,
     pub further: Further,
+    /// Measures what is left without a part of the method.
+    pub mutant: Option<Mutant>,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -108,6 +110,9 @@ pub fn measure(program: &Program, plant: &Plant, plan: &Plan) -> Result<Vec<Row>
     let lab = Lab::new(program);
     let library = Signals::of(&Library::THESIS, plant, plan.seed);
     lab.train(library, plant, &plan.further.train)?;
+    if let Some(mutant) = plan.mutant {
+        lab.spoil(mutant);
+    }
 
     let window = Library { healthy: 20 * Rows::USUAL.channels, per_class: 0, ..Library::THESIS };
     let mut signals = Signals::of(&window, plant, plan.seed + 1);
