@@ -84,6 +84,11 @@ pub struct HealthyModel {
 }
 
 impl HealthyModel {
+    /// Where its threshold lies, in medians of healthy statistics.
+    pub fn in_medians(&self) -> f32 {
+        (self.threshold.value / self.median_statistic) as f32
+    }
+
     /// Learns from a healthy window. `anchor`: the model that came before, which passes on what one
     /// window cannot know (temperature response, tail of the energies).
     pub fn learn(

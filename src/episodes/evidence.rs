@@ -17,7 +17,8 @@ const SHIFT: f32 = 1.0;
 const LARGEST_SHIFT: f32 = 12.0;
 
 /// What is expected of a channel that was never looked at, and for how many looks that counts: three
-/// degrees of freedom at a threshold of false alarms 5e-4.
+/// degrees of freedom at a threshold of false alarms 5e-4, which lies at so many medians of theirs.
+pub const FIRST_IN_MEDIANS: f32 = 7.5;
 const FIRST_LEVEL: f32 = 0.62;
 const FIRST_LEVEL_LOOKS: f32 = 2.0;
 const FIRST_SPREAD: f32 = 0.11;
@@ -32,6 +33,8 @@ const OWN_SPREAD_LOOKS: f32 = 60.0;
 const MEMORY_LOOKS: f32 = 100.0;
 /// After a change of the model that judges, what was learned counts for so many looks.
 const MEMORY_OF_OTHER_MODEL: f32 = 25.0;
+/// Thresholds of one printhead's models differ by less than this.
+const MOST_LOWER: f32 = 16.0;
 /// No healthy level lies beyond the threshold.
 const LARGEST_LEVEL: f32 = 1.0;
 /// From this evidence on, looks that stand out are not learned from.
@@ -110,9 +113,15 @@ impl Evidence {
         !self.raised && self.learned.faulty <= 0.0
     }
 
-    /// From here on another model judges: it may see the channel a little differently.
-    pub fn change_model(&mut self) {
-        self.learned.level_looks = self.learned.level_looks.min(MEMORY_OF_OTHER_MODEL);
+    /// From here on another model judges: it may see the channel a little differently, and its threshold
+    /// may lie elsewhere. `lower`: by what factor, in units of what healthy signals have.
+    pub fn change_model(&mut self, lower: f32) {
+        let Learned { level, level_looks, variance, .. } = &mut self.learned;
+        *level_looks = level_looks.min(MEMORY_OF_OTHER_MODEL);
+        // looks are fourth roots
+        let by = lower.clamp(1.0 / MOST_LOWER, MOST_LOWER).sqrt().sqrt();
+        *level = (*level * by).min(LARGEST_LEVEL);
+        *variance *= by * by;
     }
 
     /// From here on the channel's own baseline judges, or no more: the level learned so far is of
@@ -332,6 +341,24 @@ mod tests {
             (0..2000).filter(raises).count()
         };
         // 400,000 looks, .1 per million expected
+        assert_eq!(raised(true), 0);
+        assert!(raised(false) >= 20, "{}", raised(false));
+    }
+
+    #[test]
+    fn a_lower_threshold_is_no_fault_if_it_is_told_and_would_be_one_if_not() {
+        // a window whose tail is known badly, and the next one
+        let raised = |told: bool| {
+            let mut source = source(7);
+            let raises = |_: &u32| {
+                let mut evidence = Evidence::default();
+                let wide =
+                    (0..60).any(|_| evidence.look(0.55 * source.look(1.0), 16.0) == Step::Raised);
+                evidence.change_model(if told { 1.0 / 0.55 } else { 1.0 });
+                wide | (0..100).any(|_| evidence.look(source.look(1.0), 16.0) == Step::Raised)
+            };
+            (0..2000).filter(raises).count()
+        };
         assert_eq!(raised(true), 0);
         assert!(raised(false) >= 20, "{}", raised(false));
     }

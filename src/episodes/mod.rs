@@ -49,8 +49,9 @@ pub struct Episode {
 pub struct Looks {
     pub t_ns: i64,
     pub first_channel: u32,
-    /// Which model judged.
+    /// Which model judged, and its threshold over the median of healthy statistics; 0: not known.
     pub model: u16,
+    pub in_medians: f32,
     /// Statistic over threshold per channel; NaN: not judged.
     pub ratios: Vec<f32>,
     /// Per channel, whether its own baseline judged it; empty: no channel's did.

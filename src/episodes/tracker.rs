@@ -1,7 +1,7 @@
 //! All channels of a recording: bursts in, episodes out.
 
 use super::classes::ClassFilter;
-use super::evidence::{Evidence, Step, TOGETHER};
+use super::evidence::{Evidence, FIRST_IN_MEDIANS, Step, TOGETHER};
 use super::explanation::{self, Rings};
 use super::order::Waiting;
 use super::{Counts, Episode, EpisodeSettings, Looks, Named};
@@ -55,7 +55,9 @@ struct Channel {
     /// Judged looks since the onset.
     looks: u64,
     onset_ns: i64,
-    model: u16,
+    /// Judged it last; `None`: none did.
+    model: Option<u16>,
+    in_medians: f32,
     /// Whether its own baseline judged it last.
     own: bool,
     evidence: Evidence,
@@ -182,7 +184,8 @@ impl Printhead {
             last_ns: i64::MIN,
             looks: 0,
             onset_ns: 0,
-            model: 0,
+            model: None,
+            in_medians: FIRST_IN_MEDIANS,
             own: false,
             evidence: Evidence::default(),
             found: None,
@@ -201,7 +204,7 @@ impl Printhead {
         for ((i, state), ratio) in (0u32..).zip(states.iter()).zip(ratios) {
             plain &= (state.number == first.saturating_add(i))
                 & (state.last_ns < looks.t_ns)
-                & (state.model == looks.model)
+                & (state.model == Some(looks.model))
                 & (state.own == looks.judged_by_own(row + i))
                 & !state.evidence.is_raised()
                 & !ratio.is_nan();
@@ -270,11 +273,10 @@ impl Printhead {
                 continue;
             }
             channel.last_ns = looks.t_ns;
-            if channel.model != looks.model {
-                channel.model = looks.model;
-                channel.evidence.change_model();
-            }
             let own = looks.judged_by_own(row);
+            if channel.model != Some(looks.model) {
+                channel.change_model(looks, own);
+            }
             if channel.own != own {
                 channel.own = own;
                 channel.evidence.judge_by_own(own);
@@ -289,6 +291,14 @@ impl Printhead {
 }
 
 impl Channel {
+    fn change_model(&mut self, looks: &Looks, own: bool) {
+        let next = if looks.in_medians > 0.0 { looks.in_medians } else { self.in_medians };
+        // a baseline of its own has a threshold of its own
+        let lower = if own { 1.0 } else { self.in_medians / next };
+        self.evidence.change_model(lower);
+        (self.model, self.in_medians) = (Some(looks.model), next);
+    }
+
     /// The next look; what has ended with it.
     fn look(
         &mut self,
@@ -573,6 +583,7 @@ mod tests {
                 t_ns: b.t_ns,
                 first_channel: b.first_channel + row,
                 model: b.model,
+                in_medians: b.in_medians,
                 ratios: vec![b.ratios[row as usize]],
                 named: b
                     .named

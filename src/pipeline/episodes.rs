@@ -23,6 +23,8 @@ pub struct EpisodeTap<'a> {
     table: EpisodeWriter,
     /// Per model: frequency, damping.
     healthy: Vec<[f64; 2]>,
+    /// Per model: its threshold over the median of healthy statistics.
+    in_medians: Vec<f32>,
     listed: Vec<Episode>,
 }
 
@@ -67,6 +69,7 @@ impl<'a> EpisodeTap<'a> {
             ),
             table: EpisodeWriter::create(path, unit)?,
             healthy: poles.map(|p| [p.frequency_hz, p.damping_per_s]).collect(),
+            in_medians: schedule.judges.iter().map(|judge| judge.model.in_medians()).collect(),
             listed: Vec::new(),
         })
     }
@@ -88,11 +91,13 @@ impl<'a> EpisodeTap<'a> {
                     .map(|row| baselines.knows(printhead, c.channel[row], c.acquired_at_ns[row]))
                     .collect()
             };
+            // a burst has one; of rejected signals nothing is asked
+            let model = c.model[from..to].iter().flatten().copied().next().unwrap_or_default();
             let mut looks = Looks {
                 t_ns: c.acquired_at_ns[from],
                 first_channel: c.channel[from],
-                // a burst has one; of rejected signals nothing is asked
-                model: c.model[from..to].iter().flatten().copied().next().unwrap_or_default(),
+                model,
+                in_medians: self.in_medians.get(usize::from(model)).copied().unwrap_or_default(),
                 ratios: (from..to).map(ratio).collect(),
                 own: self.baselines.map(known).unwrap_or_default(),
                 named: Vec::new(),
