@@ -33,13 +33,10 @@ pub(super) fn physics(
     let model = &design.pooled;
     let sampling = (design.sample_period_s, design.samples);
     let ring = ring_of(&model.identification)?;
-    // the settings' channel in ratios, at the machine's own scale of time
+    // the settings' channel and actuation in ratios, at the machine's own scale of time
     let scaled = grey_box.at_frequency(ring.frequency_hz);
-    let faster = (scaled.a_per_s2 / grey_box.a_per_s2).sqrt();
-    let near = (0.5..2.0).contains(&faster); // else the actuation is another machine's
-    let slower = if near { 1.0 } else { 1.0 / faster };
-    let GreyBoxSettings { a_per_s2, b_per_s2, g_per_s, d_per_s, .. } =
-        if near { grey_box.clone() } else { scaled };
+    let slower = (grey_box.a_per_s2 / scaled.a_per_s2).sqrt();
+    let GreyBoxSettings { a_per_s2, b_per_s2, g_per_s, d_per_s, .. } = scaled;
     let channel = InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s };
     let (pulse_s, delay_s) = (isolate.pulse_s * slower, isolate.delay_s * slower);
     let guess = Healthy { channel, actuation: Actuation { pulse_s, delay_s } };

@@ -218,9 +218,7 @@ impl SensitivityDetector {
     /// and temperature, counts; `near`: what its ring lies near.
     pub fn unexplained(&self, signal: &[f64], near: &Features, drive: f64) -> Option<f64> {
         let fit = self.fitter.fit_from(signal, near, true)?;
-        let mut left = self.beside.left(&self.fitter, signal, &fit.features);
-        let amplitude = fit.features.ln_amplitude.exp();
-        left.iter_mut().zip(&self.leftover).for_each(|(l, shape)| *l -= amplitude * shape);
+        let left = self.beside.left_without(&self.fitter, signal, &fit.features, &self.leftover);
         Some(dot(&left, &left) * drive * drive)
     }
 

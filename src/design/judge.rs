@@ -411,9 +411,9 @@ impl OfRings {
     /// `y`: per unit drive, counts; `noise`: of a sample of it.
     fn left(&self, y: &[f64], fit: &Fit, judge: &Judge, noise: f64) -> LeftOfRing {
         let fit = self.fitter.fit_from(y, &fit.features, true).unwrap_or(*fit);
-        let mut left = self.beside.left(&self.fitter, y, &fit.features);
+        let shape = &judge.model.leftover;
+        let mut left = self.beside.left_without(&self.fitter, y, &fit.features, shape);
         let size = fit.features.ln_amplitude.exp();
-        left.iter_mut().zip(&judge.model.leftover).for_each(|(l, shape)| *l -= size * shape);
         left.iter_mut().for_each(|v| *v /= noise);
         let all = left.iter().map(|v| v * v).sum::<f64>() / left.len() as f64;
         // noise is one at the signal's own drive, and so is its ring
@@ -431,8 +431,10 @@ impl Judge {
         let Isolator::Posterior(of_rings) = &self.isolating.as_ref()?.isolator else { return None };
         let noise = self.model.noise_beside() / drive;
         let fit = of_rings.fitter.fit(y, true, &mut work.products);
+        let OfRings { beside, fitter, .. } = &**of_rings;
+        let shape = &self.model.leftover;
         let mut left = match &fit {
-            Some(fit) => of_rings.beside.left(&of_rings.fitter, y, &fit.features),
+            Some(fit) => beside.left_without(fitter, y, &fit.features, shape),
             None => y.to_vec(),
         };
         left.iter_mut().for_each(|v| *v /= noise);

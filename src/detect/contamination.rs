@@ -1,38 +1,17 @@
 //! Where healthy ends among signals of which nobody says who is faulty.
 //!
 //! In: detection statistics of a window's signals, up to two in five of them faulty, and the channel
-//! each came from. Out: the value that healthy signals exceed at a chosen rate.
-//!
-//! # What is assumed
-//!
-//! Statistics are squared distances. Those of healthy signals follow a generalised F law,
-//! (s / c)^gamma = F, F of 2a and 2 kappa degrees: chi-squared at gamma = 1, kappa = infinity (Gaussian
-//! scatter), lighter tails at gamma > 1 (bounded scatter), power laws at small kappa (Student's t, with
-//! 2 kappa degrees). Faulty signals lie evenly in the space of the features near the healthy ones, so
-//! that their share grows as s^(1/2) ds, and evenly over orders of magnitude further out. c, gamma,
-//! kappa and the share of healthy signals are what makes the window likeliest; so the tail is read from
-//! the body where faults hide it, and from itself where they do not. Measured on seven shapes of
-//! scatter with 0, 3 and 40 % of faults: docs/open_world.md.
+//! each came from. Out: the value that healthy signals exceed at a chosen rate, by a mixture of healthy
+//! and faulty signals ([`super::mixture`]).
 //!
 //! Signals of one channel resemble each other: how well the threshold is known comes from leaving out
 //! one group of channels after the other (jackknife), and widens it.
 
 use super::DetectError;
+use super::mixture::{Counts, Mixture};
 use super::threshold::{Method, Threshold};
 use crate::model::student::student_quantile;
-use nalgebra::{Matrix4, Vector4};
 
-/// Bins of ln (s / median), and where they begin and end.
-const STEP: f64 = 0.1;
-const FIRST: f64 = -5.0;
-const LAST: f64 = 12.0;
-/// The law is followed so far on either side.
-const BEYOND: f64 = 10.0;
-/// Faults lie evenly in space up to so many medians, over orders of magnitude from there on.
-const EVENLY: f64 = 20.0;
-/// Prior: standard deviation of ln gamma, mean of 1 / kappa.
-const GAMMA_SD: f64 = 0.25;
-const TAIL_MEAN: f64 = 0.15;
 /// Groups of the jackknife.
 const GROUPS: usize = 8;
 /// Fewer signals say nothing of a law.
@@ -48,16 +27,14 @@ pub enum Degrees {
 }
 
 impl Degrees {
-    fn half(self) -> f64 {
+    /// Half of them.
+    pub(super) fn half(self) -> f64 {
         match self {
             Degrees::Three => 1.5,
             Degrees::OneSided => 0.5,
         }
     }
 }
-
-/// ln c, ln gamma, ln (1 / kappa), and the share of healthy signals on a scale without ends.
-type Law = Vector4<f64>;
 
 /// The statistic that healthy signals of the window exceed at `rate`, widened so that it is enough with
 /// `confidence`. `statistics`: at least 0. `channels`: the channel of each.
@@ -88,20 +65,18 @@ pub fn contaminated(
     }
     let rate = rate * statistics.len() as f64 / counted.len() as f64;
     let groups = groups(&counted);
-    let mut bins = vec![[0.0; GROUPS]; bin_count()];
+    let mut of_groups = vec![Counts::default(); GROUPS];
+    let mut all = Counts::default();
     for ((s, _), group) in counted.iter().zip(&groups) {
-        bins[bin(s / median)][*group] += 1.0;
+        of_groups[*group].add(s / median);
+        all.add(s / median);
     }
-    let fitter = Fitter::new(degrees.half());
-    let all: Vec<f64> = bins.iter().map(|of| of.iter().sum()).collect();
-    let law = fitter.fit(&all, None);
-    let estimate = fitter.quantile(&law, rate);
-    let without: Vec<f64> = (0..GROUPS)
-        .filter(|g| bins.iter().any(|of| of[*g] > 0.0))
-        .map(|g| {
-            let left: Vec<f64> = all.iter().zip(&bins).map(|(all, of)| all - of[g]).collect();
-            fitter.quantile(&fitter.fit(&left, Some(law)), rate)
-        })
+    let mixture = Mixture::fit(&all, degrees);
+    let estimate = mixture.ln_exceeded(rate);
+    let without: Vec<f64> = of_groups
+        .iter()
+        .filter(|of| !of.is_empty())
+        .map(|of| mixture.fit_again(&all.without(of)).ln_exceeded(rate))
         .collect();
     let n = without.len() as f64;
     let mean = without.iter().sum::<f64>() / n;
@@ -125,9 +100,9 @@ pub fn contaminated(
         confidence: Some(confidence),
         n_signals: statistics.len(),
         n_channels: numbers.len(),
-        n_effective: healthy_share(&law) * statistics.len() as f64,
+        n_effective: mixture.healthy_share() * statistics.len() as f64,
         n_tail: 0,
-        tail_shape: law[2].exp(),
+        tail_shape: mixture.tail(),
         widened: Some(widening.exp()),
     })
 }
@@ -146,162 +121,127 @@ fn groups(counted: &[(f64, u32)]) -> Vec<usize> {
     }
 }
 
-fn bin_count() -> usize {
-    ((LAST - FIRST) / STEP).round() as usize
-}
-
-fn bin(ratio: f64) -> usize {
-    let place = ((ratio.ln() - FIRST) / STEP).floor();
-    place.clamp(0.0, bin_count() as f64 - 1.0) as usize
-}
-
-fn healthy_share(law: &Law) -> f64 {
-    0.5 + 0.5 / (1.0 + (-law[3]).exp())
-}
-
-struct Fitter {
-    a: f64,
-    /// Probability of every bin for a faulty signal.
-    faulty: Vec<f64>,
-}
-
-/// Of every bin: its probability for a healthy signal.
-impl Fitter {
-    fn new(a: f64) -> Fitter {
-        let density = |t: f64| 1.5 * t - 1.5 * (t.exp() + EVENLY).ln();
-        let mut faulty: Vec<f64> =
-            (0..bin_count()).map(|i| density(FIRST + (i as f64 + 0.5) * STEP).exp()).collect();
-        let sum: f64 = faulty.iter().sum();
-        faulty.iter_mut().for_each(|p| *p /= sum);
-        Fitter { a, faulty }
-    }
-
-    /// The law's density of ln s at steps from `FIRST - BEYOND` on, times the step.
-    fn healthy(&self, law: &Law) -> Vec<f64> {
-        let (gamma, kappa) = (law[1].exp(), (-law[2]).exp());
-        let steps = ((LAST - FIRST + 2.0 * BEYOND) / STEP).round() as usize;
-        let mut p: Vec<f64> = (0..steps)
-            .map(|i| {
-                let t = gamma * (FIRST - BEYOND + (i as f64 + 0.5) * STEP - law[0]);
-                (self.a * t - (self.a + kappa) * (t.exp() / kappa).ln_1p()).exp()
-            })
-            .collect();
-        let sum: f64 = p.iter().sum();
-        p.iter_mut().for_each(|p| *p /= sum);
-        p
-    }
-
-    fn of_bins(&self, law: &Law) -> Vec<f64> {
-        let p = self.healthy(law);
-        let before = (BEYOND / STEP).round() as usize;
-        let mut bins = p[before..before + bin_count()].to_vec();
-        bins[0] += p[..before].iter().sum::<f64>();
-        *bins.last_mut().unwrap_or(&mut 0.0) += p[before + bin_count()..].iter().sum::<f64>();
-        bins
-    }
-
-    fn mixed(&self, law: &Law) -> Vec<f64> {
-        let h = healthy_share(law);
-        let mix = |(p, q): (f64, &f64)| (h * p + (1.0 - h) * q).max(1e-300);
-        self.of_bins(law).into_iter().zip(&self.faulty).map(mix).collect()
-    }
-
-    /// ln likelihood and prior.
-    fn ln(&self, counts: &[f64], law: &Law) -> f64 {
-        let data: f64 = counts.iter().zip(self.mixed(law)).map(|(n, p)| n * p.ln()).sum();
-        data - 0.5 * (law[1] / GAMMA_SD).powi(2) - law[2].exp() / TAIL_MEAN
-    }
-
-    /// The likeliest law, by Fisher scoring with a damped step.
-    fn fit(&self, counts: &[f64], near: Option<Law>) -> Law {
-        let starts = match near {
-            Some(law) => vec![law],
-            None => [(-4.0, 3.0), (-1.5, 3.0), (-3.0, -1.0)]
-                .map(|(tail, share)| Vector4::new(-0.2, 0.0, tail, share))
-                .to_vec(),
-        };
-        let found = starts.into_iter().map(|start| self.climb(counts, start));
-        let best = found.max_by(|p, q| p.1.total_cmp(&q.1));
-        best.map_or(Vector4::new(-0.2, 0.0, -4.0, 3.0), |(law, _)| law)
-    }
-
-    fn climb(&self, counts: &[f64], start: Law) -> (Law, f64) {
-        const ROUNDS: usize = 40;
-        let (mut law, mut damping) = (within(start), 1e-3);
-        let mut height = self.ln(counts, &law);
-        for _ in 0..ROUNDS {
-            let (gradient, information) = self.slope(counts, &law);
-            let damped = information
-                + Matrix4::from_diagonal(&information.diagonal()) * damping
-                + Matrix4::identity() * 1e-6;
-            let Some(inverse) = damped.try_inverse() else { break };
-            let next = within(law + inverse * gradient);
-            let there = self.ln(counts, &next);
-            if there > height {
-                let gained = there - height;
-                (law, height, damping) = (next, there, damping * 0.2);
-                if gained < 1e-4 {
-                    break;
-                }
-            } else if damping > 1e6 {
-                break;
-            } else {
-                damping *= 10.0;
-            }
-        }
-        (law, height)
-    }
-
-    fn slope(&self, counts: &[f64], law: &Law) -> (Vector4<f64>, Matrix4<f64>) {
-        const H: f64 = 1e-4;
-        let p = self.mixed(law);
-        let slopes: [Vec<f64>; 4] = std::array::from_fn(|k| {
-            let mut step = Vector4::zeros();
-            step[k] = H;
-            let (up, down) = (self.mixed(&(law + step)), self.mixed(&(law - step)));
-            up.iter().zip(down).map(|(u, d)| (u - d) / (2.0 * H)).collect()
-        });
-        let n: f64 = counts.iter().sum();
-        let mut gradient = Vector4::from_fn(|k, _| {
-            (0..p.len()).map(|i| counts[i] * slopes[k][i] / p[i]).sum::<f64>()
-        });
-        let mut information = Matrix4::from_fn(|j, k| {
-            n * (0..p.len()).map(|i| slopes[j][i] * slopes[k][i] / p[i]).sum::<f64>()
-        });
-        gradient[1] -= law[1] / (GAMMA_SD * GAMMA_SD);
-        information[(1, 1)] += 1.0 / (GAMMA_SD * GAMMA_SD);
-        gradient[2] -= law[2].exp() / TAIL_MEAN;
-        information[(2, 2)] += law[2].exp() / TAIL_MEAN;
-        (gradient, information)
-    }
-
-    /// ln (s / median) that healthy signals exceed at a rate.
-    fn quantile(&self, law: &Law, rate: f64) -> f64 {
-        let p = self.healthy(law);
-        let mut beyond = 0.0;
-        for (i, p) in p.iter().enumerate().rev() {
-            if beyond + p > rate {
-                // within the step the tail falls as a power
-                let share = ((beyond + p) / rate).ln() / ((beyond + p) / beyond.max(1e-300)).ln();
-                return FIRST - BEYOND + (i as f64 + share.clamp(0.0, 1.0)) * STEP;
-            }
-            beyond += p;
-        }
-        FIRST
-    }
-}
-
-/// Laws that are possible at all.
-fn within(law: Law) -> Law {
-    Vector4::new(
-        law[0].clamp(-6.0, 6.0),
-        law[1].clamp(-0.7, 0.7),
-        law[2].clamp(-7.0, 0.7),
-        law[3].clamp(-5.0, 9.0),
-    )
-}
-
 fn median(values: &mut [f64]) -> f64 {
     let mid = values.len() / 2;
     *values.select_nth_unstable_by(mid, f64::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{ChiSquared, Distribution, StandardNormal};
+
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    enum Healthy {
+        Gaussian,
+        Bounded,
+        Student,
+    }
+
+    /// Squared distance of a signal that lies `off` from the middle.
+    fn square(kind: Healthy, off: f64, rng: &mut ChaCha8Rng) -> f64 {
+        let mut x = [0.0; 3].map(|_: f64| rng.sample::<f64, _>(StandardNormal));
+        match kind {
+            Healthy::Gaussian => {}
+            Healthy::Bounded => x = x.map(|v| 0.3 * v + rng.random_range(-1.6..1.6)),
+            Healthy::Student => {
+                let scale = (ChiSquared::new(5.0).unwrap().sample(rng) / 3.0_f64).sqrt();
+                x = x.map(|v| v / scale);
+            }
+        }
+        x[0] += off;
+        x.iter().map(|v| v * v).sum()
+    }
+
+    #[derive(Clone, Copy, Debug)]
+    enum Faults {
+        OverDecades,
+        /// So many standard deviations off.
+        OneSize(f64),
+        TwoSizes(f64, f64),
+    }
+
+    #[derive(Clone, Copy, Debug, Default)]
+    struct Found {
+        false_alarms: f64,
+        recall: f64,
+    }
+
+    const STATED: f64 = 1e-3;
+
+    /// Windows of 2560 signals of 128 channels.
+    fn found(kind: Healthy, share: f64, faults: Faults, seed: u64) -> Found {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let fault = |rng: &mut ChaCha8Rng| {
+            let off = match faults {
+                Faults::OverDecades => rng.random_range(1.8_f64..6.0).exp(),
+                Faults::OneSize(off) => off,
+                Faults::TwoSizes(p, q) => [p, q][usize::from(rng.random_bool(0.5))],
+            };
+            square(kind, off, rng)
+        };
+        let all: Vec<f64> = (0..2560)
+            .map(|_| match rng.random_bool(share) {
+                true => fault(&mut rng),
+                false => square(kind, 0.0, &mut rng),
+            })
+            .collect();
+        let channels: Vec<u32> = (0..2560).map(|i| i % 128).collect();
+        let threshold = contaminated(&all, &channels, Degrees::Three, STATED, 0.95).unwrap().value;
+        let (healthy, faulty) = (20_000, 2_000);
+        let false_alarms = (0..healthy).filter(|_| square(kind, 0.0, &mut rng) > threshold).count();
+        let hits = (0..faulty).filter(|_| fault(&mut rng) > threshold).count();
+        Found {
+            false_alarms: false_alarms as f64 / f64::from(healthy),
+            recall: hits as f64 / f64::from(faulty),
+        }
+    }
+
+    /// Means of four windows.
+    fn over_windows(kind: Healthy, share: f64, faults: Faults) -> Found {
+        const WINDOWS: u64 = 4;
+        let mut all = Found::default();
+        for i in 0..WINDOWS {
+            let one = found(kind, share, faults, 4200 + i);
+            all.false_alarms += one.false_alarms / WINDOWS as f64;
+            all.recall += one.recall / WINDOWS as f64;
+        }
+        println!("{kind:?}, {share} {faults:?}: {all:?}");
+        all
+    }
+
+    #[test]
+    fn stated_rate_holds_without_faults_and_with_faults_of_any_size() {
+        for kind in [Healthy::Gaussian, Healthy::Bounded, Healthy::Student] {
+            for share in [0.0, 0.1, 0.4] {
+                let of = over_windows(kind, share, Faults::OverDecades);
+                assert!(of.false_alarms <= 2.0 * STATED, "{kind:?} {share}: {of:?}");
+                // a Student tail lies over some of them
+                let least = if kind == Healthy::Student { 0.2 } else { 0.99 };
+                assert!(of.recall >= least, "{kind:?} {share}: {of:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn faults_of_one_size_or_two_are_no_healthy_tail() {
+        let (near, far) = (Faults::OneSize(9.0), Faults::OneSize(40.0));
+        for faults in [near, Faults::OneSize(15.0), far, Faults::TwoSizes(15.0, 100.0)] {
+            for share in [0.1, 0.38] {
+                for kind in [Healthy::Gaussian, Healthy::Bounded, Healthy::Student] {
+                    let of = over_windows(kind, share, faults);
+                    assert!(of.false_alarms <= 2.0 * STATED, "{kind:?} {share} {faults:?}: {of:?}");
+                    // a Student tail reaches beyond the nearest of them
+                    let least = match (kind, faults) {
+                        (Healthy::Student, Faults::OneSize(9.0)) => 0.0,
+                        (Healthy::Student, _) => 0.8,
+                        _ => 0.97,
+                    };
+                    assert!(of.recall >= least, "{kind:?} {share} {faults:?}: {of:?}");
+                }
+            }
+        }
+    }
 }

@@ -11,6 +11,7 @@ pub mod kernel;
 pub mod lane_expectation;
 pub mod lane_sensitivity;
 pub mod misfit;
+mod mixture;
 pub mod null_space;
 pub mod numerator;
 pub mod poles;

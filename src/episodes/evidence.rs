@@ -12,6 +12,9 @@
 /// ln(1 / 5e-4): an odd look is about as frequent as the default `detect.false_alarm_rate`.
 const MOST_PER_LOOK: f32 = 7.6;
 /// The shift that is looked for, in standard deviations of a look.
+static SHIFT_ENV: std::sync::LazyLock<f32> = std::sync::LazyLock::new(|| {
+    std::env::var("INK_SHIFT").ok().and_then(|v| v.parse().ok()).unwrap_or(1.0)
+});
 const SHIFT: f32 = 1.0;
 /// Largest shift that the return to healthy is measured against.
 const LARGEST_SHIFT: f32 = 12.0;
@@ -218,7 +221,8 @@ impl Learned {
     /// most.
     #[inline(always)] // as above
     fn after(self, z: f32, sd: f32) -> Learned {
-        let gain = (SHIFT * (z - SHIFT / 2.0)).min(MOST_PER_LOOK);
+        let shift = *SHIFT_ENV;
+        let gain = (shift * (z - shift / 2.0)).min(MOST_PER_LOOK);
         let faulty = (self.faulty + gain).max(0.0);
         let while_suspect = if z < STANDS_OUT { WHILE_SUSPECT } else { 0.0 };
         let share = if faulty < SUSPICION { 1.0 } else { while_suspect };

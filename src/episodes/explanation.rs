@@ -64,6 +64,10 @@ fn in_words(strange: Appearance) -> String {
             format!("nothing rings, noise alone: a dead sensor line or a broken wire; {LOOK}")
         }
         Appearance::Constant => format!("nothing rings, a constant value: {LOOK}"),
+        Appearance::OtherGain(ratio) if ratio < 0.0 => format!(
+            "rings upside down, {:.2} times as large as a healthy channel: swapped wires; {LOOK}",
+            -ratio
+        ),
         Appearance::OtherGain(ratio) => format!(
             "rings like a healthy channel with {ratio:.2} times its size: gain or contact of the \
              sensor line; {LOOK}"

@@ -37,7 +37,7 @@ impl Strange<'_> {
         if beyond < n {
             return match self.ring {
                 Some(x) if x.ln_damping.abs() < NEAR[0] && x.ln_frequency.abs() < NEAR[1] => {
-                    Appearance::OtherGain(x.ln_amplitude.exp())
+                    Appearance::OtherGain(x.ln_amplitude.exp() * x.phase_rad.cos().signum())
                 }
                 _ => Appearance::Other,
             };
@@ -99,6 +99,8 @@ mod tests {
         assert_eq!(of(&|_| 0.0, None, false), Appearance::NoiseAlone);
         assert_eq!(of(&|_| 40.0, None, false), Appearance::Constant);
         assert_eq!(of(&|_| 0.0, Some(half), true), Appearance::OtherGain(0.5));
+        let upside_down = Features { phase_rad: std::f64::consts::PI, ..Features::HEALTHY };
+        assert_eq!(of(&|_| 0.0, Some(upside_down), true), Appearance::OtherGain(-1.0));
         let odd = |k: f64| if k == 40.0 { 60.0 } else { 0.0 };
         assert_eq!(of(&odd, Some(half), true), Appearance::Jumps);
         assert_eq!(of(&|_| 5.0, Some(half), true), Appearance::Slow);

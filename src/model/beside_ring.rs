@@ -36,6 +36,21 @@ impl BesideRing {
         self.project(fitter, &left, at)
     }
 
+    /// The same without the shape that every ring of the machine holds, in proportion to its amplitude. N,
+    /// counts, of a ring as large as the healthy one.
+    pub fn left_without(
+        &self,
+        fitter: &RingFitter,
+        y: &[f64],
+        at: &Features,
+        shape: &[f64],
+    ) -> Vec<f64> {
+        let mut left = self.left(fitter, y, at);
+        let amplitude = at.ln_amplitude.exp();
+        left.iter_mut().zip(shape).for_each(|(l, shape)| *l -= amplitude * shape);
+        left
+    }
+
     /// What of a deviation from a ring lies beside it, counts. `y`: N.
     pub fn project(&self, fitter: &RingFitter, y: &[f64], at: &Features) -> Vec<f64> {
         let tangent = fitter.tangent(at);

@@ -20,6 +20,8 @@ pub enum Faults {
     Known,
     /// Of any family, gross.
     Foreign,
+    /// All of one known class, and of one size in it.
+    Alike,
 }
 
 const GROSS: f64 = 1600.0;
@@ -88,7 +90,8 @@ impl World {
             faulty_share,
             faults,
         };
-        known.into_iter().chain(foreign).map(world).collect()
+        let alike = [0.1, 0.38].map(|share| (share, Faults::Alike));
+        known.into_iter().chain(foreign).chain(alike).map(world).collect()
     }
 }
 
@@ -135,6 +138,8 @@ fn of_world(world: &World, plant: &Plant, count: usize, seed: u64) -> Signals {
     let mut rng = random(seed, 1);
     let mut signals = Signals::default();
     let families = Family::all(&[GROSS]);
+    let alike = classes.choose(&mut rng).unwrap().as_str();
+    let one_size = plant.faults[alike].draw(&mut rng);
     for place in 0..count {
         if !rng.random_bool(world.faulty_share) {
             let channel = ROWS.channel(place);
@@ -144,6 +149,8 @@ fn of_world(world: &World, plant: &Plant, count: usize, seed: u64) -> Signals {
             let class = classes.choose(&mut rng).unwrap();
             let features = plant.faults[*class].draw(&mut rng);
             signals.push(class, plant.signal(features, &mut rng));
+        } else if world.faults == Faults::Alike {
+            signals.push(alike, plant.signal(one_size, &mut rng));
         } else {
             let family = families.choose(&mut rng).unwrap();
             let y = family.signal(&plant, &mut rng).expect("families come gross");
