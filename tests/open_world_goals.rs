@@ -5,8 +5,9 @@
 use crate::house::root;
 use crate::open_world::chance::Rate;
 use crate::open_world::disturbance::Disturbance;
-use crate::open_world::lab::{Mode, Mutant, Program};
+use crate::open_world::lab::{Lab, Library, Mode, Mutant, Program, Signals};
 use crate::open_world::plant::{Plant, Random, random};
+use crate::open_world::recording::Rows;
 use crate::open_world::scatter::{Scatter, Shape};
 use crate::open_world::tables::difference::Difference;
 use crate::open_world::tables::healthy::World;
@@ -178,6 +179,25 @@ fn clean_recordings_raise_no_episodes() {
     let rows = episodes::measure_clean(&inkling(), &plan).unwrap();
     print!("{}", episodes::show_clean(&rows));
     none(episodes::missed_clean(&rows));
+}
+
+/// A ring leaves at least the noise; 0 would say that it fits like nothing else does.
+#[test]
+fn what_was_not_measured_beside_a_ring_is_null_not_zero() {
+    let (plant, lab) = (Plant::thesis_form(), Lab::new(&inkling()));
+    let library = Library { healthy: 600, per_class: 40, ..Library::THESIS };
+    let method = "--set isolate.method=residual-matching";
+    lab.train(Signals::of(&library, &plant, SEED + 9), &plant, method).unwrap();
+    let signals = Signals::of(&library, &plant, SEED + 10);
+    lab.write("test", Rows::USUAL, &plant, signals.samples);
+    for more in [method, "--set isolate.gate=false"] {
+        let verdicts = lab.judge("test", Mode::Design, &format!("--force {more}")).unwrap();
+        assert!(
+            verdicts.iter().any(|v| v.is_flagged()) && !verdicts.iter().all(|v| v.is_flagged())
+        );
+        let impossible = verdicts.iter().filter(|v| v.misfit.is_some_and(|m| m < 0.3)).count();
+        assert_eq!(impossible, 0, "{more}: of {}", verdicts.len());
+    }
 }
 
 /// The ruler first: noise alone leaves 128 less what was fitted, a disturbance what was asked for.
