@@ -32,15 +32,16 @@ const BEFORE: usize = 100;
 const EVENLY: f64 = 20.0;
 /// Prior: standard deviation of ln gamma, mean of 1 / kappa.
 const GAMMA_SD: f64 = 0.25;
-const TAIL_MEAN: f64 = 0.06;
+const TAIL_MEAN: f64 = 0.08;
 
 /// No healthy tail is heavier than that of Student's t with four degrees, kappa = 2 (ln 1 / kappa).
 const HEAVIEST: f64 = -0.69;
 
 /// Kinds of one size, at most.
 const MOST_KINDS: usize = 3;
-/// A kind lies beyond so many medians (ln), and is so wide (ln of the standard deviation of ln s: prior).
-const NEAREST: f64 = 1.0;
+/// A kind lies beyond so many medians (ln; nearer, it may as well be healthy channels of another make),
+/// and is so wide (ln of the standard deviation of ln s: prior).
+const NEAREST: f64 = 2.0;
 const WIDTH: f64 = -1.4;
 const WIDTH_SD: f64 = 0.5;
 /// Counts that stand so many standard deviations above what is expected ask for a kind.
