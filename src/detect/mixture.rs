@@ -32,7 +32,7 @@ const BEFORE: usize = 100;
 const EVENLY: f64 = 20.0;
 /// Prior: standard deviation of ln gamma, mean of 1 / kappa.
 const GAMMA_SD: f64 = 0.25;
-const TAIL_MEAN: f64 = 0.08;
+const TAIL_MEAN: f64 = 0.15;
 
 /// No healthy tail is heavier than that of Student's t with four degrees, kappa = 2 (ln 1 / kappa).
 const HEAVIEST: f64 = -0.69;
