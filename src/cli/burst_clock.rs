@@ -8,61 +8,60 @@ use chrono::{DateTime, NaiveDate};
 
 /// Times up to here (year 2200) leave room in i64 nanoseconds.
 pub const LATEST_NS: f64 = 7.258e18;
-/// Seconds since the epoch from which on times are no more counted from anything else: 1979.
-const ABSOLUTE_S: f64 = 3e8;
+/// Since the epoch; from there on times are no more counted from anything else: 1979. ns.
+const ABSOLUTE_NS: f64 = 3e17;
 /// 2025-01-01T08:00:00Z
 const SOME_START_NS: i64 = 1_735_718_400_000_000_000;
 
 pub struct BurstClock {
     start_ns: Option<i64>,
-    every_s: Option<f64>,
+    every_ns: Option<f64>,
     /// Time of the first burst, as written; of bursts given out.
-    first_s: Option<f64>,
+    first_ns: Option<f64>,
     given: u64,
-    free_from_s: f64,
+    free_from_ns: f64,
     /// Bursts that were put after the one before them.
     pub moved: usize,
 }
 
 impl BurstClock {
     pub fn new(start_ns: Option<i64>, every_s: Option<f64>) -> BurstClock {
-        let free_from_s = f64::NEG_INFINITY;
-        BurstClock { start_ns, every_s, first_s: None, given: 0, free_from_s, moved: 0 }
+        let every_ns = every_s.map(|s| s * 1e9);
+        let free_from_ns = f64::NEG_INFINITY;
+        BurstClock { start_ns, every_ns, first_ns: None, given: 0, free_from_ns, moved: 0 }
     }
 
-    /// The next burst, of that length. `None`: beyond what is understood.
-    pub fn next(&mut self, time_s: Option<f64>, length_s: f64, period_s: f64) -> Option<i64> {
-        let first_s = *self.first_s.get_or_insert(time_s.unwrap_or(0.0));
+    /// The next burst: when it began, as written, and how long it and one of its samples are, ns.
+    /// `None`: beyond what is understood.
+    pub fn next(&mut self, time_ns: Option<f64>, length_ns: f64, period_ns: f64) -> Option<i64> {
+        let first_ns = *self.first_ns.get_or_insert(time_ns.unwrap_or(0.0));
         let number = self.given as f64;
         self.given += 1;
-        if let (None, Some(t), None) = (self.every_s, time_s, self.start_ns)
-            && first_s >= ABSOLUTE_S
+        if let (None, Some(t), None) = (self.every_ns, time_ns, self.start_ns)
+            && first_ns >= ABSOLUTE_NS
         {
-            return at_ns(0, t);
+            return later(0, t);
         }
         let start_ns = self.start_ns.unwrap_or(SOME_START_NS);
-        if let Some(every_s) = self.every_s {
-            return at_ns(start_ns, number * every_s);
+        if let Some(every_ns) = self.every_ns {
+            return later(start_ns, number * every_ns);
         }
-        let own = time_s.map_or(f64::NEG_INFINITY, |t| t - first_s);
+        let own = time_ns.map_or(f64::NEG_INFINITY, |t| t - first_ns);
         // a hair below: bursts that follow each other without a gap stay where they are
-        let begins = match own < self.free_from_s - 1e-6 * period_s {
-            true => self.free_from_s,
-            false if time_s.is_none() => 0.0,
+        let begins = match own < self.free_from_ns - 1e-6 * period_ns {
+            true => self.free_from_ns,
+            false if time_ns.is_none() => 0.0,
             false => own,
         };
-        self.moved += usize::from(time_s.is_some() && begins != own);
-        self.free_from_s = begins + length_s;
-        at_ns(start_ns, begins)
+        self.moved += usize::from(time_ns.is_some() && begins != own);
+        self.free_from_ns = begins + length_ns;
+        later(start_ns, begins)
     }
 }
 
-fn at_ns(start_ns: i64, after_s: f64) -> Option<i64> {
-    let all = start_ns as f64 + after_s * 1e9;
-    let good = (0.0..LATEST_NS).contains(&all);
-    // whole seconds apart, so that nothing but the fraction is rounded
-    let (whole, fraction) = (after_s.floor(), after_s - after_s.floor());
-    good.then(|| start_ns + whole as i64 * 1_000_000_000 + (fraction * 1e9).round() as i64)
+fn later(start_ns: i64, after_ns: f64) -> Option<i64> {
+    let good = (0.0..LATEST_NS).contains(&(start_ns as f64 + after_ns));
+    good.then(|| start_ns + after_ns.round() as i64)
 }
 
 /// The first date and time in a file's name, UTC: `20261101T080000`, `2026-11-01_08-00-00`, `20261101`.
@@ -100,8 +99,9 @@ fn date_time(mut text: &[u8]) -> Option<i64> {
 mod tests {
     use super::*;
 
-    fn starts(clock: &mut BurstClock, times: &[f64], length_s: f64) -> Option<Vec<i64>> {
-        times.iter().map(|t| clock.next(Some(*t), length_s, length_s / 10.0)).collect()
+    fn starts(clock: &mut BurstClock, times_s: &[f64], length_s: f64) -> Option<Vec<i64>> {
+        let length_ns = length_s * 1e9;
+        times_s.iter().map(|t| clock.next(Some(*t * 1e9), length_ns, length_ns / 10.0)).collect()
     }
 
     #[test]
@@ -121,10 +121,10 @@ mod tests {
         let at = starts(&mut clock, &[1.7e9, 1.7e9 + 0.5], 1.0).unwrap();
         assert_eq!(at, [1_700_000_000_000_000_000, 1_700_000_000_500_000_000]);
         let mut clock = BurstClock::new(Some(7), Some(0.5));
-        let at: Vec<_> = (0..3).map(|_| clock.next(None, 1.0, 1e-3).unwrap()).collect();
+        let at: Vec<_> = (0..3).map(|_| clock.next(None, 1e9, 1e6).unwrap()).collect();
         assert_eq!(at, [7, 500_000_007, 1_000_000_007]);
         let mut clock = BurstClock::new(Some(7), None);
-        let at: Vec<_> = (0..2).map(|_| clock.next(None, 1.0, 1e-3).unwrap()).collect();
+        let at: Vec<_> = (0..2).map(|_| clock.next(None, 1e9, 1e6).unwrap()).collect();
         assert_eq!((at, clock.moved), (vec![7, 1_000_000_007], 0));
     }
 

@@ -113,8 +113,8 @@ impl Said {
 /// Bursts of a file, and what to say of it.
 struct Opened {
     matrices: Box<dyn Iterator<Item = Result<Matrix, Failure>>>,
-    /// The unit of their times, s.
-    unit_s: f64,
+    /// The unit of their times, ns.
+    unit_ns: f64,
     /// Where the table's own times say it.
     period_s: Option<f64>,
     /// Names of the channels.
@@ -158,13 +158,14 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         if !(period_s.is_finite() && period_s > 0.0) {
             return Err(of_table(&format!("burst {bursts}: {period_s} s is no sample period")));
         }
-        let length_s = f64::from(matrix.samples_per_channel) * period_s;
-        let time_s = matrix.time.map(|t| t * opened.unit_s);
-        if time_s.is_some_and(|t| !t.is_finite()) {
+        let period_ns = period_s * 1e9;
+        let length_ns = f64::from(matrix.samples_per_channel) * period_ns;
+        let time_ns = matrix.time.map(|t| t * opened.unit_ns);
+        if time_ns.is_some_and(|t| !t.is_finite()) {
             return Err(of_table(&format!("burst {bursts}: it has no time")));
         }
         let t_acq_ns = clock
-            .next(time_s, length_s, period_s)
+            .next(time_ns, length_ns, period_ns)
             .ok_or_else(|| of_table("its times reach beyond the years 1970 to 2200"))?;
         if args.first_channel.checked_add(matrix.channels).is_none() {
             return Err(Failure::usage(format!(
@@ -297,10 +298,10 @@ fn same_file(a: &Path, b: &Path) -> bool {
     }
 }
 
-/// Seconds per unit of a time column, by the end of its name.
-fn unit_s(column: &str) -> f64 {
-    let units = [("_ms", 1e-3), ("_us", 1e-6), ("_ns", 1e-9)];
-    units.iter().find(|(end, _)| column.ends_with(end)).map_or(1.0, |(_, unit_s)| *unit_s)
+/// Nanoseconds per unit of a time column, by the end of its name.
+fn unit_ns(column: &str) -> f64 {
+    let units = [("_ms", 1e6), ("_us", 1e3), ("_ns", 1.0)];
+    units.iter().find(|(end, _)| column.ends_with(end)).map_or(1e9, |(_, unit_ns)| *unit_ns)
 }
 
 fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<Opened, Failure> {
@@ -321,7 +322,7 @@ fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<Opened
                 }
                 return Ok(Opened {
                     matrices: Box::new(matrices.into_iter().map(Ok)),
-                    unit_s: time.as_deref().map_or(1.0, unit_s),
+                    unit_ns: time.as_deref().map_or(1e9, unit_ns),
                     period_s: None,
                     outputs,
                     sampled: None,
@@ -330,12 +331,12 @@ fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<Opened
         },
     };
     let failed = |e: &dyn std::fmt::Display| Failure::new(format!("{}: {e}", args.table.display()));
-    let unit_s = unit_s(&table.time);
+    let unit_ns = unit_ns(&table.time);
     let (period, sampled) = match args.period_s {
         Some(_) => (None, sampling::as_listed(&table).map_err(|e| failed(&e))?),
         None => {
             let sampled = sampling::sample(&table, args.resample).map_err(|e| failed(&e))?;
-            (Some(sampled.period * unit_s), sampled)
+            (Some(sampled.period * unit_ns / 1e9), sampled)
         }
     };
     let Table { time, outputs, decays } = table;
@@ -358,7 +359,7 @@ fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<Opened
     let said = period.is_some().then(|| Sampled { decays: Vec::new(), ..sampled });
     Ok(Opened {
         matrices: Box::new(matrices.into_iter()),
-        unit_s,
+        unit_ns,
         period_s: period,
         outputs,
         sampled: said,
@@ -392,10 +393,10 @@ fn open_array(args: &Args, beside: &[String]) -> Result<Opened, Failure> {
     let columns: Vec<Vec<f64>> =
         beside.iter().map(|name| Ok(numbers(name, true)?.0)).collect::<Result<_, Failure>>()?;
     let times = args.time.as_deref().map(|name| numbers(name, false)).transpose()?;
-    let unit_s = match (&times, &args.time) {
-        (Some((_, Some(unit_ns))), _) => *unit_ns as f64 * 1e-9,
-        (_, Some(name)) => unit_s(name),
-        _ => 1.0,
+    let unit_ns = match (&times, &args.time) {
+        (Some((_, Some(unit_ns))), _) => *unit_ns as f64,
+        (_, Some(name)) => unit_ns(name),
+        _ => 1e9,
     };
     let times = times.map(|(times, _)| times);
     let matrices = array.enumerate().map(move |(i, matrix)| {
@@ -405,7 +406,7 @@ fn open_array(args: &Args, beside: &[String]) -> Result<Opened, Failure> {
     });
     Ok(Opened {
         matrices: Box::new(matrices),
-        unit_s,
+        unit_ns,
         period_s: None,
         outputs: Vec::new(),
         sampled: None,
@@ -418,6 +419,9 @@ mod tests {
 
     #[test]
     fn units_are_read_off_the_column_name() {
-        assert_eq!(["time", "time_s", "t_ms", "t_us"].map(unit_s), [1.0, 1.0, 1e-3, 1e-6]);
+        assert_eq!(
+            ["time", "time_s", "t_ms", "t_us", "t_ns"].map(unit_ns),
+            [1e9, 1e9, 1e6, 1e3, 1.0]
+        );
     }
 }

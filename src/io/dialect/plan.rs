@@ -180,8 +180,13 @@ impl Plan {
         let Walk::Json(wanted) = &self.walk else { return Ok(()) };
         let there = || listed(&json::fields(message));
         let mut found = Found::default();
-        json::walk(message, wanted, &mut found, most_bytes)
-            .map_err(|e| format!("its first message: {e}; fields that exist: {}", there()))?;
+        match json::walk(message, wanted, &mut found, most_bytes) {
+            Ok(()) => {}
+            Err(e) if e.is_data() => {
+                return Err(format!("its first message: {e}; fields that exist: {}", there()));
+            }
+            Err(_) => return Ok(()), // no JSON: a row of its own, and nothing about the paths
+        }
         for (key, path, slot) in paths(&self.dialect) {
             let optional =
                 [Slot::Temperature, Slot::Voltage, Slot::Idle, Slot::Neighbours].contains(&slot);
