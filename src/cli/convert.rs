@@ -63,10 +63,10 @@ pub struct Args {
     #[arg(long, value_name = "TIME")]
     start: Option<String>,
     /// Time from one burst to the next, s
-    #[arg(long, value_name = "S")]
+    #[arg(long, allow_negative_numbers = true, value_name = "S")]
     every: Option<f64>,
     /// Sample period: seconds, or a column
-    #[arg(long, value_name = "S|COLUMN")]
+    #[arg(long, allow_negative_numbers = true, value_name = "S|COLUMN")]
     period_s: Option<String>,
     /// Whose bursts they are [default: the file's name]
     #[arg(long, value_name = "NAME")]
@@ -75,10 +75,10 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 0)]
     first_channel: u32,
     /// Ink temperature: degrees C, or a column
-    #[arg(long, value_name = "C|COLUMN")]
+    #[arg(long, allow_negative_numbers = true, value_name = "C|COLUMN")]
     temperature: Option<String>,
     /// Amplitude of the actuation: V, or a column
-    #[arg(long, value_name = "V|COLUMN")]
+    #[arg(long, allow_negative_numbers = true, value_name = "V|COLUMN")]
     voltage: Option<String>,
 }
 

@@ -2,7 +2,8 @@
 //!
 //! In: the bytes of one record's body. Out: its fields, or `None` where it is shorter than its own
 //! fields claim. Bytes after the last known field are allowed, as the format demands. Borrowed, so
-//! that no claimed length ever allocates.
+//! that no claimed length ever allocates. The mcap crate writes recordings and names opcodes; its readers end
+//! at the first broken record and copy every message, which a damaged archive at full rate cannot afford.
 
 pub use mcap::MAGIC;
 pub use mcap::records::op;

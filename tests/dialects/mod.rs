@@ -55,6 +55,8 @@ printhead = "{header.id}"
 time = "header.stamp"
 temperature = "temp_c"
 idle = "idle"
+voltage = "drive_voltage"
+neighbours = "near"
 "#;
 
 const JSON: &str = r#"
@@ -68,6 +70,8 @@ printhead = "{topic.1}"
 time = "header.stamp"
 temperature = "temp_c"
 idle = "idle"
+voltage = "drive_voltage"
+neighbours = "near"
 "#;
 
 const ROS: &str = r#"
@@ -81,6 +85,8 @@ printhead = "{header.frame_id}"
 time = "header.stamp"
 temperature = "temp_c[0]"
 idle = "idle"
+voltage = "drive_voltage"
+neighbours = "near"
 "#;
 
 #[test]
@@ -215,7 +221,7 @@ fn without_a_dialect_it_is_said_what_is_there_and_a_block_to_paste_reads_it() {
         } else {
             "\nfirst_channel = \"first\""
         };
-        block += "\nidle = \"idle\"\n";
+        block += "\nidle = \"idle\"\nneighbours = \"near\"\n";
         if !block.contains("temperature") {
             block += if name == "j" {
                 "temperature = \"temp_c\"\n"

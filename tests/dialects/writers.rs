@@ -50,6 +50,13 @@ pub fn seconds(burst: &Burst) -> (i64, i64) {
     (burst.t_acq_ns.div_euclid(1_000_000_000), burst.t_acq_ns.rem_euclid(1_000_000_000))
 }
 
+/// f32 says it exactly.
+fn volts(burst: &Burst) -> Option<f32> {
+    let volts = burst.drive_voltage_v.map(|v| v as f32);
+    assert!(volts.map(f64::from) == burst.drive_voltage_v);
+    volts
+}
+
 fn field(name: &str, number: i32, of: Type, label: Label, type_name: &str) -> FieldDescriptorProto {
     FieldDescriptorProto {
         name: Some(name.into()),
@@ -106,6 +113,8 @@ pub fn descriptors() -> Vec<u8> {
                     field("temp_c", 9, Type::Double, One, ""),
                     field("first", 10, Type::Fixed32, One, ""),
                     field("idle", 11, Type::Float, Many, ""),
+                    field("drive_voltage", 12, Type::Float, One, ""),
+                    field("near", 13, Type::Bytes, One, ""),
                 ],
             ),
         ],
@@ -188,6 +197,11 @@ fn wave(burst: &Burst, samples: Samples) -> Vec<u8> {
     out.extend(burst.first_channel.to_le_bytes());
     let idle: Vec<u8> = burst.idle_time_s.iter().flat_map(|s| s.to_le_bytes()).collect();
     bytes(11, &idle, &mut out);
+    if let Some(v) = volts(burst) {
+        varint(12 << 3 | 5, &mut out);
+        out.extend(v.to_le_bytes());
+    }
+    bytes(13, &burst.neighbours_fired, &mut out);
     out
 }
 
@@ -225,6 +239,8 @@ pub fn json() -> Written {
             "period": burst.sample_period_s,
             "temp_c": burst.temperature_c,
             "idle": idle,
+            "drive_voltage": volts(burst),
+            "near": burst.neighbours_fired.to_vec(),
         });
         message.to_string().into_bytes()
     };
@@ -238,14 +254,14 @@ pub fn json() -> Written {
 }
 
 const ROS2: &str = "# as rosbag2 writes it\nstd_msgs/Header header\nuint8 KIND=1\nuint32 first 0\n\
-    bool ok\nWave[] waves\nfloat64 period\nfloat64[<=1] temp_c\nfloat32[] idle\nstring tail\n\
+    bool ok\nWave[] waves\nfloat64 period\nfloat64[<=1] temp_c\nfloat32[] idle\nfloat32 drive_voltage\nuint8[] near\nstring tail\n\
     ================================================================================\n\
     MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n\
     ================================================================================\n\
     MSG: acme_msgs/Wave\nuint16 channels\nint16[] data\n";
 
 const ROS1: &str = "Header header\nuint32 first\nbool ok\nWave[] waves\nfloat64 period\n\
-    float64[] temp_c\nfloat32[] idle\nstring tail\n\
+    float64[] temp_c\nfloat32[] idle\nfloat32 drive_voltage\nuint8[] near\nstring tail\n\
     ================================================================================\n\
     MSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n\
     ================================================================================\n\
@@ -304,6 +320,9 @@ fn ros(burst: &Burst, mut out: Out) -> Vec<u8> {
     burst.temperature_c.iter().for_each(|t| out.put(t.to_le_bytes()));
     out.count(burst.idle_time_s.len());
     burst.idle_time_s.iter().for_each(|s| out.put(s.to_le_bytes()));
+    out.put(volts(burst).unwrap_or(f32::NAN).to_le_bytes());
+    out.count(burst.neighbours_fired.len());
+    burst.neighbours_fired.iter().for_each(|n| out.put([*n]));
     out.text("the end");
     out.bytes
 }

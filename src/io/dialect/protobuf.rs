@@ -38,7 +38,10 @@ enum Scalar {
 }
 
 pub fn message(descriptors: &[u8], name: &str) -> Result<MessageDescriptor, String> {
-    let pool = DescriptorPool::decode(descriptors)
+    // descriptors that contradict themselves can make the library panic where it should say so
+    let decode = || DescriptorPool::decode(descriptors);
+    let pool = std::panic::catch_unwind(decode)
+        .map_err(|_| format!("its schema {name} is a FileDescriptorSet that contradicts itself"))?
         .map_err(|e| format!("its schema {name} is no FileDescriptorSet that can be read: {e}"))?;
     pool.get_message_by_name(name)
         .ok_or_else(|| format!("its schema's FileDescriptorSet has no message {name}"))
