@@ -6,6 +6,8 @@
 use crate::design::{DetectSettings, IsolateSettings};
 use crate::episodes::EpisodeSettings;
 use crate::identify::GreyBoxSettings;
+use crate::io::dialect::Dialects;
+use crate::io::dialect::settings::Dialect;
 use crate::io::layout::Layout;
 use crate::io::{printable, regular_file};
 use crate::model::Geometry;
@@ -51,6 +53,9 @@ pub struct InputSettings {
     pub baseline: String,
     /// Two or more consecutive samples at or beyond a rail are saturated. Counts.
     pub rails: [f64; 2],
+    /// How messages of others become bursts; the first that fits.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub dialect: Vec<Dialect>,
 }
 
 impl Default for InputSettings {
@@ -60,7 +65,15 @@ impl Default for InputSettings {
             design: String::new(),
             baseline: String::new(),
             rails: [f64::from(i16::MIN), f64::from(i16::MAX)],
+            dialect: Vec::new(),
         }
+    }
+}
+
+impl InputSettings {
+    /// As they read recordings. They were checked when the settings were.
+    pub fn dialects(&self) -> Dialects {
+        Dialects::new(&self.dialect).unwrap_or_default()
     }
 }
 
@@ -240,6 +253,7 @@ impl Settings {
         {
             return Err(format!("input.rails = {:?}: the lower one first", self.input.rails));
         }
+        Dialects::new(&self.input.dialect)?;
         share("identify.first", self.identify.first, 0.0, 1e7)?;
         if !(0.0..1e9).contains(&self.identify.every) {
             let every = self.identify.every;

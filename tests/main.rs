@@ -5,6 +5,7 @@ mod house; // a fresh directory and the inkling command
 mod cli; // process boundary: exit codes, hints in messages
 mod contracts; // pipeline.toml = defaults, schemas = code, sample_logs regenerate and retrain
 mod convert; // tables become recordings
+mod dialects; // recordings of others: any encoding, arrays and tables; paths that lead nowhere; hostile schemas
 mod floors; // imports go down only
 mod foreign; // another generator: healthy families and effects whose constants are not the critique's
 mod hidden; // effects hidden in recordings: named, withheld, scored

@@ -17,7 +17,7 @@ use rand_chacha::ChaCha8Rng;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// Changes some bytes, or some words, or the length.
-fn change(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
+pub fn change(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
     const WORDS: [&[u8]; 12] = [
         b"1e308",
         b"-1",
@@ -93,6 +93,14 @@ fn ten_thousand_changed_files_are_read_without_a_panic() {
             bursts.iter().for_each(|burst| writer.write(burst, 1).unwrap());
             writer.finish().unwrap();
             attack(&house, "recording", &std::fs::read(path).unwrap(), 700);
+        }
+    }
+    for path in std::fs::read_dir(root().join("tests/corpus/foreign")).unwrap() {
+        attack(&house, "foreign", &std::fs::read(path.unwrap().path()).unwrap(), 700);
+    }
+    for (reader, times) in [("array", 300), ("table", 300)] {
+        for path in std::fs::read_dir(root().join("tests/corpus").join(reader)).unwrap() {
+            attack(&house, reader, &std::fs::read(path.unwrap().path()).unwrap(), times);
         }
     }
     let head = |name: &str, lines: usize| {

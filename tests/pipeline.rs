@@ -37,7 +37,7 @@ pub fn write(path: &Path, bursts: &[Burst], options: WriterOptions) {
 }
 
 /// Rows by (time, printhead, channel): what a verdict may depend on.
-fn verdicts(path: &Path) -> BTreeMap<(i64, String, u32), String> {
+pub fn verdicts(path: &Path) -> BTreeMap<(i64, String, u32), String> {
     let mut rows = BTreeMap::new();
     for columns in VerdictReader::open(path).unwrap() {
         let c = columns.unwrap();

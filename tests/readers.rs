@@ -5,10 +5,14 @@ use bytes::Bytes;
 use inkling::burst::Acquisition;
 use inkling::io::baseline_file::BaselineFile;
 use inkling::io::burst_codec::BurstDecoder;
+use inkling::io::census::Census;
+use inkling::io::columnar::FileKind;
+use inkling::io::dialect::guess::guess;
 use inkling::io::journal::Journal;
 use inkling::io::recording::Recording;
+use inkling::io::table_file::Columns;
 use inkling::io::verdict_reader::VerdictReader;
-use inkling::io::{Limits, design_file, episode_table, labels_file};
+use inkling::io::{Limits, columnar, design_file, episode_table, labels_file, numpy, table_file};
 use inkling::settings::Settings;
 use std::path::Path;
 use std::sync::Arc;
@@ -16,9 +20,23 @@ use std::sync::Arc;
 /// Reads a file; of the journal it is `journal.jsonl` in a directory of its own.
 pub type Reader = fn(&Path);
 
-pub const READERS: [(&str, Reader); 9] = [
+pub const READERS: [(&str, Reader); 12] = [
     ("burst", burst),
     ("recording", recording),
+    ("foreign", foreign),
+    ("array", |path| {
+        if let Ok(matrices) = numpy::open(path, None, &[]) {
+            matrices.take_while(Result::is_ok).for_each(drop);
+        }
+    }),
+    ("table", |path| {
+        let columns = Columns::default();
+        match columnar::kind_of(path) {
+            Ok(FileKind::Text) | Err(_) => drop(table_file::read(path, &columns)),
+            Ok(FileKind::Numpy) => {}
+            Ok(kind) => drop(columnar::read(path, kind, &columns)),
+        }
+    }),
     ("labels", |path| drop(labels_file::read(path))),
     ("settings", |path| drop(Settings::load(Some(path), None, &[]))),
     ("design", |path| drop(design_file::read(path))),
@@ -45,6 +63,37 @@ fn burst(path: &Path) {
 
 fn recording(path: &Path) {
     let Ok(recording) = Recording::open(path, Limits::default()) else { return };
+    blocks(&recording);
+}
+
+/// A recording of others: listed, guessed at, and read.
+fn foreign(path: &Path) {
+    let dialects = ["format=\"s16le\",schema=\"acme.Wave\"", "layout=\"sample-major\""].map(|own| {
+        format!(
+            "{{topic=\"**\",samples=\"data\",channels=2,period_s=1e-6,printhead=\"{{topic.0}}\",{own}}}"
+        )
+    });
+    let set = format!("input.dialect=[{}]", dialects.join(","));
+    let settings = Settings::load(None, None, &[set]).expect("settings of our own");
+    if let Ok(recording) = Recording::open(path, Limits::default()) {
+        let mut reader = recording.reader().counting();
+        for block in recording.blocks().flatten() {
+            reader.load(&block);
+            while reader.next_piece(1 << 12).is_some() {}
+        }
+        for seen in reader.census().map(Census::channels).unwrap_or_default() {
+            if let (Some(written), Some(message)) = (seen.written(), &seen.first_message) {
+                drop(guess(&written, message, &[&seen.topic]));
+            }
+        }
+    }
+    let dialects = settings.input.dialects();
+    let Ok(recording) = Recording::open_with(path, Limits::default(), &dialects) else { return };
+    drop(recording.dialects_used());
+    blocks(&recording);
+}
+
+fn blocks(recording: &Recording) {
     let mut reader = recording.reader();
     for block in recording.blocks().flatten() {
         reader.load(&block);

@@ -10,6 +10,7 @@ use super::progress::Progress;
 use super::report::{self, printable_path};
 use crate::io::Limits;
 use crate::io::baseline_file::BaselineFile;
+use crate::io::dialect::Dialects;
 use crate::io::journal::{Entry, JournalWriter, Link, Means, Outcome};
 use crate::io::printable;
 use crate::io::recording::Recording;
@@ -35,6 +36,7 @@ pub enum Telling {
 pub struct Batch<'a> {
     pub out: &'a Path,
     pub replay: Replay,
+    pub dialects: Dialects,
     pub baseline_file: Option<BaselineFile>,
     pub journal: JournalWriter,
     pub means: &'a Means,
@@ -132,13 +134,14 @@ impl Batch<'_> {
         if matches!(this.decision, Decision::Judge(Why::RecordingChanged)) {
             self.set_aside(&verdicts);
         }
-        let judged = Recording::open(&this.placed.input.path, Limits::default())
-            .map_err(PipelineError::from)
-            .and_then(|recording| {
-                self.progress.during(&label, recording.bytes, self.control, || {
-                    pipeline::replay(&self.replay, &recording, &verdicts, self.control)
-                })
-            });
+        let judged =
+            Recording::open_with(&this.placed.input.path, Limits::default(), &self.dialects)
+                .map_err(PipelineError::from)
+                .and_then(|recording| {
+                    self.progress.during(&label, recording.bytes, self.control, || {
+                        pipeline::replay(&self.replay, &recording, &verdicts, self.control)
+                    })
+                });
         match judged {
             Ok(mut report) => {
                 report.name = label;

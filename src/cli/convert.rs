@@ -1,36 +1,48 @@
-//! `inkling convert`: a table of time and outputs becomes a burst recording.
+//! `inkling convert`: a table or an array of others becomes a burst recording.
 
+use super::burst_clock::{BurstClock, LATEST_NS, time_in_name};
 use super::exit::{Exit, Failure};
 use super::progress::thousands;
-use crate::burst::{Burst, Format, Layout};
+use crate::burst::Burst;
+use crate::io::columnar::{self, Content, FileKind};
+use crate::io::matrix::Matrix;
+use crate::io::numpy;
 use crate::io::outputs;
 use crate::io::recording_writer::{RecordingWriter, WriterOptions};
-use crate::io::sampling::{self, Regular};
-use crate::io::table_file::{self, Columns};
+use crate::io::sampling::{self, Sampled};
+use crate::io::table_file::{self, Columns, Table};
 use bytes::Bytes;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Times up to here (year 2200) leave room in i64 nanoseconds.
-const LATEST_NS: f64 = 7.258e18;
-/// Longest printhead name that is made of a file name.
+/// Longest printhead name.
 const LONGEST_NAME: usize = 200;
+/// Where nothing says when the first sample was.
+const SOME_START: &str = "2025-01-01T08:00:00Z";
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   inkling convert decay.csv -o decay.mcap
   inkling convert gaps.csv --time time_s --outputs output_v --burst gap -o gaps.mcap
   inkling convert pendulum.csv --resample -o pendulum.mcap
+  inkling convert night.parquet --burst drop --period-s 5e-7 --printhead K1 -o night.mcap
+  inkling convert K1_20261101T0800.npy --period-s 5e-7 --start name --every 0.02 -o K1.mcap
+  inkling convert heads.npz --outputs K1 --time t --period-s dt --temperature 31.5 -o K1.mcap
 
-Time is in seconds, unless its column's name ends in _ms, _us or _ns. Each output becomes a channel
-(0, 1, 2 ... in the order of --outputs), each value of --burst a burst. Samples are stored as float32.
-Comma, semicolon and tab are understood. Sampling must be regular, but for the rounding of written
-times; --resample interpolates (cubic spline) to the usual sample period.
+A table (CSV with comma, semicolon or tab; Parquet; Arrow IPC): time is in seconds, unless its column's
+name ends in _ms, _us or _ns or its type says so; times beyond 1979 are UTC. Each output becomes a channel
+(in the order of --outputs), each value of --burst a burst. Sampling must be regular, but for the rounding of
+written times; --resample interpolates (cubic spline) to the usual sample period. With --period-s rows are
+samples one after the other, and --time is when a burst begins. A cell that is a list holds a channel's
+samples: each row is a burst.
+An array (.npy; .npz): samples, channels x samples, or bursts x channels x samples. In a .npz --time,
+--period-s, --temperature, --voltage may name further arrays, one number a burst or one for all.
+Samples are stored as int16 where all of a burst are such, else as float32.
 A critique takes all outputs of one recording as one system: what is independent
 becomes recordings of its own (--outputs).")]
 pub struct Args {
-    /// Table with one line of column names
+    /// Table or array: CSV, Parquet, Arrow IPC, .npy, .npz
     table: PathBuf,
     /// Recording to write
     #[arg(short, long, value_name = "RECORDING")]
@@ -38,7 +50,7 @@ pub struct Args {
     /// Column of time [default: the first]
     #[arg(long, value_name = "COLUMN")]
     time: Option<String>,
-    /// Columns of outputs [default: the rest]
+    /// Columns of outputs [default: the rest]; of a .npz the array of samples
     #[arg(long, value_name = "COLUMN,...", value_delimiter = ',')]
     outputs: Option<Vec<String>>,
     /// Column that tells decays apart, where the table holds several
@@ -47,80 +59,236 @@ pub struct Args {
     /// Interpolate irregular or missing samples to a regular grid
     #[arg(long)]
     resample: bool,
-    /// Time of the first sample, RFC 3339
-    #[arg(long, value_name = "TIME", default_value = "2025-01-01T08:00:00Z")]
-    start: String,
+    /// Time of the first sample, RFC 3339, or `name`: as the file's name says
+    #[arg(long, value_name = "TIME")]
+    start: Option<String>,
+    /// Time from one burst to the next, s
+    #[arg(long, allow_negative_numbers = true, value_name = "S")]
+    every: Option<f64>,
+    /// Sample period: seconds, or a column
+    #[arg(long, allow_negative_numbers = true, value_name = "S|COLUMN")]
+    period_s: Option<String>,
+    /// Whose bursts they are [default: the file's name]
+    #[arg(long, value_name = "NAME")]
+    printhead: Option<String>,
+    /// Number of the first channel
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    first_channel: u32,
+    /// Ink temperature: degrees C, or a column
+    #[arg(long, allow_negative_numbers = true, value_name = "C|COLUMN")]
+    temperature: Option<String>,
+    /// Amplitude of the actuation: V, or a column
+    #[arg(long, allow_negative_numbers = true, value_name = "V|COLUMN")]
+    voltage: Option<String>,
+}
+
+/// A number for all bursts, or a column: its place among those beside the samples.
+#[derive(Clone, Copy, Debug)]
+enum Said {
+    Constant(f64),
+    Beside(usize),
+}
+
+impl Said {
+    /// `beside`: the columns that are asked for so far.
+    fn of(text: &Option<String>, beside: &mut Vec<String>) -> Option<Said> {
+        let text = text.as_ref()?;
+        Some(match text.parse() {
+            Ok(x) => Said::Constant(x),
+            Err(_) => {
+                beside.push(text.clone());
+                Said::Beside(beside.len() - 1)
+            }
+        })
+    }
+
+    fn in_burst(self, matrix: &Matrix) -> f64 {
+        match self {
+            Said::Constant(x) => x,
+            Said::Beside(place) => matrix.beside.get(place).copied().unwrap_or(f64::NAN),
+        }
+    }
+}
+
+/// Bursts of a file, and what to say of it.
+struct Opened {
+    matrices: Box<dyn Iterator<Item = Result<Matrix, Failure>>>,
+    /// The unit of their times, ns.
+    unit_ns: f64,
+    /// Where the table's own times say it.
+    period_s: Option<f64>,
+    /// Names of the channels.
+    outputs: Vec<String>,
+    sampled: Option<Sampled>,
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
-    let start_ns = chrono::DateTime::parse_from_rfc3339(&args.start)
-        .ok()
-        .and_then(|t| t.timestamp_nanos_opt())
-        .filter(|ns| (0.0..LATEST_NS).contains(&(*ns as f64)))
-        .ok_or_else(|| {
-            let example = "2025-01-01T08:00:00Z";
-            Failure::usage(format!(
-                "--start {:?} is no time such as {example} (1970 to 2200)",
-                args.start
-            ))
-        })?;
     if same_file(&args.table, &args.out) {
         return Err(Failure::usage(
             "the recording would overwrite its own table: choose another -o",
         ));
     }
+    let start_ns = start_ns(&args)?;
+    let mut beside = Vec::new();
+    let period = Said::of(&args.period_s, &mut beside);
+    let temperature = Said::of(&args.temperature, &mut beside);
+    let voltage = Said::of(&args.voltage, &mut beside);
+    check(&args, period)?;
     outputs::check_file(&args.out).map_err(Failure::new)?;
-    let Args { time, outputs, burst, .. } = args;
-    let columns = Columns { time, outputs, burst };
-    let table = table_file::read(&args.table, &columns).map_err(Failure::new)?;
-    let of_table = |e: &dyn std::fmt::Display| format!("{}: {e}", args.table.display());
-    let sampled =
-        sampling::sample(&table, args.resample).map_err(|e| Failure::new(of_table(&e)))?;
-    let unit_s = unit_s(&table.time);
-    let period_s = sampled.period * unit_s;
-    let starts_ns = starts_ns(&sampled.decays, sampled.period, unit_s, start_ns)
-        .ok_or_else(|| Failure::new(of_table(&"its times reach beyond the year 2200")))?;
-
-    let name: String = args.table.file_stem().unwrap_or_default().to_string_lossy().into();
-    let printhead: Arc<str> = name.chars().take(LONGEST_NAME).collect::<String>().into();
+    let kind = columnar::kind_of(&args.table).map_err(Failure::new)?;
+    let opened = match kind {
+        FileKind::Numpy => open_array(&args, &beside)?,
+        kind => open_table(&args, kind, beside)?,
+    };
+    let of_table = |what: &str| Failure::new(format!("{}: {what}", args.table.display()));
+    let mut clock = BurstClock::new(start_ns, args.every);
     let mut writer =
         RecordingWriter::create(&args.out, WriterOptions::default()).map_err(Failure::new)?;
-    for (decay, t_acq_ns) in sampled.decays.iter().zip(&starts_ns.at) {
-        let burst = as_burst(decay, &printhead, *t_acq_ns, period_s);
-        writer.write(&burst, *t_acq_ns as u64).map_err(Failure::new)?;
+    let printhead: Arc<str> = args.name()?.into();
+    let (mut bursts, mut samples, mut periods) = (0u64, 0u64, (f64::INFINITY, 0.0f64));
+    for matrix in opened.matrices {
+        let matrix = matrix?;
+        let period_s = match (period, opened.period_s) {
+            (Some(said), _) => said.in_burst(&matrix),
+            (None, Some(own)) => own,
+            (None, None) => {
+                return Err(Failure::usage("--period-s: nothing else says the sample period"));
+            }
+        };
+        if !(period_s.is_finite() && period_s > 0.0) {
+            return Err(of_table(&format!("burst {bursts}: {period_s} s is no sample period")));
+        }
+        let period_ns = period_s * 1e9;
+        let length_ns = f64::from(matrix.samples_per_channel) * period_ns;
+        let time_ns = matrix.time.map(|t| t * opened.unit_ns);
+        if time_ns.is_some_and(|t| !t.is_finite()) {
+            return Err(of_table(&format!("burst {bursts}: it has no time")));
+        }
+        let t_acq_ns = clock
+            .next(time_ns, length_ns, period_ns)
+            .ok_or_else(|| of_table("its times reach beyond the years 1970 to 2200"))?;
+        if args.first_channel.checked_add(matrix.channels).is_none() {
+            return Err(Failure::usage(format!(
+                "--first-channel {}: {} channels more have no numbers",
+                args.first_channel, matrix.channels
+            )));
+        }
+        let measured =
+            |said: Option<Said>| said.map(|s| s.in_burst(&matrix)).filter(|x| x.is_finite());
+        let burst = Burst {
+            t_acq_ns,
+            printhead: printhead.clone(),
+            first_channel: args.first_channel,
+            channels: matrix.channels,
+            samples_per_channel: matrix.samples_per_channel,
+            sample_period_s: period_s,
+            format: matrix.format,
+            layout: matrix.layout,
+            temperature_c: measured(temperature),
+            drive_voltage_v: measured(voltage),
+            idle_time_s: Vec::new(),
+            neighbours_fired: Bytes::new(),
+            samples: matrix.samples,
+        };
+        bursts += 1;
+        samples += u64::from(burst.channels) * u64::from(burst.samples_per_channel);
+        periods = (periods.0.min(period_s), periods.1.max(period_s));
+        writer.write(&burst, t_acq_ns as u64).map_err(Failure::new)?;
     }
     writer.finish().map_err(Failure::new)?;
 
     let mut out = super::output::report();
-    let samples: usize = sampled.decays.iter().flat_map(|d| &d.outputs).map(Vec::len).sum();
-    writeln!(
-        out,
-        "{}: {} bursts, {} samples, one every {} s",
-        args.out.display(),
-        thousands(sampled.decays.len() as u64),
-        thousands(samples as u64),
-        period_s as f32
-    )?;
-    for (channel, output) in table.outputs.iter().enumerate() {
+    let (bursts, samples) = (thousands(bursts), thousands(samples));
+    let (least, most) = (periods.0 as f32, periods.1 as f32);
+    let every = if least == most { format!("{least} s") } else { format!("{least} to {most} s") };
+    writeln!(out, "{}: {bursts} bursts, {samples} samples, one every {every}", args.out.display())?;
+    for (n, output) in (0u64..).zip(&opened.outputs) {
+        let channel = n + u64::from(args.first_channel);
         writeln!(out, "  channel {channel}: {}", super::report::printable(output))?;
     }
-    if args.resample {
-        writeln!(
+    match &opened.sampled {
+        Some(sampled) if args.resample => writeln!(
             out,
             "  resampled: {} of {samples} samples interpolated, {} cells were missing",
             sampled.interpolated, sampled.missing
-        )?;
-    } else {
-        writeln!(out, "  times within {:.3} periods of a regular grid", sampled.most_off_grid)?;
+        )?,
+        Some(sampled) => {
+            writeln!(out, "  times within {:.3} periods of a regular grid", sampled.most_off_grid)?;
+        }
+        None => {}
     }
-    if starts_ns.moved > 0 {
+    if clock.moved > 0 {
         writeln!(
             out,
             "  {} bursts begin where an earlier one has not ended: put after it",
-            starts_ns.moved
+            clock.moved
         )?;
     }
     Ok(Exit::Done)
+}
+
+impl Args {
+    fn name(&self) -> Result<String, Failure> {
+        let name = match &self.printhead {
+            Some(name) => name.clone(),
+            None => {
+                let stem = self.table.file_stem().unwrap_or_default().to_string_lossy();
+                return Ok(stem.chars().take(LONGEST_NAME).collect());
+            }
+        };
+        match name.is_empty() || name.chars().count() > LONGEST_NAME {
+            true => {
+                Err(Failure::usage(format!("--printhead: give 1 to {LONGEST_NAME} characters")))
+            }
+            false => Ok(name),
+        }
+    }
+}
+
+/// What contradicts itself, or has no effect.
+fn check(args: &Args, period: Option<Said>) -> Result<(), Failure> {
+    let wrong = |what: &str| Err(Failure::usage(what));
+    if let Some(Said::Constant(x)) = period
+        && !(x.is_finite() && x > 0.0)
+    {
+        return wrong("--period-s: give seconds, more than 0");
+    }
+    if args.every.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
+        return wrong("--every: give seconds, more than 0");
+    }
+    if args.every.is_some() && args.time.is_some() && period.is_some() {
+        return wrong("--every and --time both say when bursts begin: give one of them");
+    }
+    if args.resample && period.is_some() {
+        return wrong(
+            "--resample has no effect with --period-s: rows are samples one after the other",
+        );
+    }
+    Ok(())
+}
+
+/// `None`: nobody says.
+fn start_ns(args: &Args) -> Result<Option<i64>, Failure> {
+    let Some(text) = &args.start else { return Ok(None) };
+    if text == "name" {
+        let stem = args.table.file_stem().unwrap_or_default().to_string_lossy();
+        let found = time_in_name(&stem).ok_or_else(|| {
+            Failure::usage(format!(
+                "--start name: there is no time such as 20261101T080000 or 2026-11-01_08-00-00 in {stem:?}"
+            ))
+        })?;
+        return Ok(Some(found));
+    }
+    chrono::DateTime::parse_from_rfc3339(text)
+        .ok()
+        .and_then(|t| t.timestamp_nanos_opt())
+        .filter(|ns| (0.0..LATEST_NS).contains(&(*ns as f64)))
+        .map(Some)
+        .ok_or_else(|| {
+            Failure::usage(format!(
+                "--start {text:?} is no time such as {SOME_START} (1970 to 2200), nor `name`"
+            ))
+        })
 }
 
 fn same_file(a: &Path, b: &Path) -> bool {
@@ -130,58 +298,119 @@ fn same_file(a: &Path, b: &Path) -> bool {
     }
 }
 
-/// Seconds per unit of a time column, by the end of its name.
-fn unit_s(column: &str) -> f64 {
-    let units = [("_ms", 1e-3), ("_us", 1e-6), ("_ns", 1e-9)];
-    units.iter().find(|(end, _)| column.ends_with(end)).map_or(1.0, |(_, unit_s)| *unit_s)
+/// Nanoseconds per unit of a time column, by the end of its name.
+fn unit_ns(column: &str) -> f64 {
+    let units = [("_ms", 1e6), ("_us", 1e3), ("_ns", 1.0)];
+    units.iter().find(|(end, _)| column.ends_with(end)).map_or(1e9, |(_, unit_ns)| *unit_ns)
 }
 
-struct Starts {
-    at: Vec<i64>,
-    /// Bursts that were put after the one before them.
-    moved: usize,
-}
-
-/// When the bursts begin: the first at `start_ns`, the others as far after it as the table has them.
-/// A burst that would begin before an earlier one ends (times that start at 0 again) follows it, one
-/// sample period later. `None`: beyond the year 2200.
-fn starts_ns(decays: &[Regular], period: f64, unit_s: f64, start_ns: i64) -> Option<Starts> {
-    let first = decays.first()?.start;
-    let (mut starts, mut free_from) = (Starts { at: Vec::new(), moved: 0 }, f64::NEG_INFINITY);
-    for decay in decays {
-        let length = decay.outputs.first().map_or(0, Vec::len) as f64 * period;
-        let own = decay.start - first;
-        // a hair below: bursts that follow each other without a gap stay where they are
-        let begins = if own < free_from - 1e-6 * period { free_from } else { own };
-        starts.moved += usize::from(begins != own);
-        free_from = begins + length;
-        let t_ns = start_ns as f64 + begins * unit_s * 1e9;
-        if !(0.0..LATEST_NS).contains(&t_ns) {
-            return None;
+fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<Opened, Failure> {
+    let columns = Columns {
+        time: args.time.clone(),
+        outputs: args.outputs.clone(),
+        burst: args.burst.clone(),
+        beside,
+        rows_are_samples: args.period_s.is_some(),
+    };
+    let table = match kind {
+        FileKind::Text => table_file::read(&args.table, &columns).map_err(Failure::new)?,
+        kind => match columnar::read(&args.table, kind, &columns).map_err(Failure::new)? {
+            Content::Rows(table) => table,
+            Content::Bursts { time, outputs, matrices } => {
+                if args.resample {
+                    return Err(Failure::usage("--resample has no effect: each row is a burst"));
+                }
+                return Ok(Opened {
+                    matrices: Box::new(matrices.into_iter().map(Ok)),
+                    unit_ns: time.as_deref().map_or(1e9, unit_ns),
+                    period_s: None,
+                    outputs,
+                    sampled: None,
+                });
+            }
+        },
+    };
+    let failed = |e: &dyn std::fmt::Display| Failure::new(format!("{}: {e}", args.table.display()));
+    let unit_ns = unit_ns(&table.time);
+    let (period, sampled) = match args.period_s {
+        Some(_) => (None, sampling::as_listed(&table).map_err(|e| failed(&e))?),
+        None => {
+            let sampled = sampling::sample(&table, args.resample).map_err(|e| failed(&e))?;
+            (Some(sampled.period * unit_ns / 1e9), sampled)
         }
-        starts.at.push(start_ns + (begins * unit_s * 1e9).round() as i64);
-    }
-    Some(starts)
+    };
+    let Table { time, outputs, decays } = table;
+    let has_time = !time.is_empty() && args.every.is_none();
+    let regular = sampled.decays.iter().zip(decays);
+    let matrices: Vec<Result<Matrix, Failure>> = regular
+        .map(|(regular, decay)| {
+            let gathered = numpy::gathered(regular.outputs.iter().flatten().copied());
+            Ok(Matrix {
+                channels: regular.outputs.len() as u32,
+                samples_per_channel: regular.outputs.first().map_or(0, Vec::len) as u32,
+                format: gathered.format,
+                samples: gathered.bytes.into(),
+                time: has_time.then_some(regular.start),
+                beside: decay.beside,
+                ..Matrix::default()
+            })
+        })
+        .collect();
+    let said = period.is_some().then(|| Sampled { decays: Vec::new(), ..sampled });
+    Ok(Opened {
+        matrices: Box::new(matrices.into_iter()),
+        unit_ns,
+        period_s: period,
+        outputs,
+        sampled: said,
+    })
 }
 
-fn as_burst(decay: &Regular, printhead: &Arc<str>, t_acq_ns: i64, sample_period_s: f64) -> Burst {
-    let samples: Vec<u8> =
-        decay.outputs.iter().flatten().flat_map(|y| (*y as f32).to_le_bytes()).collect();
-    Burst {
-        t_acq_ns,
-        printhead: printhead.clone(),
-        first_channel: 0,
-        channels: decay.outputs.len() as u32,
-        samples_per_channel: decay.outputs.first().map_or(0, Vec::len) as u32,
-        sample_period_s,
-        format: Format::F32Le,
-        layout: Layout::ChannelMajor,
-        samples: samples.into(),
-        temperature_c: None,
-        drive_voltage_v: None,
-        idle_time_s: Vec::new(),
-        neighbours_fired: Bytes::new(),
+fn open_array(args: &Args, beside: &[String]) -> Result<Opened, Failure> {
+    if args.burst.is_some() || args.resample {
+        return Err(Failure::usage("--burst and --resample are of tables, not of arrays"));
     }
+    let name = match args.outputs.as_deref() {
+        None => None,
+        Some([one]) => Some(one.as_str()),
+        Some(_) => return Err(Failure::usage("--outputs: one array of a .npz")),
+    };
+    let path = &args.table;
+    let others: Vec<&str> = beside.iter().chain(&args.time).map(String::as_str).collect();
+    let array = numpy::open(path, name, &others).map_err(Failure::new)?;
+    let bursts = array.left();
+    let numbers = |name: &str, one_for_all: bool| {
+        let (all, unit_ns) = numpy::numbers(path, name).map_err(Failure::new)?;
+        match (all.len(), one_for_all) {
+            (1, true) => Ok((vec![all[0]; bursts], unit_ns)),
+            (n, _) if n == bursts => Ok((all, unit_ns)),
+            (n, _) => {
+                let what = format!("array {name:?} has {n} numbers for {bursts} bursts");
+                Err(Failure::new(format!("{}: {what}", path.display())))
+            }
+        }
+    };
+    let columns: Vec<Vec<f64>> =
+        beside.iter().map(|name| Ok(numbers(name, true)?.0)).collect::<Result<_, Failure>>()?;
+    let times = args.time.as_deref().map(|name| numbers(name, false)).transpose()?;
+    let unit_ns = match (&times, &args.time) {
+        (Some((_, Some(unit_ns))), _) => *unit_ns as f64,
+        (_, Some(name)) => unit_ns(name),
+        _ => 1e9,
+    };
+    let times = times.map(|(times, _)| times);
+    let matrices = array.enumerate().map(move |(i, matrix)| {
+        let matrix = matrix.map_err(Failure::new)?;
+        let beside = columns.iter().map(|column| column[i]).collect();
+        Ok(Matrix { time: times.as_ref().map(|times| times[i]), beside, ..matrix })
+    });
+    Ok(Opened {
+        matrices: Box::new(matrices),
+        unit_ns,
+        period_s: None,
+        outputs: Vec::new(),
+        sampled: None,
+    })
 }
 
 #[cfg(test)]
@@ -189,18 +418,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bursts_stand_where_the_table_has_them_or_follow_each_other() {
-        let decay = |start| Regular { name: String::new(), start, outputs: vec![vec![0.0; 10]] };
-        let starts =
-            starts_ns(&[decay(7.0), decay(100.0), decay(110.0)], 1.0, 1e-3, 5_000).unwrap();
-        assert_eq!((starts.at, starts.moved), (vec![5_000, 93_005_000, 103_005_000], 0));
-        let starts = starts_ns(&[decay(0.0), decay(0.0), decay(3.0)], 1.0, 1.0, 0).unwrap();
-        assert_eq!((starts.at, starts.moved), (vec![0, 10_000_000_000, 20_000_000_000], 2));
-        assert!(starts_ns(&[decay(0.0), decay(1e12)], 1.0, 1.0, 0).is_none());
-    }
-
-    #[test]
     fn units_are_read_off_the_column_name() {
-        assert_eq!(["time", "time_s", "t_ms", "t_us"].map(unit_s), [1.0, 1.0, 1e-3, 1e-6]);
+        assert_eq!(
+            ["time", "time_s", "t_ms", "t_us", "t_ns"].map(unit_ns),
+            [1e9, 1e9, 1e6, 1e3, 1.0]
+        );
     }
 }

@@ -1,5 +1,6 @@
 //! `inkling critique`: what the model gets wrong, why, the extended model, the gain.
 
+use super::dialects;
 use super::exit::{Exit, Failure};
 use super::extended_design;
 use super::progress::{Progress, interruptible};
@@ -70,6 +71,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
     let labels = args.labels.as_deref().map(labels_file::read).transpose().map_err(Failure::new)?;
     let inputs = inputs::find_recordings(&args.recordings).map_err(Failure::new)?;
+    let dialects = dialects::checked(&settings, &inputs)?;
     let control = interruptible();
     let progress = Progress::new(inputs.len(), 0);
     let oscillator = args.plant == PlantArg::Oscillator;
@@ -77,7 +79,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let mut observer = Observer::new(labels.as_ref(), settings.input.rails, most_samples);
     let mut incomplete = false;
     for input in &inputs {
-        let recording = Recording::open(&input.path, Limits::default()).map_err(Failure::new)?;
+        let recording = Recording::open_with(&input.path, Limits::default(), &dialects)?;
         let damage = progress.during(&recording.name, recording.bytes, &control, || {
             observer.take(&recording, &control)
         })?;
@@ -88,7 +90,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let rejected = observer.rejected + observer.other_sampling;
     incomplete |= rejected > 0;
     let cut = observer.is_cut();
-    let data = observer.finish().ok_or_else(|| Failure::new("no inkling.Burst messages found"))?;
+    let data = observer.finish().ok_or_else(|| Failure::new(dialects::NO_BURSTS))?;
     if rejected > 0 {
         progress.say(&format!(
             "warning: left out: {} signals of another length or sample period than the first burst's, {} \

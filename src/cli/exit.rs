@@ -1,5 +1,6 @@
 //! How a run ends: the contract's exit statuses.
 
+use crate::io::recording::RecordingError;
 use crate::pipeline::PipelineError;
 use crate::settings::SettingsError;
 use std::process::ExitCode;
@@ -47,9 +48,16 @@ impl From<SettingsError> for Failure {
 impl From<PipelineError> for Failure {
     fn from(e: PipelineError) -> Failure {
         match e {
-            PipelineError::TooManyWindows { .. } => Failure::usage(e),
+            PipelineError::TooManyWindows { .. }
+            | PipelineError::Recording(RecordingError::Dialect { .. }) => Failure::usage(e),
             _ => Failure::new(e),
         }
+    }
+}
+
+impl From<RecordingError> for Failure {
+    fn from(e: RecordingError) -> Failure {
+        PipelineError::from(e).into()
     }
 }
 

@@ -1,5 +1,6 @@
 //! `inkling identify`: thesis (3-1) alone, with what is and is not identifiable.
 
+use super::dialects;
 use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible};
 use super::report::printable;
@@ -49,19 +50,20 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
     let labels = args.labels.as_deref().map(labels_file::read).transpose().map_err(Failure::new)?;
     let inputs = inputs::find_recordings(&args.recordings).map_err(Failure::new)?;
+    let dialects = dialects::checked(&settings, &inputs)?;
     let control = interruptible();
     let progress = Progress::new(inputs.len(), 0);
     let mut collector = Collector::new(labels.as_ref(), settings.input.rails);
     let mut incomplete = false;
     for input in &inputs {
-        let recording = Recording::open(&input.path, Limits::default()).map_err(Failure::new)?;
+        let recording = Recording::open_with(&input.path, Limits::default(), &dialects)?;
         let damage = progress.during(&recording.name, recording.bytes, &control, || {
             collector.take(&recording, &control)
         })?;
         incomplete |= !damage.is_empty();
         progress.say_damage(&recording.name, &damage);
     }
-    let set = collector.finish().ok_or_else(|| Failure::new("no inkling.Burst messages found"))?;
+    let set = collector.finish().ok_or_else(|| Failure::new(dialects::NO_BURSTS))?;
     incomplete |= ["rejected", "other_sampling"].iter().any(|k| set.signals.contains_key(*k));
 
     let mut said = Vec::new();

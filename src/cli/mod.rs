@@ -2,8 +2,11 @@
 
 mod account;
 mod batch;
+mod burst_clock;
+mod contents;
 mod convert;
 mod critique;
+mod dialects;
 mod exit;
 mod extended_design;
 mod failed;
@@ -19,6 +22,7 @@ mod report;
 mod score;
 mod simulate;
 mod thesis;
+mod topics;
 mod train;
 
 use clap::{Parser, Subcommand};

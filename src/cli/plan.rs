@@ -5,6 +5,7 @@ use super::exit::{Exit, Failure};
 use super::output;
 use super::progress::{Progress, thousands};
 use super::report::printable_path;
+use crate::io::dialect::Dialects;
 use crate::io::inputs::{Input, InputsError};
 use crate::io::journal::{Entry, Journal, Link, Outcome, Stamp};
 use crate::io::layout::{self, Layout, Placed};
@@ -28,7 +29,12 @@ pub struct Planned {
 }
 
 /// Where each one's results go. What the journal knows of a recording need not be looked up in it.
-pub fn place(inputs: Vec<Input>, layout: Layout, journal: &Journal) -> Vec<Placed> {
+pub fn place(
+    inputs: Vec<Input>,
+    layout: Layout,
+    journal: &Journal,
+    dialects: &Dialects,
+) -> Vec<Placed> {
     let day = |path: &Path, source: &str| {
         let stamp = path.metadata().ok().map(|metadata| Stamp::of(&metadata));
         let known = journal.of_recording(source).map(|entry| &entry.recording);
@@ -36,7 +42,7 @@ pub fn place(inputs: Vec<Input>, layout: Layout, journal: &Journal) -> Vec<Place
         match known {
             Some(of) if stamp.is_some() && of.stamp == stamp && day_then.is_some() => day_then,
             // where it cannot be read now, its results are still where they were
-            _ => layout::day_of(path).or(day_then),
+            _ => layout::day_of(path, dialects).or(day_then),
         }
         .unwrap_or_else(|| layout::UNDATED.into())
     };
@@ -75,6 +81,7 @@ pub fn sweep(planned: &[Planned], out: &Path) {
 
 pub struct Planner<'a> {
     pub resume: Resume<'a>,
+    pub dialects: &'a Dialects,
     pub progress: &'a Progress,
     pub control: &'a Control,
 }
@@ -139,7 +146,8 @@ impl Planner<'_> {
 
     /// `None`: it cannot be read, which whoever judges it will say.
     fn starts_at(&self, path: &Path) -> Result<Option<i64>, Failure> {
-        let Ok(recording) = Recording::open(path, Limits::default()) else { return Ok(None) };
+        let opened = Recording::open_with(path, Limits::default(), self.dialects);
+        let Ok(recording) = opened else { return Ok(None) };
         match pipeline::baseline::starts(&recording, self.control) {
             Ok(starts) => Ok(starts.into_values().min()),
             Err(e @ PipelineError::Interrupted) => Err(e.into()),

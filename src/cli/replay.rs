@@ -2,6 +2,7 @@
 
 use super::account::{Account, Row, unwritable};
 use super::batch::{Batch, Telling};
+use super::dialects;
 use super::exit::{Exit, Failure};
 use super::plan::{self, Planned, Planner};
 use super::progress::{Progress, interruptible};
@@ -120,7 +121,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let out = PathBuf::from(&settings.output.dir);
     outputs::check_directory(&out).map_err(Failure::new)?;
     let journal = || Journal::read(&out).map_err(|e| unreadable(&out, e));
-    let placed = plan::place(found.inputs, settings.output.layout, &journal()?);
+    let dialects = dialects::checked(&settings, &found.inputs)?;
+    let placed = plan::place(found.inputs, settings.output.layout, &journal()?, &dialects);
     layout::refuse_shared(&placed).map_err(Failure::usage)?;
     let Loaded { replay, baseline_file, means } = load(settings, asked_to_detect(&args))?;
     let lost: Vec<Row> = found.lost.iter().map(plan::lost).collect();
@@ -145,7 +147,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         force: args.force,
         verify: args.verify,
     };
-    let planner = Planner { resume, progress: &looking, control: &control };
+    let planner = Planner { resume, dialects: &dialects, progress: &looking, control: &control };
     let mut planned = planner.plan(placed)?;
     if let Some(file) = &baseline_file {
         planned = planner.chain(planned, &file.digest())?;
@@ -161,6 +163,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let batch = Batch {
         out: &out,
         replay,
+        dialects: dialects.clone(),
         baseline_file,
         journal: writer,
         means: &means,

@@ -1,5 +1,6 @@
 //! `inkling train`: labelled recordings to a design.
 
+use super::dialects;
 use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible, thousands};
 use super::replay::PresetArg;
@@ -53,19 +54,20 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let labels = Labels::new(labels.rows().iter().map(named).collect());
     let inputs = inputs::find_recordings(&args.recordings).map_err(Failure::new)?;
 
+    let dialects = dialects::checked(&settings, &inputs)?;
     let control = interruptible();
     let progress = Progress::new(inputs.len(), 0);
     let mut collector = Collector::new(Some(&labels), settings.input.rails);
     let mut damaged = false;
     for input in &inputs {
-        let recording = Recording::open(&input.path, Limits::default()).map_err(Failure::new)?;
+        let recording = Recording::open_with(&input.path, Limits::default(), &dialects)?;
         let damage = progress.during(&recording.name, recording.bytes, &control, || {
             collector.take(&recording, &control)
         })?;
         damaged |= !damage.is_empty();
         progress.say_damage(&recording.name, &damage);
     }
-    let set = collector.finish().ok_or_else(|| Failure::new("no inkling.Burst messages found"))?;
+    let set = collector.finish().ok_or_else(|| Failure::new(dialects::NO_BURSTS))?;
     if set.healthy.is_empty() {
         let seen: Vec<String> =
             set.signals.iter().map(|(l, n)| format!("{n} {}", printable(l))).collect();

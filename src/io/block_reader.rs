@@ -5,8 +5,11 @@
 
 use super::Limits;
 use super::buffers::Buffers;
-use super::burst_codec::{BurstDecoder, MESSAGE_ENCODING, SCHEMA_NAME, topic_printhead};
+use super::burst_codec::BurstDecoder;
+use super::census::Census;
+use super::channels::{Channels, Lost, Route};
 use super::decompress::Decompressor;
+use super::dialect::decoder::{DialectDecoder, Times};
 use super::digest::ReadBlock;
 use super::mcap_records::{
     ChannelRecord, ChunkHeader, MessageHeader, RECORD_HEADER, SchemaRecord, op, record_at,
@@ -16,7 +19,7 @@ use super::scan::{Block, BlockKind};
 use super::source::Source;
 use crate::burst::{Acquisition, Unusable, UnusableBurst};
 use bytes::Bytes;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::Arc;
 
@@ -35,6 +38,7 @@ pub struct Piece {
 pub struct BlockReader {
     loader: ChunkLoader,
     decoder: BurstDecoder,
+    dialects: DialectDecoder,
     upfront: Arc<Channels>,
     /// Met in blocks. With all channels known upfront it is forgotten after each block, so that a
     /// block gives the same whoever reads it.
@@ -42,6 +46,8 @@ pub struct BlockReader {
     known_upfront: bool,
     no_printhead: Arc<str>,
     open: Option<OpenBlock>,
+    /// What goes by, if somebody counts it.
+    census: Option<Census>,
 }
 
 #[derive(Debug)]
@@ -64,12 +70,31 @@ impl BlockReader {
         BlockReader {
             loader: ChunkLoader::new(source, limits),
             decoder: BurstDecoder::new(limits),
+            dialects: DialectDecoder::new(limits),
+            met: upfront.without_any(),
             upfront,
-            met: Channels::default(),
             known_upfront,
             no_printhead: Arc::from(""),
             open: None,
+            census: None,
         }
+    }
+
+    /// The same, counting what there is on every channel; see [`BlockReader::census`].
+    pub fn counting(mut self) -> BlockReader {
+        self.census = Some(Census::default());
+        self
+    }
+
+    /// Numbers of the dialects that read channels of the blocks so far (of the last one, where the
+    /// summary names all channels).
+    pub(super) fn dialects_met(&self) -> Vec<usize> {
+        (0..=u16::MAX).filter_map(|id| self.met.dialect_of(id)).collect()
+    }
+
+    /// What went by so far, if it was counted.
+    pub fn census(self) -> Option<Census> {
+        self.census
     }
 
     /// The whole block at once.
@@ -86,7 +111,7 @@ impl BlockReader {
     /// The same of a block that [`Recording::digester`](super::recording::Recording::digester) read.
     pub fn load_read(&mut self, block: &Block, read: Option<ReadBlock>) {
         if self.known_upfront {
-            self.met = Channels::default();
+            self.met = self.upfront.without_any();
         }
         let loaded = self.loader.load(block, read);
         let mut damage = Vec::new();
@@ -116,11 +141,17 @@ impl BlockReader {
             };
             open.at = record.to;
             let body = &open.records[record.from..record.to];
+            if let Some(census) = &mut self.census {
+                census.see_definition(record.opcode, body);
+            }
             let outcome = match record.opcode {
                 op::MESSAGE => match MessageHeader::parse(body) {
                     None => Err(Lost::ShortMessage),
                     Some(header) => self.route(header.channel_id).map(|to| {
                         let data = record.from + MessageHeader::BYTES..record.to;
+                        if let Some(census) = &mut self.census {
+                            census.see_message(header, &to, open.records.slice(data.clone()));
+                        }
                         if let Some(acquisition) = self.decode(to, header, &open.records, data) {
                             rows += acquisition.rows();
                             piece.acquisitions.push(acquisition);
@@ -134,7 +165,7 @@ impl BlockReader {
                 },
                 op::CHANNEL => match ChannelRecord::parse(body) {
                     Some(channel) if self.upfront.agrees_with_channel(channel) => Ok(()),
-                    Some(channel) if self.upfront.channels.contains_key(&channel.id) => {
+                    Some(channel) if self.upfront.knows_channel(channel.id) => {
                         Err(Lost::Redefined("channel", channel.id))
                     }
                     Some(channel) => self.met.define_channel(channel),
@@ -169,14 +200,20 @@ impl BlockReader {
         records: &Bytes,
         data: std::ops::Range<usize>,
     ) -> Option<Acquisition> {
-        let log_time_ns = i64::try_from(header.log_time).unwrap_or(i64::MAX);
+        let [log_time_ns, publish_ns] =
+            [header.log_time, header.publish_time].map(|t| i64::try_from(t).unwrap_or(i64::MAX));
         match route {
             Route::Other => None,
+            Route::Foreign(plan, topic) => {
+                let topic = topic.as_ref().unwrap_or(&self.no_printhead);
+                let times = Times { log_ns: log_time_ns, publish_ns };
+                Some(self.dialects.decode(&plan, records.slice(data), times, topic))
+            }
             Route::Bursts(topic) => {
                 let topic = topic.as_ref().unwrap_or(&self.no_printhead);
                 Some(self.decoder.decode(records.slice(data), log_time_ns, topic))
             }
-            Route::OtherEncoding(topic) => {
+            Route::OtherEncoding(topic) | Route::Unread(topic, _) => {
                 Some(self.unusable(topic, log_time_ns, Unusable::Undecodable))
             }
         }
@@ -195,7 +232,12 @@ impl BlockReader {
             && open.block.kind == BlockKind::Messages;
         match head.filter(|_| too_large).and_then(MessageHeader::parse) {
             Some(header) => match self.route(header.channel_id) {
-                Ok(Route::Bursts(topic) | Route::OtherEncoding(topic)) => {
+                Ok(
+                    Route::Bursts(topic)
+                    | Route::OtherEncoding(topic)
+                    | Route::Foreign(_, topic)
+                    | Route::Unread(topic, _),
+                ) => {
                     let log_time_ns = i64::try_from(header.log_time).unwrap_or(i64::MAX);
                     let acquisition = self.unusable(topic, log_time_ns, Unusable::TooLarge);
                     piece.acquisitions.push(acquisition);
@@ -230,128 +272,6 @@ fn losses(block: &Block, lost: &BTreeMap<Lost, u64>) -> Vec<Damage> {
 
 fn damage_of(block: &Block, what: String) -> Damage {
     Damage { from_byte: block.offset, to_byte: block.offset + block.bytes, what }
-}
-
-/// Where the messages of a channel go; with the printhead that its topic names.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Route {
-    /// Not ours.
-    Other,
-    Bursts(Option<Arc<str>>),
-    /// Schema `inkling.Burst`, but not protobuf: counts, cannot be decoded.
-    OtherEncoding(Option<Arc<str>>),
-}
-
-/// Why a record inside a block is of no use.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Lost {
-    UnknownChannel(u16),
-    UnknownSchema { channel: u16, schema: u16 },
-    ShortMessage,
-    Malformed(&'static str),
-    Redefined(&'static str, u16),
-}
-
-impl fmt::Display for Lost {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Lost::UnknownChannel(id) => write!(f, "message on channel {id}, which is not defined"),
-            Lost::UnknownSchema { channel, schema } => {
-                write!(f, "message on channel {channel}, whose schema {schema} is not defined")
-            }
-            Lost::ShortMessage => write!(f, "message shorter than its header"),
-            Lost::Malformed(what) => write!(f, "malformed {what} record"),
-            Lost::Redefined(what, id) => {
-                write!(f, "{what} {id} defined again as another; the first definition holds")
-            }
-        }
-    }
-}
-
-/// Schemas and channels by id, as far as they matter to us. Bounded by the number of ids.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Channels {
-    /// Whether it is the schema of bursts.
-    schemas: HashMap<u16, bool>,
-    channels: HashMap<u16, Channel>,
-}
-
-#[derive(Clone, Debug, PartialEq, Eq)]
-struct Channel {
-    schema_id: u16,
-    protobuf: bool,
-    printhead: Option<Arc<str>>,
-}
-
-impl Channel {
-    /// A printhead's name in a topic is taken only up to here; 65,536 channels then stay small.
-    const PRINTHEAD_BYTES: usize = 256;
-
-    fn of(record: ChannelRecord<'_>) -> Channel {
-        let printhead = topic_printhead(record.topic);
-        Channel {
-            schema_id: record.schema_id,
-            protobuf: record.message_encoding == MESSAGE_ENCODING,
-            printhead: printhead.filter(|p| p.len() <= Self::PRINTHEAD_BYTES).map(Arc::from),
-        }
-    }
-}
-
-impl Channels {
-    pub(super) fn define_schema(&mut self, record: SchemaRecord<'_>) -> Result<(), Lost> {
-        let bursts = record.name == SCHEMA_NAME;
-        match self.schemas.insert(record.id, bursts) {
-            Some(before) if before != bursts => {
-                self.schemas.insert(record.id, before);
-                Err(Lost::Redefined("schema", record.id))
-            }
-            _ => Ok(()),
-        }
-    }
-
-    pub(super) fn define_channel(&mut self, record: ChannelRecord<'_>) -> Result<(), Lost> {
-        let channel = Channel::of(record);
-        match self.channels.get(&record.id) {
-            Some(before) if *before != channel => Err(Lost::Redefined("channel", record.id)),
-            Some(_) => Ok(()),
-            None => {
-                self.channels.insert(record.id, channel);
-                Ok(())
-            }
-        }
-    }
-
-    fn agrees_with_schema(&self, record: SchemaRecord<'_>) -> bool {
-        self.schemas.get(&record.id) == Some(&(record.name == SCHEMA_NAME))
-    }
-
-    fn agrees_with_channel(&self, record: ChannelRecord<'_>) -> bool {
-        self.channels.get(&record.id).is_some_and(|known| *known == Channel::of(record))
-    }
-
-    pub(super) fn route(&self, channel_id: u16) -> Result<Route, Lost> {
-        self.route_with(self, channel_id)
-    }
-
-    fn route_with(&self, more_schemas: &Channels, channel_id: u16) -> Result<Route, Lost> {
-        let channel = self.channels.get(&channel_id).ok_or(Lost::UnknownChannel(channel_id))?;
-        let schema = channel.schema_id;
-        let known = [&self.schemas, &more_schemas.schemas];
-        let bursts = match known.iter().find_map(|schemas| schemas.get(&schema)) {
-            _ if schema == 0 => false, // without a schema
-            Some(&bursts) => bursts,
-            None => return Err(Lost::UnknownSchema { channel: channel_id, schema }),
-        };
-        Ok(match (bursts, channel.protobuf) {
-            (false, _) => Route::Other,
-            (true, true) => Route::Bursts(channel.printhead.clone()),
-            (true, false) => Route::OtherEncoding(channel.printhead.clone()),
-        })
-    }
-
-    pub(super) fn carries_bursts(&self, channel_id: u16) -> bool {
-        matches!(self.route(channel_id), Ok(Route::Bursts(_) | Route::OtherEncoding(_)))
-    }
 }
 
 /// A block's bytes to its records; checks every size before it allocates, and a chunk's checksum

@@ -123,25 +123,50 @@ fn check(message: &wire::Burst, limits: &Limits) -> Result<(Format, Layout), Unu
         Ok(wire::burst::Layout::SampleMajor) => Layout::SampleMajor,
         Err(_) => return Err(Unusable::UnknownLayout),
     };
-    if message.channels == 0 {
-        return Err(Unusable::NoChannels);
+    let shape = Shape {
+        first_channel: message.first_channel,
+        channels: message.channels,
+        samples_per_channel: message.samples_per_channel,
+        sample_period_s: message.sample_period_s,
+        format,
+        samples_bytes: message.samples.len(),
+    };
+    shape.check(limits).map(|()| (format, layout))
+}
+
+/// What of a burst must agree, whoever wrote it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Shape {
+    pub first_channel: u32,
+    pub channels: u32,
+    pub samples_per_channel: u32,
+    pub sample_period_s: f64,
+    pub format: Format,
+    pub samples_bytes: usize,
+}
+
+impl Shape {
+    pub(super) fn check(&self, limits: &Limits) -> Result<(), Unusable> {
+        if self.channels == 0 {
+            return Err(Unusable::NoChannels);
+        }
+        if !(self.sample_period_s.is_finite() && self.sample_period_s > 0.0) {
+            return Err(Unusable::BadPeriod);
+        }
+        let samples = u64::from(self.channels) * u64::from(self.samples_per_channel);
+        let bytes = u128::from(samples) * self.format.bytes() as u128;
+        if self.channels > limits.channels
+            || self.samples_per_channel > limits.samples_per_channel
+            || bytes > u128::from(limits.samples_bytes)
+            || self.first_channel.checked_add(self.channels - 1).is_none()
+        {
+            return Err(Unusable::TooLarge);
+        }
+        if self.samples_per_channel == 0 || bytes != self.samples_bytes as u128 {
+            return Err(Unusable::WrongLength);
+        }
+        Ok(())
     }
-    if !(message.sample_period_s.is_finite() && message.sample_period_s > 0.0) {
-        return Err(Unusable::BadPeriod);
-    }
-    let samples = u64::from(message.channels) * u64::from(message.samples_per_channel);
-    let bytes = u128::from(samples) * format.bytes() as u128;
-    if message.channels > limits.channels
-        || message.samples_per_channel > limits.samples_per_channel
-        || bytes > u128::from(limits.samples_bytes)
-        || message.first_channel.checked_add(message.channels - 1).is_none()
-    {
-        return Err(Unusable::TooLarge);
-    }
-    if message.samples_per_channel == 0 || bytes != message.samples.len() as u128 {
-        return Err(Unusable::WrongLength);
-    }
-    Ok((format, layout))
 }
 
 /// ns since the epoch; `None` beyond i64 (years 1677 to 2262) or where the nanoseconds are none.
@@ -183,7 +208,7 @@ pub fn encode(burst: &Burst) -> Vec<u8> {
 /// Printhead names seen lately, so that a name that repeats is allocated once. Bounded: a recording
 /// with millions of names, or with huge ones, costs time and no memory.
 #[derive(Debug, Default)]
-struct PrintheadNames {
+pub(super) struct PrintheadNames {
     names: Vec<Arc<str>>,
     last: usize,
     evict: usize,
@@ -193,7 +218,7 @@ impl PrintheadNames {
     const NAMES: usize = 64;
     const NAME_BYTES: usize = 256;
 
-    fn intern(&mut self, name: &str) -> Arc<str> {
+    pub(super) fn intern(&mut self, name: &str) -> Arc<str> {
         if let Some(last) = self.names.get(self.last).filter(|known| ***known == *name) {
             return last.clone();
         }

@@ -1,5 +1,6 @@
 //! Which files a command line means.
 
+use super::regular_file::{NO_OBJECT_STORES, in_object_store};
 use globset::{GlobBuilder, GlobMatcher};
 use std::collections::BTreeSet;
 use std::path::{Component, Path, PathBuf};
@@ -10,6 +11,8 @@ use walkdir::WalkDir;
 pub enum InputsError {
     #[error("{path}: no such file or directory")]
     Missing { path: PathBuf },
+    #[error("{path}: {NO_OBJECT_STORES}")]
+    InObjectStore { path: PathBuf },
     #[error("{path}: cannot be searched: {what}")]
     Unreadable { path: PathBuf, what: String },
     #[error("\"{pattern}\" is no valid pattern: {what}")]
@@ -27,9 +30,9 @@ impl InputsError {
     /// What it is about.
     pub fn subject(&self) -> String {
         match self {
-            InputsError::Missing { path } | InputsError::Unreadable { path, .. } => {
-                path.display().to_string()
-            }
+            InputsError::Missing { path }
+            | InputsError::InObjectStore { path }
+            | InputsError::Unreadable { path, .. } => path.display().to_string(),
             InputsError::BadPattern { pattern, .. } => pattern.clone(),
             InputsError::Nothing { searched, .. } => searched.clone(),
             InputsError::Shared { second, .. } => second.display().to_string(),
@@ -102,6 +105,9 @@ fn find(named: &[String], ending: &str, what: &'static str) -> Result<Found, Inp
 
 fn find_one(name: &str, ending: &str) -> Result<Found, InputsError> {
     let path = Path::new(name);
+    if in_object_store(path) {
+        return Err(InputsError::InObjectStore { path: path.into() });
+    }
     if path.is_dir() {
         return Ok(search(path, |p| name_ends(p, ending)));
     }

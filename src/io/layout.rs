@@ -1,6 +1,7 @@
 //! Where below the directory of results a recording's files go.
 
 use super::Limits;
+use super::dialect::Dialects;
 use super::inputs::{Input, InputsError};
 use super::recording::Recording;
 use crate::burst::Acquisition;
@@ -87,8 +88,8 @@ pub fn refuse_shared(placed: &[Placed]) -> Result<(), InputsError> {
 pub const UNDATED: &str = "undated";
 
 /// The day (UTC) of the first usable burst in the file.
-pub fn day_of(path: &Path) -> Option<String> {
-    let recording = Recording::open(path, Limits::default()).ok()?;
+pub fn day_of(path: &Path, dialects: &Dialects) -> Option<String> {
+    let recording = Recording::open_with(path, Limits::default(), dialects).ok()?;
     let first = DateTime::from_timestamp_nanos(first_burst_ns(&recording)?);
     Some(first.format("%Y-%m-%d").to_string())
 }

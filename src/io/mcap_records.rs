@@ -2,7 +2,8 @@
 //!
 //! In: the bytes of one record's body. Out: its fields, or `None` where it is shorter than its own
 //! fields claim. Bytes after the last known field are allowed, as the format demands. Borrowed, so
-//! that no claimed length ever allocates.
+//! that no claimed length ever allocates. The mcap crate writes recordings and names opcodes; its readers end
+//! at the first broken record and copy every message, which a damaged archive at full rate cannot afford.
 
 pub use mcap::MAGIC;
 pub use mcap::records::op;
@@ -56,16 +57,16 @@ impl ChunkHeader<'_> {
 pub struct SchemaRecord<'a> {
     pub id: u16,
     pub name: &'a str,
+    pub encoding: &'a str,
+    pub data: &'a [u8],
 }
 
 impl SchemaRecord<'_> {
     pub fn parse(body: &[u8]) -> Option<SchemaRecord<'_>> {
         let mut f = Fields(body);
-        let schema = SchemaRecord { id: f.u16()?, name: f.str()? };
-        f.str()?; // encoding of the schema's data
+        let (id, name, encoding) = (f.u16()?, f.str()?, f.str()?);
         let data_bytes = f.u32()?;
-        f.take(data_bytes as usize)?;
-        Some(schema)
+        Some(SchemaRecord { id, name, encoding, data: f.take(data_bytes as usize)? })
     }
 }
 
@@ -96,6 +97,7 @@ impl ChannelRecord<'_> {
 pub struct MessageHeader {
     pub channel_id: u16,
     pub log_time: u64,
+    pub publish_time: u64,
 }
 
 impl MessageHeader {
@@ -106,7 +108,7 @@ impl MessageHeader {
         let mut f = Fields(body.get(..Self::BYTES)?);
         let channel_id = f.u16()?;
         f.u32()?; // sequence
-        Some(MessageHeader { channel_id, log_time: f.u64()? })
+        Some(MessageHeader { channel_id, log_time: f.u64()?, publish_time: f.u64()? })
     }
 }
 
@@ -234,9 +236,10 @@ mod tests {
         while let Some(record) = record_at(&bytes[..bytes.len() - MAGIC.len()], at) {
             let body = &bytes[record.from..record.to];
             match mcap::parse_record(record.opcode, body).unwrap() {
-                Record::Schema { header, .. } => {
+                Record::Schema { header, data } => {
                     let ours = SchemaRecord::parse(body).unwrap();
                     assert_eq!((ours.id, ours.name), (header.id, &*header.name));
+                    assert_eq!((ours.encoding, ours.data), (&*header.encoding, &*data));
                     assert!((0..body.len()).all(|n| SchemaRecord::parse(&body[..n]).is_none()));
                 }
                 Record::Channel(c) => {

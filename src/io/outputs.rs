@@ -1,5 +1,6 @@
 //! Where results go: checked before any work is done for them, and freed of an earlier run's files.
 
+use super::regular_file::{NO_OBJECT_STORES, in_object_store};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -10,12 +11,17 @@ pub enum OutputError {
     IsAFile { path: PathBuf },
     #[error("{path}: is a directory, and the result is a file: give its name")]
     IsADirectory { path: PathBuf },
+    #[error("{path}: {NO_OBJECT_STORES}")]
+    InObjectStore { path: PathBuf },
     #[error("{path}: an earlier run's file cannot be removed: {source}")]
     Stays { path: PathBuf, source: std::io::Error },
 }
 
 /// Refuses a directory for results that cannot be one.
 pub fn check_directory(path: &Path) -> Result<(), OutputError> {
+    if in_object_store(path) {
+        return Err(OutputError::InObjectStore { path: path.into() });
+    }
     // of what is not there yet, the nearest directory above decides
     match path.ancestors().find(|p| p.symlink_metadata().is_ok()) {
         Some(there) if !there.is_dir() => Err(OutputError::IsAFile { path: there.into() }),
@@ -25,6 +31,9 @@ pub fn check_directory(path: &Path) -> Result<(), OutputError> {
 
 /// Refuses a name for a result that cannot be a file's.
 pub fn check_file(path: &Path) -> Result<(), OutputError> {
+    if in_object_store(path) {
+        return Err(OutputError::InObjectStore { path: path.into() });
+    }
     if path.is_dir() {
         return Err(OutputError::IsADirectory { path: path.into() });
     }

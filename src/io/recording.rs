@@ -6,15 +6,20 @@
 //! verdict order, and a file without a summary reads the same.
 
 use super::Limits;
-use super::block_reader::{BlockReader, Channels};
+use super::block_reader::BlockReader;
+use super::census::{Becomes, Census, Seen};
+use super::channels::{Channels, Route};
+use super::dialect::Dialects;
 use super::digest::{Digest, Digester};
 use super::journal::Stamp;
 use super::mcap_records::{
     ChannelRecord, FOOTER_BYTES, Footer, MAGIC, RecordHeader, SchemaRecord, Statistics, op,
     record_at,
 };
+use super::printable;
 use super::scan::Blocks;
 use super::source::Source;
+use std::collections::HashMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -59,11 +64,14 @@ pub enum RecordingError {
     #[error("{path}: empty file (0 bytes); the recording was never written")]
     Empty { path: PathBuf },
     #[error(
-        "{path}: not an MCAP file (it begins with {begins}); inkling reads MCAP, and `inkling convert` makes one from a CSV table"
+        "{path}: not an MCAP file (it begins with {begins}); inkling reads MCAP, and `inkling convert` makes one from CSV, Parquet, Arrow or NumPy"
     )]
     NotMcap { path: PathBuf, begins: String },
     #[error("{path}: MCAP of another version ({begins}); inkling reads version 0")]
     OtherVersion { path: PathBuf, begins: String },
+    /// A dialect fits and cannot read what is there.
+    #[error("{path}: {what}")]
+    Dialect { path: PathBuf, what: String },
 }
 
 #[derive(Debug)]
@@ -76,6 +84,8 @@ pub struct Recording {
     pub stamp: Stamp,
     /// Burst messages by the recording's own statistics.
     pub expected: Option<u64>,
+    /// What there is besides bursts, by its own summary; the first of many.
+    pub others: Vec<Other>,
     /// What opening it found wrong; blocks and digest add theirs.
     pub damage: Vec<Damage>,
     source: Arc<Source>,
@@ -86,8 +96,32 @@ pub struct Recording {
     data_end: Option<u64>,
 }
 
+/// A channel that carries no bursts.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Other {
+    pub topic: String,
+    pub schema: String,
+    pub message_encoding: String,
+    pub messages: Option<u64>,
+}
+
+/// Blocks that are looked at where the summary does not say what there is.
+const MOST_PEEKED: usize = 16;
+/// Rows of each that are decoded for it.
+const MOST_PEEKED_ROWS: usize = 32_768;
+
 impl Recording {
+    /// Without dialects: `inkling.Burst` alone.
     pub fn open(path: &Path, limits: Limits) -> Result<Recording, RecordingError> {
+        Recording::open_with(path, limits, &Dialects::default())
+    }
+
+    /// An error, too, where a dialect fits a channel and cannot read it.
+    pub fn open_with(
+        path: &Path,
+        limits: Limits,
+        dialects: &Dialects,
+    ) -> Result<Recording, RecordingError> {
         let failed = |source| RecordingError::Read { path: path.to_path_buf(), source };
         // before it is opened: opening a pipe waits for whoever writes it
         let metadata = path.metadata().map_err(failed)?;
@@ -103,10 +137,13 @@ impl Recording {
         check_magic(path, magic)?;
 
         let mut damage = Vec::new();
-        let summary = read_summary(&source).unwrap_or_else(|found| {
+        let summary = read_summary(&source, dialects).unwrap_or_else(|found| {
             damage.push(found);
-            Summary::default()
+            Summary::new(dialects)
         });
+        if let Some(what) = summary.unread() {
+            return Err(RecordingError::Dialect { path: path.to_path_buf(), what });
+        }
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Recording {
             path: path.to_path_buf(),
@@ -114,6 +151,7 @@ impl Recording {
             bytes: source.bytes(),
             stamp: Stamp::of(&metadata),
             expected: summary.expected(),
+            others: summary.others(),
             damage,
             source: Arc::new(source),
             limits,
@@ -143,6 +181,41 @@ impl Recording {
             self.channels.clone(),
             self.channels_known_upfront,
         )
+    }
+
+    /// The numbers of the dialects that read something of it, and whether those are all: without a
+    /// summary only its beginning is looked at. An error where a path leads nowhere.
+    pub fn dialects_used(&self) -> Result<DialectsUsed, RecordingError> {
+        let wrong = |what: String| RecordingError::Dialect { path: self.path.clone(), what };
+        let mut used = DialectsUsed { numbers: Vec::new(), all: self.channels_known_upfront };
+        for id in 0..=u16::MAX {
+            used.numbers.extend(self.channels.dialect_of(id));
+        }
+        if used.all && used.numbers.is_empty() {
+            return Ok(used);
+        }
+        let mut reader = self.reader().counting();
+        for block in self.blocks().filter_map(Result::ok).take(MOST_PEEKED) {
+            reader.load(&block);
+            reader.next_piece(MOST_PEEKED_ROWS);
+        }
+        let known = reader.dialects_met();
+        for seen in reader.census().map(Census::channels).unwrap_or_default() {
+            self.check_first(&seen).map_err(wrong)?;
+        }
+        used.numbers.extend(known);
+        Ok(used)
+    }
+
+    /// Of JSON the first message says whether the paths lead anywhere.
+    fn check_first(&self, seen: &Seen) -> Result<(), String> {
+        match (&seen.becomes, &seen.first_message) {
+            (Becomes::Unread(why), _) => Err(why.to_string()),
+            (Becomes::Foreign(plan), Some(message)) => plan
+                .check_message(message, self.limits.samples_bytes)
+                .map_err(|what| format!("{}: {what}", printable::line(&seen.topic, 200))),
+            _ => Ok(()),
+        }
     }
 
     /// What is missing if `found` burst messages were read. `None`: nothing, or nobody knows.
@@ -212,16 +285,55 @@ fn check_magic(path: &Path, found: &[u8]) -> Result<(), RecordingError> {
     }
 }
 
+/// What of the dialects a recording uses.
+#[derive(Clone, Debug)]
+pub struct DialectsUsed {
+    pub numbers: Vec<usize>,
+    /// There are no others.
+    pub all: bool,
+}
+
 /// What the end of the file says about the whole.
 #[derive(Debug, Default)]
 struct Summary {
     channels: Channels,
     channel_ids: Vec<u16>,
+    /// The first channels, with their schema's id; names of schemas.
+    named: Vec<(u16, u16, Other)>,
+    schemas: HashMap<u16, String>,
     statistics: Option<Statistics>,
     data_end: Option<u64>,
 }
 
 impl Summary {
+    /// Channels that are named one by one, and characters of a name.
+    const MOST_NAMED: usize = 64;
+    const MOST_OF_A_NAME: usize = 200;
+
+    fn new(dialects: &Dialects) -> Summary {
+        Summary { channels: Channels::new(dialects), ..Summary::default() }
+    }
+
+    /// Why a dialect cannot read a channel that it fits.
+    fn unread(&self) -> Option<String> {
+        self.channel_ids.iter().find_map(|&id| match self.channels.route(id) {
+            Ok(Route::Unread(_, why)) => Some(why.to_string()),
+            _ => None,
+        })
+    }
+
+    fn others(&self) -> Vec<Other> {
+        let counts = self.statistics.as_ref().map(|s| &s.channel_message_counts);
+        let of = |id: u16| counts.and_then(|c| c.iter().find(|c| c.0 == id).map(|c| c.1));
+        let named = self.named.iter().filter(|(id, _, _)| !self.channels.carries_bursts(*id));
+        named
+            .map(|(id, schema, other)| {
+                let schema = self.schemas.get(schema).cloned().unwrap_or_default();
+                Other { schema, messages: of(*id), ..other.clone() }
+            })
+            .collect()
+    }
+
     /// Every channel of the file is known, and what it carries.
     fn complete(&self) -> bool {
         self.statistics.as_ref().is_some_and(|s| s.channel_count as usize == self.channel_ids.len())
@@ -241,7 +353,7 @@ impl Summary {
 }
 
 /// Reads footer and summary section; damage if they are missing or not sound. All or nothing.
-fn read_summary(source: &Source) -> Result<Summary, Damage> {
+fn read_summary(source: &Source, dialects: &Dialects) -> Result<Summary, Damage> {
     /// The index of a file of 20 GB in chunks of 1 MiB takes a few MB.
     const MAX_SUMMARY_BYTES: u64 = 128 << 20;
     let bytes = source.bytes();
@@ -280,7 +392,7 @@ fn read_summary(source: &Source) -> Result<Summary, Damage> {
             return Err(damage(start, "summary: its checksum does not agree"));
         }
     }
-    let mut summary = Summary { data_end: Some(start), ..Summary::default() };
+    let mut summary = Summary { data_end: Some(start), ..Summary::new(dialects) };
     parse_summary(&section, &mut summary)
         .ok_or_else(|| damage(start, "summary: its records are malformed"))?;
     Ok(summary)
@@ -292,12 +404,27 @@ fn parse_summary(section: &[u8], summary: &mut Summary) -> Option<()> {
         let record = record_at(section, at)?;
         let body = &section[record.from..record.to];
         match record.opcode {
-            op::SCHEMA => summary.channels.define_schema(SchemaRecord::parse(body)?).ok()?,
+            op::SCHEMA => {
+                let schema = SchemaRecord::parse(body)?;
+                summary.channels.define_schema(schema).ok()?;
+                let name = printable::line(schema.name, Summary::MOST_OF_A_NAME);
+                summary.schemas.insert(schema.id, name);
+            }
             op::CHANNEL => {
                 let channel = ChannelRecord::parse(body)?;
                 summary.channels.define_channel(channel).ok()?;
                 if !summary.channel_ids.contains(&channel.id) {
                     summary.channel_ids.push(channel.id);
+                    if summary.named.len() < Summary::MOST_NAMED {
+                        let line = |text| printable::line(text, Summary::MOST_OF_A_NAME);
+                        let other = Other {
+                            topic: line(channel.topic),
+                            schema: String::new(),
+                            message_encoding: line(channel.message_encoding),
+                            messages: None,
+                        };
+                        summary.named.push((channel.id, channel.schema_id, other));
+                    }
                 }
             }
             op::STATISTICS => summary.statistics = Some(Statistics::parse(body)?),

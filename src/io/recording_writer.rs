@@ -21,16 +21,22 @@ pub enum Compression {
     Zstd,
 }
 
+/// Small, so that damage costs little; large enough to compress well.
+pub const COMPACT_CHUNK_BYTES: u64 = 256 << 10;
+/// Of a record before its body; what begins a chunk (schemas and channels) is less than the rest.
+const RECORD_HEADER_BYTES: u64 = 9 + 22;
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WriterOptions {
     pub compression: Compression,
-    /// A chunk ends once it is larger. `None`: messages outside chunks, never compressed.
+    /// A chunk ends before it is larger, where a message is not so by itself. `None`: messages outside
+    /// chunks, never compressed.
     pub chunk_bytes: Option<u64>,
 }
 
 impl Default for WriterOptions {
     fn default() -> WriterOptions {
-        WriterOptions { compression: Compression::Lz4, chunk_bytes: Some(1 << 20) }
+        WriterOptions { compression: Compression::Lz4, chunk_bytes: Some(COMPACT_CHUNK_BYTES) }
     }
 }
 
@@ -39,12 +45,16 @@ pub struct RecordingWriter {
     writer: Option<mcap::Writer<BufWriter<File>>>,
     part: Option<PartFile>,
     schema_id: u16,
+    chunk_bytes: Option<u64>,
+    /// Of records in the chunk at hand.
+    in_chunk: u64,
     /// Channel id and next sequence number by printhead.
     channels: HashMap<Arc<str>, (u16, u32)>,
 }
 
 impl RecordingWriter {
     pub fn create(path: &Path, options: WriterOptions) -> Result<RecordingWriter, RecordingError> {
+        let chunk_bytes = options.chunk_bytes;
         let options = mcap_options(options);
         let (part, file) = PartFile::create(path)
             .map_err(|source| RecordingError::Write { path: path.to_path_buf(), source })?;
@@ -58,6 +68,8 @@ impl RecordingWriter {
             writer: Some(writer),
             part: Some(part),
             schema_id,
+            chunk_bytes,
+            in_chunk: FILE_DESCRIPTOR_SET.len() as u64 + 64,
             channels: HashMap::new(),
         })
     }
@@ -77,6 +89,7 @@ impl RecordingWriter {
                 let topic = topic(&burst.printhead);
                 let none = BTreeMap::new();
                 let id = writer.add_channel(self.schema_id, &topic, MESSAGE_ENCODING, &none)?;
+                self.in_chunk += topic.len() as u64 + RECORD_HEADER_BYTES;
                 self.channels.entry(burst.printhead.clone()).or_insert((id, 0))
             }
         };
@@ -87,7 +100,14 @@ impl RecordingWriter {
             publish_time: log_time_ns,
         };
         *sequence = sequence.wrapping_add(1);
-        writer.write_to_known_channel(&header, &encode(burst))
+        let message = encode(burst);
+        let bytes = message.len() as u64 + RECORD_HEADER_BYTES;
+        if self.chunk_bytes.is_some_and(|most| self.in_chunk > 0 && self.in_chunk + bytes > most) {
+            writer.flush()?;
+            self.in_chunk = 0;
+        }
+        self.in_chunk += bytes;
+        writer.write_to_known_channel(&header, &message)
     }
 
     /// Completes the recording and gives it its name.

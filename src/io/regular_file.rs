@@ -15,8 +15,23 @@ pub const MOST_CRITIQUE_BYTES: u64 = 64 << 20;
 /// Of one record of a table, comment lines before it included.
 pub const MOST_RECORD_BYTES: u64 = 4 << 20;
 
+/// What to do where an object store is named.
+pub const NO_OBJECT_STORES: &str = "this build reads and writes files, not object stores: copy it to a directory \
+    first (aws s3 sync, gcloud storage rsync, azcopy), or mount the bucket";
+
+/// Whether a name is that of something in an object store: `s3://bucket/key`.
+pub fn in_object_store(path: &Path) -> bool {
+    let text = path.to_string_lossy();
+    ["s3://", "s3a://", "gs://", "az://", "abfs://", "abfss://"]
+        .iter()
+        .any(|of| text.starts_with(of))
+}
+
 /// Opens a regular file, and nothing else.
 pub fn open(path: &Path) -> io::Result<File> {
+    if in_object_store(path) {
+        return Err(io::Error::new(io::ErrorKind::Unsupported, NO_OBJECT_STORES));
+    }
     let regular = |metadata: std::fs::Metadata| match metadata.is_file() {
         true => Ok(()),
         false => Err(io::Error::new(

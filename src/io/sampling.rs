@@ -97,6 +97,22 @@ pub fn sample(table: &Table, resample: bool) -> Result<Sampled, SamplingError> {
     Ok(sampled)
 }
 
+/// The decays of a table whose rows are samples one after the other, whatever stands beside them.
+pub fn as_listed(table: &Table) -> Result<Sampled, SamplingError> {
+    let mut decays = Vec::new();
+    for decay in &table.decays {
+        too_long(decay, decay.times.len())?;
+        for (name, column) in table.outputs.iter().zip(&decay.outputs) {
+            if let Some(k) = column.iter().position(|y| y.is_nan()) {
+                return Err(refused(decay, format!("{name:?} has no value in its row {}", k + 1)));
+            }
+        }
+        let (name, outputs) = (decay.name.clone(), decay.outputs.clone());
+        decays.push(Regular { name, start: decay.times[0], outputs });
+    }
+    Ok(Sampled { period: 1.0, decays, most_off_grid: 0.0, interpolated: 0, missing: 0 })
+}
+
 fn named(decay: &Decay) -> String {
     match decay.name.as_str() {
         "" => "the table".to_owned(),
@@ -338,7 +354,7 @@ mod tests {
 
     fn decay(times: Vec<f64>, y: impl Fn(f64) -> f64) -> Decay {
         let outputs = vec![times.iter().map(|t| y(*t)).collect()];
-        Decay { name: String::new(), line: 2, times, outputs }
+        Decay { line: 2, times, outputs, ..Decay::default() }
     }
 
     fn table(decays: Vec<Decay>) -> Table {

@@ -20,7 +20,7 @@ const LONGEST_NAME: usize = 256;
 /// Characters of the columns' names in a message.
 const MOST_NAMED: usize = 400;
 /// Cells that we hold in memory at most: 16 bytes each with the copy that is sampled.
-const MOST_CELLS: usize = 1 << 25;
+pub(super) const MOST_CELLS: usize = 1 << 25;
 
 #[derive(Debug, Error)]
 pub enum TableError {
@@ -38,6 +38,10 @@ pub struct Columns {
     pub time: Option<String>,
     pub outputs: Option<Vec<String>>,
     pub burst: Option<String>,
+    /// What is neither: one value a decay.
+    pub beside: Vec<String>,
+    /// Rows are samples one after the other: without a time column none is taken for it.
+    pub rows_are_samples: bool,
 }
 
 /// One decay of a table: rows of one value of the burst column, in the table's order.
@@ -51,10 +55,13 @@ pub struct Decay {
     pub times: Vec<f64>,
     /// One column per output, each as long as `times`; NaN: missing.
     pub outputs: Vec<Vec<f64>>,
+    /// Of its first row, as [`Columns::beside`] asks.
+    pub beside: Vec<f64>,
 }
 
 #[derive(Clone, Debug)]
 pub struct Table {
+    /// Empty: rows are samples one after the other.
     pub time: String,
     /// Names of the outputs: channel 0, 1, 2 ...
     pub outputs: Vec<String>,
@@ -110,7 +117,7 @@ fn read_from(
     let chosen = choose(&header, columns, decimal_comma)
         .map_err(|what| TableError::Columns { path: path.into(), what })?;
     let mut table = Table {
-        time: chosen.names[chosen.time].clone(),
+        time: chosen.time.map_or(String::new(), |c| chosen.names[c].clone()),
         outputs: chosen.outputs.iter().map(|&c| chosen.names[c].clone()).collect(),
         decays: Vec::new(),
     };
@@ -127,6 +134,11 @@ fn read_from(
             return Err(line_error(path, line, what));
         }
         let name = chosen.burst.and_then(|c| record.get(c)).unwrap_or_default();
+        let cell = |c: usize| {
+            number_in(record.get(c).unwrap_or_default(), decimal_comma).map_err(|what| {
+                line_error(path, line, format!("column {:?}: {what}", chosen.names[c]))
+            })
+        };
         let number = match by_name.get(name) {
             Some(number) => *number,
             None => {
@@ -136,23 +148,25 @@ fn read_from(
                 }
                 // a decay of its own takes about as much as eight rows
                 cells += 16;
+                let beside = chosen.beside.iter().map(|&c| cell(c)).collect::<Result<_, _>>()?;
                 let outputs = vec![Vec::new(); chosen.outputs.len()];
-                let decay = Decay { name: name.to_owned(), line, outputs, ..Decay::default() };
-                table.decays.push(decay);
-                by_name.insert(name.to_owned(), table.decays.len() - 1);
+                let (name, times) = (name.to_owned(), Vec::new());
+                table.decays.push(Decay { name, line, times, outputs, beside });
+                by_name.insert(
+                    table.decays[table.decays.len() - 1].name.clone(),
+                    table.decays.len() - 1,
+                );
                 table.decays.len() - 1
             }
         };
         let decay = &mut table.decays[number];
-        let cell = |c: usize| {
-            number_in(record.get(c).unwrap_or_default(), decimal_comma).map_err(|what| {
-                line_error(path, line, format!("column {:?}: {what}", chosen.names[c]))
-            })
+        let time = match chosen.time {
+            Some(c) => cell(c)?,
+            None => decay.times.len() as f64,
         };
-        let time = cell(chosen.time)?;
         if !time.is_finite() {
-            let what = format!("column {:?}: a row without a time", chosen.names[chosen.time]);
-            return Err(line_error(path, line, what));
+            let column = chosen.time.map_or("", |c| &chosen.names[c]);
+            return Err(line_error(path, line, format!("column {column:?}: a row without a time")));
         }
         decay.times.push(time);
         for (column, &c) in decay.outputs.iter_mut().zip(&chosen.outputs) {
@@ -170,11 +184,12 @@ fn line_error(path: &Path, line: u64, what: String) -> TableError {
     TableError::Line { path: path.into(), line, what }
 }
 
-struct Chosen {
-    names: Vec<String>,
-    time: usize,
-    outputs: Vec<usize>,
-    burst: Option<usize>,
+pub(super) struct Chosen {
+    pub names: Vec<String>,
+    pub time: Option<usize>,
+    pub outputs: Vec<usize>,
+    pub burst: Option<usize>,
+    pub beside: Vec<usize>,
 }
 
 /// Columns by name. Whatever is ambiguous is refused.
@@ -191,6 +206,11 @@ fn choose(header: &StringRecord, columns: &Columns, decimal_comma: bool) -> Resu
     if numbers.count() == names.len() {
         return Err("the first line holds numbers: it must name the columns".to_owned());
     }
+    choose_columns(names, columns)
+}
+
+/// The same of columns that have names for certain.
+pub(super) fn choose_columns(names: Vec<String>, columns: &Columns) -> Result<Chosen, String> {
     let place = |name: &str| {
         let mut places = (0..names.len()).filter(|&c| names[c] == name);
         match (places.next(), places.next()) {
@@ -203,20 +223,27 @@ fn choose(header: &StringRecord, columns: &Columns, decimal_comma: bool) -> Resu
         }
     };
     let burst = columns.burst.as_deref().map(place).transpose()?;
+    let beside: Vec<usize> =
+        columns.beside.iter().map(|name| place(name)).collect::<Result<_, _>>()?;
+    let taken = |c: usize| Some(c) == burst || beside.contains(&c);
     let time = match &columns.time {
-        Some(name) => place(name)?,
-        None => (0..names.len())
-            .find(|c| Some(*c) != burst)
-            .ok_or("there is no column left for time")?,
+        Some(name) => Some(place(name)?),
+        None if columns.rows_are_samples => None,
+        None => {
+            let first = (0..names.len()).find(|c| !taken(*c));
+            Some(first.ok_or("there is no column left for time")?)
+        }
     };
     let outputs: Vec<usize> = match &columns.outputs {
         Some(outputs) => outputs.iter().map(|name| place(name)).collect::<Result<_, _>>()?,
-        None => (0..names.len()).filter(|c| *c != time && Some(*c) != burst).collect(),
+        None => (0..names.len()).filter(|c| Some(*c) != time && !taken(*c)).collect(),
     };
     if outputs.is_empty() {
-        return Err(format!("no column is left for an output beside {:?}", names[time]));
+        let time = time.map_or("", |c| &names[c]);
+        return Err(format!("no column is left for an output beside {time:?}"));
     }
-    let mut used: Vec<usize> = outputs.iter().copied().chain([time]).chain(burst).collect();
+    let all = outputs.iter().chain(&time).chain(&burst).chain(&beside);
+    let mut used: Vec<usize> = all.copied().collect();
     used.sort_unstable();
     for (i, &c) in used.iter().enumerate() {
         place(&names[c])?; // the default takes columns by place: equal names would be two channels
@@ -224,7 +251,7 @@ fn choose(header: &StringRecord, columns: &Columns, decimal_comma: bool) -> Resu
             return Err(format!("the column {:?} is asked for twice", names[c]));
         }
     }
-    Ok(Chosen { names, time, outputs, burst })
+    Ok(Chosen { names, time, outputs, burst, beside })
 }
 
 /// A cell as a number; NaN where it is empty or says so.
@@ -268,6 +295,7 @@ mod tests {
             time: some(time),
             outputs: some(outputs).map(|o| o.split(',').map(str::to_owned).collect()),
             burst: some(burst),
+            ..Columns::default()
         }
     }
 

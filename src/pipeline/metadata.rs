@@ -51,12 +51,17 @@ pub fn document(
             })
         })
         .collect();
+    let input = &replay.settings.input;
+    let mut read = json!({"rails": input.rails});
+    if !input.dialect.is_empty() {
+        read["dialect"] = json!(input.dialect);
+    }
     json!({
         "version": env!("CARGO_PKG_VERSION"),
         "recording": {"name": recording.name, "bytes": recording.bytes, "digest": digest},
         "design": replay.design_digest,
         "settings": {
-            "input": {"rails": replay.settings.input.rails},
+            "input": read,
             "identify": replay.settings.identify,
             "detect": replay.settings.detect,
             "isolate": replay.settings.isolate,

@@ -56,10 +56,15 @@ pub enum PipelineError {
     #[error("{path}: cannot be written: {source}")]
     Write { path: std::path::PathBuf, source: std::io::Error },
     #[error(
-        "{recording}: no inkling.Burst messages in it: nothing to judge{}",
+        "{recording}: no inkling.Burst messages in it: nothing to judge{}{}",
+        instead(others),
         and_damaged(damage)
     )]
-    NoBursts { recording: String, damage: Vec<crate::io::recording::Damage> },
+    NoBursts {
+        recording: String,
+        others: Vec<crate::io::recording::Other>,
+        damage: Vec<crate::io::recording::Damage>,
+    },
     #[error("interrupted; no finished file was written for the recording at hand")]
     Interrupted,
     #[error(
@@ -84,6 +89,29 @@ fn and_damaged(damage: &[crate::io::recording::Damage]) -> String {
     damage.first().map_or(String::new(), |d| {
         format!("; it is damaged: bytes {} to {}: {}", d.from_byte, d.to_byte, d.what)
     })
+}
+
+/// What there is instead of bursts, and what to do about it, as part of a sentence.
+fn instead(others: &[crate::io::recording::Other]) -> String {
+    const MOST_TOLD: usize = 5;
+    let told = others.iter().take(MOST_TOLD).map(|other| {
+        let of = if other.schema.is_empty() { "no schema" } else { &other.schema };
+        let count = other.messages.map_or(String::new(), |n| format!(", {n} messages"));
+        format!("{} ({of}, {}{count})", other.topic, other.message_encoding)
+    });
+    let told: Vec<String> = told.collect();
+    let more = match others.len().saturating_sub(MOST_TOLD) {
+        0 => String::new(),
+        more => format!(" and {more} more topics"),
+    };
+    match told.is_empty() {
+        true => String::new(),
+        false => format!(
+            "; there is {}{more}: `inkling inspect` shows what they hold and how an \
+             [[input.dialect]] reads them",
+            told.join(", ")
+        ),
+    }
 }
 
 /// What the world outside may see and say while a run goes on.

@@ -180,8 +180,8 @@ fn judge(
     damage.extend(recording.changed());
     damage.sort_by_key(|d| (d.from_byte, d.to_byte));
     if counts.bursts == 0 {
-        let recording = recording.path.display().to_string();
-        return Err(PipelineError::NoBursts { recording, damage });
+        let (others, recording) = (recording.others.clone(), recording.path.display().to_string());
+        return Err(PipelineError::NoBursts { recording, others, damage });
     }
 
     let document = metadata::document(replay, recording, &digest.text, &schedule, counts);

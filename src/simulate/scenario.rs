@@ -73,7 +73,7 @@ impl Default for RecordingOptions {
     fn default() -> RecordingOptions {
         RecordingOptions {
             compression: Compression::Zstd,
-            chunk_bytes: 1 << 20,
+            chunk_bytes: 256 << 10,
             channels_per_burst: None,
             layout: Layout::ChannelMajor,
             format: Format::S16Le,

@@ -1,0 +1,165 @@
+//! The bursts of a recording, by printhead and sampling, as `inkling inspect` tells of them.
+
+use super::exit::Exit;
+use super::progress::thousands;
+use super::report::printable;
+use crate::burst::Acquisition;
+use crate::io::block_reader::Piece;
+use crate::io::recording::{Recording, note};
+use crate::verdict::Reason;
+use chrono::{DateTime, SecondsFormat};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+
+#[derive(Debug)]
+struct Found {
+    bursts: u64,
+    signals: u64,
+    first_channel: u32,
+    last_channel: u32,
+    first_ns: i64,
+    last_ns: i64,
+    temperature: bool,
+    voltage: bool,
+}
+
+/// Printhead, samples, sample period in ps.
+type Key = (String, u32, u64);
+
+#[derive(Debug, Default)]
+pub struct Contents {
+    groups: BTreeMap<Key, Found>,
+    beyond: u64,
+    pub bursts: u64,
+    pub unusable: BTreeMap<String, u64>,
+    pub damage: Vec<crate::io::recording::Damage>,
+}
+
+/// Groups listed; a hostile file may have millions.
+const MOST_GROUPS: usize = 1000;
+/// Rows decoded at a time.
+pub const MOST_ROWS: usize = 32_768;
+
+impl Contents {
+    pub fn see(&mut self, piece: Piece) {
+        piece.damage.into_iter().for_each(|damage| note(&mut self.damage, damage));
+        self.bursts += piece.acquisitions.len() as u64;
+        for acquisition in &piece.acquisitions {
+            match acquisition {
+                Acquisition::Usable(burst) => self.see_burst(burst),
+                Acquisition::Unusable(u) => {
+                    let why = Reason::from(u.why).as_str();
+                    *self.unusable.entry(why.into()).or_default() += 1;
+                }
+            }
+        }
+    }
+
+    /// Of messages that cannot be decoded, those that are of another encoding.
+    pub fn set_aside(&mut self, of_other_encoding: u64) {
+        if let Some(n) = self.unusable.get_mut("undecodable") {
+            *n = n.saturating_sub(of_other_encoding);
+        }
+        self.unusable.retain(|_, n| *n > 0);
+    }
+
+    pub fn print(&self, recording: &Recording, out: &mut impl Write) -> io::Result<()> {
+        let expected = match recording.expected {
+            Some(n) => format!("{} by its own statistics", thousands(n)),
+            None => "its statistics do not say how many to expect".into(),
+        };
+        writeln!(out, "  bursts   {} ({expected})", thousands(self.bursts))?;
+        for ((printhead, samples, period_ps), f) in &self.groups {
+            writeln!(
+                out,
+                "  {:<16} {} bursts, {} signals of {samples} samples every {} ns, channels {} to {}",
+                printable(printhead),
+                thousands(f.bursts),
+                thousands(f.signals),
+                *period_ps as f64 / 1e3,
+                f.first_channel,
+                f.last_channel,
+            )?;
+            let recorded = |yes: bool| if yes { "recorded" } else { "not recorded" };
+            writeln!(
+                out,
+                "  {:<16} {} to {}; temperature {}, drive voltage {}",
+                "",
+                time(f.first_ns),
+                time(f.last_ns),
+                recorded(f.temperature),
+                recorded(f.voltage)
+            )?;
+        }
+        if self.beyond > 0 {
+            writeln!(out, "  and {} bursts of further printheads", thousands(self.beyond))?;
+        }
+        for (why, n) in &self.unusable {
+            writeln!(out, "  unusable {} {why}", thousands(*n))?;
+        }
+        Ok(())
+    }
+
+    pub fn document(&self, recording: &Recording, digest: &str, exit: Exit) -> Value {
+        let groups = self.groups.iter().map(|((printhead, samples, period_ps), f)| {
+            json!({
+                "printhead": printhead,
+                "bursts": f.bursts,
+                "signals": f.signals,
+                "samples": samples,
+                "sample_period_s": *period_ps as f64 / 1e12,
+                "first_channel": f.first_channel,
+                "last_channel": f.last_channel,
+                "from": time(f.first_ns),
+                "to": time(f.last_ns),
+                "temperature": f.temperature,
+                "drive_voltage": f.voltage,
+            })
+        });
+        json!({
+            "recording": recording.name,
+            "bytes": recording.bytes,
+            "digest": digest,
+            "bursts": self.bursts,
+            "expected": recording.expected,
+            "groups": groups.collect::<Vec<_>>(),
+            "bursts_of_further_printheads": self.beyond,
+            "unusable": self.unusable,
+            "damage": self.damage,
+            "whole": exit == Exit::Done,
+        })
+    }
+
+    fn see_burst(&mut self, burst: &crate::burst::Burst) {
+        let period_ps = (burst.sample_period_s * 1e12).round() as u64;
+        let key = (burst.printhead.to_string(), burst.samples_per_channel, period_ps);
+        if !self.groups.contains_key(&key) && self.groups.len() >= MOST_GROUPS {
+            self.beyond += 1;
+            return;
+        }
+        let last_channel = burst.first_channel + (burst.channels - 1);
+        let found = self.groups.entry(key).or_insert_with(|| Found {
+            bursts: 0,
+            signals: 0,
+            first_channel: burst.first_channel,
+            last_channel,
+            first_ns: burst.t_acq_ns,
+            last_ns: burst.t_acq_ns,
+            temperature: false,
+            voltage: false,
+        });
+        found.bursts += 1;
+        found.signals += u64::from(burst.channels);
+        found.first_channel = found.first_channel.min(burst.first_channel);
+        found.last_channel = found.last_channel.max(last_channel);
+        found.first_ns = found.first_ns.min(burst.t_acq_ns);
+        found.last_ns = found.last_ns.max(burst.t_acq_ns);
+        found.temperature |= burst.temperature_c.is_some();
+        found.voltage |= burst.drive_voltage_v.is_some();
+    }
+}
+
+fn time(t_ns: i64) -> String {
+    DateTime::from_timestamp_nanos(t_ns).to_rfc3339_opts(SecondsFormat::Millis, true)
+}

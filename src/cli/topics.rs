@@ -1,0 +1,165 @@
+//! The topics of a recording, and a dialect to paste for what looks like bursts.
+
+use super::progress::thousands;
+use super::report::printable;
+use crate::io::census::{Becomes, Census, Seen};
+use crate::io::dialect::guess::guess;
+use crate::io::printable as shown;
+use serde_json::{Value, json};
+use std::io::{self, Write};
+
+/// Topics listed; a hostile file may have 65,536 and more.
+const MOST_LISTED: usize = 200;
+/// Kinds of messages that a dialect is proposed for.
+const MOST_PROPOSED: usize = 8;
+/// Of a schema's name and encodings.
+const MOST_NAME: usize = 120;
+
+pub struct Topics {
+    seen: Vec<Seen>,
+    /// TOML, one for all topics of a kind.
+    proposals: Vec<String>,
+}
+
+pub fn of(census: Option<Census>) -> Topics {
+    let seen = census.map(Census::channels).unwrap_or_default();
+    let proposals = proposals(&seen);
+    Topics { seen, proposals }
+}
+
+fn proposals(seen: &[Seen]) -> Vec<String> {
+    let parts = |seen: &Seen| seen.topic.matches('/').count();
+    let same = |a: &Seen, b: &Seen| {
+        (&a.schema_name, &a.schema_encoding, &a.message_encoding, parts(a))
+            == (&b.schema_name, &b.schema_encoding, &b.message_encoding, parts(b))
+    };
+    let open = |seen: &&Seen| matches!(seen.becomes, Becomes::Nothing | Becomes::OtherEncoding);
+    let mut kinds: Vec<Vec<&Seen>> = Vec::new();
+    for this in seen.iter().filter(open).take(MOST_LISTED) {
+        match kinds.iter_mut().find(|kind| same(kind[0], this)) {
+            Some(kind) => kind.push(this),
+            None => kinds.push(vec![this]),
+        }
+    }
+    let propose = |kind: &Vec<&Seen>| {
+        let topics: Vec<&str> = kind.iter().map(|seen| seen.topic.as_str()).collect();
+        let first = kind.iter().find(|seen| seen.first_message.is_some())?;
+        guess(&first.written()?, first.first_message.as_ref()?, &topics)
+    };
+    kinds.iter().filter_map(propose).take(MOST_PROPOSED).collect()
+}
+
+impl Topics {
+    /// Messages named `inkling.Burst` of another encoding than protobuf.
+    pub fn of_other_encoding(&self) -> u64 {
+        let other = self.seen.iter().filter(|s| matches!(s.becomes, Becomes::OtherEncoding));
+        other.map(|seen| seen.messages).sum()
+    }
+
+    pub fn print(&self, out: &mut impl Write) -> io::Result<()> {
+        let listed = &self.seen[..self.seen.len().min(MOST_LISTED)];
+        let topic = |seen: &Seen| printable(&seen.topic);
+        let width = listed.iter().map(|s| topic(s).chars().count()).max().unwrap_or(0).clamp(5, 48);
+        if !listed.is_empty() {
+            writeln!(
+                out,
+                "  {:<width$} {:>10} {:>12} {:>20}  schema",
+                "topic", "messages", "rate", "bytes each"
+            )?;
+        }
+        for seen in listed {
+            let rate = seen.rate_hz().map_or(String::from("-"), |hz| format!("{} Hz", digits(hz)));
+            writeln!(
+                out,
+                "  {:<width$} {:>10} {rate:>12} {:>20}  {}{}",
+                topic(seen),
+                thousands(seen.messages),
+                sizes(seen),
+                schema(seen),
+                becomes(seen)
+            )?;
+        }
+        if self.seen.len() > listed.len() {
+            writeln!(
+                out,
+                "  and {} topics more",
+                thousands((self.seen.len() - listed.len()) as u64)
+            )?;
+        }
+        for (i, proposal) in self.proposals.iter().enumerate() {
+            if i == 0 {
+                writeln!(
+                    out,
+                    "  looks like bursts; into a settings file (--config), what has a \"?\" looked at:"
+                )?;
+            }
+            writeln!(out)?;
+            for line in proposal.lines() {
+                writeln!(out, "{}", shown::line(line, 1000))?;
+            }
+            writeln!(out)?;
+        }
+        Ok(())
+    }
+
+    /// Into the document of `--json`.
+    pub fn describe(&self, document: &mut Value) {
+        let topics = self.seen.iter().take(MOST_LISTED).map(|seen| {
+            json!({
+                "topic": seen.topic,
+                "schema": seen.schema_name,
+                "schema_encoding": seen.schema_encoding,
+                "message_encoding": seen.message_encoding,
+                "messages": seen.messages,
+                "bytes": seen.bytes,
+                "smallest": if seen.messages > 0 { seen.smallest } else { 0 },
+                "largest": seen.largest,
+                "rate_hz": seen.rate_hz(),
+                "becomes": match &seen.becomes {
+                    Becomes::Bursts => "bursts",
+                    Becomes::Foreign(_) => "bursts_by_dialect",
+                    Becomes::Unread(_) => "undecodable",
+                    Becomes::OtherEncoding => "bursts_of_other_encoding",
+                    Becomes::Nothing => "nothing",
+                },
+            })
+        });
+        document["topics"] = topics.collect();
+        document["topics_more"] = json!(self.seen.len().saturating_sub(MOST_LISTED));
+        document["dialects"] = json!(self.proposals);
+    }
+}
+
+fn sizes(seen: &Seen) -> String {
+    match seen.messages {
+        0 => "-".into(),
+        _ if seen.smallest == seen.largest => thousands(seen.largest),
+        _ => format!("{} to {}", thousands(seen.smallest), thousands(seen.largest)),
+    }
+}
+
+fn schema(seen: &Seen) -> String {
+    let short = |text: &str| shown::line(text, MOST_NAME);
+    let name = if seen.without_schema { "none".into() } else { short(&seen.schema_name) };
+    match seen.schema_encoding == seen.message_encoding || seen.without_schema {
+        true => format!("{name} ({})", short(&seen.message_encoding)),
+        false => {
+            format!("{name} ({}, {})", short(&seen.message_encoding), short(&seen.schema_encoding))
+        }
+    }
+}
+
+fn becomes(seen: &Seen) -> String {
+    match &seen.becomes {
+        Becomes::Bursts | Becomes::Nothing => String::new(),
+        Becomes::Foreign(_) => "; read by a dialect".into(),
+        Becomes::Unread(why) => format!("; {}", shown::line(why, 400)),
+        Becomes::OtherEncoding => "; bursts, but not protobuf: a dialect can read them".into(),
+    }
+}
+
+/// Three significant digits.
+fn digits(x: f64) -> String {
+    let decimals = (2 - x.log10().floor() as i32).clamp(0, 6) as usize;
+    format!("{x:.decimals$}")
+}

@@ -1,0 +1,180 @@
+//! What there is in a recording, whoever wrote it: topics, schemas, sizes, rates.
+//!
+//! In: records as they go by. Out: [`Seen`] per channel, bounded whatever the file.
+
+use super::channels::Route;
+use super::dialect::plan::{Plan, Schema, Written};
+use super::mcap_records::{ChannelRecord, MessageHeader, SchemaRecord, op};
+use bytes::Bytes;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// Of all schemas and first messages that are kept, and of one.
+const MOST_KEPT_BYTES: usize = 64 << 20;
+const MOST_OF_ONE: usize = 1 << 20;
+/// Of a topic, a schema's name, an encoding.
+const MOST_NAME_BYTES: usize = 4096;
+
+/// What becomes of a channel's messages.
+#[derive(Clone, Debug)]
+pub enum Becomes {
+    /// They are `inkling.Burst`.
+    Bursts,
+    /// A dialect makes bursts of them.
+    Foreign(Arc<Plan>),
+    /// A dialect fits and cannot: why.
+    Unread(Arc<str>),
+    /// Named `inkling.Burst`, of another encoding than protobuf.
+    OtherEncoding,
+    Nothing,
+}
+
+/// One channel of a recording.
+#[derive(Clone, Debug)]
+pub struct Seen {
+    pub topic: String,
+    pub message_encoding: String,
+    pub schema_name: String,
+    pub schema_encoding: String,
+    /// Where it was small enough to be kept.
+    pub schema: Option<Arc<Schema>>,
+    pub without_schema: bool,
+    pub messages: u64,
+    /// Of all messages.
+    pub bytes: u64,
+    pub smallest: u64,
+    pub largest: u64,
+    /// Log times, ns.
+    pub first_ns: u64,
+    pub last_ns: u64,
+    /// Where it was small enough to be kept.
+    pub first_message: Option<Bytes>,
+    pub becomes: Becomes,
+}
+
+#[derive(Debug, Default)]
+pub struct Census {
+    schemas: HashMap<u16, Named>,
+    channels: HashMap<u16, (u16, Seen)>,
+    kept: usize,
+}
+
+#[derive(Clone, Debug)]
+struct Named {
+    name: String,
+    encoding: String,
+    whole: Option<Arc<Schema>>,
+}
+
+impl Seen {
+    pub fn written(&self) -> Option<Written<'_>> {
+        let known = self.without_schema || self.schema.is_some();
+        known.then(|| Written {
+            topic: &self.topic,
+            message_encoding: &self.message_encoding,
+            schema: self.schema.as_deref(),
+        })
+    }
+
+    /// Messages a second, by log times.
+    pub fn rate_hz(&self) -> Option<f64> {
+        let seconds = self.last_ns.saturating_sub(self.first_ns) as f64 / 1e9;
+        (self.messages > 1 && seconds > 0.0).then(|| (self.messages - 1) as f64 / seconds)
+    }
+}
+
+fn named(text: &str) -> String {
+    let mut end = text.len().min(MOST_NAME_BYTES);
+    while !text.is_char_boundary(end) {
+        end -= 1;
+    }
+    text[..end].to_owned()
+}
+
+impl Census {
+    pub(super) fn see_definition(&mut self, opcode: u8, body: &[u8]) {
+        match opcode {
+            op::SCHEMA => {
+                let Some(schema) = SchemaRecord::parse(body) else { return };
+                if self.schemas.contains_key(&schema.id) {
+                    return;
+                }
+                let bytes = schema.data.len() + schema.name.len();
+                let keep = bytes <= MOST_OF_ONE && self.kept + bytes <= MOST_KEPT_BYTES;
+                let (name, encoding) = (named(schema.name), named(schema.encoding));
+                let whole = keep.then(|| {
+                    self.kept += bytes;
+                    let data = schema.data.to_vec();
+                    Arc::new(Schema { name: name.clone(), encoding: encoding.clone(), data })
+                });
+                self.schemas.insert(schema.id, Named { name, encoding, whole });
+            }
+            op::CHANNEL => {
+                let Some(channel) = ChannelRecord::parse(body) else { return };
+                if self.channels.contains_key(&channel.id) {
+                    return;
+                }
+                let seen = Seen {
+                    topic: named(channel.topic),
+                    message_encoding: named(channel.message_encoding),
+                    schema_name: String::new(),
+                    schema_encoding: String::new(),
+                    schema: None,
+                    without_schema: channel.schema_id == 0,
+                    messages: 0,
+                    bytes: 0,
+                    smallest: u64::MAX,
+                    largest: 0,
+                    first_ns: u64::MAX,
+                    last_ns: 0,
+                    first_message: None,
+                    becomes: Becomes::Nothing,
+                };
+                self.channels.insert(channel.id, (channel.schema_id, seen));
+            }
+            _ => {}
+        }
+    }
+
+    pub(super) fn see_message(&mut self, header: MessageHeader, route: &Route, message: Bytes) {
+        let Some((_, seen)) = self.channels.get_mut(&header.channel_id) else { return };
+        if seen.messages == 0 {
+            seen.becomes = match route {
+                Route::Bursts(_) => Becomes::Bursts,
+                Route::Foreign(plan, _) => Becomes::Foreign(plan.clone()),
+                Route::Unread(_, why) => Becomes::Unread(why.clone()),
+                Route::OtherEncoding(_) => Becomes::OtherEncoding,
+                Route::Other => Becomes::Nothing,
+            };
+            let bytes = message.len();
+            if bytes <= MOST_OF_ONE && self.kept + bytes <= MOST_KEPT_BYTES {
+                self.kept += bytes;
+                seen.first_message = Some(Bytes::copy_from_slice(&message));
+            }
+        }
+        let bytes = message.len() as u64;
+        seen.messages += 1;
+        seen.bytes = seen.bytes.saturating_add(bytes);
+        (seen.smallest, seen.largest) = (seen.smallest.min(bytes), seen.largest.max(bytes));
+        seen.first_ns = seen.first_ns.min(header.log_time);
+        seen.last_ns = seen.last_ns.max(header.log_time);
+    }
+
+    /// Channel by channel, in the order of their topics.
+    pub fn channels(self) -> Vec<Seen> {
+        let Census { schemas, channels, .. } = self;
+        let mut all: Vec<(u16, Seen)> = channels
+            .into_iter()
+            .map(|(id, (schema, mut seen))| {
+                if let Some(of) = schemas.get(&schema) {
+                    seen.schema_name.clone_from(&of.name);
+                    seen.schema_encoding.clone_from(&of.encoding);
+                    seen.schema.clone_from(&of.whole);
+                }
+                (id, seen)
+            })
+            .collect();
+        all.sort_by(|(a, x), (b, y)| (&x.topic, a).cmp(&(&y.topic, b)));
+        all.into_iter().map(|(_, seen)| seen).collect()
+    }
+}

@@ -1,0 +1,269 @@
+//! Schemas and channels by id, as far as they matter to us, and where a channel's messages go.
+
+use super::burst_codec::{MESSAGE_ENCODING, SCHEMA_NAME, topic_printhead};
+use super::dialect::plan::{Plan, Schema, Written};
+use super::dialect::{Dialects, Fits};
+use super::mcap_records::{ChannelRecord, SchemaRecord};
+use std::collections::HashMap;
+use std::fmt;
+use std::sync::{Arc, OnceLock};
+
+/// Where the messages of a channel go; with the printhead that its topic names.
+#[derive(Clone, Debug)]
+pub(super) enum Route {
+    /// Not ours.
+    Other,
+    Bursts(Option<Arc<str>>),
+    /// Read by a dialect.
+    Foreign(Arc<Plan>, Option<Arc<str>>),
+    /// A dialect fits, but cannot read it: why.
+    Unread(Option<Arc<str>>, Arc<str>),
+    /// Schema `inkling.Burst`, but not protobuf: counts, cannot be decoded.
+    OtherEncoding(Option<Arc<str>>),
+}
+
+/// Why a record inside a block is of no use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Lost {
+    UnknownChannel(u16),
+    UnknownSchema { channel: u16, schema: u16 },
+    ShortMessage,
+    Malformed(&'static str),
+    Redefined(&'static str, u16),
+}
+
+impl fmt::Display for Lost {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Lost::UnknownChannel(id) => write!(f, "message on channel {id}, which is not defined"),
+            Lost::UnknownSchema { channel, schema } => {
+                write!(f, "message on channel {channel}, whose schema {schema} is not defined")
+            }
+            Lost::ShortMessage => write!(f, "message shorter than its header"),
+            Lost::Malformed(what) => write!(f, "malformed {what} record"),
+            Lost::Redefined(what, id) => {
+                write!(f, "{what} {id} defined again as another; the first definition holds")
+            }
+        }
+    }
+}
+
+/// Bounded by the number of ids, and of what dialects need by [`MOST_KEPT_BYTES`].
+#[derive(Clone, Debug, Default)]
+pub(super) struct Channels {
+    dialects: Dialects,
+    schemas: HashMap<u16, KnownSchema>,
+    channels: HashMap<u16, Channel>,
+    /// Bytes of schemas and topics kept for dialects.
+    kept: usize,
+}
+
+/// Schemas and topics beyond are not kept, and so read by no dialect.
+const MOST_KEPT_BYTES: usize = 64 << 20;
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct KnownSchema {
+    /// The schema of bursts.
+    bursts: bool,
+    /// Where a dialect may need it.
+    whole: Option<Arc<Schema>>,
+}
+
+#[derive(Clone, Debug)]
+struct Channel {
+    schema_id: u16,
+    protobuf: bool,
+    printhead: Option<Arc<str>>,
+    foreign: Option<Foreign>,
+}
+
+/// A channel whose topic some dialects fit.
+#[derive(Clone, Debug)]
+struct Foreign {
+    topic: Arc<str>,
+    message_encoding: Arc<str>,
+    fits: Fits,
+    /// Once its schema is known: which dialect, and how.
+    plan: OnceLock<Planned>,
+}
+
+#[derive(Clone, Debug)]
+struct Planned {
+    number: usize,
+    plan: Result<Arc<Plan>, Arc<str>>,
+}
+
+impl PartialEq for Channel {
+    fn eq(&self, other: &Channel) -> bool {
+        let foreign =
+            |c: &Channel| c.foreign.as_ref().map(|f| (f.topic.clone(), f.message_encoding.clone()));
+        (self.schema_id, self.protobuf, &self.printhead)
+            == (other.schema_id, other.protobuf, &other.printhead)
+            && foreign(self) == foreign(other)
+    }
+}
+
+impl Channel {
+    /// A printhead's name in a topic is taken only up to here; 65,536 channels then stay small.
+    const PRINTHEAD_BYTES: usize = 256;
+    /// A topic that long fits no dialect.
+    const TOPIC_BYTES: usize = 4096;
+
+    fn of(record: ChannelRecord<'_>, dialects: &Dialects) -> Channel {
+        let printhead = topic_printhead(record.topic);
+        let short = record.topic.len().max(record.message_encoding.len()) <= Self::TOPIC_BYTES;
+        let fits = if short { dialects.of_topic(record.topic) } else { Fits::default() };
+        Channel {
+            schema_id: record.schema_id,
+            protobuf: record.message_encoding == MESSAGE_ENCODING,
+            printhead: printhead.filter(|p| p.len() <= Self::PRINTHEAD_BYTES).map(Arc::from),
+            foreign: fits.any().then(|| Foreign {
+                topic: record.topic.into(),
+                message_encoding: record.message_encoding.into(),
+                fits,
+                plan: OnceLock::new(),
+            }),
+        }
+    }
+}
+
+impl Channels {
+    pub(super) fn new(dialects: &Dialects) -> Channels {
+        Channels { dialects: dialects.clone(), ..Channels::default() }
+    }
+
+    /// None defined, the same dialects.
+    pub(super) fn without_any(&self) -> Channels {
+        Channels::new(&self.dialects)
+    }
+
+    fn schema(&self, record: SchemaRecord<'_>) -> KnownSchema {
+        let bytes = record.name.len() + record.encoding.len() + record.data.len();
+        let keep = !self.dialects.is_empty() && bytes + self.kept <= MOST_KEPT_BYTES;
+        let whole = || {
+            Arc::new(Schema {
+                name: record.name.to_owned(),
+                encoding: record.encoding.to_owned(),
+                data: record.data.to_vec(),
+            })
+        };
+        KnownSchema { bursts: record.name == SCHEMA_NAME, whole: keep.then(whole) }
+    }
+
+    pub(super) fn define_schema(&mut self, record: SchemaRecord<'_>) -> Result<(), Lost> {
+        if let Some(before) = self.schemas.get(&record.id) {
+            return match before.is(record) {
+                true => Ok(()),
+                false => Err(Lost::Redefined("schema", record.id)),
+            };
+        }
+        let schema = self.schema(record);
+        self.kept += schema.whole.as_ref().map_or(0, |whole| whole.data.len() + whole.name.len());
+        self.schemas.insert(record.id, schema);
+        Ok(())
+    }
+
+    pub(super) fn define_channel(&mut self, record: ChannelRecord<'_>) -> Result<(), Lost> {
+        let mut channel = Channel::of(record, &self.dialects);
+        if let Some(foreign) = &channel.foreign {
+            self.kept += foreign.topic.len();
+            if self.kept > MOST_KEPT_BYTES {
+                channel.foreign = None;
+            }
+        }
+        match self.channels.get(&record.id) {
+            Some(before) if *before != channel => Err(Lost::Redefined("channel", record.id)),
+            Some(_) => Ok(()),
+            None => {
+                self.channels.insert(record.id, channel);
+                Ok(())
+            }
+        }
+    }
+
+    pub(super) fn agrees_with_schema(&self, record: SchemaRecord<'_>) -> bool {
+        self.schemas.get(&record.id).is_some_and(|known| known.is(record))
+    }
+
+    pub(super) fn agrees_with_channel(&self, record: ChannelRecord<'_>) -> bool {
+        let channel = Channel::of(record, &self.dialects);
+        self.channels.get(&record.id).is_some_and(|known| *known == channel)
+    }
+
+    pub(super) fn knows_channel(&self, id: u16) -> bool {
+        self.channels.contains_key(&id)
+    }
+
+    pub(super) fn route(&self, channel_id: u16) -> Result<Route, Lost> {
+        self.route_with(self, channel_id)
+    }
+
+    pub(super) fn route_with(
+        &self,
+        more_schemas: &Channels,
+        channel_id: u16,
+    ) -> Result<Route, Lost> {
+        let channel = self.channels.get(&channel_id).ok_or(Lost::UnknownChannel(channel_id))?;
+        let id = channel.schema_id;
+        let known = [&self.schemas, &more_schemas.schemas];
+        let schema = match known.iter().find_map(|schemas| schemas.get(&id)) {
+            _ if id == 0 => None, // without a schema
+            Some(schema) => Some(schema),
+            None => return Err(Lost::UnknownSchema { channel: channel_id, schema: id }),
+        };
+        let bursts = schema.is_some_and(|schema| schema.bursts);
+        let printhead = channel.printhead.clone();
+        if bursts && channel.protobuf {
+            return Ok(Route::Bursts(printhead));
+        }
+        Ok(match channel.planned(&self.dialects, schema).map(|planned| &planned.plan) {
+            Some(Ok(plan)) => Route::Foreign(plan.clone(), printhead),
+            Some(Err(why)) => Route::Unread(printhead, why.clone()),
+            None if bursts => Route::OtherEncoding(printhead),
+            None => Route::Other,
+        })
+    }
+
+    pub(super) fn carries_bursts(&self, channel_id: u16) -> bool {
+        !matches!(self.route(channel_id), Ok(Route::Other) | Err(_))
+    }
+
+    /// The dialect that reads a channel, by its number.
+    pub(super) fn dialect_of(&self, channel_id: u16) -> Option<usize> {
+        self.route(channel_id).ok()?;
+        let plan = self.channels.get(&channel_id)?.foreign.as_ref()?.plan.get()?;
+        Some(plan.number)
+    }
+}
+
+impl KnownSchema {
+    fn is(&self, record: SchemaRecord<'_>) -> bool {
+        self.bursts == (record.name == SCHEMA_NAME)
+            && self.whole.as_ref().is_none_or(|whole| {
+                (&*whole.name, &*whole.encoding, &*whole.data)
+                    == (record.name, record.encoding, record.data)
+            })
+    }
+}
+
+impl Channel {
+    /// The dialect that reads it, if one does.
+    fn planned(&self, dialects: &Dialects, schema: Option<&KnownSchema>) -> Option<&Planned> {
+        let foreign = self.foreign.as_ref()?;
+        if let Some(planned) = foreign.plan.get() {
+            return Some(planned);
+        }
+        let whole = match schema {
+            Some(schema) => Some(schema.whole.as_deref()?), // too large to be kept
+            None => None,
+        };
+        let number = dialects.first(foreign.fits, whole.map(|schema| schema.name.as_str()))?;
+        let written = Written {
+            topic: &foreign.topic,
+            message_encoding: &foreign.message_encoding,
+            schema: whole,
+        };
+        let plan = dialects.plan(number, &written).map(Arc::new).map_err(Arc::from);
+        Some(foreign.plan.get_or_init(|| Planned { number, plan }))
+    }
+}

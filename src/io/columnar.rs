@@ -1,0 +1,318 @@
+//! Parquet and Arrow IPC tables, as others write them.
+//!
+//! In: a file and which columns. Out: a [`Table`] where a row is an instant and a cell a number, as of CSV; or
+//! [`Matrix`]es where a cell is a list: then a row is a burst, its lists the channels, in the order of the
+//! columns, and of a list of lists every inner one a channel.
+
+use super::Limits;
+use super::ipc_sizes;
+use super::matrix::Matrix;
+use super::numpy::gathered;
+use super::regular_file;
+use super::table_file::{Columns, Decay, MOST_CELLS, Table, TableError, choose_columns};
+use arrow_array::cast::AsArray;
+use arrow_array::{Array, ArrayRef, RecordBatch, types};
+use arrow_schema::{DataType, SchemaRef, TimeUnit};
+use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReaderBuilder};
+use std::collections::HashMap;
+use std::io::{Cursor, Read};
+use std::panic::AssertUnwindSafe;
+use std::path::Path;
+
+const BATCH_ROWS: usize = 4096;
+/// Of an Arrow IPC file: it is checked as a whole.
+const MOST_IPC_BYTES: u64 = 1 << 30;
+/// Samples of all bursts that are held in memory.
+const MOST_SAMPLES: usize = 1 << 27;
+
+/// What kind of table a file begins like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FileKind {
+    Parquet,
+    ArrowFile,
+    ArrowStream,
+    Numpy,
+    Text,
+}
+
+pub fn kind_of(path: &Path) -> Result<FileKind, TableError> {
+    let failed = |source| TableError::Read { path: path.into(), source };
+    let mut start = Vec::new();
+    regular_file::open(path).map_err(failed)?.take(8).read_to_end(&mut start).map_err(failed)?;
+    Ok(match start.as_slice() {
+        [b'P', b'A', b'R', b'1', ..] => FileKind::Parquet,
+        [b'A', b'R', b'R', b'O', b'W', b'1', ..] => FileKind::ArrowFile,
+        [0xff, 0xff, 0xff, 0xff, ..] => FileKind::ArrowStream,
+        [0x93, b'N', b'U', b'M', b'P', b'Y', ..] | [b'P', b'K', 3, 4, ..] => FileKind::Numpy,
+        _ => FileKind::Text,
+    })
+}
+
+/// What a columnar file holds.
+pub enum Content {
+    Rows(Table),
+    Bursts { time: Option<String>, outputs: Vec<String>, matrices: Vec<Matrix> },
+}
+
+/// Reads a table; what a library cannot bear to read is an error, too.
+pub fn read(path: &Path, kind: FileKind, columns: &Columns) -> Result<Content, TableError> {
+    let whole = || read_batches(path, kind, columns);
+    std::panic::catch_unwind(AssertUnwindSafe(whole))
+        .unwrap_or_else(|_| Err(wrong(path, "is damaged: it cannot be read".into())))
+}
+
+fn wrong(path: &Path, what: String) -> TableError {
+    TableError::Columns { path: path.into(), what }
+}
+
+type Batches = Box<dyn Iterator<Item = Result<RecordBatch, arrow_schema::ArrowError>>>;
+
+fn open(path: &Path, kind: FileKind) -> Result<(SchemaRef, Batches), TableError> {
+    let failed = |source| TableError::Read { path: path.into(), source };
+    let damaged = |e: &dyn std::fmt::Display| {
+        wrong(path, format!("cannot be read: {}", super::printable::of_parser(&e.to_string())))
+    };
+    Ok(match kind {
+        FileKind::ArrowFile => {
+            let bytes = regular_file::read(path, MOST_IPC_BYTES).map_err(failed)?;
+            ipc_sizes::check_file(&bytes).map_err(|e| damaged(&e))?;
+            let reader = arrow_ipc::reader::FileReader::try_new(Cursor::new(bytes), None)
+                .map_err(|e| damaged(&e))?;
+            (reader.schema(), Box::new(reader))
+        }
+        FileKind::ArrowStream => {
+            let bytes = regular_file::read(path, MOST_IPC_BYTES).map_err(failed)?;
+            ipc_sizes::check_stream(&bytes).map_err(|e| damaged(&e))?;
+            let reader = arrow_ipc::reader::StreamReader::try_new(Cursor::new(bytes), None)
+                .map_err(|e| damaged(&e))?;
+            (reader.schema(), Box::new(reader))
+        }
+        _ => {
+            let file = regular_file::open(path).map_err(failed)?;
+            let options = ArrowReaderOptions::new();
+            let reader = ParquetRecordBatchReaderBuilder::try_new_with_options(file, options)
+                .and_then(|builder| builder.with_batch_size(BATCH_ROWS).build())
+                .map_err(|e| damaged(&e))?;
+            (arrow_array::RecordBatchReader::schema(&reader), Box::new(reader))
+        }
+    })
+}
+
+fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Content, TableError> {
+    let (schema, batches) = open(path, kind)?;
+    let names: Vec<String> = schema.fields().iter().map(|field| field.name().clone()).collect();
+    let chosen = choose_columns(names, columns).map_err(|what| wrong(path, what))?;
+    let type_of = |c: usize| schema.field(c).data_type();
+    let lists = chosen.outputs.iter().filter(|&&c| is_list(type_of(c))).count();
+    if lists != 0 && lists != chosen.outputs.len() {
+        let what = "some columns hold lists and some numbers: --outputs names those of one kind";
+        return Err(wrong(path, what.into()));
+    }
+    let time = chosen.time.map(|c| with_unit(&chosen.names[c], type_of(c)));
+    let outputs = chosen.outputs.iter().map(|&c| chosen.names[c].clone()).collect();
+    let cell = |batch: &RecordBatch, c: usize, row: usize| {
+        number(batch.column(c), row).map_err(|of| {
+            wrong(path, format!("column {:?}: values of type {of} are no numbers", chosen.names[c]))
+        })
+    };
+    if lists > 0 {
+        if chosen.burst.is_some() {
+            let what = "--burst has no effect: each row holds lists and is a burst by itself";
+            return Err(wrong(path, what.into()));
+        }
+        let mut matrices = Vec::new();
+        let mut held = 0;
+        for batch in batches {
+            let batch = batch.map_err(|e| wrong(path, super::printable::of_parser(&e)))?;
+            for row in 0..batch.num_rows() {
+                let place = matrices.len() + 1;
+                let lists = chosen.outputs.iter().map(|&c| batch.column(c).clone());
+                let mut matrix = matrix(lists, row)
+                    .map_err(|what| wrong(path, format!("row {place}: {what}")))?;
+                held += matrix.samples.len();
+                if held > MOST_SAMPLES {
+                    let what =
+                        format!("more than {MOST_SAMPLES} bytes of samples; cut it into several");
+                    return Err(wrong(path, what));
+                }
+                matrix.time = chosen.time.map(|c| cell(&batch, c, row)).transpose()?;
+                matrix.beside = chosen
+                    .beside
+                    .iter()
+                    .map(|&c| cell(&batch, c, row))
+                    .collect::<Result<_, _>>()?;
+                matrices.push(matrix);
+            }
+        }
+        if matrices.is_empty() {
+            return Err(wrong(path, "no rows".into()));
+        }
+        return Ok(Content::Bursts { time, outputs, matrices });
+    }
+    let mut table = Table { time: time.unwrap_or_default(), outputs, decays: Vec::new() };
+    let mut by_name: HashMap<String, usize> = HashMap::new();
+    let (mut cells, mut line) = (0, 0);
+    for batch in batches {
+        let batch = batch.map_err(|e| wrong(path, super::printable::of_parser(&e)))?;
+        for row in 0..batch.num_rows() {
+            line += 1;
+            cells += 1 + chosen.outputs.len();
+            if cells > MOST_CELLS {
+                let what = format!("more than {MOST_CELLS} cells; cut the table into several");
+                return Err(wrong(path, what));
+            }
+            let name = chosen.burst.map_or(Ok(String::new()), |c| text(batch.column(c), row));
+            let name = name.map_err(|of| wrong(path, format!("burst column of type {of}")))?;
+            let place = match by_name.get(&name) {
+                Some(place) => *place,
+                None => {
+                    cells += 16;
+                    let outputs = vec![Vec::new(); chosen.outputs.len()];
+                    let beside = chosen.beside.iter().map(|&c| cell(&batch, c, row));
+                    let beside = beside.collect::<Result<_, _>>()?;
+                    table.decays.push(Decay {
+                        name: name.clone(),
+                        line,
+                        outputs,
+                        beside,
+                        ..Decay::default()
+                    });
+                    by_name.insert(name, table.decays.len() - 1);
+                    table.decays.len() - 1
+                }
+            };
+            let decay = &mut table.decays[place];
+            let time = match chosen.time {
+                Some(c) => cell(&batch, c, row)?,
+                None => decay.times.len() as f64,
+            };
+            if !time.is_finite() {
+                return Err(wrong(path, format!("row {line}: without a time")));
+            }
+            decay.times.push(time);
+            for (column, &c) in decay.outputs.iter_mut().zip(&chosen.outputs) {
+                column.push(cell(&batch, c, row)?);
+            }
+        }
+    }
+    match table.decays.is_empty() {
+        true => Err(wrong(path, "no rows".into())),
+        false => Ok(Content::Rows(table)),
+    }
+}
+
+/// A column's name with the end that says its unit, where its type says it.
+fn with_unit(name: &str, of: &DataType) -> String {
+    let end = match of {
+        DataType::Timestamp(TimeUnit::Nanosecond, _) | DataType::Duration(TimeUnit::Nanosecond) => {
+            "_ns"
+        }
+        DataType::Timestamp(TimeUnit::Microsecond, _)
+        | DataType::Duration(TimeUnit::Microsecond) => "_us",
+        DataType::Timestamp(TimeUnit::Millisecond, _)
+        | DataType::Duration(TimeUnit::Millisecond) => "_ms",
+        _ => "",
+    };
+    if name.ends_with(end) { name.to_owned() } else { format!("{name}{end}") }
+}
+
+fn is_list(of: &DataType) -> bool {
+    matches!(of, DataType::List(_) | DataType::LargeList(_) | DataType::FixedSizeList(..))
+}
+
+fn inside(array: &ArrayRef, row: usize) -> Option<ArrayRef> {
+    if array.is_null(row) {
+        return None;
+    }
+    match array.data_type() {
+        DataType::List(_) => Some(array.as_list::<i32>().value(row)),
+        DataType::LargeList(_) => Some(array.as_list::<i64>().value(row)),
+        DataType::FixedSizeList(..) => Some(array.as_fixed_size_list().value(row)),
+        _ => None,
+    }
+}
+
+fn matrix(lists: impl Iterator<Item = ArrayRef>, row: usize) -> Result<Matrix, String> {
+    let mut channels: Vec<ArrayRef> = Vec::new();
+    for list in lists {
+        let of_row = inside(&list, row).ok_or("no samples")?;
+        match is_list(of_row.data_type()) {
+            true => {
+                for i in 0..of_row.len() {
+                    channels.push(inside(&of_row, i).ok_or("a channel without samples")?);
+                }
+            }
+            false => channels.push(of_row),
+        }
+    }
+    let limits = Limits::default();
+    let n = channels.first().map_or(0, |channel| channel.len());
+    if n == 0 || channels.iter().any(|channel| channel.len() != n) {
+        return Err("its channels have no samples, or not equally many".into());
+    }
+    if channels.len() > limits.channels as usize || n > limits.samples_per_channel as usize {
+        return Err(format!("{} channels of {n} samples: too large for a burst", channels.len()));
+    }
+    let mut numbers = Vec::with_capacity(channels.len() * n);
+    for channel in &channels {
+        for k in 0..n {
+            let x = number(channel, k).map_err(|of| format!("lists of {of}, not of numbers"))?;
+            numbers.push(x);
+        }
+    }
+    let samples = gathered(numbers.into_iter());
+    if samples.too_many {
+        return Err("too large for a burst".into());
+    }
+    Ok(Matrix {
+        channels: channels.len() as u32,
+        samples_per_channel: n as u32,
+        format: samples.format,
+        samples: samples.bytes.into(),
+        ..Matrix::default()
+    })
+}
+
+/// A cell as a number; NaN where it is empty. The error names a type that has none.
+fn number(array: &ArrayRef, row: usize) -> Result<f64, String> {
+    macro_rules! as_number {
+        ($($data_type:pat => $of:ty),* $(,)?) => {
+            match array.data_type() {
+                _ if array.is_null(row) => Ok(f64::NAN),
+                $($data_type => Ok(array.as_primitive::<$of>().value(row) as f64),)*
+                DataType::Float16 => Ok(array.as_primitive::<types::Float16Type>().value(row).to_f64()),
+                other => Err(super::printable::cell(&other.to_string())),
+            }
+        };
+    }
+    as_number! {
+        DataType::Int8 => types::Int8Type,
+        DataType::Int16 => types::Int16Type,
+        DataType::Int32 => types::Int32Type,
+        DataType::Int64 => types::Int64Type,
+        DataType::UInt8 => types::UInt8Type,
+        DataType::UInt16 => types::UInt16Type,
+        DataType::UInt32 => types::UInt32Type,
+        DataType::UInt64 => types::UInt64Type,
+        DataType::Float32 => types::Float32Type,
+        DataType::Float64 => types::Float64Type,
+        DataType::Timestamp(TimeUnit::Second, _) => types::TimestampSecondType,
+        DataType::Timestamp(TimeUnit::Millisecond, _) => types::TimestampMillisecondType,
+        DataType::Timestamp(TimeUnit::Microsecond, _) => types::TimestampMicrosecondType,
+        DataType::Timestamp(TimeUnit::Nanosecond, _) => types::TimestampNanosecondType,
+        DataType::Duration(TimeUnit::Second) => types::DurationSecondType,
+        DataType::Duration(TimeUnit::Millisecond) => types::DurationMillisecondType,
+        DataType::Duration(TimeUnit::Microsecond) => types::DurationMicrosecondType,
+        DataType::Duration(TimeUnit::Nanosecond) => types::DurationNanosecondType,
+    }
+}
+
+fn text(array: &ArrayRef, row: usize) -> Result<String, String> {
+    match array.data_type() {
+        _ if array.is_null(row) => Ok(String::new()),
+        DataType::Utf8 => Ok(array.as_string::<i32>().value(row).to_owned()),
+        DataType::LargeUtf8 => Ok(array.as_string::<i64>().value(row).to_owned()),
+        DataType::Utf8View => Ok(array.as_string_view().value(row).to_owned()),
+        _ => number(array, row).map(|x| x.to_string()),
+    }
+}

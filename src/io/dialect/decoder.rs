@@ -1,0 +1,251 @@
+//! Foreign messages to bursts.
+//!
+//! In: a message's bytes, its times, and the [`Plan`] of its channel. Out: an [`Acquisition`] whose samples
+//! share the message's bytes wherever they lie in it as we read them. What is wrong with a burst is said
+//! as of our own messages ([`burst_codec`](crate::io::burst_codec)).
+
+use super::plan::{Name, Plan};
+use super::settings::{Source, TimeSource};
+use super::value::{Found, Number, Samples, Value};
+use super::wanted::Slot;
+use crate::burst::{Acquisition, Burst, Format, Unusable, UnusableBurst};
+use crate::io::Limits;
+use crate::io::burst_codec::{PrintheadNames, Shape};
+use bytes::Bytes;
+use std::sync::Arc;
+
+const MOST_NAME_BYTES: usize = 1024;
+
+/// When a message was recorded and published, ns.
+#[derive(Clone, Copy, Debug)]
+pub struct Times {
+    pub log_ns: i64,
+    pub publish_ns: i64,
+}
+
+/// Decodes messages of dialects; keeps what consecutive messages can share. One per worker.
+#[derive(Debug)]
+pub struct DialectDecoder {
+    limits: Limits,
+    names: PrintheadNames,
+}
+
+/// A burst before its samples are looked at.
+struct Head {
+    t_acq_ns: i64,
+    printhead: Arc<str>,
+    first_channel: u32,
+}
+
+impl DialectDecoder {
+    pub fn new(limits: Limits) -> DialectDecoder {
+        DialectDecoder { limits, names: PrintheadNames::default() }
+    }
+
+    /// `topic_printhead`: what the topic names, where the message names nobody.
+    pub fn decode(
+        &mut self,
+        plan: &Plan,
+        message: Bytes,
+        times: Times,
+        topic_printhead: &Arc<str>,
+    ) -> Acquisition {
+        let found = plan.find(&message, self.limits.samples_bytes);
+        let mut head =
+            Head { t_acq_ns: times.log_ns, printhead: topic_printhead.clone(), first_channel: 0 };
+        let read = match found {
+            None => {
+                let nothing = &mut Found::default();
+                self.name(plan, nothing, &mut head).and(Err(Unusable::Undecodable))
+            }
+            Some(mut found) => self.burst(plan, &message, times, &mut found, &mut head),
+        };
+        match read {
+            Ok(burst) => Acquisition::Usable(burst),
+            Err(why) => {
+                let Head { mut t_acq_ns, printhead, first_channel } = head;
+                if why == Unusable::Undecodable {
+                    t_acq_ns = times.log_ns;
+                }
+                Acquisition::Unusable(UnusableBurst { t_acq_ns, printhead, first_channel, why })
+            }
+        }
+    }
+
+    fn burst(
+        &mut self,
+        plan: &Plan,
+        message: &Bytes,
+        times: Times,
+        found: &mut Found,
+        head: &mut Head,
+    ) -> Result<Burst, Unusable> {
+        self.name(plan, found, head)?;
+        let dialect = &plan.dialect;
+        let missing = plan.names_every_field();
+        let number = |found: &mut Found, source: &Source, slot| match source {
+            Source::Constant(x) => Ok(Number::Float(*x)),
+            Source::Path(_) => match found.number(slot) {
+                Some(number) => Ok(number),
+                None if missing => Err(Unusable::Undecodable),
+                None => Ok(Number::Integer(0)), // protobuf leaves zeros out
+            },
+        };
+        let count = |number: Number| match number.integer() {
+            Some(i) if i >= 0 => u32::try_from(i).map_err(|_| Unusable::TooLarge),
+            _ => Err(Unusable::Undecodable),
+        };
+        head.first_channel = count(number(found, &dialect.first_channel, Slot::FirstChannel)?)?;
+        head.t_acq_ns = match dialect.time {
+            TimeSource::LogTime => times.log_ns,
+            TimeSource::PublishTime => times.publish_ns,
+            TimeSource::Path(_) => time_ns(found).ok_or(Unusable::Undecodable)?,
+        };
+        let channels = count(number(found, &dialect.channels, Slot::Channels)?)?;
+        let sample_period_s = number(found, &dialect.period_s, Slot::Period)?.float();
+        let samples = self.samples(plan, message, found)?;
+        let samples_per_channel = match &dialect.samples_per_channel {
+            Some(source) => count(number(found, source, Slot::SamplesPerChannel)?)?,
+            None => columns(&samples, channels)?,
+        };
+        let shape = Shape {
+            first_channel: head.first_channel,
+            channels,
+            samples_per_channel,
+            sample_period_s,
+            format: samples.format,
+            samples_bytes: samples.bytes.len(),
+        };
+        if samples.too_many {
+            return Err(Unusable::TooLarge);
+        }
+        shape.check(&self.limits)?;
+        let rows = channels as usize;
+        let mut measured = |source: &Option<Source>, slot| match source {
+            Some(Source::Constant(x)) => Some(*x),
+            Some(Source::Path(_)) => found.number(slot).map(Number::float),
+            None => None,
+        };
+        let temperature_c = measured(&dialect.temperature, Slot::Temperature);
+        let drive_voltage_v = measured(&dialect.voltage, Slot::Voltage);
+        let mut of_channels = |source: &Option<Source>, slot| match source {
+            Some(Source::Constant(x)) => vec![*x as f32],
+            Some(Source::Path(_)) => {
+                found.take(slot).map_or(Vec::new(), |value| value.floats(message, rows))
+            }
+            None => Vec::new(),
+        };
+        let mut idle_time_s = of_channels(&dialect.idle, Slot::Idle);
+        if ![1, rows].contains(&idle_time_s.len()) {
+            idle_time_s = Vec::new(); // belongs to no channel: not recorded
+        }
+        let neighbours = of_channels(&dialect.neighbours, Slot::Neighbours);
+        let neighbours_fired: Vec<u8> = match neighbours.as_slice() {
+            [one] => vec![*one as u8; rows],
+            each if each.len() == rows => each.iter().map(|n| *n as u8).collect(),
+            _ => Vec::new(),
+        };
+        Ok(Burst {
+            t_acq_ns: head.t_acq_ns,
+            printhead: head.printhead.clone(),
+            first_channel: head.first_channel,
+            channels,
+            samples_per_channel,
+            sample_period_s,
+            format: samples.format,
+            layout: dialect.layout.into(),
+            samples: samples.bytes,
+            temperature_c: temperature_c.filter(|t| t.is_finite()),
+            drive_voltage_v: drive_voltage_v.filter(|v| v.is_finite()),
+            idle_time_s,
+            neighbours_fired: neighbours_fired.into(),
+        })
+    }
+
+    fn samples(
+        &self,
+        plan: &Plan,
+        message: &Bytes,
+        found: &mut Found,
+    ) -> Result<Samples, Unusable> {
+        let format = plan.format;
+        match found.take(Slot::Samples) {
+            Some(value) => value
+                .samples(message, format, self.limits.samples_bytes)
+                .ok_or(Unusable::Undecodable),
+            None if plan.names_every_field() => Err(Unusable::Undecodable),
+            None => {
+                let format = format.unwrap_or(Format::S16Le);
+                Ok(Samples { bytes: Bytes::new(), format, too_many: false })
+            }
+        }
+    }
+
+    fn name(&mut self, plan: &Plan, found: &mut Found, head: &mut Head) -> Result<(), Unusable> {
+        if let [Name::Literal(name)] = plan.name.as_slice() {
+            return self.named(name, head); // the usual one: nothing to put together
+        }
+        let mut name = String::new();
+        for part in &plan.name {
+            match part {
+                Name::Literal(text) => name += text,
+                Name::Found(slot) => match found.take(*slot) {
+                    Some(Value::Text(text)) => name += &text,
+                    Some(Value::Number(number)) => match number.integer() {
+                        Some(i) => name += &i.to_string(),
+                        None => return Err(Unusable::Undecodable),
+                    },
+                    Some(_) => return Err(Unusable::Undecodable),
+                    None if plan.names_every_field() => return Err(Unusable::Undecodable),
+                    None => {}
+                },
+            }
+        }
+        self.named(&name, head)
+    }
+
+    fn named(&mut self, name: &str, head: &mut Head) -> Result<(), Unusable> {
+        if name.len() > MOST_NAME_BYTES {
+            return Err(Unusable::TooLarge);
+        }
+        if !name.is_empty() {
+            head.printhead = self.names.intern(name);
+        }
+        Ok(())
+    }
+}
+
+/// As many as there are, by channels.
+fn columns(samples: &Samples, channels: u32) -> Result<u32, Unusable> {
+    let row = samples.format.bytes().checked_mul(channels as usize).filter(|row| *row > 0);
+    let row = row.ok_or(Unusable::NoChannels)?;
+    match samples.bytes.len().is_multiple_of(row) {
+        true => u32::try_from(samples.bytes.len() / row).map_err(|_| Unusable::TooLarge),
+        false => Err(Unusable::WrongLength),
+    }
+}
+
+/// ns since the epoch, however they stand there.
+fn time_ns(found: &mut Found) -> Option<i64> {
+    if let Some(value) = found.take(Slot::Time) {
+        return match value {
+            Value::Number(Number::Integer(ns)) => i64::try_from(ns).ok(),
+            Value::Number(Number::Float(s)) => {
+                let ns = (s * 1e9).round();
+                (ns.abs() < 9.2e18).then_some(ns as i64)
+            }
+            Value::Text(text) => match text.parse::<i64>() {
+                Ok(ns) => Some(ns),
+                Err(_) => chrono::DateTime::parse_from_rfc3339(&text).ok()?.timestamp_nanos_opt(),
+            },
+            _ => None,
+        };
+    }
+    let (seconds, nanos) = (found.number(Slot::Seconds), found.number(Slot::Nanoseconds));
+    if seconds.is_none() && nanos.is_none() {
+        return None; // without a time a burst has no place among the others
+    }
+    let whole = |number: Option<Number>| number.map_or(Some(0), Number::integer);
+    let nanos = whole(nanos).filter(|n| (0..1_000_000_000).contains(n))?;
+    i64::try_from(whole(seconds)?.checked_mul(1_000_000_000)?.checked_add(nanos)?).ok()
+}

@@ -1,0 +1,243 @@
+//! A dialect to paste, where a channel's messages look like bursts.
+//!
+//! In: a channel, what its schema has, and its first message. Out: TOML that `inkling replay` takes, with a
+//! question mark behind what only a person knows. A guess: names and sizes decide, and it says so.
+
+use super::fields::{FieldInfo, Kind};
+use super::path::FieldPath;
+use super::plan::{Plan, Reading, Written};
+use super::settings::{Dialect, SampleFormat, SampleLayout, Source, Template, TimeSource};
+use super::value::{Number, Value};
+use super::wanted::Slot;
+use bytes::Bytes;
+use std::fmt::Write as _;
+use std::sync::Arc;
+
+/// Fewer numbers are no burst.
+const FEWEST_SAMPLES: usize = 32;
+/// Fields that are tried as samples.
+const MOST_CANDIDATES: usize = 32;
+/// Of a first message that is looked at.
+pub const MOST_MESSAGE_BYTES: usize = 1 << 20;
+/// Well-known schemas with large arrays that are no ring-downs.
+const OTHERS: [&str; 8] = ["Image", "Video", "PointCloud", "Grid", "Scan", "Mesh", "Model", "Map"];
+
+/// Names that fields go by, the likelier first.
+const CHANNELS: &[&str] =
+    &["channels", "n_channels", "num_channels", "channel_count", "nozzles", "rows", "nchannels"];
+const COLUMNS: &[&str] = &[
+    "samples_per_channel",
+    "samples_per_signal",
+    "n_samples",
+    "num_samples",
+    "sample_count",
+    "columns",
+    "cols",
+    "n",
+];
+const FIRST: &[&str] =
+    &["first_channel", "channel_offset", "first_nozzle", "start_channel", "first"];
+const PERIOD: &[&str] =
+    &["period_s", "sample_period_s", "sample_period", "sampling_period", "period", "dt_s", "dt"];
+const TIME: &[&str] = &["t_acq", "acquired_at", "timestamp", "stamp", "time"];
+const PRINTHEAD: &[&str] =
+    &["printhead", "print_head", "head_id", "head", "head_name", "printhead_id"];
+const TEMPERATURE: &[&str] = &["temperature_c", "temp_c", "temperature", "ink_temperature", "temp"];
+const VOLTAGE: &[&str] =
+    &["drive_voltage_v", "drive_voltage", "voltage_v", "voltage", "amplitude_v"];
+
+/// `topics`: all that carry the same, with equally many parts. `None`: nothing looks like bursts.
+pub fn guess(written: &Written, message: &Bytes, topics: &[&str]) -> Option<String> {
+    let name = written.schema.map_or("", |schema| &schema.name);
+    let last = name.rsplit(['.', '/']).next().unwrap_or_default();
+    if OTHERS.iter().any(|other| last.contains(other)) || message.len() > MOST_MESSAGE_BYTES {
+        return None;
+    }
+    let reading = Reading::of(written).ok()?;
+    let fields = reading.fields(Some(message));
+    let candidates = fields.iter().filter(|field| field.can_be(Slot::Samples).is_ok());
+    let (samples, size) = candidates
+        .take(MOST_CANDIDATES)
+        .filter_map(|field| Some((field, size(written, message, field)?)))
+        .max_by_key(|(_, size)| size.numbers)?;
+    if size.numbers < FEWEST_SAMPLES {
+        return None;
+    }
+    Some(block(written, message, &fields, samples, &size, topics))
+}
+
+fn block(
+    written: &Written,
+    message: &Bytes,
+    fields: &[FieldInfo],
+    samples: &FieldInfo,
+    size: &Size,
+    topics: &[&str],
+) -> String {
+    let (glob, varies) = glob(written.topic, topics);
+    let named = |names: &[&str], slot| find(fields, names, slot);
+    let quoted = |text: &str| toml::Value::String(text.to_owned()).to_string();
+    let mut toml = String::from("[[input.dialect]]\n");
+    let mut say = |key: &str, value: &str, why: &str| {
+        let why = if why.is_empty() { String::new() } else { format!("  # ? {why}") };
+        let _ = writeln!(toml, "{key} = {value}{why}");
+    };
+    say("topic", &quoted(&glob), "");
+    if let Some(schema) = written.schema.filter(|schema| !schema.name.is_empty()) {
+        say("schema", &quoted(&schema.name), "");
+    }
+    say("samples", &quoted(&samples.path), "");
+    if let Some(format) = size.format {
+        let value = if format == SampleFormat::S16le { "\"s16le\"" } else { "\"f32le\"" };
+        say("format", value, "by the look of the first message");
+    }
+    say("layout", "\"channel-major\"", "or \"sample-major\"");
+    match named(CHANNELS, Slot::Channels) {
+        Some(path) => say("channels", &quoted(&path), ""),
+        None => say("channels", "1", "not in the message"),
+    }
+    let columns = named(COLUMNS, Slot::SamplesPerChannel);
+    if let Some(path) = columns.filter(|path| size.divides(written, message, path)) {
+        say("samples_per_channel", &quoted(&path), "");
+    }
+    if let Some(path) = named(FIRST, Slot::FirstChannel) {
+        say("first_channel", &quoted(&path), "");
+    }
+    match named(PERIOD, Slot::Period) {
+        Some(path) => say("period_s", &quoted(&path), "in seconds"),
+        None => say("period_s", "1e-6", "not in the message: the sample period, s"),
+    }
+    match named(PRINTHEAD, Slot::Text(0)) {
+        Some(path) => say("printhead", &quoted(&format!("{{{path}}}")), ""),
+        None => {
+            let parts = written.topic.trim_start_matches('/').split('/').count();
+            let part = varies.unwrap_or(usize::from(parts > 1));
+            let part = format!("\"{{topic.{part}}}\"");
+            say("printhead", &part, "this part of the topic, from 0");
+        }
+    }
+    let stamp = |field: &&FieldInfo| field.kind == Kind::Time && !field.list;
+    let time = fields.iter().find(stamp).map(|field| field.path.clone());
+    if let Some(path) = time.or_else(|| named(TIME, Slot::Time)) {
+        say("time", &quoted(&path), "");
+    }
+    if let Some(path) = named(TEMPERATURE, Slot::Temperature) {
+        say("temperature", &quoted(&path), "in °C");
+    }
+    if let Some(path) = named(VOLTAGE, Slot::Voltage) {
+        say("voltage", &quoted(&path), "in V");
+    }
+    toml
+}
+
+/// What all topics fit, and the first part in which they differ.
+fn glob(first: &str, topics: &[&str]) -> (String, Option<usize>) {
+    let slash = if first.starts_with('/') { "/" } else { "" };
+    let parts = |topic: &str| -> Vec<String> {
+        topic.trim_start_matches('/').split('/').map(globset::escape).collect()
+    };
+    let mut common = parts(first);
+    let mut varies = None;
+    for topic in topics {
+        for (n, (part, of)) in common.iter_mut().zip(parts(topic)).enumerate() {
+            if *part != of {
+                *part = "*".into();
+                varies = varies.or(Some(n));
+            }
+        }
+    }
+    (format!("{slash}{}", common.join("/")), varies)
+}
+
+/// The field whose last name is the likeliest.
+fn find(fields: &[FieldInfo], names: &[&str], slot: Slot) -> Option<String> {
+    names.iter().find_map(|name| {
+        fields
+            .iter()
+            .filter(|field| field.can_be(slot).is_ok())
+            .find(|field| {
+                let last = field.path.rsplit('.').next().unwrap_or_default();
+                last.eq_ignore_ascii_case(name)
+            })
+            .map(|field| field.path.clone())
+    })
+}
+
+/// Of the samples in the first message.
+struct Size {
+    numbers: usize,
+    /// Of bytes.
+    format: Option<SampleFormat>,
+}
+
+impl Size {
+    /// Whether a field says what could be samples per channel.
+    fn divides(&self, written: &Written, message: &Bytes, path: &str) -> bool {
+        let n = number(written, message, path).and_then(Number::integer);
+        n.and_then(|n| usize::try_from(n).ok())
+            .is_some_and(|n| n > 0 && self.numbers.is_multiple_of(n))
+    }
+}
+
+fn probe(samples: &str, format: Option<SampleFormat>) -> Option<Dialect> {
+    Some(Dialect {
+        topic: "**".into(),
+        schema: None,
+        samples: FieldPath::try_from(samples.to_owned()).ok()?,
+        format,
+        layout: SampleLayout::default(),
+        channels: Source::Constant(1.0),
+        samples_per_channel: None,
+        first_channel: Source::Constant(0.0),
+        period_s: Source::Constant(1.0),
+        printhead: Template::try_from("p".to_owned()).ok()?,
+        time: TimeSource::LogTime,
+        temperature: None,
+        voltage: None,
+        idle: None,
+        neighbours: None,
+    })
+}
+
+fn size(written: &Written, message: &Bytes, field: &FieldInfo) -> Option<Size> {
+    let is_bytes = field.kind == Kind::Bytes;
+    let dialect = probe(&field.path, is_bytes.then_some(SampleFormat::S16le))?;
+    let plan = Plan::new(&Arc::new(dialect), written).ok()?;
+    let most_bytes = MOST_MESSAGE_BYTES as u64 * 4;
+    let value = plan.find(message, most_bytes)?.take(Slot::Samples)?;
+    let samples = value.samples(message, plan.format, most_bytes)?;
+    let (whole, bytes) = (samples.bytes.len() / samples.format.bytes(), &samples.bytes);
+    if !is_bytes {
+        return Some(Size { numbers: whole, format: None });
+    }
+    Some(match bytes.len().is_multiple_of(4) && look_like_floats(bytes) {
+        true => Size { numbers: bytes.len() / 4, format: Some(SampleFormat::F32le) },
+        false => Size { numbers: whole, format: Some(SampleFormat::S16le) },
+    })
+}
+
+/// Nearly all are zero or of a magnitude that samples have; int16 side by side are not.
+fn look_like_floats(bytes: &[u8]) -> bool {
+    let all = bytes.as_chunks::<4>().0;
+    let usual = all.iter().filter(|b| {
+        let x = f32::from_le_bytes(**b).abs();
+        x == 0.0 || (1e-6..1e7).contains(&x)
+    });
+    usual.count() * 20 > all.len() * 19
+}
+
+fn number(written: &Written, message: &Bytes, path: &str) -> Option<Number> {
+    let mut dialect = probe(path, None)?;
+    dialect.samples_per_channel = Some(Source::Path(dialect.samples.clone()));
+    // samples must be an array; the number is found beside any
+    let reading = Reading::of(written).ok()?;
+    let fields = reading.fields(Some(message));
+    let samples = fields.iter().find(|field| field.can_be(Slot::Samples).is_ok())?;
+    dialect.samples = FieldPath::try_from(samples.path.clone()).ok()?;
+    dialect.format = (samples.kind == Kind::Bytes).then_some(SampleFormat::S16le);
+    let plan = Plan::new(&Arc::new(dialect), written).ok()?;
+    match plan.find(message, MOST_MESSAGE_BYTES as u64 * 4)?.take(Slot::SamplesPerChannel)? {
+        Value::Number(number) => Some(number),
+        _ => None,
+    }
+}

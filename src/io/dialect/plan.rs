@@ -1,0 +1,269 @@
+//! A dialect meets a recording's own schema: paths are resolved once, or said to lead nowhere.
+
+use super::fields::{FieldInfo, Kind, listed};
+use super::path::FieldPath;
+use super::ros_definition::{Definitions, Flavour};
+use super::settings::{Dialect, Part, Source, TimeSource};
+use super::value::Found;
+use super::wanted::{Slot, Wanted};
+use super::{json, protobuf, ros};
+use crate::burst::Format;
+use crate::io::printable;
+use prost_reflect::MessageDescriptor;
+use std::sync::Arc;
+
+/// A schema of a recording.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Schema {
+    pub name: String,
+    pub encoding: String,
+    pub data: Vec<u8>,
+}
+
+/// What a channel's messages are, as its recording says.
+#[derive(Clone, Copy, Debug)]
+pub struct Written<'a> {
+    pub topic: &'a str,
+    pub message_encoding: &'a str,
+    pub schema: Option<&'a Schema>,
+}
+
+/// How messages of one channel are read.
+#[derive(Clone, Debug)]
+pub enum Reading {
+    Protobuf(MessageDescriptor),
+    Json,
+    Ros(Arc<Definitions>),
+}
+
+/// Message encodings that are read.
+const ENCODINGS: &str = "protobuf, json, cdr with ros2msg, ros1 with ros1msg";
+
+impl Reading {
+    pub fn of(written: &Written) -> Result<Reading, String> {
+        let schema = || {
+            written.schema.ok_or_else(|| {
+                format!("messages of encoding {} without a schema", written.message_encoding)
+            })
+        };
+        let encoding = written.message_encoding;
+        let definitions = |of: &Schema, flavour| {
+            Definitions::parse(&of.data, &of.name, flavour).map(Arc::new).map(Reading::Ros)
+        };
+        match encoding {
+            "json" => Ok(Reading::Json),
+            "protobuf" => {
+                let schema = schema()?;
+                protobuf::message(&schema.data, &schema.name).map(Reading::Protobuf)
+            }
+            "cdr" | "ros1" => {
+                let (due, flavour) = match encoding {
+                    "cdr" => ("ros2msg", Flavour::Ros2),
+                    _ => ("ros1msg", Flavour::Ros1),
+                };
+                let schema = schema()?;
+                match schema.encoding == due {
+                    true => definitions(schema, flavour),
+                    false => {
+                        let found = printable::cell(&schema.encoding);
+                        Err(format!("{encoding} messages are read by {due}, not by {found:?}"))
+                    }
+                }
+            }
+            other => {
+                let other = printable::cell(other);
+                Err(format!("messages of encoding {other:?} are not read; read are {ENCODINGS}"))
+            }
+        }
+    }
+
+    /// What there is; of JSON only a message tells.
+    pub fn fields(&self, message: Option<&[u8]>) -> Vec<FieldInfo> {
+        match self {
+            Reading::Protobuf(message) => protobuf::fields(message),
+            Reading::Ros(definitions) => ros::fields(definitions),
+            Reading::Json => message.map(json::fields).unwrap_or_default(),
+        }
+    }
+}
+
+/// A reading with what is wanted.
+#[derive(Debug)]
+enum Walk {
+    Protobuf(Wanted<protobuf::Key>),
+    Json(Wanted<String>),
+    Ros(Arc<Definitions>, Wanted<usize>),
+}
+
+/// A dialect, resolved for one channel.
+#[derive(Debug)]
+pub struct Plan {
+    pub dialect: Arc<Dialect>,
+    walk: Walk,
+    /// Of samples that are bytes.
+    pub format: Option<Format>,
+    /// The printhead's name, with the topic's parts put in.
+    pub name: Vec<Name>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Name {
+    Literal(String),
+    Found(Slot),
+}
+
+impl Plan {
+    /// An error says what is wrong and what there is.
+    pub fn new(dialect: &Arc<Dialect>, written: &Written) -> Result<Plan, String> {
+        let reading = Reading::of(written)?;
+        let name = name(dialect, written.topic)?;
+        let mut walk = match &reading {
+            Reading::Protobuf(_) => Walk::Protobuf(Wanted::nothing()),
+            Reading::Json => Walk::Json(Wanted::nothing()),
+            Reading::Ros(definitions) => Walk::Ros(definitions.clone(), Wanted::nothing()),
+        };
+        for (key, path, slot) in paths(dialect) {
+            let found = match (&mut walk, &reading) {
+                (Walk::Protobuf(wanted), Reading::Protobuf(message)) => {
+                    protobuf::want(wanted, message, path, slot).map(Some)
+                }
+                (Walk::Ros(definitions, wanted), _) => {
+                    ros::want(wanted, definitions, path, slot).map(Some)
+                }
+                (Walk::Json(wanted), _) => {
+                    json::want(wanted, path, slot);
+                    Ok(None)
+                }
+                _ => Ok(None),
+            };
+            let wrong = |what: String| {
+                let there = listed(&reading.fields(None));
+                format!("{key} = \"{path}\": {what}; fields that exist: {there}")
+            };
+            let found = found.map_err(wrong)?;
+            if let (Slot::Samples, Some(info)) = (slot, found) {
+                let element = match &reading {
+                    Reading::Protobuf(message) => protobuf::element(message, path),
+                    Reading::Ros(definitions) => ros::element(definitions, path),
+                    Reading::Json => None,
+                };
+                let own = element.and_then(|element| element.format());
+                check_format(dialect, &info, own).map_err(wrong)?;
+            }
+        }
+        let format = dialect.format.map(Format::from);
+        Ok(Plan { dialect: dialect.clone(), walk, format, name })
+    }
+
+    /// What a message says; `None`: it cannot be decoded.
+    pub fn find(&self, message: &[u8], most_bytes: u64) -> Option<Found> {
+        let mut found = Found::default();
+        match &self.walk {
+            Walk::Protobuf(wanted) => {
+                protobuf::walk(message, wanted, &mut found, most_bytes).ok()?;
+            }
+            Walk::Json(wanted) => json::walk(message, wanted, &mut found, most_bytes).ok()?,
+            Walk::Ros(definitions, wanted) => {
+                ros::walk(message, definitions, wanted, &mut found).ok()?;
+            }
+        }
+        Some(found)
+    }
+
+    /// In JSON a field that is not there is no zero.
+    pub fn names_every_field(&self) -> bool {
+        matches!(self.walk, Walk::Json(_))
+    }
+
+    /// Of JSON, whose paths only a message can check: what is wrong with them.
+    pub fn check_message(&self, message: &[u8], most_bytes: u64) -> Result<(), String> {
+        let Walk::Json(wanted) = &self.walk else { return Ok(()) };
+        let there = || listed(&json::fields(message));
+        let mut found = Found::default();
+        match json::walk(message, wanted, &mut found, most_bytes) {
+            Ok(()) => {}
+            Err(e) if e.is_data() => {
+                return Err(format!("its first message: {e}; fields that exist: {}", there()));
+            }
+            Err(_) => return Ok(()), // no JSON: a row of its own, and nothing about the paths
+        }
+        for (key, path, slot) in paths(&self.dialect) {
+            let optional =
+                [Slot::Temperature, Slot::Voltage, Slot::Idle, Slot::Neighbours].contains(&slot);
+            let is_there = match slot {
+                Slot::Time => {
+                    found.take(Slot::Time).or_else(|| found.take(Slot::Seconds)).is_some()
+                }
+                slot => found.take(slot).is_some(),
+            };
+            if !is_there && !optional {
+                let there = there();
+                return Err(format!(
+                    "{key} = \"{path}\": not in its first message; fields that exist: {there}"
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Bytes need a format, numbers have their own.
+fn check_format(dialect: &Dialect, info: &FieldInfo, own: Option<Format>) -> Result<(), String> {
+    let said = dialect.format.map(Format::from);
+    match (info.kind == Kind::Bytes, said) {
+        (true, None) => Err("is bytes: say format = \"s16le\" or \"f32le\"".into()),
+        (false, Some(_)) if said != own => Err(format!(
+            "is an array of {}, whose type says how it lies: leave format out",
+            info.type_name
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Every path of a dialect: its key, and what is to be found there.
+fn paths(dialect: &Dialect) -> Vec<(&'static str, &FieldPath, Slot)> {
+    let mut paths = vec![("samples", &dialect.samples, Slot::Samples)];
+    let sources = [
+        ("channels", Some(&dialect.channels), Slot::Channels),
+        ("samples_per_channel", dialect.samples_per_channel.as_ref(), Slot::SamplesPerChannel),
+        ("first_channel", Some(&dialect.first_channel), Slot::FirstChannel),
+        ("period_s", Some(&dialect.period_s), Slot::Period),
+        ("temperature", dialect.temperature.as_ref(), Slot::Temperature),
+        ("voltage", dialect.voltage.as_ref(), Slot::Voltage),
+        ("idle", dialect.idle.as_ref(), Slot::Idle),
+        ("neighbours", dialect.neighbours.as_ref(), Slot::Neighbours),
+    ];
+    for (key, source, slot) in sources {
+        paths.extend(source.and_then(Source::path).map(|path| (key, path, slot)));
+    }
+    if let TimeSource::Path(path) = &dialect.time {
+        paths.push(("time", path, Slot::Time));
+    }
+    let texts = dialect.printhead.paths().zip(0..);
+    paths.extend(texts.map(|(path, n)| ("printhead", path, Slot::Text(n))));
+    paths
+}
+
+fn name(dialect: &Dialect, topic: &str) -> Result<Vec<Name>, String> {
+    let parts: Vec<&str> = topic.trim_start_matches('/').split('/').collect();
+    let mut texts = 0..;
+    let mut name = Vec::new();
+    for part in dialect.printhead.parts() {
+        name.push(match part {
+            Part::Literal(text) => Name::Literal(text.clone()),
+            Part::Path(_) => Name::Found(Slot::Text(texts.next().unwrap_or_default())),
+            Part::Topic(n) => match parts.get(*n) {
+                Some(part) => Name::Literal((*part).to_owned()),
+                None => {
+                    let there: Vec<String> =
+                        parts.iter().enumerate().map(|(i, p)| format!("{i}: {p}")).collect();
+                    let there = printable::line(&there.join(", "), 300);
+                    return Err(format!(
+                        "printhead: the topic has no part {{topic.{n}}}; its parts are {there}"
+                    ));
+                }
+            },
+        });
+    }
+    Ok(name)
+}

@@ -1,0 +1,32 @@
+//! One acquisition out of a table or an array, before it has a time and a printhead.
+
+use crate::burst::{Format, Layout};
+use bytes::Bytes;
+
+/// channels x samples, in the bytes of a burst.
+#[derive(Clone, Debug)]
+pub struct Matrix {
+    pub channels: u32,
+    pub samples_per_channel: u32,
+    pub format: Format,
+    pub layout: Layout,
+    pub samples: Bytes,
+    /// When it began, where the table says so: as written there.
+    pub time: Option<f64>,
+    /// What else stands beside it, in the order in which it was asked for; NaN: nothing.
+    pub beside: Vec<f64>,
+}
+
+impl Default for Matrix {
+    fn default() -> Matrix {
+        Matrix {
+            channels: 0,
+            samples_per_channel: 0,
+            format: Format::S16Le,
+            layout: Layout::ChannelMajor,
+            samples: Bytes::new(),
+            time: None,
+            beside: Vec::new(),
+        }
+    }
+}

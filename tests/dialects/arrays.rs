@@ -1,0 +1,287 @@
+//! The same signals as CSV, Parquet, Arrow IPC and NumPy have the verdicts of a recording.
+
+use super::{judged, native};
+use crate::house::House;
+use crate::nights::some;
+use crate::pipeline::signal;
+use arrow_array::builder::{Int16Builder, ListBuilder};
+use arrow_array::{ArrayRef, Float64Array, Int32Array, Int64Array, RecordBatch, StringArray};
+use inkling::burst::Burst;
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::sync::Arc;
+
+/// 2025-01-01T08:00:00Z, as the file's name says.
+const START_NS: i64 = 1_735_718_400_000_000_000;
+const EVERY_NS: i64 = 500_000_000;
+
+/// All that an array can say.
+fn bursts() -> Vec<Burst> {
+    let plain = |(i, burst): (usize, Burst)| Burst {
+        t_acq_ns: START_NS + i as i64 * EVERY_NS,
+        printhead: "K1".into(),
+        first_channel: 7,
+        temperature_c: Some(31.5),
+        drive_voltage_v: Some(20.0),
+        idle_time_s: Vec::new(),
+        neighbours_fired: Default::default(),
+        ..burst
+    };
+    let bursts: Vec<Burst> = some(0, 40).into_iter().enumerate().map(plain).collect();
+    let (first, rest) = bursts.split_first().unwrap();
+    let same =
+        |b: &Burst| b.channels == first.channels && b.sample_period_s == first.sample_period_s;
+    assert!(rest.iter().all(same));
+    bursts
+}
+
+fn rows(burst: &Burst) -> Vec<Vec<f64>> {
+    (0..burst.channels as usize).map(|row| signal(burst, row)).collect()
+}
+
+/// Of format 1.0, as numpy.save writes it.
+fn npy(descr: &str, shape: &str, numbers: &[u8]) -> Vec<u8> {
+    let mut text =
+        format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}").into_bytes();
+    while !(text.len() + 11).is_multiple_of(64) {
+        text.push(b' ');
+    }
+    text.push(b'\n');
+    let mut out = b"\x93NUMPY\x01\x00".to_vec();
+    out.extend((text.len() as u16).to_le_bytes());
+    out.extend(text);
+    out.extend(numbers);
+    out
+}
+
+fn npz(members: &[(&str, Vec<u8>)], deflated: bool) -> Vec<u8> {
+    let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    let method = match deflated {
+        true => zip::CompressionMethod::Deflated,
+        false => zip::CompressionMethod::Stored,
+    };
+    let options = zip::write::SimpleFileOptions::default().compression_method(method);
+    for (name, bytes) in members {
+        zip.start_file(format!("{name}.npy"), options).unwrap();
+        zip.write_all(bytes).unwrap();
+    }
+    zip.finish().unwrap().into_inner()
+}
+
+fn samples_of(bursts: &[Burst]) -> (Vec<u8>, String) {
+    let bytes = bursts.iter().flat_map(|burst| burst.samples.to_vec()).collect();
+    let (c, n) = (bursts[0].channels, bursts[0].samples_per_channel);
+    (bytes, format!("({}, {c}, {n})", bursts.len()))
+}
+
+/// A row is an instant, its columns channels; long.
+fn long_csv(bursts: &[Burst], comma: char) -> String {
+    let mut text = format!("drop{comma}temp");
+    (0..bursts[0].channels).for_each(|c| write!(text, "{comma}ch{c}").unwrap());
+    for (i, burst) in bursts.iter().enumerate() {
+        let rows = rows(burst);
+        for k in 0..burst.samples_per_channel as usize {
+            let temperature = if comma == ';' { "31,5" } else { "31.5" };
+            write!(text, "\n{i}{comma}{temperature}").unwrap();
+            rows.iter().for_each(|y| write!(text, "{comma}{}", y[k]).unwrap());
+        }
+    }
+    text + "\n"
+}
+
+/// The same with the times of the samples.
+fn timed(bursts: &[Burst]) -> RecordBatch {
+    let n = bursts[0].samples_per_channel as usize;
+    let each = |of: &dyn Fn(usize, usize) -> f64| -> Vec<f64> {
+        (0..bursts.len()).flat_map(|i| (0..n).map(move |k| (i, k))).map(|(i, k)| of(i, k)).collect()
+    };
+    let period = bursts[0].sample_period_s;
+    let name = |i: usize| format!("drop {i}");
+    let drops: Vec<String> = (0..bursts.len()).flat_map(|i| vec![name(i); n]).collect();
+    let mut columns: Vec<(String, ArrayRef)> = vec![
+        (
+            "t".into(),
+            Arc::new(Float64Array::from(each(&|i, k| i as f64 * 0.5 + k as f64 * period))),
+        ),
+        ("drop".into(), Arc::new(StringArray::from(drops))),
+    ];
+    for c in 0..bursts[0].channels as usize {
+        let all: Vec<Vec<f64>> = bursts.iter().map(|b| signal(b, c)).collect();
+        let y = each(&|i, k| all[i][k]).into_iter().map(|y| y as i32);
+        columns.push((format!("ch{c}"), Arc::new(y.collect::<Int32Array>())));
+    }
+    RecordBatch::try_from_iter(columns).unwrap()
+}
+
+/// A row is a burst: times in ns, and a list of lists.
+fn listed(bursts: &[Burst]) -> RecordBatch {
+    let mut lists = ListBuilder::new(ListBuilder::new(Int16Builder::new()));
+    for burst in bursts {
+        for y in rows(burst) {
+            y.iter().for_each(|y| lists.values().values().append_value(*y as i16));
+            lists.values().append(true);
+        }
+        lists.append(true);
+    }
+    let times = bursts.iter().map(|b| b.t_acq_ns - START_NS).collect::<Int64Array>();
+    let volts = bursts.iter().map(|_| 20.0).collect::<Float64Array>();
+    let columns: Vec<(&str, ArrayRef)> = vec![
+        ("t_ns", Arc::new(times)),
+        ("volts", Arc::new(volts)),
+        ("samples", Arc::new(lists.finish())),
+    ];
+    RecordBatch::try_from_iter(columns).unwrap()
+}
+
+fn parquet(batch: &RecordBatch) -> Vec<u8> {
+    let mut out = Vec::new();
+    let mut writer = parquet::arrow::ArrowWriter::try_new(&mut out, batch.schema(), None).unwrap();
+    writer.write(batch).unwrap();
+    writer.close().unwrap();
+    out
+}
+
+fn arrow_file(batch: &RecordBatch) -> Vec<u8> {
+    let mut out = Vec::new();
+    let mut writer = arrow_ipc::writer::FileWriter::try_new(&mut out, &batch.schema()).unwrap();
+    writer.write(batch).unwrap();
+    writer.finish().unwrap();
+    drop(writer);
+    out
+}
+
+fn arrow_stream(batch: &RecordBatch) -> Vec<u8> {
+    let mut out = Vec::new();
+    let mut writer = arrow_ipc::writer::StreamWriter::try_new(&mut out, &batch.schema()).unwrap();
+    writer.write(batch).unwrap();
+    writer.finish().unwrap();
+    drop(writer);
+    out
+}
+
+#[test]
+fn the_same_signals_as_tables_and_arrays_have_the_same_verdicts() {
+    let house = House::new();
+    let bursts = bursts();
+    let expected = native(&house, &bursts);
+    assert!(expected.values().any(|said| said.starts_with("Faulty")), "nothing faulty to compare");
+    let period = bursts[0].sample_period_s;
+    let (samples, shape) = samples_of(&bursts);
+    let floats: Vec<u8> = samples
+        .chunks(2)
+        .flat_map(|b| f64::from(i16::from_le_bytes([b[0], b[1]])).to_be_bytes())
+        .collect();
+    let numbers = |of: Vec<f64>| of.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+    let times: Vec<u8> = bursts.iter().flat_map(|b| b.t_acq_ns.to_le_bytes()).collect();
+    let members = [
+        ("K1", npy("<i2", &shape, &samples)),
+        ("t", npy("<M8[ns]", &format!("({},)", bursts.len()), &times)),
+        ("dt", npy("<f8", "()", &numbers(vec![period]))),
+        ("temp", npy("<f8", &format!("({},)", bursts.len()), &numbers(vec![31.5; bursts.len()]))),
+    ];
+    let every = "--start 2025-01-01T08:00:00Z --every 0.5";
+    let named = "--start name --every 0.5";
+    let of_rows = format!("--burst drop --temperature temp --voltage 20 --period-s {period}");
+    let plain = format!("--temperature 31.5 --voltage 20 --period-s {period}");
+    let of_npz = "--outputs K1 --time t --period-s dt --temperature temp --voltage 20".to_owned();
+    let timed_rows = "--burst drop --time t --temperature 31.5 --voltage 20".to_owned();
+    let of_lists = format!("--time t_ns --temperature 31.5 --voltage volts --period-s {period}");
+    let all: [(&str, Vec<u8>, String); 10] = [
+        ("comma.csv", long_csv(&bursts, ',').into(), format!("{of_rows} {every}")),
+        ("20250101T080000.csv", long_csv(&bursts, ';').into(), format!("{of_rows} {named}")),
+        ("2025-01-01_08-00.npy", npy("<i2", &shape, &samples), format!("{plain} {named}")),
+        ("big.npy", npy(">f8", &shape, &floats), format!("{plain} {every}")),
+        ("stored.npz", npz(&members, false), of_npz.clone()),
+        ("deflated.npz", npz(&members, true), of_npz),
+        ("rows.parquet", parquet(&timed(&bursts)), timed_rows.clone()),
+        ("rows.arrow", arrow_file(&timed(&bursts)), timed_rows),
+        ("lists.parquet", parquet(&listed(&bursts)), of_lists.clone()),
+        ("lists.arrows", arrow_stream(&listed(&bursts)), of_lists),
+    ];
+    for (name, bytes, options) in all {
+        house.write(name, bytes);
+        let recording = format!("{}.mcap", name.replace('.', "_"));
+        house.ok(&format!(
+            "convert {name} -o {recording} --printhead K1 --first-channel 7 {options}"
+        ));
+        let found = judged(&house, &recording, "");
+        assert_eq!(found.len(), expected.len(), "{name}");
+        for (key, said) in &expected {
+            // written times give the sample period to the last digits only
+            let own = found.get(key);
+            match options.contains("--period-s") {
+                true => assert_eq!(own, Some(said), "{name} {key:?}"),
+                false => {
+                    let words = |said: &str| said.split(' ').take(3).collect::<Vec<_>>().join(" ");
+                    assert_eq!(own.map(|own| words(own)), Some(words(said)), "{name} {key:?}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn chunks_are_compact() {
+    use inkling::io::{Limits, recording::Recording};
+    let house = House::new();
+    let bursts = bursts();
+    let (samples, shape) = samples_of(&bursts);
+    let shape = shape.replacen("(40", "(4000", 1);
+    house.write("r.npy", npy("<i2", &shape, &samples.repeat(100)));
+    house.ok("convert r.npy -o r.mcap --period-s 1e-6");
+    let recording = Recording::open(&house.path("r.mcap"), Limits::default()).unwrap();
+    let sizes: Vec<u64> = recording.blocks().map(|block| block.unwrap().bytes).collect();
+    assert!(sizes.len() > 4 && sizes.iter().all(|n| *n <= 256 << 10), "{sizes:?}");
+}
+
+#[test]
+fn bad_arrays_are_refused_and_leave_no_recording() {
+    let house = House::new();
+    let whole = npy("<i2", "(2, 3, 4)", &[1; 48]);
+    let cases: [(&str, Vec<u8>, &str, i32, &str); 16] = [
+        ("a.npy", whole.clone(), "", 2, "--period-s"),
+        ("a.npy", whole.clone(), "--period-s 0", 2, "more than 0"),
+        ("a.npy", whole.clone(), "--period-s dt", 1, "without one named \"dt\""),
+        ("a.npy", whole.clone(), "--period-s 1 --burst b", 2, "of tables"),
+        ("a.npy", whole.clone(), "--period-s 1 --first-channel 4294967295", 2, "have no numbers"),
+        ("a.npy", whole.clone(), "--period-s 1 --start name", 2, "no time such as"),
+        ("a.npy", whole[..whole.len() - 1].to_vec(), "--period-s 1", 1, "ends within its array"),
+        ("a.npy", [whole.clone(), vec![0]].concat(), "--period-s 1", 1, "behind its array"),
+        ("a.npy", npy("<i2", "(2, 3, 4, 5)", &[]), "--period-s 1", 1, "4 axes"),
+        ("a.npy", npy("<i2", "(99999999, 3)", &[]), "--period-s 1", 1, "99999999 channels"),
+        ("a.npy", npy("<i2", "(0, 3)", &[]), "--period-s 1", 1, "without a number"),
+        ("a.npy", npy("<c8", "(2, 3)", &[]), "--period-s 1", 1, "c8"),
+        ("a.npy", npy("<i2", "(65536, 65536, 65536)", &[]), "--period-s 1", 1, "at most"),
+        (
+            "a.npz",
+            npz(&[("x", whole.clone()), ("y", whole.clone())], false),
+            "--period-s 1",
+            1,
+            "there are x, y",
+        ),
+        ("a.npz", npz(&[("x", whole.clone())], true), "--outputs z --period-s 1", 1, "there are x"),
+        ("a.npz", b"PK\x03\x04 and nothing".to_vec(), "--period-s 1", 1, "no .npz"),
+    ];
+    for (name, bytes, options, code, says) in cases {
+        house.write(name, bytes);
+        house.run(&format!("convert {name} -o a.mcap {options}")).exits(code).says(says);
+        assert!(!house.path("a.mcap").exists());
+    }
+    house.write("a.parquet", b"PAR1 and nothing");
+    house.run("convert a.parquet -o a.mcap").exits(1).says("cannot be read");
+    house.write("a.arrow", b"ARROW1\0\0 and nothing");
+    house.run("convert a.arrow -o a.mcap").exits(1).says("cannot be read");
+    let names = RecordBatch::try_from_iter([
+        ("t", Arc::new(Float64Array::from(vec![0.0, 1.0])) as ArrayRef),
+        ("who", Arc::new(StringArray::from(vec!["a", "b"])) as ArrayRef),
+    ]);
+    house.write("a.parquet", parquet(&names.unwrap()));
+    house.run("convert a.parquet -o a.mcap").exits(1).says("column \"who\"").says("Utf8");
+    house.write("t.csv", "t,y\n0,1\n1,2\n2,1\n3,5\n");
+    let run = |options: &str| house.run(&format!("convert t.csv -o a.mcap {options}"));
+    run("--resample --period-s 1").exits(2).says("no effect");
+    run("--every 1 --period-s 1 --time t").exits(2).says("give one of them");
+    run("--every -1").exits(2).says("--every");
+    run("--printhead=").exits(2).says("--printhead");
+    run("--temperature warm").exits(1).says("no column \"warm\"; there are t, y");
+}

@@ -1,0 +1,219 @@
+//! Schemas, messages and paths that nobody means well with: words and rows, no panic, nothing unbounded.
+
+use super::writers::{self, Samples, Written};
+use super::{JSON, PROTOBUF, ROS};
+use crate::mutations::change;
+use crate::nights::some;
+use inkling::burst::{Acquisition, Burst, Unusable};
+use inkling::io::Limits;
+use inkling::io::dialect::Dialects;
+use inkling::io::dialect::decoder::{DialectDecoder, Times};
+use inkling::io::dialect::guess::guess;
+use inkling::io::dialect::plan::{Plan, Schema, Written as OfChannel};
+use inkling::io::dialect::settings::Dialect;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use std::sync::Arc;
+
+#[derive(serde::Deserialize)]
+struct File {
+    input: Input,
+}
+
+#[derive(serde::Deserialize)]
+struct Input {
+    dialect: Vec<Dialect>,
+}
+
+fn dialect(text: &str) -> Arc<Dialect> {
+    let mut file: File = toml::from_str(text).unwrap();
+    assert!(Dialects::new(&file.input.dialect).is_ok());
+    Arc::new(file.input.dialect.remove(0))
+}
+
+/// The dialect, the schema, and a message of a burst.
+struct Kind {
+    dialect: Arc<Dialect>,
+    schema: Option<Schema>,
+    encoding: &'static str,
+    message: Vec<u8>,
+}
+
+fn kinds() -> Vec<Kind> {
+    let burst = Burst { idle_time_s: vec![0.5; 2], ..some(0, 1).remove(0) };
+    let proto = |name: &str| PROTOBUF.replace("SAMPLES", name);
+    let bytes = PROTOBUF.replace("SAMPLES\"", "data\"\nformat = \"s16le\"");
+    let all: [(String, Written); 7] = [
+        (bytes, writers::protobuf(Samples::Bytes)),
+        (proto("counts"), writers::protobuf(Samples::Packed)),
+        (proto("volts"), writers::protobuf(Samples::Floats)),
+        (JSON.into(), writers::json()),
+        (ROS.into(), writers::ros1()),
+        (ROS.into(), writers::ros2(false)),
+        (ROS.into(), writers::ros2(true)),
+    ];
+    all.into_iter()
+        .map(|(text, written)| Kind {
+            dialect: dialect(&text),
+            schema: (!written.schema_name.is_empty()).then(|| Schema {
+                name: written.schema_name.into(),
+                encoding: written.schema_encoding.into(),
+                data: written.schema.clone(),
+            }),
+            encoding: written.message_encoding,
+            message: (written.encode)(&burst),
+        })
+        .collect()
+}
+
+fn plan(kind: &Kind) -> Result<Plan, String> {
+    let schema = kind.schema.as_ref();
+    let of = OfChannel { topic: "/heads/K/burst", message_encoding: kind.encoding, schema };
+    Plan::new(&kind.dialect, &of)
+}
+
+fn decode(plan: &Plan, message: &[u8]) -> Acquisition {
+    let times = Times { log_ns: 1, publish_ns: 2 };
+    let bytes = bytes::Bytes::copy_from_slice(message);
+    DialectDecoder::new(Limits::default()).decode(plan, bytes, times, &Arc::from("topic"))
+}
+
+#[test]
+fn changed_messages_of_others_are_bursts_or_rows() {
+    let (mut usable, mut rows) = (0, 0);
+    for (n, kind) in kinds().iter().enumerate() {
+        let plan = plan(kind).unwrap();
+        assert!(matches!(decode(&plan, &kind.message), Acquisition::Usable(_)), "kind {n}");
+        for i in 0..1000 {
+            let mut random = ChaCha8Rng::seed_from_u64(n as u64 * 10_000 + i);
+            let mut message = kind.message.clone();
+            change(&mut message, &mut random);
+            match decode(&plan, &message) {
+                Acquisition::Usable(burst) => {
+                    usable += 1;
+                    let mut signal = vec![0.0; burst.samples_per_channel as usize];
+                    burst.copy_signal(burst.channels as usize - 1, &mut signal);
+                }
+                Acquisition::Unusable(_) => rows += 1,
+            }
+        }
+    }
+    assert!(usable > 500 && rows > 500, "{usable} usable, {rows} rows: not both are reached");
+}
+
+#[test]
+fn changed_schemas_of_others_are_read_or_refused() {
+    let (mut read, mut refused) = (0, 0);
+    for (n, kind) in kinds().into_iter().enumerate() {
+        let Some(schema) = &kind.schema else { continue };
+        for i in 0..600 {
+            let mut random = ChaCha8Rng::seed_from_u64(n as u64 * 10_000 + i);
+            let mut changed = schema.clone();
+            change(&mut changed.data, &mut random);
+            let message = kind.message.clone();
+            let kind =
+                Kind { dialect: kind.dialect.clone(), schema: Some(changed), message, ..kind };
+            let bytes = bytes::Bytes::copy_from_slice(&kind.message);
+            let of = OfChannel {
+                topic: "/heads/K/burst",
+                message_encoding: kind.encoding,
+                schema: kind.schema.as_ref(),
+            };
+            drop(guess(&of, &bytes, &["/heads/K/burst"]));
+            match plan(&kind) {
+                Ok(plan) => {
+                    read += 1;
+                    drop(decode(&plan, &kind.message));
+                }
+                Err(_) => refused += 1,
+            }
+        }
+    }
+    // most changes leave no schema in which every path leads somewhere
+    assert!(read > 200 && refused > 200, "{read} read, {refused} refused: not both are reached");
+}
+
+fn why(plan: &Plan, message: &[u8]) -> Unusable {
+    match decode(plan, message) {
+        Acquisition::Unusable(unusable) => unusable.why,
+        other => panic!("usable: {other:?}"),
+    }
+}
+
+#[test]
+fn sizes_that_a_message_claims_are_not_believed() {
+    let kinds = kinds();
+    let json = plan(&kinds[3]).unwrap();
+    let text = |samples: &str, channels: &str| {
+        format!(
+            "{{\"header\":{{\"stamp\":{{\"sec\":1,\"nanosec\":0}}}},\"heads\":[0,{{\"first\":0}}],\
+             \"samples\":{samples},\"channels\":{channels},\"period\":1e-6}}"
+        )
+    };
+    let of = |samples: &str, channels: &str| why(&json, text(samples, channels).as_bytes());
+    assert_eq!(of("[1,2,3]", "2"), Unusable::WrongLength);
+    assert_eq!(of("[1,2]", "0"), Unusable::NoChannels);
+    assert_eq!(of("[1,2]", "4294967296"), Unusable::TooLarge);
+    assert_eq!(of("[1,2]", "-1"), Unusable::Undecodable);
+    assert_eq!(of("[1,2]", "1.5"), Unusable::Undecodable);
+    assert_eq!(of("[[1,2],[3]]", "2"), Unusable::Undecodable);
+    assert_eq!(of("[[[1]]]", "1"), Unusable::Undecodable);
+    assert_eq!(of("\"not base64\"", "1"), Unusable::Undecodable);
+    let deep = "[".repeat(100_000) + &"]".repeat(100_000);
+    assert_eq!(of(&deep, "1"), Unusable::Undecodable);
+    // arrays of four thousand million elements in a message of some bytes
+    for kind in &kinds[4..] {
+        let plan = plan(kind).unwrap();
+        for at in 0..kind.message.len().min(200) {
+            let mut message = kind.message.clone();
+            message[at..at + 4].copy_from_slice(&[0xff; 4]);
+            drop(decode(&plan, &message));
+        }
+    }
+}
+
+#[test]
+fn definitions_that_take_no_bytes_take_no_time() {
+    // 10^18 empty messages, in ROS 1 without a byte
+    let text = "A[1000000000] a\nint16[] data\nuint32 n\n====\nMSG: acme_msgs/A\nB[1000000000] b\n====\n\
+        MSG: acme_msgs/B\n";
+    let kind = Kind {
+        dialect: dialect(
+            "[[input.dialect]]\ntopic = \"**\"\nsamples = \"data\"\nchannels = 1\nperiod_s = 1\n\
+             printhead = \"p\"\n",
+        ),
+        schema: Some(Schema {
+            name: "acme_msgs/Waves".into(),
+            encoding: "ros1msg".into(),
+            data: text.into(),
+        }),
+        encoding: "ros1",
+        message: [&[2, 0, 0, 0, 1, 0, 2, 0][..], &[9, 0, 0, 0]].concat(),
+    };
+    let Acquisition::Usable(burst) = decode(&plan(&kind).unwrap(), &kind.message) else {
+        panic!("not read")
+    };
+    assert_eq!((burst.channels, burst.samples_per_channel), (1, 2));
+}
+
+#[test]
+fn other_encodings_and_schemas_are_refused_with_what_is_read() {
+    let kinds = kinds();
+    let refused = |encoding: &str, schema_encoding: &str| {
+        let schema = Schema {
+            name: "acme_msgs/msg/Waves".into(),
+            encoding: schema_encoding.into(),
+            data: Vec::new(),
+        };
+        let of = OfChannel {
+            topic: "/heads/K/burst",
+            message_encoding: encoding,
+            schema: Some(&schema),
+        };
+        Plan::new(&kinds[0].dialect, &of).unwrap_err()
+    };
+    assert!(refused("flatbuffer", "flatbuffer").contains("read are protobuf, json, cdr"));
+    assert!(refused("cdr", "ros2idl").contains("by ros2msg, not by \"ros2idl\""));
+    assert!(refused("protobuf", "protobuf").contains("has no message"));
+    assert!(refused("ros1", "ros1msg").contains("no field \"waves\""));
+}

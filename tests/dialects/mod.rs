@@ -1,0 +1,274 @@
+//! Recordings of others are judged as ours are, or it is said what is wrong and what there is.
+
+mod arrays;
+mod hostile;
+pub mod writers;
+
+use crate::house::{Ended, House};
+use crate::nights::some;
+use crate::pipeline::{sample, verdicts};
+use inkling::burst::Burst;
+use std::collections::BTreeMap;
+use writers::{Samples, Written, json, protobuf, ros1, ros2};
+
+pub type Verdicts = BTreeMap<(i64, String, u32), String>;
+
+/// Of two printheads, one without temperatures.
+fn bursts() -> Vec<Burst> {
+    let mut all = some(0, 40);
+    let second = some(40, 20).into_iter().map(|b| Burst {
+        printhead: "second head".into(),
+        temperature_c: None,
+        first_channel: 1000,
+        idle_time_s: vec![0.25; b.channels as usize],
+        ..b
+    });
+    all.extend(second);
+    all
+}
+
+pub fn replay(house: &House, recording: &str, more: &str) -> Ended {
+    let design = sample("design.json");
+    house.run(&format!("replay {recording} --design {} --out out {more}", design.display()))
+}
+
+pub fn judged(house: &House, recording: &str, more: &str) -> Verdicts {
+    replay(house, recording, more).exits(0);
+    verdicts(&house.path(&format!("out/{}.verdicts.parquet", recording.trim_end_matches(".mcap"))))
+}
+
+pub fn native(house: &House, bursts: &[Burst]) -> Verdicts {
+    crate::pipeline::write(&house.path("native.mcap"), bursts, Default::default());
+    judged(house, "native.mcap", "")
+}
+
+const PROTOBUF: &str = r#"
+[[input.dialect]]
+topic = "/heads/*/burst"
+schema = "acme.Wave"
+samples = "waves[0].SAMPLES"
+channels = "waves[0].channels"
+samples_per_channel = "waves[0].n"
+first_channel = "first"
+period_s = "period"
+printhead = "{header.id}"
+time = "header.stamp"
+temperature = "temp_c"
+idle = "idle"
+voltage = "drive_voltage"
+neighbours = "near"
+"#;
+
+const JSON: &str = r#"
+[[input.dialect]]
+topic = "/heads/*/burst"
+samples = "samples"
+channels = "channels"
+first_channel = "heads[1].first"
+period_s = "period"
+printhead = "{topic.1}"
+time = "header.stamp"
+temperature = "temp_c"
+idle = "idle"
+voltage = "drive_voltage"
+neighbours = "near"
+"#;
+
+const ROS: &str = r#"
+[[input.dialect]]
+topic = "/heads/**"
+samples = "waves[0].data"
+channels = "waves[0].channels"
+first_channel = "first"
+period_s = "period"
+printhead = "{header.frame_id}"
+time = "header.stamp"
+temperature = "temp_c[0]"
+idle = "idle"
+voltage = "drive_voltage"
+neighbours = "near"
+"#;
+
+#[test]
+fn the_same_signals_in_any_encoding_have_the_same_verdicts() {
+    let house = House::new();
+    let bursts = bursts();
+    let expected = native(&house, &bursts);
+    assert!(expected.values().any(|said| said.starts_with("Faulty")), "nothing faulty to compare");
+    let bytes = PROTOBUF.replace("SAMPLES\"", "data\"\nformat = \"s16le\"");
+    let of = |name: &str| PROTOBUF.replace("SAMPLES", name);
+    let all: [(&str, Written, String); 7] = [
+        ("bytes", protobuf(Samples::Bytes), bytes),
+        ("packed", protobuf(Samples::Packed), of("counts")),
+        ("floats", protobuf(Samples::Floats), of("volts")),
+        ("json", json(), JSON.into()),
+        ("ros1", ros1(), ROS.into()),
+        ("cdr", ros2(false), ROS.into()),
+        ("cdr_big_endian", ros2(true), ROS.into()),
+    ];
+    for (name, written, settings) in all {
+        writers::write(&house.path(&format!("{name}.mcap")), &bursts, &written);
+        house.write("s.toml", &settings);
+        let found = judged(&house, &format!("{name}.mcap"), "--config s.toml");
+        assert_eq!(found.len(), expected.len(), "{name}");
+        for (key, said) in &expected {
+            assert_eq!(found.get(key), Some(said), "{name} {key:?}");
+        }
+        let summary = house.read_json(&format!("out/{name}.summary.json"));
+        let dialect = &summary["settings"]["input"]["dialect"][0];
+        assert!(dialect["samples"].is_string(), "the mapping is in the metadata: {summary}");
+        assert_eq!(summary["expected"], 60);
+        let inspected = house.json(&format!("inspect {name}.mcap --config s.toml --json"));
+        assert_eq!((&inspected["bursts"], &inspected["whole"]), (&60.into(), &true.into()));
+    }
+}
+
+#[test]
+fn another_mapping_is_another_result_and_the_same_is_finished() {
+    let house = House::new();
+    let bursts = bursts();
+    writers::write(&house.path("r.mcap"), &bursts, &json());
+    house.write("s.toml", JSON);
+    let config = "--config s.toml";
+    replay(&house, "r.mcap", config).exits(0);
+    replay(&house, "r.mcap", config).exits(0).says("1 skipped");
+    house.write("s.toml", JSON.replace("{topic.1}", "{header.id}"));
+    replay(&house, "r.mcap", &format!("{config} --dry-run")).exits(0).says("input.dialect");
+}
+
+#[test]
+fn a_dialect_that_cannot_take_effect_says_what_there_is() {
+    let house = House::new();
+    let bursts = bursts();
+    let set = |from: &str, to: &str| (from.to_owned(), to.to_owned());
+    let proto = PROTOBUF.replace("SAMPLES", "counts");
+    writers::write(&house.path("p.mcap"), &bursts, &protobuf(Samples::Packed));
+    writers::write(&house.path("j.mcap"), &bursts, &json());
+    writers::write(&house.path("r.mcap"), &bursts, &ros2(false));
+    let p = |change: (String, String)| ("p.mcap", proto.replace(&change.0, &change.1));
+    let j = |change: (String, String)| ("j.mcap", JSON.replace(&change.0, &change.1));
+    let r = |change: (String, String)| ("r.mcap", ROS.replace(&change.0, &change.1));
+    for ((recording, settings), says) in [
+        (p(set("/heads/*/", "/head/*/")), "topics that exist: /heads/"),
+        (p(set("acme.Wave", "acme.Wav")), "(topic \"/heads/*/burst\", schema \"acme.Wav\")"),
+        (p(set("waves[0].counts", "waves[0].count")), "waves[0].counts (sint32[])"),
+        (p(set("waves[0].counts", "waves.counts")), "\"waves\" is several: say which, waves[0]"),
+        (p(set("waves[0].counts", "waves[0].data")), "is bytes: say format"),
+        (p(set("waves[0].counts", "waves[0].n")), "not bytes or an array of numbers"),
+        (p(set("\"period\"", "\"header.id\"")), "not a number"),
+        (p(set("header.stamp", "header")), "not ns as an integer"),
+        (p(set("{header.id}", "{topic.7}")), "its parts are 0: heads, 1:"),
+        (p(set("schema =", "format = \"s16le\"\nschema =")), "leave format out"),
+        (j(set("\"samples\"", "\"smaples\"")), "samples (number[][])"),
+        (j(set("\"period\"", "\"dt\"")), "period_s = \"dt\": not in its first message"),
+        (j(set("header.stamp", "header")), "header"),
+        (r(set("waves[0].data", "waves[0].dat")), "acme_msgs/Wave has no field \"dat\""),
+        (r(set("temp_c[0]", "ok")), "is bool, not a number"),
+        (r(set("waves[0].data", "waves[0].data\"\nformat = \"f32le")), "leave format out"),
+        (p(set("[[input.dialect]]", "[[input.dialect]]\nsmaples = 1")), "smaples"),
+        (("p.mcap", format!("{proto}\n{proto}")), "input.dialect[1] can never take effect"),
+    ] {
+        house.write("s.toml", &settings);
+        replay(&house, recording, "--config s.toml").exits(2).says(says);
+    }
+    // where the recording is ours already
+    crate::pipeline::write(&house.path("ours.mcap"), &bursts, Default::default());
+    house.write("s.toml", proto.replace("/heads/*/burst", "**").replace("schema =", "# "));
+    replay(&house, "ours.mcap", "--config s.toml").exits(2).says("not inkling.Burst already");
+    assert!(!house.path("out").exists(), "nothing was written");
+}
+
+#[test]
+fn a_dialect_serves_training_too() {
+    let house = House::new();
+    let bursts = crate::pipeline::bursts(&sample("train.mcap"));
+    let labels = sample("labels.csv");
+    crate::pipeline::write(&house.path("ours.mcap"), &bursts, Default::default());
+    writers::write(&house.path("theirs.mcap"), &bursts, &ros1());
+    house.write("s.toml", ROS);
+    let labels = labels.display();
+    house.ok(&format!("train ours.mcap --labels {labels} -o ours.json"));
+    house.ok(&format!("train theirs.mcap --labels {labels} -o theirs.json --config s.toml"));
+    assert_eq!(house.read_json("ours.json"), house.read_json("theirs.json"));
+}
+
+#[test]
+fn without_a_dialect_it_is_said_what_is_there_and_a_block_to_paste_reads_it() {
+    let house = House::new();
+    let bursts = bursts();
+    let expected = native(&house, &bursts);
+    for (name, written) in
+        [("p", protobuf(Samples::Packed)), ("j", json()), ("r1", ros1()), ("r2", ros2(false))]
+    {
+        let file = format!("{name}.mcap");
+        writers::write(&house.path(&file), &bursts, &written);
+        replay(&house, &file, "").exits(1).says("inkling inspect").says("/heads/second head/burst");
+        let inspected = house.json(&format!("inspect {file} --json"));
+        assert_eq!(inspected["whole"], true);
+        assert_eq!(inspected["topics"].as_array().unwrap().len(), 3);
+        let block = inspected["dialects"][0].as_str().unwrap().to_owned();
+        house
+            .run(&format!("inspect {file}"))
+            .exits(0)
+            .says("[[input.dialect]]")
+            .says("/heads/*/burst");
+        // what only a person knows
+        let lines: Vec<&str> =
+            block.lines().filter(|line| !line.starts_with("first_channel")).collect();
+        let mut block = lines.join("\n");
+        block += if name == "j" {
+            "\nfirst_channel = \"heads[1].first\""
+        } else {
+            "\nfirst_channel = \"first\""
+        };
+        block += "\nidle = \"idle\"\nneighbours = \"near\"\n";
+        if !block.contains("temperature") {
+            block += if name == "j" {
+                "temperature = \"temp_c\"\n"
+            } else {
+                "temperature = \"temp_c[0]\"\n"
+            };
+        }
+        house.write("s.toml", &block);
+        let found = judged(&house, &file, "--config s.toml");
+        assert_eq!(found, expected, "{name}: {block}");
+    }
+}
+
+#[test]
+fn messages_that_cannot_be_read_are_rows_and_the_others_are_judged() {
+    let house = House::new();
+    let bursts = bursts();
+    let odd = Written {
+        encode: |burst| {
+            let mut bytes = (json().encode)(burst);
+            if burst.first_channel == 1000 {
+                bytes.truncate(100);
+            }
+            bytes
+        },
+        ..json()
+    };
+    writers::write(&house.path("r.mcap"), &bursts, &odd);
+    house.write("s.toml", JSON);
+    replay(&house, "r.mcap", "--config s.toml").exits(3);
+    let summary = house.read_json("out/r.summary.json");
+    assert_eq!(summary["counts"]["bursts"], 60);
+    assert_eq!(summary["counts"]["rejected"]["undecodable"], 20);
+    let rows = verdicts(&house.path("out/r.verdicts.parquet"));
+    // at the messages' log times; the topic names whose they are
+    assert!((42..62).all(|log_time| rows.contains_key(&(log_time, "second head".into(), 0))));
+}
+
+#[test]
+fn object_stores_are_said_not_to_be_read() {
+    let house = House::new();
+    let words = "files, not object stores";
+    house.run("replay s3://bucket/night/ --out out").exits(1).says(words).says("aws s3 sync");
+    house.run("inspect gs://bucket/night.mcap").exits(1).says(words);
+    crate::nights::record(&house, "a.mcap", &some(0, 3));
+    house.run("replay a.mcap --out az://bucket/out").exits(1).says(words);
+    house.run("replay a.mcap --design s3://bucket/design.json --out out").exits(1).says(words);
+    house.run("convert s3://bucket/a.csv -o a2.mcap").exits(1).says(words);
+    assert!(!house.path("az:").exists());
+}
