@@ -18,4 +18,5 @@ mod open_world_goals; // what must hold there: nothing gross is healthy, nothing
 mod pipeline; // same bytes for any threads, order, chunking; drift; bad windows
 mod print_run; // recall and false alarms on a print run with known truth
 mod readers; // everything that reads what others wrote, for mutations and fuzzing
+mod report; // the report: stories over recordings, onsets, hostile names, what is missing
 mod thesis_tables; // thesis chapter 4 on the thesis-form data set

@@ -7,9 +7,11 @@ use super::failed;
 use super::output;
 use super::plan::Planned;
 use super::progress::Progress;
-use super::report::{self, printable_path};
+use super::report::{self, Detail, printable_path};
+use super::results;
 use crate::io::Limits;
 use crate::io::baseline_file::BaselineFile;
+use crate::io::inputs::Input;
 use crate::io::journal::{Entry, JournalWriter, Link, Means, Outcome};
 use crate::io::printable;
 use crate::io::recording::Recording;
@@ -83,6 +85,9 @@ impl Batch<'_> {
             unless_reader_gone(output::event(&event))?;
         } else if !self.alone || skipped {
             unless_reader_gone(self.account.print(&mut output::report()))?;
+            if stopped.is_none() && !output::is_quiet() {
+                self.list_faults()?;
+            }
         }
         match stopped {
             Some(stop) => return Err(stop.failure), // run.json on a full disk is the lesser loss
@@ -94,6 +99,30 @@ impl Batch<'_> {
                 self.account.rows.len()
             ))),
             exit => Ok(exit),
+        }
+    }
+
+    /// What to clean, over all recordings of the run.
+    fn list_faults(&self) -> Result<(), Failure> {
+        let verdicts = self.account.rows.iter().filter_map(|row| row.verdicts.as_ref());
+        let inputs: Vec<Input> = verdicts
+            .map(|name| Input { path: self.out.join(name), below: PathBuf::new() })
+            .filter(|input| input.path.is_file())
+            .collect();
+        if inputs.len() < 2 {
+            return Ok(());
+        }
+        let settings = &self.replay.settings.report;
+        match results::read(&inputs, settings, false, self.progress, self.control) {
+            Ok(read) => unless_reader_gone(crate::report::print(
+                &read.report,
+                printable::line,
+                &mut output::report(),
+            )),
+            Err(e) => {
+                self.progress.say(&format!("warning: no cleaning list: {}", e.message));
+                Ok(())
+            }
         }
     }
 
@@ -205,7 +234,8 @@ impl Batch<'_> {
         }
         if self.telling == Telling::Text {
             // whoever stopped reading still wants the other recordings' verdicts
-            let printed = report::print(report, &mut output::report());
+            let detail = if self.alone { Detail::All } else { Detail::Line };
+            let printed = report::print(report, detail, &mut output::report());
             unless_reader_gone(printed).map_err(|failure| Stop { end: End::Broken, failure })?;
         }
         self.tell(this.judged_row(report, entry), &entry.counts)

@@ -15,6 +15,7 @@ use arrow_array::types::{
 };
 use arrow_array::{Array, ArrayRef, RecordBatch};
 use arrow_schema::{DataType, TimeUnit};
+use parquet::arrow::ProjectionMask;
 use parquet::arrow::arrow_reader::{
     ArrowReaderOptions, ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder,
 };
@@ -35,6 +36,15 @@ pub struct VerdictReader {
 
 impl VerdictReader {
     pub fn open(path: &Path) -> Result<VerdictReader, TableError> {
+        VerdictReader::of_columns(path, None)
+    }
+
+    /// Reads these columns alone; the others are null where they may be.
+    pub fn open_columns(path: &Path, names: &[&str]) -> Result<VerdictReader, TableError> {
+        VerdictReader::of_columns(path, Some(names))
+    }
+
+    fn of_columns(path: &Path, names: Option<&[&str]>) -> Result<VerdictReader, TableError> {
         let file = regular_file::open(path)
             .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
         let failed = |source| TableError::Parquet { path: path.to_path_buf(), source };
@@ -42,7 +52,11 @@ impl VerdictReader {
         // than can be read (pandas: a dictionary of nulls), and then the reader panics.
         let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
         let open = || ParquetRecordBatchReaderBuilder::try_new_with_options(file, options);
-        let builder = unpanicked(path, open)?.map_err(failed)?;
+        let mut builder = unpanicked(path, open)?.map_err(failed)?;
+        if let Some(names) = names {
+            let mask = ProjectionMask::columns(builder.parquet_schema(), names.iter().copied());
+            builder = builder.with_projection(mask);
+        }
         let metadata = builder.metadata().file_metadata().key_value_metadata();
         let metadata_json = metadata
             .and_then(|all| all.iter().find(|entry| entry.key == METADATA_KEY))
