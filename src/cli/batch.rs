@@ -2,6 +2,7 @@
 //! itself alone, except where nothing more can be written.
 
 use super::account::{Account, End, RUN_NAME, Row, unwritable};
+use super::annotate;
 use super::exit::{Exit, Failure, unless_reader_gone};
 use super::failed;
 use super::output;
@@ -10,6 +11,7 @@ use super::progress::Progress;
 use super::report::{self, Detail, printable_path};
 use super::results;
 use crate::io::Limits;
+use crate::io::annotation_writer;
 use crate::io::baseline_file::BaselineFile;
 use crate::io::inputs::Input;
 use crate::io::journal::{Entry, JournalWriter, Link, Means, Outcome};
@@ -45,6 +47,8 @@ pub struct Batch<'a> {
     pub control: &'a Control,
     pub telling: Telling,
     pub timings: bool,
+    /// Also what was found as messages, beside the verdicts.
+    pub annotate: bool,
     /// Of one recording alone its own report is enough.
     pub alone: bool,
     /// Recordings that failed so far.
@@ -152,6 +156,7 @@ impl Batch<'_> {
             again.recording = this.source(*seen, again.recording.digest.take());
             self.append(&again)?;
         }
+        self.annotate(&this.placed.verdicts_in(self.out), false)?;
         self.tell(this.skipped_row(entry), &entry.counts)
     }
 
@@ -209,7 +214,20 @@ impl Batch<'_> {
             file.replace(prepared).map_err(Stop::broken)?;
             self.replay.baselines = baselines;
         }
+        self.annotate(&report.verdicts, true)?;
         self.tell_of(this, &report, &entry)
+    }
+
+    /// `anew`: earlier annotations are of earlier verdicts.
+    fn annotate(&self, verdicts: &Path, anew: bool) -> Result<(), Stop> {
+        let path = annotation_writer::path_beside(verdicts);
+        if anew {
+            let _ = std::fs::remove_file(&path); // mostly there is none
+        }
+        if !self.annotate || path.is_file() {
+            return Ok(());
+        }
+        annotate::annotate(verdicts).map_err(Stop::broken)
     }
 
     /// Warnings each kind once, then the report.

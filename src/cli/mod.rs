@@ -1,6 +1,7 @@
 //! Words and bars: the command line, one file per verb. Results on stdout, messages on stderr.
 
 mod account;
+mod annotate;
 mod batch;
 mod convert;
 mod critique;

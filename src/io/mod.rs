@@ -5,6 +5,7 @@
 //!
 //! It must never trust a size, panic on bad input, or leave a half-written file under its final name.
 
+pub mod annotation_writer;
 pub mod baseline_file;
 pub mod block_reader;
 mod buffers;

@@ -148,7 +148,7 @@ fn quantity(
     Some(drawn(&figure, &finding))
 }
 
-fn drawn(figure: &Figure, alt: &str) -> String {
+pub fn drawn(figure: &Figure, alt: &str) -> String {
     let alt = escaped(alt);
     match figure.svg_of_size(SIZE) {
         Ok(svg) => svg.replacen("<svg ", &format!("<svg role=\"img\" aria-label=\"{alt}\" "), 1),

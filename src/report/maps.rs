@@ -286,6 +286,44 @@ fn first_beyond() -> u8 {
     super::map::level(1.0)
 }
 
+/// Lines of a picture that moves along the recording.
+const WATERFALL: usize = 64;
+/// It is no narrower than that: viewers blur what they enlarge.
+const LEAST_WIDTH: usize = 480;
+
+/// The class map as it looked at each time, PNG, the newest line at the bottom; in the order of time.
+pub fn waterfalls(
+    head: &Head,
+    mut each: impl FnMut(i64, Vec<u8>) -> Result<(), String>,
+) -> Result<(), String> {
+    let Some(map) = &head.map else { return Ok(()) };
+    let channels: Vec<u32> = head.channels.iter().map(|c| c.channel).collect();
+    let picture = map.picture(&channels, Shows::Class);
+    let columns = picture.columns.len();
+    if columns == 0 {
+        return Ok(());
+    }
+    let scale = LEAST_WIDTH.div_ceil(columns).max(1);
+    let high = scale.min(4);
+    for (k, line) in picture.lines.iter().enumerate() {
+        let Line::Bursts(_, to_ns) = line else { continue };
+        let from = (k + 1).saturating_sub(WATERFALL);
+        let mut cells = vec![class::GAP; (WATERFALL - (k + 1 - from)) * high * columns * scale];
+        for line in picture.pixels[from * columns..(k + 1) * columns].chunks(columns) {
+            let wide: Vec<u8> = line.iter().flat_map(|c| std::iter::repeat_n(*c, scale)).collect();
+            (0..high).for_each(|_| cells.extend(&wide));
+        }
+        let raster = Raster {
+            width: (columns * scale) as u32,
+            height: (WATERFALL * high) as u32,
+            palette: &CLASS_COLOURS,
+            cells: &cells,
+        };
+        each(*to_ns, raster.png()?)?;
+    }
+    Ok(())
+}
+
 /// What the colours of both maps mean.
 pub fn key(categories: &[String]) -> String {
     let patch = |colour: &Colour, words: &str| {

@@ -6,6 +6,7 @@
 
 mod bins;
 mod drift;
+mod evaluation;
 mod false_alarms;
 mod fault;
 mod figures;
@@ -22,8 +23,10 @@ mod trend;
 mod watch;
 mod words;
 
+pub use evaluation::html as evaluation;
 pub use fault::{Fault, size, trend_in_words, what};
 pub use list::print;
+pub use maps::waterfalls;
 pub use page::html;
 pub use settings::ReportSettings;
 pub use story::Story;
