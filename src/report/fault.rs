@@ -42,12 +42,13 @@ fn key(story: &Story) -> &str {
     story.category.as_deref().unwrap_or(strange)
 }
 
-/// Certainty x loss, as it will be in a day if the trend is certain, x whether it is on.
+/// Certainty x loss, as it will be in a day (or as long as it was seen, if shorter) if the trend is
+/// certain, x whether it is on.
 fn urgency(story: &Story) -> f64 {
     let certainty = story.certainty.unwrap_or(UNKNOWN).clamp(0.0, 1.0);
     let changes = |t: &Trend| t.direction() != Direction::Steady;
-    let in_a_day = story.trend.filter(changes).map_or(0.0, |t| t.per_day);
-    let severity = story.severity_last.map(|s| s + in_a_day);
+    let ahead = story.trend.filter(changes).map_or(0.0, |t| t.per_day * t.span_days.min(1.0));
+    let severity = story.severity_last.map(|s| s + ahead);
     let on = match (story.ended_at_ns, story.cures) {
         (None, _) => 1.0,
         (Some(_), 0) => 0.0,
@@ -90,24 +91,30 @@ pub fn what(story: &Story) -> String {
 
 /// How large it is; empty where it was not sized.
 pub fn size(story: &Story) -> String {
-    let class = story.fault.as_deref().unwrap_or(match story.category.as_deref() {
-        Some("blocked_nozzle") => "PBN",
-        Some("dried_nozzle") => "IDN",
+    let class = match (story.fault.as_deref(), story.category.as_deref()) {
+        (Some(class), _) => class,
+        (None, Some("blocked_nozzle")) => "PBN",
+        (None, Some("dried_nozzle")) => "IDN",
         _ => return String::new(),
-    });
+    };
     let size = size_in_words(class, story.severity_last, story.severity_sd);
     size.trim_start_matches(", ").to_owned()
 }
 
-/// `getting worse: +3.1 % a day (2.5 to 3.7)`; severities that are shares in percent.
+/// `getting worse: +3.1 points a day (+2.5 to +3.7)`, by the longest time that was seen in full.
 pub fn trend_in_words(story: &Story) -> String {
     let Some(trend) = &story.trend else { return String::new() };
-    let of_one = matches!(story.fault.as_deref(), Some("SDN" | "IDN" | "DDN"))
-        || story.fault.is_none() && story.category.as_deref() == Some("dried_nozzle")
-        || story.fault.as_deref().is_some_and(|class| fault::category(class) == class);
-    let (scale, unit) = if of_one { (1.0, "") } else { (100.0, " points") };
-    let [low, high] = trend.interval.map(|v| v * scale);
-    let rate = trend.per_day * scale;
+    let (per, unit) = match trend.span_days {
+        days if days >= 0.5 => (1.0, "day"),
+        days if days >= 1.0 / 24.0 => (24.0, "hour"),
+        _ => (24.0 * 60.0, "minute"),
+    };
+    // factors as they are, shares in hundredths
+    let class = story.fault.as_deref().unwrap_or_default();
+    let is_factor = story.category.as_deref() == Some("dried_nozzle");
+    let is_own = !class.is_empty() && fault::category(class) == class;
+    let (scale, of) = if is_factor || is_own { (1.0, "") } else { (100.0, " points") };
+    let [low, high] = trend.interval.map(|v| v * scale / per);
     let digits = words::digits_of((high - low) / 2.0);
     let n = |v: f64| words::signed(v, digits);
     let word = match trend.direction() {
@@ -115,7 +122,8 @@ pub fn trend_in_words(story: &Story) -> String {
         Direction::Better => "getting better",
         Direction::Steady => "steady",
     };
-    format!("{word}: {}{unit} a day ({} to {})", n(rate), n(low), n(high))
+    let rate = n(trend.per_day * scale / per);
+    format!("{word}: {rate}{of} a {unit} ({} to {})", n(low), n(high))
 }
 
 fn sentence(story: &Story, action: &str) -> String {

@@ -4,12 +4,12 @@ use super::Report;
 use super::drift::{ModelPoint, per_kelvin};
 use super::fault::{Fault, trend_in_words, what};
 use super::survey::Survey;
-use super::words::{clock, signed};
+use super::words::{clock, counted_as, signed};
 use crate::fault;
 use crate::plot::page::escaped;
 use crate::plot::{Axis, Figure, Mark, Series};
 
-const SIZE: (u32, u32) = (860, 340);
+const SIZE: (u32, u32) = (860, 380);
 /// Figures of single channels.
 const MOST_TRENDS: usize = 16;
 /// Printheads in a figure: as many as can be told apart.
@@ -36,7 +36,9 @@ fn trend(fault: &Fault, survey: &Survey) -> Option<String> {
         .find(|w| w.spells.first().is_some_and(|s| s.episode.channel == story.channel))?;
     let from = story.began_at_ns as f64;
     let to = story.ended_at_ns.map_or(f64::INFINITY, |end| end as f64);
-    let bins = || watch.course.0.values().filter(|b| (from..=to).contains(&b.t_ns()));
+    let quantity = story.quantity.as_deref()?;
+    let course = watch.course(quantity)?;
+    let bins = || course.0.values().filter(|b| (from..=to).contains(&b.t_ns()));
     if bins().count() < LEAST_BINS {
         return None;
     }
@@ -49,15 +51,18 @@ fn trend(fault: &Fault, survey: &Survey) -> Option<String> {
         .flat_map(|(t, y, half)| [(t, y - half), (t, y + half)])
         .collect();
     let named = trend_in_words(story);
-    let finding = if named.is_empty() { "too short to tell a trend".into() } else { named };
-    let quantity = watch.quantity.as_deref().unwrap_or("severity");
+    let finding = match (named.is_empty(), story.cures) {
+        (false, _) => named,
+        (true, 0) => "too short to tell a trend".into(),
+        (true, cures) => format!("cured {}", counted_as(cures.into(), "once", "times")),
+    };
     let figure = Figure {
         title: plain(&format!("{} channel {}: {finding}", story.printhead, story.channel)),
         x: Axis::new(&format!("{unit} since {} UTC", clock(story.began_at_ns))),
-        y: Axis::new(&plain(quantity)),
+        y: Axis::new(&plain(&format!("{quantity}, mean"))),
         series: vec![
-            Series { name: "mean".into(), mark: Mark::Points, points: means },
-            Series { name: "95 %".into(), mark: Mark::Bars, points: bars },
+            Series { name: String::new(), mark: Mark::Points, points: means },
+            Series { name: String::new(), mark: Mark::Bars, points: bars },
         ],
         thresholds: Vec::new(),
     };

@@ -43,7 +43,7 @@ const RATIO_COLOURS: [Colour; 12] = [
 /// Letters beside the colours; the categories of one's own are numbered.
 const LETTERS: [&str; 4] = ["D", "B", "A", "E"];
 /// Episodes marked on a map.
-const MOST_MARKED: usize = 400;
+const MOST_MARKED: usize = 1500;
 /// Letters of an episode's sentence.
 const MOST_OF_A_SENTENCE: usize = 600;
 /// Faults named in a text that stands for a picture.
@@ -111,7 +111,9 @@ fn figure(
          stroke=\"#888\"/>\n"
     );
     axes(&mut svg, picture, height);
-    marks(&mut svg, head, faults, categories, picture, height);
+    if shows == Shows::Class {
+        marks(&mut svg, head, faults, categories, picture, height);
+    }
     svg += "</svg>\n";
     Ok(svg)
 }

@@ -61,8 +61,13 @@ fn sentence(report: &Report, open: &[&Fault]) -> String {
     kinds.sort_by_key(|(_, n)| std::cmp::Reverse(*n));
     let kinds: Vec<String> = kinds.iter().map(|(kind, n)| format!("{n} {kind}")).collect();
     let verb = if open.len() == 1 { "needs" } else { "need" };
+    let come_and_go = open.iter().filter(|f| f.story.ended_at_ns.is_some()).count() as u64;
+    let now = match come_and_go {
+        0 => String::new(),
+        n => format!("; {} of them come and go, and are healthy now", thousands(n)),
+    };
     format!(
-        "{} of {of} {verb} care ({}); first {} channel {}, {}: {}.",
+        "{} of {of} {verb} care ({}{now}); first {} channel {}, {}: {}.",
         thousands(open.len() as u64),
         kinds.join(", "),
         first.story.printhead,
@@ -216,7 +221,7 @@ fn explain(body: &mut String) {
         ("±", "one standard deviation"),
         (
             "change",
-            "the line through the severities since the last cure, per day; in brackets its 95 % interval. \
+            "the line through the severities since the last cure; in brackets its 95 % interval. \
              “Steady”: the interval holds no change",
         ),
         ("points", "hundredths of the whole: from 20 % to 23 % is 3 points"),
@@ -226,7 +231,8 @@ fn explain(body: &mut String) {
         ),
         (
             "urgency (the list's order)",
-            "certainty × how much of a drop is lost, as it will be in a day if it keeps changing; half \
+            "certainty × how much of a drop is lost, as it will be in a day if it keeps changing (or ahead as \
+             long as it was seen, if that is less); half \
              of it where a fault that comes and goes is healthy now",
         ),
         ("rejected", "not judged: samples missing, saturated or damaged, or no model fits"),

@@ -14,7 +14,7 @@
 //! nozzle that dries every night is one story, and what comes once in a channel's life is one of its own.
 
 use super::trend::{self, Trend};
-use super::watch::{Looked, Spell, Watch};
+use super::watch::{self, Looked, Spell, Watch};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -75,6 +75,8 @@ pub struct Story {
     pub severity_last: Option<f64>,
     /// Of `severity_last`.
     pub severity_sd: Option<f64>,
+    /// What its severities measure, if one thing.
+    pub quantity: Option<String>,
     /// Since the last cure.
     pub trend: Option<Trend>,
     pub certainty: Option<f64>,
@@ -176,9 +178,9 @@ fn story(
     let spells = &watch.spells[of];
     let (first, last) = (&spells[0].episode, &spells[spells.len() - 1].episode);
     // the last named class wins; an unnamed episode takes nothing back
-    let named = spells.iter().rev().map(|s| &s.episode);
-    let named = named.clone().find(|e| e.fault.is_some()).filter(|e| e.category.is_some());
-    let category_of = spells.iter().rev().map(|s| &s.episode).find(|e| e.category.is_some());
+    let latest = || spells.iter().rev().map(|s| &s.episode);
+    let named = latest().find(|e| e.fault.is_some());
+    let category_of = latest().find(|e| e.category.is_some());
     let said = match (named, category_of) {
         (Some(fault), Some(category)) if fault.category == category.category => fault,
         (_, Some(category)) => category,
@@ -190,7 +192,10 @@ fn story(
     let last_run = inner.iter().rposition(|gap| gap.cured).map_or(0, |k| k + 1);
     let last_began_at_ns = spells[last_run].episode.began_at_ns;
     let sized = |e: &&crate::episodes::Episode| e.severity_last.is_some();
-    let last_sized = spells.iter().rev().map(|s| &s.episode).find(sized);
+    let last_sized = latest().find(sized);
+    let quantity = watch::quantity(said).map(str::to_owned);
+    let course = quantity.as_deref().and_then(|quantity| watch.course(quantity));
+    let to_ns = ended_at_ns.unwrap_or(i64::MAX);
     Story {
         printhead: first.printhead.clone(),
         channel: first.channel,
@@ -205,7 +210,8 @@ fn story(
         severity_first: spells.iter().find_map(|s| s.episode.severity_first),
         severity_last: last_sized.and_then(|e| e.severity_last),
         severity_sd: last_sized.and_then(|e| e.severity_sd),
-        trend: trend::trend(&watch.course, last_began_at_ns),
+        trend: course.and_then(|course| trend::trend(course, last_began_at_ns, to_ns)),
+        quantity,
         certainty: said.certainty,
         spells: spells.to_vec(),
     }

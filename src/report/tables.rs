@@ -1,7 +1,7 @@
 //! The report's tables. In: a [`Report`]. Out: markup.
 
 use super::fault::{Fault, size, trend_in_words, what};
-use super::words::{clock, counted, percent, thousands};
+use super::words::{clock, counted, counted_as, percent, thousands};
 use super::{RecordingLine, Report};
 use crate::episodes::share;
 use crate::plot::page::{escaped, name};
@@ -20,29 +20,34 @@ const MOST_OF_DAMAGE: usize = 200;
 
 /// The cleaning list, or the faults that are over.
 pub fn faults(list: &[&Fault], with_action: bool) -> String {
-    let mut text = String::from(
+    let (change, last) = match with_action {
+        true => ("<th>change</th>", "<th>do</th>"),
+        false => ("", "<th>healthy since (UTC)</th>"),
+    };
+    let mut text = format!(
         "<div class=\"wide\"><table><tr><th class=n>#</th><th>printhead</th><th class=n>channel</th>\
-         <th>what</th><th>how bad</th><th>change</th><th>since (UTC)</th><th>episodes</th>\
-         <th class=n>certainty</th>",
+         <th>what</th><th>how bad</th>{change}<th>since (UTC)</th><th>episodes</th>\
+         <th class=n>certainty</th>{last}</tr>\n"
     );
-    text += if with_action { "<th>do</th></tr>\n" } else { "<th>healthy since (UTC)</th></tr>\n" };
     for (k, fault) in list.iter().take(MOST_FAULTS).enumerate() {
         let s = &fault.story;
         let last = match with_action {
-            true => format!("<b>{}</b>", escaped(&fault.action)),
-            false => s.ended_at_ns.map(clock).unwrap_or_default(),
+            true => format!("<td><b>{}</b></td>", escaped(&fault.action)),
+            false => format!("<td class=t>{}</td>", s.ended_at_ns.map(clock).unwrap_or_default()),
         };
-        let trend = trend_in_words(s);
+        let change = match with_action {
+            true => format!("<td>{}</td>", or_dash(escaped(&trend_in_words(s)))),
+            false => String::new(),
+        };
         let _ = writeln!(
             text,
-            "<tr><td class=n>{}</td><td>{}</td><td class=n>{}</td><td>{}</td><td>{}</td><td>{}</td>\
-             <td class=t>{}</td><td>{}</td><td class=n>{}</td><td>{last}</td></tr>",
+            "<tr><td class=n>{}</td>{}<td class=n>{}</td><td>{}</td><td>{}</td>{change}\
+             <td class=t>{}</td><td class=h>{}</td><td class=n>{}</td>{last}</tr>",
             k + 1,
-            name(&s.printhead),
+            name_cell(&s.printhead),
             s.channel,
             escaped(&what(s)),
             or_dash(escaped(&size(s))),
-            or_dash(escaped(&trend)),
             clock(s.began_at_ns),
             escaped(&history(fault)),
             s.certainty.map_or("–".into(), share),
@@ -63,21 +68,25 @@ fn or_dash(text: String) -> String {
 /// `28 in 28 recordings, still on`; cures shown as cures.
 fn history(fault: &Fault) -> String {
     let s = &fault.story;
-    let mut text = format!(
-        "{} in {}",
-        thousands(s.spells.len() as u64),
-        counted(s.recordings.into(), "recording")
-    );
+    let episodes = thousands(s.spells.len() as u64);
+    let mut text = format!("{episodes} in {}", counted(s.recordings.into(), "recording"));
     if s.cures > 0 {
-        text += &format!(", {}", counted(s.cures.into(), "cure"));
+        text += &format!(", cured {}", counted_as(s.cures.into(), "once", "times"));
     }
-    text += match s.ended_at_ns {
-        None if s.cures > 0 => ", on again",
-        None => ", still on",
-        Some(_) if s.cures > 0 => ", healthy at last",
-        Some(_) => "",
+    text += match (s.ended_at_ns, s.cures) {
+        (None, 0) => "; still on",
+        (None, _) => "; on again",
+        (Some(_), 0) => "",
+        (Some(_), _) => "; healthy now",
     };
     text
+}
+
+/// Short names in one line.
+fn name_cell(text: &str) -> String {
+    const SHORT: usize = 24;
+    let class = if text.chars().count() <= SHORT { " class=t" } else { "" };
+    format!("<td{class}>{}</td>", name(text))
 }
 
 /// Recordings down, printheads across: faulty channels and flagged share; then the data's quality.
@@ -94,8 +103,8 @@ pub fn recordings(report: &Report) -> String {
     for line in &report.recordings[from..] {
         let _ = write!(
             text,
-            "<tr><td>{}</td><td class=t>{}</td><td class=n>{}</td>",
-            name(&line.name),
+            "<tr>{}<td class=t>{}</td><td class=n>{}</td>",
+            name_cell(&line.name),
             line.from_ns.map_or("–".into(), clock),
             thousands(line.judged)
         );

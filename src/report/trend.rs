@@ -79,6 +79,8 @@ pub struct Trend {
     pub per_day: f64,
     /// 95 %.
     pub interval: [f64; 2],
+    /// Over which it was seen, days: beyond, it is a guess.
+    pub span_days: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,9 +101,10 @@ impl Trend {
     }
 }
 
-/// Of the severities from a time on; `None`: too few to tell.
-pub fn trend(course: &Course, from_ns: i64) -> Option<Trend> {
-    let bins = course.0.values().filter(|bin| bin.n > 0.0 && bin.t_ns() >= from_ns as f64);
+/// Of the severities of some time; `None`: too few to tell.
+pub fn trend(course: &Course, from_ns: i64, to_ns: i64) -> Option<Trend> {
+    let time = from_ns as f64..=to_ns as f64;
+    let bins = course.0.values().filter(|bin| bin.n > 0.0 && time.contains(&bin.t_ns()));
     let points: Vec<(f64, f64)> =
         bins.map(|bin| ((bin.t_ns() - from_ns as f64) / DAY_NS, bin.mean())).collect();
     line(&points)
@@ -130,7 +133,8 @@ fn line(points: &[(f64, f64)]) -> Option<Trend> {
     let freedom = (n / inflated - 2.0).max(1.0);
     let error = (squares / (n - 2.0) / sxx * inflated).sqrt();
     let half = student_quantile(0.975, freedom) * error;
-    Some(Trend { per_day: slope, interval: [slope - half, slope + half] })
+    let span_days = points[points.len() - 1].0 - points[0].0;
+    Some(Trend { per_day: slope, interval: [slope - half, slope + half], span_days })
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use super::trend::Course;
 use crate::episodes::Episode;
 use crate::fault;
 use crate::verdict::Reason;
+use std::collections::BTreeMap;
 
 /// Judged bursts of a channel over some time.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -60,10 +61,12 @@ pub struct Watch {
     pub spells: Vec<Spell>,
     /// Outside of episodes, after as many of them as the place says (0: before the first).
     pub outside: Vec<Looked>,
-    /// What its severities measure.
-    pub quantity: Option<String>,
-    pub course: Course,
+    /// Severities in its episodes, by what they measure.
+    courses: BTreeMap<String, Course>,
 }
+
+/// Quantities of a channel: classes of one's own have each their own.
+const MOST_QUANTITIES: usize = 16;
 
 impl Watch {
     pub fn new(mut spells: Vec<Spell>) -> Watch {
@@ -72,8 +75,7 @@ impl Watch {
             key(a).cmp(&key(b))
         });
         let outside = vec![Looked::default(); spells.len() + 1];
-        let quantity = spells.iter().rev().find_map(|s| quantity(&s.episode)).map(str::to_owned);
-        Watch { spells, outside, quantity, course: Course::default() }
+        Watch { spells, outside, courses: BTreeMap::new() }
     }
 
     /// A judged burst of a recording.
@@ -93,10 +95,13 @@ impl Watch {
         match self.spells[..before].iter_mut().rev().find(within) {
             Some(spell) => {
                 spell.looked.add(t_ns, flagged, reason);
-                if let Some((class, severity)) = sized
-                    && Some(fault::quantity(class)) == self.quantity.as_deref()
-                {
-                    self.course.add(t_ns, severity);
+                let Some((class, severity)) = sized else { return };
+                let quantity = fault::quantity(class);
+                if let Some(course) = self.courses.get_mut(quantity) {
+                    course.add(t_ns, severity);
+                } else if self.courses.len() < MOST_QUANTITIES {
+                    let course = self.courses.entry(quantity.to_owned()).or_default();
+                    course.add(t_ns, severity);
                 }
             }
             None => self.outside[before].add(t_ns, flagged, reason),
@@ -104,8 +109,15 @@ impl Watch {
     }
 }
 
+impl Watch {
+    /// Its severities over time, where there are any of what an episode's severities measure.
+    pub fn course(&self, quantity: &str) -> Option<&Course> {
+        self.courses.get(quantity)
+    }
+}
+
 /// What an episode's severities measure; `None`: its classes are sized by different quantities.
-fn quantity(episode: &Episode) -> Option<&str> {
+pub fn quantity(episode: &Episode) -> Option<&str> {
     match (episode.fault.as_deref(), episode.category.as_deref()) {
         (Some(class), _) => Some(fault::quantity(class)),
         (None, Some("blocked_nozzle")) => Some(fault::quantity("PBN")),
