@@ -476,6 +476,7 @@ fn an_evaluation_says_on_its_page_what_it_says_on_the_terminal() {
     let count = |key: &str| d[key].as_u64().unwrap();
     let recall = 100.0 * count("tp") as f64 / (count("tp") + count("fn")) as f64;
     assert!(page.contains(&format!("{recall:.1} % of")), "{recall}");
+    assert!(page.contains("12 labelled faults"), "rows of a growing fault are one");
     for title in ["ROC: area", "Delay against false alarms", "Reliability", "Risk against coverage"]
     {
         assert!(page.contains(title), "{title}");

@@ -15,6 +15,7 @@ use crate::score::episodes::{EpisodeScore, EpisodesReport, SaidEpisode};
 use crate::score::severity::SeverityScore;
 use crate::score::{Report, Said, Score};
 use crate::verdict::{Outcome, VerdictColumns};
+use std::collections::HashMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -64,6 +65,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let (mut severity, mut of_categories) = (SeverityScore::default(), SeverityScore::default());
     let mut episodes = EpisodeScore::new(&labels);
     let mut any_episodes = false;
+    let onsets = onsets(&labels);
     let mut curves = args.report.is_some().then(Curves::default);
     for file in &files {
         let mut verdicts = VerdictReader::open(&file.path).map_err(Failure::new)?;
@@ -105,7 +107,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
                 score.add(said, truth.map(|label| label.state.as_str()));
                 if let (Some(curves), Some(label)) = (&mut curves, truth) {
                     let categories = verdicts.categories();
-                    draw(curves, &c, row, label, &said, (classes, categories));
+                    draw(curves, &c, row, label, &said, (classes, categories), &onsets);
                 }
                 if has_episodes {
                     let healthy = truth.is_some_and(|label| label.state == HEALTHY);
@@ -166,6 +168,32 @@ fn add_episodes(path: &Path, labels: &Labels, score: &mut EpisodeScore) -> Resul
     Ok(())
 }
 
+/// Of a labelled state on a channel, by its start: when the fault began that it is a part of.
+type Onsets = HashMap<(String, Option<u32>, Option<i64>), Option<i64>>;
+
+/// A fault that grows is labelled row after row: what follows without a gap is the same fault.
+fn onsets(labels: &Labels) -> Onsets {
+    let mut faulty: Vec<&Label> = labels.rows().iter().filter(|l| l.state != HEALTHY).collect();
+    faulty.sort_by_key(|l| (&l.printhead, l.channel, l.from_ns));
+    let mut onsets = Onsets::new();
+    let mut before: Option<(&Label, Option<i64>)> = None;
+    for label in faulty {
+        let goes_on = |&(last, _): &(&Label, Option<i64>)| {
+            let same = (&last.printhead, last.channel) == (&label.printhead, label.channel);
+            same && last.to_ns.is_none_or(|to| label.from_ns.is_none_or(|from| from <= to))
+        };
+        let onset = before.filter(goes_on).map_or(label.from_ns, |(_, onset)| onset);
+        onsets.insert((label.printhead.clone(), label.channel, label.from_ns), onset);
+        before = Some((label, onset));
+    }
+    onsets
+}
+
+fn onset(onsets: &Onsets, label: &Label) -> Option<i64> {
+    let key = (label.printhead.clone(), label.channel, label.from_ns);
+    onsets.get(&key).copied().unwrap_or(label.from_ns)
+}
+
 /// One judged row with a known truth, for the curves. `names`: of classes and categories.
 fn draw(
     curves: &mut Curves,
@@ -174,10 +202,11 @@ fn draw(
     label: &Label,
     said: &Said,
     (classes, categories): (&[String], &[String]),
+    onsets: &Onsets,
 ) {
     let is_healthy = label.state == HEALTHY;
     let printhead = || c.printheads[c.printhead[row] as usize].clone();
-    let event = (!is_healthy).then(|| (printhead(), c.channel[row], label.from_ns));
+    let event = (!is_healthy).then(|| (printhead(), c.channel[row], onset(onsets, label)));
     if let Some((statistic, threshold)) = c.statistic[row].zip(c.threshold[row]) {
         curves.add(f64::from(statistic) / f64::from(threshold), event);
     }

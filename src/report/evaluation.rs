@@ -55,7 +55,7 @@ fn sentence(report: &Report) -> String {
     if let Some(e) = &report.episodes {
         text += &format!(
             "; of {} {:.1} % were found as episodes, {} false",
-            counted(e.faults as u64, "fault"),
+            counted(e.faults, "fault"),
             100.0 * e.recall,
             e.false_episodes
         );
@@ -69,13 +69,14 @@ fn detection(report: &Report, curves: &Curves, body: &mut String) {
         *body += "<p>Without healthy and faulty signals there are no curves of detection.</p>\n";
         return;
     }
-    *body += "<h2>Detection, signal by signal</h2>\n";
+    *body += "<h2>Detection, signal by signal</h2>\n<p class=\"note\">Line: what other thresholds would do; \
+              cross: the threshold that was used, with 95 % intervals as if signals were independent.</p>\n";
     let at = curves.working_point();
     let misses = wilson(at.misses * faulty as f64, faulty as f64);
     let alarms = wilson(at.false_alarms * healthy as f64, healthy as f64);
     let operating = curves.operating();
     let cross = |y: f64, [low, high]: [f64; 2]| Series {
-        name: "the threshold used, 95 %".into(),
+        name: String::new(),
         mark: Mark::Bars,
         points: vec![
             (at.false_alarms, low),
@@ -90,7 +91,7 @@ fn detection(report: &Report, curves: &Curves, body: &mut String) {
         y: Axis { range: Some((0.0, 1.02)), ..Axis::new("faulty signals flagged, share") },
         series: vec![
             Series {
-                name: "other thresholds".into(),
+                name: String::new(),
                 mark: Mark::Line,
                 points: operating.iter().map(|o| (o.false_alarms, 1.0 - o.misses)).collect(),
             },
@@ -113,12 +114,12 @@ fn detection(report: &Report, curves: &Curves, body: &mut String) {
         y: Axis { log: true, ..Axis::new("faulty signals missed, share") },
         series: vec![
             Series {
-                name: "other thresholds".into(),
+                name: String::new(),
                 mark: Mark::Line,
                 points: shown.map(|o| (o.false_alarms, o.misses)).collect(),
             },
             Series {
-                name: "the threshold used, 95 %".into(),
+                name: String::new(),
                 mark: Mark::Bars,
                 points: vec![(x, misses[0]), (x, misses[1]), (alarms[0], y), (alarms[1], y)],
             },
@@ -139,12 +140,13 @@ fn delays(report: &Report, curves: &Curves, body: &mut String) {
          flagged</th><th class=n>faults found</th><th class=n>delay in bursts, median</th></tr>",
         counted(curves.events() as u64, "labelled fault")
     );
+    let healthy = curves.healthy();
     for d in curves.delays(&FACTORS) {
         let _ = writeln!(
             body,
-            "<tr><td class=n>{}</td><td class=n>{:.3e}</td><td class=n>{:.1} %</td><td class=n>{}</td></tr>",
+            "<tr><td class=n>{}</td><td class=n>{}</td><td class=n>{:.1} %</td><td class=n>{}</td></tr>",
             d.factor,
-            d.false_alarms,
+            percent((d.false_alarms * healthy as f64).round() as u64, healthy),
             100.0 * d.found,
             d.median_bursts.map_or("–".into(), |m| format!("{m}"))
         );
@@ -219,16 +221,17 @@ fn reliability(report: &Report, body: &mut String) {
         x: Axis { range: Some((0.0, 1.0)), ..Axis::new("stated certainty of the best class") },
         y: Axis { range: Some((0.0, 1.02)), ..Axis::new("share that is right") },
         series: vec![
-            Series {
-                name: "as it should be".into(),
-                mark: Mark::Line,
-                points: vec![(0.0, 0.0), (1.0, 1.0)],
-            },
-            Series { name: "measured, 95 %".into(), mark: Mark::Bars, points: bars.collect() },
+            Series { name: String::new(), mark: Mark::Line, points: vec![(0.0, 0.0), (1.0, 1.0)] },
+            Series { name: String::new(), mark: Mark::Bars, points: bars.collect() },
         ],
         thresholds: Vec::new(),
     };
-    let _ = write!(body, "<h2>Reliability of certainties</h2>\n{}", drawn(&figure, &figure.title));
+    let _ = write!(
+        body,
+        "<h2>Reliability of certainties</h2>\n<p class=\"note\">Line: as it should be; bars: \
+         measured, 95 %.</p>\n{}",
+        drawn(&figure, &figure.title)
+    );
     *body += "<table><tr><th>said</th><th class=n>signals</th><th class=n>certainty stated</th>\
               <th class=n>right</th><th class=n>off by (ECE)</th></tr>\n";
     for (class, c) in &report.calibration.by_class {
@@ -262,16 +265,21 @@ fn risk(report: &Report, curves: &Curves, body: &mut String) {
         x: Axis { range: Some((0.0, 1.0)), ..Axis::new("share kept, the most certain first") },
         y: Axis::new("share of these with the wrong class"),
         series: vec![
-            Series { name: "other bounds".into(), mark: Mark::Line, points },
+            Series { name: String::new(), mark: Mark::Line, points },
             Series {
-                name: "the bound used".into(),
+                name: String::new(),
                 mark: Mark::Dots,
                 points: vec![(c.coverage, 1.0 - c.accuracy)],
             },
         ],
         thresholds: Vec::new(),
     };
-    let _ = write!(body, "<h2>Risk against coverage</h2>\n{}", drawn(&figure, &figure.title));
+    let _ = write!(
+        body,
+        "<h2>Risk against coverage</h2>\n<p class=\"note\">Line: other bounds on certainty; \
+         dot: the bound that was used.</p>\n{}",
+        drawn(&figure, &figure.title)
+    );
 }
 
 fn severities(report: &Report, curves: &Curves, body: &mut String) {
@@ -279,7 +287,8 @@ fn severities(report: &Report, curves: &Curves, body: &mut String) {
     if classes.is_empty() {
         return;
     }
-    *body += "<h2>Severities, true and stated</h2>\n";
+    *body += "<h2>Severities, true and stated</h2>\n<p class=\"note\">Line: as it should be; dots: \
+              signals that were named as what they are.</p>\n";
     for (class, points) in classes.iter().take(MOST_CLASSES) {
         let told = report.severity.get(*class);
         let finding = told.map_or(String::new(), |s| {
@@ -291,21 +300,20 @@ fn severities(report: &Report, curves: &Curves, body: &mut String) {
         let (low, high) = points
             .iter()
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| (a.min(p.0), b.max(p.0)));
-        let axis = |which: &str| Axis::new(&format!("{which} {}", fault::quantity(class)));
         let figure = Figure {
             title: format!("{class}, {}{finding}", fault::in_words(class))
                 .chars()
                 .take(150)
                 .collect(),
-            x: axis("true"),
-            y: axis("stated"),
+            x: Axis::new(&format!("true {}", fault::quantity(class))),
+            y: Axis::new("stated"),
             series: vec![
                 Series {
-                    name: "as it should be".into(),
+                    name: String::new(),
                     mark: Mark::Line,
                     points: vec![(low, low), (high, high)],
                 },
-                Series { name: "signals".into(), mark: Mark::Points, points: points.to_vec() },
+                Series { name: String::new(), mark: Mark::Points, points: points.to_vec() },
             ],
             thresholds: Vec::new(),
         };

@@ -179,7 +179,7 @@ fn label(t_ns: i64, picture: &Picture) -> String {
         Line::Pause => None,
     });
     let first = spans.next().unwrap_or_default();
-    let last = spans.last().unwrap_or(first);
+    let last = spans.next_back().unwrap_or(first);
     match last.1.saturating_sub(first.0) {
         span if span < 7_200_000_000_000 => clock(t_ns)[11..].to_owned(),
         _ => short_clock(t_ns),

@@ -9,8 +9,9 @@
 //! Whether what comes after a cure is the same fault or another: a fault of its own begins on this very
 //! channel with the small rate `mu` of all channels, per burst; one that comes back does so with a rate
 //! of its own, of which nothing is known but that it lies between `mu` and every burst (its logarithm
-//! uniform). After n quiet bursts the odds are (e^(mu n) - e^(mu n - n)) / (mu n ln(1 / mu)), times 1 /
-//! the share of that category among all episodes: another fault would rarely be of the same sort. So a
+//! uniform). After n quiet bursts the likelihoods' ratio is the integral over ln lambda, from ln mu to 0, of
+//! lambda e^(-lambda n) / ln(1 / mu), over mu e^(-mu n): (1 - e^((mu - 1) n)) / (mu n ln(1 / mu)); times 1 /
+//! the share of that category among all episodes, as another fault would rarely be of the same sort. So a
 //! nozzle that dries every night is one story, and what comes once in a channel's life is one of its own.
 
 use super::trend::{self, Trend};
@@ -165,8 +166,7 @@ fn is_another(before: &Spell, after: &Spell, gap: &Gap, rates: &Rates) -> bool {
 
 /// Likelihood that a fault comes back after n quiet bursts, over that of a new one there.
 fn returns_over_new(n: f64, mu: f64) -> f64 {
-    let x = mu * n;
-    (x.exp() - (x - n).exp()) / (x * (1.0 / mu).ln())
+    (1.0 - ((mu - 1.0) * n).exp()) / (mu * n * (1.0 / mu).ln())
 }
 
 fn story(
@@ -293,7 +293,7 @@ mod tests {
     #[test]
     fn a_recording_that_begins_healthy_cures_what_was_still_on() {
         let spells = vec![spell(0, 5, None, "dried_nozzle")];
-        let all = stories(&watched(spells, 3, |t| t < 100 && t >= 5), &RATES());
+        let all = stories(&watched(spells, 3, |t| (5..100).contains(&t)), &RATES());
         assert_eq!(all[0].ended_at_ns, Some(100));
         // three unflagged bursts of a fault that shows in every other burst cure nothing
         let weak = vec![spell(0, 0, None, "dried_nozzle")];
@@ -306,7 +306,7 @@ mod tests {
         let two = |gap_flagged: bool| {
             let spells =
                 vec![spell(0, 0, Some(10), "dried_nozzle"), spell(9, 905, None, "air_bubble")];
-            stories(&watched(spells, 10, |t| gap_flagged || t < 10 || t >= 905), &RATES())
+            stories(&watched(spells, 10, |t| gap_flagged || !(10..905).contains(&t)), &RATES())
         };
         assert_eq!(two(false).len(), 2);
         let spells = vec![spell(0, 0, None, "dried_nozzle"), spell(1, 100, None, "air_bubble")];
