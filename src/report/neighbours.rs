@@ -93,3 +93,69 @@ fn sentence(members: &[usize], faults: &[Fault], settings: &ReportSettings) -> S
     };
     text
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::episodes::Episode;
+    use crate::report::story::{Rates, stories};
+    use crate::report::watch::{Spell, Watch};
+
+    fn fault(channel: u32, began: i64, category: &str) -> Fault {
+        let episode = Episode {
+            printhead: "p".into(),
+            channel,
+            category: Some(category.into()),
+            fault: None,
+            raised_at_ns: began,
+            began_at_ns: began,
+            ended_at_ns: None,
+            bursts: 9,
+            certainty: None,
+            severity_first: None,
+            severity_max: None,
+            severity_last: None,
+            severity_sd: None,
+            explanation: String::new(),
+        };
+        let spell = Spell { recording: 0, episode, looked: Default::default() };
+        let story = stories(&Watch::new(vec![spell]), &Rates::default()).remove(0);
+        Fault::new(story, &ReportSettings::default())
+    }
+
+    fn of(faults: &[Fault], rows: u32) -> Vec<Group> {
+        groups(faults, &ReportSettings { rows, pitch: 100.0, ..ReportSettings::default() })
+    }
+
+    #[test]
+    fn neighbours_of_one_sort_are_a_group_and_others_are_not() {
+        let faults = [
+            fault(3, 0, "dried_nozzle"),
+            fault(4, 0, "dried_nozzle"),
+            fault(5, 0, "air_bubble"),
+            fault(9, 0, "dried_nozzle"),
+        ];
+        let groups = of(&faults, 1);
+        assert_eq!(groups.len(), 1);
+        assert_eq!(groups[0].members, [0, 1]);
+        assert!(groups[0].sentence.contains("on the plate"), "{}", groups[0].sentence);
+        assert!(groups[0].sentence.contains("0.10 mm"), "{}", groups[0].sentence);
+    }
+
+    #[test]
+    fn onsets_one_after_the_other_are_a_front() {
+        let faults: Vec<Fault> =
+            (0..5).map(|k| fault(10 - k, 1000 * i64::from(k), "air_bubble")).collect();
+        let sentence = &of(&faults, 1)[0].sentence;
+        assert!(sentence.contains("towards channel 6") && sentence.contains("front"), "{sentence}");
+    }
+
+    #[test]
+    fn rows_say_who_the_neighbours_are() {
+        let faults = [fault(8, 0, "air_bubble"), fault(12, 0, "air_bubble")];
+        assert_eq!(of(&faults, 1).len(), 0);
+        assert_eq!(of(&faults, 4).len(), 1, "the same row, beside each other");
+        let faults = [fault(3, 0, "air_bubble"), fault(4, 0, "air_bubble")];
+        assert_eq!(of(&faults, 4).len(), 0, "the last row and the first");
+    }
+}

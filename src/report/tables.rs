@@ -20,28 +20,27 @@ const MOST_OF_DAMAGE: usize = 200;
 
 /// The cleaning list, or the faults that are over.
 pub fn faults(list: &[&Fault], with_action: bool) -> String {
-    let (change, last) = match with_action {
-        true => ("<th>change</th>", "<th>do</th>"),
-        false => ("", "<th>healthy since (UTC)</th>"),
+    let (action, change, last) = match with_action {
+        true => ("<th>do</th>", "<th>change</th>", ""),
+        false => ("", "", "<th>healthy since (UTC)</th>"),
     };
     let mut text = format!(
         "<div class=\"wide\"><table><tr><th class=n>#</th><th>printhead</th><th class=n>channel</th>\
-         <th>what</th><th>how bad</th>{change}<th>since (UTC)</th><th>episodes</th>\
+         {action}<th>what</th><th>how bad</th>{change}<th>since (UTC)</th><th>episodes</th>\
          <th class=n>certainty</th>{last}</tr>\n"
     );
     for (k, fault) in list.iter().take(MOST_FAULTS).enumerate() {
         let s = &fault.story;
-        let last = match with_action {
-            true => format!("<td><b>{}</b></td>", escaped(&fault.action)),
-            false => format!("<td class=t>{}</td>", s.ended_at_ns.map(clock).unwrap_or_default()),
-        };
-        let change = match with_action {
-            true => format!("<td>{}</td>", or_dash(escaped(&trend_in_words(s)))),
-            false => String::new(),
-        };
+        let (mut action, mut change, mut last): (String, String, String) = Default::default();
+        if with_action {
+            action = format!("<td><b>{}</b></td>", escaped(&fault.action));
+            change = format!("<td>{}</td>", or_dash(escaped(&trend_in_words(s))));
+        } else {
+            last = format!("<td class=t>{}</td>", s.ended_at_ns.map(clock).unwrap_or_default());
+        }
         let _ = writeln!(
             text,
-            "<tr><td class=n>{}</td>{}<td class=n>{}</td><td>{}</td><td>{}</td>{change}\
+            "<tr><td class=n>{}</td>{}<td class=n>{}</td>{action}<td>{}</td><td>{}</td>{change}\
              <td class=t>{}</td><td class=h>{}</td><td class=n>{}</td>{last}</tr>",
             k + 1,
             name_cell(&s.printhead),
