@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 fn copy(from: &Path, to: &Path, later_ns: i64, document: &Value) -> Result<(), Box<dyn Error>> {
-    let mut reader = VerdictReader::open(from)?;
+    let reader = VerdictReader::open(from)?;
     let options = TableOptions {
         classes: reader.classes().to_vec(),
         categories: reader.categories().to_vec(),
@@ -47,7 +47,7 @@ fn copy(from: &Path, to: &Path, later_ns: i64, document: &Value) -> Result<(), B
         timestamp_unit: TimestampUnit::Ns,
     };
     let mut writer = VerdictWriter::create(to, options)?;
-    while let Some(columns) = reader.next() {
+    for columns in reader {
         let mut columns = columns?;
         columns.acquired_at_ns.iter_mut().for_each(|t| *t += later_ns);
         writer.write(&columns)?;
