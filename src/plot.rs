@@ -238,7 +238,8 @@ impl Figure {
                     PathElement::new([(x, y), (x + 14, y)], colour.stroke_width(2))
                 });
         }
-        if self.series.len() + self.thresholds.len() > 1 {
+        let named = self.series.iter().filter(|s| !s.name.is_empty()).count();
+        if named + self.thresholds.len() > 1 {
             chart
                 .configure_series_labels()
                 .position(SeriesLabelPosition::UpperRight)

@@ -250,17 +250,22 @@ impl Texts {
             let keys = keys.map(|(row, key)| column.is_valid(row).then_some(key)).collect();
             return Some(Texts { keys, values });
         }
-        let mut index: HashMap<String, usize> = HashMap::new();
+        // texts mostly repeat the one before
+        let mut index: HashMap<&str, usize> = HashMap::new();
+        let mut last = None;
         let mut values = Vec::new();
-        let keys = plain(column)?.into_iter().map(|text| {
-            text.map(|text| {
-                *index.entry(text).or_insert_with_key(|text| {
-                    values.push(Some(text.clone()));
+        let mut key = |text| match last {
+            Some((before, key)) if before == text => key,
+            _ => {
+                let key = *index.entry(text).or_insert_with(|| {
+                    values.push(Some(text.to_owned()));
                     values.len() - 1
-                })
-            })
-        });
-        let keys = keys.collect();
+                });
+                last = Some((text, key));
+                key
+            }
+        };
+        let keys = texts(column)?.map(|text| text.map(&mut key)).collect();
         Some(Texts { keys, values })
     }
 
@@ -299,14 +304,16 @@ impl Texts {
 }
 
 fn plain(column: &ArrayRef) -> Option<Vec<Option<String>>> {
-    fn owned<'a>(texts: impl Iterator<Item = Option<&'a str>>) -> Vec<Option<String>> {
-        texts.map(|t| t.map(String::from)).collect()
-    }
+    Some(texts(column)?.map(|text| text.map(String::from)).collect())
+}
+
+/// The rows of a column of texts; `None`: it is none.
+fn texts(column: &ArrayRef) -> Option<Box<dyn Iterator<Item = Option<&str>> + '_>> {
     Some(match column.data_type() {
-        DataType::Utf8 => owned(column.as_string::<i32>().iter()),
-        DataType::LargeUtf8 => owned(column.as_string::<i64>().iter()),
-        DataType::Utf8View => owned(column.as_string_view().iter()),
-        DataType::Null => vec![None; column.len()],
+        DataType::Utf8 => Box::new(column.as_string::<i32>().iter()),
+        DataType::LargeUtf8 => Box::new(column.as_string::<i64>().iter()),
+        DataType::Utf8View => Box::new(column.as_string_view().iter()),
+        DataType::Null => Box::new(std::iter::repeat_n(None, column.len())),
         _ => return None,
     })
 }

@@ -58,8 +58,8 @@ fn trend(fault: &Fault, survey: &Survey) -> Option<String> {
     };
     let figure = Figure {
         title: plain(&format!("{} channel {}: {finding}", story.printhead, story.channel)),
-        x: Axis::new(&format!("{unit} since {} UTC", clock(story.began_at_ns))),
-        y: Axis::new(&plain(&format!("{quantity}, mean"))),
+        x: Axis::new(&format!("{unit} since {} UTC (means, 95 %)", clock(story.began_at_ns))),
+        y: Axis::new(&plain(quantity)),
         series: vec![
             Series { name: String::new(), mark: Mark::Points, points: means },
             Series { name: String::new(), mark: Mark::Bars, points: bars },
