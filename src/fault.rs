@@ -48,3 +48,15 @@ pub fn in_words(class: &str) -> &str {
         own => own,
     }
 }
+
+/// What a class's severity measures: classes of one quantity can be compared.
+pub fn quantity(class: &str) -> &str {
+    match class {
+        "EC" => "missing share of density",
+        "AB1" => "share of the nozzle's length taken by air",
+        "AB2" | "AB3" => "added compliance over the chamber's",
+        "BN" | "PBN" => "blocked share of the nozzle's cross-section",
+        "SDN" | "IDN" | "DDN" => "viscosity factor in the nozzle",
+        own => own,
+    }
+}

@@ -11,8 +11,9 @@
 //! 4  pipeline  thesis  io            threads and bounded channels | chapter 4 again | bytes
 //! 3  design  critique  simulate      the offline artefact | what the model gets wrong | known truth
 //! 2  identify  detect  isolate       thesis 3-1 | 3-2 | 3-3; they meet only in design
+//! 3  report                          what a person looks at: stories, maps, trends, the page
 //! 2  episodes                        evidence over time, from verdicts alone
-//! 1  model  score  plot              what the physics says | thesis chapter 4 numbers | figures
+//! 1  model  score  plot              what the physics says | thesis chapter 4 numbers | figures, pages
 //! 0  burst  fault  verdict  labels   what flows
 //! 0  processor                       one function for every set of vector instructions
 //! ```
@@ -47,6 +48,7 @@ pub mod isolate;
 // floor 3
 pub mod critique;
 pub mod design;
+pub mod report;
 pub mod simulate;
 // floor 4
 pub mod io;

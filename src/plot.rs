@@ -1,5 +1,9 @@
 //! Figures: one set of axes with points and lines. In: data and words. Out: SVG, PNG and the data
-//! as CSV, under one name. The only door to `plotters`.
+//! as CSV, under one name. The only door to `plotters`. Beside them [`raster`], pictures of cells, and
+//! [`page`], what figures stand on.
+
+pub mod page;
+pub mod raster;
 
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint};
@@ -99,8 +103,13 @@ impl Figure {
 
     /// The figure as an SVG document.
     pub fn svg(&self) -> Result<String, PlotError> {
+        self.svg_of_size(SIZE)
+    }
+
+    /// The same, so many pixels wide and high.
+    pub fn svg_of_size(&self, size: (u32, u32)) -> Result<String, PlotError> {
         let mut text = String::new();
-        let drawn = self.draw(SVGBackend::with_string(&mut text, SIZE).into_drawing_area());
+        let drawn = self.draw(SVGBackend::with_string(&mut text, size).into_drawing_area());
         drawn.map_err(|message| PlotError::Failed { path: self.title.clone(), message })?;
         Ok(text)
     }
@@ -229,7 +238,8 @@ impl Figure {
                     PathElement::new([(x, y), (x + 14, y)], colour.stroke_width(2))
                 });
         }
-        if self.series.len() + self.thresholds.len() > 1 {
+        let named = self.series.iter().filter(|s| !s.name.is_empty()).count();
+        if named + self.thresholds.len() > 1 {
             chart
                 .configure_series_labels()
                 .position(SeriesLabelPosition::UpperRight)

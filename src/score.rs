@@ -5,6 +5,7 @@
 //! trace over total: plain accuracy.
 
 pub mod blind;
+pub mod curves;
 pub mod episodes;
 pub mod severity;
 

@@ -11,6 +11,7 @@ use crate::io::dialect::settings::Dialect;
 use crate::io::layout::Layout;
 use crate::io::{printable, regular_file};
 use crate::model::Geometry;
+use crate::report::ReportSettings;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -40,6 +41,7 @@ pub struct Settings {
     pub episodes: EpisodeSettings,
     pub output: OutputSettings,
     pub replay: ReplaySettings,
+    pub report: ReportSettings,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -286,6 +288,7 @@ impl Settings {
         self.identify.grey_box.check().map_err(|e| format!("identify.grey_box.{e}"))?;
         self.detect.check().map_err(|e| format!("detect.{e}"))?;
         self.episodes.check().map_err(|e| format!("episodes.{e}"))?;
+        self.report.check().map_err(|e| format!("report.{e}"))?;
         self.isolate.check().map_err(|e| format!("isolate.{e}"))
     }
 

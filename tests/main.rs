@@ -20,4 +20,5 @@ mod own_classes; // own names for what the physics knows keep sizes
 mod pipeline; // same bytes for any threads, order, chunking; drift; bad windows
 mod print_run; // recall and false alarms on a print run with known truth
 mod readers; // everything that reads what others wrote, for mutations and fuzzing
+mod report; // the report: stories over recordings, onsets, hostile names, what is missing
 mod thesis_tables; // thesis chapter 4 on the thesis-form data set

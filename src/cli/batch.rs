@@ -2,15 +2,19 @@
 //! itself alone, except where nothing more can be written.
 
 use super::account::{Account, End, RUN_NAME, Row, unwritable};
+use super::annotate;
 use super::exit::{Exit, Failure, unless_reader_gone};
 use super::failed;
 use super::output;
 use super::plan::Planned;
 use super::progress::Progress;
-use super::report::{self, printable_path};
+use super::report::{self, Detail, printable_path};
+use super::results;
 use crate::io::Limits;
+use crate::io::annotation_writer;
 use crate::io::baseline_file::BaselineFile;
 use crate::io::dialect::Dialects;
+use crate::io::inputs::Input;
 use crate::io::journal::{Entry, JournalWriter, Link, Means, Outcome};
 use crate::io::printable;
 use crate::io::recording::Recording;
@@ -45,6 +49,8 @@ pub struct Batch<'a> {
     pub control: &'a Control,
     pub telling: Telling,
     pub timings: bool,
+    /// Also what was found as messages, beside the verdicts.
+    pub annotate: bool,
     /// Of one recording alone its own report is enough.
     pub alone: bool,
     /// Recordings that failed so far.
@@ -85,6 +91,9 @@ impl Batch<'_> {
             unless_reader_gone(output::event(&event))?;
         } else if !self.alone || skipped {
             unless_reader_gone(self.account.print(&mut output::report()))?;
+            if stopped.is_none() && !output::is_quiet() {
+                self.list_faults()?;
+            }
         }
         match stopped {
             Some(stop) => return Err(stop.failure), // run.json on a full disk is the lesser loss
@@ -96,6 +105,30 @@ impl Batch<'_> {
                 self.account.rows.len()
             ))),
             exit => Ok(exit),
+        }
+    }
+
+    /// What to clean, over all recordings of the run.
+    fn list_faults(&self) -> Result<(), Failure> {
+        let verdicts = self.account.rows.iter().filter_map(|row| row.verdicts.as_ref());
+        let inputs: Vec<Input> = verdicts
+            .map(|name| Input { path: self.out.join(name), below: PathBuf::new() })
+            .filter(|input| input.path.is_file())
+            .collect();
+        if inputs.len() < 2 {
+            return Ok(());
+        }
+        let settings = &self.replay.settings.report;
+        match results::read(&inputs, settings, false, self.progress, self.control) {
+            Ok(read) => unless_reader_gone(crate::report::print(
+                &read.report,
+                printable::line,
+                &mut output::report(),
+            )),
+            Err(e) => {
+                self.progress.say(&format!("warning: no cleaning list: {}", e.message));
+                Ok(())
+            }
         }
     }
 
@@ -125,6 +158,7 @@ impl Batch<'_> {
             again.recording = this.source(*seen, again.recording.digest.take());
             self.append(&again)?;
         }
+        self.annotate(&this.placed.verdicts_in(self.out), false)?;
         self.tell(this.skipped_row(entry), &entry.counts)
     }
 
@@ -183,7 +217,20 @@ impl Batch<'_> {
             file.replace(prepared).map_err(Stop::broken)?;
             self.replay.baselines = baselines;
         }
+        self.annotate(&report.verdicts, true)?;
         self.tell_of(this, &report, &entry)
+    }
+
+    /// `anew`: earlier annotations are of earlier verdicts.
+    fn annotate(&self, verdicts: &Path, anew: bool) -> Result<(), Stop> {
+        let path = annotation_writer::path_beside(verdicts);
+        if anew {
+            let _ = std::fs::remove_file(&path); // mostly there is none
+        }
+        if !self.annotate || path.is_file() {
+            return Ok(());
+        }
+        annotate::annotate(verdicts).map_err(Stop::broken)
     }
 
     /// Warnings each kind once, then the report.
@@ -208,7 +255,8 @@ impl Batch<'_> {
         }
         if self.telling == Telling::Text {
             // whoever stopped reading still wants the other recordings' verdicts
-            let printed = report::print(report, &mut output::report());
+            let detail = if self.alone { Detail::All } else { Detail::Line };
+            let printed = report::print(report, detail, &mut output::report());
             unless_reader_gone(printed).map_err(|failure| Stop { end: End::Broken, failure })?;
         }
         self.tell(this.judged_row(report, entry), &entry.counts)

@@ -109,6 +109,14 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let mut outcome =
         engine::critique(&data, rings, labels.is_some(), &mut stages).map_err(Failure::new)?;
     outcome.critique.signals.rejected = rejected;
+    let signals = &outcome.critique.signals;
+    let (outliers, found) = (signals.outliers as u64, signals.found);
+    if args.labels.is_none() && 10 * outliers > found {
+        outcome.critique.remarks.push(format!(
+            "{outliers} of {found} signals were left out as outliers, and what they hold is not explained \
+             here: if they are healthy, say so with --labels"
+        ));
+    }
 
     outputs::remove_earlier(&args.out, &FILES).map_err(Failure::new)?;
     if !oscillator && !outcome.critique.causes.is_empty() {

@@ -1,6 +1,7 @@
 //! Words and bars: the command line, one file per verb. Results on stdout, messages on stderr.
 
 mod account;
+mod annotate;
 mod batch;
 mod burst_clock;
 mod contents;
@@ -10,6 +11,7 @@ mod dialects;
 mod exit;
 mod extended_design;
 mod failed;
+mod generate;
 mod identify;
 mod inspect;
 mod lines;
@@ -19,13 +21,15 @@ mod plan;
 mod progress;
 mod replay;
 mod report;
+mod report_page;
+mod results;
 mod score;
 mod simulate;
 mod thesis;
 mod topics;
 mod train;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use exit::{Exit, Failure};
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -34,12 +38,14 @@ use std::process::ExitCode;
 #[command(
     name = "inkling",
     version,
+    propagate_version = true,
     about = "Tells from piezo ring-downs which ink channels are faulty, with what and how badly",
     after_help = "Examples:
   inkling replay                                  what ./pipeline.toml says
   inkling replay night.mcap --design design.json --out verdicts
   inkling replay logs/ --design design.json --identify windows
   inkling train library.mcap --labels labels.csv -o design.json
+  inkling report verdicts/ -o report.html         what to clean, since when
   inkling score verdicts/ --labels labels.csv
   inkling simulate scenario.toml -o run/
 
@@ -73,8 +79,12 @@ enum Verb {
     Score(score::Args),
     /// What is in a recording, and whether it is whole
     Inspect(inspect::Args),
+    /// What to clean, since when, and how far to trust it: one page over any number of recordings
+    Report(report_page::Args),
     /// The thesis's chapter 4 again: its tables beside ours, any seeds
     Thesis(thesis::Args),
+    /// Man pages or shell completions, for packagers
+    Generate(generate::Args),
 }
 
 /// Runs the command line `args` and says how it ended.
@@ -99,7 +109,9 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Simulate(args) => simulate::run(args),
         Verb::Score(args) => score::run(args),
         Verb::Inspect(args) => inspect::run(args),
+        Verb::Report(args) => report_page::run(args),
         Verb::Thesis(args) => thesis::run(args),
+        Verb::Generate(args) => generate::run(args, Cli::command()),
     };
     match ended {
         Ok(exit) => exit.into(),

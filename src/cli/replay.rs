@@ -110,6 +110,10 @@ pub struct Args {
     /// Recognise finished recordings by their content, not by size and time of change
     #[arg(long)]
     verify: bool,
+    /// Write <stem>.annotations.mcap beside the verdicts: episodes as log lines, a moving picture of each
+    /// printhead, faulty channels burst by burst; for Foxglove, Lichtblick and Rerun
+    #[arg(long)]
+    annotate: bool,
     /// One JSON line per recording and one for the run, instead of text
     #[arg(long)]
     json: bool,
@@ -172,6 +176,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         control: &control,
         telling: if args.json { Telling::Json } else { Telling::Text },
         timings: args.timings,
+        annotate: args.annotate,
         alone: planned.len() == 1 && found.lost.is_empty(),
         failures: 0,
     };

@@ -13,7 +13,16 @@ const MOST_LISTED: usize = 12;
 /// Printheads listed.
 const MOST_PRINTHEADS: usize = 256;
 
-pub fn print(report: &RecordingReport, out: &mut impl Write) -> io::Result<()> {
+/// How much is told of a recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Detail {
+    /// Printheads and their episodes.
+    All,
+    /// One of many: a line; the list that closes the run tells of channels.
+    Line,
+}
+
+pub fn print(report: &RecordingReport, detail: Detail, out: &mut impl Write) -> io::Result<()> {
     let counts = &report.tally.counts;
     writeln!(out, "{}", printable_path(&report.name))?;
     writeln!(
@@ -38,12 +47,32 @@ pub fn print(report: &RecordingReport, out: &mut impl Write) -> io::Result<()> {
             counts.rejected.iter().map(|(why, n)| format!("{} {why}", thousands(*n))).collect();
         writeln!(out, "  rejected: {}", each.join(", "))?;
     }
+    if detail == Detail::Line {
+        let printheads = report.tally.printheads.values();
+        let flagged: u64 = printheads.map(|p| p.passed).sum();
+        let share = 100.0 * flagged as f64 / counts.judged.max(1) as f64;
+        let Counts { episodes, still_on, .. } = report.episodes.counts;
+        return writeln!(
+            out,
+            "  flagged {share:.2} %, {} fault episodes, {} of them still on at the end",
+            thousands(episodes),
+            thousands(still_on)
+        );
+    }
     writeln!(out, "  {:<20} {:>8} {:>10} {:>8}", "printhead", "channels", "signals", "flagged")?;
     let printheads = &report.tally.printheads;
     for (name, printhead) in printheads.iter().take(MOST_PRINTHEADS) {
         print_printhead(&printable(name), printhead, out)?;
         let of_it = report.episodes.listed.iter().filter(|e| e.printhead == *name);
-        print_episodes(&of_it.collect::<Vec<_>>(), out)?;
+        let mut of_it: Vec<&Episode> = of_it.collect();
+        of_it.sort_by_key(|e| (e.channel, e.began_at_ns));
+        print_episodes(&of_it, out)?;
+    }
+    if !report.episodes.listed.is_empty() {
+        writeln!(
+            out,
+            "  times UTC; ± one standard deviation; certainty: the probability of that class"
+        )?;
     }
     if printheads.len() > MOST_PRINTHEADS {
         writeln!(

@@ -3,16 +3,19 @@
 use super::exit::{Exit, Failure};
 use super::progress::complain;
 use super::report::printable as name;
+use super::report_page::write_text;
 use crate::fault::{HEALTHY, category};
 use crate::io::truth_file::Seal;
 use crate::io::verdict_reader::VerdictReader;
-use crate::io::{episode_table, inputs, labels_file, printable, regular_file, truth_file};
-use crate::labels::Labels;
+use crate::io::{episode_table, inputs, labels_file, outputs, printable, regular_file, truth_file};
+use crate::labels::{Label, Labels};
 use crate::score::blind::{Blind, Said as SaidCritique, True};
+use crate::score::curves::Curves;
 use crate::score::episodes::{EpisodeScore, EpisodesReport, SaidEpisode};
 use crate::score::severity::SeverityScore;
 use crate::score::{Report, Said, Score};
 use crate::verdict::{Outcome, VerdictColumns};
+use std::collections::HashMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -21,6 +24,8 @@ use std::path::{Path, PathBuf};
   inkling score verdicts/ --labels labels.csv
       with the episode tables beside the verdicts
   inkling score night.verdicts.parquet --labels labels.csv --json | jq .detection
+  inkling score verdicts/ --labels labels.csv --report evaluation.html
+      the same as a page with curves
   inkling score critique/critique.json --truth blind/sealed/truth.json
 
 With --truth, critiques are scored against what `inkling simulate --hide` put into their recordings: as
@@ -40,6 +45,9 @@ pub struct Args {
     /// As JSON
     #[arg(long)]
     json: bool,
+    /// A page with curves: ROC, DET, delays, reliability, risk against coverage, severities
+    #[arg(long, value_name = "FILE", conflicts_with = "truth")]
+    report: Option<PathBuf>,
 }
 
 /// Categories whose classes are sized by one quantity: a share of the nozzle's cross-section, a
@@ -48,12 +56,17 @@ const ONE_QUANTITY: [&str; 2] = ["blocked_nozzle", "dried_nozzle"];
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let Some(labels_path) = &args.labels else { return critiques(&args) };
+    if let Some(page) = &args.report {
+        outputs::check_file(page).map_err(Failure::usage)?;
+    }
     let labels = labels_file::read(labels_path).map_err(Failure::new)?;
     let files = inputs::find_verdicts(&args.verdicts).map_err(Failure::new)?;
     let mut score = Score::default();
     let (mut severity, mut of_categories) = (SeverityScore::default(), SeverityScore::default());
     let mut episodes = EpisodeScore::new(&labels);
     let mut any_episodes = false;
+    let onsets = onsets(&labels);
+    let mut curves = args.report.is_some().then(Curves::default);
     for file in &files {
         let mut verdicts = VerdictReader::open(&file.path).map_err(Failure::new)?;
         let document: serde_json::Value = verdicts
@@ -92,6 +105,10 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
                         .map(|start| &c.weights[start as usize..]),
                 };
                 score.add(said, truth.map(|label| label.state.as_str()));
+                if let (Some(curves), Some(label)) = (&mut curves, truth) {
+                    let categories = verdicts.categories();
+                    draw(curves, &c, row, label, &said, (classes, categories), &onsets);
+                }
                 if has_episodes {
                     let healthy = truth.is_some_and(|label| label.state == HEALTHY);
                     let (channel, t_ns) = (c.channel[row], c.acquired_at_ns[row]);
@@ -116,6 +133,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     report.severity = severity.report();
     report.severity_by_category = of_categories.report();
     report.episodes = any_episodes.then(|| episodes.report());
+    if let (Some(curves), Some(page)) = (&curves, &args.report) {
+        write_text(page, &crate::report::evaluation(&report, curves))?;
+    }
     let mut out = std::io::stdout().lock();
     if args.json {
         serde_json::to_writer_pretty(&mut out, &report)
@@ -146,6 +166,66 @@ fn add_episodes(path: &Path, labels: &Labels, score: &mut EpisodeScore) -> Resul
         score.add_episode(said, labels);
     }
     Ok(())
+}
+
+/// Of a labelled state on a channel, by its start: when the fault began that it is a part of.
+type Onsets = HashMap<(String, Option<u32>, Option<i64>), Option<i64>>;
+
+/// A fault that grows is labelled row after row: what follows without a gap is the same fault.
+fn onsets(labels: &Labels) -> Onsets {
+    let mut faulty: Vec<&Label> = labels.rows().iter().filter(|l| l.state != HEALTHY).collect();
+    faulty.sort_by_key(|l| (&l.printhead, l.channel, l.from_ns));
+    let mut onsets = Onsets::new();
+    let mut before: Option<(&Label, Option<i64>)> = None;
+    for label in faulty {
+        let goes_on = |&(last, _): &(&Label, Option<i64>)| {
+            let same = (&last.printhead, last.channel) == (&label.printhead, label.channel);
+            same && last.to_ns.is_none_or(|to| label.from_ns.is_none_or(|from| from <= to))
+        };
+        let onset = before.filter(goes_on).map_or(label.from_ns, |(_, onset)| onset);
+        onsets.insert((label.printhead.clone(), label.channel, label.from_ns), onset);
+        before = Some((label, onset));
+    }
+    onsets
+}
+
+fn onset(onsets: &Onsets, label: &Label) -> Option<i64> {
+    let key = (label.printhead.clone(), label.channel, label.from_ns);
+    onsets.get(&key).copied().unwrap_or(label.from_ns)
+}
+
+/// One judged row with a known truth, for the curves. `names`: of classes and categories.
+fn draw(
+    curves: &mut Curves,
+    c: &VerdictColumns,
+    row: usize,
+    label: &Label,
+    said: &Said,
+    (classes, categories): (&[String], &[String]),
+    onsets: &Onsets,
+) {
+    let is_healthy = label.state == HEALTHY;
+    let printhead = || c.printheads[c.printhead[row] as usize].clone();
+    let event = (!is_healthy).then(|| (printhead(), c.channel[row], onset(onsets, label)));
+    if let Some((statistic, threshold)) = c.statistic[row].zip(c.threshold[row]) {
+        curves.add(f64::from(statistic) / f64::from(threshold), event);
+    }
+    let word = match (c.outcome[row], c.fault[row], c.category[row]) {
+        (Outcome::Faulty, Some(class), _) => classes.get(usize::from(class)),
+        (Outcome::Faulty, None, Some(category)) => categories.get(usize::from(category)),
+        _ => None,
+    };
+    curves.add_said(&label.state, word.map_or(c.outcome[row].as_str(), String::as_str));
+    if let (false, Some(candidate)) = (is_healthy, said.candidate) {
+        if let Some(certainty) = said.certainty {
+            curves.add_certainty(certainty, candidate == label.state);
+        }
+        if let (Some(stated), Some(size), true) =
+            (c.severity[row], label.severity, candidate == label.state)
+        {
+            curves.add_severity(&label.state, size, stated.into());
+        }
+    }
 }
 
 /// Critiques against truths, pair by pair.

@@ -7,7 +7,7 @@
 
 use super::digits::{chance, measured, short, significant};
 use super::finding::{
-    CovariateFigure, Critique, Detection, Energies, Evidence, Gain, GainFigures, HeldOut,
+    Cause, CovariateFigure, Critique, Detection, Energies, Evidence, Gain, GainFigures, HeldOut,
     MeanMisfit, NotTestable, Spectrum, Verdict,
 };
 use crate::plot::{Axis, Figure, Mark, Series};
@@ -91,8 +91,12 @@ fn causes(c: &Critique, page: &mut String) -> std::fmt::Result {
         Verdict::Tie => "One of these",
         _ => "What it is",
     };
+    let shared = explained_together(&c.causes);
+    let together = shared.map_or(String::new(), |share| {
+        format!("<p>Together they explain {} % of it.</p>\n", short(100.0 * share))
+    });
     page.write_str(&format!(
-        "<h2>{title}</h2>\n<table><tr><th>cause</th><th>parameter</th><th class=n>value (95 % interval)</th>\
+        "<h2>{title}</h2>\n{together}<table><tr><th>cause</th><th>parameter</th><th class=n>value (95 % interval)</th>\
          <th class=n>strength</th><th class=n>delta BIC</th>\
          <th>matters for detection</th></tr>\n"
     ))?;
@@ -101,7 +105,8 @@ fn causes(c: &Critique, page: &mut String) -> std::fmt::Result {
             true => String::new(),
             false => format!("<br>or {}", escaped(&cause.tied_with.join(", "))),
         };
-        let explains = cause.explains.map_or(String::new(), |share| {
+        let own = cause.explains.filter(|_| shared.is_none());
+        let explains = own.map_or(String::new(), |share| {
             format!("<br>explains {} % of it", short(100.0 * share))
         });
         writeln!(
@@ -120,8 +125,17 @@ fn causes(c: &Critique, page: &mut String) -> std::fmt::Result {
     let sentences: Vec<String> = c.causes.iter().map(|cause| cause.sentence.clone()).collect();
     list(page, "", &sentences)?;
     page.write_str(
-        "<p class=\"note\">DL: detection limits; 1 DL is found in 90 of 100 recordings.</p>\n",
+        "<p class=\"note\">Strength in DL, detection limits: 1 DL is the size at which a test of this one \
+         effect alone would find it in 90 of 100 recordings. Among all candidates it was found in 54 of 103 \
+         simulated recordings at 1 DL, in 252 of 253 from 2 DL on. Delta BIC: evidence gained over the price of \
+         the parameters, 10 is strong.</p>\n",
     )
+}
+
+/// The share that several causes explain as one: it is of none of them alone.
+fn explained_together(causes: &[Cause]) -> Option<f64> {
+    let first = causes.first()?.explains?;
+    (causes.len() > 1 && causes.iter().all(|c| c.explains == Some(first))).then_some(first)
 }
 
 fn list(page: &mut String, title: &str, lines: &[String]) -> std::fmt::Result {
@@ -468,8 +482,10 @@ fn evidence(evidence: &[Evidence]) -> Option<Figure> {
     let first: Vec<&Evidence> = evidence.iter().filter(|e| e.step == 0).filter(drawable).collect();
     let last_step = evidence.iter().map(|e| e.step).max()?;
     let mut order = first.clone();
-    order.sort_by(|x, y| ratio(x).total_cmp(&ratio(y)));
-    let strongest = order.last()?;
+    let strongest = *order.iter().max_by(|x, y| ratio(x).total_cmp(&ratio(y)))?;
+    // as it was decided: what was chosen on top, then by evidence
+    order.sort_by(|x, y| (x.accepted.cmp(&y.accepted)).then(ratio(x).total_cmp(&ratio(y))));
+    let passed_over = order.last().filter(|top| top.accepted && top.id != strongest.id);
     let ids: Vec<String> = order.iter().map(|e| e.id.clone()).collect();
     let place = |id: &str| ids.iter().position(|known| known == id).map(|k| k as f64);
     let points = |step: u32| -> Vec<(f64, f64)> {
@@ -482,10 +498,14 @@ fn evidence(evidence: &[Evidence]) -> Option<Figure> {
         series_of.push(series("after the extension", Mark::Dots, points(last_step)));
     }
     Some(Figure {
-        title: match beyond {
-            0 => "No candidate reaches its threshold".to_owned(),
-            1 => format!("One candidate passes: {}", strongest.id),
-            n => format!("{n} candidates pass alone, {} furthest", strongest.id),
+        title: match (beyond, passed_over) {
+            (0, _) => "No candidate reaches its threshold".to_owned(),
+            (_, Some(chosen)) => format!(
+                "{} is chosen, not {} with more evidence: {}",
+                chosen.id, strongest.id, strongest.why_not
+            ),
+            (1, _) => format!("One candidate passes: {}", strongest.id),
+            (n, _) => format!("{n} candidates pass alone, {} furthest", strongest.id),
         },
         x: Axis { log: true, ..Axis::new("likelihood-ratio statistic over its threshold") },
         // empty places above, for the legend

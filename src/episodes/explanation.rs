@@ -105,14 +105,14 @@ fn signed_percent(percent: f64) -> String {
 }
 
 /// `.97`; never a rounded 1.
-fn share(c: f64) -> String {
+pub fn share(c: f64) -> String {
     let rounded = format!("{:.2}", c.clamp(0.0, 0.99));
     rounded.trim_start_matches('0').to_owned()
 }
 
 /// `, 22 ± 3 % of the cross-section`: what the severity of a class is (contract), with its standard
 /// deviation; nothing where it was not sized.
-fn size_in_words(class: &str, severity: Option<f64>, sd: Option<f64>) -> String {
+pub fn size_in_words(class: &str, severity: Option<f64>, sd: Option<f64>) -> String {
     let Some(size) = severity.filter(|s| s.is_finite()) else { return String::new() };
     let of = |scale: f64| -> String {
         let size = size * scale;

@@ -160,8 +160,8 @@ pub fn path_beside(verdicts: &Path) -> PathBuf {
     verdicts.with_file_name(format!("{stem}.episodes.parquet"))
 }
 
-/// The rows of an episode table, as we wrote it or as another tool wrote it again. Of the columns
-/// only those are read that say where, when and what.
+/// The rows of an episode table, as we wrote it or as another tool wrote it again. Severities and
+/// sentences may be missing.
 pub fn read(path: &Path) -> Result<Vec<Episode>, TableError> {
     let file = regular_file::open(path)
         .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
@@ -201,7 +201,18 @@ fn rows(batch: &RecordBatch) -> Result<Vec<Episode>, String> {
     let (categories, faults) = (texts("category")?, texts("fault")?);
     let (raised, began, ended) = (times("raised_at")?, times("began_at")?, times("ended_at")?);
     let (bursts, certainty) = (numbers("bursts")?, numbers("certainty")?);
+    let or_nothing = |name: &str| match batch.column_by_name(name) {
+        Some(_) => numbers(name),
+        None => Ok(vec![None; batch.num_rows()]),
+    };
+    let (first, max) = (or_nothing("severity_first")?, or_nothing("severity_max")?);
+    let (last, sd) = (or_nothing("severity_last")?, or_nothing("severity_sd")?);
+    let explanations = match batch.column_by_name("explanation") {
+        Some(_) => texts("explanation")?,
+        None => vec![None; batch.num_rows()],
+    };
     let missing = |name: &str| format!("column `{name}` has a null or a number out of range");
+    let finite = |value: Option<f64>| value.filter(|v| v.is_finite());
     (0..batch.num_rows())
         .map(|i| {
             let channel = channels[i].filter(|c| *c >= 0.0 && *c <= f64::from(u32::MAX));
@@ -216,11 +227,11 @@ fn rows(batch: &RecordBatch) -> Result<Vec<Episode>, String> {
                 ended_at_ns: ended[i],
                 bursts: bursts[i].unwrap_or(0.0) as u64,
                 certainty: certainty[i].filter(|c| !c.is_nan()),
-                severity_first: None,
-                severity_max: None,
-                severity_last: None,
-                severity_sd: None,
-                explanation: String::new(),
+                severity_first: finite(first[i]),
+                severity_max: finite(max[i]),
+                severity_last: finite(last[i]),
+                severity_sd: finite(sd[i]),
+                explanation: explanations[i].clone().unwrap_or_default(),
             })
         })
         .collect()
@@ -241,11 +252,11 @@ mod tests {
             ended_at_ns: None,
             bursts: 12,
             certainty: Some(0.5),
-            severity_first: None,
+            severity_first: Some(0.25),
             severity_max: None,
-            severity_last: None,
+            severity_last: Some(0.5),
             severity_sd: None,
-            explanation: String::new(),
+            explanation: "channel 713: partly blocked".into(),
         };
         let ended = Some(1_700_000_001_000_000_000);
         let second = Episode { category: None, fault: None, ended_at_ns: ended, ..first.clone() };

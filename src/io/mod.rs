@@ -5,6 +5,7 @@
 //!
 //! It must never trust a size, panic on bad input, or leave a half-written file under its final name.
 
+pub mod annotation_writer;
 pub mod baseline_file;
 pub mod block_reader;
 mod buffers;
@@ -18,6 +19,7 @@ pub mod design_file;
 pub mod dialect;
 pub mod digest;
 pub mod episode_table;
+pub mod fault_table;
 pub mod inputs;
 mod ipc_sizes;
 pub mod journal;
@@ -37,6 +39,7 @@ pub mod run_lock;
 pub mod sampling;
 pub mod scan;
 mod source;
+pub mod summary_file;
 pub mod table_file;
 pub mod truth_file;
 pub mod verdict_reader;

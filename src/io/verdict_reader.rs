@@ -15,6 +15,7 @@ use arrow_array::types::{
 };
 use arrow_array::{Array, ArrayRef, RecordBatch};
 use arrow_schema::{DataType, TimeUnit};
+use parquet::arrow::ProjectionMask;
 use parquet::arrow::arrow_reader::{
     ArrowReaderOptions, ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder,
 };
@@ -35,6 +36,15 @@ pub struct VerdictReader {
 
 impl VerdictReader {
     pub fn open(path: &Path) -> Result<VerdictReader, TableError> {
+        VerdictReader::of_columns(path, None)
+    }
+
+    /// Reads these columns alone; the others are null where they may be.
+    pub fn open_columns(path: &Path, names: &[&str]) -> Result<VerdictReader, TableError> {
+        VerdictReader::of_columns(path, Some(names))
+    }
+
+    fn of_columns(path: &Path, names: Option<&[&str]>) -> Result<VerdictReader, TableError> {
         let file = regular_file::open(path)
             .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
         let failed = |source| TableError::Parquet { path: path.to_path_buf(), source };
@@ -42,7 +52,11 @@ impl VerdictReader {
         // than can be read (pandas: a dictionary of nulls), and then the reader panics.
         let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
         let open = || ParquetRecordBatchReaderBuilder::try_new_with_options(file, options);
-        let builder = unpanicked(path, open)?.map_err(failed)?;
+        let mut builder = unpanicked(path, open)?.map_err(failed)?;
+        if let Some(names) = names {
+            let mask = ProjectionMask::columns(builder.parquet_schema(), names.iter().copied());
+            builder = builder.with_projection(mask);
+        }
         let metadata = builder.metadata().file_metadata().key_value_metadata();
         let metadata_json = metadata
             .and_then(|all| all.iter().find(|entry| entry.key == METADATA_KEY))
@@ -236,17 +250,22 @@ impl Texts {
             let keys = keys.map(|(row, key)| column.is_valid(row).then_some(key)).collect();
             return Some(Texts { keys, values });
         }
-        let mut index: HashMap<String, usize> = HashMap::new();
+        // texts mostly repeat the one before
+        let mut index: HashMap<&str, usize> = HashMap::new();
+        let mut last = None;
         let mut values = Vec::new();
-        let keys = plain(column)?.into_iter().map(|text| {
-            text.map(|text| {
-                *index.entry(text).or_insert_with_key(|text| {
-                    values.push(Some(text.clone()));
+        let mut key = |text| match last {
+            Some((before, key)) if before == text => key,
+            _ => {
+                let key = *index.entry(text).or_insert_with(|| {
+                    values.push(Some(text.to_owned()));
                     values.len() - 1
-                })
-            })
-        });
-        let keys = keys.collect();
+                });
+                last = Some((text, key));
+                key
+            }
+        };
+        let keys = texts(column)?.map(|text| text.map(&mut key)).collect();
         Some(Texts { keys, values })
     }
 
@@ -285,14 +304,16 @@ impl Texts {
 }
 
 fn plain(column: &ArrayRef) -> Option<Vec<Option<String>>> {
-    fn owned<'a>(texts: impl Iterator<Item = Option<&'a str>>) -> Vec<Option<String>> {
-        texts.map(|t| t.map(String::from)).collect()
-    }
+    Some(texts(column)?.map(|text| text.map(String::from)).collect())
+}
+
+/// The rows of a column of texts; `None`: it is none.
+fn texts(column: &ArrayRef) -> Option<Box<dyn Iterator<Item = Option<&str>> + '_>> {
     Some(match column.data_type() {
-        DataType::Utf8 => owned(column.as_string::<i32>().iter()),
-        DataType::LargeUtf8 => owned(column.as_string::<i64>().iter()),
-        DataType::Utf8View => owned(column.as_string_view().iter()),
-        DataType::Null => vec![None; column.len()],
+        DataType::Utf8 => Box::new(column.as_string::<i32>().iter()),
+        DataType::LargeUtf8 => Box::new(column.as_string::<i64>().iter()),
+        DataType::Utf8View => Box::new(column.as_string_view().iter()),
+        DataType::Null => Box::new(std::iter::repeat_n(None, column.len())),
         _ => return None,
     })
 }

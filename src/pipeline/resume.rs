@@ -100,6 +100,7 @@ impl Means {
 /// All settings but those that no verdict depends on. Files count by their content, elsewhere.
 fn effective(settings: &Settings) -> Value {
     let mut all = serde_json::to_value(settings).unwrap_or_default();
+    all.as_object_mut().map(|sections| sections.remove("report"));
     for (section, keys) in [
         ("input", &["recordings", "design", "baseline"][..]),
         ("identify", &["labels"]),

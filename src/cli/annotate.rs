@@ -1,0 +1,90 @@
+//! What was found, beside the recording: `--annotate`. In: a recording's verdicts and episodes. Out:
+//! `<stem>.annotations.mcap`, on the recording's own time line.
+
+use crate::episodes::Episode;
+use crate::io::annotation_writer::{self, AnnotationWriter, ChannelState, Level};
+use crate::io::episode_table;
+use crate::io::verdict_reader::VerdictReader;
+use crate::report::{Names, Survey, waterfalls};
+use crate::verdict::{Outcome, VerdictColumns};
+use std::collections::HashSet;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Channels that are told burst by burst: those whose episodes come first.
+const MOST_WATCHED: usize = 256;
+
+/// `Err`: what cannot be written or read.
+pub fn annotate(verdicts: &Path) -> Result<(), String> {
+    let told = |e: &dyn std::fmt::Display| e.to_string();
+    let episodes =
+        episode_table::read(&episode_table::path_beside(verdicts)).map_err(|e| told(&e))?;
+    let path = annotation_writer::path_beside(verdicts);
+    let mut writer = AnnotationWriter::create(&path).map_err(|e| told(&e))?;
+    for e in &episodes {
+        log(&mut writer, e).map_err(|e| told(&e))?;
+    }
+    let channels = episodes.iter().map(|e| (e.printhead.clone(), e.channel));
+    let mut watched = HashSet::new();
+    for channel in channels {
+        if watched.len() < MOST_WATCHED {
+            watched.insert(channel);
+        }
+    }
+    let mut survey = Survey::new(vec![episodes], true);
+    let mut reader = VerdictReader::open(verdicts).map_err(|e| told(&e))?;
+    while let Some(columns) = reader.next() {
+        let columns = columns.map_err(|e| told(&e))?;
+        let names = Names { classes: reader.classes(), categories: reader.categories() };
+        survey.add(0, &columns, names);
+        states(&mut writer, &columns, &watched, names)?;
+    }
+    for head in &survey.heads {
+        waterfalls(head, |t_ns, png| writer.image(t_ns, &head.name, png).map_err(|e| told(&e)))?;
+    }
+    writer.finish().map_err(|e| told(&e))
+}
+
+fn log(
+    writer: &mut AnnotationWriter,
+    e: &Episode,
+) -> Result<(), crate::io::recording::RecordingError> {
+    writer.log(e.raised_at_ns, Level::Warning, &e.printhead, &e.explanation)?;
+    match e.ended_at_ns {
+        Some(end) => {
+            let healthy = format!("channel {}: healthy again", e.channel);
+            writer.log(end, Level::Info, &e.printhead, &healthy)
+        }
+        None => Ok(()),
+    }
+}
+
+/// One small message per burst of each watched channel.
+fn states(
+    writer: &mut AnnotationWriter,
+    c: &VerdictColumns,
+    watched: &HashSet<(Arc<str>, u32)>,
+    names: Names,
+) -> Result<(), String> {
+    for row in 0..c.len() {
+        let printhead = &c.printheads[c.printhead[row] as usize];
+        let is_judged = c.outcome[row] != Outcome::Rejected;
+        if !is_judged || !watched.contains(&(printhead.clone(), c.channel[row])) {
+            continue;
+        }
+        let class = c.fault[row].and_then(|k| names.classes.get(usize::from(k)));
+        let category = c.category[row].and_then(|k| names.categories.get(usize::from(k)));
+        let ratio =
+            c.statistic[row].zip(c.threshold[row]).map(|(s, t)| f64::from(s) / f64::from(t));
+        let state = ChannelState {
+            channel: c.channel[row],
+            statistic_over_threshold: ratio.unwrap_or(f64::NAN),
+            flagged: c.outcome[row] != Outcome::Healthy,
+            severity: c.severity[row].map(f64::from),
+            certainty: c.certainty[row].map(f64::from),
+            what: class.or(category).cloned().unwrap_or_default(),
+        };
+        writer.state(c.acquired_at_ns[row], printhead, state).map_err(|e| e.to_string())?;
+    }
+    Ok(())
+}

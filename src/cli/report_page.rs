@@ -1,0 +1,84 @@
+//! `inkling report`: what to clean, since when, and how far to trust it.
+
+use super::exit::{Exit, Failure};
+use super::progress::{Progress, interruptible};
+use super::{output, results};
+use crate::io::part_file::PartFile;
+use crate::io::{fault_table, inputs, outputs, printable};
+use crate::report;
+use crate::settings::Settings;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Complaints told one by one.
+const MOST_TOLD: usize = 10;
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  inkling report verdicts/ -o report.html
+      all recordings below verdicts/, one night or a year; beside it report.faults.parquet
+  inkling report verdicts/2026-03-* -o march.html --config pipeline.toml
+      with [report.actions] and the nozzles' places as pipeline.toml has them
+  inkling report verdicts/ -o report.html --set report.actions.dried_nozzle=\"spit 2000 drops\"
+
+Reads what `inkling replay` wrote: verdicts, episodes, summaries. The page loads and runs nothing.
+In it ± is one standard deviation; “change” is per day, with its 95 % interval.")]
+pub struct Args {
+    /// Directories of results, verdict files, or patterns
+    #[arg(required = true)]
+    out: Vec<String>,
+    /// The page; its table of faults goes beside it
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Settings file, for its section [report]
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// A setting of [report], repeatable
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+pub fn run(args: Args) -> Result<Exit, Failure> {
+    if let Some(other) = args.set.iter().find(|pair| !pair.trim_start().starts_with("report.")) {
+        return Err(Failure::usage(format!(
+            "--set {}: has no effect on a report: its settings begin with report.",
+            printable::cell(other)
+        )));
+    }
+    let settings = Settings::load(args.config.as_deref(), None, &args.set)?.report;
+    let is_page = args.output.extension().is_some_and(|e| e == "html" || e == "htm");
+    if !is_page {
+        let name = args.output.display();
+        return Err(Failure::usage(format!("{name}: the result is a page: give a name.html")));
+    }
+    let table = args.output.with_extension("faults.parquet");
+    for path in [&args.output, &table] {
+        outputs::check_file(path).map_err(Failure::usage)?;
+    }
+    let found = inputs::find_verdicts(&args.out).map_err(Failure::new)?;
+    let progress = Progress::new(1, 0);
+    let read = results::read(&found, &settings, true, &progress, &interruptible())?;
+    for note in &read.notes {
+        progress.say(&format!("warning: {note}"));
+    }
+    for failure in read.failed.iter().take(MOST_TOLD) {
+        progress.fail(&format!("inkling: {failure}"));
+    }
+    if read.failed.len() > MOST_TOLD {
+        progress.fail(&format!("inkling: and {} more", read.failed.len() - MOST_TOLD));
+    }
+    fault_table::write(&table, &read.report.faults).map_err(Failure::new)?;
+    write_text(&args.output, &report::html(&read.report))?;
+    let mut out = output::report();
+    report::print(&read.report, printable::line, &mut out)?;
+    writeln!(out, "{}, {}", args.output.display(), table.display())?;
+    Ok(if read.failed.is_empty() { Exit::Done } else { Exit::Incomplete })
+}
+
+/// A page gets its name when it is whole.
+pub fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
+    let failed = |e: std::io::Error| Failure::new(format!("{}: {e}", path.display()));
+    let (part, mut file) = PartFile::create(path).map_err(failed)?;
+    file.write_all(text.as_bytes()).map_err(failed)?;
+    part.finish(&file).map_err(failed)
+}

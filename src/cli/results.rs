@@ -1,0 +1,194 @@
+//! Results of earlier replays, read again for a report: summaries and episodes, then all verdicts once.
+
+use super::exit::Failure;
+use super::progress::Progress;
+use crate::io::inputs::Input;
+use crate::io::verdict_reader::VerdictReader;
+use crate::io::verdict_table::TableError;
+use crate::io::{episode_table, summary_file};
+use crate::pipeline::Control;
+use crate::report::{Names, Report, ReportSettings, Source, Survey};
+use crate::verdict::VerdictColumns;
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+
+/// What a report looks at, of a table's columns.
+const COLUMNS: [&str; 10] = [
+    "acquired_at",
+    "printhead",
+    "channel",
+    "outcome",
+    "category",
+    "candidate",
+    "statistic",
+    "threshold",
+    "severity",
+    "reason",
+];
+/// Batches read ahead: some 10 MB each.
+const READ_AHEAD: usize = 4;
+
+/// A report, and what of the results could not be read.
+pub struct Read {
+    pub report: Report,
+    pub failed: Vec<String>,
+    /// Nothing of it is lost, but worth saying.
+    pub notes: Vec<String>,
+}
+
+/// Some rows of a recording, with what their columns index.
+struct Batch {
+    recording: usize,
+    columns: VerdictColumns,
+    classes: Vec<String>,
+    categories: Vec<String>,
+}
+
+/// One by one they cost themselves alone; if nothing can be read, that is the failure.
+pub fn read(
+    inputs: &[Input],
+    settings: &ReportSettings,
+    with_maps: bool,
+    progress: &Progress,
+    control: &Control,
+) -> Result<Read, Failure> {
+    let (mut failed, mut notes) = (Vec::new(), Vec::new());
+    let (mut sources, mut episodes, mut files) = (Vec::new(), Vec::new(), Vec::new());
+    let mut seen = BTreeSet::new();
+    for input in inputs {
+        let source = match source(input, &mut notes) {
+            Ok(source) => source,
+            Err(e) => {
+                failed.push(e);
+                continue;
+            }
+        };
+        let recording = &source.document["recording"];
+        if let Some(digest) = recording["digest"].as_str()
+            && !seen.insert(digest.to_owned())
+        {
+            let file = input.path.display();
+            notes.push(format!("{file}: verdicts of a recording that is there already: left out"));
+            continue;
+        }
+        let mut source = source;
+        episodes.push(episodes_of(&input.path, &mut source, &mut failed));
+        sources.push(source);
+        files.push(input.path.as_path());
+    }
+    let mut survey = Survey::new(episodes, with_maps);
+    let bytes = files.iter().filter_map(|f| f.metadata().ok()).map(|m| m.len()).sum();
+    progress.during("verdicts", bytes, control, || {
+        let (send, receive) = sync_channel(READ_AHEAD);
+        std::thread::scope(|scope| {
+            let files = &files;
+            scope.spawn(move || read_all(files, control, &send));
+            look(receive, &mut survey, control, &mut failed);
+        });
+    });
+    if control.interrupted() {
+        return Err(Failure::new("interrupted; nothing was written"));
+    }
+    if survey.heads.iter().all(|head| head.tallies.is_empty()) {
+        let first = failed.into_iter().next();
+        return Err(Failure::new(first.unwrap_or_else(|| "the verdict tables are empty".into())));
+    }
+    Ok(Read { report: Report::new(&sources, survey, settings.clone()), failed, notes })
+}
+
+fn source(input: &Input, notes: &mut Vec<String>) -> Result<Source, String> {
+    let file = input.path.file_name().unwrap_or_default().to_string_lossy();
+    let stem = file.strip_suffix(".verdicts.parquet").unwrap_or(&file);
+    let name = input.below.join(stem).to_string_lossy().into_owned();
+    let beside = summary_file::read(&summary_file::path_beside(&input.path)).unwrap_or_else(|e| {
+        notes.push(e);
+        None
+    });
+    if let Some(document) = beside {
+        return Ok(Source { name, document, missing: Vec::new() });
+    }
+    let verdicts = VerdictReader::open_columns(&input.path, &[]).map_err(|e| e.to_string())?;
+    let document = summary_file::of_metadata(verdicts.metadata_json());
+    Ok(Source { name, document, missing: vec!["summary"] })
+}
+
+fn episodes_of(
+    verdicts: &Path,
+    source: &mut Source,
+    failed: &mut Vec<String>,
+) -> Vec<crate::episodes::Episode> {
+    let path = episode_table::path_beside(verdicts);
+    let read = episode_table::read(&path);
+    read.unwrap_or_else(|e| {
+        source.missing.push("episodes");
+        failed.push(match e {
+            TableError::Io { source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
+                format!(
+                    "{}: is missing: its faults are not in the report; replay again",
+                    path.display()
+                )
+            }
+            e => e.to_string(),
+        });
+        Vec::new()
+    })
+}
+
+/// Batches of all files in their order, read ahead of whoever looks at them.
+fn read_all(files: &[&Path], control: &Control, send: &SyncSender<Result<Batch, String>>) {
+    for (recording, file) in files.iter().enumerate() {
+        let read = read_one(recording, file, control, send);
+        if let Err(e) = read.map_err(|e| e.to_string()) {
+            let rows = "its rows from there on are not in the report";
+            if send.send(Err(format!("{e}; {rows}"))).is_err() {
+                return;
+            }
+        }
+        let bytes = file.metadata().map_or(0, |m| m.len());
+        control.bytes_read.fetch_add(bytes, Ordering::Relaxed);
+        if control.interrupted() {
+            return;
+        }
+    }
+}
+
+fn read_one(
+    recording: usize,
+    file: &Path,
+    control: &Control,
+    send: &SyncSender<Result<Batch, String>>,
+) -> Result<(), TableError> {
+    let mut verdicts = VerdictReader::open_columns(file, &COLUMNS)?;
+    while let Some(columns) = verdicts.next() {
+        let columns = columns?;
+        control.signals.fetch_add(columns.len() as u64, Ordering::Relaxed);
+        let (classes, categories) = (verdicts.classes().to_vec(), verdicts.categories().to_vec());
+        let sent = send.send(Ok(Batch { recording, columns, classes, categories }));
+        if sent.is_err() || control.interrupted() {
+            return Ok(()); // nobody looks any more
+        }
+    }
+    Ok(())
+}
+
+fn look(
+    batches: Receiver<Result<Batch, String>>,
+    survey: &mut Survey,
+    control: &Control,
+    failed: &mut Vec<String>,
+) {
+    for batch in batches {
+        match batch {
+            Ok(batch) => {
+                let names = Names { classes: &batch.classes, categories: &batch.categories };
+                survey.add(batch.recording, &batch.columns, names);
+            }
+            Err(e) => failed.push(e),
+        }
+        if control.interrupted() {
+            return;
+        }
+    }
+}

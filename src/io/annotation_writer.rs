@@ -1,0 +1,240 @@
+//! What was found, as messages beside the recording: `<stem>.annotations.mcap`.
+//!
+//! In: episodes, pictures of printheads, states of channels, each with its time. Out: an MCAP file with
+//! `foxglove.Log`, `foxglove.CompressedImage` and `inkling.ChannelState` messages (`schemas/`), under its
+//! name once it is whole. MCAP knows no time before 1970: what is older lies at 0.
+
+use super::burst_codec::MESSAGE_ENCODING;
+use super::part_file::PartFile;
+use super::recording::RecordingError;
+use mcap::records::MessageHeader;
+use prost::Message as _;
+use prost_types::Timestamp;
+use std::collections::{BTreeMap, HashMap};
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+/// Code that build.rs generates from the schemas of annotations.
+mod wire {
+    #![allow(clippy::all, missing_docs)]
+    pub mod foxglove {
+        include!(concat!(env!("OUT_DIR"), "/annotations/foxglove.rs"));
+    }
+    pub mod inkling {
+        include!(concat!(env!("OUT_DIR"), "/annotations/inkling.rs"));
+    }
+}
+
+const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/annotations.fds"));
+/// Where episodes are told.
+pub const LOG_TOPIC: &str = "/inkling/log";
+/// MCAP numbers channels by 16 bits; the rest is for logs and pictures.
+const MOST_TOPICS: usize = 60_000;
+
+/// How urgent a line of the log is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    Info,
+    Warning,
+}
+
+/// A channel at one burst.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ChannelState {
+    pub channel: u32,
+    pub statistic_over_threshold: f64,
+    pub flagged: bool,
+    pub severity: Option<f64>,
+    pub certainty: Option<f64>,
+    /// The named class, else the category, else empty.
+    pub what: String,
+}
+
+pub struct AnnotationWriter {
+    writer: Option<mcap::Writer<BufWriter<File>>>,
+    part: Option<PartFile>,
+    path: PathBuf,
+    /// Schema ids by name.
+    schemas: HashMap<&'static str, u16>,
+    /// Channel id and next sequence number by topic.
+    topics: HashMap<String, (u16, u32)>,
+    /// Messages on topics beyond the most.
+    pub left_out: u64,
+}
+
+/// `<stem>.verdicts.parquet` -> `<stem>.annotations.mcap`.
+pub fn path_beside(verdicts: &Path) -> PathBuf {
+    let name = verdicts.file_name().unwrap_or_default().to_string_lossy();
+    let stem = name.strip_suffix(".verdicts.parquet").unwrap_or(&name);
+    verdicts.with_file_name(format!("{stem}.annotations.mcap"))
+}
+
+impl AnnotationWriter {
+    pub fn create(path: &Path) -> Result<AnnotationWriter, RecordingError> {
+        let (part, file) = PartFile::create(path)
+            .map_err(|source| RecordingError::Write { path: path.to_path_buf(), source })?;
+        let writer = mcap::WriteOptions::new()
+            .library("inkling")
+            .compression(Some(mcap::Compression::Lz4))
+            .compression_threads(0) // same bytes on every machine
+            .create(BufWriter::new(file))
+            .map_err(|source| RecordingError::Mcap { path: path.to_path_buf(), source })?;
+        Ok(AnnotationWriter {
+            writer: Some(writer),
+            part: Some(part),
+            path: path.to_path_buf(),
+            schemas: HashMap::new(),
+            topics: HashMap::new(),
+            left_out: 0,
+        })
+    }
+
+    /// A line of the log; `name`: the printhead.
+    pub fn log(
+        &mut self,
+        t_ns: i64,
+        level: Level,
+        name: &str,
+        message: &str,
+    ) -> Result<(), RecordingError> {
+        use wire::foxglove::log;
+        let level = match level {
+            Level::Info => log::Level::Info,
+            Level::Warning => log::Level::Warning,
+        };
+        let line = wire::foxglove::Log {
+            timestamp: Some(timestamp(t_ns)),
+            level: level.into(),
+            message: message.into(),
+            name: name.into(),
+            file: String::new(),
+            line: 0,
+        };
+        self.write(LOG_TOPIC, "foxglove.Log", t_ns, &line.encode_to_vec())
+    }
+
+    /// A printhead's picture at a time, PNG.
+    pub fn image(
+        &mut self,
+        t_ns: i64,
+        printhead: &str,
+        png: Vec<u8>,
+    ) -> Result<(), RecordingError> {
+        let image = wire::foxglove::CompressedImage {
+            timestamp: Some(timestamp(t_ns)),
+            frame_id: printhead.into(),
+            data: png.into(),
+            format: "png".into(),
+        };
+        let topic = format!("/inkling/{printhead}/map");
+        self.write(&topic, "foxglove.CompressedImage", t_ns, &image.encode_to_vec())
+    }
+
+    /// A watched channel at one burst.
+    pub fn state(
+        &mut self,
+        t_ns: i64,
+        printhead: &str,
+        state: ChannelState,
+    ) -> Result<(), RecordingError> {
+        let topic = format!("/inkling/{printhead}/channel/{}", state.channel);
+        let message = wire::inkling::ChannelState {
+            timestamp: Some(timestamp(t_ns)),
+            channel: state.channel,
+            statistic_over_threshold: state.statistic_over_threshold,
+            flagged: state.flagged,
+            severity: state.severity,
+            certainty: state.certainty,
+            what: state.what,
+        };
+        self.write(&topic, "inkling.ChannelState", t_ns, &message.encode_to_vec())
+    }
+
+    fn write(
+        &mut self,
+        topic: &str,
+        schema: &'static str,
+        t_ns: i64,
+        data: &[u8],
+    ) -> Result<(), RecordingError> {
+        self.try_write(topic, schema, t_ns, data).map_err(|source| self.failed(source))
+    }
+
+    fn try_write(
+        &mut self,
+        topic: &str,
+        schema: &'static str,
+        t_ns: i64,
+        data: &[u8],
+    ) -> Result<(), mcap::McapError> {
+        let Some(writer) = &mut self.writer else {
+            return Err(mcap::McapError::AttemptedWriteAfterFailure);
+        };
+        if !self.topics.contains_key(topic) {
+            if self.topics.len() >= MOST_TOPICS {
+                self.left_out += 1;
+                return Ok(());
+            }
+            let schema_id = match self.schemas.get(schema) {
+                Some(&id) => id,
+                None => {
+                    let id = writer.add_schema(schema, MESSAGE_ENCODING, FILE_DESCRIPTOR_SET)?;
+                    self.schemas.insert(schema, id);
+                    id
+                }
+            };
+            let id = writer.add_channel(schema_id, topic, MESSAGE_ENCODING, &BTreeMap::new())?;
+            self.topics.insert(topic.to_owned(), (id, 0));
+        }
+        let Some((channel_id, sequence)) = self.topics.get_mut(topic) else { return Ok(()) };
+        let time = u64::try_from(t_ns).unwrap_or(0);
+        let header = MessageHeader {
+            channel_id: *channel_id,
+            sequence: *sequence,
+            log_time: time,
+            publish_time: time,
+        };
+        *sequence = sequence.wrapping_add(1);
+        writer.write_to_known_channel(&header, data)
+    }
+
+    /// Completes the file and gives it its name.
+    pub fn finish(mut self) -> Result<(), RecordingError> {
+        let finished = match &mut self.writer {
+            Some(writer) => writer.finish().map(drop),
+            None => Err(mcap::McapError::AttemptedWriteAfterFailure),
+        };
+        finished.map_err(|source| self.failed(source))?;
+        let (Some(writer), Some(part)) = (self.writer.take(), self.part.take()) else {
+            return Ok(()); // unreachable: both are there until finish or drop
+        };
+        let failed = |source| RecordingError::Write { path: self.path.clone(), source };
+        let file = writer.into_inner().into_inner().map_err(|e| failed(e.into_error()))?;
+        part.finish(&file).map_err(failed)
+    }
+
+    fn failed(&self, source: mcap::McapError) -> RecordingError {
+        let path = self.path.clone();
+        match source {
+            mcap::McapError::Io(source) => RecordingError::Write { path, source },
+            source => RecordingError::Mcap { path, source },
+        }
+    }
+}
+
+impl Drop for AnnotationWriter {
+    fn drop(&mut self) {
+        // Not finished: without into_inner the mcap writer would write its summary first.
+        if let Some(writer) = self.writer.take() {
+            writer.into_inner();
+        }
+    }
+}
+
+fn timestamp(t_ns: i64) -> Timestamp {
+    Timestamp {
+        seconds: t_ns.div_euclid(1_000_000_000),
+        nanos: t_ns.rem_euclid(1_000_000_000) as i32,
+    }
+}

@@ -1,0 +1,101 @@
+//! A recording's summary, for reports: `<stem>.summary.json` beside its verdicts, or else the document in
+//! the verdicts' metadata. In: a path. Out: of it what a report tells; models without what is large.
+
+use super::printable;
+use super::regular_file;
+use serde_json::{Map, Value};
+use std::path::{Path, PathBuf};
+
+/// Models and damage of a long recording.
+const MOST_BYTES: u64 = 64 << 20;
+/// Places of damage that are remembered.
+const MOST_DAMAGE: usize = 100;
+/// What a report tells of a recording, and of a model.
+const OF_RECORDING: [&str; 4] = ["recording", "counts", "expected", "classes"];
+const OF_MODEL: [&str; 4] = ["printhead", "valid_from", "temperature_c", "poles"];
+
+/// `<stem>.verdicts.parquet` -> `<stem>.summary.json`.
+pub fn path_beside(verdicts: &Path) -> PathBuf {
+    let name = verdicts.file_name().unwrap_or_default().to_string_lossy();
+    let stem = name.strip_suffix(".verdicts.parquet").unwrap_or(&name);
+    verdicts.with_file_name(format!("{stem}.summary.json"))
+}
+
+/// `Ok(None)`: there is none.
+pub fn read(path: &Path) -> Result<Option<Value>, String> {
+    let failed = |what: String| format!("{}: {what}", path.display());
+    match regular_file::read(path, MOST_BYTES) {
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(None),
+        Err(e) => Err(failed(format!("cannot be read: {e}"))),
+        Ok(bytes) => serde_json::from_slice(&bytes)
+            .map(|document| Some(told(document)))
+            .map_err(|e| failed(format!("is no summary: {}", printable::of_parser(&e)))),
+    }
+}
+
+/// The same of the verdicts' own metadata, which has no damage.
+pub fn of_metadata(json: Option<&str>) -> Value {
+    json.and_then(|json| serde_json::from_str(json).ok())
+        .filter(Value::is_object)
+        .map(told)
+        .unwrap_or_default()
+}
+
+fn told(mut document: Value) -> Value {
+    let mut kept: Map<String, Value> =
+        OF_RECORDING.iter().map(|key| ((*key).to_owned(), taken(&mut document, key))).collect();
+    kept.insert("settings".into(), serde_json::json!({"detect": document["settings"]["detect"]}));
+    let list = |document: &mut Value, key| match taken(document, key) {
+        Value::Array(list) => list,
+        _ => Vec::new(),
+    };
+    let damage = list(&mut document, "damage").into_iter().take(MOST_DAMAGE);
+    kept.insert("damage".into(), damage.collect());
+    let model = |mut model: Value| {
+        let of = OF_MODEL.map(|key| (key.to_owned(), taken(&mut model, key)));
+        Value::Object(of.into_iter().collect())
+    };
+    let models = list(&mut document, "models").into_iter().filter(Value::is_object).map(model);
+    kept.insert("models".into(), models.collect());
+    Value::Object(kept)
+}
+
+/// Null where there is none.
+fn taken(of: &mut Value, key: &str) -> Value {
+    of.get_mut(key).map(Value::take).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn what_is_told_stays_and_any_json_is_borne() {
+        let whole = json!({"counts": {"bursts": 3}, "damage": [{"what": "x"}], "rates": [1],
+            "models": [{"printhead": "p", "poles": {"frequency_hz": 1.0}, "covariance": [1]}, 3],
+            "settings": {"detect": {"mu": 1.0}, "isolate": {}}});
+        let kept = told(whole);
+        assert_eq!(kept["counts"]["bursts"], 3);
+        assert_eq!(
+            kept["models"],
+            json!([{"printhead": "p", "valid_from": null,
+            "temperature_c": null, "poles": {"frequency_hz": 1.0}}])
+        );
+        assert_eq!(kept["settings"], json!({"detect": {"mu": 1.0}}));
+        assert!(kept.get("rates").is_none());
+        for bad in [Some("[1, 2"), Some("[1, 2]"), Some("3"), None] {
+            assert!(of_metadata(bad).is_null(), "{bad:?}");
+        }
+    }
+
+    #[test]
+    fn no_summary_is_none_and_a_damaged_one_an_error() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = path_beside(&dir.path().join("a.verdicts.parquet"));
+        assert!(path.ends_with("a.summary.json"));
+        assert_eq!(read(&path), Ok(None));
+        std::fs::write(&path, "{").unwrap();
+        assert!(read(&path).unwrap_err().contains("is no summary"));
+    }
+}

@@ -1,0 +1,72 @@
+//! What figures stand on: a page that loads nothing and runs nothing. In: a title and a body of markup.
+//! Out: HTML. Names in a recording are anybody's: whatever is not ours goes through [`escaped`].
+
+const STYLE: &str = "body{font:16px/1.5 system-ui,'DejaVu Sans',sans-serif;color:#1a1a1a;background:#fff;\
+margin:2rem auto;max-width:66rem;padding:0 1rem}h1{font-size:1.05rem;color:#555;font-weight:600;margin:0}\
+.sentence{font-size:1.45rem;line-height:1.35;margin:.4rem 0 1rem}h2{font-size:1.2rem;margin:2.4rem 0 .4rem}\
+h3{font-size:1rem;margin:1.4rem 0 .3rem}.wide{overflow-x:auto}\
+table{border-collapse:collapse;margin:.6rem 0;font-size:.93rem}th,td{padding:.25rem .8rem .25rem 0;\
+text-align:left;border-bottom:1px solid #ddd;vertical-align:top}td.n,th.n{text-align:right;\
+font-variant-numeric:tabular-nums;white-space:nowrap}td.t{white-space:nowrap}td.h{min-width:11rem}\
+svg{max-width:100%;height:auto;margin:.4rem 0}.note{color:#555;max-width:46rem}li{margin:.2rem 0}\
+.key{display:inline-block;margin:0 1rem .2rem 0;white-space:nowrap}\
+.key svg{width:1em;height:1em;margin:0 .3em -.1em 0}dt{font-weight:600}dd{margin:0 0 .5rem 1.2rem}\
+@media print{body{margin:0}}";
+
+/// What may run or load: nothing. Pictures are in the page.
+const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:";
+
+/// A whole page.
+pub fn page(title: &str, body: &str) -> String {
+    format!(
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\
+         <meta name=\"viewport\" content=\"width=device-width\"><title>{}</title>\
+         <style>{STYLE}</style></head><body>\n{body}</body></html>\n",
+        escaped(title)
+    )
+}
+
+/// Text that markup cannot be made of, and that does not turn the reading direction.
+pub fn escaped(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '"' => out.push_str("&quot;"),
+            '\'' => out.push_str("&#39;"),
+            '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' => {
+                out.push('\u{fffd}');
+            }
+            c if c.is_control() && c != '\n' => out.push('\u{fffd}'),
+            c => out.push(c),
+        }
+    }
+    out
+}
+
+/// A name, at most so many characters of it, escaped.
+pub fn name(text: &str) -> String {
+    const MOST: usize = 64;
+    let mut short: String = text.chars().take(MOST).collect();
+    if text.chars().nth(MOST).is_some() {
+        short.push('…');
+    }
+    escaped(&short)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn markup_cannot_be_made_of_text() {
+        let text = "<script>alert('\"&')</script>\u{202e}\u{1b}";
+        let safe = escaped(text);
+        assert!(!safe.contains(['<', '>', '"', '\'', '\u{1b}', '\u{202e}']), "{safe}");
+        assert!(name(&"x".repeat(1000)).chars().count() == 65);
+        assert!(page("<b>", "").contains("<title>&lt;b&gt;</title>"));
+    }
+}

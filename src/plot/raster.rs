@@ -1,0 +1,91 @@
+//! Pictures of cells: a few colours, one byte a cell. In: cells, row by row, and their colours. Out: an
+//! indexed PNG as a `data:` address, so that a page needs no file beside it.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
+/// Red, green, blue.
+pub type Colour = [u8; 3];
+
+/// `width` x `height` cells, row by row, each an index into `palette`.
+#[derive(Clone, Debug)]
+pub struct Raster<'a> {
+    pub width: u32,
+    pub height: u32,
+    pub palette: &'a [Colour],
+    pub cells: &'a [u8],
+}
+
+impl Raster<'_> {
+    /// Fails where sizes do not fit each other.
+    pub fn png(&self) -> Result<Vec<u8>, String> {
+        let inside = |cell: &u8| usize::from(*cell) < self.palette.len();
+        if self.palette.len() > 16 || !self.cells.iter().all(inside) {
+            return Err(format!("cells beyond a palette of {} colours", self.palette.len()));
+        }
+        if self.cells.len() != self.width as usize * self.height as usize || self.cells.is_empty() {
+            return Err(format!(
+                "{} cells, not {} x {}",
+                self.cells.len(),
+                self.width,
+                self.height
+            ));
+        }
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, self.width, self.height);
+        encoder.set_color(png::ColorType::Indexed);
+        encoder.set_depth(png::BitDepth::Four);
+        encoder.set_palette(self.palette.concat());
+        encoder.set_compression(png::Compression::Best);
+        encoder.set_filter(png::FilterType::NoFilter);
+        let packed: Vec<u8> = self
+            .cells
+            .chunks(self.width as usize)
+            .flat_map(|row| row.chunks(2).map(pair))
+            .collect();
+        let written = encoder
+            .write_header()
+            .and_then(|mut writer| writer.write_image_data(&packed).and_then(|()| writer.finish()));
+        written.map_err(|e| e.to_string())?;
+        Ok(bytes)
+    }
+
+    /// `data:image/png;base64,...`
+    pub fn address(&self) -> Result<String, String> {
+        Ok(format!("data:image/png;base64,{}", STANDARD.encode(self.png()?)))
+    }
+}
+
+/// Two cells in a byte.
+fn pair(cells: &[u8]) -> u8 {
+    cells[0] << 4 | cells.get(1).copied().unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PALETTE: [Colour; 3] = [[255, 255, 255], [200, 0, 0], [0, 0, 200]];
+
+    #[test]
+    fn cells_written_are_cells_read_back() {
+        let cells: Vec<u8> = (0..7 * 5).map(|k| (k % 3) as u8).collect();
+        let raster = Raster { width: 7, height: 5, palette: &PALETTE, cells: &cells };
+        let bytes = raster.png().unwrap();
+        let mut decoder = png::Decoder::new(bytes.as_slice());
+        decoder.set_transformations(png::Transformations::EXPAND);
+        let mut reader = decoder.read_info().unwrap();
+        let mut rgb = vec![0; reader.output_buffer_size()];
+        reader.next_frame(&mut rgb).unwrap();
+        let expected: Vec<u8> = cells.iter().flat_map(|c| PALETTE[usize::from(*c)]).collect();
+        assert_eq!(rgb, expected);
+        assert!(raster.address().unwrap().starts_with("data:image/png;base64,iVBORw0KGgo"));
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let raster = |cells| Raster { width: 2, height: 1, palette: &PALETTE, cells };
+        assert!(raster(&[0, 3]).png().is_err());
+        assert!(raster(&[0]).png().is_err());
+    }
+}

@@ -1,0 +1,109 @@
+//! What is pooled over time where nobody knows beforehand how long it will last.
+//!
+//! In: times in any order. Out: at most so many occupied bins of one width, a power of two of
+//! milliseconds: the width doubles whenever there would be more. Empty time takes no bin, so that a
+//! stray clock or a week without recordings costs one row and no resolution. The result depends on
+//! what was added, not on its order.
+
+use std::collections::BTreeMap;
+
+/// Pooled with what falls into the same bin; must not depend on the order.
+pub trait Pooled: Default {
+    fn pool(&mut self, other: Self);
+}
+
+#[derive(Clone, Debug)]
+pub struct TimeBins<T> {
+    width_ns: i64,
+    most: usize,
+    bins: BTreeMap<i64, T>,
+}
+
+/// A bin's width at first.
+const FINEST_NS: i64 = 1_000_000;
+/// All of 64 bits of time take no more bins of the greatest width.
+const LEAST_MOST: usize = 8;
+
+impl<T: Pooled> TimeBins<T> {
+    pub fn new(most: usize) -> TimeBins<T> {
+        TimeBins { width_ns: FINEST_NS, most: most.max(LEAST_MOST), bins: BTreeMap::new() }
+    }
+
+    /// The bin of a time.
+    pub fn at(&mut self, t_ns: i64) -> &mut T {
+        while !self.bins.contains_key(&self.key(t_ns)) && self.bins.len() >= self.most {
+            self.coarsen();
+        }
+        self.bins.entry(self.key(t_ns)).or_default()
+    }
+
+    /// From here on no more bins than that.
+    pub fn limit(&mut self, most: usize) {
+        self.most = most.max(LEAST_MOST);
+        while self.bins.len() > self.most {
+            self.coarsen();
+        }
+    }
+
+    fn key(&self, t_ns: i64) -> i64 {
+        t_ns.div_euclid(self.width_ns)
+    }
+
+    fn coarsen(&mut self) {
+        self.width_ns = self.width_ns.saturating_mul(2);
+        let mut wider: BTreeMap<i64, T> = BTreeMap::new();
+        for (key, bin) in std::mem::take(&mut self.bins) {
+            wider.entry(key.div_euclid(2)).or_default().pool(bin);
+        }
+        self.bins = wider;
+    }
+
+    /// In the order of time.
+    pub fn values(&self) -> impl Iterator<Item = &T> {
+        self.bins.values()
+    }
+
+    pub fn len(&self) -> usize {
+        self.bins.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.bins.is_empty()
+    }
+
+    /// Of every bin, ns.
+    pub fn width_ns(&self) -> i64 {
+        self.width_ns
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Clone, Debug, Default, PartialEq)]
+    struct Sum(u64);
+
+    impl Pooled for Sum {
+        fn pool(&mut self, other: Sum) {
+            self.0 += other.0;
+        }
+    }
+
+    #[test]
+    fn nothing_is_lost_whatever_the_order_and_strays_cost_a_row() {
+        let mut times: Vec<i64> = (0..5000).map(|k| k * 777_777_777).collect();
+        times.extend([i64::MIN, i64::MAX, 0]);
+        let fill = |times: &[i64]| {
+            let mut bins = TimeBins::<Sum>::new(64);
+            times.iter().for_each(|t| bins.at(*t).0 += 1);
+            bins
+        };
+        let there = fill(&times);
+        times.reverse();
+        let back = fill(&times);
+        assert_eq!(there.bins, back.bins);
+        assert_eq!(there.values().map(|s| s.0).sum::<u64>(), 5003);
+        assert!((32..=64).contains(&there.len()), "{}", there.len());
+    }
+}

@@ -1,0 +1,66 @@
+//! The healthy ring of each printhead over time and temperature, from the models that judged: resonance
+//! and damping of every identified window. In: the recordings' documents. Out: [`ModelPoint`]s.
+
+use super::Source;
+use chrono::DateTime;
+use std::collections::BTreeSet;
+
+/// Models that are remembered.
+const MOST_POINTS: usize = 20_000;
+
+/// One identified healthy model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ModelPoint {
+    /// `None`: the design's pooled model.
+    pub printhead: Option<String>,
+    /// `None`: of a design.
+    pub valid_from_ns: Option<i64>,
+    pub temperature_c: Option<f64>,
+    pub frequency_hz: f64,
+    pub damping_per_s: f64,
+}
+
+/// Each model once, in the order of time; of the design's models, that judge many recordings, one.
+pub fn points(sources: &[Source]) -> Vec<ModelPoint> {
+    let mut seen = BTreeSet::new();
+    let mut points = Vec::new();
+    for model in sources.iter().flat_map(|s| s.document["models"].as_array().into_iter().flatten())
+    {
+        let poles = &model["poles"];
+        let positive = |key: &str| poles[key].as_f64().filter(|v| v.is_finite() && *v > 0.0);
+        let (Some(frequency_hz), Some(damping_per_s)) =
+            (positive("frequency_hz"), positive("damping_per_s"))
+        else {
+            continue;
+        };
+        let point = ModelPoint {
+            printhead: model["printhead"].as_str().map(str::to_owned),
+            valid_from_ns: model["valid_from"]
+                .as_str()
+                .and_then(|text| DateTime::parse_from_rfc3339(text).ok()?.timestamp_nanos_opt()),
+            temperature_c: model["temperature_c"].as_f64().filter(|t| t.is_finite()),
+            frequency_hz,
+            damping_per_s,
+        };
+        let bits = (frequency_hz.to_bits(), damping_per_s.to_bits());
+        if seen.insert((point.printhead.clone(), point.valid_from_ns, bits))
+            && points.len() < MOST_POINTS
+        {
+            points.push(point);
+        }
+    }
+    points.sort_by_key(|p| p.valid_from_ns);
+    points
+}
+
+/// Relative change per K by least squares, where temperature varied.
+pub fn per_kelvin(points: &[&ModelPoint], of: fn(&ModelPoint) -> f64) -> Option<f64> {
+    let pairs: Vec<(f64, f64)> =
+        points.iter().filter_map(|p| Some((p.temperature_c?, of(p)))).collect();
+    let n = pairs.len() as f64;
+    let mean_t = pairs.iter().map(|p| p.0).sum::<f64>() / n;
+    let mean_y = pairs.iter().map(|p| p.1).sum::<f64>() / n;
+    let stt: f64 = pairs.iter().map(|p| (p.0 - mean_t).powi(2)).sum();
+    let sty: f64 = pairs.iter().map(|p| (p.0 - mean_t) * (p.1 - mean_y)).sum();
+    (pairs.len() >= 3 && stt > 0.25).then(|| sty / stt / mean_y)
+}

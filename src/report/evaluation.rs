@@ -1,0 +1,322 @@
+//! The evaluation as a page, with the report's own renderer: how well verdicts agree with labels. In: a
+//! score and its curves. Out: HTML.
+
+use super::figures::drawn;
+use super::words::{counted, percent, thousands};
+use crate::fault;
+use crate::plot::page::{name, page};
+use crate::plot::{Axis, Figure, Mark, Series};
+use crate::score::Report;
+use crate::score::curves::{Curves, wilson};
+use std::collections::BTreeSet;
+use std::fmt::Write;
+
+/// Shares that a logarithmic axis can show, from here on.
+const LEAST_SHARE: f64 = 1e-7;
+/// Thresholds of the delays, over the one that was used.
+const FACTORS: [f64; 13] = [0.25, 0.35, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.25, 1.6, 2.0, 3.0, 5.0];
+/// Classes with a figure of severities.
+const MOST_CLASSES: usize = 12;
+
+pub fn html(report: &Report, curves: &Curves) -> String {
+    let mut body = format!("<h1>Evaluation</h1>\n<p class=\"sentence\">{}</p>\n", sentence(report));
+    let _ = writeln!(
+        body,
+        "<p class=\"note\">{} labelled signals judged; {} unlabelled and {} rejected ones are not scored. \
+         What the labels call true is taken for true.</p>",
+        thousands(curves.healthy() + curves.faulty()),
+        thousands(report.unlabelled),
+        thousands(report.rejected)
+    );
+    detection(report, curves, &mut body);
+    confusion(curves, &mut body);
+    reliability(report, &mut body);
+    risk(report, curves, &mut body);
+    severities(report, curves, &mut body);
+    page("Evaluation of verdicts", &body)
+}
+
+fn sentence(report: &Report) -> String {
+    let d = &report.detection;
+    let mut text = format!(
+        "{} of {} faulty signals are flagged, and {} of {} healthy ones",
+        percent(d.tp, d.tp + d.fn_),
+        thousands(d.tp + d.fn_),
+        percent(d.fp, d.fp + d.tn),
+        thousands(d.fp + d.tn)
+    );
+    if report.isolation.confusion.iter().flatten().any(|n| *n > 0) {
+        text += &format!(
+            "; the best class is right in {:.1} % of those with one, its category in {:.1} %",
+            100.0 * report.isolation.accuracy,
+            100.0 * report.isolation.category_accuracy
+        );
+    }
+    if let Some(e) = &report.episodes {
+        text += &format!(
+            "; of {} {:.1} % were found as episodes, {} false",
+            counted(e.faults, "fault"),
+            100.0 * e.recall,
+            e.false_episodes
+        );
+    }
+    text + "."
+}
+
+fn detection(report: &Report, curves: &Curves, body: &mut String) {
+    let (healthy, faulty) = (curves.healthy(), curves.faulty());
+    if healthy == 0 || faulty == 0 {
+        *body += "<p>Without healthy and faulty signals there are no curves of detection.</p>\n";
+        return;
+    }
+    *body += "<h2>Detection, signal by signal</h2>\n<p class=\"note\">Line: what other thresholds would do; \
+              cross: the threshold that was used, with 95 % intervals as if signals were independent.</p>\n";
+    let at = curves.working_point();
+    let misses = wilson(at.misses * faulty as f64, faulty as f64);
+    let alarms = wilson(at.false_alarms * healthy as f64, healthy as f64);
+    let operating = curves.operating();
+    let cross = |y: f64, [low, high]: [f64; 2]| Series {
+        name: String::new(),
+        mark: Mark::Bars,
+        points: vec![
+            (at.false_alarms, low),
+            (at.false_alarms, high),
+            (alarms[0], y),
+            (alarms[1], y),
+        ],
+    };
+    let roc = Figure {
+        title: format!("ROC: area {:.4}", curves.area()),
+        x: Axis { range: Some((0.0, 1.0)), ..Axis::new("healthy signals flagged, share") },
+        y: Axis { range: Some((0.0, 1.02)), ..Axis::new("faulty signals flagged, share") },
+        series: vec![
+            Series {
+                name: String::new(),
+                mark: Mark::Line,
+                points: operating.iter().map(|o| (o.false_alarms, 1.0 - o.misses)).collect(),
+            },
+            cross(1.0 - at.misses, [1.0 - misses[1], 1.0 - misses[0]]),
+        ],
+        thresholds: Vec::new(),
+    };
+    *body += &drawn(&roc, &roc.title);
+    let shown = operating.iter().filter(|o| o.false_alarms > LEAST_SHARE && o.misses > LEAST_SHARE);
+    let clip = |[low, high]: [f64; 2]| [low.max(LEAST_SHARE), high.max(LEAST_SHARE)];
+    let (alarms, misses) = (clip(alarms), clip(misses));
+    let (x, y) = (at.false_alarms.max(LEAST_SHARE), at.misses.max(LEAST_SHARE));
+    let det = Figure {
+        title: format!(
+            "At the threshold used {} of the faulty are missed, {} of the healthy flagged",
+            percent((at.misses * faulty as f64).round() as u64, faulty),
+            percent((at.false_alarms * healthy as f64).round() as u64, healthy)
+        ),
+        x: Axis { log: true, ..Axis::new("healthy signals flagged, share") },
+        y: Axis { log: true, ..Axis::new("faulty signals missed, share") },
+        series: vec![
+            Series {
+                name: String::new(),
+                mark: Mark::Line,
+                points: shown.map(|o| (o.false_alarms, o.misses)).collect(),
+            },
+            Series {
+                name: String::new(),
+                mark: Mark::Bars,
+                points: vec![(x, misses[0]), (x, misses[1]), (alarms[0], y), (alarms[1], y)],
+            },
+        ],
+        thresholds: Vec::new(),
+    };
+    *body += &drawn(&det, &det.title);
+    delays(report, curves, body);
+}
+
+/// Fault by fault: a fault is found once, at its first flagged signal.
+fn delays(report: &Report, curves: &Curves, body: &mut String) {
+    let _ = writeln!(
+        body,
+        "<h2>Delay against false alarms, fault by fault</h2>\n<p class=\"note\">{}: found at the first flagged \
+         signal, and credited for no other. Bursts are counted in the order of the file, from the labelled \
+         onset; faults grow.</p>\n<table><tr><th class=n>threshold ×</th><th class=n>healthy signals \
+         flagged</th><th class=n>faults found</th><th class=n>delay in bursts, median</th></tr>",
+        counted(curves.events() as u64, "labelled fault")
+    );
+    let healthy = curves.healthy();
+    for d in curves.delays(&FACTORS) {
+        let _ = writeln!(
+            body,
+            "<tr><td class=n>{}</td><td class=n>{}</td><td class=n>{:.1} %</td><td class=n>{}</td></tr>",
+            d.factor,
+            percent((d.false_alarms * healthy as f64).round() as u64, healthy),
+            100.0 * d.found,
+            d.median_bursts.map_or("–".into(), |m| format!("{m}"))
+        );
+    }
+    *body += "</table>\n";
+    if let Some(e) = &report.episodes {
+        let bursts = |b: Option<f64>| b.map_or("–".into(), |b| format!("{b}"));
+        let _ = writeln!(
+            body,
+            "<p>Episodes, from the evidence of several bursts: {:.1} % found, {:.2} false per million \
+             healthy signals, {} bursts after the onset in the median, {} after full size.</p>",
+            100.0 * e.recall,
+            e.false_per_million,
+            bursts(e.delay_from_onset_bursts),
+            bursts(e.delay_bursts)
+        );
+    }
+}
+
+fn confusion(curves: &Curves, body: &mut String) {
+    let said = curves.said();
+    if said.is_empty() {
+        return;
+    }
+    let truths: BTreeSet<&String> = said.keys().map(|(truth, _)| truth).collect();
+    let words: BTreeSet<&String> = said.keys().map(|(_, word)| word).collect();
+    // healthy and undecided first, then categories, then classes
+    let rank = |word: &str| match word {
+        fault::HEALTHY => 0,
+        "undecided" => 1,
+        class if fault::CLASSES.contains(&class) => 3,
+        _ => 2,
+    };
+    let mut words: Vec<&String> = words.into_iter().collect();
+    words.sort_by_key(|word| (rank(word), *word));
+    *body += "<h2>What was said of what</h2>\n<p class=\"note\">Rows: true; columns: said. A category \
+              stands where the class was not certain enough.</p>\n<div class=\"wide\"><table><tr><th></th>";
+    words.iter().for_each(|word| {
+        let _ = write!(body, "<th class=n>{}</th>", name(&word.replace('_', " ")));
+    });
+    *body += "</tr>\n";
+    for truth in truths {
+        let _ = write!(body, "<tr><th>{}</th>", name(truth));
+        for word in &words {
+            let n = said.get(&(truth.clone(), (*word).clone())).copied().unwrap_or(0);
+            let _ = match n {
+                0 => write!(body, "<td class=n>·</td>"),
+                n if truth == *word => write!(body, "<td class=n><b>{}</b></td>", thousands(n)),
+                n => write!(body, "<td class=n>{}</td>", thousands(n)),
+            };
+        }
+        *body += "</tr>\n";
+    }
+    *body += "</table></div>\n";
+}
+
+fn reliability(report: &Report, body: &mut String) {
+    let bins: Vec<(f64, f64, u64)> =
+        report.calibration.bins.iter().copied().filter(|bin| bin.2 > 0).collect();
+    if bins.is_empty() {
+        return;
+    }
+    let bars = bins.iter().flat_map(|&(stated, right, n)| {
+        let [low, high] = wilson(right * n as f64, n as f64);
+        [(stated, low), (stated, high)]
+    });
+    let figure = Figure {
+        title: format!(
+            "Stated certainty is off by {:.1} points on average (ECE)",
+            100.0 * report.calibration.ece
+        ),
+        x: Axis { range: Some((0.0, 1.0)), ..Axis::new("stated certainty of the best class") },
+        y: Axis { range: Some((0.0, 1.02)), ..Axis::new("share that is right") },
+        series: vec![
+            Series { name: String::new(), mark: Mark::Line, points: vec![(0.0, 0.0), (1.0, 1.0)] },
+            Series { name: String::new(), mark: Mark::Bars, points: bars.collect() },
+        ],
+        thresholds: Vec::new(),
+    };
+    let _ = write!(
+        body,
+        "<h2>Reliability of certainties</h2>\n<p class=\"note\">Line: as it should be; bars: \
+         measured, 95 %.</p>\n{}",
+        drawn(&figure, &figure.title)
+    );
+    *body += "<table><tr><th>said</th><th class=n>signals</th><th class=n>certainty stated</th>\
+              <th class=n>right</th><th class=n>off by (ECE)</th></tr>\n";
+    for (class, c) in &report.calibration.by_class {
+        let _ = writeln!(
+            body,
+            "<tr><td>{}</td><td class=n>{}</td><td class=n>{:.3}</td><td class=n>{:.3}</td>\
+             <td class=n>{:.3}</td></tr>",
+            name(class),
+            thousands(c.signals),
+            c.certainty,
+            c.right,
+            c.ece
+        );
+    }
+    *body += "</table>\n";
+}
+
+fn risk(report: &Report, curves: &Curves, body: &mut String) {
+    let points = curves.risk();
+    if points.len() < 2 {
+        return;
+    }
+    let c = &report.certain;
+    let figure = Figure {
+        title: format!(
+            "Certainty {} keeps {:.1} % of the named signals, {:.2} % of them wrong",
+            c.bound,
+            100.0 * c.coverage,
+            100.0 * (1.0 - c.accuracy)
+        ),
+        x: Axis { range: Some((0.0, 1.0)), ..Axis::new("share kept, the most certain first") },
+        y: Axis::new("share of these with the wrong class"),
+        series: vec![
+            Series { name: String::new(), mark: Mark::Line, points },
+            Series {
+                name: String::new(),
+                mark: Mark::Dots,
+                points: vec![(c.coverage, 1.0 - c.accuracy)],
+            },
+        ],
+        thresholds: Vec::new(),
+    };
+    let _ = write!(
+        body,
+        "<h2>Risk against coverage</h2>\n<p class=\"note\">Line: other bounds on certainty; \
+         dot: the bound that was used.</p>\n{}",
+        drawn(&figure, &figure.title)
+    );
+}
+
+fn severities(report: &Report, curves: &Curves, body: &mut String) {
+    let classes: Vec<_> = curves.severities().filter(|(_, of)| of.len() > 1).collect();
+    if classes.is_empty() {
+        return;
+    }
+    *body += "<h2>Severities, true and stated</h2>\n<p class=\"note\">Line: as it should be; dots: \
+              signals that were named as what they are.</p>\n";
+    for (class, points) in classes.iter().take(MOST_CLASSES) {
+        let told = report.severity.get(*class);
+        let finding = told.map_or(String::new(), |s| {
+            let covered = s.coverage95.map_or(String::new(), |share| {
+                format!(", 95 % intervals hold {:.1} %", 100.0 * share)
+            });
+            format!(": root mean square error {:.4}{covered}", s.rmse)
+        });
+        let (low, high) = points
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| (a.min(p.0), b.max(p.0)));
+        let figure = Figure {
+            title: format!("{class}, {}{finding}", fault::in_words(class))
+                .chars()
+                .take(150)
+                .collect(),
+            x: Axis::new(&format!("true {}", fault::quantity(class))),
+            y: Axis::new("stated"),
+            series: vec![
+                Series {
+                    name: String::new(),
+                    mark: Mark::Line,
+                    points: vec![(low, low), (high, high)],
+                },
+                Series { name: String::new(), mark: Mark::Points, points: points.to_vec() },
+            ],
+            thresholds: Vec::new(),
+        };
+        *body += &drawn(&figure, &figure.title);
+    }
+}

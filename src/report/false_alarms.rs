@@ -1,0 +1,139 @@
+//! How often a healthy signal is flagged, as the verdicts themselves tell: flags outside of every
+//! episode. In: a [`Survey`], what the detector was trained for. Out: [`FalseAlarms`].
+//!
+//! Faults too short or too weak for an episode count as false here: it is an upper estimate. Channels
+//! differ, and a channel near its threshold is flagged again and again: the interval comes from the
+//! scatter over channels, not from the number of signals.
+
+use super::Source;
+use super::survey::{ChannelCount, Survey};
+use std::sync::Arc;
+
+/// Channels named that are flagged most.
+const MOST_NAMED: usize = 5;
+
+#[derive(Clone, Debug, Default)]
+pub struct FalseAlarms {
+    pub judged: u64,
+    pub flagged: u64,
+    /// Standard error of the share, over channels.
+    pub standard_error: f64,
+    /// What the detectors were trained for, the least and the greatest.
+    pub promised: Option<(f64, f64)>,
+    /// Channels without an episode that are flagged most.
+    pub often: Vec<Often>,
+}
+
+/// A channel that is flagged without an episode.
+#[derive(Clone, Debug)]
+pub struct Often {
+    pub printhead: Arc<str>,
+    pub channel: u32,
+    pub judged: u64,
+    pub flagged: u64,
+}
+
+impl FalseAlarms {
+    pub fn of(survey: &Survey, sources: &[Source]) -> FalseAlarms {
+        let mut counts: Vec<(u64, u64)> = Vec::new();
+        let mut often: Vec<Often> = Vec::new();
+        for head in &survey.heads {
+            for channel in head.channels.iter().filter(|c| !c.is_watched()) {
+                counts.push((channel.judged, channel.flagged));
+                often.push(named(&head.name, channel));
+            }
+            for watch in &head.watches {
+                let sum = |of: fn(&super::watch::Looked) -> u64| watch.outside.iter().map(of).sum();
+                counts.push((sum(|o| o.judged), sum(|o| o.flagged)));
+            }
+        }
+        often.retain(|of| of.flagged > 1);
+        often.sort_by(|a, b| {
+            let share = |of: &Often| of.flagged as f64 / of.judged.max(1) as f64;
+            share(b).total_cmp(&share(a)).then(a.channel.cmp(&b.channel))
+        });
+        often.truncate(MOST_NAMED);
+        let judged: u64 = counts.iter().map(|c| c.0).sum();
+        let flagged: u64 = counts.iter().map(|c| c.1).sum();
+        let rate = flagged as f64 / judged.max(1) as f64;
+        let off = counts.iter().map(|&(n, k)| (k as f64 - rate * n as f64).powi(2)).sum::<f64>();
+        let standard_error = off.sqrt() / judged.max(1) as f64;
+        FalseAlarms { judged, flagged, standard_error, promised: promised(sources), often }
+    }
+
+    /// Share of signals; of none, half a signal's.
+    pub fn rate(&self) -> f64 {
+        (self.flagged as f64 + 0.5) / (self.judged as f64 + 1.0)
+    }
+
+    /// 95 %; where no signal was flagged, up to what three in all would be.
+    pub fn interval(&self) -> [f64; 2] {
+        let n = self.judged.max(1) as f64;
+        let share = self.flagged as f64 / n;
+        match self.flagged {
+            0 => [0.0, 3.0 / n],
+            _ => {
+                [(share - 1.96 * self.standard_error).max(0.0), share + 1.96 * self.standard_error]
+            }
+        }
+    }
+}
+
+fn named(head: &Arc<str>, c: &ChannelCount) -> Often {
+    let (judged, flagged) = (c.judged, c.flagged);
+    Often { printhead: head.clone(), channel: c.channel, judged, flagged }
+}
+
+fn promised(sources: &[Source]) -> Option<(f64, f64)> {
+    let rates = sources.iter().filter_map(|source| {
+        let detect = &source.document["settings"]["detect"];
+        let by_quantile = detect["threshold"] == "quantile";
+        detect["false_alarm_rate"].as_f64().filter(|_| by_quantile)
+    });
+    rates.fold(None, |range: Option<(f64, f64)>, rate| {
+        let (low, high) = range.unwrap_or((rate, rate));
+        Some((low.min(rate), high.max(rate)))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::Names;
+    use crate::verdict::{Outcome, VerdictColumns};
+
+    #[test]
+    fn channels_that_are_flagged_again_and_again_widen_the_interval() {
+        let estimate = |flagged: &dyn Fn(u32, i64) -> bool| {
+            let mut survey = Survey::new(vec![Vec::new()], false);
+            for t in 0..1000i64 {
+                let outcome = |c| match flagged(c, t) {
+                    true => Outcome::Undecided,
+                    false => Outcome::Healthy,
+                };
+                let columns = VerdictColumns {
+                    acquired_at_ns: vec![t; 40],
+                    printhead: vec![0; 40],
+                    printheads: vec!["p".into()],
+                    channel: (0..40).collect(),
+                    outcome: (0..40).map(outcome).collect(),
+                    category: vec![None; 40],
+                    candidate: vec![None; 40],
+                    statistic: vec![None; 40],
+                    threshold: vec![None; 40],
+                    severity: vec![None; 40],
+                    reason: vec![None; 40],
+                    ..VerdictColumns::default()
+                };
+                survey.add(0, &columns, Names { classes: &[], categories: &[] });
+            }
+            FalseAlarms::of(&survey, &[])
+        };
+        let spread = estimate(&|c, t| (t + 17 * i64::from(c)) % 100 == 0);
+        let one = estimate(&|c, t| c == 3 && t < 400);
+        assert_eq!((spread.flagged, one.flagged, spread.judged), (400, 400, 40_000));
+        assert!(one.standard_error > 10.0 * spread.standard_error);
+        assert_eq!((one.often.len(), one.often[0].channel), (1, 3));
+        assert!(one.interval()[0] == 0.0 && one.interval()[1] > 0.02);
+    }
+}

@@ -1,0 +1,176 @@
+//! A story as it stands in the cleaning list: how urgent, what to do, one sentence.
+
+use super::settings::ReportSettings;
+use super::story::{Story, Strange};
+use super::trend::{Direction, Trend};
+use super::words;
+use crate::episodes::{share, size_in_words};
+use crate::fault;
+
+/// What certainty and loss count for where nothing is known of them.
+const UNKNOWN: f64 = 0.5;
+/// Of a fault that is over, but came back before.
+const MAY_RETURN: f64 = 0.5;
+
+/// A row of the cleaning list and of `report.faults.parquet`.
+#[derive(Clone, Debug)]
+pub struct Fault {
+    pub story: Story,
+    /// 0 to 1: certainty, times the loss expected in a day, times whether it is on.
+    pub urgency: f64,
+    pub action: String,
+    pub sentence: String,
+}
+
+impl Fault {
+    pub fn new(story: Story, settings: &ReportSettings) -> Fault {
+        let urgency = urgency(&story);
+        let action = settings.action(key(&story)).to_owned();
+        let sentence = sentence(&story, &action);
+        Fault { story, urgency, action, sentence }
+    }
+
+    /// To be cleaned: on, or over but not for the first time.
+    pub fn is_open(&self) -> bool {
+        self.story.ended_at_ns.is_none() || self.story.cures > 0
+    }
+}
+
+/// What an action is chosen by.
+fn key(story: &Story) -> &str {
+    let strange = story.strange.unwrap_or(Strange::Uncertain).as_str();
+    story.category.as_deref().unwrap_or(strange)
+}
+
+/// Certainty x loss, as it will be in a day (or as long as it was seen, if shorter) if the trend is
+/// certain, x whether it is on.
+fn urgency(story: &Story) -> f64 {
+    let certainty = story.certainty.unwrap_or(UNKNOWN).clamp(0.0, 1.0);
+    let changes = |t: &Trend| t.direction() != Direction::Steady;
+    let ahead = story.trend.filter(changes).map_or(0.0, |t| t.per_day * t.span_days.min(1.0));
+    let severity = story.severity_last.map(|s| s + ahead);
+    let on = match (story.ended_at_ns, story.cures) {
+        (None, _) => 1.0,
+        (Some(_), 0) => 0.0,
+        (Some(_), _) => MAY_RETURN,
+    };
+    certainty * loss(story.fault.as_deref(), story.category.as_deref(), severity) * on
+}
+
+/// How much of a healthy drop is lost, roughly: 0 none, 1 all.
+fn loss(class: Option<&str>, category: Option<&str>, severity: Option<f64>) -> f64 {
+    let class = class.unwrap_or(match category {
+        Some("blocked_nozzle") => "PBN",
+        Some("dried_nozzle") => "IDN",
+        Some("empty_channel") => "EC",
+        _ => "",
+    });
+    let of = |loss: fn(f64) -> f64| severity.map_or(UNKNOWN, loss).clamp(0.0, 1.0);
+    match class {
+        "EC" => 1.0, // no ink, no drop
+        "BN" | "PBN" | "AB1" => of(|s| s),
+        "SDN" | "IDN" | "DDN" => of(|s| 1.0 - 1.0 / s.max(1.0)),
+        "AB2" | "AB3" => of(|s| s / (1.0 + s.max(0.0))),
+        _ => UNKNOWN,
+    }
+}
+
+/// What it is, without how large.
+pub fn what(story: &Story) -> String {
+    match (&story.fault, &story.category, story.strange) {
+        (Some(class), ..) => match fault::in_words(class) {
+            words if words == class => class.clone(),
+            words => format!("{words} ({class})"),
+        },
+        (None, Some(category), _) => category.replace('_', " "),
+        (None, None, Some(Strange::NoRing)) => "no ring: sensor line or acquisition".into(),
+        (None, None, Some(Strange::UnknownFault)) => "a ring of no known class".into(),
+        (None, None, _) => "not named".into(),
+    }
+}
+
+/// How large it is; empty where it was not sized.
+pub fn size(story: &Story) -> String {
+    let class = match (story.fault.as_deref(), story.category.as_deref()) {
+        (Some(class), _) => class,
+        (None, Some("blocked_nozzle")) => "PBN",
+        (None, Some("dried_nozzle")) => "IDN",
+        _ => return String::new(),
+    };
+    let size = size_in_words(class, story.severity_last, story.severity_sd);
+    size.trim_start_matches(", ").to_owned()
+}
+
+/// `getting worse: +3.1 points a day (+2.5 to +3.7)`, by the longest time that was seen in full.
+pub fn trend_in_words(story: &Story) -> String {
+    let Some(trend) = &story.trend else { return String::new() };
+    let (per, unit) = match trend.span_days {
+        days if days >= 0.5 => (1.0, "day"),
+        days if days >= 1.0 / 24.0 => (24.0, "hour"),
+        _ => (24.0 * 60.0, "minute"),
+    };
+    // factors as they are, shares in hundredths
+    let class = story.fault.as_deref().unwrap_or_default();
+    let is_factor = story.category.as_deref() == Some("dried_nozzle");
+    let is_own = !class.is_empty() && fault::category(class) == class;
+    let (scale, of) = if is_factor || is_own { (1.0, "") } else { (100.0, " points") };
+    let [low, high] = trend.interval.map(|v| v * scale / per);
+    let digits = words::digits_of((high - low) / 2.0);
+    let n = |v: f64| words::signed(v, digits);
+    let word = match trend.direction() {
+        Direction::Worse => "getting worse",
+        Direction::Better => "getting better",
+        Direction::Steady => "steady",
+    };
+    let rate = n(trend.per_day * scale / per);
+    format!("{word}: {rate}{of} a {unit} ({} to {})", n(low), n(high))
+}
+
+fn sentence(story: &Story, action: &str) -> String {
+    let mut parts = vec![what(story)];
+    let size = size(story);
+    if !size.is_empty() {
+        parts[0] += &format!(", {size}");
+    }
+    if let Some(certainty) = story.certainty {
+        parts[0] += &format!(", certainty {}", share(certainty));
+    }
+    let since = words::clock(story.began_at_ns);
+    let recordings = words::counted(story.recordings.into(), "recording");
+    parts.push(match (story.ended_at_ns, story.cures) {
+        (None, 0) => format!("since {since}, in {recordings}, still on"),
+        (None, cures) => format!(
+            "since {since}, in {recordings}, {} in between, on again since {}",
+            words::counted_as(cures.into(), "cured once", "times cured"),
+            words::clock(story.last_began_at_ns)
+        ),
+        (Some(end), 0) => format!("from {since} to {}, healthy since", words::clock(end)),
+        (Some(end), cures) => format!(
+            "since {since}, in {recordings}, came back {}; last healthy again {}",
+            words::counted_as(cures.into(), "once", "times"),
+            words::clock(end)
+        ),
+    });
+    let trend = trend_in_words(story);
+    if !trend.is_empty() && story.ended_at_ns.is_none() {
+        parts.push(trend);
+    }
+    let text = format!("channel {}: {}", story.channel, parts.join("; "));
+    match story.ended_at_ns.is_some() && story.cures == 0 {
+        true => text,
+        false => format!("{text}: {action}"),
+    }
+}
+
+/// Most urgent first; then what is on, what began last, and by name, so that the order is one.
+pub fn sort(faults: &mut [Fault]) {
+    faults.sort_by(|a, b| {
+        let on = |f: &Fault| f.story.ended_at_ns.is_some();
+        b.urgency
+            .total_cmp(&a.urgency)
+            .then(on(a).cmp(&on(b)))
+            .then(b.story.began_at_ns.cmp(&a.story.began_at_ns))
+            .then(a.story.printhead.cmp(&b.story.printhead))
+            .then(a.story.channel.cmp(&b.story.channel))
+    });
+}

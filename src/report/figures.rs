@@ -1,0 +1,172 @@
+//! Trends and drift as figures; their titles say what they show. In: a [`Report`]. Out: markup.
+
+use super::Report;
+use super::drift::{ModelPoint, per_kelvin};
+use super::fault::{Fault, trend_in_words, what};
+use super::survey::Survey;
+use super::words::{clock, counted_as, signed};
+use crate::fault;
+use crate::plot::page::escaped;
+use crate::plot::{Axis, Figure, Mark, Series};
+
+const SIZE: (u32, u32) = (860, 380);
+/// Figures of single channels.
+const MOST_TRENDS: usize = 16;
+/// Printheads in a figure: as many as can be told apart.
+const MOST_HEADS: usize = 8;
+/// Severities that a trend needs to be worth a figure.
+const LEAST_BINS: usize = 5;
+
+/// Severity over time, of each of the most urgent faults.
+pub fn trends(report: &Report) -> Vec<String> {
+    report
+        .faults
+        .iter()
+        .filter_map(|fault| trend(fault, &report.survey))
+        .take(MOST_TRENDS)
+        .collect()
+}
+
+fn trend(fault: &Fault, survey: &Survey) -> Option<String> {
+    let story = &fault.story;
+    let head = survey.heads.iter().find(|head| head.name == story.printhead)?;
+    let watch = head
+        .watches
+        .iter()
+        .find(|w| w.spells.first().is_some_and(|s| s.episode.channel == story.channel))?;
+    let from = story.began_at_ns as f64;
+    let to = story.ended_at_ns.map_or(f64::INFINITY, |end| end as f64);
+    let quantity = story.quantity.as_deref()?;
+    let course = watch.course(quantity)?;
+    let bins = || course.0.values().filter(|b| (from..=to).contains(&b.t_ns()));
+    if bins().count() < LEAST_BINS {
+        return None;
+    }
+    let last = bins().last()?.t_ns();
+    let (scale, unit) = unit_of_time(last - from);
+    let at = |t_ns: f64| (t_ns - from) * scale;
+    let means = bins().map(|b| (at(b.t_ns()), b.mean())).collect();
+    let bars = bins()
+        .filter_map(|b| Some((at(b.t_ns()), b.mean(), 1.96 * b.standard_error()?)))
+        .flat_map(|(t, y, half)| [(t, y - half), (t, y + half)])
+        .collect();
+    let named = trend_in_words(story);
+    let finding = match (named.is_empty(), story.cures) {
+        (false, _) => named,
+        (true, 0) => "too short to tell a trend".into(),
+        (true, cures) => format!("cured {}", counted_as(cures.into(), "once", "times")),
+    };
+    let figure = Figure {
+        title: plain(&format!("{} channel {}: {finding}", story.printhead, story.channel)),
+        x: Axis::new(&format!("{unit} since {} UTC (means, 95 %)", clock(story.began_at_ns))),
+        y: Axis::new(&plain(quantity)),
+        series: vec![
+            Series { name: String::new(), mark: Mark::Points, points: means },
+            Series { name: String::new(), mark: Mark::Bars, points: bars },
+        ],
+        thresholds: Vec::new(),
+    };
+    let alt = format!("{}; {} of {}", figure.title, quantity, what(story));
+    Some(drawn(&figure, &alt))
+}
+
+/// From ns, to a unit that reads well.
+fn unit_of_time(span_ns: f64) -> (f64, &'static str) {
+    match span_ns / 1e9 {
+        s if s < 300.0 => (1e-9, "s"),
+        s if s < 3.0 * 3600.0 => (1e-9 / 60.0, "minutes"),
+        s if s < 3.0 * 86_400.0 => (1e-9 / 3600.0, "hours"),
+        _ => (1e-9 / 86_400.0, "days"),
+    }
+}
+
+/// The healthy resonance and damping of the printheads, against temperature where it was recorded.
+pub fn drift(points: &[ModelPoint]) -> Vec<String> {
+    let resonance = quantity(points, "Healthy resonance", "kHz", |p| p.frequency_hz / 1e3);
+    let damping = quantity(points, "Healthy damping", "1/ms", |p| p.damping_per_s / 1e3);
+    [resonance, damping].into_iter().flatten().collect()
+}
+
+fn quantity(
+    points: &[ModelPoint],
+    what: &str,
+    unit: &str,
+    of: fn(&ModelPoint) -> f64,
+) -> Option<String> {
+    let mut names: Vec<&str> = Vec::new();
+    for point in points {
+        let name = point.printhead.as_deref().unwrap_or("all printheads");
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    let with_temperature = points.iter().filter(|p| p.temperature_c.is_some()).count() >= 3;
+    let origin = points.iter().filter_map(|p| p.valid_from_ns).min();
+    let last = points.iter().filter_map(|p| p.valid_from_ns).max();
+    let span = last.zip(origin).map_or(0.0, |(last, first)| last.saturating_sub(first) as f64);
+    let (scale, time_unit) = unit_of_time(span);
+    let x_of = |p: &ModelPoint| match with_temperature {
+        true => p.temperature_c,
+        false => Some(p.valid_from_ns?.saturating_sub(origin?) as f64 * scale),
+    };
+    let mut changes: Vec<f64> = Vec::new();
+    let mut series = Vec::new();
+    for &name in &names {
+        let own: Vec<&ModelPoint> = points
+            .iter()
+            .filter(|p| p.printhead.as_deref().unwrap_or("all printheads") == name)
+            .collect();
+        changes.extend(per_kelvin(&own, of));
+        let points: Vec<(f64, f64)> = own.iter().filter_map(|p| Some((x_of(p)?, of(p)))).collect();
+        if !points.is_empty() && series.len() < MOST_HEADS {
+            series.push(Series { name: plain(name), mark: Mark::Dots, points });
+        }
+    }
+    if series.iter().map(|s| s.points.len()).sum::<usize>() < 3 {
+        return None;
+    }
+    changes.sort_by(f64::total_cmp);
+    let finding = match (changes.first(), changes.last()) {
+        (Some(low), Some(high)) => format!(
+            "{what} changes by {} to {} % per K from printhead to printhead",
+            signed(100.0 * low, 2),
+            signed(100.0 * high, 2)
+        ),
+        _ => {
+            let all = || points.iter().map(of);
+            let (low, high) = (all().fold(f64::INFINITY, f64::min), all().fold(0.0, f64::max));
+            format!("{what} lies between {low:.2} and {high:.2} {unit}")
+        }
+    };
+    let x = match (with_temperature, origin) {
+        (true, _) => "ink temperature, °C".into(),
+        (_, Some(origin)) => format!("{time_unit} since {} UTC", clock(origin)),
+        _ => return None,
+    };
+    let figure = Figure {
+        title: finding.clone(),
+        x: Axis::new(&x),
+        y: Axis::new(&format!("{}, {unit}", what.to_lowercase())),
+        series,
+        thresholds: Vec::new(),
+    };
+    Some(drawn(&figure, &finding))
+}
+
+pub fn drawn(figure: &Figure, alt: &str) -> String {
+    let alt = escaped(alt);
+    match figure.svg_of_size(SIZE) {
+        Ok(svg) => svg.replacen("<svg ", &format!("<svg role=\"img\" aria-label=\"{alt}\" "), 1),
+        Err(e) => format!("<p>{alt}: {}</p>", escaped(&e.to_string())),
+    }
+}
+
+/// Without control characters: SVG escapes markup, but carries these.
+fn plain(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).take(160).collect()
+}
+
+/// What a class's size says, for those who read it first.
+pub fn quantities() -> Vec<(&'static str, &'static str, &'static str)> {
+    fault::CLASSES.iter().map(|c| (*c, fault::in_words(c), fault::quantity(c))).collect()
+}

@@ -1,0 +1,242 @@
+//! A printhead as a picture: channels across, time down. In: verdicts, in any order. Out:
+//! [`HeadMap`], worst of every cell, so that a single bad burst stays visible however much is pooled.
+
+use super::bins::{Pooled, TimeBins};
+
+/// Rows of a map, at most.
+const MOST_ROWS: usize = 360;
+/// Cells of a map, at most: what it takes of memory, in two bytes each.
+const MOST_CELLS: usize = 1 << 20;
+/// Columns of a picture.
+const MOST_COLUMNS: usize = 1200;
+
+/// What a cell shows of the class, worse ones later.
+pub mod class {
+    pub const GAP: u8 = 0;
+    pub const HEALTHY: u8 = 1;
+    pub const REJECTED: u8 = 2;
+    pub const FLAGGED: u8 = 3;
+    /// The first category; others follow.
+    pub const CATEGORY: u8 = 4;
+    /// Categories that have a colour of their own; the last is for all others.
+    pub const CATEGORIES: u8 = 8;
+}
+
+/// Statistic over threshold, from .. on; what is below the first, too, has been judged.
+pub const LEVELS: [f32; 9] = [0.25, 0.5, 0.75, 1.0, 1.5, 2.5, 5.0, 10.0, 30.0];
+
+/// What a cell shows of the statistic: gap, rejected, below the first level, the levels.
+pub mod ratio {
+    pub const GAP: u8 = 0;
+    pub const REJECTED: u8 = 1;
+    pub const LOWEST: u8 = 2;
+}
+
+/// The colour of a statistic over its threshold.
+pub fn level(ratio: f32) -> u8 {
+    ratio::LOWEST + LEVELS.iter().map(|from| u8::from(ratio >= *from)).sum::<u8>()
+}
+
+/// Cells of one time, by the channel's place.
+#[derive(Clone, Debug, Default)]
+pub struct Cells {
+    pub from_ns: i64,
+    pub to_ns: i64,
+    any: bool,
+    class: Vec<u8>,
+    ratio: Vec<u8>,
+}
+
+impl Pooled for Cells {
+    fn pool(&mut self, other: Cells) {
+        if other.any {
+            self.spans(other.from_ns);
+            self.spans(other.to_ns);
+        }
+        self.class.resize(self.class.len().max(other.class.len()), class::GAP);
+        self.ratio.resize(self.class.len(), ratio::GAP);
+        let each = self.class.iter_mut().zip(&other.class);
+        each.for_each(|(mine, other)| *mine = (*mine).max(*other));
+        let each = self.ratio.iter_mut().zip(&other.ratio);
+        each.for_each(|(mine, other)| *mine = (*mine).max(*other));
+    }
+}
+
+impl Cells {
+    pub fn spans(&mut self, t_ns: i64) {
+        if !self.any {
+            (self.any, self.from_ns, self.to_ns) = (true, t_ns, t_ns);
+        }
+        (self.from_ns, self.to_ns) = (self.from_ns.min(t_ns), self.to_ns.max(t_ns));
+    }
+
+    pub fn mark(&mut self, place: usize, class: u8, ratio: u8) {
+        if place >= self.class.len() {
+            self.class.resize(place + 1, class::GAP);
+            self.ratio.resize(place + 1, ratio::GAP);
+        }
+        self.class[place] = self.class[place].max(class);
+        self.ratio[place] = self.ratio[place].max(ratio);
+    }
+}
+
+#[derive(Clone, Debug)]
+pub struct HeadMap {
+    rows: TimeBins<Cells>,
+}
+
+impl Default for HeadMap {
+    fn default() -> HeadMap {
+        HeadMap { rows: TimeBins::new(MOST_ROWS) }
+    }
+}
+
+/// Which picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shows {
+    Class,
+    Ratio,
+}
+
+/// One row of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Line {
+    /// Bursts from .. to, ns.
+    Bursts(i64, i64),
+    /// Nobody looked.
+    Pause,
+}
+
+/// A map as it is drawn.
+#[derive(Clone, Debug)]
+pub struct Picture {
+    pub lines: Vec<Line>,
+    /// The first channel of each column.
+    pub columns: Vec<u32>,
+    /// Channels of a column.
+    pub channels_per_column: usize,
+    /// `lines.len()` x `columns.len()`, row by row.
+    pub pixels: Vec<u8>,
+}
+
+impl HeadMap {
+    pub fn row(&mut self, t_ns: i64) -> &mut Cells {
+        let cells = self.rows.at(t_ns);
+        cells.spans(t_ns);
+        cells
+    }
+
+    /// As many channels are known now: bounds the memory.
+    pub fn make_room(&mut self, channels: usize) {
+        self.rows.limit((MOST_CELLS / channels.max(1)).clamp(16, MOST_ROWS));
+    }
+
+    /// `channels`: of each place. Columns in the order of the channels' numbers.
+    pub fn picture(&self, channels: &[u32], shows: Shows) -> Picture {
+        let mut order: Vec<usize> = (0..channels.len()).collect();
+        order.sort_by_key(|&place| channels[place]);
+        let per = channels.len().div_ceil(MOST_COLUMNS).max(1);
+        let columns: Vec<u32> = order.chunks(per).map(|of| channels[of[0]]).collect();
+        let lines = self.lines();
+        let mut rows = self.rows.values();
+        let mut pixels = Vec::with_capacity(lines.len() * columns.len());
+        for line in &lines {
+            let cells = match line {
+                Line::Pause => None,
+                Line::Bursts(..) => rows.next(),
+            };
+            let of = cells.map(|cells| match shows {
+                Shows::Class => &cells.class[..],
+                Shows::Ratio => &cells.ratio[..],
+            });
+            let of = of.unwrap_or_default();
+            let worst = |places: &[usize]| {
+                places.iter().filter_map(|&p| of.get(p)).copied().max().unwrap_or(0)
+            };
+            pixels.extend(order.chunks(per).map(worst));
+        }
+        Picture { lines, columns, channels_per_column: per, pixels }
+    }
+
+    /// Rows, and a line where the time to the next is several times what it mostly is.
+    fn lines(&self) -> Vec<Line> {
+        let rows: Vec<(i64, i64)> = self.rows.values().map(|c| (c.from_ns, c.to_ns)).collect();
+        let mut steps: Vec<i64> = rows.windows(2).map(|w| w[1].0.saturating_sub(w[0].1)).collect();
+        steps.sort_unstable();
+        let usual = steps.get(steps.len() / 2).copied().unwrap_or(0).max(self.rows.width_ns());
+        let mut lines: Vec<Line> = Vec::new();
+        for (k, &(from, to)) in rows.iter().enumerate() {
+            if k > 0 && from.saturating_sub(rows[k - 1].1) > usual.saturating_mul(PAUSE) {
+                lines.push(Line::Pause);
+            }
+            lines.push(Line::Bursts(from, to));
+        }
+        lines
+    }
+}
+
+/// Times the usual step: shown as a pause.
+const PAUSE: i64 = 4;
+
+impl Picture {
+    /// The line that shows a time, or the nearest one.
+    pub fn line_of(&self, t_ns: i64) -> usize {
+        let before = |line: &Line| match line {
+            Line::Bursts(_, to) => *to < t_ns,
+            Line::Pause => true,
+        };
+        let all = self.lines.iter().enumerate().filter(|(_, line)| **line != Line::Pause);
+        let mut last = 0;
+        for (k, line) in all {
+            last = k;
+            if !before(line) {
+                break;
+            }
+        }
+        last
+    }
+
+    /// The column of a channel.
+    pub fn column_of(&self, channel: u32) -> usize {
+        self.columns.partition_point(|first| *first <= channel).saturating_sub(1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_single_bad_burst_stays_visible_and_pauses_are_drawn_once() {
+        let mut map = HeadMap::default();
+        for burst in 0..5000i64 {
+            let t = burst * 1_000_000_000 + if burst >= 2500 { 86_400_000_000_000 } else { 0 };
+            let row = map.row(t);
+            for channel in 0..8 {
+                let bad = burst == 1234 && channel == 3;
+                let class = if bad { class::FLAGGED } else { class::HEALTHY };
+                row.mark(channel, class, level(if bad { 20.0 } else { 0.3 }));
+            }
+        }
+        let channels = [10, 11, 12, 13, 14, 15, 16, 17];
+        let picture = map.picture(&channels, Shows::Class);
+        assert_eq!(picture.pixels.iter().filter(|p| **p == class::FLAGGED).count(), 1);
+        assert_eq!(picture.lines.iter().filter(|l| **l == Line::Pause).count(), 1);
+        assert!((180..=361).contains(&picture.lines.len()), "{}", picture.lines.len());
+        let at = picture.line_of(1234 * 1_000_000_000) * 8 + picture.column_of(13);
+        assert_eq!(picture.pixels[at], class::FLAGGED);
+        let ratio = map.picture(&channels, Shows::Ratio);
+        assert_eq!(ratio.pixels[at], level(20.0));
+        assert_eq!(ratio.pixels.iter().filter(|p| **p == ratio::GAP).count(), 8, "the pause");
+    }
+
+    #[test]
+    fn a_channel_that_was_not_measured_is_a_gap() {
+        let mut map = HeadMap::default();
+        map.row(0).mark(0, class::HEALTHY, level(0.1));
+        map.row(5_000_000_000).mark(1, class::REJECTED, ratio::REJECTED);
+        let picture = map.picture(&[5, 2], Shows::Class);
+        assert_eq!(picture.columns, [2, 5]);
+        assert_eq!(picture.pixels, [class::GAP, class::HEALTHY, class::REJECTED, class::GAP]);
+    }
+}

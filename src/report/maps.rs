@@ -1,0 +1,368 @@
+//! Maps of printheads as figures: the picture in SVG axes, episodes marked, every colour explained. In:
+//! a [`Head`] and its faults. Out: markup.
+
+use super::fault::{Fault, what};
+use super::map::{LEVELS, Line, Picture, Shows, class, ratio};
+use super::survey::{Head, KNOWN_CATEGORIES};
+use super::words::{clock, counted, percent, short_clock};
+use crate::plot::page::{escaped, name};
+use crate::plot::raster::{Colour, Raster};
+use std::fmt::Write;
+
+/// Told apart also without colour vision (Okabe and Ito 2008): gap, healthy, rejected, flagged, dried,
+/// blocked, air, empty, then categories of one's own, the last for all others.
+const CLASS_COLOURS: [Colour; 12] = [
+    [255, 255, 255],
+    [223, 231, 238],
+    [150, 150, 150],
+    [240, 228, 66],
+    [0, 114, 178],
+    [0, 0, 0],
+    [86, 180, 233],
+    [213, 94, 0],
+    [0, 158, 115],
+    [204, 121, 167],
+    [230, 159, 0],
+    [120, 80, 26],
+];
+/// Gap, rejected, below the threshold from pale to darker, above it from yellow to brown.
+const RATIO_COLOURS: [Colour; 12] = [
+    [255, 255, 255],
+    [150, 150, 150],
+    [244, 247, 250],
+    [228, 235, 242],
+    [206, 218, 230],
+    [178, 197, 216],
+    [254, 227, 145],
+    [254, 196, 79],
+    [254, 153, 41],
+    [236, 112, 20],
+    [190, 70, 3],
+    [92, 30, 4],
+];
+/// Letters beside the colours; the categories of one's own are numbered.
+const LETTERS: [&str; 4] = ["D", "B", "A", "E"];
+/// Episodes marked on a map.
+const MOST_MARKED: usize = 1500;
+/// Letters of an episode's sentence.
+const MOST_OF_A_SENTENCE: usize = 600;
+/// Faults named in a text that stands for a picture.
+const MOST_IN_WORDS: usize = 8;
+
+/// Left of the picture, above it, its width, below it; user units.
+const LEFT: f64 = 118.0;
+const TOP: f64 = 22.0;
+const WIDTH: f64 = 860.0;
+const BELOW: f64 = 40.0;
+
+/// The letter of an episode's category.
+fn letter(category: Option<&str>, categories: &[String]) -> String {
+    let Some(category) = category else { return "?".into() };
+    match KNOWN_CATEGORIES.iter().position(|known| *known == category) {
+        Some(at) => LETTERS[at].into(),
+        None => match categories.iter().position(|c| c == category) {
+            Some(at) => format!("{}", at + 1 - KNOWN_CATEGORIES.len()),
+            None => "?".into(),
+        },
+    }
+}
+
+/// Both maps of a printhead; empty where it has none.
+pub fn maps(head: &Head, faults: &[&Fault], categories: &[String]) -> Result<String, String> {
+    let Some(map) = &head.map else { return Ok(String::new()) };
+    let channels: Vec<u32> = head.channels.iter().map(|c| c.channel).collect();
+    let mut text = String::new();
+    for (shows, colours) in [(Shows::Class, &CLASS_COLOURS), (Shows::Ratio, &RATIO_COLOURS)] {
+        let picture = map.picture(&channels, shows);
+        if picture.pixels.is_empty() {
+            return Ok(String::new());
+        }
+        text += &figure(head, faults, categories, &picture, colours, shows)?;
+    }
+    Ok(text)
+}
+
+fn figure(
+    head: &Head,
+    faults: &[&Fault],
+    categories: &[String],
+    picture: &Picture,
+    colours: &[Colour],
+    shows: Shows,
+) -> Result<String, String> {
+    let (lines, columns) = (picture.lines.len(), picture.columns.len());
+    let raster = Raster {
+        width: columns as u32,
+        height: lines as u32,
+        palette: colours,
+        cells: &picture.pixels,
+    };
+    let address = raster.address()?;
+    let height = (lines as f64 * 6.0).clamp(120.0, 380.0);
+    let total = TOP + height + BELOW;
+    let alt = escaped(&in_words(head, faults, picture, shows));
+    let mut svg = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"1000\" height=\"{total:.0}\" \
+         viewBox=\"0 0 1000 {total:.0}\" role=\"img\" aria-label=\"{alt}\" \
+         font-family=\"DejaVu Sans,sans-serif\" font-size=\"12\"><title>{alt}</title>\n\
+         <image href=\"{address}\" x=\"{LEFT}\" y=\"{TOP}\" width=\"{WIDTH}\" height=\"{height:.1}\" \
+         preserveAspectRatio=\"none\" style=\"image-rendering:pixelated\"/>\n\
+         <rect x=\"{LEFT}\" y=\"{TOP}\" width=\"{WIDTH}\" height=\"{height:.1}\" fill=\"none\" \
+         stroke=\"#888\"/>\n"
+    );
+    axes(&mut svg, picture, height);
+    if shows == Shows::Class {
+        marks(&mut svg, head, faults, categories, picture, height);
+    }
+    svg += "</svg>\n";
+    Ok(svg)
+}
+
+/// Channels below, times at the left.
+fn axes(svg: &mut String, picture: &Picture, height: f64) {
+    let columns = picture.columns.len();
+    let column_width = WIDTH / columns as f64;
+    let bottom = TOP + height;
+    let every = columns.div_ceil(12).max(1);
+    // round steps of channels read better than even ones
+    let every =
+        [1, 2, 5, 10, 20, 50, 100, 200, 500].into_iter().find(|s| *s >= every).unwrap_or(every);
+    for column in (0..columns).step_by(every) {
+        let x = LEFT + (column as f64 + 0.5) * column_width;
+        let _ = writeln!(
+            svg,
+            "<path d=\"M{x:.1} {bottom:.1}v5\" stroke=\"#555\"/><text x=\"{x:.1}\" y=\"{:.1}\" \
+             text-anchor=\"middle\">{}</text>",
+            bottom + 17.0,
+            picture.columns[column]
+        );
+    }
+    let per = match picture.channels_per_column {
+        1 => String::new(),
+        n => format!(", {n} in each column, the worst shown"),
+    };
+    let _ = writeln!(
+        svg,
+        "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">channel{per}</text>\
+         <text x=\"{:.1}\" y=\"14\" text-anchor=\"end\">time, UTC</text>",
+        LEFT + WIDTH / 2.0,
+        bottom + 34.0,
+        LEFT - 8.0
+    );
+    let line_height = height / picture.lines.len() as f64;
+    let mut free = TOP;
+    for (k, line) in picture.lines.iter().enumerate() {
+        let y = TOP + (k as f64 + 0.5) * line_height;
+        let after_pause = k > 0 && picture.lines[k - 1] == Line::Pause;
+        let Line::Bursts(from, _) = line else { continue };
+        let wanted = k == 0 || after_pause || y >= free + 24.0;
+        if !wanted || y < free {
+            continue;
+        }
+        free = y + 13.0;
+        let _ = writeln!(
+            svg,
+            "<path d=\"M{:.1} {y:.1}h-5\" stroke=\"#555\"/><text x=\"{:.1}\" y=\"{:.1}\" \
+             text-anchor=\"end\">{}</text>",
+            LEFT,
+            LEFT - 8.0,
+            y + 4.0,
+            label(*from, picture)
+        );
+    }
+}
+
+/// Seconds where minutes do not tell the lines apart.
+fn label(t_ns: i64, picture: &Picture) -> String {
+    let mut spans = picture.lines.iter().filter_map(|line| match line {
+        Line::Bursts(from, to) => Some((*from, *to)),
+        Line::Pause => None,
+    });
+    let first = spans.next().unwrap_or_default();
+    let last = spans.next_back().unwrap_or(first);
+    match last.1.saturating_sub(first.0) {
+        span if span < 7_200_000_000_000 => clock(t_ns)[11..].to_owned(),
+        _ => short_clock(t_ns),
+    }
+}
+
+/// A frame around each episode, with its letter and its sentence.
+fn marks(
+    svg: &mut String,
+    head: &Head,
+    faults: &[&Fault],
+    categories: &[String],
+    picture: &Picture,
+    height: f64,
+) {
+    let column_width = WIDTH / picture.columns.len() as f64;
+    let line_height = height / picture.lines.len() as f64;
+    let spells = faults.iter().flat_map(|f| f.story.spells.iter().map(move |s| (f, s)));
+    let mut lettered = None;
+    for (fault, spell) in spells.take(MOST_MARKED) {
+        let e = &spell.episode;
+        let last = head.tallies.get(&spell.recording).and_then(|t| t.to_ns);
+        let until = e.ended_at_ns.or(last).unwrap_or(e.raised_at_ns);
+        let (from, to) = (picture.line_of(e.began_at_ns), picture.line_of(until));
+        let x = LEFT + picture.column_of(e.channel) as f64 * column_width;
+        let y = TOP + from as f64 * line_height;
+        let high = ((to.max(from) - from + 1) as f64 * line_height).max(2.0);
+        let width = column_width.max(3.0);
+        let until = match e.ended_at_ns {
+            Some(end) => format!("to {}", clock(end)),
+            None => "to the end of the recording".into(),
+        };
+        let explained: String = e.explanation.chars().take(MOST_OF_A_SENTENCE).collect();
+        let words = format!("{explained}; from {} {until}", clock(e.began_at_ns));
+        let _ = writeln!(
+            svg,
+            "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{high:.1}\" \
+             fill=\"#000\" fill-opacity=\"0\" stroke=\"#000\" stroke-width=\".7\"><title>{}</title></rect>",
+            escaped(&words)
+        );
+        // one letter per fault and category is enough
+        let sign = (fault.story.channel, fault.story.began_at_ns, e.category.as_deref());
+        if lettered != Some(sign) {
+            lettered = Some(sign);
+            let _ = writeln!(
+                svg,
+                "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\" font-size=\"11\" \
+                 font-weight=\"bold\" stroke=\"#fff\" stroke-width=\"3\" paint-order=\"stroke\">{}</text>",
+                x + width / 2.0,
+                (y - 2.0).max(TOP - 4.0),
+                letter(e.category.as_deref(), categories)
+            );
+        }
+    }
+}
+
+/// What the picture shows, for those who do not see it.
+fn in_words(head: &Head, faults: &[&Fault], picture: &Picture, shows: Shows) -> String {
+    let times = picture.lines.iter().filter_map(|line| match line {
+        Line::Bursts(from, to) => Some((*from, *to)),
+        Line::Pause => None,
+    });
+    let (from, to) = times.fold((i64::MAX, i64::MIN), |(a, b), (f, t)| (a.min(f), b.max(t)));
+    let pauses = picture.lines.iter().filter(|line| **line == Line::Pause).count() as u64;
+    let what_it_shows = match shows {
+        Shows::Class => "what each channel was found to be",
+        Shows::Ratio => "detection statistic over its threshold",
+    };
+    let mut text = format!(
+        "{}, {what_it_shows}: {} across, {} to {} down, {}.",
+        head.name,
+        counted(head.channels.len() as u64, "channel"),
+        clock(from),
+        clock(to),
+        counted(pauses, "pause")
+    );
+    let cells = picture.pixels.len() as u64;
+    let share = |wanted: &dyn Fn(u8) -> bool| {
+        percent(picture.pixels.iter().filter(|p| wanted(**p)).count() as u64, cells)
+    };
+    text += &match shows {
+        Shows::Class => format!(
+            " Of its cells {} hold a flagged signal, {} a rejected one.",
+            share(&|p| p >= class::FLAGGED),
+            share(&|p| p == class::REJECTED)
+        ),
+        Shows::Ratio => {
+            format!(" Of its cells {} reach beyond the threshold.", share(&|p| p >= first_beyond()))
+        }
+    };
+    let named: Vec<String> = faults
+        .iter()
+        .take(MOST_IN_WORDS)
+        .map(|f| format!("channel {} ({})", f.story.channel, what(&f.story)))
+        .collect();
+    match (named.len(), faults.len()) {
+        (0, _) => text += " No faults.",
+        (n, all) if n == all => text += &format!(" Faults: {}.", named.join(", ")),
+        (n, all) => text += &format!(" Faults: {}, and {} more.", named.join(", "), all - n),
+    }
+    text
+}
+
+/// The first colour beyond the threshold.
+fn first_beyond() -> u8 {
+    super::map::level(1.0)
+}
+
+/// Lines of a picture that moves along the recording.
+const WATERFALL: usize = 64;
+/// It is no narrower than that: viewers blur what they enlarge.
+const LEAST_WIDTH: usize = 480;
+
+/// The class map as it looked at each time, PNG, the newest line at the bottom; in the order of time.
+pub fn waterfalls(
+    head: &Head,
+    mut each: impl FnMut(i64, Vec<u8>) -> Result<(), String>,
+) -> Result<(), String> {
+    let Some(map) = &head.map else { return Ok(()) };
+    let channels: Vec<u32> = head.channels.iter().map(|c| c.channel).collect();
+    let picture = map.picture(&channels, Shows::Class);
+    let columns = picture.columns.len();
+    if columns == 0 {
+        return Ok(());
+    }
+    let scale = LEAST_WIDTH.div_ceil(columns).max(1);
+    let high = scale.min(4);
+    for (k, line) in picture.lines.iter().enumerate() {
+        let Line::Bursts(_, to_ns) = line else { continue };
+        let from = (k + 1).saturating_sub(WATERFALL);
+        let mut cells = vec![class::GAP; (WATERFALL - (k + 1 - from)) * high * columns * scale];
+        for line in picture.pixels[from * columns..(k + 1) * columns].chunks(columns) {
+            let wide: Vec<u8> = line.iter().flat_map(|c| std::iter::repeat_n(*c, scale)).collect();
+            (0..high).for_each(|_| cells.extend(&wide));
+        }
+        let raster = Raster {
+            width: (columns * scale) as u32,
+            height: (WATERFALL * high) as u32,
+            palette: &CLASS_COLOURS,
+            cells: &cells,
+        };
+        each(*to_ns, raster.png()?)?;
+    }
+    Ok(())
+}
+
+/// What the colours of both maps mean.
+pub fn key(categories: &[String]) -> String {
+    let patch = |colour: &Colour, words: &str| {
+        format!(
+            "<span class=\"key\"><svg width=\"14\" height=\"14\" viewBox=\"0 0 14 14\" \
+             aria-hidden=\"true\"><rect x=\".5\" y=\".5\" width=\"13\" height=\"13\" \
+             fill=\"#{:02x}{:02x}{:02x}\" stroke=\"#888\"/></svg>{words}</span>\n",
+            colour[0], colour[1], colour[2]
+        )
+    };
+    let mut text = String::from("<p>Class: ");
+    for (colour, words) in CLASS_COLOURS.iter().zip([
+        "not measured",
+        "healthy",
+        "rejected",
+        "flagged, of no certain category",
+    ]) {
+        text += &patch(colour, words);
+    }
+    for (k, category) in categories.iter().take(usize::from(class::CATEGORIES)).enumerate() {
+        let words = match k + 1 == usize::from(class::CATEGORIES) && categories.len() > k + 1 {
+            true => "other categories".into(),
+            false => name(&category.replace('_', " ")),
+        };
+        let words = format!("{words} ({})", letter(Some(category), categories));
+        text += &patch(&CLASS_COLOURS[usize::from(class::CATEGORY) + k], &words);
+    }
+    text += "</p>\n<p>Statistic over threshold: ";
+    text += &patch(&RATIO_COLOURS[usize::from(ratio::GAP)], "not measured");
+    text += &patch(&RATIO_COLOURS[usize::from(ratio::REJECTED)], "rejected");
+    text += &patch(&RATIO_COLOURS[usize::from(ratio::LOWEST)], &format!("below {}", LEVELS[0]));
+    for (k, from) in LEVELS.iter().enumerate() {
+        let words = match LEVELS.get(k + 1) {
+            Some(to) => format!("{from} to {to}"),
+            None => format!("{from} and more"),
+        };
+        text += &patch(&RATIO_COLOURS[usize::from(ratio::LOWEST) + 1 + k], &words);
+    }
+    text + "</p>\n"
+}

@@ -1,0 +1,180 @@
+//! What a person looks at: from verdicts, episodes and summaries of any number of recordings, which
+//! channels to clean, since when, and whether the verdicts can be trusted.
+//!
+//! In: per recording its [`Source`] and episodes, then all verdicts once ([`Survey`]). Out: a
+//! [`Report`], and from it the page. It must never judge: what is a fault was decided by the episodes.
+
+mod bins;
+mod drift;
+mod evaluation;
+mod false_alarms;
+mod fault;
+mod figures;
+mod list;
+mod map;
+mod maps;
+mod neighbours;
+mod page;
+mod settings;
+mod story;
+mod survey;
+mod tables;
+mod trend;
+mod watch;
+mod words;
+
+pub use evaluation::html as evaluation;
+pub use fault::{Fault, size, trend_in_words, what};
+pub use list::print;
+pub use maps::waterfalls;
+pub use page::html;
+pub use settings::ReportSettings;
+pub use story::Story;
+pub use survey::{Names, Survey};
+
+use drift::ModelPoint;
+use false_alarms::FalseAlarms;
+use neighbours::Group;
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use story::Rates;
+
+/// A recording, as its summary (or else its verdicts' metadata) tells of it.
+#[derive(Clone, Debug, Default)]
+pub struct Source {
+    /// Below what was named.
+    pub name: String,
+    /// The contract's document; null: there is none.
+    pub document: Value,
+    /// What is missing beside the verdicts: `episodes`, `summary`.
+    pub missing: Vec<&'static str>,
+}
+
+/// One recording, counted.
+#[derive(Clone, Debug)]
+pub struct RecordingLine {
+    pub name: String,
+    pub from_ns: Option<i64>,
+    pub to_ns: Option<i64>,
+    pub judged: u64,
+    pub flagged: u64,
+    /// Signals by reason.
+    pub rejected: BTreeMap<String, u64>,
+    /// Messages by the file's own statistics, and bursts that were found.
+    pub expected: Option<u64>,
+    pub bursts: Option<u64>,
+    pub damage: Vec<String>,
+    pub missing: Vec<&'static str>,
+    /// Channels with an open fault in it, and all, by printhead.
+    pub heads: BTreeMap<Arc<str>, HeadCount>,
+}
+
+/// One printhead in one recording.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct HeadCount {
+    pub judged: u64,
+    pub flagged: u64,
+    pub rejected: u64,
+    pub faulty_channels: u64,
+}
+
+#[derive(Debug)]
+pub struct Report {
+    /// In the order of time.
+    pub recordings: Vec<RecordingLine>,
+    /// Most urgent first.
+    pub faults: Vec<Fault>,
+    pub groups: Vec<Group>,
+    pub false_alarms: FalseAlarms,
+    pub drift: Vec<ModelPoint>,
+    pub survey: Survey,
+    pub settings: ReportSettings,
+}
+
+impl Report {
+    pub fn new(sources: &[Source], survey: Survey, settings: ReportSettings) -> Report {
+        let false_alarms = FalseAlarms::of(&survey, sources);
+        let rates = rates(&survey, &false_alarms);
+        let mut faults: Vec<Fault> = survey
+            .heads
+            .iter()
+            .flat_map(|head| &head.watches)
+            .flat_map(|watch| story::stories(watch, &rates))
+            .map(|story| Fault::new(story, &settings))
+            .collect();
+        fault::sort(&mut faults);
+        let groups = neighbours::groups(&faults, &settings);
+        let mut recordings = lines(sources, &survey, &faults);
+        recordings.sort_by(|a, b| (a.from_ns, &a.name).cmp(&(b.from_ns, &b.name)));
+        let drift = drift::points(sources);
+        Report { recordings, faults, groups, false_alarms, drift, survey, settings }
+    }
+
+    /// What is to be cleaned, most urgent first.
+    pub fn open(&self) -> impl Iterator<Item = &Fault> {
+        self.faults.iter().filter(|fault| fault.is_open())
+    }
+}
+
+fn rates(survey: &Survey, false_alarms: &FalseAlarms) -> Rates {
+    let mut categories: BTreeMap<String, u64> = BTreeMap::new();
+    let watches = || survey.heads.iter().flat_map(|head| &head.watches);
+    for spell in watches().flat_map(|watch| &watch.spells) {
+        if let Some(category) = &spell.episode.category {
+            *categories.entry(category.clone()).or_default() += 1;
+        }
+    }
+    let channels = survey.heads.iter().flat_map(|head| &head.channels);
+    Rates {
+        faulty_channels: watches().count() as u64,
+        judged: channels.map(|c| c.judged).sum(),
+        false_alarms: false_alarms.rate(),
+        categories,
+    }
+}
+
+fn lines(sources: &[Source], survey: &Survey, faults: &[Fault]) -> Vec<RecordingLine> {
+    let mut faulty: BTreeMap<(usize, Arc<str>), BTreeSet<u32>> = BTreeMap::new();
+    for story in faults.iter().map(|fault| &fault.story) {
+        for spell in &story.spells {
+            let key = (spell.recording, story.printhead.clone());
+            faulty.entry(key).or_default().insert(story.channel);
+        }
+    }
+    let line = |(recording, source): (usize, &Source)| {
+        let mut heads = BTreeMap::new();
+        let (mut from_ns, mut to_ns) = (None, None);
+        let earlier = |a: Option<i64>, b: Option<i64>| a.into_iter().chain(b).min();
+        let later = |a: Option<i64>, b: Option<i64>| a.into_iter().chain(b).max();
+        for head in &survey.heads {
+            let Some(tally) = head.tallies.get(&recording) else { continue };
+            (from_ns, to_ns) = (earlier(from_ns, tally.from_ns), later(to_ns, tally.to_ns));
+            let channels = faulty.get(&(recording, head.name.clone())).map_or(0, BTreeSet::len);
+            let count = HeadCount {
+                judged: tally.judged,
+                flagged: tally.flagged,
+                rejected: tally.rejected,
+                faulty_channels: channels as u64,
+            };
+            heads.insert(head.name.clone(), count);
+        }
+        let counts = &source.document["counts"];
+        let rejected = counts["rejected"].as_object().into_iter().flatten();
+        let damage = source.document["damage"].as_array().into_iter().flatten();
+        RecordingLine {
+            name: source.name.clone(),
+            from_ns,
+            to_ns,
+            judged: heads.values().map(|h| h.judged).sum(),
+            flagged: heads.values().map(|h| h.flagged).sum(),
+            rejected: rejected.filter_map(|(why, n)| Some((why.clone(), n.as_u64()?))).collect(),
+            expected: source.document["expected"].as_u64(),
+            bursts: counts["bursts"].as_u64(),
+            damage: damage.filter_map(|d| Some(d["what"].as_str()?.to_owned())).collect(),
+            missing: source.missing.clone(),
+            heads,
+        }
+    };
+    sources.iter().enumerate().map(line).collect()
+}

@@ -1,0 +1,333 @@
+//! Episodes linked over recordings: one story per fault.
+//!
+//! In: a [`Watch`] of a channel, and how often faults begin on channels at all. Out: [`Story`]s.
+//!
+//! Whether a channel was cured between two episodes is asked of its bursts in between: as many of
+//! them flagged as in the episodes (weak faults are not flagged in every burst), or as few as on
+//! healthy channels? Where nobody looked, nothing was cured.
+//!
+//! Whether what comes after a cure is the same fault or another: a fault of its own begins on this very
+//! channel with the small rate `mu` of all channels, per burst; one that comes back does so with a rate
+//! of its own, of which nothing is known but that it lies between `mu` and every burst (its logarithm
+//! uniform). After n quiet bursts the likelihoods' ratio is the integral over ln lambda, from ln mu to 0, of
+//! lambda e^(-lambda n) / ln(1 / mu), over mu e^(-mu n): (1 - e^((mu - 1) n)) / (mu n ln(1 / mu)); times 1 /
+//! the share of that category among all episodes, as another fault would rarely be of the same sort. So a
+//! nozzle that dries every night is one story, and what comes once in a channel's life is one of its own.
+
+use super::trend::{self, Trend};
+use super::watch::{self, Looked, Spell, Watch};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// ln of the likelihood ratio that tells a cured channel from one whose fault shows in few bursts.
+const CURED: f64 = 3.0;
+/// Bursts, half of them flagged, that an episode's share of flagged bursts starts from.
+const PRIOR_BURSTS: f64 = 1.0;
+
+/// How often what happens, over all channels.
+#[derive(Clone, Debug, Default)]
+pub struct Rates {
+    /// Channels with an episode.
+    pub faulty_channels: u64,
+    /// Judged signals of all channels.
+    pub judged: u64,
+    /// Share of flagged signals outside of episodes.
+    pub false_alarms: f64,
+    /// Episodes by category.
+    pub categories: BTreeMap<String, u64>,
+}
+
+impl Rates {
+    /// Onsets per judged signal on other channels than one that has some itself; of none, half a one.
+    fn onset(&self) -> f64 {
+        let others = self.faulty_channels.saturating_sub(1) as f64 + 0.5;
+        (others / self.judged.max(1) as f64).min(0.5)
+    }
+
+    /// Share of a category among all episodes, never 0.
+    fn share(&self, category: Option<&str>) -> f64 {
+        let all: u64 = self.categories.values().sum();
+        let of = category.and_then(|c| self.categories.get(c)).copied().unwrap_or(0);
+        (of as f64 + 1.0) / (all as f64 + 1.0 + self.categories.len().max(1) as f64)
+    }
+}
+
+/// One fault of a channel over all recordings.
+#[derive(Clone, Debug)]
+pub struct Story {
+    pub printhead: Arc<str>,
+    pub channel: u32,
+    /// Of the last episode that has one.
+    pub category: Option<String>,
+    pub fault: Option<String>,
+    /// Without a category: what most of its bursts look like.
+    pub strange: Option<Strange>,
+    pub began_at_ns: i64,
+    /// `None`: still on.
+    pub ended_at_ns: Option<i64>,
+    /// In which an episode of it is.
+    pub recordings: u32,
+    pub spells: Vec<Spell>,
+    /// How often it was healthy in between.
+    pub cures: u32,
+    /// The first burst after its last cure that is in an episode.
+    pub last_began_at_ns: i64,
+    pub severity_first: Option<f64>,
+    pub severity_last: Option<f64>,
+    /// Of `severity_last`.
+    pub severity_sd: Option<f64>,
+    /// What its severities measure, if one thing.
+    pub quantity: Option<String>,
+    /// Since the last cure.
+    pub trend: Option<Trend>,
+    pub certainty: Option<f64>,
+}
+
+/// What bursts that are of no class mostly look like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Strange {
+    /// No ring explains them: sensor or acquisition.
+    NoRing,
+    /// A ring, but of no known class.
+    UnknownFault,
+    Uncertain,
+}
+
+impl Strange {
+    /// The verdict table's `reason`.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Strange::NoRing => "no_ring",
+            Strange::UnknownFault => "unknown_fault",
+            Strange::Uncertain => "uncertain",
+        }
+    }
+}
+
+/// What lies between two episodes, or after the last.
+struct Gap {
+    cured: bool,
+    quiet: u64,
+}
+
+impl Gap {
+    /// `share`: of flagged bursts in the episodes; `false_alarms`: of healthy channels.
+    fn of(between: &Looked, share: f64, false_alarms: f64) -> Gap {
+        let quiet = between.judged - between.flagged;
+        let false_alarms = false_alarms.clamp(1e-6, 0.5 * share);
+        let healthy = between.flagged as f64 * (false_alarms / share).ln()
+            + quiet as f64 * ((1.0 - false_alarms) / (1.0 - share)).ln();
+        Gap { cured: healthy > CURED, quiet }
+    }
+}
+
+/// A channel's stories, in the order of their onsets.
+pub fn stories(watch: &Watch, rates: &Rates) -> Vec<Story> {
+    let mut whole = Looked::default();
+    watch.spells.iter().for_each(|spell| whole.absorb(&spell.looked));
+    let share = (whole.flagged as f64 + 0.5 * PRIOR_BURSTS) / (whole.judged as f64 + PRIOR_BURSTS);
+    let share = share.clamp(0.01, 0.999);
+    let gap = |k: usize| {
+        // the tracker saw an end within the recording: what it calls cured is cured
+        let ended = watch.spells[k - 1].episode.ended_at_ns.is_some();
+        let gap = Gap::of(&watch.outside[k], share, rates.false_alarms);
+        Gap { cured: gap.cured || ended && gap.quiet > 0, quiet: gap.quiet }
+    };
+    let mut all = Vec::new();
+    let mut from = 0;
+    for k in 1..=watch.spells.len() {
+        let last = k == watch.spells.len();
+        let (before, here) = (&watch.spells[k - 1], gap(k));
+        if !last && !is_another(before, &watch.spells[k], &here, rates) {
+            continue;
+        }
+        let inner: Vec<Gap> = (from + 1..k).map(gap).collect();
+        let ended = before.episode.ended_at_ns.is_some() || here.cured;
+        let ended_at_ns = before.episode.ended_at_ns.or(watch.outside[k].first_quiet_ns);
+        all.push(story(watch, from..k, &inner, ended_at_ns.filter(|_| ended)));
+        from = k;
+    }
+    all
+}
+
+/// Whether what begins after a gap is a fault of its own.
+fn is_another(before: &Spell, after: &Spell, gap: &Gap, rates: &Rates) -> bool {
+    if !gap.cured {
+        return false; // whatever it is called now, it was never gone
+    }
+    let (was, is) = (before.episode.category.as_deref(), after.episode.category.as_deref());
+    let same = match (was, is) {
+        (Some(was), Some(is)) if was != is => return true,
+        (Some(_), Some(is)) => rates.share(Some(is)),
+        _ => 1.0, // unnamed: no evidence either way
+    };
+    returns_over_new(gap.quiet as f64, rates.onset()) / same < 1.0
+}
+
+/// Likelihood that a fault comes back after n quiet bursts, over that of a new one there.
+fn returns_over_new(n: f64, mu: f64) -> f64 {
+    (1.0 - ((mu - 1.0) * n).exp()) / (mu * n * (1.0 / mu).ln())
+}
+
+fn story(
+    watch: &Watch,
+    of: std::ops::Range<usize>,
+    inner: &[Gap],
+    ended_at_ns: Option<i64>,
+) -> Story {
+    let spells = &watch.spells[of];
+    let (first, last) = (&spells[0].episode, &spells[spells.len() - 1].episode);
+    // the last named class wins; an unnamed episode takes nothing back
+    let latest = || spells.iter().rev().map(|s| &s.episode);
+    let named = latest().find(|e| e.fault.is_some());
+    let category_of = latest().find(|e| e.category.is_some());
+    let said = match (named, category_of) {
+        (Some(fault), Some(category)) if fault.category == category.category => fault,
+        (_, Some(category)) => category,
+        _ => last,
+    };
+    let mut recordings: Vec<usize> = spells.iter().map(|s| s.recording).collect();
+    recordings.sort_unstable();
+    recordings.dedup();
+    let last_run = inner.iter().rposition(|gap| gap.cured).map_or(0, |k| k + 1);
+    let last_began_at_ns = spells[last_run].episode.began_at_ns;
+    let sized = |e: &&crate::episodes::Episode| e.severity_last.is_some();
+    let last_sized = latest().find(sized);
+    let quantity = watch::quantity(said).map(str::to_owned);
+    let course = quantity.as_deref().and_then(|quantity| watch.course(quantity));
+    let to_ns = ended_at_ns.unwrap_or(i64::MAX);
+    Story {
+        printhead: first.printhead.clone(),
+        channel: first.channel,
+        category: said.category.clone(),
+        fault: said.fault.clone(),
+        strange: said.category.is_none().then(|| strange(spells)),
+        began_at_ns: first.began_at_ns,
+        ended_at_ns,
+        recordings: recordings.len() as u32,
+        cures: inner.iter().filter(|gap| gap.cured).count() as u32,
+        last_began_at_ns,
+        severity_first: spells.iter().find_map(|s| s.episode.severity_first),
+        severity_last: last_sized.and_then(|e| e.severity_last),
+        severity_sd: last_sized.and_then(|e| e.severity_sd),
+        trend: course.and_then(|course| trend::trend(course, last_began_at_ns, to_ns)),
+        quantity,
+        certainty: said.certainty,
+        spells: spells.to_vec(),
+    }
+}
+
+fn strange(spells: &[Spell]) -> Strange {
+    let mut all = Looked::default();
+    spells.iter().for_each(|spell| all.absorb(&spell.looked));
+    match () {
+        () if 2 * all.no_ring > all.flagged => Strange::NoRing,
+        () if 2 * all.unknown_fault > all.flagged => Strange::UnknownFault,
+        () => Strange::Uncertain,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::episodes::Episode;
+
+    const RATES: fn() -> Rates = || Rates {
+        faulty_channels: 6,
+        judged: 700_000,
+        false_alarms: 5e-4,
+        categories: BTreeMap::from([("dried_nozzle".into(), 20), ("air_bubble".into(), 20)]),
+    };
+
+    fn spell(recording: usize, began: i64, ended: Option<i64>, category: &str) -> Spell {
+        let episode = Episode {
+            printhead: "p".into(),
+            channel: 7,
+            category: Some(category.into()),
+            fault: None,
+            raised_at_ns: began + 1,
+            began_at_ns: began,
+            ended_at_ns: ended,
+            bursts: 10,
+            certainty: Some(0.9),
+            severity_first: Some(1.2),
+            severity_max: Some(1.5),
+            severity_last: Some(1.4),
+            severity_sd: Some(0.1),
+            explanation: String::new(),
+        };
+        Spell { recording, episode, looked: Looked::default() }
+    }
+
+    /// Recordings of 20 bursts at 100 r, 100 r + 1, ...; flagged where `on` says.
+    fn watched(spells: Vec<Spell>, recordings: usize, on: impl Fn(i64) -> bool) -> Watch {
+        let mut watch = Watch::new(spells);
+        for r in 0..recordings {
+            for k in 0..20 {
+                let t = 100 * r as i64 + k;
+                watch.look(r, t, on(t), None, None);
+            }
+        }
+        watch
+    }
+
+    #[test]
+    fn a_fault_that_stays_over_recordings_is_one_story_from_its_first_onset() {
+        let spells = (3..10).map(|r| spell(r, 100 * r as i64 + 2, None, "dried_nozzle")).collect();
+        let all = stories(&watched(spells, 10, |t| t >= 302), &RATES());
+        assert_eq!(all.len(), 1);
+        let s = &all[0];
+        assert_eq!((s.began_at_ns, s.ended_at_ns, s.recordings, s.cures), (302, None, 7, 0));
+    }
+
+    #[test]
+    fn cured_every_night_is_one_story_with_cures() {
+        let spells = (0..10)
+            .map(|r| spell(r, 100 * r as i64 + 2, Some(100 * r as i64 + 12), "dried_nozzle"))
+            .collect();
+        let all = stories(&watched(spells, 11, |t| (2..12).contains(&(t % 100))), &RATES());
+        assert_eq!(all.len(), 1);
+        assert_eq!((all[0].cures, all[0].ended_at_ns, all[0].began_at_ns), (9, Some(912), 2));
+    }
+
+    #[test]
+    fn a_recording_that_begins_healthy_cures_what_was_still_on() {
+        let spells = vec![spell(0, 5, None, "dried_nozzle")];
+        let all = stories(&watched(spells, 3, |t| (5..100).contains(&t)), &RATES());
+        assert_eq!(all[0].ended_at_ns, Some(100));
+        // three unflagged bursts of a fault that shows in every other burst cure nothing
+        let weak = vec![spell(0, 0, None, "dried_nozzle")];
+        let all = stories(&watched(weak, 1, |t| t % 2 == 0), &RATES());
+        assert_eq!(all[0].ended_at_ns, None);
+    }
+
+    #[test]
+    fn another_sort_of_fault_after_a_cure_is_another_story_and_without_a_cure_is_not() {
+        let two = |gap_flagged: bool| {
+            let spells =
+                vec![spell(0, 0, Some(10), "dried_nozzle"), spell(9, 905, None, "air_bubble")];
+            stories(&watched(spells, 10, |t| gap_flagged || !(10..905).contains(&t)), &RATES())
+        };
+        assert_eq!(two(false).len(), 2);
+        let spells = vec![spell(0, 0, None, "dried_nozzle"), spell(1, 100, None, "air_bubble")];
+        let one = stories(&watched(spells, 2, |_| true), &RATES());
+        assert_eq!(one.len(), 1);
+        assert_eq!(one[0].category.as_deref(), Some("air_bubble"));
+    }
+
+    #[test]
+    fn where_faults_are_frequent_and_the_gap_is_long_a_return_is_another_fault() {
+        assert!(returns_over_new(60.0, 7e-6) > 100.0);
+        assert!(returns_over_new(3e5, 7e-6) < 1.0);
+        // the integral over ln lambda of lambda e^(-lambda n), by sums
+        let (n, mu): (f64, f64) = (500.0, 1e-4);
+        let steps = 100_000;
+        let width = (1.0 / mu).ln() / f64::from(steps);
+        let sum: f64 = (0..steps)
+            .map(|k| mu * ((f64::from(k) + 0.5) * width).exp())
+            .map(|lambda| lambda * (-lambda * n).exp() * width)
+            .sum();
+        let odds = sum / (1.0 / mu).ln() / (mu * (-mu * n).exp());
+        assert!((returns_over_new(n, mu) / odds - 1.0).abs() < 1e-3, "{odds}");
+    }
+}

@@ -1,0 +1,258 @@
+//! All recordings' verdicts, looked at once. In: every recording's episodes, then its verdicts batch by
+//! batch. Out: [`Survey`]: per printhead its map, per channel its counts, per channel with an episode
+//! its [`Watch`]. Memory grows with printheads and channels, not with bursts.
+
+use super::map::{HeadMap, class, level, ratio};
+use super::watch::{Spell, Watch};
+use crate::episodes::Episode;
+use crate::verdict::{Outcome, VerdictColumns};
+use std::collections::{BTreeMap, HashMap};
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Printheads that are drawn: those with most episodes, then as they come.
+const MOST_MAPS: usize = 24;
+/// Channels of a printhead that are told apart.
+const MOST_CHANNELS: usize = 1 << 16;
+/// Printheads that are told apart.
+const MOST_PRINTHEADS: usize = 1 << 12;
+const NOT_WATCHED: u32 = u32::MAX;
+
+/// Signals of one recording and printhead.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Tally {
+    pub judged: u64,
+    pub flagged: u64,
+    pub rejected: u64,
+    pub from_ns: Option<i64>,
+    pub to_ns: Option<i64>,
+}
+
+impl Tally {
+    fn spans(&mut self, t_ns: i64) {
+        self.from_ns = Some(self.from_ns.map_or(t_ns, |from| from.min(t_ns)));
+        self.to_ns = Some(self.to_ns.map_or(t_ns, |to| to.max(t_ns)));
+    }
+}
+
+/// One channel over all recordings.
+#[derive(Clone, Copy, Debug)]
+pub struct ChannelCount {
+    pub channel: u32,
+    pub judged: u64,
+    pub flagged: u64,
+    watch: u32,
+}
+
+impl ChannelCount {
+    pub fn is_watched(&self) -> bool {
+        self.watch != NOT_WATCHED
+    }
+}
+
+#[derive(Clone, Debug)]
+pub struct Head {
+    pub name: Arc<str>,
+    pub channels: Vec<ChannelCount>,
+    places: HashMap<u32, usize>,
+    pub watches: Vec<Watch>,
+    /// `None`: more printheads than are drawn.
+    pub map: Option<HeadMap>,
+    /// By recording.
+    pub tallies: BTreeMap<usize, Tally>,
+}
+
+#[derive(Debug, Default)]
+pub struct Survey {
+    pub heads: Vec<Head>,
+    by_name: HashMap<Arc<str>, usize>,
+    /// The known ones first, then others as they are met.
+    pub categories: Vec<String>,
+    /// Rows of printheads and channels beyond what is told apart.
+    pub left_out: u64,
+    /// Without: counts and stories alone.
+    maps: usize,
+}
+
+/// Names that a batch's columns index.
+#[derive(Clone, Copy, Debug)]
+pub struct Names<'a> {
+    pub classes: &'a [String],
+    pub categories: &'a [String],
+}
+
+pub const KNOWN_CATEGORIES: [&str; 4] =
+    ["dried_nozzle", "blocked_nozzle", "air_bubble", "empty_channel"];
+
+impl Survey {
+    /// `episodes`: of each recording.
+    pub fn new(episodes: Vec<Vec<Episode>>, with_maps: bool) -> Survey {
+        let mut by_channel: BTreeMap<(Arc<str>, u32), Vec<Spell>> = BTreeMap::new();
+        for (recording, episodes) in episodes.into_iter().enumerate() {
+            for episode in episodes {
+                let key = (episode.printhead.clone(), episode.channel);
+                let spell = Spell { recording, episode, looked: Default::default() };
+                by_channel.entry(key).or_default().push(spell);
+            }
+        }
+        let mut of_head: BTreeMap<Arc<str>, Vec<(u32, Vec<Spell>)>> = BTreeMap::new();
+        for ((head, channel), spells) in by_channel {
+            of_head.entry(head).or_default().push((channel, spells));
+        }
+        let mut of_head: Vec<_> = of_head.into_iter().collect();
+        of_head.sort_by_key(|(_, channels)| std::cmp::Reverse(channels.len()));
+        let mut survey = Survey {
+            categories: KNOWN_CATEGORIES.map(str::to_owned).to_vec(),
+            maps: if with_maps { MOST_MAPS } else { 0 },
+            ..Survey::default()
+        };
+        for (name, channels) in of_head {
+            let Some(at) = survey.head(&name) else { continue };
+            for (channel, spells) in channels {
+                let head = &mut survey.heads[at];
+                if let Some(place) = head.place(channel, 0) {
+                    head.channels[place].watch = head.watches.len() as u32;
+                    head.watches.push(Watch::new(spells));
+                }
+            }
+        }
+        survey
+    }
+
+    /// The verdicts of a recording, batch by batch.
+    pub fn add(&mut self, recording: usize, c: &VerdictColumns, names: Names) {
+        let codes: Vec<u8> = names.categories.iter().map(|name| self.code(name)).collect();
+        let heads: Vec<Option<usize>> = c.printheads.iter().map(|name| self.head(name)).collect();
+        let mut from = 0;
+        while from < c.len() {
+            let (head, t_ns) = (c.printhead[from], c.acquired_at_ns[from]);
+            let same = |row: &usize| c.printhead[*row] == head && c.acquired_at_ns[*row] == t_ns;
+            let to = from + (from..c.len()).take_while(same).count();
+            match heads.get(head as usize).copied().flatten() {
+                Some(at) => {
+                    let head = &mut self.heads[at];
+                    self.left_out += head.burst(recording, c, from..to, names.classes, &codes);
+                }
+                None => self.left_out += (to - from) as u64,
+            }
+            from = to;
+        }
+    }
+
+    fn code(&mut self, category: &str) -> u8 {
+        let known = self.categories.iter().position(|c| c == category);
+        let at = known.unwrap_or_else(|| {
+            self.categories.push(category.to_owned());
+            self.categories.len() - 1
+        });
+        class::CATEGORY + (at as u8).min(class::CATEGORIES - 1)
+    }
+
+    fn head(&mut self, name: &Arc<str>) -> Option<usize> {
+        if let Some(&at) = self.by_name.get(name) {
+            return Some(at);
+        }
+        let at = self.heads.len();
+        if at >= MOST_PRINTHEADS {
+            return None;
+        }
+        self.by_name.insert(name.clone(), at);
+        self.heads.push(Head {
+            name: name.clone(),
+            channels: Vec::new(),
+            places: HashMap::new(),
+            watches: Vec::new(),
+            map: (at < self.maps).then(HeadMap::default),
+            tallies: BTreeMap::new(),
+        });
+        Some(at)
+    }
+}
+
+impl Head {
+    /// The place of a channel; `guess`: mostly the one after the channel before.
+    fn place(&mut self, channel: u32, guess: usize) -> Option<usize> {
+        if self.channels.get(guess).is_some_and(|c| c.channel == channel) {
+            return Some(guess);
+        }
+        if let Some(&place) = self.places.get(&channel) {
+            return Some(place);
+        }
+        let place = self.channels.len();
+        if place >= MOST_CHANNELS {
+            return None;
+        }
+        self.places.insert(channel, place);
+        self.channels.push(ChannelCount { channel, judged: 0, flagged: 0, watch: NOT_WATCHED });
+        if let Some(map) = &mut self.map {
+            map.make_room(place + 1);
+        }
+        Some(place)
+    }
+
+    /// One burst's rows; how many of them are left out.
+    fn burst(
+        &mut self,
+        recording: usize,
+        c: &VerdictColumns,
+        rows: Range<usize>,
+        classes: &[String],
+        codes: &[u8],
+    ) -> u64 {
+        let t_ns = c.acquired_at_ns[rows.start];
+        let mut left_out = 0;
+        let mut places = Vec::with_capacity(rows.len());
+        let mut guess = 0;
+        for row in rows.clone() {
+            let place = self.place(c.channel[row], guess);
+            guess = place.map_or(0, |place| place + 1);
+            places.push(place);
+        }
+        let tally = self.tallies.entry(recording).or_default();
+        let mut cells = self.map.as_mut().map(|map| map.row(t_ns));
+        for (row, place) in rows.zip(places) {
+            let outcome = c.outcome[row];
+            let is_judged = outcome != Outcome::Rejected;
+            let flagged = is_judged && outcome != Outcome::Healthy;
+            tally.judged += u64::from(is_judged);
+            tally.flagged += u64::from(flagged);
+            tally.rejected += u64::from(!is_judged);
+            let Some(place) = place else {
+                left_out += 1;
+                continue;
+            };
+            if let Some(cells) = &mut cells {
+                let (class, ratio) = shown(c, row, codes);
+                cells.mark(place, class, ratio);
+            }
+            if !is_judged {
+                continue;
+            }
+            tally.spans(t_ns);
+            let count = &mut self.channels[place];
+            count.judged += 1;
+            count.flagged += u64::from(flagged);
+            if let Some(watch) = self.watches.get_mut(count.watch as usize) {
+                let class = c.candidate[row].and_then(|k| classes.get(usize::from(k)));
+                let sized = class.zip(c.severity[row]).filter(|_| flagged);
+                let sized = sized.map(|(class, severity)| (class.as_str(), f64::from(severity)));
+                watch.look(recording, t_ns, flagged, c.reason[row], sized);
+            }
+        }
+        left_out
+    }
+}
+
+/// What a row's cell shows.
+fn shown(c: &VerdictColumns, row: usize, codes: &[u8]) -> (u8, u8) {
+    let named = || c.category[row].and_then(|k| codes.get(usize::from(k))).copied();
+    let class = match c.outcome[row] {
+        Outcome::Healthy => class::HEALTHY,
+        Outcome::Rejected => return (class::REJECTED, ratio::REJECTED),
+        Outcome::Undecided => class::FLAGGED,
+        Outcome::Faulty => named().unwrap_or(class::FLAGGED),
+    };
+    let over = c.statistic[row].zip(c.threshold[row]).map(|(s, t)| s / t);
+    let ratio = over.filter(|r| !r.is_nan()).map_or(ratio::LOWEST, level);
+    (class, ratio)
+}

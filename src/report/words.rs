@@ -1,0 +1,92 @@
+//! Times, numbers and counts as people read them.
+
+use chrono::DateTime;
+
+/// `2025-01-09 08:00:10`, UTC.
+pub fn clock(t_ns: i64) -> String {
+    DateTime::from_timestamp_nanos(t_ns).format("%Y-%m-%d %H:%M:%S").to_string()
+}
+
+/// `01-09 08:00`, UTC.
+pub fn short_clock(t_ns: i64) -> String {
+    DateTime::from_timestamp_nanos(t_ns).format("%m-%d %H:%M").to_string()
+}
+
+/// 1 recording, 2 recordings.
+pub fn counted(n: u64, what: &str) -> String {
+    format!("{} {what}{}", thousands(n), if n == 1 { "" } else { "s" })
+}
+
+/// `once`, or `3 times`.
+pub fn counted_as(n: u64, once: &str, times: &str) -> String {
+    if n == 1 { once.to_owned() } else { format!("{} {times}", thousands(n)) }
+}
+
+/// 12 345.
+pub fn thousands(n: u64) -> String {
+    let digits = n.to_string();
+    let mut text = String::new();
+    for (k, digit) in digits.chars().enumerate() {
+        if k > 0 && (digits.len() - k).is_multiple_of(3) {
+            text.push('\u{202f}');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+/// Decimals that show one digit of an uncertainty.
+pub fn digits_of(uncertainty: f64) -> usize {
+    if !uncertainty.is_finite() || uncertainty >= 0.95 || uncertainty <= 0.0 {
+        return 0;
+    }
+    (-uncertainty.log10()).ceil().clamp(0.0, 6.0) as usize
+}
+
+/// With its sign, the minus a real one.
+pub fn signed(v: f64, digits: usize) -> String {
+    let text = format!("{:.digits$}", v.abs());
+    let is_zero = text.bytes().all(|b| matches!(b, b'0' | b'.'));
+    match (is_zero, v < 0.0) {
+        (true, _) => text,
+        (false, true) => format!("−{text}"),
+        (false, false) => format!("+{text}"),
+    }
+}
+
+/// A share in percent, with as many digits as it needs.
+pub fn percent(part: u64, of: u64) -> String {
+    if of == 0 {
+        return "–".into();
+    }
+    let percent = 100.0 * part as f64 / of as f64;
+    match percent {
+        0.0 => "0 %".into(),
+        p if p < 0.1 => format!("{p:.3} %"),
+        p if p < 10.0 => format!("{p:.2} %"),
+        p => format!("{p:.1} %"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_read_well() {
+        assert_eq!(thousands(1_234_567), "1\u{202f}234\u{202f}567");
+        assert_eq!(
+            (counted(1, "nozzle"), counted(12, "nozzle")),
+            ("1 nozzle".into(), "12 nozzles".into())
+        );
+        assert_eq!(
+            (signed(-0.004, 2), signed(-1.25, 1), signed(2.0, 0)),
+            ("0.00".into(), "−1.2".into(), "+2".into())
+        );
+        assert_eq!((digits_of(0.04), digits_of(3.0), digits_of(0.0)), (2, 0, 0));
+        assert_eq!(
+            (percent(1, 3), percent(0, 3), percent(1, 0)),
+            ("33.3 %".into(), "0 %".into(), "–".into())
+        );
+    }
+}

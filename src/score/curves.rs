@@ -1,0 +1,319 @@
+//! What a detector could do at other thresholds, and how certainty pays: sums for the evaluation's curves.
+//!
+//! In: one row after another, its statistic over its threshold, what was true, how certain the best class
+//! was and whether it was right; per labelled fault its bursts. Out: ROC and DET points, delays against
+//! false alarms, risk against coverage, severities stated against true. Events count as events: a fault is
+//! found when its first signal is flagged, and its other signals are credited with nothing.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// ln(statistic / threshold) from -LN_RANGE to LN_RANGE.
+const LN_RANGE: f64 = 8.0;
+const BINS: usize = 1600;
+/// Certainty from 0 to 1.
+const CERTAINTY_BINS: usize = 1000;
+/// Severities of a class that are drawn.
+const MOST_POINTS: usize = 1500;
+/// Labelled faults whose delays are kept.
+const MOST_EVENTS: usize = 1 << 18;
+
+/// A labelled fault: channel and onset.
+pub type Event = (Arc<str>, u32, Option<i64>);
+
+#[derive(Clone, Debug)]
+pub struct Curves {
+    healthy: Vec<u64>,
+    faulty: Vec<u64>,
+    /// By certainty: right, all.
+    certainty: Vec<[u64; 2]>,
+    severities: BTreeMap<String, Points>,
+    events: BTreeMap<Event, Seen>,
+    /// Signals by what is true and what was said: healthy, undecided, a category, a class.
+    said: BTreeMap<(String, String), u64>,
+}
+
+/// Every `every`-th pair: all classes are drawn alike.
+#[derive(Clone, Debug)]
+struct Points {
+    every: u64,
+    met: u64,
+    kept: Vec<(f64, f64)>,
+}
+
+/// A fault's bursts so far, and its records: after so many bursts its statistic was so high first.
+#[derive(Clone, Debug, Default)]
+struct Seen {
+    bursts: u32,
+    records: Vec<(u32, f32)>,
+}
+
+/// At one threshold.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Operating {
+    /// Threshold over the one that was used.
+    pub factor: f64,
+    /// Shares of signals.
+    pub false_alarms: f64,
+    pub misses: f64,
+}
+
+/// At one threshold, by events.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EventDelay {
+    pub factor: f64,
+    pub false_alarms: f64,
+    /// Share of labelled faults with a flagged signal.
+    pub found: f64,
+    /// Bursts from a fault's first to its first flagged one, median over all faults; `None`: half of
+    /// them are not found.
+    pub median_bursts: Option<f64>,
+}
+
+impl Default for Curves {
+    fn default() -> Curves {
+        Curves {
+            healthy: vec![0; BINS],
+            faulty: vec![0; BINS],
+            certainty: vec![[0; 2]; CERTAINTY_BINS],
+            severities: BTreeMap::new(),
+            events: BTreeMap::new(),
+            said: BTreeMap::new(),
+        }
+    }
+}
+
+impl Curves {
+    /// A signal whose truth is known; `event`: of a faulty one.
+    pub fn add(&mut self, ratio: f64, event: Option<Event>) {
+        if ratio.is_nan() {
+            return;
+        }
+        let of = if event.is_some() { &mut self.faulty } else { &mut self.healthy };
+        of[bin(ratio)] += 1;
+        let Some(event) = event else { return };
+        if self.events.len() >= MOST_EVENTS && !self.events.contains_key(&event) {
+            return;
+        }
+        let seen = self.events.entry(event).or_default();
+        let highest = seen.records.last().map_or(f32::NEG_INFINITY, |r| r.1);
+        if ratio as f32 > highest {
+            seen.records.push((seen.bursts, ratio as f32));
+        }
+        seen.bursts += 1;
+    }
+
+    /// How certain the best class of a faulty signal was, and whether it was right.
+    pub fn add_certainty(&mut self, certainty: f64, right: bool) {
+        if certainty.is_finite() {
+            let at = (certainty.clamp(0.0, 1.0) * CERTAINTY_BINS as f64) as usize;
+            let of = &mut self.certainty[at.min(CERTAINTY_BINS - 1)];
+            of[0] += u64::from(right);
+            of[1] += 1;
+        }
+    }
+
+    pub fn add_severity(&mut self, class: &str, truth: f64, stated: f64) {
+        if !(truth.is_finite() && stated.is_finite()) {
+            return;
+        }
+        let new = || Points { every: 1, met: 0, kept: Vec::new() };
+        let of = self.severities.entry(class.to_owned()).or_insert_with(new);
+        if of.met.is_multiple_of(of.every) {
+            of.kept.push((truth, stated));
+        }
+        of.met += 1;
+        if of.kept.len() > MOST_POINTS {
+            let mut k = 0;
+            of.kept.retain(|_| {
+                k += 1;
+                k % 2 == 1
+            });
+            of.every *= 2;
+        }
+    }
+
+    /// What was true, and the word that was said of it.
+    pub fn add_said(&mut self, truth: &str, said: &str) {
+        match self.said.get_mut(&(truth.to_owned(), said.to_owned())) {
+            Some(n) => *n += 1,
+            None => drop(self.said.insert((truth.to_owned(), said.to_owned()), 1)),
+        }
+    }
+
+    pub fn said(&self) -> &BTreeMap<(String, String), u64> {
+        &self.said
+    }
+
+    pub fn healthy(&self) -> u64 {
+        self.healthy.iter().sum()
+    }
+
+    pub fn faulty(&self) -> u64 {
+        self.faulty.iter().sum()
+    }
+
+    pub fn events(&self) -> usize {
+        self.events.len()
+    }
+
+    /// From the highest threshold to the lowest, where something changes.
+    pub fn operating(&self) -> Vec<Operating> {
+        let (healthy, faulty) = (self.healthy().max(1) as f64, self.faulty().max(1) as f64);
+        let (mut alarms, mut hits) = (0u64, 0u64);
+        let mut points = Vec::new();
+        for at in (0..BINS).rev() {
+            if self.healthy[at] + self.faulty[at] == 0 {
+                continue;
+            }
+            alarms += self.healthy[at];
+            hits += self.faulty[at];
+            points.push(Operating {
+                factor: factor(at),
+                false_alarms: alarms as f64 / healthy,
+                misses: 1.0 - hits as f64 / faulty,
+            });
+        }
+        points
+    }
+
+    /// At the threshold that was used.
+    pub fn working_point(&self) -> Operating {
+        let beyond = |of: &[u64]| of[bin(1.0)..].iter().sum::<u64>() as f64;
+        Operating {
+            factor: 1.0,
+            false_alarms: beyond(&self.healthy) / self.healthy().max(1) as f64,
+            misses: 1.0 - beyond(&self.faulty) / self.faulty().max(1) as f64,
+        }
+    }
+
+    /// Area under the ROC curve: the chance that a faulty signal's statistic exceeds a healthy one's.
+    pub fn area(&self) -> f64 {
+        let (mut below, mut area) = (0.0, 0.0);
+        for (h, f) in self.healthy.iter().zip(&self.faulty) {
+            area += *f as f64 * (below + 0.5 * *h as f64);
+            below += *h as f64;
+        }
+        area / (self.healthy().max(1) as f64 * self.faulty().max(1) as f64)
+    }
+
+    /// Delays at some of the thresholds of [`Curves::operating`].
+    pub fn delays(&self, factors: &[f64]) -> Vec<EventDelay> {
+        let healthy = self.healthy().max(1) as f64;
+        let at = |&factor: &f64| {
+            let mut delays: Vec<u32> = Vec::new();
+            for seen in self.events.values() {
+                let first = seen.records.iter().find(|r| f64::from(r.1) > factor);
+                delays.extend(first.map(|r| r.0));
+            }
+            delays.sort_unstable();
+            let alarms: u64 = self.healthy[bin(factor)..].iter().sum();
+            EventDelay {
+                factor,
+                false_alarms: alarms as f64 / healthy,
+                found: delays.len() as f64 / self.events.len().max(1) as f64,
+                median_bursts: delays.get(self.events.len() / 2).copied().map(f64::from),
+            }
+        };
+        factors.iter().map(at).collect()
+    }
+
+    /// (share of the isolated that is kept, share of these that is wrong), the most certain first.
+    pub fn risk(&self) -> Vec<(f64, f64)> {
+        let all = self.certainty.iter().map(|b| b[1]).sum::<u64>().max(1) as f64;
+        let (mut right, mut n) = (0, 0);
+        let kept = self.certainty.iter().rev().filter(|b| b[1] > 0);
+        kept.map(|b| {
+            right += b[0];
+            n += b[1];
+            (n as f64 / all, 1.0 - right as f64 / n as f64)
+        })
+        .collect()
+    }
+
+    /// By class: (true, stated).
+    pub fn severities(&self) -> impl Iterator<Item = (&str, &[(f64, f64)])> {
+        self.severities.iter().map(|(class, points)| (class.as_str(), points.kept.as_slice()))
+    }
+}
+
+/// Lower edge of a bin, as a factor.
+fn factor(bin: usize) -> f64 {
+    (2.0 * LN_RANGE * bin as f64 / BINS as f64 - LN_RANGE).exp()
+}
+
+fn bin(ratio: f64) -> usize {
+    let share = (ratio.max(f64::MIN_POSITIVE).ln() + LN_RANGE) / (2.0 * LN_RANGE);
+    ((share * BINS as f64) as usize).min(BINS - 1)
+}
+
+/// 95 % interval of a share (Wilson 1927).
+pub fn wilson(hits: f64, n: f64) -> [f64; 2] {
+    const Z2: f64 = 1.96 * 1.96;
+    let share = hits / n.max(1.0);
+    let middle = (share + Z2 / (2.0 * n.max(1.0))) / (1.0 + Z2 / n.max(1.0));
+    let spread = share * (1.0 - share) / n.max(1.0) + Z2 / (4.0 * n.max(1.0).powi(2));
+    let half = (Z2 * spread).sqrt() / (1.0 + Z2 / n.max(1.0));
+    [(middle - half).max(0.0), (middle + half).min(1.0)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn event(channel: u32) -> Option<Event> {
+        Some(("p".into(), channel, Some(0)))
+    }
+
+    #[test]
+    fn curves_of_a_few_signals_are_those_by_hand() {
+        let mut curves = Curves::default();
+        for ratio in [0.1, 0.2, 0.5, 2.0] {
+            curves.add(ratio, None);
+        }
+        for (channel, ratio) in [(1, 0.3), (1, 3.0), (2, 0.8), (2, 0.9), (3, 9.0), (3, 0.1)] {
+            curves.add(ratio, event(channel));
+        }
+        let at = curves.working_point();
+        assert!(at.false_alarms == 0.25 && (at.misses - 4.0 / 6.0).abs() < 1e-12, "{at:?}");
+        // pairs in which the faulty one is higher: .3 2, 3 4, .8 3, .9 3, 9 4, .1 half a one
+        assert!((curves.area() - (2.0 + 4.0 + 3.0 + 3.0 + 4.0 + 0.5) / 24.0).abs() < 1e-12);
+        let delays = curves.delays(&[1.0, 0.85, 0.25]);
+        assert_eq!((delays[0].found, delays[0].median_bursts), (2.0 / 3.0, Some(1.0)));
+        assert_eq!((delays[1].found, delays[1].median_bursts), (1.0, Some(1.0)));
+        assert_eq!(delays[2].median_bursts, Some(0.0));
+        let last = *curves.operating().last().unwrap();
+        assert_eq!((last.false_alarms, last.misses), (1.0, 0.0));
+    }
+
+    #[test]
+    fn the_most_certain_are_kept_first_and_points_are_thinned() {
+        let mut curves = Curves::default();
+        for (certainty, right) in [(0.95, true), (0.9, true), (0.6, false), (0.5, true)] {
+            curves.add_certainty(certainty, right);
+        }
+        let risk = curves.risk();
+        let expected = [(0.25, 0.0), (0.5, 0.0), (0.75, 1.0 / 3.0), (1.0, 0.25)];
+        for (is, by_hand) in risk.iter().zip(expected) {
+            assert!(
+                (is.0 - by_hand.0).abs() < 1e-12 && (is.1 - by_hand.1).abs() < 1e-12,
+                "{risk:?}"
+            );
+        }
+        (0..10_000).for_each(|k| curves.add_severity("BN", f64::from(k), 1.0));
+        let (_, kept) = curves.severities().next().unwrap();
+        assert!((MOST_POINTS / 2..=MOST_POINTS).contains(&kept.len()));
+        assert!(kept.last().unwrap().0 > 9_900.0, "the last ones, too");
+    }
+
+    #[test]
+    fn wilson_is_the_published_interval() {
+        // Newcombe 1998, table I: 81 of 263, 15 of 148, 0 of 20
+        for (hits, n, low, high) in
+            [(81.0, 263.0, 0.2553, 0.3662), (15.0, 148.0, 0.0624, 0.1605), (0.0, 20.0, 0.0, 0.1611)]
+        {
+            let [a, b] = wilson(hits, n);
+            assert!((a - low).abs() < 1e-4 && (b - high).abs() < 1e-4, "{hits}/{n}: {a} {b}");
+        }
+    }
+}

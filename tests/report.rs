@@ -1,0 +1,488 @@
+//! `inkling report` at the process boundary: fifteen days with six faulty channels are six lines with
+//! their onsets; hostile names are inert; what is missing is said.
+
+use crate::house::{House, root};
+use crate::pipeline::{bursts, sample, write};
+use arrow_array::cast::AsArray;
+use arrow_array::types::{Float32Type, TimestampNanosecondType, UInt32Type};
+use arrow_array::{Array, RecordBatch};
+use inkling::burst::Burst;
+use inkling::episodes::Episode;
+use inkling::io::episode_table::EpisodeWriter;
+use inkling::io::recording_writer::WriterOptions;
+use inkling::io::verdict_table::{TableOptions, TimestampUnit, VerdictWriter};
+use inkling::verdict::{Outcome, VerdictColumns};
+use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReaderBuilder};
+use std::fs::File;
+
+const HOUR_S: i64 = 3600;
+const DAY_S: i64 = 24 * HOUR_S;
+/// 2025-01-01T08:00:00Z, when scenarios begin.
+const START_S: i64 = 1_735_718_400;
+
+/// A row of `report.faults.parquet`.
+#[derive(Clone, Debug)]
+struct Row {
+    printhead: String,
+    channel: u32,
+    category: Option<String>,
+    /// s since the start of the scenario.
+    began_s: i64,
+    ended_s: Option<i64>,
+    recordings: u32,
+    episodes: u32,
+    per_day: Option<f32>,
+    urgency: f32,
+    action: String,
+    sentence: String,
+}
+
+fn faults(house: &House, name: &str) -> Vec<Row> {
+    let file = File::open(house.path(name)).unwrap();
+    let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
+    let builder = ParquetRecordBatchReaderBuilder::try_new_with_options(file, options).unwrap();
+    builder.build().unwrap().flat_map(|batch| rows(&batch.unwrap())).collect()
+}
+
+fn rows(batch: &RecordBatch) -> Vec<Row> {
+    let column = |name: &str| batch.column_by_name(name).unwrap_or_else(|| panic!("{name}"));
+    let text = |name: &str, i: usize| {
+        let texts = column(name).as_string::<i32>();
+        texts.is_valid(i).then(|| texts.value(i).to_owned())
+    };
+    let time = |name: &str, i: usize| {
+        let times = column(name).as_primitive::<TimestampNanosecondType>();
+        times.is_valid(i).then(|| times.value(i) / 1_000_000_000 - START_S)
+    };
+    let count = |name: &str, i: usize| column(name).as_primitive::<UInt32Type>().value(i);
+    let float = |name: &str, i: usize| {
+        let floats = column(name).as_primitive::<Float32Type>();
+        floats.is_valid(i).then(|| floats.value(i))
+    };
+    (0..batch.num_rows())
+        .map(|i| Row {
+            printhead: text("printhead", i).unwrap(),
+            channel: count("channel", i),
+            category: text("category", i),
+            began_s: time("began_at", i).unwrap(),
+            ended_s: time("ended_at", i),
+            recordings: count("recordings", i),
+            episodes: count("episodes", i),
+            per_day: float("severity_per_day", i),
+            urgency: float("urgency", i).unwrap(),
+            action: text("action", i).unwrap(),
+            sentence: text("sentence", i).unwrap(),
+        })
+        .collect()
+}
+
+/// Between two bursts of a channel, s.
+const EVERY_S: i64 = 720;
+const DAYS: i64 = 15;
+/// Recordings begin every six hours, and take three.
+const RECORDING_S: i64 = 6 * HOUR_S;
+
+/// What is faulty from when (days) to when.
+const FAULTS: [(&str, u32, &str, f64, f64); 5] = [
+    ("cyan-1", 3, "IDN", 1.8, 8.3),
+    ("cyan-1", 10, "PBN", 0.4, 2.55),
+    ("magenta-1", 5, "EC", 0.35, 12.1),
+    ("magenta-1", 7, "BN", 0.97, 5.6),
+    ("magenta-1", 20, "AB3", 4.0, 13.9),
+];
+/// Dries every night, and is cured.
+const EVERY_NIGHT: (&str, u32, &str, f64) = ("cyan-1", 17, "DDN", 2.5);
+
+fn scenario() -> String {
+    let text = std::fs::read_to_string(root().join("sample_logs/scenarios/sample.toml")).unwrap();
+    let (physics, _) = text.split_once("[print_run]").unwrap();
+    let mut scenario = physics.replace("swing_c = 4.0", "swing_c = 0.5");
+    let bursts = DAYS * DAY_S / EVERY_S;
+    scenario += &format!(
+        "[print_run]\nprintheads = 2\nnames = [\"cyan-1\", \"magenta-1\"]\nchannels = 24\n\
+         bursts_per_channel = {bursts}\ninterval_s = {EVERY_S}.0\n"
+    );
+    let mut add = |head: &str, channel: u32, class: &str, severity: f64, from: f64, to: f64| {
+        let s = |days: f64| format!("{:?}", days * DAY_S as f64);
+        scenario += &format!(
+            "[[print_run.fault]]\nprinthead = \"{head}\"\nchannel = {channel}\nclass = \"{class}\"\n\
+             severity = {severity:?}\nfrom_s = {}\nto_s = {}\n",
+            s(from),
+            s(to)
+        );
+    };
+    for (head, channel, class, severity, from) in FAULTS {
+        add(head, channel, class, severity, from, DAYS as f64);
+    }
+    let (head, channel, class, severity) = EVERY_NIGHT;
+    for day in 0..DAYS {
+        let to = (day as f64 + 1.12).min(DAYS as f64);
+        add(head, channel, class, severity, day as f64 + 0.74, to);
+    }
+    scenario
+}
+
+/// Of the long run, the first three of every six hours: 60 recordings.
+fn record(house: &House) {
+    house.write("scenario.toml", scenario());
+    house.ok("simulate scenario.toml -o run");
+    let all = bursts(&house.path("run/print_run.mcap"));
+    let of = |b: &Burst| b.t_acq_ns / 1_000_000_000 - START_S;
+    std::fs::create_dir_all(house.path("rec")).unwrap();
+    for k in 0..DAYS * DAY_S / RECORDING_S {
+        let from = k * RECORDING_S;
+        let within = |b: &&Burst| (from..from + RECORDING_S / 2).contains(&of(b));
+        let some: Vec<Burst> = all.iter().filter(within).cloned().collect();
+        write(&house.path(&format!("rec/{k:02}.mcap")), &some, WriterOptions::default());
+    }
+}
+
+/// The first burst in a recording from a time on, s.
+fn first_seen(from_s: i64) -> i64 {
+    let burst = (from_s + EVERY_S - 1) / EVERY_S * EVERY_S;
+    match burst % RECORDING_S {
+        within if within < RECORDING_S / 2 => burst,
+        _ => (burst / RECORDING_S + 1) * RECORDING_S,
+    }
+}
+
+#[test]
+fn sixty_recordings_with_six_faulty_channels_are_six_lines_with_their_onsets() {
+    let house = House::new();
+    record(&house);
+    let design = sample("design.json");
+    let ended = house.run(&format!("replay rec --design {} --out out", design.display())).exits(0);
+    let closing = ended.stdout();
+    let (_, list) = closing.split_once("to clean after").expect("the list comes last");
+    assert!(list.lines().count() < 15, "{list}");
+
+    let told = house.ok("report out -o page/report.html");
+    assert!(told.contains("6 channels"), "{told}");
+    let found = faults(&house, "page/report.faults.parquet");
+    let mut channels: Vec<(&str, u32)> =
+        found.iter().map(|row| (row.printhead.as_str(), row.channel)).collect();
+    channels.sort_unstable();
+    let mut truth: Vec<(&str, u32)> = FAULTS.iter().map(|f| (f.0, f.1)).collect();
+    truth.push((EVERY_NIGHT.0, EVERY_NIGHT.1));
+    truth.sort_unstable();
+    assert_eq!(channels, truth, "{found:#?}");
+
+    let row = |head: &str, channel: u32| {
+        found.iter().find(|row| row.printhead == head && row.channel == channel).unwrap()
+    };
+    // faults grow over five bursts, and the onset is an estimate
+    let tolerance_s = 5 * EVERY_S;
+    for (head, channel, class, _, from) in FAULTS {
+        let row = row(head, channel);
+        let since = first_seen((from * DAY_S as f64) as i64);
+        assert!((row.began_s - since).abs() <= tolerance_s, "{class} since {since} s: {row:?}");
+        assert_eq!(row.ended_s, None, "{row:?}");
+        assert!(row.recordings >= 4 && row.urgency > 0.0, "{row:?}");
+        assert_eq!(row.category.as_deref(), Some(inkling::fault::category(class)), "{row:?}");
+    }
+    let night = row(EVERY_NIGHT.0, EVERY_NIGHT.1);
+    let since = first_seen((0.74 * DAY_S as f64) as i64);
+    assert!((night.began_s - since).abs() <= tolerance_s, "since {since} s: {night:?}");
+    assert!(night.sentence.contains("times"), "cures are told: {night:?}");
+    assert!(night.episodes >= 15, "{night:?}");
+    assert!(found.is_sorted_by(|a, b| a.urgency >= b.urgency), "most urgent first");
+
+    // the page says what the table says
+    let page = String::from_utf8(house.read("page/report.html")).unwrap();
+    assert!(page.len() < 5_000_000, "{} bytes", page.len());
+    for row in &found {
+        assert!(page.contains(&format!("<b>{}</b>", row.action)), "{row:?}");
+    }
+    assert_eq!(page.matches("data:image/png;base64,").count(), 4, "two maps a printhead");
+    is_inert(&page);
+}
+
+/// Nothing runs, nothing is loaded: every tag is one of ours, and none has an address or a handler.
+#[track_caller]
+fn is_inert(page: &str) {
+    const OURS: [&str; 42] = [
+        "!doctype", "html", "head", "meta", "title", "style", "body", "h1", "h2", "h3", "p", "b",
+        "br", "span", "code", "div", "ul", "li", "dl", "dt", "dd", "table", "tr", "th", "td",
+        "svg", "g", "rect", "text", "path", "image", "polyline", "polygon", "line", "circle",
+        "details", "summary", "pre", "tspan", "ellipse", "desc", "defs",
+    ];
+    for tag in page.split('<').skip(1) {
+        // quotes and brackets of names are escaped, so the first bracket ends the tag
+        let (tag, _) = tag.split_once('>').expect("a tag ends");
+        let name =
+            tag.trim_start_matches('/').split([' ', '\n', '/']).next().unwrap().to_lowercase();
+        assert!(OURS.contains(&name.as_str()), "<{tag}>");
+        for attribute in tag.split('"').step_by(2) {
+            let attribute = attribute.trim().to_lowercase();
+            let loads = attribute.ends_with("src=") || attribute.starts_with("on");
+            assert!(!loads, "<{tag}>");
+        }
+        if let Some((_, address)) = tag.split_once("href=\"") {
+            assert!(address.starts_with("data:image/png;base64,"), "<{tag}>");
+        }
+    }
+    assert!(page.contains("default-src 'none'"));
+}
+
+/// Tables made by hand: what another channel, another printer, another replay may write.
+struct Tables<'a> {
+    house: &'a House,
+    printhead: &'a str,
+}
+
+const CHANNELS: u32 = 6;
+
+impl Tables<'_> {
+    /// A recording of 40 bursts, one a second; `faulty` says which signals are.
+    fn write(
+        &self,
+        name: &str,
+        from_s: i64,
+        episodes: &[(u32, i64, Option<i64>)],
+        faulty: impl Fn(u32, i64) -> bool,
+        measured: impl Fn(u32) -> bool,
+    ) {
+        let path = self.house.path(&format!("out/{name}.verdicts.parquet"));
+        let options = TableOptions {
+            classes: vec!["PBN".into()],
+            categories: vec!["blocked_nozzle".into()],
+            weights: false,
+            timestamp_unit: TimestampUnit::Ns,
+        };
+        let mut verdicts = VerdictWriter::create(&path, options).unwrap();
+        let ns = |s: i64| (START_S + s) * 1_000_000_000;
+        for burst in 0..40 {
+            let t_s = from_s + burst;
+            let channels: Vec<u32> = (0..CHANNELS).filter(|c| measured(*c)).collect();
+            let n = channels.len();
+            let of = |c: &u32| faulty(*c, t_s);
+            let some = |c: &u32| of(c).then_some(0);
+            verdicts
+                .write(&VerdictColumns {
+                    acquired_at_ns: vec![ns(t_s); n],
+                    printhead: vec![0; n],
+                    printheads: vec![self.printhead.into()],
+                    outcome: channels
+                        .iter()
+                        .map(|c| if of(c) { Outcome::Faulty } else { Outcome::Healthy })
+                        .collect(),
+                    category: channels.iter().map(some).collect(),
+                    fault: channels.iter().map(some).collect(),
+                    candidate: channels.iter().map(some).collect(),
+                    certainty: vec![Some(0.9); n],
+                    statistic: channels
+                        .iter()
+                        .map(|c| Some(if of(c) { 9.0 } else { 0.2 }))
+                        .collect(),
+                    threshold: vec![Some(1.0); n],
+                    test: vec![None; n],
+                    misfit: vec![None; n],
+                    severity: channels.iter().map(|c| of(c).then_some(0.3)).collect(),
+                    severity_sd: vec![None; n],
+                    model: vec![None; n],
+                    reason: vec![None; n],
+                    weights_start: vec![None; n],
+                    weights: Vec::new(),
+                    channel: channels,
+                })
+                .unwrap();
+        }
+        let document = format!("{{\"recording\":{{\"digest\":\"{name}\"}}}}");
+        verdicts.finish(document.clone()).unwrap();
+        let episode = |&(channel, began, ended): &(u32, i64, Option<i64>)| Episode {
+            printhead: self.printhead.into(),
+            channel,
+            category: Some("blocked_nozzle".into()),
+            fault: Some("PBN".into()),
+            raised_at_ns: ns(began + 1),
+            began_at_ns: ns(began),
+            ended_at_ns: ended.map(ns),
+            bursts: 10,
+            certainty: Some(0.9),
+            severity_first: Some(0.3),
+            severity_max: Some(0.3),
+            severity_last: Some(0.3),
+            severity_sd: Some(0.01),
+            explanation: format!("channel {channel} of {}", self.printhead),
+        };
+        let path = self.house.path(&format!("out/{name}.episodes.parquet"));
+        let mut writer = EpisodeWriter::create(&path, TimestampUnit::Ns).unwrap();
+        writer.write(episodes.iter().map(episode).collect()).unwrap();
+        writer.complete(document).unwrap().name().unwrap();
+        self.house.write(
+            &format!("out/{name}.summary.json"),
+            format!("{{\"recording\":{{\"digest\":\"{name}\"}}}}"),
+        );
+    }
+}
+
+#[test]
+fn gaps_are_bridged_by_what_was_seen_in_them() {
+    let house = House::new();
+    let tables = Tables { house: &house, printhead: "p" };
+    // every ten minutes; channel 1 is measured only in the first and the last
+    for k in 0..30i64 {
+        let from = 600 * k;
+        let mut episodes = Vec::new();
+        let edge = k == 0 || k == 29;
+        if edge {
+            episodes.push((1, from + 10, None)); // nobody looked in between: one fault
+        }
+        if k == 3 {
+            episodes.push((2, from + 20, None)); // cured while nobody recorded
+        }
+        if k == 7 {
+            episodes.push((4, from + 5, Some(from + 15))); // came and went
+        }
+        let faulty = move |c: u32, t: i64| {
+            let at = t - 600 * k;
+            match c {
+                1 => edge && at >= 10,
+                2 => k == 3 && at >= 20,
+                4 => k == 7 && (5..15).contains(&at),
+                _ => at == 33 && c == 0 && k % 9 == 0, // single flags
+            }
+        };
+        tables.write(&format!("{k:02}"), from, &episodes, faulty, |c| c != 1 || edge);
+    }
+    house.run("report out -o report.html").exits(0).says("1 channel");
+    let found = faults(&house, "report.faults.parquet");
+    assert_eq!(found.len(), 3, "{found:#?}");
+    let of = |channel: u32| found.iter().find(|row| row.channel == channel).unwrap();
+    assert_eq!((of(1).began_s, of(1).ended_s, of(1).recordings), (10, None, 2));
+    assert_eq!((of(2).began_s, of(2).ended_s), (1820, Some(2400)));
+    assert_eq!((of(4).began_s, of(4).ended_s, of(4).urgency), (4205, Some(4215), 0.0));
+    assert_eq!(found[0].channel, 1, "what is on comes first");
+    assert!(of(1).per_day.is_some_and(|slope| slope.abs() < 1e-6), "a constant size is steady");
+    let page = String::from_utf8(house.read("report.html")).unwrap();
+    assert!(page.contains("Over: healthy again"));
+}
+
+#[test]
+fn hostile_names_are_inert_and_stay_names_in_the_table() {
+    let house = House::new();
+    let name = "</title></svg><script src=x>alert('1')</script>\" onload=\"x\u{202e}\u{1b}[2J";
+    let tables = Tables { house: &house, printhead: name };
+    tables.write("a", 0, &[(1, 5, None)], |c, t| c == 1 && t >= 5, |_| true);
+    let pairs = "--set report.actions.blocked_nozzle=<b>wipe</b>";
+    let told = house.run(&format!("report out -o r.html {pairs}")).exits(0).stdout();
+    assert!(!told.contains(['\u{1b}', '\u{202e}']), "{told:?}");
+    let page = String::from_utf8(house.read("r.html")).unwrap();
+    is_inert(&page);
+    assert!(
+        !page.contains("onload=\"") && !page.contains("<b>wipe</b>") && !page.contains('\u{1b}')
+    );
+    let found = faults(&house, "r.faults.parquet");
+    assert_eq!((found[0].printhead.as_str(), found[0].action.as_str()), (name, "<b>wipe</b>"));
+}
+
+#[test]
+fn what_cannot_be_read_costs_itself_and_is_said() {
+    let house = House::new();
+    house.run("report out -o r.html").exits(1).says("no such file");
+    house.write("out/x.txt", b"");
+    house.run("report out -o r.html").exits(1).says("nothing found");
+    let tables = Tables { house: &house, printhead: "p" };
+    for name in ["a", "b", "c"] {
+        tables.write(name, 0, &[(1, 5, None)], |c, t| c == 1 && t >= 5, |_| true);
+    }
+    std::fs::remove_file(house.path("out/a.episodes.parquet")).unwrap();
+    std::fs::remove_file(house.path("out/a.summary.json")).unwrap();
+    house.write("out/b.verdicts.parquet", b"PAR1 no more PAR1");
+    let ended = house.run("report out -o r.html").exits(3);
+    ended.says("a.episodes.parquet: is missing").says("b.verdicts.parquet");
+    let page = String::from_utf8(house.read("r.html")).unwrap();
+    assert!(page.contains("no episodes file"));
+    assert_eq!(faults(&house, "r.faults.parquet").len(), 1);
+    // the same recording twice counts once
+    for kind in ["verdicts.parquet", "episodes.parquet", "summary.json"] {
+        house.write(&format!("again/c.{kind}"), house.read(&format!("out/c.{kind}")));
+    }
+    let ended = house.run("report again out/c.verdicts.parquet -o s.html").exits(0);
+    ended.says("there already");
+
+    house.run("report out -o r.parquet").exits(2).says("name.html");
+    house.run("report out -o out/a.verdicts.parquet").exits(2);
+    house.run("report out -o r.html --set detect.mu=2").exits(2).says("no effect");
+    house.run("report out -o r.html --set report.rows=0").exits(2).says("report.rows");
+    house.run("report out -o r.html --set report.actions.x=").exits(2).says("say what to do");
+    house.run("report out").exits(2).says("--output");
+}
+
+#[test]
+fn man_pages_completions_and_versions_are_there_for_every_verb() {
+    let house = House::new();
+    house.ok("generate man -o man");
+    let page = String::from_utf8(house.read("man/inkling-report.1")).unwrap();
+    assert!(page.contains(".TH") && page.contains("report"), "{page}");
+    for shell in ["bash", "zsh", "fish"] {
+        let script = house.ok(&format!("generate completions {shell}"));
+        assert!(script.contains("replay") && script.contains("critique"), "{shell}");
+    }
+    for verb in ["replay", "report", "score", "critique", "generate"] {
+        let said = house.ok(&format!("{verb} --version"));
+        assert!(said.contains(env!("CARGO_PKG_VERSION")), "{said}");
+    }
+}
+
+#[test]
+fn annotations_lie_on_the_recordings_time_line_and_do_not_outlive_their_verdicts() {
+    let house = House::new();
+    let (recording, design) = (sample("print_run.mcap"), sample("design.json"));
+    let args = format!("replay {} --design {} --out out", recording.display(), design.display());
+    house.ok(&args);
+    assert!(!house.path("out/print_run.annotations.mcap").exists());
+    house.ok(&format!("{args} --annotate")); // finished before, but not annotated
+    let bytes = house.read("out/print_run.annotations.mcap");
+    let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+    let named = |schema: &str| {
+        let of = summary
+            .channels
+            .values()
+            .filter(|c| c.schema.as_ref().is_some_and(|s| s.name == schema));
+        of.map(|c| c.topic.clone()).collect::<Vec<String>>()
+    };
+    assert_eq!(named("foxglove.Log"), ["/inkling/log"]);
+    assert_eq!(named("foxglove.CompressedImage").len(), 3, "a picture of each printhead");
+    assert!(named("inkling.ChannelState").len() >= 10);
+    let times = summary.stats.unwrap();
+    let run = |b: &Burst| b.t_acq_ns as u64;
+    let bursts = bursts(&recording);
+    let (first, last) = (bursts.iter().map(run).min(), bursts.iter().map(run).max());
+    assert!(Some(times.message_start_time) >= first && Some(times.message_end_time) <= last);
+    for message in mcap::MessageStream::new(&bytes).unwrap() {
+        let message = message.unwrap();
+        if message.channel.topic.ends_with("/map") {
+            assert!(message.data.windows(4).any(|w| w == b"\x89PNG"));
+        }
+    }
+    house.ok(&format!("{args} --annotate --force"));
+    assert!(bytes == house.read("out/print_run.annotations.mcap"), "the same again");
+    house.ok(&format!("{args} --force"));
+    assert!(!house.path("out/print_run.annotations.mcap").exists(), "of other verdicts");
+}
+
+#[test]
+fn an_evaluation_says_on_its_page_what_it_says_on_the_terminal() {
+    let house = House::new();
+    let (recording, design) = (sample("print_run.mcap"), sample("design.json"));
+    house.ok(&format!("replay {} --design {} --out out", recording.display(), design.display()));
+    let labels = sample("labels.csv");
+    let score = format!("score out --labels {} --report e.html", labels.display());
+    let said = house.json(&format!("{score} --json"));
+    let page = String::from_utf8(house.read("e.html")).unwrap();
+    is_inert(&page);
+    let d = &said["detection"];
+    let count = |key: &str| d[key].as_u64().unwrap();
+    let recall = 100.0 * count("tp") as f64 / (count("tp") + count("fn")) as f64;
+    assert!(page.contains(&format!("{recall:.1} % of")), "{recall}");
+    assert!(page.contains("12 labelled faults"), "rows of a growing fault are one");
+    for title in ["ROC: area", "Delay against false alarms", "Reliability", "Risk against coverage"]
+    {
+        assert!(page.contains(title), "{title}");
+    }
+    house
+        .run(&format!("score out --labels {} --report out", labels.display()))
+        .exits(2)
+        .says("directory");
+}
