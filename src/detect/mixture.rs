@@ -15,7 +15,11 @@
 //! where they do not. Measured on shapes of scatter and of faults: `contamination.rs`, docs/open_world.md.
 
 use super::contamination::Degrees;
+use crate::model::inner_product::dot;
+use crate::model::lane_math::{exp, ln};
+use crate::processor::for_processor;
 use nalgebra::{DMatrix, DVector};
+use std::sync::LazyLock;
 
 /// Bins of ln (s / median), and where they begin and end.
 const STEP: f64 = 0.1;
@@ -25,6 +29,7 @@ const BINS: usize = 170;
 /// The law is followed so far on either side.
 const BEYOND: f64 = 10.0;
 const BEFORE: usize = 100;
+const STEPS: usize = BINS + 2 * BEFORE;
 
 /// Chosen on seven shapes of scatter with 0, 3 and 40 % of faults over orders of magnitude (a study
 /// apart from the tests), and on 72 windows of the open world's with 0 to 40 % of nine classes of faults
@@ -107,13 +112,14 @@ impl Mixture {
             .unwrap_or(Mixture { a, at: start(starts[0]), ln_likelihood: f64::NEG_INFINITY });
         let worth = 0.5 * OF_KIND as f64 * counts.sum().max(1.0).ln();
         for _ in 0..MOST_KINDS {
-            if best.most_beyond(counts) < ASKS {
+            let peak = best.peak(counts);
+            if peak.stands < ASKS {
                 break;
             }
-            let tried = (0..24).map(|k| {
-                let (place, share) = (1.25 + 0.6 * f64::from(k / 2), [3.0, -1.0][k as usize % 2]);
-                Mixture::climb(a, best.with_kind(place, share), counts, FEW)
-            });
+            let starts = [-0.6, 0.0, 0.6]
+                .into_iter()
+                .flat_map(|off| [3.0, -1.0].map(|share| best.with_kind(peak.place + off, share)));
+            let tried = starts.map(|start| Mixture::climb(a, start, counts, FEW));
             let Some(more) = likeliest(tried) else { break };
             let more = Mixture::climb(a, more.at, counts, ROUNDS);
             if more.ln_likelihood < best.ln_likelihood + worth {
@@ -162,8 +168,8 @@ impl Mixture {
         at
     }
 
-    /// By how many standard deviations counts stand above what is expected, at most.
-    fn most_beyond(&self, counts: &Counts) -> f64 {
+    /// Where counts stand above what is expected by most standard deviations.
+    fn peak(&self, counts: &Counts) -> Peak {
         const TOGETHER: usize = 5;
         let p = Parts::of(self.a, &self.at).mixed();
         let n = counts.sum();
@@ -171,10 +177,14 @@ impl Mixture {
             let bins = from..from + TOGETHER;
             let (seen, expected): (f64, f64) =
                 bins.fold((0.0, 0.0), |(s, e), i| (s + counts.0[i], e + n * p[i]));
-            (seen - expected) / expected.max(1.0).sqrt()
+            let stands = (seen - expected) / expected.max(1.0).sqrt();
+            Peak { place: place(from + TOGETHER / 2), stands }
         };
         let first = ((NEAREST - FIRST) / STEP) as usize;
-        (first..BINS - TOGETHER).map(of).fold(0.0, f64::max)
+        let peaks = (first..BINS - TOGETHER).map(of);
+        peaks.fold(Peak { place: NEAREST, stands: 0.0 }, |most, next| {
+            if next.stands > most.stands { next } else { most }
+        })
     }
 
     /// The likeliest near a start, by Fisher scoring with a damped step.
@@ -203,6 +213,13 @@ impl Mixture {
     }
 }
 
+/// Counts beyond what is expected.
+struct Peak {
+    place: f64,
+    /// In standard deviations.
+    stands: f64,
+}
+
 /// Steps to the top, and to see which way is up.
 const ROUNDS: usize = 40;
 const FEW: usize = 12;
@@ -216,59 +233,99 @@ fn healthy_share(at: f64) -> f64 {
 }
 
 /// The healthy law's probability of every step from `FIRST - BEYOND` on.
-fn law(a: f64, at: &DVector<f64>) -> Vec<f64> {
+fn law(a: f64, at: &DVector<f64>) -> [f64; STEPS] {
     let (gamma, kappa) = (at[GAMMA].exp(), (-at[TAIL]).exp());
-    let mut p: Vec<f64> = (0..BINS + 2 * BEFORE)
-        .map(|i| {
-            let t = gamma * (FIRST - BEYOND + (i as f64 + 0.5) * STEP - at[SCALE]);
-            (a * t - (a + kappa) * (t.exp() / kappa).ln_1p()).exp()
-        })
-        .collect();
+    let first = gamma * (FIRST - BEYOND + 0.5 * STEP - at[SCALE]);
+    let mut p = densities(a, kappa, first, gamma * STEP);
     let sum: f64 = p.iter().sum();
     p.iter_mut().for_each(|p| *p /= sum);
     p
 }
 
+/// e to this is nothing.
+const LEAST: f64 = -700.0;
+const SQRT_TAU: f64 = 2.506_628_274_631_000_7;
+
+for_processor! {
+    /// e^(a t) (1 + e^t / kappa)^-(a + kappa), t from `first` on by steps.
+    fn densities(a: f64, kappa: f64, first: f64, step: f64) -> [f64; STEPS] { all_densities }
+}
+
+#[inline(always)] // compiled once per instruction set
+fn all_densities(a: f64, kappa: f64, first: f64, step: f64) -> [f64; STEPS] {
+    let mut p = [0.0; STEPS];
+    for (i, p) in p.iter_mut().enumerate() {
+        let t = first + step * i as f64;
+        let below = a * t - (a + kappa) * ln(1.0 + exp(t) / kappa);
+        *p = exp(if below > LEAST { below } else { LEAST });
+    }
+    p
+}
+
+for_processor! {
+    /// A Gaussian in ln s, of every bin.
+    fn bump(middle: f64, sd: f64) -> [f64; BINS] { all_of_bump }
+}
+
+#[inline(always)] // compiled once per instruction set
+fn all_of_bump(middle: f64, sd: f64) -> [f64; BINS] {
+    let mut p = [0.0; BINS];
+    for (i, p) in p.iter_mut().enumerate() {
+        let z = (FIRST + (i as f64 + 0.5) * STEP - middle) / sd;
+        let below = -0.5 * z * z;
+        *p = STEP / (sd * SQRT_TAU) * exp(if below > LEAST { below } else { LEAST });
+    }
+    p
+}
+
+for_processor! {
+    /// Sum of counts times ln probability.
+    fn ln_of_counts(counts: &[f64; BINS], p: &[f64; BINS]) -> f64 { all_ln_of_counts }
+}
+
+#[inline(always)] // compiled once per instruction set
+fn all_ln_of_counts(counts: &[f64; BINS], p: &[f64; BINS]) -> f64 {
+    let mut each = [0.0; BINS];
+    for ((each, n), p) in each.iter_mut().zip(counts).zip(p) {
+        *each = n * ln(*p);
+    }
+    each.iter().sum()
+}
+
 /// The same of every bin; the outermost ones hold what lies beyond.
-fn of_bins(a: f64, at: &DVector<f64>) -> Vec<f64> {
+fn of_bins(a: f64, at: &DVector<f64>) -> [f64; BINS] {
     let p = law(a, at);
-    let mut bins = p[BEFORE..BEFORE + BINS].to_vec();
+    let mut bins: [f64; BINS] = std::array::from_fn(|i| p[BEFORE + i]);
     bins[0] += p[..BEFORE].iter().sum::<f64>();
     bins[BINS - 1] += p[BEFORE + BINS..].iter().sum::<f64>();
     bins
 }
 
 /// Probability of every bin for a faulty signal of any size.
-fn of_any_size() -> Vec<f64> {
+static OF_ANY_SIZE: LazyLock<[f64; BINS]> = LazyLock::new(|| {
     let density = |t: f64| 1.5 * t - 1.5 * (t.exp() + EVENLY).ln();
-    let mut p: Vec<f64> = (0..BINS).map(|i| density(place(i)).exp()).collect();
+    let p: [f64; BINS] = std::array::from_fn(|i| density(place(i)).exp());
     let sum: f64 = p.iter().sum();
-    p.iter_mut().for_each(|p| *p /= sum);
-    p
-}
+    p.map(|p| p / sum)
+});
 
 /// Probabilities of every bin.
 struct Parts {
     healthy_share: f64,
-    healthy: Vec<f64>,
+    healthy: [f64; BINS],
     /// Of faults: of any size, then of every kind, each with its weight; sum 1.
     weights: Vec<f64>,
-    faults: Vec<Vec<f64>>,
+    faults: Vec<[f64; BINS]>,
 }
 
 impl Parts {
     fn of(a: f64, at: &DVector<f64>) -> Parts {
         let kinds = at.as_slice()[LAW..].chunks_exact(OF_KIND);
         let mut weights = vec![1.0];
-        let mut faults = vec![of_any_size()];
+        let mut faults = vec![*OF_ANY_SIZE];
         for kind in kinds {
             weights.push(kind[0].exp());
-            let sd = kind[2].exp();
-            let density = |i: usize| {
-                let z = (place(i) - kind[1]) / sd;
-                STEP / (sd * std::f64::consts::TAU.sqrt()) * (-0.5 * z * z).exp()
-            };
-            faults.push((0..BINS).map(density).collect());
+            faults.push(bump(kind[1], kind[2].exp()));
         }
         let sum: f64 = weights.iter().sum();
         weights.iter_mut().for_each(|w| *w /= sum);
@@ -277,24 +334,25 @@ impl Parts {
     }
 
     /// Of a faulty signal.
-    fn faulty(&self) -> Vec<f64> {
-        let of = |i: usize| self.weights.iter().zip(&self.faults).map(|(w, p)| w * p[i]).sum();
-        (0..BINS).map(of).collect()
+    fn faulty(&self) -> [f64; BINS] {
+        let mut all = [0.0; BINS];
+        for (w, p) in self.weights.iter().zip(&self.faults) {
+            all.iter_mut().zip(p).for_each(|(all, p)| *all += w * p);
+        }
+        all
     }
 
     /// Of any signal.
-    fn mixed(&self) -> Vec<f64> {
-        let mix = |(p, q): (&f64, f64)| {
-            (self.healthy_share * p + (1.0 - self.healthy_share) * q).max(1e-300)
-        };
-        self.healthy.iter().zip(self.faulty()).map(mix).collect()
+    fn mixed(&self) -> [f64; BINS] {
+        let (h, faulty) = (self.healthy_share, self.faulty());
+        std::array::from_fn(|i| (h * self.healthy[i] + (1.0 - h) * faulty[i]).max(1e-300))
     }
 }
 
 /// With what is believed beforehand.
 fn ln_likelihood(a: f64, at: &DVector<f64>, counts: &Counts) -> f64 {
     let mixed = Parts::of(a, at).mixed();
-    let data: f64 = counts.0.iter().zip(mixed).map(|(n, p)| n * p.ln()).sum();
+    let data = ln_of_counts(&counts.0, &mixed);
     let widths: f64 = at.as_slice()[LAW..]
         .chunks_exact(OF_KIND)
         .map(|kind| 0.5 * ((kind[2] - WIDTH) / WIDTH_SD).powi(2))
@@ -312,36 +370,40 @@ impl Slope {
         const H: f64 = 1e-4;
         let parts = Parts::of(a, at);
         let (p, faulty, h) = (parts.mixed(), parts.faulty(), parts.healthy_share);
-        let mut slopes: Vec<Vec<f64>> = (SCALE..=TAIL)
+        let mut slopes: Vec<[f64; BINS]> = (SCALE..=TAIL)
             .map(|k| {
                 let moved = |by: f64| {
                     let mut at = at.clone();
                     at[k] += by;
                     of_bins(a, &at)
                 };
-                let ends = moved(H).into_iter().zip(moved(-H));
-                ends.map(|(up, down)| h * (up - down) / (2.0 * H)).collect()
+                let (up, down) = (moved(H), moved(-H));
+                std::array::from_fn(|i| h * (up[i] - down[i]) / (2.0 * H))
             })
             .collect();
         // h = 1/2 + 1/2 logistic
         let of_share = 2.0 * (h - 0.5) * (1.0 - h);
-        slopes.push(parts.healthy.iter().zip(&faulty).map(|(p, q)| of_share * (p - q)).collect());
+        slopes.push(std::array::from_fn(|i| of_share * (parts.healthy[i] - faulty[i])));
         let kinds = at.as_slice()[LAW..].chunks_exact(OF_KIND);
         for ((kind, w), density) in kinds.zip(&parts.weights[1..]).zip(&parts.faults[1..]) {
             let sd = kind[2].exp();
             let z = |i: usize| (place(i) - kind[1]) / sd;
             let by = (1.0 - h) * w;
-            slopes.push((0..BINS).map(|i| by * (density[i] - faulty[i])).collect());
-            slopes.push((0..BINS).map(|i| by * density[i] * z(i) / sd).collect());
-            slopes.push((0..BINS).map(|i| by * density[i] * (z(i) * z(i) - 1.0)).collect());
+            slopes.push(std::array::from_fn(|i| by * (density[i] - faulty[i])));
+            slopes.push(std::array::from_fn(|i| by * density[i] * z(i) / sd));
+            slopes.push(std::array::from_fn(|i| by * density[i] * (z(i) * z(i) - 1.0)));
         }
         let n = counts.sum();
-        let mut gradient = DVector::from_fn(at.len(), |k, _| {
-            (0..BINS).map(|i| counts.0[i] * slopes[k][i] / p[i]).sum::<f64>()
-        });
-        let mut information = DMatrix::from_fn(at.len(), at.len(), |j, k| {
-            n * (0..BINS).map(|i| slopes[j][i] * slopes[k][i] / p[i]).sum::<f64>()
-        });
+        let over: Vec<[f64; BINS]> =
+            slopes.iter().map(|slope| std::array::from_fn(|i| slope[i] / p[i])).collect();
+        let mut gradient = DVector::from_fn(at.len(), |k, _| dot(&counts.0, &over[k]));
+        let mut information = DMatrix::zeros(at.len(), at.len());
+        for j in 0..at.len() {
+            for k in 0..=j {
+                let of = n * dot(&slopes[j], &over[k]);
+                (information[(j, k)], information[(k, j)]) = (of, of);
+            }
+        }
         let mut believed = |k: usize, down: f64, weight: f64| {
             gradient[k] -= down;
             information[(k, k)] += weight;
