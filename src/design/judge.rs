@@ -98,6 +98,9 @@ enum Isolator {
 /// two searched parameters some 20 at most.
 const NOISE_ALONE: f64 = 40.0;
 
+/// A class of less weight beside one that the signal is not of is no name for it either.
+const LITTLE: f64 = 0.05;
+
 /// What isolation says of one signal.
 pub type Isolation = Decision;
 
@@ -388,7 +391,8 @@ impl Judge {
         let is_typical = |k: usize| posterior.is_typical(k, ln_densities[k], from_curves);
         if !is_typical(best) {
             // where a class that is likelier by little is not it, another may be
-            return Some(match (0..weights.len()).any(is_typical) {
+            let other = |k: usize| weights[k] > LITTLE && is_typical(k);
+            return Some(match (0..weights.len()).any(other) {
                 true => decision.unnamed(),
                 false => decision.of_unknown_fault(),
             });

@@ -107,12 +107,12 @@ pub fn contaminated(
     })
 }
 
-/// Channels in turn; of a single channel its signals.
+/// Channels in turn, however few: they may differ lastingly. Of a single channel its signals.
 fn groups(counted: &[(f64, u32)]) -> Vec<usize> {
     let mut numbers: Vec<u32> = counted.iter().map(|(_, c)| *c).collect();
     numbers.sort_unstable();
     numbers.dedup();
-    match numbers.len() < 2 * GROUPS {
+    match numbers.len() < 2 {
         true => (0..counted.len()).map(|i| i % GROUPS).collect(),
         false => {
             let place = |c: u32| numbers.partition_point(|n| *n < c);

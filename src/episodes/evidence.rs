@@ -6,16 +6,24 @@
 //! Page's CUSUM (1954) of the log likelihood ratio of a normal that has shifted. The
 //! fourth root of the statistic is close to normal (Hawkins and Wixley 1986, for chi-squared). It is
 //! compared with the channel's own running level, so that a healthy channel that always reads high
-//! is no fault; only a level beyond the threshold itself is not accepted. One look counts for
-//! [`MOST_PER_LOOK`] at most: a single odd signal is no evidence.
+//! is no fault; only a level beyond the threshold itself is not accepted.
+//!
+//! A look counts for no more than the flag alone would: however healthy statistics are distributed, they
+//! are flagged at the stated rate. A look's gain is the smaller of two, and the mean of its exponential on a
+//! healthy channel is at most 1 if it is for either: where statistics are as assumed (a channel that is
+//! flagged often, and always was, is healthy), or where flags come at their rate (of any shape).
 
-/// ln(1 / 5e-4): an odd look is about as frequent as the default `detect.false_alarm_rate`.
+/// Most that one look says of the return to healthy.
 const MOST_PER_LOOK: f32 = 7.6;
 /// The shift that is looked for, in standard deviations of a look: less than half of it gathers no
 /// evidence, since healthy levels wander by that much (what a temperature does to one channel). Chosen
 /// on print runs 5102 to 5126 of physics.toml, judged by a design: 1 gave six false episodes in eleven
 /// of them, 1.5 one, and two of 52 slightly dried nozzles less.
 const SHIFT: f32 = 1.5;
+/// What a flagged look and one that is not say by themselves: ln likelihood ratio of a channel of which a
+/// fifth of the looks is flagged to a healthy one, at most 9e-4 of whose looks are.
+const FLAGGED: f32 = 5.4;
+const NOT_FLAGGED: f32 = -0.22;
 /// Largest shift that the return to healthy is measured against.
 const LARGEST_SHIFT: f32 = 12.0;
 
@@ -151,7 +159,7 @@ impl Evidence {
             return self.look_at_faulty(z, bound);
         }
         let before = self.learned.faulty;
-        let next = self.learned.after(z, sd);
+        let next = self.learned.after(ratio, z, sd);
         if next.faulty >= bound {
             self.learned.faulty = next.faulty;
             self.raised = true;
@@ -174,7 +182,7 @@ impl Evidence {
         let (mut next, mut begin, mut raised) = (learned, [false; TOGETHER], false);
         for i in 0..TOGETHER {
             let (z, sd) = learned[i].deviation(ratios[i]);
-            next[i] = learned[i].after(z, sd);
+            next[i] = learned[i].after(ratios[i], z, sd);
             begin[i] = (next[i].faulty > 0.0) & begins(learned[i].faulty, z);
             raised |= next[i].faulty >= bound;
         }
@@ -220,8 +228,9 @@ impl Learned {
     /// After a look. Robust running level and spread: a look counts as three standard deviations at
     /// most.
     #[inline(always)] // as above
-    fn after(self, z: f32, sd: f32) -> Learned {
-        let gain = (SHIFT * (z - SHIFT / 2.0)).min(MOST_PER_LOOK);
+    fn after(self, ratio: f32, z: f32, sd: f32) -> Learned {
+        let by_flag = if ratio > 1.0 { FLAGGED } else { NOT_FLAGGED };
+        let gain = (SHIFT * (z - SHIFT / 2.0)).min(by_flag);
         let faulty = (self.faulty + gain).max(0.0);
         let while_suspect = if z < STANDS_OUT { WHILE_SUSPECT } else { 0.0 };
         let share = if faulty < SUSPICION { 1.0 } else { while_suspect };
@@ -326,44 +335,57 @@ mod tests {
     }
 
     #[test]
-    fn own_baseline_that_begins_is_no_fault_if_it_is_told_and_would_be_one_if_not() {
+    fn own_baseline_that_begins_is_no_fault() {
         // twenty looks against all channels' spread, from then on against the channel's own
-        let raised = |told: bool| {
-            let mut source = source(5);
-            let raises = |_: &u32| {
-                let mut evidence = Evidence::default();
-                let by_all = (0..20)
-                    .any(|_| evidence.look(0.3 * own_look(&mut source), 16.0) == Step::Raised);
-                if told {
-                    evidence.judge_by_own(true);
-                }
-                let by_own =
-                    (0..200).any(|_| evidence.look(own_look(&mut source), 16.0) == Step::Raised);
-                by_all | by_own
-            };
-            (0..2000).filter(raises).count()
+        let mut source = source(5);
+        let raises = |_: &u32| {
+            let mut evidence = Evidence::default();
+            let by_all =
+                (0..20).any(|_| evidence.look(0.3 * own_look(&mut source), 16.0) == Step::Raised);
+            evidence.judge_by_own(true);
+            by_all | (0..200).any(|_| evidence.look(own_look(&mut source), 16.0) == Step::Raised)
         };
         // 400,000 looks, .1 per million expected
-        assert_eq!(raised(true), 0);
-        assert!(raised(false) >= 20, "{}", raised(false));
+        assert_eq!((0..2000).filter(raises).count(), 0);
+    }
+
+    /// Healthy looks of other shapes, flagged at the stated rate or never.
+    #[test]
+    fn healthy_looks_of_any_shape_raise_nothing() {
+        // ln-normal, its threshold 3.19 standard deviations out (7e-4); a tenth of the threshold, or, one
+        // time in twenty, nine tenths
+        let shapes: [fn(f32) -> f32; 2] =
+            [|z| (1.6 * (z - 3.19)).exp(), |z| if z > 1.645 { 0.9 } else { 0.1 }];
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(9);
+        for shape in shapes {
+            let mut raised = 0;
+            for _ in 0..1000 {
+                let mut evidence = Evidence::default();
+                for _ in 0..400 {
+                    let look = shape(StandardNormal.sample(&mut rng));
+                    raised += u32::from(evidence.look(look, 16.0) == Step::Raised);
+                }
+            }
+            assert_eq!(raised, 0);
+        }
     }
 
     #[test]
     fn a_lower_threshold_is_no_fault_if_it_is_told_and_would_be_one_if_not() {
-        // a window whose tail is known badly, and the next one
+        // a channel that lies far out, and always did; a window whose tail is known badly, and the next
         let raised = |told: bool| {
             let mut source = source(7);
             let raises = |_: &u32| {
                 let mut evidence = Evidence::default();
                 let wide =
-                    (0..60).any(|_| evidence.look(0.55 * source.look(1.0), 16.0) == Step::Raised);
+                    (0..60).any(|_| evidence.look(0.55 * source.look(3.0), 16.0) == Step::Raised);
                 evidence.change_model(if told { 1.0 / 0.55 } else { 1.0 });
-                wide | (0..100).any(|_| evidence.look(source.look(1.0), 16.0) == Step::Raised)
+                wide | (0..60).any(|_| evidence.look(source.look(3.0), 16.0) == Step::Raised)
             };
             (0..2000).filter(raises).count()
         };
-        assert_eq!(raised(true), 0);
-        assert!(raised(false) >= 20, "{}", raised(false));
+        let (told, not) = (raised(true), raised(false));
+        assert!(told <= 2 && not >= 20, "{told} and {not}");
     }
 
     #[test]

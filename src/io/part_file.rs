@@ -27,8 +27,14 @@ pub struct PartFile {
 }
 
 impl PartFile {
-    /// Creates a file beside `path`, and the directories above it.
+    /// Creates a file beside `path`, or beside what a link of that name points to, and the directories
+    /// above it. A device or a pipe is refused: it would be replaced.
     pub fn create(path: &Path) -> io::Result<(PartFile, File)> {
+        let path = &followed(path);
+        if fs::metadata(path).is_ok_and(|kind| !kind.is_file() && !kind.is_dir()) {
+            let what = "it is a device or a pipe, and a file would take its place";
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, what));
+        }
         let name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?;
         if path.is_dir() {
             return Err(io::ErrorKind::IsADirectory.into()); // renaming would fail after all the work
@@ -71,6 +77,14 @@ impl PartFile {
 
     pub fn path(&self) -> &Path {
         &self.path
+    }
+}
+
+/// Where a link leads, if it is one.
+fn followed(path: &Path) -> PathBuf {
+    match fs::read_link(path) {
+        Ok(to) => fs::canonicalize(path).unwrap_or_else(|_| path.with_file_name("").join(to)),
+        Err(_) => path.to_path_buf(),
     }
 }
 
@@ -143,6 +157,23 @@ mod tests {
         let mut names: Vec<String> = entries.map(|n| n.to_string_lossy().into_owned()).collect();
         names.sort();
         names
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_stays_a_link_and_a_device_a_device() {
+        let dir = tempfile::tempdir().unwrap();
+        let (link, to) = (dir.path().join("latest"), dir.path().join("night"));
+        for round in ["not there yet", "there"] {
+            let _ = std::os::unix::fs::symlink("night", &link);
+            let (part, mut file) = PartFile::create(&link).unwrap();
+            file.write_all(round.as_bytes()).unwrap();
+            part.finish(&file).unwrap();
+            assert_eq!(fs::read(&to).unwrap(), round.as_bytes());
+            assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        }
+        let refused = PartFile::create(Path::new("/dev/null")).unwrap_err();
+        assert!(refused.to_string().contains("device"), "{refused}");
     }
 
     #[test]
