@@ -80,7 +80,7 @@ fn each_outside_crate_has_one_door() {
         ("crossbeam_channel", &["pipeline"]),
         ("plotters", &["plot"]),
         ("png", &["plot"]),
-        ("base64", &["plot"]),
+        ("base64", &["plot", "io"]),
         ("clarabel", &["identify", "isolate", "detect"]),
     ];
     let mut files = Vec::new();
