@@ -49,8 +49,8 @@ const MEMORY_OF_OTHER_MODEL: f32 = 25.0;
 const MOST_LOWER: f32 = 16.0;
 /// No healthy level lies beyond the threshold.
 const LARGEST_LEVEL: f32 = 1.0;
-/// From this evidence on, looks that stand out are not learned from.
-const SUSPICION: f32 = 6.0;
+/// From this evidence on, one flagged look's, looks that stand out are not learned from.
+const SUSPICION: f32 = 4.0;
 /// Share of a look that is learned while the channel is suspect but the look does not stand out.
 const WHILE_SUSPECT: f32 = 0.1;
 /// What stands out, in standard deviations.
