@@ -21,10 +21,10 @@ const MOST_PER_LOOK: f32 = 7.6;
 /// of them, 1.5 one, and two of 52 slightly dried nozzles less.
 const SHIFT: f32 = 1.5;
 /// What a flagged look and one that is not say by themselves: ln likelihood ratio of a channel of which a
-/// twentieth of the looks is flagged to a healthy one, at most 9e-4 of whose looks are. Four in a row
+/// fifth of the looks is flagged to a healthy one, at most 9e-4 of whose looks are. Three in a row
 /// suffice at the default bound.
-const FLAGGED: f32 = 4.04;
-const NOT_FLAGGED: f32 = -0.051;
+const FLAGGED: f32 = 5.4;
+const NOT_FLAGGED: f32 = -0.22;
 /// Largest shift that the return to healthy is measured against.
 const LARGEST_SHIFT: f32 = 12.0;
 
