@@ -2,7 +2,7 @@
 //!
 //! In: detection statistics of a window's signals, up to two in five of them faulty, and the channel
 //! each came from. Out: the value that healthy signals exceed at a chosen rate, by a mixture of healthy
-//! and faulty signals ([`super::mixture`]).
+//! and faulty signals (`mixture`).
 //!
 //! Signals of one channel resemble each other: how well the threshold is known comes from leaving out
 //! one group of channels after the other (jackknife), and widens it.
