@@ -29,6 +29,8 @@ const AS_INKLING: &str = "as-inkling";
 enum Table {
     /// Signals of no class: called healthy, named, reasons
     Families,
+    /// The same and known classes of a head of another make, own classes among them, not all labelled
+    OtherMake,
     /// False alarms and recall over shapes of healthy scatter
     Shapes,
     /// The same where windows hold 0 to 40 % faulty signals
@@ -149,6 +151,16 @@ fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
         say(&[healthy::show(&rows)], &healthy::missed(&rows));
         Ok(())
     };
+    let families_of = |plant: Plant| {
+        let (signals, levels) = (args.signals, args.levels.clone());
+        let (modes, further) = (args.modes.clone(), further.clone());
+        let plan = families::Plan { seed, signals, levels, modes, further, mutant: None };
+        let rows = families::measure(program, &plant, &plan)?;
+        let shown: Vec<Shown> =
+            plan.modes.iter().map(|&mode| families::show(&rows, mode)).collect();
+        say(&shown, &families::missed(&rows));
+        Ok(())
+    };
     let differing = |difference: Difference| {
         let plan = closed_set::Plan { seed, sets, further: further.clone() };
         let rows = closed_set::measure_all(program, difference, &plan);
@@ -159,15 +171,15 @@ fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
         Ok(())
     };
     match table {
-        Table::Families => {
-            let (signals, levels) = (args.signals, args.levels.clone());
-            let modes = args.modes.clone();
-            let plan = families::Plan { seed, signals, levels, modes, further, mutant: None };
-            let rows = families::measure(program, &Plant::thesis_form(), &plan)?;
-            let shown: Vec<Shown> =
-                plan.modes.iter().map(|&mode| families::show(&rows, mode)).collect();
-            say(&shown, &families::missed(&rows));
-            Ok(())
+        Table::Families => families_of(Plant::thesis_form()),
+        Table::OtherMake => {
+            let plant = Plant::other_make();
+            let plan = closed_set::Plan { seed, sets, further: further.clone() };
+            let row = closed_set::measure(program, "another make", &plant, &plan);
+            let shown = closed_set::show("as they are", std::slice::from_ref(&row));
+            let missed = closed_set::missed(&[row], |row| Difference::Forms.allowance(row));
+            say(&[shown], &missed);
+            families_of(plant)
         }
         Table::Shapes => of_worlds(World::shapes()),
         Table::Contaminated => of_worlds(World::contaminated()),

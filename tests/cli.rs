@@ -1,6 +1,6 @@
 //! The process boundary: exit statuses and messages that help.
 
-use crate::house::House;
+use crate::house::{House, root};
 
 #[test]
 fn exit_code_2_for_wrong_usage_and_settings() {
@@ -14,6 +14,41 @@ fn exit_code_2_for_wrong_usage_and_settings() {
     house.run("simulate missing.toml -o out").exits(2).says("missing.toml");
     house.run("--help").exits(0).says("Examples");
     house.run("replay --help").exits(0).says("--pace");
+}
+
+/// Against the sample's recording and design.
+#[test]
+fn a_setting_that_cannot_take_effect_is_refused_with_what_to_do() {
+    let house = House::new();
+    let logs = root().join("sample_logs");
+    let logs = logs.display();
+    let replay = format!("replay {logs}/print_run.mcap --out out");
+    let judge = format!("{replay} --design {logs}/design.json");
+    let train = format!("train {logs}/train.mcap --labels {logs}/labels.csv -o d.json");
+    for (command, set, said) in [
+        (&judge, "isolate.pulse_s=8e-6", "train"),
+        (&judge, "isolate.unlabelled_classes=false", "train"),
+        (&judge, "isolate.neighbours=3", "neighbours"),
+        (&judge, "isolate.signal=deviation", "residual-matching"),
+        (&judge, "isolate.method=neighbours", "train with --set isolate.method=neighbours"),
+        (&judge, "detect.false_alarm_rate=1e-3", "train again"),
+        (&judge, "isolate.classes={Eigene=[\"EC\"]}", "trained without it"),
+        (&replay, "isolate.classes={Eigene=[\"EC\"]}", "no design"),
+        (&replay, "isolate.certainty=.9", "--design"),
+        (&replay, "output.weights=true", "--design"),
+        (&replay, "detect.mu=2", "max"),
+        (&replay, "detect.fault=EC", "eigenvalues"),
+        (&train, "isolate.certainty=.9", "replay"),
+        (&train, "identify.first=5", "replay"),
+        (&train, "output.dir=x", "replay"),
+    ] {
+        house.run(&format!("{command} --set {set}")).exits(2).says(said);
+        assert!(!house.path("out").exists() && !house.path("d.json").exists(), "{set}");
+    }
+    for set in ["detect.false_alarm_rate=7e-4", "identify.first=5", "episodes.false_per_million=1"]
+    {
+        house.run(&format!("{judge} --dry-run --set {set}")).exits(0);
+    }
 }
 
 #[test]

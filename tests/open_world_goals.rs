@@ -44,8 +44,31 @@ fn nothing_gross_is_called_healthy_and_nothing_foreign_is_named() {
     none(families::missed(&rows));
 }
 
+/// Classes of one's own, others that only the physics knows: what these leave beside their rings is no
+/// licence for the others.
+#[test]
+fn on_another_make_nothing_foreign_is_named_and_known_classes_stay_known() {
+    let plant = Plant::other_make();
+    let plan = families::Plan {
+        seed: SEED + 8,
+        signals: 128,
+        levels: vec![400.0, 1600.0],
+        modes: vec![Mode::Design],
+        further: Further::default(),
+        mutant: None,
+    };
+    let rows = families::measure(&inkling(), &plant, &plan).unwrap();
+    print!("{}", families::show(&rows, Mode::Design));
+    let mut missed = families::missed(&rows);
+    let plan = closed_set::Plan { seed: SEED + 9, sets: 1, further: Further::default() };
+    let row = closed_set::measure(&inkling(), "another make", &plant, &plan);
+    print!("{}", closed_set::show("as they are", std::slice::from_ref(&row)));
+    missed.extend(closed_set::missed(&[row], |row| Difference::Forms.allowance(row)));
+    none(missed);
+}
+
 /// The goals' families must miss them where the method lacks a part: else they would prove nothing.
-fn missed_by(mutant: Mutant) -> String {
+fn missed_by(mutant: Mutant, plant: &Plant) -> String {
     let plan = families::Plan {
         seed: SEED,
         signals: 64,
@@ -54,34 +77,55 @@ fn missed_by(mutant: Mutant) -> String {
         further: Further::default(),
         mutant: Some(mutant),
     };
-    let rows = families::measure(&inkling(), &Plant::thesis_form(), &plan).unwrap();
+    let rows = families::measure(&inkling(), plant, &plan).unwrap();
     families::missed(&rows).join("\n")
 }
 
 #[test]
 fn without_the_second_test_offsets_and_tones_are_called_healthy() {
-    let missed = missed_by(|design| {
+    let without = |design: &mut serde_json::Value| {
         let models = std::iter::once("/pooled".to_owned());
         let own = (0..design["models"].as_array().unwrap().len()).map(|i| format!("/models/{i}"));
         for model in models.chain(own) {
             let model = design.pointer_mut(&model).unwrap().as_object_mut().unwrap();
             assert!(model.remove("misfit").is_some_and(|misfit| misfit.is_object()));
         }
-    });
+    };
+    let missed = missed_by(without, &Plant::thesis_form());
     let healthy = missed.lines().filter(|line| line.contains("called healthy")).count();
     assert!(healthy >= 8, "{missed}");
 }
 
 #[test]
 fn without_typical_sets_dead_lines_are_named() {
-    let missed = missed_by(|design| {
+    let without = |design: &mut serde_json::Value| {
         assert!(design.as_object_mut().unwrap().remove("typical").is_some());
         for least in design["posterior"]["least_ln_density"].as_array_mut().unwrap() {
             *least = serde_json::json!(-1e300);
         }
-    });
+    };
+    let missed = missed_by(without, &Plant::thesis_form());
     let named = missed.lines().filter(|line| line.contains("named")).count();
     assert!(named >= 4, "{missed}");
+}
+
+#[test]
+fn where_every_class_is_forgiven_what_another_leaves_echoes_are_named() {
+    let forgiving = |design: &mut serde_json::Value| {
+        let numbers = |of: &serde_json::Value| -> Vec<f64> {
+            of.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
+        };
+        let typical = &mut design["typical"];
+        let spreads: Vec<Vec<f64>> =
+            typical["spread"].as_array().unwrap().iter().map(numbers).collect();
+        let widest: Vec<f64> = (0..spreads[0].len())
+            .map(|j| spreads.iter().map(|of| of[j]).fold(0.0, f64::max))
+            .collect();
+        assert!(widest.iter().any(|v| *v > 0.0));
+        typical["spread"] = serde_json::json!(vec![widest; spreads.len()]);
+    };
+    let missed = missed_by(forgiving, &Plant::other_make());
+    assert!(missed.lines().any(|line| line.contains("named")), "{missed}");
 }
 
 fn worlds(worlds: Vec<World>) {

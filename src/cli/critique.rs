@@ -1,6 +1,7 @@
 //! `inkling critique`: what the model gets wrong, why, the extended model, the gain.
 
 use super::dialects;
+use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::extended_design;
 use super::progress::{Progress, interruptible};
@@ -69,6 +70,7 @@ enum PlantArg {
 pub fn run(args: Args) -> Result<Exit, Failure> {
     outputs::check_directory(&args.out).map_err(Failure::new)?;
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
+    effect::check(&args.set, &settings, Command::Critique)?;
     let labels = args.labels.as_deref().map(labels_file::read).transpose().map_err(Failure::new)?;
     let inputs = inputs::find_recordings(&args.recordings).map_err(Failure::new)?;
     let dialects = dialects::checked(&settings, &inputs)?;

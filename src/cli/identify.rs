@@ -1,6 +1,7 @@
 //! `inkling identify`: thesis (3-1) alone, with what is and is not identifiable.
 
 use super::dialects;
+use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible};
 use super::report::printable;
@@ -48,6 +49,7 @@ pub struct Args {
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
+    effect::check(&args.set, &settings, Command::Identify)?;
     let labels = args.labels.as_deref().map(labels_file::read).transpose().map_err(Failure::new)?;
     let inputs = inputs::find_recordings(&args.recordings).map_err(Failure::new)?;
     let dialects = dialects::checked(&settings, &inputs)?;

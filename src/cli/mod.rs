@@ -8,6 +8,7 @@ mod contents;
 mod convert;
 mod critique;
 mod dialects;
+mod effect;
 mod exit;
 mod extended_design;
 mod failed;

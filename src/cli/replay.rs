@@ -3,6 +3,7 @@
 use super::account::{Account, Row, unwritable};
 use super::batch::{Batch, Telling};
 use super::dialects;
+use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::plan::{self, Planned, Planner};
 use super::progress::{Progress, interruptible};
@@ -128,7 +129,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let dialects = dialects::checked(&settings, &found.inputs)?;
     let placed = plan::place(found.inputs, settings.output.layout, &journal()?, &dialects);
     layout::refuse_shared(&placed).map_err(Failure::usage)?;
-    let Loaded { replay, baseline_file, means } = load(settings, asked_to_detect(&args))?;
+    let Loaded { replay, baseline_file, means } = load(settings, &args)?;
     let lost: Vec<Row> = found.lost.iter().map(plan::lost).collect();
 
     let control = interruptible();
@@ -262,23 +263,29 @@ fn check_declared(settings: &Settings, design: Option<&Design>) -> Result<(), Fa
     let known = |(name, of): &(&String, &Vec<String>)| {
         design.is_some_and(|d| d.classes.iter().any(|c| c.name == **name && c.of == **of))
     };
-    match settings.isolate.classes.iter().find(|class| !known(class)) {
-        None => Ok(()),
-        Some((name, _)) => Err(Failure::usage(format!(
-            "isolate.classes.\"{name}\": the design was trained without it, and only training makes \
-             classes: train again with these settings"
-        ))),
-    }
+    let Some((name, _)) = settings.isolate.classes.iter().find(|class| !known(class)) else {
+        return Ok(());
+    };
+    let why = match design {
+        Some(_) => {
+            "the design was trained without it, and only training makes classes: train again \
+                    with these settings"
+        }
+        None => {
+            "there is no design, and only training makes classes: train with these settings, then \
+                 give the design"
+        }
+    };
+    Err(Failure::usage(format!("isolate.classes.\"{name}\": {why}")))
 }
 
-/// `asked_to_detect`: the command line sets how.
-fn load(mut settings: Settings, asked_to_detect: bool) -> Result<Loaded, Failure> {
+fn load(mut settings: Settings, args: &Args) -> Result<Loaded, Failure> {
     let (mut design, mut design_digest) = (None, None);
     if !settings.input.design.is_empty() {
         let (read, digest): (Design, String) =
             design_file::read(Path::new(&settings.input.design)).map_err(Failure::new)?;
         // models learned on windows must be of the design's kind
-        if asked_to_detect && settings.detect != read.detect {
+        if asked_to_detect(args) && settings.detect != read.detect {
             return Err(Failure::usage(format!(
                 "{}: its detection was fixed when it was trained; detect.* by --set or --preset has no \
                  effect beside it: train again with the same --set or --preset, or leave it out",
@@ -289,6 +296,12 @@ fn load(mut settings: Settings, asked_to_detect: bool) -> Result<Loaded, Failure
         (design, design_digest) = (Some(read), Some(digest));
     }
     check_declared(&settings, design.as_ref())?;
+    let classes = design.as_ref().map_or(0, |design| design.classes.len());
+    let command = Command::Replay { detects: design.is_none(), names: classes > 0 };
+    effect::check(&args.set, &settings, command)?;
+    if let Some(design) = design.as_ref().filter(|_| classes > 0) {
+        design.check_method(settings.isolate.method).map_err(Failure::usage)?;
+    }
     if settings.isolate.method == IsolateMethod::Posterior {
         let classes = design.as_ref().map(Design::class_names).unwrap_or_default();
         settings.isolate.prior_weights(&classes).map_err(Failure::usage)?;

@@ -1,17 +1,20 @@
 //! `inkling train`: labelled recordings to a design.
 
 use super::dialects;
+use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible, thousands};
 use super::replay::PresetArg;
 use super::report::printable;
 use crate::design::Design;
 use crate::detect::DetectMethod;
+use crate::fault::{CLASSES, HEALTHY};
 use crate::io::recording::Recording;
 use crate::io::{Limits, design_file, inputs, labels_file};
 use crate::labels::{Label, Labels};
 use crate::pipeline::collect::Collector;
 use crate::settings::{Preset, Settings};
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -46,6 +49,7 @@ pub struct Args {
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let preset = args.preset.map(|PresetArg::Thesis| Preset::Thesis);
     let settings = Settings::load(args.config.as_deref(), preset, &args.set)?;
+    effect::check(&args.set, &settings, Command::Train)?;
     let labels = labels_file::read(&args.labels).map_err(Failure::new)?;
     let named = |row: &Label| Label {
         state: settings.isolate.name_of(&row.state).to_owned(),
@@ -66,6 +70,15 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         })?;
         damaged |= !damage.is_empty();
         progress.say_damage(&recording.name, &damage);
+    }
+    if !settings.isolate.classes.is_empty() {
+        undeclared(&labels, &settings).iter().for_each(|label| {
+            progress.say(&format!(
+                "warning: label \"{}\" is none of the thesis's classes and not declared in \
+                 isolate.classes: it becomes a class of its own, without sizes",
+                printable(label)
+            ))
+        });
     }
     let set = collector.finish().ok_or_else(|| Failure::new(dialects::NO_BURSTS))?;
     if set.healthy.is_empty() {
@@ -111,4 +124,13 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     writeln!(out, "  threshold {:.4e} {unit} ({})", t.value, t.in_words())?;
     let lost = ["rejected", "other_sampling"].iter().any(|k| design.signals.contains_key(*k));
     Ok(if damaged || lost { Exit::Incomplete } else { Exit::Done })
+}
+
+/// Labels that name no class that anyone has declared.
+fn undeclared<'a>(labels: &'a Labels, settings: &Settings) -> BTreeSet<&'a str> {
+    let is_known = |state: &str| {
+        [HEALTHY].iter().chain(&CLASSES).any(|known| *known == state)
+            || settings.isolate.classes.contains_key(state)
+    };
+    labels.rows().iter().map(|row| row.state.as_str()).filter(|state| !is_known(state)).collect()
 }

@@ -374,7 +374,7 @@ impl Judge {
             let turned = fit.features.phase_rad.abs() > std::f64::consts::FRAC_PI_2;
             if work.misfit > most || (turned && !posterior.phase) {
                 signal(&mut work.residual);
-                let left = of_rings.left(&work.residual, fit, self, noise);
+                let left = of_rings.left(&work.residual, fit, (self, noise), best);
                 work.misfit = left.all;
                 if left.of_class > most {
                     work.weights.clear();
@@ -403,8 +403,8 @@ impl Judge {
     }
 }
 
-/// Of a ring with its phase free: mean square that it leaves over the noise's, the same less what known
-/// classes leave, and its phase.
+/// Of a ring with its phase free: mean square that it leaves over the noise's, the same less what
+/// signals of a class leave, and its phase.
 struct LeftOfRing {
     all: f64,
     of_class: f64,
@@ -413,7 +413,13 @@ struct LeftOfRing {
 
 impl OfRings {
     /// `y`: per unit drive, counts; `noise`: of a sample of it.
-    fn left(&self, y: &[f64], fit: &Fit, judge: &Judge, noise: f64) -> LeftOfRing {
+    fn left(
+        &self,
+        y: &[f64],
+        fit: &Fit,
+        (judge, noise): (&Judge, f64),
+        class: usize,
+    ) -> LeftOfRing {
         let fit = self.fitter.fit_from(y, &fit.features, true).unwrap_or(*fit);
         let shape = &judge.model.leftover;
         let mut left = self.beside.left_without(&self.fitter, y, &fit.features, shape);
@@ -422,7 +428,8 @@ impl OfRings {
         let all = left.iter().map(|v| v * v).sum::<f64>() / left.len() as f64;
         // noise is one at the signal's own drive, and so is its ring
         let of_class = self.typical.as_ref().map_or(all, |typical| {
-            typical.misfit_of(Beside { left: &left, size: size * judge.relative_noise(noise) })
+            let size = size * judge.relative_noise(noise);
+            typical.misfit_of(Beside { left: &left, size }, class)
         });
         LeftOfRing { all, of_class, phase_rad: fit.features.phase_rad }
     }
@@ -467,15 +474,10 @@ impl Isolator {
                 r
             }
         };
-        let untrained = |method: &str| {
-            DesignError::Invalid(format!(
-                "isolate.method = \"{method}\": the design was not trained with it; \
-                 train with --set isolate.method={method}"
-            ))
-        };
+        let untrained = || DesignError::untrained(settings.method);
         match settings.method {
             IsolateMethod::Posterior => {
-                let posterior = design.posterior.clone().ok_or_else(|| untrained("posterior"))?;
+                let posterior = design.posterior.clone().ok_or_else(untrained)?;
                 let (dt_s, samples) = (model.generator.dt_s, model.expected.len());
                 let fitter = RingFitter::new(ring_of(&model.identification)?, dt_s, samples);
                 let priors = settings.prior_weights(&design.class_names())?;
@@ -505,7 +507,7 @@ impl Isolator {
             IsolateMethod::ModelMatching => {
                 let models: Vec<_> = design.classes.iter().map(|c| c.model.clone()).collect();
                 if models.iter().all(Option::is_none) {
-                    return Err(untrained("model-matching"));
+                    return Err(untrained());
                 }
                 Ok(Isolator::ModelMatching(models))
             }
@@ -516,7 +518,7 @@ impl Isolator {
                     class_of.resize(rows.len(), k as u16); // check(): at most 32 classes
                 }
                 if rows.is_empty() {
-                    return Err(untrained("neighbours"));
+                    return Err(untrained());
                 }
                 let rows: Vec<&[f64]> = rows.iter().map(Vec::as_slice).collect();
                 let k = settings.neighbours;

@@ -34,6 +34,7 @@ pub use train::TrainingSet;
 
 use crate::burst::Burst;
 use crate::fault;
+use crate::isolate::IsolateMethod;
 use crate::isolate::fault_physics::FaultPhysics;
 use crate::isolate::physics_density::FaultCurves;
 use crate::isolate::posterior::Posterior;
@@ -44,7 +45,7 @@ use std::sync::{Arc, OnceLock};
 use thiserror::Error;
 
 /// Version of the design file; a breaking change needs a new number.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 
 /// `schemas/design.md` describes the file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -96,7 +97,33 @@ pub enum DesignError {
     Invalid(String),
 }
 
+impl DesignError {
+    fn untrained(method: IsolateMethod) -> DesignError {
+        let method = match method {
+            IsolateMethod::Posterior => "posterior",
+            IsolateMethod::ResidualMatching => "residual-matching",
+            IsolateMethod::ModelMatching => "model-matching",
+            IsolateMethod::Neighbours => "neighbours",
+        };
+        DesignError::Invalid(format!(
+            "isolate.method = \"{method}\": the design was not trained with it; train with --set \
+             isolate.method={method}"
+        ))
+    }
+}
+
 impl Design {
+    /// Refuses a method of isolation that needs what this design does not hold.
+    pub fn check_method(&self, method: IsolateMethod) -> Result<(), DesignError> {
+        let is_trained = match method {
+            IsolateMethod::Posterior => self.posterior.is_some(),
+            IsolateMethod::ResidualMatching => true,
+            IsolateMethod::ModelMatching => self.classes.iter().any(|c| c.model.is_some()),
+            IsolateMethod::Neighbours => self.classes.iter().any(|c| !c.examples.is_empty()),
+        };
+        if is_trained { Ok(()) } else { Err(DesignError::untrained(method)) }
+    }
+
     /// Refuses what could not have been made by training (hand-edited, damaged or newer files).
     pub fn check(&self) -> Result<(), DesignError> {
         let refuse = |what: String| Err(DesignError::Invalid(what));

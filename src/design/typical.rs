@@ -41,18 +41,23 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
         classes.iter().flat_map(|of| of.left.rows.iter().take(MOST_SIGNALS).cloned()).collect();
     let mut typical =
         Typical { directions: directions(&rows, MOST_DIRECTIONS), ..Typical::default() };
-    typical.spread = typical
-        .directions
-        .iter()
-        .map(|d| classes.iter().map(|of| of.along(d)).fold(0.0, f64::max))
+    let spreads: Vec<Vec<f64>> =
+        classes.iter().map(|of| typical.directions.iter().map(|d| of.along(d)).collect()).collect();
+    let widest: Vec<f64> = (0..typical.directions.len())
+        .map(|j| spreads.iter().map(|of| of[j]).fold(0.0, f64::max))
         .collect();
-    let misfits = |left: &Left| -> Vec<f64> {
+    typical.spread = classes
+        .iter()
+        .zip(spreads)
+        .map(|(of, own)| if (1..FEWEST_OWN).contains(&of.labelled) { widest.clone() } else { own })
+        .collect();
+    let misfits = |left: &Left, k: usize| -> Vec<f64> {
         let each = left.rows.iter().zip(&left.size);
-        each.map(|(left, &size)| typical.misfit_of(Beside { left, size })).collect()
+        each.map(|(left, &size)| typical.misfit_of(Beside { left, size }, k)).collect()
     };
-    let of_noise = misfit_bound(&misfits(&healthy));
-    let bounds = classes.iter().map(|of| {
-        let own = misfits(&of.left);
+    let bounds = classes.iter().enumerate().map(|(k, of)| {
+        let of_noise = misfit_bound(&misfits(&healthy, k));
+        let own = misfits(&of.left, k);
         match of.labelled {
             // without noise: what the physics leaves comes on top of it
             0 => of_noise + 2.0 * own.iter().copied().fold(0.0, f64::max),

@@ -17,8 +17,8 @@ pub struct Typical {
     /// Directions in which signals of known classes leave more than noise beside their rings; rows of N,
     /// orthonormal.
     pub directions: Vec<Vec<f64>>,
-    /// Variance along each, of a ring as large as the healthy one, over the noise's.
-    pub spread: Vec<f64>,
+    /// Per class: variance along each, of a ring as large as the healthy one, over the noise's.
+    pub spread: Vec<Vec<f64>>,
     /// Per class: most that a signal leaves, over what noise leaves.
     pub misfit: Vec<f64>,
     /// Where the phase is none of the features, per class: least and most of it, rad; empty: it is one.
@@ -36,11 +36,11 @@ pub struct Beside<'a> {
 }
 
 impl Typical {
-    /// Mean square of what is left, over noise's, less what known classes leave.
-    pub fn misfit_of(&self, beside: Beside) -> f64 {
+    /// Mean square of what is left, over noise's, less what signals of class `k` leave.
+    pub fn misfit_of(&self, beside: Beside, k: usize) -> f64 {
         let Beside { left, size } = beside;
         let mut square = dot(left, left);
-        for (direction, spread) in self.directions.iter().zip(&self.spread) {
+        for (direction, spread) in self.directions.iter().zip(&self.spread[k]) {
             let (along, spread) = (dot(direction, left), spread * size * size);
             square -= along * along * spread / (1.0 + spread);
         }
@@ -56,8 +56,9 @@ impl Typical {
     pub fn check(&self, classes: usize, samples: usize) -> Result<(), String> {
         let finite = |v: &[f64]| v.iter().all(|x| x.abs() <= 1e30);
         let whole = self.misfit.len() == classes
-            && self.spread.len() == self.directions.len()
-            && self.spread.iter().all(|v| (0.0..=1e30).contains(v))
+            && self.spread.len() == classes
+            && self.spread.iter().all(|of| of.len() == self.directions.len())
+            && self.spread.iter().flatten().all(|v| (0.0..=1e30).contains(v))
             && self.directions.iter().all(|d| d.len() == samples && finite(d))
             && self.misfit.iter().all(|v| *v > 0.0)
             && (self.phase_rad.is_empty() || self.phase_rad.len() == classes);

@@ -166,6 +166,7 @@ fn judge(
     let Streamed { mut tally, writer, episodes, scan_damage, behind, timings, digest, warmth } =
         streamed;
     let mut warnings = warmth.warnings();
+    warnings.extend(schedule.wide_thresholds());
 
     let counts = &tally.counts;
     let judged_and_rejected = counts.judged + counts.rejected.values().sum::<u64>();

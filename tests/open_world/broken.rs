@@ -30,10 +30,18 @@ pub enum Broken {
     SwappedBytes,
     /// Ten times the noise, a ring below it.
     LoudNoise,
+    /// The signal a second time, later and smaller: a line that reflects.
+    Echo,
+    /// Nothing from the middle on, not even noise.
+    HalfSent,
+    /// Clipped at half its height.
+    ClippedAtHalf,
+    /// A second ring beside the channel's own, half as large.
+    SecondRing,
 }
 
 impl Broken {
-    pub const ALL: [Broken; 16] = {
+    pub const ALL: [Broken; 20] = {
         use Broken::*;
         [
             DeadLine,
@@ -52,6 +60,10 @@ impl Broken {
             StuckBit,
             SwappedBytes,
             LoudNoise,
+            Echo,
+            HalfSent,
+            ClippedAtHalf,
+            SecondRing,
         ]
     };
 
@@ -85,7 +97,25 @@ impl Broken {
                 let pole = |t: f64| alone.amplitude * (-alone.pole_per_s * t).exp();
                 plant.sampling().times().map(pole).collect()
             }
+            Broken::Echo => {
+                let later = rng.random_range(n / 10..n / 3);
+                let share = rng.random_range(0.3..0.6);
+                let of = |k: usize| k.checked_sub(later).map_or(0.0, |k| share * clean[k]);
+                clean.iter().enumerate().map(|(k, y)| y + of(k)).collect()
+            }
+            Broken::SecondRing => {
+                let apart = [0.55, 0.7, 1.5, 1.9][rng.random_range(0..4)];
+                let second = Ring {
+                    amplitude: 0.5 * healthy.amplitude,
+                    frequency_hz: healthy.frequency_hz * apart,
+                    pole_share: 0.0,
+                    ..*healthy
+                };
+                clean.iter().zip(second.sampled(plant.sampling())).map(|(y, z)| y + z).collect()
+            }
             Broken::Stuck
+            | Broken::HalfSent
+            | Broken::ClippedAtHalf
             | Broken::Clipped
             | Broken::Rectified
             | Broken::Gaps
@@ -103,6 +133,11 @@ impl Broken {
             }
             Broken::Clipped => {
                 let bound = height * rng.random_range(0.2..0.4);
+                y.iter_mut().for_each(|y| *y = y.clamp(-bound, bound));
+            }
+            Broken::HalfSent => y[n / 2..].fill(0.0),
+            Broken::ClippedAtHalf => {
+                let bound = 0.5 * y.iter().fold(0.0f64, |most, y| most.max(y.abs()));
                 y.iter_mut().for_each(|y| *y = y.clamp(-bound, bound));
             }
             Broken::Rectified => y.iter_mut().for_each(|y| *y = y.abs()),

@@ -41,6 +41,9 @@ pub struct Ranges {
     pub damping_per_s: Range,
     #[serde(rename = "freq_hz")]
     pub frequency_hz: Range,
+    /// Of a second mode, if it has one.
+    #[serde(default)]
+    pub overtone: Option<Range>,
 }
 
 impl Ranges {
@@ -49,6 +52,7 @@ impl Ranges {
             amplitude: self.amplitude.centre(),
             damping_per_s: self.damping_per_s.centre(),
             frequency_hz: self.frequency_hz.centre(),
+            overtone: self.overtone.map_or(0.0, Range::centre),
         }
     }
 
@@ -57,6 +61,7 @@ impl Ranges {
             amplitude: self.amplitude.draw(rng),
             damping_per_s: self.damping_per_s.draw(rng),
             frequency_hz: self.frequency_hz.draw(rng),
+            overtone: self.overtone.map_or(0.0, |range| range.draw(rng)),
         }
     }
 }
@@ -67,4 +72,5 @@ pub struct Features {
     pub amplitude: f64,
     pub damping_per_s: f64,
     pub frequency_hz: f64,
+    pub overtone: f64,
 }

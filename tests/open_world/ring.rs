@@ -28,7 +28,12 @@ pub struct Ring {
     /// Of the amplitude.
     pub pole_share: f64,
     pub pole_per_s: f64,
+    /// A second mode of a fixed multiple of its frequency, of the amplitude.
+    pub overtone: f64,
 }
+
+/// Of the second mode's frequency.
+const OVERTONE_FACTOR: f64 = 2.7;
 
 impl Ring {
     pub fn omega(&self) -> f64 {
@@ -36,8 +41,10 @@ impl Ring {
     }
 
     pub fn at(&self, t_s: f64) -> f64 {
-        let oscillation =
-            (-self.damping_per_s * t_s).exp() * (self.omega() * t_s + self.phase_rad).cos();
+        let angle = self.omega() * t_s;
+        let shape =
+            (angle + self.phase_rad).cos() + self.overtone * (OVERTONE_FACTOR * angle).sin();
+        let oscillation = (-self.damping_per_s * t_s).exp() * shape;
         self.amplitude * (oscillation + self.pole_share * (-self.pole_per_s * t_s).exp())
     }
 

@@ -1,0 +1,105 @@
+//! A setting given by hand (`--set`) that cannot take effect is refused, with what to do instead. A
+//! settings file serves every command and may hold what this one does not read.
+
+use super::exit::Failure;
+use crate::design::{DetectSettings, IsolateSettings};
+use crate::detect::{Denominator, ThresholdMethod};
+use crate::isolate::IsolateMethod;
+use crate::settings::Settings;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Command {
+    /// `detects`: by the settings, as no design says how. `names`: a design's classes are there.
+    Replay {
+        detects: bool,
+        names: bool,
+    },
+    Train,
+    Identify,
+    Critique,
+}
+
+/// What only training asks of `[isolate]`.
+const OF_TRAINING: [&str; 4] = ["pulse_s", "delay_s", "guess_sd", "unlabelled_classes"];
+/// What only judging does.
+const OF_JUDGING: [&str; 5] = ["gate", "certainty", "priors", "signal", "neighbours"];
+
+/// Refuses the first key of `set` (KEY=VALUE) that the command does not read. `settings`: with all of
+/// them applied.
+pub fn check(set: &[String], settings: &Settings, command: Command) -> Result<(), Failure> {
+    let keys = set.iter().filter_map(|pair| pair.split_once('=')).map(|(key, _)| key.trim());
+    for key in keys {
+        if let Some(why) = why_unread(key, settings, command) {
+            return Err(Failure::usage(format!("--set {key}: has no effect here: {why}")));
+        }
+    }
+    Ok(())
+}
+
+fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<String> {
+    let (section, rest) = key.split_once('.').unwrap_or((key, ""));
+    let name = rest.split('.').next().unwrap_or_default();
+    match (section, command) {
+        ("isolate", Command::Replay { names: false, .. }) => {
+            Some("without a design with fault classes nothing is named; give --design".into())
+        }
+        ("isolate", Command::Replay { .. }) => match OF_TRAINING.contains(&name) {
+            true => Some("it is part of the design; train with it".into()),
+            false => by_isolation(name, &settings.isolate),
+        },
+        ("isolate", Command::Train | Command::Critique) => OF_JUDGING
+            .contains(&name)
+            .then(|| "it is no part of a design; give it to `inkling replay`".into()),
+        // beside a design: refused where the design is read, as there it may be the same
+        ("detect", Command::Replay { detects: false, .. } | Command::Identify) => match command {
+            Command::Identify => Some("`identify` detects nothing".into()),
+            _ => None,
+        },
+        ("detect", _) => by_detection(name, &settings.detect),
+        ("output", Command::Replay { names: false, .. }) if name == "weights" => {
+            Some("without a design with fault classes there are no weights; give --design".into())
+        }
+        ("input", _) if matches!(name, "" | "rails" | "dialect") => None,
+        ("identify", Command::Train | Command::Critique) => (!["", "grey_box", "geometry"]
+            .contains(&name))
+        .then(|| "windows are of `inkling replay`; labels say what is healthy here".into()),
+        ("identify", Command::Identify) => (!["", "grey_box", "geometry", "least_agreeing"]
+            .contains(&name))
+        .then(|| "one model is identified, on all that is healthy".into()),
+        (_, Command::Replay { .. }) => None,
+        ("isolate", Command::Identify) => Some("`identify` names nothing".into()),
+        _ => Some("it is of `inkling replay` and `report`".into()),
+    }
+}
+
+/// What the method of detection does not ask for.
+fn by_detection(name: &str, detect: &DetectSettings) -> Option<String> {
+    let of = |key: &str, value: &str| Some(format!("it is of detect.{key} = \"{value}\" alone"));
+    match name {
+        "oscillations" if detect.denominator == Denominator::Eigenvalues => {
+            Some("it is of detect.denominator = \"resonance\" and \"enhanced\" alone".into())
+        }
+        "fault" if detect.denominator == Denominator::Resonance => {
+            Some("it is of detect.denominator = \"eigenvalues\" and \"enhanced\" alone".into())
+        }
+        "mu" if detect.threshold != ThresholdMethod::Max => of("threshold", "max"),
+        "false_alarm_rate" | "confidence" if detect.threshold == ThresholdMethod::Max => {
+            of("threshold", "quantile")
+        }
+        _ => None,
+    }
+}
+
+/// What the method of isolation does not ask for.
+fn by_isolation(name: &str, isolate: &IsolateSettings) -> Option<String> {
+    use IsolateMethod::{Neighbours, Posterior, ResidualMatching};
+    let of = match name {
+        "signal" if ![ResidualMatching, Neighbours].contains(&isolate.method) => {
+            "\"residual-matching\" and \"neighbours\""
+        }
+        "neighbours" if isolate.method != Neighbours => "\"neighbours\"",
+        "priors" if isolate.method != Posterior => "\"posterior\"",
+        _ => return None,
+    };
+    Some(format!("it is of isolate.method = {of} alone"))
+}
