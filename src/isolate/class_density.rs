@@ -3,8 +3,9 @@
 //! In: features of labelled signals (ln amplitude, ln damping, ln frequency, phase), the fit's noise
 //! covariance there. Out: log density of any features, and how far outside the class they lie.
 //!
-//! Faults come in sizes over a range: each axis is either a Gaussian or a uniform range seen through
-//! unit noise, whichever the examples make likelier. The axes are those in which the noise is unit and
+//! Faults come in sizes over a range: each axis is either a Gaussian or a range seen through unit noise,
+//! whichever the examples make likelier. Over a range the density is even, or falls exponentially towards
+//! one end: what is even in a damping is not so in its logarithm. The axes are those in which the noise is unit and
 //! the class's spread diagonal, or the features themselves, again whichever is likelier.
 
 use crate::model::lane_math::{exp, ln};
@@ -19,8 +20,15 @@ use std::sync::OnceLock;
 enum Axis {
     /// Standard deviation, in units of the noise.
     Gaussian(f64),
-    /// Half-width of a uniform range, in units of the noise, convolved with it.
-    Range(f64),
+    /// A range seen through the noise.
+    Range(Range),
+}
+
+/// Density of slope `slope` in ln over -half_width..half_width, in units of the noise.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+struct Range {
+    half_width: f64,
+    slope: f64,
 }
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -30,9 +38,8 @@ pub struct ClassDensity {
     to_axes: Vec<Vec<f64>>,
     ln_determinant: f64,
     axes: Vec<Axis>,
-    /// See [`ClassDensity::ln_highest`].
     #[serde(skip)]
-    ln_highest: OnceLock<f64>,
+    ln_scale: OnceLock<f64>,
 }
 
 impl ClassDensity {
@@ -84,7 +91,9 @@ impl ClassDensity {
         let finite = |v: &[f64]| v.len() == coordinates && v.iter().all(|x| x.abs() <= 1e30);
         let axis = |a: &Axis| match *a {
             Axis::Gaussian(sd) => (1e-30..=1e30).contains(&sd),
-            Axis::Range(width) => (1e-30..=1e30).contains(&width),
+            Axis::Range(Range { half_width, slope }) => {
+                (1e-30..=1e30).contains(&half_width) && (half_width * slope).abs() <= STEEPEST
+            }
         };
         let whole = finite(&self.mean)
             && self.to_axes.len() == coordinates
@@ -98,13 +107,16 @@ impl ClassDensity {
     /// At most four features.
     pub fn ln_density(&self, x: &[f64]) -> f64 {
         // what of a range lies within the noise of u: 1 - Phi inside its near end less beyond its far one
-        let (mut ends, mut gaussian) = ([[f64::NEG_INFINITY, f64::INFINITY]; 4], 0.0);
+        let (mut ends, mut ln_rest) = ([[f64::NEG_INFINITY, f64::INFINITY]; 4], 0.0);
         let axes = self.axes.iter().zip(&self.to_axes);
         for ((axis, row), ends) in axes.zip(&mut ends) {
             let u = self.along(row, x);
             match axis {
-                Axis::Gaussian(sd) => gaussian -= 0.5 * (u / sd) * (u / sd),
-                Axis::Range(width) => *ends = [u.abs() - width, u.abs() + width],
+                Axis::Gaussian(sd) => ln_rest -= 0.5 * (u / sd) * (u / sd),
+                Axis::Range(range) => {
+                    *ends = range.ends(u);
+                    ln_rest += range.ln_tilt(u);
+                }
             }
         }
         let mut ln_masses = ln_masses(&ends);
@@ -114,13 +126,18 @@ impl ClassDensity {
                 *ln_mass = -0.5 * beyond * beyond - (beyond * SQRT_TAU).ln();
             }
         }
-        self.ln_highest() + gaussian + ln_masses.iter().sum::<f64>()
+        self.ln_scale() + ln_rest + ln_masses.iter().sum::<f64>()
+    }
+
+    /// What every density of it is multiplied by.
+    fn ln_scale(&self) -> f64 {
+        let of_axes = || self.axes.iter().map(|axis| axis.ln_scale()).sum::<f64>();
+        *self.ln_scale.get_or_init(|| self.ln_determinant + of_axes())
     }
 
     /// No ln density lies above this, less half of [`ClassDensity::square`].
     pub fn ln_highest(&self) -> f64 {
-        let of_axes = || self.axes.iter().map(|axis| axis.ln_highest()).sum::<f64>();
-        *self.ln_highest.get_or_init(|| self.ln_determinant + of_axes())
+        self.ln_determinant + self.axes.iter().map(|axis| axis.ln_highest()).sum::<f64>()
     }
 
     /// Squared distance from the class in units of its own scatter.
@@ -149,7 +166,7 @@ impl ClassDensity {
         self.axes.iter().zip(&self.to_axes).map(|(axis, row)| {
             let (sd, width) = match *axis {
                 Axis::Gaussian(sd) => (sd, 0.0),
-                Axis::Range(width) => (1.0, width),
+                Axis::Range(range) => (1.0, range.half_width),
             };
             (row.iter().map(move |b| b / sd), width)
         })
@@ -200,7 +217,7 @@ fn along(
         to_axes: to_axes.row_iter().map(|r| r.iter().copied().collect()).collect(),
         ln_determinant,
         axes,
-        ln_highest: OnceLock::new(),
+        ln_scale: OnceLock::new(),
     };
     Some((likelihood, density))
 }
@@ -208,36 +225,109 @@ fn along(
 /// Fewer examples say nothing of ends.
 const LEAST_EXAMPLES: usize = 20;
 
+/// From one end of a range to the other a density changes by e^(2 STEEPEST) at most.
+const STEEPEST: f64 = 4.0;
+
+/// A range, where it lies, and the log likelihood of the examples.
+#[derive(Clone, Copy)]
+struct Place {
+    likelihood: f64,
+    middle: f64,
+    half_width: f64,
+    /// Slope times half the width.
+    tilt: f64,
+}
+
+impl Place {
+    fn range(&self) -> Range {
+        Range { half_width: self.half_width, slope: self.tilt / self.half_width }
+    }
+
+    fn judged(mut self, u: &[f64]) -> Place {
+        self.likelihood = Axis::Range(self.range()).ln_likelihood(u, self.middle);
+        self
+    }
+
+    /// Uphill from here: the likelihood is smooth, with one peak near the start.
+    fn climb(mut self, u: &[f64], ways: &[[i32; 3]]) -> Place {
+        const NARROWEST: f64 = 0.02;
+        let (start, mut step) = (self.half_width, 0.2 * self.half_width);
+        for _ in 0..60 {
+            let better = ways.iter().find_map(|&[along, out, up]| {
+                let to = Place {
+                    middle: self.middle + f64::from(along) * step,
+                    half_width: self.half_width + f64::from(out) * step,
+                    tilt: self.tilt + 4.0 * f64::from(up) * step / start,
+                    ..self
+                };
+                let possible = to.half_width >= NARROWEST && to.tilt.abs() <= STEEPEST;
+                let to = possible.then(|| to.judged(u))?;
+                (to.likelihood > self.likelihood + 1e-9).then_some(to)
+            });
+            match better {
+                Some(better) => self = better,
+                None => step /= 2.0,
+            }
+            if step < 0.01 {
+                break;
+            }
+        }
+        self
+    }
+}
+
+const EVEN: [[i32; 3]; 8] =
+    [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [1, 1, 0], [-1, 1, 0], [1, -1, 0], [-1, -1, 0]];
+const TILTED: [[i32; 3]; 10] = [
+    [0, 0, 1],
+    [0, 0, -1],
+    [1, 0, 0],
+    [-1, 0, 0],
+    [0, 1, 0],
+    [0, -1, 0],
+    [-1, 1, 1],
+    [1, 1, -1],
+    [1, -1, 0],
+    [-1, -1, 0],
+];
+
 /// The range that the examples make likeliest: its log likelihood, its middle, and the range itself,
 /// a little wider, since its ends lie outside the outermost examples. The mean and the variance that
 /// it starts from know the ends far worse (their error falls with the root of the examples' number,
-/// the ends' with the number).
-fn likeliest_range(u: &[f64], width: f64) -> (f64, f64, Axis) {
-    const NARROWEST: f64 = 0.02;
-    let mut best = (Axis::Range(width).ln_likelihood(u, 0.0), 0.0, width);
-    // pattern search: the likelihood is smooth, with one peak near the start
-    let mut step = 0.2 * width;
-    let ways = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)];
-    for _ in 0..60 {
-        let better = ways.iter().find_map(|&(along, out)| {
-            let middle = best.1 + f64::from(along) * step;
-            let width = best.2 + f64::from(out) * step;
-            if width < NARROWEST {
-                return None;
-            }
-            let likelihood = Axis::Range(width).ln_likelihood(u, middle);
-            (likelihood > best.0 + 1e-9).then_some((likelihood, middle, width))
-        });
-        match better {
-            Some(better) => best = better,
-            None => step /= 2.0,
-        }
-        if step < 0.01 {
-            break;
+/// the ends' with the number). A tilt is one more thing to know, and must be worth it (Schwarz).
+fn likeliest_range(u: &[f64], half_width: f64) -> (f64, f64, Axis) {
+    let n = u.len() as f64;
+    let start = Place { likelihood: 0.0, middle: 0.0, half_width, tilt: 0.0 };
+    let even = start.judged(u).climb(u, &EVEN);
+    let mut tilted = even.climb(u, &TILTED);
+    tilted.likelihood -= 0.5 * n.ln();
+    let best = if tilted.likelihood > even.likelihood { tilted } else { even };
+    let Range { half_width, slope } = best.range();
+    let wider = Range { half_width: half_width * (n + 1.0) / (n - 1.0), slope };
+    (best.likelihood, best.middle, Axis::Range(wider))
+}
+
+impl Range {
+    /// Of e^(slope v) over the range.
+    fn ln_mass(self) -> f64 {
+        let t = (self.slope * self.half_width).abs();
+        // ln of 2 sinh(t) / slope
+        match t < 1e-6 {
+            true => (2.0 * self.half_width).ln(),
+            false => (2.0 * self.half_width).ln() + t + ((1.0 - (-2.0 * t).exp()) / (2.0 * t)).ln(),
         }
     }
-    let n = u.len() as f64;
-    (best.0, best.1, Axis::Range(best.2 * (n + 1.0) / (n - 1.0)))
+
+    /// Integral of e^(slope v) phi(u - v) over the range: e^[`Range::ln_tilt`] times what a Gaussian about
+    /// u + slope has within it.
+    fn ends(self, u: f64) -> [f64; 2] {
+        let off = (u + self.slope).abs();
+        [off - self.half_width, off + self.half_width]
+    }
+
+    fn ln_tilt(self, u: f64) -> f64 {
+        self.slope * (u + 0.5 * self.slope)
+    }
 }
 
 impl Axis {
@@ -248,32 +338,40 @@ impl Axis {
     fn ln_density(self, u: f64) -> f64 {
         match self {
             Axis::Gaussian(sd) => -0.5 * (u / sd).powi(2) - (sd * SQRT_TAU).ln(),
-            Axis::Range(width) => {
-                // (Phi(u + w) - Phi(u - w)) / 2w; far outside a Gaussian tail from the edge
-                let mass = (upper_tail(u.abs() - width) - upper_tail(u.abs() + width)).max(0.0);
-                let beyond = u.abs() - width;
-                if mass > 1e-280 {
-                    (mass / (2.0 * width)).ln()
-                } else {
-                    -0.5 * beyond * beyond - (2.0 * width * beyond * SQRT_TAU).ln()
-                }
+            Axis::Range(range) => {
+                let [beyond, far] = range.ends(u);
+                let mass = (upper_tail(beyond) - upper_tail(far)).max(0.0);
+                let ln_mass = match mass > 1e-280 {
+                    true => mass.ln(),
+                    // far outside a Gaussian tail from the edge
+                    false => -0.5 * beyond * beyond - (beyond * SQRT_TAU).ln(),
+                };
+                range.ln_tilt(u) + ln_mass - range.ln_mass()
             }
         }
     }
 
-    /// Beside ln_density(u) <= ln_highest - distance(u)^2 / 2: of a range since
-    /// (Phi(u + w) - Phi(u - w)) <= 1 - Phi(|u| - w) <= e^(-(|u| - w)^2 / 2) outside, and <= 1 inside.
+    fn ln_scale(self) -> f64 {
+        match self {
+            Axis::Gaussian(sd) => -(sd * SQRT_TAU).ln(),
+            Axis::Range(range) => -range.ln_mass(),
+        }
+    }
+
+    /// Beside ln_density(u) <= ln_highest - distance(u)^2 / 2: of a range since what it has of the noise's
+    /// mass is <= 1 - Phi(|u| - w) <= e^(-(|u| - w)^2 / 2) outside and <= 1 inside, and its density is
+    /// highest at an end.
     fn ln_highest(self) -> f64 {
         match self {
             Axis::Gaussian(sd) => -(sd * SQRT_TAU).ln(),
-            Axis::Range(width) => -(2.0 * width).ln(),
+            Axis::Range(range) => (range.slope * range.half_width).abs() - range.ln_mass(),
         }
     }
 
     fn distance(self, u: f64) -> f64 {
         match self {
             Axis::Gaussian(sd) => u / sd,
-            Axis::Range(width) => (u.abs() - width).max(0.0),
+            Axis::Range(range) => (u.abs() - range.half_width).max(0.0),
         }
     }
 }
@@ -352,13 +450,27 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_distr::{Distribution, StandardNormal};
 
-    fn draw(n: usize, uniform: bool) -> Vec<DVector<f64>> {
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    enum Sizes {
+        Gaussian,
+        Even,
+        /// Even in its exponential.
+        Tilted,
+    }
+
+    const ALL: [Sizes; 3] = [Sizes::Gaussian, Sizes::Even, Sizes::Tilted];
+
+    fn draw(n: usize, sizes: Sizes) -> Vec<DVector<f64>> {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(9);
         (0..n)
             .map(|_| {
                 let noise: [f64; 2] = std::array::from_fn(|_| StandardNormal.sample(&mut rng));
                 let wide: f64 = StandardNormal.sample(&mut rng);
-                let size = if uniform { rng.random_range(-1.0..1.0) } else { wide / 3f64.sqrt() };
+                let size = match sizes {
+                    Sizes::Gaussian => wide / 3f64.sqrt(),
+                    Sizes::Even => rng.random_range(-1.0..1.0),
+                    Sizes::Tilted => rng.random_range(0.05_f64..1.0).ln() * 2.0 / 3.0 + 1.0,
+                };
                 DVector::from_row_slice(&[1.0 + 0.5 * size + 0.05 * noise[0], 0.1 * noise[1]])
             })
             .collect()
@@ -370,8 +482,8 @@ mod tests {
 
     #[test]
     fn density_integrates_to_one() {
-        for uniform in [true, false] {
-            let density = ClassDensity::learn(&draw(400, uniform), &noise(), None).unwrap();
+        for sizes in ALL {
+            let density = ClassDensity::learn(&draw(400, sizes), &noise(), None).unwrap();
             let h = 0.01;
             let mut mass = 0.0;
             for i in -300..500 {
@@ -385,25 +497,44 @@ mod tests {
 
     #[test]
     fn range_of_sizes_is_told_from_a_gaussian_spread() {
-        let is_range = |uniform| {
-            let density = ClassDensity::learn(&draw(400, uniform), &noise(), None).unwrap();
-            density.axes.iter().any(|a| matches!(a, Axis::Range(w) if *w > 5.0))
+        let is_range = |sizes| {
+            let density = ClassDensity::learn(&draw(400, sizes), &noise(), None).unwrap();
+            density.axes.iter().any(|a| matches!(a, Axis::Range(r) if r.half_width > 5.0))
         };
-        assert!(is_range(true));
-        assert!(!is_range(false));
+        assert!(is_range(Sizes::Even));
+        assert!(is_range(Sizes::Tilted));
+        assert!(!is_range(Sizes::Gaussian));
+    }
+
+    #[test]
+    fn what_is_even_in_its_exponential_ends_where_it_ends_and_not_beyond() {
+        let density = ClassDensity::learn(&draw(400, Sizes::Tilted), &noise(), None).unwrap();
+        let tilts = density.axes.iter().filter_map(|axis| match axis {
+            Axis::Range(range) => Some((range.slope * range.half_width).abs()),
+            Axis::Gaussian(_) => None,
+        });
+        // ln 20 from end to end
+        let tilt = tilts.fold(0.0, f64::max);
+        assert!((tilt - 0.5 * 20_f64.ln()).abs() < 0.4, "{tilt}");
+        // its upper end is 1.5; five standard deviations of the noise further there is nothing
+        let inside = density.ln_density(&[1.45, 0.0]);
+        assert!(density.ln_density(&[1.75, 0.0]) < inside - 8.0);
+        let even = ClassDensity::learn(&draw(400, Sizes::Even), &noise(), None).unwrap();
+        let is_flat = |axis: &Axis| !matches!(axis, Axis::Range(range) if range.slope != 0.0);
+        assert!(even.axes.iter().all(is_flat));
     }
 
     #[test]
     fn few_examples_are_shrunk_and_none_are_refused() {
         let pooled = noise() * 4.0;
-        assert!(ClassDensity::learn(&draw(1, true), &noise(), Some(&pooled)).is_some());
-        assert!(ClassDensity::learn(&draw(1, true), &noise(), None).is_none());
+        assert!(ClassDensity::learn(&draw(1, Sizes::Even), &noise(), Some(&pooled)).is_some());
+        assert!(ClassDensity::learn(&draw(1, Sizes::Even), &noise(), None).is_none());
         assert!(ClassDensity::learn(&[], &noise(), Some(&pooled)).is_none());
     }
 
     #[test]
     fn distance_is_small_inside_and_large_outside() {
-        let density = ClassDensity::learn(&draw(400, true), &noise(), None).unwrap();
+        let density = ClassDensity::learn(&draw(400, Sizes::Even), &noise(), None).unwrap();
         assert!(density.distance(&[1.3, 0.0]) < 1.0);
         assert!(density.distance(&[5.0, 0.0]) > 100.0);
         assert!(density.ln_density(&[60.0, 0.0]).is_finite());
@@ -411,8 +542,8 @@ mod tests {
 
     #[test]
     fn density_is_that_of_its_axes() {
-        for uniform in [true, false] {
-            let density = ClassDensity::learn(&draw(400, uniform), &noise(), None).unwrap();
+        for sizes in ALL {
+            let density = ClassDensity::learn(&draw(400, sizes), &noise(), None).unwrap();
             for i in -400..600 {
                 let x = [f64::from(i) * 0.1, f64::from(i % 7) * 0.05];
                 let axes = density.axes.iter().zip(&density.to_axes);
@@ -426,8 +557,8 @@ mod tests {
 
     #[test]
     fn no_density_lies_above_its_bound() {
-        for uniform in [true, false] {
-            let density = ClassDensity::learn(&draw(400, uniform), &noise(), None).unwrap();
+        for sizes in ALL {
+            let density = ClassDensity::learn(&draw(400, sizes), &noise(), None).unwrap();
             let mut closest = f64::INFINITY;
             for i in -400..600 {
                 for j in -100..100 {

@@ -12,6 +12,8 @@ pub enum Stranger {
     Damping,
     /// Resonance and damping of a class, two to three times its amplitude or as much less.
     Amplitude,
+    /// A class's ring with a second mode that this class does not have.
+    Overtone,
 }
 
 /// A class is left by a factor of its bounds.
@@ -20,17 +22,21 @@ const DAMPING_FACTOR: f64 = 1.6;
 const AMPLITUDE_FACTOR: f64 = 2.0;
 
 impl Stranger {
-    pub const ALL: [Stranger; 3] = [Stranger::Frequency, Stranger::Damping, Stranger::Amplitude];
+    pub const ALL: [Stranger; 4] =
+        [Stranger::Frequency, Stranger::Damping, Stranger::Amplitude, Stranger::Overtone];
 
     pub fn signal(self, plant: &Plant, rng: &mut Random) -> Vec<f32> {
         let features = std::iter::repeat_with(|| self.drawn(plant, rng))
-            .find(|features| is_far(features, plant))
+            .find(|features| self == Stranger::Overtone || is_far(features, plant))
             .expect("the classes do not fill the world");
         plant.signal(features, rng)
     }
 
     fn drawn(self, plant: &Plant, rng: &mut Random) -> Features {
-        let classes: Vec<_> = plant.faults.values().chain([&plant.healthy]).collect();
+        let mut classes: Vec<_> = plant.faults.values().chain([&plant.healthy]).collect();
+        if self == Stranger::Overtone {
+            classes.retain(|class| class.overtone.is_none());
+        }
         let known = classes[rng.random_range(0..classes.len())].draw(rng);
         match self {
             Stranger::Frequency => Features {
@@ -49,6 +55,7 @@ impl Stranger {
                 let factor = if rng.random_bool(0.5) { more } else { 1.0 / more };
                 Features { amplitude: known.amplitude * factor, ..known }
             }
+            Stranger::Overtone => Features { overtone: rng.random_range(0.15..0.4), ..known },
         }
     }
 }
