@@ -92,7 +92,7 @@ impl ClassDensity {
         let axis = |a: &Axis| match *a {
             Axis::Gaussian(sd) => (1e-30..=1e30).contains(&sd),
             Axis::Range(Range { half_width, slope }) => {
-                (1e-30..=1e30).contains(&half_width) && (half_width * slope).abs() <= STEEPEST
+                (1e-30..=1e30).contains(&half_width) && (half_width * slope).abs() <= 2.0 * STEEPEST
             }
         };
         let whole = finite(&self.mean)

@@ -55,7 +55,7 @@ impl Stranger {
                 let factor = if rng.random_bool(0.5) { more } else { 1.0 / more };
                 Features { amplitude: known.amplitude * factor, ..known }
             }
-            Stranger::Overtone => Features { overtone: rng.random_range(0.15..0.4), ..known },
+            Stranger::Overtone => Features { overtone: rng.random_range(0.4..0.9), ..known },
         }
     }
 }
