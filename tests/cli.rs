@@ -34,11 +34,11 @@ fn a_setting_that_cannot_take_effect_is_refused_with_what_to_do() {
         (&judge, "detect.false_alarm_rate=1e-3", "train again"),
         (&judge, "isolate.classes={Eigene=[\"EC\"]}", "trained without it"),
         (&replay, "isolate.classes={Eigene=[\"EC\"]}", "no design"),
-        (&replay, "isolate.certainty=.9", "--design"),
+        (&replay, "isolate.certainty=0.9", "--design"),
         (&replay, "output.weights=true", "--design"),
         (&replay, "detect.mu=2", "max"),
         (&replay, "detect.fault=EC", "eigenvalues"),
-        (&train, "isolate.certainty=.9", "replay"),
+        (&train, "isolate.certainty=0.9", "replay"),
         (&train, "identify.first=5", "replay"),
         (&train, "output.dir=x", "replay"),
     ] {

@@ -206,7 +206,7 @@ fn design_that_no_training_makes_is_refused_with_its_place() {
         serde_json::from_slice(&std::fs::read(sample("design.json")).unwrap()).unwrap();
     type Edit = fn(&mut Value);
     let edits: [(Edit, &str); 14] = [
-        (|d| d["version"] = json!(3), "version 3"),
+        (|d| d["version"] = json!(99), "version 99"),
         (|d| d["models"][0]["expected"] = json!([1.0]), "expected"),
         (|d| d["models"][0]["expected"][3] = json!(1e308), "expected"),
         (|d| d["models"][0]["generator"]["denominator"][1] = json!(-30.0), "unstable"),

@@ -109,26 +109,6 @@ fn without_typical_sets_dead_lines_are_named() {
     assert!(named >= 4, "{missed}");
 }
 
-#[test]
-fn where_every_class_is_forgiven_what_another_leaves_its_second_mode_is_no_stranger() {
-    let forgiving = |design: &mut serde_json::Value| {
-        let numbers = |of: &serde_json::Value| -> Vec<f64> {
-            of.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
-        };
-        let typical = &mut design["typical"];
-        let spreads: Vec<Vec<f64>> =
-            typical["spread"].as_array().unwrap().iter().map(numbers).collect();
-        let widest: Vec<f64> = (0..spreads[0].len())
-            .map(|j| spreads.iter().map(|of| of[j]).fold(0.0, f64::max))
-            .collect();
-        assert!(widest.iter().any(|v| *v > 0.0));
-        typical["spread"] = serde_json::json!(vec![widest; spreads.len()]);
-    };
-    let missed = missed_by(forgiving, &Plant::other_make());
-    let named = |line: &str| line.contains("overtone") && line.contains("named");
-    assert!(missed.lines().any(named), "{missed}");
-}
-
 fn worlds(worlds: Vec<World>) {
     let plan = healthy::Plan {
         seed: SEED + 1,

@@ -133,3 +133,28 @@ fn orthonormalise(basis: &mut Vec<Vec<f64>>) {
     }
     *basis = done;
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_class_leaves_is_forgiven_of_that_class_alone_and_grows_with_the_ring() {
+        let along =
+            |sd: f64| -> Vec<f64> { (0..8).map(|k| if k < 4 { sd } else { 0.0 }).collect() };
+        let typical = Typical {
+            directions: vec![along(0.5)],
+            spread: vec![vec![1e6], vec![0.0]],
+            misfit: vec![1.0; 2],
+            phase_rad: Vec::new(),
+        };
+        typical.check(2, 8).unwrap();
+        assert!(typical.check(1, 8).is_err());
+        let left = along(30.0);
+        let of = |k: usize, size: f64| typical.misfit_of(Beside { left: &left, size }, k);
+        // 4 of 8 samples of 900 variances: 450 in the mean
+        assert!((of(1, 1.0) - 450.0).abs() < 1e-9);
+        assert!(of(0, 1.0) < 1e-3, "{}", of(0, 1.0));
+        assert!((of(0, 1e-3) - 225.0).abs() < 1e-9, "{}", of(0, 1e-3));
+    }
+}
