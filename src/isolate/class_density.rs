@@ -4,8 +4,8 @@
 //! covariance there. Out: log density of any features, and how far outside the class they lie.
 //!
 //! Faults come in sizes over a range: each axis is either a Gaussian or a range seen through unit noise,
-//! whichever the examples make likelier. Over a range the density is even, or falls exponentially towards
-//! one end: what is even in a damping is not so in its logarithm. The axes are those in which the noise is unit and
+//! whichever the examples make likelier. Over a range the density is even in the feature, or in what the
+//! feature is the logarithm of. The axes are those in which the noise is unit and
 //! the class's spread diagonal, or the features themselves, again whichever is likelier.
 
 use crate::model::lane_math::{exp, ln};
@@ -92,7 +92,7 @@ impl ClassDensity {
         let axis = |a: &Axis| match *a {
             Axis::Gaussian(sd) => (1e-30..=1e30).contains(&sd),
             Axis::Range(Range { half_width, slope }) => {
-                (1e-30..=1e30).contains(&half_width) && (half_width * slope).abs() <= 2.0 * STEEPEST
+                (1e-30..=1e30).contains(&half_width) && (half_width * slope).abs() <= 1e3
             }
         };
         let whole = finite(&self.mean)
@@ -202,8 +202,17 @@ fn along(
         let of_gaussian = Axis::Gaussian(variance.sqrt()).ln_likelihood(&u, 0.0);
         let gaussian = Axis::Gaussian((wider * variance).sqrt());
         let width = (3.0 * (variance - 1.0).max(0.0) * (1.0 + 1.0 / n)).sqrt();
+        // even in the feature, a logarithm; where the axis is one, also even in what it is the logarithm of
+        let mut others = (0..row.len()).filter(|&k| k != j).map(|k| row[k]);
+        let in_itself = 1.0 / row[j];
+        let is_logarithm = j < LOGARITHMS && others.all(|b| b == 0.0);
+        let slopes = if is_logarithm { vec![0.0, in_itself] } else { vec![0.0] };
         let (of_range, middle, range) = match width >= 0.05 && u.len() >= LEAST_EXAMPLES {
-            true => likeliest_range(&u, width),
+            true => slopes
+                .into_iter()
+                .map(|slope| likeliest_range(&u, width, slope))
+                .max_by(|p, q| p.0.total_cmp(&q.0))
+                .unwrap_or((f64::NEG_INFINITY, 0.0, gaussian)),
             false => (f64::NEG_INFINITY, 0.0, gaussian),
         };
         let is_range = of_range > of_gaussian;
@@ -222,89 +231,45 @@ fn along(
     Some((likelihood, density))
 }
 
+/// Of the features: amplitude, damping, frequency.
+const LOGARITHMS: usize = 3;
+
 /// Fewer examples say nothing of ends.
 const LEAST_EXAMPLES: usize = 20;
 
-/// From one end of a range to the other a density changes by e^(2 STEEPEST) at most.
-const STEEPEST: f64 = 4.0;
-
-/// A range, where it lies, and the log likelihood of the examples.
-#[derive(Clone, Copy)]
-struct Place {
-    likelihood: f64,
-    middle: f64,
-    half_width: f64,
-    /// Slope times half the width.
-    tilt: f64,
-}
-
-impl Place {
-    fn range(&self) -> Range {
-        Range { half_width: self.half_width, slope: self.tilt / self.half_width }
-    }
-
-    fn judged(mut self, u: &[f64]) -> Place {
-        self.likelihood = Axis::Range(self.range()).ln_likelihood(u, self.middle);
-        self
-    }
-
-    /// Uphill from here: the likelihood is smooth, with one peak near the start.
-    fn climb(mut self, u: &[f64], ways: &[[i32; 3]]) -> Place {
-        const NARROWEST: f64 = 0.02;
-        let (start, mut step) = (self.half_width, 0.2 * self.half_width);
-        for _ in 0..60 {
-            let better = ways.iter().find_map(|&[along, out, up]| {
-                let to = Place {
-                    middle: self.middle + f64::from(along) * step,
-                    half_width: self.half_width + f64::from(out) * step,
-                    tilt: self.tilt + 4.0 * f64::from(up) * step / start,
-                    ..self
-                };
-                let possible = to.half_width >= NARROWEST && to.tilt.abs() <= STEEPEST;
-                let to = possible.then(|| to.judged(u))?;
-                (to.likelihood > self.likelihood + 1e-9).then_some(to)
-            });
-            match better {
-                Some(better) => self = better,
-                None => step /= 2.0,
+/// The range of that slope that the examples make likeliest: its log likelihood, its middle, and the
+/// range itself, a little wider, since its ends lie outside the outermost examples. The mean and the
+/// variance that it starts from know the ends far worse (their error falls with the root of the
+/// examples' number, the ends' with the number).
+fn likeliest_range(u: &[f64], half_width: f64, slope: f64) -> (f64, f64, Axis) {
+    const NARROWEST: f64 = 0.02;
+    let likelihood =
+        |half_width, middle| Axis::Range(Range { half_width, slope }).ln_likelihood(u, middle);
+    let mut best = (likelihood(half_width, 0.0), 0.0, half_width);
+    // pattern search: the likelihood is smooth, with one peak near the start
+    let mut step = 0.2 * half_width;
+    let ways = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)];
+    for _ in 0..60 {
+        let better = ways.iter().find_map(|&(along, out)| {
+            let middle = best.1 + f64::from(along) * step;
+            let width = best.2 + f64::from(out) * step;
+            if width < NARROWEST {
+                return None;
             }
-            if step < 0.01 {
-                break;
-            }
+            let likelihood = likelihood(width, middle);
+            (likelihood > best.0 + 1e-9).then_some((likelihood, middle, width))
+        });
+        match better {
+            Some(better) => best = better,
+            None => step /= 2.0,
         }
-        self
+        if step < 0.01 {
+            break;
+        }
     }
-}
-
-const EVEN: [[i32; 3]; 8] =
-    [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [1, 1, 0], [-1, 1, 0], [1, -1, 0], [-1, -1, 0]];
-const TILTED: [[i32; 3]; 10] = [
-    [0, 0, 1],
-    [0, 0, -1],
-    [1, 0, 0],
-    [-1, 0, 0],
-    [0, 1, 0],
-    [0, -1, 0],
-    [-1, 1, 1],
-    [1, 1, -1],
-    [1, -1, 0],
-    [-1, -1, 0],
-];
-
-/// The range that the examples make likeliest: its log likelihood, its middle, and the range itself,
-/// a little wider, since its ends lie outside the outermost examples. The mean and the variance that
-/// it starts from know the ends far worse (their error falls with the root of the examples' number,
-/// the ends' with the number). A tilt is one more thing to know, and must be worth it (Schwarz).
-fn likeliest_range(u: &[f64], half_width: f64) -> (f64, f64, Axis) {
     let n = u.len() as f64;
-    let start = Place { likelihood: 0.0, middle: 0.0, half_width, tilt: 0.0 };
-    let even = start.judged(u).climb(u, &EVEN);
-    let mut tilted = even.climb(u, &TILTED);
-    tilted.likelihood -= 0.5 * n.ln();
-    let best = if tilted.likelihood > even.likelihood { tilted } else { even };
-    let Range { half_width, slope } = best.range();
-    let wider = Range { half_width: half_width * (n + 1.0) / (n - 1.0), slope };
-    (best.likelihood, best.middle, Axis::Range(wider))
+    let half_width = best.2 * (n + 1.0) / (n - 1.0);
+    (best.0, best.1, Axis::Range(Range { half_width, slope }))
 }
 
 impl Range {
@@ -469,7 +434,7 @@ mod tests {
                 let size = match sizes {
                     Sizes::Gaussian => wide / 3f64.sqrt(),
                     Sizes::Even => rng.random_range(-1.0..1.0),
-                    Sizes::Tilted => rng.random_range(0.05_f64..1.0).ln() * 2.0 / 3.0 + 1.0,
+                    Sizes::Tilted => 2.0 * rng.random_range(0.1_f64..1.0).ln() + 1.0,
                 };
                 DVector::from_row_slice(&[1.0 + 0.5 * size + 0.05 * noise[0], 0.1 * noise[1]])
             })
@@ -513,9 +478,9 @@ mod tests {
             Axis::Range(range) => Some((range.slope * range.half_width).abs()),
             Axis::Gaussian(_) => None,
         });
-        // ln 20 from end to end
+        // a factor of ten from end to end
         let tilt = tilts.fold(0.0, f64::max);
-        assert!((tilt - 0.5 * 20_f64.ln()).abs() < 0.4, "{tilt}");
+        assert!((tilt - 0.5 * 10_f64.ln()).abs() < 0.1, "{tilt}");
         // its upper end is 1.5; five standard deviations of the noise further there is nothing
         let inside = density.ln_density(&[1.45, 0.0]);
         assert!(density.ln_density(&[1.75, 0.0]) < inside - 8.0);
