@@ -387,8 +387,8 @@ impl Judge {
         }
         let Workspace { weights, severity, physics, ln_densities, .. } = work;
         let from_curves =
-            || curves.map_or(f64::INFINITY, |of| of.distance(features, seen, physics));
-        let is_typical = |k: usize| posterior.is_typical(k, ln_densities[k], from_curves);
+            |k| curves.map_or(f64::INFINITY, |of| of.distance(k, features, seen, physics));
+        let is_typical = |k| posterior.is_typical(k, ln_densities[k], || from_curves(k));
         if !is_typical(best) {
             // where a class that is likelier by little is not it, another may be
             let other = |k: usize| weights[k] > LITTLE && is_typical(k);

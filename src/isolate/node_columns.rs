@@ -107,11 +107,6 @@ impl NodeColumns {
     pub fn severities(&self, stretch: usize) -> &Lanes {
         &self.stretches[stretch].severity
     }
-
-    /// The middle node of every stretch.
-    pub fn middles(&self, nodes: usize) -> impl Iterator<Item = usize> {
-        (0..nodes).step_by(NODES).map(move |first| first.midpoint(nodes.min(first + NODES)))
-    }
 }
 
 fn boxes(stretches: &[&[Node]]) -> Boxes {

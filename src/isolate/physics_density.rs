@@ -41,6 +41,8 @@ pub struct Sizes {
     pub curve: usize,
     /// Share of the class's signals that lie at a node, in stretches.
     pub share: Vec<Lanes>,
+    /// Whether a node's size is one that the class's name stands for, or that labelled signals of it have.
+    pub is_usual: Vec<bool>,
 }
 
 /// One of the thesis's classes, and the curve of its kind.
@@ -62,6 +64,8 @@ pub struct SeenSizes {
 /// kind.
 const NAME_COUNTS: f64 = 4.0;
 const ANY_COUNTS: f64 = 1.0;
+/// Sizes less likely than this, over the likeliest, are none that labelled signals have.
+const UNUSUAL: f64 = 0.05;
 /// Quantiles kept.
 const MOST_SEEN: usize = 64;
 
@@ -139,7 +143,7 @@ impl FaultCurves {
             let own: Vec<&str> =
                 members.iter().filter(|m| m.curve == curve).map(|m| m.class).collect();
             let part = own.len() as f64 / members.len() as f64;
-            let mut share = vec![0.0; nodes.len()];
+            let (mut share, mut is_usual) = (vec![0.0; nodes.len()], vec![false; nodes.len()]);
             let mut add = |counted: f64, shares: Vec<f64>| {
                 let sum: f64 = shares.iter().sum();
                 if sum > 0.0 {
@@ -147,14 +151,25 @@ impl FaultCurves {
                     share.iter_mut().zip(shares).for_each(|(share, s)| *share += by * s);
                 }
             };
+            let mut are_usual = |shares: &[f64]| {
+                let density = |i: usize| shares[i] / nodes[i].length;
+                let most = (0..nodes.len()).map(density).fold(0.0, f64::max);
+                for (i, is_usual) in is_usual.iter_mut().enumerate() {
+                    *is_usual |= density(i) > UNUSUAL * most;
+                }
+            };
             for class in &own {
-                add(NAME_COUNTS * part / own.len() as f64, of_name(nodes, class));
+                let shares = of_name(nodes, class);
+                are_usual(&shares);
+                add(NAME_COUNTS * part / own.len() as f64, shares);
             }
             if let Some(seen) = seen {
-                add(n, of_seen(nodes, own[0], seen));
+                let shares = of_seen(nodes, own[0], seen);
+                are_usual(&shares);
+                add(n, shares);
             }
             add(ANY_COUNTS * part, nodes.iter().map(|node| node.length).collect());
-            Sizes { curve, share: NodeColumns::in_stretches(&share) }
+            Sizes { curve, share: NodeColumns::in_stretches(&share), is_usual }
         };
         self.classes[k] = curves.iter().map(of_curve).collect();
     }
@@ -182,22 +197,20 @@ impl FaultCurves {
         compare(self, &x, seen, out);
     }
 
-    /// Squared distance of features from the nearest curve.
-    pub fn distance(&self, features: &[f64], seen: Seen, of: &Comparison) -> f64 {
+    /// Squared distance of features from class `k`'s usual sizes; of a class without a curve: infinite.
+    pub fn distance(&self, k: usize, features: &[f64], seen: Seen, of: &Comparison) -> f64 {
         let x = self.vector(features);
-        let to = |(c, of): (usize, &OfCurve)| {
-            Some(self.curves[c].nodes[of.likeliest()?].distance(&x, seen))
+        let to = |Sizes { curve, is_usual, .. }: &Sizes| {
+            let to = |i: usize| self.curves[*curve].nodes[i].distance(&x, seen);
+            match of.of_curves[*curve].likeliest().filter(|&i| is_usual[i]) {
+                Some(i) => to(i),
+                None => {
+                    let usual = (0..is_usual.len()).filter(|&i| is_usual[i]);
+                    usual.map(to).fold(f64::INFINITY, f64::min)
+                }
+            }
         };
-        let near = of.of_curves.iter().enumerate().filter_map(to).fold(f64::INFINITY, f64::min);
-        if near.is_finite() {
-            return near;
-        }
-        // near to none: how far is told well enough by a few nodes
-        let few = |(curve, columns): (&FaultCurve, &NodeColumns)| {
-            let distance = |i: usize| curve.nodes[i].distance(&x, seen);
-            columns.middles(curve.nodes.len()).map(distance).fold(f64::INFINITY, f64::min)
-        };
-        self.curves.iter().zip(&self.columns).map(few).fold(near, f64::min)
+        self.class(k).iter().map(to).fold(f64::INFINITY, f64::min)
     }
 
     /// Severities at the nodes of a stretch of a curve.
