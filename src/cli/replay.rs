@@ -289,6 +289,8 @@ fn load(mut settings: Settings, asked_to_detect: bool) -> Result<Loaded, Failure
         (design, design_digest) = (Some(read), Some(digest));
     }
     check_declared(&settings, design.as_ref())?;
+    let own = design.as_ref().map(Design::class_names).unwrap_or_default();
+    settings.report.check_actions(own.iter().map(String::as_str)).map_err(Failure::usage)?;
     if settings.isolate.method == IsolateMethod::Posterior {
         let classes = design.as_ref().map(Design::class_names).unwrap_or_default();
         settings.isolate.prior_weights(&classes).map_err(Failure::usage)?;

@@ -45,7 +45,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             printable::cell(other)
         )));
     }
-    let settings = Settings::load(args.config.as_deref(), None, &args.set)?.report;
+    let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
+    let declared = settings.isolate.classes.into_keys().collect::<Vec<_>>();
+    let settings = settings.report;
     let is_page = args.output.extension().is_some_and(|e| e == "html" || e == "htm");
     if !is_page {
         let name = args.output.display();
@@ -58,6 +60,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let found = inputs::find_verdicts(&args.out).map_err(Failure::new)?;
     let progress = Progress::new(1, 0);
     let read = results::read(&found, &settings, true, &progress, &interruptible())?;
+    let own = read.classes.iter().chain(&declared).map(String::as_str);
+    settings.check_actions(own).map_err(Failure::usage)?;
     for note in &read.notes {
         progress.say(&format!("warning: {note}"));
     }
