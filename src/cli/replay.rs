@@ -54,12 +54,17 @@ enum LayoutArg {
   inkling replay night.mcap --design design.json --out verdicts
       judged by the design's models as they are
   inkling replay 'logs/2026-*/*.mcap' --design design.json --identify windows
-      identified again on each recording's healthy windows, so that slow drift is followed
-  inkling replay night.mcap --set identify.every=\"5 min\" --set output.weights=true
-      without a design: detected, not named; any setting of pipeline.toml by --set
+      identified again on each recording's healthy windows, so that slow drift
+      is followed
+  inkling replay night.mcap --set identify.every=\"5 min\" \\
+      --set output.weights=true
+      without a design: detected, not named; any setting of pipeline.toml by
+      --set
 
-  inkling replay archive/ --design design.json --out verdicts --layout date --quiet
-      every night: what is finished is skipped, journal.jsonl and run.json say what became of each
+  inkling replay archive/ --design design.json --out verdicts --layout date \\
+      --quiet
+      every night: what is finished is skipped, journal.jsonl and run.json say
+      what became of each
 
 Where recordings are named, ./pipeline.toml is not read unless --config names it.")]
 pub struct Args {

@@ -16,12 +16,14 @@ const MOST_TOLD: usize = 10;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   inkling report verdicts/ -o report.html
-      all recordings below verdicts/, one night or a year; beside it report.faults.parquet
+      all recordings below verdicts/, one night or a year; beside it
+      report.faults.parquet
   inkling report verdicts/2026-03-* -o march.html --config pipeline.toml
       with [report.actions] and the nozzles' places as pipeline.toml has them
-  inkling report verdicts/ -o report.html --set report.actions.dried_nozzle=\"spit 2000 drops\"
+  inkling report verdicts/ -o report.html \\
+      --set report.actions.dried_nozzle=\"spit 2000 drops\"
 
-Reads what `inkling replay` wrote: verdicts, episodes, summaries. The page loads and runs nothing.
+Reads what `inkling replay` wrote: verdicts, episodes, summaries. The page loads and runs nothing. \
 In it ± is one standard deviation; “change” is per day, with its 95 % interval.")]
 pub struct Args {
     /// Directories of results, verdict files, or patterns

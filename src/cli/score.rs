@@ -27,17 +27,20 @@ use std::path::{Path, PathBuf};
 #[command(after_help = "Examples:
   inkling score verdicts/ --labels labels.csv
       with the episode tables beside the verdicts
-  inkling score night.verdicts.parquet --labels labels.csv --json | jq .detection
+  inkling score night.verdicts.parquet --labels labels.csv \\
+      --json | jq .detection
   inkling score verdicts/ --labels labels.csv --report evaluation.html
       the same as a page with curves
   inkling score --design design.json
-      no verdicts: which faults the design can find, and which it mistakes for each other
+      no verdicts: which faults the design can find, and which it mistakes for
+      each other
   inkling score critique/critique.json --truth blind/sealed/truth.json
 
-With --truth, critiques are scored against what `inkling simulate --hide` put into their recordings: as
-many truths as critiques, in the same order. Right: every effect by its name (nothing: `none`; outside
-the catalogue: `unknown`). Honest tie: only names that the truth says nobody could tell apart. Withheld:
-`unknown`. A truth that was changed after it was sealed is refused.")]
+With --truth, critiques are scored against what `inkling simulate --hide` put into their \
+recordings: as many truths as critiques, in the same order. Right: every effect by its name \
+(nothing: `none`; outside the catalogue: `unknown`). Honest tie: only names that the truth says \
+nobody could tell apart. Withheld: `unknown`. A truth that was changed after it was sealed is \
+refused.")]
 pub struct Args {
     /// Verdict files, or directories of them; with --truth, critique.json files
     #[arg(required_unless_present = "design")]
