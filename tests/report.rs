@@ -593,7 +593,7 @@ fn a_design_promises_before_any_data_are_judged() {
     // an empty channel rings quite differently; a little more viscosity hardly does
     assert!(of("EC")["found"].as_f64().unwrap() > 0.99, "{said}");
     assert!((1.02..1.7).contains(&smallest("SDN")), "{said}");
-    assert!(smallest("SDN") == smallest("DDN"), "degrees of one kind of fault");
+    assert_eq!(smallest("SDN"), smallest("DDN"), "degrees of one kind of fault");
     let pairs = said["promise"]["pairs"].as_array().unwrap();
     assert_eq!(pairs.len(), classes.len() * (classes.len() - 1) / 2);
     let mistaken = |a: &str, b: &str| {

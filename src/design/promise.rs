@@ -124,7 +124,8 @@ impl<'a> Bench<'a> {
     /// `class`: whose severities they are.
     fn detectable(&self, name: &str, class: &str, range: [f64; 2]) -> Option<Detectable> {
         let none = faults::scale(class, faults::no_fault_severity(class)?)?;
-        let most = faults::scale(class, range[1])?;
+        // one scale for all classes of the kind
+        let most = faults::scale(class, faults::largest(class)?)?;
         let at = |place: f64| {
             let severity = faults::severity_at(class, place)?;
             Some((severity, self.power(class, severity)?))
@@ -146,7 +147,7 @@ impl<'a> Bench<'a> {
         });
         let smallest = smallest.flatten();
         let own: Vec<f64> =
-            powers.iter().filter(|(s, _)| *s >= range[0]).map(|(_, power)| *power).collect();
+            powers.iter().filter(|(s, _)| (range[0]..=range[1]).contains(s)).map(|p| p.1).collect();
         let found = own.iter().sum::<f64>() / own.len().max(1) as f64;
         Some(Detectable { class: name.into(), range, smallest, found })
     }

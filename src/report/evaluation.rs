@@ -143,7 +143,9 @@ fn delays(report: &Report, curves: &Curves, body: &mut String) {
     }
     let operating = curves.operating();
     let every = operating.len().div_ceil(MOST_THRESHOLDS).max(1);
-    let factors: Vec<f64> = operating.iter().step_by(every).map(|o| o.factor).collect();
+    let mut factors: Vec<f64> = operating.iter().step_by(every).map(|o| o.factor).collect();
+    factors.push(1.0); // what was used is on the line
+    factors.sort_by(|a, b| b.total_cmp(a));
     let all = curves.delays(&factors);
     let used = curves.delays(&[1.0])[0];
     let least = 0.5 / curves.healthy() as f64;
@@ -164,17 +166,16 @@ fn delays(report: &Report, curves: &Curves, body: &mut String) {
         let rate = e.false_episodes as f64 / e.healthy_signals.max(1) as f64;
         shown.push(series("episodes, half found", Mark::Dots, vec![(rate.max(least), y)]));
     }
-    let bursts = |b: Option<f64>| {
-        b.map_or("more bursts than there were".into(), |b| match b {
-            1.0 => "1 burst".to_owned(),
-            b => format!("{b} bursts"),
-        })
+    let within = |bursts: Option<f64>| match bursts {
+        None => "after more bursts than there were".to_owned(),
+        Some(0.0) => "at their onset".to_owned(),
+        Some(n) => format!("within {}", counted(n as u64, "burst")),
     };
     let figure = Figure {
         title: format!(
-            "At the threshold used half of the faults are flagged within {}, nine of ten within {}",
-            bursts(used.median_bursts),
-            bursts(used.most_bursts)
+            "At the threshold used half of the faults are flagged {}, nine of ten {}",
+            within(used.median_bursts),
+            within(used.most_bursts)
         ),
         x: Axis { log: true, ..Axis::new("false alarms, share of the healthy signals") },
         y: Axis::new("bursts from the labelled onset"),

@@ -17,9 +17,10 @@ fn size(severity: f64) -> String {
     format!("{severity:.3}")
 }
 
-/// What is found of a class; the smallest size below its own range: all of it.
+/// What is found of a class.
 fn smallest(d: &Detectable) -> String {
     match d.smallest {
+        Some(smallest) if smallest <= d.range[0] => "all of its sizes".into(),
         Some(smallest) => size(smallest),
         None => "none of its sizes".into(),
     }

@@ -40,13 +40,13 @@ pub fn faults(list: &[&Fault], with_action: bool) -> String {
                 fault.urgency,
                 escaped(&fault.action)
             );
-            change = format!("<td>{}</td>", or_dash(escaped(&trend_in_words(s))));
+            change = format!("<td class=w>{}</td>", or_dash(escaped(&trend_in_words(s))));
         } else {
             last = format!("<td class=t>{}</td>", s.ended_at_ns.map(clock).unwrap_or_default());
         }
         let _ = writeln!(
             text,
-            "<tr><td class=n>{}</td>{}<td class=n>{}</td>{action}<td>{}</td><td>{}</td>{change}\
+            "<tr><td class=n>{}</td>{}<td class=n>{}</td>{action}<td class=w>{}</td><td class=w>{}</td>{change}\
              <td class=t>{}</td><td class=h>{}</td><td class=n>{}</td>{last}</tr>",
             k + 1,
             name_cell(&s.printhead),
