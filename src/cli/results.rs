@@ -136,7 +136,8 @@ impl Seen {
     }
 }
 
-const OF_A_SIGNAL: [&str; 3] = ["acquired_at", "printhead", "channel"];
+/// What tells a signal from others, and what no table is read without.
+const OF_A_SIGNAL: [&str; 4] = ["acquired_at", "printhead", "channel", "outcome"];
 
 fn first_signal(path: &Path) -> Option<First> {
     let mut reader = VerdictReader::open_columns(path, &OF_A_SIGNAL).ok()?;
