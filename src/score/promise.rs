@@ -1,5 +1,5 @@
 //! What a design says of itself before any data are judged: how small a fault it finds, and which classes
-//! it tells apart. Made by [`crate::design`], shown by the evaluation.
+//! it tells apart. Made by the design, shown by the evaluation.
 
 use serde::Serialize;
 
