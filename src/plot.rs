@@ -31,8 +31,10 @@ pub enum Mark {
     /// The area between a lower edge and an upper one: its points go there and back. Where each other
     /// series has one, it has that one's colour.
     Band,
-    /// Vertical bars: each from a point to the next, with a dot in the middle.
+    /// Bars: each from a point to the next, with a dot in the middle.
     Bars,
+    /// The same without dots: the middle is not what was measured.
+    Spans,
 }
 
 #[derive(Clone, Debug)]
@@ -196,7 +198,7 @@ impl Figure {
                     let area: Vec<(f64, f64)> = points.collect();
                     chart.draw_series([Polygon::new(area, colour.mix(0.18).filled())])
                 }
-                Mark::Bars => {
+                Mark::Bars | Mark::Spans => {
                     let ends: Vec<(f64, f64)> = points.collect();
                     let bars = ends.as_chunks::<2>().0.iter().map(|bar| bar.to_vec());
                     let style = colour.stroke_width(2);
@@ -205,7 +207,7 @@ impl Figure {
                         .0
                         .iter()
                         .map(|[p, q]| (0.5 * (p.0 + q.0), 0.5 * (p.1 + q.1)))
-                        .filter(inside);
+                        .filter(|at| series.mark == Mark::Bars && inside(at));
                     chart
                         .draw_series(middles.map(|at| Circle::new(at, 4, colour.filled())))
                         .map_err(text)?;

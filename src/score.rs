@@ -7,6 +7,7 @@
 pub mod blind;
 pub mod curves;
 pub mod episodes;
+pub mod promise;
 pub mod severity;
 
 use crate::fault::category;

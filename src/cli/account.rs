@@ -48,6 +48,8 @@ pub struct Account {
     started: Instant,
     pub rows: Vec<Row>,
     pub notes: Notes,
+    /// Annotations that this run wrote, also of recordings that were finished before.
+    pub annotated: usize,
 }
 
 #[derive(Debug, Default, Serialize)]
@@ -94,7 +96,7 @@ impl Account {
     /// `lost`: what was named and is not there.
     pub fn new(lost: Vec<Row>) -> Account {
         let notes = Notes::default();
-        Account { began: journal::now(), started: Instant::now(), rows: lost, notes }
+        Account { began: journal::now(), started: Instant::now(), rows: lost, notes, annotated: 0 }
     }
 
     pub fn totals(&self) -> Totals {
@@ -153,6 +155,7 @@ impl Account {
         let mut parts = vec![format!("{} judged", thousands(totals.judged as u64))];
         for (n, what) in [
             (totals.skipped, "skipped (finished before; --force judges again)"),
+            (self.annotated, "annotated"),
             (totals.damaged, "damaged"),
             (totals.failed, "failed"),
             (totals.not_reached, "not reached"),

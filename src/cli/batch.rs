@@ -21,6 +21,7 @@ use crate::io::recording::Recording;
 use crate::pipeline::resume::{self, Decision, Why};
 use crate::pipeline::{self, Control, PipelineError, RecordingReport, Replay};
 use serde_json::{Value, json};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Characters of an error in the journal.
@@ -158,8 +159,9 @@ impl Batch<'_> {
             again.recording = this.source(*seen, again.recording.digest.take());
             self.append(&again)?;
         }
-        self.annotate(&this.placed.verdicts_in(self.out), false)?;
-        self.tell(this.skipped_row(entry), &entry.counts)
+        let annotations = self.annotate(&this.placed.verdicts_in(self.out), false)?;
+        self.tell(this.skipped_row(entry), &entry.counts)?;
+        self.say_annotated(annotations)
     }
 
     fn judge(&mut self, this: &Planned) -> Result<(), Stop> {
@@ -217,20 +219,37 @@ impl Batch<'_> {
             file.replace(prepared).map_err(Stop::broken)?;
             self.replay.baselines = baselines;
         }
-        self.annotate(&report.verdicts, true)?;
-        self.tell_of(this, &report, &entry)
+        let annotations = self.annotate(&report.verdicts, true)?;
+        self.tell_of(this, &report, &entry)?;
+        self.say_annotated(annotations)
     }
 
-    /// `anew`: earlier annotations are of earlier verdicts.
-    fn annotate(&self, verdicts: &Path, anew: bool) -> Result<(), Stop> {
+    /// `anew`: earlier annotations are of earlier verdicts. The file, if it was written now.
+    fn annotate(&mut self, verdicts: &Path, anew: bool) -> Result<Option<PathBuf>, Stop> {
         let path = annotation_writer::path_beside(verdicts);
         if anew {
             let _ = std::fs::remove_file(&path); // mostly there is none
         }
         if !self.annotate || path.is_file() {
-            return Ok(());
+            return Ok(None);
         }
-        annotate::annotate(verdicts).map_err(Stop::broken)
+        annotate::annotate(verdicts).map_err(Stop::broken)?;
+        self.account.annotated += 1;
+        Ok(Some(path))
+    }
+
+    fn say_annotated(&self, annotations: Option<PathBuf>) -> Result<(), Stop> {
+        let Some(path) = annotations else { return Ok(()) };
+        let path = path.to_string_lossy();
+        let told = match self.telling {
+            Telling::Json => {
+                output::event(&json!({ "event": "annotations", "file": path.as_ref() }))
+            }
+            Telling::Text => {
+                writeln!(output::report(), "  annotations: {}", printable::line(&path, 4096))
+            }
+        };
+        unless_reader_gone(told).map_err(|failure| Stop { end: End::Broken, failure })
     }
 
     /// Warnings each kind once, then the report.

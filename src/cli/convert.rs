@@ -24,23 +24,27 @@ const SOME_START: &str = "2025-01-01T08:00:00Z";
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   inkling convert decay.csv -o decay.mcap
-  inkling convert gaps.csv --time time_s --outputs output_v --burst gap -o gaps.mcap
+  inkling convert gaps.csv --time time_s --outputs output_v --burst gap \\
+      -o gaps.mcap
   inkling convert pendulum.csv --resample -o pendulum.mcap
-  inkling convert night.parquet --burst drop --period-s 5e-7 --printhead K1 -o night.mcap
-  inkling convert K1_20261101T0800.npy --period-s 5e-7 --start name --every 0.02 -o K1.mcap
-  inkling convert heads.npz --outputs K1 --time t --period-s dt --temperature 31.5 -o K1.mcap
+  inkling convert night.parquet --burst drop --period-s 5e-7 --printhead K1 \\
+      -o night.mcap
+  inkling convert K1_20261101T0800.npy --period-s 5e-7 --start name \\
+      --every 0.02 -o K1.mcap
+  inkling convert heads.npz --outputs K1 --time t --period-s dt \\
+      --temperature 31.5 -o K1.mcap
 
-A table (CSV with comma, semicolon or tab; Parquet; Arrow IPC): time is in seconds, unless its column's
-name ends in _ms, _us or _ns or its type says so; times beyond 1979 are UTC. Each output becomes a channel
-(in the order of --outputs), each value of --burst a burst. Sampling must be regular, but for the rounding of
-written times; --resample interpolates (cubic spline) to the usual sample period. With --period-s rows are
-samples one after the other, and --time is when a burst begins. A cell that is a list holds a channel's
-samples: each row is a burst.
-An array (.npy; .npz): samples, channels x samples, or bursts x channels x samples. In a .npz --time,
---period-s, --temperature, --voltage may name further arrays, one number a burst or one for all.
-Samples are stored as int16 where all of a burst are such, else as float32.
-A critique takes all outputs of one recording as one system: what is independent
-becomes recordings of its own (--outputs).")]
+A table (CSV with comma, semicolon or tab; Parquet; Arrow IPC): time is in seconds, unless its \
+column's name ends in _ms, _us or _ns or its type says so; times beyond 1979 are UTC. Each output \
+becomes a channel (in the order of --outputs), each value of --burst a burst. Sampling must be \
+regular, but for the rounding of written times; --resample interpolates (cubic spline) to the \
+usual sample period. With --period-s rows are samples one after the other, and --time is when a \
+burst begins. A cell that is a list holds a channel's samples: each row is a burst. An array \
+(.npy; .npz): samples, channels x samples, or bursts x channels x samples. In a .npz --time, \
+--period-s, --temperature, --voltage may name further arrays, one number a burst or one for all. \
+Samples are stored as int16 where all of a burst are such, else as float32. A critique takes all \
+outputs of one recording as one system: what is independent becomes recordings of its own \
+(--outputs).")]
 pub struct Args {
     /// Table or array: CSV, Parquet, Arrow IPC, .npy, .npz
     table: PathBuf,

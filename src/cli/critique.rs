@@ -35,9 +35,9 @@ const FILES: [&str; 5] = [
   inkling critique night.mcap --labels labels.csv -o critique/
   inkling critique pendulum.mcap --plant oscillator -o critique/
 
-Writes report.html, critique.json, evidence.parquet and residuals.parquet; of an
-ink channel with a cause found also extended.design.json, for
-`inkling replay --design`. All outputs of one recording are taken as one system.")]
+Writes report.html, critique.json, evidence.parquet and residuals.parquet; of an ink channel with \
+a cause found also extended.design.json, for `inkling replay --design`. All outputs of one \
+recording are taken as one system.")]
 pub struct Args {
     /// Files, directories (searched for *.mcap) or glob patterns
     #[arg(required = true)]

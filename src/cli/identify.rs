@@ -25,7 +25,8 @@ use std::path::{Path, PathBuf};
   inkling identify healthy.mcap -o model.json
   inkling identify night.mcap --labels labels.csv -o model.json
   inkling identify healthy.mcap -o model.json --plot figures/
-  inkling identify healthy.mcap -o model.json --set identify.grey_box.a_per_s2=4e10")]
+  inkling identify healthy.mcap -o model.json \\
+      --set identify.grey_box.a_per_s2=4e10")]
 pub struct Args {
     /// Files, directories (searched for *.mcap) or glob patterns
     #[arg(required = true)]

@@ -19,7 +19,8 @@ use std::sync::atomic::Ordering;
   inkling inspect night.mcap
   inkling inspect archive/ --json
   inkling inspect foreign.mcap
-      lists its topics; of what looks like bursts a block [[input.dialect]] for a settings file
+      lists its topics; of what looks like bursts a block [[input.dialect]] for
+      a settings file
   inkling inspect foreign.mcap --config settings.toml
       the same as its dialects read it")]
 pub struct Args {

@@ -50,9 +50,9 @@ use std::process::ExitCode;
   inkling score verdicts/ --labels labels.csv
   inkling simulate scenario.toml -o run/
 
-Exit status: 0 done; 1 failed; 2 wrong usage or settings; 3 finished, but some input was damaged,
-rejected or skipped (and the output says what). Faults found are a result, not a failure.
-`inkling VERB --help` says more."
+Exit status: 0 done; 1 failed; 2 wrong usage or settings; 3 finished, but some input was damaged, \
+rejected or skipped (and the output says what). Faults found are a result, not a failure. `inkling \
+VERB --help` says more."
 )]
 struct Cli {
     /// Tell only what fails (where the result is a file)

@@ -8,9 +8,10 @@ use indicatif::{HumanBytes, MultiProgress, ProgressBar, ProgressStyle};
 use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Once};
+use std::thread::Thread;
 use std::time::{Duration, Instant};
 
-/// Between two looks, on a terminal and off it.
+/// Between two looks; between two lines where there is no terminal.
 const TICK: Duration = Duration::from_millis(100);
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
@@ -72,9 +73,9 @@ impl Progress {
         let done = AtomicBool::new(false);
         let signals_before = control.signals.load(Ordering::Relaxed);
         let result = std::thread::scope(|scope| {
-            scope.spawn(|| self.watch(name, bytes, control, signals_before, &done));
+            let watcher = scope.spawn(|| self.watch(name, bytes, control, signals_before, &done));
             // also where the job panics: the scope waits for the watcher
-            let _ended = Ended(&done);
+            let _ended = Ended { done: &done, watcher: watcher.thread().clone() };
             job()
         });
         if let Some(overall) = &self.overall {
@@ -128,7 +129,7 @@ impl Progress {
         });
         let mut last_line = Instant::now();
         while !done.load(Ordering::Relaxed) {
-            std::thread::sleep(TICK.min(Duration::from_millis(20)));
+            std::thread::park_timeout(TICK); // the end of the job wakes it
             let read = control.bytes_read.load(Ordering::Relaxed).min(bytes);
             if let Some(bar) = &bar {
                 bar.set_position(read);
@@ -151,11 +152,15 @@ impl Progress {
 }
 
 /// Says so when it goes out of scope, however that comes.
-struct Ended<'a>(&'a AtomicBool);
+struct Ended<'a> {
+    done: &'a AtomicBool,
+    watcher: Thread,
+}
 
 impl Drop for Ended<'_> {
     fn drop(&mut self) {
-        self.0.store(true, Ordering::Relaxed);
+        self.done.store(true, Ordering::Relaxed);
+        self.watcher.unpark();
     }
 }
 

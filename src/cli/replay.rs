@@ -55,12 +55,17 @@ enum LayoutArg {
   inkling replay night.mcap --design design.json --out verdicts
       judged by the design's models as they are
   inkling replay 'logs/2026-*/*.mcap' --design design.json --identify windows
-      identified again on each recording's healthy windows, so that slow drift is followed
-  inkling replay night.mcap --set identify.every=\"5 min\" --set output.weights=true
-      without a design: detected, not named; any setting of pipeline.toml by --set
+      identified again on each recording's healthy windows, so that slow drift
+      is followed
+  inkling replay night.mcap --set identify.every=\"5 min\" \\
+      --set output.weights=true
+      without a design: detected, not named; any setting of pipeline.toml by
+      --set
 
-  inkling replay archive/ --design design.json --out verdicts --layout date --quiet
-      every night: what is finished is skipped, journal.jsonl and run.json say what became of each
+  inkling replay archive/ --design design.json --out verdicts --layout date \\
+      --quiet
+      every night: what is finished is skipped, journal.jsonl and run.json say
+      what became of each
 
 Where recordings are named, ./pipeline.toml is not read unless --config names it.")]
 pub struct Args {
@@ -302,6 +307,8 @@ fn load(mut settings: Settings, args: &Args) -> Result<Loaded, Failure> {
     if let Some(design) = design.as_ref().filter(|_| classes > 0) {
         design.check_method(settings.isolate.method).map_err(Failure::usage)?;
     }
+    let own = design.as_ref().map(Design::class_names).unwrap_or_default();
+    settings.report.check_actions(own.iter().map(String::as_str)).map_err(Failure::usage)?;
     if settings.isolate.method == IsolateMethod::Posterior {
         let classes = design.as_ref().map(Design::class_names).unwrap_or_default();
         settings.isolate.prior_weights(&classes).map_err(Failure::usage)?;

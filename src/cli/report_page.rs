@@ -16,12 +16,14 @@ const MOST_TOLD: usize = 10;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   inkling report verdicts/ -o report.html
-      all recordings below verdicts/, one night or a year; beside it report.faults.parquet
+      all recordings below verdicts/, one night or a year; beside it
+      report.faults.parquet
   inkling report verdicts/2026-03-* -o march.html --config pipeline.toml
       with [report.actions] and the nozzles' places as pipeline.toml has them
-  inkling report verdicts/ -o report.html --set report.actions.dried_nozzle=\"spit 2000 drops\"
+  inkling report verdicts/ -o report.html \\
+      --set report.actions.dried_nozzle=\"spit 2000 drops\"
 
-Reads what `inkling replay` wrote: verdicts, episodes, summaries. The page loads and runs nothing.
+Reads what `inkling replay` wrote: verdicts, episodes, summaries. The page loads and runs nothing. \
 In it ± is one standard deviation; “change” is per day, with its 95 % interval.")]
 pub struct Args {
     /// Directories of results, verdict files, or patterns
@@ -45,7 +47,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             printable::cell(other)
         )));
     }
-    let settings = Settings::load(args.config.as_deref(), None, &args.set)?.report;
+    let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
+    let declared = settings.isolate.classes.into_keys().collect::<Vec<_>>();
+    let settings = settings.report;
     let is_page = args.output.extension().is_some_and(|e| e == "html" || e == "htm");
     if !is_page {
         let name = args.output.display();
@@ -58,6 +62,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let found = inputs::find_verdicts(&args.out).map_err(Failure::new)?;
     let progress = Progress::new(1, 0);
     let read = results::read(&found, &settings, true, &progress, &interruptible())?;
+    let own = read.classes.iter().chain(&declared).map(String::as_str);
+    settings.check_actions(own).map_err(Failure::usage)?;
     for note in &read.notes {
         progress.say(&format!("warning: {note}"));
     }

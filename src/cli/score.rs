@@ -4,14 +4,18 @@ use super::exit::{Exit, Failure};
 use super::progress::complain;
 use super::report::printable as name;
 use super::report_page::write_text;
+use crate::design::IsolateSettings;
 use crate::fault::{HEALTHY, category};
 use crate::io::truth_file::Seal;
 use crate::io::verdict_reader::VerdictReader;
-use crate::io::{episode_table, inputs, labels_file, outputs, printable, regular_file, truth_file};
+use crate::io::{
+    design_file, episode_table, inputs, labels_file, outputs, printable, regular_file, truth_file,
+};
 use crate::labels::{Label, Labels};
 use crate::score::blind::{Blind, Said as SaidCritique, True};
 use crate::score::curves::Curves;
 use crate::score::episodes::{EpisodeScore, EpisodesReport, SaidEpisode};
+use crate::score::promise::Promise;
 use crate::score::severity::SeverityScore;
 use crate::score::{Report, Said, Score};
 use crate::verdict::{Outcome, VerdictColumns};
@@ -23,21 +27,26 @@ use std::path::{Path, PathBuf};
 #[command(after_help = "Examples:
   inkling score verdicts/ --labels labels.csv
       with the episode tables beside the verdicts
-  inkling score night.verdicts.parquet --labels labels.csv --json | jq .detection
+  inkling score night.verdicts.parquet --labels labels.csv \\
+      --json | jq .detection
   inkling score verdicts/ --labels labels.csv --report evaluation.html
       the same as a page with curves
+  inkling score --design design.json
+      no verdicts: which faults the design can find, and which it mistakes for
+      each other
   inkling score critique/critique.json --truth blind/sealed/truth.json
 
-With --truth, critiques are scored against what `inkling simulate --hide` put into their recordings: as
-many truths as critiques, in the same order. Right: every effect by its name (nothing: `none`; outside
-the catalogue: `unknown`). Honest tie: only names that the truth says nobody could tell apart. Withheld:
-`unknown`. A truth that was changed after it was sealed is refused.")]
+With --truth, critiques are scored against what `inkling simulate --hide` put into their \
+recordings: as many truths as critiques, in the same order. Right: every effect by its name \
+(nothing: `none`; outside the catalogue: `unknown`). Honest tie: only names that the truth says \
+nobody could tell apart. Withheld: `unknown`. A truth that was changed after it was sealed is \
+refused.")]
 pub struct Args {
     /// Verdict files, or directories of them; with --truth, critique.json files
-    #[arg(required = true)]
+    #[arg(required_unless_present = "design")]
     verdicts: Vec<String>,
     /// What is true of the channels
-    #[arg(long, value_name = "CSV", required_unless_present = "truth")]
+    #[arg(long, value_name = "CSV", required_unless_present_any = ["truth", "design"])]
     labels: Option<PathBuf>,
     /// What was hidden in the recordings of the critiques
     #[arg(long, value_name = "TRUTH", num_args = 1.., conflicts_with = "labels")]
@@ -48,6 +57,10 @@ pub struct Args {
     /// A page with curves: ROC, DET, delays, reliability, risk against coverage, severities
     #[arg(long, value_name = "FILE", conflicts_with = "truth")]
     report: Option<PathBuf>,
+    /// Say also what this design promises, from itself alone: the smallest fault of each class that it
+    /// finds, classes that it mistakes for each other
+    #[arg(long, value_name = "DESIGN", conflicts_with = "truth")]
+    design: Option<PathBuf>,
 }
 
 /// Categories whose classes are sized by one quantity: a share of the nozzle's cross-section, a
@@ -55,10 +68,22 @@ pub struct Args {
 const ONE_QUANTITY: [&str; 2] = ["blocked_nozzle", "dried_nozzle"];
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
-    let Some(labels_path) = &args.labels else { return critiques(&args) };
     if let Some(page) = &args.report {
         outputs::check_file(page).map_err(Failure::usage)?;
     }
+    if !args.truth.is_empty() {
+        return critiques(&args);
+    }
+    let promise = args.design.as_deref().map(promise).transpose()?;
+    let labels_path = match (&args.labels, &promise) {
+        (Some(path), _) if !args.verdicts.is_empty() => path,
+        (None, Some(promise)) if args.verdicts.is_empty() => return promised(&args, promise),
+        _ => {
+            return Err(Failure::usage(
+                "verdicts and --labels belong together: give both, or --design alone",
+            ));
+        }
+    };
     let labels = labels_file::read(labels_path).map_err(Failure::new)?;
     let files = inputs::find_verdicts(&args.verdicts).map_err(Failure::new)?;
     let mut score = Score::default();
@@ -133,24 +158,65 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     report.severity = severity.report();
     report.severity_by_category = of_categories.report();
     report.episodes = any_episodes.then(|| episodes.report());
+    if report.by_state.is_empty() {
+        return Err(Failure::new(format!(
+            "{}: none of its rows covers a verdict ({} judged, {} rejected), so there is nothing to score: do \
+             printhead names, channels and times agree? `inkling inspect` shows a recording's",
+            labels_path.display(),
+            report.unlabelled,
+            report.rejected
+        )));
+    }
     if let (Some(curves), Some(page)) = (&curves, &args.report) {
-        write_text(page, &crate::report::evaluation(&report, curves))?;
+        let promise = promise.as_ref();
+        write_text(page, &crate::report::evaluation(Some((&report, curves)), promise))?;
     }
     let mut out = std::io::stdout().lock();
     if args.json {
-        serde_json::to_writer_pretty(&mut out, &report)
-            .map_err(|e| Failure::from(std::io::Error::from(e)))?;
-        writeln!(out)?;
+        let mut told = serde_json::json!(report);
+        if let Some(promise) = &promise {
+            told["promise"] = serde_json::json!(promise);
+        }
+        write_json(&told, &mut out)?;
     } else {
         print(&report, &mut out)?;
-    }
-    if report.by_state.is_empty() {
-        return Err(Failure::new(format!(
-            "no verdict is covered by {}: do printhead names and times agree?",
-            labels_path.display()
-        )));
+        if let Some(promise) = &promise {
+            crate::report::print_promise(promise, printable::line, &mut out)?;
+        }
     }
     Ok(Exit::Done)
+}
+
+/// What a design says of itself, by the default settings of isolation.
+fn promise(path: &Path) -> Result<Promise, Failure> {
+    let (design, _) = design_file::read(path).map_err(Failure::new)?;
+    let promise = design.promise(&IsolateSettings::default()).map_err(Failure::new)?;
+    promise.ok_or_else(|| {
+        Failure::new(format!(
+            "{}: promises nothing that could be computed: it was trained without the physics of faults \
+             (isolate.method = posterior) or without detect.method = sensitivity",
+            path.display()
+        ))
+    })
+}
+
+/// A design alone.
+fn promised(args: &Args, promise: &Promise) -> Result<Exit, Failure> {
+    if let Some(page) = &args.report {
+        write_text(page, &crate::report::evaluation(None, Some(promise)))?;
+    }
+    let mut out = std::io::stdout().lock();
+    match args.json {
+        true => write_json(&serde_json::json!({ "promise": promise }), &mut out)?,
+        false => crate::report::print_promise(promise, printable::line, &mut out)?,
+    }
+    Ok(Exit::Done)
+}
+
+fn write_json(told: &serde_json::Value, out: &mut impl Write) -> Result<(), Failure> {
+    serde_json::to_writer_pretty(&mut *out, told)
+        .map_err(|e| Failure::from(std::io::Error::from(e)))?;
+    Ok(writeln!(out)?)
 }
 
 fn add_episodes(path: &Path, labels: &Labels, score: &mut EpisodeScore) -> Result<(), Failure> {

@@ -20,11 +20,11 @@ use std::path::{Path, PathBuf};
 
 Writes the scenario's recordings and labels.csv, the truth of all of them.
 
-With --hide, something (or nothing) drawn from SEED is put into the scenario's healthy print run: an
-effect that the model does not know. What it is stands in DIR/sealed/truth.json, for `inkling score
-critique.json --truth truth.json` afterwards; the salted SHA-256 of it, truth.sha256, lies beside the
-recording, so that the truth cannot change unseen. The recording is not compressed: its size says
-nothing.")]
+With --hide, something (or nothing) drawn from SEED is put into the scenario's healthy print run: \
+an effect that the model does not know. What it is stands in DIR/sealed/truth.json, for `inkling \
+score critique.json --truth truth.json` afterwards; the salted SHA-256 of it, truth.sha256, lies \
+beside the recording, so that the truth cannot change unseen. The recording is not compressed: its \
+size says nothing.")]
 pub struct Args {
     /// Scenario file
     scenario: PathBuf,

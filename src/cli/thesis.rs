@@ -11,7 +11,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
   inkling thesis -o chapter4/
   inkling thesis -o chapter4/ --seeds 20 --seed 1001
 
-Writes tables.md, tables.json and, of the first seed, the figures (SVG, PNG, and their data as CSV).")]
+Writes tables.md, tables.json and, of the first seed, the figures (SVG, PNG, and their data as \
+CSV).")]
 pub struct Args {
     /// Directory for tables and figures
     #[arg(short, long, value_name = "DIR")]

@@ -21,9 +21,10 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   inkling train library.mcap --labels labels.csv -o design.json
-  inkling train logs/ --labels labels.csv -o design.json --set detect.false_alarm_rate=1e-3
+  inkling train logs/ --labels labels.csv -o design.json \\
+      --set detect.false_alarm_rate=1e-3
 
-Labels: CSV with printhead,channel,from,to,state,severity; state is `healthy` or a fault class,
+Labels: CSV with printhead,channel,from,to,state,severity; state is `healthy` or a fault class, \
 your own class names are welcome.")]
 pub struct Args {
     /// Files, directories (searched for *.mcap) or glob patterns

@@ -40,6 +40,7 @@ fn write_page(c: &Critique, page: &mut String) -> std::fmt::Result {
         c.verdict.as_str(),
         escaped(&c.sentence)
     )?;
+    writeln!(page, "<p class=\"note\">{}</p>", in_words(c.verdict))?;
     writeln!(
         page,
         "<p class=\"note\">{} of {} signals used, of {} channels; {} left out as outliers, {} rejected.</p>",
@@ -80,6 +81,25 @@ fn escaped(text: &str) -> String {
         }
     }
     out
+}
+
+/// What a verdict means, beside it.
+fn in_words(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::None => {
+            "None: nothing in the signals that were used asks for more than the model has."
+        }
+        Verdict::Named => {
+            "Named: what the model lacks is in the catalogue of causes, and told apart from the others there."
+        }
+        Verdict::Tie => {
+            "Tie: several causes explain these signals equally well; what would tell them apart stands below."
+        }
+        Verdict::Unknown => {
+            "Unknown: the model lacks something, and no cause of the catalogue explains it. The nearest ones \
+             are told, as a direction and not as an answer."
+        }
+    }
 }
 
 fn causes(c: &Critique, page: &mut String) -> std::fmt::Result {
@@ -127,8 +147,10 @@ fn causes(c: &Critique, page: &mut String) -> std::fmt::Result {
     page.write_str(
         "<p class=\"note\">Strength in DL, detection limits: 1 DL is the size at which a test of this one \
          effect alone would find it in 90 of 100 recordings. Among all candidates it was found in 54 of 103 \
-         simulated recordings at 1 DL, in 252 of 253 from 2 DL on. Delta BIC: evidence gained over the price of \
-         the parameters, 10 is strong.</p>\n",
+         simulated recordings at 1 DL, in 252 of 253 from 2 DL on. Delta BIC, Bayesian information criterion \
+         without the cause minus with it: twice the gain in log-likelihood, less a price for each parameter; 10 \
+         is strong evidence. Matters for detection: yes where nozzle faults are found better with the extension, \
+         and the cause is one that moves signals by themselves, not all of them alike.</p>\n",
     )
 }
 
@@ -171,6 +193,13 @@ fn gain(gain: &Gain, page: &mut String) -> std::fmt::Result {
     let one = there(after);
     let heading = if one { "How well the model predicts" } else { "What the extension buys" };
     writeln!(page, "<h2>{heading}</h2>\n<p class=\"note\">{}</p>", escaped(&held_out(held)))?;
+    page.write_str(
+        "<p class=\"note\">Misfit: measured minus simulated. Chi² per degree of freedom: its mean square over \
+         what noise and the scatter of channels allow. NRMSE: root of its mean square over the signal's. AUC, \
+         area under the ROC curve: the chance that a signal with a small nozzle fault (damping off by 2.5 \
+         standard deviations of healthy channels, put into held-out signals) looks more faulty than a healthy \
+         one; 0.5 is guessing, 1 never wrong.</p>\n",
+    )?;
     page.write_str("<table><tr><th></th>")?;
     page.write_str(match one {
         true => "<th class=n>on these signals</th></tr>\n",
@@ -562,7 +591,11 @@ fn evidence_table(evidence: &[Evidence], page: &mut String) -> std::fmt::Result 
         return Ok(());
     }
     page.write_str(
-        "<h2>All evidence</h2>\n<details><summary>Every candidate in every step of the selection</summary>\
+        "<h2>All evidence</h2>\n<p class=\"note\">Step 0 asks every candidate alone, against the model as it \
+         is; each further step asks again beside what was chosen before. Statistic: twice the gain in \
+         log-likelihood. Threshold: what chance exceeds once in many recordings, all candidates together. p: \
+         the chance of so high a statistic where there is nothing. Accepted: chosen in that step, or why \
+         not.</p>\n<details><summary>Every candidate in every step of the selection</summary>\
          <table><tr><th class=n>step</th><th>candidate</th><th class=n>statistic</th>\
          <th class=n>threshold</th><th class=n>p</th><th class=n>delta BIC</th><th class=n>strength, DL</th>\
          <th>accepted</th></tr>\n",

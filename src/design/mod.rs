@@ -15,6 +15,7 @@ mod judge;
 mod lanes;
 mod leftover;
 mod own_channel;
+mod promise;
 mod train;
 mod typical;
 

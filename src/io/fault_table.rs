@@ -3,7 +3,7 @@
 
 use super::part_file::PartFile;
 use super::verdict_table::TableError;
-use crate::report::Fault;
+use crate::report::{self, Fault};
 use arrow_array::builder::StringDictionaryBuilder;
 use arrow_array::types::Int32Type;
 use arrow_array::{
@@ -71,7 +71,7 @@ pub fn write(path: &Path, faults: &[Fault]) -> Result<(), TableError> {
         counts(&|f| f.story.spells.len() as u32),
         floats(&|f| f.story.severity_first),
         floats(&|f| f.story.severity_last),
-        floats(&|f| f.story.trend.map(|t| t.per_day)),
+        floats(&|f| report::certain_trend(&f.story).map(|t| t.per_day)),
         floats(&|f| f.story.certainty),
         floats(&|f| Some(f.urgency)),
         texts(&|f| Some(f.action.clone())),

@@ -7,11 +7,12 @@ margin:2rem auto;max-width:66rem;padding:0 1rem}h1{font-size:1.05rem;color:#555;
 h3{font-size:1rem;margin:1.4rem 0 .3rem}.wide{overflow-x:auto}\
 table{border-collapse:collapse;margin:.6rem 0;font-size:.93rem}th,td{padding:.25rem .8rem .25rem 0;\
 text-align:left;border-bottom:1px solid #ddd;vertical-align:top}td.n,th.n{text-align:right;\
-font-variant-numeric:tabular-nums;white-space:nowrap}td.t{white-space:nowrap}td.h{min-width:11rem}\
-svg{max-width:100%;height:auto;margin:.4rem 0}.note{color:#555;max-width:46rem}li{margin:.2rem 0}\
+font-variant-numeric:tabular-nums;white-space:nowrap}td.t{white-space:nowrap}td.h{min-width:11rem}td.w{min-width:7rem}\
+svg{max-width:100%;height:auto;margin:.4rem 0}\
+.warn{border-left:.3rem solid #d55e00;padding:.2rem 0 .2rem .8rem;max-width:50rem}.note{color:#555;max-width:46rem}li{margin:.2rem 0}\
 .key{display:inline-block;margin:0 1rem .2rem 0;white-space:nowrap}\
 .key svg{width:1em;height:1em;margin:0 .3em -.1em 0}dt{font-weight:600}dd{margin:0 0 .5rem 1.2rem}\
-@media print{body{margin:0}}";
+@media(max-width:44rem){.wide>svg{max-width:none;width:44rem}}@media print{body{margin:0}}";
 
 /// What may run or load: nothing. Pictures are in the page.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:";

@@ -2,24 +2,36 @@
 //! score and its curves. Out: HTML.
 
 use super::figures::drawn;
+use super::promised;
 use super::words::{counted, percent, thousands};
 use crate::fault;
 use crate::plot::page::{name, page};
 use crate::plot::{Axis, Figure, Mark, Series};
 use crate::score::Report;
-use crate::score::curves::{Curves, wilson};
+use crate::score::curves::{Curves, EventDelay, Operating, wilson};
+use crate::score::promise::Promise;
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-/// Shares that a logarithmic axis can show, from here on.
-const LEAST_SHARE: f64 = 1e-7;
-/// Thresholds of the delays, over the one that was used.
-const FACTORS: [f64; 13] = [0.25, 0.35, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.25, 1.6, 2.0, 3.0, 5.0];
+/// Thresholds that the curve of delays is drawn at.
+const MOST_THRESHOLDS: usize = 120;
 /// Classes with a figure of severities.
 const MOST_CLASSES: usize = 12;
 
-pub fn html(report: &Report, curves: &Curves) -> String {
-    let mut body = format!("<h1>Evaluation</h1>\n<p class=\"sentence\">{}</p>\n", sentence(report));
+/// What labels tell, if there are any, and what the design alone promises, if it was asked.
+pub fn html(scored: Option<(&Report, &Curves)>, promise: Option<&Promise>) -> String {
+    let mut body = String::from("<h1>Evaluation</h1>\n");
+    if let Some((report, curves)) = scored {
+        against_labels(report, curves, &mut body);
+    }
+    if let Some(promise) = promise {
+        body += &promised::html(promise);
+    }
+    page("Evaluation of verdicts", &body)
+}
+
+fn against_labels(report: &Report, curves: &Curves, body: &mut String) {
+    let _ = writeln!(body, "<p class=\"sentence\">{}</p>", sentence(report));
     let _ = writeln!(
         body,
         "<p class=\"note\">{} labelled signals judged; {} unlabelled and {} rejected ones are not scored. \
@@ -28,12 +40,11 @@ pub fn html(report: &Report, curves: &Curves) -> String {
         thousands(report.unlabelled),
         thousands(report.rejected)
     );
-    detection(report, curves, &mut body);
-    confusion(curves, &mut body);
-    reliability(report, &mut body);
-    risk(report, curves, &mut body);
-    severities(report, curves, &mut body);
-    page("Evaluation of verdicts", &body)
+    detection(report, curves, body);
+    confusion(curves, body);
+    reliability(report, body);
+    risk(report, curves, body);
+    severities(report, curves, body);
 }
 
 fn sentence(report: &Report) -> String {
@@ -70,88 +81,117 @@ fn detection(report: &Report, curves: &Curves, body: &mut String) {
         return;
     }
     *body += "<h2>Detection, signal by signal</h2>\n<p class=\"note\">Line: what other thresholds would do; \
-              cross: the threshold that was used, with 95 % intervals as if signals were independent.</p>\n";
+              dot: the threshold that was used, with 95 % intervals as if signals were independent. ROC: hits \
+              against false alarms; its area is the chance that a faulty signal's statistic exceeds a healthy \
+              one's. DET: the same as misses, on logarithmic axes; none is drawn as half a signal.</p>\n";
     let at = curves.working_point();
     let misses = wilson(at.misses * faulty as f64, faulty as f64);
     let alarms = wilson(at.false_alarms * healthy as f64, healthy as f64);
     let operating = curves.operating();
-    let cross = |y: f64, [low, high]: [f64; 2]| Series {
-        name: String::new(),
-        mark: Mark::Bars,
-        points: vec![
-            (at.false_alarms, low),
-            (at.false_alarms, high),
-            (alarms[0], y),
-            (alarms[1], y),
-        ],
-    };
     let roc = Figure {
         title: format!("ROC: area {:.4}", curves.area()),
-        x: Axis { range: Some((0.0, 1.0)), ..Axis::new("healthy signals flagged, share") },
+        x: Axis { range: Some((-0.01, 1.0)), ..Axis::new("healthy signals flagged, share") },
         y: Axis { range: Some((0.0, 1.02)), ..Axis::new("faulty signals flagged, share") },
-        series: vec![
-            Series {
-                name: String::new(),
-                mark: Mark::Line,
-                points: operating.iter().map(|o| (o.false_alarms, 1.0 - o.misses)).collect(),
-            },
-            cross(1.0 - at.misses, [1.0 - misses[1], 1.0 - misses[0]]),
-        ],
+        series: with_working_point(
+            operating.iter().map(|o| (o.false_alarms, 1.0 - o.misses)).collect(),
+            (at.false_alarms, 1.0 - at.misses),
+            (alarms, [1.0 - misses[1], 1.0 - misses[0]]),
+        ),
         thresholds: Vec::new(),
     };
     *body += &drawn(&roc, &roc.title);
-    let shown = operating.iter().filter(|o| o.false_alarms > LEAST_SHARE && o.misses > LEAST_SHARE);
-    let clip = |[low, high]: [f64; 2]| [low.max(LEAST_SHARE), high.max(LEAST_SHARE)];
-    let (alarms, misses) = (clip(alarms), clip(misses));
-    let (x, y) = (at.false_alarms.max(LEAST_SHARE), at.misses.max(LEAST_SHARE));
+    let [least_x, least_y] = [healthy, faulty].map(|n| 0.5 / n as f64);
+    let clip = |low: f64, [a, b]: [f64; 2]| [a.max(low), b.max(low)];
+    let place = |o: &Operating| (o.false_alarms.max(least_x), o.misses.max(least_y));
     let det = Figure {
         title: format!(
-            "At the threshold used {} of the faulty are missed, {} of the healthy flagged",
+            "DET: at the threshold used {} of the faulty are missed, {} of the healthy flagged",
             percent((at.misses * faulty as f64).round() as u64, faulty),
             percent((at.false_alarms * healthy as f64).round() as u64, healthy)
         ),
         x: Axis { log: true, ..Axis::new("healthy signals flagged, share") },
         y: Axis { log: true, ..Axis::new("faulty signals missed, share") },
-        series: vec![
-            Series {
-                name: String::new(),
-                mark: Mark::Line,
-                points: shown.map(|o| (o.false_alarms, o.misses)).collect(),
-            },
-            Series {
-                name: String::new(),
-                mark: Mark::Bars,
-                points: vec![(x, misses[0]), (x, misses[1]), (alarms[0], y), (alarms[1], y)],
-            },
-        ],
+        series: with_working_point(
+            operating.iter().map(place).collect(),
+            place(&at),
+            (clip(least_x, alarms), clip(least_y, misses)),
+        ),
         thresholds: Vec::new(),
     };
     *body += &drawn(&det, &det.title);
     delays(report, curves, body);
 }
 
+/// A curve, the point of it that was used, and how well that is known along both axes.
+fn with_working_point(
+    curve: Vec<(f64, f64)>,
+    (x, y): (f64, f64),
+    ([left, right], [low, high]): ([f64; 2], [f64; 2]),
+) -> Vec<Series> {
+    let of = |mark, points| Series { name: String::new(), mark, points };
+    vec![
+        of(Mark::Line, curve),
+        of(Mark::Spans, vec![(x, low), (x, high), (left, y), (right, y)]),
+        of(Mark::Dots, vec![(x, y)]),
+    ]
+}
+
 /// Fault by fault: a fault is found once, at its first flagged signal.
 fn delays(report: &Report, curves: &Curves, body: &mut String) {
+    if curves.events() == 0 {
+        return;
+    }
+    let operating = curves.operating();
+    let every = operating.len().div_ceil(MOST_THRESHOLDS).max(1);
+    let mut factors: Vec<f64> = operating.iter().step_by(every).map(|o| o.factor).collect();
+    factors.push(1.0); // what was used is on the line
+    factors.sort_by(|a, b| b.total_cmp(a));
+    let all = curves.delays(&factors);
+    let used = curves.delays(&[1.0])[0];
+    let least = 0.5 / curves.healthy() as f64;
+    let line = |of: fn(&EventDelay) -> Option<f64>| -> Vec<(f64, f64)> {
+        all.iter().filter_map(|d| Some((d.false_alarms.max(least), of(d)?))).collect()
+    };
+    let series = |name: &str, mark, points| Series { name: name.into(), mark, points };
+    let mut shown = vec![
+        series("half of all faults found", Mark::Line, line(|d| d.median_bursts)),
+        series("nine of ten found", Mark::Line, line(|d| d.most_bursts)),
+    ];
+    let x = used.false_alarms.max(least);
+    let at = [used.median_bursts, used.most_bursts].into_iter().flatten().map(|y| (x, y)).collect();
+    shown.push(series("single signals, the threshold used", Mark::Dots, at));
+    if let Some((e, y)) =
+        report.episodes.as_ref().and_then(|e| Some((e, e.delay_from_onset_bursts?)))
+    {
+        let rate = e.false_episodes as f64 / e.healthy_signals.max(1) as f64;
+        shown.push(series("episodes, half found", Mark::Dots, vec![(rate.max(least), y)]));
+    }
+    let within = |bursts: Option<f64>| match bursts {
+        None => "after more bursts than there were".to_owned(),
+        Some(0.0) => "at their onset".to_owned(),
+        Some(n) => format!("within {}", counted(n as u64, "burst")),
+    };
+    let figure = Figure {
+        title: format!(
+            "At the threshold used half of the faults are flagged {}, nine of ten {}",
+            within(used.median_bursts),
+            within(used.most_bursts)
+        ),
+        x: Axis { log: true, ..Axis::new("false alarms, share of the healthy signals") },
+        y: Axis::new("bursts from the labelled onset"),
+        series: shown,
+        thresholds: Vec::new(),
+    };
     let _ = writeln!(
         body,
-        "<h2>Delay against false alarms, fault by fault</h2>\n<p class=\"note\">{}: found at the first flagged \
-         signal, and credited for no other. Bursts are counted in the order of the file, from the labelled \
-         onset; faults grow.</p>\n<table><tr><th class=n>threshold ×</th><th class=n>healthy signals \
-         flagged</th><th class=n>faults found</th><th class=n>delay in bursts, median</th></tr>",
-        counted(curves.events() as u64, "labelled fault")
+        "<h2>Delay against false alarms, fault by fault</h2>\n<p class=\"note\">{}, {:.1} % of them found at \
+         the threshold used: at the first flagged signal, and credited for no other. Lines: other thresholds. \
+         Bursts are counted in the order of the file, from the labelled onset; faults grow. No false alarm is \
+         drawn as half a one.</p>\n{}",
+        counted(curves.events() as u64, "labelled fault"),
+        100.0 * used.found,
+        drawn(&figure, &figure.title)
     );
-    let healthy = curves.healthy();
-    for d in curves.delays(&FACTORS) {
-        let _ = writeln!(
-            body,
-            "<tr><td class=n>{}</td><td class=n>{}</td><td class=n>{:.1} %</td><td class=n>{}</td></tr>",
-            d.factor,
-            percent((d.false_alarms * healthy as f64).round() as u64, healthy),
-            100.0 * d.found,
-            d.median_bursts.map_or("–".into(), |m| format!("{m}"))
-        );
-    }
-    *body += "</table>\n";
     if let Some(e) = &report.episodes {
         let bursts = |b: Option<f64>| b.map_or("–".into(), |b| format!("{b}"));
         let _ = writeln!(

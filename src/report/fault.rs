@@ -12,6 +12,9 @@ const UNKNOWN: f64 = 0.5;
 /// Of a fault that is over, but came back before.
 const MAY_RETURN: f64 = 0.5;
 
+/// What is told of urgencies: what differs by less is as urgent.
+const URGENCY_STEP: f64 = 0.01;
+
 /// A row of the cleaning list and of `report.faults.parquet`.
 #[derive(Clone, Debug)]
 pub struct Fault {
@@ -20,19 +23,55 @@ pub struct Fault {
     pub urgency: f64,
     pub action: String,
     pub sentence: String,
+    /// The last of its channel: what the channel is now.
+    pub is_latest: bool,
+    /// Of the last: the channel's faults before it.
+    pub earlier: Vec<Bout>,
+}
+
+/// An earlier fault of a channel, over.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bout {
+    pub what: String,
+    pub from_ns: i64,
+    pub to_ns: Option<i64>,
 }
 
 impl Fault {
-    pub fn new(story: Story, settings: &ReportSettings) -> Fault {
-        let urgency = urgency(&story);
-        let action = settings.action(key(&story)).to_owned();
-        let sentence = sentence(&story, &action);
-        Fault { story, urgency, action, sentence }
+    /// Of one channel's stories in their order: the last says what is to be done.
+    pub fn of_channel(stories: Vec<Story>, settings: &ReportSettings) -> Vec<Fault> {
+        let last = stories.len().saturating_sub(1);
+        let bout = |story: &Story| Bout {
+            what: what(story),
+            from_ns: story.began_at_ns,
+            to_ns: story.ended_at_ns,
+        };
+        let mut earlier: Vec<Bout> = stories.iter().map(bout).collect();
+        earlier.truncate(last);
+        let mut faults: Vec<Fault> = stories
+            .into_iter()
+            .enumerate()
+            .map(|(k, story)| Fault::new(story, k == last, settings))
+            .collect();
+        faults.iter_mut().filter(|fault| fault.is_latest).for_each(|fault| {
+            fault.earlier = std::mem::take(&mut earlier);
+        });
+        faults
     }
 
-    /// To be cleaned: on, or over but not for the first time.
+    fn new(story: Story, is_latest: bool, settings: &ReportSettings) -> Fault {
+        let urgency = match is_latest {
+            true => (urgency(&story) / URGENCY_STEP).round() * URGENCY_STEP,
+            false => 0.0,
+        };
+        let action = settings.action(key(&story)).to_owned();
+        let sentence = sentence(&story, &action, is_latest);
+        Fault { story, urgency, action, sentence, is_latest, earlier: Vec::new() }
+    }
+
+    /// To be cleaned: on, or over but not for the first time, and nothing else came after it.
     pub fn is_open(&self) -> bool {
-        self.story.ended_at_ns.is_none() || self.story.cures > 0
+        self.is_latest && (self.story.ended_at_ns.is_none() || self.story.cures > 0)
     }
 }
 
@@ -46,8 +85,7 @@ fn key(story: &Story) -> &str {
 /// certain, x whether it is on.
 fn urgency(story: &Story) -> f64 {
     let certainty = story.certainty.unwrap_or(UNKNOWN).clamp(0.0, 1.0);
-    let changes = |t: &Trend| t.direction() != Direction::Steady;
-    let ahead = story.trend.filter(changes).map_or(0.0, |t| t.per_day * t.span_days.min(1.0));
+    let ahead = certain_trend(story).map_or(0.0, |t| t.per_day * t.span_days.min(1.0));
     let severity = story.severity_last.map(|s| s + ahead);
     let on = match (story.ended_at_ns, story.cures) {
         (None, _) => 1.0,
@@ -77,15 +115,16 @@ fn loss(class: Option<&str>, category: Option<&str>, severity: Option<f64>) -> f
 
 /// What it is, without how large.
 pub fn what(story: &Story) -> String {
-    match (&story.fault, &story.category, story.strange) {
+    match (&story.fault, &story.category, &story.looks_like, story.strange) {
         (Some(class), ..) => match fault::in_words(class) {
             words if words == class => class.clone(),
             words => format!("{words} ({class})"),
         },
-        (None, Some(category), _) => category.replace('_', " "),
-        (None, None, Some(Strange::NoRing)) => "no ring: sensor line or acquisition".into(),
-        (None, None, Some(Strange::UnknownFault)) => "a ring of no known class".into(),
-        (None, None, _) => "not named".into(),
+        (None, Some(category), ..) => category.replace('_', " "),
+        (None, None, Some(words), _) => words.clone(),
+        (None, None, None, Some(Strange::NoRing)) => "no ring: sensor line or acquisition".into(),
+        (None, None, None, Some(Strange::UnknownFault)) => "a ring of no known class".into(),
+        (None, None, None, _) => "not named".into(),
     }
 }
 
@@ -101,13 +140,21 @@ pub fn size(story: &Story) -> String {
     size.trim_start_matches(", ").to_owned()
 }
 
-/// `getting worse: +3.1 points a day (+2.5 to +3.7)`, by the longest time that was seen in full.
+/// The change that is certain, if any: what the tables say.
+pub fn certain_trend(story: &Story) -> Option<&Trend> {
+    story.trend.as_ref().filter(|trend| trend.direction() != Direction::Steady)
+}
+
+/// `getting worse: +3.1 points a day (+2.5 to +3.7)`, by day or hour, whichever was seen in full. What is
+/// not certain is not told; empty where nothing was sized.
 pub fn trend_in_words(story: &Story) -> String {
-    let Some(trend) = &story.trend else { return String::new() };
+    if story.severity_last.is_none() {
+        return String::new();
+    }
+    let Some(trend) = certain_trend(story) else { return "no trend yet".into() };
     let (per, unit) = match trend.span_days {
-        days if days >= 0.5 => (1.0, "day"),
-        days if days >= 1.0 / 24.0 => (24.0, "hour"),
-        _ => (24.0 * 60.0, "minute"),
+        days if days >= 1.0 => (1.0, "day"),
+        _ => (24.0, "hour"),
     };
     // factors as they are, shares in hundredths
     let class = story.fault.as_deref().unwrap_or_default();
@@ -119,14 +166,13 @@ pub fn trend_in_words(story: &Story) -> String {
     let n = |v: f64| words::signed(v, digits);
     let word = match trend.direction() {
         Direction::Worse => "getting worse",
-        Direction::Better => "getting better",
-        Direction::Steady => "steady",
+        _ => "getting better",
     };
     let rate = n(trend.per_day * scale / per);
     format!("{word}: {rate}{of} a {unit} ({} to {})", n(low), n(high))
 }
 
-fn sentence(story: &Story, action: &str) -> String {
+fn sentence(story: &Story, action: &str, is_latest: bool) -> String {
     let mut parts = vec![what(story)];
     let size = size(story);
     if !size.is_empty() {
@@ -151,26 +197,90 @@ fn sentence(story: &Story, action: &str) -> String {
             words::clock(end)
         ),
     });
-    let trend = trend_in_words(story);
-    if !trend.is_empty() && story.ended_at_ns.is_none() {
-        parts.push(trend);
+    if certain_trend(story).is_some() && story.ended_at_ns.is_none() {
+        parts.push(trend_in_words(story));
+    }
+    if !is_latest {
+        parts.push("another fault came after it".into());
     }
     let text = format!("channel {}: {}", story.channel, parts.join("; "));
-    match story.ended_at_ns.is_some() && story.cures == 0 {
-        true => text,
-        false => format!("{text}: {action}"),
+    match is_latest && (story.ended_at_ns.is_none() || story.cures > 0) {
+        true => format!("{text}: {action}"),
+        false => text,
     }
 }
 
-/// Most urgent first; then what is on, what began last, and by name, so that the order is one.
+/// Most urgent first; of equally urgent ones what is on; then by printhead and channel, as a technician
+/// walks; then by onset, so that the order is one.
 pub fn sort(faults: &mut [Fault]) {
     faults.sort_by(|a, b| {
         let on = |f: &Fault| f.story.ended_at_ns.is_some();
         b.urgency
             .total_cmp(&a.urgency)
             .then(on(a).cmp(&on(b)))
-            .then(b.story.began_at_ns.cmp(&a.story.began_at_ns))
             .then(a.story.printhead.cmp(&b.story.printhead))
             .then(a.story.channel.cmp(&b.story.channel))
+            .then(b.story.began_at_ns.cmp(&a.story.began_at_ns))
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::episodes::Episode;
+    use crate::report::story::{Rates, stories};
+    use crate::report::watch::{Spell, Watch};
+
+    fn spell(began_at_ns: i64, ended_at_ns: Option<i64>, category: &str) -> Spell {
+        let episode = Episode {
+            printhead: "p".into(),
+            channel: 7,
+            category: Some(category.into()),
+            fault: None,
+            raised_at_ns: began_at_ns + 1,
+            began_at_ns,
+            ended_at_ns,
+            bursts: 10,
+            certainty: Some(0.9),
+            severity_first: Some(1.2),
+            severity_max: Some(1.5),
+            severity_last: Some(1.4),
+            severity_sd: Some(0.1),
+            explanation: String::new(),
+        };
+        Spell { recording: 0, episode, looked: Default::default() }
+    }
+
+    #[test]
+    fn what_a_channel_is_now_is_to_be_cleaned_and_what_it_was_is_its_past() {
+        let mut watch =
+            Watch::new(vec![spell(10, Some(20), "dried_nozzle"), spell(80, None, "air_bubble")]);
+        for t in 0..100 {
+            let flagged = (10..20).contains(&t) || t >= 80;
+            watch.look(0, t, flagged, None, None);
+        }
+        let stories = stories(&watch, &Rates { false_alarms: 1e-3, ..Rates::default() });
+        let mut faults = Fault::of_channel(stories, &ReportSettings::default());
+        sort(&mut faults);
+        let [now, was] = &faults[..] else { panic!("{faults:?}") };
+        assert!(now.is_open() && now.urgency > 0.0 && now.sentence.ends_with(": purge"), "{now:?}");
+        assert!(!was.is_open() && was.urgency == 0.0 && !was.sentence.contains("pre-fire"));
+        let past = Bout { what: "dried nozzle".into(), from_ns: 10, to_ns: Some(20) };
+        assert_eq!((&now.earlier[..], was.earlier.len()), (&[past][..], 0));
+    }
+
+    #[test]
+    fn equally_urgent_faults_have_one_order() {
+        let of = |channel: u32| {
+            let mut on = spell(10, None, "dried_nozzle");
+            (on.episode.channel, on.episode.certainty) =
+                (channel, Some(0.9 + 1e-6 * f64::from(channel)));
+            let stories = stories(&Watch::new(vec![on]), &Rates::default());
+            Fault::of_channel(stories, &ReportSettings::default()).remove(0)
+        };
+        let mut faults = vec![of(9), of(2), of(5)];
+        sort(&mut faults);
+        let order: Vec<u32> = faults.iter().map(|f| f.story.channel).collect();
+        assert_eq!(order, [2, 5, 9]);
+    }
 }

@@ -2,10 +2,12 @@
 
 use super::Report;
 use super::drift::{ModelPoint, per_kelvin};
-use super::fault::{Fault, trend_in_words, what};
+use super::fault::{Fault, certain_trend, trend_in_words, what};
 use super::survey::Survey;
+use super::trend::Severities;
 use super::words::{clock, counted_as, signed};
 use crate::fault;
+use crate::model::faults::no_fault_severity;
 use crate::plot::page::escaped;
 use crate::plot::{Axis, Figure, Mark, Series};
 
@@ -50,16 +52,27 @@ fn trend(fault: &Fault, survey: &Survey) -> Option<String> {
         .filter_map(|b| Some((at(b.t_ns()), b.mean(), 1.96 * b.standard_error()?)))
         .flat_map(|(t, y, half)| [(t, y - half), (t, y + half)])
         .collect();
-    let named = trend_in_words(story);
-    let finding = match (named.is_empty(), story.cures) {
-        (false, _) => named,
-        (true, 0) => "too short to tell a trend".into(),
-        (true, cures) => format!("cured {}", counted_as(cures.into(), "once", "times")),
+    let finding = match (certain_trend(story), story.cures) {
+        (Some(_), _) => trend_in_words(story),
+        (None, 0) => "no trend yet".into(),
+        (None, cures) => format!("cured {}", counted_as(cures.into(), "once", "times")),
     };
+    // from no fault on: how it changes is seen beside how bad it is
+    let class = story.fault.as_deref().or(story.category.as_deref()).unwrap_or_default();
+    let none = if class == "dried_nozzle" { Some(1.0) } else { no_fault_severity(class) };
+    let none = none.unwrap_or(0.0);
+    let highest = bins()
+        .map(|b| b.mean() + 1.96 * b.standard_error().unwrap_or(0.0))
+        .fold(f64::NEG_INFINITY, f64::max);
+    let lowest = bins().map(Severities::mean).fold(none, f64::min);
+    let room = 0.08 * (highest - lowest);
     let figure = Figure {
         title: plain(&format!("{} channel {}: {finding}", story.printhead, story.channel)),
         x: Axis::new(&format!("{unit} since {} UTC (means, 95 %)", clock(story.began_at_ns))),
-        y: Axis::new(&plain(quantity)),
+        y: Axis {
+            range: (room > 0.0).then_some((lowest - 0.2 * room, highest + room)),
+            ..Axis::new(&plain(quantity))
+        },
         series: vec![
             Series { name: String::new(), mark: Mark::Points, points: means },
             Series { name: String::new(), mark: Mark::Bars, points: bars },
@@ -156,7 +169,10 @@ fn quantity(
 pub fn drawn(figure: &Figure, alt: &str) -> String {
     let alt = escaped(alt);
     match figure.svg_of_size(SIZE) {
-        Ok(svg) => svg.replacen("<svg ", &format!("<svg role=\"img\" aria-label=\"{alt}\" "), 1),
+        Ok(svg) => {
+            let named = format!("<svg role=\"img\" aria-label=\"{alt}\" ");
+            format!("<div class=\"wide\">{}</div>", svg.replacen("<svg ", &named, 1))
+        }
         Err(e) => format!("<p>{alt}: {}</p>", escaped(&e.to_string())),
     }
 }

@@ -1,7 +1,7 @@
 //! The cleaning list on a terminal. In: a [`Report`]. Out: a line per channel, most urgent first.
 
 use super::words::{clock, counted, counted_as};
-use super::{Fault, Report, size, trend_in_words, what};
+use super::{Fault, Report, certain_trend, size, trend_in_words, what};
 use std::io::{self, Write};
 
 /// Lines of the list.
@@ -14,7 +14,10 @@ pub fn print(
     out: &mut impl Write,
 ) -> io::Result<()> {
     let open: Vec<&Fault> = report.open().collect();
-    let over = report.faults.len() - open.len();
+    let over = report.over().count();
+    for note in report.notes.iter().take(MOST_LISTED) {
+        writeln!(out, "note: {}", printable(note, 600))?;
+    }
     let recordings = counted(report.recordings.len() as u64, "recording");
     if open.is_empty() {
         writeln!(out, "nothing to clean after {recordings}")?;
@@ -23,13 +26,14 @@ pub fn print(
         writeln!(out, "to clean after {recordings}: {channels}, most urgent first")?;
         writeln!(
             out,
-            "  {:<20} {:>7}  {:<19}  {:<14} what",
-            "printhead", "channel", "since", "do"
+            "  {:>7}  {:<20} {:>7}  {:<19}  {:<15} what",
+            "urgency", "printhead", "channel", "since", "do"
         )?;
     }
     for fault in open.iter().take(MOST_LISTED) {
         let story = &fault.story;
-        let mut parts = vec![what(story), size(story), trend_in_words(story)];
+        let mut parts = vec![what(story), size(story)];
+        parts.extend(certain_trend(story).map(|_| trend_in_words(story)));
         parts.push(match (story.ended_at_ns, story.cures) {
             (None, 0) => String::new(),
             (None, cures) => {
@@ -39,10 +43,15 @@ pub fn print(
                 format!("healthy now, but came back {}", counted_as(cures.into(), "once", "times"))
             }
         });
+        if !fault.earlier.is_empty() {
+            let n = counted(fault.earlier.len() as u64, "other fault");
+            parts.push(format!("{n} before it"));
+        }
         parts.retain(|part| !part.is_empty());
         writeln!(
             out,
-            "  {:<20} {:>7}  {:<19}  {:<14} {}",
+            "  {:>7.2}  {:<20} {:>7}  {:<19}  {:<15} {}",
+            fault.urgency,
             printable(&story.printhead, 64),
             story.channel,
             clock(story.began_at_ns),
@@ -54,10 +63,10 @@ pub fn print(
         writeln!(out, "  and {} channels more", open.len() - MOST_LISTED)?;
     }
     for group in report.groups.iter().take(MOST_LISTED) {
-        writeln!(out, "  together: {}", printable(&group.sentence, 400))?;
+        writeln!(out, "  perhaps together: {}", printable(&group.sentence, 400))?;
     }
     if over > 0 {
-        writeln!(out, "  {} over, healthy since", counted(over as u64, "fault"))?;
+        writeln!(out, "  {} healthy again", counted(over as u64, "channel"))?;
     }
     Ok(())
 }

@@ -4,9 +4,10 @@
 use super::fault::{Fault, what};
 use super::map::{LEVELS, Line, Picture, Shows, class, ratio};
 use super::survey::{Head, KNOWN_CATEGORIES};
-use super::words::{clock, counted, percent, short_clock};
+use super::words::{clock, counted, percent};
 use crate::plot::page::{escaped, name};
 use crate::plot::raster::{Colour, Raster};
+use std::collections::BTreeSet;
 use std::fmt::Write;
 
 /// Told apart also without colour vision (Okabe and Ito 2008): gap, healthy, rejected, flagged, dried,
@@ -51,7 +52,7 @@ const MOST_IN_WORDS: usize = 8;
 
 /// Left of the picture, above it, its width, below it; user units.
 const LEFT: f64 = 118.0;
-const TOP: f64 = 22.0;
+const TOP: f64 = 46.0;
 const WIDTH: f64 = 860.0;
 const BELOW: f64 = 40.0;
 
@@ -101,10 +102,12 @@ fn figure(
     let height = (lines as f64 * 6.0).clamp(120.0, 380.0);
     let total = TOP + height + BELOW;
     let alt = escaped(&in_words(head, faults, picture, shows));
+    let title = escaped(&title(head, faults, picture, shows));
     let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"1000\" height=\"{total:.0}\" \
+        "<div class=\"wide\"><svg xmlns=\"http://www.w3.org/2000/svg\" width=\"1000\" height=\"{total:.0}\" \
          viewBox=\"0 0 1000 {total:.0}\" role=\"img\" aria-label=\"{alt}\" \
          font-family=\"DejaVu Sans,sans-serif\" font-size=\"12\"><title>{alt}</title>\n\
+         <text x=\"{LEFT}\" y=\"17\" font-size=\"15\" font-weight=\"bold\">{title}</text>\n\
          <image href=\"{address}\" x=\"{LEFT}\" y=\"{TOP}\" width=\"{WIDTH}\" height=\"{height:.1}\" \
          preserveAspectRatio=\"none\" style=\"image-rendering:pixelated\"/>\n\
          <rect x=\"{LEFT}\" y=\"{TOP}\" width=\"{WIDTH}\" height=\"{height:.1}\" fill=\"none\" \
@@ -114,8 +117,35 @@ fn figure(
     if shows == Shows::Class {
         marks(&mut svg, head, faults, categories, picture, height);
     }
-    svg += "</svg>\n";
+    svg += "</svg></div>\n";
     Ok(svg)
+}
+
+/// What is seen, as a finding.
+fn title(head: &Head, faults: &[&Fault], picture: &Picture, shows: Shows) -> String {
+    const SHORT: usize = 24;
+    let mut name: String = head.name.chars().take(SHORT).collect();
+    if head.name.chars().nth(SHORT).is_some() {
+        name.push('…');
+    }
+    match shows {
+        Shows::Class => {
+            let failed: BTreeSet<u32> = faults.iter().map(|f| f.story.channel).collect();
+            let open = faults.iter().filter(|f| f.is_open()).count();
+            format!(
+                "{name}: {} of {} had a fault, {open} to be cleaned",
+                failed.len(),
+                counted(head.channels.len() as u64, "channel")
+            )
+        }
+        Shows::Ratio => {
+            let beyond = picture.pixels.iter().filter(|p| **p >= first_beyond()).count() as u64;
+            format!(
+                "{name}: detection statistic over threshold, {} of the cells beyond 1",
+                percent(beyond, picture.pixels.len() as u64)
+            )
+        }
+    }
 }
 
 /// Channels below, times at the left.
@@ -144,45 +174,86 @@ fn axes(svg: &mut String, picture: &Picture, height: f64) {
     let _ = writeln!(
         svg,
         "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">channel{per}</text>\
-         <text x=\"{:.1}\" y=\"14\" text-anchor=\"end\">time, UTC</text>",
+         <text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">UTC</text>",
         LEFT + WIDTH / 2.0,
         bottom + 34.0,
-        LEFT - 8.0
+        LEFT - 8.0,
+        TOP - 8.0
     );
+    times(svg, picture, height);
+}
+
+/// Times at the left: the first of each round stretch, as many as there is room for.
+fn times(svg: &mut String, picture: &Picture, height: f64) {
+    let starts: Vec<Option<i64>> = picture
+        .lines
+        .iter()
+        .map(|line| match line {
+            Line::Bursts(from, _) => Some(from.div_euclid(1_000_000_000)),
+            Line::Pause => None,
+        })
+        .collect();
+    let marked = |step: i64| -> Vec<(usize, i64)> {
+        let mut last = None;
+        let each = starts.iter().enumerate().filter_map(|(k, start)| Some((k, (*start)?)));
+        each.filter(|(_, t)| last.replace(t.div_euclid(step)) != Some(t.div_euclid(step))).collect()
+    };
+    let room = (height / 24.0) as usize;
+    let step = STEPS_S.into_iter().find(|step| marked(*step).len() <= room);
+    let step = step.unwrap_or(STEPS_S[STEPS_S.len() - 1]);
     let line_height = height / picture.lines.len() as f64;
-    let mut free = TOP;
-    for (k, line) in picture.lines.iter().enumerate() {
+    let (mut free, mut day) = (TOP, i64::MIN);
+    for (k, t_s) in marked(step) {
         let y = TOP + (k as f64 + 0.5) * line_height;
-        let after_pause = k > 0 && picture.lines[k - 1] == Line::Pause;
-        let Line::Bursts(from, _) = line else { continue };
-        let wanted = k == 0 || after_pause || y >= free + 24.0;
-        if !wanted || y < free {
+        if y < free {
             continue;
         }
         free = y + 13.0;
+        let text = tick(t_s, step, std::mem::replace(&mut day, t_s.div_euclid(86_400)));
         let _ = writeln!(
             svg,
-            "<path d=\"M{:.1} {y:.1}h-5\" stroke=\"#555\"/><text x=\"{:.1}\" y=\"{:.1}\" \
-             text-anchor=\"end\">{}</text>",
-            LEFT,
+            "<path d=\"M{LEFT:.1} {y:.1}h-5\" stroke=\"#555\"/><text x=\"{:.1}\" y=\"{:.1}\" \
+             text-anchor=\"end\">{text}</text>",
             LEFT - 8.0,
-            y + 4.0,
-            label(*from, picture)
+            y + 4.0
         );
     }
 }
 
-/// Seconds where minutes do not tell the lines apart.
-fn label(t_ns: i64, picture: &Picture) -> String {
-    let mut spans = picture.lines.iter().filter_map(|line| match line {
-        Line::Bursts(from, to) => Some((*from, *to)),
-        Line::Pause => None,
-    });
-    let first = spans.next().unwrap_or_default();
-    let last = spans.next_back().unwrap_or(first);
-    match last.1.saturating_sub(first.0) {
-        span if span < 7_200_000_000_000 => clock(t_ns)[11..].to_owned(),
-        _ => short_clock(t_ns),
+/// Stretches that read well, s.
+const STEPS_S: [i64; 21] = [
+    1,
+    2,
+    5,
+    10,
+    15,
+    30,
+    60,
+    120,
+    300,
+    600,
+    1800,
+    3600,
+    7200,
+    10_800,
+    21_600,
+    43_200,
+    86_400,
+    604_800,
+    2_592_000,
+    31_536_000,
+    315_360_000,
+];
+
+/// As fine as the step asks; the day where it is another than before.
+fn tick(t_s: i64, step_s: i64, day_before: i64) -> String {
+    let whole = clock(t_s.saturating_mul(1_000_000_000));
+    let (date, time) = whole.split_once(' ').unwrap_or((&whole, ""));
+    let time = if step_s < 60 { time } else { time.get(..5).unwrap_or(time) };
+    match (step_s >= 86_400, t_s.div_euclid(86_400) == day_before) {
+        (true, _) => date.to_owned(),
+        (false, true) => time.to_owned(),
+        (false, false) => format!("{} {time}", date.get(5..).unwrap_or(date)),
     }
 }
 

@@ -14,7 +14,9 @@ mod list;
 mod map;
 mod maps;
 mod neighbours;
+mod notes;
 mod page;
+mod promised;
 mod settings;
 mod story;
 mod survey;
@@ -24,10 +26,11 @@ mod watch;
 mod words;
 
 pub use evaluation::html as evaluation;
-pub use fault::{Fault, size, trend_in_words, what};
+pub use fault::{Fault, certain_trend, size, trend_in_words, what};
 pub use list::print;
 pub use maps::waterfalls;
 pub use page::html;
+pub use promised::print as print_promise;
 pub use settings::ReportSettings;
 pub use story::Story;
 pub use survey::{Names, Survey};
@@ -86,6 +89,8 @@ pub struct Report {
     /// Most urgent first.
     pub faults: Vec<Fault>,
     pub groups: Vec<Group>,
+    /// To be known before anything is cleaned.
+    pub notes: Vec<String>,
     pub false_alarms: FalseAlarms,
     pub drift: Vec<ModelPoint>,
     pub survey: Survey,
@@ -100,18 +105,24 @@ impl Report {
             .heads
             .iter()
             .flat_map(|head| &head.watches)
-            .flat_map(|watch| story::stories(watch, &rates))
-            .map(|story| Fault::new(story, &settings))
+            .flat_map(|watch| Fault::of_channel(story::stories(watch, &rates), &settings))
             .collect();
         fault::sort(&mut faults);
-        let groups = neighbours::groups(&faults, &settings);
+        let observed = neighbours::Observed::of(&survey, &faults);
+        let groups = neighbours::groups(&faults, &observed, &settings);
+        let notes = notes::notes(&survey, &faults, sources);
         let mut recordings = lines(sources, &survey, &faults);
         recordings.sort_by(|a, b| (a.from_ns, &a.name).cmp(&(b.from_ns, &b.name)));
         let drift = drift::points(sources);
-        Report { recordings, faults, groups, false_alarms, drift, survey, settings }
+        Report { recordings, faults, groups, notes, false_alarms, drift, survey, settings }
     }
 
-    /// What is to be cleaned, most urgent first.
+    /// Channels that are healthy again, and did not fail again.
+    pub fn over(&self) -> impl Iterator<Item = &Fault> {
+        self.faults.iter().filter(|fault| fault.is_latest && !fault.is_open())
+    }
+
+    /// What is to be cleaned, most urgent first; each channel once.
     pub fn open(&self) -> impl Iterator<Item = &Fault> {
         self.faults.iter().filter(|fault| fault.is_open())
     }

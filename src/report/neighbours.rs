@@ -1,12 +1,21 @@
-//! Neighbours that fail together. In: open faults, how the nozzles lie. Out: [`Group`]s of the same sort
-//! that touch each other: an air front, a flooded plate.
+//! Neighbours that fail together. In: open faults, how the nozzles lie, what was looked at. Out: [`Group`]s
+//! of the same sort that touch each other and began together: an air front, a flooded plate.
+//!
+//! Faults that have nothing to do with each other lie beside each other, too, and now and then begin
+//! together: what that would make by chance on a printhead with so many faults is taken off first.
 
 use super::fault::Fault;
 use super::settings::ReportSettings;
+use super::survey::Survey;
 use super::words;
+use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Onsets of a group in the order of their places: at least so many show a direction.
 const LEAST_OF_A_FRONT: usize = 4;
+/// Of two faults that do not know of each other: how often they may begin so close together. And how many
+/// such pairs a printhead may have by chance.
+const CHANCE: f64 = 0.05;
 
 /// Faults of one category on neighbouring nozzles, on at the same time.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,17 +25,77 @@ pub struct Group {
     pub sentence: String,
 }
 
+/// A printhead: how much of it was looked at when.
+#[derive(Clone, Debug, Default)]
+pub struct Observed {
+    pub channels: usize,
+    /// From, to, signals of each recording.
+    pub recordings: Vec<(i64, i64, u64)>,
+    /// Faults of all sorts and times.
+    pub faults: usize,
+}
+
+impl Observed {
+    /// Of every printhead.
+    pub fn of(survey: &Survey, faults: &[Fault]) -> BTreeMap<Arc<str>, Observed> {
+        let of = |head: &super::survey::Head| {
+            let span = |t: &super::survey::Tally| Some((t.from_ns?, t.to_ns?, t.judged));
+            let observed = Observed {
+                channels: head.channels.len(),
+                recordings: head.tallies.values().filter_map(span).collect(),
+                faults: faults.iter().filter(|f| f.story.printhead == head.name).count(),
+            };
+            (head.name.clone(), observed)
+        };
+        survey.heads.iter().map(of).collect()
+    }
+
+    /// Share of all looks that lie between two times, and one burst.
+    fn share(&self, a_ns: i64, b_ns: i64) -> f64 {
+        let (from, to) = (a_ns.min(b_ns) as f64, a_ns.max(b_ns) as f64);
+        let all: u64 = self.recordings.iter().map(|r| r.2).sum();
+        let within = |&(begins, ends, n): &(i64, i64, u64)| {
+            let (begins, ends) = (begins as f64, ends as f64);
+            let overlap = (to.min(ends) - from.max(begins)).max(0.0);
+            n as f64 * overlap / (ends - begins).max(1.0)
+        };
+        let looks: f64 = self.recordings.iter().map(within).sum();
+        (looks + self.channels as f64) / all.max(1) as f64
+    }
+
+    /// Whether two neighbours' faults began closer together than chance would have it.
+    fn began_together(&self, a: &Fault, b: &Fault, rows: u32) -> bool {
+        let (a, b) = (&a.story, &b.story);
+        let unseen = !a.onset_seen && !b.onset_seen;
+        let close = (2.0 * self.share(a.began_at_ns, b.began_at_ns)).min(1.0);
+        let neighbours = 2.0 + 3.0 * f64::from((rows - 1).min(2));
+        let pairs = 0.5 * self.faults as f64 * self.faults.saturating_sub(1) as f64;
+        let touching = neighbours / self.channels.saturating_sub(1).max(1) as f64;
+        // where nobody saw them begin, only their places speak
+        let close = if unseen { 1.0 } else { close };
+        (unseen || close <= CHANCE) && pairs * touching * close <= CHANCE
+    }
+}
+
 /// Groups of two and more, the largest first.
-pub fn groups(faults: &[Fault], settings: &ReportSettings) -> Vec<Group> {
+pub fn groups(
+    faults: &[Fault],
+    observed: &BTreeMap<Arc<str>, Observed>,
+    settings: &ReportSettings,
+) -> Vec<Group> {
     let mut left: Vec<usize> = (0..faults.len()).filter(|k| faults[*k].is_open()).collect();
     let mut groups = Vec::new();
+    let joined = |a: &Fault, b: &Fault| {
+        let together = |of: &Observed| of.began_together(a, b, settings.rows);
+        touch(a, b, settings) && observed.get(&a.story.printhead).is_some_and(together)
+    };
     while let Some(first) = left.pop() {
         let mut members = vec![first];
         let mut at = 0;
         while at < members.len() {
             let of = &faults[members[at]];
             let (near, far) =
-                left.into_iter().partition::<Vec<usize>, _>(|k| touch(of, &faults[*k], settings));
+                left.into_iter().partition::<Vec<usize>, _>(|k| joined(of, &faults[*k]));
             members.extend(near);
             left = far;
             at += 1;
@@ -63,7 +132,7 @@ fn sentence(members: &[usize], faults: &[Fault], settings: &ReportSettings) -> S
     let channels = |k: usize| stories[k].channel;
     let last = stories.len() - 1;
     let mut text = format!(
-        "{}: {} neighbouring channels, {} to {}, have the same fault ({})",
+        "{}: {} neighbouring channels, {} to {}, have the same sort of fault ({})",
         stories[0].printhead,
         stories.len(),
         channels(0),
@@ -76,20 +145,24 @@ fn sentence(members: &[usize], faults: &[Fault], settings: &ReportSettings) -> S
     }
     let onsets: Vec<i64> = stories.iter().map(|s| s.began_at_ns).collect();
     let (rising, falling) = (onsets.is_sorted(), onsets.iter().rev().is_sorted());
-    let moves = onsets[0] != onsets[last] && onsets.len() >= LEAST_OF_A_FRONT;
-    let since = words::clock(*onsets.iter().min().unwrap_or(&0));
-    text += &match (category, rising || falling) {
-        (_, true) if moves => {
+    let first_ns = onsets.iter().copied().min().unwrap_or_default();
+    let last_ns = onsets.iter().copied().max().unwrap_or_default();
+    let moves = first_ns != last_ns && onsets.len() >= LEAST_OF_A_FRONT;
+    text += &match stories.iter().any(|s| s.onset_seen) {
+        false => ", all since before they were first looked at".to_owned(),
+        true if first_ns == last_ns => format!(", all since {}", words::clock(first_ns)),
+        true => {
+            format!(", since {} to {}", words::clock(first_ns), words::clock(last_ns))
+        }
+    };
+    text += &match category {
+        _ if moves && (rising || falling) => {
             let to = channels(if rising { last } else { 0 });
-            format!(", one after the other towards channel {to} since {since}: a front that moves")
+            format!(", one after the other towards channel {to}: perhaps a front that moves")
         }
-        ("air_bubble" | "empty_channel", _) => {
-            format!(", since {since}: air in what they share, not in each nozzle")
-        }
-        ("blocked_nozzle" | "dried_nozzle", _) => {
-            format!(", since {since}: something on the plate, not in each nozzle")
-        }
-        _ => format!(", since {since}"),
+        "air_bubble" | "empty_channel" => ": perhaps air in what they share".to_owned(),
+        "blocked_nozzle" | "dried_nozzle" => ": perhaps something on the plate".to_owned(),
+        _ => ": perhaps of one cause".to_owned(),
     };
     text
 }
@@ -100,6 +173,8 @@ mod tests {
     use crate::episodes::Episode;
     use crate::report::story::{Rates, stories};
     use crate::report::watch::{Spell, Watch};
+
+    const BEFORE: i64 = -1_000_000;
 
     fn fault(channel: u32, began: i64, category: &str) -> Fault {
         let episode = Episode {
@@ -119,12 +194,17 @@ mod tests {
             explanation: String::new(),
         };
         let spell = Spell { recording: 0, episode, looked: Default::default() };
-        let story = stories(&Watch::new(vec![spell]), &Rates::default()).remove(0);
-        Fault::new(story, &ReportSettings::default())
+        let mut watch = Watch::new(vec![spell]);
+        watch.look(0, BEFORE, false, None, None);
+        let stories = stories(&watch, &Rates::default());
+        Fault::of_channel(stories, &ReportSettings::default()).remove(0)
     }
 
     fn of(faults: &[Fault], rows: u32) -> Vec<Group> {
-        groups(faults, &ReportSettings { rows, pitch: 100.0, ..ReportSettings::default() })
+        let recordings = vec![(BEFORE, 1_000_000, 256 * 2000)];
+        let observed = Observed { channels: 256, recordings, faults: faults.len() };
+        let observed = BTreeMap::from([("p".into(), observed)]);
+        groups(faults, &observed, &ReportSettings { rows, pitch: 100.0, ..Default::default() })
     }
 
     #[test]
@@ -138,8 +218,30 @@ mod tests {
         let groups = of(&faults, 1);
         assert_eq!(groups.len(), 1);
         assert_eq!(groups[0].members, [0, 1]);
-        assert!(groups[0].sentence.contains("on the plate"), "{}", groups[0].sentence);
+        assert!(groups[0].sentence.contains("perhaps something on the plate"), "{groups:?}");
         assert!(groups[0].sentence.contains("0.10 mm"), "{}", groups[0].sentence);
+    }
+
+    #[test]
+    fn neighbours_that_began_far_apart_are_no_group_and_nor_is_what_chance_makes() {
+        let apart = [fault(3, 0, "dried_nozzle"), fault(4, 200_000, "dried_nozzle")];
+        assert_eq!(of(&apart, 1), []);
+        // two of five hundred faults that begin within a hundredth of the time
+        let mut many = vec![fault(3, 0, "dried_nozzle"), fault(4, 20_000, "dried_nozzle")];
+        assert_eq!(of(&many, 1).len(), 1);
+        many.extend((0..60).map(|k| fault(10 + 2 * k, 0, "air_bubble")));
+        assert_eq!(of(&many, 1), []);
+    }
+
+    #[test]
+    fn faults_that_nobody_saw_begin_speak_by_their_places() {
+        let unseen = |channel| {
+            let mut of = fault(channel, 0, "dried_nozzle");
+            of.story.onset_seen = false;
+            of
+        };
+        let groups = of(&[unseen(3), unseen(4)], 1);
+        assert!(groups[0].sentence.contains("first looked at"), "{groups:?}");
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //! that rests on, then the words explained.
 
 use super::fault::{Fault, what};
+use super::story::Strange;
 use super::words::{clock, counted, percent, thousands};
 use super::{Report, figures, maps, tables};
 use crate::plot::page::{escaped, name, page};
@@ -15,12 +16,15 @@ const MOST_GROUPS: usize = 30;
 
 pub fn html(report: &Report) -> String {
     let open: Vec<&Fault> = report.open().collect();
-    let over: Vec<&Fault> = report.faults.iter().filter(|fault| !fault.is_open()).collect();
+    let over: Vec<&Fault> = report.over().collect();
     let mut body = format!(
         "<h1>Nozzle report</h1>\n<p class=\"sentence\">{}</p>\n<p class=\"note\">{}</p>\n",
         escaped(&sentence(report, &open)),
         escaped(&basis(report))
     );
+    for note in &report.notes {
+        let _ = writeln!(body, "<p class=\"warn\"><b>Note.</b> {}</p>", escaped(note));
+    }
     body += "<h2>To clean, most urgent first</h2>\n";
     match open.is_empty() {
         true => body += "<p>Nothing.</p>\n",
@@ -55,7 +59,11 @@ fn sentence(report: &Report, open: &[&Fault]) -> String {
     let mut kinds: BTreeMap<String, u64> = BTreeMap::new();
     for fault in open {
         let kind = fault.story.category.as_deref().map(|c| c.replace('_', " "));
-        *kinds.entry(kind.unwrap_or_else(|| "not named".into())).or_default() += 1;
+        let unnamed = match fault.story.strange {
+            Some(Strange::NoRing) => "at the sensor line",
+            _ => "not named",
+        };
+        *kinds.entry(kind.unwrap_or_else(|| unnamed.into())).or_default() += 1;
     }
     let mut kinds: Vec<(String, u64)> = kinds.into_iter().collect();
     kinds.sort_by_key(|(_, n)| std::cmp::Reverse(*n));
@@ -110,7 +118,7 @@ fn together(report: &Report, body: &mut String) {
     if report.groups.is_empty() {
         return;
     }
-    *body += "<h3>Neighbours that fail together</h3>\n<ul>\n";
+    *body += "<h3>Neighbours that may have failed together</h3>\n<ul>\n";
     for group in report.groups.iter().take(MOST_GROUPS) {
         let _ = writeln!(body, "<li>{}</li>", escaped(&group.sentence));
     }
@@ -221,8 +229,9 @@ fn explain(body: &mut String) {
         ("±", "one standard deviation"),
         (
             "change",
-            "the line through the severities since the last cure; in brackets its 95 % interval. \
-             “Steady”: the interval holds no change",
+            "the line through the severities since the last cure, in brackets its 95 % interval. Told only \
+             where that interval holds no 0 and an hour or more was seen: else there is no trend yet. Where \
+             the later half does not follow the line, the later half alone counts",
         ),
         ("points", "hundredths of the whole: from 20 % to 23 % is 3 points"),
         (
@@ -230,10 +239,11 @@ fn explain(body: &mut String) {
             "the probability of the named class, or of the category where no class is named",
         ),
         (
-            "urgency (the list's order)",
+            "urgency, 0 to 1 (the list's order)",
             "certainty × how much of a drop is lost, as it will be in a day if it keeps changing (or ahead as \
              long as it was seen, if that is less); half \
-             of it where a fault that comes and goes is healthy now",
+             of it where a fault that comes and goes is healthy now. Of equally urgent channels what is on \
+             comes first, then by printhead and channel",
         ),
         ("rejected", "not judged: samples missing, saturated or damaged, or no model fits"),
         ("threshold", "signals beyond it are flagged"),

@@ -1,7 +1,7 @@
 //! What a report says to do, and how nozzles lie: `pipeline.toml` section `[report]`.
 
 use serde::{Deserialize, Deserializer, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Rows of nozzles that a printhead may have.
 const MOST_ROWS: u32 = 256;
@@ -68,6 +68,19 @@ impl ReportSettings {
             }
         }
         Ok(())
+    }
+
+    /// Says which action is of no category and no reason, if one is. `own`: categories of one's own.
+    pub fn check_actions<'a>(&self, own: impl IntoIterator<Item = &'a str>) -> Result<(), String> {
+        let mut known: BTreeSet<String> = default_actions().into_keys().collect();
+        known.extend(own.into_iter().map(str::to_owned));
+        match self.actions.keys().find(|key| !known.contains(*key)) {
+            None => Ok(()),
+            Some(unknown) => Err(format!(
+                "report.actions.{unknown}: no category and no reason of that name; there are {}",
+                known.into_iter().collect::<Vec<_>>().join(", ")
+            )),
+        }
     }
 
     /// `key`: a category or a reason; a category of one's own without an action is inspected.

@@ -16,6 +16,7 @@
 
 use super::trend::{self, Trend};
 use super::watch::{self, Looked, Spell, Watch};
+use crate::episodes::Episode;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -23,6 +24,8 @@ use std::sync::Arc;
 const CURED: f64 = 3.0;
 /// Bursts, half of them flagged, that an episode's share of flagged bursts starts from.
 const PRIOR_BURSTS: f64 = 1.0;
+/// Letters of an episode's sentence.
+const MOST_OF_A_SENTENCE: usize = 300;
 
 /// How often what happens, over all channels.
 #[derive(Clone, Debug, Default)]
@@ -62,7 +65,11 @@ pub struct Story {
     pub fault: Option<String>,
     /// Without a category: what most of its bursts look like.
     pub strange: Option<Strange>,
+    /// Without a category: what the last episode's sentence says of it; a file's words.
+    pub looks_like: Option<String>,
     pub began_at_ns: i64,
+    /// Whether it was seen healthy before: else it may be older.
+    pub onset_seen: bool,
     /// `None`: still on.
     pub ended_at_ns: Option<i64>,
     /// In which an episode of it is.
@@ -104,6 +111,9 @@ impl Strange {
     }
 }
 
+/// The words by which an episode's sentence sends to the sensor line.
+const SENSOR_LINE: &str = "look at cable";
+
 /// What lies between two episodes, or after the last.
 struct Gap {
     cured: bool,
@@ -144,7 +154,9 @@ pub fn stories(watch: &Watch, rates: &Rates) -> Vec<Story> {
         let inner: Vec<Gap> = (from + 1..k).map(gap).collect();
         let ended = before.episode.ended_at_ns.is_some() || here.cured;
         let ended_at_ns = before.episode.ended_at_ns.or(watch.outside[k].first_quiet_ns);
-        all.push(story(watch, from..k, &inner, ended_at_ns.filter(|_| ended)));
+        let before_it = &watch.outside[from];
+        let onset_seen = before_it.judged > before_it.flagged;
+        all.push(story(watch, from..k, &inner, onset_seen, ended_at_ns.filter(|_| ended)));
         from = k;
     }
     all
@@ -173,6 +185,7 @@ fn story(
     watch: &Watch,
     of: std::ops::Range<usize>,
     inner: &[Gap],
+    onset_seen: bool,
     ended_at_ns: Option<i64>,
 ) -> Story {
     let spells = &watch.spells[of];
@@ -196,13 +209,20 @@ fn story(
     let quantity = watch::quantity(said).map(str::to_owned);
     let course = quantity.as_deref().and_then(|quantity| watch.course(quantity));
     let to_ns = ended_at_ns.unwrap_or(i64::MAX);
+    let looks_like = said.category.is_none().then(|| looks_like(said)).flatten();
+    let strange = said.category.is_none().then(|| match &looks_like {
+        Some(words) if words.contains(SENSOR_LINE) => Strange::NoRing,
+        _ => strange(spells),
+    });
     Story {
         printhead: first.printhead.clone(),
         channel: first.channel,
         category: said.category.clone(),
         fault: said.fault.clone(),
-        strange: said.category.is_none().then(|| strange(spells)),
+        strange,
+        looks_like,
         began_at_ns: first.began_at_ns,
+        onset_seen,
         ended_at_ns,
         recordings: recordings.len() as u32,
         cures: inner.iter().filter(|gap| gap.cured).count() as u32,
@@ -215,6 +235,13 @@ fn story(
         certainty: said.certainty,
         spells: spells.to_vec(),
     }
+}
+
+/// The sentence without the channel's name, which stands beside it.
+fn looks_like(said: &Episode) -> Option<String> {
+    let prefix = format!("channel {}: ", said.channel);
+    let words = said.explanation.strip_prefix(&prefix).unwrap_or(&said.explanation);
+    (!words.is_empty()).then(|| words.chars().take(MOST_OF_A_SENTENCE).collect())
 }
 
 fn strange(spells: &[Spell]) -> Strange {
@@ -230,7 +257,6 @@ fn strange(spells: &[Spell]) -> Strange {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::episodes::Episode;
 
     const RATES: fn() -> Rates = || Rates {
         faulty_channels: 6,
@@ -299,6 +325,19 @@ mod tests {
         let weak = vec![spell(0, 0, None, "dried_nozzle")];
         let all = stories(&watched(weak, 1, |t| t % 2 == 0), &RATES());
         assert_eq!(all[0].ended_at_ns, None);
+    }
+
+    #[test]
+    fn what_no_class_explains_keeps_its_words_and_sends_to_the_sensor_line() {
+        let words =
+            "nothing rings, noise alone: a dead sensor line; look at cable, not at the nozzle";
+        let mut on = spell(0, 5, None, "");
+        on.episode.category = None;
+        on.episode.explanation = format!("channel 7: {words}");
+        // its bursts were flagged, but no reason stands with them
+        let all = stories(&watched(vec![on], 1, |t| t >= 5), &RATES());
+        assert_eq!(all[0].looks_like.as_deref(), Some(words));
+        assert_eq!((all[0].strange, all[0].onset_seen), (Some(Strange::NoRing), true));
     }
 
     #[test]

@@ -5,9 +5,9 @@
 use super::map::{HeadMap, class, level, ratio};
 use super::watch::{Spell, Watch};
 use crate::episodes::Episode;
-use crate::verdict::{Outcome, VerdictColumns};
+use crate::verdict::{Outcome, Reason, VerdictColumns};
 use std::collections::{BTreeMap, HashMap};
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 use std::sync::Arc;
 
 /// Printheads that are drawn: those with most episodes, then as they come.
@@ -19,13 +19,31 @@ const MOST_PRINTHEADS: usize = 1 << 12;
 const NOT_WATCHED: u32 = u32::MAX;
 
 /// Signals of one recording and printhead.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Tally {
     pub judged: u64,
     pub flagged: u64,
     pub rejected: u64,
+    /// Of the rejected: no model fits.
+    pub mismatched: u64,
+    /// From the lowest to the highest that was judged.
+    pub channels: RangeInclusive<u32>,
     pub from_ns: Option<i64>,
     pub to_ns: Option<i64>,
+}
+
+impl Default for Tally {
+    fn default() -> Tally {
+        Tally {
+            judged: 0,
+            flagged: 0,
+            rejected: 0,
+            mismatched: 0,
+            channels: u32::MAX..=0,
+            from_ns: None,
+            to_ns: None,
+        }
+    }
 }
 
 impl Tally {
@@ -217,6 +235,8 @@ impl Head {
             tally.judged += u64::from(is_judged);
             tally.flagged += u64::from(flagged);
             tally.rejected += u64::from(!is_judged);
+            let unfit = matches!(c.reason[row], Some(Reason::DesignMismatch | Reason::NoModel));
+            tally.mismatched += u64::from(!is_judged && unfit);
             let Some(place) = place else {
                 left_out += 1;
                 continue;
@@ -229,6 +249,9 @@ impl Head {
                 continue;
             }
             tally.spans(t_ns);
+            let channel = c.channel[row];
+            tally.channels =
+                channel.min(*tally.channels.start())..=channel.max(*tally.channels.end());
             let count = &mut self.channels[place];
             count.judged += 1;
             count.flagged += u64::from(flagged);

@@ -15,13 +15,15 @@ const MOST_FAULTS: usize = 300;
 const MOST_RECORDINGS: usize = 400;
 /// Printheads with a column of their own: those with most faults.
 const MOST_COLUMNS: usize = 12;
+/// Earlier faults of a channel.
+const MOST_BOUTS: usize = 4;
 /// Letters of a recording's damage.
 const MOST_OF_DAMAGE: usize = 200;
 
 /// The cleaning list, or the faults that are over.
 pub fn faults(list: &[&Fault], with_action: bool) -> String {
     let (action, change, last) = match with_action {
-        true => ("<th>do</th>", "<th>change</th>", ""),
+        true => ("<th class=n>urgency</th><th>do</th>", "<th>change</th>", ""),
         false => ("", "", "<th>healthy since (UTC)</th>"),
     };
     let mut text = format!(
@@ -33,14 +35,18 @@ pub fn faults(list: &[&Fault], with_action: bool) -> String {
         let s = &fault.story;
         let (mut action, mut change, mut last): (String, String, String) = Default::default();
         if with_action {
-            action = format!("<td><b>{}</b></td>", escaped(&fault.action));
-            change = format!("<td>{}</td>", or_dash(escaped(&trend_in_words(s))));
+            action = format!(
+                "<td class=n>{:.2}</td><td><b>{}</b></td>",
+                fault.urgency,
+                escaped(&fault.action)
+            );
+            change = format!("<td class=w>{}</td>", or_dash(escaped(&trend_in_words(s))));
         } else {
             last = format!("<td class=t>{}</td>", s.ended_at_ns.map(clock).unwrap_or_default());
         }
         let _ = writeln!(
             text,
-            "<tr><td class=n>{}</td>{}<td class=n>{}</td>{action}<td>{}</td><td>{}</td>{change}\
+            "<tr><td class=n>{}</td>{}<td class=n>{}</td>{action}<td class=w>{}</td><td class=w>{}</td>{change}\
              <td class=t>{}</td><td class=h>{}</td><td class=n>{}</td>{last}</tr>",
             k + 1,
             name_cell(&s.printhead),
@@ -78,6 +84,14 @@ fn history(fault: &Fault) -> String {
         (Some(_), 0) => "",
         (Some(_), _) => "; healthy now",
     };
+    for bout in fault.earlier.iter().rev().take(MOST_BOUTS) {
+        let until = bout.to_ns.map_or(String::new(), |to| format!(" to {}", clock(to)));
+        text += &format!("; before it {} from {}{until}", bout.what, clock(bout.from_ns));
+    }
+    if fault.earlier.len() > MOST_BOUTS {
+        let more = (fault.earlier.len() - MOST_BOUTS) as u64;
+        text += &format!("; and {} more", counted(more, "earlier fault"));
+    }
     text
 }
 

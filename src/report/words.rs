@@ -7,11 +7,6 @@ pub fn clock(t_ns: i64) -> String {
     DateTime::from_timestamp_nanos(t_ns).format("%Y-%m-%d %H:%M:%S").to_string()
 }
 
-/// `01-09 08:00`, UTC.
-pub fn short_clock(t_ns: i64) -> String {
-    DateTime::from_timestamp_nanos(t_ns).format("%m-%d %H:%M").to_string()
-}
-
 /// 1 recording, 2 recordings.
 pub fn counted(n: u64, what: &str) -> String {
     format!("{} {what}{}", thousands(n), if n == 1 { "" } else { "s" })

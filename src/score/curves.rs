@@ -68,6 +68,8 @@ pub struct EventDelay {
     /// Bursts from a fault's first to its first flagged one, median over all faults; `None`: half of
     /// them are not found.
     pub median_bursts: Option<f64>,
+    /// Within which nine of ten faults are found; `None`: they are not.
+    pub most_bursts: Option<f64>,
 }
 
 impl Default for Curves {
@@ -213,6 +215,7 @@ impl Curves {
                 false_alarms: alarms as f64 / healthy,
                 found: delays.len() as f64 / self.events.len().max(1) as f64,
                 median_bursts: delays.get(self.events.len() / 2).copied().map(f64::from),
+                most_bursts: delays.get(self.events.len() * 9 / 10).copied().map(f64::from),
             }
         };
         factors.iter().map(at).collect()

@@ -1,0 +1,181 @@
+//! What a design promises before any data are judged.
+//!
+//! In: its pooled healthy model, its physics. Out: [`Promise`]: of each class the smallest fault that is
+//! found, of each two classes how often they are mistaken for each other. Signals are drawn from what the
+//! design itself believes (the fault's decay by the physics, the spread of healthy channels, white noise)
+//! and judged as any signal is: it tells what the design could do if the world were as it believes.
+
+use super::{Design, DesignError, IsolateSettings, Judge, Workspace};
+use crate::model::faults;
+use crate::model::ring_fit::{Features, RingFitter};
+use crate::score::promise::{Detectable, FOUND, Pair, Promise};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+/// Signals of each class and size.
+const DRAWS: usize = 200;
+/// Sizes of a kind of fault, from none to its largest.
+const SIZES: usize = 40;
+/// Between the last that is not found and the first that is.
+const HALVINGS: usize = 5;
+/// Of them, those of a class that are isolated, at most.
+const ISOLATED_SIZES: usize = 12;
+
+impl Design {
+    /// `None`: it knows no physics, or does not detect by sensitivities.
+    pub fn promise(&self, settings: &IsolateSettings) -> Result<Option<Promise>, DesignError> {
+        let Some(bench) = Bench::new(self, settings)? else { return Ok(None) };
+        let mut promise =
+            Promise { false_alarm_rate: bench.rate(), draws: DRAWS, ..Promise::default() };
+        let mut taken_for = vec![vec![0.0; self.classes.len()]; self.classes.len()];
+        for (k, class) in self.fault_classes().iter().enumerate() {
+            let Some(kind) = faults::one_kind(&class.of) else { continue };
+            let Some(range) = range_of(&class.of) else { continue };
+            let Some(detectable) = bench.detectable(&class.name, kind, range) else { continue };
+            promise.classes.push(detectable);
+            taken_for[k] = bench.taken_for(kind, range, self.classes.len());
+        }
+        let names = self.class_names();
+        for i in 0..names.len() {
+            for j in i + 1..names.len() {
+                let mistaken = 0.5 * (taken_for[i][j] + taken_for[j][i]);
+                let classes = [names[i].clone(), names[j].clone()];
+                promise.pairs.push(Pair { classes, mistaken });
+            }
+        }
+        promise.pairs.sort_by(|a, b| b.mistaken.total_cmp(&a.mistaken));
+        Ok(Some(promise))
+    }
+}
+
+/// From the smallest severity of some classes of one kind to the largest.
+fn range_of(classes: &[String]) -> Option<[f64; 2]> {
+    let ranges = classes.iter().filter_map(|class| faults::severity_range(class));
+    ranges.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)])
+}
+
+/// Draws signals and has them judged.
+struct Bench<'a> {
+    design: &'a Design,
+    judge: Judge,
+    /// N x 3: what a channel's own amplitude, damping and frequency (ln) add, counts.
+    tangent: DMatrix<f64>,
+    /// Root of the channels' spread.
+    spread: Matrix3<f64>,
+    mean: Vector3<f64>,
+    /// Of one sample, counts.
+    noise: f64,
+}
+
+impl<'a> Bench<'a> {
+    fn new(
+        design: &'a Design,
+        settings: &IsolateSettings,
+    ) -> Result<Option<Bench<'a>>, DesignError> {
+        let model = design.pooled.clone();
+        let (Some(physics), Some(sensitivity)) = (&design.physics, &model.sensitivity) else {
+            return Ok(None);
+        };
+        let fitter = RingFitter::new(physics.ring, design.sample_period_s, design.samples);
+        let tangent = fitter.tangent(&Features::HEALTHY).columns(0, 3).into_owned();
+        let spread = Matrix3::from_fn(|i, j| sensitivity.spread[i][j]).symmetric_eigen();
+        let roots = spread.eigenvalues.map(|v| v.max(0.0).sqrt());
+        let (mean, noise) = (Vector3::from(sensitivity.mean), model.noise);
+        let judge = Judge::new(0, model, design.drive_voltage_v, Some(design), settings)?;
+        let spread = spread.eigenvectors * Matrix3::from_diagonal(&roots);
+        Ok(Some(Bench { design, judge, tangent, spread, mean, noise }))
+    }
+
+    fn rate(&self) -> Option<f64> {
+        let detect = &self.design.detect;
+        let by_quantile = detect.threshold == crate::detect::ThresholdMethod::Quantile;
+        by_quantile.then_some(detect.false_alarm_rate)
+    }
+
+    /// Deviations of signals with a fault of that size; the same channels and noise for every size.
+    fn signals(&self, class: &str, severity: f64, n: usize) -> Option<Vec<Vec<f64>>> {
+        let sampling = (self.design.sample_period_s, self.design.samples);
+        let fault = self.design.physics.as_ref()?.deviation(class, severity, sampling)?;
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let signal = |_| {
+            let own = self.mean + self.spread * Vector3::from_fn(|_, _| normal());
+            let of_channel = &self.tangent * DVector::from_column_slice(own.as_slice());
+            let each = fault.iter().zip(of_channel.iter());
+            each.map(|(fault, own)| fault + own + self.noise * normal()).collect()
+        };
+        Some((0..n).map(signal).collect())
+    }
+
+    /// Share of signals that are flagged.
+    fn power(&self, class: &str, severity: f64) -> Option<f64> {
+        let mut work = Workspace::default();
+        let flagged = |deviation: &Vec<f64>| {
+            let found = self.judge.detect(deviation, 1.0, &mut work);
+            self.judge.test(found).is_flagged()
+        };
+        let signals = self.signals(class, severity, DRAWS)?;
+        let flagged = signals.iter().map(flagged).filter(|f| *f).count();
+        Some(flagged as f64 / DRAWS as f64)
+    }
+
+    /// `class`: whose severities they are.
+    fn detectable(&self, name: &str, class: &str, range: [f64; 2]) -> Option<Detectable> {
+        let none = faults::scale(class, faults::no_fault_severity(class)?)?;
+        // one scale for all classes of the kind
+        let most = faults::scale(class, faults::largest(class)?)?;
+        let at = |place: f64| {
+            let severity = faults::severity_at(class, place)?;
+            Some((severity, self.power(class, severity)?))
+        };
+        let place = |k: usize| none + (most - none) * k as f64 / SIZES as f64;
+        let powers: Vec<(f64, f64)> = (1..=SIZES).map(|k| at(place(k))).collect::<Option<_>>()?;
+        // from there on every size is found
+        let first = powers.iter().rposition(|(_, power)| *power < FOUND).map_or(0, |k| k + 1);
+        let smallest = (first < powers.len()).then(|| {
+            let (mut low, mut high) = (place(first), place(first + 1));
+            for _ in 0..HALVINGS {
+                let middle = 0.5 * (low + high);
+                match at(middle).is_some_and(|(_, power)| power >= FOUND) {
+                    true => high = middle,
+                    false => low = middle,
+                }
+            }
+            faults::severity_at(class, high)
+        });
+        let smallest = smallest.flatten();
+        let own: Vec<f64> =
+            powers.iter().filter(|(s, _)| (range[0]..=range[1]).contains(s)).map(|p| p.1).collect();
+        let found = own.iter().sum::<f64>() / own.len().max(1) as f64;
+        Some(Detectable { class: name.into(), range, smallest, found })
+    }
+
+    /// Of the flagged signals of a class, the share that each class is the best of.
+    fn taken_for(&self, class: &str, range: [f64; 2], classes: usize) -> Vec<f64> {
+        let mut best = vec![0.0; classes];
+        let mut work = Workspace::default();
+        let place = |severity: f64| faults::scale(class, severity).unwrap_or(f64::NAN);
+        let (from, to) = (place(range[0]), place(range[1]));
+        let sizes = (0..ISOLATED_SIZES)
+            .map(|k| from + (to - from) * (k as f64 + 0.5) / ISOLATED_SIZES as f64)
+            .filter_map(|place| faults::severity_at(class, place));
+        let mut all = 0.0;
+        for severity in sizes {
+            for deviation in self.signals(class, severity, DRAWS).iter().flatten() {
+                let found = self.judge.detect(deviation, 1.0, &mut work);
+                if !self.judge.test(found).is_flagged() {
+                    continue;
+                }
+                all += 1.0;
+                if self.judge.isolate(deviation, 1.0, &mut work).is_none() {
+                    continue;
+                }
+                let heaviest = work.weights.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
+                heaviest.into_iter().for_each(|(k, _)| best[k] += 1.0);
+            }
+        }
+        best.iter().map(|n| n / f64::max(all, 1.0)).collect()
+    }
+}

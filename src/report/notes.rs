@@ -1,0 +1,110 @@
+//! What is to be known before anything is cleaned: printheads of which most looks faulty at once, printheads
+//! that no model fits, recordings that overlap. In: a survey, its faults, its recordings. Out: sentences.
+
+use super::Source;
+use super::fault::Fault;
+use super::survey::{Head, Survey};
+use super::words::{counted, percent, thousands};
+
+/// Channels do not fail by the third at once: then it is what they share, or the design.
+const MOST_AT_ONCE: f64 = 1.0 / 3.0;
+/// A printhead's channels, at least, that this is said of.
+const FEWEST_CHANNELS: usize = 4;
+/// Pairs of recordings, and printheads, told by name.
+const MOST_NAMED: usize = 3;
+
+pub fn notes(survey: &Survey, faults: &[Fault], sources: &[Source]) -> Vec<String> {
+    let mut notes: Vec<String> = survey.heads.iter().filter_map(not_judged).collect();
+    notes.extend(survey.heads.iter().filter_map(|head| at_once(head, faults)));
+    notes.extend(overlaps(survey, sources));
+    notes
+}
+
+/// A printhead that no model fits.
+fn not_judged(head: &Head) -> Option<String> {
+    let mismatched: u64 = head.tallies.values().map(|t| t.mismatched).sum();
+    let all: u64 = head.tallies.values().map(|t| t.judged + t.rejected).sum();
+    (2 * mismatched > all).then(|| {
+        format!(
+            "{}: {} of its {} were not judged, because no model fits it. Is the design of this \
+             printhead? `inkling train` on its own recordings makes one.",
+            head.name,
+            percent(mismatched, all),
+            counted(all, "signal")
+        )
+    })
+}
+
+/// A printhead of which most looks faulty: not its nozzles.
+fn at_once(head: &Head, faults: &[Fault]) -> Option<String> {
+    let channels = head.channels.len();
+    let on = |f: &&Fault| f.story.printhead == head.name && f.story.ended_at_ns.is_none();
+    let faulty = faults.iter().filter(on).count();
+    let latest = head.tallies.values().max_by_key(|t| t.to_ns)?;
+    let limit = |of: u64| MOST_AT_ONCE * of as f64;
+    let many = faulty as f64 > limit(channels as u64);
+    let flagged = latest.flagged as f64 > limit(latest.judged);
+    (channels >= FEWEST_CHANNELS && (many || flagged)).then(|| {
+        format!(
+            "{}: {} of {} look faulty at once, and {} of its latest signals are flagged. So many nozzles \
+             hardly fail together: before cleaning, see whether the design was made for this printhead, \
+             ink and drive, and whether its cable and amplifier are sound.",
+            head.name,
+            thousands(faulty as u64),
+            counted(channels as u64, "channel"),
+            percent(latest.flagged, latest.judged)
+        )
+    })
+}
+
+/// Recordings that hold the same channels at the same time.
+fn overlaps(survey: &Survey, sources: &[Source]) -> Option<String> {
+    let mut pairs: Vec<(usize, usize)> = Vec::new();
+    let mut heads = 0;
+    for head in &survey.heads {
+        let before = pairs.len();
+        pairs.extend(overlapping(head));
+        heads += u64::from(pairs.len() > before);
+    }
+    pairs.sort_unstable();
+    pairs.dedup();
+    let name = |k: usize| sources.get(k).map_or("", |source| source.name.as_str());
+    let named: Vec<String> = pairs
+        .iter()
+        .take(MOST_NAMED)
+        .map(|&(a, b)| format!("{} and {}", name(a), name(b)))
+        .collect();
+    let more = match pairs.len().saturating_sub(MOST_NAMED) {
+        0 => String::new(),
+        n => format!(", and {} more", counted(n as u64, "pair")),
+    };
+    (!pairs.is_empty()).then(|| {
+        format!(
+            "Recordings overlap in time on {}: {}{more}. What two of them hold counts twice; or a clock \
+             was wrong.",
+            counted(heads, "printhead"),
+            named.join(", ")
+        )
+    })
+}
+
+/// Each recording that begins before an earlier one ends, with that one.
+fn overlapping(head: &Head) -> Vec<(usize, usize)> {
+    let span = |(&k, t): (&usize, &super::survey::Tally)| Some((t.from_ns?, t.to_ns?, k));
+    let mut spans: Vec<(i64, i64, usize)> = head.tallies.iter().filter_map(span).collect();
+    spans.sort_unstable();
+    let mut pairs = Vec::new();
+    for (at, &(from, _, k)) in spans.iter().enumerate() {
+        let shares = |other: usize| {
+            let (a, b) = (&head.tallies[&k].channels, &head.tallies[&other].channels);
+            a.start().max(b.start()) <= a.end().min(b.end())
+        };
+        let earlier = spans[..at].iter().rev().take(MOST_LOOKED_BACK);
+        let of = earlier.clone().find(|(_, to, other)| *to > from && shares(*other));
+        pairs.extend(of.map(|&(_, _, other)| (other.min(k), other.max(k))));
+    }
+    pairs
+}
+
+/// Recordings that may go on side by side.
+const MOST_LOOKED_BACK: usize = 64;

@@ -1,0 +1,124 @@
+//! What a design promises, on the evaluation's page and on a terminal. In: a [`Promise`]. Out: markup, text.
+
+use super::words::counted;
+use crate::fault;
+use crate::plot::page::name;
+use crate::score::promise::{Detectable, FOUND, Pair, Promise};
+use std::fmt::Write as _;
+use std::io::{self, Write};
+
+/// Pairs that are mistaken for each other in fewer of their signals are told apart.
+const APART: f64 = 0.01;
+/// Pairs told one by one.
+const MOST_PAIRS: usize = 20;
+
+/// A size in the contract's unit.
+fn size(severity: f64) -> String {
+    format!("{severity:.3}")
+}
+
+/// What is found of a class.
+fn smallest(d: &Detectable) -> String {
+    match d.smallest {
+        Some(smallest) if smallest <= d.range[0] => "all of its sizes".into(),
+        Some(smallest) => size(smallest),
+        None => "none of its sizes".into(),
+    }
+}
+
+/// Pairs that are mistaken for each other, and how many are not.
+fn confused(promise: &Promise) -> (Vec<&Pair>, usize) {
+    let confused: Vec<&Pair> = promise.pairs.iter().filter(|p| p.mistaken >= APART).collect();
+    let apart = promise.pairs.len() - confused.len();
+    (confused, apart)
+}
+
+fn basis(promise: &Promise) -> String {
+    let rate = promise.false_alarm_rate.map_or(String::new(), |rate| {
+        format!(" at a threshold meant for {rate} of the healthy signals")
+    });
+    format!(
+        "From the design alone, before any data are judged{rate}: signals drawn from its own physics, healthy \
+         spread and noise ({} of each size) are judged as any signal is. It says what the design could do if \
+         channels were as it believes.",
+        promise.draws
+    )
+}
+
+pub fn html(promise: &Promise) -> String {
+    let mut text = format!(
+        "<h2>What the design promises</h2>\n<p class=\"note\">{}</p>\n<h3>Detectability: the smallest fault \
+         that is found in {:.0} % of its signals</h3>\n<div class=\"wide\"><table><tr><th>class</th><th>in \
+         words</th><th>size is</th><th class=n>sizes of the class</th><th class=n>smallest found</th>\
+         <th class=n>signals found, all sizes</th></tr>\n",
+        basis(promise),
+        100.0 * FOUND
+    );
+    for d in &promise.classes {
+        let _ = writeln!(
+            text,
+            "<tr><td>{}</td><td>{}</td><td>{}</td><td class=n>{} to {}</td><td class=n>{}</td>\
+             <td class=n>{:.1} %</td></tr>",
+            name(&d.class),
+            name(fault::in_words(&d.class)),
+            name(fault::quantity(&d.class)),
+            size(d.range[0]),
+            size(d.range[1]),
+            smallest(d),
+            100.0 * d.found
+        );
+    }
+    let (confused, apart) = confused(promise);
+    let _ = writeln!(
+        text,
+        "</table></div>\n<h3>Isolability: classes that are mistaken for each other</h3>\n<p class=\"note\">Of \
+         the flagged signals of the one the share whose best class is the other, mean of both ways; classes \
+         of one kind (blocked and partly blocked, the three degrees of drying) differ by size alone. The other \
+         {} are told apart: mistaken in fewer than {:.0} %.</p>",
+        counted(apart as u64, "pair"),
+        100.0 * APART
+    );
+    if !confused.is_empty() {
+        text += "<table><tr><th>classes</th><th class=n>mistaken</th></tr>\n";
+        for pair in confused.iter().take(MOST_PAIRS) {
+            let [a, b] = pair.classes.each_ref().map(|class| name(class));
+            let mistaken = 100.0 * pair.mistaken;
+            let _ = writeln!(text, "<tr><td>{a} and {b}</td><td class=n>{mistaken:.1} %</td></tr>");
+        }
+        text += "</table>\n";
+    }
+    text
+}
+
+/// `printable`: at most so many letters of a text, as the terminal may show them.
+pub fn print(
+    promise: &Promise,
+    printable: impl Fn(&str, usize) -> String,
+    out: &mut impl Write,
+) -> io::Result<()> {
+    writeln!(out, "what the design promises")?;
+    writeln!(out, "  {}", basis(promise))?;
+    writeln!(
+        out,
+        "  {:<8} {:>17} {:>18} {:>14}  size is",
+        "class", "sizes of it", "smallest found", "signals found"
+    )?;
+    for d in &promise.classes {
+        let range = format!("{} to {}", size(d.range[0]), size(d.range[1]));
+        writeln!(
+            out,
+            "  {:<8} {range:>17} {:>18} {:>12.1} %  {}",
+            printable(&d.class, 24),
+            smallest(d),
+            100.0 * d.found,
+            printable(fault::quantity(&d.class), 64)
+        )?;
+    }
+    let (confused, apart) = confused(promise);
+    for pair in confused.iter().take(MOST_PAIRS) {
+        let [a, b] = pair.classes.each_ref().map(|class| printable(class, 24));
+        writeln!(out, "  {a} and {b}: mistaken for each other in {:.1} %", 100.0 * pair.mistaken)?;
+    }
+    let apart = counted(apart as u64, "pair");
+    writeln!(out, "  {apart} of classes are told apart (mistaken in fewer than 1 %)")
+}
