@@ -206,22 +206,31 @@ pub const CHANGED: &str = "it was changed while it was read; replay it again";
 
 /// An error in words of our own: those of a library hold addresses, and signatures in them.
 pub fn failed(e: Error) -> io::Error {
-    let code = code(&e.to_string());
-    let (kind, what) = match &e {
-        Error::NotFound { .. } => (ErrorKind::NotFound, "no such object (404)".into()),
-        Error::PermissionDenied { .. } => {
+    let text = e.to_string();
+    let status = text.split("status code: ").nth(1).and_then(|s| s.split([':', ' ']).next());
+    let (kind, what) = match (&e, status) {
+        (Error::Precondition { .. }, _) => return io::Error::new(ErrorKind::InvalidData, CHANGED),
+        (Error::NotFound { .. }, _) | (_, Some("404")) => {
+            (ErrorKind::NotFound, "no such object, or no such bucket (404)".into())
+        }
+        (Error::PermissionDenied { .. }, _) | (_, Some("403")) => {
             let what = "access denied (403): these credentials do not allow it";
             (ErrorKind::PermissionDenied, what.into())
         }
-        Error::Unauthenticated { .. } => {
+        (Error::Unauthenticated { .. }, _) | (_, Some("401")) => {
             let what = "access denied (401): the credentials are wrong or out of date";
             (ErrorKind::PermissionDenied, what.into())
         }
-        Error::Precondition { .. } => (ErrorKind::InvalidData, CHANGED.into()),
-        other => (ErrorKind::Other, root(other)),
+        (_, Some(status)) => (ErrorKind::Other, format!("the server answers {status}")),
+        (other, None) => (ErrorKind::Other, format!("the request failed: {}", root(other))),
     };
+    let code = code(&text);
     let what = if code.is_empty() { what } else { format!("{what}, {code}") };
-    io::Error::new(kind, what)
+    let tried = kind == ErrorKind::Other && text.contains("retries");
+    io::Error::new(
+        kind,
+        if tried { format!("{what}; tried {} times at most", MOST_TRIES + 1) } else { what },
+    )
 }
 
 /// What all began with.
@@ -230,19 +239,10 @@ fn root(e: &Error) -> String {
     while let Some(source) = last.source() {
         last = source;
     }
-    let text = e.to_string();
-    let status = text.split("status code: ").nth(1).map(|s| s.split(':').next().unwrap_or(s));
-    let what = match status {
-        Some(status) => format!("the server answers {}", status.trim()),
-        None => last.to_string(),
-    };
     // a query may hold a signature
+    let what = last.to_string();
     let words: Vec<&str> = what.split(' ').map(|w| w.split('?').next().unwrap_or(w)).collect();
-    let words: String = words.join(" ").chars().take(MOST_WORDS).collect();
-    match text.contains("retries") {
-        true => format!("{words}; tried {} times at most", MOST_TRIES + 1),
-        false => words,
-    }
+    words.join(" ").chars().take(MOST_WORDS).collect()
 }
 
 /// The one word of a server's answer that helps and tells nothing.
@@ -263,9 +263,9 @@ mod tests {
             failed(Error::Generic { store: "S3", source }).to_string()
         };
         let denied = said("status code: 500 Oops: <Code>Slow</Code><Key>AKIA</Key>");
-        assert_eq!(denied, "the server answers 500 Oops, Slow");
+        assert_eq!(denied, "the server answers 500, Slow");
         let query = said("sending to https://x/y?sig=SECRET&a=b failed");
-        assert_eq!(query, "sending to https://x/y failed");
+        assert_eq!(query, "the request failed: sending to https://x/y failed");
     }
 
     #[test]

@@ -4,10 +4,11 @@ use super::store::{Place, failed, runtime};
 use crate::io::stamp::Stamp;
 use bytes::Bytes;
 use futures_util::TryStreamExt;
-use object_store::{ObjectMeta, ObjectStore, ObjectStoreExt, WriteMultipart};
+use object_store::{MultipartUpload, ObjectMeta, ObjectStore, ObjectStoreExt};
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use tokio::task::{JoinError, JoinSet};
 
 /// What is sent at once: larger objects go in such parts.
 const PART_BYTES: usize = 8 << 20;
@@ -63,32 +64,53 @@ pub fn send(file: &File, path: &Path) -> io::Result<()> {
     let Place { store, key, .. } = Place::of(path)?;
     let mut file = file.try_clone()?;
     file.seek(SeekFrom::Start(0))?;
-    let mut part = || {
-        let mut bytes = Vec::new();
-        Read::by_ref(&mut file).take(PART_BYTES as u64).read_to_end(&mut bytes)?;
-        Ok::<_, io::Error>(Bytes::from(bytes))
-    };
     runtime()?.block_on(async {
-        let first = part()?;
+        let first = next_part(&mut file)?;
         if first.len() < PART_BYTES {
             return store.put(&key, first.into()).await.map(drop).map_err(failed);
         }
-        let upload = store.put_multipart(&key).await.map_err(failed)?;
-        let mut upload = WriteMultipart::new_with_chunk_size(upload, PART_BYTES);
-        let mut next = first;
-        while !next.is_empty() {
-            upload.put(next);
-            let sent = upload.wait_for_capacity(MOST_PARTS).await.map_err(failed);
-            next = match sent.and_then(|()| part()) {
-                Ok(bytes) => bytes,
-                Err(e) => {
-                    let _ = upload.abort().await; // the first error is told
-                    return Err(e);
-                }
-            };
+        let mut upload = store.put_multipart(&key).await.map_err(failed)?;
+        let sent = match send_parts(&mut *upload, first, &mut file).await {
+            Ok(()) => upload.complete().await.map(drop).map_err(failed),
+            e => e,
+        };
+        if sent.is_err() {
+            let _ = upload.abort().await; // the first error is told
         }
-        upload.finish().await.map(drop).map_err(failed)
+        sent
     })
+}
+
+fn next_part(file: &mut File) -> io::Result<Bytes> {
+    let mut bytes = Vec::new();
+    Read::by_ref(file).take(PART_BYTES as u64).read_to_end(&mut bytes)?;
+    Ok(bytes.into())
+}
+
+async fn send_parts(
+    upload: &mut dyn MultipartUpload,
+    first: Bytes,
+    file: &mut File,
+) -> io::Result<()> {
+    let arrived = |part: Result<object_store::Result<()>, JoinError>| match part {
+        Ok(part) => part.map_err(failed),
+        Err(e) => Err(io::Error::other(e)),
+    };
+    let mut under_way = JoinSet::new();
+    let mut part = first;
+    while !part.is_empty() {
+        under_way.spawn(upload.put_part(part.into()));
+        if under_way.len() >= MOST_PARTS
+            && let Some(part) = under_way.join_next().await
+        {
+            arrived(part)?;
+        }
+        part = next_part(file)?;
+    }
+    while let Some(part) = under_way.join_next().await {
+        arrived(part)?;
+    }
+    Ok(())
 }
 
 pub fn remove(path: &Path) -> io::Result<()> {
