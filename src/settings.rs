@@ -9,6 +9,7 @@ use crate::identify::GreyBoxSettings;
 use crate::io::dialect::Dialects;
 use crate::io::dialect::settings::Dialect;
 use crate::io::layout::Layout;
+use crate::io::objects::in_object_store;
 use crate::io::{printable, regular_file};
 use crate::model::Geometry;
 use crate::report::ReportSettings;
@@ -197,6 +198,7 @@ impl Settings {
         overrides: &[String],
     ) -> Result<Settings, SettingsError> {
         let mut table = Table::new();
+        let mut of_file = None;
         if let Some(path) = file {
             let text = regular_file::read_text(path, regular_file::MOST_SETTINGS_BYTES)
                 .map_err(|source| SettingsError::Unreadable { path: path.into(), source })?;
@@ -214,6 +216,7 @@ impl Settings {
                     section.insert(key.into(), value);
                 }
             }
+            of_file = rooted.check().err().map(|what| (path, what));
         }
         if let Some(preset) = preset {
             for (key, value) in preset.overrides() {
@@ -239,7 +242,13 @@ impl Settings {
             (guess.a_per_s2, guess.b_per_s2) = (rates.a_per_s2, rates.b_per_s2);
             (guess.g_per_s, guess.d_per_s) = (rates.g_per_s, rates.d_per_s);
         }
-        settings.check().map_err(|message| SettingsError::Invalid { place, message })?;
+        settings.check().map_err(|message| match of_file {
+            // what is wrong without any override is the file's
+            Some((path, what)) if what == message => {
+                SettingsError::invalid(path.display().to_string(), message)
+            }
+            _ => SettingsError::Invalid { place, message },
+        })?;
         Ok(settings)
     }
 
@@ -295,7 +304,7 @@ impl Settings {
     /// Relative paths are relative to `dir`.
     fn rooted_at(mut self, dir: &Path) -> Settings {
         let root = |path: &mut String| {
-            if !path.is_empty() {
+            if !path.is_empty() && !in_object_store(Path::new(path.as_str())) {
                 *path = dir.join(&path).to_string_lossy().into_owned();
             }
         };

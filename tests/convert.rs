@@ -71,6 +71,12 @@ fn bad_tables_are_refused_and_leave_no_recording() {
     house.run("convert missing.csv -o t.mcap").exits(1).says("missing.csv");
     house.write("t.csv", "t,y\n0,1\n1,2\n2,1\n3,5\n");
     house.run("convert t.csv -o t.csv").exits(2).says("overwrite");
+    house
+        .run("convert t.csv -o t.mcap")
+        .exits(0)
+        .says("nothing says when: the first burst is put at");
+    let told = house.run("convert t.csv -o t.mcap --start 2026-11-01T08:00:00Z").exits(0);
+    assert!(!told.stdout().contains("nothing says when"), "{}", told.stdout());
     house.run("convert t.csv -o t.mcap --start yesterday").exits(2).says("yesterday");
     house
         .run("convert t.csv -o t.mcap --outputs z")

@@ -81,6 +81,8 @@ fn each_outside_crate_has_one_door() {
         ("plotters", &["plot"]),
         ("png", &["plot"]),
         ("base64", &["plot", "io"]),
+        ("object_store", &["io"]),
+        ("tokio", &["io"]),
         ("clarabel", &["identify", "isolate", "detect"]),
     ];
     let mut files = Vec::new();

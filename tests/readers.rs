@@ -89,7 +89,7 @@ fn foreign(path: &Path) {
     }
     let dialects = settings.input.dialects();
     let Ok(recording) = Recording::open_with(path, Limits::default(), &dialects) else { return };
-    drop(recording.dialects_used());
+    drop(recording.dialects_used(1));
     blocks(&recording);
 }
 

@@ -18,6 +18,7 @@ use crate::io::inputs::Input;
 use crate::io::journal::{Entry, JournalWriter, Link, Means, Outcome};
 use crate::io::printable;
 use crate::io::recording::Recording;
+use crate::io::stored;
 use crate::pipeline::resume::{self, Decision, Why};
 use crate::pipeline::{self, Control, PipelineError, RecordingReport, Replay};
 use serde_json::{Value, json};
@@ -114,7 +115,7 @@ impl Batch<'_> {
         let verdicts = self.account.rows.iter().filter_map(|row| row.verdicts.as_ref());
         let inputs: Vec<Input> = verdicts
             .map(|name| Input { path: self.out.join(name), below: PathBuf::new() })
-            .filter(|input| input.path.is_file())
+            .filter(|input| stored::is_file(&input.path))
             .collect();
         if inputs.len() < 2 {
             return Ok(());
@@ -211,7 +212,7 @@ impl Batch<'_> {
             prepared = Some(next);
         }
         for file in resume::files(&report.verdicts) {
-            let _ = std::fs::remove_file(stale(&file)); // what was set aside is replaced
+            let _ = stored::remove(&stale(&file)); // what was set aside is replaced
         }
         let entry = this.judged(self.means, &report, baseline);
         self.append(&entry)?;
@@ -228,9 +229,9 @@ impl Batch<'_> {
     fn annotate(&mut self, verdicts: &Path, anew: bool) -> Result<Option<PathBuf>, Stop> {
         let path = annotation_writer::path_beside(verdicts);
         if anew {
-            let _ = std::fs::remove_file(&path); // mostly there is none
+            let _ = stored::remove(&path); // mostly there is none
         }
-        if !self.annotate || path.is_file() {
+        if !self.annotate || stored::is_file(&path) {
             return Ok(None);
         }
         annotate::annotate(verdicts).map_err(Stop::broken)?;
@@ -343,8 +344,8 @@ impl Batch<'_> {
 
     /// Verdicts of an earlier state of a recording that fails now do not look current.
     fn set_aside(&self, verdicts: &Path) {
-        for file in resume::files(verdicts).iter().rev().filter(|file| file.is_file()) {
-            if let Err(e) = std::fs::rename(file, stale(file)) {
+        for file in resume::files(verdicts).iter().rev().filter(|file| stored::is_file(file)) {
+            if let Err(e) = stored::rename(file, &stale(file)) {
                 let file = file.display();
                 self.progress.fail(&format!("inkling: {file}: out of date, and stays: {e}"));
             }

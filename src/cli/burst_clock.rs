@@ -22,13 +22,25 @@ pub struct BurstClock {
     free_from_ns: f64,
     /// Bursts that were put after the one before them.
     pub moved: usize,
+    /// Bursts without a time of their own.
+    untimed: u64,
+    absolute: bool,
 }
 
 impl BurstClock {
     pub fn new(start_ns: Option<i64>, every_s: Option<f64>) -> BurstClock {
         let every_ns = every_s.map(|s| s * 1e9);
         let free_from_ns = f64::NEG_INFINITY;
-        BurstClock { start_ns, every_ns, first_ns: None, given: 0, free_from_ns, moved: 0 }
+        BurstClock {
+            start_ns,
+            every_ns,
+            first_ns: None,
+            given: 0,
+            free_from_ns,
+            moved: 0,
+            untimed: 0,
+            absolute: false,
+        }
     }
 
     /// The next burst: when it began, as written, and how long it and one of its samples are, ns.
@@ -37,9 +49,11 @@ impl BurstClock {
         let first_ns = *self.first_ns.get_or_insert(time_ns.unwrap_or(0.0));
         let number = self.given as f64;
         self.given += 1;
+        self.untimed += u64::from(time_ns.is_none());
         if let (None, Some(t), None) = (self.every_ns, time_ns, self.start_ns)
             && first_ns >= ABSOLUTE_NS
         {
+            self.absolute = true;
             return later(0, t);
         }
         let start_ns = self.start_ns.unwrap_or(SOME_START_NS);
@@ -59,20 +73,48 @@ impl BurstClock {
     }
 }
 
+impl BurstClock {
+    /// Nothing said when the first burst was.
+    pub fn invented(&self) -> bool {
+        self.start_ns.is_none() && !self.absolute && self.given > 0
+    }
+
+    /// Nothing said when a burst was after the one before it.
+    pub fn in_a_row(&self) -> bool {
+        self.every_ns.is_none() && self.untimed > 1
+    }
+}
+
 fn later(start_ns: i64, after_ns: f64) -> Option<i64> {
     let good = (0.0..LATEST_NS).contains(&(start_ns as f64 + after_ns));
     good.then(|| start_ns + after_ns.round() as i64)
 }
 
-/// The first date and time in a file's name, UTC: `20261101T080000`, `2026-11-01_08-00-00`, `20261101`.
-pub fn time_in_name(name: &str) -> Option<i64> {
-    let starts = name.char_indices().filter(|(_, c)| c.is_ascii_digit()).map(|(at, _)| at);
-    starts
-        .filter(|at| !name[..*at].ends_with(|c: char| c.is_ascii_digit()))
-        .find_map(|at| date_time(&name.as_bytes()[at..]))
+/// A date and time in a file's name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TimeInName {
+    /// UTC, since the epoch.
+    pub ns: i64,
+    /// The name without it, or whole where nothing else is in it.
+    pub without: String,
 }
 
-fn date_time(mut text: &[u8]) -> Option<i64> {
+/// The first date and time in a file's name, UTC: `20261101T080000`, `2026-11-01_08-00-00`, `20261101`.
+pub fn time_in_name(name: &str) -> Option<TimeInName> {
+    let starts = name.char_indices().filter(|(_, c)| c.is_ascii_digit()).map(|(at, _)| at);
+    starts.filter(|at| !name[..*at].ends_with(|c: char| c.is_ascii_digit())).find_map(|at| {
+        let (ns, rest) = date_time(&name.as_bytes()[at..])?;
+        let between = |c: char| "-_. ".contains(c);
+        let (before, after) = (&name[..at], &name[name.len() - rest.len()..]);
+        let parts = [before.trim_end_matches(between), after.trim_matches(between)];
+        let parts: Vec<&str> = parts.into_iter().filter(|part| !part.is_empty()).collect();
+        let without = if parts.is_empty() { name.to_owned() } else { parts.join("_") };
+        Some(TimeInName { ns, without })
+    })
+}
+
+/// And what stands behind it.
+fn date_time(mut text: &[u8]) -> Option<(i64, &[u8])> {
     let mut digits = |n: usize, separators: &[u8]| -> Option<u32> {
         if let [first, rest @ ..] = text
             && separators.contains(first)
@@ -92,7 +134,9 @@ fn date_time(mut text: &[u8]) -> Option<i64> {
     let [hour, minute] = time().unwrap_or([0, 0]);
     let second = digits(2, b"-_:.").unwrap_or(0);
     let at: DateTime<chrono::Utc> = date.and_hms_opt(hour, minute, second)?.and_utc();
-    at.timestamp_nanos_opt().filter(|ns| (0.0..LATEST_NS).contains(&(*ns as f64)))
+    let ns = at.timestamp_nanos_opt().filter(|ns| (0.0..LATEST_NS).contains(&(*ns as f64)))?;
+    // after the seconds a zone that is UTC
+    Some((ns, text.strip_prefix(b"Z").unwrap_or(text)))
 }
 
 #[cfg(test)]
@@ -133,13 +177,16 @@ mod tests {
         let at = |text: &str| {
             DateTime::parse_from_rfc3339(text).ok().and_then(|t| t.timestamp_nanos_opt())
         };
-        for (name, time) in [
-            ("K1_20261101T080003", "2026-11-01T08:00:03Z"),
-            ("2026-11-01_08-00-03 night", "2026-11-01T08:00:03Z"),
-            ("run12_2026-11-01T08:00", "2026-11-01T08:00:00Z"),
-            ("head 20261101", "2026-11-01T00:00:00Z"),
+        for (name, time, without) in [
+            ("K1_20261101T080003", "2026-11-01T08:00:03Z", "K1"),
+            ("2026-11-01_08-00-03 night", "2026-11-01T08:00:03Z", "night"),
+            ("run12_2026-11-01T08:00", "2026-11-01T08:00:00Z", "run12"),
+            ("head 20261101", "2026-11-01T00:00:00Z", "head"),
+            ("K1-20261101T080003Z-cold", "2026-11-01T08:00:03Z", "K1_cold"),
+            ("20261101", "2026-11-01T00:00:00Z", "20261101"),
         ] {
-            assert_eq!(time_in_name(name), at(time), "{name}");
+            let found = time_in_name(name).unwrap();
+            assert_eq!((Some(found.ns), &*found.without), (at(time), without), "{name}");
             assert!(at(time).is_some());
         }
         for name in ["night", "12345", "99999999", "20261301", ""] {

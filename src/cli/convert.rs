@@ -72,7 +72,7 @@ pub struct Args {
     /// Sample period: seconds, or a column
     #[arg(long, allow_negative_numbers = true, value_name = "S|COLUMN")]
     period_s: Option<String>,
-    /// Whose bursts they are [default: the file's name]
+    /// Whose bursts they are [default: the file's name, with --start name without its time]
     #[arg(long, value_name = "NAME")]
     printhead: Option<String>,
     /// Number of the first channel
@@ -221,6 +221,15 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         }
         None => {}
     }
+    if clock.invented() {
+        writeln!(out, "  nothing says when: the first burst is put at {SOME_START} (--start)")?;
+    }
+    if clock.in_a_row() {
+        writeln!(
+            out,
+            "  nothing says when bursts begin: put one after the other without a gap (--time, --every)"
+        )?;
+    }
     if clock.moved > 0 {
         writeln!(
             out,
@@ -237,7 +246,12 @@ impl Args {
             Some(name) => name.clone(),
             None => {
                 let stem = self.table.file_stem().unwrap_or_default().to_string_lossy();
-                return Ok(stem.chars().take(LONGEST_NAME).collect());
+                let start = self.start.as_deref();
+                let name = match time_in_name(&stem).filter(|_| start == Some("name")) {
+                    Some(time) => time.without,
+                    None => stem.into_owned(),
+                };
+                return Ok(name.chars().take(LONGEST_NAME).collect());
             }
         };
         match name.is_empty() || name.chars().count() > LONGEST_NAME {
@@ -281,7 +295,7 @@ fn start_ns(args: &Args) -> Result<Option<i64>, Failure> {
                 "--start name: there is no time such as 20261101T080000 or 2026-11-01_08-00-00 in {stem:?}"
             ))
         })?;
-        return Ok(Some(found));
+        return Ok(Some(found.ns));
     }
     chrono::DateTime::parse_from_rfc3339(text)
         .ok()
@@ -298,7 +312,7 @@ fn start_ns(args: &Args) -> Result<Option<i64>, Failure> {
 fn same_file(a: &Path, b: &Path) -> bool {
     match (a.canonicalize(), b.canonicalize()) {
         (Ok(a), Ok(b)) => a == b,
-        _ => false,
+        _ => a == b,
     }
 }
 

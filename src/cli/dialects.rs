@@ -55,7 +55,7 @@ pub fn checked(settings: &Settings, inputs: &[Input]) -> Result<Dialects, Failur
 
 fn look(path: &Path, dialects: &Dialects) -> Result<(Recording, Vec<usize>, bool), RecordingError> {
     let recording = Recording::open_with(path, Limits::default(), dialects)?;
-    let used = recording.dialects_used()?;
+    let used = recording.dialects_used(dialects.len())?;
     Ok((recording, used.numbers, used.all))
 }
 

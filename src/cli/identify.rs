@@ -10,7 +10,7 @@ use crate::identify::averaging::{self, MeanSignal, SignalSet};
 use crate::identify::grey_box::{self, Identification};
 use crate::identify::whiteness::{self, Whiteness};
 use crate::io::recording::Recording;
-use crate::io::{Limits, inputs, labels_file, part_file};
+use crate::io::{Limits, inputs, labels_file, outputs, part_file};
 use crate::model::Geometry;
 use crate::pipeline::collect::Collector;
 use crate::plot::{Axis, Figure, Mark, Series};
@@ -52,6 +52,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
     effect::check(&args.set, &settings, Command::Identify)?;
     let labels = args.labels.as_deref().map(labels_file::read).transpose().map_err(Failure::new)?;
+    if let Some(dir) = &args.plot {
+        outputs::check_directory(dir).map_err(Failure::usage)?;
+    }
     let inputs = inputs::find_recordings(&args.recordings).map_err(Failure::new)?;
     let dialects = dialects::checked(&settings, &inputs)?;
     let control = interruptible();

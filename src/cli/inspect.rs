@@ -1,6 +1,7 @@
 //! `inkling inspect`: what is in recordings, whether they are whole, and how to read what is not ours.
 
 use super::contents::{Contents, MOST_ROWS};
+use super::dialects;
 use super::exit::{Exit, Failure};
 use super::output;
 use super::progress::{Progress, interruptible, thousands};
@@ -38,7 +39,13 @@ pub struct Args {
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &[])?;
     let inputs = inputs::find_recordings(&args.recordings).map_err(Failure::new)?;
-    let dialects = settings.input.dialects();
+    let dialects = dialects::checked(&settings, &inputs)?;
+    if let Some(file) = args.config.filter(|_| dialects.is_empty()) {
+        return Err(Failure::usage(format!(
+            "--config {}: there is no [[input.dialect]] in it, and nothing else of it has an effect here",
+            file.display()
+        )));
+    }
     let control = interruptible();
     let progress = Progress::new(inputs.len(), 0);
     let mut exit = Exit::Done;

@@ -4,7 +4,7 @@ use super::account::Row;
 use super::notes;
 use super::plan::Planned;
 use crate::io::journal::{self, Entry, Link, Means, Outcome, Results, Source, Stamp};
-use crate::io::printable;
+use crate::io::{printable, stored};
 use crate::pipeline::RecordingReport;
 use crate::pipeline::resume::{self, Decision};
 use serde_json::{Value, json};
@@ -15,7 +15,7 @@ const MOST_OF_A_REASON: usize = 300;
 
 impl Planned {
     pub fn judged(&self, by: &Means, report: &RecordingReport, baseline: Option<Link>) -> Entry {
-        let size = |file: PathBuf| file.metadata().map_or(0, |metadata| metadata.len());
+        let size = |file: PathBuf| stored::bytes(&file);
         let bytes = resume::files(&report.verdicts).map(size).to_vec();
         Entry {
             version: journal::VERSION,

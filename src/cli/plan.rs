@@ -10,7 +10,7 @@ use crate::io::inputs::{Input, InputsError};
 use crate::io::journal::{Entry, Journal, Link, Outcome, Stamp};
 use crate::io::layout::{self, Layout, Placed};
 use crate::io::recording::Recording;
-use crate::io::{Limits, digest, part_file};
+use crate::io::{Limits, digest, part_file, stored};
 use crate::pipeline::chain;
 use crate::pipeline::resume::{Decision, Resume, Why};
 use crate::pipeline::{self, Control, PipelineError};
@@ -36,7 +36,7 @@ pub fn place(
     dialects: &Dialects,
 ) -> Vec<Placed> {
     let day = |path: &Path, source: &str| {
-        let stamp = path.metadata().ok().map(|metadata| Stamp::of(&metadata));
+        let stamp = stored::stamp(path).ok();
         let known = journal.of_recording(source).map(|entry| &entry.recording);
         let day_then = known.and_then(|of| of.day.clone());
         match known {
@@ -156,7 +156,7 @@ impl Planner<'_> {
     }
 
     fn digest(&self, path: &Path) -> Result<Option<String>, Failure> {
-        let (name, bytes) = (path.to_string_lossy(), path.metadata().map_or(0, |m| m.len()));
+        let (name, bytes) = (path.to_string_lossy(), stored::bytes(path));
         self.control.bytes_read.store(0, Ordering::Relaxed);
         let check = |n| {
             self.control.bytes_read.fetch_add(n, Ordering::Relaxed);
@@ -192,7 +192,7 @@ fn broken_chain(first: &Planned) -> Failure {
 impl Planned {
     /// Of the file as it lies there.
     pub fn stamp(&self) -> Option<Stamp> {
-        self.placed.input.path.metadata().ok().map(|metadata| Stamp::of(&metadata))
+        stored::stamp(&self.placed.input.path).ok()
     }
 
     pub fn is_to_be_judged(&self) -> bool {

@@ -129,7 +129,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = settings(&args)?;
     let found = inputs::find_each_recording(&settings.input.recordings).map_err(Failure::new)?;
     let out = PathBuf::from(&settings.output.dir);
-    outputs::check_directory(&out).map_err(Failure::new)?;
+    outputs::check_place(&out).map_err(Failure::new)?;
     let journal = || Journal::read(&out).map_err(|e| unreadable(&out, e));
     let dialects = dialects::checked(&settings, &found.inputs)?;
     let placed = plan::place(found.inputs, settings.output.layout, &journal()?, &dialects);

@@ -5,7 +5,7 @@ use super::progress::Progress;
 use crate::io::inputs::Input;
 use crate::io::verdict_reader::VerdictReader;
 use crate::io::verdict_table::TableError;
-use crate::io::{episode_table, summary_file};
+use crate::io::{episode_table, stored, summary_file};
 use crate::pipeline::Control;
 use crate::report::{Names, Report, ReportSettings, Source, Survey};
 use crate::verdict::VerdictColumns;
@@ -85,7 +85,7 @@ pub fn read(
         files.push(input.path.as_path());
     }
     let mut survey = Survey::new(episodes, with_maps);
-    let bytes = files.iter().filter_map(|f| f.metadata().ok()).map(|m| m.len()).sum();
+    let bytes = files.iter().map(|file| stored::bytes(file)).sum();
     progress.during("verdicts", bytes, control, || {
         let (send, receive) = sync_channel(READ_AHEAD);
         std::thread::scope(|scope| {
@@ -215,7 +215,7 @@ fn read_all(files: &[&Path], control: &Control, send: &SyncSender<Result<Batch, 
                 return;
             }
         }
-        let bytes = file.metadata().map_or(0, |m| m.len());
+        let bytes = stored::bytes(file);
         control.bytes_read.fetch_add(bytes, Ordering::Relaxed);
         if control.interrupted() {
             return;

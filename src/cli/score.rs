@@ -9,7 +9,8 @@ use crate::fault::{HEALTHY, category};
 use crate::io::truth_file::Seal;
 use crate::io::verdict_reader::VerdictReader;
 use crate::io::{
-    design_file, episode_table, inputs, labels_file, outputs, printable, regular_file, truth_file,
+    design_file, episode_table, inputs, labels_file, outputs, printable, regular_file, stored,
+    truth_file,
 };
 use crate::labels::{Label, Labels};
 use crate::score::blind::{Blind, Said as SaidCritique, True};
@@ -102,7 +103,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             score.set_bound(bound);
         }
         let beside = episode_table::path_beside(&file.path);
-        let has_episodes = beside.is_file();
+        let has_episodes = stored::is_file(&beside);
         if has_episodes {
             add_episodes(&beside, &labels, &mut episodes)?;
             any_episodes = true;

@@ -92,6 +92,11 @@ impl BlockReader {
         (0..=u16::MAX).filter_map(|id| self.met.dialect_of(id)).collect()
     }
 
+    /// Channels of dialects that had a message so far, if they were counted.
+    pub(super) fn foreign_seen(&self) -> usize {
+        self.census.as_ref().map_or(0, Census::foreign)
+    }
+
     /// What went by so far, if it was counted.
     pub fn census(self) -> Option<Census> {
         self.census

@@ -160,6 +160,12 @@ impl Census {
         seen.last_ns = seen.last_ns.max(header.log_time);
     }
 
+    /// Channels with messages that a dialect fits.
+    pub(super) fn foreign(&self) -> usize {
+        let fits = |seen: &Seen| matches!(seen.becomes, Becomes::Foreign(_) | Becomes::Unread(_));
+        self.channels.values().filter(|(_, seen)| fits(seen)).count()
+    }
+
     /// Channel by channel, in the order of their topics.
     pub fn channels(self) -> Vec<Seen> {
         let Census { schemas, channels, .. } = self;

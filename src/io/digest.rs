@@ -7,11 +7,9 @@ use super::Limits;
 use super::block_reader::{bytes_to_read, records_of};
 use super::buffers::Buffers;
 use super::recording::{Damage, RecordingError};
-use super::regular_file;
 use super::scan::{Block, BlockKind};
 use super::source::Source;
 use bytes::Bytes;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -28,17 +26,19 @@ pub fn of_file<E: From<std::io::Error>>(
     path: &Path,
     mut check: impl FnMut(u64) -> Result<(), E>,
 ) -> Result<String, E> {
-    let mut file = regular_file::open(path)?;
+    const PART: u64 = 1 << 20;
+    let source = Source::open(path)?;
     let mut xxh3 = xxhash_rust::xxh3::Xxh3::new();
-    let mut part = vec![0; 1 << 20];
-    loop {
-        let n = file.read(&mut part)?;
-        if n == 0 {
-            return Ok(format!("xxh3:{:032x}", xxh3.digest128()));
-        }
-        check(n as u64)?;
-        xxh3.update(&part[..n]);
+    let mut part = vec![0; PART as usize];
+    let mut at = 0;
+    while at < source.bytes() {
+        let part = &mut part[..(source.bytes() - at).min(PART) as usize];
+        source.read_at(at, part)?;
+        check(part.len() as u64)?;
+        xxh3.update(part);
+        at += part.len() as u64;
     }
+    Ok(format!("xxh3:{:032x}", xxh3.digest128()))
 }
 
 /// A block's bytes.

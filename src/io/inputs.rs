@@ -1,8 +1,9 @@
 //! Which files a command line means.
 
-use super::regular_file::{NO_OBJECT_STORES, in_object_store};
+use super::objects::{self, in_object_store};
 use globset::{GlobBuilder, GlobMatcher};
 use std::collections::BTreeSet;
+use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
 use thiserror::Error;
 use walkdir::WalkDir;
@@ -11,8 +12,8 @@ use walkdir::WalkDir;
 pub enum InputsError {
     #[error("{path}: no such file or directory")]
     Missing { path: PathBuf },
-    #[error("{path}: {NO_OBJECT_STORES}")]
-    InObjectStore { path: PathBuf },
+    #[error("{path}: {what}")]
+    InObjectStore { path: PathBuf, what: String },
     #[error("{path}: cannot be searched: {what}")]
     Unreadable { path: PathBuf, what: String },
     #[error("\"{pattern}\" is no valid pattern: {what}")]
@@ -31,7 +32,7 @@ impl InputsError {
     pub fn subject(&self) -> String {
         match self {
             InputsError::Missing { path }
-            | InputsError::InObjectStore { path }
+            | InputsError::InObjectStore { path, .. }
             | InputsError::Unreadable { path, .. } => path.display().to_string(),
             InputsError::BadPattern { pattern, .. } => pattern.clone(),
             InputsError::Nothing { searched, .. } => searched.clone(),
@@ -106,7 +107,7 @@ fn find(named: &[String], ending: &str, what: &'static str) -> Result<Found, Inp
 fn find_one(name: &str, ending: &str) -> Result<Found, InputsError> {
     let path = Path::new(name);
     if in_object_store(path) {
-        return Err(InputsError::InObjectStore { path: path.into() });
+        return find_objects(name, ending);
     }
     if path.is_dir() {
         return Ok(search(path, |p| name_ends(p, ending)));
@@ -120,6 +121,43 @@ fn find_one(name: &str, ending: &str) -> Result<Found, InputsError> {
         return Ok(search(&root, |p| matcher.is_match(p.strip_prefix("./").unwrap_or(p))));
     }
     Err(InputsError::Missing { path: path.into() })
+}
+
+/// An object of that name; else those below it, or those that it fits as a pattern.
+fn find_objects(name: &str, ending: &str) -> Result<Found, InputsError> {
+    let path = Path::new(name);
+    let failed =
+        |e: std::io::Error| InputsError::InObjectStore { path: path.into(), what: e.to_string() };
+    let below_bucket = name.split("://").nth(1).is_some_and(|rest| rest.contains('/'));
+    if below_bucket && !name.ends_with('/') {
+        match objects::stamp(path) {
+            Ok(_) => {
+                let inputs = vec![Input { path: path.into(), below: PathBuf::new() }];
+                return Ok(Found { inputs, lost: Vec::new() });
+            }
+            Err(e) if e.kind() == ErrorKind::NotFound => {}
+            Err(e) => return Err(failed(e)),
+        }
+    }
+    let is_pattern = name.contains(['*', '?', '[', '{']);
+    let (root, matcher) = match is_pattern {
+        true => {
+            let literal = name.find(['*', '?', '[', '{']).unwrap_or(name.len());
+            let root = name[..literal].rsplit_once('/').map_or(name, |(root, _)| root);
+            (PathBuf::from(root), Some(glob(name)?))
+        }
+        false => (path.to_path_buf(), None),
+    };
+    let wanted = |p: &Path| match &matcher {
+        Some(glob) => glob.is_match(p) && !name_ends(p, ".part"),
+        None => name_ends(p, ending),
+    };
+    let found = objects::list(&root).map_err(failed)?;
+    let inputs = found.iter().filter(|p| wanted(p)).map(|p| input_below(&root, p)).collect();
+    match found.is_empty() && !is_pattern {
+        true => Err(InputsError::Missing { path: path.into() }),
+        false => Ok(Found { inputs, lost: Vec::new() }),
+    }
 }
 
 impl Found {
@@ -167,17 +205,20 @@ fn search(root: &Path, wanted: impl Fn(&Path) -> bool) -> Found {
 
 /// The directory that a pattern begins with, and what matches it.
 fn pattern(text: &str) -> Result<(PathBuf, GlobMatcher), InputsError> {
-    let glob = GlobBuilder::new(text.strip_prefix("./").unwrap_or(text))
-        .literal_separator(true)
-        .build()
-        .map_err(|e| InputsError::BadPattern { pattern: text.into(), what: e.to_string() })?;
+    let glob = glob(text.strip_prefix("./").unwrap_or(text))?;
     let literal = |c: &Component| !c.as_os_str().to_string_lossy().contains(['*', '?', '[', '{']);
     let root: PathBuf = Path::new(text).components().take_while(literal).collect();
     let root = if root.as_os_str().is_empty() { PathBuf::from(".") } else { root };
     if !root.exists() {
         return Err(InputsError::Missing { path: root });
     }
-    Ok((root, glob.compile_matcher()))
+    Ok((root, glob))
+}
+
+fn glob(text: &str) -> Result<GlobMatcher, InputsError> {
+    let glob = GlobBuilder::new(text).literal_separator(true).build();
+    glob.map(|glob| glob.compile_matcher())
+        .map_err(|e| InputsError::BadPattern { pattern: text.into(), what: e.to_string() })
 }
 
 #[cfg(test)]

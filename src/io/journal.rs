@@ -4,12 +4,14 @@
 //! In: lines of any earlier run, the last perhaps cut short by a power cut. Out: what is known of each
 //! result file ([`Journal::of_result`]) and each recording ([`Journal::of_recording`]).
 
+pub use super::stamp::Stamp;
+use super::{objects, regular_file};
 use chrono::{DateTime, SecondsFormat, Utc};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::HashMap;
-use std::fs::{File, Metadata};
-use std::io::{self, BufRead, BufReader, ErrorKind, Read, Write};
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -31,25 +33,6 @@ pub enum Outcome {
     /// Judged, but some of it was damaged, rejected or refused.
     Damaged,
     Judged,
-}
-
-/// By what a file's content is recognised without reading it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Stamp {
-    pub bytes: u64,
-    /// Last change, ns since 1970; `None`: the file system does not say.
-    pub modified_ns: Option<i64>,
-}
-
-impl Stamp {
-    pub fn of(metadata: &Metadata) -> Stamp {
-        let since_1970 = |t: SystemTime| t.duration_since(SystemTime::UNIX_EPOCH).ok();
-        let modified_ns = metadata.modified().ok().and_then(since_1970);
-        Stamp {
-            bytes: metadata.len(),
-            modified_ns: modified_ns.and_then(|d| i64::try_from(d.as_nanos()).ok()),
-        }
-    }
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -149,7 +132,7 @@ impl Journal {
     /// There need not be one yet.
     pub fn read(dir: &Path) -> io::Result<Journal> {
         let mut journal = Journal::default();
-        let file = match super::regular_file::open(&dir.join(JOURNAL_NAME)) {
+        let file = match regular_file::open(&dir.join(JOURNAL_NAME)) {
             Err(e) if e.kind() == ErrorKind::NotFound => return Ok(journal),
             file => file?,
         };
@@ -197,15 +180,24 @@ pub struct JournalWriter {
     pub path: PathBuf,
     /// A line was cut short here.
     torn: bool,
+    /// The file is a copy of an object, which takes no appending: it is sent anew, whole.
+    is_copy: bool,
 }
 
 impl JournalWriter {
     pub fn open(dir: &Path) -> io::Result<JournalWriter> {
         let path = dir.join(JOURNAL_NAME);
-        let mut file = File::options().read(true).append(true).create(true).open(&path)?;
+        let is_copy = objects::in_object_store(&path);
+        let mut file = match is_copy {
+            false => File::options().read(true).append(true).create(true).open(&path)?,
+            true => match objects::fetch(&path) {
+                Err(e) if e.kind() == ErrorKind::NotFound => objects::temporary()?,
+                file => file?,
+            },
+        };
         let torn = !ends_with_a_line(&mut file)?;
         super::part_file::sync_directory_of(&path)?;
-        Ok(JournalWriter { file, path, torn })
+        Ok(JournalWriter { file, path, torn, is_copy })
     }
 
     pub fn append(&mut self, entry: &Entry) -> io::Result<()> {
@@ -213,14 +205,19 @@ impl JournalWriter {
         line.push_str(&serde_json::to_string(entry)?);
         line.push('\n');
         self.torn = true; // if the next fails, perhaps in the middle
+        if self.is_copy {
+            self.file.seek(SeekFrom::End(0))?; // sending it read it
+        }
         self.file.write_all(line.as_bytes())?;
         self.torn = false;
-        self.file.sync_data()
+        match self.is_copy {
+            true => objects::send(&self.file, &self.path),
+            false => self.file.sync_data(),
+        }
     }
 }
 
 fn ends_with_a_line(file: &mut File) -> io::Result<bool> {
-    use std::io::{Seek, SeekFrom};
     if file.seek(SeekFrom::End(0))? == 0 {
         return Ok(true);
     }

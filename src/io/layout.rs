@@ -3,6 +3,7 @@
 use super::Limits;
 use super::dialect::Dialects;
 use super::inputs::{Input, InputsError};
+use super::objects::in_object_store;
 use super::recording::Recording;
 use crate::burst::Acquisition;
 use chrono::DateTime;
@@ -39,7 +40,10 @@ pub struct Placed {
 impl Placed {
     /// `day` is asked for only where the layout needs it.
     pub fn new(layout: Layout, input: Input, day: impl FnOnce(&str) -> String) -> Placed {
-        let absolute = || std::path::absolute(&input.path).unwrap_or_else(|_| input.path.clone());
+        let absolute = || match in_object_store(&input.path) {
+            true => input.path.clone(),
+            false => std::path::absolute(&input.path).unwrap_or_else(|_| input.path.clone()),
+        };
         let source = input.path.canonicalize().unwrap_or_else(|_| absolute());
         let source = source.to_string_lossy().into_owned();
         let day = (layout == Layout::Date).then(|| day(&source));

@@ -1,7 +1,7 @@
 //! Where results go: checked before any work is done for them, and freed of an earlier run's files.
 
-use super::regular_file::{NO_OBJECT_STORES, in_object_store};
-use std::io::ErrorKind;
+use super::objects::{self, in_object_store};
+use super::stored;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -11,16 +11,34 @@ pub enum OutputError {
     IsAFile { path: PathBuf },
     #[error("{path}: is a directory, and the result is a file: give its name")]
     IsADirectory { path: PathBuf },
-    #[error("{path}: {NO_OBJECT_STORES}")]
-    InObjectStore { path: PathBuf },
+    #[error("{path}: {source}")]
+    InObjectStore { path: PathBuf, source: std::io::Error },
+    #[error(
+        "{path}: this verb writes a directory of files, not of objects: write it to one, and copy that (aws s3 sync, \
+         gcloud storage rsync, azcopy)"
+    )]
+    FilesAlone { path: PathBuf },
     #[error("{path}: an earlier run's file cannot be removed: {source}")]
     Stays { path: PathBuf, source: std::io::Error },
+}
+
+/// Refuses a place for results that cannot be one: a directory, or a prefix of an object store.
+pub fn check_place(path: &Path) -> Result<(), OutputError> {
+    match in_object_store(path) {
+        true => check_object(path),
+        false => check_directory(path),
+    }
+}
+
+fn check_object(path: &Path) -> Result<(), OutputError> {
+    let failed = |source| OutputError::InObjectStore { path: path.into(), source };
+    objects::check(path).map_err(failed)
 }
 
 /// Refuses a directory for results that cannot be one.
 pub fn check_directory(path: &Path) -> Result<(), OutputError> {
     if in_object_store(path) {
-        return Err(OutputError::InObjectStore { path: path.into() });
+        return Err(OutputError::FilesAlone { path: path.into() });
     }
     // of what is not there yet, the nearest directory above decides
     match path.ancestors().find(|p| p.symlink_metadata().is_ok()) {
@@ -32,7 +50,7 @@ pub fn check_directory(path: &Path) -> Result<(), OutputError> {
 /// Refuses a name for a result that cannot be a file's.
 pub fn check_file(path: &Path) -> Result<(), OutputError> {
     if in_object_store(path) {
-        return Err(OutputError::InObjectStore { path: path.into() });
+        return check_object(path);
     }
     if path.is_dir() {
         return Err(OutputError::IsADirectory { path: path.into() });
@@ -44,12 +62,7 @@ pub fn check_file(path: &Path) -> Result<(), OutputError> {
 /// others are complete, then all that might not be written again.
 pub fn remove_earlier(dir: &Path, names: &[&str]) -> Result<(), OutputError> {
     for path in names.iter().map(|name| dir.join(name)) {
-        match std::fs::remove_file(&path) {
-            Err(source) if source.kind() != ErrorKind::NotFound => {
-                return Err(OutputError::Stays { path, source });
-            }
-            _ => {}
-        }
+        stored::remove(&path).map_err(|source| OutputError::Stays { path, source })?;
     }
     Ok(())
 }

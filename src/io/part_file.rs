@@ -6,7 +6,10 @@
 //!
 //! While it is written it is locked, and a lock ends with the process that holds it: what a killed run
 //! left behind is known by being free ([`sweep`]).
+//!
+//! An object is written to a temporary file, and sent where a file would be renamed.
 
+use super::objects::{self, in_object_store};
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -20,16 +23,31 @@ static NUMBER: AtomicU64 = AtomicU64::new(0);
 #[derive(Debug)]
 pub struct PartFile {
     path: PathBuf,
-    part: PathBuf,
-    /// The same open file once more: keeps the lock until the file has its name.
-    _lock: Option<File>,
-    finished: bool,
+    place: Place,
+}
+
+#[derive(Debug)]
+enum Place {
+    Beside {
+        part: PathBuf,
+        /// The same open file once more: keeps the lock until the file has its name.
+        _lock: Option<File>,
+        finished: bool,
+    },
+    /// To be sent to an object store, from a file without a name.
+    Unnamed(File),
 }
 
 impl PartFile {
     /// Creates a file beside `path`, or beside what a link of that name points to, and the directories
     /// above it. A device or a pipe is refused: it would be replaced.
     pub fn create(path: &Path) -> io::Result<(PartFile, File)> {
+        if in_object_store(path) {
+            objects::check(path)?;
+            let file = objects::temporary()?;
+            let place = Place::Unnamed(file.try_clone()?);
+            return Ok((PartFile { path: path.into(), place }, file));
+        }
         let path = &followed(path);
         if fs::metadata(path).is_ok_and(|kind| !kind.is_file() && !kind.is_dir()) {
             let what = "it is a device or a pipe, and a file would take its place";
@@ -53,7 +71,8 @@ impl PartFile {
                     // where a file system knows no locks, leftovers stay until somebody removes them
                     let _lock = file.try_lock().ok().and_then(|()| file.try_clone().ok());
                     let path = path.to_path_buf();
-                    return Ok((PartFile { path, part, _lock, finished: false }, file));
+                    let place = Place::Beside { part, _lock, finished: false };
+                    return Ok((PartFile { path, place }, file));
                 }
                 Err(e) if e.kind() == io::ErrorKind::AlreadyExists => taken = e,
                 Err(e) => return Err(e),
@@ -94,9 +113,14 @@ pub struct CompleteFile(PartFile);
 
 impl CompleteFile {
     pub fn name(mut self) -> io::Result<()> {
-        fs::rename(&self.0.part, &self.0.path)?;
-        self.0.finished = true;
-        Ok(())
+        match &mut self.0.place {
+            Place::Unnamed(file) => objects::send(file, &self.0.path),
+            Place::Beside { part, finished, .. } => {
+                fs::rename(part, &self.0.path)?;
+                *finished = true;
+                Ok(())
+            }
+        }
     }
 
     pub fn path(&self) -> &Path {
@@ -106,9 +130,9 @@ impl CompleteFile {
 
 impl Drop for PartFile {
     fn drop(&mut self) {
-        if !self.finished {
+        if let Place::Beside { part, finished: false, .. } = &self.place {
             // Nothing can be done about a failure here; a `.part` is never taken for a result.
-            let _ = fs::remove_file(&self.part);
+            let _ = fs::remove_file(part);
         }
     }
 }
@@ -116,7 +140,7 @@ impl Drop for PartFile {
 /// After names in the directory of `path` changed: a power cut does not undo them.
 pub fn sync_directory_of(path: &Path) -> io::Result<()> {
     #[cfg(unix)]
-    {
+    if !in_object_store(path) {
         let parent = path.parent().filter(|p| !p.as_os_str().is_empty());
         File::open(parent.unwrap_or(Path::new(".")))?.sync_all()?;
     }

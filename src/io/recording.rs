@@ -11,16 +11,17 @@ use super::census::{Becomes, Census, Seen};
 use super::channels::{Channels, Route};
 use super::dialect::Dialects;
 use super::digest::{Digest, Digester};
-use super::journal::Stamp;
 use super::mcap_records::{
     ChannelRecord, FOOTER_BYTES, Footer, MAGIC, RecordHeader, SchemaRecord, Statistics, op,
     record_at,
 };
+use super::objects::in_object_store;
 use super::printable;
 use super::scan::Blocks;
 use super::source::Source;
-use std::collections::HashMap;
-use std::fs::File;
+use super::stamp::Stamp;
+use std::collections::{BTreeSet, HashMap};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use thiserror::Error;
@@ -105,8 +106,11 @@ pub struct Other {
     pub messages: Option<u64>,
 }
 
-/// Blocks that are looked at where the summary does not say what there is.
-const MOST_PEEKED: usize = 16;
+/// Bytes that are looked at where the summary does not say what there is: until every dialect has read something.
+const MOST_PEEKED_BYTES: u64 = 64 << 20;
+/// Blocks that are looked at in any case (a channel's first message says whether paths in JSON lead anywhere), and
+/// between two questions whether that is enough.
+const PEEKED_AT_ONCE: u64 = 16;
 /// Rows of each that are decoded for it.
 const MOST_PEEKED_ROWS: usize = 32_768;
 
@@ -123,14 +127,12 @@ impl Recording {
         dialects: &Dialects,
     ) -> Result<Recording, RecordingError> {
         let failed = |source| RecordingError::Read { path: path.to_path_buf(), source };
-        // before it is opened: opening a pipe waits for whoever writes it
-        let metadata = path.metadata().map_err(failed)?;
-        if !metadata.is_file() {
-            return Err(RecordingError::NotAFile { path: path.to_path_buf() });
-        }
-        let file = File::open(path).map_err(failed)?;
-        let metadata = file.metadata().map_err(failed)?;
-        let source = Source::new(file, metadata.len());
+        let source = Source::open(path).map_err(|e| match e.kind() {
+            ErrorKind::InvalidInput if !in_object_store(path) => {
+                RecordingError::NotAFile { path: path.to_path_buf() }
+            }
+            _ => failed(e),
+        })?;
         let mut magic = [0; MAGIC.len()];
         let magic = &mut magic[..MAGIC.len().min(source.bytes() as usize)];
         source.read_at(0, magic).map_err(failed)?;
@@ -149,7 +151,7 @@ impl Recording {
             path: path.to_path_buf(),
             name,
             bytes: source.bytes(),
-            stamp: Stamp::of(&metadata),
+            stamp: source.stamp_then(),
             expected: summary.expected(),
             others: summary.others(),
             damage,
@@ -184,8 +186,9 @@ impl Recording {
     }
 
     /// The numbers of the dialects that read something of it, and whether those are all: without a
-    /// summary only its beginning is looked at. An error where a path leads nowhere.
-    pub fn dialects_used(&self) -> Result<DialectsUsed, RecordingError> {
+    /// summary only its beginning is looked at, until all `dialects` have read something. An error where a path
+    /// leads nowhere.
+    pub fn dialects_used(&self, dialects: usize) -> Result<DialectsUsed, RecordingError> {
         let wrong = |what: String| RecordingError::Dialect { path: self.path.clone(), what };
         let mut used = DialectsUsed { numbers: Vec::new(), all: self.channels_known_upfront };
         for id in 0..=u16::MAX {
@@ -195,7 +198,15 @@ impl Recording {
             return Ok(used);
         }
         let mut reader = self.reader().counting();
-        for block in self.blocks().filter_map(Result::ok).take(MOST_PEEKED) {
+        for block in self.blocks().filter_map(Result::ok) {
+            if block.index > 0 && block.index.is_multiple_of(PEEKED_AT_ONCE) {
+                // one for each channel that a dialect reads
+                let met = if used.all { used.numbers.clone() } else { reader.dialects_met() };
+                let all = used.all || met.iter().collect::<BTreeSet<_>>().len() >= dialects;
+                if all && reader.foreign_seen() >= met.len() || block.offset > MOST_PEEKED_BYTES {
+                    break;
+                }
+            }
             reader.load(&block);
             reader.next_piece(MOST_PEEKED_ROWS);
         }

@@ -4,6 +4,7 @@
 //! than a stated number; for tables that are read record by record, [`Records`], which ends where one
 //! record is longer than any that was ever meant.
 
+use super::objects::{self, in_object_store};
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
@@ -15,22 +16,10 @@ pub const MOST_CRITIQUE_BYTES: u64 = 64 << 20;
 /// Of one record of a table, comment lines before it included.
 pub const MOST_RECORD_BYTES: u64 = 4 << 20;
 
-/// What to do where an object store is named.
-pub const NO_OBJECT_STORES: &str = "this build reads and writes files, not object stores: copy it to a directory \
-    first (aws s3 sync, gcloud storage rsync, azcopy), or mount the bucket";
-
-/// Whether a name is that of something in an object store: `s3://bucket/key`.
-pub fn in_object_store(path: &Path) -> bool {
-    let text = path.to_string_lossy();
-    ["s3://", "s3a://", "gs://", "az://", "abfs://", "abfss://"]
-        .iter()
-        .any(|of| text.starts_with(of))
-}
-
-/// Opens a regular file, and nothing else.
+/// Opens a regular file, and nothing else; of an object a copy without a name.
 pub fn open(path: &Path) -> io::Result<File> {
     if in_object_store(path) {
-        return Err(io::Error::new(io::ErrorKind::Unsupported, NO_OBJECT_STORES));
+        return objects::fetch(path);
     }
     let regular = |metadata: std::fs::Metadata| match metadata.is_file() {
         true => Ok(()),
@@ -49,9 +38,12 @@ pub fn open(path: &Path) -> io::Result<File> {
 /// All of a regular file, if that is no more than `most_bytes`.
 pub fn read(path: &Path, most_bytes: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
+    if in_object_store(path) && objects::stamp(path)?.bytes > most_bytes {
+        return Err(beyond(most_bytes)); // before it is fetched
+    }
     open(path)?.take(most_bytes.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most_bytes {
-        return Err(too_large(format!("more than {most_bytes} bytes: not what is asked for here")));
+        return Err(beyond(most_bytes));
     }
     Ok(bytes)
 }
@@ -60,6 +52,10 @@ pub fn read(path: &Path, most_bytes: u64) -> io::Result<Vec<u8>> {
 pub fn read_text(path: &Path, most_bytes: u64) -> io::Result<String> {
     String::from_utf8(read(path, most_bytes)?)
         .map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "is not UTF-8 text"))
+}
+
+fn beyond(most_bytes: u64) -> io::Error {
+    too_large(format!("more than {most_bytes} bytes: not what is asked for here"))
 }
 
 fn too_large(what: String) -> io::Error {

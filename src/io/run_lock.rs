@@ -4,6 +4,7 @@
 //! ends. The file stays; it says who held it last.
 
 use super::journal;
+use super::objects::in_object_store;
 use std::fs::{File, TryLockError};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
@@ -25,14 +26,17 @@ pub enum LockError {
 /// Held until it is dropped, or its process ends.
 #[derive(Debug)]
 pub struct RunLock {
-    _file: File,
-    /// The file system knows no locks: a second run would not be noticed.
+    _file: Option<File>,
+    /// The file system, or an object store, knows no locks: a second run would not be noticed.
     pub blind: bool,
 }
 
 impl RunLock {
     /// Makes the directory where there is none.
     pub fn take(dir: &Path) -> Result<RunLock, LockError> {
+        if in_object_store(dir) {
+            return Ok(RunLock { _file: None, blind: true });
+        }
         let path = dir.join(LOCK_NAME);
         let failed = |source| LockError::Write { path: path.clone(), source };
         std::fs::create_dir_all(dir)
@@ -54,7 +58,7 @@ impl RunLock {
         let said = format!("process {} since {}\n", std::process::id(), journal::now());
         // what it says helps people only: the lock holds without it, and on a full disk, too
         let _ = file.set_len(0).and_then(|()| file.write_all(said.as_bytes()));
-        Ok(RunLock { _file: file, blind })
+        Ok(RunLock { _file: Some(file), blind })
     }
 }
 

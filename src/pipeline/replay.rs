@@ -18,6 +18,7 @@ use crate::io::episode_table;
 use crate::io::journal::Stamp;
 use crate::io::part_file::{self, CompleteFile, PartFile};
 use crate::io::recording::{Damage, Recording};
+use crate::io::stored;
 use crate::io::verdict_table::{self, TableOptions, VerdictWriter};
 use crate::labels::Labels;
 use crate::settings::{IdentifyMode, Pace, Settings, TimestampUnit};
@@ -423,12 +424,7 @@ fn complete_summary(verdicts: &Path, summary: &Value) -> Result<CompleteFile, Pi
 fn name_all(files: [CompleteFile; 3]) -> Result<(), PipelineError> {
     let failed = |path: &Path, source| PipelineError::Write { path: path.into(), source };
     for file in files.iter().rev() {
-        match std::fs::remove_file(file.path()) {
-            Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
-                return Err(failed(file.path(), e));
-            }
-            _ => {}
-        }
+        stored::remove(file.path()).map_err(|e| failed(file.path(), e))?;
     }
     let last = files[2].path().to_path_buf();
     for file in files {

@@ -6,7 +6,7 @@ use super::replay::{Replay, summary_path};
 use crate::io::episode_table;
 use crate::io::journal::{Entry, Journal, Means, Stamp};
 use crate::io::layout::Placed;
-use crate::io::regular_file;
+use crate::io::{regular_file, stored};
 use crate::settings::Settings;
 use serde_json::Value;
 use std::fmt;
@@ -123,9 +123,10 @@ impl Resume<'_> {
         digest: impl Fn(&Path) -> Result<Option<String>, E>,
     ) -> Result<Decision, E> {
         let path = &placed.input.path;
-        let stamp = path.metadata().ok().map(|metadata| Stamp::of(&metadata));
+        let stamp = stored::stamp(path).ok();
         let entry = self.journal.of_result(&placed.verdicts);
-        let there = files(&placed.verdicts_in(self.out)).into_iter().find(|file| file.exists());
+        let there =
+            files(&placed.verdicts_in(self.out)).into_iter().find(|file| stored::exists(file));
         if let Some(there) = &there {
             let owner = Owner::of(entry, &placed.verdicts_in(self.out));
             let same_path = entry.is_some_and(|e| e.recording.path == placed.source);
@@ -157,7 +158,7 @@ impl Resume<'_> {
         let (then, now) = (&entry.by, self.means);
         let bytes = entry.results.as_ref().map_or(&[][..], |results| &results.bytes);
         let is_there = |(file, &bytes): (PathBuf, &u64)| {
-            file.metadata().is_ok_and(|found| found.is_file() && found.len() == bytes)
+            stored::is_file(&file) && stored::bytes(&file) == bytes
         };
         let files = files(&placed.verdicts_in(self.out));
         if !entry.is_judged() {

@@ -8,6 +8,8 @@ use crate::house::{Ended, House};
 use crate::nights::some;
 use crate::pipeline::{sample, verdicts};
 use inkling::burst::Burst;
+use inkling::io::dialect::guess::guess;
+use inkling::io::dialect::plan::Written as OfChannel;
 use std::collections::BTreeMap;
 use writers::{Samples, Written, json, protobuf, ros1, ros2};
 
@@ -162,6 +164,13 @@ fn a_dialect_that_cannot_take_effect_says_what_there_is() {
         (j(set("\"samples\"", "\"smaples\"")), "samples (number[][])"),
         (j(set("\"period\"", "\"dt\"")), "period_s = \"dt\": not in its first message"),
         (j(set("header.stamp", "header")), "header"),
+        (j(set("\"period\"", "\"header.id\"")), "period_s = \"header.id\": is not a number"),
+        (j(set("\"channels\"", "\"period\"")), "channels = \"period\": is not a whole number"),
+        (j(set("\"samples\"", "\"channels\"")), "samples = \"channels\": is not bytes or an array"),
+        (j(set("header.stamp", "header.id")), "time = \"header.id\": is not ns"),
+        (j(set("samples =", "format = \"f32le\"\nsamples =")), "leave format out"),
+        (p(set("waves[0].counts", "waves[0].volts\"\nformat = \"f32le")), "leave format out"),
+        (r(set("waves[0].data", "waves[0].data\"\nformat = \"s16le")), "leave format out"),
         (r(set("waves[0].data", "waves[0].dat")), "acme_msgs/Wave has no field \"dat\""),
         (r(set("temp_c[0]", "ok")), "is bool, not a number"),
         (r(set("waves[0].data", "waves[0].data\"\nformat = \"f32le")), "leave format out"),
@@ -171,6 +180,16 @@ fn a_dialect_that_cannot_take_effect_says_what_there_is() {
         house.write("s.toml", &settings);
         replay(&house, recording, "--config s.toml").exits(2).says(says);
     }
+    // a key of the file is the file's, whatever is set beside it
+    house.write("s.toml", JSON.replace("channels = \"channels\"", "channels = 0"));
+    let ended = replay(&house, "j.mcap", "--config s.toml --set identify.first=5").exits(2);
+    let ended = ended.says("s.toml: input.dialect[0]: channels = 0");
+    assert!(!ended.stderr().contains("--set"), "{}", ended.stderr());
+    // what `inspect` is told in vain
+    house.write("s.toml", "[identify]\nfirst = 5\n");
+    house.run("inspect j.mcap --config s.toml").exits(2).says("no [[input.dialect]]");
+    house.write("s.toml", JSON.replace("/heads/*/", "/head/*/"));
+    house.run("inspect j.mcap --config s.toml").exits(2).says("topics that exist");
     // where the recording is ours already
     crate::pipeline::write(&house.path("ours.mcap"), &bursts, Default::default());
     house.write("s.toml", proto.replace("/heads/*/burst", "**").replace("schema =", "# "));
@@ -260,15 +279,84 @@ fn messages_that_cannot_be_read_are_rows_and_the_others_are_judged() {
     assert!((42..62).all(|log_time| rows.contains_key(&(log_time, "second head".into(), 0))));
 }
 
+/// With the feature: `tests/object_stores.py`.
+#[cfg(not(feature = "object-store"))]
 #[test]
-fn object_stores_are_said_not_to_be_read() {
+fn a_build_without_object_stores_says_how_to_get_one() {
     let house = House::new();
-    let words = "files, not object stores";
+    let words = "without the feature object-store: cargo build --features object-store";
     house.run("replay s3://bucket/night/ --out out").exits(1).says(words).says("aws s3 sync");
     house.run("inspect gs://bucket/night.mcap").exits(1).says(words);
     crate::nights::record(&house, "a.mcap", &some(0, 3));
     house.run("replay a.mcap --out az://bucket/out").exits(1).says(words);
     house.run("replay a.mcap --design s3://bucket/design.json --out out").exits(1).says(words);
     house.run("convert s3://bucket/a.csv -o a2.mcap").exits(1).says(words);
+    house.run("thesis -o az://bucket/chapter4").exits(1).says("a directory of files");
     assert!(!house.path("az:").exists());
+}
+
+#[test]
+fn relative_paths_of_a_settings_file_are_files_and_objects_stay_objects() {
+    let house = House::new();
+    house.write("below/s.toml", "[input]\nrecordings = [\"s3://bucket/a.mcap\", \"b.mcap\"]\n");
+    let ended = house.run("replay --config below/s.toml --out out").exits(1);
+    ended.says("inkling: s3://bucket/a.mcap: ");
+    house.write("below/s.toml", "[input]\nrecordings = [\"b.mcap\"]\n");
+    house.run("replay --config below/s.toml --out out").exits(1).says("below/b.mcap: no such file");
+}
+
+/// Cut short behind a hundred chunks of what is none of ours: only reading says what there is.
+#[test]
+fn bursts_that_come_late_in_a_recording_without_a_summary_are_found_and_wrong_paths_told() {
+    let house = House::new();
+    let bursts = some(0, 20);
+    let options = mcap::WriteOptions::new().chunk_size(Some(4096)).compression(None);
+    let mut file = std::io::Cursor::new(Vec::new());
+    let mut writer = options.create(&mut file).unwrap();
+    let none = Default::default();
+    let [log, ours] = ["/log", "/heads/late/burst"]
+        .map(|topic| writer.add_channel(0, topic, "json", &none).unwrap());
+    let mut header =
+        mcap::records::MessageHeader { channel_id: log, sequence: 0, log_time: 1, publish_time: 2 };
+    for _ in 0..100 {
+        let text = format!("{{\"text\":\"{}\"}}", "x".repeat(5000));
+        writer.write_to_known_channel(&header, text.as_bytes()).unwrap();
+    }
+    header.channel_id = ours;
+    for burst in &bursts {
+        writer.write_to_known_channel(&header, &(json().encode)(burst)).unwrap();
+    }
+    writer.finish().unwrap();
+    drop(writer);
+    let bytes = file.into_inner();
+    house.write("late.mcap", &bytes[..bytes.len() - 20]);
+    house.write("s.toml", JSON);
+    replay(&house, "late.mcap", "--config s.toml").exits(3);
+    let summary = house.read_json("out/late.summary.json");
+    assert_eq!(summary["counts"]["bursts"], 20);
+    assert_eq!(summary["counts"]["unusable_bursts"], 0);
+    house.write("s.toml", JSON.replace("\"samples\"", "\"smaples\""));
+    let wrong = replay(&house, "late.mcap", "--config s.toml --force").exits(2);
+    wrong.says("samples = \"smaples\": not in its first message");
+}
+
+#[test]
+fn a_proposed_block_does_not_contradict_the_message() {
+    let block = |message: &str| {
+        let of = OfChannel { topic: "/heads/K/burst", message_encoding: "json", schema: None };
+        let message = bytes::Bytes::copy_from_slice(message.as_bytes());
+        guess(&of, &message, &["/heads/K/burst"]).unwrap()
+    };
+    let data = (0..128).map(|i| i.to_string()).collect::<Vec<_>>().join(",");
+    let of = |fields: &str| block(&format!("{{\"data\":[{data}],{fields}}}"));
+    let both = of("\"channels\":4,\"n\":32");
+    assert!(both.contains("channels = \"channels\"\nsamples_per_channel = \"n\""), "{both}");
+    // 32 x 8 are not 128: one of them is something else
+    let odd = of("\"channels\":32,\"n\":8");
+    assert!(odd.contains("channels = \"channels\"  # ?"), "{odd}");
+    assert!(!odd.contains("samples_per_channel"), "{odd}");
+    let columns = of("\"n\":32");
+    assert!(columns.contains("channels = 4  # ?") && columns.contains("= \"n\""), "{columns}");
+    let neither = of("\"channels\":5,\"n\":7");
+    assert!(neither.contains("channels = 1  # ?") && !neither.contains("\"n\""), "{neither}");
 }

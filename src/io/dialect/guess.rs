@@ -92,13 +92,38 @@ fn block(
         say("format", value, "by the look of the first message");
     }
     say("layout", "\"channel-major\"", "or \"sample-major\"");
-    match named(CHANNELS, Slot::Channels) {
-        Some(path) => say("channels", &quoted(&path), ""),
-        None => say("channels", "1", "not in the message"),
+    let count = |names, slot| {
+        let path = named(names, slot)?;
+        let count = count(written, message, &path).filter(|n| size.numbers.is_multiple_of(*n))?;
+        Some((quoted(&path), count))
+    };
+    let (rows, columns) =
+        (count(CHANNELS, Slot::Channels), count(COLUMNS, Slot::SamplesPerChannel));
+    match (&rows, &columns) {
+        (Some((path, rows)), Some((_, columns))) if rows * columns == size.numbers => {
+            say("channels", path, "");
+        }
+        (Some((path, _)), _) => {
+            say(
+                "channels",
+                path,
+                if columns.is_some() { "or is this samples per channel" } else { "" },
+            );
+        }
+        (None, Some((_, columns))) => {
+            let rows = (size.numbers / columns).to_string();
+            say(
+                "channels",
+                &rows,
+                "not in the message: numbers of the first, by samples_per_channel",
+            );
+        }
+        (None, None) => say("channels", "1", "not in the message"),
     }
-    let columns = named(COLUMNS, Slot::SamplesPerChannel);
-    if let Some(path) = columns.filter(|path| size.divides(written, message, path)) {
-        say("samples_per_channel", &quoted(&path), "");
+    // what contradicts the channels is left out: there are as many as there are
+    let agrees = |n: usize| rows.as_ref().is_none_or(|(_, rows)| rows * n == size.numbers);
+    if let Some((path, _)) = columns.filter(|(_, n)| agrees(*n)) {
+        say("samples_per_channel", &path, "");
     }
     if let Some(path) = named(FIRST, Slot::FirstChannel) {
         say("first_channel", &quoted(&path), "");
@@ -170,13 +195,10 @@ struct Size {
     format: Option<SampleFormat>,
 }
 
-impl Size {
-    /// Whether a field says what could be samples per channel.
-    fn divides(&self, written: &Written, message: &Bytes, path: &str) -> bool {
-        let n = number(written, message, path).and_then(Number::integer);
-        n.and_then(|n| usize::try_from(n).ok())
-            .is_some_and(|n| n > 0 && self.numbers.is_multiple_of(n))
-    }
+/// A field's whole number, more than 0, in the first message.
+fn count(written: &Written, message: &Bytes, path: &str) -> Option<usize> {
+    let n = number(written, message, path).and_then(Number::integer)?;
+    usize::try_from(n).ok().filter(|n| *n > 0)
 }
 
 fn probe(samples: &str, format: Option<SampleFormat>) -> Option<Dialect> {

@@ -79,6 +79,10 @@ impl Dialects {
         Ok(Dialects { all: all.into() })
     }
 
+    pub fn len(&self) -> usize {
+        self.all.len()
+    }
+
     pub fn is_empty(&self) -> bool {
         self.all.is_empty()
     }

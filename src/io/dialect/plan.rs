@@ -4,7 +4,7 @@ use super::fields::{FieldInfo, Kind, listed};
 use super::path::FieldPath;
 use super::ros_definition::{Definitions, Flavour};
 use super::settings::{Dialect, Part, Source, TimeSource};
-use super::value::Found;
+use super::value::{Found, Number, Value};
 use super::wanted::{Slot, Wanted};
 use super::{json, protobuf, ros};
 use crate::burst::Format;
@@ -142,13 +142,7 @@ impl Plan {
             };
             let found = found.map_err(wrong)?;
             if let (Slot::Samples, Some(info)) = (slot, found) {
-                let element = match &reading {
-                    Reading::Protobuf(message) => protobuf::element(message, path),
-                    Reading::Ros(definitions) => ros::element(definitions, path),
-                    Reading::Json => None,
-                };
-                let own = element.and_then(|element| element.format());
-                check_format(dialect, &info, own).map_err(wrong)?;
+                check_format(dialect, &info).map_err(wrong)?;
             }
         }
         let format = dialect.format.map(Format::from);
@@ -190,17 +184,18 @@ impl Plan {
         for (key, path, slot) in paths(&self.dialect) {
             let optional =
                 [Slot::Temperature, Slot::Voltage, Slot::Idle, Slot::Neighbours].contains(&slot);
-            let is_there = match slot {
-                Slot::Time => {
-                    found.take(Slot::Time).or_else(|| found.take(Slot::Seconds)).is_some()
-                }
-                slot => found.take(slot).is_some(),
+            let value = match slot {
+                Slot::Time => found.take(Slot::Time).or_else(|| found.take(Slot::Seconds)),
+                slot => found.take(slot),
             };
-            if !is_there && !optional {
+            let what = match value {
+                Some(value) => check_value(slot, value, self.format).err(),
+                None if optional => None,
+                None => Some("not in its first message"),
+            };
+            if let Some(what) = what {
                 let there = there();
-                return Err(format!(
-                    "{key} = \"{path}\": not in its first message; fields that exist: {there}"
-                ));
+                return Err(format!("{key} = \"{path}\": {what}; fields that exist: {there}"));
             }
         }
         Ok(())
@@ -208,16 +203,56 @@ impl Plan {
 }
 
 /// Bytes need a format, numbers have their own.
-fn check_format(dialect: &Dialect, info: &FieldInfo, own: Option<Format>) -> Result<(), String> {
-    let said = dialect.format.map(Format::from);
-    match (info.kind == Kind::Bytes, said) {
+fn check_format(dialect: &Dialect, info: &FieldInfo) -> Result<(), String> {
+    match (info.kind == Kind::Bytes, dialect.format) {
         (true, None) => Err("is bytes: say format = \"s16le\" or \"f32le\"".into()),
-        (false, Some(_)) if said != own => Err(format!(
+        (false, Some(_)) => Err(format!(
             "is an array of {}, whose type says how it lies: leave format out",
             info.type_name
         )),
         _ => Ok(()),
     }
+}
+
+/// Whether what JSON has at a path can be what is wanted there; if not, what is wrong.
+fn check_value(slot: Slot, value: Value, format: Option<Format>) -> Result<(), &'static str> {
+    let number = match &value {
+        Value::Text(text) => text.parse().ok().map(Number::Float),
+        Value::Number(number) => Some(*number),
+        _ => None,
+    };
+    let (good, what) = match slot {
+        Slot::Samples => match (&value, format) {
+            (Value::Gathered(_), Some(_)) => {
+                (false, "is an array of numbers, which say how they lie: leave format out")
+            }
+            (Value::Decoded(_), None) => {
+                (false, "is bytes (base64): say format = \"s16le\" or \"f32le\"")
+            }
+            _ => (
+                matches!(value, Value::Gathered(_) | Value::Decoded(_)),
+                "is not bytes or an array of numbers",
+            ),
+        },
+        Slot::Channels | Slot::SamplesPerChannel | Slot::FirstChannel => {
+            (number.and_then(Number::integer).is_some(), "is not a whole number")
+        }
+        Slot::Period | Slot::Temperature | Slot::Voltage => (number.is_some(), "is not a number"),
+        Slot::Time => (
+            matches!(&value, Value::Number(_))
+                || matches!(&value, Value::Text(text) if is_time(text)),
+            "is not ns as an integer, s as a float, RFC 3339, or seconds and nanoseconds",
+        ),
+        Slot::Idle | Slot::Neighbours => {
+            (!matches!(value, Value::Text(_)), "is not a number or an array of numbers")
+        }
+        Slot::Seconds | Slot::Nanoseconds | Slot::Text(_) => (true, ""),
+    };
+    if good { Ok(()) } else { Err(what) }
+}
+
+fn is_time(text: &str) -> bool {
+    text.parse::<i64>().is_ok() || chrono::DateTime::parse_from_rfc3339(text).is_ok()
 }
 
 /// Every path of a dialect: its key, and what is to be found there.

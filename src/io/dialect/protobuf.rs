@@ -8,7 +8,9 @@ use super::path::FieldPath;
 use super::value::{Element, Found, Number, Value};
 use super::wanted::{At, Field, Slot, Then, Wanted};
 use prost_reflect::{DescriptorPool, FieldDescriptor, Kind as Proto, MessageDescriptor};
+use std::cell::Cell;
 use std::ops::Range;
+use std::sync::Once;
 
 /// Fields that are looked at to say what there is.
 const MOST_FIELDS: usize = 400;
@@ -38,13 +40,32 @@ enum Scalar {
 }
 
 pub fn message(descriptors: &[u8], name: &str) -> Result<MessageDescriptor, String> {
-    // descriptors that contradict themselves can make the library panic where it should say so
-    let decode = || DescriptorPool::decode(descriptors);
-    let pool = std::panic::catch_unwind(decode)
-        .map_err(|_| format!("its schema {name} is a FileDescriptorSet that contradicts itself"))?
+    let pool = quietly(|| DescriptorPool::decode(descriptors))
+        .ok_or_else(|| format!("its schema {name} is a FileDescriptorSet that contradicts itself"))?
         .map_err(|e| format!("its schema {name} is no FileDescriptorSet that can be read: {e}"))?;
     pool.get_message_by_name(name)
         .ok_or_else(|| format!("its schema's FileDescriptorSet has no message {name}"))
+}
+
+/// Descriptors that contradict themselves can make the library panic where it should say so: `None`, and
+/// no panic is printed for what becomes an error in words.
+fn quietly<T>(decode: impl FnOnce() -> T + std::panic::UnwindSafe) -> Option<T> {
+    thread_local! {
+        static QUIET: Cell<bool> = const { Cell::new(false) };
+    }
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let print = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |panic| {
+            if !QUIET.get() {
+                print(panic);
+            }
+        }));
+    });
+    QUIET.set(true);
+    let decoded = std::panic::catch_unwind(decode);
+    QUIET.set(false);
+    decoded.ok()
 }
 
 /// What there is.
@@ -180,22 +201,6 @@ pub fn want(
         _ => wanted.want(&way, slot),
     }
     Ok(info)
-}
-
-/// The element of an array that lies in a message as it is.
-pub fn element(root: &MessageDescriptor, path: &FieldPath) -> Option<Element> {
-    let mut message = root.clone();
-    let (last, before) = path.steps().split_last()?;
-    for step in before {
-        match message.get_field_by_name(&step.name)?.kind() {
-            Proto::Message(inside) => message = inside,
-            _ => return None,
-        }
-    }
-    match scalar(&message.get_field_by_name(&last.name)?)? {
-        Scalar::Fixed(element) => Some(element),
-        _ => None,
-    }
 }
 
 /// A message that is not what its descriptor says.

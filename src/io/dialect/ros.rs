@@ -122,20 +122,6 @@ pub fn want(
     Ok(info)
 }
 
-/// The element of an array that lies in a message as it is.
-pub fn element(definitions: &Definitions, path: &FieldPath) -> Option<Element> {
-    let mut message = 0;
-    for step in path.steps() {
-        let field = definitions.types[message].fields.iter().find(|f| f.name == step.name)?;
-        match field.base {
-            Base::Message(inside) => message = inside,
-            Base::Number(element) => return Some(element),
-            _ => return None,
-        }
-    }
-    None
-}
-
 /// A message that is not what its definition says.
 #[derive(Debug)]
 pub struct Malformed;

@@ -1,0 +1,66 @@
+//! What a build without the feature says.
+
+use crate::io::stamp::Stamp;
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+
+fn absent<T>() -> io::Result<T> {
+    const WHAT: &str = "inkling was built without the feature object-store: cargo build --features object-store; or \
+        copy it to a directory first (aws s3 sync, gcloud storage rsync, azcopy)";
+    Err(io::Error::new(io::ErrorKind::Unsupported, WHAT))
+}
+
+/// There is none.
+#[derive(Debug)]
+pub enum Object {}
+
+impl Object {
+    pub fn open(_: &Path) -> io::Result<Object> {
+        absent()
+    }
+
+    pub fn stamp_then(&self) -> Stamp {
+        match *self {}
+    }
+
+    pub fn stamp(&self) -> io::Result<Stamp> {
+        match *self {}
+    }
+
+    pub fn read_at(&self, _: u64, _: &mut [u8]) -> io::Result<()> {
+        match *self {}
+    }
+}
+
+pub fn check(_: &Path) -> io::Result<()> {
+    absent()
+}
+
+pub fn stamp(_: &Path) -> io::Result<Stamp> {
+    absent()
+}
+
+pub fn list(_: &Path) -> io::Result<Vec<PathBuf>> {
+    absent()
+}
+
+pub fn fetch(_: &Path) -> io::Result<File> {
+    absent()
+}
+
+pub fn temporary() -> io::Result<File> {
+    absent()
+}
+
+pub fn send(_: &File, _: &Path) -> io::Result<()> {
+    absent()
+}
+
+pub fn remove(_: &Path) -> io::Result<()> {
+    absent()
+}
+
+pub fn rename(_: &Path, _: &Path) -> io::Result<()> {
+    absent()
+}

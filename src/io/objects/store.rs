@@ -1,0 +1,278 @@
+//! Which store a name means, by whose credentials; and what went wrong, in words without any.
+
+use super::profile::Profile;
+use object_store::aws::AmazonS3Builder;
+use object_store::azure::MicrosoftAzureBuilder;
+use object_store::gcp::GoogleCloudStorageBuilder;
+use object_store::path::Path;
+use object_store::{ClientOptions, Error, ObjectStore, RetryConfig};
+use std::collections::HashMap;
+use std::io::{self, ErrorKind};
+use std::path::Path as Name;
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
+use std::time::Duration;
+use tokio::runtime::{Builder, Runtime};
+
+/// Of one request, its answer included; of finding the server; of all tries of a request together.
+const REQUEST: Duration = Duration::from_secs(60);
+const CONNECT: Duration = Duration::from_secs(5);
+const ALL_TRIES: Duration = Duration::from_secs(90);
+/// After the first.
+const MOST_TRIES: usize = 4;
+/// Of a server's words.
+const MOST_WORDS: usize = 300;
+
+/// Where an object lies, or many do.
+#[derive(Clone, Debug)]
+pub struct Place {
+    pub store: Arc<dyn ObjectStore>,
+    pub key: Path,
+    /// `s3://bucket`.
+    pub root: String,
+}
+
+impl Place {
+    pub fn of(name: &Name) -> io::Result<Place> {
+        let text = name.to_str().ok_or_else(|| wrong("its name is not UTF-8".into()))?;
+        let text = if cfg!(windows) { text.replace('\\', "/") } else { text.to_owned() };
+        let (scheme, rest) = text.split_once("://").unwrap_or_default();
+        let (bucket, key) = rest.split_once('/').unwrap_or((rest, ""));
+        if bucket.is_empty() {
+            return Err(wrong(format!("names no bucket: {scheme}://bucket/key")));
+        }
+        let key = Path::parse(key.trim_end_matches('/'));
+        let key = key.map_err(|e| wrong(format!("can be no object's name: {e}")))?;
+        let root = format!("{scheme}://{bucket}");
+        Ok(Place { store: store(scheme, bucket, &root)?, key, root })
+    }
+}
+
+/// Whether there are credentials for a name; asks no server.
+pub fn check(name: &Name) -> io::Result<()> {
+    Place::of(name).map(drop)
+}
+
+fn wrong(what: String) -> io::Error {
+    io::Error::new(ErrorKind::InvalidInput, what)
+}
+
+/// One for each bucket, so that connections are used again.
+fn store(scheme: &str, bucket: &str, root: &str) -> io::Result<Arc<dyn ObjectStore>> {
+    static STORES: LazyLock<Mutex<HashMap<String, Arc<dyn ObjectStore>>>> =
+        LazyLock::new(Mutex::default);
+    let mut stores = STORES.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(store) = stores.get(root) {
+        return Ok(store.clone());
+    }
+    let store: Arc<dyn ObjectStore> = match scheme {
+        "s3" | "s3a" => s3(bucket)?,
+        "gs" => gcs(bucket)?,
+        "az" => azure(bucket)?,
+        other => return Err(wrong(format!("{other}:// is not read: write az://container/key"))),
+    };
+    stores.insert(root.to_owned(), store.clone());
+    Ok(store)
+}
+
+fn given(variables: &[&str]) -> bool {
+    variables.iter().any(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()))
+}
+
+fn no_credentials(of: &str, remedy: &str) -> io::Error {
+    let what = format!("no credentials for {of}: set {remedy}");
+    io::Error::new(ErrorKind::PermissionDenied, what)
+}
+
+fn retry() -> RetryConfig {
+    RetryConfig { max_retries: MOST_TRIES, retry_timeout: ALL_TRIES, ..RetryConfig::default() }
+}
+
+/// `plain`: a server of one's own without TLS.
+fn client(plain: bool) -> ClientOptions {
+    let agent = concat!("inkling/", env!("CARGO_PKG_VERSION"));
+    ClientOptions::new()
+        .with_user_agent(object_store::HeaderValue::from_static(agent))
+        .with_timeout(REQUEST)
+        .with_connect_timeout(CONNECT)
+        .with_allow_http(plain)
+}
+
+/// An endpoint that somebody set on purpose may be one without TLS.
+fn plain(variables: &[&str]) -> bool {
+    let plain = |name: &&str| std::env::var(name).is_ok_and(|url| url.starts_with("http://"));
+    variables.iter().any(|name| plain(&name))
+}
+
+fn s3(bucket: &str) -> io::Result<Arc<dyn ObjectStore>> {
+    const OTHERS: &[&str] = &[
+        "AWS_WEB_IDENTITY_TOKEN_FILE",
+        "AWS_CONTAINER_CREDENTIALS_RELATIVE_URI",
+        "AWS_CONTAINER_CREDENTIALS_FULL_URI",
+        "AWS_METADATA_ENDPOINT",
+        "AWS_SKIP_SIGNATURE",
+    ];
+    let endpoints = ["AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT"];
+    let mut builder = AmazonS3Builder::from_env()
+        .with_bucket_name(bucket)
+        .with_retry(retry())
+        .with_client_options(client(plain(&endpoints)));
+    let profile = Profile::read();
+    if let Some(region) = profile.region.filter(|_| !given(&["AWS_REGION", "AWS_DEFAULT_REGION"])) {
+        builder = builder.with_region(region);
+    }
+    if !given(&["AWS_ACCESS_KEY_ID"]) {
+        builder = match (profile.key, profile.secret) {
+            (Some(key), Some(secret)) => {
+                let builder = builder.with_access_key_id(key).with_secret_access_key(secret);
+                match profile.token {
+                    Some(token) => builder.with_token(token),
+                    None => builder,
+                }
+            }
+            _ if given(OTHERS) => builder,
+            _ => {
+                let remedy = "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE to one of ~/.aws/credentials \
+                    with keys (`aws configure export-credentials --format env` prints the variables of any other); on \
+                    a machine with a role AWS_METADATA_ENDPOINT=http://169.254.169.254; of a public bucket \
+                    AWS_SKIP_SIGNATURE=true";
+                return Err(no_credentials("S3", remedy));
+            }
+        };
+    }
+    Ok(Arc::new(builder.build().map_err(failed)?))
+}
+
+fn gcs(bucket: &str) -> io::Result<Arc<dyn ObjectStore>> {
+    const ANY: &[&str] = &[
+        "GOOGLE_APPLICATION_CREDENTIALS",
+        "GOOGLE_SERVICE_ACCOUNT",
+        "GOOGLE_SERVICE_ACCOUNT_PATH",
+        "GOOGLE_SERVICE_ACCOUNT_KEY",
+        "GOOGLE_SKIP_SIGNATURE",
+        "SERVICE_ACCOUNT",
+    ];
+    let here = || std::env::home_dir().map(|home| home.join(".config/gcloud"));
+    let logged_in =
+        here().is_some_and(|dir| dir.join("application_default_credentials.json").is_file());
+    if !given(ANY) && !logged_in {
+        let remedy = "GOOGLE_APPLICATION_CREDENTIALS to a key file, or log in: gcloud auth application-default login; of a \
+            public bucket GOOGLE_SKIP_SIGNATURE=true";
+        return Err(no_credentials("Google Cloud Storage", remedy));
+    }
+    let builder = GoogleCloudStorageBuilder::from_env()
+        .with_bucket_name(bucket)
+        .with_retry(retry())
+        .with_client_options(client(plain(&["GOOGLE_BASE_URL"])));
+    Ok(Arc::new(builder.build().map_err(failed)?))
+}
+
+fn azure(container: &str) -> io::Result<Arc<dyn ObjectStore>> {
+    const ANY: &[&str] = &[
+        "AZURE_STORAGE_ACCOUNT_KEY",
+        "AZURE_STORAGE_ACCESS_KEY",
+        "AZURE_STORAGE_SAS_TOKEN",
+        "AZURE_STORAGE_SAS_KEY",
+        "AZURE_STORAGE_CLIENT_ID",
+        "AZURE_CLIENT_ID",
+        "AZURE_FEDERATED_TOKEN_FILE",
+        "AZURE_STORAGE_TOKEN",
+        "AZURE_USE_AZURE_CLI",
+        "AZURE_STORAGE_USE_EMULATOR",
+        "AZURE_SKIP_SIGNATURE",
+        "IDENTITY_ENDPOINT",
+    ];
+    if !given(ANY) {
+        let remedy = "AZURE_STORAGE_ACCOUNT_NAME and AZURE_STORAGE_ACCOUNT_KEY (or AZURE_STORAGE_SAS_TOKEN, or \
+            AZURE_USE_AZURE_CLI=true after az login)";
+        return Err(no_credentials("Azure Blob Storage", remedy));
+    }
+    let endpoints = ["AZURE_STORAGE_ENDPOINT", "AZURE_ENDPOINT"];
+    let plain = plain(&endpoints) || given(&["AZURE_STORAGE_USE_EMULATOR"]);
+    let builder = MicrosoftAzureBuilder::from_env()
+        .with_container_name(container)
+        .with_retry(retry())
+        .with_client_options(client(plain));
+    Ok(Arc::new(builder.build().map_err(failed)?))
+}
+
+/// Requests run here, two threads for all of them.
+pub fn runtime() -> io::Result<&'static Runtime> {
+    static RUNTIME: LazyLock<io::Result<Runtime>> =
+        LazyLock::new(|| Builder::new_multi_thread().worker_threads(2).enable_all().build());
+    RUNTIME.as_ref().map_err(|e| io::Error::new(e.kind(), e.to_string()))
+}
+
+pub const CHANGED: &str = "it was changed while it was read; replay it again";
+
+/// An error in words of our own: those of a library hold addresses, and signatures in them.
+pub fn failed(e: Error) -> io::Error {
+    let text = e.to_string();
+    let status = text.split("status code: ").nth(1).and_then(|s| s.split([':', ' ']).next());
+    let (kind, what) = match (&e, status) {
+        (Error::Precondition { .. }, _) => return io::Error::new(ErrorKind::InvalidData, CHANGED),
+        (Error::NotFound { .. }, _) | (_, Some("404")) => {
+            (ErrorKind::NotFound, "no such object, or no such bucket (404)".into())
+        }
+        (Error::PermissionDenied { .. }, _) | (_, Some("403")) => {
+            let what = "access denied (403): these credentials do not allow it";
+            (ErrorKind::PermissionDenied, what.into())
+        }
+        (Error::Unauthenticated { .. }, _) | (_, Some("401")) => {
+            let what = "access denied (401): the credentials are wrong or out of date";
+            (ErrorKind::PermissionDenied, what.into())
+        }
+        (_, Some(status)) => (ErrorKind::Other, format!("the server answers {status}")),
+        (other, None) => (ErrorKind::Other, format!("the request failed: {}", root(other))),
+    };
+    let code = code(&text);
+    let what = if code.is_empty() { what } else { format!("{what}, {code}") };
+    let tried = kind == ErrorKind::Other && text.contains("retries");
+    io::Error::new(
+        kind,
+        if tried { format!("{what}; tried {} times at most", MOST_TRIES + 1) } else { what },
+    )
+}
+
+/// What all began with.
+fn root(e: &Error) -> String {
+    let mut last: &dyn std::error::Error = e;
+    while let Some(source) = last.source() {
+        last = source;
+    }
+    // a query may hold a signature
+    let what = last.to_string();
+    let words: Vec<&str> = what.split(' ').map(|w| w.split('?').next().unwrap_or(w)).collect();
+    words.join(" ").chars().take(MOST_WORDS).collect()
+}
+
+/// The one word of a server's answer that helps and tells nothing.
+fn code(answer: &str) -> String {
+    let code = answer.split("<Code>").nth(1).and_then(|rest| rest.split("</Code>").next());
+    let word = |c: char| c.is_ascii_alphanumeric();
+    code.filter(|code| code.len() < 64 && code.chars().all(word)).unwrap_or_default().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_hold_no_address_and_no_signature() {
+        let said = |text: &str| {
+            let source = Box::new(io::Error::other(text.to_owned()));
+            failed(Error::Generic { store: "S3", source }).to_string()
+        };
+        let denied = said("status code: 500 Oops: <Code>Slow</Code><Key>AKIA</Key>");
+        assert_eq!(denied, "the server answers 500, Slow");
+        let query = said("sending to https://x/y?sig=SECRET&a=b failed");
+        assert_eq!(query, "the request failed: sending to https://x/y failed");
+    }
+
+    #[test]
+    fn names_that_can_be_no_objects() {
+        for name in ["s3://", "s3:///key", "s3://bucket/a/../b", "abfss://c@a/b"] {
+            let refused = Place::of(Name::new(name)).unwrap_err();
+            assert_eq!(refused.kind(), ErrorKind::InvalidInput, "{name}: {refused}");
+        }
+    }
+}

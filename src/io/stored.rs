@@ -1,0 +1,46 @@
+//! What lies under a name, be that a file's or an object's: whether, since when, how large; gone, renamed.
+
+use super::objects::{self, in_object_store};
+use super::stamp::Stamp;
+use std::io::{self, ErrorKind};
+use std::path::Path;
+
+/// Of a file or an object as it is now.
+pub fn stamp(path: &Path) -> io::Result<Stamp> {
+    match in_object_store(path) {
+        true => objects::stamp(path),
+        false => Ok(Stamp::of(&path.metadata()?)),
+    }
+}
+
+/// Whether there is a file, or an object; what cannot be asked is not there.
+pub fn is_file(path: &Path) -> bool {
+    match in_object_store(path) {
+        true => objects::stamp(path).is_ok(),
+        false => path.is_file(),
+    }
+}
+
+/// Whether there is anything of that name.
+pub fn exists(path: &Path) -> bool {
+    if in_object_store(path) { is_file(path) } else { path.exists() }
+}
+
+/// 0: it is not there.
+pub fn bytes(path: &Path) -> u64 {
+    stamp(path).map_or(0, |stamp| stamp.bytes)
+}
+
+/// What is not there need not be removed.
+pub fn remove(path: &Path) -> io::Result<()> {
+    let removed = match in_object_store(path) {
+        true => objects::remove(path),
+        false => std::fs::remove_file(path),
+    };
+    removed.or_else(|e| if e.kind() == ErrorKind::NotFound { Ok(()) } else { Err(e) })
+}
+
+/// Of an object: a copy, then the object itself goes.
+pub fn rename(from: &Path, to: &Path) -> io::Result<()> {
+    if in_object_store(from) { objects::rename(from, to) } else { std::fs::rename(from, to) }
+}
