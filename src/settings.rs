@@ -127,7 +127,7 @@ impl Default for IdentifySettings {
             first: 20.0,
             every: 60.0,
             spans: Vec::new(),
-            least_agreeing: 0.6,
+            least_agreeing: 0.55,
             max_frequency_drift: 0.01,
             max_damping_drift: 0.10,
             window_signals: 8192,
@@ -366,7 +366,12 @@ fn parse(table: Table, place: &str) -> Result<Settings, SettingsError> {
 
 /// A TOML literal, or else a plain string: `--set output.dir=out` needs no quotes.
 fn literal(text: &str) -> Value {
-    format!("v = {text}")
+    // TOML wants a digit before the point
+    let digit = match text.strip_prefix('.').is_some_and(|rest| rest.parse::<u64>().is_ok()) {
+        true => "0",
+        false => "",
+    };
+    format!("v = {digit}{text}")
         .parse::<Table>()
         .ok()
         .and_then(|mut t| t.remove("v"))

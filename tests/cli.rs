@@ -38,6 +38,9 @@ fn a_setting_that_cannot_take_effect_is_refused_with_what_to_do() {
         (&replay, "output.weights=true", "--design"),
         (&replay, "detect.mu=2", "max"),
         (&replay, "detect.fault=EC", "eigenvalues"),
+        (&replay, "detect.denominator=eigenvalues", "train"),
+        (&replay, "detect.oscillations=7", "residual-energy"),
+        (&replay, "report.rows=2", "report"),
         (&train, "isolate.certainty=0.9", "replay"),
         (&train, "identify.first=5", "replay"),
         (&train, "output.dir=x", "replay"),
@@ -45,8 +48,12 @@ fn a_setting_that_cannot_take_effect_is_refused_with_what_to_do() {
         house.run(&format!("{command} --set {set}")).exits(2).says(said);
         assert!(!house.path("out").exists() && !house.path("d.json").exists(), "{set}");
     }
-    for set in ["detect.false_alarm_rate=7e-4", "identify.first=5", "episodes.false_per_million=1"]
-    {
+    for set in [
+        "isolate.certainty=.9",
+        "detect.false_alarm_rate=7e-4",
+        "identify.first=5",
+        "episodes.false_per_million=1",
+    ] {
         house.run(&format!("{judge} --dry-run --set {set}")).exits(0);
     }
 }

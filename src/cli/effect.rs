@@ -3,7 +3,7 @@
 
 use super::exit::Failure;
 use crate::design::{DetectSettings, IsolateSettings};
-use crate::detect::{Denominator, ThresholdMethod};
+use crate::detect::{Denominator, DetectMethod, ThresholdMethod};
 use crate::isolate::IsolateMethod;
 use crate::settings::Settings;
 
@@ -51,7 +51,13 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<String
             .contains(&name)
             .then(|| "it is no part of a design; give it to `inkling replay`".into()),
         // beside a design: refused where the design is read, as there it may be the same
-        ("detect", Command::Replay { detects: false, .. } | Command::Identify) => match command {
+        ("detect", Command::Replay { detects: true, .. }) => {
+            without_labels(name, &settings.detect).or_else(|| by_detection(name, &settings.detect))
+        }
+        ("report", Command::Replay { .. }) if matches!(name, "rows" | "pitch") => {
+            Some("it is of `inkling report` alone".into())
+        }
+        ("detect", Command::Replay { .. } | Command::Identify) => match command {
             Command::Identify => Some("`identify` detects nothing".into()),
             _ => None,
         },
@@ -62,13 +68,27 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<String
         ("input", _) if matches!(name, "" | "rails" | "dialect") => None,
         ("identify", Command::Train | Command::Critique) => (!["", "grey_box", "geometry"]
             .contains(&name))
-        .then(|| "windows are of `inkling replay`; labels say what is healthy here".into()),
+        .then(|| "healthy windows are of `inkling replay` alone".into()),
         ("identify", Command::Identify) => (!["", "grey_box", "geometry", "least_agreeing"]
             .contains(&name))
         .then(|| "one model is identified, on all that is healthy".into()),
         (_, Command::Replay { .. }) => None,
         ("isolate", Command::Identify) => Some("`identify` names nothing".into()),
         _ => Some("it is of `inkling replay` and `report`".into()),
+    }
+}
+
+/// What a replay without a design cannot do: nobody has labelled a fault, and no residual is matched.
+fn without_labels(name: &str, detect: &DetectSettings) -> Option<String> {
+    match name {
+        "denominator" if detect.denominator != Denominator::Resonance => Some(
+            "that filter is learned from signals labelled detect.fault; `inkling train` with it"
+                .into(),
+        ),
+        "oscillations" | "other_poles_per_s" if detect.method == DetectMethod::Sensitivity => {
+            Some("it is of detect.method = \"residual-energy\" alone".into())
+        }
+        _ => None,
     }
 }
 

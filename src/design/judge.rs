@@ -370,18 +370,14 @@ impl Judge {
         let Some(best) = decision.candidate.map(usize::from) else { return Some(decision) };
         if let Some(typical) = typical {
             let most = typical.misfit[best];
-            // what a ring leaves is at most what its fit left; held, its phase may be the other way round
-            let turned = fit.features.phase_rad.abs() > std::f64::consts::FRAC_PI_2;
-            if work.misfit > most || (turned && !posterior.phase) {
+            // what a ring leaves is at most what its fit left
+            if work.misfit > most {
                 signal(&mut work.residual);
                 let left = of_rings.left(&work.residual, fit, (self, noise), best);
                 work.misfit = left.all;
                 if left.of_class > most {
                     work.weights.clear();
                     return Some(Isolation::of_no_ring());
-                }
-                if !typical.has_phase(best, left.phase_rad) {
-                    return Some(decision.of_unknown_fault());
                 }
             }
         }
@@ -404,11 +400,10 @@ impl Judge {
 }
 
 /// Of a ring with its phase free: mean square that it leaves over the noise's, the same less what
-/// signals of a class leave, and its phase.
+/// signals of a class leave.
 struct LeftOfRing {
     all: f64,
     of_class: f64,
-    phase_rad: f64,
 }
 
 impl OfRings {
@@ -431,7 +426,7 @@ impl OfRings {
             let size = size * judge.relative_noise(noise);
             typical.misfit_of(Beside { left: &left, size }, class)
         });
-        LeftOfRing { all, of_class, phase_rad: fit.features.phase_rad }
+        LeftOfRing { all, of_class }
     }
 }
 

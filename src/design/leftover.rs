@@ -19,19 +19,16 @@ pub(super) struct Left {
     pub rows: Vec<Vec<f64>>,
     /// Amplitude of the ring over the healthy one's at the reference drive.
     pub size: Vec<f64>,
-    /// Of the ring against the healthy one's.
-    pub phase_rad: Vec<f64>,
 }
 
 impl Left {
     pub fn none() -> Left {
-        Left { rows: Vec::new(), size: Vec::new(), phase_rad: Vec::new() }
+        Left { rows: Vec::new(), size: Vec::new() }
     }
 
     pub fn extend(&mut self, more: Left) {
         self.rows.extend(more.rows);
         self.size.extend(more.size);
-        self.phase_rad.extend(more.phase_rad);
     }
 
     /// In other units.
@@ -71,7 +68,6 @@ impl Left {
             let left = beside.left(fitter, &signals[i], &fit.features);
             of.rows.push(left.into_iter().map(|v| v * drive).collect());
             of.size.push(fit.features.ln_amplitude.exp() * drive);
-            of.phase_rad.push(fit.features.phase_rad);
         }
         of
     }
@@ -150,6 +146,6 @@ impl Left {
                 beside.project(fitter, &noise, &Features::HEALTHY)
             })
             .collect();
-        Left { rows, size: Vec::new(), phase_rad: Vec::new() }.autocovariance(lags)
+        Left { rows, size: Vec::new() }.autocovariance(lags)
     }
 }

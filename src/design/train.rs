@@ -187,43 +187,39 @@ fn learned_filter(
     LearnedFilter::learn((&design.pooled, &healthy), &class, &sets, settings)
 }
 
-/// Class densities from a ring fitted to every labelled signal, the phase held and free, and from
-/// the physics as far as it predicts them.
+/// Class densities from a ring fitted to every labelled signal, and from the physics as far as it predicts
+/// them.
 fn learn_posterior(design: &Design, set: &TrainingSet) -> Result<Option<Posterior>, DesignError> {
-    let (mut held, mut free) = (Vec::new(), Vec::new());
+    let mut of_classes = Vec::new();
     for class in &design.classes {
         let sets = set.faulty.get(&class.name).map(|sets| design.with_models(sets));
-        let sets = sets.unwrap_or_default();
-        held.push(examples(&sets, false)?);
-        free.push(examples(&sets, true)?);
+        of_classes.push(examples(&sets.unwrap_or_default(), true)?);
     }
-    let all = |some: &[Option<Examples>]| some.iter().cloned().collect::<Option<Vec<_>>>();
-    let learned =
-        all(&held).zip(all(&free)).and_then(|(held, free)| Posterior::learn(&held, &free));
-    let Some(physics) = &design.physics else { return Ok(learned) };
-    let stacked = |phase: bool, examples: &[Option<Examples>]| {
-        let classes = design.fault_classes();
-        let curves = physics.curves(&classes, phase, design.sample_period_s, design.samples);
-        let known: Vec<bool> = (0..examples.len()).map(|k| !curves.class(k).is_empty()).collect();
-        let ln_densities = |x: &Vec<f64>| {
+    let learned = || {
+        let all: Option<Vec<Examples>> = of_classes.iter().cloned().collect();
+        all.and_then(|all| Posterior::learn(&all))
+    };
+    let Some(physics) = &design.physics else { return Ok(learned()) };
+    let classes = design.fault_classes();
+    let curves = physics.curves(&classes, true, design.sample_period_s, design.samples);
+    let known: Vec<bool> = (0..of_classes.len()).map(|k| !curves.class(k).is_empty()).collect();
+    let mut distances = vec![Vec::new(); of_classes.len()];
+    let mut by_physics: Vec<Vec<Vec<f64>>> = vec![Vec::new(); of_classes.len()];
+    for (k, class) in of_classes.iter().enumerate() {
+        for x in class.iter().flat_map(|class| &class.features) {
             let mut compared = Comparison::default();
             curves.compare(x, Seen::as_made(), &mut compared);
-            compared.ln_densities
-        };
-        let by_physics: Vec<Vec<Vec<f64>>> = examples
-            .iter()
-            .map(|class| class.iter().flat_map(|class| &class.features).map(ln_densities).collect())
-            .collect();
-        Posterior::stack(phase, examples, &by_physics, &known)
-    };
-    // where examples are too few to tell, both score 0: the physics knows what the phase tells
-    let of_free = stacked(true, &free);
-    let of_held = if all(&held).is_some() { stacked(false, &held) } else { None };
-    let better = match (of_free, of_held) {
-        (Some(free), Some(held)) => Some(if held.1 > free.1 { held } else { free }),
-        (free, held) => free.or(held),
-    };
-    Ok(better.map(|(posterior, _)| posterior).or(learned))
+            distances[k].push(curves.distance(k, x, Seen::as_made(), &compared));
+            by_physics[k].push(compared.ln_densities);
+        }
+    }
+    let stacked = Posterior::stack(true, &of_classes, &by_physics, &known).map(|mut posterior| {
+        for (k, distances) in distances.iter().enumerate().filter(|(k, _)| known[*k]) {
+            posterior.learn_distance(k, distances);
+        }
+        posterior
+    });
+    Ok(stacked.or_else(learned))
 }
 
 /// A class that is known by physics only and takes the signals of a user's own class is that class by
@@ -308,7 +304,7 @@ pub(super) fn examples(
         noise = fitter.noise_covariance(&at, phase, model.noise).or(noise);
     }
     let enough = !features.is_empty();
-    Ok(noise.filter(|_| enough).map(|noise| Examples { features, noise }))
+    Ok(noise.filter(|_| enough).map(|noise| Examples::new(features, noise)))
 }
 
 /// The thesis's classes in the order of its tables, then a user's own by name.

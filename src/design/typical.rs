@@ -5,7 +5,7 @@ use super::detector::ring_of;
 use super::leftover::Left;
 use super::{Design, DesignError, HealthyModel, TrainingSet};
 use crate::identify::averaging::SignalSet;
-use crate::isolate::typical::{Beside, Typical, directions, misfit_bound, phase_bounds};
+use crate::isolate::typical::{Beside, Typical, directions, misfit_bound};
 use crate::model::beside_ring::BesideRing;
 use crate::model::faults;
 use crate::model::inner_product::dot;
@@ -23,7 +23,9 @@ const FEWEST_OWN: usize = 8;
 
 /// `None`: nothing rings, so nothing can be told.
 pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical>, DesignError> {
-    let Some(posterior) = &design.posterior else { return Ok(None) };
+    if design.posterior.is_none() {
+        return Ok(None);
+    }
     let healthy = left_of(design, &set.healthy)?;
     let mut classes = Vec::new();
     for class in &design.classes {
@@ -66,15 +68,6 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
         }
     });
     typical.misfit = bounds.collect();
-    if !posterior.phase {
-        let healthy = phase_bounds(&healthy.phase_rad);
-        let of_class = |of: &OfClass| match of.labelled {
-            // few tell less than the healthy ones
-            n if n < FEWEST_OWN => healthy.map(|p| 2.0 * p),
-            _ => phase_bounds(&of.left.phase_rad),
-        };
-        typical.phase_rad = classes.iter().map(of_class).collect();
-    }
     Ok(Some(typical))
 }
 

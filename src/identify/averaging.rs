@@ -139,7 +139,8 @@ pub fn agreeing(set: &SignalSet, least_share: f64) -> Result<Vec<usize>, Identif
         let limit = REACH * median(&mut distances.clone());
         keep = (0..set.len()).filter(|&i| distances[i] <= limit).collect();
         if (keep.len() as f64) < least_share * set.len() as f64 || keep.len() < FEWEST_SIGNALS {
-            return Err(IdentifyError::NoMajority { inliers: keep.len(), signals: set.len() });
+            let (inliers, signals, least) = (keep.len(), set.len(), least_share);
+            return Err(IdentifyError::NoMajority { inliers, signals, least });
         }
         centre = average(&set.select(&keep))?.y;
     }

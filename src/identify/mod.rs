@@ -82,10 +82,10 @@ pub enum IdentifyError {
     #[error("{found} usable healthy signals, {needed} are needed: widen the window")]
     TooFewSignals { found: usize, needed: usize },
     #[error(
-        "only {inliers} of {signals} signals agree with each other: a healthy window needs a \
-         majority of healthy signals; choose another window or give labels"
+        "only {inliers} of {signals} signals agree with each other, and identify.least_agreeing = {least}: \
+         choose another window, or say by identify.labels which signals are healthy"
     )]
-    NoMajority { inliers: usize, signals: usize },
+    NoMajority { inliers: usize, signals: usize, least: f64 },
     #[error("{samples} samples per signal: identification of 6 numbers needs at least {needed}")]
     TooFewSamples { samples: usize, needed: usize },
     #[error("the average signal is zero or constant: nothing rings in this window")]

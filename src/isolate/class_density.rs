@@ -44,12 +44,13 @@ pub struct ClassDensity {
 
 impl ClassDensity {
     /// `features`: one row per signal. `noise`: covariance of a fit's noise at the class. `pooled`:
-    /// covariance of all classes about their own means, that few examples are shrunk towards.
-    /// `None`: no examples, or a covariance that is none.
+    /// covariance of all classes about their own means, that few examples are shrunk towards. `tell_ends`:
+    /// they may be a range. `None`: no examples, or a covariance that is none.
     pub fn learn(
         features: &[DVector<f64>],
         noise: &DMatrix<f64>,
         pooled: Option<&DMatrix<f64>>,
+        tell_ends: bool,
     ) -> Option<ClassDensity> {
         /// Examples that the pooled covariance counts for.
         const SHRINKAGE: f64 = 1.0;
@@ -81,7 +82,7 @@ impl ClassDensity {
         let apart = DMatrix::from_diagonal(&noise.diagonal().map(|v| 1.0 / v.sqrt()));
         [eigenvectors.transpose() * inverse, apart]
             .into_iter()
-            .filter_map(|to_axes| along(to_axes, &mean, (&covariance, wider), features))
+            .filter_map(|to_axes| along(to_axes, &mean, (&covariance, wider), features, tell_ends))
             .max_by(|(p, _), (q, _)| p.total_cmp(q))
             .map(|(_, density)| density)
     }
@@ -184,6 +185,7 @@ fn along(
     mean: &DVector<f64>,
     (covariance, wider): (&DMatrix<f64>, f64),
     features: &[DVector<f64>],
+    tell_ends: bool,
 ) -> Option<(f64, ClassDensity)> {
     let ln_determinant = to_axes.determinant().abs().ln();
     if !ln_determinant.is_finite() {
@@ -207,7 +209,7 @@ fn along(
         let in_itself = 1.0 / row[j];
         let is_logarithm = j < LOGARITHMS && others.all(|b| b == 0.0);
         let slopes = if is_logarithm { vec![0.0, in_itself] } else { vec![0.0] };
-        let (of_range, middle, range) = match width >= 0.05 && u.len() >= LEAST_EXAMPLES {
+        let (of_range, middle, range) = match width >= 0.05 && tell_ends {
             true => slopes
                 .into_iter()
                 .map(|slope| likeliest_range(&u, width, slope))
@@ -233,9 +235,6 @@ fn along(
 
 /// Of the features: amplitude, damping, frequency.
 const LOGARITHMS: usize = 3;
-
-/// Fewer examples say nothing of ends.
-const LEAST_EXAMPLES: usize = 20;
 
 /// The range of that slope that the examples make likeliest: its log likelihood, its middle, and the
 /// range itself, a little wider, since its ends lie outside the outermost examples. The mean and the
@@ -448,7 +447,7 @@ mod tests {
     #[test]
     fn density_integrates_to_one() {
         for sizes in ALL {
-            let density = ClassDensity::learn(&draw(400, sizes), &noise(), None).unwrap();
+            let density = ClassDensity::learn(&draw(400, sizes), &noise(), None, true).unwrap();
             let h = 0.01;
             let mut mass = 0.0;
             for i in -300..500 {
@@ -463,7 +462,7 @@ mod tests {
     #[test]
     fn range_of_sizes_is_told_from_a_gaussian_spread() {
         let is_range = |sizes| {
-            let density = ClassDensity::learn(&draw(400, sizes), &noise(), None).unwrap();
+            let density = ClassDensity::learn(&draw(400, sizes), &noise(), None, true).unwrap();
             density.axes.iter().any(|a| matches!(a, Axis::Range(r) if r.half_width > 5.0))
         };
         assert!(is_range(Sizes::Even));
@@ -473,7 +472,7 @@ mod tests {
 
     #[test]
     fn what_is_even_in_its_exponential_ends_where_it_ends_and_not_beyond() {
-        let density = ClassDensity::learn(&draw(400, Sizes::Tilted), &noise(), None).unwrap();
+        let density = ClassDensity::learn(&draw(400, Sizes::Tilted), &noise(), None, true).unwrap();
         let tilts = density.axes.iter().filter_map(|axis| match axis {
             Axis::Range(range) => Some((range.slope * range.half_width).abs()),
             Axis::Gaussian(_) => None,
@@ -484,7 +483,7 @@ mod tests {
         // its upper end is 1.5; five standard deviations of the noise further there is nothing
         let inside = density.ln_density(&[1.45, 0.0]);
         assert!(density.ln_density(&[1.75, 0.0]) < inside - 8.0);
-        let even = ClassDensity::learn(&draw(400, Sizes::Even), &noise(), None).unwrap();
+        let even = ClassDensity::learn(&draw(400, Sizes::Even), &noise(), None, true).unwrap();
         let is_flat = |axis: &Axis| !matches!(axis, Axis::Range(range) if range.slope != 0.0);
         assert!(even.axes.iter().all(is_flat));
     }
@@ -492,14 +491,16 @@ mod tests {
     #[test]
     fn few_examples_are_shrunk_and_none_are_refused() {
         let pooled = noise() * 4.0;
-        assert!(ClassDensity::learn(&draw(1, Sizes::Even), &noise(), Some(&pooled)).is_some());
-        assert!(ClassDensity::learn(&draw(1, Sizes::Even), &noise(), None).is_none());
-        assert!(ClassDensity::learn(&[], &noise(), Some(&pooled)).is_none());
+        assert!(
+            ClassDensity::learn(&draw(1, Sizes::Even), &noise(), Some(&pooled), false).is_some()
+        );
+        assert!(ClassDensity::learn(&draw(1, Sizes::Even), &noise(), None, false).is_none());
+        assert!(ClassDensity::learn(&[], &noise(), Some(&pooled), false).is_none());
     }
 
     #[test]
     fn distance_is_small_inside_and_large_outside() {
-        let density = ClassDensity::learn(&draw(400, Sizes::Even), &noise(), None).unwrap();
+        let density = ClassDensity::learn(&draw(400, Sizes::Even), &noise(), None, true).unwrap();
         assert!(density.distance(&[1.3, 0.0]) < 1.0);
         assert!(density.distance(&[5.0, 0.0]) > 100.0);
         assert!(density.ln_density(&[60.0, 0.0]).is_finite());
@@ -508,7 +509,7 @@ mod tests {
     #[test]
     fn density_is_that_of_its_axes() {
         for sizes in ALL {
-            let density = ClassDensity::learn(&draw(400, sizes), &noise(), None).unwrap();
+            let density = ClassDensity::learn(&draw(400, sizes), &noise(), None, true).unwrap();
             for i in -400..600 {
                 let x = [f64::from(i) * 0.1, f64::from(i % 7) * 0.05];
                 let axes = density.axes.iter().zip(&density.to_axes);
@@ -523,7 +524,7 @@ mod tests {
     #[test]
     fn no_density_lies_above_its_bound() {
         for sizes in ALL {
-            let density = ClassDensity::learn(&draw(400, sizes), &noise(), None).unwrap();
+            let density = ClassDensity::learn(&draw(400, sizes), &noise(), None, true).unwrap();
             let mut closest = f64::INFINITY;
             for i in -400..600 {
                 for j in -100..100 {

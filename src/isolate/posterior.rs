@@ -5,7 +5,7 @@
 
 use super::class_density::ClassDensity;
 use super::class_lanes::ClassLanes;
-use super::typical::ln_density_bound;
+use super::typical::{distance_bound, ln_density_bound};
 use crate::model::lane_math::exp;
 use crate::processor::for_processor;
 use nalgebra::{DMatrix, DVector};
@@ -18,12 +18,24 @@ use std::sync::OnceLock;
 pub struct Examples {
     pub features: Vec<Vec<f64>>,
     pub noise: DMatrix<f64>,
+    /// Whether they are enough to tell the ends of a range of sizes; a part of them tells what they do.
+    pub tell_ends: bool,
 }
+
+impl Examples {
+    pub fn new(features: Vec<Vec<f64>>, noise: DMatrix<f64>) -> Examples {
+        let tell_ends = features.len() >= TELL_ENDS;
+        Examples { features, noise, tell_ends }
+    }
+}
+
+/// Fewer examples say nothing of ends.
+const TELL_ENDS: usize = 20;
 
 /// Densities of the classes.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Posterior {
-    /// Whether the phase is a feature: chosen in training, by which predicts held-out labels better.
+    /// Whether the phase is a feature.
     pub phase: bool,
     /// Log densities are divided by this before they are compared: 1 where the densities are right,
     /// more where they promise too much. Chosen in training on held-out signals.
@@ -32,6 +44,9 @@ pub struct Posterior {
     /// labelled.
     #[serde(default)]
     pub least_ln_density: Vec<Option<f64>>,
+    /// Per class, the squared distance from what the physics knows of it beyond which its signals do not
+    /// lie.
+    pub most_distance: Vec<f64>,
     /// Learned from labelled signals; `None`: none were labelled, the physics stands in.
     pub classes: Vec<Option<ClassDensity>>,
     /// Share of the physics in each class's density; empty: it has none.
@@ -59,23 +74,13 @@ const BEYOND_PHYSICS: f64 = 23.5;
 const PHYSICS_TELLS: f64 = 0.5;
 
 impl Posterior {
-    /// Learns the densities of the same signals fitted with the phase held and free, and keeps what
-    /// predicts better. `None`: a class without examples, or all of one.
-    pub fn learn(held: &[Examples], free: &[Examples]) -> Option<Posterior> {
-        let [held, free] = [held, free].map(|of| of.iter().cloned().map(Some).collect::<Vec<_>>());
-        let none = |of: &[Option<Examples>]| -> Vec<Vec<Vec<f64>>> {
-            let far = vec![f64::NEG_INFINITY; of.len()];
-            of.iter()
-                .map(|e| vec![far.clone(); e.as_ref().map_or(0, |e| e.features.len())])
-                .collect()
-        };
-        let unknown = vec![false; held.len()];
-        let of_held = Posterior::stack(false, &held, &none(&held), &unknown);
-        let of_free = Posterior::stack(true, &free, &none(&free), &unknown);
-        match (of_held, of_free) {
-            (Some(held), Some(free)) => Some(if free.1 > held.1 { free.0 } else { held.0 }),
-            (held, free) => held.or(free).map(|(posterior, _)| posterior),
-        }
+    /// Learns the densities of signals of every class. `None`: a class without examples, or all of one.
+    pub fn learn(examples: &[Examples]) -> Option<Posterior> {
+        let far = vec![f64::NEG_INFINITY; examples.len()];
+        let none: Vec<Vec<Vec<f64>>> =
+            examples.iter().map(|e| vec![far.clone(); e.features.len()]).collect();
+        let examples: Vec<Option<Examples>> = examples.iter().cloned().map(Some).collect();
+        Posterior::stack(true, &examples, &none, &vec![false; examples.len()])
     }
 
     /// The same where the physics has a density of its own for some classes and others have no
@@ -84,18 +89,17 @@ impl Posterior {
     /// A class's density is a mixture of the learned one and the physics', the shares by expectation
     /// maximisation on held-out examples (stacking, Wolpert 1992): the physics counts for
     /// `PHYSICS_COUNTS` examples that it predicts, so it stands alone at first and stays as far as
-    /// it is right. With the mean log posterior of held-out examples, summed over classes; 0 where
-    /// they are too few to tell. `None`: a class has neither.
+    /// it is right. `None`: a class has neither.
     pub fn stack(
         phase: bool,
         examples: &[Option<Examples>],
         physics: &[Vec<Vec<f64>>],
         known: &[bool],
-    ) -> Option<(Posterior, f64)> {
+    ) -> Option<Posterior> {
         let learned = some_densities(examples);
         // ln density of every example in every class, learned without its part
         let fewest = examples.iter().flatten().map(|e| e.features.len()).min().unwrap_or(0);
-        let parts = if fewest < FEWEST_TEMPERED { fewest.clamp(2, 10) } else { 2 };
+        let parts = if fewest < FEWEST_HALVED { fewest.clamp(2, 10) } else { 2 };
         let mut unseen: Vec<Vec<Vec<f64>>> = physics.to_vec();
         for part in 0..parts {
             let rest: Vec<_> =
@@ -149,14 +153,18 @@ impl Posterior {
                 (own.len() >= FEWEST_BOUNDED).then(|| ln_density_bound(&own))
             })
             .collect();
-        let (temperature, score) = match fewest >= FEWEST_BOUNDED {
-            true => (TEMPERATURES[best], scores[best]),
-            false => (1.0, 0.0),
-        };
+        let temperature = if fewest >= FEWEST_BOUNDED { TEMPERATURES[best] } else { 1.0 };
         let (classes, lanes) = (learned, OnceLock::new());
-        let posterior =
-            Posterior { phase, temperature, least_ln_density, classes, physics_share, lanes };
-        Some((posterior, score))
+        let most_distance = vec![BEYOND_PHYSICS; examples.len()];
+        Some(Posterior {
+            phase,
+            temperature,
+            least_ln_density,
+            most_distance,
+            classes,
+            physics_share,
+            lanes,
+        })
     }
 
     /// Coordinates of the features that it takes.
@@ -175,6 +183,9 @@ impl Posterior {
         if self.least_ln_density.len() != classes {
             return Err("`posterior.least_ln_density` must hold one number per class".into());
         }
+        if self.most_distance.len() != classes || !self.most_distance.iter().all(|d| *d > 0.0) {
+            return Err("`posterior.most_distance` must hold one number above 0 per class".into());
+        }
         let share = |k: usize| self.physics_share.get(k).copied().unwrap_or(0.0);
         let stands = |(k, class): (usize, &Option<ClassDensity>)| match class {
             Some(_) => (0.0..=1.0).contains(&share(k)),
@@ -186,6 +197,14 @@ impl Posterior {
             );
         }
         self.classes.iter().flatten().try_for_each(|class| class.check(self.coordinates()))
+    }
+
+    /// Class `k`'s labelled signals lie so far from what the physics knows of it, squared: the next will
+    /// hardly lie further.
+    pub fn learn_distance(&mut self, k: usize, distances: &[f64]) {
+        if distances.len() >= FEWEST_DISTANCES {
+            self.most_distance[k] = distance_bound(distances).min(BEYOND_PHYSICS);
+        }
     }
 
     /// Posterior of each class; sums to 1. `physics`: its ln densities, where it has a share; else
@@ -241,7 +260,7 @@ impl Posterior {
         let by_labels = least.is_some_and(|least| ln_density >= least);
         let physics_tells = least.is_none()
             || self.physics_share.get(k).is_some_and(|share| *share > PHYSICS_TELLS);
-        by_labels || (physics_tells && from_curves() <= BEYOND_PHYSICS)
+        by_labels || (physics_tells && from_curves() <= self.most_distance[k])
     }
 }
 
@@ -257,10 +276,12 @@ const MOSTLY_PHYSICS: f64 = 0.999;
 
 /// Examples that the physics counts for in its share of a class.
 const PHYSICS_COUNTS: f64 = 8.0;
+/// Labelled signals of a class from which they tell how far from the physics they lie.
+const FEWEST_DISTANCES: usize = 8;
 /// Examples of a class from which it has a bound of its own.
 const FEWEST_BOUNDED: usize = 3;
-/// Examples of every class from which a temperature is learned of halves.
-const FEWEST_TEMPERED: usize = 20;
+/// Examples of every class of which a half tells nearly what all do.
+const FEWEST_HALVED: usize = 100;
 
 /// Share of the physics that makes held-out examples likeliest; pairs of ln densities (learned,
 /// physics). `before`: the share that is believed without them. Expectation maximisation.
@@ -302,7 +323,8 @@ fn ln_or_none(class: Option<&ClassDensity>, x: &[f64]) -> f64 {
 fn without(class: &Examples, part: usize, parts: usize) -> Option<Examples> {
     let kept = class.features.iter().enumerate().filter(|(i, _)| i % parts != part);
     let features: Vec<Vec<f64>> = kept.map(|(_, x)| x.clone()).collect();
-    (!features.is_empty()).then(|| Examples { features, noise: class.noise.clone() })
+    let of = |features| Examples { features, noise: class.noise.clone(), ..*class };
+    (!features.is_empty()).then(|| of(features))
 }
 
 /// Densities of the classes that have examples enough.
@@ -312,7 +334,7 @@ fn some_densities(examples: &[Option<Examples>]) -> Vec<Option<ClassDensity>> {
     let density = |class: &Examples| {
         let features: Vec<DVector<f64>> =
             class.features.iter().map(|x| DVector::from_row_slice(x)).collect();
-        ClassDensity::learn(&features, &class.noise, pooled.as_ref())
+        ClassDensity::learn(&features, &class.noise, pooled.as_ref(), class.tell_ends)
     };
     examples.iter().map(|class| class.as_ref().and_then(density)).collect()
 }
@@ -376,32 +398,25 @@ mod tests {
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
         let size = if phase.is_some() { 4 } else { 3 };
         (0..3)
-            .map(|class| Examples {
-                features: (0..n)
-                    .map(|_| {
-                        let mut x: Vec<f64> = (0..size).map(|_| 0.1 * normal()).collect();
-                        x[2] += 0.15 * class as f64;
-                        if let Some(step) = phase {
-                            x[3] += step * class as f64;
-                        }
-                        x
-                    })
-                    .collect(),
-                noise: DMatrix::identity(size, size) * 0.0025,
+            .map(|class| {
+                let row = |_| {
+                    let mut x: Vec<f64> = (0..size).map(|_| 0.1 * normal()).collect();
+                    x[2] += 0.15 * class as f64;
+                    if let Some(step) = phase {
+                        x[3] += step * class as f64;
+                    }
+                    x
+                };
+                let noise = DMatrix::identity(size, size) * 0.0025;
+                Examples::new((0..n).map(row).collect(), noise)
             })
             .collect()
     }
 
     #[test]
-    fn phase_is_used_where_it_tells_the_classes_apart() {
-        let held = examples(100, None, 1);
-        assert!(Posterior::learn(&held, &examples(100, Some(0.3), 1)).unwrap().phase);
-    }
-
-    #[test]
     fn posterior_is_calibrated_on_fresh_signals() {
         let held = examples(400, None, 2);
-        let posterior = Posterior::learn(&held, &held).unwrap();
+        let posterior = Posterior::learn(&held).unwrap();
         let (mut claimed, mut right, mut n) = (0.0, 0.0, 0.0);
         let mut weights = [0.0; 3];
         for (truth, class) in examples(3000, None, 3).iter().enumerate() {
@@ -419,17 +434,15 @@ mod tests {
 
     #[test]
     fn what_is_far_from_every_class_is_typical_of_none_and_fresh_signals_are_of_theirs() {
-        let held = examples(200, None, 4);
-        let posterior = Posterior::learn(&held, &examples(200, Some(0.0), 4)).unwrap();
-        let size = if posterior.phase { 4 } else { 3 };
+        let held = examples(200, Some(0.0), 4);
+        let posterior = Posterior::learn(&held).unwrap();
         let (mut ln, mut weights) = (Vec::new(), [0.0; 3]);
         let mut typical = |x: &[f64], k: usize| {
-            posterior.weigh(&x[..size], &[], &[1.0; 3], &mut ln, &mut weights);
+            posterior.weigh(x, &[], &[1.0; 3], &mut ln, &mut weights);
             posterior.is_typical(k, ln[k], || f64::INFINITY)
         };
         assert!((0..3).all(|k| !typical(&[3.0, 0.0, 0.0, 0.0], k)));
-        let phase = (size == 4).then_some(0.0);
-        let fresh = examples(2000, phase, 5);
+        let fresh = examples(2000, Some(0.0), 5);
         for (k, class) in fresh.iter().enumerate() {
             let missed = class.features.iter().filter(|x| !typical(x, k)).count();
             assert!(missed <= 20, "{missed} of 2000 of class {k}");
@@ -453,11 +466,11 @@ mod tests {
             let examples = examples(n, None, 6);
             let physics = by_physics(&examples, off);
             let labelled: Vec<_> = examples.into_iter().map(Some).collect();
-            Posterior::stack(true, &labelled, &physics, &[true; 3]).unwrap().0.physics_share
+            Posterior::stack(true, &labelled, &physics, &[true; 3]).unwrap().physics_share
         };
         let none = |n: usize| vec![Vec::new(); n];
         let alone = Posterior::stack(true, &[None, None, None], &none(3), &[true; 3]).unwrap();
-        assert_eq!(alone.0.physics_share, [1.0; 3]);
+        assert_eq!(alone.physics_share, [1.0; 3]);
         assert!(Posterior::stack(true, &[None, None], &none(2), &[true, false]).is_none());
         assert!(stacked(5, 0.0).iter().all(|share| *share > 0.6));
         assert!(stacked(200, 0.0).iter().all(|share| *share > 0.5));

@@ -21,9 +21,6 @@ pub struct Typical {
     pub spread: Vec<Vec<f64>>,
     /// Per class: most that a signal leaves, over what noise leaves.
     pub misfit: Vec<f64>,
-    /// Where the phase is none of the features, per class: least and most of it, rad; empty: it is one.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub phase_rad: Vec<[f64; 2]>,
 }
 
 /// What one signal leaves beside its ring.
@@ -47,11 +44,6 @@ impl Typical {
         square / left.len() as f64
     }
 
-    /// Whether a ring of class `k` may have that phase.
-    pub fn has_phase(&self, k: usize, phase_rad: f64) -> bool {
-        self.phase_rad.get(k).is_none_or(|[least, most]| (*least..=*most).contains(&phase_rad))
-    }
-
     /// Refused if it could not have been learned.
     pub fn check(&self, classes: usize, samples: usize) -> Result<(), String> {
         let finite = |v: &[f64]| v.iter().all(|x| x.abs() <= 1e30);
@@ -60,8 +52,7 @@ impl Typical {
             && self.spread.iter().all(|of| of.len() == self.directions.len())
             && self.spread.iter().flatten().all(|v| (0.0..=1e30).contains(v))
             && self.directions.iter().all(|d| d.len() == samples && finite(d))
-            && self.misfit.iter().all(|v| *v > 0.0)
-            && (self.phase_rad.is_empty() || self.phase_rad.len() == classes);
+            && self.misfit.iter().all(|v| *v > 0.0);
         if whole { Ok(()) } else { Err(format!("`typical` is not of {classes} classes")) }
     }
 }
@@ -72,10 +63,10 @@ pub fn misfit_bound(left: &[f64]) -> f64 {
     next_exceeds(&ln, MISSED).exp()
 }
 
-/// Bounds on the phase of the next signal of a class, rad.
-pub fn phase_bounds(phase_rad: &[f64]) -> [f64; 2] {
-    let back: Vec<f64> = phase_rad.iter().map(|p| -p).collect();
-    [-next_exceeds(&back, MISSED), next_exceeds(phase_rad, MISSED)]
+/// Bound on the squared distance of the next signal of a class from where it should lie.
+pub fn distance_bound(distances: &[f64]) -> f64 {
+    let roots: Vec<f64> = distances.iter().map(|d| d.max(0.0).cbrt()).collect();
+    next_exceeds(&roots, MISSED).powi(3)
 }
 
 /// Least ln density of the next signal of a class, from held-out ones. About half a squared distance
@@ -146,7 +137,6 @@ mod tests {
             directions: vec![along(0.5)],
             spread: vec![vec![1e6], vec![0.0]],
             misfit: vec![1.0; 2],
-            phase_rad: Vec::new(),
         };
         typical.check(2, 8).unwrap();
         assert!(typical.check(1, 8).is_err());
