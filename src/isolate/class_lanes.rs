@@ -110,7 +110,9 @@ mod tests {
                         })
                         .collect();
                     let noise = DMatrix::identity(coordinates, coordinates) * 1e-4;
-                    (k % 4 != 2).then(|| ClassDensity::learn(&features, &noise, None)).flatten()
+                    (k % 4 != 2)
+                        .then(|| ClassDensity::learn(&features, &noise, None, k % 3 > 0))
+                        .flatten()
                 })
                 .collect();
             let lanes = ClassLanes::of(&classes);
