@@ -267,7 +267,8 @@ fn likeliest_range(u: &[f64], half_width: f64, slope: f64) -> (f64, f64, Axis) {
         }
     }
     let n = u.len() as f64;
-    let half_width = best.2 * (n + 1.0) / (n - 1.0);
+    // an end lies beyond the outermost example by 2 w / n in the mean, and e^-3 of them by three times that
+    let half_width = best.2 * (1.0 + 6.0 / (n - 1.0));
     (best.0, best.1, Axis::Range(Range { half_width, slope }))
 }
 

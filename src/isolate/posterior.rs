@@ -203,7 +203,8 @@ impl Posterior {
     /// hardly lie further.
     pub fn learn_distance(&mut self, k: usize, distances: &[f64]) {
         if distances.len() >= FEWEST_DISTANCES {
-            self.most_distance[k] = distance_bound(distances).min(BEYOND_PHYSICS);
+            let most = (distance_bound(distances).sqrt() + ELSEWHERE).powi(2);
+            self.most_distance[k] = most.min(BEYOND_PHYSICS);
         }
     }
 
@@ -276,6 +277,8 @@ const MOSTLY_PHYSICS: f64 = 0.999;
 
 /// Examples that the physics counts for in its share of a class.
 const PHYSICS_COUNTS: f64 = 8.0;
+/// Elsewhere than on the printheads that were labelled signals may lie so many tolerances further.
+const ELSEWHERE: f64 = 2.0;
 /// Labelled signals of a class from which they tell how far from the physics they lie.
 const FEWEST_DISTANCES: usize = 8;
 /// Examples of a class from which it has a bound of its own.
