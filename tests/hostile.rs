@@ -449,5 +449,8 @@ fn results_that_have_no_place_are_refused_before_the_work() {
     }
     house.run("convert no.csv -o .").exits(1).says("is a directory");
     write(&house.path("run.mcap"), &some(3), WriterOptions::default());
-    house.run("replay run.mcap --out out --set isolate.priors={zz=1}").exits(2).says("zz");
+    house
+        .run("replay run.mcap --out out --set isolate.priors={zz=1}")
+        .exits(2)
+        .says("isolate.priors");
 }

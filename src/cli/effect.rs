@@ -21,8 +21,6 @@ pub enum Command {
 
 /// What only training asks of `[isolate]`.
 const OF_TRAINING: [&str; 4] = ["pulse_s", "delay_s", "guess_sd", "unlabelled_classes"];
-/// What only judging does.
-const OF_JUDGING: [&str; 5] = ["gate", "certainty", "priors", "signal", "neighbours"];
 
 /// Refuses the first key of `set` (KEY=VALUE) that the command does not read. `settings`: with all of
 /// them applied.
@@ -47,9 +45,8 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<String
             true => Some("it is part of the design; train with it".into()),
             false => by_isolation(name, &settings.isolate),
         },
-        ("isolate", Command::Train | Command::Critique) => OF_JUDGING
-            .contains(&name)
-            .then(|| "it is no part of a design; give it to `inkling replay`".into()),
+        // one line of settings may serve training and judging alike
+        ("isolate", Command::Train | Command::Critique) => None,
         // beside a design: refused where the design is read, as there it may be the same
         ("detect", Command::Replay { detects: true, .. }) => {
             without_labels(name, &settings.detect).or_else(|| by_detection(name, &settings.detect))

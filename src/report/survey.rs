@@ -39,7 +39,7 @@ impl Default for Tally {
             flagged: 0,
             rejected: 0,
             mismatched: 0,
-            channels: u32::MAX..=0,
+            channels: RangeInclusive::new(u32::MAX, 0),
             from_ns: None,
             to_ns: None,
         }
