@@ -41,7 +41,6 @@ fn a_setting_that_cannot_take_effect_is_refused_with_what_to_do() {
         (&replay, "detect.denominator=eigenvalues", "train"),
         (&replay, "detect.oscillations=7", "residual-energy"),
         (&replay, "report.rows=2", "report"),
-        (&train, "isolate.certainty=0.9", "replay"),
         (&train, "identify.first=5", "replay"),
         (&train, "output.dir=x", "replay"),
     ] {
