@@ -10,6 +10,7 @@ use crate::io::stamp::Stamp;
 use bytes::Bytes;
 use object_store::{GetOptions, GetRange, ObjectMeta, ObjectStore, ObjectStoreExt};
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::io::{self, ErrorKind};
 use std::path::Path;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -101,9 +102,8 @@ impl Object {
     fn part(&self, number: u64) -> io::Result<Bytes> {
         let mut kept = self.parts.lock();
         for wanted in kept.wanted(number, self.meta.size.div_ceil(PART_BYTES)) {
-            if !kept.parts.contains_key(&wanted) {
-                let coming = self.ask(wanted)?;
-                kept.parts.insert(wanted, Kind::Coming(coming));
+            if let Entry::Vacant(free) = kept.parts.entry(wanted) {
+                free.insert(Kind::Coming(self.ask(wanted)?));
             }
         }
         kept.forget(number);
@@ -176,7 +176,7 @@ impl Kept {
     /// Lets go of what lies furthest from where it is read, bytes first.
     fn forget(&mut self, number: u64) {
         while self.parts.len() > MOST_KEPT {
-            let behind = |n: u64| if n < number { number - n } else { 0 };
+            let behind = |n: u64| number.saturating_sub(n);
             let far = |n: u64| (behind(n), n.abs_diff(number));
             let Some(furthest) = self.parts.keys().copied().max_by_key(|&n| far(n)) else { return };
             if furthest == number {

@@ -100,7 +100,7 @@ fn client(plain: bool) -> ClientOptions {
 /// An endpoint that somebody set on purpose may be one without TLS.
 fn plain(variables: &[&str]) -> bool {
     let plain = |name: &&str| std::env::var(name).is_ok_and(|url| url.starts_with("http://"));
-    variables.iter().any(|name| plain(&name))
+    variables.iter().any(plain)
 }
 
 fn s3(bucket: &str) -> io::Result<Arc<dyn ObjectStore>> {
