@@ -88,6 +88,6 @@ fn every_method_can_be_chosen_in_settings() {
     house.ok("train train.mcap --labels labels.csv -o plain.json");
     house
         .run("replay test.mcap --design plain.json --set isolate.method=neighbours --out .")
-        .exits(1)
+        .exits(2)
         .says("train with");
 }
