@@ -90,3 +90,15 @@ fn what_cannot_be_declared_is_refused_in_words() {
     let replay = format!("replay {sample}/print_run.mcap --design {sample}/design.json --out out");
     house.run(&format!("{replay} {DECLARED}")).exits(2).says("train again with these settings");
 }
+
+#[test]
+fn a_label_beside_declared_ones_that_nobody_declared_is_told() {
+    let house = House::new();
+    recorded(&house);
+    let labels = String::from_utf8(house.read("own.csv")).unwrap();
+    house.write("misspelt.csv", labels.replace("Verstopfung", "Verstopfug"));
+    let train = format!("train sim/train.mcap --labels misspelt.csv -o design.json {DECLARED}");
+    house.run(&train).exits(0).says("\"Verstopfug\" is none of the thesis's classes");
+    let right = house.run(&train.replace("misspelt", "own")).exits(0);
+    assert!(!right.stderr().contains("is none of"), "{}", right.stderr());
+}

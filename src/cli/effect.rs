@@ -47,29 +47,27 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<String
         },
         // one line of settings may serve training and judging alike
         ("isolate", Command::Train | Command::Critique) => None,
-        // beside a design: refused where the design is read, as there it may be the same
         ("detect", Command::Replay { detects: true, .. }) => {
             without_labels(name, &settings.detect).or_else(|| by_detection(name, &settings.detect))
         }
+        // beside a design: where it is read, as the design's may be the same
+        ("detect", Command::Replay { .. }) => None,
+        ("detect", Command::Identify) => Some("`identify` detects nothing".into()),
+        ("detect", _) => by_detection(name, &settings.detect),
         ("report", Command::Replay { .. }) if matches!(name, "rows" | "pitch") => {
             Some("it is of `inkling report` alone".into())
         }
-        ("detect", Command::Replay { .. } | Command::Identify) => match command {
-            Command::Identify => Some("`identify` detects nothing".into()),
-            _ => None,
-        },
-        ("detect", _) => by_detection(name, &settings.detect),
         ("output", Command::Replay { names: false, .. }) if name == "weights" => {
             Some("without a design with fault classes there are no weights; give --design".into())
         }
         ("input", _) if matches!(name, "" | "rails" | "dialect") => None,
-        ("identify", Command::Train | Command::Critique) => (!["", "grey_box", "geometry"]
-            .contains(&name))
-        .then(|| "healthy windows are of `inkling replay` alone".into()),
-        ("identify", Command::Identify) => (!["", "grey_box", "geometry", "least_agreeing"]
-            .contains(&name))
-        .then(|| "one model is identified, on all that is healthy".into()),
         (_, Command::Replay { .. }) => None,
+        ("identify", _) if matches!(name, "" | "grey_box" | "geometry") => None,
+        ("identify", Command::Identify) if name == "least_agreeing" => None,
+        ("identify", Command::Identify) => {
+            Some("one model is identified, on all that is healthy".into())
+        }
+        ("identify", _) => Some("healthy windows are of `inkling replay` alone".into()),
         ("isolate", Command::Identify) => Some("`identify` names nothing".into()),
         _ => Some("it is of `inkling replay` and `report`".into()),
     }

@@ -25,6 +25,7 @@ mod report;
 mod report_page;
 mod results;
 mod score;
+mod scored;
 mod simulate;
 mod thesis;
 mod topics;

@@ -57,8 +57,7 @@ enum LayoutArg {
   inkling replay 'logs/2026-*/*.mcap' --design design.json --identify windows
       identified again on each recording's healthy windows, so that slow drift
       is followed
-  inkling replay night.mcap --set identify.every=\"5 min\" \\
-      --set output.weights=true
+  inkling replay night.mcap --set identify.every=\"5 min\"
       without a design: detected, not named; any setting of pipeline.toml by
       --set
 
@@ -301,16 +300,15 @@ fn load(mut settings: Settings, args: &Args) -> Result<Loaded, Failure> {
         (design, design_digest) = (Some(read), Some(digest));
     }
     check_declared(&settings, design.as_ref())?;
-    let classes = design.as_ref().map_or(0, |design| design.classes.len());
-    let command = Command::Replay { detects: design.is_none(), names: classes > 0 };
+    let classes = design.as_ref().map(Design::class_names).unwrap_or_default();
+    let names = !classes.is_empty();
+    let command = Command::Replay { detects: design.is_none(), names };
     effect::check(&args.set, &settings, command)?;
-    if let Some(design) = design.as_ref().filter(|_| classes > 0) {
+    if let Some(design) = design.as_ref().filter(|_| names) {
         design.check_method(settings.isolate.method).map_err(Failure::usage)?;
     }
-    let own = design.as_ref().map(Design::class_names).unwrap_or_default();
-    settings.report.check_actions(own.iter().map(String::as_str)).map_err(Failure::usage)?;
+    settings.report.check_actions(classes.iter().map(String::as_str)).map_err(Failure::usage)?;
     if settings.isolate.method == IsolateMethod::Posterior {
-        let classes = design.as_ref().map(Design::class_names).unwrap_or_default();
         settings.isolate.prior_weights(&classes).map_err(Failure::usage)?;
     }
     let (mut labels, mut labels_digest) = (None, None);

@@ -90,7 +90,7 @@ fn learn_sizes(physics: &mut FaultPhysics, looks: &[Look], (dt_s, samples): (f64
         of: looks.iter().take(1).map(|look| look.kind.clone()).collect(),
     };
     let classes: Vec<fault::Class> = by_class.iter().map(class).collect();
-    let curves = physics.curves(&classes, true, dt_s, samples);
+    let curves = physics.curves(&classes, dt_s, samples);
     for (k, (name, looks)) in by_class.into_iter().enumerate() {
         let mut only = vec![0.0; classes.len()];
         only[k] = 1.0;

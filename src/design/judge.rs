@@ -252,11 +252,11 @@ impl Judge {
     ) -> Option<Isolation> {
         let Isolating { isolator, signal, rule, .. } = self.isolating.as_ref()?;
         if let Isolator::Posterior(of_rings) = isolator {
-            let OfRings { posterior, fitter, .. } = &**of_rings;
+            let fitter = &of_rings.fitter;
             // the ring as it would be at the reference drive and temperature
             self.model.per_drive(deviation, drive, work.warmer, &mut work.residual);
             let signal = std::mem::take(&mut work.residual);
-            let fit = fitter.fit(&signal, posterior.phase, &mut work.products);
+            let fit = fitter.fit(&signal, true, &mut work.products);
             let copy = |y: &mut Vec<f64>| y.clone_from(&signal);
             let isolation = self.isolate_ring(fit.as_ref(), drive, copy, work);
             work.residual = signal;
@@ -308,11 +308,10 @@ impl Judge {
 
 /// Of fitted rings.
 impl Judge {
-    /// What fits the rings that `isolate` names, and whether with the phase free; `None`: it names
-    /// none.
-    pub fn rings(&self) -> Option<(&RingFitter, bool)> {
+    /// What fits the rings that `isolate` names, the phase free; `None`: it names none.
+    pub fn rings(&self) -> Option<&RingFitter> {
         match &self.isolating.as_ref()?.isolator {
-            Isolator::Posterior(of) => Some((&of.fitter, of.posterior.phase)),
+            Isolator::Posterior(of) => Some(&of.fitter),
             _ => None,
         }
     }
@@ -350,7 +349,7 @@ impl Judge {
         let mut features = fit.features.coordinates();
         features.iter_mut().zip(per_k).for_each(|(x, slope)| *x -= warmer * slope);
         *ring = Some([features[1], features[2]]);
-        let features = &features[..posterior.coordinates()];
+        let features = &features;
         let of_own = own.as_ref().and_then(|own| own.curves.as_ref().zip(Some(&own.baseline)));
         let curves = of_own.map(|(curves, _)| curves).or(curves.as_ref());
         let physics_ring = physics_ring.map(|ring| self.model.ring_from(&ring, warmer));
@@ -373,7 +372,7 @@ impl Judge {
             // what a ring leaves is at most what its fit left
             if work.misfit > most {
                 signal(&mut work.residual);
-                let left = of_rings.left(&work.residual, fit, (self, noise), best);
+                let left = of_rings.left(&work.residual, fit, self, noise, best);
                 work.misfit = left.all;
                 if left.of_class > most {
                     work.weights.clear();
@@ -408,13 +407,7 @@ struct LeftOfRing {
 
 impl OfRings {
     /// `y`: per unit drive, counts; `noise`: of a sample of it.
-    fn left(
-        &self,
-        y: &[f64],
-        fit: &Fit,
-        (judge, noise): (&Judge, f64),
-        class: usize,
-    ) -> LeftOfRing {
+    fn left(&self, y: &[f64], fit: &Fit, judge: &Judge, noise: f64, class: usize) -> LeftOfRing {
         let fit = self.fitter.fit_from(y, &fit.features, true).unwrap_or(*fit);
         let shape = &judge.model.leftover;
         let mut left = self.beside.left_without(&self.fitter, y, &fit.features, shape);
@@ -469,10 +462,13 @@ impl Isolator {
                 r
             }
         };
-        let untrained = || DesignError::untrained(settings.method);
+        design.check_method(settings.method)?;
         match settings.method {
             IsolateMethod::Posterior => {
-                let posterior = design.posterior.clone().ok_or_else(untrained)?;
+                let posterior = design
+                    .posterior
+                    .clone()
+                    .ok_or_else(|| DesignError::untrained(settings.method))?;
                 let (dt_s, samples) = (model.generator.dt_s, model.expected.len());
                 let fitter = RingFitter::new(ring_of(&model.identification)?, dt_s, samples);
                 let priors = settings.prior_weights(&design.class_names())?;
@@ -499,21 +495,14 @@ impl Isolator {
                 let columns: Vec<&[f64]> = adjoint.iter().map(Vec::as_slice).collect();
                 Ok(Isolator::ResidualMatching(SignatureMatrix::new(&columns)?, simplex))
             }
-            IsolateMethod::ModelMatching => {
-                let models: Vec<_> = design.classes.iter().map(|c| c.model.clone()).collect();
-                if models.iter().all(Option::is_none) {
-                    return Err(untrained());
-                }
-                Ok(Isolator::ModelMatching(models))
-            }
+            IsolateMethod::ModelMatching => Ok(Isolator::ModelMatching(
+                design.classes.iter().map(|c| c.model.clone()).collect(),
+            )),
             IsolateMethod::Neighbours => {
                 let (mut rows, mut class_of) = (Vec::new(), Vec::new());
                 for (k, class) in design.classes.iter().enumerate() {
                     rows.extend(class.examples.iter().map(|e| seen(e)));
                     class_of.resize(rows.len(), k as u16); // check(): at most 32 classes
-                }
-                if rows.is_empty() {
-                    return Err(untrained());
                 }
                 let rows: Vec<&[f64]> = rows.iter().map(Vec::as_slice).collect();
                 let k = settings.neighbours;

@@ -206,9 +206,9 @@ impl Design {
 
     /// The classes' curves by the physics; made once, shared by all models.
     pub fn curves(&self) -> Option<Arc<FaultCurves>> {
-        let (physics, posterior) = (self.physics.as_ref()?, self.posterior.as_ref()?);
+        let physics = self.physics.as_ref().filter(|_| self.posterior.is_some())?;
         let (dt_s, classes) = (self.sample_period_s, self.fault_classes());
-        let make = || Arc::new(physics.curves(&classes, posterior.phase, dt_s, self.samples));
+        let make = || Arc::new(physics.curves(&classes, dt_s, self.samples));
         Some(self.curves.get_or_init(make).clone())
     }
 

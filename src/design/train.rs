@@ -193,7 +193,7 @@ fn learn_posterior(design: &Design, set: &TrainingSet) -> Result<Option<Posterio
     let mut of_classes = Vec::new();
     for class in &design.classes {
         let sets = set.faulty.get(&class.name).map(|sets| design.with_models(sets));
-        of_classes.push(examples(&sets.unwrap_or_default(), true)?);
+        of_classes.push(examples(&sets.unwrap_or_default())?);
     }
     let learned = || {
         let all: Option<Vec<Examples>> = of_classes.iter().cloned().collect();
@@ -201,7 +201,7 @@ fn learn_posterior(design: &Design, set: &TrainingSet) -> Result<Option<Posterio
     };
     let Some(physics) = &design.physics else { return Ok(learned()) };
     let classes = design.fault_classes();
-    let curves = physics.curves(&classes, true, design.sample_period_s, design.samples);
+    let curves = physics.curves(&classes, design.sample_period_s, design.samples);
     let known: Vec<bool> = (0..of_classes.len()).map(|k| !curves.class(k).is_empty()).collect();
     let mut distances = vec![Vec::new(); of_classes.len()];
     let mut by_physics: Vec<Vec<Vec<f64>>> = vec![Vec::new(); of_classes.len()];
@@ -213,7 +213,7 @@ fn learn_posterior(design: &Design, set: &TrainingSet) -> Result<Option<Posterio
             by_physics[k].push(compared.ln_densities);
         }
     }
-    let stacked = Posterior::stack(true, &of_classes, &by_physics, &known).map(|mut posterior| {
+    let stacked = Posterior::stack(&of_classes, &by_physics, &known).map(|mut posterior| {
         for (k, distances) in distances.iter().enumerate().filter(|(k, _)| known[*k]) {
             posterior.learn_distance(k, distances);
         }
@@ -238,7 +238,7 @@ fn yield_to_own_classes(
     for (name, printheads) in set.faulty.iter().filter(|(name, _)| own.contains(name)) {
         let (Some(posterior), Some(curves)) = (&design.posterior, design.curves()) else { break };
         let sets = design.with_models(printheads);
-        let Some(examples) = examples(&sets, posterior.phase)? else { continue };
+        let Some(examples) = examples(&sets)? else { continue };
         let classes = design.classes.len();
         let (mut weights, mut taken) = (vec![0.0; classes], vec![0.0; classes]);
         for x in &examples.features {
@@ -270,9 +270,7 @@ fn yield_to_own_classes(
 /// Features of a class's signals and the noise of a fit at their mean.
 pub(super) fn examples(
     sets: &[(&HealthyModel, &SignalSet)],
-    phase: bool,
 ) -> Result<Option<Examples>, DesignError> {
-    let coordinates = if phase { 4 } else { 3 };
     let (mut features, mut columns) = (Vec::new(), Products::default());
     let mut noise = None;
     for (model, set) in sets {
@@ -286,12 +284,12 @@ pub(super) fn examples(
             let warmer = model.warmer(set.temperature_c[i]);
             i += 1;
             model.per_drive(deviation, drive, warmer, &mut signal);
-            if let Some(fit) = fitter.fit(&signal, phase, &mut columns) {
+            if let Some(fit) = fitter.fit(&signal, true, &mut columns) {
                 let mut x = fit.features.coordinates();
                 x.iter_mut().zip(per_k).for_each(|(x, slope)| *x -= warmer * slope);
                 sum.iter_mut().zip(x).for_each(|(s, v)| *s += v);
                 fitted += 1.0;
-                features.push(x[..coordinates].to_vec());
+                features.push(x.to_vec());
             }
         });
         let mean = sum.map(|s| s / f64::max(fitted, 1.0));
@@ -301,7 +299,7 @@ pub(super) fn examples(
             ln_frequency: mean[2],
             phase_rad: mean[3],
         };
-        noise = fitter.noise_covariance(&at, phase, model.noise).or(noise);
+        noise = fitter.noise_covariance(&at, true, model.noise).or(noise);
     }
     let enough = !features.is_empty();
     Ok(noise.filter(|_| enough).map(|noise| Examples::new(features, noise)))

@@ -35,6 +35,9 @@ const SHAPE_RANGE: (f64, f64) = (-0.2, 0.5);
 /// Widened by this it held in 90 to 100 % of training sets at a confidence of 95 %: a factor set by
 /// that measurement, on those energies, not derived.
 const WIDENING: f64 = 1.3;
+/// A window's threshold that is widened to more than this (1.4 standard deviations instead of one) lets
+/// faults pass that others would not.
+const WIDE: f64 = 2.0;
 /// A bound further than this from its estimate says that the channels are too few.
 const MAX_FACTOR: f64 = 1e3;
 
@@ -94,6 +97,17 @@ impl Threshold {
     /// The same tail in other units: for a window whose own tail cannot be trusted.
     pub fn scaled(&self, factor: f64) -> Threshold {
         Threshold { value: self.value * factor, ..self.clone() }
+    }
+
+    /// Where a window was too small for the stated rate, and the threshold lies further out for it.
+    pub fn wide_in_words(&self) -> Option<String> {
+        let widened = self.widened.filter(|by| *by > WIDE)?;
+        Some(format!(
+            "a window of {} signals of {} channels supports the stated rate of false alarms only with a \
+             threshold {widened:.1} times as far out: slight faults may pass; a longer window \
+             (identify.first) or a design says more",
+            self.n_signals, self.n_channels
+        ))
     }
 
     /// How it was learned.
@@ -440,6 +454,15 @@ mod tests {
         }
         println!("{kind:?} {channels} x {each} rate {rate}: met {met}/{seeds}, mean {mean:.2}");
         (met as f64 / seeds as f64, mean)
+    }
+
+    #[test]
+    fn a_threshold_that_is_widened_far_says_so() {
+        let widened =
+            |by: Option<f64>| Threshold { widened: by, n_signals: 40, ..Threshold::none() };
+        assert!(widened(Some(3.0)).wide_in_words().is_some_and(|what| what.contains("40 signals")));
+        assert_eq!(widened(Some(1.5)).wide_in_words(), None);
+        assert_eq!(widened(None).wide_in_words(), None);
     }
 
     #[test]

@@ -13,7 +13,7 @@ use super::class_density::TOLERANCE;
 use crate::model::ring_down::{Poles, ring_down_into};
 use crate::model::ring_fit::{Features, Products, RingFitter};
 use crate::model::{Actuation, InkChannel, faults};
-use nalgebra::{DMatrix, Matrix4, Matrix4x2, SMatrix, SymmetricEigen, Vector2, Vector4};
+use nalgebra::{Matrix4, Matrix4x2, SMatrix, SymmetricEigen, Vector2, Vector4};
 
 /// Relative changes of a channel: ln a, ln b, ln g, ln d, ln gain.
 pub const CHANGES: usize = 5;
@@ -52,8 +52,6 @@ struct Reference {
 pub struct Bench<'a> {
     fitter: &'a RingFitter,
     channel: InkChannel,
-    /// Whether the phase is a feature.
-    phase: bool,
     /// Of one sample, counts.
     noise: f64,
     dt_s: f64,
@@ -74,7 +72,6 @@ impl<'a> Bench<'a> {
     pub fn new(
         fitter: &'a RingFitter,
         healthy: Healthy,
-        phase: bool,
         noise: f64,
         dt_s: f64,
         samples: usize,
@@ -84,7 +81,6 @@ impl<'a> Bench<'a> {
         let mut bench = Bench {
             fitter,
             channel,
-            phase,
             noise,
             dt_s,
             references: [reference; 3],
@@ -97,7 +93,7 @@ impl<'a> Bench<'a> {
             let pulse_s = actuation.pulse_s * by.exp();
             bench.references[k] = bench.reference(Actuation { pulse_s, ..actuation })?;
         }
-        bench.healthy_slope = bench.slope(&Some, true)?.1;
+        bench.healthy_slope = bench.slope(&Some)?.1;
         Some(bench)
     }
 
@@ -109,7 +105,7 @@ impl<'a> Bench<'a> {
         let channel = self.channel;
         let mut actuation = set;
         for _ in 0..4 {
-            let ahead = self.fit(&channel, &actuation, None, true)?[3];
+            let ahead = self.fit(&channel, &actuation, None)?[3];
             let delay_s = actuation.delay_s - ahead / omega;
             if ahead.abs() > MOST_PHASE_RAD || delay_s < 0.0 {
                 actuation = set;
@@ -117,7 +113,7 @@ impl<'a> Bench<'a> {
             }
             actuation.delay_s = delay_s;
         }
-        let origin = self.fit(&channel, &actuation, None, self.phase)?;
+        let origin = self.fit(&channel, &actuation, None)?;
         Some(Reference { actuation, origin })
     }
 
@@ -127,13 +123,12 @@ impl<'a> Bench<'a> {
         channel: &InkChannel,
         actuation: &Actuation,
         near: Option<&Vector4<f64>>,
-        phase: bool,
     ) -> Option<Vector4<f64>> {
         let x_a = actuation.acquisition_state(channel, 1.0);
         ring_down_into(channel, &x_a, self.dt_s, &mut self.decay);
         let fit = match near {
-            Some(x) => self.fitter.fit_from(&self.decay, &features(x), phase),
-            None => self.fitter.fit(&self.decay, phase, &mut self.work),
+            Some(x) => self.fitter.fit_from(&self.decay, &features(x), true),
+            None => self.fitter.fit(&self.decay, true, &mut self.work),
         };
         Some(Vector4::from(fit?.features.coordinates()))
     }
@@ -142,10 +137,9 @@ impl<'a> Bench<'a> {
     fn slope(
         &mut self,
         fault: &dyn Fn(InkChannel) -> Option<InkChannel>,
-        phase: bool,
     ) -> Option<(Vector4<f64>, Slope)> {
         let (channel, actuation) = (self.channel, self.references[0].actuation);
-        let found = self.fit(&fault(channel)?, &actuation, None, phase)?;
+        let found = self.fit(&fault(channel)?, &actuation, None)?;
         let mut slope = Slope::zeros();
         slope[(0, 4)] = 1.0; // the gain is the amplitude's
         for j in 0..4 {
@@ -153,7 +147,7 @@ impl<'a> Bench<'a> {
                 let mut c = channel;
                 let rates = [&mut c.a_per_s2, &mut c.b_per_s2, &mut c.g_per_s, &mut c.d_per_s];
                 *rates.into_iter().nth(j)? *= (sign * STEP).exp();
-                self.fit(&fault(c)?, &actuation, Some(&found), phase)
+                self.fit(&fault(c)?, &actuation, Some(&found))
             };
             let (up, down) = (moved(1.0)?, moved(-1.0)?);
             slope.set_column(j, &(turned(up - down) / (2.0 * STEP)));
@@ -179,14 +173,13 @@ impl<'a> Bench<'a> {
     pub fn point(&mut self, class: &str, place: f64) -> Option<Point> {
         let severity = faults::severity_at(class, place)?;
         let fault = |channel: InkChannel| faults::apply(class, severity, &channel);
-        let (found, mut slope) = self.slope(&fault, self.phase)?;
+        let (found, slope) = self.slope(&fault)?;
         let faulty = fault(self.channel)?;
         let [believed, longer, shorter] = self.references;
-        let mut moved = |to: Reference| {
-            Some(self.fit(&faulty, &to.actuation, Some(&found), self.phase)? - to.origin)
-        };
+        let mut moved =
+            |to: Reference| Some(self.fit(&faulty, &to.actuation, Some(&found))? - to.origin);
         let of_pulse = turned(moved(longer)? - moved(shorter)?) / (2.0 * STEP);
-        let mut mean = turned(found - believed.origin);
+        let mean = turned(found - believed.origin);
 
         // Rates that are off move the healthy features, too, and those were measured: their phase moves
         // the delay, and so the phase and amplitude of what rings at another frequency and damping.
@@ -199,13 +192,8 @@ impl<'a> Bench<'a> {
             off[(3, j)] = slope[(3, j)] - phase * mean[2].exp();
         }
         off.set_column(4, &of_pulse);
-        if !self.phase {
-            mean[3] = 0.0;
-            slope.row_mut(3).fill(0.0);
-            off.row_mut(3).fill(0.0);
-        }
-        let covariance = self.fitter.noise_covariance(&features(&mean), self.phase, self.noise)?;
-        Some(Point { place, mean, slope, off, noise: padded(&covariance) })
+        let noise = noise_of_fit(self.fitter, &features(&mean), self.noise)?;
+        Some(Point { place, mean, slope, off, noise })
     }
 }
 
@@ -228,14 +216,10 @@ pub fn turned(mut x: Vector4<f64>) -> Vector4<f64> {
     x
 }
 
-/// 4 x 4, with ones where the phase is held.
-pub fn padded(covariance: &DMatrix<f64>) -> Matrix4<f64> {
-    let n = covariance.nrows();
-    Matrix4::from_fn(|i, j| match (i < n && j < n, i == j) {
-        (true, _) => covariance[(i, j)],
-        (false, true) => 1.0,
-        (false, false) => 0.0,
-    })
+/// Covariance of the noise of a fit with the phase free.
+pub fn noise_of_fit(fitter: &RingFitter, at: &Features, noise: f64) -> Option<Matrix4<f64>> {
+    let covariance = fitter.noise_covariance(at, true, noise)?;
+    Some(Matrix4::from_fn(|i, j| covariance[(i, j)]))
 }
 
 /// Under what a signal is seen.

@@ -10,7 +10,7 @@
 //! on the features, Student weights against wrong labels).
 
 use super::fault_curve::{
-    Bench, CHANGES, FaultCurve, Healthy, Scatter, Slope, of_change, padded, turned,
+    Bench, CHANGES, FaultCurve, Healthy, Scatter, Slope, noise_of_fit, of_change, turned,
 };
 use super::physics_density::{FaultCurves, HealthySpread, Member, SeenSizes};
 use crate::fault::Class;
@@ -101,7 +101,7 @@ impl FaultPhysics {
         (dt_s, samples): Sampling,
     ) -> Option<()> {
         let fitter = RingFitter::new(self.ring, dt_s, samples);
-        let bench = Bench::new(&fitter, self.healthy(), true, self.noise, dt_s, samples)?;
+        let bench = Bench::new(&fitter, self.healthy(), self.noise, dt_s, samples)?;
         self.spread = spread_of_channels(bench.healthy_slope(), features, noise, channels)?;
         Some(())
     }
@@ -119,7 +119,7 @@ impl FaultPhysics {
         let fitter = RingFitter::new(self.ring, dt_s, samples);
         for _ in 0..ROUNDS {
             let change = self.change()?;
-            let mut bench = Bench::new(&fitter, self.healthy(), true, self.noise, dt_s, samples)?;
+            let mut bench = Bench::new(&fitter, self.healthy(), self.noise, dt_s, samples)?;
             let (mut information, mut gradient) = (Square::zeros(), SVector::zeros());
             for look in looks.iter().filter(|look| look.severity.is_finite()) {
                 let place = faults::scale(&look.kind, look.severity);
@@ -246,19 +246,17 @@ impl FaultPhysics {
         Square::from_diagonal(&SVector::from(self.spread).map(|sd| sd * sd))
     }
 
-    /// Curves of `classes`. `phase`: it is a feature.
-    pub fn curves(&self, classes: &[Class], phase: bool, dt_s: f64, samples: usize) -> FaultCurves {
-        let coordinates = if phase { 4 } else { 3 };
+    pub fn curves(&self, classes: &[Class], dt_s: f64, samples: usize) -> FaultCurves {
         let fitter = RingFitter::new(self.ring, dt_s, samples);
-        let bench = Bench::new(&fitter, self.healthy(), phase, self.noise, dt_s, samples);
-        let noise = fitter.noise_covariance(&Features::HEALTHY, true, self.noise);
+        let bench = Bench::new(&fitter, self.healthy(), self.noise, dt_s, samples);
+        let noise = noise_of_fit(&fitter, &Features::HEALTHY, self.noise);
         let healthy = HealthySpread {
             slope: bench.as_ref().map_or(Slope::zeros(), |bench| *bench.healthy_slope()),
             channels: self.channels(),
-            noise: noise.map_or(Matrix4::identity(), |noise| padded(&noise)),
+            noise: noise.unwrap_or_else(Matrix4::identity),
             change: self.change().unwrap_or_default(),
         };
-        let mut curves = FaultCurves::new(classes.len(), coordinates, healthy);
+        let mut curves = FaultCurves::new(classes.len(), healthy);
         let Some(mut bench) = bench else { return curves };
         let belief = Square::from_fn(|i, j| self.belief[i][j]);
         let scatter = Scatter { channels: self.channels(), belief };
@@ -290,7 +288,7 @@ impl FaultPhysics {
         (dt_s, samples): Sampling,
     ) -> Option<Vec<f64>> {
         let fitter = RingFitter::new(self.ring, dt_s, samples);
-        let bench = Bench::new(&fitter, self.healthy(), true, self.noise, dt_s, samples)?;
+        let bench = Bench::new(&fitter, self.healthy(), self.noise, dt_s, samples)?;
         let healthy = bench.decay(&self.channel)?;
         let faulty = bench.decay(&faults::apply(class, severity, &self.channel)?)?;
         Some(faulty.iter().zip(&healthy).map(|(f, h)| f - h).collect())
@@ -354,7 +352,7 @@ fn spread_of_channels(
     let mean = rows().sum::<Vector4<f64>>() / n;
     let sample =
         rows().map(|x| (x - mean) * (x - mean).transpose()).sum::<Matrix4<f64>>() / (n - 1.0);
-    let noise = padded(noise);
+    let noise = Matrix4::from_fn(|i, j| noise[(i, j)]);
     // ln of the standard deviations of (a and b, g, d, gain) and of what else turns the phase
     let cost = |ln_sd: &[f64; 5]| -> f64 {
         let v = ln_sd.map(|l| (2.0 * l).exp());
@@ -517,7 +515,7 @@ mod tests {
 
     #[test]
     fn stated_intervals_cover_the_severity_and_categories_are_told_apart() {
-        let curves = physics(TRUE, 0.005).curves(&classes(), true, DT_S, SAMPLES);
+        let curves = physics(TRUE, 0.005).curves(&classes(), DT_S, SAMPLES);
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         let (mut covered, mut right, mut n) = (0, 0, 0);
         for (k, class) in CLASSES.iter().enumerate() {
@@ -548,7 +546,7 @@ mod tests {
         let seen = SeenSizes::new((0..50).map(|i| (1.5 + 0.01 * f64::from(i), 0.5)).collect());
         assert_eq!((seen.n, seen.severities.len()), (25.0, 50));
         physics.seen.insert("IDN".into(), seen);
-        let curves = physics.curves(&classes(), true, DT_S, SAMPLES);
+        let curves = physics.curves(&classes(), DT_S, SAMPLES);
         for sizes in (0..CLASSES.len()).flat_map(|k| curves.class(k)) {
             let sum: f64 = sizes.share.iter().flatten().sum();
             assert!((sum - 1.0).abs() < 1e-9, "{sum}");
@@ -557,7 +555,7 @@ mod tests {
 
     #[test]
     fn a_known_channel_is_sized_better_and_its_baseline_is_followed() {
-        let curves = physics(TRUE, 0.005).curves(&classes(), true, DT_S, SAMPLES);
+        let curves = physics(TRUE, 0.005).curves(&classes(), DT_S, SAMPLES);
         let own = curves.of_one_channel(&Matrix4::zeros(), 48.0).unwrap();
         // a channel whose nozzle is 6 % more viscous than the others
         let channel = InkChannel { d_per_s: 1.06 * TRUE.d_per_s, ..TRUE };

@@ -19,7 +19,6 @@ pub struct FaultCurves {
     curves: Vec<FaultCurve>,
     /// Of each curve.
     columns: Vec<NodeColumns>,
-    coordinates: usize,
     /// How healthy channels differ.
     healthy: HealthySpread,
 }
@@ -90,12 +89,11 @@ impl SeenSizes {
 }
 
 impl FaultCurves {
-    pub fn new(classes: usize, coordinates: usize, healthy: HealthySpread) -> FaultCurves {
+    pub fn new(classes: usize, healthy: HealthySpread) -> FaultCurves {
         FaultCurves {
             classes: vec![Vec::new(); classes],
             curves: Vec::new(),
             columns: Vec::new(),
-            coordinates,
             healthy,
         }
     }
@@ -110,14 +108,9 @@ impl FaultCurves {
         let gain = channels * slope.transpose() * all.try_inverse()?;
         let left = channels - gain * slope * channels;
         let left = (left + left.transpose()) * 0.5;
-        let mut shot = *shot;
-        if self.coordinates < 4 {
-            shot.row_mut(3).fill(0.0);
-            shot.column_mut(3).fill(0.0);
-        }
         let mut own = self.clone();
         for node in own.curves.iter_mut().flat_map(|curve| &mut curve.nodes) {
-            *node = node.of_one_channel(&gain, &left, &shot)?;
+            *node = node.of_one_channel(&gain, &left, shot)?;
         }
         own.columns = own.curves.iter().map(|curve| NodeColumns::of(&curve.nodes)).collect();
         Some(own)
@@ -184,22 +177,15 @@ impl FaultCurves {
         self.classes.get(k).map_or(&[], Vec::as_slice)
     }
 
-    /// Features as a vector, 0 where the phase is held.
-    pub fn vector(&self, features: &[f64]) -> Vector4<f64> {
-        let mut x = Vector4::zeros();
-        x.iter_mut().zip(features).take(self.coordinates).for_each(|(x, f)| *x = *f);
-        x
-    }
-
-    /// Compares the features of a signal with every curve.
+    /// Compares the four features of a signal with every curve.
     pub fn compare(&self, features: &[f64], seen: Seen, out: &mut Comparison) {
-        let x = self.vector(features);
+        let x = Vector4::from_column_slice(features);
         compare(self, &x, seen, out);
     }
 
     /// Squared distance of features from class `k`'s usual sizes; of a class without a curve: infinite.
     pub fn distance(&self, k: usize, features: &[f64], seen: Seen, of: &Comparison) -> f64 {
-        let x = self.vector(features);
+        let x = Vector4::from_column_slice(features);
         let to = |Sizes { curve, is_usual, .. }: &Sizes| {
             let to = |i: usize| self.curves[*curve].nodes[i].distance(&x, seen);
             match of.of_curves[*curve].likeliest().filter(|&i| is_usual[i]) {
@@ -347,5 +333,5 @@ fn bandwidth(places: &[f64], n: f64) -> f64 {
     (sd * n.powf(-0.35)).max(1e-3)
 }
 
-/// ln (2 pi)^2; a held phase has a density of its own there, the same for all.
+/// ln (2 pi)^2
 pub const LN_TAU_SQUARED: f64 = 3.675_754_132_818_691;

@@ -12,8 +12,8 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use std::sync::OnceLock;
 
-/// Labelled features of one class: (ln amplitude, ln damping, ln frequency) of fits with the phase
-/// held, or with the phase free and last. `noise`: the covariance of a fit at the class's mean.
+/// Labelled features of one class: (ln amplitude, ln damping, ln frequency, phase). `noise`: the covariance
+/// of a fit at the class's mean.
 #[derive(Clone, Debug)]
 pub struct Examples {
     pub features: Vec<Vec<f64>>,
@@ -36,8 +36,6 @@ const TELL_ENDS: usize = 60;
 /// Densities of the classes.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Posterior {
-    /// Whether the phase is a feature.
-    pub phase: bool,
     /// Log densities are divided by this before they are compared: 1 where the densities are right,
     /// more where they promise too much. Chosen in training on held-out signals.
     pub temperature: f64,
@@ -65,6 +63,9 @@ struct Lanes {
     ln_shares: Vec<[f64; 2]>,
 }
 
+/// Of a fitted ring: ln amplitude, ln damping, ln frequency, phase.
+const FEATURES: usize = 4;
+
 /// Temperatures tried.
 const TEMPERATURES: [f64; 10] = [1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.5, 5.0];
 
@@ -81,7 +82,7 @@ impl Posterior {
         let none: Vec<Vec<Vec<f64>>> =
             examples.iter().map(|e| vec![far.clone(); e.features.len()]).collect();
         let examples: Vec<Option<Examples>> = examples.iter().cloned().map(Some).collect();
-        Posterior::stack(true, &examples, &none, &vec![false; examples.len()])
+        Posterior::stack(&examples, &none, &vec![false; examples.len()])
     }
 
     /// The same where the physics has a density of its own for some classes and others have no
@@ -92,7 +93,6 @@ impl Posterior {
     /// `PHYSICS_COUNTS` examples that it predicts, so it stands alone at first and stays as far as
     /// it is right. `None`: a class has neither.
     pub fn stack(
-        phase: bool,
         examples: &[Option<Examples>],
         physics: &[Vec<Vec<f64>>],
         known: &[bool],
@@ -158,7 +158,6 @@ impl Posterior {
         let (classes, lanes) = (learned, OnceLock::new());
         let most_distance = vec![BEYOND_PHYSICS; examples.len()];
         Some(Posterior {
-            phase,
             temperature,
             least_ln_density,
             most_distance,
@@ -166,11 +165,6 @@ impl Posterior {
             physics_share,
             lanes,
         })
-    }
-
-    /// Coordinates of the features that it takes.
-    pub fn coordinates(&self) -> usize {
-        if self.phase { 4 } else { 3 }
     }
 
     /// Refused if it could not have been learned.
@@ -197,7 +191,7 @@ impl Posterior {
                 "`posterior`: a class has no density, or `physics_share` is no share".into()
             );
         }
-        self.classes.iter().flatten().try_for_each(|class| class.check(self.coordinates()))
+        self.classes.iter().flatten().try_for_each(|class| class.check(FEATURES))
     }
 
     /// Class `k`'s labelled signals lie so far from what the physics knows of it, squared: the next will
@@ -470,12 +464,12 @@ mod tests {
             let examples = examples(n, None, 6);
             let physics = by_physics(&examples, off);
             let labelled: Vec<_> = examples.into_iter().map(Some).collect();
-            Posterior::stack(true, &labelled, &physics, &[true; 3]).unwrap().physics_share
+            Posterior::stack(&labelled, &physics, &[true; 3]).unwrap().physics_share
         };
         let none = |n: usize| vec![Vec::new(); n];
-        let alone = Posterior::stack(true, &[None, None, None], &none(3), &[true; 3]).unwrap();
+        let alone = Posterior::stack(&[None, None, None], &none(3), &[true; 3]).unwrap();
         assert_eq!(alone.physics_share, [1.0; 3]);
-        assert!(Posterior::stack(true, &[None, None], &none(2), &[true, false]).is_none());
+        assert!(Posterior::stack(&[None, None], &none(2), &[true, false]).is_none());
         assert!(stacked(5, 0.0).iter().all(|share| *share > 0.6));
         assert!(stacked(200, 0.0).iter().all(|share| *share > 0.5));
         assert!(stacked(200, 1.0).iter().all(|share| *share < 0.1));

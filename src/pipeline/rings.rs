@@ -50,10 +50,10 @@ impl Rings {
         // one judge after the other, so that interleaved short bursts lie side by side, too
         waiting.sort_by_key(|w| (w.judge.index, w.number));
         for of_judge in waiting.chunk_by(|p, q| p.judge.index == q.judge.index) {
-            let Some((fitter, phase)) = of_judge[0].judge.rings() else { continue };
+            let Some(fitter) = of_judge[0].judge.rings() else { continue };
             let mut next = of_judge.iter();
             fitter.fit_all(
-                phase,
+                true,
                 &mut self.products,
                 |y| {
                     let Waiting { judge, burst, row, .. } = next.next()?;

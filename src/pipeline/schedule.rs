@@ -17,10 +17,6 @@ pub struct Refusal {
     pub why: String,
 }
 
-/// A threshold that is widened by more than this lets faults pass that others would not; the windows of
-/// our simulated print runs are widened by 1.1 to 1.4.
-const WIDE: f64 = 2.0;
-
 /// The judges of one group over time, the first from the beginning on.
 pub type Timeline = Vec<(i64, Arc<Judge>)>;
 
@@ -49,14 +45,7 @@ impl Schedule {
     /// By printhead: windows too small for the stated rate, whose thresholds lie further out for it.
     pub fn wide_thresholds(&self) -> Vec<(Arc<str>, String)> {
         let wide = |judge: &Arc<Judge>| {
-            let threshold = &judge.model.threshold;
-            let widened = threshold.widened.filter(|by| *by > WIDE)?;
-            let what = format!(
-                "a window of {} signals of {} channels supports the stated rate of false alarms only with a \
-                 threshold {widened:.1} times as far out: slight faults may pass; a longer window \
-                 (identify.first) or a design says more",
-                threshold.n_signals, threshold.n_channels
-            );
+            let what = judge.model.threshold.wide_in_words()?;
             Some((judge.model.printhead.as_deref().unwrap_or_default().into(), what))
         };
         self.judges.iter().filter_map(wide).collect()

@@ -227,34 +227,16 @@ pub fn sort(faults: &mut [Fault]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::episodes::Episode;
+    use crate::report::story::tests::spell;
     use crate::report::story::{Rates, stories};
-    use crate::report::watch::{Spell, Watch};
-
-    fn spell(began_at_ns: i64, ended_at_ns: Option<i64>, category: &str) -> Spell {
-        let episode = Episode {
-            printhead: "p".into(),
-            channel: 7,
-            category: Some(category.into()),
-            fault: None,
-            raised_at_ns: began_at_ns + 1,
-            began_at_ns,
-            ended_at_ns,
-            bursts: 10,
-            certainty: Some(0.9),
-            severity_first: Some(1.2),
-            severity_max: Some(1.5),
-            severity_last: Some(1.4),
-            severity_sd: Some(0.1),
-            explanation: String::new(),
-        };
-        Spell { recording: 0, episode, looked: Default::default() }
-    }
+    use crate::report::watch::Watch;
 
     #[test]
     fn what_a_channel_is_now_is_to_be_cleaned_and_what_it_was_is_its_past() {
-        let mut watch =
-            Watch::new(vec![spell(10, Some(20), "dried_nozzle"), spell(80, None, "air_bubble")]);
+        let mut watch = Watch::new(vec![
+            spell(0, 10, Some(20), "dried_nozzle"),
+            spell(0, 80, None, "air_bubble"),
+        ]);
         for t in 0..100 {
             let flagged = (10..20).contains(&t) || t >= 80;
             watch.look(0, t, flagged, None, None);
@@ -272,7 +254,7 @@ mod tests {
     #[test]
     fn equally_urgent_faults_have_one_order() {
         let of = |channel: u32| {
-            let mut on = spell(10, None, "dried_nozzle");
+            let mut on = spell(0, 10, None, "dried_nozzle");
             (on.episode.channel, on.episode.certainty) =
                 (channel, Some(0.9 + 1e-6 * f64::from(channel)));
             let stories = stories(&Watch::new(vec![on]), &Rates::default());

@@ -255,7 +255,7 @@ fn strange(spells: &[Spell]) -> Strange {
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
 
     const RATES: fn() -> Rates = || Rates {
@@ -265,7 +265,7 @@ mod tests {
         categories: BTreeMap::from([("dried_nozzle".into(), 20), ("air_bubble".into(), 20)]),
     };
 
-    fn spell(recording: usize, began: i64, ended: Option<i64>, category: &str) -> Spell {
+    pub fn spell(recording: usize, began: i64, ended: Option<i64>, category: &str) -> Spell {
         let episode = Episode {
             printhead: "p".into(),
             channel: 7,
