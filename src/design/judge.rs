@@ -5,6 +5,7 @@ use super::lanes::Lanes;
 use super::own_channel::Own;
 use super::{Design, DesignError, Extension, FaultModel, HealthyModel, IsolateSettings};
 use crate::burst::Burst;
+use crate::detect::misfit::Misfit;
 use crate::identify::reservoir::relative_drive;
 use crate::isolate::appearance::Strange;
 use crate::isolate::fault_curve::Seen;
@@ -212,6 +213,15 @@ impl Judge {
     /// Whether it fails along its ring, too.
     pub fn is_faulty_ring(&self, detection: Detection) -> bool {
         self.model.threshold.is_faulty(detection.ring)
+    }
+
+    /// e <= threshold is healthy, thesis f after (3-4), of both tests. The same as
+    /// `test(detection).is_flagged()`, for most signals without a root.
+    pub fn is_flagged(&self, detection: Detection) -> bool {
+        let clear = self.model.misfit.as_ref().map_or(f64::INFINITY, Misfit::clear_square);
+        // comparisons that NaN fails
+        let healthy = detection.ring <= self.model.threshold.value && detection.unexplained <= clear;
+        !healthy && self.test(detection).is_flagged()
     }
 
     /// The test that a signal is nearer to failing, or fails by more.

@@ -63,6 +63,12 @@ impl Misfit {
         (self.root + self.root_sd * sds).powi(2)
     }
 
+    /// Up to this square, counts², the statistic is surely below its threshold.
+    pub fn clear_square(&self) -> f64 {
+        const ROUNDING: f64 = 1e-6;
+        (self.root + self.root_sd * self.threshold.value.sqrt()).powi(2) * (1.0 - ROUNDING)
+    }
+
     /// Refused if it could not have been learned.
     pub fn check(&self) -> Result<(), String> {
         let positive = |v: f64| (1e-30..=1e30).contains(&v);
@@ -109,5 +115,8 @@ mod tests {
         assert!((mean - 1.0).abs() < 0.02, "{mean}");
         assert!(misfit.statistic(f64::NAN).is_nan());
         assert!(misfit.settled_square() < scale[0].powi(2) * 2.0);
+        let clear = misfit.clear_square();
+        assert!(misfit.statistic(clear) <= misfit.threshold.value);
+        assert!(misfit.statistic(clear * (1.0 + 1e-5)) > misfit.threshold.value);
     }
 }

@@ -28,6 +28,8 @@ pub struct RunColumn {
     /// Values, encoded PLAIN.
     dictionary: Vec<Vec<u8>>,
     keys: HashMap<Vec<u8>, u32>,
+    /// The last two keys that were asked for: values take turns.
+    recent: [u32; 2],
     /// Keys and how often.
     runs: Vec<(u32, u32)>,
     rows: u64,
@@ -46,23 +48,29 @@ impl RunColumn {
             column,
             dictionary: Vec::new(),
             keys: HashMap::new(),
+            recent: [NULL; 2],
             runs: Vec::new(),
             rows: 0,
         };
         for value in values {
-            new.key(value);
+            new.key(&value);
         }
         new
     }
 
     /// The key of a value, which may be new.
-    pub fn key(&mut self, value: Vec<u8>) -> u32 {
-        if let Some(key) = self.keys.get(&value) {
+    pub fn key(&mut self, value: &[u8]) -> u32 {
+        let is_it = |key: &&u32| self.dictionary.get(**key as usize).is_some_and(|v| v == value);
+        if let Some(key) = self.recent.iter().find(is_it) {
             return *key;
         }
-        let key = self.dictionary.len() as u32; // rows of a row group at most
-        self.keys.insert(value.clone(), key);
-        self.dictionary.push(value);
+        let key = self.keys.get(value).copied().unwrap_or_else(|| {
+            let key = self.dictionary.len() as u32; // rows of a row group at most
+            self.keys.insert(value.to_vec(), key);
+            self.dictionary.push(value.to_vec());
+            key
+        });
+        self.recent = [key, self.recent[0]];
         key
     }
 

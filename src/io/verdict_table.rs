@@ -309,13 +309,13 @@ impl VerdictWriter {
             runs(&c.candidate, |&k, _| k.map(u32::from)),
             floats(&c.certainty),
             floats(&c.statistic),
-            runs(&c.threshold, |v, column| v.map(|v| column.key(v.to_le_bytes().to_vec()))),
+            runs(&c.threshold, |v, column| v.map(|v| column.key(&v.to_le_bytes()))),
             runs(&c.test, |t, _| t.map(|t| t as u32)),
             floats(&c.misfit),
             floats(&c.severity),
             floats(&c.severity_sd),
             // Parquet has no 16-bit integers
-            runs(&c.model, |m, column| m.map(|m| column.key(i32::from(m).to_le_bytes().to_vec()))),
+            runs(&c.model, |m, column| m.map(|m| column.key(&i32::from(m).to_le_bytes()))),
             runs(&c.reason, |r, _| r.map(|r| r as u32)),
         ];
         if has_weights(&self.options) {
@@ -357,7 +357,7 @@ fn push_printheads(c: &VerdictColumns, column: &mut RunColumn) -> Result<(), Par
             let known = c.printheads.len();
             return Err(ParquetError::General(format!("printhead {place} of {known}")));
         };
-        let key = *key.get_or_insert_with(|| column.key(run_column::text(name)));
+        let key = *key.get_or_insert_with(|| column.key(&run_column::text(name)));
         column.push(Some(key), run.len())
     })
 }

@@ -272,7 +272,7 @@ pub fn gate(
             let rows = rows.by_ref().take(acquisition.rows());
             match judge {
                 Ok(judge) => {
-                    passed.extend(rows.map(|e| e.is_ok_and(|found| judge.test(found).is_flagged())))
+                    passed.extend(rows.map(|e| e.is_ok_and(|found| judge.is_flagged(found))))
                 }
                 Err(_) => passed.extend(rows.map(|_| false)),
             }
