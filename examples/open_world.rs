@@ -11,6 +11,7 @@
 mod open_world;
 
 use clap::{Parser, ValueEnum};
+use open_world::drift::Drift;
 use open_world::lab::{Mode, Program};
 use open_world::plant::Plant;
 use open_world::scatter::{Scatter, Shape};
@@ -53,6 +54,8 @@ enum Table {
     Words,
     /// False episodes of clean recordings
     Clean,
+    /// Heads whose channels all drift alike, unrecorded
+    Together,
 }
 
 #[derive(Parser)]
@@ -93,6 +96,9 @@ struct Args {
     /// Clean signals whose episodes are counted, of each mode and shape
     #[arg(long, default_value_t = 10_240_000)]
     clean: usize,
+    /// Of each drifting head, a second apart
+    #[arg(long, default_value_t = 600)]
+    bursts: usize,
     /// Further arguments of `inkling train`
     #[arg(long, default_value = "", allow_hyphen_values = true)]
     train: String,
@@ -215,6 +221,14 @@ fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
             let plan = episodes::Clean { seed, signals: args.clean, modes, further };
             let rows = episodes::measure_clean(program, &plan)?;
             say(&[episodes::show_clean(&rows)], &episodes::missed_clean(&rows));
+            Ok(())
+        }
+        Table::Together => {
+            let (modes, bursts) = (args.modes.clone(), args.bursts);
+            let drifts = Drift::ALL.to_vec();
+            let plan = together::Plan { seed, bursts, modes, drifts, further };
+            let rows = together::measure(program, &plan)?;
+            say(&[together::show(&rows)], &together::missed(&rows));
             Ok(())
         }
         Table::Trainings => {

@@ -5,6 +5,7 @@
 use crate::house::root;
 use crate::open_world::chance::Rate;
 use crate::open_world::disturbance::Disturbance;
+use crate::open_world::drift::Drift;
 use crate::open_world::lab::{Lab, Library, Mode, Mutant, Program, Signals};
 use crate::open_world::plant::{Plant, Random, random};
 use crate::open_world::recording::Rows;
@@ -12,7 +13,7 @@ use crate::open_world::scatter::{Scatter, Shape};
 use crate::open_world::tables::difference::Difference;
 use crate::open_world::tables::healthy::World;
 use crate::open_world::tables::{
-    Further, closed_set, episodes, families, few_labels, healthy, physics, training_sets,
+    Further, closed_set, episodes, families, few_labels, healthy, physics, together, training_sets,
 };
 use crate::open_world::unexplained;
 
@@ -258,4 +259,29 @@ fn chance_is_known() {
     assert!(!Rate { count: 12, of: 1000 }.is_at_most(0.002));
     assert!(Rate { count: 960, of: 1000 }.is_at_least(0.97));
     assert!(!Rate { count: 930, of: 1000 }.is_at_least(0.97));
+}
+
+fn heads(further: Further) -> Vec<together::Row> {
+    let plan = together::Plan {
+        seed: SEED + 10,
+        bursts: 400,
+        modes: vec![Mode::Design, Mode::Windows],
+        drifts: vec![Drift::Still, Drift::OtherInk, Drift::Swinging, Drift::Sagging],
+        further,
+    };
+    let rows = together::measure(&inkling(), &plan).unwrap();
+    print!("{}", together::show(&rows));
+    rows
+}
+
+#[test]
+fn what_moves_all_channels_alike_is_the_heads() {
+    none(together::missed(&heads(Further::default())));
+}
+
+#[test]
+fn without_following_drifting_heads_are_full_of_faults() {
+    let replay = "--set identify.follow=false".to_owned();
+    let rows = heads(Further { replay, ..Further::default() });
+    assert!(rows.iter().map(|row| row.false_episodes).sum::<usize>() > 20);
 }

@@ -22,7 +22,7 @@ use crate::model::beside_ring::BesideRing;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Fit, Products, RingFitter};
 use crate::verdict::{Appearance, Test};
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 use std::sync::Arc;
 
 /// What is written of a signal's detection.
@@ -42,11 +42,20 @@ impl Tested {
     }
 }
 
+/// Tells the judges of a run apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct JudgeKey {
+    index: u16,
+    moves: u32,
+}
+
 /// Judges signals by one model. Built once per model, shared by all workers.
 #[derive(Debug)]
 pub struct Judge {
     /// Its place in the metadata's `models`.
     pub index: u16,
+    /// How often it was moved, see [`Judge::moved`].
+    moves: u32,
     pub model: HealthyModel,
     pub reference_v: Option<f64>,
     /// Detection of many signals at once; where there is none, [`Judge::detect`] does the work.
@@ -58,9 +67,9 @@ pub struct Judge {
     isolating: Option<Isolating>,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Isolating {
-    isolator: Isolator,
+    isolator: Arc<Isolator>,
     signal: IsolateSignal,
     rule: DecisionRule,
     /// With `isolate.method` = `posterior`.
@@ -72,14 +81,14 @@ struct Isolating {
 /// What names a fitted ring.
 #[derive(Debug)]
 struct OfRings {
-    posterior: Posterior,
+    posterior: Arc<Posterior>,
     fitter: RingFitter,
     /// Of each class.
     priors: Vec<f64>,
     /// How healthy features change with temperature, per K.
     per_k: [f64; 4],
     beside: BesideRing,
-    typical: Option<Typical>,
+    typical: Option<Arc<Typical>>,
 }
 
 /// `isolate.method`, ready for this model.
@@ -141,7 +150,7 @@ impl Judge {
     ) -> Result<Judge, DesignError> {
         let isolating = match design {
             Some(design) if !design.classes.is_empty() => Some(Isolating {
-                isolator: Isolator::new(&model, design, settings)?,
+                isolator: Arc::new(Isolator::new(&model, design, settings)?),
                 signal: settings.signal,
                 rule: DecisionRule::new(&design.class_names(), settings.certainty)?,
                 physics_ring: design.physics.as_ref().map(|physics| physics.ring),
@@ -162,7 +171,64 @@ impl Judge {
         let extension = design.and_then(|design| design.extension.clone());
         // lanes know what is expected of a burst; an extension asks for each signal
         let lanes = if extension.is_none() { Lanes::of(&model) } else { None };
-        Ok(Judge { index, reference_v, model, lanes, extension, detector, isolating })
+        Ok(Judge { index, moves: 0, reference_v, model, lanes, extension, detector, isolating })
+    }
+
+    /// The same where all channels have moved alike, as often as `moves` says. `by`: of ln amplitude, ln
+    /// damping, ln frequency. `None`: it cannot follow.
+    pub fn moved(&self, by: Vector3<f64>, moves: u32) -> Option<Judge> {
+        let model = self.model.moved(by)?;
+        let (sensitivity, misfit) = (model.sensitivity.clone()?, model.misfit.as_ref());
+        let detector = SensitivityDetector::new(&model, sensitivity, misfit).ok()?;
+        let isolating = match &self.isolating {
+            None => None,
+            Some(of) => Some(Isolating { isolator: of.isolator.moved(&model)?, ..of.clone() }),
+        };
+        Some(Judge {
+            lanes: Lanes::of(&model),
+            model,
+            detector: Some(detector),
+            isolating,
+            moves,
+            index: self.index,
+            reference_v: self.reference_v,
+            extension: self.extension.clone(),
+        })
+    }
+
+    pub fn key(&self) -> JudgeKey {
+        JudgeKey { index: self.index, moves: self.moves }
+    }
+
+    /// Whether what moves all channels can be seen by it, and followed.
+    pub fn can_move(&self) -> bool {
+        self.model.sensitivity.is_some() && self.extension.is_none()
+    }
+
+    /// ln amplitude, ln damping, ln frequency of a signal from the model's, to first order. `deviation`:
+    /// from what is expected, counts. `None`: it has no sensitivities.
+    pub fn features(&self, deviation: &[f64], drive: f64) -> Option<Vector3<f64>> {
+        let of = self.model.sensitivity.as_ref()?;
+        Some(of.features(deviation, drive) - Vector3::from(of.mean))
+    }
+
+    /// The same of its ring from another judge's, as if both had been learned at one temperature. `None`:
+    /// one of them does not ring.
+    pub fn features_from(&self, other: &Judge) -> Option<Vector3<f64>> {
+        let [here, there] = [self, other].map(|judge| ring_of(&judge.model.identification).ok());
+        let (here, there) = (here?, there?);
+        let warmer = match (self.model.temperature_c, other.model.temperature_c) {
+            (Some(here), Some(there)) => here - there,
+            _ => 0.0,
+        };
+        let fitter = RingFitter::new(there, other.model.generator.dt_s, other.model.expected.len());
+        let per_k = other.model.features_per_k(&fitter);
+        let ratios = [
+            here.amplitude / there.amplitude,
+            here.damping_per_s / there.damping_per_s,
+            here.frequency_hz / there.frequency_hz,
+        ];
+        Some(Vector3::from_fn(|k, _| ratios[k].ln() - warmer * per_k[k]))
     }
 
     /// Scale of what is expected of a burst: its drive voltage over the reference.
@@ -220,7 +286,8 @@ impl Judge {
     pub fn is_flagged(&self, detection: Detection) -> bool {
         let clear = self.model.misfit.as_ref().map_or(f64::INFINITY, Misfit::clear_square);
         // comparisons that NaN fails
-        let healthy = detection.ring <= self.model.threshold.value && detection.unexplained <= clear;
+        let healthy =
+            detection.ring <= self.model.threshold.value && detection.unexplained <= clear;
         !healthy && self.test(detection).is_flagged()
     }
 
@@ -261,7 +328,7 @@ impl Judge {
         work: &mut Workspace,
     ) -> Option<Isolation> {
         let Isolating { isolator, signal, rule, .. } = self.isolating.as_ref()?;
-        if let Isolator::Posterior(of_rings) = isolator {
+        if let Isolator::Posterior(of_rings) = &**isolator {
             let fitter = &of_rings.fitter;
             // the ring as it would be at the reference drive and temperature
             self.model.per_drive(deviation, drive, work.warmer, &mut work.residual);
@@ -287,7 +354,7 @@ impl Judge {
             residual.iter_mut().for_each(|r| *r /= drive);
         };
         // lengths agree by construction; a residual that is no number says nothing
-        match isolator {
+        match &**isolator {
             Isolator::Posterior(_) => return None, // see above
             Isolator::ResidualMatching(adjoint, simplex) => {
                 // c = R^T r = (F^T R)^T d: without the residual itself
@@ -320,7 +387,7 @@ impl Judge {
 impl Judge {
     /// What fits the rings that `isolate` names, the phase free; `None`: it names none.
     pub fn rings(&self) -> Option<&RingFitter> {
-        match &self.isolating.as_ref()?.isolator {
+        match &*self.isolating.as_ref()?.isolator {
             Isolator::Posterior(of) => Some(&of.fitter),
             _ => None,
         }
@@ -347,7 +414,7 @@ impl Judge {
         (work.severity, work.ring, work.misfit) = (None, None, f64::NAN);
         work.weights.clear();
         let Isolating { isolator, rule, curves, physics_ring, .. } = self.isolating.as_ref()?;
-        let Isolator::Posterior(of_rings) = isolator else { return None };
+        let Isolator::Posterior(of_rings) = &**isolator else { return None };
         let OfRings { posterior, priors, per_k, typical, .. } = &**of_rings;
         let noise = self.model.noise_beside() / drive;
         let Some(fit) = fit.filter(|f| f.square - f.misfit > NOISE_ALONE * noise * noise) else {
@@ -437,7 +504,9 @@ impl Judge {
     /// What a signal looks like that belongs to no class. `y`: per unit drive, counts. `None`: no ring is
     /// named.
     pub fn appearance(&self, y: &[f64], drive: f64, work: &mut Workspace) -> Option<Appearance> {
-        let Isolator::Posterior(of_rings) = &self.isolating.as_ref()?.isolator else { return None };
+        let Isolator::Posterior(of_rings) = &*self.isolating.as_ref()?.isolator else {
+            return None;
+        };
         let noise = self.model.noise_beside() / drive;
         let fit = of_rings.fitter.fit(y, true, &mut work.products);
         let OfRings { beside, fitter, .. } = &**of_rings;
@@ -458,6 +527,23 @@ impl Judge {
 }
 
 impl Isolator {
+    /// Of the same classes about a model that has moved. `None`: it does not ring.
+    fn moved(self: &Arc<Isolator>, model: &HealthyModel) -> Option<Arc<Isolator>> {
+        // what compares deviations compares them as they are
+        let Isolator::Posterior(of) = &**self else { return Some(self.clone()) };
+        let (ring, dt_s) = (ring_of(&model.identification).ok()?, model.generator.dt_s);
+        let samples = model.expected.len();
+        let fitter = RingFitter::new(ring, dt_s, samples);
+        Some(Arc::new(Isolator::Posterior(Box::new(OfRings {
+            per_k: model.features_per_k(&fitter),
+            fitter,
+            beside: BesideRing::new(&ring, dt_s, samples),
+            posterior: of.posterior.clone(),
+            priors: of.priors.clone(),
+            typical: of.typical.clone(),
+        }))))
+    }
+
     fn new(
         model: &HealthyModel,
         design: &Design,
@@ -485,7 +571,8 @@ impl Isolator {
                 let per_k = model.features_per_k(&fitter);
                 let ring = ring_of(&model.identification)?;
                 let beside = BesideRing::new(&ring, dt_s, samples);
-                let typical = design.typical.clone();
+                let typical = design.typical.clone().map(Arc::new);
+                let posterior = Arc::new(posterior);
                 let of_rings = OfRings { posterior, fitter, priors, per_k, beside, typical };
                 Ok(Isolator::Posterior(Box::new(of_rings)))
             }

@@ -28,7 +28,7 @@ pub use extension::{Covariate, Extension, Follows};
 pub use fault_class::{FaultClass, FaultModel};
 pub use fd_filter::LearnedFilter;
 pub use healthy_model::{HealthyModel, LearnSettings};
-pub use judge::{Isolation, Judge, Tested, Workspace};
+pub use judge::{Isolation, Judge, JudgeKey, Tested, Workspace};
 pub use lanes::Lanes;
 pub use own_channel::{Own, OwnChannels};
 pub use train::TrainingSet;

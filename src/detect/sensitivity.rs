@@ -82,6 +82,19 @@ impl Sensitivity {
         self.with_total(mean, total, features)
     }
 
+    /// Of the same channels where all of them have moved alike. `tangent`: as it is there.
+    pub fn moved(&self, tangent: &DMatrix<f64>) -> Option<Sensitivity> {
+        let square = |of: &Sensitivity| of.projection[0].iter().map(|p| p * p).sum::<f64>();
+        // of a sample, such as it is where noise remembers
+        let noise = (self.noise[0][0] / square(self)).sqrt();
+        Some(Sensitivity::new(tangent, noise)?.with_spread_of(self))
+    }
+
+    /// Standard deviations of healthy features at the reference drive, noise included.
+    pub fn healthy_sd(&self) -> Vector3<f64> {
+        Vector3::from_fn(|k, _| (self.spread[k][k] + self.noise[k][k]).sqrt())
+    }
+
     /// With the spread that another model learned: for a window of few signals.
     pub fn with_spread_of(self, other: &Sensitivity) -> Sensitivity {
         Sensitivity { mean: other.mean, spread: other.spread, ..self }

@@ -6,6 +6,7 @@
 //! Never judges a signal, never knows faults.
 
 pub mod averaging;
+pub mod common_change;
 pub mod grey_box;
 pub mod identifiability;
 pub mod reservoir;

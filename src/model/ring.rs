@@ -45,6 +45,15 @@ impl Ring {
             lambda_per_s: poles.lambda_per_s,
         })
     }
+
+    /// y, y', y'' at t_a, counts, counts/s, counts/s²: what [`Ring::new`] was given.
+    pub fn output_state(&self) -> [f64; 3] {
+        let omega = 2.0 * std::f64::consts::PI * self.frequency_hz;
+        let s = Complex::new(-self.damping_per_s, omega);
+        let c = Complex::from_polar(self.amplitude, self.phase_rad);
+        let (real, lambda) = (self.real_share * self.amplitude, self.lambda_per_s);
+        [c.re + real, (s * c).re - lambda * real, (s * s * c).re + lambda * lambda * real]
+    }
 }
 
 #[cfg(test)]
@@ -68,6 +77,9 @@ mod tests {
         let ring = Ring::new(channel.poles().unwrap(), [y, dy, ddy]).unwrap();
         let dt = 0.78125e-6;
         let decay = ring_down(&channel, &DVector::from_row_slice(&x), dt, 64);
+        for (found, given) in ring.output_state().into_iter().zip([y, dy, ddy]) {
+            assert!((found / given - 1.0).abs() < 1e-9, "{found} {given}");
+        }
         for (k, y) in decay.iter().enumerate() {
             let t = k as f64 * dt;
             let angle = 2.0 * std::f64::consts::PI * ring.frequency_hz * t + ring.phase_rad;

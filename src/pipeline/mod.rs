@@ -16,6 +16,7 @@ pub mod baseline;
 pub mod chain;
 pub mod collect;
 pub mod episodes;
+mod follow;
 mod in_flight;
 mod metadata;
 pub mod observe;

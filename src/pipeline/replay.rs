@@ -2,6 +2,7 @@
 
 use super::baseline::{self, InUse};
 use super::episodes::{EpisodeReport, EpisodeTap, Finished};
+use super::follow::{Heads, Moved};
 use super::in_flight::InFlight;
 use super::schedule::{Refusal, Schedule};
 use super::spares::Spares;
@@ -164,10 +165,22 @@ fn judge(
         }
         done => (schedule, done?),
     };
-    let Streamed { mut tally, writer, episodes, scan_damage, behind, timings, digest, warmth } =
-        streamed;
+    let Streamed {
+        mut tally,
+        writer,
+        episodes,
+        scan_damage,
+        behind,
+        timings,
+        digest,
+        warmth,
+        moved,
+    } = streamed;
     let mut warnings = warmth.warnings();
     warnings.extend(schedule.wide_thresholds());
+    let identify = &replay.settings.identify;
+    let told = |moved: &Moved| Some((moved.printhead.clone(), moved.warning(identify)?));
+    warnings.extend(moved.iter().filter_map(told));
 
     let counts = &tally.counts;
     let judged_and_rejected = counts.judged + counts.rejected.values().sum::<u64>();
@@ -193,6 +206,7 @@ fn judge(
     let mut summary =
         summary(document, recording, &damage, &schedule, seconds, counts.signals, behind);
     summary["timings"] = json!(timings);
+    summary["moved_together"] = json!(moved);
     if let Some((in_use, _)) = &learned {
         warnings.extend(in_use.refused.iter().cloned());
         summary["baseline"] = json!({
@@ -255,6 +269,7 @@ struct Streamed {
     timings: Vec<StageTiming>,
     digest: Digest,
     warmth: Warmth,
+    moved: Vec<Moved>,
 }
 
 /// Wires the six stages, runs them, joins them.
@@ -285,6 +300,7 @@ fn stream(
         },
     )?;
     let (mut tally, mut warmth) = (Tally::new(classes), Warmth::new(may_learn));
+    let mut heads = Heads::new(&settings.identify, settings.input.rails);
     let mut pacer = (settings.replay.pace == Pace::Recorded).then(Pacer::new);
     let stages = &settings.replay;
     let (filters, isolators) = (replay.workers(stages.filters), replay.workers(stages.isolators));
@@ -305,7 +321,7 @@ fn stream(
         let (to_isolate, from_gate) = bounded(QUEUE);
         let (to_writer, from_isolate) = bounded(QUEUE);
         let (queue, in_flight, pacer) = (&queue, &in_flight, &mut pacer);
-        let (timings, spares, warmth) = (&timings, &spares, &mut warmth);
+        let (timings, spares, warmth, heads) = (&timings, &spares, &mut warmth, &mut heads);
         let mut running: Vec<(&'static str, ScopedJoinHandle<Result<(), PipelineError>>)> =
             Vec::new();
         let mut pacer = pacer.as_mut();
@@ -324,7 +340,7 @@ fn stream(
             "identify",
             scope.spawn(move || {
                 let clock = timings.clock("identify");
-                stages::identify(schedule, warmth, clock, from_reader, to_filter)
+                stages::identify(schedule, warmth, heads, clock, from_reader, to_filter)
             }),
         ));
         for _ in 0..filters {
@@ -378,7 +394,8 @@ fn stream(
     let behind = pacer.map(|p| p.behind);
     let ((scan_damage, digest), timings) = (queue.finish(control)?, timings.stages());
     let episodes = episodes.finish()?;
-    Ok(Streamed { tally, writer, episodes, scan_damage, behind, timings, digest, warmth })
+    let moved = heads.moved();
+    Ok(Streamed { tally, writer, episodes, scan_damage, behind, timings, digest, warmth, moved })
 }
 
 fn summary(

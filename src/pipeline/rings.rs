@@ -48,8 +48,8 @@ impl Rings {
         }
         (self.fits, self.taken) = (vec![None; waiting.len()], 0);
         // one judge after the other, so that interleaved short bursts lie side by side, too
-        waiting.sort_by_key(|w| (w.judge.index, w.number));
-        for of_judge in waiting.chunk_by(|p, q| p.judge.index == q.judge.index) {
+        waiting.sort_by_key(|w| (w.judge.key(), w.number));
+        for of_judge in waiting.chunk_by(|p, q| p.judge.key() == q.judge.key()) {
             let Some(fitter) = of_judge[0].judge.rings() else { continue };
             let mut next = of_judge.iter();
             fitter.fit_all(

@@ -4,6 +4,7 @@
 //! has the cause.
 
 use super::baseline::InUse;
+use super::follow::Heads;
 use super::in_flight::InFlight;
 use super::rings::{self, Rings};
 use super::schedule::{Assignment, Schedule};
@@ -206,6 +207,7 @@ pub fn read(
 pub fn identify(
     schedule: &Schedule,
     warmth: &mut Warmth,
+    heads: &mut Heads,
     mut clock: Clock,
     input: Receiver<Read>,
     out: Sender<Assigned>,
@@ -218,7 +220,7 @@ pub fn identify(
                 Acquisition::Usable(burst) => match schedule.assign(burst) {
                     Assignment::Judge(judge) => {
                         warmth.take(judge, burst)?;
-                        Ok(judge.clone())
+                        Ok(heads.follow(judge, burst))
                     }
                     Assignment::Reject(reason) => Err(reason),
                     Assignment::Survey => return Err(PipelineError::NeedsSurvey),

@@ -7,7 +7,7 @@
 
 use super::stages::Assigned;
 use crate::burst::{Acquisition, Burst};
-use crate::design::{Detection, Judge, Lanes, Own, Workspace};
+use crate::design::{Detection, Judge, JudgeKey, Lanes, Own, Workspace};
 use crate::detect::kernel::LaneStatistics;
 use crate::detect::tile::{Gather, Instructions, LANES, Tile};
 use crate::model::ring_fit::{Fit, Products};
@@ -20,8 +20,8 @@ pub struct Statistics {
     tile: Tile,
     signal: Vec<f64>,
     expected: Vec<f64>,
-    /// Whose `expected` it is: the judge's number, drive and temperature.
-    expected_of: Option<(u16, u64, Option<u64>)>,
+    /// Whose `expected` it is: of which judge, drive and temperature.
+    expected_of: Option<(JudgeKey, u64, Option<u64>)>,
     work: Workspace,
     products: Products,
 }
@@ -48,12 +48,12 @@ impl Statistics {
         let acquisitions = &assigned.read.batch.acquisitions;
         statistic.clear();
         statistic.reserve(assigned.read.batch.rows());
-        // bursts to judge: the judge's number, the first row, place in the batch
+        // bursts to judge: the judge's key, the first row, place in the batch
         let mut bursts = Vec::with_capacity(acquisitions.len());
         for (place, (acquisition, judge)) in acquisitions.iter().zip(&assigned.judges).enumerate() {
             let fill = match (acquisition, judge) {
                 (Acquisition::Usable(burst), Ok(judge)) => {
-                    bursts.push((judge.index, statistic.len(), burst, place));
+                    bursts.push((judge.key(), statistic.len(), burst, place));
                     Ok(Detection { ring: f64::NAN, unexplained: f64::NAN })
                 }
                 (_, Err(reason)) => Err(*reason),
@@ -255,7 +255,7 @@ impl Statistics {
             return Err(reason);
         }
         let drive = judge.drive(burst);
-        let of = (judge.index, drive.to_bits(), burst.temperature_c.map(f64::to_bits));
+        let of = (judge.key(), drive.to_bits(), burst.temperature_c.map(f64::to_bits));
         if self.expected_of != Some(of) || self.expected.len() != n {
             self.expected.resize(n, 0.0);
             judge.expect(burst, &mut self.expected);

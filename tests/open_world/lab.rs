@@ -154,7 +154,20 @@ impl Lab {
     /// The episodes alone.
     pub fn replay(&self, name: &str, mode: Mode, more: &str) -> Result<Vec<Episode>, Refusal> {
         self.run_replay(name, mode, more)?;
-        Ok(verdicts::read_episodes(&self.written(name, "episodes")))
+        Ok(self.episodes(name))
+    }
+
+    /// Of the last replay of it.
+    pub fn episodes(&self, name: &str) -> Vec<Episode> {
+        verdicts::read_episodes(&self.written(name, "episodes"))
+    }
+
+    /// What its summary warns of.
+    pub fn warnings(&self, name: &str) -> Vec<String> {
+        let text = std::fs::read(self.path(&format!("out/{name}.summary.json"))).unwrap();
+        let summary: serde_json::Value = serde_json::from_slice(&text).unwrap();
+        let warnings = summary["warnings"].as_array().unwrap().iter();
+        warnings.map(|of| of["what"].as_str().unwrap().to_owned()).collect()
     }
 
     fn run_replay(&self, name: &str, mode: Mode, more: &str) -> Result<(), Refusal> {

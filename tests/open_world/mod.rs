@@ -12,6 +12,7 @@
 pub mod broken;
 pub mod chance;
 pub mod disturbance;
+pub mod drift;
 pub mod family;
 pub mod lab;
 pub mod model_error;

@@ -7,6 +7,7 @@ pub mod families;
 pub mod few_labels;
 pub mod healthy;
 pub mod physics;
+pub mod together;
 pub mod training_sets;
 
 use std::fmt;

@@ -1,0 +1,229 @@
+//! Printheads whose channels all move alike, followed burst by burst: healthy windows come too late for ink
+//! that warms up unrecorded, for a supply that sags.
+//!
+//! In: bursts in the recording's order, with the judges that the windows gave them. Out: the same judges,
+//! moved to where most of the channels are ([`crate::identify::common_change`]); a warning per printhead
+//! that moved beyond the bounds of `[identify]`. Models, thresholds and what is written of them stay.
+
+use super::survey::GroupKey;
+use crate::burst::Burst;
+use crate::design::Judge;
+use crate::identify::common_change::{CommonChange, MOST};
+use crate::settings::IdentifySettings;
+use crate::verdict::unusable_signal;
+use chrono::DateTime;
+use nalgebra::Vector3;
+use serde::Serialize;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// Healthy standard deviations that a judge may lie off before it is moved for the first time, and between
+/// two moves. The level's own noise is .1 of each feature's; a quarter off raises false alarms by a
+/// quarter, .4 by a half.
+const FIRST_MOVE: f64 = 0.4;
+const NEXT_MOVE: f64 = 0.25;
+/// So far (ln amplitude, ln damping, ln frequency) ink and supply may move all channels together; beyond,
+/// they are no longer what the models know.
+const FARTHEST: [f64; 3] = [0.5, 0.5, 0.05];
+/// Printheads that are told apart.
+const MOST_HEADS: usize = 1 << 10;
+
+/// All of a recording.
+#[derive(Debug)]
+pub struct Heads {
+    follows: bool,
+    rails: [f64; 2],
+    /// Of ln damping and ln frequency.
+    bounds: [f64; 2],
+    of: HashMap<GroupKey, Head>,
+    signal: Vec<f64>,
+    expected: Vec<f64>,
+}
+
+/// How far all channels of a printhead moved together, of summary.json.
+#[derive(Clone, Debug, Serialize)]
+pub struct Moved {
+    pub printhead: Arc<str>,
+    /// Bursts that were judged about it.
+    pub bursts: u64,
+    /// Relative changes, the farthest of each.
+    pub amplitude: f64,
+    pub damping: f64,
+    pub frequency: f64,
+    /// The first burst beyond the bounds, ns.
+    pub beyond_since_ns: Option<i64>,
+}
+
+#[derive(Debug)]
+struct Head {
+    change: CommonChange,
+    /// What its features are measured from.
+    base: Arc<Judge>,
+    /// The judge of the windows that is in use, and its ring's features from the base's.
+    window: Arc<Judge>,
+    window_at: Vector3<f64>,
+    /// The same, moved.
+    moved: Option<(Vector3<f64>, Arc<Judge>)>,
+    moves: u32,
+    bursts: u64,
+    farthest: Vector3<f64>,
+    beyond_since_ns: Option<i64>,
+}
+
+impl Heads {
+    pub fn new(identify: &IdentifySettings, rails: [f64; 2]) -> Heads {
+        let bounds = [identify.max_damping_drift, identify.max_frequency_drift];
+        let (follows, of) = (identify.follow, HashMap::new());
+        Heads { follows, rails, bounds, of, signal: Vec::new(), expected: Vec::new() }
+    }
+
+    /// The judge of the next burst.
+    pub fn follow(&mut self, judge: &Arc<Judge>, burst: &Burst) -> Arc<Judge> {
+        if !self.follows {
+            return judge.clone();
+        }
+        let key = GroupKey::of(burst);
+        if !judge.can_move() || (self.of.len() >= MOST_HEADS && !self.of.contains_key(&key)) {
+            return judge.clone();
+        }
+        let Some(sensitivity) = &judge.model.sensitivity else { return judge.clone() };
+        let head = self.of.entry(key).or_insert_with(|| {
+            let window = judge.model.valid_from_ns;
+            Head::new(CommonChange::new(window, sensitivity.healthy_sd()), judge.clone())
+        });
+        if !head.is_of(judge) {
+            head.window_is(judge);
+        }
+        head.look(burst, self.rails, &mut self.signal, &mut self.expected);
+        head.judge(burst.t_acq_ns, self.bounds)
+    }
+
+    pub fn moved(&self) -> Vec<Moved> {
+        let moved = self.of.iter().filter(|(_, head)| head.bursts > 0);
+        let mut moved: Vec<Moved> = moved
+            .map(|(key, head)| Moved {
+                printhead: key.printhead.clone(),
+                bursts: head.bursts,
+                amplitude: head.farthest[0].exp_m1(),
+                damping: head.farthest[1].exp_m1(),
+                frequency: head.farthest[2].exp_m1(),
+                beyond_since_ns: head.beyond_since_ns,
+            })
+            .collect();
+        moved.sort_by(|p, q| p.printhead.cmp(&q.printhead));
+        moved
+    }
+}
+
+impl Moved {
+    /// What to know of it, if it went beyond the bounds.
+    pub fn warning(&self, identify: &IdentifySettings) -> Option<String> {
+        let since = DateTime::from_timestamp_nanos(self.beyond_since_ns?);
+        Some(format!(
+            "since {} all channels have moved together beyond the bounds of identify.max_damping_drift = \
+             {:.1} % and max_frequency_drift = {:.2} %: damping {:+.1} %, resonance {:+.2} %, amplitude \
+             {:+.1} % at most; look at ink, temperature and supply, not at single channels, which are \
+             judged about what all have in common",
+            since.format("%Y-%m-%d %H:%M:%S UTC"),
+            100.0 * identify.max_damping_drift,
+            100.0 * identify.max_frequency_drift,
+            100.0 * self.damping,
+            100.0 * self.frequency,
+            100.0 * self.amplitude,
+        ))
+    }
+}
+
+impl Head {
+    fn new(change: CommonChange, judge: Arc<Judge>) -> Head {
+        Head {
+            change,
+            base: judge.clone(),
+            window: judge,
+            window_at: Vector3::zeros(),
+            moved: None,
+            moves: 0,
+            bursts: 0,
+            farthest: Vector3::zeros(),
+            beyond_since_ns: None,
+        }
+    }
+
+    fn is_of(&self, judge: &Judge) -> bool {
+        self.window.index == judge.index
+    }
+
+    fn window_is(&mut self, judge: &Arc<Judge>) {
+        // a judge whose ring is unknown stays where it is
+        self.window_at = judge.features_from(&self.base).unwrap_or(self.window_at);
+        (self.window, self.moved) = (judge.clone(), None);
+    }
+
+    /// The judge in use.
+    fn now(&self) -> &Arc<Judge> {
+        self.moved.as_ref().map_or(&self.window, |(_, judge)| judge)
+    }
+
+    /// Looks at some of a burst's channels, always the same ones.
+    fn look(
+        &mut self,
+        burst: &Burst,
+        rails: [f64; 2],
+        signal: &mut Vec<f64>,
+        expected: &mut Vec<f64>,
+    ) {
+        let by = self.moved.as_ref().map_or(Vector3::zeros(), |(by, _)| *by);
+        let (at, judge) = (self.window_at + by, self.now().clone());
+        let n = burst.samples_per_channel as usize;
+        signal.resize(n, 0.0);
+        expected.resize(n, 0.0);
+        judge.expect(burst, expected);
+        let drive = judge.drive(burst);
+        for row in (0..burst.channels as usize).step_by((burst.channels as usize).div_ceil(MOST)) {
+            burst.copy_signal(row, signal);
+            if unusable_signal(signal, rails).is_some() {
+                continue;
+            }
+            judge.deviate(burst, row, expected, signal);
+            let found = judge.features(signal, drive).filter(|x| x.iter().all(|v| v.is_finite()));
+            if let Some(features) = found {
+                let channel = burst.first_channel.saturating_add(row as u32); // rows are few
+                self.change.look(burst.t_acq_ns, channel, features + at);
+            }
+        }
+    }
+
+    /// The judge of a burst whose channels were looked at. `bounds`: of ln damping and ln frequency.
+    fn judge(&mut self, t_ns: i64, bounds: [f64; 2]) -> Arc<Judge> {
+        let Some(change) = self.change.change(t_ns) else { return self.window.clone() };
+        if (0..3).any(|k| change[k].abs() > FARTHEST[k]) {
+            self.beyond_since_ns.get_or_insert(t_ns);
+            return self.window.clone();
+        }
+        let wanted = change - self.window_at;
+        let off = self.moved.as_ref().map_or(wanted, |(by, _)| wanted - by);
+        let most = if self.moved.is_some() { NEXT_MOVE } else { FIRST_MOVE };
+        if self.in_sds(off) > most {
+            self.moves += 1;
+            let judge = self.window.moved(wanted, self.moves).map(Arc::new);
+            self.moved = judge.map(|judge| (wanted, judge));
+        }
+        if self.moved.is_some() {
+            self.bursts += 1;
+            for k in 0..3 {
+                if change[k].abs() > self.farthest[k].abs() {
+                    self.farthest[k] = change[k];
+                }
+            }
+            if change[1].abs() > bounds[0].ln_1p() || change[2].abs() > bounds[1].ln_1p() {
+                self.beyond_since_ns.get_or_insert(t_ns);
+            }
+        }
+        self.now().clone()
+    }
+
+    /// How far features lie off, by the healthy ones' spread.
+    fn in_sds(&self, off: Vector3<f64>) -> f64 {
+        off.component_div(&self.change.healthy()).norm()
+    }
+}

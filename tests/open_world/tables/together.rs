@@ -1,0 +1,118 @@
+//! Heads all of whose channels drift alike, unrecorded, three of them faulty from some burst on: what is
+//! raised, what is found, what is said of the head.
+
+use super::{Further, STATED, Shown};
+use crate::open_world::chance::Rate;
+use crate::open_world::drift::Drift;
+use crate::open_world::lab::{Lab, Library, Mode, Program, Refusal, Signals};
+use crate::open_world::plant::{Plant, random};
+use crate::open_world::recording::Rows;
+use crate::open_world::scatter::{Scatter, Shape};
+
+pub struct Plan {
+    pub seed: u64,
+    pub bursts: usize,
+    pub modes: Vec<Mode>,
+    pub drifts: Vec<Drift>,
+    pub further: Further,
+}
+
+const ROWS: Rows = Rows { channels: 128, every_s: 1.0 };
+/// Channels and what is wrong with them from a burst on.
+const FAULTY: [(usize, &str); 3] = [(17, "DDN"), (54, "BN"), (101, "AB2")];
+
+pub struct Row {
+    pub drift: Drift,
+    pub scatter: Scatter,
+    pub mode: Mode,
+    pub false_episodes: usize,
+    pub false_alarms: Rate,
+    pub recall: Rate,
+    /// Warnings of what all channels have in common.
+    pub said: usize,
+}
+
+pub fn measure(program: &Program, plan: &Plan) -> Result<Vec<Row>, Refusal> {
+    let plant = Plant::thesis_form();
+    let lab = Lab::new(program);
+    lab.train(Signals::of(&Library::THESIS, &plant, plan.seed), &plant, &plan.further.train)?;
+    let mut rows = Vec::new();
+    for (i, &drift) in plan.drifts.iter().enumerate() {
+        let shape = if i % 2 == 0 { Shape::Lasting } else { Shape::Box };
+        let scatter = Scatter { shape, width: 1.0 };
+        let seed = plan.seed + 1 + i as u64;
+        let mut rng = random(seed, 4);
+        let from = plan.bursts / 3;
+        let fault_of = |place: usize| {
+            let channel = ROWS.channel(place);
+            let of = FAULTY.iter().find(|(faulty, _)| *faulty == channel)?;
+            (place / ROWS.channels >= from).then(|| plant.faults[of.1])
+        };
+        let signals = (0..plan.bursts * ROWS.channels).map(|place| {
+            let t_s = (place / ROWS.channels) as f64 * ROWS.every_s;
+            let features = match fault_of(place) {
+                Some(ranges) => ranges.draw(&mut rng),
+                None => scatter.features(&plant, seed, ROWS.channel(place), &mut rng),
+            };
+            plant.signal(drift.at(t_s, features), &mut rng)
+        });
+        lab.write("together", ROWS, &plant, signals);
+        for &mode in &plan.modes {
+            let verdicts = lab.judge("together", mode, &plan.further.replay)?;
+            let (mut false_alarms, mut recall) = (Rate::default(), Rate::default());
+            for (place, verdict) in verdicts.iter().enumerate() {
+                match fault_of(place) {
+                    Some(_) => recall.add(verdict.is_flagged()),
+                    None => false_alarms.add(verdict.is_flagged()),
+                }
+            }
+            let episodes = lab.episodes("together");
+            let is_faulty = |channel: u32| FAULTY.iter().any(|(c, _)| *c as u32 == channel);
+            let false_episodes = episodes.iter().filter(|e| !is_faulty(e.channel)).count();
+            let said = lab.warnings("together");
+            let said = said.iter().filter(|w| w.contains("moved together")).count();
+            rows.push(Row { drift, scatter, mode, false_episodes, false_alarms, recall, said });
+        }
+    }
+    Ok(rows)
+}
+
+/// No false episode, twice the stated rate, nearly every faulty signal, and one word of what goes beyond
+/// the bounds.
+pub fn missed(rows: &[Row]) -> Vec<String> {
+    let mut missed = Vec::new();
+    for row in rows {
+        let whose = format!("{}, {}, {:?}", row.drift, row.scatter, row.mode);
+        if row.false_episodes > 0 {
+            missed.push(format!("{whose}: {} false episodes", row.false_episodes));
+        }
+        if !row.false_alarms.is_at_most(2.0 * STATED) {
+            missed.push(format!("{whose}: false alarms {}", row.false_alarms));
+        }
+        if !row.recall.is_at_least(0.99) {
+            missed.push(format!("{whose}: recall {}", row.recall));
+        }
+        if row.said != usize::from(row.drift.is_beyond_bounds()) {
+            missed.push(format!("{whose}: {} warnings of the head", row.said));
+        }
+    }
+    missed
+}
+
+pub fn show(rows: &[Row]) -> Shown {
+    let head =
+        ["drift", "scatter", "mode", "false episodes", "false alarms", "recall", "head's warnings"];
+    let mut shown = Shown::new("Heads whose channels all drift alike, unrecorded", &head);
+    for row in rows {
+        shown.rows.push(vec![
+            row.drift.to_string(),
+            row.scatter.to_string(),
+            format!("{:?}", row.mode),
+            row.false_episodes.to_string(),
+            format!("{:.1e}", row.false_alarms.share()),
+            format!("{:.3}", row.recall.share()),
+            row.said.to_string(),
+        ]);
+    }
+    shown
+}
