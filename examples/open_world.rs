@@ -18,7 +18,8 @@ use open_world::scatter::{Scatter, Shape};
 use open_world::tables::difference::Difference;
 use open_world::tables::healthy::World;
 use open_world::tables::{
-    Further, Shown, closed_set, episodes, families, few_labels, healthy, physics, training_sets,
+    Further, Shown, closed_set, episodes, families, few_labels, healthy, physics, together,
+    training_sets,
 };
 use std::ffi::OsString;
 use std::process::ExitCode;

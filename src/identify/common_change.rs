@@ -10,8 +10,8 @@ use std::collections::BTreeMap;
 
 /// Channels that tell: fewer do not outvote faulty ones.
 const FEWEST: usize = 8;
-/// Channels that are looked at.
-pub const MOST: usize = 32;
+/// Channels of a printhead that are looked at.
+pub const MOST: u32 = 32;
 /// A channel that was not looked at for so long says nothing of now, ns.
 const HORIZON_NS: i64 = 10_000_000_000;
 /// Share of a new estimate in the level: its noise falls to .4, and a level that moves by a standard
@@ -19,8 +19,9 @@ const HORIZON_NS: i64 = 10_000_000_000;
 const GAIN: f64 = 0.3;
 /// An estimate so many of its standard deviations off is a step, not noise.
 const STEP_SDS: f64 = 5.0;
-/// Estimates whose mean is where the level began, where no window says it.
+/// Estimates whose mean is where the level began, where no window says it; in a window at least so many.
 const FIRST: u32 = 16;
+const FEWEST_FIRST: u32 = 4;
 /// So many healthy standard deviations from a model that was learned elsewhere, a printhead is another one.
 const ELSEWHERE: f64 = 1.0;
 /// Share of the channels that must lie as close together as healthy ones do.
@@ -99,7 +100,7 @@ impl CommonChange {
     /// Where the level began is still being learned.
     fn is_learning(&self, t_ns: i64) -> bool {
         match self.window_to_ns {
-            Some(to) => t_ns < to,
+            Some(to) => t_ns < to || self.estimates < FEWEST_FIRST,
             None => self.estimates < FIRST,
         }
     }
@@ -113,8 +114,7 @@ impl CommonChange {
             Some(level) if !is_step(&level) => level + GAIN * (now - level),
             _ => now,
         };
-        // of a recording that begins after its window, the first estimate says it
-        if self.is_learning(t_ns) || self.estimates == 0 {
+        if self.is_learning(t_ns) {
             self.first += now;
             self.estimates += 1;
         }

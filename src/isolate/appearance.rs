@@ -4,6 +4,7 @@
 
 use crate::model::inner_product::dot;
 use crate::model::ring_fit::Features;
+use crate::processor::for_processor;
 use crate::verdict::Appearance;
 
 /// Share of the energy beyond the noise that a shape must hold to give what is left its name.
@@ -43,8 +44,8 @@ impl Strange<'_> {
             };
         }
         let mut squares: Vec<f64> = self.left.iter().map(|v| v * v).collect();
-        squares.sort_unstable_by(|p, q| q.total_cmp(p));
-        let few = (self.left.len() / 32).max(2);
+        let few = (squares.len() / 32).max(2).min(squares.len() - 1);
+        squares.select_nth_unstable_by(few, |p, q| q.total_cmp(p));
         if squares[..few].iter().sum::<f64>() > MOST * beyond {
             return Appearance::Jumps;
         }
@@ -56,25 +57,52 @@ impl Strange<'_> {
         }
     }
 
-    /// The line that holds most of what is left: its energy, and its cycles in the signal. By recurrence
-    /// at half cycles.
+    /// The line that holds most of what is left: its energy, and its cycles in the signal, at half cycles.
     fn line(&self) -> Option<(f64, f64)> {
         let n = self.left.len();
-        let energy = |cycles: f64| -> f64 {
-            let step = 2.0 * std::f64::consts::PI * cycles / n as f64;
-            let (sin, cos) = step.sin_cos();
-            let (mut c, mut s, mut sums) = (1.0, 0.0, [0.0; 2]);
-            for v in self.left {
-                sums[0] += v * c;
-                sums[1] += v * s;
-                (c, s) = (c * cos - s * sin, s * cos + c * sin);
+        let lines = n.min(1024);
+        let mut most: Option<(f64, f64)> = None;
+        for from in (0..lines).step_by(SIDE) {
+            let mut energies = [0.0; SIDE];
+            energies_of_lines(self.left, from, &mut energies);
+            for (k, energy) in (from..lines).zip(energies) {
+                // a constant has no sine
+                let energy = if k == 0 { energy / 2.0 } else { energy };
+                if most.is_none_or(|(known, _)| energy >= known) {
+                    most = Some((energy, k as f64 / 2.0));
+                }
             }
-            2.0 * (sums[0] * sums[0] + sums[1] * sums[1]) / n as f64
-        };
-        let half_cycles = (0..n.min(1024)).map(|k| k as f64 / 2.0);
-        half_cycles
-            .map(|cycles| (energy(cycles) / if cycles == 0.0 { 2.0 } else { 1.0 }, cycles))
-            .max_by(|p, q| p.0.total_cmp(&q.0))
+        }
+        most
+    }
+}
+
+/// Lines side by side.
+const SIDE: usize = 16;
+
+for_processor! {
+    /// Energies in `y` of the lines of `from`, `from` + 1 .. half cycles, by recurrence.
+    fn energies_of_lines(y: &[f64], from: usize, energies: &mut [f64; SIDE]) { side_by_side }
+}
+
+#[inline(always)] // compiled once per instruction set
+fn side_by_side(y: &[f64], from: usize, energies: &mut [f64; SIDE]) {
+    let n = y.len() as f64;
+    let (mut sin, mut cos) = ([0.0; SIDE], [0.0; SIDE]);
+    for k in 0..SIDE {
+        (sin[k], cos[k]) = (std::f64::consts::PI * (from + k) as f64 / n).sin_cos();
+    }
+    let (mut c, mut s) = ([1.0; SIDE], [0.0; SIDE]);
+    let (mut along_c, mut along_s) = ([0.0; SIDE], [0.0; SIDE]);
+    for v in y {
+        for k in 0..SIDE {
+            along_c[k] += v * c[k];
+            along_s[k] += v * s[k];
+            (c[k], s[k]) = (c[k] * cos[k] - s[k] * sin[k], s[k] * cos[k] + c[k] * sin[k]);
+        }
+    }
+    for k in 0..SIDE {
+        energies[k] = 2.0 * (along_c[k] * along_c[k] + along_s[k] * along_s[k]) / n;
     }
 }
 

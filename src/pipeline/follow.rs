@@ -57,6 +57,8 @@ pub struct Moved {
 #[derive(Debug)]
 struct Head {
     change: CommonChange,
+    /// As far as they were met.
+    channels: u32,
     /// What its features are measured from.
     base: Arc<Judge>,
     /// The judge of the windows that is in use, and its ring's features from the base's.
@@ -138,6 +140,7 @@ impl Head {
     fn new(change: CommonChange, judge: Arc<Judge>) -> Head {
         Head {
             change,
+            channels: 0,
             base: judge.clone(),
             window: judge,
             window_at: Vector3::zeros(),
@@ -172,6 +175,12 @@ impl Head {
         signal: &mut Vec<f64>,
         expected: &mut Vec<f64>,
     ) {
+        self.channels = self.channels.max(burst.first_channel.saturating_add(burst.channels));
+        let apart = self.channels.div_ceil(MOST).max(1);
+        let first = (apart - burst.first_channel % apart) % apart;
+        if first >= burst.channels {
+            return;
+        }
         let by = self.moved.as_ref().map_or(Vector3::zeros(), |(by, _)| *by);
         let (at, judge) = (self.window_at + by, self.now().clone());
         let n = burst.samples_per_channel as usize;
@@ -179,15 +188,15 @@ impl Head {
         expected.resize(n, 0.0);
         judge.expect(burst, expected);
         let drive = judge.drive(burst);
-        for row in (0..burst.channels as usize).step_by((burst.channels as usize).div_ceil(MOST)) {
-            burst.copy_signal(row, signal);
+        for row in (first..burst.channels).step_by(apart as usize) {
+            burst.copy_signal(row as usize, signal);
             if unusable_signal(signal, rails).is_some() {
                 continue;
             }
-            judge.deviate(burst, row, expected, signal);
+            judge.deviate(burst, row as usize, expected, signal);
             let found = judge.features(signal, drive).filter(|x| x.iter().all(|v| v.is_finite()));
             if let Some(features) = found {
-                let channel = burst.first_channel.saturating_add(row as u32); // rows are few
+                let channel = burst.first_channel.saturating_add(row);
                 self.change.look(burst.t_acq_ns, channel, features + at);
             }
         }

@@ -38,8 +38,11 @@ pub fn measure(program: &Program, plan: &Plan) -> Result<Vec<Row>, Refusal> {
     lab.train(Signals::of(&Library::THESIS, &plant, plan.seed), &plant, &plan.further.train)?;
     let mut rows = Vec::new();
     for (i, &drift) in plan.drifts.iter().enumerate() {
-        let shape = if i % 2 == 0 { Shape::Lasting } else { Shape::Box };
-        let scatter = Scatter { shape, width: 1.0 };
+        // lasting differences within what the design was trained on
+        let scatter = match i % 2 {
+            0 => Scatter { shape: Shape::Lasting, width: 0.5 },
+            _ => Scatter::BOX,
+        };
         let seed = plan.seed + 1 + i as u64;
         let mut rng = random(seed, 4);
         let from = plan.bursts / 3;
