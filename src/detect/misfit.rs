@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 pub const SHARE_OF_RATE: f64 = 0.1;
 /// A signal whose root of the square, to first order, is so many healthy deviations above the middle is
 /// looked at again.
-pub const SECOND_LOOK_SDS: f64 = 3.0;
+pub const SECOND_LOOK_SDS: f64 = 4.0;
 
 /// What healthy signals leave.
 #[derive(Clone, Debug, Serialize, Deserialize)]

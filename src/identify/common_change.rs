@@ -14,9 +14,10 @@ const FEWEST: usize = 8;
 pub const MOST: u32 = 32;
 /// A channel that was not looked at for so long says nothing of now, ns.
 const HORIZON_NS: i64 = 10_000_000_000;
-/// Share of a new estimate in the level: its noise falls to .4, and a level that moves by a standard
-/// deviation of an estimate with each of them is followed with 2.3 of them behind.
-const GAIN: f64 = 0.3;
+/// Least share of a new estimate in the level: where it stands still, an estimate's noise falls to .4.
+const LEAST_GAIN: f64 = 0.3;
+/// Share of the newest in what is known of how far estimates lie off the level.
+const MEMORY: f64 = 0.1;
 /// An estimate so many of its standard deviations off is a step, not noise.
 const STEP_SDS: f64 = 5.0;
 /// Estimates whose mean is where the level began, where no window says it; in a window at least so many.
@@ -45,6 +46,8 @@ pub struct CommonChange {
     /// Looks since the last estimate.
     fresh: usize,
     level: Option<Vector3<f64>>,
+    /// Mean square of how far estimates lie off the level before them.
+    off: Vector3<f64>,
     first: Vector3<f64>,
     estimates: u32,
 }
@@ -57,6 +60,7 @@ impl CommonChange {
             looks: BTreeMap::new(),
             fresh: 0,
             level: None,
+            off: Vector3::zeros(),
             first: Vector3::zeros(),
             estimates: 0,
         }
@@ -107,12 +111,22 @@ impl CommonChange {
 
     fn take(&mut self, t_ns: i64, estimate: [Location; 3]) {
         let now = Vector3::from(estimate.map(|of| of.middle));
-        let is_step = |level: &Vector3<f64>| {
-            (0..3).any(|k| (now[k] - level[k]).abs() > STEP_SDS * estimate[k].middle_sd())
-        };
+        let noise = Vector3::from(estimate.map(|of| of.middle_sd().powi(2)));
         let level = match self.level {
-            Some(level) if !is_step(&level) => level + GAIN * (now - level),
-            _ => now,
+            None => {
+                self.off = noise;
+                now
+            }
+            Some(level) => Vector3::from_fn(|k, _| {
+                let off = now[k] - level[k];
+                if off * off > STEP_SDS * STEP_SDS * noise[k] {
+                    return now[k];
+                }
+                self.off[k] += MEMORY * (off * off - self.off[k]);
+                // of estimates that lie further off than their noise the level has moved
+                let gain = (1.0 - 1.5 * noise[k] / self.off[k]).max(LEAST_GAIN);
+                level[k] + gain * off
+            }),
         };
         if self.is_learning(t_ns) {
             self.first += now;
@@ -251,6 +265,13 @@ mod tests {
             for (b, found) in moved.iter().enumerate().skip(20) {
                 let off = found.unwrap()[1] - swing(b as i64);
                 assert!(off.abs() < 0.4 * SD[1], "{off} in burst {b}");
+            }
+            let sag = |b: i64| 1.4 * SD[0] * (std::f64::consts::TAU * b as f64 / 90.0).sin();
+            let sagging = Head::new(seed).run(None, 600, |b, _| [sag(b - 20), 0.0, 0.0]);
+            let origin = sagging[20].unwrap()[0] - sag(0);
+            for (b, found) in sagging.iter().enumerate().skip(20) {
+                let off = found.unwrap()[0] - sag(b as i64 - 20) - origin;
+                assert!(off.abs() < 0.5 * SD[0], "{off} in burst {b}");
             }
             let step = |b: i64| if b < 500 { 0.0 } else { 0.1 };
             let stepped = Head::new(seed).run(window, 600, |b, _| [0.0, step(b), 0.0]);

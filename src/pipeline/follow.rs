@@ -18,10 +18,11 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 /// Healthy standard deviations that a judge may lie off before it is moved for the first time, and between
-/// two moves. The level's own noise is .1 of each feature's; a quarter off raises false alarms by a
-/// quarter, .4 by a half.
+/// two moves. The level's own noise is .1 of each feature's.
 const FIRST_MOVE: f64 = 0.4;
-const NEXT_MOVE: f64 = 0.25;
+const NEXT_MOVE: f64 = 0.2;
+/// Bursts in a row beyond the bounds that are no noise.
+const LASTING: u32 = 8;
 /// So far (ln amplitude, ln damping, ln frequency) ink and supply may move all channels together; beyond,
 /// they are no longer what the models know.
 const FARTHEST: [f64; 3] = [0.5, 0.5, 0.05];
@@ -69,6 +70,8 @@ struct Head {
     moves: u32,
     bursts: u64,
     farthest: Vector3<f64>,
+    /// Since when it lies beyond the bounds, and for how many bursts.
+    beyond: Option<(i64, u32)>,
     beyond_since_ns: Option<i64>,
 }
 
@@ -101,7 +104,8 @@ impl Heads {
     }
 
     pub fn moved(&self) -> Vec<Moved> {
-        let moved = self.of.iter().filter(|(_, head)| head.bursts > 0);
+        let told = |head: &Head| head.bursts > 0 || head.beyond_since_ns.is_some();
+        let moved = self.of.iter().filter(|(_, head)| told(head));
         let mut moved: Vec<Moved> = moved
             .map(|(key, head)| Moved {
                 printhead: key.printhead.clone(),
@@ -148,6 +152,7 @@ impl Head {
             moves: 0,
             bursts: 0,
             farthest: Vector3::zeros(),
+            beyond: None,
             beyond_since_ns: None,
         }
     }
@@ -205,8 +210,14 @@ impl Head {
     /// The judge of a burst whose channels were looked at. `bounds`: of ln damping and ln frequency.
     fn judge(&mut self, t_ns: i64, bounds: [f64; 2]) -> Arc<Judge> {
         let Some(change) = self.change.change(t_ns) else { return self.window.clone() };
+        let is_beyond = change[1].abs() > bounds[0].ln_1p() || change[2].abs() > bounds[1].ln_1p();
+        self.lies_beyond(is_beyond, t_ns);
+        for k in 0..3 {
+            if change[k].abs() > self.farthest[k].abs() {
+                self.farthest[k] = change[k];
+            }
+        }
         if (0..3).any(|k| change[k].abs() > FARTHEST[k]) {
-            self.beyond_since_ns.get_or_insert(t_ns);
             return self.window.clone();
         }
         let wanted = change - self.window_at;
@@ -219,16 +230,19 @@ impl Head {
         }
         if self.moved.is_some() {
             self.bursts += 1;
-            for k in 0..3 {
-                if change[k].abs() > self.farthest[k].abs() {
-                    self.farthest[k] = change[k];
-                }
-            }
-            if change[1].abs() > bounds[0].ln_1p() || change[2].abs() > bounds[1].ln_1p() {
-                self.beyond_since_ns.get_or_insert(t_ns);
-            }
         }
         self.now().clone()
+    }
+
+    fn lies_beyond(&mut self, is_beyond: bool, t_ns: i64) {
+        self.beyond = match self.beyond {
+            _ if !is_beyond => None,
+            None => Some((t_ns, 1)),
+            Some((since, bursts)) => Some((since, bursts.saturating_add(1))),
+        };
+        if let Some((since, LASTING..)) = self.beyond {
+            self.beyond_since_ns.get_or_insert(since);
+        }
     }
 
     /// How far features lie off, by the healthy ones' spread.
