@@ -2,7 +2,6 @@
 
 use super::exit::{Exit, Failure};
 use super::progress::complain;
-use super::report::printable as name;
 use super::report_page::write_text;
 use super::scored;
 use crate::design::IsolateSettings;
@@ -16,10 +15,10 @@ use crate::io::{
 use crate::labels::{Label, Labels};
 use crate::score::blind::{Blind, Said as SaidCritique, True};
 use crate::score::curves::Curves;
-use crate::score::episodes::{EpisodeScore, EpisodesReport, SaidEpisode};
+use crate::score::episodes::{EpisodeScore, SaidEpisode};
 use crate::score::promise::Promise;
 use crate::score::severity::SeverityScore;
-use crate::score::{Report, Said, Score};
+use crate::score::{Said, Score};
 use crate::verdict::{Outcome, VerdictColumns};
 use std::collections::HashMap;
 use std::io::Write;

@@ -1,6 +1,7 @@
 //! What `inkling score` says on a terminal.
 
 use super::report::printable as name;
+use crate::fault::HEALTHY;
 use crate::score::Report;
 use crate::score::episodes::EpisodesReport;
 use std::io::Write;

@@ -7,6 +7,8 @@
 
 use super::episodes::EpisodeTap;
 use super::in_flight::InFlight;
+use super::isolator::Isolator;
+use super::models::Models;
 use super::replay::{Replay, replay};
 use super::schedule::Schedule;
 use super::spares::Spares;
@@ -54,7 +56,8 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     let categories = DecisionRule::new(&classes, 0.0).unwrap().categories;
     let beside = crate::io::episode_table::path_beside(verdicts);
     let unit = TimestampUnit::Ns;
-    let mut episodes = EpisodeTap::create(run, &schedule, None, &beside, unit).unwrap();
+    let mut episodes = EpisodeTap::create(run, None, None, &beside, unit).unwrap();
+    let mut models = Models::Made(schedule);
     let options =
         TableOptions { classes: classes.clone(), categories, weights: false, timestamp_unit: unit };
     let mut writer = VerdictWriter::create(verdicts, options).unwrap();
@@ -66,12 +69,14 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     while let Some((block, read)) = queue.next(&in_flight, &control, &mut clock).unwrap() {
         reader.load_read(&block, read);
         while let Some(piece) = reader.next_piece(32_768) {
-            let place = Place { block: block.index, piece: 0 };
+            // each is the first of stages of its own
+            let place = Place::default();
             let batch = SignalBatch { place, acquisitions: piece.acquisitions };
-            let read = Read { batch, leaves: None, damage: piece.damage };
+            let (definitions, damage) = (reader.definitions(), piece.damage);
+            let read = Read { batch, block, definitions, leaves: Some(block.bytes), damage };
             let clock = |stage| timings.clock(stage);
             let assigned = through(read, |input, out| {
-                stages::identify(&schedule, &mut warmth, clock("identify"), input, out)
+                stages::identify(&mut models, &mut warmth, clock("identify"), input, out)
             });
             let filtered = through(assigned, |input, out| {
                 stages::filter(settings.input.rails, None, &spares, clock("filter"), input, out)
@@ -79,7 +84,8 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
             let gated =
                 through(filtered, |input, out| stages::gate(&spares, clock("gate"), input, out));
             let mut judged: Judged = through(gated, |input, out| {
-                stages::isolate(settings, None, &spares, clock("isolate"), input, out)
+                let isolator = Isolator::new(settings, None, &spares);
+                stages::isolate(isolator, clock("isolate"), input, out)
             });
             episodes.add(&mut judged).unwrap();
             writer.write(&judged.columns).unwrap();
