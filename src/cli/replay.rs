@@ -132,6 +132,7 @@ pub struct Args {
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
+    let mut account = Account::new();
     let settings = settings(&args)?;
     if args.follow {
         follow::check(&settings, args.dry_run)?;
@@ -174,6 +175,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     if args.dry_run {
         return plan::print(&planned, &lost, args.json);
     }
+    account.rows = lost;
     plan::sweep(&planned, &out);
     baseline_file.iter().for_each(BaselineFile::sweep);
     let sizes = planned.iter().filter(|p| p.is_to_be_judged()).filter_map(Planned::stamp);
@@ -187,7 +189,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         baseline_file,
         journal: writer,
         means: &means,
-        account: Account::new(lost),
+        account,
         progress: &progress,
         control: &control,
         telling: if args.json { Telling::Json } else { Telling::Text },

@@ -117,9 +117,9 @@ impl Reservoir {
         self.heap.is_empty()
     }
 
-    /// Of the samples that are held.
+    /// What the samples that are held take up.
     pub fn bytes(&self) -> usize {
-        size_of_val(self.data.as_slice())
+        self.data.capacity() * size_of::<f32>()
     }
 
     /// Sum and count of the recorded drive voltages, in rank order.

@@ -5,8 +5,9 @@
 //! comes later still and would have changed it is met, and the whole recording is then learned in two passes
 //! ([`super::windows`]), with the same models, numbers and refusals.
 //!
-//! Held at a time: the samples of the windows that are open ([`HELD_BYTES`]), and bursts that may begin windows
-//! while earlier ones may still come ([`WAITING_BYTES`]). What would be more is learned in two passes, too.
+//! Held at a time: the samples of the windows that are open ([`HELD_BYTES`]; what would be more is learned in two
+//! passes, too), and of each printhead bursts that may begin windows while earlier ones may still come
+//! ([`WAITING_BYTES`]; what would be more begins them).
 
 use super::PipelineError;
 use super::placing::Placing;
@@ -20,6 +21,7 @@ use crate::identify::reservoir::Reservoir;
 use crate::verdict::Reason;
 use std::collections::HashMap;
 use std::sync::Arc;
+use std::thread::{self, ScopedJoinHandle};
 
 /// How much later than others a burst may come that is earlier than they: loggers of several printheads write
 /// them about as they come. ns.
@@ -28,7 +30,7 @@ pub const USUAL_REORDER_NS: u64 = 100_000_000;
 pub const MOST_REORDER_NS: u64 = 2_000_000_000;
 /// Bytes of signals that are held of all open windows.
 const HELD_BYTES: usize = 64 << 20;
-/// Bytes of samples of the bursts that wait.
+/// Bytes of samples of a printhead's bursts that wait.
 const WAITING_BYTES: usize = 16 << 20;
 
 /// Who judges a burst.
@@ -45,6 +47,8 @@ pub struct Learning<'a> {
     learner: &'a Learner<'a>,
     /// Bursts may come so much later than others that are later than they.
     reorder_ns: i64,
+    /// Threads that learn printheads side by side.
+    workers: usize,
     schedule: Schedule,
     /// Groups by what they are; `None`: judged without windows.
     numbers: HashMap<GroupKey, Option<usize>>,
@@ -93,10 +97,16 @@ fn out_of_order(of: &GroupKey) -> PipelineError {
 
 impl<'a> Learning<'a> {
     /// `schedule`: the design's models.
-    pub fn new(learner: &'a Learner<'a>, schedule: Schedule, reorder_ns: i64) -> Learning<'a> {
+    pub fn new(
+        learner: &'a Learner<'a>,
+        schedule: Schedule,
+        reorder_ns: i64,
+        workers: usize,
+    ) -> Learning<'a> {
         Learning {
             learner,
             reorder_ns,
+            workers,
             schedule,
             numbers: HashMap::new(),
             last_asked: None,
@@ -119,8 +129,11 @@ impl<'a> Learning<'a> {
                 return Err(out_of_order(&head.key));
             }
             if head.may_begin(t_ns) && t_ns.saturating_add(self.reorder_ns) > self.latest_ns {
-                head.wait(burst)?;
+                head.wait(burst);
                 self.due_ns = self.due_ns.min(t_ns.saturating_add(self.reorder_ns));
+                if head.waiting_bytes() > WAITING_BYTES {
+                    self.place_waiting(number, self.latest_ns)?; // at such a rate that is long enough
+                }
             } else {
                 self.learn(number, burst)?;
             }
@@ -266,7 +279,7 @@ impl<'a> Learning<'a> {
             let head = &mut self.heads[number];
             let from_ns = head.waiting_from_ns.saturating_add(self.reorder_ns);
             if !head.waiting.is_empty() && is_due(from_ns, self.latest_ns) {
-                self.place_waiting(number)?;
+                self.place_waiting(number, self.latest_ns.saturating_sub(self.reorder_ns))?;
             }
         }
         let due =
@@ -281,16 +294,16 @@ impl<'a> Learning<'a> {
             let of = |open: &Open| (open.window.to_ns, &heads[open.window.group].key);
             of(a).cmp(&of(b)).then(a.window.from_ns.cmp(&b.window.from_ns))
         });
-        for open in over {
-            self.close(open)?;
+        for (window, entry) in self.models_of(over) {
+            self.enter(window, entry)?;
         }
         let next = self.heads.iter().map(Head::next_ns).min().unwrap_or(i64::MAX);
         self.due_ns = next.saturating_add(self.reorder_ns);
         Ok(())
     }
 
-    /// Bursts of a group that waited, in the order of their times; some may wait on.
-    fn place_waiting(&mut self, number: usize) -> Result<(), PipelineError> {
+    /// Bursts of a group that waited, in the order of their times; what may begin windows after `sure_ns` waits on.
+    fn place_waiting(&mut self, number: usize, sure_ns: i64) -> Result<(), PipelineError> {
         let head = &mut self.heads[number];
         let mut waiting = std::mem::take(&mut head.waiting);
         head.waiting_from_ns = i64::MAX;
@@ -298,26 +311,57 @@ impl<'a> Learning<'a> {
         for burst in waiting {
             let t_ns = burst.t_acq_ns;
             let head = &mut self.heads[number];
-            match t_ns.saturating_add(self.reorder_ns) > self.latest_ns && head.may_begin(t_ns) {
-                true => head.wait(&burst)?,
+            match t_ns > sure_ns && head.may_begin(t_ns) {
+                true => head.wait(&burst),
                 false => self.learn(number, &burst)?,
             }
         }
         Ok(())
     }
 
-    fn close(&mut self, open: Open) -> Result<(), PipelineError> {
-        let Open { window, bursts, reservoir } = open;
-        self.held -= reservoir.bytes();
-        let head = &mut self.heads[window.group];
-        head.settled_ns = head.settled_ns.max(window.to_ns);
-        if bursts == 0 && self.learner.spans.is_empty() {
-            return Ok(()); // nothing was printed then: nothing to learn, nothing to judge by it
+    /// What windows that are over add to their printheads' timelines, in their order. Printheads are learned side
+    /// by side: they know nothing of each other.
+    fn models_of(&mut self, over: Vec<Open>) -> Vec<(Window, Option<Entry>)> {
+        let windows: Vec<Window> = over.iter().map(|open| open.window).collect();
+        let mut of_heads: Vec<Vec<(usize, Open)>> = self.heads.iter().map(|_| Vec::new()).collect();
+        for (place, open) in over.into_iter().enumerate() {
+            self.held -= open.reservoir.bytes();
+            of_heads[open.window.group].push((place, open));
         }
-        let of = (&head.key, head.sample_period_s);
-        let Some(entry) = head.progress.take(self.learner, of, window, &reservoir) else {
-            return Ok(());
+        let learner = self.learner;
+        let of_heads = self.heads.iter_mut().zip(of_heads).filter(|(_, over)| !over.is_empty());
+        let mut of_heads: Vec<(&mut Head, Vec<(usize, Open)>)> = of_heads.collect();
+        let learn = |of_heads: &mut [(&mut Head, Vec<(usize, Open)>)]| {
+            let of_head = of_heads.iter_mut().flat_map(|(head, over)| {
+                over.drain(..)
+                    .map(|(place, open)| (place, head.close(learner, open)))
+                    .collect::<Vec<_>>()
+            });
+            of_head.collect::<Vec<_>>()
         };
+        let share = of_heads.len().div_ceil(self.workers).max(1);
+        let learned = match of_heads.len() <= share {
+            true => learn(&mut of_heads),
+            false => thread::scope(|scope| {
+                let spawn = |of_heads| scope.spawn(move || learn(of_heads));
+                let running: Vec<_> = of_heads.chunks_mut(share).map(spawn).collect();
+                let join = |running: ScopedJoinHandle<_>| match running.join() {
+                    Ok(learned) => learned,
+                    Err(panic) => std::panic::resume_unwind(panic), // as if it were of this thread
+                };
+                running.into_iter().flat_map(join).collect()
+            }),
+        };
+        let mut entries: Vec<Option<Entry>> = windows.iter().map(|_| None).collect();
+        for (place, entry) in learned {
+            entries[place] = entry;
+        }
+        windows.into_iter().zip(entries).collect()
+    }
+
+    fn enter(&mut self, window: Window, entry: Option<Entry>) -> Result<(), PipelineError> {
+        let Some(entry) = entry else { return Ok(()) };
+        let head = &mut self.heads[window.group];
         if matches!(entry, Entry::Learned { .. }) {
             let now = (window.to_ns, head.key.clone());
             if self.numbered.as_ref().is_some_and(|before| *before > now) {
@@ -337,21 +381,29 @@ impl Head {
         t_ns >= self.waiting_from_ns || self.placing.as_ref().is_some_and(|p| p.begins_at(t_ns))
     }
 
-    fn wait(&mut self, burst: &Burst) -> Result<(), PipelineError> {
+    fn wait(&mut self, burst: &Burst) {
         self.waiting.push(burst.clone());
         self.waiting_from_ns = self.waiting_from_ns.min(burst.t_acq_ns);
-        match self.waiting.iter().map(|burst| burst.samples.len()).sum::<usize>() > WAITING_BYTES {
-            true => Err(PipelineError::NeedsTwoPasses(
-                "more bursts at a time may begin a window than are kept".into(),
-            )),
-            false => Ok(()),
-        }
+    }
+
+    fn waiting_bytes(&self) -> usize {
+        self.waiting.iter().map(|burst| burst.samples.len()).sum()
     }
 
     fn open(&mut self, learner: &Learner, window: Window) {
         let samples = self.key.samples as usize;
         let reservoir = Reservoir::new(samples, learner.most_signals(samples));
         self.open.push(Open { window, bursts: 0, reservoir });
+    }
+
+    /// Learns from a window that is over.
+    fn close(&mut self, learner: &Learner, open: Open) -> Option<Entry> {
+        let Open { window, bursts, reservoir } = open;
+        self.settled_ns = self.settled_ns.max(window.to_ns);
+        if bursts == 0 && learner.spans.is_empty() {
+            return None; // nothing was printed then: nothing to learn, nothing to judge by it
+        }
+        self.progress.take(learner, (&self.key, self.sample_period_s), window, &reservoir)
     }
 
     /// What is to be settled first.

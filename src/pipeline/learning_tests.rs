@@ -1,7 +1,12 @@
-//! Windows learned while the signals flow and in two passes before them: the same bytes.
+//! Windows learned while the signals flow and in two passes before them: the same bytes, and what each costs.
+//!
+//! ```sh
+//! INKLING_RECORDING=slow.mcap cargo test --release --lib learning_in_the_stream_against -- --ignored --nocapture
+//! ```
 
 use super::identified::How;
 use super::replay::{RecordingReport, Replay, Run, replay};
+use super::staging_tests::cpu_s;
 use super::timings::Phases;
 use super::{Control, PipelineError};
 use crate::burst::{Acquisition, Burst, Format, Layout};
@@ -296,4 +301,37 @@ fn temperature_is_learned_from_the_whole_recording_in_both_forms() {
     assert_eq!(report.identified.how, How::InStream);
     let stages = |phase: &str| report.phases.iter().any(|of| of.phase == phase);
     assert!(stages("temperature"), "{:?}", report.phases);
+}
+
+#[test]
+#[ignore = "measures: wants a recording in INKLING_RECORDING and some seconds"]
+fn learning_in_the_stream_against_two_passes() {
+    let path = std::env::var_os("INKLING_RECORDING").expect("INKLING_RECORDING");
+    let recording = &Recording::open(Path::new(&path), Limits::default()).unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let verdicts = &dir.path().join("r.verdicts.parquet");
+    let replay = &Replay {
+        settings: Settings::default(),
+        design: Some(design()),
+        design_digest: None,
+        labels: None,
+        spans: Vec::new(),
+        baselines: None,
+    };
+    let control = &Control::default();
+    let run = Run { replay, recording, verdicts, control, may_learn: false, watch: None };
+    for _ in 0..3 {
+        for two_passes in [false, true] {
+            let (cpu, mut phases) = (cpu_s(), Phases::new(Duration::ZERO));
+            let report = match two_passes {
+                true => run.judge_in_two_passes("asked for".into(), &mut phases).unwrap(),
+                false => run.judge(&mut phases).unwrap(),
+            };
+            let (how, signals) = (report.identified.how, report.tally.counts.signals);
+            let (cpu, wall, models) = (cpu_s() - cpu, phases.seconds(), report.models);
+            println!(
+                "{how:?}: {signals} signals, {models} models, CPU {cpu:.2} s, wall {wall:.2} s"
+            );
+        }
+    }
 }

@@ -171,7 +171,7 @@ impl Run<'_> {
         Ok(report)
     }
 
-    fn judge(&self, phases: &mut Phases) -> Result<RecordingReport, PipelineError> {
+    pub(super) fn judge(&self, phases: &mut Phases) -> Result<RecordingReport, PipelineError> {
         let learner = self.learner();
         if let Some(why) = self.why_two_passes(&learner) {
             return match self.recording.is_growing() {
@@ -240,7 +240,8 @@ impl Run<'_> {
     ) -> Result<Streamed, PipelineError> {
         let reorder_ns = self.recording.disorder_ns().unwrap_or_default().max(USUAL_REORDER_NS);
         let reorder_ns = reorder_ns.min(MOST_REORDER_NS) as i64;
-        let learning = Learning::new(learner, self.design_schedule()?, reorder_ns);
+        let (schedule, workers) = (self.design_schedule()?, self.replay.workers(0));
+        let learning = Learning::new(learner, schedule, reorder_ns, workers);
         let models = Models::learned(learning, self.recording, self.control);
         self.stream(models, None, phases)
     }

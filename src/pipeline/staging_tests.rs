@@ -28,7 +28,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// User and system time of this process, s; in hundredths.
-fn cpu_s() -> f64 {
+pub(super) fn cpu_s() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap();
     let after_name = stat.rsplit(") ").next().unwrap();
     let ticks = after_name.split(' ').skip(11).take(2).map(|t| t.parse::<f64>().unwrap());
