@@ -184,6 +184,16 @@ pub struct Place {
     pub piece: u64,
 }
 
+impl Place {
+    /// The next one; `ends`: the block has no further piece.
+    pub fn following(self, ends: bool) -> Place {
+        match ends {
+            true => Place { block: self.block + 1, piece: 0 },
+            false => Place { piece: self.piece + 1, ..self },
+        }
+    }
+}
+
 /// Signals as columns: what crosses channels. Its signals are the rows of its acquisitions, in
 /// order; every per-signal column of later stages has that order and length.
 #[derive(Clone, Debug, Default)]

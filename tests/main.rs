@@ -7,6 +7,7 @@ mod contracts; // pipeline.toml = defaults, schemas = code, sample_logs regenera
 mod convert; // tables become recordings
 mod dialects; // recordings of others: any encoding, arrays and tables; paths that lead nowhere; hostile schemas
 mod floors; // imports go down only
+mod follow; // recordings that are being written: told as they grow, tables as of a replay
 mod foreign; // another generator: healthy families and effects whose constants are not the critique's
 mod hidden; // effects hidden in recordings: named, withheld, scored
 mod hostile; // absurd recordings, covariates, names, designs, places to write to: rows and words, no panic

@@ -46,6 +46,7 @@ pub enum End {
 pub struct Account {
     began: String,
     started: Instant,
+    /// Of what was named and is not there, too.
     pub rows: Vec<Row>,
     pub notes: Notes,
     /// Annotations that this run wrote, also of recordings that were finished before.
@@ -93,10 +94,10 @@ fn counted(n: u64, what: &str) -> String {
 }
 
 impl Account {
-    /// `lost`: what was named and is not there.
-    pub fn new(lost: Vec<Row>) -> Account {
-        let notes = Notes::default();
-        Account { began: journal::now(), started: Instant::now(), rows: lost, notes, annotated: 0 }
+    /// Of a run that begins now.
+    pub fn new() -> Account {
+        let (rows, notes) = (Vec::new(), Notes::default());
+        Account { began: journal::now(), started: Instant::now(), rows, notes, annotated: 0 }
     }
 
     pub fn totals(&self) -> Totals {

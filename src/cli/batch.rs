@@ -5,11 +5,13 @@ use super::account::{Account, End, RUN_NAME, Row, unwritable};
 use super::annotate;
 use super::exit::{Exit, Failure, unless_reader_gone};
 use super::failed;
+use super::follow;
 use super::output;
 use super::plan::Planned;
 use super::progress::Progress;
 use super::report::{self, Detail, printable_path};
 use super::results;
+use crate::episodes::Episode;
 use crate::io::Limits;
 use crate::io::annotation_writer;
 use crate::io::baseline_file::BaselineFile;
@@ -20,7 +22,7 @@ use crate::io::printable;
 use crate::io::recording::Recording;
 use crate::io::stored;
 use crate::pipeline::resume::{self, Decision, Why};
-use crate::pipeline::{self, Control, PipelineError, RecordingReport, Replay};
+use crate::pipeline::{self, Control, PipelineError, RecordingReport, Replay, Watch};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -53,6 +55,8 @@ pub struct Batch<'a> {
     pub timings: bool,
     /// Also what was found as messages, beside the verdicts.
     pub annotate: bool,
+    /// The recording is being written.
+    pub follow: bool,
     /// Of one recording alone its own report is enough.
     pub alone: bool,
     /// Recordings that failed so far.
@@ -171,14 +175,17 @@ impl Batch<'_> {
         if matches!(this.decision, Decision::Judge(Why::RecordingChanged)) {
             self.set_aside(&verdicts);
         }
-        let judged =
-            Recording::open_with(&this.placed.input.path, Limits::default(), &self.dialects)
+        let path = &this.placed.input.path;
+        let judged = match self.follow {
+            true => self.watch(path, &label, &verdicts),
+            false => Recording::open_with(path, Limits::default(), &self.dialects)
                 .map_err(PipelineError::from)
                 .and_then(|recording| {
                     self.progress.during(&label, recording.bytes, self.control, || {
                         pipeline::replay(&self.replay, &recording, &verdicts, self.control)
                     })
-                });
+                }),
+        };
         match judged {
             Ok(mut report) => {
                 report.name = label;
@@ -195,6 +202,24 @@ impl Batch<'_> {
                 self.note_failure(this, failed::in_words(&e), Some(e.into()))
             }
         }
+    }
+
+    /// Tells of a recording while it is written.
+    fn watch(
+        &self,
+        path: &Path,
+        label: &str,
+        verdicts: &Path,
+    ) -> Result<RecordingReport, PipelineError> {
+        let json = self.telling == Telling::Json;
+        let raised = |episode: &Episode| follow::tell(label, episode, json, self.progress);
+        let note = |what: &str| self.progress.say(&format!("{}: {what}", printable_path(label)));
+        let watch = Watch { raised: &raised, note: &note };
+        self.progress.during(label, None, self.control, || {
+            let enough = self.control.enough.clone();
+            let recording = Recording::follow(path, Limits::default(), &self.dialects, enough)?;
+            pipeline::follow(&self.replay, &recording, verdicts, self.control, &watch)
+        })
     }
 
     /// Line in the journal, then baselines: a run that is killed between the two finds the baselines

@@ -12,6 +12,7 @@ mod effect;
 mod exit;
 mod extended_design;
 mod failed;
+mod follow;
 mod generate;
 mod identify;
 mod inspect;

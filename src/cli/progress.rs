@@ -4,9 +4,9 @@ use super::output::is_quiet;
 use super::report::printable;
 use crate::io::recording::Damage;
 use crate::pipeline::Control;
-use indicatif::{HumanBytes, MultiProgress, ProgressBar, ProgressStyle};
+use indicatif::{HumanBytes, HumanDuration, MultiProgress, ProgressBar, ProgressStyle};
 use std::io::{IsTerminal, Write};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Once};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
@@ -28,12 +28,20 @@ pub fn complain(message: &str) {
 /// A shared control that Ctrl-C or a request to terminate interrupts; the second one ends the run where
 /// it is.
 pub fn interruptible() -> Arc<Control> {
+    handle_interrupts(|_| false)
+}
+
+/// The same; `takes` may take a Ctrl-C for something else.
+pub fn handle_interrupts(takes: impl Fn(&Control) -> bool + Send + 'static) -> Arc<Control> {
     static ONCE: Once = Once::new();
     let control = Arc::new(Control::default());
     let handle = control.clone();
     ONCE.call_once(|| {
         // without a handler Ctrl-C still ends the run; only the .part file is left behind
         let _ = ctrlc::set_handler(move || {
+            if takes(&handle) {
+                return;
+            }
             if handle.interrupted() {
                 std::process::exit(1);
             }
@@ -46,30 +54,72 @@ pub fn interruptible() -> Arc<Control> {
 /// Draws the current recording and, where there are several, the whole, until `done`.
 pub struct Progress {
     bars: MultiProgress,
-    overall: Option<ProgressBar>,
+    overall: Option<Overall>,
     terminal: bool,
+}
+
+/// Where there are several recordings: how far all of them are.
+struct Overall {
+    /// On a terminal.
+    bar: Option<ProgressBar>,
+    recordings: usize,
+    bytes: u64,
+    started: Instant,
+    done_recordings: AtomicUsize,
+    done_bytes: AtomicU64,
+    done_signals: AtomicU64,
+}
+
+impl Overall {
+    /// `12 of 60 recordings, 3 400 000 signals/s, 4 minutes left`; `bytes`, `signals`: of the one at hand.
+    fn in_words(&self, bytes: u64, signals: u64) -> String {
+        let number = self.done_recordings.load(Ordering::Relaxed) + 1;
+        let spent_s = self.started.elapsed().as_secs_f64().max(1e-9);
+        let signals = self.done_signals.load(Ordering::Relaxed) + signals;
+        let done = (self.done_bytes.load(Ordering::Relaxed) + bytes) as f64;
+        let left = (self.bytes as f64 - done).max(0.0);
+        let left = match done > 0.0 {
+            true => {
+                format!(", {} left", HumanDuration(Duration::from_secs_f64(spent_s * left / done)))
+            }
+            false => String::new(),
+        };
+        let number = thousands(number.min(self.recordings) as u64);
+        let (of, rate) =
+            (thousands(self.recordings as u64), thousands((signals as f64 / spent_s) as u64));
+        format!("{number} of {of} recordings, {rate} signals/s{left}")
+    }
 }
 
 impl Progress {
     pub fn new(recordings: usize, total_bytes: u64) -> Progress {
         let terminal = std::io::stderr().is_terminal() && !is_quiet();
         let bars = MultiProgress::new();
-        let overall = (terminal && recordings > 1).then(|| {
-            let bar = ProgressBar::new(total_bytes);
-            bar.set_style(style("{spinner} all recordings   {bar:30} {percent:>3} %  {eta} left"));
-            bars.add(bar)
+        let overall = (recordings > 1).then(|| Overall {
+            bar: terminal.then(|| {
+                let bar = ProgressBar::new(total_bytes);
+                bar.set_style(style("{spinner} all recordings   {bar:30} {percent:>3} %  {msg}"));
+                bars.add(bar)
+            }),
+            recordings,
+            bytes: total_bytes,
+            started: Instant::now(),
+            done_recordings: AtomicUsize::new(0),
+            done_bytes: AtomicU64::new(0),
+            done_signals: AtomicU64::new(0),
         });
         Progress { bars, overall, terminal }
     }
 
-    /// Runs `job` while its progress through `bytes` of `name` is shown.
+    /// Runs `job` while its progress through `bytes` of `name` is shown (`None`: nobody knows how many).
     pub fn during<T>(
         &self,
         name: &str,
-        bytes: u64,
+        bytes: impl Into<Option<u64>>,
         control: &Control,
         job: impl FnOnce() -> T,
     ) -> T {
+        let bytes = bytes.into();
         let done = AtomicBool::new(false);
         let signals_before = control.signals.load(Ordering::Relaxed);
         let result = std::thread::scope(|scope| {
@@ -78,8 +128,12 @@ impl Progress {
             let _ended = Ended { done: &done, watcher: watcher.thread().clone() };
             job()
         });
-        if let Some(overall) = &self.overall {
-            overall.inc(bytes);
+        if let (Some(overall), Some(bytes)) = (&self.overall, bytes) {
+            let signals = control.signals.load(Ordering::Relaxed).saturating_sub(signals_before);
+            overall.done_recordings.fetch_add(1, Ordering::Relaxed);
+            overall.done_signals.fetch_add(signals, Ordering::Relaxed);
+            let done = overall.done_bytes.fetch_add(bytes, Ordering::Relaxed) + bytes;
+            overall.bar.iter().for_each(|bar| bar.set_position(done));
         }
         result
     }
@@ -113,36 +167,49 @@ impl Progress {
         }
     }
 
-    fn watch(&self, name: &str, bytes: u64, control: &Control, before: u64, done: &AtomicBool) {
+    fn watch(
+        &self,
+        name: &str,
+        bytes: Option<u64>,
+        control: &Control,
+        before: u64,
+        done: &AtomicBool,
+    ) {
         let started = Instant::now();
-        let rate = || {
-            let signals = control.signals.load(Ordering::Relaxed).saturating_sub(before);
-            signals as f64 / started.elapsed().as_secs_f64().max(1e-9)
-        };
+        let signals = || control.signals.load(Ordering::Relaxed).saturating_sub(before);
+        let rate =
+            || thousands((signals() as f64 / started.elapsed().as_secs_f64().max(1e-9)) as u64);
         let bar = self.terminal.then(|| {
-            let bar = self.bars.add(ProgressBar::new(bytes));
-            bar.set_style(style(
-                "{spinner} {prefix:<16!} {bar:30} {percent:>3} %  {msg}  {eta} left",
-            ));
+            let bar = bytes.map_or_else(ProgressBar::new_spinner, ProgressBar::new);
+            let bar = self.bars.add(bar);
+            bar.set_style(style(match bytes {
+                Some(_) => "{spinner} {prefix:<16!} {bar:30} {percent:>3} %  {msg}  {eta} left",
+                None => "{spinner} {prefix:<16!} followed for {elapsed}, {msg}; Ctrl-C ends it",
+            }));
             bar.set_prefix(printable(name));
             bar
         });
         let mut last_line = Instant::now();
         while !done.load(Ordering::Relaxed) {
             std::thread::park_timeout(TICK); // the end of the job wakes it
-            let read = control.bytes_read.load(Ordering::Relaxed).min(bytes);
+            let read = control.bytes_read.load(Ordering::Relaxed).min(bytes.unwrap_or(u64::MAX));
+            let all = self.overall.as_ref().map(|all| (all, all.in_words(read, signals())));
             if let Some(bar) = &bar {
                 bar.set_position(read);
-                bar.set_message(format!("{} signals/s", thousands(rate() as u64)));
+                bar.set_message(match bytes {
+                    Some(_) => format!("{} signals/s", rate()),
+                    None => format!("{} signals", thousands(signals())),
+                });
+                if let Some((Overall { bar: Some(bar), done_bytes, .. }, words)) = all {
+                    bar.set_position(done_bytes.load(Ordering::Relaxed) + read);
+                    bar.set_message(words);
+                }
             } else if last_line.elapsed() >= LINE_EVERY && !is_quiet() {
                 last_line = Instant::now();
-                complain(&format!(
-                    "{}: {} of {}, {} signals/s",
-                    printable(name),
-                    HumanBytes(read),
-                    HumanBytes(bytes),
-                    thousands(rate() as u64)
-                ));
+                let of = bytes.map_or(String::new(), |bytes| format!(" of {}", HumanBytes(bytes)));
+                let all = all.map_or(String::new(), |(_, words)| format!("; {words}"));
+                let (name, read) = (printable(name), HumanBytes(read));
+                complain(&format!("{name}: {read}{of}, {} signals/s{all}", rate()));
             }
         }
         if let Some(bar) = bar {

@@ -5,6 +5,7 @@ use super::batch::{Batch, Telling};
 use super::dialects;
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
+use super::follow;
 use super::plan::{self, Planned, Planner};
 use super::progress::{Progress, interruptible};
 use crate::design::Design;
@@ -65,6 +66,8 @@ enum LayoutArg {
       --quiet
       every night: what is finished is skipped, journal.jsonl and run.json say
       what became of each
+  inkling replay now.mcap --design design.json --follow
+      while it is being written: faults as they are found
 
 Where recordings are named, ./pipeline.toml is not read unless --config names it.")]
 pub struct Args {
@@ -119,13 +122,21 @@ pub struct Args {
     /// printhead, faulty channels burst by burst; for Foxglove, Lichtblick and Rerun
     #[arg(long)]
     annotate: bool,
+    /// Watch one recording that is being written: tell of episodes as they are raised, until it is closed
+    /// or Ctrl-C; then write what any replay of it would
+    #[arg(long)]
+    follow: bool,
     /// One JSON line per recording and one for the run, instead of text
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
+    let mut account = Account::new();
     let settings = settings(&args)?;
+    if args.follow {
+        follow::check(&settings, args.dry_run)?;
+    }
     let found = inputs::find_each_recording(&settings.input.recordings).map_err(Failure::new)?;
     let out = PathBuf::from(&settings.output.dir);
     outputs::check_place(&out).map_err(Failure::new)?;
@@ -136,7 +147,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let Loaded { replay, baseline_file, means } = load(settings, &args)?;
     let lost: Vec<Row> = found.lost.iter().map(plan::lost).collect();
 
-    let control = interruptible();
+    let control = if args.follow { follow::until_enough() } else { interruptible() };
     let lock = match args.dry_run {
         true => None,
         false => Some(RunLock::take(&out).map_err(Failure::new)?),
@@ -164,10 +175,12 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     if args.dry_run {
         return plan::print(&planned, &lost, args.json);
     }
+    account.rows = lost;
     plan::sweep(&planned, &out);
     baseline_file.iter().for_each(BaselineFile::sweep);
     let sizes = planned.iter().filter(|p| p.is_to_be_judged()).filter_map(Planned::stamp);
-    let progress = Progress::new(planned.len(), sizes.map(|stamp| stamp.bytes).sum());
+    let judged = planned.iter().filter(|p| p.is_to_be_judged()).count();
+    let progress = Progress::new(judged, sizes.map(|stamp| stamp.bytes).sum());
     let writer = JournalWriter::open(&out).map_err(|e| unwritable(&out.join(JOURNAL_NAME), e))?;
     let batch = Batch {
         out: &out,
@@ -176,12 +189,13 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         baseline_file,
         journal: writer,
         means: &means,
-        account: Account::new(lost),
+        account,
         progress: &progress,
         control: &control,
         telling: if args.json { Telling::Json } else { Telling::Text },
         timings: args.timings,
         annotate: args.annotate,
+        follow: args.follow,
         alone: planned.len() == 1 && found.lost.is_empty(),
         failures: 0,
     };

@@ -130,6 +130,10 @@ fn clock(t_ns: i64) -> String {
 
 /// Where the time went, on stderr.
 pub fn say_timings(report: &RecordingReport, progress: &Progress) {
+    let phases = report.phases.iter().map(|of| format!("{} {:.2} s", of.phase, of.seconds));
+    let phases: Vec<String> = phases.collect();
+    progress.say(&format!("{:.2} s: {}", report.seconds, phases.join(", ")));
+    report.identified.in_words().iter().for_each(|words| progress.say(words));
     progress.say(&format!(
         "{:9} {:>7} {:>8} {:>9} {:>9} {:>9} {:>6}",
         "stage", "workers", "batches", "busy s", "starved s", "blocked s", "queue"

@@ -85,7 +85,7 @@ pub fn read(
         files.push(input.path.as_path());
     }
     let mut survey = Survey::new(episodes, with_maps);
-    let bytes = files.iter().map(|file| stored::bytes(file)).sum();
+    let bytes: u64 = files.iter().map(|file| stored::bytes(file)).sum();
     progress.during("verdicts", bytes, control, || {
         let (send, receive) = sync_channel(READ_AHEAD);
         std::thread::scope(|scope| {

@@ -36,8 +36,16 @@ pub struct Tracker {
     printheads: HashMap<Arc<str>, Printhead>,
     channels: usize,
     waiting: usize,
+    told: Told,
+}
+
+/// What comes out.
+#[derive(Debug, Default)]
+struct Told {
     counts: Counts,
     ended: Vec<Episode>,
+    /// As they were when the evidence sufficed; `None`: nobody asks.
+    raised: Option<Vec<Episode>>,
 }
 
 #[derive(Debug)]
@@ -105,16 +113,22 @@ impl Tracker {
             printheads: HashMap::new(),
             channels: 0,
             waiting: 0,
-            counts: Counts::default(),
-            ended: Vec::new(),
+            told: Told::default(),
         }
+    }
+
+    /// The same for who wants to hear of episodes as soon as they are raised: no burst waits for earlier ones,
+    /// which then are left out.
+    pub fn at_once(self) -> Tracker {
+        let told = Told { raised: Some(Vec::new()), ..self.told };
+        Tracker { reorder_signals: 0, told, ..self }
     }
 
     /// One burst of a printhead, in the recording's order.
     pub fn push(&mut self, printhead: &Arc<str>, looks: Looks) {
         if !self.printheads.contains_key(printhead) {
             if self.printheads.len() >= MOST_PRINTHEADS {
-                self.counts.signals_beyond_limit += looks.ratios.len() as u64;
+                self.told.counts.signals_beyond_limit += looks.ratios.len() as u64;
                 return;
             }
             self.printheads.insert(printhead.clone(), Printhead::new(printhead.clone()));
@@ -126,13 +140,18 @@ impl Tracker {
             let Some(looks) = of.waiting.pop() else { break };
             self.waiting -= looks.ratios.len();
             let room = &mut self.channels;
-            of.look(&looks, self.bound, room, &self.naming, &mut self.counts, &mut self.ended);
+            of.look(&looks, self.bound, room, &self.naming, &mut self.told);
         }
     }
 
     /// What has ended since it was asked last.
     pub fn take_ended(&mut self) -> Vec<Episode> {
-        std::mem::take(&mut self.ended)
+        std::mem::take(&mut self.told.ended)
+    }
+
+    /// What was raised since it was asked last, as it was then; only [`Tracker::at_once`].
+    pub fn take_raised(&mut self) -> Vec<Episode> {
+        self.told.raised.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
     /// The last episodes, those still on by printhead and channel, and the counts.
@@ -142,7 +161,7 @@ impl Tracker {
         for of in &mut printheads {
             while let Some(looks) = of.waiting.pop() {
                 let room = &mut self.channels;
-                of.look(&looks, self.bound, room, &self.naming, &mut self.counts, &mut self.ended);
+                of.look(&looks, self.bound, room, &self.naming, &mut self.told);
             }
         }
         for of in &mut printheads {
@@ -152,12 +171,12 @@ impl Tracker {
                 else {
                     continue;
                 };
-                self.counts.still_on += 1;
-                self.counts.episodes += 1;
-                self.ended.push(self.naming.episode(&of.name, channel, &found, None));
+                self.told.counts.still_on += 1;
+                self.told.counts.episodes += 1;
+                self.told.ended.push(self.naming.episode(&of.name, channel, &found, None));
             }
         }
-        (self.ended, self.counts)
+        (self.told.ended, self.told.counts)
     }
 }
 
@@ -234,9 +253,9 @@ impl Printhead {
         bound: f32,
         room: &mut usize,
         naming: &Naming,
-        counts: &mut Counts,
-        ended: &mut Vec<Episode>,
+        told: &mut Told,
     ) {
+        let counts = &mut told.counts;
         let mut named = looks.named.iter().peekable();
         // rows before these were looked at together, or are not to be
         let (mut near, mut together, mut alone) = (0, 0, 0);
@@ -284,7 +303,14 @@ impl Printhead {
             if let Some(over) = channel.look(looks.t_ns, ratio, named, bound, naming) {
                 counts.episodes += 1;
                 let end = over.fading.map(|(t_ns, _)| t_ns);
-                ended.push(naming.episode(&self.name, channel, &over, end));
+                told.ended.push(naming.episode(&self.name, channel, &over, end));
+            }
+            if let Some(raised) = &mut told.raised
+                && let Some(found) = &channel.found
+                && channel.evidence.is_raised()
+                && found.raised_at_ns == looks.t_ns
+            {
+                raised.push(naming.episode(&self.name, channel, found, None));
             }
         }
     }
@@ -603,6 +629,27 @@ mod tests {
         let (episodes, counts) = run(tracker(8), late);
         assert_eq!(episodes, sorted.0);
         assert_eq!(counts.signals_too_late, 4);
+    }
+
+    #[test]
+    fn at_once_an_episode_is_told_with_the_burst_that_raises_it() {
+        let mut tracker = tracker(1000).at_once();
+        let name: Arc<str> = "p".into();
+        let mut raised = Vec::new();
+        for looks in bursts() {
+            let t_ns = looks.t_ns;
+            tracker.push(&name, looks);
+            for episode in tracker.take_raised() {
+                assert_eq!(episode.raised_at_ns, t_ns);
+                raised.push(episode);
+            }
+        }
+        assert_eq!(raised.len(), 1);
+        let (told, whole) = (&raised[0], &run(self::tracker(1000), bursts()).0[0]);
+        assert_eq!((told.channel, told.raised_at_ns), (whole.channel, whole.raised_at_ns));
+        assert_eq!((&told.fault, told.began_at_ns), (&whole.fault, whole.began_at_ns));
+        assert_eq!(told.ended_at_ns, None);
+        assert!(told.bursts < whole.bursts);
     }
 
     #[test]

@@ -66,18 +66,10 @@ impl Reservoir {
         severity: f64,
     ) {
         self.offered += 1;
-        let mut key = [0; 12];
-        key[..8].copy_from_slice(&t_acq_ns.to_le_bytes());
-        key[8..].copy_from_slice(&channel.to_le_bytes());
-        let hash = xxh3_64(&key);
-        if self.heap.len() >= self.capacity
-            && self
-                .heap
-                .peek()
-                .is_some_and(|(worst, _)| (hash, t_acq_ns, channel) > (worst.0, worst.1, worst.2))
-        {
+        if !self.may_keep(t_acq_ns, channel) {
             return;
         }
+        let hash = hash_of(t_acq_ns, channel);
         let row: Vec<f32> = signal.iter().map(|&y| y as f32).collect();
         let content: Vec<u8> = row.iter().flat_map(|y| y.to_le_bytes()).collect();
         let rank = (hash, t_acq_ns, channel, xxh3_64(&content));
@@ -109,12 +101,25 @@ impl Reservoir {
         self.heap.push((rank, slot));
     }
 
+    /// False: a signal of that time and channel would not be kept, whatever it is. Saves looking at it.
+    pub fn may_keep(&self, t_acq_ns: i64, channel: u32) -> bool {
+        let rank = (hash_of(t_acq_ns, channel), t_acq_ns, channel);
+        let full = self.heap.len() >= self.capacity;
+        let worst = self.heap.peek().filter(|_| full);
+        worst.is_none_or(|(worst, _)| rank <= (worst.0, worst.1, worst.2))
+    }
+
     pub fn len(&self) -> usize {
         self.heap.len()
     }
 
     pub fn is_empty(&self) -> bool {
         self.heap.is_empty()
+    }
+
+    /// What the samples that are held take up.
+    pub fn bytes(&self) -> usize {
+        self.data.capacity() * size_of::<f32>()
     }
 
     /// Sum and count of the recorded drive voltages, in rank order.
@@ -144,6 +149,13 @@ impl Reservoir {
         kept.sort_unstable();
         kept.into_iter().map(|(_, slot)| slot)
     }
+}
+
+fn hash_of(t_acq_ns: i64, channel: u32) -> u64 {
+    let mut key = [0; 12];
+    key[..8].copy_from_slice(&t_acq_ns.to_le_bytes());
+    key[8..].copy_from_slice(&channel.to_le_bytes());
+    xxh3_64(&key)
 }
 
 /// x_a is proportional to the drive voltage, thesis (2-2): the scale of the expected signal.

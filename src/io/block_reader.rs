@@ -42,13 +42,17 @@ pub struct BlockReader {
     upfront: Arc<Channels>,
     /// Met in blocks. With all channels known upfront it is forgotten after each block, so that a
     /// block gives the same whoever reads it.
-    met: Channels,
+    met: Arc<Channels>,
     known_upfront: bool,
     no_printhead: Arc<str>,
     open: Option<OpenBlock>,
     /// What goes by, if somebody counts it.
     census: Option<Census>,
 }
+
+/// Channels that blocks define.
+#[derive(Clone, Debug)]
+pub struct Definitions(Arc<Channels>);
 
 #[derive(Debug)]
 struct OpenBlock {
@@ -71,13 +75,27 @@ impl BlockReader {
             loader: ChunkLoader::new(source, limits),
             decoder: BurstDecoder::new(limits),
             dialects: DialectDecoder::new(limits),
-            met: upfront.without_any(),
+            met: Arc::new(upfront.without_any()),
             upfront,
             known_upfront,
             no_printhead: Arc::from(""),
             open: None,
             census: None,
         }
+    }
+
+    /// The same where the summary does not say what the channels are and other blocks were read before: what
+    /// those defined.
+    pub(super) fn knowing(mut self, definitions: Option<&Definitions>) -> BlockReader {
+        if let Some(Definitions(met)) = definitions.filter(|_| !self.known_upfront) {
+            self.met = met.clone();
+        }
+        self
+    }
+
+    /// What the blocks so far define, for a reader that goes on from here; `None`: the summary says it.
+    pub fn definitions(&self) -> Option<Definitions> {
+        (!self.known_upfront).then(|| Definitions(self.met.clone()))
     }
 
     /// The same, counting what there is on every channel; see [`BlockReader::census`].
@@ -116,7 +134,7 @@ impl BlockReader {
     /// The same of a block that [`Recording::digester`](super::recording::Recording::digester) read.
     pub fn load_read(&mut self, block: &Block, read: Option<ReadBlock>) {
         if self.known_upfront {
-            self.met = self.upfront.without_any();
+            self.met = Arc::new(self.upfront.without_any());
         }
         let loaded = self.loader.load(block, read);
         let mut damage = Vec::new();
@@ -165,7 +183,8 @@ impl BlockReader {
                 },
                 op::SCHEMA => match SchemaRecord::parse(body) {
                     Some(schema) if self.upfront.agrees_with_schema(schema) => Ok(()),
-                    Some(schema) => self.met.define_schema(schema),
+                    Some(schema) if self.met.agrees_with_schema(schema) => Ok(()),
+                    Some(schema) => Arc::make_mut(&mut self.met).define_schema(schema),
                     None => Err(Lost::Malformed("schema")),
                 },
                 op::CHANNEL => match ChannelRecord::parse(body) {
@@ -173,7 +192,8 @@ impl BlockReader {
                     Some(channel) if self.upfront.knows_channel(channel.id) => {
                         Err(Lost::Redefined("channel", channel.id))
                     }
-                    Some(channel) => self.met.define_channel(channel),
+                    Some(channel) if self.met.agrees_with_channel(channel) => Ok(()),
+                    Some(channel) => Arc::make_mut(&mut self.met).define_channel(channel),
                     None => Err(Lost::Malformed("channel")),
                 },
                 _ => Ok(()), // not ours, or of a later version of the format

@@ -137,6 +137,22 @@ impl Statistics {
     }
 }
 
+/// Where a chunk lies in time and file, of its index.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ChunkSpan {
+    /// Log times of its messages.
+    pub from_ns: u64,
+    pub to_ns: u64,
+    pub offset: u64,
+}
+
+impl ChunkSpan {
+    pub fn parse(body: &[u8]) -> Option<ChunkSpan> {
+        let mut f = Fields(body);
+        Some(ChunkSpan { from_ns: f.u64()?, to_ns: f.u64()?, offset: f.u64()? })
+    }
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Footer {
     pub summary_start: u64,
@@ -266,6 +282,15 @@ mod tests {
                     assert_eq!(ours.channel_count, s.channel_count);
                     assert_eq!(ours.channel_message_counts, [(channel, 1)]);
                     assert!((0..body.len()).all(|n| Statistics::parse(&body[..n]).is_none()));
+                }
+                Record::ChunkIndex(c) => {
+                    let ours = ChunkSpan::parse(body).unwrap();
+                    assert_eq!(ours.offset, c.chunk_start_offset);
+                    assert_eq!(
+                        (ours.from_ns, ours.to_ns),
+                        (c.message_start_time, c.message_end_time)
+                    );
+                    assert!((0..24).all(|n| ChunkSpan::parse(&body[..n]).is_none()));
                 }
                 Record::Footer(f) => {
                     let ours = Footer::parse(body).unwrap();

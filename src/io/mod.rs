@@ -20,6 +20,7 @@ pub mod dialect;
 pub mod digest;
 pub mod episode_table;
 pub mod fault_table;
+pub mod growth;
 pub mod inputs;
 mod ipc_sizes;
 pub mod journal;

@@ -6,24 +6,26 @@
 //! verdict order, and a file without a summary reads the same.
 
 use super::Limits;
-use super::block_reader::BlockReader;
+use super::block_reader::{BlockReader, Definitions};
 use super::census::{Becomes, Census, Seen};
 use super::channels::{Channels, Route};
 use super::dialect::Dialects;
 use super::digest::{Digest, Digester};
+use super::growth::Growth;
 use super::mcap_records::{
-    ChannelRecord, FOOTER_BYTES, Footer, MAGIC, RecordHeader, SchemaRecord, Statistics, op,
-    record_at,
+    ChannelRecord, ChunkSpan, FOOTER_BYTES, Footer, MAGIC, RecordHeader, SchemaRecord, Statistics,
+    op, record_at,
 };
 use super::objects::in_object_store;
 use super::printable;
-use super::scan::Blocks;
+use super::scan::{Block, Blocks};
 use super::source::Source;
 use super::stamp::Stamp;
 use std::collections::{BTreeSet, HashMap};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 use thiserror::Error;
 
 /// A byte range of a recording that could not be used, or could not be vouched for.
@@ -70,6 +72,11 @@ pub enum RecordingError {
     NotMcap { path: PathBuf, begins: String },
     #[error("{path}: MCAP of another version ({begins}); inkling reads version 0")]
     OtherVersion { path: PathBuf, begins: String },
+    #[error(
+        "{path}: {what} while it was followed: what was told of it belongs to no one recording; follow it again, \
+         or replay it when it is closed"
+    )]
+    NotTheSame { path: PathBuf, what: String },
     /// A dialect fits and cannot read what is there.
     #[error("{path}: {what}")]
     Dialect { path: PathBuf, what: String },
@@ -81,20 +88,24 @@ pub struct Recording {
     /// File name.
     pub name: String,
     pub bytes: u64,
-    /// When it was opened.
+    /// When it was opened, and how long that took.
     pub stamp: Stamp,
+    pub opening: Duration,
     /// Burst messages by the recording's own statistics.
     pub expected: Option<u64>,
     /// What there is besides bursts, by its own summary; the first of many.
     pub others: Vec<Other>,
     /// What opening it found wrong; blocks and digest add theirs.
     pub damage: Vec<Damage>,
-    source: Arc<Source>,
-    limits: Limits,
+    pub(super) source: Arc<Source>,
+    pub(super) limits: Limits,
+    /// It is being written, or was when it was read.
+    pub(super) growth: Option<Growth>,
     channels: Arc<Channels>,
     channels_known_upfront: bool,
     /// First byte after the data section, where the file's end says so.
     data_end: Option<u64>,
+    disorder_ns: Option<u64>,
 }
 
 /// A channel that carries no bursts.
@@ -126,18 +137,24 @@ impl Recording {
         limits: Limits,
         dialects: &Dialects,
     ) -> Result<Recording, RecordingError> {
-        let failed = |source| RecordingError::Read { path: path.to_path_buf(), source };
-        let source = Source::open(path).map_err(|e| match e.kind() {
-            ErrorKind::InvalidInput if !in_object_store(path) => {
-                RecordingError::NotAFile { path: path.to_path_buf() }
-            }
-            _ => failed(e),
-        })?;
+        let started = Instant::now();
+        let source = open_source(path)?;
         let mut magic = [0; MAGIC.len()];
         let magic = &mut magic[..MAGIC.len().min(source.bytes() as usize)];
-        source.read_at(0, magic).map_err(failed)?;
+        source.read_at(0, magic).map_err(|source| unreadable(path, source))?;
         check_magic(path, magic)?;
+        let mut recording = Recording::of_source(path, Arc::new(source), limits, dialects)?;
+        recording.opening = started.elapsed();
+        Ok(recording)
+    }
 
+    /// Of a source that begins as it should.
+    pub(super) fn of_source(
+        path: &Path,
+        source: Arc<Source>,
+        limits: Limits,
+        dialects: &Dialects,
+    ) -> Result<Recording, RecordingError> {
         let mut damage = Vec::new();
         let summary = read_summary(&source, dialects).unwrap_or_else(|found| {
             damage.push(found);
@@ -152,15 +169,38 @@ impl Recording {
             name,
             bytes: source.bytes(),
             stamp: source.stamp_then(),
+            opening: Duration::ZERO,
             expected: summary.expected(),
+            disorder_ns: summary.disorder_ns(),
             others: summary.others(),
             damage,
-            source: Arc::new(source),
+            source,
             limits,
+            growth: None,
             channels_known_upfront: summary.complete(),
             channels: Arc::new(summary.channels),
             data_end: summary.data_end,
         })
+    }
+
+    /// As if nothing were known of its end: channels come with the blocks.
+    pub(super) fn unindexed(self, dialects: &Dialects) -> Recording {
+        let channels = Arc::new(Channels::new(dialects));
+        Recording {
+            expected: None,
+            others: Vec::new(),
+            damage: Vec::new(),
+            channels,
+            channels_known_upfront: false,
+            data_end: None,
+            disorder_ns: None,
+            ..self
+        }
+    }
+
+    /// Whether it has an end that can be read.
+    pub(super) fn is_indexed(&self) -> bool {
+        self.data_end.is_some()
     }
 
     /// Whether the summary names every channel. Then any number of readers may take blocks in any
@@ -172,7 +212,24 @@ impl Recording {
 
     /// The blocks in file order, found as they are asked for.
     pub fn blocks(&self) -> Blocks {
-        Blocks::new(self.source.clone(), self.limits, self.data_end)
+        let blocks = Blocks::new(self.source.clone(), self.limits, self.data_end);
+        if self.is_growing() { blocks.growing() } else { blocks }
+    }
+
+    /// Those after one of them.
+    pub fn blocks_after(&self, block: Option<&Block>) -> Blocks {
+        self.blocks().after(block)
+    }
+
+    /// A reader of blocks that goes on where another has read; see [`BlockReader::definitions`].
+    pub fn reader_knowing(&self, definitions: Option<&Definitions>) -> BlockReader {
+        self.reader().knowing(definitions)
+    }
+
+    /// Greatest time by which a chunk begins before an earlier one in the file ends, by the chunk index
+    /// and in log times, ns. `None`: it does not say.
+    pub fn disorder_ns(&self) -> Option<u64> {
+        self.disorder_ns
     }
 
     /// A reader of blocks, for one worker.
@@ -243,6 +300,9 @@ impl Recording {
 
     /// Whether it was written to since it was opened: what was read may be of no one state of it.
     pub fn changed(&self) -> Option<Damage> {
+        if self.growth.is_some() {
+            return None; // it was read as far as it was whole
+        }
         let now = self.source.stamp().ok()?;
         let what = match now.bytes.checked_sub(self.bytes) {
             _ if now == self.stamp => return None,
@@ -280,7 +340,20 @@ impl Recording {
     }
 }
 
-fn check_magic(path: &Path, found: &[u8]) -> Result<(), RecordingError> {
+pub(super) fn open_source(path: &Path) -> Result<Source, RecordingError> {
+    Source::open(path).map_err(|e| match e.kind() {
+        ErrorKind::InvalidInput if !in_object_store(path) => {
+            RecordingError::NotAFile { path: path.to_path_buf() }
+        }
+        _ => unreadable(path, e),
+    })
+}
+
+pub(super) fn unreadable(path: &Path, source: std::io::Error) -> RecordingError {
+    RecordingError::Read { path: path.to_path_buf(), source }
+}
+
+pub(super) fn check_magic(path: &Path, found: &[u8]) -> Result<(), RecordingError> {
     let path = path.to_path_buf();
     if found == MAGIC {
         return Ok(());
@@ -313,6 +386,7 @@ struct Summary {
     named: Vec<(u16, u16, Other)>,
     schemas: HashMap<u16, String>,
     statistics: Option<Statistics>,
+    chunks: Vec<ChunkSpan>,
     data_end: Option<u64>,
 }
 
@@ -349,6 +423,19 @@ impl Summary {
     fn complete(&self) -> bool {
         self.statistics.as_ref().is_some_and(|s| s.channel_count as usize == self.channel_ids.len())
             && self.channel_ids.iter().all(|&id| self.channels.route(id).is_ok())
+    }
+
+    fn disorder_ns(&self) -> Option<u64> {
+        let holds_messages = |chunk: &&ChunkSpan| chunk.to_ns > 0;
+        let mut chunks: Vec<&ChunkSpan> = self.chunks.iter().filter(holds_messages).collect();
+        chunks.sort_by_key(|chunk| chunk.offset);
+        let mut latest = chunks.first()?.from_ns;
+        let mut disorder = 0;
+        for chunk in chunks {
+            disorder = disorder.max(latest.saturating_sub(chunk.from_ns));
+            latest = latest.max(chunk.to_ns);
+        }
+        Some(disorder)
     }
 
     fn expected(&self) -> Option<u64> {
@@ -439,6 +526,7 @@ fn parse_summary(section: &[u8], summary: &mut Summary) -> Option<()> {
                 }
             }
             op::STATISTICS => summary.statistics = Some(Statistics::parse(body)?),
+            op::CHUNK_INDEX => summary.chunks.extend(ChunkSpan::parse(body)),
             _ => {}
         }
         at = record.to;

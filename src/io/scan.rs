@@ -10,6 +10,7 @@ use super::mcap_records::{ChunkHeader, MAGIC, RECORD_HEADER, RecordHeader, op};
 use super::recording::Damage;
 use super::source::Source;
 use std::sync::Arc;
+use std::task::Poll;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BlockKind {
@@ -32,6 +33,8 @@ pub struct Block {
 
 /// A run of messages ends where it would grow beyond this.
 const RUN_BYTES: u64 = 1 << 20;
+/// A record that claims more never becomes whole.
+const MOST_AWAITED_BYTES: u64 = 1 << 32;
 /// Bytes read at once to look at record headers.
 const WINDOW_BYTES: u64 = 16 << 10;
 /// Chunk-like places tried in vain after broken framing, per recording.
@@ -46,6 +49,8 @@ pub struct Blocks {
     limits: Limits,
     /// Where the footer said that the data section ends.
     data_end: Option<u64>,
+    /// What is not whole may still become so.
+    growing: bool,
     at: u64,
     /// Nothing before this can be the start of a chunk not yet given.
     known_until: u64,
@@ -72,6 +77,8 @@ enum Step {
     Lost(String),
     /// Nothing here is believed.
     Broken(String),
+    /// It is not whole yet.
+    NotYet,
     End,
 }
 
@@ -81,6 +88,7 @@ impl Blocks {
             source,
             limits,
             data_end,
+            growing: false,
             at: MAGIC.len() as u64,
             known_until: MAGIC.len() as u64,
             run_from: None,
@@ -91,6 +99,29 @@ impl Blocks {
             window: Vec::new(),
             window_at: 0,
         }
+    }
+
+    /// Of a recording that is being written.
+    pub(super) fn growing(mut self) -> Blocks {
+        self.growing = true;
+        self
+    }
+
+    /// Nothing more is written; what is not whole by now does not count.
+    pub fn close(&mut self) {
+        if self.growing && !self.done {
+            self.source.cut(self.at);
+        }
+        (self.growing, self.done) = (false, true);
+    }
+
+    /// Only those after one of them; `None`: all.
+    pub(super) fn after(mut self, block: Option<&Block>) -> Blocks {
+        if let Some(block) = block {
+            self.at = block.offset + block.bytes;
+            (self.known_until, self.index) = (self.at, block.index + 1);
+        }
+        self
     }
 
     fn end(&self) -> u64 {
@@ -120,13 +151,20 @@ impl Blocks {
         if at >= end {
             return Ok((self.step_at_end(), end));
         }
+        let growing = self.growing;
         let Some(header) = RecordHeader::parse(self.peek(at, RECORD_HEADER as u64)?) else {
+            if growing {
+                return Ok((Step::NotYet, end));
+            }
             let what = format!("cut short: {} bytes where a record begins", end - at);
             return Ok((Step::Broken(what), end));
         };
         let RecordHeader { opcode, body_bytes } = header;
         let body_at = at + RECORD_HEADER as u64;
         let Some(next) = body_at.checked_add(body_bytes).filter(|&next| next <= end) else {
+            if growing && body_bytes <= MOST_AWAITED_BYTES {
+                return Ok((Step::NotYet, end));
+            }
             let what = format!(
                 "cut short: record 0x{opcode:02x} claims {body_bytes} bytes where {} are left",
                 end - body_at
@@ -137,6 +175,8 @@ impl Blocks {
         let step = match opcode {
             op::HEADER if at == MAGIC.len() as u64 => skip,
             _ if at == MAGIC.len() as u64 => Step::Broken("no header record".into()),
+            // the summary's
+            op::SCHEMA | op::CHANNEL if growing && self.after_data_end => skip,
             op::SCHEMA | op::CHANNEL if next - at > self.limits.record_bytes => {
                 Step::Lost(format!("schema or channel of {body_bytes} bytes, beyond the limit"))
             }
@@ -168,6 +208,9 @@ impl Blocks {
                 skip
             }
             op::FOOTER if self.after_data_end && next + MAGIC.len() as u64 == end => Step::End,
+            op::FOOTER if growing && self.after_data_end && next + MAGIC.len() as u64 > end => {
+                Step::NotYet
+            }
             // Kinds of later versions and private ones are to be skipped; but not a chunk whose
             // kind was hit.
             0x10..=0xff => {
@@ -185,6 +228,7 @@ impl Blocks {
 
     fn step_at_end(&self) -> Step {
         match self.data_end {
+            _ if self.growing => Step::NotYet,
             Some(_) if !self.after_data_end => Step::Lost("the data have no end record".into()),
             _ => Step::End,
         }
@@ -268,7 +312,21 @@ impl Blocks {
 impl Iterator for Blocks {
     type Item = Result<Block, Damage>;
 
+    /// Of a recording that is being written: what is whole by now.
     fn next(&mut self) -> Option<Result<Block, Damage>> {
+        match self.poll() {
+            Poll::Ready(found) => found,
+            Poll::Pending => {
+                self.close();
+                None
+            }
+        }
+    }
+}
+
+impl Blocks {
+    /// The next one, if it is whole; pending only where the recording is being written.
+    pub fn poll(&mut self) -> Poll<Option<Result<Block, Damage>>> {
         let run_bytes = RUN_BYTES.min(self.limits.record_bytes);
         while !self.done {
             let (step, next) = match self.step() {
@@ -279,7 +337,7 @@ impl Iterator for Blocks {
                 && self.run_from.is_none_or(|from| next - from <= run_bytes);
             if let Some(from) = self.run_from.filter(|_| !run_goes_on) {
                 self.run_from = None;
-                return Some(Ok(self.block(BlockKind::Messages, from, self.at)));
+                return Poll::Ready(Some(Ok(self.block(BlockKind::Messages, from, self.at))));
             }
             let at = self.at;
             match step {
@@ -291,19 +349,21 @@ impl Iterator for Blocks {
                 }
                 Step::Chunk { known_until } => {
                     self.advance(next, known_until);
-                    return Some(Ok(self.block(BlockKind::Chunk, at, next)));
+                    return Poll::Ready(Some(Ok(self.block(BlockKind::Chunk, at, next))));
                 }
                 Step::Lost(what) => {
                     if at >= next {
                         self.done = true;
                     }
                     self.advance(next, next.min(at + 1));
-                    return Some(Err(Damage { from_byte: at, to_byte: next, what }));
+                    return Poll::Ready(Some(Err(Damage { from_byte: at, to_byte: next, what })));
                 }
-                Step::Broken(what) => return Some(Err(self.resync(what))),
+                Step::Broken(what) => return Poll::Ready(Some(Err(self.resync(what)))),
+                Step::NotYet => return Poll::Pending,
             }
         }
-        self.run_from.take().map(|from| Ok(self.block(BlockKind::Messages, from, self.at)))
+        let run = self.run_from.take();
+        Poll::Ready(run.map(|from| Ok(self.block(BlockKind::Messages, from, self.at))))
     }
 }
 

@@ -4,14 +4,17 @@
 use super::objects::{Object, in_object_store};
 use super::regular_file;
 use super::stamp::Stamp;
-use std::fs::File;
+use std::fs::{File, Metadata};
 use std::io;
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 #[derive(Debug)]
 pub struct Source {
     held: Held,
     stamp: Stamp,
+    /// What is read of it; more where it is being written ([`Source::grow`]).
+    bytes: AtomicU64,
 }
 
 #[derive(Debug)]
@@ -25,15 +28,41 @@ impl Source {
     pub fn open(path: &Path) -> io::Result<Source> {
         if in_object_store(path) {
             let object = Object::open(path)?;
-            return Ok(Source { stamp: object.stamp_then(), held: Held::Object(object) });
+            return Ok(Source::new(object.stamp_then(), Held::Object(object)));
         }
         let file = regular_file::open(path)?;
-        Ok(Source { stamp: Stamp::of(&file.metadata()?), held: Held::File(file) })
+        Ok(Source::new(Stamp::of(&file.metadata()?), Held::File(file)))
     }
 
-    /// Length when it was opened.
+    fn new(stamp: Stamp, held: Held) -> Source {
+        Source { held, stamp, bytes: AtomicU64::new(stamp.bytes) }
+    }
+
+    /// Length when it was opened, or as far as it has grown.
     pub fn bytes(&self) -> u64 {
-        self.stamp.bytes
+        self.bytes.load(Ordering::Acquire)
+    }
+
+    /// Takes in what was written since; the length as it was and as it is now.
+    pub fn grow(&self) -> io::Result<(u64, u64)> {
+        let (before, now) = (self.bytes(), self.stamp()?.bytes);
+        if now > before {
+            self.bytes.store(now, Ordering::Release);
+        }
+        Ok((before, now))
+    }
+
+    /// From here on only that much counts.
+    pub fn cut(&self, bytes: u64) {
+        self.bytes.store(bytes, Ordering::Release);
+    }
+
+    /// Whether the path still leads to it.
+    pub fn lies_at(&self, path: &Path) -> io::Result<bool> {
+        match &self.held {
+            Held::File(file) => is_same(&file.metadata()?, &path.metadata()?),
+            Held::Object(_) => Ok(true),
+        }
     }
 
     /// When it was opened.
@@ -56,6 +85,18 @@ impl Source {
             Held::Object(object) => object.read_at(offset, buffer),
         }
     }
+}
+
+#[cfg(unix)]
+fn is_same(a: &Metadata, b: &Metadata) -> io::Result<bool> {
+    use std::os::unix::fs::MetadataExt;
+    Ok((a.dev(), a.ino()) == (b.dev(), b.ino()))
+}
+
+#[cfg(windows)]
+fn is_same(a: &Metadata, b: &Metadata) -> io::Result<bool> {
+    use std::os::windows::fs::MetadataExt;
+    Ok(a.creation_time() == b.creation_time())
 }
 
 #[cfg(unix)]

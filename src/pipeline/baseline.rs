@@ -6,6 +6,10 @@
 //! Judged by: what was remembered; where nothing was, what the channel said in the printhead's first
 //! window (`identify.first`), from its end on. What the recording says later counts for the next one
 //! only, so that a verdict depends on no order, chunking or thread.
+//!
+//! A pass of its own, since all of the recording says whether a printhead's baselines are used in any of it
+//! ([`Told::is_estranged`]): its first verdicts depend on its last signals. In the stream they would be
+//! given by baselines that its end refuses.
 
 use super::schedule::{Assignment, Schedule};
 use super::stages::Assigned;
@@ -37,6 +41,16 @@ pub struct InUse {
 }
 
 impl InUse {
+    /// For the summary of a recording.
+    pub fn summary(&self) -> serde_json::Value {
+        serde_json::json!({
+            "channels_remembered": self.remembered,
+            "channels_learned_in_the_first_window": self.learned,
+            "channels_heard": self.heard,
+            "signals_of_channels_beyond_the_limit": self.beyond,
+        })
+    }
+
     /// Of a burst's row.
     pub fn of(&self, burst: &Burst, row: u32) -> Option<Own> {
         let channel = burst.first_channel.checked_add(row)?;

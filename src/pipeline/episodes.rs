@@ -2,10 +2,9 @@
 
 use super::PipelineError;
 use super::baseline::InUse;
-use super::replay::Replay;
-use super::schedule::Schedule;
+use super::replay::{Replay, Watch};
 use super::stages::Judged;
-use crate::design::Design;
+use crate::design::{Design, Judge};
 use crate::episodes::{Counts, Episode, Looks, Named, RingChange, Tracker};
 use crate::io::episode_table::EpisodeWriter;
 use crate::io::verdict_table::TimestampUnit;
@@ -20,12 +19,21 @@ const MOST_LISTED: usize = 1 << 14;
 pub struct EpisodeTap<'a> {
     baselines: Option<&'a InUse>,
     tracker: Tracker,
+    /// Where somebody watches: its own tracker, since the table's waits for bursts that come late.
+    watched: Option<(&'a Watch<'a>, Tracker)>,
     table: EpisodeWriter,
-    /// Per model: frequency, damping.
-    healthy: Vec<[f64; 2]>,
-    /// Per model: its threshold over the median of healthy statistics.
-    in_medians: Vec<f32>,
+    /// By their numbers; `None`: not met yet.
+    models: Vec<Option<Known>>,
     listed: Vec<Episode>,
+}
+
+/// What evidence asks of a model.
+#[derive(Clone, Copy)]
+struct Known {
+    frequency_hz: f64,
+    damping_per_s: f64,
+    /// Its threshold over the median of healthy statistics.
+    in_medians: f32,
 }
 
 /// What came out, for the report and the summary.
@@ -45,8 +53,8 @@ pub struct Finished {
 impl<'a> EpisodeTap<'a> {
     pub fn create(
         replay: &Replay,
-        schedule: &Schedule,
         baselines: Option<&'a InUse>,
+        watch: Option<&'a Watch<'a>>,
         path: &Path,
         unit: TimestampUnit,
     ) -> Result<EpisodeTap<'a>, PipelineError> {
@@ -58,24 +66,21 @@ impl<'a> EpisodeTap<'a> {
             IsolateMethod::Posterior => settings.isolate.prior_weights(&replay.classes())?,
             _ => vec![1.0 / classes.len().max(1) as f64; classes.len()],
         };
-        let poles = schedule.judges.iter().map(|judge| judge.model.identification.poles);
+        let certainty = settings.isolate.certainty;
+        let tracker = || Tracker::new(&classes, &priors, certainty, &settings.episodes);
         Ok(EpisodeTap {
             baselines,
-            tracker: Tracker::new(
-                &classes,
-                &priors,
-                settings.isolate.certainty,
-                &settings.episodes,
-            ),
+            tracker: tracker(),
+            watched: watch.map(|watch| (watch, tracker().at_once())),
             table: EpisodeWriter::create(path, unit)?,
-            healthy: poles.map(|p| [p.frequency_hz, p.damping_per_s]).collect(),
-            in_medians: schedule.judges.iter().map(|judge| judge.model.in_medians()).collect(),
+            models: Vec::new(),
             listed: Vec::new(),
         })
     }
 
     /// What is said of flagged signals is taken from it.
     pub fn add(&mut self, judged: &mut Judged) -> Result<(), PipelineError> {
+        judged.judges.iter().for_each(|judge| self.meet(judge));
         let c = &judged.columns;
         let mut flagged = std::mem::take(&mut judged.flagged).into_iter().peekable();
         let mut from = 0;
@@ -86,31 +91,31 @@ impl<'a> EpisodeTap<'a> {
                 _ => f32::NAN,
             };
             let printhead = &c.printheads[c.printhead[from] as usize];
-            let known = |baselines: &InUse| {
+            let own = |baselines: &InUse| {
                 (from..to)
                     .map(|row| baselines.knows(printhead, c.channel[row], c.acquired_at_ns[row]))
                     .collect()
             };
             // a burst has one; of rejected signals nothing is asked
             let model = c.model[from..to].iter().flatten().copied().next().unwrap_or_default();
+            let known = |model: u16| self.models.get(usize::from(model)).copied().flatten();
             let mut looks = Looks {
                 t_ns: c.acquired_at_ns[from],
                 first_channel: c.channel[from],
                 model,
-                in_medians: self.in_medians.get(usize::from(model)).copied().unwrap_or_default(),
+                in_medians: known(model).map(|of| of.in_medians).unwrap_or_default(),
                 ratios: (from..to).map(ratio).collect(),
-                own: self.baselines.map(known).unwrap_or_default(),
+                own: self.baselines.map(own).unwrap_or_default(),
                 named: Vec::new(),
             };
             while let Some(flagged) = flagged.next_if(|f| (f.row as usize) < to) {
                 let row = flagged.row as usize;
-                let healthy = c.model[row].and_then(|m| self.healthy.get(usize::from(m)));
-                let ring = flagged.ring.zip(healthy);
+                let ring = flagged.ring.zip(c.model[row].and_then(known));
                 let ring = ring.map(|([ln_damping, ln_frequency], healthy)| RingChange {
                     ln_frequency,
                     ln_damping,
-                    healthy_frequency_hz: healthy[0],
-                    healthy_damping_per_s: healthy[1],
+                    healthy_frequency_hz: healthy.frequency_hz,
+                    healthy_damping_per_s: healthy.damping_per_s,
                 });
                 looks.named.push(Named {
                     row: (row - from) as u32, // a batch is far smaller
@@ -123,10 +128,28 @@ impl<'a> EpisodeTap<'a> {
                     ring,
                 });
             }
+            if let Some((watch, tracker)) = &mut self.watched {
+                tracker.push(printhead, looks.clone());
+                tracker.take_ended();
+                tracker.take_raised().iter().for_each(|episode| (watch.raised)(episode));
+            }
             self.tracker.push(printhead, looks);
             from = to;
         }
         self.take_ended()
+    }
+
+    fn meet(&mut self, judge: &Judge) {
+        let number = usize::from(judge.index);
+        if self.models.len() <= number {
+            self.models.resize(number + 1, None);
+        }
+        let poles = judge.model.identification.poles;
+        self.models[number].get_or_insert_with(|| Known {
+            frequency_hz: poles.frequency_hz,
+            damping_per_s: poles.damping_per_s,
+            in_medians: judge.model.in_medians(),
+        });
     }
 
     fn take_ended(&mut self) -> Result<(), PipelineError> {

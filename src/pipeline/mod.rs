@@ -9,17 +9,28 @@
 //! What crosses a channel is a batch, one block of the recording (a chunk, or about 1 MiB of
 //! messages). Batches carry their place; the writer restores the order, so any number of threads
 //! gives the same bytes. Memory is bounded by what is in flight (`in_flight`), whatever
-//! the recording's length. Windows are learned before the stages start, in a pass of their own
-//! (`windows`): only then is the result the same where the file's order is not the time's.
+//! the recording's length. Windows are learned in the identify stage while the signals flow (`learning`,
+//! `models`); where the file's order is not the time's, in two passes before the stages start (`windows`). The
+//! result is the same.
 
+mod ahead;
 pub mod baseline;
 pub mod chain;
 pub mod collect;
 pub mod episodes;
 mod follow;
+pub mod identified;
 mod in_flight;
+mod in_order;
+mod isolator;
+mod learning;
+#[cfg(test)]
+mod learning_tests;
 mod metadata;
+mod models;
 pub mod observe;
+mod placing;
+mod progress;
 pub mod replay;
 pub mod resume;
 mod rings;
@@ -37,12 +48,15 @@ pub mod timings;
 mod visit;
 mod warmth;
 mod windows;
+mod wiring;
 
-pub use replay::{RecordingReport, Replay, replay};
+pub use replay::{RecordingReport, Replay, Watch, follow, replay};
 pub use schedule::Refusal;
 
 use crate::design::DesignError;
-use crate::io::recording::RecordingError;
+use crate::io::recording::{Damage, Recording, RecordingError};
+use crate::io::scan::{Block, Blocks};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use thiserror::Error;
 
@@ -79,6 +93,8 @@ pub enum PipelineError {
     Panicked(&'static str),
     #[error(transparent)]
     Isolate(#[from] crate::isolate::IsolateError),
+    #[error("models cannot be learned while the signals flow: {0}")]
+    NeedsTwoPasses(String),
     #[error("a printhead without a model turned up")]
     NeedsSurvey,
     #[error("temperatures turned up at which the models do not know what to expect")]
@@ -119,6 +135,10 @@ fn instead(others: &[crate::io::recording::Other]) -> String {
 #[derive(Debug, Default)]
 pub struct Control {
     stop: AtomicBool,
+    /// Of a recording that is followed: what is there is enough.
+    pub enough: Arc<AtomicBool>,
+    /// Nobody takes what the reader reads any more.
+    abandoned: AtomicBool,
     /// Bytes of the current recording that have been read in the current pass.
     pub bytes_read: AtomicU64,
     /// Signals judged or rejected so far, over all recordings.
@@ -133,6 +153,24 @@ impl Control {
 
     pub fn interrupted(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
+    }
+
+    fn set_abandoned(&self, abandoned: bool) {
+        self.abandoned.store(abandoned, Ordering::Relaxed);
+    }
+
+    /// The next block of a recording, which may still be written; `None`, too, where nobody wants it any more.
+    fn next_block(
+        &self,
+        recording: &Recording,
+        blocks: &mut Blocks,
+    ) -> Result<Option<Result<Block, Damage>>, PipelineError> {
+        let abandoned = || self.abandoned.load(Ordering::Relaxed);
+        let check = || if abandoned() { Err(PipelineError::Interrupted) } else { self.check() };
+        match recording.next_block(blocks, check) {
+            Err(PipelineError::Interrupted) if abandoned() => Ok(None),
+            found => found,
+        }
     }
 
     fn check(&self) -> Result<(), PipelineError> {

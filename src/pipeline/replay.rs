@@ -1,43 +1,32 @@
-//! One recording through the six stages: wire, run, join, check, and only then name the files.
+//! One recording through the six stages: how its models come to be, run, check, and only then name the files.
 
 use super::baseline::{self, InUse};
-use super::episodes::{EpisodeReport, EpisodeTap, Finished};
-use super::follow::{Heads, Moved};
-use super::in_flight::InFlight;
+use super::episodes::{EpisodeReport, Finished};
+use super::follow::Moved;
+use super::identified::Identified;
+use super::learning::{Learning, MOST_REORDER_NS, USUAL_REORDER_NS};
+use super::models::Models;
 use super::schedule::{Refusal, Schedule};
-use super::spares::Spares;
-use super::stages::{self, BlockQueue, Pacer};
 use super::survey::survey;
 use super::tally::Tally;
-use super::timings::{StageTiming, Timings};
-use super::warmth::Warmth;
+use super::timings::{PhaseTiming, Phases, StageTiming};
 use super::windows::Learner;
+use super::wiring::{Streamed, Wiring};
 use super::{Control, PipelineError, metadata};
-use crate::design::{Baselines, Design, categories};
-use crate::io::digest::Digest;
-use crate::io::episode_table;
+use crate::design::{Baselines, Design};
+use crate::episodes::Episode;
 use crate::io::journal::Stamp;
 use crate::io::part_file::{self, CompleteFile, PartFile};
 use crate::io::recording::{Damage, Recording};
 use crate::io::stored;
-use crate::io::verdict_table::{self, TableOptions, VerdictWriter};
 use crate::labels::Labels;
-use crate::settings::{IdentifyMode, Pace, Settings, TimestampUnit};
-use crossbeam_channel::bounded;
+use crate::settings::Settings;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::thread::{self, ScopedJoinHandle};
+use std::thread;
 use std::time::{Duration, Instant};
-
-/// Batches between two stages.
-const QUEUE: usize = 4;
-/// Blocks between reader and writer, per worker of a parallel stage: one at work, one waiting. More
-/// would only be further from the processor's caches.
-const BLOCKS_PER_WORKER: usize = 2;
-/// Bytes between reader and writer.
-const MOST_BYTES: u64 = 64 << 20;
 
 /// What a run of replay shares over its recordings.
 #[derive(Clone)]
@@ -59,7 +48,7 @@ impl Replay {
     }
 
     /// Workers of a stage: its own setting, else `replay.threads`, else the machine's cores.
-    fn workers(&self, of_stage: usize) -> usize {
+    pub(super) fn workers(&self, of_stage: usize) -> usize {
         match (of_stage, self.settings.replay.threads) {
             (0, 0) => thread::available_parallelism().map_or(1, usize::from),
             (0, threads) => threads,
@@ -88,7 +77,11 @@ pub struct RecordingReport {
     pub episodes: EpisodeReport,
     /// How far behind the recorded pace it ever was.
     pub behind: Option<Duration>,
-    /// Where the time went, stage by stage.
+    /// How its models came to be.
+    pub identified: Identified,
+    /// Where the time went, one after the other.
+    pub phases: Vec<PhaseTiming>,
+    /// Where that of the stages went, side by side.
     pub timings: Vec<StageTiming>,
     /// With `--baseline`: what is remembered for the next recording.
     pub baselines: Option<Baselines>,
@@ -101,6 +94,14 @@ impl RecordingReport {
     }
 }
 
+/// Who hears of a recording while it is written.
+pub struct Watch<'a> {
+    /// An episode was raised.
+    pub raised: &'a (dyn Fn(&Episode) + Sync),
+    /// Something else is to be known.
+    pub note: &'a (dyn Fn(&str) + Sync),
+}
+
 /// Judges one recording: verdicts to `verdicts`, the summary beside it.
 pub fn replay(
     replay: &Replay,
@@ -109,314 +110,310 @@ pub fn replay(
     control: &Control,
 ) -> Result<RecordingReport, PipelineError> {
     let may_learn = replay.design.is_some();
-    match judge(replay, recording, verdicts, may_learn, control) {
-        Err(PipelineError::NeedsTemperature) => {}
-        done => return done,
-    }
-    let Some((knowing, learned)) = replay.learn_temperature(recording, control)? else {
-        return judge(replay, recording, verdicts, false, control);
-    };
-    let replay = Replay { design: Some(knowing), ..replay.clone() };
-    let mut report = judge(&replay, recording, verdicts, false, control)?;
-    report.learned_temperature = learned;
-    Ok(report)
+    let run = Run { replay, recording, verdicts, control, may_learn, watch: None };
+    run.judge_knowing(&mut Phases::new(recording.opening))
 }
 
-/// `may_learn`: what temperature does can still be learned from the recording.
-fn judge(
+/// The same of a recording that is being written ([`Recording::follow`]), until it is closed or
+/// `control.enough`. What its models need the whole of is told then: its tables are always those of a replay.
+pub fn follow(
     replay: &Replay,
     recording: &Recording,
     verdicts: &Path,
-    may_learn: bool,
     control: &Control,
+    watch: &Watch,
 ) -> Result<RecordingReport, PipelineError> {
-    let started = Instant::now();
-    let isolate = &replay.settings.isolate;
-    let design_schedule = || match &replay.design {
-        Some(design) => Schedule::of_design(design, isolate),
-        None => Ok(Schedule::default()),
+    let (may_learn, mut phases) = (replay.design.is_some(), Phases::new(recording.opening));
+    let run = Run { replay, recording, verdicts, control, may_learn, watch: Some(watch) };
+    let why = match run.judge(&mut phases) {
+        Err(e @ (PipelineError::NeedsTwoPasses(_) | PipelineError::NeedsTemperature)) => e,
+        done => return done,
     };
-    let windows = || -> Result<Schedule, PipelineError> {
-        let learner = Learner {
-            settings: &replay.settings,
-            design: replay.design.as_ref(),
-            labels: replay.labels.as_ref(),
-            spans: replay.spans.clone(),
-        };
-        let survey = survey(recording, learner.every_ns(), control)?;
-        learner.learn(recording, &survey, design_schedule()?, control)
-    };
-    let as_designed =
-        replay.design.is_some() && replay.settings.identify.mode == IdentifyMode::Design;
-    let schedule = if as_designed { design_schedule()? } else { windows()? };
-
-    let run = |schedule: &Schedule| {
-        let learned = learn_baselines(replay, recording, schedule, control)?;
-        let in_use = learned.as_ref().map(|(in_use, _)| in_use);
-        let streamed = stream(replay, recording, schedule, in_use, (verdicts, may_learn), control)?;
-        Ok((streamed, learned))
-    };
-    let (schedule, (streamed, learned)) = match run(&schedule) {
-        // a printhead that the design does not know: its windows decide
-        Err(PipelineError::NeedsSurvey) => {
-            let schedule = windows()?;
-            let done = run(&schedule)?;
-            (schedule, done)
-        }
-        done => (schedule, done?),
-    };
-    let Streamed {
-        mut tally,
-        writer,
-        episodes,
-        scan_damage,
-        behind,
-        timings,
-        digest,
-        warmth,
-        moved,
-    } = streamed;
-    let mut warnings = warmth.warnings();
-    warnings.extend(schedule.wide_thresholds());
-    let identify = &replay.settings.identify;
-    let told = |moved: &Moved| Some((moved.printhead.clone(), moved.warning(identify)?));
-    warnings.extend(moved.iter().filter_map(told));
-
-    let counts = &tally.counts;
-    let judged_and_rejected = counts.judged + counts.rejected.values().sum::<u64>();
-    if counts.signals != judged_and_rejected || writer.rows() != counts.signals {
-        return Err(PipelineError::RowsLost { found: counts.signals, written: writer.rows() });
-    }
-    let mut damage = recording.damage.clone();
-    damage.extend(scan_damage);
-    damage.append(&mut tally.damage);
-    damage.extend(digest.damage);
-    damage.extend(recording.missing(counts.bursts));
-    damage.extend(recording.changed());
-    damage.sort_by_key(|d| (d.from_byte, d.to_byte));
-    if counts.bursts == 0 {
-        let (others, recording) = (recording.others.clone(), recording.path.display().to_string());
-        return Err(PipelineError::NoBursts { recording, others, damage });
-    }
-
-    let document = metadata::document(replay, recording, &digest.text, &schedule, counts);
-    control.check()?;
-    let text = document.to_string();
-    let seconds = started.elapsed().as_secs_f64();
-    let mut summary =
-        summary(document, recording, &damage, &schedule, seconds, counts.signals, behind);
-    summary["timings"] = json!(timings);
-    summary["moved_together"] = json!(moved);
-    if let Some((in_use, _)) = &learned {
-        warnings.extend(in_use.refused.iter().cloned());
-        summary["baseline"] = json!({
-            "channels_remembered": in_use.remembered,
-            "channels_learned_in_the_first_window": in_use.learned,
-            "channels_heard": in_use.heard,
-            "signals_of_channels_beyond_the_limit": in_use.beyond,
-        });
-    }
-    summary["warnings"] = warnings
-        .iter()
-        .map(|(printhead, what)| json!({"printhead": &**printhead, "what": what}))
-        .collect();
-    let Finished { report: episodes, table } = episodes;
-    summary["episodes"] = json!(episodes.counts);
-    // all are complete on disk before any gets its name
-    name_all([
-        table.complete(text.clone())?,
-        writer.complete(text)?,
-        complete_summary(verdicts, &summary)?,
-    ])?;
-    Ok(RecordingReport {
-        name: recording.name.clone(),
-        digest: digest.text,
-        stamp: recording.stamp,
-        damage,
-        refusals: schedule.refusals,
-        warnings,
-        learned_temperature: Vec::new(),
-        models: schedule.judges.len(),
-        seconds,
-        verdicts: verdicts.to_path_buf(),
-        episodes,
-        behind,
-        timings,
-        tally,
-        baselines: learned.map(|(_, next)| next),
-    })
-}
-
-/// With `--baseline`, in a pass of its own.
-fn learn_baselines(
-    replay: &Replay,
-    recording: &Recording,
-    schedule: &Schedule,
-    control: &Control,
-) -> Result<Option<(InUse, Baselines)>, PipelineError> {
-    let Some(remembered) = &replay.baselines else { return Ok(None) };
-    let window_ns = (replay.settings.identify.first * 1e9) as i64;
-    let how = (&replay.settings, window_ns);
-    baseline::learn(remembered, recording, schedule, replay.design.as_ref(), how, control).map(Some)
-}
-
-struct Streamed {
-    tally: Tally,
-    writer: VerdictWriter,
-    episodes: Finished,
-    scan_damage: Vec<Damage>,
-    behind: Option<Duration>,
-    timings: Vec<StageTiming>,
-    digest: Digest,
-    warmth: Warmth,
-    moved: Vec<Moved>,
-}
-
-/// Wires the six stages, runs them, joins them.
-fn stream(
-    replay: &Replay,
-    recording: &Recording,
-    schedule: &Schedule,
-    baselines: Option<&InUse>,
-    (verdicts, may_learn): (&Path, bool),
-    control: &Control,
-) -> Result<Streamed, PipelineError> {
-    let settings = &replay.settings;
-    let classes = replay.classes();
-    let category_names = categories(&classes);
-    let timestamp_unit = match settings.output.timestamps {
-        TimestampUnit::Ns => verdict_table::TimestampUnit::Ns,
-        TimestampUnit::Us => verdict_table::TimestampUnit::Us,
-    };
-    let beside = episode_table::path_beside(verdicts);
-    let mut episodes = EpisodeTap::create(replay, schedule, baselines, &beside, timestamp_unit)?;
-    let mut writer = VerdictWriter::create(
-        verdicts,
-        TableOptions {
-            classes: classes.clone(),
-            categories: category_names,
-            weights: settings.output.weights,
-            timestamp_unit,
-        },
-    )?;
-    let (mut tally, mut warmth) = (Tally::new(classes), Warmth::new(may_learn));
-    let mut heads = Heads::new(&settings.identify, settings.input.rails);
-    let mut pacer = (settings.replay.pace == Pace::Recorded).then(Pacer::new);
-    let stages = &settings.replay;
-    let (filters, isolators) = (replay.workers(stages.filters), replay.workers(stages.isolators));
-    // without channels known upfront, and at the recorded pace, blocks are read one after another
-    let one_reader = pacer.is_some() || !recording.channels_known_upfront();
-    let readers = if one_reader { 1 } else { replay.workers(stages.readers) };
-    let queue = BlockQueue::new(recording);
-    let in_flight = InFlight::new(BLOCKS_PER_WORKER * (readers + filters + isolators), MOST_BYTES);
-    let (timings, spares) = (Timings::default(), Spares::default());
-    let names = ["reader", "identify", "filter", "gate", "isolate", "writer"];
-    names.iter().for_each(|stage| timings.expect(stage));
-    control.bytes_read.store(0, Ordering::Relaxed);
-
-    thread::scope(|scope| {
-        let (to_identify, from_reader) = bounded(QUEUE);
-        let (to_filter, from_identify) = bounded(QUEUE);
-        let (to_gate, from_filter) = bounded(QUEUE);
-        let (to_isolate, from_gate) = bounded(QUEUE);
-        let (to_writer, from_isolate) = bounded(QUEUE);
-        let (queue, in_flight, pacer) = (&queue, &in_flight, &mut pacer);
-        let (timings, spares, warmth, heads) = (&timings, &spares, &mut warmth, &mut heads);
-        let mut running: Vec<(&'static str, ScopedJoinHandle<Result<(), PipelineError>>)> =
-            Vec::new();
-        let mut pacer = pacer.as_mut();
-        for _ in 0..readers {
-            let (out, pacer) = (to_identify.clone(), pacer.take());
-            running.push((
-                "reader",
-                scope.spawn(move || {
-                    let clock = timings.clock("reader");
-                    stages::read(recording, queue, in_flight, pacer, control, clock, out)
-                }),
-            ));
-        }
-        drop(to_identify);
-        running.push((
-            "identify",
-            scope.spawn(move || {
-                let clock = timings.clock("identify");
-                stages::identify(schedule, warmth, heads, clock, from_reader, to_filter)
-            }),
-        ));
-        for _ in 0..filters {
-            let (input, out) = (from_identify.clone(), to_gate.clone());
-            let rails = settings.input.rails;
-            running.push((
-                "filter",
-                scope.spawn(move || {
-                    let clock = timings.clock("filter");
-                    stages::filter(rails, baselines, spares, clock, input, out)
-                }),
-            ));
-        }
-        drop((from_identify, to_gate));
-        running.push((
-            "gate",
-            scope.spawn(move || {
-                stages::gate(spares, timings.clock("gate"), from_filter, to_isolate)
-            }),
-        ));
-        for _ in 0..isolators {
-            let (input, out) = (from_gate.clone(), to_writer.clone());
-            running.push((
-                "isolate",
-                scope.spawn(move || {
-                    let clock = timings.clock("isolate");
-                    stages::isolate(settings, baselines, spares, clock, input, out)
-                }),
-            ));
-        }
-        drop((from_gate, to_writer));
-
-        let put = |judged: &mut stages::Judged| {
-            episodes.add(judged)?;
-            Ok(writer.write(&judged.columns)?)
-        };
-        let clock = timings.clock("writer");
-        let written =
-            stages::write(clock, from_isolate, in_flight, control, (&mut tally, spares), put);
-        // whoever waits for room in flight must not wait for a writer that is gone
-        in_flight.close();
-        let mut outcome = written;
-        for (stage, handle) in running {
-            let ended = handle.join().unwrap_or(Err(PipelineError::Panicked(stage)));
-            if outcome.is_ok() {
-                outcome = ended;
-            }
-        }
-        outcome
+    (watch.note)(&format!("{why}; what is found is told when the recording is closed"));
+    phases.time("wait", || {
+        let mut blocks = recording.blocks();
+        while control.next_block(recording, &mut blocks)?.is_some() {}
+        Ok::<(), PipelineError>(())
     })?;
-    let behind = pacer.map(|p| p.behind);
-    let ((scan_damage, digest), timings) = (queue.finish(control)?, timings.stages());
-    let episodes = episodes.finish()?;
-    let moved = heads.moved();
-    Ok(Streamed { tally, writer, episodes, scan_damage, behind, timings, digest, warmth, moved })
+    let recording = &recording.closed(&replay.settings.input.dialects())?;
+    Run { recording, ..run }.judge_knowing(&mut phases)
 }
 
-fn summary(
-    mut document: Value,
-    recording: &Recording,
-    damage: &[Damage],
-    schedule: &Schedule,
+/// One recording on its way to its files.
+#[derive(Clone, Copy)]
+pub(super) struct Run<'a> {
+    pub replay: &'a Replay,
+    pub recording: &'a Recording,
+    pub verdicts: &'a Path,
+    pub control: &'a Control,
+    /// What temperature does can still be learned from the recording.
+    pub may_learn: bool,
+    pub watch: Option<&'a Watch<'a>>,
+}
+
+/// Baselines in use and those for the next recording.
+type LearnedBaselines = Option<(InUse, Baselines)>;
+
+impl Run<'_> {
+    /// Learns what temperature does first, if that turns out to matter.
+    fn judge_knowing(&self, phases: &mut Phases) -> Result<RecordingReport, PipelineError> {
+        let Run { replay, recording, control, .. } = *self;
+        let learned = match self.judge(phases) {
+            Err(PipelineError::NeedsTemperature) => {
+                phases.time("temperature", || replay.learn_temperature(recording, control))?
+            }
+            done => return done,
+        };
+        let run = Run { may_learn: false, ..*self };
+        let Some((knowing, learned)) = learned else { return run.judge(phases) };
+        let replay = Replay { design: Some(knowing), ..replay.clone() };
+        let mut report = Run { replay: &replay, ..run }.judge(phases)?;
+        report.learned_temperature = learned;
+        Ok(report)
+    }
+
+    pub(super) fn judge(&self, phases: &mut Phases) -> Result<RecordingReport, PipelineError> {
+        let learner = self.learner();
+        if let Some(why) = self.why_two_passes(&learner) {
+            return match self.recording.is_growing() {
+                true => Err(PipelineError::NeedsTwoPasses(why)),
+                false => self.judge_in_two_passes(why, phases),
+            };
+        }
+        match self.learn_in_stream(&learner, phases) {
+            Err(PipelineError::NeedsTwoPasses(why)) if !self.recording.is_growing() => {
+                self.judge_in_two_passes(why, phases)
+            }
+            done => self.finish(done?, None, Identified::in_stream(&learner), phases),
+        }
+    }
+
+    pub(super) fn judge_in_two_passes(
+        &self,
+        why: String,
+        phases: &mut Phases,
+    ) -> Result<RecordingReport, PipelineError> {
+        let learner = self.learner();
+        let (streamed, baselines) = self.learn_before(&learner, phases)?;
+        self.finish(streamed, baselines, Identified::before(&learner, why), phases)
+    }
+
+    fn learner(&self) -> Learner<'_> {
+        Learner {
+            settings: &self.replay.settings,
+            design: self.replay.design.as_ref(),
+            labels: self.replay.labels.as_ref(),
+            spans: self.replay.spans.clone(),
+        }
+    }
+
+    fn design_schedule(&self) -> Result<Schedule, PipelineError> {
+        match &self.replay.design {
+            Some(design) => Schedule::of_design(design, &self.replay.settings.isolate),
+            None => Ok(Schedule::default()),
+        }
+    }
+
+    /// Why windows cannot be learned while the signals flow, as far as is known beforehand.
+    fn why_two_passes(&self, learner: &Learner) -> Option<String> {
+        if self.replay.baselines.is_some() {
+            // what a channel says over the whole recording decides whether its baseline is used at all
+            return Some("channels' baselines are learned from the whole recording".into());
+        }
+        let disorder_ns = self.recording.disorder_ns().unwrap_or_default();
+        if !learner.knows_by_design() && disorder_ns > MOST_REORDER_NS {
+            let seconds = disorder_ns as f64 / 1e9;
+            return Some(format!(
+                "its chunks lie up to {seconds:.1} s out of the order of their times"
+            ));
+        }
+        let mut spans = learner.spans.clone();
+        spans.sort_unstable();
+        let overlap = spans.windows(2).any(|pair| pair[0].1 > pair[1].0);
+        overlap.then(|| "the windows of identify.spans overlap".into())
+    }
+
+    /// The default: windows give models while the signals flow.
+    fn learn_in_stream(
+        &self,
+        learner: &Learner,
+        phases: &mut Phases,
+    ) -> Result<Streamed, PipelineError> {
+        let reorder_ns = self.recording.disorder_ns().unwrap_or_default().max(USUAL_REORDER_NS);
+        let reorder_ns = reorder_ns.min(MOST_REORDER_NS) as i64;
+        let (schedule, workers) = (self.design_schedule()?, self.replay.workers(0));
+        let learning = Learning::new(learner, schedule, reorder_ns, workers);
+        let models = Models::learned(learning, self.recording, self.control);
+        self.stream(models, None, phases)
+    }
+
+    /// Where the file's order does not allow that: all models before the stages start.
+    fn learn_before(
+        &self,
+        learner: &Learner,
+        phases: &mut Phases,
+    ) -> Result<(Streamed, LearnedBaselines), PipelineError> {
+        let windows = |phases: &mut Phases| -> Result<Schedule, PipelineError> {
+            let (recording, control) = (self.recording, self.control);
+            let survey =
+                phases.time("survey", || survey(recording, learner.every_ns(), control))?;
+            let schedule = self.design_schedule()?;
+            phases.time("windows", || learner.learn(recording, &survey, schedule, control))
+        };
+        let run = |schedule: Schedule, phases: &mut Phases| {
+            let learned = match self.replay.baselines.is_some() {
+                true => phases.time("baselines", || self.learn_baselines(&schedule))?,
+                false => None,
+            };
+            let in_use = learned.as_ref().map(|(in_use, _)| in_use);
+            let streamed = self.stream(Models::Made(schedule), in_use, phases)?;
+            Ok((streamed, learned))
+        };
+        if !learner.knows_by_design() {
+            return run(windows(phases)?, phases);
+        }
+        match run(self.design_schedule()?, phases) {
+            // a printhead that the design does not know: its windows decide
+            Err(PipelineError::NeedsSurvey) => run(windows(phases)?, phases),
+            done => done,
+        }
+    }
+
+    /// Through the stages; what a run that is given up took is told apart.
+    fn stream(
+        &self,
+        models: Models,
+        baselines: Option<&InUse>,
+        phases: &mut Phases,
+    ) -> Result<Streamed, PipelineError> {
+        let (started, signals) = (Instant::now(), self.control.signals.load(Ordering::Relaxed));
+        let Run { replay, recording, verdicts, control, may_learn, watch } = *self;
+        let wiring = Wiring { replay, recording, verdicts, control, baselines, may_learn, watch };
+        let streamed = wiring.stream(models);
+        if streamed.is_err() {
+            self.control.signals.store(signals, Ordering::Relaxed); // they are judged again
+        }
+        phases.add(if streamed.is_ok() { "stages" } else { "given up" }, started.elapsed());
+        streamed
+    }
+
+    /// With `--baseline`, in a pass of its own.
+    fn learn_baselines(&self, schedule: &Schedule) -> Result<LearnedBaselines, PipelineError> {
+        let Some(remembered) = &self.replay.baselines else { return Ok(None) };
+        let settings = &self.replay.settings;
+        let how = (settings, (settings.identify.first * 1e9) as i64);
+        let (design, recording) = (self.replay.design.as_ref(), self.recording);
+        baseline::learn(remembered, recording, schedule, design, how, self.control).map(Some)
+    }
+
+    /// Checks, and only then gives the files their names.
+    fn finish(
+        &self,
+        streamed: Streamed,
+        baselines: LearnedBaselines,
+        identified: Identified,
+        phases: &mut Phases,
+    ) -> Result<RecordingReport, PipelineError> {
+        let finishing = Instant::now();
+        let Run { replay, recording, verdicts, control, .. } = *self;
+        let closed = match recording.is_growing() {
+            true => Some(recording.closed(&replay.settings.input.dialects())?),
+            false => None,
+        };
+        let recording = closed.as_ref().unwrap_or(recording);
+        let Streamed { schedule, mut tally, writer, episodes, warmth, moved, .. } = streamed;
+        let Streamed { scan_damage, behind, timings, digest, .. } = streamed;
+        let mut warnings = warmth.warnings();
+        warnings.extend(schedule.wide_thresholds());
+        let identify = &replay.settings.identify;
+        let told = |moved: &Moved| Some((moved.printhead.clone(), moved.warning(identify)?));
+        warnings.extend(moved.iter().filter_map(told));
+
+        let counts = &tally.counts;
+        let judged_and_rejected = counts.judged + counts.rejected.values().sum::<u64>();
+        if counts.signals != judged_and_rejected || writer.rows() != counts.signals {
+            return Err(PipelineError::RowsLost { found: counts.signals, written: writer.rows() });
+        }
+        let mut damage = recording.damage.clone();
+        damage.extend(scan_damage);
+        damage.append(&mut tally.damage);
+        damage.extend(digest.damage);
+        damage.extend(recording.missing(counts.bursts));
+        damage.extend(recording.changed());
+        damage.sort_by_key(|d| (d.from_byte, d.to_byte));
+        if counts.bursts == 0 {
+            let others = recording.others.clone();
+            let recording = recording.path.display().to_string();
+            return Err(PipelineError::NoBursts { recording, others, damage });
+        }
+
+        let mut document = metadata::document(replay, recording, &digest.text, &schedule, counts);
+        control.check()?;
+        let text = document.to_string();
+        // all are complete on disk before any gets its name
+        let Finished { report: episodes, table } = episodes;
+        let tables = [table.complete(text.clone())?, writer.complete(text)?];
+        phases.add("finish", finishing.elapsed());
+        let seconds = phases.seconds();
+        let rates = Rates { seconds, signals: counts.signals, bytes: recording.bytes, behind };
+        if let Some((in_use, _)) = &baselines {
+            warnings.extend(in_use.refused.iter().cloned());
+            document["baseline"] = in_use.summary();
+        }
+        document["damage"] = json!(damage);
+        document["expected"] = json!(recording.expected);
+        document["refused_windows"] = json!(schedule.refusals);
+        document["identified"] = json!(identified);
+        document["moved_together"] = json!(moved);
+        document["rates"] = rates.summary();
+        document["phases"] = json!(phases.list());
+        document["timings"] = json!(timings);
+        document["warnings"] = warnings
+            .iter()
+            .map(|(printhead, what)| json!({"printhead": &**printhead, "what": what}))
+            .collect();
+        document["episodes"] = json!(episodes.counts);
+        let [table, writer] = tables;
+        name_all([table, writer, complete_summary(verdicts, &document)?])?;
+        Ok(RecordingReport {
+            name: recording.name.clone(),
+            digest: digest.text,
+            stamp: recording.stamp,
+            damage,
+            refusals: schedule.refusals,
+            warnings,
+            learned_temperature: Vec::new(),
+            models: schedule.judges.len(),
+            seconds,
+            verdicts: verdicts.to_path_buf(),
+            episodes,
+            behind,
+            identified,
+            phases: phases.list().to_vec(),
+            timings,
+            tally,
+            baselines: baselines.map(|(_, next)| next),
+        })
+    }
+}
+
+/// How fast it went, everything included.
+struct Rates {
     seconds: f64,
     signals: u64,
+    bytes: u64,
     behind: Option<Duration>,
-) -> Value {
-    document["damage"] = json!(damage);
-    document["expected"] = json!(recording.expected);
-    document["refused_windows"] = json!(schedule.refusals);
-    document["rates"] = json!({
-        "seconds": seconds,
-        "signals_per_s": signals as f64 / seconds,
-        "bytes_per_s": recording.bytes as f64 / seconds,
-        "behind_s": behind.map(|b| b.as_secs_f64()),
-    });
-    document
+}
+
+impl Rates {
+    fn summary(&self) -> Value {
+        json!({
+            "seconds": self.seconds,
+            "signals_per_s": self.signals as f64 / self.seconds,
+            "bytes_per_s": self.bytes as f64 / self.seconds,
+            "behind_s": self.behind.map(|b| b.as_secs_f64()),
+        })
+    }
 }
 
 /// `<stem>.verdicts.parquet` -> `<stem>.summary.json`.

@@ -15,8 +15,24 @@ pub fn intern(columns: &mut VerdictColumns, printhead: &Arc<str>) -> u32 {
     }) as u32
 }
 
-/// Whose signal it is: t_a, printhead's place, channel.
-pub type Id = (i64, u32, u32);
+/// Whose signal it is.
+#[derive(Clone, Copy, Debug)]
+pub struct Id {
+    /// t_a
+    pub t_ns: i64,
+    /// Its place among the batch's.
+    pub printhead: u32,
+    pub channel: u32,
+}
+
+/// What is said of a signal that was judged.
+pub struct Row<'a> {
+    pub tested: Tested,
+    /// Its place in the metadata's list.
+    pub model: u16,
+    pub isolation: Option<&'a Isolation>,
+    pub weights: Option<&'a [f64]>,
+}
 
 pub fn push_rejected(columns: &mut VerdictColumns, id: Id, reason: Reason) {
     push(columns, id, Outcome::Rejected, Some(reason));
@@ -31,14 +47,9 @@ pub fn push_rejected(columns: &mut VerdictColumns, id: Id, reason: Reason) {
     columns.model.push(None);
 }
 
-/// Without an isolation, what is flagged is undecided. `model`: its place in the metadata's list.
-pub fn push_judged(
-    columns: &mut VerdictColumns,
-    id: Id,
-    (tested, model): (Tested, u16),
-    isolation: Option<&Isolation>,
-    weights: Option<&[f64]>,
-) {
+/// Without an isolation, what is flagged is undecided.
+pub fn push_judged(columns: &mut VerdictColumns, id: Id, row: Row) {
+    let Row { tested, model, isolation, weights } = row;
     let passed = tested.is_flagged();
     let decided = isolation.filter(|i| passed && !i.is_uncertain());
     let (outcome, reason) = match (passed, decided) {
@@ -91,7 +102,7 @@ pub fn set_severity(columns: &mut VerdictColumns, severity: Option<Severity>) {
 /// The same as `push_judged` for each, without an isolation.
 pub fn push_healthy(
     columns: &mut VerdictColumns,
-    (t, printhead, channel): Id,
+    first: Id,
     found: &[Result<Detection, Reason>],
     passed: &[bool],
     judge: &Judge,
@@ -102,9 +113,9 @@ pub fn push_healthy(
         push_tested(columns, judge.test(*found));
     }
     let rows = columns.statistic.len();
-    columns.acquired_at_ns.resize(rows, t);
-    columns.printhead.resize(rows, printhead);
-    columns.channel.extend(channel..channel.saturating_add(n as u32));
+    columns.acquired_at_ns.resize(rows, first.t_ns);
+    columns.printhead.resize(rows, first.printhead);
+    columns.channel.extend(first.channel..first.channel.saturating_add(n as u32));
     columns.channel.resize(rows, u32::MAX); // of the last channel there is
     columns.outcome.resize(rows, Outcome::Healthy);
     columns.category.resize(rows, None);
@@ -118,15 +129,10 @@ pub fn push_healthy(
     n
 }
 
-fn push(
-    columns: &mut VerdictColumns,
-    (t, printhead, channel): Id,
-    outcome: Outcome,
-    reason: Option<Reason>,
-) {
-    columns.acquired_at_ns.push(t);
-    columns.printhead.push(printhead);
-    columns.channel.push(channel);
+fn push(columns: &mut VerdictColumns, id: Id, outcome: Outcome, reason: Option<Reason>) {
+    columns.acquired_at_ns.push(id.t_ns);
+    columns.printhead.push(id.printhead);
+    columns.channel.push(id.channel);
     columns.outcome.push(outcome);
     columns.reason.push(reason);
     // only the posterior sizes a fault: `set_severity`

@@ -86,12 +86,30 @@ impl Schedule {
         Ok(judge)
     }
 
-    pub fn set(&mut self, key: GroupKey, timeline: Result<Timeline, Reason>) {
-        self.timelines.insert(key, timeline);
+    /// From a time on (ns) another model judges the signals of a group.
+    pub fn enter(&mut self, key: &GroupKey, from_ns: i64, judge: Arc<Judge>) {
+        let entry = self.timelines.entry(key.clone()).or_insert_with(|| Ok(Timeline::new()));
+        if let Ok(timeline) = entry {
+            // windows given as spans may end in any order
+            let at = timeline.partition_point(|(from, _)| *from <= from_ns);
+            timeline.insert(at, (from_ns, judge));
+        }
     }
 
-    /// From here on, what has no timeline and no name in the design has no model.
-    pub fn set_surveyed(&mut self) {
+    /// All windows were learned: `groups` without a model are judged by nobody, for that reason, and what has
+    /// neither windows nor a name in the design has no model.
+    pub fn close<'a>(
+        &mut self,
+        groups: impl Iterator<Item = &'a GroupKey>,
+        mut refusals: Vec<Refusal>,
+        nobody: Reason,
+    ) {
+        for key in groups {
+            self.timelines.entry(key.clone()).or_insert(Err(nobody));
+        }
+        let order = |r: &Refusal| (r.printhead.clone(), r.from_ns, r.to_ns, r.why.clone());
+        refusals.sort_by_cached_key(order);
+        self.refusals = refusals;
         self.surveyed = true;
     }
 
@@ -99,22 +117,28 @@ impl Schedule {
         self.by_name.get(printhead).cloned()
     }
 
-    /// Causal: the last model whose window had ended; before the first one's end, the first.
+    /// Whether a burst is sampled as the design is.
+    pub fn fits(&self, burst: &Burst) -> bool {
+        self.sampling.is_none_or(|(period, samples)| {
+            same_period(period, burst.sample_period_s)
+                && samples == burst.samples_per_channel as usize
+        })
+    }
+
+    /// Of a group, as far as it is known.
+    pub fn timeline(&self, key: &GroupKey) -> Timeline {
+        self.timelines.get(key).and_then(|of| of.as_ref().ok()).cloned().unwrap_or_default()
+    }
+
     pub fn assign(&self, burst: &Burst) -> Assignment<'_> {
-        if let Some((period, samples)) = self.sampling
-            && !(same_period(period, burst.sample_period_s)
-                && samples == burst.samples_per_channel as usize)
-        {
+        if !self.fits(burst) {
             return Assignment::Reject(Reason::DesignMismatch);
         }
         match self.timelines.get(&GroupKey::of(burst)) {
-            Some(Ok(timeline)) => {
-                let next = timeline.partition_point(|(from, _)| *from <= burst.t_acq_ns);
-                match timeline.get(next.saturating_sub(1)) {
-                    Some((_, judge)) => Assignment::Judge(judge),
-                    None => Assignment::Reject(Reason::NoModel),
-                }
-            }
+            Some(Ok(timeline)) => match at(timeline, burst.t_acq_ns) {
+                Some(judge) => Assignment::Judge(judge),
+                None => Assignment::Reject(Reason::NoModel),
+            },
             Some(Err(reason)) => Assignment::Reject(*reason),
             None => match self.by_name.get(&burst.printhead) {
                 Some(judge) => Assignment::Judge(judge),
@@ -123,4 +147,10 @@ impl Schedule {
             },
         }
     }
+}
+
+/// Causal: the last model whose window had ended; before the first one's end, the first.
+pub fn at(timeline: &Timeline, t_ns: i64) -> Option<&Arc<Judge>> {
+    let next = timeline.partition_point(|(from, _)| *from <= t_ns);
+    timeline.get(next.saturating_sub(1)).map(|(_, judge)| judge)
 }

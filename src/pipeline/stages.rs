@@ -6,32 +6,36 @@
 use super::baseline::InUse;
 use super::follow::Heads;
 use super::in_flight::InFlight;
-use super::rings::{self, Rings};
-use super::schedule::{Assignment, Schedule};
+use super::in_order::InOrder;
+use super::isolator::Isolator;
+use super::models::Models;
 use super::spares::Spares;
 use super::statistics::Statistics;
-use super::tally::Tally;
 use super::timings::Clock;
 use super::warmth::Warmth;
-use super::{Control, PipelineError, rows};
+use super::{Control, PipelineError};
 use crate::burst::{Acquisition, Place, SignalBatch};
-use crate::design::{Detection, Isolation, Judge, Workspace};
+use crate::design::{Detection, Judge};
+use crate::io::block_reader::Definitions;
 use crate::io::digest::{Digest, Digester, ReadBlock};
 use crate::io::recording::{Damage, Recording, note};
 use crate::io::scan::{Block, Blocks};
-use crate::isolate::Likeness;
-use crate::settings::Settings;
 use crate::verdict::{Appearance, Reason, VerdictColumns};
 use crossbeam_channel::{Receiver, Sender};
-use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
+
+/// Rows of a batch: enough to make a channel's cost vanish, few enough to bound memory.
+pub(super) const MOST_ROWS: usize = 32_768;
 
 /// A block's batch on its way, with what it takes up in flight and what was lost in it.
 #[derive(Debug)]
 pub struct Read {
     pub batch: SignalBatch,
+    pub block: Block,
+    /// What the blocks up to here define, where the summary does not say it.
+    pub definitions: Option<Definitions>,
     /// The last batch of a block: these bytes leave the house with it.
     pub leaves: Option<u64>,
     pub damage: Vec<Damage>,
@@ -65,6 +69,8 @@ pub struct Judged {
     pub leaves: Option<u64>,
     pub damage: Vec<Damage>,
     pub columns: VerdictColumns,
+    /// Who judged some of it.
+    pub judges: Vec<Arc<Judge>>,
     /// Of its flagged rows, ascending: what one row of a table has no room for.
     pub flagged: Vec<Flagged>,
     pub bursts: u64,
@@ -76,7 +82,7 @@ pub struct Flagged {
     pub row: u32,
     /// Per class; empty: nothing was said.
     pub weights: Vec<f32>,
-    /// [`Workspace::ring`]
+    /// [`crate::design::Workspace::ring`]
     pub ring: Option<[f64; 2]>,
     /// Of what belongs to no class.
     pub appearance: Option<Appearance>,
@@ -84,7 +90,8 @@ pub struct Flagged {
 
 /// Hands out blocks in file order to the reader's workers, with their bytes: one after the other, so
 /// that the digest sees them on the way.
-pub struct BlockQueue {
+pub struct BlockQueue<'a> {
+    recording: &'a Recording,
     queue: Mutex<Queue>,
 }
 
@@ -94,10 +101,10 @@ struct Queue {
     digester: Digester,
 }
 
-impl BlockQueue {
-    pub fn new(recording: &Recording) -> BlockQueue {
+impl<'a> BlockQueue<'a> {
+    pub fn new(recording: &'a Recording) -> BlockQueue<'a> {
         let (blocks, digester) = (recording.blocks(), recording.digester());
-        BlockQueue { queue: Mutex::new(Queue { blocks, damage: Vec::new(), digester }) }
+        BlockQueue { recording, queue: Mutex::new(Queue { blocks, damage: Vec::new(), digester }) }
     }
 
     /// The next block, once there is room for it in flight.
@@ -109,7 +116,7 @@ impl BlockQueue {
     ) -> Result<Option<(Block, Option<ReadBlock>)>, PipelineError> {
         let mut queue = clock.blocked(|| self.queue.lock().unwrap_or_else(PoisonError::into_inner));
         loop {
-            match queue.blocks.next() {
+            match control.next_block(self.recording, &mut queue.blocks)? {
                 None => return Ok(None),
                 Some(Err(damage)) => note(&mut queue.damage, damage),
                 Some(Ok(block)) => {
@@ -179,8 +186,6 @@ pub fn read(
     mut clock: Clock,
     out: Sender<Read>,
 ) -> Result<(), PipelineError> {
-    /// Rows of a batch: enough to make a channel's cost vanish, few enough to bound memory.
-    const MOST_ROWS: usize = 32_768;
     let mut reader = recording.reader();
     while let Some((block, read)) = queue.next(in_flight, control, &mut clock)? {
         reader.load_read(&block, read);
@@ -194,7 +199,9 @@ pub fn read(
             place.piece += 1;
             let leaves = piece.last.then_some(block.bytes);
             clock.count();
-            if !clock.send(&out, Read { batch, leaves, damage: piece.damage }) {
+            let definitions = reader.definitions();
+            let read = Read { batch, block, definitions, leaves, damage: piece.damage };
+            if !clock.send(&out, read) {
                 return Ok(());
             }
         }
@@ -203,35 +210,49 @@ pub fn read(
     Ok(())
 }
 
-/// 2. Identify: the model of every burst, from the windows learned before.
+/// 2. Identify: the model of every burst, learned on the way where windows decide, moved where all channels
+/// have moved.
 pub fn identify(
-    schedule: &Schedule,
+    models: &mut Models,
     warmth: &mut Warmth,
     heads: &mut Heads,
     mut clock: Clock,
     input: Receiver<Read>,
     out: Sender<Assigned>,
 ) -> Result<(), PipelineError> {
+    let mut waiting = InOrder::new();
     while let Some(read) = clock.receive(&input) {
-        let mut judges = Vec::with_capacity(read.batch.acquisitions.len());
-        for acquisition in &read.batch.acquisitions {
-            judges.push(match acquisition {
-                Acquisition::Unusable(unusable) => Err(unusable.why.into()),
-                Acquisition::Usable(burst) => match schedule.assign(burst) {
-                    Assignment::Judge(judge) => {
-                        warmth.take(judge, burst)?;
-                        Ok(heads.follow(judge, burst))
-                    }
-                    Assignment::Reject(reason) => Err(reason),
-                    Assignment::Survey => return Err(PipelineError::NeedsSurvey),
-                },
-            });
-        }
-        if !clock.send(&out, Assigned { read, judges }) {
-            break;
+        waiting.put(read.batch.place, read);
+        while let Some(read) = waiting.take(|read| read.leaves.is_some()) {
+            models.see(&read)?;
+            let judges = judges_of(&read.batch, models, warmth, heads)?;
+            if !clock.send(&out, Assigned { read, judges }) {
+                return Ok(());
+            }
         }
     }
-    Ok(())
+    models.end()
+}
+
+/// Who judges each acquisition of a batch.
+fn judges_of(
+    batch: &SignalBatch,
+    models: &mut Models,
+    warmth: &mut Warmth,
+    heads: &mut Heads,
+) -> Result<Vec<Result<Arc<Judge>, Reason>>, PipelineError> {
+    let mut of = |acquisition: &Acquisition| match acquisition {
+        Acquisition::Unusable(unusable) => Ok(Err(unusable.why.into())),
+        Acquisition::Usable(burst) => {
+            let judge = match models.judge_of(burst)? {
+                Ok(judge) => judge,
+                Err(reason) => return Ok(Err(reason)),
+            };
+            warmth.take(&judge, burst)?;
+            Ok(Ok(heads.follow(&judge, burst)))
+        }
+    };
+    batch.acquisitions.iter().map(&mut of).collect()
 }
 
 /// 3. FD filter: the residual energy of every signal, thesis e(r).
@@ -288,156 +309,13 @@ pub fn gate(
 
 /// 5. Isolate: names for what passed the gate, and every signal's row.
 pub fn isolate(
-    settings: &Settings,
-    baselines: Option<&InUse>,
-    spares: &Spares,
+    mut isolator: Isolator,
     mut clock: Clock,
     input: Receiver<Gated>,
     out: Sender<Judged>,
 ) -> Result<(), PipelineError> {
-    let mut work = Workspace::default();
-    let (mut signal, mut expected) = (Vec::new(), Vec::new());
-    let mut rings = Rings::default();
     while let Some(gated) = clock.receive(&input) {
-        rings.fit(&gated, !settings.isolate.gate);
-        let Gated { filtered, passed } = gated;
-        let Filtered { assigned: Assigned { read, judges }, statistic } = filtered;
-        let mut columns = spares.columns.take();
-        columns.clear();
-        columns.reserve(read.batch.rows());
-        let mut flagged = Vec::new();
-        let mut row = 0;
-        for (acquisition, judge) in read.batch.acquisitions.iter().zip(&judges) {
-            match acquisition {
-                Acquisition::Unusable(u) => {
-                    let printhead = rows::intern(&mut columns, &u.printhead);
-                    rows::push_rejected(
-                        &mut columns,
-                        (u.t_acq_ns, printhead, u.first_channel),
-                        u.why.into(),
-                    );
-                    row += 1;
-                }
-                Acquisition::Usable(burst) => {
-                    let printhead = rows::intern(&mut columns, &burst.printhead);
-                    let mut expected_ready = false;
-                    let rows = row..row + burst.channels as usize;
-                    let isolates_all =
-                        !settings.isolate.gate && judge.as_ref().is_ok_and(|j| j.can_isolate());
-                    let mut k = 0;
-                    while k < burst.channels {
-                        // what passed no gate and is not isolated: row after row alike
-                        let healthy = match judge {
-                            Ok(judge) if !isolates_all => rows::push_healthy(
-                                &mut columns,
-                                (burst.t_acq_ns, printhead, burst.first_channel + k),
-                                &statistic[row..rows.end],
-                                &passed[row..rows.end],
-                                judge,
-                            ),
-                            _ => 0,
-                        };
-                        row += healthy;
-                        k += healthy as u32;
-                        if k == burst.channels {
-                            break;
-                        }
-                        let (at, gated) = (k, passed[row]);
-                        k += 1;
-                        let id = (burst.t_acq_ns, printhead, burst.first_channel + at);
-                        let verdict =
-                            statistic[row].and_then(|e| Ok((e, judge.as_ref().map_err(|r| *r)?)));
-                        row += 1;
-                        let (found, judge) = match verdict {
-                            Ok(judged) => judged,
-                            Err(reason) => {
-                                rows::push_rejected(&mut columns, id, reason);
-                                continue;
-                            }
-                        };
-                        let isolates = judge.can_isolate() && (gated || !settings.isolate.gate);
-                        let isolation = if !isolates {
-                            None
-                        } else {
-                            work.own = baselines.and_then(|b| b.of(burst, at));
-                            work.warmer = judge.warmer(burst);
-                            let drive = judge.drive(burst);
-                            match judge.rings().and_then(|_| rings.take()) {
-                                Some(fit) => {
-                                    let copy = |y: &mut Vec<f64>| {
-                                        y.resize(burst.samples_per_channel as usize, 0.0);
-                                        rings::per_drive(judge, burst, at as usize, y);
-                                    };
-                                    judge.isolate_ring(fit.as_ref(), drive, copy, &mut work)
-                                }
-                                None => {
-                                    let n = burst.samples_per_channel as usize;
-                                    signal.resize(n, 0.0);
-                                    if !expected_ready {
-                                        expected.resize(n, 0.0);
-                                        judge.expect(burst, &mut expected);
-                                        expected_ready = true;
-                                    }
-                                    burst.copy_signal(at as usize, &mut signal);
-                                    judge.deviate(burst, at as usize, &expected, &mut signal);
-                                    judge.isolate(&signal, drive, &mut work)
-                                }
-                            }
-                        };
-                        let mut tested = judge.test(found);
-                        // along the ring it is healthy: what else it holds is none of a fault's
-                        let isolation = match gated && !judge.is_faulty_ring(found) {
-                            true => {
-                                work.severity = None;
-                                work.weights.clear();
-                                Some(Isolation::of_no_ring())
-                            }
-                            false => isolation,
-                        };
-                        if tested.misfit.is_nan() && isolation.is_some() {
-                            tested.misfit = work.misfit;
-                        }
-                        if gated && let Some(isolation) = &isolation {
-                            let strange = isolation.likeness != Likeness::Known;
-                            let appearance = strange.then(|| {
-                                signal.resize(burst.samples_per_channel as usize, 0.0);
-                                rings::per_drive(judge, burst, at as usize, &mut signal);
-                                judge.appearance(&signal, judge.drive(burst), &mut work)
-                            });
-                            flagged.push(Flagged {
-                                appearance: appearance.flatten(),
-                                row: columns.len() as u32, // a batch is far smaller
-                                weights: work.weights.iter().map(|&w| w as f32).collect(),
-                                ring: work.ring,
-                            });
-                        }
-                        let weights = (settings.output.weights
-                            && isolation.is_some()
-                            && !work.weights.is_empty())
-                        .then_some(work.weights.as_slice());
-                        rows::push_judged(
-                            &mut columns,
-                            id,
-                            (tested, judge.index),
-                            isolation.as_ref(),
-                            weights,
-                        );
-                        rows::set_severity(&mut columns, work.severity.take());
-                    }
-                }
-            }
-        }
-        let judged = Judged {
-            place: read.batch.place,
-            leaves: read.leaves,
-            damage: read.damage,
-            columns,
-            flagged,
-            bursts: read.batch.acquisitions.len() as u64,
-        };
-        spares.statistic.give(statistic);
-        spares.passed.give(passed);
-        if !clock.send(&out, judged) {
+        if !clock.send(&out, isolator.judge(gated)) {
             break;
         }
     }
@@ -449,28 +327,20 @@ pub fn write(
     mut clock: Clock,
     input: Receiver<Judged>,
     in_flight: &InFlight,
+    spares: &Spares,
     control: &Control,
-    (tally, spares): (&mut Tally, &Spares),
     mut put: impl FnMut(&mut Judged) -> Result<(), PipelineError>,
 ) -> Result<(), PipelineError> {
-    let mut waiting: BTreeMap<Place, Judged> = BTreeMap::new();
-    let mut next = Place::default();
+    let mut waiting = InOrder::new();
     while let Some(judged) = clock.receive(&input) {
         control.check()?;
-        waiting.insert(judged.place, judged);
-        while let Some(mut judged) = waiting.remove(&next) {
-            if !judged.columns.is_empty() {
-                put(&mut judged)?;
-            }
-            tally.add(&judged);
+        waiting.put(judged.place, judged);
+        while let Some(mut judged) = waiting.take(|judged| judged.leaves.is_some()) {
+            put(&mut judged)?;
             control.signals.fetch_add(judged.columns.len() as u64, Ordering::Relaxed);
-            next = match judged.leaves {
-                Some(bytes) => {
-                    in_flight.leave(bytes);
-                    Place { block: next.block + 1, piece: 0 }
-                }
-                None => Place { piece: next.piece + 1, ..next },
-            };
+            if let Some(bytes) = judged.leaves {
+                in_flight.leave(bytes);
+            }
             spares.columns.give(judged.columns);
         }
     }

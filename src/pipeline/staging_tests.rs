@@ -6,7 +6,10 @@
 //! ```
 
 use super::episodes::EpisodeTap;
+use super::follow::Heads;
 use super::in_flight::InFlight;
+use super::isolator::Isolator;
+use super::models::Models;
 use super::replay::{Replay, replay};
 use super::schedule::Schedule;
 use super::spares::Spares;
@@ -26,7 +29,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// User and system time of this process, s; in hundredths.
-fn cpu_s() -> f64 {
+pub(super) fn cpu_s() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap();
     let after_name = stat.rsplit(") ").next().unwrap();
     let ticks = after_name.split(' ').skip(11).take(2).map(|t| t.parse::<f64>().unwrap());
@@ -54,11 +57,13 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     let categories = DecisionRule::new(&classes, 0.0).unwrap().categories;
     let beside = crate::io::episode_table::path_beside(verdicts);
     let unit = TimestampUnit::Ns;
-    let mut episodes = EpisodeTap::create(run, &schedule, None, &beside, unit).unwrap();
+    let mut episodes = EpisodeTap::create(run, None, None, &beside, unit).unwrap();
+    let mut models = Models::Made(schedule);
     let options =
         TableOptions { classes: classes.clone(), categories, weights: false, timestamp_unit: unit };
     let mut writer = VerdictWriter::create(verdicts, options).unwrap();
     let (mut tally, mut warmth) = (Tally::new(classes), Warmth::new(false));
+    let mut heads = Heads::new(&settings.identify, settings.input.rails);
     let queue = BlockQueue::new(recording);
     let in_flight = InFlight::new(2, u64::MAX);
     let mut reader = recording.reader();
@@ -66,12 +71,21 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     while let Some((block, read)) = queue.next(&in_flight, &control, &mut clock).unwrap() {
         reader.load_read(&block, read);
         while let Some(piece) = reader.next_piece(32_768) {
-            let place = Place { block: block.index, piece: 0 };
+            // each is the first of stages of its own
+            let place = Place::default();
             let batch = SignalBatch { place, acquisitions: piece.acquisitions };
-            let read = Read { batch, leaves: None, damage: piece.damage };
+            let (definitions, damage) = (reader.definitions(), piece.damage);
+            let read = Read { batch, block, definitions, leaves: Some(block.bytes), damage };
             let clock = |stage| timings.clock(stage);
             let assigned = through(read, |input, out| {
-                stages::identify(&schedule, &mut warmth, clock("identify"), input, out)
+                stages::identify(
+                    &mut models,
+                    &mut warmth,
+                    &mut heads,
+                    clock("identify"),
+                    input,
+                    out,
+                )
             });
             let filtered = through(assigned, |input, out| {
                 stages::filter(settings.input.rails, None, &spares, clock("filter"), input, out)
@@ -79,7 +93,8 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
             let gated =
                 through(filtered, |input, out| stages::gate(&spares, clock("gate"), input, out));
             let mut judged: Judged = through(gated, |input, out| {
-                stages::isolate(settings, None, &spares, clock("isolate"), input, out)
+                let isolator = Isolator::new(settings, None, &spares);
+                stages::isolate(isolator, clock("isolate"), input, out)
             });
             episodes.add(&mut judged).unwrap();
             writer.write(&judged.columns).unwrap();

@@ -5,6 +5,57 @@ use crossbeam_channel::{Receiver, Sender};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+/// Of what a recording takes, one after the other.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct PhaseTiming {
+    /// `open`, `survey`, `windows`, `baselines`, `temperature`, `wait`, `stages`, `given up` (stages that had
+    /// to begin anew), `finish`.
+    pub phase: &'static str,
+    pub seconds: f64,
+}
+
+/// Adds up phases, and everything there is.
+#[derive(Debug)]
+pub struct Phases {
+    started: Instant,
+    /// Before `started`.
+    before: Duration,
+    list: Vec<PhaseTiming>,
+}
+
+impl Phases {
+    /// `opening`: what opening the recording took.
+    pub fn new(opening: Duration) -> Phases {
+        let mut phases = Phases { started: Instant::now(), before: opening, list: Vec::new() };
+        phases.add("open", opening);
+        phases
+    }
+
+    pub fn time<T>(&mut self, phase: &'static str, job: impl FnOnce() -> T) -> T {
+        let started = Instant::now();
+        let done = job();
+        self.add(phase, started.elapsed());
+        done
+    }
+
+    pub fn add(&mut self, phase: &'static str, took: Duration) {
+        let seconds = took.as_secs_f64();
+        match self.list.iter_mut().find(|of| of.phase == phase) {
+            Some(of) => of.seconds += seconds,
+            None => self.list.push(PhaseTiming { phase, seconds }),
+        }
+    }
+
+    pub fn list(&self) -> &[PhaseTiming] {
+        &self.list
+    }
+
+    /// Of everything so far.
+    pub fn seconds(&self) -> f64 {
+        (self.before + self.started.elapsed()).as_secs_f64()
+    }
+}
+
 /// Of one stage, over its workers.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct StageTiming {

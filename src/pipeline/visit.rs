@@ -1,12 +1,10 @@
 //! One pass over (some of) a recording's blocks, by a function, outside the stages.
 
+use super::stages::MOST_ROWS;
 use super::{Control, PipelineError};
 use crate::burst::{Acquisition, Burst};
 use crate::io::recording::{Damage, Recording, note};
 use std::sync::atomic::Ordering;
-
-/// Rows that are decoded at a time: a small chunk may hold millions of messages.
-const MOST_ROWS: usize = 32_768;
 
 /// What a pass met besides usable bursts.
 #[derive(Debug, Default)]

@@ -1,0 +1,96 @@
+//! `inkling replay --follow`: episodes of a recording that is being written, as they are raised.
+
+use super::exit::{Failure, unless_reader_gone};
+use super::output;
+use super::progress::{Progress, handle_interrupts};
+use super::report::printable;
+use crate::episodes::Episode;
+use crate::io::layout::Layout;
+use crate::io::objects::in_object_store;
+use crate::io::printable;
+use crate::pipeline::Control;
+use crate::settings::{Pace, Settings};
+use chrono::{DateTime, SecondsFormat};
+use serde_json::json;
+use std::io::Write;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+/// What cannot take effect on a recording that is being written, with what to do instead.
+pub fn check(settings: &Settings, dry_run: bool) -> Result<(), Failure> {
+    let input = &settings.input;
+    let why = match input.recordings.as_slice() {
+        _ if dry_run => "--dry-run does nothing, and --follow waits: leave one of them out".into(),
+        _ if !input.baseline.is_empty() => {
+            "channels' baselines are learned from whole recordings: leave --baseline (input.baseline) out, \
+             and replay with it when the recording is closed"
+                .into()
+        }
+        _ if settings.replay.pace == Pace::Recorded => {
+            "the recorder sets the pace: leave --pace recorded (replay.pace) out".into()
+        }
+        _ if settings.output.layout == Layout::Date => {
+            "the day of the first burst is not known before it is written: choose --layout tree or flat"
+                .into()
+        }
+        [one] if in_object_store(Path::new(one)) => {
+            format!("{one}: an object appears when it is complete: follow the file that is uploaded")
+        }
+        [one] if Path::new(one).is_dir() => {
+            format!("{one}: a directory: name the recording that is being written")
+        }
+        [one] if !Path::new(one).exists() && one.contains(['*', '?', '[', '{']) => {
+            format!("{one}: a pattern: name the recording that is being written")
+        }
+        [_] => return Ok(()),
+        several => format!("one recording at a time, not {}", several.len()),
+    };
+    Err(Failure::usage(format!("--follow: {why}")))
+}
+
+/// A control that the first Ctrl-C tells that what is there is enough.
+pub fn until_enough() -> Arc<Control> {
+    handle_interrupts(|control| !control.enough.swap(true, Ordering::Relaxed))
+}
+
+/// An episode as it is when it is raised; keys as in the table of episodes.
+pub fn tell(recording: &str, episode: &Episode, json: bool, progress: &Progress) {
+    let time = |t_ns: i64| {
+        DateTime::from_timestamp_nanos(t_ns).to_rfc3339_opts(SecondsFormat::AutoSi, true)
+    };
+    let told = match json {
+        true => output::event(&json!({
+            "event": "episode",
+            "recording": recording,
+            "printhead": &*episode.printhead,
+            "channel": episode.channel,
+            "category": episode.category,
+            "fault": episode.fault,
+            "raised_at": time(episode.raised_at_ns),
+            "began_at": time(episode.began_at_ns),
+            "bursts": episode.bursts,
+            "certainty": episode.certainty,
+            "severity_last": episode.severity_last,
+            "severity_sd": episode.severity_sd,
+            "explanation": episode.explanation,
+        })),
+        false => line(episode),
+    };
+    // whoever stopped reading still wants the tables
+    if let Err(failure) = unless_reader_gone(told) {
+        progress.fail(&failure.message);
+    }
+}
+
+fn line(episode: &Episode) -> std::io::Result<()> {
+    let raised = DateTime::from_timestamp_nanos(episode.raised_at_ns).format("%Y-%m-%d %H:%M:%S");
+    let mut out = output::report();
+    writeln!(
+        out,
+        "{raised}  {:<20}  {}",
+        printable(&episode.printhead),
+        printable::line(&episode.explanation, 1000)
+    )?;
+    out.flush()
+}

@@ -1,0 +1,41 @@
+//! How a recording's models came to be: said in its summary and with `--timings`.
+
+use super::windows::Learner;
+use serde::Serialize;
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Identified {
+    pub how: How,
+    /// Not in the stream: why.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub why: Option<String>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum How {
+    /// By the design, windows only for printheads that it does not know.
+    Design,
+    /// By windows, while the signals flowed.
+    InStream,
+    /// By windows, in passes before the stages started.
+    TwoPasses,
+}
+
+impl Identified {
+    pub fn in_stream(learner: &Learner) -> Identified {
+        let how = if learner.knows_by_design() { How::Design } else { How::InStream };
+        Identified { how, why: None }
+    }
+
+    pub fn before(learner: &Learner, why: String) -> Identified {
+        let how = if learner.knows_by_design() { How::Design } else { How::TwoPasses };
+        Identified { how, why: Some(why) }
+    }
+
+    /// In words; `None`: there is nothing to say.
+    pub fn in_words(&self) -> Option<String> {
+        let why = self.why.as_ref()?;
+        Some(format!("models were identified in passes of their own: {why}"))
+    }
+}

@@ -1,0 +1,229 @@
+//! What the isolate stage does to a batch: one function per thing that happens to a signal.
+//!
+//! In: a batch with every signal's statistics and whether it passed the gate. Out: its rows.
+
+use super::baseline::InUse;
+use super::rings::{self, Rings};
+use super::rows::{self, Id, Row};
+use super::spares::Spares;
+use super::stages::{Assigned, Filtered, Flagged, Gated, Judged};
+use crate::burst::{Acquisition, Burst};
+use crate::design::{Detection, Isolation, Judge, Tested, Workspace};
+use crate::isolate::Likeness;
+use crate::settings::Settings;
+use crate::verdict::{Reason, VerdictColumns};
+use std::sync::Arc;
+
+/// One worker's.
+pub struct Isolator<'a> {
+    settings: &'a Settings,
+    baselines: Option<&'a InUse>,
+    spares: &'a Spares,
+    rings: Rings,
+    work: Workspace,
+    signal: Vec<f64>,
+    expected: Vec<f64>,
+}
+
+/// Rows of a batch as they come to be.
+struct Rows {
+    columns: VerdictColumns,
+    flagged: Vec<Flagged>,
+}
+
+/// A burst of a batch with what the stages before found.
+struct Found<'a> {
+    burst: &'a Burst,
+    judge: Result<&'a Judge, Reason>,
+    /// Row by row.
+    statistic: &'a [Result<Detection, Reason>],
+    passed: &'a [bool],
+    /// Its place among the batch's.
+    printhead: u32,
+}
+
+/// One signal of a burst that was judged.
+#[derive(Clone, Copy)]
+struct Signal<'a> {
+    burst: &'a Burst,
+    row: usize,
+    judge: &'a Judge,
+    found: Detection,
+    passed: bool,
+}
+
+impl Found<'_> {
+    fn id(&self, row: usize) -> Id {
+        Id {
+            t_ns: self.burst.t_acq_ns,
+            printhead: self.printhead,
+            channel: self.burst.first_channel + row as u32, // a burst has few
+        }
+    }
+}
+
+impl<'a> Isolator<'a> {
+    pub fn new(
+        settings: &'a Settings,
+        baselines: Option<&'a InUse>,
+        spares: &'a Spares,
+    ) -> Isolator<'a> {
+        Isolator {
+            settings,
+            baselines,
+            spares,
+            rings: Rings::default(),
+            work: Workspace::default(),
+            signal: Vec::new(),
+            expected: Vec::new(),
+        }
+    }
+
+    /// All rows of a batch.
+    pub fn judge(&mut self, gated: Gated) -> Judged {
+        self.rings.fit(&gated, !self.settings.isolate.gate);
+        let Gated { filtered, passed } = gated;
+        let Filtered { assigned: Assigned { read, judges }, statistic } = filtered;
+        let mut rows = Rows { columns: self.spares.columns.take(), flagged: Vec::new() };
+        rows.columns.clear();
+        rows.columns.reserve(read.batch.rows());
+        let mut from = 0;
+        for (acquisition, judge) in read.batch.acquisitions.iter().zip(&judges) {
+            let to = from + acquisition.rows();
+            match acquisition {
+                Acquisition::Unusable(unusable) => {
+                    let printhead = rows::intern(&mut rows.columns, &unusable.printhead);
+                    let (t_ns, channel) = (unusable.t_acq_ns, unusable.first_channel);
+                    let id = Id { t_ns, printhead, channel };
+                    rows::push_rejected(&mut rows.columns, id, unusable.why.into());
+                }
+                Acquisition::Usable(burst) => self.judge_burst(
+                    &Found {
+                        burst,
+                        judge: judge.as_deref().map_err(|reason| *reason),
+                        statistic: &statistic[from..to],
+                        passed: &passed[from..to],
+                        printhead: rows::intern(&mut rows.columns, &burst.printhead),
+                    },
+                    &mut rows,
+                ),
+            }
+            from = to;
+        }
+        self.spares.statistic.give(statistic);
+        self.spares.passed.give(passed);
+        Judged {
+            place: read.batch.place,
+            leaves: read.leaves,
+            damage: read.damage,
+            columns: rows.columns,
+            judges: each_once(judges),
+            flagged: rows.flagged,
+            bursts: read.batch.acquisitions.len() as u64,
+        }
+    }
+
+    /// Rows of one burst: runs of healthy signals at once, what is rejected or looked at closely one by one.
+    fn judge_burst(&mut self, of: &Found, rows: &mut Rows) {
+        let isolates_all = |judge: &Judge| !self.settings.isolate.gate && judge.can_isolate();
+        let at_once = of.judge.ok().filter(|judge| !isolates_all(judge));
+        let mut expected_ready = false;
+        let mut row = 0;
+        while row < of.statistic.len() {
+            if let Some(judge) = at_once {
+                let (found, passed) = (&of.statistic[row..], &of.passed[row..]);
+                let healthy =
+                    rows::push_healthy(&mut rows.columns, of.id(row), found, passed, judge);
+                row += healthy;
+                if row == of.statistic.len() {
+                    break;
+                }
+            }
+            match of.statistic[row].and_then(|found| Ok((found, of.judge?))) {
+                Err(reason) => rows::push_rejected(&mut rows.columns, of.id(row), reason),
+                Ok((found, judge)) => {
+                    let (burst, passed) = (of.burst, of.passed[row]);
+                    let signal = Signal { burst, row, judge, found, passed };
+                    self.judge_signal(signal, of.id(row), &mut expected_ready, rows);
+                }
+            }
+            row += 1;
+        }
+    }
+
+    /// The row of one signal. `expected_ready`: of its burst.
+    fn judge_signal(&mut self, of: Signal, id: Id, expected_ready: &mut bool, rows: &mut Rows) {
+        let isolates = of.judge.can_isolate() && (of.passed || !self.settings.isolate.gate);
+        let mut isolation = isolates.then(|| self.isolate(of, expected_ready)).flatten();
+        if of.passed && !of.judge.is_faulty_ring(of.found) {
+            // along the ring it is healthy: what else it holds is none of a fault's
+            self.work.severity = None;
+            self.work.weights.clear();
+            isolation = Some(Isolation::of_no_ring());
+        }
+        let mut tested: Tested = of.judge.test(of.found);
+        if tested.misfit.is_nan() && isolation.is_some() {
+            tested.misfit = self.work.misfit;
+        }
+        if let Some(isolation) = isolation.as_ref().filter(|_| of.passed) {
+            let flagged = self.flag(of, isolation, rows.columns.len());
+            rows.flagged.push(flagged);
+        }
+        let told = self.settings.output.weights && isolation.is_some();
+        let weights = Some(self.work.weights.as_slice()).filter(|of| told && !of.is_empty());
+        let (isolation, model) = (isolation.as_ref(), of.judge.index);
+        rows::push_judged(&mut rows.columns, id, Row { tested, model, isolation, weights });
+        rows::set_severity(&mut rows.columns, self.work.severity.take());
+    }
+
+    /// Names a signal, where the method can: by its fitted ring, or by its deviation from what is expected.
+    fn isolate(&mut self, of: Signal, expected_ready: &mut bool) -> Option<Isolation> {
+        let Signal { burst, row, judge, .. } = of;
+        self.work.own = self.baselines.and_then(|baselines| baselines.of(burst, row as u32));
+        self.work.warmer = judge.warmer(burst);
+        let (n, drive) = (burst.samples_per_channel as usize, judge.drive(burst));
+        if let Some(fit) = judge.rings().and_then(|_| self.rings.take()) {
+            let copy = |y: &mut Vec<f64>| {
+                y.resize(n, 0.0);
+                rings::per_drive(judge, burst, row, y);
+            };
+            return judge.isolate_ring(fit.as_ref(), drive, copy, &mut self.work);
+        }
+        self.signal.resize(n, 0.0);
+        if !*expected_ready {
+            self.expected.resize(n, 0.0);
+            judge.expect(burst, &mut self.expected);
+            *expected_ready = true;
+        }
+        burst.copy_signal(row, &mut self.signal);
+        judge.deviate(burst, row, &self.expected, &mut self.signal);
+        judge.isolate(&self.signal, drive, &mut self.work)
+    }
+
+    /// What is remembered of a flagged signal for the evidence over time. `row`: in its batch.
+    fn flag(&mut self, of: Signal, isolation: &Isolation, row: usize) -> Flagged {
+        let strange = isolation.likeness != Likeness::Known;
+        let appearance = strange.then(|| self.appearance(of)).flatten();
+        Flagged {
+            appearance,
+            row: row as u32, // a batch is far smaller
+            weights: self.work.weights.iter().map(|&w| w as f32).collect(),
+            ring: self.work.ring,
+        }
+    }
+
+    /// What a signal looks like that belongs to no class.
+    fn appearance(&mut self, of: Signal) -> Option<crate::verdict::Appearance> {
+        self.signal.resize(of.burst.samples_per_channel as usize, 0.0);
+        rings::per_drive(of.judge, of.burst, of.row, &mut self.signal);
+        of.judge.appearance(&self.signal, of.judge.drive(of.burst), &mut self.work)
+    }
+}
+
+/// Judges of a batch by their numbers.
+fn each_once(judges: Vec<Result<Arc<Judge>, Reason>>) -> Vec<Arc<Judge>> {
+    let mut judges: Vec<Arc<Judge>> = judges.into_iter().flatten().collect();
+    judges.sort_by_key(|judge| judge.index);
+    judges.dedup_by_key(|judge| judge.index);
+    judges
+}

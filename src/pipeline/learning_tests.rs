@@ -1,0 +1,337 @@
+//! Windows learned while the signals flow and in two passes before them: the same bytes, and what each costs.
+//!
+//! ```sh
+//! INKLING_RECORDING=slow.mcap cargo test --release --lib learning_in_the_stream_against -- --ignored --nocapture
+//! ```
+
+use super::identified::How;
+use super::replay::{RecordingReport, Replay, Run, replay};
+use super::staging_tests::cpu_s;
+use super::timings::Phases;
+use super::{Control, PipelineError};
+use crate::burst::{Acquisition, Burst, Format, Layout};
+use crate::design::Design;
+use crate::io::episode_table;
+use crate::io::recording::Recording;
+use crate::io::recording_writer::{Compression, RecordingWriter, WriterOptions};
+use crate::io::{Limits, design_file};
+use crate::settings::{IdentifyMode, Settings};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+fn sample(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs").join(name)
+}
+
+fn design() -> Design {
+    design_file::read(&sample("design.json")).unwrap().0
+}
+
+/// The sample's bursts in the order of their times: three printheads, a burst a second each, for a minute.
+fn bursts() -> Vec<Burst> {
+    let recording = Recording::open(&sample("print_run.mcap"), Limits::default()).unwrap();
+    let mut reader = recording.reader();
+    let read = recording.blocks().flat_map(|block| reader.read(&block.unwrap()).acquisitions);
+    let mut bursts: Vec<Burst> = read
+        .map(|acquisition| match acquisition {
+            Acquisition::Usable(burst) => burst,
+            Acquisition::Unusable(of) => panic!("unusable: {of:?}"),
+        })
+        .collect();
+    bursts.sort_by_key(|burst| burst.t_acq_ns);
+    bursts
+}
+
+struct Case {
+    dir: tempfile::TempDir,
+    design: Option<Design>,
+    settings: Settings,
+    spans: Vec<(i64, i64)>,
+    options: WriterOptions,
+    /// Bytes that are missing at the end of the file.
+    cut: usize,
+}
+
+impl Case {
+    /// Windows of ten seconds, one after the other.
+    fn new(design: Option<Design>) -> Case {
+        let mut settings = Settings::default();
+        (settings.identify.first, settings.identify.every) = (10.0, 10.0);
+        let options = WriterOptions { compression: Compression::None, chunk_bytes: Some(20_000) };
+        let dir = tempfile::tempdir().unwrap();
+        Case { dir, design, settings, spans: Vec::new(), options, cut: 0 }
+    }
+
+    fn write(&self, bursts: &[Burst]) -> PathBuf {
+        let path = self.dir.path().join("r.mcap");
+        let mut writer = RecordingWriter::create(&path, self.options).unwrap();
+        for (i, burst) in bursts.iter().enumerate() {
+            writer.write(burst, 1_000_000_000 + i as u64).unwrap(); // log time says nothing
+        }
+        writer.finish().unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        std::fs::write(&path, &bytes[..bytes.len() - self.cut]).unwrap();
+        path
+    }
+
+    /// Judges in both forms and compares; how the first went.
+    #[track_caller]
+    fn both(&self, bursts: &[Burst]) -> RecordingReport {
+        let path = self.write(bursts);
+        let run = Replay {
+            settings: self.settings.clone(),
+            design: self.design.clone(),
+            design_digest: None,
+            labels: None,
+            spans: self.spans.clone(),
+            baselines: None,
+        };
+        let recording = Recording::open(&path, Limits::default()).unwrap();
+        let control = Control::default();
+        let both = ["stream", "passes"]
+            .map(|form| self.dir.path().join(format!("{form}.verdicts.parquet")));
+        let report = replay(&run, &recording, &both[0], &control).unwrap();
+        let mut phases = Phases::new(Duration::ZERO);
+        let (replay, recording, control) = (&run, &recording, &control);
+        let may_learn = run.design.is_some();
+        let (verdicts, watch) = (&both[1], None);
+        let twice = Run { replay, recording, verdicts, control, may_learn, watch };
+        let asked = || "asked for".to_owned();
+        match twice.judge_in_two_passes(asked(), &mut phases) {
+            Err(PipelineError::NeedsTemperature) => {
+                let learned = replay.learn_temperature(recording, control).unwrap();
+                let design = learned.map(|(knowing, _)| knowing).or(run.design.clone());
+                let replay = &Replay { design, ..run.clone() };
+                let twice = Run { replay, may_learn: false, ..twice };
+                twice.judge_in_two_passes(asked(), &mut phases).unwrap();
+            }
+            done => drop(done.unwrap()),
+        }
+        let [stream, passes] = both.each_ref().map(|path| {
+            let read = |path: &Path| std::fs::read(path).unwrap();
+            (read(path), read(&episode_table::path_beside(path)), summary(path))
+        });
+        assert_eq!(stream.2, passes.2, "what the summaries say");
+        assert!(stream.0 == passes.0, "verdicts differ");
+        assert!(stream.1 == passes.1, "episodes differ");
+        report
+    }
+}
+
+/// Without what depends on how it was made.
+fn summary(verdicts: &Path) -> serde_json::Value {
+    let text = std::fs::read(super::replay::summary_path(verdicts)).unwrap();
+    let mut document: serde_json::Value = serde_json::from_slice(&text).unwrap();
+    for key in ["rates", "timings", "phases", "identified"] {
+        assert!(document.as_object_mut().unwrap().remove(key).is_some(), "{key}");
+    }
+    document
+}
+
+#[test]
+fn in_the_order_of_its_times_a_recording_is_learned_in_the_stream() {
+    for design in [Some(design()), None] {
+        let report = Case::new(design).both(&bursts());
+        assert_eq!(report.identified.how, How::InStream);
+        assert!(report.models > 12, "{} models", report.models);
+    }
+    let mut defaults = Case::new(None);
+    defaults.settings = Settings::default();
+    assert_eq!(defaults.both(&bursts()).identified.how, How::InStream);
+}
+
+#[test]
+fn windows_end_at_the_borders_of_chunks_and_messages_need_no_chunks() {
+    for chunk_bytes in [Some(1), Some(40_000), None] {
+        let mut case = Case::new(Some(design()));
+        case.options = WriterOptions { compression: Compression::Zstd, chunk_bytes };
+        assert_eq!(case.both(&bursts()).identified.how, How::InStream);
+    }
+}
+
+/// Every channel a burst of its own, half a millisecond after the one before.
+fn one_channel_each(of: &[Burst]) -> Vec<Burst> {
+    let mut all: Vec<Burst> = of
+        .iter()
+        .flat_map(|burst| {
+            let n = burst.samples_per_channel as usize;
+            let mut signal = vec![0.0; n];
+            (0..burst.channels).map(move |row| {
+                burst.copy_signal(row as usize, &mut signal);
+                let samples: Vec<u8> =
+                    signal.iter().flat_map(|y| (*y as i16).to_le_bytes()).collect();
+                Burst {
+                    t_acq_ns: burst.t_acq_ns + 500_000 * i64::from(row),
+                    first_channel: burst.first_channel + row,
+                    channels: 1,
+                    format: Format::S16Le,
+                    layout: Layout::ChannelMajor,
+                    samples: samples.into(),
+                    idle_time_s: burst.idle_time_s(row as usize).into_iter().collect(),
+                    neighbours_fired: Default::default(),
+                    ..burst.clone()
+                }
+            })
+        })
+        .collect();
+    all.sort_by_key(|burst| burst.t_acq_ns);
+    all
+}
+
+#[test]
+fn what_comes_a_little_late_is_learned_in_the_stream_and_what_comes_later_in_two_passes() {
+    let single = one_channel_each(&bursts());
+    let case = Case::new(Some(design()));
+    let shuffled = |within: usize| {
+        let mut shuffled = single.clone();
+        shuffled.chunks_mut(within).for_each(<[Burst]>::reverse);
+        shuffled
+    };
+    // all of a second's bursts lie within 24 ms
+    let report = case.both(&shuffled(48));
+    assert_eq!(report.identified.how, How::InStream, "{:?}", report.identified);
+    let report = case.both(&shuffled(48 * 3 * 13));
+    assert_eq!(report.identified.how, How::TwoPasses);
+    assert!(report.identified.why.unwrap().contains("long after later ones"));
+    let stages = |phase: &str| report.phases.iter().any(|of| of.phase == phase);
+    assert!(stages("given up") && stages("survey") && stages("windows") && stages("stages"));
+}
+
+#[test]
+fn printheads_that_appear_late_are_learned_when_they_do() {
+    let start = bursts()[0].t_acq_ns;
+    let late: Vec<Burst> = bursts()
+        .into_iter()
+        .map(|burst| {
+            let after_s = (burst.t_acq_ns - start) / 1_000_000_000;
+            match &*burst.printhead {
+                "black-2" if after_s >= 33 => Burst { printhead: "late".into(), ..burst },
+                "cyan-1" if after_s >= 58 => Burst { printhead: "last".into(), ..burst },
+                _ => burst,
+            }
+        })
+        .collect();
+    for design in [Some(design()), None] {
+        let mut case = Case::new(design);
+        assert_eq!(case.both(&late).identified.how, How::InStream);
+        // without a summary channels are known only once they are met
+        case.cut = 40;
+        let report = case.both(&late);
+        assert_eq!(report.identified.how, How::InStream);
+        assert!(!report.damage.is_empty());
+    }
+    // judged by the design, only what it does not know is learned
+    let mut case = Case::new(Some(design()));
+    case.settings.identify.mode = IdentifyMode::Design;
+    let report = case.both(&late);
+    assert_eq!(report.identified.how, How::Design);
+    assert_eq!(report.models, design().models.len() + 2);
+}
+
+/// Of some seconds only noise.
+fn silent(of: &[Burst], seconds: std::ops::Range<i64>, printhead: &str) -> Vec<Burst> {
+    let start = of[0].t_acq_ns;
+    let silent = |burst: &Burst| {
+        let after_s = (burst.t_acq_ns - start) / 1_000_000_000;
+        let quiet = *burst.printhead == *printhead && seconds.contains(&after_s);
+        let noise = |i: usize| ((i * 7919) % 5) as u8;
+        let samples: Vec<u8> =
+            (0..burst.samples.len()).map(|i| if i % 2 == 0 { noise(i) } else { 0 }).collect();
+        if quiet { Burst { samples: samples.into(), ..burst.clone() } } else { burst.clone() }
+    };
+    of.iter().map(silent).collect()
+}
+
+#[test]
+fn refused_windows_leave_the_last_model_the_designs_or_wait_for_the_first() {
+    for seconds in [0..12, 19..33, 0..60] {
+        for design in [Some(design()), None] {
+            let report = Case::new(design).both(&silent(&bursts(), seconds.clone(), "cyan-1"));
+            assert_eq!(report.identified.how, How::InStream);
+            assert!(!report.refusals.is_empty(), "{seconds:?}");
+        }
+    }
+}
+
+#[test]
+fn windows_begin_anew_after_pauses_and_stray_times_are_learned_in_two_passes() {
+    let mut paused = bursts();
+    let start = paused[0].t_acq_ns;
+    for burst in paused.iter_mut().filter(|b| b.t_acq_ns > start + 27_000_000_000) {
+        burst.t_acq_ns += 3_600_000_000_000;
+    }
+    let case = Case::new(Some(design()));
+    assert_eq!(case.both(&paused).identified.how, How::InStream);
+    // a clock that was set while it ran
+    paused[40].t_acq_ns += 86_400_000_000_000;
+    assert_eq!(case.both(&paused).identified.how, How::TwoPasses);
+}
+
+#[test]
+fn windows_may_be_given_longer_than_apart_or_only_one() {
+    let start = bursts()[0].t_acq_ns;
+    let second = |s: i64| start + s * 1_000_000_000;
+    let mut case = Case::new(Some(design()));
+    case.spans = vec![(second(30), second(45)), (second(5), second(25)), (second(90), second(99))];
+    let report = case.both(&bursts());
+    assert_eq!(report.identified.how, How::InStream);
+    assert_eq!(report.refusals.len(), 3, "the empty one, of each printhead");
+    case.spans = vec![(second(5), second(25)), (second(20), second(45))];
+    assert_eq!(case.both(&bursts()).identified.how, How::TwoPasses);
+    for (first, every) in [(15.0, 10.0), (20.0, 0.0), (300.0, 60.0), (0.05, 10.0)] {
+        let mut case = Case::new(Some(design()));
+        (case.settings.identify.first, case.settings.identify.every) = (first, every);
+        assert_eq!(case.both(&bursts()).identified.how, How::InStream, "{first} {every}");
+    }
+}
+
+#[test]
+fn temperature_is_learned_from_the_whole_recording_in_both_forms() {
+    let mut knows_nothing = design();
+    for model in knows_nothing.models.iter_mut().chain([&mut knows_nothing.pooled]) {
+        model.temperature_response = None;
+    }
+    let mut warm = bursts();
+    let start = warm[0].t_acq_ns;
+    for burst in &mut warm {
+        let t_s = (burst.t_acq_ns - start) as f64 / 1e9;
+        burst.temperature_c = burst.temperature_c.map(|t| t + 0.2 * t_s);
+    }
+    let report = Case::new(Some(knows_nothing)).both(&warm);
+    assert_eq!(report.identified.how, How::InStream);
+    let stages = |phase: &str| report.phases.iter().any(|of| of.phase == phase);
+    assert!(stages("temperature"), "{:?}", report.phases);
+}
+
+#[test]
+#[ignore = "measures: wants a recording in INKLING_RECORDING and some seconds"]
+fn learning_in_the_stream_against_two_passes() {
+    let path = std::env::var_os("INKLING_RECORDING").expect("INKLING_RECORDING");
+    let recording = &Recording::open(Path::new(&path), Limits::default()).unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let verdicts = &dir.path().join("r.verdicts.parquet");
+    let replay = &Replay {
+        settings: Settings::default(),
+        design: Some(design()),
+        design_digest: None,
+        labels: None,
+        spans: Vec::new(),
+        baselines: None,
+    };
+    let control = &Control::default();
+    let run = Run { replay, recording, verdicts, control, may_learn: false, watch: None };
+    for _ in 0..3 {
+        for two_passes in [false, true] {
+            let (cpu, mut phases) = (cpu_s(), Phases::new(Duration::ZERO));
+            let report = match two_passes {
+                true => run.judge_in_two_passes("asked for".into(), &mut phases).unwrap(),
+                false => run.judge(&mut phases).unwrap(),
+            };
+            let (how, signals) = (report.identified.how, report.tally.counts.signals);
+            let (cpu, wall, models) = (cpu_s() - cpu, phases.seconds(), report.models);
+            println!(
+                "{how:?}: {signals} signals, {models} models, CPU {cpu:.2} s, wall {wall:.2} s"
+            );
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! What the identify stage asks: which model judges a burst.
+//!
+//! Either all models were made before the stages started, or they are learned as the bursts come. Whoever
+//! judges the bursts of a printhead's first window is known only after it: then the recording is read on
+//! ahead, until it is, and those blocks are read a second time when their turn comes. Nothing waits in memory.
+
+use super::ahead::{Ahead, Reached};
+use super::learning::{Judgement, Learning};
+use super::schedule::{Assignment, Schedule};
+use super::stages::Read;
+use super::{Control, PipelineError};
+use crate::burst::{Acquisition, Burst};
+use crate::design::Judge;
+use crate::io::recording::Recording;
+use crate::verdict::Reason;
+use std::sync::Arc;
+
+#[derive(Debug)]
+pub enum Models<'a> {
+    Made(Schedule),
+    InStream(Box<InStream<'a>>),
+}
+
+/// Learns what the stages read, and beyond where it must.
+#[derive(Debug)]
+pub struct InStream<'a> {
+    learning: Learning<'a>,
+    recording: &'a Recording,
+    control: &'a Control,
+    /// Up to there everything is learned.
+    reached: Reached,
+    /// Where `reached` lies beyond what the stages read.
+    ahead: Option<Ahead>,
+}
+
+impl<'a> Models<'a> {
+    pub fn learned(
+        learning: Learning<'a>,
+        recording: &'a Recording,
+        control: &'a Control,
+    ) -> Models<'a> {
+        let (reached, ahead) = (Reached::default(), None);
+        Models::InStream(Box::new(InStream { learning, recording, control, reached, ahead }))
+    }
+
+    /// The next batch of the recording, in its order.
+    pub fn see(&mut self, read: &Read) -> Result<(), PipelineError> {
+        match self {
+            Models::Made(_) => Ok(()),
+            Models::InStream(learner) => learner.see(read),
+        }
+    }
+
+    /// Of a burst that was seen.
+    pub fn judge_of(&mut self, burst: &Burst) -> Result<Result<Arc<Judge>, Reason>, PipelineError> {
+        match self {
+            Models::Made(schedule) => match schedule.assign(burst) {
+                Assignment::Judge(judge) => Ok(Ok(judge.clone())),
+                Assignment::Reject(reason) => Ok(Err(reason)),
+                Assignment::Survey => Err(PipelineError::NeedsSurvey),
+            },
+            Models::InStream(learner) => loop {
+                match learner.learning.judgement(burst) {
+                    Judgement::By(judge) => return Ok(Ok(judge)),
+                    Judgement::Reject(reason) => return Ok(Err(reason)),
+                    Judgement::NotYet => learner.look_ahead()?,
+                }
+            },
+        }
+    }
+
+    pub fn into_schedule(self) -> Schedule {
+        match self {
+            Models::Made(schedule) => schedule,
+            Models::InStream(learner) => learner.learning.into_schedule(),
+        }
+    }
+
+    /// After the last burst: windows that were still open give models, too.
+    pub fn end(&mut self) -> Result<(), PipelineError> {
+        match self {
+            Models::Made(_) => Ok(()),
+            Models::InStream(learner) => learner.learning.end(),
+        }
+    }
+}
+
+impl InStream<'_> {
+    fn see(&mut self, read: &Read) -> Result<(), PipelineError> {
+        if read.batch.place < self.reached.next {
+            return Ok(()); // it was read ahead
+        }
+        let (next, block) = (read.batch.place.following(read.leaves.is_some()), Some(read.block));
+        self.reached = Reached { next, block, definitions: read.definitions.clone() };
+        self.ahead = None;
+        take(&mut self.learning, &read.batch.acquisitions)
+    }
+
+    fn look_ahead(&mut self) -> Result<(), PipelineError> {
+        let ahead = self.ahead.get_or_insert_with(|| Ahead::of(self.recording, &self.reached));
+        match ahead.piece(self.recording, self.control)? {
+            None => self.learning.end(),
+            Some((acquisitions, reached)) => {
+                self.reached = reached;
+                take(&mut self.learning, &acquisitions)
+            }
+        }
+    }
+}
+
+/// The bursts of a piece in the order of their times.
+fn take(learning: &mut Learning, of: &[Acquisition]) -> Result<(), PipelineError> {
+    let usable = of.iter().filter_map(|acquisition| match acquisition {
+        Acquisition::Usable(burst) => Some(burst),
+        Acquisition::Unusable(_) => None,
+    });
+    let mut bursts: Vec<&Burst> = usable.collect();
+    if !bursts.is_sorted_by_key(|burst| burst.t_acq_ns) {
+        bursts.sort_by_key(|burst| burst.t_acq_ns);
+    }
+    bursts.into_iter().try_for_each(|burst| learning.take(burst))
+}

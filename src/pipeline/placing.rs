@@ -1,0 +1,98 @@
+//! Where a printhead's healthy windows lie, burst by burst in the order of their times.
+//!
+//! In: times. Out: windows, half-open. The first begins with the first burst, others every so often; after a
+//! pause, and so after a stray timestamp, they begin anew with the first burst. The same windows as
+//! [`super::windows`] places over a whole recording.
+
+use super::PipelineError;
+use super::windows::check_number;
+
+#[derive(Debug)]
+pub struct Placing {
+    first_ns: i64,
+    /// 0: there is only one window.
+    every_ns: i64,
+    /// Of time since the last pause; `None`: there was no burst yet.
+    run: Option<Run>,
+    windows: usize,
+}
+
+#[derive(Debug)]
+struct Run {
+    /// The last span of `every_ns` that held a burst.
+    bin: i64,
+    /// Of the next window; `None`: beyond the end of time, or there is only one.
+    next_ns: Option<i64>,
+}
+
+impl Placing {
+    pub fn new(first_ns: i64, every_ns: i64) -> Placing {
+        Placing { first_ns, every_ns, run: None, windows: 0 }
+    }
+
+    fn bin(&self, t_ns: i64) -> i64 {
+        if self.every_ns > 0 { t_ns.div_euclid(self.every_ns) } else { 0 }
+    }
+
+    /// Whether windows would begin anew with a burst of that time, if it is the next.
+    pub fn begins_at(&self, t_ns: i64) -> bool {
+        self.run.as_ref().is_none_or(|run| self.bin(t_ns) > run.bin + 1)
+    }
+
+    /// Calls `place` with the begin and end of every window that begins up to the next burst.
+    pub fn reach(
+        &mut self,
+        t_ns: i64,
+        mut place: impl FnMut(i64, i64),
+    ) -> Result<(), PipelineError> {
+        let (bin, begins) = (self.bin(t_ns), self.begins_at(t_ns));
+        let run = match &mut self.run {
+            Some(run) if !begins => run,
+            run => run.insert(Run { bin, next_ns: Some(t_ns) }),
+        };
+        run.bin = run.bin.max(bin);
+        while let Some(from_ns) = run.next_ns.filter(|&next| next <= t_ns) {
+            self.windows += 1;
+            check_number(self.windows)?;
+            place(from_ns, from_ns.saturating_add(self.first_ns));
+            let next = from_ns.checked_add(self.every_ns);
+            run.next_ns = next.filter(|_| self.every_ns > 0);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn windows(times: &[i64], first_ns: i64, every_ns: i64) -> Vec<(i64, i64)> {
+        let mut placing = Placing::new(first_ns, every_ns);
+        let mut windows = Vec::new();
+        for &t in times {
+            placing.reach(t, |from, to| windows.push((from, to))).unwrap();
+        }
+        windows
+    }
+
+    #[test]
+    fn windows_go_on_and_begin_anew_after_a_pause() {
+        assert_eq!(windows(&[3, 4, 9], 5, 0), [(3, 8)]);
+        assert_eq!(windows(&[3, 12, 14, 24, 31], 5, 10), [(3, 8), (13, 18), (23, 28)]);
+        // nothing from 20 to 29: a pause; 5 begins the first window, 31 the next
+        assert_eq!(windows(&[5, 19, 31, 32, 43], 5, 10), [(5, 10), (15, 20), (31, 36), (41, 46)]);
+        // a window that holds no burst is one
+        assert_eq!(windows(&[0, 9, 19], 2, 10), [(0, 2), (10, 12)]);
+        assert_eq!(windows(&[i64::MIN, i64::MAX - 1], 5, 10).len(), 2);
+    }
+
+    #[test]
+    fn only_what_comes_after_a_pause_begins_anew() {
+        let mut placing = Placing::new(5, 10);
+        assert!(placing.begins_at(3));
+        placing.reach(3, |_, _| {}).unwrap();
+        assert!(!placing.begins_at(4) && !placing.begins_at(19) && placing.begins_at(20));
+        // late by a little
+        assert!(!placing.begins_at(-1));
+    }
+}

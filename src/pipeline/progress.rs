@@ -1,0 +1,191 @@
+//! A printhead's models, window by window: averaging and identification, thesis §3-1.
+//!
+//! In: a window's sample of signals, windows of one printhead in the order of their times. Out: per window the
+//! [`Entry`] that it adds to the printhead's timeline, if any, or a [`Refusal`]. A fault that grows slowly must
+//! not be learned as healthy: a model that drifted too far from the design's is refused.
+
+use super::PipelineError;
+use super::schedule::{Refusal, Schedule};
+use super::survey::GroupKey;
+use super::windows::{Learner, Window};
+use crate::design::{HealthyModel, LearnSettings};
+use crate::identify::reservoir::Reservoir;
+
+/// Of the average's size, what the model must explain for anything to ring at all, per cent.
+const LEAST_FIT_PERCENT: f64 = 50.0;
+/// Signals that differ by more than this share of what is expected have no healthy signal in common.
+const MOST_SCATTER: f64 = 0.5;
+/// The threshold follows a window's median statistic up to this factor; beyond, something else than
+/// the ink has changed, and nothing would be found.
+const MOST_RATIO: f64 = 4.0;
+
+/// What a window adds to its printhead's timeline.
+#[derive(Debug)]
+pub enum Entry {
+    /// The design's own model judges, until a window gives another: the first one gave none.
+    Known,
+    /// From then on (ns; from the beginning: `i64::MIN`) another model judges.
+    Learned { from_ns: i64, model: Box<HealthyModel>, reference_v: Option<f64> },
+}
+
+impl Entry {
+    /// Puts it on a schedule; the model gets the next number.
+    pub fn enter(
+        self,
+        key: &GroupKey,
+        learner: &Learner,
+        schedule: &mut Schedule,
+    ) -> Result<(), PipelineError> {
+        match self {
+            Entry::Known => {
+                if let Some(judge) = schedule.judge_of(&key.printhead) {
+                    schedule.enter(key, i64::MIN, judge);
+                }
+            }
+            Entry::Learned { from_ns, model, reference_v } => {
+                let isolate = &learner.settings.isolate;
+                let judge = schedule.add(*model, reference_v, learner.design, isolate)?;
+                schedule.enter(key, from_ns, judge);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Whether a window's signals agree with the healthy model that was learned from them: noise has no
+/// model, and a mixture of healthy and faulty channels has one that is nobody's.
+fn agree_with(model: &HealthyModel) -> Result<(), String> {
+    let fit = model.identification.fit_percent;
+    // a fit that is no number is refused too
+    if !matches!(fit.partial_cmp(&LEAST_FIT_PERCENT), Some(o) if o.is_ge()) {
+        return Err(format!(
+            "the model explains {fit:.0} % of the average signal, {LEAST_FIT_PERCENT} % are needed: \
+             nothing rings in this window"
+        ));
+    }
+    let expected = model.expected.iter().map(|y| y * y).sum::<f64>() / model.expected.len() as f64;
+    let scatter = (model.scatter.powi(2) - model.noise.powi(2)).max(0.0);
+    if scatter > MOST_SCATTER.powi(2) * expected {
+        return Err(format!(
+            "the signals differ from each other by {:.0} % of the expected signal: no healthy signal \
+             that most of them have in common; choose another window or give labels",
+            100.0 * (scatter / expected).sqrt()
+        ));
+    }
+    Ok(())
+}
+
+/// How far a group has come with its windows.
+#[derive(Debug)]
+pub struct Progress {
+    /// What drift is measured from, and what passes on temperature response and tail.
+    reference: Option<HealthyModel>,
+    /// The printhead has a model of its own in the design.
+    known: bool,
+    reference_v: Option<f64>,
+    /// Windows that were learned from, and those of them that gave a model.
+    seen: usize,
+    accepted: usize,
+    pub refusals: Vec<Refusal>,
+}
+
+impl Progress {
+    pub fn start(learner: &Learner, key: &GroupKey) -> Progress {
+        let own = learner.design.and_then(|d| d.model_of(&key.printhead));
+        let reference = own.or_else(|| learner.design.map(|d| &d.pooled)).cloned();
+        Progress {
+            known: own.is_some(),
+            reference,
+            reference_v: learner.design.and_then(|d| d.drive_voltage_v),
+            seen: 0,
+            accepted: 0,
+            refusals: Vec::new(),
+        }
+    }
+
+    /// The next window. `None`: the timeline stays as it is.
+    pub fn take(
+        &mut self,
+        learner: &Learner,
+        (key, sample_period_s): (&GroupKey, f64),
+        window: Window,
+        reservoir: &Reservoir,
+    ) -> Option<Entry> {
+        self.seen += 1;
+        let model = match self.model(learner, (key, sample_period_s), reservoir) {
+            Ok(model) => HealthyModel { valid_from_ns: Some(window.to_ns), ..model },
+            Err(why) => {
+                let (from_ns, to_ns) = (window.from_ns, window.to_ns);
+                let printhead = key.printhead.to_string();
+                self.refusals.push(Refusal { printhead, from_ns, to_ns, why });
+                let by_windows = !learner.knows_by_design();
+                return (self.seen == 1 && self.known && by_windows).then_some(Entry::Known);
+            }
+        };
+        self.accepted += 1;
+        if self.reference.is_none() {
+            self.reference = Some(model.clone());
+        }
+        let (from_ns, model) = match &self.reference {
+            // the printhead is unknown to the design: its pooled model, as the windows agree
+            Some(_) if learner.knows_by_design() && self.accepted > 1 => return None,
+            Some(pooled) if learner.knows_by_design() => (i64::MIN, pooled.clone()),
+            _ => (window.to_ns, model),
+        };
+        let (model, reference_v) = (Box::new(model), self.reference_v);
+        Some(Entry::Learned { from_ns, model, reference_v })
+    }
+
+    fn model(
+        &mut self,
+        learner: &Learner,
+        (key, sample_period_s): (&GroupKey, f64),
+        reservoir: &Reservoir,
+    ) -> Result<HealthyModel, String> {
+        let identify = &learner.settings.identify;
+        if learner.design.is_none() && self.reference_v.is_none() {
+            let (sum, n) = reservoir.voltage_sum();
+            self.reference_v = (n > 0).then(|| sum / n as f64);
+        }
+        let set = reservoir.into_set(self.reference_v);
+        let settings = LearnSettings {
+            grey_box: &identify.grey_box,
+            detect: &learner.settings.detect,
+            least_agreeing: learner.labels.is_none().then_some(identify.least_agreeing),
+            sample_period_s,
+            filter: learner.design.as_ref().and_then(|design| design.filter.as_ref()),
+        };
+        let printhead = Some(&*key.printhead);
+        let model = HealthyModel::learn(&set, printhead, self.reference.as_ref(), settings)
+            .map_err(|e| e.to_string())?;
+        if learner.labels.is_none() {
+            agree_with(&model)?;
+        }
+        if let Some(reference) = &self.reference {
+            let (frequency, damping) = reference.drift_to(&model);
+            for (what, drift, most) in [
+                ("frequency", frequency, identify.max_frequency_drift),
+                ("damping", damping, identify.max_damping_drift),
+            ] {
+                // a drift that is no number is refused too
+                if !matches!(drift.abs().partial_cmp(&most), Some(o) if o.is_le()) {
+                    return Err(format!(
+                        "{what} {:+.2} % from the reference model, beyond \
+                         identify.max_{what}_drift = {:.2} %: a slow fault or another ink; \
+                         the last accepted model stays",
+                        100.0 * drift,
+                        100.0 * most
+                    ));
+                }
+            }
+            let ratio = model.median_statistic / reference.median_statistic;
+            if learner.design.is_some() && !(1.0 / MOST_RATIO..=MOST_RATIO).contains(&ratio) {
+                return Err(format!(
+                    "healthy signals lie {ratio:.3} times as far from the model as in the \
+                     reference: another amplitude or another noise; the last accepted model stays"
+                ));
+            }
+        }
+        Ok(model)
+    }
+}

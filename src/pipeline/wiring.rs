@@ -1,0 +1,204 @@
+//! The six stages side by side: threads, bounded channels between them, and what they leave behind.
+
+use super::baseline::InUse;
+use super::episodes::{EpisodeTap, Finished};
+use super::follow::{Heads, Moved};
+use super::in_flight::InFlight;
+use super::isolator::Isolator;
+use super::models::Models;
+use super::replay::{Replay, Watch};
+use super::schedule::Schedule;
+use super::spares::Spares;
+use super::stages::{self, BlockQueue, Pacer};
+use super::tally::Tally;
+use super::timings::{StageTiming, Timings};
+use super::warmth::Warmth;
+use super::{Control, PipelineError};
+use crate::design::categories;
+use crate::io::digest::Digest;
+use crate::io::episode_table;
+use crate::io::recording::{Damage, Recording};
+use crate::io::verdict_table::{self, TableOptions, VerdictWriter};
+use crate::settings::{Pace, TimestampUnit};
+use crossbeam_channel::bounded;
+use std::path::Path;
+use std::sync::atomic::Ordering;
+use std::thread::{self, ScopedJoinHandle};
+use std::time::Duration;
+
+/// Batches between two stages.
+const QUEUE: usize = 4;
+/// Blocks between reader and writer, per worker of a parallel stage: one at work, one waiting. More
+/// would only be further from the processor's caches.
+const BLOCKS_PER_WORKER: usize = 2;
+/// Bytes between reader and writer.
+const MOST_BYTES: u64 = 64 << 20;
+
+/// What the stages are wired to.
+#[derive(Clone, Copy)]
+pub struct Wiring<'a> {
+    pub replay: &'a Replay,
+    pub recording: &'a Recording,
+    pub verdicts: &'a Path,
+    pub control: &'a Control,
+    pub baselines: Option<&'a InUse>,
+    /// What temperature does can still be learned from the recording.
+    pub may_learn: bool,
+    pub watch: Option<&'a Watch<'a>>,
+}
+
+/// What the stages leave behind; nothing has its name yet.
+pub struct Streamed {
+    pub schedule: Schedule,
+    pub tally: Tally,
+    pub writer: VerdictWriter,
+    pub episodes: Finished,
+    pub scan_damage: Vec<Damage>,
+    pub behind: Option<Duration>,
+    pub timings: Vec<StageTiming>,
+    pub digest: Digest,
+    pub warmth: Warmth,
+    pub moved: Vec<Moved>,
+}
+
+impl Wiring<'_> {
+    /// Wires the six stages, runs them, joins them.
+    pub fn stream(&self, mut models: Models) -> Result<Streamed, PipelineError> {
+        let Wiring { replay, recording, verdicts, control, baselines, .. } = *self;
+        let settings = &replay.settings;
+        let classes = replay.classes();
+        let category_names = categories(&classes);
+        let timestamp_unit = match settings.output.timestamps {
+            TimestampUnit::Ns => verdict_table::TimestampUnit::Ns,
+            TimestampUnit::Us => verdict_table::TimestampUnit::Us,
+        };
+        let beside = episode_table::path_beside(verdicts);
+        let mut episodes =
+            EpisodeTap::create(replay, baselines, self.watch, &beside, timestamp_unit)?;
+        let mut writer = VerdictWriter::create(
+            verdicts,
+            TableOptions {
+                classes: classes.clone(),
+                categories: category_names,
+                weights: settings.output.weights,
+                timestamp_unit,
+            },
+        )?;
+        let (mut tally, mut warmth) = (Tally::new(classes), Warmth::new(self.may_learn));
+        let mut heads = Heads::new(&settings.identify, settings.input.rails);
+        let mut pacer = (settings.replay.pace == Pace::Recorded).then(Pacer::new);
+        let stages = &settings.replay;
+        let (filters, isolators) =
+            (replay.workers(stages.filters), replay.workers(stages.isolators));
+        // without channels known upfront, and at the recorded pace, blocks are read one after another
+        let one_reader = pacer.is_some() || !recording.channels_known_upfront();
+        let readers = if one_reader { 1 } else { replay.workers(stages.readers) };
+        let queue = BlockQueue::new(recording);
+        let in_flight =
+            InFlight::new(BLOCKS_PER_WORKER * (readers + filters + isolators), MOST_BYTES);
+        let (timings, spares) = (Timings::default(), Spares::default());
+        let names = ["reader", "identify", "filter", "gate", "isolate", "writer"];
+        names.iter().for_each(|stage| timings.expect(stage));
+        control.bytes_read.store(0, Ordering::Relaxed);
+        control.set_abandoned(false);
+
+        thread::scope(|scope| {
+            let (to_identify, from_reader) = bounded(QUEUE);
+            let (to_filter, from_identify) = bounded(QUEUE);
+            let (to_gate, from_filter) = bounded(QUEUE);
+            let (to_isolate, from_gate) = bounded(QUEUE);
+            let (to_writer, from_isolate) = bounded(QUEUE);
+            let (queue, in_flight, pacer) = (&queue, &in_flight, &mut pacer);
+            let (timings, spares, warmth) = (&timings, &spares, &mut warmth);
+            let (models, heads) = (&mut models, &mut heads);
+            let mut running: Vec<(&'static str, ScopedJoinHandle<Result<(), PipelineError>>)> =
+                Vec::new();
+            let mut pacer = pacer.as_mut();
+            for _ in 0..readers {
+                let (out, pacer) = (to_identify.clone(), pacer.take());
+                running.push((
+                    "reader",
+                    scope.spawn(move || {
+                        let clock = timings.clock("reader");
+                        stages::read(recording, queue, in_flight, pacer, control, clock, out)
+                    }),
+                ));
+            }
+            drop(to_identify);
+            running.push((
+                "identify",
+                scope.spawn(move || {
+                    let clock = timings.clock("identify");
+                    stages::identify(models, warmth, heads, clock, from_reader, to_filter)
+                }),
+            ));
+            for _ in 0..filters {
+                let (input, out) = (from_identify.clone(), to_gate.clone());
+                let rails = settings.input.rails;
+                running.push((
+                    "filter",
+                    scope.spawn(move || {
+                        let clock = timings.clock("filter");
+                        stages::filter(rails, baselines, spares, clock, input, out)
+                    }),
+                ));
+            }
+            drop((from_identify, to_gate));
+            running.push((
+                "gate",
+                scope.spawn(move || {
+                    stages::gate(spares, timings.clock("gate"), from_filter, to_isolate)
+                }),
+            ));
+            for _ in 0..isolators {
+                let (input, out) = (from_gate.clone(), to_writer.clone());
+                running.push((
+                    "isolate",
+                    scope.spawn(move || {
+                        let clock = timings.clock("isolate");
+                        let isolator = Isolator::new(settings, baselines, spares);
+                        stages::isolate(isolator, clock, input, out)
+                    }),
+                ));
+            }
+            drop((from_gate, to_writer));
+
+            let put = |judged: &mut stages::Judged| {
+                if !judged.columns.is_empty() {
+                    episodes.add(judged)?;
+                    writer.write(&judged.columns)?;
+                }
+                tally.add(judged);
+                Ok(())
+            };
+            let clock = timings.clock("writer");
+            let written = stages::write(clock, from_isolate, in_flight, spares, control, put);
+            // whoever waits for room in flight, or for more to be written, must not wait for a writer that is gone
+            control.set_abandoned(true);
+            in_flight.close();
+            let mut outcome = written;
+            for (stage, handle) in running {
+                let ended = handle.join().unwrap_or(Err(PipelineError::Panicked(stage)));
+                if outcome.is_ok() {
+                    outcome = ended;
+                }
+            }
+            outcome
+        })?;
+        let behind = pacer.map(|p| p.behind);
+        let ((scan_damage, digest), timings) = (queue.finish(control)?, timings.stages());
+        let (schedule, episodes) = (models.into_schedule(), episodes.finish()?);
+        Ok(Streamed {
+            schedule,
+            tally,
+            writer,
+            episodes,
+            scan_damage,
+            behind,
+            timings,
+            digest,
+            warmth,
+            moved: heads.moved(),
+        })
+    }
+}

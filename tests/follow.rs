@@ -1,0 +1,277 @@
+//! A recording that is being written is followed: episodes are told as they are raised, and at its end, or
+//! where it was enough, the tables are those of a replay.
+#![cfg(unix)]
+
+use crate::house::House;
+use crate::pipeline::{bursts, sample, write};
+use inkling::io::recording_writer::{Compression, WriterOptions};
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::fs::{File, OpenOptions};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::Duration;
+
+/// Nothing is asserted of times; what hangs fails instead.
+const HANGS: Duration = Duration::from_secs(300);
+
+/// `inkling replay now.mcap --follow` on its way.
+struct Follower {
+    child: Child,
+    lines: Receiver<Value>,
+    told: Vec<Value>,
+}
+
+impl Follower {
+    fn start(house: &House, args: &str) -> Follower {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_inkling"))
+            .args("replay now.mcap --follow --json --out out --design".split(' '))
+            .arg(sample("design.json"))
+            .args(args.split_whitespace())
+            .current_dir(house.path("."))
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let (send, lines) = channel();
+        let out = BufReader::new(child.stdout.take().unwrap());
+        std::thread::spawn(move || {
+            for line in out.lines() {
+                let event = serde_json::from_str(&line.unwrap()).expect("JSON lines");
+                if send.send(event).is_err() {
+                    return;
+                }
+            }
+        });
+        Follower { child, lines, told: Vec::new() }
+    }
+
+    /// Waits for the next episode.
+    fn episode(&mut self) {
+        loop {
+            let Ok(event) = self.lines.recv_timeout(HANGS) else {
+                self.child.kill().unwrap();
+                panic!("no further episode was told: {:?}", self.told);
+            };
+            let found = event["event"] == "episode";
+            self.told.push(event);
+            if found {
+                return;
+            }
+        }
+    }
+
+    fn enough(&self) {
+        let pid = self.child.id().to_string();
+        assert!(Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
+    }
+
+    /// Exit status, what was told, and complaints.
+    fn end(mut self) -> (Option<i32>, Vec<Value>, String) {
+        while let Ok(event) = self.lines.recv_timeout(HANGS) {
+            self.told.push(event);
+        }
+        let mut stderr = String::new();
+        self.child.stderr.take().unwrap().read_to_string(&mut stderr).unwrap();
+        (self.child.wait().unwrap().code(), self.told, stderr)
+    }
+}
+
+/// What was told: printhead, channel, when it was raised.
+fn raised(told: &[Value]) -> BTreeSet<(String, u64, i64)> {
+    let of = |event: &Value| {
+        let time = chrono::DateTime::parse_from_rfc3339(event["raised_at"].as_str()?).ok()?;
+        let printhead = event["printhead"].as_str()?.to_owned();
+        Some((printhead, event["channel"].as_u64()?, time.timestamp_nanos_opt()?))
+    };
+    let episodes = told.iter().filter(|event| event["event"] == "episode");
+    episodes.map(|event| of(event).unwrap_or_else(|| panic!("{event}"))).collect()
+}
+
+fn in_table(house: &House, out: &str) -> BTreeSet<(String, u64, i64)> {
+    let path = house.path(&format!("{out}/now.episodes.parquet"));
+    let episodes = inkling::io::episode_table::read(&path).unwrap();
+    let of = episodes.iter();
+    of.map(|e| (e.printhead.to_string(), u64::from(e.channel), e.raised_at_ns)).collect()
+}
+
+/// The same bytes as an ordinary replay of `recording` writes.
+fn tables_are_those_of_a_replay(house: &House, recording: &[u8], args: &str, exit: i32) {
+    house.write("again/now.mcap", recording);
+    let design = sample("design.json");
+    let design = design.display();
+    house
+        .run(&format!("replay again/now.mcap --design {design} --out again/out {args}"))
+        .exits(exit);
+    for table in ["verdicts.parquet", "episodes.parquet"] {
+        let [followed, replayed] =
+            ["out", "again/out"].map(|out| house.read(&format!("{out}/now.{table}")));
+        assert!(followed == replayed, "{table} differs");
+    }
+}
+
+/// The sample in chunks of some bursts.
+fn recording(house: &House, compression: Compression, chunk_bytes: Option<u64>) -> Vec<u8> {
+    let mut all = bursts(&sample("print_run.mcap"));
+    all.sort_by_key(|burst| burst.t_acq_ns);
+    let path = house.path("whole.mcap");
+    write(&path, &all, WriterOptions { compression, chunk_bytes });
+    std::fs::read(path).unwrap()
+}
+
+/// Appends in pieces that end anywhere.
+fn append(file: &mut File, bytes: &[u8]) {
+    let mut rest = bytes;
+    for size in [1, 7, 4_001, 60_013, 333].into_iter().cycle() {
+        let (piece, more) = rest.split_at(size.min(rest.len()));
+        file.write_all(piece).unwrap();
+        std::thread::sleep(Duration::from_millis(1));
+        rest = more;
+        if rest.is_empty() {
+            return;
+        }
+    }
+}
+
+fn create(house: &House) -> File {
+    File::create(house.path("now.mcap")).unwrap()
+}
+
+#[test]
+fn episodes_are_told_while_it_is_written_and_tables_are_those_of_a_replay() {
+    for (compression, chunk_bytes, args) in [
+        (Compression::Lz4, Some(30_000), "--identify windows --set identify.first=8"),
+        (Compression::Zstd, Some(100_000), "--identify design"),
+        (Compression::None, None, "--identify design"),
+    ] {
+        let house = House::new();
+        let bytes = recording(&house, compression, chunk_bytes);
+        let mut file = create(&house);
+        let mut follower = Follower::start(&house, args);
+        let (most, rest) = bytes.split_at(bytes.len() * 2 / 3);
+        append(&mut file, most);
+        // the writer waits for what is told of the first part
+        for _ in 0..3 {
+            follower.episode();
+        }
+        append(&mut file, rest);
+        let (code, told, stderr) = follower.end();
+        assert_eq!(code, Some(0), "{stderr}");
+        assert_eq!(raised(&told), in_table(&house, "out"), "{args}");
+        assert_eq!(told.last().unwrap()["event"], "run");
+        match chunk_bytes {
+            Some(_) => tables_are_those_of_a_replay(&house, &bytes, args, 0),
+            // rows of messages outside chunks are put together as they come
+            None => {
+                house.write("again/now.mcap", &bytes);
+                let design = sample("design.json");
+                house.ok(&format!(
+                    "replay again/now.mcap --design {} --out again/out {args}",
+                    design.display()
+                ));
+                let verdicts = |out: &str| {
+                    crate::pipeline::verdicts(&house.path(&format!("{out}/now.verdicts.parquet")))
+                };
+                assert!(verdicts("out") == verdicts("again/out"));
+                assert_eq!(in_table(&house, "out"), in_table(&house, "again/out"));
+            }
+        }
+    }
+}
+
+#[test]
+fn ctrl_c_ends_it_with_what_was_complete() {
+    const ARGS: &str = "--identify windows --set identify.first=8";
+    let house = House::new();
+    let bytes = recording(&house, Compression::Lz4, Some(30_000));
+    let mut file = create(&house);
+    let mut follower = Follower::start(&house, ARGS);
+    append(&mut file, &bytes[..bytes.len() * 3 / 4]);
+    for _ in 0..3 {
+        follower.episode();
+    }
+    follower.enough();
+    let (code, told, stderr) = follower.end();
+    assert_eq!(code, Some(0), "{stderr}");
+    assert_eq!(raised(&told), in_table(&house, "out"));
+    let summary = house.read_json("out/now.summary.json");
+    assert_eq!(summary["damage"].as_array().unwrap().len(), 0);
+    let complete = summary["recording"]["bytes"].as_u64().unwrap() as usize;
+    assert!((bytes.len() / 4..=bytes.len() * 3 / 4).contains(&complete), "{complete}");
+    // cut short, for whoever does not know that it was enough
+    tables_are_those_of_a_replay(&house, &bytes[..complete], ARGS, 3);
+}
+
+#[test]
+fn what_is_out_of_order_is_told_at_the_end() {
+    let house = House::new();
+    let mut backward = bursts(&sample("print_run.mcap"));
+    backward.reverse();
+    write(&house.path("whole.mcap"), &backward, WriterOptions::default());
+    let bytes = house.read("whole.mcap");
+    let mut file = create(&house);
+    let follower = Follower::start(&house, "--identify windows");
+    append(&mut file, &bytes);
+    let (code, _, stderr) = follower.end();
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(stderr.contains("told when the recording is closed"), "{stderr}");
+    tables_are_those_of_a_replay(&house, &bytes, "--identify windows", 0);
+}
+
+#[test]
+fn a_recording_that_shrinks_or_is_replaced_is_no_recording() {
+    let house = House::new();
+    let bytes = recording(&house, Compression::Lz4, Some(30_000));
+    for (what, spoil) in [
+        ("shrank", &|| {
+            OpenOptions::new()
+                .write(true)
+                .open(house.path("now.mcap"))
+                .unwrap()
+                .set_len(100)
+                .unwrap()
+        } as &dyn Fn()),
+        ("replaced", &|| {
+            let path = house.write("other.mcap", &bytes);
+            std::fs::rename(path, house.path("now.mcap")).unwrap();
+        }),
+    ] {
+        let mut file = create(&house);
+        let mut follower = Follower::start(&house, "--identify design");
+        append(&mut file, &bytes[..bytes.len() / 2]);
+        follower.episode();
+        spoil();
+        let (code, _, stderr) = follower.end();
+        assert_eq!(code, Some(1), "{stderr}");
+        assert!(stderr.contains(what), "{stderr}");
+        assert!(!house.path("out/now.verdicts.parquet").exists());
+        let parts = std::fs::read_dir(house.path("out")).unwrap().flatten();
+        assert!(!parts.into_iter().any(|e| e.file_name().to_string_lossy().ends_with(".part")));
+    }
+}
+
+#[test]
+fn what_cannot_be_followed_is_refused_with_what_to_do() {
+    let house = House::new();
+    std::fs::copy(sample("print_run.mcap"), house.path("a.mcap")).unwrap();
+    std::fs::copy(sample("print_run.mcap"), house.path("b.mcap")).unwrap();
+    for (args, says) in [
+        ("a.mcap b.mcap", "one recording at a time"),
+        (".", "name the recording that is being written"),
+        ("*.mcap", "name the recording that is being written"),
+        ("a.mcap --dry-run", "--dry-run"),
+        ("a.mcap --baseline own.json", "--baseline"),
+        ("a.mcap --pace recorded", "the recorder sets the pace"),
+        ("a.mcap --layout date", "--layout tree"),
+        ("s3://bucket/a.mcap", "follow the file that is uploaded"),
+    ] {
+        house.run(&format!("replay {args} --follow --out out")).exits(2).says(says);
+    }
+    house.run("replay missing.mcap --follow --out out").exits(1).says("no such file");
+    house.write("text.mcap", "this is no recording");
+    house.run("replay text.mcap --follow --out out").exits(1).says("not an MCAP file");
+    // closed already: its footer ends it at once
+    house.ok("replay a.mcap --follow --out out");
+    house.run("replay a.mcap --follow --out out").exits(0).says("skipped");
+}
