@@ -5,7 +5,7 @@ use super::lanes::Lanes;
 use super::own_channel::Own;
 use super::{Design, DesignError, Extension, FaultModel, HealthyModel, IsolateSettings};
 use crate::burst::Burst;
-use crate::detect::misfit::Misfit;
+use crate::detect::misfit::{self, Misfit};
 use crate::identify::reservoir::relative_drive;
 use crate::isolate::appearance::Strange;
 use crate::isolate::fault_curve::Seen;
@@ -293,20 +293,53 @@ impl Judge {
 
     /// The test that a signal is nearer to failing, or fails by more.
     pub fn test(&self, detection: Detection) -> Tested {
-        let Detection { ring, unexplained } = detection;
-        let threshold = self.model.threshold.value;
-        let along = match self.detector {
+        match &self.model.misfit {
+            None => self.along_ring(detection),
+            Some(misfit) => {
+                let square = detection.unexplained;
+                let beside = (misfit.statistic(square), misfit.relative(square));
+                self.further(detection, misfit, beside)
+            }
+        }
+    }
+
+    /// The same of one signal after the other, several side by side.
+    pub fn test_each(&self, of: impl Iterator<Item = Detection>, mut see: impl FnMut(Tested)) {
+        let Some(misfit) = &self.model.misfit else {
+            return of.for_each(|detection| see(self.along_ring(detection)));
+        };
+        let mut of = of.fuse();
+        let mut side = [Detection { ring: f64::NAN, unexplained: f64::NAN }; misfit::SIDE];
+        loop {
+            let mut n = 0;
+            side.iter_mut().zip(of.by_ref()).for_each(|(to, from)| (*to, n) = (from, n + 1));
+            let beside = misfit.of_several(&side.map(|of| of.unexplained));
+            for (detection, beside) in side[..n].iter().zip(beside) {
+                see(self.further(*detection, misfit, beside));
+            }
+            if n < misfit::SIDE {
+                return;
+            }
+        }
+    }
+
+    fn along_ring(&self, detection: Detection) -> Tested {
+        let test = match self.detector {
             None => Test::Energy,
             Some(_) => Test::Ring,
         };
-        let of_ring = Tested { test: along, statistic: ring, threshold, misfit: f64::NAN };
-        let Some(misfit) = &self.model.misfit else { return of_ring };
-        let (statistic, relative) = (misfit.statistic(unexplained), misfit.relative(unexplained));
-        let beside = misfit.threshold.value;
+        let threshold = self.model.threshold.value;
+        Tested { test, statistic: detection.ring, threshold, misfit: f64::NAN }
+    }
+
+    /// `beside`: the statistic beside the ring, and the unexplained square over the healthy one.
+    fn further(&self, of: Detection, misfit: &Misfit, beside: (f64, f64)) -> Tested {
+        let along = self.along_ring(of);
+        let ((statistic, relative), threshold) = (beside, misfit.threshold.value);
         // a comparison that NaN fails
-        match statistic * threshold > ring * beside {
-            true => Tested { test: Test::Misfit, statistic, threshold: beside, misfit: relative },
-            false => Tested { misfit: relative, ..of_ring },
+        match statistic * along.threshold > of.ring * threshold {
+            true => Tested { test: Test::Misfit, statistic, threshold, misfit: relative },
+            false => Tested { misfit: relative, ..along },
         }
     }
 

@@ -6,6 +6,7 @@
 //! noise and whatever else a wire can bring, constants included.
 
 use super::Threshold;
+use crate::processor::for_processor;
 use serde::{Deserialize, Serialize};
 
 /// Of the stated rate of false alarms, the share that this test may take: what it looks for stands far
@@ -52,6 +53,13 @@ impl Misfit {
         if square.is_nan() { f64::NAN } else { Misfit::distance(square, [self.root, self.root_sd]) }
     }
 
+    /// [`Misfit::statistic`] and [`Misfit::relative`] of several squares, counts².
+    pub fn of_several(&self, squares: &[f64; SIDE]) -> [(f64, f64); SIDE] {
+        let mut statistics = [0.0; SIDE];
+        statistics_of(squares, [self.root, self.root_sd], &mut statistics);
+        std::array::from_fn(|k| (statistics[k], self.relative(squares[k])))
+    }
+
     /// Unexplained mean square over the healthy one: 1 is noise alone.
     pub fn relative(&self, square: f64) -> f64 {
         square / self.square
@@ -77,6 +85,22 @@ impl Misfit {
             true => Ok(()),
             false => Err("`misfit` must hold positive numbers".into()),
         }
+    }
+}
+
+/// Squares side by side.
+pub const SIDE: usize = 16;
+
+for_processor! {
+    /// Statistics of squares; NaN of an unknown one.
+    fn statistics_of(squares: &[f64; SIDE], scale: [f64; 2], to: &mut [f64; SIDE]) { side_by_side }
+}
+
+#[inline(always)] // compiled once per instruction set
+fn side_by_side(squares: &[f64; SIDE], scale: [f64; 2], to: &mut [f64; SIDE]) {
+    for k in 0..SIDE {
+        let distance = Misfit::distance(squares[k], scale);
+        to[k] = if squares[k].is_nan() { f64::NAN } else { distance };
     }
 }
 
@@ -114,6 +138,13 @@ mod tests {
         let mean = fresh.iter().map(|q| misfit.relative(*q)).sum::<f64>() / 2000.0;
         assert!((mean - 1.0).abs() < 0.02, "{mean}");
         assert!(misfit.statistic(f64::NAN).is_nan());
+        let mut several = [f64::NAN; SIDE];
+        several[1..].copy_from_slice(&fresh[..SIDE - 1]);
+        for (square, (statistic, relative)) in several.into_iter().zip(misfit.of_several(&several))
+        {
+            assert_eq!(statistic.to_bits(), misfit.statistic(square).to_bits());
+            assert_eq!(relative.to_bits(), misfit.relative(square).to_bits());
+        }
         assert!(misfit.settled_square() < scale[0].powi(2) * 2.0);
         let clear = misfit.clear_square();
         assert!(misfit.statistic(clear) <= misfit.threshold.value);
