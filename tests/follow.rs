@@ -223,20 +223,16 @@ fn what_is_out_of_order_is_told_at_the_end() {
 fn a_recording_that_shrinks_or_is_replaced_is_no_recording() {
     let house = House::new();
     let bytes = recording(&house, Compression::Lz4, Some(30_000));
-    for (what, spoil) in [
-        ("shrank", &|| {
-            OpenOptions::new()
-                .write(true)
-                .open(house.path("now.mcap"))
-                .unwrap()
-                .set_len(100)
-                .unwrap()
-        } as &dyn Fn()),
-        ("replaced", &|| {
-            let path = house.write("other.mcap", &bytes);
-            std::fs::rename(path, house.path("now.mcap")).unwrap();
-        }),
-    ] {
+    let shrink = || {
+        let file = OpenOptions::new().write(true).open(house.path("now.mcap")).unwrap();
+        file.set_len(100).unwrap();
+    };
+    let replace = || {
+        let path = house.write("other.mcap", &bytes);
+        std::fs::rename(path, house.path("now.mcap")).unwrap();
+    };
+    let spoilers: [(&str, &dyn Fn()); 2] = [("shrank", &shrink), ("replaced", &replace)];
+    for (what, spoil) in spoilers {
         let mut file = create(&house);
         let mut follower = Follower::start(&house, "--identify design");
         append(&mut file, &bytes[..bytes.len() / 2]);
