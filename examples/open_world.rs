@@ -97,9 +97,16 @@ struct Args {
     /// Clean signals whose episodes are counted, of each mode and shape
     #[arg(long, default_value_t = 10_240_000)]
     clean: usize,
-    /// Of each drifting head, a second apart
+    /// Of each drifting head's channels, a second apart
     #[arg(long, default_value_t = 600)]
-    bursts: usize,
+    rounds: usize,
+    /// Channels of a drifting head, of one burst of it, and faulty ones
+    #[arg(long, default_value_t = 128)]
+    head: usize,
+    #[arg(long, default_value_t = 128)]
+    per_burst: usize,
+    #[arg(long, default_value_t = 3)]
+    faulty: usize,
     /// Further arguments of `inkling train`
     #[arg(long, default_value = "", allow_hyphen_values = true)]
     train: String,
@@ -225,9 +232,16 @@ fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
             Ok(())
         }
         Table::Together => {
-            let (modes, bursts) = (args.modes.clone(), args.bursts);
-            let drifts = Drift::ALL.to_vec();
-            let plan = together::Plan { seed, bursts, modes, drifts, further };
+            let plan = together::Plan {
+                seed,
+                rounds: args.rounds,
+                per_burst: args.per_burst.min(args.head),
+                channels: args.head,
+                faulty: args.faulty,
+                modes: args.modes.clone(),
+                drifts: Drift::ALL.to_vec(),
+                further,
+            };
             let rows = together::measure(program, &plan)?;
             say(&[together::show(&rows)], &together::missed(&rows));
             Ok(())

@@ -261,27 +261,47 @@ fn chance_is_known() {
     assert!(!Rate { count: 930, of: 1000 }.is_at_least(0.97));
 }
 
-fn heads(further: Further) -> Vec<together::Row> {
-    let plan = together::Plan {
+fn three_of_128() -> together::Plan {
+    together::Plan {
         seed: SEED + 10,
-        bursts: 400,
+        rounds: 400,
+        per_burst: 128,
+        channels: 128,
+        faulty: 3,
         modes: vec![Mode::Design, Mode::Windows],
         drifts: vec![Drift::Still, Drift::OtherInk, Drift::Swinging, Drift::Sagging],
-        further,
-    };
-    let rows = together::measure(&inkling(), &plan).unwrap();
+        further: Further::default(),
+    }
+}
+
+fn heads(plan: &together::Plan) -> Vec<together::Row> {
+    let rows = together::measure(&inkling(), plan).unwrap();
     print!("{}", together::show(&rows));
     rows
 }
 
 #[test]
 fn what_moves_all_channels_alike_is_the_heads() {
-    none(together::missed(&heads(Further::default())));
+    none(together::missed(&heads(&three_of_128())));
+}
+
+#[test]
+fn two_in_five_faulty_channels_in_bursts_of_four_do_not_hide_what_moves_all() {
+    let plan = together::Plan {
+        seed: SEED + 11,
+        per_burst: 4,
+        channels: 40,
+        faulty: 16,
+        drifts: vec![Drift::Still, Drift::OtherInk, Drift::Warming],
+        ..three_of_128()
+    };
+    none(together::missed(&heads(&plan)));
 }
 
 #[test]
 fn without_following_drifting_heads_are_full_of_faults() {
     let replay = "--set identify.follow=false".to_owned();
-    let rows = heads(Further { replay, ..Further::default() });
+    let further = Further { replay, ..Further::default() };
+    let rows = heads(&together::Plan { further, ..three_of_128() });
     assert!(rows.iter().map(|row| row.false_episodes).sum::<usize>() > 20);
 }

@@ -14,13 +14,20 @@ const START_NS: i64 = 1_750_000_000_000_000_000;
 #[derive(Clone, Copy, Debug)]
 pub struct Rows {
     pub channels: usize,
-    /// From burst to burst.
+    /// Of one burst: several of them are one round of all channels.
+    pub per_burst: usize,
+    /// From round to round.
     pub every_s: f64,
 }
 
 impl Rows {
     /// Twenty seconds, the default window, hold 2560 signals, about a training set.
-    pub const USUAL: Rows = Rows { channels: 128, every_s: 1.0 };
+    pub const USUAL: Rows = Rows::whole(128);
+
+    /// All channels in one burst, a second from burst to burst.
+    pub const fn whole(channels: usize) -> Rows {
+        Rows { channels, per_burst: channels, every_s: 1.0 }
+    }
 
     pub fn channel(self, signal: usize) -> usize {
         signal % self.channels
@@ -44,7 +51,7 @@ pub fn write(
     while signals.peek().is_some() {
         let mut samples = Vec::new();
         let mut channels = 0;
-        for y in signals.by_ref().take(rows.channels) {
+        for y in signals.by_ref().take(rows.per_burst) {
             assert_eq!(y.len(), sampling.samples);
             for y in y {
                 match rounded {
@@ -58,7 +65,7 @@ pub fn write(
         let burst = Burst {
             t_acq_ns,
             printhead: PRINTHEAD.into(),
-            first_channel: 0,
+            first_channel: rows.channel(written) as u32,
             channels,
             samples_per_channel: sampling.samples as u32,
             sample_period_s: sampling.period_s,

@@ -18,7 +18,7 @@ pub struct Clean {
 }
 
 const RECORDED: usize = 512_000;
-const CLEAN_ROWS: Rows = Rows { channels: 256, every_s: 1.0 };
+const CLEAN_ROWS: Rows = Rows::whole(256);
 
 pub struct CleanRow {
     pub scatter: Scatter,
@@ -111,7 +111,7 @@ pub fn measure_foreign(program: &Program, plan: &Foreign) -> Result<Vec<ForeignR
     let lab = Lab::new(program);
     lab.train(Signals::of(&Library::THESIS, &plant, plan.seed), &plant, &plan.further.train)?;
     let families = Family::all(&[plan.level]);
-    let rows = Rows { channels: 2 * families.len() * plan.channels, every_s: 1.0 };
+    let rows = Rows::whole(2 * families.len() * plan.channels);
     let mut rng = random(plan.seed, 3);
     let signals = (0..rows.channels * BURSTS).map(|place| {
         let family = families.get(rows.channel(place) / plan.channels);

@@ -12,7 +12,7 @@ use rand::RngExt;
 use rand::seq::IndexedRandom;
 
 /// 2560 signals a window, as usual, over more channels: lasting ones must be many.
-const ROWS: Rows = Rows { channels: 512, every_s: 4.0 };
+const ROWS: Rows = Rows { every_s: 4.0, ..Rows::whole(512) };
 
 /// What the faulty signals are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,4 +1,4 @@
-//! Heads all of whose channels drift alike, unrecorded, three of them faulty from some burst on: what is
+//! Heads all of whose channels drift alike, unrecorded, some of them faulty from a round on: what is
 //! raised, what is found, what is said of the head.
 
 use super::{Further, STATED, Shown};
@@ -11,15 +11,20 @@ use crate::open_world::scatter::{Scatter, Shape};
 
 pub struct Plan {
     pub seed: u64,
-    pub bursts: usize,
+    /// Of all channels, a second apart.
+    pub rounds: usize,
+    /// Channels of one burst.
+    pub per_burst: usize,
+    /// Channels, and those of them that are faulty.
+    pub channels: usize,
+    pub faulty: usize,
     pub modes: Vec<Mode>,
     pub drifts: Vec<Drift>,
     pub further: Further,
 }
 
-const ROWS: Rows = Rows { channels: 128, every_s: 1.0 };
-/// Channels and what is wrong with them from a burst on.
-const FAULTY: [(usize, &str); 3] = [(17, "DDN"), (54, "BN"), (101, "AB2")];
+/// What is wrong with faulty channels, one after the other, from a round on.
+const FAULTS: [&str; 3] = ["DDN", "BN", "AB2"];
 
 pub struct Row {
     pub drift: Drift,
@@ -45,21 +50,23 @@ pub fn measure(program: &Program, plan: &Plan) -> Result<Vec<Row>, Refusal> {
         };
         let seed = plan.seed + 1 + i as u64;
         let mut rng = random(seed, 4);
-        let from = plan.bursts / 3;
+        let rows_of = Rows { per_burst: plan.per_burst, ..Rows::whole(plan.channels) };
+        // evenly over the head
+        let is_faulty = |channel: usize| (channel * plan.faulty) % plan.channels < plan.faulty;
         let fault_of = |place: usize| {
-            let channel = ROWS.channel(place);
-            let of = FAULTY.iter().find(|(faulty, _)| *faulty == channel)?;
-            (place / ROWS.channels >= from).then(|| plant.faults[of.1])
+            let (channel, round) = (rows_of.channel(place), place / plan.channels);
+            let late = is_faulty(channel) && round >= plan.rounds / 3;
+            late.then(|| plant.faults[FAULTS[channel % FAULTS.len()]])
         };
-        let signals = (0..plan.bursts * ROWS.channels).map(|place| {
-            let t_s = (place / ROWS.channels) as f64 * ROWS.every_s;
+        let signals = (0..plan.rounds * plan.channels).map(|place| {
             let features = match fault_of(place) {
                 Some(ranges) => ranges.draw(&mut rng),
-                None => scatter.features(&plant, seed, ROWS.channel(place), &mut rng),
+                None => scatter.features(&plant, seed, rows_of.channel(place), &mut rng),
             };
+            let t_s = (place / plan.channels) as f64 * rows_of.every_s;
             plant.signal(drift.at(t_s, features), &mut rng)
         });
-        lab.write("together", ROWS, &plant, signals);
+        lab.write("together", rows_of, &plant, signals);
         for &mode in &plan.modes {
             let verdicts = lab.judge("together", mode, &plan.further.replay)?;
             let (mut false_alarms, mut recall) = (Rate::default(), Rate::default());
@@ -70,8 +77,7 @@ pub fn measure(program: &Program, plan: &Plan) -> Result<Vec<Row>, Refusal> {
                 }
             }
             let episodes = lab.episodes("together");
-            let is_faulty = |channel: u32| FAULTY.iter().any(|(c, _)| *c as u32 == channel);
-            let false_episodes = episodes.iter().filter(|e| !is_faulty(e.channel)).count();
+            let false_episodes = episodes.iter().filter(|e| !is_faulty(e.channel as usize)).count();
             let said = lab.warnings("together");
             let said = said.iter().filter(|w| w.contains("moved together")).count();
             rows.push(Row { drift, scatter, mode, false_episodes, false_alarms, recall, said });
