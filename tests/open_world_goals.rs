@@ -3,6 +3,7 @@
 //! same tables at any size.
 
 use crate::house::root;
+use crate::open_world::broken::Broken;
 use crate::open_world::chance::Rate;
 use crate::open_world::disturbance::Disturbance;
 use crate::open_world::drift::Drift;
@@ -16,6 +17,7 @@ use crate::open_world::tables::{
     Further, closed_set, episodes, families, few_labels, healthy, physics, together, training_sets,
 };
 use crate::open_world::unexplained;
+use crate::open_world::verdicts::Reason;
 
 /// None of those that anything was tuned on.
 const SEED: u64 = 913_000;
@@ -304,4 +306,39 @@ fn without_following_drifting_heads_are_full_of_faults() {
     let further = Further { replay, ..Further::default() };
     let rows = heads(&together::Plan { further, ..three_of_128() });
     assert!(rows.iter().map(|row| row.false_episodes).sum::<usize>() > 20);
+}
+
+/// Without classes nothing has a name; what does not ring is told from what does.
+#[test]
+fn without_a_design_what_does_not_ring_is_told() {
+    let (plant, rows, rounds) = (Plant::thesis_form(), Rows::whole(64), 60);
+    let mut rng = random(SEED + 12, 5);
+    let signals = (0..rows.channels * rounds).map(|place| {
+        let healthy = plant.healthy.draw(&mut rng);
+        match (place / rows.channels >= rounds / 2, rows.channel(place)) {
+            (true, 5) => Broken::DeadLine.signal(&plant.ring(healthy), &plant, &mut rng),
+            (true, 23) => Broken::LoudNoise.signal(&plant.ring(healthy), &plant, &mut rng),
+            (true, 40) => {
+                let blocked = plant.faults["BN"].draw(&mut rng);
+                plant.signal(blocked, &mut rng)
+            }
+            _ => plant.signal(healthy, &mut rng),
+        }
+    });
+    let lab = Lab::new(&inkling());
+    lab.write("alone", rows, &plant, signals);
+    let verdicts = lab.judge("alone", Mode::NoDesign, "").unwrap();
+    let share = |channel: u32, reason: Reason| {
+        let late = verdicts.iter().skip(rows.channels * rounds / 2);
+        let of_channel: Vec<_> = late.filter(|v| v.channel == channel).collect();
+        let so = of_channel.iter().filter(|v| v.reason == Some(reason)).count();
+        so as f64 / of_channel.len() as f64
+    };
+    assert!(share(5, Reason::NoRing) >= 0.95, "{}", share(5, Reason::NoRing));
+    assert!(share(23, Reason::NoRing) >= 0.95, "{}", share(23, Reason::NoRing));
+    assert!(share(40, Reason::Uncertain) >= 0.95, "{}", share(40, Reason::Uncertain));
+    let episodes = lab.episodes("alone");
+    let dead = episodes.iter().find(|e| e.channel == 5).unwrap();
+    assert!(dead.explanation.contains("noise alone"), "{}", dead.explanation);
+    assert!(episodes.iter().all(|e| e.fault.is_none() && e.category.is_none()));
 }

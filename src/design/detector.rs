@@ -228,6 +228,10 @@ impl SensitivityDetector {
         &self.fitter
     }
 
+    pub(super) fn beside(&self) -> &BesideRing {
+        &self.beside
+    }
+
     /// Leaves a signal as it would be at the reference drive and temperature, counts.
     fn at_reference(&self, deviation: &[f64], drive: f64, out: &mut Vec<f64>) {
         out.clear();

@@ -108,6 +108,9 @@ enum Isolator {
 /// two searched parameters some 20 at most.
 const NOISE_ALONE: f64 = 40.0;
 
+/// A ring that leaves more of a signal than this share, beyond the noise, is none.
+const MOST_LEFT: f64 = 0.5;
+
 /// A class of less weight beside one that the signal is not of is no name for it either.
 const LITTLE: f64 = 0.05;
 
@@ -534,15 +537,24 @@ impl OfRings {
 }
 
 impl Judge {
-    /// What a signal looks like that belongs to no class. `y`: per unit drive, counts. `None`: no ring is
-    /// named.
+    /// Where no classes are known: whether a flagged signal rings at all. `y`: per unit drive, counts.
+    pub fn is_no_ring(&self, y: &[f64], drive: f64, work: &mut Workspace) -> bool {
+        let Some(detector) = &self.detector else { return false };
+        let noise = y.len() as f64 * (self.model.noise_beside() / drive).powi(2);
+        let fit = detector.fitter().fit(y, true, &mut work.products);
+        fit.is_none_or(|fit| {
+            let (left, of) = (fit.misfit - noise, fit.square - noise);
+            left > MOST_LEFT * of || fit.square - fit.misfit < NOISE_ALONE * noise / y.len() as f64
+        })
+    }
+
+    /// What a signal looks like that belongs to no class. `y`: per unit drive, counts. `None`: rings are
+    /// not asked for.
     pub fn appearance(&self, y: &[f64], drive: f64, work: &mut Workspace) -> Option<Appearance> {
-        let Isolator::Posterior(of_rings) = &*self.isolating.as_ref()?.isolator else {
-            return None;
-        };
+        let detector = self.detector.as_ref()?;
+        let (fitter, beside) = (detector.fitter(), detector.beside());
         let noise = self.model.noise_beside() / drive;
-        let fit = of_rings.fitter.fit(y, true, &mut work.products);
-        let OfRings { beside, fitter, .. } = &**of_rings;
+        let fit = fitter.fit(y, true, &mut work.products);
         let shape = &self.model.leftover;
         let mut left = match &fit {
             Some(fit) => beside.left_without(fitter, y, &fit.features, shape),

@@ -11,7 +11,7 @@ use crate::burst::{Acquisition, Burst};
 use crate::design::{Detection, Isolation, Judge, Tested, Workspace};
 use crate::isolate::Likeness;
 use crate::settings::Settings;
-use crate::verdict::{Reason, VerdictColumns};
+use crate::verdict::{Appearance, Reason, VerdictColumns};
 use std::sync::Arc;
 
 /// One worker's.
@@ -155,8 +155,9 @@ impl<'a> Isolator<'a> {
     fn judge_signal(&mut self, of: Signal, id: Id, expected_ready: &mut bool, rows: &mut Rows) {
         let isolates = of.judge.can_isolate() && (of.passed || !self.settings.isolate.gate);
         let mut isolation = isolates.then(|| self.isolate(of, expected_ready)).flatten();
-        if of.passed && !of.judge.is_faulty_ring(of.found) {
-            // along the ring it is healthy: what else it holds is none of a fault's
+        let beside_only = of.passed && !of.judge.is_faulty_ring(of.found);
+        if beside_only || (of.passed && !of.judge.can_isolate() && self.is_no_ring(of)) {
+            // along the ring it is healthy: what else it holds is none of a fault's; or there is no ring
             self.work.severity = None;
             self.work.weights.clear();
             isolation = Some(Isolation::of_no_ring());
@@ -212,8 +213,15 @@ impl<'a> Isolator<'a> {
         }
     }
 
+    /// Whether a flagged signal rings at all, where no classes are known.
+    fn is_no_ring(&mut self, of: Signal) -> bool {
+        self.signal.resize(of.burst.samples_per_channel as usize, 0.0);
+        rings::per_drive(of.judge, of.burst, of.row, &mut self.signal);
+        of.judge.is_no_ring(&self.signal, of.judge.drive(of.burst), &mut self.work)
+    }
+
     /// What a signal looks like that belongs to no class.
-    fn appearance(&mut self, of: Signal) -> Option<crate::verdict::Appearance> {
+    fn appearance(&mut self, of: Signal) -> Option<Appearance> {
         self.signal.resize(of.burst.samples_per_channel as usize, 0.0);
         rings::per_drive(of.judge, of.burst, of.row, &mut self.signal);
         of.judge.appearance(&self.signal, of.judge.drive(of.burst), &mut self.work)
