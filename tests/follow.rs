@@ -243,20 +243,16 @@ fn what_the_whole_recording_tells_of_temperature_is_in_the_tables() {
 fn a_recording_that_shrinks_or_is_replaced_is_no_recording() {
     let house = House::new();
     let bytes = recording(&house, Compression::Lz4, Some(30_000));
-    for (what, spoil) in [
-        ("shrank", &|| {
-            OpenOptions::new()
-                .write(true)
-                .open(house.path("now.mcap"))
-                .unwrap()
-                .set_len(100)
-                .unwrap()
-        } as &dyn Fn()),
-        ("replaced", &|| {
-            let path = house.write("other.mcap", &bytes);
-            std::fs::rename(path, house.path("now.mcap")).unwrap();
-        }),
-    ] {
+    let shrink = || {
+        let file = OpenOptions::new().write(true).open(house.path("now.mcap"));
+        file.unwrap().set_len(100).unwrap();
+    };
+    let replace = || {
+        let path = house.write("other.mcap", &bytes);
+        std::fs::rename(path, house.path("now.mcap")).unwrap();
+    };
+    let spoils: [(&str, &dyn Fn()); 2] = [("shrank", &shrink), ("replaced", &replace)];
+    for (what, spoil) in spoils {
         let mut file = create(&house);
         let mut follower = Follower::start(&house, "--identify design");
         append(&mut file, &bytes[..bytes.len() / 2]);
