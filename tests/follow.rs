@@ -115,6 +115,8 @@ fn tables_are_those_of_a_replay(house: &House, recording: &[u8], args: &str, exi
 fn recording(house: &House, compression: Compression, chunk_bytes: Option<u64>) -> Vec<u8> {
     let mut all = bursts(&sample("print_run.mcap"));
     all.sort_by_key(|burst| burst.t_acq_ns);
+    // the sample's design does not know what temperature does
+    all.iter_mut().for_each(|burst| burst.temperature_c = None);
     let path = house.path("whole.mcap");
     write(&path, &all, WriterOptions { compression, chunk_bytes });
     std::fs::read(path).unwrap()
@@ -220,19 +222,37 @@ fn what_is_out_of_order_is_told_at_the_end() {
 }
 
 #[test]
+fn what_the_whole_recording_tells_of_temperature_is_in_the_tables() {
+    let house = House::new();
+    let bytes = std::fs::read(sample("print_run.mcap")).unwrap();
+    let mut file = create(&house);
+    let mut follower = Follower::start(&house, "--identify design");
+    append(&mut file, &bytes[..bytes.len() * 2 / 3]);
+    (0..3).for_each(|_| follower.episode());
+    append(&mut file, &bytes[bytes.len() * 2 / 3..]);
+    let (code, told, stderr) = follower.end();
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(stderr.contains("judged again"), "{stderr}");
+    let all: Vec<&Value> = told.iter().filter(|event| event["event"] == "episode").collect();
+    assert_eq!(all.len(), raised(&told).len(), "none is told twice");
+    assert!(raised(&told).is_superset(&in_table(&house, "out")));
+    tables_are_those_of_a_replay(&house, &bytes, "--identify design", 0);
+}
+
+#[test]
 fn a_recording_that_shrinks_or_is_replaced_is_no_recording() {
     let house = House::new();
     let bytes = recording(&house, Compression::Lz4, Some(30_000));
     let shrink = || {
-        let file = OpenOptions::new().write(true).open(house.path("now.mcap")).unwrap();
-        file.set_len(100).unwrap();
+        let file = OpenOptions::new().write(true).open(house.path("now.mcap"));
+        file.unwrap().set_len(100).unwrap();
     };
     let replace = || {
         let path = house.write("other.mcap", &bytes);
         std::fs::rename(path, house.path("now.mcap")).unwrap();
     };
-    let spoilers: [(&str, &dyn Fn()); 2] = [("shrank", &shrink), ("replaced", &replace)];
-    for (what, spoil) in spoilers {
+    let spoils: [(&str, &dyn Fn()); 2] = [("shrank", &shrink), ("replaced", &replace)];
+    for (what, spoil) in spoils {
         let mut file = create(&house);
         let mut follower = Follower::start(&house, "--identify design");
         append(&mut file, &bytes[..bytes.len() / 2]);

@@ -17,6 +17,7 @@ use crate::io::recording_writer::{Compression, RecordingWriter, WriterOptions};
 use crate::io::{Limits, design_file};
 use crate::settings::{IdentifyMode, Settings};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 
 fn sample(name: &str) -> PathBuf {
@@ -27,7 +28,13 @@ fn design() -> Design {
     design_file::read(&sample("design.json")).unwrap().0
 }
 
-/// The sample's bursts in the order of their times: three printheads, a burst a second each, for a minute.
+/// The printhead that the design knows.
+fn known() -> Arc<str> {
+    design().models[0].printhead.as_deref().unwrap().into()
+}
+
+/// The sample's bursts in the order of their times: three printheads, a burst a second each, for a minute. The
+/// design knows the first.
 fn bursts() -> Vec<Burst> {
     let recording = Recording::open(&sample("print_run.mcap"), Limits::default()).unwrap();
     let mut reader = recording.reader();
@@ -39,6 +46,10 @@ fn bursts() -> Vec<Burst> {
         })
         .collect();
     bursts.sort_by_key(|burst| burst.t_acq_ns);
+    let known = known();
+    for burst in bursts.iter_mut().filter(|burst| &*burst.printhead == "cyan-1") {
+        burst.printhead = known.clone();
+    }
     bursts
 }
 
@@ -206,7 +217,7 @@ fn printheads_that_appear_late_are_learned_when_they_do() {
             let after_s = (burst.t_acq_ns - start) / 1_000_000_000;
             match &*burst.printhead {
                 "black-2" if after_s >= 33 => Burst { printhead: "late".into(), ..burst },
-                "cyan-1" if after_s >= 58 => Burst { printhead: "last".into(), ..burst },
+                "magenta-1" if after_s >= 58 => Burst { printhead: "last".into(), ..burst },
                 _ => burst,
             }
         })
@@ -225,7 +236,7 @@ fn printheads_that_appear_late_are_learned_when_they_do() {
     case.settings.identify.mode = IdentifyMode::Design;
     let report = case.both(&late);
     assert_eq!(report.identified.how, How::Design);
-    assert_eq!(report.models, design().models.len() + 5, "the sample has heads of its own");
+    assert_eq!(report.models, design().models.len() + 4);
 }
 
 /// Of some seconds only noise.
@@ -246,9 +257,12 @@ fn silent(of: &[Burst], seconds: std::ops::Range<i64>, printhead: &str) -> Vec<B
 fn refused_windows_leave_the_last_model_the_designs_or_wait_for_the_first() {
     for seconds in [0..12, 19..33, 0..60] {
         for design in [Some(design()), None] {
-            let report = Case::new(design).both(&silent(&bursts(), seconds.clone(), "cyan-1"));
-            assert_eq!(report.identified.how, How::InStream);
-            assert!(!report.refusals.is_empty(), "{seconds:?}");
+            for printhead in [&*known(), "black-2"] {
+                let case = Case::new(design.clone());
+                let report = case.both(&silent(&bursts(), seconds.clone(), printhead));
+                assert_eq!(report.identified.how, How::InStream);
+                assert!(!report.refusals.is_empty(), "{seconds:?}");
+            }
         }
     }
 }

@@ -22,9 +22,10 @@ use crate::io::stored;
 use crate::labels::Labels;
 use crate::settings::Settings;
 use serde_json::{Value, json};
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -94,6 +95,9 @@ impl RecordingReport {
     }
 }
 
+/// Episodes that are remembered as told.
+const MOST_TOLD: usize = 1 << 20;
+
 /// Who hears of a recording while it is written.
 pub struct Watch<'a> {
     /// An episode was raised.
@@ -123,13 +127,30 @@ pub fn follow(
     control: &Control,
     watch: &Watch,
 ) -> Result<RecordingReport, PipelineError> {
+    let told = Mutex::new(HashSet::new());
+    let raised = |episode: &Episode| {
+        let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
+        let key = (episode.printhead.clone(), episode.channel, episode.raised_at_ns);
+        // what is judged again is not told again
+        if told.len() >= MOST_TOLD || told.insert(key) {
+            (watch.raised)(episode);
+        }
+    };
+    let once = &Watch { raised: &raised, note: watch.note };
     let (may_learn, mut phases) = (replay.design.is_some(), Phases::new(recording.opening));
-    let run = Run { replay, recording, verdicts, control, may_learn, watch: Some(watch) };
+    let run = Run { replay, recording, verdicts, control, may_learn, watch: Some(once) };
     let why = match run.judge(&mut phases) {
-        Err(e @ (PipelineError::NeedsTwoPasses(_) | PipelineError::NeedsTemperature)) => e,
+        Err(PipelineError::NeedsTemperature) => {
+            "what was told is by models that do not know what temperature does; now it is judged again, with \
+             what the recording tells of it"
+                .to_owned()
+        }
+        Err(e @ PipelineError::NeedsTwoPasses(_)) => {
+            format!("{e}; what is found is told when the recording is closed")
+        }
         done => return done,
     };
-    (watch.note)(&format!("{why}; what is found is told when the recording is closed"));
+    (watch.note)(&why);
     phases.time("wait", || {
         let mut blocks = recording.blocks();
         while control.next_block(recording, &mut blocks)?.is_some() {}
@@ -287,14 +308,21 @@ impl Run<'_> {
         phases: &mut Phases,
     ) -> Result<Streamed, PipelineError> {
         let (started, signals) = (Instant::now(), self.control.signals.load(Ordering::Relaxed));
-        let Run { replay, recording, verdicts, control, may_learn, watch } = *self;
+        let Run { replay, recording, verdicts, control, watch, .. } = *self;
+        // somebody waits: who follows hears what is found all the same
+        let may_learn = self.may_learn && !recording.is_growing();
         let wiring = Wiring { replay, recording, verdicts, control, baselines, may_learn, watch };
         let streamed = wiring.stream(models);
         if streamed.is_err() {
             self.control.signals.store(signals, Ordering::Relaxed); // they are judged again
         }
         phases.add(if streamed.is_ok() { "stages" } else { "given up" }, started.elapsed());
-        streamed
+        match streamed {
+            Ok(of) if self.may_learn && !may_learn && of.warmth.asks() => {
+                Err(PipelineError::NeedsTemperature)
+            }
+            streamed => streamed,
+        }
     }
 
     /// With `--baseline`, in a pass of its own.

@@ -54,6 +54,11 @@ impl Warmth {
         Ok(())
     }
 
+    /// Whether it should be learned, if it can be.
+    pub fn asks(&self) -> bool {
+        self.by_printhead.values().any(|seen| seen.farthest > HARMLESS_K)
+    }
+
     /// Printhead and what to know about it.
     pub fn warnings(&self) -> Vec<(Arc<str>, String)> {
         let says = |seen: &Seen| {
