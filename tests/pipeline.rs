@@ -202,7 +202,7 @@ fn late_share(house: &House, stem: &str, of: impl Fn(u32) -> bool) -> f64 {
 fn fault_that_grows_slowly_is_not_learned_as_healthy() {
     let house = House::new();
     let original = bursts(&sample("print_run.mcap"));
-    let dries = |channel: u32| channel % 3 == 0;
+    let dries = |channel: u32| channel.is_multiple_of(3);
     write(&house.path("some.mcap"), &drying(&original, dries), WriterOptions::default());
     let replay = |recording: &str, more: &str| {
         house.run(&format!(

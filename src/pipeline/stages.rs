@@ -210,8 +210,8 @@ pub fn read(
     Ok(())
 }
 
-/// 2. Identify: the model of every burst, learned on the way where windows decide, moved where all channels
-/// have moved.
+/// 2. Identify: the model of every burst, learned on the way where windows decide, and moved where all
+///    channels have moved.
 pub fn identify(
     models: &mut Models,
     warmth: &mut Warmth,
