@@ -37,6 +37,8 @@ pub struct Heads {
     /// Of ln damping and ln frequency.
     bounds: [f64; 2],
     of: HashMap<GroupKey, Head>,
+    /// Of all judges: heads may have one in common.
+    moves: u32,
     signal: Vec<f64>,
     expected: Vec<f64>,
 }
@@ -67,7 +69,6 @@ struct Head {
     window_at: Vector3<f64>,
     /// The same, moved.
     moved: Option<(Vector3<f64>, Arc<Judge>)>,
-    moves: u32,
     bursts: u64,
     farthest: Vector3<f64>,
     /// Since when it lies beyond the bounds, and for how many bursts.
@@ -79,7 +80,7 @@ impl Heads {
     pub fn new(identify: &IdentifySettings, rails: [f64; 2]) -> Heads {
         let bounds = [identify.max_damping_drift, identify.max_frequency_drift];
         let (follows, of) = (identify.follow, HashMap::new());
-        Heads { follows, rails, bounds, of, signal: Vec::new(), expected: Vec::new() }
+        Heads { follows, rails, bounds, of, moves: 0, signal: Vec::new(), expected: Vec::new() }
     }
 
     /// The judge of the next burst.
@@ -100,7 +101,7 @@ impl Heads {
             head.window_is(judge);
         }
         head.look(burst, self.rails, &mut self.signal, &mut self.expected);
-        head.judge(burst.t_acq_ns, self.bounds)
+        head.judge(burst.t_acq_ns, self.bounds, &mut self.moves)
     }
 
     pub fn moved(&self) -> Vec<Moved> {
@@ -149,7 +150,6 @@ impl Head {
             window: judge,
             window_at: Vector3::zeros(),
             moved: None,
-            moves: 0,
             bursts: 0,
             farthest: Vector3::zeros(),
             beyond: None,
@@ -208,7 +208,7 @@ impl Head {
     }
 
     /// The judge of a burst whose channels were looked at. `bounds`: of ln damping and ln frequency.
-    fn judge(&mut self, t_ns: i64, bounds: [f64; 2]) -> Arc<Judge> {
+    fn judge(&mut self, t_ns: i64, bounds: [f64; 2], moves: &mut u32) -> Arc<Judge> {
         let Some(change) = self.change.change(t_ns) else { return self.window.clone() };
         let is_beyond = change[1].abs() > bounds[0].ln_1p() || change[2].abs() > bounds[1].ln_1p();
         self.lies_beyond(is_beyond, t_ns);
@@ -224,8 +224,8 @@ impl Head {
         let off = self.moved.as_ref().map_or(wanted, |(by, _)| wanted - by);
         let most = if self.moved.is_some() { NEXT_MOVE } else { FIRST_MOVE };
         if self.in_sds(off) > most {
-            self.moves += 1;
-            let judge = self.window.moved(wanted, self.moves).map(Arc::new);
+            *moves = moves.wrapping_add(1);
+            let judge = self.window.moved(wanted, *moves).map(Arc::new);
             self.moved = judge.map(|judge| (wanted, judge));
         }
         if self.moved.is_some() {
