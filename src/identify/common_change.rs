@@ -13,7 +13,7 @@ const FEWEST: usize = 8;
 /// Channels of a printhead that are looked at.
 pub const MOST: u32 = 32;
 /// A channel that was not looked at for so long says nothing of now, ns.
-const HORIZON_NS: i64 = 10_000_000_000;
+const HORIZON_NS: u64 = 10_000_000_000;
 /// Least share of a new estimate in the level: where it stands still, an estimate's noise falls to .4.
 const LEAST_GAIN: f64 = 0.3;
 /// Share of the newest in what is known of how far estimates lie off the level.
@@ -76,7 +76,7 @@ impl CommonChange {
     /// `None`: not known, or not yet.
     pub fn change(&mut self, t_ns: i64) -> Option<Vector3<f64>> {
         if 2 * self.fresh >= self.looks.len().max(FEWEST) {
-            self.looks.retain(|_, look| (t_ns.saturating_sub(look.t_ns)).abs() <= HORIZON_NS);
+            self.looks.retain(|_, look| t_ns.abs_diff(look.t_ns) <= HORIZON_NS);
             self.fresh = 0;
             if let Some(estimate) = self.estimate() {
                 self.take(t_ns, estimate);
