@@ -132,7 +132,7 @@ impl Default for IdentifySettings {
             least_agreeing: 0.55,
             max_frequency_drift: 0.01,
             max_damping_drift: 0.10,
-            follow: true,
+            follow: false,
             window_signals: 8192,
             grey_box: GreyBoxSettings::default(),
             geometry: None,

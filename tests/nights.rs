@@ -41,7 +41,10 @@ pub fn results(house: &House) -> BTreeMap<String, Vec<u8>> {
             } else if name.ends_with(".summary.json") {
                 let mut summary: Value =
                     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
-                summary.as_object_mut().unwrap().retain(|k, _| k != "rates" && k != "timings");
+                summary
+                    .as_object_mut()
+                    .unwrap()
+                    .retain(|k, _| !["rates", "timings", "phases"].contains(&k.as_str()));
                 found.insert(name, summary.to_string().into_bytes());
             } else if !["journal.jsonl", "run.json", ".inkling.lock"].contains(&name.as_str()) {
                 found.insert(name, std::fs::read(path).unwrap());

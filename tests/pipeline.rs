@@ -218,12 +218,15 @@ fn fault_that_grows_slowly_is_not_learned_as_healthy() {
 
     // all of them: windows are refused, and it is the head's
     write(&house.path("all.mcap"), &drying(&original, |_| true), WriterOptions::default());
-    replay("all.mcap", "").exits(3).says("max_damping_drift").says("moved together");
+    replay("all.mcap", "--set identify.follow=true")
+        .exits(3)
+        .says("max_damping_drift")
+        .says("moved together");
     let summary = house.read_json("out/all.summary.json");
     assert!(!summary["refused_windows"].as_array().unwrap().is_empty());
     assert!(late_share(&house, "all", |_| true) < 0.2);
     // had the drying been learned, hardly any would be flagged without following either
-    replay("all.mcap", "--set identify.follow=false").exits(3);
+    replay("all.mcap", "").exits(3);
     assert!(late_share(&house, "all", |_| true) > 0.75);
 }
 

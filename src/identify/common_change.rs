@@ -42,6 +42,8 @@ pub struct CommonChange {
     window_to_ns: Option<i64>,
     /// Standard deviations of healthy features, noise included.
     healthy: Vector3<f64>,
+    /// So far the level may step at once, and lie from the model from the first burst on.
+    step: Vector3<f64>,
     looks: BTreeMap<u32, Look>,
     /// Looks since the last estimate.
     fresh: usize,
@@ -53,10 +55,15 @@ pub struct CommonChange {
 }
 
 impl CommonChange {
-    pub fn new(window_to_ns: Option<i64>, healthy: Vector3<f64>) -> CommonChange {
+    pub fn new(
+        window_to_ns: Option<i64>,
+        healthy: Vector3<f64>,
+        step: Vector3<f64>,
+    ) -> CommonChange {
         CommonChange {
             window_to_ns,
             healthy,
+            step,
             looks: BTreeMap::new(),
             fresh: 0,
             level: None,
@@ -94,7 +101,8 @@ impl CommonChange {
     /// Where the level began: what is looked at is not all that the model was learned from.
     fn origin(&self) -> Vector3<f64> {
         let first = self.first / f64::from(self.estimates.max(1));
-        let lies_elsewhere = first.component_div(&self.healthy).norm() > ELSEWHERE;
+        let lies_elsewhere = first.component_div(&self.healthy).norm() > ELSEWHERE
+            && (0..3).all(|k| first[k].abs() <= self.step[k]);
         match self.window_to_ns {
             None if lies_elsewhere => Vector3::zeros(),
             _ => first,
@@ -111,6 +119,11 @@ impl CommonChange {
 
     fn take(&mut self, t_ns: i64, estimate: [Location; 3]) {
         let now = Vector3::from(estimate.map(|of| of.middle));
+        let too_far =
+            |level: Vector3<f64>| (0..3).any(|k| (now[k] - level[k]).abs() > self.step[k]);
+        if self.level.is_some_and(too_far) {
+            return; // no ink does that from one burst to the next
+        }
         let noise = Vector3::from(estimate.map(|of| of.middle_sd().powi(2)));
         let level = match self.level {
             None => {
@@ -207,6 +220,7 @@ mod tests {
     use rand_distr::{Distribution, StandardNormal};
 
     const SD: [f64; 3] = [0.05, 0.03, 0.002];
+    const STEP: [f64; 3] = [0.1, 0.12, 0.01];
     const CHANNELS: u32 = 32;
     const EVERY_NS: i64 = 100_000_000;
 
@@ -236,7 +250,7 @@ mod tests {
             bursts: i64,
             of: impl Fn(i64, u32) -> [f64; 3],
         ) -> Vec<Option<Vector3<f64>>> {
-            let mut change = CommonChange::new(window_to_ns, SD.into());
+            let mut change = CommonChange::new(window_to_ns, SD.into(), STEP.into());
             (0..bursts)
                 .map(|b| {
                     for channel in 0..CHANNELS {
@@ -276,6 +290,9 @@ mod tests {
             let step = |b: i64| if b < 500 { 0.0 } else { 0.1 };
             let stepped = Head::new(seed).run(window, 600, |b, _| [0.0, step(b), 0.0]);
             assert!((stepped[500].unwrap()[1] - 0.1).abs() < 0.4 * SD[1]);
+            // a burst of faults alone
+            let leapt = Head::new(seed).run(window, 600, |b, _| [0.0, 3.0 * step(b), 0.0]);
+            assert!(leapt[599].unwrap()[1].abs() < 0.4 * SD[1]);
         }
     }
 
@@ -302,7 +319,7 @@ mod tests {
             (0..CHANNELS).map(|_| [0.0; 3].map(|_: f64| rng.random_range(-1.0..1.0))).collect();
         let found = Head::new(5).run(None, 100, |_, channel| any[channel as usize]);
         assert!(found.iter().all(Option::is_none));
-        let mut few = CommonChange::new(None, SD.into());
+        let mut few = CommonChange::new(None, SD.into(), STEP.into());
         for b in 0..200 {
             (0..FEWEST as u32 - 1).for_each(|channel| few.look(b, channel, Vector3::zeros()));
             assert!(few.change(b).is_none());
@@ -312,7 +329,7 @@ mod tests {
     #[test]
     fn bursts_of_one_channel_are_pooled() {
         let mut head = Head::new(7);
-        let mut change = CommonChange::new(None, SD.into());
+        let mut change = CommonChange::new(None, SD.into(), STEP.into());
         let mut found = None;
         for b in 0..64 * i64::from(CHANNELS) {
             let channel = (b % i64::from(CHANNELS)) as u32;

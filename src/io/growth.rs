@@ -131,6 +131,16 @@ impl Recording {
         Ok(closed)
     }
 
+    /// Whether it is still what was read: a read that failed may be for that.
+    pub fn check_same(&self) -> Result<(), RecordingError> {
+        let now = self.source.stamp().map_err(|e| unreadable(&self.path, e))?;
+        self.check_length(self.source.bytes(), now.bytes)?;
+        match self.source.lies_at(&self.path) {
+            Ok(true) | Err(_) => Ok(()),
+            Ok(false) => Err(self.not_the_same("was replaced by another file")),
+        }
+    }
+
     fn check_length(&self, before: u64, now: u64) -> Result<(), RecordingError> {
         match now < before {
             true => Err(self.not_the_same(&format!("shrank from {before} to {now} bytes"))),

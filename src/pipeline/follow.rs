@@ -95,7 +95,11 @@ impl Heads {
         let Some(sensitivity) = &judge.model.sensitivity else { return judge.clone() };
         let head = self.of.entry(key).or_insert_with(|| {
             let window = judge.model.valid_from_ns;
-            Head::new(CommonChange::new(window, sensitivity.healthy_sd()), judge.clone())
+            let [damping, frequency] = self.bounds.map(f64::ln_1p);
+            // amplitude goes with damping
+            let step = Vector3::new(damping, damping, frequency);
+            let change = CommonChange::new(window, sensitivity.healthy_sd(), step);
+            Head::new(change, judge.clone())
         });
         if !head.is_of(judge) {
             head.window_is(judge);

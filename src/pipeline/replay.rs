@@ -148,8 +148,13 @@ pub fn follow(
         Err(e @ PipelineError::NeedsTwoPasses(_)) => {
             format!("{e}; what is found is told when the recording is closed")
         }
+        Err(e @ PipelineError::Recording(_)) => {
+            recording.check_same()?;
+            return Err(e);
+        }
         done => return done,
     };
+    control.set_abandoned(false);
     (watch.note)(&why);
     phases.time("wait", || {
         let mut blocks = recording.blocks();

@@ -11,7 +11,7 @@ pub enum Drift {
     Warming,
     /// Damping up and down by 8 %, 200 s a turn, from the end of the first window on.
     Swinging,
-    /// Damping +9 % from one burst to the next.
+    /// Damping +8 % from one burst to the next.
     OtherInk,
     /// Damping +20 % over ten minutes, frequency -.4 %.
     Thickening,
@@ -44,7 +44,7 @@ impl Drift {
             Drift::Warming => [0.0, 0.08 * t_s / 600.0, 0.0],
             Drift::Swinging if t_s < 20.0 => [0.0; 3],
             Drift::Swinging => [0.0, 0.08 * (TAU * (t_s - 20.0) / 200.0).sin(), 0.0],
-            Drift::OtherInk => [0.0, if t_s < 305.0 { 0.0 } else { 0.09 }, 0.0],
+            Drift::OtherInk => [0.0, if t_s < 305.0 { 0.0 } else { 0.08 }, 0.0],
             Drift::Thickening => [0.0, 0.2 * t_s / 600.0, -0.004 * t_s / 600.0],
             Drift::Sagging => [0.03 * turn(90.0), 0.0, 0.0],
             Drift::Everything => [0.02 * turn(130.0), 0.05 * turn(310.0), 0.003 * turn(170.0)],
@@ -64,7 +64,7 @@ impl fmt::Display for Drift {
             Drift::Still => "none",
             Drift::Warming => "damping +8 %, slowly",
             Drift::Swinging => "damping ± 8 %, 200 s",
-            Drift::OtherInk => "damping +9 %, a step",
+            Drift::OtherInk => "damping +8 %, a step",
             Drift::Thickening => "damping +20 %, slowly",
             Drift::Sagging => "amplitude ± 3 %, 90 s",
             Drift::Everything => "all three",
