@@ -214,7 +214,8 @@ fn fault_that_grows_slowly_is_not_learned_as_healthy() {
     replay("some.mcap", "");
     let (dry, others) =
         (late_share(&house, "some", dries), late_share(&house, "some", |c| !dries(c)));
-    assert!(dry > 0.75 && others < 0.2, "{dry} of drying channels flagged, {others} of others");
+    // a third that dries widens the windows' own spread; had the drying been learned, hardly any would be
+    assert!(dry > 0.5 && others < 0.1, "{dry} of drying channels flagged, {others} of others");
 
     // all of them: windows are refused, and it is the head's
     write(&house.path("all.mcap"), &drying(&original, |_| true), WriterOptions::default());
