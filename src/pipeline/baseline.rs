@@ -8,7 +8,7 @@
 //! only, so that a verdict depends on no order, chunking or thread.
 //!
 //! A pass of its own, since all of the recording says whether a printhead's baselines are used in any of it
-//! ([`Told::is_estranged`]): its first verdicts depend on its last signals. In the stream they would be
+//! (`Told::is_estranged`): its first verdicts depend on its last signals. In the stream they would be
 //! given by baselines that its end refuses.
 
 use super::schedule::{Assignment, Schedule};
