@@ -225,8 +225,7 @@ fn fault_that_grows_slowly_is_not_learned_as_healthy() {
         .says("moved together");
     let summary = house.read_json("out/all.summary.json");
     assert!(!summary["refused_windows"].as_array().unwrap().is_empty());
-    assert!(late_share(&house, "all", |_| true) < 0.2);
-    // had the drying been learned, hardly any would be flagged without following either
+    // had the drying been learned, hardly any would be flagged
     replay("all.mcap", "").exits(3);
     assert!(late_share(&house, "all", |_| true) > 0.75);
 }
