@@ -5,7 +5,6 @@ use super::lanes::Lanes;
 use super::own_channel::Own;
 use super::{Design, DesignError, Extension, FaultModel, HealthyModel, IsolateSettings};
 use crate::burst::Burst;
-use crate::detect::misfit::{self, Misfit};
 use crate::identify::reservoir::relative_drive;
 use crate::isolate::appearance::Strange;
 use crate::isolate::fault_curve::Seen;
@@ -284,65 +283,22 @@ impl Judge {
         self.model.threshold.is_faulty(detection.ring)
     }
 
-    /// e <= threshold is healthy, thesis f after (3-4), of both tests. The same as
-    /// `test(detection).is_flagged()`, for most signals without a root.
-    pub fn is_flagged(&self, detection: Detection) -> bool {
-        let clear = self.model.misfit.as_ref().map_or(f64::INFINITY, Misfit::clear_square);
-        // comparisons that NaN fails
-        let healthy =
-            detection.ring <= self.model.threshold.value && detection.unexplained <= clear;
-        !healthy && self.test(detection).is_flagged()
-    }
-
     /// The test that a signal is nearer to failing, or fails by more.
     pub fn test(&self, detection: Detection) -> Tested {
-        match &self.model.misfit {
-            None => self.along_ring(detection),
-            Some(misfit) => {
-                let square = detection.unexplained;
-                let beside = (misfit.statistic(square), misfit.relative(square));
-                self.further(detection, misfit, beside)
-            }
-        }
-    }
-
-    /// The same of one signal after the other, several side by side.
-    pub fn test_each(&self, of: impl Iterator<Item = Detection>, mut see: impl FnMut(Tested)) {
-        let Some(misfit) = &self.model.misfit else {
-            return of.for_each(|detection| see(self.along_ring(detection)));
-        };
-        let mut of = of.fuse();
-        let mut side = [Detection { ring: f64::NAN, unexplained: f64::NAN }; misfit::SIDE];
-        loop {
-            let mut n = 0;
-            side.iter_mut().zip(of.by_ref()).for_each(|(to, from)| (*to, n) = (from, n + 1));
-            let beside = misfit.of_several(&side.map(|of| of.unexplained));
-            for (detection, beside) in side[..n].iter().zip(beside) {
-                see(self.further(*detection, misfit, beside));
-            }
-            if n < misfit::SIDE {
-                return;
-            }
-        }
-    }
-
-    fn along_ring(&self, detection: Detection) -> Tested {
-        let test = match self.detector {
+        let Detection { ring, unexplained } = detection;
+        let threshold = self.model.threshold.value;
+        let along = match self.detector {
             None => Test::Energy,
             Some(_) => Test::Ring,
         };
-        let threshold = self.model.threshold.value;
-        Tested { test, statistic: detection.ring, threshold, misfit: f64::NAN }
-    }
-
-    /// `beside`: the statistic beside the ring, and the unexplained square over the healthy one.
-    fn further(&self, of: Detection, misfit: &Misfit, beside: (f64, f64)) -> Tested {
-        let along = self.along_ring(of);
-        let ((statistic, relative), threshold) = (beside, misfit.threshold.value);
+        let of_ring = Tested { test: along, statistic: ring, threshold, misfit: f64::NAN };
+        let Some(misfit) = &self.model.misfit else { return of_ring };
+        let (statistic, relative) = (misfit.statistic(unexplained), misfit.relative(unexplained));
+        let beside = misfit.threshold.value;
         // a comparison that NaN fails
-        match statistic * along.threshold > of.ring * threshold {
-            true => Tested { test: Test::Misfit, statistic, threshold, misfit: relative },
-            false => Tested { misfit: relative, ..along },
+        match statistic * threshold > ring * beside {
+            true => Tested { test: Test::Misfit, statistic, threshold: beside, misfit: relative },
+            false => Tested { misfit: relative, ..of_ring },
         }
     }
 

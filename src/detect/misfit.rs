@@ -6,7 +6,6 @@
 //! noise and whatever else a wire can bring, constants included.
 
 use super::Threshold;
-use crate::processor::for_processor;
 use serde::{Deserialize, Serialize};
 
 /// Of the stated rate of false alarms, the share that this test may take: what it looks for stands far
@@ -14,7 +13,7 @@ use serde::{Deserialize, Serialize};
 pub const SHARE_OF_RATE: f64 = 0.1;
 /// A signal whose root of the square, to first order, is so many healthy deviations above the middle is
 /// looked at again.
-pub const SECOND_LOOK_SDS: f64 = 4.0;
+pub const SECOND_LOOK_SDS: f64 = 3.0;
 
 /// What healthy signals leave.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -53,13 +52,6 @@ impl Misfit {
         if square.is_nan() { f64::NAN } else { Misfit::distance(square, [self.root, self.root_sd]) }
     }
 
-    /// [`Misfit::statistic`] and [`Misfit::relative`] of several squares, counts².
-    pub fn of_several(&self, squares: &[f64; SIDE]) -> [(f64, f64); SIDE] {
-        let mut statistics = [0.0; SIDE];
-        statistics_of(squares, [self.root, self.root_sd], &mut statistics);
-        std::array::from_fn(|k| (statistics[k], self.relative(squares[k])))
-    }
-
     /// Unexplained mean square over the healthy one: 1 is noise alone.
     pub fn relative(&self, square: f64) -> f64 {
         square / self.square
@@ -71,12 +63,6 @@ impl Misfit {
         (self.root + self.root_sd * sds).powi(2)
     }
 
-    /// Up to this square, counts², the statistic is surely below its threshold.
-    pub fn clear_square(&self) -> f64 {
-        const ROUNDING: f64 = 1e-6;
-        (self.root + self.root_sd * self.threshold.value.sqrt()).powi(2) * (1.0 - ROUNDING)
-    }
-
     /// Refused if it could not have been learned.
     pub fn check(&self) -> Result<(), String> {
         let positive = |v: f64| (1e-30..=1e30).contains(&v);
@@ -85,22 +71,6 @@ impl Misfit {
             true => Ok(()),
             false => Err("`misfit` must hold positive numbers".into()),
         }
-    }
-}
-
-/// Squares side by side.
-pub const SIDE: usize = 16;
-
-for_processor! {
-    /// Statistics of squares; NaN of an unknown one.
-    fn statistics_of(squares: &[f64; SIDE], scale: [f64; 2], to: &mut [f64; SIDE]) { side_by_side }
-}
-
-#[inline(always)] // compiled once per instruction set
-fn side_by_side(squares: &[f64; SIDE], scale: [f64; 2], to: &mut [f64; SIDE]) {
-    for k in 0..SIDE {
-        let distance = Misfit::distance(squares[k], scale);
-        to[k] = if squares[k].is_nan() { f64::NAN } else { distance };
     }
 }
 
@@ -138,16 +108,6 @@ mod tests {
         let mean = fresh.iter().map(|q| misfit.relative(*q)).sum::<f64>() / 2000.0;
         assert!((mean - 1.0).abs() < 0.02, "{mean}");
         assert!(misfit.statistic(f64::NAN).is_nan());
-        let mut several = [f64::NAN; SIDE];
-        several[1..].copy_from_slice(&fresh[..SIDE - 1]);
-        for (square, (statistic, relative)) in several.into_iter().zip(misfit.of_several(&several))
-        {
-            assert_eq!(statistic.to_bits(), misfit.statistic(square).to_bits());
-            assert_eq!(relative.to_bits(), misfit.relative(square).to_bits());
-        }
         assert!(misfit.settled_square() < scale[0].powi(2) * 2.0);
-        let clear = misfit.clear_square();
-        assert!(misfit.statistic(clear) <= misfit.threshold.value);
-        assert!(misfit.statistic(clear * (1.0 + 1e-5)) > misfit.threshold.value);
     }
 }

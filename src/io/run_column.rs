@@ -224,42 +224,39 @@ impl Hybrid {
         // packed groups are whole: a run lends what is missing
         let missing = ((8 - self.literals.len() % 8) % 8) as u32;
         let literal = if times >= missing + 8 { missing } else { times };
-        self.literals.extend(std::iter::repeat_n(value, literal as usize));
-        if self.literals.len() >= Self::MOST_LITERALS {
-            self.pack(Self::MOST_LITERALS);
+        for _ in 0..literal {
+            self.literals.push(value);
+            if self.literals.len() == Self::MOST_LITERALS {
+                self.pack();
+            }
         }
         times -= literal;
         if times > 0 {
-            self.pack(self.literals.len());
+            self.pack();
             self.header(times << 1);
             let bytes = usize::from(self.width.div_ceil(8));
             self.out.extend(&value.to_le_bytes()[..bytes]);
         }
     }
 
-    /// Writes so many of the waiting literals, whole groups.
-    fn pack(&mut self, literals: usize) {
-        if literals == 0 {
+    /// Writes the waiting literals; the last group may be filled up, which only the end may do.
+    fn pack(&mut self) {
+        if self.literals.is_empty() {
             return;
         }
-        self.header((literals as u32 / 8) << 1 | 1);
-        for group in self.literals[..literals].as_chunks::<8>().0 {
-            // eight values are as many bytes as one has bits
-            let (mut bits, mut held) = (0u64, 0);
-            for value in group {
-                bits |= u64::from(*value) << held;
-                held += self.width;
-                if self.width > 8 {
-                    while held >= 8 {
-                        self.out.push(bits as u8);
-                        (bits, held) = (bits >> 8, held - 8);
-                    }
-                }
+        let groups = self.literals.len().div_ceil(8);
+        self.literals.resize(groups * 8, 0);
+        self.header((groups as u32) << 1 | 1);
+        let (mut bits, mut held) = (0u64, 0);
+        for value in self.literals.drain(..) {
+            bits |= u64::from(value) << held;
+            held += self.width;
+            while held >= 8 {
+                self.out.push(bits as u8);
+                bits >>= 8;
+                held -= 8;
             }
-            let bytes = usize::from(held / 8);
-            self.out.extend(&bits.to_le_bytes()[..bytes]);
         }
-        self.literals.drain(..literals);
     }
 
     fn header(&mut self, mut value: u32) {
@@ -272,9 +269,7 @@ impl Hybrid {
 
     fn finish(mut self) -> Vec<u8> {
         self.end_run();
-        // the last group may be filled up, which only the end may do
-        self.literals.resize(self.literals.len().next_multiple_of(8), 0);
-        self.pack(self.literals.len());
+        self.pack();
         self.out
     }
 }

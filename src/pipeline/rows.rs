@@ -109,7 +109,9 @@ pub fn push_healthy(
 ) -> usize {
     let healthy = found.iter().zip(passed).take_while(|(e, passed)| e.is_ok() && !**passed);
     let n = healthy.count();
-    judge.test_each(found[..n].iter().flatten().copied(), |tested| push_tested(columns, tested));
+    for found in found[..n].iter().flatten() {
+        push_tested(columns, judge.test(*found));
+    }
     let rows = columns.statistic.len();
     columns.acquired_at_ns.resize(rows, first.t_ns);
     columns.printhead.resize(rows, first.printhead);
