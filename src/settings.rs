@@ -110,8 +110,8 @@ pub struct IdentifySettings {
     pub max_frequency_drift: f64,
     /// Greatest relative change of the damping from the design's model.
     pub max_damping_drift: f64,
-    /// What moves all channels of a printhead alike is followed burst by burst.
-    pub follow: bool,
+    /// Channels are judged about what moves all of a printhead's alike, burst by burst.
+    pub common_change: bool,
     /// Signals of a window that are kept to learn from, at most.
     pub window_signals: usize,
     pub grey_box: GreyBoxSettings,
@@ -132,7 +132,7 @@ impl Default for IdentifySettings {
             least_agreeing: 0.55,
             max_frequency_drift: 0.01,
             max_damping_drift: 0.10,
-            follow: false,
+            common_change: false,
             window_signals: 8192,
             grey_box: GreyBoxSettings::default(),
             geometry: None,

@@ -272,7 +272,10 @@ fn three_of_128() -> together::Plan {
         faulty: 3,
         modes: vec![Mode::Design, Mode::Windows],
         drifts: Drift::ALL.to_vec(),
-        further: Further { replay: "--set identify.follow=true".into(), ..Further::default() },
+        further: Further {
+            replay: "--set identify.common_change=true".into(),
+            ..Further::default()
+        },
     }
 }
 

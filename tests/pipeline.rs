@@ -219,7 +219,7 @@ fn fault_that_grows_slowly_is_not_learned_as_healthy() {
 
     // all of them: windows are refused, and it is the head's
     write(&house.path("all.mcap"), &drying(&original, |_| true), WriterOptions::default());
-    replay("all.mcap", "--set identify.follow=true")
+    replay("all.mcap", "--set identify.common_change=true")
         .exits(3)
         .says("max_damping_drift")
         .says("moved together");

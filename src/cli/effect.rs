@@ -2,7 +2,7 @@
 //! settings file serves every command and may hold what this one does not read.
 
 use super::exit::Failure;
-use crate::design::{DetectSettings, IsolateSettings};
+use crate::design::{Design, DetectSettings, IsolateSettings};
 use crate::detect::{Denominator, DetectMethod, ThresholdMethod};
 use crate::isolate::IsolateMethod;
 use crate::settings::Settings;
@@ -32,6 +32,22 @@ pub fn check(set: &[String], settings: &Settings, command: Command) -> Result<()
         }
     }
     Ok(())
+}
+
+/// What moves all channels is seen through the sensitivities of a ring alone. `settings`: with the
+/// design's detection.
+pub fn check_common_change(settings: &Settings, design: Option<&Design>) -> Result<(), Failure> {
+    if !settings.identify.common_change {
+        return Ok(());
+    }
+    let why = match settings.detect.method {
+        _ if design.is_some_and(|design| design.extension.is_some()) => {
+            "the design has a critique's extension, which is not moved"
+        }
+        DetectMethod::Sensitivity => return Ok(()),
+        _ => "it needs detect.method = \"sensitivity\"",
+    };
+    Err(Failure::usage(format!("identify.common_change = true: has no effect here: {why}")))
 }
 
 fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<String> {

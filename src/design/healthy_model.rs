@@ -14,7 +14,6 @@ use crate::identify::{GreyBoxSettings, IdentifyError, tangent};
 use crate::model::beside_ring::BesideRing;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
-use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use threshold::Threshold;
 
@@ -297,36 +296,6 @@ impl HealthyModel {
             self.misfit = Some(Misfit { square, root, root_sd, threshold });
         }
         Ok(())
-    }
-
-    /// The same model where all channels have moved alike; what is reported of it, parameters and filter,
-    /// stays as it was learned. `by`: of ln amplitude, ln damping, ln frequency. `None`: nothing rings there.
-    pub(super) fn moved(&self, by: Vector3<f64>) -> Option<HealthyModel> {
-        let ring = ring_of(&self.identification).ok()?;
-        let fitter = RingFitter::new(ring, self.generator.dt_s, self.expected.len());
-        let [ln_amplitude, ln_damping, ln_frequency] = by.into();
-        let there = Features { ln_amplitude, ln_damping, ln_frequency, phase_rad: 0.0 };
-        let size = ln_amplitude.exp();
-        let ring = Ring {
-            amplitude: ring.amplitude * size,
-            damping_per_s: ring.damping_per_s * ln_damping.exp(),
-            frequency_hz: ring.frequency_hz * ln_frequency.exp(),
-            ..ring
-        };
-        let mut moved = self.clone();
-        moved.identification.poles.damping_per_s = ring.damping_per_s;
-        moved.identification.poles.frequency_hz = ring.frequency_hz;
-        moved.identification.output_state = ring.output_state();
-        let tangent = fitter.tangent(&there);
-        // a signal grows with ln A by itself
-        moved.expected = tangent.column(0).iter().copied().collect();
-        moved.leftover.iter_mut().for_each(|left| *left *= size);
-        moved.expected.iter_mut().zip(&moved.leftover).for_each(|(y, left)| *y += left);
-        moved.sensitivity = match &self.sensitivity {
-            Some(of) => Some(of.moved(&tangent.columns(0, 3).into_owned())?),
-            None => None,
-        };
-        Some(moved)
     }
 
     /// Leaves a set's signal as it would be at the reference drive and temperature, counts.

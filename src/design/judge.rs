@@ -21,7 +21,7 @@ use crate::model::beside_ring::BesideRing;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Fit, Products, RingFitter};
 use crate::verdict::{Appearance, Test};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector2;
 use std::sync::Arc;
 
 /// What is written of a signal's detection.
@@ -54,21 +54,21 @@ pub struct Judge {
     /// Its place in the metadata's `models`.
     pub index: u16,
     /// How often it was moved, see [`Judge::moved`].
-    moves: u32,
+    pub(super) moves: u32,
     pub model: HealthyModel,
     pub reference_v: Option<f64>,
     /// Detection of many signals at once; where there is none, [`Judge::detect`] does the work.
     pub lanes: Option<Lanes>,
     /// What signals are taken without.
-    extension: Option<Extension>,
+    pub(super) extension: Option<Extension>,
     /// With `detect.method` = `sensitivity`.
-    detector: Option<SensitivityDetector>,
-    isolating: Option<Isolating>,
+    pub(super) detector: Option<SensitivityDetector>,
+    pub(super) isolating: Option<Isolating>,
 }
 
 #[derive(Clone, Debug)]
-struct Isolating {
-    isolator: Arc<Isolator>,
+pub(super) struct Isolating {
+    pub(super) isolator: Arc<Isolator>,
     signal: IsolateSignal,
     rule: DecisionRule,
     /// With `isolate.method` = `posterior`.
@@ -79,20 +79,20 @@ struct Isolating {
 
 /// What names a fitted ring.
 #[derive(Debug)]
-struct OfRings {
-    posterior: Arc<Posterior>,
-    fitter: RingFitter,
+pub(super) struct OfRings {
+    pub(super) posterior: Arc<Posterior>,
+    pub(super) fitter: RingFitter,
     /// Of each class.
-    priors: Vec<f64>,
+    pub(super) priors: Vec<f64>,
     /// How healthy features change with temperature, per K.
-    per_k: [f64; 4],
-    beside: BesideRing,
-    typical: Option<Arc<Typical>>,
+    pub(super) per_k: [f64; 4],
+    pub(super) beside: BesideRing,
+    pub(super) typical: Option<Arc<Typical>>,
 }
 
 /// `isolate.method`, ready for this model.
 #[derive(Debug)]
-enum Isolator {
+pub(super) enum Isolator {
     /// A fitted ring among class densities.
     Posterior(Box<OfRings>),
     /// thesis §3-3-2: F^T R of the filter r = F d, which projects a deviation as R^T its residual.
@@ -107,7 +107,12 @@ enum Isolator {
 /// two searched parameters some 20 at most.
 const NOISE_ALONE: f64 = 40.0;
 
-/// A ring that leaves more of a signal than this share, beyond the noise, is none.
+/// Whether a fit found more than it would of noise alone, counts.
+fn is_ring(fit: &Fit, noise: f64) -> bool {
+    fit.square - fit.misfit > NOISE_ALONE * noise * noise
+}
+
+/// A ring that leaves more of a signal than this share, beyond the noise, is none: not tuned, half.
 const MOST_LEFT: f64 = 0.5;
 
 /// A class of less weight beside one that the signal is not of is no name for it either.
@@ -176,61 +181,8 @@ impl Judge {
         Ok(Judge { index, moves: 0, reference_v, model, lanes, extension, detector, isolating })
     }
 
-    /// The same where all channels have moved alike, as often as `moves` says. `by`: of ln amplitude, ln
-    /// damping, ln frequency. `None`: it cannot follow.
-    pub fn moved(&self, by: Vector3<f64>, moves: u32) -> Option<Judge> {
-        let model = self.model.moved(by)?;
-        let (sensitivity, misfit) = (model.sensitivity.clone()?, model.misfit.as_ref());
-        let detector = SensitivityDetector::new(&model, sensitivity, misfit).ok()?;
-        let isolating = match &self.isolating {
-            None => None,
-            Some(of) => Some(Isolating { isolator: of.isolator.moved(&model)?, ..of.clone() }),
-        };
-        Some(Judge {
-            lanes: Lanes::of(&model),
-            model,
-            detector: Some(detector),
-            isolating,
-            moves,
-            index: self.index,
-            reference_v: self.reference_v,
-            extension: self.extension.clone(),
-        })
-    }
-
     pub fn key(&self) -> JudgeKey {
         JudgeKey { index: self.index, moves: self.moves }
-    }
-
-    /// Whether what moves all channels can be seen by it, and followed.
-    pub fn can_move(&self) -> bool {
-        self.model.sensitivity.is_some() && self.extension.is_none()
-    }
-
-    /// ln amplitude, ln damping, ln frequency of a signal from the model's, to first order. `deviation`:
-    /// from what is expected, counts. `None`: it has no sensitivities.
-    pub fn features(&self, deviation: &[f64], drive: f64) -> Option<Vector3<f64>> {
-        let of = self.model.sensitivity.as_ref()?;
-        Some(of.features(deviation, drive) - Vector3::from(of.mean))
-    }
-
-    /// The same of its ring from another judge's, as if both had been learned at one temperature. `None`:
-    /// one of them does not ring.
-    pub fn features_from(&self, other: &Judge) -> Option<Vector3<f64>> {
-        let [here, there] = [self, other].map(|judge| ring_of(&judge.model.identification).ok());
-        let (here, there) = (here?, there?);
-        let warmer = match (self.model.temperature_c, other.model.temperature_c) {
-            (Some(here), Some(there)) => here - there,
-            _ => 0.0,
-        };
-        let fitter = RingFitter::new(there, other.model.generator.dt_s, other.model.expected.len());
-        let per_k = other.model.features_per_k(&fitter);
-        let ratios = [
-            here.amplitude / there.amplitude,
-            here.damping_per_s / there.damping_per_s,
-            here.frequency_hz / there.frequency_hz,
-        ];
-        Some(Vector3::from_fn(|k, _| ratios[k].ln() - warmer * per_k[k]))
     }
 
     /// Scale of what is expected of a burst: its drive voltage over the reference.
@@ -409,7 +361,7 @@ impl Judge {
         let Isolator::Posterior(of_rings) = &**isolator else { return None };
         let OfRings { posterior, priors, per_k, typical, .. } = &**of_rings;
         let noise = self.model.noise_beside() / drive;
-        let Some(fit) = fit.filter(|f| f.square - f.misfit > NOISE_ALONE * noise * noise) else {
+        let Some(fit) = fit.filter(|fit| is_ring(fit, noise)) else {
             return Some(Isolation::of_no_ring());
         };
         let warmer = work.warmer;
@@ -496,12 +448,11 @@ impl Judge {
     /// Where no classes are known: whether a flagged signal rings at all. `y`: per unit drive, counts.
     pub fn is_no_ring(&self, y: &[f64], drive: f64, work: &mut Workspace) -> bool {
         let Some(detector) = &self.detector else { return false };
-        let noise = y.len() as f64 * (self.model.noise_beside() / drive).powi(2);
+        let noise = self.model.noise_beside() / drive;
+        let of_noise = y.len() as f64 * noise * noise;
         let fit = detector.fitter().fit(y, true, &mut work.products);
-        fit.is_none_or(|fit| {
-            let (left, of) = (fit.misfit - noise, fit.square - noise);
-            left > MOST_LEFT * of || fit.square - fit.misfit < NOISE_ALONE * noise / y.len() as f64
-        })
+        let explains = |fit: Fit| fit.misfit - of_noise <= MOST_LEFT * (fit.square - of_noise);
+        !fit.is_some_and(|fit| is_ring(&fit, noise) && explains(fit))
     }
 
     /// What a signal looks like that belongs to no class. `y`: per unit drive, counts. `None`: rings are
@@ -528,23 +479,6 @@ impl Judge {
 }
 
 impl Isolator {
-    /// Of the same classes about a model that has moved. `None`: it does not ring.
-    fn moved(self: &Arc<Isolator>, model: &HealthyModel) -> Option<Arc<Isolator>> {
-        // what compares deviations compares them as they are
-        let Isolator::Posterior(of) = &**self else { return Some(self.clone()) };
-        let (ring, dt_s) = (ring_of(&model.identification).ok()?, model.generator.dt_s);
-        let samples = model.expected.len();
-        let fitter = RingFitter::new(ring, dt_s, samples);
-        Some(Arc::new(Isolator::Posterior(Box::new(OfRings {
-            per_k: model.features_per_k(&fitter),
-            fitter,
-            beside: BesideRing::new(&ring, dt_s, samples),
-            posterior: of.posterior.clone(),
-            priors: of.priors.clone(),
-            typical: of.typical.clone(),
-        }))))
-    }
-
     fn new(
         model: &HealthyModel,
         design: &Design,

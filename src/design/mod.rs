@@ -14,6 +14,7 @@ mod healthy_model;
 mod judge;
 mod lanes;
 mod leftover;
+mod moved;
 mod own_channel;
 mod promise;
 mod train;

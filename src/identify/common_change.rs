@@ -18,8 +18,6 @@ const HORIZON_NS: u64 = 10_000_000_000;
 const LEAST_GAIN: f64 = 0.3;
 /// Share of the newest in what is known of how far estimates lie off the level.
 const MEMORY: f64 = 0.1;
-/// An estimate so many of its standard deviations off is a step, not noise.
-const STEP_SDS: f64 = 5.0;
 /// Estimates whose mean is where the level began, where no window says it; in a window at least so many.
 const FIRST: u32 = 16;
 const FEWEST_FIRST: u32 = 4;
@@ -132,9 +130,6 @@ impl CommonChange {
             }
             Some(level) => Vector3::from_fn(|k, _| {
                 let off = now[k] - level[k];
-                if off * off > STEP_SDS * STEP_SDS * noise[k] {
-                    return now[k];
-                }
                 self.off[k] += MEMORY * (off * off - self.off[k]);
                 // of estimates that lie further off than their noise the level has moved
                 let gain = (1.0 - 1.5 * noise[k] / self.off[k]).max(LEAST_GAIN);

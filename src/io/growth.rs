@@ -105,19 +105,15 @@ impl Recording {
             return Ok(true);
         }
         let (before, now) = self.source.grow().map_err(|e| unreadable(&self.path, e))?;
-        self.check_length(before, now)?;
-        match self.source.lies_at(&self.path) {
-            // it may have got another name
-            Ok(true) | Err(_) => Ok(now > before),
-            Ok(false) => Err(self.not_the_same("was replaced by another file")),
-        }
+        self.check_file(before, now)?;
+        Ok(now > before)
     }
 
     /// What was followed, as a whole: with the summary that was written last, or cut off where it was enough.
     pub fn closed(&self, dialects: &Dialects) -> Result<Recording, RecordingError> {
         let source = self.source.clone();
         let now = source.stamp().map_err(|e| unreadable(&self.path, e))?;
-        self.check_length(source.bytes(), now.bytes)?;
+        self.check_file(source.bytes(), now.bytes)?;
         let mut closed = Recording::of_source(&self.path, source, self.limits, dialects)?;
         closed.stamp = Stamp { bytes: closed.bytes, ..now };
         closed.opening = self.opening;
@@ -134,17 +130,18 @@ impl Recording {
     /// Whether it is still what was read: a read that failed may be for that.
     pub fn check_same(&self) -> Result<(), RecordingError> {
         let now = self.source.stamp().map_err(|e| unreadable(&self.path, e))?;
-        self.check_length(self.source.bytes(), now.bytes)?;
-        match self.source.lies_at(&self.path) {
-            Ok(true) | Err(_) => Ok(()),
-            Ok(false) => Err(self.not_the_same("was replaced by another file")),
-        }
+        self.check_file(self.source.bytes(), now.bytes)
     }
 
-    fn check_length(&self, before: u64, now: u64) -> Result<(), RecordingError> {
-        match now < before {
-            true => Err(self.not_the_same(&format!("shrank from {before} to {now} bytes"))),
-            false => Ok(()),
+    /// Of so many bytes before and now.
+    fn check_file(&self, before: u64, now: u64) -> Result<(), RecordingError> {
+        if now < before {
+            return Err(self.not_the_same(&format!("shrank from {before} to {now} bytes")));
+        }
+        match self.source.lies_at(&self.path) {
+            // it may have got another name
+            Ok(true) | Err(_) => Ok(()),
+            Ok(false) => Err(self.not_the_same("was replaced by another file")),
         }
     }
 

@@ -18,7 +18,7 @@ pub mod baseline;
 pub mod chain;
 pub mod collect;
 pub mod episodes;
-mod follow;
+mod heads;
 pub mod identified;
 mod in_flight;
 mod in_order;

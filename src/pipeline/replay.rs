@@ -2,7 +2,7 @@
 
 use super::baseline::{self, InUse};
 use super::episodes::{EpisodeReport, Finished};
-use super::follow::Moved;
+use super::heads::Moved;
 use super::identified::Identified;
 use super::learning::{Learning, MOST_REORDER_NS, USUAL_REORDER_NS};
 use super::models::Models;

@@ -4,7 +4,7 @@
 //! has the cause.
 
 use super::baseline::InUse;
-use super::follow::Heads;
+use super::heads::Heads;
 use super::in_flight::InFlight;
 use super::in_order::InOrder;
 use super::isolator::Isolator;
@@ -215,7 +215,7 @@ pub fn read(
 pub fn identify(
     models: &mut Models,
     warmth: &mut Warmth,
-    heads: &mut Heads,
+    mut heads: Option<&mut Heads>,
     mut clock: Clock,
     input: Receiver<Read>,
     out: Sender<Assigned>,
@@ -225,7 +225,7 @@ pub fn identify(
         waiting.put(read.batch.place, read);
         while let Some(read) = waiting.take(|read| read.leaves.is_some()) {
             models.see(&read)?;
-            let judges = judges_of(&read.batch, models, warmth, heads)?;
+            let judges = judges_of(&read.batch, models, warmth, heads.as_deref_mut())?;
             if !clock.send(&out, Assigned { read, judges }) {
                 return Ok(());
             }
@@ -239,7 +239,7 @@ fn judges_of(
     batch: &SignalBatch,
     models: &mut Models,
     warmth: &mut Warmth,
-    heads: &mut Heads,
+    mut heads: Option<&mut Heads>,
 ) -> Result<Vec<Result<Arc<Judge>, Reason>>, PipelineError> {
     let mut of = |acquisition: &Acquisition| match acquisition {
         Acquisition::Unusable(unusable) => Ok(Err(unusable.why.into())),
@@ -249,7 +249,10 @@ fn judges_of(
                 Err(reason) => return Ok(Err(reason)),
             };
             warmth.take(&judge, burst)?;
-            Ok(Ok(heads.follow(&judge, burst)))
+            Ok(Ok(match &mut heads {
+                Some(heads) => heads.judge_of(&judge, burst),
+                None => judge,
+            }))
         }
     };
     batch.acquisitions.iter().map(&mut of).collect()
@@ -295,7 +298,7 @@ pub fn gate(
             let rows = rows.by_ref().take(acquisition.rows());
             match judge {
                 Ok(judge) => {
-                    passed.extend(rows.map(|e| e.is_ok_and(|found| judge.is_flagged(found))))
+                    passed.extend(rows.map(|e| e.is_ok_and(|found| judge.test(found).is_flagged())))
                 }
                 Err(_) => passed.extend(rows.map(|_| false)),
             }

@@ -6,7 +6,6 @@
 //! ```
 
 use super::episodes::EpisodeTap;
-use super::follow::Heads;
 use super::in_flight::InFlight;
 use super::isolator::Isolator;
 use super::models::Models;
@@ -63,7 +62,6 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
         TableOptions { classes: classes.clone(), categories, weights: false, timestamp_unit: unit };
     let mut writer = VerdictWriter::create(verdicts, options).unwrap();
     let (mut tally, mut warmth) = (Tally::new(classes), Warmth::new(false));
-    let mut heads = Heads::new(&settings.identify, settings.input.rails);
     let queue = BlockQueue::new(recording);
     let in_flight = InFlight::new(2, u64::MAX);
     let mut reader = recording.reader();
@@ -78,14 +76,7 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
             let read = Read { batch, block, definitions, leaves: Some(block.bytes), damage };
             let clock = |stage| timings.clock(stage);
             let assigned = through(read, |input, out| {
-                stages::identify(
-                    &mut models,
-                    &mut warmth,
-                    &mut heads,
-                    clock("identify"),
-                    input,
-                    out,
-                )
+                stages::identify(&mut models, &mut warmth, None, clock("identify"), input, out)
             });
             let filtered = through(assigned, |input, out| {
                 stages::filter(settings.input.rails, None, &spares, clock("filter"), input, out)

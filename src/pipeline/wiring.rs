@@ -2,7 +2,7 @@
 
 use super::baseline::InUse;
 use super::episodes::{EpisodeTap, Finished};
-use super::follow::{Heads, Moved};
+use super::heads::{Heads, Moved};
 use super::in_flight::InFlight;
 use super::isolator::Isolator;
 use super::models::Models;
@@ -85,7 +85,9 @@ impl Wiring<'_> {
             },
         )?;
         let (mut tally, mut warmth) = (Tally::new(classes), Warmth::new(self.may_learn));
-        let mut heads = Heads::new(&settings.identify, settings.input.rails);
+        let identify = &settings.identify;
+        let heads = || Heads::new(identify, settings.input.rails);
+        let mut heads = identify.common_change.then(heads);
         let mut pacer = (settings.replay.pace == Pace::Recorded).then(Pacer::new);
         let stages = &settings.replay;
         let (filters, isolators) =
@@ -110,7 +112,7 @@ impl Wiring<'_> {
             let (to_writer, from_isolate) = bounded(QUEUE);
             let (queue, in_flight, pacer) = (&queue, &in_flight, &mut pacer);
             let (timings, spares, warmth) = (&timings, &spares, &mut warmth);
-            let (models, heads) = (&mut models, &mut heads);
+            let (models, heads) = (&mut models, heads.as_mut());
             let mut running: Vec<(&'static str, ScopedJoinHandle<Result<(), PipelineError>>)> =
                 Vec::new();
             let mut pacer = pacer.as_mut();
@@ -198,7 +200,7 @@ impl Wiring<'_> {
             timings,
             digest,
             warmth,
-            moved: heads.moved(),
+            moved: heads.map(|heads| heads.moved()).unwrap_or_default(),
         })
     }
 }

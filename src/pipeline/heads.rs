@@ -1,4 +1,4 @@
-//! Printheads whose channels all move alike, followed burst by burst: healthy windows come too late for ink
+//! Printheads whose channels all move alike, burst by burst: healthy windows come too late for ink
 //! that warms up unrecorded, for a supply that sags.
 //!
 //! In: bursts in the recording's order, with the judges that the windows gave them. Out: the same judges,
@@ -32,7 +32,6 @@ const MOST_HEADS: usize = 1 << 10;
 /// All of a recording.
 #[derive(Debug)]
 pub struct Heads {
-    follows: bool,
     rails: [f64; 2],
     /// Of ln damping and ln frequency.
     bounds: [f64; 2],
@@ -79,26 +78,23 @@ struct Head {
 impl Heads {
     pub fn new(identify: &IdentifySettings, rails: [f64; 2]) -> Heads {
         let bounds = [identify.max_damping_drift, identify.max_frequency_drift];
-        let (follows, of) = (identify.follow, HashMap::new());
-        Heads { follows, rails, bounds, of, moves: 0, signal: Vec::new(), expected: Vec::new() }
+        let of = HashMap::new();
+        Heads { rails, bounds, of, moves: 0, signal: Vec::new(), expected: Vec::new() }
     }
 
     /// The judge of the next burst.
-    pub fn follow(&mut self, judge: &Arc<Judge>, burst: &Burst) -> Arc<Judge> {
-        if !self.follows {
-            return judge.clone();
-        }
+    pub fn judge_of(&mut self, judge: &Arc<Judge>, burst: &Burst) -> Arc<Judge> {
         let key = GroupKey::of(burst);
-        if !judge.can_move() || (self.of.len() >= MOST_HEADS && !self.of.contains_key(&key)) {
+        let has_room = self.of.len() < MOST_HEADS || self.of.contains_key(&key);
+        let Some(healthy_sd) = judge.healthy_sd().filter(|_| has_room) else {
             return judge.clone();
-        }
-        let Some(sensitivity) = &judge.model.sensitivity else { return judge.clone() };
+        };
         let head = self.of.entry(key).or_insert_with(|| {
             let window = judge.model.valid_from_ns;
             let [damping, frequency] = self.bounds.map(f64::ln_1p);
             // amplitude goes with damping
             let step = Vector3::new(damping, damping, frequency);
-            let change = CommonChange::new(window, sensitivity.healthy_sd(), step);
+            let change = CommonChange::new(window, healthy_sd, step);
             Head::new(change, judge.clone())
         });
         if !head.is_of(judge) {

@@ -1,0 +1,123 @@
+//! Models and judges where all channels have moved alike.
+//!
+//! In: a model as it was learned, and by how much ln amplitude, ln damping and ln frequency of all channels
+//! have changed since ([`crate::identify::common_change`]). Out: the same about where they are now: its ring,
+//! what is expected, its sensitivities. Thresholds, what healthy signals scatter by and the classes stay.
+
+use super::detector::{SensitivityDetector, ring_of};
+use super::judge::{Isolator, OfRings};
+use super::lanes::Lanes;
+use super::{HealthyModel, Judge};
+use crate::model::beside_ring::BesideRing;
+use crate::model::ring::Ring;
+use crate::model::ring_fit::{Features, RingFitter};
+use nalgebra::Vector3;
+use std::sync::Arc;
+
+impl HealthyModel {
+    /// The same model where all channels have moved alike; what is reported of it, parameters and filter,
+    /// stays as it was learned. `by`: of ln amplitude, ln damping, ln frequency. `None`: nothing rings there.
+    fn moved(&self, by: Vector3<f64>) -> Option<HealthyModel> {
+        let ring = ring_of(&self.identification).ok()?;
+        let fitter = RingFitter::new(ring, self.generator.dt_s, self.expected.len());
+        let [ln_amplitude, ln_damping, ln_frequency] = by.into();
+        let there = Features { ln_amplitude, ln_damping, ln_frequency, phase_rad: 0.0 };
+        let size = ln_amplitude.exp();
+        let ring = Ring {
+            amplitude: ring.amplitude * size,
+            damping_per_s: ring.damping_per_s * ln_damping.exp(),
+            frequency_hz: ring.frequency_hz * ln_frequency.exp(),
+            ..ring
+        };
+        let mut moved = self.clone();
+        moved.identification.poles.damping_per_s = ring.damping_per_s;
+        moved.identification.poles.frequency_hz = ring.frequency_hz;
+        moved.identification.output_state = ring.output_state();
+        let tangent = fitter.tangent(&there);
+        // a signal grows with ln A by itself
+        moved.expected = tangent.column(0).iter().copied().collect();
+        moved.leftover.iter_mut().for_each(|left| *left *= size);
+        moved.expected.iter_mut().zip(&moved.leftover).for_each(|(y, left)| *y += left);
+        moved.sensitivity = match &self.sensitivity {
+            Some(of) => Some(of.moved(&tangent.columns(0, 3).into_owned())?),
+            None => None,
+        };
+        Some(moved)
+    }
+}
+
+impl Judge {
+    /// The same where all channels have moved alike, as often as `moves` says. `by`: of ln amplitude, ln
+    /// damping, ln frequency. `None`: it cannot follow.
+    pub fn moved(&self, by: Vector3<f64>, moves: u32) -> Option<Judge> {
+        let model = self.model.moved(by)?;
+        let (sensitivity, misfit) = (model.sensitivity.clone()?, model.misfit.as_ref());
+        let detector = SensitivityDetector::new(&model, sensitivity, misfit).ok()?;
+        let mut isolating = self.isolating.clone();
+        if let Some(of) = &mut isolating {
+            of.isolator = of.isolator.moved(&model)?;
+        }
+        Some(Judge {
+            lanes: Lanes::of(&model),
+            model,
+            detector: Some(detector),
+            isolating,
+            moves,
+            index: self.index,
+            reference_v: self.reference_v,
+            extension: self.extension.clone(),
+        })
+    }
+
+    /// Standard deviations of healthy features (ln amplitude, ln damping, ln frequency), noise included.
+    /// `None`: what moves all channels cannot be seen by it, or is in an extension.
+    pub fn healthy_sd(&self) -> Option<Vector3<f64>> {
+        let of = self.model.sensitivity.as_ref().filter(|_| self.extension.is_none())?;
+        Some(of.healthy_sd())
+    }
+
+    /// ln amplitude, ln damping, ln frequency of a signal from the model's, to first order. `deviation`:
+    /// from what is expected, counts. `None`: it has no sensitivities.
+    pub fn features(&self, deviation: &[f64], drive: f64) -> Option<Vector3<f64>> {
+        let of = self.model.sensitivity.as_ref()?;
+        Some(of.features(deviation, drive) - Vector3::from(of.mean))
+    }
+
+    /// The same of its ring from another judge's, as if both had been learned at one temperature. `None`:
+    /// one of them does not ring.
+    pub fn features_from(&self, other: &Judge) -> Option<Vector3<f64>> {
+        let [here, there] = [self, other].map(|judge| ring_of(&judge.model.identification).ok());
+        let (here, there) = (here?, there?);
+        let warmer = match (self.model.temperature_c, other.model.temperature_c) {
+            (Some(here), Some(there)) => here - there,
+            _ => 0.0,
+        };
+        let fitter = RingFitter::new(there, other.model.generator.dt_s, other.model.expected.len());
+        let per_k = other.model.features_per_k(&fitter);
+        let ratios = [
+            here.amplitude / there.amplitude,
+            here.damping_per_s / there.damping_per_s,
+            here.frequency_hz / there.frequency_hz,
+        ];
+        Some(Vector3::from_fn(|k, _| ratios[k].ln() - warmer * per_k[k]))
+    }
+}
+
+impl Isolator {
+    /// Of the same classes about a model that has moved. `None`: it does not ring.
+    fn moved(self: &Arc<Isolator>, model: &HealthyModel) -> Option<Arc<Isolator>> {
+        // what compares deviations compares them as they are
+        let Isolator::Posterior(of) = &**self else { return Some(self.clone()) };
+        let (ring, dt_s) = (ring_of(&model.identification).ok()?, model.generator.dt_s);
+        let samples = model.expected.len();
+        let fitter = RingFitter::new(ring, dt_s, samples);
+        Some(Arc::new(Isolator::Posterior(Box::new(OfRings {
+            per_k: model.features_per_k(&fitter),
+            fitter,
+            beside: BesideRing::new(&ring, dt_s, samples),
+            posterior: of.posterior.clone(),
+            priors: of.priors.clone(),
+            typical: of.typical.clone(),
+        }))))
+    }
+}
