@@ -5,6 +5,7 @@ use super::batch::{Batch, Telling};
 use super::dialects;
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
+use super::judge::{Here, Judge};
 use super::plan::{self, Planned, Planner};
 use super::progress::{Progress, interruptible};
 use crate::design::Design;
@@ -124,7 +125,22 @@ pub struct Args {
     json: bool,
 }
 
+/// In this process.
 pub fn run(args: Args) -> Result<Exit, Failure> {
+    judged_by(args, None)
+}
+
+/// By others that see the same files, who say themselves how fast and on how many threads.
+pub fn run_elsewhere(args: Args, judge: &mut dyn Judge) -> Result<Exit, Failure> {
+    let why = "has no effect here: whoever judges the recordings decides on it";
+    match (&args.threads, &args.pace) {
+        (Some(_), _) => Err(Failure::usage(format!("--threads: {why}"))),
+        (_, Some(_)) => Err(Failure::usage(format!("--pace: {why}"))),
+        _ => judged_by(args, Some(judge)),
+    }
+}
+
+fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Failure> {
     let settings = settings(&args)?;
     let found = inputs::find_each_recording(&settings.input.recordings).map_err(Failure::new)?;
     let out = PathBuf::from(&settings.output.dir);
@@ -169,7 +185,12 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let sizes = planned.iter().filter(|p| p.is_to_be_judged()).filter_map(Planned::stamp);
     let progress = Progress::new(planned.len(), sizes.map(|stamp| stamp.bytes).sum());
     let writer = JournalWriter::open(&out).map_err(|e| unwritable(&out.join(JOURNAL_NAME), e))?;
+    let mut here = Here { progress: &progress };
     let batch = Batch {
+        judge: match elsewhere {
+            Some(judge) => judge,
+            None => &mut here,
+        },
         out: &out,
         replay,
         dialects: dialects.clone(),
@@ -183,6 +204,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         timings: args.timings,
         annotate: args.annotate,
         alone: planned.len() == 1 && found.lost.is_empty(),
+        force: args.force,
         failures: 0,
     };
     batch.run(&planned)

@@ -23,6 +23,7 @@ use crate::io::verdict_table::{self, TableOptions, VerdictWriter};
 use crate::labels::Labels;
 use crate::settings::{IdentifyMode, Pace, Settings, TimestampUnit};
 use crossbeam_channel::bounded;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -38,8 +39,8 @@ const BLOCKS_PER_WORKER: usize = 2;
 /// Bytes between reader and writer.
 const MOST_BYTES: u64 = 64 << 20;
 
-/// What a run of replay shares over its recordings.
-#[derive(Clone)]
+/// What a run of replay shares over its recordings; as JSON it says all that others need to judge them alike.
+#[derive(Clone, Serialize, Deserialize)]
 pub struct Replay {
     pub settings: Settings,
     pub design: Option<Design>,

@@ -1,0 +1,283 @@
+//! What client and executors of one run say to each other, in files: `<out>/.fleet/<run>/`.
+//!
+//! ```text
+//! job.json          what all recordings share, by content; gone: the run is over, nobody begins or
+//!                   names anything any more
+//! <n>.json          what became of recording n: written once, by whoever was first
+//! <n>.begun         a byte for each time that somebody began with recording n; only files
+//! <n>.beat          bytes read of recording n so far; only files
+//! <n>.<who>/        where recording n's files are written before they get their names
+//! ```
+//!
+//! A recording that is judged twice (its first executor was only slow) is named once: under a lock the
+//! later one finds the earlier one's row, and drops its own work.
+
+use inkling::cli::judge::{Detail, Item, Judged, NotJudged};
+use inkling::io::journal::Means;
+use inkling::io::objects::in_object_store;
+use inkling::io::part_file::{self, PartFile};
+use inkling::io::{regular_file, stored};
+use inkling::pipeline::{Replay, resume};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::fs::{self, File, TryLockError};
+use std::io::{self, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+/// Below the directory of results.
+pub const FLEET_DIR: &str = ".fleet";
+const JOB: &str = "job.json";
+/// The same of a run that is over; what its recordings left can still be taken over.
+const ENDED: &str = "ended.json";
+/// Of a design and baselines a GB is the most that is read elsewhere.
+const MOST_JOB_BYTES: u64 = 2 << 30;
+const MOST_ROW_BYTES: u64 = 1 << 30;
+/// Naming three files takes milliseconds: whoever holds a lock longer is stopped.
+const MOST_LOCKED: Duration = Duration::from_secs(10);
+
+/// What all recordings of a run share.
+#[derive(Clone, Serialize, Deserialize)]
+pub struct Job {
+    /// Of inkling: tables are the same bytes only from the same version.
+    pub version: String,
+    pub replay: Replay,
+    pub means: Means,
+    pub detail: Detail,
+    /// The directory of results as the client named it.
+    pub out: PathBuf,
+}
+
+/// What became of a recording.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Row {
+    pub item: Item,
+    pub ended: Result<Judged, NotJudged>,
+    /// Host and process.
+    pub by: String,
+}
+
+impl Row {
+    /// Whether the files that it tells of are still there.
+    pub fn stands(&self, out: &Path) -> bool {
+        let Ok(judged) = &self.ended else { return true };
+        let files = resume::files(&self.item.verdicts_in(out));
+        files.iter().zip(&judged.bytes).all(|(file, bytes)| stored::bytes(file) == *bytes)
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RunDir {
+    path: PathBuf,
+}
+
+impl RunDir {
+    /// `out`: absolute.
+    pub fn create(out: &Path, job: &Job) -> io::Result<RunDir> {
+        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let name = format!("{}-{}", since_1970.as_millis(), std::process::id());
+        let dir = RunDir { path: out.join(FLEET_DIR).join(name) };
+        if !in_object_store(out) {
+            fs::create_dir_all(&dir.path)?;
+        }
+        write(&dir.path.join(JOB), job)?;
+        Ok(dir)
+    }
+
+    pub fn at(path: &Path) -> RunDir {
+        RunDir { path: path.into() }
+    }
+
+    /// Those of earlier runs that did not come to their end. Objects are not listed.
+    pub fn earlier(out: &Path) -> Vec<RunDir> {
+        let dirs = fs::read_dir(out.join(FLEET_DIR)).into_iter().flatten().flatten();
+        dirs.map(|entry| RunDir { path: entry.path() }).collect()
+    }
+
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The directory of results.
+    pub fn out(&self) -> &Path {
+        self.path.parent().and_then(Path::parent).unwrap_or(&self.path)
+    }
+
+    pub fn job(&self) -> io::Result<Job> {
+        read(&self.path.join(JOB), MOST_JOB_BYTES)
+    }
+
+    pub fn ended_job(&self) -> io::Result<Job> {
+        read(&self.path.join(ENDED), MOST_JOB_BYTES)
+    }
+
+    pub fn is_over(&self) -> bool {
+        !stored::is_file(&self.path.join(JOB))
+    }
+
+    /// From here on nobody begins or names anything for it.
+    pub fn end(&self) -> io::Result<()> {
+        match stored::rename(&self.path.join(JOB), &self.path.join(ENDED)) {
+            Err(e) if e.kind() == ErrorKind::NotFound => Ok(()),
+            ended => ended,
+        }
+    }
+
+    /// With all that is in it; `rows`: how many recordings it is of.
+    pub fn remove(&self, rows: usize) {
+        // what stays costs room alone
+        if in_object_store(&self.path) {
+            let names = [JOB, ENDED].map(|name| self.path.join(name));
+            let rows = (0..rows).map(|at| self.row_path(at));
+            names.into_iter().chain(rows).for_each(|path| drop(stored::remove(&path)));
+        } else {
+            let _ = fs::remove_dir_all(&self.path);
+            let _ = self.path.parent().map(fs::remove_dir); // where it was the last
+        }
+    }
+
+    fn row_path(&self, at: usize) -> PathBuf {
+        self.path.join(format!("{at}.json"))
+    }
+
+    pub fn has_row(&self, at: usize) -> bool {
+        stored::is_file(&self.row_path(at))
+    }
+
+    /// `None`: there is none yet.
+    pub fn row(&self, at: usize) -> io::Result<Option<Row>> {
+        match read(&self.row_path(at), MOST_ROW_BYTES) {
+            Ok(row) => Ok(Some(row)),
+            Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
+            Err(e) => Err(e),
+        }
+    }
+
+    pub fn write_row(&self, at: usize, row: &Row) -> io::Result<()> {
+        write(&self.row_path(at), row)
+    }
+
+    /// All rows that lie there.
+    pub fn rows(&self) -> impl Iterator<Item = Row> {
+        self.numbers(".json").filter_map(|(at, _)| self.row(at).ok().flatten())
+    }
+
+    /// Numbers of files that end so, with when they changed last.
+    fn numbers(&self, ending: &'static str) -> impl Iterator<Item = (usize, SystemTime)> {
+        let entries = fs::read_dir(&self.path).into_iter().flatten().flatten();
+        entries.filter_map(move |entry| {
+            let name = entry.file_name().into_string().ok()?;
+            let at = name.strip_suffix(ending)?.parse().ok()?;
+            let changed = entry.metadata().and_then(|m| m.modified()).unwrap_or(UNIX_EPOCH);
+            Some((at, changed))
+        })
+    }
+
+    /// Recordings that came to an end. Of objects only `asked` are looked for.
+    pub fn finished(&self, asked: impl Iterator<Item = usize>) -> Vec<usize> {
+        match in_object_store(&self.path) {
+            true => asked.filter(|&at| self.has_row(at)).collect(),
+            false => self.numbers(".json").map(|(at, _)| at).collect(),
+        }
+    }
+
+    /// When anybody last read on in a recording.
+    pub fn last_beat(&self) -> Option<SystemTime> {
+        self.numbers(".beat").map(|(_, changed)| changed).max()
+    }
+
+    pub fn beat(&self, at: usize, bytes: u64) {
+        if !in_object_store(&self.path) {
+            let _ = fs::write(self.path.join(format!("{at}.beat")), bytes.to_string());
+        }
+    }
+
+    /// Notes that somebody begins with a recording; how often that happened.
+    pub fn begin(&self, at: usize) -> io::Result<u64> {
+        if in_object_store(&self.path) {
+            return Ok(1);
+        }
+        let path = self.path.join(format!("{at}.begun"));
+        let mut file = File::options().append(true).create(true).open(path)?;
+        file.write_all(b".")?;
+        Ok(file.metadata()?.len())
+    }
+
+    /// A place of one's own for a recording's files.
+    pub fn staging(&self, at: usize, who: &str, item: &Item) -> PathBuf {
+        let name = item.verdicts.rsplit('/').next().unwrap_or(&item.verdicts);
+        self.path.join(format!("{at}.{who}")).join(name)
+    }
+
+    /// Gives a recording's files their names and writes its row; where somebody was first, theirs is
+    /// returned and nothing changes. `staged`: where the files lie.
+    pub fn commit(&self, at: usize, row: Row, staged: &Path) -> io::Result<Row> {
+        let committed = self.named_once(at, row, staged);
+        for file in resume::files(staged) {
+            let _ = stored::remove(&file); // what was not named
+        }
+        let dir = staged.parent().filter(|_| !in_object_store(staged));
+        let _ = dir.map(fs::remove_dir);
+        committed
+    }
+
+    fn named_once(&self, at: usize, row: Row, staged: &Path) -> io::Result<Row> {
+        let _lock = self.lock(at)?;
+        if let Some(first) = self.row(at)? {
+            return Ok(first);
+        }
+        if self.is_over() {
+            return Err(io::Error::new(ErrorKind::NotFound, "the run is over"));
+        }
+        if row.ended.is_ok() {
+            name(staged, &row.item.verdicts_in(self.out()))?;
+        }
+        self.write_row(at, &row)?;
+        Ok(row)
+    }
+
+    /// `None`: there are no locks here.
+    fn lock(&self, at: usize) -> io::Result<Option<File>> {
+        if in_object_store(&self.path) {
+            return Ok(None);
+        }
+        let path = self.path.join(format!("{at}.lock"));
+        let file = File::options().write(true).create(true).truncate(false).open(path)?;
+        for _ in 0..MOST_LOCKED.as_millis() / 100 {
+            match file.try_lock() {
+                Ok(()) => return Ok(Some(file)),
+                Err(TryLockError::Error(_)) => return Ok(None),
+                Err(TryLockError::WouldBlock) => std::thread::sleep(Duration::from_millis(100)),
+            }
+        }
+        let what = "another executor has begun to name its files and does not go on";
+        Err(io::Error::new(ErrorKind::TimedOut, what))
+    }
+}
+
+/// As the library itself names a recording's files: an earlier run's go first, the summary comes last.
+fn name(staged: &Path, verdicts: &Path) -> io::Result<()> {
+    let (from, to) = (resume::files(staged), resume::files(verdicts));
+    for file in to.iter().rev() {
+        stored::remove(file)?;
+    }
+    if let Some(dir) = verdicts.parent().filter(|dir| !in_object_store(dir)) {
+        fs::create_dir_all(dir)?;
+    }
+    for (from, to) in from.iter().zip(&to) {
+        stored::rename(from, to)?;
+    }
+    part_file::sync_directory_of(verdicts)
+}
+
+fn write(path: &Path, value: &impl Serialize) -> io::Result<()> {
+    let (part, mut file) = PartFile::create(path)?;
+    file.write_all(&serde_json::to_vec(value)?)?;
+    part.finish(&file)
+}
+
+fn read<T: DeserializeOwned>(path: &Path, most_bytes: u64) -> io::Result<T> {
+    let text = regular_file::read(path, most_bytes)?;
+    serde_json::from_slice(&text)
+        .map_err(|e| io::Error::new(ErrorKind::InvalidData, format!("{}: {e}", path.display())))
+}
