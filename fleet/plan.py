@@ -88,7 +88,7 @@ def figure(path):
     ]
     best = next((row[0] for row in rows if row[4] <= 8), None)
     found = f"{best} executors finish the day in a night of 8 h" if best else "no number of executors finishes in 8 h"
-    out.append(f'<text x="{left}" y="22" font-size="15" font-weight="bold">{found}, stragglers and failures included</text>')
+    out.append(f'<text x="{left}" y="22" font-size="14" font-weight="bold">{found}, stragglers and failures included</text>')
     of = f"{asked.recordings} recordings of {asked.seconds:g} s, {asked.slots} slots an executor"
     out.append(f'<text x="{left}" y="41" fill="#555">{of}; {asked.stragglers:.0%} of executors {asked.slowness:g} times slower, '
                f"one failure in {asked.mtbf:g} h</text>")

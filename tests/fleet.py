@@ -21,6 +21,7 @@ work = pathlib.Path(sys.argv[5]).resolve()
 runs = int(sys.argv[6]) if len(sys.argv) > 6 else 0
 shutil.rmtree(work, ignore_errors=True)
 work.mkdir(parents=True)
+repository = pathlib.Path(__file__).resolve().parent.parent
 
 MOST_S = 120  # of a run; one that hangs fails here
 SLICES = 16  # in time, of each of the recording's three printheads
@@ -389,6 +390,55 @@ def nobody():
         fleet.judges(night / "000", "--out", work / "nobody", says="3 recordings: 3 judged")
 
 
+def services(keys):
+    """What systemd would start, started here: the units' own commands, but for places."""
+    plant = work / "plant"
+    shutil.copytree(night / "000", plant / "archive")
+    shutil.copy(design, plant / "design.json")
+
+    def command(unit, at):
+        text = (repository / f"fleet/deploy/inkling-fleet-{unit}.service").read_text().replace("\\\n", " ")
+        start = next(line for line in text.splitlines() if line.startswith("ExecStart="))
+        for there, here in (("/etc/inkling", keys), ("/srv/printer", plant), ("scheduler.plant:50050", at),
+                            ("0.0.0.0:50050", "127.0.0.1:0")):
+            start = start.replace(there, str(here))
+        return start.split()[1:]
+
+    started = [Process(*command("scheduler", ""), log="unit-scheduler.log")]
+    at = "localhost:" + started[0].says("listening on ").split(":")[-1]
+    started.append(Process(*command("executor", at), log="unit-executor.log"))
+    ends(Process(*command("night", at), log="unit-night.log", cwd=plant))
+    assert len(list((plant / "verdicts").glob("2*/*.verdicts.parquet"))) == 3
+    for process in started:
+        process.end()
+
+
+def array_job():
+    """The plain command line, a directory of results for each directory of recordings; `xargs -P` stands in for the
+    tasks of an array job."""
+    task = f"{repository}/fleet/deploy/array_task.sh {{}} 3 {night} {design} {work}/array"
+    for _ in range(2):  # the second time nothing is done again
+        command = f"seq 0 2 | xargs -P 2 -I {{}} {task}"
+        subprocess.run(command, shell=True, check=True, timeout=MOST_S, env=os.environ | {"INKLING": inkling})
+    out = work / "array"
+    assert results(out) == results(wanted)
+    entries = [line for of in sorted(out.glob("*/journal.jsonl")) for line in of.read_text().splitlines()]
+    assert len(entries) == many == len({json.loads(line)["recording"]["path"] for line in entries})
+
+
+def readme():
+    """Its three commands, as printed, but for the build."""
+    text = (repository / "README.md").read_text()
+    build, *rest = text.split("```sh\ncargo build --release -p inkling-fleet")[1].split("```")[0].splitlines()
+    port = "127.0.0.1:" + str(50_000 + os.getpid() % 10_000)
+    commands = "\n".join(rest).replace("inkling-fleet scheduler", f"inkling-fleet scheduler --bind {port}")
+    commands = commands.replace("127.0.0.1:50050", port).replace("target/fleet/verdicts", str(work / "readme"))
+    script = f"{commands}\nstatus=$?; kill $(jobs -p); wait; exit $status"
+    env = os.environ | {"PATH": f"{pathlib.Path(inkling_fleet).parent}:{os.environ['PATH']}"}
+    ended = subprocess.run(["bash", "-c", script], cwd=repository, env=env, capture_output=True, text=True, timeout=MOST_S)
+    assert ended.returncode == 0 and "2 recordings: 2 judged" in ended.stdout, ended.stdout + ended.stderr
+
+
 def certificates():
     """Who has none of the fleet's is not spoken to; off loopback there is no scheduler without."""
     refused = Process("scheduler", "--bind", "0.0.0.0:0", log="refused.log")
@@ -418,6 +468,8 @@ def certificates():
 
     authority("ours"), authority("theirs")
     ours, theirs = signed("member", "ours"), signed("stranger", "theirs")
+    shutil.copy(keys / "ours.pem", keys / "ca.pem")
+    services(keys)
     with Fleet(executors=1, tls=ours) as fleet:
         asked = [night / "000", "--out", work / "tls", "--wait", 2]
         for stranger in ([], ["--tls-ca", keys / "ours.pem", *theirs[2:]]):
@@ -432,7 +484,7 @@ try:
     if runs:
         faults(runs)
     else:
-        for test in (without_faults, settings_and_means, poison, baselines, roots, nobody, certificates):
+        for test in (without_faults, settings_and_means, poison, baselines, roots, nobody, certificates, array_job, readme):
             began = time.monotonic()
             test()
             print(f"{test.__name__}: {time.monotonic() - began:.1f} s", flush=True)
