@@ -163,16 +163,15 @@ fn merged(now: &Baselines, mut next: Baselines, printheads: &[String]) -> Baseli
 /// Rows of runs that did not come to their end, of recordings that are asked for now, by the same means;
 /// how many.
 fn adopt(earlier: &[RunDir], dir: &RunDir, job: &Job, items: &[Item]) -> std::io::Result<usize> {
-    let mut places: HashMap<(&str, &str), usize> = HashMap::new();
-    for (at, item) in items.iter().enumerate() {
-        places.insert((&item.source, &item.verdicts), at);
-    }
+    let key = |item: &Item| (item.source.clone(), item.verdicts.clone());
+    let all = items.iter().enumerate();
+    let mut places: HashMap<_, usize> = all.map(|(at, item)| (key(item), at)).collect();
     let mut adopted = 0;
     for old in earlier {
         let same =
             old.ended_job().is_ok_and(|of| of.means == job.means && of.version == job.version);
         for row in old.rows().filter(|_| same) {
-            let key = (row.item.source.as_str(), row.item.verdicts.as_str());
+            let key = key(&row.item);
             let Some(&at) = places.get(&key) else { continue };
             let whole = row.ended.is_ok() && row.stands(dir.out());
             if whole && items[at].stamp.is_some() && row.item.stamp == items[at].stamp {

@@ -281,3 +281,113 @@ fn read<T: DeserializeOwned>(path: &Path, most_bytes: u64) -> io::Result<T> {
     serde_json::from_slice(&text)
         .map_err(|e| io::Error::new(ErrorKind::InvalidData, format!("{}: {e}", path.display())))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use inkling::io::design_file;
+    use inkling::io::journal::{Outcome, Stamp};
+    use inkling::labels::{Label, Labels};
+    use inkling::settings::Settings;
+    use serde_json::json;
+
+    fn job() -> Job {
+        let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sample_logs/design.json");
+        let (design, digest) = design_file::read(&sample).unwrap();
+        let row = Label {
+            printhead: "a".into(),
+            channel: Some(3),
+            from_ns: None,
+            to_ns: Some(i64::MAX),
+            state: "healthy".into(),
+            severity: Some(0.1 + 0.2),
+        };
+        let replay = Replay {
+            settings: Settings::default(),
+            design: Some(design),
+            design_digest: Some(digest),
+            labels: Some(Labels::new(vec![row])),
+            spans: vec![(i64::MIN, 7)],
+            baselines: None,
+        };
+        let means = Means::of(&replay, Some("xxh3:1".into()));
+        Job { version: "0".into(), replay, means, detail: Detail::Line, out: "out".into() }
+    }
+
+    fn judged(bytes: u64) -> Judged {
+        Judged {
+            digest: "xxh3:0".into(),
+            stamp: Stamp { bytes: 1, modified_ns: None },
+            outcome: Outcome::Judged,
+            bytes: vec![bytes; 3],
+            counts: json!({"signals": 3}),
+            damage: Vec::new(),
+            warnings: Vec::new(),
+            seconds: 0.1,
+            report: "x".into(),
+            timings: Vec::new(),
+            baselines: None,
+        }
+    }
+
+    fn row(by: &str, bytes: u64) -> Row {
+        let item = Item {
+            path: "x.mcap".into(),
+            source: "/x.mcap".into(),
+            label: "x.mcap".into(),
+            verdicts: "below/x.verdicts.parquet".into(),
+            stamp: None,
+            printheads: Vec::new(),
+        };
+        Row { item, ended: Ok(judged(bytes)), by: by.into() }
+    }
+
+    fn staged(dir: &RunDir, by: &str, item: &Item) -> PathBuf {
+        let staged = dir.staging(7, by, item);
+        fs::create_dir_all(staged.parent().unwrap()).unwrap();
+        resume::files(&staged).iter().for_each(|file| fs::write(file, by).unwrap());
+        staged
+    }
+
+    #[test]
+    fn a_job_says_all_and_says_it_exactly() {
+        let out = tempfile::tempdir().unwrap();
+        let job = job();
+        let dir = RunDir::create(out.path(), &job).unwrap();
+        let back = dir.job().unwrap();
+        back.replay.design.as_ref().unwrap().check().unwrap();
+        let text = |job: &Job| serde_json::to_string(job).unwrap();
+        assert!(text(&back) == text(&job), "by content, to the last digit");
+        assert_eq!(back.means, job.means);
+    }
+
+    #[test]
+    fn the_first_of_two_that_judge_a_recording_names_it_and_nobody_does_when_the_run_is_over() {
+        let out = tempfile::tempdir().unwrap();
+        let dir = RunDir::create(out.path(), &job()).unwrap();
+        let (first, second) = (row("first", 5), row("second", 6));
+        assert_eq!(
+            (dir.begin(7).unwrap(), dir.begin(7).unwrap(), dir.begin(8).unwrap()),
+            (1, 2, 1)
+        );
+        let places = [&first, &second].map(|row| staged(&dir, &row.by, &row.item));
+        assert_eq!(dir.commit(7, first.clone(), &places[0]).unwrap().by, "first");
+        assert_eq!(dir.commit(7, second, &places[1]).unwrap().by, "first");
+        let named = resume::files(&first.item.verdicts_in(out.path()));
+        assert!(named.iter().all(|file| fs::read_to_string(file).unwrap() == "first"));
+        assert!(places.iter().all(|staged| !staged.parent().unwrap().exists()), "nothing is left");
+        assert!(dir.row(7).unwrap().unwrap().stands(out.path()));
+        assert_eq!(dir.finished([].into_iter()), [7]);
+
+        fs::write(&named[2], "changed").unwrap();
+        assert!(!dir.row(7).unwrap().unwrap().stands(out.path()));
+        dir.end().unwrap();
+        dir.end().unwrap();
+        let late = row("late", 4);
+        let place = staged(&dir, "late", &late.item);
+        assert!(dir.commit(9, late, &place).is_err() && !dir.has_row(9));
+        assert!(fs::read_to_string(&named[0]).unwrap() == "first" && dir.ended_job().is_ok());
+        dir.remove(10);
+        assert_eq!(fs::read_dir(out.path()).unwrap().count(), 1, "results alone are left");
+    }
+}
