@@ -8,6 +8,7 @@ use inkling::cli::replay;
 use std::time::Duration;
 
 #[derive(Debug, clap::Args)]
+#[group(skip)]
 #[command(
     after_help = "Executors must see recordings and --out under the same names as this command.
 What `inkling replay` takes is taken, but for --threads and --pace, which executors decide on."
