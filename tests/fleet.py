@@ -318,13 +318,13 @@ def without_faults():
 def settings_and_means():
     """Settings, labels and presets go along; what cannot take effect, or is not there, is told."""
     with Fleet() as fleet:
-        some = [night / "000", night / "001", "--set", "output.weights=true", "--set", "isolate.certainty=0.5"]
+        some = [night / "000", "--set", "output.weights=true", "--set", "isolate.certainty=0.5"]
         here(*some, "--out", work / "set-here")
         fleet.judges(*some, "--out", work / "set")
         same(work / "set", work / "set-here")
         fleet.judges(*some, "--out", work / "set", "--threads", 3, exits=2, says="--threads: has no effect here")
         fleet.judges(*some, "--out", work / "set", "--set", "detect.nothing=1", exits=2)
-        fleet.judges(*some, "--out", work / "dry", "--dry-run", says="would judge 6")
+        fleet.judges(*some, "--out", work / "dry", "--dry-run", says="would judge 3")
         assert not (work / "dry").exists()
 
 
@@ -373,7 +373,7 @@ def roots():
         fleet.executors.append(fleet.executor("--root", inside))
         asked = [inside, outside]
         said = fleet.judges(*asked, "--out", inside / "out", exits=3, says="is outside of this executor's roots")
-        assert "3 judged" in said and "4 failed" in said, said
+        assert "3 judged" in said and "3 failed" in said, said
         said = fleet.judges(inside / "000", "--out", outside / "out", exits=1, says="is outside of")
         assert not list((outside / "out").rglob("*.parquet")), said
 
@@ -433,9 +433,10 @@ def readme():
     port = "127.0.0.1:" + str(50_000 + os.getpid() % 10_000)
     commands = "\n".join(rest).replace("inkling-fleet scheduler", f"inkling-fleet scheduler --bind {port}")
     commands = commands.replace("127.0.0.1:50050", port).replace("target/fleet/verdicts", str(work / "readme"))
+    shutil.copytree(repository / "sample_logs", work / "sample_logs")
     script = f"{commands}\nstatus=$?; kill $(jobs -p); wait; exit $status"
     env = os.environ | {"PATH": f"{pathlib.Path(inkling_fleet).parent}:{os.environ['PATH']}"}
-    ended = subprocess.run(["bash", "-c", script], cwd=repository, env=env, capture_output=True, text=True, timeout=MOST_S)
+    ended = subprocess.run(["bash", "-c", script], cwd=work, env=env, capture_output=True, text=True, timeout=MOST_S)
     assert ended.returncode == 0 and "2 recordings: 2 judged" in ended.stdout, ended.stdout + ended.stderr
 
 

@@ -45,9 +45,12 @@ pub enum Trouble {
 impl From<tonic::Status> for Trouble {
     fn from(status: tonic::Status) -> Trouble {
         match status.code() {
-            Code::Unavailable | Code::DeadlineExceeded | Code::Cancelled | Code::Unknown => {
-                Trouble::Away(status.message().into())
-            }
+            // also of a connection that a certificate did not survive
+            Code::Unavailable
+            | Code::DeadlineExceeded
+            | Code::Cancelled
+            | Code::Unknown
+            | Code::Internal => Trouble::Away(status.message().into()),
             _ => Trouble::Refused(status.message().into()),
         }
     }

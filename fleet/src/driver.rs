@@ -204,7 +204,8 @@ impl Driver {
         let at = format!("{}:{}", self.scheduler.host, self.scheduler.port);
         if away.since.elapsed() >= away.most {
             return Err(format!(
-                "no scheduler at {at} for {} s: {why}. What is finished stays: run this again",
+                "no scheduler at {at} for {} s: {why}. Is one running, with certificates of the same authority or, like \
+                 this side, none? What is finished stays: run this again",
                 away.most.as_secs()
             ));
         }

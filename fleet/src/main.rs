@@ -29,8 +29,9 @@ use inkling::cli::run_verb;
 use std::future::Future;
 use std::process::ExitCode;
 
-/// Of Ballista's own words; RUST_LOG asks for others. That executors cannot be told to drop a task is as meant.
-const TOLD: &str = "error,ballista_scheduler::state::executor_manager=off";
+/// Of Ballista's own words; RUST_LOG asks for others. What becomes of a job its client tells, and that a
+/// scheduler is gone matters only while an executor works.
+const TOLD: &str = "error,ballista_scheduler=off,ballista_executor::executor_process=off";
 
 #[derive(Debug, Parser)]
 #[command(

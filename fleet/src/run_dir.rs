@@ -216,18 +216,28 @@ impl RunDir {
         for file in resume::files(staged) {
             let _ = stored::remove(&file); // what was not named
         }
-        let dir = staged.parent().filter(|_| !in_object_store(staged));
-        let _ = dir.map(fs::remove_dir);
+        if !in_object_store(staged) {
+            let _ = staged.parent().map(fs::remove_dir);
+            if self.is_over() {
+                // of a run that was removed while this was judged: its places were made anew
+                let _ = fs::remove_dir(&self.path);
+                let _ = self.path.parent().map(fs::remove_dir);
+            }
+        }
         committed
     }
 
     fn named_once(&self, at: usize, row: Row, staged: &Path) -> io::Result<Row> {
+        let over = || Err(io::Error::new(ErrorKind::NotFound, "the run is over"));
+        if self.is_over() {
+            return over(); // not even a lock is left in it
+        }
         let _lock = self.lock(at)?;
         if let Some(first) = self.row(at)? {
             return Ok(first);
         }
         if self.is_over() {
-            return Err(io::Error::new(ErrorKind::NotFound, "the run is over"));
+            return over();
         }
         if row.ended.is_ok() {
             name(staged, &row.item.verdicts_in(self.out()))?;

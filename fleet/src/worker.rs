@@ -138,9 +138,7 @@ impl Worker {
                 })
             }
         };
-        if matches!(ended, Err(NotJudged::Interrupted)) {
-            return Err(self.words(run, "the run is over"));
-        }
+        // what was interrupted is of a run that is over, which takes no row
         let row = Row { item: item.clone(), ended, by: self.name.clone() };
         run.commit(at, row, &staged).map_err(|e| self.words(run, e))
     }
@@ -192,12 +190,11 @@ fn watched<T>(run: &RunDir, at: usize, control: &Control, job: impl FnOnce() -> 
             // ends with the sender, also where the job panics
             while wait.recv_timeout(BEAT) == Err(mpsc::RecvTimeoutError::Timeout) {
                 let read = control.bytes_read.load(Ordering::Relaxed);
-                if read != told {
-                    told = read;
-                    run.beat(at, read);
-                }
                 if run.is_over() {
                     control.interrupt();
+                } else if read != told {
+                    told = read;
+                    run.beat(at, read);
                 }
             }
         });
