@@ -165,6 +165,8 @@ def content(file):
             of.pop(key)
         for key in ("seconds", "signals_per_s"):
             of["totals"].pop(key)
+        for row in of["recordings"]:
+            row["why"] = "" if row["skipped"] else row["why"]  # when it was finished
     else:
         of.pop("rates"), of.pop("timings")
     return of
