@@ -12,7 +12,7 @@ parser.add_argument("--recordings", type=int, default=24_000, help="1,000 printe
 parser.add_argument("--seconds", type=float, default=119.0, help="of computing a recording takes, on one slot")
 parser.add_argument("--spread", type=float, default=0.2, help="of a recording's seconds: sd of their logarithm")
 parser.add_argument("--slots", type=int, default=8, help="of an executor")
-parser.add_argument("--dispatch", type=float, default=0.004, help="s of the scheduler for a recording; one after another")
+parser.add_argument("--dispatch", type=float, default=0.005, help="s of the scheduler for a recording; one after another")
 parser.add_argument("--stragglers", type=float, default=0.02, help="share of executors that are slow")
 parser.add_argument("--slowness", type=float, default=4.0, help="how many times slower they are")
 parser.add_argument("--mtbf", type=float, default=24.0, help="h between an executor's failures")

@@ -36,6 +36,9 @@ const MOST_ROW_BYTES: u64 = 1 << 30;
 /// Naming three files takes milliseconds: whoever holds a lock longer is stopped.
 const MOST_LOCKED: Duration = Duration::from_secs(10);
 
+/// Looks until a directory that is over is empty.
+const MOST_REMOVALS: u32 = 20;
+
 /// What all recordings of a run share.
 #[derive(Clone, Serialize, Deserialize)]
 pub struct Job {
@@ -131,7 +134,15 @@ impl RunDir {
             let rows = (0..rows).map(|at| self.row_path(at));
             names.into_iter().chain(rows).for_each(|path| drop(stored::remove(&path)));
         } else {
-            let _ = fs::remove_dir_all(&self.path);
+            // somebody who has not yet seen that the run is over may put a file into it meanwhile
+            for _ in 0..MOST_REMOVALS {
+                match fs::remove_dir_all(&self.path) {
+                    Err(e) if e.kind() != ErrorKind::NotFound => {
+                        std::thread::sleep(Duration::from_millis(100));
+                    }
+                    _ => break,
+                }
+            }
             let _ = self.path.parent().map(fs::remove_dir); // where it was the last
         }
     }
@@ -194,6 +205,9 @@ impl RunDir {
 
     /// Notes that somebody begins with a recording; how often that happened.
     pub fn begin(&self, at: usize) -> io::Result<u64> {
+        if self.is_over() {
+            return Err(io::Error::new(ErrorKind::NotFound, "the run is over"));
+        }
         if in_object_store(&self.path) {
             return Ok(1);
         }
