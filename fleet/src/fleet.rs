@@ -97,10 +97,9 @@ impl Judge for Fleet {
         let unreadable =
             |e: std::io::Error| NotJudged::Broken(format!("{}: {e}", begun.run.path().display()));
         let row = begun.run.row(at).map_err(unreadable)?;
-        let Some(Row { ended, .. }) = row else {
-            return Err(unreadable(std::io::ErrorKind::NotFound.into()));
-        };
-        let mut judged = ended?;
+        let row: Row = row.ok_or_else(|| unreadable(std::io::ErrorKind::NotFound.into()))?;
+        row.name(begun.run.out()).map_err(unreadable)?;
+        let mut judged = row.ended?;
         if let (Some(now), Some(next)) = (&run.replay.baselines, judged.baselines.take()) {
             judged.baselines = Some(merged(now, next, &item.printheads));
         }
@@ -173,6 +172,7 @@ fn adopt(earlier: &[RunDir], dir: &RunDir, job: &Job, items: &[Item]) -> std::io
         for row in old.rows().filter(|_| same) {
             let key = key(&row.item);
             let Some(&at) = places.get(&key) else { continue };
+            row.name(dir.out())?;
             let whole = row.ended.is_ok() && row.stands(dir.out());
             if whole && items[at].stamp.is_some() && row.item.stamp == items[at].stamp {
                 dir.write_row(at, &row)?;

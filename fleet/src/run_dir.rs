@@ -9,8 +9,8 @@
 //! <n>.<who>/        where recording n's files are written before they get their names
 //! ```
 //!
-//! A recording that is judged twice (its first executor was only slow) is named once: under a lock the
-//! later one finds the earlier one's row, and drops its own work.
+//! A recording that is judged twice (its first executor was only slow) is named once: the first row that is
+//! written counts, and names the files that lie where it says, by whoever finds it; others drop their work.
 
 use inkling::cli::judge::{Detail, Item, Judged, NotJudged};
 use inkling::io::journal::Means;
@@ -20,7 +20,7 @@ use inkling::io::{regular_file, stored};
 use inkling::pipeline::{Replay, resume};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use std::fs::{self, File, TryLockError};
+use std::fs::{self, File};
 use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -33,8 +33,6 @@ const ENDED: &str = "ended.json";
 /// Of a design and baselines a GB is the most that is read elsewhere.
 const MOST_JOB_BYTES: u64 = 2 << 30;
 const MOST_ROW_BYTES: u64 = 1 << 30;
-/// Naming three files takes milliseconds: whoever holds a lock longer is stopped.
-const MOST_LOCKED: Duration = Duration::from_secs(10);
 
 /// Looks until a directory that is over is empty.
 const MOST_REMOVALS: u32 = 20;
@@ -58,9 +56,30 @@ pub struct Row {
     pub ended: Result<Judged, NotJudged>,
     /// Host and process.
     pub by: String,
+    /// Where its verdicts lie until they have their name.
+    pub staged: PathBuf,
 }
 
 impl Row {
+    /// Gives the files their names, the summary's last. Whoever finds the row does so: the one that wrote it
+    /// may have been stopped in between. What has its name already keeps it.
+    pub fn name(&self, out: &Path) -> io::Result<()> {
+        if self.ended.is_err() {
+            return Ok(());
+        }
+        let verdicts = self.item.verdicts_in(out);
+        if let Some(dir) = verdicts.parent().filter(|dir| !in_object_store(dir)) {
+            fs::create_dir_all(dir)?;
+        }
+        for (from, to) in resume::files(&self.staged).iter().zip(&resume::files(&verdicts)) {
+            match stored::rename(from, to) {
+                Err(e) if e.kind() != ErrorKind::NotFound => return Err(e),
+                _ => {}
+            }
+        }
+        part_file::sync_directory_of(&verdicts)
+    }
+
     /// Whether the files that it tells of are still there.
     pub fn stands(&self, out: &Path) -> bool {
         let Ok(judged) = &self.ended else { return true };
@@ -223,14 +242,16 @@ impl RunDir {
         self.path.join(format!("{at}.{who}")).join(name)
     }
 
-    /// Gives a recording's files their names and writes its row; where somebody was first, theirs is
-    /// returned and nothing changes. `staged`: where the files lie.
-    pub fn commit(&self, at: usize, row: Row, staged: &Path) -> io::Result<Row> {
-        let committed = self.named_once(at, row, staged);
-        for file in resume::files(staged) {
+    /// Writes a recording's row, if nobody was first, and gives the first one's files their names; whose row
+    /// it is. `row.staged`: where the files lie.
+    pub fn commit(&self, at: usize, row: Row) -> io::Result<Row> {
+        let staged = row.staged.clone();
+        let committed =
+            self.claim(at, row).and_then(|first| first.name(self.out()).map(|()| first));
+        for file in resume::files(&staged) {
             let _ = stored::remove(&file); // what was not named
         }
-        if !in_object_store(staged) {
+        if !in_object_store(&staged) {
             let _ = staged.parent().map(fs::remove_dir);
             if self.is_over() {
                 // of a run that was removed while this was judged: its places were made anew
@@ -241,57 +262,27 @@ impl RunDir {
         committed
     }
 
-    fn named_once(&self, at: usize, row: Row, staged: &Path) -> io::Result<Row> {
-        let over = || Err(io::Error::new(ErrorKind::NotFound, "the run is over"));
+    /// The first row that is written of a recording is its only one.
+    fn claim(&self, at: usize, row: Row) -> io::Result<Row> {
         if self.is_over() {
-            return over(); // not even a lock is left in it
+            return Err(io::Error::new(ErrorKind::NotFound, "the run is over"));
         }
-        let _lock = self.lock(at)?;
         if let Some(first) = self.row(at)? {
             return Ok(first);
         }
-        if self.is_over() {
-            return over();
-        }
-        if row.ended.is_ok() {
-            name(staged, &row.item.verdicts_in(self.out()))?;
-        }
-        self.write_row(at, &row)?;
-        Ok(row)
-    }
-
-    /// `None`: there are no locks here.
-    fn lock(&self, at: usize) -> io::Result<Option<File>> {
         if in_object_store(&self.path) {
-            return Ok(None);
+            return self.write_row(at, &row).map(|()| row);
         }
-        let path = self.path.join(format!("{at}.lock"));
-        let file = File::options().write(true).create(true).truncate(false).open(path)?;
-        for _ in 0..MOST_LOCKED.as_millis() / 100 {
-            match file.try_lock() {
-                Ok(()) => return Ok(Some(file)),
-                Err(TryLockError::Error(_)) => return Ok(None),
-                Err(TryLockError::WouldBlock) => std::thread::sleep(Duration::from_millis(100)),
-            }
+        let own = row.staged.with_extension("row");
+        write(&own, &row)?;
+        // a second name, which unlike a new name for the first never replaces another's
+        let claimed = fs::hard_link(&own, self.row_path(at));
+        let _ = fs::remove_file(&own);
+        match claimed {
+            Ok(()) => Ok(row),
+            Err(e) => self.row(at)?.ok_or(e),
         }
-        let what = "another executor has begun to name its files and does not go on";
-        Err(io::Error::new(ErrorKind::TimedOut, what))
     }
-}
-
-/// As the library itself names a recording's files: an earlier run's go first, the summary comes last.
-fn name(staged: &Path, verdicts: &Path) -> io::Result<()> {
-    let (from, to) = (resume::files(staged), resume::files(verdicts));
-    for file in to.iter().rev() {
-        stored::remove(file)?;
-    }
-    if let Some(dir) = verdicts.parent().filter(|dir| !in_object_store(dir)) {
-        fs::create_dir_all(dir)?;
-    }
-    for (from, to) in from.iter().zip(&to) {
-        stored::rename(from, to)?;
-    }
-    part_file::sync_directory_of(verdicts)
 }
 
 fn write(path: &Path, value: &impl Serialize) -> io::Result<()> {
@@ -363,14 +354,14 @@ mod tests {
             stamp: None,
             printheads: Vec::new(),
         };
-        Row { item, ended: Ok(judged(bytes)), by: by.into() }
+        Row { item, ended: Ok(judged(bytes)), by: by.into(), staged: PathBuf::new() }
     }
 
-    fn staged(dir: &RunDir, by: &str, item: &Item) -> PathBuf {
-        let staged = dir.staging(7, by, item);
+    fn staged(dir: &RunDir, row: Row) -> Row {
+        let staged = dir.staging(7, &row.by, &row.item);
         fs::create_dir_all(staged.parent().unwrap()).unwrap();
-        resume::files(&staged).iter().for_each(|file| fs::write(file, by).unwrap());
-        staged
+        resume::files(&staged).iter().for_each(|file| fs::write(file, &row.by).unwrap());
+        Row { staged, ..row }
     }
 
     #[test]
@@ -389,17 +380,20 @@ mod tests {
     fn the_first_of_two_that_judge_a_recording_names_it_and_nobody_does_when_the_run_is_over() {
         let out = tempfile::tempdir().unwrap();
         let dir = RunDir::create(out.path(), &job()).unwrap();
-        let (first, second) = (row("first", 5), row("second", 6));
+        let [first, second] = [row("first", 5), row("other", 6)].map(|row| staged(&dir, row));
         assert_eq!(
             (dir.begin(7).unwrap(), dir.begin(7).unwrap(), dir.begin(8).unwrap()),
             (1, 2, 1)
         );
-        let places = [&first, &second].map(|row| staged(&dir, &row.by, &row.item));
-        assert_eq!(dir.commit(7, first.clone(), &places[0]).unwrap().by, "first");
-        assert_eq!(dir.commit(7, second, &places[1]).unwrap().by, "first");
+        // stopped after it wrote its row: the other names the first one's files
+        assert_eq!(dir.claim(7, first.clone()).unwrap().by, "first");
+        assert_eq!(dir.commit(7, second.clone()).unwrap().by, "first");
+        assert!(!second.staged.parent().unwrap().exists(), "nothing is left");
         let named = resume::files(&first.item.verdicts_in(out.path()));
-        assert!(named.iter().all(|file| fs::read_to_string(file).unwrap() == "first"));
-        assert!(places.iter().all(|staged| !staged.parent().unwrap().exists()), "nothing is left");
+        let are_first = || named.iter().all(|file| fs::read_to_string(file).unwrap() == "first");
+        assert!(are_first());
+        assert_eq!(dir.commit(7, first).unwrap().by, "first", "it wakes");
+        assert!(are_first());
         assert!(dir.row(7).unwrap().unwrap().stands(out.path()));
         assert_eq!(dir.finished([].into_iter()), [7]);
 
@@ -407,9 +401,7 @@ mod tests {
         assert!(!dir.row(7).unwrap().unwrap().stands(out.path()));
         dir.end().unwrap();
         dir.end().unwrap();
-        let late = row("late", 4);
-        let place = staged(&dir, "late", &late.item);
-        assert!(dir.commit(9, late, &place).is_err() && !dir.has_row(9));
+        assert!(dir.commit(9, staged(&dir, row("late", 4))).is_err() && !dir.has_row(9));
         assert!(fs::read_to_string(&named[0]).unwrap() == "first" && dir.ended_job().is_ok());
         dir.remove(10);
         assert_eq!(fs::read_dir(out.path()).unwrap().count(), 1, "results alone are left");

@@ -67,7 +67,7 @@ impl Worker {
         let mut said = Vec::new();
         for (at, item) in &task.chain {
             let row = match run.row(*at).map_err(|e| self.words(run, e))? {
-                Some(row) => row,
+                Some(row) => row.name(run.out()).map(|()| row).map_err(|e| self.words(run, e))?,
                 None => self.attempt(run, *at, item, &loaded, &baselines)?,
             };
             said.push(match &row.ended {
@@ -139,8 +139,8 @@ impl Worker {
             }
         };
         // what was interrupted is of a run that is over, which takes no row
-        let row = Row { item: item.clone(), ended, by: self.name.clone() };
-        run.commit(at, row, &staged).map_err(|e| self.words(run, e))
+        let row = Row { item: item.clone(), ended, by: self.name.clone(), staged };
+        run.commit(at, row).map_err(|e| self.words(run, e))
     }
 
     /// Of a recording and its results.
