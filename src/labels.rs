@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 /// One row of a labels file. The span is half-open; `None` is unbounded.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Label {
     pub printhead: String,
     /// `None` is `*`, every channel.
@@ -22,10 +22,23 @@ impl Label {
 }
 
 /// Labels ready to be asked. A channel number beats `*`, then the later row beats the earlier.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
+#[serde(from = "Vec<Label>", into = "Vec<Label>")]
 pub struct Labels {
     rows: Vec<Label>,
     by_printhead: HashMap<String, HashMap<Option<u32>, Vec<usize>>>,
+}
+
+impl From<Vec<Label>> for Labels {
+    fn from(rows: Vec<Label>) -> Labels {
+        Labels::new(rows)
+    }
+}
+
+impl From<Labels> for Vec<Label> {
+    fn from(labels: Labels) -> Vec<Label> {
+        labels.rows
+    }
 }
 
 impl Labels {

@@ -5,24 +5,21 @@ use super::account::{Account, End, RUN_NAME, Row, unwritable};
 use super::annotate;
 use super::exit::{Exit, Failure, unless_reader_gone};
 use super::failed;
-use super::follow;
+use super::judge::{Item, Judge, Judged, NotJudged, Run};
 use super::output;
 use super::plan::Planned;
 use super::progress::Progress;
-use super::report::{self, Detail, printable_path};
+use super::report::{Detail, printable_path};
 use super::results;
-use crate::episodes::Episode;
-use crate::io::Limits;
 use crate::io::annotation_writer;
 use crate::io::baseline_file::BaselineFile;
 use crate::io::dialect::Dialects;
 use crate::io::inputs::Input;
 use crate::io::journal::{Entry, JournalWriter, Link, Means, Outcome};
 use crate::io::printable;
-use crate::io::recording::Recording;
 use crate::io::stored;
 use crate::pipeline::resume::{self, Decision, Why};
-use crate::pipeline::{self, Control, PipelineError, RecordingReport, Replay, Watch};
+use crate::pipeline::{Control, PipelineError, Replay};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -42,6 +39,7 @@ pub enum Telling {
 }
 
 pub struct Batch<'a> {
+    pub judge: &'a mut dyn Judge,
     pub out: &'a Path,
     pub replay: Replay,
     pub dialects: Dialects,
@@ -55,10 +53,10 @@ pub struct Batch<'a> {
     pub timings: bool,
     /// Also what was found as messages, beside the verdicts.
     pub annotate: bool,
-    /// The recording is being written.
-    pub follow: bool,
     /// Of one recording alone its own report is enough.
     pub alone: bool,
+    /// Judge again what is finished.
+    pub force: bool,
     /// Recordings that failed so far.
     pub failures: usize,
 }
@@ -83,7 +81,7 @@ impl Batch<'_> {
             self.progress.fail(&format!("inkling: {}", row.why));
             self.tell(row, &Value::Null).map_err(|stop| stop.failure)?;
         }
-        let stopped = self.each(planned).err();
+        let stopped = self.all(planned).err();
         let (end, exit) = match &stopped {
             Some(stop) => (stop.end, stop.failure.exit),
             None => (End::Finished, self.account.exit()),
@@ -138,13 +136,48 @@ impl Batch<'_> {
         }
     }
 
-    fn each(&mut self, planned: &[Planned]) -> Result<(), Stop> {
+    fn all(&mut self, planned: &[Planned]) -> Result<(), Stop> {
+        let to_judge = || planned.iter().filter(|this| this.is_to_be_judged());
+        if self.judge.all_at_once() {
+            to_judge().for_each(|this| self.set_aside_outdated(this));
+        }
+        let items: Vec<Item> = to_judge().map(Planned::item).collect();
+        let begun = self.by_judge(|judge, run| judge.begin(run, &items));
+        self.each(planned, &items, begun)
+    }
+
+    /// `judge`, with what it may see of the run.
+    fn by_judge<T>(&mut self, ask: impl FnOnce(&mut dyn Judge, &Run) -> T) -> T {
+        let run = Run {
+            out: self.out,
+            replay: &self.replay,
+            means: self.means,
+            dialects: &self.dialects,
+            detail: if self.alone { Detail::All } else { Detail::Line },
+            force: self.force,
+            say: &|message| self.progress.say(message),
+            control: self.control,
+        };
+        ask(self.judge, &run)
+    }
+
+    fn each(
+        &mut self,
+        planned: &[Planned],
+        items: &[Item],
+        mut begun: Result<(), Failure>,
+    ) -> Result<(), Stop> {
+        let mut items = items.iter().enumerate();
         for (at, this) in planned.iter().enumerate() {
             let reached = self.account.rows.len();
             let done = match &this.decision {
                 Decision::Finished { .. } => self.skip(this),
                 Decision::Refuse(why) => self.note_failure(this, why.clone(), None),
-                Decision::Judge(_) => self.judge(this),
+                Decision::Judge(_) => match (std::mem::replace(&mut begun, Ok(())), items.next()) {
+                    (Err(failure), _) => Err(Stop { end: End::Broken, failure }),
+                    (Ok(()), Some((nth, item))) => self.judge(this, nth, item),
+                    (Ok(()), None) => Ok(()),
+                },
             };
             if let Err(stop) = done {
                 let looked_at = at + usize::from(self.account.rows.len() > reached);
@@ -169,65 +202,35 @@ impl Batch<'_> {
         self.say_annotated(annotations)
     }
 
-    fn judge(&mut self, this: &Planned) -> Result<(), Stop> {
-        let verdicts = this.placed.verdicts_in(self.out);
-        let label = this.placed.label();
-        if matches!(this.decision, Decision::Judge(Why::RecordingChanged)) {
-            self.set_aside(&verdicts);
+    /// `nth`: among those that are to be judged.
+    fn judge(&mut self, this: &Planned, nth: usize, item: &Item) -> Result<(), Stop> {
+        if !self.judge.all_at_once() {
+            self.set_aside_outdated(this);
         }
-        let path = &this.placed.input.path;
-        let judged = match self.follow {
-            true => self.watch(path, &label, &verdicts),
-            false => Recording::open_with(path, Limits::default(), &self.dialects)
-                .map_err(PipelineError::from)
-                .and_then(|recording| {
-                    self.progress.during(&label, recording.bytes, self.control, || {
-                        pipeline::replay(&self.replay, &recording, &verdicts, self.control)
-                    })
-                }),
-        };
-        match judged {
-            Ok(mut report) => {
-                report.name = label;
-                self.keep(this, report)
+        match self.by_judge(|judge, run| judge.judge(run, nth, item)) {
+            Ok(judged) => self.keep(this, judged),
+            Err(NotJudged::Interrupted) => {
+                Err(Stop { end: End::Interrupted, failure: PipelineError::Interrupted.into() })
             }
-            Err(e @ PipelineError::Interrupted) => {
-                Err(Stop { end: End::Interrupted, failure: e.into() })
+            Err(NotJudged::NoRoom(what)) => {
+                Err(Stop { end: End::NoRoom, failure: self.no_room(&what) })
             }
-            Err(e) if failed::no_room(&e) => {
-                Err(Stop { end: End::NoRoom, failure: self.no_room(&e.to_string()) })
-            }
-            Err(e) => {
-                self.set_aside(&verdicts);
-                self.note_failure(this, failed::in_words(&e), Some(e.into()))
+            Err(NotJudged::Broken(what)) => Err(Stop::broken(what)),
+            Err(NotJudged::Failed { why, usage }) => {
+                self.set_aside(&this.placed.verdicts_in(self.out));
+                let failure = if usage { Failure::usage(&why) } else { Failure::new(&why) };
+                self.note_failure(this, why, Some(failure))
             }
         }
-    }
-
-    /// Tells of a recording while it is written.
-    fn watch(
-        &self,
-        path: &Path,
-        label: &str,
-        verdicts: &Path,
-    ) -> Result<RecordingReport, PipelineError> {
-        let json = self.telling == Telling::Json;
-        let raised = |episode: &Episode| follow::tell(label, episode, json, self.progress);
-        let note = |what: &str| self.progress.say(&format!("{}: {what}", printable_path(label)));
-        let watch = Watch { raised: &raised, note: &note };
-        self.progress.during(label, None, self.control, || {
-            let enough = self.control.enough.clone();
-            let recording = Recording::follow(path, Limits::default(), &self.dialects, enough)?;
-            pipeline::follow(&self.replay, &recording, verdicts, self.control, &watch)
-        })
     }
 
     /// Line in the journal, then baselines: a run that is killed between the two finds the baselines
     /// from before, and judges this recording once more.
-    fn keep(&mut self, this: &Planned, mut report: RecordingReport) -> Result<(), Stop> {
+    fn keep(&mut self, this: &Planned, mut judged: Judged) -> Result<(), Stop> {
+        let verdicts = this.placed.verdicts_in(self.out);
         let mut prepared = None;
         let mut baseline = None;
-        let baselines = report.baselines.take();
+        let baselines = judged.baselines.take();
         if let (Some(file), Some(next)) = (&self.baseline_file, &baselines) {
             let next = file.prepare(next).map_err(|e| match failed::no_room(&e) {
                 true => Stop { end: End::NoRoom, failure: self.no_room(&e.to_string()) },
@@ -236,17 +239,17 @@ impl Batch<'_> {
             baseline = Some(Link { before: file.digest(), after: Some(next.digest()) });
             prepared = Some(next);
         }
-        for file in resume::files(&report.verdicts) {
+        for file in resume::files(&verdicts) {
             let _ = stored::remove(&stale(&file)); // what was set aside is replaced
         }
-        let entry = this.judged(self.means, &report, baseline);
+        let entry = this.judged(self.means, &judged, baseline);
         self.append(&entry)?;
         if let (Some(file), Some(prepared)) = (&mut self.baseline_file, prepared) {
             file.replace(prepared).map_err(Stop::broken)?;
             self.replay.baselines = baselines;
         }
-        let annotations = self.annotate(&report.verdicts, true)?;
-        self.tell_of(this, &report, &entry)?;
+        let annotations = self.annotate(&verdicts, true)?;
+        self.tell_of(this, &judged, &entry)?;
         self.say_annotated(annotations)
     }
 
@@ -279,13 +282,8 @@ impl Batch<'_> {
     }
 
     /// Warnings each kind once, then the report.
-    fn tell_of(
-        &mut self,
-        this: &Planned,
-        report: &RecordingReport,
-        entry: &Entry,
-    ) -> Result<(), Stop> {
-        let label = printable_path(&report.name);
+    fn tell_of(&mut self, this: &Planned, judged: &Judged, entry: &Entry) -> Result<(), Stop> {
+        let label = printable_path(&this.placed.label());
         for told in entry.damage.iter().chain(&entry.warnings) {
             if self.account.notes.add(&label, told) {
                 let more = match told.times {
@@ -296,15 +294,14 @@ impl Batch<'_> {
             }
         }
         if self.timings {
-            report::say_timings(report, self.progress);
+            judged.timings.iter().for_each(|line| self.progress.say(line));
         }
         if self.telling == Telling::Text {
             // whoever stopped reading still wants the other recordings' verdicts
-            let detail = if self.alone { Detail::All } else { Detail::Line };
-            let printed = report::print(report, detail, &mut output::report());
+            let printed = output::report().write_all(judged.report.as_bytes());
             unless_reader_gone(printed).map_err(|failure| Stop { end: End::Broken, failure })?;
         }
-        self.tell(this.judged_row(report, entry), &entry.counts)
+        self.tell(this.judged_row(judged, entry), &entry.counts)
     }
 
     fn tell(&mut self, row: Row, counts: &Value) -> Result<(), Stop> {
@@ -365,6 +362,13 @@ impl Batch<'_> {
              again: it goes on where it stopped",
             self.out.display()
         ))
+    }
+
+    /// Verdicts of a recording that is another now.
+    fn set_aside_outdated(&self, this: &Planned) {
+        if matches!(this.decision, Decision::Judge(Why::RecordingChanged)) {
+            self.set_aside(&this.placed.verdicts_in(self.out));
+        }
     }
 
     /// Verdicts of an earlier state of a recording that fails now do not look current.

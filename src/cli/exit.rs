@@ -37,6 +37,10 @@ impl Failure {
     pub fn usage(message: impl ToString) -> Failure {
         Failure { exit: Exit::Usage, message: message.to_string() }
     }
+
+    pub fn is_usage(&self) -> bool {
+        self.exit == Exit::Usage
+    }
 }
 
 impl From<SettingsError> for Failure {

@@ -1,14 +1,17 @@
 //! `inkling replay --follow`: episodes of a recording that is being written, as they are raised.
 
 use super::exit::{Failure, unless_reader_gone};
+use super::judge::{Item, Judge, Judged, NotJudged, Run};
 use super::output;
 use super::progress::{Progress, handle_interrupts};
-use super::report::printable;
+use super::report::{printable, printable_path};
 use crate::episodes::Episode;
+use crate::io::Limits;
 use crate::io::layout::Layout;
 use crate::io::objects::in_object_store;
 use crate::io::printable;
-use crate::pipeline::Control;
+use crate::io::recording::Recording;
+use crate::pipeline::{self, Control, Watch};
 use crate::settings::{Pace, Settings};
 use chrono::{DateTime, SecondsFormat};
 use serde_json::json;
@@ -52,6 +55,35 @@ pub fn check(settings: &Settings, dry_run: bool) -> Result<(), Failure> {
 /// A control that the first Ctrl-C tells that what is there is enough.
 pub fn until_enough() -> Arc<Control> {
     handle_interrupts(|control| !control.enough.swap(true, Ordering::Relaxed))
+}
+
+/// In this process, while the recording is written.
+pub struct Watching<'a> {
+    pub progress: &'a Progress,
+    pub json: bool,
+}
+
+impl Judge for Watching<'_> {
+    fn begin(&mut self, _: &Run, _: &[Item]) -> Result<(), Failure> {
+        Ok(())
+    }
+
+    fn judge(&mut self, run: &Run, _: usize, item: &Item) -> Result<Judged, NotJudged> {
+        let (label, verdicts) = (&item.label, item.verdicts_in(run.out));
+        let raised = |episode: &Episode| tell(label, episode, self.json, self.progress);
+        let note = |what: &str| self.progress.say(&format!("{}: {what}", printable_path(label)));
+        let watch = Watch { raised: &raised, note: &note };
+        let report = self.progress.during(label, None, run.control, || {
+            let enough = run.control.enough.clone();
+            let recording = Recording::follow(&item.path, Limits::default(), run.dialects, enough)?;
+            pipeline::follow(run.replay, &recording, &verdicts, run.control, &watch)
+        });
+        Ok(Judged::of(report?, label, &verdicts, run.detail))
+    }
+
+    fn all_at_once(&self) -> bool {
+        false
+    }
 }
 
 /// An episode as it is when it is raised; keys as in the table of episodes.

@@ -1,35 +1,44 @@
 //! What is noted of a recording: its line in the journal, its row in the account.
 
 use super::account::Row;
-use super::notes;
+use super::judge::{Item, Judged};
 use super::plan::Planned;
 use crate::io::journal::{self, Entry, Link, Means, Outcome, Results, Source, Stamp};
-use crate::io::{printable, stored};
-use crate::pipeline::RecordingReport;
-use crate::pipeline::resume::{self, Decision};
-use serde_json::{Value, json};
-use std::path::PathBuf;
+use crate::io::printable;
+use crate::pipeline::resume::Decision;
+use serde_json::Value;
 
 /// Characters of a reason in a row.
 const MOST_OF_A_REASON: usize = 300;
 
 impl Planned {
-    pub fn judged(&self, by: &Means, report: &RecordingReport, baseline: Option<Link>) -> Entry {
-        let size = |file: PathBuf| stored::bytes(&file);
-        let bytes = resume::files(&report.verdicts).map(size).to_vec();
+    /// What whoever judges it is told of it.
+    pub fn item(&self) -> Item {
+        Item {
+            path: self.placed.input.path.clone(),
+            source: self.placed.source.clone(),
+            label: self.placed.label(),
+            verdicts: self.placed.verdicts.clone(),
+            stamp: self.stamp(),
+            printheads: self.printheads.clone(),
+        }
+    }
+
+    pub fn judged(&self, by: &Means, judged: &Judged, baseline: Option<Link>) -> Entry {
+        let bytes = judged.bytes.clone();
         Entry {
             version: journal::VERSION,
             at: journal::now(),
-            recording: self.source(Some(report.stamp), Some(report.digest.clone())),
+            recording: self.source(Some(judged.stamp), Some(judged.digest.clone())),
             by: by.clone(),
             baseline,
-            outcome: if report.is_whole() { Outcome::Judged } else { Outcome::Damaged },
+            outcome: judged.outcome,
             results: Some(Results { verdicts: self.placed.verdicts.clone(), bytes }),
             error: None,
-            counts: json!(report.tally.counts),
-            damage: notes::damage(report),
-            warnings: notes::warnings(report),
-            seconds: report.seconds,
+            counts: judged.counts.clone(),
+            damage: judged.damage.clone(),
+            warnings: judged.warnings.clone(),
+            seconds: judged.seconds,
         }
     }
 
@@ -75,13 +84,13 @@ impl Planned {
         }
     }
 
-    pub fn judged_row(&self, report: &RecordingReport, entry: &Entry) -> Row {
+    pub fn judged_row(&self, judged: &Judged, entry: &Entry) -> Row {
         let why = match (&self.decision, not_whole(entry)) {
             (_, Some(what)) => what,
             (Decision::Judge(why), None) => why.to_string(),
             _ => String::new(),
         };
-        Row { signals: report.tally.counts.signals, ..self.row(entry.outcome, &why) }
+        Row { signals: judged.signals(), ..self.row(entry.outcome, &why) }
     }
 
     pub fn skipped_row(&self, entry: &Entry) -> Row {

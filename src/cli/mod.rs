@@ -9,19 +9,20 @@ mod convert;
 mod critique;
 mod dialects;
 mod effect;
-mod exit;
+pub mod exit;
 mod extended_design;
 mod failed;
 mod follow;
 mod generate;
 mod identify;
 mod inspect;
+pub mod judge;
 mod lines;
 mod notes;
 mod output;
 mod plan;
 mod progress;
-mod replay;
+pub mod replay;
 mod report;
 mod report_page;
 mod results;
@@ -99,11 +100,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
             return if e.use_stderr() { Exit::Usage } else { Exit::Done }.into();
         }
     };
-    if cli.quiet {
-        output::be_quiet();
-    }
-    failed::outlive_file_size_limits();
-    let ended = match cli.verb {
+    run_verb(cli.quiet, || match cli.verb {
         Verb::Replay(args) => replay::run(args),
         Verb::Train(args) => train::run(args),
         Verb::Identify(args) => identify::run(args),
@@ -115,8 +112,16 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Report(args) => report_page::run(args),
         Verb::Thesis(args) => thesis::run(args),
         Verb::Generate(args) => generate::run(args, Cli::command()),
-    };
-    match ended {
+    })
+}
+
+/// What every command line of inkling does around its work.
+pub fn run_verb(quiet: bool, verb: impl FnOnce() -> Result<Exit, Failure>) -> ExitCode {
+    if quiet {
+        output::be_quiet();
+    }
+    failed::outlive_file_size_limits();
+    match verb() {
         Ok(exit) => exit.into(),
         Err(Failure { exit: Exit::Done, .. }) => Exit::Done.into(),
         Err(failure) => {

@@ -15,8 +15,10 @@ use crate::pipeline::chain;
 use crate::pipeline::resume::{Decision, Resume, Why};
 use crate::pipeline::{self, Control, PipelineError};
 use serde_json::json;
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 pub struct Planned {
@@ -24,6 +26,8 @@ pub struct Planned {
     pub decision: Decision,
     /// Its earliest burst, ns; only with baselines, and only where it can be read.
     pub starts_at_ns: Option<i64>,
+    /// In it; only where that was looked up.
+    pub printheads: Vec<String>,
     /// What its last verdicts rest on.
     pub link: Option<Link>,
 }
@@ -96,7 +100,8 @@ impl Planner<'_> {
                 Decision::Judge(_) => self.learned_from(&placed),
                 Decision::Refuse(_) => None,
             };
-            planned.push(Planned { placed, decision, starts_at_ns: None, link });
+            let (starts_at_ns, printheads) = (None, Vec::new());
+            planned.push(Planned { placed, decision, starts_at_ns, printheads, link });
         }
         Ok(planned)
     }
@@ -121,7 +126,11 @@ impl Planner<'_> {
                 Decision::Finished { entry, .. } if entry.recording.starts_at_ns.is_some() => {
                     entry.recording.starts_at_ns
                 }
-                _ => self.starts_at(&this.placed.input.path)?,
+                _ => {
+                    let starts = self.starts(&this.placed.input.path)?;
+                    this.printheads = starts.keys().map(|name| name.to_string()).collect();
+                    starts.into_values().min()
+                }
             };
         }
         planned.sort_by_key(|this| this.starts_at_ns.unwrap_or(i64::MAX));
@@ -144,14 +153,14 @@ impl Planner<'_> {
         Ok(chained)
     }
 
-    /// `None`: it cannot be read, which whoever judges it will say.
-    fn starts_at(&self, path: &Path) -> Result<Option<i64>, Failure> {
+    /// First bursts by printheads. None: it cannot be read, which whoever judges it will say.
+    fn starts(&self, path: &Path) -> Result<BTreeMap<Arc<str>, i64>, Failure> {
         let opened = Recording::open_with(path, Limits::default(), self.dialects);
-        let Ok(recording) = opened else { return Ok(None) };
+        let Ok(recording) = opened else { return Ok(BTreeMap::new()) };
         match pipeline::baseline::starts(&recording, self.control) {
-            Ok(starts) => Ok(starts.into_values().min()),
+            Ok(starts) => Ok(starts),
             Err(e @ PipelineError::Interrupted) => Err(e.into()),
-            Err(_) => Ok(None),
+            Err(_) => Ok(BTreeMap::new()),
         }
     }
 

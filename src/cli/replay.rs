@@ -5,7 +5,8 @@ use super::batch::{Batch, Telling};
 use super::dialects;
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
-use super::follow;
+use super::follow::{self, Watching};
+use super::judge::{Here, Judge};
 use super::plan::{self, Planned, Planner};
 use super::progress::{Progress, interruptible};
 use crate::design::Design;
@@ -131,7 +132,23 @@ pub struct Args {
     json: bool,
 }
 
+/// In this process.
 pub fn run(args: Args) -> Result<Exit, Failure> {
+    judged_by(args, None)
+}
+
+/// By others that see the same files, who say themselves how fast and on how many threads.
+pub fn run_elsewhere(args: Args, judge: &mut dyn Judge) -> Result<Exit, Failure> {
+    let why = "has no effect here: whoever judges the recordings decides on it";
+    match (&args.threads, &args.pace, args.follow) {
+        (Some(_), ..) => Err(Failure::usage(format!("--threads: {why}"))),
+        (_, Some(_), _) => Err(Failure::usage(format!("--pace: {why}"))),
+        (.., true) => Err(Failure::usage("--follow: whoever writes the recording is not here")),
+        _ => judged_by(args, Some(judge)),
+    }
+}
+
+fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Failure> {
     let mut account = Account::new();
     let settings = settings(&args)?;
     if args.follow {
@@ -182,7 +199,14 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let judged = planned.iter().filter(|p| p.is_to_be_judged()).count();
     let progress = Progress::new(judged, sizes.map(|stamp| stamp.bytes).sum());
     let writer = JournalWriter::open(&out).map_err(|e| unwritable(&out.join(JOURNAL_NAME), e))?;
+    let mut here = Here { progress: &progress };
+    let mut watching = Watching { progress: &progress, json: args.json };
     let batch = Batch {
+        judge: match elsewhere {
+            Some(judge) => judge,
+            None if args.follow => &mut watching,
+            None => &mut here,
+        },
         out: &out,
         replay,
         dialects: dialects.clone(),
@@ -195,8 +219,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         telling: if args.json { Telling::Json } else { Telling::Text },
         timings: args.timings,
         annotate: args.annotate,
-        follow: args.follow,
         alone: planned.len() == 1 && found.lost.is_empty(),
+        force: args.force,
         failures: 0,
     };
     batch.run(&planned)

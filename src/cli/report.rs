@@ -1,6 +1,6 @@
 //! What a finished replay says: one line per printhead, and its fault episodes.
 
-use super::progress::{Progress, thousands};
+use super::progress::thousands;
 use crate::episodes::{Counts, Episode};
 use crate::io::printable;
 use crate::pipeline::RecordingReport;
@@ -14,7 +14,7 @@ const MOST_LISTED: usize = 12;
 const MOST_PRINTHEADS: usize = 256;
 
 /// How much is told of a recording.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Detail {
     /// Printheads and their episodes.
     All,
@@ -128,22 +128,24 @@ fn clock(t_ns: i64) -> String {
     DateTime::from_timestamp_nanos(t_ns).format("%Y-%m-%d %H:%M:%S").to_string()
 }
 
-/// Where the time went, on stderr.
-pub fn say_timings(report: &RecordingReport, progress: &Progress) {
+/// Where the time went, line by line.
+pub fn timings(report: &RecordingReport) -> Vec<String> {
     let phases = report.phases.iter().map(|of| format!("{} {:.2} s", of.phase, of.seconds));
     let phases: Vec<String> = phases.collect();
-    progress.say(&format!("{:.2} s: {}", report.seconds, phases.join(", ")));
-    report.identified.in_words().iter().for_each(|words| progress.say(words));
-    progress.say(&format!(
+    let mut lines = vec![format!("{:.2} s: {}", report.seconds, phases.join(", "))];
+    lines.extend(report.identified.in_words());
+    lines.push(format!(
         "{:9} {:>7} {:>8} {:>9} {:>9} {:>9} {:>6}",
         "stage", "workers", "batches", "busy s", "starved s", "blocked s", "queue"
     ));
-    for s in &report.timings {
-        progress.say(&format!(
+    let stages = report.timings.iter().map(|s| {
+        format!(
             "{:9} {:>7} {:>8} {:>9.2} {:>9.2} {:>9.2} {:>6.1}",
             s.stage, s.workers, s.batches, s.busy_s, s.starved_s, s.blocked_s, s.queue_fill
-        ));
-    }
+        )
+    });
+    lines.extend(stages);
+    lines
 }
 
 /// A name from a file, as a terminal may show it.

@@ -194,7 +194,9 @@ pub fn learn(
         let known = remembered.printheads.get(&**name).map_or(0, |known| known.channels.len());
         learned += own.channels().saturating_sub(known);
     }
-    let remembered = remembered.channels();
+    // of the recording's own printheads: what is known of others says nothing about it
+    let own = starts.keys().filter_map(|name| remembered.printheads.get(&**name));
+    let remembered = own.map(|known| known.channels.len()).sum();
     let heard = heard_channels;
     Ok((InUse { printheads: owns, remembered, learned, heard, beyond, refused }, next))
 }

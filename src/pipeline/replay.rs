@@ -21,6 +21,7 @@ use crate::io::recording::{Damage, Recording};
 use crate::io::stored;
 use crate::labels::Labels;
 use crate::settings::Settings;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -29,8 +30,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// What a run of replay shares over its recordings.
-#[derive(Clone)]
+/// What a run of replay shares over its recordings; as JSON it says all that others need to judge them alike.
+#[derive(Clone, Serialize, Deserialize)]
 pub struct Replay {
     pub settings: Settings,
     pub design: Option<Design>,

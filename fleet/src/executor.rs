@@ -1,0 +1,86 @@
+//! `inkling-fleet executor`: asks the scheduler for recordings, judges them, and listens to nobody.
+
+use crate::codec::Codec;
+use crate::roots::Roots;
+use crate::scheduler::MOST_MESSAGE_BYTES;
+use crate::security::{Scheduler, TlsArgs};
+use crate::worker::Worker;
+use ballista_core::config::TaskSchedulingPolicy;
+use ballista_executor::executor_process::{ExecutorProcessConfig, start_executor_process};
+use inkling::cli::exit::{Exit, Failure};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::thread::available_parallelism;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Where the scheduler listens
+    #[arg(long, value_name = "HOST:PORT")]
+    scheduler: String,
+    /// Recordings and results below these directories or prefixes of object stores alone are read and
+    /// written, whatever a job says; repeatable
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    root: Vec<PathBuf>,
+    /// Recordings at a time [default: the machine's cores]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    slots: Option<u16>,
+    /// Workers per parallel stage of a recording [default: the cores that are there for each slot]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// So long it waits for a scheduler that is not there yet
+    #[arg(long, value_name = "SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u16).range(1..))]
+    wait: u16,
+    #[command(flatten)]
+    tls: TlsArgs,
+}
+
+pub async fn run(args: Args) -> Result<Exit, Failure> {
+    let tls = args.tls.load().map_err(Failure::new)?;
+    let scheduler = Scheduler::new(&args.scheduler, tls).map_err(Failure::usage)?;
+    scheduler.warning().iter().for_each(|warning| eprintln!("{warning}"));
+    scheduler.endpoint().map_err(Failure::new)?; // a certificate that cannot be used is told now
+    let roots = Roots::new(&args.root).map_err(|e| Failure::usage(format!("--root {e}")))?;
+    let cores = available_parallelism().map_or(1, usize::from);
+    let slots = args.slots.map_or(cores, usize::from);
+    let threads = args.threads.map_or((cores / slots).max(1), usize::from);
+    let worker = Arc::new(Worker::new(roots, threads, name()));
+    // Ballista's notes of what it ran; nobody asks for them
+    let notes = tempfile::tempdir().map_err(|e| Failure::new(format!("no room for notes: {e}")))?;
+    let config = ExecutorProcessConfig {
+        external_host: Some(name()),
+        scheduler_host: scheduler.host.clone(),
+        scheduler_port: scheduler.port,
+        scheduler_connect_timeout_seconds: args.wait,
+        vcores: slots,
+        task_scheduling_policy: TaskSchedulingPolicy::PullStaged,
+        work_dir: Some(notes.path().to_string_lossy().into_owned()),
+        job_data_ttl_seconds: 3600,
+        job_data_clean_up_interval_seconds: 600,
+        grpc_max_decoding_message_size: MOST_MESSAGE_BYTES,
+        grpc_max_encoding_message_size: MOST_MESSAGE_BYTES,
+        memory_pool_size: Some(0), // recordings are judged outside of it
+        override_physical_codec: Some(Codec::new(Some(worker))),
+        // no results travel: there is nothing to serve
+        override_arrow_flight_service: Some(Arc::new(|_, _, mut shutdown, _| {
+            tokio::spawn(async move {
+                shutdown.recv().await;
+                Ok(())
+            })
+        })),
+        override_create_grpc_client_endpoint: Some(scheduler.endpoint_override()),
+        ..ExecutorProcessConfig::default()
+    };
+    println!("asking {} for recordings, {slots} at a time", args.scheduler);
+    start_executor_process(Arc::new(config))
+        .await
+        .map_err(|e| Failure::new(format!("{}: {e}", args.scheduler)))?;
+    Ok(Exit::Done)
+}
+
+/// Host and process, as part of a file's name.
+fn name() -> String {
+    let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let plain = |c: &char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_');
+    let host: String = host.chars().filter(plain).take(64).collect();
+    format!("{host}-{}", std::process::id())
+}

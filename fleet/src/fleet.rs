@@ -1,0 +1,192 @@
+//! The judge of a run whose recordings are judged by a fleet: begins all, waits for each.
+
+use crate::chains;
+use crate::driver::{Driver, Patience, Shared};
+use crate::run_dir::{Job, Row, RunDir};
+use crate::security::Scheduler;
+use crate::worker::Task;
+use inkling::cli::exit::Failure;
+use inkling::cli::judge::{Item, Judge, Judged, NotJudged, Run};
+use inkling::design::Baselines;
+use inkling::io::objects::in_object_store;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Between two looks whether the run is interrupted; between two lines of progress.
+const LOOK: Duration = Duration::from_millis(200);
+const LINE_EVERY: Duration = Duration::from_secs(10);
+
+pub struct Fleet {
+    scheduler: Scheduler,
+    patience: Patience,
+    begun: Option<Begun>,
+}
+
+struct Begun {
+    run: RunDir,
+    recordings: usize,
+    driver: Option<JoinHandle<()>>,
+    shared: Arc<Shared>,
+    last_line: Instant,
+}
+
+impl Fleet {
+    pub fn new(scheduler: Scheduler, patience: Patience) -> Fleet {
+        Fleet { scheduler, patience, begun: None }
+    }
+}
+
+impl Judge for Fleet {
+    fn begin(&mut self, run: &Run, items: &[Item]) -> Result<(), Failure> {
+        if items.is_empty() {
+            return Ok(());
+        }
+        let out = absolute(run.out).map_err(Failure::new)?;
+        let failed = |e: std::io::Error| Failure::new(format!("{}: {e}", out.display()));
+        let earlier = RunDir::earlier(&out);
+        earlier.iter().for_each(|dir| drop(dir.end())); // whoever still works for them stops
+        let job = Job {
+            version: env!("CARGO_PKG_VERSION").into(),
+            replay: run.replay.clone(),
+            means: run.means.clone(),
+            detail: run.detail,
+            out: run.out.into(),
+        };
+        let dir = RunDir::create(&out, &job).map_err(failed)?;
+        let with_baselines = run.replay.baselines.is_some();
+        if !run.force && !with_baselines {
+            let adopted = adopt(&earlier, &dir, &job, items).map_err(failed)?;
+            if adopted > 0 {
+                (run.say)(&format!("{adopted} recordings were finished by a run that did not end"));
+            }
+        }
+        earlier.iter().for_each(|dir| dir.remove(0));
+        let shared = Arc::new(Shared::default());
+        let task = |chain: Vec<usize>| Task {
+            chain: chain.into_iter().map(|at| (at, items[at].clone())).collect(),
+        };
+        let driver = Driver {
+            scheduler: self.scheduler.clone(),
+            run: dir.clone(),
+            tasks: chains::split(items, with_baselines).into_iter().map(task).collect(),
+            patience: self.patience,
+            shared: shared.clone(),
+        };
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .build()
+            .map_err(|e| Failure::new(format!("no threads: {e}")))?;
+        self.begun = Some(Begun {
+            run: dir,
+            recordings: items.len(),
+            driver: Some(std::thread::spawn(move || runtime.block_on(driver.drive()))),
+            shared,
+            last_line: Instant::now(),
+        });
+        Ok(())
+    }
+
+    fn judge(&mut self, run: &Run, at: usize, item: &Item) -> Result<Judged, NotJudged> {
+        let Some(begun) = &mut self.begun else {
+            return Err(NotJudged::Broken("the fleet was not asked".into()));
+        };
+        begun.wait(run, at)?;
+        let unreadable =
+            |e: std::io::Error| NotJudged::Broken(format!("{}: {e}", begun.run.path().display()));
+        let row = begun.run.row(at).map_err(unreadable)?;
+        let row: Row = row.ok_or_else(|| unreadable(std::io::ErrorKind::NotFound.into()))?;
+        row.name(begun.run.out()).map_err(unreadable)?;
+        let mut judged = row.ended?;
+        if let (Some(now), Some(next)) = (&run.replay.baselines, judged.baselines.take()) {
+            judged.baselines = Some(merged(now, next, &item.printheads));
+        }
+        Ok(judged)
+    }
+
+    fn all_at_once(&self) -> bool {
+        true
+    }
+}
+
+impl Begun {
+    /// Until a recording's row is there.
+    fn wait(&mut self, run: &Run, at: usize) -> Result<(), NotJudged> {
+        let mut now = self.shared.lock();
+        loop {
+            now.messages.drain(..).for_each(|message| (run.say)(&message));
+            if now.finished.contains(&at) {
+                return Ok(());
+            }
+            if run.control.interrupted() {
+                return Err(NotJudged::Interrupted);
+            }
+            if let Some(why) = &now.broken {
+                return Err(NotJudged::Broken(why.clone()));
+            }
+            if self.last_line.elapsed() >= LINE_EVERY {
+                self.last_line = Instant::now();
+                let (finished, all) = (now.finished.len(), self.recordings);
+                (run.say)(&format!("the fleet has finished {finished} of {all} recordings"));
+            }
+            now = self.shared.wait(now, LOOK);
+        }
+    }
+}
+
+/// Nothing is left at work, and what nobody needs any more is removed.
+impl Drop for Begun {
+    fn drop(&mut self) {
+        self.shared.lock().stop = true;
+        let _ = self.driver.take().map(JoinHandle::join);
+        let _ = self.run.end();
+        if self.shared.lock().finished.len() == self.recordings {
+            self.run.remove(self.recordings);
+        }
+    }
+}
+
+/// What one chain of recordings taught, beside what others did meanwhile.
+fn merged(now: &Baselines, mut next: Baselines, printheads: &[String]) -> Baselines {
+    let mut merged = now.clone();
+    for printhead in printheads {
+        if let Some(learned) = next.printheads.remove(printhead) {
+            merged.printheads.insert(printhead.clone(), learned);
+        }
+    }
+    merged
+}
+
+/// Rows of runs that did not come to their end, of recordings that are asked for now, by the same means;
+/// how many.
+fn adopt(earlier: &[RunDir], dir: &RunDir, job: &Job, items: &[Item]) -> std::io::Result<usize> {
+    let key = |item: &Item| (item.source.clone(), item.verdicts.clone());
+    let all = items.iter().enumerate();
+    let mut places: HashMap<_, usize> = all.map(|(at, item)| (key(item), at)).collect();
+    let mut adopted = 0;
+    for old in earlier {
+        let same =
+            old.ended_job().is_ok_and(|of| of.means == job.means && of.version == job.version);
+        for row in old.rows().filter(|_| same) {
+            let key = key(&row.item);
+            let Some(&at) = places.get(&key) else { continue };
+            row.name(dir.out())?;
+            let whole = row.ended.is_ok() && row.stands(dir.out());
+            if whole && items[at].stamp.is_some() && row.item.stamp == items[at].stamp {
+                dir.write_row(at, &row)?;
+                adopted += usize::from(places.remove(&key).is_some());
+            }
+        }
+    }
+    Ok(adopted)
+}
+
+/// As executors find it.
+fn absolute(out: &Path) -> Result<PathBuf, String> {
+    match in_object_store(out) {
+        true => Ok(out.into()),
+        false => out.canonicalize().map_err(|e| format!("{}: {e}", out.display())),
+    }
+}

@@ -1,0 +1,145 @@
+//! The one operator of a fleet: recordings go in, what became of them comes out.
+//!
+//! Unary on purpose: its input is a table of memory with a partition for each task, which Ballista hands
+//! out one by one; an own leaf would be run whole by every task.
+
+use crate::run_dir::RunDir;
+use crate::worker::{Task, Worker};
+use datafusion::arrow::array::{ArrayRef, AsArray, RecordBatch, StringArray};
+use datafusion::arrow::datatypes::{DataType, Field, Schema, SchemaRef};
+use datafusion::catalog::memory::MemorySourceConfig;
+use datafusion::common::tree_node::TreeNodeRecursion;
+use datafusion::error::{DataFusionError, Result};
+use datafusion::execution::{SendableRecordBatchStream, TaskContext};
+use datafusion::physical_expr::{EquivalenceProperties, PhysicalExpr};
+use datafusion::physical_plan::stream::RecordBatchStreamAdapter;
+use datafusion::physical_plan::{DisplayAs, DisplayFormatType, ExecutionPlan, PlanProperties};
+use futures::{TryStreamExt, stream};
+use std::fmt;
+use std::sync::Arc;
+
+/// Judges what its input names.
+#[derive(Debug)]
+pub struct JudgeNode {
+    input: Arc<dyn ExecutionPlan>,
+    pub run: RunDir,
+    /// Of an executor; scheduler and client only hand the plan on.
+    worker: Option<Arc<Worker>>,
+    properties: Arc<PlanProperties>,
+}
+
+/// A column of text: tasks on the way in, outcomes on the way out.
+fn schema() -> SchemaRef {
+    Arc::new(Schema::new(vec![Field::new("recordings", DataType::Utf8, false)]))
+}
+
+fn batch(rows: Vec<String>) -> Result<RecordBatch> {
+    let column: ArrayRef = Arc::new(StringArray::from(rows));
+    Ok(RecordBatch::try_new(schema(), vec![column])?)
+}
+
+/// The plan of a job: a partition for each task.
+pub fn plan(run: RunDir, tasks: &[Task]) -> Result<Arc<dyn ExecutionPlan>> {
+    let text = |task: &Task| {
+        serde_json::to_string(task).map_err(|e| DataFusionError::External(Box::new(e)))
+    };
+    let partitions: Vec<Vec<RecordBatch>> =
+        tasks.iter().map(|task| Ok(vec![batch(vec![text(task)?])?])).collect::<Result<_>>()?;
+    let input = MemorySourceConfig::try_new_exec(&partitions, schema(), None)?;
+    Ok(Arc::new(JudgeNode::new(input, run, None)))
+}
+
+impl JudgeNode {
+    pub fn new(
+        input: Arc<dyn ExecutionPlan>,
+        run: RunDir,
+        worker: Option<Arc<Worker>>,
+    ) -> JudgeNode {
+        let of = input.properties();
+        let properties = Arc::new(PlanProperties::new(
+            EquivalenceProperties::new(schema()),
+            of.partitioning.clone(),
+            of.emission_type,
+            of.boundedness,
+        ));
+        JudgeNode { input, run, worker, properties }
+    }
+}
+
+impl DisplayAs for JudgeNode {
+    fn fmt_as(&self, _: DisplayFormatType, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "JudgeNode: run={}", self.run.path().display())
+    }
+}
+
+impl ExecutionPlan for JudgeNode {
+    fn name(&self) -> &str {
+        "JudgeNode"
+    }
+
+    fn properties(&self) -> &Arc<PlanProperties> {
+        &self.properties
+    }
+
+    fn children(&self) -> Vec<&Arc<dyn ExecutionPlan>> {
+        vec![&self.input]
+    }
+
+    /// A partition is a task: whoever repartitions makes tasks that judge nothing.
+    fn benefits_from_input_partitioning(&self) -> Vec<bool> {
+        vec![false]
+    }
+
+    fn apply_expressions(
+        &self,
+        _: &mut dyn FnMut(&Arc<dyn PhysicalExpr>) -> Result<TreeNodeRecursion>,
+    ) -> Result<TreeNodeRecursion> {
+        Ok(TreeNodeRecursion::Continue)
+    }
+
+    fn with_new_children(
+        self: Arc<Self>,
+        children: Vec<Arc<dyn ExecutionPlan>>,
+    ) -> Result<Arc<dyn ExecutionPlan>> {
+        match <[_; 1]>::try_from(children) {
+            Ok([input]) => {
+                Ok(Arc::new(JudgeNode::new(input, self.run.clone(), self.worker.clone())))
+            }
+            Err(_) => Err(DataFusionError::Plan("recordings come from one place".into())),
+        }
+    }
+
+    /// What fails of a recording becomes its row; an error here is of the job.
+    fn execute(
+        &self,
+        partition: usize,
+        context: Arc<TaskContext>,
+    ) -> Result<SendableRecordBatchStream> {
+        let Some(worker) = self.worker.clone() else {
+            return Err(DataFusionError::Plan("only an inkling-fleet executor judges".into()));
+        };
+        let (input, run) = (self.input.execute(partition, context)?, self.run.clone());
+        let judged = input.and_then(move |tasks| {
+            let (worker, run) = (worker.clone(), run.clone());
+            async move {
+                // hours of computing: not on the threads that talk to the scheduler
+                tokio::task::spawn_blocking(move || judge(&worker, &run, &tasks))
+                    .await
+                    .map_err(|e| DataFusionError::Execution(format!("{e}; this is our bug")))?
+            }
+        });
+        let judged: stream::BoxStream<_> = Box::pin(judged);
+        Ok(Box::pin(RecordBatchStreamAdapter::new(schema(), judged)))
+    }
+}
+
+fn judge(worker: &Worker, run: &RunDir, tasks: &RecordBatch) -> Result<RecordBatch> {
+    let mut outcomes = Vec::new();
+    for text in tasks.column(0).as_string::<i32>().iter().flatten() {
+        let task: Task = serde_json::from_str(text)
+            .map_err(|e| DataFusionError::Execution(format!("a task cannot be read: {e}")))?;
+        let ended = worker.judge(run, &task).map_err(DataFusionError::Execution)?;
+        outcomes.extend(ended);
+    }
+    batch(outcomes)
+}

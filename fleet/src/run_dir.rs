@@ -1,0 +1,409 @@
+//! What client and executors of one run say to each other, in files: `<out>/.fleet/<run>/`.
+//!
+//! ```text
+//! job.json          what all recordings share, by content; gone: the run is over, nobody begins or
+//!                   names anything any more
+//! <n>.json          what became of recording n: written once, by whoever was first
+//! <n>.begun         a byte for each time that somebody began with recording n; only files
+//! <n>.beat          bytes read of recording n so far; only files
+//! <n>.<who>/        where recording n's files are written before they get their names
+//! ```
+//!
+//! A recording that is judged twice (its first executor was only slow) is named once: the first row that is
+//! written counts, and names the files that lie where it says, by whoever finds it; others drop their work.
+
+use inkling::cli::judge::{Detail, Item, Judged, NotJudged};
+use inkling::io::journal::Means;
+use inkling::io::objects::in_object_store;
+use inkling::io::part_file::{self, PartFile};
+use inkling::io::{regular_file, stored};
+use inkling::pipeline::{Replay, resume};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::fs::{self, File};
+use std::io::{self, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+/// Below the directory of results.
+pub const FLEET_DIR: &str = ".fleet";
+const JOB: &str = "job.json";
+/// The same of a run that is over; what its recordings left can still be taken over.
+const ENDED: &str = "ended.json";
+/// Of a design and baselines a GB is the most that is read elsewhere.
+const MOST_JOB_BYTES: u64 = 2 << 30;
+const MOST_ROW_BYTES: u64 = 1 << 30;
+
+/// Looks until a directory that is over is empty.
+const MOST_REMOVALS: u32 = 20;
+
+/// What all recordings of a run share.
+#[derive(Clone, Serialize, Deserialize)]
+pub struct Job {
+    /// Of inkling: tables are the same bytes only from the same version.
+    pub version: String,
+    pub replay: Replay,
+    pub means: Means,
+    pub detail: Detail,
+    /// The directory of results as the client named it.
+    pub out: PathBuf,
+}
+
+/// What became of a recording.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Row {
+    pub item: Item,
+    pub ended: Result<Judged, NotJudged>,
+    /// Host and process.
+    pub by: String,
+    /// Where its verdicts lie until they have their name.
+    pub staged: PathBuf,
+}
+
+impl Row {
+    /// Gives the files their names, the summary's last. Whoever finds the row does so: the one that wrote it
+    /// may have been stopped in between. What has its name already keeps it.
+    pub fn name(&self, out: &Path) -> io::Result<()> {
+        if self.ended.is_err() {
+            return Ok(());
+        }
+        let verdicts = self.item.verdicts_in(out);
+        if let Some(dir) = verdicts.parent().filter(|dir| !in_object_store(dir)) {
+            fs::create_dir_all(dir)?;
+        }
+        for (from, to) in resume::files(&self.staged).iter().zip(&resume::files(&verdicts)) {
+            match stored::rename(from, to) {
+                Err(e) if e.kind() != ErrorKind::NotFound => return Err(e),
+                _ => {}
+            }
+        }
+        part_file::sync_directory_of(&verdicts)
+    }
+
+    /// Whether the files that it tells of are still there.
+    pub fn stands(&self, out: &Path) -> bool {
+        let Ok(judged) = &self.ended else { return true };
+        let files = resume::files(&self.item.verdicts_in(out));
+        files.iter().zip(&judged.bytes).all(|(file, bytes)| stored::bytes(file) == *bytes)
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RunDir {
+    path: PathBuf,
+}
+
+impl RunDir {
+    /// `out`: absolute.
+    pub fn create(out: &Path, job: &Job) -> io::Result<RunDir> {
+        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let name = format!("{}-{}", since_1970.as_millis(), std::process::id());
+        let dir = RunDir { path: out.join(FLEET_DIR).join(name) };
+        if !in_object_store(out) {
+            fs::create_dir_all(&dir.path)?;
+        }
+        write(&dir.path.join(JOB), job)?;
+        Ok(dir)
+    }
+
+    pub fn at(path: &Path) -> RunDir {
+        RunDir { path: path.into() }
+    }
+
+    /// Those of earlier runs that did not come to their end. Objects are not listed.
+    pub fn earlier(out: &Path) -> Vec<RunDir> {
+        let dirs = fs::read_dir(out.join(FLEET_DIR)).into_iter().flatten().flatten();
+        dirs.map(|entry| RunDir { path: entry.path() }).collect()
+    }
+
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The directory of results.
+    pub fn out(&self) -> &Path {
+        self.path.parent().and_then(Path::parent).unwrap_or(&self.path)
+    }
+
+    pub fn job(&self) -> io::Result<Job> {
+        read(&self.path.join(JOB), MOST_JOB_BYTES)
+    }
+
+    pub fn ended_job(&self) -> io::Result<Job> {
+        read(&self.path.join(ENDED), MOST_JOB_BYTES)
+    }
+
+    pub fn is_over(&self) -> bool {
+        !stored::is_file(&self.path.join(JOB))
+    }
+
+    /// From here on nobody begins or names anything for it.
+    pub fn end(&self) -> io::Result<()> {
+        match stored::rename(&self.path.join(JOB), &self.path.join(ENDED)) {
+            Err(e) if e.kind() == ErrorKind::NotFound => Ok(()),
+            ended => ended,
+        }
+    }
+
+    /// With all that is in it; `rows`: how many recordings it is of.
+    pub fn remove(&self, rows: usize) {
+        // what stays costs room alone
+        if in_object_store(&self.path) {
+            let names = [JOB, ENDED].map(|name| self.path.join(name));
+            let rows = (0..rows).map(|at| self.row_path(at));
+            names.into_iter().chain(rows).for_each(|path| drop(stored::remove(&path)));
+        } else {
+            // somebody who has not yet seen that the run is over may put a file into it meanwhile
+            for _ in 0..MOST_REMOVALS {
+                match fs::remove_dir_all(&self.path) {
+                    Err(e) if e.kind() != ErrorKind::NotFound => {
+                        std::thread::sleep(Duration::from_millis(100));
+                    }
+                    _ => break,
+                }
+            }
+            let _ = self.path.parent().map(fs::remove_dir); // where it was the last
+        }
+    }
+
+    fn row_path(&self, at: usize) -> PathBuf {
+        self.path.join(format!("{at}.json"))
+    }
+
+    pub fn has_row(&self, at: usize) -> bool {
+        stored::is_file(&self.row_path(at))
+    }
+
+    /// `None`: there is none yet.
+    pub fn row(&self, at: usize) -> io::Result<Option<Row>> {
+        match read(&self.row_path(at), MOST_ROW_BYTES) {
+            Ok(row) => Ok(Some(row)),
+            Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
+            Err(e) => Err(e),
+        }
+    }
+
+    pub fn write_row(&self, at: usize, row: &Row) -> io::Result<()> {
+        write(&self.row_path(at), row)
+    }
+
+    /// All rows that lie there.
+    pub fn rows(&self) -> impl Iterator<Item = Row> {
+        self.numbers(".json").filter_map(|(at, _)| self.row(at).ok().flatten())
+    }
+
+    /// Numbers of files that end so, with when they changed last.
+    fn numbers(&self, ending: &'static str) -> impl Iterator<Item = (usize, SystemTime)> {
+        let entries = fs::read_dir(&self.path).into_iter().flatten().flatten();
+        entries.filter_map(move |entry| {
+            let name = entry.file_name().into_string().ok()?;
+            let at = name.strip_suffix(ending)?.parse().ok()?;
+            let changed = entry.metadata().and_then(|m| m.modified()).unwrap_or(UNIX_EPOCH);
+            Some((at, changed))
+        })
+    }
+
+    /// Recordings that came to an end. Of objects only `asked` are looked for.
+    pub fn finished(&self, asked: impl Iterator<Item = usize>) -> Vec<usize> {
+        match in_object_store(&self.path) {
+            true => asked.filter(|&at| self.has_row(at)).collect(),
+            false => self.numbers(".json").map(|(at, _)| at).collect(),
+        }
+    }
+
+    /// When anybody last read on in a recording.
+    pub fn last_beat(&self) -> Option<SystemTime> {
+        self.numbers(".beat").map(|(_, changed)| changed).max()
+    }
+
+    pub fn beat(&self, at: usize, bytes: u64) {
+        if !in_object_store(&self.path) {
+            let _ = fs::write(self.path.join(format!("{at}.beat")), bytes.to_string());
+        }
+    }
+
+    /// Notes that somebody begins with a recording; how often that happened.
+    pub fn begin(&self, at: usize) -> io::Result<u64> {
+        if self.is_over() {
+            return Err(io::Error::new(ErrorKind::NotFound, "the run is over"));
+        }
+        if in_object_store(&self.path) {
+            return Ok(1);
+        }
+        let path = self.path.join(format!("{at}.begun"));
+        let mut file = File::options().append(true).create(true).open(path)?;
+        file.write_all(b".")?;
+        Ok(file.metadata()?.len())
+    }
+
+    /// A place of one's own for a recording's files.
+    pub fn staging(&self, at: usize, who: &str, item: &Item) -> PathBuf {
+        let name = item.verdicts.rsplit('/').next().unwrap_or(&item.verdicts);
+        self.path.join(format!("{at}.{who}")).join(name)
+    }
+
+    /// Writes a recording's row, if nobody was first, and gives the first one's files their names; whose row
+    /// it is. `row.staged`: where the files lie.
+    pub fn commit(&self, at: usize, row: Row) -> io::Result<Row> {
+        let staged = row.staged.clone();
+        let committed =
+            self.claim(at, row).and_then(|first| first.name(self.out()).map(|()| first));
+        for file in resume::files(&staged) {
+            let _ = stored::remove(&file); // what was not named
+        }
+        if !in_object_store(&staged) {
+            let _ = staged.parent().map(fs::remove_dir);
+            if self.is_over() {
+                // of a run that was removed while this was judged: its places were made anew
+                let _ = fs::remove_dir(&self.path);
+                let _ = self.path.parent().map(fs::remove_dir);
+            }
+        }
+        committed
+    }
+
+    /// The first row that is written of a recording is its only one.
+    fn claim(&self, at: usize, row: Row) -> io::Result<Row> {
+        if self.is_over() {
+            return Err(io::Error::new(ErrorKind::NotFound, "the run is over"));
+        }
+        if let Some(first) = self.row(at)? {
+            return Ok(first);
+        }
+        if in_object_store(&self.path) {
+            return self.write_row(at, &row).map(|()| row);
+        }
+        let own = row.staged.with_extension("row");
+        write(&own, &row)?;
+        // a second name, which unlike a new name for the first never replaces another's
+        let claimed = fs::hard_link(&own, self.row_path(at));
+        let _ = fs::remove_file(&own);
+        match claimed {
+            Ok(()) => Ok(row),
+            Err(e) => self.row(at)?.ok_or(e),
+        }
+    }
+}
+
+fn write(path: &Path, value: &impl Serialize) -> io::Result<()> {
+    let (part, mut file) = PartFile::create(path)?;
+    file.write_all(&serde_json::to_vec(value)?)?;
+    part.finish(&file)
+}
+
+fn read<T: DeserializeOwned>(path: &Path, most_bytes: u64) -> io::Result<T> {
+    let text = regular_file::read(path, most_bytes)?;
+    serde_json::from_slice(&text)
+        .map_err(|e| io::Error::new(ErrorKind::InvalidData, format!("{}: {e}", path.display())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use inkling::io::design_file;
+    use inkling::io::journal::{Outcome, Stamp};
+    use inkling::labels::{Label, Labels};
+    use inkling::settings::Settings;
+    use serde_json::json;
+
+    fn job() -> Job {
+        let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sample_logs/design.json");
+        let (design, digest) = design_file::read(&sample).unwrap();
+        let row = Label {
+            printhead: "a".into(),
+            channel: Some(3),
+            from_ns: None,
+            to_ns: Some(i64::MAX),
+            state: "healthy".into(),
+            severity: Some(0.1 + 0.2),
+        };
+        let replay = Replay {
+            settings: Settings::default(),
+            design: Some(design),
+            design_digest: Some(digest),
+            labels: Some(Labels::new(vec![row])),
+            spans: vec![(i64::MIN, 7)],
+            baselines: None,
+        };
+        let means = Means::of(&replay, Some("xxh3:1".into()));
+        Job { version: "0".into(), replay, means, detail: Detail::Line, out: "out".into() }
+    }
+
+    fn judged(bytes: u64) -> Judged {
+        Judged {
+            digest: "xxh3:0".into(),
+            stamp: Stamp { bytes: 1, modified_ns: None },
+            outcome: Outcome::Judged,
+            bytes: vec![bytes; 3],
+            counts: json!({"signals": 3}),
+            damage: Vec::new(),
+            warnings: Vec::new(),
+            seconds: 0.1,
+            report: "x".into(),
+            timings: Vec::new(),
+            baselines: None,
+        }
+    }
+
+    fn row(by: &str, bytes: u64) -> Row {
+        let item = Item {
+            path: "x.mcap".into(),
+            source: "/x.mcap".into(),
+            label: "x.mcap".into(),
+            verdicts: "below/x.verdicts.parquet".into(),
+            stamp: None,
+            printheads: Vec::new(),
+        };
+        Row { item, ended: Ok(judged(bytes)), by: by.into(), staged: PathBuf::new() }
+    }
+
+    fn staged(dir: &RunDir, row: Row) -> Row {
+        let staged = dir.staging(7, &row.by, &row.item);
+        fs::create_dir_all(staged.parent().unwrap()).unwrap();
+        resume::files(&staged).iter().for_each(|file| fs::write(file, &row.by).unwrap());
+        Row { staged, ..row }
+    }
+
+    #[test]
+    fn a_job_says_all_and_says_it_exactly() {
+        let out = tempfile::tempdir().unwrap();
+        let job = job();
+        let dir = RunDir::create(out.path(), &job).unwrap();
+        let back = dir.job().unwrap();
+        back.replay.design.as_ref().unwrap().check().unwrap();
+        let text = |job: &Job| serde_json::to_string(job).unwrap();
+        assert!(text(&back) == text(&job), "by content, to the last digit");
+        assert_eq!(back.means, job.means);
+    }
+
+    #[test]
+    fn the_first_of_two_that_judge_a_recording_names_it_and_nobody_does_when_the_run_is_over() {
+        let out = tempfile::tempdir().unwrap();
+        let dir = RunDir::create(out.path(), &job()).unwrap();
+        let [first, second] = [row("first", 5), row("other", 6)].map(|row| staged(&dir, row));
+        assert_eq!(
+            (dir.begin(7).unwrap(), dir.begin(7).unwrap(), dir.begin(8).unwrap()),
+            (1, 2, 1)
+        );
+        // stopped after it wrote its row: the other names the first one's files
+        assert_eq!(dir.claim(7, first.clone()).unwrap().by, "first");
+        assert_eq!(dir.commit(7, second.clone()).unwrap().by, "first");
+        assert!(!second.staged.parent().unwrap().exists(), "nothing is left");
+        let named = resume::files(&first.item.verdicts_in(out.path()));
+        let are_first = || named.iter().all(|file| fs::read_to_string(file).unwrap() == "first");
+        assert!(are_first());
+        assert_eq!(dir.commit(7, first).unwrap().by, "first", "it wakes");
+        assert!(are_first());
+        assert!(dir.row(7).unwrap().unwrap().stands(out.path()));
+        assert_eq!(dir.finished([].into_iter()), [7]);
+
+        fs::write(&named[2], "changed").unwrap();
+        assert!(!dir.row(7).unwrap().unwrap().stands(out.path()));
+        dir.end().unwrap();
+        dir.end().unwrap();
+        assert!(dir.commit(9, staged(&dir, row("late", 4))).is_err() && !dir.has_row(9));
+        assert!(fs::read_to_string(&named[0]).unwrap() == "first" && dir.ended_job().is_ok());
+        dir.remove(10);
+        assert_eq!(fs::read_dir(out.path()).unwrap().count(), 1, "results alone are left");
+    }
+}

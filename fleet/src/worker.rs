@@ -1,0 +1,204 @@
+//! What an executor does with a task: the library's own replay, recording after recording, each
+//! committed once.
+
+use crate::roots::Roots;
+use crate::run_dir::{Job, Row, RunDir};
+use inkling::cli::judge::{Item, Judged, NotJudged};
+use inkling::design::Baselines;
+use inkling::io::Limits;
+use inkling::io::dialect::Dialects;
+use inkling::io::recording::Recording;
+use inkling::pipeline::{self, Control, PipelineError, Replay};
+use inkling::settings::Pace;
+use serde::{Deserialize, Serialize};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Component, Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::time::Duration;
+
+/// Between two looks whether a recording goes on, and whether its run is over.
+const BEAT: Duration = Duration::from_secs(1);
+
+/// A recording that so many executors began with and none ended is left alone, before it takes the whole
+/// fleet with it.
+const MOST_BEGUN: u64 = 5;
+
+/// Recordings that are judged one after another, each with its place among the run's.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct Task {
+    pub chain: Vec<(usize, Item)>,
+}
+
+/// An executor's own: where it may go, how many threads a recording gets.
+#[derive(Debug)]
+pub struct Worker {
+    roots: Roots,
+    threads: usize,
+    /// Host and process.
+    name: String,
+    /// The last run's: a design is parsed once, not for each recording.
+    job: Mutex<Option<(PathBuf, Arc<Loaded>)>>,
+    attempts: AtomicU64,
+}
+
+struct Loaded {
+    job: Job,
+    dialects: Dialects,
+}
+
+impl std::fmt::Debug for Loaded {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str("Loaded")
+    }
+}
+
+impl Worker {
+    pub fn new(roots: Roots, threads: usize, name: String) -> Worker {
+        Worker { roots, threads, name, job: Mutex::default(), attempts: AtomicU64::new(0) }
+    }
+
+    /// What is said of each recording; what fails of one is in its row. `Err`: what no recording of the
+    /// run can escape, in words.
+    pub fn judge(&self, run: &RunDir, task: &Task) -> Result<Vec<String>, String> {
+        self.roots.check(run.path())?;
+        let loaded = self.load(run)?;
+        let mut baselines = loaded.job.replay.baselines.clone();
+        let mut said = Vec::new();
+        for (at, item) in &task.chain {
+            let row = match run.row(*at).map_err(|e| self.words(run, e))? {
+                Some(row) => row.name(run.out()).map(|()| row).map_err(|e| self.words(run, e))?,
+                None => self.attempt(run, *at, item, &loaded, &baselines)?,
+            };
+            said.push(match &row.ended {
+                Ok(judged) => format!("{at} {}", judged.digest),
+                Err(_) => format!("{at} failed"),
+            });
+            if let Ok(Judged { baselines: Some(next), .. }) = row.ended {
+                baselines = Some(next);
+            }
+        }
+        Ok(said)
+    }
+
+    fn words(&self, run: &RunDir, e: impl std::fmt::Display) -> String {
+        format!("{} at {}: {e}", self.name, run.path().display())
+    }
+
+    /// What all recordings of a run share, by content.
+    fn load(&self, run: &RunDir) -> Result<Arc<Loaded>, String> {
+        let mut last = self.job.lock().unwrap_or_else(PoisonError::into_inner);
+        match last.as_ref() {
+            Some((of, loaded)) if of == run.path() => return Ok(loaded.clone()),
+            _ => *last = None,
+        }
+        let mut job = run.job().map_err(|e| self.words(run, e))?;
+        if job.version != env!("CARGO_PKG_VERSION") {
+            let (theirs, ours) = (&job.version, env!("CARGO_PKG_VERSION"));
+            return Err(self.words(
+                run,
+                format!("inkling {ours} cannot judge for a client of inkling {theirs}: their tables would not be the same"),
+            ));
+        }
+        if let Some(design) = &job.replay.design {
+            design.check().map_err(|e| self.words(run, e))?;
+        }
+        let replay = &mut job.replay.settings.replay;
+        // how fast and on how many threads is the executor's
+        (replay.pace, replay.threads) = (Pace::Max, self.threads);
+        (replay.readers, replay.filters, replay.isolators) = (0, 0, 0);
+        let dialects = job.replay.settings.input.dialects();
+        let loaded = Arc::new(Loaded { job, dialects });
+        *last = Some((run.path().into(), loaded.clone()));
+        Ok(loaded)
+    }
+
+    fn attempt(
+        &self,
+        run: &RunDir,
+        at: usize,
+        item: &Item,
+        loaded: &Loaded,
+        baselines: &Option<Baselines>,
+    ) -> Result<Row, String> {
+        let attempt = self.attempts.fetch_add(1, Ordering::Relaxed);
+        let staged = run.staging(at, &format!("{}-{attempt}", self.name), item);
+        let failed = |why: String| Err(NotJudged::Failed { why, usage: false });
+        let begun = run.begin(at).map_err(|e| self.words(run, e))?;
+        let ended = match self.allowed(run, item) {
+            Err(why) => failed(why),
+            Ok(()) if begun > MOST_BEGUN => failed(format!(
+                "{}: begun {MOST_BEGUN} times and never ended: whoever judges it dies or hangs",
+                item.source
+            )),
+            Ok(()) => {
+                let replay = || self.replay(run, at, item, loaded, baselines, &staged);
+                catch_unwind(AssertUnwindSafe(replay)).unwrap_or_else(|_| {
+                    failed(format!("{}: judging it panicked; this is our bug", item.source))
+                })
+            }
+        };
+        // what was interrupted is of a run that is over, which takes no row
+        let row = Row { item: item.clone(), ended, by: self.name.clone(), staged };
+        run.commit(at, row).map_err(|e| self.words(run, e))
+    }
+
+    /// Of a recording and its results.
+    fn allowed(&self, run: &RunDir, item: &Item) -> Result<(), String> {
+        let below = Path::new(&item.verdicts);
+        if !below.components().all(|part| matches!(part, Component::Normal(_))) {
+            return Err(format!("{}: leads out of the directory of results", below.display()));
+        }
+        self.roots.check(Path::new(&item.source))?;
+        self.roots.check(&item.verdicts_in(run.out()))
+    }
+
+    fn replay(
+        &self,
+        run: &RunDir,
+        at: usize,
+        item: &Item,
+        loaded: &Loaded,
+        baselines: &Option<Baselines>,
+        staged: &Path,
+    ) -> Result<Judged, NotJudged> {
+        let chained;
+        let replay: &Replay = match baselines {
+            None => &loaded.job.replay,
+            Some(_) => {
+                chained = Replay { baselines: baselines.clone(), ..loaded.job.replay.clone() };
+                &chained
+            }
+        };
+        let path = Path::new(&item.source);
+        let recording = Recording::open_with(path, Limits::default(), &loaded.dialects)
+            .map_err(PipelineError::from)?;
+        let control = Control::default();
+        let report =
+            watched(run, at, &control, || pipeline::replay(replay, &recording, staged, &control))?;
+        let job = &loaded.job;
+        Ok(Judged::of(report, &item.label, &item.verdicts_in(&job.out), job.detail))
+    }
+}
+
+/// Runs `job` while its progress is told, and interrupts it where its run is over.
+fn watched<T>(run: &RunDir, at: usize, control: &Control, job: impl FnOnce() -> T) -> T {
+    let (ended, wait) = mpsc::channel::<()>();
+    std::thread::scope(|scope| {
+        scope.spawn(move || {
+            let mut told = 0;
+            // ends with the sender, also where the job panics
+            while wait.recv_timeout(BEAT) == Err(mpsc::RecvTimeoutError::Timeout) {
+                let read = control.bytes_read.load(Ordering::Relaxed);
+                if run.is_over() {
+                    control.interrupt();
+                } else if read != told {
+                    told = read;
+                    run.beat(at, read);
+                }
+            }
+        });
+        let _ended = ended;
+        job()
+    })
+}
