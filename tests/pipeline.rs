@@ -231,6 +231,24 @@ fn fault_that_grows_slowly_is_not_learned_as_healthy() {
 }
 
 #[test]
+fn a_head_that_stands_still_is_judged_bit_by_bit_as_without_its_common_change() {
+    let house = House::new();
+    let judged = |out: &str, more: &str| {
+        let (run, design) = (sample("print_run.mcap"), sample("design.json"));
+        let (run, design) = (run.display(), design.display());
+        house.ok(&format!("replay {run} --design {design} --out {out} {more}"));
+        verdicts(&house.path(&format!("{out}/print_run.verdicts.parquet")))
+    };
+    let common = "--set identify.common_change=true";
+    assert!(judged("one", "") == judged("other", common), "verdicts differ");
+    // where it cannot take effect it is refused
+    let run = sample("print_run.mcap");
+    let energy = "--set detect.method=residual-energy";
+    let command = format!("replay {} --out third {energy} {common}", run.display());
+    house.run(&command).exits(2).says("identify.common_change").says("sensitivity");
+}
+
+#[test]
 fn bad_bursts_and_bad_signals_are_rows_with_their_reason() {
     let house = House::new();
     let mut all = bursts(&sample("print_run.mcap"));
