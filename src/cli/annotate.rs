@@ -48,7 +48,7 @@ pub fn annotate(verdicts: &Path) -> Result<(), String> {
 fn log(
     writer: &mut AnnotationWriter,
     e: &Episode,
-) -> Result<(), crate::io::recording::RecordingError> {
+) -> Result<(), crate::io::damage::RecordingError> {
     writer.log(e.raised_at_ns, Level::Warning, &e.printhead, &e.explanation)?;
     match e.ended_at_ns {
         Some(end) => {

@@ -5,7 +5,8 @@ use super::progress::thousands;
 use super::report::printable;
 use crate::burst::Acquisition;
 use crate::io::block_reader::Piece;
-use crate::io::recording::{Recording, note};
+use crate::io::damage::{Damage, note};
+use crate::io::recording::Recording;
 use crate::verdict::Reason;
 use chrono::{DateTime, SecondsFormat};
 use serde_json::{Value, json};
@@ -33,7 +34,7 @@ pub struct Contents {
     beyond: u64,
     pub bursts: u64,
     pub unusable: BTreeMap<String, u64>,
-    pub damage: Vec<crate::io::recording::Damage>,
+    pub damage: Vec<Damage>,
 }
 
 /// Groups listed; a hostile file may have millions.

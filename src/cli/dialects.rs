@@ -3,9 +3,10 @@
 
 use super::exit::Failure;
 use crate::io::Limits;
+use crate::io::damage::RecordingError;
 use crate::io::dialect::Dialects;
 use crate::io::inputs::Input;
-use crate::io::recording::{Other, Recording, RecordingError};
+use crate::io::recording::{Other, Recording};
 use crate::settings::Settings;
 use std::collections::BTreeSet;
 use std::path::Path;

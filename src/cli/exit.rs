@@ -1,6 +1,6 @@
 //! How a run ends: the contract's exit statuses.
 
-use crate::io::recording::RecordingError;
+use crate::io::damage::RecordingError;
 use crate::pipeline::PipelineError;
 use crate::settings::SettingsError;
 use std::process::ExitCode;

@@ -1,8 +1,8 @@
 //! Progress: bars on a terminal, plain lines otherwise, always on stderr.
 
 use super::output::is_quiet;
-use super::report::printable;
-use crate::io::recording::Damage;
+use crate::io::damage::Damage;
+use crate::io::printable;
 use crate::pipeline::Control;
 use indicatif::{HumanBytes, HumanDuration, MultiProgress, ProgressBar, ProgressStyle};
 use std::io::{IsTerminal, Write};
@@ -17,11 +17,13 @@ const LINE_EVERY: Duration = Duration::from_secs(10);
 
 /// Characters of one message.
 const MOST_OF_A_MESSAGE: usize = 20_000;
+/// And of a name in one.
+const MOST_OF_A_NAME: usize = 64;
 
 /// A line on stderr; what it repeats from files moves no cursor. `eprintln!` would panic where nobody
 /// can read it; the exit status still says it.
 pub fn complain(message: &str) {
-    let message = crate::io::printable::lines(message, MOST_OF_A_MESSAGE);
+    let message = printable::lines(message, MOST_OF_A_MESSAGE);
     let _ = writeln!(std::io::stderr(), "{message}");
 }
 
@@ -159,11 +161,18 @@ impl Progress {
         const MOST: usize = 10;
         for d in damage.iter().take(MOST) {
             let (from, to) = (d.from_byte, d.to_byte);
-            self.say(&format!("warning: {}: bytes {from} to {to}: {}", printable(name), d.what));
+            self.say(&format!(
+                "warning: {}: bytes {from} to {to}: {}",
+                printable::line(name, MOST_OF_A_NAME),
+                d.what
+            ));
         }
         if damage.len() > MOST {
             let more = damage.len() - MOST;
-            self.say(&format!("warning: {}: {more} damages more", printable(name)));
+            self.say(&format!(
+                "warning: {}: {more} damages more",
+                printable::line(name, MOST_OF_A_NAME)
+            ));
         }
     }
 
@@ -186,7 +195,7 @@ impl Progress {
                 Some(_) => "{spinner} {prefix:<16!} {bar:30} {percent:>3} %  {msg}  {eta} left",
                 None => "{spinner} {prefix:<16!} followed for {elapsed}, {msg}; Ctrl-C ends it",
             }));
-            bar.set_prefix(printable(name));
+            bar.set_prefix(printable::line(name, MOST_OF_A_NAME));
             bar
         });
         let mut last_line = Instant::now();
@@ -208,7 +217,7 @@ impl Progress {
                 last_line = Instant::now();
                 let of = bytes.map_or(String::new(), |bytes| format!(" of {}", HumanBytes(bytes)));
                 let all = all.map_or(String::new(), |(_, words)| format!("; {words}"));
-                let (name, read) = (printable(name), HumanBytes(read));
+                let (name, read) = (printable::line(name, MOST_OF_A_NAME), HumanBytes(read));
                 complain(&format!("{name}: {read}{of}, {} signals/s{all}", rate()));
             }
         }

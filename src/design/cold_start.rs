@@ -4,7 +4,7 @@
 //! [`FaultPhysics`], from which severities and the densities of unlabelled classes follow. thesis §2-2.
 
 use super::detector::ring_of;
-use super::train::examples;
+use super::training_set::examples;
 use super::{Design, DesignError, FaultClass, HealthyModel, IsolateSettings, TrainingSet};
 use crate::fault;
 use crate::identify::GreyBoxSettings;

@@ -1,7 +1,7 @@
 //! The two detection statistics of one model: along its ring, and beside it.
 
+use super::DesignError;
 use super::own_channel::Own;
-use super::{DesignError, HealthyModel};
 use crate::detect::misfit::Misfit;
 use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK, Sensitivity};
 use crate::identify::grey_box::Identification;
@@ -9,7 +9,7 @@ use crate::model::beside_ring::BesideRing;
 use crate::model::inner_product::dot;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, Fit, RingFitter};
-use nalgebra::{Matrix3, Matrix3x4, Matrix4, Vector3};
+use nalgebra::{Matrix3, Matrix3x4, Matrix4, Vector3, Vector4};
 
 /// What detection says of a signal.
 #[derive(Clone, Copy, Debug)]
@@ -33,12 +33,12 @@ pub struct SensitivityDetector {
     expected: Vec<f64>,
     /// What every healthy signal holds beside its ring, counts; empty: nothing.
     leftover: Vec<f64>,
-    pub(super) own: OwnFrame,
+    own: OwnFrame,
 }
 
 /// How a channel's own four features are seen, and how they look in the three of the statistic.
 #[derive(Clone, Debug)]
-pub(super) struct OwnFrame {
+struct OwnFrame {
     /// Four rows of N: the features per unit of deviation at the reference drive.
     pub projection: Vec<Vec<f64>>,
     pub noise: Matrix4<f64>,
@@ -107,14 +107,17 @@ pub fn ring_of(identification: &Identification) -> Result<Ring, DesignError> {
 }
 
 impl SensitivityDetector {
-    /// `misfit`: with the second test.
+    /// `expected`: of a healthy signal, counts; `leftover`: the part of it beside the ring; `misfit`: with
+    /// the second test.
     pub fn new(
-        model: &HealthyModel,
+        ring: Ring,
+        dt_s: f64,
+        expected: &[f64],
+        leftover: &[f64],
         sensitivity: Sensitivity,
         misfit: Option<&Misfit>,
     ) -> Result<SensitivityDetector, DesignError> {
-        let (ring, dt_s) = (ring_of(&model.identification)?, model.generator.dt_s);
-        let samples = model.expected.len();
+        let samples = expected.len();
         let fitter = RingFitter::new(ring, dt_s, samples);
         // of one sample, from what it leaves in the amplitude
         let of_amplitude: f64 = sensitivity.projection[0].iter().map(|p| p * p).sum();
@@ -130,8 +133,8 @@ impl SensitivityDetector {
             settled: misfit.map_or(f64::INFINITY, Misfit::settled_square),
             fitter,
             beside: BesideRing::new(&ring, dt_s, samples),
-            expected: model.expected.clone(),
-            leftover: model.leftover.clone(),
+            expected: expected.to_vec(),
+            leftover: leftover.to_vec(),
             own,
         })
     }
@@ -139,6 +142,18 @@ impl SensitivityDetector {
     /// Looks again at what has more than this square beside the ring, counts².
     pub(super) fn look_beyond(&mut self, square: f64) {
         self.settled = square;
+    }
+
+    /// (ln amplitude, ln damping, ln frequency, phase) to first order; the phase free.
+    pub fn own_features(&self, deviation: &[f64], drive: f64) -> Vector4<f64> {
+        Vector4::from_fn(|k, _| {
+            self.own.projection[k].iter().zip(deviation).map(|(p, d)| p * d).sum::<f64>() / drive
+        })
+    }
+
+    /// Covariance of the noise of these, at the reference drive.
+    pub fn own_noise(&self) -> &Matrix4<f64> {
+        &self.own.noise
     }
 
     /// The same statistic about the channel's own baseline: squared distance in what one channel's

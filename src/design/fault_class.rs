@@ -1,7 +1,8 @@
 //! A fault class: its mean deviation from the healthy model (thesis §3-3-2, rho before filtering);
 //! for model matching its identified model, for neighbours its training signals.
 
-use super::fd_filter::{by_resonance, deviations};
+use super::filter_of_model::by_resonance;
+use super::healthy_model::deviations;
 use super::{Design, DesignError, HealthyModel, LearnSettings};
 use crate::detect::{ResidualGenerator, null_space};
 use crate::fault::{CLASSES, Class};

@@ -1,70 +1,17 @@
-//! The FD filter of an identified model: numerator (3-2), denominator by method I, II or III.
+//! What the FD filter learns from faults: methods II and III. thesis §3-2-1.
 //!
-//! In: an identified model, `[detect]`, for methods II and III what training has learned from
-//! faults. Out: the residual generator. thesis §3-2-1.
+//! In: a healthy model and signals of a fault. Out: [`LearnedFilter`].
 
-use super::{DesignError, FaultClass, HealthyModel, LearnSettings};
-use crate::detect::{Denominator, DetectSettings, ResidualGenerator, null_space, numerator, poles};
+use super::filter_of_model::{LearnSettings, LearnedFilter, by_resonance};
+use super::healthy_model::deviations;
+use super::{DesignError, FaultClass, HealthyModel};
+use crate::detect::{Denominator, null_space, numerator, poles};
 use crate::identify::averaging::SignalSet;
-use crate::identify::grey_box::Identification;
 use crate::model::Plant;
-use serde::{Deserialize, Serialize};
-
-/// What methods II and III learn from faults. A later model of the same printer keeps it: only the
-/// numerator N L follows the model.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct LearnedFilter {
-    /// alpha(z), descending powers.
-    pub denominator: Vec<f64>,
-    /// M(z) of Appendix A, descending powers; the constant 1 with method II.
-    pub enhancement: Vec<f64>,
-}
 
 /// Numerator degree where there is room for it: 3 states are observable, the fourth root rejects a
 /// constant sensor offset.
 const OFFSET_DEGREE: usize = 4;
-
-pub(super) fn residual_generator(
-    identification: &Identification,
-    samples: usize,
-    settings: LearnSettings,
-    dt_s: f64,
-) -> Result<ResidualGenerator, DesignError> {
-    let (a, c) = (identification.channel.a(), identification.channel.c());
-    let LearnSettings { detect, filter, .. } = settings;
-    match (detect.denominator, filter) {
-        (Denominator::Resonance, _) => {
-            let denominator = by_resonance(identification, samples, detect, dt_s)?;
-            let numerator = null_space::numerator(&a, &c, dt_s, denominator.len() - 1)?;
-            Ok(ResidualGenerator::new(numerator, denominator, dt_s)?)
-        }
-        (_, Some(LearnedFilter { denominator, enhancement })) => {
-            let degree = denominator.len().saturating_sub(enhancement.len());
-            let n = null_space::numerator(&a, &c, dt_s, degree)?;
-            let m_n = numerator::product(enhancement, &n);
-            Ok(ResidualGenerator::new(m_n, denominator.clone(), dt_s)?)
-        }
-        (_, None) => Err(DesignError::Invalid(
-            "detect.denominator: methods II and III are learned from faults: give a design that \
-             was trained with them, or use \"resonance\""
-                .into(),
-        )),
-    }
-}
-
-/// alpha(z) of method I for a model.
-pub(super) fn by_resonance(
-    identification: &Identification,
-    samples: usize,
-    detect: &DetectSettings,
-    dt_s: f64,
-) -> Result<Vec<f64>, DesignError> {
-    let oscillations = detect.oscillations.unwrap_or_else(|| {
-        poles::healthy_oscillations(identification.poles.frequency_hz, samples, dt_s)
-    });
-    let omega_r = poles::resonance_of_oscillations(oscillations, samples, dt_s);
-    Ok(poles::resonance(omega_r, &detect.other_poles_per_s, dt_s)?)
-}
 
 impl LearnedFilter {
     /// From the class `detect.fault`. `healthy`: a model by method I, and its signals; `sets`: the
@@ -95,23 +42,6 @@ impl LearnedFilter {
         let enhancement = numerator::enhancement(&n, &denominator, &healthy, &faulty, dt_s)?;
         Ok(LearnedFilter { denominator, enhancement })
     }
-}
-
-/// Deviations per unit drive of every signal, counts.
-pub(super) fn deviations(sets: &[(&HealthyModel, &SignalSet)]) -> Vec<Vec<f64>> {
-    let mut all = Vec::new();
-    for (model, set) in sets {
-        for i in 0..set.len() {
-            let drive = set.drive[i];
-            let mut d = vec![0.0; set.samples];
-            model.expect(drive, set.temperature_c[i], &mut d);
-            for (d, &y) in d.iter_mut().zip(set.signal(i)) {
-                *d = (f64::from(y) - *d) / drive;
-            }
-            all.push(d);
-        }
-    }
-    all
 }
 
 fn rows(signals: &[Vec<f64>]) -> Vec<&[f64]> {

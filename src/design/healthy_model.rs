@@ -1,7 +1,7 @@
 //! A healthy model ready to judge by: identification, filter and threshold of one window.
 
 use super::detector::{Scratch, SensitivityDetector, ring_of};
-use super::fd_filter::{self, LearnedFilter};
+use super::filter_of_model::{LearnSettings, residual_generator};
 use super::leftover::Left;
 use super::{Design, DesignError, DetectSettings};
 use crate::detect::contamination::{Degrees, contaminated};
@@ -10,7 +10,7 @@ use crate::detect::sensitivity::Sensitivity;
 use crate::detect::{DetectMethod, ResidualGenerator, ThresholdMethod, threshold};
 use crate::identify::averaging::{self, SignalSet, median};
 use crate::identify::grey_box::{self, Identification};
-use crate::identify::{GreyBoxSettings, IdentifyError, tangent};
+use crate::identify::{IdentifyError, tangent};
 use crate::model::beside_ring::BesideRing;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
@@ -29,18 +29,6 @@ const SUSPECT: f64 = 3.0;
 
 /// Samples over which noise may remember.
 const LAGS: usize = 32;
-
-/// What a healthy model is learned with.
-#[derive(Clone, Copy, Debug)]
-pub struct LearnSettings<'a> {
-    pub grey_box: &'a GreyBoxSettings,
-    pub detect: &'a DetectSettings,
-    /// Least share of signals that must agree; `None`: labels say that all are healthy.
-    pub least_agreeing: Option<f64>,
-    pub sample_period_s: f64,
-    /// What methods II and III have learned from faults; `None` with method I.
-    pub filter: Option<&'a LearnedFilter>,
-}
 
 /// One identified model with its x_a_hat, poles and threshold, thesis §3-1 and §3-2.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -89,6 +77,16 @@ impl HealthyModel {
         (self.threshold.value / self.median_statistic) as f32
     }
 
+    /// Its two statistics. `misfit`: with the second test.
+    pub(super) fn detector(
+        &self,
+        sensitivity: Sensitivity,
+        misfit: Option<&Misfit>,
+    ) -> Result<SensitivityDetector, DesignError> {
+        let (ring, dt_s) = (ring_of(&self.identification)?, self.generator.dt_s);
+        SensitivityDetector::new(ring, dt_s, &self.expected, &self.leftover, sensitivity, misfit)
+    }
+
     /// Learns from a healthy window. `anchor`: the model that came before, which passes on what one
     /// window cannot know (temperature response, tail of the energies).
     pub fn learn(
@@ -109,8 +107,7 @@ impl HealthyModel {
         let dt_s = settings.sample_period_s;
         let identification = grey_box::identify_scattered(healthy, &mean, dt_s, settings.grey_box)?;
         let expected = identification.expected(dt_s, set.samples);
-        let generator =
-            fd_filter::residual_generator(&identification, set.samples, settings, dt_s)?;
+        let generator = residual_generator(&identification, set.samples, settings, dt_s)?;
 
         let temperature_c = healthy.mean_temperature_c();
         let directions = tangent::tangent(&identification, dt_s, set.samples);
@@ -241,7 +238,7 @@ impl HealthyModel {
         }
         let sensitivity =
             if labelled { new.with_spread(&features) } else { new.with_core_spread(&features) };
-        let mut detector = SensitivityDetector::new(self, sensitivity.clone(), None)?;
+        let mut detector = self.detector(sensitivity.clone(), None)?;
         let (mut scratch, mut distances, mut squares) =
             (Scratch::default(), Vec::new(), Vec::new());
         self.each_deviation(seen, |deviation, drive| {
@@ -542,4 +539,21 @@ fn learn_threshold(
             SEED,
         )?,
     })
+}
+
+/// Deviations per unit drive of every signal, counts.
+pub(super) fn deviations(sets: &[(&HealthyModel, &SignalSet)]) -> Vec<Vec<f64>> {
+    let mut all = Vec::new();
+    for (model, set) in sets {
+        for i in 0..set.len() {
+            let drive = set.drive[i];
+            let mut d = vec![0.0; set.samples];
+            model.expect(drive, set.temperature_c[i], &mut d);
+            for (d, &y) in d.iter_mut().zip(set.signal(i)) {
+                *d = (f64::from(y) - *d) / drive;
+            }
+            all.push(d);
+        }
+    }
+    all
 }

@@ -172,7 +172,7 @@ impl Judge {
             None => None,
             Some(sensitivity) => {
                 let misfit = model.misfit.as_ref();
-                Some(SensitivityDetector::new(&model, sensitivity.clone(), misfit)?)
+                Some(model.detector(sensitivity.clone(), misfit)?)
             }
         };
         let extension = design.and_then(|design| design.extension.clone());

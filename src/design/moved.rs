@@ -4,7 +4,7 @@
 //! have changed since ([`crate::identify::common_change`]). Out: the same about where they are now: its ring,
 //! what is expected, its sensitivities. Thresholds, what healthy signals scatter by and the classes stay.
 
-use super::detector::{SensitivityDetector, ring_of};
+use super::detector::ring_of;
 use super::judge::{Isolator, OfRings};
 use super::lanes::Lanes;
 use super::{HealthyModel, Judge};
@@ -52,7 +52,7 @@ impl Judge {
     pub fn moved(&self, by: Vector3<f64>, moves: u32) -> Option<Judge> {
         let model = self.model.moved(by)?;
         let (sensitivity, misfit) = (model.sensitivity.clone()?, model.misfit.as_ref());
-        let detector = SensitivityDetector::new(&model, sensitivity, misfit).ok()?;
+        let detector = model.detector(sensitivity, misfit).ok()?;
         let mut isolating = self.isolating.clone();
         if let Some(of) = &mut isolating {
             of.isolator = of.isolator.moved(&model)?;

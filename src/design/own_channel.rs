@@ -4,7 +4,6 @@
 //! and the curves seen from there.
 
 use super::baseline::{FEWEST, PrintheadBaselines};
-use super::detector::SensitivityDetector;
 use crate::isolate::class_density::upper_tail;
 use crate::isolate::physics_density::FaultCurves;
 use nalgebra::{Matrix4, Vector4};
@@ -105,20 +104,6 @@ impl Own {
     /// what the baseline itself is not known by. `noise`: of one signal at the reference drive.
     pub fn scatter(&self, noise: &Matrix4<f64>) -> Matrix4<f64> {
         self.shot + (self.shot + noise) / self.signals
-    }
-}
-
-impl SensitivityDetector {
-    /// (ln amplitude, ln damping, ln frequency, phase) to first order; the phase free.
-    pub fn own_features(&self, deviation: &[f64], drive: f64) -> Vector4<f64> {
-        Vector4::from_fn(|k, _| {
-            self.own.projection[k].iter().zip(deviation).map(|(p, d)| p * d).sum::<f64>() / drive
-        })
-    }
-
-    /// Covariance of the noise of these, at the reference drive.
-    pub fn own_noise(&self) -> &Matrix4<f64> {
-        &self.own.noise
     }
 }
 

@@ -12,29 +12,12 @@ use super::mixture::{Counts, Mixture};
 use super::threshold::{Method, Threshold};
 use crate::model::student::student_quantile;
 
+pub use super::mixture::Degrees;
+
 /// Groups of the jackknife.
 const GROUPS: usize = 8;
 /// Fewer signals say nothing of a law.
 const FEWEST: usize = 24;
-
-/// Which kind of statistic: squares of so many features.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Degrees {
-    /// Distance along amplitude, damping and frequency.
-    Three,
-    /// The upper side of one feature's.
-    OneSided,
-}
-
-impl Degrees {
-    /// Half of them.
-    pub(super) fn half(self) -> f64 {
-        match self {
-            Degrees::Three => 1.5,
-            Degrees::OneSided => 0.5,
-        }
-    }
-}
 
 /// The statistic that healthy signals of the window exceed at `rate`, widened so that it is enough with
 /// `confidence`. `statistics`: at least 0. `channels`: the channel of each.

@@ -33,18 +33,11 @@
 //! 2^-29 of this; results below f32's normal range are not trusted at all.
 
 use super::ResidualGenerator;
-use super::lane_expectation::LaneExpectation;
+use super::lane_expectation::{LEAST, LaneExpectation, SLACK, U};
 use super::tile::{Instructions, LANES, Tile};
 
 /// Highest degree of a filter with a kernel; beyond, the reference does the work.
 pub const MOST_ORDER: usize = 8;
-
-/// Unit roundoff of f32.
-pub(super) const U: f64 = 1.0 / (1u64 << 24) as f64;
-/// Second order of the bound, and the reference's own rounding.
-pub(super) const SLACK: f64 = 1.01;
-/// Sums of squares below this may have lost digits to underflow.
-pub(super) const LEAST: f32 = 1e-28;
 
 /// A residual generator's f32 twin, for signals of one length that are expected to be one shape.
 #[derive(Clone, Debug)]

@@ -3,9 +3,15 @@
 //! In: a tile of signals. Out: their deviations in place; per lane the deviation's norm and the bound
 //! of [`super::kernel`] on its error.
 
-use super::kernel::{LEAST, SLACK, U};
-use super::row_projection::{Phases, in_phases};
-use super::tile::{Instructions, Tile};
+use super::row_projection::in_phases;
+use super::tile::{Instructions, Phases, Tile};
+
+/// Unit roundoff of f32.
+pub(super) const U: f64 = 1.0 / (1u64 << 24) as f64;
+/// Second order of the bound, and the reference's own rounding.
+pub(super) const SLACK: f64 = 1.01;
+/// Sums of squares below this may have lost digits to underflow.
+pub(super) const LEAST: f32 = 1e-28;
 
 #[derive(Clone, Debug)]
 pub struct LaneExpectation {

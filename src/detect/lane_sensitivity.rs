@@ -15,11 +15,12 @@
 //! wrong by (N + 4) u |d^|² + 2 |d^| |d^ - d|; the second by 2 sum_k |(Gram c)_k| |error of c_k|, and
 //! (Gram c)_k is the product of d with t_k, at most |t_k| |d|.
 
-use super::kernel::{LEAST, LaneStatistics, SLACK, U};
+use super::kernel::LaneStatistics;
 use super::lane_expectation::LaneExpectation;
-use super::row_projection::{Phases, Rows, in_phases};
+use super::lane_expectation::{LEAST, SLACK, U};
+use super::row_projection::{Rows, in_phases};
 use super::sensitivity::Sensitivity;
-use super::tile::{Instructions, LANES, Sample, Tile};
+use super::tile::{Instructions, LANES, Phases, Sample, Tile};
 use crate::processor::for_processor;
 use std::ops::Range;
 

@@ -14,7 +14,6 @@
 //! makes the counts likeliest; so the tail is read from the body where faults hide it, and from itself
 //! where they do not. Measured on shapes of scatter and of faults: `contamination.rs`, docs/open_world.md.
 
-use super::contamination::Degrees;
 use crate::model::inner_product::dot;
 use crate::model::lane_math::{exp, ln};
 use crate::processor::for_processor;
@@ -51,6 +50,25 @@ const WIDTH: f64 = -1.4;
 const WIDTH_SD: f64 = 0.5;
 /// Counts that stand so many standard deviations above what is expected ask for a kind.
 const ASKS: f64 = 4.0;
+
+/// Which kind of statistic: squares of so many features.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Degrees {
+    /// Distance along amplitude, damping and frequency.
+    Three,
+    /// The upper side of one feature's.
+    OneSided,
+}
+
+impl Degrees {
+    /// Half of them.
+    fn half(self) -> f64 {
+        match self {
+            Degrees::Three => 1.5,
+            Degrees::OneSided => 0.5,
+        }
+    }
+}
 
 /// A histogram of ln (s / median).
 #[derive(Clone, Debug)]

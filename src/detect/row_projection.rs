@@ -6,12 +6,7 @@
 //! (`tree`), nothing fuses; so the bits depend neither on the instruction set nor on whether a
 //! signal was turned (`Instructions::project`).
 
-use super::tile::{Instructions, LANES, Sample, Set};
-
-/// Sums side by side.
-pub const PHASES: usize = 16;
-/// One number for each of sixteen samples in a row.
-pub type Phases = [f32; PHASES];
+use super::tile::{Instructions, LANES, PHASES, Phases, Sample, Set};
 
 /// Sixteen numbers a piece, zeros beyond the last.
 pub fn in_phases(of: impl ExactSizeIterator<Item = f32>) -> Vec<Phases> {

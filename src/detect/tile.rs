@@ -6,7 +6,6 @@
 //! [`super::kernel`]. Vectors are written out by hand only here and in [`super::row_projection`];
 //! elsewhere unsafe code only chooses, by what the processor has, how plain loops were compiled.
 
-use super::row_projection::{PHASES, Phases};
 use crate::burst::{Burst, Format, Layout};
 
 /// Signals of a tile: two AVX-512 vectors.
@@ -14,6 +13,11 @@ pub const LANES: usize = 32;
 
 /// One sample of every lane.
 pub type Sample = [f32; LANES];
+
+/// Sums side by side.
+pub const PHASES: usize = 16;
+/// One number for each of sixteen samples in a row.
+pub type Phases = [f32; PHASES];
 
 /// A signal where it lies in its burst.
 #[derive(Clone, Copy, Debug)]

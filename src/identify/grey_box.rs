@@ -10,15 +10,18 @@
 //! along (1, -1, 0, 0) at 0. What is held is said in the result.
 
 use super::averaging::{MeanSignal, SignalSet};
-use super::identifiability::{self, Uncertainty};
+use super::cubic::{basis, poles_of};
+use super::identifiability;
+use super::identification::{Convergence, Scatter};
 use super::scale::damped_cosine;
-use super::scatter::{Scatter, scatter};
+use super::scatter::scatter;
 use super::{GreyBoxSettings, IdentifyError};
-use crate::model::{InkChannel, ring_down::Poles};
+use crate::model::InkChannel;
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SupportedConeT};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
-use serde::{Deserialize, Serialize};
+
+pub use super::identification::Identification;
 
 /// 6 numbers are fitted; this many samples leave something to judge the fit by.
 pub const FEWEST_SAMPLES: usize = 12;
@@ -26,58 +29,6 @@ pub const FEWEST_SAMPLES: usize = 12;
 /// A model that leaves so many times what the nearest damped cosine of a coarse grid leaves has not found
 /// the ring.
 const WORSE: f64 = 1.5;
-
-/// Why the search ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Convergence {
-    /// The gradient, projected on the bounds, vanished.
-    Gradient,
-    /// The best step would gain less than a billionth of the cost.
-    Gain,
-    /// No step changes the parameters any more.
-    Step,
-}
-
-/// What thesis (3-1) gives, with how well it is known.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Identification {
-    /// Individual rates depend on the held ratio g/d; poles and cubic do not.
-    pub channel: InkChannel,
-    pub poles: Poles,
-    /// p2, p1, p0 of s^3 + p2 s^2 + p1 s + p0, in 1/s, 1/s², 1/s³.
-    pub cubic: [f64; 3],
-    /// x_a of thesis (2-2) at the reference drive: volumes in counts·s, flows in counts.
-    pub acquisition_state: [f64; 4],
-    /// y, y', y'' at t_a: counts, counts/s, counts/s².
-    pub output_state: [f64; 3],
-    /// 100 (1 - ||y - y_hat|| / ||y - mean y||).
-    pub fit_percent: f64,
-    /// Root mean square of y - y_hat of the average, counts.
-    pub misfit_rms: f64,
-    pub convergence: Convergence,
-    pub iterations: usize,
-    /// Starts that ended at the same optimum, of those tried.
-    pub starts_agreeing: usize,
-    pub starts: usize,
-    pub uncertainty: Uncertainty,
-    /// How the averaged channels differ; zero where a single signal was fitted.
-    pub scatter: Scatter,
-    pub held_fixed: Vec<String>,
-    pub at_bounds: Vec<String>,
-    pub not_identifiable: Vec<String>,
-}
-
-impl Identification {
-    /// y_hat = C e^{At} x_a, counts, at the reference drive.
-    pub fn expected(&self, dt_s: f64, samples: usize) -> Vec<f64> {
-        let dt_us = dt_s * 1e6;
-        let c = to_microseconds(self.output_state);
-        (basis(cubic_per_us(self.cubic), dt_us, samples) * DVector::from_row_slice(&c))
-            .as_slice()
-            .to_vec()
-    }
-}
 
 /// Solves thesis (3-1). `y`: average signal, counts. `noise`: standard deviation of one sample of
 /// `y`, counts (0: taken from the misfit).
@@ -452,47 +403,6 @@ impl Problem {
             .map(|(name, _)| name.to_string())
             .collect()
     }
-}
-
-/// Columns: the output from unit y, y', y'' at t_a (per µs), by exact discretisation of the cubic's
-/// companion form. `cubic`: p2, p1, p0 per µs.
-pub(super) fn basis(cubic: [f64; 3], dt_us: f64, samples: usize) -> DMatrix<f64> {
-    let [p2, p1, p0] = cubic;
-    let companion = Matrix3::new(0.0, 1.0, 0.0, 0.0, 0.0, 1.0, -p0, -p1, -p2);
-    let step = (companion * dt_us).exp();
-    let mut basis = DMatrix::zeros(samples, 3);
-    let mut row = nalgebra::RowVector3::new(1.0, 0.0, 0.0);
-    for k in 0..samples {
-        basis.set_row(k, &row);
-        row *= step;
-    }
-    basis
-}
-
-pub(super) fn cubic_per_us([p2, p1, p0]: [f64; 3]) -> [f64; 3] {
-    [p2 * 1e-6, p1 * 1e-12, p0 * 1e-18]
-}
-
-fn to_microseconds([y, dy, ddy]: [f64; 3]) -> [f64; 3] {
-    [y, dy * 1e-6, ddy * 1e-12]
-}
-
-/// The damped pair and the real pole of a cubic; `None` where all its roots are real, or absurd.
-pub fn poles_of(cubic: [f64; 3]) -> Option<Poles> {
-    let [p2, p1, p0] = cubic_per_us(cubic);
-    // beyond that no rates have such a cubic, and the iteration for its roots may not end
-    if ![p2, p1, p0].iter().all(|p| p.abs() < 1e60) {
-        return None;
-    }
-    let companion = Matrix3::new(0.0, 1.0, 0.0, 0.0, 0.0, 1.0, -p0, -p1, -p2);
-    let roots = companion.complex_eigenvalues();
-    let pair = roots.iter().find(|z| z.im > 1e-9 * z.norm())?;
-    let real = roots.iter().min_by(|p, q| p.im.abs().total_cmp(&q.im.abs()))?;
-    Some(Poles {
-        damping_per_s: -pair.re * 1e6,
-        frequency_hz: pair.im / (2.0 * std::f64::consts::PI) * 1e6,
-        lambda_per_s: -real.re * 1e6,
-    })
 }
 
 /// The acquisition state of thesis (2-2) with that output and its derivatives, its component along

@@ -2,23 +2,9 @@
 //!
 //! In: the fit of thesis (3-1). Out: standard deviations of poles and cubic, null directions in words.
 
-use super::grey_box::{basis, cubic_per_us, poles_of};
+use super::cubic::{basis, cubic_per_us, poles_of};
+use super::identification::Uncertainty;
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix};
-use serde::{Deserialize, Serialize};
-
-/// Standard deviations of what one decay identifies.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Uncertainty {
-    pub damping_sd_per_s: f64,
-    pub frequency_sd_hz: f64,
-    pub lambda_sd_per_s: f64,
-    /// Of p2, p1, p0.
-    pub cubic_sd: [f64; 3],
-    /// Covariance of (p2, p1, p0) in 1/µs units, rows.
-    pub cubic_covariance_us: [[f64; 3]; 3],
-    /// Standard deviation of one sample of the fitted signal that this rests on, counts.
-    pub noise: f64,
-}
 
 /// Gauss-Newton covariance of all six numbers (p2, p1, p0, y, y', y''), its cubic part carried to
 /// the poles. `state` per µs. `noise` of one sample, counts; 0: from the misfit.

@@ -2,13 +2,15 @@
 //! thesis (2-2) with its acquisition state is fitted to the average, thesis (3-1).
 //!
 //! In: [`averaging::SignalSet`], the signals of one window of one printhead. Out:
-//! [`grey_box::Identification`] with covariance and what is not identifiable.
+//! [`identification::Identification`] with covariance and what is not identifiable.
 //! Never judges a signal, never knows faults.
 
 pub mod averaging;
 pub mod common_change;
+mod cubic;
 pub mod grey_box;
 pub mod identifiability;
+pub mod identification;
 pub mod reservoir;
 pub mod scale;
 pub mod scatter;

@@ -5,6 +5,7 @@
 //! of the settings then is a prior for what one decay cannot tell, in ratios, not in rates.
 
 use super::GreyBoxSettings;
+use super::cubic::poles_of;
 use crate::model::InkChannel;
 use crate::model::inner_product::dot;
 use nalgebra::{Matrix3, Vector3};
@@ -67,7 +68,7 @@ impl GreyBoxSettings {
     pub fn at_frequency(&self, frequency_hz: f64) -> GreyBoxSettings {
         let GreyBoxSettings { a_per_s2, b_per_s2, g_per_s, d_per_s, .. } = *self;
         let nominal = InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s };
-        let Some(poles) = super::grey_box::poles_of(nominal.cubic()) else { return self.clone() };
+        let Some(poles) = poles_of(nominal.cubic()) else { return self.clone() };
         let faster = frequency_hz / poles.frequency_hz;
         GreyBoxSettings {
             a_per_s2: a_per_s2 * faster * faster,
@@ -111,7 +112,7 @@ mod tests {
         assert!((ratio(&faster)[1] / ratio(&nominal)[1] - 1.0).abs() < 1e-12);
         let GreyBoxSettings { a_per_s2, b_per_s2, g_per_s, d_per_s, .. } = faster;
         let channel = InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s };
-        let poles = super::super::grey_box::poles_of(channel.cubic()).unwrap();
+        let poles = poles_of(channel.cubic()).unwrap();
         assert!((poles.frequency_hz / 1e6 - 1.0).abs() < 1e-9);
     }
 }

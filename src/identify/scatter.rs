@@ -9,21 +9,10 @@
 //! (the mean of y over theta is y(theta) + 1/2 sum of second derivatives times covariance).
 
 use super::averaging::SignalSet;
-use super::grey_box::{Identification, basis};
+use super::cubic::basis;
+use super::identification::{Identification, Scatter};
 use nalgebra::{DMatrix, DVector, Matrix5, SymmetricEigen, Vector5};
-use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-
-/// How channels differ, and how well their mean is known.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Scatter {
-    /// Standard deviation over signals beyond noise, relative.
-    pub damping_sd: f64,
-    pub frequency_sd: f64,
-    /// Standard error of the mean over channels, relative; 0 where there are too few channels.
-    pub damping_se: f64,
-    pub frequency_se: f64,
-}
 
 /// Fewer channels than this say nothing about their own sampling error.
 const FEWEST_CHANNELS: usize = 8;
@@ -193,7 +182,7 @@ mod tests {
         let corrected = grey_box::identify_scattered(&set, &mean, DT_S, &settings).unwrap();
         let truth =
             InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8.0e4 };
-        let truth = grey_box::poles_of(truth.cubic()).unwrap();
+        let truth = crate::identify::cubic::poles_of(truth.cubic()).unwrap();
         let off =
             |fit: &Identification| (fit.poles.damping_per_s / truth.damping_per_s - 1.0).abs();
         assert!(off(&corrected) < 0.3 * off(&plain), "{} of {}", off(&corrected), off(&plain));

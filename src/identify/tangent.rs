@@ -4,7 +4,8 @@
 //! directions), and the ink temperature's effect as a direction in that space.
 
 use super::averaging::SignalSet;
-use super::grey_box::{Identification, basis, cubic_per_us};
+use super::cubic::{basis, cubic_per_us};
+use super::identification::Identification;
 use nalgebra::{DMatrix, DVector, Matrix6, Vector6};
 
 /// Columns dy/d(p2, p1, p0, y, y', y''), N x 6, per µs units: every small change of a decay that
@@ -112,7 +113,7 @@ pub fn pole_changes(
     let si = [1e6, 1e12, 1e18];
     let h = 1e-3;
     let moved = |sign: f64| {
-        super::grey_box::poles_of(std::array::from_fn(|k| fit.cubic[k] + sign * h * x[k] * si[k]))
+        super::cubic::poles_of(std::array::from_fn(|k| fit.cubic[k] + sign * h * x[k] * si[k]))
     };
     let (up, down) = (moved(1.0)?, moved(-1.0)?);
     Some((

@@ -5,8 +5,8 @@
 //! name once it is whole. MCAP knows no time before 1970: what is older lies at 0.
 
 use super::burst_codec::MESSAGE_ENCODING;
+use super::damage::RecordingError;
 use super::part_file::PartFile;
-use super::recording::RecordingError;
 use mcap::records::MessageHeader;
 use prost::Message as _;
 use prost_types::Timestamp;

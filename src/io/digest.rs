@@ -4,12 +4,11 @@
 //! data section's checksum if it has one (the only check that messages outside chunks have).
 
 use super::Limits;
-use super::block_reader::{bytes_to_read, records_of};
+use super::block::{Block, BlockKind, ReadBlock};
 use super::buffers::Buffers;
-use super::recording::{Damage, RecordingError};
-use super::scan::{Block, BlockKind};
+use super::chunk_loader::{bytes_to_read, records_of};
+use super::damage::{Damage, RecordingError};
 use super::source::Source;
-use bytes::Bytes;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -39,14 +38,6 @@ pub fn of_file<E: From<std::io::Error>>(
         at += part.len() as u64;
     }
     Ok(format!("xxh3:{:032x}", xxh3.digest128()))
-}
-
-/// A block's bytes.
-#[derive(Clone, Debug)]
-pub struct ReadBlock {
-    pub bytes: Bytes,
-    /// Checksum of a chunk's uncompressed records, where the data section's went over them.
-    pub crc: Option<u32>,
 }
 
 pub struct Digester {

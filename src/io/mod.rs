@@ -1,25 +1,29 @@
 //! Bytes: recordings in, verdicts and labels in and out.
 //!
 //! In: files that anybody may have written, cut short or damaged. Out: the nouns of floor 0, and an
-//! account of whatever was lost ([`recording::Damage`]).
+//! account of whatever was lost ([`damage::Damage`]).
 //!
 //! It must never trust a size, panic on bad input, or leave a half-written file under its final name.
 
 pub mod annotation_writer;
 pub mod baseline_file;
+pub mod block;
 pub mod block_reader;
 mod buffers;
 pub mod burst_codec;
 pub mod census;
 mod channels;
+mod chunk_loader;
 pub mod columnar;
 pub mod critique_tables;
+pub mod damage;
 pub mod decompress;
 pub mod design_file;
 pub mod dialect;
 pub mod digest;
 pub mod episode_table;
 pub mod fault_table;
+mod followed;
 pub mod growth;
 pub mod inputs;
 mod ipc_sizes;

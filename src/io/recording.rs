@@ -6,9 +6,11 @@
 //! verdict order, and a file without a summary reads the same.
 
 use super::Limits;
+use super::block::Block;
 use super::block_reader::{BlockReader, Definitions};
 use super::census::{Becomes, Census, Seen};
 use super::channels::{Channels, Route};
+use super::damage::{Damage, RecordingError, unreadable};
 use super::dialect::Dialects;
 use super::digest::{Digest, Digester};
 use super::growth::Growth;
@@ -18,7 +20,7 @@ use super::mcap_records::{
 };
 use super::objects::in_object_store;
 use super::printable;
-use super::scan::{Block, Blocks};
+use super::scan::Blocks;
 use super::source::Source;
 use super::stamp::Stamp;
 use std::collections::{BTreeSet, HashMap};
@@ -26,61 +28,6 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use thiserror::Error;
-
-/// A byte range of a recording that could not be used, or could not be vouched for.
-#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
-pub struct Damage {
-    pub from_byte: u64,
-    /// Exclusive. Equal to `from_byte`: something is missing there.
-    pub to_byte: u64,
-    pub what: String,
-}
-
-/// Adds damage to a list that stays small whatever the file: what repeats side by side becomes one
-/// range, and beyond the bound the last range stands for all further ones.
-pub fn note(list: &mut Vec<Damage>, damage: Damage) {
-    const MOST: usize = 10_000;
-    let full = list.len() >= MOST;
-    match list.last_mut() {
-        Some(last) if last.what == damage.what && last.to_byte == damage.from_byte => {
-            last.to_byte = damage.to_byte;
-        }
-        Some(last) if full => {
-            last.to_byte = last.to_byte.max(damage.to_byte);
-            last.what = "more damage than is listed one by one".into();
-        }
-        _ => list.push(damage),
-    }
-}
-
-#[derive(Debug, Error)]
-pub enum RecordingError {
-    #[error("{path}: cannot be read: {source}")]
-    Read { path: PathBuf, source: std::io::Error },
-    #[error("{path}: cannot be written: {source}")]
-    Write { path: PathBuf, source: std::io::Error },
-    #[error("{path}: cannot be written as MCAP: {source}")]
-    Mcap { path: PathBuf, source: mcap::McapError },
-    #[error("{path}: not a file; give an MCAP file, a directory or a glob pattern")]
-    NotAFile { path: PathBuf },
-    #[error("{path}: empty file (0 bytes); the recording was never written")]
-    Empty { path: PathBuf },
-    #[error(
-        "{path}: not an MCAP file (it begins with {begins}); inkling reads MCAP, and `inkling convert` makes one from CSV, Parquet, Arrow or NumPy"
-    )]
-    NotMcap { path: PathBuf, begins: String },
-    #[error("{path}: MCAP of another version ({begins}); inkling reads version 0")]
-    OtherVersion { path: PathBuf, begins: String },
-    #[error(
-        "{path}: {what} while it was followed: what was told of it belongs to no one recording; follow it again, \
-         or replay it when it is closed"
-    )]
-    NotTheSame { path: PathBuf, what: String },
-    /// A dialect fits and cannot read what is there.
-    #[error("{path}: {what}")]
-    Dialect { path: PathBuf, what: String },
-}
 
 #[derive(Debug)]
 pub struct Recording {
@@ -347,10 +294,6 @@ pub(super) fn open_source(path: &Path) -> Result<Source, RecordingError> {
         }
         _ => unreadable(path, e),
     })
-}
-
-pub(super) fn unreadable(path: &Path, source: std::io::Error) -> RecordingError {
-    RecordingError::Read { path: path.to_path_buf(), source }
 }
 
 pub(super) fn check_magic(path: &Path, found: &[u8]) -> Result<(), RecordingError> {

@@ -1,9 +1,10 @@
 //! Recordings whole, cut, flipped, hostile: nothing panics, nothing is lost in silence.
 
 use super::Limits;
-use super::recording::{Damage, Recording, RecordingError};
+use super::block::{Block, BlockKind};
+use super::damage::{Damage, RecordingError};
+use super::recording::Recording;
 use super::recording_writer::{Compression, RecordingWriter, WriterOptions};
-use super::scan::{Block, BlockKind};
 use crate::burst::{Acquisition, Burst, Format, Layout, Unusable};
 use mcap::records::MessageHeader;
 use std::fs;

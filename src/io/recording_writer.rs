@@ -4,8 +4,8 @@
 //! was called; the same bursts and options give the same bytes.
 
 use super::burst_codec::{FILE_DESCRIPTOR_SET, MESSAGE_ENCODING, SCHEMA_NAME, encode, topic};
+use super::damage::RecordingError;
 use super::part_file::PartFile;
-use super::recording::RecordingError;
 use crate::burst::Burst;
 use mcap::records::MessageHeader;
 use std::collections::{BTreeMap, HashMap};

@@ -5,31 +5,13 @@
 //! whose checksum verifies.
 
 use super::Limits;
-use super::block_reader::ChunkLoader;
+use super::block::{Block, BlockKind};
+use super::chunk_loader::ChunkLoader;
+use super::damage::Damage;
 use super::mcap_records::{ChunkHeader, MAGIC, RECORD_HEADER, RecordHeader, op};
-use super::recording::Damage;
 use super::source::Source;
 use std::sync::Arc;
 use std::task::Poll;
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BlockKind {
-    /// One chunk record.
-    Chunk,
-    /// A run of schemas, channels and messages outside chunks.
-    Messages,
-}
-
-/// What one worker decodes at a time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Block {
-    /// Place among the blocks, from 0; restores the order after parallel decoding.
-    pub index: u64,
-    /// Of its first record, in the file.
-    pub offset: u64,
-    pub bytes: u64,
-    pub kind: BlockKind,
-}
 
 /// A run of messages ends where it would grow beyond this.
 const RUN_BYTES: u64 = 1 << 20;

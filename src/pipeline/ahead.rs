@@ -1,11 +1,12 @@
 //! Reads on ahead of the stages, piece by piece, for whoever cannot wait for them.
 
-use super::stages::MOST_ROWS;
+use super::batches::MOST_ROWS;
 use super::{Control, PipelineError};
 use crate::burst::{Acquisition, Place};
+use crate::io::block::Block;
 use crate::io::block_reader::{BlockReader, Definitions};
 use crate::io::recording::Recording;
-use crate::io::scan::{Block, Blocks};
+use crate::io::scan::Blocks;
 
 /// How far a recording was taken.
 #[derive(Clone, Debug, Default)]

@@ -11,8 +11,8 @@
 //! (`Told::is_estranged`): its first verdicts depend on its last signals. In the stream they would be
 //! given by baselines that its end refuses.
 
+use super::batches::Assigned;
 use super::schedule::{Assignment, Schedule};
-use super::stages::Assigned;
 use super::statistics::Statistics;
 use super::{Control, PipelineError, visit};
 use crate::burst::{Acquisition, Burst};

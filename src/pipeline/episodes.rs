@@ -2,8 +2,8 @@
 
 use super::PipelineError;
 use super::baseline::InUse;
-use super::replay::{Replay, Watch};
-use super::stages::Judged;
+use super::batches::Judged;
+use super::job::{Replay, Watch};
 use crate::design::{Design, Judge};
 use crate::episodes::{Counts, Episode, Looks, Named, RingChange, Tracker};
 use crate::io::episode_table::EpisodeWriter;

@@ -1,6 +1,6 @@
 //! How a recording's models came to be: said in its summary and with `--timings`.
 
-use super::windows::Learner;
+use super::learner::Learner;
 use serde::Serialize;
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]

@@ -3,10 +3,10 @@
 //! In: a batch with every signal's statistics and whether it passed the gate. Out: its rows.
 
 use super::baseline::InUse;
+use super::batches::{Assigned, Filtered, Flagged, Gated, Judged};
 use super::rings::{self, Rings};
 use super::rows::{self, Id, Row};
 use super::spares::Spares;
-use super::stages::{Assigned, Filtered, Flagged, Gated, Judged};
 use crate::burst::{Acquisition, Burst};
 use crate::design::{Detection, Isolation, Judge, Tested, Workspace};
 use crate::isolate::Likeness;

@@ -10,11 +10,11 @@
 //! ([`WAITING_BYTES`]; what would be more begins them).
 
 use super::PipelineError;
+use super::learner::{Learner, Window, offer};
 use super::placing::Placing;
 use super::progress::{Entry, Progress};
 use super::schedule::{Schedule, Timeline};
 use super::survey::{GroupKey, MOST_GROUPS};
-use super::windows::{Learner, Window, offer};
 use crate::burst::Burst;
 use crate::design::Judge;
 use crate::identify::reservoir::Reservoir;

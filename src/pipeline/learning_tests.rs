@@ -5,7 +5,8 @@
 //! ```
 
 use super::identified::How;
-use super::replay::{RecordingReport, Replay, Run, replay};
+use super::job::Replay;
+use super::replay::{RecordingReport, Run, replay};
 use super::staging_tests::cpu_s;
 use super::timings::Phases;
 use super::{Control, PipelineError};

@@ -1,6 +1,6 @@
 //! The document that goes with the verdicts: in the Parquet file's metadata and in summary.json.
 
-use super::replay::Replay;
+use super::job::Replay;
 use super::schedule::Schedule;
 use super::tally::Counts;
 use crate::design::categories;

@@ -15,6 +15,7 @@
 
 mod ahead;
 pub mod baseline;
+mod batches;
 pub mod chain;
 pub mod collect;
 pub mod episodes;
@@ -23,6 +24,8 @@ pub mod identified;
 mod in_flight;
 mod in_order;
 mod isolator;
+mod job;
+mod learner;
 mod learning;
 #[cfg(test)]
 mod learning_tests;
@@ -50,12 +53,15 @@ mod warmth;
 mod windows;
 mod wiring;
 
-pub use replay::{RecordingReport, Replay, Watch, follow, replay};
+pub use job::{Replay, Watch};
+pub use replay::{RecordingReport, follow, replay};
 pub use schedule::Refusal;
 
 use crate::design::DesignError;
-use crate::io::recording::{Damage, Recording, RecordingError};
-use crate::io::scan::{Block, Blocks};
+use crate::io::block::Block;
+use crate::io::damage::{Damage, RecordingError};
+use crate::io::recording::Recording;
+use crate::io::scan::Blocks;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use thiserror::Error;
@@ -75,11 +81,7 @@ pub enum PipelineError {
         instead(others),
         and_damaged(damage)
     )]
-    NoBursts {
-        recording: String,
-        others: Vec<crate::io::recording::Other>,
-        damage: Vec<crate::io::recording::Damage>,
-    },
+    NoBursts { recording: String, others: Vec<crate::io::recording::Other>, damage: Vec<Damage> },
     #[error("interrupted; no finished file was written for the recording at hand")]
     Interrupted,
     #[error(
@@ -102,7 +104,7 @@ pub enum PipelineError {
 }
 
 /// The first damage of a recording in words, as the end of a sentence.
-fn and_damaged(damage: &[crate::io::recording::Damage]) -> String {
+fn and_damaged(damage: &[Damage]) -> String {
     damage.first().map_or(String::new(), |d| {
         format!("; it is damaged: bytes {} to {}: {}", d.from_byte, d.to_byte, d.what)
     })

@@ -5,9 +5,9 @@
 //! ahead, until it is, and those blocks are read a second time when their turn comes. Nothing waits in memory.
 
 use super::ahead::{Ahead, Reached};
+use super::batches::Read;
 use super::learning::{Judgement, Learning};
 use super::schedule::{Assignment, Schedule};
-use super::stages::Read;
 use super::{Control, PipelineError};
 use crate::burst::{Acquisition, Burst};
 use crate::design::Judge;

@@ -5,9 +5,9 @@
 //! not be learned as healthy: a model that drifted too far from the design's is refused.
 
 use super::PipelineError;
+use super::learner::{Learner, Window};
 use super::schedule::{Refusal, Schedule};
 use super::survey::GroupKey;
-use super::windows::{Learner, Window};
 use crate::design::{HealthyModel, LearnSettings};
 use crate::identify::reservoir::Reservoir;
 

@@ -4,60 +4,29 @@ use super::baseline::{self, InUse};
 use super::episodes::{EpisodeReport, Finished};
 use super::heads::Moved;
 use super::identified::Identified;
+use super::job::{Replay, Watch};
+use super::learner::Learner;
 use super::learning::{Learning, MOST_REORDER_NS, USUAL_REORDER_NS};
 use super::models::Models;
 use super::schedule::{Refusal, Schedule};
 use super::survey::survey;
 use super::tally::Tally;
 use super::timings::{PhaseTiming, Phases, StageTiming};
-use super::windows::Learner;
 use super::wiring::{Streamed, Wiring};
 use super::{Control, PipelineError, metadata};
-use crate::design::{Baselines, Design};
+use crate::design::Baselines;
 use crate::episodes::Episode;
+use crate::io::damage::Damage;
 use crate::io::journal::Stamp;
 use crate::io::part_file::{self, CompleteFile, PartFile};
-use crate::io::recording::{Damage, Recording};
+use crate::io::recording::Recording;
 use crate::io::stored;
-use crate::labels::Labels;
-use crate::settings::Settings;
-use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::thread;
 use std::time::{Duration, Instant};
-
-/// What a run of replay shares over its recordings; as JSON it says all that others need to judge them alike.
-#[derive(Clone, Serialize, Deserialize)]
-pub struct Replay {
-    pub settings: Settings,
-    pub design: Option<Design>,
-    /// Of the design file.
-    pub design_digest: Option<String>,
-    pub labels: Option<Labels>,
-    /// Healthy windows as spans of time, ns.
-    pub spans: Vec<(i64, i64)>,
-    /// With `--baseline`: what is remembered of the channels.
-    pub baselines: Option<Baselines>,
-}
-
-impl Replay {
-    pub fn classes(&self) -> Vec<String> {
-        self.design.as_ref().map(Design::class_names).unwrap_or_default()
-    }
-
-    /// Workers of a stage: its own setting, else `replay.threads`, else the machine's cores.
-    pub(super) fn workers(&self, of_stage: usize) -> usize {
-        match (of_stage, self.settings.replay.threads) {
-            (0, 0) => thread::available_parallelism().map_or(1, usize::from),
-            (0, threads) => threads,
-            (workers, _) => workers,
-        }
-    }
-}
 
 /// What is said of a finished recording.
 #[derive(Debug)]
@@ -98,14 +67,6 @@ impl RecordingReport {
 
 /// Episodes that are remembered as told.
 const MOST_TOLD: usize = 1 << 20;
-
-/// Who hears of a recording while it is written.
-pub struct Watch<'a> {
-    /// An episode was raised.
-    pub raised: &'a (dyn Fn(&Episode) + Sync),
-    /// Something else is to be known.
-    pub note: &'a (dyn Fn(&str) + Sync),
-}
 
 /// Judges one recording: verdicts to `verdicts`, the summary beside it.
 pub fn replay(

@@ -2,7 +2,8 @@
 //! the settings that have an effect, and the version of the tables are those of the journal's last
 //! line, and its files are there. The program's version does not matter.
 
-use super::replay::{Replay, summary_path};
+use super::job::Replay;
+use super::replay::summary_path;
 use crate::io::episode_table;
 use crate::io::journal::{Entry, Journal, Means, Stamp};
 use crate::io::layout::Placed;

@@ -3,7 +3,7 @@
 //! In: a batch with the rows that passed the gate. Out: per such row its fit, where the judge's method
 //! names fitted rings. A fit does not depend on its neighbours ([`crate::model::ring_fit`]).
 
-use super::stages::Gated;
+use super::batches::Gated;
 use crate::burst::{Acquisition, Burst};
 use crate::design::Judge;
 use crate::model::ring_fit::{Fit, Products};

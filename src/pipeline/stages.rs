@@ -4,6 +4,7 @@
 //! has the cause.
 
 use super::baseline::InUse;
+use super::batches::{Assigned, Filtered, Gated, Judged, MOST_ROWS, Read};
 use super::heads::Heads;
 use super::in_flight::InFlight;
 use super::in_order::InOrder;
@@ -15,78 +16,17 @@ use super::timings::Clock;
 use super::warmth::Warmth;
 use super::{Control, PipelineError};
 use crate::burst::{Acquisition, Place, SignalBatch};
-use crate::design::{Detection, Judge};
-use crate::io::block_reader::Definitions;
-use crate::io::digest::{Digest, Digester, ReadBlock};
-use crate::io::recording::{Damage, Recording, note};
-use crate::io::scan::{Block, Blocks};
-use crate::verdict::{Appearance, Reason, VerdictColumns};
+use crate::design::Judge;
+use crate::io::block::{Block, ReadBlock};
+use crate::io::damage::{Damage, note};
+use crate::io::digest::{Digest, Digester};
+use crate::io::recording::Recording;
+use crate::io::scan::Blocks;
+use crate::verdict::Reason;
 use crossbeam_channel::{Receiver, Sender};
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
-
-/// Rows of a batch: enough to make a channel's cost vanish, few enough to bound memory.
-pub(super) const MOST_ROWS: usize = 32_768;
-
-/// A block's batch on its way, with what it takes up in flight and what was lost in it.
-#[derive(Debug)]
-pub struct Read {
-    pub batch: SignalBatch,
-    pub block: Block,
-    /// What the blocks up to here define, where the summary does not say it.
-    pub definitions: Option<Definitions>,
-    /// The last batch of a block: these bytes leave the house with it.
-    pub leaves: Option<u64>,
-    pub damage: Vec<Damage>,
-}
-
-/// With the judge of every acquisition.
-#[derive(Debug)]
-pub struct Assigned {
-    pub read: Read,
-    pub judges: Vec<Result<Arc<Judge>, Reason>>,
-}
-
-/// With every signal's statistics, or why it has none.
-#[derive(Debug)]
-pub struct Filtered {
-    pub assigned: Assigned,
-    pub statistic: Vec<Result<Detection, Reason>>,
-}
-
-/// With the rows that are to be isolated.
-#[derive(Debug)]
-pub struct Gated {
-    pub filtered: Filtered,
-    pub passed: Vec<bool>,
-}
-
-/// Rows, ready to be written.
-#[derive(Debug)]
-pub struct Judged {
-    pub place: Place,
-    pub leaves: Option<u64>,
-    pub damage: Vec<Damage>,
-    pub columns: VerdictColumns,
-    /// Who judged some of it.
-    pub judges: Vec<Arc<Judge>>,
-    /// Of its flagged rows, ascending: what one row of a table has no room for.
-    pub flagged: Vec<Flagged>,
-    pub bursts: u64,
-}
-
-/// What isolation says of a flagged signal, for the evidence over time.
-#[derive(Debug)]
-pub struct Flagged {
-    pub row: u32,
-    /// Per class; empty: nothing was said.
-    pub weights: Vec<f32>,
-    /// [`crate::design::Workspace::ring`]
-    pub ring: Option<[f64; 2]>,
-    /// Of what belongs to no class.
-    pub appearance: Option<Appearance>,
-}
 
 /// Hands out blocks in file order to the reader's workers, with their bytes: one after the other, so
 /// that the digest sees them on the way.

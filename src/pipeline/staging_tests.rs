@@ -5,14 +5,16 @@
 //! INKLING_RECORDING=none.mcap cargo test --release --lib staging -- --ignored --nocapture
 //! ```
 
+use super::batches::{Judged, Read};
 use super::episodes::EpisodeTap;
 use super::in_flight::InFlight;
 use super::isolator::Isolator;
+use super::job::Replay;
 use super::models::Models;
-use super::replay::{Replay, replay};
+use super::replay::replay;
 use super::schedule::Schedule;
 use super::spares::Spares;
-use super::stages::{self, BlockQueue, Judged, Read};
+use super::stages::{self, BlockQueue};
 use super::tally::Tally;
 use super::timings::Timings;
 use super::warmth::Warmth;

@@ -5,7 +5,7 @@
 //! number does not depend on what else is in the batch: short bursts share tiles, and a lane does not
 //! know its neighbours ([`crate::detect::kernel`]).
 
-use super::stages::Assigned;
+use super::batches::Assigned;
 use crate::burst::{Acquisition, Burst};
 use crate::design::{Detection, Judge, JudgeKey, Lanes, Own, Workspace};
 use crate::detect::kernel::LaneStatistics;

@@ -1,7 +1,7 @@
 //! What a run counts: signals by outcome, for the metadata; channels and flagged signals, for the terminal.
 
-use super::stages::Judged;
-use crate::io::recording::{Damage, note};
+use super::batches::Judged;
+use crate::io::damage::{Damage, note};
 use crate::verdict::{Outcome, Reason, VerdictColumns};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;

@@ -8,8 +8,8 @@
 //! A pass of its own, since a kelvin's effect is the slope over all temperatures that the recording holds, and
 //! judges its first signals, too: in the stream they would be judged before the ink had changed its temperature.
 
-use super::replay::Replay;
-use super::windows::{HELD_BYTES, offer};
+use super::job::Replay;
+use super::learner::{HELD_BYTES, offer};
 use super::{Control, PipelineError, visit};
 use crate::design::Design;
 use crate::identify::reservoir::Reservoir;

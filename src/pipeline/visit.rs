@@ -1,9 +1,10 @@
 //! One pass over (some of) a recording's blocks, by a function, outside the stages.
 
-use super::stages::MOST_ROWS;
+use super::batches::MOST_ROWS;
 use super::{Control, PipelineError};
 use crate::burst::{Acquisition, Burst};
-use crate::io::recording::{Damage, Recording, note};
+use crate::io::damage::{Damage, note};
+use crate::io::recording::Recording;
 use std::sync::atomic::Ordering;
 
 /// What a pass met besides usable bursts.

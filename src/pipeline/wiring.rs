@@ -1,12 +1,13 @@
 //! The six stages side by side: threads, bounded channels between them, and what they leave behind.
 
 use super::baseline::InUse;
+use super::batches::Judged;
 use super::episodes::{EpisodeTap, Finished};
 use super::heads::{Heads, Moved};
 use super::in_flight::InFlight;
 use super::isolator::Isolator;
+use super::job::{Replay, Watch};
 use super::models::Models;
-use super::replay::{Replay, Watch};
 use super::schedule::Schedule;
 use super::spares::Spares;
 use super::stages::{self, BlockQueue, Pacer};
@@ -15,9 +16,10 @@ use super::timings::{StageTiming, Timings};
 use super::warmth::Warmth;
 use super::{Control, PipelineError};
 use crate::design::categories;
+use crate::io::damage::Damage;
 use crate::io::digest::Digest;
 use crate::io::episode_table;
-use crate::io::recording::{Damage, Recording};
+use crate::io::recording::Recording;
 use crate::io::verdict_table::{self, TableOptions, VerdictWriter};
 use crate::settings::{Pace, TimestampUnit};
 use crossbeam_channel::bounded;
@@ -165,7 +167,7 @@ impl Wiring<'_> {
             }
             drop((from_gate, to_writer));
 
-            let put = |judged: &mut stages::Judged| {
+            let put = |judged: &mut Judged| {
                 if !judged.columns.is_empty() {
                     episodes.add(judged)?;
                     writer.write(&judged.columns)?;

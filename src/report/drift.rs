@@ -1,7 +1,7 @@
 //! The healthy ring of each printhead over time and temperature, from the models that judged: resonance
 //! and damping of every identified window. In: the recordings' documents. Out: [`ModelPoint`]s.
 
-use super::Source;
+use super::source::Source;
 use chrono::DateTime;
 use std::collections::BTreeSet;
 

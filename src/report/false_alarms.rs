@@ -5,7 +5,7 @@
 //! differ, and a channel near its threshold is flagged again and again: the interval comes from the
 //! scatter over channels, not from the number of signals.
 
-use super::Source;
+use super::source::Source;
 use super::survey::{ChannelCount, Survey};
 use std::sync::Arc;
 

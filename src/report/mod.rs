@@ -18,6 +18,7 @@ mod notes;
 mod page;
 mod promised;
 mod settings;
+mod source;
 mod story;
 mod survey;
 mod tables;
@@ -32,27 +33,16 @@ pub use maps::waterfalls;
 pub use page::html;
 pub use promised::print as print_promise;
 pub use settings::ReportSettings;
+pub use source::Source;
 pub use story::Story;
 pub use survey::{Names, Survey};
 
 use drift::ModelPoint;
 use false_alarms::FalseAlarms;
 use neighbours::Group;
-use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use story::Rates;
-
-/// A recording, as its summary (or else its verdicts' metadata) tells of it.
-#[derive(Clone, Debug, Default)]
-pub struct Source {
-    /// Below what was named.
-    pub name: String,
-    /// The contract's document; null: there is none.
-    pub document: Value,
-    /// What is missing beside the verdicts: `episodes`, `summary`.
-    pub missing: Vec<&'static str>,
-}
 
 /// One recording, counted.
 #[derive(Clone, Debug)]

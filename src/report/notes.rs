@@ -1,8 +1,8 @@
 //! What is to be known before anything is cleaned: printheads of which most looks faulty at once, printheads
 //! that no model fits, recordings that overlap. In: a survey, its faults, its recordings. Out: sentences.
 
-use super::Source;
 use super::fault::Fault;
+use super::source::Source;
 use super::survey::{Head, Survey};
 use super::words::{counted, percent, thousands};
 

@@ -5,9 +5,10 @@
 //! apart. Channel numbers and times go on from set to set, so that one labels file covers all.
 
 use super::burst_shape::Frame;
+use super::draws::{Purpose, part, stream};
 use super::scenario::{Physics, RecordingOptions};
 use super::sensor::{Channel, NOMINAL_DRIVE_V, NOMINAL_TEMPERATURE_C, Sensor};
-use super::{Purpose, SimulatedRecording, healthy_everywhere, part, stream};
+use super::simulated::{SimulatedRecording, healthy_everywhere};
 use crate::labels::Label;
 use crate::model::faults;
 use rand::RngExt;

@@ -5,9 +5,9 @@
 //!
 //! Pre-firing carries dried ink out: each pre-fire leaves `LEFT` of the nozzle's excess viscosity.
 
+use super::draws::{Purpose, part, stream};
 use super::scenario::Physics;
 use super::sensor::{Channel, NOMINAL_DRIVE_V, Sensor};
-use super::{Purpose, part, stream};
 use crate::fault::HEALTHY;
 use crate::model::faults;
 use rand::RngExt;

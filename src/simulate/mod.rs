@@ -8,31 +8,20 @@
 
 mod burst_shape;
 pub mod dataset;
+mod draws;
 pub mod drying;
 pub mod hidden;
 pub mod print_run;
 pub mod scenario;
 mod sensor;
+mod simulated;
 pub mod thesis_form;
 
-use crate::burst::Burst;
 use crate::labels::Label;
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
-
-pub use scenario::{Compression, RecordingOptions, Scenario, ScenarioError};
-
 use scenario::Kind;
 
-/// One recording of a scenario, not yet made: its bursts come in time order, as they are asked for.
-pub struct SimulatedRecording {
-    /// File stem: `train`, `test`, `calibration`, `print_run`.
-    pub stem: String,
-    /// How many bursts will come.
-    pub burst_count: u64,
-    pub bursts: Box<dyn Iterator<Item = Burst> + Send>,
-    pub options: RecordingOptions,
-}
+pub use scenario::{Compression, RecordingOptions, Scenario, ScenarioError};
+pub use simulated::SimulatedRecording;
 
 impl Scenario {
     /// The recordings of this scenario.
@@ -60,50 +49,6 @@ impl Scenario {
                 labels
             }
         }
-    }
-}
-
-/// What random numbers are drawn for. Each (purpose, part) is a stream of its own; the numbers
-/// are part of what "the same seed" means and never change.
-#[derive(Clone, Copy)]
-enum Purpose {
-    Truth = 1,
-    Spread = 2,
-    Shot = 3,
-    Noise = 4,
-    Temperature = 5,
-    Drive = 6,
-    Neighbours = 7,
-    Hidden = 8,
-}
-
-/// The random numbers of one purpose in one part of a scenario (a set, or a printhead of a run).
-fn stream(seed: u64, purpose: Purpose, part: u32) -> ChaCha8Rng {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    rng.set_stream(((purpose as u64) << 32) | u64::from(part));
-    rng
-}
-
-/// Parts for [`stream`]: the sets; printheads of a print run count on from `PRINT_RUN`.
-mod part {
-    pub const TRAIN: u32 = 0;
-    pub const TEST: u32 = 1;
-    pub const CALIBRATION: u32 = 2;
-    /// Experiments count on from here.
-    pub const DRYING: u32 = 4;
-    pub const PRINT_RUN: u32 = 16;
-    /// Hidden effects; their printheads count on from the next.
-    pub const HIDDEN: u32 = 1 << 20;
-}
-
-fn healthy_everywhere(printhead: &str) -> Label {
-    Label {
-        printhead: printhead.to_owned(),
-        channel: None,
-        from_ns: None,
-        to_ns: None,
-        state: crate::fault::HEALTHY.to_owned(),
-        severity: None,
     }
 }
 

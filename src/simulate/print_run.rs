@@ -5,9 +5,10 @@
 //! fires in every burst.
 
 use super::burst_shape::Frame;
+use super::draws::{Purpose, part, stream};
 use super::scenario::{Drive, Physics, PrintRun, RecordingOptions};
 use super::sensor::{Channel, NOMINAL_TEMPERATURE_C, Sensor, at_viscosity};
-use super::{Purpose, SimulatedRecording, healthy_everywhere, part, stream};
+use super::simulated::{SimulatedRecording, healthy_everywhere};
 use crate::labels::Label;
 use crate::model::{InkChannel, faults};
 use rand::RngExt;

@@ -1,15 +1,15 @@
-//! Scenario files. In: TOML. Out: a checked [`Scenario`]; whatever it holds can be simulated.
+//! Scenario files: what a [`Scenario`] holds. `read` makes one from TOML; whatever it holds can be simulated.
 //!
 //! Two kinds: `physics` (default; channels of thesis (2-2), faults, print runs) and `classes` (the
 //! data set of thesis §4-1). Unknown keys are refused; `checks` says what else is.
 
 mod checks;
+mod read;
 
 use crate::burst::{Format, Layout};
 use crate::fault::CLASSES;
 use crate::model::{Actuation, Geometry, InkChannel};
-use crate::simulate::hidden::Recorded;
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -258,6 +258,16 @@ impl PrintRun {
     }
 }
 
+/// A covariate that a recording may hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Recorded {
+    Drive,
+    Temperature,
+    Idle,
+    Neighbours,
+}
+
 /// `[hidden]`: what a print run records when something is hidden in it (`simulate --hide`).
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -353,64 +363,6 @@ pub struct ClassBox {
     pub amplitude_counts: [f64; 2],
     pub sigma_per_s: [f64; 2],
     pub freq_hz: [f64; 2],
-}
-
-impl Scenario {
-    /// Reads and checks a scenario.
-    pub fn from_toml(text: &str) -> Result<Scenario, ScenarioError> {
-        #[derive(Deserialize)]
-        struct Head {
-            schema: Option<toml::Value>,
-            kind: Option<String>,
-        }
-        let head: Head = toml::from_str(text)?;
-        if head.schema.as_ref().and_then(toml::Value::as_integer) != Some(SCHEMA) {
-            let found = head.schema.map_or_else(|| "missing".to_owned(), |found| found.to_string());
-            return Err(ScenarioError::Schema { found });
-        }
-        let scenario = match head.kind.as_deref().unwrap_or("physics") {
-            "physics" => Scenario::from_physics(toml::from_str(text)?)?,
-            "classes" => {
-                let classes: Classes = toml::from_str(text)?;
-                Scenario {
-                    seed: classes.seed,
-                    recording: classes.recording.clone(),
-                    kind: Kind::Classes(Arc::new(classes)),
-                }
-            }
-            other => {
-                let why = format!("{other:?} is neither \"physics\" nor \"classes\"");
-                return Err(ScenarioError::Value { key: "kind".to_owned(), why });
-            }
-        };
-        checks::check(&scenario)?;
-        Ok(scenario)
-    }
-
-    fn from_physics(file: PhysicsFile) -> Result<Scenario, ScenarioError> {
-        let channel = match (file.channel, file.geometry) {
-            (Some(channel), None) => channel,
-            (None, Some(geometry)) => geometry.ink_channel(),
-            _ => {
-                let why = "give either [channel] or [geometry], one of them".to_owned();
-                return Err(ScenarioError::Value { key: "channel".to_owned(), why });
-            }
-        };
-        let physics = Physics {
-            channel,
-            spread: file.spread,
-            shot: file.shot,
-            acquisition: file.acquisition,
-            temperature: file.temperature,
-            drive: file.drive,
-            fault: file.fault,
-            dataset: file.dataset,
-            print_run: file.print_run,
-            hidden: file.hidden,
-        };
-        let kind = Kind::Physics(Arc::new(physics));
-        Ok(Scenario { seed: file.seed, recording: file.recording, kind })
-    }
 }
 
 #[cfg(test)]

@@ -3,8 +3,8 @@
 //! thesis (2-2): pulse -> x_a -> free decay -> counts, with shot noise and white noise.
 
 use super::burst_shape::digitise;
+use super::draws::{Purpose, stream};
 use super::scenario::Physics;
-use super::{Purpose, stream};
 use crate::model::ring_down::ring_down_into;
 use crate::model::{Actuation, InkChannel};
 use rand::RngExt;

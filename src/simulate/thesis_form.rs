@@ -6,8 +6,9 @@
 
 use super::burst_shape::digitise;
 use super::dataset::{Common, Set, Truth, labels_of, mixed, placed, recordings_of};
+use super::draws::{Purpose, part, stream};
 use super::scenario::{ClassBox, Classes, RecordingOptions};
-use super::{Purpose, SimulatedRecording, part, stream};
+use super::simulated::SimulatedRecording;
 use crate::labels::Label;
 use rand::RngExt;
 use rand_distr::StandardNormal;

@@ -3,11 +3,11 @@
 //!
 //! In: training and test signals of a seed, and a larger test set of faulty ones. Out: figures.
 
-use super::chapter::train;
 use super::data::Signals;
 use super::{Figures, ThesisError};
 use crate::design::{Design, DetectSettings, IsolateSettings, Judge, Workspace};
 use crate::fault::HEALTHY;
+use crate::identify::GreyBoxSettings;
 use crate::labels::Labels;
 use crate::score::{Said, Score};
 use crate::simulate::Scenario;
@@ -33,7 +33,8 @@ pub fn figures(
     let isolate = IsolateSettings { gate: false, ..IsolateSettings::default() };
     let all = learn.faulty();
     for size in [all, all.div_ceil(2), all / 10 + 1] {
-        let design = train(&learn.training(size), &detect, &isolate)?;
+        let set = learn.training(size);
+        let (design, _) = Design::train(&set, &GreyBoxSettings::default(), &detect, &isolate)?;
         if size == all {
             detection(&design, &isolate, test, out)?;
         }

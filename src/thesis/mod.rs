@@ -9,6 +9,7 @@ pub mod data;
 pub mod defaults;
 pub mod experiment;
 mod figures;
+mod outcome;
 pub mod practice;
 mod report;
 pub mod search;
@@ -16,61 +17,15 @@ mod tables;
 
 use crate::simulate::Scenario;
 use crate::simulate::scenario::Kind;
-use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
-use thiserror::Error;
+
+pub use outcome::{Chapter, Confusion, Figures, Spread, ThesisError};
 
 const THESIS_FORM: &str = include_str!("../../sample_logs/scenarios/thesis.toml");
 const PHYSICS: &str = include_str!("../../sample_logs/scenarios/physics.toml");
-
-#[derive(Debug, Error)]
-pub enum ThesisError {
-    #[error("scenario: {0}")]
-    Scenario(String),
-    #[error(transparent)]
-    Design(#[from] crate::design::DesignError),
-    #[error(transparent)]
-    Detect(#[from] crate::detect::DetectError),
-    #[error(transparent)]
-    Plot(#[from] crate::plot::PlotError),
-    #[error("{path}: {source}")]
-    Write { path: String, source: std::io::Error },
-}
-
-/// Signals of class (row) that were named so (column); a mean over seeds.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct Confusion {
-    pub classes: Vec<String>,
-    pub counts: Vec<Vec<f64>>,
-}
-
-/// What one seed gives, by name.
-#[derive(Clone, Debug, Default)]
-pub struct Figures {
-    pub values: BTreeMap<String, f64>,
-    pub confusions: BTreeMap<String, Confusion>,
-}
-
-/// A figure over seeds.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct Spread {
-    pub mean: f64,
-    /// From seed to seed.
-    pub sd: f64,
-    pub least: f64,
-    pub most: f64,
-}
-
-/// Chapter 4 over seeds.
-#[derive(Clone, Debug, Serialize)]
-pub struct Chapter {
-    pub seeds: Vec<u64>,
-    pub values: BTreeMap<String, Spread>,
-    pub confusions: BTreeMap<String, Confusion>,
-}
 
 /// Runs every seed, several at a time. `done` hears of each that ends.
 pub fn run(

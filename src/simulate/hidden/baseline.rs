@@ -9,8 +9,8 @@
 
 use super::run::Base;
 use crate::model::InkChannel;
+use crate::simulate::draws::{Purpose, part, stream};
 use crate::simulate::sensor::NOMINAL_DRIVE_V;
-use crate::simulate::{Purpose, part, stream};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use std::f64::consts::TAU;
 

@@ -13,53 +13,25 @@ pub mod run;
 pub mod strength;
 
 use super::burst_shape::Frame;
-use super::scenario::{Compression, HiddenRun, Physics, PrintRun, RecordingOptions, ScenarioError};
-use super::{Purpose, SimulatedRecording, healthy_everywhere, part, stream};
+use super::draws::{Purpose, part, stream};
+use super::scenario::{
+    Compression, HiddenRun, Physics, PrintRun, Recorded, RecordingOptions, ScenarioError,
+};
+use super::simulated::{SimulatedRecording, healthy_everywhere};
 use crate::labels::Label;
 use effect::{Effect, Needs};
 use rand::RngExt;
 use rand::seq::IndexedRandom;
 use rand_chacha::ChaCha8Rng;
 use run::{Acquisitions, Base};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use std::sync::Arc;
 use strength::{STRENGTHS_DL, Yardstick};
 
+pub use run::Circumstance;
+
 /// Lines keep so far from the resonance and its multiples, relative to it.
 const CLEAR_OF_HARMONICS: f64 = 0.12;
-
-/// A covariate that a recording may hold.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Recorded {
-    Drive,
-    Temperature,
-    Idle,
-    Neighbours,
-}
-
-/// What makes a recording awkward without being an effect.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Circumstance {
-    /// Channels' frequencies scatter by this standard deviation, relative.
-    FrequencyScatter(f64),
-    /// Every signal's own frequency does.
-    BurstScatter(f64),
-    FaultyChannels,
-    TemperatureFollowsTime,
-    HeavyTails,
-}
-
-impl Circumstance {
-    fn burst_scatter(&self) -> Option<f64> {
-        if let Circumstance::BurstScatter(sd) = self { Some(*sd) } else { None }
-    }
-
-    fn frequency_scatter(&self) -> Option<f64> {
-        if let Circumstance::FrequencyScatter(sd) = self { Some(*sd) } else { None }
-    }
-}
 
 /// What is to be hidden: effects with their strengths.
 #[derive(Clone, Debug, Default)]

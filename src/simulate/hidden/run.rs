@@ -3,16 +3,16 @@
 
 use super::effect::{Acts, Conditions, Effect, Samples};
 use super::plant::{Equation, State};
-use super::{Circumstance, Recorded};
 use crate::model::{InkChannel, faults};
 use crate::simulate::burst_shape::{Frame, digitise};
+use crate::simulate::draws::{Purpose, part, stream};
 use crate::simulate::print_run::draw_level;
-use crate::simulate::scenario::{HiddenRun, Physics, PrintRun};
+use crate::simulate::scenario::{HiddenRun, Physics, PrintRun, Recorded};
 use crate::simulate::sensor::NOMINAL_DRIVE_V;
-use crate::simulate::{Purpose, part, stream};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{StandardNormal, StudentT};
+use serde::Serialize;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -21,6 +21,29 @@ const TAIL_DOF: f64 = 4.0;
 /// Base rates of a recording about the scenario's: uniform half-widths, relative.
 const BASE_SPREAD: [f64; 4] = [0.10, 0.10, 0.15, 0.15];
 const RECORDED_TEMPERATURE_SD_K: f64 = 0.05;
+
+/// What makes a recording awkward without being an effect.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Circumstance {
+    /// Channels' frequencies scatter by this standard deviation, relative.
+    FrequencyScatter(f64),
+    /// Every signal's own frequency does.
+    BurstScatter(f64),
+    FaultyChannels,
+    TemperatureFollowsTime,
+    HeavyTails,
+}
+
+impl Circumstance {
+    fn burst_scatter(&self) -> Option<f64> {
+        if let Circumstance::BurstScatter(sd) = self { Some(*sd) } else { None }
+    }
+
+    fn frequency_scatter(&self) -> Option<f64> {
+        if let Circumstance::FrequencyScatter(sd) = self { Some(*sd) } else { None }
+    }
+}
 
 /// A channel as it was made.
 #[derive(Clone, Copy, Debug)]

@@ -1,0 +1,46 @@
+//! The cubic s^3 + p2 s^2 + p1 s + p0 of the observable poles: its decays, and its roots.
+
+use crate::model::ring_down::Poles;
+use nalgebra::{DMatrix, Matrix3};
+
+/// Columns: the output from unit y, y', y'' at t_a (per µs), by exact discretisation of the cubic's
+/// companion form. `cubic`: p2, p1, p0 per µs.
+pub(super) fn basis(cubic: [f64; 3], dt_us: f64, samples: usize) -> DMatrix<f64> {
+    let [p2, p1, p0] = cubic;
+    let companion = Matrix3::new(0.0, 1.0, 0.0, 0.0, 0.0, 1.0, -p0, -p1, -p2);
+    let step = (companion * dt_us).exp();
+    let mut basis = DMatrix::zeros(samples, 3);
+    let mut row = nalgebra::RowVector3::new(1.0, 0.0, 0.0);
+    for k in 0..samples {
+        basis.set_row(k, &row);
+        row *= step;
+    }
+    basis
+}
+
+/// Of p2, p1, p0 in 1/s, 1/s², 1/s³.
+pub(super) fn cubic_per_us([p2, p1, p0]: [f64; 3]) -> [f64; 3] {
+    [p2 * 1e-6, p1 * 1e-12, p0 * 1e-18]
+}
+
+pub(super) fn to_microseconds([y, dy, ddy]: [f64; 3]) -> [f64; 3] {
+    [y, dy * 1e-6, ddy * 1e-12]
+}
+
+/// The damped pair and the real pole of a cubic; `None` where all its roots are real, or absurd.
+pub fn poles_of(cubic: [f64; 3]) -> Option<Poles> {
+    let [p2, p1, p0] = cubic_per_us(cubic);
+    // beyond that no rates have such a cubic, and the iteration for its roots may not end
+    if ![p2, p1, p0].iter().all(|p| p.abs() < 1e60) {
+        return None;
+    }
+    let companion = Matrix3::new(0.0, 1.0, 0.0, 0.0, 0.0, 1.0, -p0, -p1, -p2);
+    let roots = companion.complex_eigenvalues();
+    let pair = roots.iter().find(|z| z.im > 1e-9 * z.norm())?;
+    let real = roots.iter().min_by(|p, q| p.im.abs().total_cmp(&q.im.abs()))?;
+    Some(Poles {
+        damping_per_s: -pair.re * 1e6,
+        frequency_hz: pair.im / (2.0 * std::f64::consts::PI) * 1e6,
+        lambda_per_s: -real.re * 1e6,
+    })
+}

@@ -1,0 +1,83 @@
+//! What identification gives.
+
+use super::cubic::{basis, cubic_per_us, to_microseconds};
+use crate::model::{InkChannel, ring_down::Poles};
+use nalgebra::DVector;
+use serde::{Deserialize, Serialize};
+
+/// Why the search ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Convergence {
+    /// The gradient, projected on the bounds, vanished.
+    Gradient,
+    /// The best step would gain less than a billionth of the cost.
+    Gain,
+    /// No step changes the parameters any more.
+    Step,
+}
+
+/// What thesis (3-1) gives, with how well it is known.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Identification {
+    /// Individual rates depend on the held ratio g/d; poles and cubic do not.
+    pub channel: InkChannel,
+    pub poles: Poles,
+    /// p2, p1, p0 of s^3 + p2 s^2 + p1 s + p0, in 1/s, 1/s², 1/s³.
+    pub cubic: [f64; 3],
+    /// x_a of thesis (2-2) at the reference drive: volumes in counts·s, flows in counts.
+    pub acquisition_state: [f64; 4],
+    /// y, y', y'' at t_a: counts, counts/s, counts/s².
+    pub output_state: [f64; 3],
+    /// 100 (1 - ||y - y_hat|| / ||y - mean y||).
+    pub fit_percent: f64,
+    /// Root mean square of y - y_hat of the average, counts.
+    pub misfit_rms: f64,
+    pub convergence: Convergence,
+    pub iterations: usize,
+    /// Starts that ended at the same optimum, of those tried.
+    pub starts_agreeing: usize,
+    pub starts: usize,
+    pub uncertainty: Uncertainty,
+    /// How the averaged channels differ; zero where a single signal was fitted.
+    pub scatter: Scatter,
+    pub held_fixed: Vec<String>,
+    pub at_bounds: Vec<String>,
+    pub not_identifiable: Vec<String>,
+}
+
+impl Identification {
+    /// y_hat = C e^{At} x_a, counts, at the reference drive.
+    pub fn expected(&self, dt_s: f64, samples: usize) -> Vec<f64> {
+        let dt_us = dt_s * 1e6;
+        let c = to_microseconds(self.output_state);
+        (basis(cubic_per_us(self.cubic), dt_us, samples) * DVector::from_row_slice(&c))
+            .as_slice()
+            .to_vec()
+    }
+}
+
+/// How channels differ, and how well their mean is known.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Scatter {
+    /// Standard deviation over signals beyond noise, relative.
+    pub damping_sd: f64,
+    pub frequency_sd: f64,
+    /// Standard error of the mean over channels, relative; 0 where there are too few channels.
+    pub damping_se: f64,
+    pub frequency_se: f64,
+}
+
+/// Standard deviations of what one decay identifies.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Uncertainty {
+    pub damping_sd_per_s: f64,
+    pub frequency_sd_hz: f64,
+    pub lambda_sd_per_s: f64,
+    /// Of p2, p1, p0.
+    pub cubic_sd: [f64; 3],
+    /// Covariance of (p2, p1, p0) in 1/µs units, rows.
+    pub cubic_covariance_us: [[f64; 3]; 3],
+    /// Standard deviation of one sample of the fitted signal that this rests on, counts.
+    pub noise: f64,
+}

@@ -1,0 +1,62 @@
+//! What is wrong with a recording: [`Damage`] to a part of it, [`RecordingError`] where none of it can be used.
+
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// A byte range of a recording that could not be used, or could not be vouched for.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Damage {
+    pub from_byte: u64,
+    /// Exclusive. Equal to `from_byte`: something is missing there.
+    pub to_byte: u64,
+    pub what: String,
+}
+
+/// Adds damage to a list that stays small whatever the file: what repeats side by side becomes one
+/// range, and beyond the bound the last range stands for all further ones.
+pub fn note(list: &mut Vec<Damage>, damage: Damage) {
+    const MOST: usize = 10_000;
+    let full = list.len() >= MOST;
+    match list.last_mut() {
+        Some(last) if last.what == damage.what && last.to_byte == damage.from_byte => {
+            last.to_byte = damage.to_byte;
+        }
+        Some(last) if full => {
+            last.to_byte = last.to_byte.max(damage.to_byte);
+            last.what = "more damage than is listed one by one".into();
+        }
+        _ => list.push(damage),
+    }
+}
+
+#[derive(Debug, Error)]
+pub enum RecordingError {
+    #[error("{path}: cannot be read: {source}")]
+    Read { path: PathBuf, source: std::io::Error },
+    #[error("{path}: cannot be written: {source}")]
+    Write { path: PathBuf, source: std::io::Error },
+    #[error("{path}: cannot be written as MCAP: {source}")]
+    Mcap { path: PathBuf, source: mcap::McapError },
+    #[error("{path}: not a file; give an MCAP file, a directory or a glob pattern")]
+    NotAFile { path: PathBuf },
+    #[error("{path}: empty file (0 bytes); the recording was never written")]
+    Empty { path: PathBuf },
+    #[error(
+        "{path}: not an MCAP file (it begins with {begins}); inkling reads MCAP, and `inkling convert` makes one from CSV, Parquet, Arrow or NumPy"
+    )]
+    NotMcap { path: PathBuf, begins: String },
+    #[error("{path}: MCAP of another version ({begins}); inkling reads version 0")]
+    OtherVersion { path: PathBuf, begins: String },
+    #[error(
+        "{path}: {what} while it was followed: what was told of it belongs to no one recording; follow it again, \
+         or replay it when it is closed"
+    )]
+    NotTheSame { path: PathBuf, what: String },
+    /// A dialect fits and cannot read what is there.
+    #[error("{path}: {what}")]
+    Dialect { path: PathBuf, what: String },
+}
+
+pub(super) fn unreadable(path: &Path, source: std::io::Error) -> RecordingError {
+    RecordingError::Read { path: path.to_path_buf(), source }
+}

@@ -1,0 +1,135 @@
+//! A recording that is still being written.
+//!
+//! In: a path. Out: a [`Recording`] whose blocks come as they become whole, until its footer is there or
+//! somebody says that it is enough; then what it is as a whole ([`Recording::closed`]). Only files: an object
+//! appears when it is complete.
+
+use super::Limits;
+use super::block::Block;
+use super::damage::{Damage, RecordingError, unreadable};
+use super::dialect::Dialects;
+use super::growth::Growth;
+use super::mcap_records::MAGIC;
+use super::recording::{Recording, check_magic, open_source};
+use super::scan::Blocks;
+use super::stamp::Stamp;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex};
+use std::task::Poll;
+use std::time::Duration;
+
+/// Between two looks at the file.
+const LOOK_EVERY: Duration = Duration::from_millis(20);
+
+impl Recording {
+    /// Opens a file that is being written; waits for its first bytes. `enough` ends it where it is.
+    pub fn follow(
+        path: &Path,
+        limits: Limits,
+        dialects: &Dialects,
+        enough: Arc<AtomicBool>,
+    ) -> Result<Recording, RecordingError> {
+        let source = Arc::new(open_source(path)?);
+        let growth = Growth { enough, over: Mutex::new(false), closed: false };
+        loop {
+            let mut magic = [0; MAGIC.len()];
+            let magic = &mut magic[..MAGIC.len().min(source.bytes() as usize)];
+            source.read_at(0, magic).map_err(|e| unreadable(path, e))?;
+            // what is not like it never will be
+            if magic.len() == MAGIC.len() || !MAGIC.starts_with(magic) || growth.is_enough() {
+                check_magic(path, magic)?;
+                break;
+            }
+            std::thread::sleep(LOOK_EVERY);
+            source.grow().map_err(|e| unreadable(path, e))?;
+        }
+        let mut recording =
+            Recording::of_source(path, source, limits, dialects)?.unindexed(dialects);
+        recording.growth = Some(growth);
+        Ok(recording)
+    }
+
+    /// Whether it is followed, and not yet closed.
+    pub fn is_growing(&self) -> bool {
+        self.growth.as_ref().is_some_and(|growth| !growth.closed)
+    }
+
+    /// The next of its blocks; where it is being written, waits for it. `check` hears of every wait and may end
+    /// it.
+    pub fn next_block<E: From<RecordingError>>(
+        &self,
+        blocks: &mut Blocks,
+        check: impl Fn() -> Result<(), E>,
+    ) -> Result<Option<Result<Block, Damage>>, E> {
+        loop {
+            let over = self.growth.as_ref().is_none_or(|growth| *growth.over());
+            match blocks.poll() {
+                Poll::Ready(found) => return Ok(found),
+                // looked at since
+                Poll::Pending if over => {
+                    blocks.close();
+                    return Ok(None);
+                }
+                Poll::Pending => {}
+            }
+            check()?;
+            if !self.grow()? {
+                std::thread::sleep(LOOK_EVERY);
+            }
+        }
+    }
+
+    /// Takes in what was written since; whether that is worth a look.
+    fn grow(&self) -> Result<bool, RecordingError> {
+        let Some(growth) = &self.growth else { return Ok(true) };
+        let mut over = growth.over();
+        *over |= growth.is_enough();
+        if *over {
+            return Ok(true);
+        }
+        let (before, now) = self.source.grow().map_err(|e| unreadable(&self.path, e))?;
+        self.check_file(before, now)?;
+        Ok(now > before)
+    }
+
+    /// What was followed, as a whole: with the summary that was written last, or cut off where it was enough.
+    pub fn closed(&self, dialects: &Dialects) -> Result<Recording, RecordingError> {
+        let source = self.source.clone();
+        let now = source.stamp().map_err(|e| unreadable(&self.path, e))?;
+        self.check_file(source.bytes(), now.bytes)?;
+        let mut closed = Recording::of_source(&self.path, source, self.limits, dialects)?;
+        closed.stamp = Stamp { bytes: closed.bytes, ..now };
+        closed.opening = self.opening;
+        if let Some(growth) = &self.growth {
+            if growth.is_enough() && !closed.is_indexed() {
+                closed.damage.clear(); // that it has no end is what was asked for
+            }
+            let (enough, over) = (growth.enough.clone(), Mutex::new(true));
+            closed.growth = Some(Growth { enough, over, closed: true });
+        }
+        Ok(closed)
+    }
+
+    /// Whether it is still what was read: a read that failed may be for that.
+    pub fn check_same(&self) -> Result<(), RecordingError> {
+        let now = self.source.stamp().map_err(|e| unreadable(&self.path, e))?;
+        self.check_file(self.source.bytes(), now.bytes)
+    }
+
+    /// Of so many bytes before and now.
+    fn check_file(&self, before: u64, now: u64) -> Result<(), RecordingError> {
+        if now < before {
+            return Err(self.not_the_same(&format!("shrank from {before} to {now} bytes")));
+        }
+        match self.source.lies_at(&self.path) {
+            // it may have got another name
+            Ok(true) | Err(_) => Ok(()),
+            Ok(false) => Err(self.not_the_same("was replaced by another file")),
+        }
+    }
+
+    fn not_the_same(&self, what: &str) -> RecordingError {
+        RecordingError::NotTheSame { path: self.path.clone(), what: what.into() }
+    }
+}

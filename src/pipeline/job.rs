@@ -1,0 +1,45 @@
+//! What a replay is asked to do.
+
+use crate::design::{Baselines, Design};
+use crate::episodes::Episode;
+use crate::labels::Labels;
+use crate::settings::Settings;
+use serde::{Deserialize, Serialize};
+use std::thread;
+
+/// What a run of replay shares over its recordings; as JSON it says all that others need to judge them alike.
+#[derive(Clone, Serialize, Deserialize)]
+pub struct Replay {
+    pub settings: Settings,
+    pub design: Option<Design>,
+    /// Of the design file.
+    pub design_digest: Option<String>,
+    pub labels: Option<Labels>,
+    /// Healthy windows as spans of time, ns.
+    pub spans: Vec<(i64, i64)>,
+    /// With `--baseline`: what is remembered of the channels.
+    pub baselines: Option<Baselines>,
+}
+
+impl Replay {
+    pub fn classes(&self) -> Vec<String> {
+        self.design.as_ref().map(Design::class_names).unwrap_or_default()
+    }
+
+    /// Workers of a stage: its own setting, else `replay.threads`, else the machine's cores.
+    pub(super) fn workers(&self, of_stage: usize) -> usize {
+        match (of_stage, self.settings.replay.threads) {
+            (0, 0) => thread::available_parallelism().map_or(1, usize::from),
+            (0, threads) => threads,
+            (workers, _) => workers,
+        }
+    }
+}
+
+/// Who hears of a recording while it is written.
+pub struct Watch<'a> {
+    /// An episode was raised.
+    pub raised: &'a (dyn Fn(&Episode) + Sync),
+    /// Something else is to be known.
+    pub note: &'a (dyn Fn(&str) + Sync),
+}

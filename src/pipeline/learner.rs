@@ -1,0 +1,113 @@
+//! What windows are learned from and with, whichever way a recording is gone through.
+
+use super::survey::GroupKey;
+use crate::burst::Burst;
+use crate::design::Design;
+use crate::fault::HEALTHY;
+use crate::identify::reservoir::Reservoir;
+use crate::labels::Labels;
+use crate::settings::{IdentifyMode, Settings};
+use crate::verdict::{Reason, unusable_signal};
+
+/// Bytes of signals that are held at a time while windows are learned.
+pub(super) const HELD_BYTES: usize = 96 << 20;
+/// Signals of a window that are held whatever their length.
+const FEWEST_HELD: usize = 64;
+
+fn ns(seconds: f64) -> i64 {
+    (seconds * 1e9) as i64
+}
+
+/// A span of one group's time, half-open.
+#[derive(Clone, Copy, Debug)]
+pub struct Window {
+    pub group: usize,
+    pub from_ns: i64,
+    pub to_ns: i64,
+}
+
+/// What windows are learned from and with.
+#[derive(Debug)]
+pub struct Learner<'a> {
+    pub settings: &'a Settings,
+    pub design: Option<&'a Design>,
+    pub labels: Option<&'a Labels>,
+    /// Spans from the settings, if they were given.
+    pub spans: Vec<(i64, i64)>,
+}
+
+impl Learner<'_> {
+    /// Why nobody judges a printhead none of whose windows gave a model.
+    pub fn nobody(&self) -> Reason {
+        if self.design.is_some() { Reason::DesignMismatch } else { Reason::NoModel }
+    }
+
+    /// The design's models judge as they are; windows only say whether its pooled one agrees with a printhead
+    /// that it does not know.
+    pub fn knows_by_design(&self) -> bool {
+        self.design.is_some() && self.settings.identify.mode == IdentifyMode::Design
+    }
+
+    /// In design mode only printheads that the design does not know are looked at.
+    pub fn needs_windows(&self, key: &GroupKey, sample_period_s: f64) -> bool {
+        match self.design {
+            None => true,
+            Some(design) => {
+                design.fits(sample_period_s, key.samples as usize)
+                    && (self.settings.identify.mode == IdentifyMode::Windows
+                        || design.model_of(&key.printhead).is_none())
+            }
+        }
+    }
+
+    /// The length of a window, ns.
+    pub fn first_ns(&self) -> i64 {
+        ns(self.settings.identify.first)
+    }
+
+    /// The distance of windows, ns; 0: there is only one, or they are given.
+    pub fn every_ns(&self) -> i64 {
+        if self.spans.is_empty() { ns(self.settings.identify.every) } else { 0 }
+    }
+
+    /// Signals of a window that are kept, at most: long ones are fewer.
+    pub fn most_signals(&self, samples: usize) -> usize {
+        let fit = HELD_BYTES / (4 * samples.max(1));
+        self.settings.identify.window_signals.min(fit.max(FEWEST_HELD))
+    }
+}
+
+/// Offers a burst's usable signals, with labels those that are labelled healthy; without what the design's
+/// extension says is in them.
+pub(super) fn offer(
+    settings: &Settings,
+    labels: Option<&Labels>,
+    design: Option<&Design>,
+    burst: &Burst,
+    reservoir: &mut Reservoir,
+) {
+    let mut signal = vec![0.0; burst.samples_per_channel as usize];
+    for row in 0..burst.channels {
+        let channel = burst.first_channel + row;
+        if !reservoir.may_keep(burst.t_acq_ns, channel) {
+            continue; // most of a long window's
+        }
+        let healthy = |labels: &Labels| {
+            labels
+                .at(&burst.printhead, channel, burst.t_acq_ns)
+                .is_some_and(|label| label.state == HEALTHY)
+        };
+        if labels.is_some_and(|labels| !healthy(labels)) {
+            continue;
+        }
+        burst.copy_signal(row as usize, &mut signal);
+        if unusable_signal(&signal, settings.input.rails).is_none() {
+            let voltage = burst.drive_voltage_v.unwrap_or(f64::NAN);
+            let temperature = burst.temperature_c.unwrap_or(f64::NAN);
+            if let Some(design) = design {
+                design.take_off_extension(burst, row as usize, &mut signal);
+            }
+            reservoir.offer(burst.t_acq_ns, channel, &signal, voltage, temperature);
+        }
+    }
+}

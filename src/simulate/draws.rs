@@ -1,0 +1,37 @@
+//! Random numbers: a stream of its own for each purpose.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+/// What random numbers are drawn for. Each (purpose, part) is a stream of its own; the numbers
+/// are part of what "the same seed" means and never change.
+#[derive(Clone, Copy)]
+pub enum Purpose {
+    Truth = 1,
+    Spread = 2,
+    Shot = 3,
+    Noise = 4,
+    Temperature = 5,
+    Drive = 6,
+    Neighbours = 7,
+    Hidden = 8,
+}
+
+/// The random numbers of one purpose in one part of a scenario (a set, or a printhead of a run).
+pub fn stream(seed: u64, purpose: Purpose, part: u32) -> ChaCha8Rng {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(((purpose as u64) << 32) | u64::from(part));
+    rng
+}
+
+/// Parts for [`stream`]: the sets; printheads of a print run count on from `PRINT_RUN`.
+pub mod part {
+    pub const TRAIN: u32 = 0;
+    pub const TEST: u32 = 1;
+    pub const CALIBRATION: u32 = 2;
+    /// Experiments count on from here.
+    pub const DRYING: u32 = 4;
+    pub const PRINT_RUN: u32 = 16;
+    /// Hidden effects; their printheads count on from the next.
+    pub const HIDDEN: u32 = 1 << 20;
+}
