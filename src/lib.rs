@@ -4,7 +4,7 @@
 //! > Offline we make a [`design::Design`]; online a burst meets the design and every signal in it
 //! > leaves as one verdict.
 //!
-//! # The rooms, and the floors they are on (imports go down only; `tests/floors.rs` checks)
+//! # The rooms, and the floors they are on (imports go down only, inside rooms too; `tests/floors.rs` checks)
 //!
 //! ```text
 //! 5  main  cli  settings             words, bars, exit codes | pipeline.toml

@@ -5,7 +5,7 @@
 //! the previous actuation, and shapes that every signal has, are added. What temperature does is not here:
 //! every healthy model learns it ([`super::HealthyModel`]).
 
-use super::is_count;
+use super::error::is_count;
 use crate::burst::{Beside, Burst};
 use crate::identify::reservoir::relative_drive;
 use crate::model::free_decay::{self, ALL, Theta};

@@ -1,9 +1,10 @@
 //! A fault class: its mean deviation from the healthy model (thesis §3-3-2, rho before filtering);
 //! for model matching its identified model, for neighbours its training signals.
 
+use super::error::{DesignError, is_count, same_period};
 use super::filter_of_model::by_resonance;
 use super::healthy_model::deviations;
-use super::{Design, DesignError, HealthyModel, LearnSettings};
+use super::{HealthyModel, LearnSettings};
 use crate::detect::{ResidualGenerator, null_space};
 use crate::fault::{CLASSES, Class};
 use crate::identify::GreyBoxSettings;
@@ -147,9 +148,10 @@ impl FaultClass {
         }
     }
 
-    pub(super) fn check(&self, design: &Design) -> Result<(), DesignError> {
+    /// As a class of a design for signals of that sampling.
+    pub(super) fn check(&self, sample_period_s: f64, samples: usize) -> Result<(), DesignError> {
         let refuse = |what: &str| Err(DesignError::Invalid(format!("class {}: {what}", self.name)));
-        let finite = |v: &[f64]| v.len() == design.samples && v.iter().all(|&x| super::is_count(x));
+        let finite = |v: &[f64]| v.len() == samples && v.iter().all(|&x| is_count(x));
         if !finite(&self.deviation) {
             return refuse("`deviation` must be finite, one number per sample");
         }
@@ -163,7 +165,7 @@ impl FaultClass {
             if !finite(&model.expected) {
                 return refuse("its model's `expected` must be finite, one number per sample");
             }
-            if !super::same_period(model.generator.dt_s, design.sample_period_s) {
+            if !same_period(model.generator.dt_s, sample_period_s) {
                 return refuse("its filter has another sample period than the design");
             }
             if !(model.bound.is_finite() && model.bound > 0.0) {

@@ -1,9 +1,10 @@
 //! A healthy model ready to judge by: identification, filter and threshold of one window.
 
+use super::DetectSettings;
 use super::detector::{Scratch, SensitivityDetector, ring_of};
+use super::error::{DesignError, is_count, is_positive, same_period};
 use super::filter_of_model::{LearnSettings, residual_generator};
 use super::leftover::Left;
-use super::{Design, DesignError, DetectSettings};
 use crate::detect::contamination::{Degrees, contaminated};
 use crate::detect::misfit::{self, Misfit};
 use crate::detect::sensitivity::Sensitivity;
@@ -391,10 +392,11 @@ impl HealthyModel {
         )
     }
 
-    pub(super) fn check(&self, design: &Design) -> Result<(), DesignError> {
+    /// As a model of a design for signals of that sampling.
+    pub(super) fn check(&self, sample_period_s: f64, samples: usize) -> Result<(), DesignError> {
         let name = self.printhead.as_deref().unwrap_or("(pooled)");
         let refuse = |what: &str| Err(DesignError::Invalid(format!("model {name}: {what}")));
-        let finite = |v: &[f64]| v.len() == design.samples && v.iter().all(|&x| super::is_count(x));
+        let finite = |v: &[f64]| v.len() == samples && v.iter().all(|&x| is_count(x));
         if !finite(&self.expected) {
             return refuse("`expected` must be finite, one number per sample");
         }
@@ -404,7 +406,7 @@ impl HealthyModel {
         self.check_numbers().map_err(|(key, value, bounds)| {
             DesignError::Invalid(format!("model {name}: `{key}` = {value:e}: must be {bounds}"))
         })?;
-        if !super::same_period(self.generator.dt_s, design.sample_period_s) {
+        if !same_period(self.generator.dt_s, sample_period_s) {
             return refuse("its filter has another sample period than the design");
         }
         if !(self.threshold.value.is_finite() && self.threshold.value > 0.0) {
@@ -421,14 +423,14 @@ impl HealthyModel {
         }
         if let Some(sensitivity) = &self.sensitivity {
             sensitivity
-                .check(design.samples)
+                .check(samples)
                 .map_err(|what| DesignError::Invalid(format!("model {name}: {what}")))?;
         }
         // re-identification carries the threshold over in units of the median
         if !(1e-9..=1e9).contains(&(self.threshold.value / self.median_statistic)) {
             return refuse("its threshold is out of all proportion to `median_statistic`");
         }
-        let answer = self.generator.impulse_response(design.samples);
+        let answer = self.generator.impulse_response(samples);
         let largest = answer.iter().map(|v| v.abs()).fold(0.0, f64::max);
         if !answer.iter().all(|v| v.is_finite()) || largest > MOST_GAIN {
             return refuse("its filter is unstable");
@@ -457,7 +459,7 @@ impl HealthyModel {
             ("identification.poles.frequency_hz", poles.frequency_hz),
             ("identification.poles.lambda_per_s", poles.lambda_per_s),
         ];
-        if let Some((key, v)) = positive.into_iter().find(|(_, v)| !super::is_positive(*v)) {
+        if let Some((key, v)) = positive.into_iter().find(|(_, v)| !is_positive(*v)) {
             return Err((key, v, "1e-30 to 1e30"));
         }
         let within = |key: &'static str, all: &[f64], most: f64, bounds: &'static str| {

@@ -7,6 +7,7 @@
 mod baseline;
 mod cold_start;
 mod detector;
+mod error;
 mod extension;
 mod fault_class;
 mod fd_filter;
@@ -27,6 +28,7 @@ pub use crate::isolate::IsolateSettings;
 pub use crate::isolate::severity::Severity;
 pub use baseline::{Baselines, Heard, MOST_CHANNELS, PrintheadBaselines};
 pub use detector::Detection;
+pub use error::{DesignError, same_period};
 pub use extension::{Covariate, Extension, Follows};
 pub use fault_class::{FaultClass, FaultModel};
 pub use filter_of_model::{LearnSettings, LearnedFilter};
@@ -46,7 +48,6 @@ use crate::isolate::typical::Typical;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::sync::{Arc, OnceLock};
-use thiserror::Error;
 
 /// Version of the design file; a breaking change needs a new number.
 pub const VERSION: u32 = 3;
@@ -87,33 +88,6 @@ pub struct Design {
     /// Made of `physics` when first asked for.
     #[serde(skip)]
     curves: OnceLock<Arc<FaultCurves>>,
-}
-
-#[derive(Debug, Error)]
-pub enum DesignError {
-    #[error(transparent)]
-    Identify(#[from] crate::identify::IdentifyError),
-    #[error(transparent)]
-    Detect(#[from] crate::detect::DetectError),
-    #[error(transparent)]
-    Isolate(#[from] crate::isolate::IsolateError),
-    #[error("{0}")]
-    Invalid(String),
-}
-
-impl DesignError {
-    fn untrained(method: IsolateMethod) -> DesignError {
-        let method = match method {
-            IsolateMethod::Posterior => "posterior",
-            IsolateMethod::ResidualMatching => "residual-matching",
-            IsolateMethod::ModelMatching => "model-matching",
-            IsolateMethod::Neighbours => "neighbours",
-        };
-        DesignError::Invalid(format!(
-            "isolate.method = \"{method}\": the design was not trained with it; train with --set \
-             isolate.method={method}"
-        ))
-    }
 }
 
 impl Design {
@@ -172,7 +146,7 @@ impl Design {
                     class.name
                 ));
             }
-            class.check(self)?;
+            class.check(self.sample_period_s, self.samples)?;
         }
         if let Some(extension) = &self.extension {
             let refused = |what| DesignError::Invalid(format!("extension: {what}"));
@@ -187,7 +161,10 @@ impl Design {
         if let Some(physics) = &self.physics {
             physics.check().map_err(DesignError::Invalid)?;
         }
-        self.models.iter().chain([&self.pooled]).try_for_each(|model| model.check(self))
+        self.models
+            .iter()
+            .chain([&self.pooled])
+            .try_for_each(|model| model.check(self.sample_period_s, self.samples))
     }
 
     /// The model of a printhead, by name.
@@ -223,22 +200,6 @@ impl Design {
     pub fn fault_classes(&self) -> Vec<fault::Class> {
         self.classes.iter().map(FaultClass::class).collect()
     }
-}
-
-/// Whether a number may be counts: finite, and far from where its square is not.
-fn is_count(v: f64) -> bool {
-    v.abs() <= 1e30
-}
-
-/// Whether a number may be a positive rate, frequency or size of counts: its square and its inverse
-/// square are numbers too.
-fn is_positive(v: f64) -> bool {
-    (1e-30..=1e30).contains(&v)
-}
-
-/// Equal sample periods, contract: up to 1e-6 relative.
-pub fn same_period(p: f64, q: f64) -> bool {
-    (p / q - 1.0).abs() <= 1e-6
 }
 
 /// The categories that some classes form, in order of first appearance.
