@@ -4,8 +4,8 @@
 //! and the curves seen from there.
 
 use super::baseline::{FEWEST, PrintheadBaselines};
-use crate::isolate::class_density::upper_tail;
 use crate::isolate::physics_density::FaultCurves;
+use crate::model::normal::upper_tail;
 use nalgebra::{Matrix4, Vector4};
 use std::collections::HashMap;
 use std::sync::Arc;

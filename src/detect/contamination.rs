@@ -10,6 +10,7 @@
 use super::DetectError;
 use super::mixture::{Counts, Mixture};
 use super::threshold::{Method, Threshold};
+use crate::model::median::median;
 use crate::model::student::student_quantile;
 
 pub use super::mixture::Degrees;
@@ -102,11 +103,6 @@ fn groups(counted: &[(f64, u32)]) -> Vec<usize> {
             counted.iter().map(|(_, c)| place(*c) % GROUPS).collect()
         }
     }
-}
-
-fn median(values: &mut [f64]) -> f64 {
-    let mid = values.len() / 2;
-    *values.select_nth_unstable_by(mid, f64::total_cmp).1
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@
 //! drive is low, so the two are kept apart.
 
 use crate::model::inner_product::dot;
+use crate::model::median::median;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -211,11 +212,6 @@ fn core_of(points: &[Vector3<f64>]) -> Core {
         }
     }
     Core { mean, covariance }
-}
-
-fn median(values: &mut [f64]) -> f64 {
-    let mid = values.len() / 2;
-    *values.select_nth_unstable_by(mid, f64::total_cmp).1
 }
 
 fn matrix(rows: &[[f64; 3]; 3]) -> Matrix3<f64> {

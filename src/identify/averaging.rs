@@ -3,6 +3,7 @@
 //! In: signals as rows. Out: their mean per unit drive, who was left out, the noise of the mean.
 
 use super::IdentifyError;
+use crate::model::median::median;
 
 /// Fewer signals than this make no average.
 pub const FEWEST_SIGNALS: usize = 16;
@@ -158,15 +159,6 @@ fn median_signal(set: &SignalSet) -> Vec<f64> {
         (0..set.len()).map(|i| f64::from(set.data[i * set.samples + k]) / set.drive[i]).collect()
     };
     (0..set.samples).map(|k| median(&mut column(k))).collect()
-}
-
-/// Median; NaN of nothing. Reorders `values`.
-pub fn median(values: &mut [f64]) -> f64 {
-    if values.is_empty() {
-        return f64::NAN;
-    }
-    let mid = values.len() / 2;
-    *values.select_nth_unstable_by(mid, f64::total_cmp).1
 }
 
 /// Noise of one sample from third differences of deviations from neighbours' common shape: the

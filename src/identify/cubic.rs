@@ -6,9 +6,7 @@ use nalgebra::{DMatrix, Matrix3};
 /// Columns: the output from unit y, y', y'' at t_a (per µs), by exact discretisation of the cubic's
 /// companion form. `cubic`: p2, p1, p0 per µs.
 pub(super) fn basis(cubic: [f64; 3], dt_us: f64, samples: usize) -> DMatrix<f64> {
-    let [p2, p1, p0] = cubic;
-    let companion = Matrix3::new(0.0, 1.0, 0.0, 0.0, 0.0, 1.0, -p0, -p1, -p2);
-    let step = (companion * dt_us).exp();
+    let step = (companion(cubic) * dt_us).exp();
     let mut basis = DMatrix::zeros(samples, 3);
     let mut row = nalgebra::RowVector3::new(1.0, 0.0, 0.0);
     for k in 0..samples {
@@ -16,6 +14,10 @@ pub(super) fn basis(cubic: [f64; 3], dt_us: f64, samples: usize) -> DMatrix<f64>
         row *= step;
     }
     basis
+}
+
+fn companion([p2, p1, p0]: [f64; 3]) -> Matrix3<f64> {
+    Matrix3::new(0.0, 1.0, 0.0, 0.0, 0.0, 1.0, -p0, -p1, -p2)
 }
 
 /// Of p2, p1, p0 in 1/s, 1/s², 1/s³.
@@ -29,13 +31,12 @@ pub(super) fn to_microseconds([y, dy, ddy]: [f64; 3]) -> [f64; 3] {
 
 /// The damped pair and the real pole of a cubic; `None` where all its roots are real, or absurd.
 pub fn poles_of(cubic: [f64; 3]) -> Option<Poles> {
-    let [p2, p1, p0] = cubic_per_us(cubic);
+    let cubic = cubic_per_us(cubic);
     // beyond that no rates have such a cubic, and the iteration for its roots may not end
-    if ![p2, p1, p0].iter().all(|p| p.abs() < 1e60) {
+    if !cubic.iter().all(|p| p.abs() < 1e60) {
         return None;
     }
-    let companion = Matrix3::new(0.0, 1.0, 0.0, 0.0, 0.0, 1.0, -p0, -p1, -p2);
-    let roots = companion.complex_eigenvalues();
+    let roots = companion(cubic).complex_eigenvalues();
     let pair = roots.iter().find(|z| z.im > 1e-9 * z.norm())?;
     let real = roots.iter().min_by(|p, q| p.im.abs().total_cmp(&q.im.abs()))?;
     Some(Poles {

@@ -1,6 +1,7 @@
 //! Is what the model leaves of the average white? In: the misfit. Out: Ljung and Box's test (1978).
 //! thesis §3-1 (Fig. 3-3 judges by eye).
 
+use crate::model::normal::upper_tail;
 use serde::{Deserialize, Serialize};
 
 /// Autocorrelations that are tested, at most.
@@ -37,18 +38,10 @@ pub fn whiteness(misfit: &[f64], fitted: usize) -> Option<Whiteness> {
     Some(Whiteness { ljung_box, lags, p_value: chi_square_tail(ljung_box, lags - fitted) })
 }
 
-/// P(chi² > q), by Wilson and Hilferty's cube root (1931) and the normal tail (Abramowitz and
-/// Stegun 26.2.17).
+/// P(chi² > q), by Wilson and Hilferty's cube root (1931).
 fn chi_square_tail(q: f64, freedom: usize) -> f64 {
     let v = 2.0 / (9.0 * freedom as f64);
-    let z = ((q / freedom as f64).cbrt() - (1.0 - v)) / v.sqrt();
-    let t = 1.0 / (1.0 + 0.231_641_9 * z.abs());
-    let poly = t
-        * (0.319_381_530
-            + t * (-0.356_563_782
-                + t * (1.781_477_937 + t * (-1.821_255_978 + t * 1.330_274_429))));
-    let tail = (-0.5 * z * z).exp() / (2.0 * std::f64::consts::PI).sqrt() * poly;
-    if z >= 0.0 { tail } else { 1.0 - tail }
+    upper_tail(((q / freedom as f64).cbrt() - (1.0 - v)) / v.sqrt())
 }
 
 #[cfg(test)]

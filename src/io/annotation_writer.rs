@@ -6,13 +6,11 @@
 
 use super::burst_codec::MESSAGE_ENCODING;
 use super::damage::RecordingError;
-use super::part_file::PartFile;
+use super::mcap_file::McapFile;
 use mcap::records::MessageHeader;
 use prost::Message as _;
 use prost_types::Timestamp;
 use std::collections::{BTreeMap, HashMap};
-use std::fs::File;
-use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 /// Code that build.rs generates from the schemas of annotations.
@@ -52,9 +50,7 @@ pub struct ChannelState {
 }
 
 pub struct AnnotationWriter {
-    writer: Option<mcap::Writer<BufWriter<File>>>,
-    part: Option<PartFile>,
-    path: PathBuf,
+    file: McapFile,
     /// Schema ids by name.
     schemas: HashMap<&'static str, u16>,
     /// Channel id and next sequence number by topic.
@@ -72,18 +68,12 @@ pub fn path_beside(verdicts: &Path) -> PathBuf {
 
 impl AnnotationWriter {
     pub fn create(path: &Path) -> Result<AnnotationWriter, RecordingError> {
-        let (part, file) = PartFile::create(path)
-            .map_err(|source| RecordingError::Write { path: path.to_path_buf(), source })?;
-        let writer = mcap::WriteOptions::new()
+        let options = mcap::WriteOptions::new()
             .library("inkling")
             .compression(Some(mcap::Compression::Lz4))
-            .compression_threads(0) // same bytes on every machine
-            .create(BufWriter::new(file))
-            .map_err(|source| RecordingError::Mcap { path: path.to_path_buf(), source })?;
+            .compression_threads(0); // same bytes on every machine
         Ok(AnnotationWriter {
-            writer: Some(writer),
-            part: Some(part),
-            path: path.to_path_buf(),
+            file: McapFile::create(path, options)?,
             schemas: HashMap::new(),
             topics: HashMap::new(),
             left_out: 0,
@@ -158,77 +148,41 @@ impl AnnotationWriter {
         t_ns: i64,
         data: &[u8],
     ) -> Result<(), RecordingError> {
-        self.try_write(topic, schema, t_ns, data).map_err(|source| self.failed(source))
-    }
-
-    fn try_write(
-        &mut self,
-        topic: &str,
-        schema: &'static str,
-        t_ns: i64,
-        data: &[u8],
-    ) -> Result<(), mcap::McapError> {
-        let Some(writer) = &mut self.writer else {
-            return Err(mcap::McapError::AttemptedWriteAfterFailure);
-        };
-        if !self.topics.contains_key(topic) {
-            if self.topics.len() >= MOST_TOPICS {
-                self.left_out += 1;
-                return Ok(());
-            }
-            let schema_id = match self.schemas.get(schema) {
-                Some(&id) => id,
-                None => {
-                    let id = writer.add_schema(schema, MESSAGE_ENCODING, FILE_DESCRIPTOR_SET)?;
-                    self.schemas.insert(schema, id);
-                    id
+        self.file.with(|writer| {
+            if !self.topics.contains_key(topic) {
+                if self.topics.len() >= MOST_TOPICS {
+                    self.left_out += 1;
+                    return Ok(());
                 }
+                let schema_id = match self.schemas.get(schema) {
+                    Some(&id) => id,
+                    None => {
+                        let id =
+                            writer.add_schema(schema, MESSAGE_ENCODING, FILE_DESCRIPTOR_SET)?;
+                        self.schemas.insert(schema, id);
+                        id
+                    }
+                };
+                let id =
+                    writer.add_channel(schema_id, topic, MESSAGE_ENCODING, &BTreeMap::new())?;
+                self.topics.insert(topic.to_owned(), (id, 0));
+            }
+            let Some((channel_id, sequence)) = self.topics.get_mut(topic) else { return Ok(()) };
+            let time = u64::try_from(t_ns).unwrap_or(0);
+            let header = MessageHeader {
+                channel_id: *channel_id,
+                sequence: *sequence,
+                log_time: time,
+                publish_time: time,
             };
-            let id = writer.add_channel(schema_id, topic, MESSAGE_ENCODING, &BTreeMap::new())?;
-            self.topics.insert(topic.to_owned(), (id, 0));
-        }
-        let Some((channel_id, sequence)) = self.topics.get_mut(topic) else { return Ok(()) };
-        let time = u64::try_from(t_ns).unwrap_or(0);
-        let header = MessageHeader {
-            channel_id: *channel_id,
-            sequence: *sequence,
-            log_time: time,
-            publish_time: time,
-        };
-        *sequence = sequence.wrapping_add(1);
-        writer.write_to_known_channel(&header, data)
+            *sequence = sequence.wrapping_add(1);
+            writer.write_to_known_channel(&header, data)
+        })
     }
 
     /// Completes the file and gives it its name.
-    pub fn finish(mut self) -> Result<(), RecordingError> {
-        let finished = match &mut self.writer {
-            Some(writer) => writer.finish().map(drop),
-            None => Err(mcap::McapError::AttemptedWriteAfterFailure),
-        };
-        finished.map_err(|source| self.failed(source))?;
-        let (Some(writer), Some(part)) = (self.writer.take(), self.part.take()) else {
-            return Ok(()); // unreachable: both are there until finish or drop
-        };
-        let failed = |source| RecordingError::Write { path: self.path.clone(), source };
-        let file = writer.into_inner().into_inner().map_err(|e| failed(e.into_error()))?;
-        part.finish(&file).map_err(failed)
-    }
-
-    fn failed(&self, source: mcap::McapError) -> RecordingError {
-        let path = self.path.clone();
-        match source {
-            mcap::McapError::Io(source) => RecordingError::Write { path, source },
-            source => RecordingError::Mcap { path, source },
-        }
-    }
-}
-
-impl Drop for AnnotationWriter {
-    fn drop(&mut self) {
-        // Not finished: without into_inner the mcap writer would write its summary first.
-        if let Some(writer) = self.writer.take() {
-            writer.into_inner();
-        }
+    pub fn finish(self) -> Result<(), RecordingError> {
+        self.file.finish()
     }
 }
 

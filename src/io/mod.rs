@@ -31,6 +31,7 @@ pub mod journal;
 pub mod labels_file;
 pub mod layout;
 pub mod matrix;
+mod mcap_file;
 mod mcap_records;
 pub mod numpy;
 pub mod objects;

@@ -7,6 +7,7 @@
 //! that are there.
 
 use super::table_file::{Decay, Table};
+use crate::model::median::median;
 use thiserror::Error;
 
 /// A time may lie so far from the regular grid, in sample periods: a phase error of 2 % at eight
@@ -63,7 +64,7 @@ pub fn sample(table: &Table, resample: bool) -> Result<Sampled, SamplingError> {
             fitted_period(&decay.times)
         });
     }
-    let common = median(periods.clone());
+    let common = median(&mut periods.clone());
     if !resample
         && let Some((decay, own)) = table
             .decays
@@ -170,14 +171,10 @@ fn fitted_period(times: &[f64]) -> f64 {
     kt / kk
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
-}
-
 /// The usual step, refined over the rows that lie near its multiples: missing rows do not matter.
 fn median_step(times: &[f64]) -> f64 {
-    let step = median(times.windows(2).map(|w| w[1] - w[0]).collect());
+    let mut steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
+    let step = median(&mut steps);
     let (mut kt, mut kk) = (0.0, 0.0);
     let mut k = 0.0;
     for pair in times.windows(2) {

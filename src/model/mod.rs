@@ -12,6 +12,8 @@ pub mod geometry;
 pub mod ink_channel;
 pub mod inner_product;
 pub mod lane_math;
+pub mod median;
+pub mod normal;
 mod poles;
 pub mod ring;
 pub mod ring_down;
