@@ -1,5 +1,6 @@
 //! Compiles `schemas/*.proto` without an installed protoc, and keeps each FileDescriptorSet: recordings
-//! carry it as their schema data.
+//! carry it as their schema data. Says whether measured ring-downs lie beside the project: tests that want
+//! them count as ignored where there are none.
 
 use prost::Message as _;
 use std::{env, error::Error, fs, path::PathBuf};
@@ -14,7 +15,15 @@ const SETS: [(&str, &str, &[&str]); 2] = [
     ),
 ];
 
+/// Real ring-downs as tables, which may not be copied into the project.
+const MEASURED: &str = "../shared/measured";
+
 fn main() -> Result<(), Box<dyn Error>> {
+    println!("cargo:rustc-check-cfg=cfg(measured)");
+    if PathBuf::from(MEASURED).is_dir() {
+        println!("cargo:rerun-if-changed={MEASURED}");
+        println!("cargo:rustc-cfg=measured");
+    }
     let out = PathBuf::from(env::var("OUT_DIR")?);
     for (name, dir, files) in SETS {
         files.iter().for_each(|file| println!("cargo:rerun-if-changed=schemas/{file}"));

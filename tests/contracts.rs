@@ -23,10 +23,8 @@ fn pipeline_toml_says_every_default() {
 #[test]
 fn design_file_has_the_documented_keys() {
     let design: serde_json::Value = serde_json::from_str(&read("sample_logs/design.json")).unwrap();
-    let documented: Vec<String> = read("schemas/design.md")
-        .lines()
-        .filter_map(|l| l.strip_prefix("| `")?.split('`').next().map(str::to_owned))
-        .collect();
+    let documented = documented("design.md", 0);
+    let documented: Vec<String> = documented.into_iter().map(|key| key.name).collect();
     let keys = |value: &serde_json::Value, prefix: &str| -> Vec<String> {
         value.as_object().unwrap().keys().map(|k| format!("{prefix}{k}")).collect()
     };
@@ -42,6 +40,101 @@ fn design_file_has_the_documented_keys() {
         v
     };
     assert_eq!(sorted(written), sorted(documented));
+}
+
+/// A key or column of a table in `schemas/`.
+struct Documented {
+    name: String,
+    /// It need not be there.
+    may_be_absent: bool,
+}
+
+/// The rows of one of a schema's tables, from 0; what stands in a further column of backticks is another name.
+fn documented(schema: &str, table: usize) -> Vec<Documented> {
+    let text = read(&format!("schemas/{schema}"));
+    let mut tables = vec![Vec::new()];
+    for line in text.lines() {
+        match line.strip_prefix("| `") {
+            Some(row) => {
+                let (names, meaning) = row.split_once(" |").unwrap();
+                let may_be_absent = meaning.contains("absent");
+                for name in names.split("`, `") {
+                    let name = name.trim_end_matches('`').to_owned();
+                    tables.last_mut().unwrap().push(Documented { name, may_be_absent });
+                }
+            }
+            None if line.starts_with("|---") => tables.push(Vec::new()),
+            None => {}
+        }
+    }
+    tables.into_iter().filter(|rows| !rows.is_empty()).nth(table).expect("a table")
+}
+
+/// Whether a table names every key that is written, and every key it names is written. Of what it says below
+/// a key only `below` is compared: a list's first entry, or an object.
+fn is_documented(schema: &str, table: usize, written: &serde_json::Value, below: &[&str]) {
+    let keys = |value: &serde_json::Value, prefix: &str| -> Vec<String> {
+        let keys = value.as_object().unwrap_or_else(|| panic!("{schema} {prefix}: {value}")).keys();
+        keys.map(|key| format!("{prefix}{key}")).collect()
+    };
+    let mut written_keys = keys(written, "");
+    for of in below {
+        let key = of.trim_end_matches("[]");
+        let value = if of.ends_with("[]") { &written[key][0] } else { &written[key] };
+        written_keys.extend(keys(value, &format!("{of}.")));
+    }
+    let documented = documented(schema, table);
+    for key in &written_keys {
+        let named = |d: &Documented| d.name == *key || d.name == format!("{key}[]");
+        assert!(documented.iter().any(named), "schemas/{schema} does not name {key}");
+    }
+    for key in documented.iter().filter(|key| !key.may_be_absent) {
+        let name = key.name.trim_end_matches("[]");
+        let is_below = |of: &&str| key.name.starts_with(&format!("{of}."));
+        if !name.contains(['.', '[']) || below.iter().any(is_below) {
+            assert!(
+                written_keys.iter().any(|k| k == name),
+                "schemas/{schema}: {name} is not written"
+            );
+        }
+    }
+}
+
+#[test]
+fn what_a_replay_leaves_has_the_documented_keys() {
+    let house = House::new();
+    let sample = |name: &str| root().join("sample_logs").join(name).display().to_string();
+    let (recording, design) = (sample("print_run.mcap"), sample("design.json"));
+    house.ok(&format!("replay {recording} --design {design} --out out --baseline b.json"));
+    is_documented("summary.md", 0, &house.read_json("out/print_run.summary.json"), &[]);
+    let journal = String::from_utf8(house.read("out/journal.jsonl")).unwrap();
+    let line = serde_json::from_str(journal.lines().next().unwrap()).unwrap();
+    is_documented("journal.md", 0, &line, &[]);
+    is_documented("journal.md", 1, &house.read_json("out/run.json"), &[]);
+    is_documented("baseline.md", 0, &house.read_json("b.json"), &[]);
+    let labels = read("sample_logs/labels.csv");
+    let header: Vec<&str> = labels.lines().next().unwrap().split(',').collect();
+    let named = documented("labels.md", 0);
+    assert_eq!(header, named.iter().map(|column| column.name.as_str()).collect::<Vec<_>>());
+}
+
+#[test]
+fn what_a_critique_leaves_has_the_documented_keys() {
+    let house = House::new();
+    let scenario = root().join("sample_logs/scenarios/hidden.toml");
+    // one effect: an interference of fixed phase, two detection limits
+    house.ok(&format!("simulate {} -o blind --hide 26", scenario.display()));
+    is_documented("truth.md", 0, &house.read_json("blind/sealed/truth.json"), &[]);
+    house.ok("critique blind/print_run.mcap -o c");
+    is_documented("critique.md", 0, &house.read_json("c/critique.json"), &["causes[]", "gain"]);
+    for (table, file) in [(1, "evidence"), (2, "residuals")] {
+        let file = std::fs::File::open(house.path(&format!("c/{file}.parquet"))).unwrap();
+        let reader = parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder::try_new(file);
+        let schema = reader.unwrap().schema().clone();
+        let written: Vec<&str> = schema.fields().iter().map(|f| f.name().as_str()).collect();
+        let named = documented("critique.md", table);
+        assert_eq!(written, named.iter().map(|column| column.name.as_str()).collect::<Vec<_>>());
+    }
 }
 
 /// Recordings are the same within one count, the design within what that does to it.

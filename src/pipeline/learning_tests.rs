@@ -132,7 +132,7 @@ impl Case {
 
 /// Without what depends on how it was made.
 fn summary(verdicts: &Path) -> serde_json::Value {
-    let text = std::fs::read(super::replay::summary_path(verdicts)).unwrap();
+    let text = std::fs::read(crate::io::summary_file::path_beside(verdicts)).unwrap();
     let mut document: serde_json::Value = serde_json::from_slice(&text).unwrap();
     for key in ["rates", "timings", "phases", "identified"] {
         assert!(document.as_object_mut().unwrap().remove(key).is_some(), "{key}");

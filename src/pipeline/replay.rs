@@ -21,6 +21,7 @@ use crate::io::journal::Stamp;
 use crate::io::part_file::{self, CompleteFile, PartFile};
 use crate::io::recording::Recording;
 use crate::io::stored;
+use crate::io::summary_file;
 use serde_json::{Value, json};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -411,15 +412,8 @@ impl Rates {
     }
 }
 
-/// `<stem>.verdicts.parquet` -> `<stem>.summary.json`.
-pub fn summary_path(verdicts: &Path) -> PathBuf {
-    let name = verdicts.file_name().unwrap_or_default().to_string_lossy();
-    let stem = name.strip_suffix(".verdicts.parquet").unwrap_or(&name);
-    verdicts.with_file_name(format!("{stem}.summary.json"))
-}
-
 fn complete_summary(verdicts: &Path, summary: &Value) -> Result<CompleteFile, PipelineError> {
-    let path = summary_path(verdicts);
+    let path = summary_file::path_beside(verdicts);
     let failed = |source| PipelineError::Write { path: path.clone(), source };
     let mut text = serde_json::to_string_pretty(summary).map_err(|e| failed(e.into()))?;
     text.push('\n');

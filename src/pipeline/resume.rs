@@ -3,10 +3,10 @@
 //! line, and its files are there. The program's version does not matter.
 
 use super::job::Replay;
-use super::replay::summary_path;
 use crate::io::episode_table;
 use crate::io::journal::{Entry, Journal, Means, Stamp};
 use crate::io::layout::Placed;
+use crate::io::summary_file;
 use crate::io::{regular_file, stored};
 use crate::settings::Settings;
 use serde_json::Value;
@@ -210,7 +210,11 @@ impl Resume<'_> {
 
 /// What is written of a recording: the summary, which says that all are there, last.
 pub fn files(verdicts: &Path) -> [PathBuf; 3] {
-    [verdicts.to_path_buf(), episode_table::path_beside(verdicts), summary_path(verdicts)]
+    [
+        verdicts.to_path_buf(),
+        episode_table::path_beside(verdicts),
+        summary_file::path_beside(verdicts),
+    ]
 }
 
 /// Whose files lie at a place.
@@ -228,7 +232,8 @@ impl Owner {
             let bytes = of.stamp.map(|stamp| stamp.bytes);
             return Owner { name: Some(of.path.clone()), bytes, digest: of.digest.clone() };
         }
-        let summary = regular_file::read(&summary_path(verdicts), MOST_SUMMARY_BYTES).ok();
+        let summary =
+            regular_file::read(&summary_file::path_beside(verdicts), MOST_SUMMARY_BYTES).ok();
         let summary: Value =
             summary.and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default();
         let text = |key: &str| summary["recording"][key].as_str().map(str::to_owned);

@@ -350,7 +350,7 @@ fn strong_effects_are_named_and_nothing_is_named_in_healthy_runs() {
 #[test]
 #[ignore = "writes recordings to tune on"]
 fn tuning_recordings() {
-    let Some(directory) = std::env::var_os("INKLING_TUNING") else { return };
+    let directory = std::env::var_os("INKLING_TUNING").expect("INKLING_TUNING");
     let cases = drawn(how_many(), FIRST_SEED + 100_000).into_iter().chain(unseen(6, 60_000));
     for case in cases {
         let hidden = case.hidden();
