@@ -19,14 +19,14 @@ const SETS: [(&str, &str, &[&str]); 2] = [
 const MEASURED: &str = "../shared/measured";
 
 fn main() -> Result<(), Box<dyn Error>> {
-    println!("cargo:rustc-check-cfg=cfg(measured)");
+    println!("cargo::rustc-check-cfg=cfg(measured)");
     if PathBuf::from(MEASURED).is_dir() {
-        println!("cargo:rerun-if-changed={MEASURED}");
-        println!("cargo:rustc-cfg=measured");
+        println!("cargo::rerun-if-changed={MEASURED}");
+        println!("cargo::rustc-cfg=measured");
     }
     let out = PathBuf::from(env::var("OUT_DIR")?);
     for (name, dir, files) in SETS {
-        files.iter().for_each(|file| println!("cargo:rerun-if-changed=schemas/{file}"));
+        files.iter().for_each(|file| println!("cargo::rerun-if-changed=schemas/{file}"));
         let paths: Vec<String> = files.iter().map(|file| format!("schemas/{file}")).collect();
         let descriptors = protox::compile(&paths, ["schemas"])?;
         fs::write(out.join(name), descriptors.encode_to_vec())?;

@@ -18,7 +18,7 @@ use crate::score::curves::Curves;
 use crate::score::episodes::{EpisodeScore, SaidEpisode};
 use crate::score::promise::Promise;
 use crate::score::severity::SeverityScore;
-use crate::score::{Said, Score};
+use crate::score::{Report, Said, Score};
 use crate::verdict::{Outcome, VerdictColumns};
 use std::collections::HashMap;
 use std::io::Write;
@@ -168,20 +168,29 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             report.rejected
         )));
     }
-    if let (Some(curves), Some(page)) = (&curves, &args.report) {
-        let promise = promise.as_ref();
-        write_text(page, &crate::report::evaluation(Some((&report, curves)), promise))?;
+    tell(&args, &report, curves.as_ref(), promise.as_ref())
+}
+
+/// The page, if one is wanted, and what is printed.
+fn tell(
+    args: &Args,
+    report: &Report,
+    curves: Option<&Curves>,
+    promise: Option<&Promise>,
+) -> Result<Exit, Failure> {
+    if let (Some(curves), Some(page)) = (curves, &args.report) {
+        write_text(page, &crate::report::evaluation(Some((report, curves)), promise))?;
     }
     let mut out = std::io::stdout().lock();
     if args.json {
         let mut told = serde_json::json!(report);
-        if let Some(promise) = &promise {
+        if let Some(promise) = promise {
             told["promise"] = serde_json::json!(promise);
         }
         write_json(&told, &mut out)?;
     } else {
-        scored::print(&report, &mut out)?;
-        if let Some(promise) = &promise {
+        scored::print(report, &mut out)?;
+        if let Some(promise) = promise {
             crate::report::print_promise(promise, printable::line, &mut out)?;
         }
     }

@@ -325,18 +325,12 @@ impl Run<'_> {
         let told = |moved: &Moved| Some((moved.printhead.clone(), moved.warning(identify)?));
         warnings.extend(moved.iter().filter_map(told));
 
+        let damage = all_damage(recording, scan_damage, &mut tally, digest.damage);
         let counts = &tally.counts;
         let judged_and_rejected = counts.judged + counts.rejected.values().sum::<u64>();
         if counts.signals != judged_and_rejected || writer.rows() != counts.signals {
             return Err(PipelineError::RowsLost { found: counts.signals, written: writer.rows() });
         }
-        let mut damage = recording.damage.clone();
-        damage.extend(scan_damage);
-        damage.append(&mut tally.damage);
-        damage.extend(digest.damage);
-        damage.extend(recording.missing(counts.bursts));
-        damage.extend(recording.changed());
-        damage.sort_by_key(|d| (d.from_byte, d.to_byte));
         if counts.bursts == 0 {
             let others = recording.others.clone();
             let recording = recording.path.display().to_string();
@@ -410,6 +404,23 @@ impl Rates {
             "behind_s": self.behind.map(|b| b.as_secs_f64()),
         })
     }
+}
+
+/// By place in the file: what opening it, the scan, reading and the digest found, and what only its end tells.
+fn all_damage(
+    recording: &Recording,
+    of_scan: Vec<Damage>,
+    tally: &mut Tally,
+    of_digest: Option<Damage>,
+) -> Vec<Damage> {
+    let mut damage = recording.damage.clone();
+    damage.extend(of_scan);
+    damage.append(&mut tally.damage);
+    damage.extend(of_digest);
+    damage.extend(recording.missing(tally.counts.bursts));
+    damage.extend(recording.changed());
+    damage.sort_by_key(|d| (d.from_byte, d.to_byte));
+    damage
 }
 
 fn complete_summary(verdicts: &Path, summary: &Value) -> Result<CompleteFile, PipelineError> {

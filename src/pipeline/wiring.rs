@@ -64,28 +64,31 @@ pub struct Streamed {
 }
 
 impl Wiring<'_> {
-    /// Wires the six stages, runs them, joins them.
-    pub fn stream(&self, mut models: Models) -> Result<Streamed, PipelineError> {
-        let Wiring { replay, recording, verdicts, control, baselines, .. } = *self;
-        let settings = &replay.settings;
-        let classes = replay.classes();
-        let category_names = categories(&classes);
-        let timestamp_unit = match settings.output.timestamps {
+    /// Both tables, under way.
+    fn tables(&self, classes: &[String]) -> Result<(EpisodeTap<'_>, VerdictWriter), PipelineError> {
+        let output = &self.replay.settings.output;
+        let timestamp_unit = match output.timestamps {
             TimestampUnit::Ns => verdict_table::TimestampUnit::Ns,
             TimestampUnit::Us => verdict_table::TimestampUnit::Us,
         };
-        let beside = episode_table::path_beside(verdicts);
-        let mut episodes =
-            EpisodeTap::create(replay, baselines, self.watch, &beside, timestamp_unit)?;
-        let mut writer = VerdictWriter::create(
-            verdicts,
-            TableOptions {
-                classes: classes.clone(),
-                categories: category_names,
-                weights: settings.output.weights,
-                timestamp_unit,
-            },
-        )?;
+        let beside = episode_table::path_beside(self.verdicts);
+        let episodes =
+            EpisodeTap::create(self.replay, self.baselines, self.watch, &beside, timestamp_unit)?;
+        let options = TableOptions {
+            classes: classes.to_vec(),
+            categories: categories(classes),
+            weights: output.weights,
+            timestamp_unit,
+        };
+        Ok((episodes, VerdictWriter::create(self.verdicts, options)?))
+    }
+
+    /// Wires the six stages, runs them, joins them.
+    pub fn stream(&self, mut models: Models) -> Result<Streamed, PipelineError> {
+        let Wiring { replay, recording, control, baselines, .. } = *self;
+        let settings = &replay.settings;
+        let classes = replay.classes();
+        let (mut episodes, mut writer) = self.tables(&classes)?;
         let (mut tally, mut warmth) = (Tally::new(classes), Warmth::new(self.may_learn));
         let identify = &settings.identify;
         let heads = || Heads::new(identify, settings.input.rails);
@@ -115,8 +118,7 @@ impl Wiring<'_> {
             let (queue, in_flight, pacer) = (&queue, &in_flight, &mut pacer);
             let (timings, spares, warmth) = (&timings, &spares, &mut warmth);
             let (models, heads) = (&mut models, heads.as_mut());
-            let mut running: Vec<(&'static str, ScopedJoinHandle<Result<(), PipelineError>>)> =
-                Vec::new();
+            let mut running: Vec<Running> = Vec::new();
             let mut pacer = pacer.as_mut();
             for _ in 0..readers {
                 let (out, pacer) = (to_identify.clone(), pacer.take());
@@ -180,14 +182,7 @@ impl Wiring<'_> {
             // whoever waits for room in flight, or for more to be written, must not wait for a writer that is gone
             control.set_abandoned(true);
             in_flight.close();
-            let mut outcome = written;
-            for (stage, handle) in running {
-                let ended = handle.join().unwrap_or(Err(PipelineError::Panicked(stage)));
-                if outcome.is_ok() {
-                    outcome = ended;
-                }
-            }
-            outcome
+            joined(written, running)
         })?;
         let behind = pacer.map(|p| p.behind);
         let ((scan_damage, digest), timings) = (queue.finish(control)?, timings.stages());
@@ -205,4 +200,19 @@ impl Wiring<'_> {
             moved: heads.map(|heads| heads.moved()).unwrap_or_default(),
         })
     }
+}
+
+/// A stage at work, by name.
+type Running<'scope> = (&'static str, ScopedJoinHandle<'scope, Result<(), PipelineError>>);
+
+/// Waits for all; of what went wrong the writer's own first, then the first stage's.
+fn joined(written: Result<(), PipelineError>, running: Vec<Running>) -> Result<(), PipelineError> {
+    let mut outcome = written;
+    for (stage, handle) in running {
+        let ended = handle.join().unwrap_or(Err(PipelineError::Panicked(stage)));
+        if outcome.is_ok() {
+            outcome = ended;
+        }
+    }
+    outcome
 }
