@@ -198,7 +198,7 @@ fn judges_of(
     batch.acquisitions.iter().map(&mut of).collect()
 }
 
-/// 3. FD filter: the residual energy of every signal, thesis e(r).
+/// 3. FD filter: the detection statistics of every signal; with `residual-energy` thesis e(r).
 pub fn filter(
     rails: [f64; 2],
     baselines: Option<&InUse>,

@@ -1,7 +1,7 @@
 //! A batch's signals to their statistic: many at once by the streaming kernel, and again by the
 //! reference where the kernel alone cannot settle the verdict.
 //!
-//! In: bursts with their judges. Out: per signal the residual energy, or why it has none. A signal's
+//! In: bursts with their judges. Out: per signal its detection statistics, or why it has none. A signal's
 //! number does not depend on what else is in the batch: short bursts share tiles, and a lane does not
 //! know its neighbours ([`crate::detect::kernel`]).
 
