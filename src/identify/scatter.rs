@@ -10,6 +10,7 @@
 
 use super::averaging::SignalSet;
 use super::grey_box::{Identification, basis};
+use crate::model::inner_product::dot;
 use nalgebra::{DMatrix, DVector, Matrix5, SymmetricEigen, Vector5};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -99,14 +100,13 @@ pub fn scatter(
 
     let (mut sum, mut square) = (Vector5::zeros(), Matrix5::zeros());
     let (mut of_noise, mut by_channel) = (0.0, BTreeMap::<u32, (Vector5<f64>, f64)>::new());
+    let mut deviation = vec![0.0; set.samples];
     for i in 0..set.len() {
         let s = set.drive[i];
-        let product = Vector5::from_fn(|k, _| {
-            let column = columns.column(k);
-            let signal = set.signal(i).iter().zip(expected.iter());
-            column.iter().zip(signal).map(|(t, (&y, e))| t * (f64::from(y) / s - e)).sum::<f64>()
-                / scale[k]
-        });
+        let signal = set.signal(i).iter().zip(expected.iter());
+        deviation.iter_mut().zip(signal).for_each(|(d, (&y, e))| *d = f64::from(y) / s - e);
+        let along = |k: usize| &columns.as_slice()[k * set.samples..(k + 1) * set.samples];
+        let product = Vector5::from_fn(|k, _| dot(along(k), &deviation) / scale[k]);
         let theta = inverse * product;
         sum += theta;
         square += theta * theta.transpose();
