@@ -3,7 +3,7 @@
 //! In: the fit of thesis (3-1). Out: standard deviations of poles and cubic, null directions in words.
 
 use super::grey_box::{basis, cubic_per_us, poles_of};
-use nalgebra::{DMatrix, DVector, Matrix3, SMatrix};
+use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Standard deviations of what one decay identifies.
@@ -24,7 +24,7 @@ pub struct Uncertainty {
 /// the poles. `state` per µs. `noise` of one sample, counts; 0: from the misfit.
 pub fn uncertainty(
     cubic: [f64; 3],
-    state: &[f64; 3],
+    state: &Vector3<f64>,
     dt_s: f64,
     samples: usize,
     noise: f64,
@@ -32,14 +32,13 @@ pub fn uncertainty(
 ) -> Uncertainty {
     let p = cubic_per_us(cubic);
     let dt_us = dt_s * 1e6;
-    let c = DVector::from_row_slice(state);
     let mut jacobian = DMatrix::zeros(samples, 6);
     for k in 0..3 {
         let h = 1e-5 * p[k].abs().max(1e-9);
         let (mut up, mut down) = (p, p);
         up[k] += h;
         down[k] -= h;
-        let dy = (basis(up, dt_us, samples) - basis(down, dt_us, samples)) * &c / (2.0 * h);
+        let dy = (basis(up, dt_us, samples) - basis(down, dt_us, samples)) * state / (2.0 * h);
         jacobian.set_column(k, &dy);
     }
     jacobian.view_mut((0, 3), (samples, 3)).copy_from(&basis(p, dt_us, samples));

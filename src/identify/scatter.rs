@@ -11,7 +11,7 @@
 use super::averaging::SignalSet;
 use super::grey_box::{Identification, basis};
 use crate::model::inner_product::dot;
-use nalgebra::{DMatrix, DVector, Matrix5, SymmetricEigen, Vector5};
+use nalgebra::{DMatrix, DVector, Matrix5, SymmetricEigen, Vector3, Vector5};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -61,7 +61,7 @@ impl Tangent {
         let lambda = self.lambda;
         // (s + lambda)(s^2 + 2 sigma s + sigma^2 + omega^2)
         let cubic = [2.0 * sigma + lambda, square + 2.0 * sigma * lambda, square * lambda];
-        let c = DVector::from_fn(3, |k, _| self.state[k] + step[k + 2]);
+        let c = Vector3::from_fn(|k, _| self.state[k] + step[k + 2]);
         basis(cubic, self.dt_us, self.samples) * c
     }
 
