@@ -93,8 +93,7 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<String
 fn without_labels(name: &str, detect: &DetectSettings) -> Option<String> {
     match name {
         "denominator" if detect.denominator != Denominator::Resonance => Some(
-            "that filter is learned from signals labelled detect.fault; `inkling train` with it"
-                .into(),
+            "that filter is learned from labelled faults; `inkling train` with it".into(),
         ),
         "oscillations" | "other_poles_per_s" if detect.method == DetectMethod::Sensitivity => {
             Some("it is of detect.method = \"residual-energy\" alone".into())
@@ -105,12 +104,13 @@ fn without_labels(name: &str, detect: &DetectSettings) -> Option<String> {
 
 /// What the method of detection does not ask for.
 fn by_detection(name: &str, detect: &DetectSettings) -> Option<String> {
+    use Denominator::{Eigenvalues, Resonance, Searched};
     let of = |key: &str, value: &str| Some(format!("it is of detect.{key} = \"{value}\" alone"));
     match name {
-        "oscillations" if detect.denominator == Denominator::Eigenvalues => {
+        "oscillations" if matches!(detect.denominator, Eigenvalues | Searched) => {
             Some("it is of detect.denominator = \"resonance\" and \"enhanced\" alone".into())
         }
-        "fault" if detect.denominator == Denominator::Resonance => {
+        "fault" if matches!(detect.denominator, Resonance | Searched) => {
             Some("it is of detect.denominator = \"eigenvalues\" and \"enhanced\" alone".into())
         }
         "mu" if detect.threshold != ThresholdMethod::Max => of("threshold", "max"),

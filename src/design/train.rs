@@ -164,11 +164,25 @@ fn temperature_unknown(pooled: &HealthyModel) -> Option<String> {
     ))
 }
 
-/// Methods II and III in two steps: healthy models by method I first, then what the fault says.
+/// All but method I in two steps: healthy models by method I first, then what faults say.
 fn learned_filter(
     set: &TrainingSet,
     settings: LearnSettings,
 ) -> Result<LearnedFilter, DesignError> {
+    let by_resonance =
+        DetectSettings { denominator: Denominator::Resonance, ..settings.detect.clone() };
+    let first = LearnSettings { detect: &by_resonance, ..settings };
+    if settings.detect.denominator == Denominator::Searched {
+        if set.faulty.is_empty() {
+            return Err(DesignError::Invalid(
+                "detect.denominator = \"searched\": no signal is labelled faulty".into(),
+            ));
+        }
+        let (design, _) = Design::of_healthy(set, first)?;
+        let healthy = pool(&set.healthy, set.samples);
+        let sets: Vec<_> = set.faulty.values().flat_map(|f| design.with_models(f)).collect();
+        return LearnedFilter::search((&design.pooled, &healthy), &sets, settings);
+    }
     let name = &settings.detect.fault;
     let printheads = set.faulty.get(name).ok_or_else(|| {
         let known: Vec<&str> = set.faulty.keys().map(String::as_str).collect();
@@ -177,9 +191,6 @@ fn learned_filter(
             known.join(", ")
         ))
     })?;
-    let by_resonance =
-        DetectSettings { denominator: Denominator::Resonance, ..settings.detect.clone() };
-    let first = LearnSettings { detect: &by_resonance, ..settings };
     let (design, _) = Design::of_healthy(set, first)?;
     let sets = design.with_models(printheads);
     let class = FaultClass::learn(name, &sets);

@@ -17,6 +17,7 @@ pub mod numerator;
 pub mod poles;
 pub mod residual_generator;
 pub mod row_projection;
+pub mod search;
 pub mod sensitivity;
 mod settings;
 pub mod threshold;

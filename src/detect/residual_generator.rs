@@ -3,6 +3,9 @@
 //! In: N(z)L(z), alpha(z), the deviation y - C e^{At} x_a_hat of a signal from what the healthy model
 //! expects, counts. Out: r, counts, or its energy, counts²·s. thesis r(y), e(r) (before (3-4)).
 //!
+//! The default statistic is an energy of the same residual under another weight than the identity:
+//! [`super::sensitivity`].
+//!
 //! Departs: the thesis runs two filters, on y and on x_a_hat. Both are the same linear filter on the
 //! deviation, r = (N L / alpha) (y - y_hat), from zero state: one suffices.
 

@@ -35,6 +35,8 @@ pub enum Denominator {
     Eigenvalues,
     /// Method III: numerator enhancement, learned on the class `fault`.
     Enhanced,
+    /// The pair and the other poles that miss the fewest labelled faults ([`super::search`]).
+    Searched,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,10 +53,10 @@ pub struct DetectSettings {
     pub denominator: Denominator,
     /// The fault class that methods II and III are made for.
     pub fault: String,
-    /// n_o of method I; absent: the healthy resonance, n_o = f0 T.
+    /// n_o of methods I and III; absent: the healthy resonance, n_o = f0 T.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub oscillations: Option<f64>,
-    /// The other poles of method I, 1/s; with the pair they fix the filter's degree.
+    /// The other poles of method I, 1/s; with the pair they fix the filter's degree, with every method.
     pub other_poles_per_s: Vec<f64>,
 }
 

@@ -3,9 +3,9 @@
 
 use super::data::Signals;
 use super::practice::{Spectrum, Thresholds};
-use super::{Confusion, Figures, ThesisError, search};
+use super::{Confusion, Figures, ThesisError};
 use crate::design::{Design, DetectSettings, IsolateSettings, Judge, TrainingSet, Workspace};
-use crate::detect::{Denominator, DetectMethod, ThresholdMethod, null_space};
+use crate::detect::{Denominator, DetectMethod, ThresholdMethod, null_space, search};
 use crate::fault::{CLASSES, HEALTHY};
 use crate::identify::GreyBoxSettings;
 use crate::isolate::{IsolateMethod, IsolateSignal};
@@ -133,6 +133,7 @@ fn detection(learn: &Signals, test: &Signals, out: &mut Figures) -> Result<(), T
         ("n_o = f0 T, degree 3", with(Denominator::Resonance, &[2e5])),
         ("II", with(Denominator::Eigenvalues, &[2e5, 2e5])),
         ("III", with(Denominator::Enhanced, &[2e5; 4])),
+        ("(3-3b)", with(Denominator::Enhanced, &[2e5; 2])),
         ("quantile", energy),
     ];
     for (name, detect) in variants {
@@ -254,6 +255,10 @@ impl Figures {
             self.put(&format!("FD {name}/{what}"), n as f64);
         }
         self.put(&format!("FD {name}/accuracy"), d.accuracy());
+        let counts = [[d.tn, d.fp], [d.fn_, d.tp]];
+        let counts = counts.map(|row| row.map(|n| n as f64).to_vec()).to_vec();
+        let classes = vec!["healthy".into(), "faulty".into()];
+        self.confusions.insert(format!("FD {name}"), Confusion { classes, counts });
         for (state, by) in &report.by_state {
             if state != HEALTHY {
                 let missed = (by.signals - by.flagged) as f64;
@@ -276,7 +281,14 @@ impl Figures {
             let classes = report.isolation.classes.clone();
             let counts = report.isolation.confusion.iter();
             let counts = counts.map(|row| row.iter().map(|&n| n as f64).collect()).collect();
-            self.confusions.insert(format!("{name}{mode}"), Confusion { classes, counts });
+            let confusion = Confusion { classes, counts };
+            if confusion.classes.iter().any(|c| c == "SDN") {
+                let without = confusion.without("IDN").hma();
+                self.put(&format!("{name}{mode}/HMA without IDN"), without);
+                let merged = confusion.merged("SDN", "IDN").hma();
+                self.put(&format!("{name}{mode}/HMA, SDN and IDN as one"), merged);
+            }
+            self.confusions.insert(format!("{name}{mode}"), confusion);
         }
     }
 }

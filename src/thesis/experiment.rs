@@ -69,3 +69,25 @@ pub fn figures(physics: &Physics, seed: u64, out: &mut Figures) -> Result<(), Th
     out.put("drying: practice/isolation", isolated as f64 / faulty);
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::Scenario;
+    use crate::simulate::scenario::Kind;
+
+    #[test]
+    fn training_and_test_have_the_texts_numbers_and_share_no_signal() {
+        let scenario = Scenario::from_toml(crate::thesis::PHYSICS).unwrap();
+        let Kind::Physics(physics) = &scenario.kind else { panic!("a physics scenario") };
+        let (learn, test) = signals(physics, 1);
+        for set in [&learn, &test] {
+            let of = |state: &str| set.state.iter().filter(|s| *s == state).count();
+            assert_eq!([of(HEALTHY), of("IDN"), of("DDN"), set.len()], [48, 39, 60, 147]);
+        }
+        assert!(learn.y.iter().all(|y| !test.y.contains(y)));
+        for (size, faulty) in [(147, 99), (74, 50), (15, 11)] {
+            assert_eq!((size * learn.faulty()).div_ceil(learn.len()), faulty);
+        }
+    }
+}
