@@ -90,7 +90,9 @@ fn chapter_4_lands_in_its_bands() {
     thesis::write(&chapter, &house.path(".")).unwrap();
     let tables = String::from_utf8(house.read("tables.md")).unwrap();
     assert!(!tables.contains("not measured"), "{tables}");
-    for title in ["Table 4-1:", "Table 4-2:", "Table 4-3:", "Table 4-4:", "Table 4-5:", "Table 4-7:"] {
+    for title in
+        ["Table 4-1:", "Table 4-2:", "Table 4-3:", "Table 4-4:", "Table 4-5:", "Table 4-7:"]
+    {
         assert!(tables.contains(&format!("## {title}")), "{title}");
     }
     assert!(tables.contains("| faulty |"), "2 x 2 matrices");
@@ -114,6 +116,48 @@ fn chapter_4_lands_in_its_bands() {
             assert!(house.read(&format!("{name}.{drawn}")).len() > 1000, "{name}.{drawn}");
         }
     }
+}
+
+#[test]
+fn what_a_filter_can_see_is_told() {
+    let house = House::new();
+    let logs = root().join("sample_logs");
+    let command = format!(
+        "identify {0}/train.mcap --labels {0}/labels.csv -o model.json --detectability",
+        logs.display()
+    );
+    house
+        .run(&command)
+        .exits(0)
+        .says("detectable: EC AB1 AB2 AB3 BN PBN SDN IDN DDN")
+        .says("pushes for good stays visible): none");
+    let model = &house.read_json("model.json")["models"][0]["detectability"];
+    assert_eq!((&model["degree"], &model["nullity"]), (&4.into(), &2.into()));
+    assert_eq!(model["blind_hz"][0][0], 0.0, "the fourth root rejects an offset");
+    // one sensor a channel decouples no disturbance of free shape
+    for decoupled in model["disturbances"].as_array().unwrap() {
+        assert_eq!(decoupled["nullity"], 0);
+        assert!(decoupled["still_seen"].as_array().unwrap().is_empty());
+    }
+    // of degree 3 the filter is unique, as the text says, and lets an offset through
+    house
+        .run(&format!("{command} --set detect.other_poles_per_s=[2e5]"))
+        .exits(0)
+        .says("blind at no frequency");
+    let model = &house.read_json("model.json")["models"][0]["detectability"];
+    assert_eq!(model["nullity"], 1);
+}
+
+/// A threshold that most of a class stays below is told of when it is learned.
+#[test]
+fn train_warns_of_a_class_that_is_hardly_detected() {
+    let house = House::new();
+    let scenario = root().join("sample_logs/scenarios/thesis.toml");
+    house.ok(&format!("simulate {} -o . --seed 8", scenario.display()));
+    let train = "train train.mcap --labels labels.csv -o d.json --preset thesis";
+    let plain = house.run(train).exits(0);
+    assert!(!plain.stderr().contains("hardly detectable"));
+    house.run(&format!("{train} --set detect.mu=20")).exits(0).says("class SDN: hardly detectable");
 }
 
 #[test]

@@ -15,7 +15,10 @@ pub enum Command {
         names: bool,
     },
     Train,
-    Identify,
+    /// `detects`: says what a filter would see.
+    Identify {
+        detects: bool,
+    },
     Critique,
 }
 
@@ -68,7 +71,15 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<String
         }
         // beside a design: where it is read, as the design's may be the same
         ("detect", Command::Replay { .. }) => None,
-        ("detect", Command::Identify) => Some("`identify` detects nothing".into()),
+        ("detect", Command::Identify { detects: true })
+            if matches!(name, "oscillations" | "other_poles_per_s") =>
+        {
+            None
+        }
+        ("detect", Command::Identify { .. }) => Some(
+            "`identify` detects nothing; with --detectability it reads oscillations and other_poles_per_s"
+                .into(),
+        ),
         ("detect", _) => by_detection(name, &settings.detect),
         ("report", Command::Replay { .. }) if matches!(name, "rows" | "pitch") => {
             Some("it is of `inkling report` alone".into())
@@ -79,12 +90,12 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<String
         ("input", _) if matches!(name, "" | "rails" | "dialect") => None,
         (_, Command::Replay { .. }) => None,
         ("identify", _) if matches!(name, "" | "grey_box" | "geometry") => None,
-        ("identify", Command::Identify) if name == "least_agreeing" => None,
-        ("identify", Command::Identify) => {
+        ("identify", Command::Identify { .. }) if name == "least_agreeing" => None,
+        ("identify", Command::Identify { .. }) => {
             Some("one model is identified, on all that is healthy".into())
         }
         ("identify", _) => Some("healthy windows are of `inkling replay` alone".into()),
-        ("isolate", Command::Identify) => Some("`identify` names nothing".into()),
+        ("isolate", Command::Identify { .. }) => Some("`identify` names nothing".into()),
         _ => Some("it is of `inkling replay` and `report`".into()),
     }
 }
@@ -92,9 +103,9 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<String
 /// What a replay without a design cannot do: nobody has labelled a fault, and no residual is matched.
 fn without_labels(name: &str, detect: &DetectSettings) -> Option<String> {
     match name {
-        "denominator" if detect.denominator != Denominator::Resonance => Some(
-            "that filter is learned from labelled faults; `inkling train` with it".into(),
-        ),
+        "denominator" if detect.denominator != Denominator::Resonance => {
+            Some("that filter is learned from labelled faults; `inkling train` with it".into())
+        }
         "oscillations" | "other_poles_per_s" if detect.method == DetectMethod::Sensitivity => {
             Some("it is of detect.method = \"residual-energy\" alone".into())
         }

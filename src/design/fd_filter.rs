@@ -4,7 +4,9 @@
 //! faults. Out: the residual generator. thesis §3-2-1.
 
 use super::{DesignError, FaultClass, HealthyModel, LearnSettings};
-use crate::detect::{Denominator, DetectSettings, ResidualGenerator, null_space, numerator, poles, search};
+use crate::detect::{
+    Denominator, DetectSettings, ResidualGenerator, null_space, numerator, poles, search,
+};
 use crate::identify::averaging::SignalSet;
 use crate::identify::grey_box::Identification;
 use crate::model::Plant;

@@ -98,12 +98,14 @@ impl HealthyModel {
         settings: LearnSettings,
     ) -> Result<HealthyModel, DesignError> {
         let chosen;
+        // Departs: thesis §3-1 averages all signals and trusts that few are faulty; with
+        // `plain_mean` so does this
         let healthy = match settings.least_agreeing {
-            None => set,
-            Some(share) => {
+            Some(share) if !settings.grey_box.plain_mean => {
                 chosen = set.select(&averaging::agreeing(set, share)?);
                 &chosen
             }
+            _ => set,
         };
         let mean = averaging::average(healthy)?;
         let dt_s = settings.sample_period_s;
@@ -165,6 +167,7 @@ impl HealthyModel {
         self.median_statistic = median(&mut energies.clone());
         // Nobody says that the window is free of slight faults, so its own tail cannot be trusted; its
         // median can. The anchor's tail is carried over, in units of the median.
+        // Departs: the thesis has one model, and (3-4) of signals that are known to be healthy.
         let trusted = anchor.filter(|_| settings.least_agreeing.is_some());
         self.threshold = match trusted {
             Some(anchor) => {

@@ -6,6 +6,7 @@
 
 mod baseline;
 mod cold_start;
+mod detectable;
 mod detector;
 mod extension;
 mod fault_class;
@@ -24,6 +25,7 @@ pub use crate::detect::DetectSettings;
 pub use crate::isolate::IsolateSettings;
 pub use crate::isolate::severity::Severity;
 pub use baseline::{Baselines, Heard, MOST_CHANNELS, PrintheadBaselines};
+pub use detectable::{ClassSeen, Detectable};
 pub use detector::Detection;
 pub use extension::{Covariate, Extension, Follows};
 pub use fault_class::{FaultClass, FaultModel};

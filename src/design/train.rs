@@ -3,7 +3,7 @@
 use super::detector::ring_of;
 use super::{
     Design, DesignError, DetectSettings, Extension, FaultClass, HealthyModel, IsolateSettings,
-    LearnSettings, LearnedFilter, VERSION, cold_start, typical,
+    Judge, LearnSettings, LearnedFilter, VERSION, Workspace, cold_start, typical,
 };
 use crate::detect::Denominator;
 use crate::fault;
@@ -96,6 +96,7 @@ impl Design {
             }
         }
         design.check()?;
+        warnings.extend(hardly_detected(&design, set)?);
         Ok((design, warnings))
     }
 
@@ -152,6 +153,29 @@ impl Design {
         let of = |name: &String| self.model_of(name).unwrap_or(&self.pooled);
         printheads.iter().map(|(name, set)| (of(name), set)).collect()
     }
+}
+
+/// Says of which classes the chosen detection would flag fewer than half of the labelled signals.
+fn hardly_detected(design: &Design, set: &TrainingSet) -> Result<Vec<String>, DesignError> {
+    let (mut said, mut work) = (Vec::new(), Workspace::default());
+    for (name, printheads) in &set.faulty {
+        let (mut flagged, mut all) = (0, 0);
+        for (model, signals) in design.with_models(printheads) {
+            let judge = Judge::new(0, model.clone(), None, None, &IsolateSettings::default())?;
+            model.each_deviation(signals, |deviation, drive| {
+                let detection = judge.detect(deviation, drive, &mut work);
+                flagged += usize::from(judge.test(detection).is_flagged());
+                all += 1;
+            });
+        }
+        if 2 * flagged < all {
+            said.push(format!(
+                "class {name}: hardly detectable: {flagged} of its {all} labelled signals pass the chosen \
+                 detection, and what does not pass is named nothing"
+            ));
+        }
+    }
+    Ok(said)
 }
 
 /// Said where temperature was recorded and the model does not know its effect.

@@ -190,7 +190,10 @@ mod tests {
             let other = of(&[angle.cos(), angle.sin()]);
             assert!(other <= best * (1.0 + 1e-6), "{angle}: {other} above {best}");
         }
-        assert!(best > 1.001 * of(&[1.0, -1.0]), "no better than the element that rejects an offset");
+        assert!(
+            best > 1.001 * of(&[1.0, -1.0]),
+            "no better than the element that rejects an offset"
+        );
     }
 
     #[test]

@@ -51,7 +51,10 @@ pub fn train(
     detect: &DetectSettings,
     isolate: &IsolateSettings,
 ) -> Result<Design, ThesisError> {
-    let (design, _) = Design::train(set, &GreyBoxSettings::default(), detect, isolate)?;
+    // the thesis's chain begins with its own average
+    let plain_mean = detect.method == DetectMethod::ResidualEnergy;
+    let grey_box = GreyBoxSettings { plain_mean, ..GreyBoxSettings::default() };
+    let (design, _) = Design::train(set, &grey_box, detect, isolate)?;
     Ok(design)
 }
 

@@ -73,16 +73,11 @@ fn actuation(physics: &Physics, test: &Signals) -> Figure {
     let mut output = over_time("output y, counts", Mark::Line, healthy, test.dt_s);
     output.points.iter_mut().for_each(|(t, _)| *t += t_a_us);
     let last_us = output.points.last().map_or(t_a_us, |(t, _)| *t);
-    let corners = [
-        (-5.0, 0.0),
-        (0.0, 0.0),
-        (0.0, tenths),
-        (end_us, tenths),
-        (end_us, 0.0),
-        (last_us, 0.0),
-    ];
+    let corners =
+        [(-5.0, 0.0), (0.0, 0.0), (0.0, tenths), (end_us, tenths), (end_us, 0.0), (last_us, 0.0)];
     Figure {
-        title: "The channel is sensed only after its actuation, so no input acts while it rings".into(),
+        title: "The channel is sensed only after its actuation, so no input acts while it rings"
+            .into(),
         x: Axis::new("time since the actuation began, µs"),
         y: Axis::new("input, 0.1 V; output, counts"),
         series: vec![
@@ -103,7 +98,10 @@ fn average(learn: &Signals) -> Figure {
         (0..learn.samples).map(|k| healthy.iter().map(|y| y[k]).sum::<f64>() / n).collect();
     let raw = healthy.iter().take(SHOWN).map(|y| over_time("", Mark::Points, y, learn.dt_s).points);
     Figure {
-        title: format!("The average of {} healthy signals is smooth where each one is noisy", healthy.len()),
+        title: format!(
+            "The average of {} healthy signals is smooth where each one is noisy",
+            healthy.len()
+        ),
         x: Axis::new("time since acquisition began, µs"),
         y: Axis::new("sensor signal, counts"),
         series: vec![
@@ -163,7 +161,9 @@ fn isolation(
         if phi > best.1 { (name.as_str(), phi) } else { best }
     });
     Figure {
-        title: format!("The residual of a signal of {state} and the mixture of R's columns nearest to it"),
+        title: format!(
+            "The residual of a signal of {state} and the mixture of R's columns nearest to it"
+        ),
         x: time(),
         y: Axis::new("residual, counts"),
         series: vec![
@@ -175,7 +175,9 @@ fn isolation(
     .write(dir, "fig_3-5_one_signal")?;
     let weights = phi.iter().enumerate().map(|(k, &phi)| (phi, k as f64)).collect();
     Figure {
-        title: format!("Its largest weight is {best}'s, {most:.2}: a signal of {state} is named {best}"),
+        title: format!(
+            "Its largest weight is {best}'s, {most:.2}: a signal of {state} is named {best}"
+        ),
         x: Axis { range: Some((-0.05, 1.05)), ..Axis::new("mixture weight phi") },
         y: Axis { categories: names.clone(), ..Axis::new("class") },
         series: vec![Series { name: "phi".into(), mark: Mark::Dots, points: weights }],

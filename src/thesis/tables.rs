@@ -70,11 +70,7 @@ pub const TABLES: [Table; 13] = [
             ("misses, n_o = f0 T (our default)", "FD n_o = f0 T/misses", None),
             ("false alarms, n_o = f0 T", "FD n_o = f0 T/false alarms", None),
         ],
-        confusion: Some(Published {
-            ours: "FD n_o = 7.25",
-            classes: DETECTION,
-            counts: TABLE_4_1,
-        }),
+        confusion: Some(Published { ours: "FD n_o = 7.25", classes: DETECTION, counts: TABLE_4_1 }),
     },
     table(
         "Denominators of §3-2-1 compared (largest healthy training energy as threshold)",
@@ -83,7 +79,11 @@ pub const TABLES: [Table; 13] = [
             ("I, n_o = f0 T, degree 3: misses", "FD n_o = f0 T, degree 3/misses", None),
             ("II, eigenvalues of SDN: misses", "FD II/misses", None),
             ("III, numerator enhanced on SDN: misses", "FD III/misses", None),
-            ("(3-3b), the numerator of degree 4 that shows SDN most: misses", "FD (3-3b)/misses", None),
+            (
+                "(3-3b), the numerator of degree 4 that shows SDN most: misses",
+                "FD (3-3b)/misses",
+                None,
+            ),
             ("searched on training data: misses", "search/misses", None),
             ("I, n_o = f0 T: false alarms", "FD n_o = f0 T/false alarms", None),
             ("II: false alarms", "FD II/false alarms", None),
@@ -122,7 +122,11 @@ pub const TABLES: [Table; 13] = [
             ("accuracy", "LR on r, 2025/certain", Some(0.879)),
             ("share isolated", "LR on r, 2025/coverage", Some(0.532)),
             ("HMA without IDN", "LR on r, 2025 certain/HMA without IDN", Some(0.983)),
-            ("HMA, SDN and IDN as one (theirs of the matrix below)", "LR on r, 2025 certain/HMA, SDN and IDN as one", Some(0.937)),
+            (
+                "HMA, SDN and IDN as one (theirs of the matrix below)",
+                "LR on r, 2025 certain/HMA, SDN and IDN as one",
+                Some(0.937),
+            ),
             ("accuracy, gated", "LR on r, 2025 gated/certain", None),
             ("share isolated, gated", "LR on r, 2025 gated/coverage", None),
         ],
@@ -197,11 +201,7 @@ pub const TABLES: [Table; 13] = [
             ("false alarms of 48", "FD drying/false alarms", Some(0.0)),
             ("current practice: detection", "drying: practice/detection", Some(0.918)),
         ],
-        confusion: Some(Published {
-            ours: "FD drying",
-            classes: DETECTION,
-            counts: TABLE_4_2,
-        }),
+        confusion: Some(Published { ours: "FD drying", classes: DETECTION, counts: TABLE_4_2 }),
     },
     Table {
         title: "Table 4-5: isolation in the drying experiment, all 99 faulty signals (39 IDN, 60 DDN)",
