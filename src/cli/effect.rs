@@ -106,8 +106,13 @@ fn without_labels(name: &str, detect: &DetectSettings) -> Option<String> {
         "denominator" if detect.denominator != Denominator::Resonance => {
             Some("that filter is learned from labelled faults; `inkling train` with it".into())
         }
-        "oscillations" | "other_poles_per_s" if detect.method == DetectMethod::Sensitivity => {
-            Some("it is of detect.method = \"residual-energy\" alone".into())
+        "oscillations" | "other_poles_per_s"
+            if matches!(detect.method, DetectMethod::Sensitivity | DetectMethod::Practice) =>
+        {
+            Some(
+                "it is of detect.method = \"residual-energy\" and \"residual-maximum\" alone"
+                    .into(),
+            )
         }
         _ => None,
     }

@@ -18,6 +18,7 @@ mod leftover;
 mod moved;
 mod own_channel;
 mod promise;
+mod statistic;
 mod train;
 mod typical;
 
@@ -34,6 +35,7 @@ pub use healthy_model::{HealthyModel, LearnSettings};
 pub use judge::{Isolation, Judge, JudgeKey, Tested, Workspace};
 pub use lanes::Lanes;
 pub use own_channel::{Own, OwnChannels};
+pub use statistic::Statistic;
 pub use train::TrainingSet;
 
 use crate::burst::Burst;

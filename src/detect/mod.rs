@@ -8,6 +8,7 @@ pub mod contamination;
 pub mod decoupling;
 pub mod detectability;
 pub mod kernel;
+pub mod key_numbers;
 pub mod lane_expectation;
 pub mod lane_sensitivity;
 pub mod misfit;

@@ -93,6 +93,16 @@ impl ResidualGenerator {
         self.dt_s * sum
     }
 
+    /// The largest |r|, counts: the other metric that thesis §3-2 names beside the energy.
+    pub fn maximum(&self, deviation: &[f64]) -> f64 {
+        let mut most = 0.0_f64;
+        self.run(deviation, |r| {
+            most = most.max(r.abs());
+            true
+        });
+        most
+    }
+
     /// First `n` samples of the filter's answer to (1, 0, 0, ...).
     pub fn impulse_response(&self, n: usize) -> Vec<f64> {
         let mut impulse = vec![0.0; n];
@@ -203,13 +213,16 @@ mod tests {
     }
 
     #[test]
-    fn energy_is_dt_times_the_sum_of_squares_of_what_filter_gives() {
+    fn energy_and_maximum_are_those_of_what_filter_gives() {
         let g = method_one(6.47);
         let d = random_signal(2);
         let mut r = vec![0.0; 128];
         g.filter(&d, &mut r);
         let e = DT_S * r.iter().map(|x| x * x).sum::<f64>();
         assert!((g.energy(&d) - e).abs() <= 1e-15 * e);
+        let most = g.maximum(&d);
+        assert!(r.contains(&most) || r.contains(&-most), "one of the samples");
+        assert!(r.iter().all(|x| x.abs() <= most));
     }
 
     #[test]

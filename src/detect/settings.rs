@@ -11,6 +11,11 @@ pub enum DetectMethod {
     Sensitivity,
     /// Energy of the FD filter's residual, thesis e(r).
     ResidualEnergy,
+    /// The largest sample of that residual, thesis §3-2.
+    ResidualMaximum,
+    /// Range of healthy frequencies and dampings by Fourier transform: the current practice that the
+    /// thesis compares with.
+    Practice,
 }
 
 /// How the threshold is learned.

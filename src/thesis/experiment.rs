@@ -3,7 +3,7 @@
 
 use super::chapter::{self, judge, settings, thesis_detect};
 use super::data::Signals;
-use super::practice::{Spectrum, Thresholds};
+use super::practice::{Thresholds, key_numbers};
 use super::{Figures, ThesisError};
 use crate::fault::HEALTHY;
 use crate::isolate::{IsolateMethod, IsolateSignal};
@@ -52,10 +52,9 @@ pub fn figures(physics: &Physics, seed: u64, out: &mut Figures) -> Result<(), Th
             }
         }
     }
-    let spectrum = Spectrum::new(learn.samples, learn.dt_s);
-    let thresholds = Thresholds::learn(&learn, &spectrum.of_all(&learn));
+    let thresholds = Thresholds::learn(&learn, &key_numbers(&learn));
     let (mut detected, mut isolated) = (0, 0);
-    for (k, state) in spectrum.of_all(&test).iter().zip(&test.state) {
+    for (k, state) in key_numbers(&test).iter().zip(&test.state) {
         if state != HEALTHY {
             let flagged = thresholds.is_faulty(k);
             detected += usize::from(flagged);

@@ -2,9 +2,9 @@
 
 use super::chapter::{self, settings, thesis_detect};
 use super::data::Signals;
-use super::practice::{KeyNumbers, Spectrum};
 use super::{ThesisError, experiment};
 use crate::design::{Design, IsolateSettings, Judge, Workspace};
+use crate::detect::key_numbers::KeyNumbers;
 use crate::fault::{CLASSES, HEALTHY};
 use crate::isolate::{IsolateMethod, IsolateSignal};
 use crate::plot::{Axis, Figure, Mark, Series};
@@ -218,7 +218,7 @@ fn key_numbers(
     titles: [&str; 3],
     dir: &Path,
 ) -> Result<(), ThesisError> {
-    let numbers = Spectrum::new(signals.samples, signals.dt_s).of_all(signals);
+    let numbers = super::practice::key_numbers(signals);
     let figure = |title: &str, y: Axis, of: fn(&KeyNumbers) -> f64| Figure {
         title: title.into(),
         x: Axis::new("dominant frequency, kHz"),

@@ -90,6 +90,12 @@ pub const TABLES: [Table; 13] = [
             ("III: false alarms", "FD III/false alarms", None),
             ("(3-3b): false alarms", "FD (3-3b)/false alarms", None),
             ("searched: false alarms", "search/false alarms", None),
+            (
+                "n_o = 7.25, the residual's maximum for its energy: misses",
+                "FD maximum/misses",
+                None,
+            ),
+            ("n_o = 7.25, maximum: false alarms", "FD maximum/false alarms", None),
             ("I with the quantile threshold: misses", "FD quantile/misses", None),
             ("I with the quantile threshold: false alarms", "FD quantile/false alarms", None),
         ],
