@@ -44,6 +44,8 @@ fn a_setting_that_cannot_take_effect_is_refused_with_what_to_do() {
         (&replay, "detect.oscillations=7", "residual-energy"),
         (&replay, "report.rows=2", "report"),
         (&train, "identify.first=5", "replay"),
+        (&train, "detect.decouple=[\"offset\"]", "residual-energy"),
+        (&train, "detect.decouple=[\"sun\"]", "offset"),
         (&train, "output.dir=x", "replay"),
         (&identify, "detect.oscillations=7", "detects nothing"),
         (&seeing, "detect.mu=2", "--detectability"),

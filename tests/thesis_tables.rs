@@ -54,7 +54,7 @@ fn chapter_4_lands_in_its_bands() {
         ("practice/four classes", 0.38, 0.445),
         ("practice/of the four", 0.86, 1.0),
         ("FD (3-3b)/misses", 5.0, 120.0),
-        ("FD maximum/misses", 10.0, 400.0),
+        ("FD maximum/misses", 150.0, 500.0),
         ("FD maximum/false alarms", 0.0, 4.0),
         ("LR on r, 2025 certain/HMA without IDN", 0.9, 1.0),
         ("drying: LR on r, 147/accuracy", 0.92, 1.0),
@@ -71,6 +71,8 @@ fn chapter_4_lands_in_its_bands() {
             <= mean("search/cross-validated misses of method I") + 8.0
     );
     assert!(mean("FD drying/tp") >= 90.0);
+    // why the text prefers the energy: it goes on growing
+    assert!(mean("FD maximum/misses") > mean("FD n_o = 7.25/misses"));
     // redefined classes mend what IDN costs, as the text expects
     for better in ["HMA without IDN", "HMA, SDN and IDN as one"] {
         let better = mean(&format!("LR on r, 2025 certain/{better}"));
@@ -177,6 +179,7 @@ fn every_method_can_be_chosen_in_settings() {
         ("--set detect.denominator=searched", 0.6),
         ("--set detect.method=residual-maximum", 0.7),
         ("--set detect.method=practice", 0.7),
+        ("--set detect.decouple=[\"offset\"]", 0.7),
     ] {
         house.ok(&format!("train train.mcap --labels labels.csv -o d.json {thesis} {settings}"));
         house.ok(&format!("replay test.mcap --design d.json {thesis} {settings} --out ."));

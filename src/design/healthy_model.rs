@@ -5,6 +5,7 @@ use super::fd_filter::{self, LearnedFilter};
 use super::leftover::Left;
 use super::{Design, DesignError, DetectSettings, Statistic};
 use crate::detect::contamination::{Degrees, contaminated};
+use crate::detect::decoupling::{Disturbance, KnownShapes};
 use crate::detect::key_numbers::{KeyNumbers, KeyRange, Spectrum};
 use crate::detect::misfit::{self, Misfit};
 use crate::detect::sensitivity::Sensitivity;
@@ -77,6 +78,9 @@ pub struct HealthyModel {
     /// What is compared instead, with `detect.method` = `residual-maximum` or `practice`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub statistic: Option<Statistic>,
+    /// What is taken off a deviation before the filter, with `detect.decouple`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub decoupled: Option<KnownShapes>,
     /// What healthy signals leave beside their rings, for the second test.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub misfit: Option<Misfit>,
@@ -146,19 +150,25 @@ impl HealthyModel {
             generator,
             sensitivity: None,
             statistic: None,
+            decoupled: None,
             threshold: Threshold::none(),
             misfit: None,
             apart: None,
             median_statistic: f64::NAN,
         };
+        if !settings.detect.decouple.is_empty() {
+            model.decoupled = Some(model.decoupling(&settings.detect.decouple)?);
+        }
         match settings.detect.method {
             DetectMethod::ResidualEnergy => {
-                let energies = model.of_deviations(healthy, |model, d| model.generator.energy(d));
+                let energies =
+                    model.of_deviations(healthy, |model, d, work| model.residual_energy(d, work));
                 model.learn_statistics(&energies, healthy, anchor, settings)?;
             }
             DetectMethod::ResidualMaximum => {
                 model.statistic = Some(Statistic::ResidualMaximum);
-                let maxima = model.of_deviations(healthy, |model, d| model.generator.maximum(d));
+                let maxima =
+                    model.of_deviations(healthy, |model, d, work| model.residual_maximum(d, work));
                 model.learn_statistics(&maxima, healthy, anchor, settings)?;
             }
             DetectMethod::Practice => model.learn_ranges(healthy, anchor, settings)?,
@@ -170,11 +180,59 @@ impl HealthyModel {
     fn of_deviations(
         &self,
         set: &SignalSet,
-        statistic: impl Fn(&HealthyModel, &[f64]) -> f64,
+        statistic: impl Fn(&HealthyModel, &[f64], &mut Vec<f64>) -> f64,
     ) -> Vec<f64> {
-        let mut all = Vec::with_capacity(set.len());
-        self.each_deviation(set, |deviation, _| all.push(statistic(self, deviation)));
+        let (mut all, mut scratch) = (Vec::with_capacity(set.len()), Vec::new());
+        self.each_deviation(set, |deviation, _| {
+            all.push(statistic(self, deviation, &mut scratch));
+        });
         all
+    }
+
+    fn decoupling(&self, disturbances: &[Disturbance]) -> Result<KnownShapes, DesignError> {
+        let ring = ring_of(&self.identification)?;
+        let fitter = RingFitter::new(ring, self.generator.dt_s, self.expected.len());
+        KnownShapes::new(disturbances, &fitter.tangent(&Features::HEALTHY)).ok_or_else(|| {
+            DesignError::Invalid("detect.decouple: they cannot be told from each other".into())
+        })
+    }
+
+    /// A deviation without the disturbances that `detect.decouple` names. `scratch`: for it.
+    fn without_disturbances<'a>(
+        &self,
+        deviation: &'a [f64],
+        scratch: &'a mut Vec<f64>,
+    ) -> &'a [f64] {
+        let Some(decoupled) = &self.decoupled else { return deviation };
+        scratch.clear();
+        scratch.extend_from_slice(deviation);
+        decoupled.take_off(scratch);
+        scratch
+    }
+
+    /// e(r) of the FD filter, disturbances decoupled, counts²·s.
+    pub fn residual_energy(&self, deviation: &[f64], scratch: &mut Vec<f64>) -> f64 {
+        self.generator.energy(self.without_disturbances(deviation, scratch))
+    }
+
+    /// The largest |r|, counts.
+    pub fn residual_maximum(&self, deviation: &[f64], scratch: &mut Vec<f64>) -> f64 {
+        self.generator.maximum(self.without_disturbances(deviation, scratch))
+    }
+
+    /// r of the FD filter, disturbances decoupled, counts.
+    pub fn residual(&self, deviation: &[f64], residual: &mut [f64]) {
+        let mut scratch = Vec::new();
+        self.generator.filter(self.without_disturbances(deviation, &mut scratch), residual);
+    }
+
+    /// F' x of r = F d, disturbances decoupled.
+    pub fn adjoint(&self, column: &[f64]) -> Vec<f64> {
+        let mut x = self.generator.adjoint(column);
+        if let Some(decoupled) = &self.decoupled {
+            decoupled.take_off_transposed(&mut x);
+        }
+        x
     }
 
     /// `practice`: the ranges are set once, on what is known to be healthy, and follow nothing.
@@ -469,6 +527,11 @@ impl HealthyModel {
         }
         if !self.leftover.is_empty() && !finite(&self.leftover) {
             return refuse("`leftover` must be finite, one number per sample");
+        }
+        if let Some(decoupled) = &self.decoupled {
+            decoupled
+                .check(design.samples)
+                .map_err(|what| DesignError::Invalid(format!("model {name}: {what}")))?;
         }
         if let Some(Statistic::Practice(range)) = &self.statistic {
             range.check().map_err(|what| DesignError::Invalid(format!("model {name}: {what}")))?;

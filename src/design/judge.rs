@@ -251,15 +251,15 @@ impl Judge {
 
     /// The one statistic of all methods but `sensitivity`. `signal`: scratch.
     fn of_residual(&self, deviation: &[f64], drive: f64, signal: &mut Vec<f64>) -> f64 {
-        let HealthyModel { generator, expected, statistic, .. } = &self.model;
+        let HealthyModel { expected, statistic, .. } = &self.model;
         match (statistic, &self.spectrum) {
             (Some(Statistic::Practice(range)), Some(spectrum)) => {
                 signal.clear();
                 signal.extend(expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
                 range.distance(&spectrum.key_numbers(signal))
             }
-            (Some(Statistic::ResidualMaximum), _) => generator.maximum(deviation),
-            _ => generator.energy(deviation),
+            (Some(Statistic::ResidualMaximum), _) => self.model.residual_maximum(deviation, signal),
+            _ => self.model.residual_energy(deviation, signal),
         }
     }
 
@@ -325,7 +325,7 @@ impl Judge {
         let compared = |residual: &mut Vec<f64>| {
             residual.resize(deviation.len(), 0.0);
             match signal {
-                IsolateSignal::Residual => self.model.generator.filter(deviation, residual),
+                IsolateSignal::Residual => self.model.residual(deviation, residual),
                 IsolateSignal::Deviation => residual.copy_from_slice(deviation),
             }
             residual.iter_mut().for_each(|r| *r /= drive);
@@ -522,7 +522,7 @@ impl Isolator {
             IsolateSignal::Deviation => deviation.to_vec(),
             IsolateSignal::Residual => {
                 let mut r = vec![0.0; deviation.len()];
-                model.generator.filter(deviation, &mut r);
+                model.residual(deviation, &mut r);
                 r
             }
         };
@@ -553,9 +553,7 @@ impl Isolator {
                 let simplex = Simplex::new(&signatures);
                 let adjoint: Vec<Vec<f64>> = match settings.signal {
                     IsolateSignal::Deviation => rho,
-                    IsolateSignal::Residual => {
-                        rho.iter().map(|rho| model.generator.adjoint(rho)).collect()
-                    }
+                    IsolateSignal::Residual => rho.iter().map(|rho| model.adjoint(rho)).collect(),
                 };
                 let columns: Vec<&[f64]> = adjoint.iter().map(Vec::as_slice).collect();
                 Ok(Isolator::ResidualMatching(SignatureMatrix::new(&columns)?, simplex))

@@ -1,5 +1,6 @@
 //! Settings of fault detection: `pipeline.toml` section `[detect]`.
 
+use super::decoupling::Disturbance;
 use serde::{Deserialize, Serialize};
 
 /// What is compared with the threshold.
@@ -61,6 +62,9 @@ pub struct DetectSettings {
     /// n_o of methods I and III; absent: the healthy resonance, n_o = f0 T.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub oscillations: Option<f64>,
+    /// Disturbances that must not reach the residual.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub decouple: Vec<Disturbance>,
     /// The other poles of method I, 1/s; with the pair they fix the filter's degree, with every method.
     pub other_poles_per_s: Vec<f64>,
 }
@@ -76,6 +80,7 @@ impl Default for DetectSettings {
             denominator: Denominator::Resonance,
             fault: "SDN".into(),
             oscillations: None,
+            decouple: Vec::new(),
             other_poles_per_s: vec![2e5, 2e5],
         }
     }
@@ -95,6 +100,16 @@ impl DetectSettings {
         open("confidence", self.confidence, 1.0)?;
         open("mu", self.mu, 1e6)?;
         open("oscillations", self.oscillations.unwrap_or(1.0), 1e6)?;
+        let of_residual =
+            matches!(self.method, DetectMethod::ResidualEnergy | DetectMethod::ResidualMaximum);
+        if !(self.decouple.is_empty() || of_residual) {
+            return Err("decouple: has no effect here: it is of method = \"residual-energy\" and \
+                        \"residual-maximum\" alone"
+                .into());
+        }
+        if (1..self.decouple.len()).any(|k| self.decouple[..k].contains(&self.decouple[k])) {
+            return Err("decouple names a disturbance twice".into());
+        }
         if !(1..=8).contains(&self.other_poles_per_s.len()) {
             let n = self.other_poles_per_s.len();
             return Err(format!(
