@@ -5,7 +5,7 @@ use super::fd_filter::{self, LearnedFilter};
 use super::leftover::Left;
 use super::{Design, DesignError, DetectSettings, Statistic};
 use crate::detect::contamination::{Degrees, contaminated};
-use crate::detect::decoupling::{Disturbance, KnownShapes};
+use crate::detect::decoupling::KnownShapes;
 use crate::detect::key_numbers::{KeyNumbers, KeyRange, Spectrum};
 use crate::detect::misfit::{self, Misfit};
 use crate::detect::sensitivity::Sensitivity;
@@ -156,25 +156,37 @@ impl HealthyModel {
             apart: None,
             median_statistic: f64::NAN,
         };
+        model.learn_detection(set, healthy, anchor, settings)?;
+        Ok(model)
+    }
+
+    /// `detect.method`, and where its thresholds lie. `set`: the window; `healthy`: what agrees in it.
+    fn learn_detection(
+        &mut self,
+        set: &SignalSet,
+        healthy: &SignalSet,
+        anchor: Option<&HealthyModel>,
+        settings: LearnSettings,
+    ) -> Result<(), DesignError> {
         if !settings.detect.decouple.is_empty() {
-            model.decoupled = Some(model.decoupling(&settings.detect.decouple)?);
+            self.decoupled = Some(self.decoupling(&settings.detect.decouple)?);
         }
         match settings.detect.method {
             DetectMethod::ResidualEnergy => {
                 let energies =
-                    model.of_deviations(healthy, |model, d, work| model.residual_energy(d, work));
-                model.learn_statistics(&energies, healthy, anchor, settings)?;
+                    self.of_deviations(healthy, |model, d, work| model.residual_energy(d, work));
+                self.learn_statistics(&energies, healthy, anchor, settings)?;
             }
             DetectMethod::ResidualMaximum => {
-                model.statistic = Some(Statistic::ResidualMaximum);
+                self.statistic = Some(Statistic::ResidualMaximum);
                 let maxima =
-                    model.of_deviations(healthy, |model, d, work| model.residual_maximum(d, work));
-                model.learn_statistics(&maxima, healthy, anchor, settings)?;
+                    self.of_deviations(healthy, |model, d, work| model.residual_maximum(d, work));
+                self.learn_statistics(&maxima, healthy, anchor, settings)?;
             }
-            DetectMethod::Practice => model.learn_ranges(healthy, anchor, settings)?,
-            DetectMethod::Sensitivity => model.learn_distances(set, healthy, anchor, settings)?,
+            DetectMethod::Practice => self.learn_ranges(healthy, anchor, settings)?,
+            DetectMethod::Sensitivity => self.learn_distances(set, healthy, anchor, settings)?,
         }
-        Ok(model)
+        Ok(())
     }
 
     fn of_deviations(
@@ -187,52 +199,6 @@ impl HealthyModel {
             all.push(statistic(self, deviation, &mut scratch));
         });
         all
-    }
-
-    fn decoupling(&self, disturbances: &[Disturbance]) -> Result<KnownShapes, DesignError> {
-        let ring = ring_of(&self.identification)?;
-        let fitter = RingFitter::new(ring, self.generator.dt_s, self.expected.len());
-        KnownShapes::new(disturbances, &fitter.tangent(&Features::HEALTHY)).ok_or_else(|| {
-            DesignError::Invalid("detect.decouple: they cannot be told from each other".into())
-        })
-    }
-
-    /// A deviation without the disturbances that `detect.decouple` names. `scratch`: for it.
-    fn without_disturbances<'a>(
-        &self,
-        deviation: &'a [f64],
-        scratch: &'a mut Vec<f64>,
-    ) -> &'a [f64] {
-        let Some(decoupled) = &self.decoupled else { return deviation };
-        scratch.clear();
-        scratch.extend_from_slice(deviation);
-        decoupled.take_off(scratch);
-        scratch
-    }
-
-    /// e(r) of the FD filter, disturbances decoupled, counts²·s.
-    pub fn residual_energy(&self, deviation: &[f64], scratch: &mut Vec<f64>) -> f64 {
-        self.generator.energy(self.without_disturbances(deviation, scratch))
-    }
-
-    /// The largest |r|, counts.
-    pub fn residual_maximum(&self, deviation: &[f64], scratch: &mut Vec<f64>) -> f64 {
-        self.generator.maximum(self.without_disturbances(deviation, scratch))
-    }
-
-    /// r of the FD filter, disturbances decoupled, counts.
-    pub fn residual(&self, deviation: &[f64], residual: &mut [f64]) {
-        let mut scratch = Vec::new();
-        self.generator.filter(self.without_disturbances(deviation, &mut scratch), residual);
-    }
-
-    /// F' x of r = F d, disturbances decoupled.
-    pub fn adjoint(&self, column: &[f64]) -> Vec<f64> {
-        let mut x = self.generator.adjoint(column);
-        if let Some(decoupled) = &self.decoupled {
-            decoupled.take_off_transposed(&mut x);
-        }
-        x
     }
 
     /// `practice`: the ranges are set once, on what is known to be healthy, and follow nothing.

@@ -131,18 +131,17 @@ fn isolation(
     };
     let columns: Vec<Vec<f64>> = design.classes.iter().map(|c| residual(&c.deviation)).collect();
     let names = design.class_names();
-    let time = || Axis::new("time since acquisition began, µs");
     let means = names.iter().zip(&columns);
     Figure {
         title: "Each fault has a mean residual of its own; R holds them as columns".into(),
-        x: time(),
+        x: Axis::new("time since acquisition began, µs"),
         y: Axis::new("mean residual rho, counts"),
         series: means.map(|(name, rho)| over_time(name, Mark::Line, rho, test.dt_s)).collect(),
         thresholds: Vec::new(),
     }
     .write(dir, "fig_3-5_mean_residuals")?;
 
-    // the example: the first blocked nozzle, or whatever is faulty
+    // the example: the first partly blocked nozzle, or whatever is faulty
     let example = test.each().find(|(_, state)| *state == "PBN");
     let Some((y, state)) = example.or_else(|| test.each().find(|(_, s)| *s != HEALTHY)) else {
         return Ok(());
@@ -150,41 +149,53 @@ fn isolation(
     let deviation: Vec<f64> = y.iter().zip(&model.expected).map(|(y, e)| y - e).collect();
     let judge = Judge::new(0, model.clone(), None, Some(design), settings)?;
     let mut work = Workspace::default();
-    if judge.isolate(&deviation, 1.0, &mut work).is_none() {
-        return Ok(());
+    if judge.isolate(&deviation, 1.0, &mut work).is_some() {
+        let [mixture, weights] =
+            example_isolated(state, &residual(&deviation), &columns, &names, &work.weights, test);
+        mixture.write(dir, "fig_3-5_one_signal")?;
+        weights.write(dir, "fig_3-5_weights")?;
     }
-    let phi = &work.weights;
+    Ok(())
+}
+
+/// Fig. 3-5, online: r beside R phi, and phi.
+fn example_isolated(
+    state: &str,
+    r: &[f64],
+    columns: &[Vec<f64>],
+    names: &[String],
+    phi: &[f64],
+    test: &Signals,
+) -> [Figure; 2] {
     let mixed: Vec<f64> = (0..test.samples)
-        .map(|k| phi.iter().zip(&columns).map(|(phi, rho)| phi * rho[k]).sum())
+        .map(|k| phi.iter().zip(columns).map(|(phi, rho)| phi * rho[k]).sum())
         .collect();
     let (best, most) = names.iter().zip(phi).fold(("", 0.0), |best, (name, &phi)| {
         if phi > best.1 { (name.as_str(), phi) } else { best }
     });
-    Figure {
+    let mixture = Figure {
         title: format!(
             "The residual of a signal of {state} and the mixture of R's columns nearest to it"
         ),
-        x: time(),
+        x: Axis::new("time since acquisition began, µs"),
         y: Axis::new("residual, counts"),
         series: vec![
-            over_time("r", Mark::Points, &residual(&deviation), test.dt_s),
+            over_time("r", Mark::Points, r, test.dt_s),
             over_time("R phi", Mark::Line, &mixed, test.dt_s),
         ],
         thresholds: Vec::new(),
-    }
-    .write(dir, "fig_3-5_one_signal")?;
-    let weights = phi.iter().enumerate().map(|(k, &phi)| (phi, k as f64)).collect();
-    Figure {
+    };
+    let points = phi.iter().enumerate().map(|(k, &phi)| (phi, k as f64)).collect();
+    let weights = Figure {
         title: format!(
             "Its largest weight is {best}'s, {most:.2}: a signal of {state} is named {best}"
         ),
         x: Axis { range: Some((-0.05, 1.05)), ..Axis::new("mixture weight phi") },
-        y: Axis { categories: names.clone(), ..Axis::new("class") },
-        series: vec![Series { name: "phi".into(), mark: Mark::Dots, points: weights }],
+        y: Axis { categories: names.to_vec(), ..Axis::new("class") },
+        series: vec![Series { name: "phi".into(), mark: Mark::Dots, points }],
         thresholds: Vec::new(),
-    }
-    .write(dir, "fig_3-5_weights")?;
-    Ok(())
+    };
+    [mixture, weights]
 }
 
 fn signal_and_model(design: &Design, test: &Signals) -> Figure {
