@@ -1,22 +1,24 @@
-//! The FD filter of an identified model: numerator (3-2), denominator by method I, II or III.
+//! The FD filter of an identified model: numerator (3-2), denominator by method I, II or III, or searched.
 //!
-//! In: an identified model, `[detect]`, for methods II and III what training has learned from
+//! In: an identified model, `[detect]`, for all but method I what training has learned from
 //! faults. Out: the residual generator. thesis §3-2-1.
 
 use super::{DesignError, FaultClass, HealthyModel, LearnSettings};
-use crate::detect::{Denominator, DetectSettings, ResidualGenerator, null_space, numerator, poles};
+use crate::detect::{
+    Denominator, DetectSettings, ResidualGenerator, null_space, numerator, poles, search,
+};
 use crate::identify::averaging::SignalSet;
 use crate::identify::grey_box::Identification;
 use crate::model::Plant;
 use serde::{Deserialize, Serialize};
 
-/// What methods II and III learn from faults. A later model of the same printer keeps it: only the
+/// What methods II and III and the search learn from faults. A later model of the same printer keeps it: only the
 /// numerator N L follows the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LearnedFilter {
     /// alpha(z), descending powers.
     pub denominator: Vec<f64>,
-    /// M(z) of Appendix A, descending powers; the constant 1 with method II.
+    /// M(z) of Appendix A, descending powers; the constant 1 but with method III.
     pub enhancement: Vec<f64>,
 }
 
@@ -45,8 +47,8 @@ pub(super) fn residual_generator(
             Ok(ResidualGenerator::new(m_n, denominator.clone(), dt_s)?)
         }
         (_, None) => Err(DesignError::Invalid(
-            "detect.denominator: methods II and III are learned from faults: give a design that \
-             was trained with them, or use \"resonance\""
+            "detect.denominator: all but \"resonance\" are learned from faults: give a design that was \
+             trained with it, or use \"resonance\""
                 .into(),
         )),
     }
@@ -95,6 +97,31 @@ impl LearnedFilter {
         let enhancement = numerator::enhancement(&n, &denominator, &healthy, &faulty, dt_s)?;
         Ok(LearnedFilter { denominator, enhancement })
     }
+
+    /// The search over denominators. `healthy`, `sets`: as above, of every labelled fault.
+    pub(super) fn search(
+        (model, signals): (&HealthyModel, &SignalSet),
+        sets: &[(&HealthyModel, &SignalSet)],
+        settings: LearnSettings,
+    ) -> Result<LearnedFilter, DesignError> {
+        let (dt_s, identification) = (settings.sample_period_s, &model.identification);
+        let degree = 2 + settings.detect.other_poles_per_s.len();
+        let (a, c) = (identification.channel.a(), identification.channel.c());
+        let numerator = null_space::numerator(&a, &c, dt_s, degree)?;
+        let (healthy, faulty) = (spread_out(&[(model, signals)]), spread_out(sets));
+        let frequency_hz = identification.poles.frequency_hz;
+        let found = search::search(&numerator, frequency_hz, &healthy, &faulty, dt_s)?;
+        let denominator = found.choice.denominator(degree, dt_s);
+        Ok(LearnedFilter { denominator, enhancement: vec![1.0] })
+    }
+}
+
+/// Deviations for the search, which looks at each a hundred times: evenly over all that there are.
+fn spread_out(sets: &[(&HealthyModel, &SignalSet)]) -> Vec<Vec<f64>> {
+    const MOST: usize = 4096;
+    let all = deviations(sets);
+    let step = all.len().div_ceil(MOST).max(1);
+    all.into_iter().step_by(step).collect()
 }
 
 /// Deviations per unit drive of every signal, counts.

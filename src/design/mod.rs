@@ -6,6 +6,7 @@
 
 mod baseline;
 mod cold_start;
+mod detectable;
 mod detector;
 mod extension;
 mod fault_class;
@@ -17,6 +18,7 @@ mod leftover;
 mod moved;
 mod own_channel;
 mod promise;
+mod statistic;
 mod train;
 mod typical;
 
@@ -24,6 +26,7 @@ pub use crate::detect::DetectSettings;
 pub use crate::isolate::IsolateSettings;
 pub use crate::isolate::severity::Severity;
 pub use baseline::{Baselines, Heard, MOST_CHANNELS, PrintheadBaselines};
+pub use detectable::{ClassSeen, Detectable};
 pub use detector::Detection;
 pub use extension::{Covariate, Extension, Follows};
 pub use fault_class::{FaultClass, FaultModel};
@@ -32,6 +35,7 @@ pub use healthy_model::{HealthyModel, LearnSettings};
 pub use judge::{Isolation, Judge, JudgeKey, Tested, Workspace};
 pub use lanes::Lanes;
 pub use own_channel::{Own, OwnChannels};
+pub use statistic::Statistic;
 pub use train::TrainingSet;
 
 use crate::burst::Burst;

@@ -168,7 +168,7 @@ fn identify_from(
 /// it is taken out ([`super::scatter`]), and what is left is fitted again, to convergence.
 ///
 /// Departs: the thesis fits the plain average, whose damping is then biased and whose real pole
-/// takes up the curvature.
+/// takes up the curvature. With `plain_mean` that is what is done, as by `--preset thesis`.
 pub fn identify_scattered(
     set: &SignalSet,
     mean: &MeanSignal,
@@ -177,6 +177,9 @@ pub fn identify_scattered(
 ) -> Result<Identification, IdentifyError> {
     const ROUNDS: usize = 8;
     let mut fit = identify(&mean.y, dt_s, mean.standard_error(), settings)?;
+    if settings.plain_mean {
+        return Ok(fit);
+    }
     let settings = &settings.at_frequency(fit.poles.frequency_hz);
     for _ in 0..ROUNDS {
         let Some((found, curvature)) = scatter(set, &fit, mean.noise, dt_s) else { break };

@@ -203,6 +203,19 @@ mod tests {
     }
 
     #[test]
+    fn the_plain_mean_is_fitted_as_it_is() {
+        let set = channels(0.016, 0.10, 200);
+        let mean = averaging::average(&set).unwrap();
+        let settings = GreyBoxSettings { plain_mean: true, ..GreyBoxSettings::default() };
+        let fit = grey_box::identify_scattered(&set, &mean, DT_S, &settings).unwrap();
+        let plain = grey_box::identify(&mean.y, DT_S, mean.standard_error(), &settings).unwrap();
+        assert_eq!(fit.poles.damping_per_s, plain.poles.damping_per_s);
+        let settings = GreyBoxSettings::default();
+        let corrected = grey_box::identify_scattered(&set, &mean, DT_S, &settings).unwrap();
+        assert!(corrected.poles.damping_per_s < fit.poles.damping_per_s, "averaging damps");
+    }
+
+    #[test]
     fn planted_scatter_comes_back() {
         let set = channels(0.016, 0.10, 2000);
         let mean = averaging::average(&set).unwrap();
