@@ -23,8 +23,8 @@
 //! A recording is read block by block ([`io::recording`]), its bursts decoded without copying the
 //! samples ([`io::burst_codec`]); a [`burst::SignalBatch`] crosses bounded channels from stage to
 //! stage ([`pipeline`]): a healthy window gives a model ([`identify`]) and a model gives a filter
-//! ([`detect::null_space`], [`detect::residual_generator`]); the filter's residual energy meets its
-//! threshold ([`detect::threshold`]); what passes is named ([`isolate::residual_matching`]); and
+//! ([`detect::null_space`], [`detect::residual_generator`]); the filter's residual energy, by default
+//! a weighted one ([`detect::sensitivity`]), meets its threshold ([`detect::threshold`]); what passes is named ([`isolate::residual_matching`]); and
 //! every signal becomes one row ([`verdict`], [`io::verdict_table`]).
 //!
 //! Of a batch of recordings, [`pipeline::resume`] says which are finished, [`io::journal`] remembers

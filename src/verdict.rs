@@ -35,7 +35,7 @@ pub enum Test {
     Ring,
     /// Beside them: what no ring explains.
     Misfit,
-    /// The detection statistic; with `residual-energy` thesis e(r), counts²·s.
+    /// Residual energy, thesis e(r).
     Energy,
 }
 

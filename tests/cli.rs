@@ -25,6 +25,8 @@ fn a_setting_that_cannot_take_effect_is_refused_with_what_to_do() {
     let replay = format!("replay {logs}/print_run.mcap --out out");
     let judge = format!("{replay} --design {logs}/design.json");
     let train = format!("train {logs}/train.mcap --labels {logs}/labels.csv -o d.json");
+    let identify = format!("identify {logs}/train.mcap --labels {logs}/labels.csv -o d.json");
+    let seeing = format!("{identify} --detectability");
     for (command, set, said) in [
         (&judge, "isolate.pulse_s=8e-6", "train"),
         (&judge, "isolate.unlabelled_classes=false", "train"),
@@ -42,7 +44,11 @@ fn a_setting_that_cannot_take_effect_is_refused_with_what_to_do() {
         (&replay, "detect.oscillations=7", "residual-energy"),
         (&replay, "report.rows=2", "report"),
         (&train, "identify.first=5", "replay"),
+        (&train, "detect.decouple=[\"offset\"]", "residual-energy"),
+        (&train, "detect.decouple=[\"sun\"]", "offset"),
         (&train, "output.dir=x", "replay"),
+        (&identify, "detect.oscillations=7", "detects nothing"),
+        (&seeing, "detect.mu=2", "--detectability"),
     ] {
         house.run(&format!("{command} --set {set}")).exits(2).says(said);
         assert!(!house.path("out").exists() && !house.path("d.json").exists(), "{set}");

@@ -172,8 +172,7 @@ fn adopt(earlier: &[RunDir], dir: &RunDir, job: &Job, items: &[Item]) -> std::io
         for row in old.rows().filter(|_| same) {
             let key = key(&row.item);
             let Some(&at) = places.get(&key) else { continue };
-            row.name(dir.out())?;
-            let whole = row.ended.is_ok() && row.stands(dir.out());
+            let whole = row.ended.is_ok() && row.name(dir.out()).is_ok() && row.stands(dir.out());
             if whole && items[at].stamp.is_some() && row.item.stamp == items[at].stamp {
                 dir.write_row(at, &row)?;
                 adopted += usize::from(places.remove(&key).is_some());

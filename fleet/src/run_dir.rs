@@ -22,7 +22,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Write};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// Below the directory of results.
@@ -67,6 +67,12 @@ impl Row {
         if self.ended.is_err() {
             return Ok(());
         }
+        // a row is a file, which others may have written
+        let staged = self.staged.strip_prefix(out.join(FLEET_DIR));
+        if !staged.is_ok_and(stays_below) || !stays_below(Path::new(&self.item.verdicts)) {
+            let what = format!("the row of {} leads out of {}", self.item.source, out.display());
+            return Err(io::Error::new(ErrorKind::InvalidData, what));
+        }
         let verdicts = self.item.verdicts_in(out);
         if let Some(dir) = verdicts.parent().filter(|dir| !in_object_store(dir)) {
             fs::create_dir_all(dir)?;
@@ -86,6 +92,11 @@ impl Row {
         let files = resume::files(&self.item.verdicts_in(out));
         files.iter().zip(&judged.bytes).all(|(file, bytes)| stored::bytes(file) == *bytes)
     }
+}
+
+/// Whether a relative path stays where it begins.
+pub fn stays_below(path: &Path) -> bool {
+    path.components().all(|part| matches!(part, Component::Normal(_)))
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -405,5 +416,19 @@ mod tests {
         assert!(fs::read_to_string(&named[0]).unwrap() == "first" && dir.ended_job().is_ok());
         dir.remove(10);
         assert_eq!(fs::read_dir(out.path()).unwrap().count(), 1, "results alone are left");
+    }
+
+    #[test]
+    fn a_row_that_leads_out_names_nothing() {
+        let out = tempfile::tempdir().unwrap();
+        let dir = RunDir::create(out.path(), &job()).unwrap();
+        let good = staged(&dir, row("first", 5));
+        let elsewhere = Row { staged: out.path().join("x.verdicts.parquet"), ..good.clone() };
+        let mut beyond = good.clone();
+        beyond.item.verdicts = "../x.verdicts.parquet".into();
+        for row in [elsewhere, beyond] {
+            assert_eq!(row.name(out.path()).unwrap_err().kind(), ErrorKind::InvalidData);
+        }
+        good.name(out.path()).unwrap();
     }
 }

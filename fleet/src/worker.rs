@@ -2,7 +2,7 @@
 //! committed once.
 
 use crate::roots::Roots;
-use crate::run_dir::{Job, Row, RunDir};
+use crate::run_dir::{Job, Row, RunDir, stays_below};
 use inkling::cli::judge::{Item, Judged, NotJudged};
 use inkling::design::Baselines;
 use inkling::io::Limits;
@@ -12,7 +12,7 @@ use inkling::pipeline::{self, Control, PipelineError, Replay};
 use inkling::settings::Pace;
 use serde::{Deserialize, Serialize};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::time::Duration;
@@ -146,7 +146,7 @@ impl Worker {
     /// Of a recording and its results.
     fn allowed(&self, run: &RunDir, item: &Item) -> Result<(), String> {
         let below = Path::new(&item.verdicts);
-        if !below.components().all(|part| matches!(part, Component::Normal(_))) {
+        if !stays_below(below) {
             return Err(format!("{}: leads out of the directory of results", below.display()));
         }
         self.roots.check(Path::new(&item.source))?;

@@ -15,7 +15,10 @@ pub enum Command {
         names: bool,
     },
     Train,
-    Identify,
+    /// `detects`: says what a filter would see.
+    Identify {
+        detects: bool,
+    },
     Critique,
 }
 
@@ -68,7 +71,15 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<String
         }
         // beside a design: where it is read, as the design's may be the same
         ("detect", Command::Replay { .. }) => None,
-        ("detect", Command::Identify) => Some("`identify` detects nothing".into()),
+        ("detect", Command::Identify { detects: true })
+            if matches!(name, "oscillations" | "other_poles_per_s") =>
+        {
+            None
+        }
+        ("detect", Command::Identify { .. }) => Some(
+            "`identify` detects nothing; with --detectability it reads oscillations and other_poles_per_s"
+                .into(),
+        ),
         ("detect", _) => by_detection(name, &settings.detect),
         ("report", Command::Replay { .. }) if matches!(name, "rows" | "pitch") => {
             Some("it is of `inkling report` alone".into())
@@ -79,12 +90,12 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<String
         ("input", _) if matches!(name, "" | "rails" | "dialect") => None,
         (_, Command::Replay { .. }) => None,
         ("identify", _) if matches!(name, "" | "grey_box" | "geometry") => None,
-        ("identify", Command::Identify) if name == "least_agreeing" => None,
-        ("identify", Command::Identify) => {
+        ("identify", Command::Identify { .. }) if name == "least_agreeing" => None,
+        ("identify", Command::Identify { .. }) => {
             Some("one model is identified, on all that is healthy".into())
         }
         ("identify", _) => Some("healthy windows are of `inkling replay` alone".into()),
-        ("isolate", Command::Identify) => Some("`identify` names nothing".into()),
+        ("isolate", Command::Identify { .. }) => Some("`identify` names nothing".into()),
         _ => Some("it is of `inkling replay` and `report`".into()),
     }
 }
@@ -92,12 +103,16 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<String
 /// What a replay without a design cannot do: nobody has labelled a fault, and no residual is matched.
 fn without_labels(name: &str, detect: &DetectSettings) -> Option<String> {
     match name {
-        "denominator" if detect.denominator != Denominator::Resonance => Some(
-            "that filter is learned from signals labelled detect.fault; `inkling train` with it"
-                .into(),
-        ),
-        "oscillations" | "other_poles_per_s" if detect.method == DetectMethod::Sensitivity => {
-            Some("it is of detect.method = \"residual-energy\" alone".into())
+        "denominator" if detect.denominator != Denominator::Resonance => {
+            Some("that filter is learned from labelled faults; `inkling train` with it".into())
+        }
+        "oscillations" | "other_poles_per_s"
+            if matches!(detect.method, DetectMethod::Sensitivity | DetectMethod::Practice) =>
+        {
+            Some(
+                "it is of detect.method = \"residual-energy\" and \"residual-maximum\" alone"
+                    .into(),
+            )
         }
         _ => None,
     }
@@ -105,12 +120,13 @@ fn without_labels(name: &str, detect: &DetectSettings) -> Option<String> {
 
 /// What the method of detection does not ask for.
 fn by_detection(name: &str, detect: &DetectSettings) -> Option<String> {
+    use Denominator::{Eigenvalues, Resonance, Searched};
     let of = |key: &str, value: &str| Some(format!("it is of detect.{key} = \"{value}\" alone"));
     match name {
-        "oscillations" if detect.denominator == Denominator::Eigenvalues => {
+        "oscillations" if matches!(detect.denominator, Eigenvalues | Searched) => {
             Some("it is of detect.denominator = \"resonance\" and \"enhanced\" alone".into())
         }
-        "fault" if detect.denominator == Denominator::Resonance => {
+        "fault" if matches!(detect.denominator, Resonance | Searched) => {
             Some("it is of detect.denominator = \"eigenvalues\" and \"enhanced\" alone".into())
         }
         "mu" if detect.threshold != ThresholdMethod::Max => of("threshold", "max"),

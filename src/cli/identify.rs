@@ -5,6 +5,7 @@ use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible};
 use super::report::printable;
+use crate::design::{ClassSeen, Detectable};
 use crate::identify::IdentifyError;
 use crate::identify::averaging::{self, MeanSignal, SignalSet};
 use crate::identify::grey_box::{self, Identification};
@@ -25,6 +26,7 @@ use std::path::{Path, PathBuf};
   inkling identify healthy.mcap -o model.json
   inkling identify night.mcap --labels labels.csv -o model.json
   inkling identify healthy.mcap -o model.json --plot figures/
+  inkling identify healthy.mcap -o model.json --detectability
   inkling identify healthy.mcap -o model.json \\
       --set identify.grey_box.a_per_s2=4e10")]
 pub struct Args {
@@ -40,6 +42,9 @@ pub struct Args {
     /// Directory for a plot of measured against simulated per printhead (SVG, PNG, CSV)
     #[arg(long, value_name = "DIR")]
     plot: Option<PathBuf>,
+    /// Also which faults a filter of method I can see, and where it is blind
+    #[arg(long)]
+    detectability: bool,
     /// Settings file
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -50,7 +55,7 @@ pub struct Args {
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
-    effect::check(&args.set, &settings, Command::Identify)?;
+    effect::check(&args.set, &settings, Command::Identify { detects: args.detectability })?;
     let labels = args.labels.as_deref().map(labels_file::read).transpose().map_err(Failure::new)?;
     if let Some(dir) = &args.plot {
         outputs::check_directory(dir).map_err(Failure::usage)?;
@@ -95,15 +100,26 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
                 if let Some(physical) = &physical {
                     physical.print(&mut said)?;
                 }
+                let seen = args.detectability.then(|| {
+                    Detectable::of(&fit, set.samples, set.sample_period_s, &settings.detect)
+                });
+                let seen = seen.transpose().map_err(Failure::new)?;
+                if let Some(seen) = &seen {
+                    print_detectable(seen, &mut said)?;
+                }
                 if let Some(dir) = &args.plot {
                     plot(dir, name, (&mean.y, &simulated), set.sample_period_s, &fit)?;
                 }
-                models.push(json!({
+                let mut model = json!({
                     "printhead": name, "signals": used, "of": signals.len(),
                     "sample_period_s": set.sample_period_s, "samples": set.samples,
                     "drive_voltage_v": set.drive_voltage_v, "identification": fit,
                     "whiteness": white, "physical": physical,
-                }));
+                });
+                if let Some(seen) = seen {
+                    model["detectability"] = json!(seen);
+                }
+                models.push(model);
             }
             Err(e) => {
                 incomplete = true;
@@ -131,7 +147,7 @@ fn fit(
     settings: &Settings,
 ) -> Result<(MeanSignal, Identification), IdentifyError> {
     let chosen;
-    let healthy = if labelled {
+    let healthy = if labelled || settings.identify.grey_box.plain_mean {
         signals
     } else {
         let keep = averaging::agreeing(signals, settings.identify.least_agreeing)?;
@@ -183,6 +199,38 @@ fn print(
     for (what, items) in listed {
         for item in items {
             writeln!(out, "  {what}: {item}")?;
+        }
+    }
+    Ok(())
+}
+
+fn print_detectable(seen: &Detectable, out: &mut impl Write) -> std::io::Result<()> {
+    let classes = |keep: fn(&ClassSeen) -> bool| {
+        let kept: Vec<&str> = seen.classes.iter().filter(|c| keep(c)).map(|c| c.class).collect();
+        if kept.is_empty() { "none".to_owned() } else { kept.join(" ") }
+    };
+    writeln!(
+        out,
+        "  filters of degree {} that a healthy signal does not excite: {}",
+        seen.degree, seen.nullity
+    )?;
+    writeln!(out, "  detectable: {}", classes(|c| c.detectable))?;
+    writeln!(
+        out,
+        "  strongly (a fault that pushes for good stays visible): {}",
+        classes(|c| c.strongly)
+    )?;
+    for d in &seen.disturbances {
+        let left = if d.still_seen.is_empty() { "none".into() } else { d.still_seen.join(" ") };
+        writeln!(out, "  without {}: {} filters, detectable {left}", d.what, d.nullity)?;
+    }
+    if seen.blind_hz.is_empty() {
+        writeln!(out, "  blind at no frequency")?;
+    }
+    for [from, to] in &seen.blind_hz {
+        match to > from {
+            true => writeln!(out, "  blind from {from:.0} to {to:.0} Hz")?,
+            false => writeln!(out, "  blind at {from:.0} Hz")?,
         }
     }
     Ok(())

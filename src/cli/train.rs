@@ -121,6 +121,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let unit = match design.detect.method {
         DetectMethod::Sensitivity => "squared distance",
         DetectMethod::ResidualEnergy => "counts²·s",
+        DetectMethod::ResidualMaximum => "counts",
+        DetectMethod::Practice => "half-widths of the healthy range",
     };
     writeln!(out, "  threshold {:.4e} {unit} ({})", t.value, t.in_words())?;
     let lost = ["rejected", "other_sampling"].iter().any(|k| design.signals.contains_key(*k));

@@ -1,11 +1,11 @@
-//! What the FD filter learns from faults: methods II and III. thesis §3-2-1.
+//! What the FD filter learns from faults: methods II and III, and the search. thesis §3-2-1.
 //!
-//! In: a healthy model and signals of a fault. Out: [`LearnedFilter`].
+//! In: a healthy model and signals of faults. Out: [`LearnedFilter`].
 
 use super::filter_of_model::{LearnSettings, LearnedFilter, by_resonance};
 use super::healthy_model::deviations;
 use super::{DesignError, FaultClass, HealthyModel};
-use crate::detect::{Denominator, null_space, numerator, poles};
+use crate::detect::{Denominator, null_space, numerator, poles, search};
 use crate::identify::averaging::SignalSet;
 use crate::model::Plant;
 
@@ -42,6 +42,31 @@ impl LearnedFilter {
         let enhancement = numerator::enhancement(&n, &denominator, &healthy, &faulty, dt_s)?;
         Ok(LearnedFilter { denominator, enhancement })
     }
+
+    /// The search over denominators. `healthy`, `sets`: as above, of every labelled fault.
+    pub(super) fn search(
+        (model, signals): (&HealthyModel, &SignalSet),
+        sets: &[(&HealthyModel, &SignalSet)],
+        settings: LearnSettings,
+    ) -> Result<LearnedFilter, DesignError> {
+        let (dt_s, identification) = (settings.sample_period_s, &model.identification);
+        let degree = 2 + settings.detect.other_poles_per_s.len();
+        let (a, c) = (identification.channel.a(), identification.channel.c());
+        let numerator = null_space::numerator(&a, &c, dt_s, degree)?;
+        let (healthy, faulty) = (spread_out(&[(model, signals)]), spread_out(sets));
+        let frequency_hz = identification.poles.frequency_hz;
+        let found = search::search(&numerator, frequency_hz, &healthy, &faulty, dt_s)?;
+        let denominator = found.choice.denominator(degree, dt_s);
+        Ok(LearnedFilter { denominator, enhancement: vec![1.0] })
+    }
+}
+
+/// Deviations for the search, which looks at each a hundred times: evenly over all that there are.
+fn spread_out(sets: &[(&HealthyModel, &SignalSet)]) -> Vec<Vec<f64>> {
+    const MOST: usize = 4096;
+    let all = deviations(sets);
+    let step = all.len().div_ceil(MOST).max(1);
+    all.into_iter().step_by(step).collect()
 }
 
 fn rows(signals: &[Vec<f64>]) -> Vec<&[f64]> {

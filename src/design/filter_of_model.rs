@@ -22,13 +22,13 @@ pub struct LearnSettings<'a> {
     pub filter: Option<&'a LearnedFilter>,
 }
 
-/// What methods II and III learn from faults. A later model of the same printer keeps it: only the
+/// What methods II and III and the search learn from faults. A later model of the same printer keeps it: only the
 /// numerator N L follows the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LearnedFilter {
     /// alpha(z), descending powers.
     pub denominator: Vec<f64>,
-    /// M(z) of Appendix A, descending powers; the constant 1 with method II.
+    /// M(z) of Appendix A, descending powers; the constant 1 but with method III.
     pub enhancement: Vec<f64>,
 }
 

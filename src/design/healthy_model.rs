@@ -1,11 +1,14 @@
 //! A healthy model ready to judge by: identification, filter and threshold of one window.
 
 use super::DetectSettings;
+use super::Statistic;
 use super::detector::{Scratch, SensitivityDetector, ring_of};
 use super::error::{DesignError, is_count, is_positive, same_period};
 use super::filter_of_model::{LearnSettings, residual_generator};
 use super::leftover::Left;
 use crate::detect::contamination::{Degrees, contaminated};
+use crate::detect::decoupling::KnownShapes;
+use crate::detect::key_numbers::{KeyNumbers, KeyRange, Spectrum};
 use crate::detect::misfit::{self, Misfit};
 use crate::detect::sensitivity::Sensitivity;
 use crate::detect::{DetectMethod, ResidualGenerator, ThresholdMethod, threshold};
@@ -63,6 +66,12 @@ pub struct HealthyModel {
     /// Healthy channels along the model's sensitivities, for `detect.method` = `sensitivity`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensitivity: Option<Sensitivity>,
+    /// What is compared instead, with `detect.method` = `residual-maximum` or `practice`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub statistic: Option<Statistic>,
+    /// What is taken off a deviation before the filter, with `detect.decouple`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub decoupled: Option<KnownShapes>,
     /// What healthy signals leave beside their rings, for the second test.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub misfit: Option<Misfit>,
@@ -98,12 +107,14 @@ impl HealthyModel {
         settings: LearnSettings,
     ) -> Result<HealthyModel, DesignError> {
         let chosen;
+        // Departs: thesis §3-1 averages all signals and trusts that few are faulty; with
+        // `plain_mean` so does this
         let healthy = match settings.least_agreeing {
-            None => set,
-            Some(share) => {
+            Some(share) if !settings.grey_box.plain_mean => {
                 chosen = set.select(&averaging::agreeing(set, share)?);
                 &chosen
             }
+            _ => set,
         };
         let mean = averaging::average(healthy)?;
         let dt_s = settings.sample_period_s;
@@ -138,38 +149,103 @@ impl HealthyModel {
             frequency_per_k,
             generator,
             sensitivity: None,
+            statistic: None,
+            decoupled: None,
             threshold: Threshold::none(),
             misfit: None,
             apart: None,
             median_statistic: f64::NAN,
         };
-        match settings.detect.method {
-            DetectMethod::ResidualEnergy => model.learn_energies(healthy, anchor, settings)?,
-            DetectMethod::Sensitivity => model.learn_distances(set, healthy, anchor, settings)?,
-        }
+        model.learn_detection(set, healthy, anchor, settings)?;
         Ok(model)
     }
 
-    /// `residual-energy`: one test, thesis e(r).
-    fn learn_energies(
+    /// `detect.method`, and where its thresholds lie. `set`: the window; `healthy`: what agrees in it.
+    fn learn_detection(
+        &mut self,
+        set: &SignalSet,
+        healthy: &SignalSet,
+        anchor: Option<&HealthyModel>,
+        settings: LearnSettings,
+    ) -> Result<(), DesignError> {
+        if !settings.detect.decouple.is_empty() {
+            self.decoupled = Some(self.decoupling(&settings.detect.decouple)?);
+        }
+        match settings.detect.method {
+            DetectMethod::ResidualEnergy => {
+                let energies =
+                    self.of_deviations(healthy, |model, d, work| model.residual_energy(d, work));
+                self.learn_statistics(&energies, healthy, anchor, settings)?;
+            }
+            DetectMethod::ResidualMaximum => {
+                self.statistic = Some(Statistic::ResidualMaximum);
+                let maxima =
+                    self.of_deviations(healthy, |model, d, work| model.residual_maximum(d, work));
+                self.learn_statistics(&maxima, healthy, anchor, settings)?;
+            }
+            DetectMethod::Practice => self.learn_ranges(healthy, anchor, settings)?,
+            DetectMethod::Sensitivity => self.learn_distances(set, healthy, anchor, settings)?,
+        }
+        Ok(())
+    }
+
+    fn of_deviations(
+        &self,
+        set: &SignalSet,
+        statistic: impl Fn(&HealthyModel, &[f64], &mut Vec<f64>) -> f64,
+    ) -> Vec<f64> {
+        let (mut all, mut scratch) = (Vec::with_capacity(set.len()), Vec::new());
+        self.each_deviation(set, |deviation, _| {
+            all.push(statistic(self, deviation, &mut scratch));
+        });
+        all
+    }
+
+    /// `practice`: the ranges are set once, on what is known to be healthy, and follow nothing.
+    fn learn_ranges(
         &mut self,
         healthy: &SignalSet,
         anchor: Option<&HealthyModel>,
         settings: LearnSettings,
     ) -> Result<(), DesignError> {
-        let mut energies = Vec::with_capacity(healthy.len());
-        self.each_deviation(healthy, |deviation, _| {
-            energies.push(self.generator.energy(deviation))
-        });
-        self.median_statistic = median(&mut energies.clone());
+        if let Some(anchor) = anchor.filter(|_| settings.least_agreeing.is_some()) {
+            (self.statistic, self.threshold) = (anchor.statistic, anchor.threshold.clone());
+            self.median_statistic = anchor.median_statistic;
+            return Ok(());
+        }
+        let spectrum = Spectrum::new(healthy.samples, settings.sample_period_s);
+        let mut y = vec![0.0; healthy.samples];
+        let numbers: Vec<KeyNumbers> = (0..healthy.len())
+            .map(|i| {
+                self.at_reference(healthy, i, &mut y);
+                spectrum.key_numbers(&y)
+            })
+            .collect();
+        let range = KeyRange::of(numbers.iter(), 0.0)
+            .ok_or_else(|| DesignError::Invalid("no healthy signal has a range".into()))?;
+        self.statistic = Some(Statistic::Practice(range));
+        let distances: Vec<f64> = numbers.iter().map(|k| range.distance(k)).collect();
+        self.learn_statistics(&distances, healthy, None, settings)
+    }
+
+    /// One test, thesis (3-4) on its statistic.
+    fn learn_statistics(
+        &mut self,
+        energies: &[f64],
+        healthy: &SignalSet,
+        anchor: Option<&HealthyModel>,
+        settings: LearnSettings,
+    ) -> Result<(), DesignError> {
+        self.median_statistic = median(&mut energies.to_vec());
         // Nobody says that the window is free of slight faults, so its own tail cannot be trusted; its
         // median can. The anchor's tail is carried over, in units of the median.
+        // Departs: the thesis has one model, and (3-4) of signals that are known to be healthy.
         let trusted = anchor.filter(|_| settings.least_agreeing.is_some());
         self.threshold = match trusted {
             Some(anchor) => {
                 anchor.threshold.scaled(self.median_statistic / anchor.median_statistic)
             }
-            None => learn_threshold(&energies, &healthy.channel, settings.detect, 1.0)?,
+            None => learn_threshold(energies, &healthy.channel, settings.detect, 1.0)?,
         };
         Ok(())
     }
@@ -418,6 +494,14 @@ impl HealthyModel {
         }
         if !self.leftover.is_empty() && !finite(&self.leftover) {
             return refuse("`leftover` must be finite, one number per sample");
+        }
+        if let Some(decoupled) = &self.decoupled {
+            decoupled
+                .check(samples)
+                .map_err(|what| DesignError::Invalid(format!("model {name}: {what}")))?;
+        }
+        if let Some(Statistic::Practice(range)) = &self.statistic {
+            range.check().map_err(|what| DesignError::Invalid(format!("model {name}: {what}")))?;
         }
         if let Some(misfit) = &self.misfit {
             misfit.check().map_err(|what| DesignError::Invalid(format!("model {name}: {what}")))?;

@@ -3,8 +3,9 @@
 use super::detector::{Detection, Scratch, SensitivityDetector, ring_of};
 use super::lanes::Lanes;
 use super::own_channel::Own;
-use super::{Design, DesignError, Extension, FaultModel, HealthyModel, IsolateSettings};
+use super::{Design, DesignError, Extension, FaultModel, HealthyModel, IsolateSettings, Statistic};
 use crate::burst::Burst;
+use crate::detect::key_numbers::Spectrum;
 use crate::identify::reservoir::relative_drive;
 use crate::isolate::appearance::Strange;
 use crate::isolate::fault_curve::Seen;
@@ -63,6 +64,8 @@ pub struct Judge {
     pub(super) extension: Option<Extension>,
     /// With `detect.method` = `sensitivity`.
     pub(super) detector: Option<SensitivityDetector>,
+    /// With `detect.method` = `practice`.
+    pub(super) spectrum: Option<Spectrum>,
     pub(super) isolating: Option<Isolating>,
 }
 
@@ -178,7 +181,23 @@ impl Judge {
         let extension = design.and_then(|design| design.extension.clone());
         // lanes know what is expected of a burst; an extension asks for each signal
         let lanes = if extension.is_none() { Lanes::of(&model) } else { None };
-        Ok(Judge { index, moves: 0, reference_v, model, lanes, extension, detector, isolating })
+        let spectrum = match model.statistic {
+            Some(Statistic::Practice(_)) => {
+                Some(Spectrum::new(model.expected.len(), model.generator.dt_s))
+            }
+            _ => None,
+        };
+        Ok(Judge {
+            index,
+            moves: 0,
+            reference_v,
+            model,
+            lanes,
+            extension,
+            detector,
+            spectrum,
+            isolating,
+        })
     }
 
     pub fn key(&self) -> JudgeKey {
@@ -217,7 +236,7 @@ impl Judge {
     /// What is compared with the thresholds. `deviation`: of a signal from what is expected, counts.
     pub fn detect(&self, deviation: &[f64], drive: f64, work: &mut Workspace) -> Detection {
         let Some(detector) = &self.detector else {
-            let ring = self.model.generator.energy(deviation);
+            let ring = self.of_residual(deviation, drive, &mut work.residual);
             return Detection { ring, unexplained: f64::NAN };
         };
         match &work.own {
@@ -230,6 +249,20 @@ impl Judge {
         }
     }
 
+    /// The one statistic of all methods but `sensitivity`. `signal`: scratch.
+    fn of_residual(&self, deviation: &[f64], drive: f64, signal: &mut Vec<f64>) -> f64 {
+        let HealthyModel { expected, statistic, .. } = &self.model;
+        match (statistic, &self.spectrum) {
+            (Some(Statistic::Practice(range)), Some(spectrum)) => {
+                signal.clear();
+                signal.extend(expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
+                range.distance(&spectrum.key_numbers(signal))
+            }
+            (Some(Statistic::ResidualMaximum), _) => self.model.residual_maximum(deviation, signal),
+            _ => self.model.residual_energy(deviation, signal),
+        }
+    }
+
     /// Whether it fails along its ring, too.
     pub fn is_faulty_ring(&self, detection: Detection) -> bool {
         self.model.threshold.is_faulty(detection.ring)
@@ -239,9 +272,9 @@ impl Judge {
     pub fn test(&self, detection: Detection) -> Tested {
         let Detection { ring, unexplained } = detection;
         let threshold = self.model.threshold.value;
-        let along = match self.detector {
-            None => Test::Energy,
-            Some(_) => Test::Ring,
+        let along = match (&self.detector, &self.spectrum) {
+            (None, None) => Test::Energy,
+            _ => Test::Ring,
         };
         let of_ring = Tested { test: along, statistic: ring, threshold, misfit: f64::NAN };
         let Some(misfit) = &self.model.misfit else { return of_ring };
@@ -292,7 +325,7 @@ impl Judge {
         let compared = |residual: &mut Vec<f64>| {
             residual.resize(deviation.len(), 0.0);
             match signal {
-                IsolateSignal::Residual => self.model.generator.filter(deviation, residual),
+                IsolateSignal::Residual => self.model.residual(deviation, residual),
                 IsolateSignal::Deviation => residual.copy_from_slice(deviation),
             }
             residual.iter_mut().for_each(|r| *r /= drive);
@@ -489,7 +522,7 @@ impl Isolator {
             IsolateSignal::Deviation => deviation.to_vec(),
             IsolateSignal::Residual => {
                 let mut r = vec![0.0; deviation.len()];
-                model.generator.filter(deviation, &mut r);
+                model.residual(deviation, &mut r);
                 r
             }
         };
@@ -520,9 +553,7 @@ impl Isolator {
                 let simplex = Simplex::new(&signatures);
                 let adjoint: Vec<Vec<f64>> = match settings.signal {
                     IsolateSignal::Deviation => rho,
-                    IsolateSignal::Residual => {
-                        rho.iter().map(|rho| model.generator.adjoint(rho)).collect()
-                    }
+                    IsolateSignal::Residual => rho.iter().map(|rho| model.adjoint(rho)).collect(),
                 };
                 let columns: Vec<&[f64]> = adjoint.iter().map(Vec::as_slice).collect();
                 Ok(Isolator::ResidualMatching(SignatureMatrix::new(&columns)?, simplex))

@@ -14,8 +14,11 @@ pub enum Lanes {
 }
 
 impl Lanes {
-    /// `None` where f32 cannot serve.
+    /// `None` where f32 cannot serve, or the statistic is neither of these.
     pub fn of(model: &HealthyModel) -> Option<Lanes> {
+        if model.statistic.is_some() || model.decoupled.is_some() {
+            return None;
+        }
         let (expected, response) = (&model.expected, model.temperature_response.as_deref());
         match &model.sensitivity {
             None => {

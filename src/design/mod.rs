@@ -6,6 +6,7 @@
 
 mod baseline;
 mod cold_start;
+mod detectable;
 mod detector;
 mod error;
 mod extension;
@@ -19,6 +20,8 @@ mod leftover;
 mod moved;
 mod own_channel;
 mod promise;
+mod residual;
+mod statistic;
 mod train;
 mod training_set;
 mod typical;
@@ -27,6 +30,7 @@ pub use crate::detect::DetectSettings;
 pub use crate::isolate::IsolateSettings;
 pub use crate::isolate::severity::Severity;
 pub use baseline::{Baselines, Heard, MOST_CHANNELS, PrintheadBaselines};
+pub use detectable::{ClassSeen, Detectable};
 pub use detector::Detection;
 pub use error::{DesignError, same_period};
 pub use extension::{Covariate, Extension, Follows};
@@ -36,6 +40,7 @@ pub use healthy_model::HealthyModel;
 pub use judge::{Isolation, Judge, JudgeKey, Tested, Workspace};
 pub use lanes::Lanes;
 pub use own_channel::{Own, OwnChannels};
+pub use statistic::Statistic;
 pub use training_set::TrainingSet;
 
 use crate::burst::Burst;

@@ -61,6 +61,7 @@ impl Judge {
             lanes: Lanes::of(&model),
             model,
             detector: Some(detector),
+            spectrum: None,
             isolating,
             moves,
             index: self.index,

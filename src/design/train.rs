@@ -2,8 +2,8 @@
 
 use super::training_set::{TrainingSet, examples};
 use super::{
-    Design, DesignError, DetectSettings, FaultClass, HealthyModel, IsolateSettings, LearnSettings,
-    LearnedFilter, VERSION, cold_start, typical,
+    Design, DesignError, DetectSettings, FaultClass, HealthyModel, IsolateSettings, Judge,
+    LearnSettings, LearnedFilter, VERSION, Workspace, cold_start, typical,
 };
 use crate::detect::Denominator;
 use crate::fault;
@@ -80,6 +80,7 @@ impl Design {
             }
         }
         design.check()?;
+        warnings.extend(hardly_detected(&design, set)?);
         Ok((design, warnings))
     }
 
@@ -138,6 +139,29 @@ impl Design {
     }
 }
 
+/// Says of which classes the chosen detection would flag fewer than half of the labelled signals.
+fn hardly_detected(design: &Design, set: &TrainingSet) -> Result<Vec<String>, DesignError> {
+    let (mut said, mut work) = (Vec::new(), Workspace::default());
+    for (name, printheads) in &set.faulty {
+        let (mut flagged, mut all) = (0, 0);
+        for (model, signals) in design.with_models(printheads) {
+            let judge = Judge::new(0, model.clone(), None, None, &IsolateSettings::default())?;
+            model.each_deviation(signals, |deviation, drive| {
+                let detection = judge.detect(deviation, drive, &mut work);
+                flagged += usize::from(judge.test(detection).is_flagged());
+                all += 1;
+            });
+        }
+        if 2 * flagged < all {
+            said.push(format!(
+                "class {name}: hardly detectable: {flagged} of its {all} labelled signals pass the chosen \
+                 detection, and what does not pass is named nothing"
+            ));
+        }
+    }
+    Ok(said)
+}
+
 /// Said where temperature was recorded and the model does not know its effect.
 fn temperature_unknown(pooled: &HealthyModel) -> Option<String> {
     let reference = pooled.temperature_c.filter(|_| pooled.temperature_response.is_none())?;
@@ -148,11 +172,25 @@ fn temperature_unknown(pooled: &HealthyModel) -> Option<String> {
     ))
 }
 
-/// Methods II and III in two steps: healthy models by method I first, then what the fault says.
+/// All but method I in two steps: healthy models by method I first, then what faults say.
 fn learned_filter(
     set: &TrainingSet,
     settings: LearnSettings,
 ) -> Result<LearnedFilter, DesignError> {
+    let by_resonance =
+        DetectSettings { denominator: Denominator::Resonance, ..settings.detect.clone() };
+    let first = LearnSettings { detect: &by_resonance, ..settings };
+    if settings.detect.denominator == Denominator::Searched {
+        if set.faulty.is_empty() {
+            return Err(DesignError::Invalid(
+                "detect.denominator = \"searched\": no signal is labelled faulty".into(),
+            ));
+        }
+        let (design, _) = Design::of_healthy(set, first)?;
+        let healthy = pool(&set.healthy, set.samples);
+        let sets: Vec<_> = set.faulty.values().flat_map(|f| design.with_models(f)).collect();
+        return LearnedFilter::search((&design.pooled, &healthy), &sets, settings);
+    }
     let name = &settings.detect.fault;
     let printheads = set.faulty.get(name).ok_or_else(|| {
         let known: Vec<&str> = set.faulty.keys().map(String::as_str).collect();
@@ -161,9 +199,6 @@ fn learned_filter(
             known.join(", ")
         ))
     })?;
-    let by_resonance =
-        DetectSettings { denominator: Denominator::Resonance, ..settings.detect.clone() };
-    let first = LearnSettings { detect: &by_resonance, ..settings };
     let (design, _) = Design::of_healthy(set, first)?;
     let sets = design.with_models(printheads);
     let class = FaultClass::learn(name, &sets);

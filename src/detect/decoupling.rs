@@ -5,10 +5,98 @@
 //!
 //! A disturbance is any sequence that is held over each sample (a zero-order hold); what varies
 //! within a sample is decoupled where it acts on the outputs alone (D_d), else approximately.
+//!
+//! With one output nothing of that kind is left ([`super::detectability`] says so). What can be
+//! decoupled there is a disturbance of known shape, [`KnownShapes`]. A numerator with a root at z = 1
+//! does not do it: from zero state the first sample of an offset is a step, and rings in the undamped
+//! pair to the end.
 
 use super::null_space::{left_null_space, stack};
 use super::{DetectError, ResidualGenerator};
 use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+
+/// A disturbance of known shape that adds to the output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Disturbance {
+    /// A constant.
+    Offset,
+    /// A straight line from 0.
+    Drift,
+}
+
+/// Takes disturbances off a deviation: d - D G d with G D = I, so that none of them reaches the
+/// residual, and G T = 0, so that all that a ring can do does.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct KnownShapes {
+    /// Columns of D, of unit length.
+    shapes: Vec<Vec<f64>>,
+    /// Rows of G.
+    estimators: Vec<Vec<f64>>,
+}
+
+impl KnownShapes {
+    /// By least squares beside a ring. `tangent`: N x any, T, what a ring can do to first order.
+    /// `None`: they cannot be told apart.
+    pub fn new(disturbances: &[Disturbance], tangent: &DMatrix<f64>) -> Option<KnownShapes> {
+        let (n, of_ring) = tangent.shape();
+        let mut all = DMatrix::zeros(n, of_ring + disturbances.len());
+        all.columns_mut(0, of_ring).copy_from(tangent);
+        for (k, disturbance) in disturbances.iter().enumerate() {
+            for (i, v) in all.column_mut(of_ring + k).iter_mut().enumerate() {
+                *v = match disturbance {
+                    Disturbance::Offset => 1.0,
+                    Disturbance::Drift => i as f64,
+                };
+            }
+        }
+        for mut column in all.column_iter_mut() {
+            let size = column.norm();
+            column /= size;
+        }
+        let g = all.tr_mul(&all).try_inverse()? * all.transpose();
+        let last = of_ring..all.ncols();
+        let known = KnownShapes {
+            shapes: last.clone().map(|k| all.column(k).iter().copied().collect()).collect(),
+            estimators: last.map(|k| g.row(k).iter().copied().collect()).collect(),
+        };
+        known.check(n).ok().map(|()| known)
+    }
+
+    /// d - D G d. `deviation`: N, counts.
+    pub fn take_off(&self, deviation: &mut [f64]) {
+        subtract(&self.shapes, &self.estimators, deviation);
+    }
+
+    /// The transpose, x - G' D' x.
+    pub fn take_off_transposed(&self, x: &mut [f64]) {
+        subtract(&self.estimators, &self.shapes, x);
+    }
+
+    /// Refused if it could not have been made.
+    pub fn check(&self, samples: usize) -> Result<(), String> {
+        let whole = |rows: &[Vec<f64>]| {
+            rows.iter().all(|r| r.len() == samples && r.iter().all(|v| v.abs() < 1e6))
+        };
+        match self.shapes.len() == self.estimators.len()
+            && whole(&self.shapes)
+            && whole(&self.estimators)
+        {
+            true => Ok(()),
+            false => Err(format!("`decoupled` must hold finite rows of {samples}")),
+        }
+    }
+}
+
+/// v - sum of directions, each as much as its row of `rows` says of v.
+fn subtract(directions: &[Vec<f64>], rows: &[Vec<f64>], v: &mut [f64]) {
+    let much: Vec<f64> =
+        rows.iter().map(|row| row.iter().zip(&*v).map(|(p, q)| p * q).sum()).collect();
+    for (direction, much) in directions.iter().zip(much) {
+        v.iter_mut().zip(direction).for_each(|(v, d)| *v -= much * d);
+    }
+}
 
 /// Residual generators as polynomials in z: row i has one polynomial per output.
 #[derive(Clone, Debug, PartialEq)]
@@ -206,6 +294,48 @@ mod tests {
             seen = seen.max(residual(&faulty));
         }
         assert!(hidden < 1e-4 * seen, "{hidden} {seen}");
+    }
+
+    #[test]
+    fn known_shapes_reach_no_residual_and_rings_reach_it_whole() {
+        use crate::detect::null_space;
+        use crate::model::{InkChannel, Plant};
+        let ink = InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8e4 };
+        let (n, dt_s) = (128, 0.78125e-6);
+        let numerator = null_space::numerator(&ink.a(), &ink.c(), dt_s, 4).unwrap();
+        let alpha = crate::detect::poles::resonance(4.06e5, &[2e5, 2e5], dt_s).unwrap();
+        let filter = ResidualGenerator::new(numerator, alpha, dt_s).unwrap();
+        let tangent = DMatrix::from_fn(n, 3, |i, j| {
+            let t = i as f64 * dt_s;
+            300.0 * (-3e4 * t).exp() * (4.06e5 * t + j as f64).cos() * (1.0 + (j * i) as f64 / 64.0)
+        });
+        let known = KnownShapes::new(&[Disturbance::Offset, Disturbance::Drift], &tangent).unwrap();
+        let energy = |d: &[f64]| {
+            let mut d = d.to_vec();
+            known.take_off(&mut d);
+            filter.energy(&d)
+        };
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let mut draw = || (0..n).map(|_| rng.random_range(-30.0..30.0)).collect::<Vec<f64>>();
+        let (d, x) = (draw(), draw());
+        let line = |offset: f64, slope: f64| -> Vec<f64> {
+            d.iter().enumerate().map(|(k, d)| d + offset + slope * k as f64).collect()
+        };
+        for disturbed in [line(40.0, 0.0), line(-20.0, 0.5)] {
+            assert!((energy(&disturbed) / energy(&d) - 1.0).abs() < 1e-9);
+        }
+        // the root at z = 1 alone does not: the step at the beginning rings on
+        let plain = filter.energy(&line(200.0, 0.0)) / filter.energy(&d);
+        assert!(plain > 1.5, "{plain}");
+        for column in tangent.column_iter() {
+            let ring: Vec<f64> = column.iter().copied().collect();
+            assert!((energy(&ring) / filter.energy(&ring) - 1.0).abs() < 1e-9);
+        }
+        let (mut left, mut right) = (d.clone(), x.clone());
+        known.take_off(&mut left);
+        known.take_off_transposed(&mut right);
+        let dot = |p: &[f64], q: &[f64]| p.iter().zip(q).map(|(p, q)| p * q).sum::<f64>();
+        assert!((dot(&x, &left) - dot(&right, &d)).abs() < 1e-9 * dot(&x, &x).max(dot(&d, &d)));
     }
 
     #[test]

@@ -1,13 +1,15 @@
 //! Tells faulty from healthy: the residual generator and its threshold.
 //!
 //! In: (A, C) of a healthy model and healthy deviations. Out: a filter whose output ignores what
-//! the model explains, and the energy above which a signal counts as faulty. thesis §3-2.
+//! the model explains, and the energy above which a signal counts as faulty. thesis §3-2. By default
+//! that energy is r'Wr with a weight W of the model's own ([`sensitivity`]), in the thesis's mode r'r.
 //! Pure mathematics; never looks at a fault's name.
 
 pub mod contamination;
 pub mod decoupling;
 pub mod detectability;
 pub mod kernel;
+pub mod key_numbers;
 pub mod lane_expectation;
 pub mod lane_sensitivity;
 pub mod misfit;
@@ -17,6 +19,7 @@ pub mod numerator;
 pub mod poles;
 pub mod residual_generator;
 pub mod row_projection;
+pub mod search;
 pub mod sensitivity;
 mod settings;
 pub mod threshold;

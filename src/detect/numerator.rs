@@ -6,6 +6,12 @@
 //! Departs: Appendix A takes M(s) = det(Q_x - sI). Q_x is positive semidefinite: such an M has only
 //! real nonnegative roots, whatever the data. The coefficients of M are an eigenvector instead, and
 //! its quotient has the healthy energy below the line, for faulty energy alone rises with any gain.
+//! The same maximisation is (3-3b). At the observable order (3 for the ink channel) the left null space of
+//! H-bar has one element p3, as the text says; at degree d it is M p3 with any M of degree d - 3, so what
+//! maximises the fault's share over the null space is the enhancement of p3. At degree 4 that is M of
+//! degree 1, beside it the element that rejects an offset ([`super::null_space`]) is one of many.
+//! Departs: the text's linear program maximises one coefficient of the fault's transfer under a bound
+//! on the largest; here it is energy over healthy energy, which has a closed form and knows the noise.
 //! Departs: energies are sums over samples, not 81 Fourier coefficients of the residual.
 
 use super::{DetectError, ResidualGenerator};
@@ -147,6 +153,47 @@ mod tests {
             let left: f64 = m_n.iter().rev().zip(w).map(|(p, y)| p * y).sum();
             assert!(left.abs() < 1e-12 * largest);
         }
+    }
+
+    /// thesis (3-3b) at degrees above the observable order.
+    #[test]
+    fn the_null_space_is_every_multiple_of_p3_and_no_element_of_it_shows_the_fault_more() {
+        let p3 = null_space::numerator(&INK.a(), &INK.c(), DT_S, 3).unwrap();
+        let ascending = |p: &[f64]| p.iter().rev().copied().collect::<Vec<f64>>();
+        for degree in [4, 5, 6] {
+            let space = null_space::annihilator(&INK.a(), &INK.c(), DT_S, degree).unwrap();
+            let elements = space.polynomials().unwrap();
+            assert_eq!(elements.nrows(), degree - 2);
+            let multiples = DMatrix::from_fn(degree + 1, degree - 2, |i, k| {
+                ascending(&p3).get(i.wrapping_sub(k)).copied().unwrap_or(0.0)
+            });
+            let q = multiples.qr().q();
+            for element in elements.row_iter().map(|row| row.transpose()) {
+                let left = &element - &q * q.tr_mul(&element);
+                assert!(left.norm() < 1e-9 * element.norm(), "degree {degree}: {:e}", left.norm());
+            }
+        }
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let dried = InkChannel { d_per_s: 1.3 * INK.d_per_s, ..INK };
+        let (healthy, faulty) =
+            (deviations(&INK, 100, &mut rng), deviations(&dried, 100, &mut rng));
+        let alpha = poles::resonance(4.06e5, &[2e5, 2e5], DT_S).unwrap();
+        let of = |m: &[f64]| {
+            let generator = ResidualGenerator::new(product(m, &p3), alpha.clone(), DT_S).unwrap();
+            ratio(&generator, &faulty, &healthy)
+        };
+        let m = enhancement(&p3, &alpha, &slices(&healthy), &slices(&faulty), DT_S).unwrap();
+        assert_eq!(m.len(), 2);
+        let best = of(&m);
+        for k in 0..180 {
+            let angle = f64::from(k).to_radians();
+            let other = of(&[angle.cos(), angle.sin()]);
+            assert!(other <= best * (1.0 + 1e-6), "{angle}: {other} above {best}");
+        }
+        assert!(
+            best > 1.001 * of(&[1.0, -1.0]),
+            "no better than the element that rejects an offset"
+        );
     }
 
     #[test]

@@ -3,6 +3,9 @@
 //! In: N(z)L(z), alpha(z), the deviation y - C e^{At} x_a_hat of a signal from what the healthy model
 //! expects, counts. Out: r, counts, or its energy, counts²·s. thesis r(y), e(r) (before (3-4)).
 //!
+//! The default statistic is an energy of the same residual under another weight than the identity:
+//! [`super::sensitivity`].
+//!
 //! Departs: the thesis runs two filters, on y and on x_a_hat. Both are the same linear filter on the
 //! deviation, r = (N L / alpha) (y - y_hat), from zero state: one suffices.
 
@@ -88,6 +91,16 @@ impl ResidualGenerator {
             true
         });
         self.dt_s * sum
+    }
+
+    /// The largest |r|, counts: the other metric that thesis §3-2 names beside the energy.
+    pub fn maximum(&self, deviation: &[f64]) -> f64 {
+        let mut most = 0.0_f64;
+        self.run(deviation, |r| {
+            most = most.max(r.abs());
+            true
+        });
+        most
     }
 
     /// First `n` samples of the filter's answer to (1, 0, 0, ...).
@@ -200,13 +213,16 @@ mod tests {
     }
 
     #[test]
-    fn energy_is_dt_times_the_sum_of_squares_of_what_filter_gives() {
+    fn energy_and_maximum_are_those_of_what_filter_gives() {
         let g = method_one(6.47);
         let d = random_signal(2);
         let mut r = vec![0.0; 128];
         g.filter(&d, &mut r);
         let e = DT_S * r.iter().map(|x| x * x).sum::<f64>();
         assert!((g.energy(&d) - e).abs() <= 1e-15 * e);
+        let most = g.maximum(&d);
+        assert!(r.contains(&most) || r.contains(&-most), "one of the samples");
+        assert!(r.iter().all(|x| x.abs() <= most));
     }
 
     #[test]

@@ -7,6 +7,22 @@
 //!
 //! The healthy spread is that of the channels plus that of the noise; the noise weighs more where the
 //! drive is low, so the two are kept apart.
+//!
+//! It is the thesis's statistic with another weight. The FD filter is r = F d, its matrix F lower
+//! triangular with no 0 on the diagonal, so d = F^-1 r loses nothing. With the projection P, the
+//! features' healthy mean m, their metric M and the relative drive s the squared distance is
+//!
+//! ```text
+//! (P d / s - m)' M (P d / s - m) = (r - r_m)' W (r - r_m),   W = F^-T P' M P F^-1 / s², r_m = s F T m
+//! ```
+//!
+//! T: the tangent, P T = I. So it is a weighted residual energy about the mean healthy channel, where
+//! the thesis's e(r) = dt r' r has the weight W = dt I about no residual at all. The second test, the
+//! square beside the ring, is one more: |d|² - |T P d|² = r' F^-T (I - P' (P P')^-1 P) F^-1 r. W has
+//! rank 3 and that weight the rest. Which denominator F has changes W and not the statistic; it matters
+//! to e(r) alone, and to what is compared with classes. So by default, too, what runs is reader,
+//! identification, FD filter, gate, isolation: F^-1 is multiplied out once per model and not once per
+//! signal. Only what lies within [`SECOND_LOOK`] .. [`CLEARLY_FAR`] is refined by a fit.
 
 use crate::model::inner_product::dot;
 use crate::model::median::median;
@@ -227,6 +243,58 @@ mod tests {
     use super::*;
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
+
+    /// What the head of this file derives, W by triangular solves from F itself.
+    #[test]
+    fn the_distance_is_a_weighted_energy_of_the_fd_filters_residual_whatever_its_denominator() {
+        use crate::detect::{ResidualGenerator, null_space, poles};
+        use crate::model::{InkChannel, Plant};
+        use nalgebra::DVector;
+        const N: usize = 96;
+        let dt_s = 0.78125e-6;
+        let ink = InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8e4 };
+        let tangent = DMatrix::from_fn(N, 3, |i, j| ((i * (j + 1)) as f64 * 0.1).sin() * 100.0);
+        let spread = Matrix3::from_diagonal(&Vector3::new(4e-4, 25e-4, 4e-6));
+        let learned = Sensitivity {
+            mean: [0.01, -0.02, 0.001],
+            spread: rows(&spread),
+            ..Sensitivity::new(&tangent, 10.0).unwrap()
+        };
+        let p = DMatrix::from_fn(3, N, |i, k| learned.projection[i][k]);
+        let gram = learned.gram().unwrap();
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+        for omega in [4.06e5, 4.5e5] {
+            let numerator = null_space::numerator(&ink.a(), &ink.c(), dt_s, 4).unwrap();
+            let alpha = poles::resonance(omega, &[2e5, 2e5], dt_s).unwrap();
+            let filter = ResidualGenerator::new(numerator, alpha, dt_s).unwrap();
+            let f = filter.matrix(N);
+            // F^-T P': the columns that a residual is multiplied with
+            let columns = f.transpose().solve_upper_triangular(&p.transpose()).unwrap();
+            for drive in [0.7, 1.0] {
+                let metric = learned.metric(drive).unwrap();
+                let m = DMatrix::from_fn(3, 3, |i, j| metric[(i, j)] / (drive * drive));
+                let w = &columns * m * columns.transpose();
+                let mean = DVector::from_column_slice(&learned.mean);
+                let r_mean = &f * &tangent * mean * drive;
+                let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+                let d: Vec<f64> = (0..N).map(|_| 30.0 * normal()).collect();
+                let mut r = DVector::zeros(N);
+                filter.filter(&d, r.as_mut_slice());
+                let about = &r - r_mean;
+                let weighted = about.dot(&(w * &about));
+                let distance = learned.distance(&metric, &learned.features(&d, drive));
+                assert!((weighted / distance - 1.0).abs() < 1e-8, "{weighted} {distance}");
+                // beside the ring: what least squares on the tangent leave
+                let deviation = DVector::from_column_slice(&d);
+                let left = &deviation - &tangent * (&p * &deviation);
+                let back = f.solve_lower_triangular(&r).unwrap();
+                let along = columns.tr_mul(&r);
+                let along = Vector3::new(along[0], along[1], along[2]);
+                let beside = back.norm_squared() - along.dot(&(gram * along));
+                assert!((beside / left.norm_squared() - 1.0).abs() < 1e-8);
+            }
+        }
+    }
 
     #[test]
     fn mean_distance_of_healthy_signals_is_what_their_covariance_says() {

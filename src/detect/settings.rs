@@ -1,5 +1,6 @@
 //! Settings of fault detection: `pipeline.toml` section `[detect]`.
 
+use super::decoupling::Disturbance;
 use serde::{Deserialize, Serialize};
 
 /// What is compared with the threshold.
@@ -11,6 +12,11 @@ pub enum DetectMethod {
     Sensitivity,
     /// Energy of the FD filter's residual, thesis e(r).
     ResidualEnergy,
+    /// The largest sample of that residual, thesis §3-2.
+    ResidualMaximum,
+    /// Range of healthy frequencies and dampings by Fourier transform: the current practice that the
+    /// thesis compares with.
+    Practice,
 }
 
 /// How the threshold is learned.
@@ -35,6 +41,8 @@ pub enum Denominator {
     Eigenvalues,
     /// Method III: numerator enhancement, learned on the class `fault`.
     Enhanced,
+    /// The pair and the other poles that miss the fewest labelled faults ([`super::search`]).
+    Searched,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,10 +59,13 @@ pub struct DetectSettings {
     pub denominator: Denominator,
     /// The fault class that methods II and III are made for.
     pub fault: String,
-    /// n_o of method I; absent: the healthy resonance, n_o = f0 T.
+    /// n_o of methods I and III; absent: the healthy resonance, n_o = f0 T.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub oscillations: Option<f64>,
-    /// The other poles of method I, 1/s; with the pair they fix the filter's degree.
+    /// Disturbances that must not reach the residual.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub decouple: Vec<Disturbance>,
+    /// The other poles of method I, 1/s; with the pair they fix the filter's degree, with every method.
     pub other_poles_per_s: Vec<f64>,
 }
 
@@ -69,6 +80,7 @@ impl Default for DetectSettings {
             denominator: Denominator::Resonance,
             fault: "SDN".into(),
             oscillations: None,
+            decouple: Vec::new(),
             other_poles_per_s: vec![2e5, 2e5],
         }
     }
@@ -88,6 +100,16 @@ impl DetectSettings {
         open("confidence", self.confidence, 1.0)?;
         open("mu", self.mu, 1e6)?;
         open("oscillations", self.oscillations.unwrap_or(1.0), 1e6)?;
+        let of_residual =
+            matches!(self.method, DetectMethod::ResidualEnergy | DetectMethod::ResidualMaximum);
+        if !(self.decouple.is_empty() || of_residual) {
+            return Err("decouple: has no effect here: it is of method = \"residual-energy\" and \
+                        \"residual-maximum\" alone"
+                .into());
+        }
+        if (1..self.decouple.len()).any(|k| self.decouple[..k].contains(&self.decouple[k])) {
+            return Err("decouple names a disturbance twice".into());
+        }
         if !(1..=8).contains(&self.other_poles_per_s.len()) {
             let n = self.other_poles_per_s.len();
             return Err(format!(

@@ -3,6 +3,7 @@
 //! In: signals as rows. Out: their mean per unit drive, who was left out, the noise of the mean.
 
 use super::IdentifyError;
+use crate::model::inner_product::dot;
 use crate::model::median::median;
 
 /// Fewer signals than this make no average.
@@ -98,21 +99,26 @@ impl MeanSignal {
     }
 }
 
-/// Least-squares response per unit drive: sum s_i y_i / sum s_i^2, in row order (deterministic).
+/// Least-squares response per unit drive: sum s_i y_i / sum s_i^2, in row order (deterministic). `kept`:
+/// rows of the set.
+fn response(set: &SignalSet, kept: impl Iterator<Item = usize>) -> Vec<f64> {
+    let (mut y, mut weight) = (vec![0.0; set.samples], 0.0);
+    for i in kept {
+        let s = set.drive[i];
+        y.iter_mut().zip(set.signal(i)).for_each(|(sum, &v)| *sum += s * f64::from(v));
+        weight += s * s;
+    }
+    y.iter_mut().for_each(|v| *v /= weight);
+    y
+}
+
+/// The average of all signals of a set.
 pub fn average(set: &SignalSet) -> Result<MeanSignal, IdentifyError> {
     if set.len() < FEWEST_SIGNALS {
         return Err(IdentifyError::TooFewSignals { found: set.len(), needed: FEWEST_SIGNALS });
     }
-    let mut y = vec![0.0; set.samples];
-    for i in 0..set.len() {
-        for (sum, &v) in y.iter_mut().zip(set.signal(i)) {
-            *sum += set.drive[i] * f64::from(v);
-        }
-    }
-    let weight: f64 = set.drive.iter().map(|s| s * s).sum();
-    y.iter_mut().for_each(|v| *v /= weight);
-
-    let square: f64 = (0..set.len()).map(|i| distance(set, i, &y)).sum();
+    let y = response(set, 0..set.len());
+    let square: f64 = distances(set, &y).iter().sum();
     let mut channels = set.channel.clone();
     channels.sort_unstable();
     channels.dedup();
@@ -136,22 +142,28 @@ pub fn agreeing(set: &SignalSet, least_share: f64) -> Result<Vec<usize>, Identif
     let mut centre = median_signal(set);
     let mut keep = Vec::new();
     for _ in 0..2 {
-        let distances: Vec<f64> = (0..set.len()).map(|i| distance(set, i, &centre)).collect();
+        let distances = distances(set, &centre);
         let limit = REACH * median(&mut distances.clone());
         keep = (0..set.len()).filter(|&i| distances[i] <= limit).collect();
         if (keep.len() as f64) < least_share * set.len() as f64 || keep.len() < FEWEST_SIGNALS {
             let (inliers, signals, least) = (keep.len(), set.len(), least_share);
             return Err(IdentifyError::NoMajority { inliers, signals, least });
         }
-        centre = average(&set.select(&keep))?.y;
+        centre = response(set, keep.iter().copied());
     }
     Ok(keep)
 }
 
-/// ||y_i - s_i centre||^2, counts².
-fn distance(set: &SignalSet, i: usize, centre: &[f64]) -> f64 {
-    let s = set.drive[i];
-    set.signal(i).iter().zip(centre).map(|(&v, c)| (f64::from(v) - s * c).powi(2)).sum()
+/// ||y_i - s_i centre||^2 of every signal, counts².
+fn distances(set: &SignalSet, centre: &[f64]) -> Vec<f64> {
+    let mut off = vec![0.0; set.samples];
+    let of = |i: usize| {
+        let s = set.drive[i];
+        let signal = set.signal(i).iter().zip(centre);
+        off.iter_mut().zip(signal).for_each(|(off, (&v, c))| *off = f64::from(v) - s * c);
+        dot(&off, &off)
+    };
+    (0..set.len()).map(of).collect()
 }
 
 fn median_signal(set: &SignalSet) -> Vec<f64> {

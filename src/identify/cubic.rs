@@ -1,17 +1,21 @@
 //! The cubic s^3 + p2 s^2 + p1 s + p0 of the observable poles: its decays, and its roots.
 
 use crate::model::ring_down::Poles;
-use nalgebra::{DMatrix, Matrix3};
+use nalgebra::{Matrix3, MatrixXx3};
 
 /// Columns: the output from unit y, y', y'' at t_a (per µs), by exact discretisation of the cubic's
 /// companion form. `cubic`: p2, p1, p0 per µs.
-pub(super) fn basis(cubic: [f64; 3], dt_us: f64, samples: usize) -> DMatrix<f64> {
+pub(super) fn basis(cubic: [f64; 3], dt_us: f64, samples: usize) -> MatrixXx3<f64> {
     let step = (companion(cubic) * dt_us).exp();
-    let mut basis = DMatrix::zeros(samples, 3);
-    let mut row = nalgebra::RowVector3::new(1.0, 0.0, 0.0);
-    for k in 0..samples {
-        basis.set_row(k, &row);
-        row *= step;
+    let mut basis = MatrixXx3::zeros(samples);
+    let (of_y, rest) = basis.as_mut_slice().split_at_mut(samples);
+    let (of_dy, of_ddy) = rest.split_at_mut(samples);
+    let mut row = [1.0, 0.0, 0.0];
+    for ((y, dy), ddy) in of_y.iter_mut().zip(of_dy).zip(of_ddy) {
+        [*y, *dy, *ddy] = row;
+        row = std::array::from_fn(|j| {
+            row[0] * step[(0, j)] + row[1] * step[(1, j)] + row[2] * step[(2, j)]
+        });
     }
     basis
 }

@@ -17,9 +17,10 @@ use super::scale::damped_cosine;
 use super::scatter::scatter;
 use super::{GreyBoxSettings, IdentifyError};
 use crate::model::InkChannel;
+use crate::model::inner_product::dot;
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SupportedConeT};
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use nalgebra::{DVector, Matrix3, MatrixXx3, Vector3};
 
 pub use super::identification::Identification;
 
@@ -86,7 +87,8 @@ fn identify_from(
 
     let channel = problem.channel(&best.theta);
     let cubic = channel.cubic();
-    let (state, misfit) = problem.project(&best.theta).ok_or(IdentifyError::NoRingDown)?;
+    let Projection { state, misfit, .. } =
+        problem.project(&best.theta).ok_or(IdentifyError::NoRingDown)?;
     let output_state = [state[0], state[1] * 1e6, state[2] * 1e12];
     Ok(Identification {
         poles: poles_of(cubic)
@@ -119,7 +121,7 @@ fn identify_from(
 /// it is taken out ([`super::scatter`]), and what is left is fitted again, to convergence.
 ///
 /// Departs: the thesis fits the plain average, whose damping is then biased and whose real pole
-/// takes up the curvature.
+/// takes up the curvature. With `plain_mean` that is what is done, as by `--preset thesis`.
 pub fn identify_scattered(
     set: &SignalSet,
     mean: &MeanSignal,
@@ -128,6 +130,9 @@ pub fn identify_scattered(
 ) -> Result<Identification, IdentifyError> {
     const ROUNDS: usize = 8;
     let mut fit = identify(&mean.y, dt_s, mean.standard_error(), settings)?;
+    if settings.plain_mean {
+        return Ok(fit);
+    }
     let settings = &settings.at_frequency(fit.poles.frequency_hz);
     for _ in 0..ROUNDS {
         let Some((found, curvature)) = scatter(set, &fit, mean.noise, dt_s) else { break };
@@ -201,11 +206,10 @@ impl Problem {
             }
         }
         // the nearest few by cost are searched
-        let cost =
-            |t: &Vector3<f64>| self.project(t).map_or(f64::INFINITY, |(_, r)| self.cost(t, &r));
-        starts.sort_by(|p, q| cost(p).total_cmp(&cost(q)));
-        starts.truncate(5);
-        starts
+        let cost = |t: &Vector3<f64>| self.project(t).map_or(f64::INFINITY, |p| self.cost(t, &p));
+        let mut starts: Vec<_> = starts.into_iter().map(|t| (cost(&t), t)).collect();
+        starts.sort_by(|p, q| p.0.total_cmp(&q.0));
+        starts.into_iter().take(5).map(|(_, t)| t).collect()
     }
 
     fn theta(&self, channel: &InkChannel) -> Vector3<f64> {
@@ -225,23 +229,23 @@ impl Problem {
         InkChannel { a_per_s2: a * 1e12, b_per_s2: b * 1e12, g_per_s: g * 1e6, d_per_s: d * 1e6 }
     }
 
-    fn basis(&self, theta: &Vector3<f64>) -> DMatrix<f64> {
+    fn basis(&self, theta: &Vector3<f64>) -> MatrixXx3<f64> {
         let [a, b, g, d] = self.rates_per_us(theta);
         basis([g + d, g * d + a + b, a * d + b * g], self.dt_us, self.y.len())
     }
 
-    /// The best state for these rates and the misfit y - E c (c: y, y', y'' per µs).
-    fn project(&self, theta: &Vector3<f64>) -> Option<([f64; 3], DVector<f64>)> {
-        let basis = self.basis(theta);
-        let qr = basis.clone().qr();
-        let c = qr.r().solve_upper_triangular(&(qr.q().transpose() * &self.y))?;
-        let misfit = &self.y - basis * &c;
-        misfit.norm().is_finite().then(|| ([c[0], c[1], c[2]], misfit))
+    /// The best state for these rates and what it leaves.
+    fn project(&self, theta: &Vector3<f64>) -> Option<Projection> {
+        let (q, r) = thin_qr(self.basis(theta));
+        let along = q.tr_mul(&self.y);
+        let state = r.solve_upper_triangular(&along)?;
+        let misfit = &self.y - &q * along;
+        misfit.norm().is_finite().then_some(Projection { state, misfit, q, r })
     }
 
     /// 1/2 ||misfit||^2 and the prior, counts².
-    fn cost(&self, theta: &Vector3<f64>, misfit: &DVector<f64>) -> f64 {
-        (misfit.norm_squared() + self.prior * theta[1].powi(2)) / 2.0
+    fn cost(&self, theta: &Vector3<f64>, at: &Projection) -> f64 {
+        (at.misfit.norm_squared() + self.prior * theta[1].powi(2)) / 2.0
     }
 
     /// Gradient and Gauss-Newton matrix of [`Problem::cost`] on the reduced problem, with the full
@@ -249,26 +253,22 @@ impl Problem {
     fn normal_equations(
         &self,
         theta: &Vector3<f64>,
-        c: &[f64; 3],
-        misfit: &DVector<f64>,
+        at: &Projection,
     ) -> (Vector3<f64>, Matrix3<f64>) {
-        let (q, r) = self.basis(theta).qr().unpack();
-        let c = DVector::from_row_slice(c);
-        let columns: Vec<DVector<f64>> = (0..3)
-            .map(|k| {
-                let h = 1e-5;
-                let (mut up, mut down) = (*theta, *theta);
-                up[k] += h;
-                down[k] -= h;
-                let slope = (self.basis(&up) - self.basis(&down)) / (2.0 * h);
-                let de = &slope * &c;
-                let moved = &q * (q.transpose() * &de) - de;
-                match r.transpose().solve_lower_triangular(&(slope.transpose() * misfit)) {
-                    Some(state) => moved - &q * state,
-                    None => moved,
-                }
-            })
-            .collect();
+        let Projection { state, misfit, q, r } = at;
+        let columns: [DVector<f64>; 3] = std::array::from_fn(|k| {
+            let h = 1e-5;
+            let (mut up, mut down) = (*theta, *theta);
+            up[k] += h;
+            down[k] -= h;
+            let slope = (self.basis(&up) - self.basis(&down)) / (2.0 * h);
+            let de = &slope * state;
+            let mut along = q.tr_mul(&de);
+            if let Some(of_state) = r.tr_solve_upper_triangular(&slope.tr_mul(misfit)) {
+                along -= of_state;
+            }
+            q * along - de
+        });
         let mut gradient = Vector3::from_fn(|k, _| columns[k].dot(misfit));
         let mut gauss_newton = Matrix3::from_fn(|j, k| columns[j].dot(&columns[k]));
         gradient[1] += self.prior * theta[1];
@@ -278,18 +278,18 @@ impl Problem {
 
     fn search(&self, start: Vector3<f64>) -> Option<End> {
         let mut theta = start;
-        let (mut c, mut misfit) = self.project(&theta)?;
+        let mut at = self.project(&theta)?;
         let mut damping = 1e-3;
         for iterations in 1..=200 {
-            let cost = self.cost(&theta, &misfit);
-            let (gradient, hessian) = self.normal_equations(&theta, &c, &misfit);
+            let cost = self.cost(&theta, &at);
+            let (gradient, hessian) = self.normal_equations(&theta, &at);
             let here = theta;
             let end = |convergence| End { theta: here, cost, convergence, iterations };
             let scale = hessian.diagonal().map(|h| h.sqrt().max(f64::MIN_POSITIVE));
             // cosine of the angle between the misfit and every direction that may still move: at 1e-6
             // the optimum is nearer than a hundred-thousandth of a standard deviation
             let slope = self.projected(&theta, &gradient).component_div(&scale).amax();
-            if slope <= 1e-6 * misfit.norm() + 1e-13 * self.y.norm() {
+            if slope <= 1e-6 * at.misfit.norm() + 1e-13 * self.y.norm() {
                 return Some(end(Convergence::Gradient));
             }
             // what the undamped step would still gain: 1e-9 of the cost is 1e-4 standard deviations
@@ -312,13 +312,13 @@ impl Problem {
                 }
                 let trial = theta + step;
                 let predicted = gain(&step);
-                let trial_gain = self.project(&trial).map(|(tc, tm)| {
-                    let ratio = (cost - self.cost(&trial, &tm)) / predicted.max(f64::MIN_POSITIVE);
-                    (ratio, tc, tm)
+                let there = self.project(&trial).map(|there| {
+                    let gained = cost - self.cost(&trial, &there);
+                    (gained / predicted.max(f64::MIN_POSITIVE), there)
                 });
-                match trial_gain {
-                    Some((ratio, tc, tm)) if ratio > 1e-3 => {
-                        (theta, c, misfit) = (trial, tc, tm);
+                match there {
+                    Some((ratio, there)) if ratio > 1e-3 => {
+                        (theta, at) = (trial, there);
                         if ratio > 0.75 {
                             damping = (damping / 10.0).max(1e-14);
                         } else if ratio < 0.25 {
@@ -403,6 +403,37 @@ impl Problem {
             .map(|(name, _)| name.to_string())
             .collect()
     }
+}
+
+/// The best state for some rates.
+struct Projection {
+    /// y, y', y'' per µs.
+    state: Vector3<f64>,
+    /// y - E c.
+    misfit: DVector<f64>,
+    /// E = q r.
+    q: MatrixXx3<f64>,
+    r: Matrix3<f64>,
+}
+
+/// q, r of N x 3 columns, by Gram and Schmidt, twice: as orthogonal as Householder's (Giraud, Langou and
+/// Rozloznik 2005). Columns that depend on each other leave what is not finite.
+fn thin_qr(mut q: MatrixXx3<f64>) -> (MatrixXx3<f64>, Matrix3<f64>) {
+    let (n, mut r) = (q.nrows(), Matrix3::zeros());
+    for k in 0..3 {
+        let (before, rest) = q.as_mut_slice().split_at_mut(k * n);
+        let column = &mut rest[..n];
+        for _ in 0..2 {
+            for (j, other) in before.chunks_exact(n).enumerate() {
+                let along = dot(other, column);
+                r[(j, k)] += along;
+                column.iter_mut().zip(other).for_each(|(v, o)| *v -= along * o);
+            }
+        }
+        r[(k, k)] = dot(column, column).sqrt();
+        column.iter_mut().for_each(|v| *v /= r[(k, k)]);
+    }
+    (q, r)
 }
 
 /// The acquisition state of thesis (2-2) with that output and its derivatives, its component along
@@ -499,6 +530,15 @@ mod tests {
             let share = *hits as f64 / f64::from(runs);
             assert!((0.90..=0.99).contains(&share), "95 % intervals cover {share}");
         }
+    }
+
+    #[test]
+    fn thin_qr_is_orthonormal_and_gives_the_columns_back() {
+        let columns = basis(super::super::cubic::cubic_per_us(PLANTED.cubic()), 0.78125, 128);
+        let (q, r) = thin_qr(columns.clone());
+        assert!((q.tr_mul(&q) - Matrix3::identity()).amax() < 1e-14);
+        assert!((&q * r - &columns).amax() < 1e-14 * columns.amax());
+        assert!(r[(1, 0)] == 0.0 && r[(2, 0)] == 0.0 && r[(2, 1)] == 0.0);
     }
 
     #[test]

@@ -4,13 +4,13 @@
 
 use super::cubic::{basis, cubic_per_us, poles_of};
 use super::identification::Uncertainty;
-use nalgebra::{DMatrix, DVector, Matrix3, SMatrix};
+use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector3};
 
 /// Gauss-Newton covariance of all six numbers (p2, p1, p0, y, y', y''), its cubic part carried to
 /// the poles. `state` per µs. `noise` of one sample, counts; 0: from the misfit.
 pub fn uncertainty(
     cubic: [f64; 3],
-    state: &[f64; 3],
+    state: &Vector3<f64>,
     dt_s: f64,
     samples: usize,
     noise: f64,
@@ -18,14 +18,13 @@ pub fn uncertainty(
 ) -> Uncertainty {
     let p = cubic_per_us(cubic);
     let dt_us = dt_s * 1e6;
-    let c = DVector::from_row_slice(state);
     let mut jacobian = DMatrix::zeros(samples, 6);
     for k in 0..3 {
         let h = 1e-5 * p[k].abs().max(1e-9);
         let (mut up, mut down) = (p, p);
         up[k] += h;
         down[k] -= h;
-        let dy = (basis(up, dt_us, samples) - basis(down, dt_us, samples)) * &c / (2.0 * h);
+        let dy = (basis(up, dt_us, samples) - basis(down, dt_us, samples)) * state / (2.0 * h);
         jacobian.set_column(k, &dy);
     }
     jacobian.view_mut((0, 3), (samples, 3)).copy_from(&basis(p, dt_us, samples));

@@ -2,7 +2,7 @@
 
 use super::cubic::{basis, cubic_per_us, to_microseconds};
 use crate::model::{InkChannel, ring_down::Poles};
-use nalgebra::DVector;
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 /// Why the search ended.
@@ -50,10 +50,8 @@ impl Identification {
     /// y_hat = C e^{At} x_a, counts, at the reference drive.
     pub fn expected(&self, dt_s: f64, samples: usize) -> Vec<f64> {
         let dt_us = dt_s * 1e6;
-        let c = to_microseconds(self.output_state);
-        (basis(cubic_per_us(self.cubic), dt_us, samples) * DVector::from_row_slice(&c))
-            .as_slice()
-            .to_vec()
+        let c = Vector3::from(to_microseconds(self.output_state));
+        (basis(cubic_per_us(self.cubic), dt_us, samples) * c).as_slice().to_vec()
     }
 }
 

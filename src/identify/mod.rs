@@ -34,6 +34,10 @@ pub struct GreyBoxSettings {
     pub d_per_s: f64,
     /// Rates are bounded to guess / factor .. guess * factor.
     pub bound_factor: f64,
+    /// Thesis (3-1) to the letter: the plain mean of all signals is fitted, without looking for those
+    /// that agree, and with the curvature that scattering channels leave in it.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub plain_mean: bool,
 }
 
 impl Default for GreyBoxSettings {
@@ -44,6 +48,7 @@ impl Default for GreyBoxSettings {
             g_per_s: 1.6e4,
             d_per_s: 8.0e4,
             bound_factor: 8.0,
+            plain_mean: false,
         }
     }
 }

@@ -4,7 +4,6 @@
 //! and all that is learned from it, is the same for any file order, chunking or number of threads.
 
 use super::averaging::SignalSet;
-use std::collections::{BinaryHeap, HashSet};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// (hash of time and channel, time, channel, hash of the samples): the last tells repeats apart.
@@ -14,10 +13,12 @@ type Rank = (u64, i64, u32, u64);
 pub struct Reservoir {
     capacity: usize,
     samples: usize,
-    /// The kept signals' ranks and slots, worst on top.
-    heap: BinaryHeap<(Rank, usize)>,
-    /// The same ranks: what is repeated is one signal.
-    kept: HashSet<Rank>,
+    /// Ranks and slots of what is held: a quarter more than the capacity, so that the worst leave many at a
+    /// time.
+    held: Vec<(Rank, usize)>,
+    /// Nothing beyond it is kept.
+    worst: Option<Rank>,
+    free: Vec<usize>,
     data: Vec<f32>,
     channel: Vec<u32>,
     voltage_v: Vec<f64>,
@@ -33,8 +34,9 @@ impl Reservoir {
         Reservoir {
             capacity,
             samples,
-            heap: BinaryHeap::new(),
-            kept: HashSet::new(),
+            held: Vec::new(),
+            worst: None,
+            free: Vec::new(),
             data: Vec::new(),
             channel: Vec::new(),
             voltage_v: Vec::new(),
@@ -73,48 +75,52 @@ impl Reservoir {
         let row: Vec<f32> = signal.iter().map(|&y| y as f32).collect();
         let content: Vec<u8> = row.iter().flat_map(|y| y.to_le_bytes()).collect();
         let rank = (hash, t_acq_ns, channel, xxh3_64(&content));
-        if self.kept.contains(&rank) {
+        if self.worst.is_some_and(|worst| rank >= worst) {
             return;
         }
-        let slot = if self.heap.len() < self.capacity {
+        if self.held.len() > self.capacity + self.capacity / 4 {
+            self.let_go();
+        }
+        let slot = self.free.pop().unwrap_or(self.channel.len());
+        if slot == self.channel.len() {
             self.data.extend_from_slice(&row);
             self.channel.push(channel);
             self.voltage_v.push(voltage_v);
             self.temperature_c.push(temperature_c);
             self.severity.push(severity);
-            self.channel.len() - 1
         } else {
-            match self.heap.peek() {
-                Some((worst, _)) if rank < *worst => {}
-                _ => return,
-            }
-            let Some((worst, slot)) = self.heap.pop() else { return };
-            self.kept.remove(&worst);
             self.data[slot * self.samples..(slot + 1) * self.samples].copy_from_slice(&row);
             self.channel[slot] = channel;
             self.voltage_v[slot] = voltage_v;
             self.temperature_c[slot] = temperature_c;
             self.severity[slot] = severity;
-            slot
-        };
-        self.kept.insert(rank);
-        self.heap.push((rank, slot));
+        }
+        self.held.push((rank, slot));
+    }
+
+    /// Of repeats, which are one signal, and of the worst.
+    fn let_go(&mut self) {
+        let best = self.best();
+        let mut stays = vec![false; self.channel.len()];
+        best.iter().for_each(|(_, slot)| stays[*slot] = true);
+        self.free = (0..stays.len()).filter(|slot| !stays[*slot]).collect();
+        self.worst = best.get(self.capacity.wrapping_sub(1)).map(|(rank, _)| *rank);
+        self.held = best;
+    }
+
+    /// In rank order, no more than the capacity.
+    fn best(&self) -> Vec<(Rank, usize)> {
+        let mut best = self.held.clone();
+        best.sort_unstable();
+        best.dedup_by_key(|(rank, _)| *rank);
+        best.truncate(self.capacity);
+        best
     }
 
     /// False: a signal of that time and channel would not be kept, whatever it is. Saves looking at it.
     pub fn may_keep(&self, t_acq_ns: i64, channel: u32) -> bool {
         let rank = (hash_of(t_acq_ns, channel), t_acq_ns, channel);
-        let full = self.heap.len() >= self.capacity;
-        let worst = self.heap.peek().filter(|_| full);
-        worst.is_none_or(|(worst, _)| rank <= (worst.0, worst.1, worst.2))
-    }
-
-    pub fn len(&self) -> usize {
-        self.heap.len()
-    }
-
-    pub fn is_empty(&self) -> bool {
-        self.heap.is_empty()
+        self.worst.is_none_or(|worst| rank <= (worst.0, worst.1, worst.2))
     }
 
     /// What the samples that are held take up.
@@ -145,9 +151,7 @@ impl Reservoir {
     }
 
     fn in_order(&self) -> impl Iterator<Item = usize> {
-        let mut kept: Vec<(Rank, usize)> = self.heap.iter().copied().collect();
-        kept.sort_unstable();
-        kept.into_iter().map(|(_, slot)| slot)
+        self.best().into_iter().map(|(_, slot)| slot)
     }
 }
 

@@ -8,6 +8,7 @@ use super::GreyBoxSettings;
 use super::cubic::poles_of;
 use crate::model::InkChannel;
 use crate::model::inner_product::dot;
+use crate::processor::for_processor;
 use nalgebra::{Matrix3, Vector3};
 
 /// The nearest damped cosine, on a constant.
@@ -32,22 +33,17 @@ pub fn damped_cosine(y: &[f64], dt_s: f64) -> Option<DampedCosine> {
     let n = y.len();
     let most = MOST_PER_SAMPLE * n as f64;
     let step = STEP.max((most - FEWEST_CYCLES) / MOST_STEPS as f64);
-    let square = dot(y, y);
+    let (square, sum) = (dot(y, y), y.iter().sum::<f64>());
+    let decays = DAMPINGS.map(|damping| (-damping / n as f64).exp());
     let mut best: Option<(f64, f64)> = None;
     let mut cycles = FEWEST_CYCLES;
     while cycles < most {
-        for damping in DAMPINGS {
-            let (decay, angle) =
-                ((-damping / n as f64).exp(), std::f64::consts::TAU * cycles / n as f64);
-            let (sin, cos) = (angle.sin() * decay, angle.cos() * decay);
-            let (mut re, mut im) = (1.0, 0.0);
-            let (mut gram, mut product) = (Matrix3::zeros(), Vector3::zeros());
-            for v in y {
-                let column = Vector3::new(re, im, 1.0);
-                gram += column * column.transpose();
-                product += column * *v;
-                (re, im) = (re * cos - im * sin, re * sin + im * cos);
-            }
+        let (sin, cos) = (std::f64::consts::TAU * cycles / n as f64).sin_cos();
+        let sums = sums(y, decays.map(|d| sin * d), decays.map(|d| cos * d));
+        for lane in 0..DAMPINGS.len() {
+            let [rr, ri, ii, r, i, ry, iy] = sums.map(|sum| sum[lane]);
+            let gram = Matrix3::new(rr, ri, r, ri, ii, i, r, i, n as f64);
+            let product = Vector3::new(ry, iy, sum);
             let Some(inverse) = gram.try_inverse() else { continue };
             let left = square - product.dot(&(inverse * product));
             if left.is_finite() && best.is_none_or(|(least, _)| left < least) {
@@ -61,6 +57,32 @@ pub fn damped_cosine(y: &[f64], dt_s: f64) -> Option<DampedCosine> {
         frequency_hz: cycles / (n as f64 * dt_s),
         misfit_rms: (left.max(0.0) / n as f64).sqrt(),
     })
+}
+
+/// Of each damping.
+type Lanes = [f64; DAMPINGS.len()];
+
+for_processor! {
+    /// Sums over a signal of re re, re im, im im, re, im, re y, im y, where (re, im) turns and decays from
+    /// (1, 0) on by (cos, sin) a sample.
+    fn sums(y: &[f64], sin: Lanes, cos: Lanes) -> [Lanes; 7] { sums_of }
+}
+
+#[inline(always)] // compiled once per instruction set
+fn sums_of(y: &[f64], sin: Lanes, cos: Lanes) -> [Lanes; 7] {
+    let (mut re, mut im) = ([1.0; DAMPINGS.len()], [0.0; DAMPINGS.len()]);
+    let mut sums = [[0.0; DAMPINGS.len()]; 7];
+    for y in y {
+        for l in 0..DAMPINGS.len() {
+            let (r, i) = (re[l], im[l]);
+            let terms = [r * r, r * i, i * i, r, i, r * y, i * y];
+            for (sum, term) in sums.iter_mut().zip(terms) {
+                sum[l] += term;
+            }
+            (re[l], im[l]) = (r * cos[l] - i * sin[l], r * sin[l] + i * cos[l]);
+        }
+    }
+    sums
 }
 
 impl GreyBoxSettings {

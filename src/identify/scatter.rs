@@ -11,7 +11,8 @@
 use super::averaging::SignalSet;
 use super::cubic::basis;
 use super::identification::{Identification, Scatter};
-use nalgebra::{DMatrix, DVector, Matrix5, SymmetricEigen, Vector5};
+use crate::model::inner_product::dot;
+use nalgebra::{DMatrix, DVector, Matrix5, SymmetricEigen, Vector3, Vector5};
 use std::collections::BTreeMap;
 
 /// Fewer channels than this say nothing about their own sampling error.
@@ -49,7 +50,7 @@ impl Tangent {
         let lambda = self.lambda;
         // (s + lambda)(s^2 + 2 sigma s + sigma^2 + omega^2)
         let cubic = [2.0 * sigma + lambda, square + 2.0 * sigma * lambda, square * lambda];
-        let c = DVector::from_fn(3, |k, _| self.state[k] + step[k + 2]);
+        let c = Vector3::from_fn(|k, _| self.state[k] + step[k + 2]);
         basis(cubic, self.dt_us, self.samples) * c
     }
 
@@ -88,14 +89,13 @@ pub fn scatter(
 
     let (mut sum, mut square) = (Vector5::zeros(), Matrix5::zeros());
     let (mut of_noise, mut by_channel) = (0.0, BTreeMap::<u32, (Vector5<f64>, f64)>::new());
+    let mut deviation = vec![0.0; set.samples];
     for i in 0..set.len() {
         let s = set.drive[i];
-        let product = Vector5::from_fn(|k, _| {
-            let column = columns.column(k);
-            let signal = set.signal(i).iter().zip(expected.iter());
-            column.iter().zip(signal).map(|(t, (&y, e))| t * (f64::from(y) / s - e)).sum::<f64>()
-                / scale[k]
-        });
+        let signal = set.signal(i).iter().zip(expected.iter());
+        deviation.iter_mut().zip(signal).for_each(|(d, (&y, e))| *d = f64::from(y) / s - e);
+        let along = |k: usize| &columns.as_slice()[k * set.samples..(k + 1) * set.samples];
+        let product = Vector5::from_fn(|k, _| dot(along(k), &deviation) / scale[k]);
         let theta = inverse * product;
         sum += theta;
         square += theta * theta.transpose();
@@ -189,6 +189,19 @@ mod tests {
         assert!(off(&corrected) < 0.004, "{}", off(&corrected));
         let lambda = corrected.poles.lambda_per_s / truth.lambda_per_s - 1.0;
         assert!(lambda.abs() < 0.2, "real pole off by {lambda}");
+    }
+
+    #[test]
+    fn the_plain_mean_is_fitted_as_it_is() {
+        let set = channels(0.016, 0.10, 200);
+        let mean = averaging::average(&set).unwrap();
+        let settings = GreyBoxSettings { plain_mean: true, ..GreyBoxSettings::default() };
+        let fit = grey_box::identify_scattered(&set, &mean, DT_S, &settings).unwrap();
+        let plain = grey_box::identify(&mean.y, DT_S, mean.standard_error(), &settings).unwrap();
+        assert_eq!(fit.poles.damping_per_s, plain.poles.damping_per_s);
+        let settings = GreyBoxSettings::default();
+        let corrected = grey_box::identify_scattered(&set, &mean, DT_S, &settings).unwrap();
+        assert!(corrected.poles.damping_per_s < fit.poles.damping_per_s, "averaging damps");
     }
 
     #[test]

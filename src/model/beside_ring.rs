@@ -7,7 +7,7 @@
 use super::inner_product::dot;
 use super::ring::Ring;
 use super::ring_fit::{Features, RingFitter};
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{DMatrix, SMatrix, SVector};
 
 /// Columns that a ring may move along: four of the pair, one of the real pole.
 const COLUMNS: usize = 5;
@@ -29,11 +29,11 @@ impl BesideRing {
 
     /// `y`: N, counts; `at`: of its ring, the phase free.
     pub fn left(&self, fitter: &RingFitter, y: &[f64], at: &Features) -> Vec<f64> {
-        let ring = fitter.tangent(at);
+        let tangent = fitter.tangent(at);
         // the first column is the ring itself
-        let left: Vec<f64> =
-            y.iter().zip(ring.column(0).iter()).map(|(y, ring)| y - ring).collect();
-        self.project(fitter, &left, at)
+        let ring = tangent.column(0);
+        let left = y.iter().zip(ring.iter()).map(|(y, ring)| y - ring).collect();
+        self.beside(tangent, left)
     }
 
     /// The same without the shape that every ring of the machine holds, in proportion to its amplitude. N,
@@ -53,29 +53,39 @@ impl BesideRing {
 
     /// What of a deviation from a ring lies beside it, counts. `y`: N.
     pub fn project(&self, fitter: &RingFitter, y: &[f64], at: &Features) -> Vec<f64> {
-        let tangent = fitter.tangent(at);
-        let mut columns: [Vec<f64>; COLUMNS] = Default::default();
-        for (k, column) in columns.iter_mut().enumerate() {
-            *column = match k {
-                0..4 => {
-                    let norm = tangent.column(k).norm().max(f64::MIN_POSITIVE);
-                    tangent.column(k).iter().map(|v| v / norm).collect()
-                }
-                _ => self.real.clone(),
-            };
+        self.beside(fitter.tangent(at), y.to_vec())
+    }
+
+    /// `tangent`: N x 4, of the pair; `left`: N.
+    fn beside(&self, mut tangent: DMatrix<f64>, mut left: Vec<f64>) -> Vec<f64> {
+        for mut column in tangent.column_iter_mut() {
+            let norm = column.norm().max(f64::MIN_POSITIVE);
+            column.iter_mut().for_each(|v| *v /= norm);
         }
-        let mut left = y.to_vec();
-        let gram = SMatrix::<f64, COLUMNS, COLUMNS>::from_fn(|i, j| dot(&columns[i], &columns[j]));
+        let [ring, damping, frequency, phase] = of_pair(tangent.as_slice());
+        let columns: [&[f64]; COLUMNS] = [ring, damping, frequency, phase, &self.real];
         // columns that cannot be told apart: their difference explains nothing
-        let steadied = gram + SMatrix::identity() * 1e-9;
-        let product = SVector::<f64, COLUMNS>::from_fn(|i, _| dot(&columns[i], &left));
+        let mut steadied = SMatrix::<f64, COLUMNS, COLUMNS>::identity() * 1e-9;
+        for i in 0..COLUMNS {
+            for j in 0..=i {
+                steadied[(i, j)] += dot(columns[i], columns[j]);
+            }
+        }
+        let product = SVector::<f64, COLUMNS>::from_fn(|i, _| dot(columns[i], &left));
+        // which reads the lower half
         if let Some(of) = steadied.cholesky().map(|c| c.solve(&product)) {
             for (column, c) in columns.iter().zip(of.iter()) {
-                left.iter_mut().zip(column).for_each(|(l, v)| *l -= c * v);
+                left.iter_mut().zip(*column).for_each(|(l, v)| *l -= c * v);
             }
         }
         left
     }
+}
+
+/// The columns of a matrix of four, one after the other.
+fn of_pair(matrix: &[f64]) -> [&[f64]; 4] {
+    let n = matrix.len() / 4;
+    std::array::from_fn(|k| &matrix[k * n..(k + 1) * n])
 }
 
 #[cfg(test)]

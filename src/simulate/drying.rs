@@ -13,6 +13,8 @@ use crate::model::faults;
 use rand::RngExt;
 use rand::seq::SliceRandom;
 
+/// Of the actuation that every signal rings from, V.
+pub const DRIVE_V: f64 = NOMINAL_DRIVE_V;
 /// Share of the excess viscosity that a pre-fire leaves. The thesis does not say; with this the
 /// three states form three clusters, as in its Fig. 4-2.
 const LEFT: f64 = 0.25;

@@ -2,10 +2,10 @@
 //! thesis Tables 4-1, 4-3, 4-4, 4-6, and the methods that the thesis describes without a table.
 
 use super::data::Signals;
-use super::practice::{Spectrum, Thresholds};
-use super::{Confusion, Figures, ThesisError, search};
+use super::practice::{Thresholds, key_numbers};
+use super::{Confusion, Figures, ThesisError};
 use crate::design::{Design, DetectSettings, IsolateSettings, Judge, TrainingSet, Workspace};
-use crate::detect::{Denominator, DetectMethod, ThresholdMethod, null_space};
+use crate::detect::{Denominator, DetectMethod, ThresholdMethod, null_space, search};
 use crate::fault::{CLASSES, HEALTHY};
 use crate::identify::GreyBoxSettings;
 use crate::isolate::{IsolateMethod, IsolateSignal};
@@ -51,7 +51,10 @@ pub fn train(
     detect: &DetectSettings,
     isolate: &IsolateSettings,
 ) -> Result<Design, ThesisError> {
-    let (design, _) = Design::train(set, &GreyBoxSettings::default(), detect, isolate)?;
+    // the thesis's chain begins with its own average
+    let plain_mean = detect.method != DetectMethod::Sensitivity;
+    let grey_box = GreyBoxSettings { plain_mean, ..GreyBoxSettings::default() };
+    let (design, _) = Design::train(set, &grey_box, detect, isolate)?;
     Ok(design)
 }
 
@@ -79,8 +82,7 @@ pub fn judge(
         for ((d, y), e) in deviation.iter_mut().zip(y).zip(&judge.model.expected) {
             *d = y - e;
         }
-        let energy = judge.model.generator.energy(&deviation);
-        let flagged = judge.model.threshold.is_faulty(energy);
+        let flagged = judge.test(judge.detect(&deviation, 1.0, &mut work)).is_flagged();
         let isolation = if state == HEALTHY {
             None
         } else {
@@ -129,10 +131,12 @@ fn detection(learn: &Signals, test: &Signals, out: &mut Figures) -> Result<(), T
     };
     let variants = [
         ("n_o = 7.25", thesis_detect(1.0)),
+        ("maximum", DetectSettings { method: DetectMethod::ResidualMaximum, ..thesis_detect(1.0) }),
         ("n_o = f0 T", max.clone()),
         ("n_o = f0 T, degree 3", with(Denominator::Resonance, &[2e5])),
         ("II", with(Denominator::Eigenvalues, &[2e5, 2e5])),
         ("III", with(Denominator::Enhanced, &[2e5; 4])),
+        ("(3-3b)", with(Denominator::Enhanced, &[2e5; 2])),
         ("quantile", energy),
     ];
     for (name, detect) in variants {
@@ -217,11 +221,10 @@ fn isolation(learn: &Signals, test: &Signals, out: &mut Figures) -> Result<(), T
 const KNOWN_TO_PRACTICE: [&str; 4] = ["EC", "AB3", "BN", "PBN"];
 
 fn practice(learn: &Signals, test: &Signals, out: &mut Figures) {
-    let spectrum = Spectrum::new(learn.samples, learn.dt_s);
-    let thresholds = Thresholds::learn(learn, &spectrum.of_all(learn));
+    let thresholds = Thresholds::learn(learn, &key_numbers(learn));
     let (mut right, mut four, mut nine, mut known, mut false_alarms, mut misses) =
         (0, 0, 0, 0, 0, 0);
-    for (k, state) in spectrum.of_all(test).iter().zip(&test.state) {
+    for (k, state) in key_numbers(test).iter().zip(&test.state) {
         let faulty = state != HEALTHY;
         let flagged = thresholds.is_faulty(k);
         right += usize::from(flagged == faulty);
@@ -254,6 +257,10 @@ impl Figures {
             self.put(&format!("FD {name}/{what}"), n as f64);
         }
         self.put(&format!("FD {name}/accuracy"), d.accuracy());
+        let counts = [[d.tn, d.fp], [d.fn_, d.tp]];
+        let counts = counts.map(|row| row.map(|n| n as f64).to_vec()).to_vec();
+        let classes = vec!["healthy".into(), "faulty".into()];
+        self.confusions.insert(format!("FD {name}"), Confusion { classes, counts });
         for (state, by) in &report.by_state {
             if state != HEALTHY {
                 let missed = (by.signals - by.flagged) as f64;
@@ -276,7 +283,14 @@ impl Figures {
             let classes = report.isolation.classes.clone();
             let counts = report.isolation.confusion.iter();
             let counts = counts.map(|row| row.iter().map(|&n| n as f64).collect()).collect();
-            self.confusions.insert(format!("{name}{mode}"), Confusion { classes, counts });
+            let confusion = Confusion { classes, counts };
+            if confusion.classes.iter().any(|c| c == "SDN") {
+                let without = confusion.without("IDN").hma();
+                self.put(&format!("{name}{mode}/HMA without IDN"), without);
+                let merged = confusion.merged("SDN", "IDN").hma();
+                self.put(&format!("{name}{mode}/HMA, SDN and IDN as one"), merged);
+            }
+            self.confusions.insert(format!("{name}{mode}"), confusion);
         }
     }
 }

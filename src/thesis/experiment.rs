@@ -3,7 +3,7 @@
 
 use super::chapter::{self, judge, settings, thesis_detect};
 use super::data::Signals;
-use super::practice::{Spectrum, Thresholds};
+use super::practice::{Thresholds, key_numbers};
 use super::{Figures, ThesisError};
 use crate::fault::HEALTHY;
 use crate::isolate::{IsolateMethod, IsolateSignal};
@@ -52,10 +52,9 @@ pub fn figures(physics: &Physics, seed: u64, out: &mut Figures) -> Result<(), Th
             }
         }
     }
-    let spectrum = Spectrum::new(learn.samples, learn.dt_s);
-    let thresholds = Thresholds::learn(&learn, &spectrum.of_all(&learn));
+    let thresholds = Thresholds::learn(&learn, &key_numbers(&learn));
     let (mut detected, mut isolated) = (0, 0);
-    for (k, state) in spectrum.of_all(&test).iter().zip(&test.state) {
+    for (k, state) in key_numbers(&test).iter().zip(&test.state) {
         if state != HEALTHY {
             let flagged = thresholds.is_faulty(k);
             detected += usize::from(flagged);
@@ -68,4 +67,26 @@ pub fn figures(physics: &Physics, seed: u64, out: &mut Figures) -> Result<(), Th
     out.put("drying: practice/detection", detected as f64 / faulty);
     out.put("drying: practice/isolation", isolated as f64 / faulty);
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::Scenario;
+    use crate::simulate::scenario::Kind;
+
+    #[test]
+    fn training_and_test_have_the_texts_numbers_and_share_no_signal() {
+        let scenario = Scenario::from_toml(crate::thesis::PHYSICS).unwrap();
+        let Kind::Physics(physics) = &scenario.kind else { panic!("a physics scenario") };
+        let (learn, test) = signals(physics, 1);
+        for set in [&learn, &test] {
+            let of = |state: &str| set.state.iter().filter(|s| *s == state).count();
+            assert_eq!([of(HEALTHY), of("IDN"), of("DDN"), set.len()], [48, 39, 60, 147]);
+        }
+        assert!(learn.y.iter().all(|y| !test.y.contains(y)));
+        for (size, faulty) in [(147, 99), (74, 50), (15, 11)] {
+            assert_eq!((size * learn.faulty()).div_ceil(learn.len()), faulty);
+        }
+    }
 }

@@ -12,7 +12,6 @@ mod figures;
 mod outcome;
 pub mod practice;
 mod report;
-pub mod search;
 mod tables;
 
 use crate::simulate::Scenario;
@@ -80,6 +79,40 @@ pub fn write(chapter: &Chapter, dir: &Path) -> Result<(), ThesisError> {
 fn scenarios() -> Result<(Scenario, Scenario), ThesisError> {
     let read = |text| Scenario::from_toml(text).map_err(|e| ThesisError::Scenario(e.to_string()));
     Ok((read(THESIS_FORM)?, read(PHYSICS)?))
+}
+
+impl Confusion {
+    /// HMA of thesis §4-3, trace over sum: plain accuracy. NaN where nothing was counted.
+    pub fn hma(&self) -> f64 {
+        let right: f64 = (0..self.classes.len()).map(|i| self.counts[i][i]).sum();
+        right / self.counts.iter().flatten().sum::<f64>()
+    }
+
+    /// Without one class, as truth and as answer.
+    pub fn without(&self, class: &str) -> Confusion {
+        let kept: Vec<usize> =
+            (0..self.classes.len()).filter(|&i| self.classes[i] != class).collect();
+        Confusion {
+            classes: kept.iter().map(|&i| self.classes[i].clone()).collect(),
+            counts: kept
+                .iter()
+                .map(|&i| kept.iter().map(|&j| self.counts[i][j]).collect())
+                .collect(),
+        }
+    }
+
+    /// `class` counted as `into`.
+    pub fn merged(&self, into: &str, class: &str) -> Confusion {
+        let place = |name: &str| self.classes.iter().position(|c| c == name);
+        let (Some(to), Some(from)) = (place(into), place(class)) else { return self.clone() };
+        let mut sum = self.clone();
+        for row in &mut sum.counts {
+            row[to] += row[from];
+        }
+        let moved = sum.counts[from].clone();
+        sum.counts[to].iter_mut().zip(moved).for_each(|(s, n)| *s += n);
+        sum.without(class)
+    }
 }
 
 impl Chapter {

@@ -6,44 +6,62 @@ pub type Row = (&'static str, &'static str, Option<f64>);
 pub struct Table {
     pub title: &'static str,
     pub rows: &'static [Row],
-    /// Confusion matrix to show, by name, and the thesis's own.
-    pub confusion: Option<(&'static str, &'static [[u32; 9]])>,
+    pub confusion: Option<Published>,
+}
+
+/// A confusion matrix of the thesis. Rows: truth.
+pub struct Published {
+    /// The name of ours.
+    pub ours: &'static str,
+    pub classes: &'static [&'static str],
+    pub counts: &'static [&'static [u32]],
 }
 
 const fn table(title: &'static str, rows: &'static [Row]) -> Table {
     Table { title, rows, confusion: None }
 }
 
-/// Thesis Table 4-3. EC AB1 AB2 AB3 BN PBN SDN IDN DDN.
-const TABLE_4_3: [[u32; 9]; 9] = [
-    [154, 0, 0, 0, 0, 0, 27, 0, 44],
-    [0, 173, 0, 0, 6, 0, 46, 0, 0],
-    [0, 0, 222, 2, 1, 0, 0, 0, 0],
-    [0, 0, 0, 225, 0, 0, 0, 0, 0],
-    [0, 0, 0, 0, 225, 0, 0, 0, 0],
-    [0, 1, 0, 0, 0, 172, 52, 0, 0],
-    [0, 0, 0, 0, 0, 0, 225, 0, 0],
-    [0, 0, 0, 0, 0, 99, 117, 9, 0],
-    [0, 0, 0, 0, 0, 0, 0, 8, 217],
+const DETECTION: &[&str] = &["healthy", "faulty"];
+
+/// Thesis Table 4-1. 2475 healthy and 2025 faulty test signals.
+const TABLE_4_1: &[&[u32]] = &[&[2474, 1], &[92, 1933]];
+
+/// Thesis Table 4-2. 48 and 99.
+const TABLE_4_2: &[&[u32]] = &[&[48, 0], &[0, 99]];
+
+/// Thesis Table 4-3. 225 of each class.
+const TABLE_4_3: &[&[u32]] = &[
+    &[154, 0, 0, 0, 0, 0, 27, 0, 44],
+    &[0, 173, 0, 0, 6, 0, 46, 0, 0],
+    &[0, 0, 222, 2, 1, 0, 0, 0, 0],
+    &[0, 0, 0, 225, 0, 0, 0, 0, 0],
+    &[0, 0, 0, 0, 225, 0, 0, 0, 0],
+    &[0, 1, 0, 0, 0, 172, 52, 0, 0],
+    &[0, 0, 0, 0, 0, 0, 225, 0, 0],
+    &[0, 0, 0, 0, 0, 99, 117, 9, 0],
+    &[0, 0, 0, 0, 0, 0, 0, 8, 217],
 ];
 
 /// Thesis Table 4-4.
-const TABLE_4_4: [[u32; 9]; 9] = [
-    [125, 0, 0, 0, 0, 0, 0, 0, 0],
-    [0, 81, 0, 0, 0, 0, 16, 0, 0],
-    [0, 0, 146, 0, 0, 0, 0, 0, 0],
-    [0, 0, 0, 133, 0, 0, 0, 0, 0],
-    [0, 0, 0, 0, 221, 0, 0, 0, 0],
-    [0, 0, 0, 0, 0, 16, 0, 0, 0],
-    [0, 0, 0, 0, 0, 0, 163, 0, 0],
-    [0, 0, 0, 0, 0, 52, 62, 0, 0],
-    [0, 0, 0, 0, 0, 0, 0, 0, 63],
+const TABLE_4_4: &[&[u32]] = &[
+    &[125, 0, 0, 0, 0, 0, 0, 0, 0],
+    &[0, 81, 0, 0, 0, 0, 16, 0, 0],
+    &[0, 0, 146, 0, 0, 0, 0, 0, 0],
+    &[0, 0, 0, 133, 0, 0, 0, 0, 0],
+    &[0, 0, 0, 0, 221, 0, 0, 0, 0],
+    &[0, 0, 0, 0, 0, 16, 0, 0, 0],
+    &[0, 0, 0, 0, 0, 0, 163, 0, 0],
+    &[0, 0, 0, 0, 0, 52, 62, 0, 0],
+    &[0, 0, 0, 0, 0, 0, 0, 0, 63],
 ];
 
-pub const TABLES: [Table; 12] = [
-    table(
-        "Table 4-1: detection, simulated data (mu = 1)",
-        &[
+/// Thesis Table 4-5. IDN, DDN: 39 and 60.
+const TABLE_4_5: &[&[u32]] = &[&[38, 1], &[0, 60]];
+
+pub const TABLES: [Table; 13] = [
+    Table {
+        title: "Table 4-1: detection, simulated data (mu = 1)",
+        rows: &[
             ("misses of 2025, n_o = 7.25", "FD n_o = 7.25/misses", Some(92.0)),
             ("of them SDN", "FD n_o = 7.25/misses of SDN", Some(83.0)),
             ("of them IDN", "FD n_o = 7.25/misses of IDN", Some(9.0)),
@@ -52,7 +70,8 @@ pub const TABLES: [Table; 12] = [
             ("misses, n_o = f0 T (our default)", "FD n_o = f0 T/misses", None),
             ("false alarms, n_o = f0 T", "FD n_o = f0 T/false alarms", None),
         ],
-    ),
+        confusion: Some(Published { ours: "FD n_o = 7.25", classes: DETECTION, counts: TABLE_4_1 }),
+    },
     table(
         "Denominators of §3-2-1 compared (largest healthy training energy as threshold)",
         &[
@@ -60,11 +79,23 @@ pub const TABLES: [Table; 12] = [
             ("I, n_o = f0 T, degree 3: misses", "FD n_o = f0 T, degree 3/misses", None),
             ("II, eigenvalues of SDN: misses", "FD II/misses", None),
             ("III, numerator enhanced on SDN: misses", "FD III/misses", None),
+            (
+                "(3-3b), the numerator of degree 4 that shows SDN most: misses",
+                "FD (3-3b)/misses",
+                None,
+            ),
             ("searched on training data: misses", "search/misses", None),
             ("I, n_o = f0 T: false alarms", "FD n_o = f0 T/false alarms", None),
             ("II: false alarms", "FD II/false alarms", None),
             ("III: false alarms", "FD III/false alarms", None),
+            ("(3-3b): false alarms", "FD (3-3b)/false alarms", None),
             ("searched: false alarms", "search/false alarms", None),
+            (
+                "n_o = 7.25, the residual's maximum for its energy: misses",
+                "FD maximum/misses",
+                None,
+            ),
+            ("n_o = 7.25, maximum: false alarms", "FD maximum/false alarms", None),
             ("I with the quantile threshold: misses", "FD quantile/misses", None),
             ("I with the quantile threshold: false alarms", "FD quantile/false alarms", None),
         ],
@@ -85,17 +116,31 @@ pub const TABLES: [Table; 12] = [
             ("accuracy", "LR on r, 2025/accuracy", Some(0.801)),
             ("accuracy of what passed the gate", "LR on r, 2025 gated/accuracy", None),
         ],
-        confusion: Some(("LR on r, 2025", &TABLE_4_3)),
+        confusion: Some(Published {
+            ours: "LR on r, 2025",
+            classes: &crate::fault::CLASSES,
+            counts: TABLE_4_3,
+        }),
     },
     Table {
         title: "Table 4-4: the same where phi >= 0.8",
         rows: &[
             ("accuracy", "LR on r, 2025/certain", Some(0.879)),
             ("share isolated", "LR on r, 2025/coverage", Some(0.532)),
+            ("HMA without IDN", "LR on r, 2025 certain/HMA without IDN", Some(0.983)),
+            (
+                "HMA, SDN and IDN as one (theirs of the matrix below)",
+                "LR on r, 2025 certain/HMA, SDN and IDN as one",
+                Some(0.937),
+            ),
             ("accuracy, gated", "LR on r, 2025 gated/certain", None),
             ("share isolated, gated", "LR on r, 2025 gated/coverage", None),
         ],
-        confusion: Some(("LR on r, 2025 certain", &TABLE_4_4)),
+        confusion: Some(Published {
+            ours: "LR on r, 2025 certain",
+            classes: &crate::fault::CLASSES,
+            counts: TABLE_4_4,
+        }),
     },
     table(
         "Table 4-6: methods and training sizes, every faulty signal",
@@ -155,18 +200,29 @@ pub const TABLES: [Table; 12] = [
             ("isolation, extended to nine classes", "practice/nine classes", None),
         ],
     ),
-    table(
-        "Tables 4-2 and 4-5: the drying experiment (ours simulated; mu = 2)",
-        &[
+    Table {
+        title: "Table 4-2: detection in the drying experiment (ours simulated; mu = 2)",
+        rows: &[
             ("detected of 99", "FD drying/tp", Some(99.0)),
             ("false alarms of 48", "FD drying/false alarms", Some(0.0)),
-            ("isolation accuracy", "drying: LR on r, 147/accuracy", Some(0.990)),
             ("current practice: detection", "drying: practice/detection", Some(0.918)),
+        ],
+        confusion: Some(Published { ours: "FD drying", classes: DETECTION, counts: TABLE_4_2 }),
+    },
+    Table {
+        title: "Table 4-5: isolation in the drying experiment, all 99 faulty signals (39 IDN, 60 DDN)",
+        rows: &[
+            ("HMA", "drying: LR on r, 147/accuracy", Some(0.990)),
             ("current practice: isolation", "drying: practice/isolation", Some(0.883)),
         ],
-    ),
+        confusion: Some(Published {
+            ours: "drying: LR on r, 147",
+            classes: &["IDN", "DDN"],
+            counts: TABLE_4_5,
+        }),
+    },
     table(
-        "Table 4-7: methods and training sizes on the drying experiment",
+        "Table 4-7: methods and training sizes on the drying experiment (147: 48 healthy, 39 IDN, 60 DDN)",
         &[
             ("147, r: LR", "drying: LR on r, 147/accuracy", Some(0.990)),
             ("147, r: LR, phi >= 0.8", "drying: LR on r, 147/certain", Some(1.0)),
@@ -215,3 +271,44 @@ pub const TABLES: [Table; 12] = [
         ],
     ),
 ];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::thesis::Confusion;
+
+    fn published(table: &Published) -> Confusion {
+        let counts = table.counts.iter().map(|row| row.iter().map(|&n| f64::from(n)).collect());
+        let classes = table.classes.iter().map(|c| (*c).to_owned()).collect();
+        Confusion { classes, counts: counts.collect() }
+    }
+
+    fn matrix(title: &str) -> Confusion {
+        let table = TABLES.iter().find(|table| table.title.starts_with(title)).unwrap();
+        published(table.confusion.as_ref().unwrap())
+    }
+
+    /// What the text of thesis chapter 4 says of its own matrices.
+    #[test]
+    fn the_published_matrices_give_the_published_shares_and_sizes() {
+        for (title, share, signals) in [
+            ("Table 4-1", 0.979, 4500.0),
+            ("Table 4-2", 1.0, 147.0),
+            ("Table 4-3", 0.801, 2025.0),
+            ("Table 4-4", 0.879, 0.532 * 2025.0),
+            ("Table 4-5", 0.990, 99.0),
+        ] {
+            let matrix = matrix(title);
+            assert!((matrix.hma() - share).abs() < 6e-4, "{title}: {}", matrix.hma());
+            let sum: f64 = matrix.counts.iter().flatten().sum();
+            assert!((sum - signals).abs() < 1.0, "{title}: {sum} signals");
+        }
+        let certain = matrix("Table 4-4");
+        assert!((certain.without("IDN").hma() - 0.983).abs() < 6e-4);
+        let merged = certain.merged("SDN", "IDN");
+        assert!((merged.hma() - 0.937).abs() < 6e-4, "{}", merged.hma());
+        assert_eq!(merged.classes.len(), 8);
+        let all = |c: &Confusion| c.counts.iter().flatten().sum::<f64>();
+        assert_eq!(all(&merged), all(&certain));
+    }
+}

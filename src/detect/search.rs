@@ -4,7 +4,7 @@
 //! In: training deviations, the healthy model. Out: the denominator with the fewest misses at a
 //! fixed false-alarm rate, and what it gains on signals that it was not chosen on.
 
-use crate::detect::{DetectError, ResidualGenerator, poles};
+use super::{DetectError, ResidualGenerator, poles};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
@@ -26,15 +26,21 @@ pub struct Choice {
 }
 
 impl Choice {
+    /// alpha(z), descending powers. `degree`: 2 or more.
+    pub fn denominator(&self, degree: usize, dt_s: f64) -> Vec<f64> {
+        let pair = Complex::new(-self.damping_per_s, TAU * self.frequency_hz);
+        let mut all = vec![pair, pair.conj()];
+        all.resize(degree, Complex::new(-self.other_per_s, 0.0));
+        poles::from_poles(&all, dt_s)
+    }
+
     pub fn generator(
         &self,
         numerator: &[f64],
         dt_s: f64,
     ) -> Result<ResidualGenerator, DetectError> {
-        let pair = Complex::new(-self.damping_per_s, TAU * self.frequency_hz);
-        let mut all = vec![pair, pair.conj()];
-        all.resize(numerator.len() - 1, Complex::new(-self.other_per_s, 0.0));
-        ResidualGenerator::new(numerator.to_vec(), poles::from_poles(&all, dt_s), dt_s)
+        let denominator = self.denominator(numerator.len() - 1, dt_s);
+        ResidualGenerator::new(numerator.to_vec(), denominator, dt_s)
     }
 }
 

@@ -1,0 +1,172 @@
+//! The dominant amplitude, damping and frequency of a signal by Fourier transform, and how far they lie
+//! from a range of them: what the current practice judges by.
+//!
+//! In: a signal. Out: its key numbers (thesis §4-1), and a distance. The maker's own toolbox is not
+//! published: this is what its description amounts to.
+
+use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
+
+/// Dominant amplitude, damping and frequency of a signal, thesis §4-1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KeyNumbers {
+    pub amplitude_counts: f64,
+    pub damping_per_s: f64,
+    pub frequency_hz: f64,
+}
+
+/// Frequencies looked at, Hz.
+const LOWEST_HZ: f64 = 15e3;
+const STEP_HZ: f64 = 1e3;
+const STEPS: usize = 96;
+
+/// A Fourier transform on the frequencies looked at.
+#[derive(Clone, Debug)]
+pub struct Spectrum {
+    dt_s: f64,
+    /// Per frequency: cos and sin at every sample.
+    waves: Vec<(Vec<f64>, Vec<f64>)>,
+}
+
+impl Spectrum {
+    pub fn new(samples: usize, dt_s: f64) -> Spectrum {
+        let wave = |k: usize| {
+            let omega = TAU * (LOWEST_HZ + k as f64 * STEP_HZ) * dt_s;
+            let at = |f: fn(f64) -> f64| (0..samples).map(|n| f(omega * n as f64)).collect();
+            (at(f64::cos), at(f64::sin))
+        };
+        Spectrum { dt_s, waves: (0..STEPS).map(wave).collect() }
+    }
+
+    /// The peak of the spectrum, between its frequencies by a parabola; the damping from what the
+    /// peak loses from the first half of the signal to the second.
+    pub fn key_numbers(&self, y: &[f64]) -> KeyNumbers {
+        let power = |(cos, sin): &(Vec<f64>, Vec<f64>)| magnitude(y, cos, sin).powi(2);
+        let powers: Vec<f64> = self.waves.iter().map(power).collect();
+        let mut top = 0;
+        for k in 1..powers.len() {
+            if powers[k] > powers[top] {
+                top = k;
+            }
+        }
+        let mut shift = 0.0;
+        if top > 0 && top + 1 < powers.len() {
+            let [l, m, r] = [top - 1, top, top + 1].map(|k| powers[k].max(f64::MIN_POSITIVE).ln());
+            let bend = l - 2.0 * m + r;
+            if bend < 0.0 {
+                shift = (0.5 * (l - r) / bend).clamp(-0.5, 0.5);
+            }
+        }
+        let frequency_hz = LOWEST_HZ + (top as f64 + shift) * STEP_HZ;
+        let (cos, sin) = &self.waves[top];
+        let half = y.len() / 2;
+        let first = magnitude(&y[..half], &cos[..half], &sin[..half]);
+        let second = magnitude(&y[half..], &cos[half..], &sin[half..]);
+        let damping_per_s =
+            (first / second.max(f64::MIN_POSITIVE)).ln() / (half as f64 * self.dt_s);
+        // |sum of A e^{-sigma t} cos| ~ A/2 (1 - e^{-sigma T/2}) / (sigma dt) over the first half
+        let span = half as f64 * self.dt_s;
+        let decay = damping_per_s * span;
+        let mean = if decay.abs() < 1e-6 { 1.0 } else { -(-decay).exp_m1() / decay };
+        let amplitude_counts = 2.0 * first / (half as f64 * mean);
+        KeyNumbers { amplitude_counts, damping_per_s, frequency_hz }
+    }
+}
+
+fn magnitude(y: &[f64], cos: &[f64], sin: &[f64]) -> f64 {
+    let (mut re, mut im) = (0.0, 0.0);
+    for ((y, c), s) in y.iter().zip(cos).zip(sin) {
+        re += y * c;
+        im += y * s;
+    }
+    re.hypot(im)
+}
+
+/// Thresholds on frequency and damping.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KeyRange {
+    /// Lowest and highest.
+    pub frequency_hz: [f64; 2],
+    pub damping_per_s: [f64; 2],
+}
+
+impl KeyRange {
+    /// Of some signals but for a share at each end. `None`: there is none.
+    pub fn of<'a>(
+        numbers: impl Iterator<Item = &'a KeyNumbers> + Clone,
+        cut: f64,
+    ) -> Option<KeyRange> {
+        let range = |of: fn(&KeyNumbers) -> f64| {
+            let mut v: Vec<f64> = numbers.clone().map(of).collect();
+            v.sort_unstable_by(f64::total_cmp);
+            let cut = (cut * v.len() as f64) as usize;
+            let last = v.len().checked_sub(1 + cut)?;
+            Some([*v.get(cut)?, v[last]])
+        };
+        Some(KeyRange {
+            frequency_hz: range(|k| k.frequency_hz)?,
+            damping_per_s: range(|k| k.damping_per_s)?,
+        })
+    }
+
+    /// How far outside, in half-widths of the range; up to 1 inside.
+    pub fn distance(&self, k: &KeyNumbers) -> f64 {
+        let off = |v: f64, [low, high]: [f64; 2]| {
+            ((v - 0.5 * (low + high)) / (0.5 * (high - low)).max(f64::MIN_POSITIVE)).abs()
+        };
+        off(k.frequency_hz, self.frequency_hz).max(off(k.damping_per_s, self.damping_per_s))
+    }
+
+    /// Refused if it could not have been learned.
+    pub fn check(&self) -> Result<(), String> {
+        let is_range = |[low, high]: [f64; 2]| low.abs() < 1e15 && high.abs() < 1e15 && low <= high;
+        match is_range(self.frequency_hz) && is_range(self.damping_per_s) {
+            true => Ok(()),
+            false => Err("`statistic.practice` must hold ranges, the lower end first".into()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn key_numbers_are_those_that_a_signal_was_made_with() {
+        let dt_s = 0.78125e-6;
+        let spectrum = Spectrum::new(128, dt_s);
+        for (frequency_hz, damping_per_s, amplitude) in
+            [(64.7e3, 3e4, 400.0), (48e3, 4e4, 300.0), (80e3, 1e4, 200.0)]
+        {
+            let y: Vec<f64> = (0..128)
+                .map(|k| {
+                    let t = k as f64 * dt_s;
+                    amplitude * (-damping_per_s * t).exp() * (TAU * frequency_hz * t + 0.4).cos()
+                })
+                .collect();
+            let k = spectrum.key_numbers(&y);
+            assert!((k.frequency_hz / frequency_hz - 1.0).abs() < 0.02, "{k:?}");
+            assert!((k.damping_per_s / damping_per_s - 1.0).abs() < 0.25, "{k:?}");
+            assert!((k.amplitude_counts / amplitude - 1.0).abs() < 0.25, "{k:?}");
+        }
+    }
+
+    #[test]
+    fn the_ends_of_a_range_are_one_half_width_from_its_middle() {
+        let at = |frequency_hz, damping_per_s| KeyNumbers {
+            amplitude_counts: 1.0,
+            damping_per_s,
+            frequency_hz,
+        };
+        let numbers = [at(60.0, 2.0), at(70.0, 3.0), at(66.0, 4.0)];
+        let range = KeyRange::of(numbers.iter(), 0.0).unwrap();
+        assert!(numbers.iter().all(|k| range.distance(k) <= 1.0));
+        assert_eq!(range.distance(&at(75.0, 3.0)), 2.0);
+        assert_eq!(range.distance(&at(65.0, 3.0)), 0.0);
+        range.check().unwrap();
+        assert!(KeyRange::of([].iter(), 0.0).is_none());
+        let wrong = KeyRange { frequency_hz: [2.0, 1.0], ..range };
+        assert!(wrong.check().is_err());
+    }
+}
