@@ -168,7 +168,7 @@ def content(file):
         for row in of["recordings"]:
             row["why"] = "" if row["skipped"] else row["why"]  # when it was finished
     else:
-        of.pop("rates"), of.pop("timings")
+        of.pop("rates"), of.pop("phases"), of.pop("timings")
     return of
 
 
