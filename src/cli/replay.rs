@@ -119,7 +119,7 @@ pub struct Args {
     /// Recognise finished recordings by their content, not by size and time of change
     #[arg(long)]
     verify: bool,
-    /// Write <stem>.annotations.mcap beside the verdicts: episodes as log lines, a moving picture of each
+    /// Write `<stem>.annotations.mcap` beside the verdicts: episodes as log lines, a moving picture of each
     /// printhead, faulty channels burst by burst; for Foxglove, Lichtblick and Rerun
     #[arg(long)]
     annotate: bool,
