@@ -274,7 +274,7 @@ def kill_the_client(out):
         rows = [json.loads(row.read_text()) for row in finished(out)]
         files = [out / row["item"]["verdicts"] for row in rows]
         before = [f.stat().st_mtime_ns for f in files]
-        fleet.judges(night, "--out", out, says="recordings were finished by a run that did not end")
+        fleet.judges(night, "--out", out, says="finished by a run that did not end")
         assert [f.stat().st_mtime_ns for f in files] == before and files
         same(out, wanted, run_too=False)  # why each was judged differs
 
@@ -344,6 +344,11 @@ def poison():
         fleet.judges(ward, work / "gone.mcap", "--out", work / "ward-out", exits=3, says="damaged")
         same(work / "ward-out", work / "ward-here")
         fleet.judges(ward / "000" / "magenta-1.mcap", "--out", work / "alone", exits=1)
+        # a name that no job can hold
+        unnamed = work / "unnamed"
+        shutil.copytree(night / "000", unnamed)
+        shutil.copy(unnamed / "cyan-1.mcap", os.fsencode(unnamed) + b"/bad\xff.mcap")
+        fleet.judges(unnamed, "--out", work / "unnamed-out", exits=3, says=["3 judged", "no UTF-8"])
 
 
 def baselines():
@@ -382,6 +387,8 @@ def roots():
 
 def nobody():
     """No scheduler, no executors: a clean error, soon."""
+    lonely = Process("executor", "--scheduler", "127.0.0.1:1", "--wait", 1, log="lonely.log")
+    ends(lonely, exits=1, says="no scheduler at 127.0.0.1:1")
     with Fleet(executors=0) as fleet:
         asked = [night / "000", "--out", work / "nobody", "--patience", 1, "--wait", 1]
         fleet.judges(*asked, exits=1, says="Are there executors")

@@ -1,13 +1,19 @@
 //! Our operator on its way from client to scheduler to executor; all others are Ballista's.
 
-use crate::node::JudgeNode;
+use crate::node::{self, JudgeNode};
 use crate::run_dir::RunDir;
 use crate::worker::Worker;
 use ballista_core::serde::BallistaPhysicalExtensionCodec;
+use bytes::BufMut;
 use datafusion::error::{DataFusionError, Result};
 use datafusion::execution::TaskContext;
+use datafusion::logical_expr::LogicalPlan;
 use datafusion::physical_plan::ExecutionPlan;
-use datafusion_proto::physical_plan::{PhysicalExtensionCodec, PhysicalProtoConverterExtension};
+use datafusion_proto::logical_plan::{AsLogicalPlan, LogicalExtensionCodec};
+use datafusion_proto::physical_plan::{
+    AsExecutionPlan, PhysicalExtensionCodec, PhysicalProtoConverterExtension,
+};
+use datafusion_proto::protobuf::PhysicalPlanNode;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -64,15 +70,68 @@ impl PhysicalExtensionCodec for Codec {
     }
 }
 
+/// A plan as it travels to a scheduler, which takes ours alone.
+#[derive(Clone, Debug)]
+pub struct OurPlan(PhysicalPlanNode);
+
+impl AsExecutionPlan for OurPlan {
+    fn try_decode(bytes: &[u8]) -> Result<OurPlan> {
+        PhysicalPlanNode::try_decode(bytes).map(OurPlan)
+    }
+
+    fn try_encode<B: BufMut>(&self, bytes: &mut B) -> Result<()> {
+        self.0.try_encode(bytes)
+    }
+
+    fn try_into_physical_plan(
+        &self,
+        context: &TaskContext,
+        codec: &dyn PhysicalExtensionCodec,
+    ) -> Result<Arc<dyn ExecutionPlan>> {
+        let plan = self.0.try_into_physical_plan(context, codec)?;
+        if node::is_ours(&plan) { Ok(plan) } else { Err(node::not_ours()) }
+    }
+
+    fn try_from_physical_plan(
+        plan: Arc<dyn ExecutionPlan>,
+        codec: &dyn PhysicalExtensionCodec,
+    ) -> Result<OurPlan> {
+        PhysicalPlanNode::try_from_physical_plan(plan, codec).map(OurPlan)
+    }
+}
+
+/// A plan that a scheduler would have to make one of: never ours.
+#[derive(Clone, Debug)]
+pub struct NoPlan;
+
+impl AsLogicalPlan for NoPlan {
+    fn try_decode(_: &[u8]) -> Result<NoPlan> {
+        Err(node::not_ours())
+    }
+
+    fn try_encode<B: BufMut>(&self, _: &mut B) -> Result<()> {
+        Err(node::not_ours())
+    }
+
+    fn try_into_logical_plan(
+        &self,
+        _: &TaskContext,
+        _: &dyn LogicalExtensionCodec,
+    ) -> Result<LogicalPlan> {
+        Err(node::not_ours())
+    }
+
+    fn try_from_logical_plan(_: &LogicalPlan, _: &dyn LogicalExtensionCodec) -> Result<NoPlan> {
+        Err(node::not_ours())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::node;
     use crate::worker::Task;
     use ballista_core::execution_plans::ShuffleWriterExec;
     use datafusion::prelude::SessionContext;
-    use datafusion_proto::physical_plan::AsExecutionPlan;
-    use datafusion_proto::protobuf::PhysicalPlanNode;
 
     fn there_and_back(plan: Arc<dyn ExecutionPlan>) -> Result<Arc<dyn ExecutionPlan>> {
         let codec = Codec::new(None);
@@ -96,6 +155,32 @@ mod tests {
         let context = SessionContext::new().task_ctx();
         let refused = ours.execute(0, context).err().unwrap().to_string();
         assert!(refused.contains("executor"), "{refused}");
+    }
+
+    /// A reader of files is Ballista's own, and comes through any codec.
+    #[tokio::test]
+    async fn a_scheduler_takes_our_plans_alone() {
+        let codec = Codec::new(None);
+        let context = SessionContext::new();
+        let taken = |plan: Arc<dyn ExecutionPlan>| {
+            let mut bytes = Vec::new();
+            OurPlan::try_from_physical_plan(plan, codec.as_ref())?.try_encode(&mut bytes)?;
+            OurPlan::try_decode(&bytes)?.try_into_physical_plan(&context.task_ctx(), codec.as_ref())
+        };
+        let run = RunDir::at(Path::new("/srv/.fleet/1-2"));
+        let ours = node::plan(run.clone(), &[Task::default()]).unwrap();
+        taken(ours.clone()).unwrap();
+        assert!(node::is_ours(&ours));
+        let other = context.sql("select 1 as a").await.unwrap();
+        let other = other.create_physical_plan().await.unwrap();
+        assert!(taken(other.clone()).unwrap_err().to_string().contains("not a plan of inkling"));
+        // ours over another source, and another writer over ours
+        let within: Arc<dyn ExecutionPlan> = Arc::new(JudgeNode::new(other, run, None));
+        assert!(!node::is_ours(&within));
+        let limited: Arc<dyn ExecutionPlan> =
+            Arc::new(datafusion::physical_plan::limit::GlobalLimitExec::new(ours, 0, None));
+        assert!(!node::is_ours(&limited));
+        assert!(NoPlan::try_decode(&[]).is_err());
     }
 
     #[test]

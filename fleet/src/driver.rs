@@ -233,19 +233,25 @@ impl Away {
 
 /// What we said, without what it was wrapped into on its way.
 fn in_words(error: &str) -> String {
-    let ours = error.rsplit_once("Execution(\"").and_then(|(_, rest)| rest.split_once("\")"));
-    ours.map_or(error, |(ours, _)| ours).to_owned()
+    let ours = error.split_once("Execution(\"").and_then(|(_, rest)| rest.rsplit_once("\")"));
+    match ours {
+        Some((ours, _)) => ours.replace("\\\"", "\"").replace("\\\\", "\\"),
+        None => error.to_owned(),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use datafusion::error::DataFusionError;
 
     #[test]
     fn an_executors_words_are_told_without_their_wrapping() {
         let wrapped =
             "Job failed due to stage 1 failed: DataFusionError(Execution(\"/x: no room\"))\n";
         assert_eq!(in_words(wrapped), "/x: no room");
+        let quoted = DataFusionError::Execution("/ü \"q\") \\x: no".into());
+        assert_eq!(in_words(&format!("stage failed: {quoted:?})")), "/ü \"q\") \\x: no");
         assert_eq!(in_words("plain"), "plain");
     }
 }

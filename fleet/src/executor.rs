@@ -1,16 +1,26 @@
 //! `inkling-fleet executor`: asks the scheduler for recordings, judges them, and listens to nobody.
 
 use crate::codec::Codec;
+use crate::node;
 use crate::roots::Roots;
 use crate::scheduler::MOST_MESSAGE_BYTES;
 use crate::security::{Scheduler, TlsArgs};
 use crate::worker::Worker;
+use ballista_core::JobId;
 use ballista_core::config::TaskSchedulingPolicy;
+use ballista_executor::execution_engine::{
+    DefaultExecutionEngine, ExecutionEngine, QueryStageExecutor,
+};
 use ballista_executor::executor_process::{ExecutorProcessConfig, start_executor_process};
+use datafusion::error::DataFusionError;
+use datafusion::physical_plan::ExecutionPlan;
+use datafusion::prelude::SessionConfig;
 use inkling::cli::exit::{Exit, Failure};
+use std::error::Error;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread::available_parallelism;
+use std::time::{Duration, Instant};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -32,6 +42,48 @@ pub struct Args {
     wait: u16,
     #[command(flatten)]
     tls: TlsArgs,
+}
+
+/// Runs what [`node::is_ours`], whatever a scheduler hands out.
+struct OursAlone(DefaultExecutionEngine);
+
+impl ExecutionEngine for OursAlone {
+    fn create_query_stage_exec(
+        &self,
+        job: JobId,
+        stage: usize,
+        task: usize,
+        partitions: Vec<usize>,
+        plan: Arc<dyn ExecutionPlan>,
+        work_dir: &str,
+        config: &SessionConfig,
+    ) -> Result<Arc<dyn QueryStageExecutor>, DataFusionError> {
+        match node::is_ours(&plan) {
+            true => {
+                self.0.create_query_stage_exec(job, stage, task, partitions, plan, work_dir, config)
+            }
+            false => Err(node::not_ours()),
+        }
+    }
+}
+
+/// Until a scheduler is there: Ballista's own executor would wait for ever and say nothing.
+async fn wait_for(scheduler: &Scheduler, most: Duration) -> Result<(), Failure> {
+    let began = Instant::now();
+    loop {
+        let endpoint = scheduler.endpoint().map_err(Failure::new)?;
+        let Err(e) = endpoint.connect().await else { return Ok(()) };
+        if began.elapsed() >= most {
+            let why = e.source().map_or_else(|| e.to_string(), ToString::to_string);
+            return Err(Failure::new(format!(
+                "no scheduler at {}:{} for {} s: {why}",
+                scheduler.host,
+                scheduler.port,
+                most.as_secs()
+            )));
+        }
+        tokio::time::sleep(Duration::from_millis(500)).await;
+    }
 }
 
 pub async fn run(args: Args) -> Result<Exit, Failure> {
@@ -60,6 +112,7 @@ pub async fn run(args: Args) -> Result<Exit, Failure> {
         grpc_max_encoding_message_size: MOST_MESSAGE_BYTES,
         memory_pool_size: Some(0), // recordings are judged outside of it
         override_physical_codec: Some(Codec::new(Some(worker))),
+        override_execution_engine: Some(Arc::new(OursAlone(DefaultExecutionEngine::new()))),
         // no results travel: there is nothing to serve
         override_arrow_flight_service: Some(Arc::new(|_, _, mut shutdown, _| {
             tokio::spawn(async move {
@@ -70,6 +123,7 @@ pub async fn run(args: Args) -> Result<Exit, Failure> {
         override_create_grpc_client_endpoint: Some(scheduler.endpoint_override()),
         ..ExecutorProcessConfig::default()
     };
+    wait_for(&scheduler, Duration::from_secs(args.wait.into())).await?;
     println!("asking {} for recordings, {slots} at a time", args.scheduler);
     start_executor_process(Arc::new(config))
         .await

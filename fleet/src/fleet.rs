@@ -60,18 +60,28 @@ impl Judge for Fleet {
         if !run.force && !with_baselines {
             let adopted = adopt(&earlier, &dir, &job, items).map_err(failed)?;
             if adopted > 0 {
-                (run.say)(&format!("{adopted} recordings were finished by a run that did not end"));
+                (run.say)(&format!(
+                    "finished by a run that did not end, and taken over: {adopted}"
+                ));
             }
         }
         earlier.iter().for_each(|dir| dir.remove(0));
         let shared = Arc::new(Shared::default());
         let task = |chain: Vec<usize>| Task {
-            chain: chain.into_iter().map(|at| (at, items[at].clone())).collect(),
+            chain: chain
+                .into_iter()
+                .filter(|&at| is_text(&items[at]))
+                .map(|at| (at, items[at].clone()))
+                .collect(),
         };
         let driver = Driver {
             scheduler: self.scheduler.clone(),
             run: dir.clone(),
-            tasks: chains::split(items, with_baselines).into_iter().map(task).collect(),
+            tasks: chains::split(items, with_baselines)
+                .into_iter()
+                .map(task)
+                .filter(|task| !task.chain.is_empty())
+                .collect(),
             patience: self.patience,
             shared: shared.clone(),
         };
@@ -81,7 +91,7 @@ impl Judge for Fleet {
             .map_err(|e| Failure::new(format!("no threads: {e}")))?;
         self.begun = Some(Begun {
             run: dir,
-            recordings: items.len(),
+            recordings: items.iter().filter(|item| is_text(item)).count(),
             driver: Some(std::thread::spawn(move || runtime.block_on(driver.drive()))),
             shared,
             last_line: Instant::now(),
@@ -90,6 +100,10 @@ impl Judge for Fleet {
     }
 
     fn judge(&mut self, run: &Run, at: usize, item: &Item) -> Result<Judged, NotJudged> {
+        if !is_text(item) {
+            let why = format!("{}: its name is no UTF-8, which a job cannot hold", item.label);
+            return Err(NotJudged::Failed { why, usage: false });
+        }
         let Some(begun) = &mut self.begun else {
             return Err(NotJudged::Broken("the fleet was not asked".into()));
         };
@@ -98,8 +112,19 @@ impl Judge for Fleet {
             |e: std::io::Error| NotJudged::Broken(format!("{}: {e}", begun.run.path().display()));
         let row = begun.run.row(at).map_err(unreadable)?;
         let row: Row = row.ok_or_else(|| unreadable(std::io::ErrorKind::NotFound.into()))?;
+        if !row.is_of(item) {
+            return Err(NotJudged::Broken(format!(
+                "{}: holds a row that is not of {}; nobody of the fleet writes that",
+                begun.run.path().display(),
+                item.source
+            )));
+        }
         row.name(begun.run.out()).map_err(unreadable)?;
-        let mut judged = row.ended?;
+        if !row.stands(begun.run.out()) {
+            let why = format!("{}: its results are not what {} wrote", item.source, row.by);
+            return Err(NotJudged::Failed { why, usage: false });
+        }
+        let mut judged = row.ended.map_err(|why| as_named(why, item))?;
         if let (Some(now), Some(next)) = (&run.replay.baselines, judged.baselines.take()) {
             judged.baselines = Some(merged(now, next, &item.printheads));
         }
@@ -129,7 +154,8 @@ impl Begun {
             if self.last_line.elapsed() >= LINE_EVERY {
                 self.last_line = Instant::now();
                 let (finished, all) = (now.finished.len(), self.recordings);
-                (run.say)(&format!("the fleet has finished {finished} of {all} recordings"));
+                let asked = if finished == 0 { "; are there executors?" } else { "" };
+                (run.say)(&format!("the fleet has finished {finished} of {all} recordings{asked}"));
             }
             now = self.shared.wait(now, LOOK);
         }
@@ -145,6 +171,22 @@ impl Drop for Begun {
         if self.shared.lock().finished.len() == self.recordings {
             self.run.remove(self.recordings);
         }
+    }
+}
+
+/// A job is text.
+fn is_text(item: &Item) -> bool {
+    item.path.to_str().is_some()
+}
+
+/// With the recording's name as it was given, as one machine would say it.
+fn as_named(why: NotJudged, item: &Item) -> NotJudged {
+    match why {
+        NotJudged::Failed { why, usage } => {
+            let name = item.path.display().to_string();
+            NotJudged::Failed { why: why.replace(&item.source, &name), usage }
+        }
+        other => other,
     }
 }
 

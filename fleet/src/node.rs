@@ -5,9 +5,10 @@
 
 use crate::run_dir::RunDir;
 use crate::worker::{Task, Worker};
+use ballista_core::execution_plans::ShuffleWriterExec;
 use datafusion::arrow::array::{ArrayRef, AsArray, RecordBatch, StringArray};
 use datafusion::arrow::datatypes::{DataType, Field, Schema, SchemaRef};
-use datafusion::catalog::memory::MemorySourceConfig;
+use datafusion::catalog::memory::{DataSourceExec, MemorySourceConfig};
 use datafusion::common::tree_node::TreeNodeRecursion;
 use datafusion::error::{DataFusionError, Result};
 use datafusion::execution::{SendableRecordBatchStream, TaskContext};
@@ -47,6 +48,23 @@ pub fn plan(run: RunDir, tasks: &[Task]) -> Result<Arc<dyn ExecutionPlan>> {
         tasks.iter().map(|task| Ok(vec![batch(vec![text(task)?])?])).collect::<Result<_>>()?;
     let input = MemorySourceConfig::try_new_exec(&partitions, schema(), None)?;
     Ok(Arc::new(JudgeNode::new(input, run, None)))
+}
+
+/// Whether a plan, or a stage of it, is one of ours and nothing else: recordings out of memory, judged. Any
+/// other may read and write what it likes.
+pub fn is_ours(plan: &Arc<dyn ExecutionPlan>) -> bool {
+    let plan = match (plan.downcast_ref::<ShuffleWriterExec>(), plan.children().as_slice()) {
+        (Some(_), [stage]) => *stage,
+        _ => plan,
+    };
+    let Some(judge) = plan.downcast_ref::<JudgeNode>() else { return false };
+    let source = judge.input.downcast_ref::<DataSourceExec>();
+    source.is_some_and(|of| of.data_source().downcast_ref::<MemorySourceConfig>().is_some())
+}
+
+/// What is said of any other.
+pub fn not_ours() -> DataFusionError {
+    DataFusionError::Plan("not a plan of inkling-fleet: nothing else is run here".into())
 }
 
 impl JudgeNode {

@@ -48,7 +48,7 @@ impl Roots {
 }
 
 /// Without links, as far as it is there.
-fn resolve(path: &Path) -> io::Result<PathBuf> {
+pub fn resolve(path: &Path) -> io::Result<PathBuf> {
     for there in path.ancestors() {
         // a link that leads nowhere is there, and must not be written through
         if there.symlink_metadata().is_ok() {

@@ -12,6 +12,7 @@
 //! A recording that is judged twice (its first executor was only slow) is named once: the first row that is
 //! written counts, and names the files that lie where it says, by whoever finds it; others drop their work.
 
+use crate::roots::resolve;
 use inkling::cli::judge::{Detail, Item, Judged, NotJudged};
 use inkling::io::journal::Means;
 use inkling::io::objects::in_object_store;
@@ -67,13 +68,19 @@ impl Row {
         if self.ended.is_err() {
             return Ok(());
         }
-        // a row is a file, which others may have written
-        let staged = self.staged.strip_prefix(out.join(FLEET_DIR));
-        if !staged.is_ok_and(stays_below) || !stays_below(Path::new(&self.item.verdicts)) {
+        let verdicts = self.item.verdicts_in(out);
+        // a row is a file, which others may have written, and so may links be
+        let fleet = out.join(FLEET_DIR);
+        let below = |path: &Path, dir: &Path| {
+            let stays = path.strip_prefix(dir).is_ok_and(stays_below);
+            Ok::<_, io::Error>(
+                stays && (in_object_store(dir) || resolve(path)?.starts_with(resolve(dir)?)),
+            )
+        };
+        if !(below(&self.staged, &fleet)? && below(&verdicts, out)?) {
             let what = format!("the row of {} leads out of {}", self.item.source, out.display());
             return Err(io::Error::new(ErrorKind::InvalidData, what));
         }
-        let verdicts = self.item.verdicts_in(out);
         if let Some(dir) = verdicts.parent().filter(|dir| !in_object_store(dir)) {
             fs::create_dir_all(dir)?;
         }
@@ -84,6 +91,11 @@ impl Row {
             }
         }
         part_file::sync_directory_of(&verdicts)
+    }
+
+    /// Whether it is the row of that recording, for those results.
+    pub fn is_of(&self, item: &Item) -> bool {
+        (&self.item.source, &self.item.verdicts) == (&item.source, &item.verdicts)
     }
 
     /// Whether the files that it tells of are still there.
@@ -124,7 +136,9 @@ impl RunDir {
     /// Those of earlier runs that did not come to their end. Objects are not listed.
     pub fn earlier(out: &Path) -> Vec<RunDir> {
         let dirs = fs::read_dir(out.join(FLEET_DIR)).into_iter().flatten().flatten();
-        dirs.map(|entry| RunDir { path: entry.path() }).collect()
+        // what a link leads to is none of ours
+        let own = |entry: &fs::DirEntry| entry.file_type().is_ok_and(|of| of.is_dir());
+        dirs.filter(own).map(|entry| RunDir { path: entry.path() }).collect()
     }
 
     pub fn path(&self) -> &Path {
@@ -426,9 +440,16 @@ mod tests {
         let elsewhere = Row { staged: out.path().join("x.verdicts.parquet"), ..good.clone() };
         let mut beyond = good.clone();
         beyond.item.verdicts = "../x.verdicts.parquet".into();
-        for row in [elsewhere, beyond] {
+        let outside = tempfile::tempdir().unwrap();
+        std::os::unix::fs::symlink(outside.path(), out.path().join("link")).unwrap();
+        let mut through = good.clone();
+        through.item.verdicts = "link/x.verdicts.parquet".into();
+        for row in [elsewhere, beyond, through] {
             assert_eq!(row.name(out.path()).unwrap_err().kind(), ErrorKind::InvalidData);
         }
+        assert_eq!(fs::read_dir(outside.path()).unwrap().count(), 0);
+        let other = Item { source: "/y.mcap".into(), ..good.item.clone() };
+        assert!(good.is_of(&good.item) && !good.is_of(&other));
         good.name(out.path()).unwrap();
     }
 }

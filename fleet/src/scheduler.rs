@@ -1,13 +1,12 @@
 //! `inkling-fleet scheduler`: Ballista's, with our operator, on one port.
 
-use crate::codec::Codec;
+use crate::codec::{Codec, NoPlan, OurPlan};
 use crate::security::{self, TlsArgs};
 use ballista_core::config::TaskSchedulingPolicy;
 use ballista_core::serde::protobuf::scheduler_grpc_server::SchedulerGrpcServer;
 use ballista_scheduler::cluster::BallistaCluster;
 use ballista_scheduler::config::{SchedulerConfig, TaskDistributionPolicy};
 use ballista_scheduler::scheduler_process::create_scheduler;
-use datafusion_proto::protobuf::{LogicalPlanNode, PhysicalPlanNode};
 use inkling::cli::exit::{Exit, Failure};
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -21,7 +20,7 @@ pub const MOST_MESSAGE_BYTES: u32 = 128 << 20;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Where it listens; port 0: any free one, which it says
-    #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:50050")]
+    #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:50050", value_parser = security::address)]
     bind: SocketAddr,
     #[command(flatten)]
     tls: TlsArgs,
@@ -59,9 +58,8 @@ pub async fn run(args: Args) -> Result<Exit, Failure> {
     });
     let failed = |e: &dyn std::fmt::Display| Failure::new(format!("{}: {e}", args.bind));
     let cluster = BallistaCluster::new_from_config(&config).await.map_err(|e| failed(&e))?;
-    let scheduler = create_scheduler::<LogicalPlanNode, PhysicalPlanNode>(cluster, config)
-        .await
-        .map_err(|e| failed(&e))?;
+    let scheduler =
+        create_scheduler::<NoPlan, OurPlan>(cluster, config).await.map_err(|e| failed(&e))?;
     let service = SchedulerGrpcServer::new(scheduler)
         .max_decoding_message_size(MOST_MESSAGE_BYTES as usize)
         .max_encoding_message_size(MOST_MESSAGE_BYTES as usize);

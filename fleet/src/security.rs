@@ -71,7 +71,7 @@ impl Scheduler {
     pub fn new(at: &str, tls: Option<Tls>) -> Result<Scheduler, String> {
         let parts = at.rsplit_once(':').and_then(|(host, port)| Some((host, port.parse().ok()?)));
         match parts {
-            Some((host, port)) if !host.is_empty() => {
+            Some((host, port)) if !host.is_empty() && !host.contains('/') => {
                 Ok(Scheduler { host: host.into(), port, tls })
             }
             _ => Err(format!("{at}: not HOST:PORT")),
@@ -112,6 +112,12 @@ impl Scheduler {
         let scheduler = self.clone();
         Arc::new(move |_| scheduler.endpoint().map_err(Into::into))
     }
+}
+
+/// Of HOST:PORT.
+pub fn address(at: &str) -> Result<SocketAddr, String> {
+    let mut found = at.to_socket_addrs().map_err(|e| format!("not HOST:PORT: {e}"))?;
+    found.next().ok_or_else(|| "there is no such host".to_owned())
 }
 
 fn is_loopback(host: &str, port: u16) -> bool {
@@ -159,7 +165,7 @@ mod tests {
         let of = |at: &str| Scheduler::new(at, None).map(|scheduler| scheduler.warning());
         assert_eq!(of("127.0.0.1:50050"), Ok(None));
         assert!(of("192.0.2.7:50050").unwrap().is_some());
-        for wrong in ["", "host", ":1", "host:port", "host:70000"] {
+        for wrong in ["", "host", ":1", "host:port", "host:70000", "http://127.0.0.1:50050"] {
             assert!(of(wrong).is_err(), "{wrong}");
         }
     }

@@ -67,7 +67,7 @@ impl Worker {
         let mut said = Vec::new();
         for (at, item) in &task.chain {
             let row = match run.row(*at).map_err(|e| self.words(run, e))? {
-                Some(row) => row.name(run.out()).map(|()| row).map_err(|e| self.words(run, e))?,
+                Some(row) => self.name(run, item, row)?,
                 None => self.attempt(run, *at, item, &loaded, &baselines)?,
             };
             said.push(match &row.ended {
@@ -79,6 +79,17 @@ impl Worker {
             }
         }
         Ok(said)
+    }
+
+    /// Gives the files of a row that was found their names.
+    fn name(&self, run: &RunDir, item: &Item, row: Row) -> Result<Row, String> {
+        if !row.is_of(item) {
+            return Err(self.words(run, format!("a row that is not of {}", item.source)));
+        }
+        if self.allowed(run, item).is_ok() {
+            row.name(run.out()).map_err(|e| self.words(run, e))?;
+        }
+        Ok(row)
     }
 
     fn words(&self, run: &RunDir, e: impl std::fmt::Display) -> String {
