@@ -5,6 +5,7 @@
 //! `identify`, `detect` and `isolate` meet here and nowhere else. Immutable once made.
 
 mod baseline;
+mod checks;
 mod cold_start;
 mod detectable;
 mod detector;
@@ -16,6 +17,7 @@ mod filter_of_model;
 mod healthy_model;
 mod judge;
 mod lanes;
+mod learn;
 mod leftover;
 mod moved;
 mod own_channel;

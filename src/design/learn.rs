@@ -1,0 +1,388 @@
+//! What a healthy model is learned from: a window's signals, or what labels say is healthy.
+//!
+//! In: signals, the model that came before, settings. Out: a [`HealthyModel`]: average, grey box, filter,
+//! what temperature does, the statistics of `detect.method` and where their thresholds lie.
+
+use super::detector::{Detection, Scratch, ring_of};
+use super::error::DesignError;
+use super::filter_of_model::{LearnSettings, residual_generator};
+use super::leftover::Left;
+use super::{DetectSettings, HealthyModel, Statistic};
+use crate::detect::contamination::{Degrees, contaminated};
+use crate::detect::key_numbers::{KeyNumbers, KeyRange, Spectrum};
+use crate::detect::misfit::{self, Misfit};
+use crate::detect::sensitivity::Sensitivity;
+use crate::detect::threshold::{self, Threshold};
+use crate::detect::{DetectMethod, ThresholdMethod};
+use crate::identify::averaging::{self, SignalSet};
+use crate::identify::grey_box;
+use crate::identify::{IdentifyError, tangent};
+use crate::model::beside_ring::BesideRing;
+use crate::model::median::median;
+use crate::model::ring_fit::{Features, RingFitter};
+use nalgebra::Vector3;
+use std::borrow::Cow;
+
+/// Signals from which a window's own spread and thresholds count, where there is a design.
+const FEWEST_OWN: usize = 200;
+
+/// A threshold so many times what most of the signals allow was learned on more than healthy ones.
+const SUSPECT: f64 = 3.0;
+
+/// Samples over which noise may remember.
+const LAGS: usize = 32;
+
+/// Both statistics of signals.
+#[derive(Default)]
+struct Statistics {
+    /// Squared distances along the ring.
+    along: Vec<f64>,
+    /// Squares beside it, counts²; NaN where a signal lies far along it.
+    squares: Vec<f64>,
+}
+
+impl HealthyModel {
+    /// Learns from a healthy window. `anchor`: the model that came before, which passes on what one
+    /// window cannot know (temperature response, tail of the energies).
+    pub fn learn(
+        set: &SignalSet,
+        printhead: Option<&str>,
+        anchor: Option<&HealthyModel>,
+        settings: LearnSettings,
+    ) -> Result<HealthyModel, DesignError> {
+        let chosen;
+        // Departs: thesis §3-1 averages all signals and trusts that few are faulty; with
+        // `plain_mean` so does this
+        let healthy = match settings.least_agreeing {
+            Some(share) if !settings.grey_box.plain_mean => {
+                chosen = set.select(&averaging::agreeing(set, share)?);
+                &chosen
+            }
+            _ => set,
+        };
+        let mean = averaging::average(healthy)?;
+        let dt_s = settings.sample_period_s;
+        let identification = grey_box::identify_scattered(healthy, &mean, dt_s, settings.grey_box)?;
+        let expected = identification.expected(dt_s, set.samples);
+        let generator = residual_generator(&identification, set.samples, settings, dt_s)?;
+
+        let temperature_c = healthy.mean_temperature_c();
+        let directions = tangent::tangent(&identification, dt_s, set.samples);
+        let known = anchor.and_then(|anchor| anchor.temperature_response.clone());
+        let temperature_response = known.or_else(|| {
+            let reference = temperature_c?;
+            tangent::temperature_response(healthy, &expected, &directions, reference)
+        });
+        let (damping_per_k, frequency_per_k) = temperature_response
+            .as_ref()
+            .and_then(|response| tangent::pole_changes(&identification, &directions, response))
+            .unwrap_or((0.0, 0.0));
+        let mut model = HealthyModel {
+            printhead: printhead.map(str::to_owned),
+            valid_from_ns: None,
+            n_signals: mean.n_signals,
+            n_channels: mean.n_channels,
+            scatter: mean.scatter,
+            noise: mean.noise,
+            temperature_c,
+            identification,
+            expected,
+            leftover: Vec::new(),
+            temperature_response,
+            damping_per_k,
+            frequency_per_k,
+            generator,
+            sensitivity: None,
+            statistic: None,
+            decoupled: None,
+            threshold: Threshold::none(),
+            misfit: None,
+            apart: None,
+            median_statistic: f64::NAN,
+        };
+        model.learn_detection(set, healthy, anchor, settings)?;
+        Ok(model)
+    }
+
+    /// `detect.method`, and where its thresholds lie. `set`: the window; `healthy`: what agrees in it.
+    fn learn_detection(
+        &mut self,
+        set: &SignalSet,
+        healthy: &SignalSet,
+        anchor: Option<&HealthyModel>,
+        settings: LearnSettings,
+    ) -> Result<(), DesignError> {
+        if !settings.detect.decouple.is_empty() {
+            self.decoupled = Some(self.decoupling(&settings.detect.decouple)?);
+        }
+        match settings.detect.method {
+            DetectMethod::ResidualEnergy => {
+                let energies =
+                    self.of_deviations(healthy, |model, d, work| model.residual_energy(d, work));
+                self.learn_statistics(&energies, healthy, anchor, settings)?;
+            }
+            DetectMethod::ResidualMaximum => {
+                self.statistic = Some(Statistic::ResidualMaximum);
+                let maxima =
+                    self.of_deviations(healthy, |model, d, work| model.residual_maximum(d, work));
+                self.learn_statistics(&maxima, healthy, anchor, settings)?;
+            }
+            DetectMethod::Practice => self.learn_ranges(healthy, anchor, settings)?,
+            DetectMethod::Sensitivity => self.learn_distances(set, healthy, anchor, settings)?,
+        }
+        Ok(())
+    }
+
+    fn of_deviations(
+        &self,
+        set: &SignalSet,
+        statistic: impl Fn(&HealthyModel, &[f64], &mut Vec<f64>) -> f64,
+    ) -> Vec<f64> {
+        let (mut all, mut scratch) = (Vec::with_capacity(set.len()), Vec::new());
+        self.each_deviation(set, |deviation, _| {
+            all.push(statistic(self, deviation, &mut scratch));
+        });
+        all
+    }
+
+    /// `practice`: the ranges are set once, on what is known to be healthy, and follow nothing.
+    fn learn_ranges(
+        &mut self,
+        healthy: &SignalSet,
+        anchor: Option<&HealthyModel>,
+        settings: LearnSettings,
+    ) -> Result<(), DesignError> {
+        if let Some(anchor) = anchor.filter(|_| settings.least_agreeing.is_some()) {
+            (self.statistic, self.threshold) = (anchor.statistic, anchor.threshold.clone());
+            self.median_statistic = anchor.median_statistic;
+            return Ok(());
+        }
+        let spectrum = Spectrum::new(healthy.samples, settings.sample_period_s);
+        let mut y = vec![0.0; healthy.samples];
+        let numbers: Vec<KeyNumbers> = (0..healthy.len())
+            .map(|i| {
+                self.at_reference(healthy, i, &mut y);
+                spectrum.key_numbers(&y)
+            })
+            .collect();
+        let range = KeyRange::of(numbers.iter(), 0.0)
+            .ok_or_else(|| DesignError::Invalid("no healthy signal has a range".into()))?;
+        self.statistic = Some(Statistic::Practice(range));
+        let distances: Vec<f64> = numbers.iter().map(|k| range.distance(k)).collect();
+        self.learn_statistics(&distances, healthy, None, settings)
+    }
+
+    /// One test, thesis (3-4) on its statistic.
+    fn learn_statistics(
+        &mut self,
+        energies: &[f64],
+        healthy: &SignalSet,
+        anchor: Option<&HealthyModel>,
+        settings: LearnSettings,
+    ) -> Result<(), DesignError> {
+        self.median_statistic = median(&mut energies.to_vec());
+        // Nobody says that the window is free of slight faults, so its own tail cannot be trusted; its
+        // median can. The anchor's tail is carried over, in units of the median.
+        // Departs: the thesis has one model, and (3-4) of signals that are known to be healthy.
+        let trusted = anchor.filter(|_| settings.least_agreeing.is_some());
+        self.threshold = match trusted {
+            Some(anchor) => {
+                anchor.threshold.scaled(self.median_statistic / anchor.median_statistic)
+            }
+            None => learn_threshold(energies, &healthy.channel, settings.detect, 1.0)?,
+        };
+        Ok(())
+    }
+
+    /// `sensitivity`: along the ring and beside it. `set`: the window; `healthy`: what agrees in it.
+    fn learn_distances(
+        &mut self,
+        set: &SignalSet,
+        healthy: &SignalSet,
+        anchor: Option<&HealthyModel>,
+        settings: LearnSettings,
+    ) -> Result<(), DesignError> {
+        let new = self.learn_ring(healthy)?;
+        // labels say that all are healthy; without, up to two in five may be faulty
+        let (seen, labelled) = match settings.least_agreeing {
+            None => (healthy, true),
+            Some(_) => (set, false),
+        };
+        // a window of few signals says less than the design does
+        if let (false, true, Some(anchor)) = (labelled, seen.len() < FEWEST_OWN, anchor)
+            && let Some(known) = &anchor.sensitivity
+        {
+            self.sensitivity = Some(new.with_spread_of(known));
+            self.median_statistic = anchor.median_statistic;
+            (self.threshold, self.misfit) = (anchor.threshold.clone(), anchor.misfit.clone());
+            return Ok(());
+        }
+        let (seen, features) = self.usable(seen, &new)?;
+        let sensitivity =
+            if labelled { new.with_spread(&features) } else { new.with_core_spread(&features) };
+        let found = self.statistics(&seen, &sensitivity)?;
+        self.sensitivity = Some(sensitivity);
+        self.median_statistic = median(&mut found.along.clone());
+        self.learn_thresholds(&found, &seen.channel, labelled, settings.detect)
+    }
+
+    /// What healthy signals hold beside their ring becomes part of what is expected; the sensitivities of
+    /// the ring, by noise as it is seen beside it.
+    fn learn_ring(&mut self, healthy: &SignalSet) -> Result<Sensitivity, DesignError> {
+        let (dt_s, samples) = (self.generator.dt_s, healthy.samples);
+        let ring = ring_of(&self.identification)?;
+        let fitter = RingFitter::new(ring, dt_s, samples);
+        let beside = BesideRing::new(&ring, dt_s, samples);
+        let near = Some(Features::HEALTHY);
+        let left = Left::of(healthy, (&fitter, &beside), near, |i, y| {
+            self.at_reference(healthy, i, y);
+        });
+        if let Some(shape) = left.shape() {
+            self.expected.iter_mut().zip(&shape).for_each(|(e, s)| *e += s);
+            self.leftover = shape;
+        }
+        let left = left.without(&self.leftover);
+        let tangent = fitter.tangent(&Features::HEALTHY).columns(0, 3).into_owned();
+        let new = Sensitivity::new(&tangent, self.noise).ok_or_else(|| {
+            DesignError::Invalid("amplitude, damping and frequency cannot be told apart".into())
+        })?;
+        let (seen, white) =
+            (left.autocovariance(LAGS), left.of_white_noise(&fitter, &beside, LAGS));
+        let white: Vec<f64> = white.iter().map(|r| r * self.noise * self.noise).collect();
+        Ok(new.coloured(&seen, &white))
+    }
+
+    /// The signals whose features are no absurd numbers, with their features and drives.
+    fn usable<'a>(
+        &self,
+        seen: &'a SignalSet,
+        by: &Sensitivity,
+    ) -> Result<(Cow<'a, SignalSet>, Vec<(Vector3<f64>, f64)>), DesignError> {
+        let (mut features, mut kept, mut i) = (Vec::with_capacity(seen.len()), Vec::new(), 0);
+        self.each_deviation(seen, |deviation, drive| {
+            let x = by.features(deviation, drive);
+            // absurd drives make absurd features
+            if x.iter().all(|v| v.abs() < 1e6) {
+                features.push((x, drive));
+                kept.push(i);
+            }
+            i += 1;
+        });
+        if features.len() < averaging::FEWEST_SIGNALS {
+            let (found, needed) = (features.len(), averaging::FEWEST_SIGNALS);
+            return Err(IdentifyError::TooFewSignals { found, needed }.into());
+        }
+        let all = kept.len() == seen.len();
+        Ok((if all { Cow::Borrowed(seen) } else { Cow::Owned(seen.select(&kept)) }, features))
+    }
+
+    /// As signals will be judged.
+    fn statistics(
+        &self,
+        seen: &SignalSet,
+        sensitivity: &Sensitivity,
+    ) -> Result<Statistics, DesignError> {
+        let mut detector = self.detector(sensitivity.clone(), None)?;
+        let mut squares = Vec::with_capacity(seen.len());
+        self.each_deviation(seen, |deviation, drive| {
+            squares.push(detector.first_look(deviation, drive).detection().unexplained);
+        });
+        squares.retain(|q| q.is_finite());
+        if let Some([root, sd]) = Misfit::scale(&squares) {
+            detector.look_beyond((root + misfit::SECOND_LOOK_SDS * sd).powi(2));
+        }
+        let (mut scratch, mut found) = (Scratch::default(), Statistics::default());
+        self.each_deviation(seen, |deviation, drive| {
+            let Detection { ring, unexplained } = detector.detect(deviation, drive, &mut scratch);
+            found.along.push(ring);
+            found.squares.push(unexplained);
+        });
+        Ok(found)
+    }
+
+    /// Of both tests, each with its share of the rate.
+    fn learn_thresholds(
+        &mut self,
+        found: &Statistics,
+        channels: &[u32],
+        labelled: bool,
+        settings: &DetectSettings,
+    ) -> Result<(), DesignError> {
+        let Statistics { along, squares } = found;
+        let learn = |statistics: &[f64], channels: &[u32], kind: Degrees, share: f64| match labelled
+            || settings.threshold == ThresholdMethod::Max
+        {
+            true => learn_threshold(statistics, channels, settings, share),
+            false => {
+                let rate = share * settings.false_alarm_rate;
+                Ok(contaminated(statistics, channels, kind, rate, settings.confidence)?)
+            }
+        };
+        let share = 1.0 - misfit::SHARE_OF_RATE;
+        self.threshold = learn(along, channels, Degrees::Three, share)?;
+        if labelled {
+            let rate = share * settings.false_alarm_rate;
+            let law = contaminated(along, channels, Degrees::Three, rate, 0.5);
+            let apart = law.ok().filter(|law| self.threshold.value > SUSPECT * law.value);
+            self.apart = apart.map(|law| 1.0 - law.n_effective / along.len() as f64);
+        }
+        // what is far along the ring says nothing of what lies beside it
+        let near = |i: &usize| squares[*i].is_finite() && along[*i] <= self.threshold.value;
+        let near: Vec<usize> = (0..squares.len()).filter(near).collect();
+        let channels: Vec<u32> = near.iter().map(|&i| channels[i]).collect();
+        let squares: Vec<f64> = near.iter().map(|&i| squares[i]).collect();
+        if let Some(scale) = Misfit::scale(&squares) {
+            let distances: Vec<f64> = squares.iter().map(|q| Misfit::distance(*q, scale)).collect();
+            let threshold = learn(&distances, &channels, Degrees::OneSided, misfit::SHARE_OF_RATE)?;
+            let [root, root_sd] = scale;
+            let within = squares.iter().zip(&distances).filter(|(_, d)| **d <= threshold.value);
+            let within: Vec<f64> = within.map(|(q, _)| *q).collect();
+            let square = within.iter().sum::<f64>() / within.len().max(1) as f64;
+            self.misfit = Some(Misfit { square, root, root_sd, threshold });
+        }
+        Ok(())
+    }
+
+    /// Learns what temperature does, and nothing else, from signals at other temperatures than its own.
+    /// `least_agreeing`: share of them that must agree; `None`: labels say that all are healthy. False:
+    /// they do not tell.
+    pub fn learn_temperature(&mut self, set: &SignalSet, least_agreeing: Option<f64>) -> bool {
+        let agreeing = |share| averaging::agreeing(set, share).map(|keep| set.select(&keep));
+        let (Some(reference), Ok(chosen)) =
+            (self.temperature_c, least_agreeing.map(agreeing).transpose())
+        else {
+            return false;
+        };
+        let (healthy, dt_s) = (chosen.as_ref().unwrap_or(set), self.generator.dt_s);
+        let directions = tangent::tangent(&self.identification, dt_s, set.samples);
+        let expected = &self.expected;
+        let response = tangent::temperature_response(healthy, expected, &directions, reference);
+        let changes = response
+            .as_ref()
+            .and_then(|r| tangent::pole_changes(&self.identification, &directions, r));
+        let Some((damping_per_k, frequency_per_k)) = changes else { return false };
+        self.temperature_response = response;
+        (self.damping_per_k, self.frequency_per_k) = (damping_per_k, frequency_per_k);
+        true
+    }
+}
+
+/// `share`: of the rate of false alarms.
+fn learn_threshold(
+    energies: &[f64],
+    channels: &[u32],
+    settings: &DetectSettings,
+    share: f64,
+) -> Result<Threshold, DesignError> {
+    const SEED: u64 = 1;
+    Ok(match settings.threshold {
+        ThresholdMethod::Max => threshold::max(energies, channels, settings.mu)?,
+        ThresholdMethod::Quantile => threshold::quantile(
+            energies,
+            channels,
+            share * settings.false_alarm_rate,
+            settings.confidence,
+            SEED,
+        )?,
+    })
+}
