@@ -138,3 +138,25 @@ fn name() -> String {
     let host: String = host.chars().filter(plain).take(64).collect();
     format!("{host}-{}", std::process::id())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ballista_core::execution_plans::ShuffleWriterExec;
+    use datafusion::prelude::SessionContext;
+
+    #[tokio::test]
+    async fn what_a_scheduler_hands_out_beside_our_plan_is_not_run() {
+        let other = SessionContext::new().sql("select 1 as a").await.unwrap();
+        let other = other.create_physical_plan().await.unwrap();
+        let stage = ShuffleWriterExec::try_new("job".into(), 1, other, String::new()).unwrap();
+        let (stage, config) = (Arc::new(stage), SessionConfig::new());
+        let run = |engine: &dyn ExecutionEngine| {
+            let stage = stage.clone();
+            engine.create_query_stage_exec("job".into(), 1, 0, vec![0], stage, "", &config).err()
+        };
+        assert!(run(&DefaultExecutionEngine::new()).is_none(), "Ballista's own runs it");
+        let refused = run(&OursAlone(DefaultExecutionEngine::new())).unwrap().to_string();
+        assert!(refused.contains("not a plan of inkling-fleet"), "{refused}");
+    }
+}

@@ -2,7 +2,8 @@
 
 use crate::chains;
 use crate::driver::{Driver, Patience, Shared};
-use crate::run_dir::{Job, Row, RunDir};
+use crate::row::Row;
+use crate::run_dir::{Job, RunDir};
 use crate::security::Scheduler;
 use crate::worker::Task;
 use inkling::cli::exit::Failure;

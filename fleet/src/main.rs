@@ -16,6 +16,7 @@ mod executor;
 mod fleet;
 mod node;
 mod roots;
+mod row;
 mod run_dir;
 mod scheduler;
 mod security;
@@ -25,7 +26,7 @@ mod worker;
 
 use clap::{Parser, Subcommand};
 use inkling::cli::exit::{Exit, Failure};
-use inkling::cli::run_verb;
+use inkling::cli::{parsed, run_verb};
 use std::future::Future;
 use std::process::ExitCode;
 
@@ -67,12 +68,9 @@ enum Verb {
 }
 
 fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
+    let cli: Cli = match parsed(std::env::args_os()) {
         Ok(cli) => cli,
-        Err(e) => {
-            let _ = e.print(); // nowhere left to complain if this fails
-            return if e.use_stderr() { Exit::Usage } else { Exit::Done }.into();
-        }
+        Err(ended) => return ended,
     };
     let told = env_logger::Env::default().default_filter_or(TOLD);
     env_logger::Builder::from_env(told).init();

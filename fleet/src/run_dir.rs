@@ -12,22 +12,20 @@
 //! A recording that is judged twice (its first executor was only slow) is named once: the first row that is
 //! written counts, and names the files that lie where it says, by whoever finds it; others drop their work.
 
-use crate::roots::resolve;
-use inkling::cli::judge::{Detail, Item, Judged, NotJudged};
+use crate::row::{FLEET_DIR, Row};
+use inkling::cli::judge::{Detail, Item};
 use inkling::io::journal::Means;
 use inkling::io::objects::in_object_store;
-use inkling::io::part_file::{self, PartFile};
+use inkling::io::part_file::PartFile;
 use inkling::io::{regular_file, stored};
 use inkling::pipeline::{Replay, resume};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Write};
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// Below the directory of results.
-pub const FLEET_DIR: &str = ".fleet";
 const JOB: &str = "job.json";
 /// The same of a run that is over; what its recordings left can still be taken over.
 const ENDED: &str = "ended.json";
@@ -48,67 +46,6 @@ pub struct Job {
     pub detail: Detail,
     /// The directory of results as the client named it.
     pub out: PathBuf,
-}
-
-/// What became of a recording.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Row {
-    pub item: Item,
-    pub ended: Result<Judged, NotJudged>,
-    /// Host and process.
-    pub by: String,
-    /// Where its verdicts lie until they have their name.
-    pub staged: PathBuf,
-}
-
-impl Row {
-    /// Gives the files their names, the summary's last. Whoever finds the row does so: the one that wrote it
-    /// may have been stopped in between. What has its name already keeps it.
-    pub fn name(&self, out: &Path) -> io::Result<()> {
-        if self.ended.is_err() {
-            return Ok(());
-        }
-        let verdicts = self.item.verdicts_in(out);
-        // a row is a file, which others may have written, and so may links be
-        let fleet = out.join(FLEET_DIR);
-        let below = |path: &Path, dir: &Path| {
-            let stays = path.strip_prefix(dir).is_ok_and(stays_below);
-            Ok::<_, io::Error>(
-                stays && (in_object_store(dir) || resolve(path)?.starts_with(resolve(dir)?)),
-            )
-        };
-        if !(below(&self.staged, &fleet)? && below(&verdicts, out)?) {
-            let what = format!("the row of {} leads out of {}", self.item.source, out.display());
-            return Err(io::Error::new(ErrorKind::InvalidData, what));
-        }
-        if let Some(dir) = verdicts.parent().filter(|dir| !in_object_store(dir)) {
-            fs::create_dir_all(dir)?;
-        }
-        for (from, to) in resume::files(&self.staged).iter().zip(&resume::files(&verdicts)) {
-            match stored::rename(from, to) {
-                Err(e) if e.kind() != ErrorKind::NotFound => return Err(e),
-                _ => {}
-            }
-        }
-        part_file::sync_directory_of(&verdicts)
-    }
-
-    /// Whether it is the row of that recording, for those results.
-    pub fn is_of(&self, item: &Item) -> bool {
-        (&self.item.source, &self.item.verdicts) == (&item.source, &item.verdicts)
-    }
-
-    /// Whether the files that it tells of are still there.
-    pub fn stands(&self, out: &Path) -> bool {
-        let Ok(judged) = &self.ended else { return true };
-        let files = resume::files(&self.item.verdicts_in(out));
-        files.iter().zip(&judged.bytes).all(|(file, bytes)| stored::bytes(file) == *bytes)
-    }
-}
-
-/// Whether a relative path stays where it begins.
-pub fn stays_below(path: &Path) -> bool {
-    path.components().all(|part| matches!(part, Component::Normal(_)))
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -325,6 +262,7 @@ fn read<T: DeserializeOwned>(path: &Path, most_bytes: u64) -> io::Result<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use inkling::cli::judge::Judged;
     use inkling::io::design_file;
     use inkling::io::journal::{Outcome, Stamp};
     use inkling::labels::{Label, Labels};

@@ -2,7 +2,8 @@
 //! committed once.
 
 use crate::roots::Roots;
-use crate::run_dir::{Job, Row, RunDir, stays_below};
+use crate::row::{Row, stays_below};
+use crate::run_dir::{Job, RunDir};
 use inkling::cli::judge::{Item, Judged, NotJudged};
 use inkling::design::Baselines;
 use inkling::io::Limits;

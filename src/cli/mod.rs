@@ -93,12 +93,9 @@ enum Verb {
 
 /// Runs the command line `args` and says how it ended.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let cli = match Cli::try_parse_from(args) {
+    let cli: Cli = match parsed(args) {
         Ok(cli) => cli,
-        Err(e) => {
-            let _ = e.print(); // nowhere left to complain if this fails
-            return if e.use_stderr() { Exit::Usage } else { Exit::Done }.into();
-        }
+        Err(ended) => return ended,
     };
     run_verb(cli.quiet, || match cli.verb {
         Verb::Replay(args) => replay::run(args),
@@ -112,6 +109,14 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Report(args) => report_page::run(args),
         Verb::Thesis(args) => thesis::run(args),
         Verb::Generate(args) => generate::run(args, Cli::command()),
+    })
+}
+
+/// A command line, or how it ends at once: with help, or with what is wrong with it.
+pub fn parsed<C: Parser>(args: impl IntoIterator<Item = OsString>) -> Result<C, ExitCode> {
+    C::try_parse_from(args).map_err(|e| {
+        let _ = e.print(); // nowhere left to complain if this fails
+        if e.use_stderr() { Exit::Usage } else { Exit::Done }.into()
     })
 }
 

@@ -32,6 +32,13 @@ const SUSPECT: f64 = 3.0;
 /// Samples over which noise may remember.
 const LAGS: usize = 32;
 
+/// Signals whose features are no absurd numbers.
+struct Usable<'a> {
+    signals: Cow<'a, SignalSet>,
+    /// Of each, with its drive.
+    features: Vec<(Vector3<f64>, f64)>,
+}
+
 /// Both statistics of signals.
 #[derive(Default)]
 struct Statistics {
@@ -217,7 +224,7 @@ impl HealthyModel {
             (self.threshold, self.misfit) = (anchor.threshold.clone(), anchor.misfit.clone());
             return Ok(());
         }
-        let (seen, features) = self.usable(seen, &new)?;
+        let Usable { signals: seen, features } = self.usable(seen, &new)?;
         let sensitivity =
             if labelled { new.with_spread(&features) } else { new.with_core_spread(&features) };
         let found = self.statistics(&seen, &sensitivity)?;
@@ -252,12 +259,7 @@ impl HealthyModel {
         Ok(new.coloured(&seen, &white))
     }
 
-    /// The signals whose features are no absurd numbers, with their features and drives.
-    fn usable<'a>(
-        &self,
-        seen: &'a SignalSet,
-        by: &Sensitivity,
-    ) -> Result<(Cow<'a, SignalSet>, Vec<(Vector3<f64>, f64)>), DesignError> {
+    fn usable<'a>(&self, seen: &'a SignalSet, by: &Sensitivity) -> Result<Usable<'a>, DesignError> {
         let (mut features, mut kept, mut i) = (Vec::with_capacity(seen.len()), Vec::new(), 0);
         self.each_deviation(seen, |deviation, drive| {
             let x = by.features(deviation, drive);
@@ -273,7 +275,8 @@ impl HealthyModel {
             return Err(IdentifyError::TooFewSignals { found, needed }.into());
         }
         let all = kept.len() == seen.len();
-        Ok((if all { Cow::Borrowed(seen) } else { Cow::Owned(seen.select(&kept)) }, features))
+        let signals = if all { Cow::Borrowed(seen) } else { Cow::Owned(seen.select(&kept)) };
+        Ok(Usable { signals, features })
     }
 
     /// As signals will be judged.

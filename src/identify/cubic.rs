@@ -1,7 +1,7 @@
 //! The cubic s^3 + p2 s^2 + p1 s + p0 of the observable poles: its decays, and its roots.
 
 use crate::model::ring_down::Poles;
-use nalgebra::{Matrix3, MatrixXx3};
+use nalgebra::{DMatrix, Matrix3, MatrixXx3, Vector3};
 
 /// Columns: the output from unit y, y', y'' at t_a (per µs), by exact discretisation of the cubic's
 /// companion form. `cubic`: p2, p1, p0 per µs.
@@ -18,6 +18,27 @@ pub(super) fn basis(cubic: [f64; 3], dt_us: f64, samples: usize) -> MatrixXx3<f6
         });
     }
     basis
+}
+
+/// Columns dy/d(p2, p1, p0, y, y', y''), N x 6, per µs: every small change of a decay that stays one.
+/// `cubic`, `state`: per µs.
+pub(super) fn tangent(
+    cubic: [f64; 3],
+    state: Vector3<f64>,
+    dt_us: f64,
+    samples: usize,
+) -> DMatrix<f64> {
+    let mut columns = DMatrix::zeros(samples, 6);
+    for k in 0..3 {
+        let h = 1e-5 * cubic[k].abs().max(1e-9);
+        let (mut up, mut down) = (cubic, cubic);
+        up[k] += h;
+        down[k] -= h;
+        let slope = (basis(up, dt_us, samples) - basis(down, dt_us, samples)) * state / (2.0 * h);
+        columns.set_column(k, &slope);
+    }
+    columns.view_mut((0, 3), (samples, 3)).copy_from(&basis(cubic, dt_us, samples));
+    columns
 }
 
 fn companion([p2, p1, p0]: [f64; 3]) -> Matrix3<f64> {

@@ -2,9 +2,9 @@
 //!
 //! In: the fit of thesis (3-1). Out: standard deviations of poles and cubic, null directions in words.
 
-use super::cubic::{basis, cubic_per_us, poles_of};
+use super::cubic::{cubic_per_us, poles_of, tangent};
 use super::identification::Uncertainty;
-use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector3};
+use nalgebra::{DVector, Matrix3, SMatrix, Vector3};
 
 /// Gauss-Newton covariance of all six numbers (p2, p1, p0, y, y', y''), its cubic part carried to
 /// the poles. `state` per µs. `noise` of one sample, counts; 0: from the misfit.
@@ -16,18 +16,7 @@ pub fn uncertainty(
     noise: f64,
     misfit: &DVector<f64>,
 ) -> Uncertainty {
-    let p = cubic_per_us(cubic);
-    let dt_us = dt_s * 1e6;
-    let mut jacobian = DMatrix::zeros(samples, 6);
-    for k in 0..3 {
-        let h = 1e-5 * p[k].abs().max(1e-9);
-        let (mut up, mut down) = (p, p);
-        up[k] += h;
-        down[k] -= h;
-        let dy = (basis(up, dt_us, samples) - basis(down, dt_us, samples)) * state / (2.0 * h);
-        jacobian.set_column(k, &dy);
-    }
-    jacobian.view_mut((0, 3), (samples, 3)).copy_from(&basis(p, dt_us, samples));
+    let jacobian = tangent(cubic_per_us(cubic), *state, dt_s * 1e6, samples);
 
     let from_misfit = misfit.norm() / ((samples.max(7) - 6) as f64).sqrt();
     let noise = if noise > 0.0 { noise } else { from_misfit };

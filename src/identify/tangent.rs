@@ -4,27 +4,15 @@
 //! directions), and the ink temperature's effect as a direction in that space.
 
 use super::averaging::SignalSet;
-use super::cubic::{basis, cubic_per_us};
+use super::cubic::{self, cubic_per_us, to_microseconds};
 use super::identification::Identification;
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 
 /// Columns dy/d(p2, p1, p0, y, y', y''), N x 6, per µs units: every small change of a decay that
 /// stays a decay of the model.
 pub fn tangent(fit: &Identification, dt_s: f64, samples: usize) -> DMatrix<f64> {
-    let (p, dt_us) = (cubic_per_us(fit.cubic), dt_s * 1e6);
-    let [y, dy, ddy] = fit.output_state;
-    let c = Vector3::new(y, dy * 1e-6, ddy * 1e-12);
-    let mut columns = DMatrix::zeros(samples, 6);
-    for k in 0..3 {
-        let h = 1e-5 * p[k];
-        let (mut up, mut down) = (p, p);
-        up[k] += h;
-        down[k] -= h;
-        let slope = (basis(up, dt_us, samples) - basis(down, dt_us, samples)) * c / (2.0 * h);
-        columns.set_column(k, &slope);
-    }
-    columns.view_mut((0, 3), (samples, 3)).copy_from(&basis(p, dt_us, samples));
-    columns
+    let state = Vector3::from(to_microseconds(fit.output_state));
+    cubic::tangent(cubic_per_us(fit.cubic), state, dt_s * 1e6, samples)
 }
 
 /// d y_hat / d temperature, counts per K at the reference drive, projected on the tangent space so

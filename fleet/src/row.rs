@@ -1,0 +1,75 @@
+//! What became of a recording, as a file that whoever finds it may believe as far as it reaches.
+
+use crate::roots::resolve;
+use inkling::cli::judge::{Item, Judged, NotJudged};
+use inkling::io::objects::in_object_store;
+use inkling::io::{part_file, stored};
+use inkling::pipeline::resume;
+use serde::{Deserialize, Serialize};
+use std::fs;
+use std::io::{self, ErrorKind};
+use std::path::{Component, Path, PathBuf};
+
+/// Below the directory of results: what runs leave until they are over.
+pub const FLEET_DIR: &str = ".fleet";
+
+/// What became of a recording.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Row {
+    pub item: Item,
+    pub ended: Result<Judged, NotJudged>,
+    /// Host and process.
+    pub by: String,
+    /// Where its verdicts lie until they have their name.
+    pub staged: PathBuf,
+}
+
+impl Row {
+    /// Gives the files their names, the summary's last. Whoever finds the row does so: the one that wrote it
+    /// may have been stopped in between. What has its name already keeps it.
+    pub fn name(&self, out: &Path) -> io::Result<()> {
+        if self.ended.is_err() {
+            return Ok(());
+        }
+        let verdicts = self.item.verdicts_in(out);
+        // a row is a file, which others may have written, and so may links be
+        let fleet = out.join(FLEET_DIR);
+        let below = |path: &Path, dir: &Path| {
+            let stays = path.strip_prefix(dir).is_ok_and(stays_below);
+            Ok::<_, io::Error>(
+                stays && (in_object_store(dir) || resolve(path)?.starts_with(resolve(dir)?)),
+            )
+        };
+        if !(below(&self.staged, &fleet)? && below(&verdicts, out)?) {
+            let what = format!("the row of {} leads out of {}", self.item.source, out.display());
+            return Err(io::Error::new(ErrorKind::InvalidData, what));
+        }
+        if let Some(dir) = verdicts.parent().filter(|dir| !in_object_store(dir)) {
+            fs::create_dir_all(dir)?;
+        }
+        for (from, to) in resume::files(&self.staged).iter().zip(&resume::files(&verdicts)) {
+            match stored::rename(from, to) {
+                Err(e) if e.kind() != ErrorKind::NotFound => return Err(e),
+                _ => {}
+            }
+        }
+        part_file::sync_directory_of(&verdicts)
+    }
+
+    /// Whether it is the row of that recording, for those results.
+    pub fn is_of(&self, item: &Item) -> bool {
+        (&self.item.source, &self.item.verdicts) == (&item.source, &item.verdicts)
+    }
+
+    /// Whether the files that it tells of are still there.
+    pub fn stands(&self, out: &Path) -> bool {
+        let Ok(judged) = &self.ended else { return true };
+        let files = resume::files(&self.item.verdicts_in(out));
+        files.iter().zip(&judged.bytes).all(|(file, bytes)| stored::bytes(file) == *bytes)
+    }
+}
+
+/// Whether a relative path stays where it begins.
+pub fn stays_below(path: &Path) -> bool {
+    path.components().all(|part| matches!(part, Component::Normal(_)))
+}
