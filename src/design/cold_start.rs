@@ -1,4 +1,4 @@
-//! What the physics says of faults before one was seen, and what labelled severities add to it.
+//! The physics of faults: what it predicts before any fault was labelled, and what labelled severities add.
 //!
 //! In: the healthy models and signals, a guess of rates and actuation, labelled faults. Out:
 //! [`FaultPhysics`], from which severities and the densities of unlabelled classes follow. thesis §2-2.
@@ -9,16 +9,16 @@ use super::{Design, DesignError, FaultClass, HealthyModel, IsolateSettings, Trai
 use crate::fault;
 use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
-use crate::isolate::fault_curve::{Healthy, Seen};
-use crate::isolate::fault_physics::{FaultPhysics, Look};
-use crate::isolate::physics_density::{Comparison, SeenSizes};
+use crate::isolate::fault_curve::{Conditions, Healthy};
+use crate::isolate::fault_physics::{FaultPhysics, LabelledFault};
+use crate::isolate::physics_density::{Comparison, LabelledSeverities};
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Products, RingFitter};
 use crate::model::{Actuation, InkChannel, faults};
 use nalgebra::Vector4;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Healthy signals of a printhead that are fitted to see how channels differ, at most.
+/// Healthy signals of a printhead that are fitted to learn how channels differ, at most.
 const MOST_HEALTHY: usize = 4096;
 /// Labelled signals of a class and printhead that correct the rates, at most.
 const MOST_LOOKS: usize = 512;
@@ -50,8 +50,8 @@ pub(super) fn physics(
         .iter()
         .flat_map(|(name, set)| set.channel.iter().map(move |&c| (name.as_str(), c)))
         .collect();
-    let looks = few.values().flat_map(|set| &set.drive);
-    let weaker = looks.clone().map(|s| 1.0 / (s * s)).sum::<f64>() / looks.count().max(1) as f64;
+    let drives = few.values().flat_map(|set| &set.drive);
+    let weaker = drives.clone().map(|s| 1.0 / (s * s)).sum::<f64>() / drives.count().max(1) as f64;
     let learned = examples(&design.with_models(&few))?.and_then(|healthy| {
         let noise = healthy.noise * weaker;
         physics.learn_spread(&healthy.features, &noise, channels.len(), sampling)
@@ -60,61 +60,65 @@ pub(super) fn physics(
         return Ok(None);
     }
 
-    let mut looks = Vec::new();
+    let mut labelled = Vec::new();
     for (name, printheads) in &set.faulty {
         let Some(class) = design.classes.iter().find(|class| class.name == *name) else { continue };
         let class = class.class();
         let Some(kind) = faults::one_kind(&class.of) else { continue };
         for (model, signals) in design.with_models(printheads) {
             let few = first(signals, MOST_LOOKS);
-            looks.extend(looks_of((name, kind), model, &ring, &few)?);
+            labelled.extend(labelled_faults((name, kind), model, &ring, &few)?);
         }
     }
-    if !looks.is_empty() {
+    if !labelled.is_empty() {
         let before = physics.clone();
-        // rates that ring no more: the labels do not fit the physics at all
-        if physics.learn_rates(guess, isolate.guess_sd, &looks, sampling).is_none() {
+        // the corrected rates would not ring: the labels do not fit the physics at all
+        if physics.learn_rates(guess, isolate.guess_sd, &labelled, sampling).is_none() {
             physics = before;
         }
     }
-    learn_sizes(&mut physics, &looks, sampling);
+    learn_sizes(&mut physics, &labelled, sampling);
     Ok(Some(physics))
 }
 
-/// The sizes of the labelled signals; where the label gives none, as they are estimated.
-fn learn_sizes(physics: &mut FaultPhysics, looks: &[Look], (dt_s, samples): (f64, usize)) {
-    let mut by_class: BTreeMap<&str, Vec<&Look>> = BTreeMap::new();
-    looks.iter().for_each(|look| by_class.entry(&look.class).or_default().push(look));
-    let class = |(name, looks): (&&str, &Vec<&Look>)| fault::Class {
+/// Severities of the labelled signals; where a label gives none, the physics' own estimate.
+fn learn_sizes(
+    physics: &mut FaultPhysics,
+    labelled: &[LabelledFault],
+    (dt_s, samples): (f64, usize),
+) {
+    let mut by_class: BTreeMap<&str, Vec<&LabelledFault>> = BTreeMap::new();
+    labelled.iter().for_each(|fault| by_class.entry(&fault.class).or_default().push(fault));
+    let class = |(name, labelled): (&&str, &Vec<&LabelledFault>)| fault::Class {
         name: name.to_string(),
-        of: looks.iter().take(1).map(|look| look.kind.clone()).collect(),
+        of: labelled.iter().take(1).map(|fault| fault.kind.clone()).collect(),
     };
     let classes: Vec<fault::Class> = by_class.iter().map(class).collect();
     let curves = physics.curves(&classes, dt_s, samples);
-    for (k, (name, looks)) in by_class.into_iter().enumerate() {
+    for (k, (name, labelled)) in by_class.into_iter().enumerate() {
         let mut only = vec![0.0; classes.len()];
         only[k] = 1.0;
-        let size = |look: &&Look| {
-            let changed = curves.changed(look.ring);
-            let seen = Seen { drive: look.drive, changed, baseline: None };
+        let size = |fault: &&LabelledFault| {
+            let changed = curves.changed(fault.ring);
+            let conditions = Conditions { drive: fault.drive, changed, baseline: None };
             let estimated = || {
                 let mut compared = Comparison::default();
-                curves.compare(look.features.as_slice(), seen, &mut compared);
+                curves.compare(fault.features.as_slice(), conditions, &mut compared);
                 curves.severity(k, &only, &compared)
             };
-            let severity = match look.severity.is_finite() {
-                true => Some(look.severity),
+            let severity = match fault.severity.is_finite() {
+                true => Some(fault.severity),
                 false => estimated().map(|severity| severity.value),
             };
-            Some((severity?, look.weight))
+            Some((severity?, fault.weight))
         };
-        let sizes = SeenSizes::new(looks.iter().filter_map(size).collect());
+        let sizes = LabelledSeverities::new(labelled.iter().filter_map(size).collect());
         physics.seen.insert(name.into(), sizes);
     }
 }
 
 /// The thesis's classes, and those `declared` of them, that were not labelled, each as the middle of
-/// its severities looks.
+/// its severities would look.
 pub(super) fn add_classes(design: &mut Design, declared: &BTreeMap<String, Vec<String>>) {
     let Some(physics) = &design.physics else { return };
     let sampling = (design.sample_period_s, design.samples);
@@ -150,25 +154,25 @@ fn first(set: &SignalSet, most: usize) -> SignalSet {
     set.select(&(0..set.len().min(most)).collect::<Vec<_>>())
 }
 
-/// A class's labelled signals, fitted; NaN where the severity is not labelled.
-fn looks_of(
+/// A class's labelled signals with their fitted features; signals that do not ring are left out.
+fn labelled_faults(
     (class, kind): (&str, &str),
     model: &HealthyModel,
     ring: &Ring,
     set: &SignalSet,
-) -> Result<Vec<Look>, DesignError> {
+) -> Result<Vec<LabelledFault>, DesignError> {
     let fitter =
         RingFitter::new(ring_of(&model.identification)?, model.generator.dt_s, set.samples);
     let mut of_channel: BTreeMap<u32, f64> = BTreeMap::new();
     set.channel.iter().for_each(|&c| *of_channel.entry(c).or_default() += 1.0);
     let per_k = Vector4::from(model.features_per_k(&fitter));
-    let (mut looks, mut columns, mut signal, mut i) =
+    let (mut labelled, mut columns, mut signal, mut i) =
         (Vec::new(), Products::default(), Vec::new(), 0);
     model.each_deviation(set, |deviation, drive| {
         let warmer = model.warmer(set.temperature_c[i]);
         model.per_drive(deviation, drive, warmer, &mut signal);
         if let Some(fit) = fitter.fit(&signal, true, &mut columns) {
-            looks.push(Look {
+            labelled.push(LabelledFault {
                 class: class.into(),
                 kind: kind.into(),
                 severity: set.severity[i],
@@ -180,5 +184,5 @@ fn looks_of(
         }
         i += 1;
     });
-    Ok(looks)
+    Ok(labelled)
 }

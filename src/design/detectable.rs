@@ -5,7 +5,7 @@
 //! blind. thesis (3-2), (3-3), §3-2-1.
 
 use super::DesignError;
-use super::filter_of_model::by_resonance;
+use super::fd_filter::by_resonance;
 use crate::detect::decoupling::decoupled;
 use crate::detect::detectability::{FaultyModel, blind_ranges};
 use crate::detect::{DetectError, DetectSettings, ResidualGenerator, null_space};

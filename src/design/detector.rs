@@ -233,7 +233,7 @@ impl SensitivityDetector {
     /// and temperature, counts; `near`: what its ring lies near.
     pub fn unexplained(&self, signal: &[f64], near: &Features, drive: f64) -> Option<f64> {
         let fit = self.fitter.fit_from(signal, near, true)?;
-        let left = self.beside.left_without(&self.fitter, signal, &fit.features, &self.leftover);
+        let left = self.beside.misfit_without(&self.fitter, signal, &fit.features, &self.leftover);
         Some(dot(&left, &left) * drive * drive)
     }
 

@@ -2,7 +2,7 @@
 //! for model matching its identified model, for neighbours its training signals.
 
 use super::error::{DesignError, is_count, same_period};
-use super::filter_of_model::by_resonance;
+use super::fd_filter::by_resonance;
 use super::healthy_model::deviations;
 use super::{HealthyModel, LearnSettings};
 use crate::detect::{ResidualGenerator, null_space};

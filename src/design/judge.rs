@@ -7,13 +7,13 @@ use super::{Design, DesignError, Extension, FaultModel, HealthyModel, IsolateSet
 use crate::burst::Burst;
 use crate::detect::key_numbers::Spectrum;
 use crate::identify::reservoir::relative_drive;
-use crate::isolate::appearance::Strange;
-use crate::isolate::fault_curve::Seen;
+use crate::isolate::appearance::UnknownSignal;
+use crate::isolate::fault_curve::Conditions;
 use crate::isolate::neighbours::Neighbours;
 use crate::isolate::physics_density::{Comparison, FaultCurves};
 use crate::isolate::posterior::Posterior;
 use crate::isolate::severity::Severity;
-use crate::isolate::typical::{Beside, Typical};
+use crate::isolate::typical::{RingMisfit, Typical};
 use crate::isolate::{
     Decision, DecisionRule, IsolateMethod, IsolateSignal, MAX_CLASSES, SignatureMatrix, Simplex,
     model_matching,
@@ -407,7 +407,7 @@ impl Judge {
         let of_own = own.as_ref().and_then(|own| own.curves.as_ref().zip(Some(&own.baseline)));
         let curves = of_own.map(|(curves, _)| curves).or(curves.as_ref());
         let physics_ring = physics_ring.map(|ring| self.model.ring_from(&ring, warmer));
-        let seen = Seen {
+        let seen = Conditions {
             drive,
             changed: curves.zip(physics_ring).map_or(Vector2::zeros(), |(c, r)| c.changed(r)),
             baseline: of_own.map(|(_, baseline)| baseline),
@@ -464,14 +464,14 @@ impl OfRings {
     fn left(&self, y: &[f64], fit: &Fit, judge: &Judge, noise: f64, class: usize) -> LeftOfRing {
         let fit = self.fitter.fit_from(y, &fit.features, true).unwrap_or(*fit);
         let shape = &judge.model.leftover;
-        let mut left = self.beside.left_without(&self.fitter, y, &fit.features, shape);
+        let mut left = self.beside.misfit_without(&self.fitter, y, &fit.features, shape);
         let size = fit.features.ln_amplitude.exp();
         left.iter_mut().for_each(|v| *v /= noise);
         let all = left.iter().map(|v| v * v).sum::<f64>() / left.len() as f64;
         // noise is one at the signal's own drive, and so is its ring
         let of_class = self.typical.as_ref().map_or(all, |typical| {
             let size = size * judge.relative_noise(noise);
-            typical.misfit_of(Beside { left: &left, size }, class)
+            typical.misfit_of(RingMisfit { values: &left, size }, class)
         });
         LeftOfRing { all, of_class }
     }
@@ -497,12 +497,12 @@ impl Judge {
         let fit = fitter.fit(y, true, &mut work.products);
         let shape = &self.model.leftover;
         let mut left = match &fit {
-            Some(fit) => beside.left_without(fitter, y, &fit.features, shape),
+            Some(fit) => beside.misfit_without(fitter, y, &fit.features, shape),
             None => y.to_vec(),
         };
         left.iter_mut().for_each(|v| *v /= noise);
         let (ring, dt_s) = (fit.map(|fit| fit.features), self.model.generator.dt_s);
-        Some(Strange { signal: y, noise, ring, left: &left, dt_s }.appearance())
+        Some(UnknownSignal { signal: y, noise, ring, misfit: &left, dt_s }.appearance())
     }
 
     /// Drive of a signal whose noise per unit drive is this.

@@ -5,8 +5,8 @@
 
 use super::detector::{Detection, Scratch, ring_of};
 use super::error::DesignError;
-use super::filter_of_model::{LearnSettings, residual_generator};
-use super::leftover::Left;
+use super::fd_filter::{LearnSettings, residual_generator};
+use super::leftover::Leftovers;
 use super::{DetectSettings, HealthyModel, Statistic};
 use crate::detect::contamination::{Degrees, contaminated};
 use crate::detect::key_numbers::{KeyNumbers, KeyRange, Spectrum};
@@ -241,7 +241,7 @@ impl HealthyModel {
         let fitter = RingFitter::new(ring, dt_s, samples);
         let beside = BesideRing::new(&ring, dt_s, samples);
         let near = Some(Features::HEALTHY);
-        let left = Left::of(healthy, (&fitter, &beside), near, |i, y| {
+        let left = Leftovers::of(healthy, (&fitter, &beside), near, |i, y| {
             self.at_reference(healthy, i, y);
         });
         if let Some(shape) = left.shape() {

@@ -14,25 +14,25 @@ use crate::model::ring_fit::{Features, Products, RingFitter};
 const MOST_SIGNALS: usize = 4096;
 
 /// Signals less their rings.
-pub(super) struct Left {
+pub(super) struct Leftovers {
     /// Rows of N, counts.
     pub rows: Vec<Vec<f64>>,
     /// Amplitude of the ring over the healthy one's at the reference drive.
     pub size: Vec<f64>,
 }
 
-impl Left {
-    pub fn none() -> Left {
-        Left { rows: Vec::new(), size: Vec::new() }
+impl Leftovers {
+    pub fn none() -> Leftovers {
+        Leftovers { rows: Vec::new(), size: Vec::new() }
     }
 
-    pub fn extend(&mut self, more: Left) {
+    pub fn extend(&mut self, more: Leftovers) {
         self.rows.extend(more.rows);
         self.size.extend(more.size);
     }
 
     /// In other units.
-    pub fn over(mut self, noise: f64) -> Left {
+    pub fn over(mut self, noise: f64) -> Leftovers {
         self.rows.iter_mut().flatten().for_each(|v| *v /= noise);
         self
     }
@@ -44,10 +44,10 @@ impl Left {
         (fitter, beside): (&RingFitter, &BesideRing),
         near: Option<Features>,
         mut at_reference: impl FnMut(usize, &mut [f64]),
-    ) -> Left {
+    ) -> Leftovers {
         let every = set.len().div_ceil(MOST_SIGNALS).max(1);
         let chosen: Vec<usize> = (0..set.len()).step_by(every).collect();
-        let mut of = Left::none();
+        let mut of = Leftovers::none();
         let mut next = chosen.iter();
         let mut signals: Vec<Vec<f64>> = Vec::with_capacity(chosen.len());
         let mut fits = Vec::with_capacity(chosen.len());
@@ -65,7 +65,7 @@ impl Left {
         for (i, fit) in fits {
             let Some(fit) = fit else { continue };
             let drive = set.drive[chosen[i]];
-            let left = beside.left(fitter, &signals[i], &fit.features);
+            let left = beside.misfit(fitter, &signals[i], &fit.features);
             of.rows.push(left.into_iter().map(|v| v * drive).collect());
             of.size.push(fit.features.ln_amplitude.exp() * drive);
         }
@@ -99,7 +99,7 @@ impl Left {
     }
 
     /// The same without what every healthy signal holds.
-    pub fn without(mut self, shape: &[f64]) -> Left {
+    pub fn without(mut self, shape: &[f64]) -> Leftovers {
         for (row, size) in self.rows.iter_mut().zip(&self.size) {
             row.iter_mut().zip(shape).for_each(|(v, s)| *v -= size * s);
         }
@@ -146,6 +146,6 @@ impl Left {
                 beside.project(fitter, &noise, &Features::HEALTHY)
             })
             .collect();
-        Left { rows, size: Vec::new() }.autocovariance(lags)
+        Leftovers { rows, size: Vec::new() }.autocovariance(lags)
     }
 }

@@ -26,16 +26,18 @@ const ISOLATED_SIZES: usize = 12;
 impl Design {
     /// `None`: it knows no physics, or does not detect by sensitivities.
     pub fn promise(&self, settings: &IsolateSettings) -> Result<Option<Promise>, DesignError> {
-        let Some(bench) = Bench::new(self, settings)? else { return Ok(None) };
+        let Some(monte_carlo) = MonteCarlo::new(self, settings)? else { return Ok(None) };
         let mut promise =
-            Promise { false_alarm_rate: bench.rate(), draws: DRAWS, ..Promise::default() };
+            Promise { false_alarm_rate: monte_carlo.rate(), draws: DRAWS, ..Promise::default() };
         let mut taken_for = vec![vec![0.0; self.classes.len()]; self.classes.len()];
         for (k, class) in self.fault_classes().iter().enumerate() {
             let Some(kind) = faults::one_kind(&class.of) else { continue };
             let Some(range) = range_of(&class.of) else { continue };
-            let Some(detectable) = bench.detectable(&class.name, kind, range) else { continue };
+            let Some(detectable) = monte_carlo.detectable(&class.name, kind, range) else {
+                continue;
+            };
             promise.classes.push(detectable);
-            taken_for[k] = bench.taken_for(kind, range, self.classes.len());
+            taken_for[k] = monte_carlo.taken_for(kind, range, self.classes.len());
         }
         let names = self.class_names();
         for i in 0..names.len() {
@@ -57,7 +59,7 @@ fn range_of(classes: &[String]) -> Option<[f64; 2]> {
 }
 
 /// Draws signals and has them judged.
-struct Bench<'a> {
+struct MonteCarlo<'a> {
     design: &'a Design,
     judge: Judge,
     /// N x 3: what a channel's own amplitude, damping and frequency (ln) add, counts.
@@ -69,11 +71,11 @@ struct Bench<'a> {
     noise: f64,
 }
 
-impl<'a> Bench<'a> {
+impl<'a> MonteCarlo<'a> {
     fn new(
         design: &'a Design,
         settings: &IsolateSettings,
-    ) -> Result<Option<Bench<'a>>, DesignError> {
+    ) -> Result<Option<MonteCarlo<'a>>, DesignError> {
         let model = design.pooled.clone();
         let (Some(physics), Some(sensitivity)) = (&design.physics, &model.sensitivity) else {
             return Ok(None);
@@ -85,7 +87,7 @@ impl<'a> Bench<'a> {
         let (mean, noise) = (Vector3::from(sensitivity.mean), model.noise);
         let judge = Judge::new(0, model, design.drive_voltage_v, Some(design), settings)?;
         let spread = spread.eigenvectors * Matrix3::from_diagonal(&roots);
-        Ok(Some(Bench { design, judge, tangent, spread, mean, noise }))
+        Ok(Some(MonteCarlo { design, judge, tangent, spread, mean, noise }))
     }
 
     fn rate(&self) -> Option<f64> {

@@ -10,7 +10,7 @@ use crate::fault;
 use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
 use crate::isolate::IsolateMethod;
-use crate::isolate::fault_curve::Seen;
+use crate::isolate::fault_curve::Conditions;
 use crate::isolate::physics_density::Comparison;
 use crate::isolate::posterior::{Examples, Posterior};
 use std::collections::BTreeMap;
@@ -227,8 +227,8 @@ fn learn_posterior(design: &Design, set: &TrainingSet) -> Result<Option<Posterio
     for (k, class) in of_classes.iter().enumerate() {
         for x in class.iter().flat_map(|class| &class.features) {
             let mut compared = Comparison::default();
-            curves.compare(x, Seen::as_made(), &mut compared);
-            distances[k].push(curves.distance(k, x, Seen::as_made(), &compared));
+            curves.compare(x, Conditions::as_made(), &mut compared);
+            distances[k].push(curves.distance(k, x, Conditions::as_made(), &compared));
             by_physics[k].push(compared.ln_densities);
         }
     }
@@ -262,7 +262,7 @@ fn yield_to_own_classes(
         let (mut weights, mut taken) = (vec![0.0; classes], vec![0.0; classes]);
         for x in &examples.features {
             let mut compared = Comparison::default();
-            curves.compare(x, Seen::as_made(), &mut compared);
+            curves.compare(x, Conditions::as_made(), &mut compared);
             let priors = vec![1.0; classes];
             posterior.weigh(x, &compared.ln_densities, &priors, &mut Vec::new(), &mut weights);
             taken.iter_mut().zip(&weights).for_each(|(t, w)| *t += w);

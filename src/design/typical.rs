@@ -2,10 +2,10 @@
 //! none are labelled.
 
 use super::detector::ring_of;
-use super::leftover::Left;
+use super::leftover::Leftovers;
 use super::{Design, DesignError, HealthyModel, TrainingSet};
 use crate::identify::averaging::SignalSet;
-use crate::isolate::typical::{Beside, Typical, directions, misfit_bound};
+use crate::isolate::typical::{RingMisfit, Typical, directions, misfit_bound};
 use crate::model::beside_ring::BesideRing;
 use crate::model::faults;
 use crate::model::inner_product::dot;
@@ -30,7 +30,7 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
     let mut classes = Vec::new();
     for class in &design.classes {
         let labelled = set.faulty.get(&class.name);
-        let mut left = labelled.map_or(Ok(Left::none()), |sets| left_of(design, sets))?;
+        let mut left = labelled.map_or(Ok(Leftovers::none()), |sets| left_of(design, sets))?;
         let labelled = left.rows.len();
         if labelled == 0 {
             for kind in class.class().of {
@@ -53,9 +53,9 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
         .zip(spreads)
         .map(|(of, own)| if (1..FEWEST_OWN).contains(&of.labelled) { widest.clone() } else { own })
         .collect();
-    let misfits = |left: &Left, k: usize| -> Vec<f64> {
+    let misfits = |left: &Leftovers, k: usize| -> Vec<f64> {
         let each = left.rows.iter().zip(&left.size);
-        each.map(|(left, &size)| typical.misfit_of(Beside { left, size }, k)).collect()
+        each.map(|(left, &size)| typical.misfit_of(RingMisfit { values: left, size }, k)).collect()
     };
     let bounds = classes.iter().enumerate().map(|(k, of)| {
         let of_noise = misfit_bound(&misfits(&healthy, k));
@@ -72,7 +72,7 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
 }
 
 struct OfClass {
-    left: Left,
+    left: Leftovers,
     labelled: usize,
 }
 
@@ -88,8 +88,8 @@ impl OfClass {
 }
 
 /// What signals leave, in units of the noise of a sample.
-fn left_of(design: &Design, sets: &BTreeMap<String, SignalSet>) -> Result<Left, DesignError> {
-    let mut all = Left::none();
+fn left_of(design: &Design, sets: &BTreeMap<String, SignalSet>) -> Result<Leftovers, DesignError> {
+    let mut all = Leftovers::none();
     for (model, set) in design.with_models(sets) {
         let few: Vec<usize> = (0..set.len()).take(MOST_SIGNALS).collect();
         let set = set.select(&few);
@@ -97,19 +97,22 @@ fn left_of(design: &Design, sets: &BTreeMap<String, SignalSet>) -> Result<Left, 
         let (dt_s, samples) = (model.generator.dt_s, design.samples);
         let fitter = RingFitter::new(ring, dt_s, samples);
         let beside = BesideRing::new(&ring, dt_s, samples);
-        let left = Left::of(&set, (&fitter, &beside), None, |i, y| model.at_reference(&set, i, y));
+        let left =
+            Leftovers::of(&set, (&fitter, &beside), None, |i, y| model.at_reference(&set, i, y));
         all.extend(left.without(&model.leftover).over(model.noise_beside()));
     }
     Ok(all)
 }
 
 /// What a class without labelled signals leaves by the physics, free of noise, in units of it.
-fn by_physics(design: &Design, class: &str) -> Result<Left, DesignError> {
-    let (Some(physics), model) = (&design.physics, &design.pooled) else { return Ok(Left::none()) };
+fn by_physics(design: &Design, class: &str) -> Result<Leftovers, DesignError> {
+    let (Some(physics), model) = (&design.physics, &design.pooled) else {
+        return Ok(Leftovers::none());
+    };
     let sampling = (design.sample_period_s, design.samples);
-    let Some([low, high]) = faults::severity_range(class) else { return Ok(Left::none()) };
+    let Some([low, high]) = faults::severity_range(class) else { return Ok(Leftovers::none()) };
     let Some((low, high)) = faults::scale(class, low).zip(faults::scale(class, high)) else {
-        return Ok(Left::none());
+        return Ok(Leftovers::none());
     };
     let mut set = SignalSet::new(design.samples);
     for i in 0..SEVERITIES {
@@ -124,7 +127,7 @@ fn by_physics(design: &Design, class: &str) -> Result<Left, DesignError> {
     let ring = ring_of(&model.identification)?;
     let fitter = RingFitter::new(ring, sampling.0, design.samples);
     let beside = BesideRing::new(&ring, sampling.0, design.samples);
-    let left = Left::of(&set, (&fitter, &beside), None, |i, y| model.at_reference(&set, i, y));
+    let left = Leftovers::of(&set, (&fitter, &beside), None, |i, y| model.at_reference(&set, i, y));
     Ok(left.without(&model.leftover).over(model.noise_beside()))
 }
 

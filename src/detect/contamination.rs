@@ -1,11 +1,11 @@
-//! Where healthy ends among signals of which nobody says who is faulty.
+//! The threshold from unlabelled signals, some of which are faulty (contaminated training data).
 //!
 //! In: detection statistics of a window's signals, up to two in five of them faulty, and the channel
-//! each came from. Out: the value that healthy signals exceed at a chosen rate, by a mixture of healthy
-//! and faulty signals (`mixture`).
+//! each came from. Out: the value that healthy signals exceed at a chosen rate, by a mixture model of healthy
+//! and faulty signals (`mixture`), raised to hold with a chosen confidence.
 //!
-//! Signals of one channel resemble each other: how well the threshold is known comes from leaving out
-//! one group of channels after the other (jackknife), and widens it.
+//! Signals of one channel are not independent: the standard error of the threshold comes from leaving out
+//! one group of channels after the other (jackknife).
 
 use super::DetectError;
 use super::mixture::{Counts, Mixture};
@@ -17,11 +17,11 @@ pub use super::mixture::Degrees;
 
 /// Groups of the jackknife.
 const GROUPS: usize = 8;
-/// Fewer signals say nothing of a law.
+/// Fewest signals for the mixture model.
 const FEWEST: usize = 24;
 
-/// The statistic that healthy signals of the window exceed at `rate`, widened so that it is enough with
-/// `confidence`. `statistics`: at least 0. `channels`: the channel of each.
+/// The statistic that at most a share `rate` of the window's healthy signals exceed, with `confidence`.
+/// `statistics`: at least 0. `channels`: the channel of each.
 pub fn contaminated(
     statistics: &[f64],
     channels: &[u32],
@@ -32,7 +32,7 @@ pub fn contaminated(
     if let Some(index) = statistics.iter().position(|s| !(s.is_finite() && *s >= 0.0)) {
         return Err(DetectError::NotAnEnergy { value: statistics[index], index });
     }
-    // of a one-sided statistic what lies below is 0, and tells nothing of the tail
+    // a one-sided statistic is 0 for signals below the middle, which say nothing about the tail
     let counted: Vec<(f64, u32)> = statistics
         .iter()
         .zip(channels)
@@ -91,7 +91,8 @@ pub fn contaminated(
     })
 }
 
-/// Channels in turn, however few: they may differ lastingly. Of a single channel its signals.
+/// Assigns channels to groups in turn, however few there are, since channels differ lastingly; of a single
+/// channel its signals.
 fn groups(counted: &[(f64, u32)]) -> Vec<usize> {
     let mut numbers: Vec<u32> = counted.iter().map(|(_, c)| *c).collect();
     numbers.sort_unstable();

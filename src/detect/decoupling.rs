@@ -26,8 +26,8 @@ pub enum Disturbance {
     Drift,
 }
 
-/// Takes disturbances off a deviation: d - D G d with G D = I, so that none of them reaches the
-/// residual, and G T = 0, so that all that a ring can do does.
+/// Removes disturbances of known shape from a deviation d by an oblique projection: d - D G d, with G D = I, so
+/// that no disturbance reaches the residual, and G T = 0, so that every change of the ring does.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct KnownShapes {
     /// Columns of D, of unit length.
@@ -37,8 +37,8 @@ pub struct KnownShapes {
 }
 
 impl KnownShapes {
-    /// By least squares beside a ring. `tangent`: N x any, T, what a ring can do to first order.
-    /// `None`: they cannot be told apart.
+    /// G by least squares in the orthogonal complement of T. `tangent`: N x any, T, the ring's sensitivities.
+    /// `None`: disturbances and sensitivities depend on each other.
     pub fn new(disturbances: &[Disturbance], tangent: &DMatrix<f64>) -> Option<KnownShapes> {
         let (n, of_ring) = tangent.shape();
         let mut all = DMatrix::zeros(n, of_ring + disturbances.len());
@@ -74,7 +74,7 @@ impl KnownShapes {
         subtract(&self.estimators, &self.shapes, x);
     }
 
-    /// Refused if it could not have been made.
+    /// Refused if training could not have made it.
     pub fn check(&self, samples: usize) -> Result<(), String> {
         let whole = |rows: &[Vec<f64>]| {
             rows.iter().all(|r| r.len() == samples && r.iter().all(|v| v.abs() < 1e6))
@@ -89,7 +89,7 @@ impl KnownShapes {
     }
 }
 
-/// v - sum of directions, each as much as its row of `rows` says of v.
+/// v minus the sum of `directions`, each times the inner product of its row with v.
 fn subtract(directions: &[Vec<f64>], rows: &[Vec<f64>], v: &mut [f64]) {
     let much: Vec<f64> =
         rows.iter().map(|row| row.iter().zip(&*v).map(|(p, q)| p * q).sum()).collect();
@@ -153,7 +153,7 @@ pub fn decoupled(
         }
         sizes.push(size);
     }
-    // a disturbance's own column: its size is arbitrary
+    // columns of disturbances to unit length: their scale is arbitrary
     for j in n..n + disturbances {
         let size = h0.column(j).norm();
         if size > 0.0 {

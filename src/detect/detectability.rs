@@ -35,8 +35,8 @@ pub struct Detectability {
 }
 
 impl FaultyModel {
-    /// Per fault: does it reach the outputs beyond what states and disturbances can explain, at
-    /// almost all frequencies; and at 0.
+    /// Per fault: whether it reaches the outputs beyond what states and disturbances can explain, at almost all
+    /// frequencies (detectable) and at frequency 0 (strongly detectable).
     pub fn detectability(&self) -> Result<Detectability, DetectError> {
         self.check()?;
         let scale = self.a.norm().max(1.0);
@@ -48,7 +48,7 @@ impl FaultyModel {
         })
     }
 
-    /// Per fault: is it seen at s, 1/s.
+    /// Per fault: whether the same holds at s, 1/s.
     pub fn seen_at(&self, s: Complex<f64>) -> Result<Vec<bool>, DetectError> {
         self.check()?;
         let (n, m) = (self.a.nrows(), self.c.nrows());

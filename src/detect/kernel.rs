@@ -1,8 +1,9 @@
-//! The streaming kernel: residual energies of many signals at once, one signal a lane, in f32.
+//! The streaming kernel: residual energies of many signals at once in f32, one signal in each SIMD lane.
 //!
-//! In: a [`Tile`] of signals, the filter, what is expected of them. Out: per lane the energy, and
-//! whether it is *certainly* at or below a threshold; what is not certain is judged again by the
-//! reference, [`ResidualGenerator::energy`]. So every verdict is the reference's. thesis r(y), e(r).
+//! In: a [`Tile`] of signals, the filter, the expected signal. Out: per lane the energy, and whether it is
+//! *settled*: proved, by the bound below, to lie on the same side of the threshold as the f64 reference,
+//! [`ResidualGenerator::energy`]. What is not settled is judged by the reference. So every verdict is the
+//! reference's. thesis r(y), e(r).
 //!
 //! # One number, whatever the machine
 //!
@@ -39,7 +40,7 @@ use super::tile::{Instructions, LANES, Tile};
 /// Highest degree of a filter with a kernel; beyond, the reference does the work.
 pub const MOST_ORDER: usize = 8;
 
-/// A residual generator's f32 twin, for signals of one length that are expected to be one shape.
+/// A residual generator in f32, for signals of one length and one expected shape.
 #[derive(Clone, Debug)]
 pub struct LaneFilter {
     /// b_0 .. b_order, a_1 .. a_order.
@@ -47,26 +48,26 @@ pub struct LaneFilter {
     denominator: Vec<f32>,
     dt_s: f64,
     expectation: LaneExpectation,
-    /// |r^ - r| <= of_deviation |d^| + of_residual |r^| + of_expectation (error of what is expected).
+    /// Factors of the bound: |r^ - r| <= of_deviation |d^| + of_residual |r^| + of_expectation |error of y_hat|.
     of_deviation: f64,
     of_residual: f64,
     of_expectation: f64,
 }
 
-/// Of the signals of one tile, lane by lane.
+/// Detection statistics of a tile's signals, lane by lane.
 #[derive(Clone, Copy, Debug)]
 pub struct LaneStatistics {
-    /// What is compared with the threshold: residual energy, counts²·s, or squared distance.
+    /// What is compared with the threshold: residual energy, counts²·s, or a squared distance.
     pub statistic: [f64; LANES],
-    /// Square of what does not lie along the sensitivities, counts²; NaN where that is not asked.
+    /// Square norm of the deviation orthogonal to the sensitivities, counts²; NaN where it is not needed.
     pub unexplained: [f64; LANES],
-    /// The reference's statistics are surely on that side of their thresholds, and no sample is at a
-    /// rail.
+    /// Whether the reference's statistics are proved to lie on the same side of their thresholds, and no sample to
+    /// be saturated.
     pub settled: [bool; LANES],
 }
 
 impl LaneStatistics {
-    /// Nothing is known yet.
+    /// No lane is settled.
     pub fn unknown() -> LaneStatistics {
         let nothing = [f64::NAN; LANES];
         LaneStatistics { statistic: nothing, unexplained: nothing, settled: [false; LANES] }
@@ -122,8 +123,8 @@ impl LaneFilter {
         self.expectation.samples()
     }
 
-    /// Judges the signals of `tile`, which are left as deviations from what is expected of them.
-    /// `rails`: counts at or beyond which a sample may be saturated.
+    /// Judges the signals of `tile`, whose values become deviations from the expected signal.
+    /// `rails`: counts at or beyond which a sample may be saturated (the converter's limits).
     pub fn judge(
         &self,
         tile: &mut Tile,
@@ -147,14 +148,14 @@ impl LaneFilter {
         judged
     }
 
-    /// Sums of squares of the residuals of a tile's deviations, counts².
+    /// Square sums of the residuals of a tile's deviations, counts².
     pub fn square_sums(&self, tile: &Tile, instructions: Instructions) -> [f32; LANES] {
         let mut sums = [0.0; LANES];
         instructions.energies(&self.numerator, &self.denominator, tile.deviations(), &mut sums);
         sums
     }
 
-    /// Bound on the error of |r^| for a signal's |d^| and |r^| at reference drive and temperature.
+    /// Bound on ||r^| - |r||, given |d^| and |r^|, at the reference drive and temperature; counts.
     #[cfg(test)]
     fn bound(&self, d: f64, r: f64) -> f64 {
         self.of_deviation * d

@@ -1,8 +1,8 @@
-//! The dominant amplitude, damping and frequency of a signal by Fourier transform, and how far they lie
-//! from a range of them: what the current practice judges by.
+//! The current practice that the thesis compares with: dominant amplitude, damping and frequency of a signal
+//! by Fourier transform, and their distance from the healthy range.
 //!
-//! In: a signal. Out: its key numbers (thesis §4-1), and a distance. The maker's own toolbox is not
-//! published: this is what its description amounts to.
+//! In: a signal. Out: its key numbers (thesis §4-1), and a distance. The manufacturer's own toolbox is not
+//! published; this follows the thesis's description of it.
 
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
@@ -38,8 +38,8 @@ impl Spectrum {
         Spectrum { dt_s, waves: (0..STEPS).map(wave).collect() }
     }
 
-    /// The peak of the spectrum, between its frequencies by a parabola; the damping from what the
-    /// peak loses from the first half of the signal to the second.
+    /// The peak of the spectrum, interpolated by a parabola; the damping from the ratio of the peak's magnitudes
+    /// in the two halves of the signal.
     pub fn key_numbers(&self, y: &[f64]) -> KeyNumbers {
         let power = |(cos, sin): &(Vec<f64>, Vec<f64>)| magnitude(y, cos, sin).powi(2);
         let powers: Vec<f64> = self.waves.iter().map(power).collect();
@@ -82,7 +82,7 @@ fn magnitude(y: &[f64], cos: &[f64], sin: &[f64]) -> f64 {
     re.hypot(im)
 }
 
-/// Thresholds on frequency and damping.
+/// The healthy range of frequency and damping.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct KeyRange {
@@ -92,7 +92,7 @@ pub struct KeyRange {
 }
 
 impl KeyRange {
-    /// Of some signals but for a share at each end. `None`: there is none.
+    /// The range of some signals without a share of them at each end. `None`: there are none.
     pub fn of<'a>(
         numbers: impl Iterator<Item = &'a KeyNumbers> + Clone,
         cut: f64,
@@ -110,7 +110,7 @@ impl KeyRange {
         })
     }
 
-    /// How far outside, in half-widths of the range; up to 1 inside.
+    /// Distance from the middle of the range, in half-widths: up to 1 inside. The larger of both.
     pub fn distance(&self, k: &KeyNumbers) -> f64 {
         let off = |v: f64, [low, high]: [f64; 2]| {
             ((v - 0.5 * (low + high)) / (0.5 * (high - low)).max(f64::MIN_POSITIVE)).abs()

@@ -1,4 +1,4 @@
-//! What a tile's signals are expected to be, and how far f32 may have missed their deviations.
+//! The expected signal in f32, and the rounding error of the deviations from it.
 //!
 //! In: a tile of signals. Out: their deviations in place; per lane the deviation's norm and the bound
 //! of [`super::kernel`] on its error.
@@ -8,7 +8,7 @@ use super::tile::{Instructions, Phases, Tile};
 
 /// Unit roundoff of f32.
 pub(super) const U: f64 = 1.0 / (1u64 << 24) as f64;
-/// Second order of the bound, and the reference's own rounding.
+/// Factor for what the bound neglects: terms of second order, and the reference's own rounding.
 pub(super) const SLACK: f64 = 1.01;
 /// Sums of squares below this may have lost digits to underflow.
 pub(super) const LEAST: f32 = 1e-28;
@@ -18,12 +18,12 @@ pub struct LaneExpectation {
     /// y_hat and d y_hat / d temperature, N each.
     expected: Vec<f32>,
     response: Vec<f32>,
-    /// Their norms, and their largest magnitudes; counts and counts/K.
+    /// Norms and largest magnitudes of these two; counts and counts/K.
     norms: [f64; 2],
     largest: [f64; 2],
 }
 
-/// A lane's |d^|, counts, and the part of |d^ - d| that comes from what is expected.
+/// A lane's |d^|, and the part of |d^ - d| that is due to the rounding of the expected signal; counts.
 #[derive(Clone, Copy, Debug)]
 pub struct Deviation {
     pub norm: f64,
@@ -54,19 +54,19 @@ impl LaneExpectation {
         self.expected.len()
     }
 
-    /// Leaves the signals of `tile` as deviations.
+    /// Turns the signals of `tile` into deviations.
     pub fn subtract(&self, tile: &mut Tile, instructions: Instructions) {
         tile.subtract(&self.expected, &self.response, instructions);
     }
 
-    /// What is expected at a drive and so many K above the reference, as `subtract` has it.
+    /// The expected signal at a relative drive and `warmer` K above the reference, rounded as `subtract` does.
     pub fn at(&self, drive: f32, warmer: f32) -> Vec<Phases> {
         let each = self.expected.iter().zip(&self.response);
         in_phases(each.map(|(e, slope)| drive * (e + warmer * slope)))
     }
 
-    /// Of a lane after `subtract`. `None`: f32 does not settle it; it is out of range, or a sample
-    /// may lie at one of the `rails`.
+    /// A lane's deviation after `subtract`. `None`: f32 cannot settle the signal, because it is out of f32's
+    /// range or a sample may lie at one of the `rails`.
     pub fn deviation(&self, tile: &Tile, lane: usize, rails: [f64; 2]) -> Option<Deviation> {
         let square = tile.square_sum(lane);
         // comparisons that NaN fails
@@ -78,19 +78,19 @@ impl LaneExpectation {
         (trusted && inside).then_some(Deviation { norm, error })
     }
 
-    /// A sample at one of the `rails` would alone deviate by this from what is expected.
+    /// The least deviation, counts, of a sample that lies at one of the `rails`.
     pub fn room(&self, drive: f32, warmer: f32, rails: [f64; 2]) -> f64 {
         let (drive, warmer) = (f64::from(drive.abs()), f64::from(warmer.abs()));
         rails[1].min(-rails[0]) - drive * (self.largest[0] + warmer * self.largest[1])
     }
 
-    /// [`Deviation::error`] there.
+    /// [`Deviation::error`] at a relative drive and `warmer` K above the reference.
     pub fn error_at(&self, drive: f32, warmer: f32) -> f64 {
         let (drive, warmer) = (f64::from(drive.abs()), f64::from(warmer.abs()));
         6.0 * U * drive * (self.norms[0] + warmer * self.norms[1])
     }
 
-    /// Of a signal at reference drive and temperature.
+    /// The same at the reference drive and temperature.
     #[cfg(test)]
     pub(super) fn error(&self) -> f64 {
         6.0 * U * self.norms[0]

@@ -1,8 +1,9 @@
-//! Distances along the model's sensitivities of many signals at once: [`Sensitivity`] in lanes.
+//! [`Sensitivity`] in f32 for many signals at once, one signal in each SIMD lane: squared distances along the
+//! model's sensitivities.
 //!
-//! In: a tile of signals, or int16 rows as they lie. Out: per lane the squared distance to first
-//! order, and whether the reference's is surely at or below a limit, or surely beyond a far one. The arithmetic keeps the rules of
-//! [`super::kernel`].
+//! In: a tile of signals, or int16 rows straight from a burst. Out: per lane the squared distance to first
+//! order, and whether it is settled: the reference's proved to lie below a near limit or beyond a far one. The
+//! arithmetic keeps the rules of [`super::kernel`].
 //!
 //! # The bound
 //!
@@ -11,7 +12,7 @@
 //! The distance is a norm of x = c / drive - mean, sqrt(x^T M x), which an error of x moves by at most
 //! sum_k sqrt(M_kk) |error of x_k|.
 //!
-//! What does not lie along the three columns t_k of the tangent is |d|² - c^T Gram c. The first is
+//! The square norm orthogonal to the three columns t_k of the tangent is |d|² - c^T Gram c. The first is
 //! wrong by (N + 4) u |d^|² + 2 |d^| |d^ - d|; the second by 2 sum_k |(Gram c)_k| |error of c_k|, and
 //! (Gram c)_k is the product of d with t_k, at most |t_k| |d|.
 
@@ -27,7 +28,7 @@ use std::ops::Range;
 #[derive(Clone, Debug)]
 pub struct LaneSensitivity {
     expectation: LaneExpectation,
-    /// The three projections, sixteen samples a piece, and their norms.
+    /// The three rows P_k of the projection, in groups of sixteen samples, and their norms.
     projections: Vec<[Phases; 3]>,
     norms: [f64; 3],
     /// sum_k |t_k| |P_k|.
@@ -36,8 +37,8 @@ pub struct LaneSensitivity {
     sensitivity: Sensitivity,
 }
 
-/// What settles a signal: nearer than the first and farther than the second squared distance, and up to
-/// that square beside the ring, counts².
+/// A signal is settled if its squared distance is below `near` and the square norm orthogonal to the
+/// sensitivities below `unexplained`, counts²; or if its squared distance is beyond `far`.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
     pub near: f64,
@@ -45,7 +46,7 @@ pub struct Limits {
     pub unexplained: f64,
 }
 
-/// What is expected of signals that were taken under one condition.
+/// The expected signal under one condition: relative drive and temperature.
 #[derive(Clone, Debug)]
 pub struct RowCondition {
     drive: f32,
@@ -53,14 +54,14 @@ pub struct RowCondition {
     expected: Vec<Phases>,
 }
 
-/// Per lane: products with the three projections, and the deviation's square sum.
+/// Per lane the inner products with the three P_k, and the deviation's square norm.
 #[derive(Clone, Debug)]
 struct Sums {
     products: [Sample; 3],
     squares: Sample,
 }
 
-/// A limit for signals of one drive and temperature: the constants of the bound.
+/// The constants of the bound, for signals of one drive and temperature.
 #[derive(Clone, Copy, Debug)]
 struct Limit {
     limits: Limits,
@@ -70,10 +71,15 @@ struct Limit {
     metric: [[f64; 3]; 3],
     /// sqrt(M_kk).
     roots: [f64; 3],
+    /// |P_k|.
     norms: [f64; 3],
+    /// (N + 4) u.
     summing: f64,
+    /// 1 / drive.
     scale: f64,
+    /// |d^ - d| due to the expected signal, counts.
     error: f64,
+    /// Least deviation of a saturated sample, counts.
     room: f64,
 }
 
@@ -111,8 +117,8 @@ impl LaneSensitivity {
         self.expectation.samples()
     }
 
-    /// Judges the signals of `tile`, which are left as deviations from what is expected of them.
-    /// `rails`: counts at or beyond which a sample may be saturated.
+    /// Judges the signals of `tile`, whose values become deviations from the expected signal.
+    /// `rails`: counts at or beyond which a sample may be saturated (the converter's limits).
     pub fn judge(
         &self,
         tile: &mut Tile,
@@ -141,14 +147,13 @@ impl LaneSensitivity {
         judged
     }
 
-    /// What is expected at a drive and so many K above the reference.
+    /// The expected signal at a relative drive and `warmer` K above the reference.
     pub fn condition(&self, drive: f64, warmer: f64) -> RowCondition {
         let (drive, warmer) = (drive as f32, warmer as f32);
         RowCondition { drive, warmer, expected: self.expectation.at(drive, warmer) }
     }
 
-    /// The same as [`LaneSensitivity::judge`] of [`LANES`] int16 signals that lie one after the other,
-    /// all under one condition.
+    /// [`LaneSensitivity::judge`] for [`LANES`] consecutive channel-major int16 signals under one condition.
     pub fn judge_rows(
         &self,
         samples: &[u8],
@@ -201,7 +206,7 @@ fn portable(of: &Limit, sums: &Sums, lanes: Range<usize>, judged: &mut LaneStati
     let settled = &mut judged.settled[lanes.clone()];
     for i in 0..lanes.len() {
         let norm = f64::from(squares[i]).sqrt();
-        // comparisons that NaN fails; a sample at a rail would alone deviate more than all do
+        // all comparisons are false for NaN; `inside`: the norm is too small for any sample to be saturated
         let trusted = (squares[i] > LEAST) & (squares[i] < f32::INFINITY);
         let inside = SLACK * norm + 1.0 < of.room;
         let c = [p[i], q[i], r[i]];
@@ -219,7 +224,7 @@ fn portable(of: &Limit, sums: &Sums, lanes: Range<usize>, judged: &mut LaneStati
         let least = root * (1.0 - 4.0 * U) - SLACK * error;
         let near = most * most < of.limits.near;
         let far = (least > 0.0) & (least * least > SLACK * of.limits.far);
-        // beside the ring
+        // orthogonal to the sensitivities
         let g = &of.gram;
         let c = c.map(f64::from);
         let of_c = |row: &[f64; 3]| row[0] * c[0] + row[1] * c[1] + row[2] * c[2];

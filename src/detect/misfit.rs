@@ -1,35 +1,35 @@
-//! The second test: what no ring explains.
+//! The second test, of goodness of fit: what no ring explains.
 //!
-//! In: the square of what a healthy ring with free amplitude, damping, frequency and phase leaves of a
-//! signal. Out: how far that is above what healthy signals leave, as a squared distance. The first test
-//! ([`super::sensitivity`]) looks along the ring, this one beside it: offsets, lines, odd samples,
-//! noise and whatever else a wire can bring, constants included.
+//! In: a signal's misfit, the square norm that remains when a ring with free amplitude, damping, frequency
+//! and phase is fitted to it. Out: how far that exceeds the misfit of healthy signals, as a squared distance.
+//! The first test ([`super::sensitivity`]) looks along the ring's sensitivities, this one at the orthogonal
+//! complement: offsets, drifts, outlying samples, noise and other disturbances of the sensor.
 
 use super::Threshold;
 use serde::{Deserialize, Serialize};
 
-/// Of the stated rate of false alarms, the share that this test may take: what it looks for stands far
-/// out, so its threshold may lie far out, too.
+/// Share of the allowed false alarms that this test may cause. Most are left to the first test, because what
+/// this one looks for lies far beyond any threshold.
 pub const SHARE_OF_RATE: f64 = 0.1;
-/// A signal whose root of the square, to first order, is so many healthy deviations above the middle is
-/// looked at again.
+/// A first-order misfit whose root exceeds the healthy median by this many healthy standard deviations is
+/// computed again by a fit.
 pub const SECOND_LOOK_SDS: f64 = 3.0;
 
-/// What healthy signals leave.
+/// The distribution of healthy signals' misfit.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Misfit {
-    /// Mean square that a ring leaves of a signal, counts².
+    /// Mean misfit of a healthy signal, counts².
     pub square: f64,
-    /// Middle and spread of the roots of these squares, counts.
+    /// Median and robust standard deviation of the roots of these misfits, counts.
     pub root: f64,
     pub root_sd: f64,
-    /// Of [`Misfit::statistic`].
+    /// On [`Misfit::statistic`].
     pub threshold: Threshold,
 }
 
 impl Misfit {
-    /// Middle and spread of healthy squares, counts², as two in five of them may be faulty: median, and
-    /// median of what deviates from it. `None`: they are no numbers, or all are one.
+    /// Robust location and scale (median and median absolute deviation) of the roots of misfits, of which two
+    /// in five may be of faulty signals; counts. `squares`: counts². `None`: not finite, or all equal.
     pub fn scale(squares: &[f64]) -> Option<[f64; 2]> {
         let mut roots: Vec<f64> = squares.iter().map(|q| q.max(0.0).sqrt()).collect();
         if roots.is_empty() {
@@ -42,22 +42,22 @@ impl Misfit {
         (root > 0.0 && sd > 0.0 && sd.is_finite()).then_some([root, sd])
     }
 
-    /// Squared distance of a signal above the healthy middle; 0 below it. `square`: counts².
+    /// The squared standardised excess of a misfit's root over the healthy median; 0 below it. `square`: counts².
     pub fn distance(square: f64, [root, sd]: [f64; 2]) -> f64 {
         ((square.max(0.0).sqrt() - root) / sd).max(0.0).powi(2)
     }
 
-    /// The same. NaN of an unknown square.
+    /// The same for this model; NaN of an unknown misfit.
     pub fn statistic(&self, square: f64) -> f64 {
         if square.is_nan() { f64::NAN } else { Misfit::distance(square, [self.root, self.root_sd]) }
     }
 
-    /// Unexplained mean square over the healthy one: 1 is noise alone.
+    /// The misfit over the healthy mean: 1 is noise alone.
     pub fn relative(&self, square: f64) -> f64 {
         square / self.square
     }
 
-    /// Up to this square, counts², first order settles the test.
+    /// Up to this misfit, counts², the first-order value decides the test.
     pub fn settled_square(&self) -> f64 {
         let sds = SECOND_LOOK_SDS.min(self.threshold.value.sqrt());
         (self.root + self.root_sd * sds).powi(2)

@@ -1,62 +1,66 @@
-//! Healthy and faulty signals in one histogram of detection statistics.
+//! A mixture model of detection statistics from healthy and faulty signals, fitted to their histogram.
 //!
-//! In: counts of ln (statistic / median). Out: the law of the healthy ones, as far as the data tell.
+//! In: a histogram of ln (statistic / median). Out: the distribution of the healthy signals' statistic.
 //!
-//! # What is assumed
+//! # The model
 //!
-//! Statistics are squared distances. Those of healthy signals follow a generalised F law,
-//! (s / c)^gamma = F, F of 2a and 2 kappa degrees: chi-squared at gamma = 1, kappa = infinity (Gaussian
-//! scatter), lighter tails at gamma > 1 (bounded scatter), power laws at small kappa (Student's t, with
-//! 2 kappa degrees). At least half of the signals are healthy. Faulty signals come in sizes and in
-//! kinds: of any size they lie evenly in the space of the features near the healthy ones, so that
-//! their share grows as s^(3/2) d ln s, and evenly over orders of magnitude further out; a kind of one size
-//! is a bump in ln s, and there is one where the counts ask for it (Schwarz's criterion). All of it is what
-//! makes the counts likeliest; so the tail is read from the body where faults hide it, and from itself
-//! where they do not. Measured on shapes of scatter and of faults: `contamination.rs`, docs/open_world.md.
+//! Statistics s are squared distances. At least half of the signals are healthy. Their s follows a
+//! generalised F distribution: (s / c)^gamma is F with 2a and 2 kappa degrees of freedom. That is
+//! chi-squared at gamma = 1, kappa = infinity (Gaussian scatter), has a lighter tail at gamma > 1 (bounded
+//! scatter) and a power law at small kappa (Student's t with 2 kappa degrees of freedom).
+//!
+//! Faulty signals have two kinds of components. Faults of any size are uniform in the space of the features
+//! near the healthy ones, density s^(3/2) d ln s, and log-uniform further out. Faults of one size are a
+//! Gaussian in ln s; such components are added one by one as long as Schwarz's criterion (BIC) asks for
+//! them. All parameters are estimated together by penalised maximum likelihood. So the healthy tail is
+//! extrapolated from the bulk where faults hide it, and measured where they do not. Tried on several shapes
+//! of scatter and of faults: `contamination.rs`, docs/open_world.md.
 
 use crate::model::inner_product::dot;
-use crate::model::lane_math::{exp, ln};
+use crate::model::simd_math::{exp, ln};
 use crate::processor::for_processor;
 use nalgebra::{DMatrix, DVector};
 use std::sync::LazyLock;
 
-/// Bins of ln (s / median), and where they begin and end.
+/// Bins of ln (s / median): their width, range and number.
 const STEP: f64 = 0.1;
 const FIRST: f64 = -5.0;
 const LAST: f64 = 12.0;
 const BINS: usize = 170;
-/// The law is followed so far on either side.
+/// The healthy distribution is computed that far beyond the bins on either side, in ln s and in bins.
 const BEYOND: f64 = 10.0;
 const BEFORE: usize = 100;
 const STEPS: usize = BINS + 2 * BEFORE;
 
-/// Chosen on seven shapes of scatter with 0, 3 and 40 % of faults over orders of magnitude (a study
-/// apart from the tests), and on 72 windows of the open world's with 0 to 40 % of nine classes of faults
-/// (seed 913001). Faults lie evenly in space up to so many medians.
+// These constants were chosen on seven shapes of scatter with 0, 3 and 40 % of faults over orders of
+// magnitude (a study apart from the tests), and on 72 windows of the open world with 0 to 40 % of nine
+// classes of faults (seed 913001).
+
+/// Faults of any size are uniform in the features up to this many medians, log-uniform beyond.
 const EVENLY: f64 = 20.0;
-/// Prior: standard deviation of ln gamma, mean of 1 / kappa.
+/// Priors: standard deviation of ln gamma (Gaussian), mean of 1 / kappa (exponential).
 const GAMMA_SD: f64 = 0.25;
 const TAIL_MEAN: f64 = 0.15;
 
-/// No healthy tail is heavier than that of Student's t with four degrees, kappa = 2 (ln 1 / kappa).
+/// Bound on ln (1 / kappa): no healthy tail is heavier than that of Student's t with 4 degrees of freedom.
 const HEAVIEST: f64 = -0.69;
 
-/// Kinds of one size, at most.
+/// Components of one size, at most.
 const MOST_KINDS: usize = 3;
-/// A kind lies beyond so many medians (ln; nearer, it may as well be healthy channels of another make),
-/// and is so wide (ln of the standard deviation of ln s: prior).
+/// Least ln (s / median) of such a component: nearer, it may as well be healthy channels that differ.
 const NEAREST: f64 = 2.0;
+/// Gaussian prior of the ln of its standard deviation (in ln s): mean and standard deviation.
 const WIDTH: f64 = -1.4;
 const WIDTH_SD: f64 = 0.5;
-/// Counts that stand so many standard deviations above what is expected ask for a kind.
+/// Counts that exceed the expected ones by this many standard deviations suggest another component.
 const ASKS: f64 = 4.0;
 
-/// Which kind of statistic: squares of so many features.
+/// How many squared Gaussian features the statistic of a healthy signal is the sum of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Degrees {
-    /// Distance along amplitude, damping and frequency.
+    /// The squared distance along amplitude, damping and frequency.
     Three,
-    /// The upper side of one feature's.
+    /// One feature, of which only values above the middle count; below, the statistic is 0.
     OneSided,
 }
 
@@ -104,20 +108,24 @@ fn place(i: usize) -> f64 {
     FIRST + (i as f64 + 0.5) * STEP
 }
 
-/// Where the parameters stand: ln c, ln gamma, ln (1 / kappa), the share of healthy signals on a scale
-/// without ends; then of every kind ln of its weight beside the faults of any size, its place, ln of
-/// its width.
+// Indices of the parameters: ln c, ln gamma, ln (1 / kappa), the logit of 2 healthy_share - 1; after these for
+// every component of one size the ln of its weight over that of faults of any size, its mean in ln s, the ln
+// of its standard deviation.
 const SCALE: usize = 0;
 const GAMMA: usize = 1;
 const TAIL: usize = 2;
 const HEALTHY: usize = 3;
+/// Number of parameters before the components of one size, and of each of these.
 const LAW: usize = 4;
 const OF_KIND: usize = 3;
 
 #[derive(Clone, Debug)]
 pub(super) struct Mixture {
+    /// Half the numerator degrees of freedom.
     a: f64,
+    /// The parameters.
     at: DVector<f64>,
+    /// Penalised.
     ln_likelihood: f64,
 }
 
@@ -126,20 +134,20 @@ impl Mixture {
         let a = degrees.half();
         let starts = [(-4.0, 3.0), (-1.5, 3.0), (-3.0, -1.0)];
         let start = |(tail, share): (f64, f64)| DVector::from_vec(vec![-0.2, 0.0, tail, share]);
-        let mut best = likeliest(starts.map(|s| Mixture::climb(a, start(s), counts, ROUNDS)))
+        let mut best = likeliest(starts.map(|s| Mixture::maximise(a, start(s), counts, ROUNDS)))
             .unwrap_or(Mixture { a, at: start(starts[0]), ln_likelihood: f64::NEG_INFINITY });
         let worth = 0.5 * OF_KIND as f64 * counts.sum().max(1.0).ln();
         for _ in 0..MOST_KINDS {
             let peak = best.peak(counts);
-            if peak.stands < ASKS {
+            if peak.excess_sds < ASKS {
                 break;
             }
             let starts = [-0.6, 0.0, 0.6]
                 .into_iter()
                 .flat_map(|off| [3.0, -1.0].map(|share| best.with_kind(peak.place + off, share)));
-            let tried = starts.map(|start| Mixture::climb(a, start, counts, FEW));
+            let tried = starts.map(|start| Mixture::maximise(a, start, counts, FEW));
             let Some(more) = likeliest(tried) else { break };
-            let more = Mixture::climb(a, more.at, counts, ROUNDS);
+            let more = Mixture::maximise(a, more.at, counts, ROUNDS);
             if more.ln_likelihood < best.ln_likelihood + worth {
                 break;
             }
@@ -148,27 +156,27 @@ impl Mixture {
         best
     }
 
-    /// The same of a part of the counts.
+    /// Fits the same components to other counts, starting from these parameters.
     pub fn fit_again(&self, counts: &Counts) -> Mixture {
-        Mixture::climb(self.a, self.at.clone(), counts, ROUNDS)
+        Mixture::maximise(self.a, self.at.clone(), counts, ROUNDS)
     }
 
     pub fn healthy_share(&self) -> f64 {
         healthy_share(self.at[HEALTHY])
     }
 
-    /// 1 / kappa of the healthy law.
+    /// 1 / kappa of the healthy distribution.
     pub fn tail(&self) -> f64 {
         self.at[TAIL].exp()
     }
 
-    /// ln (s / median) that healthy signals exceed at a rate.
+    /// The quantile of healthy signals: ln (s / median) that they exceed with probability `rate`.
     pub fn ln_exceeded(&self, rate: f64) -> f64 {
         let p = law(self.a, &self.at);
         let mut beyond = 0.0;
         for (i, p) in p.iter().enumerate().rev() {
             if beyond + p > rate {
-                // within the step the tail falls as a power
+                // within a bin the tail is interpolated as a power law
                 let share = ((beyond + p) / rate).ln() / ((beyond + p) / beyond.max(1e-300)).ln();
                 return FIRST - BEYOND + (i as f64 + share.clamp(0.0, 1.0)) * STEP;
             }
@@ -177,7 +185,8 @@ impl Mixture {
         FIRST
     }
 
-    /// One more kind of one size. What it explains the healthy tail need not.
+    /// Parameters to start from with one more component of one size at `place`; the healthy tail starts light
+    /// again, since the new component may explain what made it heavy.
     fn with_kind(&self, place: f64, share: f64) -> DVector<f64> {
         let mut at = self.at.clone().resize_vertically(self.at.len() + OF_KIND, 0.0);
         (at[GAMMA], at[TAIL], at[HEALTHY]) = (0.0, -4.0, share);
@@ -186,32 +195,32 @@ impl Mixture {
         at
     }
 
-    /// Where counts stand above what is expected by most standard deviations.
+    /// Where counts exceed the expected ones most, in standard deviations, over five neighbouring bins.
     fn peak(&self, counts: &Counts) -> Peak {
         const TOGETHER: usize = 5;
-        let p = Parts::of(self.a, &self.at).mixed();
+        let p = Components::of(self.a, &self.at).mixed();
         let n = counts.sum();
         let of = |from: usize| {
             let bins = from..from + TOGETHER;
             let (seen, expected): (f64, f64) =
                 bins.fold((0.0, 0.0), |(s, e), i| (s + counts.0[i], e + n * p[i]));
-            let stands = (seen - expected) / expected.max(1.0).sqrt();
-            Peak { place: place(from + TOGETHER / 2), stands }
+            let excess_sds = (seen - expected) / expected.max(1.0).sqrt();
+            Peak { place: place(from + TOGETHER / 2), excess_sds }
         };
         let first = ((NEAREST - FIRST) / STEP) as usize;
         let peaks = (first..BINS - TOGETHER).map(of);
-        peaks.fold(Peak { place: NEAREST, stands: 0.0 }, |most, next| {
-            if next.stands > most.stands { next } else { most }
+        peaks.fold(Peak { place: NEAREST, excess_sds: 0.0 }, |most, next| {
+            if next.excess_sds > most.excess_sds { next } else { most }
         })
     }
 
-    /// The likeliest near a start, by Fisher scoring with a damped step.
-    fn climb(a: f64, start: DVector<f64>, counts: &Counts, rounds: usize) -> Mixture {
+    /// The local maximum of the likelihood from a start, by damped Fisher scoring.
+    fn maximise(a: f64, start: DVector<f64>, counts: &Counts, rounds: usize) -> Mixture {
         let (mut at, mut damping) = (within(start), 1e-3);
         let mut height = ln_likelihood(a, &at, counts);
-        let mut slope = Slope::of(a, &at, counts);
+        let mut score = Score::of(a, &at, counts);
         for _ in 0..rounds {
-            let Some(step) = slope.step(damping) else { break };
+            let Some(step) = score.step(damping) else { break };
             let next = within(&at + step);
             let there = ln_likelihood(a, &next, counts);
             if there > height {
@@ -220,7 +229,7 @@ impl Mixture {
                 if gained < 1e-4 {
                     break;
                 }
-                slope = Slope::of(a, &at, counts);
+                score = Score::of(a, &at, counts);
             } else if damping > 1e6 {
                 break;
             } else {
@@ -231,14 +240,14 @@ impl Mixture {
     }
 }
 
-/// Counts beyond what is expected.
+/// An excess of counts over the expected ones, at ln (s / median) = `place`.
 struct Peak {
     place: f64,
     /// In standard deviations.
-    stands: f64,
+    excess_sds: f64,
 }
 
-/// Steps to the top, and to see which way is up.
+/// Steps of Fisher scoring to convergence, and to compare starts.
 const ROUNDS: usize = 40;
 const FEW: usize = 12;
 
@@ -250,7 +259,7 @@ fn healthy_share(at: f64) -> f64 {
     0.5 + 0.5 / (1.0 + (-at).exp())
 }
 
-/// The healthy law's probability of every step from `FIRST - BEYOND` on.
+/// Probabilities of the healthy distribution in all bins from `FIRST - BEYOND` on.
 fn law(a: f64, at: &DVector<f64>) -> [f64; STEPS] {
     let (gamma, kappa) = (at[GAMMA].exp(), (-at[TAIL]).exp());
     let first = gamma * (FIRST - BEYOND + 0.5 * STEP - at[SCALE]);
@@ -260,12 +269,12 @@ fn law(a: f64, at: &DVector<f64>) -> [f64; STEPS] {
     p
 }
 
-/// e to this is nothing.
+/// The least exponent that is computed: e to this counts as 0.
 const LEAST: f64 = -700.0;
 const SQRT_TAU: f64 = 2.506_628_274_631_000_7;
 
 for_processor! {
-    /// e^(a t) (1 + e^t / kappa)^-(a + kappa), t from `first` on by steps.
+    /// Density of ln F, unnormalised: e^(a t) (1 + e^t / kappa)^-(a + kappa) at t = first, first + step, ..
     fn densities(a: f64, kappa: f64, first: f64, step: f64) -> [f64; STEPS] { all_densities }
 }
 
@@ -281,12 +290,12 @@ fn all_densities(a: f64, kappa: f64, first: f64, step: f64) -> [f64; STEPS] {
 }
 
 for_processor! {
-    /// A Gaussian in ln s, of every bin.
-    fn bump(middle: f64, sd: f64) -> [f64; BINS] { all_of_bump }
+    /// Probabilities of a Gaussian in ln s in every bin.
+    fn gaussian(middle: f64, sd: f64) -> [f64; BINS] { gaussian_of_bins }
 }
 
 #[inline(always)] // compiled once per instruction set
-fn all_of_bump(middle: f64, sd: f64) -> [f64; BINS] {
+fn gaussian_of_bins(middle: f64, sd: f64) -> [f64; BINS] {
     let mut p = [0.0; BINS];
     for (i, p) in p.iter_mut().enumerate() {
         let z = (FIRST + (i as f64 + 0.5) * STEP - middle) / sd;
@@ -297,7 +306,7 @@ fn all_of_bump(middle: f64, sd: f64) -> [f64; BINS] {
 }
 
 for_processor! {
-    /// Sum of counts times ln probability.
+    /// ln likelihood of the counts: sum of counts times ln probability.
     fn ln_of_counts(counts: &[f64; BINS], p: &[f64; BINS]) -> f64 { all_ln_of_counts }
 }
 
@@ -310,7 +319,7 @@ fn all_ln_of_counts(counts: &[f64; BINS], p: &[f64; BINS]) -> f64 {
     each.iter().sum()
 }
 
-/// The same of every bin; the outermost ones hold what lies beyond.
+/// Probabilities of the healthy distribution in the histogram's bins; the outermost ones include the tails.
 fn of_bins(a: f64, at: &DVector<f64>) -> [f64; BINS] {
     let p = law(a, at);
     let mut bins: [f64; BINS] = std::array::from_fn(|i| p[BEFORE + i]);
@@ -319,7 +328,7 @@ fn of_bins(a: f64, at: &DVector<f64>) -> [f64; BINS] {
     bins
 }
 
-/// Probability of every bin for a faulty signal of any size.
+/// Probabilities of faults of any size in every bin.
 static OF_ANY_SIZE: LazyLock<[f64; BINS]> = LazyLock::new(|| {
     let density = |t: f64| 1.5 * t - 1.5 * (t.exp() + EVENLY).ln();
     let p: [f64; BINS] = std::array::from_fn(|i| density(place(i)).exp());
@@ -327,31 +336,31 @@ static OF_ANY_SIZE: LazyLock<[f64; BINS]> = LazyLock::new(|| {
     p.map(|p| p / sum)
 });
 
-/// Probabilities of every bin.
-struct Parts {
+/// The mixture's components: probabilities in every bin.
+struct Components {
     healthy_share: f64,
     healthy: [f64; BINS],
-    /// Of faults: of any size, then of every kind, each with its weight; sum 1.
+    /// Faults of any size, then the components of one size; weights among faults, sum 1.
     weights: Vec<f64>,
     faults: Vec<[f64; BINS]>,
 }
 
-impl Parts {
-    fn of(a: f64, at: &DVector<f64>) -> Parts {
+impl Components {
+    fn of(a: f64, at: &DVector<f64>) -> Components {
         let kinds = at.as_slice()[LAW..].chunks_exact(OF_KIND);
         let mut weights = vec![1.0];
         let mut faults = vec![*OF_ANY_SIZE];
         for kind in kinds {
             weights.push(kind[0].exp());
-            faults.push(bump(kind[1], kind[2].exp()));
+            faults.push(gaussian(kind[1], kind[2].exp()));
         }
         let sum: f64 = weights.iter().sum();
         weights.iter_mut().for_each(|w| *w /= sum);
         let healthy = of_bins(a, at);
-        Parts { healthy_share: healthy_share(at[HEALTHY]), healthy, weights, faults }
+        Components { healthy_share: healthy_share(at[HEALTHY]), healthy, weights, faults }
     }
 
-    /// Of a faulty signal.
+    /// Probabilities of a faulty signal.
     fn faulty(&self) -> [f64; BINS] {
         let mut all = [0.0; BINS];
         for (w, p) in self.weights.iter().zip(&self.faults) {
@@ -360,16 +369,16 @@ impl Parts {
         all
     }
 
-    /// Of any signal.
+    /// Probabilities of any signal.
     fn mixed(&self) -> [f64; BINS] {
         let (h, faulty) = (self.healthy_share, self.faulty());
         std::array::from_fn(|i| (h * self.healthy[i] + (1.0 - h) * faulty[i]).max(1e-300))
     }
 }
 
-/// With what is believed beforehand.
+/// Penalised: with the ln density of the priors.
 fn ln_likelihood(a: f64, at: &DVector<f64>, counts: &Counts) -> f64 {
-    let mixed = Parts::of(a, at).mixed();
+    let mixed = Components::of(a, at).mixed();
     let data = ln_of_counts(&counts.0, &mixed);
     let widths: f64 = at.as_slice()[LAW..]
         .chunks_exact(OF_KIND)
@@ -378,16 +387,17 @@ fn ln_likelihood(a: f64, at: &DVector<f64>, counts: &Counts) -> f64 {
     data - 0.5 * (at[GAMMA] / GAMMA_SD).powi(2) - at[TAIL].exp() / TAIL_MEAN - widths
 }
 
-struct Slope {
+/// Gradient of the penalised ln likelihood, and the Fisher information.
+struct Score {
     gradient: DVector<f64>,
     information: DMatrix<f64>,
 }
 
-impl Slope {
-    fn of(a: f64, at: &DVector<f64>, counts: &Counts) -> Slope {
+impl Score {
+    fn of(a: f64, at: &DVector<f64>, counts: &Counts) -> Score {
         const H: f64 = 1e-4;
-        let parts = Parts::of(a, at);
-        let (p, faulty, h) = (parts.mixed(), parts.faulty(), parts.healthy_share);
+        let components = Components::of(a, at);
+        let (p, faulty, h) = (components.mixed(), components.faulty(), components.healthy_share);
         let mut slopes: Vec<[f64; BINS]> = (SCALE..=TAIL)
             .map(|k| {
                 let moved = |by: f64| {
@@ -401,9 +411,10 @@ impl Slope {
             .collect();
         // h = 1/2 + 1/2 logistic
         let of_share = 2.0 * (h - 0.5) * (1.0 - h);
-        slopes.push(std::array::from_fn(|i| of_share * (parts.healthy[i] - faulty[i])));
+        slopes.push(std::array::from_fn(|i| of_share * (components.healthy[i] - faulty[i])));
         let kinds = at.as_slice()[LAW..].chunks_exact(OF_KIND);
-        for ((kind, w), density) in kinds.zip(&parts.weights[1..]).zip(&parts.faults[1..]) {
+        for ((kind, w), density) in kinds.zip(&components.weights[1..]).zip(&components.faults[1..])
+        {
             let sd = kind[2].exp();
             let z = |i: usize| (place(i) - kind[1]) / sd;
             let by = (1.0 - h) * w;
@@ -422,29 +433,29 @@ impl Slope {
                 (information[(j, k)], information[(k, j)]) = (of, of);
             }
         }
-        let mut believed = |k: usize, down: f64, weight: f64| {
+        let mut add_prior = |k: usize, down: f64, weight: f64| {
             gradient[k] -= down;
             information[(k, k)] += weight;
         };
         let gamma = 1.0 / (GAMMA_SD * GAMMA_SD);
-        believed(GAMMA, at[GAMMA] * gamma, gamma);
-        believed(TAIL, at[TAIL].exp() / TAIL_MEAN, at[TAIL].exp() / TAIL_MEAN);
+        add_prior(GAMMA, at[GAMMA] * gamma, gamma);
+        add_prior(TAIL, at[TAIL].exp() / TAIL_MEAN, at[TAIL].exp() / TAIL_MEAN);
         for k in (LAW + 2..at.len()).step_by(OF_KIND) {
             let weight = 1.0 / (WIDTH_SD * WIDTH_SD);
-            believed(k, (at[k] - WIDTH) * weight, weight);
+            add_prior(k, (at[k] - WIDTH) * weight, weight);
         }
-        Slope { gradient, information }
+        Score { gradient, information }
     }
 
     fn step(&self, damping: f64) -> Option<DVector<f64>> {
-        let steadied = &self.information
+        let regularised = &self.information
             + DMatrix::from_diagonal(&self.information.diagonal()) * damping
             + DMatrix::identity(self.gradient.len(), self.gradient.len()) * 1e-6;
-        Some(steadied.try_inverse()? * &self.gradient)
+        Some(regularised.try_inverse()? * &self.gradient)
     }
 }
 
-/// Mixtures that are possible at all.
+/// Clamps the parameters to their ranges.
 fn within(mut at: DVector<f64>) -> DVector<f64> {
     at[SCALE] = at[SCALE].clamp(-6.0, 6.0);
     at[GAMMA] = at[GAMMA].clamp(-0.7, 0.7);

@@ -7,6 +7,7 @@
 
 pub mod contamination;
 pub mod decoupling;
+pub mod denominator_search;
 pub mod detectability;
 pub mod kernel;
 pub mod key_numbers;
@@ -19,7 +20,6 @@ pub mod numerator;
 pub mod poles;
 pub mod residual_generator;
 pub mod row_projection;
-pub mod search;
 pub mod sensitivity;
 mod settings;
 pub mod threshold;

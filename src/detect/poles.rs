@@ -7,7 +7,7 @@ use super::DetectError;
 use crate::model::ring_down::in_microseconds;
 use nalgebra::{Complex, DMatrix};
 
-/// Eigenvalues smaller than this, relative to the largest, are the model's unobservable pole at 0.
+/// Eigenvalues smaller than this, relative to the largest, count as the model's unobservable pole at 0.
 const AT_ZERO: f64 = 1e-9;
 
 /// Method I: alpha(s) = (s^2 + omega_r^2) prod (s + p_i), thesis §3-2-1 I; the undamped pair keeps

@@ -1,14 +1,14 @@
-//! Projections of signals that lie in one piece in their burst, without turning them.
+//! Projections of channel-major int16 signals straight from the burst, without transposing them to a tile.
 //!
-//! In: int16 rows side by side, what is expected of them, columns. Out: per row the products of its
-//! deviation with the columns, and its square sum. The arithmetic keeps the rules of
-//! [`super::kernel`]: sample k is added to sum k mod 16, the sixteen sums are added in one order
-//! (`tree`), nothing fuses; so the bits depend neither on the instruction set nor on whether a
-//! signal was turned (`Instructions::project`).
+//! In: consecutive int16 rows (one row is one channel's signal), the expected signal, columns. Out: per row the
+//! inner products of its deviation with the columns, and its square norm. The arithmetic keeps the rules of
+//! [`super::kernel`]: sample k is added to partial sum k mod 16, the sixteen partial sums are added in a fixed
+//! order (`tree`), no multiplication is fused with an addition. So the bits depend neither on the instruction
+//! set nor on whether a signal was transposed (`Instructions::project`).
 
 use super::tile::{Instructions, LANES, PHASES, Phases, Sample, Set};
 
-/// Sixteen numbers a piece, zeros beyond the last.
+/// Splits numbers into groups of sixteen, padded with zeros.
 pub fn in_phases(of: impl ExactSizeIterator<Item = f32>) -> Vec<Phases> {
     let mut phases = vec![[0.0; PHASES]; of.len().div_ceil(PHASES)];
     for (k, v) in of.enumerate() {
@@ -17,7 +17,7 @@ pub fn in_phases(of: impl ExactSizeIterator<Item = f32>) -> Vec<Phases> {
     phases
 }
 
-/// The sum of sixteen, in one order.
+/// The sum of the sixteen partial sums, in a fixed order.
 #[inline(always)]
 fn tree(of: &Phases) -> f32 {
     let eight: [f32; 8] = std::array::from_fn(|l| of[l] + of[l + 8]);
@@ -25,18 +25,18 @@ fn tree(of: &Phases) -> f32 {
     (four[0] + four[2]) + (four[1] + four[3])
 }
 
-/// Rows and what is expected of them.
+/// Rows of a burst, and their expected signal.
 #[derive(Clone, Copy, Debug)]
 pub struct Rows<'a> {
     /// [`LANES`] rows of `n` little-endian int16.
     pub samples: &'a [u8],
     pub n: usize,
-    /// y_hat of each of them, counts.
+    /// y_hat, which all of them share, counts; in groups of sixteen samples.
     pub expected: &'a [Phases],
 }
 
 impl Instructions {
-    /// Products of the rows' deviations with the columns `p`, and their square sums.
+    /// Per row the inner products of its deviation with the columns `p`, and its square norm, counts².
     pub(super) fn project_rows<const M: usize>(
         self,
         rows: Rows,
@@ -56,8 +56,8 @@ impl Instructions {
     }
 }
 
-/// The arithmetic, once, for vectors `$V` of `$W` numbers; `$SIDE` rows at a time, so that what is
-/// loaded for one serves all.
+/// The arithmetic, written once for vectors `$V` of `$W` numbers; `$SIDE` rows at a time, so that a load of the
+/// expected signal or a column serves all of them.
 macro_rules! arithmetic {
     (
         $name:ident, [$($feature:literal)?], $V:ty, $W:literal, $SIDE:literal,

@@ -29,22 +29,22 @@ use crate::model::median::median;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// A first-order distance beyond this (98 % of healthy signals stay below) is looked at again by a
-/// fit: far from the healthy ring the projections are no longer its features.
+/// A squared distance to first order beyond this (98 % of healthy signals stay below) is computed again from a
+/// fitted ring: far from the healthy ring the linear projections are no longer its features.
 pub const SECOND_LOOK: f64 = 13.0;
-/// So far away nothing healthy lies, however it is measured: first order will do.
+/// Beyond this no healthy signal lies by either measure, and the first-order value is kept.
 pub const CLEARLY_FAR: f64 = 1e3;
 
-/// Share of the channels' covariance that the distance is measured in, beside all of the noise's. What
-/// is decided is where healthy channels end, one signal in a thousand, and there channels that differ
-/// within bounds end sooner than a Gaussian of their variance: with all of it 20 of 2025 faults are
-/// missed, with a third of it 16 (uniform spread; Gaussian 30 and 29, gamma 62 and 63, Student with five
-/// degrees 101 and 112; one false alarm in 2475; thesis form).
+/// Weight of the channels' covariance in the metric, beside all of the noise's. The threshold lies in the tail
+/// of the healthy signals, one in a thousand, and there channels that differ within bounds end sooner than a
+/// Gaussian of their variance would. Misses of 2025 faults at one false alarm in 2475 (thesis-form data) with
+/// the full covariance and with a third of it, by how channels differ: uniform 20 and 16, Gaussian 30 and 29,
+/// gamma 62 and 63, Student's t with 5 degrees of freedom 101 and 112.
 const SPREAD_COUNTS: f64 = 0.35;
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Sensitivity {
-    /// Three rows of N: the features per unit of deviation at the reference drive.
+    /// P: three rows of N, 1/counts; P d are the features of a deviation d at the reference drive.
     pub projection: Vec<Vec<f64>>,
     /// Mean of the healthy features.
     pub mean: [f64; 3],
@@ -55,8 +55,8 @@ pub struct Sensitivity {
 }
 
 impl Sensitivity {
-    /// Of a model, its channels' spread not yet known. `tangent`: N x 3, dy/d(ln A, ln sigma, ln f),
-    /// counts. `noise`: of one sample, counts. `None` where the three cannot be told apart.
+    /// Of a model whose channels' spread is not known yet. `tangent`: N x 3, dy/d(ln A, ln sigma, ln f),
+    /// counts. `noise`: standard deviation of one sample, counts. `None`: the columns depend on each other.
     pub fn new(tangent: &DMatrix<f64>, noise: f64) -> Option<Sensitivity> {
         let gram = tangent.tr_mul(tangent);
         let inverse = gram.try_inverse()?;
@@ -70,8 +70,10 @@ impl Sensitivity {
         new.noise.iter().flatten().all(|v| v.is_finite()).then_some(new)
     }
 
-    /// Where noise remembers: the features' noise that white noise of the same third differences does not
-    /// have. `colour`: covariance of noise `lag` samples apart, of white noise seen the same way.
+    /// With coloured noise: the features' noise covariance times the largest ratio, over the features, of their
+    /// variance p' R p under the noise's autocovariance R to that under white noise; no ratio below 1.
+    /// `autocovariance`: of the misfit beside the ring, counts², from lag 0 on; `of_white`: the same of white
+    /// noise with the same third differences.
     pub fn coloured(mut self, autocovariance: &[f64], of_white: &[f64]) -> Sensitivity {
         let along = |row: &[f64], r: &[f64]| -> f64 {
             let lagged =
@@ -99,10 +101,10 @@ impl Sensitivity {
         self.with_total(mean, total, features)
     }
 
-    /// Of the same channels where all of them have moved alike. `tangent`: as it is there.
+    /// The same after a common change of all channels. `tangent`: at the changed ring.
     pub fn moved(&self, tangent: &DMatrix<f64>) -> Option<Sensitivity> {
         let square = |of: &Sensitivity| of.projection[0].iter().map(|p| p * p).sum::<f64>();
-        // of a sample, such as it is where noise remembers
+        // of one sample, an equivalent value where the noise is coloured
         let noise = (self.noise[0][0] / square(self)).sqrt();
         Some(Sensitivity::new(tangent, noise)?.with_spread_of(self))
     }
@@ -112,12 +114,12 @@ impl Sensitivity {
         Vector3::from_fn(|k, _| (self.spread[k][k] + self.noise[k][k]).sqrt())
     }
 
-    /// With the spread that another model learned: for a window of few signals.
+    /// With the spread that another model has learned, for a window of few signals.
     pub fn with_spread_of(self, other: &Sensitivity) -> Sensitivity {
         Sensitivity { mean: other.mean, spread: other.spread, ..self }
     }
 
-    /// The same where up to two in five of the signals may be faulty.
+    /// The same by robust moments, where up to two in five of the signals may be faulty.
     pub fn with_core_spread(self, features: &[(Vector3<f64>, f64)]) -> Sensitivity {
         let points: Vec<Vector3<f64>> = features.iter().map(|(x, _)| *x).collect();
         let Core { mean, covariance } = core_of(&points);
@@ -134,7 +136,7 @@ impl Sensitivity {
         let n = features.len() as f64;
         let of_noise = features.iter().map(|(_, s)| 1.0 / (s * s)).sum::<f64>() / n;
         let beyond = total - matrix(&self.noise) * of_noise;
-        // sampling error may leave a direction with less than the noise: no spread there
+        // a direction may have less variance than the noise by sampling error: its spread is set to 0
         let eigen = beyond.symmetric_eigen();
         let kept = eigen.eigenvalues.map(|v| v.max(0.0));
         let spread =
@@ -149,12 +151,13 @@ impl Sensitivity {
         Vector3::from_fn(|k, _| dot(&self.projection[k], deviation) / drive)
     }
 
-    /// Whitening at a drive: the inverse of `SPREAD_COUNTS` spread + noise / drive².
+    /// The metric M at a relative drive: the inverse of `SPREAD_COUNTS` spread + noise / drive².
     pub fn metric(&self, drive: f64) -> Option<Matrix3<f64>> {
         (matrix(&self.spread) * SPREAD_COUNTS + matrix(&self.noise) / (drive * drive)).try_inverse()
     }
 
-    /// Of the features' columns: c' Gram c is the square of what of a deviation lies along them, counts².
+    /// Gram matrix T'T of the sensitivities: x' T'T x is the square norm of the part of a deviation with features
+    /// x that lies along them, counts².
     pub fn gram(&self) -> Option<Matrix3<f64>> {
         let row = |i: usize| &self.projection[i];
         Matrix3::from_fn(|i, j| dot(row(i), row(j))).try_inverse()
@@ -180,20 +183,20 @@ impl Sensitivity {
     }
 }
 
-/// Where most of some points lie.
+/// Robust mean and covariance.
 struct Core {
     mean: Vector3<f64>,
     covariance: Matrix3<f64>,
 }
 
-/// Mean and covariance of the points that lie closest together, the covariance as if all were of one
-/// Gaussian (minimum covariance determinant by concentration steps: Rousseeuw and Van Driessen 1999).
-/// Holds while three in five of the points belong together. At least one point.
+/// Minimum covariance determinant: mean and covariance of the points that lie closest together, by concentration
+/// steps (Rousseeuw and Van Driessen 1999), the covariance scaled to be consistent for a Gaussian. Withstands two
+/// in five outliers. At least one point.
 fn core_of(points: &[Vector3<f64>]) -> Core {
-    /// Share of the points that counts.
+    /// Share of the points that is kept.
     const SHARE: f64 = 0.6;
-    /// What the covariance of that share of a Gaussian in three dimensions, the nearest, is of all of
-    /// it: P(chi² with 5 degrees < q) / .6 with P(chi² with 3 degrees < q) = .6, q = 2.946.
+    /// Covariance of the nearest .6 of a three-dimensional Gaussian over that of all of it: P(chi²_5 < q) / .6
+    /// with P(chi²_3 < q) = .6, q = 2.946.
     const SHRINKS: f64 = 0.486;
     const STEPS: usize = 30;
     let kept = ((SHARE * points.len() as f64).ceil() as usize).clamp(1, points.len());

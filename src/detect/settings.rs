@@ -41,7 +41,7 @@ pub enum Denominator {
     Eigenvalues,
     /// Method III: numerator enhancement, learned on the class `fault`.
     Enhanced,
-    /// The pair and the other poles that miss the fewest labelled faults ([`super::search`]).
+    /// The pair and the other poles that miss the fewest labelled faults ([`super::denominator_search`]).
     Searched,
 }
 
@@ -50,9 +50,9 @@ pub enum Denominator {
 pub struct DetectSettings {
     pub method: DetectMethod,
     pub threshold: ThresholdMethod,
-    /// Share of healthy signals that may pass, for `quantile`.
+    /// Share of healthy signals that may be flagged, for `quantile`.
     pub false_alarm_rate: f64,
-    /// That the realised rate stays below it, over the channels' spread, for `quantile`.
+    /// Probability, over the sampling of channels, that the realised rate stays below it; for `quantile`.
     pub confidence: f64,
     /// Factor on the largest healthy energy, for `max`.
     pub mu: f64,

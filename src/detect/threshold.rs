@@ -1,4 +1,4 @@
-//! Where healthy ends: the threshold on the residual energy.
+//! The threshold on the detection statistic, learned from healthy signals.
 //!
 //! In: energies of healthy training signals, counts²·s, and the channel each came from. Out: the
 //! value above which a signal counts as faulty. thesis (3-4) as an option.
@@ -17,28 +17,28 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-/// Fewer healthy signals say nothing about a tail.
+/// Fewest healthy signals for the estimate of a tail.
 const MIN_SIGNALS: usize = 20;
-/// Share of the signals that is the tail, if that is enough for a fit and no more than it needs.
+/// Share of the signals that counts as the tail, within bounds on their number.
 const TAIL_SHARE: f64 = 0.1;
 const MIN_TAIL: usize = 50;
 const MAX_TAIL: usize = 5000;
-/// Spread of the tail shapes that residual energies have: squares of near-Gaussian residuals have
-/// exponential tails, shape 0; channels that differ in gain make them heavier, poles that scatter
-/// within bounds lighter. A shape fitted to a few hundred exceedances scatters as much, so it is
+/// Prior of the tail's shape xi: standard deviation about 0, and range. Squares of near-Gaussian residuals have
+/// exponential tails, xi = 0; channels that differ in gain make them heavier, poles that scatter
+/// within bounds lighter. A shape fitted to a few hundred exceedances has a standard error as large, so it is
 /// shrunk towards 0 and kept in a range. Measured on the energies of this file's tests: without
 /// negative shapes bounded scatter costs a threshold ten times too strict; down to -0.3 the bound
 /// held in 83 % of training sets instead of 95 % (256 channels x 20, rate 4e-4).
 const SHAPE_SD: f64 = 0.2;
 const SHAPE_RANGE: (f64, f64) = (-0.2, 0.5);
-/// Low estimates come with small deviations, so a bound of so many deviations fails too often.
-/// Widened by this it held in 90 to 100 % of training sets at a confidence of 95 %: a factor set by
-/// that measurement, on those energies, not derived.
+/// Factor on the confidence bound's width. Estimates that are too low come with standard errors that are too
+/// small, so that the plain bound fails too often. With this factor it held in 90 to 100 % of training sets at a
+/// confidence of 95 %: set by that measurement, on those energies, not derived.
 const WIDENING: f64 = 1.3;
-/// A window's threshold that is widened to more than this (1.4 standard deviations instead of one) lets
-/// faults pass that others would not.
+/// A window's threshold that is raised by more than this factor (in a squared distance: 1.4 standard deviations
+/// instead of one) hides small faults: a warning.
 const WIDE: f64 = 2.0;
-/// A bound further than this from its estimate says that the channels are too few.
+/// A bound above its estimate by more than this factor means that the channels are too few.
 const MAX_FACTOR: f64 = 1e3;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -46,19 +46,19 @@ const MAX_FACTOR: f64 = 1e3;
 pub enum Method {
     Quantile,
     Max,
-    /// Of a window in which nobody says who is healthy: [`super::contamination`].
+    /// From a window of unlabelled signals: [`super::contamination`].
     Window,
 }
 
 /// A threshold and where it comes from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Threshold {
-    /// counts²·s. Healthy up to and including this.
+    /// In the statistic's unit: counts²·s for a residual energy. Healthy up to and including this.
     pub value: f64,
     pub method: Method,
     /// Factor of (3-4); with method `max`.
     pub mu: Option<f64>,
-    /// Share of healthy signals above `value`, at most, with `confidence`; but with method `max`.
+    /// Share of healthy signals above `value`, at most, with `confidence`; `None` with method `max`.
     pub false_alarm_rate: Option<f64>,
     pub confidence: Option<f64>,
     pub n_signals: usize,
@@ -71,13 +71,13 @@ pub struct Threshold {
     /// Shape xi of the tail: 0 exponential, above 0 heavier; 0 with method `max`. With method
     /// `window` 1 / kappa of its law.
     pub tail_shape: f64,
-    /// With method `window`: by what factor, for want of signals or channels.
+    /// With method `window`: the factor by which `value` exceeds its estimate, to hold with `confidence`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub widened: Option<f64>,
 }
 
 impl Threshold {
-    /// Not learned yet: nothing passes it.
+    /// Not learned yet: no signal exceeds it.
     pub fn none() -> Threshold {
         Threshold {
             value: f64::INFINITY,
@@ -94,12 +94,12 @@ impl Threshold {
         }
     }
 
-    /// The same tail in other units: for a window whose own tail cannot be trusted.
+    /// The threshold times a factor: carries a learned tail over to a window whose own tail cannot be trusted.
     pub fn scaled(&self, factor: f64) -> Threshold {
         Threshold { value: self.value * factor, ..self.clone() }
     }
 
-    /// Where a window was too small for the stated rate, and the threshold lies further out for it.
+    /// A warning where a window was too small for the stated rate, and the threshold was raised much for it.
     pub fn wide_in_words(&self) -> Option<String> {
         let widened = self.widened.filter(|by| *by > WIDE)?;
         Some(format!(
@@ -197,7 +197,7 @@ pub fn quantile(
     let fit = |weights: &[f64]| sample.tail(weights, share, tail_effective, false_alarm_rate);
     let (estimate, tail_shape) = fit(&ones);
     let logs = sample.resampled(seed, |weights| fit(weights).0.max(estimate / MAX_FACTOR).ln());
-    // What the shrinkage has hidden of the shape's scatter is put back.
+    // The shrinkage hides part of the shape's sampling error: it is added again.
     let hidden = (1.0 + shape_variance(tail_effective) / (SHAPE_SD * SHAPE_SD)).sqrt();
     let factor = (WIDENING * hidden * sample.student(confidence) * deviation(&logs)).exp();
     let value = estimate * factor;

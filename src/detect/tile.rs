@@ -1,10 +1,11 @@
-//! Signals side by side: gathered from bursts, turned so that a vector holds one sample of many
-//! signals, and the instruction sets that work on them.
+//! A tile: [`LANES`] signals transposed to sample-major order, so that a SIMD vector holds one sample of many
+//! signals, one signal in each *lane*; and the instruction sets that work on it.
 //!
-//! In: rows of bursts in any layout and format, of one burst or of many. Out: their deviations from
-//! what is expected of them, sample by sample, lane by lane. What is done with a deviation stands in
-//! [`super::kernel`]. Vectors are written out by hand only here and in [`super::row_projection`];
-//! elsewhere unsafe code only chooses, by what the processor has, how plain loops were compiled.
+//! In: signals of one or several bursts (a *row* is one channel of a burst), in any layout and sample format.
+//! Out: their deviations from the expected signal, sample by sample, lane by lane. What is computed from
+//! deviations stands in [`super::kernel`]. Intrinsics are written out only here and in
+//! [`super::row_projection`]; elsewhere unsafe code merely calls, by what the processor has, one of several
+//! compilations of a plain loop.
 
 use crate::burst::{Burst, Format, Layout};
 
@@ -14,9 +15,9 @@ pub const LANES: usize = 32;
 /// One sample of every lane.
 pub type Sample = [f32; LANES];
 
-/// Sums side by side.
+/// Partial sums of a sum over samples: sample k is added to number k mod 16.
 pub const PHASES: usize = 16;
-/// One number for each of sixteen samples in a row.
+/// One number for each of sixteen consecutive samples.
 pub type Phases = [f32; PHASES];
 
 /// A signal where it lies in its burst.
@@ -29,7 +30,7 @@ struct Row<'a> {
     format: Format,
 }
 
-/// Signals that wait to be turned: of one length, expected to be one shape.
+/// Signals that wait to be transposed: of one length and one expected shape.
 #[derive(Debug)]
 pub struct Gather<'a> {
     rows: Vec<Row<'a>>,
@@ -44,8 +45,8 @@ impl Default for Gather<'_> {
 }
 
 impl<'a> Gather<'a> {
-    /// Adds row `row` of a burst. `drive`: scale of what is expected; `warmer`: K above the
-    /// reference. Must not be full.
+    /// Adds row `row` of a burst. `drive`: drive voltage over the reference, the scale of the expected signal;
+    /// `warmer`: K above the reference temperature. Must not be full.
     pub fn push(&mut self, burst: &'a Burst, row: usize, drive: f64, warmer: f64) {
         let lane = self.rows.len();
         let (channels, n) = (burst.channels as usize, burst.samples_per_channel as usize);
@@ -71,7 +72,7 @@ impl<'a> Gather<'a> {
     }
 }
 
-/// Up to [`LANES`] signals, sample by sample. Lanes without a signal hold anything.
+/// Up to [`LANES`] signals, sample by sample. The values of lanes without a signal are unspecified.
 #[derive(Debug)]
 pub struct Tile {
     values: Vec<Sample>,
@@ -89,12 +90,12 @@ impl Default for Tile {
 }
 
 impl Tile {
-    /// Turns the gathered signals, `n` samples each, in counts, and forgets them.
+    /// Transposes the gathered signals, `n` samples each, to counts, and empties `gather`.
     pub fn fill(&mut self, gather: &mut Gather, n: usize, instructions: Instructions) {
         self.values.resize(n, [0.0; LANES]);
         self.lanes = gather.rows.len();
         (self.drive, self.warmer) = (gather.drive, gather.warmer);
-        // what is expected of an empty lane is what is expected of the first
+        // empty lanes get the first one's conditions, so that equal conditions stay equal
         self.drive[self.lanes..].fill(gather.drive[0]);
         self.warmer[self.lanes..].fill(gather.warmer[0]);
         let mut at = 0;
@@ -129,7 +130,7 @@ impl Tile {
         gather.rows.clear();
     }
 
-    /// `run` rows that lie beside each other, from lane `lane` on.
+    /// Copies `run` neighbouring rows of a sample-major burst to the lanes from `lane` on.
     fn spread(&mut self, first: &Row, run: usize, lane: usize) {
         let bytes = first.format.bytes();
         for (k, sample) in self.values.iter_mut().enumerate() {
@@ -151,7 +152,7 @@ impl Tile {
         }
     }
 
-    /// Eight int16 rows, each in one piece, from lane `lane` on.
+    /// Transposes eight contiguous int16 rows to the lanes from `lane` on.
     fn turn_eight(&mut self, rows: [&Row; 8], lane: usize, instructions: Instructions) {
         let n = self.values.len();
         let of = rows.map(|r| r.samples[2 * r.start..][..2 * n].as_chunks::<32>());
@@ -165,7 +166,7 @@ impl Tile {
         }
     }
 
-    /// Four rows, each in one piece, from lane `lane` on.
+    /// Transposes four contiguous rows to the lanes from `lane` on.
     fn turn(&mut self, rows: [&Row; 4], lane: usize) {
         let n = self.values.len();
         let of = rows.map(|r| &r.samples[r.start * r.format.bytes()..][..n * r.format.bytes()]);
@@ -195,8 +196,8 @@ impl Tile {
         }
     }
 
-    /// Counts to deviations: takes away drive (expected + warmer response), and notes the
-    /// deviations' square norms.
+    /// Counts to deviations: subtracts drive (expected + warmer response), and stores the deviations' square
+    /// norms. `expected`: counts; `response`: counts/K.
     pub fn subtract(&mut self, expected: &[f32], response: &[f32], instructions: Instructions) {
         instructions.subtract(self, expected, response);
     }
@@ -209,12 +210,12 @@ impl Tile {
         &self.values
     }
 
-    /// Of a lane's deviation.
+    /// Square norm of a lane's deviation, counts².
     pub fn square_sum(&self, lane: usize) -> f32 {
         self.square_sum[lane]
     }
 
-    /// Drive and K above the reference.
+    /// A lane's relative drive, and its temperature in K above the reference.
     pub fn condition(&self, lane: usize) -> (f32, f32) {
         (self.drive[lane], self.warmer[lane])
     }
@@ -230,7 +231,7 @@ impl Row<'_> {
         self.stride == 1 && self.format == format
     }
 
-    /// The next channel of the same burst.
+    /// Whether it is the channel after `before` in the same burst.
     fn is_beside(&self, before: &Row) -> bool {
         std::ptr::eq(self.samples, before.samples)
             && self.format == before.format
@@ -343,7 +344,7 @@ mod turned {
     }
 }
 
-/// Which of the processor's instructions are used. Results do not depend on it.
+/// An instruction set of the processor. Results do not depend on it, bit by bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Instructions(pub(super) Set);
 
@@ -358,7 +359,7 @@ pub(super) enum Set {
 }
 
 impl Instructions {
-    /// All that this processor has, the best last.
+    /// The sets that this processor has, the widest last.
     pub fn available() -> Vec<Instructions> {
         #[allow(unused_mut)] // on other targets
         let mut sets = vec![Instructions(Set::Portable)];
@@ -394,7 +395,7 @@ impl Instructions {
         self.0 != Set::Portable
     }
 
-    /// Sixteen samples at a time of eight int16 rows; only if `turns_eight`.
+    /// Transposes eight int16 rows, sixteen samples at a time; only if `turns_eight`.
     #[allow(unused_variables)] // on other targets
     fn turn(self, rows: [&[[u8; 32]]; 8], values: &mut [Sample], lane: usize) {
         match self.0 {
@@ -430,8 +431,8 @@ impl Instructions {
         }
     }
 
-    /// Sum of squares of b/a applied to every lane, from zero state; 1 to 8 poles.
-    /// `b`: order + 1, `a`: a_1 .. a_order.
+    /// Per lane the square sum of the deviation filtered by b/a from zero state; 1 to 8 poles.
+    /// `b`: order + 1 coefficients, `a`: a_1 .. a_order.
     pub(super) fn energies(self, b: &[f32], a: &[f32], deviations: &[Sample], out: &mut Sample) {
         match a.len() {
             1 => with!(self.0, energies::<1>, (b, a, deviations, out)),
@@ -442,11 +443,11 @@ impl Instructions {
             6 => with!(self.0, energies::<6>, (b, a, deviations, out)),
             7 => with!(self.0, energies::<7>, (b, a, deviations, out)),
             8 => with!(self.0, energies::<8>, (b, a, deviations, out)),
-            _ => out.fill(f32::NAN), // nothing is settled by it
+            _ => out.fill(f32::NAN), // decides nothing: the reference judges
         }
     }
 
-    /// Per column of `p` its product with the deviation; bit by bit as `project_rows`.
+    /// Per lane the inner products of the deviation with the columns `p`; equal to `project_rows` bit by bit.
     pub(super) fn project<const M: usize>(
         self,
         p: &[[Phases; M]],

@@ -11,9 +11,9 @@
 
 use super::averaging::{MeanSignal, SignalSet};
 use super::cubic::{basis, poles_of};
+use super::damped_cosine::damped_cosine;
 use super::identifiability;
 use super::identification::{Convergence, Scatter};
-use super::scale::damped_cosine;
 use super::scatter::scatter;
 use super::{GreyBoxSettings, IdentifyError};
 use crate::model::InkChannel;

@@ -8,11 +8,11 @@
 pub mod averaging;
 pub mod common_change;
 mod cubic;
+pub mod damped_cosine;
 pub mod grey_box;
 pub mod identifiability;
 pub mod identification;
 pub mod reservoir;
-pub mod scale;
 pub mod scatter;
 pub mod tangent;
 pub mod whiteness;

@@ -1,31 +1,34 @@
-//! What a signal of no known class looks like, for a technician: the cable, not the nozzle.
+//! A description of a signal that is of no known class, for a technician: mostly a fault of the measurement
+//! (cable, amplifier) and not of the nozzle.
 //!
-//! In: the signal, what is left of it beside its ring, the ring's features. Out: [`Appearance`].
+//! In: the signal, its misfit beside its ring, the ring's features. Out: [`Appearance`].
 
 use crate::model::inner_product::dot;
 use crate::model::ring_fit::Features;
 use crate::processor::for_processor;
 use crate::verdict::Appearance;
 
-/// Share of the energy beyond the noise that a shape must hold to give what is left its name.
+/// Share of the misfit's energy beyond the noise that a shape must explain for the misfit to be named after it.
 const MOST: f64 = 0.6;
-/// A ring with damping and frequency so near to the healthy one's (ln) is a healthy ring of another size.
+/// A ring whose |ln damping| and |ln frequency|, relative to the healthy one, are below these is a healthy ring
+/// of another amplitude.
 const NEAR: [f64; 2] = [0.2, 0.02];
 
-/// A signal that nothing known explains.
+/// A signal that no known class explains.
 #[derive(Clone, Copy, Debug)]
-pub struct Strange<'a> {
-    /// N, counts, and the noise of a sample.
+pub struct UnknownSignal<'a> {
+    /// N, counts.
     pub signal: &'a [f64],
+    /// Standard deviation of one sample's noise, counts.
     pub noise: f64,
-    /// Of its ring; `None`: it does not ring.
+    /// Features of its fitted ring; `None`: it does not ring.
     pub ring: Option<Features>,
-    /// N: less its ring, in units of the noise.
-    pub left: &'a [f64],
+    /// Misfit beside the ring, N, in standard deviations of the noise.
+    pub misfit: &'a [f64],
     pub dt_s: f64,
 }
 
-impl Strange<'_> {
+impl UnknownSignal<'_> {
     pub fn appearance(&self) -> Appearance {
         let n = self.signal.len() as f64;
         let mean = self.signal.iter().sum::<f64>() / n;
@@ -34,7 +37,7 @@ impl Strange<'_> {
             let stands = mean.abs() > 6.0 * self.noise / n.sqrt();
             return if stands { Appearance::Constant } else { Appearance::NoiseAlone };
         }
-        let beyond = dot(self.left, self.left) - n;
+        let beyond = dot(self.misfit, self.misfit) - n;
         if beyond < n {
             return match self.ring {
                 Some(x) if x.ln_damping.abs() < NEAR[0] && x.ln_frequency.abs() < NEAR[1] => {
@@ -43,7 +46,7 @@ impl Strange<'_> {
                 _ => Appearance::Other,
             };
         }
-        let mut squares: Vec<f64> = self.left.iter().map(|v| v * v).collect();
+        let mut squares: Vec<f64> = self.misfit.iter().map(|v| v * v).collect();
         let few = (squares.len() / 32).max(2).min(squares.len() - 1);
         squares.select_nth_unstable_by(few, |p, q| q.total_cmp(p));
         if squares[..few].iter().sum::<f64>() > MOST * beyond {
@@ -57,16 +60,17 @@ impl Strange<'_> {
         }
     }
 
-    /// The line that holds most of what is left: its energy, and its cycles in the signal, at half cycles.
+    /// The spectral line that explains most of the misfit: its energy (noise variances), and its number of
+    /// cycles in the signal, a multiple of one half.
     fn line(&self) -> Option<(f64, f64)> {
-        let n = self.left.len();
+        let n = self.misfit.len();
         let lines = n.min(1024);
         let mut most: Option<(f64, f64)> = None;
-        for from in (0..lines).step_by(SIDE) {
-            let mut energies = [0.0; SIDE];
-            energies_of_lines(self.left, from, &mut energies);
+        for from in (0..lines).step_by(LINES) {
+            let mut energies = [0.0; LINES];
+            energies_of_lines(self.misfit, from, &mut energies);
             for (k, energy) in (from..lines).zip(energies) {
-                // a constant has no sine
+                // at frequency 0 there is no sine, so that the formula counts the cosine twice
                 let energy = if k == 0 { energy / 2.0 } else { energy };
                 if most.is_none_or(|(known, _)| energy >= known) {
                     most = Some((energy, k as f64 / 2.0));
@@ -77,31 +81,31 @@ impl Strange<'_> {
     }
 }
 
-/// Lines side by side.
-const SIDE: usize = 16;
+/// Spectral lines whose energies are computed at once.
+const LINES: usize = 16;
 
 for_processor! {
-    /// Energies in `y` of the lines of `from`, `from` + 1 .. half cycles, by recurrence.
-    fn energies_of_lines(y: &[f64], from: usize, energies: &mut [f64; SIDE]) { side_by_side }
+    /// Energies in `y` of spectral lines with `from`, `from` + 1, .. half cycles, by recurrence.
+    fn energies_of_lines(y: &[f64], from: usize, energies: &mut [f64; LINES]) { energies_at_once }
 }
 
 #[inline(always)] // compiled once per instruction set
-fn side_by_side(y: &[f64], from: usize, energies: &mut [f64; SIDE]) {
+fn energies_at_once(y: &[f64], from: usize, energies: &mut [f64; LINES]) {
     let n = y.len() as f64;
-    let (mut sin, mut cos) = ([0.0; SIDE], [0.0; SIDE]);
-    for k in 0..SIDE {
+    let (mut sin, mut cos) = ([0.0; LINES], [0.0; LINES]);
+    for k in 0..LINES {
         (sin[k], cos[k]) = (std::f64::consts::PI * (from + k) as f64 / n).sin_cos();
     }
-    let (mut c, mut s) = ([1.0; SIDE], [0.0; SIDE]);
-    let (mut along_c, mut along_s) = ([0.0; SIDE], [0.0; SIDE]);
+    let (mut c, mut s) = ([1.0; LINES], [0.0; LINES]);
+    let (mut along_c, mut along_s) = ([0.0; LINES], [0.0; LINES]);
     for v in y {
-        for k in 0..SIDE {
+        for k in 0..LINES {
             along_c[k] += v * c[k];
             along_s[k] += v * s[k];
             (c[k], s[k]) = (c[k] * cos[k] - s[k] * sin[k], s[k] * cos[k] + c[k] * sin[k]);
         }
     }
-    for k in 0..SIDE {
+    for k in 0..LINES {
         energies[k] = 2.0 * (along_c[k] * along_c[k] + along_s[k] * along_s[k]) / n;
     }
 }
@@ -117,11 +121,12 @@ mod tests {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(8);
         let mut of = |shape: &dyn Fn(f64) -> f64, ring: Option<Features>, rings: bool| {
             let noise: Vec<f64> = (0..128).map(|_| StandardNormal.sample(&mut rng)).collect();
-            let left: Vec<f64> = (0..128).map(|k| noise[k] + shape(k as f64)).collect();
+            let misfit: Vec<f64> = (0..128).map(|k| noise[k] + shape(k as f64)).collect();
             let size = if rings { 50.0 } else { 0.0 };
             let ring_at = |k: usize| size * (-0.02 * k as f64).exp() * (0.5 * k as f64).cos();
-            let signal: Vec<f64> = (0..128).map(|k| left[k] + ring_at(k)).collect();
-            Strange { signal: &signal, noise: 1.0, ring, left: &left, dt_s: 1e-6 }.appearance()
+            let signal: Vec<f64> = (0..128).map(|k| misfit[k] + ring_at(k)).collect();
+            UnknownSignal { signal: &signal, noise: 1.0, ring, misfit: &misfit, dt_s: 1e-6 }
+                .appearance()
         };
         let half = Features { ln_amplitude: 0.5f64.ln(), ..Features::HEALTHY };
         assert_eq!(of(&|_| 0.0, None, false), Appearance::NoiseAlone);

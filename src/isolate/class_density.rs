@@ -3,13 +3,14 @@
 //! In: features of labelled signals (ln amplitude, ln damping, ln frequency, phase), the fit's noise
 //! covariance there. Out: log density of any features, and how far outside the class they lie.
 //!
-//! Faults come in sizes over a range: each axis is either a Gaussian or a range seen through unit noise,
-//! whichever the examples make likelier. Over a range the density is even in the feature, or in what the
-//! feature is the logarithm of. The axes are those in which the noise is unit and
-//! the class's spread diagonal, or the features themselves, again whichever is likelier.
+//! Faults come in severities over a range, so features of a class often fill an interval. Along each axis
+//! the density is therefore either a Gaussian or uniform over a range convolved with the noise, whichever has
+//! the larger likelihood. Over a range it is uniform in the feature, or in the quantity of which the feature
+//! is the logarithm. The axes are those in which the noise has unit covariance and the class's covariance
+//! is diagonal, or the features themselves, again whichever has the larger likelihood.
 
-use crate::model::lane_math::{exp, ln};
 use crate::model::normal::{ERFC, upper_tail};
+use crate::model::simd_math::{exp, ln};
 use crate::processor::for_processor;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::{Deserialize, Serialize};
@@ -19,13 +20,14 @@ use std::sync::OnceLock;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Axis {
-    /// Standard deviation, in units of the noise.
+    /// Standard deviation, in units of the noise's.
     Gaussian(f64),
-    /// A range seen through the noise.
+    /// A range convolved with the noise.
     Range(Range),
 }
 
-/// Density of slope `slope` in ln over -half_width..half_width, in units of the noise.
+/// Density proportional to e^(slope v) for v in -half_width .. half_width, v in standard deviations of the
+/// noise.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Range {
     half_width: f64,
@@ -35,7 +37,7 @@ struct Range {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ClassDensity {
     mean: Vec<f64>,
-    /// Rows: u = B (x - mean), in which the noise of each is unit.
+    /// Rows of B: u = B (x - mean), each with noise of unit variance.
     to_axes: Vec<Vec<f64>>,
     ln_determinant: f64,
     axes: Vec<Axis>,
@@ -44,16 +46,16 @@ pub struct ClassDensity {
 }
 
 impl ClassDensity {
-    /// `features`: one row per signal. `noise`: covariance of a fit's noise at the class. `pooled`:
-    /// covariance of all classes about their own means, that few examples are shrunk towards. `tell_ends`:
-    /// they may be a range. `None`: no examples, or a covariance that is none.
+    /// `features`: one vector per signal. `noise`: covariance of a fit's noise at the class. `pooled`:
+    /// within-class covariance of all classes, towards which that of few examples is shrunk. `tell_ends`:
+    /// whether an axis may be a range. `None`: no examples, or `noise` is not positive definite.
     pub fn learn(
         features: &[DVector<f64>],
         noise: &DMatrix<f64>,
         pooled: Option<&DMatrix<f64>>,
         tell_ends: bool,
     ) -> Option<ClassDensity> {
-        /// Examples that the pooled covariance counts for.
+        /// Weight of the pooled covariance, in examples.
         const SHRINKAGE: f64 = 1.0;
         let n = features.len() as f64;
         let first = features.first()?;
@@ -71,15 +73,15 @@ impl ClassDensity {
             None if n > 1.0 => scatter / known,
             None => return None,
         };
-        // of the next signal: the mean is not known, nor is the covariance (Student's t has variance
-        // nu / (nu - 2))
+        // predictive variance of the next signal over the estimated one: the mean is uncertain (1 + 1/n), and
+        // so is the variance (Student's t with nu degrees of freedom has variance nu / (nu - 2))
         let wider = (1.0 + 1.0 / n) * known / (known - 2.0).max(0.5);
-        // noise = L L^T; the spread in units of the noise, along its own axes
+        // noise = L L^T; eigenvectors of the covariance whitened by the noise
         let l = noise.clone().cholesky()?.l();
         let inverse = l.try_inverse()?;
         let spread = &inverse * &covariance * inverse.transpose();
         let SymmetricEigen { eigenvectors, .. } = SymmetricEigen::new(spread);
-        // sizes that vary apart from each other lie along the features themselves
+        // features that vary independently of each other: the axes are the features themselves
         let apart = DMatrix::from_diagonal(&noise.diagonal().map(|v| 1.0 / v.sqrt()));
         [eigenvectors.transpose() * inverse, apart]
             .into_iter()
@@ -106,9 +108,9 @@ impl ClassDensity {
         if whole { Ok(()) } else { Err(format!("a density is not of {coordinates} coordinates")) }
     }
 
-    /// At most four features.
+    /// ln density at features `x`, at most four.
     pub fn ln_density(&self, x: &[f64]) -> f64 {
-        // what of a range lies within the noise of u: 1 - Phi inside its near end less beyond its far one
+        // a range convolved with the noise is a difference of normal tails, at its near and its far end
         let (mut ends, mut ln_rest) = ([[f64::NEG_INFINITY, f64::INFINITY]; 4], 0.0);
         let axes = self.axes.iter().zip(&self.to_axes);
         for ((axis, row), ends) in axes.zip(&mut ends) {
@@ -123,7 +125,7 @@ impl ClassDensity {
         }
         let mut ln_masses = ln_masses(&ends);
         for (ln_mass, [beyond, _]) in ln_masses.iter_mut().zip(ends) {
-            // far outside a Gaussian tail from the edge
+            // far outside the tails' difference underflows: the asymptote of the near one
             if *ln_mass < LN_LEAST_MASS {
                 *ln_mass = -0.5 * beyond * beyond - (beyond * SQRT_TAU).ln();
             }
@@ -131,24 +133,25 @@ impl ClassDensity {
         self.ln_scale() + ln_rest + ln_masses.iter().sum::<f64>()
     }
 
-    /// What every density of it is multiplied by.
+    /// ln of the normalisation.
     fn ln_scale(&self) -> f64 {
         let of_axes = || self.axes.iter().map(|axis| axis.ln_scale()).sum::<f64>();
         *self.ln_scale.get_or_init(|| self.ln_determinant + of_axes())
     }
 
-    /// No ln density lies above this, less half of [`ClassDensity::square`].
+    /// An upper bound: ln_density(x) <= ln_highest - square(x) / 2, with [`ClassDensity::square`].
     pub fn ln_highest(&self) -> f64 {
         self.ln_determinant + self.axes.iter().map(|axis| axis.ln_highest()).sum::<f64>()
     }
 
-    /// Squared distance from the class in units of its own scatter.
+    /// Squared Mahalanobis distance from the class (along a range: from its nearer end, in the noise's
+    /// standard deviations).
     pub fn square(&self, x: &[f64]) -> f64 {
         let axes = self.axes.iter().zip(&self.to_axes);
         axes.map(|(axis, row)| axis.distance(self.along(row, x)).powi(2)).sum()
     }
 
-    /// Squared distance from the class in units of the noise and of `TOLERANCE`.
+    /// The same, with the variance along each axis widened by [`TOLERANCE`].
     pub fn distance(&self, x: &[f64]) -> f64 {
         let axes = self.axes.iter().zip(&self.to_axes);
         axes.map(|(axis, row)| {
@@ -162,8 +165,8 @@ impl ClassDensity {
         &self.mean
     }
 
-    /// Of each axis its row of `to_axes`, over the standard deviation of a Gaussian, and half the width
-    /// of a range, 0 of a Gaussian.
+    /// Per axis what its distance is computed from: the row of `to_axes` (over the standard deviation, of a
+    /// Gaussian), and the half width (0, of a Gaussian).
     pub(super) fn distances(&self) -> impl Iterator<Item = (impl Iterator<Item = f64>, f64)> {
         self.axes.iter().zip(&self.to_axes).map(|(axis, row)| {
             let (sd, width) = match *axis {
@@ -179,8 +182,8 @@ impl ClassDensity {
     }
 }
 
-/// The density with each axis the likelier of both kinds, and its log likelihood. `covariance` of the
-/// examples, and by what the next signal's is wider.
+/// The density along given axes, each of the kind with the larger likelihood, and its log likelihood.
+/// `covariance`: of the examples; `wider`: predictive variance over theirs.
 fn along(
     to_axes: DMatrix<f64>,
     mean: &DVector<f64>,
@@ -201,11 +204,11 @@ fn along(
         let row = to_axes.row(j);
         let u: Vec<f64> = features.iter().map(|x| (row * (x - mean))[0]).collect();
         let variance = spread[(j, j)].max(0.25);
-        // which kind is told by the examples themselves
+        // the kinds are compared by the examples' own likelihood, not the predictive one
         let of_gaussian = Axis::Gaussian(variance.sqrt()).ln_likelihood(&u, 0.0);
         let gaussian = Axis::Gaussian((wider * variance).sqrt());
         let width = (3.0 * (variance - 1.0).max(0.0) * (1.0 + 1.0 / n)).sqrt();
-        // even in the feature, a logarithm; where the axis is one, also even in what it is the logarithm of
+        // uniform in the feature; where the axis is a log feature, also uniform in what it is the logarithm of
         let mut others = (0..row.len()).filter(|&k| k != j).map(|k| row[k]);
         let in_itself = 1.0 / row[j];
         let is_logarithm = j < LOGARITHMS && others.all(|b| b == 0.0);
@@ -234,19 +237,18 @@ fn along(
     Some((likelihood, density))
 }
 
-/// Of the features: amplitude, damping, frequency.
+/// The first three features are logarithms: of amplitude, damping and frequency.
 const LOGARITHMS: usize = 3;
 
-/// The range of that slope that the examples make likeliest: its log likelihood, its middle, and the
-/// range itself, a little wider, since its ends lie outside the outermost examples. The mean and the
-/// variance that it starts from know the ends far worse (their error falls with the root of the
-/// examples' number, the ends' with the number).
+/// The maximum-likelihood range of a given slope: its log likelihood, its middle, and the range, widened
+/// because its true ends lie outside the outermost examples. The search starts from the moments, whose error
+/// falls with the root of the number of examples, while that of the ends falls with the number itself.
 fn likeliest_range(u: &[f64], half_width: f64, slope: f64) -> (f64, f64, Axis) {
     const NARROWEST: f64 = 0.02;
     let likelihood =
         |half_width, middle| Axis::Range(Range { half_width, slope }).ln_likelihood(u, middle);
     let mut best = (likelihood(half_width, 0.0), 0.0, half_width);
-    // pattern search: the likelihood is smooth, with one peak near the start
+    // pattern search: the likelihood is smooth, with a single maximum near the start
     let mut step = 0.2 * half_width;
     let ways = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)];
     for _ in 0..60 {
@@ -268,13 +270,14 @@ fn likeliest_range(u: &[f64], half_width: f64, slope: f64) -> (f64, f64, Axis) {
         }
     }
     let n = u.len() as f64;
-    // an end lies beyond the outermost example by 2 w / n in the mean, and e^-3 of them by three times that
+    // an end lies 2 w / n beyond the outermost of n examples on average, and with probability e^-3 three
+    // times as far
     let half_width = best.2 * (1.0 + 6.0 / (n - 1.0));
     (best.0, best.1, Axis::Range(Range { half_width, slope }))
 }
 
 impl Range {
-    /// Of e^(slope v) over the range.
+    /// ln of the integral of e^(slope v) over the range.
     fn ln_mass(self) -> f64 {
         let t = (self.slope * self.half_width).abs();
         // ln of 2 sinh(t) / slope
@@ -284,8 +287,8 @@ impl Range {
         }
     }
 
-    /// Integral of e^(slope v) phi(u - v) over the range: e^[`Range::ln_tilt`] times what a Gaussian about
-    /// u + slope has within it.
+    /// The integral of e^(slope v) phi(u - v) over the range is e^[`Range::ln_tilt`] times the probability that a
+    /// unit Gaussian about u + slope lies in it; these are its limits, in standard deviations, near one first.
     fn ends(self, u: f64) -> [f64; 2] {
         let off = (u + self.slope).abs();
         [off - self.half_width, off + self.half_width]
@@ -309,7 +312,7 @@ impl Axis {
                 let mass = (upper_tail(beyond) - upper_tail(far)).max(0.0);
                 let ln_mass = match mass > 1e-280 {
                     true => mass.ln(),
-                    // far outside a Gaussian tail from the edge
+                    // far outside the tails' difference underflows: the asymptote of the near one
                     false => -0.5 * beyond * beyond - (beyond * SQRT_TAU).ln(),
                 };
                 range.ln_tilt(u) + ln_mass - range.ln_mass()
@@ -324,9 +327,9 @@ impl Axis {
         }
     }
 
-    /// Beside ln_density(u) <= ln_highest - distance(u)^2 / 2: of a range since what it has of the noise's
-    /// mass is <= 1 - Phi(|u| - w) <= e^(-(|u| - w)^2 / 2) outside and <= 1 inside, and its density is
-    /// highest at an end.
+    /// ln_density(u) <= ln_highest - distance(u)² / 2. For a range of half width w: the probability that
+    /// noise alone carries it to u is <= 1 inside and <= 1 - Phi(|u| - w) <= e^(-(|u| - w)² / 2) outside, and
+    /// its own density is highest at an end.
     fn ln_highest(self) -> f64 {
         match self {
             Axis::Gaussian(sd) => -(sd * SQRT_TAU).ln(),
@@ -342,17 +345,18 @@ impl Axis {
     }
 }
 
-/// ln of the least mass that a difference of tails is good for.
+/// ln of the least probability for which the difference of two tails is accurate.
 const LN_LEAST_MASS: f64 = -644.0;
 
 for_processor! {
-    /// ln of what lies between two ends of a Gaussian, four times; below [`LN_LEAST_MASS`]: less than that.
+    /// ln of the probability between two limits of a unit Gaussian, for four pairs of limits; a result below
+    /// [`LN_LEAST_MASS`] means less than that.
     fn ln_masses(ends: &[[f64; 2]; 4]) -> [f64; 4] { portable }
 }
 
 #[inline(always)] // compiled once per instruction set
 fn portable(ends: &[[f64; 2]; 4]) -> [f64; 4] {
-    // all near ends, then all far ones
+    // all near limits, then all far ones
     let at: [f64; 8] = std::array::from_fn(|i| ends[i % 4][i / 4]);
     let mut tails = [0.0; 8];
     for i in 0..8 {
@@ -366,7 +370,7 @@ fn portable(ends: &[[f64; 2]; 4]) -> [f64; 4] {
     masses
 }
 
-/// [`upper_tail`] in lanes; of -infinity 1, of infinity 0.
+/// [`upper_tail`] without branches, for SIMD; 1 at -infinity, 0 at infinity.
 #[inline(always)] // compiled once per instruction set
 fn tail(x: f64) -> f64 {
     let z = x.abs() / std::f64::consts::SQRT_2;
@@ -381,8 +385,9 @@ fn tail(x: f64) -> f64 {
     if x >= 0.0 { half } else { 1.0 - half }
 }
 
-/// How far a class may lie elsewhere on another printhead or at another temperature (ln amplitude, ln
-/// damping, ln frequency, phase in rad): an unknown fault must be further away than that.
+/// Tolerance on a class's position (ln amplitude, ln damping, ln frequency, phase in rad): on another
+/// printhead or at another temperature a class may be shifted by as much, so only what lies further away is
+/// an unknown fault.
 pub(super) const TOLERANCE: [f64; 4] = [0.1, 0.15, 0.02, 0.1];
 
 const SQRT_TAU: f64 = 2.506_628_274_631_000_7;

@@ -14,7 +14,7 @@ pub struct Decision {
     pub candidate: Option<u16>,
     /// The named class.
     pub fault: Option<u16>,
-    /// Of the named class, or the category that is certain where no class is.
+    /// The category of the named class, or one that is certain although none of its classes is.
     pub category: Option<u16>,
     /// Weight of the named class, else of the named category, else of the best class.
     pub certainty: Option<f32>,
@@ -55,8 +55,8 @@ impl Decision {
         }
     }
 
-    /// The same with the largest weight as its certainty, also where a category is named: what the
-    /// thesis states of phi, whose sums mean nothing.
+    /// The same with the largest weight as its certainty, also where a category is named: as the thesis
+    /// does, since sums of phi are no probability.
     pub fn certain_of_class(self, weights: &[f64]) -> Decision {
         let certainty = self.candidate.and_then(|k| unit(*weights.get(usize::from(k))?));
         Decision { certainty, ..self }
@@ -113,7 +113,7 @@ impl DecisionRule {
         decision.fault.map(usize::from).or(best)
     }
 
-    /// `weights`: one per class. The first of equals wins. Weights that are no numbers: nothing said.
+    /// `weights`: one per class. Of equal weights the first wins. If one is not finite, nothing is named.
     pub fn decide(&self, weights: &[f64]) -> Decision {
         let nothing = Decision {
             candidate: None,

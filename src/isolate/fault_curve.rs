@@ -1,13 +1,13 @@
-//! What one kind of fault does to a ring's features as it grows, from the physics alone.
+//! How one kind of fault moves a ring's features as its severity grows, predicted by the physics alone.
 //!
 //! In: a healthy channel's rates and actuation, the ring that signals are compared with, how healthy
-//! channels differ. Out: [`FaultCurve`]: along the severity, where the features of a fitted ring lie
-//! and how they scatter. thesis (2-2), §2-2 1)-4). Learns nothing from faults.
+//! channels differ. Out: [`FaultCurve`]: as a function of severity the mean of a fitted ring's features
+//! and their covariance. thesis (2-2), §2-2 1)-4). Learns nothing from faults.
 //!
-//! A fault changes the rates, the rates the poles and, through B_u, the state at t_a. The decay that
-//! follows is fitted by the same fit as a signal, so that what the fit makes of it (it holds the
-//! healthy real pole) is in the curve. Channels differ by small relative changes of their rates and
-//! gain; what these do at each severity is the slope of the same fit.
+//! A fault changes the rates; these change the poles and, through B_u, the state at t_a. The resulting
+//! decay is simulated and fitted exactly as a signal is, so that the fit's own bias (it holds the healthy
+//! real pole) is part of the curve. Channels differ by small relative changes of their rates and gain; the
+//! fit's derivatives by these, at each severity, turn the channels' covariance into one of features.
 
 use super::class_density::TOLERANCE;
 use crate::model::ring_down::{Poles, ring_down_into};
@@ -15,33 +15,35 @@ use crate::model::ring_fit::{Features, Products, RingFitter};
 use crate::model::{Actuation, InkChannel, faults};
 use nalgebra::{Matrix4, Matrix4x2, SMatrix, SymmetricEigen, Vector2, Vector4};
 
-/// Relative changes of a channel: ln a, ln b, ln g, ln d, ln gain.
+/// Number of relative changes by which a channel may differ: ln a, ln b, ln g, ln d, ln gain.
 pub const CHANGES: usize = 5;
+/// Jacobian of the features (ln amplitude, ln damping, ln frequency, phase) by these.
 pub type Slope = SMatrix<f64, 4, CHANGES>;
 
-/// A healthy channel as the physics sees it.
+/// A healthy channel's physical parameters.
 #[derive(Clone, Copy, Debug)]
 pub struct Healthy {
     pub channel: InkChannel,
     pub actuation: Actuation,
 }
 
-/// What the fit makes of one faulty channel.
+/// The features that a fit finds of one faulty channel, and their derivatives.
 #[derive(Clone, Debug)]
 pub struct Point {
+    /// Severity in the coordinate of [`faults::scale`].
     pub place: f64,
     /// Features, relative to the healthy channel's.
     pub mean: Vector4<f64>,
-    /// How one channel's own changes move them.
+    /// Their derivatives by one channel's own changes.
     pub slope: Slope,
-    /// How the curve moves where what is believed of all channels is off: ln a, ln b, ln g, ln d and
-    /// ln pulse. The healthy features stay: they were measured.
-    pub off: Slope,
-    /// Noise of the fit at the reference drive.
+    /// Their derivatives by errors of the parameters that all channels share: ln a, ln b, ln g, ln d, ln pulse.
+    /// The healthy features do not change with these, since they were measured.
+    pub belief_slope: Slope,
+    /// Covariance of the fit's noise at the reference drive.
     pub noise: Matrix4<f64>,
 }
 
-/// An actuation, and the features of the healthy channel that it leaves.
+/// An actuation, and the features of the healthy channel after it.
 #[derive(Clone, Copy, Debug)]
 struct Reference {
     actuation: Actuation,
@@ -49,25 +51,25 @@ struct Reference {
 }
 
 /// Fits noise-free decays of faulty channels.
-pub struct Bench<'a> {
+pub struct FaultSimulator<'a> {
     fitter: &'a RingFitter,
     channel: InkChannel,
-    /// Of one sample, counts.
+    /// Standard deviation of one sample's noise, counts.
     noise: f64,
     dt_s: f64,
-    /// As believed, with a longer pulse, with a shorter one.
+    /// With the nominal pulse, a longer and a shorter one.
     references: [Reference; 3],
-    /// Of the healthy channel, with the phase free.
+    /// Derivatives of the healthy channel's features, with the phase free.
     healthy_slope: Slope,
     healthy_poles: Poles,
     decay: Vec<f64>,
     work: Products,
 }
 
-/// Relative change of a rate by which slopes are measured.
+/// Step of ln rate and ln pulse for central differences.
 const STEP: f64 = 0.01;
 
-impl<'a> Bench<'a> {
+impl<'a> FaultSimulator<'a> {
     /// `None`: the healthy channel does not ring.
     pub fn new(
         fitter: &'a RingFitter,
@@ -75,10 +77,10 @@ impl<'a> Bench<'a> {
         noise: f64,
         dt_s: f64,
         samples: usize,
-    ) -> Option<Bench<'a>> {
+    ) -> Option<FaultSimulator<'a>> {
         let Healthy { channel, actuation } = healthy;
         let reference = Reference { actuation, origin: Vector4::zeros() };
-        let mut bench = Bench {
+        let mut simulator = FaultSimulator {
             fitter,
             channel,
             noise,
@@ -91,14 +93,14 @@ impl<'a> Bench<'a> {
         };
         for (k, by) in [0.0, STEP, -STEP].into_iter().enumerate() {
             let pulse_s = actuation.pulse_s * by.exp();
-            bench.references[k] = bench.reference(Actuation { pulse_s, ..actuation })?;
+            simulator.references[k] = simulator.reference(Actuation { pulse_s, ..actuation })?;
         }
-        bench.healthy_slope = bench.slope(&Some)?.1;
-        Some(bench)
+        simulator.healthy_slope = simulator.slope(&Some)?.1;
+        Some(simulator)
     }
 
-    /// Moves the delay until the healthy phase is the measured one: the phase tells the delay far
-    /// better than a setting does.
+    /// Chooses the delay such that the simulated healthy phase is the measured one, which determines the
+    /// delay far better than a setting does.
     fn reference(&mut self, set: Actuation) -> Option<Reference> {
         const MOST_PHASE_RAD: f64 = 1.5;
         let omega = std::f64::consts::TAU * self.healthy_poles.frequency_hz;
@@ -117,7 +119,7 @@ impl<'a> Bench<'a> {
         Some(Reference { actuation, origin })
     }
 
-    /// Features of a channel's decay; searched from `near`, or everywhere.
+    /// Features of a channel's decay; the fit starts from `near`, or from a coarse search.
     fn fit(
         &mut self,
         channel: &InkChannel,
@@ -133,7 +135,7 @@ impl<'a> Bench<'a> {
         Some(Vector4::from(fit?.features.coordinates()))
     }
 
-    /// Features of `fault`(channel), not yet relative, and their slope along [`CHANGES`].
+    /// Features of `fault`(channel), not relative to the healthy ones, and their derivatives by [`CHANGES`].
     fn slope(
         &mut self,
         fault: &dyn Fn(InkChannel) -> Option<InkChannel>,
@@ -141,7 +143,7 @@ impl<'a> Bench<'a> {
         let (channel, actuation) = (self.channel, self.references[0].actuation);
         let found = self.fit(&fault(channel)?, &actuation, None)?;
         let mut slope = Slope::zeros();
-        slope[(0, 4)] = 1.0; // the gain is the amplitude's
+        slope[(0, 4)] = 1.0; // ln gain adds to ln amplitude
         for j in 0..4 {
             let mut moved = |sign: f64| {
                 let mut c = channel;
@@ -155,7 +157,7 @@ impl<'a> Bench<'a> {
         Some((found, slope))
     }
 
-    /// A channel's decay as the believed actuation and gain leave it, counts.
+    /// A channel's decay with the nominal actuation and gain, N, counts.
     pub fn decay(&self, channel: &InkChannel) -> Option<Vec<f64>> {
         let Reference { actuation, origin } = self.references[0];
         let x_a = actuation.acquisition_state(channel, (-origin[0]).exp());
@@ -164,12 +166,12 @@ impl<'a> Bench<'a> {
         decay.iter().all(|y| y.is_finite()).then_some(decay)
     }
 
-    /// How healthy features move with a channel's own changes, the phase free.
+    /// Derivatives of the healthy features by a channel's own changes, the phase free.
     pub fn healthy_slope(&self) -> &Slope {
         &self.healthy_slope
     }
 
-    /// A fault of the kind of `class` at a place of [`faults::scale`].
+    /// A fault of the kind of `class` at a severity given in the coordinate of [`faults::scale`].
     pub fn point(&mut self, class: &str, place: f64) -> Option<Point> {
         let severity = faults::severity_at(class, place)?;
         let fault = |channel: InkChannel| faults::apply(class, severity, &channel);
@@ -181,23 +183,24 @@ impl<'a> Bench<'a> {
         let of_pulse = turned(moved(longer)? - moved(shorter)?) / (2.0 * STEP);
         let mean = turned(found - believed.origin);
 
-        // Rates that are off move the healthy features, too, and those were measured: their phase moves
-        // the delay, and so the phase and amplitude of what rings at another frequency and damping.
+        // An error of the rates would change the healthy features too. These were measured, so the delay
+        // is adapted to keep the healthy phase, and with the delay change phase and amplitude of a faulty
+        // ring, whose frequency and damping are others.
         let Poles { damping_per_s, frequency_hz, .. } = self.healthy_poles;
         let omega = std::f64::consts::TAU * frequency_hz;
-        let mut off = slope - self.healthy_slope;
+        let mut belief_slope = slope - self.healthy_slope;
         for j in 0..4 {
             let phase = self.healthy_slope[(3, j)];
-            off[(0, j)] += phase * damping_per_s * mean[1].exp_m1() / omega;
-            off[(3, j)] = slope[(3, j)] - phase * mean[2].exp();
+            belief_slope[(0, j)] += phase * damping_per_s * mean[1].exp_m1() / omega;
+            belief_slope[(3, j)] = slope[(3, j)] - phase * mean[2].exp();
         }
-        off.set_column(4, &of_pulse);
+        belief_slope.set_column(4, &of_pulse);
         let noise = noise_of_fit(self.fitter, &features(&mean), self.noise)?;
-        Some(Point { place, mean, slope, off, noise })
+        Some(Point { place, mean, slope, belief_slope, noise })
     }
 }
 
-/// What stiffness and viscosity of all channels do, of their rates' slopes.
+/// Derivatives by a common ln stiffness (a and b) and a common ln viscosity (g and d).
 pub fn of_change(slope: &Slope) -> Matrix4x2<f64> {
     let column = |i: usize, j: usize| slope.column(i) + slope.column(j);
     Matrix4x2::from_columns(&[column(0, 1), column(2, 3)])
@@ -216,56 +219,56 @@ pub fn turned(mut x: Vector4<f64>) -> Vector4<f64> {
     x
 }
 
-/// Covariance of the noise of a fit with the phase free.
+/// Covariance of a fit's features due to noise, with the phase free. `noise`: of one sample, counts.
 pub fn noise_of_fit(fitter: &RingFitter, at: &Features, noise: f64) -> Option<Matrix4<f64>> {
     let covariance = fitter.noise_covariance(at, true, noise)?;
     Some(Matrix4::from_fn(|i, j| covariance[(i, j)]))
 }
 
-/// Under what a signal is seen.
+/// The conditions under which a signal was acquired.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen<'a> {
+pub struct Conditions<'a> {
     /// Drive voltage over the reference.
     pub drive: f64,
-    /// ln of how much stiffer (a, b) and more viscous (g, d) all channels are than the curves': the
-    /// ink's temperature, another window, another printhead.
+    /// ln of the stiffness (a, b) and viscosity (g, d) of all channels over those that the curves were made
+    /// for: another ink temperature, window or printhead.
     pub changed: Vector2<f64>,
-    /// The channel's own, with curves of one channel.
+    /// The channel's own baseline; only with curves of one channel.
     pub baseline: Option<&'a Vector4<f64>>,
 }
 
-impl Seen<'_> {
-    /// At the reference drive, and as the curves were made.
-    pub fn as_made() -> Seen<'static> {
-        Seen { drive: 1.0, changed: Vector2::zeros(), baseline: None }
+impl Conditions<'_> {
+    /// The conditions that the curves were made for.
+    pub fn as_made() -> Conditions<'static> {
+        Conditions { drive: 1.0, changed: Vector2::zeros(), baseline: None }
     }
 }
 
-/// A place on the curve, ready to be compared with a signal.
+/// A point of a fault curve, a Gaussian in the features, ready to be compared with a signal.
 #[derive(Clone, Debug)]
 pub struct Node {
     pub severity: f64,
-    /// On the scale on which severities are equally likely.
+    /// Severity in the coordinate of [`faults::scale`], and the length of the interval that the node stands for.
     pub place: f64,
-    /// Length of its part of that scale.
     pub length: f64,
     pub mean: Vector4<f64>,
     slope: Slope,
-    /// Covariance of what is believed of all channels.
+    /// Covariance of the mean due to errors of the parameters that all channels share.
     belief: Matrix4<f64>,
     noise: Matrix4<f64>,
-    /// How the mean moves with [`Seen::changed`].
-    pub(super) moves: Matrix4x2<f64>,
-    /// Of one channel: how the mean follows its baseline.
-    pub(super) follows: Matrix4<f64>,
-    /// u = to_axes (x - mean): the noise at the reference drive is unit, the spread diagonal.
+    /// d mean / d [`Conditions::changed`].
+    pub(super) by_change: Matrix4x2<f64>,
+    /// d mean / d [`Conditions::baseline`], of one channel's curves.
+    pub(super) by_baseline: Matrix4<f64>,
+    /// u = to_axes (x - mean), in which the noise at the reference drive has unit covariance and all other
+    /// scatter the diagonal covariance `spread` (simultaneous diagonalisation).
     pub(super) to_axes: Matrix4<f64>,
     pub(super) spread: Vector4<f64>,
     pub(super) ln_determinant: f64,
 }
 
 impl Node {
-    /// Of each coordinate: beyond the noise, and of the noise at the reference drive.
+    /// Variance of each feature: of all scatter but the noise, and of the noise at the reference drive.
     pub fn variances(&self) -> [Vector4<f64>; 2] {
         // x = to_axes^-1 u, where the noise is unit
         let back = self.to_axes.try_inverse().unwrap_or_else(Matrix4::identity);
@@ -273,47 +276,48 @@ impl Node {
         [along(&self.spread).diagonal(), along(&Vector4::repeat(1.0)).diagonal()]
     }
 
-    /// How far the mean has moved from where the curve was made.
-    pub fn moved(&self, seen: Seen) -> Vector4<f64> {
-        let changed = self.moves * seen.changed;
-        seen.baseline.map_or(changed, |own| changed + self.follows * own)
+    /// Shift of the mean under these conditions.
+    pub fn moved(&self, conditions: Conditions) -> Vector4<f64> {
+        let changed = self.by_change * conditions.changed;
+        conditions.baseline.map_or(changed, |own| changed + self.by_baseline * own)
     }
 
-    fn along_axes(&self, x: &Vector4<f64>, seen: Seen) -> Vector4<f64> {
-        let mean = self.mean + self.moved(seen);
+    fn along_axes(&self, x: &Vector4<f64>, conditions: Conditions) -> Vector4<f64> {
+        let mean = self.mean + self.moved(conditions);
         self.to_axes * turned(x - mean)
     }
 
-    /// Squared distance of features from here, in units of what scatters them and of the tolerance
-    /// of classes.
-    pub fn distance(&self, x: &Vector4<f64>, seen: Seen) -> f64 {
-        let u = self.along_axes(x, seen);
+    /// Squared Mahalanobis distance of features from the node, the covariance widened by the classes'
+    /// tolerance.
+    pub fn distance(&self, x: &Vector4<f64>, conditions: Conditions) -> f64 {
+        let u = self.along_axes(x, conditions);
         let elsewhere = |j: usize| -> f64 {
             (0..4).map(|k| (self.to_axes[(j, k)] * TOLERANCE[k]).powi(2)).sum()
         };
-        let noise = 1.0 / (seen.drive * seen.drive);
+        let noise = 1.0 / (conditions.drive * conditions.drive);
         (0..4).map(|j| u[j] * u[j] / (self.spread[j] + noise + elsewhere(j))).sum()
     }
 }
 
-/// What scatters features besides the noise.
+/// Covariances behind the scatter of features, besides the noise.
 #[derive(Clone, Copy, Debug)]
 pub struct Scatter {
-    /// Covariance of [`CHANGES`] from channel to channel.
+    /// Of [`CHANGES`] from channel to channel.
     pub channels: SMatrix<f64, CHANGES, CHANGES>,
-    /// Covariance of what is believed of all: ln a, ln b, ln g, ln d, ln pulse.
+    /// Of the errors of what all channels share: ln a, ln b, ln g, ln d, ln pulse.
     pub belief: SMatrix<f64, CHANGES, CHANGES>,
 }
 
-/// A kind of fault from none to its largest.
+/// A kind of fault from severity none to its largest.
 #[derive(Clone, Debug)]
 pub struct FaultCurve {
     pub nodes: Vec<Node>,
 }
 
-/// Places at which decays are fitted; between them the curve is straight.
+/// Severities at which decays are simulated and fitted; between them the curve is interpolated linearly.
 const POINTS: usize = 64;
-/// Distance of nodes, in units of a signal's own scatter: sums over nodes are then as good as integrals.
+/// Distance of neighbouring nodes in standard deviations of a signal: close enough for a sum over nodes to
+/// stand for the integral over severity.
 const NODE_DISTANCE: f64 = 0.7;
 /// Nodes between two points, at most.
 const MOST_BETWEEN: usize = 48;
@@ -322,7 +326,7 @@ impl FaultCurve {
     /// The kind of `class`, over the severities of `classes` (all of that kind) and down to none.
     /// `None`: it does not ring over its range.
     pub fn new(
-        bench: &mut Bench,
+        simulator: &mut FaultSimulator,
         class: &str,
         largest: f64,
         scatter: &Scatter,
@@ -330,7 +334,7 @@ impl FaultCurve {
         let none = faults::scale(class, faults::no_fault_severity(class)?)?;
         let most = faults::scale(class, largest)?;
         let points: Vec<Point> = (0..=POINTS)
-            .map(|i| bench.point(class, none + (most - none) * i as f64 / POINTS as f64))
+            .map(|i| simulator.point(class, none + (most - none) * i as f64 / POINTS as f64))
             .collect::<Option<_>>()?;
         let mut nodes = Vec::new();
         for pair in points.windows(2) {
@@ -344,12 +348,12 @@ impl FaultCurve {
                 let place = from.place + share * (to.place - from.place);
                 let mean = turned(from.mean + step * share);
                 let slope = from.slope * (1.0 - share) + to.slope * share;
-                let off = from.off * (1.0 - share) + to.off * share;
+                let belief_slope = from.belief_slope * (1.0 - share) + to.belief_slope * share;
                 let noise = from.noise * (1.0 - share) + to.noise * share;
                 let length = (to.place - from.place) / n as f64;
                 let severity = faults::severity_at(class, place)?;
                 let spread = slope * scatter.channels * slope.transpose();
-                let belief = off * scatter.belief * off.transpose();
+                let belief = belief_slope * scatter.belief * belief_slope.transpose();
                 let node = Node {
                     severity,
                     place,
@@ -358,8 +362,8 @@ impl FaultCurve {
                     slope,
                     belief,
                     noise,
-                    moves: of_change(&(slope - bench.healthy_slope)),
-                    follows: Matrix4::zeros(),
+                    by_change: of_change(&(slope - simulator.healthy_slope)),
+                    by_baseline: Matrix4::zeros(),
                     to_axes: Matrix4::identity(),
                     spread: Vector4::zeros(),
                     ln_determinant: 0.0,
@@ -372,7 +376,7 @@ impl FaultCurve {
 }
 
 impl Node {
-    /// With that covariance beyond the noise.
+    /// The node with `beyond` as the covariance of all scatter but the noise.
     fn scattered(self, beyond: &Matrix4<f64>) -> Option<Node> {
         let inverse = self.noise.cholesky()?.l().try_inverse()?;
         let whitened = inverse * beyond * inverse.transpose();
@@ -384,7 +388,8 @@ impl Node {
         finite.then_some(Node { to_axes, spread, ln_determinant, ..self })
     }
 
-    /// Of one channel, whose changes a baseline tells by `gain` and leaves `left` of.
+    /// The node of one channel: its baseline determines the channel's changes as `gain` times the baseline,
+    /// with the remaining covariance `left`. `shot`: covariance of one channel's signals beyond the noise.
     pub fn of_one_channel(
         &self,
         gain: &SMatrix<f64, CHANGES, 4>,
@@ -392,7 +397,7 @@ impl Node {
         shot: &Matrix4<f64>,
     ) -> Option<Node> {
         let beyond = self.slope * left * self.slope.transpose() + shot + self.belief;
-        let own = Node { follows: self.slope * gain, ..self.clone() };
+        let own = Node { by_baseline: self.slope * gain, ..self.clone() };
         own.scattered(&beyond)
     }
 }
@@ -400,9 +405,9 @@ impl Node {
 #[cfg(test)]
 impl Node {
     /// ln of the density of features at a drive, given this severity.
-    pub fn ln_density(&self, x: &Vector4<f64>, seen: Seen) -> f64 {
-        let u = self.along_axes(x, seen);
-        let noise = 1.0 / (seen.drive * seen.drive);
+    pub fn ln_density(&self, x: &Vector4<f64>, conditions: Conditions) -> f64 {
+        let u = self.along_axes(x, conditions);
+        let noise = 1.0 / (conditions.drive * conditions.drive);
         let (mut square, mut product) = (0.0, 1.0);
         for j in 0..4 {
             let variance = self.spread[j] + noise;
@@ -428,8 +433,8 @@ impl Node {
                 slope: Slope::zeros(),
                 belief: Matrix4::zeros(),
                 noise: factor * factor.transpose(),
-                moves: Matrix4x2::from_fn(|_, _| within(0.5)),
-                follows: Matrix4::from_fn(|_, _| within(0.5)),
+                by_change: Matrix4x2::from_fn(|_, _| within(0.5)),
+                by_baseline: Matrix4::from_fn(|_, _| within(0.5)),
                 to_axes: Matrix4::identity(),
                 spread: Vector4::zeros(),
                 ln_determinant: 0.0,

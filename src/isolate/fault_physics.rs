@@ -1,18 +1,19 @@
-//! What is believed of a machine's channels, from which everything said of faults unseen follows.
+//! The physical parameters of a machine's channels, estimated with their covariance: what predicts faults
+//! of which no signal was labelled.
 //!
-//! In: a guess of the rates, the measured healthy ring, healthy features, labelled severities where
-//! there are any. Out: [`FaultPhysics`]: rates, actuation, how channels differ, and how well the first
-//! two are known; from it the curves of the fault classes. thesis (2-2), §2-2.
+//! In: a prior guess of the rates, the measured healthy ring, healthy features, labelled severities where
+//! there are any. Out: [`FaultPhysics`]: rates and actuation with their covariance (`belief`), and how
+//! channels differ (`spread`); from it the curves of the fault classes. thesis (2-2), §2-2.
 //!
-//! Damping and frequency of the healthy ring fix two combinations of the four rates. The ratios a/b
-//! and g/d are the guess's, as far as it is trusted (`isolate.guess_sd`): no healthy signal tells them.
-//! Faults do, if their severity is labelled: every such signal is one look at the rates (Gauss-Newton
-//! on the features, Student weights against wrong labels).
+//! Damping and frequency of the healthy ring determine two combinations of the four rates. The ratios a/b
+//! and g/d are not observable in healthy signals; they come from the guess, with the prior standard
+//! deviation `isolate.guess_sd`. Faulty signals of labelled severity are observations of them: maximum a
+//! posteriori by Gauss-Newton on the features, with the weights of Student's t against wrong labels.
 
 use super::fault_curve::{
-    Bench, CHANGES, FaultCurve, Healthy, Scatter, Slope, noise_of_fit, of_change, turned,
+    CHANGES, FaultCurve, FaultSimulator, Healthy, Scatter, Slope, noise_of_fit, of_change, turned,
 };
-use super::physics_density::{FaultCurves, HealthySpread, Member, SeenSizes};
+use super::physics_density::{FaultCurves, HealthySpread, LabelledSeverities, Member};
 use crate::fault::Class;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
@@ -23,58 +24,62 @@ use std::collections::BTreeMap;
 
 type Square = SMatrix<f64, CHANGES, CHANGES>;
 
-/// What the curves of the design's classes are made of.
+/// Parameters from which the fault curves of a design's classes are computed.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct FaultPhysics {
     pub channel: InkChannel,
     pub actuation: Actuation,
-    /// Covariance of what is believed: ln a, ln b, ln g, ln d, ln pulse.
+    /// Posterior covariance of ln a, ln b, ln g, ln d, ln pulse.
     pub belief: [[f64; CHANGES]; CHANGES],
     /// The ring that signals are compared with.
     pub ring: Ring,
-    /// Of one sample, counts.
+    /// Standard deviation of one sample's noise, counts.
     pub noise: f64,
-    /// Standard deviations of healthy channels: ln a, ln b, ln g, ln d, ln gain.
+    /// Standard deviations over healthy channels of ln a, ln b, ln g, ln d, ln gain.
     pub spread: [f64; CHANGES],
-    /// Severities of the labelled signals of a class.
-    pub seen: BTreeMap<String, SeenSizes>,
+    /// Severities of the labelled signals, by class.
+    pub seen: BTreeMap<String, LabelledSeverities>,
 }
 
 /// A labelled signal of known severity.
 #[derive(Clone, Debug)]
-pub struct Look {
+pub struct LabelledFault {
     /// Its label.
     pub class: String,
-    /// The thesis's class in whose unit the severity is.
+    /// The thesis's class in whose unit the severity is given.
     pub kind: String,
+    /// NaN: not labelled.
     pub severity: f64,
-    /// Of a fit with the phase free.
+    /// Fitted features, the phase free.
     pub features: Vector4<f64>,
+    /// Drive voltage over the reference.
     pub drive: f64,
-    /// ln damping and ln frequency of the healthy ring then, from [`FaultPhysics::ring`]'s.
+    /// ln damping and ln frequency of the healthy ring at that time, relative to [`FaultPhysics::ring`].
     pub ring: [f64; 2],
-    /// 1, or less where one channel gave many.
+    /// 1; less for signals of a channel that gave many, since they are not independent.
     pub weight: f64,
 }
 
-/// Sampling of the signals: period in s, samples.
+/// Sample period in s, and samples per signal.
 pub type Sampling = (f64, usize);
 
-/// ln pulse is known to this, whatever the guess.
+/// Prior standard deviation of ln pulse.
 const PULSE_SD: f64 = 0.1;
-/// The guess's scale of stiffness and of viscosity is known to a factor only.
+/// Prior standard deviation of the ln of a common factor of a and b (stiffness), and of g and d (viscosity):
+/// of the guess only the ratios are trusted.
 const SCALE_SD: f64 = 1.0;
-/// ln damping and ln frequency of the healthy ring are known to this.
+/// Standard deviation of ln damping and ln frequency of the measured healthy ring.
 const RING_SD: f64 = 1e-3;
-/// Student's degrees of freedom of a labelled signal's distance from the curve.
+/// Degrees of freedom of Student's t for a labelled signal's distance from the curve.
 const DEGREES: f64 = 8.0;
-/// Passes over the spreads of channels: some 50 suffice.
+/// Passes of the coordinate search for the channels' spread, at most; some 50 suffice.
 const MOST_PASSES: usize = 10_000;
 /// Gauss-Newton steps on the rates.
 const ROUNDS: usize = 6;
 
 impl FaultPhysics {
-    /// Before any fault was seen. `guess`: rates and actuation; `guess_sd`: of its ratios.
+    /// From the prior and the healthy ring alone. `guess`: rates and actuation; `guess_sd`: prior standard
+    /// deviation of each ln rate beside the common factors; `noise`: of one sample, counts. `None`: no such channel rings.
     pub fn new(guess: Healthy, guess_sd: f64, ring: Ring, noise: f64) -> Option<FaultPhysics> {
         let mut physics = FaultPhysics {
             channel: guess.channel,
@@ -92,7 +97,8 @@ impl FaultPhysics {
         Some(physics)
     }
 
-    /// Learns how healthy channels differ. `noise`: mean covariance of the features' noise.
+    /// Learns how healthy channels differ. `features`: one row per signal; `noise`: mean covariance of their
+    /// noise; `channels`: how many channels they came from.
     pub fn learn_spread(
         &mut self,
         features: &[Vec<f64>],
@@ -101,48 +107,51 @@ impl FaultPhysics {
         (dt_s, samples): Sampling,
     ) -> Option<()> {
         let fitter = RingFitter::new(self.ring, dt_s, samples);
-        let bench = Bench::new(&fitter, self.healthy(), self.noise, dt_s, samples)?;
-        self.spread = spread_of_channels(bench.healthy_slope(), features, noise, channels)?;
+        let simulator = FaultSimulator::new(&fitter, self.healthy(), self.noise, dt_s, samples)?;
+        self.spread = spread_of_channels(simulator.healthy_slope(), features, noise, channels)?;
         Some(())
     }
 
-    /// Corrects rates and pulse by signals of known severity; what the physics does not know, or no
-    /// fault of that size rings, is left out.
+    /// Corrects rates and pulse by signals of known severity. Left out are classes that the physics does not
+    /// know and severities at which a channel would not ring.
     pub fn learn_rates(
         &mut self,
         guess: Healthy,
         guess_sd: f64,
-        looks: &[Look],
+        labelled: &[LabelledFault],
         (dt_s, samples): Sampling,
     ) -> Option<()> {
         let prior = Prior::new(guess, guess_sd)?;
         let fitter = RingFitter::new(self.ring, dt_s, samples);
         for _ in 0..ROUNDS {
             let change = self.change()?;
-            let mut bench = Bench::new(&fitter, self.healthy(), self.noise, dt_s, samples)?;
+            let mut simulator =
+                FaultSimulator::new(&fitter, self.healthy(), self.noise, dt_s, samples)?;
             let (mut information, mut gradient) = (Square::zeros(), SVector::zeros());
-            for look in looks.iter().filter(|look| look.severity.is_finite()) {
-                let place = faults::scale(&look.kind, look.severity);
-                let Some(point) = place.and_then(|at| bench.point(&look.kind, at)) else {
+            for signal in labelled.iter().filter(|signal| signal.severity.is_finite()) {
+                let place = faults::scale(&signal.kind, signal.severity);
+                let Some(point) = place.and_then(|at| simulator.point(&signal.kind, at)) else {
                     continue;
                 };
                 let scatter = point.slope * self.channels() * point.slope.transpose()
-                    + point.noise / (look.drive * look.drive);
+                    + point.noise / (signal.drive * signal.drive);
                 let Some(inverse) = scatter.try_inverse() else { continue };
-                let changed = change * Vector2::from(look.ring);
-                let moved = of_change(&(point.slope - bench.healthy_slope())) * changed;
-                let rest = turned(look.features - point.mean - moved);
+                let changed = change * Vector2::from(signal.ring);
+                let moved = of_change(&(point.slope - simulator.healthy_slope())) * changed;
+                let rest = turned(signal.features - point.mean - moved);
                 let square = rest.dot(&(inverse * rest));
-                let weight = look.weight * (DEGREES + 4.0) / (DEGREES + square);
-                information += point.off.transpose() * inverse * point.off * weight;
-                gradient += point.off.transpose() * inverse * rest * weight;
+                let weight = signal.weight * (DEGREES + 4.0) / (DEGREES + square);
+                information +=
+                    point.belief_slope.transpose() * inverse * point.belief_slope * weight;
+                gradient += point.belief_slope.transpose() * inverse * rest * weight;
             }
             self.step(&prior, information, gradient)?;
         }
         Some(())
     }
 
-    /// From ln damping and ln frequency of the healthy ring to ln stiffness and ln viscosity.
+    /// d(ln stiffness, ln viscosity) / d(ln damping, ln frequency) of the healthy ring, stiffness being a and
+    /// b, viscosity g and d of all channels.
     fn change(&self) -> Option<Matrix2<f64>> {
         const STEP: f64 = 1e-3;
         let ring = |stiffer: f64, thicker: f64| -> Option<Vector2<f64>> {
@@ -161,7 +170,8 @@ impl FaultPhysics {
         Matrix2::from_columns(&[slope(1.0, 0.0)?, slope(0.0, 1.0)?]).try_inverse()
     }
 
-    /// One Gauss-Newton step on ln rates and ln pulse: the prior, the healthy ring, the looks.
+    /// One Gauss-Newton step on ln rates and ln pulse. `information`, `gradient`: of the labelled signals;
+    /// the prior's and the healthy ring's are added.
     fn step(
         &mut self,
         prior: &Prior,
@@ -248,16 +258,18 @@ impl FaultPhysics {
 
     pub fn curves(&self, classes: &[Class], dt_s: f64, samples: usize) -> FaultCurves {
         let fitter = RingFitter::new(self.ring, dt_s, samples);
-        let bench = Bench::new(&fitter, self.healthy(), self.noise, dt_s, samples);
+        let simulator = FaultSimulator::new(&fitter, self.healthy(), self.noise, dt_s, samples);
         let noise = noise_of_fit(&fitter, &Features::HEALTHY, self.noise);
         let healthy = HealthySpread {
-            slope: bench.as_ref().map_or(Slope::zeros(), |bench| *bench.healthy_slope()),
+            slope: simulator
+                .as_ref()
+                .map_or(Slope::zeros(), |simulator| *simulator.healthy_slope()),
             channels: self.channels(),
             noise: noise.unwrap_or_else(Matrix4::identity),
             change: self.change().unwrap_or_default(),
         };
         let mut curves = FaultCurves::new(classes.len(), healthy);
-        let Some(mut bench) = bench else { return curves };
+        let Some(mut simulator) = simulator else { return curves };
         let belief = Square::from_fn(|i, j| self.belief[i][j]);
         let scatter = Scatter { channels: self.channels(), belief };
         let mut kinds: Vec<(&str, Option<usize>)> = Vec::new();
@@ -268,7 +280,7 @@ impl FaultPhysics {
                 let known = kinds.iter().find(|(of, _)| *of == kind).map(|(_, curve)| *curve);
                 let number = known.unwrap_or_else(|| {
                     let curve = faults::largest(class)
-                        .and_then(|most| FaultCurve::new(&mut bench, class, most, &scatter));
+                        .and_then(|most| FaultCurve::new(&mut simulator, class, most, &scatter));
                     let number = curve.map(|curve| curves.add(curve));
                     kinds.push((kind, number));
                     number
@@ -280,7 +292,7 @@ impl FaultPhysics {
         curves
     }
 
-    /// What a fault of this severity adds to the healthy signal, counts. `None`: it does not ring.
+    /// What a fault of this severity adds to the healthy signal, N, counts. `None`: the channel does not ring.
     pub fn deviation(
         &self,
         class: &str,
@@ -288,14 +300,14 @@ impl FaultPhysics {
         (dt_s, samples): Sampling,
     ) -> Option<Vec<f64>> {
         let fitter = RingFitter::new(self.ring, dt_s, samples);
-        let bench = Bench::new(&fitter, self.healthy(), self.noise, dt_s, samples)?;
-        let healthy = bench.decay(&self.channel)?;
-        let faulty = bench.decay(&faults::apply(class, severity, &self.channel)?)?;
+        let simulator = FaultSimulator::new(&fitter, self.healthy(), self.noise, dt_s, samples)?;
+        let healthy = simulator.decay(&self.channel)?;
+        let faulty = simulator.decay(&faults::apply(class, severity, &self.channel)?)?;
         Some(faulty.iter().zip(&healthy).map(|(f, h)| f - h).collect())
     }
 }
 
-/// What is believed before the healthy ring: ln rates and ln pulse.
+/// The Gaussian prior of ln rates and ln pulse.
 struct Prior {
     mean: SVector<f64, CHANGES>,
     information: Square,
@@ -327,17 +339,17 @@ fn channel(theta: &SVector<f64, CHANGES>) -> InkChannel {
     }
 }
 
-/// ln of the factor within which the spreads of g and d are believed.
+/// Prior standard deviation of ln (spread of g / spread of d): ln 1.5.
 const ALIKE: f64 = 0.405;
-/// More channels than this do not make a Gaussian of what is none.
+/// The likelihood counts no more channels than this: the channels' spread is not exactly Gaussian.
 const MOST_CHANNELS: usize = 400;
 
-/// How far healthy channels differ in their rates and gain, from how far their features do beyond the
-/// noise. `features`: of fits with the phase free. `noise`: their mean noise covariance.
+/// Standard deviations of ln a, ln b, ln g, ln d, ln gain over healthy channels, from the covariance of
+/// their features beyond the noise. `slope`: Jacobian of the features; `features`: of fits with the phase
+/// free; `noise`: their mean noise covariance.
 ///
-/// Three or four features cannot tell five spreads: a and b are taken to spread alike, and g as d
-/// unless the features say otherwise (a prior: within a factor of 1.5 of each other). Maximum a
-/// posteriori, by a coordinate search.
+/// Four features do not determine five variances: a and b are given the same, and the ratio of g's to d's
+/// has a prior. Maximum a posteriori, by a coordinate search.
 fn spread_of_channels(
     slope: &Slope,
     features: &[Vec<f64>],
@@ -353,7 +365,7 @@ fn spread_of_channels(
     let sample =
         rows().map(|x| (x - mean) * (x - mean).transpose()).sum::<Matrix4<f64>>() / (n - 1.0);
     let noise = Matrix4::from_fn(|i, j| noise[(i, j)]);
-    // ln of the standard deviations of (a and b, g, d, gain) and of what else turns the phase
+    // `ln_sd`: of a and b, g, d, gain, and of the phase by other causes (such as the trigger)
     let cost = |ln_sd: &[f64; 5]| -> f64 {
         let v = ln_sd.map(|l| (2.0 * l).exp());
         let rates = SMatrix::<f64, CHANGES, 1>::from([v[0], v[0], v[1], v[2], v[3]]);
@@ -362,14 +374,14 @@ fn spread_of_channels(
         let Some(cholesky) = model.cholesky() else { return f64::INFINITY };
         let fit = cholesky.determinant().ln() + (cholesky.inverse() * sample).trace();
         let alike = (ln_sd[1] - ln_sd[2]) / ALIKE;
-        // what the features do not show tends to nothing, slowly
+        // a weak prior towards small spreads, for those that the features do not determine
         let small: f64 = ln_sd.iter().map(|l| ((l + 5.0) / 3.0).powi(2)).sum();
         0.5 * channels.min(MOST_CHANNELS) as f64 * fit + 0.5 * (alike * alike + small)
     };
     let mut best = [-5.0; 5];
     let mut least = cost(&best);
     if !least.is_finite() {
-        return None; // features or noise beyond what squares hold
+        return None; // features or noise so large that their squares overflow
     }
     let mut step = 1.0;
     for _ in 0..MOST_PASSES {
@@ -388,7 +400,7 @@ fn spread_of_channels(
             }
         }
         if before - least >= 1e-6 {
-            continue; // not so where either is no number
+            continue; // false where either is NaN
         }
         step /= 2.0;
     }
@@ -398,7 +410,7 @@ fn spread_of_channels(
 
 #[cfg(test)]
 mod tests {
-    use super::super::fault_curve::Seen;
+    use super::super::fault_curve::Conditions;
     use super::super::physics_density::Comparison;
     use super::*;
     use crate::fault::{CLASSES, category};
@@ -451,8 +463,8 @@ mod tests {
         Vector4::from(fit.features.coordinates())
     }
 
-    /// A severity within what the class's name says, and a noisy look at a channel of the spread.
-    fn look(class: &str, rng: &mut ChaCha8Rng) -> (f64, Vector4<f64>) {
+    /// A severity within the class's range, and the noisy features of a random channel with that fault.
+    fn faulty_features(class: &str, rng: &mut ChaCha8Rng) -> (f64, Vector4<f64>) {
         let mut normal = |sd: f64| 1.0 + sd * rng.sample::<f64, _>(StandardNormal);
         let channel = InkChannel {
             a_per_s2: TRUE.a_per_s2 * normal(0.002),
@@ -498,16 +510,24 @@ mod tests {
         let (truth, before) = (ratio(&TRUE), ratio(&physics.channel));
         assert!((before.0 / truth.0 - 1.0).abs() > 0.05, "the guess is off");
         let mut rng = ChaCha8Rng::seed_from_u64(4);
-        let looks: Vec<Look> = (0..180)
+        let labelled: Vec<LabelledFault> = (0..180)
             .map(|i| CLASSES[i % CLASSES.len()])
             .map(|class| {
-                let (severity, features) = look(class, &mut rng);
+                let (severity, features) = faulty_features(class, &mut rng);
                 let [class, kind] = [class.to_string(), class.to_string()];
-                Look { class, kind, severity, features, drive: 1.0, ring: [0.0; 2], weight: 1.0 }
+                LabelledFault {
+                    class,
+                    kind,
+                    severity,
+                    features,
+                    drive: 1.0,
+                    ring: [0.0; 2],
+                    weight: 1.0,
+                }
             })
             .collect();
         let guess = Healthy { channel: guess, actuation: ACTUATION };
-        physics.learn_rates(guess, 0.1, &looks, (DT_S, SAMPLES)).unwrap();
+        physics.learn_rates(guess, 0.1, &labelled, (DT_S, SAMPLES)).unwrap();
         let after = ratio(&physics.channel);
         assert!((after.0 / truth.0 - 1.0).abs() < 0.015, "{after:?} {truth:?}");
         assert!((after.1 / truth.1 - 1.0).abs() < 0.06, "{after:?} {truth:?}");
@@ -520,9 +540,9 @@ mod tests {
         let (mut covered, mut right, mut n) = (0, 0, 0);
         for (k, class) in CLASSES.iter().enumerate() {
             for _ in 0..60 {
-                let (truth, x) = look(class, &mut rng);
+                let (truth, x) = faulty_features(class, &mut rng);
                 let mut compared = Comparison::default();
-                curves.compare(x.as_slice(), Seen::as_made(), &mut compared);
+                curves.compare(x.as_slice(), Conditions::as_made(), &mut compared);
                 let mut weights = compared.ln_densities.clone();
                 let most = weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
                 weights.iter_mut().for_each(|w| *w = (*w - most).exp());
@@ -543,7 +563,8 @@ mod tests {
     #[test]
     fn sizes_of_a_class_are_shares() {
         let mut physics = physics(TRUE, 0.01);
-        let seen = SeenSizes::new((0..50).map(|i| (1.5 + 0.01 * f64::from(i), 0.5)).collect());
+        let seen =
+            LabelledSeverities::new((0..50).map(|i| (1.5 + 0.01 * f64::from(i), 0.5)).collect());
         assert_eq!((seen.n, seen.severities.len()), (25.0, 50));
         physics.seen.insert("IDN".into(), seen);
         let curves = physics.curves(&classes(), DT_S, SAMPLES);
@@ -565,13 +586,13 @@ mod tests {
         let k = CLASSES.iter().position(|c| *c == "IDN").unwrap();
         let mut weights = [0.0; 9];
         weights[k] = 1.0;
-        let seen = Seen { baseline: Some(&baseline), ..Seen::as_made() };
-        let size = |curves: &FaultCurves, seen: Seen| {
+        let seen = Conditions { baseline: Some(&baseline), ..Conditions::as_made() };
+        let size = |curves: &FaultCurves, seen: Conditions| {
             let mut compared = Comparison::default();
             curves.compare(x.as_slice(), seen, &mut compared);
             curves.severity(k, &weights, &compared).unwrap()
         };
-        let (without, with) = (size(&curves, Seen::as_made()), size(&own, seen));
+        let (without, with) = (size(&curves, Conditions::as_made()), size(&own, seen));
         assert!(without.value > 1.75, "{without:?}: it looks worse than it is");
         assert!((with.value - 1.7).abs() < 0.03, "{with:?}");
         assert!(with.sd < 0.7 * without.sd, "{with:?} {without:?}");

@@ -5,7 +5,7 @@
 
 pub mod appearance;
 pub mod class_density;
-mod class_lanes;
+mod class_distances;
 pub mod decision;
 pub mod fault_curve;
 pub mod fault_physics;

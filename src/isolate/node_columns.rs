@@ -1,143 +1,150 @@
-//! A fault curve's nodes in columns, so that a signal is compared with many at once.
+//! The nodes of a fault curve as a structure of arrays with bounding boxes: a signal is compared with many
+//! nodes at once, and with few of all.
 //!
-//! In: a curve's nodes. Out: for the features of a signal, of every node that may say anything about
-//! them how far away it is and how high it peaks. Nodes go in stretches that lie in a box each; what is
-//! far outside a box in one coordinate is far from all of its nodes, and most of a curve never is near.
+//! In: a curve's nodes. Out: for a signal's features the squared distance and peak density of every node
+//! that is not negligible. Nodes are stored in blocks of [`NODES`] consecutive ones, each with its bounding
+//! box in the features; where the features lie far outside the box in one coordinate, all of its nodes are
+//! negligible. Boxes are tested before nodes, and groups of boxes before boxes.
 
-use super::fault_curve::{Node, Seen};
-use crate::model::lane_math::exp;
+use super::fault_curve::{Conditions, Node};
+use crate::model::simd_math::exp;
 use nalgebra::Vector4;
 use std::f64::consts::{PI, TAU};
 
-/// Nodes of a stretch.
+/// Nodes of a block.
 pub const NODES: usize = 16;
-pub type Lanes = [f64; NODES];
-/// Boxes that are looked at together.
+pub type OfNodes = [f64; NODES];
+/// Boxes that are tested together.
 const BOXES: usize = 8;
 type OfBoxes = [f64; BOXES];
-/// Squared distance in one coordinate from which on a node says nothing: e^-30 of its peak.
+/// Squared distance in one coordinate beyond which a node is negligible: e^-30 of its peak.
 const FAR: f64 = 60.0;
-/// Frequency, damping, amplitude, in the order in which they rule out most; a phase comes round again.
+/// Coordinates of the boxes, those first that exclude most; not the phase, which is periodic.
 const COORDINATES: [usize; 3] = [FREQUENCY, 1, 0];
 const FREQUENCY: usize = 2;
 
 #[derive(Clone, Debug)]
 pub struct NodeColumns {
-    /// Of each of the boxes, as many together.
+    /// ln frequency of [`BOXES`] groups of boxes each.
     frequencies: Vec<Intervals>,
     boxes: Vec<Boxes>,
-    stretches: Vec<Stretch>,
+    blocks: Vec<Block>,
 }
 
-/// Of the nodes of some stretches, in the order of [`COORDINATES`]; beyond the last nothing is near.
-type Boxes = [Side; COORDINATES.len()];
+/// Bounding boxes of [`BOXES`] blocks, one [`Bounds`] for each of [`COORDINATES`]; beyond the last block they
+/// are empty.
+type Boxes = [Bounds; COORDINATES.len()];
 
-/// In one coordinate.
+/// Of [`BOXES`] blocks in one coordinate: the smallest and largest mean of their nodes.
 #[derive(Clone, Copy, Debug)]
-struct Side {
+struct Bounds {
     low: OfBoxes,
     high: OfBoxes,
-    /// Largest variances: beyond the noise, and of the noise at the reference drive.
+    /// Largest variances of their nodes: of all scatter but the noise, and of the noise at the reference drive.
     beyond: OfBoxes,
     noise: OfBoxes,
-    /// Of the first node.
-    moves: [OfBoxes; 2],
-    follows: [OfBoxes; 4],
+    /// Derivatives of the first node, which stand for the block's.
+    by_change: [OfBoxes; 2],
+    by_baseline: [OfBoxes; 4],
 }
 
-/// Of all nodes of some boxes in ln frequency, so that most are passed over at once; lane by lane, from
-/// .. to. Beyond the last nothing is near.
+/// Intervals of ln frequency that hold all nodes of [`BOXES`] boxes, one interval per SIMD lane, so that most
+/// of a curve is excluded by one comparison. Pairs are the least and the largest.
 #[derive(Clone, Copy, Debug)]
 struct Intervals {
     mean: [OfBoxes; 2],
-    /// As [`Side`].
-    moves: [[OfBoxes; 2]; 2],
+    /// As [`Bounds`].
+    by_change: [[OfBoxes; 2]; 2],
     beyond: OfBoxes,
     noise: OfBoxes,
 }
 
-/// Columns of [`Node`]; the last again and again, with no height, where they are fewer.
+/// [`NODES`] nodes, field by field ([`Node`]); where they are fewer, copies of the last with density 0.
 #[derive(Clone, Debug)]
-struct Stretch {
-    severity: Lanes,
-    mean: [Lanes; 4],
-    moves: [[Lanes; 2]; 4],
-    follows: [[Lanes; 4]; 4],
-    to_axes: [[Lanes; 4]; 4],
-    spread: [Lanes; 4],
-    determinant: Lanes,
+struct Block {
+    severity: OfNodes,
+    mean: [OfNodes; 4],
+    by_change: [[OfNodes; 2]; 4],
+    by_baseline: [[OfNodes; 4]; 4],
+    to_axes: [[OfNodes; 4]; 4],
+    spread: [OfNodes; 4],
+    determinant: OfNodes,
 }
 
 /// Nodes that were compared with a signal: density at node i is `height` e^{-`square` / 2} / (2 pi)^2.
 #[derive(Clone, Copy, Debug)]
 pub struct Compared {
-    pub stretch: usize,
-    /// Squared distance in units of what scatters a signal.
-    pub square: Lanes,
-    pub height: Lanes,
-    /// The least square.
+    pub block: usize,
+    /// Squared Mahalanobis distance.
+    pub square: OfNodes,
+    pub height: OfNodes,
+    /// The least of `square`.
     least: f64,
 }
 
-/// Densities of a stretch's nodes, all of a curve to one scale; 0 where they do not count.
+/// Densities of the features at a block's nodes, up to a factor that is common to the curve; 0 where they
+/// are negligible.
 #[derive(Clone, Copy, Debug)]
-pub struct Terms {
-    pub stretch: usize,
-    pub of: Lanes,
+pub struct NodeDensities {
+    pub block: usize,
+    pub of: OfNodes,
 }
 
 impl NodeColumns {
     pub fn of(nodes: &[Node]) -> NodeColumns {
-        let stretches: Vec<&[Node]> = nodes.chunks(NODES).collect();
-        let boxes: Vec<Boxes> = stretches.chunks(BOXES).map(boxes).collect();
+        let blocks: Vec<&[Node]> = nodes.chunks(NODES).collect();
+        let boxes: Vec<Boxes> = blocks.chunks(BOXES).map(boxes).collect();
         NodeColumns {
             frequencies: boxes.chunks(BOXES).map(Intervals::of).collect(),
             boxes,
-            stretches: stretches.into_iter().map(Stretch::of).collect(),
+            blocks: blocks.into_iter().map(Block::of).collect(),
         }
     }
 
-    /// Values of nodes in stretches; 0 beyond the last.
-    pub fn in_stretches(of: &[f64]) -> Vec<Lanes> {
+    /// One value per node, in blocks; 0 beyond the last.
+    pub fn in_blocks(of: &[f64]) -> Vec<OfNodes> {
         let lane = |values: &[f64], i: usize| values.get(i).copied().unwrap_or(0.0);
         of.chunks(NODES).map(|values| std::array::from_fn(|i| lane(values, i))).collect()
     }
 
-    /// Severities at the nodes of a stretch.
-    pub fn severities(&self, stretch: usize) -> &Lanes {
-        &self.stretches[stretch].severity
+    /// Severities at the nodes of a block.
+    pub fn severities(&self, block: usize) -> &OfNodes {
+        &self.blocks[block].severity
     }
 }
 
-fn boxes(stretches: &[&[Node]]) -> Boxes {
+fn boxes(blocks: &[&[Node]]) -> Boxes {
     let variances: Vec<Vec<[Vector4<f64>; 2]>> =
-        stretches.iter().map(|nodes| nodes.iter().map(Node::variances).collect()).collect();
+        blocks.iter().map(|nodes| nodes.iter().map(Node::variances).collect()).collect();
     COORDINATES.map(|k| {
-        let lanes = |none: f64, of: &dyn Fn(usize) -> f64| -> OfBoxes {
-            std::array::from_fn(|b| if b < stretches.len() { of(b) } else { none })
+        let of_nodes = |none: f64, of: &dyn Fn(usize) -> f64| -> OfBoxes {
+            std::array::from_fn(|b| if b < blocks.len() { of(b) } else { none })
         };
-        let means = |b: usize| stretches[b].iter().map(move |node: &Node| node.mean[k]);
+        let means = |b: usize| blocks[b].iter().map(move |node: &Node| node.mean[k]);
         let largest =
             |b: usize, of: usize| variances[b].iter().map(|v| v[of][k]).fold(0.0, f64::max);
-        Side {
-            low: lanes(f64::INFINITY, &|b| means(b).fold(f64::INFINITY, f64::min)),
-            high: lanes(f64::NEG_INFINITY, &|b| means(b).fold(f64::NEG_INFINITY, f64::max)),
-            beyond: lanes(0.0, &|b| largest(b, 0)),
-            noise: lanes(0.0, &|b| largest(b, 1)),
-            moves: std::array::from_fn(|j| lanes(0.0, &|b| stretches[b][0].moves[(k, j)])),
-            follows: std::array::from_fn(|j| lanes(0.0, &|b| stretches[b][0].follows[(k, j)])),
+        Bounds {
+            low: of_nodes(f64::INFINITY, &|b| means(b).fold(f64::INFINITY, f64::min)),
+            high: of_nodes(f64::NEG_INFINITY, &|b| means(b).fold(f64::NEG_INFINITY, f64::max)),
+            beyond: of_nodes(0.0, &|b| largest(b, 0)),
+            noise: of_nodes(0.0, &|b| largest(b, 1)),
+            by_change: std::array::from_fn(|j| of_nodes(0.0, &|b| blocks[b][0].by_change[(k, j)])),
+            by_baseline: std::array::from_fn(|j| {
+                of_nodes(0.0, &|b| blocks[b][0].by_baseline[(k, j)])
+            }),
         }
     })
 }
 
 impl Intervals {
     fn of(boxes: &[Boxes]) -> Intervals {
-        let sides: Vec<&Side> = boxes.iter().map(|sides| &sides[0]).collect();
-        // from .. to of what the boxes have that are there
-        let span = |of: &dyn Fn(&Side) -> OfBoxes| -> [OfBoxes; 2] {
+        let bounds: Vec<&Bounds> = boxes.iter().map(|bounds| &bounds[0]).collect();
+        // least and largest over the boxes that are not empty
+        let span = |of: &dyn Fn(&Bounds) -> OfBoxes| -> [OfBoxes; 2] {
             let mut span = [[f64::INFINITY; BOXES], [f64::NEG_INFINITY; BOXES]];
-            for (l, side) in sides.iter().enumerate() {
-                for (v, _) in of(side).iter().zip(side.low).filter(|(_, low)| *low < f64::INFINITY)
+            for (l, bound) in bounds.iter().enumerate() {
+                for (v, _) in
+                    of(bound).iter().zip(bound.low).filter(|(_, low)| *low < f64::INFINITY)
                 {
                     span[0][l] = span[0][l].min(*v);
                     span[1][l] = span[1][l].max(*v);
@@ -145,23 +152,26 @@ impl Intervals {
             }
             span
         };
-        // what is not there must not make infinity times zero
+        // empty boxes must not lead to infinity times zero
         let finite =
             |of: [OfBoxes; 2]| of.map(|of| of.map(|v| if v.is_finite() { v } else { 0.0 }));
         Intervals {
-            mean: [span(&|side| side.low)[0], span(&|side| side.high)[1]],
-            moves: [finite(span(&|side| side.moves[0])), finite(span(&|side| side.moves[1]))],
-            beyond: finite(span(&|side| side.beyond))[1],
-            noise: finite(span(&|side| side.noise))[1],
+            mean: [span(&|bound| bound.low)[0], span(&|bound| bound.high)[1]],
+            by_change: [
+                finite(span(&|bound| bound.by_change[0])),
+                finite(span(&|bound| bound.by_change[1])),
+            ],
+            beyond: finite(span(&|bound| bound.beyond))[1],
+            noise: finite(span(&|bound| bound.noise))[1],
         }
     }
 
-    /// Whether a box of them may be near; not for a channel's own curves.
+    /// Which groups of boxes may hold a node that is not negligible; not for a channel's own curves.
     #[inline(always)] // compiled once per instruction set
-    fn near(&self, At { x, changed, noise, .. }: At) -> [bool; BOXES] {
+    fn near(&self, Query { x, changed, noise, .. }: Query) -> [bool; BOXES] {
         let x = x[FREQUENCY];
         let mut near = [false; BOXES];
-        let ([low, high], [first, second]) = (&self.mean, &self.moves);
+        let ([low, high], [first, second]) = (&self.mean, &self.by_change);
         for b in 0..BOXES {
             let moved = |of: &[OfBoxes; 2], by: f64| {
                 let (p, q) = (of[0][b] * by, of[1][b] * by);
@@ -179,18 +189,18 @@ impl Intervals {
     }
 }
 
-impl Side {
+impl Bounds {
     #[inline(always)] // compiled once per instruction set
-    fn near<const OWN: bool>(&self, x: f64, seen: At) -> [bool; BOXES] {
-        let At { changed, own, noise, .. } = seen;
-        let ([first, second], mut at) = (&self.moves, [0.0; BOXES]);
+    fn near<const OWN: bool>(&self, x: f64, query: Query) -> [bool; BOXES] {
+        let Query { changed, own, noise, .. } = query;
+        let ([first, second], mut at) = (&self.by_change, [0.0; BOXES]);
         for b in 0..BOXES {
             at[b] = x - first[b] * changed[0] - second[b] * changed[1];
         }
         if OWN {
-            for (follows, own) in self.follows.iter().zip(own) {
+            for (by_baseline, own) in self.by_baseline.iter().zip(own) {
                 for b in 0..BOXES {
-                    at[b] -= follows[b] * own;
+                    at[b] -= by_baseline[b] * own;
                 }
             }
         }
@@ -205,67 +215,74 @@ impl Side {
     }
 }
 
-impl Stretch {
-    fn of(nodes: &[Node]) -> Stretch {
-        let lanes = |of: &dyn Fn(&Node) -> f64| -> Lanes {
+impl Block {
+    fn of(nodes: &[Node]) -> Block {
+        let of_nodes = |of: &dyn Fn(&Node) -> f64| -> OfNodes {
             std::array::from_fn(|i| of(&nodes[i.min(nodes.len() - 1)]))
         };
-        let mut determinant = lanes(&|node| node.ln_determinant.exp());
+        let mut determinant = of_nodes(&|node| node.ln_determinant.exp());
         determinant[nodes.len().min(NODES)..].fill(0.0);
-        Stretch {
-            severity: lanes(&|node| node.severity),
-            mean: std::array::from_fn(|k| lanes(&|node| node.mean[k])),
-            moves: std::array::from_fn(|k| {
-                std::array::from_fn(|j| lanes(&|node| node.moves[(k, j)]))
+        Block {
+            severity: of_nodes(&|node| node.severity),
+            mean: std::array::from_fn(|k| of_nodes(&|node| node.mean[k])),
+            by_change: std::array::from_fn(|k| {
+                std::array::from_fn(|j| of_nodes(&|node| node.by_change[(k, j)]))
             }),
-            follows: std::array::from_fn(|k| {
-                std::array::from_fn(|j| lanes(&|node| node.follows[(k, j)]))
+            by_baseline: std::array::from_fn(|k| {
+                std::array::from_fn(|j| of_nodes(&|node| node.by_baseline[(k, j)]))
             }),
             to_axes: std::array::from_fn(|k| {
-                std::array::from_fn(|j| lanes(&|node| node.to_axes[(k, j)]))
+                std::array::from_fn(|j| of_nodes(&|node| node.to_axes[(k, j)]))
             }),
-            spread: std::array::from_fn(|k| lanes(&|node| node.spread[k])),
+            spread: std::array::from_fn(|k| of_nodes(&|node| node.spread[k])),
             determinant,
         }
     }
 }
 
-/// Features, and under what they were seen; by value, so that they stay in registers.
+/// A signal's features and conditions; by value, so that they stay in registers.
 #[derive(Clone, Copy)]
-struct At {
+struct Query {
     x: [f64; 4],
     changed: [f64; 2],
-    /// Of the channel's own baseline.
+    /// The channel's own baseline.
     own: [f64; 4],
+    /// Variance of the noise over that at the reference drive.
     noise: f64,
 }
 
-/// Compares features with the nodes that are not far from them.
+/// Compares features with the nodes that are not negligible.
 #[inline(always)] // compiled once per instruction set
-pub(super) fn compare(of: &NodeColumns, x: &Vector4<f64>, seen: Seen, out: &mut Vec<Compared>) {
-    let noise = 1.0 / (seen.drive * seen.drive);
-    let own = seen.baseline.copied().unwrap_or_default();
-    let at = At { x: (*x).into(), changed: seen.changed.into(), own: own.into(), noise };
-    match seen.baseline {
-        None => compare_at::<false>(of, at, out),
-        Some(_) => compare_at::<true>(of, at, out),
+pub(super) fn compare(
+    of: &NodeColumns,
+    x: &Vector4<f64>,
+    conditions: Conditions,
+    out: &mut Vec<Compared>,
+) {
+    let noise = 1.0 / (conditions.drive * conditions.drive);
+    let own = conditions.baseline.copied().unwrap_or_default();
+    let query =
+        Query { x: (*x).into(), changed: conditions.changed.into(), own: own.into(), noise };
+    match conditions.baseline {
+        None => compare_at::<false>(of, query, out),
+        Some(_) => compare_at::<true>(of, query, out),
     }
 }
 
-/// `OWN`: the curve follows a channel's own baseline.
+/// `OWN`: the curve by_baseline a channel's own baseline.
 #[inline(always)] // compiled once per instruction set
-fn compare_at<const OWN: bool>(of: &NodeColumns, at: At, out: &mut Vec<Compared>) {
+fn compare_at<const OWN: bool>(of: &NodeColumns, query: Query, out: &mut Vec<Compared>) {
     out.clear();
     let mut nearest = f64::INFINITY;
     for (part, (groups, frequencies)) in of.boxes.chunks(BOXES).zip(&of.frequencies).enumerate() {
-        let in_reach = if OWN { [true; BOXES] } else { frequencies.near(at) };
-        for (g, sides) in groups.iter().enumerate() {
+        let in_reach = if OWN { [true; BOXES] } else { frequencies.near(query) };
+        for (g, bounds) in groups.iter().enumerate() {
             if !in_reach[g] {
                 continue;
             }
             let mut near = [true; BOXES];
-            for (side, k) in sides.iter().zip(COORDINATES) {
-                let also = side.near::<OWN>(at.x[k], at);
+            for (bound, k) in bounds.iter().zip(COORDINATES) {
+                let also = bound.near::<OWN>(query.x[k], query);
                 for b in 0..BOXES {
                     near[b] &= also[b];
                 }
@@ -275,18 +292,18 @@ fn compare_at<const OWN: bool>(of: &NodeColumns, at: At, out: &mut Vec<Compared>
             }
             for (b, near) in near.into_iter().enumerate() {
                 if near {
-                    let stretch = (part * BOXES + g) * BOXES + b;
-                    let Some(nodes) = of.stretches.get(stretch) else { continue };
-                    let (square, inverse) = nodes.compare::<OWN>(at);
+                    let block = (part * BOXES + g) * BOXES + b;
+                    let Some(nodes) = of.blocks.get(block) else { continue };
+                    let (square, inverse) = nodes.compare::<OWN>(query);
                     let least = least(&square);
-                    // what says nothing beside the nearest so far is left out
+                    // negligible beside the nearest so far
                     if least <= nearest + 2.0 * NEGLIGIBLE {
                         nearest = if least < nearest { least } else { nearest };
                         let mut height = [0.0; NODES];
                         for i in 0..NODES {
                             height[i] = nodes.determinant[i] * inverse[i].sqrt();
                         }
-                        out.push(Compared { stretch, square, height, least });
+                        out.push(Compared { block, square, height, least });
                     }
                 }
             }
@@ -294,28 +311,28 @@ fn compare_at<const OWN: bool>(of: &NodeColumns, at: At, out: &mut Vec<Compared>
     }
 }
 
-/// Nodes whose arithmetic goes together: as many as stay in registers.
+/// Nodes whose arithmetic is interleaved: as many as fit into registers.
 const TOGETHER: usize = 8;
 
-impl Stretch {
-    /// Squared distances of the nodes, and the inverses of their variances' products.
+impl Block {
+    /// Squared distances of the nodes, and the inverse determinants of their covariances (in their axes).
     #[inline(always)] // compiled once per instruction set
-    fn compare<const OWN: bool>(&self, at: At) -> (Lanes, Lanes) {
-        let At { x, changed, own, noise } = at;
+    fn compare<const OWN: bool>(&self, query: Query) -> (OfNodes, OfNodes) {
+        let Query { x, changed, own, noise } = query;
         let (mut square, mut inverse) = ([0.0; NODES], [0.0; NODES]);
         for from in (0..NODES).step_by(TOGETHER) {
             for i in from..from + TOGETHER {
                 let away = |k: usize| {
-                    let (moves, follows) = (&self.moves[k], &self.follows[k]);
-                    let mut moved = moves[0][i] * changed[0] + moves[1][i] * changed[1];
+                    let (by_change, by_baseline) = (&self.by_change[k], &self.by_baseline[k]);
+                    let mut moved = by_change[0][i] * changed[0] + by_change[1][i] * changed[1];
                     if OWN {
-                        moved += (follows[0][i] * own[0] + follows[1][i] * own[1])
-                            + (follows[2][i] * own[2] + follows[3][i] * own[3]);
+                        moved += (by_baseline[0][i] * own[0] + by_baseline[1][i] * own[1])
+                            + (by_baseline[2][i] * own[2] + by_baseline[3][i] * own[3]);
                     }
                     x[k] - self.mean[k][i] - moved
                 };
                 let mut d = [away(0), away(1), away(2), away(3)];
-                // a phase beyond one turn is no phase of a fit
+                // phases of fits lie within -pi .. pi, so one turn suffices
                 let turn = if d[3] > PI { TAU } else { 0.0 } - if d[3] < -PI { TAU } else { 0.0 };
                 d[3] -= turn;
                 let along = |k: usize| {
@@ -329,7 +346,7 @@ impl Stretch {
                 let u = [along(0), along(1), along(2), along(3)];
                 let spread = |k: usize| self.spread[k][i] + noise;
                 let v = [spread(0), spread(1), spread(2), spread(3)];
-                // sum of u / v with one division
+                // sum of u_k / v_k with a single division
                 let (v01, v23) = (v[0] * v[1], v[2] * v[3]);
                 let sum = (u[0] * v[1] + u[1] * v[0]) * v23 + (u[2] * v[3] + u[3] * v[2]) * v01;
                 inverse[i] = 1.0 / (v01 * v23);
@@ -340,45 +357,45 @@ impl Stretch {
     }
 }
 
-/// The least of them; NaN is passed over.
+/// The least of them; NaN is ignored.
 #[inline(always)] // compiled once per instruction set
-fn least(of: &Lanes) -> f64 {
+fn least(of: &OfNodes) -> f64 {
     let less = |p: f64, q: f64| if q < p { q } else { p };
     let eight: [f64; 8] = std::array::from_fn(|i| less(less(f64::INFINITY, of[i]), of[i + 8]));
     let four: [f64; 4] = std::array::from_fn(|i| less(eight[i], eight[i + 4]));
     less(less(four[0], four[1]), less(four[2], four[3]))
 }
 
-/// Their sum, in one order.
+/// Their sum, in a fixed order.
 #[inline(always)] // compiled once per instruction set
-pub(super) fn sum(of: &Lanes) -> f64 {
+pub(super) fn sum(of: &OfNodes) -> f64 {
     let eight: [f64; 8] = std::array::from_fn(|i| of[i] + of[i + 8]);
     let four: [f64; 4] = std::array::from_fn(|i| eight[i] + eight[i + 4]);
     (four[0] + four[1]) + (four[2] + four[3])
 }
 
-/// A node by this much less likely, in ln, than the likeliest says nothing.
+/// A node whose ln density is lower than the largest by more than this is negligible.
 const NEGLIGIBLE: f64 = 30.0;
 
-/// The terms of nodes that are not far. Returns ln of their scale.
+/// Densities at the nodes that are not negligible. Returns ln of the factor that is left out of them.
 #[inline(always)] // compiled once per instruction set
-pub(super) fn terms(compared: &[Compared], out: &mut Vec<Terms>) -> f64 {
+pub(super) fn densities(compared: &[Compared], out: &mut Vec<NodeDensities>) -> f64 {
     out.clear();
     let nearest = compared.iter().fold(f64::INFINITY, |m, of| m.min(of.least));
-    for Compared { stretch, square, height, least } in compared {
+    for Compared { block, square, height, least } in compared {
         // NaN is never below
         let near = *least < nearest + 2.0 * NEGLIGIBLE;
         if !near {
             continue;
         }
-        let mut terms = [0.0; NODES];
+        let mut densities = [0.0; NODES];
         for i in 0..NODES {
             let less = 0.5 * (nearest - square[i]);
             let counts = less > -NEGLIGIBLE;
             let exp = exp(if counts { less } else { 0.0 });
-            terms[i] = if counts { height[i] * exp } else { 0.0 };
+            densities[i] = if counts { height[i] * exp } else { 0.0 };
         }
-        out.push(Terms { stretch: *stretch, of: terms });
+        out.push(NodeDensities { block: *block, of: densities });
     }
     -0.5 * nearest
 }
@@ -401,47 +418,47 @@ mod tests {
             let off = Vector4::from_fn(|_, _| rng.random_range(-0.05..0.05));
             let changed = nalgebra::Vector2::from_fn(|_, _| rng.random_range(-0.02..0.02));
             let baseline = rng.random_bool(0.5).then_some(&own);
-            let seen = Seen { drive: rng.random_range(0.5..1.2), changed, baseline };
+            let conditions = Conditions { drive: rng.random_range(0.5..1.2), changed, baseline };
             let x = at.mean + off;
-            compare(&columns, &x, seen, &mut compared);
+            compare(&columns, &x, conditions, &mut compared);
             let mut total = 0.0;
             for of in &compared {
-                for (i, node) in nodes[of.stretch * NODES..].iter().take(NODES).enumerate() {
+                for (i, node) in nodes[of.block * NODES..].iter().take(NODES).enumerate() {
                     let density = of.height[i].ln() - 0.5 * of.square[i];
-                    let want = node.ln_density(&x, seen) + 2.0 * TAU.ln();
+                    let want = node.ln_density(&x, conditions) + 2.0 * TAU.ln();
                     assert!(
                         (density - want).abs() < 1e-9 * want.abs().max(1.0),
                         "{density} {want}"
                     );
-                    total += node.ln_density(&x, seen).exp();
+                    total += node.ln_density(&x, conditions).exp();
                     near += 1;
                 }
             }
-            // what was not compared says nothing
-            let all: f64 = nodes.iter().map(|node| node.ln_density(&x, seen).exp()).sum();
+            // what was not compared is negligible
+            let all: f64 = nodes.iter().map(|node| node.ln_density(&x, conditions).exp()).sum();
             assert!(all - total <= 1e-9 * all.max(1e-300), "{all} {total}");
         }
         assert!(near > 1000);
         let (mut padded, last) = (0, nodes.len() - 32);
-        for of in compared.iter().filter(|of| of.stretch == 2) {
+        for of in compared.iter().filter(|of| of.block == 2) {
             padded += of.height[last..].iter().filter(|h| **h == 0.0).count();
         }
-        assert!(compared.iter().all(|of| of.stretch != 2) || padded == NODES - last);
+        assert!(compared.iter().all(|of| of.block != 2) || padded == NODES - last);
     }
 
     #[test]
-    fn terms_are_the_densities_of_nodes_to_one_scale() {
+    fn densities_are_those_of_the_nodes_up_to_the_factor_returned() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
         let nodes = Node::drawn(300, &mut rng);
         let columns = NodeColumns::of(&nodes);
-        let (mut compared, mut terms) = (Vec::new(), Vec::new());
+        let (mut compared, mut densities) = (Vec::new(), Vec::new());
         for at in nodes.iter().step_by(7) {
             let x = at.mean + Vector4::from_fn(|_, _| rng.random_range(-0.02..0.02));
-            compare(&columns, &x, Seen::as_made(), &mut compared);
-            let scale = super::terms(&compared, &mut terms);
-            let sum: f64 = terms.iter().flat_map(|of| of.of).sum();
+            compare(&columns, &x, Conditions::as_made(), &mut compared);
+            let scale = super::densities(&compared, &mut densities);
+            let sum: f64 = densities.iter().flat_map(|of| of.of).sum();
             let all: f64 =
-                nodes.iter().map(|node| node.ln_density(&x, Seen::as_made()).exp()).sum();
+                nodes.iter().map(|node| node.ln_density(&x, Conditions::as_made()).exp()).sum();
             let found = scale + sum.ln() - 2.0 * TAU.ln();
             assert!((found - all.ln()).abs() < 1e-9, "{found} {}", all.ln());
         }

@@ -1,46 +1,46 @@
-//! Class densities of a ring's features by the physics.
+//! The physics' density of a ring's features in each fault class.
 //!
-//! In: the curves of the kinds of fault, the sizes that each class's name stands for. Out: ln density
-//! of features in every class: the integral over the class's severities of what healthy channels and
-//! noise scatter about the curve. thesis §2-2.
+//! In: the fault curves, the distribution of severities in each class. Out: ln density of features in every
+//! class: the scatter of healthy channels and noise about the curve, integrated over the class's
+//! severities (a sum over the curve's nodes). thesis §2-2.
 
-use super::fault_curve::{CHANGES, FaultCurve, Node, Seen, Slope};
-use super::node_columns::{self, Compared, Lanes, NODES, NodeColumns, Terms};
+use super::fault_curve::{CHANGES, Conditions, FaultCurve, Node, Slope};
+use super::node_columns::{self, Compared, NODES, NodeColumns, NodeDensities, OfNodes};
 use crate::model::faults;
-use crate::model::lane_math::ln;
+use crate::model::simd_math::ln;
 use crate::processor::for_processor;
 use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector4};
 
-/// Curves of the design's classes.
+/// The fault curves of a design, and where on them each class lies.
 #[derive(Clone, Debug)]
 pub struct FaultCurves {
-    /// Of each class its kinds of fault; none: a user's own class, or kinds that do not ring.
+    /// Per class its kinds of fault; empty: a class of the user's own, or kinds that do not ring.
     classes: Vec<Vec<Sizes>>,
     curves: Vec<FaultCurve>,
-    /// Of each curve.
+    /// The nodes of each curve, ready to be compared.
     columns: Vec<NodeColumns>,
     /// How healthy channels differ.
     healthy: HealthySpread,
 }
 
-/// Healthy features (the phase free): how a channel's own changes move them, how channels differ in
-/// these, the noise of a fit at the reference drive.
+/// The distribution of healthy features (the phase free): their Jacobian by a channel's own changes, the
+/// covariance of these over channels, the covariance of a fit's noise at the reference drive.
 #[derive(Clone, Debug)]
 pub struct HealthySpread {
     pub slope: Slope,
     pub channels: SMatrix<f64, CHANGES, CHANGES>,
     pub noise: Matrix4<f64>,
-    /// ln damping and ln frequency of the ring to [`Seen::changed`].
+    /// d [`Conditions::changed`] / d(ln damping, ln frequency) of the healthy ring.
     pub change: Matrix2<f64>,
 }
 
-/// A kind of fault that a class stands for: which curve, and how likely each of its nodes.
+/// A kind of fault that a class stands for: its curve, and the distribution of severities over its nodes.
 #[derive(Clone, Debug)]
 pub struct Sizes {
     pub curve: usize,
-    /// Share of the class's signals that lie at a node, in stretches.
-    pub share: Vec<Lanes>,
-    /// Whether a node's size is one that the class's name stands for, or that labelled signals of it have.
+    /// Probability of each node among the class's signals, in blocks.
+    pub share: Vec<OfNodes>,
+    /// Whether a node's severity lies in the range of the class's name or of its labelled signals.
     pub is_usual: Vec<bool>,
 }
 
@@ -51,26 +51,26 @@ pub struct Member<'a> {
     pub curve: usize,
 }
 
-/// Severities of labelled signals of a class: quantiles, and of how many channels.
+/// Severities of the labelled signals of a class: quantiles, and the number of independent signals.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct SeenSizes {
-    /// Looks: signals, those of one channel together one.
+pub struct LabelledSeverities {
+    /// Signals, those of one channel counted together as one.
     pub n: f64,
     pub severities: Vec<f64>,
 }
 
-/// Labelled signals for which the sizes that a class's name stands for count, and every size of its
-/// kind.
+/// Prior of the severities, in numbers of labelled signals: of a uniform distribution over the range of the
+/// class's name, and over all severities of its kind.
 const NAME_COUNTS: f64 = 4.0;
 const ANY_COUNTS: f64 = 1.0;
-/// Sizes less likely than this, over the likeliest, are none that labelled signals have.
+/// Severities whose density is below this share of the largest are outside the range of labelled signals.
 const UNUSUAL: f64 = 0.05;
 /// Quantiles kept.
 const MOST_SEEN: usize = 64;
 
-impl SeenSizes {
+impl LabelledSeverities {
     /// Of severities, each with its weight.
-    pub fn new(mut severities: Vec<(f64, f64)>) -> SeenSizes {
+    pub fn new(mut severities: Vec<(f64, f64)>) -> LabelledSeverities {
         severities.retain(|(s, _)| s.is_finite());
         severities.sort_unstable_by(|p, q| p.0.total_cmp(&q.0));
         let n: f64 = severities.iter().map(|(_, w)| w).sum();
@@ -84,7 +84,7 @@ impl SeenSizes {
                 quantiles.push(severity);
             }
         }
-        SeenSizes { n, severities: quantiles }
+        LabelledSeverities { n, severities: quantiles }
     }
 }
 
@@ -98,9 +98,9 @@ impl FaultCurves {
         }
     }
 
-    /// The same curves for one channel that `signals` healthy signals are known of: they follow its
-    /// baseline, and scatter by what that does not tell. `shot`: covariance of one channel's signals
-    /// beyond the noise. A Kalman step from the spread of all channels.
+    /// The same curves for one channel whose baseline is the mean of `signals` healthy signals: their mean
+    /// depends on the baseline, and their covariance is what the baseline leaves undetermined. `shot`:
+    /// covariance of one channel's signals beyond the noise. A Kalman update of the spread of all channels.
     pub fn of_one_channel(&self, shot: &Matrix4<f64>, signals: f64) -> Option<FaultCurves> {
         let HealthySpread { slope, channels, noise, .. } = &self.healthy;
         let of_baseline = (noise + shot) / signals;
@@ -116,17 +116,17 @@ impl FaultCurves {
         Some(own)
     }
 
-    /// The number of a new curve.
+    /// Adds a curve and returns its number.
     pub fn add(&mut self, curve: FaultCurve) -> usize {
         self.columns.push(NodeColumns::of(&curve.nodes));
         self.curves.push(curve);
         self.curves.len() - 1
     }
 
-    /// Gives class number `k` the curves of its members: sizes as their names say, and as its labelled
-    /// signals were. Members of several kinds are as likely as each other; severities of these have no
-    /// common unit, so `seen` is not asked.
-    pub fn set(&mut self, k: usize, members: &[Member], seen: Option<&SeenSizes>) {
+    /// Gives class number `k` the curves of its members, with severities as in their names' ranges and as
+    /// `seen` in its labelled signals. Members of several kinds are equally likely; their severities have no
+    /// common unit, so `seen` is ignored then.
+    pub fn set(&mut self, k: usize, members: &[Member], seen: Option<&LabelledSeverities>) {
         let mut curves: Vec<usize> = members.iter().map(|member| member.curve).collect();
         curves.dedup();
         let seen = seen.filter(|_| curves.len() == 1);
@@ -162,12 +162,12 @@ impl FaultCurves {
                 add(n, shares);
             }
             add(ANY_COUNTS * part, nodes.iter().map(|node| node.length).collect());
-            Sizes { curve, share: NodeColumns::in_stretches(&share), is_usual }
+            Sizes { curve, share: NodeColumns::in_blocks(&share), is_usual }
         };
         self.classes[k] = curves.iter().map(of_curve).collect();
     }
 
-    /// What has changed where the healthy ring has by these (ln damping, ln frequency).
+    /// [`Conditions::changed`] where the healthy ring has changed by these (ln damping, ln frequency).
     pub fn changed(&self, ring: [f64; 2]) -> Vector2<f64> {
         self.healthy.change * Vector2::from(ring)
     }
@@ -178,16 +178,22 @@ impl FaultCurves {
     }
 
     /// Compares the four features of a signal with every curve.
-    pub fn compare(&self, features: &[f64], seen: Seen, out: &mut Comparison) {
+    pub fn compare(&self, features: &[f64], conditions: Conditions, out: &mut Comparison) {
         let x = Vector4::from_column_slice(features);
-        compare(self, &x, seen, out);
+        compare(self, &x, conditions, out);
     }
 
-    /// Squared distance of features from class `k`'s usual sizes; of a class without a curve: infinite.
-    pub fn distance(&self, k: usize, features: &[f64], seen: Seen, of: &Comparison) -> f64 {
+    /// Squared distance of features from class `k`'s usual severities; infinite for a class without a curve.
+    pub fn distance(
+        &self,
+        k: usize,
+        features: &[f64],
+        conditions: Conditions,
+        of: &Comparison,
+    ) -> f64 {
         let x = Vector4::from_column_slice(features);
         let to = |Sizes { curve, is_usual, .. }: &Sizes| {
-            let to = |i: usize| self.curves[*curve].nodes[i].distance(&x, seen);
+            let to = |i: usize| self.curves[*curve].nodes[i].distance(&x, conditions);
             match of.of_curves[*curve].likeliest().filter(|&i| is_usual[i]) {
                 Some(i) => to(i),
                 None => {
@@ -199,42 +205,42 @@ impl FaultCurves {
         self.class(k).iter().map(to).fold(f64::INFINITY, f64::min)
     }
 
-    /// Severities at the nodes of a stretch of a curve.
-    pub fn severities(&self, curve: usize, stretch: usize) -> &Lanes {
-        self.columns[curve].severities(stretch)
+    /// Severities at the nodes of a block of a curve.
+    pub fn severities(&self, curve: usize, block: usize) -> &OfNodes {
+        self.columns[curve].severities(block)
     }
 }
 
-/// Classes whose logarithms are taken together.
+/// Classes whose logarithms are computed together.
 const CLASSES: usize = 16;
 
 for_processor! {
-    fn compare(of: &FaultCurves, x: &Vector4<f64>, seen: Seen, out: &mut Comparison) { portable }
+    fn compare(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mut Comparison) { portable }
 }
 
 #[inline(always)] // compiled once per instruction set
-fn portable(of: &FaultCurves, x: &Vector4<f64>, seen: Seen, out: &mut Comparison) {
+fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mut Comparison) {
     let Comparison { ln_densities, of_curves, compared } = out;
     ln_densities.clear();
     ln_densities.resize(of.classes.len(), 0.0);
     of_curves.resize(of.curves.len(), OfCurve::default());
     for (columns, of) in of.columns.iter().zip(&mut *of_curves) {
-        node_columns::compare(columns, x, seen, compared);
-        of.ln_scale = node_columns::terms(compared, &mut of.terms) - LN_TAU_SQUARED;
+        node_columns::compare(columns, x, conditions, compared);
+        of.ln_scale = node_columns::densities(compared, &mut of.densities) - LN_TAU_SQUARED;
     }
     for (classes, lns) in of.classes.chunks(CLASSES).zip(ln_densities.chunks_mut(CLASSES)) {
         let (mut expectations, mut scales) = ([1.0; CLASSES], [f64::NEG_INFINITY; CLASSES]);
         for (l, kinds) in classes.iter().enumerate() {
             for sizes in kinds {
                 let of = &of_curves[sizes.curve];
-                let expectation = sizes.expectation(&of.terms);
-                // nothing of it is near, or it has no signal there
+                let expectation = sizes.expectation(&of.densities);
+                // all nodes are negligible, or the class has none of these severities
                 if expectation <= f64::MIN_POSITIVE {
                     continue;
                 }
                 match scales[l] == f64::NEG_INFINITY {
                     true => (expectations[l], scales[l]) = (expectation, of.ln_scale),
-                    // of several kinds: the sum, on the larger scale
+                    // several kinds: add the densities, with the larger factor taken out
                     false => {
                         let most = scales[l].max(of.ln_scale);
                         expectations[l] = expectations[l] * (scales[l] - most).exp()
@@ -251,43 +257,43 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, seen: Seen, out: &mut Comparison
     }
 }
 
-/// What the physics says of one signal. Its room is used again for the next.
+/// A signal compared with all fault curves. Buffers are reused for the next signal.
 #[derive(Clone, Debug, Default)]
 pub struct Comparison {
-    /// Of the features in every class; without a curve: -infinity.
+    /// ln density of the features in every class; -infinity for a class without a curve.
     pub ln_densities: Vec<f64>,
     pub of_curves: Vec<OfCurve>,
     compared: Vec<Compared>,
 }
 
-/// Where on a curve a signal may lie.
+/// A signal compared with one curve.
 #[derive(Clone, Debug, Default)]
 pub struct OfCurve {
-    /// Of the stretches whose nodes count.
-    pub terms: Vec<Terms>,
-    /// ln of what the terms are to be multiplied by.
+    /// Densities in the blocks that are not negligible.
+    pub densities: Vec<NodeDensities>,
+    /// ln of the factor that is left out of the densities.
     ln_scale: f64,
 }
 
 impl OfCurve {
-    /// The node whose term is the largest. `None`: the signal is far from all of the curve.
+    /// The node with the largest density. `None`: the signal is far from all of the curve.
     fn likeliest(&self) -> Option<usize> {
-        let of = |of: &Terms| {
-            let Terms { stretch, of } = *of;
-            (0..NODES).map(move |i| (stretch * NODES + i, of[i]))
+        let of = |of: &NodeDensities| {
+            let NodeDensities { block, of } = *of;
+            (0..NODES).map(move |i| (block * NODES + i, of[i]))
         };
-        let terms = self.terms.iter().flat_map(of).filter(|(_, term)| *term > 0.0);
-        terms.reduce(|best, next| if next.1 > best.1 { next } else { best }).map(|(i, _)| i)
+        let densities = self.densities.iter().flat_map(of).filter(|(_, density)| *density > 0.0);
+        densities.reduce(|best, next| if next.1 > best.1 { next } else { best }).map(|(i, _)| i)
     }
 }
 
 impl Sizes {
-    /// Of terms over the class's sizes.
+    /// Mean of the densities over the class's severities.
     #[inline(always)] // compiled once per instruction set
-    fn expectation(&self, terms: &[Terms]) -> f64 {
+    fn expectation(&self, densities: &[NodeDensities]) -> f64 {
         let mut sums = [0.0; NODES];
-        for of in terms {
-            let share = &self.share[of.stretch];
+        for of in densities {
+            let share = &self.share[of.block];
             for i in 0..NODES {
                 sums[i] += share[i] * of.of[i];
             }
@@ -296,7 +302,7 @@ impl Sizes {
     }
 }
 
-/// Share of a node in the severities that a class's name stands for.
+/// Per node the part of its interval that lies in the severities of a class's name.
 fn of_name(nodes: &[Node], class: &str) -> Vec<f64> {
     let [low, high] = faults::severity_range(class)
         .map_or([f64::NEG_INFINITY, f64::INFINITY], |range| {
@@ -309,8 +315,8 @@ fn of_name(nodes: &[Node], class: &str) -> Vec<f64> {
     nodes.iter().map(inside).collect()
 }
 
-/// The same in severities that were labelled, in the unit of `class`.
-fn of_seen(nodes: &[Node], class: &str, seen: &SeenSizes) -> Vec<f64> {
+/// Per node a kernel density of labelled severities, in the unit of `class`, times its interval.
+fn of_seen(nodes: &[Node], class: &str, seen: &LabelledSeverities) -> Vec<f64> {
     let places: Vec<f64> =
         seen.severities.iter().filter_map(|&s| faults::scale(class, s)).collect();
     let width = bandwidth(&places, seen.n);
@@ -321,8 +327,8 @@ fn of_seen(nodes: &[Node], class: &str, seen: &SeenSizes) -> Vec<f64> {
     nodes.iter().map(density).collect()
 }
 
-/// Of a kernel density, on the scale of places; n may be more than the quantiles. Narrower than
-/// Silverman's rule, which is for Gaussians: sizes fill a range.
+/// Bandwidth of the kernel density, in the coordinate of [`faults::scale`]; `n` may exceed the number of
+/// quantiles. Narrower than Silverman's rule, which assumes a Gaussian: severities fill a range.
 fn bandwidth(places: &[f64], n: f64) -> f64 {
     let m = places.len() as f64;
     if places.len() < 2 {

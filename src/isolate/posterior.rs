@@ -4,21 +4,21 @@
 //! each class, given that the signal is faulty, and whether it fits any class at all.
 
 use super::class_density::ClassDensity;
-use super::class_lanes::ClassLanes;
+use super::class_distances::ClassDistances;
 use super::typical::{distance_bound, ln_density_bound};
-use crate::model::lane_math::exp;
+use crate::model::simd_math::exp;
 use crate::processor::for_processor;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use std::sync::OnceLock;
 
-/// Labelled features of one class: (ln amplitude, ln damping, ln frequency, phase). `noise`: the covariance
-/// of a fit at the class's mean.
+/// Labelled features of one class: (ln amplitude, ln damping, ln frequency, phase). `noise`: covariance of a
+/// fit's noise at the class's mean.
 #[derive(Clone, Debug)]
 pub struct Examples {
     pub features: Vec<Vec<f64>>,
     pub noise: DMatrix<f64>,
-    /// Whether they are enough to tell the ends of a range of sizes; a part of them tells what they do.
+    /// Whether they suffice to estimate the ends of a range; a subset for cross-validation inherits this.
     pub tell_ends: bool,
 }
 
@@ -29,54 +29,53 @@ impl Examples {
     }
 }
 
-/// Fewer examples say too little of ends: with 23 up to a tenth of a class's next signals lay beyond what
-/// they told (measured on a generator apart from ours), with 60 one in a hundred.
+/// Fewer examples do not determine the ends of a range: with 23 up to a tenth of a class's further signals
+/// lay outside the estimated one, with 60 one in a hundred (measured on another generator than ours).
 const TELL_ENDS: usize = 60;
 
-/// Densities of the classes.
+/// Class densities of the features, and what turns them into a posterior.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Posterior {
-    /// Log densities are divided by this before they are compared: 1 where the densities are right,
-    /// more where they promise too much. Chosen in training on held-out signals.
+    /// Temperature scaling: log densities are divided by this before they are compared; 1 where the densities
+    /// are calibrated, more where they are overconfident. Chosen in training on held-out signals.
     pub temperature: f64,
-    /// Per class, the least ln density in it that its signals have, all but a few; `None`: too few were
-    /// labelled.
+    /// Per class a lower bound of the ln density of its own signals (all but a few lie above); `None`: too few
+    /// were labelled.
     #[serde(default)]
     pub least_ln_density: Vec<Option<f64>>,
-    /// Per class, the squared distance from what the physics knows of it beyond which its signals do not
-    /// lie.
+    /// Per class an upper bound of its signals' squared distance from the physics' curve.
     pub most_distance: Vec<f64>,
-    /// Learned from labelled signals; `None`: none were labelled, the physics stands in.
+    /// Learned from labelled signals; `None`: none were labelled, the physics' density is used alone.
     pub classes: Vec<Option<ClassDensity>>,
-    /// Share of the physics in each class's density; empty: it has none.
+    /// Weight of the physics' density in each class's mixture; empty: 0 in all.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub physics_share: Vec<f64>,
     #[serde(skip)]
-    lanes: OnceLock<Lanes>,
+    precomputed: OnceLock<Precomputed>,
 }
 
-/// What is the same for every signal.
+/// What is computed once for all signals.
 #[derive(Clone, Debug)]
-struct Lanes {
-    classes: ClassLanes,
-    /// ln of what the learned density has of each class, and the physics.
+struct Precomputed {
+    classes: ClassDistances,
+    /// Per class the ln weights of the learned density and of the physics'.
     ln_shares: Vec<[f64; 2]>,
 }
 
-/// Of a fitted ring: ln amplitude, ln damping, ln frequency, phase.
+/// Number of features of a fitted ring: ln amplitude, ln damping, ln frequency, phase.
 const FEATURES: usize = 4;
 
 /// Temperatures tried.
 const TEMPERATURES: [f64; 10] = [1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.5, 5.0];
 
-/// A signal further than this from what the physics knows is of no class that only it knows (1e-4 of
-/// chi-squared, 4 degrees of freedom).
+/// Squared distance from the physics' curve beyond which a signal is not of a class that is known by physics
+/// alone (upper 1e-4 point of chi-squared with 4 degrees of freedom).
 const BEYOND_PHYSICS: f64 = 23.5;
-/// A class of which the physics has more than this share is where the physics says it is, too.
+/// Where the physics has more than this weight in a class's mixture, signals near its curve are typical too.
 const PHYSICS_TELLS: f64 = 0.5;
 
 impl Posterior {
-    /// Learns the densities of signals of every class. `None`: a class without examples, or all of one.
+    /// Learns the densities from labelled signals of every class alone. `None`: a class has too few examples.
     pub fn learn(examples: &[Examples]) -> Option<Posterior> {
         let far = vec![f64::NEG_INFINITY; examples.len()];
         let none: Vec<Vec<Vec<f64>>> =
@@ -85,20 +84,20 @@ impl Posterior {
         Posterior::stack(&examples, &none, &vec![false; examples.len()])
     }
 
-    /// The same where the physics has a density of its own for some classes and others have no
-    /// examples, `None`. `physics`: per class per example, its ln density in every class.
+    /// The same where the physics has a density for some classes (`known`) and some classes have no examples
+    /// (`None`). `physics`: per class and example, its ln density in every class.
     ///
-    /// A class's density is a mixture of the learned one and the physics', the shares by expectation
-    /// maximisation on held-out examples (stacking, Wolpert 1992): the physics counts for
-    /// `PHYSICS_COUNTS` examples that it predicts, so it stands alone at first and stays as far as
-    /// it is right. `None`: a class has neither.
+    /// A class's density is a mixture of the learned and the physics' one, with weights by expectation
+    /// maximisation on held-out examples (stacking, Wolpert 1992). The prior of the weight counts for
+    /// `PHYSICS_COUNTS` examples in favour of the physics, which therefore stands alone at first and keeps
+    /// its weight as far as it predicts the examples. `None`: a class has neither density.
     pub fn stack(
         examples: &[Option<Examples>],
         physics: &[Vec<Vec<f64>>],
         known: &[bool],
     ) -> Option<Posterior> {
         let learned = some_densities(examples);
-        // ln density of every example in every class, learned without its part
+        // cross-validation: ln density of every example in every class, learned without its fold
         let fewest = examples.iter().flatten().map(|e| e.features.len()).min().unwrap_or(0);
         let parts = if fewest < FEWEST_HALVED { fewest.clamp(2, 10) } else { 2 };
         let mut unseen: Vec<Vec<Vec<f64>>> = physics.to_vec();
@@ -118,7 +117,7 @@ impl Posterior {
         }
         let pairs = |k: usize| unseen[k].iter().zip(&physics[k]).map(move |(l, p)| (l[k], p[k]));
         let told = |k: &usize| learned[*k].is_some() && known[*k];
-        // how right the physics is of all classes is what one of few signals starts from
+        // the weight over all classes is the prior of each, which matters where examples are few
         let of_all = share(1.0, (0..examples.len()).filter(told).flat_map(pairs));
         let physics_share: Vec<f64> = (0..examples.len())
             .map(|k| match (&learned[k], known[k]) {
@@ -155,7 +154,7 @@ impl Posterior {
             })
             .collect();
         let temperature = if fewest >= FEWEST_BOUNDED { TEMPERATURES[best] } else { 1.0 };
-        let (classes, lanes) = (learned, OnceLock::new());
+        let (classes, precomputed) = (learned, OnceLock::new());
         let most_distance = vec![BEYOND_PHYSICS; examples.len()];
         Some(Posterior {
             temperature,
@@ -163,7 +162,7 @@ impl Posterior {
             most_distance,
             classes,
             physics_share,
-            lanes,
+            precomputed,
         })
     }
 
@@ -194,8 +193,8 @@ impl Posterior {
         self.classes.iter().flatten().try_for_each(|class| class.check(FEATURES))
     }
 
-    /// Class `k`'s labelled signals lie so far from what the physics knows of it, squared: the next will
-    /// hardly lie further.
+    /// Learns the bound on class `k`'s distance from the physics' curve. `distances`: squared, of its labelled
+    /// signals.
     pub fn learn_distance(&mut self, k: usize, distances: &[f64]) {
         if distances.len() >= FEWEST_DISTANCES {
             let most = (distance_bound(distances).sqrt() + ELSEWHERE).powi(2);
@@ -203,9 +202,9 @@ impl Posterior {
         }
     }
 
-    /// Posterior of each class; sums to 1. `physics`: its ln densities, where it has a share; else
-    /// empty. `priors`: of each class. `ln_densities` are left: of the features in every class, -infinity
-    /// where that is far below another's.
+    /// Posterior of each class into `weights`; sums to 1. `physics`: its ln densities, empty where it has no
+    /// weight. `priors`: of each class. `ln_densities` receives the ln density of the features in every class,
+    /// -infinity where it is negligible.
     pub fn weigh(
         &self,
         features: &[f64],
@@ -214,10 +213,10 @@ impl Posterior {
         ln_densities: &mut Vec<f64>,
         weights: &mut [f64],
     ) {
-        // most classes are so far away that only that counts
+        // most classes are so far away that their densities need not be computed
         let share = |k: usize| self.physics_share.get(k).copied().unwrap_or(0.0);
-        let Lanes { classes, ln_shares } = self.lanes.get_or_init(|| Lanes {
-            classes: ClassLanes::of(&self.classes),
+        let Precomputed { classes, ln_shares } = self.precomputed.get_or_init(|| Precomputed {
+            classes: ClassDistances::of(&self.classes),
             ln_shares: (0..self.classes.len())
                 .map(|k| [(1.0 - share(k)).ln(), share(k).ln()])
                 .collect(),
@@ -234,7 +233,7 @@ impl Posterior {
         for (k, (w, class)) in weights.iter_mut().zip(&self.classes).enumerate() {
             let near = *w < nearest + self.temperature * FAR || nearest == f64::INFINITY;
             let physics = of_physics(k);
-            // what adds nothing to the physics' density, or to that of all classes, is not asked
+            // nor is a learned density whose upper bound is negligible beside the physics' densities
             let counts = |_: &&ClassDensity| {
                 let highest = ln_shares[k][0] + classes.ln_highest[k] - 0.5 * *w;
                 physics.is_none_or(|ln| {
@@ -249,8 +248,8 @@ impl Posterior {
         to_posterior(self.temperature, priors, weights);
     }
 
-    /// Whether features of that ln density lie where class `k`'s signals lie. `from_curves`: squared
-    /// distance from what the physics knows.
+    /// Whether features lie where class `k`'s signals lie. `ln_density`: theirs in the class; `from_curves`:
+    /// their squared distance from the physics' curve.
     pub fn is_typical(&self, k: usize, ln_density: f64, from_curves: impl Fn() -> f64) -> bool {
         let least = self.least_ln_density.get(k).copied().flatten();
         let by_labels = least.is_some_and(|least| ln_density >= least);
@@ -260,29 +259,30 @@ impl Posterior {
     }
 }
 
-/// A learned density by this much further away than the nearest, squared, says nothing: e^-60, and
-/// what densities' heights differ by is far less.
+/// A class whose squared distance exceeds the nearest one's by this is negligible: its density is smaller by
+/// e^-60, far more than peak densities differ by.
 const FAR: f64 = 120.0;
-/// e^-17 beside 1 is less than the last digit of a certainty.
+/// ln ratio of densities beyond which the smaller is negligible: e^-17 is below the last digit of a certainty.
 const NOTHING: f64 = 17.0;
 /// e^-40 added to 1 leaves 1.
 const ROUNDED_AWAY: f64 = 40.0;
-/// A class whose learned density has less than a thousandth of its own tells nothing of others'.
+/// Beyond this weight of the physics a class's learned density does not exclude other classes as too far.
 const MOSTLY_PHYSICS: f64 = 0.999;
 
-/// Examples that the physics counts for in its share of a class.
+/// Weight of the prior in the physics' mixture weight, in examples.
 const PHYSICS_COUNTS: f64 = 8.0;
-/// Elsewhere than on the printheads that were labelled signals may lie so many tolerances further.
+/// Margin on the distance bound, in tolerances: on printheads that were not labelled, signals of the class may
+/// lie that much further from the curve.
 const ELSEWHERE: f64 = 2.0;
-/// Labelled signals of a class from which they tell how far from the physics they lie.
+/// Fewest labelled signals for a distance bound of the class's own.
 const FEWEST_DISTANCES: usize = 8;
-/// Examples of a class from which it has a bound of its own.
+/// Fewest examples for a density bound of the class's own.
 const FEWEST_BOUNDED: usize = 3;
-/// Examples of every class of which a half tells nearly what all do.
+/// From so many examples of every class on two folds suffice for cross-validation.
 const FEWEST_HALVED: usize = 100;
 
-/// Share of the physics that makes held-out examples likeliest; pairs of ln densities (learned,
-/// physics). `before`: the share that is believed without them. Expectation maximisation.
+/// The physics' mixture weight that maximises the likelihood of held-out examples, given as pairs of ln
+/// densities (learned, physics), by expectation maximisation. `before`: the prior mean of the weight.
 fn share(before: f64, examples: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let mut share = 0.5 * before;
     for _ in 0..50 {
@@ -317,7 +317,7 @@ fn ln_or_none(class: Option<&ClassDensity>, x: &[f64]) -> f64 {
     class.map_or(f64::NEG_INFINITY, |class| class.ln_density(x))
 }
 
-/// All examples but every so many-th, from number `part` on; `None`: none is left.
+/// All examples but those of fold number `part` of `parts`; `None`: none is left.
 fn without(class: &Examples, part: usize, parts: usize) -> Option<Examples> {
     let kept = class.features.iter().enumerate().filter(|(i, _)| i % parts != part);
     let features: Vec<Vec<f64>> = kept.map(|(_, x)| x.clone()).collect();
@@ -325,7 +325,7 @@ fn without(class: &Examples, part: usize, parts: usize) -> Option<Examples> {
     (!features.is_empty()).then(|| of(features))
 }
 
-/// Densities of the classes that have examples enough.
+/// Densities of the classes that have enough examples.
 fn some_densities(examples: &[Option<Examples>]) -> Vec<Option<ClassDensity>> {
     let some: Vec<Examples> = examples.iter().flatten().cloned().collect();
     let pooled = pooled_covariance(&some);
@@ -341,10 +341,10 @@ fn some_densities(examples: &[Option<Examples>]) -> Vec<Option<ClassDensity>> {
 fn to_posterior(temperature: f64, priors: &[f64], weights: &mut [f64]) {
     let most = weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let by = 1.0 / temperature;
-    for lanes in weights.chunks_mut(CLASSES) {
+    for precomputed in weights.chunks_mut(CLASSES) {
         let mut less = [f64::NEG_INFINITY; CLASSES];
-        less.iter_mut().zip(&*lanes).for_each(|(less, w)| *less = (w - most) * by);
-        lanes.copy_from_slice(&exp_lanes(less)[..lanes.len()]);
+        less.iter_mut().zip(&*precomputed).for_each(|(less, w)| *less = (w - most) * by);
+        precomputed.copy_from_slice(&exp_lanes(less)[..precomputed.len()]);
     }
     weights.iter_mut().zip(priors).for_each(|(w, prior)| *w *= prior);
     let sum: f64 = weights.iter().sum();

@@ -1,11 +1,11 @@
-//! How bad a named fault is.
+//! Fault estimation: the severity of a named fault.
 //!
-//! In: where on its fault curves a signal may lie, the posterior of the classes. Out: mean and standard
-//! deviation of the severity's posterior, from the physics of that kind of fault
-//! ([`super::fault_curve`]). Beforehand severities are as likely as in the class's labelled signals; a
-//! part of the belief stays on every size of that kind. thesis §2-2, chapter 5 (fault estimation).
+//! In: a signal compared with the fault curves, the posterior of the classes. Out: mean and standard
+//! deviation of the severity's posterior, by the physics of that kind of fault ([`super::fault_curve`]).
+//! The prior is the distribution of severities in the class's labelled signals, mixed with a uniform one
+//! over all severities of the kind. thesis §2-2, chapter 5 (fault estimation).
 
-use super::node_columns::{self, NODES, Terms};
+use super::node_columns::{self, NODES, NodeDensities};
 use super::physics_density::{Comparison, FaultCurves, Sizes};
 use crate::processor::for_processor;
 
@@ -17,19 +17,19 @@ pub struct Severity {
 }
 
 impl FaultCurves {
-    /// Of a signal that is a fault of the kind of `class`. `weights`: the posterior of the classes;
-    /// those of the same kind add up. `None`: the physics knows no such class, or it is of several
-    /// kinds, whose severities have no common unit.
+    /// The severity of a signal, given that its fault is of the kind of `class`. `weights`: the posterior of
+    /// the classes, which weights the classes of that kind. `None`: the physics knows no such class, or it
+    /// is of several kinds, whose severities have no common unit.
     pub fn severity(&self, class: usize, weights: &[f64], of: &Comparison) -> Option<Severity> {
         let [Sizes { curve, .. }] = *self.class(class) else { return None };
-        let terms = &of.of_curves.get(curve)?.terms;
+        let densities = &of.of_curves.get(curve)?.densities;
         let (mut value, mut square, mut total) = (0.0, 0.0, 0.0);
         for (k, weight) in weights.iter().enumerate().filter(|(_, weight)| **weight > 1e-3) {
             let [sizes] = self.class(k) else { continue };
             if sizes.curve != curve {
                 continue;
             }
-            let [sum, of_value, of_square] = moments(self, sizes, terms);
+            let [sum, of_value, of_square] = moments(self, sizes, densities);
             value += weight * of_value / sum;
             square += weight * of_square / sum;
             total += weight;
@@ -41,17 +41,17 @@ impl FaultCurves {
 }
 
 for_processor! {
-    /// Sum of a class's terms, of these times the severity, and times its square.
-    fn moments(of: &FaultCurves, sizes: &Sizes, terms: &[Terms]) -> [f64; 3] { portable }
+    /// Moments of order 0, 1 and 2 of the severity under a class's densities.
+    fn moments(of: &FaultCurves, sizes: &Sizes, densities: &[NodeDensities]) -> [f64; 3] { portable }
 }
 
 #[inline(always)] // compiled once per instruction set
-fn portable(of: &FaultCurves, sizes: &Sizes, terms: &[Terms]) -> [f64; 3] {
+fn portable(of: &FaultCurves, sizes: &Sizes, densities: &[NodeDensities]) -> [f64; 3] {
     let [mut sum, mut of_value, mut of_square] = [[0.0; NODES]; 3];
-    for Terms { stretch, of: terms } in terms {
-        let (share, severity) = (&sizes.share[*stretch], of.severities(sizes.curve, *stretch));
+    for NodeDensities { block, of: densities } in densities {
+        let (share, severity) = (&sizes.share[*block], of.severities(sizes.curve, *block));
         for i in 0..NODES {
-            let w = share[i] * terms[i];
+            let w = share[i] * densities[i];
             let weighed = w * severity[i];
             sum[i] += w;
             of_value[i] += weighed;

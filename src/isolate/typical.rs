@@ -1,47 +1,48 @@
-//! Whether a signal lies where signals of a class lie: before it is named, not only compared.
+//! Open-set rejection: whether a signal is typical of a class, before it is given the class's name.
 //!
-//! In: what labelled signals of every class leave beside their rings, and how likely their features are
-//! in their own class. Out: bounds that the next signal of the class exceeds rarely. The largest of nine
-//! densities is some class's, whatever the signal; a name needs more than that.
+//! In: the misfit of labelled signals of every class beside their rings, and the density of their features
+//! in their own class. Out: prediction bounds that a further signal of the class exceeds rarely. Some class
+//! always has the largest posterior, whatever the signal; a name asks that the signal is also typical of it.
 
 use crate::model::inner_product::dot;
 use crate::model::student::next_exceeds;
 use serde::{Deserialize, Serialize};
 
-/// Share of a class's signals that may lie beyond each of its two bounds.
+/// Probability that a further signal of a class exceeds each of its two bounds.
 const MISSED: f64 = 0.0015;
 
 /// Bounds of every class.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Typical {
-    /// Directions in which signals of known classes leave more than noise beside their rings; rows of N,
-    /// orthonormal.
+    /// Principal directions of the misfit of known classes beside their rings, where it exceeds noise; rows of
+    /// N, orthonormal.
     pub directions: Vec<Vec<f64>>,
-    /// Per class: variance along each, of a ring as large as the healthy one, over the noise's.
+    /// Per class the variance along each direction, for a ring of the healthy amplitude, over the noise's.
     pub spread: Vec<Vec<f64>>,
-    /// Per class: most that a signal leaves, over what noise leaves.
+    /// Per class an upper bound of [`Typical::misfit_of`].
     pub misfit: Vec<f64>,
 }
 
-/// What one signal leaves beside its ring.
+/// The misfit of one signal beside its ring.
 #[derive(Clone, Copy, Debug)]
-pub struct Beside<'a> {
-    /// N, in units of the noise of a sample.
-    pub left: &'a [f64],
+pub struct RingMisfit<'a> {
+    /// N, in standard deviations of a sample's noise.
+    pub values: &'a [f64],
     /// Amplitude of its ring over the healthy one's at the reference drive.
     pub size: f64,
 }
 
 impl Typical {
-    /// Mean square of what is left, over noise's, less what signals of class `k` leave.
-    pub fn misfit_of(&self, beside: Beside, k: usize) -> f64 {
-        let Beside { left, size } = beside;
-        let mut square = dot(left, left);
+    /// Mean square of the misfit over the noise's, the part that is usual in class `k` discounted (Mahalanobis
+    /// distance per sample; about 1 for a signal of the class).
+    pub fn misfit_of(&self, beside: RingMisfit, k: usize) -> f64 {
+        let RingMisfit { values, size } = beside;
+        let mut square = dot(values, values);
         for (direction, spread) in self.directions.iter().zip(&self.spread[k]) {
-            let (along, spread) = (dot(direction, left), spread * size * size);
+            let (along, spread) = (dot(direction, values), spread * size * size);
             square -= along * along * spread / (1.0 + spread);
         }
-        square / left.len() as f64
+        square / values.len() as f64
     }
 
     /// Refused if it could not have been learned.
@@ -57,29 +58,31 @@ impl Typical {
     }
 }
 
-/// Bound on what the next signal of a class leaves, from what some did.
-pub fn misfit_bound(left: &[f64]) -> f64 {
-    let ln: Vec<f64> = left.iter().map(|v| v.max(f64::MIN_POSITIVE).ln()).collect();
+/// Upper prediction bound of [`Typical::misfit_of`] for a further signal of a class. `misfits`: of some.
+pub fn misfit_bound(misfits: &[f64]) -> f64 {
+    let ln: Vec<f64> = misfits.iter().map(|v| v.max(f64::MIN_POSITIVE).ln()).collect();
     next_exceeds(&ln, MISSED).exp()
 }
 
-/// Bound on the squared distance of the next signal of a class from where it should lie.
+/// Upper prediction bound of a further signal's squared distance. `distances`: squared, of some signals; their
+/// cube roots are about Gaussian (Wilson and Hilferty 1931).
 pub fn distance_bound(distances: &[f64]) -> f64 {
     let roots: Vec<f64> = distances.iter().map(|d| d.max(0.0).cbrt()).collect();
     next_exceeds(&roots, MISSED).powi(3)
 }
 
-/// Least ln density of the next signal of a class, from held-out ones. About half a squared distance
-/// below the highest, whose cube root is about Gaussian (Wilson and Hilferty 1931).
+/// Lower prediction bound of a further signal's ln density in its class. `held_out`: of signals that the
+/// density was not learned from. ln density lies about half a squared distance below the largest, and the
+/// cube root of that is about Gaussian (Wilson and Hilferty 1931).
 pub fn ln_density_bound(held_out: &[f64]) -> f64 {
     let highest = held_out.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let below: Vec<f64> = held_out.iter().map(|v| (highest - v).max(0.0).cbrt()).collect();
     highest - next_exceeds(&below, MISSED).powi(3)
 }
 
-/// The directions in which rows hold more than unit noise, largest first, orthonormal; at most `most`.
-/// By subspace iteration; what counts lies beyond the largest eigenvalue that noise alone has
-/// (sqrt n + sqrt N)² (Marchenko and Pastur 1967), with a fifth to spare.
+/// Principal directions of `rows` that exceed unit noise, largest variance first, orthonormal; at most `most`.
+/// By subspace iteration; kept are eigenvalues above the largest that noise alone would have, (sqrt n +
+/// sqrt N)² for n rows of N (Marchenko and Pastur 1967), by a margin of a fifth.
 pub fn directions(rows: &[Vec<f64>], most: usize) -> Vec<Vec<f64>> {
     const ROUNDS: usize = 30;
     let Some(samples) = rows.first().map(Vec::len) else { return Vec::new() };
@@ -105,7 +108,7 @@ pub fn directions(rows: &[Vec<f64>], most: usize) -> Vec<Vec<f64>> {
     basis.into_iter().zip(sizes).filter(|(_, size)| *size > edge).map(|(d, _)| d).collect()
 }
 
-/// Gram and Schmidt, twice; what is no direction of its own is dropped.
+/// Gram-Schmidt, twice for accuracy; vectors that depend on the ones before are dropped.
 fn orthonormalise(basis: &mut Vec<Vec<f64>>) {
     let mut done: Vec<Vec<f64>> = Vec::with_capacity(basis.len());
     for mut v in basis.drain(..) {
@@ -141,7 +144,7 @@ mod tests {
         typical.check(2, 8).unwrap();
         assert!(typical.check(1, 8).is_err());
         let left = along(30.0);
-        let of = |k: usize, size: f64| typical.misfit_of(Beside { left: &left, size }, k);
+        let of = |k: usize, size: f64| typical.misfit_of(RingMisfit { values: &left, size }, k);
         // 4 of 8 samples of 900 variances: 450 in the mean
         assert!((of(1, 1.0) - 450.0).abs() < 1e-9);
         assert!(of(0, 1.0) < 1e-3, "{}", of(0, 1.0));

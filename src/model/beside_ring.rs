@@ -1,21 +1,23 @@
-//! What a signal holds beside its ring.
+//! What a signal holds beside its ring: the part of its misfit that is orthogonal to the ring's
+//! sensitivities.
 //!
-//! In: a signal and the ring fitted to it. Out: the signal less the ring, less what small changes of
-//! amplitude, damping, frequency, phase and of the real pole's size would explain as well. The real
-//! pole's rate is held: free, it is any slow shape that a wire may bring.
+//! In: a signal and the ring fitted to it. Out: the signal minus the ring, projected on the orthogonal
+//! complement of the ring's tangent space (small changes of amplitude, damping, frequency, phase and of the
+//! real pole's amplitude). The real pole's rate is held: were it free, the tangent space would take up any
+//! slow drift of the sensor too.
 
 use super::inner_product::dot;
 use super::ring::Ring;
 use super::ring_fit::{Features, RingFitter};
 use nalgebra::{DMatrix, SMatrix, SVector};
 
-/// Columns that a ring may move along: four of the pair, one of the real pole.
+/// Dimension of the tangent space: four of the damped pair, one of the real pole.
 const COLUMNS: usize = 5;
 
-/// Signals of one sampling, beside rings of one real pole.
+/// The projection, for signals of one sample period and length and rings with one real pole.
 #[derive(Clone, Debug)]
 pub struct BesideRing {
-    /// e^(-lambda t), unit norm, N.
+    /// e^(-lambda t), scaled to unit norm, N.
     real: Vec<f64>,
 }
 
@@ -27,8 +29,8 @@ impl BesideRing {
         BesideRing { real: column.into_iter().map(|v| v / norm).collect() }
     }
 
-    /// `y`: N, counts; `at`: of its ring, the phase free.
-    pub fn left(&self, fitter: &RingFitter, y: &[f64], at: &Features) -> Vec<f64> {
+    /// The signal's misfit beside its ring, N, counts. `y`: N, counts; `at`: its fitted ring, the phase free.
+    pub fn misfit(&self, fitter: &RingFitter, y: &[f64], at: &Features) -> Vec<f64> {
         let tangent = fitter.tangent(at);
         // the first column is the ring itself
         let ring = tangent.column(0);
@@ -36,27 +38,27 @@ impl BesideRing {
         self.beside(tangent, left)
     }
 
-    /// The same without the shape that every ring of the machine holds, in proportion to its amplitude. N,
-    /// counts, of a ring as large as the healthy one.
-    pub fn left_without(
+    /// The same without `shape`, which every signal of the machine has beside its ring in proportion to the
+    /// ring's amplitude. `shape`: N, counts, for a ring of the healthy amplitude.
+    pub fn misfit_without(
         &self,
         fitter: &RingFitter,
         y: &[f64],
         at: &Features,
         shape: &[f64],
     ) -> Vec<f64> {
-        let mut left = self.left(fitter, y, at);
+        let mut left = self.misfit(fitter, y, at);
         let amplitude = at.ln_amplitude.exp();
         left.iter_mut().zip(shape).for_each(|(l, shape)| *l -= amplitude * shape);
         left
     }
 
-    /// What of a deviation from a ring lies beside it, counts. `y`: N.
+    /// The part of a deviation from a ring that lies beside it, N, counts. `y`: N, counts.
     pub fn project(&self, fitter: &RingFitter, y: &[f64], at: &Features) -> Vec<f64> {
         self.beside(fitter.tangent(at), y.to_vec())
     }
 
-    /// `tangent`: N x 4, of the pair; `left`: N.
+    /// `left` minus its least-squares projection on the tangent space. `tangent`: N x 4, of the damped pair.
     fn beside(&self, mut tangent: DMatrix<f64>, mut left: Vec<f64>) -> Vec<f64> {
         for mut column in tangent.column_iter_mut() {
             let norm = column.norm().max(f64::MIN_POSITIVE);
@@ -64,16 +66,16 @@ impl BesideRing {
         }
         let [ring, damping, frequency, phase] = of_pair(tangent.as_slice());
         let columns: [&[f64]; COLUMNS] = [ring, damping, frequency, phase, &self.real];
-        // columns that cannot be told apart: their difference explains nothing
-        let mut steadied = SMatrix::<f64, COLUMNS, COLUMNS>::identity() * 1e-9;
+        // a ridge, for columns that are nearly parallel: their difference then takes nothing out
+        let mut regularised = SMatrix::<f64, COLUMNS, COLUMNS>::identity() * 1e-9;
         for i in 0..COLUMNS {
             for j in 0..=i {
-                steadied[(i, j)] += dot(columns[i], columns[j]);
+                regularised[(i, j)] += dot(columns[i], columns[j]);
             }
         }
         let product = SVector::<f64, COLUMNS>::from_fn(|i, _| dot(columns[i], &left));
-        // which reads the lower half
-        if let Some(of) = steadied.cholesky().map(|c| c.solve(&product)) {
+        // the Cholesky factorisation reads the lower triangle only
+        if let Some(of) = regularised.cholesky().map(|c| c.solve(&product)) {
             for (column, c) in columns.iter().zip(of.iter()) {
                 left.iter_mut().zip(*column).for_each(|(l, v)| *l -= c * v);
             }
@@ -82,7 +84,7 @@ impl BesideRing {
     }
 }
 
-/// The columns of a matrix of four, one after the other.
+/// The four columns of a matrix that is stored column by column.
 fn of_pair(matrix: &[f64]) -> [&[f64]; 4] {
     let n = matrix.len() / 4;
     std::array::from_fn(|k| &matrix[k * n..(k + 1) * n])
@@ -110,10 +112,10 @@ mod tests {
             Features { ln_amplitude: 0.1, ln_damping: 0.2, ln_frequency: -0.05, phase_rad: 0.2 };
         let ring: Vec<f64> = fitter.tangent(&at).column(0).iter().copied().collect();
         let square = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>();
-        assert!(square(&beside.left(&fitter, &ring, &at)) < 1e-12 * square(&ring));
+        assert!(square(&beside.misfit(&fitter, &ring, &at)) < 1e-12 * square(&ring));
         let with = |extra: &dyn Fn(usize) -> f64| -> f64 {
             let y: Vec<f64> = ring.iter().enumerate().map(|(k, r)| r + extra(k)).collect();
-            square(&beside.left(&fitter, &y, &at))
+            square(&beside.misfit(&fitter, &y, &at))
         };
         let decay = |k: usize| 20.0 * (-4e4 * k as f64 * dt_s).exp();
         assert!(with(&decay) < 1e-6);

@@ -10,8 +10,8 @@
 
 use super::InkChannel;
 
-/// What each class does, in the words of scenario files: `apply` is these lines, and a scenario
-/// that says anything else is refused.
+/// What each class changes, written as scenario files write it. [`apply`] computes exactly this, and a
+/// scenario that states anything else is refused.
 const CHANGES: [(&str, &str); 9] = [
     ("EC", "q = 1 - s; viscosity falls with it, by 0.3 q: a, b / q; g, d * 0.3"),
     ("AB1", "b / (1 - s); d unchanged (R_n and I_n shrink together)"),
@@ -24,20 +24,20 @@ const CHANGES: [(&str, &str); 9] = [
     ("DDN", "d * s"),
 ];
 
-/// What class `class` changes, in the words of scenario files; `None`: no such class.
+/// What class `class` changes, written as scenario files write it; `None`: no such class.
 pub fn change(class: &str) -> Option<&'static str> {
     CHANGES.iter().find(|(name, _)| *name == class).map(|(_, change)| *change)
 }
 
-/// The class in whose severities faults of all `classes` are sized; `None`: they are of several kinds,
-/// or of none that is known.
+/// The class in whose severity unit faults of all `classes` are measured: the first, if all of them are one
+/// physical fault in different degrees. `None`: they are different faults, or one is unknown.
 pub fn one_kind(classes: &[String]) -> Option<&str> {
     let first = classes.first()?;
     let kind = change(first)?;
     classes.iter().all(|class| change(class) == Some(kind)).then_some(first)
 }
 
-/// Which severities a class's name means: `change`s alike are told apart by size alone.
+/// Which severities a class's name means: classes with the same `change` differ in severity alone.
 ///
 /// Departs: thesis §2-2 names degrees of drying and blockage without numbers. A nozzle is dried
 /// slightly up to half an octave of viscosity, deeply from one octave on; blocked from four fifths of
@@ -67,8 +67,8 @@ pub fn largest(class: &str) -> Option<f64> {
     alike.map(|(_, [_, most])| *most).reduce(f64::max)
 }
 
-/// Severity on the scale on which sizes of a fault are equally likely before anything is known:
-/// factors (viscosity, compliance) by their logarithm, shares as they are. `None`: no such class.
+/// The coordinate of severity in which the prior is uniform: the logarithm of a factor (viscosity,
+/// compliance), a share itself. `None`: no such class.
 pub fn scale(class: &str, severity: f64) -> Option<f64> {
     change(class)?;
     Some(match class {
@@ -78,7 +78,7 @@ pub fn scale(class: &str, severity: f64) -> Option<f64> {
     })
 }
 
-/// The severity at a place of [`scale`].
+/// The severity at a coordinate of [`scale`], its inverse.
 pub fn severity_at(class: &str, place: f64) -> Option<f64> {
     change(class)?;
     Some(match class {
@@ -104,7 +104,7 @@ pub fn apply(class: &str, severity: f64, channel: &InkChannel) -> Option<InkChan
     let (on_a, on_b, on_g, on_d) = match class {
         // I = rho L/A: a, b ~ 1/q. R/I = 8 pi (mu/rho)/A with mu -> 0.3 q mu, rho -> q rho.
         "EC" => (1.0 / (1.0 - s), 1.0 / (1.0 - s), 0.3, 0.3),
-        // I_n, R_n ~ the length that is left.
+        // I_n, R_n ~ the length of ink that remains in the nozzle.
         "AB1" => (1.0, 1.0 / (1.0 - s), 1.0, 1.0),
         "AB2" | "AB3" => (1.0 / (1.0 + s), 1.0 / (1.0 + s), 1.0, 1.0),
         // I_n ~ 1/A_n, R_n ~ 1/A_n^2.

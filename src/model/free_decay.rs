@@ -1,25 +1,28 @@
-//! A free decay of thesis (2-2) as it is seen: one damped pair and one real pole, and its derivatives.
+//! A free decay of thesis (2-2) as the output shows it, one damped pair and one real pole, and its
+//! derivatives by its parameters.
 //!
 //! y(t) = e^{-sigma t} (a cos omega t + b sin omega t) + c e^{-lambda t}, per unit drive. Time counts in
 //! signal lengths (0 <= t < 1), so that rates are numbers near 1..100 whatever the plant.
 
 use nalgebra::SVector;
 
-/// ln sigma, ln omega, a, b, c: what differs from channel to channel.
+/// Number of parameters that differ from channel to channel: ln sigma, ln omega, a, b, c.
 pub const FREE: usize = 5;
-/// The same and ln lambda, which all channels share.
+/// Number of all parameters: these and ln lambda, which all channels share.
 pub const ALL: usize = 6;
 
+/// ln sigma, ln omega, a, b, c, ln lambda; rates per signal length, amplitudes in counts per unit drive.
 pub type Theta = SVector<f64, ALL>;
 
-/// Columns dy/d(theta), N each, and y itself.
+/// The decay y and its Jacobian, columns dy/d(theta_j); N each.
 #[derive(Clone, Debug, Default)]
 pub struct Tangent {
     pub y: Vec<f64>,
     pub columns: [Vec<f64>; ALL],
 }
 
-/// Adds `scale` y of one theta at times k/N + shift. `real`: whether there is a real pole.
+/// Adds `scale` times the decay of `theta`, from time `shift` (in signal lengths) on. `real`: whether the
+/// real pole's part is included.
 pub fn add(theta: &Theta, real: bool, shift: f64, scale: f64, out: &mut [f64]) {
     let n = out.len() as f64;
     let (sigma, omega, lambda) = (theta[0].exp(), theta[1].exp(), theta[5].exp());
@@ -38,8 +41,8 @@ pub fn add(theta: &Theta, real: bool, shift: f64, scale: f64, out: &mut [f64]) {
 }
 
 impl Tangent {
-    /// `weak`: the real pole's amplitude in the derivative by lambda. One signal hardly knows it; with
-    /// the channel's own noisy one that column would be an error in variables.
+    /// `weak`: the amplitude c to use in dy/d(ln lambda). A single signal hardly determines its own c, and
+    /// with so noisy a regressor the column would bias what is fitted (errors in variables).
     pub fn at(&mut self, theta: &Theta, weak: f64, real: bool, samples: usize) {
         let n = samples as f64;
         let (sigma, omega, lambda) = (theta[0].exp(), theta[1].exp(), theta[5].exp());

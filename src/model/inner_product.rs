@@ -1,15 +1,16 @@
-//! Products of a signal with a column, in lanes.
+//! Inner products whose bits do not depend on the processor.
 //!
-//! In: a signal and a column. Out: their product. Lanes are added up in one order,
-//! so that the sums are the same whatever vector instructions the processor has; nothing fuses.
+//! In: two vectors. Out: their inner product. Eight partial sums are kept side by side, one per SIMD lane,
+//! and added up in one order; no product is fused with a sum. So the result is the same whatever vector
+//! instructions the processor has.
 
 use crate::processor::for_processor;
 
-/// Samples side by side.
+/// Partial sums.
 const LANES: usize = 8;
 type Lanes = [f64; LANES];
 
-/// In a fixed order.
+/// The sum of the partial sums, in a fixed order.
 #[inline(always)] // compiled once per instruction set
 fn sum(lanes: Lanes) -> f64 {
     let half: [f64; 4] = std::array::from_fn(|l| lanes[l] + lanes[l + 4]);
@@ -17,7 +18,7 @@ fn sum(lanes: Lanes) -> f64 {
 }
 
 for_processor! {
-    /// Inner product of vectors of one length, in lanes.
+    /// Inner product of two vectors of equal length.
     pub fn dot(a: &[f64], b: &[f64]) -> f64 { portable }
 }
 

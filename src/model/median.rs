@@ -1,6 +1,6 @@
-//! The median: one for everybody.
+//! The median: its one home.
 
-/// Median, of an even number the upper of the two in the middle; NaN of nothing. Reorders `values`.
+/// The median; of an even number of values the upper of the middle two, of none NaN. Reorders `values`.
 pub fn median(values: &mut [f64]) -> f64 {
     if values.is_empty() {
         return f64::NAN;

@@ -11,16 +11,16 @@ pub mod free_decay;
 pub mod geometry;
 pub mod ink_channel;
 pub mod inner_product;
-pub mod lane_math;
 pub mod median;
 pub mod normal;
 mod poles;
 pub mod ring;
 pub mod ring_down;
 pub mod ring_fit;
+mod ring_gauss_newton;
+mod ring_gram;
 mod ring_grid;
-mod ring_lanes;
-mod ring_sums;
+pub mod simd_math;
 pub mod student;
 pub mod terms;
 
@@ -30,7 +30,7 @@ pub use actuation::Actuation;
 pub use geometry::Geometry;
 pub use ink_channel::InkChannel;
 
-/// An autonomous linear plant x' = A x, y = C x, rung from a non-zero acquisition state.
+/// An autonomous linear plant x' = A x, y = C x; it rings from a non-zero acquisition state x_a.
 pub trait Plant {
     /// A, n x n, 1/s (rows of volume states and flow states mixed as in thesis (2-2)).
     fn a(&self) -> DMatrix<f64>;

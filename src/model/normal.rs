@@ -1,6 +1,6 @@
-//! The normal distribution: tail and quantile, for everybody.
+//! The normal distribution: its tail and quantile; the one home of both.
 
-/// Of -z² in ln erfc z, in powers of 1 / (1 + z/2).
+/// Coefficients of ln(erfc(z) e^{z²} (1 + z/2)) in powers of 1 / (1 + z/2).
 pub(crate) const ERFC: [f64; 10] = [
     -1.265_512_23,
     1.000_023_68,
@@ -14,8 +14,8 @@ pub(crate) const ERFC: [f64; 10] = [
     0.170_872_77,
 ];
 
-/// 1 - Phi(x), relative error below 1e-7 everywhere: W. J. Cody style rational fit of erfc as in
-/// Numerical Recipes (erfcc), whose relative error is at most 1.2e-7.
+/// 1 - Phi(x), with a relative error of at most 1.2e-7 everywhere: Chebyshev fit of erfc, Numerical Recipes
+/// (erfcc).
 pub fn upper_tail(x: f64) -> f64 {
     let z = x.abs() / std::f64::consts::SQRT_2;
     let t = 1.0 / (1.0 + 0.5 * z);

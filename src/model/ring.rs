@@ -1,4 +1,4 @@
-//! A ring-down in the numbers that a technician sees: amplitude, phase, damping, frequency.
+//! A ring-down by amplitude, phase, damping and frequency: a *ring*.
 //!
 //! In: poles and output state of a model. Out: [`Ring`], y(t) = A (e^{-sigma t} cos(omega t + phi) +
 //! rho e^{-lambda t}), and the same decay with other amplitude, damping and frequency.

@@ -1,14 +1,15 @@
 //! The maximum-likelihood ring of one signal: amplitude, damping, frequency, and phase if it is free.
 //!
 //! In: a signal, the healthy [`Ring`] that it is compared with. Out: [`Features`], log ratios to that
-//! ring. Amplitude (and phase) enter linearly and are eliminated (variable projection); a coarse
-//! start over damping and frequency is followed by a few damped Gauss-Newton steps. White noise.
+//! ring. Amplitude (and phase) enter linearly and are eliminated (variable projection, Golub and Pereyra
+//! 1973); a coarse search over damping and frequency ([`super::ring_grid`]) is followed by a few damped
+//! Gauss-Newton steps ([`super::ring_gauss_newton`]). The noise is taken to be white: least squares.
 
 use super::inner_product::dot;
 use super::ring::Ring;
+use super::ring_gauss_newton::{Optimum, Progress, Search, Start, WIDTH};
+use super::ring_gram::Frame;
 use super::ring_grid::{Grid, Sums};
-use super::ring_lanes::{Place, SIDE, Search, Start, Turn};
-use super::ring_sums::Frame;
 use nalgebra::DMatrix;
 
 /// ln (A/A0), ln (sigma/sigma0), ln (f/f0), and phi - phi0 (0 where the phase is not free).
@@ -31,7 +32,7 @@ impl Features {
     }
 }
 
-/// A fit and what it leaves.
+/// A fitted ring and its misfit.
 #[derive(Clone, Copy, Debug)]
 pub struct Fit {
     pub features: Features,
@@ -41,24 +42,25 @@ pub struct Fit {
     pub square: f64,
 }
 
-/// Fits signals of one sampling; its coarse grid is computed once.
+/// Fits rings to signals of one sample period and length; its coarse grid is computed once.
 #[derive(Clone, Debug)]
 pub struct RingFitter {
     ring: Ring,
     dt_s: f64,
     samples: usize,
-    /// Real pole's part of the first column, N.
+    /// The real pole's part of the in-phase column, per unit amplitude, N.
     real: Vec<f64>,
     frame: Frame,
     grid: Grid,
 }
 
-/// Scratch of one worker.
+/// Buffers of a fitter, one set per thread.
 #[derive(Clone, Debug, Default)]
 pub struct Products {
     sums: Sums,
-    /// Signals side by side, and the one that is next.
-    side: Vec<[f64; SIDE]>,
+    /// The signals being fitted, interleaved: N samples of all lanes.
+    interleaved: Vec<[f64; WIDTH]>,
+    /// The signal that is next, N.
     signal: Vec<f64>,
 }
 
@@ -92,19 +94,20 @@ impl RingFitter {
         columns(&self.real, &self.frame, damping, frequency)
     }
 
-    /// `y`: N, counts. `phase`: free. `None`: the signal is no ring (zero, or not finite).
+    /// Fits one signal. `y`: N, counts. `phase`: whether the phase is free, or held at the healthy ring's.
+    /// `None`: the signal is no ring (zero, or not finite).
     pub fn fit(&self, y: &[f64], phase: bool, work: &mut Products) -> Option<Fit> {
         let [damping, frequency] = self.grid.search(y, &mut work.sums)?;
         self.refine(y, damping, frequency, phase)
     }
 
-    /// The same from a start that is near already: no coarse search. `y`: N, counts.
+    /// The same from a known start, without the coarse search. `y`: N, counts.
     pub fn fit_from(&self, y: &[f64], near: &Features, phase: bool) -> Option<Fit> {
         let [damping, frequency] = self.near(near);
         self.refine(y, damping, frequency, phase)
     }
 
-    /// ln damping and ln frequency to start from.
+    /// ln damping and ln frequency to start from, within the range that Gauss-Newton is good for.
     fn near(&self, near: &Features) -> [f64; 2] {
         [near.ln_damping.clamp(-3.0, 2.0), near.ln_frequency.clamp(-0.9, 0.5)]
     }
@@ -114,22 +117,22 @@ impl RingFitter {
         let mut search = Search::<1>::new(self.frame, phase);
         search.begin(0, start);
         loop {
-            match search.look(y.as_chunks::<1>().0) {
-                [Turn::GoesOn] => {}
-                [Turn::Ended(place)] => return self.fit_of(place?, start.square),
+            match search.iterate(y.as_chunks::<1>().0) {
+                [Progress::Continues] => {}
+                [Progress::Ended(optimum)] => return self.fit_of(optimum?, start.square),
             }
         }
     }
 
-    /// `None`: no signal.
+    /// `None`: the signal is zero, or not finite.
     fn start_of(&self, y: &[f64], [ln_damping, ln_frequency]: [f64; 2]) -> Option<Start> {
         let [square, along_real] = [dot(y, y), dot(y, &self.real)];
         let there = square > 0.0 && square.is_finite();
         there.then_some(Start { ln_damping, ln_frequency, square, along_real })
     }
 
-    fn fit_of(&self, place: Place, square: f64) -> Option<Fit> {
-        let Place { ln_damping, ln_frequency, a, b, misfit } = place;
+    fn fit_of(&self, optimum: Optimum, square: f64) -> Option<Fit> {
+        let Optimum { ln_damping, ln_frequency, a, b, misfit } = optimum;
         let features = Features {
             ln_amplitude: 0.5 * ((a * a + b * b) / self.ring.amplitude.powi(2)).ln(),
             ln_damping,
@@ -140,9 +143,9 @@ impl RingFitter {
         finite.then_some(Fit { features, misfit, square })
     }
 
-    /// The same of many signals, several side by side. `signal` writes the next one, N counts, and says
-    /// near what it lies, if that is known; `None` of it: there are no more. `found`: the fit of a
-    /// signal by its number.
+    /// Fits many signals, [`WIDTH`] at once. `signal` writes the next one, N, counts, and returns a start
+    /// if one is known (`Some(None)`: none is); it returns `None` when there are no more. `found` is called
+    /// with the number of a signal and its fit, in the order in which fits end.
     pub fn fit_all(
         &self,
         phase: bool,
@@ -150,16 +153,16 @@ impl RingFitter {
         mut signal: impl FnMut(&mut [f64]) -> Option<Option<Features>>,
         mut found: impl FnMut(usize, Option<Fit>),
     ) {
-        let mut side = std::mem::take(&mut work.side);
+        let mut interleaved = std::mem::take(&mut work.interleaved);
         let mut y = std::mem::take(&mut work.signal);
-        side.resize(self.samples, [0.0; SIDE]);
+        interleaved.resize(self.samples, [0.0; WIDTH]);
         y.resize(self.samples, 0.0);
-        let mut search = Search::<SIDE>::new(self.frame, phase);
-        let mut squares = [0.0; SIDE];
-        let mut of_lane: [Option<usize>; SIDE] = [None; SIDE];
+        let mut search = Search::<WIDTH>::new(self.frame, phase);
+        let mut squares = [0.0; WIDTH];
+        let mut of_lane: [Option<usize>; WIDTH] = [None; WIDTH];
         let (mut next, mut more) = (0, true);
         loop {
-            for lane in 0..SIDE {
+            for lane in 0..WIDTH {
                 while more && of_lane[lane].is_none() {
                     let Some(near) = signal(&mut y) else {
                         more = false;
@@ -172,7 +175,7 @@ impl RingFitter {
                     match start.and_then(|start| self.start_of(&y, start)) {
                         None => found(next, None),
                         Some(start) => {
-                            side.iter_mut().zip(&y).for_each(|(side, y)| side[lane] = *y);
+                            interleaved.iter_mut().zip(&y).for_each(|(all, y)| all[lane] = *y);
                             search.begin(lane, start);
                             squares[lane] = start.square;
                             of_lane[lane] = Some(next);
@@ -184,17 +187,18 @@ impl RingFitter {
             if of_lane.iter().all(Option::is_none) {
                 break;
             }
-            for (lane, turn) in search.look(&side).into_iter().enumerate() {
-                if let (Turn::Ended(place), Some(number)) = (turn, of_lane[lane]) {
-                    found(number, place.and_then(|place| self.fit_of(place, squares[lane])));
+            for (lane, progress) in search.iterate(&interleaved).into_iter().enumerate() {
+                if let (Progress::Ended(optimum), Some(number)) = (progress, of_lane[lane]) {
+                    found(number, optimum.and_then(|of| self.fit_of(of, squares[lane])));
                     of_lane[lane] = None;
                 }
             }
         }
-        (work.side, work.signal) = (side, y);
+        (work.interleaved, work.signal) = (interleaved, y);
     }
 
-    /// N x 4: dy/d(ln A, ln sigma, ln f, phi) at some features, counts.
+    /// The ring's sensitivities at some features, N x 4: dy/d(ln A, ln sigma, ln f, phi), counts. The first
+    /// column is the ring itself.
     pub fn tangent(&self, at: &Features) -> DMatrix<f64> {
         let (damping, frequency) = (at.ln_damping.exp(), at.ln_frequency.exp());
         let [in_phase, quadrature] = self.columns(damping, frequency);
@@ -215,8 +219,8 @@ impl RingFitter {
         tangent
     }
 
-    /// Features of a small deviation from the healthy ring, to first order: coordinates of what it has
-    /// in common with the tangent space. `deviation`: N, counts.
+    /// Features of a small deviation from the healthy ring, to first order: its least-squares coordinates
+    /// on the sensitivities. `deviation`: N, counts. `None`: the sensitivities depend on each other.
     pub fn features_of(&self, deviation: &[f64]) -> Option<[f64; 4]> {
         let tangent = self.tangent(&Features::HEALTHY);
         let gram = (tangent.transpose() * &tangent).try_inverse()?;
@@ -224,8 +228,8 @@ impl RingFitter {
         Some(std::array::from_fn(|k| x[k]))
     }
 
-    /// Covariance of the noise of a fit there, 4 x 4; with the phase held, of its first three. `noise`:
-    /// of one sample, counts.
+    /// Covariance of a fit's features due to noise (Cramer-Rao), 4 x 4; with the phase held 3 x 3.
+    /// `noise`: standard deviation of one sample, counts.
     pub fn noise_covariance(&self, at: &Features, phase: bool, noise: f64) -> Option<DMatrix<f64>> {
         let tangent = self.tangent(at);
         let free = if phase { 4 } else { 3 };
@@ -234,8 +238,8 @@ impl RingFitter {
     }
 }
 
-/// In-phase and quadrature columns of a ring with those ratios of damping and frequency, per unit
-/// amplitude; by recurrence. `real`: the real pole's part, N.
+/// In-phase and quadrature columns, N each, of a ring whose damping and frequency are these multiples of
+/// the healthy ring's, per unit amplitude; by recurrence. `real`: the real pole's part, N.
 fn columns(real: &[f64], frame: &Frame, damping: f64, frequency: f64) -> [Vec<f64>; 2] {
     let (mut re, mut im) = frame.first;
     let decay = (-frame.sigma_dt * damping).exp();

@@ -1,68 +1,69 @@
 //! Where a ring fit starts: a coarse search over damping and frequency.
 //!
-//! In: a signal, the columns of rings at the places of a grid. Out: ln damping and ln frequency where
-//! the rings explain most of it. Samples are added up in groups, in f32: only the start is chosen by
-//! them. Sums are made in one order, so the start is the same whatever the processor; nothing fuses.
+//! In: a signal, the columns of rings at the points of a grid. Out: ln damping and ln frequency of the
+//! point whose rings explain most of the signal's square norm (the amplitude and phase fitted at each).
+//! It is a start only, so neighbouring samples are summed before (decimation), and the rest is f32. All
+//! sums are made in one order and nothing is fused: the start is the same whatever the processor.
 
 use crate::processor::for_processor;
 
-/// Places side by side: with both columns of each 64 sums, four AVX-512 vectors.
-const PLACES: usize = 32;
-type OfPlaces = [f32; PLACES];
+/// Grid points whose sums are made together: with two columns each 64 of them, four AVX-512 vectors.
+const POINTS: usize = 32;
+type OfPoints = [f32; POINTS];
 
-/// Both columns at one sum of samples; in whole cache lines.
+/// Both columns of a block's points at one decimated sample; aligned to cache lines.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
-struct Row([OfPlaces; 2]);
+struct Row([OfPoints; 2]);
 
 /// Coarse grid, relative to the healthy ring: damping from a twentieth to four times, frequency from
-/// 0.4 to 1.5 times. Steps of 9 % in frequency, and of 6 in damping, lie within reach of Gauss-Newton:
-/// of 20,000 rings of that range at ten times the usual noise's square .30 % end elsewhere than from
-/// the truth, with 4 x 22 places .24 %; at the usual noise none.
+/// 0.4 to 1.5 times. Steps of 9 % in frequency and of a factor 6 in damping are close enough for
+/// Gauss-Newton: of 20,000 rings over that range, with ten times the usual noise variance, .30 % end in
+/// another minimum than when started from the truth (.24 % with 4 x 22 points); at the usual noise none.
 const DAMPINGS: [f64; 2] = [0.2, 1.3];
 const FREQUENCIES: usize = 16;
 const FREQUENCY_RANGE: (f64, f64) = (0.40, 1.55);
-/// Phase of the grid's highest frequency from one sum of samples to the next, rad: their products are
-/// then as good as those of the samples.
+/// Samples are summed in groups over which the grid's highest frequency advances by no more than this
+/// phase, rad: little of any ring is lost.
 const COARSE_RAD: f64 = 2.0;
 
 #[derive(Clone, Debug)]
 pub struct Grid {
-    /// ln damping and ln frequency of its places, of each damping all frequencies.
-    places: Vec<[f64; 2]>,
-    panels: Vec<Panel>,
-    /// Samples that are added up.
+    /// ln damping and ln frequency of every point, frequencies innermost.
+    points: Vec<[f64; 2]>,
+    blocks: Vec<Block>,
+    /// Samples that are summed to one.
     group: usize,
 }
 
-/// Some places. Where there is none, all is zero.
+/// Up to [`POINTS`] points; zeros beyond the last.
 #[derive(Clone, Debug)]
-struct Panel {
-    /// In-phase and quadrature columns, sum by sum.
+struct Block {
+    /// In-phase and quadrature columns of its points, decimated sample by decimated sample.
     columns: Vec<Row>,
     /// Upper triangles of the inverses of their Gram matrices.
-    inverses: [OfPlaces; 3],
+    inverses: [OfPoints; 3],
 }
 
-/// Both columns of a place, and the upper triangle of the inverse of their Gram matrix.
-type OfPlace = ([Vec<f64>; 2], [f32; 3]);
+/// Both columns of a point, and the upper triangle of the inverse of their Gram matrix.
+type OfPoint = ([Vec<f64>; 2], [f32; 3]);
 
-/// Scratch of one worker.
+/// Buffers of a search, one set per thread: the decimated signal, and what each point explains of it.
 #[derive(Clone, Debug, Default)]
 pub struct Sums {
     of_signal: Vec<f32>,
-    explained: Vec<OfPlaces>,
+    explained: Vec<OfPoints>,
 }
 
 impl Grid {
-    /// `omega_dt`: of frequency ratio 1, rad a sample. `columns`: of a ring with ratios of damping
-    /// and frequency, `samples` each.
+    /// `omega_dt`: the healthy ring's phase advance, rad per sample. `columns`: in-phase and quadrature
+    /// columns, `samples` each, of a ring with these multiples of its damping and frequency.
     pub fn new(omega_dt: f64, samples: usize, columns: impl Fn(f64, f64) -> [Vec<f64>; 2]) -> Grid {
         let (low, high) = FREQUENCY_RANGE;
         let group = ((COARSE_RAD / (omega_dt * high)) as usize).clamp(1, (samples / 16).max(1));
         let group = 1 << group.ilog2();
-        let mut places = Vec::new();
-        let mut of_places = Vec::new();
+        let mut points = Vec::new();
+        let mut of_points = Vec::new();
         for damping in DAMPINGS {
             for i in 0..FREQUENCIES {
                 let share = i as f64 / (FREQUENCIES - 1) as f64;
@@ -78,35 +79,35 @@ impl Grid {
                 let there = determinant > 1e-9 * pp * qq;
                 let inverse =
                     [qq, -2.0 * pq, pp].map(|g| if there { (g / determinant) as f32 } else { 0.0 });
-                places.push([damping.ln(), frequency.ln()]);
-                of_places.push(([p, q], inverse));
+                points.push([damping.ln(), frequency.ln()]);
+                of_points.push(([p, q], inverse));
             }
         }
         let sums = samples / group;
-        let panels = of_places
-            .chunks(PLACES)
+        let blocks = of_points
+            .chunks(POINTS)
             .map(|of| {
-                let lanes = |value: &dyn Fn(&OfPlace) -> f32| -> OfPlaces {
+                let lanes = |value: &dyn Fn(&OfPoint) -> f32| -> OfPoints {
                     std::array::from_fn(|l| of.get(l).map_or(0.0, value))
                 };
                 let column = |k: usize, j: usize| lanes(&|(columns, _)| columns[j][k] as f32);
-                Panel {
+                Block {
                     columns: (0..sums).map(|k| Row([column(k, 0), column(k, 1)])).collect(),
                     inverses: std::array::from_fn(|j| lanes(&|(_, inverse)| inverse[j])),
                 }
             })
             .collect();
-        Grid { places, panels, group }
+        Grid { points, blocks, group }
     }
 
-    /// ln damping and ln frequency where the grid explains most, between its frequencies by a parabola. `y`:
-    /// counts. `None`: nothing explains anything.
+    /// ln damping and ln frequency of the point that explains most; the frequency is refined by a parabola
+    /// through its neighbours. `y`: counts. `None`: the signal holds a NaN.
     pub fn search(&self, y: &[f64], sums: &mut Sums) -> Option<[f64; 2]> {
         let most = explain(self, y, sums);
         let explained = sums.explained.as_flattened();
         let best = explained.iter().position(|e| *e == most)?;
-        let at = |i: usize| (self.places[i], f64::from(explained[i]));
-        let here = *self.places.get(best)?;
+        let at = |i: usize| (self.points[i], f64::from(explained[i]));
+        let here = *self.points.get(best)?;
         let most = f64::from(most);
         let mut place = here;
         if (1..FREQUENCIES - 1).contains(&(best % FREQUENCIES)) {
@@ -119,7 +120,7 @@ impl Grid {
 }
 
 for_processor! {
-    /// What each place explains of a signal; returns the most.
+    /// The square norm that each point explains of a signal; returns the largest.
     fn explain(of: &Grid, y: &[f64], sums: &mut Sums) -> f32 { portable }
 }
 
@@ -132,29 +133,29 @@ fn portable(of: &Grid, y: &[f64], Sums { of_signal, explained }: &mut Sums) -> f
         group => of_signal.extend(y.chunks_exact(group).map(|y| y.iter().sum::<f64>() as f32)),
     }
     explained.clear();
-    let mut most = [f32::NEG_INFINITY; PLACES];
-    for Panel { columns, inverses } in &of.panels {
-        let [mut u, mut v] = [[0.0; PLACES]; 2];
+    let mut most = [f32::NEG_INFINITY; POINTS];
+    for Block { columns, inverses } in &of.blocks {
+        let [mut u, mut v] = [[0.0; POINTS]; 2];
         for (y, Row([p, q])) in of_signal.iter().zip(columns) {
-            for l in 0..PLACES {
+            for l in 0..POINTS {
                 u[l] += y * p[l];
             }
-            for l in 0..PLACES {
+            for l in 0..POINTS {
                 v[l] += y * q[l];
             }
         }
         let [uu, uv, vv] = inverses;
-        let mut of_places = [0.0; PLACES];
-        for l in 0..PLACES {
-            of_places[l] = uu[l] * u[l] * u[l] + uv[l] * u[l] * v[l] + vv[l] * v[l] * v[l];
-            most[l] = if of_places[l] > most[l] { of_places[l] } else { most[l] };
+        let mut of_points = [0.0; POINTS];
+        for l in 0..POINTS {
+            of_points[l] = uu[l] * u[l] * u[l] + uv[l] * u[l] * v[l] + vv[l] * v[l] * v[l];
+            most[l] = if of_points[l] > most[l] { of_points[l] } else { most[l] };
         }
-        explained.push(of_places);
+        explained.push(of_points);
     }
     most.iter().fold(f32::NEG_INFINITY, |m, e| if *e > m { *e } else { m })
 }
 
-/// Where a parabola through three points is highest, no further than half way to the outer ones.
+/// The vertex of a parabola through three points, no further than half way to the outer ones.
 fn peak(x: [f64; 3], y: [f64; 3]) -> f64 {
     let (left, right) = (x[1] - x[0], x[2] - x[1]);
     let (rise, fall) = ((y[1] - y[0]) / left, (y[2] - y[1]) / right);

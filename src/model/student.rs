@@ -1,4 +1,4 @@
-//! Student's t: what is known of a mean, or of the next value, from a few.
+//! Student's t: confidence and prediction bounds from few values.
 
 use super::normal::normal_quantile;
 
@@ -21,8 +21,8 @@ pub fn student_quantile(p: f64, freedom: f64) -> f64 {
     terms.iter().rev().fold(0.0, |sum, t| (sum + t) / freedom) + z
 }
 
-/// What the next of some values, about Gaussian, exceeds in so small a share of cases: mean + t sd
-/// sqrt(1 + 1/n); and none of the values themselves. Fewer than two: infinity.
+/// Upper prediction bound: the next value of an about Gaussian sample exceeds it with probability `share`.
+/// mean + t sd sqrt(1 + 1/n), and at least the largest of `values`. Fewer than two values: infinity.
 pub fn next_exceeds(values: &[f64], share: f64) -> f64 {
     let n = values.len() as f64;
     if values.len() < 2 {

@@ -1,34 +1,39 @@
-//! What the thesis's model leaves out: one term each, in the equation of motion.
+//! Unmodelled dynamics: what the thesis's linear model leaves out, each effect as one more term in the
+//! equation of motion.
 //!
-//! In: the ring as it is seen (poles, output state) and a term of some strength. Out: the decay with
-//! that term, by Runge-Kutta. Time counts in signal lengths, output in counts; strengths are relative
-//! changes of frequency or damping at unit drive, so that they mean something without the interior.
+//! In: a ring-down as the output shows it (poles, amplitudes), a term and its strength. Out: the decay with
+//! that term, integrated by Runge-Kutta. Time is in signal lengths, output in counts. A strength is the
+//! relative change of frequency or damping that the term causes at unit drive, so that it has a meaning
+//! without knowing the channel's inner state.
 //!
-//! The interior is thesis (2-2): V = V_r + V_n, q_r, q_n. Poles and output fix it but for the ratios
-//! R_r/I_r over R_n/I_n, which is held (thesis (2-3), (2-4)).
+//! The state that is integrated is thesis (2-2) in V = V_r + V_n, q_r, q_n. Poles and output determine the
+//! rates but for the ratio of R_r/I_r to R_n/I_n, which is given (thesis (2-3), (2-4)).
 
 use super::InkChannel;
 use std::f64::consts::PI;
 
-/// Steps of Runge-Kutta per sample at least, and radians per step at most.
+/// Runge-Kutta steps per sample, at least, and phase advance of the ring per step, rad, at most.
 const STEPS: usize = 2;
 const RADIANS: f64 = 0.12;
 
+/// A term of the equation of motion; for an oscillator V is the displacement and q_n the velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Term {
-    /// -k3 V^3 beside the compliance's -V (pendulum: sin).
+    /// -k3 V^3 added to the compliance's restoring -V (Duffing; a pendulum's sine to third order).
     CubicStiffness,
-    /// -k |q_n| q_n, orifice loss.
+    /// -k |q_n| q_n: turbulent loss at the nozzle's orifice.
     QuadraticDrag,
-    /// -mu sign(q_n).
+    /// -mu sign(q_n): Coulomb friction.
     DryFriction,
-    /// -V_n/(I_n B_m), surface tension in the nozzle; strength is B_t/B_m.
+    /// -V_n/(I_n B_m): surface tension of the meniscus, compliance B_m; strength is B_t/B_m.
     Meniscus,
-    /// Part of the nozzle's loss as a half-order derivative of the flow (boundary layer).
+    /// A share of the nozzle's viscous loss replaced by a half-order derivative of the flow (oscillating
+    /// boundary layer).
     FractionalDamping,
 }
 
-/// Ring numbers: sigma, omega, lambda, and the output's a, b, c; per signal length.
+/// A free decay as the output shows it ([`super::free_decay`]): y = e^{-sigma t} (a cos omega t + b sin
+/// omega t) + c e^{-lambda t}; rates per signal length, amplitudes in counts at unit drive.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen {
     pub sigma: f64,
@@ -39,7 +44,7 @@ pub struct Seen {
     pub c: f64,
 }
 
-/// A plant's inside, ready to be integrated.
+/// A plant's equation of motion with its initial state at t_a, ready to be integrated.
 #[derive(Clone, Copy, Debug)]
 pub enum Interior {
     /// (V, q_r, q_n) at t_a, and the rates.
@@ -49,7 +54,8 @@ pub enum Interior {
 }
 
 impl Interior {
-    /// The ink channel that is seen so. `ratio`: R_r/I_r over R_n/I_n. `None`: no such channel.
+    /// The ink channel whose output is `seen`. `ratio`: R_r/I_r over R_n/I_n. `None`: no channel with positive
+    /// rates has that output.
     pub fn ink(seen: &Seen, ratio: f64) -> Option<Interior> {
         let Seen { sigma, omega, lambda, a, b, c } = *seen;
         let d = (2.0 * sigma + lambda) / (1.0 + ratio);
@@ -81,7 +87,7 @@ impl Interior {
             .then_some(Interior::Ink { channel, state: [x[0], x[1], x[2]] })
     }
 
-    /// The oscillator whose displacement is seen so.
+    /// The oscillator whose displacement is `seen` (its real pole apart).
     pub fn oscillator(seen: &Seen) -> Interior {
         let Seen { sigma, omega, a, b, .. } = *seen;
         Interior::Oscillator {
@@ -91,8 +97,8 @@ impl Interior {
         }
     }
 
-    /// (amplitude of what is stiff, amplitude of what is damped) at t_a, and the damping's change
-    /// with the loss coefficient that the terms act on.
+    /// At t_a the amplitudes of displacement (which stiffness acts on) and of flow (which losses act on),
+    /// and d sigma / d(loss coefficient): what turns a strength into a coefficient of the equation.
     fn amplitudes(&self, seen: &Seen) -> (f64, f64, f64) {
         let Seen { sigma, omega, .. } = *seen;
         let envelope = |x: f64, dx: f64| x.hypot((dx + sigma * x) / omega);
@@ -115,8 +121,9 @@ impl Interior {
         }
     }
 
-    /// The decay at a drive with `term` of `strength` (relative change of frequency or damping at
-    /// unit drive; share; ratio), per `samples` of one signal length. Counts.
+    /// The decay at a relative drive with `term` of `strength` (relative change of frequency or damping at
+    /// unit drive; for `FractionalDamping` the share, for `Meniscus` B_t/B_m): `samples` samples over one
+    /// signal length, counts.
     pub fn decay(
         &self,
         seen: &Seen,
@@ -127,13 +134,13 @@ impl Interior {
         let (stiff, damped, slope) = self.amplitudes(seen);
         let (mut cubic, mut drag, mut dry, mut meniscus, mut memory) = (0.0, 0.0, 0.0, 0.0, None);
         match term {
-            // frequency of x'' = -w²(x + k x³): w (1 + 3/8 k A²)
+            // harmonic balance at amplitude A: x'' = -w²(x + k x³) oscillates at w (1 + 3/8 k A²)
             Some((Term::CubicStiffness, e)) => cubic = e * 8.0 / 3.0 / (stiff * stiff),
-            // loss k |q| q is 8/(3 pi) k A q in the mean over a period
+            // equivalent linear loss over a period: k |q| q acts as 8/(3 pi) k A q
             Some((Term::QuadraticDrag, e)) => {
                 drag = e * seen.sigma / (slope * 8.0 / (3.0 * PI) * damped);
             }
-            // mu sign(q) is 4 mu/(pi A) q
+            // and mu sign(q) as 4 mu/(pi A) q
             Some((Term::DryFriction, e)) => dry = e * seen.sigma * PI * damped / (4.0 * slope),
             Some((Term::Meniscus, e)) => meniscus = e,
             Some((Term::FractionalDamping, e)) => {
@@ -200,9 +207,10 @@ impl Interior {
         out
     }
 
-    /// Force of a half-order loss that takes the place of a share `e` of the viscous one:
-    /// -e loss (omega^-1/2 D^1/2 q - q), D^1/2 in Caputo's sense from t_a on (the flow before is not
-    /// known), by the L1 scheme; of the flow without the term, so to first order in e.
+    /// Force of a half-order loss that replaces a share `e` of the viscous one:
+    /// -e loss (omega^-1/2 D^1/2 q - q). D^1/2 is Caputo's derivative from t_a on (the flow before is not
+    /// known), by the L1 scheme; q is the flow without the term, so the force is right to first order in e.
+    /// One value per sample.
     fn memory_force(&self, seen: &Seen, e: f64, drive: f64, samples: usize) -> Vec<f64> {
         let (flow, loss): (Vec<f64>, f64) = match *self {
             Interior::Ink { channel, .. } => (self.nozzle_flow(drive, samples), channel.d_per_s),
@@ -228,11 +236,11 @@ impl Interior {
             .collect()
     }
 
-    /// q_n of an ink channel without terms.
+    /// Flow q_n through the nozzle of an ink channel without any term, one value per sample.
     fn nozzle_flow(&self, drive: f64, samples: usize) -> Vec<f64> {
         let Interior::Ink { channel, state: [v, q_r, q_n] } = *self else { return Vec::new() };
         let step = channel.transition(1.0 / samples as f64);
-        // V_r and V_n enter as their sum
+        // only the sum of V_r and V_n matters
         let mut x = nalgebra::Vector4::new(v, 0.0, q_r, q_n) * drive;
         (0..samples)
             .map(|_| {

@@ -5,7 +5,7 @@ use super::data::Signals;
 use super::practice::{Thresholds, key_numbers};
 use super::{Confusion, Figures, ThesisError};
 use crate::design::{Design, DetectSettings, IsolateSettings, Judge, TrainingSet, Workspace};
-use crate::detect::{Denominator, DetectMethod, ThresholdMethod, null_space, search};
+use crate::detect::{Denominator, DetectMethod, ThresholdMethod, denominator_search, null_space};
 use crate::fault::{CLASSES, HEALTHY};
 use crate::identify::GreyBoxSettings;
 use crate::isolate::{IsolateMethod, IsolateSignal};
@@ -169,7 +169,8 @@ fn tuned(
             .collect()
     };
     let (healthy, faulty) = (of(learn, false), of(learn, true));
-    let found = search::search(&numerator, frequency_hz, &healthy, &faulty, learn.dt_s)?;
+    let found =
+        denominator_search::search(&numerator, frequency_hz, &healthy, &faulty, learn.dt_s)?;
     let generator = found.choice.generator(&numerator, learn.dt_s)?;
     let threshold = healthy.iter().map(|d| generator.energy(d)).fold(0.0, f64::max);
     let passed = |d: &[Vec<f64>]| d.iter().filter(|d| generator.energy(d) > threshold).count();

@@ -1,15 +1,15 @@
-//! Exponential, logarithm, sine and cosine that loops over lanes are made of.
+//! Exponential, logarithm, sine and cosine without branches, which compilers turn into SIMD code.
 //!
-//! In and out: one number. Only sums, products, divisions and whole-number steps without branches, so
-//! a loop over them becomes vectors; none fuses, so bits depend neither on the processor nor on the
-//! C library. Errors are a few units in the last place (`tests`).
+//! In and out: one number. Only sums, products, divisions and integer arithmetic, so that a loop over them
+//! is vectorised; no multiplication is fused with an addition, so the bits depend neither on the processor
+//! nor on the C library. Errors are a few units in the last place (`tests`).
 
-/// Added to a number below 2^51 it leaves the nearest integer in the last bits.
+/// 1.5 2^52: a number below 2^51 plus this is rounded to the nearest integer, which stands in the low bits.
 const TO_INTEGER: f64 = 6_755_399_441_055_744.0;
 const LN_2: [f64; 2] = [0.693_147_180_369_123_8, 1.908_214_929_270_587_7e-10];
 
-/// e^x for x in -700 .. 700: 2^k times the Taylor series of what is left, |r| <= ln 2 / 2, in pairs, so
-/// that few sums wait for one another.
+/// e^x for x in -700 .. 700: 2^k e^r with |r| <= ln 2 / 2, e^r by its Taylor series, summed in pairs
+/// (Estrin) so that additions need not wait for one another.
 #[inline(always)] // compiled once per instruction set
 pub fn exp(x: f64) -> f64 {
     let shifted = x * std::f64::consts::LOG2_E + TO_INTEGER;
@@ -50,7 +50,7 @@ pub fn ln(x: f64) -> f64 {
     const ROOT_HALF: u64 = 0x3fe6_a09e_667f_3bcd;
     const MANTISSA: u64 = (1 << 52) - 1;
     let above = x.to_bits().wrapping_sub(ROOT_HALF);
-    // the exponent, at most 2^11, as a number: 2^52 and it, less 2^52; negative ones come round
+    // the biased exponent to a floating-point number: written into the mantissa of 2^52, and 2^52 subtracted
     let biased = (above.wrapping_add(1024 << 52)) >> 52;
     let k = f64::from_bits(biased | 0x4330_0000_0000_0000) - (4_503_599_627_370_496.0 + 1024.0);
     let m = f64::from_bits((above & MANTISSA).wrapping_add(ROOT_HALF));
@@ -65,7 +65,7 @@ pub fn ln(x: f64) -> f64 {
     k * LN_2[0] + (2.0 * s + (rest + k * LN_2[1]))
 }
 
-/// Sine and cosine for |x| < 10^5: quarter turns, and the Taylor series of what is left, |r| <= pi/4.
+/// Sine and cosine for |x| < 10^5: x = k pi/2 + r with |r| <= pi/4, and the Taylor series of r.
 #[inline(always)] // compiled once per instruction set
 pub fn sin_cos(x: f64) -> (f64, f64) {
     const QUARTER: [f64; 2] = [1.570_796_326_734_125_6, 6.077_100_506_506_192e-11];

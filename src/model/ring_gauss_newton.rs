@@ -1,98 +1,104 @@
-//! Ring fits of several signals side by side, one signal a lane.
+//! Gauss-Newton on the misfit of a ring, for several signals at once: one signal in each SIMD lane.
 //!
-//! In: signals, sample by sample, with a start each. Out: damping and frequency of the least misfit,
-//! found by damped Gauss-Newton steps, one evaluation of every lane at a time; a lane that has ended
-//! takes the next signal, so that none waits for another. Amplitude (and phase) enter linearly and
-//! are eliminated (variable projection).
+//! In: signals, interleaved sample by sample, each with a start. Out: damping and frequency of the least
+//! misfit. Each iteration evaluates misfit and step for all lanes together; a lane whose fit has converged
+//! takes the next signal, so that no lane idles. Amplitude (and phase) enter linearly and are eliminated
+//! (variable projection); a step that raises the misfit is shortened and tried again.
 //!
-//! What a look rests on stands in [`super::ring_sums`]. A lane's arithmetic does not depend on the
-//! other lanes, nor on the processor: nothing fuses.
+//! The sums over samples that an evaluation needs stand in [`super::ring_gram`]. A lane's arithmetic
+//! depends neither on the other lanes nor on the processor: no multiplication is fused with an addition.
 
-use super::lane_math::{exp, sin_cos};
-use super::ring_sums::{Complex, Frame, Powers, Sums, goertzel, powers, sums};
+use super::ring_gram::{Complex, Frame, Powers, Sums, goertzel, powers, sums};
+use super::simd_math::{exp, sin_cos};
 use crate::processor::for_processor;
 
-/// Signals side by side.
-pub const SIDE: usize = 16;
+/// Signals that are fitted at once.
+pub const WIDTH: usize = 16;
+/// Accepted steps, at most.
 const STEPS: u8 = 12;
-/// A rise of the misfit by this share of the signal's square norm is rounding.
+/// A misfit that rises by no more than this share of ||y||² counts as not risen: that is rounding.
 const ROUNDING: f64 = 1e-13;
-/// A step that gains less than this share of the noise's square, as the misfit tells it, is none: it
-/// is shorter than a hundredth of the fit's own standard deviation, and is taken to first order.
+/// Converged: the step would lower the misfit by less than this share of the noise variance per sample
+/// (misfit / N). Such a step is shorter than a hundredth of the fit's own standard deviation.
 const NO_GAIN: f64 = 1e-4;
-/// First order will do where the last step changes the phase at the end, rad, and ln damping by less.
+/// The last step is applied without another evaluation (to first order) if it changes the phase at the
+/// signal's end, rad, and ln damping by less than this.
 const SMALL: f64 = 0.05;
-/// ln of the largest change of damping and of frequency in one step.
+/// Bounds on one step of ln damping and of ln frequency.
 const MOST_DAMPING: f64 = 0.7;
 const MOST_FREQUENCY: f64 = 0.06;
-/// ln damping and ln frequency are no further from 0.
+/// Bound on |ln damping| and |ln frequency|.
 const FARTHEST: f64 = 30.0;
+/// Steps rejected one after the other, each a quarter as long as the one before, after which a fit ends.
 const REJECTIONS: u8 = 4;
 
-/// A signal's start, and its sums.
+/// Where a signal's fit starts, and what all of its evaluations share.
 #[derive(Clone, Copy, Debug)]
 pub struct Start {
     pub ln_damping: f64,
     pub ln_frequency: f64,
-    /// ||y||².
+    /// ||y||², counts².
     pub square: f64,
-    /// Product with the real pole's part.
+    /// Inner product of y with the real pole's part of a ring of unit amplitude, counts.
     pub along_real: f64,
 }
 
-/// Where a fit ended.
+/// Where a fit ended: ratios to the healthy ring.
 #[derive(Clone, Copy, Debug)]
-pub struct Place {
+pub struct Optimum {
     pub ln_damping: f64,
     pub ln_frequency: f64,
     /// In-phase and quadrature amplitudes, counts.
     pub a: f64,
     pub b: f64,
+    /// ||y - fit||², counts².
     pub misfit: f64,
 }
 
-/// The best amplitudes of a trial, and the step from there.
+/// At a trial (damping, frequency): the best amplitudes, counts, their misfit, counts², and the next step.
 #[derive(Clone, Copy, Debug, Default)]
-struct Look {
+struct Evaluation {
     a: f64,
     b: f64,
     misfit: f64,
     step: Step,
 }
 
+/// A Gauss-Newton step of ln damping and ln frequency.
 #[derive(Clone, Copy, Debug, Default)]
 struct Step {
     damping: f64,
     frequency: f64,
-    /// What it changes of the in-phase and quadrature amplitudes, counts.
+    /// Change of the in-phase and quadrature amplitudes that goes with it, counts.
     a: f64,
     b: f64,
-    /// By how much the misfit would fall, counts²; NaN: there is no step.
+    /// By how much the misfit would fall to first order, counts²; NaN: there is no step.
     gain: f64,
-    /// By how much the phase changes from sample to sample, rad.
-    turn: f64,
+    /// Change of the ring's phase advance per sample, rad.
+    phase_per_sample: f64,
 }
 
-/// One lane's way down.
+/// The state of one lane's fit.
 #[derive(Clone, Copy, Debug)]
 struct Lane {
     start: Start,
-    /// Of the look last accepted.
+    /// The trial last accepted, and its evaluation.
     ln_damping: f64,
     ln_frequency: f64,
-    look: Look,
+    accepted: Evaluation,
+    /// Share of the full step that is tried.
     trust: f64,
     steps: u8,
     rejections: u8,
     begun: bool,
 }
 
-/// What came of a look.
+/// What became of a lane's fit in one iteration.
 #[derive(Clone, Copy, Debug)]
-pub enum Turn {
-    GoesOn,
-    /// `None`: no ring.
-    Ended(Option<Place>),
+pub enum Progress {
+    Continues,
+    /// `None`: the signal is no ring.
+    Ended(Option<Optimum>),
 }
 
 #[derive(Clone, Debug)]
@@ -112,72 +118,73 @@ impl<const W: usize> Search<W> {
         Search { frame, phase, lanes: [None; W], trial: [zero; 2], square: zero, along_real: zero }
     }
 
-    /// A signal takes a lane; its samples are to stand in the lane of `look`'s.
+    /// Begins a fit in a lane; from now on `iterate` finds the signal's samples there.
     pub fn begin(&mut self, lane: usize, start: Start) {
         let Start { ln_damping, ln_frequency, square, along_real } = start;
-        let (look, trust) = (Look::default(), 1.0);
+        let (accepted, trust) = (Evaluation::default(), 1.0);
         let (steps, rejections, begun) = (0, 0, false);
-        let new = Lane { start, ln_damping, ln_frequency, look, trust, steps, rejections, begun };
+        let new =
+            Lane { start, ln_damping, ln_frequency, accepted, trust, steps, rejections, begun };
         self.lanes[lane] = Some(new);
         (self.trial[0][lane], self.trial[1][lane]) = (ln_damping, ln_frequency);
         (self.square[lane], self.along_real[lane]) = (square, along_real);
     }
 
-    /// One look of every lane. `y`: sample by sample, lane by lane.
-    pub fn look(&mut self, y: &[[f64; W]]) -> [Turn; W] {
-        let looks = self.looks(y);
-        let mut turns = [Turn::GoesOn; W];
-        for (l, turn) in turns.iter_mut().enumerate() {
+    /// One iteration of every lane. `y`: N samples, each of all lanes, counts.
+    pub fn iterate(&mut self, y: &[[f64; W]]) -> [Progress; W] {
+        let evaluations = self.evaluate(y);
+        let mut progress = [Progress::Continues; W];
+        for (l, progress) in progress.iter_mut().enumerate() {
             let Some(lane) = &mut self.lanes[l] else { continue };
             let trial = [self.trial[0][l], self.trial[1][l]];
-            match lane.take(trial, &looks[l], &self.frame) {
+            match lane.take(trial, &evaluations[l], &self.frame) {
                 Ok(next) => (self.trial[0][l], self.trial[1][l]) = (next[0], next[1]),
-                Err(place) => {
-                    *turn = Turn::Ended(place);
+                Err(optimum) => {
+                    *progress = Progress::Ended(optimum);
                     self.lanes[l] = None;
                 }
             }
         }
-        turns
+        progress
     }
 
-    fn looks(&self, y: &[[f64; W]]) -> [Look; W] {
-        // one alone is no vector
-        if W == 1 { portable(self, y) } else { looks(self, y) }
+    fn evaluate(&self, y: &[[f64; W]]) -> [Evaluation; W] {
+        // a single signal gains nothing from vector instructions
+        if W == 1 { portable(self, y) } else { evaluate_lanes(self, y) }
     }
 }
 
 for_processor! {
-    fn looks<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Look; W] { portable }
+    fn evaluate_lanes<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Evaluation; W] { portable }
 }
 
 impl Lane {
-    /// What to try next, or where it ended.
+    /// Accepts or rejects a trial. Returns (ln damping, ln frequency) to try next, or where the fit ended.
     fn take(
         &mut self,
         trial: [f64; 2],
-        look: &Look,
+        evaluation: &Evaluation,
         frame: &Frame,
-    ) -> Result<[f64; 2], Option<Place>> {
+    ) -> Result<[f64; 2], Option<Optimum>> {
         let rounding = ROUNDING * self.start.square;
-        let finite = look.misfit.is_finite() && look.a.is_finite() && look.b.is_finite();
-        if finite && (!self.begun || look.misfit <= self.look.misfit + rounding) {
+        let Evaluation { a, b, misfit, step } = *evaluation;
+        let finite = misfit.is_finite() && a.is_finite() && b.is_finite();
+        if finite && (!self.begun || misfit <= self.accepted.misfit + rounding) {
             self.steps += u8::from(self.begun);
             [self.ln_damping, self.ln_frequency] = trial;
-            (self.look, self.begun) = (*look, true);
+            (self.accepted, self.begun) = (*evaluation, true);
             (self.trust, self.rejections) = (1.0, 0);
-            let step = look.step;
             if self.steps == STEPS {
-                return Err(self.place(&Step::default()));
+                return Err(self.optimum(&Step::default()));
             }
             if !step.gain.is_finite() {
                 return Err(None);
             }
             let samples = frame.samples as f64;
-            if step.gain * samples <= NO_GAIN * look.misfit + rounding {
-                let turn = step.turn * samples;
-                let small = turn.abs() < SMALL && step.damping.abs() < SMALL;
-                return Err(self.place(&if small { step } else { Step::default() }));
+            if step.gain * samples <= NO_GAIN * misfit + rounding {
+                let phase = step.phase_per_sample * samples;
+                let small = phase.abs() < SMALL && step.damping.abs() < SMALL;
+                return Err(self.optimum(&if small { step } else { Step::default() }));
             }
         } else {
             self.trust /= 4.0;
@@ -186,10 +193,10 @@ impl Lane {
                 return Err(None);
             }
             if self.rejections == REJECTIONS {
-                return Err(self.place(&Step::default()));
+                return Err(self.optimum(&Step::default()));
             }
         }
-        let (step, trust) = (&self.look.step, self.trust);
+        let (step, trust) = (&self.accepted.step, self.trust);
         let next = [
             self.ln_damping + (trust * step.damping).clamp(-MOST_DAMPING, MOST_DAMPING),
             self.ln_frequency + (trust * step.frequency).clamp(-MOST_FREQUENCY, MOST_FREQUENCY),
@@ -197,22 +204,22 @@ impl Lane {
         Ok(next.map(|x| x.clamp(-FARTHEST, FARTHEST)))
     }
 
-    fn place(&self, last: &Step) -> Option<Place> {
-        let place = Place {
+    /// The trial last accepted, and `last` from there.
+    fn optimum(&self, last: &Step) -> Option<Optimum> {
+        Some(Optimum {
             ln_damping: self.ln_damping + last.damping,
             ln_frequency: self.ln_frequency + last.frequency,
-            a: self.look.a + last.a,
-            b: self.look.b + last.b,
-            misfit: (self.look.misfit - last.gain).max(0.0),
-        };
-        Some(place)
+            a: self.accepted.a + last.a,
+            b: self.accepted.b + last.b,
+            misfit: (self.accepted.misfit - last.gain).max(0.0),
+        })
     }
 }
 
 #[inline(always)] // compiled once per instruction set
-fn portable<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Look; W] {
+fn portable<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Evaluation; W] {
     let frame = &of.frame;
-    // per sample: decay and turn of the trials
+    // the trials' pole z = e^{(-sigma + i omega) dt}, and the coefficients 2 Re z, |z|² of its recurrence
     let (mut sigma, mut omega) = ([0.0; W], [0.0; W]);
     let (mut re, mut im) = ([0.0; W], [0.0; W]);
     let (mut twice, mut square) = ([0.0; W], [0.0; W]);
@@ -233,25 +240,26 @@ fn portable<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Look; W] {
         let over_all = Complex { re: over_all[0][l], im: over_all[1][l] };
         let powers = Powers { over_all, squares: std::array::from_fn(|j| squares[j][l]) };
         let sums = sums(frame, z, powers, of_signal, of.along_real[l]);
-        let look = seen(of.phase, sigma[l], omega[l], &sums, of.square[l]);
-        let Look { a, b, misfit, step } = look;
-        let all =
-            [a, b, misfit, step.damping, step.frequency, step.a, step.b, step.gain, step.turn];
+        let evaluation = evaluate_one(of.phase, sigma[l], omega[l], &sums, of.square[l]);
+        let Evaluation { a, b, misfit, step } = evaluation;
+        let Step { damping, frequency, a: of_a, b: of_b, gain, phase_per_sample } = step;
+        let all = [a, b, misfit, damping, frequency, of_a, of_b, gain, phase_per_sample];
         for j in 0..9 {
             out[j][l] = all[j];
         }
     }
     std::array::from_fn(|l| {
-        let [a, b, misfit, damping, frequency, of_a, of_b, gain, turn] =
+        let [a, b, misfit, damping, frequency, of_a, of_b, gain, phase_per_sample] =
             std::array::from_fn(|j| out[j][l]);
-        Look { a, b, misfit, step: Step { damping, frequency, a: of_a, b: of_b, gain, turn } }
+        let step = Step { damping, frequency, a: of_a, b: of_b, gain, phase_per_sample };
+        Evaluation { a, b, misfit, step }
     })
 }
 
-/// The best amplitude (and phase) there, and the Gauss-Newton step of (ln damping, ln frequency) with
-/// these eliminated. `sigma_dt`, `omega_dt`: of the trial; `yy`: the signal's square norm.
+/// The best amplitude (and phase) at a trial, and the Gauss-Newton step of (ln damping, ln frequency)
+/// with these eliminated. `phase`: free; `sigma_dt`, `omega_dt`: of the trial, per sample; `yy`: ||y||².
 #[inline(always)] // compiled once per instruction set
-fn seen(phase: bool, sigma_dt: f64, omega_dt: f64, sums: &Sums, yy: f64) -> Look {
+fn evaluate_one(phase: bool, sigma_dt: f64, omega_dt: f64, sums: &Sums, yy: f64) -> Evaluation {
     let [pp, qp, qq, xp, xq, xx, zp, zq, zx, zz] = sums.gram;
     let [up, uq, ux, uz] = sums.slope;
     // inverse of the columns' Gram matrix; with the phase held there is no second column
@@ -268,7 +276,7 @@ fn seen(phase: bool, sigma_dt: f64, omega_dt: f64, sums: &Sums, yy: f64) -> Look
     let (along_p, along_q, slopes) = (of(xp, zp), of(xq, zq), of(rx, rz));
     let (by_x, by_z) = (of(xx, zx), of(zx, zz));
     let (damping_row, frequency_row) = (of(by_x[0], by_z[0]), of(by_x[1], by_z[1]));
-    // what p (and q) can do themselves is theirs
+    // the part of the sensitivities that p (and q) span is taken out: Schur complement of their Gram matrix
     let shared = |i: usize, j: usize| {
         ip * along_p[i] * along_p[j]
             + iq * along_q[i] * along_q[j]
@@ -293,7 +301,7 @@ fn seen(phase: bool, sigma_dt: f64, omega_dt: f64, sums: &Sums, yy: f64) -> Look
         a: -(ip * of_p + ic * of_q),
         b: -(iq * of_q + ic * of_p),
         gain,
-        turn: omega_dt * frequency,
+        phase_per_sample: omega_dt * frequency,
     };
-    Look { a, b, misfit, step }
+    Evaluation { a, b, misfit, step }
 }

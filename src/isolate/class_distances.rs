@@ -1,33 +1,34 @@
-//! Squared distances of a signal from all learned classes at once, one class a lane.
+//! Squared distances of a signal from all learned classes at once, one class in each SIMD lane.
 //!
-//! In: class densities, features. Out: per class what [`ClassDensity::square`] says, and the bound of
-//! its density. A lane's arithmetic does not depend on the processor; nothing fuses.
+//! In: class densities, features. Out: per class [`ClassDensity::square`] and the upper bound of its density.
+//! No multiplication is fused with an addition, so the result does not depend on the processor.
 
 use super::class_density::ClassDensity;
 use crate::processor::for_processor;
 
-/// Classes side by side.
+/// Classes that are compared at once.
 const LANES: usize = 8;
-type Lanes = [f64; LANES];
+type OfClasses = [f64; LANES];
 
 #[derive(Clone, Debug)]
-pub struct ClassLanes {
+pub struct ClassDistances {
     groups: Vec<Group>,
-    /// Of each class: the bound of its ln density, see [`ClassDensity::ln_highest`].
+    /// Per class the upper bound of its ln density, [`ClassDensity::ln_highest`].
     pub ln_highest: Vec<f64>,
 }
 
-/// An axis' distance is max(|along to_axes| - width, 0): a range's as it stands, a Gaussian's of
-/// width 0 with its standard deviation in `to_axes`. Where there is no class the width is -infinity.
+/// Up to [`LANES`] classes. The distance along an axis is max(|to_axes (x - mean)| - width, 0); a Gaussian
+/// axis has width 0 and its standard deviation divided into `to_axes`. Where there is no class the width is
+/// -infinity, and so the distance infinite.
 #[derive(Clone, Debug)]
 struct Group {
-    mean: [Lanes; 4],
-    to_axes: [[Lanes; 4]; 4],
-    width: [Lanes; 4],
+    mean: [OfClasses; 4],
+    to_axes: [[OfClasses; 4]; 4],
+    width: [OfClasses; 4],
 }
 
-impl ClassLanes {
-    pub fn of(classes: &[Option<ClassDensity>]) -> ClassLanes {
+impl ClassDistances {
+    pub fn of(classes: &[Option<ClassDensity>]) -> ClassDistances {
         let group = |of: &[Option<ClassDensity>]| {
             let zero = [0.0; LANES];
             let none = [f64::NEG_INFINITY; LANES];
@@ -49,7 +50,7 @@ impl ClassLanes {
         let highest = |class: &Option<ClassDensity>| {
             class.as_ref().map_or(f64::NEG_INFINITY, ClassDensity::ln_highest)
         };
-        ClassLanes {
+        ClassDistances {
             groups: classes.chunks(LANES).map(group).collect(),
             ln_highest: classes.iter().map(highest).collect(),
         }
@@ -66,11 +67,11 @@ impl ClassLanes {
 }
 
 for_processor! {
-    fn squares(of: &Group, x: &[f64; 4]) -> Lanes { portable }
+    fn squares(of: &Group, x: &[f64; 4]) -> OfClasses { portable }
 }
 
 #[inline(always)] // compiled once per instruction set
-fn portable(of: &Group, x: &[f64; 4]) -> Lanes {
+fn portable(of: &Group, x: &[f64; 4]) -> OfClasses {
     let (mut d, mut squares) = ([[0.0; LANES]; 4], [0.0; LANES]);
     for (d, (x, mean)) in d.iter_mut().zip(x.iter().zip(&of.mean)) {
         for l in 0..LANES {
@@ -96,7 +97,7 @@ mod tests {
     use rand::{RngExt, SeedableRng};
 
     #[test]
-    fn property_lanes_say_what_classes_say_one_by_one() {
+    fn property_all_at_once_are_as_far_as_each_class_says() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(8);
         for coordinates in [3, 4] {
             let classes: Vec<Option<ClassDensity>> = (0..11)
@@ -115,11 +116,11 @@ mod tests {
                         .flatten()
                 })
                 .collect();
-            let lanes = ClassLanes::of(&classes);
+            let all = ClassDistances::of(&classes);
             for _ in 0..100 {
                 let x: Vec<f64> = (0..coordinates).map(|_| rng.random_range(-1.0..1.0)).collect();
                 let mut squares = vec![0.0; classes.len()];
-                lanes.squares(&x, &mut squares);
+                all.squares(&x, &mut squares);
                 for (square, class) in squares.iter().zip(&classes) {
                     let one = class.as_ref().map_or(f64::INFINITY, |class| class.square(&x));
                     assert!(*square == one || (square / one - 1.0).abs() < 1e-12, "{square} {one}");

@@ -8,10 +8,10 @@ use super::{DetectError, ResidualGenerator, poles};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
-/// False alarms at which misses are counted: 1 in 1000, two of a fold's healthy signals.
+/// False-alarm rate at which misses are counted: 1 in 1000, that is two of a fold's healthy signals.
 const FALSE_ALARM_RATE: f64 = 1e-3;
 const FOLDS: usize = 5;
-/// Of the healthy resonance.
+/// Frequencies of the marginal pair that are tried, over the healthy resonance.
 const FREQUENCIES: [f64; 7] = [0.94, 0.97, 0.985, 1.0, 1.015, 1.03, 1.06];
 const DAMPINGS_PER_S: [f64; 4] = [0.0, 5e3, 1.2e4, 2.5e4];
 const OTHER_POLES_PER_S: [f64; 4] = [5e4, 1e5, 2e5, 5e5];
@@ -44,11 +44,11 @@ impl Choice {
     }
 }
 
-/// What the search found.
+/// The result of the search.
 #[derive(Clone, Copy, Debug)]
 pub struct Found {
     pub choice: Choice,
-    /// Misses over all folds, each judged by what the others chose; of method I as it stands.
+    /// Misses over all folds, each judged by the denominator chosen on the others; and with method I's default.
     pub cross_validated: f64,
     pub method_one: f64,
 }
@@ -70,7 +70,7 @@ pub fn search(
             }
         }
     }
-    // method I with the defaults: what there is to gain over
+    // method I with the defaults, which the search is compared with
     let method_one = Choice { frequency_hz, damping_per_s: 0.0, other_per_s: 2e5 };
     let energies = |choice: &Choice| -> Result<(Vec<f64>, Vec<f64>), DetectError> {
         let generator = choice.generator(numerator, dt_s)?;

@@ -1,32 +1,34 @@
-//! The sums over a signal's samples that a ring fit rests on, of one lane or of many.
+//! The normal equations of a ring fit: sums over a signal's samples, for one signal or one in each SIMD
+//! lane.
 //!
-//! In: what all signals have in common, a trial of damping and frequency per lane. Out: the Gram matrix
-//! of its columns and their products with the signal.
+//! In: what all signals of a fitter share, per lane a trial of damping and frequency. Out: the Gram matrix
+//! of the trial's columns and their inner products with the signal.
 //!
 //! With u_k = e^{i phi} z^k, z = e^{(-sigma + i omega) dt}, the columns of a ring are p = Re u + real
-//! (the real pole's part) and q = -Im u. Their products with the signal are the polynomial of its
-//! samples and that one's slope at z, by Goertzel's recurrence; their Gram matrix, and that of t Re u
-//! and t q (t in samples), are sums over k^m z^{2k}, k^m |z|^{2k} and k^m (z l)^k, in closed form.
+//! (the real pole's part) and q = -Im u. Their products with the signal y are the polynomial sum y_k z^k
+//! and its derivative, by Goertzel's recurrence. Their Gram matrix, and that of x = t Re u and z = t q
+//! (t in samples), consists of sums of k^m z^{2k}, k^m |z|^{2k} and k^m (z l)^k with l the real pole's
+//! ratio from sample to sample; these have closed forms.
 
-/// What all signals of a fitter have in common.
+/// What all signals of a fitter share.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame {
     pub samples: usize,
-    /// Of the ring that ratios refer to, per sample: sigma dt and omega dt.
+    /// Of the healthy ring, which ratios refer to: sigma dt and omega dt (rad).
     pub sigma_dt: f64,
     pub omega_dt: f64,
-    /// cos and sin of its phase.
+    /// cos and sin of its phase at the first sample.
     pub first: (f64, f64),
-    /// The real pole's part: its share, its ratio from sample to sample and over all samples, and its
-    /// square norm.
+    /// The real pole's part per unit amplitude: its value at the first sample, its ratio from sample to
+    /// sample and over all samples, its square norm.
     pub real_share: f64,
     pub real_ratio: f64,
     pub real_over_all: f64,
     pub real_square: f64,
 }
 
-/// Of a trial: its Gram matrix of p, q, x = t Re u, z = t q (lower triangle, row by row) and their
-/// products with the signal.
+/// Normal equations of a trial: Gram matrix of p, q, x = t Re u, z = t q (lower triangle, row by row), and
+/// their inner products with the signal.
 #[derive(Clone, Copy, Debug)]
 pub struct Sums {
     pub gram: [f64; 10],
