@@ -18,6 +18,8 @@
 //! 0  processor                       one function for every set of vector instructions
 //! ```
 //!
+//! What words mean that the field does not have: `docs/glossary.md`.
+//!
 //! # The walk
 //!
 //! A recording is read block by block ([`io::recording`]), its bursts decoded without copying the

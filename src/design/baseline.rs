@@ -1,13 +1,13 @@
-//! Each channel's own healthy ring, over its history.
+//! Baselines: each channel's own healthy ring, averaged over its history.
 //!
-//! In: features of the channel's healthy signals, recording after recording. Out: where the channel
-//! lies among all (ln amplitude, ln damping, ln frequency, phase), and how far one of its signals lies
-//! from there: what is not the channel's own is a fault much smaller than channels differ.
+//! In: features of the channel's healthy signals, recording after recording. Out: per channel the mean
+//! features (ln amplitude, ln damping, ln frequency, phase), and the covariance of one channel's signals about
+//! it. Judged against its own baseline, a channel shows faults much smaller than channels differ.
 //!
-//! A channel that is faulty from the start has no baseline: its signals are far from all others. A
-//! baseline moves by at most half the way to a recording's mean, and never learns from signals that
-//! are far from the healthy channels, so that a fault that grows slowly is not followed for long.
-//! Sums are in whole units of [`UNIT`]: no order of the signals gives other baselines.
+//! A channel that is faulty from the start gets no baseline, since only healthy signals count. A baseline moves
+//! by at most half the way to a recording's mean, and never learns from signals that are far from the healthy
+//! channels, so that it does not follow a slowly growing fault for long. Sums are in fixed point, in units of
+//! [`UNIT`]: they do not depend on the order of the signals.
 
 use super::DesignError;
 use nalgebra::{Matrix4, Vector4};
@@ -16,21 +16,21 @@ use std::collections::BTreeMap;
 
 /// Version of the baseline file.
 pub const BASELINE_VERSION: u32 = 1;
-/// Channels of all printheads that are remembered, at most.
+/// Channels of all printheads in a baseline file, at most.
 pub const MOST_CHANNELS: usize = 1 << 20;
-/// Healthy signals that make a baseline.
+/// Fewest healthy signals for a baseline.
 pub const FEWEST: u32 = 4;
-/// Signals that a baseline remembers: older ones are forgotten.
+/// Effective number of signals that a baseline averages over: older ones are forgotten exponentially.
 const MEMORY: f64 = 64.0;
-/// Largest share by which a recording moves a baseline.
+/// Largest share of the way to a recording's mean that a baseline moves.
 const MOST_GAIN: f64 = 0.5;
-/// Share of a channel's signals that must be healthy for it to be learned from.
+/// Least share of healthy signals for a recording of a channel to be learned from.
 const LEAST_HEALTHY: f64 = 0.75;
-/// Signals that the scatter within channels rests on, at most.
+/// Signals that the covariance within channels counts, at most.
 const MOST_SIGNALS: f64 = 1e6;
-/// Largest entry of the scatter within channels: what features of at most 4 can make of it.
+/// Largest entry of the covariance within channels: features are clamped to 4.
 const MOST_SHOT: f64 = 32.0;
-/// Of features, in fixed point.
+/// Unit of features in fixed point.
 const UNIT: f64 = 1e-9;
 
 /// Baselines of all printheads: what `--baseline FILE` holds.
@@ -46,9 +46,9 @@ pub struct Baselines {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PrintheadBaselines {
-    /// Covariance of one channel's signals about its baseline, beyond the noise.
+    /// Covariance within channels: of one channel's signals about its baseline, from drop to drop, beyond the noise.
     pub shot: [[f64; 4]; 4],
-    /// Signals that `shot` rests on.
+    /// Degrees of freedom of `shot`.
     pub shot_signals: f64,
     pub channels: BTreeMap<u32, ChannelBaseline>,
 }
@@ -56,13 +56,13 @@ pub struct PrintheadBaselines {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ChannelBaseline {
-    /// Healthy signals it rests on, counted at the reference drive.
+    /// Effective number of healthy signals, each weighted by its precision relative to the reference drive.
     pub signals: f64,
     /// ln amplitude, ln damping, ln frequency, phase in rad: relative to the printhead's model.
     pub features: [f64; 4],
 }
 
-/// What one channel's signals add up to.
+/// Sums over one channel's signals.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sum {
     healthy: u32,
@@ -70,19 +70,20 @@ struct Sum {
     features: [i64; 4],
 }
 
-/// What a recording, or its first window, says of one printhead's channels.
+/// Sums over the signals of a recording, or of its first window, for one printhead's baselines.
 #[derive(Clone, Debug, Default)]
 pub struct Heard {
     channels: BTreeMap<u32, Sum>,
+    /// Sum of x x' over healthy signals, in UNIT².
     squares: [[i128; 4]; 4],
-    /// Sum of 1/drive² over healthy signals.
+    /// Sum of 1/drive² over healthy signals, in millionths: the variance of their noise over the reference's.
     weaker: i64,
-    /// Channels beyond the limit.
+    /// Signals of channels beyond the limit on their number.
     pub beyond: u64,
 }
 
 impl Heard {
-    /// Takes a signal. `room`: channels that may still be added.
+    /// Adds a signal. `room`: how many channels may still be added.
     pub fn take(
         &mut self,
         channel: u32,
@@ -99,7 +100,7 @@ impl Heard {
             *room -= 1;
         }
         let sum = self.channels.entry(channel).or_default();
-        // healthy features are below 1; whatever is not cannot overflow the sums either
+        // healthy features are below 1; clamped, even others cannot overflow the sums
         let fixed: [i64; 4] =
             std::array::from_fn(|k| (features[k].clamp(-4.0, 4.0) / UNIT).round() as i64);
         let weaker = (1.0 / (drive * drive)).clamp(0.0, 1e4);
@@ -121,7 +122,7 @@ impl Heard {
         self.channels.len()
     }
 
-    /// Mean of 1/drive² and the covariance within channels beyond `noise`, with its signals.
+    /// Mean of 1/drive², and the covariance within channels beyond `noise` with its degrees of freedom.
     fn within(&self, noise: &Matrix4<f64>) -> (f64, Matrix4<f64>, f64) {
         let (mut n, mut degrees) = (0.0, 0.0);
         let mut scatter = Matrix4::from_fn(|i, j| self.squares[i][j] as f64 * UNIT * UNIT);
@@ -147,7 +148,7 @@ impl Heard {
 }
 
 impl Sum {
-    /// The mean, where most signals were healthy.
+    /// The mean of the healthy signals; `None` where too few or too small a share were healthy.
     fn mean(&self) -> Option<[f64; 4]> {
         let all = f64::from(self.healthy) + f64::from(self.unhealthy);
         (self.healthy >= FEWEST && f64::from(self.healthy) >= LEAST_HEALTHY * all)
@@ -193,13 +194,13 @@ impl Baselines {
         Ok(())
     }
 
-    /// Channels remembered.
+    /// Number of channels with a baseline.
     pub fn channels(&self) -> usize {
         self.printheads.values().map(|p| p.channels.len()).sum()
     }
 
-    /// What judges a recording: what was remembered, and from the end of the first window on what it
-    /// said of channels that were not: `heard`. `noise`: of a fit, at the reference drive.
+    /// The baselines that judge a recording: the known ones, and for channels without one the mean of the
+    /// recording's first window, `heard`. `noise`: covariance of a fit's noise at the reference drive.
     pub fn with_first_window(
         &self,
         name: &str,
@@ -221,7 +222,7 @@ impl Baselines {
         judging
     }
 
-    /// Learns from a recording, for the next.
+    /// Updates the baselines by a recording, for the next one.
     pub fn learn(&mut self, name: &str, heard: &Heard, noise: &Matrix4<f64>) {
         let (weaker, shot, degrees) = heard.within(noise);
         let known = self.printheads.remove(name).unwrap_or_default();
@@ -241,7 +242,7 @@ impl Baselines {
     }
 }
 
-/// Symmetric, positive semidefinite, bounded: but for rounding.
+/// Whether a matrix is symmetric, positive semidefinite and bounded, up to rounding.
 fn is_covariance(m: &Matrix4<f64>) -> bool {
     const ROUNDING: f64 = 1e-9;
     let most = m.amax();

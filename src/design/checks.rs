@@ -1,11 +1,11 @@
-//! Whether a model that was read could have been learned.
+//! Validation of a model that was read from a file: whether training could have made it.
 
 use super::error::{DesignError, is_count, is_positive, same_period};
 use super::{HealthyModel, Statistic};
 use crate::identify::grey_box::Identification;
 
-/// A filter that answers one count with more within a signal is unstable: its marginal pair of
-/// poles (thesis §3-2-1) rings on and does not grow.
+/// Largest value of a filter's impulse response within a signal. Beyond, it is unstable: a marginal pair of poles
+/// (thesis §3-2-1) rings on but does not grow.
 const MOST_GAIN: f64 = 1e6;
 
 /// A number that no training makes: its key, itself, what it must be.

@@ -1,11 +1,11 @@
-//! Models and judges where all channels have moved alike.
+//! Models and judges adapted to a common change of all channels.
 //!
-//! In: a model as it was learned, and by how much ln amplitude, ln damping and ln frequency of all channels
-//! have changed since ([`crate::identify::common_change`]). Out: the same about where they are now: its ring,
-//! what is expected, its sensitivities. Thresholds, what healthy signals scatter by and the classes stay.
+//! In: a model as it was learned, and the change of ln amplitude, ln damping and ln frequency that all channels
+//! share since ([`crate::identify::common_change`]). Out: the same model with its ring, expected signal and
+//! sensitivities shifted by that. Thresholds, healthy covariances and fault classes stay.
 
 use super::detector::ring_of;
-use super::judge::{Isolator, OfRings};
+use super::judge::{Isolator, RingClassifier};
 use super::lanes::Lanes;
 use super::{HealthyModel, Judge};
 use crate::model::beside_ring::BesideRing;
@@ -105,14 +105,14 @@ impl Judge {
 }
 
 impl Isolator {
-    /// Of the same classes about a model that has moved. `None`: it does not ring.
+    /// The same classes relative to a model that was shifted. `None`: it does not ring.
     fn moved(self: &Arc<Isolator>, model: &HealthyModel) -> Option<Arc<Isolator>> {
-        // what compares deviations compares them as they are
+        // methods that compare deviations need no change
         let Isolator::Posterior(of) = &**self else { return Some(self.clone()) };
         let (ring, dt_s) = (ring_of(&model.identification).ok()?, model.generator.dt_s);
         let samples = model.expected.len();
         let fitter = RingFitter::new(ring, dt_s, samples);
-        Some(Arc::new(Isolator::Posterior(Box::new(OfRings {
+        Some(Arc::new(Isolator::Posterior(Box::new(RingClassifier {
             per_k: model.features_per_k(&fitter),
             fitter,
             beside: BesideRing::new(&ring, dt_s, samples),

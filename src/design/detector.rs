@@ -1,4 +1,5 @@
-//! The two detection statistics of one model: along its ring, and beside it.
+//! The two detection statistics of one model: along its ring's sensitivities, and orthogonal to them (beside the
+//! ring). Both are first computed to first order; where that does not decide, a ring is fitted.
 
 use super::DesignError;
 use super::own_channel::Own;
@@ -11,13 +12,13 @@ use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, Fit, RingFitter};
 use nalgebra::{Matrix3, Matrix3x4, Matrix4, Vector3, Vector4};
 
-/// What detection says of a signal.
+/// The detection statistics of a signal.
 #[derive(Clone, Copy, Debug)]
 pub struct Detection {
     /// Squared distance along the sensitivities; with `residual-energy` the energy, counts²·s.
     pub ring: f64,
-    /// Square of what no healthy ring explains, counts². NaN: not asked, or so far out along the ring
-    /// that only a fit tells.
+    /// The misfit beside the ring, counts². NaN: the method has no second test, or the signal lies so far along the
+    /// ring that only a fit would tell.
     pub unexplained: f64,
 }
 
@@ -26,20 +27,21 @@ pub struct Detection {
 pub struct SensitivityDetector {
     sensitivity: Sensitivity,
     gram: Matrix3<f64>,
-    /// Square beside the ring that first order settles, counts².
+    /// Misfit, counts², up to which its first-order value decides.
     settled: f64,
     fitter: RingFitter,
     beside: BesideRing,
     expected: Vec<f64>,
-    /// What every healthy signal holds beside its ring, counts; empty: nothing.
+    /// The part of every healthy signal beside its ring, N, counts; empty: none.
     leftover: Vec<f64>,
     own: OwnFrame,
 }
 
-/// How a channel's own four features are seen, and how they look in the three of the statistic.
+/// First-order estimates of a channel's four features (with the phase), for its own baseline, and their map to the
+/// three features of the statistic.
 #[derive(Clone, Debug)]
 struct OwnFrame {
-    /// Four rows of N: the features per unit of deviation at the reference drive.
+    /// Four rows of N, 1/counts: the features of a deviation at the reference drive.
     pub projection: Vec<Vec<f64>>,
     pub noise: Matrix4<f64>,
     to_three: Matrix3x4<f64>,
@@ -62,31 +64,31 @@ impl OwnFrame {
     }
 }
 
-/// A signal's features to first order, and its squared distance by them.
+/// The first-order statistics of a signal, and whether they decide.
 #[derive(Clone, Copy, Debug)]
 pub struct FirstLook {
     features: Vector3<f64>,
     pub distance: f64,
-    /// Square beside the ring, counts²; an upper bound, since it takes phase and real pole as they are.
+    /// Misfit beside the ring, counts²; an upper bound, since phase and real pole are held.
     pub unexplained: f64,
-    /// Where first order does not settle the distance: the whitening of the second look.
+    /// The metric, where the distance must be computed again from a fit.
     near: Option<Matrix3<f64>>,
-    /// First order does not settle what lies beside the ring.
+    /// The misfit must be computed again from a fit.
     beside: bool,
 }
 
 impl FirstLook {
-    /// Near what the second look finds its ring; `None`: there is none.
+    /// Features to start a fit from; `None`: no fit is needed.
     pub fn asks(&self) -> Option<Features> {
         (self.near.is_some() || self.beside).then(|| features(&self.features))
     }
 
-    /// The second look needs the signal itself.
+    /// Whether the second look needs the signal itself, beside the fit.
     pub fn asks_beside(&self) -> bool {
         self.beside
     }
 
-    /// Without a second look.
+    /// The first-order statistics.
     pub fn detection(&self) -> Detection {
         let far = self.distance >= CLEARLY_FAR;
         let unexplained = if far { f64::NAN } else { self.unexplained };
@@ -94,7 +96,7 @@ impl FirstLook {
     }
 }
 
-/// Scratch of one worker.
+/// Buffers of a detector, one set per thread.
 #[derive(Clone, Debug, Default)]
 pub struct Scratch {
     signal: Vec<f64>,
@@ -107,8 +109,8 @@ pub fn ring_of(identification: &Identification) -> Result<Ring, DesignError> {
 }
 
 impl SensitivityDetector {
-    /// `expected`: of a healthy signal, counts; `leftover`: the part of it beside the ring; `misfit`: with
-    /// the second test.
+    /// `expected`: the healthy signal, N, counts; `leftover`: its part beside the ring; `misfit`: for the second
+    /// test.
     pub fn new(
         ring: Ring,
         dt_s: f64,
@@ -119,7 +121,7 @@ impl SensitivityDetector {
     ) -> Result<SensitivityDetector, DesignError> {
         let samples = expected.len();
         let fitter = RingFitter::new(ring, dt_s, samples);
-        // of one sample, from what it leaves in the amplitude
+        // noise of one sample, from its variance in the ln amplitude
         let of_amplitude: f64 = sensitivity.projection[0].iter().map(|p| p * p).sum();
         let noise = (sensitivity.noise[0][0] / of_amplitude).sqrt();
         let own = OwnFrame::new(&fitter, &sensitivity, noise)
@@ -139,7 +141,7 @@ impl SensitivityDetector {
         })
     }
 
-    /// Looks again at what has more than this square beside the ring, counts².
+    /// Sets the misfit, counts², beyond which a fit is asked for.
     pub(super) fn look_beyond(&mut self, square: f64) {
         self.settled = square;
     }
@@ -151,13 +153,13 @@ impl SensitivityDetector {
         })
     }
 
-    /// Covariance of the noise of these, at the reference drive.
+    /// Covariance of the noise of [`SensitivityDetector::own_features`], at the reference drive.
     pub fn own_noise(&self) -> &Matrix4<f64> {
         &self.own.noise
     }
 
-    /// The same statistic about the channel's own baseline: squared distance in what one channel's
-    /// signals scatter by.
+    /// The first statistic about the channel's own baseline: squared Mahalanobis distance with the covariance of one
+    /// channel's signals.
     pub fn statistic_of_own(
         &self,
         deviation: &[f64],
@@ -179,8 +181,7 @@ impl SensitivityDetector {
         fitted.map_or(distance(&first), |x| distance(&x))
     }
 
-    /// Both statistics of a signal. `deviation`: from what is expected at its drive and temperature,
-    /// counts.
+    /// Both statistics of a signal. `deviation`: from the expected signal at its drive and temperature, N, counts.
     pub fn detect(&self, deviation: &[f64], drive: f64, scratch: &mut Scratch) -> Detection {
         let look = self.first_look(deviation, drive);
         match look.asks() {
@@ -193,7 +194,7 @@ impl SensitivityDetector {
         }
     }
 
-    /// To first order.
+    /// Both statistics to first order.
     pub fn first_look(&self, deviation: &[f64], drive: f64) -> FirstLook {
         let features = self.sensitivity.features(deviation, drive);
         let along = features * drive;
@@ -209,8 +210,8 @@ impl SensitivityDetector {
         FirstLook { features, distance, unexplained, near, beside }
     }
 
-    /// The statistics by the fit that a first look asked for. `signal`: at reference drive and
-    /// temperature, counts.
+    /// The statistics refined by the fit that a first look asked for. `signal`: corrected to reference drive and
+    /// temperature, N, counts; may be empty unless [`FirstLook::asks_beside`].
     pub fn second_look(
         &self,
         look: &FirstLook,
@@ -229,16 +230,15 @@ impl SensitivityDetector {
         found
     }
 
-    /// Square of what no ring explains of a signal, counts² at its own drive. `signal`: at reference drive
-    /// and temperature, counts; `near`: what its ring lies near.
+    /// The misfit of a signal beside its ring, counts² at its own drive. `signal`: corrected to reference drive and
+    /// temperature, N, counts; `near`: features to start the fit from.
     pub fn unexplained(&self, signal: &[f64], near: &Features, drive: f64) -> Option<f64> {
         let fit = self.fitter.fit_from(signal, near, true)?;
         let left = self.beside.misfit_without(&self.fitter, signal, &fit.features, &self.leftover);
         Some(dot(&left, &left) * drive * drive)
     }
 
-    /// What fits signals for a second look, the phase held, as they would be at the reference drive and
-    /// temperature.
+    /// The fitter for second looks, the phase held, of signals corrected to the reference drive and temperature.
     pub fn fitter(&self) -> &RingFitter {
         &self.fitter
     }
@@ -247,13 +247,13 @@ impl SensitivityDetector {
         &self.beside
     }
 
-    /// Leaves a signal as it would be at the reference drive and temperature, counts.
+    /// Writes the signal corrected to the reference drive and temperature, N, counts.
     fn at_reference(&self, deviation: &[f64], drive: f64, out: &mut Vec<f64>) {
         out.clear();
         out.extend(self.expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
     }
 
-    /// (ln A, ln sigma, ln f) of the signal as it would be at the reference drive and temperature.
+    /// (ln A, ln sigma, ln f) by a fit to the signal corrected to the reference drive and temperature.
     fn fitted(
         &self,
         first: &Vector3<f64>,

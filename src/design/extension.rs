@@ -1,9 +1,9 @@
-//! What a critique found missing in the healthy model: what a signal holds beside what is expected.
+//! A model extension: what a critique found missing in the healthy model.
 //!
-//! In: what was recorded beside a signal. Out: counts, taken off the signal before anything is learned from
-//! it or judged. What follows a covariate moves the parameters of the free decay; the decay that is left of
-//! the previous actuation, and shapes that every signal has, are added. What temperature does is not here:
-//! every healthy model learns it ([`super::HealthyModel`]).
+//! In: the covariates of a signal. Out: counts, subtracted from the signal before anything is learned from it or
+//! judged. Three effects: parameters of the free decay that depend linearly on covariates (`follows`), the tail of
+//! the previous actuation's decay, and shapes that every signal has. The effect of temperature is not here: every
+//! healthy model learns it ([`super::HealthyModel`]).
 
 use super::error::is_count;
 use crate::burst::{Beside, Burst};
@@ -11,10 +11,10 @@ use crate::identify::reservoir::relative_drive;
 use crate::model::free_decay::{self, ALL, Theta};
 use serde::{Deserialize, Serialize};
 
-/// ln damping and ln frequency move so far at most.
+/// Bound on the change of ln damping and of ln frequency.
 const MOST_SHIFT: f64 = 1.0;
 
-/// What was recorded beside a signal, and moves its free decay.
+/// A covariate: recorded with a signal, and with an effect on its free decay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Covariate {
@@ -42,15 +42,15 @@ impl Covariate {
     }
 }
 
-/// How the free decay follows a covariate.
+/// Linear dependence of the free decay's parameters on a covariate.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Follows {
     pub covariate: Covariate,
-    /// Where nothing is added.
+    /// Value of the covariate at which the change is 0.
     pub about: f64,
-    /// Values that were seen; beyond them it stays as at the last.
+    /// Range of the training data; beyond it the covariate is clamped.
     pub range: [f64; 2],
-    /// Change of `decay` per unit.
+    /// Change of [`Extension::decay`] per unit of the covariate.
     pub slope: [f64; ALL],
 }
 
@@ -63,14 +63,14 @@ pub struct Extension {
     /// lengths, amplitudes in counts ([`crate::model::free_decay`]).
     pub decay: [f64; ALL],
     pub follows: Vec<Follows>,
-    /// Share that is left of the previous actuation's decay.
+    /// Amplitude of the previous actuation's decay, which still rings, over that of the present one.
     pub previous_tail: f64,
-    /// What every signal has, times the drive to the power of its place; N each, or none. Counts.
+    /// Shapes that every signal has: number k counts times drive^k. N each, counts; or empty.
     pub shapes: Vec<Vec<f64>>,
 }
 
 impl Extension {
-    /// Takes it off a signal. `drive`: of the signal, relative; `dt_s`: sample period.
+    /// Subtracts the extension from a signal. `drive`: relative; `dt_s`: sample period, s; `signal`: N, counts.
     pub fn subtract(&self, beside: &Beside, drive: f64, dt_s: f64, signal: &mut [f64]) {
         let mut scale = 1.0;
         for shape in &self.shapes {
@@ -99,7 +99,7 @@ impl Extension {
         }
     }
 
-    /// The same for row `row` of a burst. `reference_v`: the drive at which models expect their signals.
+    /// The same for row `row` of a burst. `reference_v`: drive voltage that relative drives refer to, V.
     pub fn take_off(
         &self,
         burst: &Burst,
@@ -111,7 +111,7 @@ impl Extension {
         self.subtract(&burst.beside(row), drive, burst.sample_period_s, signal);
     }
 
-    /// What could not have come from a critique, in words.
+    /// Says what could not have come from a critique.
     pub(super) fn check(&self, samples: usize) -> Result<(), String> {
         let numbers = self.decay.iter().chain([&self.previous_tail]);
         let of_follows =
@@ -122,7 +122,7 @@ impl Extension {
         if self.follows.iter().any(|f| f.range[0] > f.range[1]) {
             return Err("`range` must rise".into());
         }
-        // rates in signal lengths
+        // ln rates per signal length
         if [0, 1, 5].iter().any(|&k| self.decay[k].abs() > 20.0) {
             return Err("`decay` has a rate that no signal shows".into());
         }

@@ -10,7 +10,7 @@ use crate::identify::grey_box::Identification;
 use crate::model::Plant;
 use serde::{Deserialize, Serialize};
 
-/// What a healthy model is learned with.
+/// Settings for learning a healthy model.
 #[derive(Clone, Copy, Debug)]
 pub struct LearnSettings<'a> {
     pub grey_box: &'a GreyBoxSettings,

@@ -1,5 +1,5 @@
-//! A healthy model ready to judge by: identification, filter and threshold of one window. How it is
-//! learned stands in `learn`, whether one that was read can be in `checks`.
+//! A healthy model: identification, filter and threshold of one window. How it is learned stands in `learn`, the
+//! validation of one that was read from a file in `checks`.
 
 use super::Statistic;
 use super::detector::{SensitivityDetector, ring_of};
@@ -24,16 +24,17 @@ pub struct HealthyModel {
     pub valid_from_ns: Option<i64>,
     pub n_signals: usize,
     pub n_channels: usize,
-    /// Of one healthy signal about the mean / of one sample alone, counts.
+    /// Standard deviation of one healthy signal about the mean, pooled over samples, counts.
     pub scatter: f64,
+    /// Standard deviation of one sample's noise, counts.
     pub noise: f64,
     /// Mean recorded temperature of the window, °C.
     pub temperature_c: Option<f64>,
     pub identification: Identification,
-    /// y_hat = C e^{At} x_a_hat at the reference drive, counts; with `detect.method` = `sensitivity` plus
-    /// what all healthy signals hold beside their ring, `leftover`.
+    /// The expected signal y_hat = C e^{At} x_a_hat at the reference drive, N, counts; with `detect.method` =
+    /// `sensitivity` plus the `leftover`.
     pub expected: Vec<f64>,
-    /// Part of `expected`, counts; empty: there is none.
+    /// The mean misfit of healthy signals beside their rings, part of `expected`, N, counts; empty: none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub leftover: Vec<f64>,
     /// d y_hat / d temperature, counts/K; absent: not recorded or no significant effect.
@@ -43,19 +44,19 @@ pub struct HealthyModel {
     pub frequency_per_k: f64,
     pub generator: ResidualGenerator,
     pub threshold: Threshold,
-    /// Healthy channels along the model's sensitivities, for `detect.method` = `sensitivity`.
+    /// Distribution of the healthy channels along the model's sensitivities, for `detect.method` = `sensitivity`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensitivity: Option<Sensitivity>,
-    /// What is compared instead, with `detect.method` = `residual-maximum` or `practice`.
+    /// The statistic instead, with `detect.method` = `residual-maximum` or `practice`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub statistic: Option<Statistic>,
-    /// What is taken off a deviation before the filter, with `detect.decouple`.
+    /// Disturbances that are removed from a deviation before the filter, with `detect.decouple`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub decoupled: Option<KnownShapes>,
-    /// What healthy signals leave beside their rings, for the second test.
+    /// Distribution of healthy misfits beside the ring, for the second test.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub misfit: Option<Misfit>,
-    /// Of labelled signals: the share that lies apart from the others, where that moves the threshold.
+    /// Share of the signals labelled healthy that are outliers, where that raises the threshold noticeably.
     #[serde(skip)]
     pub apart: Option<f64>,
     /// Median detection statistic of the window's signals.
@@ -63,7 +64,7 @@ pub struct HealthyModel {
 }
 
 impl HealthyModel {
-    /// Where its threshold lies, in medians of healthy statistics.
+    /// Its threshold over the median of healthy statistics.
     pub fn in_medians(&self) -> f32 {
         (self.threshold.value / self.median_statistic) as f32
     }
@@ -78,7 +79,7 @@ impl HealthyModel {
         SensitivityDetector::new(ring, dt_s, &self.expected, &self.leftover, sensitivity, misfit)
     }
 
-    /// Leaves a set's signal as it would be at the reference drive and temperature, counts.
+    /// Writes signal `i` of a set corrected to the reference drive and temperature, N, counts.
     pub(super) fn at_reference(&self, set: &SignalSet, i: usize, y: &mut [f64]) {
         let (drive, warmer) = (set.drive[i], self.warmer(set.temperature_c[i]));
         y.iter_mut().zip(set.signal(i)).for_each(|(y, v)| *y = f64::from(*v) / drive);
@@ -87,14 +88,14 @@ impl HealthyModel {
         }
     }
 
-    /// What a kelvin adds to a ring's features, whatever rings: a fault's ratios to the healthy ring
-    /// hardly depend on temperature, its difference from the healthy signal does.
+    /// Change of a ring's features per K, healthy or faulty: temperature shifts the features of both by about the same,
+    /// unlike the signals themselves.
     pub(super) fn features_per_k(&self, fitter: &RingFitter) -> [f64; 4] {
         let response = self.temperature_response.as_deref();
         response.and_then(|response| fitter.features_of(response)).unwrap_or_default()
     }
 
-    /// ln damping and ln frequency of this model's ring from another's, so much warmer than its window.
+    /// ln damping and ln frequency of this model's ring, `warmer` K above its window, relative to `ring`.
     pub(super) fn ring_from(&self, ring: &Ring, warmer: f64) -> [f64; 2] {
         let poles = self.identification.poles;
         [
@@ -152,7 +153,7 @@ impl HealthyModel {
     }
 }
 
-/// What a healthy channel is expected to say.
+/// The expected signal of a healthy channel.
 #[derive(Clone, Copy)]
 struct Expectation<'a> {
     y: &'a [f64],

@@ -1,4 +1,5 @@
-//! A healthy model and the fault classes as they meet a signal: what rides with every batch.
+//! The judge: a healthy model and the fault classes, made ready to judge signals. Every batch carries the one that
+//! its signals are judged by.
 
 use super::detector::{Detection, Scratch, SensitivityDetector, ring_of};
 use super::lanes::Lanes;
@@ -25,13 +26,13 @@ use crate::verdict::{Appearance, Test};
 use nalgebra::Vector2;
 use std::sync::Arc;
 
-/// What is written of a signal's detection.
+/// The result of a signal's detection, as it is written.
 #[derive(Clone, Copy, Debug)]
 pub struct Tested {
     pub test: Test,
     pub statistic: f64,
     pub threshold: f64,
-    /// Unexplained mean square over the healthy one's; NaN: not known.
+    /// The misfit over the healthy mean ([`crate::detect::misfit`]); NaN: not known.
     pub misfit: f64,
 }
 
@@ -42,7 +43,7 @@ impl Tested {
     }
 }
 
-/// Tells the judges of a run apart.
+/// Identifies a judge within a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct JudgeKey {
     index: u16,
@@ -54,13 +55,13 @@ pub struct JudgeKey {
 pub struct Judge {
     /// Its place in the metadata's `models`.
     pub index: u16,
-    /// How often it was moved, see [`Judge::moved`].
+    /// How often it was adapted to a common change, see [`Judge::moved`].
     pub(super) moves: u32,
     pub model: HealthyModel,
     pub reference_v: Option<f64>,
-    /// Detection of many signals at once; where there is none, [`Judge::detect`] does the work.
+    /// Detection of many signals at once, in f32; without it [`Judge::detect`] judges each signal.
     pub lanes: Option<Lanes>,
-    /// What signals are taken without.
+    /// What a critique found missing in the model: subtracted from every signal first.
     pub(super) extension: Option<Extension>,
     /// With `detect.method` = `sensitivity`.
     pub(super) detector: Option<SensitivityDetector>,
@@ -80,9 +81,9 @@ pub(super) struct Isolating {
     physics_ring: Option<Ring>,
 }
 
-/// What names a fitted ring.
+/// Isolation by a fitted ring's features.
 #[derive(Debug)]
-pub(super) struct OfRings {
+pub(super) struct RingClassifier {
     pub(super) posterior: Arc<Posterior>,
     pub(super) fitter: RingFitter,
     /// Of each class.
@@ -96,55 +97,55 @@ pub(super) struct OfRings {
 /// `isolate.method`, ready for this model.
 #[derive(Debug)]
 pub(super) enum Isolator {
-    /// A fitted ring among class densities.
-    Posterior(Box<OfRings>),
-    /// thesis §3-3-2: F^T R of the filter r = F d, which projects a deviation as R^T its residual.
+    /// Posterior of the classes from a fitted ring's features.
+    Posterior(Box<RingClassifier>),
+    /// thesis §3-3-2: F^T R with the filter r = F d, so that (F^T R)^T d = R^T r.
     ResidualMatching(SignatureMatrix, Simplex),
-    /// thesis §3-3-1: per class its model, if it has one.
+    /// thesis §3-3-1: per class its identified model, if it has one.
     ModelMatching(Vec<Option<FaultModel>>),
     /// thesis §4-3-1
     Neighbours(Neighbours),
 }
 
-/// What the best ring explains of noise alone, in noise variances, is less than this: of two linear and
-/// two searched parameters some 20 at most.
+/// A fit to noise alone explains less than this, in noise variances: two linear and two searched parameters
+/// explain some 20 at most.
 const NOISE_ALONE: f64 = 40.0;
 
-/// Whether a fit found more than it would of noise alone, counts.
+/// Whether a fit explains more than it would of noise alone. `noise`: of one sample, counts.
 fn is_ring(fit: &Fit, noise: f64) -> bool {
     fit.square - fit.misfit > NOISE_ALONE * noise * noise
 }
 
-/// A ring that leaves more of a signal than this share, beyond the noise, is none: not tuned, half.
+/// A signal is no ring if its fit leaves more than this share of its energy, noise apart: a half, not tuned.
 const MOST_LEFT: f64 = 0.5;
 
-/// A class of less weight beside one that the signal is not of is no name for it either.
+/// Where the best class is rejected as not typical, classes of less weight than this are not considered either.
 const LITTLE: f64 = 0.05;
 
-/// What isolation says of one signal.
+/// The result of a signal's isolation.
 pub type Isolation = Decision;
 
-/// Scratch of one worker.
+/// Buffers of a judge, one set per thread, and results beside the decision.
 #[derive(Debug, Default)]
 pub struct Workspace {
     residual: Vec<f64>,
     projection: Vec<f64>,
     products: Products,
     detector: Scratch,
-    /// Per class, of the signal last isolated.
+    /// Weight of each class, for the signal last isolated.
     pub weights: Vec<f64>,
-    /// ln of damping and of frequency over the healthy model's, of the ring last fitted by the
-    /// posterior, at the model's drive and temperature; `None`: none was fitted.
+    /// ln damping and ln frequency of the ring last fitted for isolation, relative to the healthy model's and
+    /// corrected to its temperature; `None`: none was fitted.
     pub ring: Option<[f64; 2]>,
-    /// Of the signal last isolated, if its category was named.
+    /// Severity of the signal last isolated, if its category was named.
     pub severity: Option<Severity>,
-    /// Mean square that its ring leaves over the noise's; NaN: not fitted.
+    /// Its mean square misfit over the noise's; NaN: no ring was fitted.
     pub misfit: f64,
     ln_densities: Vec<f64>,
     physics: Comparison,
-    /// Of the signal next isolated, see [`Judge::warmer`]. K.
+    /// To be set for the signal isolated next: [`Judge::warmer`], K.
     pub warmer: f64,
-    /// With `--baseline`: of the channel whose signal is next, if it is known.
+    /// To be set for the signal judged next, with `--baseline`: its channel's baseline, if there is one.
     pub own: Option<Own>,
 }
 
@@ -179,7 +180,7 @@ impl Judge {
             }
         };
         let extension = design.and_then(|design| design.extension.clone());
-        // lanes know what is expected of a burst; an extension asks for each signal
+        // detection in lanes expects one shape per burst; with an extension each signal has its own
         let lanes = if extension.is_none() { Lanes::of(&model) } else { None };
         let spectrum = match model.statistic {
             Some(Statistic::Practice(_)) => {
@@ -204,36 +205,35 @@ impl Judge {
         JudgeKey { index: self.index, moves: self.moves }
     }
 
-    /// Scale of what is expected of a burst: its drive voltage over the reference.
+    /// Relative drive of a burst: its drive voltage over the reference, the scale of its expected signal.
     pub fn drive(&self, burst: &Burst) -> f64 {
         relative_drive(burst.drive_voltage_v.unwrap_or(f64::NAN), self.reference_v)
     }
 
-    /// How much warmer than the model a burst was, as far as that matters. K.
+    /// Temperature of a burst above the model's, K; 0 where it is unknown or has no effect.
     pub fn warmer(&self, burst: &Burst) -> f64 {
         self.model.warmer(burst.temperature_c.unwrap_or(f64::NAN))
     }
 
-    /// The deviation of a burst's signal from what is expected of it. `expected`: of the burst;
-    /// `signal`: as it was acquired. Counts.
+    /// Turns a signal of a burst, as acquired, into its deviation from `expected` (of that burst); counts.
     pub fn deviate(&self, burst: &Burst, row: usize, expected: &[f64], signal: &mut [f64]) {
         self.take_off_extension(burst, row, signal);
         signal.iter_mut().zip(expected).for_each(|(y, e)| *y -= e);
     }
 
-    /// Takes what a critique found off a burst's signal, counts.
+    /// Subtracts what a critique found missing in the model from a signal of a burst, counts.
     pub fn take_off_extension(&self, burst: &Burst, row: usize, signal: &mut [f64]) {
         if let Some(extension) = &self.extension {
             extension.take_off(burst, row, self.reference_v, signal);
         }
     }
 
-    /// y_hat of a burst, counts.
+    /// The expected signal y_hat of a burst, N, counts.
     pub fn expect(&self, burst: &Burst, out: &mut [f64]) {
         self.model.expect(self.drive(burst), burst.temperature_c.unwrap_or(f64::NAN), out);
     }
 
-    /// What is compared with the thresholds. `deviation`: of a signal from what is expected, counts.
+    /// The detection statistics of a signal. `deviation`: from the expected signal, N, counts; `drive`: relative.
     pub fn detect(&self, deviation: &[f64], drive: f64, work: &mut Workspace) -> Detection {
         let Some(detector) = &self.detector else {
             let ring = self.of_residual(deviation, drive, &mut work.residual);
@@ -249,7 +249,7 @@ impl Judge {
         }
     }
 
-    /// The one statistic of all methods but `sensitivity`. `signal`: scratch.
+    /// The statistic of all methods but `sensitivity`. `signal`: buffer.
     fn of_residual(&self, deviation: &[f64], drive: f64, signal: &mut Vec<f64>) -> f64 {
         let HealthyModel { expected, statistic, .. } = &self.model;
         match (statistic, &self.spectrum) {
@@ -263,12 +263,12 @@ impl Judge {
         }
     }
 
-    /// Whether it fails along its ring, too.
+    /// Whether a signal fails the first test, along the ring.
     pub fn is_faulty_ring(&self, detection: Detection) -> bool {
         self.model.threshold.is_faulty(detection.ring)
     }
 
-    /// The test that a signal is nearer to failing, or fails by more.
+    /// The test whose statistic is larger relative to its threshold.
     pub fn test(&self, detection: Detection) -> Tested {
         let Detection { ring, unexplained } = detection;
         let threshold = self.model.threshold.value;
@@ -280,14 +280,14 @@ impl Judge {
         let Some(misfit) = &self.model.misfit else { return of_ring };
         let (statistic, relative) = (misfit.statistic(unexplained), misfit.relative(unexplained));
         let beside = misfit.threshold.value;
-        // a comparison that NaN fails
+        // false for NaN
         match statistic * threshold > ring * beside {
             true => Tested { test: Test::Misfit, statistic, threshold: beside, misfit: relative },
             false => Tested { misfit: relative, ..of_ring },
         }
     }
 
-    /// With `detect.method` = `sensitivity`: what a channel's baseline is made of.
+    /// With `detect.method` = `sensitivity`; computes the features that channels' baselines consist of.
     pub fn detector(&self) -> Option<&SensitivityDetector> {
         self.detector.as_ref()
     }
@@ -296,8 +296,8 @@ impl Judge {
         self.isolating.is_some()
     }
 
-    /// Thesis §3-3 on the deviation of a signal from what is expected, counts; `drive` scales what
-    /// classes look like as it scales the signal. `None`: it looks like no class.
+    /// Isolates the fault of a signal, thesis §3-3. `deviation`: from the expected signal, N, counts; `drive`:
+    /// relative, which scales the classes' deviations as it scales the signal. `None`: no class fits.
     pub fn isolate(
         &self,
         deviation: &[f64],
@@ -305,9 +305,9 @@ impl Judge {
         work: &mut Workspace,
     ) -> Option<Isolation> {
         let Isolating { isolator, signal, rule, .. } = self.isolating.as_ref()?;
-        if let Isolator::Posterior(of_rings) = &**isolator {
-            let fitter = &of_rings.fitter;
-            // the ring as it would be at the reference drive and temperature
+        if let Isolator::Posterior(classifier) = &**isolator {
+            let fitter = &classifier.fitter;
+            // the signal itself, scaled to the reference drive
             self.model.per_drive(deviation, drive, work.warmer, &mut work.residual);
             let signal = std::mem::take(&mut work.residual);
             let fit = fitter.fit(&signal, true, &mut work.products);
@@ -330,11 +330,11 @@ impl Judge {
             }
             residual.iter_mut().for_each(|r| *r /= drive);
         };
-        // lengths agree by construction; a residual that is no number says nothing
+        // lengths agree by construction; a residual that is not finite gives no decision
         match &**isolator {
-            Isolator::Posterior(_) => return None, // see above
+            Isolator::Posterior(_) => return None, // handled above
             Isolator::ResidualMatching(adjoint, simplex) => {
-                // c = R^T r = (F^T R)^T d: without the residual itself
+                // c = R^T r = (F^T R)^T d: the residual itself is not needed
                 adjoint.project(deviation, projection);
                 projection.iter_mut().for_each(|c| *c /= drive);
                 simplex.solve(projection, weights).ok()?;
@@ -360,9 +360,9 @@ impl Judge {
     }
 }
 
-/// Of fitted rings.
+/// Isolation by fitted rings.
 impl Judge {
-    /// What fits the rings that `isolate` names, the phase free; `None`: it names none.
+    /// The fitter of rings for isolation, the phase free; `None`: the method fits none.
     pub fn rings(&self) -> Option<&RingFitter> {
         match &*self.isolating.as_ref()?.isolator {
             Isolator::Posterior(of) => Some(&of.fitter),
@@ -370,7 +370,7 @@ impl Judge {
         }
     }
 
-    /// Leaves a signal, counts, as it would be at the reference drive and temperature.
+    /// Corrects a signal, counts, to the reference drive and temperature.
     pub fn at_reference(&self, y: &mut [f64], drive: f64, warmer: f64) {
         let scale = 1.0 / drive;
         y.iter_mut().for_each(|y| *y *= scale);
@@ -379,8 +379,8 @@ impl Judge {
         }
     }
 
-    /// [`Judge::isolate`] of a signal whose ring is fitted already, per unit drive, at its own
-    /// temperature. `signal`: writes it, counts. `None`: no ring is named.
+    /// [`Judge::isolate`] for a signal whose ring was fitted already. `fit`: to the signal per unit drive, at its
+    /// own temperature; `signal`: writes that signal, counts. `None`: the method fits no rings.
     pub fn isolate_ring(
         &self,
         fit: Option<&Fit>,
@@ -391,8 +391,8 @@ impl Judge {
         (work.severity, work.ring, work.misfit) = (None, None, f64::NAN);
         work.weights.clear();
         let Isolating { isolator, rule, curves, physics_ring, .. } = self.isolating.as_ref()?;
-        let Isolator::Posterior(of_rings) = &**isolator else { return None };
-        let OfRings { posterior, priors, per_k, typical, .. } = &**of_rings;
+        let Isolator::Posterior(classifier) = &**isolator else { return None };
+        let RingClassifier { posterior, priors, per_k, typical, .. } = &**classifier;
         let noise = self.model.noise_beside() / drive;
         let Some(fit) = fit.filter(|fit| is_ring(fit, noise)) else {
             return Some(Isolation::of_no_ring());
@@ -407,14 +407,14 @@ impl Judge {
         let of_own = own.as_ref().and_then(|own| own.curves.as_ref().zip(Some(&own.baseline)));
         let curves = of_own.map(|(curves, _)| curves).or(curves.as_ref());
         let physics_ring = physics_ring.map(|ring| self.model.ring_from(&ring, warmer));
-        let seen = Conditions {
+        let conditions = Conditions {
             drive,
             changed: curves.zip(physics_ring).map_or(Vector2::zeros(), |(c, r)| c.changed(r)),
             baseline: of_own.map(|(_, baseline)| baseline),
         };
         physics.ln_densities.clear();
         if let Some(curves) = curves {
-            curves.compare(features, seen, physics);
+            curves.compare(features, conditions, physics);
         }
         weights.clear();
         weights.resize(rule.category_of.len(), 0.0);
@@ -423,12 +423,12 @@ impl Judge {
         let Some(best) = decision.candidate.map(usize::from) else { return Some(decision) };
         if let Some(typical) = typical {
             let most = typical.misfit[best];
-            // what a ring leaves is at most what its fit left
+            // the misfit beside the ring is at most that of the fit, which is known already
             if work.misfit > most {
                 signal(&mut work.residual);
-                let left = of_rings.left(&work.residual, fit, self, noise, best);
-                work.misfit = left.all;
-                if left.of_class > most {
+                let misfits = classifier.misfits(&work.residual, fit, self, noise, best);
+                work.misfit = misfits.all;
+                if misfits.beyond_class > most {
                     work.weights.clear();
                     return Some(Isolation::of_no_ring());
                 }
@@ -436,10 +436,10 @@ impl Judge {
         }
         let Workspace { weights, severity, physics, ln_densities, .. } = work;
         let from_curves =
-            |k| curves.map_or(f64::INFINITY, |of| of.distance(k, features, seen, physics));
+            |k| curves.map_or(f64::INFINITY, |of| of.distance(k, features, conditions, physics));
         let is_typical = |k| posterior.is_typical(k, ln_densities[k], || from_curves(k));
         if !is_typical(best) {
-            // where a class that is likelier by little is not it, another may be
+            // the best class is rejected: is another plausible one typical?
             let other = |k: usize| weights[k] > LITTLE && is_typical(k);
             return Some(match (0..weights.len()).any(other) {
                 true => decision.unnamed(),
@@ -452,33 +452,40 @@ impl Judge {
     }
 }
 
-/// Of a ring with its phase free: mean square that it leaves over the noise's, the same less what
-/// signals of a class leave.
-struct LeftOfRing {
+/// Mean square misfit of a signal beside its ring, over the noise's: all of it, and beyond what is usual in a class
+/// ([`Typical::misfit_of`]).
+struct RelativeMisfit {
     all: f64,
-    of_class: f64,
+    beyond_class: f64,
 }
 
-impl OfRings {
-    /// `y`: per unit drive, counts; `noise`: of a sample of it.
-    fn left(&self, y: &[f64], fit: &Fit, judge: &Judge, noise: f64, class: usize) -> LeftOfRing {
+impl RingClassifier {
+    /// `y`: per unit drive, N, counts; `noise`: standard deviation of one of its samples, counts.
+    fn misfits(
+        &self,
+        y: &[f64],
+        fit: &Fit,
+        judge: &Judge,
+        noise: f64,
+        class: usize,
+    ) -> RelativeMisfit {
         let fit = self.fitter.fit_from(y, &fit.features, true).unwrap_or(*fit);
         let shape = &judge.model.leftover;
         let mut left = self.beside.misfit_without(&self.fitter, y, &fit.features, shape);
         let size = fit.features.ln_amplitude.exp();
         left.iter_mut().for_each(|v| *v /= noise);
         let all = left.iter().map(|v| v * v).sum::<f64>() / left.len() as f64;
-        // noise is one at the signal's own drive, and so is its ring
-        let of_class = self.typical.as_ref().map_or(all, |typical| {
+        // the class's variances hold at the reference drive's noise: scale the amplitude to the signal's own
+        let beyond_class = self.typical.as_ref().map_or(all, |typical| {
             let size = size * judge.relative_noise(noise);
             typical.misfit_of(RingMisfit { values: &left, size }, class)
         });
-        LeftOfRing { all, of_class }
+        RelativeMisfit { all, beyond_class }
     }
 }
 
 impl Judge {
-    /// Where no classes are known: whether a flagged signal rings at all. `y`: per unit drive, counts.
+    /// Whether a flagged signal is no ring, where no classes are known. `y`: per unit drive, N, counts.
     pub fn is_no_ring(&self, y: &[f64], drive: f64, work: &mut Workspace) -> bool {
         let Some(detector) = &self.detector else { return false };
         let noise = self.model.noise_beside() / drive;
@@ -488,8 +495,8 @@ impl Judge {
         !fit.is_some_and(|fit| is_ring(&fit, noise) && explains(fit))
     }
 
-    /// What a signal looks like that belongs to no class. `y`: per unit drive, counts. `None`: rings are
-    /// not asked for.
+    /// A description of a signal that belongs to no class. `y`: per unit drive, N, counts. `None`: the method fits
+    /// no rings.
     pub fn appearance(&self, y: &[f64], drive: f64, work: &mut Workspace) -> Option<Appearance> {
         let detector = self.detector.as_ref()?;
         let (fitter, beside) = (detector.fitter(), detector.beside());
@@ -505,7 +512,7 @@ impl Judge {
         Some(UnknownSignal { signal: y, noise, ring, misfit: &left, dt_s }.appearance())
     }
 
-    /// Drive of a signal whose noise per unit drive is this.
+    /// The relative drive of a signal whose noise per unit drive is `noise`.
     fn relative_noise(&self, noise: f64) -> f64 {
         self.model.noise_beside() / noise
     }
@@ -517,7 +524,7 @@ impl Isolator {
         design: &Design,
         settings: &IsolateSettings,
     ) -> Result<Isolator, DesignError> {
-        // how this model sees a deviation
+        // what is compared: the residual of this model's filter, or the deviation itself
         let seen = |deviation: &[f64]| match settings.signal {
             IsolateSignal::Deviation => deviation.to_vec(),
             IsolateSignal::Residual => {
@@ -541,8 +548,9 @@ impl Isolator {
                 let beside = BesideRing::new(&ring, dt_s, samples);
                 let typical = design.typical.clone().map(Arc::new);
                 let posterior = Arc::new(posterior);
-                let of_rings = OfRings { posterior, fitter, priors, per_k, beside, typical };
-                Ok(Isolator::Posterior(Box::new(of_rings)))
+                let classifier =
+                    RingClassifier { posterior, fitter, priors, per_k, beside, typical };
+                Ok(Isolator::Posterior(Box::new(classifier)))
             }
             // rho of every class is the residual of its mean deviation, by this model's filter
             IsolateMethod::ResidualMatching => {

@@ -1,4 +1,5 @@
-//! The detection statistic of a model in lanes: what settles most healthy signals of a stream.
+//! Fast detection: a model's statistic in f32 for many signals at once, one in each SIMD lane. It settles most healthy
+//! signals of a stream; the rest is judged by the f64 reference.
 
 use super::HealthyModel;
 use crate::detect::kernel::{LaneFilter, LaneStatistics};
@@ -6,7 +7,7 @@ use crate::detect::lane_sensitivity::{LaneSensitivity, Limits, RowCondition};
 use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK};
 use crate::detect::tile::{Instructions, Tile};
 
-/// `detect.method` in lanes.
+/// `detect.method` in f32, for tiles of signals.
 #[derive(Clone, Debug)]
 pub enum Lanes {
     ResidualEnergy(LaneFilter),
@@ -37,7 +38,8 @@ impl Lanes {
         }
     }
 
-    /// What is expected of int16 signals that lie one after the other; `None`: they must be turned.
+    /// For projections straight from a burst's channel-major int16 signals, the expected signal at a relative drive and
+    /// `warmer` K above the model; `None`: signals must be transposed to a tile.
     pub fn rows(&self, drive: f64, warmer: f64) -> Option<(&LaneSensitivity, RowCondition)> {
         match self {
             Lanes::ResidualEnergy(_) => None,
@@ -45,8 +47,8 @@ impl Lanes {
         }
     }
 
-    /// Nearer than one and farther than the other first order settles a squared distance: between them
-    /// the reference looks a second time, and where much lies beside the ring.
+    /// Between the near and the far limit of the squared distance, and above that of the misfit, the reference fits a
+    /// ring; elsewhere the first-order statistics decide.
     pub fn limits(model: &HealthyModel) -> Limits {
         let threshold = model.threshold.value;
         Limits {
@@ -56,8 +58,8 @@ impl Lanes {
         }
     }
 
-    /// Statistics of a tile's signals, and which of them are surely what the reference gives, on its
-    /// side of the thresholds.
+    /// Statistics of a tile's signals, and which of them are settled: proved to lie on the same side of the thresholds as
+    /// the reference's.
     pub fn judge(
         &self,
         tile: &mut Tile,

@@ -1,7 +1,7 @@
-//! What a healthy model is learned from: a window's signals, or what labels say is healthy.
+//! Learning a healthy model, from a window's signals or from signals that labels say are healthy.
 //!
-//! In: signals, the model that came before, settings. Out: a [`HealthyModel`]: average, grey box, filter,
-//! what temperature does, the statistics of `detect.method` and where their thresholds lie.
+//! In: signals, the model that came before, settings. Out: a [`HealthyModel`]: average, grey box, filter, effect of
+//! temperature, the statistics of `detect.method` and their thresholds.
 
 use super::detector::{Detection, Scratch, ring_of};
 use super::error::DesignError;
@@ -23,16 +23,16 @@ use crate::model::ring_fit::{Features, RingFitter};
 use nalgebra::Vector3;
 use std::borrow::Cow;
 
-/// Signals from which a window's own spread and thresholds count, where there is a design.
+/// Fewest signals for a window's own spread and thresholds; with fewer, the design's are used.
 const FEWEST_OWN: usize = 200;
 
-/// A threshold so many times what most of the signals allow was learned on more than healthy ones.
+/// A threshold that exceeds the robust one by more than this factor was probably learned on faulty signals too.
 const SUSPECT: f64 = 3.0;
 
-/// Samples over which noise may remember.
+/// Lags, in samples, of the noise's autocovariance.
 const LAGS: usize = 32;
 
-/// Signals whose features are no absurd numbers.
+/// Signals with plausible features.
 struct Usable<'a> {
     signals: Cow<'a, SignalSet>,
     /// Of each, with its drive.
@@ -42,9 +42,9 @@ struct Usable<'a> {
 /// Both statistics of signals.
 #[derive(Default)]
 struct Statistics {
-    /// Squared distances along the ring.
+    /// Squared distances along the ring's sensitivities.
     along: Vec<f64>,
-    /// Squares beside it, counts²; NaN where a signal lies far along it.
+    /// Misfits beside the ring, counts²; NaN where a signal lies far along it.
     squares: Vec<f64>,
 }
 
@@ -152,7 +152,7 @@ impl HealthyModel {
         all
     }
 
-    /// `practice`: the ranges are set once, on what is known to be healthy, and follow nothing.
+    /// `practice`: the ranges are set once, on signals that are known to be healthy, and never adapted.
     fn learn_ranges(
         &mut self,
         healthy: &SignalSet,
@@ -233,8 +233,8 @@ impl HealthyModel {
         self.learn_thresholds(&found, &seen.channel, labelled, settings.detect)
     }
 
-    /// What healthy signals hold beside their ring becomes part of what is expected; the sensitivities of
-    /// the ring, by noise as it is seen beside it.
+    /// Adds the leftover of healthy signals to the expected signal. Returns the ring's sensitivities with the noise
+    /// covariance that the misfits beside the ring show (coloured noise).
     fn learn_ring(&mut self, healthy: &SignalSet) -> Result<Sensitivity, DesignError> {
         let (dt_s, samples) = (self.generator.dt_s, healthy.samples);
         let ring = ring_of(&self.identification)?;
@@ -279,7 +279,7 @@ impl HealthyModel {
         Ok(Usable { signals, features })
     }
 
-    /// As signals will be judged.
+    /// Statistics of a set's signals, computed as they will be when signals are judged.
     fn statistics(
         &self,
         seen: &SignalSet,
@@ -329,7 +329,7 @@ impl HealthyModel {
             let apart = law.ok().filter(|law| self.threshold.value > SUSPECT * law.value);
             self.apart = apart.map(|law| 1.0 - law.n_effective / along.len() as f64);
         }
-        // what is far along the ring says nothing of what lies beside it
+        // signals far along the ring have no first-order misfit
         let near = |i: &usize| squares[*i].is_finite() && along[*i] <= self.threshold.value;
         let near: Vec<usize> = (0..squares.len()).filter(near).collect();
         let channels: Vec<u32> = near.iter().map(|&i| channels[i]).collect();
@@ -346,9 +346,9 @@ impl HealthyModel {
         Ok(())
     }
 
-    /// Learns what temperature does, and nothing else, from signals at other temperatures than its own.
-    /// `least_agreeing`: share of them that must agree; `None`: labels say that all are healthy. False:
-    /// they do not tell.
+    /// Learns the effect of temperature, and nothing else, from signals at other temperatures than its own.
+    /// `least_agreeing`: share of them that must agree; `None`: labels say that all are healthy. Returns false if the
+    /// signals do not determine it.
     pub fn learn_temperature(&mut self, set: &SignalSet, least_agreeing: Option<f64>) -> bool {
         let agreeing = |share| averaging::agreeing(set, share).map(|keep| set.select(&keep));
         let (Some(reference), Ok(chosen)) =

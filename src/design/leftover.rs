@@ -1,9 +1,10 @@
-//! What every healthy signal holds beside its ring, and how much beside that.
+//! The *leftover*: the mean misfit of healthy signals beside their rings, which is part of the expected signal, and
+//! the misfit that remains without it.
 //!
 //! In: healthy signals, the ring of their model. Out: their mean shape beside the ring (a second mode, an
-//! amplifier's transient, a bent spring: what the model lacks is no misfit of a signal), and the squares
-//! that are left without it. Rings are fitted signal by signal: the average of rings that differ is no
-//! ring, and what it leaves is in none of them.
+//! amplifier's transient, a nonlinear spring: a deficit of the model, not of a signal), and the signals' misfits
+//! without it. Rings are fitted signal by signal, since the average of different rings is no ring and its misfit
+//! would be in none of the signals.
 
 use crate::identify::averaging::SignalSet;
 use crate::model::beside_ring::BesideRing;
@@ -13,11 +14,11 @@ use crate::model::ring_fit::{Features, Products, RingFitter};
 /// Signals that are fitted, at most.
 const MOST_SIGNALS: usize = 4096;
 
-/// Signals less their rings.
+/// Misfits of some signals beside their rings.
 pub(super) struct Leftovers {
     /// Rows of N, counts.
     pub rows: Vec<Vec<f64>>,
-    /// Amplitude of the ring over the healthy one's at the reference drive.
+    /// Per signal the amplitude of its ring over the healthy one's at the reference drive.
     pub size: Vec<f64>,
 }
 
@@ -31,14 +32,14 @@ impl Leftovers {
         self.size.extend(more.size);
     }
 
-    /// In other units.
+    /// The same in units of `noise`, counts.
     pub fn over(mut self, noise: f64) -> Leftovers {
         self.rows.iter_mut().flatten().for_each(|v| *v /= noise);
         self
     }
 
-    /// `near`: what the rings lie near, if that is known. `at_reference`: leaves signal `i` of the set as
-    /// it would be at reference drive and temperature.
+    /// Fits a ring to signals of a set, at most [`MOST_SIGNALS`]. `near`: features to start the fits from, if known.
+    /// `at_reference`: writes signal `i` corrected to reference drive and temperature, N, counts.
     pub fn of(
         set: &SignalSet,
         (fitter, beside): (&RingFitter, &BesideRing),
@@ -72,8 +73,9 @@ impl Leftovers {
         of
     }
 
-    /// The mean shape of signals as large as the healthy ring, robust: signals further from the others
-    /// than most do not count. Counts; shrunk by what noise alone would leave of it (James and Stein).
+    /// The mean shape, N, counts, for a ring of the healthy amplitude. Robust: signals with more than twice the median
+    /// square norm are left out. Shrunk by the share that noise alone explains (James and Stein). `None`: nothing is left
+    /// of it.
     pub fn shape(&self) -> Option<Vec<f64>> {
         let n = self.rows.first()?.len();
         let mut squares: Vec<f64> = self.rows.iter().map(|row| dot(row, row)).collect();
@@ -98,7 +100,7 @@ impl Leftovers {
         (share > 0.0 && shape.iter().all(|s| s.is_finite())).then_some(shape)
     }
 
-    /// The same without what every healthy signal holds.
+    /// The misfits without a mean shape.
     pub fn without(mut self, shape: &[f64]) -> Leftovers {
         for (row, size) in self.rows.iter_mut().zip(&self.size) {
             row.iter_mut().zip(shape).for_each(|(v, s)| *v -= size * s);
@@ -106,8 +108,7 @@ impl Leftovers {
         self
     }
 
-    /// Mean product of what is left `lag` samples apart, counts², lags from 0 on: of the half of the
-    /// signals that leave least.
+    /// Autocovariance of the misfits, counts², at lags 0, 1, ..: over the half of the signals with the least square norm.
     pub fn autocovariance(&self, lags: usize) -> Vec<f64> {
         let mut order: Vec<usize> = (0..self.rows.len()).collect();
         let squares: Vec<f64> = self.rows.iter().map(|row| dot(row, row)).collect();
@@ -124,7 +125,7 @@ impl Leftovers {
         (0..most).map(of_lag).collect()
     }
 
-    /// The same of white noise of unit variance, seen beside the same rings.
+    /// The same of white noise of unit variance after projection beside the healthy ring.
     pub fn of_white_noise(
         &self,
         fitter: &RingFitter,
@@ -134,7 +135,7 @@ impl Leftovers {
         let n = self.rows.first().map_or(0, Vec::len);
         let rows = (0..64)
             .map(|i| {
-                // any white sequence: what is asked is what the projection does to it
+                // any white sequence will do: only the effect of the projection matters
                 let mut state = 0x9e37_79b9_7f4a_7c15u64.wrapping_mul(i + 1);
                 let mut next = || {
                     state ^= state << 13;

@@ -1,7 +1,7 @@
-//! A signal against its own channel's baseline.
+//! Judging a signal against its own channel's baseline.
 //!
-//! In: baselines of one printhead, the design's curves. Out: per channel its expected healthy features
-//! and the curves seen from there.
+//! In: baselines of one printhead, the design's fault curves. Out: per channel its expected healthy features and
+//! the fault curves relative to them.
 
 use super::baseline::{FEWEST, PrintheadBaselines};
 use crate::isolate::physics_density::FaultCurves;
@@ -10,7 +10,8 @@ use nalgebra::{Matrix4, Vector4};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Signals from which the next better known curves apply.
+/// Numbers of signals behind a baseline for which fault curves are computed; a channel uses those of the largest
+/// number that it reaches.
 const LEVELS: [f64; 3] = [4.0, 16.0, 48.0];
 
 /// Baselines of one printhead, ready to judge by.
@@ -18,19 +19,19 @@ const LEVELS: [f64; 3] = [4.0, 16.0, 48.0];
 pub struct OwnChannels {
     /// Covariance of one channel's signals beyond the noise.
     shot: Matrix4<f64>,
-    /// Per channel: baseline, signals, from when on.
+    /// Per channel its baseline, the number of signals behind it, and the time from which on it applies, ns.
     channels: HashMap<u32, (Vector4<f64>, f64, i64)>,
-    /// The fault curves of a channel known by so many signals.
+    /// Fault curves for each of [`LEVELS`].
     curves: Vec<Arc<FaultCurves>>,
     gate: f64,
 }
 
-/// One channel's.
+/// One channel's baseline, and what signals are judged by about it.
 #[derive(Clone, Debug)]
 pub struct Own {
     pub baseline: Vector4<f64>,
     pub signals: f64,
-    /// Squared distance from the baseline that as few healthy signals exceed as may pass.
+    /// Threshold on the squared distance from the baseline, at the allowed false-alarm rate.
     pub gate: f64,
     shot: Matrix4<f64>,
     /// `None`: the design has no physics.
@@ -38,8 +39,8 @@ pub struct Own {
 }
 
 impl OwnChannels {
-    /// `from_ns`: of the channels that were not known before the recording. `false_alarm_rate`: share
-    /// of healthy signals that may pass.
+    /// `from_ns`: the time from which on a channel's baseline applies. `false_alarm_rate`: share of healthy signals
+    /// that may be flagged.
     pub fn new(
         baselines: &PrintheadBaselines,
         from_ns: impl Fn(u32) -> i64,
@@ -62,17 +63,17 @@ impl OwnChannels {
         OwnChannels { shot, channels, curves, gate: chi_squared_3(false_alarm_rate) }
     }
 
-    /// Channels that are known.
+    /// Number of channels with a baseline.
     pub fn channels(&self) -> usize {
         self.channels.len()
     }
 
-    /// Whether a channel has a baseline by then.
+    /// Whether a channel's baseline applies at that time.
     pub fn knows(&self, channel: u32, t_ns: i64) -> bool {
         self.channels.get(&channel).is_some_and(|&(.., from_ns)| t_ns >= from_ns)
     }
 
-    /// A channel's baseline, if it is known by then.
+    /// A channel's baseline, if one applies at that time.
     pub fn of(&self, channel: u32, t_ns: i64) -> Option<Own> {
         let &(baseline, signals, from_ns) = self.channels.get(&channel)?;
         if t_ns < from_ns {
@@ -84,9 +85,8 @@ impl OwnChannels {
     }
 }
 
-/// What chi-squared with three degrees of freedom exceeds at that rate: one channel's signals scatter
-/// by noise, whose tail is known; the channels' own spread, from which the threshold was learned, ends
-/// sooner.
+/// Upper quantile of chi-squared with three degrees of freedom. One channel's signals scatter by noise, whose tail is
+/// Gaussian; the model's threshold was learned from channels that differ within bounds, whose tail is lighter.
 fn chi_squared_3(rate: f64) -> f64 {
     let beyond = |x: f64| {
         2.0 * upper_tail(x.sqrt()) + (2.0 * x / std::f64::consts::PI).sqrt() * (-x / 2.0).exp()
@@ -100,8 +100,8 @@ fn chi_squared_3(rate: f64) -> f64 {
 }
 
 impl Own {
-    /// Covariance of a healthy signal's four features about the baseline, its noise apart: shots, and
-    /// what the baseline itself is not known by. `noise`: of one signal at the reference drive.
+    /// Covariance of a healthy signal's four features about the baseline, besides the signal's own noise: from drop to
+    /// drop, and the sampling error of the baseline. `noise`: of one signal at the reference drive.
     pub fn scatter(&self, noise: &Matrix4<f64>) -> Matrix4<f64> {
         self.shot + (self.shot + noise) / self.signals
     }

@@ -1,9 +1,9 @@
-//! What a design promises before any data are judged.
+//! Power analysis of a design by Monte Carlo: what it promises before any data are judged.
 //!
 //! In: its pooled healthy model, its physics. Out: [`Promise`]: of each class the smallest fault that is
-//! found, of each two classes how often they are mistaken for each other. Signals are drawn from what the
-//! design itself believes (the fault's decay by the physics, the spread of healthy channels, white noise)
-//! and judged as any signal is: it tells what the design could do if the world were as it believes.
+//! found, of each two classes how often they are mistaken for each other. Signals are drawn from the design's own
+//! model (the fault's decay by the physics, the spread of healthy channels, white noise) and judged as any signal is.
+//! The result holds as far as that model does.
 
 use super::{Design, DesignError, IsolateSettings, Judge, Workspace};
 use crate::model::faults;
@@ -16,11 +16,11 @@ use rand_distr::{Distribution, StandardNormal};
 
 /// Signals of each class and size.
 const DRAWS: usize = 200;
-/// Sizes of a kind of fault, from none to its largest.
+/// Severities of a kind of fault that are tried, from none to its largest.
 const SIZES: usize = 40;
-/// Between the last that is not found and the first that is.
+/// Bisections between the last severity that is not found and the first that is.
 const HALVINGS: usize = 5;
-/// Of them, those of a class that are isolated, at most.
+/// Severities of a class at which isolation is tried, at most.
 const ISOLATED_SIZES: usize = 12;
 
 impl Design {
@@ -62,9 +62,9 @@ fn range_of(classes: &[String]) -> Option<[f64; 2]> {
 struct MonteCarlo<'a> {
     design: &'a Design,
     judge: Judge,
-    /// N x 3: what a channel's own amplitude, damping and frequency (ln) add, counts.
+    /// N x 3: sensitivities to ln amplitude, ln damping and ln frequency, counts.
     tangent: DMatrix<f64>,
-    /// Root of the channels' spread.
+    /// A root of the covariance of the channels' features, which have the mean `mean`.
     spread: Matrix3<f64>,
     mean: Vector3<f64>,
     /// Of one sample, counts.
@@ -123,7 +123,7 @@ impl<'a> MonteCarlo<'a> {
         Some(flagged as f64 / DRAWS as f64)
     }
 
-    /// `class`: whose severities they are.
+    /// The smallest fault of the class `name` that is found. `class`: the thesis's class in whose unit `range` is given.
     fn detectable(&self, name: &str, class: &str, range: [f64; 2]) -> Option<Detectable> {
         let none = faults::scale(class, faults::no_fault_severity(class)?)?;
         // one scale for all classes of the kind
@@ -154,7 +154,7 @@ impl<'a> MonteCarlo<'a> {
         Some(Detectable { class: name.into(), range, smallest, found })
     }
 
-    /// Of the flagged signals of a class, the share that each class is the best of.
+    /// Confusion: of the flagged signals of a class, the share for which each class is the best.
     fn taken_for(&self, class: &str, range: [f64; 2], classes: usize) -> Vec<f64> {
         let mut best = vec![0.0; classes];
         let mut work = Workspace::default();

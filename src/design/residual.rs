@@ -1,4 +1,4 @@
-//! A model's residual, disturbances decoupled, and what is asked of it.
+//! A model's residual, with disturbances decoupled, and its metrics.
 
 use super::detector::ring_of;
 use super::{DesignError, HealthyModel};

@@ -1,4 +1,4 @@
-//! What a signal is judged by where that is no distance: the residual, or the current practice.
+//! Detection statistics other than distance and residual energy.
 
 use crate::detect::key_numbers::KeyRange;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! Labelled signals to a design.
+//! Training: from labelled signals to a design.
 
 use super::training_set::{TrainingSet, examples};
 use super::{
@@ -84,7 +84,7 @@ impl Design {
         Ok((design, warnings))
     }
 
-    /// The healthy half: models and thresholds.
+    /// The healthy part of a design: models and thresholds, without fault classes.
     fn of_healthy(
         set: &TrainingSet,
         settings: LearnSettings,
@@ -172,7 +172,7 @@ fn temperature_unknown(pooled: &HealthyModel) -> Option<String> {
     ))
 }
 
-/// All but method I in two steps: healthy models by method I first, then what faults say.
+/// The filter by a method other than I, in two steps: healthy models by method I first, then from the faults.
 fn learned_filter(
     set: &TrainingSet,
     settings: LearnSettings,
@@ -241,13 +241,13 @@ fn learn_posterior(design: &Design, set: &TrainingSet) -> Result<Option<Posterio
     Ok(stacked.or_else(learned))
 }
 
-/// A class that is known by physics only and takes the signals of a user's own class is that class by
-/// another name: the label counts. Says which were left out.
+/// A class that is known by physics alone and attracts the signals of a user's own class is the same fault under
+/// another name: the user's class replaces it. Says which were left out.
 fn yield_to_own_classes(
     design: &mut Design,
     set: &TrainingSet,
 ) -> Result<Vec<String>, DesignError> {
-    /// Share of its signals' certainty that a class of one's own may lose to one of them.
+    /// Share of the posterior of its own signals that a user's class may lose to such a class.
     const MOST_TAKEN: f64 = 0.2;
     let mut said = Vec::new();
     let unknown =

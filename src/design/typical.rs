@@ -1,5 +1,5 @@
-//! Where signals of every class lie: bounds learned from labelled signals, and from the physics where
-//! none are labelled.
+//! Bounds on what is typical of each class ([`crate::isolate::typical`]), learned from labelled signals, and from the
+//! physics where none are labelled.
 
 use super::detector::ring_of;
 use super::leftover::Leftovers;
@@ -12,16 +12,16 @@ use crate::model::inner_product::dot;
 use crate::model::ring_fit::RingFitter;
 use std::collections::BTreeMap;
 
-/// Signals of a class and printhead that are looked at, at most.
+/// Signals of a class and printhead that are used, at most.
 const MOST_SIGNALS: usize = 256;
 /// Directions, at most.
 const MOST_DIRECTIONS: usize = 8;
-/// Severities at which the physics is asked.
+/// Severities at which the physics predicts a class.
 const SEVERITIES: usize = 9;
-/// Labelled signals of a class from which its own bound counts.
+/// Fewest labelled signals for a class's own bound.
 const FEWEST_OWN: usize = 8;
 
-/// `None`: nothing rings, so nothing can be told.
+/// `None`: the model does not ring.
 pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical>, DesignError> {
     if design.posterior.is_none() {
         return Ok(None);
@@ -61,7 +61,7 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
         let of_noise = misfit_bound(&misfits(&healthy, k));
         let own = misfits(&of.left, k);
         match of.labelled {
-            // without noise: what the physics leaves comes on top of it
+            // the physics' decays are free of noise: their misfit adds to that of the noise
             0 => of_noise + 2.0 * own.iter().copied().fold(0.0, f64::max),
             n if n < FEWEST_OWN => own.iter().copied().fold(of_noise, f64::max) * 1.5,
             _ => misfit_bound(&own).max(of_noise),
@@ -87,7 +87,7 @@ impl OfClass {
     }
 }
 
-/// What signals leave, in units of the noise of a sample.
+/// Misfits of signals beside their rings, in standard deviations of a sample's noise.
 fn left_of(design: &Design, sets: &BTreeMap<String, SignalSet>) -> Result<Leftovers, DesignError> {
     let mut all = Leftovers::none();
     for (model, set) in design.with_models(sets) {
@@ -104,7 +104,7 @@ fn left_of(design: &Design, sets: &BTreeMap<String, SignalSet>) -> Result<Leftov
     Ok(all)
 }
 
-/// What a class without labelled signals leaves by the physics, free of noise, in units of it.
+/// The same for a class without labelled signals: of its decays by the physics, free of noise.
 fn by_physics(design: &Design, class: &str) -> Result<Leftovers, DesignError> {
     let (Some(physics), model) = (&design.physics, &design.pooled) else {
         return Ok(Leftovers::none());
@@ -132,7 +132,7 @@ fn by_physics(design: &Design, class: &str) -> Result<Leftovers, DesignError> {
 }
 
 impl HealthyModel {
-    /// Noise of one sample beside a ring, counts: what healthy signals leave.
+    /// Noise of one sample, counts, from the misfit of healthy signals beside their rings.
     pub(super) fn noise_beside(&self) -> f64 {
         match &self.misfit {
             Some(misfit) => (misfit.square / self.expected.len() as f64).sqrt(),

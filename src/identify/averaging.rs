@@ -1,15 +1,15 @@
 //! The average of a healthy window, robust against the faulty minority (thesis Fig. 3-2).
 //!
-//! In: signals as rows. Out: their mean per unit drive, who was left out, the noise of the mean.
+//! In: the signals of a window. Out: their mean per unit drive, which of them agree, the noise of the mean.
 
 use super::IdentifyError;
 use crate::model::inner_product::dot;
 use crate::model::median::median;
 
-/// Fewer signals than this make no average.
+/// Fewest signals for an average.
 pub const FEWEST_SIGNALS: usize = 16;
 
-/// Signals of one printhead as rows of one matrix, with what scales them.
+/// Signals of one printhead, the rows of a matrix, with their covariates.
 #[derive(Clone, Debug, Default)]
 pub struct SignalSet {
     /// Samples per signal.
@@ -21,7 +21,7 @@ pub struct SignalSet {
     pub drive: Vec<f64>,
     /// °C; NaN where it was not recorded.
     pub temperature_c: Vec<f64>,
-    /// Of the label; NaN where it gives none.
+    /// Severity that the label gives; NaN where it gives none.
     pub severity: Vec<f64>,
 }
 
@@ -52,7 +52,7 @@ impl SignalSet {
         self.severity.push(f64::NAN);
     }
 
-    /// Says how bad the fault of the signal last pushed is.
+    /// Sets the severity of the signal last pushed.
     pub fn set_severity(&mut self, severity: f64) {
         if let Some(last) = self.severity.last_mut() {
             *last = severity;
@@ -84,15 +84,15 @@ pub struct MeanSignal {
     pub y: Vec<f64>,
     /// Standard deviation of one signal about the mean, pooled over samples, counts.
     pub scatter: f64,
-    /// Noise of one sample alone (from third differences, which a ring-down hardly has), counts.
+    /// Standard deviation of one sample's noise, counts (from third differences, in which a ring-down nearly cancels).
     pub noise: f64,
     pub n_signals: usize,
     pub n_channels: usize,
 }
 
 impl MeanSignal {
-    /// Standard deviation of one sample of the mean, counts: noise averages out over signals, what
-    /// the signals of one channel share only over channels.
+    /// Standard error of one sample of the mean, counts: noise averages out over signals, the lasting differences of
+    /// channels only over channels.
     pub fn standard_error(&self) -> f64 {
         let shared = (self.scatter.powi(2) - self.noise.powi(2)).max(0.0);
         (self.noise.powi(2) / self.n_signals as f64 + shared / self.n_channels as f64).sqrt()
@@ -173,8 +173,8 @@ fn median_signal(set: &SignalSet) -> Vec<f64> {
     (0..set.samples).map(|k| median(&mut column(k))).collect()
 }
 
-/// Noise of one sample from third differences of deviations from neighbours' common shape: the
-/// ring-down itself cancels between two signals of one channel or of neighbours, the noise does not.
+/// Standard deviation of one sample's noise, counts, from third differences of the difference of two signals of one
+/// channel or of neighbours: the ring-down cancels there, the noise does not.
 fn white_noise(set: &SignalSet) -> f64 {
     // var(third difference of white noise) = 1 + 9 + 9 + 1 = 20; a difference of two signals doubles it
     let mut squares = Vec::with_capacity(set.len());

@@ -1,8 +1,9 @@
-//! The scale of time of an average signal, from the signal itself.
+//! The damped cosine that is nearest to an average signal: the signal's own time scale.
 //!
-//! In: the average. Out: the free damped cosine that is nearest to it: where the search of thesis (3-1)
-//! begins, whatever the rate of a plant, and what its result must at least explain. The nominal channel
-//! of the settings then is a prior for what one decay cannot tell, in ratios, not in rates.
+//! In: the average. Out: frequency and misfit of the best damped cosine plus constant, by a grid search. It sets the
+//! scale at which the search of thesis (3-1) starts, whatever the rates of a plant, and is the yardstick that the
+//! identified model must at least match. Of the nominal channel in the settings only the ratios of the rates then
+//! matter, as a prior for what one decay does not determine.
 
 use super::GreyBoxSettings;
 use super::cubic::poles_of;
@@ -11,24 +12,24 @@ use crate::model::inner_product::dot;
 use crate::processor::for_processor;
 use nalgebra::{Matrix3, Vector3};
 
-/// The nearest damped cosine, on a constant.
+/// The best damped cosine plus constant.
 #[derive(Clone, Copy, Debug)]
 pub struct DampedCosine {
     pub frequency_hz: f64,
-    /// Root mean square of what it leaves, counts.
+    /// Root mean square of its misfit, counts.
     pub misfit_rms: f64,
 }
 
-/// Fewest cycles of a signal, and most of them a sample.
+/// The lowest frequency, in cycles per signal, and the highest, in cycles per sample.
 const FEWEST_CYCLES: f64 = 1.5;
 const MOST_PER_SAMPLE: f64 = 0.3;
-/// Dampings over a signal's length that are tried; frequencies lie a fifth of a cycle apart.
+/// Dampings of the grid, per signal length, and the step of its frequencies, in cycles per signal.
 const DAMPINGS: [f64; 4] = [0.5, 1.5, 3.0, 6.0];
 const STEP: f64 = 0.2;
-/// Frequencies, at most; samples that are looked at.
+/// Frequencies of the grid, at most.
 const MOST_STEPS: usize = 2000;
 
-/// `y`: N, counts. `None`: nothing there.
+/// `y`: N, counts. `None`: the signal is too short, or not finite.
 pub fn damped_cosine(y: &[f64], dt_s: f64) -> Option<DampedCosine> {
     let n = y.len();
     let most = MOST_PER_SAMPLE * n as f64;
@@ -59,12 +60,12 @@ pub fn damped_cosine(y: &[f64], dt_s: f64) -> Option<DampedCosine> {
     })
 }
 
-/// Of each damping.
+/// One number for each damping.
 type Lanes = [f64; DAMPINGS.len()];
 
 for_processor! {
-    /// Sums over a signal of re re, re im, im im, re, im, re y, im y, where (re, im) turns and decays from
-    /// (1, 0) on by (cos, sin) a sample.
+    /// Normal equations of a damped cosine: sums over a signal of re re, re im, im im, re, im, re y, im y, where the
+    /// phasor (re, im) starts at (1, 0) and is multiplied by (cos, sin) from sample to sample.
     fn sums(y: &[f64], sin: Lanes, cos: Lanes) -> [Lanes; 7] { sums_of }
 }
 
@@ -86,7 +87,7 @@ fn sums_of(y: &[f64], sin: Lanes, cos: Lanes) -> [Lanes; 7] {
 }
 
 impl GreyBoxSettings {
-    /// The same channel so much faster that it rings at that frequency.
+    /// The same settings with all rates scaled in time so that the nominal channel rings at that frequency.
     pub fn at_frequency(&self, frequency_hz: f64) -> GreyBoxSettings {
         let GreyBoxSettings { a_per_s2, b_per_s2, g_per_s, d_per_s, .. } = *self;
         let nominal = InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s };

@@ -24,11 +24,10 @@ use nalgebra::{DVector, Matrix3, MatrixXx3, Vector3};
 
 pub use super::identification::Identification;
 
-/// 6 numbers are fitted; this many samples leave something to judge the fit by.
+/// Fewest samples: 6 numbers are fitted, and the misfit needs degrees of freedom.
 pub const FEWEST_SAMPLES: usize = 12;
 
-/// A model that leaves so many times what the nearest damped cosine of a coarse grid leaves has not found
-/// the ring.
+/// A model whose misfit exceeds that of the best damped cosine of a coarse grid by this factor has not found the ring.
 const WORSE: f64 = 1.5;
 
 /// Solves thesis (3-1). `y`: average signal, counts. `noise`: standard deviation of one sample of
@@ -44,7 +43,7 @@ pub fn identify(
     }
     let scale = damped_cosine(y, dt_s).ok_or(IdentifyError::NoRingDown)?;
     let found = identify_from(y, dt_s, noise, &settings.at_frequency(scale.frequency_hz), None)?;
-    // the cosine has four free numbers and a constant, the model six
+    // with five parameters the cosine is nearly as flexible as the model with six
     if found.misfit_rms > WORSE * scale.misfit_rms + noise {
         return Err(IdentifyError::WorseThanACosine {
             model: found.misfit_rms,
@@ -146,7 +145,7 @@ pub fn identify_scattered(
             break;
         }
     }
-    // the mean over channels is known no better than the channels' own spread allows
+    // the mean over channels is uncertain by the channels' own spread, too
     let (poles, sd) = (fit.poles, &mut fit.uncertainty);
     sd.damping_sd_per_s = sd.damping_sd_per_s.max(fit.scatter.damping_se * poles.damping_per_s);
     sd.frequency_sd_hz = sd.frequency_sd_hz.max(fit.scatter.frequency_se * poles.frequency_hz);
@@ -175,9 +174,9 @@ struct Problem {
     prior: f64,
 }
 
-/// Standard deviation of the prior on ln (a / b) about the guess. An average often knows nothing of
-/// the real pole; without a prior the search then wanders along a flat valley. Against data that do
-/// know it, this weighs nothing.
+/// Standard deviation of the prior on ln (a / b) about the guess. An average often does not determine the real pole;
+/// without a prior the search would then wander along a flat valley of the cost. Where the data determine it, the
+/// prior is negligible.
 const PRIOR_SD: f64 = 1.0;
 
 impl Problem {
@@ -196,7 +195,7 @@ impl Problem {
         }
     }
 
-    /// Compliance and viscosity scaled over the bounded range: the starts.
+    /// Starts of the search: the guess with compliance and viscosity scaled over the bounded range.
     fn starts(&self) -> Vec<Vector3<f64>> {
         let mut starts = Vec::new();
         for stiffness in [1.0f64, 0.6, 1.5, 0.35, 2.2] {
@@ -205,7 +204,7 @@ impl Problem {
                 starts.push(Vector3::new(s, 0.0, v).map(|t| t.clamp(-self.bound, self.bound)));
             }
         }
-        // the nearest few by cost are searched
+        // only the few with the least cost are searched from
         let cost = |t: &Vector3<f64>| self.project(t).map_or(f64::INFINITY, |p| self.cost(t, &p));
         let mut starts: Vec<_> = starts.into_iter().map(|t| (cost(&t), t)).collect();
         starts.sort_by(|p, q| p.0.total_cmp(&q.0));
@@ -234,7 +233,7 @@ impl Problem {
         basis([g + d, g * d + a + b, a * d + b * g], self.dt_us, self.y.len())
     }
 
-    /// The best state for these rates and what it leaves.
+    /// The best state for these rates, and its misfit.
     fn project(&self, theta: &Vector3<f64>) -> Option<Projection> {
         let (q, r) = thin_qr(self.basis(theta));
         let along = q.tr_mul(&self.y);
@@ -286,13 +285,13 @@ impl Problem {
             let here = theta;
             let end = |convergence| End { theta: here, cost, convergence, iterations };
             let scale = hessian.diagonal().map(|h| h.sqrt().max(f64::MIN_POSITIVE));
-            // cosine of the angle between the misfit and every direction that may still move: at 1e-6
-            // the optimum is nearer than a hundred-thousandth of a standard deviation
+            // cosine of the angle between the misfit and every direction that is not held by a bound: at 1e-6 the
+            // optimum is nearer than a hundred-thousandth of a standard deviation
             let slope = self.projected(&theta, &gradient).component_div(&scale).amax();
             if slope <= 1e-6 * at.misfit.norm() + 1e-13 * self.y.norm() {
                 return Some(end(Convergence::Gradient));
             }
-            // what the undamped step would still gain: 1e-9 of the cost is 1e-4 standard deviations
+            // predicted decrease by the undamped step: 1e-9 of the cost is 1e-4 standard deviations
             let gain =
                 |step: &Vector3<f64>| -gradient.dot(step) - step.dot(&(hessian * step)) / 2.0;
             let ridge = hessian + Matrix3::identity() * (1e-14 * hessian.amax());
@@ -386,7 +385,7 @@ impl Problem {
         .ok()?;
         solver.solve();
         let step = Vector3::from_fn(|k, _| {
-            // an interior point ends just inside: put it on the bound that it leans on
+            // an interior-point method ends just inside an active bound: move it onto the bound
             let end = theta[k] + solver.solution.x[k] * unit[k] * size;
             let snapped =
                 if end.abs() > self.bound - 1e-6 { self.bound.copysign(end) } else { end };

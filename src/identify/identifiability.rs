@@ -1,4 +1,4 @@
-//! How well an identified model is known, and what one decay cannot tell.
+//! Identifiability: the covariance of an identified model, and what one decay does not determine.
 //!
 //! In: the fit of thesis (3-1). Out: standard deviations of poles and cubic, null directions in words.
 
@@ -6,8 +6,8 @@ use super::cubic::{cubic_per_us, poles_of, tangent};
 use super::identification::Uncertainty;
 use nalgebra::{DVector, Matrix3, SMatrix, Vector3};
 
-/// Gauss-Newton covariance of all six numbers (p2, p1, p0, y, y', y''), its cubic part carried to
-/// the poles. `state` per µs. `noise` of one sample, counts; 0: from the misfit.
+/// Gauss-Newton covariance of all six numbers (p2, p1, p0, y, y', y''), the cubic's part propagated to the poles.
+/// `state`: per µs; `noise`: standard deviation of one sample, counts; 0: estimated from the misfit.
 pub fn uncertainty(
     cubic: [f64; 3],
     state: &Vector3<f64>,
@@ -72,7 +72,7 @@ fn pole_slopes(cubic: [f64; 3]) -> Option<Matrix3<f64>> {
     Some(slopes)
 }
 
-/// The two null directions of thesis (2-2) seen through one decay.
+/// The two null directions of thesis (2-2), given one decay, in words.
 pub fn in_words() -> Vec<String> {
     vec![
         "rates: a, b, g, d move together along one curve that leaves p2, p1, p0 as they are \

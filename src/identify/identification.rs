@@ -1,4 +1,4 @@
-//! What identification gives.
+//! The result of identification.
 
 use super::cubic::{basis, cubic_per_us, to_microseconds};
 use crate::model::{InkChannel, ring_down::Poles};
@@ -17,7 +17,7 @@ pub enum Convergence {
     Step,
 }
 
-/// What thesis (3-1) gives, with how well it is known.
+/// The result of thesis (3-1), with its uncertainty.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Identification {
     /// Individual rates depend on the held ratio g/d; poles and cubic do not.
@@ -55,7 +55,7 @@ impl Identification {
     }
 }
 
-/// How channels differ, and how well their mean is known.
+/// How channels differ, and the standard error of their mean.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Scatter {
     /// Standard deviation over signals beyond noise, relative.

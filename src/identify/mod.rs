@@ -34,8 +34,8 @@ pub struct GreyBoxSettings {
     pub d_per_s: f64,
     /// Rates are bounded to guess / factor .. guess * factor.
     pub bound_factor: f64,
-    /// Thesis (3-1) to the letter: the plain mean of all signals is fitted, without looking for those
-    /// that agree, and with the curvature that scattering channels leave in it.
+    /// Thesis (3-1) to the letter: the plain mean of all signals is fitted, without excluding those that disagree and
+    /// without correcting for channels that differ.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub plain_mean: bool,
 }
@@ -54,7 +54,7 @@ impl Default for GreyBoxSettings {
 }
 
 impl GreyBoxSettings {
-    /// Says which key is wrong, if one is.
+    /// An error names the key that is wrong.
     pub fn check(&self) -> Result<(), String> {
         let rates = [
             ("a_per_s2", self.a_per_s2),

@@ -1,22 +1,23 @@
-//! A bounded sample of a window's signals that does not depend on the order in which they come.
+//! Reservoir sampling by hashes: a bounded sample of a window's signals that does not depend on their order.
 //!
-//! Every signal has a rank, a hash of its time and channel; the lowest ranks stay. So the sample,
-//! and all that is learned from it, is the same for any file order, chunking or number of threads.
+//! Every signal has a rank, a hash of its time and channel; the signals of lowest rank are kept (bottom-k
+//! sampling). So the sample, and all that is learned from it, is the same for any file order, chunking or number of
+//! threads.
 
 use super::averaging::SignalSet;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// (hash of time and channel, time, channel, hash of the samples): the last tells repeats apart.
+/// (hash of time and channel, time, channel, hash of the samples): the last distinguishes signals of one time and channel.
 type Rank = (u64, i64, u32, u64);
 
 #[derive(Debug)]
 pub struct Reservoir {
     capacity: usize,
     samples: usize,
-    /// Ranks and slots of what is held: a quarter more than the capacity, so that the worst leave many at a
-    /// time.
+    /// Ranks and slots of the signals held: up to a quarter more than the capacity, so that those of highest rank are
+    /// dropped many at a time.
     held: Vec<(Rank, usize)>,
-    /// Nothing beyond it is kept.
+    /// Signals of higher rank are not kept.
     worst: Option<Rank>,
     free: Vec<usize>,
     data: Vec<f32>,
@@ -98,7 +99,7 @@ impl Reservoir {
         self.held.push((rank, slot));
     }
 
-    /// Of repeats, which are one signal, and of the worst.
+    /// Drops duplicates, and the signals of highest rank beyond the capacity.
     fn let_go(&mut self) {
         let best = self.best();
         let mut stays = vec![false; self.channel.len()];
@@ -117,13 +118,13 @@ impl Reservoir {
         best
     }
 
-    /// False: a signal of that time and channel would not be kept, whatever it is. Saves looking at it.
+    /// False: a signal of that time and channel would not be kept, whatever its samples; it need not be decoded.
     pub fn may_keep(&self, t_acq_ns: i64, channel: u32) -> bool {
         let rank = (hash_of(t_acq_ns, channel), t_acq_ns, channel);
         self.worst.is_none_or(|worst| rank <= (worst.0, worst.1, worst.2))
     }
 
-    /// What the samples that are held take up.
+    /// Memory of the samples held, bytes.
     pub fn bytes(&self) -> usize {
         self.data.capacity() * size_of::<f32>()
     }

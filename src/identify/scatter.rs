@@ -1,4 +1,4 @@
-//! What averaging does to channels that differ, and how far they differ.
+//! The bias of an average over channels that differ, and how far they differ.
 //!
 //! In: a window's signals and the fit to their average. Out: the scatter of damping and frequency,
 //! the sampling error of their means, and the curvature that the scatter leaves in the average.
@@ -15,11 +15,11 @@ use crate::model::inner_product::dot;
 use nalgebra::{DMatrix, DVector, Matrix5, SymmetricEigen, Vector3, Vector5};
 use std::collections::BTreeMap;
 
-/// Fewer channels than this say nothing about their own sampling error.
+/// Fewest channels for an estimate of the sampling error of their mean.
 const FEWEST_CHANNELS: usize = 8;
 
-/// theta = (damping, angular frequency, y, y', y''), per µs; the real pole is held: one signal
-/// knows nothing of it.
+/// The decay's tangent space by theta = (damping, angular frequency, y, y', y''), per µs; the real pole is held, since one
+/// signal does not determine it.
 struct Tangent {
     pair: [f64; 2],
     lambda: f64,

@@ -1,4 +1,4 @@
-//! The model's own sensitivities, and what a covariate does along them.
+//! The model's own sensitivities, and the effect of temperature along them.
 //!
 //! In: an identified model. Out: the tangent space of its decays (3 pole directions, 3 state
 //! directions), and the ink temperature's effect as a direction in that space.
@@ -35,7 +35,7 @@ pub fn temperature_response(
         return None;
     }
 
-    // One mean deviation per recorded temperature: bursts, not signals, are independent looks.
+    // One mean deviation per recorded temperature: the signals of a burst share it, so only bursts are independent.
     let mut order: Vec<usize> = (0..set.len()).collect();
     order.sort_by(|&i, &j| set.temperature_c[i].total_cmp(&set.temperature_c[j]));
     let looks: Vec<&[usize]> =
@@ -68,7 +68,8 @@ pub fn temperature_response(
         .then(|| (scaled * DVector::from_row_slice(slope.as_slice())).as_slice().to_vec())
 }
 
-/// Weighted straight line through (x, w, v): its slope, and Hotelling's statistic of it over 6.
+/// Weighted linear regression of v on x, points (x, weight, v): the slope, and its Hotelling statistic over 6 (about
+/// F-distributed without an effect).
 fn regress(points: &[(f64, f64, Vector6<f64>)]) -> Option<(Vector6<f64>, f64)> {
     let w: f64 = points.iter().map(|p| p.1).sum();
     let x_mean = points.iter().map(|p| p.1 * p.0).sum::<f64>() / w;
@@ -88,8 +89,8 @@ fn regress(points: &[(f64, f64, Vector6<f64>)]) -> Option<(Vector6<f64>, f64)> {
     Some((slope, statistic))
 }
 
-/// Relative change of (damping, frequency) per unit of a deviation `direction` from the expected
-/// signal: the direction's coordinates on the tangent space, carried to the poles.
+/// Relative change of (damping, frequency) per unit of a deviation `direction` from the expected signal: the direction's
+/// coordinates on the tangent space, propagated to the poles.
 pub fn pole_changes(
     fit: &Identification,
     tangent: &DMatrix<f64>,

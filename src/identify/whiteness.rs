@@ -1,5 +1,5 @@
-//! Is what the model leaves of the average white? In: the misfit. Out: Ljung and Box's test (1978).
-//! thesis §3-1 (Fig. 3-3 judges by eye).
+//! Whether the misfit of the average is white: the portmanteau test of Ljung and Box (1978). thesis §3-1, where Fig. 3-3
+//! judges by eye.
 
 use crate::model::normal::upper_tail;
 use serde::{Deserialize, Serialize};
@@ -12,7 +12,7 @@ pub struct Whiteness {
     /// Q = n (n + 2) sum r_k² / (n - k), over `lags` lags.
     pub ljung_box: f64,
     pub lags: usize,
-    /// Chance of a Q as large if the misfit were white; small: the model misses something.
+    /// Probability of so large a Q if the misfit were white; small: the model lacks something.
     pub p_value: f64,
 }
 
