@@ -1,4 +1,4 @@
-//! What the piezo said: bursts, the signals in them, and the batch that crosses channels.
+//! What the piezos measured: bursts, the signals in them, and the batches that stages hand on.
 //!
 //! A *burst* is one acquisition of one printhead, channels x samples; a *signal* is one channel's
 //! ring-down in it, the unit that is judged. Only this file knows how samples lie in memory.
@@ -81,14 +81,14 @@ impl Burst {
         }
     }
 
-    /// The int16 signals of `rows` rows from `row` on, if they lie one after the other.
+    /// The bytes of the int16 signals of `rows` rows from `row` on, if the burst is channel-major int16.
     pub fn int16_rows(&self, row: usize, rows: usize) -> Option<&[u8]> {
         let bytes = self.samples_per_channel as usize * Format::S16Le.bytes();
         let aligned = self.layout == Layout::ChannelMajor && self.format == Format::S16Le;
         aligned.then(|| self.samples.get(row * bytes..(row + rows) * bytes)).flatten()
     }
 
-    /// What was recorded beside the signal of row `row`.
+    /// The covariates of the signal of row `row`.
     pub fn beside(&self, row: usize) -> Beside {
         let idle_s = match self.idle_time_s(row) {
             None => f64::NAN,
@@ -116,7 +116,7 @@ impl Burst {
     }
 }
 
-/// What was recorded beside one signal. NaN: not recorded.
+/// Covariates: what was recorded beside one signal. NaN: not recorded.
 #[derive(Clone, Copy, Debug)]
 pub struct Beside {
     pub channel: u32,
@@ -131,7 +131,7 @@ pub struct Beside {
 }
 
 impl Beside {
-    /// A long wait is like none at all: what matters is the logarithm, up to a second.
+    /// ln of the idle time in s, clamped to 1 µs .. 1 s: waits beyond a second make no more difference.
     pub fn ln_idle(&self) -> f64 {
         self.idle_s.clamp(1e-6, 1.0).ln()
     }
@@ -176,7 +176,7 @@ impl Acquisition {
     }
 }
 
-/// Where a batch lies in the recording; the writer restores the order by it.
+/// The position of a batch in the recording, by which the writer restores the order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Place {
     pub block: u64,
@@ -194,8 +194,8 @@ impl Place {
     }
 }
 
-/// Signals as columns: what crosses channels. Its signals are the rows of its acquisitions, in
-/// order; every per-signal column of later stages has that order and length.
+/// A batch of signals, which one stage hands to the next. Its signals are the rows of its acquisitions, in order; every
+/// per-signal column of later stages has that order and length.
 #[derive(Clone, Debug, Default)]
 pub struct SignalBatch {
     pub place: Place,

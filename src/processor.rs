@@ -1,9 +1,10 @@
-//! One function for every set of vector instructions; the processor at hand decides which runs.
+//! Function multiversioning: one function compiled for several SIMD instruction sets; which version runs is decided by
+//! the processor at run time.
 //!
-//! In: a function whose body is `#[inline(always)]`. Out: the same, compiled for AVX-512, for AVX2 and
-//! for what every processor has. Nothing is fused, so the numbers do not depend on which runs. The
-//! streaming kernel has its choice made once and handed on (`detect::tile::Instructions`); what is
-//! called for whole blocks of work asks each time.
+//! In: a function whose body is `#[inline(always)]`. Out: the same, compiled for AVX-512, for AVX2 and for what every
+//! processor of the target has. No product is fused with a sum, so the results do not depend on the version, bit by
+//! bit. The streaming kernel chooses once (`detect::tile::Instructions`); functions for whole blocks of work choose
+//! at every call.
 
 /// Defines a function that runs `body`, which has the same parameters.
 macro_rules! for_processor {

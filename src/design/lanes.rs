@@ -58,8 +58,8 @@ impl Lanes {
         }
     }
 
-    /// Statistics of a tile's signals, and which of them are settled: proved to lie on the same side of the thresholds as
-    /// the reference's.
+    /// Statistics of a tile's signals, and which of them are settled: proved to lie on the same side of the thresholds
+    /// as the reference's.
     pub fn judge(
         &self,
         tile: &mut Tile,

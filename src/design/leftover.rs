@@ -74,8 +74,8 @@ impl Leftovers {
     }
 
     /// The mean shape, N, counts, for a ring of the healthy amplitude. Robust: signals with more than twice the median
-    /// square norm are left out. Shrunk by the share that noise alone explains (James and Stein). `None`: nothing is left
-    /// of it.
+    /// square norm are left out. Shrunk by the share that noise alone explains (James and Stein). `None`: nothing
+    /// remains of it.
     pub fn shape(&self) -> Option<Vec<f64>> {
         let n = self.rows.first()?.len();
         let mut squares: Vec<f64> = self.rows.iter().map(|row| dot(row, row)).collect();
@@ -108,7 +108,8 @@ impl Leftovers {
         self
     }
 
-    /// Autocovariance of the misfits, counts², at lags 0, 1, ..: over the half of the signals with the least square norm.
+    /// Autocovariance of the misfits, counts², at lags 0, 1, ..: over the half of the signals with the least square
+    /// norm.
     pub fn autocovariance(&self, lags: usize) -> Vec<f64> {
         let mut order: Vec<usize> = (0..self.rows.len()).collect();
         let squares: Vec<f64> = self.rows.iter().map(|row| dot(row, row)).collect();

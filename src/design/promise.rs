@@ -123,7 +123,8 @@ impl<'a> MonteCarlo<'a> {
         Some(flagged as f64 / DRAWS as f64)
     }
 
-    /// The smallest fault of the class `name` that is found. `class`: the thesis's class in whose unit `range` is given.
+    /// The smallest fault of the class `name` that is found. `class`: the thesis's class in whose unit `range` is
+    /// given.
     fn detectable(&self, name: &str, class: &str, range: [f64; 2]) -> Option<Detectable> {
         let none = faults::scale(class, faults::no_fault_severity(class)?)?;
         // one scale for all classes of the kind

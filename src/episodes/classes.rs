@@ -1,14 +1,14 @@
-//! Which fault a channel has, from the posteriors of one burst after another.
+//! The class of a channel's fault, from the posteriors of one burst after another.
 //!
-//! In: a weight per class of each flagged signal. Out: the filtered weight per class.
+//! In: a weight per class of each flagged signal (a *look*). Out: the filtered weight per class.
 //!
-//! The forward filter of a hidden Markov chain (Rabiner 1989): a fault grows and may pass through
-//! other classes on its way, so between two looks it becomes any class with a small probability. The
-//! looks of one channel share its own deviation from the others; they count as fewer than they are.
+//! The forward filter of a hidden Markov model (Rabiner 1989): a fault grows and may pass through
+//! other classes on its way, so from one look to the next it becomes any class with a small probability. The
+//! looks of one channel are not independent, since they share the channel's own deviation; they count as fewer.
 
-/// Probability that the class is another one at the next look.
+/// Transition probability: that the class is another one at the next look.
 const CHANGES: f64 = 0.02;
-/// Looks that count as one.
+/// Number of looks that count as one independent observation.
 const LOOKS_PER_ONE: f64 = 2.0;
 /// Least weight of a class in one look: no single look excludes it.
 const LEAST: f64 = 1e-3;
@@ -24,7 +24,7 @@ impl ClassFilter {
         ClassFilter { weights: priors.to_vec() }
     }
 
-    /// `posterior` of one look, under the same `priors`. What is no number is passed over.
+    /// Updates by the `posterior` of one look, under the same `priors`. One with NaN is ignored.
     pub fn look(&mut self, posterior: &[f32], priors: &[f64]) {
         let n = self.weights.len();
         if posterior.len() != n || posterior.iter().any(|w| !w.is_finite()) {

@@ -1,64 +1,64 @@
-//! How surely a channel is faulty, from one look after another.
+//! The sequential test for a fault of one channel. A *look* is one observation of it: the statistic of one signal.
 //!
 //! In: a channel's detection statistics over their thresholds, in time order. Out: when the evidence
-//! for a fault suffices, since when it has grown, and when it is gone.
+//! for a fault suffices, since when it has grown, and when the fault is gone.
 //!
-//! Page's CUSUM (1954) of the log likelihood ratio of a normal that has shifted. The
+//! Page's CUSUM (1954) of the log likelihood ratio between a shifted normal and the channel's usual one. The
 //! fourth root of the statistic is close to normal (Hawkins and Wixley 1986, for chi-squared). It is
-//! compared with the channel's own running level, so that a healthy channel that always reads high
+//! compared with the channel's own running mean (its *level*), so that a healthy channel that always reads high
 //! is no fault; only a level beyond the threshold itself is not accepted.
 //!
-//! A look counts for no more than the flag alone would: however healthy statistics are distributed, they
-//! are flagged at the stated rate. A look's gain is the smaller of two, and the mean of its exponential on a
-//! healthy channel is at most 1 if it is for either: where statistics are as assumed (a channel that is
-//! flagged often, and always was, is healthy), or where flags come at their rate (of any shape).
+//! The evidence of a look is at most that of its being flagged or not, since healthy signals are flagged at the stated
+//! rate however their statistics are distributed. The gain of a look is the smaller of the two log likelihood ratios, so
+//! that the mean of its exponential on a healthy channel is at most 1 if it is for either of them: if statistics are
+//! distributed as assumed (even of a channel that was always flagged often), or if flags come at their rate.
 
-/// Most that one look says of the return to healthy.
+/// Bound on the evidence of one look for the return to healthy.
 const MOST_PER_LOOK: f32 = 7.6;
-/// The shift that is looked for, in standard deviations of a look: less than half of it gathers no
-/// evidence, since healthy levels wander by that much (what a temperature does to one channel). Chosen
+/// The shift to detect, in standard deviations of a look. Shifts below half of it give no evidence: healthy levels
+/// wander by as much (the effect of temperature on one channel). Chosen
 /// on print runs 5102 to 5126 of physics.toml, judged by a design: 1 gave six false episodes in eleven
-/// of them, 1.5 one, and two of 52 slightly dried nozzles less.
+/// of them; 1.5 gave one, and found two fewer of 52 slightly dried nozzles.
 const SHIFT: f32 = 1.5;
-/// What a flagged look and one that is not say by themselves: ln likelihood ratio of a channel of which a
-/// fifth of the looks is flagged to a healthy one, at most 9e-4 of whose looks are. Three in a row
-/// suffice at the default bound.
+/// ln likelihood ratio of a flagged and of an unflagged look: of a channel of which a fifth of the looks is flagged, over
+/// a healthy one of which at most 9e-4 are. Three flagged looks in a row suffice at the default bound.
 const FLAGGED: f32 = 5.4;
 const NOT_FLAGGED: f32 = -0.22;
-/// Largest shift that the return to healthy is measured against.
+/// Largest shift that the return to healthy is tested against.
 const LARGEST_SHIFT: f32 = 12.0;
 
-/// What is expected of a channel that was never looked at, and for how many looks that counts: three
-/// degrees of freedom at a threshold of false alarms 5e-4, which lies at so many medians of theirs.
+/// Prior of a channel that was never observed, and its weight in looks: the fourth root of chi-squared with three degrees
+/// of freedom over a threshold of false-alarm rate 5e-4, which is this many medians.
 pub const FIRST_IN_MEDIANS: f32 = 7.5;
 const FIRST_LEVEL: f32 = 0.62;
 const FIRST_LEVEL_LOOKS: f32 = 2.0;
 const FIRST_SPREAD: f32 = 0.11;
 const FIRST_SPREAD_LOOKS: f32 = 20.0;
-/// The same where its own baseline judges: chi-squared of three degrees of freedom over what it exceeds
-/// at a rate of 7e-4, whose fourth root has this mean and spread, in every channel nearly alike.
+/// The same with the channel's own baseline: chi-squared with three degrees of freedom over its upper 7e-4 point, whose
+/// fourth root has this mean and standard deviation in nearly every channel.
 const OWN_LEVEL: f32 = 0.607;
 const OWN_LEVEL_LOOKS: f32 = 25.0;
 const OWN_SPREAD: f32 = 0.135;
 const OWN_SPREAD_LOOKS: f32 = 60.0;
-/// A channel's level is that of about so many looks back.
+/// Effective number of looks that a channel's level averages over.
 const MEMORY_LOOKS: f32 = 100.0;
-/// After a change of the model that judges, what was learned counts for so many looks.
+/// After a change of the model that judges, the level counts as that of this many looks.
 const MEMORY_OF_OTHER_MODEL: f32 = 25.0;
 /// Thresholds of one printhead's models differ by less than this.
 const MOST_LOWER: f32 = 16.0;
 /// No healthy level lies beyond the threshold.
 const LARGEST_LEVEL: f32 = 1.0;
-/// From this evidence on, one flagged look's, looks that stand out are not learned from.
+/// Evidence (less than one flagged look's) from which on a channel is suspect: its level then ignores outlying looks.
 const SUSPICION: f32 = 4.0;
-/// Share of a look that is learned while the channel is suspect but the look does not stand out.
+/// Weight of other looks in the level while the channel is suspect.
 const WHILE_SUSPECT: f32 = 0.1;
-/// What stands out, in standard deviations.
+/// Outlying: beyond so many standard deviations.
 const STANDS_OUT: f32 = 2.0;
-/// A look beyond this is an onset of its own: what little had gathered before was chance.
+/// A look beyond so many standard deviations counts as the onset, unless the channel was suspect already: the little
+/// evidence before it is put down to chance.
 const BEYOND_CHANCE: f32 = 4.0;
 
-/// What a look did.
+/// The state of a channel after a look.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
     /// No fault in sight.
@@ -83,7 +83,8 @@ pub struct Evidence {
     raised: bool,
 }
 
-/// What looks at a channel that is not raised change.
+/// The channel's level and spread (of fourth roots of the statistic over its threshold), and the evidence. Updated only
+/// while no fault is raised.
 #[derive(Clone, Copy, Debug)]
 struct Learned {
     level: f32,
@@ -111,7 +112,7 @@ impl Default for Evidence {
     }
 }
 
-/// Channels that are looked at together.
+/// Channels that are updated together, in SIMD lanes.
 pub const TOGETHER: usize = 8;
 
 impl Evidence {
@@ -125,19 +126,19 @@ impl Evidence {
         !self.raised && self.learned.faulty <= 0.0
     }
 
-    /// From here on another model judges: it may see the channel a little differently, and its threshold
-    /// may lie elsewhere. `lower`: by what factor, in units of what healthy signals have.
+    /// To be called where another model begins to judge: it has other statistics of the channel and another threshold.
+    /// `lower`: the factor by which its threshold is lower, both over the median of healthy statistics.
     pub fn change_model(&mut self, lower: f32) {
         let Learned { level, level_looks, variance, .. } = &mut self.learned;
         *level_looks = level_looks.min(MEMORY_OF_OTHER_MODEL);
-        // looks are fourth roots
+        // the level is one of fourth roots
         let by = lower.clamp(1.0 / MOST_LOWER, MOST_LOWER).sqrt().sqrt();
         *level = (*level * by).min(LARGEST_LEVEL);
         *variance *= by * by;
     }
 
-    /// From here on the channel's own baseline judges, or no more: the level learned so far is of
-    /// another statistic.
+    /// To be called where the channel's own baseline begins to judge, or ceases to: the level so far is that of another
+    /// statistic, and is discarded.
     pub fn judge_by_own(&mut self, own: bool) {
         let faulty = self.learned.faulty;
         self.learned = match own {
@@ -152,8 +153,8 @@ impl Evidence {
         };
     }
 
-    /// `ratio`: detection statistic over threshold, not negative. `bound`: ln likelihood ratio that
-    /// raises, and that ends.
+    /// Updates the channel by one look. `ratio`: detection statistic over threshold, not negative. `bound`: ln
+    /// likelihood ratio at which a fault is raised, and at which it ends.
     pub fn look(&mut self, ratio: f32, bound: f32) -> Step {
         let (z, sd) = self.learned.deviation(ratio);
         if self.raised {
@@ -172,8 +173,8 @@ impl Evidence {
         if next.faulty > 0.0 { Step::Suspect { begins: begins(before, z) } } else { Step::Quiet }
     }
 
-    /// The same for some channels at once, none of them raised; for each, whether something begins.
-    /// `None`, and nothing is changed: one of them would be raised.
+    /// The same for several channels at once, none of them raised; returns for each whether an onset may lie here.
+    /// `None`: one of them would be raised, and nothing is changed.
     pub fn look_at_quiet(
         of: [&mut Evidence; TOGETHER],
         ratios: &[f32; TOGETHER],
@@ -196,7 +197,7 @@ impl Evidence {
         Some(begin)
     }
 
-    /// The likelihood ratio of healthy against the shift that the episode has had so far.
+    /// The test for the end of a fault: healthy against the shift that the episode has had so far.
     fn look_at_faulty(&mut self, z: f32, bound: f32) -> Step {
         let gain = self.shift * (self.shift / 2.0 - z.min(LARGEST_SHIFT));
         self.recovered = (self.recovered + gain.clamp(-MOST_PER_LOOK, MOST_PER_LOOK)).max(0.0);
@@ -212,13 +213,13 @@ impl Evidence {
     }
 }
 
-/// Whether a look that leaves evidence is an onset.
+/// Whether a look that leaves evidence may be the onset.
 fn begins(before: f32, z: f32) -> bool {
     (before <= 0.0) | ((before < SUSPICION) & (z > BEYOND_CHANCE))
 }
 
 impl Learned {
-    /// A look's, in standard deviations, and one of these.
+    /// A look's deviation from the level, in standard deviations, and the standard deviation.
     #[inline(always)] // several channels side by side
     fn deviation(self, ratio: f32) -> (f32, f32) {
         let x = ratio.max(0.0).sqrt().sqrt().min(1e3);
@@ -226,8 +227,8 @@ impl Learned {
         ((x - self.level) / sd, sd)
     }
 
-    /// After a look. Robust running level and spread: a look counts as three standard deviations at
-    /// most.
+    /// The state after a look. Level and spread are robust running estimates: deviations are clamped to three standard
+    /// deviations.
     #[inline(always)] // as above
     fn after(self, ratio: f32, z: f32, sd: f32) -> Learned {
         let by_flag = if ratio > 1.0 { FLAGGED } else { NOT_FLAGGED };

@@ -7,7 +7,8 @@
 use super::averaging::SignalSet;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// (hash of time and channel, time, channel, hash of the samples): the last distinguishes signals of one time and channel.
+/// (hash of time and channel, time, channel, hash of the samples): the last distinguishes signals of one time and
+/// channel.
 type Rank = (u64, i64, u32, u64);
 
 #[derive(Debug)]

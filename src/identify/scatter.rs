@@ -18,8 +18,8 @@ use std::collections::BTreeMap;
 /// Fewest channels for an estimate of the sampling error of their mean.
 const FEWEST_CHANNELS: usize = 8;
 
-/// The decay's tangent space by theta = (damping, angular frequency, y, y', y''), per µs; the real pole is held, since one
-/// signal does not determine it.
+/// The decay's tangent space by theta = (damping, angular frequency, y, y', y''), per µs; the real pole is held,
+/// since one signal does not determine it.
 struct Tangent {
     pair: [f64; 2],
     lambda: f64,

@@ -89,8 +89,8 @@ fn regress(points: &[(f64, f64, Vector6<f64>)]) -> Option<(Vector6<f64>, f64)> {
     Some((slope, statistic))
 }
 
-/// Relative change of (damping, frequency) per unit of a deviation `direction` from the expected signal: the direction's
-/// coordinates on the tangent space, propagated to the poles.
+/// Relative change of (damping, frequency) per unit of a deviation `direction` from the expected signal: the
+/// direction's coordinates on the tangent space, propagated to the poles.
 pub fn pole_changes(
     fit: &Identification,
     tangent: &DMatrix<f64>,

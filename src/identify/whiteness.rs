@@ -1,5 +1,5 @@
-//! Whether the misfit of the average is white: the portmanteau test of Ljung and Box (1978). thesis §3-1, where Fig. 3-3
-//! judges by eye.
+//! Whether the misfit of the average is white: the portmanteau test of Ljung and Box (1978). thesis §3-1, where
+//! Fig. 3-3 judges by eye.
 
 use crate::model::normal::upper_tail;
 use serde::{Deserialize, Serialize};

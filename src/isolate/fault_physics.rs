@@ -79,7 +79,8 @@ const ROUNDS: usize = 6;
 
 impl FaultPhysics {
     /// From the prior and the healthy ring alone. `guess`: rates and actuation; `guess_sd`: prior standard
-    /// deviation of each ln rate beside the common factors; `noise`: of one sample, counts. `None`: no such channel rings.
+    /// deviation of each ln rate beside the common factors; `noise`: of one sample, counts. `None`: no such channel
+    /// rings.
     pub fn new(guess: Healthy, guess_sd: f64, ring: Ring, noise: f64) -> Option<FaultPhysics> {
         let mut physics = FaultPhysics {
             channel: guess.channel,
