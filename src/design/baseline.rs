@@ -46,7 +46,7 @@ pub struct Baselines {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PrintheadBaselines {
-    /// Covariance within channels: of one channel's signals about its baseline, from drop to drop, beyond the noise.
+    /// Covariance within channels: of one channel's signals about its baseline, from burst to burst, beyond the noise.
     pub shot: [[f64; 4]; 4],
     /// Degrees of freedom of `shot`.
     pub shot_signals: f64,
