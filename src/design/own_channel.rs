@@ -100,8 +100,8 @@ fn chi_squared_3(rate: f64) -> f64 {
 }
 
 impl Own {
-    /// Covariance of a healthy signal's four features about the baseline, besides the signal's own noise: from drop to
-    /// drop, and the sampling error of the baseline. `noise`: of one signal at the reference drive.
+    /// Covariance of a healthy signal's four features about the baseline, besides the signal's own noise: from
+    /// burst to burst, and the sampling error of the baseline. `noise`: of one signal at the reference drive.
     pub fn scatter(&self, noise: &Matrix4<f64>) -> Matrix4<f64> {
         self.shot + (self.shot + noise) / self.signals
     }

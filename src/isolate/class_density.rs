@@ -151,7 +151,7 @@ impl ClassDensity {
         axes.map(|(axis, row)| axis.distance(self.along(row, x)).powi(2)).sum()
     }
 
-    /// The same, with the variance along each axis widened by [`TOLERANCE`].
+    /// The same, with the variance along each axis widened by `TOLERANCE`.
     pub fn distance(&self, x: &[f64]) -> f64 {
         let axes = self.axes.iter().zip(&self.to_axes);
         axes.map(|(axis, row)| {

@@ -1,5 +1,5 @@
-//! The nodes of a fault curve as a structure of arrays with bounding boxes: a signal is compared with many
-//! nodes at once, and with few of all.
+//! The nodes of a fault curve as a structure of arrays with bounding boxes: a signal is compared with
+//! several nodes at once, and only with those near it.
 //!
 //! In: a curve's nodes. Out: for a signal's features the squared distance and peak density of every node
 //! that is not negligible. Nodes are stored in blocks of [`NODES`] consecutive ones, each with its bounding
@@ -117,20 +117,20 @@ fn boxes(blocks: &[&[Node]]) -> Boxes {
     let variances: Vec<Vec<[Vector4<f64>; 2]>> =
         blocks.iter().map(|nodes| nodes.iter().map(Node::variances).collect()).collect();
     COORDINATES.map(|k| {
-        let of_nodes = |none: f64, of: &dyn Fn(usize) -> f64| -> OfBoxes {
+        let of_boxes = |none: f64, of: &dyn Fn(usize) -> f64| -> OfBoxes {
             std::array::from_fn(|b| if b < blocks.len() { of(b) } else { none })
         };
         let means = |b: usize| blocks[b].iter().map(move |node: &Node| node.mean[k]);
         let largest =
             |b: usize, of: usize| variances[b].iter().map(|v| v[of][k]).fold(0.0, f64::max);
         Bounds {
-            low: of_nodes(f64::INFINITY, &|b| means(b).fold(f64::INFINITY, f64::min)),
-            high: of_nodes(f64::NEG_INFINITY, &|b| means(b).fold(f64::NEG_INFINITY, f64::max)),
-            beyond: of_nodes(0.0, &|b| largest(b, 0)),
-            noise: of_nodes(0.0, &|b| largest(b, 1)),
-            by_change: std::array::from_fn(|j| of_nodes(0.0, &|b| blocks[b][0].by_change[(k, j)])),
+            low: of_boxes(f64::INFINITY, &|b| means(b).fold(f64::INFINITY, f64::min)),
+            high: of_boxes(f64::NEG_INFINITY, &|b| means(b).fold(f64::NEG_INFINITY, f64::max)),
+            beyond: of_boxes(0.0, &|b| largest(b, 0)),
+            noise: of_boxes(0.0, &|b| largest(b, 1)),
+            by_change: std::array::from_fn(|j| of_boxes(0.0, &|b| blocks[b][0].by_change[(k, j)])),
             by_baseline: std::array::from_fn(|j| {
-                of_nodes(0.0, &|b| blocks[b][0].by_baseline[(k, j)])
+                of_boxes(0.0, &|b| blocks[b][0].by_baseline[(k, j)])
             }),
         }
     })

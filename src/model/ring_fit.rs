@@ -2,8 +2,8 @@
 //!
 //! In: a signal, the healthy [`Ring`] that it is compared with. Out: [`Features`], log ratios to that
 //! ring. Amplitude (and phase) enter linearly and are eliminated (variable projection, Golub and Pereyra
-//! 1973); a coarse search over damping and frequency ([`super::ring_grid`]) is followed by a few damped
-//! Gauss-Newton steps ([`super::ring_gauss_newton`]). The noise is taken to be white: least squares.
+//! 1973); a coarse search over damping and frequency (`ring_grid`) is followed by a few damped
+//! Gauss-Newton steps (`ring_gauss_newton`). The noise is taken to be white: least squares.
 
 use super::inner_product::dot;
 use super::ring::Ring;
@@ -143,7 +143,7 @@ impl RingFitter {
         finite.then_some(Fit { features, misfit, square })
     }
 
-    /// Fits many signals, [`WIDTH`] at once. `signal` writes the next one, N, counts, and returns a start
+    /// Fits many signals, sixteen at once. `signal` writes the next one, N, counts, and returns a start
     /// if one is known (`Some(None)`: none is); it returns `None` when there are no more. `found` is called
     /// with the number of a signal and its fit, in the order in which fits end.
     pub fn fit_all(
