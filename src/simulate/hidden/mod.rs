@@ -152,10 +152,10 @@ fn testable(effect: &Effect, physics: &Physics, run: &PrintRun, hidden: &HiddenR
 
 fn draw(physics: &Physics, run: &PrintRun, hidden: &HiddenRun, seed: u64) -> Plan {
     let mut rng = stream(seed, Purpose::Hidden, part::HIDDEN + 1);
-    let known = |effects: Vec<Effect>| -> Vec<Effect> {
-        effects.into_iter().filter(|e| testable(e, physics, run, hidden)).collect()
+    let known = |effects: &[Effect]| -> Vec<Effect> {
+        effects.iter().filter(|e| testable(e, physics, run, hidden)).copied().collect()
     };
-    let (catalogue, outside) = (known(effect::catalogue()), known(effect::outside()));
+    let (catalogue, outside) = (known(&effect::CATALOGUE), known(&effect::OUTSIDE));
     let kind: f64 = rng.random();
     let mut effects: Vec<(Effect, f64)> = Vec::new();
     let (from, count) = match kind {

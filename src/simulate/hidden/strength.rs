@@ -302,7 +302,7 @@ mod tests {
     }
 
     fn shaped(id: &str) -> Effect {
-        let effect = effect::catalogue().into_iter().find(|e| e.id == id).unwrap();
+        let effect = effect::CATALOGUE.into_iter().find(|e| e.id == id).unwrap();
         Effect { shape: if id == "lowpass" { 6e5 } else { 101e3 }, ..effect }
     }
 
@@ -329,7 +329,7 @@ mod tests {
             ("position_gradient", 0.0048, 0.0048),
         ];
         let mut off = Vec::new();
-        for effect in effect::catalogue() {
+        for effect in &effect::CATALOGUE {
             let effect = shaped(effect.id);
             let (size, reached) = yardstick.size(&effect, 1.0);
             let parameter = yardstick.parameter(&effect.of_size(size));
@@ -367,7 +367,7 @@ mod tests {
         let made = Made { rates: base.rates, gain: 1.0, faulty: false };
         base.heads.iter_mut().flatten().for_each(|channel| *channel = made);
         let yardstick = Yardstick::new(&base).unwrap();
-        let offset = effect::catalogue()[0].of_size(1e-3);
+        let offset = effect::CATALOGUE[0].of_size(1e-3);
         let ones = DVector::from_element(128, 1e-3);
         let (_, freedoms) = yardstick.baseline.frame.decay(&yardstick.baseline.nominal);
         let weight = 192.0 / yardstick.noise_var;
