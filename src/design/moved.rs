@@ -5,7 +5,7 @@
 //! what is expected, its sensitivities. Thresholds, what healthy signals scatter by and the classes stay.
 
 use super::detector::ring_of;
-use super::judge::{Isolator, OfRings};
+use super::isolator::{Isolator, OfRings};
 use super::lanes::Lanes;
 use super::{HealthyModel, Judge};
 use crate::model::beside_ring::BesideRing;
