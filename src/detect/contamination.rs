@@ -57,18 +57,11 @@ pub fn contaminated(
     }
     let mixture = Mixture::fit(&all, degrees);
     let estimate = mixture.ln_exceeded(rate);
-    let without: Vec<f64> = of_groups
+    let without = of_groups
         .iter()
         .filter(|of| !of.is_empty())
-        .map(|of| mixture.fit_again(&all.without(of)).ln_exceeded(rate))
-        .collect();
-    let n = without.len() as f64;
-    let mean = without.iter().sum::<f64>() / n;
-    let square: f64 = without.iter().map(|ln| (ln - mean).powi(2)).sum();
-    let widening = match without.len() {
-        0 | 1 => 0.0,
-        _ => student_quantile(confidence, n - 1.0) * ((n - 1.0) / n * square).sqrt(),
-    };
+        .map(|of| mixture.fit_again(&all.without(of)).ln_exceeded(rate));
+    let widening = jackknifed(&without.collect::<Vec<_>>(), confidence);
     let value = median * (estimate + widening).exp();
     let mut numbers: Vec<u32> = channels.to_vec();
     numbers.sort_unstable();
@@ -89,6 +82,17 @@ pub fn contaminated(
         tail_shape: mixture.tail(),
         widened: Some(widening.exp()),
     })
+}
+
+/// How far an estimate may lie off with `confidence`, by the estimates without each of the groups.
+fn jackknifed(without: &[f64], confidence: f64) -> f64 {
+    let n = without.len() as f64;
+    let mean = without.iter().sum::<f64>() / n;
+    let square: f64 = without.iter().map(|ln| (ln - mean).powi(2)).sum();
+    match without.len() {
+        0 | 1 => 0.0,
+        _ => student_quantile(confidence, n - 1.0) * ((n - 1.0) / n * square).sqrt(),
+    }
 }
 
 /// Channels in turn, however few: they may differ lastingly. Of a single channel its signals.
