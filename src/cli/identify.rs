@@ -5,11 +5,12 @@ use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::identified::Identified;
 use super::report::printable;
+use super::report_page::write_text;
 use crate::design::Detectable;
 use crate::identify::IdentifyError;
 use crate::identify::averaging::{self, MeanSignal, SignalSet};
 use crate::identify::grey_box::{self, Identification};
-use crate::io::{labels_file, outputs, part_file};
+use crate::io::{labels_file, outputs};
 use crate::settings::Settings;
 use serde_json::{Value, json};
 use std::io::Write;
@@ -94,10 +95,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         return Err(Failure::new("no printhead could be identified"));
     }
     let text = serde_json::to_string_pretty(&json!({ "models": models })).map_err(Failure::new)?;
-    let failed = |e: std::io::Error| Failure::new(format!("{}: {e}", args.out.display()));
-    let (part, mut file) = part_file::PartFile::create(&args.out).map_err(failed)?;
-    writeln!(file, "{text}").map_err(failed)?;
-    part.finish(&file).map_err(failed)?;
+    write_text(&args.out, &(text + "\n"))?;
     super::output::report().write_all(&said)?;
     Ok(if incomplete { Exit::Incomplete } else { Exit::Done })
 }

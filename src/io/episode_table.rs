@@ -4,18 +4,14 @@
 //! its name once it is complete; for `score`, its rows again.
 
 use super::part_file::{CompleteFile, PartFile};
-use super::regular_file;
 use super::row_table::{self, Cells, Column};
-use super::verdict_reader::{numbers, plain_texts, timestamps_ns, unpanicked};
+use super::verdict_reader::{numbers, open, plain_texts, timestamps_ns, unpanicked};
 use super::verdict_table::{METADATA_KEY, TableError, TimestampUnit};
 use crate::episodes::Episode;
 use arrow_array::{ArrayRef, RecordBatch};
 use arrow_schema::SchemaRef;
 use parquet::arrow::ArrowWriter;
-use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReaderBuilder};
-use parquet::basic::{Compression, ZstdLevel};
 use parquet::file::metadata::KeyValue;
-use parquet::file::properties::WriterProperties;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
@@ -114,10 +110,8 @@ impl EpisodeWriter {
         let (part, file) = PartFile::create(path)
             .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
         let schema = Arc::new(row_table::schema(columns(), unit));
-        let properties = WriterProperties::builder()
-            .set_compression(Compression::ZSTD(ZstdLevel::default()))
-            .build();
-        let writer = ArrowWriter::try_new(BufWriter::new(file), schema.clone(), Some(properties))
+        let properties = Some(row_table::properties());
+        let writer = ArrowWriter::try_new(BufWriter::new(file), schema.clone(), properties)
             .map_err(|source| TableError::Parquet { path: path.to_path_buf(), source })?;
         Ok(EpisodeWriter { writer, part, schema, unit, waiting: Vec::new() })
     }
@@ -158,12 +152,8 @@ pub fn path_beside(verdicts: &Path) -> PathBuf {
 /// The rows of an episode table, as we wrote it or as another tool wrote it again. Numbers and
 /// sentences may be missing.
 pub fn read(path: &Path) -> Result<Vec<Episode>, TableError> {
-    let file = regular_file::open(path)
-        .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
+    let builder = open(path)?;
     let failed = |source| TableError::Parquet { path: path.to_path_buf(), source };
-    let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
-    let open = || ParquetRecordBatchReaderBuilder::try_new_with_options(file, options);
-    let builder = unpanicked(path, open)?.map_err(failed)?;
     let mut batches = builder.with_batch_size(BATCH_ROWS).build().map_err(failed)?;
     let mut episodes = Vec::new();
     while let Some(batch) = unpanicked(path, || batches.next())? {

@@ -2,13 +2,9 @@
 //! (`schemas/faults.md`). In: the report's faults, most urgent first. Out: a row each.
 
 use super::column_types::TimestampUnit;
-use super::part_file::PartFile;
 use super::row_table::{self, Cells, Column};
 use super::verdict_table::TableError;
 use crate::report::{self, Fault};
-use parquet::arrow::ArrowWriter;
-use parquet::basic::{Compression, ZstdLevel};
-use parquet::file::properties::WriterProperties;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -37,19 +33,10 @@ fn per_day(fault: &Fault) -> Option<f64> {
 
 /// Writes all of them; the file has its name when it is whole.
 pub fn write(path: &Path, faults: &[Fault]) -> Result<(), TableError> {
-    let io_failed = |source| TableError::Io { path: path.to_path_buf(), source };
-    let failed = |source| TableError::Parquet { path: path.to_path_buf(), source };
     let schema = Arc::new(row_table::schema(&COLUMNS, TimestampUnit::Ns));
-    let batch = row_table::batch(&COLUMNS, schema.clone(), TimestampUnit::Ns, faults)
+    let batch = row_table::batch(&COLUMNS, schema, TimestampUnit::Ns, faults)
         .map_err(|source| TableError::Columns { path: path.to_path_buf(), source })?;
-    let properties = WriterProperties::builder()
-        .set_compression(Compression::ZSTD(ZstdLevel::default()))
-        .build();
-    let (part, file) = PartFile::create(path).map_err(io_failed)?;
-    let mut writer = ArrowWriter::try_new(file, schema, Some(properties)).map_err(failed)?;
-    writer.write(&batch).map_err(failed)?;
-    let file = writer.into_inner().map_err(failed)?;
-    part.finish(&file).map_err(io_failed)
+    row_table::write(path, &batch)
 }
 
 #[cfg(test)]

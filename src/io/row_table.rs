@@ -1,6 +1,8 @@
 //! Tables with a row per item, of one list of columns: what each is called, and what an item has there.
 
 use super::column_types::{TimestampUnit, text, time};
+use super::part_file::PartFile;
+use super::verdict_table::TableError;
 use arrow_array::builder::StringDictionaryBuilder;
 use arrow_array::types::Int32Type;
 use arrow_array::{
@@ -8,6 +10,10 @@ use arrow_array::{
     TimestampNanosecondArray, UInt32Array,
 };
 use arrow_schema::{ArrowError, DataType, Field, Schema};
+use parquet::arrow::ArrowWriter;
+use parquet::basic::{Compression, ZstdLevel};
+use parquet::file::properties::WriterProperties;
+use std::path::Path;
 use std::sync::Arc;
 
 /// A column of a table of `T`s.
@@ -94,4 +100,21 @@ pub fn batch<T: 'static>(
 ) -> Result<RecordBatch, ArrowError> {
     let arrays = columns.into_iter().map(|column| column.array(rows, unit)).collect();
     RecordBatch::try_new(schema, arrays)
+}
+
+/// Of a file of such a table.
+pub fn properties() -> WriterProperties {
+    WriterProperties::builder().set_compression(Compression::ZSTD(ZstdLevel::default())).build()
+}
+
+/// A table of one batch; the file has its name when it is whole.
+pub fn write(path: &Path, batch: &RecordBatch) -> Result<(), TableError> {
+    let io_failed = |source| TableError::Io { path: path.to_path_buf(), source };
+    let failed = |source| TableError::Parquet { path: path.to_path_buf(), source };
+    let (part, file) = PartFile::create(path).map_err(io_failed)?;
+    let mut writer =
+        ArrowWriter::try_new(file, batch.schema(), Some(properties())).map_err(failed)?;
+    writer.write(batch).map_err(failed)?;
+    let file = writer.into_inner().map_err(failed)?;
+    part.finish(&file).map_err(io_failed)
 }

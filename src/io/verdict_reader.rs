@@ -20,6 +20,7 @@ use parquet::arrow::arrow_reader::{
     ArrowReaderOptions, ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder,
 };
 use std::collections::HashMap;
+use std::fs::File;
 use std::panic::AssertUnwindSafe;
 use std::path::{Path, PathBuf};
 
@@ -45,14 +46,8 @@ impl VerdictReader {
     }
 
     fn of_columns(path: &Path, names: Option<&[&str]>) -> Result<VerdictReader, TableError> {
-        let file = regular_file::open(path)
-            .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
         let failed = |source| TableError::Parquet { path: path.to_path_buf(), source };
-        // Parquet's own types are enough. The Arrow schema that tools put beside them may say more
-        // than can be read (pandas: a dictionary of nulls), and then the reader panics.
-        let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
-        let open = || ParquetRecordBatchReaderBuilder::try_new_with_options(file, options);
-        let mut builder = unpanicked(path, open)?.map_err(failed)?;
+        let mut builder = open(path)?;
         if let Some(names) = names {
             let mask = ProjectionMask::columns(builder.parquet_schema(), names.iter().copied());
             builder = builder.with_projection(mask);
@@ -165,6 +160,18 @@ impl Iterator for VerdictReader {
             what,
         }))
     }
+}
+
+/// A Parquet file that anybody may have written.
+pub(super) fn open(path: &Path) -> Result<ParquetRecordBatchReaderBuilder<File>, TableError> {
+    let file = regular_file::open(path)
+        .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
+    // Parquet's own types are enough. The Arrow schema that tools put beside them may say more
+    // than can be read (pandas: a dictionary of nulls), and then the reader panics.
+    let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
+    let open = || ParquetRecordBatchReaderBuilder::try_new_with_options(file, options);
+    unpanicked(path, open)?
+        .map_err(|source| TableError::Parquet { path: path.to_path_buf(), source })
 }
 
 /// The Parquet reader panics on some damaged pages; a damaged file is no bug of ours.
@@ -420,7 +427,6 @@ pub(super) mod tests {
     use parquet::arrow::add_encoded_arrow_schema_to_metadata;
     use parquet::arrow::arrow_writer::{ArrowWriter, ArrowWriterOptions};
     use parquet::file::properties::WriterProperties;
-    use std::fs::File;
     use std::sync::Arc;
 
     pub(in crate::io) fn read_all(

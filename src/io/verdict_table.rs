@@ -35,7 +35,7 @@ pub enum TableError {
     Damaged { path: PathBuf },
     #[error("{path}: Parquet: {source}")]
     Parquet { path: PathBuf, source: ParquetError },
-    #[error("{path}: verdict columns do not fit each other: {source}")]
+    #[error("{path}: columns do not fit each other: {source}")]
     Columns { path: PathBuf, source: ArrowError },
     #[error("{path}: not a verdict table: column `{column}` {what}")]
     Column { path: PathBuf, column: &'static str, what: String },
