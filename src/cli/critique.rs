@@ -17,15 +17,11 @@ use crate::settings::Settings;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+const EXTENDED_DESIGN: &str = "extended.design.json";
 /// What a critique writes, the one that says that all are there first: none of an earlier run may
 /// lie beside those of this one.
-const FILES: [&str; 5] = [
-    "critique.json",
-    "extended.design.json",
-    "evidence.parquet",
-    "residuals.parquet",
-    "report.html",
-];
+const FILES: [&str; 5] =
+    ["critique.json", EXTENDED_DESIGN, "evidence.parquet", "residuals.parquet", "report.html"];
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -117,9 +113,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         };
         match design {
             Ok(design) => {
-                let name = "extended.design.json";
-                design_file::write(&args.out.join(name), &design).map_err(Failure::new)?;
-                outcome.critique.extended_model = Some(name.into());
+                let path = args.out.join(EXTENDED_DESIGN);
+                design_file::write(&path, &design).map_err(Failure::new)?;
+                outcome.critique.extended_model = Some(EXTENDED_DESIGN.into());
             }
             Err(why) => progress.say(&format!("warning: no extended design: {why}")),
         }

@@ -63,9 +63,7 @@ pub fn contaminated(
         .map(|of| mixture.fit_again(&all.without(of)).ln_exceeded(rate));
     let widening = jackknifed(&without.collect::<Vec<_>>(), confidence);
     let value = median * (estimate + widening).exp();
-    let mut numbers: Vec<u32> = channels.to_vec();
-    numbers.sort_unstable();
-    numbers.dedup();
+    let numbers = distinct(channels.to_vec());
     if !value.is_finite() {
         return Err(DetectError::TooFewChannels { channels: numbers.len(), confidence });
     }
@@ -95,11 +93,15 @@ fn jackknifed(without: &[f64], confidence: f64) -> f64 {
     }
 }
 
-/// Channels in turn, however few: they may differ lastingly. Of a single channel its signals.
-fn groups(counted: &[(f64, u32)]) -> Vec<usize> {
-    let mut numbers: Vec<u32> = counted.iter().map(|(_, c)| *c).collect();
+fn distinct(mut numbers: Vec<u32>) -> Vec<u32> {
     numbers.sort_unstable();
     numbers.dedup();
+    numbers
+}
+
+/// Channels in turn, however few: they may differ lastingly. Of a single channel its signals.
+fn groups(counted: &[(f64, u32)]) -> Vec<usize> {
+    let numbers = distinct(counted.iter().map(|(_, c)| *c).collect());
     match numbers.len() < 2 {
         true => (0..counted.len()).map(|i| i % GROUPS).collect(),
         false => {

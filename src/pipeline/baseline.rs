@@ -135,16 +135,17 @@ type HeardOf = BTreeMap<Arc<str>, Told>;
 
 /// Learns from a recording, in two passes: what the first window says of channels that are not
 /// remembered, then what all of it says, judged by both. With a design that has no sensitivities
-/// nothing is learned. `window_ns`: length of the first window.
+/// nothing is learned.
 pub fn learn(
     remembered: &Baselines,
     recording: &Recording,
     schedule: &Schedule,
     design: Option<&Design>,
-    (settings, window_ns): (&Settings, i64),
+    settings: &Settings,
     control: &Control,
 ) -> Result<(InUse, Baselines), PipelineError> {
     let starts = starts(recording, control)?;
+    let window_ns = (settings.identify.first * 1e9) as i64;
     let end = |printhead: &str| {
         starts.get(printhead).map_or(i64::MAX, |start| start.saturating_add(window_ns))
     };
@@ -178,10 +179,10 @@ pub fn learn(
     let all = pass.hear(&owns, room, |_| true)?;
 
     let mut next = remembered.clone();
-    let (mut learned, mut heard_channels, mut beyond) = (0, 0, 0);
+    let (mut learned, mut heard, mut beyond) = (0, 0, 0);
     let mut refused = Vec::new();
     for (name, told) in &all {
-        heard_channels += told.heard.channels();
+        heard += told.heard.channels();
         beyond += told.heard.beyond;
         if told.is_estranged() {
             owns.remove(name);
@@ -197,7 +198,6 @@ pub fn learn(
     // of the recording's own printheads: what is known of others says nothing about it
     let own = starts.keys().filter_map(|name| remembered.printheads.get(&**name));
     let remembered = own.map(|known| known.channels.len()).sum();
-    let heard = heard_channels;
     Ok((InUse { printheads: owns, remembered, learned, heard, beyond, refused }, next))
 }
 

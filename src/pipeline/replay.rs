@@ -18,7 +18,7 @@ use crate::design::Baselines;
 use crate::episodes::Episode;
 use crate::io::damage::Damage;
 use crate::io::journal::Stamp;
-use crate::io::part_file::{self, CompleteFile, PartFile};
+use crate::io::part_file::{self, CompleteFile};
 use crate::io::recording::Recording;
 use crate::io::stored;
 use crate::io::summary_file;
@@ -296,10 +296,9 @@ impl Run<'_> {
     /// With `--baseline`, in a pass of its own.
     fn learn_baselines(&self, schedule: &Schedule) -> Result<LearnedBaselines, PipelineError> {
         let Some(remembered) = &self.replay.baselines else { return Ok(None) };
-        let settings = &self.replay.settings;
-        let how = (settings, (settings.identify.first * 1e9) as i64);
-        let (design, recording) = (self.replay.design.as_ref(), self.recording);
-        baseline::learn(remembered, recording, schedule, design, how, self.control).map(Some)
+        let Run { replay, recording, control, .. } = *self;
+        let (design, settings) = (replay.design.as_ref(), &replay.settings);
+        baseline::learn(remembered, recording, schedule, design, settings, control).map(Some)
     }
 
     /// Checks, and only then gives the files their names.
@@ -428,9 +427,7 @@ fn complete_summary(verdicts: &Path, summary: &Value) -> Result<CompleteFile, Pi
     let failed = |source| PipelineError::Write { path: path.clone(), source };
     let mut text = serde_json::to_string_pretty(summary).map_err(|e| failed(e.into()))?;
     text.push('\n');
-    let (part, mut file) = PartFile::create(&path).map_err(failed)?;
-    std::io::Write::write_all(&mut file, text.as_bytes()).map_err(failed)?;
-    part.complete(&file).map_err(failed)
+    part_file::completed(&path, text.as_bytes()).map_err(failed)
 }
 
 /// An earlier run's files go before the first of these gets its name: at no instant do tables of two
