@@ -199,10 +199,10 @@ fn check_lengths(batch: &VerdictColumns) -> Result<(), ArrowError> {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use crate::io::column_types::tests::is_documented;
     use crate::io::verdict_reader::VerdictReader;
     use crate::io::verdict_reader::tests::{read_all, row_texts};
     use crate::verdict::{COLUMNS, Outcome, Reason, Test};
-    use arrow_schema::{DataType, TimeUnit};
 
     pub(in crate::io) fn options(weights: bool, timestamp_unit: TimestampUnit) -> TableOptions {
         let list = |of: &[&str]| of.iter().map(|s| s.to_string()).collect();
@@ -223,7 +223,7 @@ pub(super) mod tests {
             for (place, column) in COLUMNS.iter().enumerate() {
                 // every n-th row has a value: which of them
                 let n = place % 6 + 1;
-                let nth = (k % n == 0).then_some(k / n);
+                let nth = k.is_multiple_of(n).then_some(k / n);
                 match &column.cells {
                     Cells::Time(at) => {
                         at.of_mut(&mut c).push(1_700_000_000_123_456_000 + i64::from(i) * 1000);
@@ -321,36 +321,9 @@ pub(super) mod tests {
         assert!(!path.exists());
     }
 
-    /// The documented table is the Arrow schema.
     #[test]
     fn schemas_verdicts_md_is_the_schema_in_code() {
-        let doc = include_str!("../../schemas/verdicts.md");
-        let documented: Vec<(String, String)> = doc
-            .lines()
-            .filter_map(|line| {
-                let mut cells = line.strip_prefix("| `")?.split(" | ");
-                let name = cells.next()?.trim_end_matches('`').to_string();
-                Some((name, cells.next()?.to_string()))
-            })
-            .collect();
-        let in_code: Vec<(String, String)> = schema(&options(true, TimestampUnit::Ns))
-            .fields()
-            .iter()
-            .map(|field| {
-                let kind = match field.data_type() {
-                    DataType::Timestamp(TimeUnit::Nanosecond, Some(zone)) => {
-                        format!("timestamp(ns, {zone})")
-                    }
-                    DataType::Dictionary(_, of) if **of == DataType::Utf8 => {
-                        "dictionary of utf8".into()
-                    }
-                    DataType::FixedSizeList(..) => "fixed-size list of float32".into(),
-                    plain => plain.to_string().to_lowercase(),
-                };
-                let nullable = if field.is_nullable() { ", nullable" } else { "" };
-                (field.name().clone(), kind + nullable)
-            })
-            .collect();
-        assert_eq!(documented, in_code);
+        let page = include_str!("../../schemas/verdicts.md");
+        is_documented(page, &schema(&options(true, TimestampUnit::Ns)));
     }
 }

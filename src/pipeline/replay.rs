@@ -10,7 +10,7 @@ use super::learning::{Learning, MOST_REORDER_NS, USUAL_REORDER_NS};
 use super::models::Models;
 use super::schedule::{Refusal, Schedule};
 use super::survey::survey;
-use super::tally::Tally;
+use super::tally::{Counts, Tally};
 use super::timings::{PhaseTiming, Phases, StageTiming};
 use super::wiring::{Streamed, Wiring};
 use super::{Control, PipelineError, metadata};
@@ -326,10 +326,7 @@ impl Run<'_> {
 
         let damage = all_damage(recording, scan_damage, &mut tally, digest.damage);
         let counts = &tally.counts;
-        let judged_and_rejected = counts.judged + counts.rejected.values().sum::<u64>();
-        if counts.signals != judged_and_rejected || writer.rows() != counts.signals {
-            return Err(PipelineError::RowsLost { found: counts.signals, written: writer.rows() });
-        }
+        check_rows(counts, writer.rows())?;
         if counts.bursts == 0 {
             let others = recording.others.clone();
             let recording = recording.path.display().to_string();
@@ -402,6 +399,15 @@ impl Rates {
             "bytes_per_s": self.bytes as f64 / self.seconds,
             "behind_s": self.behind.map(|b| b.as_secs_f64()),
         })
+    }
+}
+
+/// Every signal is a row.
+fn check_rows(counts: &Counts, written: u64) -> Result<(), PipelineError> {
+    let found = counts.signals;
+    match counts.judged + counts.rejected.values().sum::<u64>() == found && written == found {
+        true => Ok(()),
+        false => Err(PipelineError::RowsLost { found, written }),
     }
 }
 
