@@ -121,8 +121,7 @@ impl Heard {
         self.channels.len()
     }
 
-    /// Mean of 1/drive² and the covariance within channels beyond `noise`, with its signals.
-    fn within(&self, noise: &Matrix4<f64>) -> (f64, Matrix4<f64>, f64) {
+    fn within(&self, noise: &Matrix4<f64>) -> Within {
         let (mut n, mut degrees) = (0.0, 0.0);
         let mut scatter = Matrix4::from_fn(|i, j| self.squares[i][j] as f64 * UNIT * UNIT);
         for all in self.channels.values() {
@@ -136,14 +135,23 @@ impl Heard {
         }
         let weaker = self.weaker as f64 * 1e-6 / f64::max(n, 1.0);
         if degrees < 16.0 {
-            return (weaker.max(1e-9), Matrix4::zeros(), 0.0);
+            return Within { weaker: weaker.max(1e-9), shot: Matrix4::zeros(), degrees: 0.0 };
         }
         let beyond = scatter / degrees - noise * weaker;
         let eigen = beyond.symmetric_eigen();
         let kept = Matrix4::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0)));
         let shot = eigen.eigenvectors * kept * eigen.eigenvectors.transpose();
-        (weaker.max(1e-9), shot, degrees)
+        Within { weaker: weaker.max(1e-9), shot, degrees }
     }
+}
+
+/// Of a printhead's channels.
+struct Within {
+    /// Mean of 1/drive².
+    weaker: f64,
+    /// Covariance within channels beyond the noise, and the signals it is of.
+    shot: Matrix4<f64>,
+    degrees: f64,
 }
 
 impl Sum {
@@ -207,7 +215,7 @@ impl Baselines {
         noise: &Matrix4<f64>,
     ) -> PrintheadBaselines {
         let known = self.printheads.get(name).cloned().unwrap_or_default();
-        let (weaker, shot, degrees) = heard.within(noise);
+        let Within { weaker, shot, degrees } = heard.within(noise);
         let mut judging = merged_shot(&known, &shot, degrees);
         for (&channel, window) in &heard.channels {
             if let Some(features) = window.mean() {
@@ -223,7 +231,7 @@ impl Baselines {
 
     /// Learns from a recording, for the next.
     pub fn learn(&mut self, name: &str, heard: &Heard, noise: &Matrix4<f64>) {
-        let (weaker, shot, degrees) = heard.within(noise);
+        let Within { weaker, shot, degrees } = heard.within(noise);
         let known = self.printheads.remove(name).unwrap_or_default();
         let mut learned = merged_shot(&known, &shot, degrees);
         for (&channel, all) in &heard.channels {

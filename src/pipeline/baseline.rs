@@ -131,6 +131,12 @@ impl Told {
     }
 }
 
+/// What judges a recording, and what is remembered after it.
+pub struct Learned {
+    pub in_use: InUse,
+    pub next: Baselines,
+}
+
 type HeardOf = BTreeMap<Arc<str>, Told>;
 
 /// Learns from a recording, in two passes: what the first window says of channels that are not
@@ -143,7 +149,7 @@ pub fn learn(
     design: Option<&Design>,
     settings: &Settings,
     control: &Control,
-) -> Result<(InUse, Baselines), PipelineError> {
+) -> Result<Learned, PipelineError> {
     let starts = starts(recording, control)?;
     let window_ns = (settings.identify.first * 1e9) as i64;
     let end = |printhead: &str| {
@@ -198,7 +204,8 @@ pub fn learn(
     // of the recording's own printheads: what is known of others says nothing about it
     let own = starts.keys().filter_map(|name| remembered.printheads.get(&**name));
     let remembered = own.map(|known| known.channels.len()).sum();
-    Ok((InUse { printheads: owns, remembered, learned, heard, beyond, refused }, next))
+    let in_use = InUse { printheads: owns, remembered, learned, heard, beyond, refused };
+    Ok(Learned { in_use, next })
 }
 
 fn estranged(told: &Told) -> String {

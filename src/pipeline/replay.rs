@@ -1,6 +1,6 @@
 //! One recording through the six stages: how its models come to be, run, check, and only then name the files.
 
-use super::baseline::{self, InUse};
+use super::baseline::{self, InUse, Learned};
 use super::episodes::{EpisodeReport, Finished};
 use super::heads::Moved;
 use super::identified::Identified;
@@ -140,9 +140,6 @@ pub(super) struct Run<'a> {
     pub watch: Option<&'a Watch<'a>>,
 }
 
-/// Baselines in use and those for the next recording.
-type LearnedBaselines = Option<(InUse, Baselines)>;
-
 impl Run<'_> {
     /// Learns what temperature does first, if that turns out to matter.
     fn judge_knowing(&self, phases: &mut Phases) -> Result<RecordingReport, PipelineError> {
@@ -241,7 +238,7 @@ impl Run<'_> {
         &self,
         learner: &Learner,
         phases: &mut Phases,
-    ) -> Result<(Streamed, LearnedBaselines), PipelineError> {
+    ) -> Result<(Streamed, Option<Learned>), PipelineError> {
         let windows = |phases: &mut Phases| -> Result<Schedule, PipelineError> {
             let (recording, control) = (self.recording, self.control);
             let survey =
@@ -254,7 +251,7 @@ impl Run<'_> {
                 true => phases.time("baselines", || self.learn_baselines(&schedule))?,
                 false => None,
             };
-            let in_use = learned.as_ref().map(|(in_use, _)| in_use);
+            let in_use = learned.as_ref().map(|of| &of.in_use);
             let streamed = self.stream(Models::Made(schedule), in_use, phases)?;
             Ok((streamed, learned))
         };
@@ -294,7 +291,7 @@ impl Run<'_> {
     }
 
     /// With `--baseline`, in a pass of its own.
-    fn learn_baselines(&self, schedule: &Schedule) -> Result<LearnedBaselines, PipelineError> {
+    fn learn_baselines(&self, schedule: &Schedule) -> Result<Option<Learned>, PipelineError> {
         let Some(remembered) = &self.replay.baselines else { return Ok(None) };
         let Run { replay, recording, control, .. } = *self;
         let (design, settings) = (replay.design.as_ref(), &replay.settings);
@@ -305,7 +302,7 @@ impl Run<'_> {
     fn finish(
         &self,
         streamed: Streamed,
-        baselines: LearnedBaselines,
+        baselines: Option<Learned>,
         identified: Identified,
         phases: &mut Phases,
     ) -> Result<RecordingReport, PipelineError> {
@@ -342,7 +339,7 @@ impl Run<'_> {
         phases.add("finish", finishing.elapsed());
         let seconds = phases.seconds();
         let rates = Rates { seconds, signals: counts.signals, bytes: recording.bytes, behind };
-        if let Some((in_use, _)) = &baselines {
+        if let Some(Learned { in_use, .. }) = &baselines {
             warnings.extend(in_use.refused.iter().cloned());
             document["baseline"] = in_use.summary();
         }
@@ -378,7 +375,7 @@ impl Run<'_> {
             phases: phases.list().to_vec(),
             timings,
             tally,
-            baselines: baselines.map(|(_, next)| next),
+            baselines: baselines.map(|of| of.next),
         })
     }
 }

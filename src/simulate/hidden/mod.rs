@@ -26,7 +26,7 @@ use rand_chacha::ChaCha8Rng;
 use run::{Acquisitions, Base};
 use serde::Serialize;
 use std::sync::Arc;
-use strength::{STRENGTHS_DL, Yardstick};
+use strength::{STRENGTHS_DL, Strength, Yardstick};
 
 pub use run::Circumstance;
 
@@ -96,7 +96,7 @@ pub fn planted(
     let mut effects = Vec::new();
     let mut truths = Vec::new();
     for (effect, strength_dl) in &plan.effects {
-        let (size, strength_dl) = yardstick.size(effect, *strength_dl);
+        let Strength { size, strength_dl } = yardstick.size(effect, *strength_dl);
         let effect = effect.of_size(size);
         truths.push(true_effect(&effect, strength_dl, &yardstick, plan));
         effects.push(effect);
