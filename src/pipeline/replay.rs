@@ -64,6 +64,29 @@ impl RecordingReport {
     pub fn is_whole(&self) -> bool {
         self.damage.is_empty() && self.tally.counts.rejected.is_empty() && self.refusals.is_empty()
     }
+
+    /// The metadata's document, and how it went.
+    fn summary(&self, mut document: Value, recording: &Recording) -> Value {
+        document["damage"] = json!(self.damage);
+        document["expected"] = json!(recording.expected);
+        document["refused_windows"] = json!(self.refusals);
+        document["identified"] = json!(self.identified);
+        document["rates"] = json!({
+            "seconds": self.seconds,
+            "signals_per_s": self.tally.counts.signals as f64 / self.seconds,
+            "bytes_per_s": recording.bytes as f64 / self.seconds,
+            "behind_s": self.behind.map(|b| b.as_secs_f64()),
+        });
+        document["phases"] = json!(self.phases);
+        document["timings"] = json!(self.timings);
+        document["warnings"] = self
+            .warnings
+            .iter()
+            .map(|(printhead, what)| json!({"printhead": &**printhead, "what": what}))
+            .collect();
+        document["episodes"] = json!(self.episodes.counts);
+        document
+    }
 }
 
 /// Episodes that are remembered as told.
@@ -330,35 +353,16 @@ impl Run<'_> {
             return Err(PipelineError::NoBursts { recording, others, damage });
         }
 
-        let mut document = metadata::document(replay, recording, &digest.text, &schedule, counts);
+        let document = metadata::document(replay, recording, &digest.text, &schedule, counts);
         control.check()?;
         let text = document.to_string();
         // all are complete on disk before any gets its name
         let Finished { report: episodes, table } = episodes;
         let tables = [table.complete(text.clone())?, writer.complete(text)?];
         phases.add("finish", finishing.elapsed());
-        let seconds = phases.seconds();
-        let rates = Rates { seconds, signals: counts.signals, bytes: recording.bytes, behind };
-        if let Some(Learned { in_use, .. }) = &baselines {
-            warnings.extend(in_use.refused.iter().cloned());
-            document["baseline"] = in_use.summary();
-        }
-        document["damage"] = json!(damage);
-        document["expected"] = json!(recording.expected);
-        document["refused_windows"] = json!(schedule.refusals);
-        document["identified"] = json!(identified);
-        document["moved_together"] = json!(moved);
-        document["rates"] = rates.summary();
-        document["phases"] = json!(phases.list());
-        document["timings"] = json!(timings);
-        document["warnings"] = warnings
-            .iter()
-            .map(|(printhead, what)| json!({"printhead": &**printhead, "what": what}))
-            .collect();
-        document["episodes"] = json!(episodes.counts);
-        let [table, writer] = tables;
-        name_all([table, writer, complete_summary(verdicts, &document)?])?;
-        Ok(RecordingReport {
+        let (in_use, next) = baselines.map(|of| (of.in_use, of.next)).unzip();
+        warnings.extend(in_use.iter().flat_map(|of: &InUse| of.refused.iter().cloned()));
+        let report = RecordingReport {
             name: recording.name.clone(),
             digest: digest.text,
             stamp: recording.stamp,
@@ -367,7 +371,7 @@ impl Run<'_> {
             warnings,
             learned_temperature: Vec::new(),
             models: schedule.judges.len(),
-            seconds,
+            seconds: phases.seconds(),
             verdicts: verdicts.to_path_buf(),
             episodes,
             behind,
@@ -375,27 +379,16 @@ impl Run<'_> {
             phases: phases.list().to_vec(),
             timings,
             tally,
-            baselines: baselines.map(|of| of.next),
-        })
-    }
-}
-
-/// How fast it went, everything included.
-struct Rates {
-    seconds: f64,
-    signals: u64,
-    bytes: u64,
-    behind: Option<Duration>,
-}
-
-impl Rates {
-    fn summary(&self) -> Value {
-        json!({
-            "seconds": self.seconds,
-            "signals_per_s": self.signals as f64 / self.seconds,
-            "bytes_per_s": self.bytes as f64 / self.seconds,
-            "behind_s": self.behind.map(|b| b.as_secs_f64()),
-        })
+            baselines: next,
+        };
+        let mut summary = report.summary(document, recording);
+        summary["moved_together"] = json!(moved);
+        if let Some(in_use) = &in_use {
+            summary["baseline"] = in_use.summary();
+        }
+        let [table, writer] = tables;
+        name_all([table, writer, complete_summary(verdicts, &summary)?])?;
+        Ok(report)
     }
 }
 
