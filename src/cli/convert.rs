@@ -405,28 +405,33 @@ fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<Opened
     let Table { time, outputs, decays } = table;
     let has_time = !time.is_empty() && args.every.is_none();
     let regular = sampled.decays.iter().zip(decays);
-    let matrices: Vec<Result<Matrix, Failure>> = regular
-        .map(|(regular, decay)| {
-            let gathered = numpy::gathered(regular.outputs.iter().flatten().copied());
-            Ok(Matrix {
-                channels: regular.outputs.len() as u32,
-                samples_per_channel: regular.outputs.first().map_or(0, Vec::len) as u32,
-                format: gathered.format,
-                samples: gathered.bytes.into(),
-                time: has_time.then_some(regular.start),
-                beside: decay.beside,
-                ..Matrix::default()
-            })
+    let matrices: Vec<Matrix> = regular
+        .map(|(regular, decay)| Matrix {
+            time: has_time.then_some(regular.start),
+            beside: decay.beside,
+            ..matrix(&regular.outputs)
         })
         .collect();
     let said = period.is_some().then(|| Sampled { decays: Vec::new(), ..sampled });
     Ok(Opened {
-        matrices: Box::new(matrices.into_iter()),
+        matrices: Box::new(matrices.into_iter().map(Ok)),
         unit_ns,
         period_s: period,
         outputs,
         sampled: said,
     })
+}
+
+/// `outputs`: of each channel its samples.
+fn matrix(outputs: &[Vec<f64>]) -> Matrix {
+    let gathered = numpy::gathered(outputs.iter().flatten().copied());
+    Matrix {
+        channels: outputs.len() as u32,
+        samples_per_channel: outputs.first().map_or(0, Vec::len) as u32,
+        format: gathered.format,
+        samples: gathered.bytes.into(),
+        ..Matrix::default()
+    }
 }
 
 fn open_array(args: &Args, beside: &[String]) -> Result<Opened, Failure> {

@@ -164,12 +164,6 @@ pub fn learn(
         let curves = design.and_then(Design::curves);
         OwnChannels::new(judging, from, curves.as_deref(), settings.detect.false_alarm_rate)
     };
-    let of_names = |owns: &mut HashMap<Arc<str>, OwnChannels>, heard: &HeardOf| {
-        for (name, told) in heard {
-            let judging = remembered.with_first_window(name, &told.heard, &told.noise);
-            owns.insert(name.clone(), known(name, &judging));
-        }
-    };
     let mut owns: HashMap<Arc<str>, OwnChannels> = remembered
         .printheads
         .iter()
@@ -181,7 +175,10 @@ pub fn learn(
     let pass = Pass { recording, schedule, rails: settings.input.rails, control };
     let room = MOST_CHANNELS.saturating_sub(remembered.channels());
     let first = pass.hear(&owns, room, |burst| burst.t_acq_ns < end(&burst.printhead))?;
-    of_names(&mut owns, &first);
+    for (name, told) in &first {
+        let judging = remembered.with_first_window(name, &told.heard, &told.noise);
+        owns.insert(name.clone(), known(name, &judging));
+    }
     let all = pass.hear(&owns, room, |_| true)?;
 
     let mut next = remembered.clone();
@@ -246,10 +243,7 @@ impl Pass<'_> {
                 }
                 let judge = match self.schedule.assign(burst) {
                     Assignment::Judge(judge) => judge,
-                    Assignment::Survey => {
-                        unknown = true;
-                        return;
-                    }
+                    Assignment::Survey => return unknown = true,
                     Assignment::Reject(_) => return,
                 };
                 let Some(detector) = judge.detector() else { return };
