@@ -334,12 +334,9 @@ fn verdict_writer(bencher: Bencher) {
         c.certainty.push(faulty.then_some(0.9));
         c.statistic.push(Some(rng.random_range(0.01..0.1)));
         c.threshold.push(Some(0.18));
-        c.severity.push(None);
-        c.severity_sd.push(None);
         c.model.push(Some(0));
-        c.reason.push(None);
-        c.weights_start.push(None);
     }
+    c.fill_up();
     let dir = tempfile::tempdir().expect("a directory for scratch");
     let path = dir.path().join("r.verdicts.parquet");
     bencher.counter(ItemsCount::new(ROWS)).bench_local(|| {

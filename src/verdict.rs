@@ -1,7 +1,10 @@
 //! One row per signal: outcomes, reasons, and the columns of the verdict table.
 
+mod columns;
+
+pub use columns::{COLUMNS, Cells, Column, VerdictColumns};
+
 use crate::burst::Unusable;
-use std::sync::Arc;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
@@ -171,91 +174,4 @@ pub fn unusable_signal(signal: &[f64], rails: [f64; 2]) -> Option<Reason> {
     }
     let saturated = railed && signal.windows(2).any(|w| at_rail(w[0]) && at_rail(w[1]));
     saturated.then_some(Reason::Saturated)
-}
-
-/// The verdicts of one batch as columns, all of the same length, in the recording's order.
-/// `None` is null. `category`, `fault`, `candidate` index the run's class lists; no string per row.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct VerdictColumns {
-    pub acquired_at_ns: Vec<i64>,
-    /// Index into `printheads`.
-    pub printhead: Vec<u32>,
-    /// The printheads of this batch.
-    pub printheads: Vec<Arc<str>>,
-    pub channel: Vec<u32>,
-    pub outcome: Vec<Outcome>,
-    /// Index into the run's categories.
-    pub category: Vec<Option<u16>>,
-    /// Index into the run's classes.
-    pub fault: Vec<Option<u16>>,
-    /// Index into the run's classes.
-    pub candidate: Vec<Option<u16>>,
-    pub certainty: Vec<Option<f32>>,
-    pub statistic: Vec<Option<f32>>,
-    pub threshold: Vec<Option<f32>>,
-    pub test: Vec<Option<Test>>,
-    /// Unexplained mean square over the healthy one's.
-    pub misfit: Vec<Option<f32>>,
-    pub severity: Vec<Option<f32>>,
-    pub severity_sd: Vec<Option<f32>>,
-    pub model: Vec<Option<u16>>,
-    pub reason: Vec<Option<Reason>>,
-    /// `classes.len()` weights per row, concatenated over the rows that have them; `Some(start)`
-    /// points at a row's first weight. Ends with the last row that has any.
-    pub weights_start: Vec<Option<u32>>,
-    pub weights: Vec<f32>,
-}
-
-impl VerdictColumns {
-    /// Room for so many more rows.
-    pub fn reserve(&mut self, rows: usize) {
-        self.acquired_at_ns.reserve(rows);
-        self.printhead.reserve(rows);
-        self.channel.reserve(rows);
-        self.outcome.reserve(rows);
-        self.category.reserve(rows);
-        self.fault.reserve(rows);
-        self.candidate.reserve(rows);
-        self.certainty.reserve(rows);
-        self.statistic.reserve(rows);
-        self.threshold.reserve(rows);
-        self.test.reserve(rows);
-        self.misfit.reserve(rows);
-        self.severity.reserve(rows);
-        self.severity_sd.reserve(rows);
-        self.model.reserve(rows);
-        self.reason.reserve(rows);
-        self.weights_start.reserve(rows);
-    }
-
-    /// No rows, the room kept.
-    pub fn clear(&mut self) {
-        self.acquired_at_ns.clear();
-        self.printhead.clear();
-        self.channel.clear();
-        self.outcome.clear();
-        self.category.clear();
-        self.fault.clear();
-        self.candidate.clear();
-        self.certainty.clear();
-        self.statistic.clear();
-        self.threshold.clear();
-        self.test.clear();
-        self.misfit.clear();
-        self.severity.clear();
-        self.severity_sd.clear();
-        self.model.clear();
-        self.reason.clear();
-        self.weights_start.clear();
-        self.printheads.clear();
-        self.weights.clear();
-    }
-
-    pub fn len(&self) -> usize {
-        self.acquired_at_ns.len()
-    }
-
-    pub fn is_empty(&self) -> bool {
-        self.acquired_at_ns.is_empty()
-    }
 }

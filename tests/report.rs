@@ -270,35 +270,24 @@ impl Tables<'_> {
             let n = channels.len();
             let of = |c: &u32| faulty(*c, t_s);
             let some = |c: &u32| of(c).then_some(0);
-            verdicts
-                .write(&VerdictColumns {
-                    acquired_at_ns: vec![ns(t_s); n],
-                    printhead: vec![0; n],
-                    printheads: vec![self.printhead.into()],
-                    outcome: channels
-                        .iter()
-                        .map(|c| if of(c) { Outcome::Faulty } else { Outcome::Healthy })
-                        .collect(),
-                    category: channels.iter().map(some).collect(),
-                    fault: channels.iter().map(some).collect(),
-                    candidate: channels.iter().map(some).collect(),
-                    certainty: vec![Some(0.9); n],
-                    statistic: channels
-                        .iter()
-                        .map(|c| Some(if of(c) { 9.0 } else { 0.2 }))
-                        .collect(),
-                    threshold: vec![Some(1.0); n],
-                    test: vec![None; n],
-                    misfit: vec![None; n],
-                    severity: channels.iter().map(|c| of(c).then_some(0.3)).collect(),
-                    severity_sd: vec![None; n],
-                    model: vec![None; n],
-                    reason: vec![None; n],
-                    weights_start: vec![None; n],
-                    weights: Vec::new(),
-                    channel: channels,
-                })
-                .unwrap();
+            let outcome = |c: &u32| if of(c) { Outcome::Faulty } else { Outcome::Healthy };
+            let mut rows = VerdictColumns {
+                acquired_at_ns: vec![ns(t_s); n],
+                printhead: vec![0; n],
+                printheads: vec![self.printhead.into()],
+                outcome: channels.iter().map(outcome).collect(),
+                category: channels.iter().map(some).collect(),
+                fault: channels.iter().map(some).collect(),
+                candidate: channels.iter().map(some).collect(),
+                certainty: vec![Some(0.9); n],
+                statistic: channels.iter().map(|c| Some(if of(c) { 9.0 } else { 0.2 })).collect(),
+                threshold: vec![Some(1.0); n],
+                severity: channels.iter().map(|c| of(c).then_some(0.3)).collect(),
+                channel: channels,
+                ..VerdictColumns::default()
+            };
+            rows.fill_up();
+            verdicts.write(&rows).unwrap();
         }
         let document = format!("{{\"recording\":{{\"digest\":\"{name}\"}}}}");
         verdicts.finish(document.clone()).unwrap();

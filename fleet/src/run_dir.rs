@@ -16,8 +16,7 @@ use crate::row::{FLEET_DIR, Row};
 use inkling::cli::judge::{Detail, Item};
 use inkling::io::journal::Means;
 use inkling::io::objects::in_object_store;
-use inkling::io::part_file::PartFile;
-use inkling::io::{regular_file, stored};
+use inkling::io::{part_file, regular_file, stored};
 use inkling::pipeline::{Replay, resume};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -248,9 +247,7 @@ impl RunDir {
 }
 
 fn write(path: &Path, value: &impl Serialize) -> io::Result<()> {
-    let (part, mut file) = PartFile::create(path)?;
-    file.write_all(&serde_json::to_vec(value)?)?;
-    part.finish(&file)
+    part_file::write(path, &serde_json::to_vec(value)?)
 }
 
 fn read<T: DeserializeOwned>(path: &Path, most_bytes: u64) -> io::Result<T> {

@@ -6,7 +6,7 @@ use super::notes::{Note, Notes};
 use super::progress::thousands;
 use super::report::printable_path;
 use crate::io::journal::{self, Means, Outcome};
-use crate::io::part_file::PartFile;
+use crate::io::part_file;
 use serde::Serialize;
 use std::io::{self, Write};
 use std::path::Path;
@@ -145,9 +145,7 @@ impl Account {
         };
         let mut text = serde_json::to_string_pretty(&run)?;
         text.push('\n');
-        let (part, mut file) = PartFile::create(&out.join(RUN_NAME))?;
-        file.write_all(text.as_bytes())?;
-        part.finish(&file)
+        part_file::write(&out.join(RUN_NAME), text.as_bytes())
     }
 
     /// The closing table: how many of what, and the worst by name.

@@ -144,15 +144,56 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         FileKind::Numpy => open_array(&args, &beside)?,
         kind => open_table(&args, kind, beside)?,
     };
-    let of_table = |what: &str| Failure::new(format!("{}: {what}", args.table.display()));
-    let mut clock = BurstClock::new(start_ns, args.every);
+    let mut conversion = Conversion {
+        args: &args,
+        printhead: args.name()?.into(),
+        period,
+        own_period_s: opened.period_s,
+        unit_ns: opened.unit_ns,
+        temperature,
+        voltage,
+        clock: BurstClock::new(start_ns, args.every),
+        bursts: 0,
+        samples: 0,
+        least_period_s: f64::INFINITY,
+        most_period_s: 0.0,
+    };
     let mut writer =
         RecordingWriter::create(&args.out, WriterOptions::default()).map_err(Failure::new)?;
-    let printhead: Arc<str> = args.name()?.into();
-    let (mut bursts, mut samples, mut periods) = (0u64, 0u64, (f64::INFINITY, 0.0f64));
     for matrix in opened.matrices {
-        let matrix = matrix?;
-        let period_s = match (period, opened.period_s) {
+        let burst = conversion.burst(matrix?)?;
+        writer.write(&burst, burst.t_acq_ns as u64).map_err(Failure::new)?;
+    }
+    writer.finish().map_err(Failure::new)?;
+    conversion.tell(&opened.outputs, opened.sampled.as_ref())?;
+    Ok(Exit::Done)
+}
+
+/// Bursts under way: what is said of all of them, and what they were so far.
+struct Conversion<'a> {
+    args: &'a Args,
+    printhead: Arc<str>,
+    period: Option<Said>,
+    /// Where the table's own times say it.
+    own_period_s: Option<f64>,
+    /// The unit of their times, ns.
+    unit_ns: f64,
+    temperature: Option<Said>,
+    voltage: Option<Said>,
+    clock: BurstClock,
+    bursts: u64,
+    samples: u64,
+    least_period_s: f64,
+    most_period_s: f64,
+}
+
+impl Conversion<'_> {
+    /// The next one.
+    fn burst(&mut self, matrix: Matrix) -> Result<Burst, Failure> {
+        let args = self.args;
+        let wrong = |what: &str| Failure::new(format!("{}: {what}", args.table.display()));
+        let of_burst = |n: u64, what: &str| wrong(&format!("burst {n}: {what}"));
+        let period_s = match (self.period, self.own_period_s) {
             (Some(said), _) => said.in_burst(&matrix),
             (None, Some(own)) => own,
             (None, None) => {
@@ -160,84 +201,88 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             }
         };
         if !(period_s.is_finite() && period_s > 0.0) {
-            return Err(of_table(&format!("burst {bursts}: {period_s} s is no sample period")));
+            return Err(of_burst(self.bursts, &format!("{period_s} s is no sample period")));
         }
         let period_ns = period_s * 1e9;
         let length_ns = f64::from(matrix.samples_per_channel) * period_ns;
-        let time_ns = matrix.time.map(|t| t * opened.unit_ns);
+        let time_ns = matrix.time.map(|t| t * self.unit_ns);
         if time_ns.is_some_and(|t| !t.is_finite()) {
-            return Err(of_table(&format!("burst {bursts}: it has no time")));
+            return Err(of_burst(self.bursts, "it has no time"));
         }
-        let t_acq_ns = clock
+        let t_acq_ns = self
+            .clock
             .next(time_ns, length_ns, period_ns)
-            .ok_or_else(|| of_table("its times reach beyond the years 1970 to 2200"))?;
+            .ok_or_else(|| wrong("its times reach beyond the years 1970 to 2200"))?;
         if args.first_channel.checked_add(matrix.channels).is_none() {
             return Err(Failure::usage(format!(
                 "--first-channel {}: {} channels more have no numbers",
                 args.first_channel, matrix.channels
             )));
         }
+        self.bursts += 1;
+        self.samples += u64::from(matrix.channels) * u64::from(matrix.samples_per_channel);
+        self.least_period_s = self.least_period_s.min(period_s);
+        self.most_period_s = self.most_period_s.max(period_s);
         let measured =
             |said: Option<Said>| said.map(|s| s.in_burst(&matrix)).filter(|x| x.is_finite());
-        let burst = Burst {
+        Ok(Burst {
             t_acq_ns,
-            printhead: printhead.clone(),
+            printhead: self.printhead.clone(),
             first_channel: args.first_channel,
             channels: matrix.channels,
             samples_per_channel: matrix.samples_per_channel,
             sample_period_s: period_s,
             format: matrix.format,
             layout: matrix.layout,
-            temperature_c: measured(temperature),
-            drive_voltage_v: measured(voltage),
+            temperature_c: measured(self.temperature),
+            drive_voltage_v: measured(self.voltage),
             idle_time_s: Vec::new(),
             neighbours_fired: Bytes::new(),
             samples: matrix.samples,
-        };
-        bursts += 1;
-        samples += u64::from(burst.channels) * u64::from(burst.samples_per_channel);
-        periods = (periods.0.min(period_s), periods.1.max(period_s));
-        writer.write(&burst, t_acq_ns as u64).map_err(Failure::new)?;
+        })
     }
-    writer.finish().map_err(Failure::new)?;
 
-    let mut out = super::output::report();
-    let (bursts, samples) = (thousands(bursts), thousands(samples));
-    let (least, most) = (periods.0 as f32, periods.1 as f32);
-    let every = if least == most { format!("{least} s") } else { format!("{least} to {most} s") };
-    writeln!(out, "{}: {bursts} bursts, {samples} samples, one every {every}", args.out.display())?;
-    for (n, output) in (0u64..).zip(&opened.outputs) {
-        let channel = n + u64::from(args.first_channel);
-        writeln!(out, "  channel {channel}: {}", super::report::printable(output))?;
-    }
-    match &opened.sampled {
-        Some(sampled) if args.resample => writeln!(
-            out,
-            "  resampled: {} of {samples} samples interpolated, {} cells were missing",
-            sampled.interpolated, sampled.missing
-        )?,
-        Some(sampled) => {
-            writeln!(out, "  times within {:.3} periods of a regular grid", sampled.most_off_grid)?;
+    /// What became of the table, and what nothing in it said.
+    fn tell(&self, outputs: &[String], sampled: Option<&Sampled>) -> std::io::Result<()> {
+        let mut out = super::output::report();
+        let path = self.args.out.display();
+        let (bursts, samples) = (thousands(self.bursts), thousands(self.samples));
+        let (least, most) = (self.least_period_s as f32, self.most_period_s as f32);
+        let every =
+            if least == most { format!("{least} s") } else { format!("{least} to {most} s") };
+        writeln!(out, "{path}: {bursts} bursts, {samples} samples, one every {every}")?;
+        for (n, output) in (0u64..).zip(outputs) {
+            let channel = n + u64::from(self.args.first_channel);
+            writeln!(out, "  channel {channel}: {}", super::report::printable(output))?;
         }
-        None => {}
+        match sampled {
+            Some(sampled) if self.args.resample => writeln!(
+                out,
+                "  resampled: {} of {samples} samples interpolated, {} cells were missing",
+                sampled.interpolated, sampled.missing
+            )?,
+            Some(sampled) => {
+                let off = sampled.most_off_grid;
+                writeln!(out, "  times within {off:.3} periods of a regular grid")?;
+            }
+            None => {}
+        }
+        if self.clock.invented() {
+            writeln!(out, "  nothing says when: the first burst is put at {SOME_START} (--start)")?;
+        }
+        if self.clock.in_a_row() {
+            writeln!(
+                out,
+                "  nothing says when bursts begin: put one after the other without a gap (--time, --every)"
+            )?;
+        }
+        match self.clock.moved {
+            0 => Ok(()),
+            n => {
+                writeln!(out, "  {n} bursts begin where an earlier one has not ended: put after it")
+            }
+        }
     }
-    if clock.invented() {
-        writeln!(out, "  nothing says when: the first burst is put at {SOME_START} (--start)")?;
-    }
-    if clock.in_a_row() {
-        writeln!(
-            out,
-            "  nothing says when bursts begin: put one after the other without a gap (--time, --every)"
-        )?;
-    }
-    if clock.moved > 0 {
-        writeln!(
-            out,
-            "  {} bursts begin where an earlier one has not ended: put after it",
-            clock.moved
-        )?;
-    }
-    Ok(Exit::Done)
 }
 
 impl Args {
@@ -360,28 +405,33 @@ fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<Opened
     let Table { time, outputs, decays } = table;
     let has_time = !time.is_empty() && args.every.is_none();
     let regular = sampled.decays.iter().zip(decays);
-    let matrices: Vec<Result<Matrix, Failure>> = regular
-        .map(|(regular, decay)| {
-            let gathered = numpy::gathered(regular.outputs.iter().flatten().copied());
-            Ok(Matrix {
-                channels: regular.outputs.len() as u32,
-                samples_per_channel: regular.outputs.first().map_or(0, Vec::len) as u32,
-                format: gathered.format,
-                samples: gathered.bytes.into(),
-                time: has_time.then_some(regular.start),
-                beside: decay.beside,
-                ..Matrix::default()
-            })
+    let matrices: Vec<Matrix> = regular
+        .map(|(regular, decay)| Matrix {
+            time: has_time.then_some(regular.start),
+            beside: decay.beside,
+            ..matrix(&regular.outputs)
         })
         .collect();
     let said = period.is_some().then(|| Sampled { decays: Vec::new(), ..sampled });
     Ok(Opened {
-        matrices: Box::new(matrices.into_iter()),
+        matrices: Box::new(matrices.into_iter().map(Ok)),
         unit_ns,
         period_s: period,
         outputs,
         sampled: said,
     })
+}
+
+/// `outputs`: of each channel its samples.
+fn matrix(outputs: &[Vec<f64>]) -> Matrix {
+    let gathered = numpy::gathered(outputs.iter().flatten().copied());
+    Matrix {
+        channels: outputs.len() as u32,
+        samples_per_channel: outputs.first().map_or(0, Vec::len) as u32,
+        format: gathered.format,
+        samples: gathered.bytes.into(),
+        ..Matrix::default()
+    }
 }
 
 fn open_array(args: &Args, beside: &[String]) -> Result<Opened, Failure> {

@@ -1,33 +1,27 @@
 //! `inkling critique`: what the model gets wrong, why, the extended model, the gain.
 
+use super::collected::Recordings;
 use super::dialects;
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::extended_design;
-use super::progress::{Progress, interruptible};
+use super::report_page::write_text;
 use crate::critique::decay;
 use crate::critique::digits;
 use crate::critique::engine::{self, MOST_SAMPLES, Rings};
-use crate::critique::finding::{Critique, GainFigures, Verdict};
+use crate::critique::finding::{Critique, Gain, GainFigures, Verdict};
 use crate::critique::report;
-use crate::io::recording::Recording;
-use crate::io::{
-    Limits, critique_tables, design_file, inputs, labels_file, outputs, part_file, printable,
-};
+use crate::io::{critique_tables, design_file, labels_file, outputs, printable};
 use crate::pipeline::observe::Observer;
 use crate::settings::Settings;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+const EXTENDED_DESIGN: &str = "extended.design.json";
 /// What a critique writes, the one that says that all are there first: none of an earlier run may
 /// lie beside those of this one.
-const FILES: [&str; 5] = [
-    "critique.json",
-    "extended.design.json",
-    "evidence.parquet",
-    "residuals.parquet",
-    "report.html",
-];
+const FILES: [&str; 5] =
+    ["critique.json", EXTENDED_DESIGN, "evidence.parquet", "residuals.parquet", "report.html"];
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -72,32 +66,20 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
     effect::check(&args.set, &settings, Command::Critique)?;
     let labels = args.labels.as_deref().map(labels_file::read).transpose().map_err(Failure::new)?;
-    let inputs = inputs::find_recordings(&args.recordings).map_err(Failure::new)?;
-    let dialects = dialects::checked(&settings, &inputs)?;
-    let control = interruptible();
-    let progress = Progress::new(inputs.len(), 0);
+    let recordings = Recordings::find(&args.recordings, &settings)?;
     let oscillator = args.plant == PlantArg::Oscillator;
     let most_samples = if oscillator { decay::MOST_SAMPLES } else { MOST_SAMPLES };
     let mut observer = Observer::new(labels.as_ref(), settings.input.rails, most_samples);
-    let mut incomplete = false;
-    for input in &inputs {
-        let recording = Recording::open_with(&input.path, Limits::default(), &dialects)?;
-        let damage = progress.during(&recording.name, recording.bytes, &control, || {
-            observer.take(&recording, &control)
-        })?;
-        incomplete |= !damage.is_empty();
-        progress.say_damage(&recording.name, &damage);
-    }
-    let left_out = (observer.rejected, observer.other_sampling);
-    let rejected = observer.rejected + observer.other_sampling;
-    incomplete |= rejected > 0;
+    let damaged = recordings.each(|recording, control| observer.take(recording, control))?;
+    let (rejected, other_sampling) = (observer.rejected, observer.other_sampling);
+    let left_out = rejected + other_sampling;
     let cut = observer.is_cut();
     let data = observer.finish().ok_or_else(|| Failure::new(dialects::NO_BURSTS))?;
-    if rejected > 0 {
+    let Recordings { progress, control, .. } = recordings;
+    if left_out > 0 {
         progress.say(&format!(
-            "warning: left out: {} signals of another length or sample period than the first burst's, {} \
-             that cannot be used (no numbers, saturated, damaged)",
-            left_out.1, left_out.0
+            "warning: left out: {other_sampling} signals of another length or sample period than the first \
+             burst's, {rejected} that cannot be used (no numbers, saturated, damaged)"
         ));
     }
     let mut stages = |what: &str| {
@@ -110,7 +92,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let rings = if oscillator { Rings::Oscillator } else { Rings::InkChannel };
     let mut outcome =
         engine::critique(&data, rings, labels.is_some(), &mut stages).map_err(Failure::new)?;
-    outcome.critique.signals.rejected = rejected;
+    outcome.critique.signals.rejected = left_out;
     let signals = &outcome.critique.signals;
     let (outliers, found) = (signals.outliers as u64, signals.found);
     if args.labels.is_none() && 10 * outliers > found {
@@ -131,9 +113,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         };
         match design {
             Ok(design) => {
-                let name = "extended.design.json";
-                design_file::write(&args.out.join(name), &design).map_err(Failure::new)?;
-                outcome.critique.extended_model = Some(name.into());
+                let path = args.out.join(EXTENDED_DESIGN);
+                design_file::write(&path, &design).map_err(Failure::new)?;
+                outcome.critique.extended_model = Some(EXTENDED_DESIGN.into());
             }
             Err(why) => progress.say(&format!("warning: no extended design: {why}")),
         }
@@ -141,7 +123,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     write(&args.out, &outcome.critique)?;
     let mut out = super::output::report();
     print(&args.out, &outcome.critique, &mut out)?;
-    Ok(if incomplete { Exit::Incomplete } else { Exit::Done })
+    Ok(if damaged || left_out > 0 { Exit::Incomplete } else { Exit::Done })
 }
 
 /// The tables first, `critique.json` last: who finds it finds all.
@@ -153,13 +135,6 @@ fn write(dir: &Path, critique: &Critique) -> Result<(), Failure> {
     write_text(&dir.join("report.html"), &report::html(critique))?;
     let text = serde_json::to_string_pretty(critique).map_err(Failure::new)?;
     write_text(&dir.join("critique.json"), &(text + "\n"))
-}
-
-fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
-    let failed = |e: std::io::Error| Failure::new(format!("{}: {e}", path.display()));
-    let (part, mut file) = part_file::PartFile::create(path).map_err(failed)?;
-    file.write_all(text.as_bytes()).map_err(failed)?;
-    part.finish(&file).map_err(failed)
 }
 
 fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Result<()> {
@@ -182,39 +157,7 @@ fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Resu
             c.tied_with.join(", ")
         )?;
     }
-    let line = |out: &mut dyn Write, when: &str, g: &GainFigures| {
-        write!(
-            out,
-            "  {when:<8} chi²/dof {:.4}, nrmse {:.2} %, whiteness {}",
-            g.chi2_per_dof,
-            g.nrmse_percent,
-            digits::p_is(g.whiteness_p)
-        )?;
-        if g.detection_auc.is_finite() {
-            write!(
-                out,
-                ", false alarms {:.2} %, detection AUC {:.3}",
-                100.0 * g.false_alarms,
-                g.detection_auc
-            )?;
-        }
-        writeln!(out)
-    };
-    if critique.gain.held_out.signals > 0 {
-        writeln!(
-            out,
-            "  on {} signals of {} channels that nothing was fitted to (by {}):",
-            critique.gain.held_out.signals,
-            critique.gain.held_out.channels,
-            critique.gain.held_out.by
-        )?;
-        if critique.verdict == Verdict::None {
-            line(out, "", &critique.gain.before)?;
-        } else {
-            line(out, "before", &critique.gain.before)?;
-            line(out, "after", &critique.gain.after)?;
-        }
-    }
+    print_gain(critique, out)?;
     let untested = report::grouped(&critique.not_testable);
     if !untested.is_empty() {
         writeln!(out, "  not testable: {}", untested.join("; "))?;
@@ -223,4 +166,41 @@ fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Resu
         writeln!(out, "  {}", printable::line(remark, 4000))?;
     }
     writeln!(out, "  {}", dir.join("critique.json").display())
+}
+
+/// What it brought on signals that it was not fitted to.
+fn print_gain(critique: &Critique, out: &mut impl Write) -> std::io::Result<()> {
+    let Gain { held_out, before, after, .. } = &critique.gain;
+    if held_out.signals == 0 {
+        return Ok(());
+    }
+    writeln!(
+        out,
+        "  on {} signals of {} channels that nothing was fitted to (by {}):",
+        held_out.signals, held_out.channels, held_out.by
+    )?;
+    if critique.verdict == Verdict::None {
+        return print_figures("", before, out);
+    }
+    print_figures("before", before, out)?;
+    print_figures("after", after, out)
+}
+
+fn print_figures(when: &str, g: &GainFigures, out: &mut impl Write) -> std::io::Result<()> {
+    write!(
+        out,
+        "  {when:<8} chi²/dof {:.4}, nrmse {:.2} %, whiteness {}",
+        g.chi2_per_dof,
+        g.nrmse_percent,
+        digits::p_is(g.whiteness_p)
+    )?;
+    if g.detection_auc.is_finite() {
+        write!(
+            out,
+            ", false alarms {:.2} %, detection AUC {:.3}",
+            100.0 * g.false_alarms,
+            g.detection_auc
+        )?;
+    }
+    writeln!(out)
 }

@@ -321,6 +321,38 @@ fn check_declared(settings: &Settings, design: Option<&Design>) -> Result<(), Fa
     Err(Failure::usage(format!("isolate.classes.\"{name}\": {why}")))
 }
 
+/// What the settings ask of a design, and of what it names.
+fn check(settings: &Settings, args: &Args, design: Option<&Design>) -> Result<(), Failure> {
+    check_declared(settings, design)?;
+    let classes = design.map(Design::class_names).unwrap_or_default();
+    let names = !classes.is_empty();
+    effect::check(&args.set, settings, Command::Replay { detects: design.is_none(), names })?;
+    effect::check_common_change(settings, design)?;
+    if let Some(design) = design.filter(|_| names) {
+        design.check_method(settings.isolate.method).map_err(Failure::usage)?;
+    }
+    settings.report.check_actions(classes.iter().map(String::as_str)).map_err(Failure::usage)?;
+    if settings.isolate.method == IsolateMethod::Posterior {
+        settings.isolate.prior_weights(&classes).map_err(Failure::usage)?;
+    }
+    Ok(())
+}
+
+/// A span of `identify.spans`.
+fn span_ns([from, to]: &[String; 2]) -> Result<(i64, i64), Failure> {
+    let ns = |text: &str| {
+        let time = DateTime::parse_from_rfc3339(text).ok().and_then(|t| t.timestamp_nanos_opt());
+        time.ok_or_else(|| Failure::usage(format!("identify.spans: \"{text}\" is not RFC 3339")))
+    };
+    let (from_ns, to_ns) = (ns(from)?, ns(to)?);
+    match from_ns < to_ns {
+        true => Ok((from_ns, to_ns)),
+        false => Err(Failure::usage(format!(
+            "identify.spans: [\"{from}\", \"{to}\"] ends before it begins"
+        ))),
+    }
+}
+
 fn load(mut settings: Settings, args: &Args) -> Result<Loaded, Failure> {
     let (mut design, mut design_digest) = (None, None);
     if !settings.input.design.is_empty() {
@@ -337,19 +369,7 @@ fn load(mut settings: Settings, args: &Args) -> Result<Loaded, Failure> {
         settings.detect = read.detect.clone();
         (design, design_digest) = (Some(read), Some(digest));
     }
-    check_declared(&settings, design.as_ref())?;
-    let classes = design.as_ref().map(Design::class_names).unwrap_or_default();
-    let names = !classes.is_empty();
-    let command = Command::Replay { detects: design.is_none(), names };
-    effect::check(&args.set, &settings, command)?;
-    effect::check_common_change(&settings, design.as_ref())?;
-    if let Some(design) = design.as_ref().filter(|_| names) {
-        design.check_method(settings.isolate.method).map_err(Failure::usage)?;
-    }
-    settings.report.check_actions(classes.iter().map(String::as_str)).map_err(Failure::usage)?;
-    if settings.isolate.method == IsolateMethod::Posterior {
-        settings.isolate.prior_weights(&classes).map_err(Failure::usage)?;
-    }
+    check(&settings, args, design.as_ref())?;
     let (mut labels, mut labels_digest) = (None, None);
     if !settings.identify.labels.is_empty() {
         let path = Path::new(&settings.identify.labels);
@@ -357,28 +377,7 @@ fn load(mut settings: Settings, args: &Args) -> Result<Loaded, Failure> {
         let digest = digest::of_file(path, |_| Ok::<_, std::io::Error>(()));
         labels_digest = Some(digest.map_err(|e| Failure::new(format!("{}: {e}", path.display())))?);
     }
-    let spans = settings
-        .identify
-        .spans
-        .iter()
-        .map(|[from, to]| {
-            let ns = |text: &str| {
-                DateTime::parse_from_rfc3339(text)
-                    .ok()
-                    .and_then(|t| t.timestamp_nanos_opt())
-                    .ok_or_else(|| {
-                        Failure::usage(format!("identify.spans: \"{text}\" is not RFC 3339"))
-                    })
-            };
-            let (from_ns, to_ns) = (ns(from)?, ns(to)?);
-            if from_ns >= to_ns {
-                return Err(Failure::usage(format!(
-                    "identify.spans: [\"{from}\", \"{to}\"] ends before it begins"
-                )));
-            }
-            Ok((from_ns, to_ns))
-        })
-        .collect::<Result<_, Failure>>()?;
+    let spans = settings.identify.spans.iter().map(span_ns).collect::<Result<_, Failure>>()?;
     let (baseline_file, baselines) = match settings.input.baseline.as_str() {
         "" => (None, None),
         path => BaselineFile::read(Path::new(path), design_digest.as_deref())

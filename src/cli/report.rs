@@ -23,6 +23,14 @@ pub enum Detail {
 }
 
 pub fn print(report: &RecordingReport, detail: Detail, out: &mut impl Write) -> io::Result<()> {
+    print_counts(report, out)?;
+    match detail {
+        Detail::All => print_printheads(report, out),
+        Detail::Line => print_flagged(report, out),
+    }
+}
+
+fn print_counts(report: &RecordingReport, out: &mut impl Write) -> io::Result<()> {
     let counts = &report.tally.counts;
     writeln!(out, "{}", printable_path(&report.name))?;
     writeln!(
@@ -47,18 +55,22 @@ pub fn print(report: &RecordingReport, detail: Detail, out: &mut impl Write) -> 
             counts.rejected.iter().map(|(why, n)| format!("{} {why}", thousands(*n))).collect();
         writeln!(out, "  rejected: {}", each.join(", "))?;
     }
-    if detail == Detail::Line {
-        let printheads = report.tally.printheads.values();
-        let flagged: u64 = printheads.map(|p| p.passed).sum();
-        let share = 100.0 * flagged as f64 / counts.judged.max(1) as f64;
-        let Counts { episodes, still_on, .. } = report.episodes.counts;
-        return writeln!(
-            out,
-            "  flagged {share:.2} %, {} fault episodes, {} of them still on at the end",
-            thousands(episodes),
-            thousands(still_on)
-        );
-    }
+    Ok(())
+}
+
+fn print_flagged(report: &RecordingReport, out: &mut impl Write) -> io::Result<()> {
+    let flagged: u64 = report.tally.printheads.values().map(|p| p.passed).sum();
+    let share = 100.0 * flagged as f64 / report.tally.counts.judged.max(1) as f64;
+    let Counts { episodes, still_on, .. } = report.episodes.counts;
+    writeln!(
+        out,
+        "  flagged {share:.2} %, {} fault episodes, {} of them still on at the end",
+        thousands(episodes),
+        thousands(still_on)
+    )
+}
+
+fn print_printheads(report: &RecordingReport, out: &mut impl Write) -> io::Result<()> {
     writeln!(out, "  {:<20} {:>8} {:>10} {:>8}", "printhead", "channels", "signals", "flagged")?;
     let printheads = &report.tally.printheads;
     for (name, printhead) in printheads.iter().take(MOST_PRINTHEADS) {

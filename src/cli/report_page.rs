@@ -3,8 +3,7 @@
 use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible};
 use super::{output, results};
-use crate::io::part_file::PartFile;
-use crate::io::{fault_table, inputs, outputs, printable};
+use crate::io::{fault_table, inputs, outputs, part_file, printable};
 use crate::report;
 use crate::settings::Settings;
 use std::io::Write;
@@ -83,8 +82,6 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 
 /// A page gets its name when it is whole.
 pub fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
-    let failed = |e: std::io::Error| Failure::new(format!("{}: {e}", path.display()));
-    let (part, mut file) = PartFile::create(path).map_err(failed)?;
-    file.write_all(text.as_bytes()).map_err(failed)?;
-    part.finish(&file).map_err(failed)
+    part_file::write(path, text.as_bytes())
+        .map_err(|e| Failure::new(format!("{}: {e}", path.display())))
 }

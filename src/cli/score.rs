@@ -87,78 +87,11 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     };
     let labels = labels_file::read(labels_path).map_err(Failure::new)?;
     let files = inputs::find_verdicts(&args.verdicts).map_err(Failure::new)?;
-    let mut score = Score::default();
-    let (mut severity, mut of_categories) = (SeverityScore::default(), SeverityScore::default());
-    let mut episodes = EpisodeScore::new(&labels);
-    let mut any_episodes = false;
-    let onsets = onsets(&labels);
-    let mut curves = args.report.is_some().then(Curves::default);
+    let mut scoring = Scoring::new(&labels, args.report.is_some());
     for file in &files {
-        let mut verdicts = VerdictReader::open(&file.path).map_err(Failure::new)?;
-        let document: serde_json::Value = verdicts
-            .metadata_json()
-            .and_then(|json| serde_json::from_str(json).ok())
-            .unwrap_or_default();
-        if let Some(bound) = document["settings"]["isolate"]["certainty"].as_f64() {
-            score.set_bound(bound);
-        }
-        let beside = episode_table::path_beside(&file.path);
-        let has_episodes = stored::is_file(&beside);
-        if has_episodes {
-            add_episodes(&beside, &labels, &mut episodes)?;
-            any_episodes = true;
-        }
-        while let Some(columns) = verdicts.next() {
-            let c = columns.map_err(Failure::new)?;
-            let classes = verdicts.classes();
-            score.add_classes(classes);
-            for row in 0..c.len() {
-                if c.outcome[row] == Outcome::Rejected {
-                    score.add_rejected();
-                    continue;
-                }
-                let printhead = &c.printheads[c.printhead[row] as usize];
-                let truth = labels.at(printhead, c.channel[row], c.acquired_at_ns[row]);
-                let said = Said {
-                    flagged: c.outcome[row] != Outcome::Healthy,
-                    candidate: c.candidate[row].map(|k| classes[k as usize].as_str()),
-                    certainty: class_certainty(&c, row).map(f64::from),
-                    weights: c
-                        .weights_start
-                        .get(row)
-                        .copied()
-                        .flatten()
-                        .map(|start| &c.weights[start as usize..]),
-                };
-                score.add(said, truth.map(|label| label.state.as_str()));
-                if let (Some(curves), Some(label)) = (&mut curves, truth) {
-                    let categories = verdicts.categories();
-                    draw(curves, &c, row, label, &said, (classes, categories), &onsets);
-                }
-                if has_episodes {
-                    let healthy = truth.is_some_and(|label| label.state == HEALTHY);
-                    let (channel, t_ns) = (c.channel[row], c.acquired_at_ns[row]);
-                    episodes.add_signal(printhead, channel, t_ns, healthy);
-                }
-                // a size is of the class that it was found for
-                if let (Some(stated), Some(label)) = (c.severity[row], truth)
-                    && let Some(size) = label.severity
-                    && said.candidate == Some(label.state.as_str())
-                {
-                    let sd = c.severity_sd[row].map(f64::from);
-                    severity.add(&label.state, stated.into(), sd, size);
-                    let category = category(&label.state);
-                    if ONE_QUANTITY.contains(&category) {
-                        of_categories.add(category, stated.into(), sd, size);
-                    }
-                }
-            }
-        }
+        scoring.add_file(&file.path)?;
     }
-    let mut report = score.report();
-    report.severity = severity.report();
-    report.severity_by_category = of_categories.report();
-    report.episodes = any_episodes.then(|| episodes.report());
+    let report = scoring.report();
     if report.by_state.is_empty() {
         return Err(Failure::new(format!(
             "{}: none of its rows covers a verdict ({} judged, {} rejected), so there is nothing to score: do \
@@ -168,7 +101,145 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             report.rejected
         )));
     }
-    tell(&args, &report, curves.as_ref(), promise.as_ref())
+    tell(&args, &report, scoring.curves.as_ref(), promise.as_ref())
+}
+
+/// Verdicts against labels, row by row.
+struct Scoring<'a> {
+    labels: &'a Labels,
+    onsets: Onsets,
+    score: Score,
+    severity: SeverityScore,
+    of_categories: SeverityScore,
+    episodes: EpisodeScore,
+    any_episodes: bool,
+    curves: Option<Curves>,
+}
+
+/// A row of a verdict table, and what it indexes.
+struct Row<'a> {
+    c: &'a VerdictColumns,
+    place: usize,
+    classes: &'a [String],
+    categories: &'a [String],
+}
+
+impl<'a> Scoring<'a> {
+    fn new(labels: &'a Labels, with_curves: bool) -> Scoring<'a> {
+        Scoring {
+            labels,
+            onsets: onsets(labels),
+            score: Score::default(),
+            severity: SeverityScore::default(),
+            of_categories: SeverityScore::default(),
+            episodes: EpisodeScore::new(labels),
+            any_episodes: false,
+            curves: with_curves.then(Curves::default),
+        }
+    }
+
+    /// A verdict table, with the episodes beside it.
+    fn add_file(&mut self, path: &Path) -> Result<(), Failure> {
+        let mut verdicts = VerdictReader::open(path).map_err(Failure::new)?;
+        let document: serde_json::Value = verdicts
+            .metadata_json()
+            .and_then(|json| serde_json::from_str(json).ok())
+            .unwrap_or_default();
+        if let Some(bound) = document["settings"]["isolate"]["certainty"].as_f64() {
+            self.score.set_bound(bound);
+        }
+        let beside = episode_table::path_beside(path);
+        let has_episodes = stored::is_file(&beside);
+        if has_episodes {
+            add_episodes(&beside, self.labels, &mut self.episodes)?;
+            self.any_episodes = true;
+        }
+        while let Some(columns) = verdicts.next() {
+            let c = &columns.map_err(Failure::new)?;
+            let (classes, categories) = (verdicts.classes(), verdicts.categories());
+            self.score.add_classes(classes);
+            for place in 0..c.len() {
+                self.add_row(&Row { c, place, classes, categories }, has_episodes);
+            }
+        }
+        Ok(())
+    }
+
+    fn add_row(&mut self, row: &Row, has_episodes: bool) {
+        let (c, labels) = (row.c, self.labels);
+        if c.outcome[row.place] == Outcome::Rejected {
+            return self.score.add_rejected();
+        }
+        let printhead = &c.printheads[c.printhead[row.place] as usize];
+        let (channel, t_ns) = (c.channel[row.place], c.acquired_at_ns[row.place]);
+        let truth = labels.at(printhead, channel, t_ns);
+        let said = row.said();
+        self.score.add(said, truth.map(|label| label.state.as_str()));
+        if has_episodes {
+            let healthy = truth.is_some_and(|label| label.state == HEALTHY);
+            self.episodes.add_signal(printhead, channel, t_ns, healthy);
+        }
+        let Some(label) = truth else { return };
+        if let Some(curves) = &mut self.curves {
+            draw(curves, row, label, &said, &self.onsets);
+        }
+        // a size is of the class that it was found for
+        if let (Some(stated), Some(size)) = (c.severity[row.place], label.severity)
+            && said.candidate == Some(label.state.as_str())
+        {
+            let sd = c.severity_sd[row.place].map(f64::from);
+            self.severity.add(&label.state, stated.into(), sd, size);
+            let category = category(&label.state);
+            if ONE_QUANTITY.contains(&category) {
+                self.of_categories.add(category, stated.into(), sd, size);
+            }
+        }
+    }
+
+    fn report(&self) -> Report {
+        Report {
+            severity: self.severity.report(),
+            severity_by_category: self.of_categories.report(),
+            episodes: self.any_episodes.then(|| self.episodes.report()),
+            ..self.score.report()
+        }
+    }
+}
+
+impl<'a> Row<'a> {
+    fn said(&self) -> Said<'a> {
+        let (c, place) = (self.c, self.place);
+        let start = c.weights_start.get(place).copied().flatten();
+        Said {
+            flagged: c.outcome[place] != Outcome::Healthy,
+            candidate: c.candidate[place].map(|k| self.classes[k as usize].as_str()),
+            certainty: self.class_certainty().map(f64::from),
+            weights: start.map(|start| &c.weights[start as usize..]),
+        }
+    }
+
+    /// Certainty of the candidate class: its own weight where weights were written. Where only a category
+    /// is named the column is the category's, and says nothing of the class.
+    fn class_certainty(&self) -> Option<f32> {
+        let (c, place) = (self.c, self.place);
+        let own = c.weights_start.get(place).copied().flatten().zip(c.candidate[place]);
+        if let Some((start, class)) = own {
+            return c.weights.get(start as usize + usize::from(class)).copied();
+        }
+        let of_category = c.category[place].is_some() && c.fault[place].is_none();
+        c.certainty[place].filter(|_| !of_category)
+    }
+
+    /// The class or category that is named, else the outcome.
+    fn word(&self) -> &'a str {
+        let (c, place) = (self.c, self.place);
+        let named = match (c.outcome[place], c.fault[place], c.category[place]) {
+            (Outcome::Faulty, Some(class), _) => self.classes.get(usize::from(class)),
+            (Outcome::Faulty, None, Some(category)) => self.categories.get(usize::from(category)),
+            _ => None,
+        };
+        named.map_or(c.outcome[place].as_str(), String::as_str)
+    }
 }
 
 /// The page, if one is wanted, and what is printed.
@@ -270,37 +341,23 @@ fn onset(onsets: &Onsets, label: &Label) -> Option<i64> {
     onsets.get(&key).copied().unwrap_or(label.from_ns)
 }
 
-/// One judged row with a known truth, for the curves. `names`: of classes and categories.
-fn draw(
-    curves: &mut Curves,
-    c: &VerdictColumns,
-    row: usize,
-    label: &Label,
-    said: &Said,
-    (classes, categories): (&[String], &[String]),
-    onsets: &Onsets,
-) {
+/// One judged row with a known truth, for the curves.
+fn draw(curves: &mut Curves, row: &Row, label: &Label, said: &Said, onsets: &Onsets) {
+    let (c, place) = (row.c, row.place);
     let is_healthy = label.state == HEALTHY;
-    let printhead = || c.printheads[c.printhead[row] as usize].clone();
-    let event = (!is_healthy).then(|| (printhead(), c.channel[row], onset(onsets, label)));
-    if let Some((statistic, threshold)) = c.statistic[row].zip(c.threshold[row]) {
+    let printhead = || c.printheads[c.printhead[place] as usize].clone();
+    let event = (!is_healthy).then(|| (printhead(), c.channel[place], onset(onsets, label)));
+    if let Some((statistic, threshold)) = c.statistic[place].zip(c.threshold[place]) {
         curves.add(f64::from(statistic) / f64::from(threshold), event);
     }
-    let word = match (c.outcome[row], c.fault[row], c.category[row]) {
-        (Outcome::Faulty, Some(class), _) => classes.get(usize::from(class)),
-        (Outcome::Faulty, None, Some(category)) => categories.get(usize::from(category)),
-        _ => None,
-    };
-    curves.add_said(&label.state, word.map_or(c.outcome[row].as_str(), String::as_str));
-    if let (false, Some(candidate)) = (is_healthy, said.candidate) {
-        if let Some(certainty) = said.certainty {
-            curves.add_certainty(certainty, candidate == label.state);
-        }
-        if let (Some(stated), Some(size), true) =
-            (c.severity[row], label.severity, candidate == label.state)
-        {
-            curves.add_severity(&label.state, size, stated.into());
-        }
+    curves.add_said(&label.state, row.word());
+    let Some(candidate) = said.candidate.filter(|_| !is_healthy) else { return };
+    let is_right = candidate == label.state;
+    if let Some(certainty) = said.certainty {
+        curves.add_certainty(certainty, is_right);
+    }
+    if let (Some(stated), Some(size), true) = (c.severity[place], label.severity, is_right) {
+        curves.add_severity(&label.state, size, stated.into());
     }
 }
 
@@ -356,15 +413,4 @@ fn critiques(args: &Args) -> Result<Exit, Failure> {
         writeln!(out, "\n{}", printable::lines(&blind.markdown(), 1_000_000))?;
     }
     Ok(Exit::Done)
-}
-
-/// Certainty of the candidate class: its own weight where weights were written. Where only a category
-/// is named the column is the category's, and says nothing of the class.
-fn class_certainty(c: &VerdictColumns, row: usize) -> Option<f32> {
-    let own = c.weights_start.get(row).copied().flatten().zip(c.candidate[row]);
-    if let Some((start, class)) = own {
-        return c.weights.get(start as usize + usize::from(class)).copied();
-    }
-    let of_category = c.category[row].is_some() && c.fault[row].is_none();
-    c.certainty[row].filter(|_| !of_category)
 }

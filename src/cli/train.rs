@@ -1,18 +1,16 @@
 //! `inkling train`: labelled recordings to a design.
 
-use super::dialects;
+use super::collected::{Collected, collected};
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
-use super::progress::{Progress, interruptible, thousands};
+use super::progress::thousands;
 use super::replay::PresetArg;
 use super::report::printable;
 use crate::design::Design;
 use crate::detect::DetectMethod;
 use crate::fault::{CLASSES, HEALTHY};
-use crate::io::recording::Recording;
-use crate::io::{Limits, design_file, inputs, labels_file};
+use crate::io::{design_file, labels_file};
 use crate::labels::{Label, Labels};
-use crate::pipeline::collect::Collector;
 use crate::settings::{Preset, Settings};
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -57,21 +55,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         ..row.clone()
     };
     let labels = Labels::new(labels.rows().iter().map(named).collect());
-    let inputs = inputs::find_recordings(&args.recordings).map_err(Failure::new)?;
-
-    let dialects = dialects::checked(&settings, &inputs)?;
-    let control = interruptible();
-    let progress = Progress::new(inputs.len(), 0);
-    let mut collector = Collector::new(Some(&labels), settings.input.rails);
-    let mut damaged = false;
-    for input in &inputs {
-        let recording = Recording::open_with(&input.path, Limits::default(), &dialects)?;
-        let damage = progress.during(&recording.name, recording.bytes, &control, || {
-            collector.take(&recording, &control)
-        })?;
-        damaged |= !damage.is_empty();
-        progress.say_damage(&recording.name, &damage);
-    }
+    let Collected { set, incomplete, progress } =
+        collected(&args.recordings, &settings, Some(&labels))?;
     if !settings.isolate.classes.is_empty() {
         undeclared(&labels, &settings).iter().for_each(|label| {
             progress.say(&format!(
@@ -81,7 +66,6 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             ))
         });
     }
-    let set = collector.finish().ok_or_else(|| Failure::new(dialects::NO_BURSTS))?;
     if set.healthy.is_empty() {
         let seen: Vec<String> =
             set.signals.iter().map(|(l, n)| format!("{n} {}", printable(l))).collect();
@@ -97,7 +81,11 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             .map_err(Failure::new)?;
     warnings.iter().for_each(|w| progress.say(&format!("warning: {w}")));
     design_file::write(&args.out, &design).map_err(Failure::new)?;
+    tell(&args, &design)?;
+    Ok(if incomplete { Exit::Incomplete } else { Exit::Done })
+}
 
+fn tell(args: &Args, design: &Design) -> std::io::Result<()> {
     let mut out = super::output::report();
     writeln!(
         out,
@@ -124,9 +112,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         DetectMethod::ResidualMaximum => "counts",
         DetectMethod::Practice => "half-widths of the healthy range",
     };
-    writeln!(out, "  threshold {:.4e} {unit} ({})", t.value, t.in_words())?;
-    let lost = ["rejected", "other_sampling"].iter().any(|k| design.signals.contains_key(*k));
-    Ok(if damaged || lost { Exit::Incomplete } else { Exit::Done })
+    writeln!(out, "  threshold {:.4e} {unit} ({})", t.value, t.in_words())
 }
 
 /// Labels that name no class that anyone has declared.

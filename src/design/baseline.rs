@@ -46,7 +46,7 @@ pub struct Baselines {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PrintheadBaselines {
-    /// Covariance within channels: of one channel's signals about its baseline, from burst to burst, beyond the noise.
+    /// Covariance within channels: of one channel's signals about its baseline, from drop to drop, beyond the noise.
     pub shot: [[f64; 4]; 4],
     /// Degrees of freedom of `shot`.
     pub shot_signals: f64,
@@ -122,8 +122,7 @@ impl Heard {
         self.channels.len()
     }
 
-    /// Mean of 1/drive², and the covariance within channels beyond `noise` with its degrees of freedom.
-    fn within(&self, noise: &Matrix4<f64>) -> (f64, Matrix4<f64>, f64) {
+    fn within(&self, noise: &Matrix4<f64>) -> Within {
         let (mut n, mut degrees) = (0.0, 0.0);
         let mut scatter = Matrix4::from_fn(|i, j| self.squares[i][j] as f64 * UNIT * UNIT);
         for all in self.channels.values() {
@@ -137,14 +136,23 @@ impl Heard {
         }
         let weaker = self.weaker as f64 * 1e-6 / f64::max(n, 1.0);
         if degrees < 16.0 {
-            return (weaker.max(1e-9), Matrix4::zeros(), 0.0);
+            return Within { weaker: weaker.max(1e-9), shot: Matrix4::zeros(), degrees: 0.0 };
         }
         let beyond = scatter / degrees - noise * weaker;
         let eigen = beyond.symmetric_eigen();
         let kept = Matrix4::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0)));
         let shot = eigen.eigenvectors * kept * eigen.eigenvectors.transpose();
-        (weaker.max(1e-9), shot, degrees)
+        Within { weaker: weaker.max(1e-9), shot, degrees }
     }
+}
+
+/// Of a printhead's channels.
+struct Within {
+    /// Mean of 1/drive².
+    weaker: f64,
+    /// Covariance within channels beyond the noise, and its degrees of freedom.
+    shot: Matrix4<f64>,
+    degrees: f64,
 }
 
 impl Sum {
@@ -208,7 +216,7 @@ impl Baselines {
         noise: &Matrix4<f64>,
     ) -> PrintheadBaselines {
         let known = self.printheads.get(name).cloned().unwrap_or_default();
-        let (weaker, shot, degrees) = heard.within(noise);
+        let Within { weaker, shot, degrees } = heard.within(noise);
         let mut judging = merged_shot(&known, &shot, degrees);
         for (&channel, window) in &heard.channels {
             if let Some(features) = window.mean() {
@@ -224,7 +232,7 @@ impl Baselines {
 
     /// Updates the baselines by a recording, for the next one.
     pub fn learn(&mut self, name: &str, heard: &Heard, noise: &Matrix4<f64>) {
-        let (weaker, shot, degrees) = heard.within(noise);
+        let Within { weaker, shot, degrees } = heard.within(noise);
         let known = self.printheads.remove(name).unwrap_or_default();
         let mut learned = merged_shot(&known, &shot, degrees);
         for (&channel, all) in &heard.channels {

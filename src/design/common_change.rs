@@ -5,7 +5,7 @@
 //! sensitivities shifted by that. Thresholds, healthy covariances and fault classes stay.
 
 use super::detector::ring_of;
-use super::judge::{Isolator, RingClassifier};
+use super::isolator::{Isolator, RingClassifier};
 use super::lanes::Lanes;
 use super::{HealthyModel, Judge};
 use crate::model::beside_ring::BesideRing;

@@ -15,11 +15,13 @@ mod extension;
 mod fault_class;
 mod fd_filter;
 mod healthy_model;
+mod isolator;
 mod judge;
 mod lanes;
 mod learn;
 mod learned_filter;
 mod leftover;
+mod named_ring;
 mod own_channel;
 mod promise;
 mod residual;
@@ -137,22 +139,8 @@ impl Design {
             return refuse(format!("drive_voltage_v = {v:?}: must be positive"));
         }
         self.detect.check().map_err(|e| DesignError::Invalid(format!("detect.{e}")))?;
-        let mut names = BTreeSet::new();
-        for model in &self.models {
-            match &model.printhead {
-                Some(name) if names.insert(name) => {}
-                Some(name) => return refuse(format!("two models of printhead {name}")),
-                None => return refuse("a model without printhead".into()),
-            }
-        }
-        let mut names = BTreeSet::new();
+        self.check_names().map_err(DesignError::Invalid)?;
         for class in &self.classes {
-            if class.name.is_empty() || class.name == fault::HEALTHY || !names.insert(&class.name) {
-                return refuse(format!(
-                    "class \"{}\": a fault class needs a name of its own, other than `healthy`",
-                    class.name
-                ));
-            }
             class.check(self.sample_period_s, self.samples)?;
         }
         if let Some(extension) = &self.extension {
@@ -172,6 +160,27 @@ impl Design {
             .iter()
             .chain([&self.pooled])
             .try_for_each(|model| model.check(self.sample_period_s, self.samples))
+    }
+
+    /// Models and classes have names of their own.
+    fn check_names(&self) -> Result<(), String> {
+        let mut names = BTreeSet::new();
+        for model in &self.models {
+            match &model.printhead {
+                Some(name) if names.insert(name) => {}
+                Some(name) => return Err(format!("two models of printhead {name}")),
+                None => return Err("a model without printhead".into()),
+            }
+        }
+        let mut names = BTreeSet::new();
+        for name in self.classes.iter().map(|class| &class.name) {
+            if name.is_empty() || name == fault::HEALTHY || !names.insert(name) {
+                return Err(format!(
+                    "class \"{name}\": a fault class needs a name of its own, other than `healthy`"
+                ));
+            }
+        }
+        Ok(())
     }
 
     /// The model of a printhead, by name.

@@ -41,25 +41,7 @@ impl Design {
             let (design, warnings) = Design::of_healthy(set, settings)?;
             (Design { filter: Some(filter), ..design }, warnings)
         };
-        let mut classes = Vec::new();
-        for (name, printheads) in &set.faulty {
-            let sets = design.with_models(printheads);
-            let mut class = FaultClass::learn(name, &sets);
-            class.of = isolate.classes.get(name).cloned().unwrap_or_default();
-            match isolate.method {
-                IsolateMethod::Posterior | IsolateMethod::ResidualMatching => {}
-                IsolateMethod::ModelMatching => {
-                    if let Err(e) = class.learn_model(&design.pooled, &sets, settings) {
-                        warnings.push(format!(
-                            "class {name}: no model of its own ({e}); model matching cannot name it"
-                        ));
-                    }
-                }
-                IsolateMethod::Neighbours => class.keep_examples(&sets),
-            }
-            classes.push(class);
-        }
-        design.classes = classes;
+        design.classes = learn_classes(&design, set, isolate, settings, &mut warnings);
         if isolate.method == IsolateMethod::Posterior {
             design.physics = cold_start::physics(&design, set, grey_box, isolate)?;
             if isolate.unlabelled_classes {
@@ -137,6 +119,34 @@ impl Design {
         let of = |name: &String| self.model_of(name).unwrap_or(&self.pooled);
         printheads.iter().map(|(name, set)| (of(name), set)).collect()
     }
+}
+
+/// One of every fault label.
+fn learn_classes(
+    design: &Design,
+    set: &TrainingSet,
+    isolate: &IsolateSettings,
+    settings: LearnSettings,
+    warnings: &mut Vec<String>,
+) -> Vec<FaultClass> {
+    let learn = |(name, printheads): (&String, &BTreeMap<String, SignalSet>)| {
+        let sets = design.with_models(printheads);
+        let mut class = FaultClass::learn(name, &sets);
+        class.of = isolate.classes.get(name).cloned().unwrap_or_default();
+        match isolate.method {
+            IsolateMethod::Posterior | IsolateMethod::ResidualMatching => {}
+            IsolateMethod::ModelMatching => {
+                if let Err(e) = class.learn_model(&design.pooled, &sets, settings) {
+                    warnings.push(format!(
+                        "class {name}: no model of its own ({e}); model matching cannot name it"
+                    ));
+                }
+            }
+            IsolateMethod::Neighbours => class.keep_examples(&sets),
+        }
+        class
+    };
+    set.faulty.iter().map(learn).collect()
 }
 
 /// Says of which classes the chosen detection would flag fewer than half of the labelled signals.

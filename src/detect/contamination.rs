@@ -57,22 +57,13 @@ pub fn contaminated(
     }
     let mixture = Mixture::fit(&all, degrees);
     let estimate = mixture.ln_exceeded(rate);
-    let without: Vec<f64> = of_groups
+    let without = of_groups
         .iter()
         .filter(|of| !of.is_empty())
-        .map(|of| mixture.fit_again(&all.without(of)).ln_exceeded(rate))
-        .collect();
-    let n = without.len() as f64;
-    let mean = without.iter().sum::<f64>() / n;
-    let square: f64 = without.iter().map(|ln| (ln - mean).powi(2)).sum();
-    let widening = match without.len() {
-        0 | 1 => 0.0,
-        _ => student_quantile(confidence, n - 1.0) * ((n - 1.0) / n * square).sqrt(),
-    };
+        .map(|of| mixture.fit_again(&all.without(of)).ln_exceeded(rate));
+    let widening = jackknifed(&without.collect::<Vec<_>>(), confidence);
     let value = median * (estimate + widening).exp();
-    let mut numbers: Vec<u32> = channels.to_vec();
-    numbers.sort_unstable();
-    numbers.dedup();
+    let numbers = distinct(channels.to_vec());
     if !value.is_finite() {
         return Err(DetectError::TooFewChannels { channels: numbers.len(), confidence });
     }
@@ -91,12 +82,27 @@ pub fn contaminated(
     })
 }
 
+/// Half width of the estimate's confidence interval, by the jackknife: from the estimates without each of the groups.
+fn jackknifed(without: &[f64], confidence: f64) -> f64 {
+    let n = without.len() as f64;
+    let mean = without.iter().sum::<f64>() / n;
+    let square: f64 = without.iter().map(|ln| (ln - mean).powi(2)).sum();
+    match without.len() {
+        0 | 1 => 0.0,
+        _ => student_quantile(confidence, n - 1.0) * ((n - 1.0) / n * square).sqrt(),
+    }
+}
+
+fn distinct(mut numbers: Vec<u32>) -> Vec<u32> {
+    numbers.sort_unstable();
+    numbers.dedup();
+    numbers
+}
+
 /// Assigns channels to groups in turn, however few there are, since channels differ lastingly; of a single
 /// channel its signals.
 fn groups(counted: &[(f64, u32)]) -> Vec<usize> {
-    let mut numbers: Vec<u32> = counted.iter().map(|(_, c)| *c).collect();
-    numbers.sort_unstable();
-    numbers.dedup();
+    let numbers = distinct(counted.iter().map(|(_, c)| *c).collect());
     match numbers.len() < 2 {
         true => (0..counted.len()).map(|i| i % GROUPS).collect(),
         false => {

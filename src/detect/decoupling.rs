@@ -118,16 +118,7 @@ pub fn decoupled(
 ) -> Result<Decoupled, DetectError> {
     super::null_space::check(a, c, dt_s, degree)?;
     let (n, m, disturbances) = (a.nrows(), c.nrows(), b_d.ncols());
-    if b_d.nrows() != n || d_d.shape() != (m, disturbances) {
-        let (c_rows, c_columns) = d_d.shape();
-        let (a_rows, a_columns) = b_d.shape();
-        return Err(DetectError::WrongShape { a_rows, a_columns, c_rows, c_columns });
-    }
-    for (what, matrix) in [("B_d", b_d), ("D_d", d_d)] {
-        if let Some(index) = matrix.iter().position(|v| !v.is_finite()) {
-            return Err(DetectError::NotFinite { what, index });
-        }
-    }
+    check_disturbances(b_d, d_d, n, m)?;
     // [A B; 0 0] dt: its exponential holds A_d and the held B_dd. Balanced, for SI units differ by
     // decades; disturbances are states there and are balanced with them.
     let mut all = DMatrix::zeros(n + disturbances, n + disturbances);
@@ -173,6 +164,25 @@ pub fn decoupled(
     };
     let rows = (0..n_bar.nrows()).map(|i| (0..m).map(|j| polynomial(i, j)).collect()).collect();
     Ok(Decoupled { rows, degree })
+}
+
+fn check_disturbances(
+    b_d: &DMatrix<f64>,
+    d_d: &DMatrix<f64>,
+    states: usize,
+    outputs: usize,
+) -> Result<(), DetectError> {
+    if b_d.nrows() != states || d_d.shape() != (outputs, b_d.ncols()) {
+        let (c_rows, c_columns) = d_d.shape();
+        let (a_rows, a_columns) = b_d.shape();
+        return Err(DetectError::WrongShape { a_rows, a_columns, c_rows, c_columns });
+    }
+    for (what, matrix) in [("B_d", b_d), ("D_d", d_d)] {
+        if let Some(index) = matrix.iter().position(|v| !v.is_finite()) {
+            return Err(DetectError::NotFinite { what, index });
+        }
+    }
+    Ok(())
 }
 
 impl Decoupled {

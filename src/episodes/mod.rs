@@ -20,7 +20,7 @@ use crate::verdict::Appearance;
 use std::sync::Arc;
 
 /// One fault episode of a channel: a row of the episode table (contract, "Out: verdicts").
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Episode {
     pub printhead: Arc<str>,
     pub channel: u32,

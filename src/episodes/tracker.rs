@@ -8,6 +8,7 @@ use super::{Counts, Episode, EpisodeSettings, Looks, Named};
 use crate::fault::{self, Class};
 use crate::model::faults;
 use crate::verdict::Appearance;
+use std::cmp::Ordering;
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -283,23 +284,10 @@ impl Printhead {
             };
             near = place + 1;
             let channel = &mut self.states[place];
-            // the same time again is the same look
-            if looks.t_ns <= channel.last_ns {
-                match looks.t_ns < channel.last_ns {
-                    true => counts.signals_too_late += 1,
-                    false => counts.signals_repeated += 1,
-                }
+            if !channel.is_next(looks.t_ns, counts) {
                 continue;
             }
-            channel.last_ns = looks.t_ns;
-            let own = looks.judged_by_own(row);
-            if channel.model != Some(looks.model) {
-                channel.change_model(looks, own);
-            }
-            if channel.own != own {
-                channel.own = own;
-                channel.evidence.judge_by_own(own);
-            }
+            channel.judge_by(looks, looks.judged_by_own(row));
             if let Some(over) = channel.look(looks.t_ns, ratio, named, bound, naming) {
                 counts.episodes += 1;
                 let end = over.fading.map(|(t_ns, _)| t_ns);
@@ -317,6 +305,29 @@ impl Printhead {
 }
 
 impl Channel {
+    /// Whether a look is later than all before; if not, it is counted as what it is.
+    fn is_next(&mut self, t_ns: i64, counts: &mut Counts) -> bool {
+        let order = t_ns.cmp(&self.last_ns);
+        match order {
+            Ordering::Less => counts.signals_too_late += 1,
+            // the same time again is the same look
+            Ordering::Equal => counts.signals_repeated += 1,
+            Ordering::Greater => self.last_ns = t_ns,
+        }
+        order.is_gt()
+    }
+
+    /// By what it is judged from here on.
+    fn judge_by(&mut self, looks: &Looks, own: bool) {
+        if self.model != Some(looks.model) {
+            self.change_model(looks, own);
+        }
+        if self.own != own {
+            self.own = own;
+            self.evidence.judge_by_own(own);
+        }
+    }
+
     fn change_model(&mut self, looks: &Looks, own: bool) {
         let next = if looks.in_medians > 0.0 { looks.in_medians } else { self.in_medians };
         // a baseline of its own has a threshold of its own

@@ -5,6 +5,7 @@
 //! threads.
 
 use super::averaging::SignalSet;
+use crate::burst::Beside;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// (hash of time and channel, time, channel, hash of the samples): the last distinguishes signals of one time and
@@ -22,9 +23,7 @@ pub struct Reservoir {
     worst: Option<Rank>,
     free: Vec<usize>,
     data: Vec<f32>,
-    channel: Vec<u32>,
-    voltage_v: Vec<f64>,
-    temperature_c: Vec<f64>,
+    beside: Vec<Beside>,
     /// Of the label; NaN where it gives none.
     severity: Vec<f64>,
     /// Signals offered, kept or not.
@@ -40,35 +39,15 @@ impl Reservoir {
             worst: None,
             free: Vec::new(),
             data: Vec::new(),
-            channel: Vec::new(),
-            voltage_v: Vec::new(),
-            temperature_c: Vec::new(),
+            beside: Vec::new(),
             severity: Vec::new(),
             offered: 0,
         }
     }
 
-    /// Offers a signal. `voltage_v`, `temperature_c`: NaN where not recorded.
-    pub fn offer(
-        &mut self,
-        t_acq_ns: i64,
-        channel: u32,
-        signal: &[f64],
-        voltage_v: f64,
-        temperature_c: f64,
-    ) {
-        self.offer_sized(t_acq_ns, channel, signal, (voltage_v, temperature_c), f64::NAN);
-    }
-
-    /// The same with the severity of its label.
-    pub fn offer_sized(
-        &mut self,
-        t_acq_ns: i64,
-        channel: u32,
-        signal: &[f64],
-        (voltage_v, temperature_c): (f64, f64),
-        severity: f64,
-    ) {
+    /// Offers a signal. `severity`: of its label; NaN: it gives none.
+    pub fn offer(&mut self, beside: Beside, signal: &[f64], severity: f64) {
+        let Beside { t_acq_ns, channel, .. } = beside;
         self.offered += 1;
         if !self.may_keep(t_acq_ns, channel) {
             return;
@@ -83,18 +62,14 @@ impl Reservoir {
         if self.held.len() > self.capacity + self.capacity / 4 {
             self.let_go();
         }
-        let slot = self.free.pop().unwrap_or(self.channel.len());
-        if slot == self.channel.len() {
+        let slot = self.free.pop().unwrap_or(self.beside.len());
+        if slot == self.beside.len() {
             self.data.extend_from_slice(&row);
-            self.channel.push(channel);
-            self.voltage_v.push(voltage_v);
-            self.temperature_c.push(temperature_c);
+            self.beside.push(beside);
             self.severity.push(severity);
         } else {
             self.data[slot * self.samples..(slot + 1) * self.samples].copy_from_slice(&row);
-            self.channel[slot] = channel;
-            self.voltage_v[slot] = voltage_v;
-            self.temperature_c[slot] = temperature_c;
+            self.beside[slot] = beside;
             self.severity[slot] = severity;
         }
         self.held.push((rank, slot));
@@ -103,7 +78,7 @@ impl Reservoir {
     /// Drops duplicates, and the signals of highest rank beyond the capacity.
     fn let_go(&mut self) {
         let best = self.best();
-        let mut stays = vec![false; self.channel.len()];
+        let mut stays = vec![false; self.beside.len()];
         best.iter().for_each(|(_, slot)| stays[*slot] = true);
         self.free = (0..stays.len()).filter(|slot| !stays[*slot]).collect();
         self.worst = best.get(self.capacity.wrapping_sub(1)).map(|(rank, _)| *rank);
@@ -134,7 +109,7 @@ impl Reservoir {
     pub fn voltage_sum(&self) -> (f64, usize) {
         let known: Vec<f64> = self
             .in_order()
-            .map(|s| self.voltage_v[s])
+            .map(|s| self.beside[s].drive_v)
             .filter(|v| *v > 0.0 && v.is_finite())
             .collect();
         (known.iter().sum(), known.len())
@@ -145,8 +120,8 @@ impl Reservoir {
         let mut set = SignalSet::new(self.samples);
         for slot in self.in_order() {
             let signal = &self.data[slot * self.samples..(slot + 1) * self.samples];
-            let drive = relative_drive(self.voltage_v[slot], reference_v);
-            set.push(signal, self.channel[slot], drive, self.temperature_c[slot]);
+            let Beside { channel, drive_v, temperature_c, .. } = self.beside[slot];
+            set.push(signal, channel, relative_drive(drive_v, reference_v), temperature_c);
             set.set_severity(self.severity[slot]);
         }
         set
@@ -176,6 +151,18 @@ pub fn relative_drive(voltage_v: f64, reference_v: Option<f64>) -> f64 {
 mod tests {
     use super::*;
 
+    fn beside(t_acq_ns: i64, channel: u32) -> Beside {
+        let unknown = f64::NAN;
+        Beside {
+            channel,
+            t_acq_ns,
+            drive_v: unknown,
+            temperature_c: unknown,
+            idle_s: unknown,
+            neighbours: unknown,
+        }
+    }
+
     #[test]
     fn sample_does_not_depend_on_the_order() {
         let signals: Vec<(i64, u32)> =
@@ -183,7 +170,7 @@ mod tests {
         let fill = |order: &mut dyn Iterator<Item = &(i64, u32)>| {
             let mut r = Reservoir::new(2, 64);
             for &(t, c) in order {
-                r.offer(t, c, &[t as f64, f64::from(c)], f64::NAN, f64::NAN);
+                r.offer(beside(t, c), &[t as f64, f64::from(c)], f64::NAN);
             }
             r.into_set(None)
         };
@@ -198,7 +185,7 @@ mod tests {
     fn repeats_of_one_burst_are_told_apart_by_their_samples() {
         let offer = |values: &[f64]| {
             let mut r = Reservoir::new(1, 2);
-            values.iter().for_each(|&v| r.offer(5, 5, &[v], 0.0, 0.0));
+            values.iter().for_each(|&v| r.offer(beside(5, 5), &[v], f64::NAN));
             r.into_set(None).data
         };
         assert_eq!(offer(&[1.0, 2.0, 3.0]), offer(&[3.0, 1.0, 2.0]));

@@ -69,6 +69,28 @@ impl Tangent {
         }
         columns
     }
+
+    /// What a scatter of theta adds to the mean signal, by sigma points along its principal directions:
+    /// 1/2 (y(+) + y(-)) - y. `scale`: what the covariance's theta is in.
+    fn curvature(&self, covariance: Matrix5<f64>, scale: &Vector5<f64>) -> DVector<f64> {
+        let expected = self.signal(&Vector5::zeros());
+        let mut curvature = DVector::zeros(self.samples);
+        let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(covariance);
+        for (value, direction) in eigenvalues.iter().zip(eigenvectors.column_iter()) {
+            if *value > 0.0 {
+                let step = (direction * value.sqrt()).component_div(scale);
+                curvature += (self.signal(&step) + self.signal(&-step)) / 2.0 - &expected;
+            }
+        }
+        curvature
+    }
+}
+
+/// Of a channel's signals.
+#[derive(Default)]
+struct Sum {
+    theta: Vector5<f64>,
+    n: f64,
 }
 
 /// The scatter of a set about its fit, and the curvature it leaves in the average, counts.
@@ -88,7 +110,7 @@ pub fn scatter(
     let inverse = gram.try_inverse()?;
 
     let (mut sum, mut square) = (Vector5::zeros(), Matrix5::zeros());
-    let (mut of_noise, mut by_channel) = (0.0, BTreeMap::<u32, (Vector5<f64>, f64)>::new());
+    let (mut of_noise, mut by_channel) = (0.0, BTreeMap::<u32, Sum>::new());
     let mut deviation = vec![0.0; set.samples];
     for i in 0..set.len() {
         let s = set.drive[i];
@@ -101,24 +123,13 @@ pub fn scatter(
         square += theta * theta.transpose();
         of_noise += (noise / s).powi(2);
         let channel = by_channel.entry(set.channel[i]).or_default();
-        channel.0 += theta;
-        channel.1 += 1.0;
+        channel.theta += theta;
+        channel.n += 1.0;
     }
     let n = set.len() as f64;
     let mean = sum / n;
     let beyond_noise = square / n - mean * mean.transpose() - inverse * (of_noise / n);
-    let unscaled = |v: Vector5<f64>| v.component_div(&scale);
-
-    // Sigma points along the principal directions: 1/2 (y(+) + y(-)) - y is the curvature.
-    let mut curvature = DVector::zeros(set.samples);
-    let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(beyond_noise);
-    for (value, direction) in eigenvalues.iter().zip(eigenvectors.column_iter()) {
-        if *value > 0.0 {
-            let step = unscaled(direction * value.sqrt());
-            curvature += (tangent.signal(&step) + tangent.signal(&-step)) / 2.0 - &expected;
-        }
-    }
-
+    let curvature = tangent.curvature(beyond_noise, &scale);
     let relative_sd =
         |k: usize| beyond_noise[(k, k)].max(0.0).sqrt() / (scale[k] * tangent.pair[k].abs());
     let channels = by_channel.len();
@@ -126,11 +137,9 @@ pub fn scatter(
         if channels < FEWEST_CHANNELS {
             return 0.0;
         }
-        let variance: f64 = by_channel
-            .values()
-            .map(|(total, m)| ((total[k] - m * mean[k]) / n).powi(2))
-            .sum::<f64>()
-            * (channels as f64 / (channels as f64 - 1.0));
+        let variance: f64 =
+            by_channel.values().map(|of| ((of.theta[k] - of.n * mean[k]) / n).powi(2)).sum::<f64>()
+                * (channels as f64 / (channels as f64 - 1.0));
         variance.sqrt() / (scale[k] * tangent.pair[k].abs())
     };
     let scatter = Scatter {

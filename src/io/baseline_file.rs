@@ -1,10 +1,10 @@
 //! Channels' baselines as JSON: read at the start, written at the end under another name first.
 
-use super::part_file::{self, CompleteFile, PartFile};
+use super::part_file::{self, CompleteFile};
 use super::printable;
 use super::regular_file;
 use crate::design::Baselines;
-use std::io::{ErrorKind, Write};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 use xxhash_rust::xxh3::xxh3_128;
@@ -107,9 +107,7 @@ impl BaselineFile {
         let failed = |source| BaselineFileError::Write { path: self.path.clone(), source };
         let mut text = serde_json::to_string(baselines).map_err(|e| failed(e.into()))?;
         text.push('\n');
-        let (part, mut file) = PartFile::create(&self.path).map_err(failed)?;
-        file.write_all(text.as_bytes()).map_err(failed)?;
-        let complete = part.complete(&file).map_err(failed)?;
+        let complete = part_file::completed(&self.path, text.as_bytes()).map_err(failed)?;
         if self.text()?.as_deref().map(xxh3_128) != self.text {
             return Err(BaselineFileError::Changed { path: self.path.clone() });
         }

@@ -178,21 +178,8 @@ impl BlockReader {
                         }
                     }),
                 },
-                op::SCHEMA => match SchemaRecord::parse(body) {
-                    Some(schema) if self.upfront.agrees_with_schema(schema) => Ok(()),
-                    Some(schema) if self.met.agrees_with_schema(schema) => Ok(()),
-                    Some(schema) => Arc::make_mut(&mut self.met).define_schema(schema),
-                    None => Err(Lost::Malformed("schema")),
-                },
-                op::CHANNEL => match ChannelRecord::parse(body) {
-                    Some(channel) if self.upfront.agrees_with_channel(channel) => Ok(()),
-                    Some(channel) if self.upfront.knows_channel(channel.id) => {
-                        Err(Lost::Redefined("channel", channel.id))
-                    }
-                    Some(channel) if self.met.agrees_with_channel(channel) => Ok(()),
-                    Some(channel) => Arc::make_mut(&mut self.met).define_channel(channel),
-                    None => Err(Lost::Malformed("channel")),
-                },
+                op::SCHEMA => self.define_schema(body),
+                op::CHANNEL => self.define_channel(body),
                 _ => Ok(()), // not ours, or of a later version of the format
             };
             if let Err(lost) = outcome {
@@ -206,6 +193,27 @@ impl BlockReader {
             self.open = Some(open);
         }
         Some(piece)
+    }
+
+    fn define_schema(&mut self, body: &[u8]) -> Result<(), Lost> {
+        match SchemaRecord::parse(body) {
+            Some(schema) if self.upfront.agrees_with_schema(schema) => Ok(()),
+            Some(schema) if self.met.agrees_with_schema(schema) => Ok(()),
+            Some(schema) => Arc::make_mut(&mut self.met).define_schema(schema),
+            None => Err(Lost::Malformed("schema")),
+        }
+    }
+
+    fn define_channel(&mut self, body: &[u8]) -> Result<(), Lost> {
+        match ChannelRecord::parse(body) {
+            Some(channel) if self.upfront.agrees_with_channel(channel) => Ok(()),
+            Some(channel) if self.upfront.knows_channel(channel.id) => {
+                Err(Lost::Redefined("channel", channel.id))
+            }
+            Some(channel) if self.met.agrees_with_channel(channel) => Ok(()),
+            Some(channel) => Arc::make_mut(&mut self.met).define_channel(channel),
+            None => Err(Lost::Malformed("channel")),
+        }
     }
 
     fn route(&self, channel_id: u16) -> Result<Route, Lost> {

@@ -9,12 +9,11 @@ use super::ipc_sizes;
 use super::matrix::Matrix;
 use super::numpy::gathered;
 use super::regular_file;
-use super::table_file::{Columns, Decay, MOST_CELLS, Table, TableError, choose_columns};
+use super::table_file::{Chosen, Columns, Rows, Table, TableError, choose_columns};
 use arrow_array::cast::AsArray;
 use arrow_array::{Array, ArrayRef, RecordBatch, types};
 use arrow_schema::{DataType, SchemaRef, TimeUnit};
 use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReaderBuilder};
-use std::collections::HashMap;
 use std::io::{Cursor, Read};
 use std::panic::AssertUnwindSafe;
 use std::path::Path;
@@ -109,96 +108,81 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Conten
         return Err(wrong(path, what.into()));
     }
     let time = chosen.time.map(|c| with_unit(&chosen.names[c], type_of(c)));
-    let outputs = chosen.outputs.iter().map(|&c| chosen.names[c].clone()).collect();
-    let cell = |batch: &RecordBatch, c: usize, row: usize| {
-        number(batch.column(c), row).map_err(|of| {
-            wrong(path, format!("column {:?}: values of type {of} are no numbers", chosen.names[c]))
-        })
-    };
-    if lists > 0 {
-        if chosen.burst.is_some() {
-            let what = "--burst has no effect: each row holds lists and is a burst by itself";
-            return Err(wrong(path, what.into()));
-        }
-        let mut matrices = Vec::new();
-        let mut held = 0;
-        for batch in batches {
-            let batch = batch.map_err(|e| wrong(path, super::printable::of_parser(&e)))?;
-            for row in 0..batch.num_rows() {
-                let place = matrices.len() + 1;
-                let lists = chosen.outputs.iter().map(|&c| batch.column(c).clone());
-                let mut matrix = matrix(lists, row)
-                    .map_err(|what| wrong(path, format!("row {place}: {what}")))?;
-                held += matrix.samples.len();
-                if held > MOST_SAMPLES {
-                    let what =
-                        format!("more than {MOST_SAMPLES} bytes of samples; cut it into several");
-                    return Err(wrong(path, what));
-                }
-                matrix.time = chosen.time.map(|c| cell(&batch, c, row)).transpose()?;
-                matrix.beside = chosen
-                    .beside
-                    .iter()
-                    .map(|&c| cell(&batch, c, row))
-                    .collect::<Result<_, _>>()?;
-                matrices.push(matrix);
-            }
-        }
-        if matrices.is_empty() {
-            return Err(wrong(path, "no rows".into()));
-        }
-        return Ok(Content::Bursts { time, outputs, matrices });
+    let batches = batches.map(|of| of.map_err(|e| wrong(path, super::printable::of_parser(&e))));
+    if lists == 0 {
+        let table = read_rows(path, batches, &chosen, time.unwrap_or_default())?;
+        return Ok(Content::Rows(table));
     }
-    let mut table = Table { time: time.unwrap_or_default(), outputs, decays: Vec::new() };
-    let mut by_name: HashMap<String, usize> = HashMap::new();
-    let (mut cells, mut line) = (0, 0);
+    if chosen.burst.is_some() {
+        let what = "--burst has no effect: each row holds lists and is a burst by itself";
+        return Err(wrong(path, what.into()));
+    }
+    let outputs = chosen.outputs.iter().map(|&c| chosen.names[c].clone()).collect();
+    Ok(Content::Bursts { time, outputs, matrices: read_lists(path, batches, &chosen)? })
+}
+
+/// Each row is a burst.
+fn read_lists(
+    path: &Path,
+    batches: impl Iterator<Item = Result<RecordBatch, TableError>>,
+    chosen: &Chosen,
+) -> Result<Vec<Matrix>, TableError> {
+    let mut matrices = Vec::new();
+    let mut held = 0;
     for batch in batches {
-        let batch = batch.map_err(|e| wrong(path, super::printable::of_parser(&e)))?;
+        let batch = batch?;
         for row in 0..batch.num_rows() {
-            line += 1;
-            cells += 1 + chosen.outputs.len();
-            if cells > MOST_CELLS {
-                let what = format!("more than {MOST_CELLS} cells; cut the table into several");
+            let place = matrices.len() + 1;
+            let of_row = |what: String| wrong(path, format!("row {place}: {what}"));
+            let cell = |c: usize| {
+                let column = &chosen.names[c];
+                number(batch.column(c), row)
+                    .map_err(|of| of_row(format!("column {column:?}: {}", no_numbers(&of))))
+            };
+            let lists = chosen.outputs.iter().map(|&c| batch.column(c).clone());
+            let mut matrix = matrix(lists, row).map_err(of_row)?;
+            held += matrix.samples.len();
+            if held > MOST_SAMPLES {
+                let what =
+                    format!("more than {MOST_SAMPLES} bytes of samples; cut it into several");
                 return Err(wrong(path, what));
             }
-            let name = chosen.burst.map_or(Ok(String::new()), |c| text(batch.column(c), row));
-            let name = name.map_err(|of| wrong(path, format!("burst column of type {of}")))?;
-            let place = match by_name.get(&name) {
-                Some(place) => *place,
-                None => {
-                    cells += 16;
-                    let outputs = vec![Vec::new(); chosen.outputs.len()];
-                    let beside = chosen.beside.iter().map(|&c| cell(&batch, c, row));
-                    let beside = beside.collect::<Result<_, _>>()?;
-                    table.decays.push(Decay {
-                        name: name.clone(),
-                        line,
-                        outputs,
-                        beside,
-                        ..Decay::default()
-                    });
-                    by_name.insert(name, table.decays.len() - 1);
-                    table.decays.len() - 1
-                }
-            };
-            let decay = &mut table.decays[place];
-            let time = match chosen.time {
-                Some(c) => cell(&batch, c, row)?,
-                None => decay.times.len() as f64,
-            };
-            if !time.is_finite() {
-                return Err(wrong(path, format!("row {line}: without a time")));
-            }
-            decay.times.push(time);
-            for (column, &c) in decay.outputs.iter_mut().zip(&chosen.outputs) {
-                column.push(cell(&batch, c, row)?);
-            }
+            matrix.time = chosen.time.map(cell).transpose()?;
+            matrix.beside = chosen.beside.iter().map(|&c| cell(c)).collect::<Result<_, _>>()?;
+            matrices.push(matrix);
         }
     }
-    match table.decays.is_empty() {
+    match matrices.is_empty() {
         true => Err(wrong(path, "no rows".into())),
-        false => Ok(Content::Rows(table)),
+        false => Ok(matrices),
     }
+}
+
+/// Each row is an instant.
+fn read_rows(
+    path: &Path,
+    batches: impl Iterator<Item = Result<RecordBatch, TableError>>,
+    chosen: &Chosen,
+    time: String,
+) -> Result<Table, TableError> {
+    let mut rows = Rows::new(chosen, time);
+    let mut line = 0;
+    for batch in batches {
+        let batch = batch?;
+        for row in 0..batch.num_rows() {
+            line += 1;
+            let name = chosen.burst.map_or(Ok(String::new()), |c| text(batch.column(c), row));
+            let name = name.map_err(|of| wrong(path, format!("burst column of type {of}")))?;
+            let cell = |c: usize| number(batch.column(c), row).map_err(|of| no_numbers(&of));
+            rows.add(line, &name, cell)
+                .map_err(|what| wrong(path, format!("row {line}: {what}")))?;
+        }
+    }
+    rows.table().ok_or_else(|| wrong(path, "no rows".into()))
+}
+
+fn no_numbers(of: &str) -> String {
+    format!("values of type {of} are no numbers")
 }
 
 /// A column's name with the end that says its unit, where its type says it.

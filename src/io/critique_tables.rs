@@ -2,27 +2,12 @@
 //!
 //! In: a [`Critique`]. Out: files under their names once they are complete.
 
-use super::part_file::PartFile;
+use super::row_table;
+use super::verdict_table::TableError;
 use crate::critique::finding::Critique;
 use arrow_array::{ArrayRef, BooleanArray, Float64Array, RecordBatch, StringArray, UInt32Array};
-use arrow_schema::ArrowError;
-use parquet::arrow::ArrowWriter;
-use parquet::basic::{Compression, ZstdLevel};
-use parquet::errors::ParquetError;
-use parquet::file::properties::WriterProperties;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
-use thiserror::Error;
-
-#[derive(Debug, Error)]
-pub enum CritiqueTableError {
-    #[error("{path}: {source}")]
-    Io { path: PathBuf, source: std::io::Error },
-    #[error("{path}: Parquet: {source}")]
-    Parquet { path: PathBuf, source: ParquetError },
-    #[error("{path}: columns do not fit each other: {source}")]
-    Columns { path: PathBuf, source: ArrowError },
-}
 
 fn number(values: impl Iterator<Item = f64>) -> ArrayRef {
     // what is no number is null, not NaN
@@ -34,7 +19,7 @@ fn text<'a>(values: impl Iterator<Item = &'a str>) -> ArrayRef {
 }
 
 /// One row per candidate and selection step.
-pub fn write_evidence(path: &Path, critique: &Critique) -> Result<(), CritiqueTableError> {
+pub fn write_evidence(path: &Path, critique: &Critique) -> Result<(), TableError> {
     let rows = &critique.evidence;
     let columns: Vec<(&str, ArrayRef)> = vec![
         ("step", Arc::new(UInt32Array::from_iter_values(rows.iter().map(|e| e.step)))),
@@ -54,7 +39,7 @@ pub fn write_evidence(path: &Path, critique: &Critique) -> Result<(), CritiqueTa
 }
 
 /// One row per figure, series and point: the numbers behind the report's pictures.
-pub fn write_residuals(path: &Path, critique: &Critique) -> Result<(), CritiqueTableError> {
+pub fn write_residuals(path: &Path, critique: &Critique) -> Result<(), TableError> {
     let mut rows: Vec<(&str, String, f64, f64, f64, f64)> = Vec::new();
     let f = &critique.figures;
     let m = &f.mean_misfit;
@@ -96,18 +81,8 @@ pub fn write_residuals(path: &Path, critique: &Critique) -> Result<(), CritiqueT
     write(path, columns)
 }
 
-fn write(path: &Path, columns: Vec<(&str, ArrayRef)>) -> Result<(), CritiqueTableError> {
+fn write(path: &Path, columns: Vec<(&str, ArrayRef)>) -> Result<(), TableError> {
     let batch = RecordBatch::try_from_iter(columns)
-        .map_err(|source| CritiqueTableError::Columns { path: path.into(), source })?;
-    let io = |source| CritiqueTableError::Io { path: path.into(), source };
-    let failed = |source| CritiqueTableError::Parquet { path: path.into(), source };
-    let (part, file) = PartFile::create(path).map_err(io)?;
-    let properties = WriterProperties::builder()
-        .set_compression(Compression::ZSTD(ZstdLevel::default()))
-        .build();
-    let mut writer =
-        ArrowWriter::try_new(file, batch.schema(), Some(properties)).map_err(failed)?;
-    writer.write(&batch).map_err(failed)?;
-    let file = writer.into_inner().map_err(failed)?;
-    part.finish(&file).map_err(io)
+        .map_err(|source| TableError::Columns { path: path.into(), source })?;
+    row_table::write(path, &batch)
 }

@@ -1,10 +1,9 @@
 //! The design as JSON (`schemas/design.md`).
 
-use super::part_file::PartFile;
+use super::part_file;
 use super::printable;
 use super::regular_file;
 use crate::design::Design;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -37,7 +36,5 @@ pub fn write(path: &Path, design: &Design) -> Result<(), DesignFileError> {
     let failed = |source| DesignFileError::Write { path: path.into(), source };
     let mut text = serde_json::to_string_pretty(design).map_err(|e| failed(e.into()))?;
     text.push('\n');
-    let (part, mut file) = PartFile::create(path).map_err(failed)?;
-    file.write_all(text.as_bytes()).map_err(failed)?;
-    part.finish(&file).map_err(failed)
+    part_file::write(path, text.as_bytes()).map_err(failed)
 }

@@ -4,22 +4,14 @@
 //! its name once it is complete; for `score`, its rows again.
 
 use super::part_file::{CompleteFile, PartFile};
-use super::regular_file;
-use super::verdict_reader::{plain_texts, timestamps_ns, unpanicked};
+use super::row_table::{self, Cells, Column};
+use super::verdict_reader::{numbers, open, plain_texts, timestamps_ns, unpanicked};
 use super::verdict_table::{METADATA_KEY, TableError, TimestampUnit};
 use crate::episodes::Episode;
-use arrow_array::builder::StringDictionaryBuilder;
-use arrow_array::types::Int32Type;
-use arrow_array::{
-    ArrayRef, Float32Array, RecordBatch, StringArray, TimestampMicrosecondArray,
-    TimestampNanosecondArray, UInt32Array,
-};
-use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef, TimeUnit};
+use arrow_array::{ArrayRef, RecordBatch};
+use arrow_schema::SchemaRef;
 use parquet::arrow::ArrowWriter;
-use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReaderBuilder};
-use parquet::basic::{Compression, ZstdLevel};
 use parquet::file::metadata::KeyValue;
-use parquet::file::properties::WriterProperties;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
@@ -30,32 +22,79 @@ const BATCH_ROWS: usize = 8192;
 /// Rows that a reader accepts: more episodes are no table of ours.
 const MOST_ROWS: usize = 1 << 24;
 
-/// The table's columns as Arrow sees them.
-pub fn schema(unit: TimestampUnit) -> Schema {
-    let text = || DataType::Dictionary(Box::new(DataType::Int32), Box::new(DataType::Utf8));
-    let unit = match unit {
-        TimestampUnit::Ns => TimeUnit::Nanosecond,
-        TimestampUnit::Us => TimeUnit::Microsecond,
-    };
-    let time = || DataType::Timestamp(unit, Some("UTC".into()));
-    let required = |name, data_type| Field::new(name, data_type, false);
-    let nullable = |name, data_type| Field::new(name, data_type, true);
-    Schema::new(vec![
-        required("printhead", text()),
-        required("channel", DataType::UInt32),
-        nullable("category", text()),
-        nullable("fault", text()),
-        required("raised_at", time()),
-        required("began_at", time()),
-        nullable("ended_at", time()),
-        required("bursts", DataType::UInt32),
-        nullable("certainty", DataType::Float32),
-        nullable("severity_first", DataType::Float32),
-        nullable("severity_max", DataType::Float32),
-        nullable("severity_last", DataType::Float32),
-        nullable("severity_sd", DataType::Float32),
-        required("explanation", DataType::Utf8),
-    ])
+/// A column, and how what it holds gets back into an episode.
+struct EpisodeColumn {
+    column: Column<Episode>,
+    read: Read,
+}
+
+/// Without a null where the column may have none.
+enum Read {
+    Name(fn(&mut Episode, Option<String>)),
+    Text(fn(&mut Episode, Option<String>)),
+    Count(fn(&mut Episode, Option<u32>)),
+    Time(fn(&mut Episode, Option<i64>)),
+    Number(fn(&mut Episode, Option<f64>)),
+}
+
+/// In the table's order.
+static COLUMNS: [EpisodeColumn; 14] = [
+    EpisodeColumn {
+        column: Column::required("printhead", Cells::Name(|e| Some(e.printhead.to_string()))),
+        read: Read::Name(|e, name| e.printhead = name.unwrap_or_default().into()),
+    },
+    EpisodeColumn {
+        column: Column::required("channel", Cells::Count(|e| e.channel)),
+        read: Read::Count(|e, n| e.channel = n.unwrap_or_default()),
+    },
+    EpisodeColumn {
+        column: Column::nullable("category", Cells::Name(|e| e.category.clone())),
+        read: Read::Name(|e, name| e.category = name),
+    },
+    EpisodeColumn {
+        column: Column::nullable("fault", Cells::Name(|e| e.fault.clone())),
+        read: Read::Name(|e, name| e.fault = name),
+    },
+    EpisodeColumn {
+        column: Column::required("raised_at", Cells::Time(|e| Some(e.raised_at_ns))),
+        read: Read::Time(|e, ns| e.raised_at_ns = ns.unwrap_or_default()),
+    },
+    EpisodeColumn {
+        column: Column::required("began_at", Cells::Time(|e| Some(e.began_at_ns))),
+        read: Read::Time(|e, ns| e.began_at_ns = ns.unwrap_or_default()),
+    },
+    EpisodeColumn {
+        column: Column::nullable("ended_at", Cells::Time(|e| e.ended_at_ns)),
+        read: Read::Time(|e, ns| e.ended_at_ns = ns),
+    },
+    EpisodeColumn {
+        column: Column::required(
+            "bursts",
+            Cells::Count(|e| e.bursts.try_into().unwrap_or(u32::MAX)),
+        ),
+        read: Read::Count(|e, n| e.bursts = n.unwrap_or_default().into()),
+    },
+    number("certainty", |e| e.certainty, |e, v| e.certainty = v),
+    number("severity_first", |e| e.severity_first, |e, v| e.severity_first = v),
+    number("severity_max", |e| e.severity_max, |e, v| e.severity_max = v),
+    number("severity_last", |e| e.severity_last, |e, v| e.severity_last = v),
+    number("severity_sd", |e| e.severity_sd, |e, v| e.severity_sd = v),
+    EpisodeColumn {
+        column: Column::required("explanation", Cells::Text(|e| e.explanation.clone())),
+        read: Read::Text(|e, text| e.explanation = text.unwrap_or_default()),
+    },
+];
+
+const fn number(
+    name: &'static str,
+    of: fn(&Episode) -> Option<f64>,
+    set: fn(&mut Episode, Option<f64>),
+) -> EpisodeColumn {
+    EpisodeColumn { column: Column::nullable(name, Cells::Number(of)), read: Read::Number(set) }
+}
+
+fn columns() -> impl Iterator<Item = &'static Column<Episode>> {
+    COLUMNS.iter().map(|of| &of.column)
 }
 
 pub struct EpisodeWriter {
@@ -70,11 +109,9 @@ impl EpisodeWriter {
     pub fn create(path: &Path, unit: TimestampUnit) -> Result<EpisodeWriter, TableError> {
         let (part, file) = PartFile::create(path)
             .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
-        let schema = Arc::new(schema(unit));
-        let properties = WriterProperties::builder()
-            .set_compression(Compression::ZSTD(ZstdLevel::default()))
-            .build();
-        let writer = ArrowWriter::try_new(BufWriter::new(file), schema.clone(), Some(properties))
+        let schema = Arc::new(row_table::schema(columns(), unit));
+        let properties = Some(row_table::properties());
+        let writer = ArrowWriter::try_new(BufWriter::new(file), schema.clone(), properties)
             .map_err(|source| TableError::Parquet { path: path.to_path_buf(), source })?;
         Ok(EpisodeWriter { writer, part, schema, unit, waiting: Vec::new() })
     }
@@ -86,7 +123,7 @@ impl EpisodeWriter {
 
     fn flush(&mut self) -> Result<(), TableError> {
         let path = self.part.path().to_path_buf();
-        let batch = batch(&self.schema, self.unit, &self.waiting)
+        let batch = row_table::batch(columns(), self.schema.clone(), self.unit, &self.waiting)
             .map_err(|source| TableError::Columns { path: path.clone(), source })?;
         self.waiting.clear();
         self.writer.write(&batch).map_err(|source| TableError::Parquet { path, source })
@@ -105,54 +142,6 @@ impl EpisodeWriter {
     }
 }
 
-fn batch(
-    schema: &SchemaRef,
-    unit: TimestampUnit,
-    rows: &[Episode],
-) -> Result<RecordBatch, ArrowError> {
-    let texts = |of: &dyn Fn(&Episode) -> Option<String>| -> ArrayRef {
-        let mut builder = StringDictionaryBuilder::<Int32Type>::new();
-        rows.iter().for_each(|e| builder.append_option(of(e)));
-        Arc::new(builder.finish())
-    };
-    let times = |of: &dyn Fn(&Episode) -> Option<i64>| -> ArrayRef {
-        match unit {
-            TimestampUnit::Ns => {
-                let ns: TimestampNanosecondArray = rows.iter().map(of).collect();
-                Arc::new(ns.with_timezone("UTC"))
-            }
-            TimestampUnit::Us => {
-                let us = rows.iter().map(|e| of(e).map(|t| t.div_euclid(1000)));
-                let us: TimestampMicrosecondArray = us.collect();
-                Arc::new(us.with_timezone("UTC"))
-            }
-        }
-    };
-    let floats = |of: &dyn Fn(&Episode) -> Option<f64>| -> ArrayRef {
-        Arc::new(rows.iter().map(|e| of(e).map(|v| v as f32)).collect::<Float32Array>())
-    };
-    let count = |n: u64| u32::try_from(n).unwrap_or(u32::MAX);
-    RecordBatch::try_new(
-        schema.clone(),
-        vec![
-            texts(&|e| Some(e.printhead.to_string())),
-            Arc::new(UInt32Array::from_iter_values(rows.iter().map(|e| e.channel))),
-            texts(&|e| e.category.clone()),
-            texts(&|e| e.fault.clone()),
-            times(&|e| Some(e.raised_at_ns)),
-            times(&|e| Some(e.began_at_ns)),
-            times(&|e| e.ended_at_ns),
-            Arc::new(UInt32Array::from_iter_values(rows.iter().map(|e| count(e.bursts)))),
-            floats(&|e| e.certainty),
-            floats(&|e| e.severity_first),
-            floats(&|e| e.severity_max),
-            floats(&|e| e.severity_last),
-            floats(&|e| e.severity_sd),
-            Arc::new(StringArray::from_iter_values(rows.iter().map(|e| &e.explanation))),
-        ],
-    )
-}
-
 /// `<stem>.verdicts.parquet` -> `<stem>.episodes.parquet`.
 pub fn path_beside(verdicts: &Path) -> PathBuf {
     let name = verdicts.file_name().unwrap_or_default().to_string_lossy();
@@ -160,15 +149,11 @@ pub fn path_beside(verdicts: &Path) -> PathBuf {
     verdicts.with_file_name(format!("{stem}.episodes.parquet"))
 }
 
-/// The rows of an episode table, as we wrote it or as another tool wrote it again. Severities and
+/// The rows of an episode table, as we wrote it or as another tool wrote it again. Numbers and
 /// sentences may be missing.
 pub fn read(path: &Path) -> Result<Vec<Episode>, TableError> {
-    let file = regular_file::open(path)
-        .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
+    let builder = open(path)?;
     let failed = |source| TableError::Parquet { path: path.to_path_buf(), source };
-    let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
-    let open = || ParquetRecordBatchReaderBuilder::try_new_with_options(file, options);
-    let builder = unpanicked(path, open)?.map_err(failed)?;
     let mut batches = builder.with_batch_size(BATCH_ROWS).build().map_err(failed)?;
     let mut episodes = Vec::new();
     while let Some(batch) = unpanicked(path, || batches.next())? {
@@ -184,62 +169,65 @@ pub fn read(path: &Path) -> Result<Vec<Episode>, TableError> {
 }
 
 fn rows(batch: &RecordBatch) -> Result<Vec<Episode>, String> {
-    let column = |name: &str| {
-        batch.column_by_name(name).ok_or_else(|| format!("column `{name}` is missing"))
-    };
-    let texts = |name: &str| {
-        plain_texts(column(name)?).ok_or_else(|| format!("column `{name}` has no texts"))
-    };
-    let times = |name: &str| {
-        timestamps_ns(column(name)?).ok_or_else(|| format!("column `{name}` has no times"))
-    };
-    let numbers = |name: &str| {
-        super::verdict_reader::numbers(column(name)?)
-            .ok_or_else(|| format!("column `{name}` has no numbers"))
-    };
-    let (printheads, channels) = (texts("printhead")?, numbers("channel")?);
-    let (categories, faults) = (texts("category")?, texts("fault")?);
-    let (raised, began, ended) = (times("raised_at")?, times("began_at")?, times("ended_at")?);
-    let (bursts, certainty) = (numbers("bursts")?, numbers("certainty")?);
-    let or_nothing = |name: &str| match batch.column_by_name(name) {
-        Some(_) => numbers(name),
-        None => Ok(vec![None; batch.num_rows()]),
-    };
-    let (first, max) = (or_nothing("severity_first")?, or_nothing("severity_max")?);
-    let (last, sd) = (or_nothing("severity_last")?, or_nothing("severity_sd")?);
-    let explanations = match batch.column_by_name("explanation") {
-        Some(_) => texts("explanation")?,
-        None => vec![None; batch.num_rows()],
-    };
-    let missing = |name: &str| format!("column `{name}` has a null or a number out of range");
-    let finite = |value: Option<f64>| value.filter(|v| v.is_finite());
-    (0..batch.num_rows())
-        .map(|i| {
-            let channel = channels[i].filter(|c| *c >= 0.0 && *c <= f64::from(u32::MAX));
-            let printhead = printheads[i].as_deref().ok_or_else(|| missing("printhead"))?;
-            Ok(Episode {
-                printhead: printhead.into(),
-                channel: channel.ok_or_else(|| missing("channel"))? as u32,
-                category: categories[i].clone(),
-                fault: faults[i].clone(),
-                raised_at_ns: raised[i].ok_or_else(|| missing("raised_at"))?,
-                began_at_ns: began[i].ok_or_else(|| missing("began_at"))?,
-                ended_at_ns: ended[i],
-                bursts: bursts[i].unwrap_or(0.0) as u64,
-                certainty: certainty[i].filter(|c| !c.is_nan()),
-                severity_first: finite(first[i]),
-                severity_max: finite(max[i]),
-                severity_last: finite(last[i]),
-                severity_sd: finite(sd[i]),
-                explanation: explanations[i].clone().unwrap_or_default(),
-            })
-        })
-        .collect()
+    let mut episodes = vec![Episode::default(); batch.num_rows()];
+    for of in &COLUMNS {
+        match batch.column_by_name(of.column.name) {
+            Some(array) => of.read(array, &mut episodes)?,
+            None if matches!(of.read, Read::Text(_) | Read::Number(_)) => {}
+            None => return Err(format!("column `{}` is missing", of.column.name)),
+        }
+    }
+    Ok(episodes)
+}
+
+impl EpisodeColumn {
+    /// Every row's cell into its episode.
+    fn read(&self, array: &ArrayRef, episodes: &mut [Episode]) -> Result<(), String> {
+        let unfit = |what| format!("column `{}` has no {what}", self.column.name);
+        let texts = || plain_texts(array).ok_or_else(|| unfit("texts"));
+        let numbers = || numbers(array).ok_or_else(|| unfit("numbers"));
+        match self.read {
+            Read::Name(set) => self.set(episodes, texts()?, set),
+            Read::Text(set) => {
+                let or_empty = texts()?.into_iter().map(|text| Some(text.unwrap_or_default()));
+                self.set(episodes, or_empty, set)
+            }
+            Read::Count(set) => {
+                let count = |n: f64| (0.0..=u32::MAX.into()).contains(&n).then_some(n as u32);
+                self.set(episodes, numbers()?.into_iter().map(|n| n.and_then(count)), set)
+            }
+            Read::Time(set) => {
+                let times = timestamps_ns(array).ok_or_else(|| unfit("times"))?;
+                self.set(episodes, times, set)
+            }
+            Read::Number(set) => {
+                let finite = |v: Option<f64>| v.filter(|v| v.is_finite());
+                self.set(episodes, numbers()?.into_iter().map(finite), set)
+            }
+        }
+    }
+
+    fn set<V>(
+        &self,
+        episodes: &mut [Episode],
+        cells: impl IntoIterator<Item = Option<V>>,
+        set: fn(&mut Episode, Option<V>),
+    ) -> Result<(), String> {
+        for (episode, cell) in episodes.iter_mut().zip(cells) {
+            if cell.is_none() && !self.column.nullable {
+                let name = self.column.name;
+                return Err(format!("column `{name}` has a null or a number out of range"));
+            }
+            set(episode, cell);
+        }
+        Ok(())
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::io::column_types::tests::is_documented;
 
     fn episodes() -> Vec<Episode> {
         let first = Episode {
@@ -295,13 +283,7 @@ mod tests {
 
     #[test]
     fn schema_is_the_documented_one() {
-        let schema = schema(TimestampUnit::Ns);
-        let document = include_str!("../../schemas/episodes.md");
-        let documented: Vec<&str> = document
-            .lines()
-            .filter_map(|line| line.strip_prefix("| `")?.split('`').next())
-            .collect();
-        let names: Vec<&str> = schema.fields().iter().map(|f| f.name().as_str()).collect();
-        assert_eq!(names, documented);
+        let page = include_str!("../../schemas/episodes.md");
+        is_documented(page, &row_table::schema(columns(), TimestampUnit::Ns));
     }
 }

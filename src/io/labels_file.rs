@@ -1,11 +1,10 @@
 //! Labels as CSV (contract, "In: labels").
 
-use super::part_file::PartFile;
+use super::part_file;
 use super::printable;
 use super::regular_file::{self, Records};
 use crate::labels::{Label, Labels};
 use chrono::{DateTime, SecondsFormat};
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -156,9 +155,7 @@ pub fn write(path: &Path, labels: &[Label]) -> Result<(), LabelsError> {
         ])?;
     }
     let bytes = text.into_inner().map_err(|e| failed(e.into_error()))?;
-    let (part, mut file) = PartFile::create(path).map_err(failed)?;
-    file.write_all(&bytes).map_err(failed)?;
-    part.finish(&file).map_err(failed)
+    part_file::write(path, &bytes).map_err(failed)
 }
 
 #[cfg(test)]

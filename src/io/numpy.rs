@@ -63,23 +63,10 @@ pub fn open(path: &Path, name: Option<&str>, beside: &[&str]) -> Result<Matrices
             return Err(failed("one array: --outputs names arrays of a .npz".into()));
         }
         false => Box::new(BufReader::with_capacity(1 << 16, file)),
-        true => {
-            let names = names(path)?;
-            let others = || names.iter().filter(|n| !beside.contains(&n.as_str()));
-            let chosen = match name {
-                Some(name) => name.to_owned(),
-                None => match others().collect::<Vec<_>>().as_slice() {
-                    [only] => (*only).clone(),
-                    _ => {
-                        let there = super::printable::line(&names.join(", "), 400);
-                        return Err(failed(format!(
-                            "which array holds the samples? --outputs names it; there are {there}"
-                        )));
-                    }
-                },
-            };
-            member(path, &chosen)?
-        }
+        true => match name {
+            Some(name) => member(path, name)?,
+            None => member(path, &only_one(path, beside)?)?,
+        },
     };
     let header = Header::read(&mut input).map_err(failed)?;
     let (bursts, channels, samples) = match *header.shape.as_slice() {
@@ -115,6 +102,18 @@ pub fn open(path: &Path, name: Option<&str>, beside: &[&str]) -> Result<Matrices
         return Err(failed(what.into()));
     }
     Ok(Matrices { path: path.into(), input, header, limits, left: bursts, channels, samples })
+}
+
+/// Of a `.npz`: the array that is not `beside` the others.
+fn only_one(path: &Path, beside: &[&str]) -> Result<String, NumpyError> {
+    let names = names(path)?;
+    let mut others = names.iter().filter(|n| !beside.contains(&n.as_str()));
+    if let (Some(only), None) = (others.next(), others.next()) {
+        return Ok(only.clone());
+    }
+    let there = super::printable::line(&names.join(", "), 400);
+    let what = format!("which array holds the samples? --outputs names it; there are {there}");
+    Err(NumpyError::Array { path: path.into(), what })
 }
 
 impl Matrices {

@@ -11,7 +11,7 @@
 
 use super::objects::{self, in_object_store};
 use std::fs::{self, File};
-use std::io;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -99,6 +99,21 @@ impl PartFile {
     }
 }
 
+/// A file of these bytes.
+pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let complete = completed(path, bytes)?;
+    let path = complete.path().to_path_buf();
+    complete.name()?;
+    sync_directory_of(&path)
+}
+
+/// The same, complete on disk, but without its name.
+pub fn completed(path: &Path, bytes: &[u8]) -> io::Result<CompleteFile> {
+    let (part, mut file) = PartFile::create(path)?;
+    file.write_all(bytes)?;
+    part.complete(&file)
+}
+
 /// Where a link leads, if it is one.
 fn followed(path: &Path) -> PathBuf {
     match fs::read_link(path) {
@@ -174,7 +189,6 @@ fn final_name(part: &str) -> Option<&str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::io::Write;
 
     fn names(dir: &Path) -> Vec<String> {
         let entries = fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name());

@@ -110,25 +110,7 @@ impl RunColumn {
     ) -> Result<()> {
         let values = self.dictionary.len().max(1) as u32;
         let width = (u32::BITS - (values - 1).leading_zeros()).max(1) as u8;
-        let (mut levels, mut indices) = (Hybrid::new(1), Hybrid::new(width));
-        let mut nulls = 0;
-        for &(key, rows) in &self.runs {
-            levels.push(u32::from(key != NULL), rows);
-            if key == NULL {
-                nulls += u64::from(rows);
-            } else {
-                indices.push(key, rows);
-            }
-        }
-        let mut page = Vec::new();
-        if self.column.max_def_level() > 0 {
-            let levels = levels.finish();
-            page.extend((levels.len() as u32).to_le_bytes());
-            page.extend(levels);
-        }
-        page.push(width);
-        page.extend(indices.finish());
-
+        let page = self.page(width);
         let mut dictionary = self.dictionary.concat();
         if dictionary.is_empty() {
             dictionary = text(""); // of which no row speaks
@@ -165,7 +147,7 @@ impl RunColumn {
             .set_dictionary_page_offset(Some(first.offset as i64))
             .set_data_page_offset(second.offset as i64);
         if statistics {
-            metadata = metadata.set_statistics(self.text_statistics(nulls));
+            metadata = metadata.set_statistics(self.text_statistics());
         }
         let close = ColumnCloseResult {
             bytes_written: first.bytes_written + second.bytes_written,
@@ -178,8 +160,30 @@ impl RunColumn {
         group.append_column(&Bytes::from(sink.into_inner()?), close)
     }
 
+    /// Which rows have a value, and the keys of those, of `width` bits.
+    fn page(&self, width: u8) -> Vec<u8> {
+        let (mut levels, mut indices) = (Hybrid::new(1), Hybrid::new(width));
+        for &(key, rows) in &self.runs {
+            levels.push(u32::from(key != NULL), rows);
+            if key != NULL {
+                indices.push(key, rows);
+            }
+        }
+        let mut page = Vec::new();
+        if self.column.max_def_level() > 0 {
+            let levels = levels.finish();
+            page.extend((levels.len() as u32).to_le_bytes());
+            page.extend(levels);
+        }
+        page.push(width);
+        page.extend(indices.finish());
+        page
+    }
+
     /// Of texts: the least and the largest.
-    fn text_statistics(&self, nulls: u64) -> Statistics {
+    fn text_statistics(&self) -> Statistics {
+        let nulls = self.runs.iter().filter(|(key, _)| *key == NULL);
+        let nulls = nulls.map(|(_, rows)| u64::from(*rows)).sum();
         let texts = || self.dictionary.iter().filter_map(|value| value.get(size_of::<u32>()..));
         let value = |text: Option<&[u8]>| text.map(|t| t.to_vec().into());
         Statistics::byte_array(value(texts().min()), value(texts().max()), None, Some(nulls), false)

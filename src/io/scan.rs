@@ -153,8 +153,16 @@ impl Blocks {
             );
             return Ok((Step::Broken(what), end));
         };
+        Ok((self.step_record(at, header, next)?, next))
+    }
+
+    /// A record that is there as a whole, from `at` to `next`.
+    fn step_record(&mut self, at: u64, header: RecordHeader, next: u64) -> std::io::Result<Step> {
+        let (end, growing) = (self.end(), self.growing);
+        let RecordHeader { opcode, body_bytes } = header;
+        let body_at = at + RECORD_HEADER as u64;
         let skip = Step::Skip { known_until: next };
-        let step = match opcode {
+        Ok(match opcode {
             op::HEADER if at == MAGIC.len() as u64 => skip,
             _ if at == MAGIC.len() as u64 => Step::Broken("no header record".into()),
             // the summary's
@@ -204,8 +212,7 @@ impl Blocks {
                 }
             }
             _ => Step::Broken(format!("record 0x{opcode:02x} cannot be here")),
-        };
-        Ok((step, next))
+        })
     }
 
     fn step_at_end(&self) -> Step {

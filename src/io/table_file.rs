@@ -20,7 +20,7 @@ const LONGEST_NAME: usize = 256;
 /// Characters of the columns' names in a message.
 const MOST_NAMED: usize = 400;
 /// Cells that we hold in memory at most: 16 bytes each with the copy that is sampled.
-pub(super) const MOST_CELLS: usize = 1 << 25;
+const MOST_CELLS: usize = 1 << 25;
 
 #[derive(Debug, Error)]
 pub enum TableError {
@@ -96,88 +96,119 @@ fn read_from(
         .delimiter(delimiter)
         .comment(Some(b'#'))
         .from_reader(Records::new(input, MOST_BYTES));
-    let failed = |e: csv::Error| {
-        let line = e.position().map_or(1, csv::Position::line);
-        match e.into_kind() {
-            csv::ErrorKind::Io(source) => TableError::Read { path: path.into(), source },
-            csv::ErrorKind::Utf8 { .. } => line_error(path, line, "is not UTF-8 text".into()),
-            csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
-                let what = format!("{len} cells where the header has {expected_len}");
-                line_error(path, line, what)
-            }
-            other => line_error(path, line, format!("{other:?}")),
-        }
-    };
+    let failed = |e| csv_error(path, e);
+    let wrong = |what| TableError::Columns { path: path.into(), what };
     let header = csv.headers().map_err(failed)?.clone();
     if header.is_empty() {
-        let what = "is empty: a line of column names and rows of numbers are needed".to_owned();
-        return Err(TableError::Columns { path: path.into(), what });
+        let what = "is empty: a line of column names and rows of numbers are needed";
+        return Err(wrong(what.to_owned()));
     }
     let decimal_comma = delimiter != b',';
-    let chosen = choose(&header, columns, decimal_comma)
-        .map_err(|what| TableError::Columns { path: path.into(), what })?;
-    let mut table = Table {
-        time: chosen.time.map_or(String::new(), |c| chosen.names[c].clone()),
-        outputs: chosen.outputs.iter().map(|&c| chosen.names[c].clone()).collect(),
-        decays: Vec::new(),
-    };
-    let mut by_name: HashMap<String, usize> = HashMap::new();
-    let (mut record, mut cells) = (StringRecord::new(), 0);
+    let chosen = choose(&header, columns, decimal_comma).map_err(wrong)?;
+    let time = chosen.time.map_or(String::new(), |c| chosen.names[c].clone());
+    let mut rows = Rows::new(&chosen, time);
+    let mut record = StringRecord::new();
     while csv.read_record(&mut record).map_err(failed)? {
         csv.get_mut().record_ends();
         let line = record.position().map_or(0, csv::Position::line);
-        cells += 1 + chosen.outputs.len();
-        if cells > MOST_CELLS {
-            let what = format!(
-                "more than {MOST_CELLS} cells of time and outputs; cut the table into several"
-            );
-            return Err(line_error(path, line, what));
-        }
         let name = chosen.burst.and_then(|c| record.get(c)).unwrap_or_default();
-        let cell = |c: usize| {
-            number_in(record.get(c).unwrap_or_default(), decimal_comma).map_err(|what| {
-                line_error(path, line, format!("column {:?}: {what}", chosen.names[c]))
-            })
-        };
-        let number = match by_name.get(name) {
-            Some(number) => *number,
+        let cell = |c: usize| number_in(record.get(c).unwrap_or_default(), decimal_comma);
+        rows.add(line, name, cell).map_err(|what| line_error(path, line, what))?;
+    }
+    rows.table().ok_or_else(|| wrong("a header and no rows".to_owned()))
+}
+
+fn csv_error(path: &Path, e: csv::Error) -> TableError {
+    let line = e.position().map_or(1, csv::Position::line);
+    match e.into_kind() {
+        csv::ErrorKind::Io(source) => TableError::Read { path: path.into(), source },
+        csv::ErrorKind::Utf8 { .. } => line_error(path, line, "is not UTF-8 text".into()),
+        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+            let what = format!("{len} cells where the header has {expected_len}");
+            line_error(path, line, what)
+        }
+        other => line_error(path, line, format!("{other:?}")),
+    }
+}
+
+/// A table under way, row by row.
+pub(super) struct Rows<'a> {
+    chosen: &'a Chosen,
+    table: Table,
+    /// Places of the decays.
+    by_name: HashMap<String, usize>,
+    cells: usize,
+}
+
+impl Rows<'_> {
+    /// `time`: name of its column.
+    pub fn new(chosen: &Chosen, time: String) -> Rows<'_> {
+        let outputs = chosen.outputs.iter().map(|&c| chosen.names[c].clone()).collect();
+        let table = Table { time, outputs, decays: Vec::new() };
+        Rows { chosen, table, by_name: HashMap::new(), cells: 0 }
+    }
+
+    /// The next row, of the decay of that name; `cell`: what it has in a column.
+    pub fn add(
+        &mut self,
+        line: u64,
+        name: &str,
+        cell: impl Fn(usize) -> Result<f64, String>,
+    ) -> Result<(), String> {
+        let chosen = self.chosen;
+        let of_column = |c: usize, what: &str| format!("column {:?}: {what}", chosen.names[c]);
+        let cell = |c: usize| cell(c).map_err(|what| of_column(c, &what));
+        self.cells += 1 + chosen.outputs.len();
+        if self.cells > MOST_CELLS {
+            return Err(format!(
+                "more than {MOST_CELLS} cells of time and outputs; cut the table into several"
+            ));
+        }
+        let place = match self.by_name.get(name) {
+            Some(place) => *place,
             None => {
-                if name.len() > LONGEST_NAME {
-                    let what = format!("burst {:?}: a name that long?", printable::cell(name));
-                    return Err(line_error(path, line, what));
-                }
-                // a decay of its own takes about as much as eight rows
-                cells += 16;
                 let beside = chosen.beside.iter().map(|&c| cell(c)).collect::<Result<_, _>>()?;
-                let outputs = vec![Vec::new(); chosen.outputs.len()];
-                let (name, times) = (name.to_owned(), Vec::new());
-                table.decays.push(Decay { name, line, times, outputs, beside });
-                by_name.insert(
-                    table.decays[table.decays.len() - 1].name.clone(),
-                    table.decays.len() - 1,
-                );
-                table.decays.len() - 1
+                self.begin(line, name, beside)?
             }
         };
-        let decay = &mut table.decays[number];
+        let decay = &mut self.table.decays[place];
         let time = match chosen.time {
-            Some(c) => cell(c)?,
+            Some(c) => Some(cell(c)?)
+                .filter(|t| t.is_finite())
+                .ok_or_else(|| of_column(c, "a row without a time"))?,
             None => decay.times.len() as f64,
         };
-        if !time.is_finite() {
-            let column = chosen.time.map_or("", |c| &chosen.names[c]);
-            return Err(line_error(path, line, format!("column {column:?}: a row without a time")));
-        }
         decay.times.push(time);
         for (column, &c) in decay.outputs.iter_mut().zip(&chosen.outputs) {
             column.push(cell(c)?);
         }
+        Ok(())
     }
-    if table.decays.is_empty() {
-        let what = "a header and no rows".to_owned();
-        return Err(TableError::Columns { path: path.into(), what });
+
+    /// A decay without rows: its place.
+    fn begin(&mut self, line: u64, name: &str, beside: Vec<f64>) -> Result<usize, String> {
+        if name.len() > LONGEST_NAME {
+            return Err(format!("burst {:?}: a name that long?", printable::cell(name)));
+        }
+        // a decay of its own takes about as much as eight rows
+        self.cells += 16;
+        let place = self.table.decays.len();
+        let outputs = vec![Vec::new(); self.chosen.outputs.len()];
+        self.table.decays.push(Decay {
+            name: name.into(),
+            line,
+            times: Vec::new(),
+            outputs,
+            beside,
+        });
+        self.by_name.insert(name.into(), place);
+        Ok(place)
     }
-    Ok(table)
+
+    /// `None`: there were no rows.
+    pub fn table(self) -> Option<Table> {
+        (!self.table.decays.is_empty()).then_some(self.table)
+    }
 }
 
 fn line_error(path: &Path, line: u64, what: String) -> TableError {

@@ -1,12 +1,11 @@
 //! The sealed truth of a recording with a hidden effect. In: [`Truth`]. Out: truth.json, and the
 //! SHA-256 of its bytes in a file of its own; and back.
 
-use super::part_file::PartFile;
+use super::part_file;
 use super::printable;
 use super::regular_file::{self, MOST_CRITIQUE_BYTES};
 use crate::simulate::hidden::Truth;
 use sha2::{Digest, Sha256};
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -27,17 +26,13 @@ pub fn write(path: &Path, digest_path: &Path, truth: &Truth) -> Result<(), Truth
     let mut json = serde_json::to_vec_pretty(truth)
         .map_err(|e| TruthError::Content { path: path.into(), what: e.to_string() })?;
     json.push(b'\n');
-    let put = |path: &Path, bytes: &[u8]| -> std::io::Result<()> {
-        let (part, mut file) = PartFile::create(path)?;
-        file.write_all(bytes)?;
-        part.finish(&file)
-    };
     let failed = |path: &Path| {
         let path = path.to_path_buf();
         |source| TruthError::Write { path, source }
     };
-    put(path, &json).map_err(failed(path))?;
-    put(digest_path, format!("{}\n", digest(&json)).as_bytes()).map_err(failed(digest_path))
+    part_file::write(path, &json).map_err(failed(path))?;
+    let seal = format!("{}\n", digest(&json));
+    part_file::write(digest_path, seal.as_bytes()).map_err(failed(digest_path))
 }
 
 fn digest(bytes: &[u8]) -> String {

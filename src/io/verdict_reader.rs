@@ -6,7 +6,7 @@
 
 use super::regular_file;
 use super::verdict_table::{METADATA_KEY, TableError};
-use crate::verdict::{Outcome, Reason, Test, VerdictColumns};
+use crate::verdict::{COLUMNS, Cells, Column, Outcome, Reason, Test, VerdictColumns};
 use arrow_array::cast::AsArray;
 use arrow_array::types::{
     Float32Type, Float64Type, Int8Type, Int16Type, Int32Type, Int64Type, TimestampMicrosecondType,
@@ -20,6 +20,7 @@ use parquet::arrow::arrow_reader::{
     ArrowReaderOptions, ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder,
 };
 use std::collections::HashMap;
+use std::fs::File;
 use std::panic::AssertUnwindSafe;
 use std::path::{Path, PathBuf};
 
@@ -45,14 +46,8 @@ impl VerdictReader {
     }
 
     fn of_columns(path: &Path, names: Option<&[&str]>) -> Result<VerdictReader, TableError> {
-        let file = regular_file::open(path)
-            .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
         let failed = |source| TableError::Parquet { path: path.to_path_buf(), source };
-        // Parquet's own types are enough. The Arrow schema that tools put beside them may say more
-        // than can be read (pandas: a dictionary of nulls), and then the reader panics.
-        let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
-        let open = || ParquetRecordBatchReaderBuilder::try_new_with_options(file, options);
-        let mut builder = unpanicked(path, open)?.map_err(failed)?;
+        let mut builder = open(path)?;
         if let Some(names) = names {
             let mask = ProjectionMask::columns(builder.parquet_schema(), names.iter().copied());
             builder = builder.with_projection(mask);
@@ -90,70 +85,59 @@ impl VerdictReader {
     }
 
     fn columns(&mut self, batch: &RecordBatch) -> Result<VerdictColumns, Misfit> {
-        let rows = batch.num_rows();
-        let required = |name| {
-            batch.column_by_name(name).ok_or(Misfit { column: name, what: "is missing".into() })
-        };
-        let floats = |name| -> Result<Vec<Option<f32>>, Misfit> {
-            let Some(column) = batch.column_by_name(name) else { return Ok(vec![None; rows]) };
-            let values = numbers(column).ok_or_else(|| Misfit::kind(name, column))?;
-            // Tools without nulls write NaN for them.
-            Ok(values.iter().map(|v| v.filter(|v| !v.is_nan()).map(|v| v as f32)).collect())
-        };
-        let texts_of = |name| match batch.column_by_name(name) {
-            None => Ok(Texts { keys: vec![None; rows], values: Vec::new() }),
-            Some(column) => Texts::of(column).ok_or_else(|| Misfit::kind(name, column)),
-        };
+        let mut columns = VerdictColumns::default();
+        for column in COLUMNS {
+            match batch.column_by_name(column.name) {
+                Some(array) => self.read(column, array, &mut columns)?,
+                None if column.nullable => {}
+                None => {
+                    return Err(Misfit { column: column.name, what: "is missing".into() });
+                }
+            }
+        }
+        columns.fill_up();
+        Ok(columns)
+    }
 
-        let time = required("acquired_at")?;
-        let printhead = required("printhead")?;
-        let printhead = Texts::of(printhead)
-            .ok_or_else(|| Misfit::kind("printhead", printhead))?
-            .required("printhead")?;
-        let channel = required("channel")?;
-        let channels = numbers(channel).ok_or_else(|| Misfit::kind("channel", channel))?;
-        required("outcome")?;
-        let outcomes = texts_of("outcome")?;
+    fn read(
+        &mut self,
+        column: &Column,
+        array: &ArrayRef,
+        c: &mut VerdictColumns,
+    ) -> Result<(), Misfit> {
+        let name = column.name;
+        let unfit = || Misfit::kind(name, array);
+        let numbers = || numbers(array).ok_or_else(unfit);
+        // tools without nulls write NaN for them
+        let number = |v: &Option<f64>| v.filter(|v| !v.is_nan());
+        let texts = || Texts::of(array).ok_or_else(unfit);
         let outcome = |text: &str| Outcome::ALL.into_iter().find(|o| o.as_str() == text);
         let reason = |text: &str| Reason::ALL.into_iter().find(|r| r.as_str() == text);
         let test = |text: &str| Test::ALL.into_iter().find(|t| t.as_str() == text);
-        let (weights_start, weights) = weights(batch)?;
-        Ok(VerdictColumns {
-            acquired_at_ns: nanoseconds(time)?,
-            printhead: printhead.0,
-            printheads: printhead.1,
-            channel: whole(&channels, "channel")?
-                .into_iter()
-                .collect::<Option<_>>()
-                .ok_or_else(|| Misfit::null("channel"))?,
-            outcome: outcomes
-                .parse("outcome", outcome)?
-                .into_iter()
-                .collect::<Option<_>>()
-                .ok_or_else(|| Misfit::null("outcome"))?,
-            category: self.categories.indices(&texts_of("category")?, "category")?,
-            fault: self.classes.indices(&texts_of("fault")?, "fault")?,
-            candidate: self.classes.indices(&texts_of("candidate")?, "candidate")?,
-            certainty: floats("certainty")?,
-            statistic: floats("statistic")?,
-            threshold: floats("threshold")?,
-            test: texts_of("test")?.parse("test", test)?,
-            misfit: floats("misfit")?,
-            severity: floats("severity")?,
-            severity_sd: floats("severity_sd")?,
-            model: match batch.column_by_name("model") {
-                None => vec![None; rows],
-                Some(column) => {
-                    let values = numbers(column).ok_or_else(|| Misfit::kind("model", column))?;
-                    let values: Vec<Option<f64>> =
-                        values.iter().map(|v| v.filter(|v| !v.is_nan())).collect();
-                    whole(&values, "model")?
-                }
-            },
-            reason: texts_of("reason")?.parse("reason", reason)?,
-            weights_start,
-            weights,
-        })
+        match &column.cells {
+            Cells::Time(at) => *at.of_mut(c) = nanoseconds(array, name)?,
+            Cells::Printhead(at) => {
+                (*at.of_mut(c), c.printheads) = texts()?.required(name)?;
+            }
+            Cells::Channel(at) => *at.of_mut(c) = required(whole(&numbers()?, name)?, name)?,
+            Cells::Outcome(at) => {
+                *at.of_mut(c) = required(texts()?.parse(name, outcome)?, name)?;
+            }
+            Cells::Category(at) => *at.of_mut(c) = self.categories.indices(&texts()?, name)?,
+            Cells::Class(at) => *at.of_mut(c) = self.classes.indices(&texts()?, name)?,
+            Cells::Test(at) => *at.of_mut(c) = texts()?.parse(name, test)?,
+            Cells::Reason(at) => *at.of_mut(c) = texts()?.parse(name, reason)?,
+            Cells::Model(at) => {
+                let values: Vec<Option<f64>> = numbers()?.iter().map(number).collect();
+                *at.of_mut(c) = whole(&values, name)?;
+            }
+            Cells::Number(at) | Cells::Constant(at) => {
+                let values = numbers()?;
+                *at.of_mut(c) = values.iter().map(|v| number(v).map(|v| v as f32)).collect();
+            }
+            Cells::Weights => (c.weights_start, c.weights) = weights(array, name)?,
+        }
+        Ok(())
     }
 }
 
@@ -176,6 +160,18 @@ impl Iterator for VerdictReader {
             what,
         }))
     }
+}
+
+/// A Parquet file that anybody may have written.
+pub(super) fn open(path: &Path) -> Result<ParquetRecordBatchReaderBuilder<File>, TableError> {
+    let file = regular_file::open(path)
+        .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
+    // Parquet's own types are enough. The Arrow schema that tools put beside them may say more
+    // than can be read (pandas: a dictionary of nulls), and then the reader panics.
+    let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
+    let open = || ParquetRecordBatchReaderBuilder::try_new_with_options(file, options);
+    unpanicked(path, open)?
+        .map_err(|source| TableError::Parquet { path: path.to_path_buf(), source })
 }
 
 /// The Parquet reader panics on some damaged pages; a damaged file is no bug of ours.
@@ -341,6 +337,11 @@ pub(super) fn numbers(column: &ArrayRef) -> Option<Vec<Option<f64>>> {
     })
 }
 
+/// Values of a column that may have no null.
+fn required<T>(values: Vec<Option<T>>, column: &'static str) -> Result<Vec<T>, Misfit> {
+    values.into_iter().collect::<Option<_>>().ok_or_else(|| Misfit::null(column))
+}
+
 fn whole<T: TryFrom<u64>>(
     values: &[Option<f64>],
     column: &'static str,
@@ -386,33 +387,30 @@ fn times(column: &ArrayRef) -> Option<(Vec<Option<i64>>, i64)> {
     })
 }
 
-fn nanoseconds(column: &ArrayRef) -> Result<Vec<i64>, Misfit> {
-    const NAME: &str = "acquired_at";
-    let (values, factor) = times(column).ok_or_else(|| Misfit::kind(NAME, column))?;
-    let one = |value: Option<i64>| {
-        let value = value.ok_or_else(|| Misfit::null(NAME))?;
-        let out_of_range = || Misfit { column: NAME, what: format!("has {value}, out of range") };
+fn nanoseconds(array: &ArrayRef, column: &'static str) -> Result<Vec<i64>, Misfit> {
+    let (values, factor) = times(array).ok_or_else(|| Misfit::kind(column, array))?;
+    let one = |value: i64| {
+        let out_of_range = || Misfit { column, what: format!("has {value}, out of range") };
         value.checked_mul(factor).ok_or_else(out_of_range)
     };
-    values.into_iter().map(one).collect()
+    required(values, column)?.into_iter().map(one).collect()
 }
 
-/// Starts and values of the weights; empty without the column.
-fn weights(batch: &RecordBatch) -> Result<(Vec<Option<u32>>, Vec<f32>), Misfit> {
-    let Some(column) = batch.column_by_name("weights") else { return Ok(Default::default()) };
-    let mut starts = Vec::with_capacity(column.len());
+/// Starts and values of the weights.
+fn weights(array: &ArrayRef, column: &'static str) -> Result<(Vec<Option<u32>>, Vec<f32>), Misfit> {
+    let mut starts = Vec::with_capacity(array.len());
     let mut weights = Vec::new();
-    for row in 0..column.len() {
-        let values = match column.data_type() {
-            _ if column.is_null(row) => None,
-            DataType::FixedSizeList(..) => Some(column.as_fixed_size_list().value(row)),
-            DataType::List(_) => Some(column.as_list::<i32>().value(row)),
-            DataType::LargeList(_) => Some(column.as_list::<i64>().value(row)),
-            _ => return Err(Misfit::kind("weights", column)),
+    for row in 0..array.len() {
+        let values = match array.data_type() {
+            _ if array.is_null(row) => None,
+            DataType::FixedSizeList(..) => Some(array.as_fixed_size_list().value(row)),
+            DataType::List(_) => Some(array.as_list::<i32>().value(row)),
+            DataType::LargeList(_) => Some(array.as_list::<i64>().value(row)),
+            _ => return Err(Misfit::kind(column, array)),
         };
         starts.push(values.as_ref().and_then(|_| u32::try_from(weights.len()).ok()));
         if let Some(values) = values {
-            let of_row = numbers(&values).ok_or_else(|| Misfit::kind("weights", &values))?;
+            let of_row = numbers(&values).ok_or_else(|| Misfit::kind(column, &values))?;
             weights.extend(of_row.iter().map(|w| w.unwrap_or(f64::NAN) as f32));
         }
     }
@@ -422,17 +420,18 @@ fn weights(batch: &RecordBatch) -> Result<(Vec<Option<u32>>, Vec<f32>), Misfit> 
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::io::verdict_table::tests::{columns, options};
+    use crate::io::verdict_table::tests::{options, rows};
     use crate::io::verdict_table::{TableOptions, TimestampUnit, VerdictWriter};
     use arrow_array::{Int64Array, StringArray, StringViewArray, TimestampMicrosecondArray};
     use arrow_schema::{Field, Schema};
     use parquet::arrow::add_encoded_arrow_schema_to_metadata;
     use parquet::arrow::arrow_writer::{ArrowWriter, ArrowWriterOptions};
     use parquet::file::properties::WriterProperties;
-    use std::fs::File;
     use std::sync::Arc;
 
-    pub(in crate::io) fn rows(mut reader: VerdictReader) -> (Vec<VerdictColumns>, TableOptions) {
+    pub(in crate::io) fn read_all(
+        mut reader: VerdictReader,
+    ) -> (Vec<VerdictColumns>, TableOptions) {
         let rows = reader.by_ref().map(Result::unwrap).collect();
         let lists = TableOptions {
             classes: reader.classes().to_vec(),
@@ -446,27 +445,23 @@ pub(super) mod tests {
     pub(in crate::io) fn row_texts(c: &VerdictColumns, lists: &TableOptions) -> Vec<String> {
         let row = |i: usize| {
             let name = |list: &[String], of: Option<u16>| of.map(|k| list[k as usize].clone());
-            let weights = c.weights_start.get(i).copied().flatten().map(|s| s as usize);
-            format!(
-                "{} {} {} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} weights {:?}",
-                c.acquired_at_ns[i],
-                c.printheads[c.printhead[i] as usize],
-                c.channel[i],
-                c.outcome[i],
-                name(&lists.categories, c.category[i]),
-                name(&lists.classes, c.fault[i]),
-                name(&lists.classes, c.candidate[i]),
-                c.certainty[i],
-                c.statistic[i],
-                c.threshold[i],
-                c.test[i].map(Test::as_str),
-                c.misfit[i],
-                c.severity[i],
-                c.severity_sd[i],
-                c.model[i],
-                c.reason[i],
-                weights.map(|s| &c.weights[s..s + 3]),
-            )
+            let text = |column: &Column| match &column.cells {
+                Cells::Time(at) => at.of(c)[i].to_string(),
+                Cells::Printhead(at) => c.printheads[at.of(c)[i] as usize].to_string(),
+                Cells::Channel(at) => at.of(c)[i].to_string(),
+                Cells::Outcome(at) => format!("{:?}", at.of(c)[i]),
+                Cells::Category(at) => format!("{:?}", name(&lists.categories, at.of(c)[i])),
+                Cells::Class(at) => format!("{:?}", name(&lists.classes, at.of(c)[i])),
+                Cells::Test(at) => format!("{:?}", at.of(c)[i]),
+                Cells::Reason(at) => format!("{:?}", at.of(c)[i]),
+                Cells::Model(at) => format!("{:?}", at.of(c)[i]),
+                Cells::Number(at) | Cells::Constant(at) => format!("{:?}", at.of(c)[i]),
+                Cells::Weights => {
+                    let start = c.weights_start.get(i).copied().flatten().map(|s| s as usize);
+                    format!("weights {:?}", start.map(|s| &c.weights[s..s + 3]))
+                }
+            };
+            COLUMNS.iter().map(text).collect::<Vec<_>>().join(" ")
         };
         (0..c.len()).map(row).collect()
     }
@@ -499,7 +494,7 @@ pub(super) mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("t.parquet");
         write(&path, rewritten());
-        let (batches, lists) = rows(VerdictReader::open(&path).unwrap());
+        let (batches, lists) = read_all(VerdictReader::open(&path).unwrap());
         let c = &batches[0];
         assert_eq!(c.acquired_at_ns, [1000, -2000]);
         assert_eq!(c.channel, [7, u32::MAX]);
@@ -535,7 +530,7 @@ pub(super) mod tests {
         let mut writer = ArrowWriter::try_new_with_options(file, schema, options).unwrap();
         writer.write(&batch).unwrap();
         writer.close().unwrap();
-        let (batches, _) = rows(VerdictReader::open(&path).unwrap());
+        let (batches, _) = read_all(VerdictReader::open(&path).unwrap());
         assert_eq!(batches[0].reason, [None, None]);
     }
 
@@ -568,9 +563,9 @@ pub(super) mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("t.parquet");
         let mut writer = VerdictWriter::create(&path, options(true, TimestampUnit::Ns)).unwrap();
-        writer.write(&columns(0, 0, &[])).unwrap();
+        writer.write(&rows(0, 0, &[])).unwrap();
         writer.finish("{}".into()).unwrap();
-        let (batches, _) = rows(VerdictReader::open(&path).unwrap());
+        let (batches, _) = read_all(VerdictReader::open(&path).unwrap());
         assert_eq!(batches.iter().map(VerdictColumns::len).sum::<usize>(), 0);
     }
 }

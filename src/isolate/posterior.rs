@@ -97,21 +97,9 @@ impl Posterior {
         known: &[bool],
     ) -> Option<Posterior> {
         let learned = some_densities(examples);
-        // cross-validation: ln density of every example in every class, learned without its fold
         let fewest = examples.iter().flatten().map(|e| e.features.len()).min().unwrap_or(0);
         let parts = if fewest < FEWEST_HALVED { fewest.clamp(2, 10) } else { 2 };
-        let mut unseen: Vec<Vec<Vec<f64>>> = physics.to_vec();
-        for part in 0..parts {
-            let rest: Vec<_> =
-                examples.iter().map(|e| e.as_ref().and_then(|e| without(e, part, parts))).collect();
-            let rest = some_densities(&rest);
-            for (class, rows) in examples.iter().zip(&mut unseen) {
-                let Some(class) = class else { continue };
-                for (x, row) in class.features.iter().zip(rows).skip(part).step_by(parts) {
-                    *row = rest.iter().map(|d| ln_or_none(d.as_ref(), x)).collect();
-                }
-            }
-        }
+        let unseen = unseen(examples, physics, parts);
         if (0..examples.len()).any(|k| learned[k].is_none() && !known[k]) {
             return None;
         }
@@ -126,25 +114,7 @@ impl Posterior {
                 (Some(_), true) => share(of_all, pairs(k)),
             })
             .collect();
-        let mut weights = vec![0.0; examples.len()];
-        let score = |temperature: f64| -> f64 {
-            let of_class = |k: usize| -> f64 {
-                let rows = unseen[k].iter().zip(&physics[k]);
-                let sum: f64 = rows
-                    .map(|(learned, physics)| {
-                        for (j, w) in weights.iter_mut().enumerate() {
-                            *w = mixed(learned[j], physics[j], physics_share[j]);
-                        }
-                        to_posterior(temperature, &[], &mut weights);
-                        weights[k].max(1e-6).ln()
-                    })
-                    .sum();
-                sum / unseen[k].len().max(1) as f64
-            };
-            (0..examples.len()).map(of_class).sum()
-        };
-        let scores = TEMPERATURES.map(score);
-        let best = (0..scores.len()).max_by(|&i, &j| scores[i].total_cmp(&scores[j])).unwrap_or(0);
+        let best = best_temperature(&unseen, physics, &physics_share);
         let least_ln_density = (0..examples.len())
             .map(|k| {
                 let rows = unseen[k].iter().zip(&physics[k]);
@@ -153,7 +123,7 @@ impl Posterior {
                 (own.len() >= FEWEST_BOUNDED).then(|| ln_density_bound(&own))
             })
             .collect();
-        let temperature = if fewest >= FEWEST_BOUNDED { TEMPERATURES[best] } else { 1.0 };
+        let temperature = if fewest >= FEWEST_BOUNDED { best } else { 1.0 };
         let (classes, precomputed) = (learned, OnceLock::new());
         let most_distance = vec![BEYOND_PHYSICS; examples.len()];
         Some(Posterior {
@@ -323,6 +293,57 @@ fn without(class: &Examples, part: usize, parts: usize) -> Option<Examples> {
     let features: Vec<Vec<f64>> = kept.map(|(_, x)| x.clone()).collect();
     let of = |features| Examples { features, noise: class.noise.clone(), ..*class };
     (!features.is_empty()).then(|| of(features))
+}
+
+/// Cross-validation: ln density of every example in every class, learned without its fold; the physics' where a class
+/// has no examples.
+fn unseen(
+    examples: &[Option<Examples>],
+    physics: &[Vec<Vec<f64>>],
+    parts: usize,
+) -> Vec<Vec<Vec<f64>>> {
+    let mut unseen = physics.to_vec();
+    for part in 0..parts {
+        let rest: Vec<_> =
+            examples.iter().map(|e| e.as_ref().and_then(|e| without(e, part, parts))).collect();
+        let rest = some_densities(&rest);
+        for (class, rows) in examples.iter().zip(&mut unseen) {
+            let Some(class) = class else { continue };
+            for (x, row) in class.features.iter().zip(rows).skip(part).step_by(parts) {
+                *row = rest.iter().map(|d| ln_or_none(d.as_ref(), x)).collect();
+            }
+        }
+    }
+    unseen
+}
+
+/// The temperature that maximises the mean ln posterior of held-out examples in their own class, all classes weighted
+/// equally.
+fn best_temperature(
+    unseen: &[Vec<Vec<f64>>],
+    physics: &[Vec<Vec<f64>>],
+    physics_share: &[f64],
+) -> f64 {
+    let mut weights = vec![0.0; unseen.len()];
+    let score = |temperature: f64| -> f64 {
+        let of_class = |k: usize| -> f64 {
+            let rows = unseen[k].iter().zip(&physics[k]);
+            let sum: f64 = rows
+                .map(|(learned, physics)| {
+                    for (j, w) in weights.iter_mut().enumerate() {
+                        *w = mixed(learned[j], physics[j], physics_share[j]);
+                    }
+                    to_posterior(temperature, &[], &mut weights);
+                    weights[k].max(1e-6).ln()
+                })
+                .sum();
+            sum / unseen[k].len().max(1) as f64
+        };
+        (0..unseen.len()).map(of_class).sum()
+    };
+    let scores = TEMPERATURES.map(score);
+    let best = (0..scores.len()).max_by(|&i, &j| scores[i].total_cmp(&scores[j])).unwrap_or(0);
+    TEMPERATURES[best]
 }
 
 /// Densities of the classes that have enough examples.

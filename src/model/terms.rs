@@ -44,6 +44,38 @@ pub struct Seen {
     pub c: f64,
 }
 
+/// At t_a, what turns a strength into a coefficient of the equation of motion.
+struct Amplitudes {
+    /// Amplitude of the displacement, which stiffness acts on, and of the flow, which losses act on.
+    stiff: f64,
+    damped: f64,
+    /// d sigma / d(loss coefficient).
+    slope: f64,
+}
+
+/// Coefficients of the terms in the equation of motion.
+#[derive(Default)]
+struct Strengths {
+    cubic: f64,
+    drag: f64,
+    dry: f64,
+    /// Flow above which dry friction has its full force.
+    small: f64,
+    meniscus: f64,
+    /// Force of the half-order loss, one value per sample.
+    memory: Option<Vec<f64>>,
+}
+
+impl Strengths {
+    /// Force of the half-order loss at a time, interpolated between samples.
+    fn force(&self, t: f64) -> f64 {
+        let Some(f) = &self.memory else { return 0.0 };
+        let at = t * f.len() as f64;
+        let k = (at as usize).min(f.len() - 2);
+        f[k] + (f[k + 1] - f[k]) * (at - k as f64)
+    }
+}
+
 /// A plant's equation of motion with its initial state at t_a, ready to be integrated.
 #[derive(Clone, Copy, Debug)]
 pub enum Interior {
@@ -97,9 +129,7 @@ impl Interior {
         }
     }
 
-    /// At t_a the amplitudes of displacement (which stiffness acts on) and of flow (which losses act on),
-    /// and d sigma / d(loss coefficient): what turns a strength into a coefficient of the equation.
-    fn amplitudes(&self, seen: &Seen) -> (f64, f64, f64) {
+    fn amplitudes(&self, seen: &Seen) -> Amplitudes {
         let Seen { sigma, omega, .. } = *seen;
         let envelope = |x: f64, dx: f64| x.hypot((dx + sigma * x) / omega);
         match *self {
@@ -113,10 +143,11 @@ impl Interior {
                     (Some(up), Some(down)) => (up - down) / (2.0 * h),
                     _ => 0.3,
                 };
-                (stiff, damped, slope)
+                Amplitudes { stiff, damped, slope }
             }
             Interior::Oscillator { stiffness, loss, state: [x, dx] } => {
-                (envelope(x, dx), envelope(dx, -stiffness * x - loss * dx), 0.5)
+                let damped = envelope(dx, -stiffness * x - loss * dx);
+                Amplitudes { stiff: envelope(x, dx), damped, slope: 0.5 }
             }
         }
     }
@@ -131,51 +162,7 @@ impl Interior {
         drive: f64,
         samples: usize,
     ) -> Vec<f64> {
-        let (stiff, damped, slope) = self.amplitudes(seen);
-        let (mut cubic, mut drag, mut dry, mut meniscus, mut memory) = (0.0, 0.0, 0.0, 0.0, None);
-        match term {
-            // harmonic balance at amplitude A: x'' = -w²(x + k x³) oscillates at w (1 + 3/8 k A²)
-            Some((Term::CubicStiffness, e)) => cubic = e * 8.0 / 3.0 / (stiff * stiff),
-            // equivalent linear loss over a period: k |q| q acts as 8/(3 pi) k A q
-            Some((Term::QuadraticDrag, e)) => {
-                drag = e * seen.sigma / (slope * 8.0 / (3.0 * PI) * damped);
-            }
-            // and mu sign(q) as 4 mu/(pi A) q
-            Some((Term::DryFriction, e)) => dry = e * seen.sigma * PI * damped / (4.0 * slope),
-            Some((Term::Meniscus, e)) => meniscus = e,
-            Some((Term::FractionalDamping, e)) => {
-                memory = Some(self.memory_force(seen, e, drive, samples));
-            }
-            None => {}
-        }
-        let small = 0.02 * damped;
-        let force = |t: f64| match &memory {
-            None => 0.0,
-            Some(f) => {
-                let at = t * samples as f64;
-                let k = (at as usize).min(samples - 2);
-                f[k] + (f[k + 1] - f[k]) * (at - k as f64)
-            }
-        };
-        // V, q_r, q_n, V_n; or x, x'
-        let slope_of = |x: [f64; 4], t: f64| -> [f64; 4] {
-            match *self {
-                Interior::Ink { channel, .. } => {
-                    let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = channel;
-                    let [v, q_r, q_n, v_n] = x;
-                    let pressure = v + cubic * v * v * v;
-                    let extra =
-                        -drag * q_n.abs() * q_n - dry * (q_n / small).tanh() - b * meniscus * v_n
-                            + force(t);
-                    [q_r + q_n, -a * pressure - g * q_r, -b * pressure - d * q_n + extra, q_n]
-                }
-                Interior::Oscillator { stiffness, loss, .. } => {
-                    let [p, q, ..] = x;
-                    let extra = -drag * q.abs() * q - dry * (q / small).tanh() + force(t);
-                    [q, -stiffness * (p + cubic * p * p * p) - loss * q + extra, 0.0, 0.0]
-                }
-            }
-        };
+        let strengths = self.strengths(seen, term, drive, samples);
         let steps = STEPS.max((seen.omega / samples as f64 / RADIANS).ceil() as usize);
         let h = 1.0 / (samples * steps) as f64;
         let mut x = match *self {
@@ -183,9 +170,6 @@ impl Interior {
                 [v * drive, q_r * drive, q_n * drive, 0.0]
             }
             Interior::Oscillator { state: [p, q], .. } => [p * drive, q * drive, 0.0, 0.0],
-        };
-        let plus = |x: &[f64; 4], k: &[f64; 4], h: f64| -> [f64; 4] {
-            std::array::from_fn(|i| x[i] + h * k[i])
         };
         let mut out = Vec::with_capacity(samples);
         for sample in 0..samples {
@@ -195,16 +179,59 @@ impl Interior {
             });
             for step in 0..steps {
                 let t = (sample * steps + step) as f64 * h;
-                let k1 = slope_of(x, t);
-                let k2 = slope_of(plus(&x, &k1, h / 2.0), t + h / 2.0);
-                let k3 = slope_of(plus(&x, &k2, h / 2.0), t + h / 2.0);
-                let k4 = slope_of(plus(&x, &k3, h), t + h);
-                x = std::array::from_fn(|i| {
-                    x[i] + h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i])
-                });
+                x = runge_kutta(x, t, h, |x, t| self.slope(&strengths, x, t));
             }
         }
         out
+    }
+
+    /// Coefficients of a term in the equation of motion, from the relative change of frequency or damping that it causes.
+    fn strengths(
+        &self,
+        seen: &Seen,
+        term: Option<(Term, f64)>,
+        drive: f64,
+        samples: usize,
+    ) -> Strengths {
+        let Amplitudes { stiff, damped, slope } = self.amplitudes(seen);
+        let mut of = Strengths { small: 0.02 * damped, ..Strengths::default() };
+        match term {
+            // harmonic balance at amplitude A: x'' = -w²(x + k x³) oscillates at w (1 + 3/8 k A²)
+            Some((Term::CubicStiffness, e)) => of.cubic = e * 8.0 / 3.0 / (stiff * stiff),
+            // equivalent linear loss over a period: k |q| q acts as 8/(3 pi) k A q
+            Some((Term::QuadraticDrag, e)) => {
+                of.drag = e * seen.sigma / (slope * 8.0 / (3.0 * PI) * damped);
+            }
+            // and mu sign(q) as 4 mu/(pi A) q
+            Some((Term::DryFriction, e)) => of.dry = e * seen.sigma * PI * damped / (4.0 * slope),
+            Some((Term::Meniscus, e)) => of.meniscus = e,
+            Some((Term::FractionalDamping, e)) => {
+                of.memory = Some(self.memory_force(seen, e, drive, samples));
+            }
+            None => {}
+        }
+        of
+    }
+
+    /// Right-hand side of the equation of motion: x' at x = (V, q_r, q_n, V_n), or (x, x').
+    fn slope(&self, of: &Strengths, x: [f64; 4], t: f64) -> [f64; 4] {
+        let Strengths { cubic, drag, dry, meniscus, small, .. } = *of;
+        match *self {
+            Interior::Ink { channel, .. } => {
+                let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = channel;
+                let [v, q_r, q_n, v_n] = x;
+                let pressure = v + cubic * v * v * v;
+                let extra =
+                    -drag * q_n.abs() * q_n - dry * (q_n / small).tanh() - b * meniscus * v_n
+                        + of.force(t);
+                [q_r + q_n, -a * pressure - g * q_r, -b * pressure - d * q_n + extra, q_n]
+            }
+            Interior::Oscillator { stiffness, loss, .. } => {
+                let [p, q, ..] = x;
+                let extra = -drag * q.abs() * q - dry * (q / small).tanh() + of.force(t);
+                [q, -stiffness * (p + cubic * p * p * p) - loss * q + extra, 0.0, 0.0]
+            }
+        }
     }
 
     /// Force of a half-order loss that replaces a share `e` of the viscous one:
@@ -250,6 +277,16 @@ impl Interior {
             })
             .collect()
     }
+}
+
+/// One Runge-Kutta step of length `h` from x at t.
+fn runge_kutta(x: [f64; 4], t: f64, h: f64, slope: impl Fn([f64; 4], f64) -> [f64; 4]) -> [f64; 4] {
+    let plus = |k: &[f64; 4], h: f64| std::array::from_fn(|i| x[i] + h * k[i]);
+    let k1 = slope(x, t);
+    let k2 = slope(plus(&k1, h / 2.0), t + h / 2.0);
+    let k3 = slope(plus(&k2, h / 2.0), t + h / 2.0);
+    let k4 = slope(plus(&k3, h), t + h);
+    std::array::from_fn(|i| x[i] + h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]))
 }
 
 #[cfg(test)]

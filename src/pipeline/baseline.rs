@@ -131,20 +131,27 @@ impl Told {
     }
 }
 
+/// What judges a recording, and what is remembered after it.
+pub struct Learned {
+    pub in_use: InUse,
+    pub next: Baselines,
+}
+
 type HeardOf = BTreeMap<Arc<str>, Told>;
 
 /// Learns from a recording, in two passes: what the first window says of channels that are not
 /// remembered, then what all of it says, judged by both. With a design that has no sensitivities
-/// nothing is learned. `window_ns`: length of the first window.
+/// nothing is learned.
 pub fn learn(
     remembered: &Baselines,
     recording: &Recording,
     schedule: &Schedule,
     design: Option<&Design>,
-    (settings, window_ns): (&Settings, i64),
+    settings: &Settings,
     control: &Control,
-) -> Result<(InUse, Baselines), PipelineError> {
+) -> Result<Learned, PipelineError> {
     let starts = starts(recording, control)?;
+    let window_ns = (settings.identify.first * 1e9) as i64;
     let end = |printhead: &str| {
         starts.get(printhead).map_or(i64::MAX, |start| start.saturating_add(window_ns))
     };
@@ -157,12 +164,6 @@ pub fn learn(
         let curves = design.and_then(Design::curves);
         OwnChannels::new(judging, from, curves.as_deref(), settings.detect.false_alarm_rate)
     };
-    let of_names = |owns: &mut HashMap<Arc<str>, OwnChannels>, heard: &HeardOf| {
-        for (name, told) in heard {
-            let judging = remembered.with_first_window(name, &told.heard, &told.noise);
-            owns.insert(name.clone(), known(name, &judging));
-        }
-    };
     let mut owns: HashMap<Arc<str>, OwnChannels> = remembered
         .printheads
         .iter()
@@ -174,14 +175,17 @@ pub fn learn(
     let pass = Pass { recording, schedule, rails: settings.input.rails, control };
     let room = MOST_CHANNELS.saturating_sub(remembered.channels());
     let first = pass.hear(&owns, room, |burst| burst.t_acq_ns < end(&burst.printhead))?;
-    of_names(&mut owns, &first);
+    for (name, told) in &first {
+        let judging = remembered.with_first_window(name, &told.heard, &told.noise);
+        owns.insert(name.clone(), known(name, &judging));
+    }
     let all = pass.hear(&owns, room, |_| true)?;
 
     let mut next = remembered.clone();
-    let (mut learned, mut heard_channels, mut beyond) = (0, 0, 0);
+    let (mut learned, mut heard, mut beyond) = (0, 0, 0);
     let mut refused = Vec::new();
     for (name, told) in &all {
-        heard_channels += told.heard.channels();
+        heard += told.heard.channels();
         beyond += told.heard.beyond;
         if told.is_estranged() {
             owns.remove(name);
@@ -197,8 +201,8 @@ pub fn learn(
     // of the recording's own printheads: what is known of others says nothing about it
     let own = starts.keys().filter_map(|name| remembered.printheads.get(&**name));
     let remembered = own.map(|known| known.channels.len()).sum();
-    let heard = heard_channels;
-    Ok((InUse { printheads: owns, remembered, learned, heard, beyond, refused }, next))
+    let in_use = InUse { printheads: owns, remembered, learned, heard, beyond, refused };
+    Ok(Learned { in_use, next })
 }
 
 fn estranged(told: &Told) -> String {
@@ -239,10 +243,7 @@ impl Pass<'_> {
                 }
                 let judge = match self.schedule.assign(burst) {
                     Assignment::Judge(judge) => judge,
-                    Assignment::Survey => {
-                        unknown = true;
-                        return;
-                    }
+                    Assignment::Survey => return unknown = true,
                     Assignment::Reject(_) => return,
                 };
                 let Some(detector) = judge.detector() else { return };

@@ -53,11 +53,11 @@ impl<'a> Collector<'a> {
                 }
                 signal.resize(n, 0.0);
                 for row in 0..burst.channels {
-                    let channel = burst.first_channel + row;
+                    let beside = burst.beside(row as usize);
                     let known = match self.labels {
                         None => Some((HEALTHY, None)),
                         Some(labels) => labels
-                            .at(&burst.printhead, channel, burst.t_acq_ns)
+                            .at(&burst.printhead, beside.channel, burst.t_acq_ns)
                             .map(|label| (label.state.as_str(), label.severity)),
                     };
                     let Some((state, severity)) = known else {
@@ -76,16 +76,8 @@ impl<'a> Collector<'a> {
                         continue;
                     }
                     let most = if state == HEALTHY { MOST_HEALTHY } else { MOST_FAULTY };
-                    self.sets.entry(key).or_insert_with(|| Reservoir::new(n, most)).offer_sized(
-                        burst.t_acq_ns,
-                        channel,
-                        &signal,
-                        (
-                            burst.drive_voltage_v.unwrap_or(f64::NAN),
-                            burst.temperature_c.unwrap_or(f64::NAN),
-                        ),
-                        severity.unwrap_or(f64::NAN),
-                    );
+                    let reservoir = self.sets.entry(key).or_insert_with(|| Reservoir::new(n, most));
+                    reservoir.offer(beside, &signal, severity.unwrap_or(f64::NAN));
                 }
             },
         )?;

@@ -102,12 +102,10 @@ pub(super) fn offer(
         }
         burst.copy_signal(row as usize, &mut signal);
         if unusable_signal(&signal, settings.input.rails).is_none() {
-            let voltage = burst.drive_voltage_v.unwrap_or(f64::NAN);
-            let temperature = burst.temperature_c.unwrap_or(f64::NAN);
             if let Some(design) = design {
                 design.take_off_extension(burst, row as usize, &mut signal);
             }
-            reservoir.offer(burst.t_acq_ns, channel, &signal, voltage, temperature);
+            reservoir.offer(burst.beside(row as usize), &signal, f64::NAN);
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::job::Replay;
 use super::schedule::Schedule;
 use super::tally::Counts;
-use crate::design::categories;
+use crate::design::{Judge, categories};
 use crate::io::recording::Recording;
 use chrono::{DateTime, SecondsFormat};
 use serde_json::{Value, json};
@@ -19,38 +19,7 @@ pub fn document(
 ) -> Value {
     let classes = replay.classes();
     let category_names = categories(&classes);
-    let models: Vec<Value> = schedule
-        .judges
-        .iter()
-        .map(|judge| {
-            let m = &judge.model;
-            let id = &m.identification;
-            json!({
-                "model": judge.index,
-                "printhead": m.printhead,
-                "valid_from": m.valid_from_ns.map(rfc3339),
-                "parameters": id.channel,
-                "cubic": id.cubic,
-                "poles": id.poles,
-                "acquisition_state": id.acquisition_state,
-                "drive_voltage_v": judge.reference_v,
-                "temperature_c": m.temperature_c,
-                "damping_per_k": m.damping_per_k,
-                "frequency_per_k": m.frequency_per_k,
-                "uncertainty": id.uncertainty,
-                "covariance": id.uncertainty.cubic_covariance_us,
-                "held_fixed": id.held_fixed,
-                "not_identifiable": id.not_identifiable,
-                "at_bounds": id.at_bounds,
-                "convergence": id.convergence,
-                "fit_percent": id.fit_percent,
-                "signals": m.n_signals,
-                "channels": m.n_channels,
-                "threshold": m.threshold,
-                "generator": m.generator,
-            })
-        })
-        .collect();
+    let models: Vec<Value> = schedule.judges.iter().map(|judge| model(judge)).collect();
     let input = &replay.settings.input;
     let mut read = json!({"rails": input.rails});
     if !input.dialect.is_empty() {
@@ -75,6 +44,35 @@ pub fn document(
         "categories": category_names,
         "models": models,
         "counts": counts,
+    })
+}
+
+fn model(judge: &Judge) -> Value {
+    let m = &judge.model;
+    let id = &m.identification;
+    json!({
+        "model": judge.index,
+        "printhead": m.printhead,
+        "valid_from": m.valid_from_ns.map(rfc3339),
+        "parameters": id.channel,
+        "cubic": id.cubic,
+        "poles": id.poles,
+        "acquisition_state": id.acquisition_state,
+        "drive_voltage_v": judge.reference_v,
+        "temperature_c": m.temperature_c,
+        "damping_per_k": m.damping_per_k,
+        "frequency_per_k": m.frequency_per_k,
+        "uncertainty": id.uncertainty,
+        "covariance": id.uncertainty.cubic_covariance_us,
+        "held_fixed": id.held_fixed,
+        "not_identifiable": id.not_identifiable,
+        "at_bounds": id.at_bounds,
+        "convergence": id.convergence,
+        "fit_percent": id.fit_percent,
+        "signals": m.n_signals,
+        "channels": m.n_channels,
+        "threshold": m.threshold,
+        "generator": m.generator,
     })
 }
 

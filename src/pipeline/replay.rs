@@ -1,6 +1,6 @@
 //! One recording through the six stages: how its models come to be, run, check, and only then name the files.
 
-use super::baseline::{self, InUse};
+use super::baseline::{self, InUse, Learned};
 use super::episodes::{EpisodeReport, Finished};
 use super::heads::Moved;
 use super::identified::Identified;
@@ -10,7 +10,7 @@ use super::learning::{Learning, MOST_REORDER_NS, USUAL_REORDER_NS};
 use super::models::Models;
 use super::schedule::{Refusal, Schedule};
 use super::survey::survey;
-use super::tally::Tally;
+use super::tally::{Counts, Tally};
 use super::timings::{PhaseTiming, Phases, StageTiming};
 use super::wiring::{Streamed, Wiring};
 use super::{Control, PipelineError, metadata};
@@ -18,7 +18,7 @@ use crate::design::Baselines;
 use crate::episodes::Episode;
 use crate::io::damage::Damage;
 use crate::io::journal::Stamp;
-use crate::io::part_file::{self, CompleteFile, PartFile};
+use crate::io::part_file::{self, CompleteFile};
 use crate::io::recording::Recording;
 use crate::io::stored;
 use crate::io::summary_file;
@@ -63,6 +63,29 @@ impl RecordingReport {
     /// Everything in the recording was read and judged, every window learned.
     pub fn is_whole(&self) -> bool {
         self.damage.is_empty() && self.tally.counts.rejected.is_empty() && self.refusals.is_empty()
+    }
+
+    /// The metadata's document, and how it went.
+    fn summary(&self, mut document: Value, recording: &Recording) -> Value {
+        document["damage"] = json!(self.damage);
+        document["expected"] = json!(recording.expected);
+        document["refused_windows"] = json!(self.refusals);
+        document["identified"] = json!(self.identified);
+        document["rates"] = json!({
+            "seconds": self.seconds,
+            "signals_per_s": self.tally.counts.signals as f64 / self.seconds,
+            "bytes_per_s": recording.bytes as f64 / self.seconds,
+            "behind_s": self.behind.map(|b| b.as_secs_f64()),
+        });
+        document["phases"] = json!(self.phases);
+        document["timings"] = json!(self.timings);
+        document["warnings"] = self
+            .warnings
+            .iter()
+            .map(|(printhead, what)| json!({"printhead": &**printhead, "what": what}))
+            .collect();
+        document["episodes"] = json!(self.episodes.counts);
+        document
     }
 }
 
@@ -139,9 +162,6 @@ pub(super) struct Run<'a> {
     pub may_learn: bool,
     pub watch: Option<&'a Watch<'a>>,
 }
-
-/// Baselines in use and those for the next recording.
-type LearnedBaselines = Option<(InUse, Baselines)>;
 
 impl Run<'_> {
     /// Learns what temperature does first, if that turns out to matter.
@@ -241,7 +261,7 @@ impl Run<'_> {
         &self,
         learner: &Learner,
         phases: &mut Phases,
-    ) -> Result<(Streamed, LearnedBaselines), PipelineError> {
+    ) -> Result<(Streamed, Option<Learned>), PipelineError> {
         let windows = |phases: &mut Phases| -> Result<Schedule, PipelineError> {
             let (recording, control) = (self.recording, self.control);
             let survey =
@@ -254,7 +274,7 @@ impl Run<'_> {
                 true => phases.time("baselines", || self.learn_baselines(&schedule))?,
                 false => None,
             };
-            let in_use = learned.as_ref().map(|(in_use, _)| in_use);
+            let in_use = learned.as_ref().map(|of| &of.in_use);
             let streamed = self.stream(Models::Made(schedule), in_use, phases)?;
             Ok((streamed, learned))
         };
@@ -294,19 +314,18 @@ impl Run<'_> {
     }
 
     /// With `--baseline`, in a pass of its own.
-    fn learn_baselines(&self, schedule: &Schedule) -> Result<LearnedBaselines, PipelineError> {
+    fn learn_baselines(&self, schedule: &Schedule) -> Result<Option<Learned>, PipelineError> {
         let Some(remembered) = &self.replay.baselines else { return Ok(None) };
-        let settings = &self.replay.settings;
-        let how = (settings, (settings.identify.first * 1e9) as i64);
-        let (design, recording) = (self.replay.design.as_ref(), self.recording);
-        baseline::learn(remembered, recording, schedule, design, how, self.control).map(Some)
+        let Run { replay, recording, control, .. } = *self;
+        let (design, settings) = (replay.design.as_ref(), &replay.settings);
+        baseline::learn(remembered, recording, schedule, design, settings, control).map(Some)
     }
 
     /// Checks, and only then gives the files their names.
     fn finish(
         &self,
         streamed: Streamed,
-        baselines: LearnedBaselines,
+        baselines: Option<Learned>,
         identified: Identified,
         phases: &mut Phases,
     ) -> Result<RecordingReport, PipelineError> {
@@ -327,45 +346,23 @@ impl Run<'_> {
 
         let damage = all_damage(recording, scan_damage, &mut tally, digest.damage);
         let counts = &tally.counts;
-        let judged_and_rejected = counts.judged + counts.rejected.values().sum::<u64>();
-        if counts.signals != judged_and_rejected || writer.rows() != counts.signals {
-            return Err(PipelineError::RowsLost { found: counts.signals, written: writer.rows() });
-        }
+        check_rows(counts, writer.rows())?;
         if counts.bursts == 0 {
             let others = recording.others.clone();
             let recording = recording.path.display().to_string();
             return Err(PipelineError::NoBursts { recording, others, damage });
         }
 
-        let mut document = metadata::document(replay, recording, &digest.text, &schedule, counts);
+        let document = metadata::document(replay, recording, &digest.text, &schedule, counts);
         control.check()?;
         let text = document.to_string();
         // all are complete on disk before any gets its name
         let Finished { report: episodes, table } = episodes;
         let tables = [table.complete(text.clone())?, writer.complete(text)?];
         phases.add("finish", finishing.elapsed());
-        let seconds = phases.seconds();
-        let rates = Rates { seconds, signals: counts.signals, bytes: recording.bytes, behind };
-        if let Some((in_use, _)) = &baselines {
-            warnings.extend(in_use.refused.iter().cloned());
-            document["baseline"] = in_use.summary();
-        }
-        document["damage"] = json!(damage);
-        document["expected"] = json!(recording.expected);
-        document["refused_windows"] = json!(schedule.refusals);
-        document["identified"] = json!(identified);
-        document["moved_together"] = json!(moved);
-        document["rates"] = rates.summary();
-        document["phases"] = json!(phases.list());
-        document["timings"] = json!(timings);
-        document["warnings"] = warnings
-            .iter()
-            .map(|(printhead, what)| json!({"printhead": &**printhead, "what": what}))
-            .collect();
-        document["episodes"] = json!(episodes.counts);
-        let [table, writer] = tables;
-        name_all([table, writer, complete_summary(verdicts, &document)?])?;
-        Ok(RecordingReport {
+        let (in_use, next) = baselines.map(|of| (of.in_use, of.next)).unzip();
+        warnings.extend(in_use.iter().flat_map(|of: &InUse| of.refused.iter().cloned()));
+        let report = RecordingReport {
             name: recording.name.clone(),
             digest: digest.text,
             stamp: recording.stamp,
@@ -374,7 +371,7 @@ impl Run<'_> {
             warnings,
             learned_temperature: Vec::new(),
             models: schedule.judges.len(),
-            seconds,
+            seconds: phases.seconds(),
             verdicts: verdicts.to_path_buf(),
             episodes,
             behind,
@@ -382,27 +379,25 @@ impl Run<'_> {
             phases: phases.list().to_vec(),
             timings,
             tally,
-            baselines: baselines.map(|(_, next)| next),
-        })
+            baselines: next,
+        };
+        let mut summary = report.summary(document, recording);
+        summary["moved_together"] = json!(moved);
+        if let Some(in_use) = &in_use {
+            summary["baseline"] = in_use.summary();
+        }
+        let [table, writer] = tables;
+        name_all([table, writer, complete_summary(verdicts, &summary)?])?;
+        Ok(report)
     }
 }
 
-/// How fast it went, everything included.
-struct Rates {
-    seconds: f64,
-    signals: u64,
-    bytes: u64,
-    behind: Option<Duration>,
-}
-
-impl Rates {
-    fn summary(&self) -> Value {
-        json!({
-            "seconds": self.seconds,
-            "signals_per_s": self.signals as f64 / self.seconds,
-            "bytes_per_s": self.bytes as f64 / self.seconds,
-            "behind_s": self.behind.map(|b| b.as_secs_f64()),
-        })
+/// Every signal is a row.
+fn check_rows(counts: &Counts, written: u64) -> Result<(), PipelineError> {
+    let found = counts.signals;
+    match counts.judged + counts.rejected.values().sum::<u64>() == found && written == found {
+        true => Ok(()),
+        false => Err(PipelineError::RowsLost { found, written }),
     }
 }
 
@@ -428,9 +423,7 @@ fn complete_summary(verdicts: &Path, summary: &Value) -> Result<CompleteFile, Pi
     let failed = |source| PipelineError::Write { path: path.clone(), source };
     let mut text = serde_json::to_string_pretty(summary).map_err(|e| failed(e.into()))?;
     text.push('\n');
-    let (part, mut file) = PartFile::create(&path).map_err(failed)?;
-    std::io::Write::write_all(&mut file, text.as_bytes()).map_err(failed)?;
-    part.complete(&file).map_err(failed)
+    part_file::completed(&path, text.as_bytes()).map_err(failed)
 }
 
 /// An earlier run's files go before the first of these gets its name: at no instant do tables of two

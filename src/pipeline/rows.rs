@@ -35,16 +35,9 @@ pub struct Row<'a> {
 }
 
 pub fn push_rejected(columns: &mut VerdictColumns, id: Id, reason: Reason) {
-    push(columns, id, Outcome::Rejected, Some(reason));
-    columns.category.push(None);
-    columns.fault.push(None);
-    columns.candidate.push(None);
-    columns.certainty.push(None);
-    columns.statistic.push(None);
-    columns.threshold.push(None);
-    columns.test.push(None);
-    columns.misfit.push(None);
-    columns.model.push(None);
+    push(columns, id, Outcome::Rejected);
+    columns.reason.push(Some(reason));
+    columns.fill_up();
 }
 
 /// Without an isolation, what is flagged is undecided.
@@ -64,13 +57,15 @@ pub fn push_judged(columns: &mut VerdictColumns, id: Id, row: Row) {
             (Outcome::Undecided, Some(reason))
         }
     };
-    push(columns, id, outcome, reason);
+    push(columns, id, outcome);
+    columns.reason.push(reason);
     columns.category.push(decided.and_then(|i| i.category));
     columns.fault.push(decided.and_then(|i| i.fault));
     columns.candidate.push(isolation.and_then(|i| i.candidate));
     columns.certainty.push(isolation.and_then(|i| i.certainty));
     push_tested(columns, tested);
     columns.model.push(Some(model));
+    columns.fill_up(); // only the posterior sizes a fault: `set_severity`
     if let Some(weights) = weights {
         // rows without weights before this one; those after the last need no entry
         columns.weights_start.resize(columns.acquired_at_ns.len() - 1, None);
@@ -118,24 +113,14 @@ pub fn push_healthy(
     columns.channel.extend(first.channel..first.channel.saturating_add(n as u32));
     columns.channel.resize(rows, u32::MAX); // of the last channel there is
     columns.outcome.resize(rows, Outcome::Healthy);
-    columns.category.resize(rows, None);
-    columns.fault.resize(rows, None);
-    columns.candidate.resize(rows, None);
-    columns.certainty.resize(rows, None);
-    columns.severity.resize(rows, None);
-    columns.severity_sd.resize(rows, None);
     columns.model.resize(rows, Some(judge.index));
-    columns.reason.resize(rows, None);
+    columns.fill_up();
     n
 }
 
-fn push(columns: &mut VerdictColumns, id: Id, outcome: Outcome, reason: Option<Reason>) {
+fn push(columns: &mut VerdictColumns, id: Id, outcome: Outcome) {
     columns.acquired_at_ns.push(id.t_ns);
     columns.printhead.push(id.printhead);
     columns.channel.push(id.channel);
     columns.outcome.push(outcome);
-    columns.reason.push(reason);
-    // only the posterior sizes a fault: `set_severity`
-    columns.severity.push(None);
-    columns.severity_sd.push(None);
 }

@@ -26,8 +26,31 @@ pub struct Statistics {
     products: Products,
 }
 
-/// A signal that waits in a tile: its row in the batch, and in its burst.
-type Waiting<'a> = (usize, &'a Burst, usize);
+/// A signal that waits for its statistic.
+#[derive(Clone, Copy)]
+struct Waiting<'a> {
+    /// Its row in the batch.
+    at: usize,
+    burst: &'a Burst,
+    /// In its burst.
+    row: usize,
+}
+
+/// Signals that wait to fill a tile.
+struct Queue<'a> {
+    gather: Gather<'a>,
+    signals: Vec<Waiting<'a>>,
+}
+
+/// A burst to judge.
+struct Placed<'a> {
+    key: JudgeKey,
+    /// The batch's row of its first signal.
+    first: usize,
+    burst: &'a Burst,
+    /// In the batch.
+    place: usize,
+}
 
 impl Statistics {
     pub fn new(rails: [f64; 2]) -> Statistics {
@@ -48,12 +71,12 @@ impl Statistics {
         let acquisitions = &assigned.read.batch.acquisitions;
         statistic.clear();
         statistic.reserve(assigned.read.batch.rows());
-        // bursts to judge: the judge's key, the first row, place in the batch
         let mut bursts = Vec::with_capacity(acquisitions.len());
         for (place, (acquisition, judge)) in acquisitions.iter().zip(&assigned.judges).enumerate() {
             let fill = match (acquisition, judge) {
                 (Acquisition::Usable(burst), Ok(judge)) => {
-                    bursts.push((judge.key(), statistic.len(), burst, place));
+                    let (key, first) = (judge.key(), statistic.len());
+                    bursts.push(Placed { key, first, burst, place });
                     Ok(Detection { ring: f64::NAN, unexplained: f64::NAN })
                 }
                 (_, Err(reason)) => Err(*reason),
@@ -62,49 +85,43 @@ impl Statistics {
             statistic.resize(statistic.len() + acquisition.rows(), fill);
         }
         // one judge after the other, so that interleaved short bursts fill tiles, too
-        bursts.sort_by_key(|&(judge, row, ..)| (judge, row));
-        for of_judge in bursts.chunk_by(|p, q| p.0 == q.0) {
-            let Ok(judge) = &assigned.judges[of_judge[0].3] else { continue };
-            let of_judge = of_judge.iter().map(|&(_, row, burst, _)| (row, burst));
+        bursts.sort_by_key(|of| (of.key, of.first));
+        for of_judge in bursts.chunk_by(|p, q| p.key == q.key) {
+            let Ok(judge) = &assigned.judges[of_judge[0].place] else { continue };
             self.of_judge(judge, of_judge, statistic);
         }
     }
 
-    fn of_judge<'a>(
+    fn of_judge(
         &mut self,
         judge: &Judge,
-        bursts: impl Iterator<Item = (usize, &'a Burst)>,
+        bursts: &[Placed],
         statistic: &mut [Result<Detection, Reason>],
     ) {
-        let mut gather = Gather::default();
-        let mut waiting: Vec<Waiting> = Vec::with_capacity(LANES);
+        let mut queue = Queue { gather: Gather::default(), signals: Vec::with_capacity(LANES) };
         let mut unsettled: Vec<Waiting> = Vec::new();
-        for (first, burst) in bursts {
+        for of @ &Placed { first, burst, .. } in bursts {
             let n = burst.samples_per_channel as usize;
+            let rows = 0..burst.channels as usize;
+            let waiting = |row: usize| Waiting { at: first + row, burst, row };
             let Some(lanes) = judge.lanes.as_ref().filter(|l| l.samples() == n) else {
-                unsettled.extend((0..burst.channels as usize).map(|row| (first + row, burst, row)));
+                unsettled.extend(rows.map(waiting));
                 continue;
             };
             let (drive, warmer) = (judge.drive(burst), judge.warmer(burst));
-            let whole = self.of_rows(judge, lanes, (first, burst), statistic, &mut unsettled);
-            for row in whole..burst.channels as usize {
-                gather.push(burst, row, drive, warmer);
-                waiting.push((first + row, burst, row));
-                if gather.is_full() {
-                    self.settle(
-                        lanes,
-                        (judge, &mut gather),
-                        &mut waiting,
-                        statistic,
-                        &mut unsettled,
-                    );
+            let whole = self.of_rows(judge, lanes, of, statistic, &mut unsettled);
+            for row in whole..rows.end {
+                queue.gather.push(burst, row, drive, warmer);
+                queue.signals.push(waiting(row));
+                if queue.gather.is_full() {
+                    self.settle(judge, lanes, &mut queue, statistic, &mut unsettled);
                 }
             }
         }
         if let Some(lanes) = &judge.lanes
-            && !gather.is_empty()
+            && !queue.gather.is_empty()
         {
-            self.settle(lanes, (judge, &mut gather), &mut waiting, statistic, &mut unsettled);
+            self.settle(judge, lanes, &mut queue, statistic, &mut unsettled);
         }
         self.look_again(judge, unsettled, statistic);
     }
@@ -118,13 +135,13 @@ impl Statistics {
         statistic: &mut [Result<Detection, Reason>],
     ) {
         let Some(detector) = judge.detector() else {
-            for (at, burst, row) in unsettled {
+            for Waiting { at, burst, row } in unsettled {
                 statistic[at] = self.reference(judge, burst, row);
             }
             return;
         };
         let mut looks = Vec::new();
-        unsettled.retain(|&(at, burst, row)| {
+        unsettled.retain(|&Waiting { at, burst, row }| {
             let look = self
                 .deviation(judge, burst, row)
                 .map(|()| detector.first_look(&self.signal, judge.drive(burst)));
@@ -140,24 +157,24 @@ impl Statistics {
             false,
             &mut products,
             |y| {
-                let ((_, burst, row), look) = next.next()?;
-                burst.copy_signal(*row, y);
-                judge.take_off_extension(burst, *row, y);
+                let (&Waiting { burst, row, .. }, look) = next.next()?;
+                burst.copy_signal(row, y);
+                judge.take_off_extension(burst, row, y);
                 judge.at_reference(y, judge.drive(burst), judge.warmer(burst));
                 Some(look.asks())
             },
             |i, fit| match looks[i].asks_beside() {
                 true => beside.push((i, fit)),
                 false => {
-                    let drive = judge.drive(unsettled[i].1);
+                    let drive = judge.drive(unsettled[i].burst);
                     let found = detector.second_look(&looks[i], fit.as_ref(), &[], drive);
-                    statistic[unsettled[i].0] = finite(found);
+                    statistic[unsettled[i].at] = finite(found);
                 }
             },
         );
         self.products = products;
         for (i, fit) in beside {
-            let (at, burst, row) = unsettled[i];
+            let Waiting { at, burst, row } = unsettled[i];
             burst.copy_signal(row, &mut self.signal);
             judge.take_off_extension(burst, row, &mut self.signal);
             let drive = judge.drive(burst);
@@ -172,7 +189,7 @@ impl Statistics {
         &mut self,
         judge: &Judge,
         lanes: &Lanes,
-        (first, burst): (usize, &'a Burst),
+        &Placed { first, burst, .. }: &Placed<'a>,
         statistic: &mut [Result<Detection, Reason>],
         unsettled: &mut Vec<Waiting<'a>>,
     ) -> usize {
@@ -194,7 +211,10 @@ impl Statistics {
             for (lane, (statistic, settled)) in each.zip(judged.settled).enumerate() {
                 match settled {
                     true => *statistic = Ok(of_lane(&judged, lane)),
-                    false => unsettled.push((first + row + lane, burst, row + lane)),
+                    false => {
+                        let row = row + lane;
+                        unsettled.push(Waiting { at: first + row, burst, row });
+                    }
                 }
             }
             row += LANES;
@@ -205,17 +225,17 @@ impl Statistics {
     /// Judges what waits.
     fn settle<'a>(
         &mut self,
+        judge: &Judge,
         lanes: &Lanes,
-        (judge, gather): (&Judge, &mut Gather),
-        waiting: &mut Vec<Waiting<'a>>,
+        queue: &mut Queue<'a>,
         statistic: &mut [Result<Detection, Reason>],
         unsettled: &mut Vec<Waiting<'a>>,
     ) {
-        self.tile.fill(gather, lanes.samples(), self.instructions);
+        self.tile.fill(&mut queue.gather, lanes.samples(), self.instructions);
         let judged = lanes.judge(&mut self.tile, &judge.model, self.rails, self.instructions);
-        for (lane, of) in waiting.drain(..).enumerate() {
+        for (lane, of) in queue.signals.drain(..).enumerate() {
             match judged.settled[lane] {
-                true => statistic[of.0] = Ok(of_lane(&judged, lane)),
+                true => statistic[of.at] = Ok(of_lane(&judged, lane)),
                 false => unsettled.push(of),
             }
         }

@@ -12,7 +12,7 @@ use super::schedule::Schedule;
 use super::spares::Spares;
 use super::stages::{self, BlockQueue, Pacer};
 use super::tally::Tally;
-use super::timings::{StageTiming, Timings};
+use super::timings::{Clock, StageTiming, Timings};
 use super::warmth::Warmth;
 use super::{Control, PipelineError};
 use crate::design::categories;
@@ -25,7 +25,7 @@ use crate::settings::{Pace, TimestampUnit};
 use crossbeam_channel::bounded;
 use std::path::Path;
 use std::sync::atomic::Ordering;
-use std::thread::{self, ScopedJoinHandle};
+use std::thread::{self, Scope, ScopedJoinHandle};
 use std::time::Duration;
 
 /// Batches between two stages.
@@ -83,6 +83,18 @@ impl Wiring<'_> {
         Ok((episodes, VerdictWriter::create(self.verdicts, options)?))
     }
 
+    fn workers(&self) -> Workers {
+        let Wiring { replay, recording, .. } = *self;
+        let stages = &replay.settings.replay;
+        // without channels known upfront, and at the recorded pace, blocks are read one after another
+        let one_reader = stages.pace == Pace::Recorded || !recording.channels_known_upfront();
+        Workers {
+            readers: if one_reader { 1 } else { replay.workers(stages.readers) },
+            filters: replay.workers(stages.filters),
+            isolators: replay.workers(stages.isolators),
+        }
+    }
+
     /// Wires the six stages, runs them, joins them.
     pub fn stream(&self, mut models: Models) -> Result<Streamed, PipelineError> {
         let Wiring { replay, recording, control, baselines, .. } = *self;
@@ -94,12 +106,7 @@ impl Wiring<'_> {
         let heads = || Heads::new(identify, settings.input.rails);
         let mut heads = identify.common_change.then(heads);
         let mut pacer = (settings.replay.pace == Pace::Recorded).then(Pacer::new);
-        let stages = &settings.replay;
-        let (filters, isolators) =
-            (replay.workers(stages.filters), replay.workers(stages.isolators));
-        // without channels known upfront, and at the recorded pace, blocks are read one after another
-        let one_reader = pacer.is_some() || !recording.channels_known_upfront();
-        let readers = if one_reader { 1 } else { replay.workers(stages.readers) };
+        let Workers { readers, filters, isolators } = self.workers();
         let queue = BlockQueue::new(recording);
         let in_flight =
             InFlight::new(BLOCKS_PER_WORKER * (readers + filters + isolators), MOST_BYTES);
@@ -118,54 +125,34 @@ impl Wiring<'_> {
             let (queue, in_flight, pacer) = (&queue, &in_flight, &mut pacer);
             let (timings, spares, warmth) = (&timings, &spares, &mut warmth);
             let (models, heads) = (&mut models, heads.as_mut());
-            let mut running: Vec<Running> = Vec::new();
+            let mut running = Running { scope, timings, stages: Vec::new() };
             let mut pacer = pacer.as_mut();
             for _ in 0..readers {
                 let (out, pacer) = (to_identify.clone(), pacer.take());
-                running.push((
-                    "reader",
-                    scope.spawn(move || {
-                        let clock = timings.clock("reader");
-                        stages::read(recording, queue, in_flight, pacer, control, clock, out)
-                    }),
-                ));
+                running.start("reader", move |clock| {
+                    stages::read(recording, queue, in_flight, pacer, control, clock, out)
+                });
             }
             drop(to_identify);
-            running.push((
-                "identify",
-                scope.spawn(move || {
-                    let clock = timings.clock("identify");
-                    stages::identify(models, warmth, heads, clock, from_reader, to_filter)
-                }),
-            ));
+            running.start("identify", move |clock| {
+                stages::identify(models, warmth, heads, clock, from_reader, to_filter)
+            });
             for _ in 0..filters {
                 let (input, out) = (from_identify.clone(), to_gate.clone());
                 let rails = settings.input.rails;
-                running.push((
-                    "filter",
-                    scope.spawn(move || {
-                        let clock = timings.clock("filter");
-                        stages::filter(rails, baselines, spares, clock, input, out)
-                    }),
-                ));
+                running.start("filter", move |clock| {
+                    stages::filter(rails, baselines, spares, clock, input, out)
+                });
             }
             drop((from_identify, to_gate));
-            running.push((
-                "gate",
-                scope.spawn(move || {
-                    stages::gate(spares, timings.clock("gate"), from_filter, to_isolate)
-                }),
-            ));
+            running
+                .start("gate", move |clock| stages::gate(spares, clock, from_filter, to_isolate));
             for _ in 0..isolators {
                 let (input, out) = (from_gate.clone(), to_writer.clone());
-                running.push((
-                    "isolate",
-                    scope.spawn(move || {
-                        let clock = timings.clock("isolate");
-                        let isolator = Isolator::new(settings, baselines, spares);
-                        stages::isolate(isolator, clock, input, out)
-                    }),
-                ));
+                running.start("isolate", move |clock| {
+                    let isolator = Isolator::new(settings, baselines, spares);
+                    stages::isolate(isolator, clock, input, out)
+                });
             }
             drop((from_gate, to_writer));
 
@@ -182,7 +169,7 @@ impl Wiring<'_> {
             // whoever waits for room in flight, or for more to be written, must not wait for a writer that is gone
             control.set_abandoned(true);
             in_flight.close();
-            joined(written, running)
+            running.joined(written)
         })?;
         let behind = pacer.map(|p| p.behind);
         let ((scan_damage, digest), timings) = (queue.finish(control)?, timings.stages());
@@ -202,17 +189,39 @@ impl Wiring<'_> {
     }
 }
 
-/// A stage at work, by name.
-type Running<'scope> = (&'static str, ScopedJoinHandle<'scope, Result<(), PipelineError>>);
+/// How many there are of the stages that may have several.
+struct Workers {
+    readers: usize,
+    filters: usize,
+    isolators: usize,
+}
 
-/// Waits for all; of what went wrong the writer's own first, then the first stage's.
-fn joined(written: Result<(), PipelineError>, running: Vec<Running>) -> Result<(), PipelineError> {
-    let mut outcome = written;
-    for (stage, handle) in running {
-        let ended = handle.join().unwrap_or(Err(PipelineError::Panicked(stage)));
-        if outcome.is_ok() {
-            outcome = ended;
-        }
+/// Stages at work, by name.
+struct Running<'scope, 'env> {
+    scope: &'scope Scope<'scope, 'env>,
+    timings: &'scope Timings,
+    stages: Vec<(&'static str, ScopedJoinHandle<'scope, Result<(), PipelineError>>)>,
+}
+
+impl<'scope> Running<'scope, '_> {
+    fn start(
+        &mut self,
+        stage: &'static str,
+        work: impl FnOnce(Clock<'scope>) -> Result<(), PipelineError> + Send + 'scope,
+    ) {
+        let timings = self.timings;
+        self.stages.push((stage, self.scope.spawn(move || work(timings.clock(stage)))));
     }
-    outcome
+
+    /// Waits for all; of what went wrong the writer's own first, then the first stage's.
+    fn joined(self, written: Result<(), PipelineError>) -> Result<(), PipelineError> {
+        let mut outcome = written;
+        for (stage, handle) in self.stages {
+            let ended = handle.join().unwrap_or(Err(PipelineError::Panicked(stage)));
+            if outcome.is_ok() {
+                outcome = ended;
+            }
+        }
+        outcome
+    }
 }

@@ -141,13 +141,40 @@ fn delays(report: &Report, curves: &Curves, body: &mut String) {
     if curves.events() == 0 {
         return;
     }
+    let used = curves.delays(&[1.0])[0];
+    let figure = delay_figure(report, curves, &used);
+    let _ = writeln!(
+        body,
+        "<h2>Delay against false alarms, fault by fault</h2>\n<p class=\"note\">{}, {:.1} % of them found at \
+         the threshold used: at the first flagged signal, and credited for no other. Lines: other thresholds. \
+         Bursts are counted in the order of the file, from the labelled onset; faults grow. No false alarm is \
+         drawn as half a one.</p>\n{}",
+        counted(curves.events() as u64, "labelled fault"),
+        100.0 * used.found,
+        drawn(&figure, &figure.title)
+    );
+    if let Some(e) = &report.episodes {
+        let bursts = |b: Option<f64>| b.map_or("–".into(), |b| format!("{b}"));
+        let _ = writeln!(
+            body,
+            "<p>Episodes, from the evidence of several bursts: {:.1} % found, {:.2} false per million \
+             healthy signals, {} bursts after the onset in the median, {} after full size.</p>",
+            100.0 * e.recall,
+            e.false_per_million,
+            bursts(e.delay_from_onset_bursts),
+            bursts(e.delay_bursts)
+        );
+    }
+}
+
+/// `used`: at the threshold that was.
+fn delay_figure(report: &Report, curves: &Curves, used: &EventDelay) -> Figure {
     let operating = curves.operating();
     let every = operating.len().div_ceil(MOST_THRESHOLDS).max(1);
     let mut factors: Vec<f64> = operating.iter().step_by(every).map(|o| o.factor).collect();
     factors.push(1.0); // what was used is on the line
     factors.sort_by(|a, b| b.total_cmp(a));
     let all = curves.delays(&factors);
-    let used = curves.delays(&[1.0])[0];
     let least = 0.5 / curves.healthy() as f64;
     let line = |of: fn(&EventDelay) -> Option<f64>| -> Vec<(f64, f64)> {
         all.iter().filter_map(|d| Some((d.false_alarms.max(least), of(d)?))).collect()
@@ -171,7 +198,7 @@ fn delays(report: &Report, curves: &Curves, body: &mut String) {
         Some(0.0) => "at their onset".to_owned(),
         Some(n) => format!("within {}", counted(n as u64, "burst")),
     };
-    let figure = Figure {
+    Figure {
         title: format!(
             "At the threshold used half of the faults are flagged {}, nine of ten {}",
             within(used.median_bursts),
@@ -181,28 +208,6 @@ fn delays(report: &Report, curves: &Curves, body: &mut String) {
         y: Axis::new("bursts from the labelled onset"),
         series: shown,
         thresholds: Vec::new(),
-    };
-    let _ = writeln!(
-        body,
-        "<h2>Delay against false alarms, fault by fault</h2>\n<p class=\"note\">{}, {:.1} % of them found at \
-         the threshold used: at the first flagged signal, and credited for no other. Lines: other thresholds. \
-         Bursts are counted in the order of the file, from the labelled onset; faults grow. No false alarm is \
-         drawn as half a one.</p>\n{}",
-        counted(curves.events() as u64, "labelled fault"),
-        100.0 * used.found,
-        drawn(&figure, &figure.title)
-    );
-    if let Some(e) = &report.episodes {
-        let bursts = |b: Option<f64>| b.map_or("–".into(), |b| format!("{b}"));
-        let _ = writeln!(
-            body,
-            "<p>Episodes, from the evidence of several bursts: {:.1} % found, {:.2} false per million \
-             healthy signals, {} bursts after the onset in the median, {} after full size.</p>",
-            100.0 * e.recall,
-            e.false_per_million,
-            bursts(e.delay_from_onset_bursts),
-            bursts(e.delay_bursts)
-        );
     }
 }
 

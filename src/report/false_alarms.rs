@@ -111,20 +111,15 @@ mod tests {
                     true => Outcome::Undecided,
                     false => Outcome::Healthy,
                 };
-                let columns = VerdictColumns {
+                let mut columns = VerdictColumns {
                     acquired_at_ns: vec![t; 40],
                     printhead: vec![0; 40],
                     printheads: vec!["p".into()],
                     channel: (0..40).collect(),
                     outcome: (0..40).map(outcome).collect(),
-                    category: vec![None; 40],
-                    candidate: vec![None; 40],
-                    statistic: vec![None; 40],
-                    threshold: vec![None; 40],
-                    severity: vec![None; 40],
-                    reason: vec![None; 40],
                     ..VerdictColumns::default()
                 };
+                columns.fill_up();
                 survey.add(0, &columns, Names { classes: &[], categories: &[] });
             }
             FalseAlarms::of(&survey, &[])

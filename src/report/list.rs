@@ -32,22 +32,6 @@ pub fn print(
     }
     for fault in open.iter().take(MOST_LISTED) {
         let story = &fault.story;
-        let mut parts = vec![what(story), size(story)];
-        parts.extend(certain_trend(story).map(|_| trend_in_words(story)));
-        parts.push(match (story.ended_at_ns, story.cures) {
-            (None, 0) => String::new(),
-            (None, cures) => {
-                format!("cured {} and back", counted_as(cures.into(), "once", "times"))
-            }
-            (_, cures) => {
-                format!("healthy now, but came back {}", counted_as(cures.into(), "once", "times"))
-            }
-        });
-        if !fault.earlier.is_empty() {
-            let n = counted(fault.earlier.len() as u64, "other fault");
-            parts.push(format!("{n} before it"));
-        }
-        parts.retain(|part| !part.is_empty());
         writeln!(
             out,
             "  {:>7.2}  {:<20} {:>7}  {:<19}  {:<15} {}",
@@ -56,7 +40,7 @@ pub fn print(
             story.channel,
             clock(story.began_at_ns),
             printable(&fault.action, 64),
-            printable(&parts.join("; "), 400)
+            printable(&in_words(fault), 400)
         )?;
     }
     if open.len() > MOST_LISTED {
@@ -69,4 +53,23 @@ pub fn print(
         writeln!(out, "  {} healthy again", counted(over as u64, "channel"))?;
     }
     Ok(())
+}
+
+/// What it is, how large, how it changes, what came before.
+fn in_words(fault: &Fault) -> String {
+    let story = &fault.story;
+    let mut parts = vec![what(story), size(story)];
+    parts.extend(certain_trend(story).map(|_| trend_in_words(story)));
+    let times = counted_as(story.cures.into(), "once", "times");
+    parts.push(match (story.ended_at_ns, story.cures) {
+        (None, 0) => String::new(),
+        (None, _) => format!("cured {times} and back"),
+        _ => format!("healthy now, but came back {times}"),
+    });
+    if !fault.earlier.is_empty() {
+        let n = counted(fault.earlier.len() as u64, "other fault");
+        parts.push(format!("{n} before it"));
+    }
+    parts.retain(|part| !part.is_empty());
+    parts.join("; ")
 }

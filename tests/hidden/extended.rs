@@ -67,7 +67,7 @@ fn auc(house: &House, recording: &str, design: &str) -> f64 {
 fn a_design_that_knows_the_cause_detects_as_if_it_were_not_there() {
     let house = House::new();
     let (mut spoiled, mut mended) = (0, 0);
-    let of = |id: &str| effect::catalogue().into_iter().find(|e| e.id == id).unwrap();
+    let of = |id: &str| effect::CATALOGUE.into_iter().find(|e| e.id == id).unwrap();
     for (id, seed) in ["crosstalk", "previous_tail", "position_gradient", "ageing", "temperature"]
         .into_iter()
         .zip(FIRST_SEED + 95_000..)

@@ -191,7 +191,7 @@ fn nothing_about_the_truth_is_in_name_size_or_structure_of_a_recording() {
         assert_eq!(names, ["print_run.mcap", "sealed", "truth.sha256"]);
         let recording = house.read(&format!("{seed}/print_run.mcap"));
         let truth = String::from_utf8(house.read(&format!("{seed}/sealed/truth.json"))).unwrap();
-        let ids = effect::catalogue().into_iter().chain(effect::outside()).map(|e| e.id);
+        let ids = effect::CATALOGUE.into_iter().chain(effect::OUTSIDE).map(|e| e.id);
         // the schema itself has a field temperature_c
         let ids = ids.filter(|id| *id != "temperature");
         for word in ids.chain(["truth", "effect", "salt"]) {
@@ -280,7 +280,7 @@ fn unrelated(temperatures: &[f64]) -> Vec<usize> {
 /// The temperatures change places among the bursts: what followed them is no longer theirs.
 #[test]
 fn a_permuted_covariate_loses_its_name() {
-    let effect = effect::catalogue().into_iter().find(|e| e.id == "temperature").unwrap();
+    let effect = effect::CATALOGUE.into_iter().find(|e| e.id == "temperature").unwrap();
     let house = House::new();
     for seed in FIRST_SEED..FIRST_SEED + 3 {
         let own = Some((effect, 8.0));
@@ -314,7 +314,7 @@ fn strong_effects_are_named_and_nothing_is_named_in_healthy_runs() {
         ("coarse_lsb", 2.0), // a step of 3 counts: two codes of three are missing
         ("tone", 8.0),
     ];
-    let of = |id: &str| effect::catalogue().into_iter().find(|e| e.id == id).unwrap();
+    let of = |id: &str| effect::CATALOGUE.into_iter().find(|e| e.id == id).unwrap();
     let mut cases: Vec<Case> = Vec::new();
     for ((id, strength_dl), seed) in strong.into_iter().zip(FIRST_SEED + 90_000..) {
         let effect = Effect { shape: 101e3, ..of(id) };

@@ -82,32 +82,23 @@ impl DialectDecoder {
     ) -> Result<Burst, Unusable> {
         self.name(plan, found, head)?;
         let dialect = &plan.dialect;
-        let missing = plan.names_every_field();
-        let number = |found: &mut Found, source: &Source, slot| match source {
-            Source::Constant(x) => Ok(Number::Float(*x)),
-            Source::Path(_) => match found.number(slot) {
-                Some(number) => Ok(number),
-                None if missing => Err(Unusable::Undecodable),
-                None => Ok(Number::Integer(0)), // protobuf leaves zeros out
-            },
-        };
-        let count = |number: Number| match number.integer() {
-            Some(i) if i >= 0 => u32::try_from(i).map_err(|_| Unusable::TooLarge),
-            _ => Err(Unusable::Undecodable),
-        };
-        head.first_channel = count(number(found, &dialect.first_channel, Slot::FirstChannel)?)?;
+        let first_channel = number(plan, found, &dialect.first_channel, Slot::FirstChannel)?;
+        head.first_channel = count(first_channel)?;
         head.t_acq_ns = match dialect.time {
             TimeSource::LogTime => times.log_ns,
             TimeSource::PublishTime => times.publish_ns,
             TimeSource::Path(_) => time_ns(found).ok_or(Unusable::Undecodable)?,
         };
-        let channels = count(number(found, &dialect.channels, Slot::Channels)?)?;
-        let sample_period_s = number(found, &dialect.period_s, Slot::Period)?.float();
+        let channels = count(number(plan, found, &dialect.channels, Slot::Channels)?)?;
+        let sample_period_s = number(plan, found, &dialect.period_s, Slot::Period)?.float();
         let samples = self.samples(plan, message, found)?;
         let samples_per_channel = match &dialect.samples_per_channel {
-            Some(source) => count(number(found, source, Slot::SamplesPerChannel)?)?,
+            Some(source) => count(number(plan, found, source, Slot::SamplesPerChannel)?)?,
             None => columns(&samples, channels)?,
         };
+        if samples.too_many {
+            return Err(Unusable::TooLarge);
+        }
         let shape = Shape {
             first_channel: head.first_channel,
             channels,
@@ -116,35 +107,7 @@ impl DialectDecoder {
             format: samples.format,
             samples_bytes: samples.bytes.len(),
         };
-        if samples.too_many {
-            return Err(Unusable::TooLarge);
-        }
         shape.check(&self.limits)?;
-        let rows = channels as usize;
-        let mut measured = |source: &Option<Source>, slot| match source {
-            Some(Source::Constant(x)) => Some(*x),
-            Some(Source::Path(_)) => found.number(slot).map(Number::float),
-            None => None,
-        };
-        let temperature_c = measured(&dialect.temperature, Slot::Temperature);
-        let drive_voltage_v = measured(&dialect.voltage, Slot::Voltage);
-        let mut of_channels = |source: &Option<Source>, slot| match source {
-            Some(Source::Constant(x)) => vec![*x as f32],
-            Some(Source::Path(_)) => {
-                found.take(slot).map_or(Vec::new(), |value| value.floats(message, rows))
-            }
-            None => Vec::new(),
-        };
-        let mut idle_time_s = of_channels(&dialect.idle, Slot::Idle);
-        if ![1, rows].contains(&idle_time_s.len()) {
-            idle_time_s = Vec::new(); // belongs to no channel: not recorded
-        }
-        let neighbours = of_channels(&dialect.neighbours, Slot::Neighbours);
-        let neighbours_fired: Vec<u8> = match neighbours.as_slice() {
-            [one] => vec![*one as u8; rows],
-            each if each.len() == rows => each.iter().map(|n| *n as u8).collect(),
-            _ => Vec::new(),
-        };
         Ok(Burst {
             t_acq_ns: head.t_acq_ns,
             printhead: head.printhead.clone(),
@@ -155,10 +118,10 @@ impl DialectDecoder {
             format: samples.format,
             layout: dialect.layout.into(),
             samples: samples.bytes,
-            temperature_c: temperature_c.filter(|t| t.is_finite()),
-            drive_voltage_v: drive_voltage_v.filter(|v| v.is_finite()),
-            idle_time_s,
-            neighbours_fired: neighbours_fired.into(),
+            temperature_c: measured(found, &dialect.temperature, Slot::Temperature),
+            drive_voltage_v: measured(found, &dialect.voltage, Slot::Voltage),
+            idle_time_s: idle_times(found, &dialect.idle, message, channels as usize),
+            neighbours_fired: neighbours(found, &dialect.neighbours, message, channels as usize),
         })
     }
 
@@ -212,6 +175,78 @@ impl DialectDecoder {
             head.printhead = self.names.intern(name);
         }
         Ok(())
+    }
+}
+
+/// A number that a burst needs.
+fn number(plan: &Plan, found: &mut Found, source: &Source, slot: Slot) -> Result<Number, Unusable> {
+    match source {
+        Source::Constant(x) => Ok(Number::Float(*x)),
+        Source::Path(_) => match found.number(slot) {
+            Some(number) => Ok(number),
+            None if plan.names_every_field() => Err(Unusable::Undecodable),
+            None => Ok(Number::Integer(0)), // protobuf leaves zeros out
+        },
+    }
+}
+
+fn count(number: Number) -> Result<u32, Unusable> {
+    match number.integer() {
+        Some(i) if i >= 0 => u32::try_from(i).map_err(|_| Unusable::TooLarge),
+        _ => Err(Unusable::Undecodable),
+    }
+}
+
+/// A number that a burst may have.
+fn measured(found: &mut Found, source: &Option<Source>, slot: Slot) -> Option<f64> {
+    let value = match source.as_ref()? {
+        Source::Constant(x) => *x,
+        Source::Path(_) => found.number(slot)?.float(),
+    };
+    value.is_finite().then_some(value)
+}
+
+fn idle_times(
+    found: &mut Found,
+    source: &Option<Source>,
+    message: &Bytes,
+    channels: usize,
+) -> Vec<f32> {
+    let times = of_channels(found, source, Slot::Idle, message, channels);
+    // what belongs to no channel is not recorded
+    if [1, channels].contains(&times.len()) { times } else { Vec::new() }
+}
+
+/// One for each channel, or none.
+fn neighbours(
+    found: &mut Found,
+    source: &Option<Source>,
+    message: &Bytes,
+    channels: usize,
+) -> Bytes {
+    let numbers = of_channels(found, source, Slot::Neighbours, message, channels);
+    let fired: Vec<u8> = match numbers.as_slice() {
+        [one] => vec![*one as u8; channels],
+        each if each.len() == channels => each.iter().map(|n| *n as u8).collect(),
+        _ => Vec::new(),
+    };
+    fired.into()
+}
+
+/// As many numbers as there are.
+fn of_channels(
+    found: &mut Found,
+    source: &Option<Source>,
+    slot: Slot,
+    message: &Bytes,
+    channels: usize,
+) -> Vec<f32> {
+    match source {
+        Some(Source::Constant(x)) => vec![*x as f32],
+        Some(Source::Path(_)) => {
+            found.take(slot).map_or(Vec::new(), |value| value.floats(message, channels))
+        }
+        None => Vec::new(),
     }
 }
 

@@ -63,96 +63,116 @@ pub fn guess(written: &Written, message: &Bytes, topics: &[&str]) -> Option<Stri
     if size.numbers < FEWEST_SAMPLES {
         return None;
     }
-    Some(block(written, message, &fields, samples, &size, topics))
+    let toml = String::from("[[input.dialect]]\n");
+    let mut guess = Guess { written, message, fields: &fields, size: &size, toml };
+    guess.say_all(samples, topics);
+    Some(guess.toml)
 }
 
-fn block(
-    written: &Written,
-    message: &Bytes,
-    fields: &[FieldInfo],
-    samples: &FieldInfo,
-    size: &Size,
-    topics: &[&str],
-) -> String {
-    let (glob, varies) = glob(written.topic, topics);
-    let named = |names: &[&str], slot| find(fields, names, slot);
-    let quoted = |text: &str| toml::Value::String(text.to_owned()).to_string();
-    let mut toml = String::from("[[input.dialect]]\n");
-    let mut say = |key: &str, value: &str, why: &str| {
+/// A dialect under way.
+struct Guess<'a> {
+    written: &'a Written<'a>,
+    message: &'a Bytes,
+    fields: &'a [FieldInfo],
+    size: &'a Size,
+    toml: String,
+}
+
+/// A field with a whole number that the samples can be divided by.
+struct Divisor {
+    path: String,
+    n: usize,
+}
+
+impl Guess<'_> {
+    fn say_all(&mut self, samples: &FieldInfo, topics: &[&str]) {
+        let (glob, varies) = glob(self.written.topic, topics);
+        self.say("topic", &quoted(&glob), "");
+        if let Some(schema) = self.written.schema.filter(|schema| !schema.name.is_empty()) {
+            self.say("schema", &quoted(&schema.name), "");
+        }
+        self.say("samples", &quoted(&samples.path), "");
+        if let Some(format) = self.size.format {
+            let value = if format == SampleFormat::S16le { "\"s16le\"" } else { "\"f32le\"" };
+            self.say("format", value, "by the look of the first message");
+        }
+        self.say("layout", "\"channel-major\"", "or \"sample-major\"");
+        self.say_shape();
+        self.say_named("first_channel", FIRST, Slot::FirstChannel, "");
+        if !self.say_named("period_s", PERIOD, Slot::Period, "in seconds") {
+            self.say("period_s", "1e-6", "not in the message: the sample period, s");
+        }
+        self.say_printhead(varies);
+        let stamp = |field: &&FieldInfo| field.kind == Kind::Time && !field.list;
+        match self.fields.iter().find(stamp) {
+            Some(field) => self.say("time", &quoted(&field.path), ""),
+            None => {
+                self.say_named("time", TIME, Slot::Time, "");
+            }
+        }
+        self.say_named("temperature", TEMPERATURE, Slot::Temperature, "in °C");
+        self.say_named("voltage", VOLTAGE, Slot::Voltage, "in V");
+    }
+
+    fn say(&mut self, key: &str, value: &str, why: &str) {
         let why = if why.is_empty() { String::new() } else { format!("  # ? {why}") };
-        let _ = writeln!(toml, "{key} = {value}{why}");
-    };
-    say("topic", &quoted(&glob), "");
-    if let Some(schema) = written.schema.filter(|schema| !schema.name.is_empty()) {
-        say("schema", &quoted(&schema.name), "");
+        let _ = writeln!(self.toml, "{key} = {value}{why}");
     }
-    say("samples", &quoted(&samples.path), "");
-    if let Some(format) = size.format {
-        let value = if format == SampleFormat::S16le { "\"s16le\"" } else { "\"f32le\"" };
-        say("format", value, "by the look of the first message");
-    }
-    say("layout", "\"channel-major\"", "or \"sample-major\"");
-    let count = |names, slot| {
-        let path = named(names, slot)?;
-        let count = count(written, message, &path).filter(|n| size.numbers.is_multiple_of(*n))?;
-        Some((quoted(&path), count))
-    };
-    let (rows, columns) =
-        (count(CHANNELS, Slot::Channels), count(COLUMNS, Slot::SamplesPerChannel));
-    match (&rows, &columns) {
-        (Some((path, rows)), Some((_, columns))) if rows * columns == size.numbers => {
-            say("channels", path, "");
+
+    /// The field of such a name, if there is one.
+    fn say_named(&mut self, key: &str, names: &[&str], slot: Slot, why: &str) -> bool {
+        let path = find(self.fields, names, slot);
+        if let Some(path) = &path {
+            self.say(key, &quoted(path), why);
         }
-        (Some((path, _)), _) => {
-            say(
-                "channels",
-                path,
-                if columns.is_some() { "or is this samples per channel" } else { "" },
-            );
+        path.is_some()
+    }
+
+    /// Channels and samples per channel.
+    fn say_shape(&mut self) {
+        let numbers = self.size.numbers;
+        let rows = self.divisor(CHANNELS, Slot::Channels);
+        let columns = self.divisor(COLUMNS, Slot::SamplesPerChannel);
+        match (&rows, &columns) {
+            (Some(rows), Some(columns)) if rows.n * columns.n == numbers => {
+                self.say("channels", &quoted(&rows.path), "");
+            }
+            (Some(rows), None) => self.say("channels", &quoted(&rows.path), ""),
+            (Some(rows), Some(_)) => {
+                self.say("channels", &quoted(&rows.path), "or is this samples per channel");
+            }
+            (None, Some(columns)) => {
+                let why = "not in the message: numbers of the first, by samples_per_channel";
+                self.say("channels", &(numbers / columns.n).to_string(), why);
+            }
+            (None, None) => self.say("channels", "1", "not in the message"),
         }
-        (None, Some((_, columns))) => {
-            let rows = (size.numbers / columns).to_string();
-            say(
-                "channels",
-                &rows,
-                "not in the message: numbers of the first, by samples_per_channel",
-            );
-        }
-        (None, None) => say("channels", "1", "not in the message"),
-    }
-    // what contradicts the channels is left out: there are as many as there are
-    let agrees = |n: usize| rows.as_ref().is_none_or(|(_, rows)| rows * n == size.numbers);
-    if let Some((path, _)) = columns.filter(|(_, n)| agrees(*n)) {
-        say("samples_per_channel", &path, "");
-    }
-    if let Some(path) = named(FIRST, Slot::FirstChannel) {
-        say("first_channel", &quoted(&path), "");
-    }
-    match named(PERIOD, Slot::Period) {
-        Some(path) => say("period_s", &quoted(&path), "in seconds"),
-        None => say("period_s", "1e-6", "not in the message: the sample period, s"),
-    }
-    match named(PRINTHEAD, Slot::Text(0)) {
-        Some(path) => say("printhead", &quoted(&format!("{{{path}}}")), ""),
-        None => {
-            let parts = written.topic.trim_start_matches('/').split('/').count();
-            let part = varies.unwrap_or(usize::from(parts > 1));
-            let part = format!("\"{{topic.{part}}}\"");
-            say("printhead", &part, "this part of the topic, from 0");
+        // what contradicts the channels is left out: there are as many as there are
+        let agrees = |n: usize| rows.as_ref().is_none_or(|rows| rows.n * n == numbers);
+        if let Some(columns) = columns.filter(|columns| agrees(columns.n)) {
+            self.say("samples_per_channel", &quoted(&columns.path), "");
         }
     }
-    let stamp = |field: &&FieldInfo| field.kind == Kind::Time && !field.list;
-    let time = fields.iter().find(stamp).map(|field| field.path.clone());
-    if let Some(path) = time.or_else(|| named(TIME, Slot::Time)) {
-        say("time", &quoted(&path), "");
+
+    fn divisor(&self, names: &[&str], slot: Slot) -> Option<Divisor> {
+        let path = find(self.fields, names, slot)?;
+        let n = count(self.written, self.message, &path)?;
+        self.size.numbers.is_multiple_of(n).then_some(Divisor { path, n })
     }
-    if let Some(path) = named(TEMPERATURE, Slot::Temperature) {
-        say("temperature", &quoted(&path), "in °C");
+
+    fn say_printhead(&mut self, varies: Option<usize>) {
+        if let Some(path) = find(self.fields, PRINTHEAD, Slot::Text(0)) {
+            return self.say("printhead", &quoted(&format!("{{{path}}}")), "");
+        }
+        let parts = self.written.topic.trim_start_matches('/').split('/').count();
+        let part = varies.unwrap_or(usize::from(parts > 1));
+        let part = format!("\"{{topic.{part}}}\"");
+        self.say("printhead", &part, "this part of the topic, from 0");
     }
-    if let Some(path) = named(VOLTAGE, Slot::Voltage) {
-        say("voltage", &quoted(&path), "in V");
-    }
-    toml
+}
+
+fn quoted(text: &str) -> String {
+    toml::Value::String(text.to_owned()).to_string()
 }
 
 /// What all topics fit, and the first part in which they differ.

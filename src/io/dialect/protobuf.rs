@@ -298,15 +298,7 @@ impl Walk<'_> {
             (_, Wire::Bytes(packed)) if list => {
                 let mut at = packed.start;
                 while at < packed.end {
-                    let number = match scalar {
-                        Scalar::Fixed(element) => {
-                            let from = at;
-                            at = at.saturating_add(element.bytes());
-                            let of = self.message[..packed.end].get(from..at).ok_or(Malformed)?;
-                            element.read(of, false).ok_or(Malformed)?
-                        }
-                        _ => whole(scalar, self.varint(&mut at, packed.end)?),
-                    };
+                    let number = self.packed(scalar, &mut at, packed.end)?;
                     self.number(field, slot, number, seen, found);
                 }
             }
@@ -321,6 +313,17 @@ impl Walk<'_> {
             _ => return Err(Malformed),
         }
         Ok(())
+    }
+
+    /// The next of several in a row.
+    fn packed(&self, scalar: Scalar, at: &mut usize, end: usize) -> Result<Number, Malformed> {
+        let Scalar::Fixed(element) = scalar else {
+            return Ok(whole(scalar, self.varint(at, end)?));
+        };
+        let from = *at;
+        *at = at.saturating_add(element.bytes());
+        let of = self.message[..end].get(from..*at).ok_or(Malformed)?;
+        element.read(of, false).ok_or(Malformed)
     }
 
     /// One number: of several, those wanted are gathered.

@@ -116,6 +116,29 @@ impl Definitions {
             Some(lines) => lines.as_slice(),
             None => builtin.ok_or_else(|| format!("its definition has no {name}"))?,
         };
+        let fields = self.fields(name, lines, written, known, depth)?;
+        let nothing = |field: &RosField| match (field.count, field.base) {
+            (Count::Fixed(0), _) => true,
+            (Count::One | Count::Fixed(_), Base::Message(of)) => self.types[of].empty,
+            _ => false,
+        };
+        // ROS 2 puts a byte where there is nothing
+        let empty = self.flavour == Flavour::Ros1 && fields.iter().all(nothing);
+        self.types[number].fields = fields;
+        self.types[number].empty = empty;
+        known.insert(name.to_owned(), Some(number));
+        Ok(number)
+    }
+
+    /// Of a type, line by line.
+    fn fields(
+        &mut self,
+        name: &str,
+        lines: &[&str],
+        written: &Written,
+        known: &mut HashMap<String, Option<usize>>,
+        depth: usize,
+    ) -> Result<Vec<RosField>, String> {
         let mut fields = Vec::new();
         for line in lines {
             let Some(field) = WrittenField::parse(line) else { continue };
@@ -142,17 +165,7 @@ impl Definitions {
                 count: field.count,
             });
         }
-        let nothing = |field: &RosField| match (field.count, field.base) {
-            (Count::Fixed(0), _) => true,
-            (Count::One | Count::Fixed(_), Base::Message(of)) => self.types[of].empty,
-            _ => false,
-        };
-        // ROS 2 puts a byte where there is nothing
-        let empty = self.flavour == Flavour::Ros1 && fields.iter().all(nothing);
-        self.types[number].fields = fields;
-        self.types[number].empty = empty;
-        known.insert(name.to_owned(), Some(number));
-        Ok(number)
+        Ok(fields)
     }
 }
 

@@ -6,6 +6,8 @@
 //! catalogue's words alone: the critique's own models are other code.
 
 use super::plant::Equation;
+use Acts::{Code, Output, Plant};
+use Needs::{DriveScan, Idle, Neighbours, Nothing, Temperature};
 use std::f64::consts::TAU;
 
 /// What is known or drawn of one signal.
@@ -92,6 +94,15 @@ impl Effect {
         Effect { size, ..self }
     }
 
+    /// Of a shape between these.
+    const fn of(self, least: f64, most: f64) -> Effect {
+        Effect { shapes: [least, most], ..self }
+    }
+
+    const fn tied(self, ties: &'static [&'static str]) -> Effect {
+        Effect { ties, ..self }
+    }
+
     /// Where its physical range ends.
     pub fn largest(&self) -> f64 {
         match self.id {
@@ -117,7 +128,6 @@ impl Effect {
     }
 }
 
-/// An effect on the noise-free samples, which strength scales linearly.
 const fn effect(
     id: &'static str,
     parameter: &'static str,
@@ -129,176 +139,83 @@ const fn effect(
     Effect { id, parameter, unit, needs, acts, size, shape: 0.0, shapes: [0.0; 2], ties: &[] }
 }
 
+const SLOW: &[&str] = &["offset", "droop", "meniscus"];
+const EARLY: &[&str] = &["lowpass", "fractional_damping"];
+
 /// The catalogue; `size` is about one detection limit of 192 signals of 128 samples.
-pub fn catalogue() -> Vec<Effect> {
-    use Acts::{Code, Output, Plant};
-    use Needs::{DriveScan, Idle, Neighbours, Nothing, Temperature};
-    let slow: &[&str] = &["offset", "droop", "meniscus"];
-    let early: &[&str] = &["lowpass", "fractional_damping"];
-    vec![
-        Effect { ties: slow, ..effect("offset", "offset", "counts", Nothing, 0.1, Output(offset)) },
-        Effect { ties: slow, ..effect("droop", "rate", "1/s", DriveScan, 1e3, Output(droop)) },
-        Effect {
-            ties: slow,
-            ..effect(
-                "meniscus",
-                "compliance_ratio",
-                "1",
-                DriveScan,
-                0.02,
-                Plant(|s, _, e| e.meniscus = s.size),
-            )
-        },
-        Effect {
-            ties: early,
-            shapes: [3e5, 1.2e6],
-            ..effect("lowpass", "rate", "1/s", Nothing, 0.015, Output(lowpass))
-        },
-        Effect {
-            shapes: [25e3, 240e3],
-            ..effect("second_mode", "frequency", "Hz", DriveScan, 0.25, Output(second_mode))
-        },
-        effect(
-            "quadratic_drag",
-            "damping_change",
-            "1",
-            DriveScan,
-            30.0,
-            Plant(|s, _, e| e.drag_per_s_count = s.size),
-        ),
-        effect(
-            "dry_friction",
-            "damping_change",
-            "1",
-            DriveScan,
-            3e4,
-            Plant(|s, _, e| e.friction_counts_per_s = s.size),
-        ),
-        effect(
-            "cubic_stiffness",
-            "frequency_change",
-            "1",
-            DriveScan,
-            1e5,
-            Plant(|s, _, e| e.cubic = s.size),
-        ),
-        Effect {
-            ties: early,
-            ..effect(
-                "fractional_damping",
-                "eta",
-                "1",
-                Nothing,
-                0.1,
-                Plant(|s, _, e| e.half_order = s.size),
-            )
-        },
-        Effect {
-            shapes: [15e3, 280e3],
-            ..effect("tone", "frequency", "Hz", Nothing, 0.09, Output(tone))
-        },
-        Effect {
-            shapes: [15e3, 280e3],
-            ..effect("random_tone", "frequency", "Hz", Nothing, 0.2, Output(random_tone))
-        },
-        effect("trigger_jitter", "sd", "s", Nothing, 27e-9, Acts::Trigger),
-        effect("clipping", "level", "counts", Nothing, 90.0, Code(|s, y| y.min(s.size))),
-        effect(
-            "coarse_lsb",
-            "step",
-            "counts",
-            Nothing,
-            2.0,
-            Code(|s, y| (y / s.size).round() * s.size),
-        ),
-        effect("previous_tail", "gain", "1", Idle, 0.3, Acts::Tail),
-        effect("crosstalk", "kappa", "1", Neighbours, 0.012, Output(crosstalk)),
-        effect(
-            "temperature",
-            "damping_change",
-            "1/K",
-            Temperature,
-            -0.003,
-            Plant(|s, c, e| thin(e, 1.0 + s.size * c.above_c)),
-        ),
-        effect(
-            "ageing",
-            "damping_change",
-            "1",
-            Nothing,
-            0.03,
-            Plant(|s, c, e| thin(e, 1.0 + s.size * c.progress)),
-        ),
-        effect(
-            "position_gradient",
-            "frequency_change",
-            "1",
-            Nothing,
-            0.005,
-            Plant(|s, c, e| stiffen(e, 1.0 + s.size * c.position)),
-        ),
-        effect(
-            "clock_drift",
-            "rate_change",
-            "1",
-            Nothing,
-            0.005,
-            Plant(|s, c, e| {
-                stiffen(e, 1.0 + s.size * c.progress);
-                thin(e, 1.0 + s.size * c.progress);
-            }),
-        ),
-        effect("correlated_noise", "rho", "1", Nothing, 0.03, Acts::Correlation),
-        effect("heteroscedastic_noise", "h", "1", Nothing, 0.1, Acts::NoiseGrowth),
-    ]
-}
+pub static CATALOGUE: [Effect; 22] = [
+    effect("offset", "offset", "counts", Nothing, 0.1, Output(offset)).tied(SLOW),
+    effect("droop", "rate", "1/s", DriveScan, 1e3, Output(droop)).tied(SLOW),
+    effect("meniscus", "compliance_ratio", "1", DriveScan, 0.02, Plant(meniscus)).tied(SLOW),
+    effect("lowpass", "rate", "1/s", Nothing, 0.015, Output(lowpass)).tied(EARLY).of(3e5, 1.2e6),
+    effect("second_mode", "frequency", "Hz", DriveScan, 0.25, Output(second_mode)).of(25e3, 240e3),
+    effect("quadratic_drag", "damping_change", "1", DriveScan, 30.0, Plant(quadratic_drag)),
+    effect("dry_friction", "damping_change", "1", DriveScan, 3e4, Plant(dry_friction)),
+    effect("cubic_stiffness", "frequency_change", "1", DriveScan, 1e5, Plant(cubic_stiffness)),
+    effect("fractional_damping", "eta", "1", Nothing, 0.1, Plant(fractional_damping)).tied(EARLY),
+    effect("tone", "frequency", "Hz", Nothing, 0.09, Output(tone)).of(15e3, 280e3),
+    effect("random_tone", "frequency", "Hz", Nothing, 0.2, Output(random_tone)).of(15e3, 280e3),
+    effect("trigger_jitter", "sd", "s", Nothing, 27e-9, Acts::Trigger),
+    effect("clipping", "level", "counts", Nothing, 90.0, Code(clipped)),
+    effect("coarse_lsb", "step", "counts", Nothing, 2.0, Code(rounded)),
+    effect("previous_tail", "gain", "1", Idle, 0.3, Acts::Tail),
+    effect("crosstalk", "kappa", "1", Neighbours, 0.012, Output(crosstalk)),
+    effect("temperature", "damping_change", "1/K", Temperature, -0.003, Plant(warm_ink)),
+    effect("ageing", "damping_change", "1", Nothing, 0.03, Plant(ageing)),
+    effect("position_gradient", "frequency_change", "1", Nothing, 0.005, Plant(position_gradient)),
+    effect("clock_drift", "rate_change", "1", Nothing, 0.005, Plant(clock_drift)),
+    effect("correlated_noise", "rho", "1", Nothing, 0.03, Acts::Correlation),
+    effect("heteroscedastic_noise", "h", "1", Nothing, 0.1, Acts::NoiseGrowth),
+];
 
 /// Effects that no catalogue names. More, which nobody has seen, are in the tests.
-pub fn outside() -> Vec<Effect> {
-    use Acts::{Output, Plant};
-    use Needs::{DriveScan, Nothing, Temperature};
-    vec![
-        // even-order distortion of the amplifier
-        effect(
-            "outside_even_order",
-            "share",
-            "1",
-            DriveScan,
-            0.02,
-            Output(|s, _, o| {
-                o.y.iter_mut().for_each(|y| *y += s.size * *y * *y / o.peak_counts);
-            }),
-        ),
-        // a reflection that arrives in the middle of the acquisition
-        Effect {
-            shapes: [25e-6, 45e-6],
-            ..effect("outside_echo", "share", "1", Nothing, 0.02, Output(echo))
-        },
-        // a spike at the same sample of every signal
-        Effect {
-            shapes: [0.2, 0.8],
-            ..effect(
-                "outside_glitch",
-                "counts",
-                "counts",
-                Nothing,
-                1.0,
-                Output(|s, _, o| {
-                    let k = (s.shape * o.y.len() as f64) as usize;
-                    o.y[k.min(o.y.len() - 1)] += s.size;
-                }),
-            )
-        },
-        // stiffness follows temperature: the catalogue has only damping do so
-        effect(
-            "outside_warm_stiffness",
-            "1/K",
-            "1/K",
-            Temperature,
-            0.001,
-            Plant(|s, c, e| stiffen(e, 1.0 + s.size * c.above_c)),
-        ),
-    ]
+pub static OUTSIDE: [Effect; 4] = [
+    effect("outside_even_order", "share", "1", DriveScan, 0.02, Output(even_order)),
+    effect("outside_echo", "share", "1", Nothing, 0.02, Output(echo)).of(25e-6, 45e-6),
+    effect("outside_glitch", "counts", "counts", Nothing, 1.0, Output(glitch)).of(0.2, 0.8),
+    effect("outside_warm_stiffness", "1/K", "1/K", Temperature, 0.001, Plant(warm_stiffness)),
+];
+
+fn meniscus(effect: &Effect, _: &Conditions, equation: &mut Equation) {
+    equation.meniscus = effect.size;
+}
+
+fn quadratic_drag(effect: &Effect, _: &Conditions, equation: &mut Equation) {
+    equation.drag_per_s_count = effect.size;
+}
+
+fn dry_friction(effect: &Effect, _: &Conditions, equation: &mut Equation) {
+    equation.friction_counts_per_s = effect.size;
+}
+
+fn cubic_stiffness(effect: &Effect, _: &Conditions, equation: &mut Equation) {
+    equation.cubic = effect.size;
+}
+
+fn fractional_damping(effect: &Effect, _: &Conditions, equation: &mut Equation) {
+    equation.half_order = effect.size;
+}
+
+fn warm_ink(effect: &Effect, conditions: &Conditions, equation: &mut Equation) {
+    thin(equation, 1.0 + effect.size * conditions.above_c);
+}
+
+fn ageing(effect: &Effect, conditions: &Conditions, equation: &mut Equation) {
+    thin(equation, 1.0 + effect.size * conditions.progress);
+}
+
+fn position_gradient(effect: &Effect, conditions: &Conditions, equation: &mut Equation) {
+    stiffen(equation, 1.0 + effect.size * conditions.position);
+}
+
+fn clock_drift(effect: &Effect, conditions: &Conditions, equation: &mut Equation) {
+    stiffen(equation, 1.0 + effect.size * conditions.progress);
+    thin(equation, 1.0 + effect.size * conditions.progress);
+}
+
+/// Stiffness follows temperature: the catalogue has only damping do so.
+fn warm_stiffness(effect: &Effect, conditions: &Conditions, equation: &mut Equation) {
+    stiffen(equation, 1.0 + effect.size * conditions.above_c);
 }
 
 /// All losses by `factor`.
@@ -376,11 +293,32 @@ fn crosstalk(effect: &Effect, conditions: &Conditions, samples: &mut Samples) {
     samples.y.iter_mut().for_each(|y| *y *= share);
 }
 
+/// Even-order distortion of the amplifier.
+fn even_order(effect: &Effect, _: &Conditions, samples: &mut Samples) {
+    let peak_counts = samples.peak_counts;
+    samples.y.iter_mut().for_each(|y| *y += effect.size * *y * *y / peak_counts);
+}
+
+/// A reflection that arrives in the middle of the acquisition.
 fn echo(effect: &Effect, _: &Conditions, samples: &mut Samples) {
     let late = ((effect.shape / samples.period_s) as usize).min(samples.y.len() - 1);
     for k in (late..samples.y.len()).rev() {
         samples.y[k] += effect.size * samples.y[k - late];
     }
+}
+
+/// A spike at the same sample of every signal.
+fn glitch(effect: &Effect, _: &Conditions, samples: &mut Samples) {
+    let k = (effect.shape * samples.y.len() as f64) as usize;
+    samples.y[k.min(samples.y.len() - 1)] += effect.size;
+}
+
+fn clipped(effect: &Effect, y: f64) -> f64 {
+    y.min(effect.size)
+}
+
+fn rounded(effect: &Effect, y: f64) -> f64 {
+    (y / effect.size).round() * effect.size
 }
 
 #[cfg(test)]
@@ -406,7 +344,7 @@ mod tests {
         let f = |t: f64| (-3e4 * t).exp() * (4e5 * t).cos();
         let (dt, w) = (0.78125e-6, 4e3);
         let mut y: Vec<f64> = (0..128).map(|k| f(k as f64 * dt)).collect();
-        let effect = catalogue()[1].of_size(w);
+        let effect = CATALOGUE[1].of_size(w);
         droop(&effect, &PLAIN, &mut Samples { y: &mut y, period_s: dt, peak_counts: 1.0 });
         for k in [1, 40, 127] {
             let (t, n) = (k as f64 * dt, 40_000);
@@ -420,13 +358,13 @@ mod tests {
 
     #[test]
     fn identifiers_are_told_apart_and_outsiders_say_so() {
-        let ids: Vec<&str> = catalogue().iter().map(|e| e.id).collect();
+        let ids: Vec<&str> = CATALOGUE.iter().map(|e| e.id).collect();
         let mut sorted = ids.clone();
         sorted.sort_unstable();
         sorted.dedup();
         assert_eq!((ids.len(), sorted.len()), (22, 22));
-        assert!(outside().iter().all(|e| e.id.starts_with("outside_")));
-        for effect in catalogue() {
+        assert!(OUTSIDE.iter().all(|e| e.id.starts_with("outside_")));
+        for effect in &CATALOGUE {
             assert!(effect.ties.is_empty() || effect.ties.contains(&effect.id));
         }
     }

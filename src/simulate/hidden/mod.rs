@@ -26,7 +26,7 @@ use rand_chacha::ChaCha8Rng;
 use run::{Acquisitions, Base};
 use serde::Serialize;
 use std::sync::Arc;
-use strength::{STRENGTHS_DL, Yardstick};
+use strength::{STRENGTHS_DL, Strength, Yardstick};
 
 pub use run::Circumstance;
 
@@ -96,7 +96,7 @@ pub fn planted(
     let mut effects = Vec::new();
     let mut truths = Vec::new();
     for (effect, strength_dl) in &plan.effects {
-        let (size, strength_dl) = yardstick.size(effect, *strength_dl);
+        let Strength { size, strength_dl } = yardstick.size(effect, *strength_dl);
         let effect = effect.of_size(size);
         truths.push(true_effect(&effect, strength_dl, &yardstick, plan));
         effects.push(effect);
@@ -152,10 +152,10 @@ fn testable(effect: &Effect, physics: &Physics, run: &PrintRun, hidden: &HiddenR
 
 fn draw(physics: &Physics, run: &PrintRun, hidden: &HiddenRun, seed: u64) -> Plan {
     let mut rng = stream(seed, Purpose::Hidden, part::HIDDEN + 1);
-    let known = |effects: Vec<Effect>| -> Vec<Effect> {
-        effects.into_iter().filter(|e| testable(e, physics, run, hidden)).collect()
+    let known = |effects: &[Effect]| -> Vec<Effect> {
+        effects.iter().filter(|e| testable(e, physics, run, hidden)).copied().collect()
     };
-    let (catalogue, outside) = (known(effect::catalogue()), known(effect::outside()));
+    let (catalogue, outside) = (known(&effect::CATALOGUE), known(&effect::OUTSIDE));
     let kind: f64 = rng.random();
     let mut effects: Vec<(Effect, f64)> = Vec::new();
     let (from, count) = match kind {

@@ -41,6 +41,13 @@ struct Seen {
     plain: Vec<f64>,
 }
 
+/// An effect's size, and the detection limits it has at it.
+#[derive(Clone, Copy, Debug)]
+pub struct Strength {
+    pub size: f64,
+    pub strength_dl: f64,
+}
+
 /// The baseline and signals of one run.
 pub struct Yardstick {
     base: Base,
@@ -95,21 +102,21 @@ impl Yardstick {
         Some(Yardstick { base: base.clone(), baseline, seen, own, share, noise_var })
     }
 
-    /// The size at which `effect` has `strength_dl` detection limits, and how many it has: fewer where
-    /// its physical range ends before.
-    pub fn size(&self, effect: &Effect, strength_dl: f64) -> (f64, f64) {
+    /// The size at which `effect` has `strength_dl` detection limits, or fewer where its physical range
+    /// ends before.
+    pub fn size(&self, effect: &Effect, strength_dl: f64) -> Strength {
         let lower = STRENGTHS_DL.iter().rev().copied().filter(|s| *s < strength_dl);
-        let (mut size, mut reached) = (effect.size, strength_dl);
+        let mut reached = Strength { size: effect.size, strength_dl };
         for asked in std::iter::once(strength_dl).chain(lower) {
-            (size, reached) = self.size_within(effect, asked);
-            if reached >= asked {
+            reached = self.size_within(effect, asked);
+            if reached.strength_dl >= asked {
                 break;
             }
         }
-        (size, reached)
+        reached
     }
 
-    fn size_within(&self, effect: &Effect, strength_dl: f64) -> (f64, f64) {
+    fn size_within(&self, effect: &Effect, strength_dl: f64) -> Strength {
         let samples = self.base.physics.acquisition.samples as f64;
         let signals = self.seen.len() as f64 * self.share;
         let size = match (effect.acts, effect.id) {
@@ -137,11 +144,11 @@ impl Yardstick {
             (Acts::Code(_), _) => self.level(effect, strength_dl),
             _ => return self.sought(effect, strength_dl),
         };
-        (size, strength_dl)
+        Strength { size, strength_dl }
     }
 
     /// Walks from a small size to the one that leaves as much misfit as asked for.
-    fn sought(&self, effect: &Effect, strength_dl: f64) -> (f64, f64) {
+    fn sought(&self, effect: &Effect, strength_dl: f64) -> Strength {
         let wanted = NONCENTRALITY * strength_dl * strength_dl;
         let largest = effect.largest();
         let mut moved = Vec::new();
@@ -150,30 +157,30 @@ impl Yardstick {
         for _ in 0..MOST_TRIALS {
             let own = self.misfit(&effect.of_size(size), &mut moved);
             if own.is_nan() || own <= 0.0 {
-                return (size, 0.0);
+                return Strength { size, strength_dl: 0.0 };
             }
-            let reached = strength_dl * (own / wanted).sqrt();
-            if (reached / strength_dl - 1.0).abs() < 2e-3 {
-                return (size, strength_dl);
+            let reached = Strength { size, strength_dl: strength_dl * (own / wanted).sqrt() };
+            if (reached.strength_dl / strength_dl - 1.0).abs() < 2e-3 {
+                return Strength { size, strength_dl };
             }
             // of a small effect it grows with the square, of others with the power seen last
             let mut power = 2.0;
             if let Some((smaller, of_smaller)) = before {
                 let grown = (size / smaller).ln();
                 if grown > 0.0 && own < 0.98 * of_smaller {
-                    return (size, reached); // larger, and easier to explain: it reaches no more
+                    return reached; // larger, and easier to explain: it reaches no more
                 }
                 power = ((own / of_smaller).ln() / grown).clamp(1.0, 8.0);
             }
             if own < wanted && size.abs() >= largest {
-                return (size, reached);
+                return reached;
             }
             before = Some((size, own));
             let ratio = (wanted / own).powf(1.0 / power);
             size *= ratio.clamp(1.0 / LONGEST_STEP.powi(4), LONGEST_STEP);
             size = size.clamp(-largest, largest);
         }
-        (size, 0.0)
+        Strength { size, strength_dl: 0.0 }
     }
 
     /// The level that clips so much.
@@ -302,7 +309,7 @@ mod tests {
     }
 
     fn shaped(id: &str) -> Effect {
-        let effect = effect::catalogue().into_iter().find(|e| e.id == id).unwrap();
+        let effect = effect::CATALOGUE.into_iter().find(|e| e.id == id).unwrap();
         Effect { shape: if id == "lowpass" { 6e5 } else { 101e3 }, ..effect }
     }
 
@@ -329,9 +336,9 @@ mod tests {
             ("position_gradient", 0.0048, 0.0048),
         ];
         let mut off = Vec::new();
-        for effect in effect::catalogue() {
+        for effect in &effect::CATALOGUE {
             let effect = shaped(effect.id);
-            let (size, reached) = yardstick.size(&effect, 1.0);
+            let Strength { size, strength_dl: reached } = yardstick.size(&effect, 1.0);
             let parameter = yardstick.parameter(&effect.of_size(size));
             println!("{:<22} {reached} {size:>12.4e} {parameter:>12.4e}", effect.id);
             if let Some((_, low, high)) = expected.iter().find(|(id, ..)| *id == effect.id)
@@ -367,7 +374,7 @@ mod tests {
         let made = Made { rates: base.rates, gain: 1.0, faulty: false };
         base.heads.iter_mut().flatten().for_each(|channel| *channel = made);
         let yardstick = Yardstick::new(&base).unwrap();
-        let offset = effect::catalogue()[0].of_size(1e-3);
+        let offset = effect::CATALOGUE[0].of_size(1e-3);
         let ones = DVector::from_element(128, 1e-3);
         let (_, freedoms) = yardstick.baseline.frame.decay(&yardstick.baseline.nominal);
         let weight = 192.0 / yardstick.noise_var;

@@ -1,0 +1,225 @@
+//! What an identification says: for people, as JSON, as a figure.
+
+use super::exit::Failure;
+use super::report::printable;
+use crate::design::{ClassSeen, Detectable, TrainingSet};
+use crate::identify::averaging::MeanSignal;
+use crate::identify::grey_box::Identification;
+use crate::identify::whiteness::{self, Whiteness};
+use crate::model::Geometry;
+use crate::plot::{Axis, Figure, Mark, Series};
+use crate::settings::Settings;
+use serde::Serialize;
+use serde_json::{Value, json};
+use std::io::Write;
+use std::path::Path;
+
+/// Numbers that (3-1) fits to an average.
+const FITTED: usize = 6;
+
+/// Of one printhead.
+pub struct Identified<'a> {
+    name: &'a str,
+    set: &'a TrainingSet,
+    mean: &'a MeanSignal,
+    fit: &'a Identification,
+    simulated: Vec<f64>,
+    white: Option<Whiteness>,
+    physical: Option<Physical>,
+}
+
+impl<'a> Identified<'a> {
+    pub fn new(
+        name: &'a str,
+        set: &'a TrainingSet,
+        settings: &Settings,
+        mean: &'a MeanSignal,
+        fit: &'a Identification,
+    ) -> Identified<'a> {
+        let simulated = fit.expected(set.sample_period_s, set.samples);
+        let misfit: Vec<f64> = mean.y.iter().zip(&simulated).map(|(y, s)| y - s).collect();
+        let white = whiteness::whiteness(&misfit, FITTED);
+        let physical = settings.identify.geometry.map(|g| Physical::of(fit, &g));
+        Identified { name, set, mean, fit, simulated, white, physical }
+    }
+
+    /// `of`: signals that there were to average.
+    pub fn json(&self, of: usize, seen: Option<&Detectable>) -> Value {
+        let mut model = json!({
+            "printhead": self.name, "signals": self.mean.n_signals, "of": of,
+            "sample_period_s": self.set.sample_period_s, "samples": self.set.samples,
+            "drive_voltage_v": self.set.drive_voltage_v, "identification": self.fit,
+            "whiteness": self.white, "physical": self.physical,
+        });
+        if let Some(seen) = seen {
+            model["detectability"] = json!(seen);
+        }
+        model
+    }
+
+    pub fn print(
+        &self,
+        of: usize,
+        seen: Option<&Detectable>,
+        out: &mut impl Write,
+    ) -> std::io::Result<()> {
+        let fit = self.fit;
+        let (name, used) = (printable(self.name), self.mean.n_signals);
+        let (poles, sd) = (&fit.poles, &fit.uncertainty);
+        writeln!(out, "{name}: average of {used} of {of} signals, fit {:.2} %", fit.fit_percent)?;
+        let mut line = |what: &str, value: f64, sd: f64, unit: &str| {
+            writeln!(out, "  {what:<22} {value:>13.6e} ± {:>9.2e} {unit} (95 %)", 1.96 * sd)
+        };
+        line("resonance f", poles.frequency_hz, sd.frequency_sd_hz, "Hz")?;
+        line("damping sigma", poles.damping_per_s, sd.damping_sd_per_s, "1/s")?;
+        line("real pole lambda", poles.lambda_per_s, sd.lambda_sd_per_s, "1/s")?;
+        for (k, unit) in ["1/s", "1/s²", "1/s³"].iter().enumerate() {
+            line(&format!("p{}", 2 - k), fit.cubic[k], sd.cubic_sd[k], unit)?;
+        }
+        writeln!(
+            out,
+            "  ended by {:?} after {} steps, {} of {} starts agree; misfit {:.3} counts rms",
+            fit.convergence, fit.iterations, fit.starts_agreeing, fit.starts, fit.misfit_rms
+        )?;
+        if let Some(white) = &self.white {
+            let word = if white.p_value < 0.01 {
+                "not white: the model misses something"
+            } else {
+                "white"
+            };
+            writeln!(
+                out,
+                "  misfit {word} (Ljung-Box {:.1} over {} lags, p = {:.2e})",
+                white.ljung_box, white.lags, white.p_value
+            )?;
+        }
+        let listed = [
+            ("held fixed", &fit.held_fixed),
+            ("at its bound", &fit.at_bounds),
+            ("not identifiable", &fit.not_identifiable),
+        ];
+        for (what, items) in listed {
+            for item in items {
+                writeln!(out, "  {what}: {item}")?;
+            }
+        }
+        if let Some(physical) = &self.physical {
+            physical.print(out)?;
+        }
+        match seen {
+            Some(seen) => print_detectable(seen, out),
+            None => Ok(()),
+        }
+    }
+
+    /// Fig. 3-3: measured against simulated.
+    pub fn plot(&self, dir: &Path) -> Result<(), Failure> {
+        std::fs::create_dir_all(dir)
+            .map_err(|e| Failure::new(format!("{}: {e}", dir.display())))?;
+        let series = |name: &str, mark, y: &[f64]| Series {
+            name: name.into(),
+            mark,
+            points: y
+                .iter()
+                .enumerate()
+                .map(|(k, &v)| (k as f64 * self.set.sample_period_s * 1e6, v))
+                .collect(),
+        };
+        let figure = Figure {
+            title: format!(
+                "{}: the identified model fits {:.2} % of the average signal",
+                printable(self.name),
+                self.fit.fit_percent
+            ),
+            x: Axis::new("time since acquisition began, µs"),
+            y: Axis::new("sensor signal, counts"),
+            series: vec![
+                series("measured, average", Mark::Points, &self.mean.y),
+                series("simulated", Mark::Line, &self.simulated),
+            ],
+            thresholds: Vec::new(),
+        };
+        // a printhead's name is no path
+        let safe = |c: char| if c.is_alphanumeric() || c == '-' { c } else { '_' };
+        let name: String = self.name.chars().map(safe).take(80).collect();
+        figure.write(dir, &format!("identify_{name}")).map_err(Failure::new)
+    }
+}
+
+fn print_detectable(seen: &Detectable, out: &mut impl Write) -> std::io::Result<()> {
+    let classes = |keep: fn(&ClassSeen) -> bool| {
+        let kept: Vec<&str> = seen.classes.iter().filter(|c| keep(c)).map(|c| c.class).collect();
+        if kept.is_empty() { "none".to_owned() } else { kept.join(" ") }
+    };
+    writeln!(
+        out,
+        "  filters of degree {} that a healthy signal does not excite: {}",
+        seen.degree, seen.nullity
+    )?;
+    writeln!(out, "  detectable: {}", classes(|c| c.detectable))?;
+    writeln!(
+        out,
+        "  strongly (a fault that pushes for good stays visible): {}",
+        classes(|c| c.strongly)
+    )?;
+    for d in &seen.disturbances {
+        let left = if d.still_seen.is_empty() { "none".into() } else { d.still_seen.join(" ") };
+        writeln!(out, "  without {}: {} filters, detectable {left}", d.what, d.nullity)?;
+    }
+    if seen.blind_hz.is_empty() {
+        writeln!(out, "  blind at no frequency")?;
+    }
+    for [from, to] in &seen.blind_hz {
+        match to > from {
+            true => writeln!(out, "  blind from {from:.0} to {to:.0} Hz")?,
+            false => writeln!(out, "  blind at {from:.0} Hz")?,
+        }
+    }
+    Ok(())
+}
+
+/// Individual parameters of thesis (2-3)..(2-5): one decay gives ratios only, so they rest on the
+/// restrictor's inertance and on A_n/A_r as the geometry has them.
+#[derive(Debug, Serialize)]
+struct Physical {
+    restrictor_inertance_kg_per_m4: f64,
+    nozzle_inertance_kg_per_m4: f64,
+    restrictor_resistance_pa_s_per_m3: f64,
+    nozzle_resistance_pa_s_per_m3: f64,
+    compliance_m3_per_pa: f64,
+    /// By the geometry alone, for comparison.
+    compliance_by_geometry_m3_per_pa: f64,
+    rests_on: &'static str,
+}
+
+impl Physical {
+    fn of(fit: &Identification, geometry: &Geometry) -> Physical {
+        let rates = fit.channel;
+        let prior = geometry.ink_channel();
+        let by_geometry = geometry.compliance_m3_per_pa();
+        let i_r = 1.0 / (prior.a_per_s2 * by_geometry);
+        let b_t = 1.0 / (rates.a_per_s2 * i_r);
+        let i_n = 1.0 / (rates.b_per_s2 * b_t);
+        Physical {
+            restrictor_inertance_kg_per_m4: i_r,
+            nozzle_inertance_kg_per_m4: i_n,
+            restrictor_resistance_pa_s_per_m3: rates.g_per_s * i_r,
+            nozzle_resistance_pa_s_per_m3: rates.d_per_s * i_n,
+            compliance_m3_per_pa: b_t,
+            compliance_by_geometry_m3_per_pa: by_geometry,
+            rests_on: "the restrictor's inertance and the ratio A_n/A_r of identify.geometry",
+        }
+    }
+
+    fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
+        let mut line = |what: &str, value: f64, unit: &str| {
+            writeln!(out, "  {what:<22} {value:>13.6e} {unit}  prior-dependent")
+        };
+        line("I_r (as given)", self.restrictor_inertance_kg_per_m4, "kg/m^4")?;
+        line("I_n", self.nozzle_inertance_kg_per_m4, "kg/m^4")?;
+        line("R_r", self.restrictor_resistance_pa_s_per_m3, "Pa s/m³")?;
+        line("R_n", self.nozzle_resistance_pa_s_per_m3, "Pa s/m³")?;
+        line("B_t", self.compliance_m3_per_pa, "m³/Pa")?;
+        writeln!(out, "  these rest on {}", self.rests_on)
+    }
+}

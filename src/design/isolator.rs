@@ -1,0 +1,155 @@
+//! `isolate.method`, made ready for a model.
+
+use super::detector::ring_of;
+use super::{Design, DesignError, FaultModel, HealthyModel, IsolateSettings};
+use crate::isolate::neighbours::Neighbours;
+use crate::isolate::posterior::Posterior;
+use crate::isolate::typical::{RingMisfit, Typical};
+use crate::isolate::{IsolateMethod, IsolateSignal, SignatureMatrix, Simplex};
+use crate::model::beside_ring::BesideRing;
+use crate::model::ring_fit::{Fit, RingFitter};
+use std::sync::Arc;
+
+/// Isolation by a fitted ring's features.
+#[derive(Debug)]
+pub(super) struct RingClassifier {
+    pub(super) posterior: Arc<Posterior>,
+    pub(super) fitter: RingFitter,
+    /// Of each class.
+    pub(super) priors: Vec<f64>,
+    /// How healthy features change with temperature, per K.
+    pub(super) per_k: [f64; 4],
+    pub(super) beside: BesideRing,
+    pub(super) typical: Option<Arc<Typical>>,
+}
+
+/// `isolate.method`, ready for this model.
+#[derive(Debug)]
+pub(super) enum Isolator {
+    /// Posterior of the classes from a fitted ring's features.
+    Posterior(Box<RingClassifier>),
+    /// thesis §3-3-2: F^T R with the filter r = F d, so that (F^T R)^T d = R^T r.
+    ResidualMatching(SignatureMatrix, Simplex),
+    /// thesis §3-3-1: per class its identified model, if it has one.
+    ModelMatching(Vec<Option<FaultModel>>),
+    /// thesis §4-3-1
+    Neighbours(Neighbours),
+}
+
+impl Isolator {
+    pub(super) fn new(
+        model: &HealthyModel,
+        design: &Design,
+        settings: &IsolateSettings,
+    ) -> Result<Isolator, DesignError> {
+        design.check_method(settings.method)?;
+        Ok(match settings.method {
+            IsolateMethod::Posterior => {
+                Isolator::Posterior(Box::new(RingClassifier::new(model, design, settings)?))
+            }
+            IsolateMethod::ResidualMatching => {
+                Isolator::residual_matching(model, design, settings.signal)?
+            }
+            IsolateMethod::ModelMatching => {
+                Isolator::ModelMatching(design.classes.iter().map(|c| c.model.clone()).collect())
+            }
+            IsolateMethod::Neighbours => {
+                let (mut rows, mut class_of) = (Vec::new(), Vec::new());
+                for (k, class) in design.classes.iter().enumerate() {
+                    rows.extend(class.examples.iter().map(|e| seen(model, settings.signal, e)));
+                    class_of.resize(rows.len(), k as u16); // check(): at most 32 classes
+                }
+                let (classes, k) = (design.classes.len(), settings.neighbours);
+                Isolator::Neighbours(Neighbours::new(&slices(&rows), &class_of, classes, k)?)
+            }
+        })
+    }
+
+    /// rho of every class is the residual of its mean deviation, by this model's filter.
+    fn residual_matching(
+        model: &HealthyModel,
+        design: &Design,
+        signal: IsolateSignal,
+    ) -> Result<Isolator, DesignError> {
+        let rho = design.classes.iter().map(|class| seen(model, signal, &class.deviation));
+        let rho: Vec<Vec<f64>> = rho.collect();
+        let simplex = Simplex::new(&SignatureMatrix::new(&slices(&rho))?);
+        let adjoint: Vec<Vec<f64>> = match signal {
+            IsolateSignal::Deviation => rho,
+            IsolateSignal::Residual => rho.iter().map(|rho| model.adjoint(rho)).collect(),
+        };
+        Ok(Isolator::ResidualMatching(SignatureMatrix::new(&slices(&adjoint))?, simplex))
+    }
+}
+
+/// What is compared: the residual of a model's filter, or the deviation itself.
+fn seen(model: &HealthyModel, signal: IsolateSignal, deviation: &[f64]) -> Vec<f64> {
+    match signal {
+        IsolateSignal::Deviation => deviation.to_vec(),
+        IsolateSignal::Residual => {
+            let mut r = vec![0.0; deviation.len()];
+            model.residual(deviation, &mut r);
+            r
+        }
+    }
+}
+
+fn slices(of: &[Vec<f64>]) -> Vec<&[f64]> {
+    of.iter().map(Vec::as_slice).collect()
+}
+
+/// Mean square misfit of a signal beside its ring, over the noise's: all of it, and beyond what is usual in a class
+/// ([`Typical::misfit_of`]).
+pub(super) struct RelativeMisfit {
+    pub all: f64,
+    pub beyond_class: f64,
+}
+
+impl RingClassifier {
+    fn new(
+        model: &HealthyModel,
+        design: &Design,
+        settings: &IsolateSettings,
+    ) -> Result<RingClassifier, DesignError> {
+        let untrained = || DesignError::untrained(settings.method);
+        let posterior = Arc::new(design.posterior.clone().ok_or_else(untrained)?);
+        let (dt_s, samples) = (model.generator.dt_s, model.expected.len());
+        let ring = ring_of(&model.identification)?;
+        let beside = BesideRing::new(&ring, dt_s, samples);
+        let fitter = RingFitter::new(ring, dt_s, samples);
+        let priors = settings.prior_weights(&design.class_names())?;
+        let per_k = model.features_per_k(&fitter);
+        let typical = design.typical.clone().map(Arc::new);
+        Ok(RingClassifier { posterior, fitter, priors, per_k, beside, typical })
+    }
+
+    /// A ring's features corrected for a temperature `warmer` K above the model's.
+    pub(super) fn features(&self, fit: &Fit, warmer: f64) -> [f64; 4] {
+        let mut features = fit.features.coordinates();
+        features.iter_mut().zip(self.per_k).for_each(|(x, slope)| *x -= warmer * slope);
+        features
+    }
+
+    /// `y`: per unit drive, N, counts; `noise`: standard deviation of one of its samples, counts.
+    pub(super) fn misfits(
+        &self,
+        y: &[f64],
+        fit: &Fit,
+        model: &HealthyModel,
+        noise: f64,
+        class: usize,
+    ) -> RelativeMisfit {
+        let fit = self.fitter.fit_from(y, &fit.features, true).unwrap_or(*fit);
+        let shape = &model.leftover;
+        let mut left = self.beside.misfit_without(&self.fitter, y, &fit.features, shape);
+        let size = fit.features.ln_amplitude.exp();
+        left.iter_mut().for_each(|v| *v /= noise);
+        let all = left.iter().map(|v| v * v).sum::<f64>() / left.len() as f64;
+        // the class's variances hold at the reference drive's noise: scale the amplitude to the signal's own
+        let beyond_class = self.typical.as_ref().map_or(all, |typical| {
+            let size = size * (model.noise_beside() / noise);
+            typical.misfit_of(RingMisfit { values: &left, size }, class)
+        });
+        RelativeMisfit { all, beyond_class }
+    }
+}

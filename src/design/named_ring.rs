@@ -1,0 +1,138 @@
+//! Isolation by a fitted ring: its class, its severity, and whether it is of any class.
+
+use super::isolator::{Isolator, RingClassifier};
+use super::judge::{Isolating, Isolation, Judge, Workspace};
+use crate::isolate::appearance::UnknownSignal;
+use crate::isolate::fault_curve::Conditions;
+use crate::model::ring_fit::{Fit, RingFitter};
+use crate::verdict::Appearance;
+use nalgebra::Vector2;
+
+/// A fit to noise alone explains less than this, in noise variances: two linear and two searched parameters
+/// explain some 20 at most.
+const NOISE_ALONE: f64 = 40.0;
+
+/// Whether a fit explains more than it would of noise alone. `noise`: of one sample, counts.
+fn is_ring(fit: &Fit, noise: f64) -> bool {
+    fit.square - fit.misfit > NOISE_ALONE * noise * noise
+}
+
+/// A signal is no ring if its fit leaves more than this share of its energy, noise apart: a half, not tuned.
+const MOST_LEFT: f64 = 0.5;
+
+/// Where the best class is rejected as not typical, classes of less weight than this are not considered either.
+const LITTLE: f64 = 0.05;
+
+impl Judge {
+    /// The fitter of rings for isolation, the phase free; `None`: the method fits none.
+    pub fn rings(&self) -> Option<&RingFitter> {
+        match &*self.isolating.as_ref()?.isolator {
+            Isolator::Posterior(of) => Some(&of.fitter),
+            _ => None,
+        }
+    }
+
+    /// Corrects a signal, counts, to the reference drive and temperature.
+    pub fn at_reference(&self, y: &mut [f64], drive: f64, warmer: f64) {
+        let scale = 1.0 / drive;
+        y.iter_mut().for_each(|y| *y *= scale);
+        if let Some(response) = self.model.temperature_response.as_ref().filter(|_| warmer != 0.0) {
+            y.iter_mut().zip(response).for_each(|(y, slope)| *y -= warmer * slope);
+        }
+    }
+
+    /// [`Judge::isolate`] for a signal whose ring was fitted already. `fit`: to the signal per unit drive, at its
+    /// own temperature; `signal`: writes that signal, counts. `None`: the method fits no rings.
+    pub fn isolate_ring(
+        &self,
+        fit: Option<&Fit>,
+        drive: f64,
+        signal: impl FnOnce(&mut Vec<f64>),
+        work: &mut Workspace,
+    ) -> Option<Isolation> {
+        (work.severity, work.ring, work.misfit) = (None, None, f64::NAN);
+        work.weights.clear();
+        let Isolating { isolator, rule, curves, physics_ring, .. } = self.isolating.as_ref()?;
+        let Isolator::Posterior(classifier) = &**isolator else { return None };
+        let RingClassifier { posterior, priors, .. } = &**classifier;
+        let noise = self.model.noise_beside() / drive;
+        let Some(fit) = fit.filter(|fit| is_ring(fit, noise)) else {
+            return Some(Isolation::of_no_ring());
+        };
+        let warmer = work.warmer;
+        work.misfit = fit.misfit / (noise * noise * self.model.expected.len() as f64);
+        let Workspace { weights, ring, physics, own, ln_densities, .. } = work;
+        let features = &classifier.features(fit, warmer);
+        *ring = Some([features[1], features[2]]);
+        let of_own = own.as_ref().and_then(|own| own.curves.as_ref().zip(Some(&own.baseline)));
+        let curves = of_own.map(|(curves, _)| curves).or(curves.as_ref());
+        let physics_ring = physics_ring.map(|ring| self.model.ring_from(&ring, warmer));
+        let conditions = Conditions {
+            drive,
+            changed: curves.zip(physics_ring).map_or(Vector2::zeros(), |(c, r)| c.changed(r)),
+            baseline: of_own.map(|(_, baseline)| baseline),
+        };
+        physics.ln_densities.clear();
+        if let Some(curves) = curves {
+            curves.compare(features, conditions, physics);
+        }
+        weights.clear();
+        weights.resize(rule.category_of.len(), 0.0);
+        posterior.weigh(features, &physics.ln_densities, priors, ln_densities, weights);
+        let decision = rule.decide(weights);
+        let Some(best) = decision.candidate.map(usize::from) else { return Some(decision) };
+        // the misfit beside the ring is at most that of the fit, which is known already
+        let most = classifier.typical.as_ref().map_or(f64::INFINITY, |of| of.misfit[best]);
+        if work.misfit > most {
+            signal(&mut work.residual);
+            let misfits = classifier.misfits(&work.residual, fit, &self.model, noise, best);
+            work.misfit = misfits.all;
+            if misfits.beyond_class > most {
+                work.weights.clear();
+                return Some(Isolation::of_no_ring());
+            }
+        }
+        let Workspace { weights, severity, physics, ln_densities, .. } = work;
+        let from_curves =
+            |k| curves.map_or(f64::INFINITY, |of| of.distance(k, features, conditions, physics));
+        let is_typical = |k| posterior.is_typical(k, ln_densities[k], || from_curves(k));
+        if !is_typical(best) {
+            // the best class is rejected: is another plausible one typical?
+            let other = |k: usize| weights[k] > LITTLE && is_typical(k);
+            return Some(match (0..weights.len()).any(other) {
+                true => decision.unnamed(),
+                false => decision.of_unknown_fault(),
+            });
+        }
+        let sized = curves.zip(rule.sized(&decision, weights));
+        *severity = sized.and_then(|(of, k)| of.severity(k, weights, physics));
+        Some(decision)
+    }
+
+    /// Whether a flagged signal is no ring, where no classes are known. `y`: per unit drive, N, counts.
+    pub fn is_no_ring(&self, y: &[f64], drive: f64, work: &mut Workspace) -> bool {
+        let Some(detector) = &self.detector else { return false };
+        let noise = self.model.noise_beside() / drive;
+        let of_noise = y.len() as f64 * noise * noise;
+        let fit = detector.fitter().fit(y, true, &mut work.products);
+        let explains = |fit: Fit| fit.misfit - of_noise <= MOST_LEFT * (fit.square - of_noise);
+        !fit.is_some_and(|fit| is_ring(&fit, noise) && explains(fit))
+    }
+
+    /// A description of a signal that belongs to no class. `y`: per unit drive, N, counts. `None`: the method fits
+    /// no rings.
+    pub fn appearance(&self, y: &[f64], drive: f64, work: &mut Workspace) -> Option<Appearance> {
+        let detector = self.detector.as_ref()?;
+        let (fitter, beside) = (detector.fitter(), detector.beside());
+        let noise = self.model.noise_beside() / drive;
+        let fit = fitter.fit(y, true, &mut work.products);
+        let shape = &self.model.leftover;
+        let mut left = match &fit {
+            Some(fit) => beside.misfit_without(fitter, y, &fit.features, shape),
+            None => y.to_vec(),
+        };
+        left.iter_mut().for_each(|v| *v /= noise);
+        let (ring, dt_s) = (fit.map(|fit| fit.features), self.model.generator.dt_s);
+        Some(UnknownSignal { signal: y, noise, ring, misfit: &left, dt_s }.appearance())
+    }
+}

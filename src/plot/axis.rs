@@ -1,0 +1,141 @@
+//! An axis of a figure: from where to where, and where it is written at.
+
+use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint};
+use plotters::coord::types::RangedCoordf64;
+use plotters::prelude::Ranged;
+use std::ops::Range;
+
+const MOST_TICKS: f64 = 8.0;
+
+#[derive(Clone, Debug, Default)]
+pub struct Axis {
+    /// With the unit.
+    pub label: String,
+    pub log: bool,
+    /// Names of the positions 0, 1, 2 ...; empty: numbers.
+    pub categories: Vec<String>,
+    /// `None`: what the data take.
+    pub range: Option<(f64, f64)>,
+}
+
+impl Axis {
+    pub fn new(label: &str) -> Axis {
+        Axis { label: label.into(), ..Axis::default() }
+    }
+}
+
+impl Axis {
+    /// A value's place on the axis.
+    pub(super) fn at(&self, v: f64) -> f64 {
+        if self.log { v.max(f64::MIN_POSITIVE).log10() } else { v }
+    }
+
+    /// The axis as it is drawn, of what the data have on it.
+    pub(super) fn scale(&self, values: impl Iterator<Item = f64>) -> Scale {
+        let (low, high) = self.span(values);
+        Scale { low, high, ticks: self.ticks(low, high) }
+    }
+
+    /// From where to where it goes, in places on it.
+    fn span(&self, values: impl Iterator<Item = f64>) -> (f64, f64) {
+        if let Some((low, high)) = self.range {
+            return (self.at(low), self.at(high));
+        }
+        if !self.categories.is_empty() {
+            return (-0.7, self.categories.len() as f64 - 0.3);
+        }
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for v in values.filter(|v| v.is_finite()).map(|v| self.at(v)) {
+            (low, high) = (low.min(v), high.max(v));
+        }
+        if low > high {
+            return (0.0, 1.0);
+        }
+        let room = 0.04 * (high - low).max(1e-9 * (1.0 + high.abs()));
+        (low - room, high + room)
+    }
+
+    pub(super) fn tick(&self, v: f64) -> String {
+        if !self.categories.is_empty() {
+            let near = v.round();
+            let on = (v - near).abs() < 1e-6 && near >= 0.0;
+            return self.categories.get(near as usize).filter(|_| on).cloned().unwrap_or_default();
+        }
+        if self.log {
+            let power = v.round();
+            if (v - power).abs() < 1e-6 && !(-3.0..=5.0).contains(&power) {
+                return format!("1e{}", power as i32);
+            }
+            return plain(10f64.powf(v));
+        }
+        plain(v)
+    }
+
+    /// Where the axis is written at, between two places on it.
+    fn ticks(&self, low: f64, high: f64) -> Vec<f64> {
+        if !self.categories.is_empty() {
+            return (0..self.categories.len()).map(|k| k as f64).collect();
+        }
+        let span = high - low;
+        if !(span > 0.0 && span.is_finite()) {
+            return vec![low];
+        }
+        if self.log {
+            let mantissas: &[f64] = match span {
+                s if s < 0.9 => &[1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0],
+                s if s < 1.8 => &[1.0, 1.5, 2.0, 3.0, 5.0, 7.0],
+                s if s < 3.2 => &[1.0, 2.0, 5.0],
+                _ => &[1.0],
+            };
+            let every = (span / MOST_TICKS).ceil().max(1.0) as i32;
+            let decades = (low.floor() as i32)..=(high.ceil() as i32);
+            let all = decades
+                .filter(|d| d % every == 0)
+                .flat_map(|d| mantissas.iter().map(move |m| f64::from(d) + m.log10()));
+            return all.filter(|at| (low..=high).contains(at)).collect();
+        }
+        let rough = span / MOST_TICKS;
+        let power = 10f64.powf(rough.log10().floor());
+        let step = power
+            * [1.0, 2.0, 2.5, 5.0, 10.0].into_iter().find(|m| m * power >= rough).unwrap_or(10.0);
+        let first = (low / step).ceil() as i64;
+        (0..=MOST_TICKS as i64 + 1)
+            .map(|k| (first + k) as f64 * step)
+            .take_while(|at| *at <= high + 1e-9 * span)
+            .collect()
+    }
+}
+
+/// An axis that is written at where we say.
+pub(super) struct Scale {
+    pub low: f64,
+    pub high: f64,
+    ticks: Vec<f64>,
+}
+
+impl Ranged for Scale {
+    type FormatOption = DefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
+        RangedCoordf64::from(self.low..self.high).map(value, limit)
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        if hint.weight().allow_light_points() { Vec::new() } else { self.ticks.clone() }
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.low..self.high
+    }
+}
+
+/// A number of an axis, without what rounding adds.
+fn plain(v: f64) -> String {
+    if v != 0.0 && !(1e-4..1e7).contains(&v.abs()) {
+        return format!("{v:.2e}");
+    }
+    let text = format!("{v:.6}");
+    let short = text.trim_end_matches('0').trim_end_matches('.');
+    if short == "-0" { "0".into() } else { short.into() }
+}

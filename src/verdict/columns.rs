@@ -1,0 +1,150 @@
+//! The columns of the verdict table: one list, of which the type that holds a batch's rows, the file's
+//! schema, its writer and its reader are made. A new column is a line of the list and what fills it
+//! (`pipeline::rows`); a test asks for its line in `schemas/verdicts.md`.
+
+use super::{Outcome, Reason, Test};
+use std::sync::Arc;
+
+/// A column of the table.
+pub struct Column {
+    pub name: &'static str,
+    pub nullable: bool,
+    pub cells: Cells,
+}
+
+/// What a column's cells are, and where a batch has them.
+pub enum Cells {
+    /// Nanoseconds since 1970.
+    Time(At<i64>),
+    /// Places among the batch's `printheads`.
+    Printhead(At<u32>),
+    Channel(At<u32>),
+    Outcome(At<Outcome>),
+    /// Places among the run's categories.
+    Category(At<Option<u16>>),
+    /// Places among the run's classes.
+    Class(At<Option<u16>>),
+    Test(At<Option<Test>>),
+    Reason(At<Option<Reason>>),
+    /// Places among the metadata's models.
+    Model(At<Option<u16>>),
+    /// Numbers that differ from row to row.
+    Number(At<Option<f32>>),
+    /// Numbers that are the same over many rows.
+    Constant(At<Option<f32>>),
+    /// One number per class: `weights` from `weights_start` on.
+    Weights,
+}
+
+/// Where a column's cells are.
+pub struct At<T: 'static> {
+    cells: fn(&VerdictColumns) -> &[T],
+    vec: fn(&mut VerdictColumns) -> &mut Vec<T>,
+}
+
+impl<T> At<T> {
+    pub fn of<'a>(&self, columns: &'a VerdictColumns) -> &'a [T] {
+        (self.cells)(columns)
+    }
+
+    pub fn of_mut<'a>(&self, columns: &'a mut VerdictColumns) -> &'a mut Vec<T> {
+        (self.vec)(columns)
+    }
+}
+
+macro_rules! columns {
+    (
+        required { $($(#[$about:meta])* $required:ident: $type:ty, $kind:ident $name:literal;)* }
+        nullable { $($(#[$of:meta])* $nullable:ident: $value:ty, $sort:ident $title:literal;)* }
+    ) => {
+        /// The verdicts of one batch as columns, all of the same length, in the recording's order.
+        /// `None` is null; no string per row.
+        #[derive(Clone, Debug, Default, PartialEq)]
+        pub struct VerdictColumns {
+            $($(#[$about])* pub $required: Vec<$type>,)*
+            $($(#[$of])* pub $nullable: Vec<Option<$value>>,)*
+            /// The printheads of this batch.
+            pub printheads: Vec<Arc<str>>,
+            /// `classes.len()` weights per row, concatenated over the rows that have them; `Some(start)`
+            /// points at a row's first weight. Ends with the last row that has any.
+            pub weights_start: Vec<Option<u32>>,
+            pub weights: Vec<f32>,
+        }
+
+        /// In the table's order.
+        pub static COLUMNS: &[Column] = &[
+            $(Column { name: $name, nullable: false, cells: Cells::$kind(columns!(at $required)) },)*
+            $(Column { name: $title, nullable: true, cells: Cells::$sort(columns!(at $nullable)) },)*
+            Column { name: "weights", nullable: true, cells: Cells::Weights },
+        ];
+
+        impl VerdictColumns {
+            /// Room for so many more rows.
+            pub fn reserve(&mut self, rows: usize) {
+                $(self.$required.reserve(rows);)*
+                $(self.$nullable.reserve(rows);)*
+                self.weights_start.reserve(rows);
+            }
+
+            /// No rows, the room kept.
+            pub fn clear(&mut self) {
+                $(self.$required.clear();)*
+                $(self.$nullable.clear();)*
+                self.printheads.clear();
+                self.weights_start.clear();
+                self.weights.clear();
+            }
+
+            /// Null wherever nothing was pushed for a row.
+            pub fn fill_up(&mut self) {
+                let rows = self.len();
+                $(self.$nullable.resize(rows, None);)*
+            }
+
+            /// Of every column but the weights.
+            pub fn lengths(&self) -> Vec<usize> {
+                vec![$(self.$required.len(),)* $(self.$nullable.len(),)*]
+            }
+        }
+    };
+    (at $field:ident) => { At { cells: |c| &c.$field, vec: |c| &mut c.$field } };
+}
+
+columns! {
+    required {
+        /// t_a
+        acquired_at_ns: i64, Time "acquired_at";
+        /// Index into `printheads`.
+        printhead: u32, Printhead "printhead";
+        channel: u32, Channel "channel";
+        outcome: Outcome, Outcome "outcome";
+    }
+    nullable {
+        /// Index into the run's categories.
+        category: u16, Category "category";
+        /// Index into the run's classes.
+        fault: u16, Class "fault";
+        /// Index into the run's classes.
+        candidate: u16, Class "candidate";
+        certainty: f32, Number "certainty";
+        statistic: f32, Number "statistic";
+        threshold: f32, Constant "threshold";
+        test: Test, Test "test";
+        /// Unexplained mean square over the healthy one's.
+        misfit: f32, Number "misfit";
+        severity: f32, Number "severity";
+        severity_sd: f32, Number "severity_sd";
+        model: u16, Model "model";
+        reason: Reason, Reason "reason";
+    }
+}
+
+impl VerdictColumns {
+    pub fn len(&self) -> usize {
+        self.acquired_at_ns.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.acquired_at_ns.is_empty()
+    }
+}
