@@ -118,10 +118,6 @@ impl Effect {
         }
     }
 
-    pub fn is_code(&self) -> bool {
-        matches!(self.acts, Acts::Code(_))
-    }
-
     /// Its spectrum is a line at `shape`.
     pub fn is_line(&self) -> bool {
         matches!(self.id, "tone" | "random_tone" | "second_mode")
