@@ -4,9 +4,11 @@
 //! In: the baseline's residuals, each freed of what its own ring explains and of what all signals have
 //! in common. Out: [`Found`] each. Errors come from the spread over signals, so heavy tails widen them.
 
-use super::candidates::{LEAST_PERIODS, ln_normal_tail};
+use super::candidates::LEAST_PERIODS;
+use super::catalogue::CauseId;
+use super::chance::{THRESHOLD, ln_normal_tail};
 use super::covariates::Covariates;
-use super::engine::{Found, found};
+use super::found::{Found, found};
 use super::model::{Linear, Model, PATTERNS, dot};
 use super::observations::Observations;
 use crate::model::free_decay::FREE;
@@ -92,7 +94,7 @@ fn two_sided(z: f64) -> f64 {
 
 pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Found> {
     if data.len() < FEWEST {
-        return ["random_tone", "correlated_noise", "heteroscedastic_noise"]
+        return [CauseId::RandomTone, CauseId::CorrelatedNoise, CauseId::HeteroscedasticNoise]
             .map(|id| found(id, 0.0, 0.0, f64::NAN, f64::NAN, Some("needs 16 signals")))
             .into();
     }
@@ -116,7 +118,7 @@ pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Foun
             .collect();
         let rho_without = lag_one(&left, n, v);
         let local = line.contrast;
-        if line.surprise > super::selection::THRESHOLD && local > 3.0 {
+        if line.surprise > THRESHOLD && local > 3.0 {
             rho = rho_without;
         } else {
             line_surprise = 0.0;
@@ -125,19 +127,19 @@ pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Foun
     let length_s = data.dt_s * n as f64;
     let mut all = vec![
         found(
-            "random_tone",
+            CauseId::RandomTone,
             line_surprise,
             line.z * line.z,
             line.omega / TAU / length_s,
             line.sd / TAU / length_s,
             None,
         ),
-        found("correlated_noise", two_sided(rho.2), rho.2 * rho.2, rho.0, rho.1, None),
+        found(CauseId::CorrelatedNoise, two_sided(rho.2), rho.2 * rho.2, rho.0, rho.1, None),
     ];
     let (h, sd, z) = heteroscedastic(&left, n, v);
     // noise that shrinks with the signal is none of the catalogue
     let shown = if h > 0.0 { two_sided(z) } else { 0.0 };
-    all.push(found("heteroscedastic_noise", shown, z * z, h, sd, None));
+    all.push(found(CauseId::HeteroscedasticNoise, shown, z * z, h, sd, None));
     all
 }
 
@@ -338,7 +340,7 @@ mod tests {
             let run = Run {
                 channels: 16,
                 bursts: 6,
-                effect: "correlated_noise",
+                effect: Some(CauseId::CorrelatedNoise),
                 size: rho,
                 ..Run::default()
             };
@@ -347,7 +349,7 @@ mod tests {
             let mut model = Model::start(&data, &beside, true).unwrap();
             model.fit(&data, &beside, 2);
             let found = test(&data, &beside, &model);
-            let own = &found.iter().find(|f| f.evidence.id == "correlated_noise").unwrap().evidence;
+            let own = &found.iter().find(|f| f.is(CauseId::CorrelatedNoise)).unwrap().evidence;
             assert!((own.value - rho).abs() < 3.5 * own.sd, "{rho}: {} +- {}", own.value, own.sd);
             assert_eq!(own.accepted, rho > 0.0);
         }

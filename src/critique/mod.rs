@@ -9,6 +9,7 @@
 mod adequacy;
 pub mod candidates;
 pub mod catalogue;
+mod chance;
 mod clusters;
 mod codes;
 pub mod covariates;
@@ -20,6 +21,7 @@ mod evidence;
 mod extended;
 mod figures;
 pub mod finding;
+mod found;
 mod gain;
 #[cfg(test)]
 mod generator;
@@ -27,6 +29,7 @@ mod jitter;
 mod leftovers;
 pub mod model;
 pub mod observations;
+mod outcome;
 mod outliers;
 mod refit;
 pub mod report;

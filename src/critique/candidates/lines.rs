@@ -3,8 +3,9 @@
 //!
 //! In: a [`Bench`]. Out: [`Scored`]; disqualified where the line is the ring's own doing.
 
-use super::chance::{maximum, width};
-use super::{Applied, Bench, Scored};
+use super::{Applied, Bench, Best, Scored};
+use crate::critique::catalogue::CauseId;
+use crate::critique::chance::{maximum, width};
 use crate::model::InkChannel;
 use crate::model::terms::Interior;
 use std::f64::consts::{PI, TAU};
@@ -22,7 +23,7 @@ impl Bench<'_> {
     /// A line: cos and sin at the frequency that explains most, over some dampings.
     pub(super) fn line(
         &self,
-        id: &'static str,
+        id: CauseId,
         pattern: usize,
         dampings: &[f64],
         near: Option<&Applied>,
@@ -97,18 +98,13 @@ impl Bench<'_> {
         }
         let directions = columns(pattern, omega, gamma);
         let tested = self.shapes.test(&directions)?;
-        let sd = width(|x| test(x, gamma), omega, 0.02);
-        let value = omega / TAU / self.length_s;
-        let tried = n as f64 * dampings.len() as f64;
-        let mut scored = self.shaped(
-            id,
-            tested,
-            directions.to_vec(),
-            omega,
-            tried,
-            value,
-            sd / TAU / self.length_s,
-        );
+        let best = Best {
+            shape: omega,
+            tried: n as f64 * dampings.len() as f64,
+            value: omega / TAU / self.length_s,
+            sd: width(|x| test(x, gamma), omega, 0.02) / TAU / self.length_s,
+        };
+        let mut scored = self.shaped(id, tested, directions.to_vec(), best);
         scored.applied.damping = gamma;
         // so near to the ring a mode cannot be told from it; what fits as well as one is no tone
         let close = 1.2 * resolution + 4.5 * self.seen.sigma;
@@ -131,7 +127,7 @@ impl Bench<'_> {
 
     /// Surface tension B_t/B_m = m makes of the real pole and of the pole at 0 a slow pair, which scales
     /// with the drive. How much of it is excited rests on what came before t_a, so that is free.
-    pub(super) fn meniscus(&self, near: Option<&Applied>) -> Option<Scored> {
+    pub(super) fn slow_mode(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let Interior::Ink { channel, .. } = self.interior? else { return None };
         let n = self.samples;
         let columns = |m: f64, loss: f64| {
@@ -170,7 +166,8 @@ impl Bench<'_> {
         let directions = columns(m, loss).to_vec();
         let tested = self.shapes.test(&directions)?;
         let sd = width(|x| test(x.exp(), loss), ln_m, 0.1).hypot(SPLIT) * m;
-        let mut scored = self.shaped("meniscus", tested, directions, m, 6.0, m, sd);
+        let mut scored =
+            self.shaped(id, tested, directions, Best { shape: m, tried: 6.0, value: m, sd });
         scored.applied.damping = loss;
         Some(scored)
     }

@@ -1,0 +1,87 @@
+//! What is found beside the causes that move what is expected: in codes, in noise, in the trigger.
+//!
+//! In: a test's statistic. Out: [`Found`], accepted where chance gives it less often than the threshold allows.
+
+use super::catalogue::CauseId;
+use super::chance::{DETECTION_LIMIT, THRESHOLD};
+use super::finding::{Cause, Evidence};
+use super::words::cause_sentence;
+
+#[derive(Clone, Debug)]
+pub struct Found {
+    pub evidence: Evidence,
+    /// What is there for sure and is none of the catalogue, in words.
+    pub unlike: Option<&'static str>,
+}
+
+/// `lack`: why it could not be tested.
+pub fn found(
+    id: CauseId,
+    surprise: f64,
+    statistic: f64,
+    value: f64,
+    sd: f64,
+    lack: Option<&str>,
+) -> Found {
+    let accepted = surprise > THRESHOLD && lack.is_none();
+    Found {
+        evidence: Evidence {
+            step: 0,
+            id,
+            statistic,
+            threshold: DETECTION_LIMIT,
+            p: (-surprise).exp(),
+            delta_bic: statistic - (statistic.max(3.0)).ln(),
+            strength_dl: (statistic.max(0.0) / DETECTION_LIMIT).sqrt(),
+            value,
+            sd,
+            tested: lack.is_none(),
+            accepted,
+            why_not: match (accepted, lack) {
+                (true, _) => String::new(),
+                (false, Some(lack)) => lack.into(),
+                (false, None) => "not significant".into(),
+            },
+        },
+        unlike: None,
+    }
+}
+
+impl Found {
+    pub fn is(&self, id: CauseId) -> bool {
+        self.evidence.id == id
+    }
+
+    pub fn cause(&self) -> Cause {
+        let e = &self.evidence;
+        let cause = Cause::new(e.id, e.value, e.sd, e.strength_dl, e.delta_bic);
+        Cause { sentence: cause_sentence(&cause), ..cause }
+    }
+
+    pub fn leave_out(&mut self, why: &str) {
+        self.evidence.accepted = false;
+        self.evidence.why_not = why.into();
+    }
+}
+
+/// The value of a cause among those found.
+pub fn accepted(found: &[Found], id: CauseId) -> Option<f64> {
+    found.iter().find(|f| f.is(id) && f.evidence.accepted).map(|f| f.evidence.value)
+}
+
+/// What was found in codes, and in noise and trigger.
+#[derive(Clone, Debug, Default)]
+pub struct Aside {
+    pub codes: Vec<Found>,
+    pub noise: Vec<Found>,
+}
+
+impl Aside {
+    pub fn all(&self) -> impl Iterator<Item = &Found> {
+        self.codes.iter().chain(&self.noise)
+    }
+
+    pub fn accepted(&self) -> impl Iterator<Item = &Found> {
+        self.all().filter(|f| f.evidence.accepted)
+    }
+}
