@@ -67,7 +67,16 @@ pub fn critique(
             return critique(&all.first(MOST_SAMPLES), rings, labelled, stages);
         }
     }
-    let real = rings == Rings::InkChannel;
+    of_signals(all, rings == Rings::InkChannel, labelled, stages)
+}
+
+/// Of many signals. `real`: their ring has a real pole.
+fn of_signals(
+    all: &Observations,
+    real: bool,
+    labelled: bool,
+    stages: &mut dyn FnMut(&str),
+) -> Result<Outcome, CritiqueError> {
     let fewest = if real { FEWEST_SIGNALS } else { 1 };
     if all.len() < fewest {
         return Err(CritiqueError::TooFew { found: all.len() });

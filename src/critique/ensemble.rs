@@ -164,33 +164,30 @@ fn notch(left: &mut Left, omega: f64, n: usize) {
     project(&q, &mut left.u);
 }
 
+/// Signals' periodograms at one frequency: the mean over what white noise leaves, and its standard error.
+fn mean_power(left: &[Left], v: f64, omega: f64) -> (f64, f64) {
+    let n = left[0].u.len();
+    let (sin, cos) = (omega / n as f64).sin_cos();
+    let mut c = vec![0.0; n];
+    let mut s = vec![0.0; n];
+    let (mut x, mut y) = (1.0, 0.0);
+    for k in 0..n {
+        (c[k], s[k]) = (x, y);
+        (x, y) = (x * cos - y * sin, y * cos + x * sin);
+    }
+    let power = |y: &[f64]| dot(y, &c).powi(2) + dot(y, &s).powi(2);
+    let values: Vec<f64> = left
+        .iter()
+        .map(|l| {
+            let lost: f64 = l.q.column_iter().map(|q| power(q.as_slice())).sum();
+            power(&l.u) / (v * (n as f64 - lost).max(1.0))
+        })
+        .collect();
+    mean_of(&values)
+}
+
 fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
-    // (ratio of the mean periodogram to what white noise leaves, its standard error)
-    let ratio = |omega: f64| -> (f64, f64) {
-        let (sin, cos) = (omega / n as f64).sin_cos();
-        let mut c = vec![0.0; n];
-        let mut s = vec![0.0; n];
-        let (mut x, mut y) = (1.0, 0.0);
-        for k in 0..n {
-            (c[k], s[k]) = (x, y);
-            (x, y) = (x * cos - y * sin, y * cos + x * sin);
-        }
-        let values: Vec<f64> = left
-            .iter()
-            .map(|l| {
-                let power = dot(&l.u, &c).powi(2) + dot(&l.u, &s).powi(2);
-                let lost: f64 =
-                    l.q.column_iter()
-                        .map(|q| {
-                            let q = q.as_slice();
-                            dot(q, &c).powi(2) + dot(q, &s).powi(2)
-                        })
-                        .sum();
-                power / (v * (n as f64 - lost).max(1.0))
-            })
-            .collect();
-        mean_of(&values)
-    };
+    let ratio = |omega: f64| mean_power(left, v, omega);
     let m = left.len() as f64;
     // Wilson and Hilferty: the mean of m exponentials
     let z_of = |r: f64| 3.0 * m.sqrt() * (r.max(1e-9).cbrt() - (1.0 - 1.0 / (9.0 * m)));
@@ -218,18 +215,6 @@ fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
     }
     let (r, se) = ratio(omega);
     let z = z_of(r).min((r - 1.0) / se.max(1e-9) * 1.5);
-    let mut near: Vec<f64> = all
-        .iter()
-        .enumerate()
-        .filter(|(j, _)| {
-            let off = j.abs_diff(best);
-            (5..=24).contains(&off)
-        })
-        .map(|(_, r)| *r)
-        .collect();
-    near.sort_by(f64::total_cmp);
-    let around = near.get(near.len() / 2).copied().unwrap_or(1.0);
-    let contrast = (r - 1.0) / (around - 1.0).abs().max(1.0 / m.sqrt());
     // amplitude² / 4 * N per signal over v is r - 1
     let snr = (r - 1.0).max(1e-6);
     let var = 6.0 / (n as f64 * n as f64) / (snr * m) * (1.0 + 1.0 / snr) * (n * n) as f64;
@@ -242,8 +227,20 @@ fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
             true => 0.0,
             false => (-(ln_normal_tail(z)) - (n as f64).ln()).max(0.0),
         },
-        contrast,
+        contrast: (r - 1.0) / (around(&all, best) - 1.0).abs().max(1.0 / m.sqrt()),
     }
+}
+
+/// Typical of the neighbours of a peak.
+fn around(all: &[f64], peak: usize) -> f64 {
+    let mut near: Vec<f64> = all
+        .iter()
+        .enumerate()
+        .filter(|(j, _)| (5..=24).contains(&j.abs_diff(peak)))
+        .map(|(_, r)| *r)
+        .collect();
+    near.sort_by(f64::total_cmp);
+    near.get(near.len() / 2).copied().unwrap_or(1.0)
 }
 
 /// (rho, its standard error, z of its being zero), corrected for what the projection correlates.

@@ -6,6 +6,7 @@
 use super::{Applied, Bench, Best, Scored};
 use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{maximum, width};
+use crate::critique::space::Direction;
 use crate::model::InkChannel;
 use crate::model::terms::Interior;
 use std::f64::consts::{PI, TAU};
@@ -19,6 +20,22 @@ pub const OWN_LINE: &str = "its line lies at the model's own frequency or a mult
 /// A line so near a multiple of the ring's frequency is no line of its own, relative to that frequency.
 const NEAR: f64 = 0.1;
 
+/// One period in a signal's length.
+const RESOLUTION: f64 = TAU;
+
+/// Where a line fits best; 0: nowhere.
+#[derive(Clone, Copy)]
+struct Scan {
+    omega: f64,
+    gamma: f64,
+    /// The largest statistic where a line may be none: slow, or the ring's own doing.
+    own: f64,
+}
+
+fn is_slow(omega: f64) -> bool {
+    omega < LEAST_PERIODS * TAU
+}
+
 impl Bench<'_> {
     /// A line: cos and sin at the frequency that explains most, over some dampings.
     pub(super) fn line(
@@ -28,62 +45,12 @@ impl Bench<'_> {
         dampings: &[f64],
         near: Option<&Applied>,
     ) -> Option<Scored> {
-        let n = self.samples;
-        let columns = |pattern: usize, omega: f64, gamma: f64| {
-            let column = |phase: f64| {
-                let y = (0..n).map(|k| {
-                    let t = k as f64 / n as f64;
-                    (-gamma * t).exp() * (omega * t + phase).cos()
-                });
-                self.pattern(pattern, y.collect())
-            };
-            [column(0.0), column(-PI / 2.0)]
+        let test = |omega: f64, gamma: f64| self.line_statistic(pattern, omega, gamma);
+        let scan = match near {
+            Some(near) => Scan { omega: near.shape, gamma: near.damping, own: 0.0 },
+            None => self.scan(pattern, dampings),
         };
-        let test_as = |pattern: usize, omega: f64, gamma: f64| {
-            self.shapes.test(&columns(pattern, omega, gamma)).map_or(0.0, |t| t.statistic)
-        };
-        let test = |omega: f64, gamma: f64| test_as(pattern, omega, gamma);
-        let (own, resolution) = (self.seen.omega, TAU);
-        // near its own frequency a second mode is no second mode: the pair splits
-        let banned = |omega: f64, gamma: f64| {
-            let near = 0.8 * resolution + 0.5 * (self.seen.sigma + gamma);
-            let mode = pattern == 1
-                && (omega < LEAST_MODE * own
-                    || (omega - own).abs() < near
-                    || (2..=4).any(|m| (omega - f64::from(m) * own).abs() < 0.6 * resolution));
-            // nor is every second sample's own gain, which mirrors the ring at half the sampling rate
-            let mirror = PI * n as f64 - own;
-            // what is at a multiple of its own frequency, or at its mirror, is the ring's own doing
-            let order = (omega / own).round().max(1.0);
-            let multiple = (omega - order * own).abs() < NEAR * own;
-            let mirrored = (omega - mirror).abs() < resolution;
-            // so is a tone at its own frequency: anything that changes the ring looks like one
-            let own = (omega - own).abs() < 1.2 * resolution;
-            mode || own
-                || multiple
-                || mirrored
-                || self.avoid.iter().any(|w| (omega - w).abs() < 1.5 * resolution)
-        };
-        let most = PI * n as f64 * 0.97;
-        let (mut best, mut best_banned) = ((0.0, 0.0, 0.0), 0.0_f64);
-        if let Some(near) = near {
-            best = (0.0, near.shape, near.damping);
-        }
-        let slow = |omega: f64| omega < LEAST_PERIODS * TAU;
-        for &gamma in dampings.iter().filter(|_| near.is_none()) {
-            // below, a wave is any slow shape; where one fits better, a line is none
-            let mut omega = 0.4 * LEAST_PERIODS * TAU;
-            while omega < most {
-                let statistic = test(omega, gamma);
-                if banned(omega, gamma) || slow(omega) {
-                    best_banned = best_banned.max(statistic);
-                } else if statistic > best.0 {
-                    best = (statistic, omega, gamma);
-                }
-                omega += 0.5 * PI;
-            }
-        }
-        let (_, mut omega, mut gamma) = best;
+        let Scan { mut omega, mut gamma, .. } = scan;
         if omega == 0.0 {
             return None;
         }
@@ -96,33 +63,107 @@ impl Bench<'_> {
                     .min(6.0 * self.seen.sigma);
             }
         }
-        let directions = columns(pattern, omega, gamma);
+        let directions = self.waves(pattern, omega, gamma).to_vec();
         let tested = self.shapes.test(&directions)?;
         let best = Best {
             shape: omega,
-            tried: n as f64 * dampings.len() as f64,
+            tried: self.samples as f64 * dampings.len() as f64,
             value: omega / TAU / self.length_s,
             sd: width(|x| test(x, gamma), omega, 0.02) / TAU / self.length_s,
         };
-        let mut scored = self.shaped(id, tested, directions.to_vec(), best);
+        let mut scored = self.shaped(id, tested, directions, best);
         scored.applied.damping = gamma;
-        // so near to the ring a mode cannot be told from it; what fits as well as one is no tone
-        let close = 1.2 * resolution + 4.5 * self.seen.sigma;
-        if near.is_none() && (omega - own).abs() < close && self.beside.drive_scan {
-            let shares: &[f64] = if pattern == 0 { &[0.4, 1.0, 2.0] } else { &[0.0] };
-            let as_other = |share: &f64| test_as(1 - pattern, omega, share * self.seen.sigma);
-            if shares.iter().map(as_other).any(|s| s > scored.statistic - 3.0) {
-                let other = if pattern == 0 { "mode" } else { "tone" };
-                scored.disqualified = format!("it may be a {other} near the ring's own frequency");
-            }
-        }
-        if near.is_none() && banned(omega, gamma) || best_banned > scored.statistic + 10.0 {
-            scored.disqualified = OWN_LINE.into();
-        }
-        if near.is_none() && slow(omega) {
-            scored.disqualified = "it is so slow that it may be no line".into();
+        if near.is_none() {
+            let at = Scan { omega, gamma, ..scan };
+            scored.disqualified = self.objection(pattern, at, scored.statistic);
         }
         Some(scored)
+    }
+
+    /// Cosine and sine, damped.
+    fn waves(&self, pattern: usize, omega: f64, gamma: f64) -> [Direction; 2] {
+        let n = self.samples;
+        let wave = |phase: f64| {
+            let y = (0..n).map(|k| {
+                let t = k as f64 / n as f64;
+                (-gamma * t).exp() * (omega * t + phase).cos()
+            });
+            self.pattern(pattern, y.collect())
+        };
+        [wave(0.0), wave(-PI / 2.0)]
+    }
+
+    fn line_statistic(&self, pattern: usize, omega: f64, gamma: f64) -> f64 {
+        self.shapes.test(&self.waves(pattern, omega, gamma)).map_or(0.0, |t| t.statistic)
+    }
+
+    /// All frequencies, over some dampings.
+    fn scan(&self, pattern: usize, dampings: &[f64]) -> Scan {
+        let most = PI * self.samples as f64 * 0.97;
+        let (mut best, mut scan) = (0.0, Scan { omega: 0.0, gamma: 0.0, own: 0.0 });
+        for &gamma in dampings {
+            // below, a wave is any slow shape; where one fits better, a line is none
+            let mut omega = 0.4 * LEAST_PERIODS * TAU;
+            while omega < most {
+                let statistic = self.line_statistic(pattern, omega, gamma);
+                if self.is_own(pattern, omega, gamma) || is_slow(omega) {
+                    scan.own = scan.own.max(statistic);
+                } else if statistic > best {
+                    best = statistic;
+                    scan = Scan { omega, gamma, ..scan };
+                }
+                omega += 0.5 * PI;
+            }
+        }
+        scan
+    }
+
+    /// Whether what is at a frequency may be the ring's own doing, or a random tone's that was found.
+    fn is_own(&self, pattern: usize, omega: f64, gamma: f64) -> bool {
+        let own = self.seen.omega;
+        // near its own frequency a second mode is no second mode: the pair splits
+        let near = 0.8 * RESOLUTION + 0.5 * (self.seen.sigma + gamma);
+        let mode = pattern == 1
+            && (omega < LEAST_MODE * own
+                || (omega - own).abs() < near
+                || (2..=4).any(|m| (omega - f64::from(m) * own).abs() < 0.6 * RESOLUTION));
+        // nor is every second sample's own gain, which mirrors the ring at half the sampling rate
+        let mirror = PI * self.samples as f64 - own;
+        // what is at a multiple of its own frequency, or at its mirror, is the ring's own doing
+        let order = (omega / own).round().max(1.0);
+        let multiple = (omega - order * own).abs() < NEAR * own;
+        let mirrored = (omega - mirror).abs() < RESOLUTION;
+        // so is a tone at its own frequency: anything that changes the ring looks like one
+        let at_own = (omega - own).abs() < 1.2 * RESOLUTION;
+        let taken = |w: &f64| (omega - w).abs() < 1.5 * RESOLUTION;
+        mode || at_own || multiple || mirrored || self.avoid.iter().any(taken)
+    }
+
+    /// Why the line that fits best cannot be the cause; empty where it can.
+    fn objection(
+        &self,
+        pattern: usize,
+        Scan { omega, gamma, own }: Scan,
+        statistic: f64,
+    ) -> String {
+        if is_slow(omega) {
+            return "it is so slow that it may be no line".into();
+        }
+        if self.is_own(pattern, omega, gamma) || own > statistic + 10.0 {
+            return OWN_LINE.into();
+        }
+        // so near to the ring a mode cannot be told from it; what fits as well as one is no tone
+        let close = 1.2 * RESOLUTION + 4.5 * self.seen.sigma;
+        if (omega - self.seen.omega).abs() < close && self.beside.drive_scan {
+            let shares: &[f64] = if pattern == 0 { &[0.4, 1.0, 2.0] } else { &[0.0] };
+            let as_other =
+                |share: &f64| self.line_statistic(1 - pattern, omega, share * self.seen.sigma);
+            if shares.iter().map(as_other).any(|s| s > statistic - 3.0) {
+                let other = if pattern == 0 { "mode" } else { "tone" };
+                return format!("it may be a {other} near the ring's own frequency");
+            }
+        }
+        String::new()
     }
 
     /// Surface tension B_t/B_m = m makes of the real pole and of the pole at 0 a slow pair, which scales

@@ -56,6 +56,14 @@ impl Term {
         }
     }
 
+    /// Independent places that it was looked for at.
+    fn places(self, decays: &Decays) -> f64 {
+        match self {
+            Term::Line(_) => decays.samples as f64 / 2.0,
+            _ => 1.0,
+        }
+    }
+
     fn put(self, structure: &Structure) -> Structure {
         let mut with = structure.clone();
         match self {
@@ -356,8 +364,29 @@ fn deviance(misfit: &[f64], decays: &Decays) -> f64 {
     sizes(misfit, decays).iter().map(|s| 2.0 * count * s.ln()).sum()
 }
 
-/// All candidates about a model. Forms of one cause compete here: the better stays.
-pub fn try_all(decays: &Decays, parent: &Fit) -> (Vec<Tried>, Noise) {
+/// All candidates about a model, judged in the noise that is left by what explains most.
+pub fn try_all(decays: &Decays, parent: &Fit) -> Vec<Tried> {
+    let candidates = candidates(decays, parent);
+    let best = candidates
+        .iter()
+        .filter(|c| c.tried.disqualified.is_empty())
+        .min_by(|p, q| p.criterion.total_cmp(&q.criterion))
+        .map(|c| c.tried.fit.clone())
+        .unwrap_or_else(|| parent.clone());
+    let noise = Noise::of(&best.misfit(decays), decays, best.p.len());
+    let parent = fit::descend(decays, &parent.structure, &parent.p, &noise, decays.samples);
+    candidates.into_iter().map(|c| judged(decays, c.tried, &parent, &noise)).collect()
+}
+
+/// A candidate in white noise.
+struct Candidate {
+    tried: Tried,
+    /// Of Bayes: what is free counts.
+    criterion: f64,
+}
+
+/// Forms of one cause compete here: the better stays.
+fn candidates(decays: &Decays, parent: &Fit) -> Vec<Candidate> {
     let misfit = parent.misfit(decays);
     let plain = Noise::white(&sizes(&misfit, decays));
     let all = [
@@ -371,13 +400,13 @@ pub fn try_all(decays: &Decays, parent: &Fit) -> (Vec<Tried>, Noise) {
     ];
     let samples = decays.y.len() as f64;
     let before = deviance(&misfit, decays);
-    let mut tried: Vec<(Tried, f64)> = Vec::new();
-    let undamped = |tried: &[(Tried, f64)]| {
-        let mode = tried.iter().find(|(t, _)| t.term == Term::Line(Line::Mode));
-        mode.is_none_or(|(t, _)| t.disqualified == UNDAMPED)
+    let mut kept: Vec<Candidate> = Vec::new();
+    let undamped = |kept: &[Candidate]| {
+        let mode = kept.iter().find(|c| c.tried.term == Term::Line(Line::Mode));
+        mode.is_none_or(|c| c.tried.disqualified == UNDAMPED)
     };
     for term in all.into_iter().filter(|c| !c.is_in(&parent.structure)) {
-        if term == Term::Line(Line::Tone) && !undamped(&tried) {
+        if term == Term::Line(Line::Tone) && !undamped(&kept) {
             continue; // it rings down: a mode
         }
         for fit in children(decays, parent, term, &plain, &misfit) {
@@ -388,60 +417,46 @@ pub fn try_all(decays: &Decays, parent: &Fit) -> (Vec<Tried>, Noise) {
             let criterion = after + degrees as f64 * samples.ln();
             let covariance = fit.covariance(decays, &Noise::white(&sizes(&left, decays)));
             let disqualified = objection(decays, &fit, term, &covariance);
-            let one =
+            let tried =
                 Tried { term, fit, statistic: 0.0, degrees, surprise: 0.0, share, disqualified };
+            let one = Candidate { tried, criterion };
             // what can be the cause goes before what cannot
-            let rank = |t: &Tried, criterion: f64| (!t.disqualified.is_empty(), criterion);
-            match tried.iter_mut().find(|(t, _)| t.term.id() == term.id()) {
-                Some(known) => {
-                    if rank(&one, criterion) < rank(&known.0, known.1) {
-                        *known = (one, criterion);
-                    }
-                }
-                None => tried.push((one, criterion)),
+            let rank = |c: &Candidate| (!c.tried.disqualified.is_empty(), c.criterion);
+            match kept.iter_mut().find(|c| c.tried.term.id() == term.id()) {
+                Some(known) if rank(&one) < rank(known) => *known = one,
+                Some(_) => {}
+                None => kept.push(one),
             }
         }
     }
-    // the noise that is left by what explains most
-    let best = tried
-        .iter()
-        .filter(|(t, _)| t.disqualified.is_empty())
-        .min_by(|p, q| p.1.total_cmp(&q.1))
-        .map(|(t, _)| t.fit.clone())
-        .unwrap_or_else(|| parent.clone());
-    let noise = Noise::of(&best.misfit(decays), decays, best.p.len());
-    let predictable = noise.predictable();
-    let parent_now = fit::descend(decays, &parent.structure, &parent.p, &noise, decays.samples);
-    let mut tried: Vec<Tried> = tried.into_iter().map(|(t, _)| t).collect();
-    for t in &mut tried {
-        let from_own = fit::descend(decays, &t.fit.structure, &t.fit.p, &noise, decays.samples);
-        // nor worse than the parent in this metric
-        let warm = t.fit.structure.carried(&parent_now.structure, &parent_now.p, decays);
-        t.fit = match t.term {
-            Term::Line(_) => from_own,
-            _ => {
-                let from_parent =
-                    fit::descend(decays, &t.fit.structure, &warm, &noise, decays.samples);
-                if from_parent.cost < from_own.cost { from_parent } else { from_own }
-            }
-        };
-        t.statistic = (parent_now.cost - t.fit.cost).max(0.0);
-        let lines = match t.term {
-            Term::Line(_) => decays.samples as f64 / 2.0,
-            _ => 1.0,
-        };
-        t.surprise = surprise(t.statistic, t.degrees, lines, samples - t.fit.p.len() as f64);
-        let covariance = t.fit.covariance(decays, &noise);
-        t.disqualified = objection(decays, &t.fit, t.term, &covariance);
-        let little = match t.term {
-            Term::Line(_) => t.share < LEAST_SHARE,
-            _ => predictable > COLOURED && t.statistic < LEAST_OF_COLOURED * parent_now.cost,
-        };
-        if t.disqualified.is_empty() && little {
-            t.disqualified = "it is little of what is left".into();
+    kept
+}
+
+/// A candidate fitted in the noise, and whether it can be the cause.
+fn judged(decays: &Decays, mut t: Tried, parent: &Fit, noise: &Noise) -> Tried {
+    let from_own = fit::descend(decays, &t.fit.structure, &t.fit.p, noise, decays.samples);
+    // nor worse than the parent in this metric
+    let warm = t.fit.structure.carried(&parent.structure, &parent.p, decays);
+    t.fit = match t.term {
+        Term::Line(_) => from_own,
+        _ => {
+            let from_parent = fit::descend(decays, &t.fit.structure, &warm, noise, decays.samples);
+            if from_parent.cost < from_own.cost { from_parent } else { from_own }
         }
+    };
+    t.statistic = (parent.cost - t.fit.cost).max(0.0);
+    let free = decays.y.len() as f64 - t.fit.p.len() as f64;
+    t.surprise = surprise(t.statistic, t.degrees, t.term.places(decays), free);
+    let covariance = t.fit.covariance(decays, noise);
+    t.disqualified = objection(decays, &t.fit, t.term, &covariance);
+    let little = match t.term {
+        Term::Line(_) => t.share < LEAST_SHARE,
+        _ => noise.predictable() > COLOURED && t.statistic < LEAST_OF_COLOURED * parent.cost,
+    };
+    if t.disqualified.is_empty() && little {
+        t.disqualified = "it is little of what is left".into();
     }
-    (tried, noise)
+    t
 }
 
 /// Two modes of nearly the ring's own frequency, whatever their damping.
@@ -506,7 +521,7 @@ pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
     let (mut evidence, mut unnamed) = (Vec::new(), Vec::new());
     for step in 0..=MOST_TERMS as u32 {
         stages("trying what may be added");
-        let (mut tried, _) = try_all(decays, &now);
+        let mut tried = try_all(decays, &now);
         tried.sort_by(|p, q| q.statistic.total_cmp(&p.statistic));
         let rows = evidence.len();
         evidence.extend(tried.iter().map(|t| row(t, step, samples)));
@@ -593,16 +608,13 @@ fn eliminate(decays: &Decays, now: &mut Fit, causes: &mut Vec<Chosen>) {
             let (structure, p) = without(decays, now, chosen);
             let parent = fit::descend(decays, &structure, &p, &noise, decays.samples);
             chosen.statistic = (parent.cost - now.cost).max(0.0);
-            let lines = match chosen.term {
-                Term::Line(_) => decays.samples as f64 / 2.0,
-                _ => 1.0,
-            };
             let objection = match chosen.term {
                 Term::Line(line) => line_objection(decays, now, line, chosen.line, &covariance),
                 term => objection(decays, now, term, &covariance),
             };
             let free = decays.y.len() as f64 - now.p.len() as f64;
-            let mut surprise = surprise(chosen.statistic, chosen.degrees, lines, free);
+            let mut surprise =
+                surprise(chosen.statistic, chosen.degrees, chosen.term.places(decays), free);
             if !objection.is_empty() {
                 surprise = 0.0;
             }

@@ -217,7 +217,7 @@ fn a_coefficient_of_the_unphysical_sign_is_no_cause() {
         (Truth { friction: 0.4, falls_to: 0.3, ..PLAIN }, Term::Drag),
     ] {
         let d = decays(&truth, 7);
-        let (tried, _) = selection::try_all(&d, &selection::baseline(&d));
+        let tried = selection::try_all(&d, &selection::baseline(&d));
         let rival = tried.iter().find(|t| t.term == wrong).unwrap();
         assert!(rival.statistic > 100.0, "it fits: {}", rival.statistic);
         assert!(rival.disqualified.contains("unphysical sign"), "{:?}", rival.disqualified);
