@@ -126,7 +126,7 @@ fn of_signals(
     let critique = Critique {
         version: VERSION,
         verdict,
-        sentence: sentence(verdict, &causes, &left, detection),
+        sentence: sentence(verdict, &causes, &left.significant, detection),
         equation: equation(&causes),
         causes,
         not_testable: not_testable(&data, &beside, real),

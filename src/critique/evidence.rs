@@ -4,10 +4,7 @@
 //! them, and whose reasons name what was chosen instead.
 
 use super::chance::{THRESHOLD, surprise};
-use super::finding::Evidence;
-
-const NOT_SIGNIFICANT: &str = "not significant";
-const EXPLAINS_MORE: &str = "another cause explains more";
+use super::finding::{EXPLAINS_MORE, Evidence, NOT_SIGNIFICANT};
 
 /// `by_chance`: these were accepted by their chance alone, shapes tried and heavy tails included; their
 /// threshold is the statistic at which that chance would have sufficed.

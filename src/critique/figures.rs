@@ -3,7 +3,8 @@
 use super::covariates::{COVARIATES, Covariates, IDLE, NAMES, POSITION, UNITS};
 use super::ensemble::project;
 use super::finding::{CovariateFigure, Energies, Figures, MeanMisfit, Spectrum};
-use super::model::{Linear, Matrix5, Model, Vector5, dot};
+use super::matrices::{Matrix5, Vector5};
+use super::model::{Linear, Model, dot};
 use super::observations::Observations;
 use crate::model::free_decay::FREE;
 use nalgebra::DMatrix;

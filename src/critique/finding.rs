@@ -189,6 +189,10 @@ pub struct Signals {
     pub rejected: u64,
 }
 
+/// Why a candidate was not accepted, where nothing else speaks against it.
+pub const NOT_SIGNIFICANT: &str = "not significant";
+pub const EXPLAINS_MORE: &str = "another cause explains more";
+
 /// One candidate in one step of the selection.
 #[derive(Clone, Debug)]
 pub struct Evidence {

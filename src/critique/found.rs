@@ -4,7 +4,7 @@
 
 use super::catalogue::CauseId;
 use super::chance::{DETECTION_LIMIT, THRESHOLD};
-use super::finding::{Cause, Evidence};
+use super::finding::{Cause, Evidence, NOT_SIGNIFICANT};
 use super::words::cause_sentence;
 
 #[derive(Clone, Debug)]
@@ -40,7 +40,7 @@ pub fn found(
             why_not: match (accepted, lack) {
                 (true, _) => String::new(),
                 (false, Some(lack)) => lack.into(),
-                (false, None) => "not significant".into(),
+                (false, None) => NOT_SIGNIFICANT.into(),
             },
         },
         unlike: None,

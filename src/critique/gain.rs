@@ -8,7 +8,8 @@
 use super::candidates::Applied;
 use super::covariates::Covariates;
 use super::finding::{Energies, Gain, GainFigures, HeldOut, Misfit};
-use super::model::{Linear, Matrix5, Model, Vector5, dot};
+use super::matrices::{Matrix5, Vector5};
+use super::model::{Linear, Model, dot};
 use super::observations::Observations;
 use super::refit::{Setting, apply, refit};
 use super::whiteness::{Lags, whiteness_p};

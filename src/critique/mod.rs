@@ -27,6 +27,7 @@ mod gain;
 mod generator;
 mod jitter;
 mod leftovers;
+mod matrices;
 pub mod model;
 pub mod observations;
 mod outcome;

@@ -4,7 +4,8 @@
 //! its mean, moved.
 
 use super::covariates::Covariates;
-use super::model::{Linear, Matrix5, Model, Vector5, free_products};
+use super::matrices::{Matrix5, Vector5, floored, inverse, scaled};
+use super::model::{Linear, Model, free_products};
 use super::observations::Observations;
 use crate::model::free_decay::FREE;
 
@@ -23,8 +24,16 @@ struct Estimate {
 }
 
 impl Model {
+    /// Alternates linearisation and estimation until both rest.
+    pub fn fit(&mut self, data: &Observations, beside: &Covariates, rounds: usize) {
+        for _ in 0..rounds {
+            self.settle(data, beside);
+            self.estimate_scatter(data, beside, 30);
+        }
+    }
+
     /// Estimates noise, scatter and mean given the linearisation; `steps` of EM.
-    pub fn estimate_scatter(&mut self, data: &Observations, beside: &Covariates, steps: usize) {
+    fn estimate_scatter(&mut self, data: &Observations, beside: &Covariates, steps: usize) {
         let scale = self.scale();
         let signals = self.signals_and_noise(data, beside, &scale);
         let repeated = data.len() > data.units;
@@ -177,21 +186,4 @@ impl Estimate {
         }
         self.mean += centre;
     }
-}
-
-/// Scatter below this share, squared, is none: it keeps covariances invertible.
-const LEAST_SCATTER: f64 = 1e-10;
-
-fn floored(m: &Matrix5) -> Matrix5 {
-    let eigen = ((m + m.transpose()) * 0.5).symmetric_eigen();
-    let values = eigen.eigenvalues.map(|v| v.max(LEAST_SCATTER));
-    eigen.eigenvectors * Matrix5::from_diagonal(&values) * eigen.eigenvectors.transpose()
-}
-
-pub fn inverse(m: &Matrix5) -> Matrix5 {
-    floored(m).try_inverse().unwrap_or_else(Matrix5::zeros)
-}
-
-pub fn scaled(m: &Matrix5, scale: &Vector5) -> Matrix5 {
-    Matrix5::from_fn(|i, j| m[(i, j)] / (scale[i] * scale[j]))
 }

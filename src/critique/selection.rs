@@ -8,7 +8,7 @@ use super::candidates::{Kind, Scored};
 use super::catalogue::CauseId;
 use super::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
 use super::covariates::{TEMPERATURE, TIME};
-use super::finding::Evidence;
+use super::finding::{EXPLAINS_MORE, Evidence, NOT_SIGNIFICANT};
 use super::model::Model;
 use super::refit::{Refit, Setting, Spaces, apply, follow, refit, rescored};
 
@@ -121,7 +121,7 @@ fn row(s: &Scored, step: u32, ln_samples: f64) -> Evidence {
         tested: true,
         accepted: false,
         why_not: if s.disqualified.is_empty() {
-            "not significant".into()
+            NOT_SIGNIFICANT.into()
         } else {
             s.disqualified.clone()
         },
@@ -203,7 +203,7 @@ impl<'a> Round<'a> {
                 row.accepted = place == 0;
                 row.why_not = match place {
                     0 => String::new(),
-                    _ => "another cause explains more".into(),
+                    _ => EXPLAINS_MORE.into(),
                 };
             }
         }

@@ -7,7 +7,8 @@
 //! whatever nuisance, is linear algebra on K and g, and the signals are read once.
 
 use super::covariates::{COVARIATES, Covariates, ONE};
-use super::model::{LN_LAMBDA_SD, Linear, Matrix5, Model, PATTERNS, Vector5};
+use super::matrices::{Matrix5, Vector5};
+use super::model::{LN_LAMBDA_SD, Linear, Model, PATTERNS};
 use super::observations::Observations;
 use crate::model::free_decay::{ALL, FREE, Theta};
 use nalgebra::{Const, DMatrix, DVector, Dyn, OMatrix, SMatrix};

@@ -2,7 +2,6 @@
 //!
 //! In: causes and verdict. Out: text.
 
-use super::adequacy;
 use super::catalogue::{experiment, joined};
 use super::digits;
 use super::finding::{Cause, Detection, Verdict};
@@ -16,13 +15,13 @@ pub fn cause_sentence(cause: &Cause) -> String {
 pub fn sentence(
     verdict: Verdict,
     causes: &[Cause],
-    left: &adequacy::Left,
+    unexplained: &[String],
     detection: Detection,
 ) -> String {
     match verdict {
         Verdict::None => "The model explains these signals: nothing in them asks for more.".into(),
         Verdict::Unknown => {
-            let what = left.significant.first().map_or("a misfit", String::as_str);
+            let what = unexplained.first().map_or("a misfit", String::as_str);
             match causes.first() {
                 Some(c) => format!(
                     "The model misses something that the catalogue does not hold ({what}); nearest \

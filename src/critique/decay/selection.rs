@@ -12,7 +12,7 @@ use super::spectrum;
 use crate::critique::candidates::LEAST_PERIODS;
 use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
-use crate::critique::finding::Evidence;
+use crate::critique::finding::{EXPLAINS_MORE, Evidence, NOT_SIGNIFICANT};
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 
@@ -506,7 +506,7 @@ fn row(t: &Tried, step: u32, samples: f64) -> Evidence {
         tested: true,
         accepted: false,
         why_not: match t.disqualified.as_str() {
-            "" => "not significant".into(),
+            "" => NOT_SIGNIFICANT.into(),
             why => why.into(),
         },
     }
@@ -542,7 +542,7 @@ pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
                 e.accepted = true;
                 e.why_not = String::new();
             } else if rivals.iter().any(|r| r.term.id() == e.id) {
-                e.why_not = "another cause explains more".into();
+                e.why_not = EXPLAINS_MORE.into();
             }
         }
         causes.push(Chosen {
