@@ -47,8 +47,8 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
             look.tell(what.into(), found.evidence.statistic);
         }
     }
-    let (local, tried) = bench.local_scan();
-    let local = local / growth - tried.max(1.0).ln();
+    let local = bench.local_scan();
+    let local = local.surprise / growth - local.tried.max(1.0).ln();
     if local > MARGIN + THRESHOLD - 3.0 {
         look.tell("the mean misfit has a shape of its own".into(), 2.0 * local);
     }

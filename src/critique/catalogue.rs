@@ -194,179 +194,93 @@ const WHOLE_COUNTS: InDecays = InDecays::Needs("many bursts of whole counts");
 /// `candidates/mod.rs`. These are four files at most, and a line of `docs/critique_assumptions.md`.
 #[rustfmt::skip]
 pub static CATALOGUE: [Entry; 22] = [
-    Entry {
-        id: CauseId::Offset, name: "offset", parameter: "offset", unit: "counts",
+    Entry { id: CauseId::Offset, name: "offset", parameter: "offset", unit: "counts",
         words: "the sensor has an offset that does not scale with the drive",
         equation: "+ b",
         acts: Acts::Mean(Shape::Constant), class: Some(Class::Slow), split_by: Experiment::HalveTheDrive,
-        in_decays: InDecays::Fitted(Some("the sensor has an offset: what it shows at rest is not zero")),
-        ..MOST
-    },
-    Entry {
-        id: CauseId::Droop, name: "droop", parameter: "rate", unit: "1/s", needs: Needs::DriveScan,
+        in_decays: InDecays::Fitted(Some("the sensor has an offset: what it shows at rest is not zero")), ..MOST },
+    Entry { id: CauseId::Droop, name: "droop", parameter: "rate", unit: "1/s", needs: Needs::DriveScan,
         words: "the charge amplifier droops (a high-pass that is reset at t_a)",
-        equation: "- w int_0^t e^{-w(t-u)} y(u) du",
-        acts: Acts::Mean(Shape::Droop), class: Some(Class::Slow),
-        in_decays: INK_CHANNEL,
-        ..MOST
-    },
-    Entry {
-        id: CauseId::Meniscus, name: "meniscus", parameter: "compliance_ratio", needs: Needs::DriveScan,
+        equation: "- w int_0^t e^{-w(t-u)} y(u) du", acts: Acts::Mean(Shape::Droop), class: Some(Class::Slow),
+        in_decays: INK_CHANNEL, ..MOST },
+    Entry { id: CauseId::Meniscus, name: "meniscus", parameter: "compliance_ratio", needs: Needs::DriveScan,
         words: "surface tension in the nozzle pulls the meniscus back",
         equation: "; q_n' gains -(B_t/B_m) V_n/(I_n B_t)",
-        acts: Acts::Mean(Shape::SlowMode), free: 1.0, class: Some(Class::Slow),
-        in_decays: INK_CHANNEL,
-        ..MOST
-    },
-    Entry {
-        id: CauseId::Lowpass, name: "lowpass", parameter: "rate", unit: "1/s",
+        acts: Acts::Mean(Shape::SlowMode), free: 1.0, class: Some(Class::Slow), in_decays: INK_CHANNEL, ..MOST },
+    Entry { id: CauseId::Lowpass, name: "lowpass", parameter: "rate", unit: "1/s",
         words: "the sensor amplifier's low-pass has a transient in the first samples",
         equation: "+ y(0) h e^{-w t}",
         acts: Acts::Mean(Shape::Transient), free: 1.0, class: Some(Class::Early), split_by: Experiment::StartLater,
-        in_decays: INK_CHANNEL,
-        ..MOST
-    },
-    Entry {
-        id: CauseId::SecondMode, name: "second_mode", parameter: "frequency", unit: "Hz", needs: Needs::DriveScan,
+        in_decays: INK_CHANNEL, ..MOST },
+    Entry { id: CauseId::SecondMode, name: "second_mode", parameter: "frequency", unit: "Hz", needs: Needs::DriveScan,
         words: "a second mode rings along",
-        equation: "+ s e^{-gamma t} (p cos 2 pi f2 t + q sin 2 pi f2 t)",
-        acts: Acts::Mean(Shape::Mode), free: 3.0,
-        ..MOST
-    },
-    Entry {
-        id: CauseId::QuadraticDrag, name: "quadratic_drag", parameter: "damping_change", needs: Needs::DriveScan,
+        equation: "+ s e^{-gamma t} (p cos 2 pi f2 t + q sin 2 pi f2 t)", acts: Acts::Mean(Shape::Mode), free: 3.0, ..MOST },
+    Entry { id: CauseId::QuadraticDrag, name: "quadratic_drag", parameter: "damping_change", needs: Needs::DriveScan,
         words: "damping grows with amplitude: quadratic drag at the nozzle",
-        equation: "; q_n' gains -k |q_n| q_n",
-        acts: motion(Term::QuadraticDrag, 2, [0.01, 3.0]),
-        in_decays: InDecays::Fitted(Some("damping grows with amplitude: drag that grows with speed squared")),
-        ..MOST
-    },
-    Entry {
-        id: CauseId::DryFriction, name: "dry_friction", parameter: "damping_change", needs: Needs::DriveScan,
+        equation: "; q_n' gains -k |q_n| q_n", acts: motion(Term::QuadraticDrag, 2, [0.01, 3.0]),
+        in_decays: InDecays::Fitted(Some("damping grows with amplitude: drag that grows with speed squared")), ..MOST },
+    Entry { id: CauseId::DryFriction, name: "dry_friction", parameter: "damping_change", needs: Needs::DriveScan,
         words: "damping grows as the amplitude falls: dry friction",
-        equation: "; q_n' gains -mu sign(q_n)",
-        acts: motion(Term::DryFriction, 0, [0.01, 3.0]),
-        ..MOST
-    },
-    Entry {
-        id: CauseId::CubicStiffness, name: "cubic_stiffness", parameter: "frequency_change", needs: Needs::DriveScan,
+        equation: "; q_n' gains -mu sign(q_n)", acts: motion(Term::DryFriction, 0, [0.01, 3.0]), ..MOST },
+    Entry { id: CauseId::CubicStiffness, name: "cubic_stiffness", parameter: "frequency_change", needs: Needs::DriveScan,
         words: "the frequency changes with amplitude: the stiffness is not linear",
-        equation: "; V becomes V + k3 V^3",
-        acts: motion(Term::CubicStiffness, 3, [0.002, 0.4]),
-        ..MOST
-    },
-    Entry {
-        id: CauseId::FractionalDamping, name: "fractional_damping", parameter: "eta",
+        equation: "; V becomes V + k3 V^3", acts: motion(Term::CubicStiffness, 3, [0.002, 0.4]), ..MOST },
+    Entry { id: CauseId::FractionalDamping, name: "fractional_damping", parameter: "eta",
         words: "part of the loss is a boundary layer's (half-order damping)",
         equation: "; (1 - eta) R_n q_n + eta R_n omega^{-1/2} D^{1/2} q_n",
         acts: motion(Term::FractionalDamping, 1, [0.02, 1.0]), class: Some(Class::Early),
-        in_decays: INK_CHANNEL,
-        ..MOST
-    },
-    Entry {
-        id: CauseId::Tone, name: "tone", parameter: "frequency", unit: "Hz",
+        in_decays: INK_CHANNEL, ..MOST },
+    Entry { id: CauseId::Tone, name: "tone", parameter: "frequency", unit: "Hz",
         words: "an interference of fixed phase is added",
-        equation: "+ p cos 2 pi f t + q sin 2 pi f t",
-        acts: Acts::Mean(Shape::Tone), free: 1.0,
-        in_decays: InDecays::Fitted(Some("an undamped line is added: an interference from outside")),
-        ..MOST
-    },
-    Entry {
-        id: CauseId::RandomTone, name: "random_tone", parameter: "frequency", unit: "Hz",
+        equation: "+ p cos 2 pi f t + q sin 2 pi f t", acts: Acts::Mean(Shape::Tone), free: 1.0,
+        in_decays: InDecays::Fitted(Some("an undamped line is added: an interference from outside")), ..MOST },
+    Entry { id: CauseId::RandomTone, name: "random_tone", parameter: "frequency", unit: "Hz",
         words: "an interference whose phase differs from burst to burst is added",
-        equation: "+ p cos(2 pi f t + phase of the burst)",
-        acts: Acts::Noise,
-        in_decays: MANY_BURSTS,
-        ..MOST
-    },
-    Entry {
-        id: CauseId::TriggerJitter, name: "trigger_jitter", parameter: "sd", unit: "s", needs: Needs::SharedBursts,
+        equation: "+ p cos(2 pi f t + phase of the burst)", acts: Acts::Noise, in_decays: MANY_BURSTS, ..MOST },
+    Entry { id: CauseId::TriggerJitter, name: "trigger_jitter", parameter: "sd", unit: "s", needs: Needs::SharedBursts,
         words: "the trigger jitters: t_a of a burst's channels shifts from burst to burst",
-        equation: "; x_a becomes e^{A delta} x_a, delta one for all channels of a burst",
-        acts: Acts::Trigger,
-        in_decays: InDecays::Needs("many bursts of several channels each"),
-        ..MOST
-    },
-    Entry {
-        id: CauseId::Clipping, name: "clipping", parameter: "level", unit: "counts", needs: Needs::Codes,
+        equation: "; x_a becomes e^{A delta} x_a, delta one for all channels of a burst", acts: Acts::Trigger,
+        in_decays: InDecays::Needs("many bursts of several channels each"), ..MOST },
+    Entry { id: CauseId::Clipping, name: "clipping", parameter: "level", unit: "counts", needs: Needs::Codes,
         words: "large samples are clipped",
-        equation: "; y becomes min(y, L)",
-        acts: Acts::Codes,
-        in_decays: WHOLE_COUNTS,
-        ..MOST
-    },
-    Entry {
-        id: CauseId::CoarseLsb, name: "coarse_lsb", parameter: "step", unit: "counts", needs: Needs::Codes,
+        equation: "; y becomes min(y, L)", acts: Acts::Codes, in_decays: WHOLE_COUNTS, ..MOST },
+    Entry { id: CauseId::CoarseLsb, name: "coarse_lsb", parameter: "step", unit: "counts", needs: Needs::Codes,
         words: "the converter misses codes: its resolution is coarse",
-        equation: "; y becomes q round(y/q)",
-        acts: Acts::Codes,
-        in_decays: WHOLE_COUNTS,
-        ..MOST
-    },
-    Entry {
-        id: CauseId::PreviousTail, name: "previous_tail", parameter: "gain", needs: Needs::Idle,
+        equation: "; y becomes q round(y/q)", acts: Acts::Codes, in_decays: WHOLE_COUNTS, ..MOST },
+    Entry { id: CauseId::PreviousTail, name: "previous_tail", parameter: "gain", needs: Needs::Idle,
         words: "the ring of the previous actuation has not died away at t_a",
-        equation: "+ g s f(t + idle time)",
-        acts: Acts::PreviousRing,
-        in_decays: InDecays::Needs("idle_time_s, recorded in many bursts"),
-        ..MOST
-    },
-    Entry {
-        id: CauseId::Crosstalk, name: "crosstalk", parameter: "kappa", needs: Needs::Neighbours,
+        equation: "+ g s f(t + idle time)", acts: Acts::PreviousRing,
+        in_decays: InDecays::Needs("idle_time_s, recorded in many bursts"), ..MOST },
+    Entry { id: CauseId::Crosstalk, name: "crosstalk", parameter: "kappa", needs: Needs::Neighbours,
         words: "channels that fire beside it are heard",
-        equation: "; s becomes s (1 + kappa n_nb)",
-        acts: Acts::Gain { covariate: NEIGHBOURS },
-        in_decays: InDecays::Needs("neighbours_fired, recorded in many bursts"),
-        ..MOST
-    },
-    Entry {
-        id: CauseId::Temperature, name: "temperature", parameter: "damping_change", unit: "1/K", needs: Needs::Temperature,
+        equation: "; s becomes s (1 + kappa n_nb)", acts: Acts::Gain { covariate: NEIGHBOURS },
+        in_decays: InDecays::Needs("neighbours_fired, recorded in many bursts"), ..MOST },
+    Entry { id: CauseId::Temperature, name: "temperature", parameter: "damping_change", unit: "1/K", needs: Needs::Temperature,
         words: "damping follows the ink's temperature",
         equation: "; R becomes R (1 + beta (T - mean T))",
         acts: rates(TEMPERATURE, Rates::Damping, Per::Unit), split_by: Experiment::HeatTheInk,
-        in_decays: InDecays::Needs("temperature_c, recorded in many bursts"),
-        ..MOST
-    },
-    Entry {
-        id: CauseId::Ageing, name: "ageing", parameter: "damping_change", needs: Needs::Time,
+        in_decays: InDecays::Needs("temperature_c, recorded in many bursts"), ..MOST },
+    Entry { id: CauseId::Ageing, name: "ageing", parameter: "damping_change", needs: Needs::Time,
         words: "damping drifts over the recording",
         equation: "; R becomes R (1 + a t/run)",
         acts: rates(TIME, Rates::Damping, Per::Span), split_by: Experiment::HeatTheInk,
-        in_decays: SEVERAL_TIMES,
-        ..MOST
-    },
-    Entry {
-        id: CauseId::PositionGradient, name: "position_gradient", parameter: "frequency_change", needs: Needs::Channels,
+        in_decays: SEVERAL_TIMES, ..MOST },
+    Entry { id: CauseId::PositionGradient, name: "position_gradient", parameter: "frequency_change", needs: Needs::Channels,
         words: "the resonance changes along the printhead",
-        equation: "; 1/B_t changes along the channels",
-        acts: rates(POSITION, Rates::Stiffness, Per::Span),
-        in_decays: InDecays::Needs("six channels or more, one oscillator each"),
-        ..MOST
-    },
-    Entry {
-        id: CauseId::ClockDrift, name: "clock_drift", parameter: "rate_change", needs: Needs::Time,
+        equation: "; 1/B_t changes along the channels", acts: rates(POSITION, Rates::Stiffness, Per::Span),
+        in_decays: InDecays::Needs("six channels or more, one oscillator each"), ..MOST },
+    Entry { id: CauseId::ClockDrift, name: "clock_drift", parameter: "rate_change", needs: Needs::Time,
         words: "all rates drift together: the sampling clock drifts",
         equation: "; t becomes t (1 + eps t/run)",
         acts: rates(TIME, Rates::All, Per::Span), split_by: Experiment::HeatTheInk,
-        in_decays: SEVERAL_TIMES,
-        ..MOST
-    },
-    Entry {
-        id: CauseId::CorrelatedNoise, name: "correlated_noise", parameter: "rho",
+        in_decays: SEVERAL_TIMES, ..MOST },
+    Entry { id: CauseId::CorrelatedNoise, name: "correlated_noise", parameter: "rho",
         words: "the noise of neighbouring samples is correlated",
-        equation: "; e_k = rho e_{k-1} + white",
-        acts: Acts::Noise,
-        in_decays: InDecays::Needs("many bursts: a single decay's misfit may be either"),
-        ..MOST
-    },
-    Entry {
-        id: CauseId::HeteroscedasticNoise, name: "heteroscedastic_noise", parameter: "h",
+        equation: "; e_k = rho e_{k-1} + white", acts: Acts::Noise,
+        in_decays: InDecays::Needs("many bursts: a single decay's misfit may be either"), ..MOST },
+    Entry { id: CauseId::HeteroscedasticNoise, name: "heteroscedastic_noise", parameter: "h",
         words: "the noise grows with the signal",
-        equation: "; var e = v (1 + h f^2/max f^2)",
-        acts: Acts::Noise,
-        in_decays: MANY_BURSTS,
-        ..MOST
-    },
+        equation: "; var e = v (1 + h f^2/max f^2)", acts: Acts::Noise, in_decays: MANY_BURSTS, ..MOST },
 ];
 
 // a row stands where its identifier says

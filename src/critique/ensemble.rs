@@ -106,7 +106,7 @@ pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Foun
     let mut rho = lag_one(&left, n, v);
     // a line correlates the noise, and correlated noise is a broad hump: the narrower wins
     let mut line_surprise = line.surprise;
-    if line_surprise > 0.0 && two_sided(rho.2) > 0.0 {
+    if line_surprise > 0.0 && two_sided(rho.z) > 0.0 {
         let mut without: Vec<Left> = Vec::new();
         std::mem::swap(&mut without, &mut left);
         left = without
@@ -134,13 +134,26 @@ pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Foun
             line.sd / TAU / length_s,
             None,
         ),
-        found(CauseId::CorrelatedNoise, two_sided(rho.2), rho.2 * rho.2, rho.0, rho.1, None),
+        rho.found(CauseId::CorrelatedNoise, two_sided(rho.z)),
     ];
-    let (h, sd, z) = heteroscedastic(&left, n, v);
+    let h = heteroscedastic(&left, n, v);
     // noise that shrinks with the signal is none of the catalogue
-    let shown = if h > 0.0 { two_sided(z) } else { 0.0 };
-    all.push(found(CauseId::HeteroscedasticNoise, shown, z * z, h, sd, None));
+    let shown = if h.value > 0.0 { two_sided(h.z) } else { 0.0 };
+    all.push(h.found(CauseId::HeteroscedasticNoise, shown));
     all
+}
+
+/// A property of the noise, its standard error, and how many of them it is from none.
+struct Property {
+    value: f64,
+    sd: f64,
+    z: f64,
+}
+
+impl Property {
+    fn found(&self, id: CauseId, surprise: f64) -> Found {
+        found(id, surprise, self.z * self.z, self.value, self.sd, None)
+    }
 }
 
 struct Line {
@@ -243,11 +256,11 @@ fn around(all: &[f64], peak: usize) -> f64 {
     near.get(near.len() / 2).copied().unwrap_or(1.0)
 }
 
-/// (rho, its standard error, z of its being zero), corrected for what the projection correlates.
+/// Lag-one correlation rho, corrected for what the projection correlates.
 ///
 /// With S = (shift + its transpose)/2 and P = Q Q^T: E[u^T S u] = v (-tr S P + 2 rho (tr S² - 2 tr S² P
 /// + tr S P S P)) to first order in rho.
-fn lag_one(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
+fn lag_one(left: &[Left], n: usize, v: f64) -> Property {
     let values: Vec<f64> = left
         .iter()
         .map(|l| {
@@ -265,7 +278,7 @@ fn lag_one(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
         })
         .collect();
     let (mean, se) = mean_of(&values);
-    (mean, se, mean / se.max(1e-12))
+    Property { value: mean, sd: se, z: mean / se.max(1e-12) }
 }
 
 /// rho of AR(1) noise that digitising adds white noise of variance `white` to. n_k - t n_{k-1} has no
@@ -285,8 +298,8 @@ pub fn beneath_rounding(t: f64, left: f64, white: f64) -> f64 {
     rho
 }
 
-/// Growth of the noise variance with the signal: (h, sd, z).
-fn heteroscedastic(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
+/// Growth h of the noise variance with the signal.
+fn heteroscedastic(left: &[Left], n: usize, v: f64) -> Property {
     let largest = left
         .iter()
         .flat_map(|l| l.expected.iter())
@@ -322,7 +335,11 @@ fn heteroscedastic(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
     let (slope, se) = mean_of(&slopes);
     let level = values.iter().map(|(_, l)| l).sum::<f64>() / values.len() as f64;
     let at_zero = (level - slope * centre).max(0.05);
-    (slope / at_zero, se / at_zero * (1.0 + slope / at_zero * centre), slope / se.max(1e-12))
+    Property {
+        value: slope / at_zero,
+        sd: se / at_zero * (1.0 + slope / at_zero * centre),
+        z: slope / se.max(1e-12),
+    }
 }
 
 #[cfg(test)]

@@ -25,6 +25,12 @@ const ETA_FLOOR: f64 = 0.3;
 
 const UNPHYSICAL_SIGN: &str = "its coefficient has the unphysical sign";
 
+/// The most surprising window of the mean misfit, of so many that were tried.
+pub struct Locally {
+    pub surprise: f64,
+    pub tried: f64,
+}
+
 impl Bench<'_> {
     /// A shape that depends on its own strength e: the likelihood profiled over e. With information i
     /// and score s along the secant D(e), adding e D(e) gains 2 e s - e² i.
@@ -216,7 +222,7 @@ impl Bench<'_> {
     }
 
     /// Local misfit of the mean: windows of several lengths at several places, per power of the drive.
-    pub fn local_scan(&self) -> (f64, f64) {
+    pub fn local_scan(&self) -> Locally {
         let n = self.samples;
         let (mut best, mut tried) = (0.0_f64, 0.0);
         for pattern in 0..2 {
@@ -236,6 +242,6 @@ impl Bench<'_> {
                 length *= 2;
             }
         }
-        (best, tried)
+        Locally { surprise: best, tried }
     }
 }
