@@ -188,10 +188,11 @@ const WHOLE_COUNTS: InDecays = InDecays::Needs("many bursts of whole counts");
 
 /// All causes.
 ///
-/// To add one: its identifier and its row here; how it is tested in `candidates` (a term in the equation of motion:
-/// in `model/terms.rs`, what its strength means in `candidates/shapes.rs`), `ensemble`, `jitter` or `codes`, by what
-/// it acts through; a signal that has it in `generator.rs`, for the tests. A new way to act needs its arm in
-/// `candidates/mod.rs`. These are four files at most, and a line of `docs/critique_assumptions.md`.
+/// To add one: its identifier and its row here; its test, in the file of what it acts through (`candidates/shapes.rs`,
+/// `lines.rs` or `follows.rs`, `ensemble`, `jitter`, `codes`); where it acts in a way that no other does, the arm of
+/// that way in `candidates/mod.rs`, and of a new term of motion the term in `model/terms.rs` instead; a signal that has
+/// it in `generator.rs`, for the tests: four files at most, and a line of `docs/critique_assumptions.md`. Long decays
+/// need none of it where the row says what they lack.
 #[rustfmt::skip]
 pub static CATALOGUE: [Entry; 22] = [
     Entry { id: CauseId::Offset, name: "offset", parameter: "offset", unit: "counts",

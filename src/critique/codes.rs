@@ -6,7 +6,7 @@
 use super::catalogue::CauseId;
 use super::chance::ln_normal_tail;
 use super::covariates::Covariates;
-use super::found::{Found, found};
+use super::found::Found;
 use super::model::{Linear, Model};
 use super::observations::Observations;
 use std::collections::BTreeMap;
@@ -39,7 +39,7 @@ fn clipping(
 ) -> Found {
     let unit = if data.integer { 1.0 } else { 1e-6 };
     let Some((&top, &at_top)) = histogram.last_key_value() else {
-        return found(CauseId::Clipping, 0.0, 0.0, f64::NAN, f64::NAN, Some("no samples"));
+        return Found::untested(CauseId::Clipping, "no samples");
     };
     let level = top as f64 * unit;
     let sd = model.noise_var.sqrt();
@@ -63,14 +63,8 @@ fn clipping(
     let crowded = at_top as f64 > 4.0 + 0.5 * beyond;
     // one free level; unmodelled scatter of the largest signals is allowed for
     let surprise: f64 = if crowded { (0.6 * surprise - 3.0_f64).max(0.0) } else { 0.0 };
-    let f = found(
-        CauseId::Clipping,
-        surprise,
-        2.0 * surprise,
-        level,
-        half.clamp(1e-3, 0.5) * 0.5,
-        None,
-    );
+    let f =
+        Found::of(CauseId::Clipping, surprise, 2.0 * surprise, level, half.clamp(1e-3, 0.5) * 0.5);
     if f.evidence.accepted {
         model.ceiling = Some(level - 3.0 * sd);
     }
@@ -84,18 +78,17 @@ fn lattice(
     model: &mut Model,
     histogram: &BTreeMap<i64, u64>,
 ) -> Found {
-    let lack = |why| found(CauseId::CoarseLsb, 0.0, 0.0, f64::NAN, f64::NAN, Some(why));
     if !data.integer {
         // floats lie on a lattice where few distinct values are met often
         let total: u64 = histogram.values().sum();
         if histogram.len() as f64 > 0.2 * total as f64 {
-            return found(CauseId::CoarseLsb, 0.0, 0.0, f64::NAN, f64::NAN, None);
+            return Found::nothing(CauseId::CoarseLsb);
         }
     }
     let unit = if data.integer { 1.0 } else { 1e-6 };
     let total: u64 = histogram.values().sum();
     if total == 0 {
-        return lack("no samples");
+        return Found::untested(CauseId::CoarseLsb, "no samples");
     }
     // the stretch about the middle where codes are met often
     let (mut low, mut high, mut run) = (0, 0, 0_u64);
@@ -111,7 +104,7 @@ fn lattice(
     }
     let met: Vec<i64> = histogram.range(low..=high).map(|(&code, _)| code).collect();
     if met.len() < 5 {
-        return found(CauseId::CoarseLsb, 0.0, 0.0, f64::NAN, f64::NAN, None);
+        return Found::nothing(CauseId::CoarseLsb);
     }
     let codes = ((met[met.len() - 1] - met[0]) as f64).max(1.0);
     let step = codes / (met.len() - 1) as f64;
@@ -121,7 +114,7 @@ fn lattice(
         let value = step * unit;
         let sd = model.noise_var.sqrt();
         let surprise = if value > 0.02 * sd && per_code < 0.5 { 50.0 } else { 0.0 };
-        return found(CauseId::CoarseLsb, surprise, 2.0 * surprise, value, 1e-3 * value, None);
+        return Found::of(CauseId::CoarseLsb, surprise, 2.0 * surprise, value, 1e-3 * value);
     }
     // a code that should be met so often is missed with a chance of e^-often; steep flanks of signals that
     // are all alike leave codes out, too, and are expected to
@@ -133,14 +126,8 @@ fn lattice(
     let (missing, chances) = missed.fold((0, 0.0), |(n, sum), (often, _)| (n + 1, sum + often));
     let surprise = if missing > 2 { 0.5 * chances } else { 0.0 };
     let whole = step.round().max(1.0);
-    let mut f = found(
-        CauseId::CoarseLsb,
-        surprise,
-        2.0 * surprise,
-        step * unit,
-        step / codes.max(1.0),
-        None,
-    );
+    let mut f =
+        Found::of(CauseId::CoarseLsb, surprise, 2.0 * surprise, step * unit, step / codes.max(1.0));
     if f.evidence.accepted && !is_lattice(&met, step) {
         f.leave_out("codes are missing, but not those between the multiples of a step");
         f.unlike = Some("codes are missing that no coarse step would leave out");

@@ -115,13 +115,7 @@ fn of_signals(
         false => Err(NotExtended::NoInkChannel),
     };
     let (verdict, mut remarks) = verdict(&mut causes, &selected.unnamed, &left);
-    remarks.extend(of_outliers.remarks());
-    if let (Err(why), false, true) = (&allowed, causes.is_empty(), real) {
-        remarks.push(format!("no extended design is written: {why}"));
-    }
-    if (all.len() as u64) < all.found {
-        remarks.push(format!("{} signals were drawn from {}", all.len(), all.found));
-    }
+    remarks.extend(caveats(all, of_outliers, &allowed, causes.is_empty()));
     remarks.extend(ties(&causes));
     let critique = Critique {
         version: VERSION,
@@ -326,6 +320,25 @@ fn cause_of(chosen: &Chosen, better: bool) -> Cause {
         ..Cause::new(s.applied.id, s.value, s.sd, strength_dl, chosen.delta_bic)
     };
     Cause { sentence: cause_sentence(&cause), ..cause }
+}
+
+/// What a reader must know of the signals and of the design.
+fn caveats(
+    all: &Observations,
+    left_out: LeftOut,
+    allowed: &Result<(), NotExtended>,
+    nothing_found: bool,
+) -> Vec<String> {
+    let mut remarks = left_out.remarks();
+    match allowed {
+        Ok(()) | Err(NotExtended::NoInkChannel) => {}
+        Err(_) if nothing_found => {}
+        Err(why) => remarks.push(format!("no extended design is written: {why}")),
+    }
+    if (all.len() as u64) < all.found {
+        remarks.push(format!("{} signals were drawn from {}", all.len(), all.found));
+    }
+    remarks
 }
 
 fn all_evidence(aside: &Aside, selected: &Selected) -> Vec<Evidence> {

@@ -8,7 +8,7 @@ use super::candidates::LEAST_PERIODS;
 use super::catalogue::CauseId;
 use super::chance::{THRESHOLD, ln_normal_tail};
 use super::covariates::Covariates;
-use super::found::{Found, found};
+use super::found::Found;
 use super::model::{Linear, Model, PATTERNS, dot};
 use super::observations::Observations;
 use crate::model::free_decay::FREE;
@@ -95,7 +95,7 @@ fn two_sided(z: f64) -> f64 {
 pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Found> {
     if data.len() < FEWEST {
         return [CauseId::RandomTone, CauseId::CorrelatedNoise, CauseId::HeteroscedasticNoise]
-            .map(|id| found(id, 0.0, 0.0, f64::NAN, f64::NAN, Some("needs 16 signals")))
+            .map(|id| Found::untested(id, "needs 16 signals"))
             .into();
     }
     let mut left = residuals(model, data, beside);
@@ -126,13 +126,12 @@ pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Foun
     }
     let length_s = data.dt_s * n as f64;
     let mut all = vec![
-        found(
+        Found::of(
             CauseId::RandomTone,
             line_surprise,
             line.z * line.z,
             line.omega / TAU / length_s,
             line.sd / TAU / length_s,
-            None,
         ),
         rho.found(CauseId::CorrelatedNoise, two_sided(rho.z)),
     ];
@@ -152,7 +151,7 @@ struct Property {
 
 impl Property {
     fn found(&self, id: CauseId, surprise: f64) -> Found {
-        found(id, surprise, self.z * self.z, self.value, self.sd, None)
+        Found::of(id, surprise, self.z * self.z, self.value, self.sd)
     }
 }
 

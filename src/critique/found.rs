@@ -14,40 +14,40 @@ pub struct Found {
     pub unlike: Option<&'static str>,
 }
 
-/// `lack`: why it could not be tested.
-pub fn found(
-    id: CauseId,
-    surprise: f64,
-    statistic: f64,
-    value: f64,
-    sd: f64,
-    lack: Option<&str>,
-) -> Found {
-    let accepted = surprise > THRESHOLD && lack.is_none();
-    Found {
-        evidence: Evidence {
-            step: 0,
-            id,
-            statistic,
-            threshold: DETECTION_LIMIT,
-            p: (-surprise).exp(),
-            delta_bic: statistic - (statistic.max(3.0)).ln(),
-            strength_dl: (statistic.max(0.0) / DETECTION_LIMIT).sqrt(),
-            value,
-            sd,
-            tested: lack.is_none(),
-            accepted,
-            why_not: match (accepted, lack) {
-                (true, _) => String::new(),
-                (false, Some(lack)) => lack.into(),
-                (false, None) => NOT_SIGNIFICANT.into(),
-            },
-        },
-        unlike: None,
-    }
-}
-
 impl Found {
+    /// `surprise`: -ln of the chance of that statistic; `value` and its standard error in the catalogue's unit.
+    pub fn of(id: CauseId, surprise: f64, statistic: f64, value: f64, sd: f64) -> Found {
+        let accepted = surprise > THRESHOLD;
+        Found {
+            evidence: Evidence {
+                step: 0,
+                id,
+                statistic,
+                threshold: DETECTION_LIMIT,
+                p: (-surprise).exp(),
+                delta_bic: statistic - (statistic.max(3.0)).ln(),
+                strength_dl: (statistic.max(0.0) / DETECTION_LIMIT).sqrt(),
+                value,
+                sd,
+                tested: true,
+                accepted,
+                why_not: if accepted { String::new() } else { NOT_SIGNIFICANT.into() },
+            },
+            unlike: None,
+        }
+    }
+
+    pub fn nothing(id: CauseId) -> Found {
+        Found::of(id, 0.0, 0.0, f64::NAN, f64::NAN)
+    }
+
+    pub fn untested(id: CauseId, why: &str) -> Found {
+        let mut found = Found::nothing(id);
+        found.evidence.tested = false;
+        found.evidence.why_not = why.into();
+        found
+    }
+
     pub fn is(&self, id: CauseId) -> bool {
         self.evidence.id == id
     }

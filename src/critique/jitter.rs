@@ -10,7 +10,7 @@
 use super::catalogue::CauseId;
 use super::chance::surprise;
 use super::covariates::{COVARIATES, Covariates, DRIVE};
-use super::found::{Found, found};
+use super::found::Found;
 use super::model::{Linear, Model};
 use super::observations::Observations;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Vector2, Vector4};
@@ -48,7 +48,7 @@ struct Contrast {
 }
 
 pub fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Found {
-    let lack = |why| found(CauseId::TriggerJitter, 0.0, 0.0, f64::NAN, f64::NAN, Some(why));
+    let lack = |why| Found::untested(CauseId::TriggerJitter, why);
     if !beside.shared_bursts {
         return lack("bursts of several channels");
     }
@@ -60,7 +60,7 @@ pub fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Found 
     let sd = excess.along.max(1e-16).sqrt();
     let s = surprise(excess.ratio, 1, 1.0, f64::INFINITY);
     let error_s = excess.along_sd / (2.0 * sd) * to_s;
-    found(CauseId::TriggerJitter, s, excess.ratio, sd * to_s, error_s, None)
+    Found::of(CauseId::TriggerJitter, s, excess.ratio, sd * to_s, error_s)
 }
 
 /// Columns: (a, b) turned by a radian of shift, and (a, b) itself.

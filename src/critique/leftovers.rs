@@ -98,7 +98,6 @@ pub fn beyond_others(of_noise: &mut [Found], of_codes: &[Found], of_shapes: f64)
 
 #[cfg(test)]
 mod tests {
-    use super::super::found::found;
     use super::CauseId::*;
     use super::*;
 
@@ -107,7 +106,7 @@ mod tests {
         let of = |growth: f64, rho: f64| {
             let each = [(HeteroscedasticNoise, growth), (CorrelatedNoise, rho)];
             let mut all: Vec<Found> =
-                each.map(|(id, x)| found(id, x / 2.0, x, 1.0, 0.1, None)).into();
+                each.map(|(id, x)| Found::of(id, x / 2.0, x, 1.0, 0.1)).into();
             beyond_growing_noise(&mut all);
             all.iter().map(|f| f.evidence.accepted).collect::<Vec<bool>>()
         };
@@ -117,7 +116,7 @@ mod tests {
     }
 
     fn all(each: &[(CauseId, f64)]) -> Vec<Found> {
-        each.iter().map(|(id, x)| found(*id, x / 2.0, *x, 1.0, 0.1, None)).collect()
+        each.iter().map(|(id, x)| Found::of(*id, x / 2.0, *x, 1.0, 0.1)).collect()
     }
 
     fn named(all: &[Found]) -> Vec<CauseId> {
