@@ -3,7 +3,7 @@
 //! In: the selected model. Out: [`Left`]: what is still significant, in words, and how much of the
 //! misfit it is.
 
-use super::candidates::{Applied, Bench, Kind, OWN_LINE, Scored};
+use super::candidates::{Applied, Bench, Kind, Objection, Scored};
 use super::catalogue::CauseId;
 use super::chance::{MARGIN, THRESHOLD};
 use super::covariates::{DRIVE, NAMES, TEMPERATURE, TIME};
@@ -63,7 +63,7 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
     for s in &selected.unnamed {
         let s = judged_again(s, &bench);
         if s.surprise / growth > THRESHOLD + MARGIN && !is_relative(&s, selected) {
-            let what = format!("something like {} ({})", s.applied.id, s.disqualified);
+            let what = format!("something like {} ({})", s.applied.id, s.why_not());
             look.tell(what, s.statistic);
             told.push(s.applied.id);
         }
@@ -113,9 +113,7 @@ fn judged_again(s: &Scored, bench: &Bench) -> Scored {
     match bench.avoid.is_empty() {
         true => s.clone(),
         false => match bench.score_one(s.applied.id, None) {
-            Some(now) if now.surprise < s.surprise => {
-                Scored { disqualified: s.disqualified.clone(), ..now }
-            }
+            Some(now) if now.surprise < s.surprise => Scored { objection: s.objection, ..now },
             _ => s.clone(),
         },
     }
@@ -127,7 +125,8 @@ fn is_relative(s: &Scored, selected: &Selected) -> bool {
     let other = s.applied.id;
     selected.causes.iter().map(|c| c.scored.applied.id).any(|named| {
         named.same_class(other)
-            || named.by_amplitude() && (other.by_amplitude() || s.disqualified == OWN_LINE)
+            || named.by_amplitude()
+                && (other.by_amplitude() || s.objection == Some(Objection::OwnLine))
     })
 }
 

@@ -366,7 +366,7 @@ fn verdict(causes: &mut [Cause], unnamed: &[Scored], left: &Left) -> (Verdict, V
         remarks.push(format!("still unexplained: {what}"));
     }
     if let Some(s) = unnamed.first().filter(|s| !left.told.contains(&s.applied.id)) {
-        remarks.push(format!("{} fits best but {}: it is not named", s.applied.id, s.disqualified));
+        remarks.push(format!("{} fits best but {}: it is not named", s.applied.id, s.why_not()));
     }
     let unexplained = !left.significant.is_empty();
     let verdict = match &causes[..] {

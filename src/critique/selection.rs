@@ -4,11 +4,11 @@
 //! when its surprise passes the family-wise threshold; the winner among those that compete is the one
 //! whose refitted model is most likely; what cannot be told apart from it is tied with it.
 
-use super::candidates::{Kind, Scored};
+use super::candidates::{Kind, Objection, Scored};
 use super::catalogue::CauseId;
 use super::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
 use super::covariates::{TEMPERATURE, TIME};
-use super::finding::{EXPLAINS_MORE, Evidence, NOT_SIGNIFICANT};
+use super::finding::{EXPLAINS_MORE, Evidence};
 use super::model::Model;
 use super::refit::{Refit, Setting, Spaces, apply, follow, refit, rescored};
 
@@ -60,20 +60,16 @@ pub fn select(
         let scored = tested(&now, setting);
         let rows = evidence.len();
         evidence.extend(scored.iter().map(|s| row(s, step, ln_samples)));
-        unnamed = scored
-            .iter()
-            .filter(|s| s.surprise > THRESHOLD && !s.disqualified.is_empty())
-            .cloned()
-            .collect();
-        let able: Vec<&Scored> = scored.iter().filter(|s| s.disqualified.is_empty()).collect();
+        unnamed = scored.iter().filter(|s| s.surprise > THRESHOLD && !s.able()).cloned().collect();
+        let able: Vec<&Scored> = scored.iter().filter(|s| s.able()).collect();
         let Some(best) = able.first().filter(|s| s.surprise > THRESHOLD) else { break };
         if step as usize == MOST_CAUSES {
             break;
         }
         stages("refitting what competes");
         let Some(round) = Round::of(&now, &able, best, setting) else {
-            let why = "its refit leads nowhere".to_owned();
-            unnamed.push(Scored { disqualified: why, ..(**best).clone() });
+            let why = Some(Objection::LeadsNowhere);
+            unnamed.push(Scored { objection: why, ..(**best).clone() });
             break;
         };
         round.tell(&mut evidence[rows..], ln_samples);
@@ -120,11 +116,7 @@ fn row(s: &Scored, step: u32, ln_samples: f64) -> Evidence {
         sd: s.sd,
         tested: true,
         accepted: false,
-        why_not: if s.disqualified.is_empty() {
-            NOT_SIGNIFICANT.into()
-        } else {
-            s.disqualified.clone()
-        },
+        why_not: s.why_not(),
     }
 }
 
@@ -363,7 +355,7 @@ mod tests {
             surprise: statistic / 2.0,
             value: 1.0,
             sd: 0.1,
-            disqualified: String::new(),
+            objection: None,
         };
         Chosen { scored, delta_bic: statistic, tied_with: vec![], statistic }
     }

@@ -3,7 +3,7 @@
 //!
 //! In: a [`Bench`]. Out: [`Scored`].
 
-use super::{Applied, Bench, CLOCK, DAMPING, FREQUENCY, Kind, Scored, WORTH_A_LOOK};
+use super::{Applied, Bench, CLOCK, DAMPING, FREQUENCY, Kind, Objection, Scored, WORTH_A_LOOK};
 use crate::critique::catalogue::{CauseId, Per, Rates};
 use crate::critique::chance::{MARGIN, surprise};
 use crate::critique::covariates::{COVARIATES, POSITION};
@@ -72,7 +72,7 @@ impl Bench<'_> {
             surprise: surprise(tested.statistic, 1, 1.0, self.dof(false)),
             value: self.model.tail_gain + value,
             sd,
-            disqualified: String::new(),
+            objection: None,
         })
     }
 
@@ -98,7 +98,7 @@ impl Bench<'_> {
             tried: 1.0,
             value,
             sd,
-            disqualified: String::new(),
+            objection: None,
             applied: Applied::rigid(
                 id,
                 vec![direction],
@@ -159,7 +159,7 @@ impl Bench<'_> {
                 best.statistic = tested.statistic;
             }
             if best.value.abs() < LEAST_OWN * best.sd {
-                best.disqualified = "what follows is the acquisition state alone".into();
+                best.objection = Some(Objection::StateAlone);
             }
             best.sd *= from_few(dof);
             best.degrees = directions.len();

@@ -1,9 +1,9 @@
 //! Causes whose spectrum is a line: a tone, a second mode, and the slow mode of a meniscus that is pulled
 //! back.
 //!
-//! In: a [`Bench`]. Out: [`Scored`]; disqualified where the line is the ring's own doing.
+//! In: a [`Bench`]. Out: [`Scored`]; with an objection where the line is the ring's own doing.
 
-use super::{Applied, Bench, Best, Scored};
+use super::{Applied, Bench, Best, Objection, Scored};
 use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{maximum, width};
 use crate::critique::space::Direction;
@@ -15,8 +15,6 @@ use std::f64::consts::{PI, TAU};
 /// signal it is no line.
 const LEAST_MODE: f64 = 0.3;
 pub const LEAST_PERIODS: f64 = 2.0;
-/// Why a line at the ring's frequency or a multiple of it is none.
-pub const OWN_LINE: &str = "its line lies at the model's own frequency or a multiple of it";
 /// A line so near a multiple of the ring's frequency is no line of its own, relative to that frequency.
 const NEAR: f64 = 0.1;
 
@@ -75,7 +73,7 @@ impl Bench<'_> {
         scored.applied.damping = gamma;
         if near.is_none() {
             let at = Scan { omega, gamma, ..scan };
-            scored.disqualified = self.objection(pattern, at, scored.statistic);
+            scored.objection = self.objection(pattern, at, scored.statistic);
         }
         Some(scored)
     }
@@ -139,18 +137,18 @@ impl Bench<'_> {
         mode || at_own || multiple || mirrored || self.avoid.iter().any(taken)
     }
 
-    /// Why the line that fits best cannot be the cause; empty where it can.
+    /// Why the line that fits best cannot be the cause.
     fn objection(
         &self,
         pattern: usize,
         Scan { omega, gamma, own }: Scan,
         statistic: f64,
-    ) -> String {
+    ) -> Option<Objection> {
         if is_slow(omega) {
-            return "it is so slow that it may be no line".into();
+            return Some(Objection::SlowLine);
         }
         if self.is_own(pattern, omega, gamma) || own > statistic + 10.0 {
-            return OWN_LINE.into();
+            return Some(Objection::OwnLine);
         }
         // so near to the ring a mode cannot be told from it; what fits as well as one is no tone
         let close = 1.2 * RESOLUTION + 4.5 * self.seen.sigma;
@@ -159,11 +157,10 @@ impl Bench<'_> {
             let as_other =
                 |share: &f64| self.line_statistic(1 - pattern, omega, share * self.seen.sigma);
             if shares.iter().map(as_other).any(|s| s > statistic - 3.0) {
-                let other = if pattern == 0 { "mode" } else { "tone" };
-                return format!("it may be a {other} near the ring's own frequency");
+                return Some(Objection::MayBe(if pattern == 0 { "mode" } else { "tone" }));
             }
         }
-        String::new()
+        None
     }
 
     /// Surface tension B_t/B_m = m makes of the real pole and of the pole at 0 a slow pair, which scales

@@ -9,17 +9,19 @@ mod follows;
 mod lines;
 mod shapes;
 
-pub use lines::{LEAST_PERIODS, OWN_LINE};
+pub use lines::LEAST_PERIODS;
 
 use super::catalogue::{Acts, CATALOGUE, CauseId, Needs, Shape};
 use super::chance::surprise;
 use super::clusters::{Clusters, Spread};
 use super::covariates::Covariates;
+use super::finding::NOT_SIGNIFICANT;
 use super::model::{Model, RATIO_OF_RATES};
 use super::space::{Direction, Nuisance, Space, Tested};
 use crate::model::free_decay::ALL;
 use crate::model::terms::{Interior, Seen};
 use std::f64::consts::TAU;
+use thiserror::Error;
 
 /// What is less surprising than this is nothing anyway, whatever bursts have in common.
 const WORTH_A_LOOK: f64 = 4.0;
@@ -78,13 +80,42 @@ pub struct Scored {
     pub surprise: f64,
     pub value: f64,
     pub sd: f64,
-    /// Why it cannot be the cause although it fits; empty where it can.
-    pub disqualified: String,
+    /// Why it cannot be the cause although it fits.
+    pub objection: Option<Objection>,
+}
+
+/// Why a candidate cannot be the cause although it fits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum Objection {
+    #[error("needs a drive scan")]
+    NoDriveScan,
+    #[error("its coefficient has the unphysical sign")]
+    UnphysicalSign,
+    #[error("what follows is the acquisition state alone")]
+    StateAlone,
+    #[error("its line lies at the model's own frequency or a multiple of it")]
+    OwnLine,
+    #[error("it is so slow that it may be no line")]
+    SlowLine,
+    #[error("it may be a {0} near the ring's own frequency")]
+    MayBe(&'static str),
+    #[error("it scales with the drive")]
+    ScalesWithDrive,
+    #[error("a meniscus that is pulled back makes such a mode")]
+    OfMeniscus,
+    #[error("its refit leads nowhere")]
+    LeadsNowhere,
 }
 
 impl Scored {
-    fn able(&self) -> bool {
-        self.disqualified.is_empty()
+    /// Whether it can be the cause.
+    pub fn able(&self) -> bool {
+        self.objection.is_none()
+    }
+
+    /// Why it is not accepted, in words.
+    pub fn why_not(&self) -> String {
+        self.objection.map_or_else(|| NOT_SIGNIFICANT.into(), |why| why.to_string())
     }
 }
 
@@ -187,7 +218,7 @@ impl<'a> Bench<'a> {
             }
             if let Some(mut scored) = self.score_one(entry.id, None) {
                 if entry.needs == Needs::DriveScan && !self.beside.drive_scan && self.model.real {
-                    scored.disqualified = "needs a drive scan".into();
+                    scored.objection = Some(Objection::NoDriveScan);
                 }
                 all.push(scored);
             }
@@ -274,7 +305,7 @@ impl<'a> Bench<'a> {
             tried: 1.0,
             value: value * unit,
             sd: tested.covariance[(0, 0)].sqrt() * unit,
-            disqualified: String::new(),
+            objection: None,
             applied: Applied::rigid(id, vec![direction], tested.coefficients, Kind::Shapes),
         })
     }
@@ -295,7 +326,7 @@ impl<'a> Bench<'a> {
             tried,
             value,
             sd,
-            disqualified: String::new(),
+            objection: None,
             applied: Applied { shape, ..rigid },
         }
     }
@@ -314,7 +345,7 @@ fn withhold_slow_mode(all: &mut [Scored], own_hz: f64) {
         && mode.value < SLOW_MODE * own_hz
         && meniscus > MOSTLY * mode.statistic
     {
-        mode.disqualified = "a meniscus that is pulled back makes such a mode".into();
+        mode.objection = Some(Objection::OfMeniscus);
     }
 }
 
@@ -332,7 +363,7 @@ fn withhold_tone(all: &mut [Scored]) {
         && (tone.value / hz - 1.0).abs() < SAME_LINE
         && surprise > tone.surprise + CLEARLY
     {
-        tone.disqualified = "it scales with the drive".into();
+        tone.objection = Some(Objection::ScalesWithDrive);
     }
 }
 
@@ -342,7 +373,7 @@ mod tests {
 
     #[test]
     fn a_line_that_scales_with_the_drive_is_no_tone() {
-        let line = |id, hz: f64, surprise: f64, disqualified: &str| Scored {
+        let line = |id, hz: f64, surprise: f64, objection| Scored {
             applied: Applied::rigid(id, vec![], vec![], Kind::Shapes),
             statistic: 2.0 * surprise,
             degrees: 2,
@@ -350,17 +381,17 @@ mod tests {
             surprise,
             value: hz,
             sd: 1.0,
-            disqualified: disqualified.into(),
+            objection,
         };
         let named = |tone: Scored, mode: Scored| {
             let mut all = [tone, mode];
             withhold_tone(&mut all);
             all[0].able()
         };
-        let tone = || line(CauseId::Tone, 107.2e3, 18.0, "");
-        assert!(!named(tone(), line(CauseId::SecondMode, 107.1e3, 23.0, "own frequency")));
-        assert!(named(tone(), line(CauseId::SecondMode, 107.1e3, 18.5, "own frequency")));
-        assert!(named(tone(), line(CauseId::SecondMode, 80e3, 23.0, "own frequency")));
-        assert!(named(tone(), line(CauseId::SecondMode, 107.1e3, 23.0, "")), "they compete");
+        let tone = || line(CauseId::Tone, 107.2e3, 18.0, None);
+        assert!(!named(tone(), line(CauseId::SecondMode, 107.1e3, 23.0, Some(Objection::OwnLine))));
+        assert!(named(tone(), line(CauseId::SecondMode, 107.1e3, 18.5, Some(Objection::OwnLine))));
+        assert!(named(tone(), line(CauseId::SecondMode, 80e3, 23.0, Some(Objection::OwnLine))));
+        assert!(named(tone(), line(CauseId::SecondMode, 107.1e3, 23.0, None)), "they compete");
     }
 }

@@ -3,7 +3,7 @@
 //!
 //! In: a [`Bench`]. Out: [`Scored`].
 
-use super::{Applied, Bench, Best, Scored};
+use super::{Applied, Bench, Best, Objection, Scored};
 use crate::critique::catalogue::{CauseId, Motion};
 use crate::critique::chance::{maximum, surprise, width};
 use crate::critique::model::PATTERNS;
@@ -22,8 +22,6 @@ const INTERIOR: f64 = 0.05;
 /// 1152 signals), a temperature swing of 8 K like +.05 (print runs of physics.toml, 8192 signals). A
 /// half-order loss that a few hundred signals show is far larger.
 const ETA_FLOOR: f64 = 0.3;
-
-const UNPHYSICAL_SIGN: &str = "its coefficient has the unphysical sign";
 
 /// The most surprising window of the mean misfit, of so many that were tried.
 pub struct Locally {
@@ -118,7 +116,7 @@ impl Bench<'_> {
             scored.sd = scored.sd.hypot(ETA_FLOOR / 2.0);
         }
         if scored.applied.coefficients[0] < 0.0 && term != Term::CubicStiffness {
-            scored.disqualified = UNPHYSICAL_SIGN.into();
+            scored.objection = Some(Objection::UnphysicalSign);
         }
         if id.by_amplitude() {
             scored.sd = scored.sd.hypot(INTERIOR * scored.value);
@@ -165,7 +163,7 @@ impl Bench<'_> {
         let shape = |w: f64| Some(self.pattern(1, self.leaked(w)));
         let mut scored = self.grown(id, [0.05, 12.0], shape, |w| w / self.length_s, near)?;
         if scored.applied.coefficients[0] < 0.0 {
-            scored.disqualified = UNPHYSICAL_SIGN.into();
+            scored.objection = Some(Objection::UnphysicalSign);
         }
         Some(scored)
     }

@@ -114,7 +114,7 @@ pub fn critique(
             "{} would take {:.0} % of what is left, but {}: it is not named",
             t.term.id(),
             100.0 * t.share.max(0.0),
-            t.disqualified
+            t.why_not()
         ));
     }
     remarks.extend(ties(&causes));
@@ -180,7 +180,7 @@ fn nearest(selected: &Selected) -> Option<Cause> {
     let strength_dl = (t.statistic / DETECTION_LIMIT).sqrt();
     Some(Cause {
         explains: Some(t.share.clamp(0.0, 1.0)),
-        sentence: format!("nearest is {id}, but {}", t.disqualified),
+        sentence: format!("nearest is {id}, but {}", t.why_not()),
         ..Cause::new(id, f64::NAN, f64::NAN, strength_dl, t.statistic)
     })
 }

@@ -15,6 +15,7 @@ use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
 use crate::critique::finding::{EXPLAINS_MORE, Evidence, NOT_SIGNIFICANT};
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
+use thiserror::Error;
 
 /// Terms that are looked for at most; lines among them.
 const MOST_TERMS: usize = 12;
@@ -32,7 +33,35 @@ const LEAST_OF_COLOURED: f64 = 0.03;
 /// Lines this near to a multiple of the ring's frequency, relative, are its harmonics.
 const HARMONIC: f64 = 0.01;
 
-const UNDAMPED: &str = "its damping cannot be told from none";
+/// Why a candidate cannot be the cause although it fits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum Objection {
+    #[error("its coefficient has the unphysical sign")]
+    UnphysicalSign,
+    #[error("the viscous damping beside it would be negative")]
+    NegativeDamping,
+    #[error(
+        "one of the two modes would have a negative damping: an alias of a frequency or a damping that changes \
+         with amplitude"
+    )]
+    Alias,
+    #[error("its damping cannot be told from none")]
+    Undamped,
+    #[error("it is no line of the spectrum")]
+    NoLine,
+    #[error("it is too near to the frequency of the ring to be told from it")]
+    NearTheRing,
+    #[error("it lies on {0} times the frequency of the ring")]
+    Multiple(i32),
+    #[error("it lies on {0} times the frequency of the ring, folded")]
+    Folded(i32),
+    #[error("it cannot be told from a line that is in the model")]
+    Known,
+    #[error("it does not oscillate")]
+    Overdamped,
+    #[error("it is little of what is left")]
+    Little,
+}
 
 /// What may be added to the oscillator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,8 +127,15 @@ pub struct Tried {
     pub surprise: f64,
     /// Share of the parent's misfit (squares) that it takes away.
     pub share: f64,
-    /// Why it cannot be the cause although it fits; empty where it can.
-    pub disqualified: String,
+    /// Why it cannot be the cause although it fits.
+    pub objection: Option<Objection>,
+}
+
+impl Tried {
+    /// Why it is not accepted, in words.
+    pub fn why_not(&self) -> String {
+        self.objection.map_or_else(|| NOT_SIGNIFICANT.into(), |why| why.to_string())
+    }
 }
 
 #[derive(Clone, Debug)]
@@ -260,26 +296,30 @@ pub fn children(
 }
 
 /// Whether a fitted term can be what it is called.
-fn objection(decays: &Decays, fit: &Fit, term: Term, covariance: &DMatrix<f64>) -> String {
+fn objection(
+    decays: &Decays,
+    fit: &Fit,
+    term: Term,
+    covariance: &DMatrix<f64>,
+) -> Option<Objection> {
     let layout = fit.structure.layout(decays.bursts, decays.outputs);
-    let wrong_sign = "its coefficient has the unphysical sign";
     let coefficient = match term {
         Term::Drag => layout.drag,
         Term::Friction => layout.friction,
         _ => None,
     };
     if coefficient.is_some_and(|at| fit.p[at] <= 0.0) {
-        return wrong_sign.into();
+        return Some(Objection::UnphysicalSign);
     }
     let sd = covariance[(SIGMA, SIGMA)].max(0.0).sqrt();
     if fit.p[SIGMA] < -3.0 * sd && !matches!(term, Term::Offset) {
-        return "the viscous damping beside it would be negative".into();
+        return Some(Objection::NegativeDamping);
     }
     match term {
         Term::Line(line) => {
             line_objection(decays, fit, line, fit.structure.lines.len() - 1, covariance)
         }
-        _ => String::new(),
+        _ => None,
     }
 }
 
@@ -289,23 +329,21 @@ fn line_objection(
     line: Line,
     index: usize,
     covariance: &DMatrix<f64>,
-) -> String {
+) -> Option<Objection> {
     let layout = fit.structure.layout(decays.bursts, decays.outputs);
     let at = layout.lines[index];
     let (sigma, omega) = (fit.p[at], fit.p[at + 1]);
     let own = fit.p[OMEGA];
     let sd = covariance[(at, at)].max(0.0).sqrt();
     if line == Line::Mode && (sigma <= 0.0 || fit.p[SIGMA] <= 0.0) {
-        return "one of the two modes would have a negative damping: an alias of a frequency or a \
-                damping that changes with amplitude"
-            .into();
+        return Some(Objection::Alias);
     }
     if line == Line::Mode && sigma < 2.0 * sd {
-        return UNDAMPED.into();
+        return Some(Objection::Undamped);
     }
     let resolution = TAU / decays.samples as f64;
     if omega < lowest_line(decays) || omega > PI - resolution {
-        return "it is no line of the spectrum".into();
+        return Some(Objection::NoLine);
     }
     let motion = motion(&fit.structure, &layout, &fit.p);
     let largest = amplitudes(decays, fit).0;
@@ -318,26 +356,26 @@ fn line_objection(
             _ => (0.35 * resolution).max(HARMONIC * m * own).max(1.3 * swept * m * own),
         };
         if off < near {
-            return match multiple {
-                1 => "it is too near to the frequency of the ring to be told from it".into(),
-                m => format!("it lies on {m} times the frequency of the ring"),
-            };
+            return Some(match multiple {
+                1 => Objection::NearTheRing,
+                m => Objection::Multiple(m),
+            });
         }
         // and its mirror image
         if multiple > 1 && (TAU - omega - m * own).abs() < near {
-            return format!("it lies on {m} times the frequency of the ring, folded");
+            return Some(Objection::Folded(multiple));
         }
     }
     for other in layout.lines.iter().take(index) {
         let off = (omega - fit.p[other + 1]).abs();
         if off < resolution.max(0.5 * (sigma.abs() + fit.p[*other].abs())) {
-            return "it cannot be told from a line that is in the model".into();
+            return Some(Objection::Known);
         }
     }
     if sigma * 0.5 > omega {
-        return "it does not oscillate".into();
+        return Some(Objection::Overdamped);
     }
-    String::new()
+    None
 }
 
 /// Largest and smallest amplitude of the ring in these decays; the smallest not below the noise.
@@ -369,7 +407,7 @@ pub fn try_all(decays: &Decays, parent: &Fit) -> Vec<Tried> {
     let candidates = candidates(decays, parent);
     let best = candidates
         .iter()
-        .filter(|c| c.tried.disqualified.is_empty())
+        .filter(|c| c.tried.objection.is_none())
         .min_by(|p, q| p.criterion.total_cmp(&q.criterion))
         .map(|c| c.tried.fit.clone())
         .unwrap_or_else(|| parent.clone());
@@ -403,7 +441,7 @@ fn candidates(decays: &Decays, parent: &Fit) -> Vec<Candidate> {
     let mut kept: Vec<Candidate> = Vec::new();
     let undamped = |kept: &[Candidate]| {
         let mode = kept.iter().find(|c| c.tried.term == Term::Line(Line::Mode));
-        mode.is_none_or(|c| c.tried.disqualified == UNDAMPED)
+        mode.is_none_or(|c| c.tried.objection == Some(Objection::Undamped))
     };
     for term in all.into_iter().filter(|c| !c.is_in(&parent.structure)) {
         if term == Term::Line(Line::Tone) && !undamped(&kept) {
@@ -416,12 +454,12 @@ fn candidates(decays: &Decays, parent: &Fit) -> Vec<Candidate> {
             let share = 1.0 - ((after - before) / samples).exp();
             let criterion = after + degrees as f64 * samples.ln();
             let covariance = fit.covariance(decays, &Noise::white(&sizes(&left, decays)));
-            let disqualified = objection(decays, &fit, term, &covariance);
+            let objection = objection(decays, &fit, term, &covariance);
             let tried =
-                Tried { term, fit, statistic: 0.0, degrees, surprise: 0.0, share, disqualified };
+                Tried { term, fit, statistic: 0.0, degrees, surprise: 0.0, share, objection };
             let one = Candidate { tried, criterion };
             // what can be the cause goes before what cannot
-            let rank = |c: &Candidate| (!c.tried.disqualified.is_empty(), c.criterion);
+            let rank = |c: &Candidate| (c.tried.objection.is_some(), c.criterion);
             match kept.iter_mut().find(|c| c.tried.term.id() == term.id()) {
                 Some(known) if rank(&one) < rank(known) => *known = one,
                 Some(_) => {}
@@ -448,13 +486,13 @@ fn judged(decays: &Decays, mut t: Tried, parent: &Fit, noise: &Noise) -> Tried {
     let free = decays.y.len() as f64 - t.fit.p.len() as f64;
     t.surprise = surprise(t.statistic, t.degrees, t.term.places(decays), free);
     let covariance = t.fit.covariance(decays, noise);
-    t.disqualified = objection(decays, &t.fit, t.term, &covariance);
+    t.objection = objection(decays, &t.fit, t.term, &covariance);
     let little = match t.term {
         Term::Line(_) => t.share < LEAST_SHARE,
         _ => noise.predictable() > COLOURED && t.statistic < LEAST_OF_COLOURED * parent.cost,
     };
-    if t.disqualified.is_empty() && little {
-        t.disqualified = "it is little of what is left".into();
+    if t.objection.is_none() && little {
+        t.objection = Some(Objection::Little);
     }
     t
 }
@@ -479,8 +517,8 @@ pub fn alias(decays: &Decays, parent: &Fit) -> Tried {
     let fit = best.unwrap();
     let covariance = fit.covariance(decays, &noise);
     let term = Term::Line(Line::Mode);
-    let disqualified = objection(decays, &fit, term, &covariance);
-    Tried { term, fit, statistic: 0.0, degrees: 0, surprise: 0.0, share: 0.0, disqualified }
+    let objection = objection(decays, &fit, term, &covariance);
+    Tried { term, fit, statistic: 0.0, degrees: 0, surprise: 0.0, share: 0.0, objection }
 }
 
 fn row(t: &Tried, step: u32, samples: f64) -> Evidence {
@@ -505,10 +543,7 @@ fn row(t: &Tried, step: u32, samples: f64) -> Evidence {
         sd: f64::NAN,
         tested: true,
         accepted: false,
-        why_not: match t.disqualified.as_str() {
-            "" => NOT_SIGNIFICANT.into(),
-            why => why.into(),
-        },
+        why_not: t.why_not(),
     }
 }
 
@@ -527,11 +562,11 @@ pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
         evidence.extend(tried.iter().map(|t| row(t, step, samples)));
         unnamed = tried
             .iter()
-            .filter(|t| t.surprise > THRESHOLD && !t.disqualified.is_empty())
+            .filter(|t| t.surprise > THRESHOLD && t.objection.is_some())
             .cloned()
             .collect();
         let penalised = |t: &Tried| t.statistic - t.degrees as f64 * 2.0;
-        let able = |t: &&Tried| t.disqualified.is_empty() && t.surprise > THRESHOLD;
+        let able = |t: &&Tried| t.objection.is_none() && t.surprise > THRESHOLD;
         let mut rivals: Vec<&Tried> = tried.iter().filter(able).collect();
         rivals.sort_by(|p, q| penalised(q).total_cmp(&penalised(p)));
         let Some(best) = rivals.first().filter(|_| (step as usize) < MOST_TERMS) else { break };
@@ -615,7 +650,7 @@ fn eliminate(decays: &Decays, now: &mut Fit, causes: &mut Vec<Chosen>) {
             let free = decays.y.len() as f64 - now.p.len() as f64;
             let mut surprise =
                 surprise(chosen.statistic, chosen.degrees, chosen.term.places(decays), free);
-            if !objection.is_empty() {
+            if objection.is_some() {
                 surprise = 0.0;
             }
             if surprise <= THRESHOLD && weakest.as_ref().is_none_or(|w| surprise < w.2) {
