@@ -206,7 +206,7 @@ fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
     let count = 2 * n;
     let step = PI * n as f64 / count as f64;
     let all: Vec<f64> = (1..count - 1).map(|j| ratio(j as f64 * step).0).collect();
-    // a line has a period and a half at least
+    // a line has LEAST_PERIODS at least
     let first = (LEAST_PERIODS * TAU / step).ceil() as usize;
     let mut best = first.min(all.len() - 1);
     for j in first..all.len().saturating_sub(2) {
