@@ -6,6 +6,7 @@ use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::extended_design;
 use super::report_page::write_text;
+use crate::critique::catalogue::joined;
 use crate::critique::decay;
 use crate::critique::digits;
 use crate::critique::engine::{self, MOST_SAMPLES, Rings};
@@ -154,7 +155,7 @@ fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Resu
             c.parameter,
             digits::measured(c.value, c.ci95, &c.unit),
             digits::significant(c.strength_dl, 2),
-            c.tied_with.join(", ")
+            joined(&c.tied_with, ", ")
         )?;
     }
     print_gain(critique, out)?;

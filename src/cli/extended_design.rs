@@ -3,6 +3,7 @@
 //! In: the signals that a critique kept, its model. Out: a design that is trained on them without what the causes
 //! put into them, and its extension, which takes the same off every signal that it judges.
 
+use crate::critique::catalogue::CauseId;
 use crate::critique::covariates::{self, Covariates};
 use crate::critique::engine::{Extended, Outcome};
 use crate::critique::observations::Observations;
@@ -83,8 +84,9 @@ fn extension(extended: &Extended, start_s: f64) -> Option<Extension> {
         shape.clear();
     }
     while shapes.pop_if(|shape| shape.is_empty()).is_some() {}
+    let learned = causes.iter().filter(|id| **id != CauseId::Temperature);
     let extension = Extension {
-        causes: causes.iter().filter(|id| **id != "temperature").map(|id| (*id).into()).collect(),
+        causes: learned.map(|id| id.to_string()).collect(),
         decay: model.mean.into(),
         follows,
         previous_tail: model.tail_gain,

@@ -3,14 +3,13 @@
 //! In: the selected model. Out: [`Left`]: what is still significant, in words, and how much of the
 //! misfit it is.
 
-use super::candidates::{Applied, MARGIN, OWN_LINE, Scored};
-use super::catalogue::{by_amplitude, same_class};
-use super::covariates::{Covariates, DRIVE, NAMES, TEMPERATURE, TIME};
-use super::engine::Found;
-use super::finding::Cause;
-use super::observations::Observations;
+use super::candidates::{Applied, Bench, Kind, Objection, Scored};
+use super::catalogue::CauseId;
+use super::chance::{MARGIN, THRESHOLD};
+use super::covariates::{DRIVE, NAMES, TEMPERATURE, TIME};
+use super::found::{Aside, accepted};
 use super::refit::Setting;
-use super::selection::{Selected, THRESHOLD};
+use super::selection::Selected;
 use super::space::Direction;
 
 /// Parameters in words.
@@ -27,107 +26,123 @@ const MANY: usize = 3;
 pub struct Left {
     pub significant: Vec<String>,
     /// Rows of the catalogue that are told of among them.
-    pub told: Vec<&'static str>,
+    pub told: Vec<CauseId>,
     /// Of all misfit (explained and not), the share that is not explained.
     pub share: f64,
     pub share_allowed: f64,
-    pub nearest: Vec<Cause>,
 }
 
-pub fn check(
-    selected: &Selected,
-    data: &Observations,
-    beside: &Covariates,
-    (of_codes, of_noise): (&[Found], &[Found]),
-    avoid: &[f64],
-) -> Left {
+pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
     let mut applied: Vec<Applied> =
         selected.causes.iter().map(|c| c.scored.applied.clone()).collect();
-    applied.extend(avoid.iter().map(|omega| chance_mean(*omega, data.samples)));
+    let samples = setting.data.samples;
+    applied.extend(setting.avoid.iter().map(|omega| chance_mean(*omega, samples)));
     let nuisances = selected.spaces.nuisances(&applied);
-    let setting = Setting { data, beside, avoid };
     let bench = setting.bench(&selected.model, &selected.spaces, &nuisances);
-    let mut left = Left { share_allowed: SHARE_ALLOWED, ..Left::default() };
-    // the model of clipped or coarse codes is not exact either, and it bends the mean
-    let found = || of_codes.iter().chain(of_noise).filter(|f| f.evidence.accepted);
-    let by_others = found().map(|f| f.evidence.statistic);
-    let explained: f64 = selected.causes.iter().map(|c| c.statistic).chain(by_others).sum();
     // noise that grows with the signal makes what is largest look surer than it is
-    let growth = found().find(|f| f.evidence.id == "heteroscedastic_noise");
-    let growth = growth.map_or(1.0, |f| 1.0 + f.evidence.value);
-    let mut unexplained = 0.0_f64;
-    for found in of_codes.iter().chain(of_noise) {
+    let growth = accepted(&aside.noise, CauseId::HeteroscedasticNoise).map_or(1.0, |h| 1.0 + h);
+    let mut look = Unexplained::default();
+    for found in aside.all() {
         if let Some(what) = found.unlike {
-            left.significant.push(what.into());
-            unexplained = unexplained.max(found.evidence.statistic);
+            look.tell(what.into(), found.evidence.statistic);
         }
     }
-    let (local, tried) = bench.local_scan();
-    let local = local / growth - tried.max(1.0).ln();
+    let local = bench.local_scan();
+    let local = local.surprise / growth - local.tried.max(1.0).ln();
     if local > MARGIN + THRESHOLD - 3.0 {
-        left.significant.push("the mean misfit has a shape of its own".into());
-        unexplained = unexplained.max(2.0 * local);
+        look.tell("the mean misfit has a shape of its own".into(), 2.0 * local);
     }
-    // causes that act through a covariate own whatever that covariate does
-    let mut owned: Vec<usize> =
-        selected.causes.iter().filter_map(|c| which(&c.scored.applied)).collect();
+    let owned = owned_covariates(selected);
+    for found in bench.covariate_scan() {
+        if !owned.contains(&found.covariate) && found.surprise > THRESHOLD + MARGIN {
+            let (parameter, covariate) = (PARAMETERS[found.parameter], NAMES[found.covariate]);
+            look.tell(format!("{parameter} follows {covariate}"), 2.0 * found.surprise);
+        }
+    }
+    let mut told = Vec::new();
+    for s in &selected.unnamed {
+        let s = judged_again(s, &bench);
+        if s.surprise / growth > THRESHOLD + MARGIN && !is_relative(&s, selected) {
+            let what = format!("something like {} ({})", s.applied.id, s.why_not());
+            look.tell(what, s.statistic);
+            told.push(s.applied.id);
+        }
+    }
+    // the model of clipped or coarse codes is not exact either, and it bends the mean
+    let by_others = aside.accepted().map(|f| f.evidence.statistic);
+    let explained: f64 = selected.causes.iter().map(|c| c.statistic).chain(by_others).sum();
+    Left {
+        significant: look.significant,
+        told,
+        share: look.statistic / (look.statistic + explained).max(1e-300),
+        share_allowed: share_allowed(selected, aside),
+    }
+}
+
+/// What is told, and the largest statistic among it.
+#[derive(Default)]
+struct Unexplained {
+    significant: Vec<String>,
+    statistic: f64,
+}
+
+impl Unexplained {
+    fn tell(&mut self, what: String, statistic: f64) {
+        self.significant.push(what);
+        self.statistic = self.statistic.max(statistic);
+    }
+}
+
+/// Causes that act through a covariate own whatever that covariate does.
+fn owned_covariates(selected: &Selected) -> Vec<usize> {
+    let named = || selected.causes.iter().map(|c| c.scored.applied.id);
+    let mut owned: Vec<usize> = named().filter_map(CauseId::follows).collect();
     // tied ones own each other's
-    let tied = || selected.causes.iter().flat_map(|c| c.tied_with.iter());
-    if tied().any(|id| matches!(id.as_str(), "ageing" | "clock_drift")) {
-        owned.push(TIME);
-    }
-    if tied().any(|id| id == "temperature") {
-        owned.push(TEMPERATURE);
-    }
+    let tied = selected.causes.iter().flat_map(|c| &c.tied_with);
+    let of_tied = tied.filter_map(|id| id.follows());
+    owned.extend(of_tied.filter(|which| matches!(*which, TIME | TEMPERATURE)));
     // and what acts through the amplitude owns the drive
-    if selected.causes.iter().any(|c| by_amplitude(c.scored.applied.id)) {
+    if named().any(CauseId::by_amplitude) {
         owned.push(DRIVE);
     }
-    for (which, parameter, surprise) in bench.covariate_scan() {
-        if owned.contains(&which) {
-            continue;
-        }
-        if surprise > THRESHOLD + MARGIN {
-            left.significant.push(format!("{} follows {}", PARAMETERS[parameter], NAMES[which]));
-            unexplained = unexplained.max(2.0 * surprise);
-        }
-    }
-    // beside what a random tone leaves in the mean, they are judged again
-    let again = |s: &Scored| match avoid.is_empty() {
+    owned
+}
+
+/// Beside what a random tone leaves in the mean, what was passed over is judged again.
+fn judged_again(s: &Scored, bench: &Bench) -> Scored {
+    match bench.avoid.is_empty() {
         true => s.clone(),
         false => match bench.score_one(s.applied.id, None) {
-            Some(now) if now.surprise < s.surprise => {
-                Scored { disqualified: s.disqualified.clone(), ..now }
-            }
+            Some(now) if now.surprise < s.surprise => Scored { objection: s.objection, ..now },
             _ => s.clone(),
         },
-    };
-    let by_amplitude_too = selected.causes.iter().any(|c| by_amplitude(c.scored.applied.id));
-    for s in &selected.unnamed.iter().map(again).collect::<Vec<Scored>>() {
-        // a relative of what was named, with the wrong sign, is what that one's model leaves
-        let relative = selected.causes.iter().any(|c| {
-            let (named, other) = (c.scored.applied.id, s.applied.id);
-            same_class(named, other) || by_amplitude(named) && by_amplitude(other)
-        });
-        // and so is a line at the ring's own frequency, of what bends the ring itself
-        let relative = relative || by_amplitude_too && s.disqualified == OWN_LINE;
-        if s.surprise / growth > THRESHOLD + MARGIN && !relative {
-            left.significant.push(format!("something like {} ({})", s.applied.id, s.disqualified));
-            left.told.push(s.applied.id);
-            unexplained = unexplained.max(s.statistic);
-        }
     }
+}
+
+/// A relative of what was named, with the wrong sign, is what that one's model leaves; and so is a line at the
+/// ring's own frequency, of what bends the ring itself.
+fn is_relative(s: &Scored, selected: &Selected) -> bool {
+    let other = s.applied.id;
+    selected.causes.iter().map(|c| c.scored.applied.id).any(|named| {
+        named.same_class(other)
+            || named.by_amplitude()
+                && (other.by_amplitude() || s.objection == Some(Objection::OwnLine))
+    })
+}
+
+fn share_allowed(selected: &Selected, aside: &Aside) -> f64 {
     // several shapes in the mean that leave another one are as good as any curve: they name nothing
-    let shapes = selected.causes.iter().filter(|c| which(&c.scored.applied).is_none()).count();
+    let named = selected.causes.iter().map(|c| c.scored.applied.id);
+    let shapes = named.filter(|id| id.follows().is_none()).count();
     // so are many causes
-    let causes = selected.causes.len() + found().count();
+    let causes = selected.causes.len() + aside.accepted().count();
     if shapes >= 2 || causes >= MANY {
-        left.share_allowed = 0.0;
+        0.0
     } else if causes == 2 {
-        left.share_allowed = SHARE_OF_SEVERAL;
+        SHARE_OF_SEVERAL
+    } else {
+        SHARE_ALLOWED
     }
-    left.share = unexplained / (unexplained + explained).max(1e-300);
-    left
 }
 
 /// A random tone's mean over few bursts is not nothing: it is allowed for, steady and by the drive.
@@ -137,20 +152,9 @@ fn chance_mean(omega: f64, samples: usize) -> Applied {
         Direction::shape(power, y.collect())
     };
     let quarter = std::f64::consts::FRAC_PI_2;
+    let directions = vec![wave(0, 0.0), wave(0, quarter), wave(1, 0.0), wave(1, quarter)];
     Applied {
-        id: "random_tone",
         shape: omega,
-        damping: 0.0,
-        coefficients: vec![0.0; 4],
-        directions: vec![wave(0, 0.0), wave(0, quarter), wave(1, 0.0), wave(1, quarter)],
-        kind: super::candidates::Kind::Shapes,
-    }
-}
-
-fn which(applied: &Applied) -> Option<usize> {
-    match applied.kind {
-        super::candidates::Kind::Covariate { which, .. } => Some(which),
-        super::candidates::Kind::Tail => Some(super::covariates::IDLE),
-        super::candidates::Kind::Shapes => None,
+        ..Applied::rigid(CauseId::RandomTone, directions, vec![0.0; 4], Kind::Shapes)
     }
 }

@@ -6,7 +6,8 @@
 //! larger than the signals' own lets expect.
 
 use super::covariates::{COVARIATES, Covariates};
-use super::model::{Linear, Matrix5, Model, PATTERNS, dot, free_products};
+use super::matrices::{Matrix5, scaled};
+use super::model::{Linear, Model, PATTERNS, dot, free_products};
 use super::observations::Observations;
 use super::space::Direction;
 use crate::model::free_decay::ALL;
@@ -103,7 +104,7 @@ impl Clusters<'_> {
             let v = self.model.noise_var;
             let of_u = scale.map_with_location(|j, _, s| s * dot(&linear.tangent.columns[j], &u));
             // V^-1 = 1/v - J M J^T/v², about the channel and not about the signal's own parameters
-            let within = super::scatter::scaled(&self.model.within, &scale);
+            let within = scaled(&self.model.within, &scale);
             let inner = Matrix5::identity() + gram * within / v;
             let m = within * inner.try_inverse().unwrap_or_else(Matrix5::zeros);
             let off = own.component_div(&scale);

@@ -3,10 +3,10 @@
 //! In: whole counts and the fitted model. Out: [`Found`] for `clipping` and `coarse_lsb`. Clipped
 //! samples are left out of what is fitted afterwards (`Model::ceiling`).
 
-use super::candidates::ln_normal_tail;
+use super::catalogue::CauseId;
+use super::chance::ln_normal_tail;
 use super::covariates::Covariates;
-use super::engine::{Found, found};
-use super::leftovers::leave_out;
+use super::found::Found;
 use super::model::{Linear, Model};
 use super::observations::Observations;
 use std::collections::BTreeMap;
@@ -39,7 +39,7 @@ fn clipping(
 ) -> Found {
     let unit = if data.integer { 1.0 } else { 1e-6 };
     let Some((&top, &at_top)) = histogram.last_key_value() else {
-        return found("clipping", 0.0, 0.0, f64::NAN, f64::NAN, Some("no samples"));
+        return Found::untested(CauseId::Clipping, "no samples");
     };
     let level = top as f64 * unit;
     let sd = model.noise_var.sqrt();
@@ -63,7 +63,8 @@ fn clipping(
     let crowded = at_top as f64 > 4.0 + 0.5 * beyond;
     // one free level; unmodelled scatter of the largest signals is allowed for
     let surprise: f64 = if crowded { (0.6 * surprise - 3.0_f64).max(0.0) } else { 0.0 };
-    let f = found("clipping", surprise, 2.0 * surprise, level, half.clamp(1e-3, 0.5) * 0.5, None);
+    let f =
+        Found::of(CauseId::Clipping, surprise, 2.0 * surprise, level, half.clamp(1e-3, 0.5) * 0.5);
     if f.evidence.accepted {
         model.ceiling = Some(level - 3.0 * sd);
     }
@@ -77,18 +78,17 @@ fn lattice(
     model: &mut Model,
     histogram: &BTreeMap<i64, u64>,
 ) -> Found {
-    let lack = |why| found("coarse_lsb", 0.0, 0.0, f64::NAN, f64::NAN, Some(why));
     if !data.integer {
         // floats lie on a lattice where few distinct values are met often
         let total: u64 = histogram.values().sum();
         if histogram.len() as f64 > 0.2 * total as f64 {
-            return found("coarse_lsb", 0.0, 0.0, f64::NAN, f64::NAN, None);
+            return Found::nothing(CauseId::CoarseLsb);
         }
     }
     let unit = if data.integer { 1.0 } else { 1e-6 };
     let total: u64 = histogram.values().sum();
     if total == 0 {
-        return lack("no samples");
+        return Found::untested(CauseId::CoarseLsb, "no samples");
     }
     // the stretch about the middle where codes are met often
     let (mut low, mut high, mut run) = (0, 0, 0_u64);
@@ -104,7 +104,7 @@ fn lattice(
     }
     let met: Vec<i64> = histogram.range(low..=high).map(|(&code, _)| code).collect();
     if met.len() < 5 {
-        return found("coarse_lsb", 0.0, 0.0, f64::NAN, f64::NAN, None);
+        return Found::nothing(CauseId::CoarseLsb);
     }
     let codes = ((met[met.len() - 1] - met[0]) as f64).max(1.0);
     let step = codes / (met.len() - 1) as f64;
@@ -114,7 +114,7 @@ fn lattice(
         let value = step * unit;
         let sd = model.noise_var.sqrt();
         let surprise = if value > 0.02 * sd && per_code < 0.5 { 50.0 } else { 0.0 };
-        return found("coarse_lsb", surprise, 2.0 * surprise, value, 1e-3 * value, None);
+        return Found::of(CauseId::CoarseLsb, surprise, 2.0 * surprise, value, 1e-3 * value);
     }
     // a code that should be met so often is missed with a chance of e^-often; steep flanks of signals that
     // are all alike leave codes out, too, and are expected to
@@ -127,9 +127,9 @@ fn lattice(
     let surprise = if missing > 2 { 0.5 * chances } else { 0.0 };
     let whole = step.round().max(1.0);
     let mut f =
-        found("coarse_lsb", surprise, 2.0 * surprise, step * unit, step / codes.max(1.0), None);
+        Found::of(CauseId::CoarseLsb, surprise, 2.0 * surprise, step * unit, step / codes.max(1.0));
     if f.evidence.accepted && !is_lattice(&met, step) {
-        leave_out(&mut f, "codes are missing, but not those between the multiples of a step");
+        f.leave_out("codes are missing, but not those between the multiples of a step");
         f.unlike = Some("codes are missing that no coarse step would leave out");
     }
     if f.evidence.accepted && met.iter().all(|code| (code - met[0]) % whole as i64 == 0) {
@@ -194,7 +194,7 @@ mod tests {
     use super::super::generator::{Run, draw};
     use super::*;
 
-    fn tested(effect: &'static str, size: f64) -> (Vec<Found>, Model) {
+    fn tested(effect: Option<CauseId>, size: f64) -> (Vec<Found>, Model) {
         let run = Run { channels: 12, bursts: 4, effect, size, ..Run::default() };
         let data = draw(&run, 12);
         let beside = Covariates::of(&data);
@@ -205,18 +205,18 @@ mod tests {
 
     #[test]
     fn clipping_and_missing_codes_are_met_where_they_are() {
-        let accepted = |found: &[Found]| -> Vec<String> {
+        let accepted = |found: &[Found]| -> Vec<CauseId> {
             let all = found.iter().filter(|f| f.evidence.accepted);
-            all.map(|f| f.evidence.id.clone()).collect()
+            all.map(|f| f.evidence.id).collect()
         };
-        let (healthy, model) = tested("none", 0.0);
+        let (healthy, model) = tested(None, 0.0);
         assert!(accepted(&healthy).is_empty() && model.ceiling.is_none());
-        let (clipped, model) = tested("clipping", 70.0);
-        assert_eq!(accepted(&clipped), ["clipping"]);
+        let (clipped, model) = tested(Some(CauseId::Clipping), 70.0);
+        assert_eq!(accepted(&clipped), [CauseId::Clipping]);
         assert_eq!(clipped[0].evidence.value, 70.0);
         assert!(model.ceiling.is_some_and(|c| c < 70.0), "near the rail nothing is fitted");
-        let (coarse, model) = tested("coarse_lsb", 3.0);
-        assert_eq!(accepted(&coarse), ["coarse_lsb"]);
+        let (coarse, model) = tested(Some(CauseId::CoarseLsb), 3.0);
+        assert_eq!(accepted(&coarse), [CauseId::CoarseLsb]);
         assert!((coarse[1].evidence.value - 3.0).abs() < 0.1);
         assert_eq!(model.lattice, Some([3.0, 0.0]));
     }

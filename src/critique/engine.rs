@@ -1,8 +1,13 @@
 //! The critique itself, from observations to findings.
+//!
+//! Outliers are left out; codes and noise are looked at, and correlated noise is made white; causes are selected;
+//! codes, noise and trigger are looked at again beside them; what is left is judged, the gain is measured, and all
+//! of it is put into words.
 
-use super::adequacy;
-use super::candidates::{Kind, Scored};
-use super::catalogue::{CATALOGUE, Needs, entry_of, experiment, lacking};
+use super::adequacy::{self, Left};
+use super::candidates::Scored;
+use super::catalogue::{CATALOGUE, CauseId, Needs};
+use super::chance::DETECTION_LIMIT;
 use super::codes;
 use super::covariates::Covariates;
 use super::decay;
@@ -12,53 +17,31 @@ use super::extended::{self, LeftOut};
 pub use super::extended::{Extended, NotExtended};
 use super::figures;
 use super::finding::{
-    Cause, Critique, Detection, Evidence, Misfit, NotTestable, Signals, VERSION, Verdict,
+    Cause, Critique, Detection, Evidence, NotTestable, Signals, VERSION, Verdict,
 };
+use super::found::{Aside, accepted};
 use super::gain;
 use super::jitter;
 use super::leftovers::{
-    LEFT_OF_NOISE, RANDOM_TONE, accepted, at_the_ring, at_the_ring_beside, beside_codes_and_noise,
-    beyond_growing_noise, beyond_others, largest, leave_out, still_there,
+    LEFT_OF_NOISE, at_the_ring, at_the_ring_beside, beside_codes_and_noise, beyond_growing_noise,
+    beyond_others, largest, still_there,
 };
 use super::model::{Model, Unfit};
 use super::observations::Observations;
+pub use super::outcome::{CritiqueError, Outcome};
+use super::outcome::{FEWEST_SAMPLES, FEWEST_SIGNALS};
 use super::outliers::outliers;
 use super::refit::Setting;
-use super::selection::{self, Chosen, DETECTION_LIMIT};
-use super::words::{cause_sentence, equation, sentence};
-use thiserror::Error;
+use super::selection::{self, Chosen, Selected};
+use super::words::{cause_sentence, equation, sentence, ties};
+use std::f64::consts::TAU;
 
-/// Signals that a critique needs at least, and samples of each.
-const FEWEST_SIGNALS: usize = 8;
-const FEWEST_SAMPLES: usize = 16;
 /// Times that the correlation of the noise is estimated anew.
 const MOST_WHITENINGS: usize = 10;
 /// Correlation that may be left.
 const NEARLY_WHITE: f64 = 0.003;
 /// Longer signals are judged by their first samples.
 pub const MOST_SAMPLES: usize = 512;
-
-#[derive(Debug, Error)]
-pub enum CritiqueError {
-    #[error(
-        "{found} usable signals of an ink channel: a critique needs {FEWEST_SIGNALS} at least (few, long decays \
-         of something else: --plant oscillator)"
-    )]
-    TooFew { found: usize },
-    #[error("signals of {samples} samples: a critique needs {FEWEST_SAMPLES} at least")]
-    TooShort { samples: usize },
-    #[error("nothing rings in these signals: one damped oscillation explains less than a tenth")]
-    NoRing,
-}
-
-/// A critique, and the model that it ended with.
-pub struct Outcome {
-    pub critique: Critique,
-    /// Rows that were left out as unlike the others.
-    pub outlier: Vec<bool>,
-    /// Of an ink channel: the causes' part of it makes a design's extension.
-    pub extended: Result<Extended, NotExtended>,
-}
 
 /// What rings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,7 +67,16 @@ pub fn critique(
             return critique(&all.first(MOST_SAMPLES), rings, labelled, stages);
         }
     }
-    let real = rings == Rings::InkChannel;
+    of_signals(all, rings == Rings::InkChannel, labelled, stages)
+}
+
+/// Of many signals. `real`: their ring has a real pole.
+fn of_signals(
+    all: &Observations,
+    real: bool,
+    labelled: bool,
+    stages: &mut dyn FnMut(&str),
+) -> Result<Outcome, CritiqueError> {
     let fewest = if real { FEWEST_SIGNALS } else { 1 };
     if all.len() < fewest {
         return Err(CritiqueError::TooFew { found: all.len() });
@@ -93,208 +85,60 @@ pub fn critique(
         return Err(CritiqueError::TooShort { samples: all.samples });
     }
     stages("fitting the baseline");
-    let beside = Covariates::of(all);
-    let start = Model::start(all, &beside, real).map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
     let outlier = match labelled || !real {
         true => vec![false; all.len()],
-        false => outliers(all, &beside, &start),
+        false => outlying(all)?,
     };
     let data = all.select(|i| !outlier[i]);
     if data.len() < fewest {
         return Err(CritiqueError::TooFew { found: data.len() });
     }
     let beside = Covariates::of(&data);
-    let mut baseline =
-        Model::start(&data, &beside, real).map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
-    baseline.fit(&data, &beside, 2);
-
-    stages("looking at codes and noise");
-    let mut of_codes = codes::test(&data, &beside, &mut baseline);
-    if !of_codes.is_empty() {
-        baseline.fit(&data, &beside, 2);
-    }
-    let mut of_noise = ensemble::test(&data, &beside, &baseline);
-    beyond_growing_noise(&mut of_noise);
-    let deferred = at_the_ring(&mut of_noise, &baseline, data.dt_s * data.samples as f64);
-    let (mut data, mut coloured) = (data, None);
-    if let Some(rho) = accepted(&of_noise, "correlated_noise") {
-        let as_it_came = data;
-        let mut total = rho;
-        let mut round = 0;
-        let mut last = f64::INFINITY;
-        // what is white again can be judged by the same tests; what is left of rho tells how far off it was
-        let again = loop {
-            total = total.clamp(-0.97, 0.97);
-            data = as_it_came.whitened(total);
-            baseline = Model::start(&data, &beside, real)
-                .map_err(|Unfit::NoRing| CritiqueError::NoRing)?;
-            baseline.fit(&data, &beside, 2);
-            let again = ensemble::test(&data, &beside, &baseline);
-            round += 1;
-            let more = again.iter().find(|f| f.evidence.id == "correlated_noise");
-            let more = more.map_or(0.0, |f| f.evidence.value);
-            if round >= MOST_WHITENINGS || more.is_nan() || more.abs() <= NEARLY_WHITE {
-                break again;
-            }
-            // fits swallow slow noise, so each step falls short by the same share: to where they lead
-            let share = (more / last).clamp(0.0, 0.8);
-            total += more / (1.0 - share);
-            last = more;
-        };
-        of_noise.retain(|f| f.evidence.id == "correlated_noise");
-        let step = accepted(&of_codes, "coarse_lsb").unwrap_or(1.0);
-        let rounding = if as_it_came.integer { step * step / 12.0 } else { 0.0 };
-        for f in &mut of_noise {
-            f.evidence.value = ensemble::beneath_rounding(total, baseline.noise_var, rounding);
-        }
-        // strongly correlated noise is never made quite white: what is found in the rest must be large
-        let least = if total.abs() > 0.5 {
-            LEFT_OF_NOISE * of_noise.iter().fold(0.0, |m: f64, f| m.max(f.evidence.statistic))
-        } else {
-            0.0
-        };
-        let others = again.into_iter().filter(|f| f.evidence.id != "correlated_noise");
-        of_noise.extend(others.map(|mut f| {
-            if f.evidence.accepted && f.evidence.statistic < least {
-                leave_out(&mut f, "what correlated noise leaves");
-            }
-            f
-        }));
-        coloured = Some(as_it_came);
-    }
-    let length_s = data.dt_s * data.samples as f64;
-    let taken = |of_noise: &[Found]| -> Vec<f64> {
-        let hz = accepted(of_noise, RANDOM_TONE);
-        hz.map(|hz| hz * length_s * std::f64::consts::TAU).into_iter().collect()
-    };
-    let mut avoid = taken(&of_noise);
-
-    let before = baseline.clone();
+    let mut prepared = Prepared::of(data, &beside, real, stages)?;
+    let Picked { selected, avoid } = prepared.pick(&beside, stages);
+    let Prepared { data, as_it_came, baseline, mut aside, .. } = prepared;
     let setting = Setting { data: &data, beside: &beside, avoid: &avoid };
-    let least = beside_codes_and_noise(&of_codes, &of_noise);
-    let mut selected = selection::select(baseline, setting, least, stages);
-    if deferred {
-        let again = ensemble::test(&data, &beside, &selected.model);
-        of_noise.retain(|f| f.evidence.id != RANDOM_TONE);
-        of_noise.extend(again.into_iter().filter(|f| f.evidence.id == RANDOM_TONE));
-        at_the_ring_beside(&mut of_noise, largest(&selected));
-        if accepted(&of_noise, RANDOM_TONE).is_some() {
-            avoid = taken(&of_noise);
-            let least = beside_codes_and_noise(&of_codes, &of_noise);
-            let setting = Setting { data: &data, beside: &beside, avoid: &avoid };
-            selected = selection::select(before.clone(), setting, least, stages);
-        }
-    }
-    let setting = Setting { data: &data, beside: &beside, avoid: &avoid };
-
-    if accepted(&of_codes, "clipping").is_none() {
-        // what follows a covariate may have hidden it
-        let mut last = selected.model.clone();
-        let again = codes::test(&data, &beside, &mut last);
-        of_codes.extend(
-            again.into_iter().filter(|f| f.evidence.id == "clipping" && f.evidence.accepted),
-        );
-    }
-    // a shift in time is told from drifts once these are in the model
-    of_noise.push(jitter::jitter(&selected.model, &data, &beside));
-    beyond_growing_noise(&mut of_noise);
-    let noisy = of_noise.iter().any(|f| f.evidence.accepted);
-    if noisy && !selected.causes.is_empty() {
-        still_there(&mut of_noise, &ensemble::test(&data, &beside, &selected.model));
-    }
-    beyond_others(&mut of_noise, &of_codes, largest(&selected));
+    look_again(&mut aside, &selected, setting);
 
     stages("checking what is left");
-    let left = adequacy::check(&selected, &data, &beside, (&of_codes, &of_noise), &avoid);
+    let left = adequacy::check(&selected, &aside, setting);
     stages("measuring the gain");
     let applied: Vec<_> = selected.causes.iter().map(|c| c.scored.applied.clone()).collect();
-    let gain = gain::measure(&before, &applied, setting);
-    let figures = figures::draw(&before, &selected.model, &data, &beside, &gain.energies);
-    let detection = gain.gain.detection();
-    let matters = detection == Detection::Better;
+    let measured = gain::measure(&baseline, &applied, setting);
+    let detection = measured.gain.detection();
+    let figures = figures::draw(&baseline, &selected.model, &data, &beside, &measured.energies);
 
-    let mut causes = Vec::new();
-    let mut evidence: Vec<Evidence> = Vec::new();
-    let by_chance = of_codes.len() + of_noise.len();
-    for found in of_codes.iter().chain(&of_noise) {
-        evidence.push(found.evidence.clone());
-        if found.evidence.accepted {
-            causes.push(found.cause(false));
-        }
-    }
-    evidence.extend(selected.evidence.iter().cloned());
-    evidence::tidy(&mut evidence, by_chance);
-    causes.extend(selected.causes.iter().map(|c| cause_of(c, matters && is_covariate(c))));
-    let (verdict, mut remarks) = verdict(&mut causes, &selected.unnamed, &left);
-    let left_out = outlier.iter().filter(|o| **o).count();
-    let of_outliers = LeftOut { signals: left_out, all: all.len() };
-    if left_out > 0 {
-        remarks.push(format!(
-            "{left_out} of {} signals ring unlike the others, or are of channels that at times do, and were left \
-             out: faulty channels, it seems",
-            all.len()
-        ));
-    }
-    if of_outliers.is_mixture() {
-        remarks.push(
-            "so many are a mixture of healthy and faulty channels, and what is said of the rest may be said of faults: \
-             tell which are healthy (--labels)"
-                .into(),
-        );
-    }
-    let allowed = if real {
-        extended::check(of_outliers, &gain.gain)
-    } else {
-        Err(NotExtended::NoInkChannel)
+    let mut causes = causes(&aside, &selected, detection == Detection::Better);
+    let of_outliers = LeftOut { signals: outlier.iter().filter(|o| **o).count(), all: all.len() };
+    let allowed = match real {
+        true => extended::check(of_outliers, &measured.gain),
+        false => Err(NotExtended::NoInkChannel),
     };
-    if let (Err(why), false, true) = (&allowed, causes.is_empty(), real) {
-        remarks.push(format!("no extended design is written: {why}"));
-    }
-    if (all.len() as u64) < all.found {
-        remarks.push(format!("{} signals were drawn from {}", all.len(), all.found));
-    }
-    for cause in &causes {
-        for tied in &cause.tied_with {
-            remarks.push(format!(
-                "{} and {tied} cannot be told apart here: {}",
-                cause.id,
-                experiment(&cause.id, tied)
-            ));
-        }
-    }
-    let not_testable = CATALOGUE
-        .iter()
-        .filter_map(|e| {
-            if !real && e.needs == Needs::DriveScan {
-                return None; // a long decay goes through all amplitudes by itself
-            }
-            let needs = lacking(e.needs, &beside, data.integer, data.units)?;
-            Some(NotTestable { id: e.id.into(), needs: needs.into() })
-        })
-        .collect();
-
+    let (verdict, mut remarks) = verdict(&mut causes, &selected.unnamed, &left);
+    remarks.extend(caveats(all, of_outliers, &allowed, causes.is_empty()));
+    remarks.extend(ties(&causes));
     let critique = Critique {
         version: VERSION,
         verdict,
-        sentence: sentence(verdict, &causes, &left, detection),
+        sentence: sentence(verdict, &causes, &left.significant, detection),
         equation: equation(&causes),
         causes,
-        not_testable,
-        misfit: Misfit { ..gain.misfit },
-        gain: gain.gain,
+        not_testable: not_testable(&data, &beside, real),
+        misfit: measured.misfit,
+        gain: measured.gain,
         extended_model: None,
         remarks,
         signals: Signals {
             found: all.found,
             used: data.len(),
-            outliers: left_out,
+            outliers: of_outliers.signals,
             channels: data.units,
             rejected: 0,
         },
-        evidence,
+        evidence: all_evidence(&aside, &selected),
         figures,
     };
-    let extended = allowed.and_then(|()| match coloured {
+    let extended = allowed.and_then(|()| match as_it_came {
         None => Ok((selected.model, applied)),
         Some(coloured) => {
             let setting = Setting { data: &coloured, beside: &beside, avoid: &avoid };
@@ -308,154 +152,263 @@ pub fn critique(
     Ok(Outcome { critique, outlier, extended })
 }
 
-/// Whether a cause moves single signals, rather than all of them alike.
-fn is_covariate(chosen: &Chosen) -> bool {
-    !matches!(chosen.scored.applied.kind, Kind::Shapes)
+fn no_ring(Unfit::NoRing: Unfit) -> CritiqueError {
+    CritiqueError::NoRing
 }
 
-fn cause_of(chosen: &Chosen, matters: bool) -> Cause {
+/// For each row of an ink channel whether it rings unlike the others.
+fn outlying(all: &Observations) -> Result<Vec<bool>, CritiqueError> {
+    let beside = Covariates::of(all);
+    let start = Model::start(all, &beside, true).map_err(no_ring)?;
+    Ok(outliers(all, &beside, &start))
+}
+
+/// Signals of white noise, the baseline about them, and what was found in codes and noise.
+struct Prepared {
+    data: Observations,
+    /// Before correlated noise was made white, where it was.
+    as_it_came: Option<Observations>,
+    baseline: Model,
+    aside: Aside,
+    /// Whether a random tone at the ring's frequency is to be looked for beside the causes.
+    deferred: bool,
+}
+
+/// The causes that were selected, and the frequencies that random tones have taken.
+struct Picked {
+    selected: Selected,
+    avoid: Vec<f64>,
+}
+
+impl Prepared {
+    fn of(
+        data: Observations,
+        beside: &Covariates,
+        real: bool,
+        stages: &mut dyn FnMut(&str),
+    ) -> Result<Prepared, CritiqueError> {
+        let mut baseline = Model::start(&data, beside, real).map_err(no_ring)?;
+        baseline.fit(&data, beside, 2);
+        stages("looking at codes and noise");
+        let codes = codes::test(&data, beside, &mut baseline);
+        if !codes.is_empty() {
+            baseline.fit(&data, beside, 2);
+        }
+        let mut noise = ensemble::test(&data, beside, &baseline);
+        beyond_growing_noise(&mut noise);
+        let deferred = at_the_ring(&mut noise, &baseline, data.dt_s * data.samples as f64);
+        let rho = accepted(&noise, CauseId::CorrelatedNoise);
+        let aside = Aside { codes, noise };
+        let prepared = Prepared { data, as_it_came: None, baseline, aside, deferred };
+        match rho {
+            Some(rho) => prepared.whitened(rho, beside),
+            None => Ok(prepared),
+        }
+    }
+
+    /// With the correlation of its noise taken out, and what else is found in the noise found anew.
+    fn whitened(self, rho: f64, beside: &Covariates) -> Result<Prepared, CritiqueError> {
+        let Prepared { data: as_it_came, aside: Aside { codes, mut noise }, deferred, .. } = self;
+        let mut total = rho;
+        let mut round = 0;
+        let mut last = f64::INFINITY;
+        // what is white again can be judged by the same tests; what is left of rho tells how far off it was
+        let (data, baseline, again) = loop {
+            total = total.clamp(-0.97, 0.97);
+            let data = as_it_came.whitened(total);
+            let mut baseline = Model::start(&data, beside, self.baseline.real).map_err(no_ring)?;
+            baseline.fit(&data, beside, 2);
+            let again = ensemble::test(&data, beside, &baseline);
+            round += 1;
+            let more = again.iter().find(|f| f.is(CauseId::CorrelatedNoise));
+            let more = more.map_or(0.0, |f| f.evidence.value);
+            if round >= MOST_WHITENINGS || more.is_nan() || more.abs() <= NEARLY_WHITE {
+                break (data, baseline, again);
+            }
+            // fits swallow slow noise, so each step falls short by the same share: to where they lead
+            let share = (more / last).clamp(0.0, 0.8);
+            total += more / (1.0 - share);
+            last = more;
+        };
+        noise.retain(|f| f.is(CauseId::CorrelatedNoise));
+        let step = accepted(&codes, CauseId::CoarseLsb).unwrap_or(1.0);
+        let rounding = if as_it_came.integer { step * step / 12.0 } else { 0.0 };
+        for f in &mut noise {
+            f.evidence.value = ensemble::beneath_rounding(total, baseline.noise_var, rounding);
+        }
+        // strongly correlated noise is never made quite white: what is found in the rest must be large
+        let least = if total.abs() > 0.5 {
+            LEFT_OF_NOISE * noise.iter().fold(0.0, |m: f64, f| m.max(f.evidence.statistic))
+        } else {
+            0.0
+        };
+        for mut f in again.into_iter().filter(|f| !f.is(CauseId::CorrelatedNoise)) {
+            if f.evidence.accepted && f.evidence.statistic < least {
+                f.leave_out("what correlated noise leaves");
+            }
+            noise.push(f);
+        }
+        let aside = Aside { codes, noise };
+        Ok(Prepared { data, as_it_came: Some(as_it_came), baseline, aside, deferred })
+    }
+
+    /// rad per signal length.
+    fn random_tone(&self) -> Vec<f64> {
+        let length_s = self.data.dt_s * self.data.samples as f64;
+        let hz = accepted(&self.aside.noise, CauseId::RandomTone);
+        hz.map(|hz| hz * length_s * TAU).into_iter().collect()
+    }
+
+    /// Selects causes; a random tone at the ring's frequency is looked for beside them, and they beside it.
+    fn pick(&mut self, beside: &Covariates, stages: &mut dyn FnMut(&str)) -> Picked {
+        let picked = self.select(beside, stages);
+        if !self.deferred {
+            return picked;
+        }
+        let again = ensemble::test(&self.data, beside, &picked.selected.model);
+        let noise = &mut self.aside.noise;
+        noise.retain(|f| !f.is(CauseId::RandomTone));
+        noise.extend(again.into_iter().filter(|f| f.is(CauseId::RandomTone)));
+        at_the_ring_beside(noise, largest(&picked.selected));
+        match accepted(noise, CauseId::RandomTone) {
+            Some(_) => self.select(beside, stages),
+            None => picked,
+        }
+    }
+
+    fn select(&self, beside: &Covariates, stages: &mut dyn FnMut(&str)) -> Picked {
+        let avoid = self.random_tone();
+        let least = beside_codes_and_noise(&self.aside.codes, &self.aside.noise);
+        let setting = Setting { data: &self.data, beside, avoid: &avoid };
+        let selected = selection::select(self.baseline.clone(), setting, least, stages);
+        Picked { selected, avoid }
+    }
+}
+
+/// Codes, trigger and noise beside the causes.
+fn look_again(aside: &mut Aside, selected: &Selected, setting: Setting) {
+    let Setting { data, beside, .. } = setting;
+    if accepted(&aside.codes, CauseId::Clipping).is_none() {
+        // what follows a covariate may have hidden it
+        let again = codes::test(data, beside, &mut selected.model.clone());
+        let clipped = again.into_iter().filter(|f| f.is(CauseId::Clipping) && f.evidence.accepted);
+        aside.codes.extend(clipped);
+    }
+    // a shift in time is told from drifts once these are in the model
+    aside.noise.push(jitter::jitter(&selected.model, data, beside));
+    beyond_growing_noise(&mut aside.noise);
+    let noisy = aside.noise.iter().any(|f| f.evidence.accepted);
+    if noisy && !selected.causes.is_empty() {
+        still_there(&mut aside.noise, &ensemble::test(data, beside, &selected.model));
+    }
+    beyond_others(&mut aside.noise, &aside.codes, largest(selected));
+}
+
+/// All that is named. `better`: whether faults are detected better with what was selected.
+fn causes(aside: &Aside, selected: &Selected, better: bool) -> Vec<Cause> {
+    let of_signals = selected.causes.iter().map(|c| cause_of(c, better));
+    aside.accepted().map(|f| f.cause()).chain(of_signals).collect()
+}
+
+fn cause_of(chosen: &Chosen, better: bool) -> Cause {
     let s = &chosen.scored;
-    let entry = entry_of(s.applied.id);
-    let half = 1.96 * s.sd;
-    let mut cause = Cause {
-        id: entry.id.into(),
-        parameter: entry.parameter.into(),
-        unit: entry.unit.into(),
-        value: s.value,
-        ci95: [s.value - half, s.value + half],
-        strength_dl: (chosen.statistic / DETECTION_LIMIT).sqrt(),
-        delta_bic: chosen.delta_bic,
+    let strength_dl = (chosen.statistic / DETECTION_LIMIT).sqrt();
+    let cause = Cause {
         tied_with: chosen.tied_with.clone(),
-        matters_for_detection: matters,
-        explains: None,
-        sentence: String::new(),
+        // what moves single signals, rather than all of them alike
+        matters_for_detection: better && s.applied.id.follows().is_some(),
+        ..Cause::new(s.applied.id, s.value, s.sd, strength_dl, chosen.delta_bic)
     };
-    cause.sentence = cause_sentence(&cause);
-    cause
+    Cause { sentence: cause_sentence(&cause), ..cause }
 }
 
-fn verdict(
-    causes: &mut Vec<Cause>,
-    unnamed: &[Scored],
-    left: &adequacy::Left,
-) -> (Verdict, Vec<String>) {
+/// What a reader must know of the signals and of the design.
+fn caveats(
+    all: &Observations,
+    left_out: LeftOut,
+    allowed: &Result<(), NotExtended>,
+    nothing_found: bool,
+) -> Vec<String> {
+    let mut remarks = left_out.remarks();
+    match allowed {
+        Ok(()) | Err(NotExtended::NoInkChannel) => {}
+        Err(_) if nothing_found => {}
+        Err(why) => remarks.push(format!("no extended design is written: {why}")),
+    }
+    if (all.len() as u64) < all.found {
+        remarks.push(format!("{} signals were drawn from {}", all.len(), all.found));
+    }
+    remarks
+}
+
+fn all_evidence(aside: &Aside, selected: &Selected) -> Vec<Evidence> {
+    let mut evidence: Vec<Evidence> = aside.all().map(|f| f.evidence.clone()).collect();
+    let by_chance = evidence.len();
+    evidence.extend(selected.evidence.iter().cloned());
+    evidence::tidy(&mut evidence, by_chance);
+    evidence
+}
+
+fn not_testable(data: &Observations, beside: &Covariates, real: bool) -> Vec<NotTestable> {
+    // a long decay goes through all amplitudes by itself
+    let asked = CATALOGUE.iter().filter(|e| real || e.needs != Needs::DriveScan);
+    asked
+        .filter_map(|e| {
+            let needs = e.needs.lacking(beside, data.integer, data.units)?;
+            Some(NotTestable { id: e.id, needs: needs.into() })
+        })
+        .collect()
+}
+
+fn verdict(causes: &mut [Cause], unnamed: &[Scored], left: &Left) -> (Verdict, Vec<String>) {
     let mut remarks = Vec::new();
     for what in &left.significant {
         remarks.push(format!("still unexplained: {what}"));
     }
     if let Some(s) = unnamed.first().filter(|s| !left.told.contains(&s.applied.id)) {
-        remarks.push(format!("{} fits best but {}: it is not named", s.applied.id, s.disqualified));
+        remarks.push(format!("{} fits best but {}: it is not named", s.applied.id, s.why_not()));
     }
     let unexplained = !left.significant.is_empty();
-    if causes.is_empty() {
-        if unexplained {
-            causes.extend(left.nearest.clone());
-            return (Verdict::Unknown, remarks);
+    let verdict = match &causes[..] {
+        [] if unexplained => Verdict::Unknown,
+        [] => Verdict::None,
+        _ if unexplained && left.share > left.share_allowed => {
+            causes.iter_mut().for_each(|cause| cause.explains = Some(1.0 - left.share));
+            Verdict::Unknown
         }
-        return (Verdict::None, remarks);
-    }
-    if unexplained && left.share > left.share_allowed {
-        for cause in causes.iter_mut() {
-            cause.explains = Some(1.0 - left.share);
-        }
-        return (Verdict::Unknown, remarks);
-    }
-    match &causes[..] {
-        [one] if !one.tied_with.is_empty() => (Verdict::Tie, remarks),
-        _ => (Verdict::Named, remarks),
-    }
-}
-
-/// Rows of the catalogue that are tested on codes or on the ensemble.
-pub fn found(
-    id: &str,
-    surprise: f64,
-    statistic: f64,
-    value: f64,
-    sd: f64,
-    lack: Option<&str>,
-) -> Found {
-    let accepted = surprise > selection::THRESHOLD && lack.is_none();
-    Found {
-        evidence: Evidence {
-            step: 0,
-            id: id.into(),
-            statistic,
-            threshold: DETECTION_LIMIT,
-            p: (-surprise).exp(),
-            delta_bic: statistic - (statistic.max(3.0)).ln(),
-            strength_dl: (statistic.max(0.0) / DETECTION_LIMIT).sqrt(),
-            value,
-            sd,
-            tested: lack.is_none(),
-            accepted,
-            why_not: match (accepted, lack) {
-                (true, _) => String::new(),
-                (false, Some(lack)) => lack.into(),
-                (false, None) => "not significant".into(),
-            },
-        },
-        unlike: None,
-    }
-}
-
-#[derive(Clone, Debug)]
-pub struct Found {
-    pub evidence: Evidence,
-    /// What is there for sure and is none of the catalogue, in words.
-    pub unlike: Option<&'static str>,
-}
-
-impl Found {
-    fn cause(&self, matters: bool) -> Cause {
-        let e = &self.evidence;
-        let entry = entry_of(&e.id);
-        let mut cause = Cause {
-            id: entry.id.into(),
-            parameter: entry.parameter.into(),
-            unit: entry.unit.into(),
-            value: e.value,
-            ci95: [e.value - 1.96 * e.sd, e.value + 1.96 * e.sd],
-            strength_dl: e.strength_dl,
-            delta_bic: e.delta_bic,
-            tied_with: Vec::new(),
-            matters_for_detection: matters,
-            explains: None,
-            sentence: String::new(),
-        };
-        cause.sentence = cause_sentence(&cause);
-        cause
-    }
+        [one] if !one.tied_with.is_empty() => Verdict::Tie,
+        _ => Verdict::Named,
+    };
+    (verdict, remarks)
 }
 
 #[cfg(test)]
 mod tests {
+    use super::CauseId::*;
     use super::*;
 
-    fn cause(id: &str, tied_with: &[&str]) -> Cause {
-        let mut f = found(id, 50.0, 100.0, 1.0, 0.1, None).cause(false);
-        f.tied_with = tied_with.iter().map(|t| (*t).to_owned()).collect();
-        f
+    fn cause(id: CauseId, tied_with: &[CauseId]) -> Cause {
+        Cause { tied_with: tied_with.to_vec(), ..Cause::new(id, 1.0, 0.1, 2.2, 95.0) }
     }
 
-    fn judged(mut causes: Vec<Cause>, left: &adequacy::Left) -> (Verdict, Vec<Cause>) {
+    fn judged(mut causes: Vec<Cause>, left: &Left) -> (Verdict, Vec<Cause>) {
         let verdict = verdict(&mut causes, &[], left).0;
         (verdict, causes)
     }
 
     #[test]
     fn a_verdict_is_named_only_where_little_is_left() {
-        let nothing = adequacy::Left { share_allowed: 0.05, ..Default::default() };
-        let much = adequacy::Left { significant: vec!["x".into()], share: 0.3, ..nothing.clone() };
-        let little = adequacy::Left { share: 0.01, ..much.clone() };
-        let one = || vec![cause("tone", &[])];
+        let nothing = Left { share_allowed: 0.05, ..Default::default() };
+        let much = Left { significant: vec!["x".into()], share: 0.3, ..nothing.clone() };
+        let little = Left { share: 0.01, ..much.clone() };
+        let one = || vec![cause(Tone, &[])];
         assert_eq!(judged(vec![], &nothing).0, Verdict::None);
         assert_eq!(judged(vec![], &much).0, Verdict::Unknown);
         assert_eq!(judged(one(), &little).0, Verdict::Named);
         let (verdict, causes) = judged(one(), &much);
         assert_eq!((verdict, causes[0].explains), (Verdict::Unknown, Some(0.7)));
-        let tied = || cause("offset", &["droop"]);
+        let tied = || cause(Offset, &[Droop]);
         assert_eq!(judged(vec![tied()], &nothing).0, Verdict::Tie);
-        assert_eq!(judged(vec![tied(), cause("ageing", &[])], &nothing).0, Verdict::Named);
+        assert_eq!(judged(vec![tied(), cause(Ageing, &[])], &nothing).0, Verdict::Named);
     }
 }

@@ -4,9 +4,11 @@
 //! In: the baseline's residuals, each freed of what its own ring explains and of what all signals have
 //! in common. Out: [`Found`] each. Errors come from the spread over signals, so heavy tails widen them.
 
-use super::candidates::{LEAST_PERIODS, ln_normal_tail};
+use super::candidates::LEAST_PERIODS;
+use super::catalogue::CauseId;
+use super::chance::{THRESHOLD, ln_normal_tail};
 use super::covariates::Covariates;
-use super::engine::{Found, found};
+use super::found::Found;
 use super::model::{Linear, Model, PATTERNS, dot};
 use super::observations::Observations;
 use crate::model::free_decay::FREE;
@@ -92,8 +94,8 @@ fn two_sided(z: f64) -> f64 {
 
 pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Found> {
     if data.len() < FEWEST {
-        return ["random_tone", "correlated_noise", "heteroscedastic_noise"]
-            .map(|id| found(id, 0.0, 0.0, f64::NAN, f64::NAN, Some("needs 16 signals")))
+        return [CauseId::RandomTone, CauseId::CorrelatedNoise, CauseId::HeteroscedasticNoise]
+            .map(|id| Found::untested(id, "needs 16 signals"))
             .into();
     }
     let mut left = residuals(model, data, beside);
@@ -104,7 +106,7 @@ pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Foun
     let mut rho = lag_one(&left, n, v);
     // a line correlates the noise, and correlated noise is a broad hump: the narrower wins
     let mut line_surprise = line.surprise;
-    if line_surprise > 0.0 && two_sided(rho.2) > 0.0 {
+    if line_surprise > 0.0 && two_sided(rho.z) > 0.0 {
         let mut without: Vec<Left> = Vec::new();
         std::mem::swap(&mut without, &mut left);
         left = without
@@ -116,7 +118,7 @@ pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Foun
             .collect();
         let rho_without = lag_one(&left, n, v);
         let local = line.contrast;
-        if line.surprise > super::selection::THRESHOLD && local > 3.0 {
+        if line.surprise > THRESHOLD && local > 3.0 {
             rho = rho_without;
         } else {
             line_surprise = 0.0;
@@ -124,21 +126,33 @@ pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Foun
     }
     let length_s = data.dt_s * n as f64;
     let mut all = vec![
-        found(
-            "random_tone",
+        Found::of(
+            CauseId::RandomTone,
             line_surprise,
             line.z * line.z,
             line.omega / TAU / length_s,
             line.sd / TAU / length_s,
-            None,
         ),
-        found("correlated_noise", two_sided(rho.2), rho.2 * rho.2, rho.0, rho.1, None),
+        rho.found(CauseId::CorrelatedNoise, two_sided(rho.z)),
     ];
-    let (h, sd, z) = heteroscedastic(&left, n, v);
+    let h = heteroscedastic(&left, n, v);
     // noise that shrinks with the signal is none of the catalogue
-    let shown = if h > 0.0 { two_sided(z) } else { 0.0 };
-    all.push(found("heteroscedastic_noise", shown, z * z, h, sd, None));
+    let shown = if h.value > 0.0 { two_sided(h.z) } else { 0.0 };
+    all.push(h.found(CauseId::HeteroscedasticNoise, shown));
     all
+}
+
+/// A property of the noise, its standard error, and how many of them it is from none.
+struct Property {
+    value: f64,
+    sd: f64,
+    z: f64,
+}
+
+impl Property {
+    fn found(&self, id: CauseId, surprise: f64) -> Found {
+        Found::of(id, surprise, self.z * self.z, self.value, self.sd)
+    }
 }
 
 struct Line {
@@ -162,40 +176,37 @@ fn notch(left: &mut Left, omega: f64, n: usize) {
     project(&q, &mut left.u);
 }
 
+/// Signals' periodograms at one frequency: the mean over what white noise leaves, and its standard error.
+fn mean_power(left: &[Left], v: f64, omega: f64) -> (f64, f64) {
+    let n = left[0].u.len();
+    let (sin, cos) = (omega / n as f64).sin_cos();
+    let mut c = vec![0.0; n];
+    let mut s = vec![0.0; n];
+    let (mut x, mut y) = (1.0, 0.0);
+    for k in 0..n {
+        (c[k], s[k]) = (x, y);
+        (x, y) = (x * cos - y * sin, y * cos + x * sin);
+    }
+    let power = |y: &[f64]| dot(y, &c).powi(2) + dot(y, &s).powi(2);
+    let values: Vec<f64> = left
+        .iter()
+        .map(|l| {
+            let lost: f64 = l.q.column_iter().map(|q| power(q.as_slice())).sum();
+            power(&l.u) / (v * (n as f64 - lost).max(1.0))
+        })
+        .collect();
+    mean_of(&values)
+}
+
 fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
-    // (ratio of the mean periodogram to what white noise leaves, its standard error)
-    let ratio = |omega: f64| -> (f64, f64) {
-        let (sin, cos) = (omega / n as f64).sin_cos();
-        let mut c = vec![0.0; n];
-        let mut s = vec![0.0; n];
-        let (mut x, mut y) = (1.0, 0.0);
-        for k in 0..n {
-            (c[k], s[k]) = (x, y);
-            (x, y) = (x * cos - y * sin, y * cos + x * sin);
-        }
-        let values: Vec<f64> = left
-            .iter()
-            .map(|l| {
-                let power = dot(&l.u, &c).powi(2) + dot(&l.u, &s).powi(2);
-                let lost: f64 =
-                    l.q.column_iter()
-                        .map(|q| {
-                            let q = q.as_slice();
-                            dot(q, &c).powi(2) + dot(q, &s).powi(2)
-                        })
-                        .sum();
-                power / (v * (n as f64 - lost).max(1.0))
-            })
-            .collect();
-        mean_of(&values)
-    };
+    let ratio = |omega: f64| mean_power(left, v, omega);
     let m = left.len() as f64;
     // Wilson and Hilferty: the mean of m exponentials
     let z_of = |r: f64| 3.0 * m.sqrt() * (r.max(1e-9).cbrt() - (1.0 - 1.0 / (9.0 * m)));
     let count = 2 * n;
     let step = PI * n as f64 / count as f64;
     let all: Vec<f64> = (1..count - 1).map(|j| ratio(j as f64 * step).0).collect();
-    // a line has a period and a half at least
+    // a line has LEAST_PERIODS at least
     let first = (LEAST_PERIODS * TAU / step).ceil() as usize;
     let mut best = first.min(all.len() - 1);
     for j in first..all.len().saturating_sub(2) {
@@ -216,18 +227,6 @@ fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
     }
     let (r, se) = ratio(omega);
     let z = z_of(r).min((r - 1.0) / se.max(1e-9) * 1.5);
-    let mut near: Vec<f64> = all
-        .iter()
-        .enumerate()
-        .filter(|(j, _)| {
-            let off = j.abs_diff(best);
-            (5..=24).contains(&off)
-        })
-        .map(|(_, r)| *r)
-        .collect();
-    near.sort_by(f64::total_cmp);
-    let around = near.get(near.len() / 2).copied().unwrap_or(1.0);
-    let contrast = (r - 1.0) / (around - 1.0).abs().max(1.0 / m.sqrt());
     // amplitude² / 4 * N per signal over v is r - 1
     let snr = (r - 1.0).max(1e-6);
     let var = 6.0 / (n as f64 * n as f64) / (snr * m) * (1.0 + 1.0 / snr) * (n * n) as f64;
@@ -240,15 +239,27 @@ fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
             true => 0.0,
             false => (-(ln_normal_tail(z)) - (n as f64).ln()).max(0.0),
         },
-        contrast,
+        contrast: (r - 1.0) / (around(&all, best) - 1.0).abs().max(1.0 / m.sqrt()),
     }
 }
 
-/// (rho, its standard error, z of its being zero), corrected for what the projection correlates.
+/// Typical of the neighbours of a peak.
+fn around(all: &[f64], peak: usize) -> f64 {
+    let mut near: Vec<f64> = all
+        .iter()
+        .enumerate()
+        .filter(|(j, _)| (5..=24).contains(&j.abs_diff(peak)))
+        .map(|(_, r)| *r)
+        .collect();
+    near.sort_by(f64::total_cmp);
+    near.get(near.len() / 2).copied().unwrap_or(1.0)
+}
+
+/// Lag-one correlation rho, corrected for what the projection correlates.
 ///
 /// With S = (shift + its transpose)/2 and P = Q Q^T: E[u^T S u] = v (-tr S P + 2 rho (tr S² - 2 tr S² P
 /// + tr S P S P)) to first order in rho.
-fn lag_one(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
+fn lag_one(left: &[Left], n: usize, v: f64) -> Property {
     let values: Vec<f64> = left
         .iter()
         .map(|l| {
@@ -266,7 +277,7 @@ fn lag_one(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
         })
         .collect();
     let (mean, se) = mean_of(&values);
-    (mean, se, mean / se.max(1e-12))
+    Property { value: mean, sd: se, z: mean / se.max(1e-12) }
 }
 
 /// rho of AR(1) noise that digitising adds white noise of variance `white` to. n_k - t n_{k-1} has no
@@ -286,8 +297,8 @@ pub fn beneath_rounding(t: f64, left: f64, white: f64) -> f64 {
     rho
 }
 
-/// Growth of the noise variance with the signal: (h, sd, z).
-fn heteroscedastic(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
+/// Growth h of the noise variance with the signal.
+fn heteroscedastic(left: &[Left], n: usize, v: f64) -> Property {
     let largest = left
         .iter()
         .flat_map(|l| l.expected.iter())
@@ -323,7 +334,11 @@ fn heteroscedastic(left: &[Left], n: usize, v: f64) -> (f64, f64, f64) {
     let (slope, se) = mean_of(&slopes);
     let level = values.iter().map(|(_, l)| l).sum::<f64>() / values.len() as f64;
     let at_zero = (level - slope * centre).max(0.05);
-    (slope / at_zero, se / at_zero * (1.0 + slope / at_zero * centre), slope / se.max(1e-12))
+    Property {
+        value: slope / at_zero,
+        sd: se / at_zero * (1.0 + slope / at_zero * centre),
+        z: slope / se.max(1e-12),
+    }
 }
 
 #[cfg(test)]
@@ -338,7 +353,7 @@ mod tests {
             let run = Run {
                 channels: 16,
                 bursts: 6,
-                effect: "correlated_noise",
+                effect: Some(CauseId::CorrelatedNoise),
                 size: rho,
                 ..Run::default()
             };
@@ -347,7 +362,7 @@ mod tests {
             let mut model = Model::start(&data, &beside, true).unwrap();
             model.fit(&data, &beside, 2);
             let found = test(&data, &beside, &model);
-            let own = &found.iter().find(|f| f.evidence.id == "correlated_noise").unwrap().evidence;
+            let own = &found.iter().find(|f| f.is(CauseId::CorrelatedNoise)).unwrap().evidence;
             assert!((own.value - rho).abs() < 3.5 * own.sd, "{rho}: {} +- {}", own.value, own.sd);
             assert_eq!(own.accepted, rho > 0.0);
         }

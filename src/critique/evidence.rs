@@ -3,12 +3,8 @@
 //! In: [`Evidence`] as the selection left it. Out: the same rows, whose thresholds are what was asked of
 //! them, and whose reasons name what was chosen instead.
 
-use super::candidates::surprise;
-use super::finding::Evidence;
-use super::selection::THRESHOLD;
-
-const NOT_SIGNIFICANT: &str = "not significant";
-const EXPLAINS_MORE: &str = "another cause explains more";
+use super::chance::{THRESHOLD, surprise};
+use super::finding::{EXPLAINS_MORE, Evidence, NOT_SIGNIFICANT};
 
 /// `by_chance`: these were accepted by their chance alone, shapes tried and heavy tails included; their
 /// threshold is the statistic at which that chance would have sufficed.
@@ -20,7 +16,7 @@ pub fn tidy(rows: &mut [Evidence], by_chance: usize) {
     for k in 0..rows.len() {
         // codes and noise explain nothing of the mean
         let mut chosen = rows[count..].iter().filter(|r| k >= count && r.step == rows[k].step);
-        let chosen = chosen.find(|r| r.accepted).map(|r| r.id.clone());
+        let chosen = chosen.find(|r| r.accepted).map(|r| r.id);
         let row = &mut rows[k];
         let beyond = row.tested && !row.accepted && row.statistic > row.threshold;
         match (row.why_not.as_str(), chosen) {
@@ -51,12 +47,13 @@ fn by_its_chance(statistic: f64, p: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::catalogue::CauseId::{self, *};
     use super::*;
 
-    fn row(step: u32, id: &str, statistic: f64, accepted: bool) -> Evidence {
+    fn row(step: u32, id: CauseId, statistic: f64, accepted: bool) -> Evidence {
         Evidence {
             step,
-            id: id.into(),
+            id,
             statistic,
             threshold: 14.0,
             p: (-surprise(statistic, 1, 1.0, f64::INFINITY)).exp(),
@@ -73,14 +70,14 @@ mod tests {
     #[test]
     fn who_passes_and_is_not_chosen_is_told_by_what() {
         let mut rows = vec![
-            row(0, "temperature", 16.0, true), // of the noise: it explains nothing of the others
-            row(0, "tone", 300.0, true),
-            row(0, "offset", 40.0, false),
-            row(0, "droop", 3.0, false),
-            row(1, "offset", 15.0, false),
+            row(0, Temperature, 16.0, true), // of the noise: it explains nothing of the others
+            row(0, Tone, 300.0, true),
+            row(0, Offset, 40.0, false),
+            row(0, Droop, 3.0, false),
+            row(1, Offset, 15.0, false),
         ];
         rows[2].why_not = EXPLAINS_MORE.into();
-        rows.insert(3, row(0, "lowpass", 60.0, false));
+        rows.insert(3, row(0, Lowpass, 60.0, false));
         tidy(&mut rows, 1);
         let why: Vec<&str> = rows.iter().map(|r| r.why_not.as_str()).collect();
         let more = "passes, but no further cause is looked for";

@@ -5,6 +5,7 @@
 //! worse than the one without it.
 
 use super::candidates::{Applied, Kind};
+use super::catalogue::CauseId;
 use super::covariates::Covariates;
 use super::finding::{Detection, Gain};
 use super::model::Model;
@@ -17,8 +18,8 @@ const MOST_LEFT_OUT: f64 = 0.1;
 
 /// The model with its causes, and the covariates that it follows, of the rows that were kept.
 pub struct Extended {
-    /// Identifiers of what is in it.
-    pub causes: Vec<&'static str>,
+    /// What is in it.
+    pub causes: Vec<CauseId>,
     pub model: Model,
     pub beside: Covariates,
 }
@@ -52,6 +53,26 @@ pub struct LeftOut {
 impl LeftOut {
     pub fn is_mixture(self) -> bool {
         self.signals as f64 > MOST_LEFT_OUT * self.all as f64
+    }
+
+    /// What a reader is told of it.
+    pub fn remarks(self) -> Vec<String> {
+        let mut remarks = Vec::new();
+        if self.signals > 0 {
+            remarks.push(format!(
+                "{} of {} signals ring unlike the others, or are of channels that at times do, and were left \
+                 out: faulty channels, it seems",
+                self.signals, self.all
+            ));
+        }
+        if self.is_mixture() {
+            remarks.push(
+                "so many are a mixture of healthy and faulty channels, and what is said of the rest may be said of \
+                 faults: tell which are healthy (--labels)"
+                    .into(),
+            );
+        }
+        remarks
     }
 }
 

@@ -3,7 +3,8 @@
 use super::covariates::{COVARIATES, Covariates, IDLE, NAMES, POSITION, UNITS};
 use super::ensemble::project;
 use super::finding::{CovariateFigure, Energies, Figures, MeanMisfit, Spectrum};
-use super::model::{Linear, Matrix5, Model, Vector5, dot};
+use super::matrices::{Matrix5, Vector5};
+use super::model::{Linear, Model, dot};
 use super::observations::Observations;
 use crate::model::free_decay::FREE;
 use nalgebra::DMatrix;
@@ -165,6 +166,7 @@ fn against(
     order.sort_by(|p, q| beside.z[*p][which].total_cmp(&beside.z[*q][which]));
     let mut figure = CovariateFigure {
         covariate: NAMES[which].into(),
+        decades: which == IDLE,
         unit: UNITS[which].into(),
         parameter: parameter.into(),
         ..CovariateFigure::default()
@@ -182,7 +184,7 @@ fn against(
         let count = bin.len() as f64;
         let centre = bin.iter().map(|&i| beside.z[i][which]).sum::<f64>() / count;
         let value = beside.mean[which] + centre * beside.sd[which];
-        figure.centre.push(if NAMES[which] == "idle" { value.exp() } else { value });
+        figure.centre.push(if which == IDLE { value.exp() } else { value });
         for (seen, mean, bar) in [
             (before, &mut figure.before, &mut figure.before_bar),
             (after, &mut figure.after, &mut figure.after_bar),

@@ -3,6 +3,7 @@
 //! `critique.json` is [`Critique`] serialised (contract, `critique.json`); the evidence and the figures
 //! go to tables of their own and to the report.
 
+use super::catalogue::CauseId;
 use serde::Serialize;
 
 /// Version of `critique.json`.
@@ -58,8 +59,7 @@ pub struct Critique {
 
 #[derive(Clone, Debug, Serialize)]
 pub struct Cause {
-    /// Of the catalogue.
-    pub id: String,
+    pub id: CauseId,
     pub parameter: String,
     pub unit: String,
     pub value: f64,
@@ -68,7 +68,7 @@ pub struct Cause {
     pub strength_dl: f64,
     /// BIC without this cause minus BIC with it: positive speaks for it.
     pub delta_bic: f64,
-    pub tied_with: Vec<String>,
+    pub tied_with: Vec<CauseId>,
     pub matters_for_detection: bool,
     /// With verdict `unknown`: the share of the misfit that the nearest cause explains.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -76,9 +76,29 @@ pub struct Cause {
     pub sentence: String,
 }
 
+impl Cause {
+    /// Of the catalogue, with its 95 % interval: tied with none, and its sentence still to be written.
+    pub fn new(id: CauseId, value: f64, sd: f64, strength_dl: f64, delta_bic: f64) -> Cause {
+        let entry = id.row();
+        Cause {
+            id,
+            parameter: entry.parameter.into(),
+            unit: entry.unit.into(),
+            value,
+            ci95: [value - 1.96 * sd, value + 1.96 * sd],
+            strength_dl,
+            delta_bic,
+            tied_with: Vec::new(),
+            matters_for_detection: false,
+            explains: None,
+            sentence: String::new(),
+        }
+    }
+}
+
 #[derive(Clone, Debug, Serialize)]
 pub struct NotTestable {
-    pub id: String,
+    pub id: CauseId,
     pub needs: String,
 }
 
@@ -169,12 +189,16 @@ pub struct Signals {
     pub rejected: u64,
 }
 
+/// Why a candidate was not accepted, where nothing else speaks against it.
+pub const NOT_SIGNIFICANT: &str = "not significant";
+pub const EXPLAINS_MORE: &str = "another cause explains more";
+
 /// One candidate in one step of the selection.
 #[derive(Clone, Debug)]
 pub struct Evidence {
     /// 0: against the baseline; k: with k causes in the model.
     pub step: u32,
-    pub id: String,
+    pub id: CauseId,
     /// Likelihood-ratio statistic (squared distance of the strength from none, in its own errors).
     pub statistic: f64,
     /// What it must exceed, by simulation of the fitted null; NaN where not testable.
@@ -230,6 +254,8 @@ pub struct Spectrum {
 pub struct CovariateFigure {
     /// `temperature`, `time`, `channel`, `idle`, `neighbours`, `drive`.
     pub covariate: String,
+    /// Whether its values may spread over decades.
+    pub decades: bool,
     pub unit: String,
     /// `amplitude`, `damping` or `frequency`, relative.
     pub parameter: String,

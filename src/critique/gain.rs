@@ -8,7 +8,8 @@
 use super::candidates::Applied;
 use super::covariates::Covariates;
 use super::finding::{Energies, Gain, GainFigures, HeldOut, Misfit};
-use super::model::{Linear, Matrix5, Model, Vector5, dot};
+use super::matrices::{Matrix5, Vector5};
+use super::model::{Linear, Model, dot};
 use super::observations::Observations;
 use super::refit::{Setting, apply, refit};
 use super::whiteness::{Lags, whiteness_p};
@@ -246,24 +247,34 @@ fn sums<'a>(judged: impl Iterator<Item = &'a Judged>, samples: usize) -> Sums {
     Sums { chi2: chi2 / f64::max(n, 1.0), nrmse: 100.0 * (square / f64::max(size, 1e-300)).sqrt() }
 }
 
-fn figures(
-    model: &Model,
-    train: (&Observations, &Covariates),
-    test: (&Observations, &Covariates),
-    fault: f64,
-) -> (GainFigures, Vec<f64>, Vec<f64>) {
-    let of_training = statistics(&judge(model, train.0, train.1, true), 0.0);
-    let threshold = threshold(&of_training, train.0.units);
-    let judged = judge(model, test.0, test.1, false);
+/// Signals, and what was recorded beside them.
+struct Share {
+    data: Observations,
+    beside: Covariates,
+}
+
+/// What a model does on signals that it was not fitted to.
+struct HeldOutFigures {
+    figures: GainFigures,
+    /// Detection statistic of every healthy signal.
+    healthy: Vec<f64>,
+    /// Detection AUC of every drawing of channels.
+    aucs: Vec<f64>,
+}
+
+fn figures(model: &Model, train: &Share, test: &Share, fault: f64) -> HeldOutFigures {
+    let of_training = statistics(&judge(model, &train.data, &train.beside, true), 0.0);
+    let threshold = threshold(&of_training, train.data.units);
+    let judged = judge(model, &test.data, &test.beside, false);
     let healthy = statistics(&judged, 0.0);
     let faulty = faulty_statistics(&judged, fault);
-    let all = sums(judged.iter(), test.0.samples);
+    let all = sums(judged.iter(), test.data.samples);
     let alarms = |chosen: &[usize]| {
         chosen.iter().filter(|&&i| healthy[i] > threshold).count() as f64
             / chosen.len().max(1) as f64
     };
     // resampling channels
-    let mut by_unit = vec![Vec::new(); test.0.units];
+    let mut by_unit = vec![Vec::new(); test.data.units];
     judged.iter().enumerate().for_each(|(i, j)| by_unit[j.unit].push(i));
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut resampled: [Vec<f64>; 4] = Default::default();
@@ -276,7 +287,7 @@ fn figures(
         } else {
             chosen.extend((0..judged.len()).map(|_| rng.random_range(0..judged.len())));
         }
-        let s = sums(chosen.iter().map(|&i| &judged[i]), test.0.samples);
+        let s = sums(chosen.iter().map(|&i| &judged[i]), test.data.samples);
         let both = |i: &usize| [faulty[2 * i], faulty[2 * i + 1]];
         resampled[0].push(s.chi2);
         resampled[1].push(s.nrmse);
@@ -286,9 +297,9 @@ fn figures(
             &chosen.iter().flat_map(both).collect::<Vec<f64>>(),
         ));
     }
-    let of_auc = resampled[3].clone();
+    let aucs = resampled[3].clone();
     let everyone: Vec<usize> = (0..judged.len()).collect();
-    let found = GainFigures {
+    let figures = GainFigures {
         chi2_per_dof: all.chi2,
         chi2_per_dof_interval: interval(&mut resampled[0]),
         nrmse_percent: all.nrmse,
@@ -302,7 +313,7 @@ fn figures(
         detection_auc: auc(&healthy, &faulty),
         detection_auc_interval: interval(&mut resampled[3]),
     };
-    (found, healthy, of_auc)
+    HeldOutFigures { figures, healthy, aucs }
 }
 
 fn interval(values: &mut [f64]) -> Option<[f64; 2]> {
@@ -334,65 +345,68 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     let by_time = data.len() > data.units;
     let train = |i: usize| (!by_channel || !odd(i)) && (!by_time || !between(i));
     let test = |i: usize| (!by_channel || odd(i)) && (!by_time || between(i));
-    let (of_train, of_test) = (data.select(train), data.select(test));
-    if of_train.len() < FEWEST || of_test.len() < FEWEST {
+    let train = Share { data: data.select(train), beside: beside.select(train) };
+    let test = Share { data: data.select(test), beside: beside.select(test) };
+    if train.data.len() < FEWEST || test.data.len() < FEWEST {
         return measured;
     }
-    let (z_train, z_test) = (beside.select(train), beside.select(test));
-    let part = Setting { data: &of_train, beside: &z_train, avoid: setting.avoid };
-    let Ok(mut start) = Model::start(&of_train, &z_train, before.real) else { return measured };
-    start.ceiling = before.ceiling;
-    start.lattice = before.lattice;
-    start.fit(&of_train, &z_train, 2);
-    let plain = refit(start, Vec::new(), part, 2, true).model;
-    let extended = if causes.is_empty() {
-        plain.clone()
-    } else {
-        let mut model = plain.clone();
-        causes.iter().for_each(|c| apply(&mut model, c, &c.coefficients));
-        refit(model, causes.to_vec(), part, 3, true).model
-    };
-    let fault = FAULT * damping_sd(&extended, &of_train, &z_train);
-    let (first, before_statistics, auc_before) =
-        figures(&plain, (&of_train, &z_train), (&of_test, &z_test), fault);
-    let (second, after_statistics, auc_after) =
-        figures(&extended, (&of_train, &z_train), (&of_test, &z_test), fault);
+    let part = Setting { data: &train.data, beside: &train.beside, avoid: setting.avoid };
+    let Some((plain, extended)) = fitted(before, causes, part) else { return measured };
+    let fault = FAULT * damping_sd(&extended, &train);
+    let first = figures(&plain, &train, &test, fault);
+    let second = figures(&extended, &train, &test, fault);
     // the same channels were drawn for both
-    let mut gains: Vec<f64> = auc_after.iter().zip(&auc_before).map(|(a, b)| a - b).collect();
-    let detection_gain = second.detection_auc - first.detection_auc;
-    measured.energies = energies(&before_statistics, &after_statistics, &first, &second);
+    let mut gains: Vec<f64> = second.aucs.iter().zip(&first.aucs).map(|(a, b)| a - b).collect();
+    measured.energies = energies(&first, &second);
     let by = match (by_channel, by_time) {
         (true, true) => "channel+time",
         (true, false) => "channel",
         _ => "time",
     };
     measured.gain = Gain {
-        before: first,
-        after: second,
-        detection_gain,
+        detection_gain: second.figures.detection_auc - first.figures.detection_auc,
+        before: first.figures,
+        after: second.figures,
         detection_gain_interval: if causes.is_empty() { None } else { interval(&mut gains) },
         held_out: HeldOut {
             by: by.into(),
-            signals: of_test.len(),
-            channels: of_test.units,
-            fitted_signals: of_train.len(),
-            fitted_channels: of_train.units,
+            signals: test.data.len(),
+            channels: test.data.units,
+            fitted_signals: train.data.len(),
+            fitted_channels: train.data.units,
         },
     };
     measured
 }
 
+/// Baseline and model with the causes, fitted to a part of the signals. `None`: nothing rings there.
+fn fitted(before: &Model, causes: &[Applied], part: Setting) -> Option<(Model, Model)> {
+    let mut start = Model::start(part.data, part.beside, before.real).ok()?;
+    start.ceiling = before.ceiling;
+    start.lattice = before.lattice;
+    start.fit(part.data, part.beside, 2);
+    let plain = refit(start, Vec::new(), part, 2, true).model;
+    if causes.is_empty() {
+        return Some((plain.clone(), plain));
+    }
+    let mut model = plain.clone();
+    causes.iter().for_each(|c| apply(&mut model, c, &c.coefficients));
+    Some((plain, refit(model, causes.to_vec(), part, 3, true).model))
+}
+
 /// Standard deviation of ln damping of one healthy signal about the population, noise included.
-fn damping_sd(model: &Model, data: &Observations, beside: &Covariates) -> f64 {
-    let judged = judge(model, data, beside, true);
+fn damping_sd(model: &Model, train: &Share) -> f64 {
+    let judged = judge(model, &train.data, &train.beside, true);
     let typical = &judged[judged.len() / 2];
     typical.metric.try_inverse().map_or(0.1, |c| c[(0, 0)].max(0.0).sqrt())
 }
 
-fn energies(before: &[f64], after: &[f64], first: &GainFigures, second: &GainFigures) -> Energies {
+fn energies(before: &HeldOutFigures, after: &HeldOutFigures) -> Energies {
     const BINS: usize = 40;
-    let top = before.iter().chain(after).fold(0.0_f64, |m, v| m.max(*v));
-    let top = top.min(4.0 * first.threshold.max(second.threshold)).max(1e-9);
+    let thresholds = [before, after].map(|of| of.figures.threshold);
+    let all = before.healthy.iter().chain(&after.healthy);
+    let top = all.fold(0.0_f64, |m, v| m.max(*v));
+    let top = top.min(4.0 * thresholds[0].max(thresholds[1])).max(1e-9);
     let edges: Vec<f64> = (0..=BINS).map(|k| top * k as f64 / BINS as f64).collect();
     let count = |values: &[f64]| {
         let mut bins = vec![0; BINS];
@@ -402,11 +416,11 @@ fn energies(before: &[f64], after: &[f64], first: &GainFigures, second: &GainFig
         bins
     };
     Energies {
-        before: count(before),
-        after: count(after),
+        before: count(&before.healthy),
+        after: count(&after.healthy),
         edges,
-        threshold_before: first.threshold,
-        threshold_after: second.threshold,
+        threshold_before: thresholds[0],
+        threshold_after: thresholds[1],
     }
 }
 

@@ -1,6 +1,7 @@
 //! Signals with a known effect, for this room's own tests and tuning (the hidden plants of `tests/`
 //! are other code). Closed-form decays per channel; physical terms by their integrator.
 
+use super::catalogue::CauseId;
 use super::observations::{Observations, Sampler};
 use crate::burst::Beside;
 use crate::model::terms::{Interior, Seen, Term};
@@ -19,7 +20,7 @@ pub struct Run {
     pub spread: [f64; 3],
     /// Burst to burst, relative: gain and state.
     pub shot: f64,
-    pub effect: &'static str,
+    pub effect: Option<CauseId>,
     pub size: f64,
     pub heavy: bool,
     pub faulty: usize,
@@ -34,7 +35,7 @@ impl Default for Run {
             noise: 2.0,
             spread: [0.004, 0.06, 0.025],
             shot: 0.004,
-            effect: "none",
+            effect: None,
             size: 0.0,
             heavy: false,
             faulty: 0,
@@ -47,7 +48,7 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
     let normal = |rng: &mut ChaCha8Rng| -> f64 { StandardNormal.sample(rng) };
     let n = run.samples;
     let mut sampler = Sampler::new(100e-6 / 128.0, n, usize::MAX);
-    let e = |id: &str| if run.effect == id { run.size } else { 0.0 };
+    let e = |id: CauseId| if run.effect == Some(id) { run.size } else { 0.0 };
     let channels: Vec<[f64; 3]> = (0..run.channels)
         .map(|_| run.spread.map(|w| 1.0 + w * rng.random_range(-1.0..1.0)))
         .collect();
@@ -63,9 +64,11 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
         let neighbours = f64::from(rng.random_range(0..3_u8));
         let idle = 10f64.powf(rng.random_range(-4.3..-3.0));
         let position = channel as f64 / (run.channels - 1).max(1) as f64 - 0.5;
-        let loss = d * (1.0 + e("temperature") * (temperature - 25.0)) * (1.0 + e("ageing") * time);
-        let clock = 1.0 + e("clock_drift") * time;
-        let stiff = k.sqrt() * (1.0 + e("position_gradient") * position);
+        let loss = d
+            * (1.0 + e(CauseId::Temperature) * (temperature - 25.0))
+            * (1.0 + e(CauseId::Ageing) * time);
+        let clock = 1.0 + e(CauseId::ClockDrift) * time;
+        let stiff = k.sqrt() * (1.0 + e(CauseId::PositionGradient) * position);
         let scale = n as f64 / 128.0;
         let seen = Seen {
             sigma: 2.917 * loss * clock * scale,
@@ -75,27 +78,29 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
             b: -40.0,
             c: 0.3,
         };
-        let gain =
-            s * g * (1.0 + run.shot * normal(&mut rng)) * (1.0 + e("crosstalk") * neighbours);
+        let gain = s
+            * g
+            * (1.0 + run.shot * normal(&mut rng))
+            * (1.0 + e(CauseId::Crosstalk) * neighbours);
         let mut shot = || 1.0 + run.shot * normal(&mut rng);
         let (a, b, c) = (seen.a * shot(), seen.b * shot(), seen.c * shot());
-        let shift = e("trigger_jitter") * normal(&mut rng); // in signal lengths
+        let shift = e(CauseId::TriggerJitter) * normal(&mut rng); // in signal lengths
         let at = |t: f64| {
             (-seen.sigma * t).exp() * (a * (seen.omega * t).cos() + b * (seen.omega * t).sin())
                 + c * (-seen.lambda * t).exp()
         };
         let phase = rng.random_range(0.0..TAU);
         let faulty = channel < run.faulty;
-        let mut y: Vec<f64> = match run.effect {
-            "quadratic_drag" | "dry_friction" | "cubic_stiffness" | "meniscus"
-            | "fractional_damping" => {
-                let term = match run.effect {
-                    "quadratic_drag" => Term::QuadraticDrag,
-                    "dry_friction" => Term::DryFriction,
-                    "cubic_stiffness" => Term::CubicStiffness,
-                    "meniscus" => Term::Meniscus,
-                    _ => Term::FractionalDamping,
-                };
+        let term = match run.effect {
+            Some(CauseId::QuadraticDrag) => Some(Term::QuadraticDrag),
+            Some(CauseId::DryFriction) => Some(Term::DryFriction),
+            Some(CauseId::CubicStiffness) => Some(Term::CubicStiffness),
+            Some(CauseId::Meniscus) => Some(Term::Meniscus),
+            Some(CauseId::FractionalDamping) => Some(Term::FractionalDamping),
+            _ => None,
+        };
+        let mut y: Vec<f64> = match term {
+            Some(term) => {
                 let seen = Seen { a: a * gain, b: b * gain, c: c * gain, ..seen };
                 let interior = Interior::ink(&seen, 0.2).unwrap();
                 // strengths are relative to unit drive
@@ -107,7 +112,7 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
                 };
                 interior.decay(&seen, Some((term, strength)), 1.0, n)
             }
-            _ => (0..n).map(|k| gain * at(k as f64 / n as f64 + shift)).collect(),
+            None => (0..n).map(|k| gain * at(k as f64 / n as f64 + shift)).collect(),
         };
         if faulty {
             let sigma = 1.6 * seen.sigma;
@@ -120,7 +125,7 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
                 })
                 .collect();
         }
-        if run.effect == "droop" {
+        if run.effect == Some(CauseId::Droop) {
             let w = run.size / n as f64;
             let mut x = 0.0;
             let clean = y.clone();
@@ -131,7 +136,7 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
                 y[k] = clean[k] - w * x;
             }
         }
-        if run.effect == "previous_tail" {
+        if run.effect == Some(CauseId::PreviousTail) {
             let shift = idle / 100e-6;
             y.iter_mut().enumerate().for_each(|(k, y)| {
                 *y += run.size * gain * at(k as f64 / n as f64 + shift);
@@ -141,26 +146,26 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
         let mut previous = normal(&mut rng);
         for (k, y) in y.iter_mut().enumerate() {
             let t = k as f64 / n as f64;
-            *y += e("offset")
-                + e("tone") * (tone_omega * t + tone_phase).cos()
-                + e("random_tone") * (tone_omega * t + phase).cos()
-                + s * e("second_mode") * (-3.0 * t).exp() * (75.0 * t + 0.7).cos()
-                + e("lowpass") * first * (-60.0 * t).exp();
+            *y += e(CauseId::Offset)
+                + e(CauseId::Tone) * (tone_omega * t + tone_phase).cos()
+                + e(CauseId::RandomTone) * (tone_omega * t + phase).cos()
+                + s * e(CauseId::SecondMode) * (-3.0 * t).exp() * (75.0 * t + 0.7).cos()
+                + e(CauseId::Lowpass) * first * (-60.0 * t).exp();
             let white = normal(&mut rng);
-            let rho = e("correlated_noise");
+            let rho = e(CauseId::CorrelatedNoise);
             previous = rho * previous + (1.0 - rho * rho).sqrt() * white;
             let mut noise = run.noise * previous;
             if run.heavy && rng.random::<f64>() < 0.03 {
                 noise *= 5.0;
             }
-            if run.effect == "heteroscedastic_noise" {
+            if run.effect == Some(CauseId::HeteroscedasticNoise) {
                 noise *= (1.0 + run.size * (*y / 150.0).powi(2)).sqrt();
             }
             *y += noise;
-            if run.effect == "clipping" {
+            if run.effect == Some(CauseId::Clipping) {
                 *y = y.min(run.size);
             }
-            if run.effect == "coarse_lsb" {
+            if run.effect == Some(CauseId::CoarseLsb) {
                 *y = (*y / run.size).round() * run.size;
             }
             *y = y.round();
@@ -182,29 +187,29 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
 }
 
 /// Strengths near one or two detection limits.
-const EFFECTS: [(&str, f64); 22] = [
-    ("offset", 0.15),
-    ("droop", 0.5),
-    ("meniscus", 0.01),
-    ("lowpass", 0.02),
-    ("second_mode", 0.5),
-    ("quadratic_drag", 0.04),
-    ("dry_friction", 0.01),
-    ("cubic_stiffness", 0.002),
-    ("fractional_damping", 0.2),
-    ("tone", 0.15),
-    ("random_tone", 0.3),
-    ("trigger_jitter", 0.0005),
-    ("clipping", 120.0),
-    ("coarse_lsb", 2.0),
-    ("previous_tail", 0.1),
-    ("crosstalk", 0.01),
-    ("temperature", 0.006),
-    ("ageing", 0.06),
-    ("position_gradient", 0.008),
-    ("clock_drift", 0.003),
-    ("correlated_noise", 0.05),
-    ("heteroscedastic_noise", 0.5),
+const EFFECTS: [(CauseId, f64); 22] = [
+    (CauseId::Offset, 0.15),
+    (CauseId::Droop, 0.5),
+    (CauseId::Meniscus, 0.01),
+    (CauseId::Lowpass, 0.02),
+    (CauseId::SecondMode, 0.5),
+    (CauseId::QuadraticDrag, 0.04),
+    (CauseId::DryFriction, 0.01),
+    (CauseId::CubicStiffness, 0.002),
+    (CauseId::FractionalDamping, 0.2),
+    (CauseId::Tone, 0.15),
+    (CauseId::RandomTone, 0.3),
+    (CauseId::TriggerJitter, 0.0005),
+    (CauseId::Clipping, 120.0),
+    (CauseId::CoarseLsb, 2.0),
+    (CauseId::PreviousTail, 0.1),
+    (CauseId::Crosstalk, 0.01),
+    (CauseId::Temperature, 0.006),
+    (CauseId::Ageing, 0.06),
+    (CauseId::PositionGradient, 0.008),
+    (CauseId::ClockDrift, 0.003),
+    (CauseId::CorrelatedNoise, 0.05),
+    (CauseId::HeteroscedasticNoise, 0.5),
 ];
 
 fn said(critique: &super::finding::Critique) -> String {
@@ -229,16 +234,17 @@ fn tuning_table() {
         std::env::var(name).ok().and_then(|s| s.parse().ok()).unwrap_or(default)
     };
     let only = std::env::var("ONLY").unwrap_or_default();
-    let mut effects = vec![("none", 0.0)];
-    effects.extend(EFFECTS);
+    let mut effects = vec![(None, 0.0)];
+    effects.extend(EFFECTS.map(|(id, size)| (Some(id), size)));
     for (effect, size) in effects {
-        if !only.is_empty() && !only.split(',').any(|o| o == effect) {
+        let name = effect.map_or("none", CauseId::name);
+        if !only.is_empty() && !only.split(',').any(|o| o == name) {
             continue;
         }
         let (mut seconds, mut named) = (0.0, 0);
         for seed in 0..number("SEEDS", 2.0) as u64 {
             let scaled = match effect {
-                "clipping" => size,
+                Some(CauseId::Clipping) => size,
                 _ => size * number("TIMES", 1.0),
             };
             let run = Run {
@@ -262,7 +268,7 @@ fn tuning_table() {
             .unwrap();
             seconds += started.elapsed().as_secs_f64();
             let verdict = said(&outcome.critique);
-            if effect == "none" && verdict.starts_with("none") {
+            if effect.is_none() && verdict.starts_with("none") {
                 named += 1;
                 continue;
             }
@@ -274,9 +280,9 @@ fn tuning_table() {
                 .take(3)
                 .map(|e| format!("{}:{:.1}", e.id, -e.p.max(1e-300).ln()))
                 .collect();
-            println!("{effect:<20} {scaled:.4} | {verdict} | {}", top.join(" "));
+            println!("{name:<20} {scaled:.4} | {verdict} | {}", top.join(" "));
         }
-        println!("{effect}: {seconds:.1} s, {named} none");
+        println!("{name}: {seconds:.1} s, {named} none");
     }
 }
 
@@ -297,8 +303,10 @@ fn a_right_model_is_left_alone_and_a_wrong_one_is_named_with_its_size() {
     }
     let heavy = Run { heavy: true, faulty: 1, ..small.clone() };
     assert_eq!(names(&heavy, 3).0, Verdict::None);
-    for (effect, size, within) in [("offset", 0.6, 0.15), ("temperature", 0.02, 0.004)] {
-        let (verdict, causes) = names(&Run { effect, size, ..small.clone() }, 4);
+    for (effect, size, within) in
+        [(CauseId::Offset, 0.6, 0.15), (CauseId::Temperature, 0.02, 0.004)]
+    {
+        let (verdict, causes) = names(&Run { effect: Some(effect), size, ..small.clone() }, 4);
         assert_eq!((verdict, causes.len()), (Verdict::Named, 1), "{effect}: {causes:?}");
         assert_eq!(causes[0].id, effect);
         assert!((causes[0].value - size).abs() < within, "{effect}: {}", causes[0].value);
@@ -307,7 +315,8 @@ fn a_right_model_is_left_alone_and_a_wrong_one_is_named_with_its_size() {
 
 #[test]
 fn covariates_that_follow_each_other_tie() {
-    let run = Run { effect: "ageing", size: 0.2, channels: 24, bursts: 5, ..Run::default() };
+    let effect = Some(CauseId::Ageing);
+    let run = Run { effect, size: 0.2, channels: 24, bursts: 5, ..Run::default() };
     let mut data = draw(&run, 5);
     for row in &mut data.rows {
         row.beside.temperature_c = 20.0 + row.beside.t_acq_ns as f64 * 1e-9;

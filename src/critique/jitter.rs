@@ -7,9 +7,10 @@
 //! across it, in amplitude. "Exceed" is said in radians of the ring and in multiples of the single signals' own
 //! scatter, whichever asks for more.
 
-use super::candidates::surprise;
+use super::catalogue::CauseId;
+use super::chance::surprise;
 use super::covariates::{COVARIATES, Covariates, DRIVE};
-use super::engine::{Found, found};
+use super::found::Found;
 use super::model::{Linear, Model};
 use super::observations::Observations;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Vector2, Vector4};
@@ -47,8 +48,7 @@ struct Contrast {
 }
 
 pub fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Found {
-    const ID: &str = "trigger_jitter";
-    let lack = |why| found(ID, 0.0, 0.0, f64::NAN, f64::NAN, Some(why));
+    let lack = |why| Found::untested(CauseId::TriggerJitter, why);
     if !beside.shared_bursts {
         return lack("bursts of several channels");
     }
@@ -59,7 +59,8 @@ pub fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Found 
     let to_s = data.dt_s * data.samples as f64 / model.mean[1].exp();
     let sd = excess.along.max(1e-16).sqrt();
     let s = surprise(excess.ratio, 1, 1.0, f64::INFINITY);
-    found(ID, s, excess.ratio, sd * to_s, excess.along_sd / (2.0 * sd) * to_s, None)
+    let error_s = excess.along_sd / (2.0 * sd) * to_s;
+    Found::of(CauseId::TriggerJitter, s, excess.ratio, sd * to_s, error_s)
 }
 
 /// Columns: (a, b) turned by a radian of shift, and (a, b) itself.

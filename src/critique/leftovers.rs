@@ -3,28 +3,29 @@
 //!
 //! In: what was found ([`Found`]). Out: the same, with what is leftover not accepted any more.
 
-use super::engine::Found;
+use super::catalogue::CauseId;
+use super::chance::DETECTION_LIMIT;
+use super::found::{Found, accepted};
 use super::model::Model;
-use super::selection::{DETECTION_LIMIT, Selected};
+use super::selection::Selected;
 
 /// Share of what a cause explains that its model may leave to others: what is found in the noise, in codes,
 /// and, to the noise alone, what moves what is expected.
 pub const LEFT_OF_NOISE: f64 = 0.1;
 const LEFT_OF_CODES: f64 = 0.005;
 const LEFT_OF_SHAPES: f64 = 0.007;
-pub const RANDOM_TONE: &str = "random_tone";
 /// Lines within so many periods of the signal are at one frequency.
 const OWN_PERIODS: f64 = 1.0;
 
 /// The other tests of the noise take its variance for the same all over the signal: what they find must be
 /// large beside noise that grows with the signal.
 pub fn beyond_growing_noise(of_noise: &mut [Found]) {
-    const GROWS: &str = "heteroscedastic_noise";
-    let grows = of_noise.iter().find(|f| f.evidence.id == GROWS && f.evidence.accepted);
+    const GROWS: CauseId = CauseId::HeteroscedasticNoise;
+    let grows = of_noise.iter().find(|f| f.is(GROWS) && f.evidence.accepted);
     let Some(least) = grows.map(|f| LEFT_OF_NOISE * f.evidence.statistic) else { return };
-    for f in of_noise.iter_mut().filter(|f| f.evidence.id != GROWS) {
+    for f in of_noise.iter_mut().filter(|f| !f.is(GROWS)) {
         if f.evidence.accepted && f.evidence.statistic < least {
-            leave_out(f, "what growing noise leaves");
+            f.leave_out("what growing noise leaves");
         }
     }
 }
@@ -37,7 +38,7 @@ pub fn beside_codes_and_noise(of_codes: &[Found], of_noise: &[Found]) -> f64 {
         accepted.map(|f| (share * f.evidence.statistic).max(DETECTION_LIMIT)).fold(0.0, f64::max)
     };
     // where the signal is largest, the noise's variance is so many times what is taken for it
-    let growth = accepted(of_noise, "heteroscedastic_noise").map_or(0.0, |h| 1.0 + h);
+    let growth = accepted(of_noise, CauseId::HeteroscedasticNoise).map_or(0.0, |h| 1.0 + h);
     of(of_codes, LEFT_OF_CODES).max(of(of_noise, LEFT_OF_NOISE)).max(growth * DETECTION_LIMIT)
 }
 
@@ -45,18 +46,18 @@ pub fn beside_codes_and_noise(of_codes: &[Found], of_noise: &[Found]) -> f64 {
 /// looked for again beside the causes. Whether there is one.
 pub fn at_the_ring(of_noise: &mut [Found], model: &Model, length_s: f64) -> bool {
     let own_hz = model.mean[1].exp() / (std::f64::consts::TAU * length_s);
-    let tone = of_noise.iter_mut().find(|f| f.evidence.id == RANDOM_TONE && f.evidence.accepted);
+    let tone = of_noise.iter_mut().find(|f| f.is(CauseId::RandomTone) && f.evidence.accepted);
     let near = |f: &&mut Found| (f.evidence.value - own_hz).abs() * length_s < OWN_PERIODS;
     let Some(tone) = tone.filter(near) else { return false };
-    leave_out(tone, "it is looked for beside the causes");
+    tone.leave_out("it is looked for beside the causes");
     true
 }
 
 /// What bends the ring leaves more at its frequency.
 pub fn at_the_ring_beside(of_noise: &mut [Found], of_shapes: f64) {
-    for f in of_noise.iter_mut().filter(|f| f.evidence.id == RANDOM_TONE && f.evidence.accepted) {
+    for f in of_noise.iter_mut().filter(|f| f.is(CauseId::RandomTone) && f.evidence.accepted) {
         if f.evidence.statistic <= LEFT_OF_NOISE * of_shapes {
-            leave_out(f, "what bends the ring leaves so much at its frequency");
+            f.leave_out("what bends the ring leaves so much at its frequency");
         }
     }
 }
@@ -69,12 +70,12 @@ pub fn largest(selected: &Selected) -> f64 {
 /// Noise that the named causes' models explain is none: what they leave in single signals looked like it.
 pub fn still_there(of_noise: &mut [Found], again: &[Found]) {
     for f in of_noise.iter_mut().filter(|f| f.evidence.accepted) {
-        let id = &f.evidence.id;
+        let id = f.evidence.id;
         // a correlation was taken out, and what is left of it is none
-        let gone = id != "correlated_noise"
-            && again.iter().any(|a| a.evidence.id == *id && !a.evidence.accepted);
+        let gone = id != CauseId::CorrelatedNoise
+            && again.iter().any(|a| a.is(id) && !a.evidence.accepted);
         if gone {
-            leave_out(f, "what other causes leave in single signals");
+            f.leave_out("what other causes leave in single signals");
         }
     }
 }
@@ -90,32 +91,22 @@ pub fn beyond_others(of_noise: &mut [Found], of_codes: &[Found], of_shapes: f64)
         let alone = others == 1 && of_shapes == 0.0;
         let share = (LEFT_OF_SHAPES * of_shapes).max(LEFT_OF_NOISE * largest);
         if !alone && f.evidence.statistic < share.max(DETECTION_LIMIT.min(largest)) {
-            leave_out(f, "what a stronger cause leaves");
+            f.leave_out("what a stronger cause leaves");
         }
     }
 }
 
-pub fn leave_out(f: &mut Found, why: &str) {
-    f.evidence.accepted = false;
-    f.evidence.why_not = why.into();
-}
-
-/// The value of a cause among those found.
-pub fn accepted(found: &[Found], id: &str) -> Option<f64> {
-    found.iter().find(|f| f.evidence.id == id && f.evidence.accepted).map(|f| f.evidence.value)
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::engine::found;
+    use super::CauseId::*;
     use super::*;
 
     #[test]
     fn beside_noise_that_grows_little_is_no_cause() {
         let of = |growth: f64, rho: f64| {
-            let each = [("heteroscedastic_noise", growth), ("correlated_noise", rho)];
+            let each = [(HeteroscedasticNoise, growth), (CorrelatedNoise, rho)];
             let mut all: Vec<Found> =
-                each.map(|(id, x)| found(id, x / 2.0, x, 1.0, 0.1, None)).into();
+                each.map(|(id, x)| Found::of(id, x / 2.0, x, 1.0, 0.1)).into();
             beyond_growing_noise(&mut all);
             all.iter().map(|f| f.evidence.accepted).collect::<Vec<bool>>()
         };
@@ -124,49 +115,49 @@ mod tests {
         assert_eq!(of(10.0, 20.0), [false, true], "noise that does not grow leaves nothing");
     }
 
-    fn all(each: &[(&str, f64)]) -> Vec<Found> {
-        each.iter().map(|(id, x)| found(id, x / 2.0, *x, 1.0, 0.1, None)).collect()
+    fn all(each: &[(CauseId, f64)]) -> Vec<Found> {
+        each.iter().map(|(id, x)| Found::of(*id, x / 2.0, *x, 1.0, 0.1)).collect()
     }
 
-    fn named(all: &[Found]) -> Vec<&str> {
-        all.iter().filter(|f| f.evidence.accepted).map(|f| f.evidence.id.as_str()).collect()
+    fn named(all: &[Found]) -> Vec<CauseId> {
+        all.iter().filter(|f| f.evidence.accepted).map(|f| f.evidence.id).collect()
     }
 
     #[test]
     fn beside_a_strong_cause_weak_noise_is_what_it_leaves() {
-        let judged = |each: &[(&str, f64)], of_shapes: f64| {
+        let judged = |each: &[(CauseId, f64)], of_shapes: f64| {
             let mut noise = all(each);
             beyond_others(&mut noise, &[], of_shapes);
-            named(&noise).join(" ")
+            named(&noise)
         };
-        let weak = [("trigger_jitter", 41.0)];
-        assert_eq!(judged(&weak, 0.0), "trigger_jitter");
-        assert_eq!(judged(&weak, 1_000.0), "trigger_jitter");
-        assert_eq!(judged(&weak, 18_000.0), "", "crosstalk of 30 detection limits");
-        assert_eq!(judged(&[("trigger_jitter", 18.0)], 0.0), "trigger_jitter", "alone it stays");
-        let two = [("random_tone", 900.0), ("trigger_jitter", 41.0)];
-        assert_eq!(judged(&two, 0.0), "random_tone");
+        let weak = [(TriggerJitter, 41.0)];
+        assert_eq!(judged(&weak, 0.0), [TriggerJitter]);
+        assert_eq!(judged(&weak, 1_000.0), [TriggerJitter]);
+        assert_eq!(judged(&weak, 18_000.0), [], "crosstalk of 30 detection limits");
+        assert_eq!(judged(&[(TriggerJitter, 18.0)], 0.0), [TriggerJitter], "alone it stays");
+        let two = [(RandomTone, 900.0), (TriggerJitter, 41.0)];
+        assert_eq!(judged(&two, 0.0), [RandomTone]);
     }
 
     #[test]
     fn noise_that_the_causes_explain_is_none() {
-        let mut noise = all(&[("random_tone", 90.0), ("correlated_noise", 90.0)]);
-        let again = all(&[("random_tone", 3.0), ("correlated_noise", 1.0)]);
+        let mut noise = all(&[(RandomTone, 90.0), (CorrelatedNoise, 90.0)]);
+        let again = all(&[(RandomTone, 3.0), (CorrelatedNoise, 1.0)]);
         still_there(&mut noise, &again);
         // of a correlation that was taken out, nothing must be left
-        assert_eq!(named(&noise), ["correlated_noise"]);
+        assert_eq!(named(&noise), [CorrelatedNoise]);
     }
 
     #[test]
     fn beside_codes_and_noise_more_is_asked_of_a_cause() {
-        let asked = |codes: &[(&str, f64)], noise: &[(&str, f64)]| {
+        let asked = |codes: &[(CauseId, f64)], noise: &[(CauseId, f64)]| {
             beside_codes_and_noise(&all(codes), &all(noise))
         };
         assert_eq!(asked(&[], &[]), 0.0);
-        assert_eq!(asked(&[("coarse_lsb", 20_000.0)], &[]), 100.0);
-        assert_eq!(asked(&[], &[("random_tone", 1_000.0)]), 100.0);
-        assert_eq!(asked(&[("clipping", 40.0)], &[]), DETECTION_LIMIT);
+        assert_eq!(asked(&[(CoarseLsb, 20_000.0)], &[]), 100.0);
+        assert_eq!(asked(&[], &[(RandomTone, 1_000.0)]), 100.0);
+        assert_eq!(asked(&[(Clipping, 40.0)], &[]), DETECTION_LIMIT);
         // h = 1: the variance is up to twice what is taken for it
-        assert_eq!(asked(&[], &[("heteroscedastic_noise", 100.0)]), 2.0 * DETECTION_LIMIT);
+        assert_eq!(asked(&[], &[(HeteroscedasticNoise, 100.0)]), 2.0 * DETECTION_LIMIT);
     }
 }

@@ -9,6 +9,7 @@
 mod adequacy;
 pub mod candidates;
 pub mod catalogue;
+mod chance;
 mod clusters;
 mod codes;
 pub mod covariates;
@@ -20,13 +21,16 @@ mod evidence;
 mod extended;
 mod figures;
 pub mod finding;
+mod found;
 mod gain;
 #[cfg(test)]
 mod generator;
 mod jitter;
 mod leftovers;
+mod matrices;
 pub mod model;
 pub mod observations;
+mod outcome;
 mod outliers;
 mod refit;
 pub mod report;

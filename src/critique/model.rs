@@ -7,21 +7,15 @@
 //! channels whose frequency scatters by per cents are each judged by their own decay.
 
 use super::covariates::{COVARIATES, Covariates};
+use super::matrices::{Matrix5, Vector5, inverse, scaled};
 use super::observations::Observations;
-use super::scatter::{inverse, scaled};
-use super::start::first_guess;
+use super::start::{LAMBDA_OVER_SIGMA, first_guess};
 use crate::model::free_decay::{self, ALL, FREE, Tangent, Theta};
-use nalgebra::{SMatrix, SVector};
 use std::f64::consts::{PI, TAU};
-
-pub type Matrix5 = SMatrix<f64, FREE, FREE>;
-pub type Vector5 = SVector<f64, FREE>;
 
 /// Powers of the drive with which a shape may scale: 0, 1, 2, 3.
 pub const PATTERNS: usize = 4;
-/// The real pole against the damping, and how well that is known (a factor): the ratio follows from
-/// the cross-sections and the ratio of inertances, thesis (2-3), (2-4).
-pub const LAMBDA_OVER_SIGMA: f64 = 1.27;
+/// How well the real pole against the damping is known (a factor).
 pub const LN_LAMBDA_SD: f64 = 0.35;
 /// R_r/I_r and R_n/I_n over the damping: lambda lies between them.
 const LAMBDA_BOUNDS: (f64, f64) = (0.55, 2.7);
@@ -344,14 +338,6 @@ impl Model {
         self.fit_each(data, beside, 3);
         self.fit_units(data, beside, 2);
         self.fit_each(data, beside, 1);
-    }
-
-    /// Alternates linearisation and estimation until both rest.
-    pub fn fit(&mut self, data: &Observations, beside: &Covariates, rounds: usize) {
-        for _ in 0..rounds {
-            self.settle(data, beside);
-            self.estimate_scatter(data, beside, 30);
-        }
     }
 }
 

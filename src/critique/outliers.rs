@@ -116,6 +116,7 @@ pub fn outliers(data: &Observations, beside: &Covariates, model: &Model) -> Vec<
 
 #[cfg(test)]
 mod tests {
+    use super::super::catalogue::CauseId;
     use super::super::generator::{Run, draw};
     use super::*;
 
@@ -153,7 +154,7 @@ mod tests {
         let faulty = left_out(&Run { faulty: 2, ..small.clone() });
         assert!(faulty[0] && faulty[1] && !faulty[2..].iter().any(|o| *o), "{faulty:?}");
         // a strong trend along the head, and strong scatter, are the same for all
-        let steep = Run { effect: "position_gradient", size: 0.1, ..small.clone() };
+        let steep = Run { effect: Some(CauseId::PositionGradient), size: 0.1, ..small.clone() };
         assert!(!left_out(&steep).iter().any(|o| *o));
         let wide = Run { spread: [0.04, 0.06, 0.025], ..small };
         assert!(!left_out(&wide).iter().any(|o| *o));

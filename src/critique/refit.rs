@@ -4,7 +4,6 @@
 //! linear extensions about them ([`Spaces`], [`Nuisances`]).
 
 use super::candidates::{Applied, Bench, Kind, Scored, View};
-use super::catalogue::by_amplitude;
 use super::clusters::Clusters;
 use super::covariates::{Covariates, DRIVE, square_of};
 use super::model::Model;
@@ -120,7 +119,7 @@ fn squares(causes: &[Applied], samples: usize) -> Vec<Direction> {
 /// What acts through the amplitude moves every parameter with the drive, and is not quite what its model says:
 /// what follows another covariate must do so beside the drive.
 fn amplitude(causes: &[Applied], samples: usize) -> Vec<Direction> {
-    match causes.iter().any(|c| by_amplitude(c.id)) {
+    match causes.iter().any(|c| c.id.by_amplitude()) {
         true => (0..ALL).map(|j| Direction::parameter(samples, DRIVE, j)).collect(),
         false => Vec::new(),
     }
@@ -288,13 +287,19 @@ fn stepped(
 
 #[cfg(test)]
 mod tests {
+    use super::super::catalogue::CauseId;
     use super::super::generator::{Run, draw};
     use super::*;
 
     /// Strong misfits bend the baseline, too: wherever it goes, signals must not become less likely.
     #[test]
     fn a_refit_never_ends_with_signals_less_likely_than_at_its_start() {
-        for (effect, size) in [("none", 0.0), ("cubic_stiffness", 0.1), ("quadratic_drag", 0.5)] {
+        let effects = [
+            (None, 0.0),
+            (Some(CauseId::CubicStiffness), 0.1),
+            (Some(CauseId::QuadraticDrag), 0.5),
+        ];
+        for (effect, size) in effects {
             let data = draw(&Run { channels: 12, bursts: 8, effect, size, ..Run::default() }, 32);
             let beside = Covariates::of(&data);
             let mut model = Model::start(&data, &beside, true).unwrap();
@@ -310,7 +315,10 @@ mod tests {
                 let last = refit(model.clone(), Vec::new(), setting, 3, scatter);
                 assert!(last.model.mean.iter().all(|v| v.is_finite()));
                 let last = last.spaces.shapes.deviance;
-                assert!(last < first + MOST_ROUNDS as f64 * SETTLED, "{effect}: {first} -> {last}");
+                assert!(
+                    last < first + MOST_ROUNDS as f64 * SETTLED,
+                    "{effect:?}: {first} -> {last}"
+                );
             }
         }
     }

@@ -5,6 +5,7 @@
 //! says what it shows, computed from the figure's own data. Every text is escaped: names in a recording
 //! are anybody's. It must never compute a finding of its own.
 
+use super::catalogue::{CauseId, joined};
 use super::digits::{chance, measured, short, significant};
 use super::finding::{
     Cause, CovariateFigure, Critique, Detection, Energies, Evidence, Gain, GainFigures, HeldOut,
@@ -123,7 +124,7 @@ fn causes(c: &Critique, page: &mut String) -> std::fmt::Result {
     for cause in &c.causes {
         let tied = match cause.tied_with.is_empty() {
             true => String::new(),
-            false => format!("<br>or {}", escaped(&cause.tied_with.join(", "))),
+            false => format!("<br>or {}", joined(&cause.tied_with, ", ")),
         };
         let own = cause.explains.filter(|_| shared.is_none());
         let explains = own.map_or(String::new(), |share| {
@@ -133,7 +134,7 @@ fn causes(c: &Critique, page: &mut String) -> std::fmt::Result {
             page,
             "<tr><td><b>{}</b>{tied}{explains}</td><td>{}</td><td class=n>{}</td>\
              <td class=n>{} DL</td><td class=n>{}</td><td>{}</td></tr>",
-            escaped(&cause.id),
+            cause.id,
             escaped(&cause.parameter),
             escaped(&measured(cause.value, cause.ci95, &cause.unit)),
             significant(cause.strength_dl, 2),
@@ -269,16 +270,16 @@ fn not_testable(c: &Critique, page: &mut String) -> std::fmt::Result {
 
 /// One line per reason: what it keeps from being tested.
 pub fn grouped(not_testable: &[NotTestable]) -> Vec<String> {
-    let mut groups: Vec<(&str, Vec<&str>)> = Vec::new();
+    let mut groups: Vec<(&str, Vec<CauseId>)> = Vec::new();
     for n in not_testable {
         match groups.iter_mut().find(|(needs, _)| *needs == n.needs) {
-            Some((_, ids)) => ids.push(&n.id),
-            None => groups.push((&n.needs, vec![&n.id])),
+            Some((_, ids)) => ids.push(n.id),
+            None => groups.push((&n.needs, vec![n.id])),
         }
     }
-    let line = |(needs, ids): (&str, Vec<&str>)| {
+    let line = |(needs, ids): (&str, Vec<CauseId>)| {
         let verb = if ids.len() == 1 { "needs" } else { "need" };
-        format!("{} {verb} {needs}", ids.join(", "))
+        format!("{} {verb} {needs}", joined(&ids, ", "))
     };
     groups.into_iter().map(line).collect()
 }
@@ -463,7 +464,7 @@ fn covariate(c: &CovariateFigure) -> Option<Figure> {
     let centre = scaled(&c.centre, by);
     let (low, high) = (least(&centre), least(&centre) + range(&centre));
     // waiting times spread over decades
-    let log = c.covariate == "idle" && low > 0.0 && high > WIDE * low;
+    let log = c.decades && low > 0.0 && high > WIDE * low;
     // the two bars of a bin stand side by side
     let aside = |x: f64, sign: f64| match log {
         true => x * (high / low).powf(sign * ASIDE),
@@ -515,13 +516,13 @@ fn evidence(evidence: &[Evidence]) -> Option<Figure> {
     // as it was decided: what was chosen on top, then by evidence
     order.sort_by(|x, y| (x.accepted.cmp(&y.accepted)).then(ratio(x).total_cmp(&ratio(y))));
     let passed_over = order.last().filter(|top| top.accepted && top.id != strongest.id);
-    let ids: Vec<String> = order.iter().map(|e| e.id.clone()).collect();
-    let place = |id: &str| ids.iter().position(|known| known == id).map(|k| k as f64);
+    let place = |id: CauseId| order.iter().position(|known| known.id == id).map(|k| k as f64);
     let points = |step: u32| -> Vec<(f64, f64)> {
         let of_step = evidence.iter().filter(|e| e.step == step).filter(drawable);
-        of_step.filter_map(|e| Some((ratio(e), place(&e.id)?))).collect()
+        of_step.filter_map(|e| Some((ratio(e), place(e.id)?))).collect()
     };
     let beyond = first.iter().filter(|e| ratio(e) > 1.0).count();
+    let names = order.iter().map(|e| e.id.to_string());
     let mut series_of = vec![series("against the baseline", Mark::Dots, points(0))];
     if last_step > 0 {
         series_of.push(series("after the extension", Mark::Dots, points(last_step)));
@@ -539,7 +540,7 @@ fn evidence(evidence: &[Evidence]) -> Option<Figure> {
         x: Axis { log: true, ..Axis::new("likelihood-ratio statistic over its threshold") },
         // empty places above, for the legend
         y: Axis {
-            categories: [ids.clone(), vec![String::new(); 1 + ids.len().div_ceil(5)]].concat(),
+            categories: names.chain(vec![String::new(); 1 + order.len().div_ceil(5)]).collect(),
             ..Axis::new("")
         },
         series: series_of,
@@ -607,7 +608,7 @@ fn evidence_table(evidence: &[Evidence], page: &mut String) -> std::fmt::Result 
             "<tr><td class=n>{}</td><td>{}</td><td class=n>{}</td><td class=n>{}</td>\
              <td class=n>{}</td><td class=n>{}</td><td class=n>{}</td><td>{accepted}</td></tr>",
             e.step,
-            escaped(&e.id),
+            e.id,
             short(e.statistic),
             short(e.threshold),
             escaped(&chance(e.p)),

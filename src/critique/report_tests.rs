@@ -1,3 +1,4 @@
+use super::CauseId::*;
 use super::*;
 use crate::critique::finding::{Cause, Figures, HeldOut, Misfit, NotTestable, Signals, VERSION};
 
@@ -14,9 +15,9 @@ fn full(name: &str) -> Critique {
         frequency_hz.iter().map(|f| 4.0 + line * (-((f - 1e5) / 1e4).powi(2)).exp()).collect()
     };
     let bins: Vec<f64> = (0..8).map(|k| 21.0 + f64::from(k)).collect();
-    let evidence = |step: u32, id: &str, statistic: f64| Evidence {
+    let evidence = |step: u32, id: CauseId, statistic: f64| Evidence {
         step,
-        id: id.into(),
+        id,
         statistic,
         threshold: 20.9,
         p: (-statistic / 2.0).exp(),
@@ -37,14 +38,14 @@ fn full(name: &str) -> Critique {
         ..GainFigures::default()
     };
     let cause = Cause {
-        id: "tone".into(),
+        id: Tone,
         parameter: "frequency".into(),
         unit: "Hz".into(),
         value: 1e5,
         ci95: [99_800.0, 100_200.0],
         strength_dl: 4.8,
         delta_bic: 470.0,
-        tied_with: vec![name.into()],
+        tied_with: vec![SecondMode],
         matters_for_detection: false,
         explains: None,
         sentence: format!("An interference at 100 kHz on {name}."),
@@ -53,7 +54,7 @@ fn full(name: &str) -> Critique {
         version: VERSION,
         verdict: Verdict::Named,
         causes: vec![cause],
-        not_testable: vec![NotTestable { id: "crosstalk".into(), needs: name.into() }],
+        not_testable: vec![NotTestable { id: Crosstalk, needs: name.into() }],
         misfit: Misfit::default(),
         gain: Gain {
             before: figures(1.3, 0.7),
@@ -74,11 +75,11 @@ fn full(name: &str) -> Critique {
         equation: "y = C x + 0.6 cos(2 pi 100 kHz t + 0.7)".into(),
         signals: Signals { found: 192, used: 189, outliers: 3, channels: 12, rejected: 0 },
         evidence: vec![
-            evidence(0, "tone", 480.0),
-            evidence(0, "second_mode", 260.0),
-            evidence(0, "offset", 3.0),
-            evidence(1, "second_mode", 2.0),
-            evidence(1, "offset", 1.0),
+            evidence(0, Tone, 480.0),
+            evidence(0, SecondMode, 260.0),
+            evidence(0, Offset, 3.0),
+            evidence(1, SecondMode, 2.0),
+            evidence(1, Offset, 1.0),
         ],
         figures: Figures {
             unit: "counts".into(),
@@ -100,6 +101,7 @@ fn full(name: &str) -> Critique {
             },
             covariates: vec![CovariateFigure {
                 covariate: "temperature".into(),
+                decades: false,
                 unit: "°C".into(),
                 parameter: "damping".into(),
                 before: bins.iter().map(|b| 0.01 * (b - 24.5)).collect(),
@@ -133,10 +135,7 @@ fn hostile_names_cannot_inject_markup() {
         critique.figures.covariates[0].parameter = name.into();
         critique.causes[0].parameter = name.into();
         critique.causes[0].unit = name.into();
-        critique.not_testable[0].id = name.into();
         critique.equation = name.into();
-        critique.evidence[0].id = name.into();
-        critique.causes[0].id = name.into();
         critique.gain.held_out.by = name.into();
         let page = html(&critique);
         let markup = [
@@ -237,15 +236,16 @@ fn a_critique_that_extends_nothing_has_one_column_and_one_that_does_says_what_it
 
 #[test]
 fn what_cannot_be_tested_is_one_line_per_reason() {
-    let one = |id: &str, needs: &str| NotTestable { id: id.into(), needs: needs.into() };
-    let rows = [one("a", "x"), one("b", "y"), one("c", "x")];
-    assert_eq!(grouped(&rows), ["a, c need x", "b needs y"]);
+    let one = |id, needs: &str| NotTestable { id, needs: needs.into() };
+    let rows = [one(Ageing, "x"), one(Droop, "y"), one(ClockDrift, "x")];
+    assert_eq!(grouped(&rows), ["ageing, clock_drift need x", "droop needs y"]);
 }
 
 #[test]
 fn an_axis_without_a_unit_names_none_and_seconds_are_readable() {
     let figure = CovariateFigure {
         covariate: "idle".into(),
+        decades: true,
         unit: "s".into(),
         centre: vec![45e-6, 80e-6, 120e-6],
         before: vec![0.1, 0.0, 0.0],

@@ -4,103 +4,92 @@
 //! its mean, moved.
 
 use super::covariates::Covariates;
-use super::model::{Linear, Matrix5, Model, Vector5, free_products};
+use super::matrices::{Matrix5, Vector5, floored, inverse, scaled};
+use super::model::{Linear, Model, free_products};
 use super::observations::Observations;
 use crate::model::free_decay::FREE;
 
+/// What one signal says of its channel's parameters, in units of [`Model::scale`]: information and score.
+struct OneSignal {
+    unit: usize,
+    gram: Matrix5,
+    product: Vector5,
+}
+
+/// Mean (beyond the model's) and covariances, on their way.
+struct Estimate {
+    mean: Vector5,
+    between: Matrix5,
+    within: Matrix5,
+}
+
 impl Model {
-    /// Estimates noise, scatter and mean given the linearisation; `steps` of EM.
-    pub fn estimate_scatter(&mut self, data: &Observations, beside: &Covariates, steps: usize) {
-        let scale = self.scale();
-        let mut linear = Linear::default();
-        // per signal: information and score about the unit's parameters, per noise variance 1
-        let mut signals: Vec<(usize, Matrix5, Vector5)> = Vec::with_capacity(data.len());
-        let mut left = Vec::with_capacity(data.len());
-        for i in 0..data.len() {
-            self.linearise(i, data, beside, &mut linear);
-            let (gram, product) = free_products(&linear, &scale);
-            let square: f64 = linear.residual.iter().map(|r| r * r).sum();
-            let ridge = gram + Matrix5::identity() * (1e-9 * gram.trace());
-            let explained =
-                ridge.cholesky().map_or(0.0, |c| product.dot(&c.solve(&product))).min(square);
-            left.push((square - explained) / (data.samples - FREE).max(1) as f64);
-            let own = self.each[i].fixed_rows::<FREE>(0).component_div(&scale);
-            // about the channel, not about the signal's own parameters
-            signals.push((data.rows[i].unit, gram, product + gram * own));
+    /// Alternates linearisation and estimation until both rest.
+    pub fn fit(&mut self, data: &Observations, beside: &Covariates, rounds: usize) {
+        for _ in 0..rounds {
+            self.settle(data, beside);
+            self.estimate_scatter(data, beside, 30);
         }
-        // the mean over all but the noisiest signals
-        let mut sorted = left.clone();
-        sorted.sort_by(f64::total_cmp);
-        let kept = &sorted[..(sorted.len() * 99).div_ceil(100)];
-        self.noise_var = (kept.iter().sum::<f64>() / kept.len() as f64).max(1e-300);
-        let v = self.noise_var;
-        signals.iter_mut().for_each(|(_, gram, product)| {
-            *gram /= v;
-            *product /= v;
-        });
+    }
+
+    /// Estimates noise, scatter and mean given the linearisation; `steps` of EM.
+    fn estimate_scatter(&mut self, data: &Observations, beside: &Covariates, steps: usize) {
+        let scale = self.scale();
+        let signals = self.signals_and_noise(data, beside, &scale);
         let repeated = data.len() > data.units;
         let offset: Vec<Vector5> = self
             .units
             .iter()
             .map(|u| (u - self.mean).fixed_rows::<FREE>(0).component_div(&scale))
             .collect();
-        let mut mean = Vector5::zeros();
-        let mut between = scaled(&self.between, &scale);
-        let mut within = scaled(&self.within, &scale);
-        if self.within_is_new() {
-            (between, within) = self.moments(&signals, &offset, data.units);
-        }
+        let (between, within) = match self.within_is_new() {
+            true => self.moments(&signals, &offset, data.units),
+            false => (scaled(&self.between, &scale), scaled(&self.within, &scale)),
+        };
+        let mut now = Estimate { mean: Vector5::zeros(), between, within };
         for _ in 0..steps {
-            if !repeated {
-                within = Matrix5::zeros();
-            }
-            let (precision_b, precision_w) = (inverse(&between), inverse(&within));
-            let mut info = vec![Matrix5::zeros(); data.units];
-            let mut score = vec![Vector5::zeros(); data.units];
-            let mut each = Vec::with_capacity(signals.len());
-            for (unit, gram, product) in &signals {
-                let q = product + gram * (offset[*unit] - mean);
-                let d = if repeated {
-                    (precision_w + gram).try_inverse().unwrap_or_else(Matrix5::zeros)
-                } else {
-                    Matrix5::zeros()
-                };
-                info[*unit] += gram - gram * d * gram;
-                score[*unit] += q - gram * (d * q);
-                each.push((q, d));
-            }
-            let mut sum_b = Matrix5::zeros();
-            let mut sum_w = Matrix5::zeros();
-            let mut centre = Vector5::zeros();
-            let mut posterior = Vec::with_capacity(data.units);
-            for unit in 0..data.units {
-                let c = (precision_b + info[unit]).try_inverse().unwrap_or_else(Matrix5::zeros);
-                let b = c * score[unit];
-                sum_b += b * b.transpose() + c;
-                centre += b;
-                posterior.push((b, c));
-            }
-            for ((unit, gram, _), (q, d)) in signals.iter().zip(&each) {
-                let (b, c) = posterior[*unit];
-                let w = d * (q - gram * b);
-                let dg = d * gram;
-                sum_w += w * w.transpose() + d + dg * c * dg.transpose();
-            }
-            let units = data.units as f64;
-            centre /= units;
-            between = (sum_b / units - centre * centre.transpose())
-                * if units > 1.0 { units / (units - 1.0) } else { 1.0 };
-            if repeated {
-                within = sum_w / signals.len() as f64;
-            }
-            mean += centre;
+            now.step(&signals, &offset, repeated);
         }
         let back = |m: &Matrix5| Matrix5::from_fn(|i, j| m[(i, j)] * scale[i] * scale[j]);
-        self.between = back(&floored(&between));
-        self.within = if repeated { back(&floored(&within)) } else { Matrix5::zeros() };
+        self.between = back(&floored(&now.between));
+        self.within = if repeated { back(&floored(&now.within)) } else { Matrix5::zeros() };
         for j in 0..FREE {
-            self.mean[j] += mean[j] * scale[j];
+            self.mean[j] += now.mean[j] * scale[j];
         }
+    }
+
+    /// Every signal in the metric of the noise, which is estimated.
+    fn signals_and_noise(
+        &mut self,
+        data: &Observations,
+        beside: &Covariates,
+        scale: &Vector5,
+    ) -> Vec<OneSignal> {
+        let mut linear = Linear::default();
+        let mut signals = Vec::with_capacity(data.len());
+        let mut left = Vec::with_capacity(data.len());
+        for i in 0..data.len() {
+            self.linearise(i, data, beside, &mut linear);
+            let (gram, product) = free_products(&linear, scale);
+            let square: f64 = linear.residual.iter().map(|r| r * r).sum();
+            let ridge = gram + Matrix5::identity() * (1e-9 * gram.trace());
+            let explained =
+                ridge.cholesky().map_or(0.0, |c| product.dot(&c.solve(&product))).min(square);
+            left.push((square - explained) / (data.samples - FREE).max(1) as f64);
+            let own = self.each[i].fixed_rows::<FREE>(0).component_div(scale);
+            // about the channel, not about the signal's own parameters
+            let product = product + gram * own;
+            signals.push(OneSignal { unit: data.rows[i].unit, gram, product });
+        }
+        // the mean over all but the noisiest signals
+        left.sort_by(f64::total_cmp);
+        let kept = &left[..(left.len() * 99).div_ceil(100)];
+        self.noise_var = (kept.iter().sum::<f64>() / kept.len() as f64).max(1e-300);
+        for signal in &mut signals {
+            signal.gram /= self.noise_var;
+            signal.product /= self.noise_var;
+        }
+        signals
     }
 
     fn within_is_new(&self) -> bool {
@@ -110,14 +99,14 @@ impl Model {
     /// Scatter by moments: where EM starts.
     fn moments(
         &self,
-        signals: &[(usize, Matrix5, Vector5)],
+        signals: &[OneSignal],
         offset: &[Vector5],
         units: usize,
     ) -> (Matrix5, Matrix5) {
         let mut sums = vec![(Vector5::zeros(), 0.0_f64); units];
         let estimates: Vec<(usize, Vector5, Matrix5)> = signals
             .iter()
-            .map(|(unit, gram, product)| {
+            .map(|OneSignal { unit, gram, product }| {
                 let ridge = gram + Matrix5::identity() * 1e2;
                 let inverse = ridge.try_inverse().unwrap_or_else(Matrix5::zeros);
                 (*unit, inverse * product + offset[*unit], inverse)
@@ -149,19 +138,52 @@ impl Model {
     }
 }
 
-/// Scatter below this share, squared, is none: it keeps covariances invertible.
-const LEAST_SCATTER: f64 = 1e-10;
-
-fn floored(m: &Matrix5) -> Matrix5 {
-    let eigen = ((m + m.transpose()) * 0.5).symmetric_eigen();
-    let values = eigen.eigenvalues.map(|v| v.max(LEAST_SCATTER));
-    eigen.eigenvectors * Matrix5::from_diagonal(&values) * eigen.eigenvectors.transpose()
-}
-
-pub fn inverse(m: &Matrix5) -> Matrix5 {
-    floored(m).try_inverse().unwrap_or_else(Matrix5::zeros)
-}
-
-pub fn scaled(m: &Matrix5, scale: &Vector5) -> Matrix5 {
-    Matrix5::from_fn(|i, j| m[(i, j)] / (scale[i] * scale[j]))
+impl Estimate {
+    /// One of EM. `offset`: each channel's parameters less the model's mean; `repeated`: channels were heard more
+    /// than once.
+    fn step(&mut self, signals: &[OneSignal], offset: &[Vector5], repeated: bool) {
+        if !repeated {
+            self.within = Matrix5::zeros();
+        }
+        let (precision_b, precision_w) = (inverse(&self.between), inverse(&self.within));
+        let mut info = vec![Matrix5::zeros(); offset.len()];
+        let mut score = vec![Vector5::zeros(); offset.len()];
+        let mut each = Vec::with_capacity(signals.len());
+        for OneSignal { unit, gram, product } in signals {
+            let q = product + gram * (offset[*unit] - self.mean);
+            let d = if repeated {
+                (precision_w + gram).try_inverse().unwrap_or_else(Matrix5::zeros)
+            } else {
+                Matrix5::zeros()
+            };
+            info[*unit] += gram - gram * d * gram;
+            score[*unit] += q - gram * (d * q);
+            each.push((q, d));
+        }
+        let mut sum_b = Matrix5::zeros();
+        let mut sum_w = Matrix5::zeros();
+        let mut centre = Vector5::zeros();
+        let mut posterior = Vec::with_capacity(offset.len());
+        for (info, score) in info.iter().zip(&score) {
+            let c = (precision_b + info).try_inverse().unwrap_or_else(Matrix5::zeros);
+            let b = c * score;
+            sum_b += b * b.transpose() + c;
+            centre += b;
+            posterior.push((b, c));
+        }
+        for (OneSignal { unit, gram, .. }, (q, d)) in signals.iter().zip(&each) {
+            let (b, c) = posterior[*unit];
+            let w = d * (q - gram * b);
+            let dg = d * gram;
+            sum_w += w * w.transpose() + d + dg * c * dg.transpose();
+        }
+        let units = offset.len() as f64;
+        centre /= units;
+        self.between = (sum_b / units - centre * centre.transpose())
+            * if units > 1.0 { units / (units - 1.0) } else { 1.0 };
+        if repeated {
+            self.within = sum_w / signals.len() as f64;
+        }
+        self.mean += centre;
+    }
 }

@@ -4,16 +4,14 @@
 //! when its surprise passes the family-wise threshold; the winner among those that compete is the one
 //! whose refitted model is most likely; what cannot be told apart from it is tied with it.
 
-use super::candidates::{Kind, Scored};
-use super::catalogue::{by_amplitude, same_class};
+use super::candidates::{Kind, Objection, Scored};
+use super::catalogue::CauseId;
+use super::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
 use super::covariates::{TEMPERATURE, TIME};
-use super::finding::Evidence;
+use super::finding::{EXPLAINS_MORE, Evidence};
 use super::model::Model;
 use super::refit::{Refit, Setting, Spaces, apply, follow, refit, rescored};
 
-/// -ln of the chance that one candidate passes on data of the model itself: 22 candidates stay well
-/// below 1 % together.
-pub const THRESHOLD: f64 = 8.3;
 /// Rivals whose refitted -2 ln likelihood is within this of the best cannot be told from it.
 const TIE: f64 = 6.0;
 /// The same for causes whose effects are known to differ.
@@ -25,14 +23,12 @@ const LINES: f64 = 3.0;
 const MOST_CAUSES: usize = 4;
 /// Rivals that are refitted in a step, at most.
 const MOST_RIVALS: usize = 5;
-/// Noncentrality of one detection limit.
-pub const DETECTION_LIMIT: f64 = 20.9;
 
 #[derive(Clone, Debug)]
 pub struct Chosen {
     pub scored: Scored,
     pub delta_bic: f64,
-    pub tied_with: Vec<String>,
+    pub tied_with: Vec<CauseId>,
     /// Likelihood-ratio statistic against the final model without it.
     pub statistic: f64,
 }
@@ -57,122 +53,33 @@ pub fn select(
     let mut now = refit(baseline, Vec::new(), setting, 3, true);
     let mut chosen: Vec<Chosen> = Vec::new();
     let mut evidence = Vec::new();
-    let n_eff = (data.len() as f64 * data.samples as f64).ln();
+    let ln_samples = (data.len() as f64 * data.samples as f64).ln();
     let mut unnamed = Vec::new();
     for step in 0..=MOST_CAUSES as u32 {
         stages("testing the catalogue");
-        let nuisances = now.spaces.nuisances(&now.causes);
-        let bench = setting.bench(&now.model, &now.spaces, &nuisances);
-        let mut scored = bench.score_all();
-        scored.retain(|s| now.causes.iter().all(|c| c.id != s.applied.id));
-        scored.sort_by(|p, q| q.surprise.total_cmp(&p.surprise));
+        let scored = tested(&now, setting);
         let rows = evidence.len();
-        for s in &scored {
-            evidence.push(Evidence {
-                step,
-                id: s.applied.id.into(),
-                statistic: s.statistic,
-                threshold: threshold_statistic(s),
-                p: (-s.surprise).exp(),
-                delta_bic: s.statistic - s.degrees as f64 * n_eff,
-                strength_dl: (s.statistic / DETECTION_LIMIT).sqrt(),
-                value: s.value,
-                sd: s.sd,
-                tested: true,
-                accepted: false,
-                why_not: if s.disqualified.is_empty() {
-                    "not significant".into()
-                } else {
-                    s.disqualified.clone()
-                },
-            });
-        }
-        unnamed = scored
-            .iter()
-            .filter(|s| s.surprise > THRESHOLD && !s.disqualified.is_empty())
-            .cloned()
-            .collect();
-        let able: Vec<&Scored> = scored.iter().filter(|s| s.disqualified.is_empty()).collect();
+        evidence.extend(scored.iter().map(|s| row(s, step, ln_samples)));
+        unnamed = scored.iter().filter(|s| s.surprise > THRESHOLD && !s.able()).cloned().collect();
+        let able: Vec<&Scored> = scored.iter().filter(|s| s.able()).collect();
         let Some(best) = able.first().filter(|s| s.surprise > THRESHOLD) else { break };
         if step as usize == MOST_CAUSES {
             break;
         }
         stages("refitting what competes");
-        let mut rivals: Vec<(Refit, &Scored)> = Vec::new();
-        let of_shapes = |s: &Scored| matches!(s.applied.kind, Kind::Shapes);
-        let kind = best.applied.kind.clone();
-        for s in able.iter().filter(|s| of_shapes(s) == of_shapes(best)).filter(|s| {
-            s.surprise > 0.35 * best.surprise && s.surprise > 0.5 * THRESHOLD
-                || same_class(s.applied.id, best.applied.id) && s.surprise > 0.3 * THRESHOLD
-        }) {
-            if rivals.len() >= MOST_RIVALS {
-                break;
-            }
-            let mut model = now.model.clone();
-            let mut causes = now.causes.clone();
-            follow(&mut model, &now.spaces, &[], std::slice::from_ref(&s.applied), 1.0);
-            apply(&mut model, &s.applied, &s.applied.coefficients);
-            causes.push(s.applied.clone());
-            rivals.push((refit(model, causes, setting, 3, false), s));
-        }
-        // what explains less once it is refitted leads nowhere: it is no cause, and the misfit stays
-        let before = now.deviance(&kind);
-        rivals.retain(|r| r.0.deviance(&kind) < before);
-        if rivals.is_empty() {
-            let why = "its refit leads nowhere".to_owned();
-            unnamed.push(Scored { disqualified: why, ..(**best).clone() });
+        let Some(round) = Round::of(&now, &able, best, setting) else {
+            let why = Some(Objection::LeadsNowhere);
+            unnamed.push(Scored { objection: why, ..(**best).clone() });
             break;
-        }
-        let penalised =
-            |r: &(Refit, &Scored)| r.0.deviance(&kind) + 2.0 * (parameters(r.1) + r.1.tried.ln());
-        rivals.sort_by(|p, q| penalised(p).total_cmp(&penalised(q)));
-        let least = penalised(&rivals[0]);
-        let tied: Vec<String> = rivals[1..]
-            .iter()
-            .filter(|r| {
-                let near = penalised(r) - least;
-                let honest = same_class(r.1.applied.id, rivals[0].1.applied.id)
-                    || !matches!(kind, Kind::Shapes);
-                let lines = is_line(r.1) && is_line(rivals[0].1);
-                let apart = (r.0.deviance(&kind) - rivals[0].0.deviance(&kind)).abs();
-                near < if honest { TIE } else { CLOSE } || lines && apart < LINES
-            })
-            .map(|r| r.1.applied.id.to_owned())
-            .collect();
-        for r in &rivals {
-            if let Some(row) = evidence[rows..].iter_mut().find(|e| e.id == r.1.applied.id) {
-                row.delta_bic =
-                    now.deviance(&kind) - r.0.deviance(&kind) - r.1.degrees as f64 * n_eff;
-                row.why_not = "another cause explains more".into();
-            }
-        }
-        let (next, winner) = rivals.swap_remove(0);
-        let statistic = (now.deviance(&kind) - next.deviance(&kind)).max(0.0);
-        if let Some(row) = evidence[rows..].iter_mut().find(|e| e.id == winner.applied.id) {
-            row.accepted = true;
-            row.why_not = String::new();
-        }
-        chosen.push(Chosen {
-            delta_bic: statistic - winner.degrees as f64 * n_eff,
-            statistic,
-            scored: winner.clone(),
-            tied_with: tied,
-        });
-        now = refit(next.model, next.causes, setting, 2, true);
+        };
+        round.tell(&mut evidence[rows..], ln_samples);
+        let Won { refitted, cause } = round.won(ln_samples);
+        chosen.push(cause);
+        now = refit(refitted.model, refitted.causes, setting, 2, true);
         // what the newcomer makes superfluous goes again
         let kept = necessary(&now);
         if kept.iter().any(|k| !k) {
-            let mut model = now.model.clone();
-            for (cause, _) in now.causes.iter().zip(&kept).filter(|(_, k)| !**k) {
-                let minus: Vec<f64> = cause.coefficients.iter().map(|c| -c).collect();
-                apply(&mut model, cause, &minus);
-            }
-            let mut keep = kept.iter();
-            chosen.retain(|_| *keep.next().unwrap_or(&true));
-            let mut keep = kept.iter();
-            let mut causes = now.causes.clone();
-            causes.retain(|_| *keep.next().unwrap_or(&true));
-            now = refit(model, causes, setting, 2, true);
+            now = without(now, &mut chosen, &kept, setting, 2);
         }
     }
     stages("measuring the causes");
@@ -180,18 +87,160 @@ pub fn select(
     measure(&mut chosen, &last, setting);
     let kept = beyond_leftovers(&chosen, least);
     if kept.iter().any(|k| !k) {
-        for (cause, _) in last.causes.iter().zip(&kept).filter(|(_, k)| !**k) {
-            let minus: Vec<f64> = cause.coefficients.iter().map(|c| -c).collect();
-            apply(&mut last.model, cause, &minus);
-        }
-        let mut keep = kept.iter();
-        chosen.retain(|_| *keep.next().unwrap_or(&true));
-        let mut keep = kept.iter();
-        last.causes.retain(|_| *keep.next().unwrap_or(&true));
-        last = refit(last.model, last.causes, setting, 3, true);
+        last = without(last, &mut chosen, &kept, setting, 3);
         measure(&mut chosen, &last, setting);
     }
     Selected { model: last.model, causes: chosen, spaces: last.spaces, evidence, unnamed }
+}
+
+/// The catalogue about a model, without what is in it; what is most surprising first.
+fn tested(now: &Refit, setting: Setting) -> Vec<Scored> {
+    let nuisances = now.spaces.nuisances(&now.causes);
+    let bench = setting.bench(&now.model, &now.spaces, &nuisances);
+    let mut scored = bench.score_all();
+    scored.retain(|s| now.causes.iter().all(|c| c.id != s.applied.id));
+    scored.sort_by(|p, q| q.surprise.total_cmp(&p.surprise));
+    scored
+}
+
+fn row(s: &Scored, step: u32, ln_samples: f64) -> Evidence {
+    Evidence {
+        step,
+        id: s.applied.id,
+        statistic: s.statistic,
+        threshold: threshold_statistic(s),
+        p: (-s.surprise).exp(),
+        delta_bic: s.statistic - s.degrees as f64 * ln_samples,
+        strength_dl: (s.statistic / DETECTION_LIMIT).sqrt(),
+        value: s.value,
+        sd: s.sd,
+        tested: true,
+        accepted: false,
+        why_not: s.why_not(),
+    }
+}
+
+/// One cause in the model, refitted with it.
+struct Rival<'a> {
+    refitted: Refit,
+    scored: &'a Scored,
+    deviance: f64,
+}
+
+impl Rival<'_> {
+    fn id(&self) -> CauseId {
+        self.scored.applied.id
+    }
+
+    /// -2 ln likelihood and what is paid for what is free.
+    fn penalised(&self) -> f64 {
+        self.deviance + 2.0 * (parameters(self.scored) + self.scored.tried.ln())
+    }
+}
+
+/// What competes to be the next cause, the likeliest first.
+struct Round<'a> {
+    /// -2 ln likelihood without any of them.
+    before: f64,
+    of_shapes: bool,
+    rivals: Vec<Rival<'a>>,
+}
+
+/// The next cause, in the model.
+struct Won {
+    refitted: Refit,
+    cause: Chosen,
+}
+
+impl<'a> Round<'a> {
+    /// `None`: all refits lead nowhere.
+    fn of(now: &Refit, able: &[&'a Scored], best: &Scored, setting: Setting) -> Option<Round<'a>> {
+        let kind = &best.applied.kind;
+        let mut rivals: Vec<Rival<'a>> = Vec::new();
+        for scored in able.iter().copied().filter(|s| competes(s, best)).take(MOST_RIVALS) {
+            let mut model = now.model.clone();
+            let mut causes = now.causes.clone();
+            follow(&mut model, &now.spaces, &[], std::slice::from_ref(&scored.applied), 1.0);
+            apply(&mut model, &scored.applied, &scored.applied.coefficients);
+            causes.push(scored.applied.clone());
+            let refitted = refit(model, causes, setting, 3, false);
+            rivals.push(Rival { deviance: refitted.deviance(kind), refitted, scored });
+        }
+        // what explains less once it is refitted leads nowhere: it is no cause, and the misfit stays
+        let before = now.deviance(kind);
+        rivals.retain(|r| r.deviance < before);
+        rivals.sort_by(|p, q| p.penalised().total_cmp(&q.penalised()));
+        let of_shapes = matches!(kind, Kind::Shapes);
+        (!rivals.is_empty()).then_some(Round { before, of_shapes, rivals })
+    }
+
+    /// What cannot be told from the likeliest.
+    fn tied(&self) -> Vec<CauseId> {
+        let best = &self.rivals[0];
+        let close = |r: &&Rival| {
+            let near = r.penalised() - best.penalised();
+            let honest = r.id().same_class(best.id()) || !self.of_shapes;
+            let lines = r.id().is_line() && best.id().is_line();
+            let apart = (r.deviance - best.deviance).abs();
+            near < if honest { TIE } else { CLOSE } || lines && apart < LINES
+        };
+        self.rivals[1..].iter().filter(close).map(Rival::id).collect()
+    }
+
+    /// What became of each, in the evidence of this step.
+    fn tell(&self, rows: &mut [Evidence], ln_samples: f64) {
+        for (place, r) in self.rivals.iter().enumerate() {
+            if let Some(row) = rows.iter_mut().find(|e| e.id == r.id()) {
+                row.delta_bic = self.before - r.deviance - r.scored.degrees as f64 * ln_samples;
+                row.accepted = place == 0;
+                row.why_not = match place {
+                    0 => String::new(),
+                    _ => EXPLAINS_MORE.into(),
+                };
+            }
+        }
+    }
+
+    fn won(mut self, ln_samples: f64) -> Won {
+        let tied_with = self.tied();
+        let Rival { refitted, scored, deviance } = self.rivals.swap_remove(0);
+        let statistic = (self.before - deviance).max(0.0);
+        let cause = Chosen {
+            delta_bic: statistic - scored.degrees as f64 * ln_samples,
+            statistic,
+            scored: scored.clone(),
+            tied_with,
+        };
+        Won { refitted, cause }
+    }
+}
+
+/// Whether a candidate is refitted beside the most surprising one.
+fn competes(s: &Scored, best: &Scored) -> bool {
+    let of_shapes = |s: &Scored| matches!(s.applied.kind, Kind::Shapes);
+    of_shapes(s) == of_shapes(best)
+        && (s.surprise > 0.35 * best.surprise && s.surprise > 0.5 * THRESHOLD
+            || s.applied.id.same_class(best.applied.id) && s.surprise > 0.3 * THRESHOLD)
+}
+
+/// The model without the causes that are not kept.
+fn without(
+    now: Refit,
+    chosen: &mut Vec<Chosen>,
+    kept: &[bool],
+    setting: Setting,
+    rounds: usize,
+) -> Refit {
+    let Refit { mut model, mut causes, .. } = now;
+    for (cause, _) in causes.iter().zip(kept).filter(|(_, k)| !**k) {
+        let minus: Vec<f64> = cause.coefficients.iter().map(|c| -c).collect();
+        apply(&mut model, cause, &minus);
+    }
+    let mut keep = kept.iter();
+    chosen.retain(|_| *keep.next().unwrap_or(&true));
+    let mut keep = kept.iter();
+    causes.retain(|_| *keep.next().unwrap_or(&true));
+    refit(model, causes, setting, rounds, true)
 }
 
 /// No model of a cause is exact: what is found beside one that explains so much more is what that one
@@ -200,19 +249,15 @@ const LEFTOVER: f64 = 0.03;
 const LEFTOVER_OF_RELATED: f64 = 0.15;
 
 fn beyond_leftovers(chosen: &[Chosen], least: f64) -> Vec<bool> {
-    let which = |c: &Chosen| match c.scored.applied.kind {
-        Kind::Covariate { which, .. } => Some(which),
-        Kind::Tail => Some(super::covariates::IDLE),
-        Kind::Shapes => None,
-    };
+    let which = |c: &Chosen| c.scored.applied.id.follows();
     // temperature and time cannot be told apart where what follows one is tied with what follows the other
     let collinear = |c: &Chosen| {
-        let ids = c.tied_with.iter().map(String::as_str).chain([c.scored.applied.id]);
-        let follows_time = ids.clone().any(|id| matches!(id, "ageing" | "clock_drift"));
-        follows_time && ids.clone().any(|id| id == "temperature")
+        let mut ids = c.tied_with.iter().copied().chain([c.scored.applied.id]);
+        let follows = |covariate| move |id: CauseId| id.follows() == Some(covariate);
+        ids.clone().any(follows(TIME)) && ids.any(follows(TEMPERATURE))
     };
     let by_time = |c: &Chosen| matches!(which(c), Some(TIME | TEMPERATURE));
-    let with_amplitude = |c: &Chosen| by_amplitude(c.scored.applied.id);
+    let with_amplitude = |c: &Chosen| c.scored.applied.id.by_amplitude();
     let largest = chosen.iter().fold(0.0, |m: f64, c| m.max(c.statistic));
     chosen
         .iter()
@@ -270,23 +315,14 @@ fn necessary(now: &Refit) -> Vec<bool> {
             at += q;
             let x = nalgebra::DVector::from_vec(total);
             let statistic = block.try_inverse().map_or(0.0, |inverse| x.dot(&(inverse * &x)));
-            super::candidates::surprise(statistic, own, 1.0, f64::INFINITY) > 0.5 * THRESHOLD
+            surprise(statistic, own, 1.0, f64::INFINITY) > 0.5 * THRESHOLD
         })
         .collect()
 }
 
-fn is_line(s: &Scored) -> bool {
-    matches!(s.applied.id, "tone" | "second_mode")
-}
-
 /// What a cause has free: its coefficients, and its rate, frequency and damping.
 fn parameters(s: &Scored) -> f64 {
-    let shape = match s.applied.id {
-        "second_mode" => 3.0,
-        "tone" | "lowpass" | "meniscus" => 1.0,
-        _ => 0.0,
-    };
-    s.degrees as f64 + shape
+    s.degrees as f64 + s.applied.id.row().free
 }
 
 /// The value of the statistic at which the surprise reaches the threshold.
@@ -294,7 +330,7 @@ fn threshold_statistic(s: &Scored) -> f64 {
     let (mut low, mut high) = (0.0, 400.0);
     for _ in 0..40 {
         let mid = 0.5 * (low + high);
-        if super::candidates::surprise(mid, s.degrees, s.tried, f64::INFINITY) > THRESHOLD {
+        if surprise(mid, s.degrees, s.tried, f64::INFINITY) > THRESHOLD {
             high = mid;
         } else {
             low = mid;
@@ -306,17 +342,11 @@ fn threshold_statistic(s: &Scored) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::super::candidates::Applied;
+    use super::CauseId::*;
     use super::*;
 
-    fn chosen(id: &'static str, kind: Kind, statistic: f64) -> Chosen {
-        let applied = Applied {
-            id,
-            shape: 0.0,
-            damping: 0.0,
-            coefficients: vec![1.0],
-            directions: vec![],
-            kind,
-        };
+    fn chosen(id: CauseId, statistic: f64) -> Chosen {
+        let applied = Applied::rigid(id, vec![], vec![1.0], Kind::Shapes);
         let scored = Scored {
             applied,
             statistic,
@@ -325,46 +355,37 @@ mod tests {
             surprise: statistic / 2.0,
             value: 1.0,
             sd: 0.1,
-            disqualified: String::new(),
+            objection: None,
         };
         Chosen { scored, delta_bic: statistic, tied_with: vec![], statistic }
     }
 
     #[test]
     fn what_a_strong_cause_leaves_is_no_cause_of_its_own() {
-        let shape = |id, statistic| chosen(id, Kind::Shapes, statistic);
-        let follows =
-            |id, which, statistic| chosen(id, Kind::Covariate { which, v: vec![] }, statistic);
         // 2 % of another shape's statistic; of what follows no shape, the same is one
-        assert_eq!(
-            beyond_leftovers(&[shape("tone", 5000.0), shape("offset", 100.0)], 0.0),
-            [true, false]
-        );
-        assert_eq!(
-            beyond_leftovers(&[shape("tone", 5000.0), follows("temperature", 2, 100.0)], 0.0),
-            [true, true]
-        );
+        let two = [chosen(Tone, 5000.0), chosen(Offset, 100.0)];
+        assert_eq!(beyond_leftovers(&two, 0.0), [true, false]);
+        let two = [chosen(Tone, 5000.0), chosen(Temperature, 100.0)];
+        assert_eq!(beyond_leftovers(&two, 0.0), [true, true]);
         // of two that follow the same covariate, more is asked
-        assert_eq!(
-            beyond_leftovers(&[follows("ageing", 1, 1000.0), follows("clock_drift", 1, 80.0)], 0.0),
-            [true, false]
-        );
+        let two = [chosen(Ageing, 1000.0), chosen(ClockDrift, 80.0)];
+        assert_eq!(beyond_leftovers(&two, 0.0), [true, false]);
         // alone, a weak one stays; beside another it does not
-        assert_eq!(beyond_leftovers(&[shape("tone", 18.0)], 0.0), [true]);
-        let two = [shape("tone", 60.0), shape("offset", 18.0)];
+        assert_eq!(beyond_leftovers(&[chosen(Tone, 18.0)], 0.0), [true]);
+        let two = [chosen(Tone, 60.0), chosen(Offset, 18.0)];
         assert_eq!(beyond_leftovers(&two, 0.0), [true, false]);
         // beside noise that explains much, more is asked of all
         assert_eq!(beyond_leftovers(&two, 50.0), [true, false]);
-        assert_eq!(beyond_leftovers(&[shape("tone", 18.0)], 50.0), [false]);
+        assert_eq!(beyond_leftovers(&[chosen(Tone, 18.0)], 50.0), [false]);
     }
 
     #[test]
     fn the_threshold_of_a_statistic_is_where_its_surprise_reaches_it() {
         for degrees in [1, 2, 4] {
-            let mut one = chosen("tone", Kind::Shapes, 0.0).scored;
+            let mut one = chosen(Tone, 0.0).scored;
             (one.degrees, one.tried) = (degrees, 20.0);
             let at = threshold_statistic(&one);
-            let surprise = super::super::candidates::surprise(at, degrees, 20.0, f64::INFINITY);
+            let surprise = surprise(at, degrees, 20.0, f64::INFINITY);
             assert!((surprise - THRESHOLD).abs() < 1e-3, "{degrees}: {surprise}");
         }
     }

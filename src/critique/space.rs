@@ -7,10 +7,11 @@
 //! whatever nuisance, is linear algebra on K and g, and the signals are read once.
 
 use super::covariates::{COVARIATES, Covariates, ONE};
-use super::model::{LN_LAMBDA_SD, Linear, Matrix5, Model, PATTERNS, Vector5};
+use super::matrices::{Matrix5, Vector5};
+use super::model::{LN_LAMBDA_SD, Linear, Model, PATTERNS};
 use super::observations::Observations;
-use crate::model::free_decay::{ALL, FREE};
-use nalgebra::{DMatrix, DVector, SMatrix};
+use crate::model::free_decay::{ALL, FREE, Theta};
+use nalgebra::{Const, DMatrix, DVector, Dyn, OMatrix, SMatrix};
 use std::ops::Range;
 
 type Matrix6 = SMatrix<f64, ALL, ALL>;
@@ -189,30 +190,31 @@ impl Part {
     ) -> Part {
         let n = data.samples;
         let d = Space::dimension(n);
-        let shapes = PATTERNS * n;
-        let mut k = DMatrix::zeros(d, d);
-        let mut g = DVector::zeros(d);
-        let mut by_unit = Vec::new();
-        let keep_units = data.units * d * 8 <= 32 << 20;
-        let v = model.noise_var;
         let (patterns, between) = match channels {
             Channels::Free => (PATTERNS, freed(&model.between)),
             Channels::Scattered => (0, model.between),
         };
-        let mut diagonal = [[0.0; PATTERNS]; PATTERNS];
-        let (mut deviance, mut linear) = (rows.len() as f64 * n as f64 * v.ln(), Linear::default());
         let stride = data.len().div_ceil(MOST_FOR_SCATTER).max(1);
         let chosen_units = data.units.div_ceil(stride);
-        let inflate = data.units as f64 / chosen_units as f64;
-        let mut columns: Vec<f64> = Vec::new();
-        let flush = |columns: &mut Vec<f64>, k: &mut DMatrix<f64>, rows: usize, sign: f64| {
-            if !columns.is_empty() {
-                let m = DMatrix::from_vec(rows, columns.len() / rows, std::mem::take(columns));
-                let mut block = k.view_mut((0, 0), (rows, rows));
-                block.gemm(sign, &m, &m.transpose(), 1.0);
-            }
+        let mut sums = Sums {
+            model,
+            data,
+            beside,
+            between,
+            patterns,
+            stride,
+            inflate: (data.units as f64 / chosen_units as f64).sqrt(),
+            keep_units: data.units * d * 8 <= 32 << 20,
+            part: Part {
+                k: DMatrix::zeros(d, d),
+                g: DVector::zeros(d),
+                by_unit: Vec::new(),
+                deviance: rows.len() as f64 * n as f64 * model.noise_var.ln(),
+                diagonal: [[0.0; PATTERNS]; PATTERNS],
+            },
+            of_signals: Vec::new(),
+            of_channels: Vec::new(),
         };
-        let mut wide: Vec<f64> = Vec::new();
         let mut i = rows.start;
         while i < rows.end {
             let unit = data.rows[i].unit;
@@ -220,123 +222,233 @@ impl Part {
             while end < rows.end && data.rows[end].unit == unit {
                 end += 1;
             }
-            let of_scatter = unit.is_multiple_of(stride);
-            let mut info = Matrix5::zeros();
-            let mut score = Vector5::zeros();
-            let mut cross = DMatrix::<f64>::zeros(d, FREE);
-            let mut g_unit = DVector::<f64>::zeros(d);
-            for row in i..end {
-                model.linearise(row, data, beside, &mut linear);
-                let s = beside.drive[row];
-                let powers = [1.0, s, s * s, s * s * s];
-                let z = &beside.z[row];
-                // working residual: about the mean, not about the channel's own parameters
-                let off = model.units[unit] + model.each[row] - model.mean;
-                let t = &linear.tangent.columns;
-                let r = DVector::from_fn(n, |k, _| {
-                    linear.residual[k] + (0..FREE).map(|j| t[j][k] * off[j]).sum::<f64>()
-                });
-                let j6 = DMatrix::from_fn(n, ALL, |k, j| t[j][k]);
-                let gram = j6.tr_mul(&j6) / v;
-                let gram5: Matrix5 = gram.fixed_view::<FREE, FREE>(0, 0).into_owned();
-                let inner = Matrix5::identity() + gram5 * model.within;
-                // M = within (1 + G within)^-1: V^-1 = 1/v - J M J^T / v²
-                let m = model.within * inner.try_inverse().unwrap_or_else(Matrix5::zeros);
-                let m = (m + m.transpose()) * 0.5;
-                deviance += inner.determinant().max(f64::MIN_POSITIVE).ln();
-                let j5 = j6.columns(0, FREE).into_owned();
-                let root = square_root(&m);
-                let l = &j5 * root / v; // N x 5, V^-1 = 1/v - L L^T
-                let solve = |x: &DVector<f64>| x / v - &l * (l.tr_mul(x));
-                let w = &j6 / v - &l * (l.tr_mul(&j6)); // V^-1 J
-                let vr = solve(&r);
-                deviance += r.dot(&vr);
-                let h: Matrix6 = Matrix6::from_fn(|a, b| j6.column(a).dot(&w.column(b)));
-                let jr: SMatrix<f64, ALL, 1> = SMatrix::from_fn(|a, _| w.column(a).dot(&r));
-                let tail = DVector::from_column_slice(&linear.tail);
-                let v_tail = solve(&tail);
-                for p in 0..patterns {
-                    for q in 0..patterns {
-                        diagonal[p][q] += powers[p] * powers[q] / v;
-                    }
-                    for a in 0..n {
-                        g_unit[p * n + a] += powers[p] * vr[a];
-                        for (c, zc) in z.iter().enumerate().filter(|(_, zc)| **zc != 0.0) {
-                            for j in 0..ALL {
-                                k[(shapes + c * ALL + j, p * n + a)] += powers[p] * zc * w[(a, j)];
-                            }
-                        }
-                        k[(d - 1, p * n + a)] += powers[p] * v_tail[a]; // row of the tail
-                        for j in 0..FREE {
-                            cross[(p * n + a, j)] += powers[p] * w[(a, j)];
-                        }
-                    }
-                }
-                let tw: SMatrix<f64, ALL, 1> = SMatrix::from_fn(|a, _| w.column(a).dot(&tail));
-                for (c, zc) in z.iter().enumerate().filter(|(_, zc)| **zc != 0.0) {
-                    for j in 0..ALL {
-                        let at = shapes + c * ALL + j;
-                        g_unit[at] += zc * jr[j];
-                        k[(d - 1, at)] += zc * tw[j];
-                        for f in 0..FREE {
-                            cross[(at, f)] += zc * h[(f, j)];
-                        }
-                        for (e, ze) in z.iter().enumerate() {
-                            for b in 0..ALL {
-                                k[(at, shapes + e * ALL + b)] += zc * ze * h[(j, b)];
-                            }
-                        }
-                    }
-                }
-                g_unit[d - 1] += tail.dot(&vr);
-                k[(d - 1, d - 1)] += tail.dot(&v_tail);
-                for f in 0..FREE {
-                    cross[(d - 1, f)] += tw[f];
-                    score[f] += jr[f];
-                }
-                info += h.fixed_view::<FREE, FREE>(0, 0);
-                if of_scatter && patterns > 0 {
-                    let scale = inflate.sqrt();
-                    for f in 0..FREE {
-                        for power in powers {
-                            wide.extend(l.column(f).iter().map(|x| x * power * scale));
-                        }
-                    }
-                    if wide.len() >= AT_A_TIME * FREE * shapes {
-                        flush(&mut wide, &mut k, shapes, -1.0);
-                    }
-                }
-            }
-            // channels: K -= B^T S B with S = between (1 + H between)^-1
-            let inner = Matrix5::identity() + info * between;
-            let s = between * inner.try_inverse().unwrap_or_else(Matrix5::zeros);
-            let s = (s + s.transpose()) * 0.5;
-            deviance += inner.determinant().max(f64::MIN_POSITIVE).ln();
-            deviance -= score.dot(&(s * score));
-            let root = square_root(&s);
-            let f = &cross * DMatrix::from_fn(FREE, FREE, |a, b| root[(a, b)]);
-            g_unit -= &cross * DVector::from_column_slice((s * score).as_slice());
-            if of_scatter && patterns > 0 {
-                let scale = inflate.sqrt();
-                for c in 0..FREE {
-                    columns.extend(f.column(c).rows(0, shapes).iter().map(|x| x * scale));
-                }
-                if columns.len() >= AT_A_TIME * FREE * shapes {
-                    flush(&mut columns, &mut k, shapes, -1.0);
-                }
-            }
-            let low = f.rows(shapes, d - shapes).into_owned();
-            let mut block = k.view_mut((shapes, 0), (d - shapes, d));
-            block.gemm(-1.0, &low, &f.transpose(), 1.0);
-            g += &g_unit;
-            if keep_units {
-                by_unit.push(g_unit);
-            }
+            sums.add_channel(unit, i..end);
             i = end;
         }
-        flush(&mut wide, &mut k, shapes, -1.0);
-        flush(&mut columns, &mut k, shapes, -1.0);
-        Part { k, g, by_unit, deviance, diagonal }
+        let Sums { mut part, mut of_signals, mut of_channels, .. } = sums;
+        part.take_off(&mut of_signals, PATTERNS * n);
+        part.take_off(&mut of_channels, PATTERNS * n);
+        part
+    }
+
+    /// Takes the squares of columns of so many rows off K, as one product.
+    fn take_off(&mut self, columns: &mut Vec<f64>, rows: usize) {
+        if !columns.is_empty() {
+            let m = DMatrix::from_vec(rows, columns.len() / rows, std::mem::take(columns));
+            let mut block = self.k.view_mut((0, 0), (rows, rows));
+            block.gemm(-1.0, &m, &m.transpose(), 1.0);
+        }
+    }
+}
+
+/// A signal in the metric of its noise and of the scatter from burst to burst, V^-1 = 1/v - L L^T.
+struct Weighed {
+    /// L, N x FREE.
+    l: OMatrix<f64, Dyn, Const<FREE>>,
+    /// V^-1 J, N x ALL, and J^T V^-1 J.
+    w: DMatrix<f64>,
+    h: Matrix6,
+    /// V^-1 r and J^T V^-1 r of the residual.
+    of_residual: DVector<f64>,
+    along_residual: SMatrix<f64, ALL, 1>,
+    /// The tail of the previous ring, and the same of it.
+    tail: DVector<f64>,
+    of_tail: DVector<f64>,
+    along_tail: SMatrix<f64, ALL, 1>,
+    /// ln |V| less that of the noise, and r^T V^-1 r.
+    ln_determinant: f64,
+    square: f64,
+}
+
+impl Weighed {
+    /// `off`: the signal's own parameters less the mean of all channels.
+    fn of(linear: &Linear, off: &Theta, model: &Model) -> Weighed {
+        let (n, v) = (linear.residual.len(), model.noise_var);
+        // working residual: about the mean, not about the channel's own parameters
+        let t = &linear.tangent.columns;
+        let r = DVector::from_fn(n, |k, _| {
+            linear.residual[k] + (0..FREE).map(|j| t[j][k] * off[j]).sum::<f64>()
+        });
+        let j6 = DMatrix::from_fn(n, ALL, |k, j| t[j][k]);
+        let gram = j6.tr_mul(&j6) / v;
+        let gram5: Matrix5 = gram.fixed_view::<FREE, FREE>(0, 0).into_owned();
+        let inner = Matrix5::identity() + gram5 * model.within;
+        // M = within (1 + G within)^-1: V^-1 = 1/v - J M J^T / v²
+        let m = model.within * inner.try_inverse().unwrap_or_else(Matrix5::zeros);
+        let m = (m + m.transpose()) * 0.5;
+        let j5 = j6.columns(0, FREE).into_owned();
+        let l = &j5 * square_root(&m) / v;
+        let solve = |x: &DVector<f64>| x / v - &l * (l.tr_mul(x));
+        let w = &j6 / v - &l * (l.tr_mul(&j6));
+        let of_residual = solve(&r);
+        let tail = DVector::from_column_slice(&linear.tail);
+        Weighed {
+            h: Matrix6::from_fn(|a, b| j6.column(a).dot(&w.column(b))),
+            along_residual: SMatrix::from_fn(|a, _| w.column(a).dot(&r)),
+            of_tail: solve(&tail),
+            along_tail: SMatrix::from_fn(|a, _| w.column(a).dot(&tail)),
+            ln_determinant: inner.determinant().max(f64::MIN_POSITIVE).ln(),
+            square: r.dot(&of_residual),
+            l,
+            w,
+            of_residual,
+            tail,
+        }
+    }
+}
+
+/// A [`Part`] as it grows, channel by channel.
+struct Sums<'a> {
+    model: &'a Model,
+    data: &'a Observations,
+    beside: &'a Covariates,
+    between: Matrix5,
+    /// Powers of the drive that shapes are looked at for; none: covariates alone.
+    patterns: usize,
+    /// Every so manieth channel tells how the scatter hides shapes, weighed by so much.
+    stride: usize,
+    inflate: f64,
+    keep_units: bool,
+    part: Part,
+    /// What the scatter takes off K, columns of the shapes' rows, until they are worth a product.
+    of_signals: Vec<f64>,
+    of_channels: Vec<f64>,
+}
+
+/// What one channel's signals add.
+struct OfChannel {
+    /// J^T V^-1 J and J^T V^-1 r over the free parameters.
+    info: Matrix5,
+    score: Vector5,
+    /// X^T V^-1 J, and X^T V^-1 r.
+    cross: DMatrix<f64>,
+    g: DVector<f64>,
+}
+
+impl Sums<'_> {
+    fn add_channel(&mut self, unit: usize, rows: Range<usize>) {
+        let Sums { model, data, beside, .. } = *self;
+        let d = Space::dimension(data.samples);
+        let tells_scatter = unit.is_multiple_of(self.stride) && self.patterns > 0;
+        let mut channel = OfChannel {
+            info: Matrix5::zeros(),
+            score: Vector5::zeros(),
+            cross: DMatrix::zeros(d, FREE),
+            g: DVector::zeros(d),
+        };
+        let mut linear = Linear::default();
+        for row in rows {
+            model.linearise(row, data, beside, &mut linear);
+            let off = model.units[unit] + model.each[row] - model.mean;
+            let signal = Weighed::of(&linear, &off, model);
+            let s = beside.drive[row];
+            let powers = [1.0, s, s * s, s * s * s];
+            self.add_signal(&signal, powers, &beside.z[row], &mut channel);
+            if tells_scatter {
+                self.hide_behind_signal(&signal, powers);
+            }
+        }
+        self.close_channel(channel, tells_scatter);
+    }
+
+    /// `powers`: of the signal's drive; `z`: its covariates.
+    fn add_signal(
+        &mut self,
+        signal: &Weighed,
+        powers: [f64; PATTERNS],
+        z: &[f64; COVARIATES],
+        channel: &mut OfChannel,
+    ) {
+        let (n, v) = (self.data.samples, self.model.noise_var);
+        let (d, shapes) = (Space::dimension(n), PATTERNS * n);
+        let Part { k, deviance, diagonal, .. } = &mut self.part;
+        let OfChannel { info, score, cross, g } = channel;
+        let Weighed { w, h, .. } = signal;
+        *deviance += signal.ln_determinant;
+        *deviance += signal.square;
+        for p in 0..self.patterns {
+            for q in 0..self.patterns {
+                diagonal[p][q] += powers[p] * powers[q] / v;
+            }
+            for a in 0..n {
+                g[p * n + a] += powers[p] * signal.of_residual[a];
+                for (c, zc) in z.iter().enumerate().filter(|(_, zc)| **zc != 0.0) {
+                    for j in 0..ALL {
+                        k[(shapes + c * ALL + j, p * n + a)] += powers[p] * zc * w[(a, j)];
+                    }
+                }
+                k[(d - 1, p * n + a)] += powers[p] * signal.of_tail[a]; // row of the tail
+                for j in 0..FREE {
+                    cross[(p * n + a, j)] += powers[p] * w[(a, j)];
+                }
+            }
+        }
+        for (c, zc) in z.iter().enumerate().filter(|(_, zc)| **zc != 0.0) {
+            for j in 0..ALL {
+                let at = shapes + c * ALL + j;
+                g[at] += zc * signal.along_residual[j];
+                k[(d - 1, at)] += zc * signal.along_tail[j];
+                for f in 0..FREE {
+                    cross[(at, f)] += zc * h[(f, j)];
+                }
+                for (e, ze) in z.iter().enumerate() {
+                    for b in 0..ALL {
+                        k[(at, shapes + e * ALL + b)] += zc * ze * h[(j, b)];
+                    }
+                }
+            }
+        }
+        g[d - 1] += signal.tail.dot(&signal.of_residual);
+        k[(d - 1, d - 1)] += signal.tail.dot(&signal.of_tail);
+        for f in 0..FREE {
+            cross[(d - 1, f)] += signal.along_tail[f];
+            score[f] += signal.along_residual[f];
+        }
+        *info += h.fixed_view::<FREE, FREE>(0, 0);
+    }
+
+    /// What the scatter from burst to burst hides of shapes.
+    fn hide_behind_signal(&mut self, signal: &Weighed, powers: [f64; PATTERNS]) {
+        let (shapes, scale) = (PATTERNS * self.data.samples, self.inflate);
+        for column in signal.l.column_iter() {
+            for power in powers {
+                self.of_signals.extend(column.iter().map(|x| x * power * scale));
+            }
+        }
+        if self.of_signals.len() >= AT_A_TIME * FREE * shapes {
+            self.part.take_off(&mut self.of_signals, shapes);
+        }
+    }
+
+    /// The scatter between channels: K -= B^T S B with S = between (1 + H between)^-1.
+    fn close_channel(&mut self, channel: OfChannel, tells_scatter: bool) {
+        let OfChannel { info, score, cross, g: mut g_unit } = channel;
+        let d = g_unit.len();
+        let shapes = PATTERNS * self.data.samples;
+        let inner = Matrix5::identity() + info * self.between;
+        let s = self.between * inner.try_inverse().unwrap_or_else(Matrix5::zeros);
+        let s = (s + s.transpose()) * 0.5;
+        self.part.deviance += inner.determinant().max(f64::MIN_POSITIVE).ln();
+        self.part.deviance -= score.dot(&(s * score));
+        let root = square_root(&s);
+        let f = &cross * DMatrix::from_fn(FREE, FREE, |a, b| root[(a, b)]);
+        g_unit -= &cross * DVector::from_column_slice((s * score).as_slice());
+        if tells_scatter {
+            let scale = self.inflate;
+            for column in f.column_iter() {
+                self.of_channels.extend(column.rows(0, shapes).iter().map(|x| x * scale));
+            }
+            if self.of_channels.len() >= AT_A_TIME * FREE * shapes {
+                self.part.take_off(&mut self.of_channels, shapes);
+            }
+        }
+        let low = f.rows(shapes, d - shapes).into_owned();
+        let mut block = self.part.k.view_mut((shapes, 0), (d - shapes, d));
+        block.gemm(-1.0, &low, &f.transpose(), 1.0);
+        self.part.g += &g_unit;
+        if self.keep_units {
+            self.part.by_unit.push(g_unit);
+        }
     }
 }
 

@@ -2,9 +2,12 @@
 //!
 //! In: a signal. Out: its parameters ([`Theta`]), or none where nothing rings.
 
-use super::model::LAMBDA_OVER_SIGMA;
 use crate::model::free_decay::{ALL, FREE, Tangent, Theta};
 use nalgebra::{DMatrix, DVector};
+
+/// The real pole against the damping: the ratio follows from the cross-sections and the ratio of inertances,
+/// thesis (2-3), (2-4).
+pub const LAMBDA_OVER_SIGMA: f64 = 1.27;
 
 /// The best single ring of one signal: a grid over frequency and damping, amplitudes (and an offset,
 /// which is then left out) in closed form.

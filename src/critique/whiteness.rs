@@ -5,6 +5,7 @@
 //! covariance of their own, which are known (u = M e of white noise points anywhere in its n - q dimensions
 //! alike; moments of ratios of quadratic forms, Mathai and Provost 1992).
 
+use super::chance::surprise;
 use super::ensemble::project;
 use nalgebra::{DMatrix, DVector};
 
@@ -61,7 +62,7 @@ pub fn whiteness_p<'a>(mut all: impl Iterator<Item = &'a Lags>) -> f64 {
     }
     let Some(factor) = covariance.cholesky() else { return f64::NAN };
     let statistic = off.dot(&factor.solve(&off));
-    (-super::candidates::surprise(statistic, off.len(), 1.0, f64::INFINITY)).exp()
+    (-surprise(statistic, off.len(), 1.0, f64::INFINITY)).exp()
 }
 
 #[cfg(test)]

@@ -23,7 +23,7 @@ pub fn write_evidence(path: &Path, critique: &Critique) -> Result<(), TableError
     let rows = &critique.evidence;
     let columns: Vec<(&str, ArrayRef)> = vec![
         ("step", Arc::new(UInt32Array::from_iter_values(rows.iter().map(|e| e.step)))),
-        ("id", text(rows.iter().map(|e| e.id.as_str()))),
+        ("id", text(rows.iter().map(|e| e.id.name()))),
         ("statistic", number(rows.iter().map(|e| e.statistic))),
         ("threshold", number(rows.iter().map(|e| e.threshold))),
         ("p", number(rows.iter().map(|e| e.p))),

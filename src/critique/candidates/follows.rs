@@ -3,8 +3,9 @@
 //!
 //! In: a [`Bench`]. Out: [`Scored`].
 
-use super::chance::{MARGIN, surprise};
-use super::{Applied, Bench, CLOCK, DAMPING, FREQUENCY, Kind, Scored, WORTH_A_LOOK};
+use super::{Applied, Bench, CLOCK, DAMPING, FREQUENCY, Kind, Objection, Scored, WORTH_A_LOOK};
+use crate::critique::catalogue::{CauseId, Per, Rates};
+use crate::critique::chance::{MARGIN, surprise};
 use crate::critique::covariates::{COVARIATES, POSITION};
 use crate::critique::space::Direction;
 use crate::model::free_decay::ALL;
@@ -14,14 +15,72 @@ use std::f64::consts::TAU;
 /// Its own effect must show beside that of the state, in standard deviations.
 const LEAST_OWN: f64 = 2.5;
 
+/// One parameter against one covariate.
+#[derive(Clone, Copy, Debug)]
+pub struct Look {
+    pub covariate: usize,
+    pub parameter: usize,
+    pub statistic: f64,
+    pub surprise: f64,
+}
+
 impl Bench<'_> {
-    pub(super) fn covariate(
+    /// What a covariate does to damping and frequency.
+    pub(super) fn rates(
         &self,
-        id: &'static str,
-        which: usize,
-        v: [f64; ALL],
-        unit: f64,
+        id: CauseId,
+        covariate: usize,
+        which: Rates,
+        per: Per,
     ) -> Option<Scored> {
+        let v = match which {
+            Rates::Damping => self.damping_direction(),
+            Rates::Stiffness => self.stiffness_direction(),
+            Rates::All => self.clock_direction(),
+        };
+        match per {
+            Per::Unit => self.covariate_free(id, covariate, v, 1.0 / self.beside.sd[covariate]),
+            Per::Span => self.covariate_free(id, covariate, v, self.over(covariate)).map(relative),
+        }
+    }
+
+    /// What a covariate does to the amplitude.
+    pub(super) fn gain(&self, id: CauseId, covariate: usize) -> Option<Scored> {
+        let t = &self.model.mean;
+        let v = [0.0, 0.0, t[2], t[3], t[4], 0.0];
+        let mut scored = self.covariate(id, covariate, v, 1.0 / self.beside.sd[covariate])?;
+        // relative to a channel where it is 0, not to the mean one
+        let mean = self.beside.mean[covariate];
+        let share = 1.0 - scored.value * mean;
+        if share > 0.1 {
+            scored.sd /= share * share;
+            scored.value /= share;
+        }
+        Some(scored)
+    }
+
+    /// What is left of the previous ring.
+    pub(super) fn previous_ring(&self, id: CauseId) -> Option<Scored> {
+        let tail = vec![Direction::tail(self.samples)];
+        let tested = self.covariates.test(&tail)?;
+        let (value, sd) = (tested.coefficients[0], tested.covariance[(0, 0)].sqrt());
+        Some(Scored {
+            applied: Applied::rigid(id, tail, tested.coefficients, Kind::Tail),
+            statistic: tested.statistic,
+            degrees: 1,
+            tried: 1.0,
+            surprise: surprise(tested.statistic, 1, 1.0, self.dof(false)),
+            value: self.model.tail_gain + value,
+            sd,
+            objection: None,
+        })
+    }
+
+    fn over(&self, which: usize) -> f64 {
+        self.beside.span[which] / self.beside.sd[which]
+    }
+
+    fn covariate(&self, id: CauseId, which: usize, v: [f64; ALL], unit: f64) -> Option<Scored> {
         if !self.beside.present[which] {
             return None;
         }
@@ -39,24 +98,22 @@ impl Bench<'_> {
             tried: 1.0,
             value,
             sd,
-            disqualified: String::new(),
-            applied: Applied {
+            objection: None,
+            applied: Applied::rigid(
                 id,
-                shape: 0.0,
-                damping: 0.0,
-                coefficients: tested.coefficients,
-                directions: vec![direction],
-                kind: Kind::Covariate { which, v: vec![v] },
-            },
+                vec![direction],
+                tested.coefficients,
+                Kind::Covariate { which, v: vec![v] },
+            ),
         })
     }
 
     /// A covariate on damping or frequency. The acquisition state may follow it, too: how much rests on
     /// what came before t_a. It is tested with the state unmoved and with the state of the interior
     /// unmoved, whichever fits; its size is estimated with the state left free.
-    pub(super) fn covariate_free(
+    fn covariate_free(
         &self,
-        id: &'static str,
+        id: CauseId,
         which: usize,
         interior: [f64; ALL],
         unit: f64,
@@ -92,17 +149,17 @@ impl Bench<'_> {
                 best.sd *= (own / best.statistic.max(1e-12)).sqrt().min(1.0);
                 // a frequency that follows the channel, whatever else does, is nothing else
                 let looks = self.on_each_parameter(which);
-                if let Some((_, statistic, surprise)) = looks.into_iter().find(|look| look.0 == 1)
-                    && surprise - MARGIN > best.surprise
+                if let Some(look) = looks.into_iter().find(|look| look.parameter == 1)
+                    && look.surprise - MARGIN > best.surprise
                 {
-                    (best.statistic, best.surprise) = (statistic, surprise - MARGIN);
+                    (best.statistic, best.surprise) = (look.statistic, look.surprise - MARGIN);
                 }
             } else if together > best.surprise {
                 best.surprise = together;
                 best.statistic = tested.statistic;
             }
             if best.value.abs() < LEAST_OWN * best.sd {
-                best.disqualified = "what follows is the acquisition state alone".into();
+                best.objection = Some(Objection::StateAlone);
             }
             best.sd *= from_few(dof);
             best.degrees = directions.len();
@@ -115,7 +172,7 @@ impl Bench<'_> {
 
     /// The scatter of few channels was estimated with what follows their position still in it: of n
     /// channels the statistic is n R², which becomes t² = dof R²/(1 - R²).
-    pub(super) fn against_rest(&self, which: usize, statistic: f64) -> f64 {
+    fn against_rest(&self, which: usize, statistic: f64) -> f64 {
         // in the model, it is no part of the scatter any more
         if which != POSITION || self.model.beta[POSITION].iter().any(|b| *b != 0.0) {
             return statistic;
@@ -126,7 +183,7 @@ impl Bench<'_> {
     }
 
     /// d theta where all losses grow by a share, the acquisition state being what it was.
-    pub fn damping_direction(&self) -> [f64; ALL] {
+    fn damping_direction(&self) -> [f64; ALL] {
         self.rates_direction(|c, h| {
             (c.g_per_s, c.d_per_s) = (c.g_per_s * (1.0 + h), c.d_per_s * (1.0 + h));
         })
@@ -137,7 +194,7 @@ impl Bench<'_> {
     }
 
     /// d theta where the stiffness grows, per relative change of the frequency.
-    pub(super) fn stiffness_direction(&self) -> [f64; ALL] {
+    fn stiffness_direction(&self) -> [f64; ALL] {
         self.rates_direction(|c, h| {
             (c.a_per_s2, c.b_per_s2) = (c.a_per_s2 * (1.0 + h), c.b_per_s2 * (1.0 + h));
         })
@@ -148,7 +205,7 @@ impl Bench<'_> {
     }
 
     /// d theta where all rates grow by a share.
-    pub(super) fn clock_direction(&self) -> [f64; ALL] {
+    fn clock_direction(&self) -> [f64; ALL] {
         self.rates_direction(|c, h| {
             let by = 1.0 + h;
             (c.a_per_s2, c.b_per_s2) = (c.a_per_s2 * by * by, c.b_per_s2 * by * by);
@@ -157,7 +214,7 @@ impl Bench<'_> {
         .unwrap_or(CLOCK)
     }
 
-    pub(super) fn rates_direction(
+    fn rates_direction(
         &self,
         change: impl Fn(&mut crate::model::InkChannel, f64),
     ) -> Option<[f64; ALL]> {
@@ -194,25 +251,21 @@ impl Bench<'_> {
         v.iter().all(|x| x.is_finite()).then_some(v)
     }
 
-    /// Every covariate on every parameter, one at a time: (covariate, parameter, surprise).
-    pub fn covariate_scan(&self) -> Vec<(usize, usize, f64)> {
+    /// Every covariate on every parameter, one at a time.
+    pub fn covariate_scan(&self) -> Vec<Look> {
         let present = (1..COVARIATES).filter(|which| self.beside.present[*which]);
-        present
-            .flat_map(|which| {
-                let looks = self.on_each_parameter(which).into_iter();
-                looks.map(move |(parameter, _, surprise)| (which, parameter, surprise))
-            })
-            .collect()
+        present.flat_map(|which| self.on_each_parameter(which)).collect()
     }
 
-    /// A covariate on every parameter, one at a time: (parameter, statistic, surprise).
-    fn on_each_parameter(&self, which: usize) -> Vec<(usize, f64, f64)> {
+    fn on_each_parameter(&self, which: usize) -> Vec<Look> {
         let dof = self.dof(which == POSITION);
         let alone = |j| Direction::parameter(self.samples, which, j);
         let each: Vec<Direction> = (0..ALL - 1).map(alone).collect();
         // alone, and with the others free: what moves two together is in their common scatter
         let together = self.covariates.test(&each);
         let look = |(j, direction): (usize, &Direction)| {
+            let of =
+                |statistic, surprise| Look { covariate: which, parameter: j, statistic, surprise };
             let beside = together.as_ref().map_or(0.0, |t| {
                 t.coefficients[j].powi(2) / t.covariance[(j, j)].max(f64::MIN_POSITIVE)
             });
@@ -220,7 +273,7 @@ impl Bench<'_> {
             let statistic = self.against_rest(which, tested.statistic.max(beside));
             let plain = surprise(statistic, 1, 1.0, dof);
             if plain < WORTH_A_LOOK {
-                return Some((j, statistic, plain));
+                return Some(of(statistic, plain));
             }
             let spread = match &together {
                 // of one with the others free: the combination of all that its coefficient is
@@ -231,7 +284,7 @@ impl Bench<'_> {
                 _ => self.spread(std::slice::from_ref(direction), &[1.0]),
             };
             let statistic = statistic / spread.excess;
-            Some((j, statistic, surprise(statistic, 1, 1.0, dof.min(spread.dof))))
+            Some(of(statistic, surprise(statistic, 1, 1.0, dof.min(spread.dof))))
         };
         each.iter().enumerate().filter_map(look).collect()
     }
@@ -244,7 +297,7 @@ fn from_few(dof: f64) -> f64 {
 }
 
 /// A change of a logarithm from first to last, as a relative change.
-pub(super) fn relative(scored: Scored) -> Scored {
+fn relative(scored: Scored) -> Scored {
     let grown = scored.value.exp();
     Scored { value: grown - 1.0, sd: scored.sd * grown, ..scored }
 }

@@ -1,10 +1,12 @@
 //! Causes whose spectrum is a line: a tone, a second mode, and the slow mode of a meniscus that is pulled
 //! back.
 //!
-//! In: a [`Bench`]. Out: [`Scored`]; disqualified where the line is the ring's own doing.
+//! In: a [`Bench`]. Out: [`Scored`]; with an objection where the line is the ring's own doing.
 
-use super::chance::{maximum, width};
-use super::{Applied, Bench, Scored};
+use super::{Applied, Bench, Best, Objection, Scored};
+use crate::critique::catalogue::CauseId;
+use crate::critique::chance::{maximum, width};
+use crate::critique::space::Direction;
 use crate::model::InkChannel;
 use crate::model::terms::Interior;
 use std::f64::consts::{PI, TAU};
@@ -13,76 +15,40 @@ use std::f64::consts::{PI, TAU};
 /// signal it is no line.
 const LEAST_MODE: f64 = 0.3;
 pub const LEAST_PERIODS: f64 = 2.0;
-/// Why a line at the ring's frequency or a multiple of it is none.
-pub const OWN_LINE: &str = "its line lies at the model's own frequency or a multiple of it";
 /// A line so near a multiple of the ring's frequency is no line of its own, relative to that frequency.
 const NEAR: f64 = 0.1;
+
+/// One period in a signal's length.
+const RESOLUTION: f64 = TAU;
+
+/// Where a line fits best; 0: nowhere.
+#[derive(Clone, Copy)]
+struct Scan {
+    omega: f64,
+    gamma: f64,
+    /// The largest statistic where a line may be none: slow, or the ring's own doing.
+    own: f64,
+}
+
+fn is_slow(omega: f64) -> bool {
+    omega < LEAST_PERIODS * TAU
+}
 
 impl Bench<'_> {
     /// A line: cos and sin at the frequency that explains most, over some dampings.
     pub(super) fn line(
         &self,
-        id: &'static str,
+        id: CauseId,
         pattern: usize,
         dampings: &[f64],
         near: Option<&Applied>,
     ) -> Option<Scored> {
-        let n = self.samples;
-        let columns = |pattern: usize, omega: f64, gamma: f64| {
-            let column = |phase: f64| {
-                let y = (0..n).map(|k| {
-                    let t = k as f64 / n as f64;
-                    (-gamma * t).exp() * (omega * t + phase).cos()
-                });
-                self.pattern(pattern, y.collect())
-            };
-            [column(0.0), column(-PI / 2.0)]
+        let test = |omega: f64, gamma: f64| self.line_statistic(pattern, omega, gamma);
+        let scan = match near {
+            Some(near) => Scan { omega: near.shape, gamma: near.damping, own: 0.0 },
+            None => self.scan(pattern, dampings),
         };
-        let test_as = |pattern: usize, omega: f64, gamma: f64| {
-            self.shapes.test(&columns(pattern, omega, gamma)).map_or(0.0, |t| t.statistic)
-        };
-        let test = |omega: f64, gamma: f64| test_as(pattern, omega, gamma);
-        let (own, resolution) = (self.seen.omega, TAU);
-        // near its own frequency a second mode is no second mode: the pair splits
-        let banned = |omega: f64, gamma: f64| {
-            let near = 0.8 * resolution + 0.5 * (self.seen.sigma + gamma);
-            let mode = pattern == 1
-                && (omega < LEAST_MODE * own
-                    || (omega - own).abs() < near
-                    || (2..=4).any(|m| (omega - f64::from(m) * own).abs() < 0.6 * resolution));
-            // nor is every second sample's own gain, which mirrors the ring at half the sampling rate
-            let mirror = PI * n as f64 - own;
-            // what is at a multiple of its own frequency, or at its mirror, is the ring's own doing
-            let order = (omega / own).round().max(1.0);
-            let multiple = (omega - order * own).abs() < NEAR * own;
-            let mirrored = (omega - mirror).abs() < resolution;
-            // so is a tone at its own frequency: anything that changes the ring looks like one
-            let own = (omega - own).abs() < 1.2 * resolution;
-            mode || own
-                || multiple
-                || mirrored
-                || self.avoid.iter().any(|w| (omega - w).abs() < 1.5 * resolution)
-        };
-        let most = PI * n as f64 * 0.97;
-        let (mut best, mut best_banned) = ((0.0, 0.0, 0.0), 0.0_f64);
-        if let Some(near) = near {
-            best = (0.0, near.shape, near.damping);
-        }
-        let slow = |omega: f64| omega < LEAST_PERIODS * TAU;
-        for &gamma in dampings.iter().filter(|_| near.is_none()) {
-            // below, a wave is any slow shape; where one fits better, a line is none
-            let mut omega = 0.4 * LEAST_PERIODS * TAU;
-            while omega < most {
-                let statistic = test(omega, gamma);
-                if banned(omega, gamma) || slow(omega) {
-                    best_banned = best_banned.max(statistic);
-                } else if statistic > best.0 {
-                    best = (statistic, omega, gamma);
-                }
-                omega += 0.5 * PI;
-            }
-        }
-        let (_, mut omega, mut gamma) = best;
+        let Scan { mut omega, mut gamma, .. } = scan;
         if omega == 0.0 {
             return None;
         }
@@ -95,43 +61,111 @@ impl Bench<'_> {
                     .min(6.0 * self.seen.sigma);
             }
         }
-        let directions = columns(pattern, omega, gamma);
+        let directions = self.waves(pattern, omega, gamma).to_vec();
         let tested = self.shapes.test(&directions)?;
-        let sd = width(|x| test(x, gamma), omega, 0.02);
-        let value = omega / TAU / self.length_s;
-        let tried = n as f64 * dampings.len() as f64;
-        let mut scored = self.shaped(
-            id,
-            tested,
-            directions.to_vec(),
-            omega,
-            tried,
-            value,
-            sd / TAU / self.length_s,
-        );
+        let best = Best {
+            shape: omega,
+            tried: self.samples as f64 * dampings.len() as f64,
+            value: omega / TAU / self.length_s,
+            sd: width(|x| test(x, gamma), omega, 0.02) / TAU / self.length_s,
+        };
+        let mut scored = self.shaped(id, tested, directions, best);
         scored.applied.damping = gamma;
-        // so near to the ring a mode cannot be told from it; what fits as well as one is no tone
-        let close = 1.2 * resolution + 4.5 * self.seen.sigma;
-        if near.is_none() && (omega - own).abs() < close && self.beside.drive_scan {
-            let shares: &[f64] = if pattern == 0 { &[0.4, 1.0, 2.0] } else { &[0.0] };
-            let as_other = |share: &f64| test_as(1 - pattern, omega, share * self.seen.sigma);
-            if shares.iter().map(as_other).any(|s| s > scored.statistic - 3.0) {
-                let other = if pattern == 0 { "mode" } else { "tone" };
-                scored.disqualified = format!("it may be a {other} near the ring's own frequency");
-            }
-        }
-        if near.is_none() && banned(omega, gamma) || best_banned > scored.statistic + 10.0 {
-            scored.disqualified = OWN_LINE.into();
-        }
-        if near.is_none() && slow(omega) {
-            scored.disqualified = "it is so slow that it may be no line".into();
+        if near.is_none() {
+            let at = Scan { omega, gamma, ..scan };
+            scored.objection = self.objection(pattern, at, scored.statistic);
         }
         Some(scored)
     }
 
+    /// Cosine and sine, damped.
+    fn waves(&self, pattern: usize, omega: f64, gamma: f64) -> [Direction; 2] {
+        let n = self.samples;
+        let wave = |phase: f64| {
+            let y = (0..n).map(|k| {
+                let t = k as f64 / n as f64;
+                (-gamma * t).exp() * (omega * t + phase).cos()
+            });
+            self.pattern(pattern, y.collect())
+        };
+        [wave(0.0), wave(-PI / 2.0)]
+    }
+
+    fn line_statistic(&self, pattern: usize, omega: f64, gamma: f64) -> f64 {
+        self.shapes.test(&self.waves(pattern, omega, gamma)).map_or(0.0, |t| t.statistic)
+    }
+
+    /// All frequencies, over some dampings.
+    fn scan(&self, pattern: usize, dampings: &[f64]) -> Scan {
+        let most = PI * self.samples as f64 * 0.97;
+        let (mut best, mut scan) = (0.0, Scan { omega: 0.0, gamma: 0.0, own: 0.0 });
+        for &gamma in dampings {
+            // below, a wave is any slow shape; where one fits better, a line is none
+            let mut omega = 0.4 * LEAST_PERIODS * TAU;
+            while omega < most {
+                let statistic = self.line_statistic(pattern, omega, gamma);
+                if self.is_own(pattern, omega, gamma) || is_slow(omega) {
+                    scan.own = scan.own.max(statistic);
+                } else if statistic > best {
+                    best = statistic;
+                    scan = Scan { omega, gamma, ..scan };
+                }
+                omega += 0.5 * PI;
+            }
+        }
+        scan
+    }
+
+    /// Whether what is at a frequency may be the ring's own doing, or a random tone's that was found.
+    fn is_own(&self, pattern: usize, omega: f64, gamma: f64) -> bool {
+        let own = self.seen.omega;
+        // near its own frequency a second mode is no second mode: the pair splits
+        let near = 0.8 * RESOLUTION + 0.5 * (self.seen.sigma + gamma);
+        let mode = pattern == 1
+            && (omega < LEAST_MODE * own
+                || (omega - own).abs() < near
+                || (2..=4).any(|m| (omega - f64::from(m) * own).abs() < 0.6 * RESOLUTION));
+        // nor is every second sample's own gain, which mirrors the ring at half the sampling rate
+        let mirror = PI * self.samples as f64 - own;
+        // what is at a multiple of its own frequency, or at its mirror, is the ring's own doing
+        let order = (omega / own).round().max(1.0);
+        let multiple = (omega - order * own).abs() < NEAR * own;
+        let mirrored = (omega - mirror).abs() < RESOLUTION;
+        // so is a tone at its own frequency: anything that changes the ring looks like one
+        let at_own = (omega - own).abs() < 1.2 * RESOLUTION;
+        let taken = |w: &f64| (omega - w).abs() < 1.5 * RESOLUTION;
+        mode || at_own || multiple || mirrored || self.avoid.iter().any(taken)
+    }
+
+    /// Why the line that fits best cannot be the cause.
+    fn objection(
+        &self,
+        pattern: usize,
+        Scan { omega, gamma, own }: Scan,
+        statistic: f64,
+    ) -> Option<Objection> {
+        if is_slow(omega) {
+            return Some(Objection::SlowLine);
+        }
+        if self.is_own(pattern, omega, gamma) || own > statistic + 10.0 {
+            return Some(Objection::OwnLine);
+        }
+        // so near to the ring a mode cannot be told from it; what fits as well as one is no tone
+        let close = 1.2 * RESOLUTION + 4.5 * self.seen.sigma;
+        if (omega - self.seen.omega).abs() < close && self.beside.drive_scan {
+            let shares: &[f64] = if pattern == 0 { &[0.4, 1.0, 2.0] } else { &[0.0] };
+            let as_other =
+                |share: &f64| self.line_statistic(1 - pattern, omega, share * self.seen.sigma);
+            if shares.iter().map(as_other).any(|s| s > statistic - 3.0) {
+                return Some(Objection::MayBe(if pattern == 0 { "mode" } else { "tone" }));
+            }
+        }
+        None
+    }
+
     /// Surface tension B_t/B_m = m makes of the real pole and of the pole at 0 a slow pair, which scales
     /// with the drive. How much of it is excited rests on what came before t_a, so that is free.
-    pub(super) fn meniscus(&self, near: Option<&Applied>) -> Option<Scored> {
+    pub(super) fn slow_mode(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let Interior::Ink { channel, .. } = self.interior? else { return None };
         let n = self.samples;
         let columns = |m: f64, loss: f64| {
@@ -170,7 +204,8 @@ impl Bench<'_> {
         let directions = columns(m, loss).to_vec();
         let tested = self.shapes.test(&directions)?;
         let sd = width(|x| test(x.exp(), loss), ln_m, 0.1).hypot(SPLIT) * m;
-        let mut scored = self.shaped("meniscus", tested, directions, m, 6.0, m, sd);
+        let mut scored =
+            self.shaped(id, tested, directions, Best { shape: m, tried: 6.0, value: m, sd });
         scored.applied.damping = loss;
         Some(scored)
     }

@@ -5,23 +5,23 @@
 //! over its shape parameter (frequency, rate, strength), with its value in the catalogue's units.
 //! `shapes` and `lines` act on the mean signal, `follows` through a covariate.
 
-mod chance;
 mod follows;
 mod lines;
 mod shapes;
 
-pub use chance::{MARGIN, ln_normal_tail, surprise};
-pub use lines::{LEAST_PERIODS, OWN_LINE};
+pub use lines::LEAST_PERIODS;
 
-use super::catalogue::{CATALOGUE, Needs, lacking};
+use super::catalogue::{Acts, CATALOGUE, CauseId, Needs, Shape};
+use super::chance::surprise;
 use super::clusters::{Clusters, Spread};
-use super::covariates::{Covariates, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
+use super::covariates::Covariates;
+use super::finding::NOT_SIGNIFICANT;
 use super::model::{Model, RATIO_OF_RATES};
 use super::space::{Direction, Nuisance, Space, Tested};
 use crate::model::free_decay::ALL;
-use crate::model::terms::{Interior, Seen, Term};
-use follows::relative;
+use crate::model::terms::{Interior, Seen};
 use std::f64::consts::TAU;
+use thiserror::Error;
 
 /// What is less surprising than this is nothing anyway, whatever bursts have in common.
 const WORTH_A_LOOK: f64 = 4.0;
@@ -35,19 +35,31 @@ const CLOCK: [f64; ALL] = [1.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 /// A cause as it enters the model.
 #[derive(Clone, Debug)]
 pub struct Applied {
-    pub id: &'static str,
+    pub id: CauseId,
     /// Frequency or rate per signal length, or strength; 0 where there is none.
     pub shape: f64,
     /// Damping of a line, per signal length.
     pub damping: f64,
     pub coefficients: Vec<f64>,
     pub directions: Vec<Direction>,
-    /// What it does to the mean signal: per power of the drive, N each; none where it is a covariate's.
     pub kind: Kind,
+}
+
+impl Applied {
+    /// A cause whose directions are what they are, whatever its size.
+    pub fn rigid(
+        id: CauseId,
+        directions: Vec<Direction>,
+        coefficients: Vec<f64>,
+        kind: Kind,
+    ) -> Applied {
+        Applied { id, shape: 0.0, damping: 0.0, coefficients, directions, kind }
+    }
 }
 
 #[derive(Clone, Debug)]
 pub enum Kind {
+    /// What its directions add to the mean signal.
     Shapes,
     /// One change of the parameters per coefficient.
     Covariate {
@@ -68,8 +80,52 @@ pub struct Scored {
     pub surprise: f64,
     pub value: f64,
     pub sd: f64,
-    /// Why it cannot be the cause although it fits; empty where it can.
-    pub disqualified: String,
+    /// Why it cannot be the cause although it fits.
+    pub objection: Option<Objection>,
+}
+
+/// Why a candidate cannot be the cause although it fits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum Objection {
+    #[error("needs a drive scan")]
+    NoDriveScan,
+    #[error("its coefficient has the unphysical sign")]
+    UnphysicalSign,
+    #[error("what follows is the acquisition state alone")]
+    StateAlone,
+    #[error("its line lies at the model's own frequency or a multiple of it")]
+    OwnLine,
+    #[error("it is so slow that it may be no line")]
+    SlowLine,
+    #[error("it may be a {0} near the ring's own frequency")]
+    MayBe(&'static str),
+    #[error("it scales with the drive")]
+    ScalesWithDrive,
+    #[error("a meniscus that is pulled back makes such a mode")]
+    OfMeniscus,
+    #[error("its refit leads nowhere")]
+    LeadsNowhere,
+}
+
+impl Scored {
+    /// Whether it can be the cause.
+    pub fn able(&self) -> bool {
+        self.objection.is_none()
+    }
+
+    /// Why it is not accepted, in words.
+    pub fn why_not(&self) -> String {
+        self.objection.map_or_else(|| NOT_SIGNIFICANT.into(), |why| why.to_string())
+    }
+}
+
+/// The best of the shapes that were tried: its frequency, rate or strength, of how many independent ones, and what
+/// that is in the catalogue's unit.
+struct Best {
+    shape: f64,
+    tried: f64,
+    value: f64,
+    sd: f64,
 }
 
 /// A space, and what is allowed for in it.
@@ -155,14 +211,14 @@ impl<'a> Bench<'a> {
     pub fn score_all(&self) -> Vec<Scored> {
         let mut all = Vec::new();
         for entry in &CATALOGUE {
-            if lacking(entry.needs, self.beside, self.integer, self.units).is_some()
+            if entry.needs.lacking(self.beside, self.integer, self.units).is_some()
                 && entry.needs != Needs::DriveScan
             {
                 continue;
             }
             if let Some(mut scored) = self.score_one(entry.id, None) {
                 if entry.needs == Needs::DriveScan && !self.beside.drive_scan && self.model.real {
-                    scored.disqualified = "needs a drive scan".into();
+                    scored.objection = Some(Objection::NoDriveScan);
                 }
                 all.push(scored);
             }
@@ -175,7 +231,7 @@ impl<'a> Bench<'a> {
     /// `near`: where its shape was before; without, all shapes are tried. What follows a covariate is judged by the
     /// spread over bursts, where these have more in common than their signals let expect; what they have in common
     /// are parameters, and shapes are judged beside these.
-    pub fn score_one(&self, id: &'static str, near: Option<&Applied>) -> Option<Scored> {
+    pub fn score_one(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let mut scored = self.as_if_independent(id, near)?;
         if scored.surprise < WORTH_A_LOOK {
             return Some(scored);
@@ -200,90 +256,29 @@ impl<'a> Bench<'a> {
         self.clusters.spread(&view.nuisance.efficient(view.space, directions, coefficients))
     }
 
-    fn as_if_independent(&self, id: &'static str, near: Option<&Applied>) -> Option<Scored> {
-        let n = self.samples;
-        match id {
-            "offset" => self.fixed(id, Direction::shape(0, vec![1.0; n]), 1.0),
-            "droop" => {
-                let shape = |w: f64| Some(self.pattern(1, self.droop(w)));
-                self.grown(id, (0.05, 12.0), shape, |w| w / self.length_s, near).map(|s| {
-                    match s.applied.coefficients[0] < 0.0 {
-                        true => {
-                            let why = "its coefficient has the unphysical sign".into();
-                            Scored { disqualified: why, ..s }
-                        }
-                        false => s,
-                    }
-                })
-            }
-            "meniscus" => self.meniscus(near),
-            "quadratic_drag" => self.term(id, Term::QuadraticDrag, (0.01, 3.0), 2, near),
-            "dry_friction" => self.term(id, Term::DryFriction, (0.01, 3.0), 0, near),
-            "cubic_stiffness" => self.term(id, Term::CubicStiffness, (0.002, 0.4), 3, near),
-            "fractional_damping" => self.term(id, Term::FractionalDamping, (0.02, 1.0), 1, near),
-            "lowpass" => self.lowpass(near),
-            "tone" => self.line(id, 0, &[0.0], near),
-            "second_mode" => {
-                let sigma = self.seen.sigma;
-                self.line(id, 1, &[0.4 * sigma, sigma, 2.0 * sigma], near)
-            }
-            "temperature" => {
-                let unit = 1.0 / self.beside.sd[TEMPERATURE];
-                self.covariate_free(id, TEMPERATURE, self.damping_direction(), unit)
-            }
-            "ageing" => {
-                let v = self.damping_direction();
-                self.covariate_free(id, TIME, v, self.over(TIME)).map(relative)
-            }
-            "clock_drift" => {
-                let v = self.clock_direction();
-                self.covariate_free(id, TIME, v, self.over(TIME)).map(relative)
-            }
-            "position_gradient" => {
-                let v = self.stiffness_direction();
-                self.covariate_free(id, POSITION, v, self.over(POSITION)).map(relative)
-            }
-            "crosstalk" => {
-                let t = &self.model.mean;
-                let v = [0.0, 0.0, t[2], t[3], t[4], 0.0];
-                let mut scored =
-                    self.covariate(id, NEIGHBOURS, v, 1.0 / self.beside.sd[NEIGHBOURS])?;
-                // relative to a channel without neighbours, not to the mean one
-                let mean = self.beside.mean[NEIGHBOURS];
-                let share = 1.0 - scored.value * mean;
-                if share > 0.1 {
-                    scored.sd /= share * share;
-                    scored.value /= share;
-                }
-                Some(scored)
-            }
-            "previous_tail" => {
-                let tested = self.covariates.test(&[Direction::tail(n)])?;
-                let (value, sd) = (tested.coefficients[0], tested.covariance[(0, 0)].sqrt());
-                Some(Scored {
-                    applied: Applied {
-                        id,
-                        shape: 0.0,
-                        damping: 0.0,
-                        coefficients: tested.coefficients.clone(),
-                        directions: vec![Direction::tail(n)],
-                        kind: Kind::Tail,
-                    },
-                    statistic: tested.statistic,
-                    degrees: 1,
-                    tried: 1.0,
-                    surprise: surprise(tested.statistic, 1, 1.0, self.dof(false)),
-                    value: self.model.tail_gain + value,
-                    sd,
-                    disqualified: String::new(),
-                })
-            }
-            _ => None,
+    fn as_if_independent(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
+        match id.row().acts {
+            Acts::Mean(shape) => self.on_the_mean(id, shape, near),
+            Acts::Rates { covariate, which, per } => self.rates(id, covariate, which, per),
+            Acts::Gain { covariate } => self.gain(id, covariate),
+            Acts::PreviousRing => self.previous_ring(id),
+            Acts::Noise | Acts::Trigger | Acts::Codes => None,
         }
     }
 
-    fn over(&self, which: usize) -> f64 {
-        self.beside.span[which] / self.beside.sd[which]
+    fn on_the_mean(&self, id: CauseId, shape: Shape, near: Option<&Applied>) -> Option<Scored> {
+        match shape {
+            Shape::Constant => self.fixed(id, Direction::shape(0, vec![1.0; self.samples]), 1.0),
+            Shape::Droop => self.droop(id, near),
+            Shape::SlowMode => self.slow_mode(id, near),
+            Shape::Transient => self.transient(id, near),
+            Shape::Tone => self.line(id, 0, &[0.0], near),
+            Shape::Mode => {
+                let sigma = self.seen.sigma;
+                self.line(id, 1, &[0.4 * sigma, sigma, 2.0 * sigma], near)
+            }
+            Shape::Motion(motion) => self.motion(id, motion, near),
+        }
     }
 
     fn dof(&self, of_channels: bool) -> f64 {
@@ -297,7 +292,7 @@ impl<'a> Bench<'a> {
         Direction::shape(pattern, shape)
     }
 
-    fn fixed(&self, id: &'static str, direction: Direction, unit: f64) -> Option<Scored> {
+    fn fixed(&self, id: CauseId, direction: Direction, unit: f64) -> Option<Scored> {
         let tested = self.shapes.test(std::slice::from_ref(&direction))?;
         let value = tested.coefficients[0];
         if !value.is_finite() || !tested.statistic.is_finite() {
@@ -310,30 +305,20 @@ impl<'a> Bench<'a> {
             tried: 1.0,
             value: value * unit,
             sd: tested.covariance[(0, 0)].sqrt() * unit,
-            disqualified: String::new(),
-            applied: Applied {
-                id,
-                shape: 0.0,
-                damping: 0.0,
-                coefficients: tested.coefficients,
-                directions: vec![direction],
-                kind: Kind::Shapes,
-            },
+            objection: None,
+            applied: Applied::rigid(id, vec![direction], tested.coefficients, Kind::Shapes),
         })
     }
 
-    #[allow(clippy::too_many_arguments)]
     fn shaped(
         &self,
-        id: &'static str,
+        id: CauseId,
         tested: Tested,
         directions: Vec<Direction>,
-        shape: f64,
-        tried: f64,
-        value: f64,
-        sd: f64,
+        Best { shape, tried, value, sd }: Best,
     ) -> Scored {
         let degrees = directions.len();
+        let rigid = Applied::rigid(id, directions, tested.coefficients, Kind::Shapes);
         Scored {
             surprise: surprise(tested.statistic, degrees, tried, f64::INFINITY),
             statistic: tested.statistic,
@@ -341,15 +326,8 @@ impl<'a> Bench<'a> {
             tried,
             value,
             sd,
-            disqualified: String::new(),
-            applied: Applied {
-                id,
-                shape,
-                damping: 0.0,
-                coefficients: tested.coefficients,
-                directions,
-                kind: Kind::Shapes,
-            },
+            objection: None,
+            applied: Applied { shape, ..rigid },
         }
     }
 }
@@ -360,14 +338,14 @@ const SLOW_MODE: f64 = 0.45;
 const MOSTLY: f64 = 0.85;
 
 fn withhold_slow_mode(all: &mut [Scored], own_hz: f64) {
-    let of = |id: &str| all.iter().find(|s| s.applied.id == id && s.disqualified.is_empty());
-    let Some(meniscus) = of("meniscus").map(|s| s.statistic) else { return };
-    if let Some(mode) = all.iter_mut().find(|s| s.applied.id == "second_mode")
-        && mode.disqualified.is_empty()
+    let meniscus = all.iter().find(|s| s.applied.id == CauseId::Meniscus && s.able());
+    let Some(meniscus) = meniscus.map(|s| s.statistic) else { return };
+    if let Some(mode) = all.iter_mut().find(|s| s.applied.id == CauseId::SecondMode)
+        && mode.able()
         && mode.value < SLOW_MODE * own_hz
         && meniscus > MOSTLY * mode.statistic
     {
-        mode.disqualified = "a meniscus that is pulled back makes such a mode".into();
+        mode.objection = Some(Objection::OfMeniscus);
     }
 }
 
@@ -378,14 +356,14 @@ const CLEARLY: f64 = 1.5;
 
 /// A line that scales with the drive, but may not be a mode, is no tone either.
 fn withhold_tone(all: &mut [Scored]) {
-    let mode = all.iter().find(|s| s.applied.id == "second_mode" && !s.disqualified.is_empty());
+    let mode = all.iter().find(|s| s.applied.id == CauseId::SecondMode && !s.able());
     let Some((hz, surprise)) = mode.map(|s| (s.value, s.surprise)) else { return };
-    if let Some(tone) = all.iter_mut().find(|s| s.applied.id == "tone")
-        && tone.disqualified.is_empty()
+    if let Some(tone) = all.iter_mut().find(|s| s.applied.id == CauseId::Tone)
+        && tone.able()
         && (tone.value / hz - 1.0).abs() < SAME_LINE
         && surprise > tone.surprise + CLEARLY
     {
-        tone.disqualified = "it scales with the drive".into();
+        tone.objection = Some(Objection::ScalesWithDrive);
     }
 }
 
@@ -395,32 +373,25 @@ mod tests {
 
     #[test]
     fn a_line_that_scales_with_the_drive_is_no_tone() {
-        let line = |id, hz: f64, surprise: f64, disqualified: &str| Scored {
-            applied: Applied {
-                id,
-                shape: 0.0,
-                damping: 0.0,
-                coefficients: vec![],
-                directions: vec![],
-                kind: Kind::Shapes,
-            },
+        let line = |id, hz: f64, surprise: f64, objection| Scored {
+            applied: Applied::rigid(id, vec![], vec![], Kind::Shapes),
             statistic: 2.0 * surprise,
             degrees: 2,
             tried: 1.0,
             surprise,
             value: hz,
             sd: 1.0,
-            disqualified: disqualified.into(),
+            objection,
         };
         let named = |tone: Scored, mode: Scored| {
             let mut all = [tone, mode];
             withhold_tone(&mut all);
-            all[0].disqualified.is_empty()
+            all[0].able()
         };
-        let tone = || line("tone", 107.2e3, 18.0, "");
-        assert!(!named(tone(), line("second_mode", 107.1e3, 23.0, "own frequency")));
-        assert!(named(tone(), line("second_mode", 107.1e3, 18.5, "own frequency")));
-        assert!(named(tone(), line("second_mode", 80e3, 23.0, "own frequency")));
-        assert!(named(tone(), line("second_mode", 107.1e3, 23.0, "")), "they compete");
+        let tone = || line(CauseId::Tone, 107.2e3, 18.0, None);
+        assert!(!named(tone(), line(CauseId::SecondMode, 107.1e3, 23.0, Some(Objection::OwnLine))));
+        assert!(named(tone(), line(CauseId::SecondMode, 107.1e3, 18.5, Some(Objection::OwnLine))));
+        assert!(named(tone(), line(CauseId::SecondMode, 80e3, 23.0, Some(Objection::OwnLine))));
+        assert!(named(tone(), line(CauseId::SecondMode, 107.1e3, 23.0, None)), "they compete");
     }
 }

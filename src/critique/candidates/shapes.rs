@@ -3,8 +3,9 @@
 //!
 //! In: a [`Bench`]. Out: [`Scored`].
 
-use super::chance::{maximum, surprise, width};
-use super::{Applied, Bench, Scored};
+use super::{Applied, Bench, Best, Objection, Scored};
+use crate::critique::catalogue::{CauseId, Motion};
+use crate::critique::chance::{maximum, surprise, width};
 use crate::critique::model::PATTERNS;
 use crate::critique::space::Direction;
 use crate::model::free_decay;
@@ -22,13 +23,19 @@ const INTERIOR: f64 = 0.05;
 /// half-order loss that a few hundred signals show is far larger.
 const ETA_FLOOR: f64 = 0.3;
 
+/// The most surprising window of the mean misfit, of so many that were tried.
+pub struct Locally {
+    pub surprise: f64,
+    pub tried: f64,
+}
+
 impl Bench<'_> {
     /// A shape that depends on its own strength e: the likelihood profiled over e. With information i
     /// and score s along the secant D(e), adding e D(e) gains 2 e s - e² i.
-    pub(super) fn grown(
+    fn grown(
         &self,
-        id: &'static str,
-        (first, most): (f64, f64),
+        id: CauseId,
+        [first, most]: [f64; 2],
         shape: impl Fn(f64) -> Option<Direction>,
         value: impl Fn(f64) -> f64,
         near: Option<&Applied>,
@@ -78,12 +85,10 @@ impl Bench<'_> {
         Some(scored)
     }
 
-    pub(super) fn term(
+    pub(super) fn motion(
         &self,
-        id: &'static str,
-        term: Term,
-        (first, most): (f64, f64),
-        power: i32,
+        id: CauseId,
+        Motion { term, power, strengths }: Motion,
         near: Option<&Applied>,
     ) -> Option<Scored> {
         let shape = |e: f64| self.term_direction(term, e, power);
@@ -103,7 +108,7 @@ impl Bench<'_> {
                 Term::Meniscus | Term::FractionalDamping => e,
             }
         };
-        let mut scored = self.grown(id, (first, most), shape, value, near)?;
+        let mut scored = self.grown(id, strengths, shape, value, near)?;
         if term == Term::FractionalDamping && scored.value != 0.0 {
             let beyond = (scored.value.abs() - ETA_FLOOR).max(0.0) / scored.value.abs();
             scored.statistic *= beyond * beyond;
@@ -111,16 +116,16 @@ impl Bench<'_> {
             scored.sd = scored.sd.hypot(ETA_FLOOR / 2.0);
         }
         if scored.applied.coefficients[0] < 0.0 && term != Term::CubicStiffness {
-            scored.disqualified = "its coefficient has the unphysical sign".into();
+            scored.objection = Some(Objection::UnphysicalSign);
         }
-        if matches!(term, Term::CubicStiffness | Term::QuadraticDrag | Term::DryFriction) {
+        if id.by_amplitude() {
             scored.sd = scored.sd.hypot(INTERIOR * scored.value);
         }
         Some(scored)
     }
 
     /// What a term of strength e adds, per unit e, as shapes times powers of the drive.
-    pub(super) fn term_direction(&self, term: Term, e: f64, power: i32) -> Option<Direction> {
+    fn term_direction(&self, term: Term, e: f64, power: i32) -> Option<Direction> {
         let n = self.samples;
         let interior = self.interior?;
         let added = |s: f64| -> Vec<f64> {
@@ -154,8 +159,17 @@ impl Bench<'_> {
         finite(Direction(blocks))
     }
 
+    pub(super) fn droop(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
+        let shape = |w: f64| Some(self.pattern(1, self.leaked(w)));
+        let mut scored = self.grown(id, [0.05, 12.0], shape, |w| w / self.length_s, near)?;
+        if scored.applied.coefficients[0] < 0.0 {
+            scored.objection = Some(Objection::UnphysicalSign);
+        }
+        Some(scored)
+    }
+
     /// -int e^{-w(t-s)} y ds at unit drive (per unit w).
-    pub(super) fn droop(&self, w: f64) -> Vec<f64> {
+    fn leaked(&self, w: f64) -> Vec<f64> {
         let n = self.samples;
         let y = self.ring();
         let h = 1.0 / n as f64;
@@ -173,13 +187,13 @@ impl Bench<'_> {
     }
 
     /// The mean signal at unit drive.
-    pub(super) fn ring(&self) -> Vec<f64> {
+    fn ring(&self) -> Vec<f64> {
         let mut y = vec![0.0; self.samples];
         free_decay::add(&self.model.mean, self.model.real, 0.0, 1.0, &mut y);
         y
     }
 
-    pub(super) fn lowpass(&self, near: Option<&Applied>) -> Option<Scored> {
+    pub(super) fn transient(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let n = self.samples as f64;
         let shape = |w: f64| {
             let y: Vec<f64> = (0..self.samples).map(|k| (-w * k as f64 / n).exp()).collect();
@@ -201,11 +215,12 @@ impl Bench<'_> {
         let direction = shape(w);
         let tested = self.shapes.test(std::slice::from_ref(&direction))?;
         let sd = width(|x| test(x.exp()), ln_w, 0.02) * w / self.length_s;
-        Some(self.shaped("lowpass", tested, vec![direction], w, 3.0, w / self.length_s, sd))
+        let best = Best { shape: w, tried: 3.0, value: w / self.length_s, sd };
+        Some(self.shaped(id, tested, vec![direction], best))
     }
 
     /// Local misfit of the mean: windows of several lengths at several places, per power of the drive.
-    pub fn local_scan(&self) -> (f64, f64) {
+    pub fn local_scan(&self) -> Locally {
         let n = self.samples;
         let (mut best, mut tried) = (0.0_f64, 0.0);
         for pattern in 0..2 {
@@ -225,6 +240,6 @@ impl Bench<'_> {
                 length *= 2;
             }
         }
-        (best, tried)
+        Locally { surprise: best, tried }
     }
 }

@@ -7,7 +7,7 @@ use super::fit::{self, Fit, Noise};
 use super::plant::{Decays, OMEGA, SIGMA};
 use super::selection::{Selected, sizes};
 use super::spectrum;
-use crate::critique::candidates::surprise;
+use crate::critique::chance::surprise;
 use crate::critique::figures::band_of_means;
 use crate::critique::finding::{
     CovariateFigure, Figures, Gain, GainFigures, HeldOut, MeanMisfit, Misfit, Spectrum,

@@ -15,12 +15,14 @@ mod spectrum;
 mod tests;
 mod words;
 
-use super::catalogue::{CATALOGUE, experiment};
+use super::catalogue::{CATALOGUE, InDecays, joined};
+use super::chance::DETECTION_LIMIT;
 use super::digits;
-use super::engine::{CritiqueError, NotExtended, Outcome};
+use super::extended::NotExtended;
 use super::finding::{Cause, Critique, NotTestable, Signals, VERSION, Verdict};
 use super::observations::Observations;
-use super::selection::DETECTION_LIMIT;
+use super::outcome::{CritiqueError, Outcome};
+use super::words::{capital, ties};
 use plant::Decays;
 use selection::{Selected, sizes};
 
@@ -110,20 +112,12 @@ pub fn critique(
     for t in &selected.unnamed {
         remarks.push(format!(
             "{} would take {:.0} % of what is left, but {}: it is not named",
-            t.cause.id(),
+            t.term.id(),
             100.0 * t.share.max(0.0),
-            t.disqualified
+            t.why_not()
         ));
     }
-    for cause in &causes {
-        for tied in &cause.tied_with {
-            remarks.push(format!(
-                "{} and {tied} cannot be told apart here: {}",
-                cause.id,
-                experiment(&cause.id, tied)
-            ));
-        }
-    }
+    remarks.extend(ties(&causes));
     if decays.incomplete > 0 {
         remarks.push(format!(
             "{} bursts were left out: not all outputs are in them",
@@ -182,40 +176,22 @@ fn verdict(causes: &mut Vec<Cause>, selected: &Selected, left: &Left) -> Verdict
 /// The candidate that takes most of the misfit away, though it is not the cause.
 fn nearest(selected: &Selected) -> Option<Cause> {
     let t = selected.unnamed.iter().max_by(|p, q| p.share.total_cmp(&q.share))?;
-    let entry = super::catalogue::entry_of(t.cause.id());
+    let id = t.term.id();
+    let strength_dl = (t.statistic / DETECTION_LIMIT).sqrt();
     Some(Cause {
-        id: entry.id.into(),
-        parameter: entry.parameter.into(),
-        unit: entry.unit.into(),
-        value: f64::NAN,
-        ci95: [f64::NAN; 2],
-        strength_dl: (t.statistic / DETECTION_LIMIT).sqrt(),
-        delta_bic: t.statistic,
-        tied_with: Vec::new(),
-        matters_for_detection: false,
         explains: Some(t.share.clamp(0.0, 1.0)),
-        sentence: format!("nearest is {}, but {}", entry.id, t.disqualified),
+        sentence: format!("nearest is {id}, but {}", t.why_not()),
+        ..Cause::new(id, f64::NAN, f64::NAN, strength_dl, t.statistic)
     })
 }
 
 /// Rows of the catalogue that a single oscillator's decay does not bear on.
 fn not_testable() -> Vec<NotTestable> {
-    let needs = |id: &str| match id {
-        "droop" | "meniscus" | "lowpass" | "fractional_damping" => "the ink channel's equations",
-        "random_tone" | "heteroscedastic_noise" => "many bursts",
-        "trigger_jitter" => "many bursts of several channels each",
-        "temperature" => "temperature_c, recorded in many bursts",
-        "previous_tail" => "idle_time_s, recorded in many bursts",
-        "crosstalk" => "neighbours_fired, recorded in many bursts",
-        "ageing" | "clock_drift" => "many bursts at several times",
-        "position_gradient" => "six channels or more, one oscillator each",
-        "clipping" | "coarse_lsb" => "many bursts of whole counts",
-        "correlated_noise" => "many bursts: a single decay's misfit may be either",
-        _ => "",
-    };
-    let lines =
-        CATALOGUE.iter().map(|e| NotTestable { id: e.id.into(), needs: needs(e.id).into() });
-    lines.filter(|n| !n.needs.is_empty()).collect()
+    let needs = CATALOGUE.iter().filter_map(|e| match e.in_decays {
+        InDecays::Fitted(_) => None,
+        InDecays::Needs(needs) => Some(NotTestable { id: e.id, needs: needs.into() }),
+    });
+    needs.collect()
 }
 
 fn sentence(verdict: Verdict, causes: &[Cause], left: &Left) -> String {
@@ -234,17 +210,13 @@ fn sentence(verdict: Verdict, causes: &[Cause], left: &Left) -> String {
             None => format!("The model misses something that the catalogue does not hold: {what}."),
         },
         Verdict::Tie | Verdict::Named => {
-            let capital = |text: &str| {
-                let mut letters = text.chars();
-                letters
-                    .next()
-                    .map_or_else(String::new, |c| c.to_uppercase().chain(letters).collect())
-            };
             let each: Vec<String> = causes
                 .iter()
                 .map(|c| match c.tied_with.is_empty() {
                     true => capital(&c.sentence),
-                    false => format!("{}, or {}", capital(&c.sentence), c.tied_with.join(" or ")),
+                    false => {
+                        format!("{}, or {}", capital(&c.sentence), joined(&c.tied_with, " or "))
+                    }
                 })
                 .collect();
             let rest = match &left.words {

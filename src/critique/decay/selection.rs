@@ -9,11 +9,13 @@ use super::fit::{self, Fit, Noise};
 use super::motion::Form;
 use super::plant::{Decays, Line, OMEGA, Plant, SIGMA, Structure, motion};
 use super::spectrum;
-use crate::critique::candidates::{LEAST_PERIODS, surprise};
-use crate::critique::finding::Evidence;
-use crate::critique::selection::{DETECTION_LIMIT, THRESHOLD};
+use crate::critique::candidates::LEAST_PERIODS;
+use crate::critique::catalogue::CauseId;
+use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
+use crate::critique::finding::{EXPLAINS_MORE, Evidence, NOT_SIGNIFICANT};
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
+use thiserror::Error;
 
 /// Terms that are looked for at most; lines among them.
 const MOST_TERMS: usize = 12;
@@ -31,10 +33,39 @@ const LEAST_OF_COLOURED: f64 = 0.03;
 /// Lines this near to a multiple of the ring's frequency, relative, are its harmonics.
 const HARMONIC: f64 = 0.01;
 
-const UNDAMPED: &str = "its damping cannot be told from none";
+/// Why a candidate cannot be the cause although it fits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum Objection {
+    #[error("its coefficient has the unphysical sign")]
+    UnphysicalSign,
+    #[error("the viscous damping beside it would be negative")]
+    NegativeDamping,
+    #[error(
+        "one of the two modes would have a negative damping: an alias of a frequency or a damping that changes \
+         with amplitude"
+    )]
+    Alias,
+    #[error("its damping cannot be told from none")]
+    Undamped,
+    #[error("it is no line of the spectrum")]
+    NoLine,
+    #[error("it is too near to the frequency of the ring to be told from it")]
+    NearTheRing,
+    #[error("it lies on {0} times the frequency of the ring")]
+    Multiple(i32),
+    #[error("it lies on {0} times the frequency of the ring, folded")]
+    Folded(i32),
+    #[error("it cannot be told from a line that is in the model")]
+    Known,
+    #[error("it does not oscillate")]
+    Overdamped,
+    #[error("it is little of what is left")]
+    Little,
+}
 
+/// What may be added to the oscillator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Cause {
+pub enum Term {
     Offset,
     Stiffness(Form),
     Drag,
@@ -42,37 +73,45 @@ pub enum Cause {
     Line(Line),
 }
 
-impl Cause {
-    pub fn id(self) -> &'static str {
+impl Term {
+    pub fn id(self) -> CauseId {
         match self {
-            Cause::Offset => "offset",
-            Cause::Stiffness(_) => "cubic_stiffness",
-            Cause::Drag => "quadratic_drag",
-            Cause::Friction => "dry_friction",
-            Cause::Line(Line::Mode) => "second_mode",
-            Cause::Line(Line::Tone) => "tone",
+            Term::Offset => CauseId::Offset,
+            Term::Stiffness(_) => CauseId::CubicStiffness,
+            Term::Drag => CauseId::QuadraticDrag,
+            Term::Friction => CauseId::DryFriction,
+            Term::Line(Line::Mode) => CauseId::SecondMode,
+            Term::Line(Line::Tone) => CauseId::Tone,
+        }
+    }
+
+    /// Independent places that it was looked for at.
+    fn places(self, decays: &Decays) -> f64 {
+        match self {
+            Term::Line(_) => decays.samples as f64 / 2.0,
+            _ => 1.0,
         }
     }
 
     fn put(self, structure: &Structure) -> Structure {
         let mut with = structure.clone();
         match self {
-            Cause::Offset => with.offset = true,
-            Cause::Stiffness(form) => with.stiffness = Some(form),
-            Cause::Drag => with.drag = true,
-            Cause::Friction => with.friction = true,
-            Cause::Line(line) => with.lines.push(line),
+            Term::Offset => with.offset = true,
+            Term::Stiffness(form) => with.stiffness = Some(form),
+            Term::Drag => with.drag = true,
+            Term::Friction => with.friction = true,
+            Term::Line(line) => with.lines.push(line),
         }
         with
     }
 
     fn is_in(self, structure: &Structure) -> bool {
         match self {
-            Cause::Offset => structure.offset,
-            Cause::Stiffness(_) => structure.stiffness.is_some(),
-            Cause::Drag => structure.drag,
-            Cause::Friction => structure.friction,
-            Cause::Line(_) => structure.lines.len() >= MOST_LINES,
+            Term::Offset => structure.offset,
+            Term::Stiffness(_) => structure.stiffness.is_some(),
+            Term::Drag => structure.drag,
+            Term::Friction => structure.friction,
+            Term::Line(_) => structure.lines.len() >= MOST_LINES,
         }
     }
 }
@@ -80,7 +119,7 @@ impl Cause {
 /// A candidate, fitted.
 #[derive(Clone, Debug)]
 pub struct Tried {
-    pub cause: Cause,
+    pub term: Term,
     pub fit: Fit,
     /// In the noise of the best candidate.
     pub statistic: f64,
@@ -88,18 +127,25 @@ pub struct Tried {
     pub surprise: f64,
     /// Share of the parent's misfit (squares) that it takes away.
     pub share: f64,
-    /// Why it cannot be the cause although it fits; empty where it can.
-    pub disqualified: String,
+    /// Why it cannot be the cause although it fits.
+    pub objection: Option<Objection>,
+}
+
+impl Tried {
+    /// Why it is not accepted, in words.
+    pub fn why_not(&self) -> String {
+        self.objection.map_or_else(|| NOT_SIGNIFICANT.into(), |why| why.to_string())
+    }
 }
 
 #[derive(Clone, Debug)]
 pub struct Chosen {
-    pub cause: Cause,
+    pub term: Term,
     /// Which line it is.
     pub line: usize,
     pub statistic: f64,
     pub degrees: usize,
-    pub tied_with: Vec<String>,
+    pub tied_with: Vec<CauseId>,
 }
 
 pub struct Selected {
@@ -189,10 +235,10 @@ pub fn baseline(decays: &Decays) -> Fit {
 }
 
 /// Starts of a candidate: its parent's optimum first.
-fn starts(decays: &Decays, parent: &Fit, cause: Cause, misfit: &[f64]) -> Vec<Vec<f64>> {
-    let structure = cause.put(&parent.structure);
+fn starts(decays: &Decays, parent: &Fit, term: Term, misfit: &[f64]) -> Vec<Vec<f64>> {
+    let structure = term.put(&parent.structure);
     let warm = structure.carried(&parent.structure, &parent.p, decays);
-    let Cause::Line(line) = cause else { return vec![warm] };
+    let Term::Line(line) = term else { return vec![warm] };
     let layout = structure.layout(decays.bursts, decays.outputs);
     let at = layout.lines[layout.lines.len() - 1];
     let resolution = TAU / decays.samples as f64;
@@ -225,19 +271,19 @@ fn starts(decays: &Decays, parent: &Fit, cause: Cause, misfit: &[f64]) -> Vec<Ve
 pub fn children(
     decays: &Decays,
     parent: &Fit,
-    cause: Cause,
+    term: Term,
     noise: &Noise,
     misfit: &[f64],
 ) -> Vec<Fit> {
-    let structure = cause.put(&parent.structure);
-    let mut all: Vec<Fit> = starts(decays, parent, cause, misfit)
+    let structure = term.put(&parent.structure);
+    let mut all: Vec<Fit> = starts(decays, parent, term, misfit)
         .iter()
-        .map(|start| match cause {
-            Cause::Line(_) => fit::look(decays, &structure, start, noise),
+        .map(|start| match term {
+            Term::Line(_) => fit::look(decays, &structure, start, noise),
             _ => fit::descend(decays, &structure, start, noise, decays.samples),
         })
         .collect();
-    if matches!(cause, Cause::Stiffness(_) | Cause::Drag | Cause::Friction) {
+    if matches!(term, Term::Stiffness(_) | Term::Drag | Term::Friction) {
         let warm = structure.carried(&parent.structure, &parent.p, decays);
         let first = first_swings(parent.p[OMEGA]);
         let followed = fit::follow(decays, &structure, &warm, noise, first);
@@ -250,26 +296,30 @@ pub fn children(
 }
 
 /// Whether a fitted term can be what it is called.
-fn objection(decays: &Decays, fit: &Fit, cause: Cause, covariance: &DMatrix<f64>) -> String {
+fn objection(
+    decays: &Decays,
+    fit: &Fit,
+    term: Term,
+    covariance: &DMatrix<f64>,
+) -> Option<Objection> {
     let layout = fit.structure.layout(decays.bursts, decays.outputs);
-    let wrong_sign = "its coefficient has the unphysical sign";
-    let coefficient = match cause {
-        Cause::Drag => layout.drag,
-        Cause::Friction => layout.friction,
+    let coefficient = match term {
+        Term::Drag => layout.drag,
+        Term::Friction => layout.friction,
         _ => None,
     };
     if coefficient.is_some_and(|at| fit.p[at] <= 0.0) {
-        return wrong_sign.into();
+        return Some(Objection::UnphysicalSign);
     }
     let sd = covariance[(SIGMA, SIGMA)].max(0.0).sqrt();
-    if fit.p[SIGMA] < -3.0 * sd && !matches!(cause, Cause::Offset) {
-        return "the viscous damping beside it would be negative".into();
+    if fit.p[SIGMA] < -3.0 * sd && !matches!(term, Term::Offset) {
+        return Some(Objection::NegativeDamping);
     }
-    match cause {
-        Cause::Line(line) => {
+    match term {
+        Term::Line(line) => {
             line_objection(decays, fit, line, fit.structure.lines.len() - 1, covariance)
         }
-        _ => String::new(),
+        _ => None,
     }
 }
 
@@ -279,23 +329,21 @@ fn line_objection(
     line: Line,
     index: usize,
     covariance: &DMatrix<f64>,
-) -> String {
+) -> Option<Objection> {
     let layout = fit.structure.layout(decays.bursts, decays.outputs);
     let at = layout.lines[index];
     let (sigma, omega) = (fit.p[at], fit.p[at + 1]);
     let own = fit.p[OMEGA];
     let sd = covariance[(at, at)].max(0.0).sqrt();
     if line == Line::Mode && (sigma <= 0.0 || fit.p[SIGMA] <= 0.0) {
-        return "one of the two modes would have a negative damping: an alias of a frequency or a \
-                damping that changes with amplitude"
-            .into();
+        return Some(Objection::Alias);
     }
     if line == Line::Mode && sigma < 2.0 * sd {
-        return UNDAMPED.into();
+        return Some(Objection::Undamped);
     }
     let resolution = TAU / decays.samples as f64;
     if omega < lowest_line(decays) || omega > PI - resolution {
-        return "it is no line of the spectrum".into();
+        return Some(Objection::NoLine);
     }
     let motion = motion(&fit.structure, &layout, &fit.p);
     let largest = amplitudes(decays, fit).0;
@@ -308,26 +356,26 @@ fn line_objection(
             _ => (0.35 * resolution).max(HARMONIC * m * own).max(1.3 * swept * m * own),
         };
         if off < near {
-            return match multiple {
-                1 => "it is too near to the frequency of the ring to be told from it".into(),
-                m => format!("it lies on {m} times the frequency of the ring"),
-            };
+            return Some(match multiple {
+                1 => Objection::NearTheRing,
+                m => Objection::Multiple(m),
+            });
         }
         // and its mirror image
         if multiple > 1 && (TAU - omega - m * own).abs() < near {
-            return format!("it lies on {m} times the frequency of the ring, folded");
+            return Some(Objection::Folded(multiple));
         }
     }
     for other in layout.lines.iter().take(index) {
         let off = (omega - fit.p[other + 1]).abs();
         if off < resolution.max(0.5 * (sigma.abs() + fit.p[*other].abs())) {
-            return "it cannot be told from a line that is in the model".into();
+            return Some(Objection::Known);
         }
     }
     if sigma * 0.5 > omega {
-        return "it does not oscillate".into();
+        return Some(Objection::Overdamped);
     }
-    String::new()
+    None
 }
 
 /// Largest and smallest amplitude of the ring in these decays; the smallest not below the noise.
@@ -354,98 +402,105 @@ fn deviance(misfit: &[f64], decays: &Decays) -> f64 {
     sizes(misfit, decays).iter().map(|s| 2.0 * count * s.ln()).sum()
 }
 
-/// All candidates about a model. Forms of one cause compete here: the better stays.
-pub fn try_all(decays: &Decays, parent: &Fit) -> (Vec<Tried>, Noise) {
+/// All candidates about a model, judged in the noise that is left by what explains most.
+pub fn try_all(decays: &Decays, parent: &Fit) -> Vec<Tried> {
+    let candidates = candidates(decays, parent);
+    let best = candidates
+        .iter()
+        .filter(|c| c.tried.objection.is_none())
+        .min_by(|p, q| p.criterion.total_cmp(&q.criterion))
+        .map(|c| c.tried.fit.clone())
+        .unwrap_or_else(|| parent.clone());
+    let noise = Noise::of(&best.misfit(decays), decays, best.p.len());
+    let parent = fit::descend(decays, &parent.structure, &parent.p, &noise, decays.samples);
+    candidates.into_iter().map(|c| judged(decays, c.tried, &parent, &noise)).collect()
+}
+
+/// A candidate in white noise.
+struct Candidate {
+    tried: Tried,
+    /// Of Bayes: what is free counts.
+    criterion: f64,
+}
+
+/// Forms of one cause compete here: the better stays.
+fn candidates(decays: &Decays, parent: &Fit) -> Vec<Candidate> {
     let misfit = parent.misfit(decays);
     let plain = Noise::white(&sizes(&misfit, decays));
     let all = [
-        Cause::Offset,
-        Cause::Stiffness(Form::Cubic),
-        Cause::Stiffness(Form::Sine),
-        Cause::Drag,
-        Cause::Friction,
-        Cause::Line(Line::Mode),
-        Cause::Line(Line::Tone),
+        Term::Offset,
+        Term::Stiffness(Form::Cubic),
+        Term::Stiffness(Form::Sine),
+        Term::Drag,
+        Term::Friction,
+        Term::Line(Line::Mode),
+        Term::Line(Line::Tone),
     ];
     let samples = decays.y.len() as f64;
     let before = deviance(&misfit, decays);
-    let mut tried: Vec<(Tried, f64)> = Vec::new();
-    let undamped = |tried: &[(Tried, f64)]| {
-        let mode = tried.iter().find(|(t, _)| t.cause == Cause::Line(Line::Mode));
-        mode.is_none_or(|(t, _)| t.disqualified == UNDAMPED)
+    let mut kept: Vec<Candidate> = Vec::new();
+    let undamped = |kept: &[Candidate]| {
+        let mode = kept.iter().find(|c| c.tried.term == Term::Line(Line::Mode));
+        mode.is_none_or(|c| c.tried.objection == Some(Objection::Undamped))
     };
-    for cause in all.into_iter().filter(|c| !c.is_in(&parent.structure)) {
-        if cause == Cause::Line(Line::Tone) && !undamped(&tried) {
+    for term in all.into_iter().filter(|c| !c.is_in(&parent.structure)) {
+        if term == Term::Line(Line::Tone) && !undamped(&kept) {
             continue; // it rings down: a mode
         }
-        for fit in children(decays, parent, cause, &plain, &misfit) {
+        for fit in children(decays, parent, term, &plain, &misfit) {
             let left = fit.misfit(decays);
             let after = deviance(&left, decays);
             let degrees = fit.p.len() - parent.p.len();
             let share = 1.0 - ((after - before) / samples).exp();
             let criterion = after + degrees as f64 * samples.ln();
             let covariance = fit.covariance(decays, &Noise::white(&sizes(&left, decays)));
-            let disqualified = objection(decays, &fit, cause, &covariance);
-            let one =
-                Tried { cause, fit, statistic: 0.0, degrees, surprise: 0.0, share, disqualified };
+            let objection = objection(decays, &fit, term, &covariance);
+            let tried =
+                Tried { term, fit, statistic: 0.0, degrees, surprise: 0.0, share, objection };
+            let one = Candidate { tried, criterion };
             // what can be the cause goes before what cannot
-            let rank = |t: &Tried, criterion: f64| (!t.disqualified.is_empty(), criterion);
-            match tried.iter_mut().find(|(t, _)| t.cause.id() == cause.id()) {
-                Some(known) => {
-                    if rank(&one, criterion) < rank(&known.0, known.1) {
-                        *known = (one, criterion);
-                    }
-                }
-                None => tried.push((one, criterion)),
+            let rank = |c: &Candidate| (c.tried.objection.is_some(), c.criterion);
+            match kept.iter_mut().find(|c| c.tried.term.id() == term.id()) {
+                Some(known) if rank(&one) < rank(known) => *known = one,
+                Some(_) => {}
+                None => kept.push(one),
             }
         }
     }
-    // the noise that is left by what explains most
-    let best = tried
-        .iter()
-        .filter(|(t, _)| t.disqualified.is_empty())
-        .min_by(|p, q| p.1.total_cmp(&q.1))
-        .map(|(t, _)| t.fit.clone())
-        .unwrap_or_else(|| parent.clone());
-    let noise = Noise::of(&best.misfit(decays), decays, best.p.len());
-    let predictable = noise.predictable();
-    let parent_now = fit::descend(decays, &parent.structure, &parent.p, &noise, decays.samples);
-    let mut tried: Vec<Tried> = tried.into_iter().map(|(t, _)| t).collect();
-    for t in &mut tried {
-        let from_own = fit::descend(decays, &t.fit.structure, &t.fit.p, &noise, decays.samples);
-        // nor worse than the parent in this metric
-        let warm = t.fit.structure.carried(&parent_now.structure, &parent_now.p, decays);
-        t.fit = match t.cause {
-            Cause::Line(_) => from_own,
-            _ => {
-                let from_parent =
-                    fit::descend(decays, &t.fit.structure, &warm, &noise, decays.samples);
-                if from_parent.cost < from_own.cost { from_parent } else { from_own }
-            }
-        };
-        t.statistic = (parent_now.cost - t.fit.cost).max(0.0);
-        let lines = match t.cause {
-            Cause::Line(_) => decays.samples as f64 / 2.0,
-            _ => 1.0,
-        };
-        t.surprise = surprise(t.statistic, t.degrees, lines, samples - t.fit.p.len() as f64);
-        let covariance = t.fit.covariance(decays, &noise);
-        t.disqualified = objection(decays, &t.fit, t.cause, &covariance);
-        let little = match t.cause {
-            Cause::Line(_) => t.share < LEAST_SHARE,
-            _ => predictable > COLOURED && t.statistic < LEAST_OF_COLOURED * parent_now.cost,
-        };
-        if t.disqualified.is_empty() && little {
-            t.disqualified = "it is little of what is left".into();
+    kept
+}
+
+/// A candidate fitted in the noise, and whether it can be the cause.
+fn judged(decays: &Decays, mut t: Tried, parent: &Fit, noise: &Noise) -> Tried {
+    let from_own = fit::descend(decays, &t.fit.structure, &t.fit.p, noise, decays.samples);
+    // nor worse than the parent in this metric
+    let warm = t.fit.structure.carried(&parent.structure, &parent.p, decays);
+    t.fit = match t.term {
+        Term::Line(_) => from_own,
+        _ => {
+            let from_parent = fit::descend(decays, &t.fit.structure, &warm, noise, decays.samples);
+            if from_parent.cost < from_own.cost { from_parent } else { from_own }
         }
+    };
+    t.statistic = (parent.cost - t.fit.cost).max(0.0);
+    let free = decays.y.len() as f64 - t.fit.p.len() as f64;
+    t.surprise = surprise(t.statistic, t.degrees, t.term.places(decays), free);
+    let covariance = t.fit.covariance(decays, noise);
+    t.objection = objection(decays, &t.fit, t.term, &covariance);
+    let little = match t.term {
+        Term::Line(_) => t.share < LEAST_SHARE,
+        _ => noise.predictable() > COLOURED && t.statistic < LEAST_OF_COLOURED * parent.cost,
+    };
+    if t.objection.is_none() && little {
+        t.objection = Some(Objection::Little);
     }
-    (tried, noise)
+    t
 }
 
 /// Two modes of nearly the ring's own frequency, whatever their damping.
 #[cfg(test)]
 pub fn alias(decays: &Decays, parent: &Fit) -> Tried {
-    let structure = Cause::Line(Line::Mode).put(&parent.structure);
+    let structure = Term::Line(Line::Mode).put(&parent.structure);
     let layout = structure.layout(decays.bursts, decays.outputs);
     let at = layout.lines[layout.lines.len() - 1];
     let noise = Noise::white(&sizes(&parent.misfit(decays), decays));
@@ -461,16 +516,16 @@ pub fn alias(decays: &Decays, parent: &Fit) -> Tried {
     }
     let fit = best.unwrap();
     let covariance = fit.covariance(decays, &noise);
-    let cause = Cause::Line(Line::Mode);
-    let disqualified = objection(decays, &fit, cause, &covariance);
-    Tried { cause, fit, statistic: 0.0, degrees: 0, surprise: 0.0, share: 0.0, disqualified }
+    let term = Term::Line(Line::Mode);
+    let objection = objection(decays, &fit, term, &covariance);
+    Tried { term, fit, statistic: 0.0, degrees: 0, surprise: 0.0, share: 0.0, objection }
 }
 
 fn row(t: &Tried, step: u32, samples: f64) -> Evidence {
     let (mut low, mut high) = (0.0, 2000.0);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
-        let lines = if matches!(t.cause, Cause::Line(_)) { samples / 2.0 } else { 1.0 };
+        let lines = if matches!(t.term, Term::Line(_)) { samples / 2.0 } else { 1.0 };
         match surprise(middle, t.degrees, lines, f64::INFINITY) > THRESHOLD {
             true => high = middle,
             false => low = middle,
@@ -478,7 +533,7 @@ fn row(t: &Tried, step: u32, samples: f64) -> Evidence {
     }
     Evidence {
         step,
-        id: t.cause.id().into(),
+        id: t.term.id(),
         statistic: t.statistic,
         threshold: high,
         p: (-t.surprise).exp(),
@@ -488,10 +543,7 @@ fn row(t: &Tried, step: u32, samples: f64) -> Evidence {
         sd: f64::NAN,
         tested: true,
         accepted: false,
-        why_not: match t.disqualified.as_str() {
-            "" => "not significant".into(),
-            why => why.into(),
-        },
+        why_not: t.why_not(),
     }
 }
 
@@ -504,47 +556,47 @@ pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
     let (mut evidence, mut unnamed) = (Vec::new(), Vec::new());
     for step in 0..=MOST_TERMS as u32 {
         stages("trying what may be added");
-        let (mut tried, _) = try_all(decays, &now);
+        let mut tried = try_all(decays, &now);
         tried.sort_by(|p, q| q.statistic.total_cmp(&p.statistic));
         let rows = evidence.len();
         evidence.extend(tried.iter().map(|t| row(t, step, samples)));
         unnamed = tried
             .iter()
-            .filter(|t| t.surprise > THRESHOLD && !t.disqualified.is_empty())
+            .filter(|t| t.surprise > THRESHOLD && t.objection.is_some())
             .cloned()
             .collect();
         let penalised = |t: &Tried| t.statistic - t.degrees as f64 * 2.0;
-        let able = |t: &&Tried| t.disqualified.is_empty() && t.surprise > THRESHOLD;
+        let able = |t: &&Tried| t.objection.is_none() && t.surprise > THRESHOLD;
         let mut rivals: Vec<&Tried> = tried.iter().filter(able).collect();
         rivals.sort_by(|p, q| penalised(q).total_cmp(&penalised(p)));
         let Some(best) = rivals.first().filter(|_| (step as usize) < MOST_TERMS) else { break };
         let tied = rivals[1..].iter().filter(|t| penalised(best) - penalised(t) < TIE);
-        let tied_with: Vec<String> = tied.map(|t| t.cause.id().to_owned()).collect();
+        let tied_with: Vec<CauseId> = tied.map(|t| t.term.id()).collect();
         for e in &mut evidence[rows..] {
-            if e.id == best.cause.id() {
+            if e.id == best.term.id() {
                 e.accepted = true;
                 e.why_not = String::new();
-            } else if rivals.iter().any(|r| r.cause.id() == e.id) {
-                e.why_not = "another cause explains more".into();
+            } else if rivals.iter().any(|r| r.term.id() == e.id) {
+                e.why_not = EXPLAINS_MORE.into();
             }
         }
         causes.push(Chosen {
-            cause: best.cause,
+            term: best.term,
             line: best.fit.structure.lines.len().max(1) - 1,
             statistic: best.statistic,
             degrees: best.degrees,
             tied_with,
         });
-        let newcomer = best.cause;
+        let newcomer = best.term;
         let lines_before = now.structure.lines.len();
         now = best.fit.clone();
         let there = causes.len();
         eliminate(decays, &mut now, &mut causes);
-        if causes.len() < there && !causes.iter().any(|c| c.cause == newcomer) {
+        if causes.len() < there && !causes.iter().any(|c| c.term == newcomer) {
             break; // it would come and go for ever
         }
         let lines = now.structure.lines.len();
-        if matches!(newcomer, Cause::Line(_)) && lines <= lines_before {
+        if matches!(newcomer, Term::Line(_)) && lines <= lines_before {
             break;
         }
     }
@@ -558,12 +610,12 @@ pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
 /// The structure and parameters without one cause.
 fn without(decays: &Decays, fit: &Fit, chosen: &Chosen) -> (Structure, Vec<f64>) {
     let mut structure = fit.structure.clone();
-    match chosen.cause {
-        Cause::Offset => structure.offset = false,
-        Cause::Stiffness(_) => structure.stiffness = None,
-        Cause::Drag => structure.drag = false,
-        Cause::Friction => structure.friction = false,
-        Cause::Line(_) => {
+    match chosen.term {
+        Term::Offset => structure.offset = false,
+        Term::Stiffness(_) => structure.stiffness = None,
+        Term::Drag => structure.drag = false,
+        Term::Friction => structure.friction = false,
+        Term::Line(_) => {
             // the line goes last, then away
             let layout = structure.layout(decays.bursts, decays.outputs);
             let (mut lines, mut p) = (Vec::new(), fit.p[..layout.lines[0]].to_vec());
@@ -591,17 +643,14 @@ fn eliminate(decays: &Decays, now: &mut Fit, causes: &mut Vec<Chosen>) {
             let (structure, p) = without(decays, now, chosen);
             let parent = fit::descend(decays, &structure, &p, &noise, decays.samples);
             chosen.statistic = (parent.cost - now.cost).max(0.0);
-            let lines = match chosen.cause {
-                Cause::Line(_) => decays.samples as f64 / 2.0,
-                _ => 1.0,
-            };
-            let objection = match chosen.cause {
-                Cause::Line(line) => line_objection(decays, now, line, chosen.line, &covariance),
-                cause => objection(decays, now, cause, &covariance),
+            let objection = match chosen.term {
+                Term::Line(line) => line_objection(decays, now, line, chosen.line, &covariance),
+                term => objection(decays, now, term, &covariance),
             };
             let free = decays.y.len() as f64 - now.p.len() as f64;
-            let mut surprise = surprise(chosen.statistic, chosen.degrees, lines, free);
-            if !objection.is_empty() {
+            let mut surprise =
+                surprise(chosen.statistic, chosen.degrees, chosen.term.places(decays), free);
+            if objection.is_some() {
                 surprise = 0.0;
             }
             if surprise <= THRESHOLD && weakest.as_ref().is_none_or(|w| surprise < w.2) {
@@ -611,9 +660,9 @@ fn eliminate(decays: &Decays, now: &mut Fit, causes: &mut Vec<Chosen>) {
         // the newest was judged just now: it goes only where it has become unphysical itself
         let Some((i, parent, _)) = weakest.filter(|_| causes.len() > 1) else { return };
         let gone = causes.remove(i);
-        if let Cause::Line(_) = gone.cause {
+        if let Term::Line(_) = gone.term {
             for other in causes.iter_mut() {
-                if matches!(other.cause, Cause::Line(_)) && other.line > gone.line {
+                if matches!(other.term, Term::Line(_)) && other.line > gone.line {
                     other.line -= 1;
                 }
             }

@@ -2,9 +2,10 @@
 //! than the room's own. Rates are stated on seeds that nothing was tuned on.
 
 use super::plant::Decays;
-use super::selection::{self, Cause};
+use super::selection::{self, Term};
 use super::{critique, fit, motion::Form};
 use crate::burst::Beside;
+use crate::critique::catalogue::CauseId;
 use crate::critique::finding::{Critique, Verdict};
 use crate::critique::observations::{Observations, Sampler};
 use rand::{RngExt, SeedableRng};
@@ -102,7 +103,7 @@ fn names(c: &Critique) -> Vec<&str> {
     let mut names: Vec<&str> = match c.verdict {
         Verdict::None => Vec::new(),
         Verdict::Unknown => vec!["?"],
-        _ => c.causes.iter().map(|c| c.id.as_str()).collect(),
+        _ => c.causes.iter().map(|c| c.id.name()).collect(),
     };
     names.sort_unstable();
     names
@@ -179,7 +180,7 @@ fn sizes_lie_in_their_intervals() {
     for seed in 20..36 {
         let c = said(&Truth { cubic: 0.08, ..PLAIN }, seed);
         let truth = (1.0_f64 + 0.75 * 0.08).sqrt() - 1.0;
-        let cause = c.causes.iter().find(|c| c.id == "cubic_stiffness").unwrap();
+        let cause = c.causes.iter().find(|c| c.id == CauseId::CubicStiffness).unwrap();
         // the amplitude itself is uncertain by the phase at the first sample: a hundredth
         let slack = 0.01 * truth;
         all += 1;
@@ -203,7 +204,7 @@ fn the_mode_splitting_alias_is_never_a_second_mode() {
         let sum = |r: Vec<f64>| r.iter().map(|r| r * r).sum::<f64>();
         let explained = 1.0 - sum(alias.fit.misfit(&d)) / sum(parent.misfit(&d));
         assert!(explained > 0.5, "the alias fits: {explained}");
-        assert!(!alias.disqualified.is_empty(), "seed {seed}: it may not be named");
+        assert!(alias.objection.is_some(), "seed {seed}: it may not be named");
         assert!(!names(&said(&truth, seed)).contains(&"second_mode"));
     }
 }
@@ -212,14 +213,14 @@ fn the_mode_splitting_alias_is_never_a_second_mode() {
 #[test]
 fn a_coefficient_of_the_unphysical_sign_is_no_cause() {
     for (truth, wrong) in [
-        (Truth { drag: 2.0, falls_to: 0.3, ..PLAIN }, Cause::Friction),
-        (Truth { friction: 0.4, falls_to: 0.3, ..PLAIN }, Cause::Drag),
+        (Truth { drag: 2.0, falls_to: 0.3, ..PLAIN }, Term::Friction),
+        (Truth { friction: 0.4, falls_to: 0.3, ..PLAIN }, Term::Drag),
     ] {
         let d = decays(&truth, 7);
-        let (tried, _) = selection::try_all(&d, &selection::baseline(&d));
-        let rival = tried.iter().find(|t| t.cause == wrong).unwrap();
+        let tried = selection::try_all(&d, &selection::baseline(&d));
+        let rival = tried.iter().find(|t| t.term == wrong).unwrap();
         assert!(rival.statistic > 100.0, "it fits: {}", rival.statistic);
-        assert!(rival.disqualified.contains("unphysical sign"), "{:?}", rival.disqualified);
+        assert_eq!(rival.objection, Some(selection::Objection::UnphysicalSign));
     }
 }
 
@@ -232,12 +233,12 @@ fn an_extension_never_ends_worse_than_its_parent() {
         let noise = fit::Noise::white(&selection::sizes(&misfit, &d));
         let parent = fit::descend(&d, &parent.structure, &parent.p, &noise, d.samples);
         for cause in [
-            Cause::Offset,
-            Cause::Stiffness(Form::Cubic),
-            Cause::Stiffness(Form::Sine),
-            Cause::Drag,
-            Cause::Friction,
-            Cause::Line(super::plant::Line::Mode),
+            Term::Offset,
+            Term::Stiffness(Form::Cubic),
+            Term::Stiffness(Form::Sine),
+            Term::Drag,
+            Term::Friction,
+            Term::Line(super::plant::Line::Mode),
         ] {
             for child in selection::children(&d, &parent, cause, &noise, &misfit) {
                 assert!(child.cost <= parent.cost * (1.0 + 1e-9), "{cause:?} of {truth:?}");

@@ -3,11 +3,11 @@
 use super::fit::Fit;
 use super::motion::Form;
 use super::plant::{Decays, OMEGA, SIGMA, motion};
-use super::selection::{self, Cause, Chosen, Selected};
-use crate::critique::catalogue::entry_of;
+use super::selection::{self, Chosen, Selected, Term};
+use crate::critique::catalogue::InDecays;
+use crate::critique::chance::DETECTION_LIMIT;
 use crate::critique::digits;
-use crate::critique::finding;
-use crate::critique::selection::DETECTION_LIMIT;
+use crate::critique::finding::Cause;
 use std::f64::consts::TAU;
 use std::fmt::Write;
 
@@ -19,16 +19,16 @@ fn value(decays: &Decays, selected: &Selected, chosen: &Chosen) -> (f64, f64) {
     let output = largest_offset(decays, fit);
     let of = |p: &[f64]| -> f64 {
         let motion = motion(&fit.structure, &layout, p);
-        match chosen.cause {
-            Cause::Offset => layout.offset.map_or(0.0, |at| p[at + output] * decays.scale[output]),
-            Cause::Stiffness(_) => motion.frequency_ratio(largest) - 1.0,
-            Cause::Drag | Cause::Friction => {
+        match chosen.term {
+            Term::Offset => layout.offset.map_or(0.0, |at| p[at + output] * decays.scale[output]),
+            Term::Stiffness(_) => motion.frequency_ratio(largest) - 1.0,
+            Term::Drag | Term::Friction => {
                 let small = motion.damping_at(smallest);
                 motion.damping_at(largest)
                     / small.abs().max(1e-4 * motion.damping_at(largest).abs())
                     - 1.0
             }
-            Cause::Line(_) => p[layout.lines[chosen.line] + 1] / (TAU * decays.dt_s),
+            Term::Line(_) => p[layout.lines[chosen.line] + 1] / (TAU * decays.dt_s),
         }
     };
     let mut gradient = vec![0.0; fit.p.len()];
@@ -54,39 +54,26 @@ fn largest_offset(decays: &Decays, fit: &Fit) -> usize {
 }
 
 /// The causes, lines of one kind together (the strongest speaks), and what is to be said beside them.
-pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<finding::Cause>, Vec<String>) {
-    let mut found: Vec<finding::Cause> = Vec::new();
+pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<Cause>, Vec<String>) {
+    let mut found: Vec<Cause> = Vec::new();
     let mut remarks = Vec::new();
     let samples = decays.y.len() as f64;
     let mut order: Vec<&Chosen> = selected.causes.iter().collect();
     order.sort_by(|p, q| q.statistic.total_cmp(&p.statistic));
     for chosen in order {
         let (value, sd) = value(decays, selected, chosen);
-        let entry = entry_of(chosen.cause.id());
-        if found.iter().any(|c| c.id == entry.id) {
-            remarks.push(format!(
-                "one more {}: {} = {}",
-                entry.id,
-                entry.parameter,
-                digits::measured(value, [value - 1.96 * sd, value + 1.96 * sd], entry.unit)
-            ));
+        let id = chosen.term.id();
+        let strength_dl = (chosen.statistic / DETECTION_LIMIT).sqrt();
+        let delta_bic = chosen.statistic - chosen.degrees as f64 * samples.ln();
+        let mut cause = Cause::new(id, value, sd, strength_dl, delta_bic);
+        if found.iter().any(|c| c.id == id) {
+            let size = digits::measured(value, cause.ci95, &cause.unit);
+            remarks.push(format!("one more {id}: {} = {size}", cause.parameter));
             continue;
         }
-        let mut cause = finding::Cause {
-            id: entry.id.into(),
-            parameter: entry.parameter.into(),
-            unit: entry.unit.into(),
-            value,
-            ci95: [value - 1.96 * sd, value + 1.96 * sd],
-            strength_dl: (chosen.statistic / DETECTION_LIMIT).sqrt(),
-            delta_bic: chosen.statistic - chosen.degrees as f64 * samples.ln(),
-            tied_with: chosen.tied_with.clone(),
-            matters_for_detection: false,
-            explains: None,
-            sentence: String::new(),
-        };
+        cause.tied_with = chosen.tied_with.clone();
         cause.sentence = sentence(&cause);
-        if chosen.cause == Cause::Offset && decays.outputs > 1 {
+        if chosen.term == Term::Offset && decays.outputs > 1 {
             let layout = selected.fit.structure.layout(decays.bursts, decays.outputs);
             let each: Vec<String> = (0..decays.outputs)
                 .filter_map(|o| {
@@ -96,7 +83,7 @@ pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<finding::Cause>, Vec
                 .collect();
             remarks.push(format!("offsets, counts: {}", each.join(", ")));
         }
-        if let Cause::Stiffness(form) = chosen.cause {
+        if let Term::Stiffness(form) = chosen.term {
             let what = match form {
                 Form::Cubic => "x + k x^3 fits the spring better than a pendulum's sine",
                 Form::Sine => "a sine (a pendulum's torque) fits the spring better than x + k x^3",
@@ -108,12 +95,11 @@ pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<finding::Cause>, Vec
     (found, remarks)
 }
 
-pub fn sentence(cause: &finding::Cause) -> String {
-    let words = match cause.id.as_str() {
-        "quadratic_drag" => "damping grows with amplitude: drag that grows with speed squared",
-        "offset" => "the sensor has an offset: what it shows at rest is not zero",
-        "tone" => "an undamped line is added: an interference from outside",
-        id => entry_of(id).words,
+pub fn sentence(cause: &Cause) -> String {
+    let entry = cause.id.row();
+    let words = match entry.in_decays {
+        InDecays::Fitted(Some(words)) => words,
+        InDecays::Fitted(None) | InDecays::Needs(_) => entry.words,
     };
     let number = digits::measured(cause.value, cause.ci95, &cause.unit);
     format!("{words}: {} = {number}", cause.parameter)

@@ -1,6 +1,12 @@
-//! How surprising a statistic is, and where a likelihood is largest and how wide.
+//! How surprising a statistic is and must be, and where a likelihood is largest and how wide.
 
 use std::f64::consts::TAU;
+
+/// -ln of the chance that one candidate passes on data of the model itself: 22 candidates stay well
+/// below 1 % together.
+pub const THRESHOLD: f64 = 8.3;
+/// Noncentrality of one detection limit.
+pub const DETECTION_LIMIT: f64 = 20.9;
 
 /// An omnibus test must be more surprising than a candidate: it has no mechanism behind it.
 pub const MARGIN: f64 = 1.5;
@@ -47,7 +53,7 @@ pub fn ln_normal_tail(z: f64) -> f64 {
 }
 
 /// Where a function that is unimodal within `reach` of `near` is largest: golden section.
-pub(super) fn maximum(f: impl Fn(f64) -> f64, near: f64, reach: f64) -> f64 {
+pub fn maximum(f: impl Fn(f64) -> f64, near: f64, reach: f64) -> f64 {
     let golden = 0.618_034;
     let (mut low, mut high) = (near - reach, near + reach);
     let (mut p, mut q) = (high - golden * (high - low), low + golden * (high - low));
@@ -67,7 +73,7 @@ pub(super) fn maximum(f: impl Fn(f64) -> f64, near: f64, reach: f64) -> f64 {
 }
 
 /// Standard deviation of a parameter from the curvature of twice the log-likelihood.
-pub(super) fn width(f: impl Fn(f64) -> f64, at: f64, step: f64) -> f64 {
+pub fn width(f: impl Fn(f64) -> f64, at: f64, step: f64) -> f64 {
     let mut h = step;
     let top = f(at);
     for _ in 0..12 {
@@ -85,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    pub(super) fn surprise_is_minus_the_logarithm_of_known_probabilities() {
+    fn surprise_is_minus_the_logarithm_of_known_probabilities() {
         // two-sided normal: 1.96 -> .05, 3.29 -> .001; chi-squared with 2: exact
         assert!((surprise(1.96 * 1.96, 1, 1.0, f64::INFINITY) - (-(0.05_f64.ln()))).abs() < 1e-3);
         assert!(
