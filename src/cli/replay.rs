@@ -342,7 +342,7 @@ fn load(mut settings: Settings, args: &Args) -> Result<Loaded, Failure> {
     let names = !classes.is_empty();
     let command = Command::Replay { detects: design.is_none(), names };
     effect::check(&args.set, &settings, command)?;
-    effect::check_common_change(&settings, design.as_ref())?;
+    effect::check_common_change(&args.set, &settings, design.as_ref())?;
     if let Some(design) = design.as_ref().filter(|_| names) {
         design.check_method(settings.isolate.method).map_err(Failure::usage)?;
     }
