@@ -7,7 +7,7 @@
 use super::inner_product::dot;
 use super::ring::Ring;
 use super::ring_fit::{Features, RingFitter};
-use nalgebra::{DMatrix, SMatrix, SVector};
+use nalgebra::{Cholesky, Const, DMatrix, SMatrix, SVector};
 
 /// Columns that a ring may move along: four of the pair, one of the real pole.
 const COLUMNS: usize = 5;
@@ -33,7 +33,7 @@ impl BesideRing {
         // the first column is the ring itself
         let ring = tangent.column(0);
         let left = y.iter().zip(ring.iter()).map(|(y, ring)| y - ring).collect();
-        self.beside(tangent, left)
+        self.along(tangent).taken_off(left)
     }
 
     /// The same without the shape that every ring of the machine holds, in proportion to its amplitude. N,
@@ -51,19 +51,19 @@ impl BesideRing {
         left
     }
 
-    /// What of a deviation from a ring lies beside it, counts. `y`: N.
-    pub fn project(&self, fitter: &RingFitter, y: &[f64], at: &Features) -> Vec<f64> {
-        self.beside(fitter.tangent(at), y.to_vec())
+    /// All that a ring explains of deviations from it.
+    pub fn explained(&self, fitter: &RingFitter, at: &Features) -> Explained<'_> {
+        self.along(fitter.tangent(at))
     }
 
-    /// `tangent`: N x 4, of the pair; `left`: N.
-    fn beside(&self, mut tangent: DMatrix<f64>, mut left: Vec<f64>) -> Vec<f64> {
+    /// `tangent`: N x 4, of the pair.
+    fn along(&self, mut tangent: DMatrix<f64>) -> Explained<'_> {
         for mut column in tangent.column_iter_mut() {
             let norm = column.norm().max(f64::MIN_POSITIVE);
             column.iter_mut().for_each(|v| *v /= norm);
         }
-        let [ring, damping, frequency, phase] = of_pair(tangent.as_slice());
-        let columns: [&[f64]; COLUMNS] = [ring, damping, frequency, phase, &self.real];
+        let mut of = Explained { pair: tangent, real: &self.real, gram: None };
+        let columns = of.columns();
         // columns that cannot be told apart: their difference explains nothing
         let mut steadied = SMatrix::<f64, COLUMNS, COLUMNS>::identity() * 1e-9;
         for i in 0..COLUMNS {
@@ -71,14 +71,37 @@ impl BesideRing {
                 steadied[(i, j)] += dot(columns[i], columns[j]);
             }
         }
-        let product = SVector::<f64, COLUMNS>::from_fn(|i, _| dot(columns[i], &left));
-        // which reads the lower half
-        if let Some(of) = steadied.cholesky().map(|c| c.solve(&product)) {
+        of.gram = steadied.cholesky(); // which reads the lower half
+        of
+    }
+}
+
+/// The directions that a ring may move along.
+#[derive(Clone, Debug)]
+pub struct Explained<'a> {
+    /// Unit norm, N x 4.
+    pair: DMatrix<f64>,
+    /// Unit norm, N.
+    real: &'a [f64],
+    gram: Option<Cholesky<f64, Const<COLUMNS>>>,
+}
+
+impl Explained<'_> {
+    fn columns(&self) -> [&[f64]; COLUMNS] {
+        let [ring, damping, frequency, phase] = of_pair(self.pair.as_slice());
+        [ring, damping, frequency, phase, self.real]
+    }
+
+    /// What of a deviation lies beside them, counts. N.
+    pub fn taken_off(&self, mut deviation: Vec<f64>) -> Vec<f64> {
+        let columns = self.columns();
+        let product = SVector::<f64, COLUMNS>::from_fn(|i, _| dot(columns[i], &deviation));
+        if let Some(of) = self.gram.as_ref().map(|gram| gram.solve(&product)) {
             for (column, c) in columns.iter().zip(of.iter()) {
-                left.iter_mut().zip(*column).for_each(|(l, v)| *l -= c * v);
+                deviation.iter_mut().zip(*column).for_each(|(l, v)| *l -= c * v);
             }
         }
-        left
+        deviation
     }
 }
 
