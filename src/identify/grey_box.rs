@@ -546,6 +546,39 @@ mod tests {
     }
 
     #[test]
+    fn wherever_it_starts_a_search_ends_where_all_starts_do() {
+        use rand::SeedableRng;
+        use rand_distr::{Distribution, StandardNormal};
+        let settings = GreyBoxSettings::default();
+        let by = |stiffness: f64, loss: f64| InkChannel {
+            a_per_s2: PLANTED.a_per_s2 * stiffness,
+            b_per_s2: PLANTED.b_per_s2 * stiffness,
+            g_per_s: PLANTED.g_per_s * loss,
+            d_per_s: PLANTED.d_per_s * loss,
+        };
+        for seed in 0..20 {
+            let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+            let mut noisy = |v: &f64| {
+                let e: f64 = StandardNormal.sample(&mut rng);
+                v + 2.0 * e
+            };
+            let y: Vec<f64> = decay().iter().map(&mut noisy).collect();
+            let cold = identify(&y, DT_S, 2.0, &settings, None).unwrap();
+            // the window before, another ink, and what no ink is
+            for near in [by(1.01, 0.96), by(0.8, 1.5), by(4.0, 0.1)] {
+                let warm = identify(&y, DT_S, 2.0, &settings, Some(&near)).unwrap();
+                let off = [
+                    (warm.poles.damping_per_s - cold.poles.damping_per_s)
+                        / cold.uncertainty.damping_sd_per_s,
+                    (warm.poles.frequency_hz - cold.poles.frequency_hz)
+                        / cold.uncertainty.frequency_sd_hz,
+                ];
+                assert!(off.iter().all(|off| off.abs() < 0.01), "{near:?}: {off:?}");
+            }
+        }
+    }
+
+    #[test]
     fn thin_qr_is_orthonormal_and_gives_the_columns_back() {
         let columns = basis(super::super::cubic::cubic_per_us(PLANTED.cubic()), 0.78125, 128);
         let (q, r) = thin_qr(columns.clone());
