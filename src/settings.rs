@@ -110,7 +110,8 @@ pub struct IdentifySettings {
     pub max_frequency_drift: f64,
     /// Greatest relative change of the damping from the design's model.
     pub max_damping_drift: f64,
-    /// Channels are judged about what moves all of a printhead's alike, burst by burst.
+    /// Channels are judged about what moves all of a printhead's alike, burst by burst; of no effect where
+    /// nothing shows it (another method than sensitivity, a design with an extension, few channels).
     pub common_change: bool,
     /// Signals of a window that are kept to learn from, at most.
     pub window_signals: usize,
@@ -132,7 +133,7 @@ impl Default for IdentifySettings {
             least_agreeing: 0.55,
             max_frequency_drift: 0.01,
             max_damping_drift: 0.10,
-            common_change: false,
+            common_change: true,
             window_signals: 8192,
             grey_box: GreyBoxSettings::default(),
             geometry: None,

@@ -272,10 +272,7 @@ fn three_of_128() -> together::Plan {
         faulty: 3,
         modes: vec![Mode::Design, Mode::Windows],
         drifts: Drift::ALL.to_vec(),
-        further: Further {
-            replay: "--set identify.common_change=true".into(),
-            ..Further::default()
-        },
+        further: Further::default(),
     }
 }
 
@@ -308,7 +305,8 @@ fn two_in_five_faulty_channels_in_bursts_of_four_do_not_hide_what_moves_all() {
 
 #[test]
 fn without_following_drifting_heads_are_full_of_faults() {
-    let further = Further::default();
+    let replay = "--set identify.common_change=false".into();
+    let further = Further { replay, ..Further::default() };
     let drifts = vec![Drift::OtherInk, Drift::Swinging];
     let rows = heads(&together::Plan { further, drifts, ..three_of_128() });
     assert!(rows.iter().map(|row| row.false_episodes).sum::<usize>() > 20);

@@ -219,15 +219,14 @@ fn fault_that_grows_slowly_is_not_learned_as_healthy() {
 
     // all of them: windows are refused, and it is the head's
     write(&house.path("all.mcap"), &drying(&original, |_| true), WriterOptions::default());
-    replay("all.mcap", "--set identify.common_change=true")
-        .exits(3)
-        .says("max_damping_drift")
-        .says("moved together");
+    replay("all.mcap", "").exits(3).says("max_damping_drift").says("moved together");
     let summary = house.read_json("out/all.summary.json");
     assert!(!summary["refused_windows"].as_array().unwrap().is_empty());
+    let followed = late_share(&house, "all", |_| true);
     // had the drying been learned, hardly any would be flagged
-    replay("all.mcap", "").exits(3);
-    assert!(late_share(&house, "all", |_| true) > 0.75);
+    replay("all.mcap", "--set identify.common_change=false").exits(3);
+    let alone = late_share(&house, "all", |_| true);
+    assert!(followed < 0.2 && alone > 0.75, "{followed} flagged as a head, {alone} by themselves");
 }
 
 #[test]
@@ -239,13 +238,15 @@ fn a_head_that_stands_still_is_judged_bit_by_bit_as_without_its_common_change() 
         house.ok(&format!("replay {run} --design {design} --out {out} {more}"));
         verdicts(&house.path(&format!("{out}/print_run.verdicts.parquet")))
     };
-    let common = "--set identify.common_change=true";
-    assert!(judged("one", "") == judged("other", common), "verdicts differ");
-    // where it cannot take effect it is refused
+    let alone = "--set identify.common_change=false";
+    assert!(judged("one", "") == judged("other", alone), "verdicts differ");
+    // where it cannot take effect, who asks for it is told, and who does not is not
     let run = sample("print_run.mcap");
-    let energy = "--set detect.method=residual-energy";
-    let command = format!("replay {} --out third {energy} {common}", run.display());
-    house.run(&command).exits(2).says("identify.common_change").says("sensitivity");
+    let command =
+        format!("replay {} --out third --set detect.method=residual-energy", run.display());
+    let asked = format!("{command} --set identify.common_change=true");
+    house.run(&asked).exits(2).says("identify.common_change").says("sensitivity");
+    house.ok(&command);
 }
 
 #[test]

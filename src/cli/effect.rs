@@ -22,6 +22,8 @@ pub enum Command {
     Critique,
 }
 
+const COMMON_CHANGE: &str = "identify.common_change";
+
 /// What only training asks of `[isolate]`.
 const OF_TRAINING: [&str; 4] = ["pulse_s", "delay_s", "guess_sd", "unlabelled_classes"];
 
@@ -37,10 +39,16 @@ pub fn check(set: &[String], settings: &Settings, command: Command) -> Result<()
     Ok(())
 }
 
-/// What moves all channels is seen through the sensitivities of a ring alone. `settings`: with the
-/// design's detection.
-pub fn check_common_change(settings: &Settings, design: Option<&Design>) -> Result<(), Failure> {
-    if !settings.identify.common_change {
+/// What moves all channels is seen through the sensitivities of a ring alone; who asks for it by hand is
+/// told where nothing shows it. `settings`: with the design's detection.
+pub fn check_common_change(
+    set: &[String],
+    settings: &Settings,
+    design: Option<&Design>,
+) -> Result<(), Failure> {
+    let asked =
+        |pair: &String| pair.split('=').next().is_some_and(|key| key.trim() == COMMON_CHANGE);
+    if !settings.identify.common_change || !set.iter().any(asked) {
         return Ok(());
     }
     let why = match settings.detect.method {
@@ -50,7 +58,7 @@ pub fn check_common_change(settings: &Settings, design: Option<&Design>) -> Resu
         DetectMethod::Sensitivity => return Ok(()),
         _ => "it needs detect.method = \"sensitivity\"",
     };
-    Err(Failure::usage(format!("identify.common_change = true: has no effect here: {why}")))
+    Err(Failure::usage(format!("--set {COMMON_CHANGE}=true: has no effect here: {why}")))
 }
 
 fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<String> {

@@ -116,6 +116,7 @@ fn fit(
         &chosen
     };
     let mean = averaging::average(healthy)?;
-    let fit = grey_box::identify_scattered(healthy, &mean, dt_s, &settings.identify.grey_box)?;
+    let fit =
+        grey_box::identify_scattered(healthy, &mean, dt_s, &settings.identify.grey_box, None)?;
     Ok((mean, fit))
 }

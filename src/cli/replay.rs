@@ -327,7 +327,7 @@ fn check(settings: &Settings, args: &Args, design: Option<&Design>) -> Result<()
     let classes = design.map(Design::class_names).unwrap_or_default();
     let names = !classes.is_empty();
     effect::check(&args.set, settings, Command::Replay { detects: design.is_none(), names })?;
-    effect::check_common_change(settings, design)?;
+    effect::check_common_change(&args.set, settings, design)?;
     if let Some(design) = design.filter(|_| names) {
         design.check_method(settings.isolate.method).map_err(Failure::usage)?;
     }

@@ -78,10 +78,11 @@ impl Judge {
     }
 
     /// ln amplitude, ln damping, ln frequency of a signal from the model's, to first order. `deviation`:
-    /// from what is expected, counts. `None`: it has no sensitivities.
+    /// from what is expected, counts. `None`: it has no sensitivities, or the signal holds more than a ring.
     pub fn features(&self, deviation: &[f64], drive: f64) -> Option<Vector3<f64>> {
         let of = self.model.sensitivity.as_ref()?;
-        Some(of.features(deviation, drive) - Vector3::from(of.mean))
+        let features = self.detector.as_ref()?.features_of_ring(deviation, drive)?;
+        Some(features - Vector3::from(of.mean))
     }
 
     /// The same of its ring from another judge's, as if both had been learned at one temperature. `None`:

@@ -210,6 +210,12 @@ impl SensitivityDetector {
         FirstLook { features, distance, unexplained, near, beside }
     }
 
+    /// Its features to first order; `None`: it holds more than a ring.
+    pub(super) fn features_of_ring(&self, deviation: &[f64], drive: f64) -> Option<Vector3<f64>> {
+        let look = self.first_look(deviation, drive);
+        (look.unexplained <= self.settled).then_some(look.features)
+    }
+
     /// The statistics refined by the fit that a first look asked for. `signal`: corrected to reference drive and
     /// temperature, N, counts; may be empty unless [`FirstLook::asks_beside`].
     pub fn second_look(

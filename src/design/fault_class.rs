@@ -101,7 +101,7 @@ impl FaultClass {
             healthy.expected.iter().zip(&self.deviation).map(|(y, d)| y + d).collect();
         let bound_factor = grey_box.bound_factor.max(FAULT_BOUND_FACTOR);
         let wider = GreyBoxSettings { bound_factor, ..grey_box.clone() };
-        Ok(grey_box::identify(&mean, dt_s, 0.0, &wider)?)
+        Ok(grey_box::identify(&mean, dt_s, 0.0, &wider, None)?)
     }
 
     /// The class's own model, filter (its numerator, method I's denominator) and bound.

@@ -69,7 +69,9 @@ impl HealthyModel {
         };
         let mean = averaging::average(healthy)?;
         let dt_s = settings.sample_period_s;
-        let identification = grey_box::identify_scattered(healthy, &mean, dt_s, settings.grey_box)?;
+        let near = anchor.map(|anchor| &anchor.identification.channel);
+        let identification =
+            grey_box::identify_scattered(healthy, &mean, dt_s, settings.grey_box, near)?;
         let expected = identification.expected(dt_s, set.samples);
         let generator = residual_generator(&identification, set.samples, settings, dt_s)?;
 

@@ -134,6 +134,7 @@ impl Leftovers {
         lags: usize,
     ) -> Vec<f64> {
         let n = self.rows.first().map_or(0, Vec::len);
+        let explained = beside.explained(fitter, &Features::HEALTHY);
         let rows = (0..64)
             .map(|i| {
                 // any white sequence will do: only the effect of the projection matters
@@ -144,8 +145,7 @@ impl Leftovers {
                     state ^= state << 17;
                     (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
                 };
-                let noise: Vec<f64> = (0..n).map(|_| 12f64.sqrt() * next()).collect();
-                beside.project(fitter, &noise, &Features::HEALTHY)
+                explained.taken_off((0..n).map(|_| 12f64.sqrt() * next()).collect())
             })
             .collect();
         Leftovers { rows, size: Vec::new() }.autocovariance(lags)

@@ -187,8 +187,8 @@ mod tests {
         let set = channels(0.016, 0.10, 2000);
         let mean = averaging::average(&set).unwrap();
         let settings = GreyBoxSettings::default();
-        let plain = grey_box::identify(&mean.y, DT_S, 1.0, &settings).unwrap();
-        let corrected = grey_box::identify_scattered(&set, &mean, DT_S, &settings).unwrap();
+        let plain = grey_box::identify(&mean.y, DT_S, 1.0, &settings, None).unwrap();
+        let corrected = grey_box::identify_scattered(&set, &mean, DT_S, &settings, None).unwrap();
         let truth =
             InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8.0e4 };
         let truth = crate::identify::cubic::poles_of(truth.cubic()).unwrap();
@@ -205,11 +205,12 @@ mod tests {
         let set = channels(0.016, 0.10, 200);
         let mean = averaging::average(&set).unwrap();
         let settings = GreyBoxSettings { plain_mean: true, ..GreyBoxSettings::default() };
-        let fit = grey_box::identify_scattered(&set, &mean, DT_S, &settings).unwrap();
-        let plain = grey_box::identify(&mean.y, DT_S, mean.standard_error(), &settings).unwrap();
+        let fit = grey_box::identify_scattered(&set, &mean, DT_S, &settings, None).unwrap();
+        let plain =
+            grey_box::identify(&mean.y, DT_S, mean.standard_error(), &settings, None).unwrap();
         assert_eq!(fit.poles.damping_per_s, plain.poles.damping_per_s);
         let settings = GreyBoxSettings::default();
-        let corrected = grey_box::identify_scattered(&set, &mean, DT_S, &settings).unwrap();
+        let corrected = grey_box::identify_scattered(&set, &mean, DT_S, &settings, None).unwrap();
         assert!(corrected.poles.damping_per_s < fit.poles.damping_per_s, "averaging damps");
     }
 
@@ -218,7 +219,8 @@ mod tests {
         let set = channels(0.016, 0.10, 2000);
         let mean = averaging::average(&set).unwrap();
         let fit =
-            grey_box::identify_scattered(&set, &mean, DT_S, &GreyBoxSettings::default()).unwrap();
+            grey_box::identify_scattered(&set, &mean, DT_S, &GreyBoxSettings::default(), None)
+                .unwrap();
         // uniform half-width w: sd w / sqrt 3; frequency moves by half the stiffness
         let expected = [0.10 / 3f64.sqrt(), 0.008 / 3f64.sqrt()];
         let found = [fit.scatter.damping_sd, fit.scatter.frequency_sd];

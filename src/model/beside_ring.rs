@@ -9,7 +9,7 @@
 use super::inner_product::dot;
 use super::ring::Ring;
 use super::ring_fit::{Features, RingFitter};
-use nalgebra::{DMatrix, SMatrix, SVector};
+use nalgebra::{Cholesky, Const, DMatrix, SMatrix, SVector};
 
 /// Dimension of the tangent space: four of the damped pair, one of the real pole.
 const COLUMNS: usize = 5;
@@ -35,7 +35,7 @@ impl BesideRing {
         // the first column is the ring itself
         let ring = tangent.column(0);
         let left = y.iter().zip(ring.iter()).map(|(y, ring)| y - ring).collect();
-        self.beside(tangent, left)
+        self.along(tangent).taken_off(left)
     }
 
     /// The same without `shape`, which every signal of the machine has beside its ring in proportion to the
@@ -53,34 +53,57 @@ impl BesideRing {
         left
     }
 
-    /// The part of a deviation from a ring that lies beside it, N, counts. `y`: N, counts.
-    pub fn project(&self, fitter: &RingFitter, y: &[f64], at: &Features) -> Vec<f64> {
-        self.beside(fitter.tangent(at), y.to_vec())
+    /// The tangent space of a ring, ready to take its part off many deviations.
+    pub fn explained(&self, fitter: &RingFitter, at: &Features) -> Explained<'_> {
+        self.along(fitter.tangent(at))
     }
 
-    /// `left` minus its least-squares projection on the tangent space. `tangent`: N x 4, of the damped pair.
-    fn beside(&self, mut tangent: DMatrix<f64>, mut left: Vec<f64>) -> Vec<f64> {
+    /// `tangent`: N x 4, of the damped pair.
+    fn along(&self, mut tangent: DMatrix<f64>) -> Explained<'_> {
         for mut column in tangent.column_iter_mut() {
             let norm = column.norm().max(f64::MIN_POSITIVE);
             column.iter_mut().for_each(|v| *v /= norm);
         }
-        let [ring, damping, frequency, phase] = of_pair(tangent.as_slice());
-        let columns: [&[f64]; COLUMNS] = [ring, damping, frequency, phase, &self.real];
-        // a ridge, for columns that are nearly parallel: their difference then takes nothing out
+        let mut of = Explained { pair: tangent, real: &self.real, gram: None };
+        let columns = of.columns();
+        // a ridge, for columns that are nearly parallel: their difference then explains nothing
         let mut regularised = SMatrix::<f64, COLUMNS, COLUMNS>::identity() * 1e-9;
         for i in 0..COLUMNS {
             for j in 0..=i {
                 regularised[(i, j)] += dot(columns[i], columns[j]);
             }
         }
-        let product = SVector::<f64, COLUMNS>::from_fn(|i, _| dot(columns[i], &left));
-        // the Cholesky factorisation reads the lower triangle only
-        if let Some(of) = regularised.cholesky().map(|c| c.solve(&product)) {
+        of.gram = regularised.cholesky(); // which reads the lower triangle only
+        of
+    }
+}
+
+/// The tangent space of a ring: the directions along which it may move.
+#[derive(Clone, Debug)]
+pub struct Explained<'a> {
+    /// Unit norm, N x 4.
+    pair: DMatrix<f64>,
+    /// Unit norm, N.
+    real: &'a [f64],
+    gram: Option<Cholesky<f64, Const<COLUMNS>>>,
+}
+
+impl Explained<'_> {
+    fn columns(&self) -> [&[f64]; COLUMNS] {
+        let [ring, damping, frequency, phase] = of_pair(self.pair.as_slice());
+        [ring, damping, frequency, phase, self.real]
+    }
+
+    /// What of a deviation lies beside them, counts. N.
+    pub fn taken_off(&self, mut deviation: Vec<f64>) -> Vec<f64> {
+        let columns = self.columns();
+        let product = SVector::<f64, COLUMNS>::from_fn(|i, _| dot(columns[i], &deviation));
+        if let Some(of) = self.gram.as_ref().map(|gram| gram.solve(&product)) {
             for (column, c) in columns.iter().zip(of.iter()) {
-                left.iter_mut().zip(*column).for_each(|(l, v)| *l -= c * v);
+                deviation.iter_mut().zip(*column).for_each(|(l, v)| *l -= c * v);
             }
         }
-        left
+        deviation
     }
 }
 

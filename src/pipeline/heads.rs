@@ -92,8 +92,8 @@ impl Heads {
         let head = self.of.entry(key).or_insert_with(|| {
             let window = judge.model.valid_from_ns;
             let [damping, frequency] = self.bounds.map(f64::ln_1p);
-            // amplitude goes with damping
-            let step = Vector3::new(damping, damping, frequency);
+            // amplitude goes with damping; what leaps further than twice the bounds is no ink
+            let step = 2.0 * Vector3::new(damping, damping, frequency);
             let change = CommonChange::new(window, healthy_sd, step);
             Head::new(change, judge.clone())
         });

@@ -111,6 +111,9 @@ impl Progress {
         window: Window,
         reservoir: &Reservoir,
     ) -> Option<Entry> {
+        if learner.knows_by_design() && self.accepted > 0 {
+            return None; // its printhead's first window agreed: what judges it stays
+        }
         self.seen += 1;
         let model = match self.model(learner, (key, sample_period_s), reservoir) {
             Ok(model) => HealthyModel { valid_from_ns: Some(window.to_ns), ..model },
@@ -128,7 +131,6 @@ impl Progress {
         }
         let (from_ns, model) = match &self.reference {
             // the printhead is unknown to the design: its pooled model, as the windows agree
-            Some(_) if learner.knows_by_design() && self.accepted > 1 => return None,
             Some(pooled) if learner.knows_by_design() => (i64::MIN, pooled.clone()),
             _ => (window.to_ns, model),
         };
