@@ -73,6 +73,8 @@ pub struct CommonChange {
     own: Option<Vector3<f64>>,
     /// Since its channels are known.
     level: Vector3<f64>,
+    /// Variance of its noise.
+    variance: Vector3<f64>,
     /// Mean square of how far estimates lie off the level before them.
     off: Vector3<f64>,
     /// Where its channels were when they were learned.
@@ -95,6 +97,7 @@ impl CommonChange {
             fresh: 0,
             own: None,
             level: Vector3::zeros(),
+            variance: Vector3::zeros(),
             off: Vector3::zeros(),
             origin: Vector3::zeros(),
             estimates: 0,
@@ -139,6 +142,11 @@ impl CommonChange {
             }
         }
         self.own.map(|_| self.level + self.origin)
+    }
+
+    /// Standard deviations of the noise of the change.
+    pub fn sd(&self) -> Vector3<f64> {
+        self.variance.map(f64::sqrt)
     }
 
     /// Standard deviations of healthy features, noise included.
@@ -227,6 +235,7 @@ impl CommonChange {
             // of estimates that lie further off than their noise the level has moved
             let gain = (1.0 - 1.5 * noise / self.off[k]).max(LEAST_GAIN);
             self.level[k] += gain * off;
+            self.variance[k] = (1.0 - gain).powi(2) * self.variance[k] + gain * gain * noise;
         }
     }
 }
@@ -363,6 +372,34 @@ mod tests {
             let leapt = Head::new(seed).run(window, 600, |b, _| [0.0, 3.0 * step(b), 0.0]);
             assert!(leapt[599].unwrap()[1].abs() < 0.4 * SD[1]);
         }
+    }
+
+    #[test]
+    fn the_stated_noise_of_a_change_is_how_far_it_lies_off() {
+        let (mut found, mut stated) = (0.0, 0.0);
+        for seed in 30..60 {
+            let mut head = Head::new(seed);
+            let mut change = CommonChange::new(Some(0), SD.into(), STEP.into());
+            let mut last = Vector3::zeros();
+            for b in 0..400 {
+                for channel in 0..CHANNELS {
+                    let noise = Vector3::from_fn(|k, _| 0.4 * SD[k] * normal(&mut head.rng));
+                    change.look(b * EVERY_NS, channel, head.lasting[channel as usize] + noise);
+                }
+                // that of some bursts later: what channels' pasts have in common stays
+                if let Some(now) = change.change(b * EVERY_NS)
+                    && b % 20 == 0
+                {
+                    if b > 40 {
+                        found += (now - last)[1].powi(2);
+                        stated += 2.0 * change.sd()[1].powi(2);
+                    }
+                    last = now;
+                }
+            }
+        }
+        let ratio = (found / stated).sqrt();
+        assert!((0.8..1.25).contains(&ratio), "{ratio}");
     }
 
     #[test]

@@ -21,8 +21,8 @@ use std::sync::Arc;
 /// two moves. The level's own noise is .1 of each feature's.
 const FIRST_MOVE: f64 = 0.4;
 const NEXT_MOVE: f64 = 0.2;
-/// Bursts in a row beyond the bounds that are no noise.
-const LASTING: u32 = 8;
+/// Of its noise, a change lies beyond a bound by at least that much.
+const SURE_SDS: f64 = 3.0;
 /// So far (ln amplitude, ln damping, ln frequency) ink and supply may move all channels together; beyond,
 /// they are no longer what the models know.
 const FARTHEST: [f64; 3] = [0.5, 0.5, 0.05];
@@ -70,8 +70,6 @@ struct Head {
     moved: Option<(Vector3<f64>, Arc<Judge>)>,
     bursts: u64,
     farthest: Vector3<f64>,
-    /// Since when it lies beyond the bounds, and for how many bursts.
-    beyond: Option<(i64, u32)>,
     beyond_since_ns: Option<i64>,
 }
 
@@ -152,7 +150,6 @@ impl Head {
             moved: None,
             bursts: 0,
             farthest: Vector3::zeros(),
-            beyond: None,
             beyond_since_ns: None,
         }
     }
@@ -210,8 +207,10 @@ impl Head {
     /// The judge of a burst whose channels were looked at. `bounds`: of ln damping and ln frequency.
     fn judge(&mut self, t_ns: i64, bounds: [f64; 2], moves: &mut u32) -> Arc<Judge> {
         let Some(change) = self.change.change(t_ns) else { return self.window.clone() };
-        let is_beyond = change[1].abs() > bounds[0].ln_1p() || change[2].abs() > bounds[1].ln_1p();
-        self.lies_beyond(is_beyond, t_ns);
+        let surely = change.abs() - SURE_SDS * self.change.sd();
+        if surely[1] > bounds[0].ln_1p() || surely[2] > bounds[1].ln_1p() {
+            self.beyond_since_ns.get_or_insert(t_ns);
+        }
         for k in 0..3 {
             if change[k].abs() > self.farthest[k].abs() {
                 self.farthest[k] = change[k];
@@ -232,17 +231,6 @@ impl Head {
             self.bursts += 1;
         }
         self.now().clone()
-    }
-
-    fn lies_beyond(&mut self, is_beyond: bool, t_ns: i64) {
-        self.beyond = match self.beyond {
-            _ if !is_beyond => None,
-            None => Some((t_ns, 1)),
-            Some((since, bursts)) => Some((since, bursts.saturating_add(1))),
-        };
-        if let Some((since, LASTING..)) = self.beyond {
-            self.beyond_since_ns.get_or_insert(since);
-        }
     }
 
     /// How far features lie off, by the healthy ones' spread.
