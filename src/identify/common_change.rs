@@ -27,33 +27,83 @@ const FIRST: u32 = 16;
 const FEWEST_FIRST: u32 = 4;
 /// Most looks in a channel's past: it ages.
 const PAST: f64 = 256.0;
+/// Most looks that a channel's past begins with.
+const MOST_FIRST: usize = 64;
+/// After so many looks in a row far from its past a channel has another one.
+const LOST: u32 = 64;
 /// So many healthy standard deviations from a model that was learned elsewhere, a printhead is another one.
 const ELSEWHERE: f64 = 1.0;
 /// Share of the channels whose changes must lie as close together as looks at one channel do.
-const LEAST_ALIKE: f64 = 0.45;
+const LEAST_ALIKE: f64 = 0.4;
 /// Looks at one channel differ at most so many times as healthy signals do: the model's own spread is known
 /// no better from a few labels, and where channels differ in nothing else, both are equal.
 const MOST_OWN: f64 = 1.5;
+/// In standard deviations, what counts for nothing: nine tenths of a mean's efficiency for a Gaussian, and a
+/// past that is of few looks.
+const FAR: f64 = 4.5;
+/// Of a Gaussian, in standard deviations.
+const MEDIAN_OF_ABSOLUTE: f64 = 0.6745;
 
 /// What is known of a channel.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct Channel {
     t_ns: i64,
     /// When it was last looked at.
     features: Vector3<f64>,
     /// Looked at since the last estimate.
     fresh: bool,
-    /// Where it was, less the level of then: mean of so many looks.
-    past: Vector3<f64>,
+    past: Past,
+}
+
+/// Where a channel was, less the level of then.
+#[derive(Clone, Debug)]
+struct Past {
+    at: Vector3<f64>,
+    /// How many looks it is the mean of.
     looks: f64,
-    /// Sum of squares of differences between looks that follow each other, and their number.
-    squares: Vector3<f64>,
-    differences: f64,
+    /// Looks in a row that were far from it.
+    far: u32,
+    /// Those that it begins with.
+    first: Vec<Vector3<f64>>,
+}
+
+impl Past {
+    fn begins(at: Vector3<f64>) -> Past {
+        Past { at, looks: 0.0, far: 0, first: Vec::new() }
+    }
+
+    /// The next of those that it begins with.
+    fn push_first(&mut self, features: Vector3<f64>) {
+        if self.first.len() < MOST_FIRST {
+            self.first.push(features);
+        } else {
+            self.first[self.looks as usize % MOST_FIRST] = features;
+        }
+        self.looks += 1.0;
+    }
+
+    /// The middle of those that it began with. `sd`: of looks at one channel.
+    fn learn(&mut self, sd: &Vector3<f64>) {
+        self.at = Location::of(&self.first, sd).middle;
+    }
+
+    /// Takes in a look from which what is common was taken off; what lies far off is a fault and no past.
+    fn take(&mut self, look: Vector3<f64>, sd: &Vector3<f64>) {
+        let off = look - self.at;
+        let weight = bisquare(off, sd);
+        self.far = if weight > 0.0 { 0 } else { self.far + 1 };
+        if self.far >= LOST {
+            *self = Past { looks: 1.0, ..Past::begins(look) };
+            return;
+        }
+        self.looks = (self.looks + weight).min(PAST);
+        self.at += off * (weight / self.looks.max(1.0));
+    }
 }
 
 impl Channel {
     fn change(&self) -> Vector3<f64> {
-        self.features - self.past
+        self.features - self.past.at
     }
 }
 
@@ -107,24 +157,13 @@ impl CommonChange {
     /// The next look at a channel.
     pub fn look(&mut self, t_ns: i64, channel: u32, features: Vector3<f64>) {
         self.fresh += 1;
-        // where it was met, all that is known is the level
-        let met = features - self.level;
-        let of = self.channels.entry(channel).or_insert(Channel {
-            t_ns,
-            features,
-            fresh: true,
-            past: met,
-            looks: 0.0,
-            squares: Vector3::zeros(),
-            differences: 0.0,
+        let of = self.channels.entry(channel).or_insert_with(|| {
+            // where it was met, all that is known is the level
+            let past = Past::begins(features - self.level);
+            Channel { t_ns, features, fresh: true, past }
         });
         if self.own.is_none() {
-            if of.looks > 0.0 {
-                of.squares += (features - of.features).map(|d| d * d);
-                of.differences += 1.0;
-            }
-            of.looks += 1.0;
-            of.past += (features - of.past) / of.looks;
+            of.past.push_first(features);
         }
         (of.t_ns, of.features, of.fresh) = (t_ns, features, true);
     }
@@ -164,37 +203,25 @@ impl CommonChange {
         if goes_on {
             return;
         }
-        let twice: Vec<&Channel> =
-            self.channels.values().filter(|of| of.differences > 0.0).collect();
-        if twice.len() < FEWEST {
+        let mut pasts: Vec<&mut Past> = self.channels.values_mut().map(|of| &mut of.past).collect();
+        if pasts.iter().filter(|past| past.first.len() > 1).count() < FEWEST {
             return;
         }
-        let own = Vector3::from_fn(|k, _| {
-            let mut squares: Vec<f64> = twice
-                .iter()
-                // a median of squares lies below their mean (Wilson and Hilferty 1931)
-                .map(|of| {
-                    of.squares[k]
-                        / of.differences
-                        / 2.0
-                        / (1.0 - 2.0 / 9.0 / of.differences).powi(3)
-                })
-                .collect();
-            median(&mut squares).sqrt()
-        });
+        pasts.iter_mut().for_each(|past| past.learn(&self.healthy));
+        let own = Vector3::from_fn(|k, _| scatter_of(&pasts, k));
+        pasts.iter_mut().for_each(|past| past.learn(&own));
         // channels that differ from look to look more than healthy signals do have no past
         if (0..3).all(|k| own[k] <= MOST_OWN * self.healthy[k]) {
             self.origin = self.elsewhere();
+            self.channels.values_mut().for_each(|of| of.past.first = Vec::new());
             (self.own, self.off) = (Some(own), Vector3::repeat(f64::MIN_POSITIVE));
         }
     }
 
     /// How far a printhead that the model was not learned from lies from it for good.
     fn elsewhere(&self) -> Vector3<f64> {
-        let middle = Vector3::from_fn(|k, _| {
-            let values = self.channels.values().map(|of| of.past[k]).collect();
-            Location::of(values, self.healthy[k]).middle
-        });
+        let pasts: Vec<Vector3<f64>> = self.channels.values().map(|of| of.past.at).collect();
+        let middle = Location::of(&pasts, &self.healthy).middle;
         let is_elsewhere = self.window_to_ns.is_none()
             && middle.component_div(&self.healthy).norm() > ELSEWHERE
             && (0..3).all(|k| middle[k].abs() <= self.step[k]);
@@ -203,33 +230,31 @@ impl CommonChange {
 
     /// The level, by what the channels heard of lately have changed by.
     fn follow(&mut self, t_ns: i64, own: Vector3<f64>) {
-        let recent = |of: &&Channel| of.looks > 0.0 && t_ns.abs_diff(of.t_ns) <= HORIZON_NS;
+        let recent = |of: &&Channel| of.past.looks > 0.0 && t_ns.abs_diff(of.t_ns) <= HORIZON_NS;
         let changes: Vec<Vector3<f64>> =
             self.channels.values().filter(recent).map(Channel::change).collect();
-        let found: Option<[Location; 3]> = (changes.len() >= FEWEST).then(|| {
-            std::array::from_fn(|k| Location::of(changes.iter().map(|c| c[k]).collect(), own[k]))
-        });
-        let alike = |of: &[Location; 3]| {
-            of.iter().all(|of| of.weight >= LEAST_ALIKE * changes.len() as f64)
+        let found = (changes.len() >= FEWEST).then(|| Location::of(&changes, &own));
+        let alike = |of: &Location| {
+            of.weight >= LEAST_ALIKE * changes.len() as f64
                 // no ink does that from one burst to the next
-                && (0..3).all(|k| (of[k].middle - self.level[k]).abs() <= self.step[k])
+                && (0..3).all(|k| (of.middle - self.level)[k].abs() <= self.step[k])
         };
         let found = found.filter(alike);
         if let Some(of) = &found {
             self.take(of);
         }
         // what is common is no channel's own
-        let now = found.map_or(self.level, |of| Vector3::from(of.map(|of| of.middle)));
+        let now = found.map_or(self.level, |of| of.middle);
         for of in self.channels.values_mut().filter(|of| of.fresh) {
             of.fresh = false;
-            of.looks = (of.looks + 1.0).min(PAST);
-            of.past += (of.features - now - of.past) / of.looks;
+            of.past.take(of.features - now, &own);
         }
     }
 
-    fn take(&mut self, estimate: &[Location; 3]) {
-        for (k, of) in estimate.iter().enumerate() {
-            let (off, noise) = (of.middle - self.level[k], of.middle_sd().powi(2));
+    fn take(&mut self, of: &Location) {
+        let (off, variance) = (of.middle - self.level, of.variance_of_middle());
+        for k in 0..3 {
+            let (off, noise) = (off[k], variance[k]);
             self.off[k] = self.off[k].max(noise);
             self.off[k] += MEMORY * (off * off - self.off[k]);
             // of estimates that lie further off than their noise the level has moved
@@ -240,37 +265,48 @@ impl CommonChange {
     }
 }
 
-/// Where most of some numbers lie.
+/// Standard deviation of looks at one channel, by the median of how far they lie off its past: a third of them
+/// may be faults.
+fn scatter_of(pasts: &[&mut Past], k: usize) -> f64 {
+    let several = pasts.iter().filter(|past| past.first.len() > 1);
+    let mut off: Vec<f64> = several
+        .flat_map(|past| {
+            let looks = past.first.len() as f64;
+            // a past follows its own looks
+            let kept = (1.0 - 1.0 / looks).sqrt();
+            past.first.iter().map(move |x| (x[k] - past.at[k]).abs() / kept)
+        })
+        .collect();
+    median(&mut off) / MEDIAN_OF_ABSOLUTE
+}
+
+/// Tukey's weight of what lies `off`, by the feature that lies farthest.
+fn bisquare(off: Vector3<f64>, sd: &Vector3<f64>) -> f64 {
+    let far = off.component_div(sd).amax() / FAR;
+    (1.0 - far * far).max(0.0).powi(2)
+}
+
+/// Where most of some features lie.
 #[derive(Clone, Copy, Debug)]
 struct Location {
-    middle: f64,
-    /// Of one number about it.
-    sd: f64,
-    /// What counts, in whole numbers.
+    middle: Vector3<f64>,
+    /// Of one about it.
+    variance: Vector3<f64>,
+    /// What counts, in whole features.
     weight: f64,
 }
 
 impl Location {
-    /// Tukey's M-estimate from the middle of the shortest half on: it redescends, so that what lies far off
-    /// counts for nothing, and moves smoothly with every number (Maronna, Martin, Yohai 2006, section
-    /// 2.2). `sd`: of healthy numbers. At least one number.
-    fn of(mut values: Vec<f64>, sd: f64) -> Location {
-        /// In standard deviations, what counts for nothing: nine tenths of a mean's efficiency for a
-        /// Gaussian, and a past that is of few looks.
-        const FAR: f64 = 4.5;
+    /// Tukey's M-estimate from the middles of the shortest halves on: it redescends, so that what lies far off in
+    /// one feature counts for nothing, and moves smoothly with every value (Maronna, Martin, Yohai 2006,
+    /// sections 2.2 and 6.4). `sd`: of healthy ones. At least one value.
+    fn of(values: &[Vector3<f64>], sd: &Vector3<f64>) -> Location {
         const STEPS: usize = 12;
-        values.sort_unstable_by(f64::total_cmp);
-        let n = values.len();
-        let half = n.div_ceil(2);
-        let length = |from: usize| values[from + half - 1] - values[from];
-        let from = (0..=n - half).min_by(|&p, &q| length(p).total_cmp(&length(q))).unwrap_or(0);
-        let mut middle = 0.5 * (values[from] + values[from + half - 1]);
-        let far = FAR * sd;
-        let weight_at = |v: f64, middle: f64| (1.0 - ((v - middle) / far).powi(2)).max(0.0).powi(2);
+        let mut middle = Vector3::from_fn(|k, _| shortest_half(values.iter().map(|v| v[k])));
         for _ in 0..STEPS {
-            let (mut sum, mut weight) = (0.0, 0.0);
-            for &v in &values {
-                let w = weight_at(v, middle);
+            let (mut sum, mut weight) = (Vector3::zeros(), 0.0);
+            for v in values {
+                let w = bisquare(v - middle, sd);
                 (sum, weight) = (sum + w * v, weight + w);
             }
             if weight <= 0.0 {
@@ -278,16 +314,28 @@ impl Location {
             }
             middle = sum / weight;
         }
-        let weights: Vec<f64> = values.iter().map(|&v| weight_at(v, middle)).collect();
-        let weight = weights.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-        let square =
-            values.iter().zip(&weights).map(|(v, w)| w * (v - middle).powi(2)).sum::<f64>();
-        Location { middle, sd: (square / weight).sqrt(), weight }
+        let (mut square, mut weight) = (Vector3::zeros(), 0.0);
+        for v in values {
+            let w = bisquare(v - middle, sd);
+            square += w * (v - middle).map(|d| d * d);
+            weight += w;
+        }
+        Location { middle, variance: square / weight.max(f64::MIN_POSITIVE), weight }
     }
 
-    fn middle_sd(&self) -> f64 {
-        self.sd / self.weight.max(1.0).sqrt()
+    fn variance_of_middle(&self) -> Vector3<f64> {
+        self.variance / self.weight.max(1.0)
     }
+}
+
+/// The middle of the shortest interval that holds half of some numbers.
+fn shortest_half(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_unstable_by(f64::total_cmp);
+    let half = values.len().div_ceil(2);
+    let length = |from: usize| values[from + half - 1] - values[from];
+    let first = (0..=values.len() - half).min_by(|&p, &q| length(p).total_cmp(&length(q)));
+    first.map_or(0.0, |p| 0.5 * (values[p] + values[p + half - 1]))
 }
 
 #[cfg(test)]
@@ -477,6 +525,31 @@ mod tests {
     }
 
     #[test]
+    fn faults_that_come_and_go_are_no_past() {
+        for share in [0.1, 0.2, 0.3, 0.4] {
+            let mut rng = ChaCha8Rng::seed_from_u64(41);
+            // channels that differ for good, and channels that differ in nothing lasting
+            for (lasting, own) in [(0.9, 0.4), (0.0, 1.0)] {
+                let at = Head::new(42).lasting;
+                let mut change = CommonChange::new(Some(20 * EVERY_NS), SD.into(), STEP.into());
+                let mut most = 0.0f64;
+                for b in 0..400 {
+                    for channel in 0..CHANNELS {
+                        let fault =
+                            if rng.random_bool(share) { [0.2, 0.4, -0.03] } else { [0.0; 3] };
+                        let noise = Vector3::from_fn(|k, _| own * SD[k] * normal(&mut rng));
+                        let for_good = at[channel as usize] * lasting / 0.9;
+                        change.look(b * EVERY_NS, channel, for_good + noise + Vector3::from(fault));
+                    }
+                    let found = change.change(b * EVERY_NS).unwrap_or_default();
+                    most = (0..3).map(|k| (found[k] / SD[k]).abs()).fold(most, f64::max);
+                }
+                assert!(most < 0.5, "{share}, {lasting}: {most}");
+            }
+        }
+    }
+
+    #[test]
     fn bursts_of_one_channel_are_pooled() {
         let mut head = Head::new(7);
         let mut change = CommonChange::new(None, SD.into(), STEP.into());
@@ -496,10 +569,13 @@ mod tests {
     fn location_is_the_middle_of_a_gaussian_as_well_as_a_mean_nearly() {
         let mut rng = ChaCha8Rng::seed_from_u64(9);
         let (mut square, mut sd) = (0.0, 0.0);
+        let one = Vector3::repeat(1.0);
         for _ in 0..2000 {
-            let found = Location::of((0..32).map(|_| normal(&mut rng)).collect(), 1.0);
-            square += found.middle.powi(2) / 2000.0;
-            sd += found.sd / 2000.0;
+            let values: Vec<_> =
+                (0..32).map(|_| Vector3::from_fn(|_, _| normal(&mut rng))).collect();
+            let found = Location::of(&values, &one);
+            square += found.middle.norm_squared() / 3.0 / 2000.0;
+            sd += found.variance[0].sqrt() / 2000.0;
         }
         // a mean's variance is 1/32
         assert!(square < 1.25 / 32.0, "{square}");
@@ -508,8 +584,9 @@ mod tests {
         let (mut off, mut most) = (0.0, 0.0f64);
         for _ in 0..500 {
             let healthy = (0..60).map(|_| normal(&mut rng));
-            let values = healthy.chain((0..40).map(|i| 4.0 + 0.1 * f64::from(i))).collect();
-            let found = Location::of(values, 1.0).middle;
+            let values = healthy.chain((0..40).map(|i| 4.0 + 0.1 * f64::from(i)));
+            let values: Vec<_> = values.map(|v| Vector3::new(v, 0.0, 0.0)).collect();
+            let found = Location::of(&values, &one).middle[0];
             (off, most) = (off + found / 500.0, most.max(found));
         }
         assert!(off.abs() < 0.3 && most < 1.0, "{off} {most}");
