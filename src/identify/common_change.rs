@@ -7,6 +7,7 @@
 //! and changes agree with each other as well as looks at one channel do, or they are no common change.
 //! It must not move with what fewer than two in five of the channels do.
 
+use super::location::{Location, bisquare};
 use crate::model::median::median;
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
@@ -38,9 +39,6 @@ const LEAST_ALIKE: f64 = 0.4;
 /// Looks at one channel differ at most so many times as healthy signals do: the model's own spread is known
 /// no better from a few labels, and where channels differ in nothing else, both are equal.
 const MOST_OWN: f64 = 1.5;
-/// In standard deviations, what counts for nothing: nine tenths of a mean's efficiency for a Gaussian, and a
-/// past that is of few looks.
-const FAR: f64 = 4.5;
 /// Of a Gaussian, in standard deviations.
 const MEDIAN_OF_ABSOLUTE: f64 = 0.6745;
 
@@ -280,64 +278,6 @@ fn scatter_of(pasts: &[&mut Past], k: usize) -> f64 {
     median(&mut off) / MEDIAN_OF_ABSOLUTE
 }
 
-/// Tukey's weight of what lies `off`, by the feature that lies farthest.
-fn bisquare(off: Vector3<f64>, sd: &Vector3<f64>) -> f64 {
-    let far = off.component_div(sd).amax() / FAR;
-    (1.0 - far * far).max(0.0).powi(2)
-}
-
-/// Where most of some features lie.
-#[derive(Clone, Copy, Debug)]
-struct Location {
-    middle: Vector3<f64>,
-    /// Of one about it.
-    variance: Vector3<f64>,
-    /// What counts, in whole features.
-    weight: f64,
-}
-
-impl Location {
-    /// Tukey's M-estimate from the middles of the shortest halves on: it redescends, so that what lies far off in
-    /// one feature counts for nothing, and moves smoothly with every value (Maronna, Martin, Yohai 2006,
-    /// sections 2.2 and 6.4). `sd`: of healthy ones. At least one value.
-    fn of(values: &[Vector3<f64>], sd: &Vector3<f64>) -> Location {
-        const STEPS: usize = 12;
-        let mut middle = Vector3::from_fn(|k, _| shortest_half(values.iter().map(|v| v[k])));
-        for _ in 0..STEPS {
-            let (mut sum, mut weight) = (Vector3::zeros(), 0.0);
-            for v in values {
-                let w = bisquare(v - middle, sd);
-                (sum, weight) = (sum + w * v, weight + w);
-            }
-            if weight <= 0.0 {
-                break;
-            }
-            middle = sum / weight;
-        }
-        let (mut square, mut weight) = (Vector3::zeros(), 0.0);
-        for v in values {
-            let w = bisquare(v - middle, sd);
-            square += w * (v - middle).map(|d| d * d);
-            weight += w;
-        }
-        Location { middle, variance: square / weight.max(f64::MIN_POSITIVE), weight }
-    }
-
-    fn variance_of_middle(&self) -> Vector3<f64> {
-        self.variance / self.weight.max(1.0)
-    }
-}
-
-/// The middle of the shortest interval that holds half of some numbers.
-fn shortest_half(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_unstable_by(f64::total_cmp);
-    let half = values.len().div_ceil(2);
-    let length = |from: usize| values[from + half - 1] - values[from];
-    let first = (0..=values.len() - half).min_by(|&p, &q| length(p).total_cmp(&length(q)));
-    first.map_or(0.0, |p| 0.5 * (values[p] + values[p + half - 1]))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -563,32 +503,5 @@ mod tests {
             found = change.change(b * 1_000_000);
         }
         assert!((found.unwrap()[1] - 0.1).abs() < 0.4 * SD[1]);
-    }
-
-    #[test]
-    fn location_is_the_middle_of_a_gaussian_as_well_as_a_mean_nearly() {
-        let mut rng = ChaCha8Rng::seed_from_u64(9);
-        let (mut square, mut sd) = (0.0, 0.0);
-        let one = Vector3::repeat(1.0);
-        for _ in 0..2000 {
-            let values: Vec<_> =
-                (0..32).map(|_| Vector3::from_fn(|_, _| normal(&mut rng))).collect();
-            let found = Location::of(&values, &one);
-            square += found.middle.norm_squared() / 3.0 / 2000.0;
-            sd += found.variance[0].sqrt() / 2000.0;
-        }
-        // a mean's variance is 1/32
-        assert!(square < 1.25 / 32.0, "{square}");
-        assert!((0.7..1.05).contains(&sd), "{sd}");
-        // two in five lie elsewhere: the middle stays within the healthy ones
-        let (mut off, mut most) = (0.0, 0.0f64);
-        for _ in 0..500 {
-            let healthy = (0..60).map(|_| normal(&mut rng));
-            let values = healthy.chain((0..40).map(|i| 4.0 + 0.1 * f64::from(i)));
-            let values: Vec<_> = values.map(|v| Vector3::new(v, 0.0, 0.0)).collect();
-            let found = Location::of(&values, &one).middle[0];
-            (off, most) = (off + found / 500.0, most.max(found));
-        }
-        assert!(off.abs() < 0.3 && most < 1.0, "{off} {most}");
     }
 }

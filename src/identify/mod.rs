@@ -12,6 +12,7 @@ pub mod damped_cosine;
 pub mod grey_box;
 pub mod identifiability;
 pub mod identification;
+mod location;
 pub mod reservoir;
 pub mod scatter;
 pub mod tangent;
