@@ -19,6 +19,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 use std::error::Error;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 #[derive(Parser)]
 struct Args {
@@ -32,6 +33,12 @@ struct Args {
     /// Channels per burst
     #[arg(long, default_value_t = 1024)]
     channels: u32,
+    /// More than 1: bursts of so many printheads in turn, the first the design's
+    #[arg(long, default_value_t = 1)]
+    printheads: u32,
+    /// Pause before a printhead's next round of all channels, s
+    #[arg(long, default_value_t = 1e-3)]
+    every: f64,
     /// Share of faulty signals
     #[arg(long, default_value_t = 0.02)]
     faulty: f64,
@@ -78,12 +85,19 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let options = WriterOptions { compression, chunk_bytes: Some(args.chunk_bytes) };
     let mut writer = RecordingWriter::create(&args.recording, options)?;
-    let printhead = model.printhead.as_deref().unwrap_or("K1").into();
-    let (mut next_healthy, mut next_faulty, mut written, mut first_channel) = (0, 0, 0, 0);
+    let known = model.printhead.as_deref().unwrap_or("K1");
+    let name = |k: u32| if k == 0 { known.into() } else { format!("{known}-{k}").into() };
+    let printheads: Vec<Arc<str>> = (0..args.printheads.max(1)).map(name).collect();
+    // each burst of the next printhead; of one alone, channels follow each other
+    let channels_of_all =
+        if printheads.len() > 1 { args.channels } else { args.channels.max(1024) };
+    let (mut next_healthy, mut next_faulty, mut written, mut first_channel, mut bursts) =
+        (0, 0, 0, 0, 0);
+    let mut turns = printheads.iter().cycle();
     let mut t_ns = 1_750_000_000_000_000_000_i64;
     let mut burst = Burst {
         t_acq_ns: t_ns,
-        printhead,
+        printhead: printheads[0].clone(),
         first_channel,
         channels: args.channels,
         samples_per_channel: n as u32,
@@ -122,12 +136,14 @@ fn main() -> Result<(), Box<dyn Error>> {
         };
         burst.t_acq_ns = t_ns;
         burst.first_channel = first_channel;
+        burst.printhead.clone_from(turns.next().unwrap_or(&printheads[0]));
         writer.write(&burst, t_ns as u64)?;
         written += u64::from(args.channels);
-        // one printhead of 1024 channels (or more), acquired about a thousand times a second
-        first_channel = (first_channel + args.channels) % args.channels.max(1024);
-        if first_channel == 0 {
-            t_ns += 1_000_000;
+        bursts += 1;
+        // one printhead has 1024 channels or more, acquired about a thousand times a second
+        first_channel = (first_channel + args.channels) % channels_of_all;
+        if first_channel == 0 && bursts % printheads.len() == 0 {
+            t_ns += (args.every * 1e9) as i64;
         }
     }
     writer.finish()?;
