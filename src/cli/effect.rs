@@ -55,6 +55,9 @@ pub fn check_common_change(
         _ if design.is_some_and(|design| design.extension.is_some()) => {
             "the design has a critique's extension, which is not moved"
         }
+        _ if !settings.input.baseline.is_empty() => {
+            "with --baseline each channel is judged about its own past nights"
+        }
         DetectMethod::Sensitivity => return Ok(()),
         _ => "it needs detect.method = \"sensitivity\"",
     };

@@ -5,10 +5,11 @@
 //! moved to where most of the channels are ([`crate::identify::common_change`]); a warning per printhead
 //! that moved beyond the bounds of `[identify]`. Models, thresholds and what is written of them stay.
 
+use super::looked_at::LookedAt;
 use super::survey::GroupKey;
 use crate::burst::Burst;
 use crate::design::Judge;
-use crate::identify::common_change::{CommonChange, MOST};
+use crate::identify::common_change::CommonChange;
 use crate::settings::IdentifySettings;
 use crate::verdict::unusable_signal;
 use chrono::DateTime;
@@ -23,6 +24,8 @@ const FIRST_MOVE: f64 = 0.4;
 const NEXT_MOVE: f64 = 0.2;
 /// Of its noise, a change lies beyond a bound by at least that much.
 const SURE_SDS: f64 = 3.0;
+/// Of the bounds, what channels may leap by at once and still be moved by ink.
+const LEAP: f64 = 1.5;
 /// So far (ln amplitude, ln damping, ln frequency) ink and supply may move all channels together; beyond,
 /// they are no longer what the models know.
 const FARTHEST: [f64; 3] = [0.5, 0.5, 0.05];
@@ -59,8 +62,8 @@ pub struct Moved {
 #[derive(Debug)]
 struct Head {
     change: CommonChange,
-    /// As far as they were met.
-    channels: u32,
+    leap: Vector3<f64>,
+    channels: LookedAt,
     /// What its features are measured from.
     base: Arc<Judge>,
     /// The judge of the windows that is in use, and its ring's features from the base's.
@@ -87,14 +90,10 @@ impl Heads {
         let Some(healthy_sd) = judge.healthy_sd().filter(|_| has_room) else {
             return judge.clone();
         };
-        let head = self.of.entry(key).or_insert_with(|| {
-            let window = judge.model.valid_from_ns;
-            let [damping, frequency] = self.bounds.map(f64::ln_1p);
-            // amplitude goes with damping; what leaps further than twice the bounds is no ink
-            let step = 2.0 * Vector3::new(damping, damping, frequency);
-            let change = CommonChange::new(window, healthy_sd, step);
-            Head::new(change, judge.clone())
-        });
+        let [damping, frequency] = self.bounds.map(|bound| LEAP * bound.ln_1p());
+        // amplitude goes with damping
+        let leap = Vector3::new(damping, damping, frequency);
+        let head = self.of.entry(key).or_insert_with(|| Head::new(healthy_sd, leap, judge.clone()));
         if !head.is_of(judge) {
             head.window_is(judge);
         }
@@ -140,10 +139,11 @@ impl Moved {
 }
 
 impl Head {
-    fn new(change: CommonChange, judge: Arc<Judge>) -> Head {
+    fn new(healthy_sd: Vector3<f64>, leap: Vector3<f64>, judge: Arc<Judge>) -> Head {
         Head {
-            change,
-            channels: 0,
+            change: CommonChange::new(judge.model.valid_from_ns, healthy_sd, leap),
+            leap,
+            channels: LookedAt::default(),
             base: judge.clone(),
             window: judge,
             window_at: Vector3::zeros(),
@@ -159,9 +159,16 @@ impl Head {
     }
 
     fn window_is(&mut self, judge: &Arc<Judge>) {
+        (self.window, self.moved) = (judge.clone(), None);
+        if self.change.is_lost() {
+            // where most channels are by now is what this window says
+            let (window, healthy) = (judge.model.valid_from_ns, self.change.healthy());
+            self.change = CommonChange::new(window, healthy, self.leap);
+            (self.base, self.window_at) = (judge.clone(), Vector3::zeros());
+            return;
+        }
         // a judge whose ring is unknown stays where it is
         self.window_at = judge.features_from(&self.base).unwrap_or(self.window_at);
-        (self.window, self.moved) = (judge.clone(), None);
     }
 
     /// The judge in use.
@@ -177,12 +184,8 @@ impl Head {
         signal: &mut Vec<f64>,
         expected: &mut Vec<f64>,
     ) {
-        self.channels = self.channels.max(burst.first_channel.saturating_add(burst.channels));
-        let apart = self.channels.div_ceil(MOST).max(1);
-        let first = (apart - burst.first_channel % apart) % apart;
-        if first >= burst.channels {
-            return;
-        }
+        let channels = burst.first_channel..burst.first_channel.saturating_add(burst.channels);
+        self.channels.meet(channels.clone());
         let by = self.moved.as_ref().map_or(Vector3::zeros(), |(by, _)| *by);
         let (at, judge) = (self.window_at + by, self.now().clone());
         let n = burst.samples_per_channel as usize;
@@ -190,15 +193,15 @@ impl Head {
         expected.resize(n, 0.0);
         judge.expect(burst, expected);
         let drive = judge.drive(burst);
-        for row in (first..burst.channels).step_by(apart as usize) {
-            burst.copy_signal(row as usize, signal);
+        for channel in channels.filter(|&channel| self.channels.holds(channel)) {
+            let row = (channel - burst.first_channel) as usize;
+            burst.copy_signal(row, signal);
             if unusable_signal(signal, rails).is_some() {
                 continue;
             }
-            judge.deviate(burst, row as usize, expected, signal);
+            judge.deviate(burst, row, expected, signal);
             let found = judge.features(signal, drive).filter(|x| x.iter().all(|v| v.is_finite()));
             if let Some(features) = found {
-                let channel = burst.first_channel.saturating_add(row);
                 self.change.look(burst.t_acq_ns, channel, features + at);
             }
         }
@@ -206,18 +209,21 @@ impl Head {
 
     /// The judge of a burst whose channels were looked at. `bounds`: of ln damping and ln frequency.
     fn judge(&mut self, t_ns: i64, bounds: [f64; 2], moves: &mut u32) -> Arc<Judge> {
-        let Some(change) = self.change.change(t_ns) else { return self.window.clone() };
+        let Some(change) = self.change.change(t_ns) else {
+            self.moved = None;
+            return self.window.clone();
+        };
         let surely = change.abs() - SURE_SDS * self.change.sd();
         if surely[1] > bounds[0].ln_1p() || surely[2] > bounds[1].ln_1p() {
             self.beyond_since_ns.get_or_insert(t_ns);
+        }
+        if (0..3).any(|k| change[k].abs() > FARTHEST[k]) {
+            return self.window.clone();
         }
         for k in 0..3 {
             if change[k].abs() > self.farthest[k].abs() {
                 self.farthest[k] = change[k];
             }
-        }
-        if (0..3).any(|k| change[k].abs() > FARTHEST[k]) {
-            return self.window.clone();
         }
         let wanted = change - self.window_at;
         let off = self.moved.as_ref().map_or(wanted, |(by, _)| wanted - by);

@@ -29,6 +29,7 @@ mod learner;
 mod learning;
 #[cfg(test)]
 mod learning_tests;
+mod looked_at;
 mod metadata;
 mod models;
 pub mod observe;

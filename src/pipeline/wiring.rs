@@ -104,7 +104,8 @@ impl Wiring<'_> {
         let (mut tally, mut warmth) = (Tally::new(classes), Warmth::new(self.may_learn));
         let identify = &settings.identify;
         let heads = || Heads::new(identify, settings.input.rails);
-        let mut heads = identify.common_change.then(heads);
+        // a channel's own baseline is of the judges as they were learned
+        let mut heads = (identify.common_change && replay.baselines.is_none()).then(heads);
         let mut pacer = (settings.replay.pace == Pace::Recorded).then(Pacer::new);
         let Workers { readers, filters, isolators } = self.workers();
         let queue = BlockQueue::new(recording);

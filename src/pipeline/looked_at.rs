@@ -1,0 +1,105 @@
+//! Which of a printhead's channels are looked at, where it has many.
+//!
+//! In: the channels of its bursts, whatever their numbers. Out: whether a channel is one of at most [`MOST`], always
+//! the same ones as long as no others appear: one of each few neighbours, since faults come in blocks, at a place
+//! that follows no pattern, since rows of nozzles, multiplexers and supplies fail by every k-th.
+
+use std::ops::Range;
+
+/// Channels that are looked at, where their numbers have no holes.
+const MOST: u32 = 48;
+/// Stretches of numbers that are told apart; beyond, holes count as channels.
+const MOST_STRETCHES: usize = 64;
+
+#[derive(Clone, Debug, Default)]
+pub(super) struct LookedAt {
+    /// Numbers that were met; apart from each other.
+    stretches: Vec<Range<u32>>,
+    channels: u32,
+}
+
+impl LookedAt {
+    pub(super) fn meet(&mut self, channels: Range<u32>) {
+        if self.stretches.iter().any(|s| s.start <= channels.start && channels.end <= s.end) {
+            return;
+        }
+        let joins = |s: &Range<u32>| s.start <= channels.end && channels.start <= s.end;
+        let join = |a: Range<u32>, b: &Range<u32>| a.start.min(b.start)..a.end.max(b.end);
+        let joined = self.stretches.iter().filter(|s| joins(s)).fold(channels.clone(), join);
+        self.stretches.retain(|s| !joins(s));
+        self.stretches.push(joined);
+        if self.stretches.len() > MOST_STRETCHES {
+            let all = self.stretches.iter().skip(1).fold(self.stretches[0].clone(), join);
+            self.stretches = vec![all];
+        }
+        let lengths = self.stretches.iter().map(|s| s.end - s.start);
+        self.channels = lengths.fold(0, u32::saturating_add);
+    }
+
+    pub(super) fn holds(&self, channel: u32) -> bool {
+        let apart = self.channels.div_ceil(MOST).max(1);
+        channel % apart == mixed(channel / apart) % apart
+    }
+}
+
+/// A number without a pattern (the finaliser of MurmurHash3).
+fn mixed(x: u32) -> u32 {
+    let mut x = (x ^ (x >> 16)).wrapping_mul(0x85eb_ca6b);
+    x = (x ^ (x >> 13)).wrapping_mul(0xc2b2_ae35);
+    x ^ (x >> 16)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_of_few_channels_and_some_of_many_wherever_their_numbers_lie() {
+        for from in [0, 1000, 4_000_000_000] {
+            for channels in [8, 33, 48, 49, 64, 100, 128, 256, 500, 1024, 3000] {
+                let mut of = LookedAt::default();
+                // burst by burst, with holes
+                for b in 0..channels / 8 {
+                    of.meet(from + 8 * b..from + 8 * b + 8);
+                }
+                of.meet(from + 8 * (channels / 8)..from + channels);
+                let count = (from..from + channels).filter(|&c| of.holds(c)).count();
+                match channels {
+                    ..=48 => assert_eq!(count, channels as usize),
+                    _ => assert!((22..=49).contains(&count), "{count} of {channels} from {from}"),
+                }
+            }
+        }
+        let mut apart = LookedAt::default();
+        (0..16).for_each(|b| apart.meet(1000 * b..1000 * b + 2));
+        assert_eq!((0..16_000).filter(|&c| apart.holds(c) && c % 1000 < 2).count(), 32);
+        (0..4000).for_each(|b| apart.meet(1000 * b..1000 * b + 2));
+        assert!(apart.stretches.len() <= MOST_STRETCHES);
+    }
+
+    #[test]
+    fn what_fails_by_every_kth_channel_or_in_a_block_is_no_majority() {
+        for channels in [64_u32, 128, 256, 500, 1024] {
+            let mut of = LookedAt::default();
+            of.meet(0..channels);
+            for k in 3..=64_u32.min(channels / 4) {
+                for residue in 0..k {
+                    let looked = (0..channels).filter(|&c| of.holds(c));
+                    let (all, faulty) = looked.fold((0, 0), |(all, faulty), c| {
+                        (all + 1, faulty + usize::from(c % k == residue))
+                    });
+                    assert!(2 * faulty < all, "every {k}th of {channels}: {faulty} of {all}");
+                }
+            }
+            // a block of three in ten
+            let block = 3 * channels / 10;
+            for from in 0..channels - block {
+                let looked = (0..channels).filter(|&c| of.holds(c));
+                let (all, faulty) = looked.fold((0, 0), |(all, faulty), c| {
+                    (all + 1, faulty + usize::from((from..from + block).contains(&c)))
+                });
+                assert!(5 * faulty < 2 * all, "from {from} of {channels}: {faulty} of {all}");
+            }
+        }
+    }
+}
