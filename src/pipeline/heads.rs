@@ -5,6 +5,7 @@
 //! moved to where most of the channels are ([`crate::identify::common_change`]); a warning per printhead
 //! that moved beyond the bounds of `[identify]`. Models, thresholds and what is written of them stay.
 
+use super::level_history::LevelHistory;
 use super::looked_at::LookedAt;
 use super::survey::GroupKey;
 use crate::burst::Burst;
@@ -36,6 +37,8 @@ const MOST_HEADS: usize = 1 << 10;
 #[derive(Debug)]
 pub struct Heads {
     rails: [f64; 2],
+    /// Length of windows, s.
+    window_s: f64,
     /// Of ln damping and ln frequency.
     bounds: [f64; 2],
     of: HashMap<GroupKey, Head>,
@@ -69,6 +72,9 @@ struct Head {
     /// The judge of the windows that is in use, and its ring's features from the base's.
     window: Arc<Judge>,
     window_at: Vector3<f64>,
+    /// Common changes of late, and their mean in that window: what counts is how far they are from there.
+    history: LevelHistory,
+    in_window: Vector3<f64>,
     /// The same, moved.
     moved: Option<(Vector3<f64>, Arc<Judge>)>,
     bursts: u64,
@@ -80,7 +86,8 @@ impl Heads {
     pub fn new(identify: &IdentifySettings, rails: [f64; 2]) -> Heads {
         let bounds = [identify.max_damping_drift, identify.max_frequency_drift];
         let of = HashMap::new();
-        Heads { rails, bounds, of, moves: 0, signal: Vec::new(), expected: Vec::new() }
+        let window_s = identify.first;
+        Heads { rails, window_s, bounds, of, moves: 0, signal: Vec::new(), expected: Vec::new() }
     }
 
     /// The judge of the next burst.
@@ -93,7 +100,11 @@ impl Heads {
         let [damping, frequency] = self.bounds.map(|bound| LEAP * bound.ln_1p());
         // amplitude goes with damping
         let leap = Vector3::new(damping, damping, frequency);
-        let head = self.of.entry(key).or_insert_with(|| Head::new(healthy_sd, leap, judge.clone()));
+        let history = || LevelHistory::new(self.window_s);
+        let head = self
+            .of
+            .entry(key)
+            .or_insert_with(|| Head::new(healthy_sd, leap, history(), judge.clone()));
         if !head.is_of(judge) {
             head.window_is(judge);
         }
@@ -139,7 +150,12 @@ impl Moved {
 }
 
 impl Head {
-    fn new(healthy_sd: Vector3<f64>, leap: Vector3<f64>, judge: Arc<Judge>) -> Head {
+    fn new(
+        healthy_sd: Vector3<f64>,
+        leap: Vector3<f64>,
+        history: LevelHistory,
+        judge: Arc<Judge>,
+    ) -> Head {
         Head {
             change: CommonChange::new(judge.model.valid_from_ns, healthy_sd, leap),
             leap,
@@ -147,6 +163,8 @@ impl Head {
             base: judge.clone(),
             window: judge,
             window_at: Vector3::zeros(),
+            history,
+            in_window: Vector3::zeros(),
             moved: None,
             bursts: 0,
             farthest: Vector3::zeros(),
@@ -165,10 +183,13 @@ impl Head {
             let (window, healthy) = (judge.model.valid_from_ns, self.change.healthy());
             self.change = CommonChange::new(window, healthy, self.leap);
             (self.base, self.window_at) = (judge.clone(), Vector3::zeros());
+            (self.history, self.in_window) = (self.history.emptied(), Vector3::zeros());
             return;
         }
         // a judge whose ring is unknown stays where it is
         self.window_at = judge.features_from(&self.base).unwrap_or(self.window_at);
+        let in_window = judge.model.valid_from_ns.and_then(|to_ns| self.history.mean_before(to_ns));
+        self.in_window = in_window.unwrap_or(self.window_at);
     }
 
     /// The judge in use.
@@ -213,6 +234,7 @@ impl Head {
             self.moved = None;
             return self.window.clone();
         };
+        self.history.push(t_ns, change);
         let surely = change.abs() - SURE_SDS * self.change.sd();
         if surely[1] > bounds[0].ln_1p() || surely[2] > bounds[1].ln_1p() {
             self.beyond_since_ns.get_or_insert(t_ns);
@@ -225,7 +247,7 @@ impl Head {
                 self.farthest[k] = change[k];
             }
         }
-        let wanted = change - self.window_at;
+        let wanted = change - self.in_window;
         let off = self.moved.as_ref().map_or(wanted, |(by, _)| wanted - by);
         let most = if self.moved.is_some() { NEXT_MOVE } else { FIRST_MOVE };
         if self.in_sds(off) > most {

@@ -29,6 +29,7 @@ mod learner;
 mod learning;
 #[cfg(test)]
 mod learning_tests;
+mod level_history;
 mod looked_at;
 mod metadata;
 mod models;

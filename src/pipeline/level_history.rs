@@ -1,0 +1,79 @@
+//! How far a printhead's channels had moved alike, over the length of one window.
+//!
+//! In: the common change, burst by burst. Out: its mean while a window was printed, so that what comes after it is
+//! counted from the window's own model on.
+
+use nalgebra::Vector3;
+use std::collections::VecDeque;
+
+/// Stretches that a window's length is divided into.
+const STRETCHES: i64 = 16;
+
+#[derive(Clone, Debug)]
+pub(super) struct LevelHistory {
+    window_ns: i64,
+    stretches: VecDeque<Stretch>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Stretch {
+    from_ns: i64,
+    sum: Vector3<f64>,
+    bursts: f64,
+}
+
+impl LevelHistory {
+    pub(super) fn new(window_s: f64) -> LevelHistory {
+        let window_ns = ((1e9 * window_s) as i64).max(STRETCHES);
+        LevelHistory { window_ns, stretches: VecDeque::new() }
+    }
+
+    pub(super) fn emptied(&self) -> LevelHistory {
+        LevelHistory { window_ns: self.window_ns, stretches: VecDeque::new() }
+    }
+
+    pub(super) fn push(&mut self, t_ns: i64, change: Vector3<f64>) {
+        let open = |s: &&mut Stretch| t_ns.saturating_sub(s.from_ns) < self.window_ns / STRETCHES;
+        match self.stretches.back_mut().filter(open) {
+            Some(last) => {
+                last.sum += change;
+                last.bursts += 1.0;
+            }
+            None => self.stretches.push_back(Stretch { from_ns: t_ns, sum: change, bursts: 1.0 }),
+        }
+        // a window is known only some bursts after its end
+        while self.stretches.len() > 2 * STRETCHES as usize {
+            self.stretches.pop_front();
+        }
+    }
+
+    /// Mean over the window that ended then. `None`: nothing was known in it.
+    pub(super) fn mean_before(&self, to_ns: i64) -> Option<Vector3<f64>> {
+        let from_ns = to_ns.saturating_sub(self.window_ns);
+        let within = self.stretches.iter().filter(|s| (from_ns..to_ns).contains(&s.from_ns));
+        let (sum, bursts) = within
+            .fold((Vector3::zeros(), 0.0), |(sum, bursts), s| (sum + s.sum, bursts + s.bursts));
+        (bursts > 0.0).then(|| sum / bursts)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_is_that_of_the_window() {
+        let mut history = LevelHistory::new(20.0);
+        let second = 1_000_000_000;
+        // a tenth of a second apart, a level that grows by 1 a second
+        for t in 0..1000 {
+            let t_s = f64::from(t) / 10.0;
+            history.push(i64::from(t) * second / 10, Vector3::new(t_s, 0.0, -t_s));
+        }
+        let mean = history.mean_before(90 * second).unwrap();
+        assert!((mean[0] - 80.0).abs() < 0.7 && (mean[2] + 80.0).abs() < 0.7, "{mean}");
+        assert!(history.mean_before(40 * second).is_none());
+        assert!(history.stretches.len() <= 2 * STRETCHES as usize);
+        assert!(history.emptied().mean_before(90 * second).is_none());
+    }
+}
