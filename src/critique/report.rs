@@ -11,6 +11,7 @@ use super::finding::{
     Cause, CovariateFigure, Critique, Detection, Energies, Evidence, Gain, GainFigures, HeldOut,
     MeanMisfit, NotTestable, Spectrum, Verdict,
 };
+use crate::plot::page::escaped;
 use crate::plot::{Axis, Figure, Mark, Series};
 use std::fmt::Write;
 
@@ -65,23 +66,6 @@ fn write_page(c: &Critique, page: &mut String) -> std::fmt::Result {
     not_testable(c, page)?;
     evidence_table(&c.evidence, page)?;
     page.write_str("</body></html>\n")
-}
-
-/// Text that markup cannot be made of.
-fn escaped(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            '\'' => out.push_str("&#39;"),
-            c if c.is_control() && c != '\n' => out.push('\u{fffd}'),
-            c => out.push(c),
-        }
-    }
-    out
 }
 
 /// What a verdict means, beside it.
