@@ -49,8 +49,6 @@ pub struct Space {
     pub slow: [f64; 2],
     pub k: DMatrix<f64>,
     pub g: DVector<f64>,
-    /// Score of each channel alone; empty where there are too many.
-    pub by_unit: Vec<DVector<f64>>,
     pub signals: usize,
     pub units: usize,
     /// -2 ln likelihood at no extension, up to a constant.
@@ -118,8 +116,7 @@ impl Space {
         });
         all.k += other.k;
         all.g += other.g;
-        all.by_unit.extend(other.by_unit);
-        let Part { mut k, g, by_unit, mut deviance, mut diagonal } = all;
+        let Part { mut k, g, mut deviance, mut diagonal } = all;
         deviance += other.deviance;
         for (sum, other) in
             diagonal.as_flattened_mut().iter_mut().zip(other.diagonal.as_flattened())
@@ -152,7 +149,6 @@ impl Space {
             slow,
             k,
             g,
-            by_unit,
             signals: data.len(),
             units: data.units,
             deviance,
@@ -174,7 +170,6 @@ impl Space {
 struct Part {
     k: DMatrix<f64>,
     g: DVector<f64>,
-    by_unit: Vec<DVector<f64>>,
     deviance: f64,
     /// What every sample adds to its own place, per pair of powers of the drive.
     diagonal: [[f64; PATTERNS]; PATTERNS],
@@ -204,11 +199,9 @@ impl Part {
             patterns,
             stride,
             inflate: (data.units as f64 / chosen_units as f64).sqrt(),
-            keep_units: data.units * d * 8 <= 32 << 20,
             part: Part {
                 k: DMatrix::zeros(d, d),
                 g: DVector::zeros(d),
-                by_unit: Vec::new(),
                 deviance: rows.len() as f64 * n as f64 * model.noise_var.ln(),
                 diagonal: [[0.0; PATTERNS]; PATTERNS],
             },
@@ -308,7 +301,6 @@ struct Sums<'a> {
     /// Every so manieth channel tells how the scatter hides shapes, weighed by so much.
     stride: usize,
     inflate: f64,
-    keep_units: bool,
     part: Part,
     /// What the scatter takes off K, columns of the shapes' rows, until they are worth a product.
     of_signals: Vec<f64>,
@@ -445,10 +437,7 @@ impl Sums<'_> {
         let low = f.rows(shapes, d - shapes).into_owned();
         let mut block = self.part.k.view_mut((shapes, 0), (d - shapes, d));
         block.gemm(-1.0, &low, &f.transpose(), 1.0);
-        self.part.g += &g_unit;
-        if self.keep_units {
-            self.part.by_unit.push(g_unit);
-        }
+        self.part.g += g_unit;
     }
 }
 
@@ -568,22 +557,6 @@ impl Nuisance {
         self.directions.iter().zip(weight.iter()).for_each(|(own, by)| add(own, -by));
         Direction(blocks)
     }
-
-    /// Score of every channel along one direction, nuisance projected out.
-    pub fn by_unit(&self, space: &Space, direction: &Direction) -> Vec<f64> {
-        let k_times = space.times(direction);
-        let cross =
-            DVector::from_fn(self.directions.len(), |i, _| self.directions[i].dot(&k_times));
-        let weight = &self.inverse * cross;
-        space
-            .by_unit
-            .iter()
-            .map(|g| {
-                direction.dot(g)
-                    - self.directions.iter().zip(&weight).map(|(x, w)| w * x.dot(g)).sum::<f64>()
-            })
-            .collect()
-    }
 }
 
 fn square_root(m: &Matrix5) -> Matrix5 {
@@ -622,7 +595,6 @@ mod tests {
             let near = |a: f64, b: f64, scale: f64| (a - b).abs() <= 1e-9 * scale.max(1.0);
             let scale = whole.g.amax();
             assert!(space.g.iter().zip(&whole.g).all(|(a, b)| near(*a, *b, scale)));
-            assert_eq!(space.by_unit.len(), whole.by_unit.len());
             let low = PATTERNS * data.samples;
             let scale = whole.k.amax();
             for row in low..space.k.nrows() {
