@@ -24,6 +24,7 @@ pub struct Collector<'a> {
     sampling: Option<(f64, usize)>,
     /// By (label, printhead).
     sets: BTreeMap<(String, String), Reservoir>,
+    /// Seen, by label.
     signals: BTreeMap<String, u64>,
 }
 
@@ -94,11 +95,6 @@ impl<'a> Collector<'a> {
             Some(count) => *count += n,
             None => drop(self.signals.insert(label.into(), n)),
         }
-    }
-
-    /// Signals seen, by label.
-    pub fn signals(&self) -> &BTreeMap<String, u64> {
-        &self.signals
     }
 
     /// What was collected, drives relative to the mean voltage of the healthy signals.
