@@ -81,14 +81,20 @@ impl InkChannel {
 }
 
 #[cfg(test)]
+impl InkChannel {
+    /// The thesis's nominal channel.
+    pub const NOMINAL: InkChannel =
+        InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8e4 };
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::model::ring_down::discretise;
 
     #[test]
     fn transition_is_the_matrix_exponential() {
-        let nominal =
-            InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8.0e4 };
+        let nominal = InkChannel::NOMINAL;
         let blocked = InkChannel { b_per_s2: 5.5e8, d_per_s: 1.6e7, ..nominal };
         for channel in [nominal, blocked] {
             for t_s in [0.0, 1e-9, 0.78125e-6, 6e-6, 100e-6] {

@@ -73,8 +73,7 @@ mod tests {
 
     #[test]
     fn the_path_for_millions_equals_ring_down() {
-        let nominal =
-            InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8.0e4 };
+        let nominal = InkChannel::NOMINAL;
         let blocked = InkChannel { b_per_s2: 5.5e8, d_per_s: 1.6e7, ..nominal };
         for channel in [nominal, blocked] {
             let x_a = Vector4::new(2e-4, -7e-4, 130.0, 270.0);
