@@ -207,6 +207,11 @@ fn gain(gain: &Gain, page: &mut String) -> std::fmt::Result {
         page.write_str("</tr>\n")?;
     }
     page.write_str("</table>\n")?;
+    of_detection(gain, one, page)
+}
+
+/// What the detection's numbers are worth. `one`: there is nothing to compare with.
+fn of_detection(gain: &Gain, one: bool, page: &mut String) -> std::fmt::Result {
     if let (Some([low, high]), false) = (gain.detection_gain_interval, one) {
         let word = match gain.detection() {
             Detection::Better => "better",
@@ -220,13 +225,13 @@ fn gain(gain: &Gain, page: &mut String) -> std::fmt::Result {
             gain.detection_gain
         )?;
     }
-    if !before.false_alarms.is_nan() {
+    if !gain.before.false_alarms.is_nan() {
         writeln!(
             page,
             "<p class=\"note\">The threshold is meant for 1 % of healthy signals of channels never heard. \
              It was learned on {} channels: of so few, how much healthy channels differ is known roughly, \
              and so is the share of false alarms.</p>",
-            held.fitted_channels
+            gain.held_out.fitted_channels
         )?;
     }
     Ok(())

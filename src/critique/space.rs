@@ -7,7 +7,7 @@
 //! whatever nuisance, is linear algebra on K and g, and the signals are read once.
 
 use super::covariates::{COVARIATES, Covariates, ONE};
-use super::matrices::{Matrix5, Vector5};
+use super::matrices::{Matrix5, Vector5, scaled};
 use super::model::{LN_LAMBDA_SD, Linear, Model, PATTERNS};
 use super::observations::Observations;
 use crate::model::free_decay::{ALL, FREE, Theta};
@@ -109,20 +109,12 @@ impl Space {
             middle -= 1;
         }
         let part = |rows: Range<usize>| Part::of(model, data, beside, channels, rows);
-        let [mut all, other] = std::thread::scope(|scope| {
+        let both = std::thread::scope(|scope| {
             let other = scope.spawn(|| part(middle..data.len()));
             let first = part(0..middle);
-            [first, other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))]
+            first.with(other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
         });
-        all.k += other.k;
-        all.g += other.g;
-        let Part { mut k, g, mut deviance, mut diagonal } = all;
-        deviance += other.deviance;
-        for (sum, other) in
-            diagonal.as_flattened_mut().iter_mut().zip(other.diagonal.as_flattened())
-        {
-            *sum += other;
-        }
+        let Part { mut k, g, mut deviance, diagonal } = both;
         for p in 0..PATTERNS {
             for q in 0..PATTERNS {
                 for a in 0..n {
@@ -222,6 +214,16 @@ impl Part {
         part.take_off(&mut of_signals, PATTERNS * n);
         part.take_off(&mut of_channels, PATTERNS * n);
         part
+    }
+
+    /// What both add.
+    fn with(mut self, other: Part) -> Part {
+        self.k += other.k;
+        self.g += other.g;
+        self.deviance += other.deviance;
+        let of_other = other.diagonal.as_flattened();
+        self.diagonal.as_flattened_mut().iter_mut().zip(of_other).for_each(|(sum, v)| *sum += v);
+        self
     }
 
     /// Takes the squares of columns of so many rows off K, as one product.
@@ -561,8 +563,7 @@ impl Nuisance {
 
 fn square_root(m: &Matrix5) -> Matrix5 {
     let scale = Vector5::from_fn(|i, _| m[(i, i)].max(1e-300).sqrt());
-    let unit = Matrix5::from_fn(|i, j| m[(i, j)] / (scale[i] * scale[j]));
-    let eigen = unit.symmetric_eigen();
+    let eigen = scaled(m, &scale).symmetric_eigen();
     let values = eigen.eigenvalues.map(|v| v.max(0.0).sqrt());
     Matrix5::from_diagonal(&scale) * eigen.eigenvectors * Matrix5::from_diagonal(&values)
 }

@@ -246,19 +246,17 @@ impl Walk<'_> {
         found: &mut Found,
     ) -> Result<(), Malformed> {
         let Key { scalar, list, .. } = field.at.key;
-        let slot = match &field.then {
-            Then::Into(inside) => {
-                let Wire::Bytes(at) = wire else { return Err(Malformed) };
-                let this = field.at.index.is_none_or(|index| index == *seen);
-                *seen = seen.saturating_add(1);
-                return if this { self.inside(at.clone(), inside, found) } else { Ok(()) };
-            }
-            Then::Take(slot) => *slot,
-        };
         let counted = |seen: &mut u32| {
             let this = field.at.index.is_none_or(|index| index == *seen);
             *seen = seen.saturating_add(1);
             this
+        };
+        let slot = match &field.then {
+            Then::Into(inside) => {
+                let Wire::Bytes(at) = wire else { return Err(Malformed) };
+                return if counted(seen) { self.inside(at.clone(), inside, found) } else { Ok(()) };
+            }
+            Then::Take(slot) => *slot,
         };
         match (scalar, wire) {
             (Scalar::Text, Wire::Bytes(at)) => {
