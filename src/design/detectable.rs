@@ -11,7 +11,7 @@ use crate::detect::detectability::{FaultyModel, blind_ranges};
 use crate::detect::{DetectError, DetectSettings, ResidualGenerator, null_space};
 use crate::fault::CLASSES;
 use crate::identify::grey_box::Identification;
-use crate::model::{InkChannel, Plant, faults};
+use crate::model::{InkChannel, faults};
 use nalgebra::{DMatrix, dmatrix};
 use serde::Serialize;
 

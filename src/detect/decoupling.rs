@@ -309,7 +309,7 @@ mod tests {
     #[test]
     fn known_shapes_reach_no_residual_and_rings_reach_it_whole() {
         use crate::detect::null_space;
-        use crate::model::{InkChannel, Plant};
+        use crate::model::InkChannel;
         let ink = InkChannel::NOMINAL;
         let (n, dt_s) = (128, 0.78125e-6);
         let numerator = null_space::numerator(&ink.a(), &ink.c(), dt_s, 4).unwrap();

@@ -222,7 +222,7 @@ mod tests {
     #[test]
     fn the_filter_is_blind_at_an_offset_and_not_at_its_own_resonance() {
         use crate::detect::{ResidualGenerator, null_space, poles};
-        use crate::model::{InkChannel, Plant};
+        use crate::model::InkChannel;
         let ink = InkChannel::NOMINAL;
         let dt_s = 0.78125e-6;
         let n = null_space::numerator(&ink.a(), &ink.c(), dt_s, 4).unwrap();

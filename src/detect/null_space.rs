@@ -256,7 +256,7 @@ pub(super) fn left_null_space(m: &DMatrix<f64>) -> Result<DMatrix<f64>, DetectEr
 mod tests {
     use super::*;
     use crate::detect::poles::from_poles;
-    use crate::model::{InkChannel, Plant};
+    use crate::model::InkChannel;
     use nalgebra::Complex;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;

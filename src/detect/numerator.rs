@@ -97,7 +97,7 @@ fn mean_energy(
 mod tests {
     use super::*;
     use crate::detect::{null_space, poles};
-    use crate::model::{InkChannel, Plant, ring_down};
+    use crate::model::{InkChannel, ring_down};
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};

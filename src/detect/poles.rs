@@ -119,7 +119,7 @@ fn check_decay(what: &'static str, value: f64) -> Result<(), DetectError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{InkChannel, Plant};
+    use crate::model::InkChannel;
 
     const DT_S: f64 = 0.78125e-6;
 

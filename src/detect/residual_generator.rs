@@ -163,7 +163,7 @@ impl ResidualGenerator {
 mod tests {
     use super::*;
     use crate::detect::{null_space, poles};
-    use crate::model::{InkChannel, Plant, ring_down};
+    use crate::model::{InkChannel, ring_down};
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 

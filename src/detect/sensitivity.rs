@@ -251,7 +251,7 @@ mod tests {
     #[test]
     fn the_distance_is_a_weighted_energy_of_the_fd_filters_residual_whatever_its_denominator() {
         use crate::detect::{ResidualGenerator, null_space, poles};
-        use crate::model::{InkChannel, Plant};
+        use crate::model::InkChannel;
         use nalgebra::DVector;
         const N: usize = 96;
         let dt_s = 0.78125e-6;

@@ -32,7 +32,6 @@ impl Actuation {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::Plant;
     use nalgebra::DVector;
 
     const NOMINAL: InkChannel = InkChannel::NOMINAL;

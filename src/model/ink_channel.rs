@@ -1,9 +1,9 @@
 //! The ink channel, thesis (2-2), in its four rates.
 
-use super::Plant;
 use nalgebra::{DMatrix, Matrix4, dmatrix};
 
-/// Thesis (2-2) in the rates that its A depends on.
+/// Thesis (2-2) in the rates that its A depends on: x' = A x, y = C x; it rings from a non-zero acquisition
+/// state x_a.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InkChannel {
@@ -17,8 +17,9 @@ pub struct InkChannel {
     pub d_per_s: f64,
 }
 
-impl Plant for InkChannel {
-    fn a(&self) -> DMatrix<f64> {
+impl InkChannel {
+    /// A, 4 x 4, 1/s.
+    pub fn a(&self) -> DMatrix<f64> {
         let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = *self;
         dmatrix![
             0.0, 0.0, 1.0, 0.0;
@@ -28,12 +29,10 @@ impl Plant for InkChannel {
     }
 
     /// Thesis §3-1: C = [0 0 1 1]; the counts per flow are in the state's unit.
-    fn c(&self) -> DMatrix<f64> {
+    pub fn c(&self) -> DMatrix<f64> {
         dmatrix![0.0, 0.0, 1.0, 1.0]
     }
-}
 
-impl InkChannel {
     /// (p2, p1, p0) of the observable polynomial s^3 + p2 s^2 + p1 s + p0, in 1/s, 1/s², 1/s³.
     /// Departs: thesis §3-2-1 II has N(s)L(s) = det(A - sI); the pole at 0 is unobservable, so the
     /// numerator is this cubic (physics of (1, -1, 0, 0): C maps the eigenvector of 0 to 0).

@@ -10,7 +10,6 @@ use crate::fault::{CLASSES, HEALTHY};
 use crate::identify::GreyBoxSettings;
 use crate::isolate::{IsolateMethod, IsolateSignal};
 use crate::labels::Labels;
-use crate::model::Plant;
 use crate::score::{Report, Said, Score};
 use crate::simulate::Scenario;
 
