@@ -219,44 +219,51 @@ fn portable(of: &[[u8; 2]], out: &mut [f64]) {
 }
 
 #[cfg(test)]
+impl Burst {
+    /// A row per signal, in counts; nothing was recorded beside them.
+    pub fn of(signals: &[Vec<f32>], sample_period_s: f64, format: Format, layout: Layout) -> Burst {
+        let (channels, n) = (signals.len(), signals[0].len());
+        let mut samples = Vec::new();
+        for i in 0..channels * n {
+            let y = match layout {
+                Layout::ChannelMajor => signals[i / n][i % n],
+                Layout::SampleMajor => signals[i % channels][i / channels],
+            };
+            match format {
+                Format::S16Le => samples.extend((y as i16).to_le_bytes()),
+                Format::F32Le => samples.extend(y.to_le_bytes()),
+            }
+        }
+        Burst {
+            t_acq_ns: 0,
+            printhead: "p".into(),
+            first_channel: 0,
+            channels: channels as u32,
+            samples_per_channel: n as u32,
+            sample_period_s,
+            format,
+            layout,
+            samples: samples.into(),
+            temperature_c: None,
+            drive_voltage_v: None,
+            idle_time_s: Vec::new(),
+            neighbours_fired: Bytes::new(),
+        }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn layout_and_format_do_not_change_a_signal() {
         let value = |row: usize, k: usize| (100 * row + k) as i16 - 120;
-        let burst = |format: Format, layout: Layout| {
-            let (channels, n) = (3, 5);
-            let mut samples = Vec::new();
-            for i in 0..channels * n {
-                let (row, k) = match layout {
-                    Layout::ChannelMajor => (i / n, i % n),
-                    Layout::SampleMajor => (i % channels, i / channels),
-                };
-                match format {
-                    Format::S16Le => samples.extend(value(row, k).to_le_bytes()),
-                    Format::F32Le => samples.extend(f32::from(value(row, k)).to_le_bytes()),
-                }
-            }
-            Burst {
-                t_acq_ns: 0,
-                printhead: "p".into(),
-                first_channel: 0,
-                channels: channels as u32,
-                samples_per_channel: n as u32,
-                sample_period_s: 1e-6,
-                format,
-                layout,
-                samples: samples.into(),
-                temperature_c: None,
-                drive_voltage_v: None,
-                idle_time_s: Vec::new(),
-                neighbours_fired: Bytes::new(),
-            }
-        };
+        let signals: Vec<Vec<f32>> =
+            (0..3).map(|row| (0..5).map(|k| value(row, k).into()).collect()).collect();
         for format in [Format::S16Le, Format::F32Le] {
             for layout in [Layout::ChannelMajor, Layout::SampleMajor] {
-                let b = burst(format, layout);
+                let b = Burst::of(&signals, 1e-6, format, layout);
                 for row in 0..3 {
                     let mut signal = [0.0; 5];
                     b.copy_signal(row, &mut signal);

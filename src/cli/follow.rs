@@ -11,9 +11,9 @@ use crate::io::layout::Layout;
 use crate::io::objects::in_object_store;
 use crate::io::printable;
 use crate::io::recording::Recording;
-use crate::pipeline::{self, Control, Watch};
+use crate::pipeline::{self, Control, Watch, rfc3339};
+use crate::report::clock;
 use crate::settings::{Pace, Settings};
-use chrono::{DateTime, SecondsFormat};
 use serde_json::json;
 use std::io::Write;
 use std::path::Path;
@@ -88,9 +88,6 @@ impl Judge for Watching<'_> {
 
 /// An episode as it is when it is raised; keys as in the table of episodes.
 pub fn tell(recording: &str, episode: &Episode, json: bool, progress: &Progress) {
-    let time = |t_ns: i64| {
-        DateTime::from_timestamp_nanos(t_ns).to_rfc3339_opts(SecondsFormat::AutoSi, true)
-    };
     let told = match json {
         true => output::event(&json!({
             "event": "episode",
@@ -99,8 +96,8 @@ pub fn tell(recording: &str, episode: &Episode, json: bool, progress: &Progress)
             "channel": episode.channel,
             "category": episode.category,
             "fault": episode.fault,
-            "raised_at": time(episode.raised_at_ns),
-            "began_at": time(episode.began_at_ns),
+            "raised_at": rfc3339(episode.raised_at_ns),
+            "began_at": rfc3339(episode.began_at_ns),
             "bursts": episode.bursts,
             "certainty": episode.certainty,
             "severity_last": episode.severity_last,
@@ -116,7 +113,7 @@ pub fn tell(recording: &str, episode: &Episode, json: bool, progress: &Progress)
 }
 
 fn line(episode: &Episode) -> std::io::Result<()> {
-    let raised = DateTime::from_timestamp_nanos(episode.raised_at_ns).format("%Y-%m-%d %H:%M:%S");
+    let raised = clock(episode.raised_at_ns);
     let mut out = output::report();
     writeln!(
         out,

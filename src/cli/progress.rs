@@ -4,6 +4,7 @@ use super::output::is_quiet;
 use crate::io::damage::Damage;
 use crate::io::printable;
 use crate::pipeline::Control;
+use crate::report::grouped;
 use indicatif::{HumanBytes, HumanDuration, MultiProgress, ProgressBar, ProgressStyle};
 use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -246,13 +247,5 @@ fn style(template: &str) -> ProgressStyle {
 
 /// 1234567 -> "1 234 567".
 pub fn thousands(n: u64) -> String {
-    let digits = n.to_string();
-    let mut out = String::new();
-    for (i, d) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            out.push(' ');
-        }
-        out.push(d);
-    }
-    out
+    grouped(n, ' ')
 }

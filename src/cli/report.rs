@@ -5,7 +5,7 @@ use crate::episodes::{Counts, Episode};
 use crate::io::printable;
 use crate::pipeline::RecordingReport;
 use crate::pipeline::tally::PrintheadTally;
-use chrono::DateTime;
+use crate::report::clock;
 use std::io::{self, Write};
 
 /// Episodes listed per printhead; the rest is counted.
@@ -134,10 +134,6 @@ fn print_episodes(episodes: &[&Episode], out: &mut impl Write) -> io::Result<()>
         writeln!(out, "    and {} episodes more", episodes.len() - MOST_LISTED)?;
     }
     Ok(())
-}
-
-fn clock(t_ns: i64) -> String {
-    DateTime::from_timestamp_nanos(t_ns).format("%Y-%m-%d %H:%M:%S").to_string()
 }
 
 /// Where the time went, line by line.

@@ -52,6 +52,13 @@ pub fn ln_normal_tail(z: f64) -> f64 {
     -z * z / 2.0 - (TAU.sqrt() * (z + fraction)).ln()
 }
 
+/// What 95 % of values that were drawn lie within; `None` of none. Sorts them.
+pub fn interval(values: &mut [f64]) -> Option<[f64; 2]> {
+    values.sort_by(f64::total_cmp);
+    let at = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
+    (!values.is_empty()).then(|| [at(0.025), at(0.975)])
+}
+
 /// Where a function that is unimodal within `reach` of `near` is largest: golden section.
 pub fn maximum(f: impl Fn(f64) -> f64, near: f64, reach: f64) -> f64 {
     let golden = 0.618_034;

@@ -71,26 +71,8 @@ fn clipping(
     f
 }
 
-/// Codes that are never met although their neighbours are: the spacing of those that are.
-fn lattice(
-    data: &Observations,
-    beside: &Covariates,
-    model: &mut Model,
-    histogram: &BTreeMap<i64, u64>,
-) -> Found {
-    if !data.integer {
-        // floats lie on a lattice where few distinct values are met often
-        let total: u64 = histogram.values().sum();
-        if histogram.len() as f64 > 0.2 * total as f64 {
-            return Found::nothing(CauseId::CoarseLsb);
-        }
-    }
-    let unit = if data.integer { 1.0 } else { 1e-6 };
-    let total: u64 = histogram.values().sum();
-    if total == 0 {
-        return Found::untested(CauseId::CoarseLsb, "no samples");
-    }
-    // the stretch about the middle where codes are met often
+/// Codes that were met in the stretch about the middle where they are met often, of `total` samples.
+fn met_often(histogram: &BTreeMap<i64, u64>, total: u64) -> Vec<i64> {
     let (mut low, mut high, mut run) = (0, 0, 0_u64);
     let from = total / 50;
     for (&code, &n) in histogram {
@@ -102,7 +84,26 @@ fn lattice(
             high = code;
         }
     }
-    let met: Vec<i64> = histogram.range(low..=high).map(|(&code, _)| code).collect();
+    histogram.range(low..=high).map(|(&code, _)| code).collect()
+}
+
+/// Codes that are never met although their neighbours are: the spacing of those that are.
+fn lattice(
+    data: &Observations,
+    beside: &Covariates,
+    model: &mut Model,
+    histogram: &BTreeMap<i64, u64>,
+) -> Found {
+    let total: u64 = histogram.values().sum();
+    // floats lie on a lattice where few distinct values are met often
+    if !data.integer && histogram.len() as f64 > 0.2 * total as f64 {
+        return Found::nothing(CauseId::CoarseLsb);
+    }
+    let unit = if data.integer { 1.0 } else { 1e-6 };
+    if total == 0 {
+        return Found::untested(CauseId::CoarseLsb, "no samples");
+    }
+    let met = met_often(histogram, total);
     if met.len() < 5 {
         return Found::nothing(CauseId::CoarseLsb);
     }

@@ -84,6 +84,29 @@ impl Covariates {
         }
     }
 
+    /// One covariate, `of` every signal, if it was recorded of enough of them and varies.
+    fn standardise(&mut self, which: usize, of: impl Fn(usize) -> f64) {
+        let known: Vec<usize> = (0..self.z.len()).filter(|&i| of(i).is_finite()).collect();
+        let count = known.len() as f64;
+        if count < LEAST_RECORDED * self.z.len().max(1) as f64 || known.is_empty() {
+            return;
+        }
+        let mean = known.iter().map(|&i| of(i)).sum::<f64>() / count;
+        let square = known.iter().map(|&i| (of(i) - mean).powi(2)).sum::<f64>() / count;
+        let low = known.iter().map(|&i| of(i)).fold(f64::INFINITY, f64::min);
+        let high = known.iter().map(|&i| of(i)).fold(f64::NEG_INFINITY, f64::max);
+        self.mean[which] = mean;
+        self.span[which] = high - low;
+        if square.sqrt() <= 1e-9 * mean.abs().max(1e-300) || square <= 0.0 {
+            return; // it does not vary
+        }
+        self.sd[which] = square.sqrt();
+        self.present[which] = true;
+        for &i in &known {
+            self.z[i][which] = (of(i) - mean) / square.sqrt();
+        }
+    }
+
     pub fn of(data: &Observations) -> Covariates {
         let n = data.len().max(1) as f64;
         let first_ns = data.rows.iter().map(|r| r.beside.t_acq_ns).min().unwrap_or(0);
@@ -111,32 +134,10 @@ impl Covariates {
                 >= LEAST_RECORDED * n,
             shared_bursts: data.len() >= 2 * data.bursts,
         };
-        for which in 0..TIME_SQUARED {
-            let of = |i: usize| value(which, &data.rows[i].beside, first_ns);
-            let known: Vec<usize> = (0..data.len()).filter(|&i| of(i).is_finite()).collect();
-            if which == ONE {
-                new.z.iter_mut().for_each(|z| z[ONE] = 1.0);
-                new.present[ONE] = true;
-                continue;
-            }
-            if (known.len() as f64) < LEAST_RECORDED * n || known.is_empty() {
-                continue;
-            }
-            let count = known.len() as f64;
-            let mean = known.iter().map(|&i| of(i)).sum::<f64>() / count;
-            let square = known.iter().map(|&i| (of(i) - mean).powi(2)).sum::<f64>() / count;
-            let low = known.iter().map(|&i| of(i)).fold(f64::INFINITY, f64::min);
-            let high = known.iter().map(|&i| of(i)).fold(f64::NEG_INFINITY, f64::max);
-            new.mean[which] = mean;
-            new.span[which] = high - low;
-            if square.sqrt() <= 1e-9 * mean.abs().max(1e-300) || square <= 0.0 {
-                continue; // it does not vary
-            }
-            new.sd[which] = square.sqrt();
-            new.present[which] = true;
-            for &i in &known {
-                new.z[i][which] = (of(i) - mean) / square.sqrt();
-            }
+        new.z.iter_mut().for_each(|z| z[ONE] = 1.0);
+        new.present[ONE] = true;
+        for which in ONE + 1..TIME_SQUARED {
+            new.standardise(which, |i| value(which, &data.rows[i].beside, first_ns));
         }
         for (which, square) in SQUARES {
             if new.present[which] {

@@ -77,10 +77,7 @@ fn of_signals(
     labelled: bool,
     stages: &mut dyn FnMut(&str),
 ) -> Result<Outcome, CritiqueError> {
-    let fewest = if real { FEWEST_SIGNALS } else { 1 };
-    if all.len() < fewest {
-        return Err(CritiqueError::TooFew { found: all.len() });
-    }
+    check_enough(all.len(), real)?;
     if all.samples < FEWEST_SAMPLES {
         return Err(CritiqueError::TooShort { samples: all.samples });
     }
@@ -90,9 +87,7 @@ fn of_signals(
         false => outlying(all)?,
     };
     let data = all.select(|i| !outlier[i]);
-    if data.len() < fewest {
-        return Err(CritiqueError::TooFew { found: data.len() });
-    }
+    check_enough(data.len(), real)?;
     let beside = Covariates::of(&data);
     let mut prepared = Prepared::of(data, &beside, real, stages)?;
     let Picked { selected, avoid } = prepared.pick(&beside, stages);
@@ -139,17 +134,20 @@ fn of_signals(
         figures,
     };
     let extended = allowed.and_then(|()| match as_it_came {
-        None => Ok((selected.model, applied)),
+        None => Ok(Extended::new(selected.model, &applied, &beside)),
         Some(coloured) => {
             let setting = Setting { data: &coloured, beside: &beside, avoid: &avoid };
             extended::in_colour(applied, setting)
         }
     });
-    let extended = extended.map(|(model, causes)| {
-        let causes = causes.iter().map(|cause| cause.id).collect();
-        Extended { causes, model, beside }
-    });
     Ok(Outcome { critique, outlier, extended })
+}
+
+fn check_enough(found: usize, real: bool) -> Result<(), CritiqueError> {
+    match found < if real { FEWEST_SIGNALS } else { 1 } {
+        true => Err(CritiqueError::TooFew { found }),
+        false => Ok(()),
+    }
 }
 
 fn no_ring(Unfit::NoRing: Unfit) -> CritiqueError {

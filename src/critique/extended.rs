@@ -24,6 +24,13 @@ pub struct Extended {
     pub beside: Covariates,
 }
 
+impl Extended {
+    pub fn new(model: Model, causes: &[Applied], beside: &Covariates) -> Extended {
+        let causes = causes.iter().map(|cause| cause.id).collect();
+        Extended { causes, model, beside: beside.clone() }
+    }
+}
+
 /// Why a model makes no design.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum NotExtended {
@@ -92,17 +99,14 @@ pub fn check(left_out: LeftOut, gain: &Gain) -> Result<(), NotExtended> {
 
 /// The model of signals that were not made white, with the causes that stay there what they are: those that
 /// move the free decay, or add to it a later part of itself.
-pub fn in_colour(
-    mut causes: Vec<Applied>,
-    setting: Setting,
-) -> Result<(Model, Vec<Applied>), NotExtended> {
+pub fn in_colour(mut causes: Vec<Applied>, setting: Setting) -> Result<Extended, NotExtended> {
     let start = Model::start(setting.data, setting.beside, true);
     let mut model = start.map_err(|_| NotExtended::Unfit)?;
     model.fit(setting.data, setting.beside, 2);
     causes.retain(|cause| !matches!(cause.kind, Kind::Shapes));
     causes.iter().for_each(|cause| apply(&mut model, cause, &cause.coefficients));
     let refit = refit(model, causes, setting, 2, true);
-    Ok((refit.model, refit.causes))
+    Ok(Extended::new(refit.model, &refit.causes, setting.beside))
 }
 
 #[cfg(test)]

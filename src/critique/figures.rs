@@ -4,9 +4,9 @@ use super::covariates::{COVARIATES, Covariates, IDLE, NAMES, POSITION, UNITS};
 use super::ensemble::project;
 use super::finding::{CovariateFigure, Energies, Figures, MeanMisfit, Spectrum};
 use super::matrices::{Matrix5, Vector5};
-use super::model::{Linear, Model, dot};
+use super::model::{Linear, Model, free_products};
 use super::observations::Observations;
-use crate::model::free_decay::FREE;
+use crate::model::free_decay::{FREE, Theta};
 use nalgebra::DMatrix;
 use std::f64::consts::TAU;
 
@@ -15,6 +15,24 @@ const BINS: usize = 8;
 const MOST_DISTINCT: usize = 16;
 /// Signals whose spectra are averaged, at most.
 const MOST_SPECTRA: usize = 512;
+
+/// (amplitude, damping, frequency) of a signal, relative, about its channel's: `own`, and what it is still missed by.
+fn about_channel(unit: &Theta, own: &Theta, missed: &Linear, scale: &Vector5) -> [f64; 3] {
+    let (gram, product) = free_products(missed, scale);
+    let ridge = gram + Matrix5::identity() * 1e-12;
+    let x = ridge.try_inverse().map_or_else(Vector5::zeros, |m| m * product);
+    let (a, b) = (unit[2] / scale[2], unit[3] / scale[2]);
+    let size = a.hypot(b).max(1e-9);
+    let moved = [own[2] / scale[2] + x[2], own[3] / scale[2] + x[3]];
+    let along = (a * moved[0] + b * moved[1]) / (size * size);
+    [along, own[0] + x[0], own[1] + x[1]]
+}
+
+/// The same of a channel, about the population's.
+fn about_population(unit: &Theta, mean: &Theta, scale: &Vector5) -> [f64; 3] {
+    let size = |of: &Theta| (of[2] / scale[2]).hypot(of[3] / scale[2]);
+    [size(unit).max(1e-9) - size(mean), unit[0] - mean[0], unit[1] - mean[1]]
+}
 
 /// Mean misfit about each channel's own parameters, with its standard error; and each signal's own
 /// (amplitude, damping, frequency), relative, about its channel or about the population.
@@ -36,31 +54,12 @@ fn see(model: &Model, data: &Observations, beside: &Covariates) -> Seen {
     let (mut power, mut of_white) = (vec![0.0; n / 2], vec![0.0; n / 2]);
     let every = data.len().div_ceil(MOST_SPECTRA).max(1);
     let mut spectra = 0.0;
+    let scale = model.scale();
     for i in 0..data.len() {
         model.linearise(i, data, beside, &mut linear);
-        let columns = &linear.tangent.columns;
-        let scale = model.scale();
-        let mut gram = Matrix5::identity() * 1e-12;
-        let mut product = Vector5::zeros();
-        for a in 0..FREE {
-            product[a] = dot(&columns[a], &linear.residual) * scale[a];
-            for b in 0..FREE {
-                gram[(a, b)] += dot(&columns[a], &columns[b]) * scale[a] * scale[b];
-            }
-        }
-        let x = gram.try_inverse().map_or_else(Vector5::zeros, |m| m * product);
-        let unit = model.units[data.rows[i].unit];
-        let (a, b) = (unit[2] / scale[2], unit[3] / scale[2]);
-        let size = a.hypot(b).max(1e-9);
-        let own = model.each[i];
-        let moved = [own[2] / scale[2] + x[2], own[3] / scale[2] + x[3]];
-        let along = (a * moved[0] + b * moved[1]) / (size * size);
-        let relative = [along, own[0] + x[0], own[1] + x[1]];
-        let off = [
-            size - (model.mean[2] / scale[2]).hypot(model.mean[3] / scale[2]),
-            unit[0] - model.mean[0],
-            unit[1] - model.mean[1],
-        ];
+        let unit = &model.units[data.rows[i].unit];
+        let relative = about_channel(unit, &model.each[i], &linear, &scale);
+        let off = about_population(unit, &model.mean, &scale);
         within.push(relative);
         about_mean.push(std::array::from_fn(|j| relative[j] + off[j]));
         for k in 0..n {
@@ -71,6 +70,7 @@ fn see(model: &Model, data: &Observations, beside: &Covariates) -> Seen {
         if i % every == 0 {
             spectra += 1.0;
             // beside the signal's own ring, as far as it is free: what the fit takes is known exactly
+            let columns = &linear.tangent.columns;
             let j = DMatrix::from_fn(n, FREE, |k, a| columns[a][k] * scale[a]);
             let q = j.qr().q();
             let mut left = linear.residual.clone();

@@ -6,10 +6,11 @@
 //! the population, in its covariance.
 
 use super::candidates::Applied;
+use super::chance::interval;
 use super::covariates::Covariates;
 use super::finding::{Energies, Gain, GainFigures, HeldOut, Misfit};
-use super::matrices::{Matrix5, Vector5};
-use super::model::{Linear, Model, dot};
+use super::matrices::{Matrix5, Vector5, floored, scaled};
+use super::model::{Linear, Model, dot, free_products};
 use super::observations::Observations;
 use super::refit::{Setting, apply, refit};
 use super::whiteness::{Lags, whiteness_p};
@@ -30,8 +31,6 @@ const BLOCKS: usize = 5;
 const FAULT: f64 = 2.5;
 /// So many channels' weight has the guess that the scatter's parts are independent.
 const SHRINKAGE: f64 = 6.0;
-/// Scatter below this share, squared, is none.
-const LEAST_SPREAD: f64 = 1e-10;
 /// Gauss-Newton from the population to a signal's own parameters: steps at most, and the squared step, in its
 /// own errors, that is none.
 const MOST_STEPS: usize = 6;
@@ -59,8 +58,7 @@ struct Population {
 /// and the mean's own error is added. `without`: as if that channel had not been heard.
 fn population(model: &Model, without: Option<usize>) -> Population {
     let scale = model.scale();
-    let scaled = |m: &Matrix5| Matrix5::from_fn(|a, b| m[(a, b)] / (scale[a] * scale[b]));
-    let (mut between, mut shift) = (scaled(&model.between), Vector5::zeros());
+    let (mut between, mut shift) = (scaled(&model.between, &scale), Vector5::zeros());
     let mut units = model.units.len() as f64;
     if let Some(unit) = without.filter(|_| units >= FEWEST_UNITS as f64) {
         let off = (model.units[unit] - model.mean).fixed_rows::<FREE>(0).component_div(&scale);
@@ -81,11 +79,7 @@ fn population(model: &Model, without: Option<usize>) -> Population {
         let drawn = own * (1.0 - weight) + alone * weight;
         between = turn.transpose() * drawn * turn * (1.0 + 1.0 / units);
     }
-    let sum = between + scaled(&model.within);
-    let eigen = ((sum + sum.transpose()) * 0.5).symmetric_eigen();
-    let values = Matrix5::from_diagonal(&eigen.eigenvalues.map(|v| v.max(LEAST_SPREAD)));
-    let spread = eigen.eigenvectors * values * eigen.eigenvectors.transpose();
-    Population { shift, spread }
+    Population { shift, spread: floored(&(between + scaled(&model.within, &scale))) }
 }
 
 /// What one signal says against a model.
@@ -127,18 +121,11 @@ fn judge(model: &Model, data: &Observations, beside: &Covariates, known: bool) -
             // channels differ by per cents: linear about the population is not enough
             for step in 0..=MOST_STEPS {
                 mean.linearise(i, data, beside, &mut linear);
-                let (columns, r) = (&linear.tangent.columns, &linear.residual);
-                for a in 0..FREE {
-                    product[a] = dot(&columns[a], r) * scale[a];
-                    for b in 0..=a {
-                        gram[(a, b)] = dot(&columns[a], &columns[b]) * scale[a] * scale[b];
-                        gram[(b, a)] = gram[(a, b)];
-                    }
-                }
+                (gram, product) = free_products(&linear, &scale);
                 let own = mean.each[i].fixed_rows::<FREE>(0).component_div(&scale);
                 about = own - shift;
                 if step == 0 {
-                    square = dot(r, r);
+                    square = dot(&linear.residual, &linear.residual);
                 }
                 let hessian = gram / v + precision;
                 let Some(by) = hessian.try_inverse().map(|m| m * (product / v - precision * about))
@@ -314,12 +301,6 @@ fn figures(model: &Model, train: &Share, test: &Share, fault: f64) -> HeldOutFig
         detection_auc_interval: interval(&mut resampled[3]),
     };
     HeldOutFigures { figures, healthy, aucs }
-}
-
-fn interval(values: &mut [f64]) -> Option<[f64; 2]> {
-    values.sort_by(f64::total_cmp);
-    let at = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
-    (!values.is_empty()).then(|| [at(0.025), at(0.975)])
 }
 
 /// `before`: the baseline on all signals. `causes`: as they were found.

@@ -11,6 +11,7 @@ use super::matrices::{Matrix5, Vector5, inverse, scaled};
 use super::observations::Observations;
 use super::start::{LAMBDA_OVER_SIGMA, first_guess};
 use crate::model::free_decay::{self, ALL, FREE, Tangent, Theta};
+use crate::model::median::median;
 use std::f64::consts::{PI, TAU};
 
 /// Powers of the drive with which a shape may scale: 0, 1, 2, 3.
@@ -109,9 +110,7 @@ impl Model {
     fn recentre(&mut self) {
         for j in 0..FREE {
             let mut values: Vec<f64> = self.units.iter().map(|u| u[j]).collect();
-            let middle = values.len() / 2;
-            values.select_nth_unstable_by(middle, f64::total_cmp);
-            self.mean[j] = values[middle];
+            self.mean[j] = median(&mut values);
         }
     }
 

@@ -7,6 +7,7 @@
 use super::covariates::{Covariates, POSITION};
 use super::model::{Linear, Model};
 use super::observations::Observations;
+use crate::model::median::median;
 
 const FAR: f64 = 7.0;
 /// Deviations below these (ln damping, ln frequency, ln amplitude) are never far.
@@ -16,11 +17,6 @@ const MOST_CHANNELS: usize = 256;
 const FEWEST_SLOPES: usize = 15;
 /// Misfit of one signal over the median one.
 const NOISIER: f64 = 3.0;
-
-fn median(values: &mut [f64]) -> f64 {
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
-}
 
 /// What all channels follow along the head is no fault of theirs: the median slope between channels
 /// (Theil and Sen) of their medians.

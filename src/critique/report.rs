@@ -11,6 +11,7 @@ use super::finding::{
     Cause, CovariateFigure, Critique, Detection, Energies, Evidence, Gain, GainFigures, HeldOut,
     MeanMisfit, NotTestable, Spectrum, Verdict,
 };
+use crate::plot::page::escaped;
 use crate::plot::{Axis, Figure, Mark, Series};
 use std::fmt::Write;
 
@@ -65,23 +66,6 @@ fn write_page(c: &Critique, page: &mut String) -> std::fmt::Result {
     not_testable(c, page)?;
     evidence_table(&c.evidence, page)?;
     page.write_str("</body></html>\n")
-}
-
-/// Text that markup cannot be made of.
-fn escaped(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            '\'' => out.push_str("&#39;"),
-            c if c.is_control() && c != '\n' => out.push('\u{fffd}'),
-            c => out.push(c),
-        }
-    }
-    out
 }
 
 /// What a verdict means, beside it.
@@ -223,6 +207,11 @@ fn gain(gain: &Gain, page: &mut String) -> std::fmt::Result {
         page.write_str("</tr>\n")?;
     }
     page.write_str("</table>\n")?;
+    of_detection(gain, one, page)
+}
+
+/// What the detection's numbers are worth. `one`: there is nothing to compare with.
+fn of_detection(gain: &Gain, one: bool, page: &mut String) -> std::fmt::Result {
     if let (Some([low, high]), false) = (gain.detection_gain_interval, one) {
         let word = match gain.detection() {
             Detection::Better => "better",
@@ -236,13 +225,13 @@ fn gain(gain: &Gain, page: &mut String) -> std::fmt::Result {
             gain.detection_gain
         )?;
     }
-    if !before.false_alarms.is_nan() {
+    if !gain.before.false_alarms.is_nan() {
         writeln!(
             page,
             "<p class=\"note\">The threshold is meant for 1 % of healthy signals of channels never heard. \
              It was learned on {} channels: of so few, how much healthy channels differ is known roughly, \
              and so is the share of false alarms.</p>",
-            held.fitted_channels
+            gain.held_out.fitted_channels
         )?;
     }
     Ok(())

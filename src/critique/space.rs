@@ -7,7 +7,7 @@
 //! whatever nuisance, is linear algebra on K and g, and the signals are read once.
 
 use super::covariates::{COVARIATES, Covariates, ONE};
-use super::matrices::{Matrix5, Vector5};
+use super::matrices::{Matrix5, Vector5, scaled};
 use super::model::{LN_LAMBDA_SD, Linear, Model, PATTERNS};
 use super::observations::Observations;
 use crate::model::free_decay::{ALL, FREE, Theta};
@@ -49,8 +49,6 @@ pub struct Space {
     pub slow: [f64; 2],
     pub k: DMatrix<f64>,
     pub g: DVector<f64>,
-    /// Score of each channel alone; empty where there are too many.
-    pub by_unit: Vec<DVector<f64>>,
     pub signals: usize,
     pub units: usize,
     /// -2 ln likelihood at no extension, up to a constant.
@@ -111,21 +109,12 @@ impl Space {
             middle -= 1;
         }
         let part = |rows: Range<usize>| Part::of(model, data, beside, channels, rows);
-        let [mut all, other] = std::thread::scope(|scope| {
+        let both = std::thread::scope(|scope| {
             let other = scope.spawn(|| part(middle..data.len()));
             let first = part(0..middle);
-            [first, other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))]
+            first.with(other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
         });
-        all.k += other.k;
-        all.g += other.g;
-        all.by_unit.extend(other.by_unit);
-        let Part { mut k, g, by_unit, mut deviance, mut diagonal } = all;
-        deviance += other.deviance;
-        for (sum, other) in
-            diagonal.as_flattened_mut().iter_mut().zip(other.diagonal.as_flattened())
-        {
-            *sum += other;
-        }
+        let Part { mut k, g, mut deviance, diagonal } = both;
         for p in 0..PATTERNS {
             for q in 0..PATTERNS {
                 for a in 0..n {
@@ -152,7 +141,6 @@ impl Space {
             slow,
             k,
             g,
-            by_unit,
             signals: data.len(),
             units: data.units,
             deviance,
@@ -174,7 +162,6 @@ impl Space {
 struct Part {
     k: DMatrix<f64>,
     g: DVector<f64>,
-    by_unit: Vec<DVector<f64>>,
     deviance: f64,
     /// What every sample adds to its own place, per pair of powers of the drive.
     diagonal: [[f64; PATTERNS]; PATTERNS],
@@ -204,11 +191,9 @@ impl Part {
             patterns,
             stride,
             inflate: (data.units as f64 / chosen_units as f64).sqrt(),
-            keep_units: data.units * d * 8 <= 32 << 20,
             part: Part {
                 k: DMatrix::zeros(d, d),
                 g: DVector::zeros(d),
-                by_unit: Vec::new(),
                 deviance: rows.len() as f64 * n as f64 * model.noise_var.ln(),
                 diagonal: [[0.0; PATTERNS]; PATTERNS],
             },
@@ -229,6 +214,16 @@ impl Part {
         part.take_off(&mut of_signals, PATTERNS * n);
         part.take_off(&mut of_channels, PATTERNS * n);
         part
+    }
+
+    /// What both add.
+    fn with(mut self, other: Part) -> Part {
+        self.k += other.k;
+        self.g += other.g;
+        self.deviance += other.deviance;
+        let of_other = other.diagonal.as_flattened();
+        self.diagonal.as_flattened_mut().iter_mut().zip(of_other).for_each(|(sum, v)| *sum += v);
+        self
     }
 
     /// Takes the squares of columns of so many rows off K, as one product.
@@ -308,7 +303,6 @@ struct Sums<'a> {
     /// Every so manieth channel tells how the scatter hides shapes, weighed by so much.
     stride: usize,
     inflate: f64,
-    keep_units: bool,
     part: Part,
     /// What the scatter takes off K, columns of the shapes' rows, until they are worth a product.
     of_signals: Vec<f64>,
@@ -445,10 +439,7 @@ impl Sums<'_> {
         let low = f.rows(shapes, d - shapes).into_owned();
         let mut block = self.part.k.view_mut((shapes, 0), (d - shapes, d));
         block.gemm(-1.0, &low, &f.transpose(), 1.0);
-        self.part.g += &g_unit;
-        if self.keep_units {
-            self.part.by_unit.push(g_unit);
-        }
+        self.part.g += g_unit;
     }
 }
 
@@ -568,28 +559,11 @@ impl Nuisance {
         self.directions.iter().zip(weight.iter()).for_each(|(own, by)| add(own, -by));
         Direction(blocks)
     }
-
-    /// Score of every channel along one direction, nuisance projected out.
-    pub fn by_unit(&self, space: &Space, direction: &Direction) -> Vec<f64> {
-        let k_times = space.times(direction);
-        let cross =
-            DVector::from_fn(self.directions.len(), |i, _| self.directions[i].dot(&k_times));
-        let weight = &self.inverse * cross;
-        space
-            .by_unit
-            .iter()
-            .map(|g| {
-                direction.dot(g)
-                    - self.directions.iter().zip(&weight).map(|(x, w)| w * x.dot(g)).sum::<f64>()
-            })
-            .collect()
-    }
 }
 
 fn square_root(m: &Matrix5) -> Matrix5 {
     let scale = Vector5::from_fn(|i, _| m[(i, i)].max(1e-300).sqrt());
-    let unit = Matrix5::from_fn(|i, j| m[(i, j)] / (scale[i] * scale[j]));
-    let eigen = unit.symmetric_eigen();
+    let eigen = scaled(m, &scale).symmetric_eigen();
     let values = eigen.eigenvalues.map(|v| v.max(0.0).sqrt());
     Matrix5::from_diagonal(&scale) * eigen.eigenvectors * Matrix5::from_diagonal(&values)
 }
@@ -622,7 +596,6 @@ mod tests {
             let near = |a: f64, b: f64, scale: f64| (a - b).abs() <= 1e-9 * scale.max(1.0);
             let scale = whole.g.amax();
             assert!(space.g.iter().zip(&whole.g).all(|(a, b)| near(*a, *b, scale)));
-            assert_eq!(space.by_unit.len(), whole.by_unit.len());
             let low = PATTERNS * data.samples;
             let scale = whole.k.amax();
             for row in low..space.k.nrows() {

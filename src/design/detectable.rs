@@ -11,7 +11,7 @@ use crate::detect::detectability::{FaultyModel, blind_ranges};
 use crate::detect::{DetectError, DetectSettings, ResidualGenerator, null_space};
 use crate::fault::CLASSES;
 use crate::identify::grey_box::Identification;
-use crate::model::{InkChannel, Plant, faults};
+use crate::model::{InkChannel, faults};
 use nalgebra::{DMatrix, dmatrix};
 use serde::Serialize;
 
@@ -150,8 +150,7 @@ mod tests {
     use super::*;
     use nalgebra::Complex;
 
-    const INK: InkChannel =
-        InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8e4 };
+    const INK: InkChannel = InkChannel::NOMINAL;
 
     #[test]
     fn the_observable_states_have_the_channels_transfer_from_every_force() {

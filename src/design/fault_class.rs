@@ -10,7 +10,6 @@ use crate::fault::{CLASSES, Class};
 use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
 use crate::identify::grey_box::{self, Identification};
-use crate::model::Plant;
 use serde::{Deserialize, Serialize};
 
 /// Departs: thesis §3-3-2 keeps mean residuals. r = F (y - y_hat) is affine in y, so a mean

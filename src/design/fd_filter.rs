@@ -7,7 +7,6 @@ use super::DesignError;
 use crate::detect::{Denominator, DetectSettings, ResidualGenerator, null_space, numerator, poles};
 use crate::identify::GreyBoxSettings;
 use crate::identify::grey_box::Identification;
-use crate::model::Plant;
 use serde::{Deserialize, Serialize};
 
 /// Settings for learning a healthy model.

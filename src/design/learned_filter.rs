@@ -7,7 +7,6 @@ use super::healthy_model::deviations;
 use super::{DesignError, FaultClass, HealthyModel};
 use crate::detect::{Denominator, denominator_search, null_space, numerator, poles};
 use crate::identify::averaging::SignalSet;
-use crate::model::Plant;
 
 /// Numerator degree where there is room for it: 3 states are observable, the fourth root rejects a
 /// constant sensor offset.

@@ -9,6 +9,7 @@
 use crate::identify::averaging::SignalSet;
 use crate::model::beside_ring::BesideRing;
 use crate::model::inner_product::dot;
+use crate::model::median::median;
 use crate::model::ring_fit::{Features, Products, RingFitter};
 
 /// Signals that are fitted, at most.
@@ -79,8 +80,7 @@ impl Leftovers {
     pub fn shape(&self) -> Option<Vec<f64>> {
         let n = self.rows.first()?.len();
         let mut squares: Vec<f64> = self.rows.iter().map(|row| dot(row, row)).collect();
-        let mid = squares.len() / 2;
-        let most = 2.0 * *squares.clone().select_nth_unstable_by(mid, f64::total_cmp).1;
+        let most = 2.0 * median(&mut squares.clone());
         squares.iter_mut().for_each(|q| *q = f64::from(u8::from(*q <= most)));
         let weight: f64 = squares.iter().zip(&self.size).map(|(kept, a)| kept * a * a).sum();
         let mut shape = vec![0.0; n];

@@ -309,8 +309,8 @@ mod tests {
     #[test]
     fn known_shapes_reach_no_residual_and_rings_reach_it_whole() {
         use crate::detect::null_space;
-        use crate::model::{InkChannel, Plant};
-        let ink = InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8e4 };
+        use crate::model::InkChannel;
+        let ink = InkChannel::NOMINAL;
         let (n, dt_s) = (128, 0.78125e-6);
         let numerator = null_space::numerator(&ink.a(), &ink.c(), dt_s, 4).unwrap();
         let alpha = crate::detect::poles::resonance(4.06e5, &[2e5, 2e5], dt_s).unwrap();

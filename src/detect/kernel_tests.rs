@@ -10,33 +10,7 @@ const DT_S: f64 = 0.78125e-6;
 const RAILS: [f64; 2] = [-32768.0, 32767.0];
 
 fn burst(signals: &[Vec<f32>], format: Format, layout: Layout) -> Burst {
-    let (channels, n) = (signals.len(), signals[0].len());
-    let mut samples = Vec::new();
-    for i in 0..channels * n {
-        let y = match layout {
-            Layout::ChannelMajor => signals[i / n][i % n],
-            Layout::SampleMajor => signals[i % channels][i / channels],
-        };
-        match format {
-            Format::S16Le => samples.extend((y as i16).to_le_bytes()),
-            Format::F32Le => samples.extend(y.to_le_bytes()),
-        }
-    }
-    Burst {
-        t_acq_ns: 0,
-        printhead: "p".into(),
-        first_channel: 0,
-        channels: channels as u32,
-        samples_per_channel: n as u32,
-        sample_period_s: DT_S,
-        format,
-        layout,
-        samples: samples.into(),
-        temperature_c: None,
-        drive_voltage_v: None,
-        idle_time_s: Vec::new(),
-        neighbours_fired: bytes::Bytes::new(),
-    }
+    Burst::of(signals, DT_S, format, layout)
 }
 
 /// A filter of degree `order`: poles anywhere up to the unit circle, a pair on it if there is room.

@@ -251,26 +251,10 @@ mod tests {
     const RAILS: [f64; 2] = [-32768.0, 32767.0];
 
     fn burst(signals: &[Vec<i16>], drive_v: f64) -> Burst {
-        Burst {
-            t_acq_ns: 0,
-            printhead: "p".into(),
-            first_channel: 0,
-            channels: signals.len() as u32,
-            samples_per_channel: N as u32,
-            sample_period_s: 1e-6,
-            format: Format::S16Le,
-            layout: Layout::ChannelMajor,
-            samples: signals
-                .concat()
-                .iter()
-                .flat_map(|y| y.to_le_bytes())
-                .collect::<Vec<_>>()
-                .into(),
-            temperature_c: None,
-            drive_voltage_v: Some(drive_v),
-            idle_time_s: Vec::new(),
-            neighbours_fired: bytes::Bytes::new(),
-        }
+        let counts: Vec<Vec<f32>> =
+            signals.iter().map(|y| y.iter().map(|&y| y.into()).collect()).collect();
+        let burst = Burst::of(&counts, 1e-6, Format::S16Le, Layout::ChannelMajor);
+        Burst { drive_voltage_v: Some(drive_v), ..burst }
     }
 
     #[test]

@@ -6,6 +6,7 @@
 //! complement: offsets, drifts, outlying samples, noise and other disturbances of the sensor.
 
 use super::Threshold;
+use crate::model::median::median;
 use serde::{Deserialize, Serialize};
 
 /// Share of the allowed false alarms that this test may cause. Most are left to the first test, because what
@@ -35,10 +36,9 @@ impl Misfit {
         if roots.is_empty() {
             return None;
         }
-        let mid = roots.len() / 2;
-        let root = *roots.select_nth_unstable_by(mid, f64::total_cmp).1;
+        let root = median(&mut roots);
         let mut off: Vec<f64> = roots.iter().map(|r| (r - root).abs()).collect();
-        let sd = 1.4826 * *off.select_nth_unstable_by(mid, f64::total_cmp).1;
+        let sd = 1.4826 * median(&mut off);
         (root > 0.0 && sd > 0.0 && sd.is_finite()).then_some([root, sd])
     }
 

@@ -256,14 +256,13 @@ pub(super) fn left_null_space(m: &DMatrix<f64>) -> Result<DMatrix<f64>, DetectEr
 mod tests {
     use super::*;
     use crate::detect::poles::from_poles;
-    use crate::model::{InkChannel, Plant};
+    use crate::model::InkChannel;
     use nalgebra::Complex;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
     const DT_S: f64 = 0.78125e-6;
-    const INK: InkChannel =
-        InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8e4 };
+    const INK: InkChannel = InkChannel::NOMINAL;
 
     /// Largest |sum_k p_k y_k+j| over all windows of 128 samples of C A_d^k x, relative to max |y|,
     /// worst of a few random x.

@@ -97,14 +97,13 @@ fn mean_energy(
 mod tests {
     use super::*;
     use crate::detect::{null_space, poles};
-    use crate::model::{InkChannel, Plant, ring_down};
+    use crate::model::{InkChannel, ring_down};
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
     const DT_S: f64 = 0.78125e-6;
-    const INK: InkChannel =
-        InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8e4 };
+    const INK: InkChannel = InkChannel::NOMINAL;
 
     fn deviations(plant: &InkChannel, count: usize, rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
         let x_a = nalgebra::dvector![1e-4, 0.0, 900.0, 400.0];

@@ -119,7 +119,7 @@ fn check_decay(what: &'static str, value: f64) -> Result<(), DetectError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{InkChannel, Plant};
+    use crate::model::InkChannel;
 
     const DT_S: f64 = 0.78125e-6;
 
@@ -170,7 +170,7 @@ mod tests {
 
     #[test]
     fn eigenvalues_meet_any_degree_without_tearing_a_pair() {
-        let a = InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8e4 };
+        let a = InkChannel::NOMINAL;
         for degree in 0..8 {
             let alpha = eigenvalues(&a.a(), 2.0e5, degree, DT_S).unwrap();
             assert_eq!(alpha.len(), degree + 1);

@@ -163,13 +163,12 @@ impl ResidualGenerator {
 mod tests {
     use super::*;
     use crate::detect::{null_space, poles};
-    use crate::model::{InkChannel, Plant, ring_down};
+    use crate::model::{InkChannel, ring_down};
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
     const DT_S: f64 = 0.78125e-6;
-    const INK: InkChannel =
-        InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8e4 };
+    const INK: InkChannel = InkChannel::NOMINAL;
 
     fn method_one(oscillations: f64) -> ResidualGenerator {
         let n = null_space::numerator(&INK.a(), &INK.c(), DT_S, 4).unwrap();

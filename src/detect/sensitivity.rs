@@ -251,11 +251,11 @@ mod tests {
     #[test]
     fn the_distance_is_a_weighted_energy_of_the_fd_filters_residual_whatever_its_denominator() {
         use crate::detect::{ResidualGenerator, null_space, poles};
-        use crate::model::{InkChannel, Plant};
+        use crate::model::InkChannel;
         use nalgebra::DVector;
         const N: usize = 96;
         let dt_s = 0.78125e-6;
-        let ink = InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8e4 };
+        let ink = InkChannel::NOMINAL;
         let tangent = DMatrix::from_fn(N, 3, |i, j| ((i * (j + 1)) as f64 * 0.1).sin() * 100.0);
         let spread = Matrix3::from_diagonal(&Vector3::new(4e-4, 25e-4, 4e-6));
         let learned = Sensitivity {

@@ -12,7 +12,7 @@ mod order;
 mod settings;
 mod tracker;
 
-pub use explanation::{Rings, share, size_in_words};
+pub use explanation::{share, size_in_words};
 pub use settings::EpisodeSettings;
 pub use tracker::Tracker;
 

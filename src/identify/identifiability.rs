@@ -93,8 +93,7 @@ mod tests {
 
     #[test]
     fn null_direction_of_the_rates_leaves_the_cubic() {
-        let one =
-            InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8.0e4 };
+        let one = InkChannel::NOMINAL;
         let [p2, p1, p0] = one.cubic();
         // another ratio g/d with the same p2, p1, p0
         let kappa = 0.25;

@@ -189,8 +189,7 @@ mod tests {
         let settings = GreyBoxSettings::default();
         let plain = grey_box::identify(&mean.y, DT_S, 1.0, &settings, None).unwrap();
         let corrected = grey_box::identify_scattered(&set, &mean, DT_S, &settings, None).unwrap();
-        let truth =
-            InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8.0e4 };
+        let truth = InkChannel::NOMINAL;
         let truth = crate::identify::cubic::poles_of(truth.cubic()).unwrap();
         let off =
             |fit: &Identification| (fit.poles.damping_per_s / truth.damping_per_s - 1.0).abs();

@@ -7,6 +7,7 @@
 use super::burst_codec::MESSAGE_ENCODING;
 use super::damage::RecordingError;
 use super::mcap_file::McapFile;
+use super::stored;
 use mcap::records::MessageHeader;
 use prost::Message as _;
 use prost_types::Timestamp;
@@ -61,9 +62,7 @@ pub struct AnnotationWriter {
 
 /// `<stem>.verdicts.parquet` -> `<stem>.annotations.mcap`.
 pub fn path_beside(verdicts: &Path) -> PathBuf {
-    let name = verdicts.file_name().unwrap_or_default().to_string_lossy();
-    let stem = name.strip_suffix(".verdicts.parquet").unwrap_or(&name);
-    verdicts.with_file_name(format!("{stem}.annotations.mcap"))
+    stored::beside(verdicts, "annotations.mcap")
 }
 
 impl AnnotationWriter {

@@ -1,5 +1,6 @@
 //! Channels' baselines as JSON: read at the start, written at the end under another name first.
 
+use super::digest::in_words;
 use super::part_file::{self, CompleteFile};
 use super::printable;
 use super::regular_file;
@@ -52,10 +53,6 @@ impl Prepared {
     pub fn digest(&self) -> String {
         in_words(self.text)
     }
-}
-
-fn in_words(digest: u128) -> String {
-    format!("xxh3:{digest:032x}")
 }
 
 impl BaselineFile {

@@ -1,11 +1,13 @@
 //! The design as JSON (`schemas/design.md`).
 
+use super::digest::in_words;
 use super::part_file;
 use super::printable;
 use super::regular_file;
 use crate::design::Design;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
+use xxhash_rust::xxh3::xxh3_128;
 
 /// A design of 64 classes and 1000 printheads at 512 samples takes some 50 MB.
 const MOST_BYTES: u64 = 1 << 30;
@@ -28,8 +30,7 @@ pub fn read(path: &Path) -> Result<(Design, String), DesignFileError> {
     let design: Design =
         serde_json::from_slice(&text).map_err(|e| not(printable::of_parser(&e)))?;
     design.check().map_err(|e| not(e.to_string()))?;
-    let digest = format!("xxh3:{:032x}", xxhash_rust::xxh3::xxh3_128(&text));
-    Ok((design, digest))
+    Ok((design, in_words(xxh3_128(&text))))
 }
 
 pub fn write(path: &Path, design: &Design) -> Result<(), DesignFileError> {

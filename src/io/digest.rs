@@ -20,6 +20,11 @@ pub struct Digest {
     pub damage: Option<Damage>,
 }
 
+/// How digests are written: `xxh3:` and 32 hexadecimal digits.
+pub fn in_words(digest: u128) -> String {
+    format!("xxh3:{digest:032x}")
+}
+
 /// Of a file as it lies there, whatever it is; `check` hears of each part read, in bytes.
 pub fn of_file<E: From<std::io::Error>>(
     path: &Path,
@@ -37,7 +42,7 @@ pub fn of_file<E: From<std::io::Error>>(
         xxh3.update(part);
         at += part.len() as u64;
     }
-    Ok(format!("xxh3:{:032x}", xxh3.digest128()))
+    Ok(in_words(xxh3.digest128()))
 }
 
 pub struct Digester {
@@ -146,6 +151,6 @@ impl Digester {
             );
             Damage { from_byte: 0, to_byte, what }
         });
-        Ok(Digest { text: format!("xxh3:{:032x}", self.xxh3.digest128()), damage })
+        Ok(Digest { text: in_words(self.xxh3.digest128()), damage })
     }
 }

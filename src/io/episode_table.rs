@@ -5,6 +5,7 @@
 
 use super::part_file::{CompleteFile, PartFile};
 use super::row_table::{self, Cells, Column};
+use super::stored;
 use super::verdict_reader::{numbers, open, plain_texts, timestamps_ns, unpanicked};
 use super::verdict_table::{METADATA_KEY, TableError, TimestampUnit};
 use crate::episodes::Episode;
@@ -144,9 +145,7 @@ impl EpisodeWriter {
 
 /// `<stem>.verdicts.parquet` -> `<stem>.episodes.parquet`.
 pub fn path_beside(verdicts: &Path) -> PathBuf {
-    let name = verdicts.file_name().unwrap_or_default().to_string_lossy();
-    let stem = name.strip_suffix(".verdicts.parquet").unwrap_or(&name);
-    verdicts.with_file_name(format!("{stem}.episodes.parquet"))
+    stored::beside(verdicts, "episodes.parquet")
 }
 
 /// The rows of an episode table, as we wrote it or as another tool wrote it again. Numbers and

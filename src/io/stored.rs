@@ -3,7 +3,14 @@
 use super::objects::{self, in_object_store};
 use super::stamp::Stamp;
 use std::io::{self, ErrorKind};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+/// What else is told of a recording: `<stem>.verdicts.parquet` -> `<stem>.<ending>`.
+pub fn beside(verdicts: &Path, ending: &str) -> PathBuf {
+    let name = verdicts.file_name().unwrap_or_default().to_string_lossy();
+    let stem = name.strip_suffix(".verdicts.parquet").unwrap_or(&name);
+    verdicts.with_file_name(format!("{stem}.{ending}"))
+}
 
 /// Of a file or an object as it is now.
 pub fn stamp(path: &Path) -> io::Result<Stamp> {

@@ -3,6 +3,7 @@
 
 use super::printable;
 use super::regular_file;
+use super::stored;
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 
@@ -16,9 +17,7 @@ const OF_MODEL: [&str; 4] = ["printhead", "valid_from", "temperature_c", "poles"
 
 /// `<stem>.verdicts.parquet` -> `<stem>.summary.json`.
 pub fn path_beside(verdicts: &Path) -> PathBuf {
-    let name = verdicts.file_name().unwrap_or_default().to_string_lossy();
-    let stem = name.strip_suffix(".verdicts.parquet").unwrap_or(&name);
-    verdicts.with_file_name(format!("{stem}.summary.json"))
+    stored::beside(verdicts, "summary.json")
 }
 
 /// `Ok(None)`: there is none.

@@ -32,11 +32,9 @@ impl Actuation {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::Plant;
     use nalgebra::DVector;
 
-    const NOMINAL: InkChannel =
-        InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8.0e4 };
+    const NOMINAL: InkChannel = InkChannel::NOMINAL;
     const ACTUATION: Actuation = Actuation { pulse_s: 9e-6, delay_s: 6e-6 };
 
     /// x after `duration_s` of x' = A x + B_u u by Runge-Kutta of fourth order.

@@ -126,8 +126,7 @@ mod tests {
     use super::*;
     use crate::fault::CLASSES;
 
-    const NOMINAL: InkChannel =
-        InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8.0e4 };
+    const NOMINAL: InkChannel = InkChannel::NOMINAL;
 
     fn poles(class: &str, severity: f64) -> (f64, f64) {
         let p = apply(class, severity, &NOMINAL).unwrap().poles().unwrap();

@@ -1,9 +1,9 @@
 //! The ink channel, thesis (2-2), in its four rates.
 
-use super::Plant;
 use nalgebra::{DMatrix, Matrix4, dmatrix};
 
-/// Thesis (2-2) in the rates that its A depends on.
+/// Thesis (2-2) in the rates that its A depends on: x' = A x, y = C x; it rings from a non-zero acquisition
+/// state x_a.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InkChannel {
@@ -17,8 +17,9 @@ pub struct InkChannel {
     pub d_per_s: f64,
 }
 
-impl Plant for InkChannel {
-    fn a(&self) -> DMatrix<f64> {
+impl InkChannel {
+    /// A, 4 x 4, 1/s.
+    pub fn a(&self) -> DMatrix<f64> {
         let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = *self;
         dmatrix![
             0.0, 0.0, 1.0, 0.0;
@@ -28,12 +29,10 @@ impl Plant for InkChannel {
     }
 
     /// Thesis §3-1: C = [0 0 1 1]; the counts per flow are in the state's unit.
-    fn c(&self) -> DMatrix<f64> {
+    pub fn c(&self) -> DMatrix<f64> {
         dmatrix![0.0, 0.0, 1.0, 1.0]
     }
-}
 
-impl InkChannel {
     /// (p2, p1, p0) of the observable polynomial s^3 + p2 s^2 + p1 s + p0, in 1/s, 1/s², 1/s³.
     /// Departs: thesis §3-2-1 II has N(s)L(s) = det(A - sI); the pole at 0 is unobservable, so the
     /// numerator is this cubic (physics of (1, -1, 0, 0): C maps the eigenvector of 0 to 0).
@@ -81,14 +80,20 @@ impl InkChannel {
 }
 
 #[cfg(test)]
+impl InkChannel {
+    /// The thesis's nominal channel.
+    pub const NOMINAL: InkChannel =
+        InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8e4 };
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::model::ring_down::discretise;
 
     #[test]
     fn transition_is_the_matrix_exponential() {
-        let nominal =
-            InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8.0e4 };
+        let nominal = InkChannel::NOMINAL;
         let blocked = InkChannel { b_per_s2: 5.5e8, d_per_s: 1.6e7, ..nominal };
         for channel in [nominal, blocked] {
             for t_s in [0.0, 1e-9, 0.78125e-6, 6e-6, 100e-6] {

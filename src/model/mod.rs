@@ -24,16 +24,6 @@ pub mod simd_math;
 pub mod student;
 pub mod terms;
 
-use nalgebra::DMatrix;
-
 pub use actuation::Actuation;
 pub use geometry::Geometry;
 pub use ink_channel::InkChannel;
-
-/// An autonomous linear plant x' = A x, y = C x; it rings from a non-zero acquisition state x_a.
-pub trait Plant {
-    /// A, n x n, 1/s (rows of volume states and flow states mixed as in thesis (2-2)).
-    fn a(&self) -> DMatrix<f64>;
-    /// C, m x n.
-    fn c(&self) -> DMatrix<f64>;
-}

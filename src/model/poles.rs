@@ -47,8 +47,7 @@ mod tests {
     use super::*;
     use crate::model::ring_down::eigenvalues;
 
-    const NOMINAL: InkChannel =
-        InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8.0e4 };
+    const NOMINAL: InkChannel = InkChannel::NOMINAL;
 
     #[test]
     fn nominal_poles_are_the_published_ones() {

@@ -65,8 +65,7 @@ mod tests {
 
     #[test]
     fn ring_is_the_decay_of_the_state_it_was_made_of() {
-        let channel =
-            InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8.0e4 };
+        let channel = InkChannel::NOMINAL;
         let x = [3e-4, 1e-4, 150.0, 240.0];
         let (a, b, g, d) = (channel.a_per_s2, channel.b_per_s2, channel.g_per_s, channel.d_per_s);
         let volume = x[0] + x[1];

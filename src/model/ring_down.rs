@@ -1,6 +1,6 @@
 //! Free decays y_k = C A_d^k x_a, exactly discretised: A_d = e^{A dt}.
 
-use super::{InkChannel, Plant};
+use super::InkChannel;
 use nalgebra::{Complex, DMatrix, DVector, Vector4};
 
 /// Poles of a third-order ring-down: one damped pair and one real pole.
@@ -39,13 +39,13 @@ pub fn discretise(a: &DMatrix<f64>, dt_s: f64) -> DMatrix<f64> {
 }
 
 /// Eigenvalues of the plant's A, 1/s.
-pub fn eigenvalues(plant: &impl Plant) -> Vec<Complex<f64>> {
+pub fn eigenvalues(plant: &InkChannel) -> Vec<Complex<f64>> {
     let (a_us, _) = in_microseconds(&plant.a(), &plant.c());
     a_us.complex_eigenvalues().iter().map(|z| z * 1e6).collect()
 }
 
 /// y_k = C A_d^k x_a for k = 0..samples, one output (m = 1). `x_a` in the coordinates of A.
-pub fn ring_down(plant: &impl Plant, x_a: &DVector<f64>, dt_s: f64, samples: usize) -> Vec<f64> {
+pub fn ring_down(plant: &InkChannel, x_a: &DVector<f64>, dt_s: f64, samples: usize) -> Vec<f64> {
     let (a_d, c) = (discretise(&plant.a(), dt_s), plant.c());
     let mut x = x_a.clone();
     let mut y = Vec::with_capacity(samples);
@@ -73,8 +73,7 @@ mod tests {
 
     #[test]
     fn the_path_for_millions_equals_ring_down() {
-        let nominal =
-            InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8.0e4 };
+        let nominal = InkChannel::NOMINAL;
         let blocked = InkChannel { b_per_s2: 5.5e8, d_per_s: 1.6e7, ..nominal };
         for channel in [nominal, blocked] {
             let x_a = Vector4::new(2e-4, -7e-4, 130.0, 270.0);

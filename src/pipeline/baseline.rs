@@ -93,19 +93,14 @@ pub fn starts(
     control: &Control,
 ) -> Result<BTreeMap<Arc<str>, i64>, PipelineError> {
     let mut starts: BTreeMap<Arc<str>, i64> = BTreeMap::new();
-    visit::bursts(
-        recording,
-        control,
-        |_| true,
-        |_, burst| {
-            let t = burst.t_acq_ns;
-            if let Some(first) = starts.get_mut(&burst.printhead) {
-                *first = t.min(*first);
-            } else if starts.len() < super::survey::MOST_GROUPS {
-                starts.insert(burst.printhead.clone(), t);
-            }
-        },
-    )?;
+    visit::all(recording, control, |burst| {
+        let t = burst.t_acq_ns;
+        if let Some(first) = starts.get_mut(&burst.printhead) {
+            *first = t.min(*first);
+        } else if starts.len() < super::survey::MOST_GROUPS {
+            starts.insert(burst.printhead.clone(), t);
+        }
+    })?;
     Ok(starts)
 }
 
@@ -233,54 +228,49 @@ impl Pass<'_> {
         let mut heard = HeardOf::new();
         let (mut signal, mut expected, mut work) = (Vec::new(), Vec::new(), Workspace::default());
         let mut unknown = false;
-        visit::bursts(
-            self.recording,
-            self.control,
-            |_| true,
-            |_, burst| {
-                if !want(burst) {
-                    return;
+        visit::all(self.recording, self.control, |burst| {
+            if !want(burst) {
+                return;
+            }
+            let judge = match self.schedule.assign(burst) {
+                Assignment::Judge(judge) => judge,
+                Assignment::Survey => return unknown = true,
+                Assignment::Reject(_) => return,
+            };
+            let Some(detector) = judge.detector() else { return };
+            let told = heard.entry(burst.printhead.clone()).or_default();
+            told.noise = *detector.own_noise();
+            let own = owns.get(&burst.printhead);
+            let (n, drive) = (burst.samples_per_channel as usize, judge.drive(burst));
+            signal.resize(n, 0.0);
+            expected.resize(n, 0.0);
+            judge.expect(burst, &mut expected);
+            for row in 0..burst.channels {
+                let Some(channel) = burst.first_channel.checked_add(row) else { break };
+                burst.copy_signal(row as usize, &mut signal);
+                if unusable_signal(&signal, self.rails).is_some() {
+                    continue;
                 }
-                let judge = match self.schedule.assign(burst) {
-                    Assignment::Judge(judge) => judge,
-                    Assignment::Survey => return unknown = true,
-                    Assignment::Reject(_) => return,
-                };
-                let Some(detector) = judge.detector() else { return };
-                let told = heard.entry(burst.printhead.clone()).or_default();
-                told.noise = *detector.own_noise();
-                let own = owns.get(&burst.printhead);
-                let (n, drive) = (burst.samples_per_channel as usize, judge.drive(burst));
-                signal.resize(n, 0.0);
-                expected.resize(n, 0.0);
-                judge.expect(burst, &mut expected);
-                for row in 0..burst.channels {
-                    let Some(channel) = burst.first_channel.checked_add(row) else { break };
-                    burst.copy_signal(row as usize, &mut signal);
-                    if unusable_signal(&signal, self.rails).is_some() {
-                        continue;
-                    }
-                    judge.deviate(burst, row as usize, &expected, &mut signal);
-                    work.own = None;
-                    let found = judge.detect(&signal, drive, &mut work);
-                    if judge.test(found).is_flagged() {
-                        continue; // what no ring explains tells nothing of a channel's ring
-                    }
-                    let mut statistic = found.ring;
-                    // whatever its time: what is learned later was not judged by it
-                    work.own = own.and_then(|own| own.of(channel, i64::MAX));
-                    let threshold = judge.model.threshold.value;
-                    if work.own.is_some() && statistic <= threshold {
-                        statistic = statistic.max(judge.detect(&signal, drive, &mut work).ring);
-                        told.near += 1;
-                        told.estranged += u64::from(statistic > threshold);
-                    }
-                    let healthy = statistic <= threshold;
-                    let features = detector.own_features(&signal, drive);
-                    told.heard.take(channel, &features, drive, healthy, &mut room);
+                judge.deviate(burst, row as usize, &expected, &mut signal);
+                work.own = None;
+                let found = judge.detect(&signal, drive, &mut work);
+                if judge.test(found).is_flagged() {
+                    continue; // what no ring explains tells nothing of a channel's ring
                 }
-            },
-        )?;
+                let mut statistic = found.ring;
+                // whatever its time: what is learned later was not judged by it
+                work.own = own.and_then(|own| own.of(channel, i64::MAX));
+                let threshold = judge.model.threshold.value;
+                if work.own.is_some() && statistic <= threshold {
+                    statistic = statistic.max(judge.detect(&signal, drive, &mut work).ring);
+                    told.near += 1;
+                    told.estranged += u64::from(statistic > threshold);
+                }
+                let healthy = statistic <= threshold;
+                let features = detector.own_features(&signal, drive);
+                told.heard.take(channel, &features, drive, healthy, &mut room);
+            }
+        })?;
         if unknown { Err(PipelineError::NeedsSurvey) } else { Ok(heard) }
     }
 }

@@ -24,6 +24,7 @@ pub struct Collector<'a> {
     sampling: Option<(f64, usize)>,
     /// By (label, printhead).
     sets: BTreeMap<(String, String), Reservoir>,
+    /// Seen, by label.
     signals: BTreeMap<String, u64>,
 }
 
@@ -40,47 +41,42 @@ impl<'a> Collector<'a> {
         control: &Control,
     ) -> Result<Vec<Damage>, PipelineError> {
         let mut signal = Vec::new();
-        let mut lost = visit::bursts(
-            recording,
-            control,
-            |_| true,
-            |_, burst| {
-                let n = burst.samples_per_channel as usize;
-                let (period, samples) = *self.sampling.get_or_insert((burst.sample_period_s, n));
-                if samples != n || !same_period(period, burst.sample_period_s) {
-                    self.count("other_sampling", u64::from(burst.channels));
-                    return;
+        let mut lost = visit::all(recording, control, |burst| {
+            let n = burst.samples_per_channel as usize;
+            let (period, samples) = *self.sampling.get_or_insert((burst.sample_period_s, n));
+            if samples != n || !same_period(period, burst.sample_period_s) {
+                self.count("other_sampling", u64::from(burst.channels));
+                return;
+            }
+            signal.resize(n, 0.0);
+            for row in 0..burst.channels {
+                let beside = burst.beside(row as usize);
+                let known = match self.labels {
+                    None => Some((HEALTHY, None)),
+                    Some(labels) => labels
+                        .at(&burst.printhead, beside.channel, burst.t_acq_ns)
+                        .map(|label| (label.state.as_str(), label.severity)),
+                };
+                let Some((state, severity)) = known else {
+                    self.count("unlabelled", 1);
+                    continue;
+                };
+                burst.copy_signal(row as usize, &mut signal);
+                if unusable_signal(&signal, self.rails).is_some() {
+                    self.count("rejected", 1);
+                    continue;
                 }
-                signal.resize(n, 0.0);
-                for row in 0..burst.channels {
-                    let beside = burst.beside(row as usize);
-                    let known = match self.labels {
-                        None => Some((HEALTHY, None)),
-                        Some(labels) => labels
-                            .at(&burst.printhead, beside.channel, burst.t_acq_ns)
-                            .map(|label| (label.state.as_str(), label.severity)),
-                    };
-                    let Some((state, severity)) = known else {
-                        self.count("unlabelled", 1);
-                        continue;
-                    };
-                    burst.copy_signal(row as usize, &mut signal);
-                    if unusable_signal(&signal, self.rails).is_some() {
-                        self.count("rejected", 1);
-                        continue;
-                    }
-                    self.count(state, 1);
-                    let key = (state.to_owned(), burst.printhead.to_string());
-                    if !self.sets.contains_key(&key) && self.sets.len() >= MOST_SETS {
-                        self.count("beyond_the_limit_of_sets", 1);
-                        continue;
-                    }
-                    let most = if state == HEALTHY { MOST_HEALTHY } else { MOST_FAULTY };
-                    let reservoir = self.sets.entry(key).or_insert_with(|| Reservoir::new(n, most));
-                    reservoir.offer(beside, &signal, severity.unwrap_or(f64::NAN));
+                self.count(state, 1);
+                let key = (state.to_owned(), burst.printhead.to_string());
+                if !self.sets.contains_key(&key) && self.sets.len() >= MOST_SETS {
+                    self.count("beyond_the_limit_of_sets", 1);
+                    continue;
                 }
-            },
-        )?;
+                let most = if state == HEALTHY { MOST_HEALTHY } else { MOST_FAULTY };
+                let reservoir = self.sets.entry(key).or_insert_with(|| Reservoir::new(n, most));
+                reservoir.offer(beside, &signal, severity.unwrap_or(f64::NAN));
+            }
+        })?;
         if lost.unusable_bursts > 0 {
             self.count("rejected", lost.unusable_bursts);
         }
@@ -94,11 +90,6 @@ impl<'a> Collector<'a> {
             Some(count) => *count += n,
             None => drop(self.signals.insert(label.into(), n)),
         }
-    }
-
-    /// Signals seen, by label.
-    pub fn signals(&self) -> &BTreeMap<String, u64> {
-        &self.signals
     }
 
     /// What was collected, drives relative to the mean voltage of the healthy signals.

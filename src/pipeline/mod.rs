@@ -56,8 +56,8 @@ mod windows;
 mod wiring;
 
 pub use job::{Replay, Watch};
+pub use metadata::rfc3339;
 pub use replay::{RecordingReport, follow, replay};
-pub use schedule::Refusal;
 
 use crate::design::DesignError;
 use crate::io::block::Block;

@@ -50,44 +50,39 @@ impl<'a> Observer<'a> {
         control: &Control,
     ) -> Result<Vec<Damage>, PipelineError> {
         let mut signal = Vec::new();
-        let mut lost = visit::bursts(
-            recording,
-            control,
-            |_| true,
-            |_, burst| {
-                let n = burst.samples_per_channel as usize;
-                let (period, samples, sampler) = self.sampler.get_or_insert_with(|| {
-                    let kept = n.min(self.most_samples);
-                    let wanted = MOST_SIGNALS * USUAL_SAMPLES.pow(2) / kept.max(1).pow(2);
-                    let wanted = wanted.clamp(FEWEST_SIGNALS, MOST_SIGNALS);
-                    let capacity = wanted.min(HELD_BYTES / (4 * kept.max(1)));
-                    (burst.sample_period_s, n, Sampler::new(burst.sample_period_s, kept, capacity))
-                });
-                control.signals.fetch_add(u64::from(burst.channels), Ordering::Relaxed);
-                if *samples != n || !same_period(*period, burst.sample_period_s) {
-                    self.other_sampling += u64::from(burst.channels);
-                    return;
-                }
-                signal.resize(n, 0.0);
-                for row in 0..burst.channels as usize {
-                    let beside = burst.beside(row);
-                    if let Some(labels) = self.labels {
-                        let label = labels.at(&burst.printhead, beside.channel, beside.t_acq_ns);
-                        if label.is_none_or(|l| l.state != HEALTHY) {
-                            self.not_healthy += 1;
-                            continue;
-                        }
-                    }
-                    burst.copy_signal(row, &mut signal);
-                    if unusable_signal(&signal, self.rails).is_some() {
-                        self.rejected += 1;
+        let mut lost = visit::all(recording, control, |burst| {
+            let n = burst.samples_per_channel as usize;
+            let (period, samples, sampler) = self.sampler.get_or_insert_with(|| {
+                let kept = n.min(self.most_samples);
+                let wanted = MOST_SIGNALS * USUAL_SAMPLES.pow(2) / kept.max(1).pow(2);
+                let wanted = wanted.clamp(FEWEST_SIGNALS, MOST_SIGNALS);
+                let capacity = wanted.min(HELD_BYTES / (4 * kept.max(1)));
+                (burst.sample_period_s, n, Sampler::new(burst.sample_period_s, kept, capacity))
+            });
+            control.signals.fetch_add(u64::from(burst.channels), Ordering::Relaxed);
+            if *samples != n || !same_period(*period, burst.sample_period_s) {
+                self.other_sampling += u64::from(burst.channels);
+                return;
+            }
+            signal.resize(n, 0.0);
+            for row in 0..burst.channels as usize {
+                let beside = burst.beside(row);
+                if let Some(labels) = self.labels {
+                    let label = labels.at(&burst.printhead, beside.channel, beside.t_acq_ns);
+                    if label.is_none_or(|l| l.state != HEALTHY) {
+                        self.not_healthy += 1;
                         continue;
                     }
-                    let kept = &signal[..n.min(self.most_samples)];
-                    sampler.offer(&burst.printhead, beside, kept);
                 }
-            },
-        )?;
+                burst.copy_signal(row, &mut signal);
+                if unusable_signal(&signal, self.rails).is_some() {
+                    self.rejected += 1;
+                    continue;
+                }
+                let kept = &signal[..n.min(self.most_samples)];
+                sampler.offer(&burst.printhead, beside, kept);
+            }
+        })?;
         self.rejected += lost.unusable_bursts;
         lost.damage.extend(recording.damage.iter().cloned());
         lost.damage.extend(recording.missing(lost.bursts));

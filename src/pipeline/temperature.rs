@@ -35,23 +35,18 @@ impl Replay {
         let pooled = design.models.len();
         let fit = HELD_BYTES / (4 * design.samples.max(1) * (pooled + 1));
         let capacity = self.settings.identify.window_signals.min(fit.max(FEWEST_HELD));
-        visit::bursts(
-            recording,
-            control,
-            |_| true,
-            |_, burst| {
-                let known = burst.temperature_c.is_some_and(f64::is_finite);
-                let samples = burst.samples_per_channel as usize;
-                if known && design.fits(burst.sample_period_s, samples) {
-                    let is_its = |name: &Option<String>| name.as_deref() == Some(&*burst.printhead);
-                    let place = design.models.iter().position(|m| is_its(&m.printhead));
-                    let reservoir = reservoirs
-                        .entry(place.unwrap_or(pooled))
-                        .or_insert_with(|| Reservoir::new(samples, capacity));
-                    offer(&self.settings, self.labels.as_ref(), Some(design), burst, reservoir);
-                }
-            },
-        )?;
+        visit::all(recording, control, |burst| {
+            let known = burst.temperature_c.is_some_and(f64::is_finite);
+            let samples = burst.samples_per_channel as usize;
+            if known && design.fits(burst.sample_period_s, samples) {
+                let is_its = |name: &Option<String>| name.as_deref() == Some(&*burst.printhead);
+                let place = design.models.iter().position(|m| is_its(&m.printhead));
+                let reservoir = reservoirs
+                    .entry(place.unwrap_or(pooled))
+                    .or_insert_with(|| Reservoir::new(samples, capacity));
+                offer(&self.settings, self.labels.as_ref(), Some(design), burst, reservoir);
+            }
+        })?;
         let mut knowing = design.clone();
         let mut learned = Vec::new();
         for (place, reservoir) in reservoirs {

@@ -16,6 +16,15 @@ pub struct Lost {
     pub damage: Vec<Damage>,
 }
 
+/// Calls `see` with every usable burst, in file order.
+pub fn all(
+    recording: &Recording,
+    control: &Control,
+    mut see: impl FnMut(&Burst),
+) -> Result<Lost, PipelineError> {
+    bursts(recording, control, |_| true, |_, burst| see(burst))
+}
+
 /// Calls `see` with every usable burst of the blocks that `want`s chooses by index, in file order.
 pub fn bursts(
     recording: &Recording,

@@ -63,14 +63,6 @@ impl<T: Pooled> TimeBins<T> {
         self.bins.values()
     }
 
-    pub fn len(&self) -> usize {
-        self.bins.len()
-    }
-
-    pub fn is_empty(&self) -> bool {
-        self.bins.is_empty()
-    }
-
     /// Of every bin, ns.
     pub fn width_ns(&self) -> i64 {
         self.width_ns
@@ -104,6 +96,6 @@ mod tests {
         let back = fill(&times);
         assert_eq!(there.bins, back.bins);
         assert_eq!(there.values().map(|s| s.0).sum::<u64>(), 5003);
-        assert!((32..=64).contains(&there.len()), "{}", there.len());
+        assert!((32..=64).contains(&there.bins.len()), "{}", there.bins.len());
     }
 }

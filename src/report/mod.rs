@@ -34,8 +34,8 @@ pub use page::html;
 pub use promised::print as print_promise;
 pub use settings::ReportSettings;
 pub use source::Source;
-pub use story::Story;
 pub use survey::{Names, Survey};
+pub use words::{clock, grouped};
 
 use drift::ModelPoint;
 use false_alarms::FalseAlarms;
@@ -51,7 +51,6 @@ pub struct RecordingLine {
     pub from_ns: Option<i64>,
     pub to_ns: Option<i64>,
     pub judged: u64,
-    pub flagged: u64,
     /// Signals by reason.
     pub rejected: BTreeMap<String, u64>,
     /// Messages by the file's own statistics, and bursts that were found.
@@ -84,7 +83,6 @@ pub struct Report {
     pub false_alarms: FalseAlarms,
     pub drift: Vec<ModelPoint>,
     pub survey: Survey,
-    pub settings: ReportSettings,
 }
 
 impl Report {
@@ -104,7 +102,7 @@ impl Report {
         let mut recordings = lines(sources, &survey, &faults);
         recordings.sort_by(|a, b| (a.from_ns, &a.name).cmp(&(b.from_ns, &b.name)));
         let drift = drift::points(sources);
-        Report { recordings, faults, groups, notes, false_alarms, drift, survey, settings }
+        Report { recordings, faults, groups, notes, false_alarms, drift, survey }
     }
 
     /// Channels that are healthy again, and did not fail again.
@@ -168,7 +166,6 @@ fn lines(sources: &[Source], survey: &Survey, faults: &[Fault]) -> Vec<Recording
             from_ns,
             to_ns,
             judged: heads.values().map(|h| h.judged).sum(),
-            flagged: heads.values().map(|h| h.flagged).sum(),
             rejected: rejected.filter_map(|(why, n)| Some((why.clone(), n.as_u64()?))).collect(),
             expected: source.document["expected"].as_u64(),
             bursts: counts["bursts"].as_u64(),

@@ -19,11 +19,16 @@ pub fn counted_as(n: u64, once: &str, times: &str) -> String {
 
 /// 12 345.
 pub fn thousands(n: u64) -> String {
+    grouped(n, '\u{202f}')
+}
+
+/// Its digits by threes.
+pub fn grouped(n: u64, separator: char) -> String {
     let digits = n.to_string();
     let mut text = String::new();
     for (k, digit) in digits.chars().enumerate() {
         if k > 0 && (digits.len() - k).is_multiple_of(3) {
-            text.push('\u{202f}');
+            text.push(separator);
         }
         text.push(digit);
     }

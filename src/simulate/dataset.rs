@@ -172,7 +172,7 @@ where
         });
         let stem = set.stem.to_owned();
         let bursts = Box::new(bursts);
-        SimulatedRecording { stem, burst_count, bursts, options: recording_options }
+        SimulatedRecording { stem, bursts, options: recording_options }
     };
     sets.into_iter().map(record).collect()
 }

@@ -229,9 +229,6 @@ pub(super) fn recording(
     seed: u64,
 ) -> Option<SimulatedRecording> {
     let run = physics.print_run.clone()?;
-    let per_burst = options.channels_per_burst.map_or(run.channels, |c| c as usize);
-    let burst_count =
-        (run.printheads * run.channels.div_ceil(per_burst)) as u64 * run.bursts_per_channel as u64;
     let mut faults: Vec<Vec<Fault>> = vec![Vec::new(); run.printheads];
     for fault in faults_of(physics, &run, seed) {
         faults[fault.printhead].push(fault);
@@ -249,7 +246,6 @@ pub(super) fn recording(
     });
     Some(SimulatedRecording {
         stem: "print_run".to_owned(),
-        burst_count,
         bursts: Box::new(bursts),
         options: options.clone(),
     })

@@ -8,8 +8,6 @@ use crate::labels::Label;
 pub struct SimulatedRecording {
     /// File stem: `train`, `test`, `calibration`, `print_run`.
     pub stem: String,
-    /// How many bursts will come.
-    pub burst_count: u64,
     pub bursts: Box<dyn Iterator<Item = Burst> + Send>,
     pub options: RecordingOptions,
 }

@@ -10,7 +10,6 @@ use crate::fault::{CLASSES, HEALTHY};
 use crate::identify::GreyBoxSettings;
 use crate::isolate::{IsolateMethod, IsolateSignal};
 use crate::labels::Labels;
-use crate::model::Plant;
 use crate::score::{Report, Said, Score};
 use crate::simulate::Scenario;
 
@@ -186,6 +185,25 @@ fn tuned(
     Ok(())
 }
 
+/// A method on what it looks at, by the name that figures have.
+pub struct Compared {
+    pub name: &'static str,
+    pub method: IsolateMethod,
+    pub signal: IsolateSignal,
+}
+
+/// The thesis's own first: linear regression, and the nearest neighbour.
+pub const COMPARED: [Compared; 4] = {
+    use IsolateMethod::{Neighbours, ResidualMatching};
+    use IsolateSignal::{Deviation, Residual};
+    [
+        Compared { name: "LR on r", method: ResidualMatching, signal: Residual },
+        Compared { name: "LR on y", method: ResidualMatching, signal: Deviation },
+        Compared { name: "1-NN on r", method: Neighbours, signal: Residual },
+        Compared { name: "1-NN on y", method: Neighbours, signal: Deviation },
+    ]
+};
+
 fn isolation(learn: &Signals, test: &Signals, out: &mut Figures) -> Result<(), ThesisError> {
     let all = learn.faulty();
     let detect = thesis_detect(1.0);
@@ -193,16 +211,9 @@ fn isolation(learn: &Signals, test: &Signals, out: &mut Figures) -> Result<(), T
         let set = learn.training(size);
         let remember = settings(IsolateMethod::Neighbours, IsolateSignal::Residual);
         let design = train(&set, &detect, &remember)?;
-        for (method, word) in
-            [(IsolateMethod::ResidualMatching, "LR"), (IsolateMethod::Neighbours, "1-NN")]
-        {
-            for (signal, letter) in
-                [(IsolateSignal::Residual, "r"), (IsolateSignal::Deviation, "y")]
-            {
-                let isolated = judge(&design, &settings(method, signal), test)?;
-                let key = format!("{word} on {letter}, {size}");
-                out.isolation(&key, &isolated, size == all && letter == "r" && word == "LR");
-            }
+        for (at, Compared { name, method, signal }) in COMPARED.into_iter().enumerate() {
+            let isolated = judge(&design, &settings(method, signal), test)?;
+            out.isolation(&format!("{name}, {size}"), &isolated, size == all && at == 0);
         }
     }
     let set = learn.training(all);

@@ -1,7 +1,7 @@
 //! The drying-and-prefire experiment, simulated. In: the physics scenario, a seed. Out: figures of
 //! thesis Tables 4-2, 4-5, 4-7. The thesis's own signals are not published.
 
-use super::chapter::{self, judge, settings, thesis_detect};
+use super::chapter::{self, COMPARED, Compared, judge, settings, thesis_detect};
 use super::data::Signals;
 use super::practice::{Thresholds, key_numbers};
 use super::{Figures, ThesisError};
@@ -37,18 +37,12 @@ pub fn figures(physics: &Physics, seed: u64, out: &mut Figures) -> Result<(), Th
         let set = learn.training(faulty);
         let remember = settings(IsolateMethod::Neighbours, IsolateSignal::Residual);
         let design = chapter::train(&set, &detect, &remember)?;
-        for (method, word) in
-            [(IsolateMethod::ResidualMatching, "LR"), (IsolateMethod::Neighbours, "1-NN")]
-        {
-            for (signal, letter) in
-                [(IsolateSignal::Residual, "r"), (IsolateSignal::Deviation, "y")]
-            {
-                let isolated = judge(&design, &settings(method, signal), &test)?;
-                let first = size == 147 && letter == "r" && word == "LR";
-                out.isolation(&format!("drying: {word} on {letter}, {size}"), &isolated, first);
-                if first {
-                    out.detection("drying", &isolated.ungated);
-                }
+        for (at, Compared { name, method, signal }) in COMPARED.into_iter().enumerate() {
+            let isolated = judge(&design, &settings(method, signal), &test)?;
+            let first = size == 147 && at == 0;
+            out.isolation(&format!("drying: {name}, {size}"), &isolated, first);
+            if first {
+                out.detection("drying", &isolated.ungated);
             }
         }
     }

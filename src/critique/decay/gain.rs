@@ -7,7 +7,7 @@ use super::fit::{self, Fit, Noise};
 use super::plant::{Decays, OMEGA, SIGMA};
 use super::selection::{Selected, sizes};
 use super::spectrum;
-use crate::critique::chance::surprise;
+use crate::critique::chance::{interval, surprise};
 use crate::critique::figures::band_of_means;
 use crate::critique::finding::{
     CovariateFigure, Figures, Gain, GainFigures, HeldOut, MeanMisfit, Misfit, Spectrum,
@@ -87,11 +87,6 @@ fn figures(decays: &Decays, misfit: &[f64], sds: &[f64], length: usize) -> GainF
         let drawn = total(&mut (0..of.len()).map(|_| rng.random_range(0..of.len())));
         resampled.iter_mut().zip(drawn).for_each(|(r, d)| r.push(d));
     }
-    let interval = |values: &mut Vec<f64>| {
-        values.sort_by(f64::total_cmp);
-        let at = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
-        Some([at(0.025), at(0.975)])
-    };
     let [chi2, nrmse] = total(&mut (0..of.len()));
     let [mut of_chi2, mut of_nrmse] = resampled;
     GainFigures {

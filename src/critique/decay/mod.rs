@@ -89,6 +89,20 @@ fn left(decays: &Decays, selected: &Selected) -> Left {
     Left { share: rest / missed.max(1e-12), predictable, p, words }
 }
 
+/// What is left, and what would take part of it and is not named.
+fn unexplained(selected: &Selected, left: &Left) -> Vec<String> {
+    let still = left.words.iter().map(|words| format!("still unexplained: {words}"));
+    let unnamed = selected.unnamed.iter().map(|t| {
+        format!(
+            "{} would take {:.0} % of what is left, but {}: it is not named",
+            t.term.id(),
+            100.0 * t.share.max(0.0),
+            t.why_not()
+        )
+    });
+    still.chain(unnamed).collect()
+}
+
 pub fn critique(
     data: &Observations,
     stages: &mut dyn FnMut(&str),
@@ -106,17 +120,7 @@ pub fn critique(
     let (misfit, gain) = gain::measure(&decays, &selected);
     let left = left(&decays, &selected);
     let verdict = verdict(&mut causes, &selected, &left);
-    if let Some(words) = &left.words {
-        remarks.push(format!("still unexplained: {words}"));
-    }
-    for t in &selected.unnamed {
-        remarks.push(format!(
-            "{} would take {:.0} % of what is left, but {}: it is not named",
-            t.term.id(),
-            100.0 * t.share.max(0.0),
-            t.why_not()
-        ));
-    }
+    remarks.extend(unexplained(&selected, &left));
     remarks.extend(ties(&causes));
     if decays.incomplete > 0 {
         remarks.push(format!(

@@ -317,7 +317,13 @@ impl<'a> Plant<'a> {
                 }
             }
         }
-        for (line, &first) in self.structure.lines.iter().zip(&l.lines) {
+        self.of_lines(p, &mut columns);
+        columns
+    }
+
+    /// The columns of added oscillations.
+    fn of_lines(&self, p: &[f64], columns: &mut [Vec<f64>]) {
+        for (line, &first) in self.structure.lines.iter().zip(&self.layout.lines) {
             let (c, s) = waves(p[first], p[first + 1], self.upto);
             self.each_start(*line, first, |amplitude, at| {
                 let (a, b) = (p[amplitude], p[amplitude + 1]);
@@ -332,7 +338,6 @@ impl<'a> Plant<'a> {
                 }
             });
         }
-        columns
     }
 }
 

@@ -30,8 +30,8 @@ pub struct FieldInfo {
 }
 
 impl FieldInfo {
-    /// Whether it can be what a slot asks for; if not, what can.
-    pub fn can_be(&self, slot: Slot) -> Result<(), &'static str> {
+    /// Whether it can be what a slot asks for; if not, what it is and what can.
+    pub fn can_be(&self, slot: Slot) -> Result<(), String> {
         use Kind::*;
         let (good, what) = match slot {
             Slot::Samples => (
@@ -60,7 +60,13 @@ impl FieldInfo {
                 "text or a whole number",
             ),
         };
-        if good { Ok(()) } else { Err(what) }
+        match good {
+            true => Ok(()),
+            false => {
+                let many = if self.list { "[]" } else { "" };
+                Err(format!("is {}{many}, not {what}", self.type_name))
+            }
+        }
     }
 }
 

@@ -48,6 +48,22 @@ impl TryFrom<String> for FieldPath {
 }
 
 impl Step {
+    /// Refuses an index where there is only one.
+    pub fn check_index(&self, several: bool) -> Result<(), String> {
+        match self.index {
+            Some(_) if !several => Err(format!("\"{}\" is only one: no [..]", self.name)),
+            _ => Ok(()),
+        }
+    }
+
+    /// Refuses what does not lead on: several fields, and no index that says which.
+    pub fn check_on_the_way(&self, several: bool) -> Result<(), String> {
+        match self.index {
+            None if several => Err(format!("\"{self}\" is several: say which, {self}[0]")),
+            _ => self.check_index(several),
+        }
+    }
+
     fn parse(text: &str) -> Option<Step> {
         let (name, index) = match text.split_once('[') {
             None => (text, None),

@@ -168,11 +168,8 @@ pub fn want(
             Proto::Message(inside) if !field.is_map() => inside,
             _ => return Err(format!("\"{step}\" has no fields of its own")),
         };
-        match (field.is_list(), step.index) {
-            (true, None) => return Err(format!("\"{step}\" is several: say which, {step}[0]")),
-            (false, Some(_)) => return Err(format!("\"{}\" is only one: no [..]", step.name)),
-            _ => way.push(At { key: key(&field)?, index: step.index }),
-        }
+        step.check_on_the_way(field.is_list())?;
+        way.push(At { key: key(&field)?, index: step.index });
         message = inside;
     }
     let field = enter(&message, &last.name)?;
@@ -180,23 +177,14 @@ pub fn want(
         return Err(format!("\"{}\" is a map", last.name));
     }
     let mut info = info(&field, path.to_string());
-    match (info.list, last.index) {
-        (false, Some(_)) => return Err(format!("\"{}\" is only one: no [..]", last.name)),
-        (true, Some(_)) => info.list = false,
-        _ => {}
-    }
-    info.can_be(slot).map_err(|what| {
-        format!("is {}{}, not {what}", info.type_name, if info.list { "[]" } else { "" })
-    })?;
+    last.check_index(info.list)?;
+    info.list &= last.index.is_none();
+    info.can_be(slot)?;
     way.push(At { key: key(&field)?, index: last.index });
     match (slot, field.kind()) {
         (Slot::Time, Proto::Message(time)) => {
             let Some([seconds, nanos]) = time_fields(&time) else { return Ok(info) };
-            for (field, slot) in [(seconds, Slot::Seconds), (nanos, Slot::Nanoseconds)] {
-                way.push(At { key: key(&field)?, index: None });
-                wanted.want(&way, slot);
-                way.pop();
-            }
+            wanted.want_time(&way, [key(&seconds)?, key(&nanos)?]);
         }
         _ => wanted.want(&way, slot),
     }
@@ -258,19 +246,17 @@ impl Walk<'_> {
         found: &mut Found,
     ) -> Result<(), Malformed> {
         let Key { scalar, list, .. } = field.at.key;
-        let slot = match &field.then {
-            Then::Into(inside) => {
-                let Wire::Bytes(at) = wire else { return Err(Malformed) };
-                let this = field.at.index.is_none_or(|index| index == *seen);
-                *seen = seen.saturating_add(1);
-                return if this { self.inside(at.clone(), inside, found) } else { Ok(()) };
-            }
-            Then::Take(slot) => *slot,
-        };
         let counted = |seen: &mut u32| {
             let this = field.at.index.is_none_or(|index| index == *seen);
             *seen = seen.saturating_add(1);
             this
+        };
+        let slot = match &field.then {
+            Then::Into(inside) => {
+                let Wire::Bytes(at) = wire else { return Err(Malformed) };
+                return if counted(seen) { self.inside(at.clone(), inside, found) } else { Ok(()) };
+            }
+            Then::Take(slot) => *slot,
         };
         match (scalar, wire) {
             (Scalar::Text, Wire::Bytes(at)) => {

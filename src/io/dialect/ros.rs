@@ -89,33 +89,24 @@ pub fn want(
         let Base::Message(inside) = field.base else {
             return Err(format!("\"{step}\" has no fields of its own"));
         };
-        match (field.count != Count::One, step.index) {
-            (true, None) => return Err(format!("\"{step}\" is several: say which, {step}[0]")),
-            (false, Some(_)) => return Err(format!("\"{}\" is only one: no [..]", step.name)),
-            _ => way.push(At { key: place, index: step.index }),
-        }
+        step.check_on_the_way(field.count != Count::One)?;
+        way.push(At { key: place, index: step.index });
         message = inside;
     }
     let (place, field) = enter(message, &last.name)?;
     let mut info = info(definitions, field, path.to_string());
-    match (field.count != Count::One, last.index) {
-        (false, Some(_)) => return Err(format!("\"{}\" is only one: no [..]", last.name)),
-        (true, Some(_)) if info.kind == Kind::Bytes => info.kind = Kind::Integer,
-        (true, Some(_)) => info.list = false,
-        _ => {}
+    last.check_index(field.count != Count::One)?;
+    match (last.index, info.kind) {
+        (None, _) => {}
+        (Some(_), Kind::Bytes) => info.kind = Kind::Integer,
+        (Some(_), _) => info.list = false,
     }
-    info.can_be(slot).map_err(|what| {
-        format!("is {}{}, not {what}", info.type_name, if info.list { "[]" } else { "" })
-    })?;
+    info.can_be(slot)?;
     way.push(At { key: place, index: last.index });
     match (slot, field.base) {
         (Slot::Time, Base::Message(time)) => {
             let places = time_fields(definitions, time).ok_or("is no time")?;
-            for (place, slot) in places.into_iter().zip([Slot::Seconds, Slot::Nanoseconds]) {
-                way.push(At { key: place, index: None });
-                wanted.want(&way, slot);
-                way.pop();
-            }
+            wanted.want_time(&way, places);
         }
         _ => wanted.want(&way, slot),
     }

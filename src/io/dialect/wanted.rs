@@ -88,4 +88,11 @@ impl<K: Clone + PartialEq> Wanted<K> {
         inside.want(rest, slot);
         self.fields.push(Field { at: at.clone(), then: Then::Into(inside) });
     }
+
+    /// A message of seconds and nanoseconds: `path` leads to it.
+    pub fn want_time(&mut self, path: &[At<K>], [seconds, nanoseconds]: [K; 2]) {
+        for (key, slot) in [(seconds, Slot::Seconds), (nanoseconds, Slot::Nanoseconds)] {
+            self.want(&[path, &[At { key, index: None }]].concat(), slot);
+        }
+    }
 }

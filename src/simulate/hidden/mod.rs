@@ -249,19 +249,12 @@ fn labels(base: &Base) -> Vec<Label> {
 fn bursts(mut acquisitions: Acquisitions, options: &RecordingOptions) -> SimulatedRecording {
     let run = acquisitions.base.run.clone();
     let shape = RecordingOptions { compression: Compression::None, ..options.clone() };
-    let per_burst = shape.channels_per_burst.map_or(run.channels, |c| c as usize);
     let frames = run.bursts_per_channel * run.printheads;
-    let burst_count = (frames * run.channels.div_ceil(per_burst)) as u64;
     let cut = shape.clone();
     let bursts = (0..frames).flat_map(move |i| {
         let (step, head) = (i / run.printheads, i % run.printheads);
         let frame: Frame = acquisitions.acquire(head, step, cut.start_ns);
         frame.into_bursts(&cut)
     });
-    SimulatedRecording {
-        stem: "print_run".to_owned(),
-        burst_count,
-        bursts: Box::new(bursts),
-        options: shape,
-    }
+    SimulatedRecording { stem: "print_run".to_owned(), bursts: Box::new(bursts), options: shape }
 }

@@ -152,8 +152,7 @@ mod tests {
 
     #[test]
     fn without_extra_terms_it_is_the_librarys_linear_channel() {
-        let channel =
-            InkChannel { a_per_s2: 5.6e10, b_per_s2: 1.11e11, g_per_s: 1.6e4, d_per_s: 8e4 };
+        let channel = InkChannel::NOMINAL;
         let x_a = Actuation { pulse_s: 9e-6, delay_s: 6e-6 }.acquisition_state(&channel, 3e-4);
         let linear = ring_down(&channel, &DVector::from_column_slice(x_a.as_slice()), DT, 128);
         let own = decay(&nominal(), 3e-4);
