@@ -186,13 +186,13 @@ fn drying(original: &[Burst], dries: impl Fn(u32) -> bool) -> Vec<Burst> {
         .collect()
 }
 
-/// Share of flagged signals in the last ten seconds, of some channels.
+/// Share of flagged signals of those that were judged in the last ten seconds, of some channels.
 fn late_share(house: &House, stem: &str, of: impl Fn(u32) -> bool) -> f64 {
     let rows = verdicts(&house.path(&format!("out/{stem}.verdicts.parquet")));
     let end = rows.keys().map(|k| k.0).max().unwrap();
     let late: Vec<&String> = rows
         .iter()
-        .filter(|(k, _)| k.0 > end - 10_000_000_000 && of(k.2))
+        .filter(|(k, v)| k.0 > end - 10_000_000_000 && of(k.2) && !v.starts_with("Rejected"))
         .map(|(_, v)| v)
         .collect();
     late.iter().filter(|v| !v.starts_with("Healthy")).count() as f64 / late.len() as f64
@@ -226,7 +226,7 @@ fn fault_that_grows_slowly_is_not_learned_as_healthy() {
     // had the drying been learned, hardly any would be flagged
     replay("all.mcap", "--set identify.common_change=false").exits(3);
     let alone = late_share(&house, "all", |_| true);
-    assert!(followed < 0.2 && alone > 0.75, "{followed} flagged as a head, {alone} by themselves");
+    assert!(followed < 0.1 && alone > 0.5, "{followed} flagged as a head, {alone} by themselves");
 }
 
 #[test]
