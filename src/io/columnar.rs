@@ -8,6 +8,7 @@ use super::Limits;
 use super::ipc_sizes;
 use super::matrix::Matrix;
 use super::numpy::gathered;
+use super::parquet_file::ParquetFile;
 use super::regular_file;
 use super::table_file::{Chosen, Columns, Rows, Table, TableError, choose_columns};
 use arrow_array::cast::AsArray;
@@ -87,7 +88,7 @@ fn open(path: &Path, kind: FileKind) -> Result<(SchemaRef, Batches), TableError>
             (reader.schema(), Box::new(reader))
         }
         _ => {
-            let file = regular_file::open(path).map_err(failed)?;
+            let file = ParquetFile(regular_file::open(path).map_err(failed)?);
             let options = ArrowReaderOptions::new();
             let reader = ParquetRecordBatchReaderBuilder::try_new_with_options(file, options)
                 .and_then(|builder| builder.with_batch_size(BATCH_ROWS).build())

@@ -37,6 +37,7 @@ mod mcap_records;
 pub mod numpy;
 pub mod objects;
 pub mod outputs;
+mod parquet_file;
 pub mod part_file;
 pub mod printable;
 pub mod recording;

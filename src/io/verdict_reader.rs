@@ -4,6 +4,7 @@
 //! again (plain strings, other integers, microseconds; nullable columns may be missing). Out:
 //! [`VerdictColumns`] batch by batch.
 
+use super::parquet_file::ParquetFile;
 use super::regular_file;
 use super::verdict_table::{METADATA_KEY, TableError};
 use crate::verdict::{COLUMNS, Cells, Column, Outcome, Reason, Test, VerdictColumns};
@@ -20,7 +21,6 @@ use parquet::arrow::arrow_reader::{
     ArrowReaderOptions, ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder,
 };
 use std::collections::HashMap;
-use std::fs::File;
 use std::panic::AssertUnwindSafe;
 use std::path::{Path, PathBuf};
 
@@ -163,8 +163,11 @@ impl Iterator for VerdictReader {
 }
 
 /// A Parquet file that anybody may have written.
-pub(super) fn open(path: &Path) -> Result<ParquetRecordBatchReaderBuilder<File>, TableError> {
+pub(super) fn open(
+    path: &Path,
+) -> Result<ParquetRecordBatchReaderBuilder<ParquetFile>, TableError> {
     let file = regular_file::open(path)
+        .map(ParquetFile)
         .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
     // Parquet's own types are enough. The Arrow schema that tools put beside them may say more
     // than can be read (pandas: a dictionary of nulls), and then the reader panics.
@@ -427,6 +430,7 @@ pub(super) mod tests {
     use parquet::arrow::add_encoded_arrow_schema_to_metadata;
     use parquet::arrow::arrow_writer::{ArrowWriter, ArrowWriterOptions};
     use parquet::file::properties::WriterProperties;
+    use std::fs::File;
     use std::sync::Arc;
 
     pub(in crate::io) fn read_all(
