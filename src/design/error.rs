@@ -17,12 +17,7 @@ pub enum DesignError {
 
 impl DesignError {
     pub(super) fn untrained(method: IsolateMethod) -> DesignError {
-        let method = match method {
-            IsolateMethod::Posterior => "posterior",
-            IsolateMethod::ResidualMatching => "residual-matching",
-            IsolateMethod::ModelMatching => "model-matching",
-            IsolateMethod::Neighbours => "neighbours",
-        };
+        let method = method.as_str();
         DesignError::Invalid(format!(
             "isolate.method = \"{method}\": the design was not trained with it; train with --set \
              isolate.method={method}"

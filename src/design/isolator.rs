@@ -1,11 +1,17 @@
 //! `isolate.method`, made ready for a model.
 
 use super::detector::ring_of;
-use super::{Design, DesignError, FaultModel, HealthyModel, IsolateSettings};
+use super::{
+    Design, DesignError, FaultClass, FaultModel, HealthyModel, IsolateSettings, LearnSettings,
+    Workspace,
+};
+use crate::identify::averaging::SignalSet;
 use crate::isolate::neighbours::Neighbours;
 use crate::isolate::posterior::Posterior;
 use crate::isolate::typical::{RingMisfit, Typical};
-use crate::isolate::{IsolateMethod, IsolateSignal, SignatureMatrix, Simplex};
+use crate::isolate::{
+    IsolateMethod, IsolateSignal, MAX_CLASSES, SignatureMatrix, Simplex, model_matching,
+};
 use crate::model::beside_ring::BesideRing;
 use crate::model::ring_fit::{Fit, RingFitter};
 use std::sync::Arc;
@@ -21,6 +27,13 @@ pub(super) struct RingClassifier {
     pub(super) per_k: [f64; 4],
     pub(super) beside: BesideRing,
     pub(super) typical: Option<Arc<Typical>>,
+}
+
+/// What of a signal is compared with the classes', and by which model's filter.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Compared<'a> {
+    pub(super) model: &'a HealthyModel,
+    pub(super) signal: IsolateSignal,
 }
 
 /// `isolate.method`, ready for this model.
@@ -65,6 +78,50 @@ impl Isolator {
         })
     }
 
+    /// Weights of the classes, [`Workspace::weights`]; not of [`Isolator::Posterior`], which asks for a fitted ring. `None`:
+    /// no class fits, or the residual is not finite.
+    pub(super) fn weigh(
+        &self,
+        deviation: &[f64],
+        drive: f64,
+        of: Compared<'_>,
+        work: &mut Workspace,
+    ) -> Option<()> {
+        let Workspace { residual, projection, weights, .. } = work;
+        projection.resize(weights.len(), 0.0);
+        match self {
+            Isolator::Posterior(_) => return None,
+            Isolator::ResidualMatching(adjoint, simplex) => {
+                // c = R^T r = (F^T R)^T d: the residual itself is not needed
+                adjoint.project(deviation, projection);
+                projection.iter_mut().for_each(|c| *c /= drive);
+                simplex.solve(projection, weights).ok()?;
+            }
+            Isolator::Neighbours(neighbours) => {
+                residual.resize(deviation.len(), 0.0);
+                match of.signal {
+                    IsolateSignal::Residual => of.model.residual(deviation, residual),
+                    IsolateSignal::Deviation => residual.copy_from_slice(deviation),
+                }
+                residual.iter_mut().for_each(|r| *r /= drive);
+                neighbours.weigh(residual, weights).ok()?;
+            }
+            Isolator::ModelMatching(models) => {
+                // a class without a model fits nothing
+                for (energy, model) in projection.iter_mut().zip(models) {
+                    *energy = model
+                        .as_ref()
+                        .map(|m| (m.energy(deviation, drive, residual), m.bound))
+                        .filter(|(energy, bound)| energy <= bound)
+                        .map_or(f64::INFINITY, |(energy, _)| energy);
+                }
+                let best = model_matching::best_class(projection, &[f64::MAX; MAX_CLASSES])?;
+                weights[usize::from(best)] = 1.0;
+            }
+        }
+        Some(())
+    }
+
     /// rho of every class is the residual of its mean deviation, by this model's filter.
     fn residual_matching(
         model: &HealthyModel,
@@ -79,6 +136,37 @@ impl Isolator {
             IsolateSignal::Residual => rho.iter().map(|rho| model.adjoint(rho)).collect(),
         };
         Ok(Isolator::ResidualMatching(SignatureMatrix::new(&slices(&adjoint))?, simplex))
+    }
+}
+
+impl Design {
+    /// Refuses a method of isolation that needs what this design does not hold.
+    pub fn check_method(&self, method: IsolateMethod) -> Result<(), DesignError> {
+        let is_trained = match method {
+            IsolateMethod::Posterior => self.posterior.is_some(),
+            IsolateMethod::ResidualMatching => true,
+            IsolateMethod::ModelMatching => self.classes.iter().any(|c| c.model.is_some()),
+            IsolateMethod::Neighbours => self.classes.iter().any(|c| !c.examples.is_empty()),
+        };
+        if is_trained { Ok(()) } else { Err(DesignError::untrained(method)) }
+    }
+}
+
+impl FaultClass {
+    /// What the method asks of a class's labelled signals beside their mean deviation.
+    pub(super) fn learn_for(
+        &mut self,
+        method: IsolateMethod,
+        pooled: &HealthyModel,
+        sets: &[(&HealthyModel, &SignalSet)],
+        settings: LearnSettings,
+    ) -> Result<(), DesignError> {
+        match method {
+            IsolateMethod::Posterior | IsolateMethod::ResidualMatching => {}
+            IsolateMethod::ModelMatching => self.learn_model(pooled, sets, settings)?,
+            IsolateMethod::Neighbours => self.keep_examples(sets),
+        }
+        Ok(())
     }
 }
 

@@ -2,7 +2,7 @@
 //! its signals are judged by.
 
 use super::detector::{Detection, Scratch, SensitivityDetector};
-use super::isolator::Isolator;
+use super::isolator::{Compared, Isolator};
 use super::lanes::Lanes;
 use super::own_channel::Own;
 use super::{Design, DesignError, Extension, HealthyModel, IsolateSettings, Statistic};
@@ -11,9 +11,7 @@ use crate::detect::key_numbers::Spectrum;
 use crate::identify::reservoir::relative_drive;
 use crate::isolate::physics_density::{Comparison, FaultCurves};
 use crate::isolate::severity::Severity;
-use crate::isolate::{
-    Decision, DecisionRule, IsolateMethod, IsolateSignal, MAX_CLASSES, model_matching,
-};
+use crate::isolate::{Decision, DecisionRule, IsolateMethod, IsolateSignal};
 use crate::model::ring::Ring;
 use crate::model::ring_fit::Products;
 use crate::verdict::Test;
@@ -81,7 +79,7 @@ pub type Isolation = Decision;
 #[derive(Debug, Default)]
 pub struct Workspace {
     pub(super) residual: Vec<f64>,
-    projection: Vec<f64>,
+    pub(super) projection: Vec<f64>,
     pub(super) products: Products,
     detector: Scratch,
     /// Weight of each class, for the signal last isolated.
@@ -269,45 +267,11 @@ impl Judge {
             return isolation;
         }
         (work.severity, work.ring, work.misfit) = (None, None, f64::NAN);
-        let Workspace { residual, projection, weights, .. } = work;
-        let classes = rule.category_of.len();
-        weights.clear();
-        weights.resize(classes, 0.0);
-        projection.resize(classes, 0.0);
-        let compared = |residual: &mut Vec<f64>| {
-            residual.resize(deviation.len(), 0.0);
-            match signal {
-                IsolateSignal::Residual => self.model.residual(deviation, residual),
-                IsolateSignal::Deviation => residual.copy_from_slice(deviation),
-            }
-            residual.iter_mut().for_each(|r| *r /= drive);
-        };
-        // lengths agree by construction; a residual that is not finite gives no decision
-        match &**isolator {
-            Isolator::Posterior(_) => return None, // handled above
-            Isolator::ResidualMatching(adjoint, simplex) => {
-                // c = R^T r = (F^T R)^T d: the residual itself is not needed
-                adjoint.project(deviation, projection);
-                projection.iter_mut().for_each(|c| *c /= drive);
-                simplex.solve(projection, weights).ok()?;
-            }
-            Isolator::Neighbours(neighbours) => {
-                compared(residual);
-                neighbours.weigh(residual, weights).ok()?;
-            }
-            Isolator::ModelMatching(models) => {
-                // a class without a model fits nothing
-                for (energy, model) in projection.iter_mut().zip(models) {
-                    *energy = model
-                        .as_ref()
-                        .map(|m| (m.energy(deviation, drive, residual), m.bound))
-                        .filter(|(energy, bound)| energy <= bound)
-                        .map_or(f64::INFINITY, |(energy, _)| energy);
-                }
-                let best = model_matching::best_class(projection, &[f64::MAX; MAX_CLASSES])?;
-                weights[usize::from(best)] = 1.0;
-            }
-        }
+        work.weights.clear();
+        work.weights.resize(rule.category_of.len(), 0.0);
+        let compared = Compared { model: &self.model, signal: *signal };
+        isolator.weigh(deviation, drive, compared, work)?;
+        let weights = &work.weights;
         Some(rule.decide(weights).certain_of_class(weights))
     }
 }

@@ -49,7 +49,6 @@ pub use training_set::TrainingSet;
 
 use crate::burst::Burst;
 use crate::fault;
-use crate::isolate::IsolateMethod;
 use crate::isolate::fault_physics::FaultPhysics;
 use crate::isolate::physics_density::FaultCurves;
 use crate::isolate::posterior::Posterior;
@@ -100,17 +99,6 @@ pub struct Design {
 }
 
 impl Design {
-    /// Refuses a method of isolation that needs what this design does not hold.
-    pub fn check_method(&self, method: IsolateMethod) -> Result<(), DesignError> {
-        let is_trained = match method {
-            IsolateMethod::Posterior => self.posterior.is_some(),
-            IsolateMethod::ResidualMatching => true,
-            IsolateMethod::ModelMatching => self.classes.iter().any(|c| c.model.is_some()),
-            IsolateMethod::Neighbours => self.classes.iter().any(|c| !c.examples.is_empty()),
-        };
-        if is_trained { Ok(()) } else { Err(DesignError::untrained(method)) }
-    }
-
     /// Refuses what could not have been made by training (hand-edited, damaged or newer files).
     pub fn check(&self) -> Result<(), DesignError> {
         let refuse = |what: String| Err(DesignError::Invalid(what));

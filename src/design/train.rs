@@ -133,16 +133,10 @@ fn learn_classes(
         let sets = design.with_models(printheads);
         let mut class = FaultClass::learn(name, &sets);
         class.of = isolate.classes.get(name).cloned().unwrap_or_default();
-        match isolate.method {
-            IsolateMethod::Posterior | IsolateMethod::ResidualMatching => {}
-            IsolateMethod::ModelMatching => {
-                if let Err(e) = class.learn_model(&design.pooled, &sets, settings) {
-                    warnings.push(format!(
-                        "class {name}: no model of its own ({e}); model matching cannot name it"
-                    ));
-                }
-            }
-            IsolateMethod::Neighbours => class.keep_examples(&sets),
+        if let Err(e) = class.learn_for(isolate.method, &design.pooled, &sets, settings) {
+            warnings.push(format!(
+                "class {name}: no model of its own ({e}); model matching cannot name it"
+            ));
         }
         class
     };

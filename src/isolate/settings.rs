@@ -19,6 +19,18 @@ pub enum IsolateMethod {
     Neighbours,
 }
 
+impl IsolateMethod {
+    /// As settings write it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            IsolateMethod::Posterior => "posterior",
+            IsolateMethod::ResidualMatching => "residual-matching",
+            IsolateMethod::ModelMatching => "model-matching",
+            IsolateMethod::Neighbours => "neighbours",
+        }
+    }
+}
+
 /// What residual matching and neighbours compare.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
