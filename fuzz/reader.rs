@@ -24,10 +24,6 @@ fn file(reader: &str) -> &'static PathBuf {
 }
 
 pub fn read(reader: &str, bytes: &[u8]) {
-    // libraries' panics on damage are caught where they are called; only one that comes out here counts, and the
-    // fuzzer's own hook would end at any
-    static HOOK: std::sync::Once = std::sync::Once::new();
-    HOOK.call_once(|| std::panic::set_hook(Box::new(|_| ())));
     let path = file(reader);
     std::fs::write(path, bytes).expect("room for it");
     let (_, read) = readers::READERS.iter().find(|(name, _)| *name == reader).expect("a reader");

@@ -556,6 +556,12 @@ fn an_evaluation_says_on_its_page_what_it_says_on_the_terminal() {
     let recall = 100.0 * count("tp") as f64 / (count("tp") + count("fn")) as f64;
     assert!(page.contains(&format!("{recall:.1} % of")), "{recall}");
     assert!(page.contains("12 labelled faults"), "rows of a growing fault are one");
+    // the same recording judged a second time counts once
+    house.ok(&format!("replay {} --design {} --out out/b", recording.display(), design.display()));
+    let twice = house.run(&format!("{score} --json")).exits(0).says("there already").stdout();
+    let twice: serde_json::Value = serde_json::from_str(&twice).unwrap();
+    assert_eq!(twice["detection"], *d);
+    std::fs::remove_dir_all(house.path("out/b")).unwrap();
     for title in ["ROC: area", "Delay against false alarms", "Reliability", "Risk against coverage"]
     {
         assert!(page.contains(title), "{title}");

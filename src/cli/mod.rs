@@ -7,6 +7,7 @@ mod burst_clock;
 mod collected;
 mod contents;
 mod convert;
+mod copies;
 mod critique;
 mod dialects;
 mod effect;

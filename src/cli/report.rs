@@ -83,7 +83,7 @@ fn print_printheads(report: &RecordingReport, out: &mut impl Write) -> io::Resul
     if !report.episodes.listed.is_empty() {
         writeln!(
             out,
-            "  times UTC; ± one standard deviation; certainty: the probability of that class"
+            "  times UTC; ± one standard deviation; certainty: of that class, from 0 to 1"
         )?;
     }
     if printheads.len() > MOST_PRINTHEADS {

@@ -1,5 +1,6 @@
 //! Results of earlier replays, read again for a report: summaries and episodes, then all verdicts once.
 
+use super::copies::Copies;
 use super::exit::Failure;
 use super::progress::Progress;
 use crate::io::inputs::Input;
@@ -9,9 +10,8 @@ use crate::io::{episode_table, stored, summary_file};
 use crate::pipeline::Control;
 use crate::report::{Names, Report, ReportSettings, Source, Survey};
 use crate::verdict::VerdictColumns;
-use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::collections::BTreeSet;
+use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
@@ -60,7 +60,7 @@ pub fn read(
     let (mut failed, mut notes) = (Vec::new(), Vec::new());
     let (mut sources, mut episodes, mut files) = (Vec::new(), Vec::new(), Vec::new());
     let mut classes = BTreeSet::new();
-    let mut seen = Seen::default();
+    let mut seen = Copies::default();
     for input in inputs {
         let source = match source(input, &mut notes) {
             Ok(source) => source,
@@ -69,12 +69,8 @@ pub fn read(
                 continue;
             }
         };
-        if let Some(first) = seen.before(&source, &input.path) {
-            let file = input.path.display();
-            notes.push(format!(
-                "{file}: verdicts of a recording that is there already ({}): left out",
-                first.display()
-            ));
+        if let Some(note) = seen.left_out(&source.document, &input.path) {
+            notes.push(note);
             continue;
         }
         let named = source.document["classes"].as_array().into_iter().flatten();
@@ -103,68 +99,6 @@ pub fn read(
     }
     let report = Report::new(&sources, survey, settings.clone());
     Ok(Read { report, failed, notes, classes })
-}
-
-/// Recordings that were met. One is there already if its digest is, or if it holds the same signals: the
-/// same channels at the same times, as another file of the same bursts has them.
-#[derive(Default)]
-struct Seen {
-    digests: BTreeMap<String, PathBuf>,
-    /// By how many signals they hold, and the first of them: what may be the same.
-    alike: BTreeMap<(u64, First), Vec<PathBuf>>,
-}
-
-/// A table's first signal: when, which printhead, which channel.
-type First = (i64, Arc<str>, u32);
-
-impl Seen {
-    /// The file that holds it already.
-    fn before(&mut self, source: &Source, path: &Path) -> Option<PathBuf> {
-        if let Some(digest) = source.document["recording"]["digest"].as_str() {
-            if let Some(first) = self.digests.get(digest) {
-                return Some(first.clone());
-            }
-            self.digests.insert(digest.to_owned(), path.to_owned());
-        }
-        let signals = source.document["counts"]["signals"].as_u64()?;
-        let alike = self.alike.entry((signals, first_signal(path)?)).or_default();
-        let same = alike.iter().find(|other| holds_the_same(other, path)).cloned();
-        if same.is_none() {
-            alike.push(path.to_owned());
-        }
-        same
-    }
-}
-
-/// What tells a signal from others, and what no table is read without.
-const OF_A_SIGNAL: [&str; 4] = ["acquired_at", "printhead", "channel", "outcome"];
-
-fn first_signal(path: &Path) -> Option<First> {
-    let mut reader = VerdictReader::open_columns(path, &OF_A_SIGNAL).ok()?;
-    let c = reader.next()?.ok()?;
-    let printhead = c.printheads.get(*c.printhead.first()? as usize)?;
-    Some((*c.acquired_at_ns.first()?, printhead.clone(), *c.channel.first()?))
-}
-
-/// Whether two tables are of the same signals, whatever is said of them. What cannot be read is not: it is
-/// told where it is read.
-fn holds_the_same(a: &Path, b: &Path) -> bool {
-    let open = |path| VerdictReader::open_columns(path, &OF_A_SIGNAL);
-    let (Ok(mut a), Ok(mut b)) = (open(a), open(b)) else { return false };
-    loop {
-        let (a, b) = match (a.next(), b.next()) {
-            (None, None) => return true,
-            (Some(Ok(a)), Some(Ok(b))) => (a, b),
-            _ => return false,
-        };
-        let heads = |c: &VerdictColumns| -> Vec<Arc<str>> {
-            c.printhead.iter().map(|k| c.printheads[*k as usize].clone()).collect()
-        };
-        let same = a.acquired_at_ns == b.acquired_at_ns && a.channel == b.channel;
-        if !same || heads(&a) != heads(&b) {
-            return false; // mostly in the first batch
-        }
-    }
 }
 
 fn source(input: &Input, notes: &mut Vec<String>) -> Result<Source, String> {

@@ -1,5 +1,6 @@
 //! `inkling score`: verdicts against labels, critiques against what was hidden.
 
+use super::copies::Copies;
 use super::exit::{Exit, Failure};
 use super::progress::complain;
 use super::report_page::write_text;
@@ -114,6 +115,7 @@ struct Scoring<'a> {
     episodes: EpisodeScore,
     any_episodes: bool,
     curves: Option<Curves>,
+    copies: Copies,
 }
 
 /// A row of a verdict table, and what it indexes.
@@ -135,6 +137,7 @@ impl<'a> Scoring<'a> {
             episodes: EpisodeScore::new(labels),
             any_episodes: false,
             curves: with_curves.then(Curves::default),
+            copies: Copies::default(),
         }
     }
 
@@ -145,6 +148,10 @@ impl<'a> Scoring<'a> {
             .metadata_json()
             .and_then(|json| serde_json::from_str(json).ok())
             .unwrap_or_default();
+        if let Some(note) = self.copies.left_out(&document, path) {
+            complain(&format!("warning: {note}"));
+            return Ok(());
+        }
         if let Some(bound) = document["settings"]["isolate"]["certainty"].as_f64() {
             self.score.set_bound(bound);
         }

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
   inkling simulate sample_logs/scenarios/sample.toml -o run/
   inkling simulate sample_logs/scenarios/physics.toml -o run/ --seed 7
 
-  inkling simulate sample_logs/scenarios/hidden.toml -o blind/ --hide 7
+  inkling simulate sample_logs/scenarios/hidden.toml -o blind/ --hide 26
 
 Writes the scenario's recordings and labels.csv, the truth of all of them.
 

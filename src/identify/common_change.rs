@@ -15,8 +15,6 @@ use std::collections::BTreeMap;
 
 /// Channels that tell: fewer do not outvote faulty ones.
 const FEWEST: usize = 8;
-/// Channels of a printhead that are looked at.
-pub const MOST: u32 = 32;
 /// A channel that was not looked at for so long says nothing of now, ns.
 const HORIZON_NS: u64 = 10_000_000_000;
 /// Least share of a new estimate in the level: where it stands still, an estimate's noise falls to .4.

@@ -11,12 +11,12 @@ use super::numpy::gathered;
 use super::parquet_file::ParquetFile;
 use super::regular_file;
 use super::table_file::{Chosen, Columns, Rows, Table, TableError, choose_columns};
+use super::unpanicked::unpanicked;
 use arrow_array::cast::AsArray;
 use arrow_array::{Array, ArrayRef, RecordBatch, types};
 use arrow_schema::{DataType, SchemaRef, TimeUnit};
 use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReaderBuilder};
 use std::io::{Cursor, Read};
-use std::panic::AssertUnwindSafe;
 use std::path::Path;
 
 const BATCH_ROWS: usize = 4096;
@@ -57,8 +57,7 @@ pub enum Content {
 /// Reads a table; what a library cannot bear to read is an error, too.
 pub fn read(path: &Path, kind: FileKind, columns: &Columns) -> Result<Content, TableError> {
     let whole = || read_batches(path, kind, columns);
-    std::panic::catch_unwind(AssertUnwindSafe(whole))
-        .unwrap_or_else(|_| Err(wrong(path, "is damaged: it cannot be read".into())))
+    unpanicked(whole).unwrap_or_else(|| Err(wrong(path, "is damaged: it cannot be read".into())))
 }
 
 fn wrong(path: &Path, what: String) -> TableError {

@@ -6,7 +6,7 @@
 use super::part_file::{CompleteFile, PartFile};
 use super::row_table::{self, Cells, Column};
 use super::stored;
-use super::verdict_reader::{numbers, open, plain_texts, timestamps_ns, unpanicked};
+use super::verdict_reader::{numbers, open, plain_texts, timestamps_ns, undamaged};
 use super::verdict_table::{METADATA_KEY, TableError, TimestampUnit};
 use crate::episodes::Episode;
 use arrow_array::{ArrayRef, RecordBatch};
@@ -155,9 +155,9 @@ pub fn read(path: &Path) -> Result<Vec<Episode>, TableError> {
     let failed = |source| TableError::Parquet { path: path.to_path_buf(), source };
     let mut batches = builder.with_batch_size(BATCH_ROWS).build().map_err(failed)?;
     let mut episodes = Vec::new();
-    while let Some(batch) = unpanicked(path, || batches.next())? {
+    while let Some(batch) = undamaged(path, || batches.next())? {
         let batch =
-            batch.map_err(|source| TableError::Columns { path: path.to_path_buf(), source })?;
+            batch.map_err(|source| TableError::Unread { path: path.to_path_buf(), source })?;
         let misfit = |what: String| TableError::NotEpisodes { path: path.to_path_buf(), what };
         if episodes.len() + batch.num_rows() > MOST_ROWS {
             return Err(misfit(format!("it has more than {MOST_ROWS} rows")));

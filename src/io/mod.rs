@@ -54,6 +54,7 @@ pub mod stored;
 pub mod summary_file;
 pub mod table_file;
 pub mod truth_file;
+pub mod unpanicked;
 mod verdict_columns;
 pub mod verdict_reader;
 pub mod verdict_table;

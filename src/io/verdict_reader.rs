@@ -6,6 +6,7 @@
 
 use super::parquet_file::ParquetFile;
 use super::regular_file;
+use super::unpanicked::unpanicked;
 use super::verdict_table::{METADATA_KEY, TableError};
 use crate::verdict::{COLUMNS, Cells, Column, Outcome, Reason, Test, VerdictColumns};
 use arrow_array::cast::AsArray;
@@ -21,7 +22,6 @@ use parquet::arrow::arrow_reader::{
     ArrowReaderOptions, ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder,
 };
 use std::collections::HashMap;
-use std::panic::AssertUnwindSafe;
 use std::path::{Path, PathBuf};
 
 const BATCH_ROWS: usize = 1 << 16;
@@ -146,12 +146,12 @@ impl Iterator for VerdictReader {
 
     fn next(&mut self) -> Option<Self::Item> {
         let batches = &mut self.batches;
-        let batch = match unpanicked(&self.path, || batches.next()) {
+        let batch = match undamaged(&self.path, || batches.next()) {
             Err(damaged) => return Some(Err(damaged)),
             Ok(None) => return None,
             Ok(Some(Ok(batch))) => batch,
             Ok(Some(Err(source))) => {
-                return Some(Err(TableError::Columns { path: self.path.clone(), source }));
+                return Some(Err(TableError::Unread { path: self.path.clone(), source }));
             }
         };
         Some(self.columns(&batch).map_err(|Misfit { column, what }| TableError::Column {
@@ -173,14 +173,13 @@ pub(super) fn open(
     // than can be read (pandas: a dictionary of nulls), and then the reader panics.
     let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
     let open = || ParquetRecordBatchReaderBuilder::try_new_with_options(file, options);
-    unpanicked(path, open)?
+    undamaged(path, open)?
         .map_err(|source| TableError::Parquet { path: path.to_path_buf(), source })
 }
 
 /// The Parquet reader panics on some damaged pages; a damaged file is no bug of ours.
-pub(super) fn unpanicked<T>(path: &Path, read: impl FnOnce() -> T) -> Result<T, TableError> {
-    std::panic::catch_unwind(AssertUnwindSafe(read))
-        .map_err(|_| TableError::Damaged { path: path.to_path_buf() })
+pub(super) fn undamaged<T>(path: &Path, read: impl FnOnce() -> T) -> Result<T, TableError> {
+    unpanicked(read).ok_or_else(|| TableError::Damaged { path: path.to_path_buf() })
 }
 
 /// A column that is not what the contract says.

@@ -35,6 +35,8 @@ pub enum TableError {
     Damaged { path: PathBuf },
     #[error("{path}: Parquet: {source}")]
     Parquet { path: PathBuf, source: ParquetError },
+    #[error("{path}: damaged Parquet file ({source}); replay the recording again")]
+    Unread { path: PathBuf, source: ArrowError },
     #[error("{path}: columns do not fit each other: {source}")]
     Columns { path: PathBuf, source: ArrowError },
     #[error("{path}: not a verdict table: column `{column}` {what}")]

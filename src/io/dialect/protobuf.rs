@@ -7,10 +7,9 @@ use super::fields::{FieldInfo, Kind, MOST_DEPTH};
 use super::path::FieldPath;
 use super::value::{Element, Found, Number, Value};
 use super::wanted::{At, Field, Slot, Then, Wanted};
+use crate::io::unpanicked::unpanicked;
 use prost_reflect::{DescriptorPool, FieldDescriptor, Kind as Proto, MessageDescriptor};
-use std::cell::Cell;
 use std::ops::Range;
-use std::sync::Once;
 
 /// Fields that are looked at to say what there is.
 const MOST_FIELDS: usize = 400;
@@ -40,32 +39,11 @@ enum Scalar {
 }
 
 pub fn message(descriptors: &[u8], name: &str) -> Result<MessageDescriptor, String> {
-    let pool = quietly(|| DescriptorPool::decode(descriptors))
+    let pool = unpanicked(|| DescriptorPool::decode(descriptors))
         .ok_or_else(|| format!("its schema {name} is a FileDescriptorSet that contradicts itself"))?
         .map_err(|e| format!("its schema {name} is no FileDescriptorSet that can be read: {e}"))?;
     pool.get_message_by_name(name)
         .ok_or_else(|| format!("its schema's FileDescriptorSet has no message {name}"))
-}
-
-/// Descriptors that contradict themselves can make the library panic where it should say so: `None`, and
-/// no panic is printed for what becomes an error in words.
-fn quietly<T>(decode: impl FnOnce() -> T + std::panic::UnwindSafe) -> Option<T> {
-    thread_local! {
-        static QUIET: Cell<bool> = const { Cell::new(false) };
-    }
-    static HOOK: Once = Once::new();
-    HOOK.call_once(|| {
-        let print = std::panic::take_hook();
-        std::panic::set_hook(Box::new(move |panic| {
-            if !QUIET.get() {
-                print(panic);
-            }
-        }));
-    });
-    QUIET.set(true);
-    let decoded = std::panic::catch_unwind(decode);
-    QUIET.set(false);
-    decoded.ok()
 }
 
 /// What there is.

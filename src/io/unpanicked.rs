@@ -1,0 +1,37 @@
+//! Libraries that panic where they should say that a file is damaged.
+
+use std::cell::Cell;
+use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
+use std::sync::Once;
+
+/// What `read` reads; `None` where the library that it calls panics. No panic is printed of what becomes an
+/// error in words.
+pub fn unpanicked<T>(read: impl FnOnce() -> T) -> Option<T> {
+    thread_local! {
+        static QUIET: Cell<bool> = const { Cell::new(false) };
+    }
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let print = take_hook();
+        set_hook(Box::new(move |panic| {
+            if !QUIET.get() {
+                print(panic);
+            }
+        }));
+    });
+    QUIET.set(true);
+    let read = catch_unwind(AssertUnwindSafe(read));
+    QUIET.set(false);
+    read.ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_is_none_and_what_comes_after_it_is_read() {
+        assert_eq!(unpanicked(|| [1, 2][std::hint::black_box(2)]), None);
+        assert_eq!(unpanicked(|| 3), Some(3));
+    }
+}
