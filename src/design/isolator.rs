@@ -1,9 +1,9 @@
 //! `isolate.method`, made ready for a model.
 
 use super::detector::ring_of;
+use super::workspace::Workspace;
 use super::{
     Design, DesignError, FaultClass, FaultModel, HealthyModel, IsolateSettings, LearnSettings,
-    Workspace,
 };
 use crate::identify::averaging::SignalSet;
 use crate::isolate::neighbours::Neighbours;

@@ -1,19 +1,17 @@
 //! The judge: a healthy model and the fault classes, made ready to judge signals. Every batch carries the one that
 //! its signals are judged by.
 
-use super::detector::{Detection, Scratch, SensitivityDetector};
+use super::detector::{Detection, SensitivityDetector};
 use super::isolator::{Compared, Isolator};
 use super::lanes::Lanes;
-use super::own_channel::Own;
+use super::workspace::Workspace;
 use super::{Design, DesignError, Extension, HealthyModel, IsolateSettings, Statistic};
 use crate::burst::Burst;
 use crate::detect::key_numbers::Spectrum;
 use crate::identify::reservoir::relative_drive;
-use crate::isolate::physics_density::{Comparison, FaultCurves};
-use crate::isolate::severity::Severity;
+use crate::isolate::physics_density::FaultCurves;
 use crate::isolate::{Decision, DecisionRule, IsolateMethod, IsolateSignal};
 use crate::model::ring::Ring;
-use crate::model::ring_fit::Products;
 use crate::verdict::Test;
 use std::sync::Arc;
 
@@ -74,30 +72,6 @@ pub(super) struct Isolating {
 
 /// The result of a signal's isolation.
 pub type Isolation = Decision;
-
-/// Buffers of a judge, one set per thread, and results beside the decision.
-#[derive(Debug, Default)]
-pub struct Workspace {
-    pub(super) residual: Vec<f64>,
-    pub(super) projection: Vec<f64>,
-    pub(super) products: Products,
-    detector: Scratch,
-    /// Weight of each class, for the signal last isolated.
-    pub weights: Vec<f64>,
-    /// ln damping and ln frequency of the ring last fitted for isolation, relative to the healthy model's and
-    /// corrected to its temperature; `None`: none was fitted.
-    pub ring: Option<[f64; 2]>,
-    /// Severity of the signal last isolated, if its category was named.
-    pub severity: Option<Severity>,
-    /// Its mean square misfit over the noise's; NaN: no ring was fitted.
-    pub misfit: f64,
-    pub(super) ln_densities: Vec<f64>,
-    pub(super) physics: Comparison,
-    /// To be set for the signal isolated next: [`Judge::warmer`], K.
-    pub warmer: f64,
-    /// To be set for the signal judged next, with `--baseline`: its channel's baseline, if there is one.
-    pub own: Option<Own>,
-}
 
 impl Judge {
     /// `design`: its fault classes, if there is one; without, whatever passes stays undecided.

@@ -29,6 +29,7 @@ mod statistic;
 mod train;
 mod training_set;
 mod typical;
+mod workspace;
 
 pub use crate::detect::DetectSettings;
 pub use crate::isolate::IsolateSettings;
@@ -41,11 +42,12 @@ pub use extension::{Covariate, Extension, Follows};
 pub use fault_class::{FaultClass, FaultModel};
 pub use fd_filter::{LearnSettings, LearnedFilter};
 pub use healthy_model::HealthyModel;
-pub use judge::{Isolation, Judge, JudgeKey, Tested, Workspace};
+pub use judge::{Isolation, Judge, JudgeKey, Tested};
 pub use lanes::Lanes;
 pub use own_channel::{Own, OwnChannels};
 pub use statistic::Statistic;
 pub use training_set::TrainingSet;
+pub use workspace::Workspace;
 
 use crate::burst::Burst;
 use crate::fault;

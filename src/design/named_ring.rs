@@ -1,7 +1,8 @@
 //! Isolation by a fitted ring: its class, its severity, and whether it is of any class.
 
 use super::isolator::{Isolator, RingClassifier};
-use super::judge::{Isolating, Isolation, Judge, Workspace};
+use super::judge::{Isolating, Isolation, Judge};
+use super::workspace::Workspace;
 use crate::isolate::appearance::UnknownSignal;
 use crate::isolate::fault_curve::Conditions;
 use crate::model::ring_fit::{Fit, RingFitter};

@@ -1,0 +1,31 @@
+//! What a judge computes with.
+
+use super::detector::Scratch;
+use super::own_channel::Own;
+use crate::isolate::physics_density::Comparison;
+use crate::isolate::severity::Severity;
+use crate::model::ring_fit::Products;
+
+/// Buffers of a judge, one set per thread, and results beside the decision.
+#[derive(Debug, Default)]
+pub struct Workspace {
+    pub(super) residual: Vec<f64>,
+    pub(super) projection: Vec<f64>,
+    pub(super) products: Products,
+    pub(super) detector: Scratch,
+    /// Weight of each class, for the signal last isolated.
+    pub weights: Vec<f64>,
+    /// ln damping and ln frequency of the ring last fitted for isolation, relative to the healthy model's and
+    /// corrected to its temperature; `None`: none was fitted.
+    pub ring: Option<[f64; 2]>,
+    /// Severity of the signal last isolated, if its category was named.
+    pub severity: Option<Severity>,
+    /// Its mean square misfit over the noise's; NaN: no ring was fitted.
+    pub misfit: f64,
+    pub(super) ln_densities: Vec<f64>,
+    pub(super) physics: Comparison,
+    /// To be set for the signal isolated next: [`Judge::warmer`], K.
+    pub warmer: f64,
+    /// To be set for the signal judged next, with `--baseline`: its channel's baseline, if there is one.
+    pub own: Option<Own>,
+}
