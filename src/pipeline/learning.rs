@@ -128,7 +128,10 @@ impl<'a> Learning<'a> {
             if t_ns < head.settled_ns {
                 return Err(out_of_order(&head.key));
             }
-            if head.may_begin(t_ns) && t_ns.saturating_add(self.reorder_ns) > self.latest_ns {
+            if head.progress.is_over(self.learner) {
+                // no later window changes who judges it
+            } else if head.may_begin(t_ns) && t_ns.saturating_add(self.reorder_ns) > self.latest_ns
+            {
                 head.wait(burst);
                 self.due_ns = self.due_ns.min(t_ns.saturating_add(self.reorder_ns));
                 if head.waiting_bytes() > WAITING_BYTES {

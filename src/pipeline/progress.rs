@@ -103,6 +103,11 @@ impl Progress {
         }
     }
 
+    /// Its printhead's first window agreed with the design: what judges it stays.
+    pub fn is_over(&self, learner: &Learner) -> bool {
+        learner.knows_by_design() && self.accepted > 0
+    }
+
     /// The next window. `None`: the timeline stays as it is.
     pub fn take(
         &mut self,
@@ -111,8 +116,8 @@ impl Progress {
         window: Window,
         reservoir: &Reservoir,
     ) -> Option<Entry> {
-        if learner.knows_by_design() && self.accepted > 0 {
-            return None; // its printhead's first window agreed: what judges it stays
+        if self.is_over(learner) {
+            return None;
         }
         self.seen += 1;
         let model = match self.model(learner, (key, sample_period_s), reservoir) {
