@@ -66,6 +66,17 @@ mod tests {
     }
 
     #[test]
+    fn without_news_a_class_becomes_any_other_now_and_then() {
+        let priors = [0.5, 0.3, 0.2];
+        let mut filter = ClassFilter { weights: vec![1.0, 0.0, 0.0] };
+        filter.look(&[0.5, 0.3, 0.2], &priors);
+        let expected = [1.0 - CHANGES * 0.5, CHANGES * 0.3, CHANGES * 0.2];
+        for (w, expected) in filter.weights().iter().zip(expected) {
+            assert!((w - expected).abs() < 1e-6, "{filter:?}");
+        }
+    }
+
+    #[test]
     fn looks_that_say_nothing_leave_the_priors() {
         let priors = [0.7, 0.2, 0.1];
         let mut filter = ClassFilter::new(&priors);

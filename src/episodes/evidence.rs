@@ -400,6 +400,73 @@ mod tests {
         }
     }
 
+    /// The look that lies `z` standard deviations above what is learned.
+    fn look_at(learned: &Learned, z: f32) -> f32 {
+        (learned.level + z * learned.deviation(0.0).1).powi(4)
+    }
+
+    #[test]
+    fn level_and_spread_are_running_means_and_a_look_is_measured_by_what_it_may_be() {
+        let of = Evidence::default().learned;
+        let (z, sd) = of.deviation(look_at(&of, 2.0));
+        assert!((z - 2.0).abs() < 1e-4, "{z}");
+        // of a look to come: its own variance, and that of the level, a mean of so many looks
+        let predicted = of.variance + of.variance / of.level_looks;
+        assert!((sd * sd / predicted - 1.0).abs() < 1e-4);
+        let after = |z: f32| {
+            let ratio = look_at(&of, z);
+            of.after(ratio, of.deviation(ratio).0, sd)
+        };
+        let (one, two) = (after(1.0), after(2.0));
+        // an outlying look leaves more evidence, and as much variance as was expected leaves it as it is
+        assert!((one.variance / of.variance - 1.0).abs() < 1e-4);
+        let mean =
+            (of.variance_looks * of.variance + 4.0 * of.variance) / (of.variance_looks + 1.0);
+        assert!((two.variance / mean - 1.0).abs() < 1e-4);
+        let mean = (of.level_looks * of.level + of.level + 2.0 * sd) / (of.level_looks + 1.0);
+        assert!((two.level - mean).abs() < 1e-4);
+        assert_eq!(two.level_looks, of.level_looks + 1.0);
+        assert_eq!(two.variance_looks, of.variance_looks + 1.0);
+    }
+
+    #[test]
+    fn own_baseline_brings_its_own_level_and_takes_it_with_it_and_evidence_stays() {
+        let mut evidence = Evidence::default();
+        assert!(evidence.is_quiet());
+        assert_eq!(evidence.look(1.1, 16.0), Step::Suspect { begins: true });
+        assert!(!evidence.is_quiet());
+        let suspicion = evidence.learned.faulty;
+        evidence.judge_by_own(true);
+        assert!(evidence.learned.deviation(OWN_LEVEL.powi(4)).0.abs() < 1e-4);
+        assert_eq!(evidence.learned.faulty, suspicion);
+        evidence.judge_by_own(false);
+        assert!(evidence.learned.deviation(FIRST_LEVEL.powi(4)).0.abs() < 1e-4);
+        assert_eq!(evidence.learned.faulty, suspicion);
+    }
+
+    #[test]
+    fn what_a_fault_has_grown_to_is_what_its_end_is_told_by() {
+        let looks_to_the_end = |grown: f32| {
+            let mut evidence = Evidence::default();
+            let look = |z: f32| look_at(&evidence.learned, z);
+            let (beyond, grown, healthy) = (look(2.9), look(grown), look(0.0));
+            let raised = (0..40).find(|_| evidence.look(beyond, 16.0) == Step::Raised);
+            assert!(raised.is_some());
+            (0..60).for_each(|_| {
+                evidence.look(grown, 16.0);
+            });
+            (1..60).find(|_| evidence.look(healthy, 16.0) == Step::Ended).expect("it ends")
+        };
+        let (small, large) = (looks_to_the_end(2.9), looks_to_the_end(40.0));
+        assert!(large == 3 && small > large, "{small}, {large}");
+    }
+
+    #[test]
+    fn an_onset_is_the_first_evidence_or_what_chance_does_not_explain() {
+        assert!(begins(0.0, 1.0) && begins(SUSPICION / 2.0, 1.1 * BEYOND_CHANCE));
+        assert!(!begins(SUSPICION / 2.0, BEYOND_CHANCE) && !begins(SUSPICION, 2.0 * BEYOND_CHANCE));
+    }
+
     #[test]
     fn channels_together_are_channels_one_by_one() {
         let mut source = source(5);

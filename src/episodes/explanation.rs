@@ -179,6 +179,17 @@ mod tests {
     }
 
     #[test]
+    fn a_ring_is_told_in_as_many_digits_as_show_its_change() {
+        let of = |frequency_hz, damping: f64| {
+            let damping_per_s = damping * RINGS.healthy_damping_per_s;
+            ring_in_words(&Rings { frequency_hz, damping_per_s, ..RINGS })
+        };
+        assert_eq!(of(64.66e3, 0.881), "resonance 64.70 → 64.66 kHz, damping −12 %");
+        assert_eq!(of(64.74e3, 1.001), "resonance 64.70 → 64.74 kHz, damping ±0 %");
+        assert_eq!(of(66.0e3, 1.02), "resonance 64.7 → 66.0 kHz, damping +2 %");
+    }
+
+    #[test]
     fn what_is_not_known_is_not_said() {
         let no_size = Episode { severity_last: None, ..episode() };
         let text = sentence(&no_size, Some(&RINGS), None, None);
@@ -203,6 +214,23 @@ mod tests {
     }
 
     #[test]
+    fn what_is_of_no_class_is_told_by_what_it_looks_like() {
+        use Appearance::{Constant, Jumps, Other, OtherGain, Slow, Tone};
+        for (strange, said) in [
+            (OtherGain(-0.98), "rings upside down, 0.98 times as large"),
+            (OtherGain(0.51), "rings like a healthy channel with 0.51 times its size"),
+            (Tone(76_340.0), "a steady tone of 76.3 kHz"),
+            (Jumps, "single samples jump"),
+            (Slow, "an offset or a slow shape"),
+            (Constant, "a constant value"),
+        ] {
+            let text = in_words(strange);
+            assert!(text.contains(said) && text.ends_with("not at the nozzle"), "{text}");
+        }
+        assert!(in_words(Other).contains("then at the nozzle"));
+    }
+
+    #[test]
     fn every_kind_of_size_has_its_words() {
         let size = |class: &str, s, sd| size_in_words(class, Some(s), Some(sd));
         assert_eq!(size("IDN", 1.583, 0.043), ", viscosity × 1.58 ± 0.04");
@@ -210,6 +238,7 @@ mod tests {
         assert_eq!(size("AB1", 0.1213, 0.004), ", 12.1 ± 0.4 % of the nozzle's length");
         assert_eq!(size("own", 3.0, 0.5), ", severity 3.00 ± 0.50");
         assert_eq!(size_in_words("EC", Some(0.4), None), ", 40 % of the density missing");
+        assert_eq!(size_in_words("EC", Some(0.4), Some(0.0)), ", 40 % of the density missing");
         assert_eq!(size_in_words("EC", Some(f64::NAN), None), "");
     }
 }

@@ -643,6 +643,30 @@ mod tests {
     }
 
     #[test]
+    fn what_waits_is_what_is_held_and_no_more_than_it_may_be() {
+        let mut tracker = tracker(8);
+        let names: [Arc<str>; 2] = ["p".into(), "q".into()];
+        for (looks, name) in bursts().into_iter().zip(names.iter().cycle()) {
+            tracker.push(name, looks);
+            let held: Vec<usize> =
+                tracker.printheads.values().map(|of| of.waiting.signals()).collect();
+            assert_eq!(tracker.waiting, held.iter().sum::<usize>());
+            assert!(held.iter().all(|&held| held <= 8), "{held:?}");
+        }
+        assert_eq!(tracker.waiting, 16);
+    }
+
+    #[test]
+    fn printheads_beyond_the_limit_are_counted() {
+        let mut tracker = tracker(8);
+        for p in 0..=MOST_PRINTHEADS {
+            let (ratios, t_ns) = (vec![0.1; 3], 0);
+            tracker.push(&p.to_string().into(), Looks { ratios, t_ns, ..Looks::default() });
+        }
+        assert_eq!(tracker.finish().1.signals_beyond_limit, 3);
+    }
+
+    #[test]
     fn at_once_an_episode_is_told_with_the_burst_that_raises_it() {
         let mut tracker = tracker(1000).at_once();
         let name: Arc<str> = "p".into();
