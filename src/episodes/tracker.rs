@@ -515,6 +515,7 @@ impl Naming {
 mod tests {
     use super::*;
     use crate::episodes::RingChange;
+    use rand::{RngExt, SeedableRng};
 
     fn tracker(reorder_signals: usize) -> Tracker {
         let classes = ["BN", "PBN", "SDN"].map(Class::plain);
@@ -640,6 +641,140 @@ mod tests {
         let (episodes, counts) = run(tracker(8), late);
         assert_eq!(episodes, sorted.0);
         assert_eq!(counts.signals_too_late, 4);
+    }
+
+    /// A recording in which everything happens: channels come and go, models and baselines change, bursts come
+    /// twice or late, signals are rejected, some are faulty for a while.
+    fn eventful(seed: u64) -> Vec<Looks> {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+        let mut bursts: Vec<Looks> = Vec::new();
+        for step in 0..300i64 {
+            let first_channel = if rng.random_bool(0.1) { 3 } else { 0 };
+            let healthy = |rng: &mut rand_chacha::ChaCha8Rng| rng.random::<f32>().powi(4) * 1.05;
+            let mut ratios: Vec<f32> = (0..37).map(|_| healthy(&mut rng)).collect();
+            let mut named = Vec::new();
+            for (row, ratio) in ratios.iter_mut().enumerate() {
+                let (row, channel) = (row as u32, first_channel + row as u32);
+                let from = i64::from(channel) * 13 % 240;
+                if channel.is_multiple_of(5) && (from..from + 40).contains(&step) {
+                    *ratio = rng.random_range(2.0..9.0);
+                }
+                if rng.random_bool(0.01) {
+                    *ratio = f32::NAN;
+                } else if *ratio > 1.0 {
+                    named.push(Named { row, weights: vec![0.2, 0.7, 0.1], ..Named::default() });
+                }
+            }
+            let own = (0..37).map(|row| row % 3 == 0 && step > 150).collect();
+            let model = (step / 90) as u16;
+            let in_medians = 7.0 + f32::from(model);
+            let t_ns = step * 1_000_000_000;
+            bursts.push(Looks { t_ns, first_channel, model, in_medians, ratios, own, named });
+            if rng.random_bool(0.05) {
+                let before = rng.random_range(0..bursts.len());
+                bursts.push(bursts[before].clone());
+            }
+        }
+        bursts
+    }
+
+    /// One burst for each of its channels.
+    fn apart(looks: &Looks) -> Vec<Looks> {
+        let own = |row| looks.own.get(row).copied().into_iter().collect();
+        let of_row = |row: usize| Looks {
+            first_channel: looks.first_channel + row as u32,
+            ratios: vec![looks.ratios[row]],
+            own: own(row),
+            named: (looks.named.iter().filter(|n| n.row == row as u32))
+                .map(|n| Named { row: 0, ..n.clone() })
+                .collect(),
+            ..looks.clone()
+        };
+        (0..looks.ratios.len()).map(of_row).collect()
+    }
+
+    #[test]
+    fn channels_that_are_looked_at_together_are_judged_as_if_each_came_alone() {
+        let sorted = |(mut episodes, counts): (Vec<Episode>, Counts)| {
+            episodes.sort_by_key(|e| (e.channel, e.began_at_ns));
+            (episodes, counts)
+        };
+        for seed in 0..8 {
+            // nothing waits, so that what comes late is late
+            let together = sorted(run(tracker(0), eventful(seed)));
+            let alone = sorted(run(tracker(0), eventful(seed).iter().flat_map(apart)));
+            assert_eq!(together, alone, "seed {seed}");
+            let (episodes, counts) = together;
+            assert!(episodes.len() >= 7, "{}", episodes.len());
+            assert!(counts.signals_repeated + counts.signals_too_late > 100, "{counts:?}");
+        }
+    }
+
+    #[test]
+    fn another_threshold_changes_neither_onset_nor_the_look_that_raises() {
+        let one = run(tracker(8), bursts());
+        let other = bursts().into_iter().enumerate().map(|(step, mut looks)| {
+            let model = u16::from(step >= 30);
+            if model == 1 {
+                looks.ratios.iter_mut().for_each(|r| *r /= 2.0);
+            }
+            Looks { model, in_medians: 7.5 * f32::from(1 + model), ..looks }
+        });
+        let other = run(tracker(8), other);
+        let times = |(episodes, _): &(Vec<Episode>, Counts)| {
+            episodes.iter().map(|e| (e.began_at_ns, e.raised_at_ns)).collect::<Vec<_>>()
+        };
+        assert_eq!((times(&one).len(), times(&one)), (1, times(&other)));
+    }
+
+    fn naming() -> Naming {
+        tracker(8).naming
+    }
+
+    #[test]
+    fn a_ring_is_told_by_the_mean_of_about_ten_looks() {
+        let naming = naming();
+        let printhead: Arc<str> = "p".into();
+        let mut of = Printhead::new(printhead);
+        of.place_of(0, 0, &mut 0);
+        let found = of.states[0].found(&naming);
+        let mut look = |of: f64| {
+            let ring = RingChange {
+                ln_frequency: of.ln(),
+                ln_damping: (2.0 * of).ln(),
+                healthy_frequency_hz: 60e3,
+                healthy_damping_per_s: 3e4,
+            };
+            found.name(&Named { ring: Some(ring), ..Named::default() }, &naming);
+            let Rings { frequency_hz, damping_per_s, .. } = found.rings.expect("a ring");
+            assert!((damping_per_s / frequency_hz - 1.0).abs() < 1e-9);
+            frequency_hz / 60e3
+        };
+        assert!((look(0.9) - 0.9).abs() < 1e-9);
+        assert!((look(0.8) - 0.85).abs() < 1e-9);
+        assert!((look(0.7) - 0.8).abs() < 1e-9, "the mean of three");
+        (0..7).for_each(|_| {
+            look(0.8);
+        });
+        assert!((look(0.9) - 0.81).abs() < 1e-9, "a tenth of the way");
+    }
+
+    #[test]
+    fn of_a_category_whose_classes_cannot_be_told_apart_the_category_is_named() {
+        assert_eq!(
+            naming().categories(&[0.5, 0.25, 0.25]),
+            [("blocked_nozzle", 0.75), ("dried_nozzle", 0.25)]
+        );
+        let looks = bursts().into_iter().map(|mut looks| {
+            for named in &mut looks.named {
+                named.weights = vec![0.5, 0.49, 0.01];
+            }
+            looks
+        });
+        let (episodes, _) = run(tracker(8), looks);
+        let e = &episodes[0];
+        assert_eq!((e.category.as_deref(), &e.fault), (Some("blocked_nozzle"), &None));
+        assert!(e.certainty.is_some_and(|c| c > 0.98), "{e:?}");
     }
 
     #[test]
