@@ -87,7 +87,7 @@ fn open(path: &Path, kind: FileKind) -> Result<(SchemaRef, Batches), TableError>
             (reader.schema(), Box::new(reader))
         }
         _ => {
-            let file = ParquetFile(regular_file::open(path).map_err(failed)?);
+            let file = regular_file::open(path).and_then(ParquetFile::new).map_err(failed)?;
             let options = ArrowReaderOptions::new();
             let reader = ParquetRecordBatchReaderBuilder::try_new_with_options(file, options)
                 .and_then(|builder| builder.with_batch_size(BATCH_ROWS).build())

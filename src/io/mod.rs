@@ -53,6 +53,7 @@ mod stamp;
 pub mod stored;
 pub mod summary_file;
 pub mod table_file;
+mod thrift_claims;
 pub mod truth_file;
 pub mod unpanicked;
 mod verdict_columns;

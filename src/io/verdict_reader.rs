@@ -167,7 +167,7 @@ pub(super) fn open(
     path: &Path,
 ) -> Result<ParquetRecordBatchReaderBuilder<ParquetFile>, TableError> {
     let file = regular_file::open(path)
-        .map(ParquetFile)
+        .and_then(ParquetFile::new)
         .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
     // Parquet's own types are enough. The Arrow schema that tools put beside them may say more
     // than can be read (pandas: a dictionary of nulls), and then the reader panics.
