@@ -444,6 +444,29 @@ mod tests {
     }
 
     #[test]
+    fn what_could_not_have_been_learned_is_refused() {
+        let learned = ClassDensity::learn(&draw(400, Sizes::Tilted), &noise(), None, true).unwrap();
+        assert_eq!(learned.check(2), Ok(()));
+        assert!(learned.check(3).is_err());
+        let of_range = |half_width, slope| Axis::Range(Range { half_width, slope });
+        let spoils: [&dyn Fn(&mut ClassDensity); 8] = [
+            &|d| d.mean[0] = f64::NAN,
+            &|d| drop(d.to_axes.pop()),
+            &|d| d.to_axes[1][0] = 1e31,
+            &|d| d.ln_determinant = f64::NAN,
+            &|d| drop(d.axes.pop()),
+            &|d| d.axes[0] = Axis::Gaussian(0.0),
+            &|d| d.axes[1] = of_range(-1.0, 0.0),
+            &|d| d.axes[1] = of_range(1.0, 2e3),
+        ];
+        for (k, spoil) in spoils.iter().enumerate() {
+            let mut spoiled = learned.clone();
+            spoil(&mut spoiled);
+            assert!(spoiled.check(2).is_err(), "{k}");
+        }
+    }
+
+    #[test]
     fn range_of_sizes_is_told_from_a_gaussian_spread() {
         let is_range = |sizes| {
             let density = ClassDensity::learn(&draw(400, sizes), &noise(), None, true).unwrap();
