@@ -430,6 +430,28 @@ mod tests {
     }
 
     #[test]
+    fn a_look_lies_as_far_off_by_another_threshold_as_by_this_one() {
+        for lower in [0.25, 1.8] {
+            let mut evidence = Evidence::default();
+            let before = [0.1, 0.5, 0.9].map(|ratio| evidence.learned.deviation(ratio).0);
+            evidence.change_model(lower);
+            let after = [0.1, 0.5, 0.9].map(|ratio| evidence.learned.deviation(ratio * lower).0);
+            assert!(before.iter().zip(after).all(|(b, a)| (b - a).abs() < 1e-3), "{before:?}");
+        }
+    }
+
+    #[test]
+    fn a_look_at_its_threshold_is_not_flagged() {
+        let of = Evidence::default().learned;
+        let evidence = |ratio: f32| {
+            let (z, sd) = of.deviation(ratio);
+            of.after(ratio, z, sd).faulty
+        };
+        assert_eq!(evidence(1.0), 0.0);
+        assert!(evidence(1.001) > 2.0);
+    }
+
+    #[test]
     fn own_baseline_brings_its_own_level_and_takes_it_with_it_and_evidence_stays() {
         let mut evidence = Evidence::default();
         assert!(evidence.is_quiet());

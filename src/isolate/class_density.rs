@@ -451,10 +451,10 @@ mod tests {
         let of_range = |half_width, slope| Axis::Range(Range { half_width, slope });
         let spoils: [&dyn Fn(&mut ClassDensity); 8] = [
             &|d| d.mean[0] = f64::NAN,
-            &|d| drop(d.to_axes.pop()),
+            &|d| d.to_axes.truncate(1),
             &|d| d.to_axes[1][0] = 1e31,
             &|d| d.ln_determinant = f64::NAN,
-            &|d| drop(d.axes.pop()),
+            &|d| d.axes.truncate(1),
             &|d| d.axes[0] = Axis::Gaussian(0.0),
             &|d| d.axes[1] = of_range(-1.0, 0.0),
             &|d| d.axes[1] = of_range(1.0, 2e3),
