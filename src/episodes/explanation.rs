@@ -240,5 +240,6 @@ mod tests {
         assert_eq!(size_in_words("EC", Some(0.4), None), ", 40 % of the density missing");
         assert_eq!(size_in_words("EC", Some(0.4), Some(0.0)), ", 40 % of the density missing");
         assert_eq!(size_in_words("EC", Some(f64::NAN), None), "");
+        assert_eq!(size("IDN", 1.5, f64::NAN), ", viscosity × 1.50");
     }
 }

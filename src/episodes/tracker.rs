@@ -667,7 +667,7 @@ mod tests {
             }
             let own = (0..37).map(|row| row % 3 == 0 && step > 150).collect();
             let model = (step / 90) as u16;
-            let in_medians = 7.0 + f32::from(model);
+            let in_medians = [7.0, 56.0, 3.5, 28.0][usize::from(model)];
             let t_ns = step * 1_000_000_000;
             bursts.push(Looks { t_ns, first_channel, model, in_medians, ratios, own, named });
             if rng.random_bool(0.05) {
@@ -716,9 +716,9 @@ mod tests {
         let other = bursts().into_iter().enumerate().map(|(step, mut looks)| {
             let model = u16::from(step >= 30);
             if model == 1 {
-                looks.ratios.iter_mut().for_each(|r| *r /= 2.0);
+                looks.ratios.iter_mut().for_each(|r| *r /= 8.0);
             }
-            Looks { model, in_medians: 7.5 * f32::from(1 + model), ..looks }
+            Looks { model, in_medians: 7.5 * f32::from(1 + 7 * model), ..looks }
         });
         let other = run(tracker(8), other);
         let times = |(episodes, _): &(Vec<Episode>, Counts)| {

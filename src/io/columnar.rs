@@ -15,7 +15,7 @@ use super::unpanicked::unpanicked;
 use arrow_array::cast::AsArray;
 use arrow_array::{Array, ArrayRef, RecordBatch, types};
 use arrow_schema::{DataType, SchemaRef, TimeUnit};
-use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReaderBuilder};
+use parquet::arrow::arrow_reader::ArrowReaderOptions;
 use std::io::{Cursor, Read};
 use std::path::Path;
 
@@ -87,9 +87,9 @@ fn open(path: &Path, kind: FileKind) -> Result<(SchemaRef, Batches), TableError>
             (reader.schema(), Box::new(reader))
         }
         _ => {
-            let file = regular_file::open(path).and_then(ParquetFile::new).map_err(failed)?;
+            let file = regular_file::open(path).map_err(failed)?;
             let options = ArrowReaderOptions::new();
-            let reader = ParquetRecordBatchReaderBuilder::try_new_with_options(file, options)
+            let reader = ParquetFile::open(file, options)
                 .and_then(|builder| builder.with_batch_size(BATCH_ROWS).build())
                 .map_err(|e| damaged(&e))?;
             (arrow_array::RecordBatchReader::schema(&reader), Box::new(reader))

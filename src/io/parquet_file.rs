@@ -4,40 +4,71 @@
 //! header that claims more than there is: the reader itself skips what a damaged header claims as if it were there, for
 //! hours if it claims much (found by fuzzing; parquet 59).
 
-use super::thrift_claims;
+use super::thrift_claims::{self, Stop};
 use bytes::Bytes;
+use parquet::arrow::arrow_reader::{
+    ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReaderBuilder,
+};
 use parquet::errors::ParquetError;
+use parquet::file::metadata::{ParquetMetaData, RowGroupMetaData};
 use parquet::file::reader::{ChunkReader, Length};
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 
-/// Elements in the lists of a page's header: there are none so far.
-const MOST_OF_A_PAGE: u64 = 64;
 /// Length of the metadata, and "PAR1".
 const FOOTER_BYTES: u64 = 8;
+/// Read at a time of a page's header: mostly it is shorter.
+const PAGE_HEADER_BYTES: usize = 256;
 
 #[derive(Debug)]
 pub struct ParquetFile(File);
 
 impl ParquetFile {
-    /// What its footer claims must fit into it.
-    pub fn new(mut file: File) -> io::Result<ParquetFile> {
-        let mut footer = [0; FOOTER_BYTES as usize];
-        let length = file.metadata()?.len();
-        if length >= FOOTER_BYTES {
-            file.seek(SeekFrom::End(-(FOOTER_BYTES as i64)))?;
-            file.read_exact(&mut footer)?;
-            let metadata =
-                u64::from(u32::from_le_bytes([footer[0], footer[1], footer[2], footer[3]]));
-            if let Some(start) = (length - FOOTER_BYTES).checked_sub(metadata) {
-                file.seek(SeekFrom::Start(start))?;
-                let bytes = BufReader::new(&file).take(metadata);
-                if !thrift_claims::are_within(bytes, metadata) {
-                    return Err(io::Error::other("damaged: its footer claims more than it holds"));
+    /// A reader of it, once what its footer and its pages' headers claim was found to fit.
+    pub fn open(
+        file: File,
+        options: ArrowReaderOptions,
+    ) -> Result<ParquetRecordBatchReaderBuilder<ParquetFile>, ParquetError> {
+        let file = ParquetFile(file);
+        file.check_footer()?;
+        let metadata = ArrowReaderMetadata::load(&file, options)?;
+        file.check_pages(metadata.metadata())?;
+        Ok(ParquetRecordBatchReaderBuilder::new_with_metadata(file, metadata))
+    }
+
+    /// Where there is none, or it does not fit into the file, the reader says so.
+    fn check_footer(&self) -> io::Result<()> {
+        let (mut file, mut footer) = (&self.0, [0; FOOTER_BYTES as usize]);
+        let Some(end) = self.len().checked_sub(FOOTER_BYTES) else { return Ok(()) };
+        file.seek(SeekFrom::Start(end))?;
+        file.read_exact(&mut footer)?;
+        let [a, b, c, d, magic @ ..] = footer;
+        let bytes = u64::from(u32::from_le_bytes([a, b, c, d]));
+        let (Some(start), b"PAR1") = (end.checked_sub(bytes), &magic) else { return Ok(()) };
+        file.seek(SeekFrom::Start(start))?;
+        thrift_claims::footer(BufReader::new(file).take(bytes), bytes)
+            .map_err(|_| io::Error::other("its footer contradicts itself"))
+    }
+
+    fn check_pages(&self, metadata: &ParquetMetaData) -> io::Result<()> {
+        for column in metadata.row_groups().iter().flat_map(RowGroupMetaData::columns) {
+            let (start, bytes) = column.byte_range();
+            let (mut at, end) = (start, start.saturating_add(bytes));
+            while at < end {
+                let mut file = &self.0;
+                file.seek(SeekFrom::Start(at))?;
+                let header = BufReader::with_capacity(PAGE_HEADER_BYTES, file).take(end - at);
+                match thrift_claims::page(header) {
+                    Ok(bytes) => at = at.saturating_add(bytes),
+                    Err(Stop::Unread) => break, // the reader says so
+                    Err(Stop::Beyond) => {
+                        let what = format!("byte {at}: a page claims more than it holds");
+                        return Err(io::Error::other(what));
+                    }
                 }
             }
         }
-        Ok(ParquetFile(file))
+        Ok(())
     }
 }
 
@@ -50,13 +81,7 @@ impl Length for ParquetFile {
 impl ChunkReader for ParquetFile {
     type T = Ending;
 
-    /// Of a page from its header on, or of the footer.
     fn get_read(&self, start: u64) -> Result<Ending, ParquetError> {
-        let is_footer = start.saturating_add(FOOTER_BYTES) >= self.len();
-        let page = self.0.get_read(start)?;
-        if !is_footer && !thrift_claims::are_within(page, MOST_OF_A_PAGE) {
-            return Err(ParquetError::General("a page's header claims more than it holds".into()));
-        }
         self.0.get_read(start).map(Ending)
     }
 
@@ -85,7 +110,7 @@ mod tests {
     fn all_is_read_and_to_read_on_at_the_end_is_an_error() {
         let mut file = tempfile::tempfile().unwrap();
         io::Write::write_all(&mut file, b"PAR1 and so on").unwrap();
-        let file = ParquetFile::new(file).unwrap();
+        let file = ParquetFile(file);
         assert_eq!(file.len(), 14);
         let mut text = String::new();
         file.get_read(5).unwrap().take(9).read_to_string(&mut text).unwrap();

@@ -167,13 +167,11 @@ pub(super) fn open(
     path: &Path,
 ) -> Result<ParquetRecordBatchReaderBuilder<ParquetFile>, TableError> {
     let file = regular_file::open(path)
-        .and_then(ParquetFile::new)
         .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
     // Parquet's own types are enough. The Arrow schema that tools put beside them may say more
     // than can be read (pandas: a dictionary of nulls), and then the reader panics.
     let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
-    let open = || ParquetRecordBatchReaderBuilder::try_new_with_options(file, options);
-    undamaged(path, open)?
+    undamaged(path, || ParquetFile::open(file, options))?
         .map_err(|source| TableError::Parquet { path: path.to_path_buf(), source })
 }
 
