@@ -24,7 +24,7 @@ pub struct Workspace {
     pub misfit: f64,
     pub(super) ln_densities: Vec<f64>,
     pub(super) physics: Comparison,
-    /// To be set for the signal isolated next: [`Judge::warmer`], K.
+    /// To be set for the signal isolated next: [`super::Judge::warmer`], K.
     pub warmer: f64,
     /// To be set for the signal judged next, with `--baseline`: its channel's baseline, if there is one.
     pub own: Option<Own>,

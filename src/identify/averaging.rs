@@ -212,6 +212,38 @@ mod tests {
     }
 
     #[test]
+    fn white_noise_is_found_beside_rings_of_any_drive() {
+        use rand::SeedableRng;
+        use rand_distr::{Distribution, StandardNormal};
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(31);
+        for drives in [[1.0, 1.0], [0.7, 1.4]] {
+            let mut set = SignalSet::new(64);
+            for i in 0..400 {
+                let drive = drives[i % 2];
+                let sample = |k: usize| {
+                    let ring = 300.0 * (-0.03 * k as f64).exp() * (0.4 * k as f64).cos();
+                    let noise: f64 = StandardNormal.sample(&mut rng);
+                    (drive * ring + 2.5 * noise) as f32
+                };
+                let signal: Vec<f32> = (0..64).map(sample).collect();
+                set.push(&signal, i as u32 / 4, drive, f64::NAN);
+            }
+            let found = white_noise(&set);
+            assert!((found / 2.5 - 1.0).abs() < 0.03, "{found} at drives {drives:?}");
+        }
+    }
+
+    #[test]
+    fn temperature_is_the_mean_of_what_was_recorded() {
+        let mut set = SignalSet::new(4);
+        assert_eq!(set.mean_temperature_c(), None);
+        for temperature_c in [f64::NAN, 20.0, 23.0, f64::NAN] {
+            set.push(&[0.0; 4], 0, 1.0, temperature_c);
+        }
+        assert_eq!(set.mean_temperature_c(), Some(21.5));
+    }
+
+    #[test]
     fn faulty_minority_does_not_move_the_mean() {
         let clean = average(&ringing(100, 0)).unwrap();
         let mixed = ringing(100, 20);
