@@ -31,7 +31,7 @@ def rss_anon_kb(pid):
 
 def run(recording, out):
     started = time.perf_counter()
-    command = [inkling, "replay", recording, "--design", design, "--out", out, *options]
+    command = [inkling, "replay", recording, "--design", design, "--out", out, "--force", *options]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     peak = 0
     while True:

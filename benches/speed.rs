@@ -337,6 +337,7 @@ fn verdict_writer(bencher: Bencher) {
         c.model.push(Some(0));
     }
     c.fill_up();
+    let batch = c.into();
     let dir = tempfile::tempdir().expect("a directory for scratch");
     let path = dir.path().join("r.verdicts.parquet");
     bencher.counter(ItemsCount::new(ROWS)).bench_local(|| {
@@ -347,7 +348,7 @@ fn verdict_writer(bencher: Bencher) {
             timestamp_unit: TimestampUnit::Ns,
         };
         let mut writer = VerdictWriter::create(&path, options).expect("created");
-        (0..ROWS / BATCH).for_each(|_| writer.write(&c).expect("written"));
+        (0..ROWS / BATCH).for_each(|_| writer.write(&batch).expect("written"));
         writer.finish("{}".into()).expect("finished");
     });
 }

@@ -50,7 +50,7 @@ fn copy(from: &Path, to: &Path, later_ns: i64, document: &Value) -> Result<(), B
     for columns in reader {
         let mut columns = columns?;
         columns.acquired_at_ns.iter_mut().for_each(|t| *t += later_ns);
-        writer.write(&columns)?;
+        writer.write(&columns.into())?;
     }
     Ok(writer.finish(document.to_string())?)
 }

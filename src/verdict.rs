@@ -1,8 +1,10 @@
 //! One row per signal: outcomes, reasons, and the columns of the verdict table.
 
 mod columns;
+mod judged;
 
 pub use columns::{COLUMNS, Cells, Column, VerdictColumns};
+pub use judged::{HealthyRun, Part, Tests, Verdicts};
 
 use crate::burst::Unusable;
 

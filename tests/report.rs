@@ -287,7 +287,7 @@ impl Tables<'_> {
                 ..VerdictColumns::default()
             };
             rows.fill_up();
-            verdicts.write(&rows).unwrap();
+            verdicts.write(&rows.into()).unwrap();
         }
         let document = format!("{{\"recording\":{{\"digest\":\"{name}\"}}}}");
         verdicts.finish(document.clone()).unwrap();

@@ -32,6 +32,16 @@ impl Tested {
     }
 }
 
+/// What the statistics of the tests are compared with.
+#[derive(Clone, Copy, Debug)]
+pub struct Thresholds {
+    /// The first test, and its threshold.
+    pub along: Test,
+    pub of_ring: f64,
+    /// Of the second test; NaN: there is none.
+    pub beside: f64,
+}
+
 /// Identifies a judge within a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct JudgeKey {
@@ -192,14 +202,21 @@ impl Judge {
         self.model.threshold.is_faulty(detection.ring)
     }
 
+    pub fn thresholds(&self) -> Thresholds {
+        Thresholds {
+            along: match (&self.detector, &self.spectrum) {
+                (None, None) => Test::Energy,
+                _ => Test::Ring,
+            },
+            of_ring: self.model.threshold.value,
+            beside: self.model.misfit.as_ref().map_or(f64::NAN, |misfit| misfit.threshold.value),
+        }
+    }
+
     /// The test whose statistic is larger relative to its threshold.
     pub fn test(&self, detection: Detection) -> Tested {
         let Detection { ring, unexplained } = detection;
-        let threshold = self.model.threshold.value;
-        let along = match (&self.detector, &self.spectrum) {
-            (None, None) => Test::Energy,
-            _ => Test::Ring,
-        };
+        let Thresholds { along, of_ring: threshold, .. } = self.thresholds();
         let of_ring = Tested { test: along, statistic: ring, threshold, misfit: f64::NAN };
         let Some(misfit) = &self.model.misfit else { return of_ring };
         let (statistic, relative) = (misfit.statistic(unexplained), misfit.relative(unexplained));

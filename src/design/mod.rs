@@ -42,7 +42,7 @@ pub use extension::{Covariate, Extension, Follows};
 pub use fault_class::{FaultClass, FaultModel};
 pub use fd_filter::{LearnSettings, LearnedFilter};
 pub use healthy_model::HealthyModel;
-pub use judge::{Isolation, Judge, JudgeKey, Tested};
+pub use judge::{Isolation, Judge, JudgeKey, Tested, Thresholds};
 pub use lanes::Lanes;
 pub use own_channel::{Own, OwnChannels};
 pub use statistic::Statistic;

@@ -131,7 +131,7 @@ impl VerdictReader {
                 let values: Vec<Option<f64>> = numbers()?.iter().map(number).collect();
                 *at.of_mut(c) = whole(&values, name)?;
             }
-            Cells::Number(at) | Cells::Constant(at) => {
+            Cells::Statistic(at) | Cells::Threshold(at) | Cells::Misfit(at) | Cells::Number(at) => {
                 let values = numbers()?;
                 *at.of_mut(c) = values.iter().map(|v| number(v).map(|v| v as f32)).collect();
             }
@@ -456,7 +456,8 @@ pub(super) mod tests {
                 Cells::Test(at) => format!("{:?}", at.of(c)[i]),
                 Cells::Reason(at) => format!("{:?}", at.of(c)[i]),
                 Cells::Model(at) => format!("{:?}", at.of(c)[i]),
-                Cells::Number(at) | Cells::Constant(at) => format!("{:?}", at.of(c)[i]),
+                Cells::Statistic(at) | Cells::Threshold(at) => format!("{:?}", at.of(c)[i]),
+                Cells::Misfit(at) | Cells::Number(at) => format!("{:?}", at.of(c)[i]),
                 Cells::Weights => {
                     let start = c.weights_start.get(i).copied().flatten().map(|s| s as usize);
                     format!("weights {:?}", start.map(|s| &c.weights[s..s + 3]))
@@ -564,7 +565,7 @@ pub(super) mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("t.parquet");
         let mut writer = VerdictWriter::create(&path, options(true, TimestampUnit::Ns)).unwrap();
-        writer.write(&rows(0, 0, &[])).unwrap();
+        writer.write(&rows(0, 0, &[]).into()).unwrap();
         writer.finish("{}".into()).unwrap();
         let (batches, _) = read_all(VerdictReader::open(&path).unwrap());
         assert_eq!(batches.iter().map(VerdictColumns::len).sum::<usize>(), 0);

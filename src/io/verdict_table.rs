@@ -7,12 +7,12 @@ pub use super::column_types::TimestampUnit;
 pub use super::verdict_columns::TableOptions;
 
 use super::part_file::{CompleteFile, PartFile};
-use super::run_column::RunColumn;
-use super::verdict_columns::{Part, ROW_GROUP_ROWS, columns, dictionary, part, properties, schema};
-use crate::verdict::{Cells, VerdictColumns};
-use arrow_schema::{ArrowError, SchemaRef};
+use super::verdict_chunk::Chunk;
+use super::verdict_columns::{ROW_GROUP_ROWS, columns, properties, schema};
+use crate::verdict::{Part, Tests, Verdicts};
+use arrow_schema::ArrowError;
 use parquet::arrow::ArrowWriter;
-use parquet::arrow::arrow_writer::{ArrowColumnWriter, ArrowRowGroupWriterFactory, compute_leaves};
+use parquet::arrow::arrow_writer::ArrowRowGroupWriterFactory;
 use parquet::errors::ParquetError;
 use parquet::file::metadata::KeyValue;
 use parquet::file::writer::SerializedFileWriter;
@@ -49,7 +49,6 @@ pub struct VerdictWriter {
     file: SerializedFileWriter<BufWriter<File>>,
     factory: ArrowRowGroupWriterFactory,
     part: PartFile,
-    schema: SchemaRef,
     options: TableOptions,
     group: Option<RowGroup>,
     groups: usize,
@@ -63,27 +62,20 @@ struct RowGroup {
     rows: usize,
 }
 
-/// Columns that are the same over many rows are written by runs, the others value by value.
-enum Chunk {
-    Runs(Box<RunColumn>),
-    Values(Box<ArrowColumnWriter>),
-}
-
 impl VerdictWriter {
     pub fn create(path: &Path, options: TableOptions) -> Result<VerdictWriter, TableError> {
         let (part, file) = PartFile::create(path)
             .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
         let schema = Arc::new(schema(&options));
         let properties = properties(&options);
-        let (file, factory) =
-            ArrowWriter::try_new(BufWriter::new(file), schema.clone(), Some(properties))
-                .and_then(ArrowWriter::into_serialized_writer)
-                .map_err(|source| TableError::Parquet { path: path.to_path_buf(), source })?;
-        Ok(VerdictWriter { file, factory, part, schema, options, group: None, groups: 0, rows: 0 })
+        let (file, factory) = ArrowWriter::try_new(BufWriter::new(file), schema, Some(properties))
+            .and_then(ArrowWriter::into_serialized_writer)
+            .map_err(|source| TableError::Parquet { path: path.to_path_buf(), source })?;
+        Ok(VerdictWriter { file, factory, part, options, group: None, groups: 0, rows: 0 })
     }
 
     /// Appends a batch of verdicts.
-    pub fn write(&mut self, batch: &VerdictColumns) -> Result<(), TableError> {
+    pub fn write(&mut self, batch: &Verdicts) -> Result<(), TableError> {
         let path = self.path();
         let failed = |source| TableError::Parquet { path: path.clone(), source };
         let unfit = |source| TableError::Columns { path: path.clone(), source };
@@ -92,20 +84,10 @@ impl VerdictWriter {
             Some(group) => group,
             None => self.new_group().map_err(failed)?,
         };
-        let parts = columns(&self.options).map(|column| part(column, batch, &self.options));
-        for ((chunk, part), field) in group.chunks.iter_mut().zip(parts).zip(self.schema.fields()) {
-            match (chunk, part.map_err(unfit)?) {
-                (Chunk::Runs(runs), Part::Runs(push)) => {
-                    push(runs)
-                        .map_err(|e| unfit(ArrowError::InvalidArgumentError(e.to_string())))?;
-                }
-                (Chunk::Values(values), Part::Values(array)) => {
-                    for leaf in compute_leaves(field, &array).map_err(failed)? {
-                        values.write(&leaf).map_err(failed)?;
-                    }
-                }
-                _ => unreachable!("a column has a dictionary or values"),
-            }
+        for (chunk, column) in group.chunks.iter_mut().zip(columns(&self.options)) {
+            chunk
+                .push(column, batch, &self.options)
+                .map_err(|e| unfit(ArrowError::InvalidArgumentError(e.to_string())))?;
         }
         group.rows += batch.len();
         self.rows += batch.len() as u64;
@@ -152,11 +134,8 @@ impl VerdictWriter {
         let writers = self.factory.create_column_writers(self.groups)?;
         let of_schema = self.file.schema_descr();
         let chunks = writers.into_iter().zip(columns(&self.options)).enumerate();
-        let chunks = chunks.map(|(k, (values, column))| match dictionary(column, &self.options) {
-            Some(known) => {
-                Chunk::Runs(Box::new(RunColumn::new(of_schema.column(k), known.into_iter())))
-            }
-            None => Chunk::Values(Box::new(values)),
+        let chunks = chunks.map(|(k, (writer, column))| {
+            Chunk::new(column, of_schema.column(k), writer, &self.options)
         });
         Ok(RowGroup { chunks: chunks.collect(), rows: 0 })
     }
@@ -164,12 +143,7 @@ impl VerdictWriter {
     fn end_group(&mut self, group: RowGroup) -> Result<(), ParquetError> {
         let mut out = self.file.next_row_group()?;
         for (chunk, column) in group.chunks.into_iter().zip(columns(&self.options)) {
-            // what is worth skipping row groups by: when, where, how much
-            let statistics = matches!(column.cells, Cells::Printhead(_));
-            match chunk {
-                Chunk::Runs(runs) => runs.append_to(&mut out, statistics)?,
-                Chunk::Values(values) => values.close()?.append_to_row_group(&mut out)?,
-            }
+            chunk.append_to(column, &mut out)?;
         }
         out.close()?;
         self.groups += 1;
@@ -177,24 +151,23 @@ impl VerdictWriter {
     }
 }
 
-impl Chunk {
-    /// Bytes held, about.
-    fn memory(&self) -> usize {
-        match self {
-            Chunk::Runs(runs) => runs.memory(),
-            Chunk::Values(values) => values.memory_size(),
-        }
+/// Whether rows and runs hold what they say.
+fn check_lengths(batch: &Verdicts) -> Result<(), ArrowError> {
+    let wrong = |what: String| Err(ArrowError::InvalidArgumentError(what));
+    let (rows, lengths) = (batch.rows.len(), batch.rows.lengths());
+    if lengths.iter().any(|&n| n != rows) {
+        return wrong(format!("columns of {lengths:?} rows beside {rows} times"));
     }
-}
-
-fn check_lengths(batch: &VerdictColumns) -> Result<(), ArrowError> {
-    let lengths = batch.lengths();
-    match lengths.iter().all(|&n| n == batch.len()) {
-        true => Ok(()),
-        false => Err(ArrowError::InvalidArgumentError(format!(
-            "columns of {lengths:?} rows beside {} times",
-            batch.len()
-        ))),
+    let Tests { statistic, misfit, beside, healthy } = &batch.tests;
+    let lengths = [statistic.len(), misfit.len(), beside.len(), healthy.len()];
+    let signals = lengths.into_iter().min().unwrap_or_default();
+    let beyond = |part: &Part| match part {
+        Part::Healthy(run) => run.signals.end > signals,
+        Part::Rows(range) => range.end > rows,
+    };
+    match batch.parts.iter().any(beyond) {
+        true => wrong(format!("parts beyond {signals} tests and {rows} rows")),
+        false => Ok(()),
     }
 }
 
@@ -204,7 +177,9 @@ pub(super) mod tests {
     use crate::io::column_types::tests::is_documented;
     use crate::io::verdict_reader::VerdictReader;
     use crate::io::verdict_reader::tests::{read_all, row_texts};
-    use crate::verdict::{COLUMNS, Outcome, Reason, Test};
+    use crate::verdict::{COLUMNS, Cells, HealthyRun, Outcome, Reason, Test, VerdictColumns};
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
 
     pub(in crate::io) fn options(weights: bool, timestamp_unit: TimestampUnit) -> TableOptions {
         let list = |of: &[&str]| of.iter().map(|s| s.to_string()).collect();
@@ -246,7 +221,10 @@ pub(super) mod tests {
                         at.of_mut(&mut c).push(reason);
                     }
                     Cells::Model(at) => at.of_mut(&mut c).push(nth.map(|m| m as u16)),
-                    Cells::Number(at) | Cells::Constant(at) => {
+                    Cells::Statistic(at) | Cells::Threshold(at) => {
+                        at.of_mut(&mut c).push(nth.map(|m| m as f32 / 7.0));
+                    }
+                    Cells::Misfit(at) | Cells::Number(at) => {
                         at.of_mut(&mut c).push(nth.map(|m| m as f32 / 7.0));
                     }
                     Cells::Weights => {
@@ -276,7 +254,7 @@ pub(super) mod tests {
             let batches =
                 [rows(0, 1000, &["K1", "K2"]), rows(1000, 777, &["K3"]), rows(5, 0, &["x"])];
             for batch in &batches {
-                writer.write(batch).unwrap();
+                writer.write(&batch.clone().into()).unwrap();
             }
             assert_eq!(writer.rows(), 1777);
             assert!(!path.exists());
@@ -301,6 +279,96 @@ pub(super) mod tests {
         assert_eq!(std::fs::read_dir(dir.path().join("dropped")).unwrap().count(), 0);
     }
 
+    /// A run as the rows that it stands for.
+    fn spelled_out(run: &HealthyRun, tests: &Tests, printheads: &[Arc<str>]) -> VerdictColumns {
+        let mut c = VerdictColumns { printheads: printheads.to_vec(), ..Default::default() };
+        for (channel, signal) in (run.first_channel..).zip(run.signals.clone()) {
+            let beside = tests.beside[signal];
+            let misfit = tests.misfit[signal];
+            c.acquired_at_ns.push(run.t_ns);
+            c.printhead.push(run.printhead);
+            c.channel.push(channel);
+            c.outcome.push(Outcome::Healthy);
+            c.statistic.push(Some(tests.statistic[signal]));
+            c.threshold.push(Some(if beside { run.beside } else { run.threshold }));
+            c.test.push(Some(if beside { Test::Misfit } else { run.along }));
+            c.misfit.push((!misfit.is_nan()).then_some(misfit));
+            c.model.push(Some(run.model));
+            c.fill_up();
+        }
+        c
+    }
+
+    #[test]
+    fn property_runs_of_healthy_signals_are_the_rows_that_they_stand_for() {
+        let mut rng = ChaCha8Rng::seed_from_u64(15);
+        let dir = tempfile::tempdir().unwrap();
+        let files = ["runs", "rows"].map(|of| dir.path().join(of));
+        for with_weights in [false, true] {
+            let create =
+                |p: &PathBuf| VerdictWriter::create(p, options(with_weights, TimestampUnit::Us));
+            let [mut runs, mut one_by_one] = files.each_ref().map(|path| create(path).unwrap());
+            for batch in 0..30u32 {
+                let rows = rows(batch * 20, 20, &["K1", "K2"]);
+                let printheads = rows.printheads.clone();
+                let (mut of, mut next) = (Verdicts { rows, ..Default::default() }, 0);
+                for part in 0..rng.random_range(0..20u32) {
+                    if rng.random_bool(0.3) {
+                        of.parts.push(Part::Rows(next..next + 1));
+                        next += 1;
+                        continue;
+                    }
+                    let from = of.tests.statistic.len();
+                    for _ in 0..rng.random_range(1..200) {
+                        let known = rng.random_bool(0.9);
+                        of.tests.statistic.push(rng.random_range(0.0..9.0));
+                        of.tests.misfit.push(if known {
+                            rng.random_range(0.5..2.0)
+                        } else {
+                            f32::NAN
+                        });
+                        of.tests.beside.push(rng.random_bool(if part % 2 == 0 {
+                            0.0
+                        } else {
+                            0.4
+                        }));
+                        of.tests.healthy.push(true);
+                    }
+                    of.parts.push(Part::Healthy(HealthyRun {
+                        t_ns: 1_700_000_000_000_000_000 + i64::from(batch) * 1_000_000,
+                        printhead: rng.random_range(0..2),
+                        first_channel: rng.random_range(0..u32::MAX - 200),
+                        signals: from..of.tests.statistic.len(),
+                        model: rng.random_range(0..3),
+                        along: Test::Ring,
+                        threshold: 18.5,
+                        beside: 11.0 + f32::from(rng.random_range(0..2u8)),
+                    }));
+                }
+                runs.write(&of).unwrap();
+                for part in &of.parts {
+                    let rows = match part {
+                        Part::Healthy(run) => spelled_out(run, &of.tests, &printheads).into(),
+                        Part::Rows(range) => Verdicts {
+                            parts: vec![Part::Rows(range.clone())],
+                            rows: of.rows.clone(),
+                            ..Default::default()
+                        },
+                    };
+                    one_by_one.write(&rows).unwrap();
+                }
+            }
+            assert_eq!(runs.rows(), one_by_one.rows());
+            assert!(runs.rows() > 1000);
+            [runs, one_by_one].map(|writer| writer.finish("{}".into()).unwrap());
+            let [runs, one_by_one] = files.each_ref().map(|path| {
+                let (found, lists) = read_all(VerdictReader::open(path).unwrap());
+                found.iter().flat_map(|c| row_texts(c, &lists)).collect::<Vec<_>>()
+            });
+            assert_eq!(runs, one_by_one);
+        }
+    }
+
     #[test]
     fn columns_that_do_not_fit_are_an_error() {
         let dir = tempfile::tempdir().unwrap();
@@ -318,7 +386,7 @@ pub(super) mod tests {
                 VerdictWriter::create(&path, options(true, TimestampUnit::Ns)).unwrap();
             let mut wrong = rows(0, 10, &["K"]);
             change(&mut wrong);
-            assert!(matches!(writer.write(&wrong), Err(TableError::Columns { .. })));
+            assert!(matches!(writer.write(&wrong.into()), Err(TableError::Columns { .. })));
         }
         assert!(!path.exists());
     }

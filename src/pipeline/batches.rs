@@ -5,7 +5,7 @@ use crate::design::{Detection, Judge};
 use crate::io::block::Block;
 use crate::io::block_reader::Definitions;
 use crate::io::damage::Damage;
-use crate::verdict::{Appearance, Reason, VerdictColumns};
+use crate::verdict::{Appearance, Reason, Tests, Verdicts};
 use std::sync::Arc;
 
 /// Rows of a batch: enough to make a channel's cost vanish, few enough to bound memory.
@@ -37,11 +37,11 @@ pub struct Filtered {
     pub statistic: Vec<Result<Detection, Reason>>,
 }
 
-/// With the rows that are to be isolated.
+/// With every signal's test, and whether it is healthy.
 #[derive(Debug)]
 pub struct Gated {
     pub filtered: Filtered,
-    pub passed: Vec<bool>,
+    pub tests: Tests,
 }
 
 /// Rows, ready to be written.
@@ -50,7 +50,7 @@ pub struct Judged {
     pub place: Place,
     pub leaves: Option<u64>,
     pub damage: Vec<Damage>,
-    pub columns: VerdictColumns,
+    pub verdicts: Verdicts,
     /// Who judged some of it.
     pub judges: Vec<Arc<Judge>>,
     /// Of its flagged rows, ascending: what one row of a table has no room for.
@@ -61,6 +61,7 @@ pub struct Judged {
 /// What isolation says of a flagged signal, for the evidence over time.
 #[derive(Debug)]
 pub struct Flagged {
+    /// Among the verdicts' rows.
     pub row: u32,
     /// Per class; empty: nothing was said.
     pub weights: Vec<f32>,

@@ -2,15 +2,16 @@
 
 use super::PipelineError;
 use super::baseline::InUse;
-use super::batches::Judged;
+use super::batches::{Flagged, Judged};
 use super::job::{Replay, Watch};
 use crate::design::{Design, Judge};
 use crate::episodes::{Counts, Episode, Looks, Named, RingChange, Tracker};
 use crate::io::episode_table::EpisodeWriter;
 use crate::io::verdict_table::TimestampUnit;
 use crate::isolate::IsolateMethod;
-use crate::verdict::{Reason, VerdictColumns};
+use crate::verdict::{HealthyRun, Part, Reason, Tests, VerdictColumns, Verdicts};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Episodes that are kept for the terminal.
 const MOST_LISTED: usize = 1 << 14;
@@ -81,62 +82,76 @@ impl<'a> EpisodeTap<'a> {
     /// What is said of flagged signals is taken from it.
     pub fn add(&mut self, judged: &mut Judged) -> Result<(), PipelineError> {
         judged.judges.iter().for_each(|judge| self.meet(judge));
-        let c = &judged.columns;
         let mut flagged = std::mem::take(&mut judged.flagged).into_iter().peekable();
-        let mut from = 0;
-        while from < c.len() {
-            let to = (from + 1..c.len()).find(|&row| !follows(c, row)).unwrap_or(c.len());
-            let ratio = |row: usize| match (c.statistic[row], c.threshold[row]) {
-                (Some(statistic), Some(threshold)) if threshold > 0.0 => statistic / threshold,
-                _ => f32::NAN,
-            };
-            let printhead = &c.printheads[c.printhead[from] as usize];
-            let own = |baselines: &InUse| {
-                (from..to)
-                    .map(|row| baselines.knows(printhead, c.channel[row], c.acquired_at_ns[row]))
-                    .collect()
-            };
-            // a burst has one; of rejected signals nothing is asked
-            let model = c.model[from..to].iter().flatten().copied().next().unwrap_or_default();
-            let known = |model: u16| self.models.get(usize::from(model)).copied().flatten();
-            let mut looks = Looks {
-                t_ns: c.acquired_at_ns[from],
-                first_channel: c.channel[from],
-                model,
-                in_medians: known(model).map(|of| of.in_medians).unwrap_or_default(),
-                ratios: (from..to).map(ratio).collect(),
-                own: self.baselines.map(own).unwrap_or_default(),
-                named: Vec::new(),
-            };
-            while let Some(flagged) = flagged.next_if(|f| (f.row as usize) < to) {
-                let row = flagged.row as usize;
-                let ring = flagged.ring.zip(c.model[row].and_then(known));
-                let ring = ring.map(|([ln_damping, ln_frequency], healthy)| RingChange {
-                    ln_frequency,
-                    ln_damping,
-                    healthy_frequency_hz: healthy.frequency_hz,
-                    healthy_damping_per_s: healthy.damping_per_s,
-                });
-                looks.named.push(Named {
-                    row: (row - from) as u32, // a batch is far smaller
-                    weights: flagged.weights,
-                    appearance: flagged.appearance,
-                    fits_none: matches!(c.reason[row], Some(Reason::UnknownFault | Reason::NoRing)),
-                    candidate: c.candidate[row],
-                    severity: c.severity[row],
-                    severity_sd: c.severity_sd[row],
-                    ring,
-                });
+        let Verdicts { parts, tests, rows: c } = &judged.verdicts;
+        let mut bursts = Vec::new();
+        for part in parts {
+            match part {
+                Part::Healthy(run) => open(&mut bursts, run.into()).add_healthy(run, tests),
+                Part::Rows(rows) => {
+                    for row in rows.clone() {
+                        let at = At {
+                            t_ns: c.acquired_at_ns[row],
+                            printhead: c.printhead[row],
+                            channel: c.channel[row],
+                        };
+                        let burst = open(&mut bursts, at);
+                        burst.add_row(c, row);
+                        if let Some(of) = flagged.next_if(|f| f.row as usize == row) {
+                            let named = self.named(of, c, row);
+                            burst.name(named);
+                        }
+                    }
+                }
             }
-            if let Some((watch, tracker)) = &mut self.watched {
-                tracker.push(printhead, looks.clone());
-                tracker.take_ended();
-                tracker.take_raised().iter().for_each(|episode| (watch.raised)(episode));
-            }
-            self.tracker.push(printhead, looks);
-            from = to;
+        }
+        for burst in bursts {
+            self.look_at(burst, &c.printheads);
         }
         self.take_ended()
+    }
+
+    fn known(&self, model: u16) -> Option<Known> {
+        self.models.get(usize::from(model)).copied().flatten()
+    }
+
+    /// What isolation says of a row; its place in the burst is still to be told.
+    fn named(&self, flagged: Flagged, c: &VerdictColumns, row: usize) -> Named {
+        let ring = flagged.ring.zip(c.model[row].and_then(|model| self.known(model)));
+        let ring = ring.map(|([ln_damping, ln_frequency], healthy)| RingChange {
+            ln_frequency,
+            ln_damping,
+            healthy_frequency_hz: healthy.frequency_hz,
+            healthy_damping_per_s: healthy.damping_per_s,
+        });
+        Named {
+            row: 0,
+            weights: flagged.weights,
+            appearance: flagged.appearance,
+            fits_none: matches!(c.reason[row], Some(Reason::UnknownFault | Reason::NoRing)),
+            candidate: c.candidate[row],
+            severity: c.severity[row],
+            severity_sd: c.severity_sd[row],
+            ring,
+        }
+    }
+
+    fn look_at(&mut self, burst: OpenBurst, printheads: &[Arc<str>]) {
+        let OpenBurst { at, model, mut looks } = burst;
+        let printhead = &printheads[at.printhead as usize];
+        // a burst has one; of rejected signals nothing is asked
+        looks.model = model.unwrap_or_default();
+        looks.in_medians = self.known(looks.model).map(|of| of.in_medians).unwrap_or_default();
+        if let Some(baselines) = self.baselines {
+            let channels = (looks.first_channel..).take(looks.ratios.len());
+            looks.own = channels.map(|k| baselines.knows(printhead, k, looks.t_ns)).collect();
+        }
+        if let Some((watch, tracker)) = &mut self.watched {
+            tracker.push(printhead, looks.clone());
+            tracker.take_ended();
+            tracker.take_raised().iter().for_each(|episode| (watch.raised)(episode));
+        }
+        self.tracker.push(printhead, looks);
     }
 
     fn meet(&mut self, judge: &Judge) {
@@ -175,9 +190,70 @@ impl<'a> EpisodeTap<'a> {
     }
 }
 
-/// Whether a row is the next channel of the same burst as the row before it.
-fn follows(c: &VerdictColumns, row: usize) -> bool {
-    c.acquired_at_ns[row] == c.acquired_at_ns[row - 1]
-        && c.printhead[row] == c.printhead[row - 1]
-        && c.channel[row].checked_sub(1) == Some(c.channel[row - 1])
+/// Whose a row is.
+#[derive(Clone, Copy, PartialEq)]
+struct At {
+    t_ns: i64,
+    /// Index into the batch's.
+    printhead: u32,
+    channel: u32,
+}
+
+impl From<&HealthyRun> for At {
+    fn from(run: &HealthyRun) -> At {
+        At { t_ns: run.t_ns, printhead: run.printhead, channel: run.first_channel }
+    }
+}
+
+/// A burst whose rows are being gathered.
+struct OpenBurst {
+    /// Where its next row would be.
+    at: At,
+    /// Of the first row that has one.
+    model: Option<u16>,
+    looks: Looks,
+}
+
+/// The burst that the next rows belong to: the last one, if they are its next channels.
+fn open(bursts: &mut Vec<OpenBurst>, at: At) -> &mut OpenBurst {
+    if bursts.last().is_none_or(|last| last.at != at) {
+        let looks = Looks { t_ns: at.t_ns, first_channel: at.channel, ..Looks::default() };
+        bursts.push(OpenBurst { at, model: None, looks });
+    }
+    let last = bursts.len() - 1;
+    &mut bursts[last]
+}
+
+impl OpenBurst {
+    fn add_healthy(&mut self, run: &HealthyRun, tests: &Tests) {
+        self.model.get_or_insert(run.model);
+        let thresholds = [run.threshold, run.beside];
+        let beside = &tests.beside[run.signals.clone()];
+        let tests = tests.statistic[run.signals.clone()].iter().zip(beside);
+        let ratio = |(statistic, beside): (&f32, &bool)| {
+            ratio(*statistic, thresholds[usize::from(*beside)])
+        };
+        self.looks.ratios.extend(tests.map(ratio));
+        self.at.channel = run.first_channel.saturating_add(run.signals.len() as u32); // a burst has few
+    }
+
+    fn add_row(&mut self, c: &VerdictColumns, row: usize) {
+        self.model = self.model.or(c.model[row]);
+        let of = c.statistic[row].zip(c.threshold[row]);
+        self.looks
+            .ratios
+            .push(of.map_or(f32::NAN, |(statistic, threshold)| ratio(statistic, threshold)));
+        self.at.channel = self.at.channel.saturating_add(1);
+    }
+
+    /// Of the row last added.
+    fn name(&mut self, named: Named) {
+        let row = (self.looks.ratios.len() - 1) as u32; // a batch is far smaller
+        self.looks.named.push(Named { row, ..named });
+    }
+}
+
+/// Statistic over threshold.
+fn ratio(statistic: f32, threshold: f32) -> f32 {
+    if threshold > 0.0 { statistic / threshold } else { f32::NAN }
 }

@@ -11,7 +11,7 @@ use crate::burst::{Acquisition, Burst};
 use crate::design::{Detection, Isolation, Judge, Tested, Workspace};
 use crate::isolate::Likeness;
 use crate::settings::Settings;
-use crate::verdict::{Appearance, Reason, VerdictColumns};
+use crate::verdict::{Appearance, Reason, Verdicts};
 use std::sync::Arc;
 
 /// One worker's.
@@ -27,7 +27,7 @@ pub struct Isolator<'a> {
 
 /// Rows of a batch as they come to be.
 struct Rows {
-    columns: VerdictColumns,
+    verdicts: Verdicts,
     flagged: Vec<Flagged>,
 }
 
@@ -37,7 +37,8 @@ struct Found<'a> {
     judge: Result<&'a Judge, Reason>,
     /// Row by row.
     statistic: &'a [Result<Detection, Reason>],
-    passed: &'a [bool],
+    /// Its first signal's place in the batch.
+    first: usize,
     /// Its place among the batch's.
     printhead: u32,
 }
@@ -82,28 +83,30 @@ impl<'a> Isolator<'a> {
     /// All rows of a batch.
     pub fn judge(&mut self, gated: Gated) -> Judged {
         self.rings.fit(&gated, !self.settings.isolate.gate);
-        let Gated { filtered, passed } = gated;
+        let Gated { filtered, tests } = gated;
         let Filtered { assigned: Assigned { read, judges }, statistic } = filtered;
-        let mut rows = Rows { columns: self.spares.columns.take(), flagged: Vec::new() };
-        rows.columns.clear();
-        rows.columns.reserve(read.batch.rows());
+        let verdicts = Verdicts { parts: Vec::new(), tests, rows: self.spares.rows.take() };
+        let mut rows = Rows { verdicts, flagged: Vec::new() };
+        rows.verdicts.rows.clear();
         let mut from = 0;
         for (acquisition, judge) in read.batch.acquisitions.iter().zip(&judges) {
             let to = from + acquisition.rows();
             match acquisition {
                 Acquisition::Unusable(unusable) => {
-                    let printhead = rows::intern(&mut rows.columns, &unusable.printhead);
+                    let columns = &mut rows.verdicts.rows;
+                    let printhead = rows::intern(columns, &unusable.printhead);
                     let (t_ns, channel) = (unusable.t_acq_ns, unusable.first_channel);
                     let id = Id { t_ns, printhead, channel };
-                    rows::push_rejected(&mut rows.columns, id, unusable.why.into());
+                    rows::push_rejected(columns, id, unusable.why.into());
+                    rows.verdicts.close_rows();
                 }
                 Acquisition::Usable(burst) => self.judge_burst(
                     &Found {
                         burst,
                         judge: judge.as_deref().map_err(|reason| *reason),
                         statistic: &statistic[from..to],
-                        passed: &passed[from..to],
-                        printhead: rows::intern(&mut rows.columns, &burst.printhead),
+                        first: from,
+                        printhead: rows::intern(&mut rows.verdicts.rows, &burst.printhead),
                     },
                     &mut rows,
                 ),
@@ -111,12 +114,11 @@ impl<'a> Isolator<'a> {
             from = to;
         }
         self.spares.statistic.give(statistic);
-        self.spares.passed.give(passed);
         Judged {
             place: read.batch.place,
             leaves: read.leaves,
             damage: read.damage,
-            columns: rows.columns,
+            verdicts: rows.verdicts,
             judges: each_once(judges),
             flagged: rows.flagged,
             bursts: read.batch.acquisitions.len() as u64,
@@ -130,23 +132,26 @@ impl<'a> Isolator<'a> {
         let mut expected_ready = false;
         let mut row = 0;
         while row < of.statistic.len() {
+            let here = of.first + row;
             if let Some(judge) = at_once {
-                let (found, passed) = (&of.statistic[row..], &of.passed[row..]);
-                let healthy =
-                    rows::push_healthy(&mut rows.columns, of.id(row), found, passed, judge);
-                row += healthy;
-                if row == of.statistic.len() {
-                    break;
+                let left = &rows.verdicts.tests.healthy[here..of.first + of.statistic.len()];
+                let healthy = left.iter().take_while(|healthy| **healthy).count();
+                if healthy > 0 {
+                    let run = rows::healthy_run(of.id(row), here..here + healthy, judge);
+                    rows.verdicts.parts.push(run);
+                    row += healthy;
+                    continue;
                 }
             }
             match of.statistic[row].and_then(|found| Ok((found, of.judge?))) {
-                Err(reason) => rows::push_rejected(&mut rows.columns, of.id(row), reason),
+                Err(reason) => rows::push_rejected(&mut rows.verdicts.rows, of.id(row), reason),
                 Ok((found, judge)) => {
-                    let (burst, passed) = (of.burst, of.passed[row]);
+                    let (burst, passed) = (of.burst, !rows.verdicts.tests.healthy[here]);
                     let signal = Signal { burst, row, judge, found, passed };
                     self.judge_signal(signal, of.id(row), &mut expected_ready, rows);
                 }
             }
+            rows.verdicts.close_rows();
             row += 1;
         }
     }
@@ -167,14 +172,15 @@ impl<'a> Isolator<'a> {
             tested.misfit = self.work.misfit;
         }
         if let Some(isolation) = isolation.as_ref().filter(|_| of.passed) {
-            let flagged = self.flag(of, isolation, rows.columns.len());
+            let flagged = self.flag(of, isolation, rows.verdicts.rows.len());
             rows.flagged.push(flagged);
         }
         let told = self.settings.output.weights && isolation.is_some();
         let weights = Some(self.work.weights.as_slice()).filter(|of| told && !of.is_empty());
         let (isolation, model) = (isolation.as_ref(), of.judge.index);
-        rows::push_judged(&mut rows.columns, id, Row { tested, model, isolation, weights });
-        rows::set_severity(&mut rows.columns, self.work.severity.take());
+        let columns = &mut rows.verdicts.rows;
+        rows::push_judged(columns, id, Row { tested, model, isolation, weights });
+        rows::set_severity(columns, self.work.severity.take());
     }
 
     /// Names a signal, where the method can: by its fitted ring, or by its deviation from what is expected.
@@ -201,7 +207,7 @@ impl<'a> Isolator<'a> {
         judge.isolate(&self.signal, drive, &mut self.work)
     }
 
-    /// What is remembered of a flagged signal for the evidence over time. `row`: in its batch.
+    /// What is remembered of a flagged signal for the evidence over time. `row`: among its batch's.
     fn flag(&mut self, of: Signal, isolation: &Isolation, row: usize) -> Flagged {
         let strange = isolation.likeness != Likeness::Known;
         let appearance = strange.then(|| self.appearance(of)).flatten();

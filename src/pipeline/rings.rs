@@ -39,9 +39,9 @@ impl Rings {
             if judge.rings().is_none() {
                 continue;
             }
-            let judged = of.passed[rows.clone()].iter().zip(&of.filtered.statistic[rows]);
-            for (row, (passed, statistic)) in judged.enumerate() {
-                if statistic.is_ok() && (*passed || everything) {
+            let judged = of.tests.healthy[rows.clone()].iter().zip(&of.filtered.statistic[rows]);
+            for (row, (healthy, statistic)) in judged.enumerate() {
+                if statistic.is_ok() && (!healthy || everything) {
                     waiting.push(Waiting { judge, burst, row, number: waiting.len() });
                 }
             }

@@ -1,8 +1,9 @@
 //! What the stages know of a signal, as a row of the verdict table.
 
-use crate::design::{Detection, Isolation, Judge, Severity, Tested};
+use crate::design::{Detection, Isolation, Judge, Severity, Tested, Thresholds};
 use crate::isolate::Likeness;
-use crate::verdict::{Outcome, Reason, VerdictColumns};
+use crate::verdict::{HealthyRun, Outcome, Part, Reason, Test, Tests, VerdictColumns};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Place of a printhead among a batch's.
@@ -63,7 +64,11 @@ pub fn push_judged(columns: &mut VerdictColumns, id: Id, row: Row) {
     columns.fault.push(decided.and_then(|i| i.fault));
     columns.candidate.push(isolation.and_then(|i| i.candidate));
     columns.certainty.push(isolation.and_then(|i| i.certainty));
-    push_tested(columns, tested);
+    let Tested { test, statistic, threshold, misfit } = tested;
+    columns.statistic.push(Some(statistic as f32));
+    columns.threshold.push(Some(threshold as f32));
+    columns.test.push(Some(test));
+    columns.misfit.push(misfit.is_finite().then_some(misfit as f32));
     columns.model.push(Some(model));
     columns.fill_up(); // only the posterior sizes a fault: `set_severity`
     if let Some(weights) = weights {
@@ -72,14 +77,6 @@ pub fn push_judged(columns: &mut VerdictColumns, id: Id, row: Row) {
         columns.weights_start.push(Some(columns.weights.len() as u32));
         columns.weights.extend(weights.iter().map(|&v| v as f32));
     }
-}
-
-fn push_tested(columns: &mut VerdictColumns, tested: Tested) {
-    let Tested { test, statistic, threshold, misfit } = tested;
-    columns.statistic.push(Some(statistic as f32));
-    columns.threshold.push(Some(threshold as f32));
-    columns.test.push(Some(test));
-    columns.misfit.push(misfit.is_finite().then_some(misfit as f32));
 }
 
 /// The severity of the row last pushed, if it is faulty.
@@ -93,29 +90,38 @@ pub fn set_severity(columns: &mut VerdictColumns, severity: Option<Severity>) {
     }
 }
 
-/// Rows of a burst from `first` on, up to the first that passed the gate or was rejected: how many.
-/// The same as `push_judged` for each, without an isolation.
-pub fn push_healthy(
-    columns: &mut VerdictColumns,
-    first: Id,
-    found: &[Result<Detection, Reason>],
-    passed: &[bool],
-    judge: &Judge,
-) -> usize {
-    let healthy = found.iter().zip(passed).take_while(|(e, passed)| e.is_ok() && !**passed);
-    let n = healthy.count();
-    for found in found[..n].iter().flatten() {
-        push_tested(columns, judge.test(*found));
+/// Adds what the tests found of a burst's signals. `judge`: `None` where nobody judged them.
+pub fn test(judge: Option<&Judge>, found: &[Result<Detection, Reason>], tests: &mut Tests) {
+    let nothing =
+        Tested { test: Test::Ring, statistic: f64::NAN, threshold: 0.0, misfit: f64::NAN };
+    for found in found {
+        let (tested, healthy) = match (judge, found) {
+            (Some(judge), Ok(found)) => {
+                let tested = judge.test(*found);
+                (tested, !tested.is_flagged())
+            }
+            _ => (nothing, false),
+        };
+        tests.statistic.push(tested.statistic as f32);
+        tests.misfit.push(if tested.misfit.is_finite() { tested.misfit as f32 } else { f32::NAN });
+        tests.beside.push(tested.test == Test::Misfit);
+        tests.healthy.push(healthy);
     }
-    let rows = columns.statistic.len();
-    columns.acquired_at_ns.resize(rows, first.t_ns);
-    columns.printhead.resize(rows, first.printhead);
-    columns.channel.extend(first.channel..first.channel.saturating_add(n as u32));
-    columns.channel.resize(rows, u32::MAX); // of the last channel there is
-    columns.outcome.resize(rows, Outcome::Healthy);
-    columns.model.resize(rows, Some(judge.index));
-    columns.fill_up();
-    n
+}
+
+/// Healthy signals of a burst. `first`: the first of them; `signals`: their places in the batch.
+pub fn healthy_run(first: Id, signals: Range<usize>, judge: &Judge) -> Part {
+    let Thresholds { along, of_ring, beside } = judge.thresholds();
+    Part::Healthy(HealthyRun {
+        t_ns: first.t_ns,
+        printhead: first.printhead,
+        first_channel: first.channel,
+        signals,
+        model: judge.index,
+        along,
+        threshold: of_ring as f32,
+        beside: beside as f32,
+    })
 }
 
 fn push(columns: &mut VerdictColumns, id: Id, outcome: Outcome) {

@@ -2,7 +2,7 @@
 //! gives back.
 
 use crate::design::Detection;
-use crate::verdict::{Reason, VerdictColumns};
+use crate::verdict::{Reason, Tests, VerdictColumns};
 use std::sync::{Mutex, PoisonError};
 
 /// Of one kind.
@@ -30,6 +30,6 @@ impl<T: Default> Spare<T> {
 #[derive(Debug, Default)]
 pub struct Spares {
     pub statistic: Spare<Vec<Result<Detection, Reason>>>,
-    pub passed: Spare<Vec<bool>>,
-    pub columns: Spare<VerdictColumns>,
+    pub tests: Spare<Tests>,
+    pub rows: Spare<VerdictColumns>,
 }

@@ -10,6 +10,7 @@ use super::in_flight::InFlight;
 use super::in_order::InOrder;
 use super::isolator::Isolator;
 use super::models::Models;
+use super::rows;
 use super::spares::Spares;
 use super::statistics::Statistics;
 use super::timings::Clock;
@@ -221,7 +222,8 @@ pub fn filter(
     Ok(())
 }
 
-/// 4. Energy gate: e <= threshold is healthy, thesis f after (3-4).
+/// 4. Energy gate: e <= threshold is healthy, thesis f after (3-4). What it says of a healthy signal is what the table
+///    says of it: nothing behind it touches that signal again before the page.
 pub fn gate(
     spares: &Spares,
     mut clock: Clock,
@@ -229,21 +231,17 @@ pub fn gate(
     out: Sender<Gated>,
 ) -> Result<(), PipelineError> {
     while let Some(filtered) = clock.receive(&input) {
-        let mut passed = spares.passed.take();
-        passed.clear();
-        passed.reserve(filtered.statistic.len());
-        let mut rows = filtered.statistic.iter();
+        let mut tests = spares.tests.take();
+        tests.clear();
+        tests.reserve(filtered.statistic.len());
         let assigned = &filtered.assigned;
+        let mut from = 0;
         for (acquisition, judge) in assigned.read.batch.acquisitions.iter().zip(&assigned.judges) {
-            let rows = rows.by_ref().take(acquisition.rows());
-            match judge {
-                Ok(judge) => {
-                    passed.extend(rows.map(|e| e.is_ok_and(|found| judge.test(found).is_flagged())))
-                }
-                Err(_) => passed.extend(rows.map(|_| false)),
-            }
+            let to = from + acquisition.rows();
+            rows::test(judge.as_deref().ok(), &filtered.statistic[from..to], &mut tests);
+            from = to;
         }
-        if !clock.send(&out, Gated { filtered, passed }) {
+        if !clock.send(&out, Gated { filtered, tests }) {
             break;
         }
     }
@@ -280,11 +278,12 @@ pub fn write(
         waiting.put(judged.place, judged);
         while let Some(mut judged) = waiting.take(|judged| judged.leaves.is_some()) {
             put(&mut judged)?;
-            control.signals.fetch_add(judged.columns.len() as u64, Ordering::Relaxed);
+            control.signals.fetch_add(judged.verdicts.len() as u64, Ordering::Relaxed);
             if let Some(bytes) = judged.leaves {
                 in_flight.leave(bytes);
             }
-            spares.columns.give(judged.columns);
+            spares.tests.give(judged.verdicts.tests);
+            spares.rows.give(judged.verdicts.rows);
         }
     }
     Ok(())

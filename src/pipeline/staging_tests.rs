@@ -90,9 +90,10 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
                 stages::isolate(isolator, clock("isolate"), input, out)
             });
             episodes.add(&mut judged).unwrap();
-            writer.write(&judged.columns).unwrap();
+            writer.write(&judged.verdicts).unwrap();
             tally.add(&judged);
-            spares.columns.give(judged.columns);
+            spares.tests.give(judged.verdicts.tests);
+            spares.rows.give(judged.verdicts.rows);
         }
         in_flight.leave(block.bytes);
     }

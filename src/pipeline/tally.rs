@@ -2,9 +2,8 @@
 
 use super::batches::Judged;
 use crate::io::damage::{Damage, note};
-use crate::verdict::{Outcome, Reason, VerdictColumns};
+use crate::verdict::{HealthyRun, Outcome, Part, Reason, VerdictColumns};
 use std::collections::{BTreeMap, BTreeSet};
-use std::ops::Range;
 use std::sync::Arc;
 
 /// The contract's `counts`.
@@ -29,12 +28,6 @@ pub struct PrintheadTally {
 }
 
 impl PrintheadTally {
-    /// Whether all of them are among `known`; without a branch per channel.
-    fn knows(&self, channels: &[u32]) -> bool {
-        let (from, to) = self.known;
-        channels.iter().fold(true, |all, &channel| all & (from <= channel) & (channel < to))
-    }
-
     /// Remembers a channel while there is `room`; whether it is new.
     fn meet(&mut self, channel: u32, room: bool) -> bool {
         let (from, to) = self.known;
@@ -74,68 +67,72 @@ impl Tally {
     pub(super) fn add(&mut self, judged: &Judged) {
         self.counts.bursts += judged.bursts;
         judged.damage.iter().for_each(|damage| note(&mut self.damage, damage.clone()));
-        let c = &judged.columns;
-        let mut from = 0;
-        for of_one in c.printhead.chunk_by(|p, q| p == q) {
-            let name = &c.printheads[of_one[0] as usize];
-            if !self.printheads.contains_key(name) && self.printheads.len() < MOST_PRINTHEADS {
-                self.printheads.insert(name.clone(), PrintheadTally::default());
+        for part in &judged.verdicts.parts {
+            match part {
+                Part::Healthy(run) => self.add_healthy(&judged.verdicts.rows, run),
+                Part::Rows(rows) => {
+                    rows.clone().for_each(|row| self.add_row(&judged.verdicts.rows, row))
+                }
             }
-            self.add_rows(c, name, from..from + of_one.len());
-            from += of_one.len();
         }
     }
 
-    /// Rows of one printhead.
-    fn add_rows(&mut self, c: &VerdictColumns, name: &str, rows: Range<usize>) {
-        let mut printhead = self.printheads.get_mut(name);
-        let mut row = rows.start;
-        while row < rows.end {
-            let here = c.outcome[row..rows.end].iter();
-            let healthy = here.take_while(|o| **o == Outcome::Healthy).count();
-            let channels = &c.channel[row..row + healthy];
-            self.counts.signals += healthy as u64;
-            self.counts.judged += healthy as u64;
-            if let Some(p) = printhead.as_deref_mut() {
-                p.signals += healthy as u64;
-                p.judged += healthy as u64;
-                if !p.knows(channels) {
-                    for &channel in channels {
-                        let room = self.remembered < MOST_CHANNELS;
-                        self.remembered += usize::from(p.meet(channel, room));
-                    }
-                }
-            }
-            row += healthy;
-            if row == rows.end {
-                break;
-            }
-            let at = row;
-            row += 1;
-            self.counts.signals += 1;
-            let printhead = printhead.as_deref_mut();
-            if c.outcome[at] == Outcome::Rejected {
-                let reason = c.reason[at].unwrap_or(Reason::Undecodable);
-                *self.counts.rejected.entry(reason.as_str()).or_default() += 1;
-                self.counts.unusable_bursts += u64::from(reason.is_of_burst());
-                if let Some(p) = printhead {
-                    p.signals += 1;
-                }
-                continue;
-            }
+    fn add_healthy(&mut self, c: &VerdictColumns, run: &HealthyRun) {
+        let signals = run.signals.len() as u64;
+        self.counts.signals += signals;
+        self.counts.judged += signals;
+        let Some(p) = of_printhead(&mut self.printheads, c, run.printhead) else { return };
+        p.signals += signals;
+        p.judged += signals;
+        let to = run.first_channel.saturating_add(run.signals.len() as u32); // a batch has few
+        if p.known.0 <= run.first_channel && to <= p.known.1 {
+            return;
+        }
+        for channel in run.first_channel..to {
+            let room = self.remembered < MOST_CHANNELS;
+            self.remembered += usize::from(p.meet(channel, room));
+        }
+    }
+
+    fn add_row(&mut self, c: &VerdictColumns, row: usize) {
+        self.counts.signals += 1;
+        let p = of_printhead(&mut self.printheads, c, c.printhead[row]);
+        let judged = c.outcome[row] != Outcome::Rejected;
+        if judged {
             self.counts.judged += 1;
-            let named = c.fault[at];
-            let class = named.map_or("undecided", |k| self.classes[k as usize].as_str());
+        } else {
+            let reason = c.reason[row].unwrap_or(Reason::Undecodable);
+            *self.counts.rejected.entry(reason.as_str()).or_default() += 1;
+            self.counts.unusable_bursts += u64::from(reason.is_of_burst());
+        }
+        let flagged = judged && c.outcome[row] != Outcome::Healthy;
+        if flagged {
+            let class = c.fault[row].map_or("undecided", |k| self.classes[k as usize].as_str());
             match self.counts.faulty.get_mut(class) {
                 Some(n) => *n += 1,
                 None => drop(self.counts.faulty.insert(class.into(), 1)),
             }
-            let Some(p) = printhead else { continue };
-            p.signals += 1;
-            p.judged += 1;
-            let channel = c.channel[at];
-            self.remembered += usize::from(p.meet(channel, self.remembered < MOST_CHANNELS));
-            p.passed += 1;
+        }
+        let Some(p) = p else { return };
+        p.signals += 1;
+        p.judged += u64::from(judged);
+        p.passed += u64::from(flagged);
+        if judged {
+            let room = self.remembered < MOST_CHANNELS;
+            self.remembered += usize::from(p.meet(c.channel[row], room));
         }
     }
+}
+
+/// The tally of one of a batch's printheads; `None`: there are too many.
+fn of_printhead<'a>(
+    printheads: &'a mut BTreeMap<Arc<str>, PrintheadTally>,
+    c: &VerdictColumns,
+    place: u32,
+) -> Option<&'a mut PrintheadTally> {
+    let name = &c.printheads[place as usize];
+    if !printheads.contains_key(name) && printheads.len() < MOST_PRINTHEADS {
+        printheads.insert(name.clone(), PrintheadTally::default());
+    }
+    printheads.get_mut(name)
 }

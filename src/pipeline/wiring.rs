@@ -158,9 +158,9 @@ impl Wiring<'_> {
             drop((from_gate, to_writer));
 
             let put = |judged: &mut Judged| {
-                if !judged.columns.is_empty() {
+                if !judged.verdicts.is_empty() {
                     episodes.add(judged)?;
-                    writer.write(&judged.columns)?;
+                    writer.write(&judged.verdicts)?;
                 }
                 tally.add(judged);
                 Ok(())

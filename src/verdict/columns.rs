@@ -28,10 +28,14 @@ pub enum Cells {
     Reason(At<Option<Reason>>),
     /// Places among the metadata's models.
     Model(At<Option<u16>>),
-    /// Numbers that differ from row to row.
+    /// Of the test that decided, of every judged signal.
+    Statistic(At<Option<f32>>),
+    /// The same over many rows.
+    Threshold(At<Option<f32>>),
+    /// Of every judged signal, where there is a second test.
+    Misfit(At<Option<f32>>),
+    /// Numbers that only flagged signals have.
     Number(At<Option<f32>>),
-    /// Numbers that are the same over many rows.
-    Constant(At<Option<f32>>),
     /// One number per class: `weights` from `weights_start` on.
     Weights,
 }
@@ -127,11 +131,11 @@ columns! {
         /// Index into the run's classes.
         candidate: u16, Class "candidate";
         certainty: f32, Number "certainty";
-        statistic: f32, Number "statistic";
-        threshold: f32, Constant "threshold";
+        statistic: f32, Statistic "statistic";
+        threshold: f32, Threshold "threshold";
         test: Test, Test "test";
         /// Unexplained mean square over the healthy one's.
-        misfit: f32, Number "misfit";
+        misfit: f32, Misfit "misfit";
         severity: f32, Number "severity";
         severity_sd: f32, Number "severity_sd";
         model: u16, Model "model";

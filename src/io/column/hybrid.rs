@@ -1,0 +1,163 @@
+//! Parquet's hybrid of run lengths and bit packing: definition levels, and keys into a dictionary.
+
+/// Values of `width` bits.
+#[derive(Debug)]
+pub struct Hybrid {
+    width: u8,
+    out: Vec<u8>,
+    /// Waits to be packed, in groups of eight.
+    literals: Vec<u32>,
+    run: (u32, u32),
+}
+
+impl Hybrid {
+    /// What one header of packed groups may announce, so that it stays one byte.
+    const MOST_LITERALS: usize = 63 * 8;
+
+    pub fn new(width: u8) -> Hybrid {
+        Hybrid { width, out: Vec::new(), literals: Vec::new(), run: (0, 0) }
+    }
+
+    pub fn push(&mut self, value: u32, times: u32) {
+        if value == self.run.0 {
+            self.run.1 += times;
+        } else {
+            self.end_run();
+            self.run = (value, times);
+        }
+    }
+
+    /// One of two values each, packed: for values that take turns.
+    pub fn push_either(&mut self, values: [u32; 2], which: &[bool]) {
+        self.end_run();
+        let mut left = which;
+        while !left.is_empty() {
+            let room = Self::MOST_LITERALS - self.literals.len();
+            let (now, later) = left.split_at(room.min(left.len()));
+            self.literals.extend(now.iter().map(|&second| values[usize::from(second)]));
+            if self.literals.len() == Self::MOST_LITERALS {
+                self.pack();
+            }
+            left = later;
+        }
+    }
+
+    fn end_run(&mut self) {
+        let (value, mut times) = std::mem::take(&mut self.run);
+        // packed groups are whole: a run lends what is missing
+        let missing = ((8 - self.literals.len() % 8) % 8) as u32;
+        let literal = if times >= missing + 8 { missing } else { times };
+        for _ in 0..literal {
+            self.literals.push(value);
+            if self.literals.len() == Self::MOST_LITERALS {
+                self.pack();
+            }
+        }
+        times -= literal;
+        if times > 0 {
+            self.pack();
+            self.header(times << 1);
+            let bytes = usize::from(self.width.div_ceil(8));
+            self.out.extend(&value.to_le_bytes()[..bytes]);
+        }
+    }
+
+    /// Writes the waiting literals; the last group may be filled up, which only the end may do.
+    fn pack(&mut self) {
+        if self.literals.is_empty() {
+            return;
+        }
+        let groups = self.literals.len().div_ceil(8);
+        self.literals.resize(groups * 8, 0);
+        self.header((groups as u32) << 1 | 1);
+        let (mut bits, mut held) = (0u64, 0);
+        for value in self.literals.drain(..) {
+            bits |= u64::from(value) << held;
+            held += self.width;
+            while held >= 8 {
+                self.out.push(bits as u8);
+                bits >>= 8;
+                held -= 8;
+            }
+        }
+    }
+
+    fn header(&mut self, mut value: u32) {
+        while value >= 0x80 {
+            self.out.push(value as u8 | 0x80);
+            value >>= 7;
+        }
+        self.out.push(value as u8);
+    }
+
+    pub fn finish(mut self) -> Vec<u8> {
+        self.end_run();
+        self.pack();
+        self.out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+
+    /// A decoder from the format's description.
+    fn decode(width: u8, mut of: &[u8], values: usize) -> Vec<u32> {
+        let mut out = Vec::new();
+        while out.len() < values {
+            let (mut header, mut shift) = (0u32, 0);
+            loop {
+                let byte = of[0];
+                of = &of[1..];
+                header |= u32::from(byte & 0x7f) << shift;
+                shift += 7;
+                if byte & 0x80 == 0 {
+                    break;
+                }
+            }
+            if header & 1 == 0 {
+                let bytes = usize::from(width.div_ceil(8));
+                let mut value = [0; 4];
+                value[..bytes].copy_from_slice(&of[..bytes]);
+                of = &of[bytes..];
+                out.extend(std::iter::repeat_n(u32::from_le_bytes(value), (header >> 1) as usize));
+            } else {
+                let groups = (header >> 1) as usize;
+                let bit = |i: usize| u32::from(of[i / 8] >> (i % 8) & 1);
+                let width = usize::from(width);
+                out.extend(
+                    (0..groups * 8)
+                        .map(|v| (0..width).map(|b| bit(v * width + b) << b).sum::<u32>()),
+                );
+                of = &of[groups * width..];
+            }
+        }
+        out.truncate(values);
+        out
+    }
+
+    #[test]
+    fn property_hybrid_of_any_runs_decodes_to_them() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(8);
+        for round in 0..400 {
+            let width = rng.random_range(1..=20u8);
+            let longest = [1, 3, 9, 40, 5000][round % 5];
+            let (mut hybrid, mut values) = (Hybrid::new(width), Vec::new());
+            for _ in 0..rng.random_range(0..60) {
+                let value = rng.random_range(0..1u32 << width.min(3 + (round % 18) as u8));
+                let times = rng.random_range(1..=longest);
+                if rng.random_bool(0.3) {
+                    let which: Vec<bool> = (0..times).map(|_| rng.random_bool(0.4)).collect();
+                    hybrid.push_either([0, value], &which);
+                    values.extend(which.iter().map(|&second| value * u32::from(second)));
+                    continue;
+                }
+                hybrid.push(value, times);
+                values.extend(std::iter::repeat_n(value, times as usize));
+            }
+            let packed = hybrid.finish();
+            assert_eq!(decode(width, &packed, values.len()), values, "round {round}");
+        }
+    }
+}

@@ -1,0 +1,128 @@
+//! A column of f32 that differ from row to row, or are mostly null.
+//!
+//! Format: BYTE_STREAM_SPLIT (first bytes of all values, then the second ones, ...: they compress), or PLAIN.
+
+use super::hybrid::Hybrid;
+use super::pages::{ClosedPage, ColumnPages};
+use parquet::basic::Encoding;
+use parquet::errors::Result;
+use parquet::file::statistics::Statistics;
+use parquet::file::writer::SerializedRowGroupWriter;
+use parquet::schema::types::ColumnDescPtr;
+use std::io::Write;
+
+/// A page is closed once it has so many rows: few enough to stay in the cache.
+const PAGE_ROWS: u32 = 1 << 16;
+
+/// One nullable column of a row group.
+#[derive(Debug)]
+pub struct NumberColumn {
+    column: ColumnDescPtr,
+    encoding: Encoding,
+    /// Of the page under way: what is not null, and which rows that are.
+    values: Vec<f32>,
+    levels: Hybrid,
+    rows: u32,
+    nulls: u64,
+    /// The least and the largest.
+    span: Option<(f32, f32)>,
+    pages: Vec<ClosedPage>,
+}
+
+impl NumberColumn {
+    /// `encoding`: BYTE_STREAM_SPLIT or PLAIN.
+    pub fn new(column: ColumnDescPtr, encoding: Encoding) -> NumberColumn {
+        NumberColumn {
+            column,
+            encoding,
+            values: Vec::new(),
+            levels: Hybrid::new(1),
+            rows: 0,
+            nulls: 0,
+            span: None,
+            pages: Vec::new(),
+        }
+    }
+
+    /// The next rows are null.
+    pub fn push_nulls(&mut self, rows: usize) -> Result<()> {
+        self.levels.push(0, rows as u32); // rows of a row group at most
+        self.nulls += rows as u64;
+        self.go_on(rows)
+    }
+
+    /// The next rows; NaN is null.
+    pub fn push(&mut self, of: &[f32]) -> Result<()> {
+        for run in of.chunk_by(|p, q| p.is_nan() == q.is_nan()) {
+            match run[0].is_nan() {
+                true => self.push_nulls(run.len())?,
+                false => {
+                    self.levels.push(1, run.len() as u32);
+                    self.values.extend(run);
+                    self.go_on(run.len())?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Bytes held.
+    pub fn memory(&self) -> usize {
+        self.values.len() * size_of::<f32>()
+            + self.pages.iter().map(ClosedPage::memory).sum::<usize>()
+    }
+
+    fn go_on(&mut self, rows: usize) -> Result<()> {
+        self.rows += rows as u32;
+        if self.rows >= PAGE_ROWS { self.end_page() } else { Ok(()) }
+    }
+
+    fn end_page(&mut self) -> Result<()> {
+        let span = self.values.iter().fold(None, |span: Option<(f32, f32)>, &value| {
+            Some(span.map_or((value, value), |(least, most)| (least.min(value), most.max(value))))
+        });
+        self.span = match (self.span, span) {
+            (Some((p, q)), Some((r, s))) => Some((p.min(r), q.max(s))),
+            (known, new) => known.or(new),
+        };
+        let encoded = match self.encoding {
+            Encoding::BYTE_STREAM_SPLIT => split(&self.values),
+            _ => self.values.iter().flat_map(|value| value.to_le_bytes()).collect(),
+        };
+        let levels = std::mem::replace(&mut self.levels, Hybrid::new(1)).finish();
+        self.pages.push(ClosedPage::new(Some(levels), &encoded, self.rows)?);
+        self.values.clear();
+        self.rows = 0;
+        Ok(())
+    }
+
+    /// Encodes the chunk and appends it to the row group as its next column.
+    pub fn append_to<W: Write + Send>(
+        mut self,
+        group: &mut SerializedRowGroupWriter<'_, W>,
+    ) -> Result<()> {
+        if self.rows > 0 {
+            self.end_page()?;
+        }
+        // a reader may not tell zeros apart by their sign
+        let least = self.span.map(|(least, _)| if least == 0.0 { -0.0 } else { least });
+        let most = self.span.map(|(_, most)| if most == 0.0 { 0.0 } else { most });
+        let pages = ColumnPages {
+            dictionary: None,
+            pages: self.pages,
+            encoding: self.encoding,
+            statistics: Some(Statistics::float(least, most, None, Some(self.nulls), false)),
+            column: self.column,
+        };
+        pages.append_to(group)
+    }
+}
+
+/// First bytes of all values, then the second ones, and so on.
+fn split(values: &[f32]) -> Vec<u8> {
+    let mut out = vec![0; values.len() * size_of::<f32>()];
+    for (k, stream) in out.chunks_exact_mut(values.len().max(1)).enumerate() {
+        stream.iter_mut().zip(values).for_each(|(byte, value)| *byte = value.to_le_bytes()[k]);
+    }
+    out
+}

@@ -1,0 +1,118 @@
+//! Pages of a column chunk, and what the file's footer says of them.
+
+use bytes::Bytes;
+use parquet::basic::{Compression, Encoding, ZstdLevel};
+use parquet::column::page::{CompressedPage, Page, PageWriter};
+use parquet::column::writer::ColumnCloseResult;
+use parquet::errors::{ParquetError, Result};
+use parquet::file::metadata::ColumnChunkMetaData;
+use parquet::file::statistics::Statistics;
+use parquet::file::writer::{SerializedPageWriter, SerializedRowGroupWriter, TrackedWrite};
+use parquet::schema::types::ColumnDescPtr;
+use std::io::Write;
+use zstd::zstd_safe::CompressionLevel;
+
+const ZSTD_LEVEL: CompressionLevel = 1;
+
+/// A page, compressed.
+#[derive(Debug)]
+pub struct ClosedPage {
+    compressed: Bytes,
+    raw_bytes: usize,
+    values: u32,
+}
+
+impl ClosedPage {
+    /// `levels`: of a nullable column, which rows have a value, encoded; `values`: rows, nulls too, or a dictionary's
+    /// values.
+    pub fn new(levels: Option<Vec<u8>>, encoded: &[u8], values: u32) -> Result<ClosedPage> {
+        let mut raw = Vec::new();
+        if let Some(levels) = levels {
+            raw.extend((levels.len() as u32).to_le_bytes());
+            raw.extend(levels);
+        }
+        raw.extend(encoded);
+        let compressed = zstd::bulk::compress(&raw, ZSTD_LEVEL)
+            .map_err(|e| ParquetError::General(format!("zstd: {e}")))?;
+        Ok(ClosedPage { compressed: compressed.into(), raw_bytes: raw.len(), values })
+    }
+
+    pub fn memory(&self) -> usize {
+        self.compressed.len()
+    }
+}
+
+/// All of a column chunk.
+pub struct ColumnPages {
+    pub column: ColumnDescPtr,
+    pub dictionary: Option<ClosedPage>,
+    pub pages: Vec<ClosedPage>,
+    /// Of the pages that are no dictionary.
+    pub encoding: Encoding,
+    pub statistics: Option<Statistics>,
+}
+
+impl ColumnPages {
+    /// Appends them to the row group as its next column.
+    pub fn append_to<W: Write + Send>(
+        self,
+        group: &mut SerializedRowGroupWriter<'_, W>,
+    ) -> Result<()> {
+        let ColumnPages { column, dictionary, pages, encoding, statistics } = self;
+        let mut sink = TrackedWrite::new(Vec::new());
+        let mut out = SerializedPageWriter::new(&mut sink);
+        let mut encodings = vec![Encoding::RLE, encoding];
+        let mut chunk = ColumnChunkMetaData::builder(column)
+            .set_compression(Compression::ZSTD(ZstdLevel::try_new(ZSTD_LEVEL)?));
+        let (mut compressed, mut raw, mut written, mut rows) = (0, 0, 0, 0);
+        let mut first_offset = None;
+        if let Some(ClosedPage { compressed: buf, raw_bytes, values }) = dictionary {
+            encodings.push(Encoding::PLAIN);
+            let page = Page::DictionaryPage {
+                buf,
+                num_values: values,
+                encoding: Encoding::PLAIN,
+                is_sorted: false,
+            };
+            let at = out.write_page(CompressedPage::new(page, raw_bytes))?;
+            chunk = chunk.set_dictionary_page_offset(Some(at.offset as i64));
+            (compressed, raw) = (at.compressed_size, at.uncompressed_size);
+            written = at.bytes_written;
+        }
+        for ClosedPage { compressed: buf, raw_bytes, values } in pages {
+            let page = Page::DataPage {
+                buf,
+                num_values: values,
+                encoding,
+                def_level_encoding: Encoding::RLE,
+                rep_level_encoding: Encoding::RLE,
+                statistics: None,
+            };
+            let at = out.write_page(CompressedPage::new(page, raw_bytes))?;
+            first_offset.get_or_insert(at.offset);
+            compressed += at.compressed_size;
+            raw += at.uncompressed_size;
+            written += at.bytes_written;
+            rows += u64::from(values);
+        }
+        out.close()?;
+        chunk = chunk
+            .set_encodings(encodings)
+            .set_num_values(rows as i64)
+            .set_total_compressed_size(compressed as i64)
+            .set_total_uncompressed_size(raw as i64)
+            .set_data_page_offset(first_offset.unwrap_or_default() as i64);
+        if let Some(statistics) = statistics {
+            chunk = chunk.set_statistics(statistics);
+        }
+        let close = ColumnCloseResult {
+            bytes_written: written,
+            rows_written: rows,
+            metadata: chunk.build()?,
+            bloom_filter: None,
+            column_index: None,
+            offset_index: None,
+        };
+        group.append_column(&Bytes::from(sink.into_inner()?), close)
+    }
+}

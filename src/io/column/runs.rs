@@ -1,0 +1,183 @@
+//! A column of long runs: texts, and numbers that are the same over many rows, as keys into a dictionary.
+
+use super::hybrid::Hybrid;
+use super::pages::{ClosedPage, ColumnPages};
+use parquet::basic::Encoding;
+use parquet::errors::{ParquetError, Result};
+use parquet::file::statistics::Statistics;
+use parquet::file::writer::SerializedRowGroupWriter;
+use parquet::schema::types::ColumnDescPtr;
+use std::collections::HashMap;
+use std::io::Write;
+
+/// Key of a null.
+const NULL: u32 = u32::MAX;
+
+/// One column of a row group.
+#[derive(Debug)]
+pub struct RunColumn {
+    column: ColumnDescPtr,
+    /// Values, encoded PLAIN.
+    dictionary: Vec<Vec<u8>>,
+    keys: HashMap<Vec<u8>, u32>,
+    /// The last two keys that were asked for: values take turns.
+    recent: [u32; 2],
+    runs: Vec<Run>,
+    /// Of the runs of two keys, one after the other: which of them.
+    which: Vec<bool>,
+    rows: u32,
+}
+
+/// Rows of one key, or of either of two.
+#[derive(Clone, Copy, Debug)]
+enum Run {
+    Same { key: u32, rows: u32 },
+    Either { keys: [u32; 2], rows: u32 },
+}
+
+/// A text, encoded PLAIN.
+pub fn text(value: &str) -> Vec<u8> {
+    let length = value.len() as u32; // names are far shorter
+    [&length.to_le_bytes(), value.as_bytes()].concat()
+}
+
+impl RunColumn {
+    /// Of a dictionary that is known: key k is its k-th value.
+    pub fn new(column: ColumnDescPtr, values: impl Iterator<Item = Vec<u8>>) -> RunColumn {
+        let mut new = RunColumn {
+            column,
+            dictionary: Vec::new(),
+            keys: HashMap::new(),
+            recent: [NULL; 2],
+            runs: Vec::new(),
+            which: Vec::new(),
+            rows: 0,
+        };
+        for value in values {
+            new.key(&value);
+        }
+        new
+    }
+
+    /// The key of a value, which may be new.
+    pub fn key(&mut self, value: &[u8]) -> u32 {
+        let is_it = |key: &&u32| self.dictionary.get(**key as usize).is_some_and(|v| v == value);
+        if let Some(key) = self.recent.iter().find(is_it) {
+            return *key;
+        }
+        let key = self.keys.get(value).copied().unwrap_or_else(|| {
+            let key = self.dictionary.len() as u32; // rows of a row group at most
+            self.keys.insert(value.to_vec(), key);
+            self.dictionary.push(value.to_vec());
+            key
+        });
+        self.recent = [key, self.recent[0]];
+        key
+    }
+
+    /// The next rows; `None` is null. A key beyond the dictionary is an error.
+    pub fn push(&mut self, key: Option<u32>, rows: usize) -> Result<()> {
+        match key {
+            Some(key) => self.check(key)?,
+            None if self.column.max_def_level() == 0 => {
+                return Err(ParquetError::General("null in a required column".into()));
+            }
+            None => {}
+        }
+        let (next, more) = (key.unwrap_or(NULL), rows as u32); // rows of a row group at most
+        match self.runs.last_mut() {
+            Some(Run::Same { key, rows }) if *key == next => *rows += more,
+            _ if more > 0 => self.runs.push(Run::Same { key: next, rows: more }),
+            _ => {}
+        }
+        self.rows += more;
+        Ok(())
+    }
+
+    /// The next rows, each of either of two keys.
+    pub fn push_either(&mut self, keys: [u32; 2], which: &[bool]) -> Result<()> {
+        let Some(&first) = which.first() else { return Ok(()) };
+        if which.iter().all(|&second| second == first) {
+            return self.push(Some(keys[usize::from(first)]), which.len());
+        }
+        keys.into_iter().try_for_each(|key| self.check(key))?;
+        let rows = which.len() as u32;
+        self.runs.push(Run::Either { keys, rows });
+        self.which.extend(which);
+        self.rows += rows;
+        Ok(())
+    }
+
+    fn check(&self, key: u32) -> Result<()> {
+        match self.dictionary.len() {
+            known if key as usize >= known => {
+                Err(ParquetError::General(format!("key {key} of {known} values")))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Bytes held.
+    pub fn memory(&self) -> usize {
+        self.runs.len() * size_of::<Run>() + self.which.len() + self.dictionary.len() * 64
+    }
+
+    /// Encodes the chunk and appends it to the row group as its next column.
+    pub fn append_to<W: Write + Send>(
+        self,
+        group: &mut SerializedRowGroupWriter<'_, W>,
+        statistics: bool,
+    ) -> Result<()> {
+        let values = self.dictionary.len().max(1) as u32;
+        let width = (u32::BITS - (values - 1).leading_zeros()).max(1) as u8;
+        let page = self.page(width)?;
+        let mut dictionary = self.dictionary.concat();
+        if dictionary.is_empty() {
+            dictionary = text(""); // of which no row speaks
+        }
+        let pages = ColumnPages {
+            dictionary: Some(ClosedPage::new(None, &dictionary, values)?),
+            pages: vec![page],
+            encoding: Encoding::RLE_DICTIONARY,
+            statistics: statistics.then(|| self.text_statistics()),
+            column: self.column,
+        };
+        pages.append_to(group)
+    }
+
+    /// Which rows have a value, and the keys of those, of `width` bits.
+    fn page(&self, width: u8) -> Result<ClosedPage> {
+        let (mut levels, mut indices) = (Hybrid::new(1), Hybrid::new(width));
+        let mut which = &self.which[..];
+        for run in &self.runs {
+            match *run {
+                Run::Same { key: NULL, rows } => levels.push(0, rows),
+                Run::Same { key, rows } => {
+                    levels.push(1, rows);
+                    indices.push(key, rows);
+                }
+                Run::Either { keys, rows } => {
+                    let (now, later) = which.split_at(rows as usize);
+                    levels.push(1, rows);
+                    indices.push_either(keys, now);
+                    which = later;
+                }
+            }
+        }
+        let nullable = self.column.max_def_level() > 0;
+        let keys = [vec![width], indices.finish()].concat();
+        ClosedPage::new(nullable.then(|| levels.finish()), &keys, self.rows)
+    }
+
+    /// Of texts: the least and the largest.
+    fn text_statistics(&self) -> Statistics {
+        let nulls = self.runs.iter().map(|run| match *run {
+            Run::Same { key: NULL, rows } => u64::from(rows),
+            _ => 0,
+        });
+        let nulls = nulls.sum();
+        let texts = || self.dictionary.iter().filter_map(|value| value.get(size_of::<u32>()..));
+        let value = |text: Option<&[u8]>| text.map(|t| t.to_vec().into());
+        Statistics::byte_array(value(texts().min()), value(texts().max()), None, Some(nulls), false)
+    }
+}

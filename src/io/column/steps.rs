@@ -1,0 +1,172 @@
+//! A column of whole numbers that mostly go on by equal steps: times and channels.
+//!
+//! Format: DELTA_BINARY_PACKED, blocks of 128 differences in four parts, each of its own width.
+
+use super::pages::{ClosedPage, ColumnPages};
+use parquet::basic::{Encoding, Type};
+use parquet::errors::Result;
+use parquet::file::statistics::Statistics;
+use parquet::file::writer::SerializedRowGroupWriter;
+use parquet::schema::types::ColumnDescPtr;
+use std::io::Write;
+
+const BLOCK: usize = 128;
+const PARTS: usize = 4;
+
+/// One column of a row group, that may have no null: INT64, or INT32 of numbers without sign.
+#[derive(Debug)]
+pub struct StepColumn {
+    column: ColumnDescPtr,
+    first: i64,
+    last: i64,
+    /// The least and the largest.
+    span: (i64, i64),
+    /// Differences that wait to be a block.
+    block: Vec<i64>,
+    blocks: Vec<u8>,
+    rows: u32,
+}
+
+impl StepColumn {
+    pub fn new(column: ColumnDescPtr) -> StepColumn {
+        let (block, blocks) = (Vec::with_capacity(BLOCK), Vec::new());
+        StepColumn { column, first: 0, last: 0, span: (i64::MAX, i64::MIN), block, blocks, rows: 0 }
+    }
+
+    /// The next rows: `start`, `start` + `step`, and so on.
+    pub fn push(&mut self, start: i64, step: i64, rows: usize) {
+        let Some(more) = rows.checked_sub(1) else { return };
+        let last = start.wrapping_add(step.wrapping_mul(more as i64));
+        self.span = (self.span.0.min(start).min(last), self.span.1.max(start).max(last));
+        match self.rows {
+            0 => self.first = start,
+            _ => self.push_difference(start.wrapping_sub(self.last)),
+        }
+        self.last = last;
+        self.rows += rows as u32; // rows of a row group at most
+        let mut left = more;
+        while left > 0 {
+            if self.block.is_empty() && left >= BLOCK {
+                self.end_block_of([step; BLOCK].as_slice());
+                left -= BLOCK;
+            } else {
+                let some = left.min(BLOCK - self.block.len());
+                self.block.resize(self.block.len() + some, step);
+                self.end_full_block();
+                left -= some;
+            }
+        }
+    }
+
+    /// Bytes held.
+    pub fn memory(&self) -> usize {
+        self.blocks.len()
+    }
+
+    /// Encodes the chunk and appends it to the row group as its next column.
+    pub fn append_to<W: Write + Send>(
+        mut self,
+        group: &mut SerializedRowGroupWriter<'_, W>,
+    ) -> Result<()> {
+        if !self.block.is_empty() {
+            let block = std::mem::take(&mut self.block);
+            self.end_block_of(&block);
+        }
+        let mut encoded = Vec::with_capacity(self.blocks.len() + 32);
+        put_number(BLOCK as u64, &mut encoded);
+        put_number(PARTS as u64, &mut encoded);
+        put_number(self.rows.into(), &mut encoded);
+        put_number(zigzag(self.stored(self.first)), &mut encoded);
+        encoded.extend(&self.blocks);
+        let (least, most) = (Some(self.span.0), Some(self.span.1));
+        let narrow = |value: Option<i64>| value.map(|value| value as u32 as i32);
+        let statistics = match self.is_wide() {
+            true => Statistics::int64(least, most, None, Some(0), false),
+            false => Statistics::int32(narrow(least), narrow(most), None, Some(0), false),
+        };
+        let pages = ColumnPages {
+            dictionary: None,
+            pages: vec![ClosedPage::new(None, &encoded, self.rows)?],
+            encoding: Encoding::DELTA_BINARY_PACKED,
+            statistics: Some(statistics),
+            column: self.column,
+        };
+        pages.append_to(group)
+    }
+
+    fn is_wide(&self) -> bool {
+        self.column.physical_type() == Type::INT64
+    }
+
+    /// As the column's type has it: differences of 32 bits wrap around there.
+    fn stored(&self, value: i64) -> i64 {
+        if self.is_wide() { value } else { i64::from(value as i32) }
+    }
+
+    fn push_difference(&mut self, difference: i64) {
+        self.block.push(difference);
+        self.end_full_block();
+    }
+
+    fn end_full_block(&mut self) {
+        if self.block.len() == BLOCK {
+            let mut block = std::mem::take(&mut self.block);
+            self.end_block_of(&block);
+            block.clear();
+            self.block = block;
+        }
+    }
+
+    fn end_block_of(&mut self, differences: &[i64]) {
+        let wide = self.is_wide();
+        let stored = |d: i64| if wide { d } else { i64::from(d as i32) };
+        let least = differences.iter().map(|d| stored(*d)).min().unwrap_or_default();
+        let above = |d: &i64| {
+            let above = stored(*d).wrapping_sub(least) as u64;
+            if wide { above } else { u64::from(above as u32) }
+        };
+        put_number(zigzag(least), &mut self.blocks);
+        let parts = || differences.chunks(BLOCK / PARTS);
+        let width = |part: &[i64]| {
+            let most = part.iter().map(above).fold(0, |all, above| all | above);
+            (u64::BITS - most.leading_zeros()) as u8
+        };
+        let mut widths = [0; PARTS];
+        widths.iter_mut().zip(parts()).for_each(|(w, part)| *w = width(part));
+        self.blocks.extend(widths);
+        for (part, width) in parts().zip(widths) {
+            pack(part.iter().map(above), width, &mut self.blocks);
+        }
+    }
+}
+
+/// A part's numbers of `width` bits, filled up with zeros.
+fn pack(numbers: impl Iterator<Item = u64>, width: u8, out: &mut Vec<u8>) {
+    let end = out.len() + BLOCK / PARTS * usize::from(width) / 8;
+    let (mut bits, mut held) = (0u128, 0);
+    for number in numbers.take(if width == 0 { 0 } else { usize::MAX }) {
+        bits |= u128::from(number) << held;
+        held += width;
+        while held >= 8 {
+            out.push(bits as u8);
+            bits >>= 8;
+            held -= 8;
+        }
+    }
+    if held > 0 {
+        out.push(bits as u8);
+    }
+    out.resize(end, 0);
+}
+
+fn put_number(mut number: u64, out: &mut Vec<u8>) {
+    while number >= 0x80 {
+        out.push(number as u8 | 0x80);
+        number >>= 7;
+    }
+    out.push(number as u8);
+}
+
+fn zigzag(number: i64) -> u64 {
+    ((number << 1) ^ (number >> 63)) as u64
+}
