@@ -360,7 +360,9 @@ pub(super) mod tests {
             }
             assert_eq!(runs.rows(), one_by_one.rows());
             assert!(runs.rows() > 1000);
-            [runs, one_by_one].map(|writer| writer.finish("{}".into()).unwrap());
+            for writer in [runs, one_by_one] {
+                writer.finish("{}".into()).unwrap();
+            }
             let [runs, one_by_one] = files.each_ref().map(|path| {
                 let (found, lists) = read_all(VerdictReader::open(path).unwrap());
                 found.iter().flat_map(|c| row_texts(c, &lists)).collect::<Vec<_>>()
