@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 /// Channels that tell: fewer do not outvote faulty ones.
 const FEWEST: usize = 8;
 /// A channel that was not looked at for so long says nothing of now, ns.
-const HORIZON_NS: u64 = 10_000_000_000;
+const HORIZON_NS: i64 = 10_000_000_000;
 /// Least share of a new estimate in the level: where it stands still, an estimate's noise falls to .4.
 const LEAST_GAIN: f64 = 0.3;
 /// Share of the newest in what is known of how far estimates lie off the level.
@@ -42,6 +42,11 @@ const LEAST_ALIKE: f64 = 0.4;
 const MOST_OWN: f64 = 1.5;
 /// Of a Gaussian, in standard deviations.
 const MEDIAN_OF_ABSOLUTE: f64 = 0.6745;
+
+/// Whether what was seen then says something of now.
+fn is_recent(then_ns: i64, now_ns: i64) -> bool {
+    now_ns.abs_diff(then_ns) <= HORIZON_NS.unsigned_abs()
+}
 
 /// What is known of a channel.
 #[derive(Clone, Debug)]
@@ -106,6 +111,22 @@ impl Channel {
     }
 }
 
+/// How many channels were heard of lately, at any time from .. to.
+#[derive(Clone, Copy, Debug)]
+struct Heard {
+    channels: usize,
+    from_ns: i64,
+    to_ns: i64,
+}
+
+impl Heard {
+    /// One of them is heard of again.
+    fn hear(&mut self, t_ns: i64) {
+        self.from_ns = self.from_ns.max(t_ns.saturating_sub(HORIZON_NS));
+        self.to_ns = self.to_ns.min(t_ns.saturating_add(HORIZON_NS + 1));
+    }
+}
+
 /// Of one printhead.
 #[derive(Clone, Debug)]
 pub struct CommonChange {
@@ -116,6 +137,7 @@ pub struct CommonChange {
     /// So far the level may step at once, and lie from the model from the first burst on.
     step: Vector3<f64>,
     channels: BTreeMap<u32, Channel>,
+    heard: Option<Heard>,
     /// Looks since the last estimate, and since the last one in which channels agreed.
     fresh: usize,
     unanswered: usize,
@@ -144,6 +166,7 @@ impl CommonChange {
             healthy,
             step,
             channels: BTreeMap::new(),
+            heard: None,
             fresh: 0,
             unanswered: 0,
             own: None,
@@ -159,11 +182,18 @@ impl CommonChange {
     pub fn look(&mut self, t_ns: i64, channel: u32, features: Vector3<f64>) {
         self.fresh += 1;
         self.unanswered += 1;
+        let heard = &mut self.heard;
         let of = self.channels.entry(channel).or_insert_with(|| {
             // where it was met, all that is known is the level
             let past = Past::begins(features - self.level);
+            *heard = None;
             Channel { t_ns, features, fresh: true, past }
         });
+        match heard {
+            Some(_) if !is_recent(of.t_ns, t_ns) => *heard = None,
+            Some(of) => of.hear(t_ns),
+            None => {}
+        }
         if self.own.is_none() {
             of.past.push_first(features);
         }
@@ -173,9 +203,7 @@ impl CommonChange {
     /// After the looks of a burst: how far the channels have moved alike since the model was learned.
     /// `None`: not known, or not yet.
     pub fn change(&mut self, t_ns: i64) -> Option<Vector3<f64>> {
-        let recent = |of: &&Channel| t_ns.abs_diff(of.t_ns) <= HORIZON_NS;
-        let heard = self.channels.values().filter(recent).count();
-        if 2 * self.fresh >= heard.max(FEWEST) {
+        if 2 * self.fresh >= FEWEST && 2 * self.fresh >= self.heard_at(t_ns) {
             self.fresh = 0;
             match self.own {
                 None => self.learn(t_ns),
@@ -190,6 +218,27 @@ impl CommonChange {
             return None;
         }
         self.own.map(|_| self.level + self.origin)
+    }
+
+    /// How many channels were heard of lately. Counted again only once that may be another number: burst by burst, it
+    /// would be what a burst of one channel costs.
+    fn heard_at(&mut self, t_ns: i64) -> usize {
+        if let Some(heard) = self.heard.filter(|of| (of.from_ns..of.to_ns).contains(&t_ns)) {
+            return heard.channels;
+        }
+        let mut heard = Heard { channels: 0, from_ns: t_ns, to_ns: i64::MAX };
+        for of in self.channels.values() {
+            let recent = is_recent(of.t_ns, t_ns);
+            heard.channels += usize::from(recent);
+            let changes_ns = match recent {
+                true => of.t_ns.saturating_add(HORIZON_NS + 1),
+                false if of.t_ns > t_ns => of.t_ns.saturating_sub(HORIZON_NS),
+                false => i64::MAX,
+            };
+            heard.to_ns = heard.to_ns.min(changes_ns);
+        }
+        self.heard = Some(heard);
+        heard.channels
     }
 
     /// It was known and is no more.
@@ -245,7 +294,7 @@ impl CommonChange {
 
     /// The level, by what the channels heard of lately have changed by.
     fn follow(&mut self, t_ns: i64, own: Vector3<f64>) {
-        let recent = |of: &&Channel| of.past.looks > 0.0 && t_ns.abs_diff(of.t_ns) <= HORIZON_NS;
+        let recent = |of: &&Channel| of.past.looks > 0.0 && is_recent(of.t_ns, t_ns);
         let changes: Vec<Vector3<f64>> =
             self.channels.values().filter(recent).map(Channel::change).collect();
         let found = (changes.len() >= FEWEST).then(|| Location::of(&changes, &own));
@@ -311,6 +360,25 @@ mod tests {
 
     fn normal(rng: &mut ChaCha8Rng) -> f64 {
         StandardNormal.sample(rng)
+    }
+
+    #[test]
+    fn property_channels_heard_of_are_counted_as_if_each_time_anew() {
+        let mut rng = ChaCha8Rng::seed_from_u64(11);
+        for disorder_ns in [0, HORIZON_NS / 2, 5 * HORIZON_NS] {
+            let mut of = CommonChange::new(None, Vector3::from(SD), Vector3::from(STEP));
+            let mut now_ns = 0;
+            for _ in 0..3000 {
+                now_ns += match rng.random_range(0..50) {
+                    0 => 2 * HORIZON_NS,
+                    _ => rng.random_range(0..HORIZON_NS / 20),
+                };
+                let t_ns = now_ns - rng.random_range(0..=disorder_ns);
+                of.look(t_ns, rng.random_range(0..12), Vector3::zeros());
+                let recent = |of: &&Channel| is_recent(of.t_ns, t_ns);
+                assert_eq!(of.heard_at(t_ns), of.channels.values().filter(recent).count());
+            }
+        }
     }
 
     /// A head whose channels differ for good by most of the healthy spread.

@@ -5,6 +5,7 @@
 
 use crate::model::inner_product::dot;
 use crate::model::ring_fit::Features;
+use crate::model::simd_math::sin_cos;
 use crate::processor::for_processor;
 use crate::verdict::Appearance;
 
@@ -90,28 +91,25 @@ impl UnknownSignal<'_> {
 const LINES: usize = 16;
 
 for_processor! {
-    /// Energies in `y` of spectral lines with `from`, `from` + 1, .. half cycles, by recurrence.
+    /// Energies in `y` of spectral lines with `from`, `from` + 1, .. half cycles (Goertzel 1958).
     fn energies_of_lines(y: &[f64], from: usize, energies: &mut [f64; LINES]) { energies_at_once }
 }
 
 #[inline(always)] // compiled once per instruction set
 fn energies_at_once(y: &[f64], from: usize, energies: &mut [f64; LINES]) {
     let n = y.len() as f64;
-    let (mut sin, mut cos) = ([0.0; LINES], [0.0; LINES]);
-    for k in 0..LINES {
-        (sin[k], cos[k]) = (std::f64::consts::PI * (from + k) as f64 / n).sin_cos();
-    }
-    let (mut c, mut s) = ([1.0; LINES], [0.0; LINES]);
-    let (mut along_c, mut along_s) = ([0.0; LINES], [0.0; LINES]);
+    let twice_cos: [f64; LINES] =
+        std::array::from_fn(|k| 2.0 * sin_cos(std::f64::consts::PI * (from + k) as f64 / n).1);
+    let (mut last, mut before) = ([0.0; LINES], [0.0; LINES]);
     for v in y {
         for k in 0..LINES {
-            along_c[k] += v * c[k];
-            along_s[k] += v * s[k];
-            (c[k], s[k]) = (c[k] * cos[k] - s[k] * sin[k], s[k] * cos[k] + c[k] * sin[k]);
+            let next = v + twice_cos[k] * last[k] - before[k];
+            (before[k], last[k]) = (last[k], next);
         }
     }
     for k in 0..LINES {
-        energies[k] = 2.0 * (along_c[k] * along_c[k] + along_s[k] * along_s[k]) / n;
+        let square = last[k] * last[k] + before[k] * before[k] - twice_cos[k] * last[k] * before[k];
+        energies[k] = 2.0 * square / n;
     }
 }
 
@@ -120,6 +118,26 @@ mod tests {
     use super::*;
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
+
+    #[test]
+    fn energies_of_lines_are_those_of_their_definition() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(58);
+        for n in [37, 128, 1500] {
+            let y: Vec<f64> = (0..n).map(|_| StandardNormal.sample(&mut rng)).collect();
+            for from in [0, 16, n.min(1024) - LINES] {
+                let mut energies = [0.0; LINES];
+                energies_of_lines(&y, from, &mut energies);
+                for (k, energy) in (from..).zip(energies) {
+                    let angle = |i: usize| std::f64::consts::PI * (k * i) as f64 / n as f64;
+                    let along = |wave: fn(f64) -> f64| -> f64 {
+                        y.iter().enumerate().map(|(i, v)| v * wave(angle(i))).sum()
+                    };
+                    let square = along(f64::cos).powi(2) + along(f64::sin).powi(2);
+                    assert!((energy - 2.0 * square / n as f64).abs() < 1e-8, "{k} of {n}");
+                }
+            }
+        }
+    }
 
     #[test]
     fn each_kind_has_its_name() {

@@ -74,6 +74,8 @@ struct Head {
     placing: Option<Placing>,
     /// May begin windows, but earlier ones may still come.
     waiting: Vec<Burst>,
+    /// Bytes of their samples.
+    waiting_bytes: usize,
     waiting_from_ns: i64,
     open: Vec<Open>,
     /// What comes now from before would have changed a window.
@@ -124,24 +126,31 @@ impl<'a> Learning<'a> {
         let t_ns = burst.t_acq_ns;
         self.latest_ns = self.latest_ns.max(t_ns);
         if let Some(number) = self.number_of(burst) {
-            let head = &mut self.heads[number];
-            if t_ns < head.settled_ns {
-                return Err(out_of_order(&head.key));
-            }
-            if head.progress.is_over(self.learner) {
-                // no later window changes who judges it
-            } else if head.may_begin(t_ns) && t_ns.saturating_add(self.reorder_ns) > self.latest_ns
-            {
-                head.wait(burst);
-                self.due_ns = self.due_ns.min(t_ns.saturating_add(self.reorder_ns));
-                if head.waiting_bytes() > WAITING_BYTES {
-                    self.place_waiting(number, self.latest_ns)?; // at such a rate that is long enough
-                }
-            } else {
-                self.learn(number, burst)?;
-            }
+            self.take_of(number, burst)?;
         }
         if self.latest_ns >= self.due_ns { self.settle() } else { Ok(()) }
+    }
+
+    /// The next burst of a group that needs windows.
+    fn take_of(&mut self, number: usize, burst: &Burst) -> Result<(), PipelineError> {
+        let t_ns = burst.t_acq_ns;
+        let head = &mut self.heads[number];
+        if t_ns < head.settled_ns {
+            return Err(out_of_order(&head.key));
+        }
+        if head.progress.is_over(self.learner) {
+            return Ok(()); // no later window changes who judges it
+        }
+        let sure_ns = t_ns.saturating_add(self.reorder_ns);
+        if !head.may_begin(t_ns) || sure_ns <= self.latest_ns {
+            return self.learn(number, burst);
+        }
+        head.wait(burst);
+        self.due_ns = self.due_ns.min(sure_ns);
+        match head.waiting_bytes > WAITING_BYTES {
+            true => self.place_waiting(number, self.latest_ns), // at such a rate that is long enough
+            false => Ok(()),
+        }
     }
 
     /// There are no more.
@@ -225,6 +234,7 @@ impl<'a> Learning<'a> {
             progress: Progress::start(learner, key),
             placing: None,
             waiting: Vec::new(),
+            waiting_bytes: 0,
             waiting_from_ns: i64::MAX,
             open: Vec::new(),
             settled_ns: i64::MIN,
@@ -309,7 +319,7 @@ impl<'a> Learning<'a> {
     fn place_waiting(&mut self, number: usize, sure_ns: i64) -> Result<(), PipelineError> {
         let head = &mut self.heads[number];
         let mut waiting = std::mem::take(&mut head.waiting);
-        head.waiting_from_ns = i64::MAX;
+        (head.waiting_bytes, head.waiting_from_ns) = (0, i64::MAX);
         waiting.sort_by_key(|burst| burst.t_acq_ns);
         for burst in waiting {
             let t_ns = burst.t_acq_ns;
@@ -386,11 +396,8 @@ impl Head {
 
     fn wait(&mut self, burst: &Burst) {
         self.waiting.push(burst.clone());
+        self.waiting_bytes += burst.samples.len();
         self.waiting_from_ns = self.waiting_from_ns.min(burst.t_acq_ns);
-    }
-
-    fn waiting_bytes(&self) -> usize {
-        self.waiting.iter().map(|burst| burst.samples.len()).sum()
     }
 
     fn open(&mut self, learner: &Learner, window: Window) {
