@@ -119,6 +119,23 @@ fn what_is_finished_is_skipped_and_the_reason_for_what_is_not_is_told() {
 }
 
 #[test]
+fn verdicts_that_were_cut_are_made_again_and_what_was_damaged_stays_damaged() {
+    let house = House::new();
+    record(&house, "rec/a.mcap", &some(0, 3));
+    record(&house, "rec/b.mcap", &some(1, 6));
+    let whole = house.read("rec/b.mcap");
+    house.write("rec/b.mcap", &whole[..whole.len() * 2 / 3]);
+    replay(&house, "rec").exits(3).says("2 judged");
+    let first = results(&house);
+    replay(&house, "rec").exits(3).says("2 skipped");
+    assert_eq!(totals(&house)["damaged"], 1);
+    let verdicts = house.read("out/a.verdicts.parquet");
+    house.write("out/a.verdicts.parquet", &verdicts[..verdicts.len() - 1]);
+    replay(&house, "rec").exits(3).says("1 judged, 1 skipped");
+    assert!(results(&house) == first);
+}
+
+#[test]
 fn of_1000_recordings_with_one_changed_one_is_done_again() {
     let house = House::new();
     let bursts = some(0, 1);
