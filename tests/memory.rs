@@ -3,12 +3,22 @@
 //!
 //! Other tests in the process would be counted with it: work that is measured runs in a process of its own.
 
+use crate::house::House;
+use crate::nights::{record, some};
+use crate::pipeline::sample;
+use inkling::burst::Burst;
+use inkling::io::recording::Recording;
+use inkling::io::{Limits, design_file};
+use inkling::pipeline::{self, Control, Replay};
+use inkling::settings::Settings;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 #[global_allocator]
 static COUNTING: Counting = Counting;
+
+const HOUR_NS: i64 = 3_600_000_000_000;
 
 static HELD: AtomicUsize = AtomicUsize::new(0);
 static MOST: AtomicUsize = AtomicUsize::new(0);
@@ -84,5 +94,39 @@ fn what_is_held_is_counted() {
         assert!((1 << 20..2 << 20).contains(&most), "one after the other: {most}");
         let (_, most) = most_of(|| std::thread::spawn(|| vec![0u8; 1 << 20].len()).join());
         assert!(most >= 1 << 20, "other threads, too: {most}");
+    });
+}
+
+#[test]
+fn judging_a_longer_recording_holds_no_more() {
+    alone("memory::judging_a_longer_recording_holds_no_more", || {
+        let house = House::new();
+        let hour = some(0, 60);
+        let judge = |hours: i64| {
+            let later = |h: i64| {
+                hour.iter().map(move |b| Burst { t_acq_ns: b.t_acq_ns + h * HOUR_NS, ..b.clone() })
+            };
+            let bursts: Vec<Burst> = (0..hours).flat_map(later).collect();
+            record(&house, "long.mcap", &bursts);
+            let (design, digest) = design_file::read(&sample("design.json")).unwrap();
+            let run = Replay {
+                settings: Settings::default(),
+                design: Some(design),
+                design_digest: Some(digest),
+                labels: None,
+                spans: Vec::new(),
+                baselines: None,
+            };
+            let recording = Recording::open(&house.path("long.mcap"), Limits::default()).unwrap();
+            let verdicts = house.path("out/long.verdicts.parquet");
+            let whole = || pipeline::replay(&run, &recording, &verdicts, &Control::default());
+            let (judged, most) = most_of(whole);
+            judged.unwrap();
+            (house.read("long.mcap").len(), most)
+        };
+        let ((short_bytes, of_short), (long_bytes, of_long)) = (judge(4), judge(40));
+        println!("{short_bytes} bytes: {of_short} held; {long_bytes} bytes: {of_long} held");
+        let more = of_long.saturating_sub(of_short);
+        assert!(more < (long_bytes - short_bytes) / 4, "{of_short} and {of_long} held");
     });
 }

@@ -64,10 +64,10 @@ pub fn change(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
 }
 
 /// What reading one of the small files here may hold at once, whatever is claimed in it.
-const MOST_TO_READ: usize = 1 << 26;
+const MOST_TO_READ: usize = 1 << 24;
 
 /// What judging one may.
-const MOST_TO_JUDGE: usize = 1 << 28;
+const MOST_TO_JUDGE: usize = 1 << 26;
 
 /// Reads `times` changed copies of `original`; the first that panics is told by its number.
 fn attack(house: &House, reader: &str, original: &[u8], times: u64) {

@@ -288,6 +288,29 @@ fn warnings_are_told_once_for_all_recordings_and_counted() {
 }
 
 #[test]
+fn what_a_recording_taught_of_temperature_is_a_note_and_no_warning() {
+    let house = House::new();
+    std::fs::create_dir(house.path("rec")).unwrap();
+    for name in ["rec/a.mcap", "rec/b.mcap"] {
+        std::fs::copy(sample("print_run.mcap"), house.path(name)).unwrap();
+    }
+    let said = replay(&house, "rec --identify design").exits(0).stderr();
+    assert_eq!(said.matches("note: ").count(), 1, "{said}");
+    assert!(said.contains("this recording does") && !said.contains("warning: "), "{said}");
+    let run = house.read_json("out/run.json");
+    assert_eq!(
+        (&run["warnings"], &run["notes"][0]["recordings"]),
+        (&Value::Array(vec![]), &2.into())
+    );
+    let of_each = journal(&house);
+    assert!(
+        of_each
+            .iter()
+            .all(|e| e["warnings"] == Value::Array(vec![]) && e["notes"][0]["times"] != 0)
+    );
+}
+
+#[test]
 fn scripts_get_lines_or_silence() {
     let house = House::new();
     record(&house, "rec/a.mcap", &some(0, 3));
