@@ -341,3 +341,31 @@ fn bandwidth(places: &[f64], n: f64) -> f64 {
 
 /// ln (2 pi)^2
 pub const LN_TAU_SQUARED: f64 = 3.675_754_132_818_691;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+
+    #[test]
+    fn severities_of_a_name_are_shared_out_to_the_nodes_whole() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(6);
+        let mut nodes = Node::drawn(50, &mut rng);
+        // from -6 to 6, without a gap
+        for (i, node) in nodes.iter_mut().enumerate() {
+            (node.place, node.length) = (-6.0 + 0.24 * (i as f64 + 0.5), 0.24);
+        }
+        for class in crate::fault::CLASSES {
+            let range = faults::severity_range(class).unwrap();
+            let [low, high] = range.map(|s| faults::scale(class, s).unwrap().clamp(-6.0, 6.0));
+            let shares = of_name(&nodes, class);
+            assert!((shares.iter().sum::<f64>() - (high - low)).abs() < 1e-12, "{class}");
+            for (node, share) in nodes.iter().zip(&shares) {
+                let outside = node.place + 0.12 < low || node.place - 0.12 > high;
+                assert!((0.0..=0.24 + 1e-12).contains(share) && !(outside && *share > 0.0));
+            }
+        }
+        let all = of_name(&nodes, "no name of a range");
+        assert!(all.iter().all(|share| (share - 0.24).abs() < 1e-12));
+    }
+}

@@ -433,6 +433,27 @@ mod tests {
     }
 
     #[test]
+    fn odds_are_those_of_the_densities_and_the_priors() {
+        // more classes than are taken together
+        let densities: Vec<f64> = (0..40).map(|k| -700.0 - 0.1 * f64::from(k % 7)).collect();
+        let priors: Vec<f64> = (0..40).map(|k| 1.0 + f64::from(k % 3)).collect();
+        for temperature in [1.0, 2.5] {
+            let mut weights = densities.clone();
+            to_posterior(temperature, &priors, &mut weights);
+            assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+            for k in 1..40 {
+                let odds = ((densities[k] - densities[0]) / temperature).exp() * priors[k];
+                let found = weights[k] / weights[0] * priors[0];
+                assert!((found / odds - 1.0).abs() < 1e-9, "{k}: {found}, not {odds}");
+            }
+            let mut alike = densities.clone();
+            to_posterior(temperature, &[], &mut alike);
+            let odds = ((densities[6] - densities[0]) / temperature).exp();
+            assert!((alike[6] / alike[0] / odds - 1.0).abs() < 1e-9);
+        }
+    }
+
+    #[test]
     fn posterior_is_calibrated_on_fresh_signals() {
         let held = examples(400, None, 2);
         let posterior = Posterior::learn(&held).unwrap();
