@@ -3,10 +3,11 @@
 //!
 //! Other tests in the process would be counted with it: work that is measured runs in a process of its own.
 
-use crate::house::House;
+use crate::house::{House, root};
 use crate::nights::{record, some};
 use crate::pipeline::sample;
 use inkling::burst::Burst;
+use inkling::io::journal::Journal;
 use inkling::io::recording::Recording;
 use inkling::io::{Limits, design_file};
 use inkling::pipeline::{self, Control, Replay};
@@ -128,5 +129,23 @@ fn judging_a_longer_recording_holds_no_more() {
         println!("{short_bytes} bytes: {of_short} held; {long_bytes} bytes: {of_long} held");
         let more = of_long.saturating_sub(of_short);
         assert!(more < (long_bytes - short_bytes) / 4, "{of_short} and {of_long} held");
+    });
+}
+
+#[test]
+fn a_finished_recording_is_remembered_in_2_kilobytes() {
+    alone("memory::a_finished_recording_is_remembered_in_2_kilobytes", || {
+        let house = House::new();
+        let line = std::fs::read_to_string(root().join("tests/corpus/journal/plain")).unwrap();
+        let remembered = |n: usize| {
+            let of = |i: usize| line.replace("a.verdicts", &format!("{i}/a.verdicts")) + "\n";
+            house.write("journal.jsonl", (0..n).map(of).collect::<String>());
+            let (journal, most) = most_of(|| Journal::read(&house.path(".")).unwrap());
+            assert!(journal.of_result(&format!("{}/a.verdicts.parquet", n - 1)).is_some());
+            most
+        };
+        let each = (remembered(4000) - remembered(1000)) / 3000;
+        println!("{each} bytes each");
+        assert!(each < 2000, "{each} bytes each");
     });
 }

@@ -296,7 +296,9 @@ mod tests {
     fn the_shift_follows_what_is_seen_of_a_fault_and_not_what_is_seen_of_its_end() {
         let after = |z: f32| {
             let mut evidence = Evidence { shift: 10.0, raised: true, ..Evidence::default() };
-            (0..200).for_each(|_| drop(evidence.look_at_faulty(z, f32::INFINITY)));
+            for _ in 0..200 {
+                evidence.look_at_faulty(z, f32::INFINITY);
+            }
             evidence.shift
         };
         for z in [6.0, 9.0, 11.0] {

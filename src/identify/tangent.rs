@@ -126,8 +126,7 @@ mod tests {
             InkChannel { a_per_s2: 6.1e10, b_per_s2: 1.02e11, g_per_s: 1.9e4, d_per_s: 7.1e4 };
         let start = DVector::from_row_slice(&[3e-4, 1e-4, 150.0, 240.0]);
         let decay = |channel: &InkChannel| ring_down(channel, &start, DT_S, 128);
-        let fit =
-            identify(&decay(&CHANNEL), DT_S, 1.0, &GreyBoxSettings::default(), None).unwrap();
+        let fit = identify(&decay(&CHANNEL), DT_S, 1.0, &GreyBoxSettings::default(), None).unwrap();
         let tangent = tangent(&fit, DT_S, 128);
         const BY: f64 = 1e-4;
         let more = |rate: f64| rate * (1.0 + BY);

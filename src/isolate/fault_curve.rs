@@ -509,6 +509,25 @@ mod tests {
     }
 
     #[test]
+    fn the_density_at_a_node_is_that_of_its_scatter_and_the_noise() {
+        use rand::SeedableRng;
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
+        for node in Node::drawn(20, &mut rng) {
+            let [other, noise] = node.variances();
+            assert!(other.iter().chain(&noise).all(|v| *v >= 0.0));
+            // ln of a Gaussian at its mean: -1/2 ln det (2 pi covariance)
+            let back = node.to_axes.try_inverse().unwrap();
+            let variance = node.spread + Vector4::repeat(1.0);
+            let covariance = back * Matrix4::from_diagonal(&variance) * back.transpose();
+            let turns = std::f64::consts::TAU.powi(4);
+            let want = -0.5 * (turns * covariance.determinant()).ln();
+            let found = node.ln_density(&node.mean, Conditions::as_made());
+            assert!((found - want).abs() < 1e-9, "{found}, not {want}");
+            assert!((covariance.diagonal() - other - noise).amax() < 1e-12);
+        }
+    }
+
+    #[test]
     fn the_delay_is_as_measured_where_that_can_be_and_else_as_set() {
         let found = |measured_s: f64, set_s: f64| {
             let fitter = fitter(measured_s);
