@@ -325,6 +325,10 @@ mod tests {
         };
         assert_eq!(after(LOST - 1).at, Vector3::zeros());
         assert_eq!(after(LOST).at, there);
+        // from there on it is the mean of its looks again
+        let mut anew = after(LOST);
+        anew.take(there + sd * 0.1, &sd);
+        assert!((anew.at - there - sd * 0.05).component_div(&sd).amax() < 0.01);
         let mut past = after(LOST - 1);
         past.take(Vector3::zeros(), &sd);
         (0..LOST - 1).for_each(|_| past.take(there, &sd));
