@@ -122,7 +122,8 @@ fn what_is_finished_is_skipped_and_the_reason_for_what_is_not_is_told() {
 fn verdicts_that_were_cut_are_made_again_and_what_was_damaged_stays_damaged() {
     let house = House::new();
     record(&house, "rec/a.mcap", &some(0, 3));
-    record(&house, "rec/b.mcap", &some(1, 6));
+    let in_chunks = WriterOptions { chunk_bytes: Some(20_000), ..WriterOptions::default() };
+    write(&house.path("rec/b.mcap"), &some(1, 12), in_chunks);
     let whole = house.read("rec/b.mcap");
     house.write("rec/b.mcap", &whole[..whole.len() * 2 / 3]);
     replay(&house, "rec").exits(3).says("2 judged");
