@@ -348,6 +348,21 @@ mod tests {
     use rand::SeedableRng;
 
     #[test]
+    fn severities_are_smoothed_in_their_own_unit_and_less_the_more_there_are() {
+        let places = [0.3, 0.5, 0.6, 0.9];
+        let width = bandwidth(&places, 4.0);
+        for (by, off) in [(1.0, 7.0), (3.0, -2.0)] {
+            let moved = places.map(|p| by * p + off);
+            assert!((bandwidth(&moved, 4.0) / (by * width) - 1.0).abs() < 1e-9);
+        }
+        assert!(bandwidth(&places, 400.0) < 0.25 * width);
+        // of two a unit apart the variance is a half
+        let two = bandwidth(&[0.0, 1.0], 1.0);
+        assert!((two * two - 0.5).abs() < 1e-12, "{two}");
+        assert!(bandwidth(&[0.4], 1.0) > 0.0 && bandwidth(&[0.4; 9], 9.0) > 0.0);
+    }
+
+    #[test]
     fn severities_of_a_name_are_shared_out_to_the_nodes_whole() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(6);
         let mut nodes = Node::drawn(50, &mut rng);

@@ -143,6 +143,19 @@ mod tests {
         };
         typical.check(2, 8).unwrap();
         assert!(typical.check(1, 8).is_err());
+        let spoils: [&dyn Fn(&mut Typical); 6] = [
+            &|t| t.directions[0].truncate(7),
+            &|t| t.directions[0][3] = f64::NAN,
+            &|t| t.spread[1].clear(),
+            &|t| t.spread[0][0] = -1.0,
+            &|t| t.spread[0][0] = f64::INFINITY,
+            &|t| t.misfit[1] = 0.0,
+        ];
+        for (k, spoil) in spoils.iter().enumerate() {
+            let mut spoiled = typical.clone();
+            spoil(&mut spoiled);
+            assert!(spoiled.check(2, 8).is_err(), "{k}");
+        }
         let left = along(30.0);
         let of = |k: usize, size: f64| typical.misfit_of(RingMisfit { values: &left, size }, k);
         // 4 of 8 samples of 900 variances: 450 in the mean
