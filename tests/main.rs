@@ -13,7 +13,8 @@ mod hidden; // effects hidden in recordings: named, withheld, scored
 mod hostile; // absurd recordings, covariates, names, designs, places to write to: rows and words, no panic
 mod kills; // killed, locked, out of room, changed while read: nothing mixed, nothing half, the rest judged
 mod measured; // real ring-downs, where they are: shown, named, extended, measured
-mod mutations; // ten thousand changed files: a message or a result, no panic
+mod memory; // how much memory is held at most, counted
+mod mutations; // ten thousand changed files: a message or a result, no panic, bounded memory
 mod nights; // batches: journal, resume, layouts, baselines in their order; nothing done twice or overwritten
 mod open_world; // signals of no class, healthy channels of any shape: plants and measurements
 mod open_world_goals; // what must hold there: nothing gross is healthy, nothing foreign named

@@ -1,8 +1,9 @@
 //! Everything that is read may have been changed by anybody: more than ten thousand changed recordings,
-//! bursts, labels, settings, designs, baselines, tables and journals, each read in this process. A
-//! message or a result, no panic. `tests/corpus/<reader>/` is read likewise.
+//! bursts, labels, settings, designs, baselines, tables and journals, each read in a process of
+//! its own. A message or a result, no panic, and no more memory than is stated. `tests/corpus/<reader>/` is read likewise.
 
 use crate::house::{House, root};
+use crate::memory::{alone, most_of};
 use crate::nights::{record, replay, some};
 use crate::pipeline::{sample, write};
 use crate::readers::READERS;
@@ -62,8 +63,15 @@ pub fn change(bytes: &mut Vec<u8>, random: &mut ChaCha8Rng) {
     }
 }
 
+/// What reading one of the small files here may hold at once, whatever is claimed in it.
+const MOST_TO_READ: usize = 1 << 24;
+
+/// What judging one may.
+const MOST_TO_JUDGE: usize = 1 << 26;
+
 /// Reads `times` changed copies of `original`; the first that panics is told by its number.
 fn attack(house: &House, reader: &str, original: &[u8], times: u64) {
+    let mut greatest = 0;
     let (_, read) = READERS.iter().find(|(name, _)| *name == reader).unwrap();
     let name = if reader == "journal" { "journal.jsonl" } else { reader };
     for i in 0..times {
@@ -71,13 +79,23 @@ fn attack(house: &House, reader: &str, original: &[u8], times: u64) {
         let mut bytes = original.to_vec();
         change(&mut bytes, &mut random);
         let path = house.write(&format!("changed/{name}"), &bytes);
-        let ended = catch_unwind(AssertUnwindSafe(|| read(&path)));
+        let (ended, most) = most_of(|| catch_unwind(AssertUnwindSafe(|| read(&path))));
         assert!(ended.is_ok(), "{reader}: change {i} of {} bytes panics", original.len());
+        assert!(most < MOST_TO_READ, "{reader}: change {i} of {} bytes holds {most}", bytes.len());
+        greatest = greatest.max(most);
     }
+    println!("{reader} of {} kB: {} kB held at most", original.len() >> 10, greatest >> 10);
 }
 
 #[test]
-fn ten_thousand_changed_files_are_read_without_a_panic() {
+fn ten_thousand_changed_files_are_read_without_a_panic_in_bounded_memory() {
+    alone(
+        "mutations::ten_thousand_changed_files_are_read_without_a_panic_in_bounded_memory",
+        changed_files_are_read,
+    );
+}
+
+fn changed_files_are_read() {
     let house = House::new();
     let bursts = some(0, 4);
     let first = inkling::burst::Burst {
@@ -120,7 +138,14 @@ fn ten_thousand_changed_files_are_read_without_a_panic() {
 }
 
 #[test]
-fn changed_recordings_and_designs_are_judged_without_a_panic() {
+fn changed_recordings_and_designs_are_judged_without_a_panic_in_bounded_memory() {
+    alone(
+        "mutations::changed_recordings_and_designs_are_judged_without_a_panic_in_bounded_memory",
+        changed_recordings_are_judged,
+    );
+}
+
+fn changed_recordings_are_judged() {
     let house = House::new();
     // without chunks, and so without their checksums: what is changed is judged
     let plain = WriterOptions { compression: Compression::None, chunk_bytes: None };
@@ -131,7 +156,7 @@ fn changed_recordings_and_designs_are_judged_without_a_panic() {
         let threads = "replay.threads=1".to_owned();
         Settings::load(None, None, &[format!("identify.mode={mode}"), threads]).unwrap()
     };
-    let (mut judged, mut read) = (0, 0);
+    let (mut judged, mut read, mut greatest) = (0, 0, 0);
     for i in 0..400 {
         let mut random = ChaCha8Rng::seed_from_u64(1_000_000 + i);
         let (mut bytes, mut design) = (whole.clone(), text.clone());
@@ -153,18 +178,26 @@ fn changed_recordings_and_designs_are_judged_without_a_panic() {
             baselines: None,
         };
         let verdicts = house.path("out/changed.verdicts.parquet");
-        let ended = catch_unwind(AssertUnwindSafe(|| {
+        let judge = || {
             let recording = Recording::open(&path, Limits::default()).ok()?;
             pipeline::replay(&run, &recording, &verdicts, &Control::default()).ok()
-        }));
+        };
+        let (ended, most) = most_of(|| catch_unwind(AssertUnwindSafe(judge)));
         let Ok(ended) = ended else { panic!("change {i} panics") };
+        assert!(most < MOST_TO_JUDGE, "change {i} holds {most} bytes");
+        greatest = greatest.max(most);
         judged += u64::from(ended.is_some());
     }
+    println!("judged: {} kB held at most", greatest >> 10);
     assert!(judged > 100 && read > 300, "{judged} judged of {read}: the changes are too coarse");
 }
 
 #[test]
-fn the_corpus_is_read_without_a_panic() {
+fn the_corpus_is_read_without_a_panic_in_bounded_memory() {
+    alone("mutations::the_corpus_is_read_without_a_panic_in_bounded_memory", corpus_is_read);
+}
+
+fn corpus_is_read() {
     let house = House::new();
     for (reader, read) in READERS {
         let dir = root().join("tests/corpus").join(reader);
@@ -174,8 +207,9 @@ fn the_corpus_is_read_without_a_panic() {
                 "journal" => house.write("journal.jsonl", std::fs::read(&path).unwrap()),
                 _ => path.clone(),
             };
-            let ended = catch_unwind(|| read(&copy));
+            let (ended, most) = most_of(|| catch_unwind(|| read(&copy)));
             assert!(ended.is_ok(), "{}", path.display());
+            assert!(most < MOST_TO_READ, "{} holds {most}", path.display());
             found += 1;
         }
         assert!(found > 0, "{}: nothing in it", dir.display());

@@ -119,6 +119,24 @@ fn what_is_finished_is_skipped_and_the_reason_for_what_is_not_is_told() {
 }
 
 #[test]
+fn verdicts_that_were_cut_are_made_again_and_what_was_damaged_stays_damaged() {
+    let house = House::new();
+    record(&house, "rec/a.mcap", &some(0, 3));
+    let in_chunks = WriterOptions { chunk_bytes: Some(20_000), ..WriterOptions::default() };
+    write(&house.path("rec/b.mcap"), &some(1, 12), in_chunks);
+    let whole = house.read("rec/b.mcap");
+    house.write("rec/b.mcap", &whole[..whole.len() * 2 / 3]);
+    replay(&house, "rec").exits(3).says("2 judged");
+    let first = results(&house);
+    replay(&house, "rec").exits(3).says("2 skipped");
+    assert_eq!(totals(&house)["damaged"], 1);
+    let verdicts = house.read("out/a.verdicts.parquet");
+    house.write("out/a.verdicts.parquet", &verdicts[..verdicts.len() - 1]);
+    replay(&house, "rec").exits(3).says("1 judged, 1 skipped");
+    assert!(results(&house) == first);
+}
+
+#[test]
 fn of_1000_recordings_with_one_changed_one_is_done_again() {
     let house = House::new();
     let bursts = some(0, 1);
@@ -268,6 +286,29 @@ fn warnings_are_told_once_for_all_recordings_and_counted() {
     assert!(table.contains("5 times in 5 recordings"), "{table}");
     let warnings = &house.read_json("out/run.json")["warnings"];
     assert_eq!((&warnings[0]["times"], &warnings[0]["first"]), (&5.into(), &"0.mcap".into()));
+}
+
+#[test]
+fn what_a_recording_taught_of_temperature_is_a_note_and_no_warning() {
+    let house = House::new();
+    std::fs::create_dir(house.path("rec")).unwrap();
+    for name in ["rec/a.mcap", "rec/b.mcap"] {
+        std::fs::copy(sample("print_run.mcap"), house.path(name)).unwrap();
+    }
+    let said = replay(&house, "rec --identify design").exits(0).stderr();
+    assert_eq!(said.matches("note: ").count(), 1, "{said}");
+    assert!(said.contains("this recording does") && !said.contains("warning: "), "{said}");
+    let run = house.read_json("out/run.json");
+    assert_eq!(
+        (&run["warnings"], &run["notes"][0]["recordings"]),
+        (&Value::Array(vec![]), &2.into())
+    );
+    let of_each = journal(&house);
+    assert!(
+        of_each
+            .iter()
+            .all(|e| e["warnings"] == Value::Array(vec![]) && e["notes"][0]["times"] != 0)
+    );
 }
 
 #[test]

@@ -219,12 +219,22 @@ fn fault_that_grows_slowly_is_not_learned_as_healthy() {
 
     // all of them: windows are refused, and it is the head's
     write(&house.path("all.mcap"), &drying(&original, |_| true), WriterOptions::default());
-    replay("all.mcap", "").exits(3).says("max_damping_drift").says("moved together");
+    let ended = replay("all.mcap", "").exits(3).says("max_damping_drift").says("moved together");
     let summary = house.read_json("out/all.summary.json");
+    let moved: Vec<&str> = summary["warnings"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|of| of["what"].as_str().unwrap().contains("moved together"))
+        .map(|of| of["printhead"].as_str().unwrap())
+        .collect();
+    let told_twice = |p: &&&str| ended.stderr().contains(&format!("window of {p} at"));
+    assert_eq!(moved.iter().find(told_twice), None, "{}", ended.stderr());
     assert!(!summary["refused_windows"].as_array().unwrap().is_empty());
     let followed = late_share(&house, "all", |_| true);
     // had the drying been learned, hardly any would be flagged
-    replay("all.mcap", "--set identify.common_change=false").exits(3);
+    let by_themselves = replay("all.mcap", "--set identify.common_change=false").exits(3);
+    by_themselves.says("from the reference model");
     let alone = late_share(&house, "all", |_| true);
     assert!(followed < 0.1 && alone > 0.5, "{followed} flagged as a head, {alone} by themselves");
 }

@@ -298,6 +298,7 @@ mod tests {
             counts: json!({"signals": 3}),
             damage: Vec::new(),
             warnings: Vec::new(),
+            notes: Vec::new(),
             seconds: 0.1,
             report: "x".into(),
             timings: Vec::new(),

@@ -48,6 +48,7 @@ pub struct Account {
     started: Instant,
     /// Of what was named and is not there, too.
     pub rows: Vec<Row>,
+    pub warnings: Notes,
     pub notes: Notes,
     /// Annotations that this run wrote, also of recordings that were finished before.
     pub annotated: usize,
@@ -81,6 +82,7 @@ struct Run<'a> {
     by: &'a Means,
     totals: &'a Totals,
     warnings: &'a [Note],
+    notes: &'a [Note],
     recordings: &'a [Row],
 }
 
@@ -96,8 +98,14 @@ fn counted(n: u64, what: &str) -> String {
 impl Account {
     /// Of a run that begins now.
     pub fn new() -> Account {
-        let (rows, notes) = (Vec::new(), Notes::default());
-        Account { began: journal::now(), started: Instant::now(), rows, notes, annotated: 0 }
+        Account {
+            began: journal::now(),
+            started: Instant::now(),
+            rows: Vec::new(),
+            warnings: Notes::default(),
+            notes: Notes::default(),
+            annotated: 0,
+        }
     }
 
     pub fn totals(&self) -> Totals {
@@ -140,7 +148,8 @@ impl Account {
             exit: exit as u8,
             by,
             totals: &self.totals(),
-            warnings: &self.notes.list,
+            warnings: &self.warnings.list,
+            notes: &self.notes.list,
             recordings: &self.rows,
         };
         let mut text = serde_json::to_string_pretty(&run)?;
@@ -172,7 +181,7 @@ impl Account {
             totals.seconds,
             thousands(totals.signals_per_s as u64)
         )?;
-        for note in self.notes.list.iter().filter(|note| note.times > 1) {
+        for note in self.warnings.list.iter().filter(|note| note.times > 1) {
             writeln!(
                 out,
                 "  {} times in {}: {}",

@@ -281,16 +281,20 @@ impl Batch<'_> {
         unless_reader_gone(told).map_err(|failure| Stop { end: End::Broken, failure })
     }
 
-    /// Warnings each kind once, then the report.
+    /// Warnings and notes each kind once, then the report.
     fn tell_of(&mut self, this: &Planned, judged: &Judged, entry: &Entry) -> Result<(), Stop> {
         let label = printable_path(&this.placed.label());
-        for told in entry.damage.iter().chain(&entry.warnings) {
-            if self.account.notes.add(&label, told) {
-                let more = match told.times {
-                    1 => String::new(),
-                    n => format!(" ({n} times; all in its summary.json)"),
+        let Account { warnings, notes, .. } = &mut self.account;
+        let warned = entry.damage.iter().chain(&entry.warnings).map(|told| ("warning", told));
+        for (kind, told) in warned.chain(entry.notes.iter().map(|told| ("note", told))) {
+            let of_kind = if kind == "note" { &mut *notes } else { &mut *warnings };
+            if of_kind.add(&label, told) {
+                let more = match (told.times, kind) {
+                    (1, _) => String::new(),
+                    (n, "note") => format!(" ({n} times)"),
+                    (n, _) => format!(" ({n} times; all in its summary.json)"),
                 };
-                self.progress.say(&format!("warning: {label}: {}{more}", told.what));
+                self.progress.say(&format!("{kind}: {label}: {}{more}", told.what));
             }
         }
         if self.timings {

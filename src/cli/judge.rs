@@ -64,6 +64,7 @@ pub struct Judged {
     pub counts: Value,
     pub damage: Vec<Told>,
     pub warnings: Vec<Told>,
+    pub notes: Vec<Told>,
     pub seconds: f64,
     /// What is said of it, and where the time went; lines.
     pub report: String,
@@ -88,6 +89,7 @@ impl Judged {
             counts: json!(report.tally.counts),
             damage: notes::damage(&report),
             warnings: notes::warnings(&report),
+            notes: notes::notes(&report),
             seconds: report.seconds,
             report: String::from_utf8_lossy(&text).into_owned(),
             timings: report::timings(&report),

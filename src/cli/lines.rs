@@ -38,6 +38,7 @@ impl Planned {
             counts: judged.counts.clone(),
             damage: judged.damage.clone(),
             warnings: judged.warnings.clone(),
+            notes: judged.notes.clone(),
             seconds: judged.seconds,
         }
     }
@@ -57,6 +58,7 @@ impl Planned {
             counts: Value::Null,
             damage: Vec::new(),
             warnings: Vec::new(),
+            notes: Vec::new(),
             seconds: 0.0,
         }
     }

@@ -87,19 +87,26 @@ fn counted(all: impl Iterator<Item = (String, String)>) -> Vec<Told> {
     list
 }
 
-/// What to know about a recording's verdicts.
+/// What makes a recording's verdicts less certain, or fewer.
 pub fn warnings(report: &RecordingReport) -> Vec<Told> {
     let of = |printhead: &str| printable::cell(printhead);
-    let refused = report.refusals.iter().map(|refusal| {
+    // a drift of all channels is told of the printhead, with what it means
+    let has_moved = |printhead: &str| report.moved_beyond.iter().any(|p| **p == *printhead);
+    let refusals = report.refusals.iter().filter(|r| !(r.drifted && has_moved(&r.printhead)));
+    let refused = refusals.map(|refusal| {
         let from = DateTime::from_timestamp_nanos(refusal.from_ns).format("%Y-%m-%d %H:%M:%S");
         (format!("window of {} at {from}: ", of(&refusal.printhead)), refusal.why.clone())
     });
-    let learned = report.learned_temperature.iter().map(|(printhead, what)| {
-        let says = "the design does not know what temperature does, this recording does";
-        (format!("{}: ", of(printhead)), format!("{says}: {what}"))
-    });
     let warned = report.warnings.iter().map(|(p, what)| (format!("{}: ", of(p)), what.clone()));
-    counted(refused.chain(learned).chain(warned))
+    counted(refused.chain(warned))
+}
+
+/// What was done about what the design does not know.
+pub fn notes(report: &RecordingReport) -> Vec<Told> {
+    counted(report.learned_temperature.iter().map(|(printhead, what)| {
+        let says = "the design does not know what temperature does, this recording does";
+        (format!("{}: ", printable::cell(printhead)), format!("{says}: {what}"))
+    }))
 }
 
 pub fn damage(report: &RecordingReport) -> Vec<Told> {

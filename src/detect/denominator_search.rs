@@ -121,3 +121,77 @@ fn misses(
     let threshold = *h.select_nth_unstable_by(at, f64::total_cmp).1;
     (0..faulty.len()).filter(|&i| judged(i) && faulty[i] <= threshold).count()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    const DT_S: f64 = 0.8e-6;
+    const RESONANCE_HZ: f64 = 60e3;
+
+    /// What takes a ring at the resonance away.
+    fn numerator() -> Vec<f64> {
+        let pair = Complex::new(-3e4, TAU * RESONANCE_HZ);
+        let real = Complex::new(-1e5, 0.0);
+        poles::from_poles(&[pair, pair.conj(), real, real], DT_S)
+    }
+
+    /// Noise, with a ring of its own of this size.
+    fn signals(n: usize, size: f64, seed: u64) -> Vec<Vec<f64>> {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+        let mut of = |k: usize| {
+            let noise: f64 = StandardNormal.sample(&mut rng);
+            noise + size * (TAU * 1.1 * RESONANCE_HZ * DT_S * k as f64).sin()
+        };
+        (0..n).map(|_| (0..100).map(&mut of).collect()).collect()
+    }
+
+    #[test]
+    fn each_fault_is_held_out_once_and_missed_where_nothing_is_to_be_seen() {
+        let healthy = signals(40, 0.0, 1);
+        let found = |faulty: &[Vec<f64>]| {
+            search(&numerator(), RESONANCE_HZ, &healthy, faulty, DT_S).unwrap()
+        };
+        let nothing = vec![vec![0.0; 100]; 83];
+        let of_nothing = found(&nothing);
+        assert_eq!((of_nothing.cross_validated, of_nothing.method_one), (83.0, 83.0));
+        let plain = found(&signals(83, 100.0, 2));
+        assert_eq!((plain.cross_validated, plain.method_one), (0.0, 0.0));
+    }
+
+    #[test]
+    fn what_is_chosen_misses_least_of_all_that_are_tried() {
+        let (healthy, faulty) = (signals(60, 0.0, 3), signals(60, 0.6, 4));
+        let found = search(&numerator(), RESONANCE_HZ, &healthy, &faulty, DT_S).unwrap();
+        let missed = |choice: &Choice| {
+            let generator = choice.generator(&numerator(), DT_S).unwrap();
+            let of = |all: &[Vec<f64>]| all.iter().map(|d| generator.energy(d)).collect();
+            misses(&(of(&healthy), of(&faulty)), |_| true, |_| true)
+        };
+        let (least, mut all) = (missed(&found.choice), Vec::new());
+        for frequency in FREQUENCIES {
+            for damping_per_s in DAMPINGS_PER_S {
+                for other_per_s in OTHER_POLES_PER_S {
+                    let frequency_hz = frequency * RESONANCE_HZ;
+                    all.push(missed(&Choice { frequency_hz, damping_per_s, other_per_s }));
+                }
+            }
+        }
+        assert_eq!(Some(&least), all.iter().min());
+        assert!(all.iter().max() > Some(&least), "the denominators differ");
+    }
+
+    #[test]
+    fn a_fault_is_missed_at_the_threshold_that_the_rate_of_false_alarms_sets() {
+        // of 2000 healthy ones two lie above
+        let healthy: Vec<f64> = (0..2000).map(f64::from).collect();
+        let faulty = vec![1996.5, 1997.0, 1997.5, 3000.0];
+        let both = (healthy, faulty);
+        assert_eq!(misses(&both, |_| true, |_| true), 2);
+        assert_eq!(misses(&both, |_| true, |i| i > 0), 1, "of those that are judged");
+        assert_eq!(misses(&both, |i| i < 10, |_| true), 0, "by those that it is learned from");
+        assert_eq!(misses(&both, |_| false, |_| true), 4, "by nobody");
+    }
+}

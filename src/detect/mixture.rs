@@ -468,3 +468,31 @@ fn within(mut at: DVector<f64>) -> DVector<f64> {
     }
     at
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faults_of_any_size_are_alike_where_they_are_large_and_fade_where_they_are_small() {
+        let p = &*OF_ANY_SIZE;
+        assert!((p.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        let slopes: Vec<f64> = (1..BINS).map(|i| (p[i] / p[i - 1]).ln() / STEP).collect();
+        assert!(slopes.is_sorted_by(|before, after| before >= after));
+        // per ln of the statistic: as the volume of three dimensions, then not at all
+        assert!(slopes.iter().all(|slope| (0.0..=1.5).contains(slope)));
+        assert!(slopes[0] > 1.0 && slopes[BINS - 2] < 0.1, "{} {}", slopes[0], slopes[BINS - 2]);
+    }
+
+    #[test]
+    fn what_lies_within_its_ranges_stays_and_what_does_not_comes_to_their_ends() {
+        let n = LAW + 2 * OF_KIND;
+        let [low, high] = [-1e9, 1e9].map(|far| within(DVector::from_element(n, far)));
+        for share in [0.0, 0.3, 1.0] {
+            let inside = &low + (&high - &low) * share;
+            assert!((within(inside.clone()) - inside).amax() < 1e-12);
+        }
+        assert!((0..n).all(|k| low[k] < high[k] && high[k] - low[k] < 100.0));
+        assert!(within(DVector::zeros(n)).iter().all(|v| v.is_finite()));
+    }
+}

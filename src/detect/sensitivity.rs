@@ -300,6 +300,29 @@ mod tests {
     }
 
     #[test]
+    fn the_spread_that_is_learned_is_the_channels_alone_at_any_drive() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let tangent = DMatrix::from_fn(64, 3, |i, j| ((i * (j + 1)) as f64 * 0.1).sin() * 100.0);
+        let sensitivity = Sensitivity::new(&tangent, 10.0).unwrap();
+        let sds = [0.02, 0.05, 0.03];
+        for drive in [0.5, 1.0, 2.0] {
+            let mut signal = || {
+                let theta = sds.map(|sd| sd * normal());
+                let moved = |k: usize| -> f64 { (0..3).map(|j| tangent[(k, j)] * theta[j]).sum() };
+                let d: Vec<f64> = (0..64).map(|k| drive * moved(k) + 10.0 * normal()).collect();
+                (sensitivity.features(&d, drive), drive)
+            };
+            let features: Vec<(Vector3<f64>, f64)> = (0..6000).map(|_| signal()).collect();
+            let learned = sensitivity.clone().with_spread(&features);
+            for (k, sd) in sds.iter().enumerate() {
+                let ratio = learned.spread[k][k] / (sd * sd);
+                assert!((ratio - 1.0).abs() < 0.25, "{ratio} of feature {k} at {drive}");
+            }
+        }
+    }
+
+    #[test]
     fn mean_distance_of_healthy_signals_is_what_their_covariance_says() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(2);
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };

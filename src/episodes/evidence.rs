@@ -293,6 +293,22 @@ mod tests {
     }
 
     #[test]
+    fn the_shift_follows_what_is_seen_of_a_fault_and_not_what_is_seen_of_its_end() {
+        let after = |z: f32| {
+            let mut evidence = Evidence { shift: 10.0, raised: true, ..Evidence::default() };
+            for _ in 0..200 {
+                evidence.look_at_faulty(z, f32::INFINITY);
+            }
+            evidence.shift
+        };
+        for z in [6.0, 9.0, 11.0] {
+            assert!((after(z) - z).abs() < 1e-3, "{}, not {z}", after(z));
+        }
+        assert_eq!(after(4.0), 10.0);
+        assert_eq!(after(1e3), LARGEST_SHIFT);
+    }
+
+    #[test]
     fn fault_is_raised_within_a_few_looks_and_ended_soon_after_it_is_gone() {
         let bound = 16.0;
         let mut source = source(2);

@@ -665,7 +665,9 @@ mod tests {
                     named.push(Named { row, weights: vec![0.2, 0.7, 0.1], ..Named::default() });
                 }
             }
-            let own = (0..37).map(|row| row % 3 == 0 && step > 150).collect();
+            let own = (0..37)
+                .map(|row| row % 3 == 0 && step > 150 || (60..120).contains(&step))
+                .collect();
             let model = (step / 90) as u16;
             let in_medians = [7.0, 56.0, 3.5, 28.0][usize::from(model)];
             let t_ns = step * 1_000_000_000;

@@ -381,6 +381,47 @@ mod tests {
         }
     }
 
+    #[test]
+    fn a_channel_that_stays_elsewhere_is_at_home_there_and_a_fault_that_passes_is_forgotten() {
+        let sd = Vector3::from(SD);
+        let there = sd * 20.0;
+        let after = |looks: u32| {
+            let mut past = Past::begins(Vector3::zeros());
+            (0..PAST as usize).for_each(|_| past.take(Vector3::zeros(), &sd));
+            (0..looks).for_each(|_| past.take(there, &sd));
+            past
+        };
+        assert_eq!(after(LOST - 1).at, Vector3::zeros());
+        assert_eq!(after(LOST).at, there);
+        // from there on it is the mean of its looks again
+        let mut anew = after(LOST);
+        anew.take(there + sd * 0.1, &sd);
+        assert!((anew.at - there - sd * 0.05).component_div(&sd).amax() < 0.01);
+        let mut past = after(LOST - 1);
+        past.take(Vector3::zeros(), &sd);
+        (0..LOST - 1).for_each(|_| past.take(there, &sd));
+        assert_eq!(past.at, Vector3::zeros(), "not in a row");
+    }
+
+    #[test]
+    fn a_past_of_a_single_look_says_nothing_of_their_scatter() {
+        let mut rng = ChaCha8Rng::seed_from_u64(11);
+        let mut past = |n: usize| {
+            let first: Vec<Vector3<f64>> =
+                (0..n).map(|_| Vector3::from_fn(|k, _| SD[k] * normal(&mut rng))).collect();
+            let at = first.iter().sum::<Vector3<f64>>() / n as f64;
+            Past { first, ..Past::begins(at) }
+        };
+        let mut pasts: Vec<Past> = [1, 40, 1, 50, 1, 60].map(&mut past).into();
+        let mut of: Vec<&mut Past> = pasts.iter_mut().collect();
+        let all = [0, 1, 2].map(|k| scatter_of(&of, k));
+        of.retain(|past| past.first.len() > 1);
+        for k in 0..3 {
+            assert_eq!(all[k], scatter_of(&of, k));
+            assert!((all[k] / SD[k] - 1.0).abs() < 0.25, "{}, not {}", all[k], SD[k]);
+        }
+    }
+
     /// A head whose channels differ for good by most of the healthy spread.
     struct Head {
         lasting: Vec<Vector3<f64>>,

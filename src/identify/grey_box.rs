@@ -490,6 +490,30 @@ mod tests {
     }
 
     #[test]
+    fn rates_and_their_coordinates_are_each_others_inverse_within_the_bounds() {
+        let (y, settings) = (decay(), GreyBoxSettings::default());
+        let problem = Problem::new(&y, DT_S, 1.0, &settings);
+        for theta in [[0.0, 0.0, 0.0], [0.3, -0.2, 0.5], [-1.0, 0.7, -0.4]].map(Vector3::from) {
+            let back = problem.theta(&problem.channel(&theta));
+            assert!((back - theta).amax() < 1e-12, "{back}");
+        }
+        let far = problem.theta(&problem.channel(&Vector3::new(9.0, -9.0, 9.0)));
+        assert_eq!(far, Vector3::new(1.0, -1.0, 1.0) * problem.bound);
+    }
+
+    #[test]
+    fn a_bound_stops_what_would_go_beyond_it_and_nothing_else() {
+        let (y, settings) = (decay(), GreyBoxSettings::default());
+        let problem = Problem::new(&y, DT_S, 1.0, &settings);
+        let gradient = Vector3::new(1.0, -2.0, 3.0);
+        let at = |theta: f64| problem.projected(&Vector3::repeat(theta), &gradient);
+        // the cost falls against the gradient
+        assert_eq!(at(0.0), gradient);
+        assert_eq!(at(problem.bound), Vector3::new(1.0, 0.0, 3.0));
+        assert_eq!(at(-problem.bound), Vector3::new(0.0, -2.0, 0.0));
+    }
+
+    #[test]
     fn planted_poles_come_back_from_a_clean_decay() {
         let fit = identify(&decay(), DT_S, 0.0, &GreyBoxSettings::default(), None).unwrap();
         let truth = poles_of(PLANTED.cubic()).unwrap();

@@ -182,6 +182,23 @@ mod tests {
     }
 
     #[test]
+    fn however_many_are_offered_memory_is_that_of_the_capacity() {
+        let (samples, capacity) = (16, 64);
+        let mut r = Reservoir::new(samples, capacity);
+        let mut refused = 0;
+        for i in 0..100 * capacity {
+            let (t, channel) = (1_000 * (i as i64 / 50), i as u32 % 50);
+            refused += usize::from(!r.may_keep(t, channel));
+            r.offer(beside(t, channel), &[i as f64; 16], f64::NAN);
+        }
+        assert_eq!(r.offered, 100 * capacity as u64);
+        // a quarter more is held before the worst go, and a vector doubles
+        assert!(r.bytes() <= 2 * (capacity + capacity / 4 + 1) * samples * size_of::<f32>());
+        assert!(refused > 90 * capacity, "most need not be decoded: {refused}");
+        assert_eq!(r.into_set(None).len(), capacity);
+    }
+
+    #[test]
     fn repeats_of_one_burst_are_told_apart_by_their_samples() {
         let offer = |values: &[f64]| {
             let mut r = Reservoir::new(1, 2);

@@ -110,3 +110,40 @@ pub fn pole_changes(
         (up.frequency_hz - down.frequency_hz) / (2.0 * h * fit.poles.frequency_hz),
     ))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::GreyBoxSettings;
+    use super::super::grey_box::identify;
+    use super::*;
+    use crate::model::InkChannel;
+    use crate::model::ring_down::ring_down;
+
+    #[test]
+    fn a_change_of_the_rates_is_found_in_the_poles_that_it_moves() {
+        const DT_S: f64 = 0.8e-6;
+        const CHANNEL: InkChannel =
+            InkChannel { a_per_s2: 6.1e10, b_per_s2: 1.02e11, g_per_s: 1.9e4, d_per_s: 7.1e4 };
+        let start = DVector::from_row_slice(&[3e-4, 1e-4, 150.0, 240.0]);
+        let decay = |channel: &InkChannel| ring_down(channel, &start, DT_S, 128);
+        let fit = identify(&decay(&CHANNEL), DT_S, 1.0, &GreyBoxSettings::default(), None).unwrap();
+        let tangent = tangent(&fit, DT_S, 128);
+        const BY: f64 = 1e-4;
+        let more = |rate: f64| rate * (1.0 + BY);
+        for moved in [
+            InkChannel { a_per_s2: more(CHANNEL.a_per_s2), ..CHANNEL },
+            InkChannel { b_per_s2: more(CHANNEL.b_per_s2), ..CHANNEL },
+            InkChannel { g_per_s: more(CHANNEL.g_per_s), ..CHANNEL },
+            InkChannel { d_per_s: more(CHANNEL.d_per_s), ..CHANNEL },
+        ] {
+            let (was, now) = (CHANNEL.poles().unwrap(), moved.poles().unwrap());
+            let direction: Vec<f64> =
+                decay(&moved).iter().zip(&decay(&CHANNEL)).map(|(z, y)| (z - y) / BY).collect();
+            let (damping, frequency) = pole_changes(&fit, &tangent, &direction).unwrap();
+            let true_damping = (now.damping_per_s / was.damping_per_s - 1.0) / BY;
+            let true_frequency = (now.frequency_hz / was.frequency_hz - 1.0) / BY;
+            assert!((damping - true_damping).abs() < 0.01, "{damping}, not {true_damping}");
+            assert!((frequency - true_frequency).abs() < 0.01, "{frequency}, not {true_frequency}");
+        }
+    }
+}

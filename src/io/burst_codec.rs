@@ -343,6 +343,14 @@ mod tests {
             (TooLarge, |m| (m.channels, m.samples_per_channel) = (65_536, 65_536)),
             (TooLarge, |m| m.channels = u32::MAX),
         ];
+        let named = |bytes: usize| {
+            let mut of_name = message();
+            of_name.printhead = "x".repeat(bytes);
+            decode(&of_name)
+        };
+        assert_eq!(usable(named(1024)).printhead.len(), 1024);
+        let too_long = named(1025);
+        assert!(matches!(&too_long, Acquisition::Unusable(u) if u.why == TooLarge));
         for (reason, change) in changes {
             let unusable = why(change);
             assert_eq!(unusable.why, reason);

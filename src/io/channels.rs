@@ -267,3 +267,30 @@ impl Channel {
         Some(foreign.plan.get_or_init(|| Planned { number, plan }))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::dialect::settings::Dialect;
+    use super::*;
+
+    #[test]
+    fn schemas_are_kept_for_dialects_up_to_64_mib() {
+        let dialect: Dialect = serde_json::from_value(serde_json::json!({
+            "topic": "**", "samples": "data", "channels": 2, "period_s": 1e-6, "printhead": "p"
+        }))
+        .unwrap();
+        let data = vec![0; 20 << 20];
+        let kept = |dialects: &Dialects| {
+            let mut channels = Channels::new(dialects);
+            for id in 1..=5 {
+                let record =
+                    SchemaRecord { id, name: "acme.Wave", encoding: "protobuf", data: &data };
+                channels.define_schema(record).unwrap();
+            }
+            assert_eq!(channels.schemas.len(), 5, "known all the same");
+            channels.schemas.values().filter(|schema| schema.whole.is_some()).count()
+        };
+        assert_eq!(kept(&Dialects::new(&[dialect]).unwrap()), 3);
+        assert_eq!(kept(&Dialects::default()), 0, "nobody needs them");
+    }
+}

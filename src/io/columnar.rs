@@ -8,7 +8,7 @@ use super::Limits;
 use super::ipc_sizes;
 use super::matrix::Matrix;
 use super::numpy::gathered;
-use super::parquet_file::ParquetFile;
+use super::parquet_file::{self, ParquetFile};
 use super::regular_file;
 use super::table_file::{Chosen, Columns, Rows, Table, TableError, choose_columns};
 use super::unpanicked::unpanicked;
@@ -91,7 +91,7 @@ fn open(path: &Path, kind: FileKind) -> Result<(SchemaRef, Batches), TableError>
             let options = ArrowReaderOptions::new();
             let reader = ParquetFile::open(file, options)
                 .and_then(|builder| builder.with_batch_size(BATCH_ROWS).build())
-                .map_err(|e| damaged(&e))?;
+                .map_err(|e| damaged(&parquet_file::words(&e)))?;
             (arrow_array::RecordBatchReader::schema(&reader), Box::new(reader))
         }
     })

@@ -108,6 +108,9 @@ pub struct Entry {
     pub counts: Value,
     pub damage: Vec<Told>,
     pub warnings: Vec<Told>,
+    /// What to know that is no fault of anything.
+    #[serde(default)]
+    pub notes: Vec<Told>,
     pub seconds: f64,
 }
 
@@ -261,6 +264,7 @@ mod tests {
             counts: json!({"signals": 3}),
             damage: Vec::new(),
             warnings: Vec::new(),
+            notes: Vec::new(),
             seconds: 0.25,
         }
     }

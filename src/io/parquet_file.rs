@@ -4,13 +4,15 @@
 //! header that claims more than there is: the reader itself skips what a damaged header claims as if it were there, for
 //! hours if it claims much (found by fuzzing; parquet 59).
 
-use super::thrift_claims::{self, Stop};
+use super::parquet_claims;
+use super::thrift::Stop;
 use bytes::Bytes;
 use parquet::arrow::arrow_reader::{
     ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReaderBuilder,
 };
+use parquet::basic::Compression;
 use parquet::errors::ParquetError;
-use parquet::file::metadata::{ParquetMetaData, RowGroupMetaData};
+use parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaData, RowGroupMetaData};
 use parquet::file::reader::{ChunkReader, Length};
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
@@ -46,29 +48,46 @@ impl ParquetFile {
         let bytes = u64::from(u32::from_le_bytes([a, b, c, d]));
         let (Some(start), b"PAR1") = (end.checked_sub(bytes), &magic) else { return Ok(()) };
         file.seek(SeekFrom::Start(start))?;
-        thrift_claims::footer(BufReader::new(file).take(bytes), bytes)
+        parquet_claims::footer(BufReader::new(file).take(bytes), bytes)
             .map_err(|_| io::Error::other("its footer contradicts itself"))
     }
 
     fn check_pages(&self, metadata: &ParquetMetaData) -> io::Result<()> {
-        for column in metadata.row_groups().iter().flat_map(RowGroupMetaData::columns) {
-            let (start, bytes) = column.byte_range();
-            let (mut at, end) = (start, start.saturating_add(bytes));
-            while at < end {
-                let mut file = &self.0;
-                file.seek(SeekFrom::Start(at))?;
-                let header = BufReader::with_capacity(PAGE_HEADER_BYTES, file).take(end - at);
-                match thrift_claims::page(header) {
-                    Ok(bytes) => at = at.saturating_add(bytes),
-                    Err(Stop::Unread) => break, // the reader says so
-                    Err(Stop::Beyond) => {
-                        let what = format!("byte {at}: a page claims more than it holds");
-                        return Err(io::Error::other(what));
-                    }
+        let groups = metadata.row_groups().iter();
+        groups.flat_map(RowGroupMetaData::columns).try_for_each(|column| self.check_column(column))
+    }
+
+    /// Pages from its beginning to its end, and no more values in them than the footer says.
+    fn check_column(&self, column: &ColumnChunkMetaData) -> io::Result<()> {
+        let (start, bytes) = column.byte_range();
+        let (mut at, end) = (start, start.saturating_add(bytes));
+        let compressed = column.compression() != Compression::UNCOMPRESSED;
+        let mut left = u64::try_from(column.num_values()).unwrap_or(0);
+        while at < end {
+            let wrong = |stop| match stop {
+                Stop::Unread => io::Error::other(format!("byte {at}: no page begins here")),
+                Stop::Beyond => {
+                    io::Error::other(format!("byte {at}: a page claims more than it holds"))
                 }
+            };
+            let mut file = &self.0;
+            file.seek(SeekFrom::Start(at))?;
+            let header = BufReader::with_capacity(PAGE_HEADER_BYTES, file).take(end - at);
+            let page = parquet_claims::page(header, compressed).map_err(wrong)?;
+            if !page.is_dictionary {
+                left = left.checked_sub(page.values).ok_or_else(|| wrong(Stop::Beyond))?;
             }
+            at = at.saturating_add(page.header_bytes + page.stored_bytes);
         }
         Ok(())
+    }
+}
+
+/// What the library says, without its own word for what it did not find itself.
+pub fn words(error: &ParquetError) -> String {
+    match error {
+        ParquetError::External(own) => own.to_string(),
+        of_library => format!("Parquet: {of_library}"),
     }
 }
 

@@ -6,6 +6,7 @@
 pub use super::column_types::TimestampUnit;
 pub use super::verdict_columns::TableOptions;
 
+use super::parquet_file;
 use super::part_file::{CompleteFile, PartFile};
 use super::verdict_chunk::Chunk;
 use super::verdict_columns::{ROW_GROUP_ROWS, columns, properties, schema};
@@ -33,7 +34,7 @@ pub enum TableError {
     Io { path: PathBuf, source: std::io::Error },
     #[error("{path}: damaged Parquet file; replay the recording again")]
     Damaged { path: PathBuf },
-    #[error("{path}: Parquet: {source}")]
+    #[error("{path}: {}", parquet_file::words(source))]
     Parquet { path: PathBuf, source: ParquetError },
     #[error("{path}: damaged Parquet file ({source}); replay the recording again")]
     Unread { path: PathBuf, source: ArrowError },

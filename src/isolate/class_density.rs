@@ -501,6 +501,22 @@ mod tests {
         assert!(
             ClassDensity::learn(&draw(1, Sizes::Even), &noise(), Some(&pooled), false).is_some()
         );
+        // of one example nothing but the pooled spread is known; of many it no longer counts
+        let spread = |n: usize, more: f64| {
+            let learned = ClassDensity::learn(
+                &draw(n, Sizes::Gaussian),
+                &noise(),
+                Some(&(&pooled * more)),
+                false,
+            );
+            let density = learned.unwrap();
+            let there: Vec<f64> = density.mean().to_vec();
+            // ln of the density at the mean falls by ln 2 for each of two axes that is twice as wide
+            density.ln_density(&there)
+        };
+        let narrower = spread(1, 1.0) - spread(1, 4.0);
+        assert!((narrower - 4_f64.ln()).abs() < 1e-9, "{narrower}");
+        assert!(spread(400, 1.0) - spread(400, 4.0) < 0.02);
         assert!(ClassDensity::learn(&draw(1, Sizes::Even), &noise(), None, false).is_none());
         assert!(ClassDensity::learn(&[], &noise(), Some(&pooled), false).is_none());
     }

@@ -199,6 +199,23 @@ mod tests {
     }
 
     #[test]
+    fn what_is_not_named_keeps_its_candidate_and_only_what_it_says_changes() {
+        let weights = [0.0, 0.1, 0.1, 0.8, 0.0, 0.0];
+        let named = rule(0.8).decide(&weights);
+        let unnamed = named.unnamed();
+        assert!(unnamed.is_uncertain());
+        let (said, kept) =
+            ((unnamed.fault, unnamed.category), (unnamed.candidate, unnamed.certainty));
+        assert_eq!((said, kept), ((None, None), (named.candidate, named.certainty)));
+        assert_eq!(unnamed.likeness, Likeness::Known);
+        assert_eq!(named.of_unknown_fault(), Decision { likeness: Likeness::NoClass, ..unnamed });
+        // of a category as certain as two classes together, that of the best one alone
+        let both = rule(0.8).decide(&[0.1, 0.0, 0.0, 0.5, 0.4, 0.0]);
+        let alone = both.certain_of_class(&[0.1, 0.0, 0.0, 0.5, 0.4, 0.0]);
+        assert_eq!(alone, Decision { certainty: Some(0.5), ..both });
+    }
+
+    #[test]
     fn a_category_may_be_certain_where_the_class_is_not() {
         let d = rule(0.8).decide(&[0.1, 0.0, 0.0, 0.5, 0.4, 0.0]);
         assert_eq!((d.candidate, d.fault, d.category), (Some(3), None, Some(2)));

@@ -444,3 +444,104 @@ impl Node {
         (0..n).filter_map(node).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::ring::Ring;
+
+    const DT_S: f64 = 0.8e-6;
+    const SAMPLES: usize = 120;
+    const NOISE: f64 = 12.0;
+    const TRUE: Healthy = Healthy {
+        channel: InkChannel { a_per_s2: 6.0e10, b_per_s2: 1.0e11, g_per_s: 1.7e4, d_per_s: 7.5e4 },
+        actuation: Actuation { pulse_s: 8.5e-6, delay_s: 5e-6 },
+    };
+
+    /// Of the ring of the true channel, as it would be measured so long after the pulse.
+    fn fitter(delay_s: f64) -> RingFitter {
+        let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = TRUE.channel;
+        let actuation = Actuation { delay_s, ..TRUE.actuation };
+        let x = actuation.acquisition_state(&TRUE.channel, 1.0);
+        let volume = x[0] + x[1];
+        let flows = [-a * volume - g * x[2], -b * volume - d * x[3]];
+        let y = x[2] + x[3];
+        let state = [y, flows[0] + flows[1], -(a + b) * y - g * flows[0] - d * flows[1]];
+        let ring = Ring::new(TRUE.channel.poles().unwrap(), state).unwrap();
+        RingFitter::new(ring, DT_S, SAMPLES)
+    }
+
+    /// The belief with one of its parameters (ln a, ln b, ln g, ln d, ln pulse) off by so much.
+    fn off(j: usize, by: f64) -> Healthy {
+        let mut believed = TRUE;
+        let Healthy { channel: c, actuation } = &mut believed;
+        let all = [
+            &mut c.a_per_s2,
+            &mut c.b_per_s2,
+            &mut c.g_per_s,
+            &mut c.d_per_s,
+            &mut actuation.pulse_s,
+        ];
+        *all.into_iter().nth(j).unwrap() *= by.exp();
+        believed
+    }
+
+    #[test]
+    fn slopes_by_errors_of_belief_are_those_of_whoever_believes_otherwise() {
+        let fitter = fitter(TRUE.actuation.delay_s);
+        let mean = |believed: Healthy, class: &str, place: f64| {
+            let mut simulator =
+                FaultSimulator::new(&fitter, believed, NOISE, DT_S, SAMPLES).unwrap();
+            simulator.point(class, place).unwrap()
+        };
+        for class in crate::fault::CLASSES {
+            let [low, high] = faults::severity_range(class).unwrap();
+            let place = faults::scale(class, low + 0.1 * (high - low)).unwrap();
+            let point = mean(TRUE, class, place);
+            for j in 0..CHANGES {
+                const BY: f64 = 0.004;
+                let [up, down] = [BY, -BY].map(|by| mean(off(j, by), class, place).mean);
+                let found = turned(up - down) / (2.0 * BY);
+                let error = (found - point.belief_slope.column(j)).norm();
+                assert!(error < 0.01, "{class} by {j}: {error}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_density_at_a_node_is_that_of_its_scatter_and_the_noise() {
+        use rand::SeedableRng;
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
+        for node in Node::drawn(20, &mut rng) {
+            let [other, noise] = node.variances();
+            assert!(other.iter().chain(&noise).all(|v| *v >= 0.0));
+            // ln of a Gaussian at its mean: -1/2 ln det (2 pi covariance)
+            let back = node.to_axes.try_inverse().unwrap();
+            let variance = node.spread + Vector4::repeat(1.0);
+            let covariance = back * Matrix4::from_diagonal(&variance) * back.transpose();
+            let turns = std::f64::consts::TAU.powi(4);
+            let want = -0.5 * (turns * covariance.determinant()).ln();
+            let found = node.ln_density(&node.mean, Conditions::as_made());
+            assert!((found - want).abs() < 1e-9, "{found}, not {want}");
+            assert!((covariance.diagonal() - other - noise).amax() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn the_delay_is_as_measured_where_that_can_be_and_else_as_set() {
+        let found = |measured_s: f64, set_s: f64| {
+            let fitter = fitter(measured_s);
+            let actuation = Actuation { delay_s: set_s, ..TRUE.actuation };
+            let believed = Healthy { actuation, ..TRUE };
+            let simulator = FaultSimulator::new(&fitter, believed, NOISE, DT_S, SAMPLES).unwrap();
+            simulator.references[0].actuation.delay_s
+        };
+        for (measured_s, set_s) in [(5e-6, 4e-6), (5e-6, 6e-6), (1e-7, 1e-6)] {
+            let error_s = found(measured_s, set_s) - measured_s;
+            assert!(error_s.abs() < 1e-9, "{measured_s}, set {set_s}: {error_s} off");
+        }
+        // nothing is heard before the pulse, nor is more than a quarter of a period the delay's
+        assert_eq!(found(-1e-6, 1e-7), 1e-7);
+        assert_eq!(found(5e-6, 11e-6), 11e-6);
+    }
+}

@@ -341,3 +341,46 @@ fn bandwidth(places: &[f64], n: f64) -> f64 {
 
 /// ln (2 pi)^2
 pub const LN_TAU_SQUARED: f64 = 3.675_754_132_818_691;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+
+    #[test]
+    fn severities_are_smoothed_in_their_own_unit_and_less_the_more_there_are() {
+        let places = [0.3, 0.5, 0.6, 0.9];
+        let width = bandwidth(&places, 4.0);
+        for (by, off) in [(1.0, 7.0), (3.0, -2.0)] {
+            let moved = places.map(|p| by * p + off);
+            assert!((bandwidth(&moved, 4.0) / (by * width) - 1.0).abs() < 1e-9);
+        }
+        assert!(bandwidth(&places, 400.0) < 0.25 * width);
+        // of two a unit apart the variance is a half
+        let two = bandwidth(&[0.0, 1.0], 1.0);
+        assert!((two * two - 0.5).abs() < 1e-12, "{two}");
+        assert!(bandwidth(&[0.4], 1.0) > 0.0 && bandwidth(&[0.4; 9], 9.0) > 0.0);
+    }
+
+    #[test]
+    fn severities_of_a_name_are_shared_out_to_the_nodes_whole() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(6);
+        let mut nodes = Node::drawn(50, &mut rng);
+        // from -6 to 6, without a gap
+        for (i, node) in nodes.iter_mut().enumerate() {
+            (node.place, node.length) = (-6.0 + 0.24 * (i as f64 + 0.5), 0.24);
+        }
+        for class in crate::fault::CLASSES {
+            let range = faults::severity_range(class).unwrap();
+            let [low, high] = range.map(|s| faults::scale(class, s).unwrap().clamp(-6.0, 6.0));
+            let shares = of_name(&nodes, class);
+            assert!((shares.iter().sum::<f64>() - (high - low)).abs() < 1e-12, "{class}");
+            for (node, share) in nodes.iter().zip(&shares) {
+                let outside = node.place + 0.12 < low || node.place - 0.12 > high;
+                assert!((0.0..=0.24 + 1e-12).contains(share) && !(outside && *share > 0.0));
+            }
+        }
+        let all = of_name(&nodes, "no name of a range");
+        assert!(all.iter().all(|share| (share - 0.24).abs() < 1e-12));
+    }
+}

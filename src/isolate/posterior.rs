@@ -433,6 +433,44 @@ mod tests {
     }
 
     #[test]
+    fn what_is_pooled_is_the_covariance_about_each_class_itself() {
+        let sd = [0.1, 0.3, 0.2];
+        let drawn = |far: f64, seed: u64| {
+            let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+            let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+            let rows = (0..2000).map(|_| sd.map(|sd| far + sd * normal()).to_vec()).collect();
+            Examples::new(rows, DMatrix::identity(3, 3))
+        };
+        let pooled = pooled_covariance(&[drawn(0.0, 1), drawn(50.0, 2), drawn(-9.0, 3)]).unwrap();
+        for k in 0..3 {
+            assert!((pooled[(k, k)] / (sd[k] * sd[k]) - 1.0).abs() < 0.1, "{pooled}");
+        }
+        let one = Examples { features: vec![vec![1.0; 3]], ..drawn(0.0, 4) };
+        assert!(pooled_covariance(&[one]).is_none(), "of one nothing is known");
+    }
+
+    #[test]
+    fn odds_are_those_of_the_densities_and_the_priors() {
+        // more classes than are taken together
+        let densities: Vec<f64> = (0..40).map(|k| -700.0 - 0.1 * f64::from(k % 7)).collect();
+        let priors: Vec<f64> = (0..40).map(|k| 1.0 + f64::from(k % 3)).collect();
+        for temperature in [1.0, 2.5] {
+            let mut weights = densities.clone();
+            to_posterior(temperature, &priors, &mut weights);
+            assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+            for k in 1..40 {
+                let odds = ((densities[k] - densities[0]) / temperature).exp() * priors[k];
+                let found = weights[k] / weights[0] * priors[0];
+                assert!((found / odds - 1.0).abs() < 1e-9, "{k}: {found}, not {odds}");
+            }
+            let mut alike = densities.clone();
+            to_posterior(temperature, &[], &mut alike);
+            let odds = ((densities[6] - densities[0]) / temperature).exp();
+            assert!((alike[6] / alike[0] / odds - 1.0).abs() < 1e-9);
+        }
+    }
+
+    #[test]
     fn posterior_is_calibrated_on_fresh_signals() {
         let held = examples(400, None, 2);
         let posterior = Posterior::learn(&held).unwrap();

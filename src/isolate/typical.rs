@@ -143,11 +143,56 @@ mod tests {
         };
         typical.check(2, 8).unwrap();
         assert!(typical.check(1, 8).is_err());
+        let spoils: [&dyn Fn(&mut Typical); 6] = [
+            &|t| t.directions[0].truncate(7),
+            &|t| t.directions[0][3] = f64::NAN,
+            &|t| t.spread[1].clear(),
+            &|t| t.spread[0][0] = -1.0,
+            &|t| t.spread[0][0] = f64::INFINITY,
+            &|t| t.misfit[1] = 0.0,
+        ];
+        for (k, spoil) in spoils.iter().enumerate() {
+            let mut spoiled = typical.clone();
+            spoil(&mut spoiled);
+            assert!(spoiled.check(2, 8).is_err(), "{k}");
+        }
         let left = along(30.0);
         let of = |k: usize, size: f64| typical.misfit_of(RingMisfit { values: &left, size }, k);
         // 4 of 8 samples of 900 variances: 450 in the mean
         assert!((of(1, 1.0) - 450.0).abs() < 1e-9);
         assert!(of(0, 1.0) < 1e-3, "{}", of(0, 1.0));
         assert!((of(0, 1e-3) - 225.0).abs() < 1e-9, "{}", of(0, 1e-3));
+    }
+
+    #[test]
+    fn directions_are_those_that_stand_out_of_the_noise_the_widest_first() {
+        use rand::SeedableRng;
+        use rand_distr::{Distribution, StandardNormal};
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let (n, samples) = (300, 24);
+        let wave = |k: usize, turns: usize| {
+            let angle = std::f64::consts::TAU * (turns * k) as f64 / samples as f64;
+            angle.sin() * (2.0 / samples as f64).sqrt()
+        };
+        let mut rows = |sds: [f64; 2]| -> Vec<Vec<f64>> {
+            let mut row = || -> Vec<f64> {
+                let sizes = sds.map(|sd| sd * normal());
+                let of = |k| sizes[0] * wave(k, 2) + sizes[1] * wave(k, 3) + normal();
+                (0..samples).map(of).collect()
+            };
+            (0..n).map(|_| row()).collect()
+        };
+        let found = directions(&rows([5.0, 10.0]), 6);
+        assert_eq!(found.len(), 2);
+        for (direction, turns) in found.iter().zip([3, 2]) {
+            let truth: Vec<f64> = (0..samples).map(|k| wave(k, turns)).collect();
+            let along = dot(direction, &truth).abs();
+            assert!(along > 0.98 && (dot(direction, direction) - 1.0).abs() < 1e-9, "{along}");
+        }
+        assert!(dot(&found[0], &found[1]).abs() < 1e-9);
+        assert_eq!(directions(&rows([5.0, 10.0]), 1).len(), 1, "no more than asked for");
+        assert!(directions(&rows([0.0; 2]), 6).is_empty(), "noise alone has none");
+        assert!(directions(&[], 6).is_empty());
     }
 }

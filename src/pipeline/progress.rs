@@ -75,6 +75,18 @@ fn agree_with(model: &HealthyModel) -> Result<(), String> {
     Ok(())
 }
 
+/// Why a window gives no model.
+struct NoModel {
+    why: String,
+    drifted: bool,
+}
+
+impl From<String> for NoModel {
+    fn from(why: String) -> NoModel {
+        NoModel { why, drifted: false }
+    }
+}
+
 /// How far a group has come with its windows.
 #[derive(Debug)]
 pub struct Progress {
@@ -122,10 +134,10 @@ impl Progress {
         self.seen += 1;
         let model = match self.model(learner, (key, sample_period_s), reservoir) {
             Ok(model) => HealthyModel { valid_from_ns: Some(window.to_ns), ..model },
-            Err(why) => {
+            Err(NoModel { why, drifted }) => {
                 let (from_ns, to_ns) = (window.from_ns, window.to_ns);
                 let printhead = key.printhead.to_string();
-                self.refusals.push(Refusal { printhead, from_ns, to_ns, why });
+                self.refusals.push(Refusal { printhead, from_ns, to_ns, why, drifted });
                 let by_windows = !learner.knows_by_design();
                 return (self.seen == 1 && self.known && by_windows).then_some(Entry::Known);
             }
@@ -148,7 +160,7 @@ impl Progress {
         learner: &Learner,
         (key, sample_period_s): (&GroupKey, f64),
         reservoir: &Reservoir,
-    ) -> Result<HealthyModel, String> {
+    ) -> Result<HealthyModel, NoModel> {
         let identify = &learner.settings.identify;
         if learner.design.is_none() && self.reference_v.is_none() {
             let (sum, n) = reservoir.voltage_sum();
@@ -176,21 +188,22 @@ impl Progress {
             ] {
                 // a drift that is no number is refused too
                 if !matches!(drift.abs().partial_cmp(&most), Some(o) if o.is_le()) {
-                    return Err(format!(
+                    let why = format!(
                         "{what} {:+.2} % from the reference model, beyond \
                          identify.max_{what}_drift = {:.2} %: a slow fault or another ink; \
                          the last accepted model stays",
                         100.0 * drift,
                         100.0 * most
-                    ));
+                    );
+                    return Err(NoModel { why, drifted: true });
                 }
             }
             let ratio = model.median_statistic / reference.median_statistic;
             if learner.design.is_some() && !(1.0 / MOST_RATIO..=MOST_RATIO).contains(&ratio) {
-                return Err(format!(
+                return Err(NoModel::from(format!(
                     "healthy signals lie {ratio:.3} times as far from the model as in the \
                      reference: another amplitude or another noise; the last accepted model stays"
-                ));
+                )));
             }
         }
         Ok(model)

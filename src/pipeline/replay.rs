@@ -39,6 +39,8 @@ pub struct RecordingReport {
     pub tally: Tally,
     pub damage: Vec<Damage>,
     pub refusals: Vec<Refusal>,
+    /// Printheads of which a warning says that all channels moved together beyond the bounds.
+    pub moved_beyond: Vec<Arc<str>>,
     /// Printhead and what to know about its verdicts.
     pub warnings: Vec<(Arc<str>, String)>,
     /// What was learned of temperature from the recording itself, in words by printhead.
@@ -342,7 +344,9 @@ impl Run<'_> {
         warnings.extend(schedule.wide_thresholds());
         let identify = &replay.settings.identify;
         let told = |moved: &Moved| Some((moved.printhead.clone(), moved.warning(identify)?));
-        warnings.extend(moved.iter().filter_map(told));
+        let of_heads: Vec<(Arc<str>, String)> = moved.iter().filter_map(told).collect();
+        let moved_beyond = of_heads.iter().map(|(printhead, _)| printhead.clone()).collect();
+        warnings.extend(of_heads);
 
         let damage = all_damage(recording, scan_damage, &mut tally, digest.damage);
         let counts = &tally.counts;
@@ -368,6 +372,7 @@ impl Run<'_> {
             stamp: recording.stamp,
             damage,
             refusals: schedule.refusals,
+            moved_beyond,
             warnings,
             learned_temperature: Vec::new(),
             models: schedule.judges.len(),

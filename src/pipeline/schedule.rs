@@ -15,6 +15,9 @@ pub struct Refusal {
     pub from_ns: i64,
     pub to_ns: i64,
     pub why: String,
+    /// Its model lies beyond the bounds of `identify.max_damping_drift` and `max_frequency_drift`.
+    #[serde(skip)]
+    pub drifted: bool,
 }
 
 /// The judges of one group over time, the first from the beginning on.

@@ -136,3 +136,51 @@ fn of_printhead<'a>(
     }
     printheads.get_mut(name)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::burst::Place;
+
+    /// One row each, of printhead and channel.
+    fn judged(rows: impl Iterator<Item = (String, u32)>) -> Judged {
+        let mut columns = VerdictColumns::default();
+        for (row, (name, channel)) in rows.enumerate() {
+            columns.printheads.push(name.into());
+            columns.printhead.push(row as u32);
+            columns.channel.push(channel);
+            columns.outcome.push(Outcome::Healthy);
+            columns.acquired_at_ns.push(0);
+        }
+        columns.fill_up();
+        Judged {
+            place: Place { block: 0, piece: 0 },
+            leaves: None,
+            damage: Vec::new(),
+            verdicts: columns.into(),
+            judges: Vec::new(),
+            flagged: Vec::new(),
+            bursts: 0,
+        }
+    }
+
+    #[test]
+    fn beyond_the_names_that_are_remembered_the_totals_go_on() {
+        let mut tally = Tally::new(Vec::new());
+        let more = MOST_PRINTHEADS + 10;
+        tally.add(&judged((0..more).map(|i| (i.to_string(), 0))));
+        assert_eq!((tally.printheads.len(), tally.counts.signals), (MOST_PRINTHEADS, more as u64));
+        // whoever is known stays known
+        tally.add(&judged([("0".to_owned(), 0)].into_iter()));
+        assert_eq!(tally.printheads["0"].signals, 2);
+
+        let mut tally = Tally::new(Vec::new());
+        for head in 0..4 {
+            let of_one = (0..MOST_CHANNELS as u32 / 3).map(|c| (head.to_string(), 2 * c));
+            tally.add(&judged(of_one));
+        }
+        let channels: usize = tally.printheads.values().map(|p| p.channels.len()).sum();
+        assert_eq!(channels, MOST_CHANNELS);
+        assert_eq!(tally.counts.judged, 4 * (MOST_CHANNELS as u64 / 3));
+    }
+}

@@ -1,0 +1,193 @@
+//! What a Parquet file claims of itself, in its footer and before each page.
+//!
+//! In: those bytes. Out: whether they claim no more than there may be. The reader (parquet 59) believes what is
+//! claimed: it makes room for all of it, or counts as many elements that take no byte, before it reads on (found by
+//! fuzzing). It takes the types of known fields as given, so they are written down here.
+
+use super::thrift::Shape::{Byte, Bytes, Double, Flag, List, Number, Record, Told};
+use super::thrift::{Shape, Stop, Walk};
+use std::io::Read;
+
+/// Elements in the lists of a page's header: there are none so far.
+const MOST_OF_A_PAGE: u64 = 64;
+/// No compression that is read makes more of a byte: zstd, four bytes for 128 kB of one value.
+const MOST_OF_A_BYTE: u64 = 1 << 15;
+
+const KIND: usize = 0;
+const PLAIN_BYTES: usize = 1;
+const STORED_BYTES: usize = 2;
+const VALUES: usize = 3;
+const INDEX_PAGE: u32 = 1;
+const DICTIONARY_PAGE: u32 = 2;
+
+/// `PageHeader` of parquet.thrift; statistics (5.5, 8.8) are skipped by the reader.
+const PAGE: &[Shape] = &[
+    Told(KIND),
+    Told(PLAIN_BYTES),
+    Told(STORED_BYTES),
+    Number,
+    Record(&[Told(VALUES), Number, Number, Number]),
+    Record(&[]),
+    Record(&[Told(VALUES), Number, Flag]),
+    Record(&[Told(VALUES), Number, Number, Number, Number, Number, Flag]),
+];
+
+const EMPTY: Shape = Record(&[]);
+const TIME: Shape = Record(&[Flag, Record(&[EMPTY, EMPTY, EMPTY])]);
+const LOGICAL_TYPE: Shape = Record(&[
+    EMPTY,
+    EMPTY,
+    EMPTY,
+    EMPTY,
+    Record(&[Number, Number]),
+    EMPTY,
+    TIME,
+    TIME,
+    EMPTY,
+    Record(&[Byte, Flag]),
+    EMPTY,
+    EMPTY,
+    EMPTY,
+    EMPTY,
+    EMPTY,
+    Record(&[Byte]),
+    Record(&[Bytes]),
+    Record(&[Bytes, Number]),
+]);
+const SCHEMA_ELEMENT: Shape =
+    Record(&[Number, Number, Number, Bytes, Number, Number, Number, Number, Number, LOGICAL_TYPE]);
+const STATISTICS: Shape = Record(&[Bytes, Bytes, Number, Number, Bytes, Bytes, Flag, Flag]);
+const BOX: Shape = Record(&[Double, Double, Double, Double, Double, Double, Double, Double]);
+const KEY_VALUE: Shape = Record(&[Bytes, Bytes]);
+const COLUMN: Shape = Record(&[
+    Number,
+    List(&Number),
+    List(&Bytes),
+    Number,
+    Number,
+    Number,
+    Number,
+    List(&KEY_VALUE),
+    Number,
+    Number,
+    Number,
+    STATISTICS,
+    List(&Record(&[Number, Number, Number])),
+    Number,
+    Number,
+    Record(&[Number, List(&Number), List(&Number)]),
+    Record(&[BOX, List(&Number)]),
+]);
+const COLUMN_CHUNK: Shape = Record(&[Bytes, Number, COLUMN, Number, Number, Number, Number]);
+const ROW_GROUP: Shape = Record(&[
+    List(&COLUMN_CHUNK),
+    Number,
+    Number,
+    List(&Record(&[Number, Flag, Flag])),
+    Number,
+    Number,
+    Number,
+]);
+/// `FileMetaData` of parquet.thrift; what is encrypted is not read.
+const FOOTER: &[Shape] = &[
+    Number,
+    List(&SCHEMA_ELEMENT),
+    Number,
+    List(&ROW_GROUP),
+    List(&KEY_VALUE),
+    Bytes,
+    List(&Record(&[EMPTY])),
+];
+
+/// A file's metadata, so many bytes: what its lists claim together takes at least a byte each.
+pub fn footer(metadata: impl Read, bytes: u64) -> Result<(), Stop> {
+    Walk::new(metadata, bytes).record(FOOTER)
+}
+
+/// What the header of a page says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Page {
+    pub header_bytes: u64,
+    /// As it is stored, after the header.
+    pub stored_bytes: u64,
+    pub values: u64,
+    pub is_dictionary: bool,
+}
+
+/// A page's header. `compressed`: the page may be.
+pub fn page(header: impl Read, compressed: bool) -> Result<Page, Stop> {
+    let mut walk = Walk::new(header, MOST_OF_A_PAGE);
+    walk.record(PAGE)?;
+    let told = |place| walk.told(place).ok_or(Stop::Unread);
+    let (plain, stored) = (u64::from(told(PLAIN_BYTES)?), u64::from(told(STORED_BYTES)?));
+    let page = Page {
+        header_bytes: walk.read(),
+        stored_bytes: stored,
+        values: told(VALUES)?.into(),
+        is_dictionary: told(KIND)? == DICTIONARY_PAGE,
+    };
+    // nobody writes pages of indexes, and the reader does not always find their end
+    if told(KIND)? == INDEX_PAGE {
+        return Err(Stop::Unread);
+    }
+    let held = if compressed { plain } else { plain.min(stored) };
+    match plain <= stored * MOST_OF_A_BYTE && !(page.is_dictionary && page.values > held) {
+        true => Ok(page),
+        false => Err(Stop::Beyond),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of the kind, bytes plain and stored, and values; each below 64.
+    fn header(kind: u8, plain: u8, stored: u8, values: u8) -> Vec<u8> {
+        let body = match kind {
+            2 => [0x4c, 0x15, 2 * values, 0x15, 0, 0, 0].to_vec(),
+            _ => [0x2c, 0x15, 2 * values, 0x15, 0, 0x15, 0, 0x15, 0, 0, 0].to_vec(),
+        };
+        [&[0x15, 2 * kind, 0x15, 2 * plain, 0x15, 2 * stored], &body[..]].concat()
+    }
+
+    #[test]
+    fn a_page_ends_where_the_next_begins_and_all_that_it_says_is_told() {
+        let read = page(&header(0, 16, 9, 60)[..], true).unwrap();
+        let data = Page { header_bytes: 17, stored_bytes: 9, values: 60, is_dictionary: false };
+        assert_eq!(read, data);
+        let read = page(&header(2, 16, 9, 16)[..], true).unwrap();
+        assert_eq!((read.header_bytes, read.is_dictionary), (13, true));
+        for end in 0..17 {
+            assert_eq!(page(&header(0, 16, 9, 60)[..end], true), Err(Stop::Unread));
+        }
+        for left_out in 0..3 {
+            let mut bytes = header(0, 16, 9, 60);
+            bytes.drain(2 * left_out..2 * left_out + 2);
+            let next = 2 * left_out;
+            bytes[next] += 0x10;
+            assert_eq!(page(&bytes[..], true), Err(Stop::Unread), "field {}", left_out + 1);
+        }
+        assert_eq!(page(&header(1, 16, 9, 16)[..], true), Err(Stop::Unread), "an index");
+    }
+
+    #[test]
+    fn a_dictionary_has_no_more_values_than_bytes() {
+        assert_eq!(page(&header(2, 16, 9, 17)[..], true), Err(Stop::Beyond));
+        assert!(page(&header(2, 16, 9, 9)[..], false).is_ok());
+        assert_eq!(page(&header(2, 16, 9, 10)[..], false), Err(Stop::Beyond));
+        assert!(page(&header(0, 16, 9, 63)[..], false).is_ok(), "values by runs");
+    }
+
+    #[test]
+    fn a_byte_holds_no_more_than_compression_can_make_of_it() {
+        assert!(page(&header(0, 0, 0, 1)[..], true).is_ok());
+        assert_eq!(page(&header(0, 1, 0, 1)[..], true), Err(Stop::Beyond));
+        let plain = |bytes: [u8; 3]| {
+            let mut all = header(0, 0, 1, 1);
+            all.splice(3..4, bytes);
+            page(&all[..], true)
+        };
+        assert!(plain([0x80, 0x80, 4]).is_ok(), "32 768");
+        assert_eq!(plain([0x82, 0x80, 4]), Err(Stop::Beyond), "32 769");
+    }
+}

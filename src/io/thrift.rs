@@ -1,0 +1,288 @@
+//! Records of Apache Thrift in its compact form, walked without making anything of them.
+//!
+//! In: a record's bytes, and what its fields are known to hold. Out: whether they hold that, and the few numbers that
+//! are asked for. A reader that knows a field may take its type as given, whatever the bytes declare: so a field that
+//! declares another type, comes twice or out of order is refused, lest the reader and this walk read different things.
+
+use std::io::{self, Read};
+
+/// Records within records that are followed.
+const MOST_DEPTH: u8 = 64;
+
+/// Numbers that a walk can be asked for.
+const MOST_TOLD: usize = 4;
+
+/// What a field or an element is known to hold.
+#[derive(Debug)]
+pub enum Shape {
+    Flag,
+    Byte,
+    Number,
+    /// A number that is asked for, by its place in [`Walk::told`]: from 0 to 2^31 - 1, at most once.
+    Told(usize),
+    Double,
+    Bytes,
+    List(&'static Shape),
+    /// Its fields, the first has the number 1; what has other numbers is of any type.
+    Record(&'static [Shape]),
+}
+
+impl Shape {
+    fn declared(&self, kind: u8) -> bool {
+        match self {
+            Shape::Flag => matches!(kind, 1 | 2),
+            Shape::Byte => kind == 3,
+            Shape::Number | Shape::Told(_) => matches!(kind, 4..=6),
+            Shape::Double => kind == 7,
+            Shape::Bytes => kind == 8,
+            Shape::List(_) => kind == 9,
+            Shape::Record(_) => kind == 12,
+        }
+    }
+}
+
+/// Why a record was not followed to its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stop {
+    /// More is claimed than may be.
+    Beyond,
+    /// The bytes end, or are no such record.
+    Unread,
+}
+
+pub struct Walk<R> {
+    bytes: R,
+    /// Elements that lists, sets and maps may still claim.
+    left: u64,
+    /// Bytes so far.
+    read: u64,
+    told: [Option<u32>; MOST_TOLD],
+}
+
+impl<R: Read> Walk<R> {
+    /// All lists, sets and maps together claim at most so many elements.
+    pub fn new(bytes: R, elements: u64) -> Walk<R> {
+        Walk { bytes, left: elements, read: 0, told: [None; MOST_TOLD] }
+    }
+
+    /// How many bytes were read so far.
+    pub fn read(&self) -> u64 {
+        self.read
+    }
+
+    pub fn told(&self, place: usize) -> Option<u32> {
+        self.told[place]
+    }
+
+    /// A record of these fields.
+    pub fn record(&mut self, shapes: &'static [Shape]) -> Result<(), Stop> {
+        self.fields(shapes, 0)
+    }
+
+    fn fields(&mut self, shapes: &'static [Shape], depth: u8) -> Result<(), Stop> {
+        if depth > MOST_DEPTH {
+            return Err(Stop::Unread);
+        }
+        let mut last = 0;
+        loop {
+            let head = self.byte()?;
+            if head == 0 {
+                return Ok(());
+            }
+            let field = match head >> 4 {
+                0 => i16::try_from(zigzag(self.number()?)).map_err(|_| Stop::Unread)?,
+                on => i16::checked_add(last, on.into()).ok_or(Stop::Unread)?,
+            };
+            if field <= last {
+                return Err(Stop::Unread);
+            }
+            last = field;
+            match head & 0xf {
+                1 | 2 if shapes.get(field as usize - 1).is_none_or(|s| s.declared(1)) => {}
+                kind => self.value(kind, shapes.get(field as usize - 1), depth)?,
+            }
+        }
+    }
+
+    fn value(&mut self, kind: u8, shape: Option<&'static Shape>, depth: u8) -> Result<(), Stop> {
+        if shape.is_some_and(|shape| !shape.declared(kind)) {
+            return Err(Stop::Unread);
+        }
+        match (kind, shape) {
+            (3, _) => self.byte().map(drop),
+            (4..=6, Some(&Shape::Told(place))) => self.tell(place),
+            (4..=6, _) => self.number().map(drop),
+            (7, _) => self.pass(8),
+            (8, _) => {
+                let bytes = self.number()?;
+                self.pass(bytes)
+            }
+            (9 | 10, Some(Shape::List(of))) => self.list(Some(of), depth),
+            (9 | 10, _) => self.list(None, depth),
+            (11, _) => self.map(depth),
+            (12, Some(Shape::Record(fields))) => self.fields(fields, depth + 1),
+            (12, _) => self.fields(&[], depth + 1),
+            (13, _) => self.pass(16),
+            _ => Err(Stop::Unread),
+        }
+    }
+
+    fn tell(&mut self, place: usize) -> Result<(), Stop> {
+        let number = i32::try_from(zigzag(self.number()?)).map_err(|_| Stop::Beyond)?;
+        let number = u32::try_from(number).map_err(|_| Stop::Beyond)?;
+        match self.told[place].replace(number) {
+            None => Ok(()),
+            Some(_) => Err(Stop::Unread),
+        }
+    }
+
+    fn list(&mut self, of: Option<&'static Shape>, depth: u8) -> Result<(), Stop> {
+        let head = self.byte()?;
+        let elements = match head >> 4 {
+            _ if head == 0 => return Ok(()), // of nothing, of no type
+            15 => self.number()?,
+            few => few.into(),
+        };
+        self.elements(elements, &[(head & 0xf, of)], depth)
+    }
+
+    fn map(&mut self, depth: u8) -> Result<(), Stop> {
+        match self.number()? {
+            0 => Ok(()),
+            elements => {
+                let kinds = self.byte()?;
+                self.elements(elements, &[(kinds >> 4, None), (kinds & 0xf, None)], depth)
+            }
+        }
+    }
+
+    fn elements(
+        &mut self,
+        number: u64,
+        kinds: &[(u8, Option<&'static Shape>)],
+        depth: u8,
+    ) -> Result<(), Stop> {
+        // where a flag is skipped, it takes no byte: any number of them can be claimed
+        let flags = kinds.iter().any(|(kind, _)| matches!(kind, 1 | 2));
+        if number > 0 && (flags || depth >= MOST_DEPTH) {
+            return Err(Stop::Beyond);
+        }
+        self.left = self.left.checked_sub(number).ok_or(Stop::Beyond)?;
+        for _ in 0..number {
+            for &(kind, shape) in kinds {
+                self.value(kind, shape, depth + 1)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn byte(&mut self) -> Result<u8, Stop> {
+        let mut byte = [0];
+        self.bytes.read_exact(&mut byte).map_err(|_| Stop::Unread)?;
+        self.read += 1;
+        Ok(byte[0])
+    }
+
+    /// Seven bits a byte, the lowest first.
+    fn number(&mut self) -> Result<u64, Stop> {
+        let mut number = 0;
+        for place in 0..10 {
+            let byte = self.byte()?;
+            number |= u64::from(byte & 0x7f) << (7 * place);
+            if byte < 0x80 {
+                return Ok(number);
+            }
+        }
+        Err(Stop::Unread)
+    }
+
+    fn pass(&mut self, bytes: u64) -> Result<(), Stop> {
+        match io::copy(&mut self.bytes.by_ref().take(bytes), &mut io::sink()) {
+            Ok(passed) if passed == bytes => {
+                self.read += passed;
+                Ok(())
+            }
+            _ => Err(Stop::Unread),
+        }
+    }
+}
+
+/// Of a signed number as it is written.
+fn zigzag(written: u64) -> i64 {
+    (written >> 1) as i64 ^ -((written & 1) as i64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn walk(bytes: &[u8], elements: u64, shapes: &'static [Shape]) -> Result<u64, Stop> {
+        let mut walk = Walk::new(bytes, elements);
+        walk.record(shapes).map(|()| walk.read())
+    }
+
+    #[test]
+    fn what_is_there_may_be_claimed_and_no_more() {
+        // field 1: a list of three numbers; field 2: text; field 3: a record of nothing; the end
+        let honest = [0x19, 0x35, 2, 4, 6, 0x18, 2, b'a', b'b', 0x1c, 0, 0];
+        assert_eq!(walk(&honest, 3, &[]), Ok(honest.len() as u64));
+        assert_eq!(walk(&honest, 2, &[]), Err(Stop::Beyond), "all lists together");
+        for end in 0..honest.len() {
+            assert_eq!(walk(&honest[..end], 3, &[]), Err(Stop::Unread), "cut short");
+        }
+        // a list of 2^31 - 1: of numbers, of records; a set; a map
+        for kind in [0x19, 0x1a] {
+            for of in [0xf5, 0xfc] {
+                let claims = [kind, of, 0xff, 0xff, 0xff, 0xff, 7, 0];
+                assert_eq!(walk(&claims, 1 << 20, &[]), Err(Stop::Beyond));
+            }
+        }
+        let map = [0x1b, 0xff, 0xff, 0xff, 0xff, 7, 0x55, 0];
+        assert_eq!(walk(&map, 1 << 20, &[]), Err(Stop::Beyond));
+        // two booleans take no byte
+        assert_eq!(walk(&[0x19, 0x21, 0, 0, 0], 1 << 20, &[]), Err(Stop::Beyond));
+        // lists in lists, records in records
+        assert_eq!(walk(&[0x19].repeat(1000), 1 << 20, &[]), Err(Stop::Beyond));
+        assert_eq!(walk(&[0x1c].repeat(1000), 1 << 20, &[]), Err(Stop::Unread));
+    }
+
+    #[test]
+    fn a_field_declares_what_it_is_known_to_hold_and_comes_once_in_its_order() {
+        const SHAPES: &[Shape] = &[
+            Shape::Number,
+            Shape::Flag,
+            Shape::List(&Shape::Bytes),
+            Shape::Record(&[Shape::Byte]),
+        ];
+        let honest = [0x15, 1, 0x11, 0x19, 0x18, 1, b'a', 0x1c, 0x13, 9, 0, 0];
+        assert_eq!(walk(&honest, 9, SHAPES), Ok(12));
+        // the same, each field by its whole number, and another one of any type
+        let long = [5, 2, 1, 1, 4, 9, 6, 0x18, 1, b'a', 12, 8, 3, 2, 9, 0, 0x17];
+        assert_eq!(walk(&[&long[..], &[0; 9]].concat(), 9, SHAPES), Ok(26));
+        for (at, other) in
+            [(0, 0x13), (0, 0x11), (2, 0x13), (3, 0x1a), (4, 0x15), (7, 0x18), (8, 0x15)]
+        {
+            let mut bytes = honest;
+            bytes[at] = other;
+            assert_eq!(walk(&bytes, 9, SHAPES), Err(Stop::Unread), "{other:x} at {at}");
+        }
+        assert_eq!(walk(&[0x25, 2, 5, 4, 0, 0], 9, &[]), Err(Stop::Unread), "field 2 twice");
+        assert_eq!(walk(&[0x25, 2, 5, 2, 0, 0], 9, &[]), Err(Stop::Unread), "1 after 2");
+        assert_eq!(walk(&[5, 0, 0, 0], 9, &[]), Err(Stop::Unread), "0");
+        let beyond = [5, 0xfe, 0xff, 3, 0, 0x15, 0, 0];
+        assert_eq!(walk(&beyond, 9, &[]), Err(Stop::Unread), "2^15");
+        assert_eq!(walk(&[0x10, 0, 0], 9, &[]), Err(Stop::Unread), "an end with a number");
+    }
+
+    #[test]
+    fn numbers_that_are_asked_for_are_told_where_they_fit() {
+        const SHAPES: &[Shape] = &[Shape::Told(0), Shape::Told(1), Shape::Told(0)];
+        let mut told = Walk::new(&[0x15, 0x80, 2, 0x15, 0, 0][..], 0);
+        assert_eq!(told.record(SHAPES), Ok(()));
+        assert_eq!((told.told(0), told.told(1), told.told(2)), (Some(128), Some(0), None));
+        assert_eq!(walk(&[0x15, 1, 0], 0, SHAPES), Err(Stop::Beyond), "-1");
+        let greater = [0x16, 0x80, 0x80, 0x80, 0x80, 0x10, 0];
+        assert_eq!(walk(&greater, 0, SHAPES), Err(Stop::Beyond), "2^31");
+        assert_eq!(walk(&[0x15, 2, 0x25, 2, 0], 0, SHAPES), Err(Stop::Unread), "twice");
+    }
+}
