@@ -42,6 +42,10 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
     // noise that grows with the signal makes what is largest look surer than it is
     let growth = accepted(&aside.noise, CauseId::HeteroscedasticNoise).map_or(1.0, |h| 1.0 + h);
     let mut look = Unexplained::default();
+    if aside.odd_signals > THRESHOLD + MARGIN {
+        let what = "a few signals ring like the others and have a misfit of a shape: a pulse, a step";
+        look.tell(what.into(), 2.0 * aside.odd_signals);
+    }
     for found in aside.all() {
         if let Some(what) = found.unlike {
             look.tell(what.into(), found.evidence.statistic);

@@ -321,11 +321,6 @@ impl CauseId {
     pub fn by_amplitude(self) -> bool {
         matches!(self.row().acts, Acts::Mean(Shape::Motion(Motion { power, .. })) if power != 1)
     }
-
-    /// Whether its spectrum is a line in the mean signal.
-    pub fn is_line(self) -> bool {
-        matches!(self.row().acts, Acts::Mean(Shape::Tone | Shape::Mode))
-    }
 }
 
 impl fmt::Display for CauseId {

@@ -30,7 +30,7 @@ use super::model::{Model, Unfit};
 use super::observations::Observations;
 pub use super::outcome::{CritiqueError, Outcome};
 use super::outcome::{FEWEST_SAMPLES, FEWEST_SIGNALS};
-use super::outliers::outliers;
+use super::outliers::{Outliers, outliers};
 use super::refit::Setting;
 use super::selection::{self, Chosen, Selected};
 use super::words::{cause_sentence, equation, sentence, ties};
@@ -82,8 +82,8 @@ fn of_signals(
         return Err(CritiqueError::TooShort { samples: all.samples });
     }
     stages("fitting the baseline");
-    let outlier = match labelled || !real {
-        true => vec![false; all.len()],
+    let Outliers { out: outlier, shaped } = match labelled || !real {
+        true => Outliers { out: vec![false; all.len()], shaped: 0.0 },
         false => outlying(all)?,
     };
     let data = all.select(|i| !outlier[i]);
@@ -94,6 +94,7 @@ fn of_signals(
     let Prepared { data, as_it_came, baseline, mut aside, .. } = prepared;
     let setting = Setting { data: &data, beside: &beside, avoid: &avoid };
     look_again(&mut aside, &selected, setting);
+    aside.odd_signals = shaped;
 
     stages("checking what is left");
     let left = adequacy::check(&selected, &aside, setting);
@@ -155,7 +156,7 @@ fn no_ring(Unfit::NoRing: Unfit) -> CritiqueError {
 }
 
 /// For each row of an ink channel whether it rings unlike the others.
-fn outlying(all: &Observations) -> Result<Vec<bool>, CritiqueError> {
+fn outlying(all: &Observations) -> Result<Outliers, CritiqueError> {
     let beside = Covariates::of(all);
     let start = Model::start(all, &beside, true).map_err(no_ring)?;
     Ok(outliers(all, &beside, &start))
@@ -196,7 +197,7 @@ impl Prepared {
         beyond_growing_noise(&mut noise);
         let deferred = at_the_ring(&mut noise, &baseline, data.dt_s * data.samples as f64);
         let rho = accepted(&noise, CauseId::CorrelatedNoise);
-        let aside = Aside { codes, noise };
+        let aside = Aside { codes, noise, odd_signals: 0.0 };
         let prepared = Prepared { data, as_it_came: None, baseline, aside, deferred };
         match rho {
             Some(rho) => prepared.whitened(rho, beside),
@@ -206,7 +207,7 @@ impl Prepared {
 
     /// With the correlation of its noise taken out, and what else is found in the noise found anew.
     fn whitened(self, rho: f64, beside: &Covariates) -> Result<Prepared, CritiqueError> {
-        let Prepared { data: as_it_came, aside: Aside { codes, mut noise }, deferred, .. } = self;
+        let Prepared { data: as_it_came, aside: Aside { codes, mut noise, .. }, deferred, .. } = self;
         let mut total = rho;
         let mut round = 0;
         let mut last = f64::INFINITY;
@@ -246,7 +247,7 @@ impl Prepared {
             }
             noise.push(f);
         }
-        let aside = Aside { codes, noise };
+        let aside = Aside { codes, noise, odd_signals: 0.0 };
         Ok(Prepared { data, as_it_came: Some(as_it_came), baseline, aside, deferred })
     }
 

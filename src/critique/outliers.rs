@@ -1,8 +1,9 @@
 //! Signals that ring unlike the others: faulty channels in a recording that nobody labelled.
 //!
-//! In: observations. Out: which to leave out. Each signal is fitted alone; one that lies beyond
+//! In: observations. Out: [`Outliers`]. Each signal is fitted alone; one that lies beyond
 //! [`FAR`] robust deviations of the median in amplitude, damping or frequency, or that leaves far more
-//! than the others, is left out. What spreads over all signals widens the deviation and stays in.
+//! than the others, is left out. What spreads over all signals widens the deviation and stays in. Of a signal that
+//! rings like the others and leaves more, the misfit may be noise with heavy tails, or have a shape.
 
 use super::covariates::{Covariates, POSITION};
 use super::model::{Linear, Model};
@@ -61,8 +62,39 @@ fn with_whole_channels(data: &Observations, outlier: Vec<bool>) -> Vec<bool> {
     outlier.into_iter().zip(of_channel).map(|(own, of_channel)| own || of_channel).collect()
 }
 
-/// For each row whether it is an outlier, or of a channel that at times is.
-pub fn outliers(data: &Observations, beside: &Covariates, model: &Model) -> Vec<bool> {
+/// What rings unlike the others.
+#[derive(Clone, Debug, Default)]
+pub struct Outliers {
+    /// For each row whether it is an outlier, or of a channel that at times is.
+    pub out: Vec<bool>,
+    /// -ln of the chance that noise, however heavy its tails, gives signals that ring like the others such misfits.
+    pub shaped: f64,
+}
+
+/// Deviations of the typical misfit beyond which a sample is odd, and how many odd ones in a row, of one sign, are a
+/// shape and not noise.
+const ODD: f64 = 5.0;
+const IN_A_ROW: usize = 3;
+
+/// Runs of odd samples in some of the misfits, against the chance that samples odd as often as these are come so in
+/// a row. `sd`: of the typical misfit.
+fn shaped(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -> f64 {
+    let sign = |x: &f64| if x.abs() > ODD * sd { x.signum() as i32 } else { 0 };
+    let signs: Vec<Vec<i32>> = misfits.iter().map(|r| r.iter().map(sign).collect()).collect();
+    let samples: usize = signs.iter().map(Vec::len).sum();
+    let odd = signs.iter().flatten().filter(|s| **s != 0).count();
+    let share = (odd as f64 + 1.0) / samples as f64;
+    let run = |w: &[i32]| w[0] != 0 && w.iter().all(|s| *s == w[0]);
+    let runs = |signs: &Vec<i32>| signs.windows(IN_A_ROW).any(run);
+    let found = signs.iter().enumerate().filter(|(i, s)| some(*i) && runs(s)).count() as f64;
+    // all of one sign: the first may be of either
+    let expected = samples as f64 * share * (share / 2.0).powi(IN_A_ROW as i32 - 1);
+    // Poisson: the chance of so many or more is about its largest term
+    let ln_factorial: f64 = (1..=found as u32).map(|k| f64::from(k).ln()).sum();
+    if found > expected { expected - found * expected.ln() + ln_factorial } else { 0.0 }
+}
+
+pub fn outliers(data: &Observations, beside: &Covariates, model: &Model) -> Outliers {
     let mut alone = data.clone();
     for (i, row) in alone.rows.iter_mut().enumerate() {
         row.unit = i;
@@ -81,12 +113,13 @@ pub fn outliers(data: &Observations, beside: &Covariates, model: &Model) -> Vec<
         }
     }
     let mut linear = Linear::default();
-    let left: Vec<f64> = (0..alone.len())
+    let misfits: Vec<Vec<f64>> = (0..alone.len())
         .map(|i| {
             each.linearise(i, &alone, beside, &mut linear);
-            linear.residual.iter().map(|r| r * r).sum()
+            linear.residual.clone()
         })
         .collect();
+    let left: Vec<f64> = misfits.iter().map(|r| r.iter().map(|r| r * r).sum()).collect();
     let typical = median(&mut left.clone());
     let mut spread = [(0.0, 1.0); 3];
     for (j, spread) in spread.iter_mut().enumerate() {
@@ -95,19 +128,26 @@ pub fn outliers(data: &Observations, beside: &Covariates, model: &Model) -> Vec<
         let mut off: Vec<f64> = values.iter().map(|v| (v - centre).abs()).collect();
         *spread = (centre, (1.4826 * median(&mut off)).max(LEAST[j]));
     }
-    let alone = features
-        .drain(..)
-        .zip(left)
-        .map(|(f, left)| {
-            left > NOISIER * typical
-                || (0..3).any(|j| {
-                    let (centre, sd) = spread[j];
-                    let off = (f[j] - centre).abs() / sd;
-                    off > FAR || off.is_nan()
-                })
+    let far = |f: &[f64; 3]| {
+        (0..3).any(|j| {
+            let (centre, sd) = spread[j];
+            let off = (f[j] - centre).abs() / sd;
+            off > FAR || off.is_nan()
         })
-        .collect();
-    with_whole_channels(data, alone)
+    };
+    let far: Vec<bool> = features.iter().map(far).collect();
+    let noisier = |i: usize| left[i] > NOISIER * typical;
+    let alone: Vec<bool> = (0..data.len()).map(|i| far[i] || noisier(i)).collect();
+    let out = with_whole_channels(data, alone);
+    let mut of_channel = vec![(0, 0); data.units];
+    for (row, out) in data.rows.iter().zip(&out) {
+        of_channel[row.unit].0 += usize::from(*out);
+        of_channel[row.unit].1 += 1;
+    }
+    let healthy = |i: usize| of_channel[data.rows[i].unit].0 < of_channel[data.rows[i].unit].1;
+    let sd = (typical / data.samples as f64).sqrt();
+    let shaped = shaped(&misfits, sd, |i| noisier(i) && !far[i] && healthy(i));
+    Outliers { out, shaped }
 }
 
 #[cfg(test)]
@@ -120,7 +160,7 @@ mod tests {
         let data = draw(run, 11);
         let beside = Covariates::of(&data);
         let model = Model::start(&data, &beside, true).unwrap();
-        let out = outliers(&data, &beside, &model);
+        let out = outliers(&data, &beside, &model).out;
         let mut channels = vec![true; run.channels];
         for (row, out) in data.rows.iter().zip(out) {
             channels[row.beside.channel as usize] &= out;

@@ -4,21 +4,14 @@
 //! when its surprise passes the family-wise threshold; the winner among those that compete is the one
 //! whose refitted model is most likely; what cannot be told apart from it is tied with it.
 
-use super::candidates::{Kind, Objection, Scored};
+use super::candidates::{Kind, Locally, Objection, Scored};
 use super::catalogue::CauseId;
-use super::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
+use super::chance::{DETECTION_LIMIT, THRESHOLD, TIE, surprise};
 use super::covariates::{TEMPERATURE, TIME};
 use super::finding::{EXPLAINS_MORE, Evidence};
 use super::model::Model;
 use super::refit::{Refit, Setting, Spaces, apply, follow, refit, rescored};
 
-/// Rivals whose refitted -2 ln likelihood is within this of the best cannot be told from it.
-const TIE: f64 = 6.0;
-/// The same for causes whose effects are known to differ.
-const CLOSE: f64 = 1.5;
-/// A tone and a second mode whose likelihoods differ by less scale with the drive, and decay, as far as can be
-/// told.
-const LINES: f64 = 3.0;
 /// Causes that are looked for at most.
 const MOST_CAUSES: usize = 4;
 /// Rivals that are refitted in a step, at most.
@@ -57,7 +50,7 @@ pub fn select(
     let mut unnamed = Vec::new();
     for step in 0..=MOST_CAUSES as u32 {
         stages("testing the catalogue");
-        let scored = tested(&now, setting);
+        let (scored, anything) = tested(&now, setting);
         let rows = evidence.len();
         evidence.extend(scored.iter().map(|s| row(s, step, ln_samples)));
         unnamed = scored.iter().filter(|s| s.surprise > THRESHOLD && !s.able()).cloned().collect();
@@ -72,6 +65,10 @@ pub fn select(
             unnamed.push(Scored { objection: why, ..(**best).clone() });
             break;
         };
+        // what a shape without a name explains better has no name here: it is left for `adequacy` to tell
+        if round.of_shapes && anything.gain() > round.gain() + TIE {
+            break;
+        }
         round.tell(&mut evidence[rows..], ln_samples);
         let Won { refitted, cause } = round.won(ln_samples);
         chosen.push(cause);
@@ -93,14 +90,14 @@ pub fn select(
     Selected { model: last.model, causes: chosen, spaces: last.spaces, evidence, unnamed }
 }
 
-/// The catalogue about a model, without what is in it; what is most surprising first.
-fn tested(now: &Refit, setting: Setting) -> Vec<Scored> {
+/// The catalogue about a model, without what is in it; what is most surprising first. And what has no name.
+fn tested(now: &Refit, setting: Setting) -> (Vec<Scored>, Locally) {
     let nuisances = now.spaces.nuisances(&now.causes);
     let bench = setting.bench(&now.model, &now.spaces, &nuisances);
     let mut scored = bench.score_all();
     scored.retain(|s| now.causes.iter().all(|c| c.id != s.applied.id));
     scored.sort_by(|p, q| q.surprise.total_cmp(&p.surprise));
-    scored
+    (scored, bench.local_scan())
 }
 
 fn row(s: &Scored, step: u32, ln_samples: f64) -> Evidence {
@@ -164,7 +161,9 @@ impl<'a> Round<'a> {
             apply(&mut model, &scored.applied, &scored.applied.coefficients);
             causes.push(scored.applied.clone());
             let refitted = refit(model, causes, setting, 3, false);
-            rivals.push(Rival { deviance: refitted.deviance(kind), refitted, scored });
+            if refitted.last_is_able(setting) {
+                rivals.push(Rival { deviance: refitted.deviance(kind), refitted, scored });
+            }
         }
         // what explains less once it is refitted leads nowhere: it is no cause, and the misfit stays
         let before = now.deviance(kind);
@@ -174,16 +173,15 @@ impl<'a> Round<'a> {
         (!rivals.is_empty()).then_some(Round { before, of_shapes, rivals })
     }
 
+    /// What the likeliest gains in -2 ln likelihood, its parameters paid for.
+    fn gain(&self) -> f64 {
+        self.before - self.rivals[0].penalised()
+    }
+
     /// What cannot be told from the likeliest.
     fn tied(&self) -> Vec<CauseId> {
         let best = &self.rivals[0];
-        let close = |r: &&Rival| {
-            let near = r.penalised() - best.penalised();
-            let honest = r.id().same_class(best.id()) || !self.of_shapes;
-            let lines = r.id().is_line() && best.id().is_line();
-            let apart = (r.deviance - best.deviance).abs();
-            near < if honest { TIE } else { CLOSE } || lines && apart < LINES
-        };
+        let close = |r: &&Rival| r.penalised() - best.penalised() < TIE;
         self.rivals[1..].iter().filter(close).map(Rival::id).collect()
     }
 

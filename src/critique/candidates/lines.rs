@@ -5,7 +5,7 @@
 
 use super::{Applied, Bench, Best, Objection, Scored};
 use crate::critique::catalogue::CauseId;
-use crate::critique::chance::{maximum, width};
+use crate::critique::chance::{TIE, maximum, width};
 use crate::critique::space::Direction;
 use crate::model::InkChannel;
 use crate::model::terms::Interior;
@@ -104,7 +104,7 @@ impl Bench<'_> {
             let mut omega = 0.4 * LEAST_PERIODS * TAU;
             while omega < most {
                 let statistic = self.line_statistic(pattern, omega, gamma);
-                if self.is_own(pattern, omega, gamma) || is_slow(omega) {
+                if self.is_own(pattern, omega) || is_slow(omega) {
                     scan.own = scan.own.max(statistic);
                 } else if statistic > best {
                     best = statistic;
@@ -117,50 +117,32 @@ impl Bench<'_> {
     }
 
     /// Whether what is at a frequency may be the ring's own doing, or a random tone's that was found.
-    fn is_own(&self, pattern: usize, omega: f64, gamma: f64) -> bool {
+    fn is_own(&self, pattern: usize, omega: f64) -> bool {
         let own = self.seen.omega;
-        // near its own frequency a second mode is no second mode: the pair splits
-        let near = 0.8 * RESOLUTION + 0.5 * (self.seen.sigma + gamma);
-        let mode = pattern == 1
-            && (omega < LEAST_MODE * own
-                || (omega - own).abs() < near
-                || (2..=4).any(|m| (omega - f64::from(m) * own).abs() < 0.6 * RESOLUTION));
-        // nor is every second sample's own gain, which mirrors the ring at half the sampling rate
-        let mirror = PI * self.samples as f64 - own;
-        // what is at a multiple of its own frequency, or at its mirror, is the ring's own doing
-        let order = (omega / own).round().max(1.0);
-        let multiple = (omega - order * own).abs() < NEAR * own;
-        let mirrored = (omega - mirror).abs() < RESOLUTION;
-        // so is a tone at its own frequency: anything that changes the ring looks like one
-        let at_own = (omega - own).abs() < 1.2 * RESOLUTION;
-        let taken = |w: &f64| (omega - w).abs() < 1.5 * RESOLUTION;
-        mode || at_own || multiple || mirrored || self.avoid.iter().any(taken)
+        let within = |reach: f64, of: f64| (omega - of).abs() < reach;
+        // whatever changes the ring looks like a line beside it: the pair splits
+        let ring = within(RESOLUTION + 0.5 * self.seen.sigma, own);
+        let multiple = within(NEAR * own, (omega / own).round().max(1.0) * own);
+        // every second sample's own gain mirrors the ring at half the sampling rate
+        let mirror = within(RESOLUTION, PI * self.samples as f64 - own);
+        let slow = pattern == 1 && omega < LEAST_MODE * own;
+        ring || multiple || mirror || slow || self.avoid.iter().any(|w| within(RESOLUTION, *w))
     }
 
     /// Why the line that fits best cannot be the cause.
     fn objection(
         &self,
         pattern: usize,
-        Scan { omega, gamma, own }: Scan,
+        Scan { omega, own, .. }: Scan,
         statistic: f64,
     ) -> Option<Objection> {
         if is_slow(omega) {
-            return Some(Objection::SlowLine);
+            Some(Objection::SlowLine)
+        } else if self.is_own(pattern, omega) || own > statistic + TIE {
+            Some(Objection::OwnLine)
+        } else {
+            None
         }
-        if self.is_own(pattern, omega, gamma) || own > statistic + 10.0 {
-            return Some(Objection::OwnLine);
-        }
-        // so near to the ring a mode cannot be told from it; what fits as well as one is no tone
-        let close = 1.2 * RESOLUTION + 4.5 * self.seen.sigma;
-        if (omega - self.seen.omega).abs() < close && self.beside.drive_scan {
-            let shares: &[f64] = if pattern == 0 { &[0.4, 1.0, 2.0] } else { &[0.0] };
-            let as_other =
-                |share: &f64| self.line_statistic(1 - pattern, omega, share * self.seen.sigma);
-            if shares.iter().map(as_other).any(|s| s > statistic - 3.0) {
-                return Some(Objection::MayBe(if pattern == 0 { "mode" } else { "tone" }));
-            }
-        }
-        None
     }
 
     /// Surface tension B_t/B_m = m makes of the real pole and of the pole at 0 a slow pair, which scales
@@ -207,6 +189,9 @@ impl Bench<'_> {
         let mut scored =
             self.shaped(id, tested, directions, Best { shape: m, tried: 6.0, value: m, sd });
         scored.applied.damping = loss;
+        // the best of a range that ends there is none of it
+        let at_the_end = m < 1.01 * low || m > 0.99 * high;
+        scored.objection = at_the_end.then_some(Objection::AtTheEnd);
         Some(scored)
     }
 }

@@ -11,7 +11,7 @@ use super::plant::{Decays, Line, OMEGA, Plant, SIGMA, Structure, motion};
 use super::spectrum;
 use crate::critique::candidates::LEAST_PERIODS;
 use crate::critique::catalogue::CauseId;
-use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
+use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, TIE, surprise};
 use crate::critique::finding::{EXPLAINS_MORE, Evidence, NOT_SIGNIFICANT};
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
@@ -22,8 +22,6 @@ const MOST_TERMS: usize = 12;
 const MOST_LINES: usize = 8;
 /// Peaks of the misfit's spectrum at which a line is tried.
 const PEAKS: usize = 3;
-/// Rivals within this of the best, -2 ln likelihood and parameters counted, tie with it.
-const TIE: f64 = 6.0;
 /// A line must take away this share of the misfit at least: small lines are what is left of others.
 const LEAST_SHARE: f64 = 0.1;
 /// Where the samples before predict so much of the misfit, its autoregression stands in for something that
