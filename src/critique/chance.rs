@@ -8,12 +8,6 @@ pub const THRESHOLD: f64 = 8.3;
 /// Noncentrality of one detection limit.
 pub const DETECTION_LIMIT: f64 = 20.9;
 
-/// What differs by less in -2 ln likelihood, parameters paid for, cannot be told apart: odds of twenty.
-pub const TIE: f64 = 6.0;
-
-/// An omnibus test must be more surprising than a candidate: it has no mechanism behind it.
-pub const MARGIN: f64 = 1.5;
-
 /// -ln p of a chi-squared statistic with 1 or 2 degrees, times the number of independent tries; by
 /// Student's t where the scale was estimated from few.
 pub fn surprise(statistic: f64, degrees: usize, tried: f64, dof: f64) -> f64 {

@@ -11,6 +11,7 @@ use super::covariates::Covariates;
 use super::found::Found;
 use super::model::{Linear, Model, PATTERNS, dot};
 use super::observations::Observations;
+use super::tuned::CONTRAST;
 use crate::model::free_decay::FREE;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
@@ -118,7 +119,7 @@ pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Foun
             .collect();
         let rho_without = lag_one(&left, n, v);
         let local = line.contrast;
-        if line.surprise > THRESHOLD && local > 3.0 {
+        if line.surprise > THRESHOLD && local > CONTRAST {
             rho = rho_without;
         } else {
             line_surprise = 0.0;

@@ -13,6 +13,7 @@ use super::covariates::{COVARIATES, Covariates, DRIVE};
 use super::found::Found;
 use super::model::{Linear, Model};
 use super::observations::Observations;
+use super::tuned::NOTHING_LEFT;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Vector2, Vector4};
 use std::collections::BTreeMap;
 
@@ -21,8 +22,6 @@ const MOST: usize = 4096;
 const MOST_BURSTS: usize = 400;
 /// Bursts whose common part is not taken for something else that tell a variance.
 const FEWEST: usize = 8;
-/// Of a burst's weight, what may be left of it beside channels and covariates before it says nothing.
-const NOTHING_LEFT: f64 = 0.05;
 
 /// One signal: phase, gain, ln sigma, ln omega about its model, and the noise of these.
 struct Scatter {

@@ -8,16 +8,12 @@
 use super::covariates::{Covariates, POSITION};
 use super::model::{Linear, Model};
 use super::observations::Observations;
+use super::tuned::{FAR, FAULTY_SHARE, FAULTY_SIGNALS, IN_A_ROW, LEAST, NOISIER, ODD};
 use crate::model::median::median;
 
-const FAR: f64 = 7.0;
-/// Deviations below these (ln damping, ln frequency, ln amplitude) are never far.
-const LEAST: [f64; 3] = [0.025, 0.004, 0.015];
 /// Channels that tell a trend along the head, and pairs of them that it takes.
 const MOST_CHANNELS: usize = 256;
 const FEWEST_SLOPES: usize = 15;
-/// Misfit of one signal over the median one.
-const NOISIER: f64 = 3.0;
 
 /// What all channels follow along the head is no fault of theirs: the median slope between channels
 /// (Theil and Sen) of their medians.
@@ -43,11 +39,6 @@ fn trend(data: &Observations, beside: &Covariates, features: &[[f64; 3]], j: usi
     if slopes.len() < FEWEST_SLOPES { 0.0 } else { median(&mut slopes) }
 }
 
-/// A channel that rings unlike the others in so many signals, and in such a share of its own, is faulty at times:
-/// what is left of it may be a fault that begins or ends.
-const FAULTY_SIGNALS: usize = 2;
-const FAULTY_SHARE: f64 = 0.05;
-
 fn with_whole_channels(data: &Observations, outlier: Vec<bool>) -> Vec<bool> {
     let mut counts = vec![(0_usize, 0_usize); data.units];
     for (row, outlier) in data.rows.iter().zip(&outlier) {
@@ -70,11 +61,6 @@ pub struct Outliers {
     /// -ln of the chance that noise, however heavy its tails, gives signals that ring like the others such misfits.
     pub shaped: f64,
 }
-
-/// Deviations of the typical misfit beyond which a sample is odd, and how many odd ones in a row, of one sign, are a
-/// shape and not noise.
-const ODD: f64 = 5.0;
-const IN_A_ROW: usize = 3;
 
 /// Runs of odd samples in some of the misfits, against the chance that samples odd as often as these are come so in
 /// a row. `sd`: of the typical misfit.

@@ -5,18 +5,15 @@
 
 use super::{Applied, Bench, Best, Objection, Scored};
 use crate::critique::catalogue::CauseId;
-use crate::critique::chance::{TIE, maximum, width};
+use crate::critique::chance::{maximum, width};
 use crate::critique::space::Direction;
+use crate::critique::tuned::{LEAST_MODE, LOSS, MENISCUS, NEAR, SHOWS_ITS_LOSS, SPLIT, TIE};
 use crate::model::InkChannel;
 use crate::model::terms::Interior;
 use std::f64::consts::{PI, TAU};
 
-/// A line below this share of the model's own frequency is no mode, and below so many periods of the
-/// signal it is no line.
-const LEAST_MODE: f64 = 0.3;
+/// Below so many periods of the signal a line is none.
 pub const LEAST_PERIODS: f64 = 2.0;
-/// A line so near a multiple of the ring's frequency is no line of its own, relative to that frequency.
-const NEAR: f64 = 0.1;
 
 /// One period in a signal's length.
 const RESOLUTION: f64 = TAU;
@@ -195,17 +192,6 @@ impl Bench<'_> {
         Some(scored)
     }
 }
-
-/// B_t/B_m that is looked for: below, its mode lies under the real pole and leaves nothing.
-const MENISCUS: (f64, f64) = (0.03, 1.0);
-
-/// How well m is known from that mode's frequency, relative: how the stiffness divides between restrictor and
-/// nozzle rests on the held ratio, too.
-const SPLIT: f64 = 0.15;
-/// The damping of that mode rests on the ratio of the resistive rates, which is held: where the statistic is so large,
-/// the mode shows its own, within this factor.
-const SHOWS_ITS_LOSS: f64 = 400.0;
-const LOSS: f64 = 2.5;
 
 /// Damping and squared frequency of the slow mode: of thesis (2-2) with -b m V_n in it, the slow factor
 /// s² + 2 gamma s + gamma² + w² of (s² + g s + a)(s² + d s + b (1 + m)) - a b. `channel` is what is seen:

@@ -13,12 +13,13 @@ pub use lines::LEAST_PERIODS;
 pub use shapes::Locally;
 
 use super::catalogue::{Acts, CATALOGUE, CauseId, Needs, Shape};
-use super::chance::{TIE, surprise};
+use super::chance::surprise;
 use super::clusters::{Clusters, Spread};
 use super::covariates::Covariates;
 use super::finding::NOT_SIGNIFICANT;
 use super::model::{Model, RATIO_OF_RATES};
 use super::space::{Direction, Nuisance, Space, Tested};
+use crate::critique::tuned::TIE;
 use crate::model::free_decay::ALL;
 use crate::model::terms::{Interior, Seen};
 use thiserror::Error;

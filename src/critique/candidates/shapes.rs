@@ -8,20 +8,11 @@ use crate::critique::catalogue::{CauseId, Motion};
 use crate::critique::chance::{maximum, surprise, width};
 use crate::critique::model::PATTERNS;
 use crate::critique::space::Direction;
+use crate::critique::tuned::{ETA_FLOOR, INTERIOR};
 use crate::model::free_decay;
 use crate::model::terms::Term;
 use nalgebra::{Matrix4, Vector4};
 use std::f64::consts::PI;
-
-/// How well the amplitudes inside are known, relative: they rest on the ratio of the resistive rates,
-/// which is held (thesis (2-3), (2-4)), and on what the pulse moved before t_a.
-const INTERIOR: f64 = 0.05;
-
-/// What a share of half-order loss is uncertain by, however many the signals: the scatter of the
-/// acquisition state from burst to burst alone looks like -.1 to -.25 (null recordings of hidden_large.toml,
-/// 1152 signals), a temperature swing of 8 K like +.05 (print runs of physics.toml, 8192 signals). A
-/// half-order loss that a few hundred signals show is far larger.
-const ETA_FLOOR: f64 = 0.3;
 
 /// The shape without a name that explains most of the mean misfit, of so many that were tried.
 #[derive(Clone, Copy, Debug)]
