@@ -39,8 +39,8 @@ pub const ETA_FLOOR: f64 = 0.3;
 pub const LEAST_MODE: f64 = 0.3;
 /// A line so near a multiple of the ring's frequency is the ring's own doing, relative to that frequency. (-)
 pub const NEAR: f64 = 0.1;
-/// A random tone within so many periods of the ring may be the ring itself. (7.1)
-pub const OWN_PERIODS: f64 = 1.0;
+/// A line within so many periods of the ring, of its mirror or of another line may be these themselves. (7.1, 7.8)
+pub const OWN_PERIODS: f64 = 1.2;
 /// How far a random tone must stand out over its neighbourhood where noise is correlated, too. (-)
 pub const CONTRAST: f64 = 3.0;
 /// Compliance ratios B_t/B_m that are looked for: below, the slow mode lies under the real pole. (-)

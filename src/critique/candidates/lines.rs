@@ -7,7 +7,9 @@ use super::{Applied, Bench, Best, Objection, Scored};
 use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{maximum, width};
 use crate::critique::space::Direction;
-use crate::critique::tuned::{LEAST_MODE, LOSS, MENISCUS, NEAR, SHOWS_ITS_LOSS, SPLIT, TIE};
+use crate::critique::tuned::{
+    LEAST_MODE, LOSS, MENISCUS, NEAR, OWN_PERIODS, SHOWS_ITS_LOSS, SPLIT, TIE,
+};
 use crate::model::InkChannel;
 use crate::model::terms::Interior;
 use std::f64::consts::{PI, TAU};
@@ -117,13 +119,12 @@ impl Bench<'_> {
     fn is_own(&self, pattern: usize, omega: f64) -> bool {
         let own = self.seen.omega;
         let within = |reach: f64, of: f64| (omega - of).abs() < reach;
-        // whatever changes the ring looks like a line beside it: the pair splits
-        let ring = within(RESOLUTION + 0.5 * self.seen.sigma, own);
+        let near = |of: f64| within(OWN_PERIODS * RESOLUTION, of);
         let multiple = within(NEAR * own, (omega / own).round().max(1.0) * own);
         // every second sample's own gain mirrors the ring at half the sampling rate
-        let mirror = within(RESOLUTION, PI * self.samples as f64 - own);
+        let mirror = PI * self.samples as f64 - own;
         let slow = pattern == 1 && omega < LEAST_MODE * own;
-        ring || multiple || mirror || slow || self.avoid.iter().any(|w| within(RESOLUTION, *w))
+        near(own) || near(mirror) || multiple || slow || self.avoid.iter().any(|w| near(*w))
     }
 
     /// Why the line that fits best cannot be the cause.

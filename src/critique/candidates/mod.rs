@@ -220,7 +220,7 @@ impl<'a> Bench<'a> {
                 all.push(scored);
             }
         }
-        withhold_tone(&mut all);
+        withhold_lines(&mut all);
         all
     }
 
@@ -328,15 +328,16 @@ impl<'a> Bench<'a> {
     }
 }
 
-/// What a line explains that scales with the drive, decays, and may be the ring's own doing, is no tone.
-fn withhold_tone(all: &mut [Scored]) {
-    let mode = all.iter().find(|s| s.applied.id == CauseId::SecondMode);
-    let Some((why, best)) = mode.and_then(|s| Some((s.objection?, s.statistic))) else { return };
-    if why == Objection::OwnLine
-        && let Some(tone) = all.iter_mut().find(|s| s.applied.id == CauseId::Tone)
-        && best > tone.statistic + TIE
-    {
-        tone.objection = tone.objection.or(Some(why));
+/// Where the ring itself may be one of the two lines, steady or scaling with the drive, and that explains as much, the
+/// other is no line either.
+fn withhold_lines(all: &mut [Scored]) {
+    let of = |id| all.iter().position(|s| s.applied.id == id);
+    let (Some(tone), Some(mode)) = (of(CauseId::Tone), of(CauseId::SecondMode)) else { return };
+    for (one, other) in [(tone, mode), (mode, tone)] {
+        let own = all[one].objection == Some(Objection::OwnLine);
+        if own && all[one].statistic > all[other].statistic - TIE {
+            all[other].objection = all[other].objection.or(Some(Objection::OwnLine));
+        }
     }
 }
 
@@ -345,7 +346,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_that_the_ring_explains_better_is_no_tone() {
+    fn a_line_that_the_ring_explains_as_well_is_no_tone() {
         let line = |id, statistic: f64, objection| Scored {
             applied: Applied::rigid(id, vec![], vec![], Kind::Shapes),
             statistic,
@@ -359,11 +360,11 @@ mod tests {
         let named = |mode: f64, objection| {
             let tone = line(CauseId::Tone, 36.0, None);
             let mut all = [tone, line(CauseId::SecondMode, mode, objection)];
-            withhold_tone(&mut all);
+            withhold_lines(&mut all);
             all[0].able()
         };
-        assert!(!named(46.0, Some(Objection::OwnLine)));
-        assert!(named(38.0, Some(Objection::OwnLine)));
+        assert!(!named(38.0, Some(Objection::OwnLine)));
+        assert!(named(28.0, Some(Objection::OwnLine)));
         assert!(named(46.0, None), "they compete");
     }
 }
