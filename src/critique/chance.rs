@@ -31,6 +31,16 @@ pub fn surprise(statistic: f64, degrees: usize, tried: f64, dof: f64) -> f64 {
     (-ln_p - tried.ln()).max(0.0)
 }
 
+/// The statistic at which a surprise that grows with it reaches what is asked: bisection.
+pub fn statistic_of(asked: f64, surprise: impl Fn(f64) -> f64) -> f64 {
+    let (mut low, mut high) = (0.0, 4.0 * asked + 2000.0);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if surprise(middle) > asked { high = middle } else { low = middle }
+    }
+    high
+}
+
 /// ln P(Z > z), by the continued fraction in the tail.
 pub fn ln_normal_tail(z: f64) -> f64 {
     if z < 3.0 {

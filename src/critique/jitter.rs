@@ -8,7 +8,7 @@
 //! scatter, whichever asks for more.
 
 use super::catalogue::CauseId;
-use super::chance::surprise;
+use super::chance::{maximum, surprise};
 use super::covariates::{COVARIATES, Covariates, DRIVE};
 use super::found::Found;
 use super::model::{Linear, Model};
@@ -304,15 +304,8 @@ impl Excess {
 /// The variance (rad², relative²) at which a deviance is least: a scan over decades, then the golden section.
 fn least(deviance: impl Fn(f64) -> f64) -> f64 {
     let at = |ln: f64| deviance(ln.exp());
-    let lns = (-30..=2).map(f64::from);
-    let middle = lns.min_by(|p, q| at(*p).total_cmp(&at(*q))).unwrap_or(0.0);
-    let (mut low, mut high) = (middle - 1.0, middle + 1.0);
-    let share = 0.5 * (5f64.sqrt() - 1.0);
-    for _ in 0..40 {
-        let (p, q) = (high - share * (high - low), low + share * (high - low));
-        if at(p) < at(q) { high = q } else { low = p }
-    }
-    let found = (0.5 * (low + high)).exp();
+    let middle = (-30..=2).map(f64::from).min_by(|p, q| at(*p).total_cmp(&at(*q))).unwrap_or(0.0);
+    let found = maximum(|ln| -at(ln), middle, 1.0).exp();
     if deviance(0.0) <= deviance(found) { 0.0 } else { found }
 }
 

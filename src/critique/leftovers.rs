@@ -77,8 +77,11 @@ impl Weighed {
     /// Whether it is more than what these leave. Beside another, less than one detection limit is chance.
     pub fn is_beyond<'a>(&self, others: impl IntoIterator<Item = &'a Weighed>) -> bool {
         others.into_iter().filter(|other| other.id != self.id).all(|other| {
-            let chance = if self.shows() == Shows::InCodes { 0.0 } else { DETECTION_LIMIT };
-            let least = (other.growth * chance).min(other.statistic);
+            let chance = match (other.shows(), self.shows()) {
+                (_, Shows::InCodes) | (Shows::InCodes, Shows::InNoise) => 0.0,
+                _ => other.growth * DETECTION_LIMIT,
+            };
+            let least = chance.min(other.statistic);
             self.statistic >= least.max(other.leaves_to(self) * other.statistic)
         })
     }

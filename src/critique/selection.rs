@@ -6,7 +6,7 @@
 
 use super::candidates::{Kind, Locally, Objection, Scored};
 use super::catalogue::CauseId;
-use super::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
+use super::chance::{DETECTION_LIMIT, THRESHOLD, statistic_of, surprise};
 use super::finding::{EXPLAINS_MORE, Evidence};
 use super::leftovers::Weighed;
 use super::model::Model;
@@ -301,16 +301,7 @@ fn parameters(s: &Scored) -> f64 {
 
 /// The value of the statistic at which the surprise reaches the threshold.
 fn threshold_statistic(s: &Scored) -> f64 {
-    let (mut low, mut high) = (0.0, 400.0);
-    for _ in 0..40 {
-        let mid = 0.5 * (low + high);
-        if surprise(mid, s.degrees, s.tried, f64::INFINITY) > THRESHOLD {
-            high = mid;
-        } else {
-            low = mid;
-        }
-    }
-    high
+    statistic_of(THRESHOLD, |x| surprise(x, s.degrees, s.tried, f64::INFINITY))
 }
 
 #[cfg(test)]

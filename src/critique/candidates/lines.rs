@@ -103,7 +103,7 @@ impl Bench<'_> {
             let mut omega = 0.4 * LEAST_PERIODS * TAU;
             while omega < most {
                 let statistic = self.line_statistic(pattern, omega, gamma);
-                if self.is_own(pattern, omega) || is_slow(omega) {
+                if self.is_own(pattern, omega, gamma) || is_slow(omega) {
                     scan.own = scan.own.max(statistic);
                 } else if statistic > best {
                     best = statistic;
@@ -116,10 +116,11 @@ impl Bench<'_> {
     }
 
     /// Whether what is at a frequency may be the ring's own doing, or a random tone's that was found.
-    fn is_own(&self, pattern: usize, omega: f64) -> bool {
+    fn is_own(&self, pattern: usize, omega: f64, gamma: f64) -> bool {
         let own = self.seen.omega;
         let within = |reach: f64, of: f64| (omega - of).abs() < reach;
-        let near = |of: f64| within(OWN_PERIODS * RESOLUTION, of);
+        // a damped line is as broad as its damping
+        let near = |of: f64| within(OWN_PERIODS * RESOLUTION + 0.5 * gamma, of);
         let multiple = within(NEAR * own, (omega / own).round().max(1.0) * own);
         // every second sample's own gain mirrors the ring at half the sampling rate
         let mirror = PI * self.samples as f64 - own;
@@ -131,12 +132,12 @@ impl Bench<'_> {
     fn objection(
         &self,
         pattern: usize,
-        Scan { omega, own, .. }: Scan,
+        Scan { omega, gamma, own }: Scan,
         statistic: f64,
     ) -> Option<Objection> {
         if is_slow(omega) {
             Some(Objection::SlowLine)
-        } else if self.is_own(pattern, omega) || own > statistic + TIE {
+        } else if self.is_own(pattern, omega, gamma) || own > statistic + TIE {
             Some(Objection::OwnLine)
         } else {
             None

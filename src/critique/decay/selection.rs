@@ -11,7 +11,7 @@ use super::plant::{Decays, Line, OMEGA, Plant, SIGMA, Structure, motion};
 use super::spectrum;
 use crate::critique::candidates::LEAST_PERIODS;
 use crate::critique::catalogue::CauseId;
-use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
+use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, statistic_of, surprise};
 use crate::critique::finding::{EXPLAINS_MORE, Evidence, NOT_SIGNIFICANT};
 use crate::critique::tuned::TIE;
 use nalgebra::DMatrix;
@@ -521,20 +521,13 @@ pub fn alias(decays: &Decays, parent: &Fit) -> Tried {
 }
 
 fn row(t: &Tried, step: u32, samples: f64) -> Evidence {
-    let (mut low, mut high) = (0.0, 2000.0);
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        let lines = if matches!(t.term, Term::Line(_)) { samples / 2.0 } else { 1.0 };
-        match surprise(middle, t.degrees, lines, f64::INFINITY) > THRESHOLD {
-            true => high = middle,
-            false => low = middle,
-        }
-    }
+    let lines = if matches!(t.term, Term::Line(_)) { samples / 2.0 } else { 1.0 };
+    let surprise = |x: f64| surprise(x, t.degrees, lines, f64::INFINITY);
     Evidence {
         step,
         id: t.term.id(),
         statistic: t.statistic,
-        threshold: high,
+        threshold: statistic_of(THRESHOLD, surprise),
         p: (-t.surprise).exp(),
         delta_bic: t.statistic - t.degrees as f64 * samples.ln(),
         strength_dl: (t.statistic / DETECTION_LIMIT).sqrt(),
