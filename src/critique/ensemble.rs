@@ -11,7 +11,7 @@ use super::covariates::Covariates;
 use super::found::Found;
 use super::model::{Linear, Model, PATTERNS, dot};
 use super::observations::Observations;
-use super::tuned::CONTRAST;
+use super::tuned::{CONTRAST, LINE_BOUND};
 use crate::model::free_decay::FREE;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
@@ -227,7 +227,7 @@ fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
         }
     }
     let (r, se) = ratio(omega);
-    let z = z_of(r).min((r - 1.0) / se.max(1e-9) * 1.5);
+    let z = z_of(r).min((r - 1.0) / se.max(1e-9) * LINE_BOUND);
     // amplitude² / 4 * N per signal over v is r - 1
     let snr = (r - 1.0).max(1e-6);
     let var = 6.0 / (n as f64 * n as f64) / (snr * m) * (1.0 + 1.0 / snr) * (n * n) as f64;

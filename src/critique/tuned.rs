@@ -85,3 +85,33 @@ pub const NOTHING_LEFT: f64 = 0.05;
 pub const SHRINKAGE: f64 = 6.0;
 /// Difference in detection AUC below which it does not matter. (-)
 pub const MATTERS: f64 = 0.01;
+/// Of the signals, the quieter share that tells the noise. (-)
+pub const TELL_NOISE: f64 = 0.99;
+/// Of a line's excess over white noise, in its own errors, what counts beside the chance of exponentials. (-)
+pub const LINE_BOUND: f64 = 1.5;
+/// Of the frequency's scatter within channels, the least share that is no noise. (-)
+pub const REAL_SCATTER: f64 = 0.2;
+
+// what was recorded
+
+/// Share of signals that makes a covariate recorded; relative spread that makes a drive scan. (-)
+pub const LEAST_RECORDED: f64 = 0.9;
+pub const DRIVE_SCAN: f64 = 0.03;
+/// Of the mean signal's squares, what one ring may leave for anything to ring at all. (-)
+pub const RINGS: f64 = 0.9;
+
+// decays of one oscillator
+
+/// Of the baseline's misfit, what may be left beside names. (-)
+pub const DECAY_LEFT: f64 = 0.5;
+/// Of a misfit, what must follow from the samples before to be called unexplained. (-)
+pub const PREDICTABLE: f64 = 0.3;
+/// Of the misfit, what a line must take; small lines are what is left of others. (-)
+pub const LEAST_SHARE: f64 = 0.1;
+/// From this predictable share on, an autoregression stands in for what is missing, and so much of the rest is
+/// asked. (-)
+pub const COLOURED: f64 = 0.5;
+pub const LEAST_OF_COLOURED: f64 = 0.03;
+/// Lines so near a multiple of the ring are its harmonics, relative; the reach of the band that it sweeps. (-)
+pub const HARMONIC: f64 = 0.01;
+pub const SWEPT: f64 = 1.3;
