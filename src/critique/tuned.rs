@@ -9,8 +9,8 @@
 
 /// An omnibus test must be so much more surprising than a candidate: it has no mechanism behind it. (-)
 pub const MARGIN: f64 = 1.5;
-/// What differs by less in -2 ln likelihood, parameters paid for, cannot be told apart: odds of twenty. (7.1, 7.8)
-pub const TIE: f64 = 6.0;
+/// What differs by less in -2 ln likelihood, parameters paid for, cannot be told apart: odds of seven. (7.8)
+pub const TIE: f64 = 4.0;
 /// Of the threshold, the surprise that makes a rival, and below which a cause in the model goes again. (-)
 pub const HALF: f64 = 0.5;
 /// What follows a covariate must show beside the state at t_a, which may follow it, too; its own errors. (-)

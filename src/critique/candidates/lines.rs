@@ -64,7 +64,8 @@ impl Bench<'_> {
         let tested = self.shapes.test(&directions)?;
         let best = Best {
             shape: omega,
-            tried: self.samples as f64 * dampings.len() as f64,
+            // dampings are a parameter, and hardly independent tries
+            tried: self.samples as f64,
             value: omega / TAU / self.length_s,
             sd: width(|x| test(x, gamma), omega, 0.02) / TAU / self.length_s,
         };
