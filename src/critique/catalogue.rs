@@ -215,7 +215,7 @@ pub static CATALOGUE: [Entry; 22] = [
         in_decays: INK_CHANNEL, ..MOST },
     Entry { id: CauseId::SecondMode, name: "second_mode", parameter: "frequency", unit: "Hz", needs: Needs::DriveScan,
         words: "a second mode rings along",
-        equation: "+ s e^{-gamma t} (p cos 2 pi f2 t + q sin 2 pi f2 t)", acts: Acts::Mean(Shape::Mode), free: 3.0, ..MOST },
+        equation: "+ s e^{-gamma t} (p cos 2 pi f2 t + q sin 2 pi f2 t)", acts: Acts::Mean(Shape::Mode), free: 2.0, ..MOST },
     Entry { id: CauseId::QuadraticDrag, name: "quadratic_drag", parameter: "damping_change", needs: Needs::DriveScan,
         words: "damping grows with amplitude: quadratic drag at the nozzle",
         equation: "; q_n' gains -k |q_n| q_n", acts: motion(Term::QuadraticDrag, 2, [0.01, 3.0]),
@@ -320,11 +320,6 @@ impl CauseId {
     /// Whether it acts through the amplitude: a term of the motion that is not linear.
     pub fn by_amplitude(self) -> bool {
         matches!(self.row().acts, Acts::Mean(Shape::Motion(Motion { power, .. })) if power != 1)
-    }
-
-    /// Whether its spectrum is a line in the mean signal.
-    pub fn is_line(self) -> bool {
-        matches!(self.row().acts, Acts::Mean(Shape::Tone | Shape::Mode))
     }
 }
 

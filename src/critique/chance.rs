@@ -8,9 +8,6 @@ pub const THRESHOLD: f64 = 8.3;
 /// Noncentrality of one detection limit.
 pub const DETECTION_LIMIT: f64 = 20.9;
 
-/// An omnibus test must be more surprising than a candidate: it has no mechanism behind it.
-pub const MARGIN: f64 = 1.5;
-
 /// -ln p of a chi-squared statistic with 1 or 2 degrees, times the number of independent tries; by
 /// Student's t where the scale was estimated from few.
 pub fn surprise(statistic: f64, degrees: usize, tried: f64, dof: f64) -> f64 {
@@ -32,6 +29,16 @@ pub fn surprise(statistic: f64, degrees: usize, tried: f64, dof: f64) -> f64 {
         }
     };
     (-ln_p - tried.ln()).max(0.0)
+}
+
+/// The statistic at which a surprise that grows with it reaches what is asked: bisection.
+pub fn statistic_of(asked: f64, surprise: impl Fn(f64) -> f64) -> f64 {
+    let (mut low, mut high) = (0.0, 4.0 * asked + 2000.0);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if surprise(middle) > asked { high = middle } else { low = middle }
+    }
+    high
 }
 
 /// ln P(Z > z), by the continued fraction in the tail.

@@ -9,10 +9,8 @@ use super::covariates::Covariates;
 use super::found::Found;
 use super::model::{Linear, Model};
 use super::observations::Observations;
+use super::tuned::{CLIPPED_LESS, CLIPPED_SHARE, ODD_GAPS, POPULATED};
 use std::collections::BTreeMap;
-
-/// A code counts as populated from this many samples on; a gap tells something from this many on.
-const POPULATED: f64 = 8.0;
 
 pub fn test(data: &Observations, beside: &Covariates, model: &mut Model) -> Vec<Found> {
     let mut histogram: BTreeMap<i64, u64> = BTreeMap::new();
@@ -62,7 +60,8 @@ fn clipping(
     // the top code alone must hold what should lie above it
     let crowded = at_top as f64 > 4.0 + 0.5 * beyond;
     // one free level; unmodelled scatter of the largest signals is allowed for
-    let surprise: f64 = if crowded { (0.6 * surprise - 3.0_f64).max(0.0) } else { 0.0 };
+    let surprise: f64 =
+        if crowded { (CLIPPED_SHARE * surprise - CLIPPED_LESS).max(0.0) } else { 0.0 };
     let f =
         Found::of(CauseId::Clipping, surprise, 2.0 * surprise, level, half.clamp(1e-3, 0.5) * 0.5);
     if f.evidence.accepted {
@@ -138,10 +137,6 @@ fn lattice(
     }
     f
 }
-
-/// Gaps between codes that a step rounded to whole codes does not leave, at most: a code in the tails may be missed
-/// by chance.
-const ODD_GAPS: f64 = 0.1;
 
 /// Whether codes are those of one step: its multiples, rounded, lie one of two neighbouring gaps apart.
 fn is_lattice(met: &[i64], step: f64) -> bool {

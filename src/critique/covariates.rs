@@ -4,6 +4,7 @@
 //! standard deviation 1; a covariate that was not recorded, or does not vary, is absent and counts 0.
 
 use super::observations::Observations;
+use super::tuned::{DRIVE_SCAN, LEAST_RECORDED};
 use crate::burst::Beside;
 
 /// Index of a covariate. `ONE` is the constant: the mean of all channels.
@@ -38,9 +39,6 @@ const SQUARES: [(usize, usize); 2] = [(TIME, TIME_SQUARED), (TEMPERATURE, TEMPER
 pub fn square_of(which: usize) -> Option<usize> {
     SQUARES.iter().find(|(of, _)| *of == which).map(|(_, square)| *square)
 }
-
-/// Share of signals that must have a covariate before it counts as recorded.
-const LEAST_RECORDED: f64 = 0.9;
 
 #[derive(Clone, Debug)]
 pub struct Covariates {
@@ -145,7 +143,7 @@ impl Covariates {
             }
         }
         let spread = new.drive.iter().map(|s| (s - 1.0).powi(2)).sum::<f64>() / n;
-        new.drive_scan = spread.sqrt() > 0.03;
+        new.drive_scan = spread.sqrt() > DRIVE_SCAN;
         new
     }
 }

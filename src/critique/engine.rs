@@ -22,24 +22,20 @@ use super::finding::{
 use super::found::{Aside, accepted};
 use super::gain;
 use super::jitter;
-use super::leftovers::{
-    LEFT_OF_NOISE, at_the_ring, at_the_ring_beside, beside_codes_and_noise, beyond_growing_noise,
-    beyond_others, largest, still_there,
-};
+use super::leftovers::{at_the_ring, at_the_ring_beside, leave_out, still_there, weighed};
 use super::model::{Model, Unfit};
 use super::observations::Observations;
 pub use super::outcome::{CritiqueError, Outcome};
 use super::outcome::{FEWEST_SAMPLES, FEWEST_SIGNALS};
-use super::outliers::outliers;
+use super::outliers::{Outliers, outliers};
 use super::refit::Setting;
 use super::selection::{self, Chosen, Selected};
+use super::tuned::NEARLY_WHITE;
 use super::words::{cause_sentence, equation, sentence, ties};
 use std::f64::consts::TAU;
 
 /// Times that the correlation of the noise is estimated anew.
 const MOST_WHITENINGS: usize = 10;
-/// Correlation that may be left.
-const NEARLY_WHITE: f64 = 0.003;
 /// Longer signals are judged by their first samples.
 pub const MOST_SAMPLES: usize = 512;
 
@@ -82,8 +78,8 @@ fn of_signals(
         return Err(CritiqueError::TooShort { samples: all.samples });
     }
     stages("fitting the baseline");
-    let outlier = match labelled || !real {
-        true => vec![false; all.len()],
+    let Outliers { out: outlier, shaped } = match labelled || !real {
+        true => Outliers { out: vec![false; all.len()], shaped: 0.0 },
         false => outlying(all)?,
     };
     let data = all.select(|i| !outlier[i]);
@@ -94,6 +90,7 @@ fn of_signals(
     let Prepared { data, as_it_came, baseline, mut aside, .. } = prepared;
     let setting = Setting { data: &data, beside: &beside, avoid: &avoid };
     look_again(&mut aside, &selected, setting);
+    aside.odd_signals = shaped;
 
     stages("checking what is left");
     let left = adequacy::check(&selected, &aside, setting);
@@ -155,7 +152,7 @@ fn no_ring(Unfit::NoRing: Unfit) -> CritiqueError {
 }
 
 /// For each row of an ink channel whether it rings unlike the others.
-fn outlying(all: &Observations) -> Result<Vec<bool>, CritiqueError> {
+fn outlying(all: &Observations) -> Result<Outliers, CritiqueError> {
     let beside = Covariates::of(all);
     let start = Model::start(all, &beside, true).map_err(no_ring)?;
     Ok(outliers(all, &beside, &start))
@@ -192,11 +189,12 @@ impl Prepared {
         if !codes.is_empty() {
             baseline.fit(&data, beside, 2);
         }
-        let mut noise = ensemble::test(&data, beside, &baseline);
-        beyond_growing_noise(&mut noise);
-        let deferred = at_the_ring(&mut noise, &baseline, data.dt_s * data.samples as f64);
-        let rho = accepted(&noise, CauseId::CorrelatedNoise);
-        let aside = Aside { codes, noise };
+        let noise = ensemble::test(&data, beside, &baseline);
+        let mut aside = Aside { codes, noise, odd_signals: 0.0 };
+        leave_out(&mut aside, Vec::new());
+        let length_s = data.dt_s * data.samples as f64;
+        let deferred = at_the_ring(&mut aside.noise, &baseline, length_s);
+        let rho = accepted(&aside.noise, CauseId::CorrelatedNoise);
         let prepared = Prepared { data, as_it_came: None, baseline, aside, deferred };
         match rho {
             Some(rho) => prepared.whitened(rho, beside),
@@ -206,7 +204,8 @@ impl Prepared {
 
     /// With the correlation of its noise taken out, and what else is found in the noise found anew.
     fn whitened(self, rho: f64, beside: &Covariates) -> Result<Prepared, CritiqueError> {
-        let Prepared { data: as_it_came, aside: Aside { codes, mut noise }, deferred, .. } = self;
+        let Prepared { data: as_it_came, aside: Aside { codes, mut noise, .. }, deferred, .. } =
+            self;
         let mut total = rho;
         let mut round = 0;
         let mut last = f64::INFINITY;
@@ -234,19 +233,8 @@ impl Prepared {
         for f in &mut noise {
             f.evidence.value = ensemble::beneath_rounding(total, baseline.noise_var, rounding);
         }
-        // strongly correlated noise is never made quite white: what is found in the rest must be large
-        let least = if total.abs() > 0.5 {
-            LEFT_OF_NOISE * noise.iter().fold(0.0, |m: f64, f| m.max(f.evidence.statistic))
-        } else {
-            0.0
-        };
-        for mut f in again.into_iter().filter(|f| !f.is(CauseId::CorrelatedNoise)) {
-            if f.evidence.accepted && f.evidence.statistic < least {
-                f.leave_out("what correlated noise leaves");
-            }
-            noise.push(f);
-        }
-        let aside = Aside { codes, noise };
+        noise.extend(again.into_iter().filter(|f| !f.is(CauseId::CorrelatedNoise)));
+        let aside = Aside { codes, noise, odd_signals: 0.0 };
         Ok(Prepared { data, as_it_came: Some(as_it_came), baseline, aside, deferred })
     }
 
@@ -267,7 +255,7 @@ impl Prepared {
         let noise = &mut self.aside.noise;
         noise.retain(|f| !f.is(CauseId::RandomTone));
         noise.extend(again.into_iter().filter(|f| f.is(CauseId::RandomTone)));
-        at_the_ring_beside(noise, largest(&picked.selected));
+        at_the_ring_beside(noise, &picked.selected.weighed());
         match accepted(noise, CauseId::RandomTone) {
             Some(_) => self.select(beside, stages),
             None => picked,
@@ -276,9 +264,9 @@ impl Prepared {
 
     fn select(&self, beside: &Covariates, stages: &mut dyn FnMut(&str)) -> Picked {
         let avoid = self.random_tone();
-        let least = beside_codes_and_noise(&self.aside.codes, &self.aside.noise);
         let setting = Setting { data: &self.data, beside, avoid: &avoid };
-        let selected = selection::select(self.baseline.clone(), setting, least, stages);
+        let selected =
+            selection::select(self.baseline.clone(), setting, weighed(&self.aside), stages);
         Picked { selected, avoid }
     }
 }
@@ -294,12 +282,11 @@ fn look_again(aside: &mut Aside, selected: &Selected, setting: Setting) {
     }
     // a shift in time is told from drifts once these are in the model
     aside.noise.push(jitter::jitter(&selected.model, data, beside));
-    beyond_growing_noise(&mut aside.noise);
     let noisy = aside.noise.iter().any(|f| f.evidence.accepted);
     if noisy && !selected.causes.is_empty() {
         still_there(&mut aside.noise, &ensemble::test(data, beside, &selected.model));
     }
-    beyond_others(&mut aside.noise, &aside.codes, largest(selected));
+    leave_out(aside, selected.weighed());
 }
 
 /// All that is named. `better`: whether faults are detected better with what was selected.

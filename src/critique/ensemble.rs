@@ -11,6 +11,7 @@ use super::covariates::Covariates;
 use super::found::Found;
 use super::model::{Linear, Model, PATTERNS, dot};
 use super::observations::Observations;
+use super::tuned::{CONTRAST, LINE_BOUND};
 use crate::model::free_decay::FREE;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
@@ -118,7 +119,7 @@ pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Foun
             .collect();
         let rho_without = lag_one(&left, n, v);
         let local = line.contrast;
-        if line.surprise > THRESHOLD && local > 3.0 {
+        if line.surprise > THRESHOLD && local > CONTRAST {
             rho = rho_without;
         } else {
             line_surprise = 0.0;
@@ -226,7 +227,7 @@ fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
         }
     }
     let (r, se) = ratio(omega);
-    let z = z_of(r).min((r - 1.0) / se.max(1e-9) * 1.5);
+    let z = z_of(r).min((r - 1.0) / se.max(1e-9) * LINE_BOUND);
     // amplitude² / 4 * N per signal over v is r - 1
     let snr = (r - 1.0).max(1e-6);
     let var = 6.0 / (n as f64 * n as f64) / (snr * m) * (1.0 + 1.0 / snr) * (n * n) as f64;

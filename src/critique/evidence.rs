@@ -3,7 +3,7 @@
 //! In: [`Evidence`] as the selection left it. Out: the same rows, whose thresholds are what was asked of
 //! them, and whose reasons name what was chosen instead.
 
-use super::chance::{THRESHOLD, surprise};
+use super::chance::{THRESHOLD, statistic_of, surprise};
 use super::finding::{EXPLAINS_MORE, Evidence, NOT_SIGNIFICANT};
 
 /// `by_chance`: these were accepted by their chance alone, shapes tried and heavy tails included; their
@@ -37,12 +37,7 @@ fn by_its_chance(statistic: f64, p: f64) -> f64 {
         return f64::NAN;
     }
     let asked = THRESHOLD + (plain(statistic) + p.ln()).max(0.0);
-    let (mut low, mut high) = (0.0, 4.0 * asked + 20.0);
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if plain(middle) > asked { high = middle } else { low = middle }
-    }
-    high
+    statistic_of(asked, plain)
 }
 
 #[cfg(test)]

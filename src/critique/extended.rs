@@ -10,11 +10,8 @@ use super::covariates::Covariates;
 use super::finding::{Detection, Gain};
 use super::model::Model;
 use super::refit::{Setting, apply, refit};
+use super::tuned::MOST_LEFT_OUT;
 use thiserror::Error;
-
-/// Of an unlabelled recording, the share of signals that may ring unlike the others: where more do, what faulty
-/// channels leave among the rest is not known to be little.
-const MOST_LEFT_OUT: f64 = 0.1;
 
 /// The model with its causes, and the covariates that it follows, of the rows that were kept.
 pub struct Extended {

@@ -4,6 +4,7 @@
 //! go to tables of their own and to the report.
 
 use super::catalogue::CauseId;
+use super::tuned::MATTERS;
 use serde::Serialize;
 
 /// Version of `critique.json`.
@@ -133,9 +134,6 @@ pub enum Detection {
     Same,
     NotMeasured,
 }
-
-/// Difference in detection AUC below which it does not matter.
-const MATTERS: f64 = 0.01;
 
 impl Gain {
     pub fn detection(&self) -> Detection {

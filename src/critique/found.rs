@@ -74,6 +74,8 @@ pub fn accepted(found: &[Found], id: CauseId) -> Option<f64> {
 pub struct Aside {
     pub codes: Vec<Found>,
     pub noise: Vec<Found>,
+    /// -ln of the chance of the misfits that few signals have, and that are left out for them.
+    pub odd_signals: f64,
 }
 
 impl Aside {

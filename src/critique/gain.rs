@@ -13,6 +13,7 @@ use super::matrices::{Matrix5, Vector5, floored, scaled};
 use super::model::{Linear, Model, dot, free_products};
 use super::observations::Observations;
 use super::refit::{Setting, apply, refit};
+use super::tuned::SHRINKAGE;
 use super::whiteness::{Lags, whiteness_p};
 use crate::model::free_decay::FREE;
 use nalgebra::DMatrix;
@@ -29,8 +30,6 @@ const BLOCKS: usize = 5;
 /// The small nozzle fault that is put in: a change of ln damping, in standard deviations of the extended
 /// model's healthy signals.
 const FAULT: f64 = 2.5;
-/// So many channels' weight has the guess that the scatter's parts are independent.
-const SHRINKAGE: f64 = 6.0;
 /// Gauss-Newton from the population to a signal's own parameters: steps at most, and the squared step, in its
 /// own errors, that is none.
 const MOST_STEPS: usize = 6;

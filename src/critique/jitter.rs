@@ -8,11 +8,12 @@
 //! scatter, whichever asks for more.
 
 use super::catalogue::CauseId;
-use super::chance::surprise;
+use super::chance::{maximum, surprise};
 use super::covariates::{COVARIATES, Covariates, DRIVE};
 use super::found::Found;
 use super::model::{Linear, Model};
 use super::observations::Observations;
+use super::tuned::{NOTHING_LEFT, REAL_SCATTER};
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Vector2, Vector4};
 use std::collections::BTreeMap;
 
@@ -21,8 +22,6 @@ const MOST: usize = 4096;
 const MOST_BURSTS: usize = 400;
 /// Bursts whose common part is not taken for something else that tell a variance.
 const FEWEST: usize = 8;
-/// Of a burst's weight, what may be left of it beside channels and covariates before it says nothing.
-const NOTHING_LEFT: f64 = 0.05;
 
 /// One signal: phase, gain, ln sigma, ln omega about its model, and the noise of these.
 struct Scatter {
@@ -118,7 +117,7 @@ fn freed_of_frequency(each: &mut [Scatter]) {
         seen += x[3] * x[3];
         real += x * x[3] - one.noise.column(3);
     }
-    let var = real[3].max(0.2 * seen).max(1e-300);
+    let var = real[3].max(REAL_SCATTER * seen).max(1e-300);
     let mut turn = Matrix4::identity();
     turn[(0, 3)] = -real[0] / var;
     turn[(1, 3)] = -real[1] / var;
@@ -305,15 +304,8 @@ impl Excess {
 /// The variance (rad², relative²) at which a deviance is least: a scan over decades, then the golden section.
 fn least(deviance: impl Fn(f64) -> f64) -> f64 {
     let at = |ln: f64| deviance(ln.exp());
-    let lns = (-30..=2).map(f64::from);
-    let middle = lns.min_by(|p, q| at(*p).total_cmp(&at(*q))).unwrap_or(0.0);
-    let (mut low, mut high) = (middle - 1.0, middle + 1.0);
-    let share = 0.5 * (5f64.sqrt() - 1.0);
-    for _ in 0..40 {
-        let (p, q) = (high - share * (high - low), low + share * (high - low));
-        if at(p) < at(q) { high = q } else { low = p }
-    }
-    let found = (0.5 * (low + high)).exp();
+    let middle = (-30..=2).map(f64::from).min_by(|p, q| at(*p).total_cmp(&at(*q))).unwrap_or(0.0);
+    let found = maximum(|ln| -at(ln), middle, 1.0).exp();
     if deviance(0.0) <= deviance(found) { 0.0 } else { found }
 }
 

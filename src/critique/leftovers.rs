@@ -1,45 +1,106 @@
-//! What codes and noise, and what moves the expected signal, leave to each other: no model of a cause is exact, and
-//! what is found beside a far stronger one is what that one's model leaves.
+//! What causes leave to each other: no model of a cause is exact, and what is found beside a far stronger one is what
+//! that one's model leaves.
 //!
-//! In: what was found ([`Found`]). Out: the same, with what is leftover not accepted any more.
+//! In: what was found, weighed by its statistic. Out: whether each is beyond what the others leave.
 
-use super::catalogue::CauseId;
+use super::catalogue::{Acts, CauseId};
 use super::chance::DETECTION_LIMIT;
-use super::found::{Found, accepted};
+use super::covariates::{TEMPERATURE, TIME};
+use super::found::{Aside, Found};
 use super::model::Model;
-use super::selection::Selected;
+use super::tuned::{LEFT_TO_ALIKE, LEFT_TO_SHAPES, LEFT_TO_UNLIKE, OWN_PERIODS};
 
-/// Share of what a cause explains that its model may leave to others: what is found in the noise, in codes,
-/// and, to the noise alone, what moves what is expected.
-pub const LEFT_OF_NOISE: f64 = 0.1;
-const LEFT_OF_CODES: f64 = 0.005;
-const LEFT_OF_SHAPES: f64 = 0.007;
-/// Lines within so many periods of the signal are at one frequency.
-const OWN_PERIODS: f64 = 1.0;
+/// Where a cause shows.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Shows {
+    InCodes,
+    InNoise,
+    InTheMean,
+    ByACovariate,
+}
 
-/// The other tests of the noise take its variance for the same all over the signal: what they find must be
-/// large beside noise that grows with the signal.
-pub fn beyond_growing_noise(of_noise: &mut [Found]) {
-    const GROWS: CauseId = CauseId::HeteroscedasticNoise;
-    let grows = of_noise.iter().find(|f| f.is(GROWS) && f.evidence.accepted);
-    let Some(least) = grows.map(|f| LEFT_OF_NOISE * f.evidence.statistic) else { return };
-    for f in of_noise.iter_mut().filter(|f| !f.is(GROWS)) {
-        if f.evidence.accepted && f.evidence.statistic < least {
-            f.leave_out("what growing noise leaves");
+/// A cause as it is weighed against others.
+#[derive(Clone, Debug)]
+pub struct Weighed {
+    pub id: CauseId,
+    pub tied_with: Vec<CauseId>,
+    pub statistic: f64,
+    /// How many times the noise that tests take for it is there where the signal is largest.
+    pub growth: f64,
+}
+
+impl Weighed {
+    fn found(found: &Found) -> Weighed {
+        let Found { evidence, .. } = found;
+        let grows = evidence.id == CauseId::HeteroscedasticNoise;
+        Weighed {
+            id: evidence.id,
+            tied_with: Vec::new(),
+            statistic: evidence.statistic,
+            growth: if grows { 1.0 + evidence.value } else { 1.0 },
         }
+    }
+
+    fn shows(&self) -> Shows {
+        match self.id.row().acts {
+            Acts::Codes => Shows::InCodes,
+            Acts::Noise | Acts::Trigger => Shows::InNoise,
+            Acts::Mean(_) => Shows::InTheMean,
+            Acts::Rates { .. } | Acts::Gain { .. } | Acts::PreviousRing => Shows::ByACovariate,
+        }
+    }
+
+    /// Whether both act through one covariate, through time and a temperature that cannot be told from it, or
+    /// through the amplitude.
+    fn is_alike(&self, other: &Weighed) -> bool {
+        let by_time = |id: CauseId| matches!(id.follows(), Some(TIME | TEMPERATURE));
+        let of_tied = |x: &Weighed| x.tied_with.iter().any(|id| id.follows() != x.id.follows());
+        let collinear = by_time(self.id) && by_time(other.id) && (of_tied(self) || of_tied(other));
+        let followed = self.id.follows().is_some() && self.id.follows() == other.id.follows();
+        followed || collinear || self.id.by_amplitude() && other.id.by_amplitude()
+    }
+
+    /// The share of its statistic that its model may leave to another.
+    fn leaves_to(&self, other: &Weighed) -> f64 {
+        use Shows::{ByACovariate, InCodes, InNoise, InTheMean};
+        match (self.shows(), other.shows()) {
+            (_, InCodes) => 0.0,
+            (InNoise, _) => LEFT_TO_ALIKE,
+            _ if self.is_alike(other) => LEFT_TO_ALIKE,
+            (InTheMean, InTheMean) | (ByACovariate, ByACovariate) => LEFT_TO_SHAPES,
+            // what a shape leaves in the mean follows no covariate, nor the reverse
+            (InTheMean, ByACovariate) | (ByACovariate, InTheMean) => 0.0,
+            (InCodes, _) | (_, InNoise) => LEFT_TO_UNLIKE,
+        }
+    }
+
+    /// Whether it is more than what these leave. Beside another, less than one detection limit is chance.
+    pub fn is_beyond<'a>(&self, others: impl IntoIterator<Item = &'a Weighed>) -> bool {
+        others.into_iter().filter(|other| other.id != self.id).all(|other| {
+            let chance = match (other.shows(), self.shows()) {
+                (_, Shows::InCodes) | (Shows::InCodes, Shows::InNoise) => 0.0,
+                _ => other.growth * DETECTION_LIMIT,
+            };
+            let least = chance.min(other.statistic);
+            self.statistic >= least.max(other.leaves_to(self) * other.statistic)
+        })
     }
 }
 
-/// What is found in codes and noise, as the rest is judged beside it: the statistic that another cause must
-/// have. Beside either, less than one detection limit is chance or what its model leaves.
-pub fn beside_codes_and_noise(of_codes: &[Found], of_noise: &[Found]) -> f64 {
-    let of = |found: &[Found], share: f64| {
-        let accepted = found.iter().filter(|f| f.evidence.accepted);
-        accepted.map(|f| (share * f.evidence.statistic).max(DETECTION_LIMIT)).fold(0.0, f64::max)
-    };
-    // where the signal is largest, the noise's variance is so many times what is taken for it
-    let growth = accepted(of_noise, CauseId::HeteroscedasticNoise).map_or(0.0, |h| 1.0 + h);
-    of(of_codes, LEFT_OF_CODES).max(of(of_noise, LEFT_OF_NOISE)).max(growth * DETECTION_LIMIT)
+/// What was accepted of codes and noise.
+pub fn weighed(found: &Aside) -> Vec<Weighed> {
+    found.accepted().map(Weighed::found).collect()
+}
+
+/// Noise that is what something stronger leaves is not accepted any more.
+pub fn leave_out(aside: &mut Aside, chosen: Vec<Weighed>) {
+    let mut all = weighed(aside);
+    all.extend(chosen);
+    for f in aside.noise.iter_mut().filter(|f| f.evidence.accepted) {
+        if !Weighed::found(f).is_beyond(&all) {
+            f.leave_out("what a stronger cause leaves");
+        }
+    }
 }
 
 /// A random tone at the ring's own frequency may be the ring itself, bent by something that has no name yet: it is
@@ -54,17 +115,13 @@ pub fn at_the_ring(of_noise: &mut [Found], model: &Model, length_s: f64) -> bool
 }
 
 /// What bends the ring leaves more at its frequency.
-pub fn at_the_ring_beside(of_noise: &mut [Found], of_shapes: f64) {
+pub fn at_the_ring_beside(of_noise: &mut [Found], chosen: &[Weighed]) {
+    let of_shapes = chosen.iter().map(|c| c.statistic).fold(0.0, f64::max);
     for f in of_noise.iter_mut().filter(|f| f.is(CauseId::RandomTone) && f.evidence.accepted) {
-        if f.evidence.statistic <= LEFT_OF_NOISE * of_shapes {
+        if f.evidence.statistic <= LEFT_TO_ALIKE * of_shapes {
             f.leave_out("what bends the ring leaves so much at its frequency");
         }
     }
-}
-
-/// The largest statistic of what moves what is expected.
-pub fn largest(selected: &Selected) -> f64 {
-    selected.causes.iter().map(|c| c.statistic).fold(0.0, f64::max)
 }
 
 /// Noise that the named causes' models explain is none: what they leave in single signals looked like it.
@@ -80,84 +137,65 @@ pub fn still_there(of_noise: &mut [Found], again: &[Found]) {
     }
 }
 
-/// What is found in the noise beside something that explains so much more is what that one's model leaves.
-/// `of_shapes`: the largest statistic of what moves what is expected.
-pub fn beyond_others(of_noise: &mut [Found], of_codes: &[Found], of_shapes: f64) {
-    let named = |f: &&Found| f.evidence.accepted;
-    let by_codes = of_codes.iter().filter(named).count();
-    let largest = of_noise.iter().filter(named).map(|f| f.evidence.statistic).fold(0.0, f64::max);
-    let others = of_noise.iter().filter(named).count() + by_codes;
-    for f in of_noise.iter_mut().filter(|f| f.evidence.accepted) {
-        let alone = others == 1 && of_shapes == 0.0;
-        let share = (LEFT_OF_SHAPES * of_shapes).max(LEFT_OF_NOISE * largest);
-        if !alone && f.evidence.statistic < share.max(DETECTION_LIMIT.min(largest)) {
-            f.leave_out("what a stronger cause leaves");
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::CauseId::*;
     use super::*;
 
-    #[test]
-    fn beside_noise_that_grows_little_is_no_cause() {
-        let of = |growth: f64, rho: f64| {
-            let each = [(HeteroscedasticNoise, growth), (CorrelatedNoise, rho)];
-            let mut all: Vec<Found> =
-                each.map(|(id, x)| Found::of(id, x / 2.0, x, 1.0, 0.1)).into();
-            beyond_growing_noise(&mut all);
-            all.iter().map(|f| f.evidence.accepted).collect::<Vec<bool>>()
-        };
-        assert_eq!(of(700.0, 20.0), [true, false]);
-        assert_eq!(of(700.0, 200.0), [true, true]);
-        assert_eq!(of(10.0, 20.0), [false, true], "noise that does not grow leaves nothing");
+    fn one(id: CauseId, statistic: f64) -> Weighed {
+        Weighed { id, tied_with: vec![], statistic, growth: 1.0 }
     }
 
-    fn all(each: &[(CauseId, f64)]) -> Vec<Found> {
-        each.iter().map(|(id, x)| Found::of(*id, x / 2.0, *x, 1.0, 0.1)).collect()
-    }
-
-    fn named(all: &[Found]) -> Vec<CauseId> {
-        all.iter().filter(|f| f.evidence.accepted).map(|f| f.evidence.id).collect()
+    /// Which of these are beyond what the others leave.
+    fn kept<const N: usize>(all: [(CauseId, f64); N]) -> [bool; N] {
+        let all = all.map(|(id, statistic)| one(id, statistic));
+        all.each_ref().map(|own| own.is_beyond(&all))
     }
 
     #[test]
-    fn beside_a_strong_cause_weak_noise_is_what_it_leaves() {
-        let judged = |each: &[(CauseId, f64)], of_shapes: f64| {
-            let mut noise = all(each);
-            beyond_others(&mut noise, &[], of_shapes);
-            named(&noise)
-        };
-        let weak = [(TriggerJitter, 41.0)];
-        assert_eq!(judged(&weak, 0.0), [TriggerJitter]);
-        assert_eq!(judged(&weak, 1_000.0), [TriggerJitter]);
-        assert_eq!(judged(&weak, 18_000.0), [], "crosstalk of 30 detection limits");
-        assert_eq!(judged(&[(TriggerJitter, 18.0)], 0.0), [TriggerJitter], "alone it stays");
-        let two = [(RandomTone, 900.0), (TriggerJitter, 41.0)];
-        assert_eq!(judged(&two, 0.0), [RandomTone]);
+    fn what_a_strong_cause_leaves_is_no_cause_of_its_own() {
+        // 2 % of another shape's statistic; of what follows no shape, the same is one
+        assert_eq!(kept([(Tone, 5000.0), (Offset, 100.0)]), [true, false]);
+        assert_eq!(kept([(Tone, 5000.0), (Temperature, 100.0)]), [true, true]);
+        // of two that follow the same covariate, or act through the amplitude, more is asked
+        assert_eq!(kept([(Ageing, 1000.0), (ClockDrift, 80.0)]), [true, false]);
+        assert_eq!(kept([(CubicStiffness, 1000.0), (DryFriction, 80.0)]), [true, false]);
+        // alone, a weak one stays; beside a stronger one it does not
+        assert_eq!(kept([(Tone, 18.0)]), [true]);
+        assert_eq!(kept([(Tone, 60.0), (Offset, 18.0)]), [true, false]);
+        // noise beside noise, and beside a shape of thirty detection limits
+        assert_eq!(kept([(RandomTone, 900.0), (TriggerJitter, 41.0)]), [true, false]);
+        assert_eq!(kept([(Crosstalk, 18_000.0), (TriggerJitter, 41.0)]), [true, false]);
+        assert_eq!(kept([(Crosstalk, 1000.0), (TriggerJitter, 41.0)]), [true, true]);
+        // codes are what they are
+        assert_eq!(kept([(CoarseLsb, 20.0), (Offset, 90.0), (RandomTone, 90.0)]), [true; 3]);
+        assert_eq!(kept([(CoarseLsb, 20_000.0), (Offset, 90.0)]), [true, false]);
+    }
+
+    #[test]
+    fn beside_a_temperature_that_follows_time_both_are_one() {
+        let tied = Weighed { tied_with: vec![Ageing], ..one(Temperature, 1000.0) };
+        assert!(!one(ClockDrift, 80.0).is_beyond([&tied]));
+        assert!(one(ClockDrift, 80.0).is_beyond([&one(Temperature, 1000.0)]));
+    }
+
+    /// Where the signal is largest, the variance is twice what tests take for it.
+    #[test]
+    fn beside_noise_that_grows_more_is_asked() {
+        let growing = Weighed { growth: 2.0, ..one(HeteroscedasticNoise, 100.0) };
+        assert!(!one(Offset, 1.9 * DETECTION_LIMIT).is_beyond([&growing]));
+        assert!(one(Offset, 2.1 * DETECTION_LIMIT).is_beyond([&growing]));
     }
 
     #[test]
     fn noise_that_the_causes_explain_is_none() {
-        let mut noise = all(&[(RandomTone, 90.0), (CorrelatedNoise, 90.0)]);
-        let again = all(&[(RandomTone, 3.0), (CorrelatedNoise, 1.0)]);
-        still_there(&mut noise, &again);
-        // of a correlation that was taken out, nothing must be left
-        assert_eq!(named(&noise), [CorrelatedNoise]);
-    }
-
-    #[test]
-    fn beside_codes_and_noise_more_is_asked_of_a_cause() {
-        let asked = |codes: &[(CauseId, f64)], noise: &[(CauseId, f64)]| {
-            beside_codes_and_noise(&all(codes), &all(noise))
+        let all = |each: &[(CauseId, f64)]| -> Vec<Found> {
+            each.iter().map(|(id, x)| Found::of(*id, x / 2.0, *x, 1.0, 0.1)).collect()
         };
-        assert_eq!(asked(&[], &[]), 0.0);
-        assert_eq!(asked(&[(CoarseLsb, 20_000.0)], &[]), 100.0);
-        assert_eq!(asked(&[], &[(RandomTone, 1_000.0)]), 100.0);
-        assert_eq!(asked(&[(Clipping, 40.0)], &[]), DETECTION_LIMIT);
-        // h = 1: the variance is up to twice what is taken for it
-        assert_eq!(asked(&[], &[(HeteroscedasticNoise, 100.0)]), 2.0 * DETECTION_LIMIT);
+        let mut noise = all(&[(RandomTone, 90.0), (CorrelatedNoise, 90.0)]);
+        still_there(&mut noise, &all(&[(RandomTone, 3.0), (CorrelatedNoise, 1.0)]));
+        // of a correlation that was taken out, nothing must be left
+        let named = noise.iter().filter(|f| f.evidence.accepted).map(|f| f.evidence.id);
+        assert_eq!(named.collect::<Vec<CauseId>>(), [CorrelatedNoise]);
     }
 }

@@ -38,5 +38,6 @@ mod scatter;
 pub mod selection;
 pub mod space;
 mod start;
+mod tuned;
 mod whiteness;
 mod words;

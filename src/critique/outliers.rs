@@ -1,22 +1,19 @@
 //! Signals that ring unlike the others: faulty channels in a recording that nobody labelled.
 //!
-//! In: observations. Out: which to leave out. Each signal is fitted alone; one that lies beyond
+//! In: observations. Out: [`Outliers`]. Each signal is fitted alone; one that lies beyond
 //! [`FAR`] robust deviations of the median in amplitude, damping or frequency, or that leaves far more
-//! than the others, is left out. What spreads over all signals widens the deviation and stays in.
+//! than the others, is left out. What spreads over all signals widens the deviation and stays in. Of a signal that
+//! rings like the others and leaves more, the misfit may be noise with heavy tails, or have a shape.
 
 use super::covariates::{Covariates, POSITION};
 use super::model::{Linear, Model};
 use super::observations::Observations;
+use super::tuned::{FAR, FAULTY_SHARE, FAULTY_SIGNALS, IN_A_ROW, LEAST, NOISIER, ODD};
 use crate::model::median::median;
 
-const FAR: f64 = 7.0;
-/// Deviations below these (ln damping, ln frequency, ln amplitude) are never far.
-const LEAST: [f64; 3] = [0.025, 0.004, 0.015];
 /// Channels that tell a trend along the head, and pairs of them that it takes.
 const MOST_CHANNELS: usize = 256;
 const FEWEST_SLOPES: usize = 15;
-/// Misfit of one signal over the median one.
-const NOISIER: f64 = 3.0;
 
 /// What all channels follow along the head is no fault of theirs: the median slope between channels
 /// (Theil and Sen) of their medians.
@@ -42,72 +39,107 @@ fn trend(data: &Observations, beside: &Covariates, features: &[[f64; 3]], j: usi
     if slopes.len() < FEWEST_SLOPES { 0.0 } else { median(&mut slopes) }
 }
 
-/// A channel that rings unlike the others in so many signals, and in such a share of its own, is faulty at times:
-/// what is left of it may be a fault that begins or ends.
-const FAULTY_SIGNALS: usize = 2;
-const FAULTY_SHARE: f64 = 0.05;
-
-fn with_whole_channels(data: &Observations, outlier: Vec<bool>) -> Vec<bool> {
+/// Of each channel, whether it rings unlike the others at times: what is left of it may be a fault that begins or ends.
+fn faulty_channels(data: &Observations, odd: &[bool]) -> Vec<bool> {
     let mut counts = vec![(0_usize, 0_usize); data.units];
-    for (row, outlier) in data.rows.iter().zip(&outlier) {
-        counts[row.unit].0 += usize::from(*outlier);
+    for (row, odd) in data.rows.iter().zip(odd) {
+        counts[row.unit].0 += usize::from(*odd);
         counts[row.unit].1 += 1;
     }
-    let faulty = |unit: usize| {
-        let (odd, all) = counts[unit];
+    let faulty = |(odd, all): (usize, usize)| {
         odd >= FAULTY_SIGNALS && odd as f64 > FAULTY_SHARE * all as f64
     };
-    let of_channel = data.rows.iter().map(|row| faulty(row.unit));
-    outlier.into_iter().zip(of_channel).map(|(own, of_channel)| own || of_channel).collect()
+    counts.into_iter().map(faulty).collect()
 }
 
-/// For each row whether it is an outlier, or of a channel that at times is.
-pub fn outliers(data: &Observations, beside: &Covariates, model: &Model) -> Vec<bool> {
-    let mut alone = data.clone();
-    for (i, row) in alone.rows.iter_mut().enumerate() {
-        row.unit = i;
-    }
-    alone.units = alone.len();
-    let mut each = model.clone();
-    each.each = vec![Default::default(); data.len()];
-    each.units = data.rows.iter().map(|r| model.units[r.unit]).collect();
-    each.fit_units(&alone, beside, 6);
-    let mut features: Vec<[f64; 3]> =
-        each.units.iter().map(|u| [u[0], u[1], u[2].hypot(u[3]).max(1e-300).ln()]).collect();
-    for j in 0..3 {
-        let slope = trend(data, beside, &features, j);
-        for (feature, z) in features.iter_mut().zip(&beside.z) {
-            feature[j] -= slope * z[POSITION];
+/// What rings unlike the others.
+#[derive(Clone, Debug, Default)]
+pub struct Outliers {
+    /// For each row whether it is an outlier, or of a channel that at times is.
+    pub out: Vec<bool>,
+    /// -ln of the chance that noise, however heavy its tails, gives signals that ring like the others such misfits.
+    pub shaped: f64,
+}
+
+/// Runs of odd samples in some of the misfits, against the chance that samples odd as often as these are come so in
+/// a row. `sd`: of the typical misfit.
+fn shaped(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -> f64 {
+    let sign = |x: &f64| if x.abs() > ODD * sd { x.signum() as i32 } else { 0 };
+    let signs: Vec<Vec<i32>> = misfits.iter().map(|r| r.iter().map(sign).collect()).collect();
+    let samples: usize = signs.iter().map(Vec::len).sum();
+    let odd = signs.iter().flatten().filter(|s| **s != 0).count();
+    let share = (odd as f64 + 1.0) / samples as f64;
+    let run = |w: &[i32]| w[0] != 0 && w.iter().all(|s| *s == w[0]);
+    let runs = |signs: &Vec<i32>| signs.windows(IN_A_ROW).any(run);
+    let found = signs.iter().enumerate().filter(|(i, s)| some(*i) && runs(s)).count() as f64;
+    // all of one sign: the first may be of either
+    let expected = samples as f64 * share * (share / 2.0).powi(IN_A_ROW as i32 - 1);
+    // Poisson: the chance of so many or more is about its largest term
+    let ln_factorial: f64 = (1..=found as u32).map(|k| f64::from(k).ln()).sum();
+    if found > expected { expected - found * expected.ln() + ln_factorial } else { 0.0 }
+}
+
+/// Every signal fitted alone: ln damping, ln frequency and ln amplitude, without what they follow along the head, and
+/// the misfit.
+struct Alone {
+    features: Vec<[f64; 3]>,
+    misfits: Vec<Vec<f64>>,
+}
+
+impl Alone {
+    fn of(data: &Observations, beside: &Covariates, model: &Model) -> Alone {
+        let mut alone = data.clone();
+        alone.rows.iter_mut().enumerate().for_each(|(i, row)| row.unit = i);
+        alone.units = alone.len();
+        let mut each = model.clone();
+        each.each = vec![Default::default(); data.len()];
+        each.units = data.rows.iter().map(|r| model.units[r.unit]).collect();
+        each.fit_units(&alone, beside, 6);
+        let mut features: Vec<[f64; 3]> =
+            each.units.iter().map(|u| [u[0], u[1], u[2].hypot(u[3]).max(1e-300).ln()]).collect();
+        for j in 0..3 {
+            let slope = trend(data, beside, &features, j);
+            for (feature, z) in features.iter_mut().zip(&beside.z) {
+                feature[j] -= slope * z[POSITION];
+            }
         }
-    }
-    let mut linear = Linear::default();
-    let left: Vec<f64> = (0..alone.len())
-        .map(|i| {
+        let mut linear = Linear::default();
+        let misfit = |i| {
             each.linearise(i, &alone, beside, &mut linear);
-            linear.residual.iter().map(|r| r * r).sum()
-        })
-        .collect();
-    let typical = median(&mut left.clone());
-    let mut spread = [(0.0, 1.0); 3];
-    for (j, spread) in spread.iter_mut().enumerate() {
-        let mut values: Vec<f64> = features.iter().map(|f| f[j]).collect();
-        let centre = median(&mut values);
-        let mut off: Vec<f64> = values.iter().map(|v| (v - centre).abs()).collect();
-        *spread = (centre, (1.4826 * median(&mut off)).max(LEAST[j]));
+            linear.residual.clone()
+        };
+        Alone { misfits: (0..alone.len()).map(misfit).collect(), features }
     }
-    let alone = features
-        .drain(..)
-        .zip(left)
-        .map(|(f, left)| {
-            left > NOISIER * typical
-                || (0..3).any(|j| {
-                    let (centre, sd) = spread[j];
-                    let off = (f[j] - centre).abs() / sd;
-                    off > FAR || off.is_nan()
-                })
-        })
-        .collect();
-    with_whole_channels(data, alone)
+
+    /// Of each signal, whether it rings beyond [`FAR`] robust deviations of the median.
+    fn far(&self) -> Vec<bool> {
+        let mut far = vec![false; self.features.len()];
+        for (j, least) in LEAST.iter().enumerate() {
+            let mut values: Vec<f64> = self.features.iter().map(|f| f[j]).collect();
+            let centre = median(&mut values);
+            let mut off: Vec<f64> = values.iter().map(|v| (v - centre).abs()).collect();
+            let sd = (1.4826 * median(&mut off)).max(*least);
+            for (far, f) in far.iter_mut().zip(&self.features) {
+                let off = (f[j] - centre).abs() / sd;
+                *far |= off > FAR || off.is_nan();
+            }
+        }
+        far
+    }
+}
+
+pub fn outliers(data: &Observations, beside: &Covariates, model: &Model) -> Outliers {
+    let alone = Alone::of(data, beside, model);
+    let far = alone.far();
+    let left: Vec<f64> = alone.misfits.iter().map(|r| r.iter().map(|r| r * r).sum()).collect();
+    let typical = median(&mut left.clone());
+    let noisier = |i: usize| left[i] > NOISIER * typical;
+    let odd: Vec<bool> = (0..data.len()).map(|i| far[i] || noisier(i)).collect();
+    let faulty = faulty_channels(data, &odd);
+    let of_faulty = |i: usize| faulty[data.rows[i].unit];
+    let sd = (typical / data.samples as f64).sqrt();
+    let shaped = shaped(&alone.misfits, sd, |i| noisier(i) && !far[i] && !of_faulty(i));
+    Outliers { out: (0..data.len()).map(|i| odd[i] || of_faulty(i)).collect(), shaped }
 }
 
 #[cfg(test)]
@@ -120,7 +152,7 @@ mod tests {
         let data = draw(run, 11);
         let beside = Covariates::of(&data);
         let model = Model::start(&data, &beside, true).unwrap();
-        let out = outliers(&data, &beside, &model);
+        let out = outliers(&data, &beside, &model).out;
         let mut channels = vec![true; run.channels];
         for (row, out) in data.rows.iter().zip(out) {
             channels[row.beside.channel as usize] &= out;
@@ -138,9 +170,9 @@ mod tests {
                 || channel == 5 && row.beside.t_acq_ns == 50_000_000
         };
         let odd: Vec<bool> = (0..data.len()).map(odd).collect();
-        let all = with_whole_channels(&data, odd.clone());
-        for ((row, odd), out) in data.rows.iter().zip(odd).zip(all) {
-            assert_eq!(out, odd || row.beside.channel == 3, "channel {}", row.beside.channel);
+        let all = faulty_channels(&data, &odd);
+        for row in &data.rows {
+            assert_eq!(all[row.unit], row.beside.channel == 3, "channel {}", row.beside.channel);
         }
     }
 
@@ -154,5 +186,25 @@ mod tests {
         assert!(!left_out(&steep).iter().any(|o| *o));
         let wide = Run { spread: [0.04, 0.06, 0.025], ..small };
         assert!(!left_out(&wide).iter().any(|o| *o));
+    }
+
+    /// Misfits of white noise, the first ones with something in them.
+    fn misfits(odd: &[(usize, f64)]) -> Vec<Vec<f64>> {
+        let noise = |i: usize| (0..64).map(|k| ((i * 64 + k) as f64 * 1.7).sin()).collect();
+        let mut all: Vec<Vec<f64>> = (0..100).map(noise).collect();
+        for (i, &(samples, size)) in odd.iter().enumerate() {
+            all[i][20..20 + samples].fill(size);
+        }
+        all
+    }
+
+    #[test]
+    fn pulses_of_few_signals_have_a_shape_and_heavy_tails_have_none() {
+        let of = |odd: &[(usize, f64)]| shaped(&misfits(odd), 1.0, |i| i < odd.len());
+        assert!(of(&[(4, 9.0), (4, 9.0)]) > 20.0);
+        assert!(of(&[(4, -9.0)]) > 9.8);
+        assert_eq!(of(&[(1, 30.0), (2, 9.0), (1, -12.0)]), 0.0);
+        assert_eq!(of(&[(4, 4.0)]), 0.0, "as large as others");
+        assert_eq!(of(&[]), 0.0);
     }
 }

@@ -88,6 +88,16 @@ pub struct Nuisances {
 }
 
 impl Refit {
+    /// Whether the cause that came last can still be one where the refit ended.
+    pub fn last_is_able(&self, setting: Setting) -> bool {
+        let Refit { model, causes, spaces } = self;
+        let of_shapes = |cause: &Applied| matches!(cause.kind, Kind::Shapes);
+        causes.last().filter(|cause| of_shapes(cause)).is_none_or(|_| {
+            let last = rescored(causes.len() - 1, model, causes, spaces, setting);
+            last.is_none_or(|scored| scored.able())
+        })
+    }
+
     /// -2 ln likelihood, of the kind that tells causes of one kind apart.
     pub fn deviance(&self, kind: &Kind) -> f64 {
         let nuisances = self.spaces.nuisances(&self.causes);

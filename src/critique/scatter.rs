@@ -7,6 +7,7 @@ use super::covariates::Covariates;
 use super::matrices::{Matrix5, Vector5, floored, inverse, scaled};
 use super::model::{Linear, Model, free_products};
 use super::observations::Observations;
+use super::tuned::TELL_NOISE;
 use crate::model::free_decay::FREE;
 
 /// What one signal says of its channel's parameters, in units of [`Model::scale`]: information and score.
@@ -83,7 +84,7 @@ impl Model {
         }
         // the mean over all but the noisiest signals
         left.sort_by(f64::total_cmp);
-        let kept = &left[..(left.len() * 99).div_ceil(100)];
+        let kept = &left[..(left.len() as f64 * TELL_NOISE).ceil() as usize];
         self.noise_var = (kept.iter().sum::<f64>() / kept.len() as f64).max(1e-300);
         for signal in &mut signals {
             signal.gram /= self.noise_var;

@@ -4,21 +4,15 @@
 //! when its surprise passes the family-wise threshold; the winner among those that compete is the one
 //! whose refitted model is most likely; what cannot be told apart from it is tied with it.
 
-use super::candidates::{Kind, Objection, Scored};
+use super::candidates::{Kind, Locally, Objection, Scored};
 use super::catalogue::CauseId;
-use super::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
-use super::covariates::{TEMPERATURE, TIME};
+use super::chance::{DETECTION_LIMIT, THRESHOLD, statistic_of, surprise};
 use super::finding::{EXPLAINS_MORE, Evidence};
+use super::leftovers::Weighed;
 use super::model::Model;
 use super::refit::{Refit, Setting, Spaces, apply, follow, refit, rescored};
+use super::tuned::{HALF, TIE};
 
-/// Rivals whose refitted -2 ln likelihood is within this of the best cannot be told from it.
-const TIE: f64 = 6.0;
-/// The same for causes whose effects are known to differ.
-const CLOSE: f64 = 1.5;
-/// A tone and a second mode whose likelihoods differ by less scale with the drive, and decay, as far as can be
-/// told.
-const LINES: f64 = 3.0;
 /// Causes that are looked for at most.
 const MOST_CAUSES: usize = 4;
 /// Rivals that are refitted in a step, at most.
@@ -33,6 +27,13 @@ pub struct Chosen {
     pub statistic: f64,
 }
 
+impl Chosen {
+    pub fn weighed(&self) -> Weighed {
+        let (id, tied_with) = (self.scored.applied.id, self.tied_with.clone());
+        Weighed { id, tied_with, statistic: self.statistic, growth: 1.0 }
+    }
+}
+
 pub struct Selected {
     pub model: Model,
     pub causes: Vec<Chosen>,
@@ -42,11 +43,17 @@ pub struct Selected {
     pub unnamed: Vec<Scored>,
 }
 
-/// `least`: the statistic that a cause must have beside what was found in codes and noise.
+impl Selected {
+    pub fn weighed(&self) -> Vec<Weighed> {
+        self.causes.iter().map(Chosen::weighed).collect()
+    }
+}
+
+/// `found`: in codes and noise, which leave something to the mean, too.
 pub fn select(
     baseline: Model,
     setting: Setting,
-    least: f64,
+    found: Vec<Weighed>,
     stages: &mut dyn FnMut(&str),
 ) -> Selected {
     let data = setting.data;
@@ -57,7 +64,7 @@ pub fn select(
     let mut unnamed = Vec::new();
     for step in 0..=MOST_CAUSES as u32 {
         stages("testing the catalogue");
-        let scored = tested(&now, setting);
+        let (scored, anything) = tested(&now, setting);
         let rows = evidence.len();
         evidence.extend(scored.iter().map(|s| row(s, step, ln_samples)));
         unnamed = scored.iter().filter(|s| s.surprise > THRESHOLD && !s.able()).cloned().collect();
@@ -72,6 +79,10 @@ pub fn select(
             unnamed.push(Scored { objection: why, ..(**best).clone() });
             break;
         };
+        // what a shape without a name explains better has no name here: it is left for `adequacy` to tell
+        if round.of_shapes && anything.gain() > round.gain() + TIE {
+            break;
+        }
         round.tell(&mut evidence[rows..], ln_samples);
         let Won { refitted, cause } = round.won(ln_samples);
         chosen.push(cause);
@@ -85,7 +96,9 @@ pub fn select(
     stages("measuring the causes");
     let mut last = refit(now.model, now.causes, setting, 3, true);
     measure(&mut chosen, &last, setting);
-    let kept = beyond_leftovers(&chosen, least);
+    let mut all: Vec<Weighed> = chosen.iter().map(Chosen::weighed).collect();
+    all.extend(found);
+    let kept: Vec<bool> = all[..chosen.len()].iter().map(|own| own.is_beyond(&all)).collect();
     if kept.iter().any(|k| !k) {
         last = without(last, &mut chosen, &kept, setting, 3);
         measure(&mut chosen, &last, setting);
@@ -93,14 +106,14 @@ pub fn select(
     Selected { model: last.model, causes: chosen, spaces: last.spaces, evidence, unnamed }
 }
 
-/// The catalogue about a model, without what is in it; what is most surprising first.
-fn tested(now: &Refit, setting: Setting) -> Vec<Scored> {
+/// The catalogue about a model, without what is in it; what is most surprising first. And what has no name.
+fn tested(now: &Refit, setting: Setting) -> (Vec<Scored>, Locally) {
     let nuisances = now.spaces.nuisances(&now.causes);
     let bench = setting.bench(&now.model, &now.spaces, &nuisances);
     let mut scored = bench.score_all();
     scored.retain(|s| now.causes.iter().all(|c| c.id != s.applied.id));
     scored.sort_by(|p, q| q.surprise.total_cmp(&p.surprise));
-    scored
+    (scored, bench.local_scan())
 }
 
 fn row(s: &Scored, step: u32, ln_samples: f64) -> Evidence {
@@ -164,7 +177,9 @@ impl<'a> Round<'a> {
             apply(&mut model, &scored.applied, &scored.applied.coefficients);
             causes.push(scored.applied.clone());
             let refitted = refit(model, causes, setting, 3, false);
-            rivals.push(Rival { deviance: refitted.deviance(kind), refitted, scored });
+            if refitted.last_is_able(setting) {
+                rivals.push(Rival { deviance: refitted.deviance(kind), refitted, scored });
+            }
         }
         // what explains less once it is refitted leads nowhere: it is no cause, and the misfit stays
         let before = now.deviance(kind);
@@ -174,16 +189,15 @@ impl<'a> Round<'a> {
         (!rivals.is_empty()).then_some(Round { before, of_shapes, rivals })
     }
 
+    /// What the likeliest gains in -2 ln likelihood, its parameters paid for.
+    fn gain(&self) -> f64 {
+        self.before - self.rivals[0].penalised()
+    }
+
     /// What cannot be told from the likeliest.
     fn tied(&self) -> Vec<CauseId> {
         let best = &self.rivals[0];
-        let close = |r: &&Rival| {
-            let near = r.penalised() - best.penalised();
-            let honest = r.id().same_class(best.id()) || !self.of_shapes;
-            let lines = r.id().is_line() && best.id().is_line();
-            let apart = (r.deviance - best.deviance).abs();
-            near < if honest { TIE } else { CLOSE } || lines && apart < LINES
-        };
+        let close = |r: &&Rival| r.penalised() - best.penalised() < TIE;
         self.rivals[1..].iter().filter(close).map(Rival::id).collect()
     }
 
@@ -218,9 +232,7 @@ impl<'a> Round<'a> {
 /// Whether a candidate is refitted beside the most surprising one.
 fn competes(s: &Scored, best: &Scored) -> bool {
     let of_shapes = |s: &Scored| matches!(s.applied.kind, Kind::Shapes);
-    of_shapes(s) == of_shapes(best)
-        && (s.surprise > 0.35 * best.surprise && s.surprise > 0.5 * THRESHOLD
-            || s.applied.id.same_class(best.applied.id) && s.surprise > 0.3 * THRESHOLD)
+    of_shapes(s) == of_shapes(best) && s.surprise > HALF * THRESHOLD
 }
 
 /// The model without the causes that are not kept.
@@ -241,44 +253,6 @@ fn without(
     let mut keep = kept.iter();
     causes.retain(|_| *keep.next().unwrap_or(&true));
     refit(model, causes, setting, rounds, true)
-}
-
-/// No model of a cause is exact: what is found beside one that explains so much more is what that one
-/// leaves, and no cause of its own. Of what follows the same covariate, or the amplitude, more so.
-const LEFTOVER: f64 = 0.03;
-const LEFTOVER_OF_RELATED: f64 = 0.15;
-
-fn beyond_leftovers(chosen: &[Chosen], least: f64) -> Vec<bool> {
-    let which = |c: &Chosen| c.scored.applied.id.follows();
-    // temperature and time cannot be told apart where what follows one is tied with what follows the other
-    let collinear = |c: &Chosen| {
-        let mut ids = c.tied_with.iter().copied().chain([c.scored.applied.id]);
-        let follows = |covariate| move |id: CauseId| id.follows() == Some(covariate);
-        ids.clone().any(follows(TIME)) && ids.any(follows(TEMPERATURE))
-    };
-    let by_time = |c: &Chosen| matches!(which(c), Some(TIME | TEMPERATURE));
-    let with_amplitude = |c: &Chosen| c.scored.applied.id.by_amplitude();
-    let largest = chosen.iter().fold(0.0, |m: f64, c| m.max(c.statistic));
-    chosen
-        .iter()
-        .map(|cause| {
-            // beside another, below one detection limit: chance, or what that one leaves
-            cause.statistic >= DETECTION_LIMIT.min(largest).max(least)
-                && chosen.iter().all(|other| {
-                    let of_shapes = which(cause).is_none() == which(other).is_none();
-                    let related = which(cause).is_some() && which(cause) == which(other)
-                        || by_time(cause) && by_time(other) && collinear(other)
-                        || with_amplitude(cause) && with_amplitude(other);
-                    let share = match (related, of_shapes) {
-                        (true, _) => LEFTOVER_OF_RELATED,
-                        (false, true) => LEFTOVER,
-                        // what a shape leaves in the mean follows no covariate, nor the reverse
-                        (false, false) => 0.0,
-                    };
-                    cause.statistic >= share * other.statistic
-                })
-        })
-        .collect()
 }
 
 /// Final sizes, each beside all others.
@@ -315,7 +289,7 @@ fn necessary(now: &Refit) -> Vec<bool> {
             at += q;
             let x = nalgebra::DVector::from_vec(total);
             let statistic = block.try_inverse().map_or(0.0, |inverse| x.dot(&(inverse * &x)));
-            surprise(statistic, own, 1.0, f64::INFINITY) > 0.5 * THRESHOLD
+            surprise(statistic, own, 1.0, f64::INFINITY) > HALF * THRESHOLD
         })
         .collect()
 }
@@ -327,63 +301,27 @@ fn parameters(s: &Scored) -> f64 {
 
 /// The value of the statistic at which the surprise reaches the threshold.
 fn threshold_statistic(s: &Scored) -> f64 {
-    let (mut low, mut high) = (0.0, 400.0);
-    for _ in 0..40 {
-        let mid = 0.5 * (low + high);
-        if surprise(mid, s.degrees, s.tried, f64::INFINITY) > THRESHOLD {
-            high = mid;
-        } else {
-            low = mid;
-        }
-    }
-    high
+    statistic_of(THRESHOLD, |x| surprise(x, s.degrees, s.tried, f64::INFINITY))
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::candidates::Applied;
-    use super::CauseId::*;
     use super::*;
-
-    fn chosen(id: CauseId, statistic: f64) -> Chosen {
-        let applied = Applied::rigid(id, vec![], vec![1.0], Kind::Shapes);
-        let scored = Scored {
-            applied,
-            statistic,
-            degrees: 1,
-            tried: 1.0,
-            surprise: statistic / 2.0,
-            value: 1.0,
-            sd: 0.1,
-            objection: None,
-        };
-        Chosen { scored, delta_bic: statistic, tied_with: vec![], statistic }
-    }
-
-    #[test]
-    fn what_a_strong_cause_leaves_is_no_cause_of_its_own() {
-        // 2 % of another shape's statistic; of what follows no shape, the same is one
-        let two = [chosen(Tone, 5000.0), chosen(Offset, 100.0)];
-        assert_eq!(beyond_leftovers(&two, 0.0), [true, false]);
-        let two = [chosen(Tone, 5000.0), chosen(Temperature, 100.0)];
-        assert_eq!(beyond_leftovers(&two, 0.0), [true, true]);
-        // of two that follow the same covariate, more is asked
-        let two = [chosen(Ageing, 1000.0), chosen(ClockDrift, 80.0)];
-        assert_eq!(beyond_leftovers(&two, 0.0), [true, false]);
-        // alone, a weak one stays; beside another it does not
-        assert_eq!(beyond_leftovers(&[chosen(Tone, 18.0)], 0.0), [true]);
-        let two = [chosen(Tone, 60.0), chosen(Offset, 18.0)];
-        assert_eq!(beyond_leftovers(&two, 0.0), [true, false]);
-        // beside noise that explains much, more is asked of all
-        assert_eq!(beyond_leftovers(&two, 50.0), [true, false]);
-        assert_eq!(beyond_leftovers(&[chosen(Tone, 18.0)], 50.0), [false]);
-    }
 
     #[test]
     fn the_threshold_of_a_statistic_is_where_its_surprise_reaches_it() {
         for degrees in [1, 2, 4] {
-            let mut one = chosen(Tone, 0.0).scored;
-            (one.degrees, one.tried) = (degrees, 20.0);
+            let one = Scored {
+                applied: Applied::rigid(CauseId::Tone, vec![], vec![], Kind::Shapes),
+                statistic: 0.0,
+                degrees,
+                tried: 20.0,
+                surprise: 0.0,
+                value: 1.0,
+                sd: 0.1,
+                objection: None,
+            };
             let at = threshold_statistic(&one);
             let surprise = surprise(at, degrees, 20.0, f64::INFINITY);
             assert!((surprise - THRESHOLD).abs() < 1e-3, "{degrees}: {surprise}");

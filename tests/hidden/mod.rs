@@ -345,6 +345,19 @@ fn strong_effects_are_named_and_nothing_is_named_in_healthy_runs() {
     assert!(wrong.is_empty(), "{wrong:?}");
 }
 
+/// A mode below half of the ring's frequency looks like a meniscus that is pulled back, and is none.
+#[test]
+fn a_slow_second_mode_is_no_meniscus() {
+    let effect = effect::CATALOGUE.into_iter().find(|e| e.id == "second_mode").unwrap();
+    for (shape, seed) in [24e3, 27e3, 30e3].into_iter().zip(FIRST_SEED + 92_000..) {
+        let own = Some((Effect { shape, ..effect }, 8.0));
+        let case = Case { scenario: SCENARIOS[0].to_owned(), seed, own };
+        let row = judged(&[case], &inkling_critique).row(Kind::One, 1..=u32::MAX);
+        let told = row.count(Outcome::Right) + row.count(Outcome::WideTie);
+        assert_eq!(told, 1, "second mode at {shape} Hz: {row:?}");
+    }
+}
+
 /// For tuning, on seeds that are blind no more: what the full set would draw and effects that the library
 /// has never seen, as `simulate --hide` would write them, into the directory that INKLING_TUNING names.
 #[test]

@@ -5,15 +5,13 @@
 
 use super::{Applied, Bench, CLOCK, DAMPING, FREQUENCY, Kind, Objection, Scored, WORTH_A_LOOK};
 use crate::critique::catalogue::{CauseId, Per, Rates};
-use crate::critique::chance::{MARGIN, surprise};
+use crate::critique::chance::surprise;
 use crate::critique::covariates::{COVARIATES, POSITION};
 use crate::critique::space::Direction;
+use crate::critique::tuned::{LEAST_OWN, MARGIN};
 use crate::model::free_decay::ALL;
 use crate::model::terms::Interior;
 use std::f64::consts::TAU;
-
-/// Its own effect must show beside that of the state, in standard deviations.
-const LEAST_OWN: f64 = 2.5;
 
 /// One parameter against one covariate.
 #[derive(Clone, Copy, Debug)]

@@ -7,16 +7,15 @@ use super::{Applied, Bench, Best, Objection, Scored};
 use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{maximum, width};
 use crate::critique::space::Direction;
+use crate::critique::tuned::{
+    LEAST_MODE, LOSS, MENISCUS, NEAR, OWN_PERIODS, SHOWS_ITS_LOSS, SPLIT, TIE,
+};
 use crate::model::InkChannel;
 use crate::model::terms::Interior;
 use std::f64::consts::{PI, TAU};
 
-/// A line below this share of the model's own frequency is no mode, and below so many periods of the
-/// signal it is no line.
-const LEAST_MODE: f64 = 0.3;
+/// Below so many periods of the signal a line is none.
 pub const LEAST_PERIODS: f64 = 2.0;
-/// A line so near a multiple of the ring's frequency is no line of its own, relative to that frequency.
-const NEAR: f64 = 0.1;
 
 /// One period in a signal's length.
 const RESOLUTION: f64 = TAU;
@@ -65,7 +64,8 @@ impl Bench<'_> {
         let tested = self.shapes.test(&directions)?;
         let best = Best {
             shape: omega,
-            tried: self.samples as f64 * dampings.len() as f64,
+            // dampings are a parameter, and hardly independent tries
+            tried: self.samples as f64,
             value: omega / TAU / self.length_s,
             sd: width(|x| test(x, gamma), omega, 0.02) / TAU / self.length_s,
         };
@@ -119,22 +119,14 @@ impl Bench<'_> {
     /// Whether what is at a frequency may be the ring's own doing, or a random tone's that was found.
     fn is_own(&self, pattern: usize, omega: f64, gamma: f64) -> bool {
         let own = self.seen.omega;
-        // near its own frequency a second mode is no second mode: the pair splits
-        let near = 0.8 * RESOLUTION + 0.5 * (self.seen.sigma + gamma);
-        let mode = pattern == 1
-            && (omega < LEAST_MODE * own
-                || (omega - own).abs() < near
-                || (2..=4).any(|m| (omega - f64::from(m) * own).abs() < 0.6 * RESOLUTION));
-        // nor is every second sample's own gain, which mirrors the ring at half the sampling rate
+        let within = |reach: f64, of: f64| (omega - of).abs() < reach;
+        // a damped line is as broad as its damping
+        let near = |of: f64| within(OWN_PERIODS * RESOLUTION + 0.5 * gamma, of);
+        let multiple = within(NEAR * own, (omega / own).round().max(1.0) * own);
+        // every second sample's own gain mirrors the ring at half the sampling rate
         let mirror = PI * self.samples as f64 - own;
-        // what is at a multiple of its own frequency, or at its mirror, is the ring's own doing
-        let order = (omega / own).round().max(1.0);
-        let multiple = (omega - order * own).abs() < NEAR * own;
-        let mirrored = (omega - mirror).abs() < RESOLUTION;
-        // so is a tone at its own frequency: anything that changes the ring looks like one
-        let at_own = (omega - own).abs() < 1.2 * RESOLUTION;
-        let taken = |w: &f64| (omega - w).abs() < 1.5 * RESOLUTION;
-        mode || at_own || multiple || mirrored || self.avoid.iter().any(taken)
+        let slow = pattern == 1 && omega < LEAST_MODE * own;
+        near(own) || near(mirror) || multiple || slow || self.avoid.iter().any(|w| near(*w))
     }
 
     /// Why the line that fits best cannot be the cause.
@@ -145,22 +137,12 @@ impl Bench<'_> {
         statistic: f64,
     ) -> Option<Objection> {
         if is_slow(omega) {
-            return Some(Objection::SlowLine);
+            Some(Objection::SlowLine)
+        } else if self.is_own(pattern, omega, gamma) || own > statistic + TIE {
+            Some(Objection::OwnLine)
+        } else {
+            None
         }
-        if self.is_own(pattern, omega, gamma) || own > statistic + 10.0 {
-            return Some(Objection::OwnLine);
-        }
-        // so near to the ring a mode cannot be told from it; what fits as well as one is no tone
-        let close = 1.2 * RESOLUTION + 4.5 * self.seen.sigma;
-        if (omega - self.seen.omega).abs() < close && self.beside.drive_scan {
-            let shares: &[f64] = if pattern == 0 { &[0.4, 1.0, 2.0] } else { &[0.0] };
-            let as_other =
-                |share: &f64| self.line_statistic(1 - pattern, omega, share * self.seen.sigma);
-            if shares.iter().map(as_other).any(|s| s > statistic - 3.0) {
-                return Some(Objection::MayBe(if pattern == 0 { "mode" } else { "tone" }));
-            }
-        }
-        None
     }
 
     /// Surface tension B_t/B_m = m makes of the real pole and of the pole at 0 a slow pair, which scales
@@ -207,20 +189,12 @@ impl Bench<'_> {
         let mut scored =
             self.shaped(id, tested, directions, Best { shape: m, tried: 6.0, value: m, sd });
         scored.applied.damping = loss;
+        // the best of a range that ends there is none of it
+        let at_the_end = m < 1.01 * low || m > 0.99 * high;
+        scored.objection = at_the_end.then_some(Objection::AtTheEnd);
         Some(scored)
     }
 }
-
-/// B_t/B_m that is looked for: below, its mode lies under the real pole and leaves nothing.
-const MENISCUS: (f64, f64) = (0.03, 1.0);
-
-/// How well m is known from that mode's frequency, relative: how the stiffness divides between restrictor and
-/// nozzle rests on the held ratio, too.
-const SPLIT: f64 = 0.15;
-/// The damping of that mode rests on the ratio of the resistive rates, which is held: where the statistic is so large,
-/// the mode shows its own, within this factor.
-const SHOWS_ITS_LOSS: f64 = 400.0;
-const LOSS: f64 = 2.5;
 
 /// Damping and squared frequency of the slow mode: of thesis (2-2) with -b m V_n in it, the slow factor
 /// s² + 2 gamma s + gamma² + w² of (s² + g s + a)(s² + d s + b (1 + m)) - a b. `channel` is what is seen:

@@ -10,6 +10,7 @@ mod lines;
 mod shapes;
 
 pub use lines::LEAST_PERIODS;
+pub use shapes::Locally;
 
 use super::catalogue::{Acts, CATALOGUE, CauseId, Needs, Shape};
 use super::chance::surprise;
@@ -18,9 +19,9 @@ use super::covariates::Covariates;
 use super::finding::NOT_SIGNIFICANT;
 use super::model::{Model, RATIO_OF_RATES};
 use super::space::{Direction, Nuisance, Space, Tested};
+use crate::critique::tuned::TIE;
 use crate::model::free_decay::ALL;
 use crate::model::terms::{Interior, Seen};
-use std::f64::consts::TAU;
 use thiserror::Error;
 
 /// What is less surprising than this is nothing anyway, whatever bursts have in common.
@@ -97,12 +98,8 @@ pub enum Objection {
     OwnLine,
     #[error("it is so slow that it may be no line")]
     SlowLine,
-    #[error("it may be a {0} near the ring's own frequency")]
-    MayBe(&'static str),
-    #[error("it scales with the drive")]
-    ScalesWithDrive,
-    #[error("a meniscus that is pulled back makes such a mode")]
-    OfMeniscus,
+    #[error("its best size lies where the range ends that is looked at")]
+    AtTheEnd,
     #[error("its refit leads nowhere")]
     LeadsNowhere,
 }
@@ -223,8 +220,7 @@ impl<'a> Bench<'a> {
                 all.push(scored);
             }
         }
-        withhold_tone(&mut all);
-        withhold_slow_mode(&mut all, self.seen.omega / TAU / self.length_s);
+        withhold_lines(&mut all);
         all
     }
 
@@ -332,38 +328,16 @@ impl<'a> Bench<'a> {
     }
 }
 
-/// A mode below this share of the ring's frequency may be that of a meniscus that is pulled back, if that explains
-/// so much of it: its damping rests on rates that are not known well.
-const SLOW_MODE: f64 = 0.45;
-const MOSTLY: f64 = 0.85;
-
-fn withhold_slow_mode(all: &mut [Scored], own_hz: f64) {
-    let meniscus = all.iter().find(|s| s.applied.id == CauseId::Meniscus && s.able());
-    let Some(meniscus) = meniscus.map(|s| s.statistic) else { return };
-    if let Some(mode) = all.iter_mut().find(|s| s.applied.id == CauseId::SecondMode)
-        && mode.able()
-        && mode.value < SLOW_MODE * own_hz
-        && meniscus > MOSTLY * mode.statistic
-    {
-        mode.objection = Some(Objection::OfMeniscus);
-    }
-}
-
-/// Lines within this of each other are one, relative to their frequency.
-const SAME_LINE: f64 = 0.03;
-/// How much more surprising the line must be that scales with the drive.
-const CLEARLY: f64 = 1.5;
-
-/// A line that scales with the drive, but may not be a mode, is no tone either.
-fn withhold_tone(all: &mut [Scored]) {
-    let mode = all.iter().find(|s| s.applied.id == CauseId::SecondMode && !s.able());
-    let Some((hz, surprise)) = mode.map(|s| (s.value, s.surprise)) else { return };
-    if let Some(tone) = all.iter_mut().find(|s| s.applied.id == CauseId::Tone)
-        && tone.able()
-        && (tone.value / hz - 1.0).abs() < SAME_LINE
-        && surprise > tone.surprise + CLEARLY
-    {
-        tone.objection = Some(Objection::ScalesWithDrive);
+/// Where the ring itself may be one of the two lines, steady or scaling with the drive, and that explains as much, the
+/// other is no line either.
+fn withhold_lines(all: &mut [Scored]) {
+    let of = |id| all.iter().position(|s| s.applied.id == id);
+    let (Some(tone), Some(mode)) = (of(CauseId::Tone), of(CauseId::SecondMode)) else { return };
+    for (one, other) in [(tone, mode), (mode, tone)] {
+        let own = all[one].objection == Some(Objection::OwnLine);
+        if own && all[one].statistic > all[other].statistic - TIE {
+            all[other].objection = all[other].objection.or(Some(Objection::OwnLine));
+        }
     }
 }
 
@@ -372,26 +346,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_that_scales_with_the_drive_is_no_tone() {
-        let line = |id, hz: f64, surprise: f64, objection| Scored {
+    fn a_line_that_the_ring_explains_as_well_is_no_tone() {
+        let line = |id, statistic: f64, objection| Scored {
             applied: Applied::rigid(id, vec![], vec![], Kind::Shapes),
-            statistic: 2.0 * surprise,
+            statistic,
             degrees: 2,
             tried: 1.0,
-            surprise,
-            value: hz,
+            surprise: statistic / 2.0,
+            value: 107e3,
             sd: 1.0,
             objection,
         };
-        let named = |tone: Scored, mode: Scored| {
-            let mut all = [tone, mode];
-            withhold_tone(&mut all);
+        let named = |mode: f64, objection| {
+            let tone = line(CauseId::Tone, 36.0, None);
+            let mut all = [tone, line(CauseId::SecondMode, mode, objection)];
+            withhold_lines(&mut all);
             all[0].able()
         };
-        let tone = || line(CauseId::Tone, 107.2e3, 18.0, None);
-        assert!(!named(tone(), line(CauseId::SecondMode, 107.1e3, 23.0, Some(Objection::OwnLine))));
-        assert!(named(tone(), line(CauseId::SecondMode, 107.1e3, 18.5, Some(Objection::OwnLine))));
-        assert!(named(tone(), line(CauseId::SecondMode, 80e3, 23.0, Some(Objection::OwnLine))));
-        assert!(named(tone(), line(CauseId::SecondMode, 107.1e3, 23.0, None)), "they compete");
+        assert!(!named(38.0, Some(Objection::OwnLine)));
+        assert!(named(28.0, Some(Objection::OwnLine)));
+        assert!(named(46.0, None), "they compete");
     }
 }

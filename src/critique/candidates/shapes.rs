@@ -8,25 +8,25 @@ use crate::critique::catalogue::{CauseId, Motion};
 use crate::critique::chance::{maximum, surprise, width};
 use crate::critique::model::PATTERNS;
 use crate::critique::space::Direction;
+use crate::critique::tuned::{ETA_FLOOR, INTERIOR};
 use crate::model::free_decay;
 use crate::model::terms::Term;
 use nalgebra::{Matrix4, Vector4};
 use std::f64::consts::PI;
 
-/// How well the amplitudes inside are known, relative: they rest on the ratio of the resistive rates,
-/// which is held (thesis (2-3), (2-4)), and on what the pulse moved before t_a.
-const INTERIOR: f64 = 0.05;
-
-/// What a share of half-order loss is uncertain by, however many the signals: the scatter of the
-/// acquisition state from burst to burst alone looks like -.1 to -.25 (null recordings of hidden_large.toml,
-/// 1152 signals), a temperature swing of 8 K like +.05 (print runs of physics.toml, 8192 signals). A
-/// half-order loss that a few hundred signals show is far larger.
-const ETA_FLOOR: f64 = 0.3;
-
-/// The most surprising window of the mean misfit, of so many that were tried.
+/// The shape without a name that explains most of the mean misfit, of so many that were tried.
+#[derive(Clone, Copy, Debug)]
 pub struct Locally {
     pub surprise: f64,
+    pub statistic: f64,
     pub tried: f64,
+}
+
+impl Locally {
+    /// What it gains in -2 ln likelihood, its size and the tries paid for.
+    pub fn gain(&self) -> f64 {
+        self.statistic - 2.0 * (1.0 + self.tried.max(1.0).ln())
+    }
 }
 
 impl Bench<'_> {
@@ -219,27 +219,33 @@ impl Bench<'_> {
         Some(self.shaped(id, tested, vec![direction], best))
     }
 
-    /// Local misfit of the mean: windows of several lengths at several places, per power of the drive.
+    /// What the mean misfit is, if nothing that has a name: a bump of some length at some place, or a step, per power
+    /// of the drive.
     pub fn local_scan(&self) -> Locally {
         let n = self.samples;
-        let (mut best, mut tried) = (0.0_f64, 0.0);
+        let mut best = Locally { surprise: 0.0, statistic: 0.0, tried: 0.0 };
+        let mut look = |pattern: usize, start: usize, shape: &dyn Fn(usize) -> f64, end: usize| {
+            let mut y = vec![0.0; n];
+            (start..end).for_each(|k| y[k] = shape(k - start));
+            if let Some(t) = self.shapes.test(&[self.pattern(pattern, y)]) {
+                best.tried += 1.0;
+                best.statistic = best.statistic.max(t.statistic);
+            }
+        };
         for pattern in 0..2 {
             let mut length = 4;
             while length <= n / 2 {
+                let bump = |k: usize| (PI * (k as f64 + 0.5) / length as f64).sin();
                 for start in (0..=n - length).step_by(length / 2) {
-                    let mut shape = vec![0.0; n];
-                    for (k, y) in shape[start..start + length].iter_mut().enumerate() {
-                        *y = (PI * (k as f64 + 0.5) / length as f64).sin();
-                    }
-                    let direction = self.pattern(pattern, shape);
-                    if let Some(t) = self.shapes.test(&[direction]) {
-                        best = best.max(surprise(t.statistic, 1, 1.0, f64::INFINITY));
-                        tried += 1.0;
-                    }
+                    look(pattern, start, &bump, start + length);
                 }
                 length *= 2;
             }
+            for start in (n / 16..n - n / 16).step_by(2) {
+                look(pattern, start, &|_| 1.0, n);
+            }
         }
-        Locally { surprise: best, tried }
+        best.surprise = surprise(best.statistic, 1, 1.0, f64::INFINITY);
+        best
     }
 }

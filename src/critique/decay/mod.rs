@@ -22,6 +22,7 @@ use super::extended::NotExtended;
 use super::finding::{Cause, Critique, NotTestable, Signals, VERSION, Verdict};
 use super::observations::Observations;
 use super::outcome::{CritiqueError, Outcome};
+use super::tuned::{DECAY_LEFT, PREDICTABLE};
 use super::words::{capital, ties};
 use plant::Decays;
 use selection::{Selected, sizes};
@@ -32,12 +33,6 @@ pub const MOST_BURSTS: usize = 32;
 pub const MOST_SAMPLES: usize = 32_768;
 /// Samples in all: more would not be fitted in reasonable time.
 const MOST_IN_ALL: usize = 8 * MOST_SAMPLES;
-/// Of the misfit of the baseline, beyond the noise, this share may be left beside a name.
-const SHARE_ALLOWED: f64 = 0.5;
-/// What a linear prediction from the samples before must explain of the misfit, to call it unexplained
-/// where nothing is named.
-const PREDICTABLE: f64 = 0.3;
-
 /// Whether these signals are decays for this room.
 pub fn can(data: &Observations) -> bool {
     data.bursts <= MOST_BURSTS
@@ -167,7 +162,7 @@ fn verdict(causes: &mut Vec<Cause>, selected: &Selected, left: &Left) -> Verdict
         }
         return Verdict::Unknown;
     }
-    if unexplained && left.share > SHARE_ALLOWED && left.predictable > PREDICTABLE {
+    if unexplained && left.share > DECAY_LEFT && left.predictable > PREDICTABLE {
         causes.iter_mut().for_each(|c| c.explains = Some((1.0 - left.share).max(0.0)));
         return Verdict::Unknown;
     }

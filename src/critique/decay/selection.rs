@@ -11,8 +11,9 @@ use super::plant::{Decays, Line, OMEGA, Plant, SIGMA, Structure, motion};
 use super::spectrum;
 use crate::critique::candidates::LEAST_PERIODS;
 use crate::critique::catalogue::CauseId;
-use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
+use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, statistic_of, surprise};
 use crate::critique::finding::{EXPLAINS_MORE, Evidence, NOT_SIGNIFICANT};
+use crate::critique::tuned::{COLOURED, HARMONIC, LEAST_OF_COLOURED, LEAST_SHARE, SWEPT, TIE};
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 use thiserror::Error;
@@ -22,16 +23,6 @@ const MOST_TERMS: usize = 12;
 const MOST_LINES: usize = 8;
 /// Peaks of the misfit's spectrum at which a line is tried.
 const PEAKS: usize = 3;
-/// Rivals within this of the best, -2 ln likelihood and parameters counted, tie with it.
-const TIE: f64 = 6.0;
-/// A line must take away this share of the misfit at least: small lines are what is left of others.
-const LEAST_SHARE: f64 = 0.1;
-/// Where the samples before predict so much of the misfit, its autoregression stands in for something that
-/// is not in the model, and what takes less than this share of the rest says nothing.
-const COLOURED: f64 = 0.5;
-const LEAST_OF_COLOURED: f64 = 0.03;
-/// Lines this near to a multiple of the ring's frequency, relative, are its harmonics.
-const HARMONIC: f64 = 0.01;
 
 /// Why a candidate cannot be the cause although it fits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -352,8 +343,8 @@ fn line_objection(
         let m = f64::from(multiple);
         let off = (omega - m * own).abs();
         let near = match multiple {
-            1 => resolution.max(sigma.abs() + fit.p[SIGMA].abs()).max(1.3 * swept * own),
-            _ => (0.35 * resolution).max(HARMONIC * m * own).max(1.3 * swept * m * own),
+            1 => resolution.max(sigma.abs() + fit.p[SIGMA].abs()).max(SWEPT * swept * own),
+            _ => (0.35 * resolution).max(HARMONIC * m * own).max(SWEPT * swept * m * own),
         };
         if off < near {
             return Some(match multiple {
@@ -522,20 +513,13 @@ pub fn alias(decays: &Decays, parent: &Fit) -> Tried {
 }
 
 fn row(t: &Tried, step: u32, samples: f64) -> Evidence {
-    let (mut low, mut high) = (0.0, 2000.0);
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        let lines = if matches!(t.term, Term::Line(_)) { samples / 2.0 } else { 1.0 };
-        match surprise(middle, t.degrees, lines, f64::INFINITY) > THRESHOLD {
-            true => high = middle,
-            false => low = middle,
-        }
-    }
+    let lines = if matches!(t.term, Term::Line(_)) { samples / 2.0 } else { 1.0 };
+    let surprise = |x: f64| surprise(x, t.degrees, lines, f64::INFINITY);
     Evidence {
         step,
         id: t.term.id(),
         statistic: t.statistic,
-        threshold: high,
+        threshold: statistic_of(THRESHOLD, surprise),
         p: (-t.surprise).exp(),
         delta_bic: t.statistic - t.degrees as f64 * samples.ln(),
         strength_dl: (t.statistic / DETECTION_LIMIT).sqrt(),
