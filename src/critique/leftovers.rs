@@ -64,7 +64,7 @@ impl Weighed {
     fn leaves_to(&self, other: &Weighed) -> f64 {
         use Shows::{ByACovariate, InCodes, InNoise, InTheMean};
         match (self.shows(), other.shows()) {
-            (_, InCodes) => 0.0,
+            (_, InCodes) | (InCodes, InNoise) => 0.0,
             (InNoise, _) => LEFT_TO_ALIKE,
             _ if self.is_alike(other) => LEFT_TO_ALIKE,
             (InTheMean, InTheMean) | (ByACovariate, ByACovariate) => LEFT_TO_SHAPES,

@@ -22,7 +22,7 @@ pub const LEAST_OWN: f64 = 2.5;
 pub const LEFT_TO_ALIKE: f64 = 0.1;
 /// Shapes of the mean, and what follows covariates, to others of their kind. (7.1)
 pub const LEFT_TO_SHAPES: f64 = 0.03;
-/// Codes to the mean and the noise; what moves the mean to the noise. (7.1, 7.8)
+/// Codes to what moves the mean; that to the noise. (7.1, 7.8)
 pub const LEFT_TO_UNLIKE: f64 = 0.006;
 /// A cause to what has no name. Strong ones left up to .06, effects outside the catalogue .13 at least. (7.1)
 pub const LEFT_BY_ALL: f64 = 0.07;
