@@ -120,7 +120,7 @@ impl NumberColumn {
 
 /// First bytes of all values, then the second ones, and so on.
 fn split(values: &[f32]) -> Vec<u8> {
-    let mut out = vec![0; values.len() * size_of::<f32>()];
+    let mut out = vec![0; size_of_val(values)];
     for (k, stream) in out.chunks_exact_mut(values.len().max(1)).enumerate() {
         stream.iter_mut().zip(values).for_each(|(byte, value)| *byte = value.to_le_bytes()[k]);
     }
