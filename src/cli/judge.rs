@@ -47,7 +47,7 @@ pub struct Item {
     pub verdicts: String,
     /// `None`: it cannot be looked at.
     pub stamp: Option<Stamp>,
-    /// In it; only with baselines, and only where it can be read.
+    /// In it; only with baselines, where it is judged elsewhere and can be read.
     pub printheads: Vec<String>,
 }
 

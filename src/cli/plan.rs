@@ -13,12 +13,10 @@ use crate::io::recording::Recording;
 use crate::io::{Limits, digest, part_file, stored};
 use crate::pipeline::chain;
 use crate::pipeline::resume::{Decision, Resume, Why};
-use crate::pipeline::{self, Control, PipelineError};
+use crate::pipeline::{Control, PipelineError, beginning};
 use serde_json::json;
-use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 pub struct Planned {
@@ -84,6 +82,8 @@ pub fn sweep(planned: &[Planned], out: &Path) {
 }
 
 pub struct Planner<'a> {
+    /// Whether somebody asks which printheads recordings with baselines hold.
+    pub printheads: bool,
     pub resume: Resume<'a>,
     pub dialects: &'a Dialects,
     pub progress: &'a Progress,
@@ -126,11 +126,7 @@ impl Planner<'_> {
                 Decision::Finished { entry, .. } if entry.recording.starts_at_ns.is_some() => {
                     entry.recording.starts_at_ns
                 }
-                _ => {
-                    let starts = self.starts(&this.placed.input.path)?;
-                    this.printheads = starts.keys().map(|name| name.to_string()).collect();
-                    starts.into_values().min()
-                }
+                _ => self.begin(this)?,
             };
         }
         planned.sort_by_key(|this| this.starts_at_ns.unwrap_or(i64::MAX));
@@ -153,14 +149,23 @@ impl Planner<'_> {
         Ok(chained)
     }
 
-    /// First bursts by printheads. None: it cannot be read, which whoever judges it will say.
-    fn starts(&self, path: &Path) -> Result<BTreeMap<Arc<str>, i64>, Failure> {
-        let opened = Recording::open_with(path, Limits::default(), self.dialects);
-        let Ok(recording) = opened else { return Ok(BTreeMap::new()) };
-        match pipeline::baseline::starts(&recording, self.control) {
-            Ok(starts) => Ok(starts),
+    /// When a recording begins, and with whom, if that is asked for. `None`: it cannot be read, which whoever judges it
+    /// will say.
+    fn begin(&self, planned: &mut Planned) -> Result<Option<i64>, Failure> {
+        let path = &planned.placed.input.path;
+        let Ok(recording) = Recording::open_with(path, Limits::default(), self.dialects) else {
+            return Ok(None);
+        };
+        let begins = match self.printheads {
+            false => beginning::earliest_ns(&recording, self.control),
+            true => beginning::starts(&recording, self.control).map(|starts| {
+                planned.printheads = starts.keys().map(|name| name.to_string()).collect();
+                starts.into_values().min()
+            }),
+        };
+        match begins {
             Err(e @ PipelineError::Interrupted) => Err(e.into()),
-            Err(_) => Ok(BTreeMap::new()),
+            begins => Ok(begins.ok().flatten()),
         }
     }
 

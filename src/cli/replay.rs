@@ -184,7 +184,14 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
         force: args.force,
         verify: args.verify,
     };
-    let planner = Planner { resume, dialects: &dialects, progress: &looking, control: &control };
+    // who hands recordings out keeps those of one printhead together
+    let planner = Planner {
+        printheads: elsewhere.is_some(),
+        resume,
+        dialects: &dialects,
+        progress: &looking,
+        control: &control,
+    };
     let mut planned = planner.plan(placed)?;
     if let Some(file) = &baseline_file {
         planned = planner.chain(planned, &file.digest())?;

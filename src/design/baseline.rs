@@ -74,48 +74,66 @@ struct Sum {
 #[derive(Clone, Debug, Default)]
 pub struct Heard {
     channels: BTreeMap<u32, Sum>,
-    /// Sum of x x' over healthy signals, in UNIT².
-    squares: [[i128; 4]; 4],
-    /// Sum of 1/drive² over healthy signals, in millionths: the variance of their noise over the reference's.
-    weaker: i64,
+    all: Squares,
     /// Signals of channels beyond the limit on their number.
     pub beyond: u64,
 }
 
+/// Sums over healthy signals of all channels.
+#[derive(Clone, Debug, Default)]
+struct Squares {
+    /// Of x x', its lower triangle row by row, in UNIT².
+    products: [i128; 10],
+    /// Of 1/drive², in millionths: the variance of their noise over the reference's.
+    weaker: i64,
+}
+
+/// What is known of one signal.
+#[derive(Clone, Copy, Debug)]
+pub struct Said {
+    /// ln amplitude, ln damping, ln frequency, phase in rad.
+    pub features: Vector4<f64>,
+    pub healthy: bool,
+}
+
 impl Heard {
-    /// Adds a signal. `room`: how many channels may still be added.
-    pub fn take(
-        &mut self,
-        channel: u32,
-        features: &Vector4<f64>,
-        drive: f64,
-        healthy: bool,
-        room: &mut usize,
-    ) {
-        if !self.channels.contains_key(&channel) {
-            if *room == 0 {
-                self.beyond += 1;
-                return;
+    /// Adds a burst: of each signal from channel `first` on, what is known of it; `None`: it was not judged. `room`: how
+    /// many channels may still be added.
+    pub fn take(&mut self, first: u32, of: &[Option<Said>], drive: f64, room: &mut usize) {
+        let mut new = Vec::new();
+        let mut known = self.channels.range_mut(first..).peekable();
+        for (channel, said) in (first..).zip(of) {
+            let Some(said) = said else { continue };
+            while known.next_if(|(k, _)| **k < channel).is_some() {}
+            match known.next_if(|(k, _)| **k == channel) {
+                Some((_, sum)) => sum.add(said, &mut self.all, drive),
+                None => new.push((channel, said)),
             }
-            *room -= 1;
         }
-        let sum = self.channels.entry(channel).or_default();
-        // healthy features are below 1; clamped, even others cannot overflow the sums
-        let fixed: [i64; 4] =
-            std::array::from_fn(|k| (features[k].clamp(-4.0, 4.0) / UNIT).round() as i64);
-        let weaker = (1.0 / (drive * drive)).clamp(0.0, 1e4);
-        if !healthy {
-            sum.unhealthy = sum.unhealthy.saturating_add(1);
-        } else if sum.healthy < 1 << 30 {
-            sum.healthy += 1;
-            sum.features.iter_mut().zip(fixed).for_each(|(s, f)| *s += f);
-            for i in 0..4 {
-                for j in 0..4 {
-                    self.squares[i][j] += i128::from(fixed[i]) * i128::from(fixed[j]);
+        for (channel, said) in new {
+            match room.checked_sub(1) {
+                None => self.beyond += 1,
+                Some(left) => {
+                    *room = left;
+                    self.channels.entry(channel).or_default().add(said, &mut self.all, drive);
                 }
             }
-            self.weaker += (weaker * 1e6).round() as i64;
         }
+    }
+
+    /// Adds what was heard elsewhere.
+    pub fn add(&mut self, other: &Heard) {
+        for (channel, of) in &other.channels {
+            let Sum { healthy, unhealthy, features } = of;
+            let sum = self.channels.entry(*channel).or_default();
+            sum.healthy = sum.healthy.saturating_add(*healthy);
+            sum.unhealthy = sum.unhealthy.saturating_add(*unhealthy);
+            sum.features.iter_mut().zip(features).for_each(|(s, f)| *s += f);
+        }
+        let Squares { products, weaker } = &other.all;
+        self.all.products.iter_mut().zip(products).for_each(|(s, p)| *s += p);
+        self.all.weaker += weaker;
+        self.beyond += other.beyond;
     }
 
     pub fn channels(&self) -> usize {
@@ -124,7 +142,9 @@ impl Heard {
 
     fn within(&self, noise: &Matrix4<f64>) -> Within {
         let (mut n, mut degrees) = (0.0, 0.0);
-        let mut scatter = Matrix4::from_fn(|i, j| self.squares[i][j] as f64 * UNIT * UNIT);
+        let entry =
+            |i: usize, j: usize| self.all.products[i.max(j) * (i.max(j) + 1) / 2 + i.min(j)];
+        let mut scatter = Matrix4::from_fn(|i, j| entry(i, j) as f64 * UNIT * UNIT);
         for all in self.channels.values() {
             let healthy = f64::from(all.healthy);
             if all.healthy > 0 {
@@ -134,7 +154,7 @@ impl Heard {
                 degrees += healthy - 1.0;
             }
         }
-        let weaker = self.weaker as f64 * 1e-6 / f64::max(n, 1.0);
+        let weaker = self.all.weaker as f64 * 1e-6 / f64::max(n, 1.0);
         if degrees < 16.0 {
             return Within { weaker: weaker.max(1e-9), shot: Matrix4::zeros(), degrees: 0.0 };
         }
@@ -156,6 +176,27 @@ struct Within {
 }
 
 impl Sum {
+    #[inline]
+    fn add(&mut self, of: &Said, all: &mut Squares, drive: f64) {
+        if !of.healthy {
+            self.unhealthy = self.unhealthy.saturating_add(1);
+        } else if self.healthy < 1 << 30 {
+            self.healthy += 1;
+            // healthy features are below 1; clamped, even others cannot overflow the sums
+            let fixed: [i64; 4] =
+                std::array::from_fn(|k| (of.features[k].clamp(-4.0, 4.0) / UNIT).round() as i64);
+            self.features.iter_mut().zip(fixed).for_each(|(s, f)| *s += f);
+            let mut products = all.products.iter_mut();
+            for i in 0..4 {
+                for (j, sum) in (0..=i).zip(&mut products) {
+                    *sum += i128::from(fixed[i]) * i128::from(fixed[j]);
+                }
+            }
+            let weaker = (1.0 / (drive * drive)).clamp(0.0, 1e4);
+            all.weaker += (weaker * 1e6).round() as i64;
+        }
+    }
+
     /// The mean of the healthy signals; `None` where too few or too small a share were healthy.
     fn mean(&self) -> Option<[f64; 4]> {
         let all = f64::from(self.healthy) + f64::from(self.unhealthy);
@@ -295,7 +336,8 @@ mod tests {
         }
         let (mut heard, mut room) = (Heard::default(), 100);
         for (channel, features, healthy) in &signals {
-            heard.take(*channel, features, 0.9, *healthy, &mut room);
+            let said = Said { features: *features, healthy: *healthy };
+            heard.take(*channel, &[Some(said)], 0.9, &mut room);
         }
         heard
     }
@@ -341,7 +383,8 @@ mod tests {
     fn channels_beyond_the_limit_are_counted() {
         let (mut heard, mut room) = (Heard::default(), 1);
         for channel in 0..3 {
-            heard.take(channel, &Vector4::zeros(), 1.0, true, &mut room);
+            let said = Said { features: Vector4::zeros(), healthy: true };
+            heard.take(channel, &[Some(said)], 1.0, &mut room);
         }
         assert_eq!((heard.channels(), heard.beyond), (1, 2));
     }

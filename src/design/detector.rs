@@ -2,7 +2,8 @@
 //! ring). Both are first computed to first order; where that does not decide, a ring is fitted.
 
 use super::DesignError;
-use super::own_channel::Own;
+use super::own_channel::{Known, OwnChannels};
+use crate::detect::lane_features::LaneFeatures;
 use crate::detect::misfit::Misfit;
 use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK, Sensitivity};
 use crate::identify::grey_box::Identification;
@@ -42,8 +43,10 @@ pub struct SensitivityDetector {
 #[derive(Clone, Debug)]
 struct OwnFrame {
     /// Four rows of N, 1/counts: the features of a deviation at the reference drive.
-    pub projection: Vec<Vec<f64>>,
-    pub noise: Matrix4<f64>,
+    projection: Vec<Vec<f64>>,
+    /// The same for many signals at once.
+    lanes: Option<LaneFeatures>,
+    noise: Matrix4<f64>,
     to_three: Matrix3x4<f64>,
 }
 
@@ -56,8 +59,11 @@ impl OwnFrame {
         let to_three = Matrix3x4::from_fn(|i, j| {
             sensitivity.projection[i].iter().zip(tangent.column(j).iter()).map(|(p, t)| p * t).sum()
         });
+        let projection: Vec<Vec<f64>> =
+            projection.row_iter().map(|r| r.iter().copied().collect()).collect();
         Some(OwnFrame {
-            projection: projection.row_iter().map(|r| r.iter().copied().collect()).collect(),
+            lanes: LaneFeatures::new(&projection),
+            projection,
             noise: Matrix4::from_fn(|i, j| inverse[(i, j)] * noise * noise),
             to_three,
         })
@@ -148,9 +154,12 @@ impl SensitivityDetector {
 
     /// (ln amplitude, ln damping, ln frequency, phase) to first order; the phase free.
     pub fn own_features(&self, deviation: &[f64], drive: f64) -> Vector4<f64> {
-        Vector4::from_fn(|k, _| {
-            self.own.projection[k].iter().zip(deviation).map(|(p, d)| p * d).sum::<f64>() / drive
-        })
+        Vector4::from_fn(|k, _| dot(&self.own.projection[k], deviation) / drive)
+    }
+
+    /// [`SensitivityDetector::own_features`] for many signals at once.
+    pub fn own_lanes(&self) -> Option<&LaneFeatures> {
+        self.own.lanes.as_ref()
     }
 
     /// Covariance of the noise of [`SensitivityDetector::own_features`], at the reference drive.
@@ -158,27 +167,38 @@ impl SensitivityDetector {
         &self.own.noise
     }
 
-    /// The first statistic about the channel's own baseline: squared Mahalanobis distance with the covariance of one
-    /// channel's signals.
-    pub fn statistic_of_own(
-        &self,
-        deviation: &[f64],
-        drive: f64,
-        own: &Own,
-        scratch: &mut Scratch,
-    ) -> f64 {
+    /// The metric of distances from a baseline that rests on so many signals, for signals of one drive.
+    pub fn own_metric(&self, own: &OwnChannels, signals: f64, drive: f64) -> Option<Matrix3<f64>> {
         let to_three = &self.own.to_three;
-        let scatter = to_three * own.scatter(&self.own.noise) * to_three.transpose();
+        let scatter = to_three * own.scatter(signals, &self.own.noise) * to_three.transpose();
         let noise = Matrix3::from_fn(|i, j| self.sensitivity.noise[i][j]) / (drive * drive);
-        let Some(metric) = (scatter + noise).try_inverse() else { return f64::INFINITY };
-        let centre = to_three * own.baseline;
-        let distance = |x: &Vector3<f64>| (x - centre).dot(&(metric * (x - centre)));
-        let first = self.sensitivity.features(deviation, drive);
-        if distance(&first) <= SECOND_LOOK {
-            return distance(&first);
-        }
-        let fitted = self.fitted(&first, deviation, drive, scratch);
-        fitted.map_or(distance(&first), |x| distance(&x))
+        (scatter + noise).try_inverse()
+    }
+
+    /// The squared Mahalanobis distance of features from a baseline, to first order, and whether that decides.
+    pub fn own_look(
+        &self,
+        metric: &Matrix3<f64>,
+        features: &Vector4<f64>,
+        known: &Known,
+    ) -> (f64, bool) {
+        let x = self.own.to_three * (features - known.baseline);
+        let distance = x.dot(&(metric * x));
+        (distance, distance <= SECOND_LOOK)
+    }
+
+    /// The same by a fit. `features`: to first order; `deviation`: N, counts.
+    pub fn own_distance(
+        &self,
+        metric: &Matrix3<f64>,
+        (features, known): (&Vector4<f64>, &Known),
+        (deviation, drive): (&[f64], f64),
+        scratch: &mut Scratch,
+    ) -> Option<f64> {
+        let near = self.own.to_three * features;
+        let fitted = self.fitted(&near, deviation, drive, scratch)?;
+        let x = fitted - self.own.to_three * known.baseline;
+        Some(x.dot(&(metric * x)))
     }
 
     /// Both statistics of a signal. `deviation`: from the expected signal at its drive and temperature, N, counts.

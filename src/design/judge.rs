@@ -4,6 +4,7 @@
 use super::detector::{Detection, SensitivityDetector};
 use super::isolator::{Compared, Isolator};
 use super::lanes::Lanes;
+use super::own_channel::OwnChannels;
 use super::workspace::Workspace;
 use super::{Design, DesignError, Extension, HealthyModel, IsolateSettings, Statistic};
 use crate::burst::Burst;
@@ -173,14 +174,13 @@ impl Judge {
             let ring = self.of_residual(deviation, drive, &mut work.residual);
             return Detection { ring, unexplained: f64::NAN };
         };
-        match &work.own {
-            None => detector.detect(deviation, drive, &mut work.detector),
-            Some(own) => {
-                let distance = detector.statistic_of_own(deviation, drive, own, &mut work.detector);
-                let ring = distance * (self.model.threshold.value / own.gate).min(1.0);
-                Detection { ring, unexplained: f64::NAN }
-            }
-        }
+        detector.detect(deviation, drive, &mut work.detector)
+    }
+
+    /// The first statistic by a channel's own baseline, from the squared distance from it: beyond the threshold where
+    /// that is beyond the baselines' own.
+    pub fn of_own(&self, distance: f64, own: &OwnChannels) -> f64 {
+        distance * (self.model.threshold.value / own.gate()).min(1.0)
     }
 
     /// The statistic of all methods but `sensitivity`. `signal`: buffer.

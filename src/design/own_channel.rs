@@ -7,7 +7,7 @@ use super::baseline::{FEWEST, PrintheadBaselines};
 use crate::isolate::physics_density::FaultCurves;
 use crate::model::normal::upper_tail;
 use nalgebra::{Matrix4, Vector4};
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Numbers of signals behind a baseline for which fault curves are computed; a channel uses those of the largest
@@ -19,31 +19,32 @@ const LEVELS: [f64; 3] = [4.0, 16.0, 48.0];
 pub struct OwnChannels {
     /// Covariance of one channel's signals beyond the noise.
     shot: Matrix4<f64>,
-    /// Per channel its baseline, the number of signals behind it, and the time from which on it applies, ns.
-    channels: HashMap<u32, (Vector4<f64>, f64, i64)>,
+    channels: BTreeMap<u32, Known>,
     /// Fault curves for each of [`LEVELS`].
     curves: Vec<Arc<FaultCurves>>,
     gate: f64,
 }
 
-/// One channel's baseline, and what signals are judged by about it.
+/// One channel's baseline.
+#[derive(Clone, Copy, Debug)]
+pub struct Known {
+    pub baseline: Vector4<f64>,
+    /// Behind it.
+    pub signals: f64,
+}
+
+/// One channel's baseline, and what its signals are isolated by about it.
 #[derive(Clone, Debug)]
 pub struct Own {
     pub baseline: Vector4<f64>,
-    pub signals: f64,
-    /// Threshold on the squared distance from the baseline, at the allowed false-alarm rate.
-    pub gate: f64,
-    shot: Matrix4<f64>,
     /// `None`: the design has no physics.
     pub curves: Option<Arc<FaultCurves>>,
 }
 
 impl OwnChannels {
-    /// `from_ns`: the time from which on a channel's baseline applies. `false_alarm_rate`: share of healthy signals
-    /// that may be flagged.
+    /// `false_alarm_rate`: share of healthy signals that may be flagged.
     pub fn new(
         baselines: &PrintheadBaselines,
-        from_ns: impl Fn(u32) -> i64,
         curves: Option<&FaultCurves>,
         false_alarm_rate: f64,
     ) -> OwnChannels {
@@ -58,7 +59,7 @@ impl OwnChannels {
             .channels
             .iter()
             .filter(|(_, c)| c.signals >= f64::from(FEWEST) / 2.0)
-            .map(|(&k, c)| (k, (Vector4::from(c.features), c.signals, from_ns(k))))
+            .map(|(&k, c)| (k, Known { baseline: c.features.into(), signals: c.signals }))
             .collect();
         OwnChannels { shot, channels, curves, gate: chi_squared_3(false_alarm_rate) }
     }
@@ -68,20 +69,34 @@ impl OwnChannels {
         self.channels.len()
     }
 
-    /// Whether a channel's baseline applies at that time.
-    pub fn knows(&self, channel: u32, t_ns: i64) -> bool {
-        self.channels.get(&channel).is_some_and(|&(.., from_ns)| t_ns >= from_ns)
+    pub fn knows(&self, channel: u32) -> bool {
+        self.channels.contains_key(&channel)
     }
 
-    /// A channel's baseline, if one applies at that time.
-    pub fn of(&self, channel: u32, t_ns: i64) -> Option<Own> {
-        let &(baseline, signals, from_ns) = self.channels.get(&channel)?;
-        if t_ns < from_ns {
-            return None;
-        }
+    /// The baselines of `n` channels from `first` on, one after the other.
+    pub fn from(&self, first: u32, n: usize) -> impl Iterator<Item = Option<&Known>> {
+        let mut known = self.channels.range(first..).peekable();
+        (u64::from(first)..).take(n).map(move |channel| {
+            known.next_if(|(k, _)| u64::from(**k) == channel).map(|(_, known)| known)
+        })
+    }
+
+    /// What a channel's signals are isolated by.
+    pub fn of(&self, channel: u32) -> Option<Own> {
+        let &Known { baseline, signals } = self.channels.get(&channel)?;
         let level = LEVELS.iter().rposition(|&n| signals >= n).unwrap_or(0);
-        let curves = self.curves.get(level).cloned();
-        Some(Own { baseline, signals, gate: self.gate, shot: self.shot, curves })
+        Some(Own { baseline, curves: self.curves.get(level).cloned() })
+    }
+
+    /// Threshold on the squared distance from a baseline, at the allowed false-alarm rate.
+    pub fn gate(&self) -> f64 {
+        self.gate
+    }
+
+    /// Covariance of a healthy signal's four features about its baseline, besides the signal's own noise: from
+    /// burst to burst, and the sampling error of the baseline. `noise`: of one signal at the reference drive.
+    pub fn scatter(&self, signals: f64, noise: &Matrix4<f64>) -> Matrix4<f64> {
+        self.shot + (self.shot + noise) / signals
     }
 }
 
@@ -97,14 +112,6 @@ fn chi_squared_3(rate: f64) -> f64 {
         if beyond(middle) > rate { low = middle } else { high = middle }
     }
     high
-}
-
-impl Own {
-    /// Covariance of a healthy signal's four features about the baseline, besides the signal's own noise: from
-    /// burst to burst, and the sampling error of the baseline. `noise`: of one signal at the reference drive.
-    pub fn scatter(&self, noise: &Matrix4<f64>) -> Matrix4<f64> {
-        self.shot + (self.shot + noise) / self.signals
-    }
 }
 
 #[cfg(test)]

@@ -49,9 +49,9 @@ pub struct Limits {
 /// The expected signal under one condition: relative drive and temperature.
 #[derive(Clone, Debug)]
 pub struct RowCondition {
-    drive: f32,
-    warmer: f32,
-    expected: Vec<Phases>,
+    pub(super) drive: f32,
+    pub(super) warmer: f32,
+    pub(super) expected: Vec<Phases>,
 }
 
 /// Per lane the inner products with the three P_k, and the deviation's square norm.

@@ -12,6 +12,7 @@ pub mod detectability;
 pub mod kernel;
 pub mod key_numbers;
 pub mod lane_expectation;
+pub mod lane_features;
 pub mod lane_sensitivity;
 pub mod misfit;
 mod mixture;

@@ -1,46 +1,224 @@
-//! Channels' own baselines over a recording: learned in a pass before the stages, used by them.
+//! Channels' own baselines over a recording: by which of them it is judged, and what is remembered after it.
 //!
-//! In: the baselines remembered, a recording, its schedule. Out: [`InUse`], by which the recording is
-//! judged, and the baselines for the next one. Only with `--baseline`.
+//! In: the baselines remembered, what was heard. Out: [`InUse`], by which the recording is judged, and the baselines
+//! for the next one. Only with `--baseline`.
 //!
 //! Judged by: what was remembered; where nothing was, what the channel said in the printhead's first
 //! window (`identify.first`), from its end on. What the recording says later counts for the next one
 //! only, so that a verdict depends on no order, chunking or thread.
 //!
-//! A pass of its own, since all of the recording says whether a printhead's baselines are used in any of it
-//! (`Told::is_estranged`): its first verdicts depend on its last signals. In the stream they would be
-//! given by baselines that its end refuses.
+//! All of the recording says whether a printhead's baselines are used in any of it ([`Told::is_estranged`]). That they
+//! are not is rare: signals are judged by them as they flow ([`super::hearing`], [`super::first_windows`]), and where
+//! the end refuses them, or the order of the file does not allow it, all is gone through again in passes of their own
+//! ([`super::heard_before`]), with the same baselines.
 
-use super::batches::Assigned;
-use super::schedule::{Assignment, Schedule};
-use super::statistics::Statistics;
-use super::{Control, PipelineError, visit};
-use crate::burst::{Acquisition, Burst};
+use super::PipelineError;
+use crate::burst::Burst;
+use crate::design::Own;
 use crate::design::{
-    Baselines, Design, Detection, Heard, MOST_CHANNELS, Own, OwnChannels, PrintheadBaselines,
-    Workspace,
+    Baselines, Design, Heard, Judge, MOST_CHANNELS, OwnChannels, PrintheadBaselines,
 };
-use crate::io::recording::Recording;
+use crate::isolate::physics_density::FaultCurves;
 use crate::settings::Settings;
-use crate::verdict::{Reason, unusable_signal};
 use nalgebra::Matrix4;
 use std::collections::{BTreeMap, HashMap};
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError, RwLock};
 
 /// Baselines that a recording is judged by.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct InUse {
-    printheads: HashMap<Arc<str>, OwnChannels>,
+    printheads: RwLock<HashMap<Arc<str>, OfPrinthead>>,
+}
+
+#[derive(Debug, Default)]
+struct OfPrinthead {
+    remembered: Option<Arc<OwnChannels>>,
+    /// From the end of the first window on, ns, if that taught new channels.
+    later: Option<(i64, Arc<OwnChannels>)>,
+}
+
+impl InUse {
+    /// A printhead's at a time.
+    pub fn at(&self, printhead: &str, t_ns: i64) -> Option<Arc<OwnChannels>> {
+        let printheads = self.printheads.read().unwrap_or_else(PoisonError::into_inner);
+        let of = printheads.get(printhead)?;
+        let later = of.later.as_ref().filter(|(from_ns, _)| *from_ns <= t_ns);
+        later.map(|(_, own)| own).or(of.remembered.as_ref()).cloned()
+    }
+
+    /// Of a burst's row.
+    pub fn of(&self, burst: &Burst, row: u32) -> Option<Own> {
+        let channel = burst.first_channel.checked_add(row)?;
+        self.at(&burst.printhead, burst.t_acq_ns)?.of(channel)
+    }
+
+    fn set(&self, printhead: &Arc<str>, set: impl FnOnce(&mut OfPrinthead)) {
+        let mut printheads = self.printheads.write().unwrap_or_else(PoisonError::into_inner);
+        set(printheads.entry(printhead.clone()).or_default());
+    }
+
+    /// The baselines of a printhead are not used.
+    pub fn refuse(&self, printhead: &Arc<str>) {
+        self.set(printhead, |of| *of = OfPrinthead::default());
+    }
+
+    /// Channels that had none before the first window.
+    fn learned(&self) -> usize {
+        let printheads = self.printheads.read().unwrap_or_else(PoisonError::into_inner);
+        let of = |of: &OfPrinthead| {
+            let remembered = of.remembered.as_ref().map_or(0, |own| own.channels());
+            of.later.as_ref().map_or(0, |(_, own)| own.channels().saturating_sub(remembered))
+        };
+        printheads.values().map(of).sum()
+    }
+}
+
+/// What was remembered before a recording, and what makes baselines of it.
+#[derive(Debug)]
+pub struct Remembered<'a> {
+    baselines: &'a Baselines,
+    curves: Option<Arc<FaultCurves>>,
+    false_alarm_rate: f64,
+    window_ns: i64,
+}
+
+impl<'a> Remembered<'a> {
+    pub fn new(
+        baselines: &'a Baselines,
+        design: Option<&Design>,
+        settings: &Settings,
+    ) -> Remembered<'a> {
+        Remembered {
+            baselines,
+            curves: design.and_then(Design::curves),
+            false_alarm_rate: settings.detect.false_alarm_rate,
+            window_ns: (settings.identify.first * 1e9) as i64,
+        }
+    }
+
+    /// End of the first window of a printhead whose first burst is then, ns.
+    pub fn end_ns(&self, start_ns: i64) -> i64 {
+        start_ns.saturating_add(self.window_ns)
+    }
+
+    /// Channels that may still be met.
+    pub fn room(&self) -> usize {
+        MOST_CHANNELS.saturating_sub(self.baselines.channels())
+    }
+
+    /// Whether all of a burst's channels are remembered.
+    pub fn knows(&self, burst: &Burst) -> bool {
+        self.baselines.printheads.get(&*burst.printhead).is_some_and(|of| {
+            let to = burst.first_channel.saturating_add(burst.channels);
+            of.channels.range(burst.first_channel..to).count() == burst.channels as usize
+        })
+    }
+
+    fn own(&self, of: &PrintheadBaselines) -> Arc<OwnChannels> {
+        Arc::new(OwnChannels::new(of, self.curves.as_deref(), self.false_alarm_rate))
+    }
+
+    /// A printhead is met.
+    pub fn begin(&self, printhead: &Arc<str>, in_use: &InUse) {
+        let known = self.baselines.printheads.get(&**printhead).map(|of| self.own(of));
+        in_use.set(printhead, |of| of.remembered = known);
+    }
+
+    /// Its first window is over, in which this was told.
+    pub fn end(&self, printhead: &Arc<str>, end_ns: i64, told: &Told, in_use: &InUse) {
+        let known = self.baselines.printheads.get(&**printhead).map_or(0, |of| of.channels.len());
+        let judging = self.baselines.with_first_window(printhead, &told.heard, &told.noise);
+        if judging.channels.len() > known {
+            let own = self.own(&judging);
+            in_use.set(printhead, |of| of.later = Some((end_ns, own)));
+        }
+    }
+
+    /// What all of a recording told; printheads whose baselines are not used are no longer in use.
+    pub fn learn(&self, told: &HeardOf, in_use: &InUse) -> Learned {
+        let mut learned = Learned {
+            next: self.baselines.clone(),
+            remembered: 0,
+            learned: 0,
+            heard: 0,
+            beyond: 0,
+            refused: Vec::new(),
+        };
+        for (name, told) in told {
+            learned.heard += told.heard.channels();
+            learned.beyond += told.heard.beyond;
+            // of the recording's own printheads: what is known of others says nothing about it
+            let known = self.baselines.printheads.get(&**name);
+            learned.remembered += known.map_or(0, |known| known.channels.len());
+            if told.is_estranged() {
+                in_use.refuse(name);
+                learned.refused.push((name.clone(), estranged(told)));
+            } else {
+                learned.next.learn(name, &told.heard, &told.noise);
+            }
+        }
+        learned.learned = in_use.learned();
+        learned
+    }
+}
+
+/// A printhead's baselines are not used where so many of its signals that look like a healthy channel
+/// do not look like their own: it is another head, or something drifted that the models do not know.
+/// Some slightly dried nozzles are far less.
+const MOST_ESTRANGED: f64 = 0.2;
+
+/// What a recording says of a printhead.
+#[derive(Debug, Default)]
+pub struct Told {
+    pub heard: Heard,
+    /// Of a fit by the last of its models.
+    noise: Matrix4<f64>,
+    model: u16,
+    /// Signals near all channels whose channel has a baseline, and those of them that are far from it.
+    pub near: u64,
+    pub estranged: u64,
+}
+
+impl Told {
+    /// A signal was judged by it. `noise`: of its fits.
+    pub fn meet(&mut self, judge: &Judge, noise: &Matrix4<f64>) {
+        if judge.index >= self.model {
+            (self.model, self.noise) = (judge.index, *noise);
+        }
+    }
+
+    /// What was told elsewhere.
+    pub fn add(&mut self, other: &Told) {
+        self.heard.add(&other.heard);
+        if other.model >= self.model {
+            (self.model, self.noise) = (other.model, other.noise);
+        }
+        self.near += other.near;
+        self.estranged += other.estranged;
+    }
+
+    fn is_estranged(&self) -> bool {
+        self.estranged as f64 > MOST_ESTRANGED * self.near as f64
+    }
+}
+
+/// By printhead.
+pub type HeardOf = BTreeMap<Arc<str>, Told>;
+
+/// What is remembered after a recording.
+#[derive(Debug)]
+pub struct Learned {
+    pub next: Baselines,
     /// Channels known from before, learned in the first window, heard in all, beyond the limit.
-    pub remembered: usize,
-    pub learned: usize,
-    pub heard: usize,
-    pub beyond: u64,
+    remembered: usize,
+    learned: usize,
+    heard: usize,
+    beyond: u64,
     /// Printheads whose baselines are not used, and why.
     pub refused: Vec<(Arc<str>, String)>,
 }
 
-impl InUse {
+impl Learned {
     /// For the summary of a recording.
     pub fn summary(&self) -> serde_json::Value {
         serde_json::json!({
@@ -51,153 +229,18 @@ impl InUse {
         })
     }
 
-    /// Of a burst's row.
-    pub fn of(&self, burst: &Burst, row: u32) -> Option<Own> {
-        let channel = burst.first_channel.checked_add(row)?;
-        self.printheads.get(&burst.printhead)?.of(channel, burst.t_acq_ns)
-    }
-
-    /// Whether a channel of a printhead has a baseline at a time.
-    pub fn knows(&self, printhead: &str, channel: u32, t_ns: i64) -> bool {
-        self.printheads.get(printhead).is_some_and(|of| of.knows(channel, t_ns))
-    }
-
-    /// Judges again by its own baseline every signal that has one.
-    pub fn sharpen(
-        &self,
-        assigned: &Assigned,
-        statistics: &mut Statistics,
-        statistic: &mut [Result<Detection, Reason>],
-    ) {
-        let mut first = 0;
-        for (acquisition, judge) in assigned.read.batch.acquisitions.iter().zip(&assigned.judges) {
-            let rows = first..first + acquisition.rows();
-            first = rows.end;
-            let (Acquisition::Usable(burst), Ok(judge)) = (acquisition, judge) else { continue };
-            if judge.detector().is_none() || !self.printheads.contains_key(&burst.printhead) {
-                continue;
-            }
-            for (row, of_row) in statistic[rows].iter_mut().enumerate() {
-                if let (Ok(of_all), Some(own)) = (*of_row, self.of(burst, row as u32)) {
-                    let of_own = statistics.of_own(judge, burst, row, own);
-                    *of_row = of_own.map(|of_own| Detection { ring: of_own.ring, ..of_all });
-                }
-            }
-        }
-    }
-}
-
-/// First usable burst of every printhead, ns.
-pub fn starts(
-    recording: &Recording,
-    control: &Control,
-) -> Result<BTreeMap<Arc<str>, i64>, PipelineError> {
-    let mut starts: BTreeMap<Arc<str>, i64> = BTreeMap::new();
-    visit::all(recording, control, |burst| {
-        let t = burst.t_acq_ns;
-        if let Some(first) = starts.get_mut(&burst.printhead) {
-            *first = t.min(*first);
-        } else if starts.len() < super::survey::MOST_GROUPS {
-            starts.insert(burst.printhead.clone(), t);
-        }
-    })?;
-    Ok(starts)
-}
-
-/// A printhead's baselines are not used where so many of its signals that look like a healthy channel
-/// do not look like their own: it is another head, or something drifted that the models do not know.
-/// Some slightly dried nozzles are far less.
-const MOST_ESTRANGED: f64 = 0.2;
-
-/// What a recording says of a printhead.
-#[derive(Default)]
-struct Told {
-    heard: Heard,
-    /// Of a fit.
-    noise: Matrix4<f64>,
-    /// Signals near all channels whose channel has a baseline, and those of them that are far from it.
-    near: u64,
-    estranged: u64,
-}
-
-impl Told {
-    fn is_estranged(&self) -> bool {
-        self.estranged as f64 > MOST_ESTRANGED * self.near as f64
-    }
-}
-
-/// What judges a recording, and what is remembered after it.
-pub struct Learned {
-    pub in_use: InUse,
-    pub next: Baselines,
-}
-
-type HeardOf = BTreeMap<Arc<str>, Told>;
-
-/// Learns from a recording, in two passes: what the first window says of channels that are not
-/// remembered, then what all of it says, judged by both. With a design that has no sensitivities
-/// nothing is learned.
-pub fn learn(
-    remembered: &Baselines,
-    recording: &Recording,
-    schedule: &Schedule,
-    design: Option<&Design>,
-    settings: &Settings,
-    control: &Control,
-) -> Result<Learned, PipelineError> {
-    let starts = starts(recording, control)?;
-    let window_ns = (settings.identify.first * 1e9) as i64;
-    let end = |printhead: &str| {
-        starts.get(printhead).map_or(i64::MAX, |start| start.saturating_add(window_ns))
-    };
-    let known = |name: &Arc<str>, judging: &PrintheadBaselines| {
-        let known = remembered.printheads.get(&**name);
-        let from = |channel: u32| match known {
-            Some(known) if known.channels.contains_key(&channel) => i64::MIN,
-            _ => end(name),
+    /// Why what was judged in the stream must be judged again.
+    pub fn must_judge_again(&self, room: usize) -> Result<(), PipelineError> {
+        let why = match self.refused.first() {
+            Some((printhead, _)) => format!(
+                "its end says that the channels' baselines of {} are not to be used",
+                crate::io::printable::line(printhead, 64)
+            ),
+            None if self.heard > room => "it has more channels than baselines are kept of".into(),
+            None => return Ok(()),
         };
-        let curves = design.and_then(Design::curves);
-        OwnChannels::new(judging, from, curves.as_deref(), settings.detect.false_alarm_rate)
-    };
-    let mut owns: HashMap<Arc<str>, OwnChannels> = remembered
-        .printheads
-        .iter()
-        .map(|(name, of_name)| {
-            let name: Arc<str> = name.as_str().into();
-            (name.clone(), known(&name, of_name))
-        })
-        .collect();
-    let pass = Pass { recording, schedule, rails: settings.input.rails, control };
-    let room = MOST_CHANNELS.saturating_sub(remembered.channels());
-    let first = pass.hear(&owns, room, |burst| burst.t_acq_ns < end(&burst.printhead))?;
-    for (name, told) in &first {
-        let judging = remembered.with_first_window(name, &told.heard, &told.noise);
-        owns.insert(name.clone(), known(name, &judging));
+        Err(PipelineError::NeedsTwoPasses(why))
     }
-    let all = pass.hear(&owns, room, |_| true)?;
-
-    let mut next = remembered.clone();
-    let (mut learned, mut heard, mut beyond) = (0, 0, 0);
-    let mut refused = Vec::new();
-    for (name, told) in &all {
-        heard += told.heard.channels();
-        beyond += told.heard.beyond;
-        if told.is_estranged() {
-            owns.remove(name);
-            refused.push((name.clone(), estranged(told)));
-        } else {
-            next.learn(name, &told.heard, &told.noise);
-        }
-    }
-    for (name, own) in &owns {
-        let known = remembered.printheads.get(&**name).map_or(0, |known| known.channels.len());
-        learned += own.channels().saturating_sub(known);
-    }
-    // of the recording's own printheads: what is known of others says nothing about it
-    let own = starts.keys().filter_map(|name| remembered.printheads.get(&**name));
-    let remembered = own.map(|known| known.channels.len()).sum();
-    let in_use = InUse { printheads: owns, remembered, learned, heard, beyond, refused };
-    Ok(Learned { in_use, next })
 }
 
 fn estranged(told: &Told) -> String {
@@ -207,70 +250,4 @@ fn estranged(told: &Told) -> String {
          it a baseline file of its own), or a drift that the models do not know, such as temperature",
         100.0 * told.estranged as f64 / told.near as f64
     )
-}
-
-struct Pass<'a> {
-    recording: &'a Recording,
-    schedule: &'a Schedule,
-    rails: [f64; 2],
-    control: &'a Control,
-}
-
-impl Pass<'_> {
-    /// Takes the bursts that `want` chooses. A signal is healthy if it is near all channels, and near
-    /// its own baseline where there is one.
-    fn hear(
-        &self,
-        owns: &HashMap<Arc<str>, OwnChannels>,
-        mut room: usize,
-        want: impl Fn(&Burst) -> bool,
-    ) -> Result<HeardOf, PipelineError> {
-        let mut heard = HeardOf::new();
-        let (mut signal, mut expected, mut work) = (Vec::new(), Vec::new(), Workspace::default());
-        let mut unknown = false;
-        visit::all(self.recording, self.control, |burst| {
-            if !want(burst) {
-                return;
-            }
-            let judge = match self.schedule.assign(burst) {
-                Assignment::Judge(judge) => judge,
-                Assignment::Survey => return unknown = true,
-                Assignment::Reject(_) => return,
-            };
-            let Some(detector) = judge.detector() else { return };
-            let told = heard.entry(burst.printhead.clone()).or_default();
-            told.noise = *detector.own_noise();
-            let own = owns.get(&burst.printhead);
-            let (n, drive) = (burst.samples_per_channel as usize, judge.drive(burst));
-            signal.resize(n, 0.0);
-            expected.resize(n, 0.0);
-            judge.expect(burst, &mut expected);
-            for row in 0..burst.channels {
-                let Some(channel) = burst.first_channel.checked_add(row) else { break };
-                burst.copy_signal(row as usize, &mut signal);
-                if unusable_signal(&signal, self.rails).is_some() {
-                    continue;
-                }
-                judge.deviate(burst, row as usize, &expected, &mut signal);
-                work.own = None;
-                let found = judge.detect(&signal, drive, &mut work);
-                if judge.test(found).is_flagged() {
-                    continue; // what no ring explains tells nothing of a channel's ring
-                }
-                let mut statistic = found.ring;
-                // whatever its time: what is learned later was not judged by it
-                work.own = own.and_then(|own| own.of(channel, i64::MAX));
-                let threshold = judge.model.threshold.value;
-                if work.own.is_some() && statistic <= threshold {
-                    statistic = statistic.max(judge.detect(&signal, drive, &mut work).ring);
-                    told.near += 1;
-                    told.estranged += u64::from(statistic > threshold);
-                }
-                let healthy = statistic <= threshold;
-                let features = detector.own_features(&signal, drive);
-                told.heard.take(channel, &features, drive, healthy, &mut room);
-            }
-        })?;
-        if unknown { Err(PipelineError::NeedsSurvey) } else { Ok(heard) }
-    }
 }

@@ -28,6 +28,8 @@ pub struct Read {
 pub struct Assigned {
     pub read: Read,
     pub judges: Vec<Result<Arc<Judge>, Reason>>,
+    /// Acquisitions whose channels were heard on the way ([`super::first_windows`]); empty: none.
+    pub heard: Vec<bool>,
 }
 
 /// With every signal's statistics, or why it has none.

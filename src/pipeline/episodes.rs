@@ -143,8 +143,10 @@ impl<'a> EpisodeTap<'a> {
         looks.model = model.unwrap_or_default();
         looks.in_medians = self.known(looks.model).map(|of| of.in_medians).unwrap_or_default();
         if let Some(baselines) = self.baselines {
-            let channels = (looks.first_channel..).take(looks.ratios.len());
-            looks.own = channels.map(|k| baselines.knows(printhead, k, looks.t_ns)).collect();
+            let (first, n) = (looks.first_channel, looks.ratios.len());
+            let own = baselines.at(printhead, looks.t_ns);
+            looks.own =
+                own.map_or(Vec::new(), |own| own.from(first, n).map(|k| k.is_some()).collect());
         }
         if let Some((watch, tracker)) = &mut self.watched {
             tracker.push(printhead, looks.clone());

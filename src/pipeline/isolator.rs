@@ -84,7 +84,7 @@ impl<'a> Isolator<'a> {
     pub fn judge(&mut self, gated: Gated) -> Judged {
         self.rings.fit(&gated, !self.settings.isolate.gate);
         let Gated { filtered, tests } = gated;
-        let Filtered { assigned: Assigned { read, judges }, statistic } = filtered;
+        let Filtered { assigned: Assigned { read, judges, .. }, statistic } = filtered;
         let verdicts = Verdicts { parts: Vec::new(), tests, rows: self.spares.rows.take() };
         let mut rows = Rows { verdicts, flagged: Vec::new() };
         rows.verdicts.rows.clear();

@@ -14,12 +14,16 @@
 //! result is the same.
 
 mod ahead;
-pub mod baseline;
+mod baseline;
 mod batches;
+pub mod beginning;
 pub mod chain;
 pub mod collect;
 pub mod episodes;
+mod first_windows;
 mod heads;
+mod heard_before;
+mod hearing;
 pub mod identified;
 mod in_flight;
 mod in_order;
@@ -157,6 +161,11 @@ impl Control {
 
     pub fn interrupted(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Whether nobody takes what goes through the stages any more.
+    fn is_abandoned(&self) -> bool {
+        self.interrupted() || self.abandoned.load(Ordering::Relaxed)
     }
 
     fn set_abandoned(&self, abandoned: bool) {

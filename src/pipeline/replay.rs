@@ -1,8 +1,10 @@
 //! One recording through the six stages: how its models come to be, run, check, and only then name the files.
 
-use super::baseline::{self, InUse, Learned};
+use super::baseline::{InUse, Learned, Remembered};
 use super::episodes::{EpisodeReport, Finished};
 use super::heads::Moved;
+use super::heard_before;
+use super::hearing::Hearing;
 use super::identified::Identified;
 use super::job::{Replay, Watch};
 use super::learner::Learner;
@@ -12,7 +14,7 @@ use super::schedule::{Refusal, Schedule};
 use super::survey::survey;
 use super::tally::{Counts, Tally};
 use super::timings::{PhaseTiming, Phases, StageTiming};
-use super::wiring::{Streamed, Wiring};
+use super::wiring::{Listening, Streamed, Wiring};
 use super::{Control, PipelineError, metadata};
 use crate::design::Baselines;
 use crate::episodes::Episode;
@@ -195,7 +197,10 @@ impl Run<'_> {
             Err(PipelineError::NeedsTwoPasses(why)) if !self.recording.is_growing() => {
                 self.judge_in_two_passes(why, phases)
             }
-            done => self.finish(done?, None, Identified::in_stream(&learner), phases),
+            done => {
+                let (streamed, learned) = done?;
+                self.finish(streamed, learned, Identified::in_stream(&learner), phases)
+            }
         }
     }
 
@@ -227,10 +232,6 @@ impl Run<'_> {
 
     /// Why windows cannot be learned while the signals flow, as far as is known beforehand.
     fn why_two_passes(&self, learner: &Learner) -> Option<String> {
-        if self.replay.baselines.is_some() {
-            // what a channel says over the whole recording decides whether its baseline is used at all
-            return Some("channels' baselines are learned from the whole recording".into());
-        }
         let disorder_ns = self.recording.disorder_ns().unwrap_or_default();
         if !learner.knows_by_design() && disorder_ns > MOST_REORDER_NS {
             let seconds = disorder_ns as f64 / 1e9;
@@ -244,18 +245,33 @@ impl Run<'_> {
         overlap.then(|| "the windows of identify.spans overlap".into())
     }
 
-    /// The default: windows give models while the signals flow.
+    /// The default: windows give models, and channels their baselines, while the signals flow.
     fn learn_in_stream(
         &self,
         learner: &Learner,
         phases: &mut Phases,
-    ) -> Result<Streamed, PipelineError> {
+    ) -> Result<(Streamed, Option<Learned>), PipelineError> {
         let reorder_ns = self.recording.disorder_ns().unwrap_or_default().max(USUAL_REORDER_NS);
         let reorder_ns = reorder_ns.min(MOST_REORDER_NS) as i64;
         let (schedule, workers) = (self.design_schedule()?, self.replay.workers(0));
         let learning = Learning::new(learner, schedule, reorder_ns, workers);
         let models = Models::learned(learning, self.recording, self.control);
-        self.stream(models, None, phases)
+        let Some(remembered) = self.remembered() else {
+            return Ok((self.stream(models, None, phases)?, None));
+        };
+        let in_use = InUse::default();
+        let hearing = Hearing::new(&in_use, Some(remembered.room()));
+        let listening = Listening { remembered: &remembered, hearing: &hearing };
+        let streamed = self.stream(models, Some(listening), phases)?;
+        let learned = remembered.learn(&hearing.all(), &in_use);
+        learned.must_judge_again(remembered.room())?;
+        Ok((streamed, Some(learned)))
+    }
+
+    /// With `--baseline`.
+    fn remembered(&self) -> Option<Remembered<'_>> {
+        let Replay { baselines, design, settings, .. } = self.replay;
+        baselines.as_ref().map(|of| Remembered::new(of, design.as_ref(), settings))
     }
 
     /// Where the file's order does not allow that: all models before the stages start.
@@ -271,14 +287,19 @@ impl Run<'_> {
             let schedule = self.design_schedule()?;
             phases.time("windows", || learner.learn(recording, &survey, schedule, control))
         };
+        let remembered = self.remembered();
         let run = |schedule: Schedule, phases: &mut Phases| {
-            let learned = match self.replay.baselines.is_some() {
-                true => phases.time("baselines", || self.learn_baselines(&schedule))?,
-                false => None,
+            let Some(remembered) = &remembered else {
+                return Ok((self.stream(Models::Made(schedule), None, phases)?, None));
             };
-            let in_use = learned.as_ref().map(|of| &of.in_use);
-            let streamed = self.stream(Models::Made(schedule), in_use, phases)?;
-            Ok((streamed, learned))
+            let rails = self.replay.settings.input.rails;
+            let (in_use, learned) = phases.time("baselines", || {
+                heard_before::learn(remembered, self.recording, &schedule, rails, self.control)
+            })?;
+            let hearing = Hearing::new(&in_use, None);
+            let listening = Listening { remembered, hearing: &hearing };
+            let streamed = self.stream(Models::Made(schedule), Some(listening), phases)?;
+            Ok((streamed, Some(learned)))
         };
         if !learner.knows_by_design() {
             return run(windows(phases)?, phases);
@@ -294,7 +315,7 @@ impl Run<'_> {
     fn stream(
         &self,
         models: Models,
-        baselines: Option<&InUse>,
+        baselines: Option<Listening>,
         phases: &mut Phases,
     ) -> Result<Streamed, PipelineError> {
         let (started, signals) = (Instant::now(), self.control.signals.load(Ordering::Relaxed));
@@ -313,14 +334,6 @@ impl Run<'_> {
             }
             streamed => streamed,
         }
-    }
-
-    /// With `--baseline`, in a pass of its own.
-    fn learn_baselines(&self, schedule: &Schedule) -> Result<Option<Learned>, PipelineError> {
-        let Some(remembered) = &self.replay.baselines else { return Ok(None) };
-        let Run { replay, recording, control, .. } = *self;
-        let (design, settings) = (replay.design.as_ref(), &replay.settings);
-        baseline::learn(remembered, recording, schedule, design, settings, control).map(Some)
     }
 
     /// Checks, and only then gives the files their names.
@@ -364,8 +377,8 @@ impl Run<'_> {
         let Finished { report: episodes, table } = episodes;
         let tables = [table.complete(text.clone())?, writer.complete(text)?];
         phases.add("finish", finishing.elapsed());
-        let (in_use, next) = baselines.map(|of| (of.in_use, of.next)).unzip();
-        warnings.extend(in_use.iter().flat_map(|of: &InUse| of.refused.iter().cloned()));
+        let of_baselines = baselines.as_ref().map(Learned::summary);
+        warnings.extend(baselines.iter().flat_map(|of| of.refused.iter().cloned()));
         let report = RecordingReport {
             name: recording.name.clone(),
             digest: digest.text,
@@ -384,12 +397,12 @@ impl Run<'_> {
             phases: phases.list().to_vec(),
             timings,
             tally,
-            baselines: next,
+            baselines: baselines.map(|of| of.next),
         };
         let mut summary = report.summary(document, recording);
         summary["moved_together"] = json!(moved);
-        if let Some(in_use) = &in_use {
-            summary["baseline"] = in_use.summary();
+        if let Some(of_baselines) = of_baselines {
+            summary["baseline"] = of_baselines;
         }
         let [table, writer] = tables;
         name_all([table, writer, complete_summary(verdicts, &summary)?])?;

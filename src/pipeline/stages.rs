@@ -3,9 +3,10 @@
 //! A stage ends when its input does; a peer that has gone away ends it quietly, because the peer
 //! has the cause.
 
-use super::baseline::InUse;
 use super::batches::{Assigned, Filtered, Gated, Judged, MOST_ROWS, Read};
+use super::first_windows::FirstWindows;
 use super::heads::Heads;
+use super::hearing::Hearing;
 use super::in_flight::InFlight;
 use super::in_order::InOrder;
 use super::isolator::Isolator;
@@ -157,6 +158,7 @@ pub fn identify(
     models: &mut Models,
     warmth: &mut Warmth,
     mut heads: Option<&mut Heads>,
+    mut first_windows: Option<FirstWindows>,
     mut clock: Clock,
     input: Receiver<Read>,
     out: Sender<Assigned>,
@@ -167,7 +169,11 @@ pub fn identify(
         while let Some(read) = waiting.take(|read| read.leaves.is_some()) {
             models.see(&read)?;
             let judges = judges_of(&read.batch, models, warmth, heads.as_deref_mut())?;
-            if !clock.send(&out, Assigned { read, judges }) {
+            let heard = match &mut first_windows {
+                Some(of) => of.take(&read.batch.acquisitions, &judges)?,
+                None => Vec::new(),
+            };
+            if !clock.send(&out, Assigned { read, judges, heard }) {
                 return Ok(());
             }
         }
@@ -202,18 +208,21 @@ fn judges_of(
 /// 3. FD filter: the detection statistics of every signal; with `residual-energy` thesis e(r).
 pub fn filter(
     rails: [f64; 2],
-    baselines: Option<&InUse>,
+    hearing: Option<&Hearing>,
     spares: &Spares,
     mut clock: Clock,
     input: Receiver<Assigned>,
     out: Sender<Filtered>,
 ) -> Result<(), PipelineError> {
     let mut statistics = Statistics::new(rails);
+    let mut listener = hearing.map(Hearing::listener);
     while let Some(assigned) = clock.receive(&input) {
         let mut statistic = spares.statistic.take();
-        statistics.of(&assigned, &mut statistic);
-        if let Some(baselines) = baselines {
-            baselines.sharpen(&assigned, &mut statistics, &mut statistic);
+        let Assigned { read, judges, heard } = &assigned;
+        let acquisitions = &read.batch.acquisitions;
+        statistics.of(acquisitions, judges, &mut statistic);
+        if let Some(listener) = &mut listener {
+            listener.take(acquisitions, judges, heard, &mut statistics, &mut statistic);
         }
         if !clock.send(&out, Filtered { assigned, statistic }) {
             break;

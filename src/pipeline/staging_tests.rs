@@ -78,7 +78,8 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
             let read = Read { batch, block, definitions, leaves: Some(block.bytes), damage };
             let clock = |stage| timings.clock(stage);
             let assigned = through(read, |input, out| {
-                stages::identify(&mut models, &mut warmth, None, clock("identify"), input, out)
+                let clock = clock("identify");
+                stages::identify(&mut models, &mut warmth, None, None, clock, input, out)
             });
             let filtered = through(assigned, |input, out| {
                 stages::filter(settings.input.rails, None, &spares, clock("filter"), input, out)

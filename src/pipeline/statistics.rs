@@ -5,13 +5,14 @@
 //! number does not depend on what else is in the batch: short bursts share tiles, and a lane does not
 //! know its neighbours ([`crate::detect::kernel`]).
 
-use super::batches::Assigned;
 use crate::burst::{Acquisition, Burst};
-use crate::design::{Detection, Judge, JudgeKey, Lanes, Own, Workspace};
+use crate::design::{Detection, Judge, JudgeKey, Known, Lanes, Scratch, Workspace};
 use crate::detect::kernel::LaneStatistics;
 use crate::detect::tile::{Gather, Instructions, LANES, Tile};
 use crate::model::ring_fit::{Fit, Products};
 use crate::verdict::{Reason, unusable_signal};
+use nalgebra::{Matrix3, Vector4};
+use std::sync::Arc;
 
 /// Scratch of one worker, for the judges of one schedule.
 pub struct Statistics {
@@ -23,6 +24,7 @@ pub struct Statistics {
     /// Whose `expected` it is: of which judge, drive and temperature.
     expected_of: Option<(JudgeKey, u64, Option<u64>)>,
     work: Workspace,
+    own: Scratch,
     products: Products,
 }
 
@@ -62,17 +64,22 @@ impl Statistics {
             expected: Vec::new(),
             expected_of: None,
             work: Workspace::default(),
+            own: Scratch::default(),
             products: Products::default(),
         }
     }
 
-    /// One entry per row of the batch, in its order.
-    pub fn of(&mut self, assigned: &Assigned, statistic: &mut Vec<Result<Detection, Reason>>) {
-        let acquisitions = &assigned.read.batch.acquisitions;
+    /// One entry per row of a batch, in its order. `judges`: of each acquisition.
+    pub fn of(
+        &mut self,
+        acquisitions: &[Acquisition],
+        judges: &[Result<Arc<Judge>, Reason>],
+        statistic: &mut Vec<Result<Detection, Reason>>,
+    ) {
         statistic.clear();
-        statistic.reserve(assigned.read.batch.rows());
+        statistic.reserve(acquisitions.iter().map(Acquisition::rows).sum());
         let mut bursts = Vec::with_capacity(acquisitions.len());
-        for (place, (acquisition, judge)) in acquisitions.iter().zip(&assigned.judges).enumerate() {
+        for (place, (acquisition, judge)) in acquisitions.iter().zip(judges).enumerate() {
             let fill = match (acquisition, judge) {
                 (Acquisition::Usable(burst), Ok(judge)) => {
                     let (key, first) = (judge.key(), statistic.len());
@@ -87,7 +94,7 @@ impl Statistics {
         // one judge after the other, so that interleaved short bursts fill tiles, too
         bursts.sort_by_key(|of| (of.key, of.first));
         for of_judge in bursts.chunk_by(|p, q| p.key == q.key) {
-            let Ok(judge) = &assigned.judges[of_judge[0].place] else { continue };
+            let Ok(judge) = &judges[of_judge[0].place] else { continue };
             self.of_judge(judge, of_judge, statistic);
         }
     }
@@ -241,18 +248,44 @@ impl Statistics {
         }
     }
 
-    /// The statistic about the channel's own baseline.
-    pub fn of_own(
+    /// First-order features of a burst's signals, row by row, with `detect.method` = `sensitivity`: many at once where
+    /// they lie as int16, the rest one by one. Of a signal that cannot be judged they are of any value.
+    pub fn features(&mut self, judge: &Judge, burst: &Burst, features: &mut Vec<Vector4<f64>>) {
+        features.clear();
+        let Some(detector) = judge.detector() else { return };
+        let (drive, warmer) = (judge.drive(burst), judge.warmer(burst));
+        let n = burst.samples_per_channel as usize;
+        let lanes = judge.lanes.as_ref().filter(|lanes| lanes.samples() == n);
+        let condition = lanes.and_then(|lanes| Some(lanes.rows(drive, warmer)?.1));
+        if let Some((condition, lanes)) = condition.zip(detector.own_lanes()) {
+            while features.len() + LANES <= burst.channels as usize
+                && let Some(samples) = burst.int16_rows(features.len(), LANES)
+            {
+                let of = lanes.of_rows(samples, &condition, self.instructions);
+                let of_lane = |l: usize| Vector4::from(of.map(|of| f64::from(of[l])));
+                features.extend((0..LANES).map(of_lane));
+            }
+        }
+        for row in features.len()..burst.channels as usize {
+            let of = self.deviation(judge, burst, row);
+            features.push(match of {
+                Ok(()) => detector.own_features(&self.signal, drive),
+                Err(_) => Vector4::zeros(),
+            });
+        }
+    }
+
+    /// A signal's squared distance from its channel's baseline, by a fit. `None`: it is no ring.
+    pub fn own_distance(
         &mut self,
-        judge: &Judge,
-        burst: &Burst,
-        row: usize,
-        own: Own,
-    ) -> Result<Detection, Reason> {
-        self.work.own = Some(own);
-        let statistic = self.reference(judge, burst, row);
-        self.work.own = None;
-        statistic
+        (judge, burst, row): (&Judge, &Burst, usize),
+        metric: &Matrix3<f64>,
+        (features, known): (&Vector4<f64>, &Known),
+    ) -> Option<f64> {
+        self.deviation(judge, burst, row).ok()?;
+        let (drive, signal) = (judge.drive(burst), &self.signal);
+        let own = &mut self.own;
+        judge.detector()?.own_distance(metric, (features, known), (signal, drive), own)
     }
 
     /// The statistic in f64, and the checks of a signal: what every verdict agrees with.

@@ -1,9 +1,11 @@
 //! The six stages side by side: threads, bounded channels between them, and what they leave behind.
 
-use super::baseline::InUse;
+use super::baseline::{InUse, Remembered};
 use super::batches::Judged;
 use super::episodes::{EpisodeTap, Finished};
+use super::first_windows::FirstWindows;
 use super::heads::{Heads, Moved};
+use super::hearing::Hearing;
 use super::in_flight::InFlight;
 use super::isolator::Isolator;
 use super::job::{Replay, Watch};
@@ -43,10 +45,23 @@ pub struct Wiring<'a> {
     pub recording: &'a Recording,
     pub verdicts: &'a Path,
     pub control: &'a Control,
-    pub baselines: Option<&'a InUse>,
+    pub baselines: Option<Listening<'a>>,
     /// What temperature does can still be learned from the recording.
     pub may_learn: bool,
     pub watch: Option<&'a Watch<'a>>,
+}
+
+/// With `--baseline`.
+#[derive(Clone, Copy)]
+pub struct Listening<'a> {
+    pub remembered: &'a Remembered<'a>,
+    pub hearing: &'a Hearing<'a>,
+}
+
+impl<'a> Listening<'a> {
+    fn in_use(&self) -> &'a InUse {
+        self.hearing.in_use
+    }
 }
 
 /// What the stages leave behind; nothing has its name yet.
@@ -72,8 +87,9 @@ impl Wiring<'_> {
             TimestampUnit::Us => verdict_table::TimestampUnit::Us,
         };
         let beside = episode_table::path_beside(self.verdicts);
+        let in_use = self.baselines.map(|of| of.in_use());
         let episodes =
-            EpisodeTap::create(self.replay, self.baselines, self.watch, &beside, timestamp_unit)?;
+            EpisodeTap::create(self.replay, in_use, self.watch, &beside, timestamp_unit)?;
         let options = TableOptions {
             classes: classes.to_vec(),
             categories: categories(classes),
@@ -135,14 +151,19 @@ impl Wiring<'_> {
                 });
             }
             drop(to_identify);
+            let rails = settings.input.rails;
+            let (hearing, in_use) = baselines.map(|of| (of.hearing, of.in_use())).unzip();
+            let first_windows = baselines
+                .filter(|of| of.hearing.hears())
+                .map(|of| FirstWindows::new(of.remembered, of.hearing, rails, control));
             running.start("identify", move |clock| {
-                stages::identify(models, warmth, heads, clock, from_reader, to_filter)
+                let out = to_filter;
+                stages::identify(models, warmth, heads, first_windows, clock, from_reader, out)
             });
             for _ in 0..filters {
                 let (input, out) = (from_identify.clone(), to_gate.clone());
-                let rails = settings.input.rails;
                 running.start("filter", move |clock| {
-                    stages::filter(rails, baselines, spares, clock, input, out)
+                    stages::filter(rails, hearing, spares, clock, input, out)
                 });
             }
             drop((from_identify, to_gate));
@@ -151,7 +172,7 @@ impl Wiring<'_> {
             for _ in 0..isolators {
                 let (input, out) = (from_gate.clone(), to_writer.clone());
                 running.start("isolate", move |clock| {
-                    let isolator = Isolator::new(settings, baselines, spares);
+                    let isolator = Isolator::new(settings, in_use, spares);
                     stages::isolate(isolator, clock, input, out)
                 });
             }

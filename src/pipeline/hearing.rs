@@ -1,0 +1,231 @@
+//! Channels' own baselines while the signals flow, in the filter stage: signals are judged by them, and what they say
+//! is remembered.
+//!
+//! In: batches with their statistics. Out: the statistics of signals whose channel has a baseline, and per worker what
+//! it heard. Sums do not depend on the order of the signals ([`Heard`]), so workers need not wait for each other.
+
+use super::baseline::{HeardOf, InUse, Told};
+use super::statistics::Statistics;
+use crate::burst::{Acquisition, Burst};
+use crate::design::{Detection, Judge, OwnChannels, Said};
+use crate::verdict::Reason;
+use nalgebra::{Matrix3, Vector4};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// Whoever waits looks up so often whether the run goes on.
+const PATIENCE: Duration = Duration::from_millis(20);
+
+/// What all filter workers share.
+#[derive(Debug)]
+pub struct Hearing<'a> {
+    pub in_use: &'a InUse,
+    /// Channels that a worker may meet, at most. `None`: what there is to hear was heard before.
+    room: Option<usize>,
+    workers: Mutex<Vec<Arc<Mutex<HeardOf>>>>,
+    /// Batches that were heard.
+    batches: Mutex<u64>,
+    changed: Condvar,
+}
+
+/// One worker's.
+pub struct Listener<'a> {
+    hearing: &'a Hearing<'a>,
+    heard: Arc<Mutex<HeardOf>>,
+    room: usize,
+    features: Vec<Vector4<f64>>,
+    said: Vec<Option<Said>>,
+}
+
+/// A batch is counted as heard whatever becomes of it: somebody may wait.
+struct Counted<'a>(&'a Hearing<'a>);
+
+impl Drop for Counted<'_> {
+    fn drop(&mut self) {
+        *lock(&self.0.batches) += 1;
+        self.0.changed.notify_all();
+    }
+}
+
+fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
+    of.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl<'a> Hearing<'a> {
+    pub fn new(in_use: &'a InUse, room: Option<usize>) -> Hearing<'a> {
+        Hearing {
+            in_use,
+            room,
+            workers: Mutex::default(),
+            batches: Mutex::default(),
+            changed: Condvar::new(),
+        }
+    }
+
+    /// Whether anything is still to be learned.
+    pub fn hears(&self) -> bool {
+        self.room.is_some()
+    }
+
+    pub fn listener(&'a self) -> Listener<'a> {
+        let heard = Arc::<Mutex<HeardOf>>::default();
+        lock(&self.workers).push(heard.clone());
+        let room = self.room.unwrap_or_default();
+        Listener { hearing: self, heard, room, features: Vec::new(), said: Vec::new() }
+    }
+
+    /// Waits until so many batches were heard. False: `ended`.
+    pub fn wait_for(&self, batches: u64, ended: impl Fn() -> bool) -> bool {
+        let mut heard = lock(&self.batches);
+        while *heard < batches {
+            if ended() {
+                return false;
+            }
+            let waited = self.changed.wait_timeout(heard, PATIENCE);
+            heard = waited.unwrap_or_else(PoisonError::into_inner).0;
+        }
+        true
+    }
+
+    /// What all workers have heard of a printhead so far.
+    pub fn of(&self, printhead: &str) -> Told {
+        let mut all = Told::default();
+        for worker in lock(&self.workers).iter() {
+            if let Some(told) = lock(worker).get(printhead) {
+                all.add(told);
+            }
+        }
+        all
+    }
+
+    /// What all workers have heard.
+    pub fn all(&self) -> HeardOf {
+        let mut all = HeardOf::new();
+        for worker in lock(&self.workers).iter() {
+            for (printhead, told) in lock(worker).iter() {
+                all.entry(printhead.clone()).or_default().add(told);
+            }
+        }
+        all
+    }
+}
+
+impl Listener<'_> {
+    /// One batch: judges again by its own baseline every signal that has one, and hears all. `heard`: acquisitions that
+    /// were heard before; empty: none.
+    pub fn take(
+        &mut self,
+        acquisitions: &[Acquisition],
+        judges: &[Result<Arc<Judge>, Reason>],
+        heard: &[bool],
+        statistics: &mut Statistics,
+        statistic: &mut [Result<Detection, Reason>],
+    ) {
+        let _counted = Counted(self.hearing);
+        self.judge(acquisitions, judges, heard, statistics, statistic);
+    }
+
+    /// The same without counting it.
+    pub fn judge(
+        &mut self,
+        acquisitions: &[Acquisition],
+        judges: &[Result<Arc<Judge>, Reason>],
+        heard: &[bool],
+        statistics: &mut Statistics,
+        statistic: &mut [Result<Detection, Reason>],
+    ) {
+        let mut first = 0;
+        for (i, (acquisition, judge)) in acquisitions.iter().zip(judges).enumerate() {
+            let rows = first..first + acquisition.rows();
+            first = rows.end;
+            let (Acquisition::Usable(burst), Ok(judge)) = (acquisition, judge) else { continue };
+            let hears = self.hearing.hears() && !heard.get(i).is_some_and(|heard| *heard);
+            self.judge_burst(burst, judge, hears, statistics, &mut statistic[rows]);
+        }
+    }
+
+    fn judge_burst(
+        &mut self,
+        burst: &Burst,
+        judge: &Judge,
+        hears: bool,
+        statistics: &mut Statistics,
+        statistic: &mut [Result<Detection, Reason>],
+    ) {
+        let Some(detector) = judge.detector() else { return };
+        let own = self.hearing.in_use.at(&burst.printhead, burst.t_acq_ns);
+        if own.is_none() && !hears {
+            return;
+        }
+        statistics.features(judge, burst, &mut self.features);
+        self.said.clear();
+        let said = |of: (&Result<Detection, Reason>, &Vector4<f64>)| {
+            let (found, features) = (of.0.ok()?, *of.1);
+            Some(Said { features, healthy: !judge.test(found).is_flagged() })
+        };
+        self.said.extend(statistic.iter().zip(&self.features).map(said));
+        let (mut near, mut estranged) = (0, 0);
+        if let Some(own) = own {
+            let mut metrics = Metrics::new(judge, &own, judge.drive(burst));
+            let known = own.from(burst.first_channel, statistic.len());
+            for (row, (found, known)) in statistic.iter_mut().zip(known).enumerate() {
+                let (Ok(of_all), Some(known)) = (*found, known) else { continue };
+                let features = &self.features[row];
+                let of_own = metrics.of(known.signals).and_then(|metric| {
+                    match detector.own_look(metric, features, known) {
+                        (distance, true) => Some(distance),
+                        (distance, false) => Some(
+                            statistics
+                                .own_distance((judge, burst, row), metric, (features, known))
+                                .unwrap_or(distance),
+                        ),
+                    }
+                });
+                let ring = of_own.map_or(f64::INFINITY, |distance| judge.of_own(distance, &own));
+                *found = match ring.is_finite() {
+                    true => Ok(Detection { ring, ..of_all }),
+                    false => Err(Reason::NonFinite),
+                };
+                if let Some(said) = &mut self.said[row]
+                    && said.healthy
+                {
+                    said.healthy = ring <= judge.model.threshold.value;
+                    near += 1;
+                    estranged += u64::from(!said.healthy);
+                }
+            }
+        }
+        if hears {
+            let mut heard = lock(&self.heard);
+            let told = heard.entry(burst.printhead.clone()).or_default();
+            told.near += near;
+            told.estranged += estranged;
+            told.meet(judge, detector.own_noise());
+            told.heard.take(burst.first_channel, &self.said, judge.drive(burst), &mut self.room);
+        }
+    }
+}
+
+/// Metrics of distances from baselines, for signals of one judge and drive: most rest on as many signals.
+struct Metrics<'a> {
+    judge: &'a Judge,
+    own: &'a OwnChannels,
+    drive: f64,
+    last: Option<(f64, Option<Matrix3<f64>>)>,
+}
+
+impl<'a> Metrics<'a> {
+    fn new(judge: &'a Judge, own: &'a OwnChannels, drive: f64) -> Metrics<'a> {
+        Metrics { judge, own, drive, last: None }
+    }
+
+    /// Of a baseline that rests on so many signals.
+    fn of(&mut self, signals: f64) -> Option<&Matrix3<f64>> {
+        let Metrics { judge, own, drive, .. } = *self;
+        if self.last.as_ref().is_none_or(|(of, _)| *of != signals) {
+            let metric = judge.detector().and_then(|by| by.own_metric(own, signals, drive));
+            self.last = Some((signals, metric));
+        }
+        self.last.as_ref()?.1.as_ref()
+    }
+}
