@@ -184,7 +184,7 @@ impl SensitivityDetector {
     ) -> (f64, bool) {
         let x = self.own.to_three * (features - known.baseline);
         let distance = x.dot(&(metric * x));
-        (distance, distance <= SECOND_LOOK)
+        (distance, distance <= SECOND_LOOK || distance >= CLEARLY_FAR)
     }
 
     /// The same by a fit. `features`: to first order; `deviation`: N, counts.

@@ -265,7 +265,15 @@ pub struct Node {
     pub(super) to_axes: Matrix4<f64>,
     pub(super) spread: Vector4<f64>,
     pub(super) ln_determinant: f64,
+    /// Variance along these axes of the classes' tolerance.
+    elsewhere: Vector4<f64>,
+    /// Variance of the frequency: of all scatter but the noise, the tolerance included, and of the noise at the
+    /// reference drive.
+    of_frequency: [f64; 2],
 }
+
+/// ln frequency among the features.
+const FREQUENCY: usize = 2;
 
 impl Node {
     /// Variance of each feature: of all scatter but the noise, and of the noise at the reference drive.
@@ -291,11 +299,21 @@ impl Node {
     /// tolerance.
     pub fn distance(&self, x: &Vector4<f64>, conditions: Conditions) -> f64 {
         let u = self.along_axes(x, conditions);
-        let elsewhere = |j: usize| -> f64 {
-            (0..4).map(|k| (self.to_axes[(j, k)] * TOLERANCE[k]).powi(2)).sum()
-        };
         let noise = 1.0 / (conditions.drive * conditions.drive);
-        (0..4).map(|j| u[j] * u[j] / (self.spread[j] + noise + elsewhere(j))).sum()
+        (0..4).map(|j| u[j] * u[j] / (self.spread[j] + noise + self.elsewhere[j])).sum()
+    }
+
+    /// A lower bound of [`Node::distance`], by the frequency alone (Cauchy-Schwarz).
+    pub fn least_distance(&self, x: &Vector4<f64>, conditions: Conditions) -> f64 {
+        /// For rounding.
+        const LESS: f64 = 1.0 - 1e-9;
+        let changed = &conditions.changed;
+        let (by_change, by_own) = (&self.by_change, &self.by_baseline);
+        let along = |j: usize| by_change[(FREQUENCY, j)] * changed[j];
+        let own = conditions.baseline.map_or(0.0, |own| by_own.row(FREQUENCY).tr_dot(own));
+        let off = x[FREQUENCY] - self.mean[FREQUENCY] - (along(0) + along(1) + own);
+        let [beyond, noise] = self.of_frequency;
+        LESS * off * off / (beyond + noise / (conditions.drive * conditions.drive))
     }
 }
 
@@ -367,6 +385,8 @@ impl FaultCurve {
                     to_axes: Matrix4::identity(),
                     spread: Vector4::zeros(),
                     ln_determinant: 0.0,
+                    elsewhere: Vector4::zeros(),
+                    of_frequency: [0.0; 2],
                 };
                 nodes.push(node.scattered(&(spread + belief))?);
             }
@@ -384,8 +404,14 @@ impl Node {
         let to_axes = eigenvectors.transpose() * inverse;
         let ln_determinant = to_axes.determinant().abs().ln();
         let spread = eigenvalues.map(|v| v.max(0.0));
+        let elsewhere = Vector4::from_fn(|j, _| {
+            (0..4).map(|k| (to_axes[(j, k)] * TOLERANCE[k]).powi(2)).sum::<f64>()
+        });
+        let back = to_axes.try_inverse()?;
+        let squares = back.row(FREQUENCY).map(|b| b * b);
+        let of_frequency = [squares.tr_dot(&(spread + elsewhere)), squares.sum()];
         let finite = ln_determinant.is_finite() && spread.iter().all(|v| v.is_finite());
-        finite.then_some(Node { to_axes, spread, ln_determinant, ..self })
+        finite.then_some(Node { to_axes, spread, ln_determinant, elsewhere, of_frequency, ..self })
     }
 
     /// The node of one channel: its baseline determines the channel's changes as `gain` times the baseline,
@@ -438,6 +464,8 @@ impl Node {
                 to_axes: Matrix4::identity(),
                 spread: Vector4::zeros(),
                 ln_determinant: 0.0,
+                elsewhere: Vector4::zeros(),
+                of_frequency: [0.0; 2],
             };
             node.scattered(&(spread * spread.transpose()))
         };
@@ -525,6 +553,29 @@ mod tests {
             assert!((found - want).abs() < 1e-9, "{found}, not {want}");
             assert!((covariance.diagonal() - other - noise).amax() < 1e-12);
         }
+    }
+
+    #[test]
+    fn no_node_is_nearer_than_its_frequency_says_and_some_are_as_near() {
+        use rand::{RngExt, SeedableRng};
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(8);
+        let mut closest = f64::INFINITY;
+        for node in Node::drawn(40, &mut rng) {
+            for i in 0..200 {
+                let mut within = |bound: f64| rng.random_range(-bound..bound);
+                let own = Vector4::from_fn(|_, _| within(0.1));
+                let changed = Vector2::from_fn(|_, _| within(0.1));
+                let away = Vector4::from_fn(|k, _| within([0.3, 0.3, 0.1, 0.3][k]));
+                let baseline = (i % 2 == 0).then_some(&own);
+                let conditions = Conditions { drive: 0.8, changed, baseline };
+                let x = node.mean + node.moved(conditions) + away;
+                let least = node.least_distance(&x, conditions);
+                let distance = node.distance(&x, conditions);
+                assert!(least <= distance, "{least} {distance}");
+                closest = closest.min(distance / least);
+            }
+        }
+        assert!(closest < 1.01, "{closest}");
     }
 
     #[test]

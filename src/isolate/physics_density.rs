@@ -193,14 +193,17 @@ impl FaultCurves {
     ) -> f64 {
         let x = Vector4::from_column_slice(features);
         let to = |Sizes { curve, is_usual, .. }: &Sizes| {
-            let to = |i: usize| self.curves[*curve].nodes[i].distance(&x, conditions);
-            match of.of_curves[*curve].likeliest().filter(|&i| is_usual[i]) {
-                Some(i) => to(i),
-                None => {
-                    let usual = (0..is_usual.len()).filter(|&i| is_usual[i]);
-                    usual.map(to).fold(f64::INFINITY, f64::min)
-                }
+            let nodes = &self.curves[*curve].nodes;
+            if let Some(i) = of.of_curves[*curve].likeliest().filter(|&i| is_usual[i]) {
+                return nodes[i].distance(&x, conditions);
             }
+            let usual = nodes.iter().zip(is_usual).filter(|(_, is_usual)| **is_usual);
+            usual.fold(f64::INFINITY, |least, (node, _)| {
+                match node.least_distance(&x, conditions) < least {
+                    true => least.min(node.distance(&x, conditions)),
+                    false => least,
+                }
+            })
         };
         self.class(k).iter().map(to).fold(f64::INFINITY, f64::min)
     }

@@ -11,6 +11,7 @@ use super::ring_gauss_newton::{Optimum, Progress, Search, Start, WIDTH};
 use super::ring_gram::Frame;
 use super::ring_grid::{Grid, Sums};
 use nalgebra::DMatrix;
+use std::sync::OnceLock;
 
 /// ln (A/A0), ln (sigma/sigma0), ln (f/f0), and phi - phi0 (0 where the phase is not free).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,7 +43,7 @@ pub struct Fit {
     pub square: f64,
 }
 
-/// Fits rings to signals of one sample period and length; its coarse grid is computed once.
+/// Fits rings to signals of one sample period and length; its coarse grid is computed once it is asked for.
 #[derive(Clone, Debug)]
 pub struct RingFitter {
     ring: Ring,
@@ -51,7 +52,7 @@ pub struct RingFitter {
     /// The real pole's part of the in-phase column, per unit amplitude, N.
     real: Vec<f64>,
     frame: Frame,
-    grid: Grid,
+    grid: OnceLock<Grid>,
 }
 
 /// Buffers of a fitter, one set per thread.
@@ -80,10 +81,15 @@ impl RingFitter {
             real_over_all: (-lambda_dt * samples as f64).exp(),
             real_square: dot(&real, &real),
         };
-        let grid = Grid::new(frame.omega_dt, samples, |damping, frequency| {
-            columns(&real, &frame, damping, frequency)
-        });
-        RingFitter { ring, dt_s, samples, real, frame, grid }
+        RingFitter { ring, dt_s, samples, real, frame, grid: OnceLock::new() }
+    }
+
+    fn grid(&self) -> &Grid {
+        self.grid.get_or_init(|| {
+            Grid::new(self.frame.omega_dt, self.samples, |damping, frequency| {
+                self.columns(damping, frequency)
+            })
+        })
     }
 
     fn omega_dt(&self, frequency: f64) -> f64 {
@@ -97,7 +103,7 @@ impl RingFitter {
     /// Fits one signal. `y`: N, counts. `phase`: whether the phase is free, or held at the healthy ring's.
     /// `None`: the signal is no ring (zero, or not finite).
     pub fn fit(&self, y: &[f64], phase: bool, work: &mut Products) -> Option<Fit> {
-        let [damping, frequency] = self.grid.search(y, &mut work.sums)?;
+        let [damping, frequency] = self.grid().search(y, &mut work.sums)?;
         self.refine(y, damping, frequency, phase)
     }
 
@@ -170,7 +176,7 @@ impl RingFitter {
                     };
                     let start = match near {
                         Some(near) => Some(self.near(&near)),
-                        None => self.grid.search(&y, &mut work.sums),
+                        None => self.grid().search(&y, &mut work.sums),
                     };
                     match start.and_then(|start| self.start_of(&y, start)) {
                         None => found(next, None),

@@ -11,7 +11,7 @@ use super::staging_tests::cpu_s;
 use super::timings::Phases;
 use super::{Control, PipelineError};
 use crate::burst::{Acquisition, Burst, Format, Layout};
-use crate::design::Design;
+use crate::design::{Baselines, Design};
 use crate::io::episode_table;
 use crate::io::recording::Recording;
 use crate::io::recording_writer::{Compression, RecordingWriter, WriterOptions};
@@ -62,6 +62,7 @@ struct Case {
     options: WriterOptions,
     /// Bytes that are missing at the end of the file.
     cut: usize,
+    baselines: Option<Baselines>,
 }
 
 impl Case {
@@ -71,7 +72,7 @@ impl Case {
         (settings.identify.first, settings.identify.every) = (10.0, 10.0);
         let options = WriterOptions { compression: Compression::None, chunk_bytes: Some(20_000) };
         let dir = tempfile::tempdir().unwrap();
-        Case { dir, design, settings, spans: Vec::new(), options, cut: 0 }
+        Case { dir, design, settings, spans: Vec::new(), options, cut: 0, baselines: None }
     }
 
     fn write(&self, bursts: &[Burst]) -> PathBuf {
@@ -96,7 +97,7 @@ impl Case {
             design_digest: None,
             labels: None,
             spans: self.spans.clone(),
-            baselines: None,
+            baselines: self.baselines.clone(),
         };
         let recording = Recording::open(&path, Limits::default()).unwrap();
         let control = Control::default();
@@ -109,16 +110,18 @@ impl Case {
         let (verdicts, watch) = (&both[1], None);
         let twice = Run { replay, recording, verdicts, control, may_learn, watch };
         let asked = || "asked for".to_owned();
-        match twice.judge_in_two_passes(asked(), &mut phases) {
+        let in_passes = match twice.judge_in_two_passes(asked(), &mut phases) {
             Err(PipelineError::NeedsTemperature) => {
                 let learned = replay.learn_temperature(recording, control).unwrap();
                 let design = learned.map(|(knowing, _)| knowing).or(run.design.clone());
                 let replay = &Replay { design, ..run.clone() };
                 let twice = Run { replay, may_learn: false, ..twice };
-                twice.judge_in_two_passes(asked(), &mut phases).unwrap();
+                twice.judge_in_two_passes(asked(), &mut phases).unwrap()
             }
-            done => drop(done.unwrap()),
-        }
+            done => done.unwrap(),
+        };
+        assert_eq!(report.baselines, in_passes.baselines);
+        assert_eq!(report.warnings, in_passes.warnings);
         let [stream, passes] = both.each_ref().map(|path| {
             let read = |path: &Path| std::fs::read(path).unwrap();
             (read(path), read(&episode_table::path_beside(path)), summary(path))
@@ -317,6 +320,80 @@ fn temperature_is_learned_from_the_whole_recording_in_both_forms() {
     assert_eq!(report.identified.how, How::InStream);
     let stages = |phase: &str| report.phases.iter().any(|of| of.phase == phase);
     assert!(stages("temperature"), "{:?}", report.phases);
+}
+
+/// Where baselines begin is the same in both forms: none are known, some channels', all channels'.
+#[test]
+fn baselines_of_channels_are_learned_in_the_stream() {
+    let (start, last) = (bursts()[0].t_acq_ns, bursts().last().unwrap().t_acq_ns);
+    for (mode, single) in [
+        (IdentifyMode::Windows, false),
+        (IdentifyMode::Design, false),
+        (IdentifyMode::Design, true),
+    ] {
+        let all = if single { one_channel_each(&bursts()) } else { bursts() };
+        let mut case = Case::new(Some(design()));
+        case.settings.identify.mode = mode;
+        case.baselines = Some(Baselines::new(None));
+        let report = case.both(&all);
+        assert!(report.identified.why.is_none(), "{:?}", report.identified);
+        let known = report.baselines.unwrap();
+        assert_eq!(known.printheads.len(), 3);
+        assert!(known.channels() > 120, "{}", known.channels());
+        // what is heard in the first window judges after it
+        let learned = |case: &Case| {
+            let summary = summary(&case.dir.path().join("stream.verdicts.parquet"));
+            summary["baseline"]["channels_learned_in_the_first_window"].as_u64().unwrap()
+        };
+        assert!(learned(&case) > 100);
+        // half of the channels, and all of them: nobody waits for a window
+        let mut half = known.clone();
+        for of in half.printheads.values_mut() {
+            of.channels.retain(|channel, _| channel % 2 == 0);
+        }
+        let next: Vec<Burst> = all
+            .iter()
+            .map(|burst| Burst { t_acq_ns: burst.t_acq_ns + (last - start) + 1, ..burst.clone() })
+            .collect();
+        for baselines in [half, known] {
+            let count = baselines.channels();
+            case.baselines = Some(baselines);
+            assert!(case.both(&next).identified.why.is_none());
+            assert_eq!(learned(&case) > 40, count < 120, "{count}");
+        }
+    }
+}
+
+#[test]
+fn baselines_that_the_end_refuses_or_that_come_out_of_order_are_learned_in_passes() {
+    let mut case = Case::new(Some(design()));
+    case.settings.identify.mode = IdentifyMode::Design;
+    case.baselines = Some(Baselines::new(None));
+    let known = case.both(&bursts()).baselines.unwrap();
+    // of another head: what looks healthy does not look like its own
+    let mut others = known.clone();
+    for of in others.printheads.values_mut() {
+        of.channels.values_mut().for_each(|channel| channel.features[2] += 0.02);
+    }
+    case.baselines = Some(others.clone());
+    let report = case.both(&bursts());
+    assert!(report.identified.why.unwrap().contains("not to be used"));
+    assert_eq!(report.warnings.iter().filter(|(_, w)| w.contains("not look like")).count(), 3);
+    assert_eq!(report.baselines, Some(others), "nothing was learned");
+    let without = Case { baselines: None, ..case };
+    let tables = || std::fs::read(without.dir.path().join("stream.verdicts.parquet")).unwrap();
+    let refused = tables();
+    without.both(&bursts());
+    assert!(refused == tables(), "refused baselines decided something");
+
+    let mut late = Case::new(Some(design()));
+    late.settings.identify.mode = IdentifyMode::Design;
+    late.baselines = Some(Baselines::new(None));
+    let mut shuffled = bursts();
+    shuffled.retain(|burst| burst.printhead == known());
+    shuffled[..30].reverse();
+    let report = late.both(&shuffled);
+    assert!(report.identified.why.unwrap().contains("come after later ones"));
 }
 
 #[test]
