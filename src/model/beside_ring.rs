@@ -59,21 +59,21 @@ impl BesideRing {
     }
 
     /// `tangent`: N x 4, of the damped pair.
-    fn along(&self, mut tangent: DMatrix<f64>) -> Explained<'_> {
-        for mut column in tangent.column_iter_mut() {
-            let norm = column.norm().max(f64::MIN_POSITIVE);
-            column.iter_mut().for_each(|v| *v /= norm);
-        }
-        let mut of = Explained { pair: tangent, real: &self.real, gram: None };
+    fn along(&self, tangent: DMatrix<f64>) -> Explained<'_> {
+        let mut of =
+            Explained { pair: tangent, real: &self.real, scale: [0.0; COLUMNS], gram: None };
         let columns = of.columns();
-        // a ridge, for columns that are nearly parallel: their difference then explains nothing
-        let mut regularised = SMatrix::<f64, COLUMNS, COLUMNS>::identity() * 1e-9;
-        for i in 0..COLUMNS {
-            for j in 0..=i {
-                regularised[(i, j)] += dot(columns[i], columns[j]);
-            }
-        }
-        of.gram = regularised.cholesky(); // which reads the lower triangle only
+        // the lower triangle, which is all that the factorisation reads
+        let products = SMatrix::<f64, COLUMNS, COLUMNS>::from_fn(|i, j| {
+            if j <= i { dot(columns[i], columns[j]) } else { 0.0 }
+        });
+        let scale: [f64; COLUMNS] =
+            std::array::from_fn(|i| 1.0 / products[(i, i)].sqrt().max(f64::MIN_POSITIVE));
+        // of columns of unit norm; a ridge, for columns that are nearly parallel: their difference then explains nothing
+        let regularised = SMatrix::<f64, COLUMNS, COLUMNS>::from_fn(|i, j| {
+            products[(i, j)] * (scale[i] * scale[j]) + if i == j { 1e-9 } else { 0.0 }
+        });
+        (of.scale, of.gram) = (scale, regularised.cholesky());
         of
     }
 }
@@ -81,10 +81,13 @@ impl BesideRing {
 /// The tangent space of a ring: the directions along which it may move.
 #[derive(Clone, Debug)]
 pub struct Explained<'a> {
-    /// Unit norm, N x 4.
+    /// N x 4.
     pair: DMatrix<f64>,
-    /// Unit norm, N.
+    /// N.
     real: &'a [f64],
+    /// One over the norm of each column.
+    scale: [f64; COLUMNS],
+    /// Of the columns of unit norm.
     gram: Option<Cholesky<f64, Const<COLUMNS>>>,
 }
 
@@ -97,10 +100,15 @@ impl Explained<'_> {
     /// What of a deviation lies beside them, counts. N.
     pub fn taken_off(&self, mut deviation: Vec<f64>) -> Vec<f64> {
         let columns = self.columns();
-        let product = SVector::<f64, COLUMNS>::from_fn(|i, _| dot(columns[i], &deviation));
+        let product =
+            SVector::<f64, COLUMNS>::from_fn(|i, _| self.scale[i] * dot(columns[i], &deviation));
         if let Some(of) = self.gram.as_ref().map(|gram| gram.solve(&product)) {
-            for (column, c) in columns.iter().zip(of.iter()) {
-                deviation.iter_mut().zip(*column).for_each(|(l, v)| *l -= c * v);
+            let [a, b, c, d, e]: [f64; COLUMNS] = std::array::from_fn(|i| self.scale[i] * of[i]);
+            let [p, q, r, s, t] = columns;
+            let n = deviation.len();
+            let (p, q, r, s, t) = (&p[..n], &q[..n], &r[..n], &s[..n], &t[..n]);
+            for (k, left) in deviation.iter_mut().enumerate() {
+                *left -= (a * p[k] + b * q[k]) + (c * r[k] + d * s[k]) + e * t[k];
             }
         }
         deviation

@@ -213,14 +213,19 @@ impl RingFitter {
         let (a, b) = (amplitude * cos, amplitude * sin);
         let sigma_dt = self.ring.damping_per_s * damping * self.dt_s;
         let omega_dt = self.omega_dt(frequency);
-        let mut tangent = DMatrix::zeros(self.samples, 4);
-        for k in 0..self.samples {
+        let n = self.samples;
+        let mut tangent = DMatrix::zeros(n, 4);
+        let (ring, rest) = tangent.as_mut_slice().split_at_mut(n);
+        let (by_damping, rest) = rest.split_at_mut(n);
+        let (by_frequency, by_phase) = rest.split_at_mut(n);
+        let (in_phase, quadrature, real) = (&in_phase[..n], &quadrature[..n], &self.real[..n]);
+        for k in 0..n {
             let (p, q, t) = (in_phase[k], quadrature[k], k as f64);
-            let pair = p - self.real[k];
-            tangent[(k, 0)] = a * p + b * q;
-            tangent[(k, 1)] = -sigma_dt * t * (a * pair + b * q);
-            tangent[(k, 2)] = omega_dt * t * (a * q - b * pair);
-            tangent[(k, 3)] = a * q - b * p;
+            let pair = p - real[k];
+            ring[k] = a * p + b * q;
+            by_damping[k] = -sigma_dt * t * (a * pair + b * q);
+            by_frequency[k] = omega_dt * t * (a * q - b * pair);
+            by_phase[k] = a * q - b * p;
         }
         tangent
     }

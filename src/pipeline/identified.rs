@@ -36,6 +36,6 @@ impl Identified {
     /// In words; `None`: there is nothing to say.
     pub fn in_words(&self) -> Option<String> {
         let why = self.why.as_ref()?;
-        Some(format!("models were identified in passes of their own: {why}"))
+        Some(format!("models and baselines were learned in passes of their own: {why}"))
     }
 }

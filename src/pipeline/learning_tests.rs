@@ -369,9 +369,8 @@ fn baselines_that_the_end_refuses_or_that_come_out_of_order_are_learned_in_passe
     let mut case = Case::new(Some(design()));
     case.settings.identify.mode = IdentifyMode::Design;
     case.baselines = Some(Baselines::new(None));
-    let known = case.both(&bursts()).baselines.unwrap();
     // of another head: what looks healthy does not look like its own
-    let mut others = known.clone();
+    let mut others = case.both(&bursts()).baselines.unwrap();
     for of in others.printheads.values_mut() {
         of.channels.values_mut().for_each(|channel| channel.features[2] += 0.02);
     }
