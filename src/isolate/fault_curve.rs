@@ -559,23 +559,26 @@ mod tests {
     fn no_node_is_nearer_than_its_frequency_says_and_some_are_as_near() {
         use rand::{RngExt, SeedableRng};
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(8);
-        let mut closest = f64::INFINITY;
         for node in Node::drawn(40, &mut rng) {
+            let back = node.to_axes.try_inverse().unwrap();
             for i in 0..200 {
                 let mut within = |bound: f64| rng.random_range(-bound..bound);
                 let own = Vector4::from_fn(|_, _| within(0.1));
                 let changed = Vector2::from_fn(|_, _| within(0.1));
-                let away = Vector4::from_fn(|k, _| within([0.3, 0.3, 0.1, 0.3][k]));
                 let baseline = (i % 2 == 0).then_some(&own);
                 let conditions = Conditions { drive: 0.8, changed, baseline };
-                let x = node.mean + node.moved(conditions) + away;
-                let least = node.least_distance(&x, conditions);
-                let distance = node.distance(&x, conditions);
+                let mean = node.mean + node.moved(conditions);
+                let away = Vector4::from_fn(|k, _| within([0.3, 0.3, 0.1, 0.3][k]));
+                let both = |x| (node.least_distance(&x, conditions), node.distance(&x, conditions));
+                let (least, distance) = both(mean + away);
                 assert!(least <= distance, "{least} {distance}");
-                closest = closest.min(distance / least);
+                // along the covariance's own column of the frequency it is as near
+                let variance = node.spread + node.elsewhere + Vector4::repeat(1.0 / 0.64);
+                let column = back * variance.component_mul(&back.row(FREQUENCY).transpose());
+                let (least, distance) = both(mean + column * within(0.5));
+                assert!(least <= distance && distance <= least * (1.0 + 1e-6));
             }
         }
-        assert!(closest < 1.01, "{closest}");
     }
 
     #[test]
