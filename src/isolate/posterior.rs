@@ -114,7 +114,7 @@ impl Posterior {
                 (Some(_), true) => share(of_all, pairs(k)),
             })
             .collect();
-        let best = best_temperature(&unseen, physics, &physics_share);
+        let mean = mean_temperature(&unseen, physics, &physics_share);
         let least_ln_density = (0..examples.len())
             .map(|k| {
                 let rows = unseen[k].iter().zip(&physics[k]);
@@ -123,7 +123,7 @@ impl Posterior {
                 (own.len() >= FEWEST_BOUNDED).then(|| ln_density_bound(&own))
             })
             .collect();
-        let temperature = if fewest >= FEWEST_BOUNDED { best } else { 1.0 };
+        let temperature = if fewest >= FEWEST_BOUNDED { mean } else { 1.0 };
         let (classes, precomputed) = (learned, OnceLock::new());
         let most_distance = vec![BEYOND_PHYSICS; examples.len()];
         Some(Posterior {
@@ -317,9 +317,10 @@ fn unseen(
     unseen
 }
 
-/// The temperature that maximises the mean ln posterior of held-out examples in their own class, all classes weighted
-/// equally.
-fn best_temperature(
+/// The mean (of its ln) over the temperature's posterior: by the likelihood of held-out examples in their own class, all
+/// classes weighted equally, and as likely before as each other. The likeliest one would be too low as often as too high
+/// where examples are few, and too low makes certain and wrong.
+fn mean_temperature(
     unseen: &[Vec<Vec<f64>>],
     physics: &[Vec<Vec<f64>>],
     physics_share: &[f64],
@@ -341,9 +342,13 @@ fn best_temperature(
         };
         (0..unseen.len()).map(of_class).sum()
     };
-    let scores = TEMPERATURES.map(score);
-    let best = (0..scores.len()).max_by(|&i, &j| scores[i].total_cmp(&scores[j])).unwrap_or(0);
-    TEMPERATURES[best]
+    let examples = unseen.iter().map(Vec::len).sum::<usize>() as f64 / unseen.len().max(1) as f64;
+    let scores = TEMPERATURES.map(score).map(|score| score * examples);
+    let most = scores.into_iter().fold(f64::NEG_INFINITY, f64::max);
+    let weights = scores.map(|score| (score - most).exp());
+    let sum: f64 = weights.iter().sum();
+    let ln_mean: f64 = weights.iter().zip(TEMPERATURES).map(|(w, t)| w / sum * t.ln()).sum();
+    ln_mean.exp()
 }
 
 /// Densities of the classes that have enough examples.
