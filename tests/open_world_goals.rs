@@ -14,7 +14,8 @@ use crate::open_world::scatter::{Scatter, Shape};
 use crate::open_world::tables::difference::Difference;
 use crate::open_world::tables::healthy::World;
 use crate::open_world::tables::{
-    Further, closed_set, episodes, families, few_labels, healthy, physics, together, training_sets,
+    Further, closed_set, episodes, families, few_labels, healthy, limits, physics, together,
+    training_sets,
 };
 use crate::open_world::unexplained;
 use crate::open_world::verdicts::Reason;
@@ -253,6 +254,20 @@ fn what_is_unexplained_is_measured_right() {
         let all = mean(&mut || disturbed(disturbance, &mut rng));
         assert!((500.0..=545.0).contains(&all), "{disturbance:?} {all}");
     }
+}
+
+/// Neyman and Pearson 1933: the ruler of the limits.
+#[test]
+fn no_distance_misses_fewer_than_the_likelihood_ratio() {
+    let plan = limits::Plan { seed: SEED + 13, signals: 40_000, false_alarms: vec![1.0, 3.47] };
+    let rows = limits::measure(&plan);
+    print!("{}", limits::show(&rows));
+    let least = |statistic: &str| -> f64 {
+        let of_box = rows.iter().filter(|row| row.scatter == Scatter::BOX);
+        of_box.filter(|row| row.statistic.starts_with(statistic)).map(|row| row.misses).sum()
+    };
+    // two distances, each at both rates
+    assert!(least("likelihood") < 0.5 * least("distance"));
 }
 
 #[test]

@@ -379,7 +379,6 @@ fn learn_threshold(
     settings: &DetectSettings,
     share: f64,
 ) -> Result<Threshold, DesignError> {
-    const SEED: u64 = 1;
     Ok(match settings.threshold {
         ThresholdMethod::Max => threshold::max(energies, channels, settings.mu)?,
         ThresholdMethod::Quantile => threshold::quantile(
@@ -387,7 +386,6 @@ fn learn_threshold(
             channels,
             share * settings.false_alarm_rate,
             settings.confidence,
-            SEED,
         )?,
     })
 }

@@ -18,6 +18,7 @@ pub mod misfit;
 mod mixture;
 pub mod null_space;
 pub mod numerator;
+mod pareto_tail;
 pub mod poles;
 pub mod residual_generator;
 pub mod row_projection;

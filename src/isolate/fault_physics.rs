@@ -466,6 +466,13 @@ mod tests {
 
     /// A severity within the class's range, and the noisy features of a random channel with that fault.
     fn faulty_features(class: &str, rng: &mut ChaCha8Rng) -> (f64, Vector4<f64>) {
+        let [low, high] = faults::severity_range(class).unwrap();
+        let severity = low + (0.2 + 0.6 * rng.random::<f64>()) * (high - low);
+        (severity, features_of(class, severity, rng))
+    }
+
+    /// The noisy features of a random channel with that fault.
+    fn features_of(class: &str, severity: f64, rng: &mut ChaCha8Rng) -> Vector4<f64> {
         let mut normal = |sd: f64| 1.0 + sd * rng.sample::<f64, _>(StandardNormal);
         let channel = InkChannel {
             a_per_s2: TRUE.a_per_s2 * normal(0.002),
@@ -474,11 +481,9 @@ mod tests {
             d_per_s: TRUE.d_per_s * normal(0.04),
         };
         let gain = healthy().0 * normal(0.015);
-        let [low, high] = faults::severity_range(class).unwrap();
-        let severity = low + (0.2 + 0.6 * rng.random::<f64>()) * (high - low);
         let mut y = decay(&faults::apply(class, severity, &channel).unwrap(), gain);
         y.iter_mut().for_each(|y| *y += NOISE * rng.sample::<f64, _>(StandardNormal));
-        (severity, fitted(&y))
+        fitted(&y)
     }
 
     #[test]
@@ -559,6 +564,43 @@ mod tests {
         // of 540 signals three standard deviations are 2.8 %
         assert!((0.92..=0.985).contains(&(f64::from(covered as u32) / f64::from(n))), "{covered}");
         assert!(right as f64 >= 0.97 * f64::from(n), "{right} of {n}");
+    }
+
+    /// What limits a start without labels: not what a ring tells, nor the rates, but which sizes occur.
+    #[test]
+    fn slight_blockages_are_told_from_small_bubbles_by_which_sizes_occur() {
+        let mut rng = ChaCha8Rng::seed_from_u64(8);
+        let drawn = [("PBN", 0.05, 0.60), ("AB2", 0.20, 0.45)].map(|(class, low, high)| {
+            let draw = |_| {
+                let severity = low + (high - low) * rng.random::<f64>();
+                (severity, features_of(class, severity, &mut rng))
+            };
+            (class, (0..1000).map(draw).collect::<Vec<_>>())
+        });
+        let wrong = |physics: &FaultPhysics| {
+            let curves = physics.curves(&classes(), DT_S, SAMPLES);
+            let is_wrong = |class: &str, x: &Vector4<f64>| {
+                let mut compared = Comparison::default();
+                curves.compare(x.as_slice(), Conditions::as_made(), &mut compared);
+                let of = &compared.ln_densities;
+                let best = (0..9).max_by(|&i, &j| of[i].total_cmp(&of[j])).unwrap();
+                category(CLASSES[best]) != category(class)
+            };
+            let of = |(class, all): &(&str, Vec<(f64, _)>)| {
+                all.iter().filter(|(_, x)| is_wrong(class, x)).count()
+            };
+            drawn.iter().map(of).sum::<usize>()
+        };
+        let usual = wrong(&physics(TRUE, 0.05));
+        let exact = wrong(&physics(TRUE, 1e-4));
+        let mut sized = physics(TRUE, 0.05);
+        for (class, all) in &drawn {
+            let seen = all.iter().map(|(severity, _)| (*severity, 1.0)).collect();
+            sized.seen.insert((*class).into(), LabelledSeverities::new(seen));
+        }
+        let sized = wrong(&sized);
+        println!("of 2000 wrong: {usual}; with exact rates {exact}; with known sizes {sized}");
+        assert!(usual >= 20 && exact * 10 >= usual * 7 && sized * 4 <= usual);
     }
 
     #[test]

@@ -68,6 +68,9 @@ const FEATURES: usize = 4;
 /// Temperatures tried.
 const TEMPERATURES: [f64; 10] = [1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.5, 5.0];
 
+/// A temperature is plausible up to this loss of ln likelihood: 95 % confidence on one side, 1.645² / 2.
+const PLAUSIBLE: f64 = 1.35;
+
 /// Squared distance from the physics' curve beyond which a signal is not of a class that is known by physics
 /// alone (upper 1e-4 point of chi-squared with 4 degrees of freedom).
 const BEYOND_PHYSICS: f64 = 23.5;
@@ -114,7 +117,7 @@ impl Posterior {
                 (Some(_), true) => share(of_all, pairs(k)),
             })
             .collect();
-        let best = best_temperature(&unseen, physics, &physics_share);
+        let held_out = temperature(fewest < TELL_ENDS, &unseen, physics, &physics_share);
         let least_ln_density = (0..examples.len())
             .map(|k| {
                 let rows = unseen[k].iter().zip(&physics[k]);
@@ -123,7 +126,7 @@ impl Posterior {
                 (own.len() >= FEWEST_BOUNDED).then(|| ln_density_bound(&own))
             })
             .collect();
-        let temperature = if fewest >= FEWEST_BOUNDED { best } else { 1.0 };
+        let temperature = if fewest >= FEWEST_BOUNDED { held_out } else { 1.0 };
         let (classes, precomputed) = (learned, OnceLock::new());
         let most_distance = vec![BEYOND_PHYSICS; examples.len()];
         Some(Posterior {
@@ -317,9 +320,11 @@ fn unseen(
     unseen
 }
 
-/// The temperature that maximises the mean ln posterior of held-out examples in their own class, all classes weighted
-/// equally.
-fn best_temperature(
+/// The temperature by the likelihood of held-out examples in their own class, all classes weighted equally: the likeliest,
+/// or where examples are `few` the highest that is plausible. The likeliest is too low as often as too high, by little where
+/// they are many; and too low makes certain and wrong.
+fn temperature(
+    few: bool,
     unseen: &[Vec<Vec<f64>>],
     physics: &[Vec<Vec<f64>>],
     physics_share: &[f64],
@@ -341,9 +346,12 @@ fn best_temperature(
         };
         (0..unseen.len()).map(of_class).sum()
     };
-    let scores = TEMPERATURES.map(score);
-    let best = (0..scores.len()).max_by(|&i, &j| scores[i].total_cmp(&scores[j])).unwrap_or(0);
-    TEMPERATURES[best]
+    let examples = unseen.iter().map(Vec::len).sum::<usize>() as f64 / unseen.len().max(1) as f64;
+    let scores = TEMPERATURES.map(score).map(|score| score * examples);
+    let most = scores.into_iter().fold(f64::NEG_INFINITY, f64::max);
+    let least = if few { most - PLAUSIBLE } else { most };
+    let highest = (0..scores.len()).rev().find(|&i| scores[i] >= least);
+    highest.map_or(1.0, |i| TEMPERATURES[i])
 }
 
 /// Densities of the classes that have enough examples.

@@ -6,6 +6,7 @@ pub mod episodes;
 pub mod families;
 pub mod few_labels;
 pub mod healthy;
+pub mod limits;
 pub mod physics;
 pub mod together;
 pub mod training_sets;

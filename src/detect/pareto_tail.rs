@@ -1,0 +1,199 @@
+//! The tail of healthy energies: a generalised Pareto distribution, and what its sample leaves unknown of it.
+//!
+//! In: the largest energies, the level that they exceed, how many independent ones they are worth. Out: the
+//! posterior of the energy that is exceeded at a rate, far beyond the sample.
+//!
+//! Peaks over threshold (Pickands 1975). The prior of the shape is flat between the lightest and the heaviest
+//! tail that healthy channels have, and so is that of the ln of the scale; given the shape the scale's posterior is
+//! log-normal about its maximum likelihood (Laplace). A posterior and not a standard error about an
+//! estimate: an estimate that is too low by chance brings a standard error that is too small.
+
+use crate::model::normal::upper_tail;
+
+/// Shapes xi: of scatter that ends at bounds, widened by noise, and of Student's t with 4 degrees of freedom, whose
+/// squares have the shape 2/4. The same heaviest tail as that of windows ([`super::mixture`]).
+const LIGHTEST: f64 = -0.25;
+const HEAVIEST: f64 = 0.5;
+/// Shapes that stand for all between.
+const SHAPES: usize = 76;
+
+/// Halvings of an interval until no digit changes.
+const HALVINGS: usize = 60;
+
+/// How many independent signals those of a tail are worth: as to their number, and as to their excesses. Signals of
+/// one channel are less alike in the latter.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Effective {
+    pub number: f64,
+    pub excesses: f64,
+}
+
+/// The tail above a level.
+#[derive(Debug)]
+pub(super) struct ParetoTail {
+    level: f64,
+    effective: Effective,
+    of_shapes: Vec<OfShape>,
+}
+
+/// Scale and probability of one shape.
+#[derive(Debug)]
+struct OfShape {
+    shape: f64,
+    weight: f64,
+    ln_scale: f64,
+}
+
+impl ParetoTail {
+    /// `energies`: those above `level`; where none is, nothing is known of a tail, and all quantiles are the level.
+    pub fn fit(energies: &[f64], level: f64, effective: Effective) -> ParetoTail {
+        let excesses: Vec<f64> = energies.iter().map(|e| e - level).collect();
+        let n = excesses.len() as f64;
+        if excesses.iter().all(|e| *e <= 0.0) {
+            return ParetoTail { level, effective, of_shapes: Vec::new() };
+        }
+        let step = (HEAVIEST - LIGHTEST) / (SHAPES - 1) as f64;
+        let mut of_shapes: Vec<OfShape> = (0..SHAPES)
+            .map(|i| {
+                let shape = LIGHTEST + step * i as f64;
+                let scale = likeliest_scale(&excesses, shape);
+                // excesses that depend on each other count for fewer
+                let ln_likelihood = ln_likelihood(&excesses, shape, scale) * effective.excesses / n;
+                let weight = ln_likelihood + 0.5 * of_ln_scale(shape).ln();
+                OfShape { shape, weight, ln_scale: scale.ln() }
+            })
+            .collect();
+        let most = of_shapes.iter().map(|of| of.weight).fold(f64::NEG_INFINITY, f64::max);
+        of_shapes.iter_mut().for_each(|of| of.weight = (of.weight - most).exp());
+        let sum: f64 = of_shapes.iter().map(|of| of.weight).sum();
+        of_shapes.iter_mut().for_each(|of| of.weight /= sum);
+        ParetoTail { level, effective, of_shapes }
+    }
+
+    /// Mean of the shape.
+    pub fn shape(&self) -> f64 {
+        self.of_shapes.iter().map(|of| of.weight * of.shape).sum()
+    }
+
+    /// The energy below which lies, with probability `confidence`, the one that is exceeded by a share `beyond`, less
+    /// than 1, of what exceeds the level.
+    pub fn quantile(&self, beyond: f64, confidence: f64) -> f64 {
+        if self.of_shapes.is_empty() {
+            return self.level;
+        }
+        let further = (1.0 / beyond).ln();
+        // of each shape: its weight, the ln of the excess at its likeliest scale, and the standard deviation of that
+        let each: Vec<(f64, f64, f64)> = (self.of_shapes.iter())
+            .map(|of| {
+                let reach = reach(of.shape, further);
+                // the share of signals above the level is a random number as well
+                let by_share = (of.shape * further).exp() / reach;
+                let variance = of_ln_scale(of.shape) / self.effective.number
+                    + by_share * by_share / self.effective.number;
+                (of.weight, of.ln_scale + reach.ln(), variance.sqrt())
+            })
+            .collect();
+        let below = |ln: f64| -> f64 {
+            each.iter().map(|(w, middle, sd)| w * upper_tail((middle - ln) / sd)).sum()
+        };
+        const FAR: f64 = 12.0;
+        let least = each.iter().map(|(_, middle, sd)| middle - FAR * sd);
+        let most = each.iter().map(|(_, middle, sd)| middle + FAR * sd);
+        let (least, most) =
+            (least.fold(f64::INFINITY, f64::min), most.fold(f64::NEG_INFINITY, f64::max));
+        self.level + halved(least, most, |ln| below(ln) < confidence).exp()
+    }
+}
+
+/// (e^(xi t) - 1) / xi, which is t at xi = 0: the excess, in scales, that is exceeded with probability e^-t.
+fn reach(shape: f64, t: f64) -> f64 {
+    if shape.abs() < 1e-9 { t } else { (shape * t).exp_m1() / shape }
+}
+
+/// Variance of the ln of the scale that one excess leaves, the shape known.
+fn of_ln_scale(shape: f64) -> f64 {
+    1.0 + 2.0 * shape
+}
+
+/// The scale of largest likelihood, at which (1 + xi) sum of z / (1 + xi z) over z = excess / scale is their number.
+fn likeliest_scale(excesses: &[f64], shape: f64) -> f64 {
+    let n = excesses.len() as f64;
+    let largest = excesses.iter().copied().fold(0.0, f64::max);
+    let is_too_small = |scale: &f64| {
+        let each = |e: &f64| e / scale / (1.0 + shape * e / scale);
+        (1.0 + shape) * excesses.iter().map(each).sum::<f64>() > n
+    };
+    // light tails end at scale / -xi
+    let ends = (-shape).max(1e-6) * largest;
+    halved(ends.ln(), (10.0 * largest).ln(), |ln| is_too_small(&ln.exp())).exp()
+}
+
+fn ln_likelihood(excesses: &[f64], shape: f64, scale: f64) -> f64 {
+    let each = |e: &f64| match shape.abs() < 1e-9 {
+        true => e / scale,
+        false => (1.0 + 1.0 / shape) * (shape * e / scale).ln_1p(),
+    };
+    -(excesses.len() as f64) * scale.ln() - excesses.iter().map(each).sum::<f64>()
+}
+
+/// Where `is_below` ends, between two places.
+fn halved(mut low: f64, mut high: f64, is_below: impl Fn(f64) -> bool) -> f64 {
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (low + high);
+        match is_below(middle) {
+            true => low = middle,
+            false => high = middle,
+        }
+    }
+    0.5 * (low + high)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The middles of so many equally likely parts of a generalised Pareto distribution of scale 1.
+    fn drawn(shape: f64, n: usize) -> Vec<f64> {
+        let each = |i: usize| reach(shape, -((i as f64 + 0.5) / n as f64).ln());
+        (0..n).map(each).collect()
+    }
+
+    fn all(n: usize) -> Effective {
+        Effective { number: n as f64, excesses: n as f64 }
+    }
+
+    #[test]
+    fn of_many_the_law_is_found_and_of_few_the_bound_lies_further_out() {
+        const BEYOND: f64 = 1e-2;
+        for shape in [-0.2, 0.0, 0.2, 0.4] {
+            let truth = 7.0 + reach(shape, -BEYOND.ln());
+            let above =
+                |n: usize| -> Vec<f64> { drawn(shape, n).iter().map(|e| e + 7.0).collect() };
+            let law = ParetoTail::fit(&above(5000), 7.0, all(5000));
+            assert!((law.shape() - shape).abs() < 0.02, "{shape}: {}", law.shape());
+            assert!((law.quantile(BEYOND, 0.5) / truth - 1.0).abs() < 0.02, "{shape}");
+            let bounds = [5000, 500, 50].map(|n| {
+                let law = ParetoTail::fit(&above(n), 7.0, all(n));
+                assert!(law.quantile(BEYOND, 0.95) > law.quantile(BEYOND, 0.5));
+                law.quantile(BEYOND, 0.95)
+            });
+            assert!(bounds.is_sorted() && bounds[0] > truth, "{shape}: {bounds:?} {truth}");
+        }
+    }
+
+    #[test]
+    fn excesses_that_depend_on_each_other_say_less() {
+        let above = drawn(0.1, 400);
+        let bound = |number: f64, excesses: f64| {
+            ParetoTail::fit(&above, 0.0, Effective { number, excesses }).quantile(1e-2, 0.95)
+        };
+        assert!(bound(400.0, 400.0) < bound(400.0, 100.0));
+        assert!(bound(400.0, 100.0) < bound(40.0, 100.0));
+    }
+
+    #[test]
+    fn without_an_excess_there_is_no_tail() {
+        let law = ParetoTail::fit(&[5.0; 30], 5.0, all(30));
+        assert_eq!((law.quantile(1e-3, 0.95), law.shape()), (5.0, 0.0));
+    }
+}
