@@ -7,7 +7,7 @@
 use super::baseline::{HeardOf, InUse, Told};
 use super::statistics::Statistics;
 use crate::burst::{Acquisition, Burst};
-use crate::design::{Detection, Judge, OwnChannels, Said};
+use crate::design::{Detection, Judge, JudgeKey, OwnChannels, Said};
 use crate::verdict::Reason;
 use nalgebra::{Matrix3, Vector4};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -35,6 +35,7 @@ pub struct Listener<'a> {
     room: usize,
     features: Vec<Vector4<f64>>,
     said: Vec<Option<Said>>,
+    metric: Option<Metric>,
 }
 
 /// A batch is counted as heard whatever becomes of it: somebody may wait.
@@ -71,7 +72,8 @@ impl<'a> Hearing<'a> {
         let heard = Arc::<Mutex<HeardOf>>::default();
         lock(&self.workers).push(heard.clone());
         let room = self.room.unwrap_or_default();
-        Listener { hearing: self, heard, room, features: Vec::new(), said: Vec::new() }
+        let (features, said, metric) = (Vec::new(), Vec::new(), None);
+        Listener { hearing: self, heard, room, features, said, metric }
     }
 
     /// Waits until so many batches were heard. False: `ended`.
@@ -166,21 +168,21 @@ impl Listener<'_> {
         self.said.extend(statistic.iter().zip(&self.features).map(said));
         let (mut near, mut estranged) = (0, 0);
         if let Some(own) = own {
-            let mut metrics = Metrics::new(judge, &own, judge.drive(burst));
+            let drive = judge.drive(burst);
             let known = own.from(burst.first_channel, statistic.len());
             for (row, (found, known)) in statistic.iter_mut().zip(known).enumerate() {
                 let (Ok(of_all), Some(known)) = (*found, known) else { continue };
                 let features = &self.features[row];
-                let of_own = metrics.of(known.signals).and_then(|metric| {
-                    match detector.own_look(metric, features, known) {
+                let metric = Metric::of(&mut self.metric, judge, &own, known.signals, drive);
+                let of_own =
+                    metric.and_then(|metric| match detector.own_look(metric, features, known) {
                         (distance, true) => Some(distance),
                         (distance, false) => Some(
                             statistics
                                 .own_distance((judge, burst, row), metric, (features, known))
                                 .unwrap_or(distance),
                         ),
-                    }
-                });
+                    });
                 let ring = of_own.map_or(f64::INFINITY, |distance| judge.of_own(distance, &own));
                 *found = match ring.is_finite() {
                     true => Ok(Detection { ring, ..of_all }),
@@ -206,26 +208,32 @@ impl Listener<'_> {
     }
 }
 
-/// Metrics of distances from baselines, for signals of one judge and drive: most rest on as many signals.
-struct Metrics<'a> {
-    judge: &'a Judge,
-    own: &'a OwnChannels,
+/// The metric of distances from baselines, of the signal before: most signals have the same.
+struct Metric {
+    judge: JudgeKey,
+    own: Arc<OwnChannels>,
+    signals: f64,
     drive: f64,
-    last: Option<(f64, Option<Matrix3<f64>>)>,
+    metric: Option<Matrix3<f64>>,
 }
 
-impl<'a> Metrics<'a> {
-    fn new(judge: &'a Judge, own: &'a OwnChannels, drive: f64) -> Metrics<'a> {
-        Metrics { judge, own, drive, last: None }
-    }
-
-    /// Of a baseline that rests on so many signals.
-    fn of(&mut self, signals: f64) -> Option<&Matrix3<f64>> {
-        let Metrics { judge, own, drive, .. } = *self;
-        if self.last.as_ref().is_none_or(|(of, _)| *of != signals) {
+impl Metric {
+    /// Of baselines that rest on so many signals, for signals of one drive.
+    fn of<'a>(
+        last: &'a mut Option<Metric>,
+        judge: &Judge,
+        own: &Arc<OwnChannels>,
+        signals: f64,
+        drive: f64,
+    ) -> Option<&'a Matrix3<f64>> {
+        let is_it = |of: &&mut Metric| {
+            (of.judge, of.signals, of.drive) == (judge.key(), signals, drive)
+                && Arc::ptr_eq(&of.own, own)
+        };
+        if last.as_mut().filter(is_it).is_none() {
             let metric = judge.detector().and_then(|by| by.own_metric(own, signals, drive));
-            self.last = Some((signals, metric));
+            *last = Some(Metric { judge: judge.key(), own: own.clone(), signals, drive, metric });
         }
-        self.last.as_ref()?.1.as_ref()
+        last.as_ref()?.metric.as_ref()
     }
 }

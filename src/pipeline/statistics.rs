@@ -255,7 +255,8 @@ impl Statistics {
         let Some(detector) = judge.detector() else { return };
         let (drive, warmer) = (judge.drive(burst), judge.warmer(burst));
         let n = burst.samples_per_channel as usize;
-        let lanes = judge.lanes.as_ref().filter(|lanes| lanes.samples() == n);
+        let many = burst.channels as usize >= LANES;
+        let lanes = judge.lanes.as_ref().filter(|lanes| many && lanes.samples() == n);
         let condition = lanes.and_then(|lanes| Some(lanes.rows(drive, warmer)?.1));
         if let Some((condition, lanes)) = condition.zip(detector.own_lanes()) {
             while features.len() + LANES <= burst.channels as usize
