@@ -78,10 +78,13 @@ fn of_signals(
         return Err(CritiqueError::TooShort { samples: all.samples });
     }
     stages("fitting the baseline");
-    let Outliers { out: outlier, shaped } = match labelled || !real {
-        true => Outliers { out: vec![false; all.len()], shaped: 0.0 },
-        false => outlying(all)?,
+    let Outliers { out: mut outlier, shaped } = match real {
+        true => outlying(all)?,
+        false => Outliers { out: vec![false; all.len()], shaped: 0.0 },
     };
+    if labelled {
+        outlier.fill(false);
+    }
     let data = all.select(|i| !outlier[i]);
     check_enough(data.len(), real)?;
     let beside = Covariates::of(&data);

@@ -98,7 +98,11 @@ pub fn select(
     measure(&mut chosen, &last, setting);
     let mut all: Vec<Weighed> = chosen.iter().map(Chosen::weighed).collect();
     all.extend(found);
-    let kept: Vec<bool> = all[..chosen.len()].iter().map(|own| own.is_beyond(&all)).collect();
+    // what brought a cause in was told about a model without it: beside all others it must say as much still
+    let stands = |(cause, own): (&Chosen, &Weighed)| {
+        cause.scored.surprise > THRESHOLD && own.is_beyond(&all)
+    };
+    let kept: Vec<bool> = chosen.iter().zip(&all).map(stands).collect();
     if kept.iter().any(|k| !k) {
         last = without(last, &mut chosen, &kept, setting, 3);
         measure(&mut chosen, &last, setting);

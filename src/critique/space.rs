@@ -115,10 +115,10 @@ impl Space {
             first.with(other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
         });
         let Part { mut k, g, mut deviance, diagonal } = both;
-        for p in 0..PATTERNS {
-            for q in 0..PATTERNS {
-                for a in 0..n {
-                    k[(p * n + a, q * n + a)] += diagonal[p][q];
+        for (a, of_sample) in diagonal.iter().enumerate() {
+            for p in 0..PATTERNS {
+                for q in 0..PATTERNS {
+                    k[(p * n + a, q * n + a)] += of_sample[p][q];
                 }
             }
         }
@@ -163,8 +163,8 @@ struct Part {
     k: DMatrix<f64>,
     g: DVector<f64>,
     deviance: f64,
-    /// What every sample adds to its own place, per pair of powers of the drive.
-    diagonal: [[f64; PATTERNS]; PATTERNS],
+    /// What each sample adds to its own place, per pair of powers of the drive.
+    diagonal: Vec<[[f64; PATTERNS]; PATTERNS]>,
 }
 
 impl Part {
@@ -194,8 +194,8 @@ impl Part {
             part: Part {
                 k: DMatrix::zeros(d, d),
                 g: DVector::zeros(d),
-                deviance: rows.len() as f64 * n as f64 * model.noise_var.ln(),
-                diagonal: [[0.0; PATTERNS]; PATTERNS],
+                deviance: 0.0,
+                diagonal: vec![[[0.0; PATTERNS]; PATTERNS]; n],
             },
             of_signals: Vec::new(),
             of_channels: Vec::new(),
@@ -221,8 +221,9 @@ impl Part {
         self.k += other.k;
         self.g += other.g;
         self.deviance += other.deviance;
-        let of_other = other.diagonal.as_flattened();
-        self.diagonal.as_flattened_mut().iter_mut().zip(of_other).for_each(|(sum, v)| *sum += v);
+        let of_other = other.diagonal.as_flattened().as_flattened();
+        let own = self.diagonal.as_flattened_mut().as_flattened_mut();
+        own.iter_mut().zip(of_other).for_each(|(sum, v)| *sum += v);
         self
     }
 
@@ -250,7 +251,9 @@ struct Weighed {
     tail: DVector<f64>,
     of_tail: DVector<f64>,
     along_tail: SMatrix<f64, ALL, 1>,
-    /// ln |V| less that of the noise, and r^T V^-1 r.
+    /// 1 for every sample that counts.
+    counts: Vec<f64>,
+    /// ln |V| and r^T V^-1 r.
     ln_determinant: f64,
     square: f64,
 }
@@ -282,7 +285,9 @@ impl Weighed {
             along_residual: SMatrix::from_fn(|a, _| w.column(a).dot(&r)),
             of_tail: solve(&tail),
             along_tail: SMatrix::from_fn(|a, _| w.column(a).dot(&tail)),
-            ln_determinant: inner.determinant().max(f64::MIN_POSITIVE).ln(),
+            counts: linear.counts.clone(),
+            ln_determinant: inner.determinant().max(f64::MIN_POSITIVE).ln()
+                + linear.counted() * v.ln(),
             square: r.dot(&of_residual),
             l,
             w,
@@ -361,10 +366,10 @@ impl Sums<'_> {
         *deviance += signal.ln_determinant;
         *deviance += signal.square;
         for p in 0..self.patterns {
-            for q in 0..self.patterns {
-                diagonal[p][q] += powers[p] * powers[q] / v;
-            }
             for a in 0..n {
+                for q in 0..self.patterns {
+                    diagonal[a][p][q] += signal.counts[a] * powers[p] * powers[q] / v;
+                }
                 g[p * n + a] += powers[p] * signal.of_residual[a];
                 for (c, zc) in z.iter().enumerate().filter(|(_, zc)| **zc != 0.0) {
                     for j in 0..ALL {

@@ -224,31 +224,25 @@ impl<'a> Bench<'a> {
         all
     }
 
-    /// `near`: where its shape was before; without, all shapes are tried. What follows a covariate is judged by the
-    /// spread over bursts, where these have more in common than their signals let expect; what they have in common
-    /// are parameters, and shapes are judged beside these.
+    /// `near`: where its shape was before; without, all shapes are tried. What it says along the ring's parameters is
+    /// judged by the spread over bursts, where these have more in common than their signals let expect.
     pub fn score_one(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let mut scored = self.as_if_independent(id, near)?;
         if scored.surprise < WORTH_A_LOOK {
             return Some(scored);
         }
         let Applied { kind, directions, coefficients, .. } = &scored.applied;
-        let spread = match kind {
-            Kind::Shapes => Spread::NONE,
-            Kind::Covariate { .. } | Kind::Tail => self.spread(directions, coefficients),
-        };
-        if spread.excess > 1.0 {
-            scored.statistic /= spread.excess;
-            scored.sd *= spread.excess.sqrt();
-            let Scored { statistic, degrees, tried, .. } = scored;
-            scored.surprise = surprise(statistic, degrees, tried, spread.dof).min(scored.surprise);
-        }
+        let view = if matches!(kind, Kind::Shapes) { self.shapes } else { self.covariates };
+        let spread = self.spread(view, directions, coefficients);
+        scored.statistic *= spread.statistic;
+        scored.sd /= spread.information.sqrt();
+        let Scored { statistic, degrees, tried, .. } = scored;
+        scored.surprise = surprise(statistic, degrees, tried, spread.dof).min(scored.surprise);
         Some(scored)
     }
 
     /// How bursts spread along directions together, each by so much, beside what is allowed for.
-    fn spread(&self, directions: &[Direction], coefficients: &[f64]) -> Spread {
-        let view = self.covariates;
+    fn spread(&self, view: View, directions: &[Direction], coefficients: &[f64]) -> Spread {
         self.clusters.spread(&view.nuisance.efficient(view.space, directions, coefficients))
     }
 
