@@ -7,6 +7,7 @@
 //! whatever nuisance, is linear algebra on K and g, and the signals are read once.
 
 use super::covariates::{COVARIATES, Covariates, ONE};
+use super::curvature::beyond_the_likeliest;
 use super::matrices::{Matrix5, Vector5, scaled};
 use super::model::{LN_LAMBDA_SD, Linear, Model, PATTERNS};
 use super::observations::Observations;
@@ -246,6 +247,8 @@ struct Weighed {
     h: Matrix6,
     /// V^-1 r and J^T V^-1 r of the residual.
     of_residual: DVector<f64>,
+    /// The same for shapes, which stay where they are when a signal's parameters move.
+    of_shapes: DVector<f64>,
     along_residual: SMatrix<f64, ALL, 1>,
     /// The tail of the previous ring, and the same of it.
     tail: DVector<f64>,
@@ -259,8 +262,8 @@ struct Weighed {
 }
 
 impl Weighed {
-    /// `off`: the signal's own parameters less the mean of all channels.
-    fn of(linear: &Linear, off: &Theta, model: &Model) -> Weighed {
+    /// `theta`: the signal's parameters; `off`: its own less the mean of all channels.
+    fn of(linear: &Linear, theta: &Theta, off: &Theta, drive: f64, model: &Model) -> Weighed {
         let (n, v) = (linear.residual.len(), model.noise_var);
         // working residual: about the mean, not about the channel's own parameters
         let t = &linear.tangent.columns;
@@ -279,10 +282,12 @@ impl Weighed {
         let solve = |x: &DVector<f64>| x / v - &l * (l.tr_mul(x));
         let w = &j6 / v - &l * (l.tr_mul(&j6));
         let of_residual = solve(&r);
+        let beyond = beyond_the_likeliest(theta, linear, drive, &m, v);
         let tail = DVector::from_column_slice(&linear.tail);
         Weighed {
             h: Matrix6::from_fn(|a, b| j6.column(a).dot(&w.column(b))),
             along_residual: SMatrix::from_fn(|a, _| w.column(a).dot(&r)),
+            of_shapes: &of_residual - DVector::from_vec(beyond) / v,
             of_tail: solve(&tail),
             along_tail: SMatrix::from_fn(|a, _| w.column(a).dot(&tail)),
             counts: linear.counts.clone(),
@@ -339,8 +344,9 @@ impl Sums<'_> {
         for row in rows {
             model.linearise(row, data, beside, &mut linear);
             let off = model.units[unit] + model.each[row] - model.mean;
-            let signal = Weighed::of(&linear, &off, model);
             let s = beside.drive[row];
+            let theta = model.theta(row, data, beside);
+            let signal = Weighed::of(&linear, &theta, &off, s, model);
             let powers = [1.0, s, s * s, s * s * s];
             self.add_signal(&signal, powers, &beside.z[row], &mut channel);
             if tells_scatter {
@@ -370,7 +376,7 @@ impl Sums<'_> {
                 for q in 0..self.patterns {
                     diagonal[a][p][q] += signal.counts[a] * powers[p] * powers[q] / v;
                 }
-                g[p * n + a] += powers[p] * signal.of_residual[a];
+                g[p * n + a] += powers[p] * signal.of_shapes[a];
                 for (c, zc) in z.iter().enumerate().filter(|(_, zc)| **zc != 0.0) {
                     for j in 0..ALL {
                         k[(shapes + c * ALL + j, p * n + a)] += powers[p] * zc * w[(a, j)];
