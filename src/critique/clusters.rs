@@ -8,6 +8,7 @@
 //! them; a shape of the mean says most of it across them, unless it grows with another power of the drive than the ring.
 
 use super::covariates::{COVARIATES, Covariates};
+use super::curvature::beyond_the_likeliest;
 use super::matrices::{Matrix5, Vector5, inverse, scaled};
 use super::model::{Linear, Model, PATTERNS, dot, free_products};
 use super::observations::Observations;
@@ -68,18 +69,22 @@ impl Change {
         change
     }
 
-    /// What it adds to a signal.
-    fn seen(&self, linear: &Linear, drive: f64, z: &[f64; COVARIATES]) -> Vec<f64> {
+    /// What it adds to a signal: shapes, and what moves with the signal's own ring.
+    fn seen(&self, linear: &Linear, drive: f64, z: &[f64; COVARIATES]) -> [Vec<f64>; 2] {
         let powers = [1.0, drive, drive * drive, drive * drive * drive];
         let by: [f64; ALL] =
             std::array::from_fn(|j| z.iter().zip(&self.beta).map(|(z, beta)| z * beta[j]).sum());
-        (0..linear.residual.len())
-            .map(|k| {
-                let shape: f64 = (0..PATTERNS).map(|p| powers[p] * self.shapes[p][k]).sum();
-                let moved: f64 = (0..ALL).map(|j| by[j] * linear.tangent.columns[j][k]).sum();
-                linear.counts[k] * (shape + moved) + self.tail * linear.tail[k]
-            })
-            .collect()
+        let shape = |(k, count): (usize, &f64)| -> f64 {
+            count * (0..PATTERNS).map(|p| powers[p] * self.shapes[p][k]).sum::<f64>()
+        };
+        let moved = |(k, tail): (usize, &f64)| -> f64 {
+            let of_parameters = (0..ALL).map(|j| by[j] * linear.tangent.columns[j][k]);
+            of_parameters.sum::<f64>() + self.tail * tail
+        };
+        [
+            linear.counts.iter().enumerate().map(shape).collect(),
+            linear.tail.iter().enumerate().map(moved).collect(),
+        ]
     }
 }
 
@@ -118,17 +123,27 @@ impl Clusters<'_> {
         for (i, row) in self.data.rows.iter().enumerate() {
             if row.burst.is_multiple_of(stride) {
                 self.model.linearise(i, self.data, self.beside, &mut linear);
-                let u = change.seen(&linear, self.beside.drive[i], &self.beside.z[i]);
-                self.add(i, &linear, &u, &scale, &mut bursts[row.burst]);
+                let seen = change.seen(&linear, self.beside.drive[i], &self.beside.z[i]);
+                self.add(i, &linear, seen, &scale, &mut bursts[row.burst]);
             }
         }
         bursts.retain(|burst| burst.along.information > 0.0);
         spread(&bursts)
     }
 
-    /// What signal i says of u.
-    fn add(&self, i: usize, linear: &Linear, u: &[f64], scale: &Vector5, burst: &mut Burst) {
+    /// What signal i says of what is seen in it.
+    fn add(
+        &self,
+        i: usize,
+        linear: &Linear,
+        seen: [Vec<f64>; 2],
+        scale: &Vector5,
+        burst: &mut Burst,
+    ) {
         let v = self.model.noise_var;
+        let [shape, moved] = seen;
+        let u: Vec<f64> = shape.iter().zip(&moved).map(|(shape, moved)| shape + moved).collect();
+        let u = u.as_slice();
         let (gram, of_residual) = free_products(linear, scale);
         let own = self.model.each[i].fixed_rows::<FREE>(0).component_div(scale);
         let of_u = scale.map_with_location(|j, _, s| s * dot(&linear.tangent.columns[j], u));
@@ -138,7 +153,8 @@ impl Clusters<'_> {
         let m = within * inner.try_inverse().unwrap_or_else(Matrix5::zeros);
         let of_r = of_residual + gram * own;
         let all = Sum {
-            score: (dot(u, &linear.residual) + of_u.dot(&own)) / v - of_u.dot(&(m * of_r)) / (v * v),
+            score: (dot(u, &linear.residual) + of_u.dot(&own)) / v
+                - of_u.dot(&(m * of_r)) / (v * v),
             information: dot(u, u) / v - of_u.dot(&(m * of_u)) / (v * v),
         };
         // across the tangent there is noise alone
@@ -147,6 +163,11 @@ impl Clusters<'_> {
             score: (dot(u, &linear.residual) - along.dot(&of_residual)) / v,
             information: (dot(u, u) - along.dot(&of_u)).max(0.0) / v,
         };
+        let unscaled = |m: Matrix5| Matrix5::from_fn(|a, b| m[(a, b)] * scale[a] * scale[b]);
+        let theta = self.model.theta(i, self.data, self.beside);
+        let posterior = unscaled(m);
+        let beyond = beyond_the_likeliest(&theta, linear, self.beside.drive[i], &posterior, v);
+        burst.along.score -= dot(&shape, &beyond) / v;
         burst.across.add(across, 1.0);
         burst.along.add(all, 1.0);
         burst.along.add(across, -1.0);
