@@ -167,7 +167,7 @@ impl Clusters<'_> {
         let theta = self.model.theta(i, self.data, self.beside);
         let posterior = unscaled(m);
         let beyond = beyond_the_likeliest(&theta, linear, self.beside.drive[i], &posterior, v);
-        burst.along.score -= dot(&shape, &beyond) / v;
+        burst.along.score -= dot(&shape, &beyond.expected) / v;
         burst.across.add(across, 1.0);
         burst.along.add(all, 1.0);
         burst.along.add(across, -1.0);

@@ -37,6 +37,14 @@ impl Second {
     }
 }
 
+/// What a signal's posterior is beyond its likeliest parameters.
+pub struct Beyond {
+    /// What is expected, sample by sample: E[f] - f.
+    pub expected: Vec<f64>,
+    /// The slope by which the posterior's mean is off: it is off by covariance times this.
+    pub slope: Vector5,
+}
+
 /// `posterior`: covariance of the signal's own parameters.
 pub fn beyond_the_likeliest(
     theta: &Theta,
@@ -44,25 +52,26 @@ pub fn beyond_the_likeliest(
     drive: f64,
     posterior: &Matrix5,
     noise_var: f64,
-) -> Vec<f64> {
+) -> Beyond {
     let second = Second::of(theta, drive, &linear.counts);
     let columns = &linear.tangent.columns;
     let curved = |h: &[[f64; 4]; 4]| -> f64 {
         (0..4).map(|j| (0..4).map(|k| posterior[(j, k)] * h[j][k]).sum::<f64>()).sum()
     };
-    let mut beyond: Vec<f64> = second.of.iter().map(curved).collect();
+    let mut expected: Vec<f64> = second.of.iter().map(curved).collect();
     // the posterior's mean is not where it is largest: by half of its third derivatives over the same covariance
-    let mut third = Vector5::from_fn(|m, _| dot(&columns[m], &beyond));
+    let mut third = Vector5::from_fn(|m, _| dot(&columns[m], &expected));
     for (at, h) in second.of.iter().enumerate() {
         for k in 0..4 {
             let by: f64 = (0..FREE).map(|j| columns[j][at] * posterior[(j, k)]).sum();
             (0..4).for_each(|m| third[m] += 2.0 * by * h[m][k]);
         }
     }
-    let shift = posterior * third / noise_var;
-    for (at, beyond) in beyond.iter_mut().enumerate() {
+    let slope = third * (-0.5 / noise_var);
+    let shift = posterior * slope;
+    for (at, expected) in expected.iter_mut().enumerate() {
         let moved: f64 = (0..FREE).map(|j| columns[j][at] * shift[j]).sum();
-        *beyond = 0.5 * (*beyond - moved);
+        *expected = 0.5 * *expected + moved;
     }
-    beyond
+    Beyond { expected, slope }
 }

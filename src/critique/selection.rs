@@ -6,12 +6,12 @@
 
 use super::candidates::{Kind, Locally, Objection, Scored};
 use super::catalogue::CauseId;
-use super::chance::{DETECTION_LIMIT, THRESHOLD, statistic_of, surprise};
+use super::chance::{DETECTION_LIMIT, HINT, THRESHOLD, statistic_of, surprise};
 use super::finding::{EXPLAINS_MORE, Evidence};
 use super::leftovers::Weighed;
 use super::model::Model;
 use super::refit::{Refit, Setting, Spaces, apply, follow, refit, rescored};
-use super::tuned::{HALF, TIE};
+use super::tuned::TIE;
 
 /// Causes that are looked for at most.
 const MOST_CAUSES: usize = 4;
@@ -236,7 +236,7 @@ impl<'a> Round<'a> {
 /// Whether a candidate is refitted beside the most surprising one.
 fn competes(s: &Scored, best: &Scored) -> bool {
     let of_shapes = |s: &Scored| matches!(s.applied.kind, Kind::Shapes);
-    of_shapes(s) == of_shapes(best) && s.surprise > HALF * THRESHOLD
+    of_shapes(s) == of_shapes(best) && s.surprise > HINT
 }
 
 /// The model without the causes that are not kept.
@@ -293,7 +293,7 @@ fn necessary(now: &Refit) -> Vec<bool> {
             at += q;
             let x = nalgebra::DVector::from_vec(total);
             let statistic = block.try_inverse().map_or(0.0, |inverse| x.dot(&(inverse * &x)));
-            surprise(statistic, own, 1.0, f64::INFINITY) > HALF * THRESHOLD
+            surprise(statistic, own, 1.0, f64::INFINITY) > HINT
         })
         .collect()
 }

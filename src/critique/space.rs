@@ -275,7 +275,8 @@ impl Weighed {
         let gram5: Matrix5 = gram.fixed_view::<FREE, FREE>(0, 0).into_owned();
         let inner = Matrix5::identity() + gram5 * model.within;
         // M = within (1 + G within)^-1: V^-1 = 1/v - J M J^T / v²
-        let m = model.within * inner.try_inverse().unwrap_or_else(Matrix5::zeros);
+        let inverse = inner.try_inverse().unwrap_or_else(Matrix5::zeros);
+        let m = model.within * inverse;
         let m = (m + m.transpose()) * 0.5;
         let j5 = j6.columns(0, FREE).into_owned();
         let l = &j5 * square_root(&m) / v;
@@ -283,11 +284,15 @@ impl Weighed {
         let w = &j6 / v - &l * (l.tr_mul(&j6));
         let of_residual = solve(&r);
         let beyond = beyond_the_likeliest(theta, linear, drive, &m, v);
+        let of_mean = inverse * beyond.slope;
         let tail = DVector::from_column_slice(&linear.tail);
         Weighed {
             h: Matrix6::from_fn(|a, b| j6.column(a).dot(&w.column(b))),
-            along_residual: SMatrix::from_fn(|a, _| w.column(a).dot(&r)),
-            of_shapes: &of_residual - DVector::from_vec(beyond) / v,
+            // the mean is told by the posteriors' means: W^-1 D = (1 + G within)^-1
+            along_residual: SMatrix::from_fn(|a, _| {
+                w.column(a).dot(&r) + of_mean.get(a).copied().unwrap_or(0.0)
+            }),
+            of_shapes: &of_residual - DVector::from_vec(beyond.expected) / v,
             of_tail: solve(&tail),
             along_tail: SMatrix::from_fn(|a, _| w.column(a).dot(&tail)),
             counts: linear.counts.clone(),

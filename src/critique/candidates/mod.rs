@@ -13,7 +13,7 @@ pub use lines::LEAST_PERIODS;
 pub use shapes::Locally;
 
 use super::catalogue::{Acts, CATALOGUE, CauseId, Needs, Shape};
-use super::chance::surprise;
+use super::chance::{HINT, surprise};
 use super::clusters::{Clusters, Spread};
 use super::covariates::Covariates;
 use super::finding::NOT_SIGNIFICANT;
@@ -23,9 +23,6 @@ use crate::critique::tuned::TIE;
 use crate::model::free_decay::ALL;
 use crate::model::terms::{Interior, Seen};
 use thiserror::Error;
-
-/// What is less surprising than this is nothing anyway, whatever bursts have in common.
-const WORTH_A_LOOK: f64 = 4.0;
 
 /// d theta per relative change of damping (the real pole with it), of frequency, and of all rates, where
 /// the interior is not known.
@@ -228,7 +225,7 @@ impl<'a> Bench<'a> {
     /// judged by the spread over bursts, where these have more in common than their signals let expect.
     pub fn score_one(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let mut scored = self.as_if_independent(id, near)?;
-        if scored.surprise < WORTH_A_LOOK {
+        if scored.surprise < HINT {
             return Some(scored);
         }
         let Applied { kind, directions, coefficients, .. } = &scored.applied;
