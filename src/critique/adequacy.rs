@@ -36,7 +36,7 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
     // noise that grows with the signal makes what is largest look surer than it is
     let growth = accepted(&aside.noise, CauseId::HeteroscedasticNoise).map_or(1.0, |h| 1.0 + h);
     let mut look = Unexplained::default();
-    if aside.odd_signals > without_a_name(1.0) {
+    if aside.odd_signals > without_a_name(CATALOGUE.len() as f64) {
         let what =
             "a few signals ring like the others and have a misfit of a shape: a pulse, a step";
         look.tell(what.into(), 2.0 * aside.odd_signals);
@@ -63,7 +63,9 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
     let mut told = Vec::new();
     for s in &selected.unnamed {
         let s = judged_again(s, &bench);
-        if s.surprise / growth > without_a_name(CATALOGUE.len() as f64) && !is_relative(&s, selected) {
+        if s.surprise / growth > without_a_name(CATALOGUE.len() as f64)
+            && !is_relative(&s, selected)
+        {
             let what = format!("something like {} ({})", s.applied.id, s.why_not());
             look.tell(what, s.statistic);
             told.push(s.applied.id);

@@ -372,7 +372,7 @@ fn fitted(before: &Model, causes: &[Applied], part: Setting) -> Option<(Model, M
         return Some((plain.clone(), plain));
     }
     let mut model = plain.clone();
-    causes.iter().for_each(|c| apply(&mut model, c, &c.coefficients));
+    causes.iter().for_each(|c| apply(&mut model, c, &c.coefficients, part));
     Some((plain, refit(model, causes.to_vec(), part, 3, true).model))
 }
 

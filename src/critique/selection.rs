@@ -178,7 +178,7 @@ impl<'a> Round<'a> {
             let mut model = now.model.clone();
             let mut causes = now.causes.clone();
             follow(&mut model, &now.spaces, &[], std::slice::from_ref(&scored.applied), 1.0);
-            apply(&mut model, &scored.applied, &scored.applied.coefficients);
+            apply(&mut model, &scored.applied, &scored.applied.coefficients, setting);
             causes.push(scored.applied.clone());
             let refitted = refit(model, causes, setting, 3, false);
             if refitted.last_is_able(setting) {
@@ -250,7 +250,7 @@ fn without(
     let Refit { mut model, mut causes, .. } = now;
     for (cause, _) in causes.iter().zip(kept).filter(|(_, k)| !**k) {
         let minus: Vec<f64> = cause.coefficients.iter().map(|c| -c).collect();
-        apply(&mut model, cause, &minus);
+        apply(&mut model, cause, &minus, setting);
     }
     let mut keep = kept.iter();
     chosen.retain(|_| *keep.next().unwrap_or(&true));
