@@ -17,6 +17,8 @@ use crate::model::free_decay::{ALL, FREE};
 
 /// Signals that are looked at, at most.
 const MOST: usize = 4096;
+/// Place of the real pole's amplitude among a signal's own parameters.
+const REAL_POLE: usize = 4;
 /// Coefficients that bursts are judged about: the mean, and the direction's own.
 const FITTED: f64 = 2.0;
 /// Bursts spread more than their signals where chance makes them spread so in one of twenty recordings, sd.
@@ -101,8 +103,10 @@ impl Sum {
         self.information += share * other.information;
     }
 
-    fn statistic(&self) -> f64 {
-        self.score * self.score / self.information
+    /// Of what is in the model already, once, and of what is not.
+    fn statistic(&self, present: bool) -> f64 {
+        let score = if present { self.score + self.information } else { self.score };
+        score * score / self.information
     }
 }
 
@@ -113,68 +117,96 @@ struct Burst {
     across: Sum,
 }
 
+/// What one signal says about its channel; and, of the channel's own parameters, its information and what the
+/// direction looks like in them.
+struct OfSignal {
+    burst: usize,
+    all: Sum,
+    across: Sum,
+    information: Matrix5,
+    looks_like: Vector5,
+}
+
 impl Clusters<'_> {
-    pub fn spread(&self, direction: &Direction) -> Spread {
+    /// `present`: the direction is in the model already.
+    pub fn spread(&self, direction: &Direction, present: bool) -> Spread {
         let stride = self.data.len().div_ceil(MOST);
         let change = Change::of(direction, self.data.samples);
-        let scale = self.model.scale();
         let mut bursts = vec![Burst::default(); self.data.bursts];
         let mut linear = Linear::default();
-        for (i, row) in self.data.rows.iter().enumerate() {
-            if row.burst.is_multiple_of(stride) {
-                self.model.linearise(i, self.data, self.beside, &mut linear);
-                let seen = change.seen(&linear, self.beside.drive[i], &self.beside.z[i]);
-                self.add(i, &linear, seen, &scale, &mut bursts[row.burst]);
-            }
+        let rows: Vec<usize> = (0..self.data.len())
+            .filter(|&i| self.data.rows[i].burst.is_multiple_of(stride))
+            .collect();
+        for of_channel in rows.chunk_by(|&i, &j| self.data.rows[i].unit == self.data.rows[j].unit) {
+            let says = |&i: &usize| self.says(i, &change, &mut linear);
+            self.add_channel(&of_channel.iter().map(says).collect::<Vec<_>>(), &mut bursts);
         }
         bursts.retain(|burst| burst.along.information > 0.0);
-        spread(&bursts)
+        spread(&bursts, present)
     }
 
-    /// What signal i says of what is seen in it.
-    fn add(
-        &self,
-        i: usize,
-        linear: &Linear,
-        seen: [Vec<f64>; 2],
-        scale: &Vector5,
-        burst: &mut Burst,
-    ) {
-        let v = self.model.noise_var;
-        let [shape, moved] = seen;
+    /// What a channel may have of its own tells nothing.
+    fn add_channel(&self, signals: &[OfSignal], bursts: &mut [Burst]) {
+        let precision = inverse(&scaled(&self.model.between, &self.model.scale()));
+        let information = signals.iter().map(|s| s.information).sum::<Matrix5>() + precision;
+        let looks_like: Vector5 = signals.iter().map(|s| s.looks_like).sum();
+        let own = information.try_inverse().unwrap_or_else(Matrix5::zeros) * looks_like;
+        for signal in signals {
+            let burst = &mut bursts[signal.burst];
+            burst.across.add(signal.across, 1.0);
+            burst.along.add(signal.all, 1.0);
+            burst.along.add(signal.across, -1.0);
+            burst.along.information -= own.dot(&signal.looks_like);
+        }
+    }
+
+    /// What signal i says of a direction.
+    fn says(&self, i: usize, change: &Change, linear: &mut Linear) -> OfSignal {
+        let Clusters { model, data, beside } = *self;
+        model.linearise(i, data, beside, linear);
+        let [shape, moved] = change.seen(linear, beside.drive[i], &beside.z[i]);
         let u: Vec<f64> = shape.iter().zip(&moved).map(|(shape, moved)| shape + moved).collect();
-        let u = u.as_slice();
-        let (gram, of_residual) = free_products(linear, scale);
-        let own = self.model.each[i].fixed_rows::<FREE>(0).component_div(scale);
-        let of_u = scale.map_with_location(|j, _, s| s * dot(&linear.tangent.columns[j], u));
+        let (v, scale) = (model.noise_var, model.scale());
+        let (mut gram, mut of_residual) = free_products(linear, &scale);
+        let mut own = model.each[i].fixed_rows::<FREE>(0).component_div(&scale);
+        let mut of_u = scale.map_with_location(|j, _, s| s * dot(&linear.tangent.columns[j], &u));
+        // what hardly rings is told by noise alone, whatever bursts have in common
+        gram.fill_row(REAL_POLE, 0.0);
+        gram.fill_column(REAL_POLE, 0.0);
+        (of_residual[REAL_POLE], own[REAL_POLE], of_u[REAL_POLE]) = (0.0, 0.0, 0.0);
         // V^-1 = 1/v - J M J^T/v², about the channel and not about the signal's own parameters
-        let within = scaled(&self.model.within, scale);
+        let within = scaled(&model.within, &scale);
         let inner = Matrix5::identity() + gram * within / v;
         let m = within * inner.try_inverse().unwrap_or_else(Matrix5::zeros);
         let of_r = of_residual + gram * own;
+        let weighed = |x: &Vector5| (x - gram * (m * x) / v) / v;
+        let posterior = Matrix5::from_fn(|a, b| m[(a, b)] * scale[a] * scale[b]);
+        let theta = model.theta(i, data, beside);
+        let beyond = beyond_the_likeliest(&theta, linear, beside.drive[i], &posterior, v);
         let all = Sum {
-            score: (dot(u, &linear.residual) + of_u.dot(&own)) / v
+            score: (dot(&u, &linear.residual) + of_u.dot(&own) - dot(&shape, &beyond.expected)) / v
                 - of_u.dot(&(m * of_r)) / (v * v),
-            information: dot(u, u) / v - of_u.dot(&(m * of_u)) / (v * v),
+            information: dot(&u, &u) / v - of_u.dot(&(m * of_u)) / (v * v),
         };
         // across the tangent there is noise alone
         let along = inverse(&gram) * of_u;
         let across = Sum {
-            score: (dot(u, &linear.residual) - along.dot(&of_residual)) / v,
-            information: (dot(u, u) - along.dot(&of_u)).max(0.0) / v,
+            score: (dot(&u, &linear.residual) - along.dot(&of_residual)) / v,
+            information: (dot(&u, &u) - along.dot(&of_u)).max(0.0) / v,
         };
-        let unscaled = |m: Matrix5| Matrix5::from_fn(|a, b| m[(a, b)] * scale[a] * scale[b]);
-        let theta = self.model.theta(i, self.data, self.beside);
-        let posterior = unscaled(m);
-        let beyond = beyond_the_likeliest(&theta, linear, self.beside.drive[i], &posterior, v);
-        burst.along.score -= dot(&shape, &beyond.expected) / v;
-        burst.across.add(across, 1.0);
-        burst.along.add(all, 1.0);
-        burst.along.add(across, -1.0);
+        OfSignal {
+            burst: data.rows[i].burst,
+            all,
+            across,
+            information: Matrix5::from_columns(
+                &(0..FREE).map(|j| weighed(&gram.column(j).into_owned())).collect::<Vec<_>>(),
+            ),
+            looks_like: weighed(&of_u),
+        }
     }
 }
 
-fn spread(bursts: &[Burst]) -> Spread {
+fn spread(bursts: &[Burst], present: bool) -> Spread {
     let dof = bursts.len() as f64 - FITTED;
     let (mut along, mut across) = (Sum::default(), Sum::default());
     for burst in bursts {
@@ -198,7 +230,7 @@ fn spread(bursts: &[Burst]) -> Spread {
     weighed.add(along, 1.0 / excess);
     let estimated = along.information / excess / weighed.information;
     Spread {
-        statistic: (weighed.statistic() / all.statistic()).min(1.0),
+        statistic: (weighed.statistic(present) / all.statistic(present)).min(1.0),
         information: weighed.information / all.information,
         dof: dof / (estimated * estimated),
     }
@@ -227,7 +259,7 @@ mod tests {
         let mut v = [0.0; ALL];
         (v[2], v[3]) = (model.mean[2], model.mean[3]);
         let direction = Direction::covariate(data.samples, TEMPERATURE, v);
-        Clusters { model: &model, data: &data, beside: &beside }.spread(&direction)
+        Clusters { model: &model, data: &data, beside: &beside }.spread(&direction, false)
     }
 
     #[test]

@@ -277,9 +277,9 @@ impl Bench<'_> {
                 // of one with the others free: the combination of all that its coefficient is
                 Some(t) if beside > tested.statistic => {
                     let combined = t.covariance.column(j).into_owned();
-                    self.spread(self.covariates, &each, combined.as_slice())
+                    self.spread(&each, combined.as_slice())
                 }
-                _ => self.spread(self.covariates, std::slice::from_ref(direction), &[1.0]),
+                _ => self.spread(std::slice::from_ref(direction), &[1.0]),
             };
             let statistic = statistic * spread.statistic;
             Some(of(statistic, surprise(statistic, 1, 1.0, dof.min(spread.dof))))

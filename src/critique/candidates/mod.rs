@@ -230,7 +230,8 @@ impl<'a> Bench<'a> {
         }
         let Applied { kind, directions, coefficients, .. } = &scored.applied;
         let view = if matches!(kind, Kind::Shapes) { self.shapes } else { self.covariates };
-        let spread = self.spread(view, directions, coefficients);
+        let direction = view.nuisance.efficient(view.space, directions, coefficients);
+        let spread = self.clusters.spread(&direction, near.is_some());
         scored.statistic *= spread.statistic;
         scored.sd /= spread.information.sqrt();
         let Scored { statistic, degrees, tried, .. } = scored;
@@ -238,9 +239,10 @@ impl<'a> Bench<'a> {
         Some(scored)
     }
 
-    /// How bursts spread along directions together, each by so much, beside what is allowed for.
-    fn spread(&self, view: View, directions: &[Direction], coefficients: &[f64]) -> Spread {
-        self.clusters.spread(&view.nuisance.efficient(view.space, directions, coefficients))
+    /// How bursts spread along what moves with a covariate, each direction by so much, beside what is allowed for.
+    fn spread(&self, directions: &[Direction], coefficients: &[f64]) -> Spread {
+        let View { space, nuisance } = self.covariates;
+        self.clusters.spread(&nuisance.efficient(space, directions, coefficients), false)
     }
 
     fn as_if_independent(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
