@@ -75,3 +75,53 @@ pub fn beyond_the_likeliest(
     }
     Beyond { expected, slope }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::matrices::inverse;
+    use super::super::model::free_products;
+    use super::*;
+    use crate::model::free_decay::add;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::StandardNormal;
+
+    /// A signal whose noise leaves its phase open by a tenth of a radian; draws from its posterior.
+    #[test]
+    fn what_is_expected_is_the_mean_over_the_posterior() {
+        const N: usize = 64;
+        let theta = Theta::from([2_f64.ln(), 20_f64.ln(), 60.0, -40.0, 0.0, 3_f64.ln()]);
+        let within =
+            Matrix5::from_diagonal(&Vector5::from([0.1, 0.02, 5.0, 5.0, 1e-4]).map(|s| s * s));
+        let noise_var = 200.0;
+        let mut linear =
+            Linear { counts: vec![1.0; N], residual: vec![0.0; N], ..Linear::default() };
+        linear.tangent.at(&theta, 0.0, false, N);
+        let (gram, _) = free_products(&linear, &Vector5::repeat(1.0));
+        let posterior = inverse(&(gram / noise_var + within.try_inverse().unwrap()));
+        let beyond = beyond_the_likeliest(&theta, &linear, 1.0, &posterior, noise_var);
+        let root = posterior.cholesky().unwrap().l();
+        let decay = |theta: &Theta| {
+            let mut y = vec![0.0; N];
+            add(theta, false, 0.0, 1.0, &mut y);
+            y
+        };
+        let (at, mut rng) = (decay(&theta), ChaCha8Rng::seed_from_u64(5));
+        let (mut sum, mut weights) = (vec![0.0; N], 0.0);
+        for _ in 0..100_000 {
+            let z = Vector5::from_fn(|_, _| rng.sample(StandardNormal));
+            for by in [root * z, -root * z] {
+                let mut drawn = theta;
+                (0..FREE).for_each(|j| drawn[j] += by[j]);
+                let off: Vec<f64> = decay(&drawn).iter().zip(&at).map(|(y, at)| y - at).collect();
+                let likely = dot(&off, &off) / noise_var - by.dot(&(gram * by)) / noise_var;
+                let weight = (-0.5 * likely).exp();
+                weights += weight;
+                sum.iter_mut().zip(&off).for_each(|(sum, off)| *sum += weight * off);
+            }
+        }
+        let found: Vec<f64> = sum.iter().map(|sum| sum / weights).collect();
+        let off: Vec<f64> = found.iter().zip(&beyond.expected).map(|(x, y)| x - y).collect();
+        assert!(dot(&off, &off) < 0.03 * dot(&found, &found), "{found:?}\n{:?}", beyond.expected);
+    }
+}
