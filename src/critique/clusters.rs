@@ -124,6 +124,7 @@ struct OfSignal {
     all: Sum,
     across: Sum,
     information: Matrix5,
+    score: Vector5,
     looks_like: Vector5,
 }
 
@@ -156,7 +157,9 @@ impl Clusters<'_> {
             burst.across.add(signal.across, 1.0);
             burst.along.add(signal.all, 1.0);
             burst.along.add(signal.across, -1.0);
-            burst.along.information -= own.dot(&signal.looks_like);
+            burst.along.score -= own.dot(&signal.score);
+            burst.along.information +=
+                own.dot(&(signal.information * own)) - 2.0 * own.dot(&signal.looks_like);
         }
     }
 
@@ -201,6 +204,7 @@ impl Clusters<'_> {
             information: Matrix5::from_columns(
                 &(0..FREE).map(|j| weighed(&gram.column(j).into_owned())).collect::<Vec<_>>(),
             ),
+            score: weighed(&of_r),
             looks_like: weighed(&of_u),
         }
     }
