@@ -5,13 +5,13 @@
 
 use super::candidates::{Applied, Bench, Kind, Objection, Scored};
 use super::catalogue::{CATALOGUE, CauseId};
-use super::chance::THRESHOLD;
+use super::chance::without_a_name;
 use super::covariates::{DRIVE, NAMES, TEMPERATURE, TIME};
 use super::found::{Aside, accepted};
 use super::refit::Setting;
 use super::selection::Selected;
 use super::space::Direction;
-use super::tuned::{LEFT_BY_ALL, MARGIN};
+use super::tuned::LEFT_BY_ALL;
 
 /// Parameters in words.
 const PARAMETERS: [&str; 5] = ["damping", "frequency", "amplitude", "phase", "slow decay"];
@@ -36,7 +36,7 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
     // noise that grows with the signal makes what is largest look surer than it is
     let growth = accepted(&aside.noise, CauseId::HeteroscedasticNoise).map_or(1.0, |h| 1.0 + h);
     let mut look = Unexplained::default();
-    if aside.odd_signals > THRESHOLD + MARGIN {
+    if aside.odd_signals > without_a_name(CATALOGUE.len() as f64) {
         let what =
             "a few signals ring like the others and have a misfit of a shape: a pulse, a step";
         look.tell(what.into(), 2.0 * aside.odd_signals);
@@ -48,13 +48,14 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
     }
     let local = bench.local_scan();
     let local = local.surprise / growth - local.tried.max(1.0).ln();
-    // one look, and not one of a catalogue's
-    if local > MARGIN + THRESHOLD - (CATALOGUE.len() as f64).ln() {
+    if local > without_a_name(1.0) {
         look.tell("the mean misfit has a shape of its own".into(), 2.0 * local);
     }
     let owned = owned_covariates(selected);
-    for found in bench.covariate_scan() {
-        if !owned.contains(&found.covariate) && found.surprise > THRESHOLD + MARGIN {
+    let looks = bench.covariate_scan();
+    let asked = without_a_name(looks.len() as f64);
+    for found in looks {
+        if !owned.contains(&found.covariate) && found.surprise > asked {
             let (parameter, covariate) = (PARAMETERS[found.parameter], NAMES[found.covariate]);
             look.tell(format!("{parameter} follows {covariate}"), 2.0 * found.surprise);
         }
@@ -62,7 +63,9 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
     let mut told = Vec::new();
     for s in &selected.unnamed {
         let s = judged_again(s, &bench);
-        if s.surprise / growth > THRESHOLD + MARGIN && !is_relative(&s, selected) {
+        if s.surprise / growth > without_a_name(CATALOGUE.len() as f64)
+            && !is_relative(&s, selected)
+        {
             let what = format!("something like {} ({})", s.applied.id, s.why_not());
             look.tell(what, s.statistic);
             told.push(s.applied.id);

@@ -5,6 +5,13 @@ use std::f64::consts::TAU;
 /// -ln of the chance that one candidate passes on data of the model itself: 22 candidates stay well
 /// below 1 % together.
 pub const THRESHOLD: f64 = 8.3;
+/// What is less surprising is looked at no further, competes with nothing, and goes again from a model: half as much.
+pub const HINT: f64 = THRESHOLD / 2.0;
+/// -ln of the chance that looks without the catalogue, all of one kind together, pass on data of the model itself:
+/// one in 1000.
+const WITHOUT_A_NAME: f64 = 6.9;
+/// The normal deviate that is exceeded, one way or the other, once in 100.
+pub const ONCE_IN_100: f64 = 2.576;
 /// Noncentrality of one detection limit.
 pub const DETECTION_LIMIT: f64 = 20.9;
 
@@ -29,6 +36,11 @@ pub fn surprise(statistic: f64, degrees: usize, tried: f64, dof: f64) -> f64 {
         }
     };
     (-ln_p - tried.ln()).max(0.0)
+}
+
+/// How surprising one of so many looks without the catalogue must be.
+pub fn without_a_name(looks: f64) -> f64 {
+    WITHOUT_A_NAME + looks.max(1.0).ln()
 }
 
 /// The statistic at which a surprise that grows with it reaches what is asked: bisection.

@@ -4,12 +4,12 @@
 //! samples are left out of what is fitted afterwards (`Model::ceiling`).
 
 use super::catalogue::CauseId;
-use super::chance::ln_normal_tail;
+use super::chance::{THRESHOLD, ln_normal_tail};
 use super::covariates::Covariates;
 use super::found::Found;
 use super::model::{Linear, Model};
 use super::observations::Observations;
-use super::tuned::{CLIPPED_LESS, CLIPPED_SHARE, ODD_GAPS, POPULATED};
+use super::tuned::{CLIPPED_LESS, CLIPPED_SHARE, ODD_GAPS};
 use std::collections::BTreeMap;
 
 pub fn test(data: &Observations, beside: &Covariates, model: &mut Model) -> Vec<Found> {
@@ -122,7 +122,7 @@ fn lattice(
     let missed = often
         .iter()
         .zip(met[0]..)
-        .filter(|(often, code)| **often > POPULATED && !histogram.contains_key(code));
+        .filter(|(often, code)| **often > THRESHOLD && !histogram.contains_key(code));
     let (missing, chances) = missed.fold((0, 0.0), |(n, sum), (often, _)| (n + 1, sum + often));
     let surprise = if missing > 2 { 0.5 * chances } else { 0.0 };
     let whole = step.round().max(1.0);

@@ -30,12 +30,13 @@ use super::outcome::{FEWEST_SAMPLES, FEWEST_SIGNALS};
 use super::outliers::{Outliers, outliers};
 use super::refit::Setting;
 use super::selection::{self, Chosen, Selected};
-use super::tuned::NEARLY_WHITE;
 use super::words::{cause_sentence, equation, sentence, ties};
 use std::f64::consts::TAU;
 
 /// Times that the correlation of the noise is estimated anew.
 const MOST_WHITENINGS: usize = 10;
+/// Correlation that may be left: a tenth of what can be told in 200 signals of 128 samples.
+const NEARLY_WHITE: f64 = 0.003;
 /// Longer signals are judged by their first samples.
 pub const MOST_SAMPLES: usize = 512;
 
@@ -78,10 +79,13 @@ fn of_signals(
         return Err(CritiqueError::TooShort { samples: all.samples });
     }
     stages("fitting the baseline");
-    let Outliers { out: outlier, shaped } = match labelled || !real {
-        true => Outliers { out: vec![false; all.len()], shaped: 0.0 },
-        false => outlying(all)?,
+    let Outliers { out: mut outlier, shaped } = match real {
+        true => outlying(all)?,
+        false => Outliers { out: vec![false; all.len()], shaped: 0.0 },
     };
+    if labelled {
+        outlier.fill(false);
+    }
     let data = all.select(|i| !outlier[i]);
     check_enough(data.len(), real)?;
     let beside = Covariates::of(&data);

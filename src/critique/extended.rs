@@ -101,7 +101,7 @@ pub fn in_colour(mut causes: Vec<Applied>, setting: Setting) -> Result<Extended,
     let mut model = start.map_err(|_| NotExtended::Unfit)?;
     model.fit(setting.data, setting.beside, 2);
     causes.retain(|cause| !matches!(cause.kind, Kind::Shapes));
-    causes.iter().for_each(|cause| apply(&mut model, cause, &cause.coefficients));
+    causes.iter().for_each(|cause| apply(&mut model, cause, &cause.coefficients, setting));
     let refit = refit(model, causes, setting, 2, true);
     Ok(Extended::new(refit.model, &refit.causes, setting.beside))
 }

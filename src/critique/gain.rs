@@ -13,7 +13,6 @@ use super::matrices::{Matrix5, Vector5, floored, scaled};
 use super::model::{Linear, Model, dot, free_products};
 use super::observations::Observations;
 use super::refit::{Setting, apply, refit};
-use super::tuned::SHRINKAGE;
 use super::whiteness::{Lags, whiteness_p};
 use crate::model::free_decay::FREE;
 use nalgebra::DMatrix;
@@ -24,6 +23,9 @@ use rand_chacha::ChaCha8Rng;
 const FEWEST_UNITS: usize = 6;
 /// Signals of a part that a model can be fitted to.
 const FEWEST: usize = 8;
+/// So many channels' weight has the guess that the scatter's parts are independent: the fewest that an inverse Wishart
+/// prior with a mean needs.
+const SHRINKAGE: f64 = FREE as f64 + 1.0;
 const RESAMPLINGS: usize = 100;
 /// Blocks of time with equally many signals.
 const BLOCKS: usize = 5;
@@ -370,7 +372,7 @@ fn fitted(before: &Model, causes: &[Applied], part: Setting) -> Option<(Model, M
         return Some((plain.clone(), plain));
     }
     let mut model = plain.clone();
-    causes.iter().for_each(|c| apply(&mut model, c, &c.coefficients));
+    causes.iter().for_each(|c| apply(&mut model, c, &c.coefficients, part));
     Some((plain, refit(model, causes.to_vec(), part, 3, true).model))
 }
 

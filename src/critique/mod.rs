@@ -13,6 +13,7 @@ mod chance;
 mod clusters;
 mod codes;
 pub mod covariates;
+mod curvature;
 pub mod decay;
 pub mod digits;
 pub mod engine;

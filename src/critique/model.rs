@@ -53,6 +53,15 @@ pub struct Linear {
     pub tangent: Tangent,
     pub residual: Vec<f64>,
     pub tail: Vec<f64>,
+    /// 1 for every sample that counts, 0 where it is clipped.
+    pub counts: Vec<f64>,
+}
+
+impl Linear {
+    /// How many samples count.
+    pub fn counted(&self) -> f64 {
+        self.counts.iter().sum()
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -191,6 +200,8 @@ impl Model {
             free_decay::add(&theta, self.real, shift, 1.0, &mut out.tail);
         }
         out.residual.clear();
+        out.counts.clear();
+        out.counts.resize(n, 1.0);
         let powers = [1.0, s, s * s, s * s * s];
         for (k, &y) in data.signal(i).iter().enumerate() {
             out.tangent.columns.iter_mut().for_each(|column| column[k] *= s);
@@ -200,6 +211,7 @@ impl Model {
             let expected = plain + self.rounding(plain);
             out.residual.push(f64::from(y) - expected);
             if self.ceiling.is_some_and(|ceiling| expected > ceiling || f64::from(y) > ceiling) {
+                out.counts[k] = 0.0;
                 out.residual[k] = 0.0;
                 out.tail[k] = 0.0;
                 out.tangent.columns.iter_mut().for_each(|column| column[k] = 0.0);

@@ -9,7 +9,7 @@ use super::covariates::{Covariates, DRIVE, square_of};
 use super::model::Model;
 use super::observations::Observations;
 use super::space::{Channels, Direction, Nuisance, Space};
-use crate::model::free_decay::ALL;
+use crate::model::free_decay::{ALL, Theta};
 use std::collections::BTreeSet;
 
 /// Rounds of a refit at most (of a rival, at the scatter that is known; of the model itself), and the change of
@@ -21,8 +21,8 @@ const RESTS: f64 = 2e-5;
 /// Share of a step below which none leads further.
 const LEAST_STRIDE: f64 = 0.2;
 
-/// Puts a cause into a model, `share` of its coefficients.
-pub fn apply(model: &mut Model, applied: &Applied, coefficients: &[f64]) {
+/// Puts a cause into a model, or takes it out.
+pub fn apply(model: &mut Model, applied: &Applied, coefficients: &[f64], setting: Setting) {
     match &applied.kind {
         Kind::Shapes => {
             let n = model.shapes[0].len();
@@ -35,13 +35,27 @@ pub fn apply(model: &mut Model, applied: &Applied, coefficients: &[f64]) {
             }
         }
         Kind::Covariate { which, v } => {
-            for (v, coefficient) in v.iter().zip(coefficients) {
-                for (beta, v) in model.beta[*which].iter_mut().zip(v) {
-                    *beta += coefficient * v;
-                }
-            }
+            let by = v.iter().zip(coefficients).map(|(v, c)| Theta::from(*v) * *c).sum();
+            model.beta[*which] += by;
+            give_up(model, *which, by, setting);
         }
         Kind::Tail => model.tail_gain += coefficients[0],
+    }
+}
+
+/// What a covariate takes over, channels and signals give up of their own: they ring where they rang. From elsewhere
+/// one that has drifted by a radian would not be found again.
+fn give_up(model: &mut Model, which: usize, mut by: Theta, Setting { data, beside, .. }: Setting) {
+    by[ALL - 1] = 0.0;
+    let mut means = vec![(0.0, 0.0); data.units];
+    for (row, z) in data.rows.iter().zip(&beside.z) {
+        means[row.unit].0 += z[which];
+        means[row.unit].1 += 1.0;
+    }
+    let mean = |unit: usize| means[unit].0 / f64::max(means[unit].1, 1.0);
+    model.units.iter_mut().enumerate().for_each(|(unit, own)| *own -= by * mean(unit));
+    for ((own, row), z) in model.each.iter_mut().zip(&data.rows).zip(&beside.z) {
+        *own -= by * (z[which] - mean(row.unit));
     }
 }
 
@@ -289,8 +303,8 @@ fn stepped(
     follow(&mut model, spaces, causes, &next, stride);
     for (old, new) in causes.iter().zip(&next) {
         let minus: Vec<f64> = old.coefficients.iter().map(|c| -c).collect();
-        apply(&mut model, old, &minus);
-        apply(&mut model, new, &new.coefficients);
+        apply(&mut model, old, &minus, setting);
+        apply(&mut model, new, &new.coefficients, setting);
     }
     (model, next)
 }

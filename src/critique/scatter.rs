@@ -76,7 +76,7 @@ impl Model {
             let ridge = gram + Matrix5::identity() * (1e-9 * gram.trace());
             let explained =
                 ridge.cholesky().map_or(0.0, |c| product.dot(&c.solve(&product))).min(square);
-            left.push((square - explained) / (data.samples - FREE).max(1) as f64);
+            left.push((square - explained) / (linear.counted() - FREE as f64).max(1.0));
             let own = self.each[i].fixed_rows::<FREE>(0).component_div(scale);
             // about the channel, not about the signal's own parameters
             let product = product + gram * own;

@@ -6,12 +6,12 @@
 
 use super::candidates::{Kind, Locally, Objection, Scored};
 use super::catalogue::CauseId;
-use super::chance::{DETECTION_LIMIT, THRESHOLD, statistic_of, surprise};
+use super::chance::{DETECTION_LIMIT, HINT, THRESHOLD, statistic_of, surprise};
 use super::finding::{EXPLAINS_MORE, Evidence};
 use super::leftovers::Weighed;
 use super::model::Model;
 use super::refit::{Refit, Setting, Spaces, apply, follow, refit, rescored};
-use super::tuned::{HALF, TIE};
+use super::tuned::TIE;
 
 /// Causes that are looked for at most.
 const MOST_CAUSES: usize = 4;
@@ -98,7 +98,11 @@ pub fn select(
     measure(&mut chosen, &last, setting);
     let mut all: Vec<Weighed> = chosen.iter().map(Chosen::weighed).collect();
     all.extend(found);
-    let kept: Vec<bool> = all[..chosen.len()].iter().map(|own| own.is_beyond(&all)).collect();
+    // what brought a cause in was told about a model without it: beside all others it must say as much still
+    let stands = |(cause, own): (&Chosen, &Weighed)| {
+        cause.scored.surprise > THRESHOLD && own.is_beyond(&all)
+    };
+    let kept: Vec<bool> = chosen.iter().zip(&all).map(stands).collect();
     if kept.iter().any(|k| !k) {
         last = without(last, &mut chosen, &kept, setting, 3);
         measure(&mut chosen, &last, setting);
@@ -174,7 +178,7 @@ impl<'a> Round<'a> {
             let mut model = now.model.clone();
             let mut causes = now.causes.clone();
             follow(&mut model, &now.spaces, &[], std::slice::from_ref(&scored.applied), 1.0);
-            apply(&mut model, &scored.applied, &scored.applied.coefficients);
+            apply(&mut model, &scored.applied, &scored.applied.coefficients, setting);
             causes.push(scored.applied.clone());
             let refitted = refit(model, causes, setting, 3, false);
             if refitted.last_is_able(setting) {
@@ -232,7 +236,7 @@ impl<'a> Round<'a> {
 /// Whether a candidate is refitted beside the most surprising one.
 fn competes(s: &Scored, best: &Scored) -> bool {
     let of_shapes = |s: &Scored| matches!(s.applied.kind, Kind::Shapes);
-    of_shapes(s) == of_shapes(best) && s.surprise > HALF * THRESHOLD
+    of_shapes(s) == of_shapes(best) && s.surprise > HINT
 }
 
 /// The model without the causes that are not kept.
@@ -246,7 +250,7 @@ fn without(
     let Refit { mut model, mut causes, .. } = now;
     for (cause, _) in causes.iter().zip(kept).filter(|(_, k)| !**k) {
         let minus: Vec<f64> = cause.coefficients.iter().map(|c| -c).collect();
-        apply(&mut model, cause, &minus);
+        apply(&mut model, cause, &minus, setting);
     }
     let mut keep = kept.iter();
     chosen.retain(|_| *keep.next().unwrap_or(&true));
@@ -289,7 +293,7 @@ fn necessary(now: &Refit) -> Vec<bool> {
             at += q;
             let x = nalgebra::DVector::from_vec(total);
             let statistic = block.try_inverse().map_or(0.0, |inverse| x.dot(&(inverse * &x)));
-            surprise(statistic, own, 1.0, f64::INFINITY) > HALF * THRESHOLD
+            surprise(statistic, own, 1.0, f64::INFINITY) > HINT
         })
         .collect()
 }

@@ -7,6 +7,7 @@
 //! whatever nuisance, is linear algebra on K and g, and the signals are read once.
 
 use super::covariates::{COVARIATES, Covariates, ONE};
+use super::curvature::beyond_the_likeliest;
 use super::matrices::{Matrix5, Vector5, scaled};
 use super::model::{LN_LAMBDA_SD, Linear, Model, PATTERNS};
 use super::observations::Observations;
@@ -115,10 +116,10 @@ impl Space {
             first.with(other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
         });
         let Part { mut k, g, mut deviance, diagonal } = both;
-        for p in 0..PATTERNS {
-            for q in 0..PATTERNS {
-                for a in 0..n {
-                    k[(p * n + a, q * n + a)] += diagonal[p][q];
+        for (a, of_sample) in diagonal.iter().enumerate() {
+            for p in 0..PATTERNS {
+                for q in 0..PATTERNS {
+                    k[(p * n + a, q * n + a)] += of_sample[p][q];
                 }
             }
         }
@@ -163,8 +164,8 @@ struct Part {
     k: DMatrix<f64>,
     g: DVector<f64>,
     deviance: f64,
-    /// What every sample adds to its own place, per pair of powers of the drive.
-    diagonal: [[f64; PATTERNS]; PATTERNS],
+    /// What each sample adds to its own place, per pair of powers of the drive.
+    diagonal: Vec<[[f64; PATTERNS]; PATTERNS]>,
 }
 
 impl Part {
@@ -194,8 +195,8 @@ impl Part {
             part: Part {
                 k: DMatrix::zeros(d, d),
                 g: DVector::zeros(d),
-                deviance: rows.len() as f64 * n as f64 * model.noise_var.ln(),
-                diagonal: [[0.0; PATTERNS]; PATTERNS],
+                deviance: 0.0,
+                diagonal: vec![[[0.0; PATTERNS]; PATTERNS]; n],
             },
             of_signals: Vec::new(),
             of_channels: Vec::new(),
@@ -221,8 +222,9 @@ impl Part {
         self.k += other.k;
         self.g += other.g;
         self.deviance += other.deviance;
-        let of_other = other.diagonal.as_flattened();
-        self.diagonal.as_flattened_mut().iter_mut().zip(of_other).for_each(|(sum, v)| *sum += v);
+        let of_other = other.diagonal.as_flattened().as_flattened();
+        let own = self.diagonal.as_flattened_mut().as_flattened_mut();
+        own.iter_mut().zip(of_other).for_each(|(sum, v)| *sum += v);
         self
     }
 
@@ -245,19 +247,23 @@ struct Weighed {
     h: Matrix6,
     /// V^-1 r and J^T V^-1 r of the residual.
     of_residual: DVector<f64>,
+    /// The same for shapes, which stay where they are when a signal's parameters move.
+    of_shapes: DVector<f64>,
     along_residual: SMatrix<f64, ALL, 1>,
     /// The tail of the previous ring, and the same of it.
     tail: DVector<f64>,
     of_tail: DVector<f64>,
     along_tail: SMatrix<f64, ALL, 1>,
-    /// ln |V| less that of the noise, and r^T V^-1 r.
+    /// 1 for every sample that counts.
+    counts: Vec<f64>,
+    /// ln |V| and r^T V^-1 r.
     ln_determinant: f64,
     square: f64,
 }
 
 impl Weighed {
-    /// `off`: the signal's own parameters less the mean of all channels.
-    fn of(linear: &Linear, off: &Theta, model: &Model) -> Weighed {
+    /// `theta`: the signal's parameters; `off`: its own less the mean of all channels.
+    fn of(linear: &Linear, theta: &Theta, off: &Theta, drive: f64, model: &Model) -> Weighed {
         let (n, v) = (linear.residual.len(), model.noise_var);
         // working residual: about the mean, not about the channel's own parameters
         let t = &linear.tangent.columns;
@@ -269,20 +275,29 @@ impl Weighed {
         let gram5: Matrix5 = gram.fixed_view::<FREE, FREE>(0, 0).into_owned();
         let inner = Matrix5::identity() + gram5 * model.within;
         // M = within (1 + G within)^-1: V^-1 = 1/v - J M J^T / v²
-        let m = model.within * inner.try_inverse().unwrap_or_else(Matrix5::zeros);
+        let inverse = inner.try_inverse().unwrap_or_else(Matrix5::zeros);
+        let m = model.within * inverse;
         let m = (m + m.transpose()) * 0.5;
         let j5 = j6.columns(0, FREE).into_owned();
         let l = &j5 * square_root(&m) / v;
         let solve = |x: &DVector<f64>| x / v - &l * (l.tr_mul(x));
         let w = &j6 / v - &l * (l.tr_mul(&j6));
         let of_residual = solve(&r);
+        let beyond = beyond_the_likeliest(theta, linear, drive, &m, v);
+        let of_mean = inverse * beyond.slope;
         let tail = DVector::from_column_slice(&linear.tail);
         Weighed {
             h: Matrix6::from_fn(|a, b| j6.column(a).dot(&w.column(b))),
-            along_residual: SMatrix::from_fn(|a, _| w.column(a).dot(&r)),
+            // the mean is told by the posteriors' means: W^-1 D = (1 + G within)^-1
+            along_residual: SMatrix::from_fn(|a, _| {
+                w.column(a).dot(&r) + of_mean.get(a).copied().unwrap_or(0.0)
+            }),
+            of_shapes: &of_residual - DVector::from_vec(beyond.expected) / v,
             of_tail: solve(&tail),
             along_tail: SMatrix::from_fn(|a, _| w.column(a).dot(&tail)),
-            ln_determinant: inner.determinant().max(f64::MIN_POSITIVE).ln(),
+            counts: linear.counts.clone(),
+            ln_determinant: inner.determinant().max(f64::MIN_POSITIVE).ln()
+                + linear.counted() * v.ln(),
             square: r.dot(&of_residual),
             l,
             w,
@@ -334,8 +349,9 @@ impl Sums<'_> {
         for row in rows {
             model.linearise(row, data, beside, &mut linear);
             let off = model.units[unit] + model.each[row] - model.mean;
-            let signal = Weighed::of(&linear, &off, model);
             let s = beside.drive[row];
+            let theta = model.theta(row, data, beside);
+            let signal = Weighed::of(&linear, &theta, &off, s, model);
             let powers = [1.0, s, s * s, s * s * s];
             self.add_signal(&signal, powers, &beside.z[row], &mut channel);
             if tells_scatter {
@@ -361,11 +377,11 @@ impl Sums<'_> {
         *deviance += signal.ln_determinant;
         *deviance += signal.square;
         for p in 0..self.patterns {
-            for q in 0..self.patterns {
-                diagonal[p][q] += powers[p] * powers[q] / v;
-            }
             for a in 0..n {
-                g[p * n + a] += powers[p] * signal.of_residual[a];
+                for q in 0..self.patterns {
+                    diagonal[a][p][q] += signal.counts[a] * powers[p] * powers[q] / v;
+                }
+                g[p * n + a] += powers[p] * signal.of_shapes[a];
                 for (c, zc) in z.iter().enumerate().filter(|(_, zc)| **zc != 0.0) {
                     for j in 0..ALL {
                         k[(shapes + c * ALL + j, p * n + a)] += powers[p] * zc * w[(a, j)];

@@ -194,7 +194,7 @@ impl Hidden {
             code = ((y - 1.0) / step).round() * step + 1.0;
         }
         if self.effect == Effect::Clipping {
-            code = code.min(110.0 - 4.0 * self.strength);
+            code = code.min(92.0 - 2.0 * self.strength); // the largest peaks are of 85 to 95
         }
         let whole = code.round();
         match (self.effect, whole.rem_euclid(16.0) as u8) {

@@ -1,7 +1,8 @@
 //! The critique on recordings of another generator: families of healthy behaviour that break what it could assume,
 //! alone and with one effect in them. Nothing here knows the library's constants, nor they this.
 //!
-//! The table, on seeds of one's own (first seed, recordings; a part of the set: `null`, `effects`, `outside`):
+//! The table, on seeds of one's own (first seed, recordings; a part of the set: `null`, `large` of
+//! ten times as many signals, `effects`, `outside`):
 //! `INKLING_FOREIGN="500000 340 null" cargo test --release -- --ignored --nocapture foreign_table`
 
 mod effect;
@@ -29,17 +30,19 @@ struct Case {
     family: Family,
     hidden: Hidden,
     seed: u64,
+    /// Times as many signals as its family has.
+    times: usize,
 }
 
 const NOTHING: Hidden = Hidden { effect: Effect::Nothing, strength: 0.0 };
 
 impl Case {
     fn recording(&self) -> Observations {
-        let Case { family, hidden, seed } = self;
+        let Case { family, hidden, seed, times } = self;
         let mut rng = ChaCha8Rng::seed_from_u64(*seed);
         let layout = family.layout(seed / FAMILIES.len() as u64);
         let channels: Vec<_> = (0..layout.channels).map(|_| family.channel(&mut rng)).collect();
-        let bursts = layout.signals.div_ceil(layout.a_burst);
+        let bursts = (times * layout.signals).div_ceil(layout.a_burst);
         let mut sampler = Sampler::new(layout.period_s, layout.samples, usize::MAX);
         let warmth_phase = TAU * rng.random::<f64>();
         for burst in 0..bursts {
@@ -114,11 +117,11 @@ impl Case {
     }
 }
 
-/// Every family in turns, nothing hidden.
-fn null(first_seed: u64, count: u64) -> Vec<Case> {
+/// Every family in turns, nothing hidden; so many times as many signals.
+fn null(first_seed: u64, count: u64, times: usize) -> Vec<Case> {
     let family = |seed: u64| FAMILIES[(seed % FAMILIES.len() as u64) as usize];
     (first_seed..first_seed + count)
-        .map(|seed| Case { family: family(seed), hidden: NOTHING, seed })
+        .map(|seed| Case { family: family(seed), hidden: NOTHING, seed, times })
         .collect()
 }
 
@@ -139,7 +142,7 @@ fn planted(effects: &[Effect], strengths: &[f64], first_seed: u64, count: u64) -
             // every effect comes with every family and every size of burst
             let seed = first_seed + i;
             let family = ABLE[((round + i) % ABLE.len() as u64) as usize];
-            Case { family, hidden: Hidden { effect, strength }, seed }
+            Case { family, hidden: Hidden { effect, strength }, seed, times: 1 }
         })
         .collect()
 }
@@ -175,7 +178,7 @@ impl Outcomes {
         let outcome = self.all.add(&said, &truth);
         self.families.entry(format!("{:?}", case.family)).or_default().add(&said, &truth);
         if !matches!(outcome, Outcome::Right | Outcome::HonestTie) {
-            let Case { family, hidden: Hidden { effect, strength }, seed } = case;
+            let Case { family, hidden: Hidden { effect, strength }, seed, .. } = case;
             let causes = &critique.causes;
             let named: Vec<_> =
                 causes.iter().map(|c| format!("{} ({:.1} DL)", c.id, c.strength_dl)).collect();
@@ -195,7 +198,8 @@ pub fn table(set: &str) {
     let cases = match words.next() {
         Some("effects") => planted(&effect::CATALOGUE, &[3.0, 6.0], first, count),
         Some("outside") => planted(&effect::OUTSIDE, &[4.0, 8.0], first, count),
-        _ => null(first, count),
+        Some("large") => null(first, count, 10),
+        _ => null(first, count, 1),
     };
     let Outcomes { families, all } = judged(&cases);
     for (family, blind) in families.iter().filter(|_| all.row(Kind::Nothing, 0..=0).recordings > 0)
@@ -215,7 +219,7 @@ fn foreign_table() {
 /// Three recordings of each family, all sizes of bursts among them.
 #[test]
 fn nothing_is_named_in_healthy_runs_of_any_family() {
-    let row = judged(&null(400_000, 51)).all.row(Kind::Nothing, 0..=0);
+    let row = judged(&null(400_000, 51, 1)).all.row(Kind::Nothing, 0..=0);
     assert!(row.count(Outcome::Right) >= 50, "{row:?}");
 }
 

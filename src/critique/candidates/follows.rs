@@ -3,12 +3,11 @@
 //!
 //! In: a [`Bench`]. Out: [`Scored`].
 
-use super::{Applied, Bench, CLOCK, DAMPING, FREQUENCY, Kind, Objection, Scored, WORTH_A_LOOK};
+use super::{Applied, Bench, CLOCK, DAMPING, FREQUENCY, Kind, Objection, Scored};
 use crate::critique::catalogue::{CauseId, Per, Rates};
-use crate::critique::chance::surprise;
+use crate::critique::chance::{HINT, ONCE_IN_100, surprise};
 use crate::critique::covariates::{COVARIATES, POSITION};
 use crate::critique::space::Direction;
-use crate::critique::tuned::{LEAST_OWN, MARGIN};
 use crate::model::free_decay::ALL;
 use crate::model::terms::Interior;
 use std::f64::consts::TAU;
@@ -147,16 +146,17 @@ impl Bench<'_> {
                 best.sd *= (own / best.statistic.max(1e-12)).sqrt().min(1.0);
                 // a frequency that follows the channel, whatever else does, is nothing else
                 let looks = self.on_each_parameter(which);
+                let paid = (looks.len().max(1) as f64).ln();
                 if let Some(look) = looks.into_iter().find(|look| look.parameter == 1)
-                    && look.surprise - MARGIN > best.surprise
+                    && look.surprise - paid > best.surprise
                 {
-                    (best.statistic, best.surprise) = (look.statistic, look.surprise - MARGIN);
+                    (best.statistic, best.surprise) = (look.statistic, look.surprise - paid);
                 }
             } else if together > best.surprise {
                 best.surprise = together;
                 best.statistic = tested.statistic;
             }
-            if best.value.abs() < LEAST_OWN * best.sd {
+            if best.value.abs() < ONCE_IN_100 * best.sd {
                 best.objection = Some(Objection::StateAlone);
             }
             best.sd *= from_few(dof);
@@ -270,7 +270,7 @@ impl Bench<'_> {
             let tested = self.covariates.test(std::slice::from_ref(direction))?;
             let statistic = self.against_rest(which, tested.statistic.max(beside));
             let plain = surprise(statistic, 1, 1.0, dof);
-            if plain < WORTH_A_LOOK {
+            if plain < HINT {
                 return Some(of(statistic, plain));
             }
             let spread = match &together {
@@ -281,7 +281,7 @@ impl Bench<'_> {
                 }
                 _ => self.spread(std::slice::from_ref(direction), &[1.0]),
             };
-            let statistic = statistic / spread.excess;
+            let statistic = statistic * spread.statistic;
             Some(of(statistic, surprise(statistic, 1, 1.0, dof.min(spread.dof))))
         };
         each.iter().enumerate().filter_map(look).collect()

@@ -13,7 +13,7 @@ pub use lines::LEAST_PERIODS;
 pub use shapes::Locally;
 
 use super::catalogue::{Acts, CATALOGUE, CauseId, Needs, Shape};
-use super::chance::surprise;
+use super::chance::{HINT, surprise};
 use super::clusters::{Clusters, Spread};
 use super::covariates::Covariates;
 use super::finding::NOT_SIGNIFICANT;
@@ -23,9 +23,6 @@ use crate::critique::tuned::TIE;
 use crate::model::free_decay::ALL;
 use crate::model::terms::{Interior, Seen};
 use thiserror::Error;
-
-/// What is less surprising than this is nothing anyway, whatever bursts have in common.
-const WORTH_A_LOOK: f64 = 4.0;
 
 /// d theta per relative change of damping (the real pole with it), of frequency, and of all rates, where
 /// the interior is not known.
@@ -224,32 +221,28 @@ impl<'a> Bench<'a> {
         all
     }
 
-    /// `near`: where its shape was before; without, all shapes are tried. What follows a covariate is judged by the
-    /// spread over bursts, where these have more in common than their signals let expect; what they have in common
-    /// are parameters, and shapes are judged beside these.
+    /// `near`: where its shape was before; without, all shapes are tried. What it says along the ring's parameters is
+    /// judged by the spread over bursts, where these have more in common than their signals let expect.
     pub fn score_one(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let mut scored = self.as_if_independent(id, near)?;
-        if scored.surprise < WORTH_A_LOOK {
+        if scored.surprise < HINT {
             return Some(scored);
         }
         let Applied { kind, directions, coefficients, .. } = &scored.applied;
-        let spread = match kind {
-            Kind::Shapes => Spread::NONE,
-            Kind::Covariate { .. } | Kind::Tail => self.spread(directions, coefficients),
-        };
-        if spread.excess > 1.0 {
-            scored.statistic /= spread.excess;
-            scored.sd *= spread.excess.sqrt();
-            let Scored { statistic, degrees, tried, .. } = scored;
-            scored.surprise = surprise(statistic, degrees, tried, spread.dof).min(scored.surprise);
-        }
+        let view = if matches!(kind, Kind::Shapes) { self.shapes } else { self.covariates };
+        let direction = view.nuisance.efficient(view.space, directions, coefficients);
+        let spread = self.clusters.spread(&direction, near.is_some());
+        scored.statistic *= spread.statistic;
+        scored.sd /= spread.information.sqrt();
+        let Scored { statistic, degrees, tried, .. } = scored;
+        scored.surprise = surprise(statistic, degrees, tried, spread.dof).min(scored.surprise);
         Some(scored)
     }
 
-    /// How bursts spread along directions together, each by so much, beside what is allowed for.
+    /// How bursts spread along what moves with a covariate, each direction by so much, beside what is allowed for.
     fn spread(&self, directions: &[Direction], coefficients: &[f64]) -> Spread {
-        let view = self.covariates;
-        self.clusters.spread(&view.nuisance.efficient(view.space, directions, coefficients))
+        let View { space, nuisance } = self.covariates;
+        self.clusters.spread(&nuisance.efficient(space, directions, coefficients), false)
     }
 
     fn as_if_independent(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
