@@ -172,8 +172,20 @@ fn another_nights_recording_of_the_same_name_overwrites_nothing() {
     std::fs::remove_file(house.path("out/journal.jsonl")).unwrap();
     replay(&house, "rec/2").exits(1).says("another recording, a.mcap");
     replay(&house, "rec/1").exits(0);
-    std::fs::remove_file(house.path("out/journal.jsonl")).unwrap();
-    std::fs::remove_file(house.path("out/a.summary.json")).unwrap();
+    // a run that was killed while it named its files leaves the first of them
+    for left in [&["a.episodes.parquet"][..], &["a.episodes.parquet", "a.verdicts.parquet"]] {
+        for file in ["journal.jsonl", "a.summary.json", "a.verdicts.parquet"] {
+            if !left.contains(&file) {
+                std::fs::remove_file(house.path(&format!("out/{file}"))).unwrap();
+            }
+        }
+        replay(&house, "rec/2").exits(1).says("another recording, a.mcap");
+        replay(&house, "rec/1").exits(0);
+        assert!(results(&house) == first);
+    }
+    std::fs::remove_dir_all(house.path("out")).unwrap();
+    std::fs::create_dir(house.path("out")).unwrap();
+    std::fs::write(house.path("out/a.verdicts.parquet"), "not a table").unwrap();
     replay(&house, "rec/1").exits(1).says("nothing says of which recording");
 
     // one that is refused costs itself; the same content elsewhere is the same recording

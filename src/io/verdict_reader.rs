@@ -21,6 +21,7 @@ use parquet::arrow::ProjectionMask;
 use parquet::arrow::arrow_reader::{
     ArrowReaderOptions, ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder,
 };
+use parquet::file::metadata::ParquetMetaData;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -52,14 +53,8 @@ impl VerdictReader {
             let mask = ProjectionMask::columns(builder.parquet_schema(), names.iter().copied());
             builder = builder.with_projection(mask);
         }
-        let metadata = builder.metadata().file_metadata().key_value_metadata();
-        let metadata_json = metadata
-            .and_then(|all| all.iter().find(|entry| entry.key == METADATA_KEY))
-            .and_then(|entry| entry.value.clone());
-        let document: serde_json::Value = metadata_json
-            .as_deref()
-            .and_then(|json| serde_json::from_str(json).ok())
-            .unwrap_or_default();
+        let metadata_json = metadata_json(builder.metadata());
+        let document = document(metadata_json.as_deref());
         Ok(VerdictReader {
             path: path.to_path_buf(),
             batches: builder.with_batch_size(BATCH_ROWS).build().map_err(failed)?,
@@ -160,6 +155,21 @@ impl Iterator for VerdictReader {
             what,
         }))
     }
+}
+
+/// The document under the key `inkling` of a table of ours, whatever it holds: of verdicts, of episodes. Null: it has none,
+/// or cannot be read.
+pub fn document_of(path: &Path) -> serde_json::Value {
+    open(path).map(|table| document(metadata_json(table.metadata()).as_deref())).unwrap_or_default()
+}
+
+fn metadata_json(of: &ParquetMetaData) -> Option<String> {
+    let entries = of.file_metadata().key_value_metadata()?;
+    entries.iter().find(|entry| entry.key == METADATA_KEY)?.value.clone()
+}
+
+fn document(json: Option<&str>) -> serde_json::Value {
+    json.and_then(|json| serde_json::from_str(json).ok()).unwrap_or_default()
 }
 
 /// A Parquet file that anybody may have written.

@@ -166,37 +166,10 @@ impl Listener<'_> {
             Some(Said { features, healthy: !judge.test(found).is_flagged() })
         };
         self.said.extend(statistic.iter().zip(&self.features).map(said));
-        let (mut near, mut estranged) = (0, 0);
-        if let Some(own) = own {
-            let drive = judge.drive(burst);
-            let known = own.from(burst.first_channel, statistic.len());
-            for (row, (found, known)) in statistic.iter_mut().zip(known).enumerate() {
-                let (Ok(of_all), Some(known)) = (*found, known) else { continue };
-                let features = &self.features[row];
-                let metric = Metric::of(&mut self.metric, judge, &own, known.signals, drive);
-                let of_own =
-                    metric.and_then(|metric| match detector.own_look(metric, features, known) {
-                        (distance, true) => Some(distance),
-                        (distance, false) => Some(
-                            statistics
-                                .own_distance((judge, burst, row), metric, (features, known))
-                                .unwrap_or(distance),
-                        ),
-                    });
-                let ring = of_own.map_or(f64::INFINITY, |distance| judge.of_own(distance, &own));
-                *found = match ring.is_finite() {
-                    true => Ok(Detection { ring, ..of_all }),
-                    false => Err(Reason::NonFinite),
-                };
-                if let Some(said) = &mut self.said[row]
-                    && said.healthy
-                {
-                    said.healthy = ring <= judge.model.threshold.value;
-                    near += 1;
-                    estranged += u64::from(!said.healthy);
-                }
-            }
-        }
+        let [near, estranged] = match own {
+            Some(own) => self.judge_by(&own, burst, judge, statistics, statistic),
+            None => [0; 2],
+        };
         if hears {
             let mut heard = lock(&self.heard);
             let told = heard.entry(burst.printhead.clone()).or_default();
@@ -205,6 +178,47 @@ impl Listener<'_> {
             told.meet(judge, detector.own_noise());
             told.heard.take(burst.first_channel, &self.said, judge.drive(burst), &mut self.room);
         }
+    }
+
+    /// Judges a burst's signals by their channels' baselines. How many of these look healthy beside all channels, and how
+    /// many of them do not beside their own.
+    fn judge_by(
+        &mut self,
+        own: &Arc<OwnChannels>,
+        burst: &Burst,
+        judge: &Judge,
+        statistics: &mut Statistics,
+        statistic: &mut [Result<Detection, Reason>],
+    ) -> [u64; 2] {
+        let (drive, threshold) = (judge.drive(burst), judge.model.threshold.value);
+        let (mut near, mut estranged) = (0, 0);
+        let known = own.from(burst.first_channel, statistic.len());
+        for (row, (found, known)) in statistic.iter_mut().zip(known).enumerate() {
+            let (Ok(of_all), Some(known)) = (*found, known) else { continue };
+            let features = &self.features[row];
+            let metric = Metric::of(&mut self.metric, judge, own, known.signals, drive);
+            let distance = metric.zip(judge.detector()).map(|(metric, detector)| {
+                match detector.own_look(metric, features, known) {
+                    (distance, true) => distance,
+                    (distance, false) => statistics
+                        .own_distance((judge, burst, row), metric, (features, known))
+                        .unwrap_or(distance),
+                }
+            });
+            let ring = distance.map_or(f64::INFINITY, |distance| judge.of_own(distance, own));
+            *found = match ring.is_finite() {
+                true => Ok(Detection { ring, ..of_all }),
+                false => Err(Reason::NonFinite),
+            };
+            if let Some(said) = &mut self.said[row]
+                && said.healthy
+            {
+                said.healthy = ring <= threshold;
+                near += 1;
+                estranged += u64::from(!said.healthy);
+            }
+        }
+        [near, estranged]
     }
 }
 

@@ -7,7 +7,7 @@ use crate::io::episode_table;
 use crate::io::journal::{Entry, Journal, Means, Stamp};
 use crate::io::layout::Placed;
 use crate::io::summary_file;
-use crate::io::{regular_file, stored};
+use crate::io::{regular_file, stored, verdict_reader};
 use crate::settings::Settings;
 use serde_json::Value;
 use std::fmt;
@@ -226,7 +226,8 @@ struct Owner {
 }
 
 impl Owner {
-    /// By the journal, or else by the summary beside the table.
+    /// By the journal, or else by the summary beside the table; where a run was killed before it named that, by what the
+    /// tables say of themselves.
     fn of(entry: Option<&Arc<Entry>>, verdicts: &Path) -> Owner {
         if let Some(of) = entry.map(|entry| &entry.recording) {
             let bytes = of.stamp.map(|stamp| stamp.bytes);
@@ -236,8 +237,13 @@ impl Owner {
             regular_file::read(&summary_file::path_beside(verdicts), MOST_SUMMARY_BYTES).ok();
         let summary: Value =
             summary.and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default();
-        let text = |key: &str| summary["recording"][key].as_str().map(str::to_owned);
-        let bytes = summary["recording"]["bytes"].as_u64();
+        let [table, episodes, _] = files(verdicts);
+        let tables = [table, episodes].into_iter().map(|path| verdict_reader::document_of(&path));
+        let all = [summary].into_iter().chain(tables);
+        let says = |of: &Value| of["recording"]["digest"].is_string();
+        let document = all.into_iter().find(says).unwrap_or_default();
+        let text = |key: &str| document["recording"][key].as_str().map(str::to_owned);
+        let bytes = document["recording"]["bytes"].as_u64();
         Owner { name: text("name"), bytes, digest: text("digest") }
     }
 
