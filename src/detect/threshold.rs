@@ -7,7 +7,7 @@
 //! default is the energy that healthy signals exceed at a chosen rate, with a confidence bound.
 //!
 //! The quantile lies where few signals or none have been seen, so the largest energies are fitted by a
-//! generalised Pareto tail ([`super::pareto_tail`]), and the threshold is the upper end of what that leaves
+//! generalised Pareto tail (`pareto_tail.rs`), and the threshold is the upper end of what that leaves
 //! possible. Signals of one channel resemble each other and count for fewer. It speaks for channels like those of
 //! the training set.
 
