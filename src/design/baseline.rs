@@ -100,13 +100,14 @@ impl Heard {
     /// Adds a burst: of each signal from channel `first` on, what is known of it; `None`: it was not judged. `room`: how
     /// many channels may still be added.
     pub fn take(&mut self, first: u32, of: &[Option<Said>], drive: f64, room: &mut usize) {
+        let weaker = ((1.0 / (drive * drive)).clamp(0.0, 1e4) * 1e6).round() as i64;
         let mut new = Vec::new();
         let mut known = self.channels.range_mut(first..).peekable();
         for (channel, said) in (first..).zip(of) {
             let Some(said) = said else { continue };
             while known.next_if(|(k, _)| **k < channel).is_some() {}
             match known.next_if(|(k, _)| **k == channel) {
-                Some((_, sum)) => sum.add(said, &mut self.all, drive),
+                Some((_, sum)) => sum.add(said, &mut self.all, weaker),
                 None => new.push((channel, said)),
             }
         }
@@ -115,7 +116,7 @@ impl Heard {
                 None => self.beyond += 1,
                 Some(left) => {
                     *room = left;
-                    self.channels.entry(channel).or_default().add(said, &mut self.all, drive);
+                    self.channels.entry(channel).or_default().add(said, &mut self.all, weaker);
                 }
             }
         }
@@ -175,16 +176,22 @@ struct Within {
     degrees: f64,
 }
 
+/// In [`UNIT`]s, to the nearest; without the library's rounding, which would be a call for each number.
+fn in_units(x: f64) -> i64 {
+    const PER_UNIT: f64 = 1.0 / UNIT;
+    (x * PER_UNIT + 0.5_f64.copysign(x)) as i64
+}
+
 impl Sum {
     #[inline]
-    fn add(&mut self, of: &Said, all: &mut Squares, drive: f64) {
+    fn add(&mut self, of: &Said, all: &mut Squares, weaker: i64) {
         if !of.healthy {
             self.unhealthy = self.unhealthy.saturating_add(1);
         } else if self.healthy < 1 << 30 {
             self.healthy += 1;
             // healthy features are below 1; clamped, even others cannot overflow the sums
             let fixed: [i64; 4] =
-                std::array::from_fn(|k| (of.features[k].clamp(-4.0, 4.0) / UNIT).round() as i64);
+                std::array::from_fn(|k| in_units(of.features[k].clamp(-4.0, 4.0)));
             self.features.iter_mut().zip(fixed).for_each(|(s, f)| *s += f);
             let mut products = all.products.iter_mut();
             for i in 0..4 {
@@ -192,8 +199,7 @@ impl Sum {
                     *sum += i128::from(fixed[i]) * i128::from(fixed[j]);
                 }
             }
-            let weaker = (1.0 / (drive * drive)).clamp(0.0, 1e4);
-            all.weaker += (weaker * 1e6).round() as i64;
+            all.weaker += weaker;
         }
     }
 
