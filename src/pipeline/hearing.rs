@@ -38,10 +38,10 @@ pub struct Listener<'a> {
     metric: Option<Metric>,
 }
 
-/// A batch is counted as heard whatever becomes of it: somebody may wait.
-struct Counted<'a>(&'a Hearing<'a>);
+/// A batch that is at work: once this is dropped it counts as heard, whatever became of it, since somebody may wait.
+pub struct AtWork<'a>(&'a Hearing<'a>);
 
-impl Drop for Counted<'_> {
+impl Drop for AtWork<'_> {
     fn drop(&mut self) {
         *lock(&self.0.batches) += 1;
         self.0.changed.notify_all();
@@ -74,6 +74,10 @@ impl<'a> Hearing<'a> {
         let room = self.room.unwrap_or_default();
         let (features, said, metric) = (Vec::new(), Vec::new(), None);
         Listener { hearing: self, heard, room, features, said, metric }
+    }
+
+    pub fn at_work(&'a self) -> AtWork<'a> {
+        AtWork(self)
     }
 
     /// Waits until so many batches were heard. False: `ended`.
@@ -113,21 +117,8 @@ impl<'a> Hearing<'a> {
 }
 
 impl Listener<'_> {
-    /// One batch: judges again by its own baseline every signal that has one, and hears all. `heard`: acquisitions that
+    /// Judges again by its own baseline every signal of a batch that has one, and hears all. `heard`: acquisitions that
     /// were heard before; empty: none.
-    pub fn take(
-        &mut self,
-        acquisitions: &[Acquisition],
-        judges: &[Result<Arc<Judge>, Reason>],
-        heard: &[bool],
-        statistics: &mut Statistics,
-        statistic: &mut [Result<Detection, Reason>],
-    ) {
-        let _counted = Counted(self.hearing);
-        self.judge(acquisitions, judges, heard, statistics, statistic);
-    }
-
-    /// The same without counting it.
     pub fn judge(
         &mut self,
         acquisitions: &[Acquisition],

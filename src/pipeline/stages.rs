@@ -217,13 +217,15 @@ pub fn filter(
     let mut statistics = Statistics::new(rails);
     let mut listener = hearing.map(Hearing::listener);
     while let Some(assigned) = clock.receive(&input) {
+        let at_work = hearing.map(Hearing::at_work);
         let mut statistic = spares.statistic.take();
         let Assigned { read, judges, heard } = &assigned;
         let acquisitions = &read.batch.acquisitions;
         statistics.of(acquisitions, judges, &mut statistic);
         if let Some(listener) = &mut listener {
-            listener.take(acquisitions, judges, heard, &mut statistics, &mut statistic);
+            listener.judge(acquisitions, judges, heard, &mut statistics, &mut statistic);
         }
+        drop(at_work);
         if !clock.send(&out, Filtered { assigned, statistic }) {
             break;
         }
