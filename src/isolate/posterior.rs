@@ -346,7 +346,9 @@ fn temperature(
         };
         (0..unseen.len()).map(of_class).sum()
     };
-    let examples = unseen.iter().map(Vec::len).sum::<usize>() as f64 / unseen.len().max(1) as f64;
+    // a mean over a class's examples counts for as many as a class has, of those that have any
+    let labelled = unseen.iter().filter(|rows| !rows.is_empty()).count();
+    let examples = unseen.iter().map(Vec::len).sum::<usize>() as f64 / labelled.max(1) as f64;
     let scores = TEMPERATURES.map(score).map(|score| score * examples);
     let most = scores.into_iter().fold(f64::NEG_INFINITY, f64::max);
     let least = if few { most - PLAUSIBLE } else { most };
