@@ -279,26 +279,33 @@ impl Sample {
 /// The number of values over the design effect 1 + (n_0 - 1) icc, with the intra-channel correlation icc of the values
 /// (one-way analysis of variance).
 fn independent(values: impl Iterator<Item = (f64, u32)>, channels: usize) -> f64 {
-    /// Of one channel: number, sum, sum of squares.
+    /// Of one channel.
     #[derive(Clone, Copy, Default)]
-    struct Sums(f64, f64, f64);
+    struct Sums {
+        n: f64,
+        values: f64,
+        squares: f64,
+    }
     let mut of_channels = vec![Sums::default(); channels];
     for (value, channel) in values {
-        let Sums(n, sum, square) = &mut of_channels[channel as usize];
-        (*n, *sum, *square) = (*n + 1.0, *sum + value, *square + value * value);
+        let of = &mut of_channels[channel as usize];
+        of.n += 1.0;
+        of.values += value;
+        of.squares += value * value;
     }
-    of_channels.retain(|of| of.0 > 0.0);
+    of_channels.retain(|of| of.n > 0.0);
     let total = |of: fn(&Sums) -> f64| of_channels.iter().map(of).sum::<f64>();
-    let (n, groups) = (total(|of| of.0), of_channels.len() as f64);
+    let (n, groups) = (total(|of| of.n), of_channels.len() as f64);
     let inside = n - groups;
     if inside <= 0.0 || groups < 2.0 {
         return n;
     }
-    let mean = total(|of| of.1) / n;
-    let between = of_channels.iter().map(|of| of.0 * (of.1 / of.0 - mean).powi(2)).sum::<f64>();
-    let within = total(|of| of.2 - of.1 * of.1 / of.0);
+    let mean = total(|of| of.values) / n;
+    let off = |of: &Sums| of.n * (of.values / of.n - mean).powi(2);
+    let between = of_channels.iter().map(off).sum::<f64>();
+    let within = total(|of| of.squares - of.values * of.values / of.n);
     let (between, within) = (between / (groups - 1.0), within / inside);
-    let squares = total(|of| of.0 * of.0);
+    let squares = total(|of| of.n * of.n);
     let n_0 = (n - squares / n) / (groups - 1.0);
     let icc = (between - within) / (between + (n_0 - 1.0) * within);
     let icc = if icc.is_finite() { icc.clamp(0.0, 1.0) } else { 0.0 };
