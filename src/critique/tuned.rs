@@ -3,8 +3,7 @@
 //!
 //! `7.1`: seeds 7 100 000 on (`tuning_recordings` in `tests/hidden`) and `--hide 1` to `259`; `400`: seeds 400 000 to
 //! 400 067 of `tests/foreign`; `7.8`: seeds 7 800 000 to 7 830 031 and 810 000 to 840 039 of both; `-`: nobody wrote it
-//! down. What is measured on other seeds:
-//! `docs/hidden_effects.md`.
+//! down. What is measured on other seeds: `docs/hidden_effects.md`.
 
 // when a cause is there, and which
 
