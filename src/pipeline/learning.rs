@@ -47,8 +47,8 @@ pub struct Learning<'a> {
     learner: &'a Learner<'a>,
     /// Bursts may come so much later than others that are later than they.
     reorder_ns: i64,
-    /// Threads that learn printheads side by side.
-    workers: usize,
+    /// Threads that learn printheads, or read on ahead, side by side.
+    pub workers: usize,
     schedule: Schedule,
     /// Groups by what they are; `None`: judged without windows.
     numbers: HashMap<GroupKey, Option<usize>>,

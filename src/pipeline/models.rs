@@ -97,7 +97,9 @@ impl InStream<'_> {
     }
 
     fn look_ahead(&mut self) -> Result<(), PipelineError> {
-        let ahead = self.ahead.get_or_insert_with(|| Ahead::of(self.recording, &self.reached));
+        let workers = self.learning.workers;
+        let ahead =
+            self.ahead.get_or_insert_with(|| Ahead::of(self.recording, &self.reached, workers));
         match ahead.piece(self.recording, self.control)? {
             None => self.learning.end(),
             Some((acquisitions, reached)) => {
