@@ -4,7 +4,7 @@ mod columns;
 mod judged;
 
 pub use columns::{COLUMNS, Cells, Column, VerdictColumns};
-pub use judged::{HealthyRun, Part, Tests, Verdicts};
+pub use judged::{HealthyRun, OfBurst, Part, Tests, Verdicts};
 
 use crate::burst::Unusable;
 

@@ -41,6 +41,7 @@ pub mod outputs;
 mod parquet_claims;
 mod parquet_file;
 pub mod part_file;
+pub mod part_tables;
 pub mod printable;
 pub mod recording;
 pub mod recording_writer;
