@@ -149,7 +149,9 @@ fn parts_of_a_longer_recording_hold_no_more() {
             let closed = AtomicUsize::new(0);
             let rotation = Rotation {
                 every: Duration::from_secs(1800),
-                closed: &|_| drop(closed.fetch_add(1, Relaxed)),
+                closed: &|_| {
+                    closed.fetch_add(1, Relaxed);
+                },
             };
             let watch = Watch { raised: &|_| (), note: &|_| (), rotation: Some(rotation) };
             let verdicts = house.path("out/long.verdicts.parquet");

@@ -68,7 +68,7 @@ fn line(part: &ClosedPart) -> std::io::Result<()> {
     let path = part.path.to_string_lossy();
     let (rows, path) = (thousands(part.rows), printable_path(&path));
     let mut out = output::report();
-    writeln!(out, "{to}  part {}, {rows} rows from {from} on: {path}", part.number)?;
+    writeln!(out, "{to}  part {}, {rows} rows since {from}: {path}", part.number)?;
     out.flush()
 }
 
