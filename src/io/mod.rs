@@ -58,6 +58,7 @@ pub mod table_file;
 mod thrift;
 pub mod truth_file;
 pub mod unpanicked;
+mod verdict_cells;
 mod verdict_chunk;
 mod verdict_columns;
 pub mod verdict_reader;
