@@ -3,8 +3,8 @@
 mod columns;
 mod judged;
 
-pub use columns::{COLUMNS, Cells, Column, VerdictColumns};
-pub use judged::{HealthyRun, Part, Tests, Verdicts};
+pub use columns::{At, COLUMNS, Cells, Column, VerdictColumns};
+pub use judged::{HealthyRun, OfBurst, Part, Tests, Verdicts};
 
 use crate::burst::Unusable;
 

@@ -14,17 +14,17 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
 /// Nothing is asserted of times; what hangs fails instead.
-const HANGS: Duration = Duration::from_secs(300);
+pub const HANGS: Duration = Duration::from_secs(300);
 
 /// `inkling replay now.mcap --follow` on its way.
-struct Follower {
+pub struct Follower {
     child: Child,
     lines: Receiver<Value>,
     told: Vec<Value>,
 }
 
 impl Follower {
-    fn start(house: &House, args: &str) -> Follower {
+    pub fn start(house: &House, args: &str) -> Follower {
         let mut child = Command::new(env!("CARGO_BIN_EXE_inkling"))
             .args("replay now.mcap --follow --json --out out --design".split(' '))
             .arg(sample("design.json"))
@@ -49,26 +49,36 @@ impl Follower {
 
     /// Waits for the next episode.
     fn episode(&mut self) {
+        self.next("episode");
+    }
+
+    /// Waits for the next event of a kind.
+    pub fn next(&mut self, kind: &str) -> Value {
         loop {
             let Ok(event) = self.lines.recv_timeout(HANGS) else {
                 self.child.kill().unwrap();
-                panic!("no further episode was told: {:?}", self.told);
+                panic!("no further {kind} was told: {:?}", self.told);
             };
-            let found = event["event"] == "episode";
-            self.told.push(event);
-            if found {
-                return;
+            self.told.push(event.clone());
+            if event["event"] == kind {
+                return event;
             }
         }
     }
 
-    fn enough(&self) {
+    pub fn enough(&self) {
         let pid = self.child.id().to_string();
         assert!(Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
     }
 
+    /// At once, whatever it is doing.
+    pub fn kill(mut self) {
+        self.child.kill().unwrap(); // SIGKILL
+        self.child.wait().unwrap();
+    }
+
     /// Exit status, what was told, and complaints.
-    fn end(mut self) -> (Option<i32>, Vec<Value>, String) {
+    pub fn end(mut self) -> (Option<i32>, Vec<Value>, String) {
         while let Ok(event) = self.lines.recv_timeout(HANGS) {
             self.told.push(event);
         }
@@ -97,7 +107,7 @@ fn in_table(house: &House, out: &str) -> BTreeSet<(String, u64, i64)> {
 }
 
 /// The same bytes as an ordinary replay of `recording` writes.
-fn tables_are_those_of_a_replay(house: &House, recording: &[u8], args: &str, exit: i32) {
+pub fn tables_are_those_of_a_replay(house: &House, recording: &[u8], args: &str, exit: i32) {
     house.write("again/now.mcap", recording);
     let design = sample("design.json");
     let design = design.display();
@@ -112,7 +122,7 @@ fn tables_are_those_of_a_replay(house: &House, recording: &[u8], args: &str, exi
 }
 
 /// The sample in chunks of some bursts.
-fn recording(house: &House, compression: Compression, chunk_bytes: Option<u64>) -> Vec<u8> {
+pub fn recording(house: &House, compression: Compression, chunk_bytes: Option<u64>) -> Vec<u8> {
     let mut all = bursts(&sample("print_run.mcap"));
     all.sort_by_key(|burst| burst.t_acq_ns);
     // the sample's design does not know what temperature does
@@ -123,7 +133,7 @@ fn recording(house: &House, compression: Compression, chunk_bytes: Option<u64>) 
 }
 
 /// Appends in pieces that end anywhere.
-fn append(file: &mut File, bytes: &[u8]) {
+pub fn append(file: &mut File, bytes: &[u8]) {
     let mut rest = bytes;
     for size in [1, 7, 4_001, 60_013, 333].into_iter().cycle() {
         let (piece, more) = rest.split_at(size.min(rest.len()));
@@ -136,7 +146,7 @@ fn append(file: &mut File, bytes: &[u8]) {
     }
 }
 
-fn create(house: &House) -> File {
+pub fn create(house: &House) -> File {
     File::create(house.path("now.mcap")).unwrap()
 }
 

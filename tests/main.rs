@@ -23,4 +23,5 @@ mod pipeline; // same bytes for any threads, order, chunking; drift; bad windows
 mod print_run; // recall and false alarms on a print run with known truth
 mod readers; // everything that reads what others wrote, for mutations and fuzzing
 mod report; // the report: stories over recordings, onsets, hostile names, what is missing
+mod rotate; // parts of a table whose recording is being written: whole, in order, gone at its end
 mod thesis_tables; // thesis chapter 4 on the thesis-form data set

@@ -7,14 +7,16 @@ use crate::house::{House, root};
 use crate::nights::{record, some};
 use crate::pipeline::sample;
 use inkling::burst::Burst;
+use inkling::io::dialect::Dialects;
 use inkling::io::journal::Journal;
 use inkling::io::recording::Recording;
 use inkling::io::{Limits, design_file};
-use inkling::pipeline::{self, Control, Replay};
+use inkling::pipeline::{self, Control, Replay, Rotation, Watch};
 use inkling::settings::Settings;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::time::Duration;
 
 #[global_allocator]
 static COUNTING: Counting = Counting;
@@ -98,37 +100,66 @@ fn what_is_held_is_counted() {
     });
 }
 
+/// Whether what `judge` does with `long.mcap` holds as much of 4 hours as of 40.
+fn holds_no_more_of_a_longer_one(judge: impl Fn(&House, &Replay)) {
+    let house = House::new();
+    let hour = some(0, 60);
+    let held = |hours: i64| {
+        let later = |h: i64| {
+            hour.iter().map(move |b| Burst { t_acq_ns: b.t_acq_ns + h * HOUR_NS, ..b.clone() })
+        };
+        let bursts: Vec<Burst> = (0..hours).flat_map(later).collect();
+        record(&house, "long.mcap", &bursts);
+        let (design, digest) = design_file::read(&sample("design.json")).unwrap();
+        let run = Replay {
+            settings: Settings::default(),
+            design: Some(design),
+            design_digest: Some(digest),
+            labels: None,
+            spans: Vec::new(),
+            baselines: None,
+        };
+        let ((), most) = most_of(|| judge(&house, &run));
+        (house.read("long.mcap").len(), most)
+    };
+    let ((short_bytes, of_short), (long_bytes, of_long)) = (held(4), held(40));
+    println!("{short_bytes} bytes: {of_short} held; {long_bytes} bytes: {of_long} held");
+    let more = of_long.saturating_sub(of_short);
+    assert!(more < (long_bytes - short_bytes) / 4, "{of_short} and {of_long} held");
+}
+
 #[test]
 fn judging_a_longer_recording_holds_no_more() {
     alone("memory::judging_a_longer_recording_holds_no_more", || {
-        let house = House::new();
-        let hour = some(0, 60);
-        let judge = |hours: i64| {
-            let later = |h: i64| {
-                hour.iter().map(move |b| Burst { t_acq_ns: b.t_acq_ns + h * HOUR_NS, ..b.clone() })
-            };
-            let bursts: Vec<Burst> = (0..hours).flat_map(later).collect();
-            record(&house, "long.mcap", &bursts);
-            let (design, digest) = design_file::read(&sample("design.json")).unwrap();
-            let run = Replay {
-                settings: Settings::default(),
-                design: Some(design),
-                design_digest: Some(digest),
-                labels: None,
-                spans: Vec::new(),
-                baselines: None,
-            };
+        holds_no_more_of_a_longer_one(|house, run| {
             let recording = Recording::open(&house.path("long.mcap"), Limits::default()).unwrap();
             let verdicts = house.path("out/long.verdicts.parquet");
-            let whole = || pipeline::replay(&run, &recording, &verdicts, &Control::default());
-            let (judged, most) = most_of(whole);
-            judged.unwrap();
-            (house.read("long.mcap").len(), most)
-        };
-        let ((short_bytes, of_short), (long_bytes, of_long)) = (judge(4), judge(40));
-        println!("{short_bytes} bytes: {of_short} held; {long_bytes} bytes: {of_long} held");
-        let more = of_long.saturating_sub(of_short);
-        assert!(more < (long_bytes - short_bytes) / 4, "{of_short} and {of_long} held");
+            pipeline::replay(run, &recording, &verdicts, &Control::default()).unwrap();
+        });
+    });
+}
+
+#[test]
+fn parts_of_a_longer_recording_hold_no_more() {
+    alone("memory::parts_of_a_longer_recording_hold_no_more", || {
+        holds_no_more_of_a_longer_one(|house, run| {
+            let (control, path) = (Control::default(), house.path("long.mcap"));
+            let (dialects, enough) = (Dialects::default(), control.enough.clone());
+            let recording = Recording::follow(&path, Limits::default(), &dialects, enough).unwrap();
+            let closed = AtomicUsize::new(0);
+            let rotation = Rotation {
+                every: Duration::from_secs(1800),
+                closed: &|_| {
+                    closed.fetch_add(1, Relaxed);
+                },
+            };
+            let watch = Watch { raised: &|_| (), note: &|_| (), rotation: Some(rotation) };
+            let verdicts = house.path("out/long.verdicts.parquet");
+            pipeline::follow(run, &recording, &verdicts, &control, &watch).unwrap();
+            // one an hour, but for what the end took
+            println!("{} parts", closed.load(Relaxed));
+            assert!(closed.load(Relaxed) >= 3);
+        });
     });
 }
 

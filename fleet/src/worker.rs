@@ -8,6 +8,7 @@ use inkling::cli::judge::{Item, Judged, NotJudged};
 use inkling::design::Baselines;
 use inkling::io::Limits;
 use inkling::io::dialect::Dialects;
+use inkling::io::part_tables::PartTables;
 use inkling::io::recording::Recording;
 use inkling::pipeline::{self, Control, PipelineError, Replay};
 use inkling::settings::Pace;
@@ -188,6 +189,8 @@ impl Worker {
         let control = Control::default();
         let report =
             watched(run, at, &control, || pipeline::replay(replay, &recording, staged, &control))?;
+        // of a run that followed it and was killed; what stays costs room alone
+        let _ = PartTables::beside(&item.verdicts_in(run.out())).remove_of(&recording);
         let job = &loaded.job;
         Ok(Judged::of(report, &item.label, &item.verdicts_in(&job.out), job.detail))
     }

@@ -5,13 +5,14 @@ use super::judge::{Item, Judge, Judged, NotJudged, Run};
 use super::output;
 use super::progress::{Progress, handle_interrupts};
 use super::report::{printable, printable_path};
+use super::rotate;
 use crate::episodes::Episode;
 use crate::io::Limits;
 use crate::io::layout::Layout;
 use crate::io::objects::in_object_store;
 use crate::io::printable;
 use crate::io::recording::Recording;
-use crate::pipeline::{self, Control, Watch, rfc3339};
+use crate::pipeline::{self, ClosedPart, Control, Rotation, Watch, rfc3339};
 use crate::report::clock;
 use crate::settings::{Pace, Settings};
 use serde_json::json;
@@ -19,6 +20,7 @@ use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::time::Duration;
 
 /// What cannot take effect on a recording that is being written, with what to do instead.
 pub fn check(settings: &Settings, dry_run: bool) -> Result<(), Failure> {
@@ -61,6 +63,8 @@ pub fn until_enough() -> Arc<Control> {
 pub struct Watching<'a> {
     pub progress: &'a Progress,
     pub json: bool,
+    /// Parts of the table are closed, each of so much recording time.
+    pub rotate: Option<Duration>,
 }
 
 impl Judge for Watching<'_> {
@@ -72,7 +76,9 @@ impl Judge for Watching<'_> {
         let (label, verdicts) = (&item.label, item.verdicts_in(run.out));
         let raised = |episode: &Episode| tell(label, episode, self.json, self.progress);
         let note = |what: &str| self.progress.say(&format!("{}: {what}", printable_path(label)));
-        let watch = Watch { raised: &raised, note: &note };
+        let closed = |part: &ClosedPart| rotate::tell(label, part, self.json, self.progress);
+        let rotation = self.rotate.map(|every| Rotation { every, closed: &closed });
+        let watch = Watch { raised: &raised, note: &note, rotation };
         let report = self.progress.during(label, None, run.control, || {
             let enough = run.control.enough.clone();
             let recording = Recording::follow(&item.path, Limits::default(), run.dialects, enough)?;

@@ -29,6 +29,7 @@ pub mod replay;
 mod report;
 mod report_page;
 mod results;
+mod rotate;
 mod score;
 mod scored;
 mod simulate;

@@ -101,12 +101,17 @@ pub fn warnings(report: &RecordingReport) -> Vec<Told> {
     counted(refused.chain(warned))
 }
 
-/// What was done about what the design does not know.
+/// What was done about what the design does not know, and what else is no fault of the verdicts.
 pub fn notes(report: &RecordingReport) -> Vec<Told> {
-    counted(report.learned_temperature.iter().map(|(printhead, what)| {
+    let learned = report.learned_temperature.iter().map(|(printhead, what)| {
         let says = "the design does not know what temperature does, this recording does";
         (format!("{}: ", printable::cell(printhead)), format!("{says}: {what}"))
-    }))
+    });
+    let left = report.parts_left.iter().map(|e| {
+        let says = "parts of its table, written while it was followed, could not be removed";
+        (String::new(), format!("{says}: {e}"))
+    });
+    counted(learned.chain(left))
 }
 
 pub fn damage(report: &RecordingReport) -> Vec<Told> {

@@ -9,6 +9,7 @@ use super::follow::{self, Watching};
 use super::judge::{Here, Judge};
 use super::plan::{self, Planned, Planner};
 use super::progress::{Progress, interruptible};
+use super::rotate;
 use crate::design::Design;
 use crate::io::baseline_file::BaselineFile;
 use crate::io::journal::{JOURNAL_NAME, Journal, JournalWriter, Means};
@@ -22,6 +23,7 @@ use crate::settings::{Pace, Preset, Settings};
 use chrono::DateTime;
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// The settings file that is read where no recording is named.
 const PIPELINE_TOML: &str = "pipeline.toml";
@@ -69,6 +71,8 @@ enum LayoutArg {
       what became of each
   inkling replay now.mcap --design design.json --follow
       while it is being written: faults as they are found
+  inkling replay now.mcap --design design.json --follow --rotate 10min
+      and every ten minutes a table of the rows so far, to be opened by others
 
 Where recordings are named, ./pipeline.toml is not read unless --config names it.")]
 pub struct Args {
@@ -127,6 +131,10 @@ pub struct Args {
     /// or Ctrl-C; then write what any replay of it would
     #[arg(long)]
     follow: bool,
+    /// With --follow: put the rows also into parts, `<stem>.parts/00001.parquet` and so on, each closed after so
+    /// much recording time (10min, 1h) and from then on a table; they go when the recording is closed
+    #[arg(long, value_name = "SPAN", value_parser = rotate::span)]
+    rotate: Option<Duration>,
     /// One JSON line per recording and one for the run, instead of text
     #[arg(long)]
     json: bool,
@@ -154,8 +162,9 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     if args.follow {
         follow::check(&settings, args.dry_run)?;
     }
-    let found = inputs::find_each_recording(&settings.input.recordings).map_err(Failure::new)?;
     let out = PathBuf::from(&settings.output.dir);
+    rotate::check(args.rotate, args.follow, &out)?;
+    let found = inputs::find_each_recording(&settings.input.recordings).map_err(Failure::new)?;
     outputs::check_place(&out).map_err(Failure::new)?;
     let journal = || Journal::read(&out).map_err(|e| unreadable(&out, e));
     let dialects = dialects::checked(&settings, &found.inputs)?;
@@ -207,7 +216,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     let progress = Progress::new(judged, sizes.map(|stamp| stamp.bytes).sum());
     let writer = JournalWriter::open(&out).map_err(|e| unwritable(&out.join(JOURNAL_NAME), e))?;
     let mut here = Here { progress: &progress };
-    let mut watching = Watching { progress: &progress, json: args.json };
+    let mut watching = Watching { progress: &progress, json: args.json, rotate: args.rotate };
     let batch = Batch {
         judge: match elsewhere {
             Some(judge) => judge,

@@ -5,7 +5,9 @@ use crate::episodes::Episode;
 use crate::labels::Labels;
 use crate::settings::Settings;
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
 use std::thread;
+use std::time::Duration;
 
 /// What a run of replay shares over its recordings; as JSON it says all that others need to judge them alike.
 #[derive(Clone, Serialize, Deserialize)]
@@ -42,4 +44,27 @@ pub struct Watch<'a> {
     pub raised: &'a (dyn Fn(&Episode) + Sync),
     /// Something else is to be known.
     pub note: &'a (dyn Fn(&str) + Sync),
+    /// Parts of the table are closed meanwhile.
+    pub rotation: Option<Rotation<'a>>,
+}
+
+/// A part of the table every so often.
+#[derive(Clone, Copy)]
+pub struct Rotation<'a> {
+    /// Of recording time.
+    pub every: Duration,
+    /// A part has its name.
+    pub closed: &'a (dyn Fn(&ClosedPart) + Sync),
+}
+
+/// A part of the table that can be read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ClosedPart {
+    /// From 1 on.
+    pub number: u32,
+    pub path: PathBuf,
+    pub rows: u64,
+    /// t_a of its earliest and its latest burst.
+    pub from_ns: i64,
+    pub to_ns: i64,
 }

@@ -1,9 +1,10 @@
 //! The document that goes with the verdicts: in the Parquet file's metadata and in summary.json.
 
-use super::job::Replay;
+use super::job::{ClosedPart, Replay};
 use super::schedule::Schedule;
 use super::tally::Counts;
 use crate::design::{Judge, categories};
+use crate::io::part_tables::{Beginning, PART_KEY};
 use crate::io::recording::Recording;
 use chrono::{DateTime, SecondsFormat};
 use serde_json::{Value, json};
@@ -17,9 +18,41 @@ pub fn document(
     schedule: &Schedule,
     counts: &Counts,
 ) -> Value {
+    let recording = json!({"name": recording.name, "bytes": recording.bytes, "digest": digest});
+    let models = schedule.judges.iter().map(|judge| model(judge)).collect();
+    let mut document = of(replay, recording, models);
+    document["counts"] = json!(counts);
+    document
+}
+
+/// The same of a part of the table, while the recording is still being written: as far as it is known.
+pub fn of_part<'a>(
+    replay: &Replay,
+    recording: &Recording,
+    begins: &Beginning,
+    judges: impl Iterator<Item = &'a Judge>,
+    part: &ClosedPart,
+) -> Value {
+    let recording = json!({"name": recording.name, "begins": begins, "complete": false});
+    let models = judges.map(|judge| {
+        let mut model = model(judge);
+        // of a judge that moves with all channels they are those of a burst
+        model.as_object_mut().map(|of| of.remove("poles"));
+        model
+    });
+    let mut document = of(replay, recording, models.collect());
+    document[PART_KEY] = json!({
+        "number": part.number,
+        "rows": part.rows,
+        "from": rfc3339(part.from_ns),
+        "to": rfc3339(part.to_ns),
+    });
+    document
+}
+
+fn of(replay: &Replay, recording: Value, models: Vec<Value>) -> Value {
     let classes = replay.classes();
     let category_names = categories(&classes);
-    let models: Vec<Value> = schedule.judges.iter().map(|judge| model(judge)).collect();
     let input = &replay.settings.input;
     let mut read = json!({"rails": input.rails});
     if !input.dialect.is_empty() {
@@ -27,7 +60,7 @@ pub fn document(
     }
     json!({
         "version": env!("CARGO_PKG_VERSION"),
-        "recording": {"name": recording.name, "bytes": recording.bytes, "digest": digest},
+        "recording": recording,
         "design": replay.design_digest,
         "settings": {
             "input": read,
@@ -43,7 +76,6 @@ pub fn document(
         "classes": classes,
         "categories": category_names,
         "models": models,
-        "counts": counts,
     })
 }
 

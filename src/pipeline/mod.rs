@@ -17,6 +17,7 @@ mod ahead;
 mod baseline;
 mod batches;
 pub mod beginning;
+mod borders;
 pub mod chain;
 pub mod collect;
 pub mod episodes;
@@ -43,6 +44,7 @@ mod progress;
 pub mod replay;
 pub mod resume;
 mod rings;
+mod rotation;
 mod rows;
 pub mod schedule;
 mod spares;
@@ -59,7 +61,7 @@ mod warmth;
 mod windows;
 mod wiring;
 
-pub use job::{Replay, Watch};
+pub use job::{ClosedPart, Replay, Rotation, Watch};
 pub use metadata::rfc3339;
 pub use replay::{RecordingReport, follow, replay};
 
@@ -88,6 +90,11 @@ pub enum PipelineError {
         and_damaged(damage)
     )]
     NoBursts { recording: String, others: Vec<crate::io::recording::Other>, damage: Vec<Damage> },
+    #[error(
+        "{path} is no part of this recording's verdicts: another's, or another program's; it was left as it \
+         is. Move it away, or give another --out"
+    )]
+    PartTaken { path: std::path::PathBuf },
     #[error("interrupted; no finished file was written for the recording at hand")]
     Interrupted,
     #[error(

@@ -15,12 +15,13 @@ use super::survey::survey;
 use super::tally::{Counts, Tally};
 use super::timings::{PhaseTiming, Phases, StageTiming};
 use super::wiring::{Listening, Streamed, Wiring};
-use super::{Control, PipelineError, metadata};
+use super::{Control, PipelineError, metadata, rotation};
 use crate::design::Baselines;
 use crate::episodes::Episode;
 use crate::io::damage::Damage;
 use crate::io::journal::Stamp;
 use crate::io::part_file::{self, CompleteFile};
+use crate::io::part_tables::PartTables;
 use crate::io::recording::Recording;
 use crate::io::stored;
 use crate::io::summary_file;
@@ -61,6 +62,8 @@ pub struct RecordingReport {
     pub timings: Vec<StageTiming>,
     /// With `--baseline`: what is remembered for the next recording.
     pub baselines: Option<Baselines>,
+    /// Why parts of the table, of a run that followed the recording, could not be removed.
+    pub parts_left: Option<std::io::Error>,
 }
 
 impl RecordingReport {
@@ -126,7 +129,10 @@ pub fn follow(
             (watch.raised)(episode);
         }
     };
-    let once = &Watch { raised: &raised, note: watch.note };
+    let once = &Watch { raised: &raised, ..*watch };
+    if watch.rotation.is_some() {
+        rotation::make_room(verdicts, recording)?;
+    }
     let (may_learn, mut phases) = (replay.design.is_some(), Phases::new(recording.opening));
     let run = Run { replay, recording, verdicts, control, may_learn, watch: Some(once) };
     let why = match run.judge(&mut phases) {
@@ -146,6 +152,9 @@ pub fn follow(
     };
     control.set_abandoned(false);
     (watch.note)(&why);
+    if watch.rotation.is_some() {
+        rotation::remove(verdicts, recording)?; // what is in them is judged again
+    }
     phases.time("wait", || {
         let mut blocks = recording.blocks();
         while control.next_block(recording, &mut blocks)?.is_some() {}
@@ -379,7 +388,7 @@ impl Run<'_> {
         phases.add("finish", finishing.elapsed());
         let of_baselines = baselines.as_ref().map(Learned::summary);
         warnings.extend(baselines.iter().flat_map(|of| of.refused.iter().cloned()));
-        let report = RecordingReport {
+        let mut report = RecordingReport {
             name: recording.name.clone(),
             digest: digest.text,
             stamp: recording.stamp,
@@ -398,6 +407,7 @@ impl Run<'_> {
             timings,
             tally,
             baselines: baselines.map(|of| of.next),
+            parts_left: None,
         };
         let mut summary = report.summary(document, recording);
         summary["moved_together"] = json!(moved);
@@ -406,6 +416,8 @@ impl Run<'_> {
         }
         let [table, writer] = tables;
         name_all([table, writer, complete_summary(verdicts, &summary)?])?;
+        // the table holds what they held
+        report.parts_left = PartTables::beside(verdicts).remove_of(recording).err();
         Ok(report)
     }
 }

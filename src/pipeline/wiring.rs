@@ -10,6 +10,7 @@ use super::in_flight::InFlight;
 use super::isolator::Isolator;
 use super::job::{Replay, Watch};
 use super::models::Models;
+use super::rotation::Rotating;
 use super::schedule::Schedule;
 use super::spares::Spares;
 use super::stages::{self, BlockQueue, Pacer};
@@ -79,8 +80,8 @@ pub struct Streamed {
 }
 
 impl Wiring<'_> {
-    /// Both tables, under way.
-    fn tables(&self, classes: &[String]) -> Result<(EpisodeTap<'_>, VerdictWriter), PipelineError> {
+    /// All under way.
+    fn tables(&self, classes: &[String]) -> Result<Tables<'_>, PipelineError> {
         let output = &self.replay.settings.output;
         let timestamp_unit = match output.timestamps {
             TimestampUnit::Ns => verdict_table::TimestampUnit::Ns,
@@ -96,7 +97,12 @@ impl Wiring<'_> {
             weights: output.weights,
             timestamp_unit,
         };
-        Ok((episodes, VerdictWriter::create(self.verdicts, options)?))
+        let rotation = self.watch.and_then(|watch| watch.rotation);
+        let rotating = rotation.filter(|_| self.recording.is_growing()).map(|of| {
+            Rotating::new(of, self.replay, self.recording, self.verdicts, options.clone())
+        });
+        let writer = VerdictWriter::create(self.verdicts, options)?;
+        Ok(Tables { episodes, writer, rotating })
     }
 
     fn workers(&self) -> Workers {
@@ -116,7 +122,7 @@ impl Wiring<'_> {
         let Wiring { replay, recording, control, baselines, .. } = *self;
         let settings = &replay.settings;
         let classes = replay.classes();
-        let (mut episodes, mut writer) = self.tables(&classes)?;
+        let mut tables = self.tables(&classes)?;
         let (mut tally, mut warmth) = (Tally::new(classes), Warmth::new(self.may_learn));
         let identify = &settings.identify;
         let heads = || Heads::new(identify, settings.input.rails);
@@ -179,10 +185,7 @@ impl Wiring<'_> {
             drop((from_gate, to_writer));
 
             let put = |judged: &mut Judged| {
-                if !judged.verdicts.is_empty() {
-                    episodes.add(judged)?;
-                    writer.write(&judged.verdicts)?;
-                }
+                tables.write(judged)?;
                 tally.add(judged);
                 Ok(())
             };
@@ -195,6 +198,7 @@ impl Wiring<'_> {
         })?;
         let behind = pacer.map(|p| p.behind);
         let ((scan_damage, digest), timings) = (queue.finish(control)?, timings.stages());
+        let Tables { episodes, writer, .. } = tables;
         let (schedule, episodes) = (models.into_schedule(), episodes.finish()?);
         Ok(Streamed {
             schedule,
@@ -208,6 +212,28 @@ impl Wiring<'_> {
             warmth,
             moved: heads.map(|heads| heads.moved()).unwrap_or_default(),
         })
+    }
+}
+
+/// What the writer appends to.
+struct Tables<'a> {
+    episodes: EpisodeTap<'a>,
+    writer: VerdictWriter,
+    /// With `--rotate`.
+    rotating: Option<Rotating<'a>>,
+}
+
+impl Tables<'_> {
+    fn write(&mut self, judged: &mut Judged) -> Result<(), PipelineError> {
+        if judged.verdicts.is_empty() {
+            return Ok(());
+        }
+        self.episodes.add(judged)?;
+        self.writer.write(&judged.verdicts)?;
+        match &mut self.rotating {
+            Some(rotating) => rotating.write(judged),
+            None => Ok(()),
+        }
     }
 }
 

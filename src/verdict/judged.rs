@@ -62,6 +62,16 @@ pub enum Part {
     Rows(Range<usize>),
 }
 
+/// Neighbouring rows of one printhead and time: a burst's, or some of them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OfBurst {
+    /// t_a
+    pub t_ns: i64,
+    /// Index into the batch's printheads.
+    pub printhead: u32,
+    pub part: Part,
+}
+
 /// The verdicts of one batch, in the recording's order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Verdicts {
@@ -83,6 +93,30 @@ impl Verdicts {
 
     pub fn is_empty(&self) -> bool {
         self.parts.is_empty()
+    }
+
+    /// The parts again, none of more than one burst.
+    pub fn by_burst(&self) -> Vec<OfBurst> {
+        let c = &self.rows;
+        let burst = |row: &usize| (c.acquired_at_ns[*row], c.printhead[*row]);
+        let mut all = Vec::with_capacity(self.parts.len());
+        for part in &self.parts {
+            match part {
+                Part::Healthy(HealthyRun { t_ns, printhead, .. }) => {
+                    let (t_ns, printhead) = (*t_ns, *printhead);
+                    all.push(OfBurst { t_ns, printhead, part: part.clone() });
+                }
+                Part::Rows(rows) => {
+                    let rows: Vec<usize> = rows.clone().collect();
+                    all.extend(rows.chunk_by(|a, b| burst(a) == burst(b)).map(|rows| {
+                        let (t_ns, printhead) = burst(&rows[0]);
+                        let part = Part::Rows(rows[0]..rows[0] + rows.len());
+                        OfBurst { t_ns, printhead, part }
+                    }));
+                }
+            }
+        }
+        all
     }
 
     /// Takes in the rows that were pushed last.

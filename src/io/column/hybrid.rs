@@ -1,5 +1,7 @@
 //! Parquet's hybrid of run lengths and bit packing: definition levels, and keys into a dictionary.
 
+use super::bits;
+
 /// Values of `width` bits.
 #[derive(Debug)]
 pub struct Hybrid {
@@ -56,7 +58,7 @@ impl Hybrid {
         times -= literal;
         if times > 0 {
             self.pack();
-            self.header(times << 1);
+            bits::put_number(u64::from(times) << 1, &mut self.out);
             let bytes = usize::from(self.width.div_ceil(8));
             self.out.extend(&value.to_le_bytes()[..bytes]);
         }
@@ -69,25 +71,8 @@ impl Hybrid {
         }
         let groups = self.literals.len().div_ceil(8);
         self.literals.resize(groups * 8, 0);
-        self.header((groups as u32) << 1 | 1);
-        let (mut bits, mut held) = (0u64, 0);
-        for value in self.literals.drain(..) {
-            bits |= u64::from(value) << held;
-            held += self.width;
-            while held >= 8 {
-                self.out.push(bits as u8);
-                bits >>= 8;
-                held -= 8;
-            }
-        }
-    }
-
-    fn header(&mut self, mut value: u32) {
-        while value >= 0x80 {
-            self.out.push(value as u8 | 0x80);
-            value >>= 7;
-        }
-        self.out.push(value as u8);
+        bits::put_number((groups as u64) << 1 | 1, &mut self.out);
+        bits::pack(self.literals.drain(..).map(u64::from), self.width, &mut self.out);
     }
 
     pub fn finish(mut self) -> Vec<u8> {

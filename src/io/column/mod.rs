@@ -4,6 +4,7 @@
 //! asks after every row anew. A kind of column each: texts and numbers that are the same over many rows, whole numbers
 //! that go on by equal steps, numbers of every row. Format: data pages of version 1.
 
+mod bits;
 mod hybrid;
 mod numbers;
 mod pages;

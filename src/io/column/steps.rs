@@ -2,6 +2,7 @@
 //!
 //! Format: DELTA_BINARY_PACKED, blocks of 128 differences in four parts, each of its own width.
 
+use super::bits;
 use super::pages::{ClosedPage, ColumnPages};
 use parquet::basic::{Encoding, Type};
 use parquet::errors::Result;
@@ -73,10 +74,10 @@ impl StepColumn {
             self.end_block_of(&block);
         }
         let mut encoded = Vec::with_capacity(self.blocks.len() + 32);
-        put_number(BLOCK as u64, &mut encoded);
-        put_number(PARTS as u64, &mut encoded);
-        put_number(self.rows.into(), &mut encoded);
-        put_number(zigzag(self.stored(self.first)), &mut encoded);
+        bits::put_number(BLOCK as u64, &mut encoded);
+        bits::put_number(PARTS as u64, &mut encoded);
+        bits::put_number(self.rows.into(), &mut encoded);
+        bits::put_number(zigzag(self.stored(self.first)), &mut encoded);
         encoded.extend(&self.blocks);
         let (least, most) = (Some(self.span.0), Some(self.span.1));
         let narrow = |value: Option<i64>| value.map(|value| value as u32 as i32);
@@ -125,7 +126,7 @@ impl StepColumn {
             let above = stored(*d).wrapping_sub(least) as u64;
             if wide { above } else { u64::from(above as u32) }
         };
-        put_number(zigzag(least), &mut self.blocks);
+        bits::put_number(zigzag(least), &mut self.blocks);
         let parts = || differences.chunks(BLOCK / PARTS);
         let width = |part: &[i64]| {
             let most = part.iter().map(above).fold(0, |all, above| all | above);
@@ -135,36 +136,12 @@ impl StepColumn {
         widths.iter_mut().zip(parts()).for_each(|(w, part)| *w = width(part));
         self.blocks.extend(widths);
         for (part, width) in parts().zip(widths) {
-            pack(part.iter().map(above), width, &mut self.blocks);
+            // the last part of a column is filled up
+            let end = self.blocks.len() + BLOCK / PARTS * usize::from(width) / 8;
+            bits::pack(part.iter().map(above), width, &mut self.blocks);
+            self.blocks.resize(end, 0);
         }
     }
-}
-
-/// A part's numbers of `width` bits, filled up with zeros.
-fn pack(numbers: impl Iterator<Item = u64>, width: u8, out: &mut Vec<u8>) {
-    let end = out.len() + BLOCK / PARTS * usize::from(width) / 8;
-    let (mut bits, mut held) = (0u128, 0);
-    for number in numbers.take(if width == 0 { 0 } else { usize::MAX }) {
-        bits |= u128::from(number) << held;
-        held += width;
-        while held >= 8 {
-            out.push(bits as u8);
-            bits >>= 8;
-            held -= 8;
-        }
-    }
-    if held > 0 {
-        out.push(bits as u8);
-    }
-    out.resize(end, 0);
-}
-
-fn put_number(mut number: u64, out: &mut Vec<u8>) {
-    while number >= 0x80 {
-        out.push(number as u8 | 0x80);
-        number >>= 7;
-    }
-    out.push(number as u8);
 }
 
 fn zigzag(number: i64) -> u64 {

@@ -1,0 +1,151 @@
+//! `--rotate`: what is judged of a recording that is being written, part by part, each closed after a span of
+//! recording time and from then on a table that can be read.
+//!
+//! In: the batches that the writer appends to the table. Out: parts ([`crate::io::part_tables`]), named when they are
+//! complete; what was not closed at the end is in the table alone.
+
+use super::batches::Judged;
+use super::borders::{Borders, Section};
+use super::job::{ClosedPart, Replay, Rotation};
+use super::{PipelineError, metadata};
+use crate::design::Judge;
+use crate::io::part_file;
+use crate::io::part_tables::{Beginning, PartTables};
+use crate::io::recording::Recording;
+use crate::io::verdict_table::{TableOptions, VerdictWriter};
+use std::collections::BTreeMap;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+pub struct Rotating<'a> {
+    rotation: Rotation<'a>,
+    replay: &'a Replay,
+    recording: &'a Recording,
+    options: TableOptions,
+    tables: PartTables,
+    borders: Borders,
+    /// As the first part has it.
+    begins: Option<Beginning>,
+    closed: u32,
+    open: Option<OpenPart>,
+}
+
+/// A part under way.
+struct OpenPart {
+    writer: VerdictWriter,
+    from_ns: i64,
+    to_ns: i64,
+    /// Who judged some of it, by their numbers.
+    judges: BTreeMap<u16, Arc<Judge>>,
+}
+
+impl<'a> Rotating<'a> {
+    /// `verdicts`: where the table will be.
+    pub fn new(
+        rotation: Rotation<'a>,
+        replay: &'a Replay,
+        recording: &'a Recording,
+        verdicts: &Path,
+        options: TableOptions,
+    ) -> Rotating<'a> {
+        let span_ns = i64::try_from(rotation.every.as_nanos()).unwrap_or(i64::MAX);
+        Rotating {
+            rotation,
+            replay,
+            recording,
+            options,
+            tables: PartTables::beside(verdicts),
+            borders: Borders::new(span_ns),
+            begins: None,
+            closed: 0,
+            open: None,
+        }
+    }
+
+    /// Appends a batch, and closes what ends in it.
+    pub fn write(&mut self, judged: &mut Judged) -> Result<(), PipelineError> {
+        let sections = self.borders.cut(&judged.verdicts);
+        let whole = std::mem::take(&mut judged.verdicts.parts);
+        for (nth, section) in sections.into_iter().enumerate() {
+            if nth > 0 {
+                self.close()?;
+            }
+            if !section.parts.is_empty() {
+                self.append(section, judged)?;
+            }
+        }
+        judged.verdicts.parts = whole;
+        Ok(())
+    }
+
+    fn append(&mut self, section: Section, judged: &mut Judged) -> Result<(), PipelineError> {
+        let open = match &mut self.open {
+            Some(open) => open,
+            none => none.insert(OpenPart {
+                writer: VerdictWriter::create(
+                    &self.tables.path(self.closed + 1),
+                    self.options.clone(),
+                )?,
+                from_ns: i64::MAX,
+                to_ns: i64::MIN,
+                judges: BTreeMap::new(),
+            }),
+        };
+        open.from_ns = open.from_ns.min(section.from_ns);
+        open.to_ns = open.to_ns.max(section.to_ns);
+        for judge in &judged.judges {
+            open.judges.entry(judge.index).or_insert_with(|| judge.clone());
+        }
+        judged.verdicts.parts = section.parts;
+        Ok(open.writer.write(&judged.verdicts)?)
+    }
+
+    /// The part at hand gets its name, if there is one.
+    fn close(&mut self) -> Result<(), PipelineError> {
+        let Some(OpenPart { writer, from_ns, to_ns, judges }) = self.open.take() else {
+            return Ok(());
+        };
+        let number = self.closed + 1;
+        let path = self.tables.path(number);
+        let failed = |source: io::Error| PipelineError::Write { path: path.clone(), source };
+        let part = ClosedPart { number, path: path.clone(), rows: writer.rows(), from_ns, to_ns };
+        let begins = match &mut self.begins {
+            Some(begins) => &*begins,
+            none => none.insert(Beginning::of(self.recording).map_err(failed)?),
+        };
+        let judges = judges.values().map(|judge| &**judge);
+        let document = metadata::of_part(self.replay, self.recording, begins, judges, &part);
+        let complete = writer.complete(document.to_string())?;
+        if path.exists() {
+            return Err(PipelineError::PartTaken { path });
+        }
+        complete.name().and_then(|()| part_file::sync_directory_of(&path)).map_err(failed)?;
+        self.closed = number;
+        (self.rotation.closed)(&part);
+        Ok(())
+    }
+}
+
+/// What was not closed is in the table alone.
+impl Drop for Rotating<'_> {
+    fn drop(&mut self) {
+        self.open = None;
+        self.tables.remove_empty();
+    }
+}
+
+/// Parts of this recording go; the first of what else is called like a part.
+pub fn remove(verdicts: &Path, recording: &Recording) -> Result<Option<PathBuf>, PipelineError> {
+    let tables = PartTables::beside(verdicts);
+    let failed = |source| PipelineError::Write { path: tables.dir().into(), source };
+    tables.remove_of(recording).map_err(failed)
+}
+
+/// The same of parts that an earlier run left; an error where others are in the way of new ones.
+pub fn make_room(verdicts: &Path, recording: &Recording) -> Result<(), PipelineError> {
+    match remove(verdicts, recording)? {
+        Some(path) => Err(PipelineError::PartTaken { path }),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,284 @@
+//! `--rotate`: while a recording is written its rows are also in parts, each a table by itself; they go when it is
+//! closed, stay when the run is killed, and nothing else is ever touched.
+#![cfg(unix)]
+
+use crate::follow::{Follower, HANGS, append, create, recording, tables_are_those_of_a_replay};
+use crate::house::House;
+use crate::pipeline::{bursts, sample, write};
+use inkling::io::inputs;
+use inkling::io::recording_writer::{Compression, WriterOptions};
+use inkling::io::verdict_reader::VerdictReader;
+use inkling::verdict::VerdictColumns;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+const ARGS: &str = "--identify design --rotate 7s";
+
+/// Every row of a table in its order, all that it says.
+fn rows(table: &Path) -> Vec<String> {
+    let text = |c: &VerdictColumns, i: usize| {
+        let printhead = &c.printheads[c.printhead[i] as usize];
+        format!(
+            "{} {printhead} {} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?}",
+            c.acquired_at_ns[i],
+            c.channel[i],
+            c.outcome[i],
+            c.category[i],
+            c.fault[i],
+            c.candidate[i],
+            c.certainty[i],
+            c.statistic[i],
+            c.threshold[i],
+            c.test[i],
+            c.misfit[i],
+            c.severity[i],
+            c.severity_sd[i],
+            c.model[i],
+            c.reason[i],
+        )
+    };
+    let batches = VerdictReader::open(table).unwrap().map(Result::unwrap);
+    batches.flat_map(|c| (0..c.len()).map(|i| text(&c, i)).collect::<Vec<_>>()).collect()
+}
+
+/// The document in a table's metadata.
+fn document(table: &Path) -> Value {
+    let reader = VerdictReader::open(table).unwrap();
+    serde_json::from_str(reader.metadata_json().unwrap()).unwrap()
+}
+
+/// What lies in the directory of parts and has its name.
+fn parts(house: &House) -> Vec<PathBuf> {
+    let Ok(entries) = std::fs::read_dir(house.path("out/now.parts")) else { return Vec::new() };
+    let paths = entries.map(|e| e.unwrap().path());
+    let mut paths: Vec<PathBuf> = paths.filter(|p| p.extension().unwrap() != "part").collect();
+    paths.sort();
+    paths
+}
+
+fn rows_of(parts: &[PathBuf]) -> Vec<String> {
+    parts.iter().flat_map(|part| rows(part)).collect()
+}
+
+/// When a row was acquired, and by which printhead: a burst.
+fn burst_of(row: &str) -> &str {
+    let (at, _) = row.match_indices(' ').nth(1).unwrap();
+    &row[..at]
+}
+
+#[test]
+fn parts_are_the_first_rows_of_the_table_and_go_when_it_has_its_name() {
+    for (compression, chunk_bytes, args) in [
+        (Compression::Lz4, Some(30_000), "--identify windows --set identify.first=8"),
+        (Compression::Zstd, Some(100_000), "--identify design"),
+        (Compression::None, None, "--identify design"),
+    ] {
+        let house = House::new();
+        let bytes = recording(&house, compression, chunk_bytes);
+        let mut file = create(&house);
+        let mut follower = Follower::start(&house, &format!("{args} --rotate 7s"));
+        append(&mut file, &bytes[..bytes.len() * 2 / 3]);
+        let told: Vec<Value> = (0..3).map(|_| follower.next("part")).collect();
+        let closed = parts(&house);
+        assert!(closed.len() >= 3, "{closed:?}");
+        for (nth, (event, part)) in told.iter().zip(&closed).enumerate() {
+            let document = document(part);
+            assert_eq!(event["file"], format!("out/now.parts/{:05}.parquet", nth + 1));
+            assert_eq!(document["part"]["number"], nth + 1);
+            for key in ["number", "rows", "from", "to"] {
+                assert_eq!(document["part"][key], event[key], "{key}");
+            }
+            assert_eq!(document["part"]["rows"], rows(part).len());
+            let of = &document["recording"];
+            assert_eq!((&of["name"], &of["complete"]), (&"now.mcap".into(), &false.into()));
+            assert!(document["classes"].as_array().is_some_and(|list| !list.is_empty()));
+        }
+        let first = rows_of(&closed);
+        for pair in closed.windows(2) {
+            let [before, after] = [&pair[0], &pair[1]].map(|part| rows(part));
+            assert_ne!(burst_of(before.last().unwrap()), burst_of(&after[0]), "a burst is split");
+        }
+        // whoever searches for tables meets none yet
+        let out = house.path("out").display().to_string();
+        assert!(inputs::find_verdicts(&[out]).is_err());
+
+        append(&mut file, &bytes[bytes.len() * 2 / 3..]);
+        let (code, _, stderr) = follower.end();
+        assert_eq!(code, Some(0), "{stderr}");
+        assert!(!house.path("out/now.parts").exists());
+        let all = rows(&house.path("out/now.verdicts.parquet"));
+        assert!(first.len() < all.len() && first[..] == all[..first.len()], "{args}");
+        match chunk_bytes {
+            Some(_) => tables_are_those_of_a_replay(&house, &bytes, args, 0),
+            None => {
+                assert_eq!(document(&house.path("out/now.verdicts.parquet"))["part"], Value::Null)
+            }
+        }
+    }
+}
+
+#[test]
+fn ctrl_c_leaves_the_table_and_no_parts() {
+    let house = House::new();
+    let bytes = recording(&house, Compression::Lz4, Some(30_000));
+    let mut file = create(&house);
+    let mut follower = Follower::start(&house, ARGS);
+    append(&mut file, &bytes[..bytes.len() / 2]);
+    follower.next("part");
+    follower.enough();
+    let (code, _, stderr) = follower.end();
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(house.path("out/now.verdicts.parquet").exists());
+    assert!(!house.path("out/now.parts").exists());
+}
+
+/// Follows the first half of a recording and is killed when there are two parts.
+fn killed(house: &House, bytes: &[u8]) -> Vec<PathBuf> {
+    let mut file = create(house);
+    let mut follower = Follower::start(house, ARGS);
+    append(&mut file, &bytes[..bytes.len() / 2]);
+    (0..2).for_each(|_| drop(follower.next("part")));
+    follower.kill();
+    parts(house)
+}
+
+#[test]
+fn parts_of_a_killed_run_can_be_read_and_the_next_run_removes_them_and_nothing_else() {
+    let house = House::new();
+    let bytes = recording(&house, Compression::Lz4, Some(30_000));
+    let left = killed(&house, &bytes);
+    assert!(left.len() >= 2, "{left:?}");
+    let first = rows_of(&left);
+    // named like a part, like one that is being written, like nothing of ours
+    let foreign = ["00077.parquet", "00078.parquet.part", "notes.txt"];
+    for name in foreign {
+        house.write(&format!("out/now.parts/{name}"), name);
+    }
+    house.write("out/now.mcap.parts/00001.parquet", "x");
+
+    house.write("now.mcap", &bytes);
+    let design = sample("design.json");
+    house.ok(&format!("replay now.mcap --out out --design {}", design.display()));
+    let all = rows(&house.path("out/now.verdicts.parquet"));
+    assert!(first[..] == all[..first.len()]);
+    tables_are_those_of_a_replay(&house, &bytes, "--identify design", 0);
+    let mut names: Vec<_> = std::fs::read_dir(house.path("out/now.parts"))
+        .unwrap()
+        .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    assert_eq!(names, foreign);
+    assert!(house.path("out/now.mcap.parts/00001.parquet").exists());
+}
+
+#[test]
+fn who_follows_again_begins_with_the_first_part_unless_that_is_anothers() {
+    let house = House::new();
+    let bytes = recording(&house, Compression::Lz4, Some(30_000));
+    let left = killed(&house, &bytes);
+    house.write("now.mcap", &bytes);
+    let follower = Follower::start(&house, ARGS);
+    let (code, told, stderr) = follower.end();
+    assert_eq!(code, Some(0), "{stderr}");
+    let parts = told.iter().filter(|event| event["event"] == "part");
+    let numbers: Vec<u64> = parts.map(|part| part["number"].as_u64().unwrap()).collect();
+    assert!(numbers.len() > left.len() && numbers.iter().copied().eq(1..=numbers.len() as u64));
+    assert!(!house.path("out/now.parts").exists(), "{numbers:?}");
+
+    // yesterday's recording of the same name, of which these parts are all there is
+    std::fs::remove_dir_all(house.path("out")).unwrap();
+    let left = killed(&house, &bytes);
+    let theirs: Vec<Vec<u8>> = left.iter().map(|part| std::fs::read(part).unwrap()).collect();
+    write(&house.path("now.mcap"), &bursts(&sample("print_run.mcap")), WriterOptions::default());
+    let (code, _, stderr) = Follower::start(&house, ARGS).end();
+    assert_eq!(code, Some(1), "{stderr}");
+    assert!(stderr.contains("00001.parquet") && stderr.contains("Move it away"), "{stderr}");
+    let design = sample("design.json");
+    house.ok(&format!("replay now.mcap --out out --design {}", design.display()));
+    let there: Vec<Vec<u8>> = left.iter().map(|part| std::fs::read(part).unwrap()).collect();
+    assert!(there == theirs);
+}
+
+#[test]
+fn parts_of_what_is_judged_again_go() {
+    let house = House::new();
+    let bytes = std::fs::read(sample("print_run.mcap")).unwrap();
+    let mut file = create(&house);
+    let mut follower = Follower::start(&house, ARGS);
+    append(&mut file, &bytes[..bytes.len() * 2 / 3]);
+    follower.next("part");
+    append(&mut file, &bytes[bytes.len() * 2 / 3..]);
+    let (code, _, stderr) = follower.end();
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(stderr.contains("judged again"), "{stderr}");
+    assert!(!house.path("out/now.parts").exists());
+    tables_are_those_of_a_replay(&house, &bytes, "--identify design", 0);
+}
+
+#[test]
+fn parts_go_at_once_where_the_rest_turns_out_to_need_the_whole() {
+    const WINDOWS: &str = "--identify windows --set identify.first=5 --set identify.every=10";
+    let house = House::new();
+    let mut all = bursts(&sample("print_run.mcap"));
+    all.sort_by_key(|burst| burst.t_acq_ns);
+    all.iter_mut().for_each(|burst| burst.temperature_c = None);
+    let two_thirds = all.len() * 2 / 3;
+    all[two_thirds..].reverse();
+    let options = WriterOptions { compression: Compression::Lz4, chunk_bytes: Some(30_000) };
+    write(&house.path("whole.mcap"), &all, options);
+    let bytes = house.read("whole.mcap");
+    let mut file = create(&house);
+    let mut follower = Follower::start(&house, &format!("{WINDOWS} --rotate 7s"));
+    append(&mut file, &bytes[..bytes.len() / 2]);
+    follower.next("part");
+    assert!(!parts(&house).is_empty());
+    append(&mut file, &bytes[bytes.len() / 2..bytes.len() * 9 / 10]);
+    let since = Instant::now();
+    while house.path("out/now.parts").exists() {
+        assert!(since.elapsed() < HANGS, "parts of a run that was given up stay");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    append(&mut file, &bytes[bytes.len() * 9 / 10..]);
+    let (code, _, stderr) = follower.end();
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(stderr.contains("told when the recording is closed"), "{stderr}");
+    tables_are_those_of_a_replay(&house, &bytes, WINDOWS, 0);
+}
+
+#[test]
+fn a_directory_of_parts_that_cannot_be_is_an_error() {
+    let house = House::new();
+    std::fs::copy(sample("print_run.mcap"), house.path("now.mcap")).unwrap();
+    house.write("out/now.parts", "a file");
+    let (code, _, stderr) = Follower::start(&house, ARGS).end();
+    assert_eq!(code, Some(1), "{stderr}");
+    assert!(stderr.contains("out/now.parts"), "{stderr}");
+    assert_eq!(house.read("out/now.parts"), b"a file");
+    assert!(!house.path("out/now.verdicts.parquet").exists());
+}
+
+#[test]
+fn what_cannot_be_rotated_is_refused_with_what_to_do() {
+    let house = House::new();
+    std::fs::copy(sample("print_run.mcap"), house.path("now.mcap")).unwrap();
+    for (args, says) in [
+        ("--rotate 10min", "add --follow"),
+        ("--follow --rotate 0s", "a part is of 1s to 366days"),
+        ("--follow --rotate 0", "such as 10min"),
+        ("--follow --rotate 20ms", "a part is of 1s to 366days"),
+        ("--follow --rotate 1000years", "a part is of 1s to 366days"),
+        ("--follow --rotate soon", "such as 10min"),
+        ("--follow --rotate 10min --out s3://bucket/out", "give a directory by --out"),
+    ] {
+        house.run(&format!("replay now.mcap {args}")).exits(2).says(says);
+    }
+    // a part that a person reads of
+    let design = sample("design.json");
+    let said =
+        house.ok(&format!("replay now.mcap --follow --rotate 7s --design {}", design.display()));
+    assert!(
+        said.contains("  part 1, ") && said.contains("verdicts/now.parts/00001.parquet"),
+        "{said}"
+    );
+}
