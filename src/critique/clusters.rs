@@ -151,13 +151,17 @@ impl Clusters<'_> {
         let precision = inverse(&scaled(&self.model.between, &self.model.scale()));
         let information = signals.iter().map(|s| s.information).sum::<Matrix5>() + precision;
         let looks_like: Vector5 = signals.iter().map(|s| s.looks_like).sum();
-        let own = information.try_inverse().unwrap_or_else(Matrix5::zeros) * looks_like;
+        let inverse = information.try_inverse().unwrap_or_else(Matrix5::zeros);
+        let own = inverse * looks_like;
+        // the channel's parameters need not be where all its signals together want them: each is judged about that
+        let off = inverse * signals.iter().map(|s| s.score).sum::<Vector5>();
         for signal in signals {
             let burst = &mut bursts[signal.burst];
             burst.across.add(signal.across, 1.0);
             burst.along.add(signal.all, 1.0);
             burst.along.add(signal.across, -1.0);
-            burst.along.score -= own.dot(&signal.score);
+            burst.along.score -= signal.looks_like.dot(&off);
+            burst.along.score -= own.dot(&(signal.score - signal.information * off));
             burst.along.information +=
                 own.dot(&(signal.information * own)) - 2.0 * own.dot(&signal.looks_like);
         }
