@@ -78,7 +78,7 @@ pub struct FirstLook {
     /// Misfit beside the ring, counts²; an upper bound, since phase and real pole are held.
     pub unexplained: f64,
     /// The metric, where the distance must be computed again from a fit.
-    near: Option<Matrix3<f64>>,
+    metric: Option<Matrix3<f64>>,
     /// The misfit must be computed again from a fit.
     beside: bool,
 }
@@ -86,12 +86,17 @@ pub struct FirstLook {
 impl FirstLook {
     /// Features to start a fit from; `None`: no fit is needed.
     pub fn asks(&self) -> Option<Features> {
-        (self.near.is_some() || self.beside).then(|| features(&self.features))
+        (self.metric.is_some() || self.beside).then(|| features(&self.features))
     }
 
-    /// Whether the second look needs the signal itself, beside the fit.
+    /// Whether it needs another fit, the phase free.
     pub fn asks_beside(&self) -> bool {
         self.beside
+    }
+
+    /// Features to start that from. `held`: the fit with the phase held.
+    pub fn near(&self, held: Option<&Fit>) -> Features {
+        held.map_or_else(|| features(&self.features), |fit| fit.features)
     }
 
     /// The first-order statistics.
@@ -208,8 +213,12 @@ impl SensitivityDetector {
             None => look.detection(),
             Some(near) => {
                 self.at_reference(deviation, drive, &mut scratch.signal);
-                let fit = self.fitter.fit_from(&scratch.signal, &near, false);
-                self.second_look(&look, fit.as_ref(), &scratch.signal, drive)
+                let signal = &scratch.signal;
+                let fit = self.fitter.fit_from(signal, &near, false);
+                let near = look.asks_beside().then(|| look.near(fit.as_ref()));
+                let free = near.and_then(|near| self.fitter.fit_from(signal, &near, true));
+                let free = free.as_ref().map(|fit| (signal.as_slice(), fit));
+                self.second_look(&look, fit.as_ref(), free, drive)
             }
         }
     }
@@ -220,14 +229,14 @@ impl SensitivityDetector {
         let along = features * drive;
         let unexplained = dot(deviation, deviation) - along.dot(&(self.gram * along));
         let Some(metric) = self.sensitivity.metric(drive) else {
-            let (distance, near, beside) = (f64::INFINITY, None, false);
-            return FirstLook { features, distance, unexplained, near, beside };
+            let (distance, beside) = (f64::INFINITY, false);
+            return FirstLook { features, distance, unexplained, metric: None, beside };
         };
         let distance = self.sensitivity.distance(&metric, &features);
         let settled = distance <= SECOND_LOOK || distance >= CLEARLY_FAR;
         let beside = distance < CLEARLY_FAR && unexplained > self.settled;
-        let near = (!settled).then_some(metric);
-        FirstLook { features, distance, unexplained, near, beside }
+        let metric = (!settled).then_some(metric);
+        FirstLook { features, distance, unexplained, metric, beside }
     }
 
     /// Its features to first order; `None`: it holds more than a ring.
@@ -236,32 +245,32 @@ impl SensitivityDetector {
         (look.unexplained <= self.settled).then_some(look.features)
     }
 
-    /// The statistics refined by the fit that a first look asked for. `signal`: corrected to reference drive and
-    /// temperature, N, counts; may be empty unless [`FirstLook::asks_beside`].
+    /// The statistics refined by the fits that a first look asked for. `fit`: the phase held; `free`: where
+    /// [`FirstLook::asks_beside`], the signal corrected to reference drive and temperature, N, counts, and its fit with the
+    /// phase free, from [`FirstLook::near`] on.
     pub fn second_look(
         &self,
         look: &FirstLook,
         fit: Option<&Fit>,
-        signal: &[f64],
+        free: Option<(&[f64], &Fit)>,
         drive: f64,
     ) -> Detection {
         let mut found = look.detection();
-        if let (Some(fit), Some(metric)) = (fit, &look.near) {
+        if let (Some(fit), Some(metric)) = (fit, &look.metric) {
             found.ring = self.sensitivity.distance(metric, &three(fit));
         }
         if look.beside {
-            let near = fit.map_or_else(|| features(&look.features), |fit| fit.features);
-            found.unexplained = self.unexplained(signal, &near, drive).unwrap_or(look.unexplained);
+            let unexplained = |(signal, free)| self.unexplained(signal, free, drive);
+            found.unexplained = free.map_or(look.unexplained, unexplained);
         }
         found
     }
 
     /// The misfit of a signal beside its ring, counts² at its own drive. `signal`: corrected to reference drive and
-    /// temperature, N, counts; `near`: features to start the fit from.
-    pub fn unexplained(&self, signal: &[f64], near: &Features, drive: f64) -> Option<f64> {
-        let fit = self.fitter.fit_from(signal, near, true)?;
+    /// temperature, N, counts; `fit`: the phase free.
+    pub fn unexplained(&self, signal: &[f64], fit: &Fit, drive: f64) -> f64 {
         let left = self.beside.misfit_without(&self.fitter, signal, &fit.features, &self.leftover);
-        Some(dot(&left, &left) * drive * drive)
+        dot(&left, &left) * drive * drive
     }
 
     /// The fitter for second looks, the phase held, of signals corrected to the reference drive and temperature.

@@ -186,13 +186,6 @@ fn slices(of: &[Vec<f64>]) -> Vec<&[f64]> {
     of.iter().map(Vec::as_slice).collect()
 }
 
-/// Mean square misfit of a signal beside its ring, over the noise's: all of it, and beyond what is usual in a class
-/// ([`Typical::misfit_of`]).
-pub(super) struct RelativeMisfit {
-    pub all: f64,
-    pub beyond_class: f64,
-}
-
 impl RingClassifier {
     fn new(
         model: &HealthyModel,
@@ -218,26 +211,35 @@ impl RingClassifier {
         features
     }
 
-    /// `y`: per unit drive, N, counts; `noise`: standard deviation of one of its samples, counts.
-    pub(super) fn misfits(
+    /// A signal's misfit beside its ring, N, in standard deviations of its noise. `y`: per unit drive, N, counts; `noise`:
+    /// standard deviation of one of its samples, counts.
+    pub(super) fn beside_ring(
         &self,
         y: &[f64],
         fit: &Fit,
         model: &HealthyModel,
         noise: f64,
+        beside: &mut Vec<f64>,
+    ) {
+        let of = &self.beside;
+        *beside = of.misfit_without(&self.fitter, y, &fit.features, &model.leftover);
+        beside.iter_mut().for_each(|v| *v /= noise);
+    }
+
+    /// Its mean square beyond what is usual in a class ([`Typical::misfit_of`]).
+    pub(super) fn beyond_class(
+        &self,
+        beside: &[f64],
+        fit: &Fit,
+        model: &HealthyModel,
+        noise: f64,
         class: usize,
-    ) -> RelativeMisfit {
-        let fit = self.fitter.fit_from(y, &fit.features, true).unwrap_or(*fit);
-        let shape = &model.leftover;
-        let mut left = self.beside.misfit_without(&self.fitter, y, &fit.features, shape);
-        let size = fit.features.ln_amplitude.exp();
-        left.iter_mut().for_each(|v| *v /= noise);
-        let all = left.iter().map(|v| v * v).sum::<f64>() / left.len() as f64;
-        // the class's variances hold at the reference drive's noise: scale the amplitude to the signal's own
-        let beyond_class = self.typical.as_ref().map_or(all, |typical| {
-            let size = size * (model.noise_beside() / noise);
-            typical.misfit_of(RingMisfit { values: &left, size }, class)
-        });
-        RelativeMisfit { all, beyond_class }
+    ) -> f64 {
+        let mean_square = || beside.iter().map(|v| v * v).sum::<f64>() / beside.len() as f64;
+        self.typical.as_ref().map_or_else(mean_square, |typical| {
+            // the class's variances hold at the reference drive's noise: scale the amplitude to the signal's own
+            let size = fit.features.ln_amplitude.exp() * (model.noise_beside() / noise);
+            typical.misfit_of(RingMisfit { values: beside, size }, class)
+        })
     }
 }

@@ -257,8 +257,7 @@ impl Judge {
             work.residual = signal;
             return isolation;
         }
-        (work.severity, work.ring, work.misfit) = (None, None, f64::NAN);
-        work.weights.clear();
+        work.forget();
         work.weights.resize(rule.category_of.len(), 0.0);
         let compared = Compared { model: &self.model, signal: *signal };
         isolator.weigh(deviation, drive, compared, work)?;

@@ -51,8 +51,8 @@ impl Judge {
         signal: impl FnOnce(&mut Vec<f64>),
         work: &mut Workspace,
     ) -> Option<Isolation> {
-        (work.severity, work.ring, work.misfit) = (None, None, f64::NAN);
-        work.weights.clear();
+        work.forget();
+        work.fit = fit.copied();
         let Isolating { isolator, rule, curves, physics_ring, .. } = self.isolating.as_ref()?;
         let Isolator::Posterior(classifier) = &**isolator else { return None };
         let RingClassifier { posterior, priors, .. } = &**classifier;
@@ -86,9 +86,10 @@ impl Judge {
         let most = classifier.typical.as_ref().map_or(f64::INFINITY, |of| of.misfit[best]);
         if work.misfit > most {
             signal(&mut work.residual);
-            let misfits = classifier.misfits(&work.residual, fit, &self.model, noise, best);
-            work.misfit = misfits.all;
-            if misfits.beyond_class > most {
+            let Workspace { residual, beside, .. } = work;
+            classifier.beside_ring(residual, fit, &self.model, noise, beside);
+            work.misfit = beside.iter().map(|v| v * v).sum::<f64>() / beside.len() as f64;
+            if classifier.beyond_class(beside, fit, &self.model, noise, best) > most {
                 work.weights.clear();
                 return Some(Isolation::of_no_ring());
             }
@@ -115,25 +116,32 @@ impl Judge {
         let Some(detector) = &self.detector else { return false };
         let noise = self.model.noise_beside() / drive;
         let of_noise = y.len() as f64 * noise * noise;
-        let fit = detector.fitter().fit(y, true, &mut work.products);
+        work.fit = detector.fitter().fit(y, true, &mut work.products);
         let explains = |fit: Fit| fit.misfit - of_noise <= MOST_LEFT * (fit.square - of_noise);
-        !fit.is_some_and(|fit| is_ring(&fit, noise) && explains(fit))
+        !work.fit.is_some_and(|fit| is_ring(&fit, noise) && explains(fit))
     }
 
-    /// A description of a signal that belongs to no class. `y`: per unit drive, N, counts. `None`: the method fits
-    /// no rings.
+    /// A description of a signal that belongs to no class, after its isolation. `y`: per unit drive, N, counts.
+    /// `None`: the method fits no rings.
     pub fn appearance(&self, y: &[f64], drive: f64, work: &mut Workspace) -> Option<Appearance> {
         let detector = self.detector.as_ref()?;
-        let (fitter, beside) = (detector.fitter(), detector.beside());
+        let fitter = detector.fitter();
         let noise = self.model.noise_beside() / drive;
-        let fit = fitter.fit(y, true, &mut work.products);
-        let shape = &self.model.leftover;
-        let mut left = match &fit {
-            Some(fit) => beside.misfit_without(fitter, y, &fit.features, shape),
-            None => y.to_vec(),
-        };
-        left.iter_mut().for_each(|v| *v /= noise);
+        let Workspace { products, fit, beside, .. } = work;
+        // a fit of the same ring to the same signal
+        let fit = fit.or_else(|| fitter.fit(y, true, products));
+        if beside.is_empty() {
+            let shape = &self.model.leftover;
+            match &fit {
+                Some(fit) => {
+                    let of = detector.beside();
+                    beside.extend(of.misfit_without(fitter, y, &fit.features, shape));
+                }
+                None => beside.extend(y),
+            }
+            beside.iter_mut().for_each(|v| *v /= noise);
+        }
         let (ring, dt_s) = (fit.map(|fit| fit.features), self.model.generator.dt_s);
-        Some(UnknownSignal { signal: y, noise, ring, misfit: &left, dt_s }.appearance())
+        Some(UnknownSignal { signal: y, noise, ring, misfit: beside, dt_s }.appearance())
     }
 }

@@ -4,7 +4,7 @@ use super::detector::Scratch;
 use super::own_channel::Own;
 use crate::isolate::physics_density::Comparison;
 use crate::isolate::severity::Severity;
-use crate::model::ring_fit::Products;
+use crate::model::ring_fit::{Fit, Products};
 
 /// Buffers of a judge, one set per thread, and results beside the decision.
 #[derive(Debug, Default)]
@@ -22,10 +22,23 @@ pub struct Workspace {
     pub severity: Option<Severity>,
     /// Its mean square misfit over the noise's; NaN: no ring was fitted.
     pub misfit: f64,
+    /// Its fitted ring.
+    pub(super) fit: Option<Fit>,
+    /// Its misfit beside that ring, N, in standard deviations of the noise; empty: nobody asked.
+    pub(super) beside: Vec<f64>,
     pub(super) ln_densities: Vec<f64>,
     pub(super) physics: Comparison,
     /// To be set for the signal isolated next: [`super::Judge::warmer`], K.
     pub warmer: f64,
     /// To be set for the signal judged next, with `--baseline`: its channel's baseline, if there is one.
     pub own: Option<Own>,
+}
+
+impl Workspace {
+    /// Forgets the signal last isolated.
+    pub fn forget(&mut self) {
+        (self.severity, self.ring, self.fit, self.misfit) = (None, None, None, f64::NAN);
+        self.weights.clear();
+        self.beside.clear();
+    }
 }

@@ -158,6 +158,7 @@ impl<'a> Isolator<'a> {
 
     /// The row of one signal. `expected_ready`: of its burst.
     fn judge_signal(&mut self, of: Signal, id: Id, expected_ready: &mut bool, rows: &mut Rows) {
+        self.work.forget();
         let isolates = of.judge.can_isolate() && (of.passed || !self.settings.isolate.gate);
         let mut isolation = isolates.then(|| self.isolate(of, expected_ready)).flatten();
         let beside_only = of.passed && !of.judge.is_faulty_ring(of.found);

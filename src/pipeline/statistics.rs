@@ -158,37 +158,52 @@ impl Statistics {
             asks.is_some()
         });
         let mut products = std::mem::take(&mut self.products);
+        let copy = |&Waiting { burst, row, .. }: &Waiting, y: &mut [f64]| {
+            burst.copy_signal(row, y);
+            judge.take_off_extension(burst, row, y);
+            judge.at_reference(y, judge.drive(burst), judge.warmer(burst));
+        };
         let mut next = unsettled.iter().zip(&looks);
         let mut beside: Vec<(usize, Option<Fit>)> = Vec::new();
         detector.fitter().fit_all(
             false,
             &mut products,
             |y| {
-                let (&Waiting { burst, row, .. }, look) = next.next()?;
-                burst.copy_signal(row, y);
-                judge.take_off_extension(burst, row, y);
-                judge.at_reference(y, judge.drive(burst), judge.warmer(burst));
+                let (waiting, look) = next.next()?;
+                copy(waiting, y);
                 Some(look.asks())
             },
             |i, fit| match looks[i].asks_beside() {
                 true => beside.push((i, fit)),
                 false => {
                     let drive = judge.drive(unsettled[i].burst);
-                    let found = detector.second_look(&looks[i], fit.as_ref(), &[], drive);
-                    statistic[unsettled[i].at] = finite(found);
+                    statistic[unsettled[i].at] =
+                        finite(detector.second_look(&looks[i], fit.as_ref(), None, drive));
                 }
             },
         );
+        // what stands beside a ring is told where its phase is free, too
+        let mut next = beside.iter();
+        detector.fitter().fit_all(
+            true,
+            &mut products,
+            |y| {
+                let (i, held) = next.next()?;
+                copy(&unsettled[*i], y);
+                Some(Some(looks[*i].near(held.as_ref())))
+            },
+            |j, free| {
+                let (i, held) = &beside[j];
+                let (waiting, look) = (unsettled[*i], &looks[*i]);
+                self.signal.resize(waiting.burst.samples_per_channel as usize, 0.0);
+                copy(&waiting, &mut self.signal);
+                let free = free.as_ref().map(|fit| (self.signal.as_slice(), fit));
+                let drive = judge.drive(waiting.burst);
+                statistic[waiting.at] =
+                    finite(detector.second_look(look, held.as_ref(), free, drive));
+            },
+        );
         self.products = products;
-        for (i, fit) in beside {
-            let Waiting { at, burst, row } = unsettled[i];
-            burst.copy_signal(row, &mut self.signal);
-            judge.take_off_extension(burst, row, &mut self.signal);
-            let drive = judge.drive(burst);
-            judge.at_reference(&mut self.signal, drive, judge.warmer(burst));
-            let found = detector.second_look(&looks[i], fit.as_ref(), &self.signal, drive);
-            statistic[at] = finite(found);
-        }
     }
 
     /// Judges a burst's signals as they lie, as many as can be: how many.
