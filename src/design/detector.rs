@@ -225,9 +225,7 @@ impl SensitivityDetector {
 
     /// Both statistics to first order.
     pub fn first_look(&self, deviation: &[f64], drive: f64) -> FirstLook {
-        let features = self.sensitivity.features(deviation, drive);
-        let along = features * drive;
-        let unexplained = dot(deviation, deviation) - along.dot(&(self.gram * along));
+        let (features, unexplained) = self.features_and_rest(deviation, drive);
         let Some(metric) = self.sensitivity.metric(drive) else {
             let (distance, beside) = (f64::INFINITY, false);
             return FirstLook { features, distance, unexplained, metric: None, beside };
@@ -239,10 +237,17 @@ impl SensitivityDetector {
         FirstLook { features, distance, unexplained, metric, beside }
     }
 
+    /// Features of the ring to first order, and what they leave, counts².
+    fn features_and_rest(&self, deviation: &[f64], drive: f64) -> (Vector3<f64>, f64) {
+        let features = self.sensitivity.features(deviation, drive);
+        let along = features * drive;
+        (features, dot(deviation, deviation) - along.dot(&(self.gram * along)))
+    }
+
     /// Its features to first order; `None`: it holds more than a ring.
     pub(super) fn features_of_ring(&self, deviation: &[f64], drive: f64) -> Option<Vector3<f64>> {
-        let look = self.first_look(deviation, drive);
-        (look.unexplained <= self.settled).then_some(look.features)
+        let (features, unexplained) = self.features_and_rest(deviation, drive);
+        (unexplained <= self.settled).then_some(features)
     }
 
     /// The statistics refined by the fits that a first look asked for. `fit`: the phase held; `free`: where

@@ -49,6 +49,14 @@ struct Told {
     raised: Option<Vec<Episode>>,
 }
 
+/// What the looks of a burst share.
+#[derive(Clone, Copy)]
+struct Shared<'a> {
+    looks: &'a Looks,
+    bound: f32,
+    naming: &'a Naming,
+}
+
 #[derive(Debug)]
 struct Printhead {
     name: Arc<str>,
@@ -140,8 +148,8 @@ impl Tracker {
         while of.waiting.signals() > self.reorder_signals || self.waiting > MOST_WAITING {
             let Some(looks) = of.waiting.pop() else { break };
             self.waiting -= looks.ratios.len();
-            let room = &mut self.channels;
-            of.look(&looks, self.bound, room, &self.naming, &mut self.told);
+            let shared = Shared { looks: &looks, bound: self.bound, naming: &self.naming };
+            of.look(shared, &mut self.channels, &mut self.told);
         }
     }
 
@@ -161,8 +169,8 @@ impl Tracker {
         printheads.sort_by(|a, b| a.name.cmp(&b.name));
         for of in &mut printheads {
             while let Some(looks) = of.waiting.pop() {
-                let room = &mut self.channels;
-                of.look(&looks, self.bound, room, &self.naming, &mut self.told);
+                let shared = Shared { looks: &looks, bound: self.bound, naming: &self.naming };
+                of.look(shared, &mut self.channels, &mut self.told);
             }
         }
         for of in &mut printheads {
@@ -213,29 +221,40 @@ impl Printhead {
         Some(self.states.len() - 1)
     }
 
-    /// Some channels from `row` on, whose states begin at `near` and of which nothing is named, if
-    /// none is raised before or after. False: nothing was done.
-    fn look_at_quiet(&mut self, looks: &Looks, row: u32, near: usize, bound: f32) -> bool {
-        let ratios = looks.ratios.get(row as usize..).and_then(<[f32]>::first_chunk::<TOGETHER>);
-        let states = self.states.get_mut(near..).and_then(<[Channel]>::first_chunk_mut::<TOGETHER>);
-        let (Some(ratios), Some(states)) = (ratios, states) else { return false };
+    /// Some channels from `row` on, whose states begin at `near`: those of which nothing is named and none of which is
+    /// raised before or after. Which they are; `None`: the states are not theirs, and nothing was done.
+    fn look_at_quiet(
+        &mut self,
+        looks: &Looks,
+        row: u32,
+        near: usize,
+        named: &[Named],
+        bound: f32,
+    ) -> Option<[bool; TOGETHER]> {
+        let ratios = looks.ratios.get(row as usize..)?.first_chunk::<TOGETHER>()?;
+        let states = self.states.get_mut(near..)?.first_chunk_mut::<TOGETHER>()?;
         let first = looks.first_channel.saturating_add(row);
-        let mut plain = true;
-        for ((i, state), ratio) in (0u32..).zip(states.iter()).zip(ratios) {
-            plain &= (state.number == first.saturating_add(i))
-                & (state.last_ns < looks.t_ns)
+        let mut among = [true; TOGETHER];
+        for (((i, state), ratio), among) in (0u32..).zip(&*states).zip(ratios).zip(&mut among) {
+            if state.number != first.saturating_add(i) {
+                return None;
+            }
+            *among = (state.last_ns < looks.t_ns)
                 & (state.model == Some(looks.model))
                 & (state.own == looks.judged_by_own(row + i))
                 & !state.evidence.is_raised()
                 & !ratio.is_nan();
         }
-        if !plain {
-            return false;
+        for named in named.iter().take_while(|named| named.row < row + TOGETHER as u32) {
+            among[(named.row - row) as usize] = false;
         }
         let evidence = states.each_mut().map(|state| &mut state.evidence);
-        let Some(begin) = Evidence::look_at_quiet(evidence, ratios, bound) else { return false };
+        let (done, begin) = Evidence::look_at_quiet(evidence, among, ratios, bound);
         // as `Channel::look` of `Step::Quiet` and `Step::Suspect`
-        for (state, begins) in states.iter_mut().zip(begin) {
+        for ((state, done), begins) in states.iter_mut().zip(done).zip(begin) {
+            if !done {
+                continue;
+            }
             (state.last_ns, state.looks) = (looks.t_ns, state.looks + 1);
             if begins {
                 (state.onset_ns, state.looks) = (looks.t_ns, 1);
@@ -244,63 +263,70 @@ impl Printhead {
                 state.found = None;
             }
         }
-        true
+        Some(done)
     }
 
     /// One burst, the next in time.
-    fn look(
-        &mut self,
-        looks: &Looks,
-        bound: f32,
-        room: &mut usize,
-        naming: &Naming,
-        told: &mut Told,
-    ) {
-        let counts = &mut told.counts;
-        let mut named = looks.named.iter().peekable();
-        // rows before these were looked at together, or are not to be
-        let (mut near, mut together, mut alone) = (0, 0, 0);
-        for (row, &ratio) in (0u32..).zip(&looks.ratios) {
-            if row < together {
-                continue;
-            }
-            if row >= alone {
-                let ahead = named.peek().map_or(u32::MAX, |n| n.row);
-                let next = row.saturating_add(TOGETHER as u32);
-                if next <= ahead && self.look_at_quiet(looks, row, near, bound) {
-                    (near, together) = (near + TOGETHER, next);
+    fn look(&mut self, of: Shared, room: &mut usize, told: &mut Told) {
+        let Shared { looks, bound, .. } = of;
+        let rows = looks.ratios.len() as u32; // a burst has few
+        let mut named = looks.named.as_slice();
+        let (mut row, mut near) = (0, 0);
+        while row < rows {
+            let done = self.look_at_quiet(looks, row, near, named, bound).unwrap_or_default();
+            let next = row.saturating_add(TOGETHER as u32).min(rows);
+            for (row, done) in (row..next).zip(done) {
+                if done {
+                    near += 1;
                     continue;
                 }
-                alone = next;
+                let here = named.first().filter(|first| first.row == row);
+                named = &named[usize::from(here.is_some())..];
+                near = self.look_alone(of, row, here, near, room, told);
             }
-            let named = named.next_if(|n| n.row == row);
-            if ratio.is_nan() {
-                continue;
-            }
-            let number = looks.first_channel.saturating_add(row);
-            let Some(place) = self.place_of(number, near, room) else {
-                counts.signals_beyond_limit += 1;
-                continue;
-            };
-            near = place + 1;
-            let channel = &mut self.states[place];
-            if !channel.is_next(looks.t_ns, counts) {
-                continue;
-            }
-            channel.judge_by(looks, looks.judged_by_own(row));
-            if let Some(over) = channel.look(looks.t_ns, ratio, named, bound, naming) {
-                counts.episodes += 1;
-                let end = over.fading.map(|(t_ns, _)| t_ns);
-                told.ended.push(naming.episode(&self.name, channel, &over, end));
-            }
-            if let Some(raised) = &mut told.raised
-                && let Some(found) = &channel.found
-                && channel.evidence.is_raised()
-                && found.raised_at_ns == looks.t_ns
-            {
-                raised.push(naming.episode(&self.name, channel, found, None));
-            }
+            row = next;
         }
+    }
+
+    /// One channel's look. `near`: where its state probably is; returns where the next one's is.
+    fn look_alone(
+        &mut self,
+        of: Shared,
+        row: u32,
+        named: Option<&Named>,
+        near: usize,
+        room: &mut usize,
+        told: &mut Told,
+    ) -> usize {
+        let Shared { looks, bound, naming } = of;
+        let (ratio, counts) = (looks.ratios[row as usize], &mut told.counts);
+        let number = looks.first_channel.saturating_add(row);
+        if ratio.is_nan() {
+            let is_its = self.states.get(near).is_some_and(|state| state.number == number);
+            return near + usize::from(is_its);
+        }
+        let Some(place) = self.place_of(number, near, room) else {
+            counts.signals_beyond_limit += 1;
+            return near;
+        };
+        let channel = &mut self.states[place];
+        if !channel.is_next(looks.t_ns, counts) {
+            return place + 1;
+        }
+        channel.judge_by(looks, looks.judged_by_own(row));
+        if let Some(over) = channel.look(looks.t_ns, ratio, named, bound, naming) {
+            counts.episodes += 1;
+            let end = over.fading.map(|(t_ns, _)| t_ns);
+            told.ended.push(naming.episode(&self.name, channel, &over, end));
+        }
+        if let Some(raised) = &mut told.raised
+            && let Some(found) = &channel.found
+            && channel.evidence.is_raised()
+            && found.raised_at_ns == looks.t_ns
+        {
+            raised.push(naming.episode(&self.name, channel, found, None));
+        }
+        place + 1
     }
 }
 

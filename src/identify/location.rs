@@ -31,6 +31,8 @@ impl Location {
     /// sections 2.2 and 6.4). `sd`: of healthy ones. At least one value.
     pub fn of(values: &[Vector3<f64>], sd: &Vector3<f64>) -> Location {
         const STEPS: usize = 12;
+        /// In standard deviations: far below the middle's own.
+        const CONVERGED: f64 = 1e-5;
         let mut middle = Vector3::from_fn(|k, _| shortest_half(values.iter().map(|v| v[k])));
         for _ in 0..STEPS {
             let (mut sum, mut weight) = (Vector3::zeros(), 0.0);
@@ -41,7 +43,10 @@ impl Location {
             if weight <= 0.0 {
                 break;
             }
-            middle = sum / weight;
+            let last = std::mem::replace(&mut middle, sum / weight);
+            if (middle - last).component_div(sd).amax() < CONVERGED {
+                break;
+            }
         }
         let (mut square, mut weight) = (Vector3::zeros(), 0.0);
         for v in values {

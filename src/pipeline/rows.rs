@@ -92,20 +92,19 @@ pub fn set_severity(columns: &mut VerdictColumns, severity: Option<Severity>) {
 
 /// Adds what the tests found of a burst's signals. `judge`: `None` where nobody judged them.
 pub fn test(judge: Option<&Judge>, found: &[Result<Detection, Reason>], tests: &mut Tests) {
-    let nothing =
-        Tested { test: Test::Ring, statistic: f64::NAN, threshold: 0.0, misfit: f64::NAN };
-    for found in found {
-        let (tested, healthy) = match (judge, found) {
-            (Some(judge), Ok(found)) => {
-                let tested = judge.test(*found);
-                (tested, !tested.is_flagged())
-            }
-            _ => (nothing, false),
-        };
-        tests.statistic.push(tested.statistic as f32);
-        tests.misfit.push(if tested.misfit.is_finite() { tested.misfit as f32 } else { f32::NAN });
-        tests.beside.push(tested.test == Test::Misfit);
-        tests.healthy.push(healthy);
+    let from = tests.healthy.len();
+    tests.push_not_judged(found.len());
+    let Some(judge) = judge else { return };
+    let statistics = tests.statistic[from..].iter_mut().zip(&mut tests.misfit[from..]);
+    let outcomes = tests.beside[from..].iter_mut().zip(&mut tests.healthy[from..]);
+    for ((found, (statistic, misfit)), (beside, healthy)) in
+        found.iter().zip(statistics).zip(outcomes)
+    {
+        let Ok(found) = found else { continue };
+        let tested = judge.test(*found);
+        (*statistic, *beside) = (tested.statistic as f32, tested.test == Test::Misfit);
+        *misfit = if tested.misfit.is_finite() { tested.misfit as f32 } else { f32::NAN };
+        *healthy = !tested.is_flagged();
     }
 }
 

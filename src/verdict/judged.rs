@@ -28,6 +28,15 @@ impl Tests {
         healthy.clear();
     }
 
+    pub fn push_not_judged(&mut self, signals: usize) {
+        let Tests { statistic, misfit, beside, healthy } = self;
+        let all = healthy.len() + signals;
+        statistic.resize(all, f32::NAN);
+        misfit.resize(all, f32::NAN);
+        beside.resize(all, false);
+        healthy.resize(all, false);
+    }
+
     pub fn reserve(&mut self, signals: usize) {
         let Tests { statistic, misfit, beside, healthy } = self;
         statistic.reserve(signals);
