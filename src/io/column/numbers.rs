@@ -85,12 +85,12 @@ impl NumberColumn {
             (Some((p, q)), Some((r, s))) => Some((p.min(r), q.max(s))),
             (known, new) => known.or(new),
         };
-        let encoded = match self.encoding {
-            Encoding::BYTE_STREAM_SPLIT => split(&self.values),
-            _ => self.values.iter().flat_map(|value| value.to_le_bytes()).collect(),
-        };
         let levels = std::mem::replace(&mut self.levels, Hybrid::new(1)).finish();
-        self.pages.push(ClosedPage::new(Some(levels), &encoded, self.rows)?);
+        let encode = |out: &mut Vec<u8>| match self.encoding {
+            Encoding::BYTE_STREAM_SPLIT => split(&self.values, out),
+            _ => out.extend(self.values.iter().flat_map(|value| value.to_le_bytes())),
+        };
+        self.pages.push(ClosedPage::new(Some(levels), encode, self.rows)?);
         self.values.clear();
         self.rows = 0;
         Ok(())
@@ -118,11 +118,11 @@ impl NumberColumn {
     }
 }
 
-/// First bytes of all values, then the second ones, and so on.
-fn split(values: &[f32]) -> Vec<u8> {
-    let mut out = vec![0; size_of_val(values)];
-    for (k, stream) in out.chunks_exact_mut(values.len().max(1)).enumerate() {
+/// Appends the first bytes of all values, then the second ones, and so on.
+fn split(values: &[f32], out: &mut Vec<u8>) {
+    let from = out.len();
+    out.resize(from + size_of_val(values), 0);
+    for (k, stream) in out[from..].chunks_exact_mut(values.len().max(1)).enumerate() {
         stream.iter_mut().zip(values).for_each(|(byte, value)| *byte = value.to_le_bytes()[k]);
     }
-    out
 }

@@ -9,10 +9,13 @@ use parquet::file::metadata::ColumnChunkMetaData;
 use parquet::file::statistics::Statistics;
 use parquet::file::writer::{SerializedPageWriter, SerializedRowGroupWriter, TrackedWrite};
 use parquet::schema::types::ColumnDescPtr;
+use std::cell::RefCell;
 use std::io::Write;
-use zstd::zstd_safe::CompressionLevel;
+use zstd::zstd_safe::{self, CCtx, CompressionLevel};
 
 const ZSTD_LEVEL: CompressionLevel = 1;
+/// A page's header, about.
+const HEADER_BYTES: usize = 64;
 
 /// A page, compressed.
 #[derive(Debug)]
@@ -22,19 +25,44 @@ pub struct ClosedPage {
     values: u32,
 }
 
+/// What pages are made in, one after the other: a compressor's tables alone are larger than most of them.
+struct Room {
+    raw: Vec<u8>,
+    compressed: Vec<u8>,
+    compressor: CCtx<'static>,
+}
+
+thread_local! {
+    static ROOM: RefCell<Room> = RefCell::new(Room {
+        raw: Vec::new(),
+        compressed: Vec::new(),
+        compressor: CCtx::create(),
+    });
+}
+
 impl ClosedPage {
-    /// `levels`: of a nullable column, which rows have a value, encoded; `values`: rows, nulls too, or a dictionary's
-    /// values.
-    pub fn new(levels: Option<Vec<u8>>, encoded: &[u8], values: u32) -> Result<ClosedPage> {
-        let mut raw = Vec::new();
-        if let Some(levels) = levels {
-            raw.extend((levels.len() as u32).to_le_bytes());
-            raw.extend(levels);
-        }
-        raw.extend(encoded);
-        let compressed = zstd::bulk::compress(&raw, ZSTD_LEVEL)
-            .map_err(|e| ParquetError::General(format!("zstd: {e}")))?;
-        Ok(ClosedPage { compressed: compressed.into(), raw_bytes: raw.len(), values })
+    /// `levels`: of a nullable column, which rows have a value, encoded; `encode` appends the values; `values`: rows, nulls
+    /// too, or a dictionary's values.
+    pub fn new(
+        levels: Option<Vec<u8>>,
+        encode: impl FnOnce(&mut Vec<u8>),
+        values: u32,
+    ) -> Result<ClosedPage> {
+        ROOM.with_borrow_mut(|Room { raw, compressed, compressor }| {
+            raw.clear();
+            if let Some(levels) = levels {
+                raw.extend((levels.len() as u32).to_le_bytes());
+                raw.extend(levels);
+            }
+            encode(raw);
+            compressed.clear();
+            compressed.reserve(zstd_safe::compress_bound(raw.len()));
+            compressor.compress(compressed, raw, ZSTD_LEVEL).map_err(|code| {
+                ParquetError::General(format!("zstd: {}", zstd_safe::get_error_name(code)))
+            })?;
+            let compressed = Bytes::copy_from_slice(compressed);
+            Ok(ClosedPage { compressed, raw_bytes: raw.len(), values })
+        })
     }
 
     pub fn memory(&self) -> usize {
@@ -59,7 +87,8 @@ impl ColumnPages {
         group: &mut SerializedRowGroupWriter<'_, W>,
     ) -> Result<()> {
         let ColumnPages { column, dictionary, pages, encoding, statistics } = self;
-        let mut sink = TrackedWrite::new(Vec::new());
+        let bytes = dictionary.iter().chain(&pages).map(|page| page.memory() + HEADER_BYTES).sum();
+        let mut sink = TrackedWrite::new(Vec::with_capacity(bytes));
         let mut out = SerializedPageWriter::new(&mut sink);
         let mut encodings = vec![Encoding::RLE, encoding];
         let mut chunk = ColumnChunkMetaData::builder(column)

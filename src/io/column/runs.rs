@@ -135,8 +135,9 @@ impl RunColumn {
         if dictionary.is_empty() {
             dictionary = text(""); // of which no row speaks
         }
+        let dictionary = |out: &mut Vec<u8>| out.extend(&dictionary);
         let pages = ColumnPages {
-            dictionary: Some(ClosedPage::new(None, &dictionary, values)?),
+            dictionary: Some(ClosedPage::new(None, dictionary, values)?),
             pages: vec![page],
             encoding: Encoding::RLE_DICTIONARY,
             statistics: statistics.then(|| self.text_statistics()),
@@ -165,8 +166,12 @@ impl RunColumn {
             }
         }
         let nullable = self.column.max_def_level() > 0;
-        let keys = [vec![width], indices.finish()].concat();
-        ClosedPage::new(nullable.then(|| levels.finish()), &keys, self.rows)
+        let keys = indices.finish();
+        let encode = |out: &mut Vec<u8>| {
+            out.push(width);
+            out.extend(keys);
+        };
+        ClosedPage::new(nullable.then(|| levels.finish()), encode, self.rows)
     }
 
     /// Of texts: the least and the largest.

@@ -73,12 +73,13 @@ impl StepColumn {
             let block = std::mem::take(&mut self.block);
             self.end_block_of(&block);
         }
-        let mut encoded = Vec::with_capacity(self.blocks.len() + 32);
-        bits::put_number(BLOCK as u64, &mut encoded);
-        bits::put_number(PARTS as u64, &mut encoded);
-        bits::put_number(self.rows.into(), &mut encoded);
-        bits::put_number(zigzag(self.stored(self.first)), &mut encoded);
-        encoded.extend(&self.blocks);
+        let encode = |out: &mut Vec<u8>| {
+            let first = zigzag(self.stored(self.first));
+            for number in [BLOCK as u64, PARTS as u64, self.rows.into(), first] {
+                bits::put_number(number, out);
+            }
+            out.extend(&self.blocks);
+        };
         let (least, most) = (Some(self.span.0), Some(self.span.1));
         let narrow = |value: Option<i64>| value.map(|value| value as u32 as i32);
         let statistics = match self.is_wide() {
@@ -87,7 +88,7 @@ impl StepColumn {
         };
         let pages = ColumnPages {
             dictionary: None,
-            pages: vec![ClosedPage::new(None, &encoded, self.rows)?],
+            pages: vec![ClosedPage::new(None, encode, self.rows)?],
             encoding: Encoding::DELTA_BINARY_PACKED,
             statistics: Some(statistics),
             column: self.column,
