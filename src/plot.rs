@@ -84,7 +84,16 @@ impl Figure {
         self.write_csv(&csv).map_err(|e| failed(&csv, e.to_string()))?;
         let (svg, png) = (path("svg"), path("png"));
         self.draw(SVGBackend::new(&svg, SIZE).into_drawing_area()).map_err(|e| failed(&svg, e))?;
-        self.draw(BitMapBackend::new(&png, SIZE).into_drawing_area()).map_err(|e| failed(&png, e))
+        self.png()
+            .and_then(|bytes| std::fs::write(&png, bytes).map_err(|e| e.to_string()))
+            .map_err(|e| failed(&png, e))
+    }
+
+    fn png(&self) -> Result<Vec<u8>, String> {
+        let (width, height) = SIZE;
+        let mut pixels = vec![0; 3 * (width * height) as usize];
+        self.draw(BitMapBackend::with_buffer(&mut pixels, SIZE).into_drawing_area())?;
+        raster::encode(width, height, |of| of.set_color(png::ColorType::Rgb), &pixels)
     }
 
     /// The figure as an SVG document.

@@ -25,3 +25,4 @@ mod readers; // everything that reads what others wrote, for mutations and fuzzi
 mod report; // the report: stories over recordings, onsets, hostile names, what is missing
 mod rotate; // parts of a table whose recording is being written: whole, in order, gone at its end
 mod thesis_tables; // thesis chapter 4 on the thesis-form data set
+mod wire; // code of messages = schemas

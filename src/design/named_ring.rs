@@ -95,9 +95,11 @@ impl Judge {
             }
         }
         let Workspace { weights, severity, physics, ln_densities, .. } = work;
-        let from_curves =
-            |k| curves.map_or(f64::INFINITY, |of| of.distance(k, features, conditions, physics));
-        let is_typical = |k| posterior.is_typical(k, ln_densities[k], || from_curves(k));
+        let is_typical = |k: usize| {
+            posterior.is_typical(k, ln_densities[k], |most| {
+                curves.is_some_and(|of| of.lies_within(most, k, features, conditions, physics))
+            })
+        };
         if !is_typical(best) {
             // the best class is rejected: is another plausible one typical?
             let other = |k: usize| weights[k] > LITTLE && is_typical(k);

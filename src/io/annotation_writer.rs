@@ -14,18 +14,18 @@ use prost_types::Timestamp;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
-/// Code that build.rs generates from the schemas of annotations.
+/// Generated from the schemas of annotations (`tests/wire.rs`).
 mod wire {
     #![allow(clippy::all, missing_docs)]
     pub mod foxglove {
-        include!(concat!(env!("OUT_DIR"), "/annotations/foxglove.rs"));
+        include!("wire/foxglove.rs");
     }
     pub mod inkling {
-        include!(concat!(env!("OUT_DIR"), "/annotations/inkling.rs"));
+        include!("wire/channel_state.rs");
     }
 }
 
-const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/annotations.fds"));
+const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!("wire/annotations.fds");
 /// Where episodes are told.
 pub const LOG_TOPIC: &str = "/inkling/log";
 /// MCAP numbers channels by 16 bits; the rest is for logs and pictures.

@@ -9,14 +9,14 @@ use bytes::Bytes;
 use prost::Message as _;
 use std::sync::Arc;
 
-/// Code that build.rs generates from `schemas/burst.proto`.
+/// Generated from `schemas/burst.proto` (`tests/wire.rs`).
 mod wire {
     #![allow(clippy::all, missing_docs)]
-    include!(concat!(env!("OUT_DIR"), "/inkling.rs"));
+    include!("wire/burst.rs");
 }
 
 /// Schema data of every recording we write.
-pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/burst.fds"));
+pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!("wire/burst.fds");
 pub const SCHEMA_NAME: &str = "inkling.Burst";
 pub const MESSAGE_ENCODING: &str = "protobuf";
 

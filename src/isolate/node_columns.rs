@@ -168,30 +168,28 @@ impl Intervals {
 
     /// Which groups of boxes may hold a node that is not negligible; not for a channel's own curves.
     #[inline(always)] // compiled once per instruction set
-    fn near(&self, Query { x, changed, noise, .. }: Query) -> [bool; BOXES] {
+    fn near(&self, Query { x, changed, noise, .. }: Query) -> u8 {
         let x = x[FREQUENCY];
-        let mut near = [false; BOXES];
         let ([low, high], [first, second]) = (&self.mean, &self.by_change);
+        // which end of an interval is the least once it is moved is a matter of the change's sign
+        let ends = |by: f64| if by < 0.0 { [1, 0] } else { [0, 1] };
+        let ([p, q], [r, s]) = (ends(changed[0]), ends(changed[1]));
+        let (mut outside, mut reach) = ([0.0; BOXES], [0.0; BOXES]);
         for b in 0..BOXES {
-            let moved = |of: &[OfBoxes; 2], by: f64| {
-                let (p, q) = (of[0][b] * by, of[1][b] * by);
-                if p < q { (p, q) } else { (q, p) }
-            };
-            let (by_first, by_second) = (moved(first, changed[0]), moved(second, changed[1]));
-            let below = low[b] + (by_first.0 + by_second.0) - x;
-            let above = x - high[b] - (by_first.1 + by_second.1);
-            let outside = if below > above { below } else { above };
-            let outside = if outside > 0.0 { outside } else { 0.0 };
+            let below = low[b] + (first[p][b] * changed[0] + second[r][b] * changed[1]) - x;
+            let above = x - high[b] - (first[q][b] * changed[0] + second[s][b] * changed[1]);
+            let most = if below > above { below } else { above };
+            outside[b] = if most > 0.0 { most } else { 0.0 };
             // a little wider, for rounding
-            near[b] = outside * outside <= 1.001 * FAR * (self.beyond[b] + noise * self.noise[b]);
+            reach[b] = 1.001 * FAR * (self.beyond[b] + noise * self.noise[b]);
         }
-        near
+        within(&outside, &reach)
     }
 }
 
 impl Bounds {
     #[inline(always)] // compiled once per instruction set
-    fn near<const OWN: bool>(&self, x: f64, query: Query) -> [bool; BOXES] {
+    fn near<const OWN: bool>(&self, x: f64, query: Query) -> u8 {
         let Query { changed, own, noise, .. } = query;
         let ([first, second], mut at) = (&self.by_change, [0.0; BOXES]);
         for b in 0..BOXES {
@@ -204,15 +202,35 @@ impl Bounds {
                 }
             }
         }
-        let mut near = [false; BOXES];
+        let (mut outside, mut reach) = ([0.0; BOXES], [0.0; BOXES]);
         for b in 0..BOXES {
             let (below, above) = (self.low[b] - at[b], at[b] - self.high[b]);
-            let outside = if below > above { below } else { above };
-            let outside = if outside > 0.0 { outside } else { 0.0 };
-            near[b] = outside * outside <= FAR * (self.beyond[b] + noise * self.noise[b]);
+            let most = if below > above { below } else { above };
+            outside[b] = if most > 0.0 { most } else { 0.0 };
+            reach[b] = FAR * (self.beyond[b] + noise * self.noise[b]);
         }
-        near
+        within(&outside, &reach)
     }
+}
+
+/// Of which boxes the distance squared is within reach, a bit each.
+#[inline(always)] // compiled once per instruction set
+fn within(distance: &OfBoxes, reach: &OfBoxes) -> u8 {
+    let mut bits = 0;
+    for b in 0..BOXES {
+        bits |= u8::from(distance[b] * distance[b] <= reach[b]) << b;
+    }
+    bits
+}
+
+/// The places of the bits that are set.
+#[inline(always)] // compiled once per instruction set
+fn each_of(mut bits: u8) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let place = (bits != 0).then_some(bits.trailing_zeros() as usize);
+        bits &= bits.wrapping_sub(1);
+        place
+    })
 }
 
 impl Block {
@@ -275,36 +293,29 @@ fn compare_at<const OWN: bool>(of: &NodeColumns, query: Query, out: &mut Vec<Com
     out.clear();
     let mut nearest = f64::INFINITY;
     for (part, (groups, frequencies)) in of.boxes.chunks(BOXES).zip(&of.frequencies).enumerate() {
-        let in_reach = if OWN { [true; BOXES] } else { frequencies.near(query) };
-        for (g, bounds) in groups.iter().enumerate() {
-            if !in_reach[g] {
-                continue;
-            }
-            let mut near = [true; BOXES];
+        let in_reach = if OWN { u8::MAX } else { frequencies.near(query) };
+        for g in each_of(in_reach) {
+            let Some(bounds) = groups.get(g) else { break };
+            let mut near = u8::MAX;
             for (bound, k) in bounds.iter().zip(COORDINATES) {
-                let also = bound.near::<OWN>(query.x[k], query);
-                for b in 0..BOXES {
-                    near[b] &= also[b];
-                }
-                if near == [false; BOXES] {
+                near &= bound.near::<OWN>(query.x[k], query);
+                if near == 0 {
                     break;
                 }
             }
-            for (b, near) in near.into_iter().enumerate() {
-                if near {
-                    let block = (part * BOXES + g) * BOXES + b;
-                    let Some(nodes) = of.blocks.get(block) else { continue };
-                    let (square, inverse) = nodes.compare::<OWN>(query);
-                    let least = least(&square);
-                    // negligible beside the nearest so far
-                    if least <= nearest + 2.0 * NEGLIGIBLE {
-                        nearest = if least < nearest { least } else { nearest };
-                        let mut height = [0.0; NODES];
-                        for i in 0..NODES {
-                            height[i] = nodes.determinant[i] * inverse[i].sqrt();
-                        }
-                        out.push(Compared { block, square, height, least });
+            for b in each_of(near) {
+                let block = (part * BOXES + g) * BOXES + b;
+                let Some(nodes) = of.blocks.get(block) else { break };
+                let (square, inverse) = nodes.compare::<OWN>(query);
+                let least = least(&square);
+                // negligible beside the nearest so far
+                if least <= nearest + 2.0 * NEGLIGIBLE {
+                    nearest = if least < nearest { least } else { nearest };
+                    let mut height = [0.0; NODES];
+                    for i in 0..NODES {
+                        height[i] = nodes.determinant[i] * inverse[i].sqrt();
                     }
+                    out.push(Compared { block, square, height, least });
                 }
             }
         }

@@ -208,6 +208,27 @@ impl FaultCurves {
         self.class(k).iter().map(to).fold(f64::INFINITY, f64::min)
     }
 
+    /// Whether that distance is at most `most`.
+    pub fn lies_within(
+        &self,
+        most: f64,
+        k: usize,
+        features: &[f64],
+        conditions: Conditions,
+        of: &Comparison,
+    ) -> bool {
+        let x = Vector4::from_column_slice(features);
+        let is_near = |node: &Node| node.distance(&x, conditions) <= most;
+        self.class(k).iter().any(|Sizes { curve, is_usual, .. }| {
+            let nodes = &self.curves[*curve].nodes;
+            if let Some(i) = of.of_curves[*curve].likeliest().filter(|&i| is_usual[i]) {
+                return is_near(&nodes[i]);
+            }
+            let mut usual = nodes.iter().zip(is_usual).filter(|(_, is_usual)| **is_usual);
+            usual.any(|(node, _)| node.least_distance(&x, conditions) <= most && is_near(node))
+        })
+    }
+
     /// Severities at the nodes of a block of a curve.
     pub fn severities(&self, curve: usize, block: usize) -> &OfNodes {
         self.columns[curve].severities(block)

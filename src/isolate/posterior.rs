@@ -221,14 +221,14 @@ impl Posterior {
         to_posterior(self.temperature, priors, weights);
     }
 
-    /// Whether features lie where class `k`'s signals lie. `ln_density`: theirs in the class; `from_curves`:
-    /// their squared distance from the physics' curve.
-    pub fn is_typical(&self, k: usize, ln_density: f64, from_curves: impl Fn() -> f64) -> bool {
+    /// Whether features lie where class `k`'s signals lie. `ln_density`: theirs in the class; `lie_within`:
+    /// whether their squared distance from the physics' curve is at most that.
+    pub fn is_typical(&self, k: usize, ln_density: f64, lie_within: impl Fn(f64) -> bool) -> bool {
         let least = self.least_ln_density.get(k).copied().flatten();
         let by_labels = least.is_some_and(|least| ln_density >= least);
         let physics_tells = least.is_none()
             || self.physics_share.get(k).is_some_and(|share| *share > PHYSICS_TELLS);
-        by_labels || (physics_tells && from_curves() <= self.most_distance[k])
+        by_labels || (physics_tells && lie_within(self.most_distance[k]))
     }
 }
 
@@ -506,7 +506,7 @@ mod tests {
         let (mut ln, mut weights) = (Vec::new(), [0.0; 3]);
         let mut typical = |x: &[f64], k: usize| {
             posterior.weigh(x, &[], &[1.0; 3], &mut ln, &mut weights);
-            posterior.is_typical(k, ln[k], || f64::INFINITY)
+            posterior.is_typical(k, ln[k], |_| false)
         };
         assert!((0..3).all(|k| !typical(&[3.0, 0.0, 0.0, 0.0], k)));
         let fresh = examples(2000, Some(0.0), 5);

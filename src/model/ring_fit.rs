@@ -10,6 +10,7 @@ use super::ring::Ring;
 use super::ring_gauss_newton::{Optimum, Progress, Search, Start, WIDTH};
 use super::ring_gram::Frame;
 use super::ring_grid::{Grid, Sums};
+use crate::processor::for_processor;
 use nalgebra::DMatrix;
 use std::sync::OnceLock;
 
@@ -249,20 +250,48 @@ impl RingFitter {
     }
 }
 
+/// Samples of a ring that are computed side by side.
+const AT_ONCE: usize = 8;
+
 /// In-phase and quadrature columns, N each, of a ring whose damping and frequency are these multiples of
 /// the healthy ring's, per unit amplitude; by recurrence. `real`: the real pole's part, N.
 fn columns(real: &[f64], frame: &Frame, damping: f64, frequency: f64) -> [Vec<f64>; 2] {
-    let (mut re, mut im) = frame.first;
     let decay = (-frame.sigma_dt * damping).exp();
     let (sin, cos) = (frame.omega_dt * frequency).sin_cos();
-    let (c, s) = (decay * cos, decay * sin);
-    let mut columns = [Vec::with_capacity(real.len()), Vec::with_capacity(real.len())];
-    for real in real {
-        columns[0].push(re + real);
-        columns[1].push(-im);
-        (re, im) = (c * re - s * im, s * re + c * im);
-    }
+    let mut columns = [vec![0.0; real.len()], vec![0.0; real.len()]];
+    fill_columns(real, frame.first, (decay * cos, decay * sin), &mut columns);
     columns
+}
+
+for_processor! {
+    /// `first`: cos and sin of the phase; `step`: the ring's pole, real and imaginary part.
+    fn fill_columns(
+        real: &[f64],
+        first: (f64, f64),
+        step: (f64, f64),
+        columns: &mut [Vec<f64>; 2],
+    ) { columns_at_once }
+}
+
+#[inline(always)] // compiled once per instruction set
+fn columns_at_once(real: &[f64], first: (f64, f64), step: (f64, f64), columns: &mut [Vec<f64>; 2]) {
+    let times = |(a, b): (f64, f64), (c, d): (f64, f64)| (a * c - b * d, a * d + b * c);
+    let (mut re, mut im) = ([first.0; AT_ONCE], [first.1; AT_ONCE]);
+    for k in 1..AT_ONCE {
+        (re[k], im[k]) = times((re[k - 1], im[k - 1]), step);
+    }
+    // the pole to the power of AT_ONCE
+    let (c, s) = (0..AT_ONCE.ilog2()).fold(step, |step, _| times(step, step));
+    let [in_phase, quadrature] = columns;
+    let parts = in_phase.chunks_mut(AT_ONCE).zip(quadrature.chunks_mut(AT_ONCE));
+    for ((p, q), real) in parts.zip(real.chunks(AT_ONCE)) {
+        for (k, real) in real.iter().enumerate() {
+            (p[k], q[k]) = (re[k] + real, -im[k]);
+        }
+        for k in 0..AT_ONCE {
+            (re[k], im[k]) = (c * re[k] - s * im[k], s * re[k] + c * im[k]);
+        }
+    }
 }
 
 #[cfg(test)]

@@ -31,29 +31,44 @@ impl Raster<'_> {
                 self.height
             ));
         }
-        let mut bytes = Vec::new();
-        let mut encoder = png::Encoder::new(&mut bytes, self.width, self.height);
-        encoder.set_color(png::ColorType::Indexed);
-        encoder.set_depth(png::BitDepth::Four);
-        encoder.set_palette(self.palette.concat());
-        encoder.set_compression(png::Compression::Best);
-        encoder.set_filter(png::FilterType::NoFilter);
         let packed: Vec<u8> = self
             .cells
             .chunks(self.width as usize)
             .flat_map(|row| row.chunks(2).map(pair))
             .collect();
-        let written = encoder
-            .write_header()
-            .and_then(|mut writer| writer.write_image_data(&packed).and_then(|()| writer.finish()));
-        written.map_err(|e| e.to_string())?;
-        Ok(bytes)
+        let indexed = |of: &mut Encoder| {
+            of.set_color(png::ColorType::Indexed);
+            of.set_depth(png::BitDepth::Four);
+            of.set_palette(self.palette.concat());
+            of.set_compression(png::Compression::Best);
+            of.set_filter(png::FilterType::NoFilter);
+        };
+        encode(self.width, self.height, indexed, &packed)
     }
 
     /// `data:image/png;base64,...`
     pub fn address(&self) -> Result<String, String> {
         Ok(format!("data:image/png;base64,{}", STANDARD.encode(self.png()?)))
     }
+}
+
+type Encoder<'a> = png::Encoder<'a, &'a mut Vec<u8>>;
+
+/// A PNG file of pixels as `set` says that they lie.
+pub(super) fn encode(
+    width: u32,
+    height: u32,
+    set: impl FnOnce(&mut Encoder),
+    pixels: &[u8],
+) -> Result<Vec<u8>, String> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, width, height);
+    set(&mut encoder);
+    let written = encoder
+        .write_header()
+        .and_then(|mut writer| writer.write_image_data(pixels).and_then(|()| writer.finish()));
+    written.map_err(|e| e.to_string())?;
+    Ok(bytes)
 }
 
 /// Two cells in a byte.
