@@ -16,7 +16,8 @@ impl Buffers {
 
     /// A buffer of `bytes` bytes of no particular content.
     pub(super) fn take(&mut self, bytes: usize) -> BytesMut {
-        let free = self.given.iter().enumerate().filter(|(_, b)| b.is_unique());
+        // the last one given, which the processor may still have at hand
+        let free = self.given.iter().enumerate().rev().filter(|(_, b)| b.is_unique());
         // one of that size, so that it need not be filled up first; else any
         let free = free.min_by_key(|(_, b)| if b.len() < bytes { usize::MAX } else { b.len() });
         let free = free.map(|(i, _)| i);

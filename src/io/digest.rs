@@ -9,6 +9,7 @@ use super::buffers::Buffers;
 use super::chunk_loader::{bytes_to_read, records_of};
 use super::damage::{Damage, RecordingError};
 use super::source::Source;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -107,34 +108,33 @@ impl Digester {
         Ok(())
     }
 
-    /// Fills a buffer with what comes next: a block, or some bytes.
+    /// Fills a buffer with what comes next: a block, or some bytes. Each part is summed up while the processor still has it
+    /// at hand.
     fn take(
         &mut self,
         mut buffer: bytes::BytesMut,
         kind: Option<BlockKind>,
     ) -> Result<ReadBlock, RecordingError> {
-        self.source
-            .read_at(self.at, &mut buffer)
-            .map_err(|source| RecordingError::Read { path: self.path.clone(), source })?;
-        self.xxh3.update(&buffer);
+        const PART: usize = 1 << 16;
         let checked = self.data.map_or(0, |(end, _)| end.saturating_sub(self.at));
-        let records = match kind {
-            Some(BlockKind::Chunk) if checked >= buffer.len() as u64 => records_of(&buffer),
-            _ => None,
-        };
-        // the data section's checksum is made of the chunk's, so that one pass serves both
-        let crc = records.map(|records| {
-            let crc = crc32fast::hash(&buffer[records.clone()]);
-            self.crc.update(&buffer[..records.start]);
-            let of_records = crc32fast::Hasher::new_with_initial_len(crc, records.len() as u64);
-            self.crc.combine(&of_records);
-            self.crc.update(&buffer[records.end..]);
-            crc
-        });
-        if crc.is_none() {
-            self.crc.update(&buffer[..checked.min(buffer.len() as u64) as usize]);
+        let checked = checked.min(buffer.len() as u64) as usize;
+        let mut records: Option<Records> = None;
+        for from in (0..buffer.len()).step_by(PART) {
+            let to = (from + PART).min(buffer.len());
+            self.source
+                .read_at(self.at + from as u64, &mut buffer[from..to])
+                .map_err(|source| RecordingError::Read { path: self.path.clone(), source })?;
+            if from == 0 && kind == Some(BlockKind::Chunk) && checked == buffer.len() {
+                records = records_of(&buffer).map(Records::new);
+            }
+            self.xxh3.update(&buffer[from..to]);
+            match &mut records {
+                Some(of) => of.take(&buffer[from..to], from, &mut self.crc),
+                None => self.crc.update(&buffer[from.min(checked)..to.min(checked)]),
+            }
         }
         self.at += buffer.len() as u64;
+        let crc = records.map(|of| of.crc.finalize());
         Ok(ReadBlock { bytes: self.buffers.freeze(buffer), crc })
     }
 
@@ -152,5 +152,30 @@ impl Digester {
             Damage { from_byte: 0, to_byte, what }
         });
         Ok(Digest { text: in_words(self.xxh3.digest128()), damage })
+    }
+}
+
+/// Records of a chunk that are as they were, whose checksum is a part of the data section's: one pass serves both.
+struct Records {
+    /// Where they are in the block.
+    range: Range<usize>,
+    crc: crc32fast::Hasher,
+}
+
+impl Records {
+    fn new(range: Range<usize>) -> Records {
+        Records { range, crc: crc32fast::Hasher::new() }
+    }
+
+    /// The next part of the block, its first byte at `from`. `all`: of the data section.
+    fn take(&mut self, part: &[u8], from: usize, all: &mut crc32fast::Hasher) {
+        let Range { start, end } = self.range;
+        let within = |at: usize| at.clamp(from, from + part.len()) - from;
+        all.update(&part[..within(start)]);
+        self.crc.update(&part[within(start)..within(end)]);
+        if (from..from + part.len()).contains(&end.saturating_sub(1)) {
+            all.combine(&self.crc);
+        }
+        all.update(&part[within(end)..]);
     }
 }
