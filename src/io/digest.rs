@@ -179,3 +179,29 @@ impl Records {
         all.update(&part[within(end)..]);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+
+    #[test]
+    fn property_records_in_parts_have_the_checksums_of_the_whole() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(23);
+        for _ in 0..500 {
+            let before: Vec<u8> = (0..9).map(|_| rng.random()).collect();
+            let block: Vec<u8> = (0..rng.random_range(1..300)).map(|_| rng.random()).collect();
+            let start = rng.random_range(0..=block.len());
+            let end = rng.random_range(start..=block.len());
+            let mut all = crc32fast::Hasher::new();
+            all.update(&before);
+            let mut records = Records::new(start..end);
+            let part = rng.random_range(1..=block.len());
+            for (k, bytes) in block.chunks(part).enumerate() {
+                records.take(bytes, k * part, &mut all);
+            }
+            assert_eq!(records.crc.finalize(), crc32fast::hash(&block[start..end]));
+            assert_eq!(all.finalize(), crc32fast::hash(&[before, block].concat()));
+        }
+    }
+}

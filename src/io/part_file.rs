@@ -14,6 +14,7 @@ use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread::JoinHandle;
 
 /// Names that are tried: others are leftovers of ended processes of the same number.
 const MOST_NAMES: u32 = 1000;
@@ -24,6 +25,7 @@ static NUMBER: AtomicU64 = AtomicU64::new(0);
 pub struct PartFile {
     path: PathBuf,
     place: Place,
+    syncing: Option<JoinHandle<()>>,
 }
 
 #[derive(Debug)]
@@ -31,7 +33,7 @@ enum Place {
     Beside {
         part: PathBuf,
         /// The same open file once more: keeps the lock until the file has its name.
-        _lock: Option<File>,
+        lock: Option<File>,
         finished: bool,
     },
     /// To be sent to an object store, from a file without a name.
@@ -46,7 +48,7 @@ impl PartFile {
             objects::check(path)?;
             let file = objects::temporary()?;
             let place = Place::Unnamed(file.try_clone()?);
-            return Ok((PartFile { path: path.into(), place }, file));
+            return Ok((PartFile { path: path.into(), place, syncing: None }, file));
         }
         let path = &followed(path);
         if fs::metadata(path).is_ok_and(|kind| !kind.is_file() && !kind.is_dir()) {
@@ -69,10 +71,10 @@ impl PartFile {
             match File::create_new(&part) {
                 Ok(file) => {
                     // where a file system knows no locks, leftovers stay until somebody removes them
-                    let _lock = file.try_lock().ok().and_then(|()| file.try_clone().ok());
+                    let lock = file.try_lock().ok().and_then(|()| file.try_clone().ok());
                     let path = path.to_path_buf();
-                    let place = Place::Beside { part, _lock, finished: false };
-                    return Ok((PartFile { path, place }, file));
+                    let place = Place::Beside { part, lock, finished: false };
+                    return Ok((PartFile { path, place, syncing: None }, file));
                 }
                 Err(e) if e.kind() == io::ErrorKind::AlreadyExists => taken = e,
                 Err(e) => return Err(e),
@@ -86,6 +88,17 @@ impl PartFile {
         let path = self.path.clone();
         self.complete(file)?.name()?;
         sync_directory_of(&path)
+    }
+
+    /// Has what was flushed so far written to disk, in a thread beside the caller's: less is left to be waited for at the
+    /// end. Whether that fails is asked there.
+    pub fn sync_early(&mut self) {
+        let Place::Beside { lock: Some(file), .. } = &self.place else { return };
+        if self.syncing.as_ref().is_none_or(JoinHandle::is_finished) {
+            let Ok(file) = file.try_clone() else { return };
+            let sync = move || drop(file.sync_data());
+            self.syncing = std::thread::Builder::new().spawn(sync).ok();
+        }
     }
 
     /// What can fail for want of room fails here. `file` is the handle that was written to, flushed.

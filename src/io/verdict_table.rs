@@ -147,6 +147,8 @@ impl VerdictWriter {
             chunk.append_to(column, &mut out)?;
         }
         out.close()?;
+        self.file.flush()?;
+        self.part.sync_early();
         self.groups += 1;
         Ok(())
     }

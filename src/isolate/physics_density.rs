@@ -407,4 +407,34 @@ mod tests {
         let all = of_name(&nodes, "no name of a range");
         assert!(all.iter().all(|share| (share - 0.24).abs() < 1e-12));
     }
+
+    #[test]
+    fn property_what_lies_within_is_at_most_so_far() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
+        let healthy = HealthySpread {
+            slope: Slope::zeros(),
+            channels: SMatrix::identity(),
+            noise: Matrix4::identity(),
+            change: Matrix2::zeros(),
+        };
+        let mut curves = FaultCurves::new(1, healthy);
+        let nodes = Node::drawn(300, &mut rng);
+        let curve = curves.add(FaultCurve { nodes: nodes.clone() });
+        let seen = LabelledSeverities::new(vec![(0.2, 3.0), (0.3, 9.0), (0.4, 3.0)]);
+        curves.set(0, &[Member { class: "PBN", curve }], Some(&seen));
+        let (mut of, mut outcomes) = (Comparison::default(), [0; 2]);
+        for node in nodes.iter().cycle().take(1500) {
+            let off = Vector4::from_fn(|_, _| rand::RngExt::random_range(&mut rng, -0.1..0.1));
+            let x: Vec<f64> = (node.mean + off).iter().copied().collect();
+            let conditions = Conditions::as_made();
+            curves.compare(&x, conditions, &mut of);
+            let distance = curves.distance(0, &x, conditions, &of);
+            for most in [5.0, 20.0, 100.0, 1e4] {
+                let within = curves.lies_within(most, 0, &x, conditions, &of);
+                assert_eq!(within, distance <= most, "{distance} {most}");
+                outcomes[usize::from(within)] += 1;
+            }
+        }
+        assert!(outcomes.iter().all(|n| *n > 300), "{outcomes:?}");
+    }
 }

@@ -384,7 +384,13 @@ impl Run<'_> {
         let text = document.to_string();
         // all are complete on disk before any gets its name
         let Finished { report: episodes, table } = episodes;
-        let tables = [table.complete(text.clone())?, writer.complete(text)?];
+        let tables = std::thread::scope(|both| {
+            // each waits for the disk
+            let table = both.spawn(|| table.complete(text.clone()));
+            let writer = writer.complete(text.clone());
+            let table = table.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            Ok::<_, PipelineError>([table?, writer?])
+        })?;
         phases.add("finish", finishing.elapsed());
         let of_baselines = baselines.as_ref().map(Learned::summary);
         warnings.extend(baselines.iter().flat_map(|of| of.refused.iter().cloned()));
