@@ -15,8 +15,6 @@ pub struct Burst {
     /// columns
     #[prost(uint32, tag = "5")]
     pub samples_per_channel: u32,
-    ///
-    /// >
     /// > 0
     #[prost(double, tag = "6")]
     pub sample_period_s: f64,
@@ -44,17 +42,7 @@ pub struct Burst {
 }
 /// Nested message and enum types in `Burst`.
 pub mod burst {
-    #[derive(
-        Clone,
-        Copy,
-        Debug,
-        PartialEq,
-        Eq,
-        Hash,
-        PartialOrd,
-        Ord,
-        ::prost::Enumeration
-    )]
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
     #[repr(i32)]
     pub enum Format {
         S16le = 0,
@@ -80,17 +68,7 @@ pub mod burst {
             }
         }
     }
-    #[derive(
-        Clone,
-        Copy,
-        Debug,
-        PartialEq,
-        Eq,
-        Hash,
-        PartialOrd,
-        Ord,
-        ::prost::Enumeration
-    )]
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
     #[repr(i32)]
     pub enum Layout {
         ChannelMajor = 0,
