@@ -3,7 +3,7 @@
 mod columns;
 mod judged;
 
-pub use columns::{At, COLUMNS, Cells, Column, VerdictColumns};
+pub use columns::{COLUMNS, Cells, CellsAt, Column, VerdictColumns};
 pub use judged::{HealthyRun, OfBurst, Part, Tests, Verdicts};
 
 use crate::burst::Unusable;

@@ -16,6 +16,13 @@ use std::time::Duration;
 /// Nothing is asserted of times; what hangs fails instead.
 pub const HANGS: Duration = Duration::from_secs(300);
 
+/// How a recording is written that is followed, and what it is replayed with.
+pub const WRITTEN: [(Compression, Option<u64>, &str); 3] = [
+    (Compression::Lz4, Some(30_000), "--identify windows --set identify.first=8"),
+    (Compression::Zstd, Some(100_000), "--identify design"),
+    (Compression::None, None, "--identify design"),
+];
+
 /// `inkling replay now.mcap --follow` on its way.
 pub struct Follower {
     child: Child,
@@ -152,11 +159,7 @@ pub fn create(house: &House) -> File {
 
 #[test]
 fn episodes_are_told_while_it_is_written_and_tables_are_those_of_a_replay() {
-    for (compression, chunk_bytes, args) in [
-        (Compression::Lz4, Some(30_000), "--identify windows --set identify.first=8"),
-        (Compression::Zstd, Some(100_000), "--identify design"),
-        (Compression::None, None, "--identify design"),
-    ] {
+    for (compression, chunk_bytes, args) in WRITTEN {
         let house = House::new();
         let bytes = recording(&house, compression, chunk_bytes);
         let mut file = create(&house);

@@ -2,7 +2,9 @@
 //! closed, stay when the run is killed, and nothing else is ever touched.
 #![cfg(unix)]
 
-use crate::follow::{Follower, HANGS, append, create, recording, tables_are_those_of_a_replay};
+use crate::follow::{
+    Follower, HANGS, WRITTEN, append, create, recording, tables_are_those_of_a_replay,
+};
 use crate::house::House;
 use crate::pipeline::{bursts, sample, write};
 use inkling::io::inputs;
@@ -69,11 +71,7 @@ fn burst_of(row: &str) -> &str {
 
 #[test]
 fn parts_are_the_first_rows_of_the_table_and_go_when_it_has_its_name() {
-    for (compression, chunk_bytes, args) in [
-        (Compression::Lz4, Some(30_000), "--identify windows --set identify.first=8"),
-        (Compression::Zstd, Some(100_000), "--identify design"),
-        (Compression::None, None, "--identify design"),
-    ] {
+    for (compression, chunk_bytes, args) in WRITTEN {
         let house = House::new();
         let bytes = recording(&house, compression, chunk_bytes);
         let mut file = create(&house);

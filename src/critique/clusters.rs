@@ -250,8 +250,9 @@ mod tests {
     use super::super::generator::{Run, draw};
     use super::*;
 
-    /// 16 channels in 12 bursts that differ by a share of their amplitude, and have a temperature each.
-    fn along_temperature(common: f64) -> Spread {
+    /// 16 channels in 12 bursts that differ by a share of their amplitude, and have a temperature each. Every second
+    /// channel's fitted damping and frequency are moved by so much from where they are likeliest.
+    fn along_temperature(common: f64, moved: [f64; 2]) -> Spread {
         const BURSTS: usize = 12;
         let mut data = draw(&Run { channels: 16, bursts: BURSTS, ..Run::default() }, 41);
         for (i, row) in data.rows.iter_mut().enumerate() {
@@ -264,6 +265,10 @@ mod tests {
         let beside = Covariates::of(&data);
         let mut model = Model::start(&data, &beside, true).unwrap();
         model.fit(&data, &beside, 2);
+        for of_channel in model.units.iter_mut().step_by(2) {
+            of_channel[0] += moved[0];
+            of_channel[1] += moved[1];
+        }
         let mut v = [0.0; ALL];
         (v[2], v[3]) = (model.mean[2], model.mean[3]);
         let direction = Direction::covariate(data.samples, TEMPERATURE, v);
@@ -272,8 +277,17 @@ mod tests {
 
     #[test]
     fn bursts_that_have_something_in_common_spread_more_than_their_signals() {
-        assert_eq!(along_temperature(0.0).statistic, 1.0);
-        let common = along_temperature(0.02);
+        assert_eq!(along_temperature(0.0, [0.0; 2]).statistic, 1.0);
+        let common = along_temperature(0.02, [0.0; 2]);
         assert!(common.statistic < 0.33 && (common.dof - 10.0).abs() < 0.1, "{common:?}");
+    }
+
+    #[test]
+    fn channels_that_are_not_fitted_to_the_end_are_no_spread_of_bursts() {
+        const MOVED: [f64; 2] = [0.02, 0.002];
+        for common in [0.0, 0.02] {
+            let [there, off] = [[0.0; 2], MOVED].map(|moved| along_temperature(common, moved));
+            assert!((off.statistic - there.statistic).abs() < 0.01, "{there:?} {off:?}");
+        }
     }
 }

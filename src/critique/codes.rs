@@ -9,7 +9,7 @@ use super::covariates::Covariates;
 use super::found::Found;
 use super::model::{Linear, Model};
 use super::observations::Observations;
-use super::tuned::{CLIPPED_LESS, CLIPPED_SHARE, ODD_GAPS};
+use super::tuned::{CLIPPED_SHARE, FEW};
 use std::collections::BTreeMap;
 
 pub fn test(data: &Observations, beside: &Covariates, model: &mut Model) -> Vec<Found> {
@@ -60,8 +60,7 @@ fn clipping(
     // the top code alone must hold what should lie above it
     let crowded = at_top as f64 > 4.0 + 0.5 * beyond;
     // one free level; unmodelled scatter of the largest signals is allowed for
-    let surprise: f64 =
-        if crowded { (CLIPPED_SHARE * surprise - CLIPPED_LESS).max(0.0) } else { 0.0 };
+    let surprise: f64 = if crowded { CLIPPED_SHARE * surprise } else { 0.0 };
     let f =
         Found::of(CauseId::Clipping, surprise, 2.0 * surprise, level, half.clamp(1e-3, 0.5) * 0.5);
     if f.evidence.accepted {
@@ -142,7 +141,7 @@ fn lattice(
 fn is_lattice(met: &[i64], step: f64) -> bool {
     let gaps = met.windows(2).map(|pair| (pair[1] - pair[0]) as f64);
     let odd = gaps.filter(|gap| (gap - step).abs() >= 1.0).count();
-    odd as f64 <= ODD_GAPS * (met.len() - 1) as f64 * (step - 1.0).min(1.0)
+    odd as f64 <= FEW * (met.len() - 1) as f64 * (step - 1.0).min(1.0)
 }
 
 /// How often the model expects each code from `first` on.

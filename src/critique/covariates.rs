@@ -4,7 +4,7 @@
 //! standard deviation 1; a covariate that was not recorded, or does not vary, is absent and counts 0.
 
 use super::observations::Observations;
-use super::tuned::{DRIVE_SCAN, LEAST_RECORDED};
+use super::tuned::{DRIVE_SCAN, FEW};
 use crate::burst::Beside;
 
 /// Index of a covariate. `ONE` is the constant: the mean of all channels.
@@ -86,7 +86,7 @@ impl Covariates {
     fn standardise(&mut self, which: usize, of: impl Fn(usize) -> f64) {
         let known: Vec<usize> = (0..self.z.len()).filter(|&i| of(i).is_finite()).collect();
         let count = known.len() as f64;
-        if count < LEAST_RECORDED * self.z.len().max(1) as f64 || known.is_empty() {
+        if count < (1.0 - FEW) * self.z.len().max(1) as f64 || known.is_empty() {
             return;
         }
         let mean = known.iter().map(|&i| of(i)).sum::<f64>() / count;
@@ -109,7 +109,7 @@ impl Covariates {
         let n = data.len().max(1) as f64;
         let first_ns = data.rows.iter().map(|r| r.beside.t_acq_ns).min().unwrap_or(0);
         let drives = || data.rows.iter().map(|r| r.beside.drive_v).filter(|v| *v > 0.0);
-        let recorded = drives().count() as f64 >= LEAST_RECORDED * n;
+        let recorded = drives().count() as f64 >= (1.0 - FEW) * n;
         let drive_mean_v = recorded.then(|| drives().sum::<f64>() / drives().count() as f64);
         let drive: Vec<f64> = data
             .rows
@@ -129,7 +129,7 @@ impl Covariates {
             span: [0.0; COVARIATES],
             drive_scan: false,
             idle: data.rows.iter().filter(|r| !r.beside.idle_s.is_nan()).count() as f64
-                >= LEAST_RECORDED * n,
+                >= (1.0 - FEW) * n,
             shared_bursts: data.len() >= 2 * data.bursts,
         };
         new.z.iter_mut().for_each(|z| z[ONE] = 1.0);

@@ -11,7 +11,7 @@ use super::covariates::Covariates;
 use super::found::Found;
 use super::model::{Linear, Model, PATTERNS, dot};
 use super::observations::Observations;
-use super::tuned::{CONTRAST, LINE_BOUND};
+use super::tuned::{LINE_BOUND, STANDS_OUT};
 use crate::model::free_decay::FREE;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
@@ -119,7 +119,7 @@ pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Foun
             .collect();
         let rho_without = lag_one(&left, n, v);
         let local = line.contrast;
-        if line.surprise > THRESHOLD && local > CONTRAST {
+        if line.surprise > THRESHOLD && local > STANDS_OUT {
             rho = rho_without;
         } else {
             line_surprise = 0.0;

@@ -13,7 +13,7 @@ use super::covariates::{COVARIATES, Covariates, DRIVE};
 use super::found::Found;
 use super::model::{Linear, Model};
 use super::observations::Observations;
-use super::tuned::{NOTHING_LEFT, REAL_SCATTER};
+use super::tuned::FEW;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Vector2, Vector4};
 use std::collections::BTreeMap;
 
@@ -117,7 +117,7 @@ fn freed_of_frequency(each: &mut [Scatter]) {
         seen += x[3] * x[3];
         real += x * x[3] - one.noise.column(3);
     }
-    let var = real[3].max(REAL_SCATTER * seen).max(1e-300);
+    let var = real[3].max(FEW * seen).max(1e-300);
     let mut turn = Matrix4::identity();
     turn[(0, 3)] = -real[0] / var;
     turn[(1, 3)] = -real[1] / var;
@@ -221,7 +221,7 @@ fn contrasts_of(each: &[Scatter], direction: usize) -> Option<Contrasts> {
     let score = left.view((0, columns - 1), (count, 1)).into_owned();
     let largest = of_bursts.eigenvalues.max();
     let each_contrast: Vec<Contrast> = (0..count)
-        .filter(|k| of_bursts.eigenvalues[*k] > NOTHING_LEFT * largest)
+        .filter(|k| of_bursts.eigenvalues[*k] > FEW * largest)
         .map(|k| {
             let weight = of_bursts.eigenvalues[k];
             let value = of_bursts.eigenvectors.column(k).dot(&score.column(0)) / weight.sqrt();

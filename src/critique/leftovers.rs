@@ -8,7 +8,7 @@ use super::chance::DETECTION_LIMIT;
 use super::covariates::{TEMPERATURE, TIME};
 use super::found::{Aside, Found};
 use super::model::Model;
-use super::tuned::{LEFT_TO_ALIKE, LEFT_TO_SHAPES, LEFT_TO_UNLIKE, OWN_PERIODS};
+use super::tuned::{LEFT_TO_ALIKE, LEFT_TO_SHAPES, LEFT_TO_UNLIKE};
 
 /// Where a cause shows.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -108,7 +108,7 @@ pub fn leave_out(aside: &mut Aside, chosen: Vec<Weighed>) {
 pub fn at_the_ring(of_noise: &mut [Found], model: &Model, length_s: f64) -> bool {
     let own_hz = model.mean[1].exp() / (std::f64::consts::TAU * length_s);
     let tone = of_noise.iter_mut().find(|f| f.is(CauseId::RandomTone) && f.evidence.accepted);
-    let near = |f: &&mut Found| (f.evidence.value - own_hz).abs() * length_s < OWN_PERIODS;
+    let near = |f: &&mut Found| (f.evidence.value - own_hz).abs() * length_s < 1.0;
     let Some(tone) = tone.filter(near) else { return false };
     tone.leave_out("it is looked for beside the causes");
     true

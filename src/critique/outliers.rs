@@ -8,7 +8,7 @@
 use super::covariates::{Covariates, POSITION};
 use super::model::{Linear, Model};
 use super::observations::Observations;
-use super::tuned::{FAR, FAULTY_SHARE, FAULTY_SIGNALS, IN_A_ROW, LEAST, NOISIER, ODD};
+use super::tuned::{FAR, FAULTY_SIGNALS, FEW, IN_A_ROW, LEAST, STANDS_OUT};
 use crate::model::median::median;
 
 /// Channels that tell a trend along the head, and pairs of them that it takes.
@@ -46,9 +46,8 @@ fn faulty_channels(data: &Observations, odd: &[bool]) -> Vec<bool> {
         counts[row.unit].0 += usize::from(*odd);
         counts[row.unit].1 += 1;
     }
-    let faulty = |(odd, all): (usize, usize)| {
-        odd >= FAULTY_SIGNALS && odd as f64 > FAULTY_SHARE * all as f64
-    };
+    let faulty =
+        |(odd, all): (usize, usize)| odd >= FAULTY_SIGNALS && odd as f64 > FEW * all as f64;
     counts.into_iter().map(faulty).collect()
 }
 
@@ -64,7 +63,7 @@ pub struct Outliers {
 /// Runs of odd samples in some of the misfits, against the chance that samples odd as often as these are come so in
 /// a row. `sd`: of the typical misfit.
 fn shaped(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -> f64 {
-    let sign = |x: &f64| if x.abs() > ODD * sd { x.signum() as i32 } else { 0 };
+    let sign = |x: &f64| if x.abs() > FAR * sd { x.signum() as i32 } else { 0 };
     let signs: Vec<Vec<i32>> = misfits.iter().map(|r| r.iter().map(sign).collect()).collect();
     let samples: usize = signs.iter().map(Vec::len).sum();
     let odd = signs.iter().flatten().filter(|s| **s != 0).count();
@@ -133,7 +132,7 @@ pub fn outliers(data: &Observations, beside: &Covariates, model: &Model) -> Outl
     let far = alone.far();
     let left: Vec<f64> = alone.misfits.iter().map(|r| r.iter().map(|r| r * r).sum()).collect();
     let typical = median(&mut left.clone());
-    let noisier = |i: usize| left[i] > NOISIER * typical;
+    let noisier = |i: usize| left[i] > STANDS_OUT * typical;
     let odd: Vec<bool> = (0..data.len()).map(|i| far[i] || noisier(i)).collect();
     let faulty = faulty_channels(data, &odd);
     let of_faulty = |i: usize| faulty[data.rows[i].unit];

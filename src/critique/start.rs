@@ -2,7 +2,7 @@
 //!
 //! In: a signal. Out: its parameters ([`Theta`]), or none where nothing rings.
 
-use super::tuned::RINGS;
+use super::tuned::FEW;
 use crate::model::free_decay::{ALL, FREE, Tangent, Theta};
 use nalgebra::{DMatrix, DVector};
 
@@ -61,7 +61,7 @@ pub fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
     }
     let (cost, mut theta) = best?;
     refine(&mut theta, y, real);
-    (cost < RINGS * total && theta.iter().all(|v| v.is_finite())).then_some(theta)
+    (cost < (1.0 - FEW) * total && theta.iter().all(|v| v.is_finite())).then_some(theta)
 }
 
 /// Levenberg-Marquardt of one ring (and an offset) on one signal; lambda stays at its ratio.

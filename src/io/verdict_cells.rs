@@ -3,7 +3,7 @@
 use super::column::{self, NumberColumn, RunColumn, StepColumn};
 use super::column_types::TimestampUnit;
 use super::verdict_columns::{TableOptions, weight_field};
-use crate::verdict::{At, Cells, Column, HealthyRun, Outcome, Part, Test, Verdicts};
+use crate::verdict::{Cells, CellsAt, Column, HealthyRun, Outcome, Part, Test, Verdicts};
 use arrow_array::{ArrayRef, FixedSizeListArray, Float32Array};
 use arrow_buffer::NullBuffer;
 use arrow_schema::{DataType, Field};
@@ -123,7 +123,7 @@ fn push_printheads(out: &mut RunColumn, places: &[u32], of: &Verdicts) -> Result
 /// `healthy`: the key of a healthy run; `key`: of a row's value.
 fn by_runs<T: PartialEq>(
     of: &Verdicts,
-    at: &At<T>,
+    at: &CellsAt<T>,
     out: &mut RunColumn,
     mut healthy: impl FnMut(&HealthyRun, &mut RunColumn) -> Option<u32>,
     mut key: impl FnMut(&T, &mut RunColumn) -> Option<u32>,
@@ -140,7 +140,7 @@ fn by_runs<T: PartialEq>(
 /// `healthy`: the keys of a healthy run's signals, by the test that decided; `key`: of a row's value.
 fn by_tests<T: PartialEq>(
     of: &Verdicts,
-    at: &At<T>,
+    at: &CellsAt<T>,
     out: &mut RunColumn,
     mut healthy: impl FnMut(&HealthyRun, &mut RunColumn) -> [u32; 2],
     mut key: impl FnMut(&T, &mut RunColumn) -> Option<u32>,

@@ -90,7 +90,7 @@ impl<'a> EpisodeTap<'a> {
                 Part::Healthy(run) => open(&mut bursts, run.into()).add_healthy(run, tests),
                 Part::Rows(rows) => {
                     for row in rows.clone() {
-                        let at = At {
+                        let at = RowOf {
                             t_ns: c.acquired_at_ns[row],
                             printhead: c.printhead[row],
                             channel: c.channel[row],
@@ -194,30 +194,30 @@ impl<'a> EpisodeTap<'a> {
 
 /// Whose a row is.
 #[derive(Clone, Copy, PartialEq)]
-struct At {
+struct RowOf {
     t_ns: i64,
     /// Index into the batch's.
     printhead: u32,
     channel: u32,
 }
 
-impl From<&HealthyRun> for At {
-    fn from(run: &HealthyRun) -> At {
-        At { t_ns: run.t_ns, printhead: run.printhead, channel: run.first_channel }
+impl From<&HealthyRun> for RowOf {
+    fn from(run: &HealthyRun) -> RowOf {
+        RowOf { t_ns: run.t_ns, printhead: run.printhead, channel: run.first_channel }
     }
 }
 
 /// A burst whose rows are being gathered.
 struct OpenBurst {
     /// Where its next row would be.
-    at: At,
+    at: RowOf,
     /// Of the first row that has one.
     model: Option<u16>,
     looks: Looks,
 }
 
 /// The burst that the next rows belong to: the last one, if they are its next channels.
-fn open(bursts: &mut Vec<OpenBurst>, at: At) -> &mut OpenBurst {
+fn open(bursts: &mut Vec<OpenBurst>, at: RowOf) -> &mut OpenBurst {
     if bursts.last().is_none_or(|last| last.at != at) {
         let looks = Looks { t_ns: at.t_ns, first_channel: at.channel, ..Looks::default() };
         bursts.push(OpenBurst { at, model: None, looks });

@@ -15,38 +15,38 @@ pub struct Column {
 /// What a column's cells are, and where a batch has them.
 pub enum Cells {
     /// Nanoseconds since 1970.
-    Time(At<i64>),
+    Time(CellsAt<i64>),
     /// Places among the batch's `printheads`.
-    Printhead(At<u32>),
-    Channel(At<u32>),
-    Outcome(At<Outcome>),
+    Printhead(CellsAt<u32>),
+    Channel(CellsAt<u32>),
+    Outcome(CellsAt<Outcome>),
     /// Places among the run's categories.
-    Category(At<Option<u16>>),
+    Category(CellsAt<Option<u16>>),
     /// Places among the run's classes.
-    Class(At<Option<u16>>),
-    Test(At<Option<Test>>),
-    Reason(At<Option<Reason>>),
+    Class(CellsAt<Option<u16>>),
+    Test(CellsAt<Option<Test>>),
+    Reason(CellsAt<Option<Reason>>),
     /// Places among the metadata's models.
-    Model(At<Option<u16>>),
+    Model(CellsAt<Option<u16>>),
     /// Of the test that decided, of every judged signal.
-    Statistic(At<Option<f32>>),
+    Statistic(CellsAt<Option<f32>>),
     /// The same over many rows.
-    Threshold(At<Option<f32>>),
+    Threshold(CellsAt<Option<f32>>),
     /// Of every judged signal, where there is a second test.
-    Misfit(At<Option<f32>>),
+    Misfit(CellsAt<Option<f32>>),
     /// Numbers that only flagged signals have.
-    Number(At<Option<f32>>),
+    Number(CellsAt<Option<f32>>),
     /// One number per class: `weights` from `weights_start` on.
     Weights,
 }
 
 /// Where a column's cells are.
-pub struct At<T: 'static> {
+pub struct CellsAt<T: 'static> {
     cells: fn(&VerdictColumns) -> &[T],
     vec: fn(&mut VerdictColumns) -> &mut Vec<T>,
 }
 
-impl<T> At<T> {
+impl<T> CellsAt<T> {
     pub fn of<'a>(&self, columns: &'a VerdictColumns) -> &'a [T] {
         (self.cells)(columns)
     }
@@ -111,7 +111,7 @@ macro_rules! columns {
             }
         }
     };
-    (at $field:ident) => { At { cells: |c| &c.$field, vec: |c| &mut c.$field } };
+    (at $field:ident) => { CellsAt { cells: |c| &c.$field, vec: |c| &mut c.$field } };
 }
 
 columns! {

@@ -7,9 +7,7 @@ use super::{Applied, Bench, Best, Objection, Scored};
 use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{maximum, width};
 use crate::critique::space::Direction;
-use crate::critique::tuned::{
-    LEAST_MODE, LOSS, MENISCUS, NEAR, OWN_PERIODS, SHOWS_ITS_LOSS, SPLIT, TIE,
-};
+use crate::critique::tuned::{FEW, LEAST_MODE, LOSS, MENISCUS, SHOWS_ITS_LOSS, SPLIT, TIE};
 use crate::model::InkChannel;
 use crate::model::terms::Interior;
 use std::f64::consts::{PI, TAU};
@@ -121,8 +119,8 @@ impl Bench<'_> {
         let own = self.seen.omega;
         let within = |reach: f64, of: f64| (omega - of).abs() < reach;
         // a damped line is as broad as its damping
-        let near = |of: f64| within(OWN_PERIODS * RESOLUTION + 0.5 * gamma, of);
-        let multiple = within(NEAR * own, (omega / own).round().max(1.0) * own);
+        let near = |of: f64| within(RESOLUTION + 0.5 * gamma, of);
+        let multiple = within(FEW * own, (omega / own).round().max(1.0) * own);
         // every second sample's own gain mirrors the ring at half the sampling rate
         let mirror = PI * self.samples as f64 - own;
         let slow = pattern == 1 && omega < LEAST_MODE * own;

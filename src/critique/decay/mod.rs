@@ -22,7 +22,7 @@ use super::extended::NotExtended;
 use super::finding::{Cause, Critique, NotTestable, Signals, VERSION, Verdict};
 use super::observations::Observations;
 use super::outcome::{CritiqueError, Outcome};
-use super::tuned::{DECAY_LEFT, PREDICTABLE};
+use super::tuned::HALF;
 use super::words::{capital, ties};
 use plant::Decays;
 use selection::{Selected, sizes};
@@ -154,7 +154,7 @@ pub fn critique(
 fn verdict(causes: &mut Vec<Cause>, selected: &Selected, left: &Left) -> Verdict {
     let unexplained = left.p < 1e-4;
     if causes.is_empty() {
-        if !unexplained || left.predictable < PREDICTABLE {
+        if !unexplained || left.predictable < HALF {
             return Verdict::None;
         }
         if let Some(near) = nearest(selected) {
@@ -162,7 +162,7 @@ fn verdict(causes: &mut Vec<Cause>, selected: &Selected, left: &Left) -> Verdict
         }
         return Verdict::Unknown;
     }
-    if unexplained && left.share > DECAY_LEFT && left.predictable > PREDICTABLE {
+    if unexplained && left.share > HALF && left.predictable > HALF {
         causes.iter_mut().for_each(|c| c.explains = Some((1.0 - left.share).max(0.0)));
         return Verdict::Unknown;
     }

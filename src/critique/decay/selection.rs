@@ -13,7 +13,7 @@ use crate::critique::candidates::LEAST_PERIODS;
 use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, statistic_of, surprise};
 use crate::critique::finding::{EXPLAINS_MORE, Evidence, NOT_SIGNIFICANT};
-use crate::critique::tuned::{COLOURED, HARMONIC, LEAST_OF_COLOURED, LEAST_SHARE, SWEPT, TIE};
+use crate::critique::tuned::{FEW, HALF, HARMONIC, LEFT_TO_SHAPES, TIE};
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 use thiserror::Error;
@@ -343,8 +343,8 @@ fn line_objection(
         let m = f64::from(multiple);
         let off = (omega - m * own).abs();
         let near = match multiple {
-            1 => resolution.max(sigma.abs() + fit.p[SIGMA].abs()).max(SWEPT * swept * own),
-            _ => (0.35 * resolution).max(HARMONIC * m * own).max(SWEPT * swept * m * own),
+            1 => resolution.max(sigma.abs() + fit.p[SIGMA].abs()).max(swept * own),
+            _ => (0.35 * resolution).max(HARMONIC * m * own).max(swept * m * own),
         };
         if off < near {
             return Some(match multiple {
@@ -479,8 +479,8 @@ fn judged(decays: &Decays, mut t: Tried, parent: &Fit, noise: &Noise) -> Tried {
     let covariance = t.fit.covariance(decays, noise);
     t.objection = objection(decays, &t.fit, t.term, &covariance);
     let little = match t.term {
-        Term::Line(_) => t.share < LEAST_SHARE,
-        _ => noise.predictable() > COLOURED && t.statistic < LEAST_OF_COLOURED * parent.cost,
+        Term::Line(_) => t.share < FEW,
+        _ => noise.predictable() > HALF && t.statistic < LEFT_TO_SHAPES * parent.cost,
     };
     if t.objection.is_none() && little {
         t.objection = Some(Objection::Little);
