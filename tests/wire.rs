@@ -41,10 +41,19 @@ fn wire_code_is_what_its_schemas_compile_to() {
                 std::fs::write(wire.join(name), &expected).unwrap();
             }
             let kept = std::fs::read(wire.join(name)).unwrap();
-            assert!(
-                kept == expected,
-                "{name}: INKLING_WRITE_WIRE=1 cargo test --release wire_code"
-            );
+            let same = match name.ends_with(".rs") {
+                true => code(&kept) == code(&expected),
+                false => kept == expected,
+            };
+            assert!(same, "{name}: INKLING_WRITE_WIRE=1 cargo test --release wire_code");
         }
     }
+}
+
+/// Without comments and white space: whether the compiler breaks lines hangs on what else is built with it.
+fn code(of: &[u8]) -> String {
+    let text = String::from_utf8_lossy(of);
+    let lines = text.lines().filter(|line| !line.trim_start().starts_with("//"));
+    let dense: String = lines.flat_map(str::chars).filter(|c| !c.is_whitespace()).collect();
+    dense.replace(",)", ")")
 }

@@ -3,12 +3,15 @@
 //! In: signals about a fitted model. Out: [`Found`]. How healthy acquisition states scatter is not known, and no
 //! share, direction or correlation of it is assumed: a shift of one signal alone is healthy scatter. What tells a
 //! trigger is what the channels of one burst have in common. A burst may have something in common without a
-//! jitter (a drive that varies), so the variance that bursts have along the shift must exceed what they have
-//! across it, in amplitude. "Exceed" is said in radians of the ring and in multiples of the single signals' own
-//! scatter, whichever asks for more.
+//! jitter (a drive that varies), and all directions may be alike in it. So two things are asked: whether bursts have
+//! a variance along the shift at all, beside that of single signals, of which there are many; and whether it exceeds
+//! what they have across it, in amplitude, so clearly that a state that varies by burst in all directions is no rival.
+//! "Exceed" is said in radians of the ring and in multiples of the single signals' own scatter, whichever asks for
+//! more.
 
+use super::between::{Contrasts, least};
 use super::catalogue::CauseId;
-use super::chance::{maximum, surprise};
+use super::chance::{HINT, surprise};
 use super::covariates::{COVARIATES, Covariates, DRIVE};
 use super::found::Found;
 use super::model::{Linear, Model};
@@ -20,30 +23,14 @@ use std::collections::BTreeMap;
 /// Signals that are looked at, at most, and bursts.
 const MOST: usize = 4096;
 const MOST_BURSTS: usize = 400;
-/// Bursts whose common part is not taken for something else that tell a variance.
-const FEWEST: usize = 8;
 
 /// One signal: phase, gain, ln sigma, ln omega about its model, and the noise of these.
-struct Scatter {
-    x: Vector4<f64>,
-    noise: Matrix4<f64>,
-    unit: usize,
-    burst: usize,
-    beside: [f64; COVARIATES],
-}
-
-/// What bursts have in common along one direction: independent contrasts between bursts, each of variance
-/// `own + weight * common`.
-struct Contrasts {
-    /// (contrast, weight)
-    each: Vec<Contrast>,
-    /// Variance of one signal, noise included.
-    own: f64,
-}
-
-struct Contrast {
-    value: f64,
-    weight: f64,
+pub struct Scatter {
+    pub x: Vector4<f64>,
+    pub noise: Matrix4<f64>,
+    pub unit: usize,
+    pub burst: usize,
+    pub beside: [f64; COVARIATES],
 }
 
 pub fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Found {
@@ -57,9 +44,13 @@ pub fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Found 
     let excess = Excess::of(&along, &across, healthy_ratio(&each));
     let to_s = data.dt_s * data.samples as f64 / model.mean[1].exp();
     let sd = excess.along.max(1e-16).sqrt();
-    let s = surprise(excess.ratio, 1, 1.0, f64::INFINITY);
     let error_s = excess.along_sd / (2.0 * sd) * to_s;
-    Found::of(CauseId::TriggerJitter, s, excess.ratio, sd * to_s, error_s)
+    let s = surprise(excess.there, 1, 1.0, f64::INFINITY);
+    let mut found = Found::of(CauseId::TriggerJitter, s, excess.there, sd * to_s, error_s);
+    if found.evidence.accepted && !excess.beyond_any_direction() {
+        found.leave_out("bursts may differ as much in amplitude");
+    }
+    found
 }
 
 /// Columns: (a, b) turned by a radian of shift, and (a, b) itself.
@@ -180,100 +171,15 @@ fn about_bursts(each: &[Scatter], mut of: Vec<Vector4<f64>>) -> Vec<Vector4<f64>
 /// Contrasts between bursts along the shift and across it, free of channels' own means and of what follows a
 /// covariate. `None`: too few are left.
 fn contrasts(each: &[Scatter]) -> Option<[Contrasts; 2]> {
-    let along = contrasts_of(each, 0)?;
-    let across = contrasts_of(each, 1)?;
-    Some([along, across])
+    let of = |direction| Contrasts::of(each, direction, healthy(each, direction));
+    Some([of(0)?, of(1)?])
 }
 
-fn contrasts_of(each: &[Scatter], direction: usize) -> Option<Contrasts> {
-    let scatter = healthy(each, direction);
-    let weights: Vec<f64> =
-        each.iter().map(|one| 1.0 / (scatter + one.noise[(direction, direction)])).collect();
-    let bursts = each.iter().map(|one| one.burst + 1).max()?;
-    let mut place = vec![usize::MAX; bursts];
-    let mut count = 0;
-    for one in each {
-        if place[one.burst] == usize::MAX {
-            place[one.burst] = count;
-            count += 1;
-        }
-    }
-    // columns: bursts, covariates, the signal itself; each less its channel's weighted mean
-    let (n, columns) = (each.len(), count + COVARIATES + 1);
-    let mut m = DMatrix::<f64>::zeros(n, columns);
-    for (i, one) in each.iter().enumerate() {
-        m[(i, place[one.burst])] = 1.0;
-        (0..COVARIATES).for_each(|c| m[(i, count + c)] = one.beside[c]);
-        m[(i, columns - 1)] = one.x[direction];
-    }
-    less_channels(&mut m, each, &weights);
-    let gram = m.tr_mul(&m);
-    let beside = gram.view((count, count), (COVARIATES, COVARIATES)).into_owned();
-    let scale = beside.diagonal().map(|d| if d > 1e-9 * n as f64 { 1.0 / d.sqrt() } else { 0.0 });
-    let unit =
-        DMatrix::from_fn(COVARIATES, COVARIATES, |a, b| beside[(a, b)] * scale[a] * scale[b]);
-    let eigen = unit.symmetric_eigen();
-    let kept = eigen.eigenvalues.map(|v| if v > 1e-6 { 1.0 / v.sqrt() } else { 0.0 });
-    let root = DMatrix::from_diagonal(&scale) * eigen.eigenvectors * DMatrix::from_diagonal(&kept);
-    let explained = gram.columns(count, COVARIATES) * root;
-    let left = &gram - &explained * explained.transpose();
-    let of_bursts = left.view((0, 0), (count, count)).into_owned().symmetric_eigen();
-    let score = left.view((0, columns - 1), (count, 1)).into_owned();
-    let largest = of_bursts.eigenvalues.max();
-    let each_contrast: Vec<Contrast> = (0..count)
-        .filter(|k| of_bursts.eigenvalues[*k] > FEW * largest)
-        .map(|k| {
-            let weight = of_bursts.eigenvalues[k];
-            let value = of_bursts.eigenvectors.column(k).dot(&score.column(0)) / weight.sqrt();
-            Contrast { value, weight }
-        })
-        .collect();
-    let between: f64 = each_contrast.iter().map(|c| c.value * c.value).sum();
-    let channels = each.iter().map(|one| one.unit + 1).max()?;
-    let free = n as f64
-        - (channels + kept.iter().filter(|k| **k > 0.0).count() + each_contrast.len()) as f64;
-    (each_contrast.len() >= FEWEST && free >= FEWEST as f64).then(|| Contrasts {
-        own: (left[(columns - 1, columns - 1)] - between).max(1e-300) / free,
-        each: each_contrast,
-    })
-}
-
-/// Rows times the roots of their weights, less their channel's weighted mean.
-fn less_channels(m: &mut DMatrix<f64>, each: &[Scatter], weights: &[f64]) {
-    let units = each.iter().map(|one| one.unit + 1).max().unwrap_or(0);
-    let mut sums = DMatrix::<f64>::zeros(units, m.ncols());
-    let mut total = vec![0.0; units];
-    for (i, one) in each.iter().enumerate() {
-        total[one.unit] += weights[i];
-        let mut sum = sums.row_mut(one.unit);
-        sum += m.row(i) * weights[i];
-    }
-    for (i, one) in each.iter().enumerate() {
-        let centred = (m.row(i) - sums.row(one.unit) / total[one.unit]) * weights[i].sqrt();
-        m.set_row(i, &centred);
-    }
-}
-
-impl Contrasts {
-    /// -2 ln likelihood of a common variance.
-    fn deviance(&self, common: f64) -> f64 {
-        let of = |c: &Contrast| {
-            let var = self.own + c.weight * common;
-            var.ln() + c.value * c.value / var
-        };
-        self.each.iter().map(of).sum()
-    }
-
-    /// Fisher information of the common variance.
-    fn information(&self, common: f64) -> f64 {
-        let of = |c: &Contrast| 0.5 * (c.weight / (self.own + c.weight * common)).powi(2);
-        self.each.iter().map(of).sum()
-    }
-}
-
-/// Bursts' variance along the shift beyond what they have across it.
+/// Bursts' variance along the shift, and beyond what they have across it.
 struct Excess {
-    /// Likelihood ratio: free, against no more along the shift than across it.
+    /// Likelihood ratio against none along the shift.
+    there: f64,
+    /// And: free, against no more along the shift than across it.
     ratio: f64,
     /// Variance along the shift, and its standard error, rad².
     along: f64,
@@ -294,44 +200,53 @@ impl Excess {
             }
         };
         Excess {
+            there: along.deviance(0.0) - along.deviance(best),
             ratio: ratio.max(0.0),
             along: best,
             along_sd: 1.0 / along.information(best).max(1e-300).sqrt(),
         }
     }
-}
 
-/// The variance (rad², relative²) at which a deviance is least: a scan over decades, then the golden section.
-fn least(deviance: impl Fn(f64) -> f64) -> f64 {
-    let at = |ln: f64| deviance(ln.exp());
-    let middle = (-30..=2).map(f64::from).min_by(|p, q| at(*p).total_cmp(&at(*q))).unwrap_or(0.0);
-    let found = maximum(|ln| -at(ln), middle, 1.0).exp();
-    if deviance(0.0) <= deviance(found) { 0.0 } else { found }
+    fn beyond_any_direction(&self) -> bool {
+        surprise(self.ratio, 1, 1.0, f64::INFINITY) > HINT
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::chance::THRESHOLD;
+    use super::super::covariates::{TEMPERATURE, TIME, square_of};
     use super::*;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// Standard deviations: of single signals and of bursts, along the shift (rad) and across it.
-    #[derive(Clone, Copy)]
+    /// Standard deviations: of single signals and of bursts, along the shift (rad) and across it. And what bursts
+    /// are shifted by the drive.
+    #[derive(Clone, Copy, Default)]
     struct Spread {
         own: [f64; 2],
         common: [f64; 2],
+        follows: f64,
     }
 
-    /// 24 bursts of 8 of 16 channels each.
+    /// 24 bursts of 8 of 16 channels each, at times, temperatures and drives of their own.
     fn drawn(spread: Spread, seed: u64) -> Vec<Scatter> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
         let of_channel: Vec<f64> = (0..16).map(|_| 0.05 * normal()).collect();
         let mut all = Vec::new();
-        for burst in 0..24 {
-            let common = spread.common.map(|sd| sd * normal());
+        for burst in 0..24_i32 {
+            let mut common = spread.common.map(|sd| sd * normal());
             let drive = 0.67 + 0.165 * f64::from(burst % 5);
+            common[0] += spread.follows * (drive - 1.0);
+            let mut beside = [0.0; COVARIATES];
+            beside[DRIVE] = drive - 1.0;
+            beside[TIME] = f64::from(burst) / 23.0 - 0.5;
+            beside[TEMPERATURE] = (0.6 * f64::from(burst)).sin();
+            for which in [TIME, TEMPERATURE] {
+                beside[square_of(which).unwrap()] = beside[which] * beside[which];
+            }
             for slot in 0..8 {
                 let unit = ((burst % 2) * 8 + slot) as usize;
                 let sd = [0.006, 0.005, 0.02, 0.0006].map(|s| s / drive);
@@ -341,8 +256,6 @@ mod tests {
                 }
                 (0..4).for_each(|j| x[j] += sd[j] * normal());
                 let noise = Matrix4::from_diagonal(&Vector4::from(sd).map(|s| s * s));
-                let mut beside = [0.0; COVARIATES];
-                beside[DRIVE] = drive - 1.0;
                 all.push(Scatter { x, noise, unit, burst: burst as usize, beside });
             }
         }
@@ -357,16 +270,23 @@ mod tests {
     }
 
     fn found_in(spread: Spread, runs: u64) -> usize {
-        let passes = |seed| surprise(excess(spread, seed).ratio, 1, 1.0, f64::INFINITY) > 8.3;
+        let passes = |seed| {
+            let excess = excess(spread, seed);
+            let s = surprise(excess.there, 1, 1.0, f64::INFINITY);
+            s > THRESHOLD && excess.beyond_any_direction()
+        };
         (0..runs).filter(|seed| passes(*seed)).count()
     }
 
     #[test]
     fn a_shift_of_whole_bursts_is_found_and_measured() {
-        let spread = Spread { own: [0.01, 0.01], common: [0.02, 0.0] };
+        let spread = Spread { own: [0.01, 0.01], common: [0.02, 0.0], ..Default::default() };
         assert!(found_in(spread, 40) >= 38);
         let sizes: f64 = (0..40).map(|seed| excess(spread, seed).along.sqrt()).sum();
         assert!((sizes / 40.0 - 0.02).abs() < 0.002, "{}", sizes / 40.0);
+        // two detection limits
+        let found = found_in(Spread { common: [0.01, 0.0], ..spread }, 40);
+        assert!(found >= 32, "{found} of 40");
     }
 
     /// However single signals scatter, and whatever a burst's channels have in common in all directions.
@@ -374,9 +294,17 @@ mod tests {
     fn healthy_scatter_is_no_jitter() {
         for own in [[0.01, 0.01], [0.03, 0.001], [0.001, 0.03]] {
             for common in [[0.0, 0.0], [0.0, 0.03], [0.02, 0.02]] {
-                let found = found_in(Spread { own, common }, 60);
-                assert!(found <= 1, "{own:?} {common:?}: {found} of 60");
+                let found = found_in(Spread { own, common, ..Default::default() }, 60);
+                assert!(found <= 2, "{own:?} {common:?}: {found} of 60");
             }
+        }
+    }
+
+    #[test]
+    fn what_bursts_follow_is_no_jitter() {
+        for follows in [0.02, 0.04, 0.1] {
+            let found = found_in(Spread { own: [0.01; 2], common: [0.0; 2], follows }, 60);
+            assert!(found <= 1, "{follows}: {found} of 60");
         }
     }
 }

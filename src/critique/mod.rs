@@ -7,6 +7,7 @@
 //! leave to each other is no cause (`leftovers`).
 
 mod adequacy;
+mod between;
 pub mod candidates;
 pub mod catalogue;
 mod chance;
