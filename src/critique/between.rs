@@ -8,7 +8,7 @@
 use super::chance::{ONCE_IN_100, maximum};
 use super::covariates::COVARIATES;
 use super::jitter::Scatter;
-use super::tuned::NOTHING_LEFT;
+use super::tuned::FEW;
 use nalgebra::DMatrix;
 
 /// Contrasts that tell a variance, at least; and freedoms of single signals.
@@ -83,7 +83,7 @@ impl Sums {
             axes.tr_mul(&self.gram.view((0, self.bursts), (self.bursts, COVARIATES + 1)));
         held.row_iter_mut().zip(&weights).for_each(|(mut row, w)| row /= w.sqrt());
         let all = |c: usize| self.gram[(self.bursts + c, self.bursts + c)];
-        let within = |c: &usize| held.column(*c).norm_squared() < (1.0 - NOTHING_LEFT) * all(*c);
+        let within = |c: &usize| held.column(*c).norm_squared() < (1.0 - FEW) * all(*c);
         let (mut out, mut constant): (Vec<usize>, Vec<usize>) =
             (0..COVARIATES).filter(|c| all(*c) > 1e-9 * self.signals as f64).partition(within);
         for taken in 1.. {
@@ -91,7 +91,7 @@ impl Sums {
             let told = |c: usize| {
                 let square = held.column(c).norm_squared();
                 // what those before have taken nearly all of says nothing
-                let own = square > NOTHING_LEFT * all(c);
+                let own = square > FEW * all(c);
                 if own {
                     held.column(c).dot(&held.column(COVARIATES)).powi(2) / square
                 } else {
@@ -149,7 +149,7 @@ struct Basis {
 impl Basis {
     fn of(gram: &DMatrix<f64>, bursts: usize) -> Basis {
         let eigen = gram.view((0, 0), (bursts, bursts)).into_owned().symmetric_eigen();
-        let least = NOTHING_LEFT * eigen.eigenvalues.max();
+        let least = FEW * eigen.eigenvalues.max();
         let kept: Vec<usize> = (0..bursts).filter(|k| eigen.eigenvalues[*k] > least).collect();
         Basis {
             axes: eigen.eigenvectors.select_columns(&kept),
