@@ -7,12 +7,20 @@
 
 use super::chance::{ONCE_IN_100, maximum};
 use super::covariates::COVARIATES;
-use super::jitter::Scatter;
 use super::tuned::FEW;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Matrix4, Vector4};
 
 /// Contrasts that tell a variance, at least; and freedoms of single signals.
 const FEWEST: usize = 8;
+
+/// One signal: phase, gain, ln sigma, ln omega about its model, and the noise of these.
+pub struct Scatter {
+    pub x: Vector4<f64>,
+    pub noise: Matrix4<f64>,
+    pub unit: usize,
+    pub burst: usize,
+    pub beside: [f64; COVARIATES],
+}
 
 /// Independent contrasts between bursts, each of variance `own + weight * common`.
 pub struct Contrasts {

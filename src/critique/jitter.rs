@@ -9,10 +9,10 @@
 //! "Exceed" is said in radians of the ring and in multiples of the single signals' own scatter, whichever asks for
 //! more.
 
-use super::between::{Contrasts, least};
+use super::between::{Contrasts, Scatter, least};
 use super::catalogue::CauseId;
 use super::chance::{HINT, surprise};
-use super::covariates::{COVARIATES, Covariates, DRIVE};
+use super::covariates::{Covariates, DRIVE};
 use super::found::Found;
 use super::model::{Linear, Model};
 use super::observations::Observations;
@@ -23,15 +23,6 @@ use std::collections::BTreeMap;
 /// Signals that are looked at, at most, and bursts.
 const MOST: usize = 4096;
 const MOST_BURSTS: usize = 400;
-
-/// One signal: phase, gain, ln sigma, ln omega about its model, and the noise of these.
-pub struct Scatter {
-    pub x: Vector4<f64>,
-    pub noise: Matrix4<f64>,
-    pub unit: usize,
-    pub burst: usize,
-    pub beside: [f64; COVARIATES],
-}
 
 pub fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Found {
     let lack = |why| Found::untested(CauseId::TriggerJitter, why);
@@ -215,6 +206,7 @@ impl Excess {
 #[cfg(test)]
 mod tests {
     use super::super::chance::THRESHOLD;
+    use super::super::covariates::COVARIATES;
     use super::super::covariates::{TEMPERATURE, TIME, square_of};
     use super::*;
     use rand::SeedableRng;
