@@ -396,11 +396,11 @@ fn printheads_that_fail_as_a_whole_and_recordings_that_overlap_are_said_first() 
     tables.write("a", 0, &all, |_, t| t >= 5, |_| true);
     tables.write("b", 20, &all, |_, _| true, |_| true); // goes on at 20 s, while `a` ends at 40 s
     let told = house.ok("report out -o r.html");
-    assert!(told.contains("6 of 6 channels look faulty at once"), "{told}");
+    assert!(told.contains("6 of its 6 channels have faults that are still on"), "{told}");
     assert!(told.contains("a and b") && told.contains("overlap in time"), "{told}");
     let page = String::from_utf8(house.read("r.html")).unwrap();
     let at = |text: &str| page.find(text).unwrap_or_else(|| panic!("{text}"));
-    assert!(at("look faulty at once") < at("To clean"));
+    assert!(at("have faults that are still on") < at("To clean"));
     // the same signals in another file are the same recording, whatever its digest
     tables.write("again", 0, &all, |_, t| t >= 5, |_| true);
     std::fs::remove_file(house.path("out/b.verdicts.parquet")).unwrap();

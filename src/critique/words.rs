@@ -46,10 +46,17 @@ pub fn sentence(
         Verdict::Named => {
             let each: Vec<String> = causes.iter().map(|c| capital(&c.sentence)).collect();
             let detection = match detection {
-                Detection::Better => " Fault detection is better with the extension.",
-                Detection::Worse => " Fault detection is worse with the extension.",
+                Detection::Better => {
+                    " Planted faults are found better with the extension than without it, both \
+                     learned from these signals."
+                }
+                Detection::Worse => {
+                    " Planted faults are found worse with the extension than without it, both \
+                     learned from these signals."
+                }
                 Detection::Same => {
-                    " Fault detection is the same with the extension, as far as can be told."
+                    " Planted faults are found as well with the extension as without it, as far as \
+                     can be told."
                 }
                 Detection::NotMeasured => "",
             };

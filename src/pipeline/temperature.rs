@@ -56,7 +56,10 @@ impl Replay {
             let model = knowing.models.get_mut(place).unwrap_or(&mut knowing.pooled);
             if model.temperature_response.is_none() && model.learn_temperature(&set, least_agreeing)
             {
-                let whose = model.printhead.as_deref().unwrap_or("printheads without a model");
+                let whose = model
+                    .printhead
+                    .as_deref()
+                    .unwrap_or("printheads that the design does not name");
                 let what = format!(
                     "damping {:+.2} %, resonance {:+.3} % per K",
                     100.0 * model.damping_per_k,

@@ -46,9 +46,9 @@ fn at_once(head: &Head, faults: &[Fault]) -> Option<String> {
     let flagged = latest.flagged as f64 > limit(latest.judged);
     (channels >= FEWEST_CHANNELS && (many || flagged)).then(|| {
         format!(
-            "{}: {} of {} look faulty at once, and {} of its latest signals are flagged. So many nozzles \
-             hardly fail together: before cleaning, see whether the design was made for this printhead, \
-             ink and drive, and whether its cable and amplifier are sound.",
+            "{}: {} of its {} have faults that are still on, and {} of its latest signals are flagged. So \
+             much hardly fails together: before cleaning, see whether the design was made for this \
+             printhead, ink and drive, and whether its cable and amplifier are sound.",
             head.name,
             thousands(faulty as u64),
             counted(channels as u64, "channel"),
