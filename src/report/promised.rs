@@ -98,10 +98,11 @@ pub fn print(
 ) -> io::Result<()> {
     writeln!(out, "what the design promises")?;
     writeln!(out, "  {}", basis(promise))?;
+    let from = format!("{:.0} % found from", 100.0 * FOUND);
     writeln!(
         out,
         "  {:<8} {:>17} {:>18} {:>14}  size is",
-        "class", "sizes of it", "smallest found", "signals found"
+        "class", "sizes of it", from, "found of all"
     )?;
     for d in &promise.classes {
         let range = format!("{} to {}", size(d.range[0]), size(d.range[1]));
