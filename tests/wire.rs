@@ -1,5 +1,5 @@
 //! `src/io/wire` is what the compilers of `schemas/*.proto` make of them. It is kept beside the code, so that a build
-//! needs neither them nor the fifty crates that they stand on.
+//! needs neither them nor the forty crates that they stand on.
 //!
 //! `INKLING_WRITE_WIRE=1 cargo test --release wire_code` writes it anew after a schema has changed.
 
