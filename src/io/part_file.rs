@@ -25,7 +25,7 @@ static NUMBER: AtomicU64 = AtomicU64::new(0);
 pub struct PartFile {
     path: PathBuf,
     place: Place,
-    syncing: Option<JoinHandle<()>>,
+    syncing: Option<JoinHandle<io::Result<()>>>,
 }
 
 #[derive(Debug)]
@@ -91,18 +91,28 @@ impl PartFile {
     }
 
     /// Has what was flushed so far written to disk, in a thread beside the caller's: less is left to be waited for at the
-    /// end. Whether that fails is asked there.
-    pub fn sync_early(&mut self) {
-        let Place::Beside { lock: Some(file), .. } = &self.place else { return };
-        if self.syncing.as_ref().is_none_or(JoinHandle::is_finished) {
-            let Ok(file) = file.try_clone() else { return };
-            let sync = move || drop(file.sync_data());
-            self.syncing = std::thread::Builder::new().spawn(sync).ok();
+    /// end. While one is at it, a further call does nothing.
+    pub fn sync_early(&mut self) -> io::Result<()> {
+        let Place::Beside { lock: Some(file), .. } = &self.place else { return Ok(()) };
+        if self.syncing.as_ref().is_some_and(|thread| !thread.is_finished()) {
+            return Ok(());
         }
+        let file = file.try_clone()?;
+        self.synced_early()?;
+        self.syncing = std::thread::Builder::new().spawn(move || file.sync_data()).ok();
+        Ok(())
+    }
+
+    /// What became of that. The system tells a failed write once per open file, and this is the same one: who asks at
+    /// the end would not hear of it again.
+    fn synced_early(&mut self) -> io::Result<()> {
+        let Some(thread) = self.syncing.take() else { return Ok(()) };
+        thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     }
 
     /// What can fail for want of room fails here. `file` is the handle that was written to, flushed.
-    pub fn complete(self, file: &File) -> io::Result<CompleteFile> {
+    pub fn complete(mut self, file: &File) -> io::Result<CompleteFile> {
+        self.synced_early()?;
         file.sync_all()?; // else a power cut may leave an empty file under the final name
         Ok(CompleteFile(self))
     }

@@ -148,7 +148,7 @@ impl VerdictWriter {
         }
         out.close()?;
         self.file.flush()?;
-        self.part.sync_early();
+        self.part.sync_early()?;
         self.groups += 1;
         Ok(())
     }
