@@ -220,6 +220,18 @@ mod tests {
         names
     }
 
+    #[test]
+    fn what_failed_to_be_written_early_is_told_at_the_end() {
+        let dir = tempfile::tempdir().unwrap();
+        let (mut part, file) = PartFile::create(&dir.path().join("x")).unwrap();
+        part.sync_early().unwrap();
+        part.synced_early().unwrap();
+        part.syncing = Some(std::thread::spawn(|| Err(io::ErrorKind::StorageFull.into())));
+        let told = part.complete(&file).unwrap_err();
+        assert_eq!(told.kind(), io::ErrorKind::StorageFull);
+        assert!(names(dir.path()).is_empty());
+    }
+
     #[cfg(unix)]
     #[test]
     fn a_link_stays_a_link_and_a_device_a_device() {
