@@ -50,7 +50,7 @@ impl Judge {
     /// The same where all channels have moved alike, as often as `moves` says. `by`: of ln amplitude, ln
     /// damping, ln frequency. `None`: it cannot follow.
     pub fn moved(&self, by: Vector3<f64>, moves: u32) -> Option<Judge> {
-        let model = self.model.moved(by)?;
+        let model = Arc::new(self.model.moved(by)?);
         let (sensitivity, misfit) = (model.sensitivity.clone()?, model.misfit.as_ref());
         let detector = model.detector(sensitivity, misfit).ok()?;
         let mut isolating = self.isolating.clone();

@@ -193,14 +193,14 @@ impl RingClassifier {
         settings: &IsolateSettings,
     ) -> Result<RingClassifier, DesignError> {
         let untrained = || DesignError::untrained(settings.method);
-        let posterior = Arc::new(design.posterior.clone().ok_or_else(untrained)?);
+        let posterior = design.posterior.clone().ok_or_else(untrained)?;
         let (dt_s, samples) = (model.generator.dt_s, model.expected.len());
         let ring = ring_of(&model.identification)?;
         let beside = BesideRing::new(&ring, dt_s, samples);
         let fitter = RingFitter::new(ring, dt_s, samples);
         let priors = settings.prior_weights(&design.class_names())?;
         let per_k = model.features_per_k(&fitter);
-        let typical = design.typical.clone().map(Arc::new);
+        let typical = design.typical.clone();
         Ok(RingClassifier { posterior, fitter, priors, per_k, beside, typical })
     }
 

@@ -57,7 +57,7 @@ pub struct Judge {
     pub index: u16,
     /// How often it was adapted to a common change, see [`Judge::moved`].
     pub(super) moves: u32,
-    pub model: HealthyModel,
+    pub model: Arc<HealthyModel>,
     pub reference_v: Option<f64>,
     /// Detection of many signals at once, in f32; without it [`Judge::detect`] judges each signal.
     pub lanes: Option<Lanes>,
@@ -89,7 +89,7 @@ impl Judge {
     /// `reference_v`: the drive voltage at which the model expects its signals.
     pub fn new(
         index: u16,
-        model: HealthyModel,
+        model: Arc<HealthyModel>,
         reference_v: Option<f64>,
         design: Option<&Design>,
         settings: &IsolateSettings,
@@ -185,7 +185,7 @@ impl Judge {
 
     /// The statistic of all methods but `sensitivity`. `signal`: buffer.
     fn of_residual(&self, deviation: &[f64], drive: f64, signal: &mut Vec<f64>) -> f64 {
-        let HealthyModel { expected, statistic, .. } = &self.model;
+        let HealthyModel { expected, statistic, .. } = &*self.model;
         match (statistic, &self.spectrum) {
             (Some(Statistic::Practice(range)), Some(spectrum)) => {
                 signal.clear();

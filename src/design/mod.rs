@@ -88,10 +88,10 @@ pub struct Design {
     pub extension: Option<Extension>,
     /// Class densities of a fitted ring's features, for `isolate.method` = `posterior`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub posterior: Option<Posterior>,
+    pub posterior: Option<Arc<Posterior>>,
     /// Where signals of the classes lie; with a posterior.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub typical: Option<Typical>,
+    pub typical: Option<Arc<Typical>>,
     /// What faults do by the physics, for severities and classes without labelled signals.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub physics: Option<FaultPhysics>,

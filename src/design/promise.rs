@@ -85,7 +85,7 @@ impl<'a> MonteCarlo<'a> {
         let spread = Matrix3::from_fn(|i, j| sensitivity.spread[i][j]).symmetric_eigen();
         let roots = spread.eigenvalues.map(|v| v.max(0.0).sqrt());
         let (mean, noise) = (Vector3::from(sensitivity.mean), model.noise);
-        let judge = Judge::new(0, model, design.drive_voltage_v, Some(design), settings)?;
+        let judge = Judge::new(0, model.into(), design.drive_voltage_v, Some(design), settings)?;
         let spread = spread.eigenvectors * Matrix3::from_diagonal(&roots);
         Ok(Some(MonteCarlo { design, judge, tangent, spread, mean, noise }))
     }

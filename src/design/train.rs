@@ -14,7 +14,7 @@ use crate::isolate::fault_curve::Conditions;
 use crate::isolate::physics_density::Comparison;
 use crate::isolate::posterior::{Examples, Posterior};
 use std::collections::BTreeMap;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 impl Design {
     /// Learns a model of every printhead and of all together, and a class of every fault label.
@@ -50,9 +50,9 @@ impl Design {
         }
         in_table_order(&mut design.classes);
         if !design.classes.is_empty() {
-            design.posterior = learn_posterior(&design, set)?;
+            design.posterior = learn_posterior(&design, set)?.map(Arc::new);
             warnings.extend(yield_to_own_classes(&mut design, set)?);
-            design.typical = typical::learn(&design, set)?;
+            design.typical = typical::learn(&design, set)?.map(Arc::new);
             if design.posterior.is_none() {
                 warnings.push(
                     "no posterior: a class has too few signals that ring; \
@@ -149,7 +149,8 @@ fn hardly_detected(design: &Design, set: &TrainingSet) -> Result<Vec<String>, De
     for (name, printheads) in &set.faulty {
         let (mut flagged, mut all) = (0, 0);
         for (model, signals) in design.with_models(printheads) {
-            let judge = Judge::new(0, model.clone(), None, None, &IsolateSettings::default())?;
+            let judge =
+                Judge::new(0, model.clone().into(), None, None, &IsolateSettings::default())?;
             model.each_deviation(signals, |deviation, drive| {
                 let detection = judge.detect(deviation, drive, &mut work);
                 flagged += usize::from(judge.test(detection).is_flagged());
@@ -280,7 +281,7 @@ fn yield_to_own_classes(
         }
         design.classes.retain(|class| !gone.contains(&class.name));
         design.curves = OnceLock::new();
-        design.posterior = learn_posterior(design, set)?;
+        design.posterior = learn_posterior(design, set)?.map(Arc::new);
         said.push(format!(
             "{}: known by physics only, and what {name} looks like: left out. Label signals of it to \
              tell the two apart",

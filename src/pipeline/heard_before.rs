@@ -17,7 +17,7 @@ use crate::io::recording::Recording;
 pub fn learn(
     remembered: &Remembered,
     recording: &Recording,
-    schedule: &Schedule,
+    schedule: &mut Schedule,
     rails: [f64; 2],
     control: &Control,
 ) -> Result<(InUse, Learned), PipelineError> {
@@ -26,7 +26,7 @@ pub fn learn(
     starts.keys().for_each(|printhead| remembered.begin(printhead, &in_use));
     let end =
         |printhead: &str| starts.get(printhead).map_or(i64::MAX, |start| remembered.end_ns(*start));
-    let pass = Pass { recording, schedule, rails, control, room: remembered.room() };
+    let mut pass = Pass { recording, schedule, rails, control, room: remembered.room() };
     let first = pass.hear(&in_use, |burst| burst.t_acq_ns < end(&burst.printhead))?;
     for (printhead, told) in &first {
         remembered.end(printhead, end(printhead), told, &in_use);
@@ -36,38 +36,41 @@ pub fn learn(
     Ok((in_use, learned))
 }
 
-struct Pass<'a> {
+struct Pass<'a, 's> {
     recording: &'a Recording,
-    schedule: &'a Schedule,
+    schedule: &'a mut Schedule<'s>,
     rails: [f64; 2],
     control: &'a Control,
     room: usize,
 }
 
-impl Pass<'_> {
+impl Pass<'_, '_> {
     /// Takes the bursts that `want` chooses.
     fn hear(
-        &self,
+        &mut self,
         in_use: &InUse,
         want: impl Fn(&Burst) -> bool,
     ) -> Result<HeardOf, PipelineError> {
         let hearing = Hearing::new(in_use, Some(self.room));
         let mut listener = hearing.listener();
         let (mut statistics, mut statistic) = (Statistics::new(self.rails), Vec::new());
-        let mut unknown = false;
+        let mut failed = None;
         visit::all(self.recording, self.control, |burst| {
             if !want(burst) {
                 return;
             }
             let judge = match self.schedule.assign(burst) {
-                Assignment::Judge(judge) => judge.clone(),
-                Assignment::Survey => return unknown = true,
+                Assignment::Model(number) => match self.schedule.judge(number) {
+                    Ok(judge) => judge,
+                    Err(e) => return failed = Some(e),
+                },
+                Assignment::Survey => return failed = Some(PipelineError::NeedsSurvey),
                 Assignment::Reject(_) => return,
             };
             let (acquisition, judge) = ([Acquisition::Usable(burst.clone())], [Ok(judge)]);
             statistics.of(&acquisition, &judge, &mut statistic);
             listener.judge(&acquisition, &judge, &[], &mut statistics, &mut statistic);
         })?;
-        if unknown { Err(PipelineError::NeedsSurvey) } else { Ok(hearing.all()) }
+        failed.map_or_else(|| Ok(hearing.all()), Err)
     }
 }

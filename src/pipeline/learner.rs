@@ -2,12 +2,13 @@
 
 use super::survey::GroupKey;
 use crate::burst::Burst;
-use crate::design::Design;
+use crate::design::{Design, HealthyModel};
 use crate::fault::HEALTHY;
 use crate::identify::reservoir::Reservoir;
 use crate::labels::Labels;
 use crate::settings::{IdentifyMode, Settings};
 use crate::verdict::{Reason, unusable_signal};
+use std::sync::Arc;
 
 /// Bytes of signals that are held at a time while windows are learned.
 pub(super) const HELD_BYTES: usize = 96 << 20;
@@ -31,6 +32,8 @@ pub struct Window {
 pub struct Learner<'a> {
     pub settings: &'a Settings,
     pub design: Option<&'a Design>,
+    /// The design's model of all printheads together.
+    pub pooled: Option<Arc<HealthyModel>>,
     pub labels: Option<&'a Labels>,
     /// Spans from the settings, if they were given.
     pub spans: Vec<(i64, i64)>,

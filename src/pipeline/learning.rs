@@ -49,7 +49,7 @@ pub struct Learning<'a> {
     reorder_ns: i64,
     /// Threads that learn printheads, or read on ahead, side by side.
     pub workers: usize,
-    schedule: Schedule,
+    schedule: Schedule<'a>,
     /// Groups by what they are; `None`: judged without windows.
     numbers: HashMap<GroupKey, Option<usize>>,
     last_asked: Option<(GroupKey, u64, Option<usize>)>,
@@ -101,7 +101,7 @@ impl<'a> Learning<'a> {
     /// `schedule`: the design's models.
     pub fn new(
         learner: &'a Learner<'a>,
-        schedule: Schedule,
+        schedule: Schedule<'a>,
         reorder_ns: i64,
         workers: usize,
     ) -> Learning<'a> {
@@ -169,27 +169,27 @@ impl<'a> Learning<'a> {
     }
 
     /// All models, after the end.
-    pub fn into_schedule(self) -> Schedule {
+    pub fn into_schedule(self) -> Schedule<'a> {
         self.schedule
     }
 
-    pub fn judgement(&mut self, burst: &Burst) -> Judgement {
+    pub fn judgement(&mut self, burst: &Burst) -> Result<Judgement, PipelineError> {
         if !self.schedule.fits(burst) {
-            return Judgement::Reject(Reason::DesignMismatch);
+            return Ok(Judgement::Reject(Reason::DesignMismatch));
         }
-        match self.number_of(burst) {
-            None => match self.schedule.judge_of(&burst.printhead) {
-                Some(judge) => Judgement::By(judge),
-                None => Judgement::Reject(Reason::NoModel),
-            },
+        let (model, nobody) = match self.number_of(burst) {
+            None => (self.schedule.model_of(&burst.printhead), Reason::NoModel),
             Some(number) => {
                 let head = &self.heads[number];
-                match super::schedule::at(&head.timeline, burst.t_acq_ns) {
-                    _ if !(self.over || self.is_known(head, burst.t_acq_ns)) => Judgement::NotYet,
-                    Some(judge) => Judgement::By(judge.clone()),
-                    None => Judgement::Reject(self.learner.nobody()),
+                if !(self.over || self.is_known(head, burst.t_acq_ns)) {
+                    return Ok(Judgement::NotYet);
                 }
+                (head.timeline.at(burst.t_acq_ns), self.learner.nobody())
             }
+        };
+        match model {
+            Some(model) => Ok(Judgement::By(self.schedule.judge(model)?)),
+            None => Ok(Judgement::Reject(nobody)),
         }
     }
 
@@ -238,7 +238,7 @@ impl<'a> Learning<'a> {
             waiting_from_ns: i64::MAX,
             open: Vec::new(),
             settled_ns: i64::MIN,
-            timeline: Timeline::new(),
+            timeline: Timeline::default(),
         };
         match learner.spans.is_empty() {
             true => head.placing = Some(Placing::new(learner.first_ns(), learner.every_ns())),
@@ -382,8 +382,9 @@ impl<'a> Learning<'a> {
             }
             self.numbered = Some(now);
         }
-        entry.enter(&head.key, self.learner, &mut self.schedule)?;
-        head.timeline = self.schedule.timeline(&head.key);
+        if let Some(since) = entry.enter(&head.key, &mut self.schedule)? {
+            head.timeline.enter(since);
+        }
         Ok(())
     }
 }

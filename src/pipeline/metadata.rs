@@ -1,28 +1,48 @@
 //! The document that goes with the verdicts: in the Parquet file's metadata and in summary.json.
 
 use super::job::{ClosedPart, Replay};
-use super::schedule::Schedule;
+use super::schedule::{Known, Schedule};
 use super::tally::Counts;
 use crate::design::{Judge, categories};
+use crate::detect::ResidualGenerator;
+use crate::detect::threshold::Threshold;
+use crate::identify::identification::{Convergence, Uncertainty};
 use crate::io::part_tables::{Beginning, PART_KEY};
 use crate::io::recording::Recording;
+use crate::model::InkChannel;
+use crate::model::ring_down::Poles;
 use chrono::{DateTime, SecondsFormat};
-use serde_json::{Value, json};
+use serde::Serialize;
+use serde_json::{Map, Value, json};
 
-/// The contract's document. The same for any number of threads and any output directory: what does
-/// not change a verdict is left out of `settings`.
-pub fn document(
+/// The contract's document, beside which a summary says how it went. Models are written as they are: thousands would
+/// take much more as JSON values.
+#[derive(Serialize)]
+pub struct Document<'a> {
+    #[serde(flatten)]
+    pub of_run: Map<String, Value>,
+    models: Vec<Model<'a>>,
+}
+
+impl Document<'_> {
+    pub fn text(&self) -> serde_json::Result<String> {
+        serde_json::to_string(self)
+    }
+}
+
+/// The same for any number of threads and any output directory: what does not change a verdict is left out of
+/// `settings`.
+pub fn document<'a>(
     replay: &Replay,
     recording: &Recording,
     digest: &str,
-    schedule: &Schedule,
+    schedule: &'a Schedule,
     counts: &Counts,
-) -> Value {
+) -> Document<'a> {
     let recording = json!({"name": recording.name, "bytes": recording.bytes, "digest": digest});
-    let models = schedule.judges.iter().map(|judge| model(judge)).collect();
-    let mut document = of(replay, recording, models);
-    document["counts"] = json!(counts);
-    document
+    let mut of_run = of(replay, recording);
+    of_run.insert("counts".into(), json!(counts));
+    Document { of_run, models: schedule.models().map(Model::new).collect() }
 }
 
 /// The same of a part of the table, while the recording is still being written: as far as it is known.
@@ -32,25 +52,26 @@ pub fn of_part<'a>(
     begins: &Beginning,
     judges: impl Iterator<Item = &'a Judge>,
     part: &ClosedPart,
-) -> Value {
+) -> Document<'a> {
     let recording = json!({"name": recording.name, "begins": begins, "complete": false});
-    let models = judges.map(|judge| {
-        let mut model = model(judge);
+    let model = |judge: &'a Judge| {
+        let Judge { index: number, model, reference_v, .. } = judge;
         // of a judge that moves with all channels they are those of a burst
-        model.as_object_mut().map(|of| of.remove("poles"));
-        model
-    });
-    let mut document = of(replay, recording, models.collect());
-    document[PART_KEY] = json!({
+        let known = Known { number: *number, model, reference_v: *reference_v };
+        Model { poles: None, ..Model::new(known) }
+    };
+    let mut of_run = of(replay, recording);
+    let of_part = json!({
         "number": part.number,
         "rows": part.rows,
         "from": rfc3339(part.from_ns),
         "to": rfc3339(part.to_ns),
     });
-    document
+    of_run.insert(PART_KEY.into(), of_part);
+    Document { of_run, models: judges.map(model).collect() }
 }
 
-fn of(replay: &Replay, recording: Value, models: Vec<Value>) -> Value {
+fn of(replay: &Replay, recording: Value) -> Map<String, Value> {
     let classes = replay.classes();
     let category_names = categories(&classes);
     let input = &replay.settings.input;
@@ -58,54 +79,84 @@ fn of(replay: &Replay, recording: Value, models: Vec<Value>) -> Value {
     if !input.dialect.is_empty() {
         read["dialect"] = json!(input.dialect);
     }
-    json!({
-        "version": env!("CARGO_PKG_VERSION"),
-        "recording": recording,
-        "design": replay.design_digest,
-        "settings": {
-            "input": read,
-            "identify": replay.settings.identify,
-            "detect": replay.settings.detect,
-            "isolate": replay.settings.isolate,
-            "episodes": replay.settings.episodes,
-            "output": {
-                "weights": replay.settings.output.weights,
-                "timestamps": replay.settings.output.timestamps,
-            },
+    let settings = json!({
+        "input": read,
+        "identify": replay.settings.identify,
+        "detect": replay.settings.detect,
+        "isolate": replay.settings.isolate,
+        "episodes": replay.settings.episodes,
+        "output": {
+            "weights": replay.settings.output.weights,
+            "timestamps": replay.settings.output.timestamps,
         },
-        "classes": classes,
-        "categories": category_names,
-        "models": models,
-    })
+    });
+    let all = [
+        ("version", json!(env!("CARGO_PKG_VERSION"))),
+        ("recording", recording),
+        ("design", json!(replay.design_digest)),
+        ("settings", settings),
+        ("classes", json!(classes)),
+        ("categories", json!(category_names)),
+    ];
+    all.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
 }
 
-fn model(judge: &Judge) -> Value {
-    let m = &judge.model;
-    let id = &m.identification;
-    json!({
-        "model": judge.index,
-        "printhead": m.printhead,
-        "valid_from": m.valid_from_ns.map(rfc3339),
-        "parameters": id.channel,
-        "cubic": id.cubic,
-        "poles": id.poles,
-        "acquisition_state": id.acquisition_state,
-        "drive_voltage_v": judge.reference_v,
-        "temperature_c": m.temperature_c,
-        "damping_per_k": m.damping_per_k,
-        "frequency_per_k": m.frequency_per_k,
-        "uncertainty": id.uncertainty,
-        "covariance": id.uncertainty.cubic_covariance_us,
-        "held_fixed": id.held_fixed,
-        "not_identifiable": id.not_identifiable,
-        "at_bounds": id.at_bounds,
-        "convergence": id.convergence,
-        "fit_percent": id.fit_percent,
-        "signals": m.n_signals,
-        "channels": m.n_channels,
-        "threshold": m.threshold,
-        "generator": m.generator,
-    })
+/// One of the document's `models`.
+#[derive(Serialize)]
+struct Model<'a> {
+    model: u16,
+    printhead: Option<&'a str>,
+    valid_from: Option<String>,
+    parameters: InkChannel,
+    cubic: [f64; 3],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    poles: Option<Poles>,
+    acquisition_state: [f64; 4],
+    drive_voltage_v: Option<f64>,
+    temperature_c: Option<f64>,
+    damping_per_k: f64,
+    frequency_per_k: f64,
+    uncertainty: &'a Uncertainty,
+    covariance: [[f64; 3]; 3],
+    held_fixed: &'a [String],
+    not_identifiable: &'a [String],
+    at_bounds: &'a [String],
+    convergence: Convergence,
+    fit_percent: f64,
+    signals: usize,
+    channels: usize,
+    threshold: &'a Threshold,
+    generator: &'a ResidualGenerator,
+}
+
+impl<'a> Model<'a> {
+    fn new(Known { number, model: m, reference_v }: Known<'a>) -> Model<'a> {
+        let id = &m.identification;
+        Model {
+            model: number,
+            printhead: m.printhead.as_deref(),
+            valid_from: m.valid_from_ns.map(rfc3339),
+            parameters: id.channel,
+            cubic: id.cubic,
+            poles: Some(id.poles),
+            acquisition_state: id.acquisition_state,
+            drive_voltage_v: reference_v,
+            temperature_c: m.temperature_c,
+            damping_per_k: m.damping_per_k,
+            frequency_per_k: m.frequency_per_k,
+            uncertainty: &id.uncertainty,
+            covariance: id.uncertainty.cubic_covariance_us,
+            held_fixed: &id.held_fixed,
+            not_identifiable: &id.not_identifiable,
+            at_bounds: &id.at_bounds,
+            convergence: id.convergence,
+            fit_percent: id.fit_percent,
+            signals: m.n_signals,
+            channels: m.n_channels,
+            threshold: &m.threshold,
+            generator: &m.generator,
+        }
+    }
 }
 
 /// ns since the epoch as RFC 3339.

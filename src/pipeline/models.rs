@@ -17,7 +17,7 @@ use std::sync::Arc;
 
 #[derive(Debug)]
 pub enum Models<'a> {
-    Made(Schedule),
+    Made(Schedule<'a>),
     InStream(Box<InStream<'a>>),
 }
 
@@ -55,12 +55,12 @@ impl<'a> Models<'a> {
     pub fn judge_of(&mut self, burst: &Burst) -> Result<Result<Arc<Judge>, Reason>, PipelineError> {
         match self {
             Models::Made(schedule) => match schedule.assign(burst) {
-                Assignment::Judge(judge) => Ok(Ok(judge.clone())),
+                Assignment::Model(number) => Ok(Ok(schedule.judge(number)?)),
                 Assignment::Reject(reason) => Ok(Err(reason)),
                 Assignment::Survey => Err(PipelineError::NeedsSurvey),
             },
             Models::InStream(learner) => loop {
-                match learner.learning.judgement(burst) {
+                match learner.learning.judgement(burst)? {
                     Judgement::By(judge) => return Ok(Ok(judge)),
                     Judgement::Reject(reason) => return Ok(Err(reason)),
                     Judgement::NotYet => learner.look_ahead()?,
@@ -69,7 +69,7 @@ impl<'a> Models<'a> {
         }
     }
 
-    pub fn into_schedule(self) -> Schedule {
+    pub fn into_schedule(self) -> Schedule<'a> {
         match self {
             Models::Made(schedule) => schedule,
             Models::InStream(learner) => learner.learning.into_schedule(),

@@ -6,10 +6,11 @@
 
 use super::PipelineError;
 use super::learner::{Learner, Window};
-use super::schedule::{Refusal, Schedule};
+use super::schedule::{Refusal, Schedule, Since};
 use super::survey::GroupKey;
 use crate::design::{HealthyModel, LearnSettings};
 use crate::identify::reservoir::Reservoir;
+use std::sync::Arc;
 
 /// Of the average's size, what the model must explain for anything to ring at all, per cent.
 const LEAST_FIT_PERCENT: f64 = 50.0;
@@ -25,30 +26,28 @@ pub enum Entry {
     /// The design's own model judges, until a window gives another: the first one gave none.
     Known,
     /// From then on (ns; from the beginning: `i64::MIN`) another model judges.
-    Learned { from_ns: i64, model: Box<HealthyModel>, reference_v: Option<f64> },
+    Learned { from_ns: i64, model: Arc<HealthyModel>, reference_v: Option<f64> },
 }
 
 impl Entry {
-    /// Puts it on a schedule; the model gets the next number.
+    /// Puts it on a schedule; a new model gets the next number. `None`: there is nothing to put.
     pub fn enter(
         self,
         key: &GroupKey,
-        learner: &Learner,
         schedule: &mut Schedule,
-    ) -> Result<(), PipelineError> {
-        match self {
+    ) -> Result<Option<Since>, PipelineError> {
+        let since = match self {
             Entry::Known => {
-                if let Some(judge) = schedule.judge_of(&key.printhead) {
-                    schedule.enter(key, i64::MIN, judge);
-                }
+                schedule.model_of(&key.printhead).map(|number| Since { t_ns: i64::MIN, number })
             }
             Entry::Learned { from_ns, model, reference_v } => {
-                let isolate = &learner.settings.isolate;
-                let judge = schedule.add(*model, reference_v, learner.design, isolate)?;
-                schedule.enter(key, from_ns, judge);
+                Some(Since { t_ns: from_ns, number: schedule.add(model, reference_v)? })
             }
+        };
+        if let Some(since) = since {
+            schedule.enter(key, since);
         }
-        Ok(())
+        Ok(since)
     }
 }
 
@@ -91,7 +90,7 @@ impl From<String> for NoModel {
 #[derive(Debug)]
 pub struct Progress {
     /// What drift is measured from, and what passes on temperature response and tail.
-    reference: Option<HealthyModel>,
+    reference: Option<Arc<HealthyModel>>,
     /// The printhead has a model of its own in the design.
     known: bool,
     reference_v: Option<f64>,
@@ -104,10 +103,11 @@ pub struct Progress {
 impl Progress {
     pub fn start(learner: &Learner, key: &GroupKey) -> Progress {
         let own = learner.design.and_then(|d| d.model_of(&key.printhead));
-        let reference = own.or_else(|| learner.design.map(|d| &d.pooled)).cloned();
+        let known = own.is_some();
+        let own = own.map(|own| Arc::new(own.clone()));
         Progress {
-            known: own.is_some(),
-            reference,
+            known,
+            reference: own.or_else(|| learner.pooled.clone()),
             reference_v: learner.design.and_then(|d| d.drive_voltage_v),
             seen: 0,
             accepted: 0,
@@ -133,7 +133,7 @@ impl Progress {
         }
         self.seen += 1;
         let model = match self.model(learner, (key, sample_period_s), reservoir) {
-            Ok(model) => HealthyModel { valid_from_ns: Some(window.to_ns), ..model },
+            Ok(model) => Arc::new(HealthyModel { valid_from_ns: Some(window.to_ns), ..model }),
             Err(NoModel { why, drifted }) => {
                 let (from_ns, to_ns) = (window.from_ns, window.to_ns);
                 let printhead = key.printhead.to_string();
@@ -151,8 +151,7 @@ impl Progress {
             Some(pooled) if learner.knows_by_design() => (i64::MIN, pooled.clone()),
             _ => (window.to_ns, model),
         };
-        let (model, reference_v) = (Box::new(model), self.reference_v);
-        Some(Entry::Learned { from_ns, model, reference_v })
+        Some(Entry::Learned { from_ns, model, reference_v: self.reference_v })
     }
 
     fn model(
@@ -175,7 +174,7 @@ impl Progress {
             filter: learner.design.as_ref().and_then(|design| design.filter.as_ref()),
         };
         let printhead = Some(&*key.printhead);
-        let model = HealthyModel::learn(&set, printhead, self.reference.as_ref(), settings)
+        let model = HealthyModel::learn(&set, printhead, self.reference.as_deref(), settings)
             .map_err(|e| e.to_string())?;
         if learner.labels.is_none() {
             agree_with(&model)?;

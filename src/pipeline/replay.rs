@@ -9,13 +9,14 @@ use super::identified::Identified;
 use super::job::{Replay, Watch};
 use super::learner::Learner;
 use super::learning::{Learning, MOST_REORDER_NS, USUAL_REORDER_NS};
+use super::metadata::{self, Document};
 use super::models::Models;
 use super::schedule::{Refusal, Schedule};
 use super::survey::survey;
 use super::tally::{Counts, Tally};
 use super::timings::{PhaseTiming, Phases, StageTiming};
 use super::wiring::{Listening, Streamed, Wiring};
-use super::{Control, PipelineError, metadata, rotation};
+use super::{Control, PipelineError, rotation};
 use crate::design::Baselines;
 use crate::episodes::Episode;
 use crate::io::damage::Damage;
@@ -25,7 +26,7 @@ use crate::io::part_tables::PartTables;
 use crate::io::recording::Recording;
 use crate::io::stored;
 use crate::io::summary_file;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -73,26 +74,24 @@ impl RecordingReport {
     }
 
     /// The metadata's document, and how it went.
-    fn summary(&self, mut document: Value, recording: &Recording) -> Value {
-        document["damage"] = json!(self.damage);
-        document["expected"] = json!(recording.expected);
-        document["refused_windows"] = json!(self.refusals);
-        document["identified"] = json!(self.identified);
-        document["rates"] = json!({
+    fn summary(&self, document: &mut Map<String, Value>, recording: &Recording) {
+        let mut say = |key: &str, value: Value| document.insert(key.into(), value);
+        say("damage", json!(self.damage));
+        say("expected", json!(recording.expected));
+        say("refused_windows", json!(self.refusals));
+        say("identified", json!(self.identified));
+        let rates = json!({
             "seconds": self.seconds,
             "signals_per_s": self.tally.counts.signals as f64 / self.seconds,
             "bytes_per_s": recording.bytes as f64 / self.seconds,
             "behind_s": self.behind.map(|b| b.as_secs_f64()),
         });
-        document["phases"] = json!(self.phases);
-        document["timings"] = json!(self.timings);
-        document["warnings"] = self
-            .warnings
-            .iter()
-            .map(|(printhead, what)| json!({"printhead": &**printhead, "what": what}))
-            .collect();
-        document["episodes"] = json!(self.episodes.counts);
-        document
+        say("rates", rates);
+        say("phases", json!(self.phases));
+        say("timings", json!(self.timings));
+        let warning = |(printhead, what): &(Arc<str>, String)| json!({"printhead": &**printhead, "what": what});
+        say("warnings", self.warnings.iter().map(warning).collect());
+        say("episodes", json!(self.episodes.counts));
     }
 }
 
@@ -176,7 +175,7 @@ pub(super) struct Run<'a> {
     pub watch: Option<&'a Watch<'a>>,
 }
 
-impl Run<'_> {
+impl<'a> Run<'a> {
     /// Learns what temperature does first, if that turns out to matter.
     fn judge_knowing(&self, phases: &mut Phases) -> Result<RecordingReport, PipelineError> {
         let Run { replay, recording, control, .. } = *self;
@@ -223,20 +222,18 @@ impl Run<'_> {
         self.finish(streamed, baselines, Identified::before(&learner, why), phases)
     }
 
-    fn learner(&self) -> Learner<'_> {
+    fn learner(&self) -> Learner<'a> {
         Learner {
             settings: &self.replay.settings,
             design: self.replay.design.as_ref(),
+            pooled: self.replay.design.as_ref().map(|design| Arc::new(design.pooled.clone())),
             labels: self.replay.labels.as_ref(),
             spans: self.replay.spans.clone(),
         }
     }
 
-    fn design_schedule(&self) -> Result<Schedule, PipelineError> {
-        match &self.replay.design {
-            Some(design) => Schedule::of_design(design, &self.replay.settings.isolate),
-            None => Ok(Schedule::default()),
-        }
+    fn design_schedule(&self) -> Result<Schedule<'a>, PipelineError> {
+        Schedule::new(self.replay.design.as_ref(), &self.replay.settings.isolate)
     }
 
     /// Why windows cannot be learned while the signals flow, as far as is known beforehand.
@@ -255,11 +252,11 @@ impl Run<'_> {
     }
 
     /// The default: windows give models, and channels their baselines, while the signals flow.
-    fn learn_in_stream(
-        &self,
-        learner: &Learner,
+    fn learn_in_stream<'l>(
+        &'l self,
+        learner: &'l Learner<'l>,
         phases: &mut Phases,
-    ) -> Result<(Streamed, Option<Learned>), PipelineError> {
+    ) -> Result<(Streamed<'l>, Option<Learned>), PipelineError> {
         let reorder_ns = self.recording.disorder_ns().unwrap_or_default().max(USUAL_REORDER_NS);
         let reorder_ns = reorder_ns.min(MOST_REORDER_NS) as i64;
         let (schedule, workers) = (self.design_schedule()?, self.replay.workers(0));
@@ -288,8 +285,8 @@ impl Run<'_> {
         &self,
         learner: &Learner,
         phases: &mut Phases,
-    ) -> Result<(Streamed, Option<Learned>), PipelineError> {
-        let windows = |phases: &mut Phases| -> Result<Schedule, PipelineError> {
+    ) -> Result<(Streamed<'a>, Option<Learned>), PipelineError> {
+        let windows = |phases: &mut Phases| -> Result<Schedule<'a>, PipelineError> {
             let (recording, control) = (self.recording, self.control);
             let survey =
                 phases.time("survey", || survey(recording, learner.every_ns(), control))?;
@@ -297,13 +294,13 @@ impl Run<'_> {
             phases.time("windows", || learner.learn(recording, &survey, schedule, control))
         };
         let remembered = self.remembered();
-        let run = |schedule: Schedule, phases: &mut Phases| {
+        let run = |mut schedule: Schedule<'a>, phases: &mut Phases| {
             let Some(remembered) = &remembered else {
                 return Ok((self.stream(Models::Made(schedule), None, phases)?, None));
             };
             let rails = self.replay.settings.input.rails;
             let (in_use, learned) = phases.time("baselines", || {
-                heard_before::learn(remembered, self.recording, &schedule, rails, self.control)
+                heard_before::learn(remembered, self.recording, &mut schedule, rails, self.control)
             })?;
             let hearing = Hearing::new(&in_use, None);
             let listening = Listening { remembered, hearing: &hearing };
@@ -321,12 +318,12 @@ impl Run<'_> {
     }
 
     /// Through the stages; what a run that is given up took is told apart.
-    fn stream(
+    fn stream<'m>(
         &self,
-        models: Models,
+        models: Models<'m>,
         baselines: Option<Listening>,
         phases: &mut Phases,
-    ) -> Result<Streamed, PipelineError> {
+    ) -> Result<Streamed<'m>, PipelineError> {
         let (started, signals) = (Instant::now(), self.control.signals.load(Ordering::Relaxed));
         let Run { replay, recording, verdicts, control, watch, .. } = *self;
         // somebody waits: who follows hears what is found all the same
@@ -360,7 +357,7 @@ impl Run<'_> {
             false => None,
         };
         let recording = closed.as_ref().unwrap_or(recording);
-        let Streamed { schedule, mut tally, writer, episodes, warmth, moved, .. } = streamed;
+        let Streamed { mut schedule, mut tally, writer, episodes, warmth, moved, .. } = streamed;
         let Streamed { scan_damage, behind, timings, digest, .. } = streamed;
         let mut warnings = warmth.warnings();
         warnings.extend(schedule.wide_thresholds());
@@ -379,9 +376,12 @@ impl Run<'_> {
             return Err(PipelineError::NoBursts { recording, others, damage });
         }
 
-        let document = metadata::document(replay, recording, &digest.text, &schedule, counts);
+        let refusals = std::mem::take(&mut schedule.refusals);
+        let mut document = metadata::document(replay, recording, &digest.text, &schedule, counts);
         control.check()?;
-        let text = document.to_string();
+        let unwritten =
+            |e: serde_json::Error| PipelineError::Write { path: verdicts.into(), source: e.into() };
+        let text = document.text().map_err(unwritten)?;
         // all are complete on disk before any gets its name
         let Finished { report: episodes, table } = episodes;
         let tables = std::thread::scope(|both| {
@@ -399,11 +399,11 @@ impl Run<'_> {
             digest: digest.text,
             stamp: recording.stamp,
             damage,
-            refusals: schedule.refusals,
+            refusals,
             moved_beyond,
             warnings,
             learned_temperature: Vec::new(),
-            models: schedule.judges.len(),
+            models: schedule.models().len(),
             seconds: phases.seconds(),
             verdicts: verdicts.to_path_buf(),
             episodes,
@@ -415,13 +415,11 @@ impl Run<'_> {
             baselines: baselines.map(|of| of.next),
             parts_left: None,
         };
-        let mut summary = report.summary(document, recording);
-        summary["moved_together"] = json!(moved);
-        if let Some(of_baselines) = of_baselines {
-            summary["baseline"] = of_baselines;
-        }
+        report.summary(&mut document.of_run, recording);
+        document.of_run.insert("moved_together".into(), json!(moved));
+        document.of_run.extend(of_baselines.map(|of| ("baseline".to_owned(), of)));
         let [table, writer] = tables;
-        name_all([table, writer, complete_summary(verdicts, &summary)?])?;
+        name_all([table, writer, complete_summary(verdicts, &document)?])?;
         // the table holds what they held
         report.parts_left = PartTables::beside(verdicts).remove_of(recording).err();
         Ok(report)
@@ -454,7 +452,7 @@ fn all_damage(
     damage
 }
 
-fn complete_summary(verdicts: &Path, summary: &Value) -> Result<CompleteFile, PipelineError> {
+fn complete_summary(verdicts: &Path, summary: &Document) -> Result<CompleteFile, PipelineError> {
     let path = summary_file::path_beside(verdicts);
     let failed = |source| PipelineError::Write { path: path.clone(), source };
     let mut text = serde_json::to_string_pretty(summary).map_err(|e| failed(e.into()))?;

@@ -116,7 +116,7 @@ impl<'a> Rotating<'a> {
         };
         let judges = judges.values().map(|judge| &**judge);
         let document = metadata::of_part(self.replay, self.recording, begins, judges, &part);
-        let complete = writer.complete(document.to_string())?;
+        let complete = writer.complete(document.text().map_err(|e| failed(e.into()))?)?;
         if path.exists() {
             return Err(PipelineError::PartTaken { path });
         }

@@ -8,6 +8,10 @@ use crate::verdict::Reason;
 use std::collections::HashMap;
 use std::sync::Arc;
 
+/// So many judges are made, one for each printhead if they are more, before those that nobody asked for meanwhile are
+/// let go.
+const MANY_NEW: usize = 64;
+
 /// A healthy window that gave no model, and why; stands in summary.json and on the terminal.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Refusal {
@@ -20,90 +24,166 @@ pub struct Refusal {
     pub drifted: bool,
 }
 
-/// The judges of one group over time, the first from the beginning on.
-pub type Timeline = Vec<(i64, Arc<Judge>)>;
+/// From a time on, ns, a model judges, which has that number.
+#[derive(Clone, Copy, Debug)]
+pub struct Since {
+    pub t_ns: i64,
+    pub number: u16,
+}
 
-#[derive(Debug)]
-pub enum Assignment<'a> {
-    Judge(&'a Arc<Judge>),
+/// The models of one group over time, the first from the beginning on.
+#[derive(Clone, Debug, Default)]
+pub struct Timeline(Vec<Since>);
+
+impl Timeline {
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    pub fn enter(&mut self, since: Since) {
+        // windows given as spans may end in any order
+        let at = self.0.partition_point(|before| before.t_ns <= since.t_ns);
+        self.0.insert(at, since);
+    }
+
+    /// Causal: the last model whose window had ended; before the first one's end, the first.
+    pub fn at(&self, t_ns: i64) -> Option<u16> {
+        let next = self.0.partition_point(|since| since.t_ns <= t_ns);
+        self.0.get(next.saturating_sub(1)).map(|since| since.number)
+    }
+}
+
+/// Who judges a burst.
+#[derive(Clone, Copy, Debug)]
+pub enum Assignment {
+    Model(u16),
     Reject(Reason),
     /// Only windows can tell.
     Survey,
 }
 
-/// Fixed before the stages start, asked by them for every burst.
-#[derive(Debug, Default)]
-pub struct Schedule {
+/// A model, and the judge made of it while bursts ask for it.
+#[derive(Debug)]
+struct Numbered {
+    model: Arc<HealthyModel>,
+    reference_v: Option<f64>,
+    judge: Option<Arc<Judge>>,
+    /// Since judges were last let go.
+    asked: bool,
+}
+
+/// All models of a run. A judge takes several times the memory of its model, and most are never asked again: they
+/// are made when a burst asks, and kept while bursts do.
+#[derive(Debug)]
+pub struct Schedule<'a> {
+    design: Option<&'a Design>,
+    settings: &'a IsolateSettings,
     timelines: HashMap<GroupKey, Result<Timeline, Reason>>,
     /// By printhead, of the design; used where there is no timeline.
-    by_name: HashMap<Arc<str>, Arc<Judge>>,
-    /// What bursts of the design must have: sample period and samples.
-    sampling: Option<(f64, usize)>,
+    by_name: HashMap<Arc<str>, u16>,
     surveyed: bool,
-    pub judges: Vec<Arc<Judge>>,
+    models: Vec<Numbered>,
+    new: usize,
     pub refusals: Vec<Refusal>,
 }
 
-impl Schedule {
-    /// By printhead: windows too small for the stated rate, whose thresholds lie further out for it.
-    pub fn wide_thresholds(&self) -> Vec<(Arc<str>, String)> {
-        let wide = |judge: &Arc<Judge>| {
-            let what = judge.model.threshold.wide_in_words()?;
-            Some((judge.model.printhead.as_deref().unwrap_or_default().into(), what))
-        };
-        self.judges.iter().filter_map(wide).collect()
-    }
+/// A model as it is written of.
+#[derive(Clone, Copy, Debug)]
+pub struct Known<'a> {
+    pub number: u16,
+    pub model: &'a HealthyModel,
+    pub reference_v: Option<f64>,
+}
 
-    /// The design's models as they are.
-    pub fn of_design(
-        design: &Design,
-        settings: &IsolateSettings,
-    ) -> Result<Schedule, PipelineError> {
-        let mut schedule = Schedule {
-            sampling: Some((design.sample_period_s, design.samples)),
-            ..Schedule::default()
-        };
-        for model in &design.models {
-            let judge =
-                schedule.add(model.clone(), design.drive_voltage_v, Some(design), settings)?;
+impl<'a> Schedule<'a> {
+    /// The design's models as they are, if there is one.
+    pub fn new(
+        design: Option<&'a Design>,
+        settings: &'a IsolateSettings,
+    ) -> Result<Schedule<'a>, PipelineError> {
+        let (timelines, by_name, models) = (HashMap::new(), HashMap::new(), Vec::new());
+        let (surveyed, new, refusals) = (false, 0, Vec::new());
+        let mut schedule =
+            Schedule { design, settings, timelines, by_name, surveyed, models, new, refusals };
+        for model in design.into_iter().flat_map(|design| &design.models) {
+            let reference_v = design.and_then(|design| design.drive_voltage_v);
+            let number = schedule.add(Arc::new(model.clone()), reference_v)?;
             if let Some(name) = &model.printhead {
-                schedule.by_name.insert(name.as_str().into(), judge);
+                schedule.by_name.insert(name.as_str().into(), number);
             }
         }
         Ok(schedule)
     }
 
-    /// A new judge, next in the list of models.
-    pub fn add(
-        &mut self,
-        model: HealthyModel,
-        reference_v: Option<f64>,
-        design: Option<&Design>,
-        settings: &IsolateSettings,
-    ) -> Result<Arc<Judge>, PipelineError> {
-        let most = u64::from(u16::MAX);
-        let index = u16::try_from(self.judges.len())
-            .map_err(|_| PipelineError::TooManyWindows { windows: most + 1, most })?;
-        let judge = Arc::new(Judge::new(index, model, reference_v, design, settings)?);
-        self.judges.push(judge.clone());
-        Ok(judge)
+    /// In the order of their numbers.
+    pub fn models(&self) -> impl ExactSizeIterator<Item = Known<'_>> {
+        let numbers = 0..self.models.len() as u16; // add() bounds them
+        numbers.zip(&self.models).map(|(number, of)| {
+            let Numbered { model, reference_v, .. } = of;
+            Known { number, model, reference_v: *reference_v }
+        })
     }
 
-    /// From a time on (ns) another model judges the signals of a group.
-    pub fn enter(&mut self, key: &GroupKey, from_ns: i64, judge: Arc<Judge>) {
-        let entry = self.timelines.entry(key.clone()).or_insert_with(|| Ok(Timeline::new()));
+    /// By printhead: windows too small for the stated rate, whose thresholds lie further out for it.
+    pub fn wide_thresholds(&self) -> Vec<(Arc<str>, String)> {
+        let wide = |of: &Numbered| {
+            let what = of.model.threshold.wide_in_words()?;
+            Some((of.model.printhead.as_deref().unwrap_or_default().into(), what))
+        };
+        self.models.iter().filter_map(wide).collect()
+    }
+
+    /// A new model; its number.
+    pub fn add(
+        &mut self,
+        model: Arc<HealthyModel>,
+        reference_v: Option<f64>,
+    ) -> Result<u16, PipelineError> {
+        let most = u64::from(u16::MAX);
+        let number = u16::try_from(self.models.len())
+            .map_err(|_| PipelineError::TooManyWindows { windows: most + 1, most })?;
+        self.models.push(Numbered { model, reference_v, judge: None, asked: false });
+        Ok(number)
+    }
+
+    /// Who judges by a model.
+    pub fn judge(&mut self, number: u16) -> Result<Arc<Judge>, PipelineError> {
+        let Numbered { model, reference_v, judge, asked } = &mut self.models[usize::from(number)];
+        *asked = true;
+        if let Some(judge) = judge {
+            return Ok(judge.clone());
+        }
+        let new = Judge::new(number, model.clone(), *reference_v, self.design, self.settings)?;
+        let new = judge.insert(Arc::new(new)).clone();
+        self.new += 1;
+        if self.new > MANY_NEW.max(self.timelines.len()) {
+            self.let_go();
+        }
+        Ok(new)
+    }
+
+    /// Judges for which no burst asked since the last time are made again if one should.
+    fn let_go(&mut self) {
+        for of in &mut self.models {
+            of.judge = of.judge.take().filter(|_| of.asked);
+            of.asked = false;
+        }
+        self.new = 0;
+    }
+
+    /// From then on another model judges the signals of a group.
+    pub fn enter(&mut self, key: &GroupKey, since: Since) {
+        let entry = self.timelines.entry(key.clone()).or_insert_with(|| Ok(Timeline::default()));
         if let Ok(timeline) = entry {
-            // windows given as spans may end in any order
-            let at = timeline.partition_point(|(from, _)| *from <= from_ns);
-            timeline.insert(at, (from_ns, judge));
+            timeline.enter(since);
         }
     }
 
     /// All windows were learned: `groups` without a model are judged by nobody, for that reason, and what has
     /// neither windows nor a name in the design has no model.
-    pub fn close<'a>(
+    pub fn close<'k>(
         &mut self,
-        groups: impl Iterator<Item = &'a GroupKey>,
+        groups: impl Iterator<Item = &'k GroupKey>,
         mut refusals: Vec<Refusal>,
         nobody: Reason,
     ) {
@@ -116,44 +196,34 @@ impl Schedule {
         self.surveyed = true;
     }
 
-    pub fn judge_of(&self, printhead: &str) -> Option<Arc<Judge>> {
-        self.by_name.get(printhead).cloned()
+    /// The design's model of a printhead.
+    pub fn model_of(&self, printhead: &str) -> Option<u16> {
+        self.by_name.get(printhead).copied()
     }
 
     /// Whether a burst is sampled as the design is.
     pub fn fits(&self, burst: &Burst) -> bool {
-        self.sampling.is_none_or(|(period, samples)| {
-            same_period(period, burst.sample_period_s)
-                && samples == burst.samples_per_channel as usize
+        self.design.is_none_or(|design| {
+            same_period(design.sample_period_s, burst.sample_period_s)
+                && design.samples == burst.samples_per_channel as usize
         })
     }
 
-    /// Of a group, as far as it is known.
-    pub fn timeline(&self, key: &GroupKey) -> Timeline {
-        self.timelines.get(key).and_then(|of| of.as_ref().ok()).cloned().unwrap_or_default()
-    }
-
-    pub fn assign(&self, burst: &Burst) -> Assignment<'_> {
+    pub fn assign(&self, burst: &Burst) -> Assignment {
         if !self.fits(burst) {
             return Assignment::Reject(Reason::DesignMismatch);
         }
         match self.timelines.get(&GroupKey::of(burst)) {
-            Some(Ok(timeline)) => match at(timeline, burst.t_acq_ns) {
-                Some(judge) => Assignment::Judge(judge),
+            Some(Ok(timeline)) => match timeline.at(burst.t_acq_ns) {
+                Some(number) => Assignment::Model(number),
                 None => Assignment::Reject(Reason::NoModel),
             },
             Some(Err(reason)) => Assignment::Reject(*reason),
             None => match self.by_name.get(&burst.printhead) {
-                Some(judge) => Assignment::Judge(judge),
+                Some(number) => Assignment::Model(*number),
                 None if self.surveyed => Assignment::Reject(Reason::NoModel),
                 None => Assignment::Survey,
             },
         }
     }
-}
-
-/// Causal: the last model whose window had ended; before the first one's end, the first.
-pub fn at(timeline: &Timeline, t_ns: i64) -> Option<&Arc<Judge>> {
-    let next = timeline.partition_point(|(from, _)| *from <= t_ns);
-    timeline.get(next.saturating_sub(1)).map(|(_, judge)| judge)
 }

@@ -53,7 +53,7 @@ fn through<A, B>(
 fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     let (control, timings, spares) = (Control::default(), Timings::default(), Spares::default());
     let settings = &run.settings;
-    let schedule = Schedule::of_design(run.design.as_ref().unwrap(), &settings.isolate).unwrap();
+    let schedule = Schedule::new(run.design.as_ref(), &settings.isolate).unwrap();
     let classes = run.classes();
     let categories = DecisionRule::new(&classes, 0.0).unwrap().categories;
     let beside = crate::io::episode_table::path_beside(verdicts);

@@ -17,13 +17,13 @@ use std::collections::{BTreeMap, HashSet};
 
 impl Learner<'_> {
     /// Fills the timelines of every group that needs windows.
-    pub fn learn(
+    pub fn learn<'a>(
         &self,
         recording: &Recording,
         survey: &Survey,
-        mut schedule: Schedule,
+        mut schedule: Schedule<'a>,
         control: &Control,
-    ) -> Result<Schedule, PipelineError> {
+    ) -> Result<Schedule<'a>, PipelineError> {
         let mut models: BTreeMap<usize, Progress> = BTreeMap::new();
         let mut windows = Vec::new();
         for (g, group) in survey.groups.iter().enumerate() {
@@ -49,7 +49,7 @@ impl Learner<'_> {
         // models are numbered as they become valid, not by which came first in the file
         entries.sort_by(|a, b| (a.0, a.1).cmp(&(b.0, b.1)));
         for (_, key, entry) in entries {
-            entry.enter(key, self, &mut schedule)?;
+            entry.enter(key, &mut schedule)?;
         }
         let refusals = models.values_mut().map(|progress| std::mem::take(&mut progress.refusals));
         let refusals = refusals.flatten().collect();

@@ -66,8 +66,8 @@ impl<'a> Listening<'a> {
 }
 
 /// What the stages leave behind; nothing has its name yet.
-pub struct Streamed {
-    pub schedule: Schedule,
+pub struct Streamed<'a> {
+    pub schedule: Schedule<'a>,
     pub tally: Tally,
     pub writer: VerdictWriter,
     pub episodes: Finished,
@@ -118,7 +118,7 @@ impl Wiring<'_> {
     }
 
     /// Wires the six stages, runs them, joins them.
-    pub fn stream(&self, mut models: Models) -> Result<Streamed, PipelineError> {
+    pub fn stream<'m>(&self, mut models: Models<'m>) -> Result<Streamed<'m>, PipelineError> {
         let Wiring { replay, recording, control, baselines, .. } = *self;
         let settings = &replay.settings;
         let classes = replay.classes();

@@ -67,7 +67,7 @@ pub fn judge(
     isolate: &IsolateSettings,
     test: &Signals,
 ) -> Result<Isolated, ThesisError> {
-    let judge = Judge::new(0, design.pooled.clone(), None, Some(design), isolate)?;
+    let judge = Judge::new(0, design.pooled.clone().into(), None, Some(design), isolate)?;
     let names = design.class_names();
     let [mut ungated, mut gated, mut certain] =
         [Score::default(), Score::default(), Score::default()];

@@ -72,7 +72,7 @@ fn calibration_signals(scenario: &Scenario, seed: u64) -> Result<Signals, Thesis
 }
 
 fn judge_of(design: &Design, isolate: &IsolateSettings) -> Result<Judge, ThesisError> {
-    Ok(Judge::new(0, design.pooled.clone(), None, Some(design), isolate)?)
+    Ok(Judge::new(0, design.pooled.clone().into(), None, Some(design), isolate)?)
 }
 
 fn detection(

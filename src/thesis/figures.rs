@@ -147,7 +147,7 @@ fn isolation(
         return Ok(());
     };
     let deviation: Vec<f64> = y.iter().zip(&model.expected).map(|(y, e)| y - e).collect();
-    let judge = Judge::new(0, model.clone(), None, Some(design), settings)?;
+    let judge = Judge::new(0, model.clone().into(), None, Some(design), settings)?;
     let mut work = Workspace::default();
     if judge.isolate(&deviation, 1.0, &mut work).is_some() {
         let [mixture, weights] =
