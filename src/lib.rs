@@ -15,7 +15,7 @@
 //! 2  episodes                        evidence over time, from verdicts alone
 //! 1  model  score  plot              what the physics says | thesis chapter 4 numbers | figures, pages
 //! 0  burst  fault  verdict  labels   what flows
-//! 0  processor                       one function for every set of vector instructions
+//! 0  processor  side_by_side         one function for every set of vector instructions | several threads
 //! ```
 //!
 //! What words mean that the field does not have: `docs/glossary.md`.
@@ -37,6 +37,7 @@ pub mod burst;
 pub mod fault;
 pub mod labels;
 mod processor;
+mod side_by_side;
 pub mod verdict;
 // floor 1
 pub mod model;

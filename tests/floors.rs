@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 fn floor(room: &str) -> u8 {
     match room {
-        "burst" | "fault" | "verdict" | "labels" | "processor" => 0,
+        "burst" | "fault" | "verdict" | "labels" | "processor" | "side_by_side" => 0,
         "model" | "plot" | "score" => 1,
         "identify" | "detect" | "isolate" | "episodes" => 2,
         "design" | "critique" | "simulate" | "report" => 3,

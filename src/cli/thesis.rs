@@ -32,7 +32,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     crate::io::outputs::check_directory(&args.out).map_err(Failure::new)?;
     let seeds: Vec<u64> = (0..args.seeds).map(|k| args.seed.wrapping_add(k)).collect();
     let threads = match args.threads {
-        0 => std::thread::available_parallelism().map_or(1, usize::from),
+        0 => crate::side_by_side::cores(),
         n => n.min(1024),
     };
     // Ctrl-C simply ends the run: nothing is written before the last seed is done

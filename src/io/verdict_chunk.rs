@@ -2,11 +2,11 @@
 //!
 //! In: verdicts, healthy signals as runs. Out: the column's encoded chunk.
 
-use super::column::{NumberColumn, RunColumn, StepColumn};
+use super::column::{ColumnPages, NumberColumn, RunColumn, StepColumn};
 use super::verdict_cells;
 use super::verdict_columns::{TableOptions, dictionary, floats};
 use crate::verdict::{Cells, Column, Verdicts};
-use parquet::arrow::arrow_writer::ArrowColumnWriter;
+use parquet::arrow::arrow_writer::{ArrowColumnChunk, ArrowColumnWriter};
 use parquet::errors::Result;
 use parquet::file::writer::SerializedRowGroupWriter;
 use parquet::schema::types::ColumnDescPtr;
@@ -59,18 +59,35 @@ impl Chunk {
         }
     }
 
+    /// Encodes it.
+    pub fn close(self, column: &Column) -> Result<Closed> {
+        Ok(match self {
+            // what is worth skipping row groups by: when, where, how much
+            Chunk::Runs(runs) => {
+                Closed::Pages(runs.close(matches!(column.cells, Cells::Printhead(_)))?)
+            }
+            Chunk::Steps(steps) => Closed::Pages(steps.close()?),
+            Chunk::Numbers(numbers) => Closed::Pages(numbers.close()?),
+            Chunk::Weights(weights) => Closed::Weights(Box::new(weights.close()?)),
+        })
+    }
+}
+
+/// A chunk, encoded.
+pub enum Closed {
+    Pages(ColumnPages),
+    Weights(Box<ArrowColumnChunk>),
+}
+
+impl Closed {
     /// Appends it to the row group as its next column.
     pub fn append_to<W: Write + Send>(
         self,
-        column: &Column,
         group: &mut SerializedRowGroupWriter<'_, W>,
     ) -> Result<()> {
         match self {
-            // what is worth skipping row groups by: when, where, how much
-            Chunk::Runs(runs) => runs.append_to(group, matches!(column.cells, Cells::Printhead(_))),
-            Chunk::Steps(steps) => steps.append_to(group),
-            Chunk::Numbers(numbers) => numbers.append_to(group),
-            Chunk::Weights(weights) => weights.close()?.append_to_row_group(group),
+            Closed::Pages(pages) => pages.append_to(group),
+            Closed::Weights(weights) => weights.append_to_row_group(group),
         }
     }
 }

@@ -10,6 +10,7 @@ use super::parquet_file;
 use super::part_file::{CompleteFile, PartFile};
 use super::verdict_chunk::Chunk;
 use super::verdict_columns::{ROW_GROUP_ROWS, columns, properties, schema};
+use crate::side_by_side::{cores, side_by_side};
 use crate::verdict::{Part, Tests, Verdicts};
 use arrow_schema::ArrowError;
 use parquet::arrow::ArrowWriter;
@@ -17,10 +18,13 @@ use parquet::arrow::arrow_writer::ArrowRowGroupWriterFactory;
 use parquet::errors::ParquetError;
 use parquet::file::metadata::KeyValue;
 use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::types::ColumnDescPtr;
 use std::fs::File;
 use std::io::BufWriter;
+use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::thread::{self, JoinHandle};
 use thiserror::Error;
 
 /// Key of the file's metadata document.
@@ -46,14 +50,25 @@ pub enum TableError {
     NotEpisodes { path: PathBuf, what: String },
 }
 
+type Out = SerializedFileWriter<BufWriter<File>>;
+
 pub struct VerdictWriter {
-    file: SerializedFileWriter<BufWriter<File>>,
+    file: Option<OutFile>,
+    /// Of the schema.
+    described: Vec<ColumnDescPtr>,
     factory: ArrowRowGroupWriterFactory,
     part: PartFile,
     options: TableOptions,
     group: Option<RowGroup>,
     groups: usize,
     rows: u64,
+}
+
+/// Where row groups go.
+enum OutFile {
+    Free(Box<Out>),
+    /// A group that has ended is encoded and appended, while the next one is under way.
+    Taken(JoinHandle<Result<Box<Out>, ParquetError>>),
 }
 
 /// A row group under way.
@@ -72,7 +87,11 @@ impl VerdictWriter {
         let (file, factory) = ArrowWriter::try_new(BufWriter::new(file), schema, Some(properties))
             .and_then(ArrowWriter::into_serialized_writer)
             .map_err(|source| TableError::Parquet { path: path.to_path_buf(), source })?;
-        Ok(VerdictWriter { file, factory, part, options, group: None, groups: 0, rows: 0 })
+        let of_schema = file.schema_descr();
+        let described = (0..of_schema.num_columns()).map(|k| of_schema.column(k)).collect();
+        let file = Some(OutFile::Free(Box::new(file)));
+        let (group, groups, rows) = (None, 0, 0);
+        Ok(VerdictWriter { file, described, factory, part, options, group, groups, rows })
     }
 
     /// Appends a batch of verdicts.
@@ -110,12 +129,13 @@ impl VerdictWriter {
         let path = self.path();
         let parquet_failed = |source| TableError::Parquet { path: path.clone(), source };
         let io_failed = |source| TableError::Io { path: path.clone(), source };
+        let mut file = self.file().map_err(parquet_failed)?;
         if let Some(group) = self.group.take() {
-            self.end_group(group).map_err(parquet_failed)?;
+            group.append_to(&mut file, &self.options, cores()).map_err(parquet_failed)?;
         }
-        self.file.append_key_value_metadata(KeyValue::new(METADATA_KEY.to_string(), metadata_json));
+        file.append_key_value_metadata(KeyValue::new(METADATA_KEY.to_string(), metadata_json));
         // Writes the footer too.
-        let file = self.file.into_inner().map_err(parquet_failed)?;
+        let file = file.into_inner().map_err(parquet_failed)?;
         let file = file.into_inner().map_err(|e| io_failed(e.into_error()))?;
         self.part.complete(&file).map_err(io_failed)
     }
@@ -133,24 +153,49 @@ impl VerdictWriter {
 
     fn new_group(&mut self) -> Result<RowGroup, ParquetError> {
         let writers = self.factory.create_column_writers(self.groups)?;
-        let of_schema = self.file.schema_descr();
-        let chunks = writers.into_iter().zip(columns(&self.options)).enumerate();
-        let chunks = chunks.map(|(k, (writer, column))| {
-            Chunk::new(column, of_schema.column(k), writer, &self.options)
+        let chunks = writers.into_iter().zip(columns(&self.options)).zip(&self.described);
+        let chunks = chunks.map(|((writer, column), described)| {
+            Chunk::new(column, described.clone(), writer, &self.options)
         });
         Ok(RowGroup { chunks: chunks.collect(), rows: 0 })
     }
 
-    fn end_group(&mut self, group: RowGroup) -> Result<(), ParquetError> {
-        let mut out = self.file.next_row_group()?;
-        for (chunk, column) in group.chunks.into_iter().zip(columns(&self.options)) {
-            chunk.append_to(column, &mut out)?;
+    /// The file, once the group before is in it.
+    fn file(&mut self) -> Result<Box<Out>, ParquetError> {
+        match self.file.take() {
+            Some(OutFile::Free(file)) => Ok(file),
+            Some(OutFile::Taken(by)) => by.join().unwrap_or_else(|panic| resume_unwind(panic)),
+            None => Err(ParquetError::General("a row group could not be written".into())),
         }
-        out.close()?;
-        self.file.flush()?;
+    }
+
+    fn end_group(&mut self, group: RowGroup) -> Result<(), ParquetError> {
+        let mut file = self.file()?;
         self.part.sync_early()?;
         self.groups += 1;
+        let options = self.options.clone();
+        let append = move || group.append_to(&mut file, &options, 1).map(|()| file);
+        let thread = thread::Builder::new().name("row group".into()).spawn(append)?;
+        self.file = Some(OutFile::Taken(thread));
         Ok(())
+    }
+}
+
+impl RowGroup {
+    /// `workers`: threads that encode columns side by side.
+    fn append_to(
+        self,
+        file: &mut Out,
+        options: &TableOptions,
+        workers: usize,
+    ) -> Result<(), ParquetError> {
+        let chunks = self.chunks.into_iter().zip(columns(options)).collect();
+        let closed =
+            side_by_side(workers, chunks, |(chunk, column): (Chunk, _)| chunk.close(column));
+        let mut group = file.next_row_group()?;
+        closed.into_iter().try_for_each(|chunk| chunk?.append_to(&mut group))?;
+        group.close()?;
+        Ok(file.flush()?)
     }
 }
 

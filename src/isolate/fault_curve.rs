@@ -51,6 +51,7 @@ struct Reference {
 }
 
 /// Fits noise-free decays of faulty channels.
+#[derive(Clone)]
 pub struct FaultSimulator<'a> {
     fitter: &'a RingFitter,
     channel: InkChannel,

@@ -18,6 +18,7 @@ use crate::fault::Class;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
 use crate::model::{Actuation, InkChannel, faults};
+use crate::side_by_side::{cores, side_by_side};
 use nalgebra::{DMatrix, Matrix2, Matrix4, SMatrix, SVector, Vector2, Vector4};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -270,24 +271,33 @@ impl FaultPhysics {
             change: self.change().unwrap_or_default(),
         };
         let mut curves = FaultCurves::new(classes.len(), healthy);
-        let Some(mut simulator) = simulator else { return curves };
+        let Some(simulator) = simulator else { return curves };
         let belief = Square::from_fn(|i, j| self.belief[i][j]);
         let scatter = Scatter { channels: self.channels(), belief };
-        let mut kinds: Vec<(&str, Option<usize>)> = Vec::new();
-        for (k, class) in classes.iter().enumerate() {
-            let mut members = Vec::new();
-            for class in &class.of {
-                let Some(kind) = faults::change(class) else { continue };
-                let known = kinds.iter().find(|(of, _)| *of == kind).map(|(_, curve)| *curve);
-                let number = known.unwrap_or_else(|| {
-                    let curve = faults::largest(class)
-                        .and_then(|most| FaultCurve::new(&mut simulator, class, most, &scatter));
-                    let number = curve.map(|curve| curves.add(curve));
-                    kinds.push((kind, number));
-                    number
-                });
-                members.extend(number.map(|curve| Member { class, curve }));
+        // classes of one kind share a curve
+        let mut kinds: Vec<(&str, &str)> = Vec::new();
+        for class in classes.iter().flat_map(|class| &class.of) {
+            match faults::change(class) {
+                Some(kind) if kinds.iter().all(|(known, _)| *known != kind) => {
+                    kinds.push((kind, class));
+                }
+                _ => {}
             }
+        }
+        let of_kinds = side_by_side(cores(), kinds.clone(), |(_, class)| {
+            let most = faults::largest(class)?;
+            FaultCurve::new(&mut simulator.clone(), class, most, &scatter)
+        });
+        let numbers: Vec<Option<usize>> =
+            of_kinds.into_iter().map(|curve| Some(curves.add(curve?))).collect();
+        let curve_of = |class: &str| {
+            let kind = faults::change(class)?;
+            numbers[kinds.iter().position(|(known, _)| *known == kind)?]
+        };
+        for (k, class) in classes.iter().enumerate() {
+            let member = |class| Some(Member { class, curve: curve_of(class)? });
+            let members: Vec<Member> =
+                class.of.iter().filter_map(|class| member(class.as_str())).collect();
             curves.set(k, &members, self.seen.get(&class.name));
         }
         curves

@@ -4,9 +4,9 @@ use crate::design::{Baselines, Design};
 use crate::episodes::Episode;
 use crate::labels::Labels;
 use crate::settings::Settings;
+use crate::side_by_side::cores;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
-use std::thread;
 use std::time::Duration;
 
 /// What a run of replay shares over its recordings; as JSON it says all that others need to judge them alike.
@@ -31,7 +31,7 @@ impl Replay {
     /// Workers of a stage: its own setting, else `replay.threads`, else the machine's cores.
     pub(super) fn workers(&self, of_stage: usize) -> usize {
         match (of_stage, self.settings.replay.threads) {
-            (0, 0) => thread::available_parallelism().map_or(1, usize::from),
+            (0, 0) => cores(),
             (0, threads) => threads,
             (workers, _) => workers,
         }

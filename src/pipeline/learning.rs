@@ -18,10 +18,10 @@ use super::survey::{GroupKey, MOST_GROUPS};
 use crate::burst::Burst;
 use crate::design::Judge;
 use crate::identify::reservoir::Reservoir;
+use crate::side_by_side::side_by_side;
 use crate::verdict::Reason;
 use std::collections::HashMap;
 use std::sync::Arc;
-use std::thread::{self, ScopedJoinHandle};
 
 /// How much later than others a burst may come that is earlier than they: loggers of several printheads write
 /// them about as they come. ns.
@@ -343,30 +343,13 @@ impl<'a> Learning<'a> {
         }
         let learner = self.learner;
         let of_heads = self.heads.iter_mut().zip(of_heads).filter(|(_, over)| !over.is_empty());
-        let mut of_heads: Vec<(&mut Head, Vec<(usize, Open)>)> = of_heads.collect();
-        let learn = |of_heads: &mut [(&mut Head, Vec<(usize, Open)>)]| {
-            let of_head = of_heads.iter_mut().flat_map(|(head, over)| {
-                over.drain(..)
-                    .map(|(place, open)| (place, head.close(learner, open)))
-                    .collect::<Vec<_>>()
-            });
-            of_head.collect::<Vec<_>>()
-        };
-        let share = of_heads.len().div_ceil(self.workers).max(1);
-        let learned = match of_heads.len() <= share {
-            true => learn(&mut of_heads),
-            false => thread::scope(|scope| {
-                let spawn = |of_heads| scope.spawn(move || learn(of_heads));
-                let running: Vec<_> = of_heads.chunks_mut(share).map(spawn).collect();
-                let join = |running: ScopedJoinHandle<_>| match running.join() {
-                    Ok(learned) => learned,
-                    Err(panic) => std::panic::resume_unwind(panic), // as if it were of this thread
-                };
-                running.into_iter().flat_map(join).collect()
-            }),
-        };
+        let of_heads: Vec<(&mut Head, Vec<(usize, Open)>)> = of_heads.collect();
+        let learned = side_by_side(self.workers, of_heads, |(head, over)| {
+            let close = |(place, open)| (place, head.close(learner, open));
+            over.into_iter().map(close).collect::<Vec<_>>()
+        });
         let mut entries: Vec<Option<Entry>> = windows.iter().map(|_| None).collect();
-        for (place, entry) in learned {
+        for (place, entry) in learned.into_iter().flatten() {
             entries[place] = entry;
         }
         windows.into_iter().zip(entries).collect()

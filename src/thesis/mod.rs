@@ -14,12 +14,11 @@ pub mod practice;
 mod report;
 mod tables;
 
+use crate::side_by_side::side_by_side;
 use crate::simulate::Scenario;
 use crate::simulate::scenario::Kind;
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
 
 pub use outcome::{Chapter, Confusion, Figures, Spread, ThesisError};
 
@@ -36,26 +35,13 @@ pub fn run(
     let Kind::Physics(dried) = &physics.kind else {
         return Err(ThesisError::Scenario("the experiment needs a physics scenario".into()));
     };
-    let results: Mutex<BTreeMap<usize, Result<Figures, ThesisError>>> = Mutex::default();
-    let next = AtomicUsize::new(0);
-    std::thread::scope(|scope| {
-        for _ in 0..threads.clamp(1, seeds.len().max(1)) {
-            scope.spawn(|| {
-                loop {
-                    let k = next.fetch_add(1, Ordering::Relaxed);
-                    let Some(&seed) = seeds.get(k) else { break };
-                    let result = chapter::figures(&classes, seed).and_then(|mut figures| {
-                        experiment::figures(dried, seed, &mut figures)?;
-                        Ok(figures)
-                    });
-                    results.lock().unwrap_or_else(PoisonError::into_inner).insert(k, result);
-                    done(seed);
-                }
-            });
-        }
+    let each = side_by_side(threads, seeds.to_vec(), |seed| {
+        let mut figures = chapter::figures(&classes, seed)?;
+        experiment::figures(dried, seed, &mut figures)?;
+        done(seed);
+        Ok(figures)
     });
-    let results = results.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let each = results.into_values().collect::<Result<Vec<_>, _>>()?;
+    let each = each.into_iter().collect::<Result<Vec<_>, ThesisError>>()?;
     Ok(Chapter::of(seeds, &each))
 }
 

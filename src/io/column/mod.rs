@@ -12,6 +12,7 @@ mod runs;
 mod steps;
 
 pub use numbers::NumberColumn;
+pub use pages::ColumnPages;
 pub use runs::{RunColumn, text};
 pub use steps::StepColumn;
 
@@ -75,7 +76,7 @@ mod tests {
             let (found, statistics) = read_back("message m { required int64 t; }", |of, group| {
                 let mut column = StepColumn::new(of);
                 rows.iter().for_each(|&(start, step, n)| column.push(start, step, n));
-                column.append_to(group)
+                column.close()?.append_to(group)
             });
             let found = found.iter().flat_map(|a| a.as_primitive::<Int64Type>().values().to_vec());
             assert_eq!(found.collect::<Vec<_>>(), expected, "round {round}");
@@ -99,7 +100,7 @@ mod tests {
                     column.push(start.into(), 1, n as usize);
                     expected.extend(start..start + n);
                 }
-                column.append_to(group)
+                column.close()?.append_to(group)
             });
             let found = found.iter().flat_map(|a| a.as_primitive::<UInt32Type>().values().to_vec());
             assert_eq!(found.collect::<Vec<_>>(), expected, "round {round}");
@@ -131,7 +132,7 @@ mod tests {
                     column.push(&numbers)?;
                     expected.extend(numbers.iter().map(|v| (!v.is_nan()).then_some(*v)));
                 }
-                column.append_to(group)
+                column.close()?.append_to(group)
             });
             let found: Vec<Option<f32>> =
                 found.iter().flat_map(|a| a.as_primitive::<Float32Type>().iter()).collect();
@@ -150,7 +151,7 @@ mod tests {
         let (found, statistics) = read_back("message m { optional float x; }", |of, group| {
             let mut column = NumberColumn::new(of, Encoding::BYTE_STREAM_SPLIT);
             column.push_nulls(3)?;
-            column.append_to(group)
+            column.close()?.append_to(group)
         });
         assert_eq!(found[0].null_count(), 3);
         let Statistics::Float(of) = statistics else { panic!("of another type") };

@@ -7,9 +7,7 @@ use super::pages::{ClosedPage, ColumnPages};
 use parquet::basic::Encoding;
 use parquet::errors::Result;
 use parquet::file::statistics::Statistics;
-use parquet::file::writer::SerializedRowGroupWriter;
 use parquet::schema::types::ColumnDescPtr;
-use std::io::Write;
 
 /// A page is closed once it has so many rows: few enough to stay in the cache.
 const PAGE_ROWS: u32 = 1 << 16;
@@ -96,25 +94,21 @@ impl NumberColumn {
         Ok(())
     }
 
-    /// Encodes the chunk and appends it to the row group as its next column.
-    pub fn append_to<W: Write + Send>(
-        mut self,
-        group: &mut SerializedRowGroupWriter<'_, W>,
-    ) -> Result<()> {
+    /// Encodes the chunk.
+    pub fn close(mut self) -> Result<ColumnPages> {
         if self.rows > 0 {
             self.end_page()?;
         }
         // a reader may not tell zeros apart by their sign
         let least = self.span.map(|(least, _)| if least == 0.0 { -0.0 } else { least });
         let most = self.span.map(|(_, most)| if most == 0.0 { 0.0 } else { most });
-        let pages = ColumnPages {
+        Ok(ColumnPages {
             dictionary: None,
             pages: self.pages,
             encoding: self.encoding,
             statistics: Some(Statistics::float(least, most, None, Some(self.nulls), false)),
             column: self.column,
-        };
-        pages.append_to(group)
+        })
     }
 }
 

@@ -5,10 +5,8 @@ use super::pages::{ClosedPage, ColumnPages};
 use parquet::basic::Encoding;
 use parquet::errors::{ParquetError, Result};
 use parquet::file::statistics::Statistics;
-use parquet::file::writer::SerializedRowGroupWriter;
 use parquet::schema::types::ColumnDescPtr;
 use std::collections::HashMap;
-use std::io::Write;
 
 /// Key of a null.
 const NULL: u32 = u32::MAX;
@@ -122,12 +120,8 @@ impl RunColumn {
         self.runs.len() * size_of::<Run>() + self.which.len() + self.dictionary.len() * 64
     }
 
-    /// Encodes the chunk and appends it to the row group as its next column.
-    pub fn append_to<W: Write + Send>(
-        self,
-        group: &mut SerializedRowGroupWriter<'_, W>,
-        statistics: bool,
-    ) -> Result<()> {
+    /// Encodes the chunk.
+    pub fn close(self, statistics: bool) -> Result<ColumnPages> {
         let values = self.dictionary.len().max(1) as u32;
         let width = (u32::BITS - (values - 1).leading_zeros()).max(1) as u8;
         let page = self.page(width)?;
@@ -136,14 +130,13 @@ impl RunColumn {
             dictionary = text(""); // of which no row speaks
         }
         let dictionary = |out: &mut Vec<u8>| out.extend(&dictionary);
-        let pages = ColumnPages {
+        Ok(ColumnPages {
             dictionary: Some(ClosedPage::new(None, dictionary, values)?),
             pages: vec![page],
             encoding: Encoding::RLE_DICTIONARY,
             statistics: statistics.then(|| self.text_statistics()),
             column: self.column,
-        };
-        pages.append_to(group)
+        })
     }
 
     /// Which rows have a value, and the keys of those, of `width` bits.

@@ -7,9 +7,7 @@ use super::pages::{ClosedPage, ColumnPages};
 use parquet::basic::{Encoding, Type};
 use parquet::errors::Result;
 use parquet::file::statistics::Statistics;
-use parquet::file::writer::SerializedRowGroupWriter;
 use parquet::schema::types::ColumnDescPtr;
-use std::io::Write;
 
 const BLOCK: usize = 128;
 const PARTS: usize = 4;
@@ -64,11 +62,8 @@ impl StepColumn {
         self.blocks.len()
     }
 
-    /// Encodes the chunk and appends it to the row group as its next column.
-    pub fn append_to<W: Write + Send>(
-        mut self,
-        group: &mut SerializedRowGroupWriter<'_, W>,
-    ) -> Result<()> {
+    /// Encodes the chunk.
+    pub fn close(mut self) -> Result<ColumnPages> {
         if !self.block.is_empty() {
             let block = std::mem::take(&mut self.block);
             self.end_block_of(&block);
@@ -86,14 +81,13 @@ impl StepColumn {
             true => Statistics::int64(least, most, None, Some(0), false),
             false => Statistics::int32(narrow(least), narrow(most), None, Some(0), false),
         };
-        let pages = ColumnPages {
+        Ok(ColumnPages {
             dictionary: None,
             pages: vec![ClosedPage::new(None, encode, self.rows)?],
             encoding: Encoding::DELTA_BINARY_PACKED,
             statistics: Some(statistics),
             column: self.column,
-        };
-        pages.append_to(group)
+        })
     }
 
     fn is_wide(&self) -> bool {
