@@ -244,10 +244,28 @@ impl SensitivityDetector {
         (features, dot(deviation, deviation) - along.dot(&(self.gram * along)))
     }
 
-    /// Its features to first order; `None`: it holds more than a ring.
-    pub(super) fn features_of_ring(&self, deviation: &[f64], drive: f64) -> Option<Vector3<f64>> {
-        let (features, unexplained) = self.features_and_rest(deviation, drive);
-        (unexplained <= self.settled).then_some(features)
+    /// Its features as the first order would see them, the phase held; `None`: it holds more than a ring. `signal`: buffer.
+    pub(super) fn features_of_ring(
+        &self,
+        deviation: &[f64],
+        drive: f64,
+        signal: &mut Vec<f64>,
+    ) -> Option<Vector3<f64>> {
+        let (first, unexplained) = self.features_and_rest(deviation, drive);
+        if unexplained <= self.settled {
+            return Some(first);
+        }
+        // of a ring that lies far off the first order leaves something, too
+        self.at_reference(deviation, drive, signal);
+        let fit = self.fitter.fit_from(signal, &features(&first), true)?;
+        let is_ring = self.unexplained(signal, &fit, drive) <= self.settled;
+        is_ring.then(|| self.own.to_three * Vector4::from(fit.features.coordinates()))
+    }
+
+    /// The features that the first order sees, the phase held, of a ring with those (ln amplitude, ln damping, ln frequency,
+    /// phase): a matrix.
+    pub(super) fn phase_held(&self) -> &Matrix3x4<f64> {
+        &self.own.to_three
     }
 
     /// The statistics refined by the fits that a first look asked for. `fit`: the phase held; `free`: where

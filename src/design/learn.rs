@@ -79,7 +79,8 @@ impl HealthyModel {
         let directions = tangent::tangent(&identification, dt_s, set.samples);
         let known = anchor.and_then(|anchor| anchor.temperature_response.clone());
         let temperature_response = known.or_else(|| {
-            let reference = temperature_c?;
+            // in a window that nobody labelled temperature goes with time, and so may all else
+            let reference = temperature_c.filter(|_| settings.least_agreeing.is_none())?;
             tangent::temperature_response(healthy, &expected, &directions, reference)
         });
         let (damping_per_k, frequency_per_k) = temperature_response

@@ -109,9 +109,9 @@ impl Sensitivity {
         Some(Sensitivity::new(tangent, noise)?.with_spread_of(self))
     }
 
-    /// Standard deviations of healthy features at the reference drive, noise included.
-    pub fn healthy_sd(&self) -> Vector3<f64> {
-        Vector3::from_fn(|k, _| (self.spread[k][k] + self.noise[k][k]).sqrt())
+    /// Covariance of healthy features at the reference drive, noise included.
+    pub fn healthy_covariance(&self) -> Matrix3<f64> {
+        matrix(&self.spread) + matrix(&self.noise)
     }
 
     /// With the spread that another model has learned, for a window of few signals.

@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
 /// Channels that tell: fewer do not outvote faulty ones.
-const FEWEST: usize = 8;
+const FEWEST: usize = 5;
 /// A channel that was not looked at for so long says nothing of now, ns.
 const HORIZON_NS: i64 = 10_000_000_000;
 /// Least share of a new estimate in the level: where it stands still, an estimate's noise falls to .4.
@@ -31,8 +31,9 @@ const PAST: f64 = 256.0;
 const MOST_FIRST: usize = 64;
 /// After so many looks in a row far from its past, while others agree, a channel has another one.
 const LOST: u32 = 64;
-/// So many healthy standard deviations from a model that was learned elsewhere, a printhead is another one.
-const ELSEWHERE: f64 = 1.0;
+/// So many of its own standard deviations from a model that was learned elsewhere, the middle of a printhead's channels is
+/// not the model's.
+const ELSEWHERE: f64 = 3.0;
 /// After so many looks at each channel that agree on no change, none is known.
 const PATIENCE: usize = 4;
 /// Share of the channels whose changes must lie as close together as looks at one channel do.
@@ -149,8 +150,8 @@ pub struct CommonChange {
     variance: Vector3<f64>,
     /// Mean square of how far estimates lie off the level before them.
     off: Vector3<f64>,
-    /// Where its channels were when they were learned.
-    origin: Vector3<f64>,
+    /// Where its channels were when they were learned; before, where they are, if that is known.
+    origin: Option<Vector3<f64>>,
     /// In which they were learned.
     estimates: u32,
 }
@@ -173,7 +174,7 @@ impl CommonChange {
             level: Vector3::zeros(),
             variance: Vector3::zeros(),
             off: Vector3::zeros(),
-            origin: Vector3::zeros(),
+            origin: None,
             estimates: 0,
         }
     }
@@ -217,7 +218,7 @@ impl CommonChange {
             }
             return None;
         }
-        self.own.map(|_| self.level + self.origin)
+        Some(self.level + self.origin?)
     }
 
     /// How many channels were heard of lately. Counted again only once that may be another number: burst by burst, it
@@ -264,6 +265,11 @@ impl CommonChange {
             None => self.estimates < FIRST,
         };
         if goes_on {
+            // until channels have a past, they are compared with the model
+            let now: Vec<Vector3<f64>> = self.recent(t_ns).map(|of| of.features).collect();
+            let elsewhere = self.elsewhere(&now);
+            self.origin = elsewhere.map(|of| of.middle);
+            self.variance = elsewhere.map_or_else(Vector3::zeros, |of| of.variance_of_middle());
             return;
         }
         let mut pasts: Vec<&mut Past> = self.channels.values_mut().map(|of| &mut of.past).collect();
@@ -275,35 +281,57 @@ impl CommonChange {
         pasts.iter_mut().for_each(|past| past.learn(&own));
         // channels that differ from look to look more than healthy signals do have no past
         if (0..3).all(|k| own[k] <= MOST_OWN * self.healthy[k]) {
-            self.origin = self.elsewhere();
+            let pasts: Vec<Vector3<f64>> = self.channels.values().map(|of| of.past.at).collect();
+            let elsewhere = self.elsewhere(&pasts);
+            self.origin = Some(elsewhere.map_or_else(Vector3::zeros, |of| of.middle));
             self.channels.values_mut().for_each(|of| of.past.first = Vec::new());
             (self.own, self.off) = (Some(own), Vector3::repeat(f64::MIN_POSITIVE));
             self.unanswered = 0;
+            // since their first looks they may have moved
+            let changes: Vec<Vector3<f64>> = self.recent(t_ns).map(Channel::change).collect();
+            let now = Location::of(&changes, &own);
+            if self.are_alike(&now, changes.len()) {
+                (self.level, self.variance) = (now.middle, now.variance_of_middle());
+            }
         }
     }
 
-    /// How far a printhead that the model was not learned from lies from it for good.
-    fn elsewhere(&self) -> Vector3<f64> {
-        let pasts: Vec<Vector3<f64>> = self.channels.values().map(|of| of.past.at).collect();
-        let middle = Location::of(&pasts, &self.healthy).middle;
-        let is_elsewhere = self.window_to_ns.is_none()
-            && middle.component_div(&self.healthy).norm() > ELSEWHERE
-            && (0..3).all(|k| middle[k].abs() <= self.step[k]);
-        if is_elsewhere { middle } else { Vector3::zeros() }
+    /// How far a printhead lies from a model that was learned elsewhere, or at another time. `None`: no further than its
+    /// channels scatter.
+    fn elsewhere(&self, channels: &[Vector3<f64>]) -> Option<Location> {
+        if channels.len() < FEWEST {
+            return None;
+        }
+        let of = Location::of(channels, &self.healthy);
+        // few channels may lie closer together than healthy ones do
+        let variance = of.variance.sup(&self.healthy.component_mul(&self.healthy));
+        let sd = (variance / of.weight).map(f64::sqrt);
+        let is_elsewhere = of.middle.component_div(&sd).amax() > ELSEWHERE;
+        (is_elsewhere && self.are_alike(&of, channels.len())).then_some(of)
+    }
+
+    /// Channels heard of lately that have a past.
+    fn recent(&self, t_ns: i64) -> impl Iterator<Item = &Channel> {
+        let recent = move |of: &&Channel| of.past.looks > 0.0 && is_recent(of.t_ns, t_ns);
+        self.channels.values().filter(recent)
+    }
+
+    /// Whether that many channels have moved together, and no further than ink moves them at once.
+    fn are_alike(&self, of: &Location, channels: usize) -> bool {
+        of.weight >= LEAST_ALIKE * channels as f64
+            && (0..3).all(|k| (of.middle - self.level)[k].abs() <= self.step[k])
     }
 
     /// The level, by what the channels heard of lately have changed by.
     fn follow(&mut self, t_ns: i64, own: Vector3<f64>) {
-        let recent = |of: &&Channel| of.past.looks > 0.0 && is_recent(of.t_ns, t_ns);
-        let changes: Vec<Vector3<f64>> =
-            self.channels.values().filter(recent).map(Channel::change).collect();
-        let found = (changes.len() >= FEWEST).then(|| Location::of(&changes, &own));
-        let alike = |of: &Location| {
-            of.weight >= LEAST_ALIKE * changes.len() as f64
-                // no ink does that from one burst to the next
-                && (0..3).all(|k| (of.middle - self.level)[k].abs() <= self.step[k])
+        let changes: Vec<Vector3<f64>> = self.recent(t_ns).map(Channel::change).collect();
+        let alike = |of: &Location| self.are_alike(of, changes.len());
+        let found = match changes.len() {
+            FEWEST.. => Some(Location::near(self.level, &changes, &own))
+                .filter(alike)
+                .or_else(|| Some(Location::of(&changes, &own)).filter(alike)),
+            _ => None,
         };
-        let found = found.filter(alike);
         for of in self.channels.values_mut().filter(|of| of.fresh) {
             of.fresh = false;
             if let Some(found) = &found {

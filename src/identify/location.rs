@@ -30,10 +30,16 @@ impl Location {
     /// one feature counts for nothing, and moves smoothly with every value (Maronna, Martin, Yohai 2006,
     /// sections 2.2 and 6.4). `sd`: of healthy ones. At least one value.
     pub fn of(values: &[Vector3<f64>], sd: &Vector3<f64>) -> Location {
+        let middle = Vector3::from_fn(|k, _| shortest_half(values.iter().map(|v| v[k])));
+        Location::near(middle, values, sd)
+    }
+
+    /// The same from where it is expected: it stays with those that are still there, and goes with most of them where
+    /// they go together.
+    pub fn near(mut middle: Vector3<f64>, values: &[Vector3<f64>], sd: &Vector3<f64>) -> Location {
         const STEPS: usize = 12;
         /// In standard deviations: far below the middle's own.
         const CONVERGED: f64 = 1e-5;
-        let mut middle = Vector3::from_fn(|k, _| shortest_half(values.iter().map(|v| v[k])));
         for _ in 0..STEPS {
             let (mut sum, mut weight) = (Vector3::zeros(), 0.0);
             for v in values {

@@ -9,7 +9,7 @@ use super::level_history::LevelHistory;
 use super::looked_at::LookedAt;
 use super::survey::GroupKey;
 use crate::burst::Burst;
-use crate::design::Judge;
+use crate::design::{Judge, Workspace};
 use crate::identify::common_change::CommonChange;
 use crate::settings::IdentifySettings;
 use crate::verdict::unusable_signal;
@@ -25,7 +25,7 @@ const FIRST_MOVE: f64 = 0.4;
 const NEXT_MOVE: f64 = 0.2;
 /// Of its noise, a change lies beyond a bound by at least that much.
 const SURE_SDS: f64 = 3.0;
-/// Of the bounds, what channels may leap by at once and still be moved by ink.
+/// Of the bound, what the frequency of all channels may leap by at once and still be moved by ink.
 const LEAP: f64 = 1.5;
 /// So far (ln amplitude, ln damping, ln frequency) ink and supply may move all channels together; beyond,
 /// they are no longer what the models know.
@@ -39,13 +39,14 @@ pub struct Heads {
     rails: [f64; 2],
     /// Length of windows, s.
     window_s: f64,
-    /// Of ln damping and ln frequency.
+    /// Of damping and frequency, relative.
     bounds: [f64; 2],
     of: HashMap<GroupKey, Head>,
     /// Of all judges: heads may have one in common.
     moves: u32,
     signal: Vec<f64>,
     expected: Vec<f64>,
+    work: Workspace,
 }
 
 /// How far all channels of a printhead moved together, of summary.json.
@@ -87,7 +88,8 @@ impl Heads {
         let bounds = [identify.max_damping_drift, identify.max_frequency_drift];
         let of = HashMap::new();
         let window_s = identify.first;
-        Heads { rails, window_s, bounds, of, moves: 0, signal: Vec::new(), expected: Vec::new() }
+        let (signal, expected, work) = (Vec::new(), Vec::new(), Workspace::default());
+        Heads { rails, window_s, bounds, of, moves: 0, signal, expected, work }
     }
 
     /// The judge of the next burst.
@@ -97,9 +99,9 @@ impl Heads {
         let Some(healthy_sd) = judge.healthy_sd().filter(|_| has_room) else {
             return judge.clone();
         };
-        let [damping, frequency] = self.bounds.map(|bound| LEAP * bound.ln_1p());
-        // amplitude goes with damping
-        let leap = Vector3::new(damping, damping, frequency);
+        // a supply or another ink moves amplitude and damping; most faults move the frequency
+        let [amplitude, damping, _] = FARTHEST;
+        let leap = Vector3::new(amplitude, damping, LEAP * self.bounds[1].ln_1p());
         let history = || LevelHistory::new(self.window_s);
         let head = self
             .of
@@ -108,7 +110,7 @@ impl Heads {
         if !head.is_of(judge) {
             head.window_is(judge);
         }
-        head.look(burst, self.rails, &mut self.signal, &mut self.expected);
+        head.look(burst, self.rails, (&mut self.signal, &mut self.expected, &mut self.work));
         head.judge(burst.t_acq_ns, self.bounds, &mut self.moves)
     }
 
@@ -202,8 +204,7 @@ impl Head {
         &mut self,
         burst: &Burst,
         rails: [f64; 2],
-        signal: &mut Vec<f64>,
-        expected: &mut Vec<f64>,
+        (signal, expected, work): (&mut Vec<f64>, &mut Vec<f64>, &mut Workspace),
     ) {
         let channels = burst.first_channel..burst.first_channel.saturating_add(burst.channels);
         self.channels.meet(channels.clone());
@@ -221,22 +222,27 @@ impl Head {
                 continue;
             }
             judge.deviate(burst, row, expected, signal);
-            let found = judge.features(signal, drive).filter(|x| x.iter().all(|v| v.is_finite()));
+            let found =
+                judge.features(signal, drive, work).filter(|x| x.iter().all(|v| v.is_finite()));
             if let Some(features) = found {
                 self.change.look(burst.t_acq_ns, channel, features + at);
             }
         }
     }
 
-    /// The judge of a burst whose channels were looked at. `bounds`: of ln damping and ln frequency.
+    /// The judge of a burst whose channels were looked at. `bounds`: of damping and frequency, relative.
     fn judge(&mut self, t_ns: i64, bounds: [f64; 2], moves: &mut u32) -> Arc<Judge> {
         let Some(change) = self.change.change(t_ns) else {
             self.moved = None;
             return self.window.clone();
         };
         self.history.push(t_ns, change);
-        let surely = change.abs() - SURE_SDS * self.change.sd();
-        if surely[1] > bounds[0].ln_1p() || surely[2] > bounds[1].ln_1p() {
+        let sd = self.change.sd();
+        let is_beyond = |k: usize, bound: f64| {
+            let surely = (change[k].abs() - SURE_SDS * sd[k]).max(0.0);
+            surely.copysign(change[k]).exp_m1().abs() > bound
+        };
+        if is_beyond(1, bounds[0]) || is_beyond(2, bounds[1]) {
             self.beyond_since_ns.get_or_insert(t_ns);
         }
         if (0..3).any(|k| change[k].abs() > FARTHEST[k]) {
