@@ -126,18 +126,20 @@ impl Judge {
         let features = detector.features_of_ring(deviation, drive, &mut work.residual)?;
         Some(self.together.as_ref()?.from_held * (features - Vector3::from(of.mean)))
     }
+}
 
-    /// The same of its ring from another judge's, as if both had been learned at one temperature. `None`:
-    /// one of them does not ring.
-    pub fn features_from(&self, other: &Judge) -> Option<Vector3<f64>> {
-        let [here, there] = [self, other].map(|judge| ring_of(&judge.model.identification).ok());
+impl HealthyModel {
+    /// ln amplitude, ln damping, ln frequency of its ring from another model's, as if both had been learned at one
+    /// temperature. `None`: one of them does not ring.
+    pub fn features_from(&self, other: &HealthyModel) -> Option<Vector3<f64>> {
+        let [here, there] = [self, other].map(|model| ring_of(&model.identification).ok());
         let (here, there) = (here?, there?);
-        let warmer = match (self.model.temperature_c, other.model.temperature_c) {
+        let warmer = match (self.temperature_c, other.temperature_c) {
             (Some(here), Some(there)) => here - there,
             _ => 0.0,
         };
-        let fitter = RingFitter::new(there, other.model.generator.dt_s, other.model.expected.len());
-        let per_k = other.model.features_per_k(&fitter);
+        let fitter = RingFitter::new(there, other.generator.dt_s, other.expected.len());
+        let per_k = other.features_per_k(&fitter);
         let ratios = [
             here.amplitude / there.amplitude,
             here.damping_per_s / there.damping_per_s,

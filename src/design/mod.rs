@@ -178,6 +178,11 @@ impl Design {
         self.models.iter().find(|m| m.printhead.as_deref() == Some(printhead))
     }
 
+    /// What the drift of a printhead is measured from: its own model, or that of all printheads.
+    pub fn reference_of(&self, printhead: &str) -> &HealthyModel {
+        self.model_of(printhead).unwrap_or(&self.pooled)
+    }
+
     /// Whether signals of that sampling can be judged by this design.
     pub fn fits(&self, sample_period_s: f64, samples: usize) -> bool {
         same_period(self.sample_period_s, sample_period_s) && self.samples == samples

@@ -87,6 +87,14 @@ impl Past {
         self.looks += 1.0;
     }
 
+    /// What is common is taken off the last of them.
+    fn correct_first(&mut self, level: Vector3<f64>) {
+        let last = (self.looks as usize).saturating_sub(1) % MOST_FIRST;
+        if let Some(first) = self.first.get_mut(last) {
+            *first -= level;
+        }
+    }
+
     /// The middle of those that it began with. `sd`: of looks at one channel.
     fn learn(&mut self, sd: &Vector3<f64>) {
         self.at = Location::of(&self.first, sd).middle;
@@ -152,8 +160,9 @@ pub struct CommonChange {
     off: Vector3<f64>,
     /// Where its channels were when they were learned; before, where they are, if that is known.
     origin: Option<Vector3<f64>>,
-    /// In which they were learned.
+    /// In which they were learned, and the sum of what was common then.
     estimates: u32,
+    common: Vector3<f64>,
 }
 
 impl CommonChange {
@@ -176,6 +185,7 @@ impl CommonChange {
             off: Vector3::zeros(),
             origin: None,
             estimates: 0,
+            common: Vector3::zeros(),
         }
     }
 
@@ -259,17 +269,24 @@ impl CommonChange {
 
     /// Ends with the window, or after some estimates: from then on channels have a past.
     fn learn(&mut self, t_ns: i64) {
+        // until channels have a past, they are compared with the model
+        let now: Vec<Vector3<f64>> = self.recent(t_ns).map(|of| of.features).collect();
+        let middle = self.middle(&now);
+        let elsewhere = middle.filter(|of| self.is_elsewhere(of));
+        self.origin = elsewhere.map(|of| of.middle);
+        self.variance = elsewhere.map_or_else(Vector3::zeros, |of| of.variance_of_middle());
+        let common = middle.map_or_else(Vector3::zeros, |of| of.middle);
+        for of in self.channels.values_mut().filter(|of| of.fresh) {
+            of.fresh = false;
+            of.past.correct_first(common);
+        }
         self.estimates += 1;
+        self.common += common;
         let goes_on = match self.window_to_ns {
             Some(to) => t_ns < to || self.estimates < FEWEST_FIRST,
             None => self.estimates < FIRST,
         };
         if goes_on {
-            // until channels have a past, they are compared with the model
-            let now: Vec<Vector3<f64>> = self.recent(t_ns).map(|of| of.features).collect();
-            let elsewhere = self.elsewhere(&now);
-            self.origin = elsewhere.map(|of| of.middle);
-            self.variance = elsewhere.map_or_else(Vector3::zeros, |of| of.variance_of_middle());
             return;
         }
         let mut pasts: Vec<&mut Past> = self.channels.values_mut().map(|of| &mut of.past).collect();
@@ -281,10 +298,13 @@ impl CommonChange {
         pasts.iter_mut().for_each(|past| past.learn(&own));
         // channels that differ from look to look more than healthy signals do have no past
         if (0..3).all(|k| own[k] <= MOST_OWN * self.healthy[k]) {
+            let common = self.common / f64::from(self.estimates);
+            for Channel { past, .. } in self.channels.values_mut() {
+                (past.at, past.first) = (past.at + common, Vec::new());
+            }
             let pasts: Vec<Vector3<f64>> = self.channels.values().map(|of| of.past.at).collect();
-            let elsewhere = self.elsewhere(&pasts);
+            let elsewhere = self.middle(&pasts).filter(|of| self.is_elsewhere(of));
             self.origin = Some(elsewhere.map_or_else(Vector3::zeros, |of| of.middle));
-            self.channels.values_mut().for_each(|of| of.past.first = Vec::new());
             (self.own, self.off) = (Some(own), Vector3::repeat(f64::MIN_POSITIVE));
             self.unanswered = 0;
             // since their first looks they may have moved
@@ -296,18 +316,19 @@ impl CommonChange {
         }
     }
 
-    /// How far a printhead lies from a model that was learned elsewhere, or at another time. `None`: no further than its
-    /// channels scatter.
-    fn elsewhere(&self, channels: &[Vector3<f64>]) -> Option<Location> {
-        if channels.len() < FEWEST {
-            return None;
-        }
-        let of = Location::of(channels, &self.healthy);
+    /// Where channels lie from the model. `None`: they are few, or everywhere.
+    fn middle(&self, channels: &[Vector3<f64>]) -> Option<Location> {
+        let of = (channels.len() >= FEWEST).then(|| Location::of(channels, &self.healthy))?;
+        self.are_alike(&of, channels.len()).then_some(of)
+    }
+
+    /// Whether a printhead's channels lie further from the model than they scatter: it was learned elsewhere, or at another
+    /// time.
+    fn is_elsewhere(&self, of: &Location) -> bool {
         // few channels may lie closer together than healthy ones do
         let variance = of.variance.sup(&self.healthy.component_mul(&self.healthy));
         let sd = (variance / of.weight).map(f64::sqrt);
-        let is_elsewhere = of.middle.component_div(&sd).amax() > ELSEWHERE;
-        (is_elsewhere && self.are_alike(&of, channels.len())).then_some(of)
+        of.middle.component_div(&sd).amax() > ELSEWHERE
     }
 
     /// Channels heard of lately that have a past.

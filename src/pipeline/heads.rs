@@ -9,7 +9,7 @@ use super::level_history::LevelHistory;
 use super::looked_at::LookedAt;
 use super::survey::GroupKey;
 use crate::burst::Burst;
-use crate::design::{Judge, Workspace};
+use crate::design::{Design, Judge, Workspace};
 use crate::identify::common_change::CommonChange;
 use crate::settings::IdentifySettings;
 use crate::verdict::unusable_signal;
@@ -35,7 +35,9 @@ const MOST_HEADS: usize = 1 << 10;
 
 /// All of a recording.
 #[derive(Debug)]
-pub struct Heads {
+pub struct Heads<'a> {
+    /// What the bounds are measured from; `None`: a printhead's first model.
+    design: Option<&'a Design>,
     rails: [f64; 2],
     /// Length of windows, s.
     window_s: f64,
@@ -68,8 +70,9 @@ struct Head {
     change: CommonChange,
     leap: Vector3<f64>,
     channels: LookedAt,
-    /// What its features are measured from.
+    /// What its features are measured from, and how far that lies from where the bounds are.
     base: Arc<Judge>,
+    base_at: Vector3<f64>,
     /// The judge of the windows that is in use, and its ring's features from the base's.
     window: Arc<Judge>,
     window_at: Vector3<f64>,
@@ -83,13 +86,17 @@ struct Head {
     beyond_since_ns: Option<i64>,
 }
 
-impl Heads {
-    pub fn new(identify: &IdentifySettings, rails: [f64; 2]) -> Heads {
+impl<'a> Heads<'a> {
+    pub fn new(
+        identify: &IdentifySettings,
+        rails: [f64; 2],
+        design: Option<&'a Design>,
+    ) -> Heads<'a> {
         let bounds = [identify.max_damping_drift, identify.max_frequency_drift];
         let of = HashMap::new();
         let window_s = identify.first;
         let (signal, expected, work) = (Vec::new(), Vec::new(), Workspace::default());
-        Heads { rails, window_s, bounds, of, moves: 0, signal, expected, work }
+        Heads { design, rails, window_s, bounds, of, moves: 0, signal, expected, work }
     }
 
     /// The judge of the next burst.
@@ -103,10 +110,12 @@ impl Heads {
         let [amplitude, damping, _] = FARTHEST;
         let leap = Vector3::new(amplitude, damping, LEAP * self.bounds[1].ln_1p());
         let history = || LevelHistory::new(self.window_s);
+        let reference = self.design.map(|design| design.reference_of(&key.printhead));
+        let from = || reference.and_then(|of| judge.model.features_from(of)).unwrap_or_default();
         let head = self
             .of
             .entry(key)
-            .or_insert_with(|| Head::new(healthy_sd, leap, history(), judge.clone()));
+            .or_insert_with(|| Head::new(healthy_sd, leap, history(), judge.clone(), from()));
         if !head.is_of(judge) {
             head.window_is(judge);
         }
@@ -157,12 +166,14 @@ impl Head {
         leap: Vector3<f64>,
         history: LevelHistory,
         judge: Arc<Judge>,
+        base_at: Vector3<f64>,
     ) -> Head {
         Head {
             change: CommonChange::new(judge.model.valid_from_ns, healthy_sd, leap),
             leap,
             channels: LookedAt::default(),
             base: judge.clone(),
+            base_at,
             window: judge,
             window_at: Vector3::zeros(),
             history,
@@ -184,12 +195,15 @@ impl Head {
             // where most channels are by now is what this window says
             let (window, healthy) = (judge.model.valid_from_ns, self.change.healthy());
             self.change = CommonChange::new(window, healthy, self.leap);
+            let from_base = judge.model.features_from(&self.base.model);
+            self.base_at += from_base.unwrap_or_default();
             (self.base, self.window_at) = (judge.clone(), Vector3::zeros());
             (self.history, self.in_window) = (self.history.emptied(), Vector3::zeros());
             return;
         }
         // a judge whose ring is unknown stays where it is
-        self.window_at = judge.features_from(&self.base).unwrap_or(self.window_at);
+        let at = judge.model.features_from(&self.base.model);
+        self.window_at = at.unwrap_or(self.window_at);
         let in_window = judge.model.valid_from_ns.and_then(|to_ns| self.history.mean_before(to_ns));
         self.in_window = in_window.unwrap_or(self.window_at);
     }
@@ -237,10 +251,10 @@ impl Head {
             return self.window.clone();
         };
         self.history.push(t_ns, change);
-        let sd = self.change.sd();
+        let (told, sd) = (change + self.base_at, self.change.sd());
         let is_beyond = |k: usize, bound: f64| {
-            let surely = (change[k].abs() - SURE_SDS * sd[k]).max(0.0);
-            surely.copysign(change[k]).exp_m1().abs() > bound
+            let surely = (told[k].abs() - SURE_SDS * sd[k]).max(0.0);
+            surely.copysign(told[k]).exp_m1().abs() > bound
         };
         if is_beyond(1, bounds[0]) || is_beyond(2, bounds[1]) {
             self.beyond_since_ns.get_or_insert(t_ns);
@@ -249,8 +263,8 @@ impl Head {
             return self.window.clone();
         }
         for k in 0..3 {
-            if change[k].abs() > self.farthest[k].abs() {
-                self.farthest[k] = change[k];
+            if told[k].abs() > self.farthest[k].abs() {
+                self.farthest[k] = told[k];
             }
         }
         let wanted = change - self.in_window;

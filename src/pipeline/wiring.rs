@@ -125,7 +125,7 @@ impl Wiring<'_> {
         let mut tables = self.tables(&classes)?;
         let (mut tally, mut warmth) = (Tally::new(classes), Warmth::new(self.may_learn));
         let identify = &settings.identify;
-        let heads = || Heads::new(identify, settings.input.rails);
+        let heads = || Heads::new(identify, settings.input.rails, replay.design.as_ref());
         // a channel's own baseline is of the judges as they were learned
         let mut heads = (identify.common_change && replay.baselines.is_none()).then(heads);
         let mut pacer = (settings.replay.pace == Pace::Recorded).then(Pacer::new);
