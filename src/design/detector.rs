@@ -47,6 +47,8 @@ struct OwnFrame {
     /// The same for many signals at once.
     lanes: Option<LaneFeatures>,
     noise: Matrix4<f64>,
+    /// Gram matrix of the four sensitivities, counts².
+    gram: Matrix4<f64>,
     to_three: Matrix3x4<f64>,
 }
 
@@ -54,7 +56,8 @@ impl OwnFrame {
     /// `None`: amplitude, damping, frequency and phase cannot be told apart.
     fn new(fitter: &RingFitter, sensitivity: &Sensitivity, noise: f64) -> Option<OwnFrame> {
         let tangent = fitter.tangent(&Features::HEALTHY);
-        let inverse = tangent.tr_mul(&tangent).try_inverse()?;
+        let gram = tangent.tr_mul(&tangent);
+        let inverse = gram.clone().try_inverse()?;
         let projection = &inverse * tangent.transpose();
         let to_three = Matrix3x4::from_fn(|i, j| {
             sensitivity.projection[i].iter().zip(tangent.column(j).iter()).map(|(p, t)| p * t).sum()
@@ -65,6 +68,7 @@ impl OwnFrame {
             lanes: LaneFeatures::new(&projection),
             projection,
             noise: Matrix4::from_fn(|i, j| inverse[(i, j)] * noise * noise),
+            gram: Matrix4::from_fn(|i, j| gram[(i, j)]),
             to_three,
         })
     }
@@ -244,28 +248,33 @@ impl SensitivityDetector {
         (features, dot(deviation, deviation) - along.dot(&(self.gram * along)))
     }
 
-    /// Its features as the first order would see them, the phase held; `None`: it holds more than a ring. `signal`: buffer.
+    /// Its features, the phase free; `None`: it holds more than a ring. `signal`: buffer.
     pub(super) fn features_of_ring(
         &self,
         deviation: &[f64],
         drive: f64,
         signal: &mut Vec<f64>,
-    ) -> Option<Vector3<f64>> {
-        let (first, unexplained) = self.features_and_rest(deviation, drive);
-        if unexplained <= self.settled {
+    ) -> Option<Vector4<f64>> {
+        let first = self.own_features(deviation, drive);
+        let along = first * drive;
+        if dot(deviation, deviation) - along.dot(&(self.own.gram * along)) <= self.settled {
             return Some(first);
         }
         // of a ring that lies far off the first order leaves something, too
         self.at_reference(deviation, drive, signal);
-        let fit = self.fitter.fit_from(signal, &features(&first), true)?;
+        let near = Features { phase_rad: first[3], ..features(&first.fixed_rows::<3>(0).into()) };
+        let fit = self.fitter.fit_from(signal, &near, true)?;
         let is_ring = self.unexplained(signal, &fit, drive) <= self.settled;
-        is_ring.then(|| self.own.to_three * Vector4::from(fit.features.coordinates()))
+        is_ring.then(|| fit.features.coordinates().into())
     }
 
-    /// The features that the first order sees, the phase held, of a ring with those (ln amplitude, ln damping, ln frequency,
-    /// phase): a matrix.
-    pub(super) fn phase_held(&self) -> &Matrix3x4<f64> {
-        &self.own.to_three
+    /// Standard deviations of healthy signals' features, the phase free, noise included. What the phase scatters by was not
+    /// learned: no more than what it does to the frequency where it is held.
+    pub(super) fn healthy_sd(&self) -> Vector4<f64> {
+        let spread = |k: usize| self.sensitivity.spread[k][k];
+        let of_phase = spread(2) / self.own.to_three[(2, 3)].powi(2).max(f64::MIN_POSITIVE);
+        let spread = Vector4::new(spread(0), spread(1), spread(2), of_phase);
+        (spread + self.own.noise.diagonal()).map(f64::sqrt)
     }
 
     /// The statistics refined by the fits that a first look asked for. `fit`: the phase held; `free`: where

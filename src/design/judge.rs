@@ -1,7 +1,6 @@
 //! The judge: a healthy model and the fault classes, made ready to judge signals. Every batch carries the one that
 //! its signals are judged by.
 
-use super::common_change::Together;
 use super::detector::{Detection, SensitivityDetector};
 use super::isolator::{Compared, Isolator};
 use super::lanes::Lanes;
@@ -66,8 +65,6 @@ pub struct Judge {
     pub(super) extension: Option<Extension>,
     /// With `detect.method` = `sensitivity`.
     pub(super) detector: Option<SensitivityDetector>,
-    /// With a detector: what moves all channels alike.
-    pub(super) together: Option<Together>,
     /// With `detect.method` = `practice`.
     pub(super) spectrum: Option<Spectrum>,
     pub(super) isolating: Option<Isolating>,
@@ -117,8 +114,6 @@ impl Judge {
                 Some(model.detector(sensitivity.clone(), misfit)?)
             }
         };
-        let curves = isolating.as_ref().and_then(|of: &Isolating| of.curves.as_deref());
-        let together = detector.as_ref().and_then(|detector| Together::of(detector, curves));
         let extension = design.and_then(|design| design.extension.clone());
         // detection in lanes expects one shape per burst; with an extension each signal has its own
         let lanes = if extension.is_none() { Lanes::of(&model) } else { None };
@@ -136,7 +131,6 @@ impl Judge {
             lanes,
             extension,
             detector,
-            together,
             spectrum,
             isolating,
         })

@@ -109,11 +109,6 @@ impl Sensitivity {
         Some(Sensitivity::new(tangent, noise)?.with_spread_of(self))
     }
 
-    /// Covariance of healthy features at the reference drive, noise included.
-    pub fn healthy_covariance(&self) -> Matrix3<f64> {
-        matrix(&self.spread) + matrix(&self.noise)
-    }
-
     /// With the spread that another model has learned, for a window of few signals.
     pub fn with_spread_of(self, other: &Sensitivity) -> Sensitivity {
         Sensitivity { mean: other.mean, spread: other.spread, ..self }

@@ -1,17 +1,19 @@
 //! What moves all channels of a printhead alike: ink whose temperature nobody recorded, a supply that sags,
 //! another ink. A fault does not.
 //!
-//! In: burst by burst, features of some channels' rings (ln amplitude, ln damping, ln frequency), all
+//! In: burst by burst, features of some channels' rings (ln amplitude, ln damping, ln frequency, phase), all
 //! against one ring. Out: how far all of them have moved since the model was learned. Each channel is
 //! compared with its own past: how channels differ for good then neither hides a change nor makes one,
 //! and changes agree with each other as well as looks at one channel do, or they are no common change.
 //! It must not move with what fewer than two in five of the channels do. Where channels agree on nothing for
 //! a while (a step that no ink makes, too few of them heard), it is not known, rather than what it was.
 
+pub use super::location::Change;
 use super::location::{Location, bisquare};
 use crate::model::median::median;
-use nalgebra::Vector3;
+use nalgebra::Vector4;
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 /// Channels that tell: fewer do not outvote faulty ones.
 const FEWEST: usize = 5;
@@ -31,9 +33,6 @@ const PAST: f64 = 256.0;
 const MOST_FIRST: usize = 64;
 /// After so many looks in a row far from its past, while others agree, a channel has another one.
 const LOST: u32 = 64;
-/// So many of its own standard deviations from a model that was learned elsewhere, the middle of a printhead's channels is
-/// not the model's.
-const ELSEWHERE: f64 = 3.0;
 /// After so many looks at each channel that agree on no change, none is known.
 const PATIENCE: usize = 4;
 /// Share of the channels whose changes must lie as close together as looks at one channel do.
@@ -54,7 +53,7 @@ fn is_recent(then_ns: i64, now_ns: i64) -> bool {
 struct Channel {
     t_ns: i64,
     /// When it was last looked at.
-    features: Vector3<f64>,
+    features: Change,
     /// Looked at since the last estimate.
     fresh: bool,
     past: Past,
@@ -63,22 +62,22 @@ struct Channel {
 /// Where a channel was, less the level of then.
 #[derive(Clone, Debug)]
 struct Past {
-    at: Vector3<f64>,
+    at: Change,
     /// How many looks it is the mean of.
     looks: f64,
     /// Looks in a row that were far from it.
     far: u32,
     /// Those that it begins with.
-    first: Vec<Vector3<f64>>,
+    first: Vec<Change>,
 }
 
 impl Past {
-    fn begins(at: Vector3<f64>) -> Past {
+    fn begins(at: Change) -> Past {
         Past { at, looks: 0.0, far: 0, first: Vec::new() }
     }
 
     /// The next of those that it begins with.
-    fn push_first(&mut self, features: Vector3<f64>) {
+    fn push_first(&mut self, features: Change) {
         if self.first.len() < MOST_FIRST {
             self.first.push(features);
         } else {
@@ -88,7 +87,7 @@ impl Past {
     }
 
     /// What is common is taken off the last of them.
-    fn correct_first(&mut self, level: Vector3<f64>) {
+    fn correct_first(&mut self, level: Change) {
         let last = (self.looks as usize).saturating_sub(1) % MOST_FIRST;
         if let Some(first) = self.first.get_mut(last) {
             *first -= level;
@@ -96,12 +95,12 @@ impl Past {
     }
 
     /// The middle of those that it began with. `sd`: of looks at one channel.
-    fn learn(&mut self, sd: &Vector3<f64>) {
+    fn learn(&mut self, sd: &Change) {
         self.at = Location::of(&self.first, sd).middle;
     }
 
     /// Takes in a look from which what is common was taken off; what lies far off is a fault and no past.
-    fn take(&mut self, look: Vector3<f64>, sd: &Vector3<f64>) {
+    fn take(&mut self, look: Change, sd: &Change) {
         let off = look - self.at;
         let weight = bisquare(off, sd);
         self.far = if weight > 0.0 { 0 } else { self.far + 1 };
@@ -115,7 +114,7 @@ impl Past {
 }
 
 impl Channel {
-    fn change(&self) -> Vector3<f64> {
+    fn change(&self) -> Change {
         self.features - self.past.at
     }
 }
@@ -139,40 +138,36 @@ impl Heard {
 /// Of one printhead.
 #[derive(Clone, Debug)]
 pub struct CommonChange {
-    /// End of the window that the model was learned from; `None`: it was learned elsewhere.
-    window_to_ns: Option<i64>,
+    /// The window that the model was learned from, ns; `None`: it was learned elsewhere.
+    window_ns: Option<Range<i64>>,
     /// Standard deviations of healthy features, noise included.
-    healthy: Vector3<f64>,
+    healthy: Change,
     /// So far the level may step at once, and lie from the model from the first burst on.
-    step: Vector3<f64>,
+    step: Change,
     channels: BTreeMap<u32, Channel>,
     heard: Option<Heard>,
     /// Looks since the last estimate, and since the last one in which channels agreed.
     fresh: usize,
     unanswered: usize,
     /// Standard deviations of looks at one channel, once its channels are known.
-    own: Option<Vector3<f64>>,
+    own: Option<Change>,
     /// Since its channels are known.
-    level: Vector3<f64>,
+    level: Change,
     /// Variance of its noise.
-    variance: Vector3<f64>,
+    variance: Change,
     /// Mean square of how far estimates lie off the level before them.
-    off: Vector3<f64>,
+    off: Change,
     /// Where its channels were when they were learned; before, where they are, if that is known.
-    origin: Option<Vector3<f64>>,
+    origin: Option<Change>,
     /// In which they were learned, and the sum of what was common then.
     estimates: u32,
-    common: Vector3<f64>,
+    common: Change,
 }
 
 impl CommonChange {
-    pub fn new(
-        window_to_ns: Option<i64>,
-        healthy: Vector3<f64>,
-        step: Vector3<f64>,
-    ) -> CommonChange {
+    pub fn new(window_ns: Option<Range<i64>>, healthy: Change, step: Change) -> CommonChange {
         CommonChange {
-            window_to_ns,
+            window_ns,
             healthy,
             step,
             channels: BTreeMap::new(),
@@ -180,17 +175,17 @@ impl CommonChange {
             fresh: 0,
             unanswered: 0,
             own: None,
-            level: Vector3::zeros(),
-            variance: Vector3::zeros(),
-            off: Vector3::zeros(),
+            level: Vector4::zeros(),
+            variance: Vector4::zeros(),
+            off: Vector4::zeros(),
             origin: None,
             estimates: 0,
-            common: Vector3::zeros(),
+            common: Vector4::zeros(),
         }
     }
 
     /// The next look at a channel.
-    pub fn look(&mut self, t_ns: i64, channel: u32, features: Vector3<f64>) {
+    pub fn look(&mut self, t_ns: i64, channel: u32, features: Change) {
         self.fresh += 1;
         self.unanswered += 1;
         let heard = &mut self.heard;
@@ -213,7 +208,7 @@ impl CommonChange {
 
     /// After the looks of a burst: how far the channels have moved alike since the model was learned.
     /// `None`: not known, or not yet.
-    pub fn change(&mut self, t_ns: i64) -> Option<Vector3<f64>> {
+    pub fn change(&mut self, t_ns: i64) -> Option<Change> {
         if 2 * self.fresh >= FEWEST && 2 * self.fresh >= self.heard_at(t_ns) {
             self.fresh = 0;
             match self.own {
@@ -222,7 +217,7 @@ impl CommonChange {
             }
         }
         if self.is_lost() {
-            if self.window_to_ns.is_none() {
+            if self.window_ns.is_none() {
                 // as it is met now; nothing else says where its channels are
                 *self = CommonChange::new(None, self.healthy, self.step);
             }
@@ -258,35 +253,37 @@ impl CommonChange {
     }
 
     /// Standard deviations of the noise of the change.
-    pub fn sd(&self) -> Vector3<f64> {
+    pub fn sd(&self) -> Change {
         self.variance.map(f64::sqrt)
     }
 
     /// Standard deviations of healthy features, noise included.
-    pub fn healthy(&self) -> Vector3<f64> {
+    pub fn healthy(&self) -> Change {
         self.healthy
     }
 
     /// Ends with the window, or after some estimates: from then on channels have a past.
     fn learn(&mut self, t_ns: i64) {
         // until channels have a past, they are compared with the model
-        let now: Vec<Vector3<f64>> = self.recent(t_ns).map(|of| of.features).collect();
+        let now: Vec<Change> = self.recent(t_ns).map(|of| of.features).collect();
         let middle = self.middle(&now);
-        let elsewhere = middle.filter(|of| self.is_elsewhere(of));
-        self.origin = elsewhere.map(|of| of.middle);
-        self.variance = elsewhere.map_or_else(Vector3::zeros, |of| of.variance_of_middle());
-        let common = middle.map_or_else(Vector3::zeros, |of| of.middle);
+        let (begins_ns, ends_ns) =
+            self.window_ns.as_ref().map_or((i64::MAX, i64::MIN), |of| (of.start, of.end));
+        let tells = middle.filter(|_| t_ns < begins_ns);
+        self.origin = tells.map(|of| self.elsewhere(&of));
+        self.variance = tells.map_or_else(Vector4::zeros, |of| of.variance_of_middle());
+        let common = middle.map_or_else(Vector4::zeros, |of| of.middle);
         for of in self.channels.values_mut().filter(|of| of.fresh) {
             of.fresh = false;
             of.past.correct_first(common);
         }
+        if self.window_ns.is_some() && t_ns < begins_ns {
+            return; // the window tells where they are
+        }
         self.estimates += 1;
         self.common += common;
-        let goes_on = match self.window_to_ns {
-            Some(to) => t_ns < to || self.estimates < FEWEST_FIRST,
-            None => self.estimates < FIRST,
-        };
-        if goes_on {
+        let fewest = if self.window_ns.is_some() { FEWEST_FIRST } else { FIRST };
+        if t_ns < ends_ns || self.estimates < fewest {
             return;
         }
         let mut pasts: Vec<&mut Past> = self.channels.values_mut().map(|of| &mut of.past).collect();
@@ -294,21 +291,21 @@ impl CommonChange {
             return;
         }
         pasts.iter_mut().for_each(|past| past.learn(&self.healthy));
-        let own = Vector3::from_fn(|k, _| scatter_of(&pasts, k));
+        let own = Vector4::from_fn(|k, _| scatter_of(&pasts, k));
         pasts.iter_mut().for_each(|past| past.learn(&own));
         // channels that differ from look to look more than healthy signals do have no past
-        if (0..3).all(|k| own[k] <= MOST_OWN * self.healthy[k]) {
+        if (0..4).all(|k| own[k] <= MOST_OWN * self.healthy[k]) {
             let common = self.common / f64::from(self.estimates);
             for Channel { past, .. } in self.channels.values_mut() {
                 (past.at, past.first) = (past.at + common, Vec::new());
             }
-            let pasts: Vec<Vector3<f64>> = self.channels.values().map(|of| of.past.at).collect();
-            let elsewhere = self.middle(&pasts).filter(|of| self.is_elsewhere(of));
-            self.origin = Some(elsewhere.map_or_else(Vector3::zeros, |of| of.middle));
-            (self.own, self.off) = (Some(own), Vector3::repeat(f64::MIN_POSITIVE));
+            let pasts: Vec<Change> = self.channels.values().map(|of| of.past.at).collect();
+            let middle = self.middle(&pasts).filter(|_| self.window_ns.is_none());
+            self.origin = Some(middle.map_or_else(Vector4::zeros, |of| self.elsewhere(&of)));
+            (self.own, self.off) = (Some(own), Vector4::repeat(f64::MIN_POSITIVE));
             self.unanswered = 0;
             // since their first looks they may have moved
-            let changes: Vec<Vector3<f64>> = self.recent(t_ns).map(Channel::change).collect();
+            let changes: Vec<Change> = self.recent(t_ns).map(Channel::change).collect();
             let now = Location::of(&changes, &own);
             if self.are_alike(&now, changes.len()) {
                 (self.level, self.variance) = (now.middle, now.variance_of_middle());
@@ -317,18 +314,17 @@ impl CommonChange {
     }
 
     /// Where channels lie from the model. `None`: they are few, or everywhere.
-    fn middle(&self, channels: &[Vector3<f64>]) -> Option<Location> {
+    fn middle(&self, channels: &[Change]) -> Option<Location> {
         let of = (channels.len() >= FEWEST).then(|| Location::of(channels, &self.healthy))?;
         self.are_alike(&of, channels.len()).then_some(of)
     }
 
-    /// Whether a printhead's channels lie further from the model than they scatter: it was learned elsewhere, or at another
-    /// time.
-    fn is_elsewhere(&self, of: &Location) -> bool {
+    /// How far the printhead lies from a model that was learned elsewhere: the channels' middle, shrunk by what their scatter
+    /// alone explains of it (James and Stein).
+    fn elsewhere(&self, of: &Location) -> Change {
         // few channels may lie closer together than healthy ones do
-        let variance = of.variance.sup(&self.healthy.component_mul(&self.healthy));
-        let sd = (variance / of.weight).map(f64::sqrt);
-        of.middle.component_div(&sd).amax() > ELSEWHERE
+        let variance = of.variance.sup(&self.healthy.component_mul(&self.healthy)) / of.weight;
+        of.middle.zip_map(&variance, |at, variance| at * (1.0 - variance / (at * at)).max(0.0))
     }
 
     /// Channels heard of lately that have a past.
@@ -340,12 +336,12 @@ impl CommonChange {
     /// Whether that many channels have moved together, and no further than ink moves them at once.
     fn are_alike(&self, of: &Location, channels: usize) -> bool {
         of.weight >= LEAST_ALIKE * channels as f64
-            && (0..3).all(|k| (of.middle - self.level)[k].abs() <= self.step[k])
+            && (0..4).all(|k| (of.middle - self.level)[k].abs() <= self.step[k])
     }
 
     /// The level, by what the channels heard of lately have changed by.
-    fn follow(&mut self, t_ns: i64, own: Vector3<f64>) {
-        let changes: Vec<Vector3<f64>> = self.recent(t_ns).map(Channel::change).collect();
+    fn follow(&mut self, t_ns: i64, own: Change) {
+        let changes: Vec<Change> = self.recent(t_ns).map(Channel::change).collect();
         let alike = |of: &Location| self.are_alike(of, changes.len());
         let found = match changes.len() {
             FEWEST.. => Some(Location::near(self.level, &changes, &own))
@@ -368,7 +364,7 @@ impl CommonChange {
 
     fn take(&mut self, of: &Location) {
         let (off, variance) = (of.middle - self.level, of.variance_of_middle());
-        for k in 0..3 {
+        for k in 0..4 {
             let (off, noise) = (off[k], variance[k]);
             self.off[k] = self.off[k].max(noise);
             self.off[k] += MEMORY * (off * off - self.off[k]);
@@ -402,8 +398,8 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
-    const SD: [f64; 3] = [0.05, 0.03, 0.002];
-    const STEP: [f64; 3] = [0.1, 0.12, 0.01];
+    const SD: [f64; 4] = [0.05, 0.03, 0.002, 0.01];
+    const STEP: [f64; 4] = [0.1, 0.12, 0.01, 0.05];
     const CHANNELS: u32 = 32;
     const EVERY_NS: i64 = 100_000_000;
 
@@ -414,8 +410,8 @@ mod tests {
     #[test]
     fn property_channels_heard_of_are_counted_as_if_each_time_anew() {
         let mut rng = ChaCha8Rng::seed_from_u64(11);
-        for disorder_ns in [0, HORIZON_NS / 2, 5 * HORIZON_NS] {
-            let mut of = CommonChange::new(None, Vector3::from(SD), Vector3::from(STEP));
+        for disorder_ns in [0, HORIZON_NS / 2, 5 * HORIZON_NS, 0.0] {
+            let mut of = CommonChange::new(None, Vector4::from(SD), Vector4::from(STEP));
             let mut now_ns = 0;
             for _ in 0..3000 {
                 now_ns += match rng.random_range(0..50) {
@@ -423,7 +419,7 @@ mod tests {
                     _ => rng.random_range(0..HORIZON_NS / 20),
                 };
                 let t_ns = now_ns - rng.random_range(0..=disorder_ns);
-                of.look(t_ns, rng.random_range(0..12), Vector3::zeros());
+                of.look(t_ns, rng.random_range(0..12), Vector4::zeros());
                 let recent = |of: &&Channel| is_recent(of.t_ns, t_ns);
                 assert_eq!(of.heard_at(t_ns), of.channels.values().filter(recent).count());
             }
@@ -432,40 +428,40 @@ mod tests {
 
     #[test]
     fn a_channel_that_stays_elsewhere_is_at_home_there_and_a_fault_that_passes_is_forgotten() {
-        let sd = Vector3::from(SD);
+        let sd = Vector4::from(SD);
         let there = sd * 20.0;
         let after = |looks: u32| {
-            let mut past = Past::begins(Vector3::zeros());
-            (0..PAST as usize).for_each(|_| past.take(Vector3::zeros(), &sd));
+            let mut past = Past::begins(Vector4::zeros());
+            (0..PAST as usize).for_each(|_| past.take(Vector4::zeros(), &sd));
             (0..looks).for_each(|_| past.take(there, &sd));
             past
         };
-        assert_eq!(after(LOST - 1).at, Vector3::zeros());
+        assert_eq!(after(LOST - 1).at, Vector4::zeros());
         assert_eq!(after(LOST).at, there);
         // from there on it is the mean of its looks again
         let mut anew = after(LOST);
         anew.take(there + sd * 0.1, &sd);
         assert!((anew.at - there - sd * 0.05).component_div(&sd).amax() < 0.01);
         let mut past = after(LOST - 1);
-        past.take(Vector3::zeros(), &sd);
+        past.take(Vector4::zeros(), &sd);
         (0..LOST - 1).for_each(|_| past.take(there, &sd));
-        assert_eq!(past.at, Vector3::zeros(), "not in a row");
+        assert_eq!(past.at, Vector4::zeros(), "not in a row");
     }
 
     #[test]
     fn a_past_of_a_single_look_says_nothing_of_their_scatter() {
         let mut rng = ChaCha8Rng::seed_from_u64(11);
         let mut past = |n: usize| {
-            let first: Vec<Vector3<f64>> =
-                (0..n).map(|_| Vector3::from_fn(|k, _| SD[k] * normal(&mut rng))).collect();
-            let at = first.iter().sum::<Vector3<f64>>() / n as f64;
+            let first: Vec<Change> =
+                (0..n).map(|_| Vector4::from_fn(|k, _| SD[k] * normal(&mut rng))).collect();
+            let at = first.iter().sum::<Change>() / n as f64;
             Past { first, ..Past::begins(at) }
         };
         let mut pasts: Vec<Past> = [1, 40, 1, 50, 1, 60].map(&mut past).into();
         let mut of: Vec<&mut Past> = pasts.iter_mut().collect();
-        let all = [0, 1, 2].map(|k| scatter_of(&of, k));
+        let all = [0, 1, 2, 3].map(|k| scatter_of(&of, k));
         of.retain(|past| past.first.len() > 1);
-        for k in 0..3 {
+        for k in 0..4 {
             assert_eq!(all[k], scatter_of(&of, k));
             assert!((all[k] / SD[k] - 1.0).abs() < 0.25, "{}, not {}", all[k], SD[k]);
         }
@@ -473,7 +469,7 @@ mod tests {
 
     /// A head whose channels differ for good by most of the healthy spread.
     struct Head {
-        lasting: Vec<Vector3<f64>>,
+        lasting: Vec<Change>,
         rng: ChaCha8Rng,
     }
 
@@ -481,7 +477,7 @@ mod tests {
         fn new(seed: u64) -> Head {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             let lasting = (0..CHANNELS)
-                .map(|_| Vector3::from_fn(|k, _| 0.9 * SD[k] * normal(&mut rng)))
+                .map(|_| Vector4::from_fn(|k, _| 0.9 * SD[k] * normal(&mut rng)))
                 .collect();
             Head { lasting, rng }
         }
@@ -489,16 +485,16 @@ mod tests {
         /// Changes that are found, burst by burst. `of`: what is added to a channel's features.
         fn run(
             &mut self,
-            window_to_ns: Option<i64>,
+            window_ns: Option<Range<i64>>,
             bursts: i64,
-            of: impl Fn(i64, u32) -> [f64; 3],
-        ) -> Vec<Option<Vector3<f64>>> {
-            let mut change = CommonChange::new(window_to_ns, SD.into(), STEP.into());
+            of: impl Fn(i64, u32) -> [f64; 4],
+        ) -> Vec<Option<Change>> {
+            let mut change = CommonChange::new(window_ns, SD.into(), STEP.into());
             (0..bursts)
                 .map(|b| {
                     for channel in 0..CHANNELS {
-                        let noise = Vector3::from_fn(|k, _| 0.4 * SD[k] * normal(&mut self.rng));
-                        let added = Vector3::from(of(b, channel));
+                        let noise = Vector4::from_fn(|k, _| 0.4 * SD[k] * normal(&mut self.rng));
+                        let added = Vector4::from(of(b, channel));
                         let features = self.lasting[channel as usize] + noise + added;
                         change.look(b * EVERY_NS, channel, features);
                     }
@@ -511,30 +507,31 @@ mod tests {
     #[test]
     fn a_head_that_stands_still_hardly_moves_and_a_drift_is_followed_at_once() {
         for seed in 0..6 {
-            let window = (seed % 2 == 0).then_some(20 * EVERY_NS);
-            let still = Head::new(seed).run(window, 2000, |_, _| [0.0; 3]);
+            let window = (seed % 2 == 0).then_some(0..20 * EVERY_NS);
+            let still = Head::new(seed).run(window.clone(), 2000, |_, _| [0.0; 4]);
             let most =
                 |k: usize| still.iter().flatten().map(|c| (c[k] / SD[k]).abs()).fold(0.0, f64::max);
-            assert!((0..3).all(|k| most(k) < 0.25), "{} {} {}", most(0), most(1), most(2));
+            assert!((0..4).all(|k| most(k) < 0.25), "{} {} {}", most(0), most(1), most(2));
             // eight per cent of damping, to and fro within 200 s
             let swing = |b: i64| 0.08 * (std::f64::consts::TAU * (b - 20) as f64 / 2000.0).sin();
-            let moved = Head::new(seed).run(window, 2000, |b, _| [0.0, swing(b.max(20)), 0.0]);
+            let moved =
+                Head::new(seed).run(window.clone(), 2000, |b, _| [0.0, swing(b.max(20)), 0.0, 0.0]);
             for (b, found) in moved.iter().enumerate().skip(20) {
                 let off = found.unwrap()[1] - swing(b as i64);
                 assert!(off.abs() < 0.4 * SD[1], "{off} in burst {b}");
             }
             let sag = |b: i64| 1.4 * SD[0] * (std::f64::consts::TAU * b as f64 / 90.0).sin();
-            let sagging = Head::new(seed).run(None, 600, |b, _| [sag(b - 20), 0.0, 0.0]);
+            let sagging = Head::new(seed).run(None, 600, |b, _| [sag(b - 20), 0.0, 0.0, 0.0]);
             let origin = sagging[20].unwrap()[0] - sag(0);
             for (b, found) in sagging.iter().enumerate().skip(20) {
                 let off = found.unwrap()[0] - sag(b as i64 - 20) - origin;
                 assert!(off.abs() < 0.5 * SD[0], "{off} in burst {b}");
             }
             let step = |b: i64| if b < 500 { 0.0 } else { 0.1 };
-            let stepped = Head::new(seed).run(window, 600, |b, _| [0.0, step(b), 0.0]);
+            let stepped = Head::new(seed).run(window.clone(), 600, |b, _| [0.0, step(b), 0.0, 0.0]);
             assert!((stepped[500].unwrap()[1] - 0.1).abs() < 0.4 * SD[1]);
             // a burst of faults alone
-            let leapt = Head::new(seed).run(window, 600, |b, _| [0.0, 3.0 * step(b), 0.0]);
+            let leapt = Head::new(seed).run(window, 600, |b, _| [0.0, 3.0 * step(b), 0.0, 0.0]);
             assert!(leapt[599].unwrap_or_default()[1].abs() < 0.4 * SD[1]);
         }
     }
@@ -544,11 +541,11 @@ mod tests {
         let (mut found, mut stated) = (0.0, 0.0);
         for seed in 30..60 {
             let mut head = Head::new(seed);
-            let mut change = CommonChange::new(Some(0), SD.into(), STEP.into());
-            let mut last = Vector3::zeros();
+            let mut change = CommonChange::new(Some(-1..0), SD.into(), STEP.into());
+            let mut last = Vector4::zeros();
             for b in 0..400 {
                 for channel in 0..CHANNELS {
-                    let noise = Vector3::from_fn(|k, _| 0.4 * SD[k] * normal(&mut head.rng));
+                    let noise = Vector4::from_fn(|k, _| 0.4 * SD[k] * normal(&mut head.rng));
                     change.look(b * EVERY_NS, channel, head.lasting[channel as usize] + noise);
                 }
                 // that of some bursts later: what channels' pasts have in common stays
@@ -570,9 +567,9 @@ mod tests {
     #[test]
     fn two_in_five_faulty_channels_and_one_slow_fault_move_nothing() {
         let sudden = |b: i64, channel: u32| {
-            if b >= 100 && channel < 12 { [0.3, 0.6, -0.05] } else { [0.0; 3] }
+            if b >= 100 && channel < 12 { [0.3, 0.6, -0.05, 0.0] } else { [0.0; 4] }
         };
-        let found = Head::new(11).run(Some(20 * EVERY_NS), 300, sudden);
+        let found = Head::new(11).run(Some(0..20 * EVERY_NS), 300, sudden);
         let most = found.iter().flatten().map(|c| (c[1] / SD[1]).abs()).fold(0.0, f64::max);
         assert!(most < 0.5, "{most}");
         // one mild fault alike, in channels that have it for good and in channels that get it
@@ -580,9 +577,9 @@ mod tests {
             for size in [1.0, 1.5, 2.0, 3.0] {
                 let mild = |b: i64, channel: u32| match b >= from && channel < 12 {
                     true => [0.0, size * SD[1], 0.0],
-                    false => [0.0; 3],
+                    false => [0.0; 4],
                 };
-                let found = Head::new(13).run(Some(20 * EVERY_NS), 300, mild);
+                let found = Head::new(13).run(Some(0..20 * EVERY_NS), 300, mild);
                 let most = found.iter().flatten().map(|c| (c[1] / SD[1]).abs()).fold(0.0, f64::max);
                 // what all of them get at once is not told apart at first
                 let allowed = if from == 0 { 0.2 } else { 0.6 };
@@ -590,9 +587,9 @@ mod tests {
             }
         }
         let slow = |b: i64, channel: u32| {
-            if channel == 5 { [0.0, 0.3 * b as f64 / 2000.0, 0.0] } else { [0.0; 3] }
+            if channel == 5 { [0.0, 0.3 * b as f64 / 2000.0, 0.0, 0.0] } else { [0.0; 4] }
         };
-        let found = Head::new(12).run(Some(20 * EVERY_NS), 2000, slow);
+        let found = Head::new(12).run(Some(0..20 * EVERY_NS), 2000, slow);
         let most = found.iter().flatten().map(|c| (c[1] / SD[1]).abs()).fold(0.0, f64::max);
         assert!(most < 0.3, "{most}");
     }
@@ -601,21 +598,21 @@ mod tests {
     fn channels_that_share_nothing_and_channels_that_are_few_have_no_common_change() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         // each its own from burst to burst
-        let any: Vec<[f64; 3]> = (0..CHANNELS * 100)
-            .map(|_| [0.0; 3].map(|_: f64| rng.random_range(-1.0..1.0)))
+        let any: Vec<[f64; 4]> = (0..CHANNELS * 100)
+            .map(|_| [0.0; 4].map(|_: f64| rng.random_range(-1.0..1.0)))
             .collect();
         let at = |b: i64, channel: u32| any[(b as u32 * CHANNELS + channel) as usize];
         let found = Head::new(5).run(None, 100, at);
         assert!(found.iter().all(Option::is_none));
         // from a burst on each has a fault of its own size
         let faults = |b: i64, channel: u32| {
-            if b < 50 { [0.0; 3] } else { at(0, channel).map(|v| 0.3 * v.abs()) }
+            if b < 50 { [0.0; 4] } else { at(0, channel).map(|v| 0.3 * v.abs()) }
         };
         let found = Head::new(6).run(None, 100, faults);
         assert!(found.iter().flatten().all(|c| c[1].abs() < 0.4 * SD[1]));
         let mut few = CommonChange::new(None, SD.into(), STEP.into());
         for b in 0..200 {
-            (0..FEWEST as u32 - 1).for_each(|channel| few.look(b, channel, Vector3::zeros()));
+            (0..FEWEST as u32 - 1).for_each(|channel| few.look(b, channel, Vector4::zeros()));
             assert!(few.change(b).is_none());
         }
     }
@@ -625,12 +622,12 @@ mod tests {
         // the spread that the model states is off by a tenth
         for (seed, stated) in [(21, 0.9), (22, 1.0), (23, 1.1)] {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
-            let mut change = CommonChange::new(None, stated * Vector3::from(SD), STEP.into());
+            let mut change = CommonChange::new(None, stated * Vector4::from(SD), STEP.into());
             for b in 0..400 {
                 let step = if b < 305 { 0.0 } else { 0.095 };
                 for channel in 0..CHANNELS {
-                    let anew = Vector3::from_fn(|k, _| SD[k] * rng.random_range(-1.73..1.73));
-                    change.look(b * EVERY_NS, channel, anew + Vector3::new(0.0, step, 0.0));
+                    let anew = Vector4::from_fn(|k, _| SD[k] * rng.random_range(-1.73..1.73));
+                    change.look(b * EVERY_NS, channel, anew + Vector4::new(0.0, step, 0.0, 0.0));
                 }
                 let found = change.change(b * EVERY_NS);
                 if b >= 20 {
@@ -648,18 +645,18 @@ mod tests {
             // channels that differ for good, and channels that differ in nothing lasting
             for (lasting, own) in [(0.9, 0.4), (0.0, 1.0)] {
                 let at = Head::new(42).lasting;
-                let mut change = CommonChange::new(Some(20 * EVERY_NS), SD.into(), STEP.into());
+                let mut change = CommonChange::new(Some(0..20 * EVERY_NS), SD.into(), STEP.into());
                 let mut most = 0.0f64;
                 for b in 0..400 {
                     for channel in 0..CHANNELS {
                         let fault =
-                            if rng.random_bool(share) { [0.2, 0.4, -0.03] } else { [0.0; 3] };
-                        let noise = Vector3::from_fn(|k, _| own * SD[k] * normal(&mut rng));
+                            if rng.random_bool(share) { [0.2, 0.4, -0.03, 0.0] } else { [0.0; 4] };
+                        let noise = Vector4::from_fn(|k, _| own * SD[k] * normal(&mut rng));
                         let for_good = at[channel as usize] * lasting / 0.9;
-                        change.look(b * EVERY_NS, channel, for_good + noise + Vector3::from(fault));
+                        change.look(b * EVERY_NS, channel, for_good + noise + Vector4::from(fault));
                     }
                     let found = change.change(b * EVERY_NS).unwrap_or_default();
-                    most = (0..3).map(|k| (found[k] / SD[k]).abs()).fold(most, f64::max);
+                    most = (0..4).map(|k| (found[k] / SD[k]).abs()).fold(most, f64::max);
                 }
                 assert!(most < 0.5, "{share}, {lasting}: {most}");
             }
@@ -668,16 +665,16 @@ mod tests {
 
     #[test]
     fn a_step_that_is_no_ink_is_not_known_and_its_end_is_found() {
-        for window_to_ns in [None, Some(20 * EVERY_NS)] {
+        for window_ns in [None, Some(0..20 * EVERY_NS)] {
             let step = |b: i64| if (100..300).contains(&b) { 0.3 } else { 0.0 };
-            let found = Head::new(51).run(window_to_ns, 400, |b, _| [0.0, step(b), 0.0]);
+            let found = Head::new(51).run(window_ns.clone(), 400, |b, _| [0.0, step(b), 0.0, 0.0]);
             let held =
-                |of: &[Option<Vector3<f64>>]| of.iter().flatten().all(|c| c[1].abs() < 0.4 * SD[1]);
+                |of: &[Option<Change>]| of.iter().flatten().all(|c| c[1].abs() < 0.4 * SD[1]);
             assert!(held(&found));
             assert!(found[340..].iter().all(Option::is_some));
             // slowly away, and back at once
             let slow = |b: i64| if b < 300 { 0.25 * b as f64 / 300.0 } else { 0.0 };
-            let found = Head::new(52).run(window_to_ns, 400, |b, _| [0.0, slow(b), 0.0]);
+            let found = Head::new(52).run(window_ns, 400, |b, _| [0.0, slow(b), 0.0, 0.0]);
             assert!((found[299].unwrap()[1] - slow(299)).abs() < 0.02);
             let back = found[310].unwrap_or_default();
             assert!(back[1].abs() < 0.4 * SD[1], "{back}");
@@ -687,14 +684,14 @@ mod tests {
     #[test]
     fn faults_in_spells_are_outvoted() {
         let mut rng = ChaCha8Rng::seed_from_u64(61);
-        for share in [0.1, 0.2, 0.3] {
+        for share in [0.1, 0.2, 0.3, 0.0] {
             let faulty: Vec<bool> = (0..CHANNELS * 40).map(|_| rng.random_bool(share)).collect();
             // spells of twenty looks, each channel's beginning at another burst
             let at = |b: i64, channel: u32| {
                 let spell = (b + i64::from(7 * channel)) / 20;
                 match faulty[(channel * 40) as usize + spell as usize % 40] {
-                    true => [-0.05, 0.17, -0.01],
-                    false => [0.0; 3],
+                    true => [-0.05, 0.17, -0.01, 0.0],
+                    false => [0.0; 4],
                 }
             };
             let found = Head::new(62).run(None, 700, at);
@@ -712,8 +709,9 @@ mod tests {
         for b in 0..64 * i64::from(CHANNELS) {
             let channel = (b % i64::from(CHANNELS)) as u32;
             let moved = if b < 40 * i64::from(CHANNELS) { 0.0 } else { 0.1 };
-            let noise = Vector3::from_fn(|k, _| 0.4 * SD[k] * normal(&mut head.rng));
-            let features = head.lasting[channel as usize] + noise + Vector3::new(0.0, moved, 0.0);
+            let noise = Vector4::from_fn(|k, _| 0.4 * SD[k] * normal(&mut head.rng));
+            let features =
+                head.lasting[channel as usize] + noise + Vector4::new(0.0, moved, 0.0, 0.0);
             change.look(b * 1_000_000, channel, features);
             found = change.change(b * 1_000_000);
         }

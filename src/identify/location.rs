@@ -1,16 +1,19 @@
 //! Where most of some features lie, whatever the others do.
 //!
-//! In: (ln amplitude, ln damping, ln frequency) of channels, and how healthy ones scatter. Out: an M-estimate of
+//! In: (ln amplitude, ln damping, ln frequency, phase) of channels, and how healthy ones scatter. Out: an M-estimate of
 //! their middle, its variance, and how much of them counts.
 
-use nalgebra::Vector3;
+use nalgebra::Vector4;
+
+/// Of a ring's ln amplitude, ln damping, ln frequency and phase, rad.
+pub type Change = Vector4<f64>;
 
 /// In standard deviations, what counts for nothing: nine tenths of a mean's efficiency for a Gaussian, and a
 /// past that is of few looks.
 const FAR: f64 = 4.5;
 
 /// Tukey's weight of what lies `off`, by the feature that lies farthest.
-pub(super) fn bisquare(off: Vector3<f64>, sd: &Vector3<f64>) -> f64 {
+pub(super) fn bisquare(off: Change, sd: &Change) -> f64 {
     let far = off.component_div(sd).amax() / FAR;
     (1.0 - far * far).max(0.0).powi(2)
 }
@@ -18,9 +21,9 @@ pub(super) fn bisquare(off: Vector3<f64>, sd: &Vector3<f64>) -> f64 {
 /// Where most of some features lie.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Location {
-    pub middle: Vector3<f64>,
+    pub middle: Change,
     /// Of one about it.
-    pub variance: Vector3<f64>,
+    pub variance: Change,
     /// What counts, in whole features.
     pub weight: f64,
 }
@@ -29,19 +32,19 @@ impl Location {
     /// Tukey's M-estimate from the middles of the shortest halves on: it redescends, so that what lies far off in
     /// one feature counts for nothing, and moves smoothly with every value (Maronna, Martin, Yohai 2006,
     /// sections 2.2 and 6.4). `sd`: of healthy ones. At least one value.
-    pub fn of(values: &[Vector3<f64>], sd: &Vector3<f64>) -> Location {
-        let middle = Vector3::from_fn(|k, _| shortest_half(values.iter().map(|v| v[k])));
+    pub fn of(values: &[Change], sd: &Change) -> Location {
+        let middle = Vector4::from_fn(|k, _| shortest_half(values.iter().map(|v| v[k])));
         Location::near(middle, values, sd)
     }
 
     /// The same from where it is expected: it stays with those that are still there, and goes with most of them where
     /// they go together.
-    pub fn near(mut middle: Vector3<f64>, values: &[Vector3<f64>], sd: &Vector3<f64>) -> Location {
+    pub fn near(mut middle: Change, values: &[Change], sd: &Change) -> Location {
         const STEPS: usize = 12;
         /// In standard deviations: far below the middle's own.
         const CONVERGED: f64 = 1e-5;
         for _ in 0..STEPS {
-            let (mut sum, mut weight) = (Vector3::zeros(), 0.0);
+            let (mut sum, mut weight) = (Vector4::zeros(), 0.0);
             for v in values {
                 let w = bisquare(v - middle, sd);
                 (sum, weight) = (sum + w * v, weight + w);
@@ -54,7 +57,7 @@ impl Location {
                 break;
             }
         }
-        let (mut square, mut weight) = (Vector3::zeros(), 0.0);
+        let (mut square, mut weight) = (Vector4::zeros(), 0.0);
         for v in values {
             let w = bisquare(v - middle, sd);
             square += w * (v - middle).map(|d| d * d);
@@ -63,7 +66,7 @@ impl Location {
         Location { middle, variance: square / weight.max(f64::MIN_POSITIVE), weight }
     }
 
-    pub fn variance_of_middle(&self) -> Vector3<f64> {
+    pub fn variance_of_middle(&self) -> Change {
         self.variance / self.weight.max(1.0)
     }
 }
@@ -93,12 +96,12 @@ mod tests {
     fn location_is_the_middle_of_a_gaussian_as_well_as_a_mean_nearly() {
         let mut rng = ChaCha8Rng::seed_from_u64(9);
         let (mut square, mut sd) = (0.0, 0.0);
-        let one = Vector3::repeat(1.0);
+        let one = Vector4::repeat(1.0);
         for _ in 0..2000 {
             let values: Vec<_> =
-                (0..32).map(|_| Vector3::from_fn(|_, _| normal(&mut rng))).collect();
+                (0..32).map(|_| Vector4::from_fn(|_, _| normal(&mut rng))).collect();
             let found = Location::of(&values, &one);
-            square += found.middle.norm_squared() / 3.0 / 2000.0;
+            square += found.middle.norm_squared() / 4.0 / 2000.0;
             sd += found.variance[0].sqrt() / 2000.0;
         }
         // a mean's variance is 1/32
@@ -109,7 +112,7 @@ mod tests {
         for _ in 0..500 {
             let healthy = (0..60).map(|_| normal(&mut rng));
             let values = healthy.chain((0..40).map(|i| 4.0 + 0.1 * f64::from(i)));
-            let values: Vec<_> = values.map(|v| Vector3::new(v, 0.0, 0.0)).collect();
+            let values: Vec<_> = values.map(|v| Vector4::new(v, 0.0, 0.0, 0.0)).collect();
             let found = Location::of(&values, &one).middle[0];
             (off, most) = (off + found / 500.0, most.max(found));
         }

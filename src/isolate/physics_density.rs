@@ -4,7 +4,7 @@
 //! class: the scatter of healthy channels and noise about the curve, integrated over the class's
 //! severities (a sum over the curve's nodes). thesis §2-2.
 
-use super::fault_curve::{CHANGES, Conditions, FaultCurve, Node, Slope, of_change};
+use super::fault_curve::{CHANGES, Conditions, FaultCurve, Node, Slope};
 use super::node_columns::{self, Compared, NODES, NodeColumns, NodeDensities, OfNodes};
 use crate::model::faults;
 use crate::model::simd_math::ln;
@@ -114,14 +114,6 @@ impl FaultCurves {
         }
         own.columns = own.curves.iter().map(|curve| NodeColumns::of(&curve.nodes)).collect();
         Some(own)
-    }
-
-    /// How far the phase of a healthy ring turns with ln damping and ln frequency, rad, where all channels change alike: it
-    /// began before its first sample, by the delay of the acquisition.
-    pub fn turn(&self) -> Vector2<f64> {
-        let HealthySpread { slope, change, .. } = &self.healthy;
-        let by_change = of_change(slope);
-        change.transpose() * by_change.row(3).transpose()
     }
 
     /// Adds a curve and returns its number.

@@ -10,11 +10,10 @@ use super::looked_at::LookedAt;
 use super::survey::GroupKey;
 use crate::burst::Burst;
 use crate::design::{Design, Judge, Workspace};
-use crate::identify::common_change::CommonChange;
+use crate::identify::common_change::{Change, CommonChange};
 use crate::settings::IdentifySettings;
 use crate::verdict::unusable_signal;
 use chrono::DateTime;
-use nalgebra::Vector3;
 use serde::Serialize;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -27,9 +26,9 @@ const NEXT_MOVE: f64 = 0.2;
 const SURE_SDS: f64 = 3.0;
 /// Of the bound, what the frequency of all channels may leap by at once and still be moved by ink.
 const LEAP: f64 = 1.5;
-/// So far (ln amplitude, ln damping, ln frequency) ink and supply may move all channels together; beyond,
+/// So far (ln amplitude, ln damping, ln frequency, phase) ink and supply may move all channels together; beyond,
 /// they are no longer what the models know.
-const FARTHEST: [f64; 3] = [0.5, 0.5, 0.05];
+const FARTHEST: [f64; 4] = [0.5, 0.5, 0.05, 0.5];
 /// Printheads that are told apart.
 const MOST_HEADS: usize = 1 << 10;
 
@@ -68,21 +67,21 @@ pub struct Moved {
 #[derive(Debug)]
 struct Head {
     change: CommonChange,
-    leap: Vector3<f64>,
+    leap: Change,
     channels: LookedAt,
     /// What its features are measured from, and how far that lies from where the bounds are.
     base: Arc<Judge>,
-    base_at: Vector3<f64>,
+    base_at: Change,
     /// The judge of the windows that is in use, and its ring's features from the base's.
     window: Arc<Judge>,
-    window_at: Vector3<f64>,
+    window_at: Change,
     /// Common changes of late, and their mean in that window: what counts is how far they are from there.
     history: LevelHistory,
-    in_window: Vector3<f64>,
+    in_window: Change,
     /// The same, moved.
-    moved: Option<(Vector3<f64>, Arc<Judge>)>,
+    moved: Option<(Change, Arc<Judge>)>,
     bursts: u64,
-    farthest: Vector3<f64>,
+    farthest: Change,
     beyond_since_ns: Option<i64>,
 }
 
@@ -107,8 +106,8 @@ impl<'a> Heads<'a> {
             return judge.clone();
         };
         // a supply or another ink moves amplitude and damping; most faults move the frequency
-        let [amplitude, damping, _] = FARTHEST;
-        let leap = Vector3::new(amplitude, damping, LEAP * self.bounds[1].ln_1p());
+        let [amplitude, damping, _, phase] = FARTHEST;
+        let leap = Change::new(amplitude, damping, LEAP * self.bounds[1].ln_1p(), phase);
         let history = || LevelHistory::new(self.window_s);
         let reference = self.design.map(|design| design.reference_of(&key.printhead));
         let from = || reference.and_then(|of| judge.model.features_from(of)).unwrap_or_default();
@@ -162,25 +161,25 @@ impl Moved {
 
 impl Head {
     fn new(
-        healthy_sd: Vector3<f64>,
-        leap: Vector3<f64>,
+        healthy_sd: Change,
+        leap: Change,
         history: LevelHistory,
         judge: Arc<Judge>,
-        base_at: Vector3<f64>,
+        base_at: Change,
     ) -> Head {
         Head {
-            change: CommonChange::new(judge.model.valid_from_ns, healthy_sd, leap),
+            change: CommonChange::new(history.window_of(&judge.model), healthy_sd, leap),
             leap,
             channels: LookedAt::default(),
             base: judge.clone(),
             base_at,
             window: judge,
-            window_at: Vector3::zeros(),
+            window_at: Change::zeros(),
             history,
-            in_window: Vector3::zeros(),
+            in_window: Change::zeros(),
             moved: None,
             bursts: 0,
-            farthest: Vector3::zeros(),
+            farthest: Change::zeros(),
             beyond_since_ns: None,
         }
     }
@@ -193,12 +192,12 @@ impl Head {
         (self.window, self.moved) = (judge.clone(), None);
         if self.change.is_lost() {
             // where most channels are by now is what this window says
-            let (window, healthy) = (judge.model.valid_from_ns, self.change.healthy());
+            let (window, healthy) = (self.history.window_of(&judge.model), self.change.healthy());
             self.change = CommonChange::new(window, healthy, self.leap);
             let from_base = judge.model.features_from(&self.base.model);
             self.base_at += from_base.unwrap_or_default();
-            (self.base, self.window_at) = (judge.clone(), Vector3::zeros());
-            (self.history, self.in_window) = (self.history.emptied(), Vector3::zeros());
+            (self.base, self.window_at) = (judge.clone(), Change::zeros());
+            (self.history, self.in_window) = (self.history.emptied(), Change::zeros());
             return;
         }
         // a judge whose ring is unknown stays where it is
@@ -222,7 +221,7 @@ impl Head {
     ) {
         let channels = burst.first_channel..burst.first_channel.saturating_add(burst.channels);
         self.channels.meet(channels.clone());
-        let by = self.moved.as_ref().map_or(Vector3::zeros(), |(by, _)| *by);
+        let by = self.moved.as_ref().map_or(Change::zeros(), |(by, _)| *by);
         let (at, judge) = (self.window_at + by, self.now().clone());
         let n = burst.samples_per_channel as usize;
         signal.resize(n, 0.0);
@@ -259,10 +258,10 @@ impl Head {
         if is_beyond(1, bounds[0]) || is_beyond(2, bounds[1]) {
             self.beyond_since_ns.get_or_insert(t_ns);
         }
-        if (0..3).any(|k| change[k].abs() > FARTHEST[k]) {
+        if (0..4).any(|k| change[k].abs() > FARTHEST[k]) {
             return self.window.clone();
         }
-        for k in 0..3 {
+        for k in 0..4 {
             if told[k].abs() > self.farthest[k].abs() {
                 self.farthest[k] = told[k];
             }
@@ -282,7 +281,7 @@ impl Head {
     }
 
     /// How far features lie off, by the healthy ones' spread.
-    fn in_sds(&self, off: Vector3<f64>) -> f64 {
+    fn in_sds(&self, off: Change) -> f64 {
         off.component_div(&self.change.healthy()).norm()
     }
 }
