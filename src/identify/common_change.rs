@@ -135,6 +135,14 @@ impl Heard {
     }
 }
 
+/// How far all channels may leap at once and still be moved by ink or supply.
+#[derive(Clone, Copy, Debug)]
+pub struct Leaps {
+    pub most: Change,
+    /// Where they have leapt further, too: then bursts hold faults alone, as in a library sorted by class.
+    pub among_faults: Change,
+}
+
 /// Of one printhead.
 #[derive(Clone, Debug)]
 pub struct CommonChange {
@@ -142,8 +150,9 @@ pub struct CommonChange {
     window_ns: Option<Range<i64>>,
     /// Standard deviations of healthy features, noise included.
     healthy: Change,
-    /// So far the level may step at once, and lie from the model from the first burst on.
-    step: Change,
+    leaps: Leaps,
+    /// They have leapt further than ink moves them.
+    among_faults: bool,
     channels: BTreeMap<u32, Channel>,
     heard: Option<Heard>,
     /// Looks since the last estimate, and since the last one in which channels agreed.
@@ -165,11 +174,12 @@ pub struct CommonChange {
 }
 
 impl CommonChange {
-    pub fn new(window_ns: Option<Range<i64>>, healthy: Change, step: Change) -> CommonChange {
+    pub fn new(window_ns: Option<Range<i64>>, healthy: Change, leaps: Leaps) -> CommonChange {
         CommonChange {
             window_ns,
             healthy,
-            step,
+            leaps,
+            among_faults: false,
             channels: BTreeMap::new(),
             heard: None,
             fresh: 0,
@@ -182,6 +192,12 @@ impl CommonChange {
             estimates: 0,
             common: Vector4::zeros(),
         }
+    }
+
+    /// The same printhead by another model, from now on.
+    pub fn anew(&self, window_ns: Option<Range<i64>>, healthy: Change) -> CommonChange {
+        let among_faults = self.among_faults;
+        CommonChange { among_faults, ..CommonChange::new(window_ns, healthy, self.leaps) }
     }
 
     /// The next look at a channel.
@@ -219,7 +235,7 @@ impl CommonChange {
         if self.is_lost() {
             if self.window_ns.is_none() {
                 // as it is met now; nothing else says where its channels are
-                *self = CommonChange::new(None, self.healthy, self.step);
+                *self = self.anew(None, self.healthy);
             }
             return None;
         }
@@ -314,7 +330,7 @@ impl CommonChange {
     }
 
     /// Where channels lie from the model. `None`: they are few, or everywhere.
-    fn middle(&self, channels: &[Change]) -> Option<Location> {
+    fn middle(&mut self, channels: &[Change]) -> Option<Location> {
         let of = (channels.len() >= FEWEST).then(|| Location::of(channels, &self.healthy))?;
         self.are_alike(&of, channels.len()).then_some(of)
     }
@@ -334,21 +350,27 @@ impl CommonChange {
     }
 
     /// Whether that many channels have moved together, and no further than ink moves them at once.
-    fn are_alike(&self, of: &Location, channels: usize) -> bool {
-        of.weight >= LEAST_ALIKE * channels as f64
-            && (0..4).all(|k| (of.middle - self.level)[k].abs() <= self.step[k])
+    fn are_alike(&mut self, of: &Location, channels: usize) -> bool {
+        let leap = (of.middle - self.level).abs();
+        let within =
+            |most: Change| leap.zip_map(&most, |leap, most| leap <= most).iter().all(|is| *is);
+        let together = of.weight >= LEAST_ALIKE * channels as f64;
+        self.among_faults |= together && !within(self.leaps.most);
+        together
+            && within(if self.among_faults { self.leaps.among_faults } else { self.leaps.most })
     }
 
     /// The level, by what the channels heard of lately have changed by.
     fn follow(&mut self, t_ns: i64, own: Change) {
         let changes: Vec<Change> = self.recent(t_ns).map(Channel::change).collect();
-        let alike = |of: &Location| self.are_alike(of, changes.len());
-        let found = match changes.len() {
-            FEWEST.. => Some(Location::near(self.level, &changes, &own))
-                .filter(alike)
-                .or_else(|| Some(Location::of(&changes, &own)).filter(alike)),
-            _ => None,
-        };
+        let mut found = None;
+        if changes.len() >= FEWEST {
+            let near = Location::near(self.level, &changes, &own);
+            let most = || Location::of(&changes, &own);
+            let is_near = self.are_alike(&near, changes.len());
+            let of = if is_near { near } else { most() };
+            found = (is_near || self.are_alike(&of, changes.len())).then_some(of);
+        }
         for of in self.channels.values_mut().filter(|of| of.fresh) {
             of.fresh = false;
             if let Some(found) = &found {
@@ -399,7 +421,8 @@ mod tests {
     use rand_distr::{Distribution, StandardNormal};
 
     const SD: [f64; 4] = [0.05, 0.03, 0.002, 0.01];
-    const STEP: [f64; 4] = [0.1, 0.12, 0.01, 0.05];
+    const STEP: Change = Change::new(0.1, 0.12, 0.01, 0.05);
+    const LEAPS: Leaps = Leaps { most: STEP, among_faults: STEP };
     const CHANNELS: u32 = 32;
     const EVERY_NS: i64 = 100_000_000;
 
@@ -410,8 +433,8 @@ mod tests {
     #[test]
     fn property_channels_heard_of_are_counted_as_if_each_time_anew() {
         let mut rng = ChaCha8Rng::seed_from_u64(11);
-        for disorder_ns in [0, HORIZON_NS / 2, 5 * HORIZON_NS, 0.0] {
-            let mut of = CommonChange::new(None, Vector4::from(SD), Vector4::from(STEP));
+        for disorder_ns in [0, HORIZON_NS / 2, 5 * HORIZON_NS] {
+            let mut of = CommonChange::new(None, Vector4::from(SD), LEAPS);
             let mut now_ns = 0;
             for _ in 0..3000 {
                 now_ns += match rng.random_range(0..50) {
@@ -489,7 +512,7 @@ mod tests {
             bursts: i64,
             of: impl Fn(i64, u32) -> [f64; 4],
         ) -> Vec<Option<Change>> {
-            let mut change = CommonChange::new(window_ns, SD.into(), STEP.into());
+            let mut change = CommonChange::new(window_ns, SD.into(), LEAPS);
             (0..bursts)
                 .map(|b| {
                     for channel in 0..CHANNELS {
@@ -541,7 +564,7 @@ mod tests {
         let (mut found, mut stated) = (0.0, 0.0);
         for seed in 30..60 {
             let mut head = Head::new(seed);
-            let mut change = CommonChange::new(Some(-1..0), SD.into(), STEP.into());
+            let mut change = CommonChange::new(Some(-1..0), SD.into(), LEAPS);
             let mut last = Vector4::zeros();
             for b in 0..400 {
                 for channel in 0..CHANNELS {
@@ -576,7 +599,7 @@ mod tests {
         for from in [0, 100] {
             for size in [1.0, 1.5, 2.0, 3.0] {
                 let mild = |b: i64, channel: u32| match b >= from && channel < 12 {
-                    true => [0.0, size * SD[1], 0.0],
+                    true => [0.0, size * SD[1], 0.0, 0.0],
                     false => [0.0; 4],
                 };
                 let found = Head::new(13).run(Some(0..20 * EVERY_NS), 300, mild);
@@ -610,7 +633,7 @@ mod tests {
         };
         let found = Head::new(6).run(None, 100, faults);
         assert!(found.iter().flatten().all(|c| c[1].abs() < 0.4 * SD[1]));
-        let mut few = CommonChange::new(None, SD.into(), STEP.into());
+        let mut few = CommonChange::new(None, SD.into(), LEAPS);
         for b in 0..200 {
             (0..FEWEST as u32 - 1).for_each(|channel| few.look(b, channel, Vector4::zeros()));
             assert!(few.change(b).is_none());
@@ -622,7 +645,7 @@ mod tests {
         // the spread that the model states is off by a tenth
         for (seed, stated) in [(21, 0.9), (22, 1.0), (23, 1.1)] {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
-            let mut change = CommonChange::new(None, stated * Vector4::from(SD), STEP.into());
+            let mut change = CommonChange::new(None, stated * Vector4::from(SD), LEAPS);
             for b in 0..400 {
                 let step = if b < 305 { 0.0 } else { 0.095 };
                 for channel in 0..CHANNELS {
@@ -645,7 +668,7 @@ mod tests {
             // channels that differ for good, and channels that differ in nothing lasting
             for (lasting, own) in [(0.9, 0.4), (0.0, 1.0)] {
                 let at = Head::new(42).lasting;
-                let mut change = CommonChange::new(Some(0..20 * EVERY_NS), SD.into(), STEP.into());
+                let mut change = CommonChange::new(Some(0..20 * EVERY_NS), SD.into(), LEAPS);
                 let mut most = 0.0f64;
                 for b in 0..400 {
                     for channel in 0..CHANNELS {
@@ -684,7 +707,7 @@ mod tests {
     #[test]
     fn faults_in_spells_are_outvoted() {
         let mut rng = ChaCha8Rng::seed_from_u64(61);
-        for share in [0.1, 0.2, 0.3, 0.0] {
+        for share in [0.1, 0.2, 0.3] {
             let faulty: Vec<bool> = (0..CHANNELS * 40).map(|_| rng.random_bool(share)).collect();
             // spells of twenty looks, each channel's beginning at another burst
             let at = |b: i64, channel: u32| {
@@ -704,7 +727,7 @@ mod tests {
     #[test]
     fn bursts_of_one_channel_are_pooled() {
         let mut head = Head::new(7);
-        let mut change = CommonChange::new(None, SD.into(), STEP.into());
+        let mut change = CommonChange::new(None, SD.into(), LEAPS);
         let mut found = None;
         for b in 0..64 * i64::from(CHANNELS) {
             let channel = (b % i64::from(CHANNELS)) as u32;

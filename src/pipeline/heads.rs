@@ -10,7 +10,7 @@ use super::looked_at::LookedAt;
 use super::survey::GroupKey;
 use crate::burst::Burst;
 use crate::design::{Design, Judge, Workspace};
-use crate::identify::common_change::{Change, CommonChange};
+use crate::identify::common_change::{Change, CommonChange, Leaps};
 use crate::settings::IdentifySettings;
 use crate::verdict::unusable_signal;
 use chrono::DateTime;
@@ -24,7 +24,8 @@ const FIRST_MOVE: f64 = 0.4;
 const NEXT_MOVE: f64 = 0.2;
 /// Of its noise, a change lies beyond a bound by at least that much.
 const SURE_SDS: f64 = 3.0;
-/// Of the bound, what the frequency of all channels may leap by at once and still be moved by ink.
+/// Of the bounds, what the frequency of all channels may leap by at once and still be moved by ink; among faults damping and
+/// amplitude, too.
 const LEAP: f64 = 1.5;
 /// So far (ln amplitude, ln damping, ln frequency, phase) ink and supply may move all channels together; beyond,
 /// they are no longer what the models know.
@@ -67,7 +68,6 @@ pub struct Moved {
 #[derive(Debug)]
 struct Head {
     change: CommonChange,
-    leap: Change,
     channels: LookedAt,
     /// What its features are measured from, and how far that lies from where the bounds are.
     base: Arc<Judge>,
@@ -107,14 +107,18 @@ impl<'a> Heads<'a> {
         };
         // a supply or another ink moves amplitude and damping; most faults move the frequency
         let [amplitude, damping, _, phase] = FARTHEST;
-        let leap = Change::new(amplitude, damping, LEAP * self.bounds[1].ln_1p(), phase);
+        let [small, frequency] = self.bounds.map(|bound| LEAP * bound.ln_1p());
+        let leaps = Leaps {
+            most: Change::new(amplitude, damping, frequency, phase),
+            among_faults: Change::new(small, small, frequency, phase),
+        };
         let history = || LevelHistory::new(self.window_s);
         let reference = self.design.map(|design| design.reference_of(&key.printhead));
         let from = || reference.and_then(|of| judge.model.features_from(of)).unwrap_or_default();
         let head = self
             .of
             .entry(key)
-            .or_insert_with(|| Head::new(healthy_sd, leap, history(), judge.clone(), from()));
+            .or_insert_with(|| Head::new(healthy_sd, leaps, history(), judge.clone(), from()));
         if !head.is_of(judge) {
             head.window_is(judge);
         }
@@ -162,14 +166,13 @@ impl Moved {
 impl Head {
     fn new(
         healthy_sd: Change,
-        leap: Change,
+        leaps: Leaps,
         history: LevelHistory,
         judge: Arc<Judge>,
         base_at: Change,
     ) -> Head {
         Head {
-            change: CommonChange::new(history.window_of(&judge.model), healthy_sd, leap),
-            leap,
+            change: CommonChange::new(history.window_of(&judge.model), healthy_sd, leaps),
             channels: LookedAt::default(),
             base: judge.clone(),
             base_at,
@@ -193,7 +196,7 @@ impl Head {
         if self.change.is_lost() {
             // where most channels are by now is what this window says
             let (window, healthy) = (self.history.window_of(&judge.model), self.change.healthy());
-            self.change = CommonChange::new(window, healthy, self.leap);
+            self.change = self.change.anew(window, healthy);
             let from_base = judge.model.features_from(&self.base.model);
             self.base_at += from_base.unwrap_or_default();
             (self.base, self.window_at) = (judge.clone(), Change::zeros());
