@@ -494,15 +494,33 @@ mod tests {
     struct Head {
         lasting: Vec<Change>,
         rng: ChaCha8Rng,
+        of_phases: ChaCha8Rng,
     }
 
     impl Head {
         fn new(seed: u64) -> Head {
-            let mut rng = ChaCha8Rng::seed_from_u64(seed);
-            let lasting = (0..CHANNELS)
-                .map(|_| Vector4::from_fn(|k, _| 0.9 * SD[k] * normal(&mut rng)))
-                .collect();
-            Head { lasting, rng }
+            let (rng, of_phases) =
+                (ChaCha8Rng::seed_from_u64(seed), ChaCha8Rng::seed_from_u64(seed + 1000));
+            let mut head = Head { lasting: Vec::new(), rng, of_phases };
+            head.lasting = (0..CHANNELS).map(|_| head.scatter(0.9)).collect();
+            head
+        }
+
+        /// So many healthy standard deviations.
+        fn scatter(&mut self, size: f64) -> Change {
+            Change::from_fn(|k, _| {
+                let rng = if k < 3 { &mut self.rng } else { &mut self.of_phases };
+                size * SD[k] * normal(rng)
+            })
+        }
+
+        /// How far a change lies off, in standard deviations: by a model of the same channels, or of others (then what
+        /// these have in common may be part of it, or not).
+        fn off(&self, change: &Change, same: bool, k: usize) -> f64 {
+            let middle = self.lasting.iter().map(|of| of[k]).sum::<f64>() / f64::from(CHANNELS);
+            let middle = if same { 0.0 } else { middle };
+            let nearest = change[k].clamp(middle.min(0.0), middle.max(0.0));
+            ((change[k] - nearest) / SD[k]).abs()
         }
 
         /// Changes that are found, burst by burst. `of`: what is added to a channel's features.
@@ -516,9 +534,8 @@ mod tests {
             (0..bursts)
                 .map(|b| {
                     for channel in 0..CHANNELS {
-                        let noise = Vector4::from_fn(|k, _| 0.4 * SD[k] * normal(&mut self.rng));
-                        let added = Vector4::from(of(b, channel));
-                        let features = self.lasting[channel as usize] + noise + added;
+                        let added = self.scatter(0.4) + Change::from(of(b, channel));
+                        let features = self.lasting[channel as usize] + added;
                         change.look(b * EVERY_NS, channel, features);
                     }
                     change.change(b * EVERY_NS)
@@ -531,31 +548,75 @@ mod tests {
     fn a_head_that_stands_still_hardly_moves_and_a_drift_is_followed_at_once() {
         for seed in 0..6 {
             let window = (seed % 2 == 0).then_some(0..20 * EVERY_NS);
-            let still = Head::new(seed).run(window.clone(), 2000, |_, _| [0.0; 4]);
-            let most =
-                |k: usize| still.iter().flatten().map(|c| (c[k] / SD[k]).abs()).fold(0.0, f64::max);
-            assert!((0..4).all(|k| most(k) < 0.25), "{} {} {}", most(0), most(1), most(2));
+            let mut head = Head::new(seed);
+            let still = head.run(window.clone(), 2000, |_, _| [0.0; 4]);
+            for k in 0..4 {
+                let off = |c: &Change| head.off(c, window.is_some(), k);
+                let most = still.iter().flatten().map(off).fold(0.0, f64::max);
+                assert!(most < 0.25, "{k}: {most}");
+            }
             // eight per cent of damping, to and fro within 200 s
             let swing = |b: i64| 0.08 * (std::f64::consts::TAU * (b - 20) as f64 / 2000.0).sin();
-            let moved =
-                Head::new(seed).run(window.clone(), 2000, |b, _| [0.0, swing(b.max(20)), 0.0, 0.0]);
+            let moved = head.run(window.clone(), 2000, |b, _| [0.0, swing(b.max(20)), 0.0, 0.0]);
             for (b, found) in moved.iter().enumerate().skip(20) {
-                let off = found.unwrap()[1] - swing(b as i64);
-                assert!(off.abs() < 0.4 * SD[1], "{off} in burst {b}");
+                let off = found.unwrap() - Change::new(0.0, swing(b as i64), 0.0, 0.0);
+                let off = head.off(&off, window.is_some(), 1);
+                assert!(off < 0.4, "{off} in burst {b}");
             }
             let sag = |b: i64| 1.4 * SD[0] * (std::f64::consts::TAU * b as f64 / 90.0).sin();
-            let sagging = Head::new(seed).run(None, 600, |b, _| [sag(b - 20), 0.0, 0.0, 0.0]);
-            let origin = sagging[20].unwrap()[0] - sag(0);
-            for (b, found) in sagging.iter().enumerate().skip(20) {
-                let off = found.unwrap()[0] - sag(b as i64 - 20) - origin;
-                assert!(off.abs() < 0.5 * SD[0], "{off} in burst {b}");
+            // under way from the first burst on
+            let sagging = head.run(None, 600, |b, _| [sag(b - 20), 0.0, 0.0, 0.0]);
+            for (b, found) in sagging.iter().enumerate() {
+                let off = found.unwrap() - Change::new(sag(b as i64 - 20), 0.0, 0.0, 0.0);
+                let off = head.off(&off, false, 0);
+                assert!(off < 0.7, "{off} in burst {b}");
             }
             let step = |b: i64| if b < 500 { 0.0 } else { 0.1 };
-            let stepped = Head::new(seed).run(window.clone(), 600, |b, _| [0.0, step(b), 0.0, 0.0]);
-            assert!((stepped[500].unwrap()[1] - 0.1).abs() < 0.4 * SD[1]);
+            let stepped = head.run(window.clone(), 600, |b, _| [0.0, step(b), 0.0, 0.0]);
+            let off = stepped[500].unwrap() - Change::new(0.0, 0.1, 0.0, 0.0);
+            assert!(head.off(&off, window.is_some(), 1) < 0.4);
             // a burst of faults alone
-            let leapt = Head::new(seed).run(window, 600, |b, _| [0.0, 3.0 * step(b), 0.0, 0.0]);
-            assert!(leapt[599].unwrap_or_default()[1].abs() < 0.4 * SD[1]);
+            let leapt = head.run(window.clone(), 600, |b, _| [0.0, 3.0 * step(b), 0.0, 0.0]);
+            assert!(head.off(&leapt[599].unwrap_or_default(), window.is_some(), 1) < 0.4);
+            // another resonance, with the phase that turns with it and without
+            for turn in [0.0, 4.0] {
+                let slow = |b: i64| 0.008 * (b.max(20) - 20) as f64 / 600.0;
+                let of = |b: i64, _| [0.0, 0.0, slow(b), turn * slow(b)];
+                let found = head.run(window.clone(), 600, of)[599].unwrap();
+                let off = found - Change::new(0.0, 0.0, slow(599), turn * slow(599));
+                let off = [2, 3].map(|k| head.off(&off, window.is_some(), k));
+                assert!(off.iter().all(|off| *off < 0.4), "{turn}: {off:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn large_leaps_are_followed_until_channels_leap_as_no_ink_does() {
+        let leaps = Leaps { most: Change::new(0.5, 0.5, 0.01, 0.5), among_faults: STEP };
+        for window in [None, Some(0..20 * EVERY_NS)] {
+            for library in [false, true] {
+                let mut head = Head::new(71);
+                let mut change = CommonChange::new(window.clone(), SD.into(), leaps);
+                let mut found = Vec::new();
+                for b in 0..300 {
+                    let leap = match b {
+                        100..110 if library => [0.2, -1.2, 0.2, 0.9],
+                        200.. => [-0.1, 0.3, 0.0, 0.0],
+                        _ => [0.0; 4],
+                    };
+                    for channel in 0..CHANNELS {
+                        let added = head.scatter(0.4) + Change::from(leap);
+                        change.look(b * EVERY_NS, channel, head.lasting[channel as usize] + added);
+                    }
+                    found.push(change.change(b * EVERY_NS));
+                }
+                let off = |b: usize, from: f64| {
+                    let found = found[b].unwrap_or_default() - Change::new(0.0, from, 0.0, 0.0);
+                    head.off(&found, window.is_some(), 1)
+                };
+                assert!(off(150, 0.0) < 0.4, "{library} {window:?}");
+                assert!(off(200, if library { 0.0 } else { 0.3 }) < 0.4, "{library} {window:?}");
+            }
         }
     }
 
@@ -568,7 +629,7 @@ mod tests {
             let mut last = Vector4::zeros();
             for b in 0..400 {
                 for channel in 0..CHANNELS {
-                    let noise = Vector4::from_fn(|k, _| 0.4 * SD[k] * normal(&mut head.rng));
+                    let noise = head.scatter(0.4);
                     change.look(b * EVERY_NS, channel, head.lasting[channel as usize] + noise);
                 }
                 // that of some bursts later: what channels' pasts have in common stays
@@ -717,8 +778,9 @@ mod tests {
                     false => [0.0; 4],
                 }
             };
-            let found = Head::new(62).run(None, 700, at);
-            let most = found.iter().flatten().map(|c| (c[1] / SD[1]).abs()).fold(0.0, f64::max);
+            let mut head = Head::new(62);
+            let found = head.run(None, 700, at);
+            let most = found.iter().flatten().map(|c| head.off(c, false, 1)).fold(0.0, f64::max);
             let unknown = found.iter().filter(|c| c.is_none()).count();
             assert!(most < 0.4 && unknown < 100, "{share}: {most}, {unknown}");
         }
@@ -732,7 +794,7 @@ mod tests {
         for b in 0..64 * i64::from(CHANNELS) {
             let channel = (b % i64::from(CHANNELS)) as u32;
             let moved = if b < 40 * i64::from(CHANNELS) { 0.0 } else { 0.1 };
-            let noise = Vector4::from_fn(|k, _| 0.4 * SD[k] * normal(&mut head.rng));
+            let noise = head.scatter(0.4);
             let features =
                 head.lasting[channel as usize] + noise + Vector4::new(0.0, moved, 0.0, 0.0);
             change.look(b * 1_000_000, channel, features);
