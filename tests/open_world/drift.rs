@@ -20,10 +20,20 @@ pub enum Drift {
     Sagging,
     /// All three, each at a pace of its own.
     Everything,
+    /// Damping +20 % from one burst to the next.
+    FarInk,
+    /// Damping 20 % too large at first, and 200 s to settle.
+    Settling,
+    /// Frequency up and down by .8 %, 200 s a turn, the phase with it, as of a ring that began 10 µs before.
+    Retuned,
+    /// The same, and the phase stays.
+    Detuned,
+    /// Amplitude of each burst anew, within 8 %.
+    Flickering,
 }
 
 impl Drift {
-    pub const ALL: [Drift; 7] = [
+    pub const ALL: [Drift; 12] = [
         Drift::Still,
         Drift::Warming,
         Drift::Swinging,
@@ -31,12 +41,17 @@ impl Drift {
         Drift::Thickening,
         Drift::Sagging,
         Drift::Everything,
+        Drift::FarInk,
+        Drift::Settling,
+        Drift::Retuned,
+        Drift::Detuned,
+        Drift::Flickering,
     ];
 
     /// How often it may be said, by the default bounds of `[identify]`: the step lies at one of them.
     pub fn warnings(self) -> RangeInclusive<usize> {
         match self {
-            Drift::Thickening => 1..=1,
+            Drift::Thickening | Drift::FarInk | Drift::Settling => 1..=1,
             Drift::OtherInk => 0..=1,
             _ => 0..=0,
         }
@@ -53,8 +68,20 @@ impl Drift {
             Drift::Thickening => [0.0, 0.2 * t_s / 600.0, -0.004 * t_s / 600.0],
             Drift::Sagging => [0.03 * turn(90.0), 0.0, 0.0],
             Drift::Everything => [0.02 * turn(130.0), 0.05 * turn(310.0), 0.003 * turn(170.0)],
+            Drift::FarInk => [0.0, if t_s < 305.0 { 0.0 } else { 0.20 }, 0.0],
+            Drift::Settling => [0.0, 0.2 * (-t_s / 200.0).exp(), 0.0],
+            Drift::Retuned | Drift::Detuned => [0.0, 0.0, 0.008 * turn(200.0)],
+            // a sum of turns without a common period has no pattern
+            Drift::Flickering => {
+                [0.02 * [0.73, 1.91, 2.62, 3.37].map(turn).iter().sum::<f64>(), 0.0, 0.0]
+            }
+        };
+        let turned = match self {
+            Drift::Retuned => TAU * 10e-6 * of.frequency_hz * frequency,
+            _ => 0.0,
         };
         Features {
+            turned_rad: of.turned_rad + turned,
             amplitude: of.amplitude * (1.0 + amplitude),
             damping_per_s: of.damping_per_s * (1.0 + damping),
             frequency_hz: of.frequency_hz * (1.0 + frequency),
@@ -73,6 +100,11 @@ impl fmt::Display for Drift {
             Drift::Thickening => "damping +20 %, slowly",
             Drift::Sagging => "amplitude ± 3 %, 90 s",
             Drift::Everything => "all three",
+            Drift::FarInk => "damping +20 %, a step",
+            Drift::Settling => "damping +20 %, settles",
+            Drift::Retuned => "frequency ± .8 %, turned",
+            Drift::Detuned => "frequency ± .8 %",
+            Drift::Flickering => "amplitude, flickering",
         })
     }
 }

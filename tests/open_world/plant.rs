@@ -105,7 +105,7 @@ impl Plant {
             amplitude: features.amplitude * self.gain,
             damping_per_s: features.damping_per_s / self.time_scale,
             frequency_hz: features.frequency_hz / self.time_scale,
-            phase_rad: self.phase_rad,
+            phase_rad: self.phase_rad + features.turned_rad,
             pole_share: self.pole_share,
             pole_per_s: self.pole_per_s / self.time_scale,
             overtone: features.overtone,

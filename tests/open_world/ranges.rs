@@ -53,6 +53,7 @@ impl Ranges {
             damping_per_s: self.damping_per_s.centre(),
             frequency_hz: self.frequency_hz.centre(),
             overtone: self.overtone.map_or(0.0, Range::centre),
+            turned_rad: 0.0,
         }
     }
 
@@ -62,6 +63,7 @@ impl Ranges {
             damping_per_s: self.damping_per_s.draw(rng),
             frequency_hz: self.frequency_hz.draw(rng),
             overtone: self.overtone.map_or(0.0, |range| range.draw(rng)),
+            turned_rad: 0.0,
         }
     }
 }
@@ -73,4 +75,6 @@ pub struct Features {
     pub damping_per_s: f64,
     pub frequency_hz: f64,
     pub overtone: f64,
+    /// Beyond the plant's own phase.
+    pub turned_rad: f64,
 }

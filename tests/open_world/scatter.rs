@@ -43,7 +43,7 @@ impl Scatter {
             amplitude: centre.amplitude + plant.healthy.amplitude.sd() * amplitude,
             damping_per_s: centre.damping_per_s + plant.healthy.damping_per_s.sd() * damping,
             frequency_hz: centre.frequency_hz + plant.healthy.frequency_hz.sd() * frequency,
-            overtone: centre.overtone,
+            ..centre
         }
     }
 }
