@@ -43,8 +43,8 @@ const PATIENCE: usize = 4;
 /// as close as healthy channels do. Of channels that are all healthy it is .8.
 const LEAST_ALIKE: f64 = 0.4;
 const LEAST_ALIKE_FIRST: f64 = 0.5;
-/// Looks at one channel differ at most so many times as healthy signals do: the model's own spread is known
-/// no better from a few labels, and where channels differ in nothing else, both are equal.
+/// Looks at one channel, and channels that have no past yet, differ at most so many times as healthy signals do: the model's
+/// own spread is known no better from a few labels, and where channels differ in nothing else, both are equal.
 const MOST_OWN: f64 = 1.5;
 /// Of a Gaussian, in standard deviations.
 const MEDIAN_OF_ABSOLUTE: f64 = 0.6745;
@@ -293,7 +293,10 @@ impl CommonChange {
         let middle = self.middle(&now);
         self.among_faults |= middle.is_some_and(|of| !self.is_near(of.middle - self.level));
         if let Some(middle) = middle.filter(|of| self.is_near(of.middle - self.level)) {
-            (self.level, self.variance) = (middle.middle, middle.variance_of_middle());
+            match self.estimates {
+                0 => (self.level, self.variance) = (middle.middle, middle.variance_of_middle()),
+                _ => self.take(&middle),
+            }
             if self.window_ns.as_ref().is_some_and(|window| t_ns < window.start) {
                 // the window tells where they are
                 self.origin = self.is_elsewhere(&middle).then(Vector4::zeros);
@@ -362,7 +365,9 @@ impl CommonChange {
     /// Where channels that have no past yet lie from the model. `None`: they are few, or everywhere.
     fn middle(&self, channels: &[Change]) -> Option<Location> {
         let of = (channels.len() >= FEWEST).then(|| Location::of(channels, &self.healthy))?;
-        (of.weight >= LEAST_ALIKE_FIRST * channels.len() as f64).then_some(of)
+        let sd = of.variance.map(f64::sqrt).component_div(&self.healthy);
+        let most = of.weight >= LEAST_ALIKE_FIRST * channels.len() as f64;
+        (most && sd.max() <= MOST_OWN).then_some(of)
     }
 
     /// The same when the first of them was looked at.
@@ -608,12 +613,19 @@ mod tests {
                 assert!(off < 0.4, "{off} in burst {b}");
             }
             let sag = |b: i64| 1.4 * SD[0] * (std::f64::consts::TAU * b as f64 / 90.0).sin();
-            // under way from the first burst on
             let sagging = head.run(None, 600, |b, _| [sag(b - 20), 0.0, 0.0, 0.0]);
-            for (b, found) in sagging.iter().enumerate() {
-                let off = found.unwrap() - Change::new(sag(b as i64 - 20), 0.0, 0.0, 0.0);
-                let off = head.off(&off, false, 0);
-                assert!(off < 0.7, "{off} in burst {b}");
+            let origin = sagging[20].unwrap()[0] - sag(0);
+            for (b, found) in sagging.iter().enumerate().skip(20) {
+                let off = found.unwrap()[0] - sag(b as i64 - 20) - origin;
+                assert!(off.abs() < 0.5 * SD[0], "{off} in burst {b}");
+            }
+            // far off and under way from the first burst on
+            let settling = |b: i64| 3.0 * SD[1] * (-b as f64 / 200.0).exp();
+            let settled = head.run(None, 600, |b, _| [0.0, settling(b), 0.0, 0.0]);
+            for (b, found) in settled.iter().enumerate() {
+                let off = found.unwrap() - Change::new(0.0, settling(b as i64), 0.0, 0.0);
+                let off = head.off(&off, false, 1);
+                assert!(off < 0.4, "{off} in burst {b}");
             }
             let step = |b: i64| if b < 500 { 0.0 } else { 0.1 };
             let stepped = head.run(window.clone(), 600, |b, _| [0.0, step(b), 0.0, 0.0]);
