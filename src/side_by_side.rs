@@ -26,7 +26,7 @@ pub fn side_by_side<T: Send, R: Send>(
         std::iter::from_fn(next).map(|(place, of)| (place, each(of))).collect()
     };
     let mut done: Vec<(usize, R)> = thread::scope(|scope| {
-        let running: Vec<_> = (0..workers).map(|_| scope.spawn(&work)).collect();
+        let running: Vec<_> = (0..workers).map(|_| scope.spawn(work)).collect();
         let join =
             |running: ScopedJoinHandle<_>| running.join().unwrap_or_else(|e| resume_unwind(e));
         running.into_iter().flat_map(join).collect()

@@ -210,6 +210,9 @@ impl CommonChange {
 
     /// The next look at a channel.
     pub fn look(&mut self, t_ns: i64, channel: u32, features: Change) {
+        if self.channels.get(&channel).is_some_and(|of| of.t_ns == t_ns) {
+            return; // a burst that is repeated says nothing new
+        }
         self.fresh += 1;
         self.unanswered += 1;
         let heard = &mut self.heard;

@@ -64,10 +64,10 @@ impl Chunk {
         Ok(match self {
             // what is worth skipping row groups by: when, where, how much
             Chunk::Runs(runs) => {
-                Closed::Pages(runs.close(matches!(column.cells, Cells::Printhead(_)))?)
+                Closed::Pages(runs.close(matches!(column.cells, Cells::Printhead(_)))?.into())
             }
-            Chunk::Steps(steps) => Closed::Pages(steps.close()?),
-            Chunk::Numbers(numbers) => Closed::Pages(numbers.close()?),
+            Chunk::Steps(steps) => Closed::Pages(steps.close()?.into()),
+            Chunk::Numbers(numbers) => Closed::Pages(numbers.close()?.into()),
             Chunk::Weights(weights) => Closed::Weights(Box::new(weights.close()?)),
         })
     }
@@ -75,7 +75,7 @@ impl Chunk {
 
 /// A chunk, encoded.
 pub enum Closed {
-    Pages(ColumnPages),
+    Pages(Box<ColumnPages>),
     Weights(Box<ArrowColumnChunk>),
 }
 

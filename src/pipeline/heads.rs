@@ -22,7 +22,7 @@ use std::sync::Arc;
 /// two moves. The level's own noise is .1 of each feature's.
 const FIRST_MOVE: f64 = 0.4;
 const NEXT_MOVE: f64 = 0.2;
-/// Of its noise, a change lies beyond a bound by at least that much.
+/// Of its noise, a change lies beyond a bound by at least that much, and a head is moved for the first time.
 const SURE_SDS: f64 = 3.0;
 /// Of the bounds, what the frequency of all channels may leap by at once and still be moved by ink; among faults damping and
 /// amplitude, too.
@@ -271,8 +271,11 @@ impl Head {
         }
         let wanted = change - self.in_window;
         let off = self.moved.as_ref().map_or(wanted, |(by, _)| wanted - by);
-        let most = if self.moved.is_some() { NEXT_MOVE } else { FIRST_MOVE };
-        if self.in_sds(off) > most {
+        let is_off = match self.moved {
+            Some(_) => self.in_sds(off) > NEXT_MOVE,
+            None => self.in_sds(off) > FIRST_MOVE && (off.abs() - SURE_SDS * sd).max() > 0.0,
+        };
+        if is_off {
             *moves = moves.wrapping_add(1);
             let judge = self.window.moved(wanted, *moves).map(Arc::new);
             self.moved = judge.map(|judge| (wanted, judge));
@@ -285,6 +288,7 @@ impl Head {
 
     /// How far features lie off, by the healthy ones' spread.
     fn in_sds(&self, off: Change) -> f64 {
-        off.component_div(&self.change.healthy()).norm()
+        // the phase goes with the others, or is no matter of ink
+        off.component_div(&self.change.healthy()).fixed_rows::<3>(0).norm()
     }
 }
