@@ -80,11 +80,18 @@ impl Judge {
     }
 
     /// ln amplitude, ln damping, ln frequency, phase of a signal from the model's. `deviation`: from what is expected,
-    /// counts. `None`: it has no sensitivities, or the signal holds more than a ring.
-    pub fn features(&self, deviation: &[f64], drive: f64, work: &mut Workspace) -> Option<Change> {
+    /// counts. `None`: it has no sensitivities, or the signal holds more than a ring; without `far` also where only a fit
+    /// would tell.
+    pub fn features(
+        &self,
+        deviation: &[f64],
+        drive: f64,
+        far: bool,
+        work: &mut Workspace,
+    ) -> Option<Change> {
         let of = self.model.sensitivity.as_ref()?;
         let detector = self.detector.as_ref()?;
-        let features = detector.features_of_ring(deviation, drive, &mut work.residual)?;
+        let features = detector.features_of_ring(deviation, drive, far, &mut work.residual)?;
         let [ln_amplitude, ln_damping, ln_frequency] = of.mean;
         Some(features - Change::new(ln_amplitude, ln_damping, ln_frequency, 0.0))
     }

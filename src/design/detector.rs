@@ -248,17 +248,22 @@ impl SensitivityDetector {
         (features, dot(deviation, deviation) - along.dot(&(self.gram * along)))
     }
 
-    /// Its features, the phase free; `None`: it holds more than a ring. `signal`: buffer.
+    /// Its features, the phase free; `None`: it holds more than a ring, or, without `far`, lies so far off that only a fit
+    /// would tell. `signal`: buffer.
     pub(super) fn features_of_ring(
         &self,
         deviation: &[f64],
         drive: f64,
+        far: bool,
         signal: &mut Vec<f64>,
     ) -> Option<Vector4<f64>> {
         let first = self.own_features(deviation, drive);
         let along = first * drive;
         if dot(deviation, deviation) - along.dot(&(self.own.gram * along)) <= self.settled {
             return Some(first);
+        }
+        if !far {
+            return None;
         }
         // of a ring that lies far off the first order leaves something, too
         self.at_reference(deviation, drive, signal);

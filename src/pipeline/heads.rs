@@ -30,6 +30,8 @@ const LEAP: f64 = 1.5;
 /// So far (ln amplitude, ln damping, ln frequency, phase) ink and supply may move all channels together; beyond,
 /// they are no longer what the models know.
 const FARTHEST: [f64; 4] = [0.5, 0.5, 0.05, 0.5];
+/// After so many bursts without a common change signals far from the model are no longer fitted: they are faults.
+const MOST_UNKNOWN: u32 = 64;
 /// Printheads that are told apart.
 const MOST_HEADS: usize = 1 << 10;
 
@@ -81,6 +83,8 @@ struct Head {
     /// The same, moved.
     moved: Option<(Change, Arc<Judge>)>,
     bursts: u64,
+    /// Bursts since a common change was known.
+    unknown: u32,
     farthest: Change,
     beyond_since_ns: Option<i64>,
 }
@@ -182,6 +186,7 @@ impl Head {
             in_window: Change::zeros(),
             moved: None,
             bursts: 0,
+            unknown: 0,
             farthest: Change::zeros(),
             beyond_since_ns: None,
         }
@@ -231,6 +236,7 @@ impl Head {
         expected.resize(n, 0.0);
         judge.expect(burst, expected);
         let drive = judge.drive(burst);
+        let far = self.unknown < MOST_UNKNOWN;
         for channel in channels.filter(|&channel| self.channels.holds(channel)) {
             let row = (channel - burst.first_channel) as usize;
             burst.copy_signal(row, signal);
@@ -238,8 +244,9 @@ impl Head {
                 continue;
             }
             judge.deviate(burst, row, expected, signal);
-            let found =
-                judge.features(signal, drive, work).filter(|x| x.iter().all(|v| v.is_finite()));
+            let found = judge
+                .features(signal, drive, far, work)
+                .filter(|x| x.iter().all(|v| v.is_finite()));
             if let Some(features) = found {
                 self.change.look(burst.t_acq_ns, channel, features + at);
             }
@@ -249,9 +256,10 @@ impl Head {
     /// The judge of a burst whose channels were looked at. `bounds`: of damping and frequency, relative.
     fn judge(&mut self, t_ns: i64, bounds: [f64; 2], moves: &mut u32) -> Arc<Judge> {
         let Some(change) = self.change.change(t_ns) else {
-            self.moved = None;
+            (self.moved, self.unknown) = (None, self.unknown.saturating_add(1));
             return self.window.clone();
         };
+        self.unknown = 0;
         self.history.push(t_ns, change);
         let (told, sd) = (change + self.base_at, self.change.sd());
         let is_beyond = |k: usize, bound: f64| {
