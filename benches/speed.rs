@@ -342,6 +342,7 @@ fn verdict_writer(bencher: Bencher) {
     let path = dir.path().join("r.verdicts.parquet");
     bencher.counter(ItemsCount::new(ROWS)).bench_local(|| {
         let options = TableOptions {
+            recording: "r.mcap".into(),
             classes: vec!["EC".into()],
             categories: vec!["empty_channel".into()],
             weights: false,

@@ -30,7 +30,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             ended_at_ns: e.ended_at_ns.map(|t| t + night * DAY_NS),
             ..e.clone()
         };
-        let mut table = EpisodeWriter::create(&to("episodes.parquet"), TimestampUnit::Ns)?;
+        let mut table =
+            EpisodeWriter::create(&to("episodes.parquet"), TimestampUnit::Ns, "r.mcap")?;
         table.write(episodes.iter().map(later).collect())?;
         table.complete(document.to_string())?.name()?;
         std::fs::write(to("summary.json"), document.to_string())?;
@@ -41,6 +42,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn copy(from: &Path, to: &Path, later_ns: i64, document: &Value) -> Result<(), Box<dyn Error>> {
     let reader = VerdictReader::open(from)?;
     let options = TableOptions {
+        recording: "r.mcap".into(),
         classes: reader.classes().to_vec(),
         categories: reader.categories().to_vec(),
         weights: false,

@@ -131,6 +131,12 @@ pub struct Beside {
 }
 
 impl Beside {
+    /// A signal of which nothing else was recorded.
+    pub fn alone(channel: u32, t_acq_ns: i64) -> Beside {
+        let [drive_v, temperature_c, idle_s, neighbours] = [f64::NAN; 4];
+        Beside { channel, t_acq_ns, drive_v, temperature_c, idle_s, neighbours }
+    }
+
     /// ln of the idle time in s, clamped to 1 µs .. 1 s: waits beyond a second make no more difference.
     pub fn ln_idle(&self) -> f64 {
         self.idle_s.clamp(1e-6, 1.0).ln()

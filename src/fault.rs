@@ -6,6 +6,9 @@ pub const CLASSES: [&str; 9] = ["EC", "AB1", "AB2", "AB3", "BN", "PBN", "SDN", "
 /// The label of a signal without a fault.
 pub const HEALTHY: &str = "healthy";
 
+/// The label of a signal that is neither trained on nor scored.
+pub const IGNORE: &str = "ignore";
+
 /// A class by the name that labels and verdicts give it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Class {

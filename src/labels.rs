@@ -1,32 +1,123 @@
 //! What is known to be true of the channels, over time (contract, "In: labels").
 
+use crate::fault::{CLASSES, HEALTHY, IGNORE};
 use std::collections::HashMap;
+use std::fmt;
+use std::str::FromStr;
+
+/// A row's printhead that stands for all of them.
+pub const EVERY_PRINTHEAD: &str = "*";
+
+/// The channels that a row of labels speaks of.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize,
+)]
+pub enum Channels {
+    /// `*`
+    All,
+    One(u32),
+    /// From the first to the last, both of them included.
+    Range(u32, u32),
+}
+
+impl Channels {
+    fn covers(self, channel: u32) -> bool {
+        match self {
+            Channels::All => true,
+            Channels::One(one) => one == channel,
+            Channels::Range(first, last) => (first..=last).contains(&channel),
+        }
+    }
+
+    /// How many they are, as far as the row says.
+    fn width(self) -> u64 {
+        match self {
+            Channels::All => u64::MAX,
+            Channels::One(_) => 1,
+            Channels::Range(first, last) => u64::from(last - first) + 1,
+        }
+    }
+
+    /// The channel of a row that speaks of one.
+    pub fn one(self) -> Option<u32> {
+        match self {
+            Channels::One(channel) => Some(channel),
+            Channels::All | Channels::Range(..) => None,
+        }
+    }
+}
+
+impl FromStr for Channels {
+    type Err = ();
+
+    fn from_str(text: &str) -> Result<Channels, ()> {
+        if text == "*" {
+            return Ok(Channels::All);
+        }
+        let number = |text: &str| text.trim().parse().map_err(drop);
+        match text.split_once('-') {
+            None => number(text).map(Channels::One),
+            Some((first, last)) => match (number(first)?, number(last)?) {
+                (first, last) if first < last => Ok(Channels::Range(first, last)),
+                (first, last) if first == last => Ok(Channels::One(first)),
+                _ => Err(()),
+            },
+        }
+    }
+}
+
+impl fmt::Display for Channels {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Channels::All => f.write_str("*"),
+            Channels::One(channel) => write!(f, "{channel}"),
+            Channels::Range(first, last) => write!(f, "{first}-{last}"),
+        }
+    }
+}
 
 /// One row of a labels file. The span is half-open; `None` is unbounded.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Label {
+    /// A name, or [`EVERY_PRINTHEAD`].
     pub printhead: String,
-    /// `None` is `*`, every channel.
-    pub channel: Option<u32>,
+    pub channel: Channels,
     pub from_ns: Option<i64>,
     pub to_ns: Option<i64>,
-    /// `healthy` or a fault class.
+    /// `healthy`, `ignore` or a fault class.
     pub state: String,
     pub severity: Option<f64>,
 }
 
 impl Label {
-    fn covers(&self, t_ns: i64) -> bool {
-        self.from_ns.is_none_or(|from| from <= t_ns) && self.to_ns.is_none_or(|to| t_ns < to)
+    fn covers(&self, channel: u32, t_ns: i64) -> bool {
+        self.channel.covers(channel)
+            && self.from_ns.is_none_or(|from| from <= t_ns)
+            && self.to_ns.is_none_or(|to| t_ns < to)
+    }
+
+    /// Whether it says that something is wrong with its channels.
+    pub fn is_fault(&self) -> bool {
+        self.state != HEALTHY && self.state != IGNORE
     }
 }
 
-/// Labels ready to be asked. A channel number beats `*`, then the later row beats the earlier.
+/// The rows of a printhead, or of all, by their places.
+#[derive(Clone, Debug, Default)]
+struct OfPrinthead {
+    /// Rows of one channel, the earlier first.
+    of_channel: HashMap<u32, Vec<usize>>,
+    /// All others: the narrower first, of equally wide ones the later first.
+    wider: Vec<usize>,
+}
+
+/// Labels ready to be asked. The narrower row beats the wider: a printhead's name beats `*`, a channel's number
+/// beats a range, fewer channels beat more, a range beats `*`. Of equally wide rows the later beats the earlier.
 #[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 #[serde(from = "Vec<Label>", into = "Vec<Label>")]
 pub struct Labels {
     rows: Vec<Label>,
-    by_printhead: HashMap<String, HashMap<Option<u32>, Vec<usize>>>,
+    by_printhead: HashMap<String, OfPrinthead>,
 }
 
 impl From<Vec<Label>> for Labels {
@@ -43,10 +134,16 @@ impl From<Labels> for Vec<Label> {
 
 impl Labels {
     pub fn new(rows: Vec<Label>) -> Labels {
-        let mut by_printhead: HashMap<String, HashMap<Option<u32>, Vec<usize>>> = HashMap::new();
+        let mut by_printhead: HashMap<String, OfPrinthead> = HashMap::new();
         for (i, row) in rows.iter().enumerate() {
-            let channels = by_printhead.entry(row.printhead.clone()).or_default();
-            channels.entry(row.channel).or_default().push(i);
+            let of = by_printhead.entry(row.printhead.clone()).or_default();
+            match row.channel {
+                Channels::One(channel) => of.of_channel.entry(channel).or_default().push(i),
+                Channels::All | Channels::Range(..) => of.wider.push(i),
+            }
+        }
+        for of in by_printhead.values_mut() {
+            of.wider.sort_by_key(|&i| (rows[i].channel.width(), std::cmp::Reverse(i)));
         }
         Labels { rows, by_printhead }
     }
@@ -55,12 +152,47 @@ impl Labels {
         &self.rows
     }
 
-    /// The label of a channel at a time; `None`: unknown.
+    /// Rows that speak of a fault of a channel. What is labelled for all channels at once is the printhead's.
+    pub fn faults_of(&self, printhead: &str, channel: u32) -> Vec<&Label> {
+        let of = [printhead, EVERY_PRINTHEAD].into_iter().filter_map(|p| self.by_printhead.get(p));
+        let rows =
+            of.flat_map(|of| of.of_channel.get(&channel).into_iter().flatten().chain(&of.wider));
+        let rows = rows.map(|&i| &self.rows[i]);
+        let speaks = |row: &&Label| row.channel != Channels::All && row.channel.covers(channel);
+        rows.filter(|row| row.is_fault()).filter(speaks).collect()
+    }
+
+    /// What is true of a channel at a time; `None`: unknown, or to be ignored.
     pub fn at(&self, printhead: &str, channel: u32, t_ns: i64) -> Option<&Label> {
-        let channels = self.by_printhead.get(printhead)?;
-        [Some(channel), None].iter().find_map(|key| {
-            let rows = channels.get(key)?;
-            rows.iter().rev().map(|&i| &self.rows[i]).find(|row| row.covers(t_ns))
+        self.row_at(printhead, channel, t_ns).filter(|row| row.state != IGNORE)
+    }
+
+    /// The row that says what is true of a channel at a time, or that nobody is to ask.
+    pub fn row_at(&self, printhead: &str, channel: u32, t_ns: i64) -> Option<&Label> {
+        [printhead, EVERY_PRINTHEAD].iter().find_map(|name| {
+            let of = self.by_printhead.get(*name)?;
+            let own = of.of_channel.get(&channel).into_iter().flat_map(|rows| rows.iter().rev());
+            let mut rows = own.chain(&of.wider).map(|&i| &self.rows[i]);
+            rows.find(|row| row.covers(channel, t_ns))
         })
     }
+}
+
+/// States that labels may have without anybody declaring them.
+pub fn known_states() -> impl Iterator<Item = &'static str> {
+    [HEALTHY, IGNORE].into_iter().chain(CLASSES)
+}
+
+/// Those of some names that a word was probably meant to be, the likeliest first; none where it is like no name.
+pub fn nearest<'a>(word: &str, names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
+    /// Less of a word in common is no misspelling.
+    const LEAST_ALIKE: f64 = 0.5;
+    /// More are no help.
+    const MOST_NAMED: usize = 3;
+    let word = word.to_lowercase();
+    let alike = |name: &str| strsim::normalized_damerau_levenshtein(&word, &name.to_lowercase());
+    let mut near: Vec<(f64, &str)> = names.map(|name| (alike(name), name)).collect();
+    near.retain(|(alike, _)| *alike >= LEAST_ALIKE);
+    near.sort_by(|a, b| b.0.total_cmp(&a.0));
+    near.into_iter().map(|(_, name)| name).take(MOST_NAMED).collect()
 }

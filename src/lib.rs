@@ -13,6 +13,7 @@
 //! 2  identify  detect  isolate       thesis 3-1 | 3-2 | 3-3; they meet only in design
 //! 3  report                          what a person looks at: stories, maps, trends, the page
 //! 2  episodes                        evidence over time, from verdicts alone
+//! 2  state                           what is known of a head and of each of its channels now
 //! 1  model  score  plot              what the physics says | thesis chapter 4 numbers | figures, pages
 //! 0  burst  fault  verdict  labels   what flows
 //! 0  processor  side_by_side         one function for every set of vector instructions | several threads
@@ -48,6 +49,7 @@ pub mod detect;
 pub mod episodes;
 pub mod identify;
 pub mod isolate;
+pub mod state;
 // floor 3
 pub mod critique;
 pub mod design;

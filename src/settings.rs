@@ -14,6 +14,7 @@ use crate::io::{printable, regular_file};
 use crate::model::Geometry;
 use crate::report::ReportSettings;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 use toml::{Table, Value};
@@ -61,13 +62,16 @@ pub struct InputSettings {
     pub dialect: Vec<Dialect>,
 }
 
+/// Of a converter of 16 bit.
+pub const INT16_RAILS: [f64; 2] = [i16::MIN as f64, i16::MAX as f64];
+
 impl Default for InputSettings {
     fn default() -> Self {
         InputSettings {
             recordings: Vec::new(),
             design: String::new(),
             baseline: String::new(),
-            rails: [f64::from(i16::MIN), f64::from(i16::MAX)],
+            rails: INT16_RAILS,
             dialect: Vec::new(),
         }
     }
@@ -161,6 +165,18 @@ pub struct OutputSettings {
     /// Write the weights of every class.
     pub weights: bool,
     pub timestamps: TimestampUnit,
+    /// Whose resonance and damping are written.
+    pub ring: RingsOf,
+}
+
+/// Signals whose resonance and damping are in the verdict table.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RingsOf {
+    #[default]
+    Flagged,
+    /// Of those that are not flagged to first order.
+    All,
 }
 
 impl Default for OutputSettings {
@@ -170,6 +186,7 @@ impl Default for OutputSettings {
             layout: Layout::Tree,
             weights: false,
             timestamps: TimestampUnit::Ns,
+            ring: RingsOf::Flagged,
         }
     }
 }
@@ -363,6 +380,29 @@ impl Preset {
                 ("isolate.certainty", 0.8.into()),
             ],
         }
+    }
+}
+
+/// What a design keeps of `[isolate]`; classes, physics and densities it holds anyway.
+const KEPT_OF_ISOLATE: [&str; 5] = ["method", "signal", "neighbours", "gate", "certainty"];
+
+impl Settings {
+    /// What a design keeps of the settings it was trained with, beside its detection: how windows are averaged and
+    /// fitted, how faults are isolated; as `KEY` and value, where it is not the default.
+    pub fn kept_by_design(&self) -> BTreeMap<String, serde_json::Value> {
+        let leaves = |of: &Settings| {
+            let all = serde_json::to_value(of).unwrap_or_default();
+            let section = |of: &serde_json::Value| of.as_object().cloned().unwrap_or_default();
+            let grey_box = section(&all["identify"]["grey_box"]).into_iter();
+            let grey_box = grey_box.map(|(key, v)| (format!("identify.grey_box.{key}"), v));
+            let isolate = section(&all["isolate"]).into_iter();
+            let isolate = isolate.filter(|(key, _)| KEPT_OF_ISOLATE.contains(&key.as_str()));
+            let isolate = isolate.map(|(key, v)| (format!("isolate.{key}"), v));
+            grey_box.chain(isolate).collect::<BTreeMap<_, _>>()
+        };
+        let (mut kept, default) = (leaves(self), leaves(&Settings::default()));
+        kept.retain(|key, value| default.get(key) != Some(value) && !value.is_null());
+        kept
     }
 }
 

@@ -93,10 +93,14 @@ pub enum Reason {
     UnknownFault,
     /// No ring explains it: sensor or acquisition.
     NoRing,
+    /// The whole printhead is not the one that the design or its own past knows.
+    HeadChanged,
+    /// The same bits again and again.
+    Frozen,
 }
 
 impl Reason {
-    pub const ALL: [Reason; 14] = [
+    pub const ALL: [Reason; 16] = [
         Reason::NonFinite,
         Reason::Saturated,
         Reason::WrongLength,
@@ -111,6 +115,8 @@ impl Reason {
         Reason::Uncertain,
         Reason::UnknownFault,
         Reason::NoRing,
+        Reason::HeadChanged,
+        Reason::Frozen,
     ];
 
     pub fn as_str(self) -> &'static str {
@@ -129,11 +135,18 @@ impl Reason {
             Reason::Uncertain => "uncertain",
             Reason::UnknownFault => "unknown_fault",
             Reason::NoRing => "no_ring",
+            Reason::HeadChanged => "head_changed",
+            Reason::Frozen => "frozen",
         }
     }
 }
 
 impl Reason {
+    /// The one of that name.
+    pub fn of(name: &str) -> Option<Reason> {
+        Reason::ALL.into_iter().find(|reason| reason.as_str() == name)
+    }
+
     /// The whole burst was unusable, and this row stands for it.
     pub fn is_of_burst(self) -> bool {
         matches!(
@@ -146,6 +159,34 @@ impl Reason {
                 | Reason::TooLarge
                 | Reason::Undecodable
         )
+    }
+
+    /// It is told of the printhead as a whole: nothing is known of its nozzles, whether the row is undecided or
+    /// rejected.
+    pub fn is_of_head(self) -> bool {
+        matches!(self, Reason::HeadChanged | Reason::Frozen)
+    }
+
+    /// In words, as the end of a sentence: `rejected, because ...`.
+    pub fn in_words(self) -> &'static str {
+        match self {
+            Reason::NonFinite => "samples are no numbers",
+            Reason::Saturated => "samples lie at the converter's limits",
+            Reason::WrongLength => "bursts are longer or shorter than they say",
+            Reason::UnknownFormat => "the format of the samples is not known",
+            Reason::UnknownLayout => "the layout of the samples is not known",
+            Reason::NoChannels => "bursts have no channels",
+            Reason::BadPeriod => "the sample period is no positive number",
+            Reason::TooLarge => "bursts are larger than is read",
+            Reason::Undecodable => "messages cannot be decoded",
+            Reason::NoModel => "no healthy window gave a model",
+            Reason::DesignMismatch => "the design does not fit them",
+            Reason::Uncertain => "no class is certain enough",
+            Reason::UnknownFault => "they ring like no known class",
+            Reason::NoRing => "no ring explains them",
+            Reason::HeadChanged => "the printhead is not the one that the design or its past knows",
+            Reason::Frozen => "the same samples come again and again",
+        }
     }
 }
 

@@ -75,6 +75,46 @@ fn exit_code_1_where_nothing_can_be_done() {
     house.write("text.mcap", b"printhead,channel,from,to,state,severity\n");
     house.run("replay text.mcap").exits(1).says("not an MCAP");
     house.write("broken.json", b"{\"version\": 1}");
-    house.run("replay text.mcap --design broken.json").exits(1).says("broken.json");
+    house.run("replay text.mcap --design broken.json").exits(2).says("broken.json");
     assert!(!house.path("verdicts/text.verdicts.parquet").exists());
+}
+
+#[test]
+fn what_is_said_says_what_to_do_and_mistyped_input_is_wrong_usage() {
+    let house = House::new();
+    let logs = root().join("sample_logs");
+    let (train, logs) = (logs.join("train.mcap"), logs.display());
+    // a recording is no result
+    house
+        .run(&format!("report {} -o r.html", train.display()))
+        .exits(2)
+        .says("is a recording")
+        .says("inkling replay");
+    // labels and designs that are not there, or are of another version
+    house
+        .run(&format!("train {} --labels no.csv -o d.json", train.display()))
+        .exits(2)
+        .says("no.csv");
+    house.run(&format!("replay {} --design no.json", train.display())).exits(2).says("no.json");
+    house.write("old.json", r#"{"version": 2, "made_by": "inkling 0.0.9", "classes": 3}"#);
+    house
+        .run(&format!("replay {} --design old.json", train.display()))
+        .exits(2)
+        .says("design version 2, made by inkling 0.0.9")
+        .says("inkling 0.0.9 reads it, or train again");
+    house.write(
+        "few.csv",
+        "printhead,channel,from,to,state,severity\ndataset,1,,,healthy,\ndataset,3-4,,,healthy,\n",
+    );
+    house
+        .run(&format!("train {} --labels few.csv -o d.json", train.display()))
+        .exits(2)
+        .says("few.csv: 3 usable signals are labelled `healthy`")
+        .says("label more");
+    // options of one convention
+    let judged = format!("replay {logs}/print_run.mcap --design {logs}/design.json");
+    house.ok(&format!("{judged} -o out"));
+    let told = house.json("report out -o r.html --json");
+    let faults = told["faults"].as_array().unwrap();
+    assert!(faults.len() > 5 && faults[0]["sentence"].is_string(), "{told}");
 }

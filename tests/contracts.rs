@@ -188,3 +188,27 @@ fn signals(path: &std::path::Path) -> Vec<Vec<f64>> {
     }
     all
 }
+
+#[test]
+fn the_page_of_versions_has_each_schema_and_its_version() {
+    let page = read("docs/versions.md");
+    let mut compared = 0;
+    for file in std::fs::read_dir(root().join("schemas")).unwrap() {
+        let name = file.unwrap().file_name().into_string().unwrap();
+        if !name.ends_with(".md") {
+            continue;
+        }
+        let schema = read(&format!("schemas/{name}"));
+        let heading = schema.lines().next().unwrap();
+        let (_, version) = heading.rsplit_once(", version ").expect("a version in the heading");
+        let row = page.lines().find(|line| line.contains(&format!("schemas/{name}")));
+        let row = row.unwrap_or_else(|| panic!("docs/versions.md has no {name}"));
+        assert!(row.contains(&format!("| {version} |")), "{row} is version {version}");
+        compared += 1;
+    }
+    assert!(compared >= 10);
+    let design = read("schemas/design.md");
+    assert!(
+        design.starts_with(&format!("# The design file, version {}", inkling::design::VERSION))
+    );
+}

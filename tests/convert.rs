@@ -5,7 +5,7 @@ use inkling::burst::{Acquisition, Burst};
 use inkling::io::{Limits, recording::Recording};
 use std::path::Path;
 
-fn bursts(path: &Path) -> Vec<Burst> {
+pub fn bursts(path: &Path) -> Vec<Burst> {
     let recording = Recording::open(path, Limits::default()).unwrap();
     let mut reader = recording.reader();
     let mut all = Vec::new();
@@ -56,7 +56,6 @@ fn bad_tables_are_refused_and_leave_no_recording() {
         ("t,y\n0,1\n".to_owned(), "1 samples"),
         ("t,y\n0,1\n1,2\n2,3\n2,4\n3,5\n".to_owned(), "does not increase at its row 4"),
         (format!("t,y\n{regular}51,1\n"), "--resample"),
-        (format!("t,y\n{regular}50,\n"), "no value at t = 50"),
         (format!("t,y\n{regular}50,x\n"), "line 52"),
         (format!("t,y,y\n{}", "0,1,2\n"), "several columns"),
         ("".to_owned(), "is empty"),
@@ -93,11 +92,61 @@ fn missing_and_irregular_samples_are_interpolated_only_when_asked() {
         _ => format!("{},{}\n", 0.5 * f64::from(k), (0.2 * f64::from(k)).sin()),
     };
     house.write("t.csv", format!("t,y\n{}", rows.map(row).collect::<String>()));
-    house.run("convert t.csv -o t.mcap").exits(1).says("no value");
+    house.run("convert t.csv -o t.mcap").exits(1).says("samples missing after");
     house.run("convert t.csv --resample -o t.mcap").exits(0).says("7 of 58").says("1 cells");
     let y = signal(&bursts(&house.path("t.mcap"))[0], 0);
     let worst = y.iter().enumerate().map(|(k, y)| (y - (0.2 * k as f64).sin()).abs());
     assert!(worst.fold(0.0, f64::max) < 1e-3);
+}
+
+#[test]
+fn times_of_any_unit_and_columns_of_printheads_are_read_as_they_are_and_what_is_missing_is_said() {
+    let house = House::new();
+    let head = |k: i32| if k < 20 { "K1" } else { "K2" };
+    let row = |k: i32, t: String| {
+        let y = if k == 25 { "NaN".to_owned() } else { (k % 7).to_string() };
+        format!("{t},{},{y}\n", head(k))
+    };
+    // 2026-11-01T08:00:00Z and on, a sample every 10 ms
+    let second = 1_793_520_000_i64;
+    for (unit, per_s, said) in [
+        ("t", 1.0, "seconds since 1970"),
+        ("t", 1e3, "milliseconds since 1970"),
+        ("t", 1e6, "microseconds since 1970"),
+        ("t_ms", 1e3, "printheads by their column: 2"),
+    ] {
+        let time = |k: i32| ((second as f64 + f64::from(k) * 0.01) * per_s).to_string();
+        let rows: String = (0..40).map(|k| row(k, time(k))).collect();
+        house.write("t.csv", format!("{unit},head,y\n{rows}"));
+        house
+            .run("convert t.csv --printhead head -o t.mcap")
+            .exits(0)
+            .says(said)
+            .says("1 cells have no value");
+        let bursts = bursts(&house.path("t.mcap"));
+        let heads: Vec<&str> = bursts.iter().map(|burst| &*burst.printhead).collect();
+        assert_eq!(heads, ["K1", "K2"], "{unit} {per_s}");
+        assert!((bursts[0].t_acq_ns - second * 1_000_000_000).abs() < 1_000_000, "{per_s}");
+        assert!((bursts[0].sample_period_s - 0.01).abs() < 1e-4);
+        assert!(signal(&bursts[1], 0)[5].is_nan());
+    }
+    house.run("inspect t.mcap").exits(0);
+    let told = house.json("convert t.csv --printhead head -o t.mcap --json");
+    assert_eq!(
+        (&told["printheads"], &told["cells_missing"]),
+        (&["K1", "K2"][..].into(), &1.into())
+    );
+    // the time of a burst in words, in a table of samples one after the other, of unequal lengths
+    let clock = |k: i32| if k < 24 { "2026-11-01T08:00:00Z" } else { "2026-11-01 08:00:01.5" };
+    let rows: String = (0..40).map(|k| format!("{},{},{k}\n", clock(k), k / 24)).collect();
+    house.write("iso.csv", format!("when,drop,y\n{rows}"));
+    house
+        .run("convert iso.csv --time when --burst drop --period-s 1e-6 -o iso.mcap")
+        .exits(0)
+        .says("16 to 24 samples a channel");
+    let times: Vec<i64> =
+        bursts(&house.path("iso.mcap")).iter().map(|burst| burst.t_acq_ns).collect();
+    assert_eq!(times, [second * 1_000_000_000, second * 1_000_000_000 + 1_500_000_000]);
 }
 
 /// Real ring-downs, where they are: they may not be copied into the project.

@@ -9,7 +9,7 @@ fn floor(room: &str) -> u8 {
     match room {
         "burst" | "fault" | "verdict" | "labels" | "processor" | "side_by_side" => 0,
         "model" | "plot" | "score" => 1,
-        "identify" | "detect" | "isolate" | "episodes" => 2,
+        "identify" | "detect" | "isolate" | "episodes" | "state" => 2,
         "design" | "critique" | "simulate" | "report" => 3,
         "pipeline" | "io" | "thesis" => 4,
         "main" | "cli" | "settings" => 5,

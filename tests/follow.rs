@@ -5,8 +5,8 @@
 use crate::house::House;
 use crate::pipeline::{bursts, sample, write};
 use inkling::io::recording_writer::{Compression, WriterOptions};
-use serde_json::Value;
-use std::collections::BTreeSet;
+use serde_json::{Value, json};
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, Command, Stdio};
@@ -195,6 +195,53 @@ fn episodes_are_told_while_it_is_written_and_tables_are_those_of_a_replay() {
     }
 }
 
+/// Of every episode the last that was told is what the table says, and what was told otherwise before is revised.
+fn last_told_is_the_table(house: &House, told: &[Value]) {
+    let mut last: BTreeMap<(String, u64, String), &Value> = BTreeMap::new();
+    for event in told.iter().filter(|event| event["explanation"].is_string()) {
+        let text = |key: &str| event[key].as_str().unwrap().to_owned();
+        let key = |raised_at: &str| {
+            (text("printhead"), event["channel"].as_u64().unwrap(), raised_at.to_owned())
+        };
+        if let Some(raised_at) = event["revises"]["raised_at"].as_str() {
+            let before = last.remove(&key(raised_at)).expect("what is revised was told");
+            let name = |of: &Value| (of["category"].clone(), of["fault"].clone());
+            assert_eq!(name(&event["revises"]), name(before));
+            let is_other = name(event) != name(before) || event["raised_at"] != raised_at;
+            assert!(event["event"] == "withdrawn" || is_other, "{event}");
+        }
+        assert!(last.insert(key(&text("raised_at")), event).is_none(), "told twice: {event}");
+    }
+    last.retain(|_, event| event["event"] == "episode");
+    let named: BTreeSet<(String, u64, String)> = last
+        .iter()
+        .map(|(key, event)| {
+            (key.0.clone(), key.1, json!([event["category"], event["fault"]]).to_string())
+        })
+        .collect();
+    let table = house.path("out/now.episodes.parquet");
+    let in_table = inkling::io::episode_table::read(&table).unwrap();
+    let of_table = in_table.iter().map(|e| {
+        let name = json!([e.category, e.fault]).to_string();
+        (e.printhead.to_string(), u64::from(e.channel), name)
+    });
+    assert_eq!(named, of_table.collect());
+}
+
+#[test]
+fn what_was_told_and_changed_is_told_again_as_revised() {
+    let house = House::new();
+    let bytes = recording(&house, Compression::Lz4, Some(30_000));
+    let mut file = create(&house);
+    let follower = Follower::start(&house, "--identify windows --set identify.first=8");
+    append(&mut file, &bytes);
+    let (code, told, stderr) = follower.end();
+    assert_eq!(code, Some(0), "{stderr}");
+    // faults of the sample grow, so that what they are is seen better later
+    assert!(told.iter().any(|event| event["revises"].is_object()), "{told:?}");
+    last_told_is_the_table(&house, &told);
+}
+
 #[test]
 fn ctrl_c_ends_it_with_what_was_complete() {
     const ARGS: &str = "--identify windows --set identify.first=8";
@@ -210,6 +257,7 @@ fn ctrl_c_ends_it_with_what_was_complete() {
     let (code, told, stderr) = follower.end();
     assert_eq!(code, Some(0), "{stderr}");
     assert_eq!(raised(&told), in_table(&house, "out"));
+    assert!(stderr.contains("the recording was not closed"), "{stderr}");
     let summary = house.read_json("out/now.summary.json");
     assert_eq!(summary["damage"].as_array().unwrap().len(), 0);
     let complete = summary["recording"]["bytes"].as_u64().unwrap() as usize;
@@ -246,8 +294,10 @@ fn what_the_whole_recording_tells_of_temperature_is_in_the_tables() {
     let (code, told, stderr) = follower.end();
     assert_eq!(code, Some(0), "{stderr}");
     assert!(stderr.contains("judged again"), "{stderr}");
-    let all: Vec<&Value> = told.iter().filter(|event| event["event"] == "episode").collect();
-    assert_eq!(all.len(), raised(&told).len(), "none is told twice");
+    let new = |event: &&Value| event["event"] == "episode" && event["revises"].is_null();
+    let new: Vec<Value> = told.iter().filter(new).cloned().collect();
+    assert_eq!(new.len(), raised(&new).len(), "none is told as new twice");
+    last_told_is_the_table(&house, &told);
     assert!(raised(&told).is_superset(&in_table(&house, "out")));
     tables_are_those_of_a_replay(&house, &bytes, "--identify design", 0);
 }
@@ -290,7 +340,6 @@ fn what_cannot_be_followed_is_refused_with_what_to_do() {
         (".", "name the recording that is being written"),
         ("*.mcap", "name the recording that is being written"),
         ("a.mcap --dry-run", "--dry-run"),
-        ("a.mcap --baseline own.json", "--baseline"),
         ("a.mcap --pace recorded", "the recorder sets the pace"),
         ("a.mcap --layout date", "--layout tree"),
         ("s3://bucket/a.mcap", "follow the file that is uploaded"),
@@ -303,4 +352,20 @@ fn what_cannot_be_followed_is_refused_with_what_to_do() {
     // closed already: its footer ends it at once
     house.ok("replay a.mcap --follow --out out");
     house.run("replay a.mcap --follow --out out").exits(0).says("skipped");
+}
+
+#[test]
+fn a_state_is_kept_of_what_is_followed_as_of_what_is_replayed() {
+    let house = House::new();
+    std::fs::copy(sample("print_run.mcap"), house.path("a.mcap")).unwrap();
+    let design = sample("design.json").display().to_string();
+    for (out, how) in [("followed", "--follow"), ("replayed", "--force")] {
+        house.ok(&format!(
+            "replay a.mcap --design {design} --out {out} --baseline {out}.json {how}"
+        ));
+    }
+    assert!(house.read("followed.json") == house.read("replayed.json"));
+    let tables =
+        ["followed", "replayed"].map(|out| house.read(&format!("{out}/a.verdicts.parquet")));
+    assert!(tables[0] == tables[1], "verdicts differ");
 }

@@ -158,7 +158,7 @@ fn window_of_noise_or_of_two_halves_is_refused() {
         b.samples = (0..n).flat_map(|k| value(k).to_le_bytes()).collect::<Vec<u8>>().into();
     });
     write(&house.path("noise.mcap"), &noise, WriterOptions::default());
-    replay(&house, "noise.mcap", "").exits(3).says("nothing rings");
+    replay(&house, "noise.mcap", "").exits(4).says("nothing rings");
     assert_eq!(summary(&house, "noise")["counts"]["judged"], 0);
 
     let halves: Vec<Burst> = run
@@ -174,7 +174,7 @@ fn window_of_noise_or_of_two_halves_is_refused() {
         })
         .collect();
     write(&house.path("halves.mcap"), &halves, WriterOptions::default());
-    replay(&house, "halves.mcap", "").exits(3).says("window of");
+    replay(&house, "halves.mcap", "").exits(4).says("window of");
     assert_eq!(summary(&house, "halves")["counts"]["judged"], 0);
 }
 
@@ -231,7 +231,7 @@ fn design_that_no_training_makes_is_refused_with_its_place() {
         let mut design = good.clone();
         edit(&mut design);
         house.write("edited.json", design.to_string());
-        replay(&house, "run.mcap", "--design edited.json").exits(1).says("edited.json").says(word);
+        replay(&house, "run.mcap", "--design edited.json").exits(2).says("edited.json").says(word);
     }
     // a temperature response that drives the poles beyond all numbers ended in an endless iteration
     let mut design = good;
@@ -389,10 +389,10 @@ fn text_that_never_ends_is_refused_whatever_asks_for_it() {
     house.write("critique.json", r#"{"verdict":"none"}"#);
     for endless in ["/dev/zero", "pipe", "."] {
         for (args, code) in [
-            (format!("replay run.mcap --design {endless}"), 1),
+            (format!("replay run.mcap --design {endless}"), 2),
             (format!("replay run.mcap --config {endless}"), 2),
             (format!("replay run.mcap --baseline {endless}"), 1),
-            (format!("train run.mcap --labels {endless} -o d.json"), 1),
+            (format!("train run.mcap --labels {endless} -o d.json"), 2),
             (format!("score {endless} --truth critique.json"), 1),
             (format!("{scored} {endless}"), 1),
             (format!("simulate {endless} -o sim"), 2),
@@ -431,7 +431,7 @@ fn names_from_labels_move_no_cursor() {
             bursts[0].printhead
         ),
     );
-    let ended = house.run("train run.mcap --labels l.csv -o d.json").exits(1).says("[31m");
+    let ended = house.run("train run.mcap --labels l.csv -o d.json").exits(2).says("[31m");
     assert!(!ended.stderr().contains(['\u{1b}', '\u{202e}']), "{}", ended.stderr());
 }
 
@@ -445,9 +445,9 @@ fn results_that_have_no_place_are_refused_before_the_work() {
         "thesis -o file",
         "convert no.csv -o file/below",
     ] {
-        house.run(args).exits(1).says("is a file");
+        house.run(args).exits(2).says("is a file");
     }
-    house.run("convert no.csv -o .").exits(1).says("is a directory");
+    house.run("convert no.csv -o .").exits(2).says("is a directory");
     write(&house.path("run.mcap"), &some(3), WriterOptions::default());
     house
         .run("replay run.mcap --out out --set isolate.priors={zz=1}")

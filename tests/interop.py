@@ -63,7 +63,9 @@ os.chdir(os.path.dirname(os.path.dirname(os.path.abspath(verdicts))))
 queries = [q for block in re.findall(r"```sql\n(.*?)```", readme_text, re.S) for q in block.split(";") if q.strip()]
 assert len(queries) >= 4, queries
 for query in queries:
-    assert duckdb.sql(query).fetchall(), query
+    found = duckdb.sql(query)
+    # a view is made; everything else finds rows
+    assert "create view" in query or found.fetchall(), query
 
 print(f"{signals} signals: DuckDB {duckdb.__version__}, Polars {polars.__version__}, "
       f"pyarrow {pq.__name__.split('.')[0]} and mcap agree; {by_outcome}")

@@ -11,18 +11,25 @@ mod follow; // recordings that are being written: told as they grow, tables as o
 mod foreign; // another generator: healthy families and effects whose constants are not the critique's
 mod hidden; // effects hidden in recordings: named, withheld, scored
 mod hostile; // absurd recordings, covariates, names, designs, places to write to: rows and words, no panic
+mod inspect; // messages of other loggers: fields, layouts by the samples, questions; what is laid out wrongly
 mod kills; // killed, locked, out of room, changed while read: nothing mixed, nothing half, the rest judged
+mod labels; // states that nobody declared, what is ignored, ranges; what training tells of each class
 mod measured; // real ring-downs, where they are: shown, named, extended, measured
 mod memory; // how much memory is held at most, counted
+mod mistakes; // what a user mistypes is answered in a sentence
 mod mutations; // ten thousand changed files: a message or a result, no panic, bounded memory
 mod nights; // batches: journal, resume, layouts, baselines in their order; nothing done twice or overwritten
+mod numbers; // tables of hostile numbers through the critique: an answer or a refusal, no panic
 mod open_world; // signals of no class, healthy channels of any shape: plants and measurements
 mod open_world_goals; // what must hold there: nothing gross is healthy, nothing foreign named
 mod own_classes; // own names for what the physics knows keep sizes
 mod pipeline; // same bytes for any threads, order, chunking; drift; bad windows
 mod print_run; // recall and false alarms on a print run with known truth
 mod readers; // everything that reads what others wrote, for mutations and fuzzing
+mod readme; // every command of the README, as printed, in order
 mod report; // the report: stories over recordings, onsets, hostile names, what is missing
 mod rotate; // parts of a table whose recording is being written: whole, in order, gone at its end
+mod tables; // tables as others read them: whose a row is, rings, reasons, metadata once
 mod thesis_tables; // thesis chapter 4 on the thesis-form data set
+mod unnamed; // oscillators with what the catalogue does not hold: not given the name of its neighbour
 mod wire; // code of messages = schemas

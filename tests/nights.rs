@@ -128,12 +128,121 @@ fn verdicts_that_were_cut_are_made_again_and_what_was_damaged_stays_damaged() {
     house.write("rec/b.mcap", &whole[..whole.len() * 2 / 3]);
     replay(&house, "rec").exits(3).says("2 judged");
     let first = results(&house);
-    replay(&house, "rec").exits(3).says("2 skipped");
+    replay(&house, "rec").exits(0).says("2 skipped");
     assert_eq!(totals(&house)["damaged"], 1);
     let verdicts = house.read("out/a.verdicts.parquet");
     house.write("out/a.verdicts.parquet", &verdicts[..verdicts.len() - 1]);
-    replay(&house, "rec").exits(3).says("1 judged, 1 skipped");
+    replay(&house, "rec").exits(0).says("1 judged, 1 skipped");
     assert!(results(&house) == first);
+}
+
+#[test]
+fn damage_is_news_once_and_strict_tells_it_again() {
+    let house = House::new();
+    let in_chunks = || WriterOptions { chunk_bytes: Some(20_000), ..WriterOptions::default() };
+    let truncated = |name: &str| {
+        write(&house.path(name), &some(1, 12), in_chunks());
+        let whole = house.read(name);
+        house.write(name, &whole[..whole.len() * 2 / 3]);
+    };
+    record(&house, "rec/a.mcap", &some(0, 3));
+    truncated("rec/b.mcap");
+    let first = replay(&house, "rec").exits(3);
+    assert!(first.stdout().contains("damaged      b.mcap"), "{}", first.stdout());
+    for _ in 0..2 {
+        let later = replay(&house, "rec").exits(0);
+        assert!(!later.stdout().contains("b.mcap"), "told once: {}", later.stdout());
+        let run = house.read_json("out/run.json");
+        let old = run["recordings"].as_array().unwrap().iter().find(|r| r["recording"] == "b.mcap");
+        assert_eq!((&run["exit"], &old.unwrap()["outcome"]), (&0.into(), &"damaged".into()));
+    }
+    replay(&house, "rec --strict").exits(3).says("b.mcap");
+    // a new night is judged, and what is damaged in it is news
+    record(&house, "rec/c.mcap", &some(5, 3));
+    replay(&house, "rec").exits(0).says("1 judged, 2 skipped");
+    truncated("rec/d.mcap");
+    replay(&house, "rec").exits(3).says("d.mcap");
+}
+
+/// The same bursts as if a logger had sampled them every 5 us.
+fn sampled_otherwise(from: usize, n: usize) -> Vec<Burst> {
+    some(from, n).into_iter().map(|b| Burst { sample_period_s: 5e-6, ..b }).collect()
+}
+
+#[test]
+fn a_night_of_which_nothing_was_judged_is_exit_4_and_says_the_numbers_that_differ() {
+    let house = House::new();
+    record(&house, "night.mcap", &sampled_otherwise(0, 3));
+    let ended = replay(&house, "night.mcap --quiet").exits(4);
+    let (told, said) = (ended.stdout(), ended.stderr());
+    let design = house_design();
+    let period_us = (design["sample_period_s"].as_f64().unwrap() * 1e12).round() / 1e6;
+    let differs =
+        format!("every 5 µs with {} samples a signal, the design's every ", design["samples"]);
+    assert!(told.is_empty() && said.lines().count() == 1, "{told}{said}");
+    assert!(said.contains(&differs) && said.contains(&format!("{period_us} µs")), "{said}");
+    assert!(said.contains("none of the") && said.contains("night.mcap"), "{said}");
+    let run = house.read_json("out/run.json");
+    assert_eq!((&run["exit"], &run["totals"]["not_judged"]), (&4.into(), &1.into()));
+    let line = &journal(&house)[0];
+    assert_eq!(line["outcome"], "not_judged");
+    assert!(line["not_judged"][0].as_str().unwrap().contains("5 µs"), "{line}");
+    assert_eq!(house.read_json("out/night.summary.json")["not_judged"][0]["judged"], 0);
+    let again = replay(&house, "night.mcap --quiet").exits(0);
+    assert!(again.stderr().is_empty(), "told once: {}", again.stderr());
+    replay(&house, "night.mcap --quiet --strict").exits(4);
+
+    // neither the list nor the page says that nothing needs care
+    let told = house.ok("report out -o r.html");
+    let page = String::from_utf8(house.read("r.html")).unwrap();
+    assert!(told.starts_with("Nothing was judged. night: none of the"), "{told}");
+    let first = page.split("class=\"sentence\">").nth(1).unwrap();
+    assert!(first.starts_with("Nothing was judged. night: none of the"), "{first}");
+    assert!(first.contains("5 µs"), "{first}");
+    for text in [&told, &page] {
+        assert!(!text.contains("needs care") && !text.contains("othing to clean"), "{text}");
+        assert!(!text.contains("<p>Nothing.</p>"), "{text}");
+    }
+}
+
+fn house_design() -> Value {
+    serde_json::from_slice(&std::fs::read(sample("design.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn exit_4_beats_3_and_is_of_a_printhead_or_of_less_than_half() {
+    let house = House::new();
+    // one of two printheads
+    let mut both = some(0, 6);
+    let other = sampled_otherwise(0, 3).into_iter();
+    both.extend(other.map(|b| Burst { printhead: "other".into(), ..b }));
+    record(&house, "rec/a.mcap", &both);
+    house.write("rec/b.mcap", b"no recording");
+    record(&house, "rec/c.mcap", &some(7, 3));
+    let ended = replay(&house, "rec").exits(4).says("1 not judged, 1 failed");
+    ended.says("none of the").says("signals of other could be judged");
+    let told = house.ok("report out -o r.html");
+    assert!(told.starts_with("Not judged. a: none of the"), "{told}");
+    assert!(told.contains("b.mcap: ") && !told.contains("nothing to clean"), "{told}");
+
+    // less than half of a recording, of the only printhead; then more than half
+    let house = House::new();
+    let mixed = |otherwise: usize| {
+        let mut bursts = some(0, 6);
+        for burst in &mut bursts[..otherwise] {
+            burst.sample_period_s = 5e-6;
+        }
+        bursts
+    };
+    record(&house, "most.mcap", &mixed(4));
+    replay(&house, "most.mcap").exits(4).says("signals could be judged").says("5 µs");
+    record(&house, "few.mcap", &mixed(2));
+    replay(&house, "few.mcap").exits(3);
+    let told = house.ok("report out/few.verdicts.parquet -o r.html");
+    assert!(told.contains("were not judged") && !told.contains("nothing to clean"), "{told}");
+    let page = String::from_utf8(house.read("r.html")).unwrap();
+    assert!(page.contains("needs care; but") || page.contains("need care"), "{page}");
+    assert!(!page.contains("none needs care."), "{page}");
 }
 
 #[test]

@@ -219,7 +219,7 @@ assert not s3.list_multipart_uploads(Bucket=BUCKET).get("Uploads"), "parts left 
 # -- what is not there, or not allowed
 judge = lambda out: ["replay", f"{root}/night/deeper/long.mcap", "--design", design, "--out", work / out]
 run("replay", f"{root}/nobody.mcap", "--out", work / "o", exits=1, says="nobody.mcap")
-run("replay", f"{root}/night/", "--design", f"{root}/no.json", "--out", work / "o", exits=1, says="404")
+run("replay", f"{root}/night/", "--design", f"{root}/no.json", "--out", work / "o", exits=2, says="404")
 run("replay", "s3://no-such-bucket/x/", "--out", work / "o", exits=1, says="no-such-bucket")
 Proxy.fault = lambda request: 403
 run(*judge("denied"), exits=1, says=["403", "credentials do not allow"])
@@ -227,7 +227,7 @@ Proxy.fault = passing
 run(*judge("nobody"), exits=1, says=["no credentials for S3", "AWS_ACCESS_KEY_ID"], env=environment())
 for scheme, says in [("gs", "GOOGLE_APPLICATION_CREDENTIALS"), ("az", "AZURE_STORAGE_ACCOUNT_KEY")]:
     run("inspect", f"{scheme}://bucket/x.mcap", exits=1, says=says, env=environment())
-run("thesis", "-o", f"{root}/chapter4", exits=1, says="a directory of files")
+run("thesis", "-o", f"{root}/chapter4", exits=2, says="a directory of files")
 (work / "home/.aws").mkdir(parents=True)
 profile = f"[night]\naws_access_key_id = {KEY}\naws_secret_access_key = {SECRET}\n"
 (work / "home/.aws/credentials").write_text(profile)

@@ -40,8 +40,8 @@ def verdicts(name, *options):
 
 
 def said(table):
-    """Every column but the model's number, as plain values."""
-    return table.drop(["model"]).to_pydict()
+    """Every column but the model's number and the recording's name, as plain values."""
+    return table.drop(["model", "recording"]).to_pydict()
 
 
 # -- the same bursts by other writers

@@ -201,3 +201,50 @@ fn every_method_can_be_chosen_in_settings() {
         .exits(2)
         .says("train with");
 }
+
+/// Averaging, detection and isolation are the design's, and `replay` takes them over unless `--set` says otherwise.
+#[test]
+fn a_design_keeps_how_it_was_trained() {
+    let house = House::new();
+    let scenario = root().join("sample_logs/scenarios/thesis.toml");
+    house.ok(&format!("simulate {} -o . --seed 7", scenario.display()));
+    let how = "--preset thesis --set isolate.signal=deviation";
+    house.ok(&format!("train train.mcap --labels labels.csv -o d.json {how}"));
+    let chosen = &house.read_json("d.json")["chosen"];
+    assert_eq!(chosen["isolate.method"], "residual-matching");
+    assert_eq!(
+        (&chosen["isolate.gate"], &chosen["identify.grey_box.plain_mean"]),
+        (&false.into(), &true.into())
+    );
+    house.ok("replay test.mcap --design d.json --out kept");
+    house.ok(&format!("replay test.mcap --design d.json --out told {how}"));
+    let verdicts = |out: &str| house.read(&format!("{out}/test.verdicts.parquet"));
+    assert!(verdicts("kept") == verdicts("told"), "the same bytes without a word");
+    let settings =
+        |out: &str| house.read_json(&format!("{out}/test.summary.json"))["settings"].clone();
+    assert_eq!(settings("kept")["isolate"]["signal"], "deviation");
+    house.ok("replay test.mcap --design d.json --out other --set isolate.gate=true");
+    assert_eq!(settings("other")["isolate"]["gate"], true, "--set wins");
+    assert_eq!(settings("other")["isolate"]["method"], "residual-matching");
+    // a design by the defaults keeps nothing, and the settings apply
+    house.ok("train train.mcap --labels labels.csv -o plain.json");
+    assert!(house.read_json("plain.json")["chosen"].is_null());
+}
+
+#[test]
+fn the_largest_energy_of_windows_that_nobody_labelled_is_no_threshold() {
+    let house = House::new();
+    let sample = |name: &str| root().join("sample_logs").join(name).display().to_string();
+    let (run, labels) = (sample("print_run.mcap"), sample("labels.csv"));
+    let ended = house.run(&format!("replay {run} --preset thesis --out a")).exits(2);
+    ended.says("detect.threshold = \"max\"").says("identify.labels");
+    assert!(!house.path("a").exists(), "nothing is judged by a faulty channel");
+    house.run(&format!("replay {run} --set detect.threshold=max --out a")).exits(2);
+    house.ok(&format!("replay {run} --preset thesis --set identify.labels={labels} --out a"));
+    house.ok(&format!("replay {run} --preset thesis --set detect.threshold=quantile --out b"));
+    let train = sample("train.mcap");
+    house.ok(&format!("train {train} --labels {labels} -o d.json --preset thesis"));
+    house.ok(&format!("replay {run} --design d.json --out c"));
+    let by_windows = format!("replay {run} --design d.json --identify windows --out d");
+    house.run(&by_windows).exits(2).says("--identify design");
+}

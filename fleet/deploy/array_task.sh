@@ -13,10 +13,11 @@ for directory in "$archive"/*/; do
     [ "$turn" -eq "$task" ] || continue
     "${INKLING:-inkling}" replay "$directory" --design "$design" --out "$out/$(basename "$directory")" --quiet
     status=$?
-    # 3 (some input was damaged) beats 0, a failure beats both
+    # 3 (some input was damaged) beats 0, 4 (something was not judged) beats 3, a failure beats all
     case $status in
         0) ;;
         3) [ $worst -eq 0 ] && worst=3 ;;
+        4) [ $worst -eq 0 ] || [ $worst -eq 3 ] && worst=4 ;;
         *) worst=$status ;;
     esac
 done

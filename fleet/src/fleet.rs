@@ -8,8 +8,8 @@ use crate::security::Scheduler;
 use crate::worker::Task;
 use inkling::cli::exit::Failure;
 use inkling::cli::judge::{Item, Judge, Judged, NotJudged, Run};
-use inkling::design::Baselines;
 use inkling::io::objects::in_object_store;
+use inkling::state::Memory;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -192,7 +192,7 @@ fn as_named(why: NotJudged, item: &Item) -> NotJudged {
 }
 
 /// What one chain of recordings taught, beside what others did meanwhile.
-fn merged(now: &Baselines, mut next: Baselines, printheads: &[String]) -> Baselines {
+fn merged(now: &Memory, mut next: Memory, printheads: &[String]) -> Memory {
     let mut merged = now.clone();
     for printhead in printheads {
         if let Some(learned) = next.printheads.remove(printhead) {

@@ -47,7 +47,8 @@ const TOLD: &str = "error,ballista_scheduler=off,ballista_executor::executor_pro
       --out verdicts
 
 Exit status of submit: that of `inkling replay`. 0 done; 1 failed; 2 wrong usage or settings; \
-3 finished, but some input was damaged, rejected or skipped (and the output says what)."
+3 finished, but some input was newly found damaged or rejected, or one of several recordings failed; 4 finished, but of a \
+printhead nothing, or of a recording less than half of the signals, could be judged."
 )]
 struct Cli {
     /// Tell only what fails

@@ -262,7 +262,7 @@ mod tests {
     use inkling::cli::judge::Judged;
     use inkling::io::design_file;
     use inkling::io::journal::{Outcome, Stamp};
-    use inkling::labels::{Label, Labels};
+    use inkling::labels::{Channels, Label, Labels};
     use inkling::settings::Settings;
     use serde_json::json;
 
@@ -271,7 +271,7 @@ mod tests {
         let (design, digest) = design_file::read(&sample).unwrap();
         let row = Label {
             printhead: "a".into(),
-            channel: Some(3),
+            channel: Channels::One(3),
             from_ns: None,
             to_ns: Some(i64::MAX),
             state: "healthy".into(),
@@ -296,6 +296,7 @@ mod tests {
             outcome: Outcome::Judged,
             bytes: vec![bytes; 3],
             counts: json!({"signals": 3}),
+            not_judged: Vec::new(),
             damage: Vec::new(),
             warnings: Vec::new(),
             notes: Vec::new(),

@@ -5,13 +5,13 @@ use crate::roots::Roots;
 use crate::row::{Row, stays_below};
 use crate::run_dir::{Job, RunDir};
 use inkling::cli::judge::{Item, Judged, NotJudged};
-use inkling::design::Baselines;
 use inkling::io::Limits;
 use inkling::io::dialect::Dialects;
 use inkling::io::part_tables::PartTables;
 use inkling::io::recording::Recording;
 use inkling::pipeline::{self, Control, PipelineError, Replay};
 use inkling::settings::Pace;
+use inkling::state::Memory;
 use serde::{Deserialize, Serialize};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
@@ -132,7 +132,7 @@ impl Worker {
         at: usize,
         item: &Item,
         loaded: &Loaded,
-        baselines: &Option<Baselines>,
+        baselines: &Option<Memory>,
     ) -> Result<Row, String> {
         let attempt = self.attempts.fetch_add(1, Ordering::Relaxed);
         let staged = run.staging(at, &format!("{}-{attempt}", self.name), item);
@@ -172,7 +172,7 @@ impl Worker {
         at: usize,
         item: &Item,
         loaded: &Loaded,
-        baselines: &Option<Baselines>,
+        baselines: &Option<Memory>,
         staged: &Path,
     ) -> Result<Judged, NotJudged> {
         let chained;
@@ -184,8 +184,9 @@ impl Worker {
             }
         };
         let path = Path::new(&item.source);
-        let recording = Recording::open_with(path, Limits::default(), &loaded.dialects)
+        let mut recording = Recording::open_with(path, Limits::default(), &loaded.dialects)
             .map_err(PipelineError::from)?;
+        recording.label.clone_from(&item.label);
         let control = Control::default();
         let report =
             watched(run, at, &control, || pipeline::replay(replay, &recording, staged, &control))?;

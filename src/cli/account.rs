@@ -52,6 +52,8 @@ pub struct Account {
     pub notes: Notes,
     /// Annotations that this run wrote, also of recordings that were finished before.
     pub annotated: usize,
+    /// What an earlier run told of a recording that is skipped counts again.
+    strict: bool,
 }
 
 #[derive(Debug, Default, Serialize)]
@@ -62,6 +64,9 @@ pub struct Totals {
     pub skipped: usize,
     /// Judged by this run or an earlier one, but not whole.
     pub damaged: usize,
+    /// Of these a printhead as a whole, or more than half of the signals, could not be judged.
+    pub not_judged: usize,
+    pub window_refused: usize,
     pub failed: usize,
     pub not_reached: usize,
     /// Of this run.
@@ -97,7 +102,7 @@ fn counted(n: u64, what: &str) -> String {
 
 impl Account {
     /// Of a run that begins now.
-    pub fn new() -> Account {
+    pub fn new(strict: bool) -> Account {
         Account {
             began: journal::now(),
             started: Instant::now(),
@@ -105,12 +110,13 @@ impl Account {
             warnings: Notes::default(),
             notes: Notes::default(),
             annotated: 0,
+            strict,
         }
     }
 
     pub fn totals(&self) -> Totals {
         let count = |of: &dyn Fn(&Row) -> bool| self.rows.iter().filter(|row| of(row)).count();
-        let judged = |row: &Row| matches!(row.outcome, Outcome::Judged | Outcome::Damaged);
+        let judged = |row: &Row| row.outcome.is_judged();
         let of_this = self.rows.iter().filter(|row| !row.skipped);
         let signals = of_this.map(|row| row.signals).sum();
         let seconds = self.started.elapsed().as_secs_f64();
@@ -119,6 +125,8 @@ impl Account {
             judged: count(&|row| judged(row) && !row.skipped),
             skipped: count(&|row| row.skipped),
             damaged: count(&|row| row.outcome == Outcome::Damaged),
+            not_judged: count(&|row| row.outcome == Outcome::NotJudged),
+            window_refused: count(&|row| row.outcome == Outcome::WindowRefused),
             failed: count(&|row| row.outcome == Outcome::Failed),
             not_reached: count(&|row| row.outcome == Outcome::NotReached),
             signals,
@@ -130,11 +138,18 @@ impl Account {
     /// By the contract, of a run that came to its end.
     pub fn exit(&self) -> Exit {
         let totals = self.totals();
+        let news = |outcome| self.news().any(|row| row.outcome == outcome);
         match totals.judged + totals.skipped {
             0 => Exit::Failed,
-            _ if totals.failed + totals.damaged > 0 => Exit::Incomplete,
+            _ if news(Outcome::NotJudged) => Exit::NotJudged,
+            _ if news(Outcome::Failed) || news(Outcome::Damaged) => Exit::Incomplete,
             _ => Exit::Done,
         }
+    }
+
+    /// What this run is the first to tell, or with `--strict` everything.
+    fn news(&self) -> impl Iterator<Item = &Row> {
+        self.rows.iter().filter(|row| self.strict || !row.skipped)
     }
 
     /// `run.json`, which says that the run is over.
@@ -164,7 +179,9 @@ impl Account {
         for (n, what) in [
             (totals.skipped, "skipped (finished before; --force judges again)"),
             (self.annotated, "annotated"),
+            (totals.not_judged, "not judged"),
             (totals.damaged, "damaged"),
+            (totals.window_refused, "with a refused window"),
             (totals.failed, "failed"),
             (totals.not_reached, "not reached"),
         ] {
@@ -191,12 +208,14 @@ impl Account {
             )?;
         }
         let mut worst: Vec<&Row> =
-            self.rows.iter().filter(|row| row.outcome < Outcome::Judged).collect();
+            self.news().filter(|row| row.outcome < Outcome::Judged).collect();
         worst.sort_by_key(|row| row.outcome);
         for row in worst.iter().take(MOST_NAMED) {
             let word = match row.outcome {
                 Outcome::Failed => "failed",
                 Outcome::NotReached => "not reached",
+                Outcome::NotJudged => "not judged",
+                Outcome::WindowRefused => "refused a window",
                 _ => "damaged",
             };
             writeln!(out, "  {word:<11}  {}  {}", printable_path(&row.recording), row.why)?;

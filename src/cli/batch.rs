@@ -297,6 +297,7 @@ impl Batch<'_> {
                 self.progress.say(&format!("{kind}: {label}: {}{more}", told.what));
             }
         }
+        entry.not_judged.iter().for_each(|what| self.complain(&format!("{label}: {what}")));
         if self.timings {
             judged.timings.iter().for_each(|line| self.progress.say(line));
         }
@@ -338,8 +339,14 @@ impl Batch<'_> {
             let failure = failure.unwrap_or_else(|| Failure::new(&error));
             return Err(Stop { end: End::Finished, failure });
         }
+        self.complain(&error);
+        Ok(())
+    }
+
+    /// Also with `--quiet`.
+    fn complain(&mut self, of: &str) {
         match self.failures {
-            n if n < MOST_FAILURES => self.progress.fail(&format!("inkling: {error}")),
+            n if n < MOST_FAILURES => self.progress.fail(&format!("inkling: {of}")),
             MOST_FAILURES => self.progress.fail(&format!(
                 "inkling: more recordings fail; all are in {}",
                 self.out.join(RUN_NAME).display()
@@ -347,7 +354,6 @@ impl Batch<'_> {
             _ => {}
         }
         self.failures += 1;
-        Ok(())
     }
 
     fn append(&mut self, entry: &Entry) -> Result<(), Stop> {

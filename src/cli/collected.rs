@@ -26,7 +26,7 @@ impl Recordings {
     /// Files, directories, glob patterns.
     pub fn find(patterns: &[String], settings: &Settings) -> Result<Recordings, Failure> {
         let inputs = inputs::find_recordings(patterns).map_err(Failure::new)?;
-        let dialects = dialects::checked(settings, &inputs)?;
+        let dialects = dialects::checked(settings, &inputs, |_| false)?;
         let control = interruptible();
         let progress = Progress::new(inputs.len(), 0);
         Ok(Recordings { inputs, dialects, control, progress })

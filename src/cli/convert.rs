@@ -12,6 +12,7 @@ use crate::io::recording_writer::{RecordingWriter, WriterOptions};
 use crate::io::sampling::{self, Sampled};
 use crate::io::table_file::{self, Columns, Table};
 use bytes::Bytes;
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -35,8 +36,10 @@ const SOME_START: &str = "2025-01-01T08:00:00Z";
       --temperature 31.5 -o K1.mcap
 
 A table (CSV with comma, semicolon or tab; Parquet; Arrow IPC): time is in seconds, unless its \
-column's name ends in _ms, _us or _ns or its type says so; times beyond 1979 are UTC. Each output \
-becomes a channel (in the order of --outputs), each value of --burst a burst. Sampling must be \
+column's name ends in _ms, _us or _ns, its type says so, or they are so large that they count from \
+1970; times of 1979 and later, and such as 2026-11-01T08:00:00Z, are UTC. Each output \
+becomes a channel (in the order of --outputs), each value of --burst a burst; --printhead may name a \
+column. Sampling must be \
 regular, but for the rounding of written times; --resample interpolates (cubic spline) to the \
 usual sample period. With --period-s rows are samples one after the other, and --time is when a \
 burst begins. A cell that is a list holds a channel's samples: each row is a burst. An array \
@@ -60,6 +63,9 @@ pub struct Args {
     /// Column that tells decays apart, where the table holds several
     #[arg(long, value_name = "COLUMN")]
     burst: Option<String>,
+    /// As JSON
+    #[arg(long)]
+    json: bool,
     /// Interpolate irregular or missing samples to a regular grid
     #[arg(long)]
     resample: bool,
@@ -72,7 +78,7 @@ pub struct Args {
     /// Sample period: seconds, or a column
     #[arg(long, allow_negative_numbers = true, value_name = "S|COLUMN")]
     period_s: Option<String>,
-    /// Whose bursts they are [default: the file's name, with --start name without its time]
+    /// Whose bursts they are: a name, or a column of a table [default: the file's name, with --start name without its time]
     #[arg(long, value_name = "NAME")]
     printhead: Option<String>,
     /// Number of the first channel
@@ -117,10 +123,11 @@ impl Said {
 /// Bursts of a file, and what to say of it.
 struct Opened {
     matrices: Box<dyn Iterator<Item = Result<Matrix, Failure>>>,
-    /// The unit of their times, ns.
-    unit_ns: f64,
+    unit: Unit,
     /// Where the table's own times say it.
     period_s: Option<f64>,
+    /// Cells without a value, which no interpolation fills.
+    missing: usize,
     /// Names of the channels.
     outputs: Vec<String>,
     sampled: Option<Sampled>,
@@ -138,7 +145,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let temperature = Said::of(&args.temperature, &mut beside);
     let voltage = Said::of(&args.voltage, &mut beside);
     check(&args, period)?;
-    outputs::check_file(&args.out).map_err(Failure::new)?;
+    outputs::check_file(&args.out).map_err(Failure::of_place)?;
     let kind = columnar::kind_of(&args.table).map_err(Failure::new)?;
     let opened = match kind {
         FileKind::Numpy => open_array(&args, &beside)?,
@@ -149,7 +156,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         printhead: args.name()?.into(),
         period,
         own_period_s: opened.period_s,
-        unit_ns: opened.unit_ns,
+        unit: opened.unit,
         temperature,
         voltage,
         clock: BurstClock::new(start_ns, args.every),
@@ -157,6 +164,10 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         samples: 0,
         least_period_s: f64::INFINITY,
         most_period_s: 0.0,
+        shortest: u32::MAX,
+        longest: 0,
+        missing: opened.missing,
+        heads: BTreeSet::new(),
     };
     let mut writer =
         RecordingWriter::create(&args.out, WriterOptions::default()).map_err(Failure::new)?;
@@ -165,7 +176,10 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         writer.write(&burst, burst.t_acq_ns as u64).map_err(Failure::new)?;
     }
     writer.finish().map_err(Failure::new)?;
-    conversion.tell(&opened.outputs, opened.sampled.as_ref())?;
+    match args.json {
+        true => super::output::event(&conversion.document(&opened.outputs))?,
+        false => conversion.tell(&opened.outputs, opened.sampled.as_ref())?,
+    }
     Ok(Exit::Done)
 }
 
@@ -176,8 +190,7 @@ struct Conversion<'a> {
     period: Option<Said>,
     /// Where the table's own times say it.
     own_period_s: Option<f64>,
-    /// The unit of their times, ns.
-    unit_ns: f64,
+    unit: Unit,
     temperature: Option<Said>,
     voltage: Option<Said>,
     clock: BurstClock,
@@ -185,6 +198,12 @@ struct Conversion<'a> {
     samples: u64,
     least_period_s: f64,
     most_period_s: f64,
+    /// Samples per channel of the shortest and the longest burst.
+    shortest: u32,
+    longest: u32,
+    missing: usize,
+    /// Those that rows name.
+    heads: BTreeSet<Arc<str>>,
 }
 
 impl Conversion<'_> {
@@ -205,7 +224,7 @@ impl Conversion<'_> {
         }
         let period_ns = period_s * 1e9;
         let length_ns = f64::from(matrix.samples_per_channel) * period_ns;
-        let time_ns = matrix.time.map(|t| t * self.unit_ns);
+        let time_ns = matrix.time.map(|t| t * self.unit.ns);
         if time_ns.is_some_and(|t| !t.is_finite()) {
             return Err(of_burst(self.bursts, "it has no time"));
         }
@@ -219,15 +238,18 @@ impl Conversion<'_> {
                 args.first_channel, matrix.channels
             )));
         }
+        let printhead = self.of_head(matrix.printhead.clone())?;
         self.bursts += 1;
         self.samples += u64::from(matrix.channels) * u64::from(matrix.samples_per_channel);
+        self.shortest = self.shortest.min(matrix.samples_per_channel);
+        self.longest = self.longest.max(matrix.samples_per_channel);
         self.least_period_s = self.least_period_s.min(period_s);
         self.most_period_s = self.most_period_s.max(period_s);
         let measured =
             |said: Option<Said>| said.map(|s| s.in_burst(&matrix)).filter(|x| x.is_finite());
         Ok(Burst {
             t_acq_ns,
-            printhead: self.printhead.clone(),
+            printhead,
             first_channel: args.first_channel,
             channels: matrix.channels,
             samples_per_channel: matrix.samples_per_channel,
@@ -239,6 +261,35 @@ impl Conversion<'_> {
             idle_time_s: Vec::new(),
             neighbours_fired: Bytes::new(),
             samples: matrix.samples,
+        })
+    }
+
+    /// The printhead of a burst: as its row says, else as is said of all.
+    fn of_head(&mut self, own: Option<String>) -> Result<Arc<str>, Failure> {
+        let Some(name) = own else { return Ok(self.printhead.clone()) };
+        if name.chars().count() > LONGEST_NAME {
+            return Err(Failure::new("a printhead's name that long?"));
+        }
+        if let Some(known) = self.heads.get(name.as_str()) {
+            return Ok(known.clone());
+        }
+        let name: Arc<str> = name.into();
+        self.heads.insert(name.clone());
+        Ok(name)
+    }
+
+    /// The same as [`Conversion::tell`], for programs.
+    fn document(&self, outputs: &[String]) -> serde_json::Value {
+        serde_json::json!({
+            "recording": self.args.out,
+            "bursts": self.bursts,
+            "samples": self.samples,
+            "sample_period_s": [self.least_period_s, self.most_period_s],
+            "samples_per_channel": [self.shortest, self.longest],
+            "outputs": outputs,
+            "printheads": self.heads,
+            "cells_missing": self.missing,
+            "times_in": self.unit.by_size,
         })
     }
 
@@ -266,6 +317,27 @@ impl Conversion<'_> {
                 writeln!(out, "  times within {off:.3} periods of a regular grid")?;
             }
             None => {}
+        }
+        if let Some(unit) = self.unit.by_size {
+            writeln!(out, "  times are taken as {unit} since 1970, by their size")?;
+        }
+        if !self.heads.is_empty() {
+            writeln!(out, "  printheads by their column: {}", self.heads.len())?;
+        }
+        if self.shortest < self.longest {
+            writeln!(
+                out,
+                "  bursts have {} to {} samples a channel; a design takes one length, the others are \
+                 `design_mismatch`",
+                self.shortest, self.longest
+            )?;
+        }
+        if self.missing > 0 {
+            writeln!(
+                out,
+                "  {} cells have no value: signals with one are rejected (`non_finite`); --resample interpolates",
+                thousands(self.missing as u64)
+            )?;
         }
         if self.clock.invented() {
             writeln!(out, "  nothing says when: the first burst is put at {SOME_START} (--start)")?;
@@ -361,10 +433,34 @@ fn same_file(a: &Path, b: &Path) -> bool {
     }
 }
 
-/// Nanoseconds per unit of a time column, by the end of its name.
-fn unit_ns(column: &str) -> f64 {
-    let units = [("_ms", 1e6), ("_us", 1e3), ("_ns", 1.0)];
-    units.iter().find(|(end, _)| column.ends_with(end)).map_or(1e9, |(_, unit_ns)| *unit_ns)
+/// The unit of a time column.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Unit {
+    ns: f64,
+    /// Its name, where neither the column's name nor its type said it but the size of its first time.
+    by_size: Option<&'static str>,
+}
+
+impl Unit {
+    fn seconds() -> Unit {
+        Unit { ns: 1e9, by_size: None }
+    }
+
+    /// By the end of the column's name; else, of times since 1970, by how large they are: those of 1979 to 2200 overlap in
+    /// no two units.
+    fn of(column: &str, first: Option<f64>) -> Unit {
+        let units = [("_s", 1e9), ("_ms", 1e6), ("_us", 1e3), ("_ns", 1.0)];
+        if let Some((_, ns)) = units.iter().find(|(end, _)| column.ends_with(end)) {
+            return Unit { ns: *ns, by_size: None };
+        }
+        match first.map_or(0.0, f64::abs) {
+            t if t >= 3e17 => Unit { ns: 1.0, by_size: Some("nanoseconds") },
+            t if t >= 3e14 => Unit { ns: 1e3, by_size: Some("microseconds") },
+            t if t >= 3e11 => Unit { ns: 1e6, by_size: Some("milliseconds") },
+            t if t >= 3e8 => Unit { ns: 1e9, by_size: Some("seconds") },
+            _ => Unit::seconds(),
+        }
+    }
 }
 
 fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<Opened, Failure> {
@@ -372,6 +468,7 @@ fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<Opened
         time: args.time.clone(),
         outputs: args.outputs.clone(),
         burst: args.burst.clone(),
+        printhead: args.printhead.clone(),
         beside,
         rows_are_samples: args.period_s.is_some(),
     };
@@ -383,10 +480,13 @@ fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<Opened
                 if args.resample {
                     return Err(Failure::usage("--resample has no effect: each row is a burst"));
                 }
+                let first = matrices.iter().find_map(|matrix| matrix.time);
+                let unit = time.map_or(Unit::seconds(), |time| Unit::of(&time, first));
                 return Ok(Opened {
                     matrices: Box::new(matrices.into_iter().map(Ok)),
-                    unit_ns: time.as_deref().map_or(1e9, unit_ns),
+                    unit,
                     period_s: None,
+                    missing: 0,
                     outputs,
                     sampled: None,
                 });
@@ -394,12 +494,13 @@ fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<Opened
         },
     };
     let failed = |e: &dyn std::fmt::Display| Failure::new(format!("{}: {e}", args.table.display()));
-    let unit_ns = unit_ns(&table.time);
+    let first = table.decays.first().and_then(|decay| decay.times.first().copied());
+    let unit = Unit::of(&table.time, first.filter(|_| !table.time.is_empty()));
     let (period, sampled) = match args.period_s {
         Some(_) => (None, sampling::as_listed(&table).map_err(|e| failed(&e))?),
         None => {
             let sampled = sampling::sample(&table, args.resample).map_err(|e| failed(&e))?;
-            (Some(sampled.period * unit_ns / 1e9), sampled)
+            (Some(sampled.period * unit.ns / 1e9), sampled)
         }
     };
     let Table { time, outputs, decays } = table;
@@ -408,15 +509,18 @@ fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<Opened
     let matrices: Vec<Matrix> = regular
         .map(|(regular, decay)| Matrix {
             time: has_time.then_some(regular.start),
+            printhead: Some(decay.printhead).filter(|name| !name.is_empty()),
             beside: decay.beside,
             ..matrix(&regular.outputs)
         })
         .collect();
+    let missing = sampled.missing;
     let said = period.is_some().then(|| Sampled { decays: Vec::new(), ..sampled });
     Ok(Opened {
         matrices: Box::new(matrices.into_iter().map(Ok)),
-        unit_ns,
+        unit,
         period_s: period,
+        missing: if args.resample { 0 } else { missing },
         outputs,
         sampled: said,
     })
@@ -461,10 +565,11 @@ fn open_array(args: &Args, beside: &[String]) -> Result<Opened, Failure> {
     let columns: Vec<Vec<f64>> =
         beside.iter().map(|name| Ok(numbers(name, true)?.0)).collect::<Result<_, Failure>>()?;
     let times = args.time.as_deref().map(|name| numbers(name, false)).transpose()?;
-    let unit_ns = match (&times, &args.time) {
-        (Some((_, Some(unit_ns))), _) => *unit_ns as f64,
-        (_, Some(name)) => unit_ns(name),
-        _ => 1e9,
+    let first = times.as_ref().and_then(|(times, _)| times.first().copied());
+    let unit = match (&times, &args.time) {
+        (Some((_, Some(unit_ns))), _) => Unit { ns: *unit_ns as f64, by_size: None },
+        (_, Some(name)) => Unit::of(name, first),
+        _ => Unit::seconds(),
     };
     let times = times.map(|(times, _)| times);
     let matrices = array.enumerate().map(move |(i, matrix)| {
@@ -474,8 +579,9 @@ fn open_array(args: &Args, beside: &[String]) -> Result<Opened, Failure> {
     });
     Ok(Opened {
         matrices: Box::new(matrices),
-        unit_ns,
+        unit,
         period_s: None,
+        missing: 0,
         outputs: Vec::new(),
         sampled: None,
     })
@@ -487,9 +593,13 @@ mod tests {
 
     #[test]
     fn units_are_read_off_the_column_name() {
+        let ns = |column: &str, first: f64| Unit::of(column, Some(first)).ns;
         assert_eq!(
-            ["time", "time_s", "t_ms", "t_us", "t_ns"].map(unit_ns),
+            ["time", "time_s", "t_ms", "t_us", "t_ns"].map(|column| ns(column, 0.5)),
             [1e9, 1e9, 1e6, 1e3, 1.0]
         );
+        // 2026, and what a name says stands
+        assert_eq!([1.77e9, 1.77e12, 1.77e15, 1.77e18].map(|t| ns("t", t)), [1e9, 1e6, 1e3, 1.0]);
+        assert_eq!(ns("t_ms", 1.77e15), 1e6);
     }
 }

@@ -63,24 +63,23 @@ enum PlantArg {
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
-    outputs::check_directory(&args.out).map_err(Failure::new)?;
+    outputs::check_directory(&args.out).map_err(Failure::of_place)?;
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
     effect::check(&args.set, &settings, Command::Critique)?;
-    let labels = args.labels.as_deref().map(labels_file::read).transpose().map_err(Failure::new)?;
+    let labels = args.labels.as_deref().map(labels_file::read).transpose()?;
     let recordings = Recordings::find(&args.recordings, &settings)?;
     let oscillator = args.plant == PlantArg::Oscillator;
     let most_samples = if oscillator { decay::MOST_SAMPLES } else { MOST_SAMPLES };
     let mut observer = Observer::new(labels.as_ref(), settings.input.rails, most_samples);
     let damaged = recordings.each(|recording, control| observer.take(recording, control))?;
-    let (rejected, other_sampling) = (observer.rejected, observer.other_sampling);
-    let left_out = rejected + other_sampling;
-    let cut = observer.is_cut();
     let data = observer.finish().ok_or_else(|| Failure::new(dialects::NO_BURSTS))?;
+    let (rejected, other_sampling) = (observer.rejected, observer.other_sampling);
+    let (left_out, cut) = (rejected + other_sampling, observer.is_cut);
     let Recordings { progress, control, .. } = recordings;
     if left_out > 0 {
         progress.say(&format!(
-            "warning: left out: {other_sampling} signals of another length or sample period than the first \
-             burst's, {rejected} that cannot be used (no numbers, saturated, damaged)"
+            "warning: left out: {other_sampling} signals of another sample period than the first burst's, or far \
+             shorter than the others, {rejected} that cannot be used (no numbers, saturated, damaged)"
         ));
     }
     let mut stages = |what: &str| {
@@ -108,7 +107,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         progress.say("extending the design ...");
         let design = match cut {
             true => Err(format!(
-                "it would be one of signals of {MOST_SAMPLES} samples, and these are longer"
+                "it would be one of signals of {} samples, and some of these are longer",
+                data.samples
             )),
             false => extended_design::train(&data, &outcome, &settings),
         };

@@ -48,15 +48,21 @@ pub fn check_common_change(
 ) -> Result<(), Failure> {
     let asked =
         |pair: &String| pair.split('=').next().is_some_and(|key| key.trim() == COMMON_CHANGE);
-    if !settings.identify.common_change || !set.iter().any(asked) {
+    if !set.iter().any(asked) {
+        return Ok(());
+    }
+    if !settings.input.baseline.is_empty() {
+        return Err(Failure::usage(format!(
+            "--set {COMMON_CHANGE}: has no effect here: with --baseline what all channels have in common is \
+             followed anyway, and kept in that file"
+        )));
+    }
+    if !settings.identify.common_change {
         return Ok(());
     }
     let why = match settings.detect.method {
         _ if design.is_some_and(|design| design.extension.is_some()) => {
             "the design has a critique's extension, which is not moved"
-        }
-        _ if !settings.input.baseline.is_empty() => {
-            "with --baseline each channel is judged about its own past nights"
         }
         DetectMethod::Sensitivity => return Ok(()),
         _ => "it needs detect.method = \"sensitivity\"",

@@ -1,6 +1,9 @@
 //! How a run ends: the contract's exit statuses.
 
 use crate::io::damage::RecordingError;
+use crate::io::design_file::DesignFileError;
+use crate::io::labels_file::LabelsError;
+use crate::io::outputs::OutputError;
 use crate::pipeline::PipelineError;
 use crate::settings::SettingsError;
 use std::process::ExitCode;
@@ -12,8 +15,10 @@ pub enum Exit {
     Failed = 1,
     /// Wrong usage or settings.
     Usage = 2,
-    /// Finished, but some input was damaged, rejected or skipped.
+    /// Finished, but some input was newly found damaged, rejected or skipped.
     Incomplete = 3,
+    /// Finished, but of a printhead nothing, or of a recording less than half of the signals, could be judged.
+    NotJudged = 4,
 }
 
 impl From<Exit> for ExitCode {
@@ -38,6 +43,14 @@ impl Failure {
         Failure { exit: Exit::Usage, message: message.to_string() }
     }
 
+    /// A place that can never hold results is a mistake of usage; a store that refuses or a disk that fails is none.
+    pub fn of_place(error: OutputError) -> Failure {
+        match error {
+            OutputError::InObjectStore { .. } | OutputError::Stays { .. } => Failure::new(error),
+            _ => Failure::usage(error),
+        }
+    }
+
     pub fn is_usage(&self) -> bool {
         self.exit == Exit::Usage
     }
@@ -46,6 +59,25 @@ impl Failure {
 impl From<SettingsError> for Failure {
     fn from(e: SettingsError) -> Failure {
         Failure::usage(e)
+    }
+}
+
+/// What the user wrote, or which file was meant, is the user's to put right.
+impl From<LabelsError> for Failure {
+    fn from(e: LabelsError) -> Failure {
+        match e {
+            LabelsError::Write { .. } => Failure::new(e),
+            _ => Failure::usage(e),
+        }
+    }
+}
+
+impl From<DesignFileError> for Failure {
+    fn from(e: DesignFileError) -> Failure {
+        match e {
+            DesignFileError::Write { .. } => Failure::new(e),
+            _ => Failure::usage(e),
+        }
     }
 }
 

@@ -6,16 +6,16 @@ use super::output;
 use super::progress::{Progress, handle_interrupts};
 use super::report::{printable, printable_path};
 use super::rotate;
-use crate::episodes::Episode;
 use crate::io::Limits;
 use crate::io::layout::Layout;
 use crate::io::objects::in_object_store;
 use crate::io::printable;
 use crate::io::recording::Recording;
-use crate::pipeline::{self, ClosedPart, Control, Rotation, Watch, rfc3339};
+use crate::pipeline::{self, ClosedPart, Control, Rotation, Telling, Watch, rfc3339};
 use crate::report::clock;
 use crate::settings::{Pace, Settings};
-use serde_json::json;
+use crate::verdict::Reason;
+use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
@@ -27,11 +27,6 @@ pub fn check(settings: &Settings, dry_run: bool) -> Result<(), Failure> {
     let input = &settings.input;
     let why = match input.recordings.as_slice() {
         _ if dry_run => "--dry-run does nothing, and --follow waits: leave one of them out".into(),
-        _ if !input.baseline.is_empty() => {
-            "channels' baselines are learned from whole recordings: leave --baseline (input.baseline) out, \
-             and replay with it when the recording is closed"
-                .into()
-        }
         _ if settings.replay.pace == Pace::Recorded => {
             "the recorder sets the pace: leave --pace recorded (replay.pace) out".into()
         }
@@ -74,14 +69,16 @@ impl Judge for Watching<'_> {
 
     fn judge(&mut self, run: &Run, _: usize, item: &Item) -> Result<Judged, NotJudged> {
         let (label, verdicts) = (&item.label, item.verdicts_in(run.out));
-        let raised = |episode: &Episode| tell(label, episode, self.json, self.progress);
+        let told = |of: Telling| tell(label, of, self.json, self.progress);
         let note = |what: &str| self.progress.say(&format!("{}: {what}", printable_path(label)));
         let closed = |part: &ClosedPart| rotate::tell(label, part, self.json, self.progress);
         let rotation = self.rotate.map(|every| Rotation { every, closed: &closed });
-        let watch = Watch { raised: &raised, note: &note, rotation };
+        let watch = Watch { tell: &told, note: &note, rotation };
         let report = self.progress.during(label, None, run.control, || {
             let enough = run.control.enough.clone();
-            let recording = Recording::follow(&item.path, Limits::default(), run.dialects, enough)?;
+            let mut recording =
+                Recording::follow(&item.path, Limits::default(), run.dialects, enough)?;
+            recording.label.clone_from(label);
             pipeline::follow(run.replay, &recording, &verdicts, run.control, &watch)
         });
         Ok(Judged::of(report?, label, &verdicts, run.detail))
@@ -92,38 +89,65 @@ impl Judge for Watching<'_> {
     }
 }
 
-/// An episode as it is when it is raised; keys as in the table of episodes.
-pub fn tell(recording: &str, episode: &Episode, json: bool, progress: &Progress) {
-    let told = match json {
-        true => output::event(&json!({
-            "event": "episode",
-            "recording": recording,
-            "printhead": &*episode.printhead,
-            "channel": episode.channel,
-            "category": episode.category,
-            "fault": episode.fault,
-            "raised_at": rfc3339(episode.raised_at_ns),
-            "began_at": rfc3339(episode.began_at_ns),
-            "bursts": episode.bursts,
-            "certainty": episode.certainty,
-            "severity_last": episode.severity_last,
-            "severity_sd": episode.severity_sd,
-            "explanation": episode.explanation,
-        })),
-        false => line(episode),
-    };
+/// An episode as it is when it is raised, or named otherwise; keys as in the table of episodes.
+pub fn tell(recording: &str, of: Telling, json: bool, progress: &Progress) {
+    let told = if json { output::event(&event(recording, of)) } else { line(of) };
     // whoever stopped reading still wants the tables
     if let Err(failure) = unless_reader_gone(told) {
         progress.fail(&failure.message);
     }
 }
 
-fn line(episode: &Episode) -> std::io::Result<()> {
+fn event(recording: &str, of: Telling) -> Value {
+    let (episode, before) = match of {
+        Telling::Raised(now) => (now, None),
+        Telling::Revised { now, before } => (now, Some(before)),
+        Telling::Withdrawn(told) => (told, Some(told)),
+    };
+    let mut event = json!({
+        "event": "episode",
+        "recording": recording,
+        "printhead": &*episode.printhead,
+        "channel": episode.channel,
+        "category": episode.category,
+        "fault": episode.fault,
+        "raised_at": rfc3339(episode.raised_at_ns),
+        "began_at": rfc3339(episode.began_at_ns),
+        "bursts": episode.bursts,
+        "certainty": episode.certainty,
+        "severity_last": episode.severity_last,
+        "severity_sd": episode.severity_sd,
+        "resonance_hz": episode.resonance_hz,
+        "damping_per_s": episode.damping_per_s,
+        "reason": episode.reason.map(Reason::as_str),
+        "explanation": episode.explanation,
+    });
+    if let Some(before) = before {
+        let (raised_at, explanation) = (rfc3339(before.raised_at_ns), &before.explanation);
+        event["revises"] = json!({
+            "raised_at": raised_at,
+            "category": before.category,
+            "fault": before.fault,
+            "explanation": explanation,
+        });
+    }
+    if let Telling::Withdrawn(_) = of {
+        event["event"] = json!("withdrawn");
+    }
+    event
+}
+
+fn line(of: Telling) -> std::io::Result<()> {
+    let (episode, mark) = match of {
+        Telling::Raised(now) => (now, ""),
+        Telling::Revised { now, .. } => (now, "revised: "),
+        Telling::Withdrawn(told) => (told, "revised: no episode, told as: "),
+    };
     let raised = clock(episode.raised_at_ns);
     let mut out = output::report();
     writeln!(
         out,
-        "{raised}  {:<20}  {}",
+        "{raised}  {:<20}  {mark}{}",
         printable(&episode.printhead),
         printable::line(&episode.explanation, 1000)
     )?;

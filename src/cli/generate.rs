@@ -42,7 +42,7 @@ pub fn run(args: Args, command: Command) -> Result<Exit, Failure> {
 }
 
 fn man(dir: &Path, command: Command) -> Result<Exit, Failure> {
-    outputs::check_directory(dir).map_err(Failure::usage)?;
+    outputs::check_directory(dir).map_err(Failure::of_place)?;
     let failed = |e: std::io::Error| Failure::new(format!("{}: {e}", dir.display()));
     std::fs::create_dir_all(dir).map_err(failed)?;
     clap_mangen::generate_to(command, dir).map_err(failed)?;

@@ -54,9 +54,10 @@ pub struct Args {
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
     effect::check(&args.set, &settings, Command::Identify { detects: args.detectability })?;
-    let labels = args.labels.as_deref().map(labels_file::read).transpose().map_err(Failure::new)?;
+    outputs::check_file(&args.out).map_err(Failure::of_place)?;
+    let labels = args.labels.as_deref().map(labels_file::read).transpose()?;
     if let Some(dir) = &args.plot {
-        outputs::check_directory(dir).map_err(Failure::usage)?;
+        outputs::check_directory(dir).map_err(Failure::of_place)?;
     }
     let Collected { set, mut incomplete, progress } =
         collected(&args.recordings, &settings, labels.as_ref())?;

@@ -6,10 +6,12 @@ use super::exit::{Exit, Failure};
 use super::output;
 use super::progress::{Progress, interruptible, thousands};
 use super::report::printable;
+use super::ring_look;
 use super::topics::{self, Topics};
 use crate::io::damage::note;
+use crate::io::dialect::guess::Proposal;
 use crate::io::recording::Recording;
-use crate::io::{Limits, inputs};
+use crate::io::{Limits, inputs, part_file};
 use crate::pipeline::Control;
 use crate::settings::Settings;
 use std::io::Write;
@@ -21,8 +23,10 @@ use std::sync::atomic::Ordering;
   inkling inspect night.mcap
   inkling inspect archive/ --json
   inkling inspect foreign.mcap
-      lists its topics; of what looks like bursts a block [[input.dialect]] for
-      a settings file
+      lists its topics; of what looks like bursts its fields, and a block
+      [[input.dialect]] for a settings file
+  inkling inspect foreign.mcap --write settings.toml
+      the same, and writes the block
   inkling inspect foreign.mcap --config settings.toml
       the same as its dialects read it")]
 pub struct Args {
@@ -32,6 +36,9 @@ pub struct Args {
     /// Settings file whose input.dialect reads messages of others
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+    /// Write the blocks [[input.dialect]] that it proposes into a new settings file
+    #[arg(long, value_name = "FILE", conflicts_with = "config")]
+    write: Option<PathBuf>,
     /// One JSON document a recording
     #[arg(long)]
     json: bool,
@@ -40,13 +47,18 @@ pub struct Args {
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &[])?;
     let inputs = inputs::find_recordings(&args.recordings).map_err(Failure::new)?;
-    let dialects = dialects::checked(&settings, &inputs)?;
+    let dialects = dialects::checked(&settings, &inputs, |_| false)?;
     if let Some(file) = args.config.filter(|_| dialects.is_empty()) {
         return Err(Failure::usage(format!(
             "--config {}: there is no [[input.dialect]] in it, and nothing else of it has an effect here",
             file.display()
         )));
     }
+    if let Some(file) = args.write.as_ref().filter(|file| file.exists()) {
+        let what = "is there already; name a file that is not";
+        return Err(Failure::usage(format!("--write {}: {what}", file.display())));
+    }
+    let mut proposals: Vec<Proposal> = Vec::new();
     let control = interruptible();
     let progress = Progress::new(inputs.len(), 0);
     let mut exit = Exit::Done;
@@ -55,8 +67,14 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             .map_err(Failure::from)
             .and_then(|recording| one(&recording, &input.path, &control, &progress, args.json));
         match looked {
-            Ok(Exit::Done) => {}
-            Ok(_) => exit = Exit::Incomplete,
+            Ok((ended, proposed)) => {
+                if ended != Exit::Done {
+                    exit = Exit::Incomplete;
+                }
+                let is_new = |p: &Proposal| proposals.iter().all(|known| known.toml != p.toml);
+                let new: Vec<Proposal> = proposed.into_iter().filter(is_new).collect();
+                proposals.extend(new);
+            }
             Err(failure) if inputs.len() == 1 || control.interrupted() => return Err(failure),
             Err(failure) => {
                 progress.fail(&format!("inkling: {}", failure.message));
@@ -64,7 +82,30 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             }
         }
     }
+    if let Some(file) = &args.write {
+        write(file, &proposals, &progress)?;
+    }
     Ok(exit)
+}
+
+/// What was proposed, as a settings file.
+fn write(file: &Path, proposals: &[Proposal], progress: &Progress) -> Result<(), Failure> {
+    let shown = file.display();
+    if proposals.is_empty() {
+        return Err(Failure::new(format!(
+            "--write {shown}: nothing is proposed: no message that is not read already looks like a burst"
+        )));
+    }
+    let blocks: Vec<&str> = proposals.iter().map(|proposal| proposal.toml.as_str()).collect();
+    part_file::write(file, blocks.join("\n").as_bytes())
+        .map_err(|e| Failure::new(format!("{shown}: cannot be written: {e}")))?;
+    let open: Vec<&str> =
+        proposals.iter().flat_map(|p| p.open.iter().map(String::as_str)).collect();
+    progress.say(&match open.is_empty() {
+        true => format!("{shown}: written; inkling replay ... --config {shown} reads by it"),
+        false => format!("{shown}: written; fill in {} before it is used", open.join(", ")),
+    });
+    Ok(())
 }
 
 fn one(
@@ -73,7 +114,7 @@ fn one(
     control: &Control,
     progress: &Progress,
     as_json: bool,
-) -> Result<Exit, Failure> {
+) -> Result<(Exit, Vec<Proposal>), Failure> {
     let mut contents = Contents::default();
     contents.damage.clone_from(&recording.damage);
     let topics = progress.during(&recording.name, recording.bytes, control, || {
@@ -92,8 +133,9 @@ fn one(
     if as_json {
         let mut document = contents.document(recording, &digest.text, exit);
         topics.describe(&mut document);
+        document["doubts"] = ring_look::doubts(recording).into();
         output::event(&document)?;
-        return Ok(exit);
+        return Ok((exit, topics.proposals));
     }
     let mut out = std::io::stdout().lock();
     let name =
@@ -102,11 +144,14 @@ fn one(
     writeln!(out, "{name}: {bytes} bytes, {}", digest.text)?;
     contents.print(recording, &mut out)?;
     topics.print(&mut out)?;
+    for doubt in ring_look::doubts(recording) {
+        writeln!(out, "  doubt    {}", printable(&doubt))?;
+    }
     for d in &contents.damage {
         writeln!(out, "  damage   bytes {} to {}: {}", d.from_byte, d.to_byte, d.what)?;
     }
     writeln!(out, "  {}", if whole { "whole" } else { "NOT whole" })?;
-    Ok(exit)
+    Ok((exit, topics.proposals))
 }
 
 fn look(recording: &Recording, control: &Control, contents: &mut Contents) -> Topics {

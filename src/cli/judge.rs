@@ -5,14 +5,14 @@ use super::exit::Failure;
 use super::failed;
 use super::notes;
 use super::progress::Progress;
-use super::report;
-use crate::design::Baselines;
+use super::{report, ring_look};
 use crate::io::Limits;
 use crate::io::dialect::Dialects;
 use crate::io::journal::{Means, Outcome, Stamp, Told};
 use crate::io::recording::Recording;
 use crate::io::stored;
 use crate::pipeline::{self, Control, PipelineError, RecordingReport, Replay, resume};
+use crate::state::Memory;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -62,6 +62,8 @@ pub struct Judged {
     pub bytes: Vec<u64>,
     /// As in its summary.
     pub counts: Value,
+    /// Of what nothing, or less than half, could be judged.
+    pub not_judged: Vec<String>,
     pub damage: Vec<Told>,
     pub warnings: Vec<Told>,
     pub notes: Vec<Told>,
@@ -70,7 +72,7 @@ pub struct Judged {
     pub report: String,
     pub timings: Vec<String>,
     /// With `--baseline`: what is remembered for the next recording.
-    pub baselines: Option<Baselines>,
+    pub baselines: Option<Memory>,
 }
 
 impl Judged {
@@ -84,9 +86,10 @@ impl Judged {
         Judged {
             digest: report.digest.clone(),
             stamp: report.stamp,
-            outcome: if report.is_whole() { Outcome::Judged } else { Outcome::Damaged },
+            outcome: report.outcome(),
             bytes,
             counts: json!(report.tally.counts),
+            not_judged: notes::not_judged(&report),
             damage: notes::damage(&report),
             warnings: notes::warnings(&report),
             notes: notes::notes(&report),
@@ -153,14 +156,22 @@ impl Judge for Here<'_> {
 
     fn judge(&mut self, run: &Run, _: usize, item: &Item) -> Result<Judged, NotJudged> {
         let verdicts = item.verdicts_in(run.out);
+        let mut doubts = Vec::new();
         let judged = Recording::open_with(&item.path, Limits::default(), run.dialects)
             .map_err(PipelineError::from)
-            .and_then(|recording| {
+            .and_then(|mut recording| {
+                recording.label.clone_from(&item.label);
+                // a design knows how its signals lie and how far apart their samples are
+                if run.replay.design.is_none() {
+                    doubts = ring_look::doubts(&recording);
+                }
                 self.progress.during(&item.label, recording.bytes, run.control, || {
                     pipeline::replay(run.replay, &recording, &verdicts, run.control)
                 })
             });
-        Ok(Judged::of(judged?, &item.label, &verdicts, run.detail))
+        let mut judged = Judged::of(judged?, &item.label, &verdicts, run.detail);
+        judged.warnings.extend(doubts.into_iter().map(|what| Told { what, times: 1 }));
+        Ok(judged)
     }
 
     fn all_at_once(&self) -> bool {

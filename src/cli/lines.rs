@@ -36,6 +36,7 @@ impl Planned {
             results: Some(Results { verdicts: self.placed.verdicts.clone(), bytes }),
             error: None,
             counts: judged.counts.clone(),
+            not_judged: judged.not_judged.clone(),
             damage: judged.damage.clone(),
             warnings: judged.warnings.clone(),
             notes: judged.notes.clone(),
@@ -56,6 +57,7 @@ impl Planned {
             results: has_place.then_some(place),
             error: Some(error.into()),
             counts: Value::Null,
+            not_judged: Vec::new(),
             damage: Vec::new(),
             warnings: Vec::new(),
             notes: Vec::new(),
@@ -102,18 +104,21 @@ impl Planned {
     }
 }
 
-/// What of a damaged recording was not judged, or not as asked.
+/// What of a recording was not judged, or not as asked.
 fn not_whole(entry: &Entry) -> Option<String> {
-    if entry.outcome != Outcome::Damaged {
-        return None;
+    let refused = || entry.warnings.first().map(|told| told.what.clone());
+    let rejected = || {
+        let by_reason = entry.counts["rejected"].as_object();
+        let n: u64 = by_reason?.values().filter_map(Value::as_u64).sum();
+        (n > 0).then(|| format!("{n} signals rejected"))
+    };
+    match entry.outcome {
+        Outcome::NotJudged => entry.not_judged.first().cloned(),
+        Outcome::Damaged => {
+            let damage = entry.damage.first().map(|damage| damage.what.clone());
+            Some(damage.or_else(rejected).or_else(refused).unwrap_or_default())
+        }
+        Outcome::WindowRefused => refused(),
+        _ => None,
     }
-    let rejected = entry.counts["rejected"].as_object();
-    let rejected: u64 =
-        rejected.into_iter().flat_map(|of| of.values()).filter_map(Value::as_u64).sum();
-    let refused = entry.warnings.first().map(|told| told.what.clone());
-    Some(match (entry.damage.first(), rejected) {
-        (Some(damage), _) => damage.what.clone(),
-        (None, 0) => refused.unwrap_or_default(),
-        (None, n) => format!("{n} signals rejected"),
-    })
 }

@@ -21,6 +21,7 @@ mod identify;
 mod inspect;
 pub mod judge;
 mod lines;
+mod lost;
 mod notes;
 mod output;
 mod plan;
@@ -29,6 +30,7 @@ pub mod replay;
 mod report;
 mod report_page;
 mod results;
+mod ring_look;
 mod rotate;
 mod score;
 mod scored;
@@ -57,8 +59,9 @@ use std::process::ExitCode;
   inkling score verdicts/ --labels labels.csv
   inkling simulate scenario.toml -o run/
 
-Exit status: 0 done; 1 failed; 2 wrong usage or settings; 3 finished, but some input was damaged, \
-rejected or skipped (and the output says what). Faults found are a result, not a failure. `inkling \
+Exit status: 0 done; 1 failed; 2 wrong usage or settings; 3 finished, but some input was newly \
+found damaged or rejected, or one of several recordings failed (and the output says what); 4 finished, but of a printhead \
+nothing, or of a recording less than half of the signals, could be judged. Faults found are a result, not a failure. `inkling \
 VERB --help` says more."
 )]
 struct Cli {

@@ -111,7 +111,17 @@ pub fn notes(report: &RecordingReport) -> Vec<Told> {
         let says = "parts of its table, written while it was followed, could not be removed";
         (String::new(), format!("{says}: {e}"))
     });
-    counted(learned.chain(left))
+    let cut_off = report.cut_off.then(|| {
+        let says = "the recording was not closed: it is judged as far as it was complete; replay it when its recorder \
+                    has closed it";
+        (String::new(), says.to_owned())
+    });
+    counted(learned.chain(left).chain(cut_off))
+}
+
+/// Of what nothing, or less than half, could be judged: a sentence each.
+pub fn not_judged(report: &RecordingReport) -> Vec<String> {
+    report.not_judged.iter().map(|of| printable::line(&of.what, MOST_OF_A_NOTE)).collect()
 }
 
 pub fn damage(report: &RecordingReport) -> Vec<Told> {

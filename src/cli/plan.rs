@@ -14,6 +14,7 @@ use crate::io::{Limits, digest, part_file, stored};
 use crate::pipeline::chain;
 use crate::pipeline::resume::{Decision, Resume, Why};
 use crate::pipeline::{Control, PipelineError, beginning};
+use crate::settings::Settings;
 use serde_json::json;
 use std::io::Write;
 use std::path::Path;
@@ -53,6 +54,19 @@ pub fn place(
         Placed::new(layout, input, |source| day(&path, source))
     };
     inputs.into_iter().map(of_input).collect()
+}
+
+/// Whether an earlier run judged a recording by the dialects of these settings, and it has not changed since.
+pub fn is_known(input: &Input, journal: &Journal, settings: &Settings) -> bool {
+    let stamp = stored::stamp(&input.path).ok().filter(|stamp| stamp.modified_ns.is_some());
+    let (Some(stamp), Ok(source)) = (stamp, input.path.canonicalize()) else { return false };
+    let entry = journal.of_recording(&source.to_string_lossy());
+    entry.is_some_and(|entry| {
+        let dialect = &entry.by.settings["input"]["dialect"];
+        entry.is_judged()
+            && entry.recording.stamp == Some(stamp)
+            && *dialect == json!(settings.input.dialect)
+    })
 }
 
 /// What was named and is not there.

@@ -11,7 +11,9 @@ use super::plan::{self, Planned, Planner};
 use super::progress::{Progress, interruptible};
 use super::rotate;
 use crate::design::Design;
+use crate::detect::ThresholdMethod;
 use crate::io::baseline_file::BaselineFile;
+use crate::io::inputs::Input;
 use crate::io::journal::{JOURNAL_NAME, Journal, JournalWriter, Means};
 use crate::io::layout::{self, Layout};
 use crate::io::run_lock::RunLock;
@@ -19,7 +21,7 @@ use crate::io::{design_file, digest, inputs, labels_file, outputs};
 use crate::isolate::IsolateMethod;
 use crate::pipeline::Replay;
 use crate::pipeline::resume::Resume;
-use crate::settings::{Pace, Preset, Settings};
+use crate::settings::{IdentifyMode, Pace, Preset, Settings};
 use chrono::DateTime;
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
@@ -79,7 +81,7 @@ pub struct Args {
     /// Files, directories (searched for *.mcap) or glob patterns
     recordings: Vec<String>,
     /// Where verdicts go [default: verdicts]
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Settings file
     #[arg(long, value_name = "FILE")]
@@ -117,6 +119,9 @@ pub struct Args {
     /// Judge again what is finished
     #[arg(long)]
     force: bool,
+    /// Exit by what earlier runs told of recordings that are skipped, too: damage is otherwise news once
+    #[arg(long)]
+    strict: bool,
     /// Say what would be done and why, and do nothing
     #[arg(long)]
     dry_run: bool,
@@ -157,20 +162,22 @@ pub fn run_elsewhere(args: Args, judge: &mut dyn Judge) -> Result<Exit, Failure>
 }
 
 fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Failure> {
-    let mut account = Account::new();
-    let settings = settings(&args)?;
+    let mut account = Account::new(args.strict);
+    let (settings, design) = with_design(&args)?;
     if args.follow {
         follow::check(&settings, args.dry_run)?;
     }
     let out = PathBuf::from(&settings.output.dir);
     rotate::check(args.rotate, args.follow, &out)?;
     let found = inputs::find_each_recording(&settings.input.recordings).map_err(Failure::new)?;
-    outputs::check_place(&out).map_err(Failure::new)?;
+    outputs::check_place(&out).map_err(Failure::of_place)?;
     let journal = || Journal::read(&out).map_err(|e| unreadable(&out, e));
-    let dialects = dialects::checked(&settings, &found.inputs)?;
-    let placed = plan::place(found.inputs, settings.output.layout, &journal()?, &dialects);
+    let before = journal()?;
+    let is_known = |input: &Input| !args.force && plan::is_known(input, &before, &settings);
+    let dialects = dialects::checked(&settings, &found.inputs, is_known)?;
+    let placed = plan::place(found.inputs, settings.output.layout, &before, &dialects);
     layout::refuse_shared(&placed).map_err(Failure::usage)?;
-    let Loaded { replay, baseline_file, means } = load(settings, &args)?;
+    let Loaded { replay, baseline_file, means } = load(settings, design, &args)?;
     let lost: Vec<Row> = found.lost.iter().map(plan::lost).collect();
 
     let control = if args.follow { follow::until_enough() } else { interruptible() };
@@ -246,14 +253,33 @@ fn unreadable(out: &Path, e: std::io::Error) -> Failure {
     Failure::new(format!("{}: cannot be read: {e}", out.join(JOURNAL_NAME).display()))
 }
 
-fn settings(args: &Args) -> Result<Settings, Failure> {
+/// A design, and the digest of its file.
+type Read = (Design, String);
+
+/// The settings, and the design that they name; how it was trained is its own, unless the command line says otherwise.
+fn with_design(args: &Args) -> Result<(Settings, Option<Read>), Failure> {
+    let asked = settings(args, &[])?;
+    if asked.input.design.is_empty() {
+        return Ok((asked, None));
+    }
+    let read: Read = design_file::read(Path::new(&asked.input.design))?;
+    if args.preset.is_some() || read.0.chosen.is_empty() {
+        return Ok((asked, Some(read)));
+    }
+    let kept = read.0.chosen.iter().map(|(key, value)| format!("{key}={value}"));
+    let kept: Vec<String> = kept.collect();
+    Ok((settings(args, &kept)?, Some(read)))
+}
+
+/// `kept`: by the design, as `KEY=VALUE`; `--set` wins over it.
+fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
     let here = Path::new(PIPELINE_TOML);
     let file = match &args.config {
         Some(file) => Some(file.as_path()),
         None if args.recordings.is_empty() && here.is_file() => Some(here),
         None => None,
     };
-    let mut overrides = Vec::new();
+    let mut overrides = kept.to_vec();
     if args.design.is_some() {
         overrides.push("identify.mode=design".into()); // the default; --set wins over it
     }
@@ -337,6 +363,24 @@ fn check_declared(settings: &Settings, design: Option<&Design>) -> Result<(), Fa
     Err(Failure::usage(format!("isolate.classes.\"{name}\": {why}")))
 }
 
+/// The largest energy of a window is a faulty channel's own, unless somebody says who is healthy in it.
+fn check_threshold(settings: &Settings, design: Option<&Design>) -> Result<(), Failure> {
+    let is_max = settings.detect.threshold == ThresholdMethod::Max;
+    let by_windows = design.is_none() || settings.identify.mode == IdentifyMode::Windows;
+    if !is_max || !by_windows || !settings.identify.labels.is_empty() {
+        return Ok(());
+    }
+    let design = match design {
+        Some(_) => "judge by the design's own threshold (--identify design), ",
+        None => "train a design on labelled recordings with the same settings, ",
+    };
+    Err(Failure::usage(format!(
+        "detect.threshold = \"max\": the largest statistic of a healthy window, and nobody says who is healthy in it: a \
+         faulty channel's own would be the threshold. {design}say who is healthy (--set identify.labels=labels.csv), or \
+         take --set detect.threshold=quantile"
+    )))
+}
+
 /// What the settings ask of a design, and of what it names.
 fn check(settings: &Settings, args: &Args, design: Option<&Design>) -> Result<(), Failure> {
     check_declared(settings, design)?;
@@ -344,6 +388,7 @@ fn check(settings: &Settings, args: &Args, design: Option<&Design>) -> Result<()
     let names = !classes.is_empty();
     effect::check(&args.set, settings, Command::Replay { detects: design.is_none(), names })?;
     effect::check_common_change(&args.set, settings, design)?;
+    check_threshold(settings, design)?;
     if let Some(design) = design.filter(|_| names) {
         design.check_method(settings.isolate.method).map_err(Failure::usage)?;
     }
@@ -369,11 +414,9 @@ fn span_ns([from, to]: &[String; 2]) -> Result<(i64, i64), Failure> {
     }
 }
 
-fn load(mut settings: Settings, args: &Args) -> Result<Loaded, Failure> {
+fn load(mut settings: Settings, read: Option<Read>, args: &Args) -> Result<Loaded, Failure> {
     let (mut design, mut design_digest) = (None, None);
-    if !settings.input.design.is_empty() {
-        let (read, digest): (Design, String) =
-            design_file::read(Path::new(&settings.input.design)).map_err(Failure::new)?;
+    if let Some((read, digest)) = read {
         // models learned on windows must be of the design's kind
         if asked_to_detect(args) && settings.detect != read.detect {
             return Err(Failure::usage(format!(
@@ -389,7 +432,7 @@ fn load(mut settings: Settings, args: &Args) -> Result<Loaded, Failure> {
     let (mut labels, mut labels_digest) = (None, None);
     if !settings.identify.labels.is_empty() {
         let path = Path::new(&settings.identify.labels);
-        labels = Some(labels_file::read(path).map_err(Failure::new)?);
+        labels = Some(labels_file::read(path)?);
         let digest = digest::of_file(path, |_| Ok::<_, std::io::Error>(()));
         labels_digest = Some(digest.map_err(|e| Failure::new(format!("{}: {e}", path.display())))?);
     }

@@ -62,6 +62,9 @@ fn print_flagged(report: &RecordingReport, out: &mut impl Write) -> io::Result<(
     let flagged: u64 = report.tally.printheads.values().map(|p| p.passed).sum();
     let share = 100.0 * flagged as f64 / report.tally.counts.judged.max(1) as f64;
     let Counts { episodes, still_on, .. } = report.episodes.counts;
+    if report.tally.counts.judged == 0 {
+        return writeln!(out, "  nothing could be judged");
+    }
     writeln!(
         out,
         "  flagged {share:.2} %, {} fault episodes, {} of them still on at the end",
@@ -110,9 +113,13 @@ fn counts_of_left_out(counts: &Counts) -> u64 {
 
 fn print_printhead(name: &str, printhead: &PrintheadTally, out: &mut impl Write) -> io::Result<()> {
     let share = 100.0 * printhead.passed as f64 / printhead.judged.max(1) as f64;
+    let flagged = match printhead.known() {
+        0 => "not judged".to_owned(),
+        _ => format!("{share:>6.2} %"),
+    };
     writeln!(
         out,
-        "  {name:<20} {:>8} {:>10} {share:>6.2} %",
+        "  {name:<20} {:>8} {:>10} {flagged}",
         printhead.channels.len(),
         thousands(printhead.signals)
     )

@@ -4,8 +4,10 @@ use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible};
 use super::{output, results};
 use crate::io::{fault_table, inputs, outputs, part_file, printable};
-use crate::report;
+use crate::report::{self, Fault};
 use crate::settings::Settings;
+use chrono::DateTime;
+use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -31,6 +33,9 @@ pub struct Args {
     /// The page; its table of faults goes beside it
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+    /// What is to be cleaned, most urgent first, as JSON
+    #[arg(long)]
+    json: bool,
     /// Settings file, for its section [report]
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -56,7 +61,14 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     }
     let table = args.output.with_extension("faults.parquet");
     for path in [&args.output, &table] {
-        outputs::check_file(path).map_err(Failure::usage)?;
+        outputs::check_file(path).map_err(Failure::of_place)?;
+    }
+    if let Some(other) = args.out.iter().find(|name| name.ends_with(".mcap")) {
+        let other = printable::cell(other);
+        return Err(Failure::usage(format!(
+            "{other}: is a recording, and a report reads what `inkling replay {other} -o verdicts` writes: give \
+             that directory"
+        )));
     }
     let found = inputs::find_verdicts(&args.out).map_err(Failure::new)?;
     let progress = Progress::new(1, 0);
@@ -74,10 +86,36 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     }
     fault_table::write(&table, &read.report.faults).map_err(Failure::new)?;
     write_text(&args.output, &report::html(&read.report))?;
+    if args.json {
+        let faults: Vec<_> = read.report.faults.iter().map(as_json).collect();
+        let told =
+            json!({ "page": args.output, "table": table, "faults": faults, "failed": read.failed });
+        output::event(&told)?;
+        return Ok(if read.failed.is_empty() { Exit::Done } else { Exit::Incomplete });
+    }
     let mut out = output::report();
     report::print(&read.report, printable::line, &mut out)?;
     writeln!(out, "{}, {}", args.output.display(), table.display())?;
     Ok(if read.failed.is_empty() { Exit::Done } else { Exit::Incomplete })
+}
+
+/// A row of the cleaning list, as `report.faults.parquet` has it.
+fn as_json(fault: &Fault) -> serde_json::Value {
+    let story = &fault.story;
+    let time = |ns: i64| DateTime::from_timestamp_nanos(ns).to_rfc3339();
+    json!({
+        "printhead": story.printhead.to_string(),
+        "channel": story.channel,
+        "category": story.category,
+        "fault": story.fault,
+        "began_at": time(story.began_at_ns),
+        "ended_at": story.ended_at_ns.map(time),
+        "severity_last": story.severity_last,
+        "certainty": story.certainty,
+        "urgency": fault.urgency,
+        "action": fault.action,
+        "sentence": fault.sentence,
+    })
 }
 
 /// A page gets its name when it is whole.

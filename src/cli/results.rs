@@ -2,6 +2,7 @@
 
 use super::copies::Copies;
 use super::exit::Failure;
+use super::lost;
 use super::progress::Progress;
 use crate::io::inputs::Input;
 use crate::io::verdict_reader::VerdictReader;
@@ -97,7 +98,8 @@ pub fn read(
         let first = failed.into_iter().next();
         return Err(Failure::new(first.unwrap_or_else(|| "the verdict tables are empty".into())));
     }
-    let report = Report::new(&sources, survey, settings.clone());
+    let lost = lost::of(inputs, &failed);
+    let report = Report::new(&sources, survey, lost, settings.clone());
     Ok(Read { report, failed, notes, classes })
 }
 

@@ -13,7 +13,7 @@ use crate::io::{
     design_file, episode_table, inputs, labels_file, outputs, printable, regular_file, stored,
     truth_file,
 };
-use crate::labels::{Label, Labels};
+use crate::labels::{Channels, Label, Labels};
 use crate::score::blind::{Blind, Said as SaidCritique, True};
 use crate::score::curves::Curves;
 use crate::score::episodes::{EpisodeScore, SaidEpisode};
@@ -71,7 +71,7 @@ const ONE_QUANTITY: [&str; 2] = ["blocked_nozzle", "dried_nozzle"];
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
     if let Some(page) = &args.report {
-        outputs::check_file(page).map_err(Failure::usage)?;
+        outputs::check_file(page).map_err(Failure::of_place)?;
     }
     if !args.truth.is_empty() {
         return critiques(&args);
@@ -86,7 +86,14 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             ));
         }
     };
-    let labels = labels_file::read(labels_path).map_err(Failure::new)?;
+    let labels = labels_file::read(labels_path)?;
+    if let Some(other) = args.verdicts.iter().find(|name| name.ends_with(".mcap")) {
+        let other = printable::cell(other);
+        return Err(Failure::usage(format!(
+            "{other}: is a recording, and a score reads what `inkling replay {other} -o verdicts` writes: give that \
+             directory"
+        )));
+    }
     let files = inputs::find_verdicts(&args.verdicts).map_err(Failure::new)?;
     let mut scoring = Scoring::new(&labels, args.report.is_some());
     for file in &files {
@@ -112,7 +119,7 @@ struct Scoring<'a> {
     score: Score,
     severity: SeverityScore,
     of_categories: SeverityScore,
-    episodes: EpisodeScore,
+    episodes: EpisodeScore<'a>,
     any_episodes: bool,
     curves: Option<Curves>,
     copies: Copies,
@@ -158,7 +165,7 @@ impl<'a> Scoring<'a> {
         let beside = episode_table::path_beside(path);
         let has_episodes = stored::is_file(&beside);
         if has_episodes {
-            add_episodes(&beside, self.labels, &mut self.episodes)?;
+            add_episodes(&beside, &mut self.episodes)?;
             self.any_episodes = true;
         }
         while let Some(columns) = verdicts.next() {
@@ -183,8 +190,7 @@ impl<'a> Scoring<'a> {
         let said = row.said();
         self.score.add(said, truth.map(|label| label.state.as_str()));
         if has_episodes {
-            let healthy = truth.is_some_and(|label| label.state == HEALTHY);
-            self.episodes.add_signal(printhead, channel, t_ns, healthy);
+            self.episodes.add_signal(printhead, channel, t_ns, truth);
         }
         let Some(label) = truth else { return };
         if let Some(curves) = &mut self.curves {
@@ -277,7 +283,7 @@ fn tell(
 
 /// What a design says of itself, by the default settings of isolation.
 fn promise(path: &Path) -> Result<Promise, Failure> {
-    let (design, _) = design_file::read(path).map_err(Failure::new)?;
+    let (design, _) = design_file::read(path)?;
     let promise = design.promise(&IsolateSettings::default()).map_err(Failure::new)?;
     promise.ok_or_else(|| {
         Failure::new(format!(
@@ -307,7 +313,7 @@ fn write_json(told: &serde_json::Value, out: &mut impl Write) -> Result<(), Fail
     Ok(writeln!(out)?)
 }
 
-fn add_episodes(path: &Path, labels: &Labels, score: &mut EpisodeScore) -> Result<(), Failure> {
+fn add_episodes(path: &Path, score: &mut EpisodeScore) -> Result<(), Failure> {
     for e in episode_table::read(path).map_err(Failure::new)? {
         let said = SaidEpisode {
             printhead: &e.printhead,
@@ -317,17 +323,17 @@ fn add_episodes(path: &Path, labels: &Labels, score: &mut EpisodeScore) -> Resul
             raised_at_ns: e.raised_at_ns,
             began_at_ns: e.began_at_ns,
         };
-        score.add_episode(said, labels);
+        score.add_episode(said);
     }
     Ok(())
 }
 
 /// Of a labelled state on a channel, by its start: when the fault began that it is a part of.
-type Onsets = HashMap<(String, Option<u32>, Option<i64>), Option<i64>>;
+type Onsets = HashMap<(String, Channels, Option<i64>), Option<i64>>;
 
 /// A fault that grows is labelled row after row: what follows without a gap is the same fault.
 fn onsets(labels: &Labels) -> Onsets {
-    let mut faulty: Vec<&Label> = labels.rows().iter().filter(|l| l.state != HEALTHY).collect();
+    let mut faulty: Vec<&Label> = labels.rows().iter().filter(|l| l.is_fault()).collect();
     faulty.sort_by_key(|l| (&l.printhead, l.channel, l.from_ns));
     let mut onsets = Onsets::new();
     let mut before: Option<(&Label, Option<i64>)> = None;

@@ -40,7 +40,7 @@ pub struct Args {
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
-    outputs::check_directory(&args.out).map_err(Failure::new)?;
+    outputs::check_directory(&args.out).map_err(Failure::of_place)?;
     let text = regular_file::read_text(&args.scenario, regular_file::MOST_SETTINGS_BYTES)
         .map_err(|e| Failure::usage(format!("{}: cannot be read: {e}", args.scenario.display())))?;
     let scenario = Scenario::from_toml(&text).map_err(|e| {

@@ -29,7 +29,7 @@ pub struct Args {
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
-    crate::io::outputs::check_directory(&args.out).map_err(Failure::new)?;
+    crate::io::outputs::check_directory(&args.out).map_err(Failure::of_place)?;
     let seeds: Vec<u64> = (0..args.seeds).map(|k| args.seed.wrapping_add(k)).collect();
     let threads = match args.threads {
         0 => crate::side_by_side::cores(),

@@ -3,7 +3,7 @@
 use super::progress::thousands;
 use super::report::printable;
 use crate::io::census::{Becomes, Census, Seen};
-use crate::io::dialect::guess::guess;
+use crate::io::dialect::guess::{Proposal, Shown, guess};
 use crate::io::printable as shown;
 use serde_json::{Value, json};
 use std::io::{self, Write};
@@ -17,8 +17,8 @@ const MOST_NAME: usize = 120;
 
 pub struct Topics {
     seen: Vec<Seen>,
-    /// TOML, one for all topics of a kind.
-    proposals: Vec<String>,
+    /// One for all topics of a kind.
+    pub proposals: Vec<Proposal>,
 }
 
 pub fn of(census: Option<Census>) -> Topics {
@@ -27,7 +27,7 @@ pub fn of(census: Option<Census>) -> Topics {
     Topics { seen, proposals }
 }
 
-fn proposals(seen: &[Seen]) -> Vec<String> {
+fn proposals(seen: &[Seen]) -> Vec<Proposal> {
     let parts = |seen: &Seen| seen.topic.matches('/').count();
     let same = |a: &Seen, b: &Seen| {
         (&a.schema_name, &a.schema_encoding, &a.message_encoding, parts(a))
@@ -86,20 +86,7 @@ impl Topics {
                 thousands((self.seen.len() - listed.len()) as u64)
             )?;
         }
-        for (i, proposal) in self.proposals.iter().enumerate() {
-            if i == 0 {
-                writeln!(
-                    out,
-                    "  looks like bursts; into a settings file (--config), what has a \"?\" looked at:"
-                )?;
-            }
-            writeln!(out)?;
-            for line in proposal.lines() {
-                writeln!(out, "{}", shown::line(line, 1000))?;
-            }
-            writeln!(out)?;
-        }
-        Ok(())
+        self.proposals.iter().try_for_each(|proposal| print_proposal(proposal, out))
     }
 
     /// Into the document of `--json`.
@@ -126,7 +113,45 @@ impl Topics {
         });
         document["topics"] = topics.collect();
         document["topics_more"] = json!(self.seen.len().saturating_sub(MOST_LISTED));
-        document["dialects"] = json!(self.proposals);
+        let blocks = self.proposals.iter().map(|proposal| &proposal.toml);
+        document["dialects"] = json!(blocks.collect::<Vec<_>>());
+        let described = self.proposals.iter().map(|p| json!({"fields": p.fields, "open": p.open}));
+        document["messages"] = described.collect();
+    }
+}
+
+/// The fields of a kind of messages, and the block that reads them.
+fn print_proposal(proposal: &Proposal, out: &mut impl Write) -> io::Result<()> {
+    writeln!(out, "  looks like bursts; its first message has")?;
+    let width = |of: fn(&Shown) -> &str| {
+        let widths = proposal.fields.iter().map(|field| printable(of(field)).chars().count());
+        widths.max().unwrap_or(0).min(48)
+    };
+    let (path, kind) = (width(|field| &field.path), width(|field| &field.type_name));
+    for field in &proposal.fields {
+        let said = match (&field.length, &field.value) {
+            (Some(n), _) => format!("{} of it", thousands(*n as u64)),
+            (None, Some(value)) => printable(value),
+            (None, None) => String::new(),
+        };
+        let line = format!(
+            "    {:<path$}  {:<kind$}  {said}",
+            printable(&field.path),
+            printable(&field.type_name)
+        );
+        writeln!(out, "{}", line.trim_end())?;
+    }
+    writeln!(
+        out,
+        "  into a settings file (--write FILE, or by hand), what has a \"?\" looked at:\n"
+    )?;
+    for line in proposal.toml.lines() {
+        writeln!(out, "{}", shown::line(line, 1000))?;
+    }
+    writeln!(out)?;
+    match proposal.open.as_slice() {
+        [] => Ok(()),
+        open => writeln!(out, "  to be filled in, as nothing in it says so: {}", open.join(", ")),
     }
 }
 

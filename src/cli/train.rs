@@ -3,27 +3,37 @@
 use super::collected::{Collected, collected};
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
+use super::output;
 use super::progress::thousands;
 use super::replay::PresetArg;
 use super::report::printable;
-use crate::design::Design;
+use crate::design::{ClassTold, Design, DesignError, Judged};
 use crate::detect::DetectMethod;
-use crate::fault::{CLASSES, HEALTHY};
-use crate::io::{design_file, labels_file};
-use crate::labels::{Label, Labels};
+use crate::identify::IdentifyError;
+use crate::io::labels_file::{self, States};
+use crate::io::{design_file, outputs};
+use crate::labels::{Label, Labels, known_states};
 use crate::settings::{Preset, Settings};
-use std::collections::BTreeSet;
+use serde_json::json;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+/// Signals that are counted beside the labelled ones: no class can have these names.
+const COUNTED: [&str; 4] = ["unlabelled", "rejected", "other_sampling", "beyond_the_limit_of_sets"];
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   inkling train library.mcap --labels labels.csv -o design.json
   inkling train logs/ --labels labels.csv -o design.json \\
       --set detect.false_alarm_rate=1e-3
+  inkling train logs/ --labels labels.csv --new-class Stecker -o design.json
+      a class of your own, beside those that the physics knows
 
-Labels: CSV with printhead,channel,from,to,state,severity; state is `healthy` or a fault class, \
-your own class names are welcome.")]
+Labels: CSV with printhead,channel,from,to,state,severity; printhead is a name or *; channel a \
+number, a range such as 0-20, or *; state is `healthy`, `ignore` (not learned from), a fault class, \
+or a name of your own that --new-class or [isolate.classes] declares. Of each labelled class it is \
+told how many of its signals are detected, and how many would be named if they had not been \
+labelled.")]
 pub struct Args {
     /// Files, directories (searched for *.mcap) or glob patterns
     #[arg(required = true)]
@@ -37,6 +47,12 @@ pub struct Args {
     /// Settings file
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+    /// A class of your own that nothing else declares, repeatable
+    #[arg(long = "new-class", value_name = "NAME")]
+    new_class: Vec<String>,
+    /// As JSON
+    #[arg(long)]
+    json: bool,
     /// Any setting of pipeline.toml, repeatable
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
@@ -49,23 +65,10 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let preset = args.preset.map(|PresetArg::Thesis| Preset::Thesis);
     let settings = Settings::load(args.config.as_deref(), preset, &args.set)?;
     effect::check(&args.set, &settings, Command::Train)?;
-    let labels = labels_file::read(&args.labels).map_err(Failure::new)?;
-    let named = |row: &Label| Label {
-        state: settings.isolate.name_of(&row.state).to_owned(),
-        ..row.clone()
-    };
-    let labels = Labels::new(labels.rows().iter().map(named).collect());
+    outputs::check_file(&args.out).map_err(Failure::of_place)?;
+    let labels = labels(&args, &settings)?;
     let Collected { set, incomplete, progress } =
         collected(&args.recordings, &settings, Some(&labels))?;
-    if !settings.isolate.classes.is_empty() {
-        undeclared(&labels, &settings).iter().for_each(|label| {
-            progress.say(&format!(
-                "warning: label \"{}\" is none of the thesis's classes and not declared in \
-                 isolate.classes: it becomes a class of its own, without sizes",
-                printable(label)
-            ))
-        });
-    }
     if set.healthy.is_empty() {
         let seen: Vec<String> =
             set.signals.iter().map(|(l, n)| format!("{n} {}", printable(l))).collect();
@@ -76,17 +79,130 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             args.labels.display()
         )));
     }
-    let (design, warnings) =
-        Design::train(&set, &settings.identify.grey_box, &settings.detect, &settings.isolate)
-            .map_err(Failure::new)?;
-    warnings.iter().for_each(|w| progress.say(&format!("warning: {w}")));
+    let grey_box = &settings.identify.grey_box;
+    let (mut design, mut warnings) =
+        Design::train(&set, grey_box, &settings.detect, &settings.isolate)
+            .map_err(|e| not_trained(&e, &args.labels))?;
+    design.chosen = settings.kept_by_design();
+    let told = design.tell_classes(&set, grey_box, &settings.isolate).map_err(Failure::new)?;
+    refuse_never_named(&told, &args.labels)?;
+    warnings.extend(told.iter().filter(|class| class.is_hardly_detected()).map(hardly_detected));
+    if !args.json {
+        warnings.iter().for_each(|w| progress.say(&format!("warning: {w}")));
+    }
     design_file::write(&args.out, &design).map_err(Failure::new)?;
-    tell(&args, &design)?;
+    match args.json {
+        true => output::event(&document(&args, &design, &told, &warnings))?,
+        false => tell(&args, &design, &told)?,
+    }
     Ok(if incomplete { Exit::Incomplete } else { Exit::Done })
 }
 
-fn tell(args: &Args, design: &Design) -> std::io::Result<()> {
-    let mut out = super::output::report();
+/// Read with the states that are declared, under the names that the design will give them.
+fn labels(args: &Args, settings: &Settings) -> Result<Labels, Failure> {
+    let own = settings.isolate.classes.keys().map(String::as_str);
+    for name in &args.new_class {
+        let is_taken = known_states().chain(COUNTED).any(|taken| taken == name)
+            || settings.isolate.classes.contains_key(name);
+        if name.is_empty() || is_taken {
+            return Err(Failure::usage(format!(
+                "--new-class {}: that name has a meaning already; give another",
+                printable(name)
+            )));
+        }
+    }
+    let declared: Vec<&str> = own.chain(args.new_class.iter().map(String::as_str)).collect();
+    let labels = labels_file::read_states(&args.labels, States::Declared(&declared))?;
+    let unused = |name: &&String| !labels.rows().iter().any(|row| row.state == **name);
+    if let Some(name) = args.new_class.iter().find(unused) {
+        return Err(Failure::usage(format!(
+            "--new-class {}: has no effect here: no row of {} has that state",
+            printable(name),
+            args.labels.display()
+        )));
+    }
+    let named = |row: &Label| Label {
+        state: settings.isolate.name_of(&row.state).to_owned(),
+        ..row.clone()
+    };
+    Ok(Labels::new(labels.rows().iter().map(named).collect()))
+}
+
+/// What is asked of labels is said of labels.
+fn not_trained(e: &DesignError, labels: &Path) -> Failure {
+    match e {
+        DesignError::Identify(IdentifyError::TooFewSignals { found, needed }) => {
+            Failure::usage(format!(
+                "{}: {found} usable signals are labelled `healthy`, {needed} are needed: label more channels or \
+                 longer times",
+                labels.display()
+            ))
+        }
+        e => Failure::new(e),
+    }
+}
+
+fn refuse_never_named(told: &[ClassTold], labels: &Path) -> Result<(), Failure> {
+    let why = |class: &ClassTold| {
+        let name = printable(&class.name);
+        class.why_never_named().map(|why| format!("class {name} would never be named: {why}"))
+    };
+    let all: Vec<String> = told.iter().filter_map(why).collect();
+    match all.is_empty() {
+        true => Ok(()),
+        false => Err(Failure::usage(format!(
+            "{}; no design is written: look at these rows of {}, or label them `ignore`",
+            all.join("; "),
+            labels.display()
+        ))),
+    }
+}
+
+fn hardly_detected(class: &ClassTold) -> String {
+    let Judged { signals, detected, .. } = class.trained_on;
+    format!(
+        "class {}: hardly detectable: {detected} of its {signals} labelled signals pass the chosen \
+         detection, and what does not pass is named nothing",
+        printable(&class.name)
+    )
+}
+
+fn document(
+    args: &Args,
+    design: &Design,
+    told: &[ClassTold],
+    warnings: &[String],
+) -> serde_json::Value {
+    let poles = design.pooled.identification.poles;
+    let class = |class: &ClassTold| {
+        let ClassTold { name, labelled, trained_on, held_out, .. } = class;
+        let mut mistaken = held_out.named.clone();
+        let named = mistaken.remove(name).unwrap_or(0);
+        json!({
+            "class": name,
+            "labelled": labelled,
+            "looked_at": trained_on.signals,
+            "detected": trained_on.detected,
+            "held_out": held_out.signals,
+            "named": named,
+            "mistaken_for": mistaken,
+        })
+    };
+    json!({
+        "design": args.out,
+        "models": design.models.len() + 1,
+        "classes": design.class_names(),
+        "signals": design.signals,
+        "labelled_classes": told.iter().map(class).collect::<Vec<_>>(),
+        "resonance_hz": poles.frequency_hz,
+        "damping_per_s": poles.damping_per_s,
+        "threshold": design.pooled.threshold.value,
+        "warnings": warnings,
+    })
+}
+
+fn tell(args: &Args, design: &Design, told: &[ClassTold]) -> std::io::Result<()> {
+    let mut out = output::report();
     writeln!(
         out,
         "{}: {} models, {} classes",
@@ -97,6 +213,7 @@ fn tell(args: &Args, design: &Design) -> std::io::Result<()> {
     for (label, n) in &design.signals {
         writeln!(out, "  {:>10} {}", thousands(*n), printable(label))?;
     }
+    tell_classes(told, &mut out)?;
     let poles = design.pooled.identification.poles;
     writeln!(
         out,
@@ -115,11 +232,35 @@ fn tell(args: &Args, design: &Design) -> std::io::Result<()> {
     writeln!(out, "  threshold {:.4e} {unit} ({})", t.value, t.in_words())
 }
 
-/// Labels that name no class that anyone has declared.
-fn undeclared<'a>(labels: &'a Labels, settings: &Settings) -> BTreeSet<&'a str> {
-    let is_known = |state: &str| {
-        [HEALTHY].iter().chain(&CLASSES).any(|known| *known == state)
-            || settings.isolate.classes.contains_key(state)
+/// Of each labelled class how many of its signals are detected, and what would be said of those held out.
+fn tell_classes(told: &[ClassTold], out: &mut impl Write) -> std::io::Result<()> {
+    if told.is_empty() {
+        return Ok(());
+    }
+    let share = |part: usize, whole: usize| match whole {
+        0 => "-".to_owned(),
+        _ => format!("{:.1} %", 100.0 * part as f64 / whole as f64),
     };
-    labels.rows().iter().map(|row| row.state.as_str()).filter(|state| !is_known(state)).collect()
+    let name = |class: &ClassTold| printable(&class.name);
+    let width = told.iter().map(|c| name(c).chars().count()).max().unwrap_or(0).max(5);
+    writeln!(
+        out,
+        "  {:<width$} {:>10} {:>9}  held out: {:>8}  mistaken for",
+        "class", "labels", "detected", "named"
+    )?;
+    for class in told {
+        let ClassTold { labelled, trained_on, held_out, .. } = class;
+        let mistaken = held_out.mistaken_for(&class.name).map_or("-".to_owned(), |(other, n)| {
+            format!("{} {}", printable(other), share(n, held_out.signals))
+        });
+        writeln!(
+            out,
+            "  {:<width$} {:>10} {:>9} {:>18}   {mistaken}",
+            name(class),
+            thousands(*labelled),
+            share(trained_on.detected, trained_on.signals),
+            share(held_out.named(&class.name), held_out.signals),
+        )?;
+    }
+    Ok(())
 }

@@ -107,7 +107,7 @@ fn of_signals(
     let mut causes = causes(&aside, &selected, detection == Detection::Better);
     let of_outliers = LeftOut { signals: outlier.iter().filter(|o| **o).count(), all: all.len() };
     let allowed = match real {
-        true => extended::check(of_outliers, &measured.gain),
+        true => extended::check(&applied, of_outliers, &measured.gain),
         false => Err(NotExtended::NoInkChannel),
     };
     let (verdict, mut remarks) = verdict(&mut causes, &selected.unnamed, &left);

@@ -33,6 +33,10 @@ impl Extended {
 pub enum NotExtended {
     #[error("the model is none of an ink channel")]
     NoInkChannel,
+    #[error(
+        "what was found changes nothing that is expected of a signal: a design with it would be the plain one"
+    )]
+    NothingExpected,
     #[error("signals whose noise is correlated could not be fitted as they came")]
     Unfit,
     #[error(
@@ -80,18 +84,21 @@ impl LeftOut {
     }
 }
 
-/// Whether anything speaks against a design of this model.
-pub fn check(left_out: LeftOut, gain: &Gain) -> Result<(), NotExtended> {
+/// Whether anything speaks against a design of this model with these causes.
+pub fn check(causes: &[Applied], left_out: LeftOut, gain: &Gain) -> Result<(), NotExtended> {
+    if causes.is_empty() {
+        return Err(NotExtended::NothingExpected);
+    }
     if left_out.is_mixture() {
         return Err(NotExtended::Mixture { left_out: left_out.signals, all: left_out.all });
     }
-    match gain.detection() {
-        Detection::Worse => Err(NotExtended::DetectsWorse {
+    if gain.detection() == Detection::Worse {
+        return Err(NotExtended::DetectsWorse {
             before: gain.before.detection_auc,
             after: gain.after.detection_auc,
-        }),
-        Detection::Better | Detection::Same | Detection::NotMeasured => Ok(()),
+        });
     }
+    Ok(())
 }
 
 /// The model of signals that were not made white, with the causes that stay there what they are: those that
@@ -120,6 +127,8 @@ mod tests {
 
     #[test]
     fn a_mixture_makes_no_design_nor_does_what_detects_worse() {
+        let causes = [Applied::rigid(CauseId::Tone, vec![], vec![], Kind::Shapes)];
+        let check = |left_out, gain: &Gain| check(&causes, left_out, gain);
         let few = LeftOut { signals: 40, all: 1000 };
         assert_eq!(check(few, &gain(0.1)), Ok(()));
         assert_eq!(check(few, &gain(0.0)), Ok(()));
@@ -127,5 +136,6 @@ mod tests {
         let mixture = LeftOut { signals: 397, all: 1140 };
         let refused = Err(NotExtended::Mixture { left_out: 397, all: 1140 });
         assert_eq!(check(mixture, &gain(0.1)), refused);
+        assert_eq!(super::check(&[], few, &gain(0.1)), Err(NotExtended::NothingExpected));
     }
 }

@@ -47,7 +47,7 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let normal = |rng: &mut ChaCha8Rng| -> f64 { StandardNormal.sample(rng) };
     let n = run.samples;
-    let mut sampler = Sampler::new(100e-6 / 128.0, n, usize::MAX);
+    let mut sampler = Sampler::new(100e-6 / 128.0, usize::MAX);
     let e = |id: CauseId| if run.effect == Some(id) { run.size } else { 0.0 };
     let channels: Vec<[f64; 3]> = (0..run.channels)
         .map(|_| run.spread.map(|w| 1.0 + w * rng.random_range(-1.0..1.0)))

@@ -32,7 +32,7 @@ mod leftovers;
 mod matrices;
 pub mod model;
 pub mod observations;
-mod outcome;
+pub mod outcome;
 mod outliers;
 mod refit;
 pub mod report;

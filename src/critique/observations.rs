@@ -115,7 +115,6 @@ struct Held {
 #[derive(Debug)]
 pub struct Sampler {
     dt_s: f64,
-    samples: usize,
     capacity: usize,
     integer: bool,
     printheads: BTreeMap<String, u32>,
@@ -126,10 +125,9 @@ pub struct Sampler {
 }
 
 impl Sampler {
-    pub fn new(dt_s: f64, samples: usize, capacity: usize) -> Sampler {
+    pub fn new(dt_s: f64, capacity: usize) -> Sampler {
         Sampler {
             dt_s,
-            samples,
             capacity: capacity.max(1),
             integer: true,
             printheads: BTreeMap::new(),
@@ -139,7 +137,24 @@ impl Sampler {
         }
     }
 
-    /// Offers a healthy signal of `samples` finite samples, counts.
+    /// Signals that are held.
+    pub fn len(&self) -> usize {
+        self.held.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.held.is_empty()
+    }
+
+    /// The length at which most samples are kept: longer signals are cut to it, shorter ones left out.
+    fn common_length(&self) -> usize {
+        let mut lengths: Vec<usize> = self.held.iter().map(|h| h.y.len()).collect();
+        lengths.sort_unstable_by(|p, q| q.cmp(p));
+        let kept = lengths.iter().enumerate().map(|(longer, &n)| (n * (longer + 1), n));
+        kept.max().map_or(0, |(_, n)| n)
+    }
+
+    /// Offers a healthy signal of finite samples, counts.
     pub fn offer(&mut self, printhead: &str, beside: Beside, signal: &[f64]) {
         self.found += 1;
         self.integer &= signal.iter().all(|y| y.fract() == 0.0);
@@ -174,12 +189,14 @@ impl Sampler {
         // printheads by name, not by which came first
         let by_name: BTreeMap<u32, usize> =
             self.printheads.values().enumerate().map(|(k, &number)| (number, k)).collect();
+        let samples = self.common_length();
         let mut held = self.held;
+        held.retain(|h| h.y.len() >= samples);
         let key = |h: &Held| (by_name[&h.printhead], h.beside.channel, h.beside.t_acq_ns);
         held.sort_by_key(key);
         let (mut units, mut bursts) = (BTreeMap::new(), BTreeMap::new());
         let mut rows = Vec::with_capacity(held.len());
-        let mut y = Vec::with_capacity(held.len() * self.samples);
+        let mut y = Vec::with_capacity(held.len() * samples);
         for h in &held {
             let (printhead, channel, time) = key(h);
             let next = units.len();
@@ -187,11 +204,11 @@ impl Sampler {
             let next = bursts.len();
             let burst = *bursts.entry((printhead, time)).or_insert(next);
             rows.push(Row { beside: h.beside, printhead, unit, burst });
-            y.extend_from_slice(&h.y);
+            y.extend_from_slice(&h.y[..samples]);
         }
         Observations {
             dt_s: self.dt_s,
-            samples: self.samples,
+            samples,
             integer: self.integer,
             rows,
             y,
@@ -218,7 +235,7 @@ mod tests {
             neighbours: 0.0,
         };
         let drawn = |order: &mut dyn Iterator<Item = i64>| {
-            let mut sampler = Sampler::new(1e-6, 2, 40);
+            let mut sampler = Sampler::new(1e-6, 40);
             for i in order {
                 sampler.offer(if i % 2 == 0 { "b" } else { "a" }, signal(i), &[i as f64, 1.0]);
             }

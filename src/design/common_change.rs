@@ -8,10 +8,11 @@ use super::detector::ring_of;
 use super::isolator::{Isolator, RingClassifier};
 use super::lanes::Lanes;
 use super::{HealthyModel, Judge, Workspace};
-use crate::identify::common_change::Change;
 use crate::model::beside_ring::BesideRing;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
+use crate::state::{Features as Change, Kind};
+use nalgebra::{Matrix4, Vector4};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -79,6 +80,22 @@ impl Judge {
         Some(detector.healthy_sd())
     }
 
+    /// How its printhead scatters and moves. `bounds`: of damping and frequency, relative.
+    pub fn kind(&self, bounds: [f64; 2]) -> Option<Kind> {
+        let detector = self.detector.as_ref().filter(|_| self.extension.is_none())?;
+        let [damping, frequency] = bounds.map(|bound| LEAP * bound.ln_1p());
+        let leap =
+            Vector4::new(LEAP_OF_GAIN, damping, LEAP_OF_FREQUENCY * frequency, LEAP_OF_PHASE);
+        let leap = Matrix4::from_diagonal(&leap.map(|sd| sd * sd));
+        Kind::new(detector.own_noise(), &detector.healthy_spread(), &leap)
+    }
+
+    /// Mean of healthy features as [`Judge::features`] is counted from. `None`: it has no sensitivities.
+    pub fn healthy_mean(&self) -> Option<Change> {
+        let [ln_amplitude, ln_damping, ln_frequency] = self.model.sensitivity.as_ref()?.mean;
+        Some(Change::new(ln_amplitude, ln_damping, ln_frequency, 0.0))
+    }
+
     /// ln amplitude, ln damping, ln frequency, phase of a signal from the model's. `deviation`: from what is expected,
     /// counts. `None`: it has no sensitivities, or the signal holds more than a ring; without `far` also where only a fit
     /// would tell.
@@ -97,7 +114,20 @@ impl Judge {
     }
 }
 
+/// Standard deviation of what moves all channels at once: of the bounds of damping and frequency, and of ln amplitude
+/// and phase. Supply and ink move amplitude and damping; what is beyond five of these is no ink.
+const LEAP: f64 = 1.0;
+const LEAP_OF_FREQUENCY: f64 = 0.4;
+const LEAP_OF_GAIN: f64 = 0.1;
+const LEAP_OF_PHASE: f64 = 0.05;
+
 impl HealthyModel {
+    /// Amplitude in counts, damping in 1/s, frequency in Hz, phase in rad of its ring.
+    pub fn ring_numbers(&self) -> Option<[f64; 4]> {
+        let ring = ring_of(&self.identification).ok()?;
+        Some([ring.amplitude, ring.damping_per_s, ring.frequency_hz, ring.phase_rad])
+    }
+
     /// ln amplitude, ln damping, ln frequency, phase of its ring from another model's, as if both had been learned at one
     /// temperature. `None`: one of them does not ring.
     pub fn features_from(&self, other: &HealthyModel) -> Option<Change> {

@@ -282,6 +282,18 @@ impl SensitivityDetector {
         (spread + self.own.noise.diagonal()).map(f64::sqrt)
     }
 
+    /// Covariance of healthy channels' features, the phase free; what the phase scatters by as in
+    /// [`SensitivityDetector::healthy_sd`].
+    pub(super) fn healthy_spread(&self) -> Matrix4<f64> {
+        let known = &self.sensitivity.spread;
+        let of_phase = known[2][2] / self.own.to_three[(2, 3)].powi(2).max(f64::MIN_POSITIVE);
+        Matrix4::from_fn(|i, j| match (i, j) {
+            (0..3, 0..3) => known[i][j],
+            (3, 3) => of_phase,
+            _ => 0.0,
+        })
+    }
+
     /// The statistics refined by the fits that a first look asked for. `fit`: the phase held; `free`: where
     /// [`FirstLook::asks_beside`], the signal corrected to reference drive and temperature, N, counts, and its fit with the
     /// phase free, from [`FirstLook::near`] on.

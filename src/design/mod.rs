@@ -4,7 +4,6 @@
 //! models with filter and threshold, and fault classes as mean deviations from them. Rooms
 //! `identify`, `detect` and `isolate` meet here and nowhere else. Immutable once made.
 
-mod baseline;
 mod checks;
 mod cold_start;
 mod common_change;
@@ -15,6 +14,7 @@ mod extension;
 mod fault_class;
 mod fd_filter;
 mod healthy_model;
+mod held_out;
 mod isolator;
 mod judge;
 mod lanes;
@@ -26,6 +26,7 @@ mod own_channel;
 mod promise;
 mod residual;
 mod statistic;
+mod told_ring;
 mod train;
 mod training_set;
 mod typical;
@@ -34,7 +35,6 @@ mod workspace;
 pub use crate::detect::DetectSettings;
 pub use crate::isolate::IsolateSettings;
 pub use crate::isolate::severity::Severity;
-pub use baseline::{Baselines, Heard, MOST_CHANNELS, PrintheadBaselines, Said};
 pub use detectable::{ClassSeen, Detectable};
 pub use detector::{Detection, Scratch};
 pub use error::{DesignError, same_period};
@@ -42,9 +42,10 @@ pub use extension::{Covariate, Extension, Follows};
 pub use fault_class::{FaultClass, FaultModel};
 pub use fd_filter::{LearnSettings, LearnedFilter};
 pub use healthy_model::HealthyModel;
+pub use held_out::{ClassTold, Judged};
 pub use judge::{Isolation, Judge, JudgeKey, Tested, Thresholds};
 pub use lanes::Lanes;
-pub use own_channel::{Known, Own, OwnChannels};
+pub use own_channel::{Known, Own, OwnBasis, OwnChannels, OwnLevel};
 pub use statistic::Statistic;
 pub use training_set::TrainingSet;
 pub use workspace::Workspace;
@@ -56,7 +57,7 @@ use crate::isolate::physics_density::FaultCurves;
 use crate::isolate::posterior::Posterior;
 use crate::isolate::typical::Typical;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, OnceLock};
 
 /// Version of the design file; a breaking change needs a new number.
@@ -73,11 +74,15 @@ pub struct Design {
     /// Drive voltage at which the models expect their signals; absent: it was not recorded.
     pub drive_voltage_v: Option<f64>,
     pub detect: DetectSettings,
+    /// How else it was trained, as keys and values of the settings, where that is not the default: how windows are
+    /// averaged and faults isolated. `replay` takes it over.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub chosen: BTreeMap<String, serde_json::Value>,
     /// With methods II and III: what the filter of every later model takes over.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub filter: Option<LearnedFilter>,
     /// Signals that were trained on, by label; `unlabelled` and `rejected` were not.
-    pub signals: std::collections::BTreeMap<String, u64>,
+    pub signals: BTreeMap<String, u64>,
     /// One per printhead, by name.
     pub models: Vec<HealthyModel>,
     /// Of all printheads together: judges a printhead that the design does not know, if it agrees.
@@ -100,15 +105,24 @@ pub struct Design {
     curves: OnceLock<Arc<FaultCurves>>,
 }
 
+/// What to do with a design of another version (`docs/versions.md`).
+pub fn other_version(version: u32, made_by: &str) -> String {
+    let ours = env!("CARGO_PKG_VERSION");
+    let then = match version < VERSION {
+        true => "or train again on the recordings and labels that it was learned from",
+        false => "as does a newer inkling",
+    };
+    format!(
+        "design version {version}, made by {made_by}: inkling {ours} reads version {VERSION}; {made_by} reads it, {then}"
+    )
+}
+
 impl Design {
     /// Refuses what could not have been made by training (hand-edited, damaged or newer files).
     pub fn check(&self) -> Result<(), DesignError> {
         let refuse = |what: String| Err(DesignError::Invalid(what));
         if self.version != VERSION {
-            return refuse(format!(
-                "design version {}: this inkling reads version {VERSION}; train again",
-                self.version
-            ));
+            return refuse(other_version(self.version, &self.made_by));
         }
         if !(self.sample_period_s.is_finite() && self.sample_period_s > 0.0) {
             return refuse(format!(

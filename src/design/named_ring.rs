@@ -14,7 +14,7 @@ use nalgebra::Vector2;
 const NOISE_ALONE: f64 = 40.0;
 
 /// Whether a fit explains more than it would of noise alone. `noise`: of one sample, counts.
-fn is_ring(fit: &Fit, noise: f64) -> bool {
+pub(super) fn is_ring(fit: &Fit, noise: f64) -> bool {
     fit.square - fit.misfit > NOISE_ALONE * noise * noise
 }
 

@@ -1,31 +1,64 @@
-//! Judging a signal against its own channel's baseline.
+//! Judging a signal against its own channel's level.
 //!
-//! In: baselines of one printhead, the design's fault curves. Out: per channel its expected healthy features and
-//! the fault curves relative to them.
+//! In: where channels of one printhead are by themselves ([`crate::state`]), the design's fault curves. Out: per channel
+//! its expected healthy features and the fault curves relative to them.
 
-use super::baseline::{FEWEST, PrintheadBaselines};
 use crate::isolate::physics_density::FaultCurves;
 use crate::model::normal::upper_tail;
 use nalgebra::{Matrix4, Vector4};
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Numbers of signals behind a baseline for which fault curves are computed; a channel uses those of the largest
+/// Numbers of looks behind a level for which fault curves are computed; a channel uses those of the largest
 /// number that it reaches.
 const LEVELS: [f64; 3] = [4.0, 16.0, 48.0];
 
-/// Baselines of one printhead, ready to judge by.
-#[derive(Debug)]
-pub struct OwnChannels {
+/// What all channels of one printhead are judged by.
+#[derive(Debug, Default)]
+pub struct OwnBasis {
     /// Covariance of one channel's signals beyond the noise.
     shot: Matrix4<f64>,
-    channels: BTreeMap<u32, Known>,
     /// Fault curves for each of [`LEVELS`].
     curves: Vec<Arc<FaultCurves>>,
     gate: f64,
 }
 
-/// One channel's baseline.
+impl OwnBasis {
+    /// `false_alarm_rate`: share of healthy signals that may be flagged.
+    pub fn new(
+        shot: Matrix4<f64>,
+        curves: Option<&FaultCurves>,
+        false_alarm_rate: f64,
+    ) -> OwnBasis {
+        let of = |curves: &FaultCurves| {
+            let of = |&n: &f64| Some(Arc::new(curves.of_one_channel(&shot, n)?));
+            LEVELS.iter().filter_map(of).collect()
+        };
+        let curves = curves.map_or(Vec::new(), of);
+        OwnBasis { shot, curves, gate: chi_squared_3(false_alarm_rate) }
+    }
+}
+
+/// Levels of one printhead's channels in a sweep, ready to judge by.
+#[derive(Debug)]
+pub struct OwnChannels {
+    basis: Arc<OwnBasis>,
+    /// By channel, ascending.
+    channels: Vec<(u32, Known)>,
+    /// Those that give the same bits again and again, ascending.
+    frozen: Vec<u32>,
+}
+
+/// Where a channel is by itself.
+#[derive(Clone, Copy, Debug)]
+pub struct OwnLevel {
+    pub channel: u32,
+    /// Looks behind it.
+    pub looks: f64,
+    /// Its offset from the printhead's.
+    pub at: Vector4<f64>,
+}
+
+/// One channel's level.
 #[derive(Clone, Copy, Debug)]
 pub struct Known {
     pub baseline: Vector4<f64>,
@@ -33,7 +66,7 @@ pub struct Known {
     pub signals: f64,
 }
 
-/// One channel's baseline, and what its signals are isolated by about it.
+/// One channel's level, and what its signals are isolated by about it.
 #[derive(Clone, Debug)]
 pub struct Own {
     pub baseline: Vector4<f64>,
@@ -42,61 +75,63 @@ pub struct Own {
 }
 
 impl OwnChannels {
-    /// `false_alarm_rate`: share of healthy signals that may be flagged.
+    /// `channels`, ascending; `from`: the printhead's level.
     pub fn new(
-        baselines: &PrintheadBaselines,
-        curves: Option<&FaultCurves>,
-        false_alarm_rate: f64,
+        basis: Arc<OwnBasis>,
+        channels: Vec<OwnLevel>,
+        from: Vector4<f64>,
+        mut frozen: Vec<u32>,
     ) -> OwnChannels {
-        let shot = Matrix4::from_fn(|i, j| baselines.shot[i][j]);
-        let curves = curves.map_or(Vec::new(), |curves| {
-            LEVELS
-                .iter()
-                .filter_map(|&n| Some(Arc::new(curves.of_one_channel(&shot, n)?)))
-                .collect()
+        let known = channels.into_iter().filter(|of| of.looks >= LEVELS[0]);
+        let known = known.map(|OwnLevel { channel, looks, at }| {
+            (channel, Known { baseline: at + from, signals: looks })
         });
-        let channels = baselines
-            .channels
-            .iter()
-            .filter(|(_, c)| c.signals >= f64::from(FEWEST) / 2.0)
-            .map(|(&k, c)| (k, Known { baseline: c.features.into(), signals: c.signals }))
-            .collect();
-        OwnChannels { shot, channels, curves, gate: chi_squared_3(false_alarm_rate) }
+        frozen.sort_unstable();
+        OwnChannels { basis, channels: known.collect(), frozen }
     }
 
-    /// Number of channels with a baseline.
-    pub fn channels(&self) -> usize {
-        self.channels.len()
+    fn place(&self, channel: u32) -> Result<usize, usize> {
+        self.channels.binary_search_by_key(&channel, |(k, _)| *k)
     }
 
-    pub fn knows(&self, channel: u32) -> bool {
-        self.channels.contains_key(&channel)
+    pub fn is_empty(&self) -> bool {
+        self.channels.is_empty() && self.frozen.is_empty()
     }
 
-    /// The baselines of `n` channels from `first` on, one after the other.
+    pub fn is_frozen(&self, channel: u32) -> bool {
+        !self.frozen.is_empty() && self.frozen.binary_search(&channel).is_ok()
+    }
+
+    /// The levels of `n` channels from `first` on, one after the other.
     pub fn from(&self, first: u32, n: usize) -> impl Iterator<Item = Option<&Known>> {
-        let mut known = self.channels.range(first..).peekable();
+        let at = self.place(first).unwrap_or_else(|next| next);
+        let mut known = self.channels[at..].iter().peekable();
         (u64::from(first)..).take(n).map(move |channel| {
-            known.next_if(|(k, _)| u64::from(**k) == channel).map(|(_, known)| known)
+            known.next_if(|(k, _)| u64::from(*k) == channel).map(|(_, known)| known)
         })
     }
 
     /// What a channel's signals are isolated by.
     pub fn of(&self, channel: u32) -> Option<Own> {
-        let &Known { baseline, signals } = self.channels.get(&channel)?;
+        let (_, Known { baseline, signals }) = self.channels[self.place(channel).ok()?];
         let level = LEVELS.iter().rposition(|&n| signals >= n).unwrap_or(0);
-        Some(Own { baseline, curves: self.curves.get(level).cloned() })
+        Some(Own { baseline, curves: self.basis.curves.get(level).cloned() })
     }
 
-    /// Threshold on the squared distance from a baseline, at the allowed false-alarm rate.
+    /// Threshold on the squared distance from a level, at the allowed false-alarm rate.
     pub fn gate(&self) -> f64 {
-        self.gate
+        self.basis.gate
     }
 
-    /// Covariance of a healthy signal's four features about its baseline, besides the signal's own noise: from
-    /// burst to burst, and the sampling error of the baseline. `noise`: of one signal at the reference drive.
+    /// Whether the same covariance holds for both.
+    pub fn scatters_as(&self, other: &OwnChannels) -> bool {
+        Arc::ptr_eq(&self.basis, &other.basis)
+    }
+
+    /// Covariance of a healthy signal's four features about its level, besides the signal's own noise: from
+    /// burst to burst, and the sampling error of the level. `noise`: of one signal at the reference drive.
     pub fn scatter(&self, signals: f64, noise: &Matrix4<f64>) -> Matrix4<f64> {
-        self.shot + (self.shot + noise) / signals
+        self.basis.shot + (self.basis.shot + noise) / signals
     }
 }
 

@@ -2,8 +2,8 @@
 
 use super::training_set::{TrainingSet, examples};
 use super::{
-    Design, DesignError, DetectSettings, FaultClass, HealthyModel, IsolateSettings, Judge,
-    LearnSettings, LearnedFilter, VERSION, Workspace, cold_start, typical,
+    Design, DesignError, DetectSettings, FaultClass, HealthyModel, IsolateSettings, LearnSettings,
+    LearnedFilter, VERSION, cold_start, typical,
 };
 use crate::detect::Denominator;
 use crate::fault;
@@ -62,7 +62,6 @@ impl Design {
             }
         }
         design.check()?;
-        warnings.extend(hardly_detected(&design, set)?);
         Ok((design, warnings))
     }
 
@@ -96,6 +95,7 @@ impl Design {
             sample_period_s: set.sample_period_s,
             samples: set.samples,
             drive_voltage_v: set.drive_voltage_v,
+            chosen: BTreeMap::new(),
             detect: settings.detect.clone(),
             filter: None,
             signals: set.signals.clone(),
@@ -122,7 +122,7 @@ impl Design {
 }
 
 /// One of every fault label.
-fn learn_classes(
+pub(super) fn learn_classes(
     design: &Design,
     set: &TrainingSet,
     isolate: &IsolateSettings,
@@ -141,30 +141,6 @@ fn learn_classes(
         class
     };
     set.faulty.iter().map(learn).collect()
-}
-
-/// Says of which classes the chosen detection would flag fewer than half of the labelled signals.
-fn hardly_detected(design: &Design, set: &TrainingSet) -> Result<Vec<String>, DesignError> {
-    let (mut said, mut work) = (Vec::new(), Workspace::default());
-    for (name, printheads) in &set.faulty {
-        let (mut flagged, mut all) = (0, 0);
-        for (model, signals) in design.with_models(printheads) {
-            let judge =
-                Judge::new(0, model.clone().into(), None, None, &IsolateSettings::default())?;
-            model.each_deviation(signals, |deviation, drive| {
-                let detection = judge.detect(deviation, drive, &mut work);
-                flagged += usize::from(judge.test(detection).is_flagged());
-                all += 1;
-            });
-        }
-        if 2 * flagged < all {
-            said.push(format!(
-                "class {name}: hardly detectable: {flagged} of its {all} labelled signals pass the chosen \
-                 detection, and what does not pass is named nothing"
-            ));
-        }
-    }
-    Ok(said)
 }
 
 /// Said where temperature was recorded and the model does not know its effect.
@@ -213,7 +189,10 @@ fn learned_filter(
 
 /// Class densities from a ring fitted to every labelled signal, and from the physics as far as it predicts
 /// them.
-fn learn_posterior(design: &Design, set: &TrainingSet) -> Result<Option<Posterior>, DesignError> {
+pub(super) fn learn_posterior(
+    design: &Design,
+    set: &TrainingSet,
+) -> Result<Option<Posterior>, DesignError> {
     let mut of_classes = Vec::new();
     for class in &design.classes {
         let sets = set.faulty.get(&class.name).map(|sets| design.with_models(sets));

@@ -4,7 +4,7 @@ use super::detector::Scratch;
 use super::own_channel::Own;
 use crate::isolate::physics_density::Comparison;
 use crate::isolate::severity::Severity;
-use crate::model::ring_fit::{Fit, Products};
+use crate::model::ring_fit::{Fit, Products, RingFitter};
 
 /// Buffers of a judge, one set per thread, and results beside the decision.
 #[derive(Debug, Default)]
@@ -26,6 +26,8 @@ pub struct Workspace {
     pub(super) fit: Option<Fit>,
     /// Its misfit beside that ring, N, in standard deviations of the noise; empty: nobody asked.
     pub(super) beside: Vec<f64>,
+    /// A fitter about the ring of a judge that has none, for telling of rings; by that judge's number and moves.
+    pub(super) told: Option<((u16, u32), RingFitter)>,
     pub(super) ln_densities: Vec<f64>,
     pub(super) physics: Comparison,
     /// To be set for the signal isolated next: [`super::Judge::warmer`], K.

@@ -80,7 +80,10 @@ pub enum DetectError {
     NoRoom { numerator: usize, denominator: usize },
     #[error("healthy deviations leave no residual energy: a ratio to it means nothing")]
     NoHealthyEnergy,
-    #[error("energy {value} at index {index} is no energy: energies are finite and not negative")]
+    #[error(
+        "healthy signal {index}: its residual has the energy {value}: its samples are no counts that a model could \
+         follow; look at their format and unit, or label the signal `ignore`"
+    )]
     NotAnEnergy { value: f64, index: usize },
     #[error(
         "{found} healthy signals are too few for a threshold by {method}: at least {needed} are needed"
@@ -92,6 +95,9 @@ pub enum DetectError {
         "{channels} channels are too few, or too unlike, for a threshold at confidence {confidence}: train on more channels or lower the confidence"
     )]
     TooFewChannels { channels: usize, confidence: f64 },
-    #[error("all {signals} healthy energies are zero: the deviations were never filled")]
+    #[error(
+        "all {signals} healthy signals are the same, sample by sample: without noise there is no threshold; were they \
+         copied, or simulated without noise?"
+    )]
     NoEnergy { signals: usize },
 }

@@ -159,6 +159,7 @@ mod tests {
             severity_last: Some(0.22),
             severity_sd: Some(0.03),
             explanation: String::new(),
+            ..Episode::default()
         }
     }
 

@@ -16,12 +16,14 @@ pub use explanation::{share, size_in_words};
 pub use settings::EpisodeSettings;
 pub use tracker::Tracker;
 
-use crate::verdict::Appearance;
+use crate::verdict::{Appearance, Reason};
 use std::sync::Arc;
 
 /// One fault episode of a channel: a row of the episode table (contract, "Out: verdicts").
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Episode {
+    /// Its path below what was asked for; empty until it is written.
+    pub recording: Arc<str>,
     pub printhead: Arc<str>,
     pub channel: u32,
     pub category: Option<String>,
@@ -41,6 +43,11 @@ pub struct Episode {
     pub severity_last: Option<f64>,
     /// Of `severity_last`.
     pub severity_sd: Option<f64>,
+    /// Of the last of its signals that has a ring: resonance, Hz, and damping, 1/s.
+    pub resonance_hz: Option<f64>,
+    pub damping_per_s: Option<f64>,
+    /// Why it has no name; `None`: it has one.
+    pub reason: Option<Reason>,
     pub explanation: String,
 }
 
@@ -74,7 +81,8 @@ pub struct Named {
     pub row: u32,
     /// Per class; empty: nothing was said.
     pub weights: Vec<f32>,
-    pub fits_none: bool,
+    /// Why it has no name; `None`: it has one.
+    pub reason: Option<Reason>,
     /// Of what fits none, if it was looked at.
     pub appearance: Option<Appearance>,
     /// The class that a severity is of.
@@ -82,6 +90,15 @@ pub struct Named {
     pub severity: Option<f32>,
     pub severity_sd: Option<f32>,
     pub ring: Option<RingChange>,
+    /// Resonance, Hz, and damping, 1/s, as its row has them.
+    pub resonance: Option<(f32, f32)>,
+}
+
+impl Named {
+    /// It is of no known class, or no ring.
+    fn fits_none(&self) -> bool {
+        matches!(self.reason, Some(Reason::UnknownFault | Reason::NoRing))
+    }
 }
 
 /// How a signal's ring differs from the healthy one of its model: ln of their ratios.

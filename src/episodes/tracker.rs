@@ -7,9 +7,9 @@ use super::order::Waiting;
 use super::{Counts, Episode, EpisodeSettings, Looks, Named};
 use crate::fault::{self, Class};
 use crate::model::faults;
-use crate::verdict::Appearance;
+use crate::verdict::{Appearance, Reason};
 use std::cmp::Ordering;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 /// Channels that are remembered, over all printheads.
@@ -94,6 +94,12 @@ struct Found {
     appearance: Option<Appearance>,
     rings: Option<Rings>,
     ring_looks: f64,
+    /// Resonance, Hz, and damping, 1/s, of the last signal that has them.
+    resonance: Option<(f32, f32)>,
+    /// The name by which it was told last: category and class.
+    told_as: (Option<String>, Option<String>),
+    /// How often signals had no name, by why.
+    reasons: BTreeMap<Reason, u64>,
     /// By the quantity that was sized: the class's category, or its own.
     sizes: Vec<Option<Sizes>>,
 }
@@ -158,7 +164,7 @@ impl Tracker {
         std::mem::take(&mut self.told.ended)
     }
 
-    /// What was raised since it was asked last, as it was then; only [`Tracker::at_once`].
+    /// What was raised, or named otherwise, since it was asked last, as it was then; only [`Tracker::at_once`].
     pub fn take_raised(&mut self) -> Vec<Episode> {
         self.told.raised.as_mut().map(std::mem::take).unwrap_or_default()
     }
@@ -319,18 +325,38 @@ impl Printhead {
             let end = over.fading.map(|(t_ns, _)| t_ns);
             told.ended.push(naming.episode(&self.name, channel, &over, end));
         }
-        if let Some(raised) = &mut told.raised
-            && let Some(found) = &channel.found
-            && channel.evidence.is_raised()
-            && found.raised_at_ns == looks.t_ns
-        {
-            raised.push(naming.episode(&self.name, channel, found, None));
+        if let Some(raised) = &mut told.raised {
+            raised.extend(channel.news(&self.name, looks.t_ns, named.is_some(), naming));
         }
         place + 1
     }
 }
 
 impl Channel {
+    /// Its episode, if it was raised with the look at hand, or that look names it otherwise than it was told.
+    fn news(
+        &mut self,
+        printhead: &Arc<str>,
+        t_ns: i64,
+        is_named: bool,
+        naming: &Naming,
+    ) -> Option<Episode> {
+        let found = self.found.as_ref().filter(|_| self.evidence.is_raised())?;
+        let is_new = found.raised_at_ns == t_ns;
+        if !is_new && !is_named {
+            return None;
+        }
+        let now = naming.episode(printhead, self, found, None);
+        let told_as = (now.category.clone(), now.fault.clone());
+        // what is no longer certain is no other name
+        let is_other = told_as.0.is_some() && told_as != found.told_as;
+        if !is_new && !is_other {
+            return None;
+        }
+        self.found.as_mut()?.told_as = told_as;
+        Some(now)
+    }
+
     /// Whether a look is later than all before; if not, it is counted as what it is.
     fn is_next(&mut self, t_ns: i64, counts: &mut Counts) -> bool {
         let order = t_ns.cmp(&self.last_ns);
@@ -412,6 +438,9 @@ impl Channel {
                 appearance: None,
                 rings: None,
                 ring_looks: 0.0,
+                resonance: None,
+                told_as: (None, None),
+                reasons: BTreeMap::new(),
                 sizes: Vec::new(),
             })
         })
@@ -420,6 +449,8 @@ impl Channel {
 
 impl Found {
     fn name(&mut self, named: &Named, naming: &Naming) {
+        self.resonance = named.resonance.or(self.resonance);
+        named.reason.iter().for_each(|reason| *self.reasons.entry(*reason).or_default() += 1);
         if let Some(ring) = &named.ring {
             // a running mean over about ten looks: a fault may grow
             self.ring_looks = (self.ring_looks + 1.0).min(10.0);
@@ -437,13 +468,13 @@ impl Found {
             of.healthy_frequency_hz = ring.healthy_frequency_hz;
             of.healthy_damping_per_s = ring.healthy_damping_per_s;
         }
-        if named.weights.is_empty() && !named.fits_none {
+        if named.weights.is_empty() && !named.fits_none() {
             return;
         }
         self.appearance = named.appearance.or(self.appearance);
         self.named += 1;
-        self.fits_none += u64::from(named.fits_none);
-        if !named.fits_none {
+        self.fits_none += u64::from(named.fits_none());
+        if !named.fits_none() {
             self.classes.look(&named.weights, &naming.priors);
         }
         if let (Some(class), Some(size)) = (named.candidate, named.severity)
@@ -456,6 +487,16 @@ impl Found {
             known.max = known.max.max(size);
             (known.last, known.sd) = (size, named.severity_sd);
         }
+    }
+}
+
+impl Found {
+    /// Why most of its signals have no name. `fits_none`: the most of all are of no known class.
+    fn commonest_reason(&self, fits_none: bool) -> Reason {
+        let is_asked =
+            |reason: &Reason| !fits_none || matches!(reason, Reason::UnknownFault | Reason::NoRing);
+        let asked = self.reasons.iter().filter(|(reason, _)| is_asked(reason));
+        asked.max_by_key(|(_, n)| **n).map_or(Reason::Uncertain, |(reason, _)| *reason)
     }
 }
 
@@ -514,6 +555,7 @@ impl Naming {
             _ => channel.looks,
         };
         let mut episode = Episode {
+            recording: Arc::default(),
             printhead: printhead.clone(),
             channel: channel.number,
             category: named_category,
@@ -527,7 +569,14 @@ impl Naming {
             severity_max: sizes.map(|s| f64::from(s.max)),
             severity_last: sizes.map(|s| f64::from(s.last)),
             severity_sd: sizes.and_then(|s| s.sd).map(f64::from),
+            resonance_hz: found.resonance.map(|(f, _)| f.into()),
+            damping_per_s: found.resonance.map(|(_, damping)| damping.into()),
+            reason: None,
             explanation: String::new(),
+        };
+        episode.reason = match episode.category {
+            Some(_) => None,
+            None => Some(found.commonest_reason(fits_none)),
         };
         let strange = fits_none.then_some(found.appearance.unwrap_or(Appearance::Other));
         let nearest = best.map(|(class, weight)| (&self.classes[class], weight));
@@ -838,12 +887,16 @@ mod tests {
             let t_ns = looks.t_ns;
             tracker.push(&name, looks);
             for episode in tracker.take_raised() {
-                assert_eq!(episode.raised_at_ns, t_ns);
+                let name = |of: &Episode| (of.category.clone(), of.fault.clone());
+                match raised.last() {
+                    None => assert_eq!(episode.raised_at_ns, t_ns),
+                    Some(before) => assert_ne!(name(before), name(&episode), "named meanwhile"),
+                }
                 raised.push(episode);
             }
         }
-        assert_eq!(raised.len(), 1);
         let (told, whole) = (&raised[0], &run(self::tracker(1000), bursts()).0[0]);
+        assert_eq!(raised.last().unwrap().fault, whole.fault, "what it is called at last is told");
         assert_eq!((told.channel, told.raised_at_ns), (whole.channel, whole.raised_at_ns));
         assert_eq!(told.began_at_ns, whole.began_at_ns);
         assert_eq!(told.fault, None, "by then it is not certain, at the end it is");

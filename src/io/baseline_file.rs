@@ -4,7 +4,7 @@ use super::digest::in_words;
 use super::part_file::{self, CompleteFile};
 use super::printable;
 use super::regular_file;
-use crate::design::Baselines;
+use crate::state::Memory;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -72,16 +72,15 @@ impl BaselineFile {
     pub fn read(
         path: &Path,
         design: Option<&str>,
-    ) -> Result<(BaselineFile, Baselines), BaselineFileError> {
+    ) -> Result<(BaselineFile, Memory), BaselineFileError> {
         let mut file = BaselineFile { path: path.into(), text: None };
         let Some(text) = file.text()? else {
-            return Ok((file, Baselines::new(design.map(str::to_owned))));
+            return Ok((file, Memory::new(design.map(str::to_owned))));
         };
         file.text = Some(xxh3_128(&text));
         let not = |what: String| BaselineFileError::NotBaselines { path: path.into(), what };
-        let baselines: Baselines =
-            serde_json::from_slice(&text).map_err(|e| not(printable::of_parser(&e)))?;
-        baselines.check().map_err(|e| not(e.to_string()))?;
+        let baselines =
+            Memory::from_json(&text).map_err(|what| not(printable::line(&what, 200)))?;
         if baselines.design.as_deref() != design {
             let words = |digest: Option<&str>| digest.unwrap_or("none").to_owned();
             return Err(BaselineFileError::OtherDesign {
@@ -94,13 +93,13 @@ impl BaselineFile {
     }
 
     /// Replaces the file, unless it is no longer the one that was read.
-    pub fn write(&mut self, baselines: &Baselines) -> Result<(), BaselineFileError> {
+    pub fn write(&mut self, baselines: &Memory) -> Result<(), BaselineFileError> {
         let prepared = self.prepare(baselines)?;
         self.replace(prepared)
     }
 
     /// What can fail for want of room fails here.
-    pub fn prepare(&self, baselines: &Baselines) -> Result<Prepared, BaselineFileError> {
+    pub fn prepare(&self, baselines: &Memory) -> Result<Prepared, BaselineFileError> {
         let failed = |source| BaselineFileError::Write { path: self.path.clone(), source };
         let mut text = serde_json::to_string(baselines).map_err(|e| failed(e.into()))?;
         text.push('\n');

@@ -10,7 +10,7 @@ use super::matrix::Matrix;
 use super::numpy::gathered;
 use super::parquet_file::{self, ParquetFile};
 use super::regular_file;
-use super::table_file::{Chosen, Columns, Rows, Table, TableError, choose_columns};
+use super::table_file::{Chosen, Columns, Named, Rows, Table, TableError, choose_columns};
 use super::unpanicked::unpanicked;
 use arrow_array::cast::AsArray;
 use arrow_array::{Array, ArrayRef, RecordBatch, types};
@@ -148,6 +148,9 @@ fn read_lists(
                 return Err(wrong(path, what));
             }
             matrix.time = chosen.time.map(cell).transpose()?;
+            let printhead = chosen.printhead.map(|c| text(batch.column(c), row)).transpose();
+            matrix.printhead =
+                printhead.map_err(|of| of_row(format!("printhead column of type {of}")))?;
             matrix.beside = chosen.beside.iter().map(|&c| cell(c)).collect::<Result<_, _>>()?;
             matrices.push(matrix);
         }
@@ -171,11 +174,15 @@ fn read_rows(
         let batch = batch?;
         for row in 0..batch.num_rows() {
             line += 1;
-            let name = chosen.burst.map_or(Ok(String::new()), |c| text(batch.column(c), row));
-            let name = name.map_err(|of| wrong(path, format!("burst column of type {of}")))?;
+            let name = |c: Option<usize>, what: &str| {
+                let name = c.map_or(Ok(String::new()), |c| text(batch.column(c), row));
+                name.map_err(|of| wrong(path, format!("{what} column of type {of}")))
+            };
+            let burst = name(chosen.burst, "burst")?;
+            let printhead = name(chosen.printhead, "printhead")?;
+            let of = Named { burst: &burst, printhead: &printhead };
             let cell = |c: usize| number(batch.column(c), row).map_err(|of| no_numbers(&of));
-            rows.add(line, &name, cell)
-                .map_err(|what| wrong(path, format!("row {line}: {what}")))?;
+            rows.add(line, of, cell).map_err(|what| wrong(path, format!("row {line}: {what}")))?;
         }
     }
     rows.table().ok_or_else(|| wrong(path, "no rows".into()))

@@ -4,7 +4,8 @@ use super::digest::in_words;
 use super::part_file;
 use super::printable;
 use super::regular_file;
-use crate::design::Design;
+use crate::design::{Design, VERSION, other_version};
+use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 use xxhash_rust::xxh3::xxh3_128;
@@ -22,13 +23,29 @@ pub enum DesignFileError {
     NotADesign { path: PathBuf, what: String },
 }
 
+/// What designs of every version say.
+#[derive(Deserialize)]
+struct Made {
+    version: u32,
+    #[serde(default = "somebody")]
+    made_by: String,
+}
+
+fn somebody() -> String {
+    "another inkling".into()
+}
+
 /// Reads and checks a design; also its digest, `xxh3:` and 32 hexadecimal digits.
 pub fn read(path: &Path) -> Result<(Design, String), DesignFileError> {
     let failed = |source| DesignFileError::Read { path: path.into(), source };
     let text = regular_file::read(path, MOST_BYTES).map_err(failed)?;
     let not = |what: String| DesignFileError::NotADesign { path: path.into(), what };
-    let design: Design =
-        serde_json::from_slice(&text).map_err(|e| not(printable::of_parser(&e)))?;
+    let design: Design = serde_json::from_slice(&text).map_err(|e| {
+        let made: Option<Made> = serde_json::from_slice(&text).ok();
+        let other = made.filter(|made| made.version != VERSION);
+        let of_version = |made: Made| other_version(made.version, &printable::cell(&made.made_by));
+        not(other.map_or_else(|| printable::of_parser(&e), of_version))
+    })?;
     design.check().map_err(|e| not(e.to_string()))?;
     Ok((design, in_words(xxh3_128(&text))))
 }

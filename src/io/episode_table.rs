@@ -9,6 +9,7 @@ use super::stored;
 use super::verdict_reader::{numbers, open, plain_texts, timestamps_ns, undamaged};
 use super::verdict_table::{METADATA_KEY, TableError, TimestampUnit};
 use crate::episodes::Episode;
+use crate::verdict::Reason;
 use arrow_array::{ArrayRef, RecordBatch};
 use arrow_schema::SchemaRef;
 use parquet::arrow::ArrowWriter;
@@ -39,7 +40,11 @@ enum Read {
 }
 
 /// In the table's order.
-static COLUMNS: [EpisodeColumn; 14] = [
+static COLUMNS: [EpisodeColumn; 18] = [
+    EpisodeColumn {
+        column: Column::required("recording", Cells::Name(|e| Some(e.recording.to_string()))),
+        read: Read::Text(|e, name| e.recording = name.unwrap_or_default().into()),
+    },
     EpisodeColumn {
         column: Column::required("printhead", Cells::Name(|e| Some(e.printhead.to_string()))),
         read: Read::Name(|e, name| e.printhead = name.unwrap_or_default().into()),
@@ -80,6 +85,12 @@ static COLUMNS: [EpisodeColumn; 14] = [
     number("severity_max", |e| e.severity_max, |e, v| e.severity_max = v),
     number("severity_last", |e| e.severity_last, |e, v| e.severity_last = v),
     number("severity_sd", |e| e.severity_sd, |e, v| e.severity_sd = v),
+    number("resonance_hz", |e| e.resonance_hz, |e, v| e.resonance_hz = v),
+    number("damping_per_s", |e| e.damping_per_s, |e, v| e.damping_per_s = v),
+    EpisodeColumn {
+        column: Column::nullable("reason", Cells::Name(|e| Some(e.reason?.as_str().to_owned()))),
+        read: Read::Text(|e, name| e.reason = name.and_then(|name| Reason::of(&name))),
+    },
     EpisodeColumn {
         column: Column::required("explanation", Cells::Text(|e| e.explanation.clone())),
         read: Read::Text(|e, text| e.explanation = text.unwrap_or_default()),
@@ -104,21 +115,29 @@ pub struct EpisodeWriter {
     schema: SchemaRef,
     unit: TimestampUnit,
     waiting: Vec<Episode>,
+    recording: Arc<str>,
 }
 
 impl EpisodeWriter {
-    pub fn create(path: &Path, unit: TimestampUnit) -> Result<EpisodeWriter, TableError> {
+    /// `recording`: what the column of that name says.
+    pub fn create(
+        path: &Path,
+        unit: TimestampUnit,
+        recording: &str,
+    ) -> Result<EpisodeWriter, TableError> {
         let (part, file) = PartFile::create(path)
             .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
         let schema = Arc::new(row_table::schema(columns(), unit));
         let properties = Some(row_table::properties());
         let writer = ArrowWriter::try_new(BufWriter::new(file), schema.clone(), properties)
             .map_err(|source| TableError::Parquet { path: path.to_path_buf(), source })?;
-        Ok(EpisodeWriter { writer, part, schema, unit, waiting: Vec::new() })
+        let (waiting, recording) = (Vec::new(), recording.into());
+        Ok(EpisodeWriter { writer, part, schema, unit, waiting, recording })
     }
 
     pub fn write(&mut self, episodes: Vec<Episode>) -> Result<(), TableError> {
-        self.waiting.extend(episodes);
+        let of_it = |episode| Episode { recording: self.recording.clone(), ..episode };
+        self.waiting.extend(episodes.into_iter().map(of_it));
         if self.waiting.len() >= BATCH_ROWS { self.flush() } else { Ok(()) }
     }
 
@@ -230,6 +249,7 @@ mod tests {
 
     fn episodes() -> Vec<Episode> {
         let first = Episode {
+            recording: "night/1.mcap".into(),
             printhead: "black-2".into(),
             channel: 713,
             category: Some("blocked_nozzle".into()),
@@ -243,10 +263,14 @@ mod tests {
             severity_max: None,
             severity_last: Some(0.5),
             severity_sd: None,
+            resonance_hz: Some(61_000.0),
+            damping_per_s: None,
+            reason: None,
             explanation: "channel 713: partly blocked".into(),
         };
         let ended = Some(1_700_000_001_000_000_000);
-        let second = Episode { category: None, fault: None, ended_at_ns: ended, ..first.clone() };
+        let (fault, reason) = (None, Some(Reason::NoRing));
+        let second = Episode { category: None, fault, reason, ended_at_ns: ended, ..first.clone() };
         vec![first, second]
     }
 
@@ -254,13 +278,13 @@ mod tests {
     fn rows_written_are_rows_read_back() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a/r.episodes.parquet");
-        let mut writer = EpisodeWriter::create(&path, TimestampUnit::Ns).unwrap();
+        let mut writer = EpisodeWriter::create(&path, TimestampUnit::Ns, "night/1.mcap").unwrap();
         writer.write(episodes()).unwrap();
         assert!(!path.exists(), "no name before it is complete");
         writer.complete("{}".into()).unwrap().name().unwrap();
         assert_eq!(read(&path).unwrap(), episodes());
 
-        let writer = EpisodeWriter::create(&path, TimestampUnit::Us).unwrap();
+        let writer = EpisodeWriter::create(&path, TimestampUnit::Us, "x").unwrap();
         writer.complete("{}".into()).unwrap().name().unwrap();
         assert_eq!(read(&path).unwrap(), []);
     }

@@ -9,7 +9,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// In the table's order.
-static COLUMNS: [Column<Fault>; 15] = [
+static COLUMNS: [Column<Fault>; 16] = [
     Column::required("printhead", Cells::Name(|f| Some(f.story.printhead.to_string()))),
     Column::required("channel", Cells::Count(|f| f.story.channel)),
     Column::nullable("category", Cells::Name(|f| f.story.category.clone())),
@@ -22,6 +22,7 @@ static COLUMNS: [Column<Fault>; 15] = [
     Column::nullable("severity_last", Cells::Number(|f| f.story.severity_last)),
     Column::nullable("severity_per_day", Cells::Number(per_day)),
     Column::nullable("certainty", Cells::Number(|f| f.story.certainty)),
+    Column::nullable("reason", Cells::Name(|f| f.story.reason().map(str::to_owned))),
     Column::required("urgency", Cells::Number(|f| Some(f.urgency))),
     Column::required("action", Cells::Name(|f| Some(f.action.clone()))),
     Column::required("sentence", Cells::Text(|f| f.sentence.clone())),

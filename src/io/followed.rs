@@ -100,7 +100,7 @@ impl Recording {
         self.check_file(source.bytes(), now.bytes)?;
         let mut closed = Recording::of_source(&self.path, source, self.limits, dialects)?;
         closed.stamp = Stamp { bytes: closed.bytes, ..now };
-        closed.opening = self.opening;
+        (closed.opening, closed.label) = (self.opening, self.label.clone());
         if let Some(growth) = &self.growth {
             if growth.is_enough() && !closed.is_indexed() {
                 closed.damage.clear(); // that it has no end is what was asked for
@@ -109,6 +109,12 @@ impl Recording {
             closed.growth = Some(Growth { enough, over, closed: true });
         }
         Ok(closed)
+    }
+
+    /// Whether it was cut off where it was enough: nobody closed it.
+    pub fn is_cut_off(&self) -> bool {
+        let is_enough = self.growth.as_ref().is_some_and(|growth| growth.is_enough());
+        is_enough && !self.is_indexed()
     }
 
     /// Whether it is still what was read: a read that failed may be for that.

@@ -18,7 +18,7 @@ use std::time::SystemTime;
 
 pub const JOURNAL_NAME: &str = "journal.jsonl";
 /// Of a line. Another version is read as far as it is alike.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 /// Bytes of a line that is read: settings with a thousand priors are far less.
 const MOST_LINE_BYTES: u64 = 4 << 20;
 
@@ -30,9 +30,20 @@ pub enum Outcome {
     Failed,
     /// The run ended before it was looked at.
     NotReached,
-    /// Judged, but some of it was damaged, rejected or refused.
+    /// Of a printhead nothing, or less than half of the signals, could be judged.
+    NotJudged,
+    /// Judged, but some of it was damaged or rejected.
     Damaged,
+    /// Judged, but a healthy window taught nothing: a warning.
+    WindowRefused,
     Judged,
+}
+
+impl Outcome {
+    /// Verdicts were written.
+    pub fn is_judged(self) -> bool {
+        self > Outcome::NotReached
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -106,6 +117,9 @@ pub struct Entry {
     pub error: Option<String>,
     /// As in its summary; null where it failed.
     pub counts: Value,
+    /// Printheads of which nothing, or that less than half, could be judged: a sentence each.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub not_judged: Vec<String>,
     pub damage: Vec<Told>,
     pub warnings: Vec<Told>,
     /// What to know that is no fault of anything.
@@ -117,7 +131,7 @@ pub struct Entry {
 impl Entry {
     /// Verdicts were written.
     pub fn is_judged(&self) -> bool {
-        matches!(self.outcome, Outcome::Judged | Outcome::Damaged)
+        self.outcome.is_judged()
     }
 }
 
@@ -168,6 +182,11 @@ impl Journal {
     /// The last that is said of a verdict table.
     pub fn of_result(&self, verdicts: &str) -> Option<&Arc<Entry>> {
         self.by_result.get(verdicts)
+    }
+
+    /// The last that is said of each recording, by its path.
+    pub fn recordings(&self) -> impl Iterator<Item = &Entry> {
+        self.by_path.values().map(Arc::as_ref)
     }
 
     /// The last that is said of a recording.
@@ -262,6 +281,7 @@ mod tests {
             results: verdicts.map(|v| Results { verdicts: v.into(), bytes: vec![1, 2, 3] }),
             error: None,
             counts: json!({"signals": 3}),
+            not_judged: Vec::new(),
             damage: Vec::new(),
             warnings: Vec::new(),
             notes: Vec::new(),

@@ -3,7 +3,8 @@
 use super::part_file;
 use super::printable;
 use super::regular_file::{self, Records};
-use crate::labels::{Label, Labels};
+use crate::fault::{HEALTHY, IGNORE};
+use crate::labels::{Label, Labels, known_states, nearest};
 use chrono::{DateTime, SecondsFormat};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -35,8 +36,22 @@ pub enum LabelsError {
     Row { path: PathBuf, line: u64, what: String },
 }
 
-/// Reads and checks labels. Further columns are ignored.
+/// What states a labels file may have beside `healthy`, `ignore` and the thesis's classes.
+#[derive(Clone, Copy, Debug)]
+pub enum States<'a> {
+    /// Any: who reads asks for what is healthy, or compares with what others say.
+    Any,
+    /// Those that somebody declared.
+    Declared(&'a [&'a str]),
+}
+
+/// Reads and checks labels of any states, but for misspelt ones of the contract's. Further columns are ignored.
 pub fn read(path: &Path) -> Result<Labels, LabelsError> {
+    read_states(path, States::Any)
+}
+
+/// The same, and refuses states that it may not have.
+pub fn read_states(path: &Path, states: States) -> Result<Labels, LabelsError> {
     let failed = |source| LabelsError::Read { path: path.into(), source };
     let mut csv = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(
         Records::new(regular_file::open(path).map_err(|e| failed(e.into()))?, MOST_BYTES),
@@ -56,7 +71,12 @@ pub fn read(path: &Path) -> Result<Labels, LabelsError> {
         let line = record.position().map_or(0, csv::Position::line);
         let row = |what| LabelsError::Row { path: path.into(), line, what };
         let fields = places.map(|place| record.get(place).unwrap_or(""));
-        rows.push(parse(fields).map_err(row)?);
+        let label = parse(fields).map_err(row)?;
+        // labels say the same in row after row
+        if rows.last().is_none_or(|before: &Label| before.state != label.state) {
+            states.check(&label.state).map_err(row)?;
+        }
+        rows.push(label);
         if rows.len() > MOST_ROWS {
             return Err(row(format!("more than {MOST_ROWS} rows: cut the labels into several")));
         }
@@ -64,31 +84,61 @@ pub fn read(path: &Path) -> Result<Labels, LabelsError> {
     Ok(Labels::new(rows))
 }
 
+impl<'a> States<'a> {
+    fn check(self, state: &str) -> Result<(), String> {
+        let own: &[&'a str] = match self {
+            States::Any => &[],
+            States::Declared(own) => own,
+        };
+        let names = || known_states().map(|name| -> &'a str { name }).chain(own.iter().copied());
+        if names().any(|name| name == state) {
+            return Ok(());
+        }
+        let near = nearest(state, names());
+        let said = printable::cell(state);
+        if matches!(self, States::Any) {
+            // nobody has to declare classes here, but what is healthy must not be lost by a letter
+            let meant = near.first().filter(|name| {
+                name.eq_ignore_ascii_case(state) || [HEALTHY, IGNORE].contains(*name)
+            });
+            return match meant {
+                Some(meant) => Err(format!("state \"{said}\": write `{meant}`")),
+                None => Ok(()),
+            };
+        }
+        let near = match near.is_empty() {
+            true => format!("there are {}.", names().collect::<Vec<_>>().join(", ")),
+            false => format!("did you mean {}?", near.join(", ")),
+        };
+        Err(format!(
+            "state \"{said}\": nobody has declared such a class; {near} A class of your own is declared by \
+             --new-class {said}, or in [isolate.classes] where it is one of the thesis's by another name"
+        ))
+    }
+}
+
 fn parse([printhead, channel, from, to, state, severity]: [&str; 6]) -> Result<Label, String> {
     if printhead.len() > LONGEST_NAME {
         return Err(too_long("printhead", printhead));
     }
-    let label =
-        Label {
-            printhead: printhead.into(),
-            channel: match channel {
-                "*" => None,
-                n => Some(n.parse().map_err(|_| {
-                    format!("channel \"{}\": give a number or *", printable::cell(n))
-                })?),
-            },
-            from_ns: time("from", from)?,
-            to_ns: time("to", to)?,
-            state: match state {
-                "" => return Err("state is empty: give `healthy` or a fault class".into()),
-                state if state.len() > LONGEST_NAME => return Err(too_long("state", state)),
-                state => state.into(),
-            },
-            severity: match severity {
-                "" => None,
-                s => Some(size(state, s)?),
-            },
-        };
+    let label = Label {
+        printhead: printhead.into(),
+        channel: channel.parse().map_err(|()| {
+            let said = printable::cell(channel);
+            format!("channel \"{said}\": give a number, a range such as 0-20, or *")
+        })?,
+        from_ns: time("from", from)?,
+        to_ns: time("to", to)?,
+        state: match state {
+            "" => return Err("state is empty: give `healthy`, `ignore` or a fault class".into()),
+            state if state.len() > LONGEST_NAME => return Err(too_long("state", state)),
+            state => state.into(),
+        },
+        severity: match severity {
+            "" => None,
+            s => Some(size(state, s)?),
+        },
+    };
     match (label.from_ns, label.to_ns) {
         (Some(from), Some(to)) if from > to => Err("`from` is later than `to`".into()),
         _ => Ok(label),
@@ -147,7 +197,7 @@ pub fn write(path: &Path, labels: &[Label]) -> Result<(), LabelsError> {
         };
         put([
             label.printhead.clone(),
-            label.channel.map_or("*".into(), |c| c.to_string()),
+            label.channel.to_string(),
             time(label.from_ns),
             time(label.to_ns),
             label.state.clone(),
@@ -161,6 +211,7 @@ pub fn write(path: &Path, labels: &[Label]) -> Result<(), LabelsError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::labels::Channels;
 
     fn reading(text: &str) -> Result<Labels, LabelsError> {
         let dir = tempfile::tempdir().unwrap();
@@ -174,7 +225,7 @@ mod tests {
         let rows = vec![
             Label {
                 printhead: "a, \"b\"".into(),
-                channel: None,
+                channel: Channels::Range(2, 9),
                 from_ns: None,
                 to_ns: Some(1_700_000_000_123_456_789),
                 state: "healthy".into(),
@@ -182,7 +233,7 @@ mod tests {
             },
             Label {
                 printhead: "c".into(),
-                channel: Some(7),
+                channel: Channels::One(7),
                 from_ns: Some(-1),
                 to_ns: None,
                 state: "own class".into(),
@@ -211,9 +262,53 @@ mod tests {
     }
 
     #[test]
+    fn the_narrower_row_beats_the_wider() {
+        let labels = reading(
+            "printhead,channel,from,to,state,severity\n\
+             p,3-9,,,EC,\np,5,,,BN,\np,2-20,,,IDN,\np,*,,,healthy,\n*,5,,,AB1,\n*,*,,,ignore,\n\
+             *,30-31,,,DDN,\n",
+        )
+        .unwrap();
+        let state = |p, c| labels.row_at(p, c, 0).map(|l| l.state.as_str());
+        assert_eq!(
+            [2, 3, 5, 10, 21].map(|c| state("p", c).unwrap()),
+            ["IDN", "EC", "BN", "IDN", "healthy"]
+        );
+        assert_eq!([5, 6, 30].map(|c| state("q", c).unwrap()), ["AB1", "ignore", "DDN"]);
+        assert_eq!(labels.at("q", 6, 0), None);
+    }
+
+    #[test]
+    fn states_that_nobody_declared_are_refused_with_the_nearest_names() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("labels.csv");
+        let declared = |state: &str| {
+            let header = "printhead,channel,from,to,state,severity";
+            std::fs::write(&path, format!("{header}\np,1,,,ignore,\np,1,,,{state},\n")).unwrap();
+            read_states(&path, States::Declared(&["Verstopfung"]))
+                .map(drop)
+                .map_err(|e| e.to_string())
+        };
+        assert_eq!(declared("Verstopfung"), Ok(()));
+        for (state, says) in [
+            ("Verstopfug", "did you mean Verstopfung?"),
+            ("unknown", "there are healthy, ignore, EC"),
+            ("SDM", "did you mean SDN"),
+        ] {
+            let refused = declared(state).unwrap_err();
+            assert!(refused.contains(says) && refused.contains("line 3"), "{refused}");
+            assert!(refused.contains("--new-class"), "{refused}");
+        }
+    }
+
+    #[test]
     fn bad_rows_are_named_by_line() {
         for (row, word) in [
             ("p,x,,,healthy,", "channel"),
+            ("p,7-3,,,healthy,", "range"),
+            ("p,1,,,Healthy,", "write `healthy`"),
+            ("p,1,,,heatlhy,", "write `healthy`"),
+            ("p,1,,,pbn,", "write `PBN`"),
             ("p,1,yesterday,,healthy,", "yesterday"),
             ("p,1,,,,", "state"),
             ("p,1,,,EC,much", "severity"),

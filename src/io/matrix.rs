@@ -13,6 +13,8 @@ pub struct Matrix {
     pub samples: Bytes,
     /// When it began, where the table says so: as written there.
     pub time: Option<f64>,
+    /// Whose it is, where the table has a column of that.
+    pub printhead: Option<String>,
     /// What else stands beside it, in the order in which it was asked for; NaN: nothing.
     pub beside: Vec<f64>,
 }
@@ -26,6 +28,7 @@ impl Default for Matrix {
             layout: Layout::ChannelMajor,
             samples: Bytes::new(),
             time: None,
+            printhead: None,
             beside: Vec::new(),
         }
     }

@@ -34,6 +34,8 @@ pub struct Recording {
     pub path: PathBuf,
     /// File name.
     pub name: String,
+    /// Its path below what was asked for; its file name, unless whoever opens it knows more.
+    pub label: String,
     pub bytes: u64,
     /// When it was opened, and how long that took.
     pub stamp: Stamp,
@@ -113,6 +115,7 @@ impl Recording {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Recording {
             path: path.to_path_buf(),
+            label: name.clone(),
             name,
             bytes: source.bytes(),
             stamp: source.stamp_then(),

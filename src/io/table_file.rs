@@ -7,6 +7,7 @@
 
 use super::printable;
 use super::regular_file::{self, Records};
+use chrono::{DateTime, NaiveDateTime};
 use csv::StringRecord;
 use std::collections::HashMap;
 use std::io::{BufRead, BufReader, Read};
@@ -38,6 +39,8 @@ pub struct Columns {
     pub time: Option<String>,
     pub outputs: Option<Vec<String>>,
     pub burst: Option<String>,
+    /// Whose bursts they are, if there is a column of that name.
+    pub printhead: Option<String>,
     /// What is neither: one value a decay.
     pub beside: Vec<String>,
     /// Rows are samples one after the other: without a time column none is taken for it.
@@ -49,6 +52,8 @@ pub struct Columns {
 pub struct Decay {
     /// The value of the burst column; empty without one.
     pub name: String,
+    /// The value of the printhead column; empty without one.
+    pub printhead: String,
     /// The table's line of its first row.
     pub line: u64,
     /// In the unit of the table.
@@ -111,9 +116,14 @@ fn read_from(
     while csv.read_record(&mut record).map_err(failed)? {
         csv.get_mut().record_ends();
         let line = record.position().map_or(0, csv::Position::line);
-        let name = chosen.burst.and_then(|c| record.get(c)).unwrap_or_default();
-        let cell = |c: usize| number_in(record.get(c).unwrap_or_default(), decimal_comma);
-        rows.add(line, name, cell).map_err(|what| line_error(path, line, what))?;
+        let text = |c: Option<usize>| c.and_then(|c| record.get(c)).unwrap_or_default();
+        let of = Named { burst: text(chosen.burst), printhead: text(chosen.printhead) };
+        let cell = |c: usize| {
+            let cell = record.get(c).unwrap_or_default();
+            let time = || time_in(cell).filter(|_| chosen.time == Some(c));
+            number_in(cell, decimal_comma).or_else(|e| time().ok_or(e))
+        };
+        rows.add(line, of, cell).map_err(|what| line_error(path, line, what))?;
     }
     rows.table().ok_or_else(|| wrong("a header and no rows".to_owned()))
 }
@@ -129,6 +139,34 @@ fn csv_error(path: &Path, e: csv::Error) -> TableError {
         }
         other => line_error(path, line, format!("{other:?}")),
     }
+}
+
+/// Which decay a row is of.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Named<'a> {
+    pub burst: &'a str,
+    pub printhead: &'a str,
+}
+
+impl Named<'_> {
+    fn key(self) -> String {
+        match self.printhead {
+            "" => self.burst.to_owned(),
+            printhead => format!("{}\u{1f}{printhead}", self.burst),
+        }
+    }
+}
+
+/// A time such as 2026-11-01T08:00:00.5Z, or with a blank and without its zone, which is then UTC: s since 1970.
+fn time_in(cell: &str) -> Option<f64> {
+    let cell = unquoted(cell);
+    let zoned = || DateTime::parse_from_rfc3339(cell).ok()?.timestamp_nanos_opt();
+    let plain =
+        |format| NaiveDateTime::parse_from_str(cell, format).ok()?.and_utc().timestamp_nanos_opt();
+    let ns = zoned()
+        .or_else(|| plain("%Y-%m-%d %H:%M:%S%.f"))
+        .or_else(|| plain("%Y-%m-%dT%H:%M:%S%.f"))?;
+    Some(ns as f64 / 1e9)
 }
 
 /// A table under way, row by row.
@@ -148,11 +186,11 @@ impl Rows<'_> {
         Rows { chosen, table, by_name: HashMap::new(), cells: 0 }
     }
 
-    /// The next row, of the decay of that name; `cell`: what it has in a column.
+    /// The next row, of the decay named so; `cell`: what it has in a column.
     pub fn add(
         &mut self,
         line: u64,
-        name: &str,
+        of: Named,
         cell: impl Fn(usize) -> Result<f64, String>,
     ) -> Result<(), String> {
         let chosen = self.chosen;
@@ -164,11 +202,12 @@ impl Rows<'_> {
                 "more than {MOST_CELLS} cells of time and outputs; cut the table into several"
             ));
         }
-        let place = match self.by_name.get(name) {
+        let key = of.key();
+        let place = match self.by_name.get(&key) {
             Some(place) => *place,
             None => {
                 let beside = chosen.beside.iter().map(|&c| cell(c)).collect::<Result<_, _>>()?;
-                self.begin(line, name, beside)?
+                self.begin(line, of, beside)?
             }
         };
         let decay = &mut self.table.decays[place];
@@ -186,9 +225,10 @@ impl Rows<'_> {
     }
 
     /// A decay without rows: its place.
-    fn begin(&mut self, line: u64, name: &str, beside: Vec<f64>) -> Result<usize, String> {
-        if name.len() > LONGEST_NAME {
-            return Err(format!("burst {:?}: a name that long?", printable::cell(name)));
+    fn begin(&mut self, line: u64, of: Named, beside: Vec<f64>) -> Result<usize, String> {
+        let Named { burst: name, printhead } = of;
+        if let Some(long) = [name, printhead].into_iter().find(|name| name.len() > LONGEST_NAME) {
+            return Err(format!("burst {:?}: a name that long?", printable::cell(long)));
         }
         // a decay of its own takes about as much as eight rows
         self.cells += 16;
@@ -196,12 +236,13 @@ impl Rows<'_> {
         let outputs = vec![Vec::new(); self.chosen.outputs.len()];
         self.table.decays.push(Decay {
             name: name.into(),
+            printhead: printhead.into(),
             line,
             times: Vec::new(),
             outputs,
             beside,
         });
-        self.by_name.insert(name.into(), place);
+        self.by_name.insert(of.key(), place);
         Ok(place)
     }
 
@@ -220,6 +261,7 @@ pub(super) struct Chosen {
     pub time: Option<usize>,
     pub outputs: Vec<usize>,
     pub burst: Option<usize>,
+    pub printhead: Option<usize>,
     pub beside: Vec<usize>,
 }
 
@@ -256,7 +298,9 @@ pub(super) fn choose_columns(names: Vec<String>, columns: &Columns) -> Result<Ch
     let burst = columns.burst.as_deref().map(place).transpose()?;
     let beside: Vec<usize> =
         columns.beside.iter().map(|name| place(name)).collect::<Result<_, _>>()?;
-    let taken = |c: usize| Some(c) == burst || beside.contains(&c);
+    let whose = columns.printhead.as_ref().filter(|name| names.contains(name));
+    let printhead = whose.map(|name| place(name)).transpose()?;
+    let taken = |c: usize| [burst, printhead].contains(&Some(c)) || beside.contains(&c);
     let time = match &columns.time {
         Some(name) => Some(place(name)?),
         None if columns.rows_are_samples => None,
@@ -273,7 +317,7 @@ pub(super) fn choose_columns(names: Vec<String>, columns: &Columns) -> Result<Ch
         let time = time.map_or("", |c| &names[c]);
         return Err(format!("no column is left for an output beside {time:?}"));
     }
-    let all = outputs.iter().chain(&time).chain(&burst).chain(&beside);
+    let all = outputs.iter().chain(&time).chain(&burst).chain(&printhead).chain(&beside);
     let mut used: Vec<usize> = all.copied().collect();
     used.sort_unstable();
     for (i, &c) in used.iter().enumerate() {
@@ -282,7 +326,7 @@ pub(super) fn choose_columns(names: Vec<String>, columns: &Columns) -> Result<Ch
             return Err(format!("the column {:?} is asked for twice", names[c]));
         }
     }
-    Ok(Chosen { names, time, outputs, burst, beside })
+    Ok(Chosen { names, time, outputs, burst, printhead, beside })
 }
 
 /// A cell as a number; NaN where it is empty or says so.

@@ -75,6 +75,10 @@ fn push_channels(out: &mut StepColumn, channels: &[u32], of: &Verdicts) -> Resul
 /// What is the same over many rows.
 pub fn push_runs(out: &mut RunColumn, column: &Column, of: &Verdicts) -> Result<()> {
     match &column.cells {
+        Cells::Recording => each(of, |part| match part {
+            Is::Healthy(run) => out.push(Some(0), run.signals.len()),
+            Is::Rows(rows) => out.push(Some(0), rows.len()),
+        }),
         Cells::Printhead(at) => push_printheads(out, at.of(&of.rows), of),
         Cells::Outcome(at) => {
             by_runs(of, at, out, |_, _| Some(Outcome::Healthy as u32), |o, _| Some(*o as u32))

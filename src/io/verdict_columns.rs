@@ -14,6 +14,8 @@ pub const ROW_GROUP_ROWS: usize = 1 << 20;
 
 #[derive(Clone, Debug)]
 pub struct TableOptions {
+    /// What the column `recording` says in every row.
+    pub recording: String,
     /// What `fault` and `candidate` index, and the order of the weights.
     pub classes: Vec<String>,
     /// What `category` indexes.
@@ -33,7 +35,8 @@ pub fn schema(options: &TableOptions) -> Schema {
     let field = |column: &Column| {
         let data_type = match column.cells {
             Cells::Time(_) => time(options.timestamp_unit),
-            Cells::Printhead(_) | Cells::Outcome(_) | Cells::Category(_) => text(),
+            Cells::Recording | Cells::Printhead(_) | Cells::Outcome(_) => text(),
+            Cells::Category(_) => text(),
             Cells::Class(_) | Cells::Test(_) | Cells::Reason(_) => text(),
             Cells::Channel(_) => DataType::UInt32,
             Cells::Model(_) => DataType::UInt16,
@@ -77,6 +80,7 @@ pub fn properties(options: &TableOptions) -> WriterProperties {
 pub fn dictionary(column: &Column, options: &TableOptions) -> Vec<Vec<u8>> {
     let texts = |of: &[String]| of.iter().map(|v| column::text(v)).collect();
     match column.cells {
+        Cells::Recording => vec![column::text(&options.recording)],
         Cells::Outcome(_) => Outcome::ALL.map(|o| column::text(o.as_str())).to_vec(),
         Cells::Test(_) => Test::ALL.map(|t| column::text(t.as_str())).to_vec(),
         Cells::Reason(_) => Reason::ALL.map(|r| column::text(r.as_str())).to_vec(),

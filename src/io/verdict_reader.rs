@@ -84,7 +84,8 @@ impl VerdictReader {
         for column in COLUMNS {
             match batch.column_by_name(column.name) {
                 Some(array) => self.read(column, array, &mut columns)?,
-                None if column.nullable => {}
+                // tables of others, and of version 1, do not name it
+                None if column.nullable || matches!(column.cells, Cells::Recording) => {}
                 None => {
                     return Err(Misfit { column: column.name, what: "is missing".into() });
                 }
@@ -107,9 +108,10 @@ impl VerdictReader {
         let number = |v: &Option<f64>| v.filter(|v| !v.is_nan());
         let texts = || Texts::of(array).ok_or_else(unfit);
         let outcome = |text: &str| Outcome::ALL.into_iter().find(|o| o.as_str() == text);
-        let reason = |text: &str| Reason::ALL.into_iter().find(|r| r.as_str() == text);
+        let reason = Reason::of;
         let test = |text: &str| Test::ALL.into_iter().find(|t| t.as_str() == text);
         match &column.cells {
+            Cells::Recording => {}
             Cells::Time(at) => *at.of_mut(c) = nanoseconds(array, name)?,
             Cells::Printhead(at) => {
                 (*at.of_mut(c), c.printheads) = texts()?.required(name)?;
@@ -445,6 +447,7 @@ pub(super) mod tests {
     ) -> (Vec<VerdictColumns>, TableOptions) {
         let rows = reader.by_ref().map(Result::unwrap).collect();
         let lists = TableOptions {
+            recording: "r.mcap".into(),
             classes: reader.classes().to_vec(),
             categories: reader.categories().to_vec(),
             ..options(false, TimestampUnit::Ns)
@@ -457,6 +460,7 @@ pub(super) mod tests {
         let row = |i: usize| {
             let name = |list: &[String], of: Option<u16>| of.map(|k| list[k as usize].clone());
             let text = |column: &Column| match &column.cells {
+                Cells::Recording => String::new(),
                 Cells::Time(at) => at.of(c)[i].to_string(),
                 Cells::Printhead(at) => c.printheads[at.of(c)[i] as usize].to_string(),
                 Cells::Channel(at) => at.of(c)[i].to_string(),

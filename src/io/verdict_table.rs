@@ -232,6 +232,7 @@ pub(super) mod tests {
     pub(in crate::io) fn options(weights: bool, timestamp_unit: TimestampUnit) -> TableOptions {
         let list = |of: &[&str]| of.iter().map(|s| s.to_string()).collect();
         TableOptions {
+            recording: "night/1.mcap".into(),
             classes: list(&["EC", "AB1", "my,own"]),
             categories: list(&["empty_channel", "air_bubble"]),
             weights,
@@ -275,6 +276,7 @@ pub(super) mod tests {
                     Cells::Misfit(at) | Cells::Number(at) => {
                         at.of_mut(&mut c).push(nth.map(|m| m as f32 / 7.0));
                     }
+                    Cells::Recording => {}
                     Cells::Weights => {
                         let start = (i % 3 > 0).then_some(c.weights.len() as u32);
                         c.weights_start.push(start);

@@ -11,6 +11,7 @@ pub mod free_decay;
 pub mod geometry;
 pub mod ink_channel;
 pub mod inner_product;
+pub mod lie;
 pub mod median;
 pub mod normal;
 mod poles;

@@ -1,7 +1,7 @@
 //! What passes from stage to stage: one batch, with more known of it after each.
 
 use crate::burst::{Place, SignalBatch};
-use crate::design::{Detection, Judge};
+use crate::design::{Detection, Judge, OwnChannels};
 use crate::io::block::Block;
 use crate::io::block_reader::Definitions;
 use crate::io::damage::Damage;
@@ -23,13 +23,36 @@ pub struct Read {
     pub damage: Vec<Damage>,
 }
 
+/// A burst that waits: its batch, counted from the recording's first, and its place there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Slot {
+    pub batch: u64,
+    pub place: usize,
+}
+
+/// Who judges a burst, and about what.
+#[derive(Clone, Debug)]
+pub struct Given {
+    pub judge: Result<Arc<Judge>, Reason>,
+    pub own: Option<Arc<OwnChannels>>,
+}
+
+impl Given {
+    pub fn by(judge: Result<Arc<Judge>, Reason>) -> Given {
+        Given { judge, own: None }
+    }
+}
+
+/// Bursts of a sweep that is over.
+pub type GivenTo = Vec<(Slot, Given)>;
+
 /// With the judge of every acquisition.
 #[derive(Debug)]
 pub struct Assigned {
     pub read: Read,
     pub judges: Vec<Result<Arc<Judge>, Reason>>,
-    /// Acquisitions whose channels were heard on the way ([`super::first_windows`]); empty: none.
-    pub heard: Vec<bool>,
+    /// What their channels are judged about; `None`: about what all of the printhead's are.
+    pub own: Vec<Option<Arc<OwnChannels>>>,
 }
 
 /// With every signal's statistics, or why it has none.
@@ -55,6 +78,8 @@ pub struct Judged {
     pub verdicts: Verdicts,
     /// Who judged some of it.
     pub judges: Vec<Arc<Judge>>,
+    /// About which levels of channels the bursts of a moment and printhead (its place among the batch's) were judged.
+    pub own: Vec<(i64, u32, Arc<OwnChannels>)>,
     /// Of its flagged rows, ascending: what one row of a table has no room for.
     pub flagged: Vec<Flagged>,
     pub bursts: u64,

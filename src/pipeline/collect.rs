@@ -2,7 +2,7 @@
 
 use super::{Control, PipelineError, visit};
 use crate::design::{TrainingSet, same_period};
-use crate::fault::HEALTHY;
+use crate::fault::{HEALTHY, IGNORE};
 use crate::identify::reservoir::Reservoir;
 use crate::io::damage::Damage;
 use crate::io::recording::Recording;
@@ -54,13 +54,17 @@ impl<'a> Collector<'a> {
                 let known = match self.labels {
                     None => Some((HEALTHY, None)),
                     Some(labels) => labels
-                        .at(&burst.printhead, beside.channel, burst.t_acq_ns)
+                        .row_at(&burst.printhead, beside.channel, burst.t_acq_ns)
                         .map(|label| (label.state.as_str(), label.severity)),
                 };
                 let Some((state, severity)) = known else {
                     self.count("unlabelled", 1);
                     continue;
                 };
+                if state == IGNORE {
+                    self.count(IGNORE, 1);
+                    continue;
+                }
                 burst.copy_signal(row as usize, &mut signal);
                 if unusable_signal(&signal, self.rails).is_some() {
                     self.count("rejected", 1);

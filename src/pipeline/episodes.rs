@@ -1,15 +1,14 @@
 //! The tap at the writer: rows in the recording's order become evidence over time.
 
 use super::PipelineError;
-use super::baseline::InUse;
 use super::batches::{Flagged, Judged};
-use super::job::{Replay, Watch};
-use crate::design::{Design, Judge};
+use super::job::{Replay, Telling, Watch};
+use crate::design::{Design, Judge, OwnChannels};
 use crate::episodes::{Counts, Episode, Looks, Named, RingChange, Tracker};
 use crate::io::episode_table::EpisodeWriter;
 use crate::io::verdict_table::TimestampUnit;
 use crate::isolate::IsolateMethod;
-use crate::verdict::{HealthyRun, Part, Reason, Tests, VerdictColumns, Verdicts};
+use crate::verdict::{HealthyRun, Part, Tests, VerdictColumns, Verdicts};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -18,7 +17,6 @@ const MOST_LISTED: usize = 1 << 14;
 
 /// Follows the rows of one recording.
 pub struct EpisodeTap<'a> {
-    baselines: Option<&'a InUse>,
     tracker: Tracker,
     /// Where somebody watches: its own tracker, since the table's waits for bursts that come late.
     watched: Option<(&'a Watch<'a>, Tracker)>,
@@ -54,10 +52,10 @@ pub struct Finished {
 impl<'a> EpisodeTap<'a> {
     pub fn create(
         replay: &Replay,
-        baselines: Option<&'a InUse>,
         watch: Option<&'a Watch<'a>>,
         path: &Path,
         unit: TimestampUnit,
+        recording: &str,
     ) -> Result<EpisodeTap<'a>, PipelineError> {
         let settings = &replay.settings;
         let design = replay.design.as_ref();
@@ -70,10 +68,9 @@ impl<'a> EpisodeTap<'a> {
         let certainty = settings.isolate.certainty;
         let tracker = || Tracker::new(&classes, &priors, certainty, &settings.episodes);
         Ok(EpisodeTap {
-            baselines,
             tracker: tracker(),
             watched: watch.map(|watch| (watch, tracker().at_once())),
-            table: EpisodeWriter::create(path, unit)?,
+            table: EpisodeWriter::create(path, unit, recording)?,
             models: Vec::new(),
             listed: Vec::new(),
         })
@@ -106,7 +103,7 @@ impl<'a> EpisodeTap<'a> {
             }
         }
         for burst in bursts {
-            self.look_at(burst, &c.printheads);
+            self.look_at(burst, &c.printheads, &judged.own);
         }
         self.take_ended()
     }
@@ -124,34 +121,42 @@ impl<'a> EpisodeTap<'a> {
             healthy_frequency_hz: healthy.frequency_hz,
             healthy_damping_per_s: healthy.damping_per_s,
         });
+        let resonance = c.resonance_hz[row].zip(c.damping_per_s[row]);
         Named {
             row: 0,
             weights: flagged.weights,
             appearance: flagged.appearance,
-            fits_none: matches!(c.reason[row], Some(Reason::UnknownFault | Reason::NoRing)),
+            reason: c.reason[row],
             candidate: c.candidate[row],
             severity: c.severity[row],
             severity_sd: c.severity_sd[row],
             ring,
+            resonance,
         }
     }
 
-    fn look_at(&mut self, burst: OpenBurst, printheads: &[Arc<str>]) {
+    fn look_at(
+        &mut self,
+        burst: OpenBurst,
+        printheads: &[Arc<str>],
+        own: &[(i64, u32, Arc<OwnChannels>)],
+    ) {
         let OpenBurst { at, model, mut looks } = burst;
         let printhead = &printheads[at.printhead as usize];
         // a burst has one; of rejected signals nothing is asked
         looks.model = model.unwrap_or_default();
         looks.in_medians = self.known(looks.model).map(|of| of.in_medians).unwrap_or_default();
-        if let Some(baselines) = self.baselines {
-            let (first, n) = (looks.first_channel, looks.ratios.len());
-            let own = baselines.at(printhead, looks.t_ns);
-            looks.own =
-                own.map_or(Vec::new(), |own| own.from(first, n).map(|k| k.is_some()).collect());
-        }
+        let (first, n) = (looks.first_channel, looks.ratios.len());
+        let own = own.iter().find(|(t_ns, of, _)| (*t_ns, *of) == (looks.t_ns, at.printhead));
+        let known = |(_, _, own): &(i64, u32, Arc<OwnChannels>)| {
+            own.from(first, n).map(|k| k.is_some()).collect()
+        };
+        looks.own = own.map_or(Vec::new(), known);
         if let Some((watch, tracker)) = &mut self.watched {
             tracker.push(printhead, looks.clone());
             tracker.take_ended();
-            tracker.take_raised().iter().for_each(|episode| (watch.raised)(episode));
+            let raised = tracker.take_raised();
+            raised.iter().for_each(|episode| (watch.tell)(Telling::Raised(episode)));
         }
         self.tracker.push(printhead, looks);
     }

@@ -50,6 +50,17 @@ impl InFlight {
         self.changed.notify_all();
     }
 
+    /// A block waits for later ones: it takes no room until it is taken back.
+    pub fn lend(&self, bytes: u64) {
+        self.leave(bytes);
+    }
+
+    pub fn take_back(&self, bytes: u64) {
+        let mut state = self.lock();
+        state.blocks += 1;
+        state.bytes += bytes;
+    }
+
     /// Nobody lets blocks out any more.
     pub fn close(&self) {
         self.lock().closed = true;

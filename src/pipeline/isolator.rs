@@ -2,22 +2,20 @@
 //!
 //! In: a batch with every signal's statistics and whether it passed the gate. Out: its rows.
 
-use super::baseline::InUse;
 use super::batches::{Assigned, Filtered, Flagged, Gated, Judged};
 use super::rings::{self, Rings};
 use super::rows::{self, Id, Row};
 use super::spares::Spares;
 use crate::burst::{Acquisition, Burst};
-use crate::design::{Detection, Isolation, Judge, Tested, Workspace};
+use crate::design::{Detection, Isolation, Judge, OwnChannels, Tested, Workspace};
 use crate::isolate::Likeness;
-use crate::settings::Settings;
+use crate::settings::{RingsOf, Settings};
 use crate::verdict::{Appearance, Reason, Verdicts};
 use std::sync::Arc;
 
 /// One worker's.
 pub struct Isolator<'a> {
     settings: &'a Settings,
-    baselines: Option<&'a InUse>,
     spares: &'a Spares,
     rings: Rings,
     work: Workspace,
@@ -35,6 +33,7 @@ struct Rows {
 struct Found<'a> {
     burst: &'a Burst,
     judge: Result<&'a Judge, Reason>,
+    own: Option<&'a OwnChannels>,
     /// Row by row.
     statistic: &'a [Result<Detection, Reason>],
     /// Its first signal's place in the batch.
@@ -49,6 +48,7 @@ struct Signal<'a> {
     burst: &'a Burst,
     row: usize,
     judge: &'a Judge,
+    own: Option<&'a OwnChannels>,
     found: Detection,
     passed: bool,
 }
@@ -64,14 +64,9 @@ impl Found<'_> {
 }
 
 impl<'a> Isolator<'a> {
-    pub fn new(
-        settings: &'a Settings,
-        baselines: Option<&'a InUse>,
-        spares: &'a Spares,
-    ) -> Isolator<'a> {
+    pub fn new(settings: &'a Settings, spares: &'a Spares) -> Isolator<'a> {
         Isolator {
             settings,
-            baselines,
             spares,
             rings: Rings::default(),
             work: Workspace::default(),
@@ -84,12 +79,13 @@ impl<'a> Isolator<'a> {
     pub fn judge(&mut self, gated: Gated) -> Judged {
         self.rings.fit(&gated, !self.settings.isolate.gate);
         let Gated { filtered, tests } = gated;
-        let Filtered { assigned: Assigned { read, judges, .. }, statistic } = filtered;
+        let Filtered { assigned: Assigned { read, judges, own }, statistic } = filtered;
         let verdicts = Verdicts { parts: Vec::new(), tests, rows: self.spares.rows.take() };
         let mut rows = Rows { verdicts, flagged: Vec::new() };
         rows.verdicts.rows.clear();
         let mut from = 0;
-        for (acquisition, judge) in read.batch.acquisitions.iter().zip(&judges) {
+        let mut own_of = Vec::new();
+        for ((acquisition, judge), own) in read.batch.acquisitions.iter().zip(&judges).zip(&own) {
             let to = from + acquisition.rows();
             match acquisition {
                 Acquisition::Unusable(unusable) => {
@@ -100,16 +96,25 @@ impl<'a> Isolator<'a> {
                     rows::push_rejected(columns, id, unusable.why.into());
                     rows.verdicts.close_rows();
                 }
-                Acquisition::Usable(burst) => self.judge_burst(
-                    &Found {
+                Acquisition::Usable(burst) => {
+                    let printhead = rows::intern(&mut rows.verdicts.rows, &burst.printhead);
+                    let at = (burst.t_acq_ns, printhead);
+                    if let Some(own) = own
+                        .as_ref()
+                        .filter(|_| own_of.last().is_none_or(|(t, p, _)| (*t, *p) != at))
+                    {
+                        own_of.push((at.0, at.1, own.clone()));
+                    }
+                    let found = Found {
                         burst,
                         judge: judge.as_deref().map_err(|reason| *reason),
+                        own: own.as_deref(),
                         statistic: &statistic[from..to],
                         first: from,
-                        printhead: rows::intern(&mut rows.verdicts.rows, &burst.printhead),
-                    },
-                    &mut rows,
-                ),
+                        printhead,
+                    };
+                    self.judge_burst(&found, &mut rows);
+                }
             }
             from = to;
         }
@@ -120,6 +125,7 @@ impl<'a> Isolator<'a> {
             damage: read.damage,
             verdicts: rows.verdicts,
             judges: each_once(judges),
+            own: own_of,
             flagged: rows.flagged,
             bursts: read.batch.acquisitions.len() as u64,
         }
@@ -128,7 +134,8 @@ impl<'a> Isolator<'a> {
     /// Rows of one burst: runs of healthy signals at once, what is rejected or looked at closely one by one.
     fn judge_burst(&mut self, of: &Found, rows: &mut Rows) {
         let isolates_all = |judge: &Judge| !self.settings.isolate.gate && judge.can_isolate();
-        let at_once = of.judge.ok().filter(|judge| !isolates_all(judge));
+        let all_rings = self.settings.output.ring == RingsOf::All;
+        let at_once = of.judge.ok().filter(|judge| !isolates_all(judge) && !all_rings);
         let mut expected_ready = false;
         let mut row = 0;
         while row < of.statistic.len() {
@@ -147,7 +154,7 @@ impl<'a> Isolator<'a> {
                 Err(reason) => rows::push_rejected(&mut rows.verdicts.rows, of.id(row), reason),
                 Ok((found, judge)) => {
                     let (burst, passed) = (of.burst, !rows.verdicts.tests.healthy[here]);
-                    let signal = Signal { burst, row, judge, found, passed };
+                    let signal = Signal { burst, row, judge, own: of.own, found, passed };
                     self.judge_signal(signal, of.id(row), &mut expected_ready, rows);
                 }
             }
@@ -172,22 +179,24 @@ impl<'a> Isolator<'a> {
         if tested.misfit.is_nan() && isolation.is_some() {
             tested.misfit = self.work.misfit;
         }
-        if let Some(isolation) = isolation.as_ref().filter(|_| of.passed) {
-            let flagged = self.flag(of, isolation, rows.verdicts.rows.len());
+        let ring = self.ring_of(of, expected_ready);
+        if of.passed {
+            let flagged = self.flag(of, isolation.as_ref(), ring, rows.verdicts.rows.len());
             rows.flagged.push(flagged);
         }
         let told = self.settings.output.weights && isolation.is_some();
         let weights = Some(self.work.weights.as_slice()).filter(|of| told && !of.is_empty());
         let (isolation, model) = (isolation.as_ref(), of.judge.index);
         let columns = &mut rows.verdicts.rows;
-        rows::push_judged(columns, id, Row { tested, model, isolation, weights });
+        rows::push_judged(columns, id, Row { tested, model, isolation, weights, ring });
         rows::set_severity(columns, self.work.severity.take());
     }
 
     /// Names a signal, where the method can: by its fitted ring, or by its deviation from what is expected.
     fn isolate(&mut self, of: Signal, expected_ready: &mut bool) -> Option<Isolation> {
         let Signal { burst, row, judge, .. } = of;
-        self.work.own = self.baselines.and_then(|baselines| baselines.of(burst, row as u32));
+        let channel = burst.first_channel.saturating_add(row as u32);
+        self.work.own = of.own.and_then(|own| own.of(channel));
         self.work.warmer = judge.warmer(burst);
         let (n, drive) = (burst.samples_per_channel as usize, judge.drive(burst));
         if let Some(fit) = judge.rings().and_then(|_| self.rings.take()) {
@@ -197,6 +206,13 @@ impl<'a> Isolator<'a> {
             };
             return judge.isolate_ring(fit.as_ref(), drive, copy, &mut self.work);
         }
+        self.deviate(of, expected_ready);
+        judge.isolate(&self.signal, drive, &mut self.work)
+    }
+
+    /// Leaves a signal's deviation from what is expected in `signal`. `expected_ready`: of its burst.
+    fn deviate(&mut self, Signal { burst, row, judge, .. }: Signal, expected_ready: &mut bool) {
+        let n = burst.samples_per_channel as usize;
         self.signal.resize(n, 0.0);
         if !*expected_ready {
             self.expected.resize(n, 0.0);
@@ -205,18 +221,47 @@ impl<'a> Isolator<'a> {
         }
         burst.copy_signal(row, &mut self.signal);
         judge.deviate(burst, row, &self.expected, &mut self.signal);
-        judge.isolate(&self.signal, drive, &mut self.work)
+    }
+
+    /// Resonance, Hz, and damping, 1/s: of what is flagged by a fit, of the rest, where that is asked for, to first order.
+    fn ring_of(&mut self, of: Signal, expected_ready: &mut bool) -> Option<[f64; 2]> {
+        let Signal { burst, row, judge, passed, .. } = of;
+        let (n, drive) = (burst.samples_per_channel as usize, judge.drive(burst));
+        let copy = |y: &mut Vec<f64>| {
+            y.resize(n, 0.0);
+            rings::per_drive(judge, burst, row, y);
+        };
+        match (passed, self.settings.output.ring) {
+            (true, _) => judge.ring_of(copy, drive, &mut self.work),
+            (false, RingsOf::Flagged) => None,
+            (false, RingsOf::All) => {
+                self.deviate(of, expected_ready);
+                let warmer = judge.warmer(burst);
+                let first = judge.ring_to_first_order(&self.signal, drive, warmer);
+                first.or_else(|| judge.ring_of(copy, drive, &mut self.work))
+            }
+        }
     }
 
     /// What is remembered of a flagged signal for the evidence over time. `row`: among its batch's.
-    fn flag(&mut self, of: Signal, isolation: &Isolation, row: usize) -> Flagged {
-        let strange = isolation.likeness != Likeness::Known;
+    fn flag(
+        &mut self,
+        of: Signal,
+        isolation: Option<&Isolation>,
+        ring: Option<[f64; 2]>,
+        row: usize,
+    ) -> Flagged {
+        let strange = isolation.is_some_and(|isolation| isolation.likeness != Likeness::Known);
+        let poles = of.judge.model.identification.poles;
+        let relative = |[f, damping]: [f64; 2]| {
+            [(damping / poles.damping_per_s).ln(), (f / poles.frequency_hz).ln()]
+        };
         let appearance = strange.then(|| self.appearance(of)).flatten();
         Flagged {
             appearance,
             row: row as u32, // a batch is far smaller
             weights: self.work.weights.iter().map(|&w| w as f32).collect(),
-            ring: self.work.ring,
+            ring: self.work.ring.or(ring.map(relative)),
         }
     }
 

@@ -1,10 +1,11 @@
 //! What a replay is asked to do.
 
-use crate::design::{Baselines, Design};
+use crate::design::Design;
 use crate::episodes::Episode;
 use crate::labels::Labels;
 use crate::settings::Settings;
 use crate::side_by_side::cores;
+use crate::state::Memory;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -19,8 +20,8 @@ pub struct Replay {
     pub labels: Option<Labels>,
     /// Healthy windows as spans of time, ns.
     pub spans: Vec<(i64, i64)>,
-    /// With `--baseline`: what is remembered of the channels.
-    pub baselines: Option<Baselines>,
+    /// With `--baseline`: what is remembered of heads and channels.
+    pub baselines: Option<Memory>,
 }
 
 impl Replay {
@@ -40,12 +41,25 @@ impl Replay {
 
 /// Who hears of a recording while it is written.
 pub struct Watch<'a> {
-    /// An episode was raised.
-    pub raised: &'a (dyn Fn(&Episode) + Sync),
+    /// An episode was raised, or is another than it was told.
+    pub tell: &'a (dyn Fn(Telling) + Sync),
     /// Something else is to be known.
     pub note: &'a (dyn Fn(&str) + Sync),
     /// Parts of the table are closed meanwhile.
     pub rotation: Option<Rotation<'a>>,
+}
+
+/// What is told of an episode.
+#[derive(Clone, Copy, Debug)]
+pub enum Telling<'a> {
+    Raised(&'a Episode),
+    /// It has another name than it was told by.
+    Revised {
+        now: &'a Episode,
+        before: &'a Episode,
+    },
+    /// What was told is none: the table has no such episode.
+    Withdrawn(&'a Episode),
 }
 
 /// A part of the table every so often.

@@ -168,6 +168,10 @@ impl<'a> Learning<'a> {
         Ok(())
     }
 
+    pub fn schedule_mut(&mut self) -> &mut Schedule<'a> {
+        &mut self.schedule
+    }
+
     /// All models, after the end.
     pub fn into_schedule(self) -> Schedule<'a> {
         self.schedule

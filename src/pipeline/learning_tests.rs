@@ -11,12 +11,13 @@ use super::staging_tests::cpu_s;
 use super::timings::Phases;
 use super::{Control, PipelineError};
 use crate::burst::{Acquisition, Burst, Format, Layout};
-use crate::design::{Baselines, Design};
+use crate::design::Design;
 use crate::io::episode_table;
 use crate::io::recording::Recording;
 use crate::io::recording_writer::{Compression, RecordingWriter, WriterOptions};
 use crate::io::{Limits, design_file};
 use crate::settings::{IdentifyMode, Settings};
+use crate::state::Memory;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -62,7 +63,7 @@ struct Case {
     options: WriterOptions,
     /// Bytes that are missing at the end of the file.
     cut: usize,
-    baselines: Option<Baselines>,
+    baselines: Option<Memory>,
 }
 
 impl Case {
@@ -322,9 +323,9 @@ fn temperature_is_learned_from_the_whole_recording_in_both_forms() {
     assert!(stages("temperature"), "{:?}", report.phases);
 }
 
-/// Where baselines begin is the same in both forms: none are known, some channels', all channels'.
+/// What is remembered is the same in both forms: of no channels at first, of some, of all.
 #[test]
-fn baselines_of_channels_are_learned_in_the_stream() {
+fn states_are_the_same_in_both_forms() {
     let (start, last) = (bursts()[0].t_acq_ns, bursts().last().unwrap().t_acq_ns);
     for (mode, single) in [
         (IdentifyMode::Windows, false),
@@ -334,19 +335,10 @@ fn baselines_of_channels_are_learned_in_the_stream() {
         let all = if single { one_channel_each(&bursts()) } else { bursts() };
         let mut case = Case::new(Some(design()));
         case.settings.identify.mode = mode;
-        case.baselines = Some(Baselines::new(None));
-        let report = case.both(&all);
-        assert!(report.identified.why.is_none(), "{:?}", report.identified);
-        let known = report.baselines.unwrap();
+        case.baselines = Some(Memory::new(None));
+        let known = case.both(&all).baselines.unwrap();
         assert_eq!(known.printheads.len(), 3);
         assert!(known.channels() > 120, "{}", known.channels());
-        // what is heard in the first window judges after it
-        let learned = |case: &Case| {
-            let summary = summary(&case.dir.path().join("stream.verdicts.parquet"));
-            summary["baseline"]["channels_learned_in_the_first_window"].as_u64().unwrap()
-        };
-        assert!(learned(&case) > 100);
-        // half of the channels, and all of them: nobody waits for a window
         let mut half = known.clone();
         for of in half.printheads.values_mut() {
             of.channels.retain(|channel, _| channel % 2 == 0);
@@ -356,44 +348,38 @@ fn baselines_of_channels_are_learned_in_the_stream() {
             .map(|burst| Burst { t_acq_ns: burst.t_acq_ns + (last - start) + 1, ..burst.clone() })
             .collect();
         for baselines in [half, known] {
-            let count = baselines.channels();
             case.baselines = Some(baselines);
             assert!(case.both(&next).identified.why.is_none());
-            assert_eq!(learned(&case) > 40, count < 120, "{count}");
         }
     }
 }
 
+/// A state of other channels is met as a head whose channels were replaced: none is faulty for it.
 #[test]
-fn baselines_that_the_end_refuses_or_that_come_out_of_order_are_learned_in_passes() {
+fn a_state_of_another_head_of_that_name_makes_no_faults() {
     let mut case = Case::new(Some(design()));
     case.settings.identify.mode = IdentifyMode::Design;
-    case.settings.identify.common_change = false; // with baselines nothing is followed
-    case.baselines = Some(Baselines::new(None));
-    // of another head: what looks healthy does not look like its own
+    case.baselines = Some(Memory::new(None));
     let mut others = case.both(&bursts()).baselines.unwrap();
     for of in others.printheads.values_mut() {
-        of.channels.values_mut().for_each(|channel| channel.features[2] += 0.02);
+        for (channel, of) in of.channels.iter_mut() {
+            let by = if channel % 2 == 0 { 0.01 } else { -0.01 };
+            of.today.sum[2] += by * of.today.looks;
+        }
     }
-    case.baselines = Some(others.clone());
-    let report = case.both(&bursts());
-    assert!(report.identified.why.unwrap().contains("not to be used"));
-    assert_eq!(report.warnings.iter().filter(|(_, w)| w.contains("not look like")).count(), 3);
-    assert_eq!(report.baselines, Some(others), "nothing was learned");
-    let without = Case { baselines: None, ..case };
-    let tables = || std::fs::read(without.dir.path().join("stream.verdicts.parquet")).unwrap();
-    let refused = tables();
-    without.both(&bursts());
-    assert!(refused == tables(), "refused baselines decided something");
-
-    let mut late = Case::new(Some(design()));
-    late.settings.identify.mode = IdentifyMode::Design;
-    late.baselines = Some(Baselines::new(None));
-    let mut shuffled = bursts();
-    shuffled.retain(|burst| burst.printhead == known());
-    shuffled[..30].reverse();
-    let report = late.both(&shuffled);
-    assert!(report.identified.why.unwrap().contains("come after later ones"));
+    let faulty = |report: &RecordingReport| report.tally.counts.faulty.values().sum::<u64>();
+    let last = bursts().last().unwrap().t_acq_ns - bursts()[0].t_acq_ns;
+    let later: Vec<Burst> = bursts()
+        .iter()
+        .map(|burst| Burst {
+            t_acq_ns: burst.t_acq_ns + 86_400_000_000_000 + last,
+            ..burst.clone()
+        })
+        .collect();
+    let alone = faulty(&case.both(&later));
+    case.baselines = Some(others);
+    let with = faulty(&case.both(&later));
+    assert!(with < 2 * alone + 40, "{with}, {alone} by a state of its own");
 }
 
 #[test]

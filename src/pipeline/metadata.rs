@@ -24,7 +24,19 @@ pub struct Document<'a> {
     models: Vec<Model<'a>>,
 }
 
+/// Of it what the table of episodes says: models and settings are in that of verdicts, once.
+const OF_EPISODES: [&str; 6] =
+    ["version", "recording", "design", "classes", "categories", "counts"];
+
 impl Document<'_> {
+    pub fn text_of_episodes(&self) -> serde_json::Result<String> {
+        let of: Map<String, Value> = OF_EPISODES
+            .iter()
+            .filter_map(|key| Some(((*key).to_owned(), self.of_run.get(*key)?.clone())))
+            .collect();
+        serde_json::to_string(&of)
+    }
+
     pub fn text(&self) -> serde_json::Result<String> {
         serde_json::to_string(self)
     }
@@ -88,6 +100,7 @@ fn of(replay: &Replay, recording: Value) -> Map<String, Value> {
         "output": {
             "weights": replay.settings.output.weights,
             "timestamps": replay.settings.output.timestamps,
+            "ring": replay.settings.output.ring,
         },
     });
     let all = [

@@ -14,17 +14,15 @@
 //! result is the same.
 
 mod ahead;
-mod baseline;
 mod batches;
 pub mod beginning;
 mod borders;
 pub mod chain;
 pub mod collect;
+mod common_heads;
 pub mod episodes;
-mod first_windows;
+mod head;
 mod heads;
-mod heard_before;
-mod hearing;
 pub mod identified;
 mod in_flight;
 mod in_order;
@@ -38,7 +36,11 @@ mod level_history;
 mod looked_at;
 mod metadata;
 mod models;
+mod moved;
+mod not_judged;
 pub mod observe;
+mod own_levels;
+mod parked;
 mod placing;
 mod progress;
 pub mod replay;
@@ -53,16 +55,19 @@ mod stages;
 mod staging_tests;
 mod statistics;
 mod survey;
+mod sweep;
 pub mod tally;
 mod temperature;
 pub mod timings;
+mod told;
 mod visit;
 mod warmth;
 mod windows;
 mod wiring;
 
-pub use job::{ClosedPart, Replay, Rotation, Watch};
+pub use job::{ClosedPart, Replay, Rotation, Telling, Watch};
 pub use metadata::rfc3339;
+pub use not_judged::NotJudged;
 pub use replay::{RecordingReport, follow, replay};
 
 use crate::design::DesignError;
@@ -168,11 +173,6 @@ impl Control {
 
     pub fn interrupted(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
-    }
-
-    /// Whether nobody takes what goes through the stages any more.
-    fn is_abandoned(&self) -> bool {
-        self.interrupted() || self.abandoned.load(Ordering::Relaxed)
     }
 
     fn set_abandoned(&self, abandoned: bool) {

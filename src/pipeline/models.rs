@@ -53,6 +53,17 @@ impl<'a> Models<'a> {
 
     /// Of a burst that was seen.
     pub fn judge_of(&mut self, burst: &Burst) -> Result<Result<Arc<Judge>, Reason>, PipelineError> {
+        let judge = self.find(burst)?;
+        if let Err(Reason::DesignMismatch) = judge {
+            match self {
+                Models::Made(schedule) => schedule.note_sampling(burst),
+                Models::InStream(learner) => learner.learning.schedule_mut().note_sampling(burst),
+            }
+        }
+        Ok(judge)
+    }
+
+    fn find(&mut self, burst: &Burst) -> Result<Result<Arc<Judge>, Reason>, PipelineError> {
         match self {
             Models::Made(schedule) => match schedule.assign(burst) {
                 Assignment::Model(number) => Ok(Ok(schedule.judge(number)?)),

@@ -7,6 +7,7 @@ use crate::fault::HEALTHY;
 use crate::io::damage::Damage;
 use crate::io::recording::Recording;
 use crate::labels::Labels;
+use crate::settings::INT16_RAILS;
 use crate::verdict::unusable_signal;
 use std::sync::atomic::Ordering;
 
@@ -17,16 +18,36 @@ const MOST_SIGNALS: usize = 8192;
 const USUAL_SAMPLES: usize = 128;
 const FEWEST_SIGNALS: usize = 512;
 
+/// The rails of these samples' own converter. Those of 16 bit are the default: what goes beyond them was never
+/// converted so, and has none that anyone told.
+fn rails_of(signal: &[f64], rails: [f64; 2]) -> [f64; 2] {
+    let is_wider = |y: &f64| *y < rails[0] || *y > rails[1];
+    match rails == INT16_RAILS && signal.iter().any(is_wider) {
+        true => [f64::NEG_INFINITY, f64::INFINITY],
+        false => rails,
+    }
+}
+
+/// Signals of one sample period. A decay may be longer than the first by as much again: memory is bounded.
+struct Held {
+    period_s: f64,
+    most_samples: usize,
+    sampler: Sampler,
+}
+
 /// Collects what a critique looks at.
 pub struct Observer<'a> {
     /// `None`: every signal may be healthy.
     labels: Option<&'a Labels>,
     rails: [f64; 2],
-    sampler: Option<(f64, usize, Sampler)>,
+    sampler: Option<Held>,
     most_samples: usize,
     pub rejected: u64,
     pub not_healthy: u64,
     pub other_sampling: u64,
+    longest: usize,
+    /// Whether signals are longer than what was taken of them, once that is [`Observer::finish`]ed.
+    pub is_cut: bool,
 }
 
 impl<'a> Observer<'a> {
@@ -40,10 +61,12 @@ impl<'a> Observer<'a> {
             rejected: 0,
             not_healthy: 0,
             other_sampling: 0,
+            longest: 0,
+            is_cut: false,
         }
     }
 
-    /// Takes the signals of a recording that fit the first burst's sampling; says what was lost.
+    /// Takes the signals of a recording that have the first burst's sample period; says what was lost.
     pub fn take(
         &mut self,
         recording: &Recording,
@@ -52,15 +75,19 @@ impl<'a> Observer<'a> {
         let mut signal = Vec::new();
         let mut lost = visit::all(recording, control, |burst| {
             let n = burst.samples_per_channel as usize;
-            let (period, samples, sampler) = self.sampler.get_or_insert_with(|| {
+            let held = self.sampler.get_or_insert_with(|| {
                 let kept = n.min(self.most_samples);
                 let wanted = MOST_SIGNALS * USUAL_SAMPLES.pow(2) / kept.max(1).pow(2);
                 let wanted = wanted.clamp(FEWEST_SIGNALS, MOST_SIGNALS);
                 let capacity = wanted.min(HELD_BYTES / (4 * kept.max(1)));
-                (burst.sample_period_s, n, Sampler::new(burst.sample_period_s, kept, capacity))
+                Held {
+                    period_s: burst.sample_period_s,
+                    most_samples: self.most_samples.min(2 * kept),
+                    sampler: Sampler::new(burst.sample_period_s, capacity),
+                }
             });
             control.signals.fetch_add(u64::from(burst.channels), Ordering::Relaxed);
-            if *samples != n || !same_period(*period, burst.sample_period_s) {
+            if !same_period(held.period_s, burst.sample_period_s) {
                 self.other_sampling += u64::from(burst.channels);
                 return;
             }
@@ -75,12 +102,13 @@ impl<'a> Observer<'a> {
                     }
                 }
                 burst.copy_signal(row, &mut signal);
-                if unusable_signal(&signal, self.rails).is_some() {
+                if unusable_signal(&signal, rails_of(&signal, self.rails)).is_some() {
                     self.rejected += 1;
                     continue;
                 }
-                let kept = &signal[..n.min(self.most_samples)];
-                sampler.offer(&burst.printhead, beside, kept);
+                let kept = &signal[..n.min(held.most_samples)];
+                held.sampler.offer(&burst.printhead, beside, kept);
+                self.longest = self.longest.max(n);
             }
         })?;
         self.rejected += lost.unusable_bursts;
@@ -89,13 +117,30 @@ impl<'a> Observer<'a> {
         Ok(lost.damage)
     }
 
-    /// Whether the signals are longer than what was taken of them.
-    pub fn is_cut(&self) -> bool {
-        self.sampler.as_ref().is_some_and(|(_, samples, _)| *samples > self.most_samples)
-    }
-
     /// `None`: no burst was seen.
-    pub fn finish(self) -> Option<Observations> {
-        Some(self.sampler?.2.finish())
+    pub fn finish(&mut self) -> Option<Observations> {
+        let sampler = self.sampler.take()?.sampler;
+        let held = sampler.len();
+        let data = sampler.finish();
+        self.other_sampling += (held - data.len()) as u64;
+        self.is_cut = self.longest > data.samples;
+        Some(data)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rails_of_16_bit_bind_16_bit_alone_and_told_ones_bind_all() {
+        let usable = |peak: f64, rails| {
+            let signal: Vec<f64> =
+                (0..64).map(|k| peak.min(2.0 * peak * f64::cos(0.3 * k as f64))).collect();
+            unusable_signal(&signal, rails_of(&signal, rails)).is_none()
+        };
+        assert!(!usable(32_767.0, INT16_RAILS), "it stays at the rail");
+        assert!(usable(1e6, INT16_RAILS), "no converter of 16 bit gave that");
+        assert!(!usable(2048.0, [-2048.0, 2048.0]) && !usable(1e6, [-2048.0, 2048.0]));
     }
 }

@@ -1,33 +1,30 @@
 //! One recording through the six stages: how its models come to be, run, check, and only then name the files.
 
-use super::baseline::{InUse, Learned, Remembered};
 use super::episodes::{EpisodeReport, Finished};
-use super::heads::Moved;
-use super::heard_before;
-use super::hearing::Hearing;
 use super::identified::Identified;
-use super::job::{Replay, Watch};
+use super::job::{Replay, Telling, Watch};
 use super::learner::Learner;
 use super::learning::{Learning, MOST_REORDER_NS, USUAL_REORDER_NS};
 use super::metadata::{self, Document};
 use super::models::Models;
+use super::moved::Moved;
+use super::not_judged::{NotJudged, not_judged};
 use super::schedule::{Refusal, Schedule};
 use super::survey::survey;
 use super::tally::{Counts, Tally};
 use super::timings::{PhaseTiming, Phases, StageTiming};
-use super::wiring::{Listening, Streamed, Wiring};
+use super::told::Told;
+use super::wiring::{Streamed, Wiring};
 use super::{Control, PipelineError, rotation};
-use crate::design::Baselines;
-use crate::episodes::Episode;
 use crate::io::damage::Damage;
-use crate::io::journal::Stamp;
+use crate::io::journal::{Outcome, Stamp};
 use crate::io::part_file::{self, CompleteFile};
 use crate::io::part_tables::PartTables;
 use crate::io::recording::Recording;
 use crate::io::stored;
 use crate::io::summary_file;
+use crate::state::Memory;
 use serde_json::{Map, Value, json};
-use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -43,6 +40,8 @@ pub struct RecordingReport {
     pub tally: Tally,
     pub damage: Vec<Damage>,
     pub refusals: Vec<Refusal>,
+    /// Printheads of which nothing was judged, or the recording, if less than half of it was.
+    pub not_judged: Vec<NotJudged>,
     /// Printheads of which a warning says that all channels moved together beyond the bounds.
     pub moved_beyond: Vec<Arc<str>>,
     /// Printhead and what to know about its verdicts.
@@ -62,15 +61,23 @@ pub struct RecordingReport {
     /// Where that of the stages went, side by side.
     pub timings: Vec<StageTiming>,
     /// With `--baseline`: what is remembered for the next recording.
-    pub baselines: Option<Baselines>,
+    pub baselines: Option<Memory>,
+    /// It was followed until that was enough, and nobody had closed it.
+    pub cut_off: bool,
     /// Why parts of the table, of a run that followed the recording, could not be removed.
     pub parts_left: Option<std::io::Error>,
 }
 
 impl RecordingReport {
-    /// Everything in the recording was read and judged, every window learned.
-    pub fn is_whole(&self) -> bool {
-        self.damage.is_empty() && self.tally.counts.rejected.is_empty() && self.refusals.is_empty()
+    /// The worst that happened to it.
+    pub fn outcome(&self) -> Outcome {
+        match self {
+            _ if !self.not_judged.is_empty() => Outcome::NotJudged,
+            _ if !self.damage.is_empty() => Outcome::Damaged,
+            _ if !self.tally.counts.rejected.is_empty() => Outcome::Damaged,
+            _ if !self.refusals.is_empty() => Outcome::WindowRefused,
+            _ => Outcome::Judged,
+        }
     }
 
     /// The metadata's document, and how it went.
@@ -79,6 +86,7 @@ impl RecordingReport {
         say("damage", json!(self.damage));
         say("expected", json!(recording.expected));
         say("refused_windows", json!(self.refusals));
+        say("not_judged", json!(self.not_judged));
         say("identified", json!(self.identified));
         let rates = json!({
             "seconds": self.seconds,
@@ -94,9 +102,6 @@ impl RecordingReport {
         say("episodes", json!(self.episodes.counts));
     }
 }
-
-/// Episodes that are remembered as told.
-const MOST_TOLD: usize = 1 << 20;
 
 /// Judges one recording: verdicts to `verdicts`, the summary beside it.
 pub fn replay(
@@ -119,21 +124,32 @@ pub fn follow(
     control: &Control,
     watch: &Watch,
 ) -> Result<RecordingReport, PipelineError> {
-    let told = Mutex::new(HashSet::new());
-    let raised = |episode: &Episode| {
+    let told = Mutex::new(Told::default());
+    let tell = |told_now: Telling| {
         let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
-        let key = (episode.printhead.clone(), episode.channel, episode.raised_at_ns);
-        // what is judged again is not told again
-        if told.len() >= MOST_TOLD || told.insert(key) {
-            (watch.raised)(episode);
+        if let Telling::Raised(episode) = told_now {
+            told.tell(episode, watch.tell);
         }
     };
-    let once = &Watch { raised: &raised, ..*watch };
+    let once = &Watch { tell: &tell, ..*watch };
+    let report = followed(replay, recording, verdicts, control, once)?;
+    let mut told = told.into_inner().unwrap_or_else(PoisonError::into_inner);
+    told.settle(&report.episodes, watch.tell);
+    Ok(report)
+}
+
+fn followed(
+    replay: &Replay,
+    recording: &Recording,
+    verdicts: &Path,
+    control: &Control,
+    watch: &Watch,
+) -> Result<RecordingReport, PipelineError> {
     if watch.rotation.is_some() {
         rotation::make_room(verdicts, recording)?;
     }
     let (may_learn, mut phases) = (replay.design.is_some(), Phases::new(recording.opening));
-    let run = Run { replay, recording, verdicts, control, may_learn, watch: Some(once) };
+    let run = Run { replay, recording, verdicts, control, may_learn, watch: Some(watch) };
     let why = match run.judge(&mut phases) {
         Err(PipelineError::NeedsTemperature) => {
             "what was told is by models that do not know what temperature does; now it is judged again, with \
@@ -205,10 +221,7 @@ impl<'a> Run<'a> {
             Err(PipelineError::NeedsTwoPasses(why)) if !self.recording.is_growing() => {
                 self.judge_in_two_passes(why, phases)
             }
-            done => {
-                let (streamed, learned) = done?;
-                self.finish(streamed, learned, Identified::in_stream(&learner), phases)
-            }
+            done => self.finish(done?, Identified::in_stream(&learner), phases),
         }
     }
 
@@ -218,8 +231,8 @@ impl<'a> Run<'a> {
         phases: &mut Phases,
     ) -> Result<RecordingReport, PipelineError> {
         let learner = self.learner();
-        let (streamed, baselines) = self.learn_before(&learner, phases)?;
-        self.finish(streamed, baselines, Identified::before(&learner, why), phases)
+        let streamed = self.learn_before(&learner, phases)?;
+        self.finish(streamed, Identified::before(&learner, why), phases)
     }
 
     fn learner(&self) -> Learner<'a> {
@@ -251,33 +264,17 @@ impl<'a> Run<'a> {
         overlap.then(|| "the windows of identify.spans overlap".into())
     }
 
-    /// The default: windows give models, and channels their baselines, while the signals flow.
+    /// The default: windows give models while the signals flow.
     fn learn_in_stream<'l>(
         &'l self,
         learner: &'l Learner<'l>,
         phases: &mut Phases,
-    ) -> Result<(Streamed<'l>, Option<Learned>), PipelineError> {
+    ) -> Result<Streamed<'l>, PipelineError> {
         let reorder_ns = self.recording.disorder_ns().unwrap_or_default().max(USUAL_REORDER_NS);
         let reorder_ns = reorder_ns.min(MOST_REORDER_NS) as i64;
         let (schedule, workers) = (self.design_schedule()?, self.replay.workers(0));
         let learning = Learning::new(learner, schedule, reorder_ns, workers);
-        let models = Models::learned(learning, self.recording, self.control);
-        let Some(remembered) = self.remembered() else {
-            return Ok((self.stream(models, None, phases)?, None));
-        };
-        let in_use = InUse::default();
-        let hearing = Hearing::new(&in_use, Some(remembered.room()));
-        let listening = Listening { remembered: &remembered, hearing: &hearing };
-        let streamed = self.stream(models, Some(listening), phases)?;
-        let learned = remembered.learn(&hearing.all(), &in_use);
-        learned.must_judge_again(remembered.room())?;
-        Ok((streamed, Some(learned)))
-    }
-
-    /// With `--baseline`.
-    fn remembered(&self) -> Option<Remembered<'_>> {
-        let Replay { baselines, design, settings, .. } = self.replay;
-        baselines.as_ref().map(|of| Remembered::new(of, design.as_ref(), settings))
+        self.stream(Models::learned(learning, self.recording, self.control), phases)
     }
 
     /// Where the file's order does not allow that: all models before the stages start.
@@ -285,7 +282,7 @@ impl<'a> Run<'a> {
         &self,
         learner: &Learner,
         phases: &mut Phases,
-    ) -> Result<(Streamed<'a>, Option<Learned>), PipelineError> {
+    ) -> Result<Streamed<'a>, PipelineError> {
         let windows = |phases: &mut Phases| -> Result<Schedule<'a>, PipelineError> {
             let (recording, control) = (self.recording, self.control);
             let survey =
@@ -293,26 +290,16 @@ impl<'a> Run<'a> {
             let schedule = self.design_schedule()?;
             phases.time("windows", || learner.learn(recording, &survey, schedule, control))
         };
-        let remembered = self.remembered();
-        let run = |mut schedule: Schedule<'a>, phases: &mut Phases| {
-            let Some(remembered) = &remembered else {
-                return Ok((self.stream(Models::Made(schedule), None, phases)?, None));
-            };
-            let rails = self.replay.settings.input.rails;
-            let (in_use, learned) = phases.time("baselines", || {
-                heard_before::learn(remembered, self.recording, &mut schedule, rails, self.control)
-            })?;
-            let hearing = Hearing::new(&in_use, None);
-            let listening = Listening { remembered, hearing: &hearing };
-            let streamed = self.stream(Models::Made(schedule), Some(listening), phases)?;
-            Ok((streamed, Some(learned)))
-        };
         if !learner.knows_by_design() {
-            return run(windows(phases)?, phases);
+            let schedule = windows(phases)?;
+            return self.stream(Models::Made(schedule), phases);
         }
-        match run(self.design_schedule()?, phases) {
+        match self.stream(Models::Made(self.design_schedule()?), phases) {
             // a printhead that the design does not know: its windows decide
-            Err(PipelineError::NeedsSurvey) => run(windows(phases)?, phases),
+            Err(PipelineError::NeedsSurvey) => {
+                let schedule = windows(phases)?;
+                self.stream(Models::Made(schedule), phases)
+            }
             done => done,
         }
     }
@@ -321,14 +308,13 @@ impl<'a> Run<'a> {
     fn stream<'m>(
         &self,
         models: Models<'m>,
-        baselines: Option<Listening>,
         phases: &mut Phases,
     ) -> Result<Streamed<'m>, PipelineError> {
         let (started, signals) = (Instant::now(), self.control.signals.load(Ordering::Relaxed));
         let Run { replay, recording, verdicts, control, watch, .. } = *self;
         // somebody waits: who follows hears what is found all the same
         let may_learn = self.may_learn && !recording.is_growing();
-        let wiring = Wiring { replay, recording, verdicts, control, baselines, may_learn, watch };
+        let wiring = Wiring { replay, recording, verdicts, control, may_learn, watch };
         let streamed = wiring.stream(models);
         if streamed.is_err() {
             self.control.signals.store(signals, Ordering::Relaxed); // they are judged again
@@ -346,7 +332,6 @@ impl<'a> Run<'a> {
     fn finish(
         &self,
         streamed: Streamed,
-        baselines: Option<Learned>,
         identified: Identified,
         phases: &mut Phases,
     ) -> Result<RecordingReport, PipelineError> {
@@ -357,13 +342,17 @@ impl<'a> Run<'a> {
             false => None,
         };
         let recording = closed.as_ref().unwrap_or(recording);
-        let Streamed { mut schedule, mut tally, writer, episodes, warmth, moved, .. } = streamed;
+        let Streamed { mut schedule, mut tally, writer, episodes, warmth, moved, memory, .. } =
+            streamed;
         let Streamed { scan_damage, behind, timings, digest, .. } = streamed;
         let mut warnings = warmth.warnings();
         warnings.extend(schedule.wide_thresholds());
         let identify = &replay.settings.identify;
-        let told = |moved: &Moved| Some((moved.printhead.clone(), moved.warning(identify)?));
-        let of_heads: Vec<(Arc<str>, String)> = moved.iter().filter_map(told).collect();
+        let told = |moved: &Moved| {
+            let named = |what: String| (moved.printhead.clone(), what);
+            moved.warnings(identify).into_iter().map(named).collect::<Vec<_>>()
+        };
+        let of_heads: Vec<(Arc<str>, String)> = moved.iter().flat_map(told).collect();
         let moved_beyond = of_heads.iter().map(|(printhead, _)| printhead.clone()).collect();
         warnings.extend(of_heads);
 
@@ -377,29 +366,30 @@ impl<'a> Run<'a> {
         }
 
         let refusals = std::mem::take(&mut schedule.refusals);
+        let not_judged = not_judged(&tally, &schedule, &refusals);
         let mut document = metadata::document(replay, recording, &digest.text, &schedule, counts);
         control.check()?;
         let unwritten =
             |e: serde_json::Error| PipelineError::Write { path: verdicts.into(), source: e.into() };
         let text = document.text().map_err(unwritten)?;
+        let of_episodes = document.text_of_episodes().map_err(unwritten)?;
         // all are complete on disk before any gets its name
         let Finished { report: episodes, table } = episodes;
         let tables = std::thread::scope(|both| {
             // each waits for the disk
-            let table = both.spawn(|| table.complete(text.clone()));
-            let writer = writer.complete(text.clone());
+            let table = both.spawn(|| table.complete(of_episodes));
+            let writer = writer.complete(text);
             let table = table.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
             Ok::<_, PipelineError>([table?, writer?])
         })?;
         phases.add("finish", finishing.elapsed());
-        let of_baselines = baselines.as_ref().map(Learned::summary);
-        warnings.extend(baselines.iter().flat_map(|of| of.refused.iter().cloned()));
         let mut report = RecordingReport {
             name: recording.name.clone(),
             digest: digest.text,
             stamp: recording.stamp,
             damage,
             refusals,
+            not_judged,
             moved_beyond,
             warnings,
             learned_temperature: Vec::new(),
@@ -412,12 +402,20 @@ impl<'a> Run<'a> {
             phases: phases.list().to_vec(),
             timings,
             tally,
-            baselines: baselines.map(|of| of.next),
+            baselines: memory,
+            cut_off: recording.is_cut_off(),
             parts_left: None,
         };
         report.summary(&mut document.of_run, recording);
         document.of_run.insert("moved_together".into(), json!(moved));
-        document.of_run.extend(of_baselines.map(|of| ("baseline".to_owned(), of)));
+        if let Some(memory) = &report.baselines {
+            // what is known of other printheads says nothing of this recording
+            let own = memory.printheads.iter();
+            let own = own.filter(|(name, _)| report.tally.printheads.contains_key(name.as_str()));
+            let channels: usize = own.map(|(_, of)| of.channels.len()).sum();
+            let known = json!({ "channels_remembered": channels });
+            document.of_run.insert("baseline".to_owned(), known);
+        }
         let [table, writer] = tables;
         name_all([table, writer, complete_summary(verdicts, &document)?])?;
         // the table holds what they held

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Of what is written: raised where the same recording, design and settings give other columns.
-pub const TABLES_VERSION: u32 = 2;
+pub const TABLES_VERSION: u32 = 3;
 /// Bytes of a summary that is asked whose it is.
 const MOST_SUMMARY_BYTES: u64 = 64 << 20;
 /// Settings named one by one.

@@ -33,6 +33,8 @@ pub struct Row<'a> {
     pub model: u16,
     pub isolation: Option<&'a Isolation>,
     pub weights: Option<&'a [f64]>,
+    /// Resonance, Hz, and damping, 1/s.
+    pub ring: Option<[f64; 2]>,
 }
 
 pub fn push_rejected(columns: &mut VerdictColumns, id: Id, reason: Reason) {
@@ -43,7 +45,7 @@ pub fn push_rejected(columns: &mut VerdictColumns, id: Id, reason: Reason) {
 
 /// Without an isolation, what is flagged is undecided.
 pub fn push_judged(columns: &mut VerdictColumns, id: Id, row: Row) {
-    let Row { tested, model, isolation, weights } = row;
+    let Row { tested, model, isolation, weights, ring } = row;
     let passed = tested.is_flagged();
     let decided = isolation.filter(|i| passed && !i.is_uncertain());
     let (outcome, reason) = match (passed, decided) {
@@ -70,6 +72,8 @@ pub fn push_judged(columns: &mut VerdictColumns, id: Id, row: Row) {
     columns.test.push(Some(test));
     columns.misfit.push(misfit.is_finite().then_some(misfit as f32));
     columns.model.push(Some(model));
+    columns.resonance_hz.push(ring.map(|[f, _]| f as f32));
+    columns.damping_per_s.push(ring.map(|[_, damping]| damping as f32));
     columns.fill_up(); // only the posterior sizes a fault: `set_severity`
     if let Some(weights) = weights {
         // rows without weights before this one; those after the last need no entry

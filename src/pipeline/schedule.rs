@@ -1,11 +1,11 @@
 //! Which model judges which burst.
 
 use super::PipelineError;
-use super::survey::GroupKey;
+use super::survey::{GroupKey, MOST_GROUPS};
 use crate::burst::Burst;
 use crate::design::{Design, HealthyModel, IsolateSettings, Judge, same_period};
 use crate::verdict::Reason;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 /// So many judges are made, one for each printhead if they are more, before those that nobody asked for meanwhile are
@@ -85,6 +85,8 @@ pub struct Schedule<'a> {
     models: Vec<Numbered>,
     new: usize,
     pub refusals: Vec<Refusal>,
+    /// Sample period and samples of the first burst of each printhead that is sampled otherwise than the design.
+    sampled_otherwise: BTreeMap<Arc<str>, (f64, u32)>,
 }
 
 /// A model as it is written of.
@@ -102,9 +104,17 @@ impl<'a> Schedule<'a> {
         settings: &'a IsolateSettings,
     ) -> Result<Schedule<'a>, PipelineError> {
         let (timelines, by_name, models) = (HashMap::new(), HashMap::new(), Vec::new());
-        let (surveyed, new, refusals) = (false, 0, Vec::new());
-        let mut schedule =
-            Schedule { design, settings, timelines, by_name, surveyed, models, new, refusals };
+        let mut schedule = Schedule {
+            design,
+            settings,
+            timelines,
+            by_name,
+            surveyed: false,
+            models,
+            new: 0,
+            refusals: Vec::new(),
+            sampled_otherwise: BTreeMap::new(),
+        };
         for model in design.into_iter().flat_map(|design| &design.models) {
             let reference_v = design.and_then(|design| design.drive_voltage_v);
             let number = schedule.add(Arc::new(model.clone()), reference_v)?;
@@ -207,6 +217,28 @@ impl<'a> Schedule<'a> {
             same_period(design.sample_period_s, burst.sample_period_s)
                 && design.samples == burst.samples_per_channel as usize
         })
+    }
+
+    /// Remembers how the bursts of a printhead are sampled that the design does not fit.
+    pub fn note_sampling(&mut self, burst: &Burst) {
+        let known = self.sampled_otherwise.contains_key(&burst.printhead);
+        if !known && self.sampled_otherwise.len() < MOST_GROUPS && !self.fits(burst) {
+            let sampled = (burst.sample_period_s, burst.samples_per_channel);
+            self.sampled_otherwise.insert(burst.printhead.clone(), sampled);
+        }
+    }
+
+    /// How the bursts of a printhead are sampled, and how the design's are, where that differs.
+    pub fn other_sampling(&self, printhead: &str) -> Option<String> {
+        let design = self.design?;
+        let (period_s, samples) = self.sampled_otherwise.get(printhead)?;
+        let us = |period_s: f64| format!("{} µs", (period_s * 1e12).round() / 1e6);
+        Some(format!(
+            "sampled every {} with {samples} samples a signal, the design's every {} with {}",
+            us(*period_s),
+            us(design.sample_period_s),
+            design.samples
+        ))
     }
 
     pub fn assign(&self, burst: &Burst) -> Assignment {

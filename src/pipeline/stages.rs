@@ -3,14 +3,15 @@
 //! A stage ends when its input does; a peer that has gone away ends it quietly, because the peer
 //! has the cause.
 
-use super::batches::{Assigned, Filtered, Gated, Judged, MOST_ROWS, Read};
-use super::first_windows::FirstWindows;
+use super::batches::{Assigned, Filtered, Gated, Given, GivenTo, Judged, MOST_ROWS, Read, Slot};
+use super::common_heads::CommonHeads;
 use super::heads::Heads;
-use super::hearing::Hearing;
 use super::in_flight::InFlight;
 use super::in_order::InOrder;
 use super::isolator::Isolator;
 use super::models::Models;
+use super::own_levels::OwnLevels;
+use super::parked::Parked;
 use super::rows;
 use super::spares::Spares;
 use super::statistics::Statistics;
@@ -18,16 +19,14 @@ use super::timings::Clock;
 use super::warmth::Warmth;
 use super::{Control, PipelineError};
 use crate::burst::{Acquisition, Place, SignalBatch};
-use crate::design::Judge;
 use crate::io::block::{Block, ReadBlock};
 use crate::io::damage::{Damage, note};
 use crate::io::digest::{Digest, Digester};
 use crate::io::recording::Recording;
 use crate::io::scan::Blocks;
-use crate::verdict::Reason;
 use crossbeam_channel::{Receiver, Sender};
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Hands out blocks in file order to the reader's workers, with their bytes: one after the other, so
@@ -152,80 +151,105 @@ pub fn read(
     Ok(())
 }
 
-/// 2. Identify: the model of every burst, learned on the way where windows decide, and moved where all
-///    channels have moved.
+/// 2. Identify: the model of every burst, learned on the way where windows decide, and what its head and channels are
+///    known to be then. A burst waits until its sweep is over.
 pub fn identify(
-    models: &mut Models,
-    warmth: &mut Warmth,
-    mut heads: Option<&mut Heads>,
-    mut first_windows: Option<FirstWindows>,
+    mut deciding: Deciding,
+    parked: Parked,
     mut clock: Clock,
     input: Receiver<Read>,
     out: Sender<Assigned>,
 ) -> Result<(), PipelineError> {
-    let mut waiting = InOrder::new();
+    let (mut waiting, mut parked) = (InOrder::new(), parked);
+    let mut given = GivenTo::new();
     while let Some(read) = clock.receive(&input) {
         waiting.put(read.batch.place, read);
         while let Some(read) = waiting.take(|read| read.leaves.is_some()) {
-            models.see(&read)?;
-            let judges = judges_of(&read.batch, models, warmth, heads.as_deref_mut())?;
-            let heard = match &mut first_windows {
-                Some(of) => of.take(&read.batch.acquisitions, &judges)?,
-                None => Vec::new(),
-            };
-            if !clock.send(&out, Assigned { read, judges, heard }) {
-                return Ok(());
+            deciding.models.see(&read)?;
+            deciding.decide(parked.next(), &read.batch, &mut given)?;
+            parked.park(read);
+            parked.give(&mut given);
+            while let Some(assigned) = parked.leave() {
+                if !clock.send(&out, assigned) {
+                    return Ok(());
+                }
             }
         }
     }
-    models.end()
+    if let Some(Following::States(heads)) = &mut deciding.following {
+        heads.end(&mut given);
+    }
+    parked.give(&mut given);
+    while let Some(assigned) = parked.leave() {
+        if !clock.send(&out, assigned) {
+            return Ok(());
+        }
+    }
+    deciding.models.end()
 }
 
-/// Who judges each acquisition of a batch.
-fn judges_of(
-    batch: &SignalBatch,
-    models: &mut Models,
-    warmth: &mut Warmth,
-    mut heads: Option<&mut Heads>,
-) -> Result<Vec<Result<Arc<Judge>, Reason>>, PipelineError> {
-    let mut of = |acquisition: &Acquisition| match acquisition {
-        Acquisition::Unusable(unusable) => Ok(Err(unusable.why.into())),
-        Acquisition::Usable(burst) => {
-            let judge = match models.judge_of(burst)? {
-                Ok(judge) => judge,
-                Err(reason) => return Ok(Err(reason)),
+/// Who judges each burst.
+pub struct Deciding<'a, 'm, 'd> {
+    pub models: &'a mut Models<'m>,
+    pub warmth: &'a mut Warmth,
+    pub following: Option<&'a mut Following<'d>>,
+}
+
+/// What is known of heads now.
+pub enum Following<'a> {
+    /// With `--baseline`: their states, and their channels'.
+    States(Box<Heads<'a>>),
+    /// What all of their channels have in common.
+    Common(Box<CommonHeads<'a>>),
+}
+
+impl Deciding<'_, '_, '_> {
+    /// `number`: of the batch.
+    fn decide(
+        &mut self,
+        number: u64,
+        batch: &SignalBatch,
+        given: &mut GivenTo,
+    ) -> Result<(), PipelineError> {
+        for (place, acquisition) in batch.acquisitions.iter().enumerate() {
+            let slot = Slot { batch: number, place };
+            let judge = match acquisition {
+                Acquisition::Unusable(unusable) => Err(unusable.why.into()),
+                Acquisition::Usable(burst) => self.models.judge_of(burst)?,
             };
-            warmth.take(&judge, burst)?;
-            Ok(Ok(match &mut heads {
-                Some(heads) => heads.judge_of(&judge, burst),
-                None => judge,
-            }))
+            match (judge, acquisition, &mut self.following) {
+                (Ok(judge), Acquisition::Usable(burst), following) => {
+                    self.warmth.take(&judge, burst)?;
+                    match following {
+                        Some(Following::States(heads)) => heads.take(slot, &judge, burst, given),
+                        Some(Following::Common(heads)) => {
+                            given.push((slot, Given::by(Ok(heads.judge_of(&judge, burst)))));
+                        }
+                        None => given.push((slot, Given::by(Ok(judge)))),
+                    }
+                }
+                (judge, ..) => given.push((slot, Given::by(judge))),
+            }
         }
-    };
-    batch.acquisitions.iter().map(&mut of).collect()
+        Ok(())
+    }
 }
 
 /// 3. FD filter: the detection statistics of every signal; with `residual-energy` thesis e(r).
 pub fn filter(
     rails: [f64; 2],
-    hearing: Option<&Hearing>,
     spares: &Spares,
     mut clock: Clock,
     input: Receiver<Assigned>,
     out: Sender<Filtered>,
 ) -> Result<(), PipelineError> {
-    let mut statistics = Statistics::new(rails);
-    let mut listener = hearing.map(Hearing::listener);
+    let (mut statistics, mut levels) = (Statistics::new(rails), OwnLevels::default());
     while let Some(assigned) = clock.receive(&input) {
-        let at_work = hearing.map(Hearing::at_work);
         let mut statistic = spares.statistic.take();
-        let Assigned { read, judges, heard } = &assigned;
+        let Assigned { read, judges, own } = &assigned;
         let acquisitions = &read.batch.acquisitions;
         statistics.of(acquisitions, judges, &mut statistic);
-        if let Some(listener) = &mut listener {
-            listener.judge(acquisitions, judges, heard, &mut statistics, &mut statistic);
-        }
-        drop(at_work);
+        levels.judge(acquisitions, judges, own, &mut statistics, &mut statistic);
         if !clock.send(&out, Filtered { assigned, statistic }) {
             break;
         }

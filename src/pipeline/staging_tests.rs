@@ -11,10 +11,11 @@ use super::in_flight::InFlight;
 use super::isolator::Isolator;
 use super::job::Replay;
 use super::models::Models;
+use super::parked::Parked;
 use super::replay::replay;
 use super::schedule::Schedule;
 use super::spares::Spares;
-use super::stages::{self, BlockQueue};
+use super::stages::{self, BlockQueue, Deciding};
 use super::tally::Tally;
 use super::timings::Timings;
 use super::warmth::Warmth;
@@ -58,10 +59,15 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     let categories = DecisionRule::new(&classes, 0.0).unwrap().categories;
     let beside = crate::io::episode_table::path_beside(verdicts);
     let unit = TimestampUnit::Ns;
-    let mut episodes = EpisodeTap::create(run, None, None, &beside, unit).unwrap();
+    let mut episodes = EpisodeTap::create(run, None, &beside, unit, "r.mcap").unwrap();
     let mut models = Models::Made(schedule);
-    let options =
-        TableOptions { classes: classes.clone(), categories, weights: false, timestamp_unit: unit };
+    let options = TableOptions {
+        recording: "r.mcap".into(),
+        classes: classes.clone(),
+        categories,
+        weights: false,
+        timestamp_unit: unit,
+    };
     let mut writer = VerdictWriter::create(verdicts, options).unwrap();
     let (mut tally, mut warmth) = (Tally::new(classes), Warmth::new(false));
     let queue = BlockQueue::new(recording);
@@ -79,15 +85,17 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
             let clock = |stage| timings.clock(stage);
             let assigned = through(read, |input, out| {
                 let clock = clock("identify");
-                stages::identify(&mut models, &mut warmth, None, None, clock, input, out)
+                let deciding =
+                    Deciding { models: &mut models, warmth: &mut warmth, following: None };
+                stages::identify(deciding, Parked::new(&in_flight), clock, input, out)
             });
             let filtered = through(assigned, |input, out| {
-                stages::filter(settings.input.rails, None, &spares, clock("filter"), input, out)
+                stages::filter(settings.input.rails, &spares, clock("filter"), input, out)
             });
             let gated =
                 through(filtered, |input, out| stages::gate(&spares, clock("gate"), input, out));
             let mut judged: Judged = through(gated, |input, out| {
-                let isolator = Isolator::new(settings, None, &spares);
+                let isolator = Isolator::new(settings, &spares);
                 stages::isolate(isolator, clock("isolate"), input, out)
             });
             episodes.add(&mut judged).unwrap();

@@ -12,6 +12,7 @@ use crate::detect::tile::{Gather, Instructions, LANES, Tile};
 use crate::model::ring_fit::{Fit, Products};
 use crate::verdict::{Reason, unusable_signal};
 use nalgebra::{Matrix3, Vector4};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Scratch of one worker, for the judges of one schedule.
@@ -25,6 +26,8 @@ pub struct Statistics {
     expected_of: Option<(JudgeKey, u64, Option<u64>)>,
     work: Workspace,
     own: Scratch,
+    /// Rows of a burst that has fewer than there are lanes.
+    filled: Vec<u8>,
     products: Products,
 }
 
@@ -65,6 +68,7 @@ impl Statistics {
             expected_of: None,
             work: Workspace::default(),
             own: Scratch::default(),
+            filled: Vec::new(),
             products: Products::default(),
         }
     }
@@ -264,22 +268,29 @@ impl Statistics {
     }
 
     /// First-order features of a burst's signals, row by row, with `detect.method` = `sensitivity`: many at once where
-    /// they lie as int16, the rest one by one. Of a signal that cannot be judged they are of any value.
+    /// they are int16, the rest one by one. Of a signal that cannot be judged they are of any value.
     pub fn features(&mut self, judge: &Judge, burst: &Burst, features: &mut Vec<Vector4<f64>>) {
         features.clear();
         let Some(detector) = judge.detector() else { return };
         let (drive, warmer) = (judge.drive(burst), judge.warmer(burst));
         let n = burst.samples_per_channel as usize;
-        let many = burst.channels as usize >= LANES;
-        let lanes = judge.lanes.as_ref().filter(|lanes| many && lanes.samples() == n);
+        let lanes = judge.lanes.as_ref().filter(|lanes| lanes.samples() == n);
         let condition = lanes.and_then(|lanes| Some(lanes.rows(drive, warmer)?.1));
         if let Some((condition, lanes)) = condition.zip(detector.own_lanes()) {
-            while features.len() + LANES <= burst.channels as usize
-                && let Some(samples) = burst.int16_rows(features.len(), LANES)
-            {
+            while features.len() < burst.channels as usize {
+                let rows = LANES.min(burst.channels as usize - features.len());
+                let whole = burst.int16_rows(features.len(), LANES).filter(|_| rows == LANES);
+                let samples = match whole {
+                    Some(samples) => samples,
+                    // a lane does not know its neighbours: what fills up is of no influence
+                    None if self.fill_up(burst, features.len()..features.len() + rows) => {
+                        &self.filled
+                    }
+                    None => break,
+                };
                 let of = lanes.of_rows(samples, &condition, self.instructions);
                 let of_lane = |l: usize| Vector4::from(of.map(|of| f64::from(of[l])));
-                features.extend((0..LANES).map(of_lane));
+                features.extend((0..rows).map(of_lane));
             }
         }
         for row in features.len()..burst.channels as usize {
@@ -289,6 +300,23 @@ impl Statistics {
                 Err(_) => Vector4::zeros(),
             });
         }
+    }
+
+    /// Leaves the signals of some rows in `filled`, as many int16 rows as there are lanes. False: they are no whole numbers.
+    fn fill_up(&mut self, burst: &Burst, rows: Range<usize>) -> bool {
+        let n = burst.samples_per_channel as usize;
+        self.filled.clear();
+        self.signal.resize(n, 0.0);
+        for row in rows {
+            burst.copy_signal(row, &mut self.signal);
+            let is_int16 = |y: &f64| f64::from(*y as i16) == *y;
+            if !self.signal.iter().all(is_int16) {
+                return false;
+            }
+            self.filled.extend(self.signal.iter().flat_map(|y| (*y as i16).to_le_bytes()));
+        }
+        self.filled.resize(LANES * n * 2, 0);
+        true
     }
 
     /// A signal's squared distance from its channel's baseline, by a fit. `None`: it is no ring.

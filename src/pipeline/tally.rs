@@ -23,6 +23,8 @@ pub struct PrintheadTally {
     pub signals: u64,
     pub judged: u64,
     pub passed: u64,
+    /// Signals of which nothing is known of their nozzles, by why: rejected, or of a printhead that is another.
+    pub unknown: BTreeMap<Reason, u64>,
     /// Channels from .. to that `channels` is known to have: saves looking for each.
     known: (u32, u32),
 }
@@ -115,6 +117,9 @@ impl Tally {
         }
         let Some(p) = p else { return };
         p.signals += 1;
+        if let Some(reason) = c.reason[row].filter(|reason| !judged || reason.is_of_head()) {
+            *p.unknown.entry(reason).or_default() += 1;
+        }
         p.judged += u64::from(judged);
         p.passed += u64::from(flagged);
         if judged {
@@ -159,6 +164,7 @@ mod tests {
             damage: Vec::new(),
             verdicts: columns.into(),
             judges: Vec::new(),
+            own: Vec::new(),
             flagged: Vec::new(),
             bursts: 0,
         }

@@ -1,19 +1,19 @@
 //! The six stages side by side: threads, bounded channels between them, and what they leave behind.
 
-use super::baseline::{InUse, Remembered};
 use super::batches::Judged;
+use super::common_heads::CommonHeads;
 use super::episodes::{EpisodeTap, Finished};
-use super::first_windows::FirstWindows;
-use super::heads::{Heads, Moved};
-use super::hearing::Hearing;
+use super::heads::Heads;
 use super::in_flight::InFlight;
 use super::isolator::Isolator;
 use super::job::{Replay, Watch};
 use super::models::Models;
+use super::moved::Moved;
+use super::parked::Parked;
 use super::rotation::Rotating;
 use super::schedule::Schedule;
 use super::spares::Spares;
-use super::stages::{self, BlockQueue, Pacer};
+use super::stages::{self, BlockQueue, Deciding, Following, Pacer};
 use super::tally::Tally;
 use super::timings::{Clock, StageTiming, Timings};
 use super::warmth::Warmth;
@@ -25,6 +25,7 @@ use crate::io::episode_table;
 use crate::io::recording::Recording;
 use crate::io::verdict_table::{self, TableOptions, VerdictWriter};
 use crate::settings::{Pace, TimestampUnit};
+use crate::state::Memory;
 use crossbeam_channel::bounded;
 use std::path::Path;
 use std::sync::atomic::Ordering;
@@ -46,23 +47,9 @@ pub struct Wiring<'a> {
     pub recording: &'a Recording,
     pub verdicts: &'a Path,
     pub control: &'a Control,
-    pub baselines: Option<Listening<'a>>,
     /// What temperature does can still be learned from the recording.
     pub may_learn: bool,
     pub watch: Option<&'a Watch<'a>>,
-}
-
-/// With `--baseline`.
-#[derive(Clone, Copy)]
-pub struct Listening<'a> {
-    pub remembered: &'a Remembered<'a>,
-    pub hearing: &'a Hearing<'a>,
-}
-
-impl<'a> Listening<'a> {
-    fn in_use(&self) -> &'a InUse {
-        self.hearing.in_use
-    }
 }
 
 /// What the stages leave behind; nothing has its name yet.
@@ -77,6 +64,8 @@ pub struct Streamed<'a> {
     pub digest: Digest,
     pub warmth: Warmth,
     pub moved: Vec<Moved>,
+    /// With `--baseline`: what is remembered for the next recording.
+    pub memory: Option<Memory>,
 }
 
 impl Wiring<'_> {
@@ -88,10 +77,10 @@ impl Wiring<'_> {
             TimestampUnit::Us => verdict_table::TimestampUnit::Us,
         };
         let beside = episode_table::path_beside(self.verdicts);
-        let in_use = self.baselines.map(|of| of.in_use());
-        let episodes =
-            EpisodeTap::create(self.replay, in_use, self.watch, &beside, timestamp_unit)?;
+        let label = &self.recording.label;
+        let episodes = EpisodeTap::create(self.replay, self.watch, &beside, timestamp_unit, label)?;
         let options = TableOptions {
+            recording: self.recording.label.clone(),
             classes: classes.to_vec(),
             categories: categories(classes),
             weights: output.weights,
@@ -119,15 +108,21 @@ impl Wiring<'_> {
 
     /// Wires the six stages, runs them, joins them.
     pub fn stream<'m>(&self, mut models: Models<'m>) -> Result<Streamed<'m>, PipelineError> {
-        let Wiring { replay, recording, control, baselines, .. } = *self;
+        let Wiring { replay, recording, control, .. } = *self;
         let settings = &replay.settings;
         let classes = replay.classes();
         let mut tables = self.tables(&classes)?;
         let (mut tally, mut warmth) = (Tally::new(classes), Warmth::new(self.may_learn));
+        let (design, memory) = (replay.design.as_ref(), replay.baselines.as_ref());
         let identify = &settings.identify;
-        let heads = || Heads::new(identify, settings.input.rails, replay.design.as_ref());
-        // a channel's own baseline is of the judges as they were learned
-        let mut heads = (identify.common_change && replay.baselines.is_none()).then(heads);
+        let mut following = match memory {
+            Some(_) => Some(Following::States(Box::new(Heads::new(settings, design, memory)))),
+            None if identify.common_change => {
+                let heads = CommonHeads::new(identify, settings.input.rails, design);
+                Some(Following::Common(Box::new(heads)))
+            }
+            None => None,
+        };
         let mut pacer = (settings.replay.pace == Pace::Recorded).then(Pacer::new);
         let Workers { readers, filters, isolators } = self.workers();
         let queue = BlockQueue::new(recording);
@@ -147,7 +142,7 @@ impl Wiring<'_> {
             let (to_writer, from_isolate) = bounded(QUEUE);
             let (queue, in_flight, pacer) = (&queue, &in_flight, &mut pacer);
             let (timings, spares, warmth) = (&timings, &spares, &mut warmth);
-            let (models, heads) = (&mut models, heads.as_mut());
+            let deciding = Deciding { models: &mut models, warmth, following: following.as_mut() };
             let mut running = Running { scope, timings, stages: Vec::new() };
             let mut pacer = pacer.as_mut();
             for _ in 0..readers {
@@ -158,19 +153,14 @@ impl Wiring<'_> {
             }
             drop(to_identify);
             let rails = settings.input.rails;
-            let (hearing, in_use) = baselines.map(|of| (of.hearing, of.in_use())).unzip();
-            let first_windows = baselines
-                .filter(|of| of.hearing.hears())
-                .map(|of| FirstWindows::new(of.remembered, of.hearing, rails, control));
             running.start("identify", move |clock| {
-                let out = to_filter;
-                stages::identify(models, warmth, heads, first_windows, clock, from_reader, out)
+                let parked = Parked::new(in_flight);
+                stages::identify(deciding, parked, clock, from_reader, to_filter)
             });
             for _ in 0..filters {
                 let (input, out) = (from_identify.clone(), to_gate.clone());
-                running.start("filter", move |clock| {
-                    stages::filter(rails, hearing, spares, clock, input, out)
-                });
+                running
+                    .start("filter", move |clock| stages::filter(rails, spares, clock, input, out));
             }
             drop((from_identify, to_gate));
             running
@@ -178,7 +168,7 @@ impl Wiring<'_> {
             for _ in 0..isolators {
                 let (input, out) = (from_gate.clone(), to_writer.clone());
                 running.start("isolate", move |clock| {
-                    let isolator = Isolator::new(settings, in_use, spares);
+                    let isolator = Isolator::new(settings, spares);
                     stages::isolate(isolator, clock, input, out)
                 });
             }
@@ -210,7 +200,15 @@ impl Wiring<'_> {
             timings,
             digest,
             warmth,
-            moved: heads.map(|heads| heads.moved()).unwrap_or_default(),
+            moved: match &following {
+                Some(Following::States(heads)) => heads.moved(),
+                Some(Following::Common(heads)) => heads.moved(),
+                None => Vec::new(),
+            },
+            memory: match &following {
+                Some(Following::States(heads)) => heads.memory(),
+                _ => None,
+            },
         })
     }
 }

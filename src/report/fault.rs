@@ -77,14 +77,15 @@ impl Fault {
 
 /// What an action is chosen by.
 fn key(story: &Story) -> &str {
-    let strange = story.strange.unwrap_or(Strange::Uncertain).as_str();
-    story.category.as_deref().unwrap_or(strange)
+    story.category.as_deref().or(story.reason()).unwrap_or_default()
 }
 
 /// Certainty x loss, as it will be in a day (or as long as it was seen, if shorter) if the trend is
 /// certain, x whether it is on.
 fn urgency(story: &Story) -> f64 {
-    let certainty = story.certainty.unwrap_or(UNKNOWN).clamp(0.0, 1.0);
+    // where no ring explains what is sensed, that is certain, and nothing is known of the nozzle
+    let unknown = if story.strange == Some(Strange::NoRing) { 1.0 } else { UNKNOWN };
+    let certainty = story.certainty.unwrap_or(unknown).clamp(0.0, 1.0);
     let ahead = certain_trend(story).map_or(0.0, |t| t.per_day * t.span_days.min(1.0));
     let severity = story.severity_last.map(|s| s + ahead);
     let on = match (story.ended_at_ns, story.cures) {

@@ -10,6 +10,7 @@ use crate::fault;
 use crate::model::faults::no_fault_severity;
 use crate::plot::page::escaped;
 use crate::plot::{Axis, Figure, Mark, Series};
+use std::collections::BTreeMap;
 
 const SIZE: (u32, u32) = (860, 380);
 /// Figures of single channels.
@@ -18,15 +19,14 @@ const MOST_TRENDS: usize = 16;
 const MOST_HEADS: usize = 8;
 /// Severities that a trend needs to be worth a figure.
 const LEAST_BINS: usize = 5;
+/// Models of a printhead that show a drift.
+const LEAST_DOTS: usize = 8;
 
 /// Severity over time, of each of the most urgent faults.
-pub fn trends(report: &Report) -> Vec<String> {
-    report
-        .faults
-        .iter()
-        .filter_map(|fault| trend(fault, &report.survey))
-        .take(MOST_TRENDS)
-        .collect()
+/// By their places among the faults.
+pub fn trends(report: &Report) -> BTreeMap<usize, String> {
+    let drawn = |(place, fault): (usize, &Fault)| Some((place, trend(fault, &report.survey)?));
+    report.faults.iter().enumerate().filter_map(drawn).take(MOST_TRENDS).collect()
 }
 
 fn trend(fault: &Fault, survey: &Survey) -> Option<String> {
@@ -135,7 +135,7 @@ fn quantity(
             series.push(Series { name: plain(name), mark: Mark::Dots, points });
         }
     }
-    if series.iter().map(|s| s.points.len()).sum::<usize>() < 3 {
+    if series.iter().map(|s| s.points.len()).max().unwrap_or_default() < LEAST_DOTS {
         return None;
     }
     changes.sort_by(f64::total_cmp);

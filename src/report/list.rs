@@ -15,12 +15,24 @@ pub fn print(
 ) -> io::Result<()> {
     let open: Vec<&Fault> = report.open().collect();
     let over = report.over().count();
+    if let Some(first) = report.coverage.first() {
+        writeln!(out, "{}", printable(&first, 2000))?;
+    }
     for note in report.notes.iter().take(MOST_LISTED) {
         writeln!(out, "note: {}", printable(note, 600))?;
     }
     let recordings = counted(report.recordings.len() as u64, "recording");
-    if open.is_empty() {
+    let caveat = report.coverage.caveat();
+    if open.is_empty() && report.coverage.judged == 0 {
+        // the sentence before says it all
+    } else if open.is_empty() && !report.coverage.knows_faults(report.recordings.len()) {
+        writeln!(out, "what is to be cleaned after {recordings} is not known: {caveat}")?;
+    } else if open.is_empty() && report.coverage.is_complete() {
         writeln!(out, "nothing to clean after {recordings}")?;
+    } else if open.is_empty() && caveat.is_empty() {
+        writeln!(out, "of what was judged nothing is to be cleaned after {recordings}")?;
+    } else if open.is_empty() {
+        writeln!(out, "of what was judged nothing is to be cleaned after {recordings}; {caveat}")?;
     } else {
         let channels = counted(open.len() as u64, "channel");
         writeln!(out, "to clean after {recordings}: {channels}, most urgent first")?;

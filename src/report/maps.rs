@@ -7,6 +7,7 @@ use super::survey::{Head, KNOWN_CATEGORIES};
 use super::words::{clock, counted, percent};
 use crate::plot::page::{escaped, name};
 use crate::plot::raster::{Colour, Raster};
+use crate::verdict::Reason;
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
@@ -57,13 +58,15 @@ const WIDTH: f64 = 860.0;
 const BELOW: f64 = 40.0;
 
 /// The letter of an episode's category.
-fn letter(category: Option<&str>, categories: &[String]) -> String {
-    let Some(category) = category else { return "?".into() };
+fn letter(category: Option<&str>, reason: Option<Reason>, categories: &[String]) -> String {
+    let Some(category) = category else {
+        return if reason == Some(Reason::NoRing) { "S" } else { "U" }.into();
+    };
     match KNOWN_CATEGORIES.iter().position(|known| *known == category) {
         Some(at) => LETTERS[at].into(),
         None => match categories.iter().position(|c| c == category) {
             Some(at) => format!("{}", at + 1 - KNOWN_CATEGORIES.len()),
-            None => "?".into(),
+            None => "U".into(),
         },
     }
 }
@@ -132,10 +135,15 @@ fn title(head: &Head, faults: &[&Fault], picture: &Picture, shows: Shows) -> Str
         Shows::Class => {
             let failed: BTreeSet<u32> = faults.iter().map(|f| f.story.channel).collect();
             let open = faults.iter().filter(|f| f.is_open()).count();
+            let channels = counted(head.channels.len() as u64, "channel");
+            if head.channels.iter().all(|c| c.judged == 0) {
+                return format!("{name}: none of {channels} was judged");
+            }
+            let judged = head.channels.iter().filter(|c| c.judged > 0).count() as u64;
             format!(
                 "{name}: {} of {} had a fault, {open} to be cleaned",
                 failed.len(),
-                counted(head.channels.len() as u64, "channel")
+                counted(judged, "channel")
             )
         }
         Shows::Ratio => {
@@ -301,7 +309,7 @@ fn marks(
                  font-weight=\"bold\" stroke=\"#fff\" stroke-width=\"3\" paint-order=\"stroke\">{}</text>",
                 x + width / 2.0,
                 (y - 2.0).max(TOP - 4.0),
-                letter(e.category.as_deref(), categories)
+                letter(e.category.as_deref(), e.reason, categories)
             );
         }
     }
@@ -421,7 +429,7 @@ pub fn key(categories: &[String]) -> String {
             true => "other categories".into(),
             false => name(&category.replace('_', " ")),
         };
-        let words = format!("{words} ({})", letter(Some(category), categories));
+        let words = format!("{words} ({})", letter(Some(category), None, categories));
         text += &patch(&CLASS_COLOURS[usize::from(class::CATEGORY) + k], &words);
     }
     text += "</p>\n<p>Statistic over threshold: ";

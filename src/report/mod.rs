@@ -5,11 +5,14 @@
 //! [`Report`], and from it the page. It must never judge: what is a fault was decided by the episodes.
 
 mod bins;
+mod changes;
+mod coverage;
 mod drift;
 mod evaluation;
 mod false_alarms;
 mod fault;
 mod figures;
+mod light;
 mod list;
 mod map;
 mod maps;
@@ -33,10 +36,11 @@ pub use maps::waterfalls;
 pub use page::html;
 pub use promised::print as print_promise;
 pub use settings::ReportSettings;
-pub use source::Source;
+pub use source::{Lost, Source};
 pub use survey::{Names, Survey};
 pub use words::{clock, grouped};
 
+use coverage::Coverage;
 use drift::ModelPoint;
 use false_alarms::FalseAlarms;
 use neighbours::Group;
@@ -80,13 +84,22 @@ pub struct Report {
     pub groups: Vec<Group>,
     /// To be known before anything is cleaned.
     pub notes: Vec<String>,
+    /// What was judged at all.
+    pub coverage: Coverage,
     pub false_alarms: FalseAlarms,
     pub drift: Vec<ModelPoint>,
     pub survey: Survey,
 }
 
 impl Report {
-    pub fn new(sources: &[Source], survey: Survey, settings: ReportSettings) -> Report {
+    /// `lost`: recordings without verdicts.
+    pub fn new(
+        sources: &[Source],
+        survey: Survey,
+        lost: Vec<Lost>,
+        settings: ReportSettings,
+    ) -> Report {
+        let coverage = Coverage::of(&survey, sources, lost);
         let false_alarms = FalseAlarms::of(&survey, sources);
         let rates = rates(&survey, &false_alarms);
         let mut faults: Vec<Fault> = survey
@@ -102,7 +115,7 @@ impl Report {
         let mut recordings = lines(sources, &survey, &faults);
         recordings.sort_by(|a, b| (a.from_ns, &a.name).cmp(&(b.from_ns, &b.name)));
         let drift = drift::points(sources);
-        Report { recordings, faults, groups, notes, false_alarms, drift, survey }
+        Report { recordings, faults, groups, notes, coverage, false_alarms, drift, survey }
     }
 
     /// Channels that are healthy again, and did not fail again.

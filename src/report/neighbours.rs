@@ -192,6 +192,7 @@ mod tests {
             severity_last: None,
             severity_sd: None,
             explanation: String::new(),
+            ..Episode::default()
         };
         let spell = Spell { recording: 0, episode, looked: Default::default() };
         let mut watch = Watch::new(vec![spell]);

@@ -3,7 +3,7 @@
 
 use super::fault::Fault;
 use super::source::Source;
-use super::survey::{Head, Survey};
+use super::survey::{Head, Survey, Tally};
 use super::words::{counted, percent, thousands};
 
 /// Channels do not fail by the third at once: then it is what they share, or the design.
@@ -22,7 +22,7 @@ pub fn notes(survey: &Survey, faults: &[Fault], sources: &[Source]) -> Vec<Strin
 
 /// A printhead that no model fits.
 fn not_judged(head: &Head) -> Option<String> {
-    let mismatched: u64 = head.tallies.values().map(|t| t.mismatched).sum();
+    let mismatched: u64 = head.tallies.values().map(Tally::mismatched).sum();
     let all: u64 = head.tallies.values().map(|t| t.judged + t.rejected).sum();
     (2 * mismatched > all).then(|| {
         format!(

@@ -1,45 +1,64 @@
 //! The page. In: a [`Report`]. Out: HTML, self-contained. First one sentence, then what to clean, then what
 //! that rests on, then the words explained.
 
+use super::changes::Changes;
 use super::fault::{Fault, what};
+use super::light::Light;
 use super::story::Strange;
+use super::survey::Head;
+use super::tables::Drawn;
 use super::words::{clock, counted, percent, thousands};
 use super::{Report, figures, maps, tables};
 use crate::plot::page::{escaped, name, page};
 use std::collections::BTreeMap;
 use std::fmt::Write;
+use std::sync::Arc;
 
 /// Of all maps; what would be more is left out, and said so. A page is to be mailed.
 const MOST_MAP_BYTES: usize = 3_500_000;
 /// Groups of neighbours told.
 const MOST_GROUPS: usize = 30;
+/// Printheads with a light.
+const MOST_LIGHTS: usize = 96;
+/// Channels of one kind of change.
+const MOST_CHANGES: usize = 12;
 
 pub fn html(report: &Report) -> String {
     let open: Vec<&Fault> = report.open().collect();
     let over: Vec<&Fault> = report.over().collect();
-    let mut body = format!(
-        "<h1>Nozzle report</h1>\n<p class=\"sentence\">{}</p>\n<p class=\"note\">{}</p>\n",
-        escaped(&sentence(report, &open)),
-        escaped(&basis(report))
-    );
+    let mut body = String::from("<h1>Nozzle report</h1>\n");
+    let first = report.coverage.first();
+    for sentence in first.iter().chain(sentence(report, &open).iter()) {
+        let _ = writeln!(body, "<p class=\"sentence\">{}</p>", escaped(sentence));
+    }
+    let _ = writeln!(body, "<p class=\"note\">{}</p>", escaped(&basis(report)));
     for note in &report.notes {
         let _ = writeln!(body, "<p class=\"warn\"><b>Note.</b> {}</p>", escaped(note));
     }
-    body += "<h2>To clean, most urgent first</h2>\n";
+    let trends = figures::trends(report);
+    let (maps, of_heads) = draw_maps(report);
+    let drawn = Drawn { trends: trends.keys().copied().collect(), maps: of_heads };
+    printheads(report, &drawn, &mut body);
+    changed(report, &mut body);
+    body += "<h2>To clean</h2>\n";
     match open.is_empty() {
-        true => body += "<p>Nothing.</p>\n",
-        false => body += &tables::faults(&open, true),
+        true if report.coverage.is_complete() => body += "<p>Nothing.</p>\n",
+        true if report.coverage.judged == 0 => body += "<p>Nobody knows: nothing was judged.</p>\n",
+        true => body += "<p>Nothing of what was judged.</p>\n",
+        false => body += &tables::to_clean(report, &open, &drawn),
     }
     together(report, &mut body);
     if !over.is_empty() {
         body += "<h2>Over: healthy again, and did not come back</h2>\n";
-        body += &tables::faults(&over, false);
+        body += &tables::over(report, &over, &drawn);
     }
-    body += "<h2>Recordings and printheads</h2>\n<p class=\"note\">In each cell: channels with a fault \
+    body += "<h2>Recordings and printheads</h2>\n<p class=\"note\">Of each printhead: channels with a fault \
              episode, then the share of flagged signals.</p>\n";
     body += &tables::recordings(report);
-    draw_maps(report, &mut body);
-    section("Faults over time", &figures::trends(report), &mut body);
+    body += &maps;
+    let anchored =
+        |(place, figure): (&usize, &String)| format!("<div id=\"t{place}\">{figure}</div>");
+    section("Faults over time", &trends.iter().map(anchored).collect::<Vec<_>>(), &mut body);
     section("Drift of the healthy ring", &figures::drift(&report.drift), &mut body);
     false_alarms(report, &mut body);
     explain(&mut body);
@@ -47,15 +66,32 @@ pub fn html(report: &Report) -> String {
 }
 
 /// `6 of 192 channels need care ...`
-fn sentence(report: &Report, open: &[&Fault]) -> String {
-    let channels: usize = report.survey.heads.iter().map(|head| head.channels.len()).sum();
-    let heads = report.survey.heads.iter().filter(|head| !head.tallies.is_empty()).count();
+fn sentence(report: &Report, open: &[&Fault]) -> Option<String> {
+    let coverage = &report.coverage;
+    let judged = |head: &&Head| head.tallies.values().any(|tally| tally.judged > 0);
+    let heads = report.survey.heads.iter().filter(judged).count();
     let of = format!(
         "{} on {}",
-        counted(channels as u64, "channel"),
+        counted(coverage.channels, "channel"),
         counted(heads as u64, "printhead")
     );
-    let Some(first) = open.first() else { return format!("Of {of} none needs care.") };
+    let Some(first) = open.first() else {
+        return match (
+            coverage.knows_faults(report.recordings.len()),
+            coverage.is_complete(),
+            coverage.caveat(),
+        ) {
+            (false, ..) if coverage.judged == 0 => None,
+            (false, _, caveat) => Some(format!("What needs care is not known: {caveat}.")),
+            (_, true, _) => Some(format!("Of {of} none needs care.")),
+            (_, _, caveat) if caveat.is_empty() => {
+                Some(format!("Of {of} that were judged none needs care."))
+            }
+            (_, _, caveat) => {
+                Some(format!("Of {of} that were judged none needs care; but {caveat}."))
+            }
+        };
+    };
     let mut kinds: BTreeMap<String, u64> = BTreeMap::new();
     for fault in open {
         let kind = fault.story.category.as_deref().map(|c| c.replace('_', " "));
@@ -74,7 +110,7 @@ fn sentence(report: &Report, open: &[&Fault]) -> String {
         0 => String::new(),
         n => format!("; {} of them come and go, and are healthy now", thousands(n)),
     };
-    format!(
+    Some(format!(
         "{} of {of} {verb} care ({}{now}); first {} channel {}, {}: {}.",
         thousands(open.len() as u64),
         kinds.join(", "),
@@ -82,7 +118,7 @@ fn sentence(report: &Report, open: &[&Fault]) -> String {
         first.story.channel,
         what(&first.story),
         first.action
-    )
+    ))
 }
 
 /// What it rests on.
@@ -101,6 +137,10 @@ fn basis(report: &Report) -> String {
     );
     if let (Some(from), Some(to)) = (from, to) {
         text = format!("{text}; {} to {} UTC", clock(from), clock(to));
+    }
+    if !report.coverage.lost.is_empty() {
+        let lost = counted(report.coverage.lost.len() as u64, "recording");
+        text += &format!("; {lost} without verdicts");
     }
     if damaged > 0 {
         text += &format!("; {} damaged", counted(damaged, "recording"));
@@ -125,14 +165,17 @@ fn together(report: &Report, body: &mut String) {
     *body += "</ul>\n";
 }
 
-fn draw_maps(report: &Report, body: &mut String) {
+/// The maps, and the number of each printhead's that was drawn.
+fn draw_maps(report: &Report) -> (String, BTreeMap<Arc<str>, usize>) {
     let heads: Vec<_> = report.survey.heads.iter().filter(|h| !h.tallies.is_empty()).collect();
-    *body += "<h2>Maps of the printheads</h2>\n<p class=\"note\">Channels across, time down; each cell \
+    let mut body = String::from(
+        "<h2>Maps of the printheads</h2>\n<p class=\"note\">Channels across, time down; each cell \
               shows the worst of its bursts, so that a single bad one stays visible. White bars: nobody \
-              measured. Frames: fault episodes, with the letter of their category; pointing at one tells \
-              more.</p>\n";
-    *body += &maps::key(&report.survey.categories);
-    let (before, mut left_out) = (body.len(), 0);
+              measured. Frames: fault episodes, with the letter of their category (S: at the sensor line, U: not \
+              named); pointing at one tells more.</p>\n",
+    );
+    body += &maps::key(&report.survey.categories);
+    let (before, mut left_out, mut drawn_of) = (body.len(), 0, BTreeMap::new());
     for head in &heads {
         let faults: Vec<&Fault> =
             report.faults.iter().filter(|f| f.story.printhead == head.name).collect();
@@ -143,7 +186,9 @@ fn draw_maps(report: &Report, body: &mut String) {
         match drawn {
             Ok(maps) if maps.is_empty() => left_out += 1,
             Ok(maps) => {
-                let _ = writeln!(body, "<h3>{}</h3>\n{maps}", name(&head.name));
+                let number = drawn_of.len();
+                drawn_of.insert(head.name.clone(), number);
+                let _ = writeln!(body, "<h3 id=\"m{number}\">{}</h3>\n{maps}", name(&head.name));
             }
             Err(e) => {
                 let _ = writeln!(body, "<p>{}: {}</p>", name(&head.name), escaped(&e));
@@ -157,6 +202,104 @@ fn draw_maps(report: &Report, body: &mut String) {
             counted(left_out, "printhead")
         );
     }
+    (body, drawn_of)
+}
+
+/// A light for each printhead.
+fn printheads(report: &Report, drawn: &Drawn, body: &mut String) {
+    let heads = report.survey.heads.iter().filter(|head| !head.tallies.is_empty());
+    let mut all: Vec<(Light, &Head, usize)> = heads
+        .map(|head| {
+            let of_it = |fault: &&Fault| fault.story.printhead == head.name;
+            let lights = report.open().filter(of_it).map(Light::of);
+            let known = head.channels.iter().any(|channel| channel.judged > 0);
+            let worst = lights.max().unwrap_or(if known { Light::Green } else { Light::Grey });
+            (worst, head, report.open().filter(of_it).count())
+        })
+        .collect();
+    all.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.name.cmp(&b.1.name)));
+    *body += "<p class=\"heads\">";
+    for (light, head, open) in all.iter().take(MOST_LIGHTS) {
+        let channels = counted(head.channels.len() as u64, "channel");
+        let words = match light {
+            Light::Grey => "not judged".to_owned(),
+            Light::Green => format!("{channels}, nothing found in what was judged"),
+            _ => format!("{open} of {channels} to clean"),
+        };
+        let called = match drawn.maps.get(&head.name) {
+            Some(map) => format!("<a href=\"#m{map}\">{}</a>", name(&head.name)),
+            None => name(&head.name),
+        };
+        let _ = write!(body, "<span>{}{called}: {words}</span> ", light.dot());
+    }
+    *body += "</p>\n";
+    if all.len() > MOST_LIGHTS {
+        let more = counted((all.len() - MOST_LIGHTS) as u64, "printhead");
+        let _ = writeln!(body, "<p>And {more} more.</p>");
+    }
+}
+
+/// What is new comes before what is old.
+fn changed(report: &Report, body: &mut String) {
+    let Some(changes) = Changes::of(&report.recordings, &report.faults) else { return };
+    let _ = writeln!(
+        body,
+        "<h2>What changed since the night before</h2>\n<p class=\"note\">In {} from {} to {} UTC.</p>\n<ul>",
+        counted(changes.recordings as u64, "recording"),
+        clock(changes.from_ns),
+        clock(changes.to_ns)
+    );
+    let mut is_any = false;
+    for (words, faults) in [
+        ("New", &changes.new),
+        ("Came back", &changes.back),
+        ("Getting worse", &changes.worse),
+        ("Healthy again", &changes.healthy),
+    ] {
+        if faults.is_empty() {
+            continue;
+        }
+        is_any = true;
+        let each: Vec<String> =
+            faults.iter().take(MOST_CHANGES).map(|fault| change(report, fault)).collect();
+        let more = match faults.len().saturating_sub(MOST_CHANGES) {
+            0 => String::new(),
+            n => format!("; and {n} more"),
+        };
+        let _ = writeln!(body, "<li><b>{words}:</b> {}{more}.</li>", each.join("; "));
+    }
+    if !changes.silent.is_empty() {
+        is_any = true;
+        let names: Vec<String> =
+            changes.silent.iter().take(MOST_CHANGES).map(|of| name(of)).collect();
+        let _ = writeln!(
+            body,
+            "<li><b>Not judged last night:</b> {}; what is known of them is older.</li>",
+            names.join(", ")
+        );
+    }
+    let still = counted(changes.still as u64, "channel");
+    match (is_any, changes.still) {
+        (true, 0) => {}
+        (true, _) => *body += &format!("<li>{still} as before.</li>\n"),
+        (false, 0) => *body += "<li>Nothing, of what was judged.</li>\n",
+        (false, _) => {
+            *body += &format!("<li>Nothing, of what was judged: {still} as before.</li>\n");
+        }
+    }
+    *body += "</ul>\n";
+}
+
+/// `black-2 channel 0, empty ink channel (EC)`, leading to its line.
+fn change(report: &Report, fault: &Fault) -> String {
+    let s = &fault.story;
+    let place = tables::place(report, fault);
+    format!(
+        "<a href=\"#r{place}\">{} channel {}</a>, {}",
+        name(&s.printhead),
+        s.channel,
+        escaped(&what(s))
+    )
 }
 
 fn section(title: &str, figures: &[String], body: &mut String) {
@@ -244,6 +387,10 @@ fn explain(body: &mut String) {
              long as it was seen, if that is less); half \
              of it where a fault that comes and goes is healthy now. Of equally urgent channels what is on \
              comes first, then by printhead and channel",
+        ),
+        (
+            "now, soon, healthy, not judged (the lights)",
+            "a fault of urgency .5 or more; another one to be cleaned; none that is known; nobody judged it",
         ),
         ("rejected", "not judged: samples missing, saturated or damaged, or no model fits"),
         ("threshold", "signals beyond it are flagged"),

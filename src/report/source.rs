@@ -12,3 +12,11 @@ pub struct Source {
     /// What is missing beside the verdicts: `episodes`, `summary`.
     pub missing: Vec<&'static str>,
 }
+
+/// A recording that has no verdicts.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lost {
+    pub name: String,
+    /// Why there are none.
+    pub why: String,
+}

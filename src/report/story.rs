@@ -100,6 +100,16 @@ pub enum Strange {
     Uncertain,
 }
 
+impl Story {
+    /// The verdict table's `reason`; `None`: it has a name.
+    pub fn reason(&self) -> Option<&'static str> {
+        match self.category {
+            Some(_) => None,
+            None => Some(self.strange.unwrap_or(Strange::Uncertain).as_str()),
+        }
+    }
+}
+
 impl Strange {
     /// The verdict table's `reason`.
     pub fn as_str(self) -> &'static str {
@@ -281,6 +291,7 @@ pub mod tests {
             severity_last: Some(1.4),
             severity_sd: Some(0.1),
             explanation: String::new(),
+            ..Episode::default()
         };
         Spell { recording, episode, looked: Looked::default() }
     }

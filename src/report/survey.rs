@@ -23,9 +23,10 @@ const NOT_WATCHED: u32 = u32::MAX;
 pub struct Tally {
     pub judged: u64,
     pub flagged: u64,
+    /// Rejected, or of a printhead that is not the one that is known.
     pub rejected: u64,
-    /// Of the rejected: no model fits.
-    pub mismatched: u64,
+    /// Why what was not judged was not.
+    pub reasons: BTreeMap<Reason, u64>,
     /// From the lowest to the highest that was judged.
     pub channels: RangeInclusive<u32>,
     pub from_ns: Option<i64>,
@@ -38,7 +39,7 @@ impl Default for Tally {
             judged: 0,
             flagged: 0,
             rejected: 0,
-            mismatched: 0,
+            reasons: BTreeMap::new(),
             channels: RangeInclusive::new(u32::MAX, 0),
             from_ns: None,
             to_ns: None,
@@ -47,6 +48,16 @@ impl Default for Tally {
 }
 
 impl Tally {
+    pub fn not_judged(&self) -> u64 {
+        self.rejected
+    }
+
+    /// Of what was not judged: no model fits.
+    pub fn mismatched(&self) -> u64 {
+        let of = |reason| self.reasons.get(&reason).copied().unwrap_or_default();
+        of(Reason::DesignMismatch) + of(Reason::NoModel)
+    }
+
     fn spans(&mut self, t_ns: i64) {
         self.from_ns = Some(self.from_ns.map_or(t_ns, |from| from.min(t_ns)));
         self.to_ns = Some(self.to_ns.map_or(t_ns, |to| to.max(t_ns)));
@@ -230,13 +241,15 @@ impl Head {
         let mut cells = self.map.as_mut().map(|map| map.row(t_ns));
         for (row, place) in rows.zip(places) {
             let outcome = c.outcome[row];
-            let is_judged = outcome != Outcome::Rejected;
+            let of_head = c.reason[row].is_some_and(Reason::is_of_head);
+            let is_judged = outcome != Outcome::Rejected && !of_head;
             let flagged = is_judged && outcome != Outcome::Healthy;
             tally.judged += u64::from(is_judged);
             tally.flagged += u64::from(flagged);
             tally.rejected += u64::from(!is_judged);
-            let unfit = matches!(c.reason[row], Some(Reason::DesignMismatch | Reason::NoModel));
-            tally.mismatched += u64::from(!is_judged && unfit);
+            if let Some(reason) = c.reason[row].filter(|_| !is_judged) {
+                *tally.reasons.entry(reason).or_default() += 1;
+            }
             let Some(place) = place else {
                 left_out += 1;
                 continue;

@@ -1,11 +1,12 @@
 //! The report's tables. In: a [`Report`]. Out: markup.
 
 use super::fault::{Fault, size, trend_in_words, what};
+use super::light::Light;
 use super::words::{clock, counted, counted_as, percent, thousands};
 use super::{RecordingLine, Report};
 use crate::episodes::share;
 use crate::plot::page::{escaped, name};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::sync::Arc;
 
@@ -20,54 +21,127 @@ const MOST_BOUTS: usize = 4;
 /// Letters of a recording's damage.
 const MOST_OF_DAMAGE: usize = 200;
 
-/// The cleaning list, or the faults that are over.
-pub fn faults(list: &[&Fault], with_action: bool) -> String {
-    let (action, change, last) = match with_action {
-        true => ("<th class=n>urgency</th><th>do</th>", "<th>change</th>", ""),
-        false => ("", "", "<th>healthy since (UTC)</th>"),
-    };
-    let mut text = format!(
-        "<div class=\"wide\"><table><tr><th class=n>#</th><th>printhead</th><th class=n>channel</th>\
-         {action}<th>what</th><th>how bad</th>{change}<th>since (UTC)</th><th>episodes</th>\
-         <th class=n>certainty</th>{last}</tr>\n"
-    );
-    for (k, fault) in list.iter().take(MOST_FAULTS).enumerate() {
-        let s = &fault.story;
-        let (mut action, mut change, mut last): (String, String, String) = Default::default();
-        if with_action {
-            action = format!(
-                "<td class=n>{:.2}</td><td><b>{}</b></td>",
-                fault.urgency,
-                escaped(&fault.action)
-            );
-            change = format!("<td class=w>{}</td>", or_dash(escaped(&trend_in_words(s))));
-        } else {
-            last = format!("<td class=t>{}</td>", s.ended_at_ns.map(clock).unwrap_or_default());
-        }
-        let _ = writeln!(
-            text,
-            "<tr><td class=n>{}</td>{}<td class=n>{}</td>{action}<td class=w>{}</td><td class=w>{}</td>{change}\
-             <td class=t>{}</td><td class=h>{}</td><td class=n>{}</td>{last}</tr>",
-            k + 1,
-            name_cell(&s.printhead),
-            s.channel,
-            escaped(&what(s)),
-            or_dash(escaped(&size(s))),
-            clock(s.began_at_ns),
-            escaped(&history(fault)),
-            s.certainty.map_or("–".into(), share),
-        );
-    }
-    text += "</table></div>\n";
-    if list.len() > MOST_FAULTS {
-        let more = thousands((list.len() - MOST_FAULTS) as u64);
-        let _ = writeln!(text, "<p>And {more} more in <code>report.faults.parquet</code>.</p>");
-    }
-    text
+/// What of the page a list can lead to.
+#[derive(Debug, Default)]
+pub struct Drawn {
+    /// Faults whose size over time is drawn, by their places.
+    pub trends: BTreeSet<usize>,
+    /// Printheads that have a map, with its number.
+    pub maps: BTreeMap<Arc<str>, usize>,
 }
 
-fn or_dash(text: String) -> String {
-    if text.is_empty() { "–".into() } else { text }
+/// Ways to sort the cleaning list, in the order of its buttons.
+const SORTED_BY: [&str; 4] =
+    ["most urgent first", "by printhead and channel", "newest first", "by what it is"];
+
+/// The cleaning list, to be sorted by what its buttons say, without a program.
+pub fn to_clean(report: &Report, list: &[&Fault], drawn: &Drawn) -> String {
+    let shown = &list[..list.len().min(MOST_FAULTS)];
+    let mut text = String::from("<div>");
+    for (k, words) in SORTED_BY.iter().enumerate() {
+        let checked = if k == 0 { " checked" } else { "" };
+        let _ = write!(
+            text,
+            "<input class=\"by\" type=\"radio\" name=\"by\" id=\"by{k}\"{checked}><label for=\"by{k}\">{words}</label>"
+        );
+    }
+    text += "<table class=\"list cards\"><tr class=\"head\"><th></th><th>channel</th><th>do</th><th>what</th>\
+             <th>since (UTC)</th><th>certainty</th></tr>\n";
+    let by_place = ranks(shown, |f| (f.story.printhead.clone(), f.story.channel));
+    let newest = ranks(shown, |f| std::cmp::Reverse(f.story.began_at_ns));
+    let by_what = ranks(shown, |f| (f.story.category.is_none(), what(&f.story)));
+    for (k, fault) in shown.iter().enumerate() {
+        let order = [k, by_place[k], newest[k], by_what[k]];
+        text += &row(report, fault, drawn, Some(order));
+    }
+    text += "</table></div>\n";
+    text + &more(list)
+}
+
+/// The faults that are over.
+pub fn over(report: &Report, list: &[&Fault], drawn: &Drawn) -> String {
+    let mut text = String::from(
+        "<table class=\"list cards\"><tr class=\"head\"><th></th><th>channel</th><th>healthy since (UTC)</th>\
+         <th>what it was</th><th>from (UTC)</th><th>certainty</th></tr>\n",
+    );
+    list.iter().take(MOST_FAULTS).for_each(|fault| text += &row(report, fault, drawn, None));
+    text + "</table>\n" + &more(list)
+}
+
+fn more(list: &[&Fault]) -> String {
+    match list.len().saturating_sub(MOST_FAULTS) {
+        0 => String::new(),
+        n => format!(
+            "<p>And {} more in <code>report.faults.parquet</code>.</p>\n",
+            thousands(n as u64)
+        ),
+    }
+}
+
+/// Each item's rank by a key.
+fn ranks<K: Ord>(list: &[&Fault], key: impl Fn(&Fault) -> K) -> Vec<usize> {
+    let mut places: Vec<usize> = (0..list.len()).collect();
+    places.sort_by_key(|&place| key(list[place]));
+    let mut ranks = vec![0; list.len()];
+    places.into_iter().enumerate().for_each(|(rank, place)| ranks[place] = rank);
+    ranks
+}
+
+/// `order`: its ranks, of a fault that is to be cleaned; `None`: it is over.
+fn row(report: &Report, fault: &Fault, drawn: &Drawn, order: Option<[usize; 4]>) -> String {
+    let (s, light) = (&fault.story, Light::of(fault));
+    let place = place(report, fault);
+    let [a, b, c, d] = order.unwrap_or_default();
+    let style = match order {
+        Some(_) => format!(" style=\"--a:{a};--b:{b};--c:{c};--d:{d}\""),
+        None => String::new(),
+    };
+    let action = match order {
+        Some(_) => format!(
+            "<b>{}</b><br><span class=\"small\">urgency {:.2}</span>",
+            escaped(&fault.action),
+            fault.urgency
+        ),
+        None => s.ended_at_ns.map(clock).unwrap_or_default(),
+    };
+    let done = if order.is_some() { "do" } else { "healthy since" };
+    let mut is = escaped(&what(s));
+    let trend = if order.is_some() { trend_in_words(s) } else { String::new() };
+    for more in [size(s), trend] {
+        if !more.is_empty() {
+            let _ = write!(is, "<br><span class=\"small\">{}</span>", escaped(&more));
+        }
+    }
+    format!(
+        "<tr id=\"r{place}\"{style}><td>{}{}</td><td data-l=\"channel\">{}</td><td data-l=\"{done}\">{action}</td>\
+         <td data-l=\"what\">{is}</td><td data-l=\"since\">{}<br><span class=\"small\">{}</span></td>\
+         <td data-l=\"certainty\">{}</td></tr>\n",
+        light.dot(),
+        light.word(),
+        whose(fault, place, drawn),
+        clock(s.began_at_ns),
+        escaped(&history(fault)),
+        s.certainty.map_or("–".into(), share),
+    )
+}
+
+/// Among the report's faults.
+pub fn place(report: &Report, fault: &Fault) -> usize {
+    report.faults.iter().position(|other| std::ptr::eq(other, fault)).unwrap_or_default()
+}
+
+/// Printhead and channel, with the ways to where it is drawn.
+fn whose(fault: &Fault, place: usize, drawn: &Drawn) -> String {
+    let s = &fault.story;
+    let mut text = format!("{} <b>{}</b>", name(&s.printhead), s.channel);
+    if let Some(map) = drawn.maps.get(&s.printhead) {
+        let _ = write!(text, "<br><span class=\"small\"><a href=\"#m{map}\">map</a></span>");
+    }
+    if drawn.trends.contains(&place) {
+        let _ =
+            write!(text, " <span class=\"small\"><a href=\"#t{place}\">size over time</a></span>");
+    }
+    text
 }
 
 /// `28 in 28 recordings, still on`; cures shown as cures.
@@ -96,17 +170,29 @@ fn history(fault: &Fault) -> String {
 }
 
 /// Short names in one line.
-fn name_cell(text: &str) -> String {
+fn name_cell(light: Light, text: &str) -> String {
     const SHORT: usize = 24;
     let class = if text.chars().count() <= SHORT { " class=t" } else { "" };
-    format!("<td{class}>{}</td>", name(text))
+    format!("<td{class}>{}{}</td>", light.dot(), name(text))
 }
+
+/// Of a recording: whether it was judged, and is whole.
+fn light(line: &RecordingLine) -> Light {
+    let rejected: u64 = line.heads.values().map(|head| head.rejected).sum();
+    match quality(line) {
+        _ if line.judged < rejected || line.judged == 0 => Light::Grey,
+        words if words == WHOLE => Light::Green,
+        _ => Light::Amber,
+    }
+}
+
+const WHOLE: &str = "whole";
 
 /// Recordings down, printheads across: faulty channels and flagged share; then the data's quality.
 pub fn recordings(report: &Report) -> String {
     let columns = columns(report);
     let mut text = String::from(
-        "<div class=\"wide\"><table><tr><th>recording</th><th>from (UTC)</th><th class=n>judged</th>",
+        "<div class=\"wide\"><table class=\"cards\"><tr class=\"head\"><th>recording</th><th>from (UTC)</th><th class=n>judged</th>",
     );
     for column in &columns {
         let _ = write!(text, "<th class=n>{}</th>", name(column));
@@ -116,23 +202,37 @@ pub fn recordings(report: &Report) -> String {
     for line in &report.recordings[from..] {
         let _ = write!(
             text,
-            "<tr>{}<td class=t>{}</td><td class=n>{}</td>",
-            name_cell(&line.name),
+            "<tr>{}<td class=t data-l=\"from\">{}</td><td class=n data-l=\"judged\">{}</td>",
+            name_cell(light(line), &line.name),
             line.from_ns.map_or("–".into(), clock),
             thousands(line.judged)
         );
         for column in &columns {
             let _ = match line.heads.get(column) {
-                None => write!(text, "<td class=n>–</td>"),
+                None => write!(text, "<td class=n data-l=\"{}\">–</td>", name(column)),
+                Some(h) if h.judged == 0 => {
+                    write!(text, "<td class=n data-l=\"{}\">not judged</td>", name(column))
+                }
                 Some(h) => write!(
                     text,
-                    "<td class=n><b>{}</b> · {}</td>",
+                    "<td class=n data-l=\"{}\"><b>{}</b> · {}</td>",
+                    name(column),
                     h.faulty_channels,
                     percent(h.flagged, h.judged)
                 ),
             };
         }
-        let _ = writeln!(text, "<td>{}</td></tr>", escaped(&quality(line)));
+        let _ = writeln!(text, "<td data-l=\"data\">{}</td></tr>", escaped(&quality(line)));
+    }
+    for lost in report.coverage.lost.iter().take(MOST_RECORDINGS) {
+        let _ = writeln!(
+            text,
+            "<tr>{}<td class=t data-l=\"from\">–</td><td class=n data-l=\"judged\">0</td>{}\
+             <td data-l=\"data\">not judged: {}</td></tr>",
+            name_cell(Light::Grey, &lost.name),
+            "<td class=n>–</td>".repeat(columns.len()),
+            escaped(&lost.why.chars().take(MOST_OF_DAMAGE).collect::<String>())
+        );
     }
     text += "</table></div>\n";
     if from > 0 {
@@ -186,5 +286,5 @@ fn quality(line: &RecordingLine) -> String {
         });
     }
     parts.extend(line.missing.iter().map(|what| format!("no {what} file")));
-    if parts.is_empty() { "whole".into() } else { parts.join("; ") }
+    if parts.is_empty() { WHOLE.into() } else { parts.join("; ") }
 }

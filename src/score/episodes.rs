@@ -5,7 +5,7 @@
 //! fault; it has its full size from its last label on.
 
 use crate::fault;
-use crate::labels::Labels;
+use crate::labels::{Label, Labels};
 use serde::Serialize;
 use std::collections::{BTreeMap, HashMap};
 
@@ -76,55 +76,35 @@ pub struct EpisodesReport {
 }
 
 /// Sums while recordings come.
-#[derive(Clone, Debug, Default)]
-pub struct EpisodeScore {
-    /// Printhead, channel.
+#[derive(Clone, Debug)]
+pub struct EpisodeScore<'a> {
+    labels: &'a Labels,
+    /// Of the channels that were met: printhead, channel.
     truths: HashMap<String, HashMap<u32, Vec<Truth>>>,
     false_episodes: u64,
     unlabelled: u64,
     healthy_signals: u64,
 }
 
-impl EpisodeScore {
-    pub fn new(labels: &Labels) -> EpisodeScore {
-        let mut score = EpisodeScore::default();
-        let mut rows: Vec<_> = labels
-            .rows()
-            .iter()
-            .filter(|row| row.state != fault::HEALTHY)
-            .filter_map(|row| Some((row.channel?, row)))
-            .collect();
-        rows.sort_by_key(|(_, row)| row.from_ns.unwrap_or(i64::MIN));
-        for (channel, row) in rows {
-            let from_ns = row.from_ns.unwrap_or(i64::MIN);
-            let to_ns = row.to_ns.unwrap_or(i64::MAX);
-            let channels = score.truths.entry(row.printhead.clone()).or_default();
-            let truths = channels.entry(channel).or_default();
-            match truths.last_mut().filter(|t| t.state == row.state && t.to_ns >= from_ns) {
-                Some(truth) => {
-                    (truth.to_ns, truth.full_ns) = (truth.to_ns.max(to_ns), from_ns);
-                }
-                None => truths.push(Truth {
-                    state: row.state.clone(),
-                    from_ns,
-                    to_ns,
-                    full_ns: from_ns,
-                    looks: 0,
-                    looks_before: 0,
-                    full_looks_before: 0,
-                    found: None,
-                }),
-            }
+impl<'a> EpisodeScore<'a> {
+    pub fn new(labels: &'a Labels) -> EpisodeScore<'a> {
+        let truths = HashMap::new();
+        EpisodeScore { labels, truths, false_episodes: 0, unlabelled: 0, healthy_signals: 0 }
+    }
+
+    fn truths_of(&mut self, printhead: &str, channel: u32) -> &mut [Truth] {
+        if !self.truths.contains_key(printhead) {
+            self.truths.insert(printhead.to_owned(), HashMap::new());
         }
-        score
+        let channels = self.truths.get_mut(printhead).expect("it was put there");
+        let labels = self.labels;
+        channels.entry(channel).or_insert_with(|| truths_of(labels, printhead, channel))
     }
 
     /// All episodes of a recording, before its signals.
-    pub fn add_episode(&mut self, said: SaidEpisode, labels: &Labels) {
-        let truths = self.truths.get_mut(said.printhead);
-        let truths = truths.and_then(|channels| channels.get_mut(&said.channel));
+    pub fn add_episode(&mut self, said: SaidEpisode) {
         let mut explained = false;
-        for truth in truths.into_iter().flatten() {
+        for truth in self.truths_of(said.printhead, said.channel) {
             // it may be raised after the fault is over, but not before it has begun
             if said.raised_at_ns < truth.from_ns || said.began_at_ns >= truth.to_ns {
                 continue;
@@ -142,20 +122,20 @@ impl EpisodeScore {
         if explained {
             return;
         }
-        match labels.at(said.printhead, said.channel, said.raised_at_ns) {
+        match self.labels.at(said.printhead, said.channel, said.raised_at_ns) {
             Some(label) if label.state == fault::HEALTHY => self.false_episodes += 1,
             Some(_) => {} // of a fault that is labelled for all channels at once
             None => self.unlabelled += 1,
         }
     }
 
-    /// A judged signal of a recording that has episodes.
-    pub fn add_signal(&mut self, printhead: &str, channel: u32, t_ns: i64, healthy: bool) {
-        self.healthy_signals += u64::from(healthy);
-        let truths = self.truths.get_mut(printhead);
-        let truths = truths.and_then(|channels| channels.get_mut(&channel));
-        for truth in truths.into_iter().flatten() {
-            if !(truth.from_ns..truth.to_ns).contains(&t_ns) {
+    /// A judged signal of a recording that has episodes, with what is true of it.
+    pub fn add_signal(&mut self, printhead: &str, channel: u32, t_ns: i64, label: Option<&Label>) {
+        self.healthy_signals += u64::from(label.is_some_and(|label| label.state == fault::HEALTHY));
+        for truth in self.truths_of(printhead, channel) {
+            // a narrower row may say otherwise of the channel
+            let is_true = label.is_some_and(|label| label.state == truth.state);
+            if !is_true || !(truth.from_ns..truth.to_ns).contains(&t_ns) {
                 continue;
             }
             truth.looks += 1;
@@ -203,6 +183,33 @@ impl EpisodeScore {
     }
 }
 
+/// The faults of a channel, by the rows that speak of it.
+fn truths_of(labels: &Labels, printhead: &str, channel: u32) -> Vec<Truth> {
+    let mut rows = labels.faults_of(printhead, channel);
+    rows.sort_by_key(|row| row.from_ns.unwrap_or(i64::MIN));
+    let mut truths: Vec<Truth> = Vec::new();
+    for row in rows {
+        let from_ns = row.from_ns.unwrap_or(i64::MIN);
+        let to_ns = row.to_ns.unwrap_or(i64::MAX);
+        match truths.last_mut().filter(|t| t.state == row.state && t.to_ns >= from_ns) {
+            Some(truth) => {
+                (truth.to_ns, truth.full_ns) = (truth.to_ns.max(to_ns), from_ns);
+            }
+            None => truths.push(Truth {
+                state: row.state.clone(),
+                from_ns,
+                to_ns,
+                full_ns: from_ns,
+                looks: 0,
+                looks_before: 0,
+                full_looks_before: 0,
+                found: None,
+            }),
+        }
+    }
+    truths
+}
+
 fn median(mut of: Vec<u64>) -> Option<f64> {
     of.sort_unstable();
     let (low, high) = (of.len().checked_sub(1)? / 2, of.len() / 2);
@@ -212,12 +219,12 @@ fn median(mut of: Vec<u64>) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::labels::Label;
+    use crate::labels::Channels;
 
     fn label(channel: Option<u32>, from: Option<i64>, to: Option<i64>, state: &str) -> Label {
         Label {
             printhead: "p".into(),
-            channel,
+            channel: channel.map_or(Channels::All, Channels::One),
             from_ns: from,
             to_ns: to,
             state: state.into(),
@@ -251,11 +258,10 @@ mod tests {
     fn run(episodes: &[SaidEpisode]) -> EpisodesReport {
         let labels = labels();
         let mut score = EpisodeScore::new(&labels);
-        episodes.iter().for_each(|e| score.add_episode(*e, &labels));
+        episodes.iter().for_each(|e| score.add_episode(*e));
         for t in 0..500 {
             for channel in 1..4 {
-                let healthy = labels.at("p", channel, t).unwrap().state == "healthy";
-                score.add_signal("p", channel, t, healthy);
+                score.add_signal("p", channel, t, labels.at("p", channel, t));
             }
         }
         score.report()
@@ -269,6 +275,19 @@ mod tests {
         assert_eq!((report.category_accuracy, report.fault_accuracy), (1.0, 0.0));
         assert_eq!(report.by_state["EC"].found, 0);
         assert_eq!(report.healthy_signals, 1500 - 200);
+    }
+
+    #[test]
+    fn a_fault_of_a_range_is_of_each_of_its_channels_but_where_a_narrower_row_says_otherwise() {
+        let range = Label { channel: Channels::Range(4, 6), ..label(None, None, None, "BN") };
+        let labels = Labels::new(vec![range, label(Some(5), None, None, "healthy")]);
+        let mut score = EpisodeScore::new(&labels);
+        score.add_episode(said(4, 105, Some("BN")));
+        for channel in 1..9 {
+            score.add_signal("p", channel, 105, labels.at("p", channel, 105));
+        }
+        let report = score.report();
+        assert_eq!((report.faults, report.recall, report.healthy_signals), (2, 0.5, 1));
     }
 
     #[test]

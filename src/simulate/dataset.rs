@@ -9,7 +9,7 @@ use super::draws::{Purpose, part, stream};
 use super::scenario::{Physics, RecordingOptions};
 use super::sensor::{Channel, NOMINAL_DRIVE_V, NOMINAL_TEMPERATURE_C, Sensor};
 use super::simulated::{SimulatedRecording, healthy_everywhere};
-use crate::labels::Label;
+use crate::labels::{Channels, Label};
 use crate::model::faults;
 use rand::RngExt;
 use rand::seq::SliceRandom;
@@ -115,7 +115,7 @@ pub(super) fn labels_of(
         for (truth, channel) in set.truths.iter().zip(set.first_channel..) {
             if let Some((state, severity)) = state(truth) {
                 let healthy = healthy_everywhere(PRINTHEAD);
-                labels.push(Label { channel: Some(channel), state, severity, ..healthy });
+                labels.push(Label { channel: Channels::One(channel), state, severity, ..healthy });
             }
         }
     }

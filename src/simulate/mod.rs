@@ -17,7 +17,7 @@ mod sensor;
 mod simulated;
 pub mod thesis_form;
 
-use crate::labels::Label;
+use crate::labels::{Channels, Label};
 use scenario::Kind;
 
 pub use scenario::Scenario;
@@ -45,7 +45,7 @@ impl Scenario {
                 let mut labels = dataset::labels(physics, seed);
                 labels.extend(print_run::labels(physics, &self.recording, seed));
                 // stable: the `*` rows go first, all others keep their order
-                labels.sort_by_key(|label| label.channel.is_some());
+                labels.sort_by_key(|label| label.channel != Channels::All);
                 labels
             }
         }
@@ -231,7 +231,7 @@ mod tests {
         let set = |from: u32, to: u32, class: &str| {
             let of_set = |l: &&Label| {
                 l.printhead == dataset::PRINTHEAD
-                    && l.channel.is_some_and(|c| (from..to).contains(&c))
+                    && l.channel.one().is_some_and(|c| (from..to).contains(&c))
                     && l.state == class
             };
             labels.iter().filter(of_set).count()
@@ -245,7 +245,7 @@ mod tests {
         assert!(labels.iter().all(|l| l.severity.is_some() == (l.state != HEALTHY)));
         let stems: Vec<String> = scenario.recordings(1).into_iter().map(|r| r.stem).collect();
         assert_eq!(stems, ["train", "test", "calibration", "print_run"]);
-        let of_run = |l: &&Label| l.printhead != dataset::PRINTHEAD && l.channel.is_some();
+        let of_run = |l: &&Label| l.printhead != dataset::PRINTHEAD && l.channel.one().is_some();
         let mut channels: Vec<_> =
             labels.iter().filter(of_run).map(|l| (&l.printhead, l.channel)).collect();
         channels.dedup();

@@ -9,7 +9,7 @@ use super::draws::{Purpose, part, stream};
 use super::scenario::{Drive, Physics, PrintRun, RecordingOptions};
 use super::sensor::{Channel, NOMINAL_TEMPERATURE_C, Sensor, at_viscosity};
 use super::simulated::{SimulatedRecording, healthy_everywhere};
-use crate::labels::Label;
+use crate::labels::{Channels, Label};
 use crate::model::{InkChannel, faults};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -128,7 +128,7 @@ pub(super) fn labels(physics: &Physics, options: &RecordingOptions, seed: u64) -
         for (from, to) in ramp.chain(rest) {
             labels.push(Label {
                 printhead: run.name(fault.printhead),
-                channel: Some(fault.channel),
+                channel: Channels::One(fault.channel),
                 from_ns: Some(at(from) - half_ns),
                 to_ns: Some(at(to) - half_ns),
                 state: fault.class.clone(),

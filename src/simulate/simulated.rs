@@ -2,7 +2,7 @@
 
 use super::scenario::RecordingOptions;
 use crate::burst::Burst;
-use crate::labels::Label;
+use crate::labels::{Channels, Label};
 
 /// One recording of a scenario, not yet made: its bursts come in time order, as they are asked for.
 pub struct SimulatedRecording {
@@ -15,7 +15,7 @@ pub struct SimulatedRecording {
 pub fn healthy_everywhere(printhead: &str) -> Label {
     Label {
         printhead: printhead.to_owned(),
-        channel: None,
+        channel: Channels::All,
         from_ns: None,
         to_ns: None,
         state: crate::fault::HEALTHY.to_owned(),

@@ -16,6 +16,8 @@ pub struct Column {
 pub enum Cells {
     /// Nanoseconds since 1970.
     Time(CellsAt<i64>),
+    /// The recording's name, the same in every row.
+    Recording,
     /// Places among the batch's `printheads`.
     Printhead(CellsAt<u32>),
     Channel(CellsAt<u32>),
@@ -58,6 +60,7 @@ impl<T> CellsAt<T> {
 
 macro_rules! columns {
     (
+        first { $(#[$when:meta])* $first:ident: $time:ty, $of_time:ident $called:literal; }
         required { $($(#[$about:meta])* $required:ident: $type:ty, $kind:ident $name:literal;)* }
         nullable { $($(#[$of:meta])* $nullable:ident: $value:ty, $sort:ident $title:literal;)* }
     ) => {
@@ -65,6 +68,7 @@ macro_rules! columns {
         /// `None` is null; no string per row.
         #[derive(Clone, Debug, Default, PartialEq)]
         pub struct VerdictColumns {
+            $(#[$when])* pub $first: Vec<$time>,
             $($(#[$about])* pub $required: Vec<$type>,)*
             $($(#[$of])* pub $nullable: Vec<Option<$value>>,)*
             /// The printheads of this batch.
@@ -77,6 +81,8 @@ macro_rules! columns {
 
         /// In the table's order.
         pub static COLUMNS: &[Column] = &[
+            Column { name: $called, nullable: false, cells: Cells::$of_time(columns!(at $first)) },
+            Column { name: "recording", nullable: false, cells: Cells::Recording },
             $(Column { name: $name, nullable: false, cells: Cells::$kind(columns!(at $required)) },)*
             $(Column { name: $title, nullable: true, cells: Cells::$sort(columns!(at $nullable)) },)*
             Column { name: "weights", nullable: true, cells: Cells::Weights },
@@ -85,6 +91,7 @@ macro_rules! columns {
         impl VerdictColumns {
             /// Room for so many more rows.
             pub fn reserve(&mut self, rows: usize) {
+                self.$first.reserve(rows);
                 $(self.$required.reserve(rows);)*
                 $(self.$nullable.reserve(rows);)*
                 self.weights_start.reserve(rows);
@@ -92,6 +99,7 @@ macro_rules! columns {
 
             /// No rows, the room kept.
             pub fn clear(&mut self) {
+                self.$first.clear();
                 $(self.$required.clear();)*
                 $(self.$nullable.clear();)*
                 self.printheads.clear();
@@ -105,9 +113,9 @@ macro_rules! columns {
                 $(self.$nullable.resize(rows, None);)*
             }
 
-            /// Of every column but the weights.
+            /// Of every column but the recording's name and the weights.
             pub fn lengths(&self) -> Vec<usize> {
-                vec![$(self.$required.len(),)* $(self.$nullable.len(),)*]
+                vec![self.$first.len(), $(self.$required.len(),)* $(self.$nullable.len(),)*]
             }
         }
     };
@@ -115,9 +123,11 @@ macro_rules! columns {
 }
 
 columns! {
-    required {
+    first {
         /// t_a
         acquired_at_ns: i64, Time "acquired_at";
+    }
+    required {
         /// Index into `printheads`.
         printhead: u32, Printhead "printhead";
         channel: u32, Channel "channel";
@@ -138,6 +148,9 @@ columns! {
         misfit: f32, Misfit "misfit";
         severity: f32, Number "severity";
         severity_sd: f32, Number "severity_sd";
+        /// Of the ring fitted to it.
+        resonance_hz: f32, Number "resonance_hz";
+        damping_per_s: f32, Number "damping_per_s";
         model: u16, Model "model";
         reason: Reason, Reason "reason";
     }

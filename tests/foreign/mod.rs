@@ -43,7 +43,7 @@ impl Case {
         let layout = family.layout(seed / FAMILIES.len() as u64);
         let channels: Vec<_> = (0..layout.channels).map(|_| family.channel(&mut rng)).collect();
         let bursts = (times * layout.signals).div_ceil(layout.a_burst);
-        let mut sampler = Sampler::new(layout.period_s, layout.samples, usize::MAX);
+        let mut sampler = Sampler::new(layout.period_s, usize::MAX);
         let warmth_phase = TAU * rng.random::<f64>();
         for burst in 0..bursts {
             let common = family.burst(&mut rng);

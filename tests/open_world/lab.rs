@@ -6,7 +6,9 @@ use super::recording::{self, HEALTHY, Rows};
 use super::ring::Sampling;
 use super::scatter::Scatter;
 use super::verdicts::{self, Episode, Verdict};
+use inkling::labels::known_states;
 use rand::seq::SliceRandom;
+use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::Command;
@@ -122,7 +124,11 @@ impl Lab {
     pub fn train(&self, signals: Signals, plant: &Plant, more: &str) -> Result<String, Refusal> {
         recording::write_labels(&self.path("labels.csv"), Rows::USUAL, &signals.states);
         self.write("train", Rows::USUAL, plant, signals.samples);
-        self.run(&format!("train train.mcap --labels labels.csv -o design.json {more}"))
+        let is_own = |state: &&String| known_states().all(|known| known != **state);
+        let own: BTreeSet<&String> = signals.states.iter().filter(is_own).collect();
+        let own = own.iter().filter(|state| !more.contains(&***state));
+        let declared: String = own.map(|state| format!(" --new-class {state}")).collect();
+        self.run(&format!("train train.mcap --labels labels.csv -o design.json {more}{declared}"))
     }
 
     /// Takes something out of what was learned.

@@ -232,9 +232,15 @@ fn local(y: &[f64], omega: f64) -> Option<[f64; 5]> {
         let left = (&values - &basis * &x).norm_squared() / (y.len() as f64 - 5.0).max(1.0);
         let (a, b, da, db) = (x[0], x[1], x[2], x[3]);
         let square = a * a + b * b;
+        if square <= 0.0 || !square.is_finite() {
+            return None; // at rest: it has no frequency
+        }
         let turn = (a * db - b * da) / square;
         let fall = -(a * da + b * db) / square;
         let sd = (left * 0.5 * (inverse[(2, 2)] + inverse[(3, 3)]) / square).sqrt();
+        if !turn.is_finite() {
+            return None;
+        }
         omega -= turn.clamp(-0.2 * omega, 0.2 * omega);
         found = Some([square.sqrt(), omega, fall, sd, sd]);
     }

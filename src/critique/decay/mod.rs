@@ -13,10 +13,11 @@ mod selection;
 mod spectrum;
 #[cfg(test)]
 mod tests;
+mod unnamed;
 mod words;
 
 use super::catalogue::{CATALOGUE, InDecays, joined};
-use super::chance::DETECTION_LIMIT;
+use super::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
 use super::digits;
 use super::extended::NotExtended;
 use super::finding::{Cause, Critique, NotTestable, Signals, VERSION, Verdict};
@@ -25,7 +26,7 @@ use super::outcome::{CritiqueError, Outcome};
 use super::tuned::HALF;
 use super::words::{capital, ties};
 use plant::Decays;
-use selection::{Selected, sizes};
+use selection::{Chosen, Selected, sizes};
 
 /// Bursts that are taken for decays of one system; more are an ensemble.
 pub const MOST_BURSTS: usize = 32;
@@ -90,7 +91,7 @@ fn unexplained(selected: &Selected, left: &Left) -> Vec<String> {
     let unnamed = selected.unnamed.iter().map(|t| {
         format!(
             "{} would take {:.0} % of what is left, but {}: it is not named",
-            t.term.id(),
+            t.term.words(),
             100.0 * t.share.max(0.0),
             t.why_not()
         )
@@ -107,7 +108,7 @@ pub fn critique(
     let sum = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>();
     // an offset may be the larger part: what must be explained is the movement
     let explained = 1.0 - sum(&selected.fit.misfit(&decays)) / sum(&decays.y);
-    if explained.is_nan() || explained <= 0.1 {
+    if explained.is_nan() || !rings(&decays, &selected, explained) {
         return Err(CritiqueError::NoRing);
     }
     stages("measuring the gain");
@@ -126,7 +127,7 @@ pub fn critique(
     let critique = Critique {
         version: VERSION,
         verdict,
-        sentence: sentence(verdict, &causes, &left),
+        sentence: sentence(verdict, &causes, &selected, &left),
         equation: words::equation(&decays, &selected.fit),
         causes,
         not_testable: not_testable(),
@@ -151,9 +152,21 @@ pub fn critique(
     })
 }
 
+/// Whether there is a ring: more than chance finds in as much noise. Of many partials none is much.
+fn rings(decays: &Decays, selected: &Selected, explained: f64) -> bool {
+    let samples = decays.y.len() as f64;
+    let statistic = -samples * (1.0 - explained).max(1e-12).ln();
+    let places = decays.samples as f64 / 2.0;
+    surprise(statistic, selected.fit.p.len(), places, f64::INFINITY) > THRESHOLD
+}
+
 fn verdict(causes: &mut Vec<Cause>, selected: &Selected, left: &Left) -> Verdict {
     let unexplained = left.p < 1e-4;
+    let found = &selected.causes;
     if causes.is_empty() {
+        if !found.is_empty() {
+            return Verdict::Unknown; // it has no name
+        }
         if !unexplained || left.predictable < HALF {
             return Verdict::None;
         }
@@ -168,14 +181,17 @@ fn verdict(causes: &mut Vec<Cause>, selected: &Selected, left: &Left) -> Verdict
     }
     match &causes[..] {
         [one] if !one.tied_with.is_empty() => Verdict::Tie,
+        [_] if found.iter().any(|c| c.is_named(found) && !c.tied_unnamed.is_empty()) => {
+            Verdict::Tie
+        }
         _ => Verdict::Named,
     }
 }
 
 /// The candidate that takes most of the misfit away, though it is not the cause.
 fn nearest(selected: &Selected) -> Option<Cause> {
-    let t = selected.unnamed.iter().max_by(|p, q| p.share.total_cmp(&q.share))?;
-    let id = t.term.id();
+    let named = selected.unnamed.iter().filter_map(|t| Some((t, t.term.id()?)));
+    let (t, id) = named.max_by(|(p, _), (q, _)| p.share.total_cmp(&q.share))?;
     let strength_dl = (t.statistic / DETECTION_LIMIT).sqrt();
     Some(Cause {
         explains: Some(t.share.clamp(0.0, 1.0)),
@@ -193,8 +209,11 @@ fn not_testable() -> Vec<NotTestable> {
     needs.collect()
 }
 
-fn sentence(verdict: Verdict, causes: &[Cause], left: &Left) -> String {
-    let what = left.words.as_deref().unwrap_or("a misfit");
+fn sentence(verdict: Verdict, causes: &[Cause], selected: &Selected, left: &Left) -> String {
+    let strongest = |p: &&Chosen, q: &&Chosen| p.statistic.total_cmp(&q.statistic);
+    let like = selected.causes.iter().filter(|c| c.term.id().is_none()).max_by(strongest);
+    let like = like.map(|c| format!("something like {}", c.term.words()));
+    let what = like.as_deref().or(left.words.as_deref()).unwrap_or("a misfit");
     match verdict {
         Verdict::None => {
             "One damped oscillation explains these decays: nothing in them asks for more.".into()

@@ -7,6 +7,8 @@
 //! decay to rounding. Dry friction turns where x' passes zero: that instant is found, and the body
 //! stays where the spring is weaker than the friction.
 
+use super::unnamed::Strengths;
+
 /// Radians of a step at most, where something is nonlinear.
 const RADIANS: f64 = 0.15;
 /// Motion beyond this (in units of the largest sample) is no decay.
@@ -30,6 +32,7 @@ pub struct Motion {
     pub drag: f64,
     /// Friction over the spring's rate: a displacement.
     pub stick: f64,
+    pub unnamed: Strengths,
 }
 
 /// e^{Ah}: what becomes of (x, x') in a time h.
@@ -67,7 +70,7 @@ impl Turn {
 
 impl Motion {
     fn linear(&self) -> bool {
-        self.stiffness == 0.0 && self.drag == 0.0 && self.stick == 0.0
+        self.stiffness == 0.0 && self.drag == 0.0 && self.stick == 0.0 && !self.unnamed.bends()
     }
 
     /// The spring's force over its rate, without x itself.
@@ -87,7 +90,8 @@ impl Motion {
     }
 
     fn kick(&self, [x, v]: [f64; 2], sign: f64) -> f64 {
-        let spring = if self.stiffness == 0.0 { 0.0 } else { self.beyond(x) };
+        let curved = if self.stiffness == 0.0 { 0.0 } else { self.beyond(x) };
+        let spring = curved + self.unnamed.spring(x);
         -self.omega * self.omega * (spring + self.stick * sign) - self.drag * v.abs() * v
     }
 
@@ -107,31 +111,53 @@ impl Motion {
     /// `start`: x and x'/omega at sample 0. NaN where the motion is lost.
     pub fn run(&self, start: [f64; 2], samples: usize, out: &mut Vec<[f64; 2]>) {
         out.clear();
+        self.moved(start, samples, out);
+        if self.unnamed.curves() {
+            out.iter_mut().for_each(|y| y[0] = self.unnamed.seen(*y));
+        }
+    }
+
+    /// What it is after so many samples, where its rates follow time.
+    fn after(&self, samples: usize) -> Motion {
+        let [loss, frequency] = self.unnamed.per_sample().map(|rate| rate * (samples as f64 + 0.5));
+        Motion { sigma: self.sigma + loss, omega: self.omega * (1.0 + frequency), ..*self }
+    }
+
+    fn moved(&self, start: [f64; 2], samples: usize, out: &mut Vec<[f64; 2]>) {
         let mut y = [start[0], start[1] * self.omega];
+        let changes = self.unnamed.per_sample() != [0.0; 2];
         if self.linear() {
-            let turn = Turn::of(self, 1.0);
-            for _ in 0..samples {
+            let mut turn = Turn::of(self, 1.0);
+            for k in 0..samples {
                 out.push([y[0], y[1] / self.omega]);
+                if changes {
+                    turn = Turn::of(&self.after(k), 1.0);
+                }
                 y = turn.on(y);
             }
             return;
         }
         let steps = (self.omega.abs() / RADIANS).ceil().clamp(1.0, 64.0);
         let h = 1.0 / steps;
-        let (half, full) = (Turn::of(self, 0.5 * h), Turn::of(self, h));
+        let mut now = *self;
+        let (mut half, mut full) = (Turn::of(self, 0.5 * h), Turn::of(self, h));
         let mut sign = if y[1] != 0.0 { y[1].signum() } else { -y[0].signum() };
         let mut rests = false;
-        for _ in 0..samples {
+        for k in 0..samples {
             out.push([y[0], y[1] / self.omega]);
+            if changes {
+                now = self.after(k);
+                (half, full) = (Turn::of(&now, 0.5 * h), Turn::of(&now, h));
+            }
             for _ in 0..steps as usize {
                 if rests {
                     break;
                 }
-                let next = self.step(y, sign, h, &half, &full);
+                let next = now.step(y, sign, h, &half, &full);
                 if self.stick == 0.0 || next[1] * sign >= 0.0 {
                     y = next;
                 } else {
-                    (y, sign, rests) = self.turned(y, sign, h);
+                    (y, sign, rests) = now.turned(y, sign, h);
                 }
             }
             if y[0].is_nan() || y[0].abs() >= LOST {
@@ -168,7 +194,7 @@ impl Motion {
             }
             y = [part(y, sign, low.0)[0], 0.0];
             left -= low.0;
-            let spring = y[0] + self.beyond(y[0]);
+            let spring = y[0] + self.beyond(y[0]) + self.unnamed.spring(y[0]);
             if spring.abs() <= self.stick {
                 return (y, sign, true);
             }
@@ -201,6 +227,7 @@ impl Motion {
 
 #[cfg(test)]
 mod tests {
+    use super::super::unnamed::UNNAMED;
     use super::*;
 
     const PLAIN: Motion = Motion {
@@ -210,6 +237,7 @@ mod tests {
         stiffness: 0.0,
         drag: 0.0,
         stick: 0.0,
+        unnamed: Strengths([0.0; UNNAMED.len()]),
     };
 
     fn run(motion: Motion, n: usize) -> Vec<[f64; 2]> {

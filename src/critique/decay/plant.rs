@@ -6,6 +6,7 @@
 //! largest sample. Derivatives of the motion are central differences, those of lines are exact.
 
 use super::motion::{Form, Motion};
+use super::unnamed::{Strengths, Unnamed};
 use crate::critique::observations::Observations;
 
 /// Decays of one system, [burst][output][sample].
@@ -97,6 +98,7 @@ pub struct Structure {
     pub stiffness: Option<Form>,
     pub drag: bool,
     pub friction: bool,
+    pub unnamed: Vec<Unnamed>,
     pub offset: bool,
     pub lines: Vec<Line>,
 }
@@ -107,6 +109,8 @@ pub struct Layout {
     pub stiffness: Option<usize>,
     pub drag: Option<usize>,
     pub friction: Option<usize>,
+    /// Each rival without a name, and where its strength stands.
+    pub unnamed: Vec<(Unnamed, usize)>,
     /// x and x'/omega of each burst's first sample.
     pub starts: usize,
     /// Shares of displacement and velocity of every output but the first.
@@ -132,12 +136,13 @@ impl Structure {
         let stiffness = some(self.stiffness.is_some(), take(self.stiffness.is_some(), 1));
         let drag = some(self.drag, take(self.drag, 1));
         let friction = some(self.friction, take(self.friction, 1));
+        let unnamed = self.unnamed.iter().map(|what| (*what, take(true, 1))).collect();
         let starts = take(true, 2 * bursts);
         let shares = take(true, 2 * (outputs - 1));
         let offset = some(self.offset, take(self.offset, outputs));
         let lines = self.lines.iter().map(|l| take(true, 2 + 2 * l.starts(bursts) * outputs));
         let lines = lines.collect();
-        Layout { stiffness, drag, friction, starts, shares, offset, lines, count: next }
+        Layout { stiffness, drag, friction, unnamed, starts, shares, offset, lines, count: next }
     }
 
     /// The same parameters where more (or fewer) terms are: what is new is zero.
@@ -154,6 +159,9 @@ impl Structure {
         copy(new.stiffness, old.stiffness, 1);
         copy(new.drag, old.drag, 1);
         copy(new.friction, old.friction, 1);
+        for (what, to) in &new.unnamed {
+            copy(Some(*to), old.unnamed.iter().find(|(w, _)| w == what).map(|(_, at)| *at), 1);
+        }
         copy(Some(new.starts), Some(old.starts), 2 * b);
         copy(Some(new.shares), Some(old.shares), 2 * (o - 1));
         copy(new.offset, old.offset, o);
@@ -172,6 +180,8 @@ impl Line {
 
 pub fn motion(structure: &Structure, layout: &Layout, p: &[f64]) -> Motion {
     let at = |place: Option<usize>| place.map_or(0.0, |i| p[i]);
+    let mut unnamed = Strengths::default();
+    layout.unnamed.iter().for_each(|(what, i)| unnamed.0[*what as usize] = p[*i]);
     Motion {
         sigma: p[SIGMA],
         omega: p[OMEGA],
@@ -179,6 +189,7 @@ pub fn motion(structure: &Structure, layout: &Layout, p: &[f64]) -> Motion {
         stiffness: at(layout.stiffness),
         drag: at(layout.drag),
         stick: at(layout.friction),
+        unnamed,
     }
 }
 
@@ -278,17 +289,20 @@ impl<'a> Plant<'a> {
         let l = &self.layout;
         let shared = [Some(SIGMA), Some(OMEGA), l.stiffness, l.drag, l.friction];
         let (mut up, mut down) = (Vec::new(), Vec::new());
+        let rate_step = 1e-3 / (self.decays.samples as f64).powi(2);
         let run = |p: &[f64], burst: usize, path: &mut Vec<[f64; 2]>| {
             let at = l.starts + 2 * burst;
             motion(self.structure, l, p).run([p[at], p[at + 1]], self.upto, path);
         };
         for burst in 0..self.decays.bursts {
             let own = [Some(l.starts + 2 * burst), Some(l.starts + 2 * burst + 1)];
-            for j in shared.into_iter().chain(own).flatten() {
+            let unnamed = l.unnamed.iter().map(|(_, at)| Some(*at));
+            for j in shared.into_iter().chain(own).chain(unnamed).flatten() {
                 // a step that moves the phase of a long decay by little
                 let h = match j {
                     SIGMA => 1e-6 * p[OMEGA].abs(),
                     OMEGA => 1e-7 * p[OMEGA].abs(),
+                    _ if l.unnamed.iter().any(|(w, at)| *at == j && w.is_a_rate()) => rate_step,
                     _ => 1e-6,
                 };
                 let (mut high, mut low) = (p.to_vec(), p.to_vec());

@@ -9,11 +9,12 @@ use super::fit::{self, Fit, Noise};
 use super::motion::Form;
 use super::plant::{Decays, Line, OMEGA, Plant, SIGMA, Structure, motion};
 use super::spectrum;
+use super::unnamed::{UNNAMED, Unnamed};
 use crate::critique::candidates::LEAST_PERIODS;
 use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, statistic_of, surprise};
 use crate::critique::finding::{EXPLAINS_MORE, Evidence, NOT_SIGNIFICANT};
-use crate::critique::tuned::{FEW, HALF, HARMONIC, LEFT_TO_SHAPES, TIE};
+use crate::critique::tuned::{FEW, HALF, HARMONIC, LEFT_BY_ALL, LEFT_TO_SHAPES, TIE};
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 use thiserror::Error;
@@ -62,18 +63,40 @@ pub enum Term {
     Drag,
     Friction,
     Line(Line),
+    Unnamed(Unnamed),
 }
 
 impl Term {
-    pub fn id(self) -> CauseId {
-        match self {
+    /// `None`: the catalogue has no name for it.
+    pub fn id(self) -> Option<CauseId> {
+        Some(match self {
             Term::Offset => CauseId::Offset,
             Term::Stiffness(_) => CauseId::CubicStiffness,
             Term::Drag => CauseId::QuadraticDrag,
             Term::Friction => CauseId::DryFriction,
             Term::Line(Line::Mode) => CauseId::SecondMode,
             Term::Line(Line::Tone) => CauseId::Tone,
+            Term::Unnamed(_) => return None,
+        })
+    }
+
+    pub fn words(self) -> &'static str {
+        match self {
+            Term::Unnamed(what) => what.words(),
+            named => named.id().map_or("", CauseId::name),
         }
+    }
+
+    fn unnamed(self) -> Option<Unnamed> {
+        match self {
+            Term::Unnamed(what) => Some(what),
+            _ => None,
+        }
+    }
+
+    /// Forms of one cause are one.
+    fn is_as(self, other: Term) -> bool {
+        self == other || self.id().is_some() && self.id() == other.id()
     }
 
     /// Independent places that it was looked for at.
@@ -92,6 +115,7 @@ impl Term {
             Term::Drag => with.drag = true,
             Term::Friction => with.friction = true,
             Term::Line(line) => with.lines.push(line),
+            Term::Unnamed(what) => with.unnamed.push(what),
         }
         with
     }
@@ -103,6 +127,7 @@ impl Term {
             Term::Drag => structure.drag,
             Term::Friction => structure.friction,
             Term::Line(_) => structure.lines.len() >= MOST_LINES,
+            Term::Unnamed(what) => structure.unnamed.contains(&what),
         }
     }
 }
@@ -137,6 +162,17 @@ pub struct Chosen {
     pub statistic: f64,
     pub degrees: usize,
     pub tied_with: Vec<CauseId>,
+    /// Rivals without a name that explain as much.
+    pub tied_unnamed: Vec<Unnamed>,
+}
+
+impl Chosen {
+    /// Whether it has a name, and explains more than any rival without one that is in the model, too.
+    pub fn is_named(&self, all: &[Chosen]) -> bool {
+        let unnamed = all.iter().filter(|c| c.term.id().is_none());
+        self.term.id().is_some()
+            && unnamed.map(|c| c.statistic).fold(0.0, f64::max) < self.statistic
+    }
 }
 
 pub struct Selected {
@@ -274,7 +310,12 @@ pub fn children(
             _ => fit::descend(decays, &structure, start, noise, decays.samples),
         })
         .collect();
-    if matches!(term, Term::Stiffness(_) | Term::Drag | Term::Friction) {
+    let moves = match term {
+        Term::Stiffness(_) | Term::Drag | Term::Friction => true,
+        Term::Unnamed(what) => what.moves_phase(),
+        Term::Offset | Term::Line(_) => false,
+    };
+    if moves {
         let warm = structure.carried(&parent.structure, &parent.p, decays);
         let first = first_swings(parent.p[OMEGA]);
         let followed = fit::follow(decays, &structure, &warm, noise, first);
@@ -418,7 +459,7 @@ struct Candidate {
 fn candidates(decays: &Decays, parent: &Fit) -> Vec<Candidate> {
     let misfit = parent.misfit(decays);
     let plain = Noise::white(&sizes(&misfit, decays));
-    let all = [
+    let named = [
         Term::Offset,
         Term::Stiffness(Form::Cubic),
         Term::Stiffness(Form::Sine),
@@ -427,6 +468,7 @@ fn candidates(decays: &Decays, parent: &Fit) -> Vec<Candidate> {
         Term::Line(Line::Mode),
         Term::Line(Line::Tone),
     ];
+    let all = named.into_iter().chain(UNNAMED.map(Term::Unnamed));
     let samples = decays.y.len() as f64;
     let before = deviance(&misfit, decays);
     let mut kept: Vec<Candidate> = Vec::new();
@@ -434,7 +476,7 @@ fn candidates(decays: &Decays, parent: &Fit) -> Vec<Candidate> {
         let mode = kept.iter().find(|c| c.tried.term == Term::Line(Line::Mode));
         mode.is_none_or(|c| c.tried.objection == Some(Objection::Undamped))
     };
-    for term in all.into_iter().filter(|c| !c.is_in(&parent.structure)) {
+    for term in all.filter(|c| !c.is_in(&parent.structure)) {
         if term == Term::Line(Line::Tone) && !undamped(&kept) {
             continue; // it rings down: a mode
         }
@@ -451,7 +493,7 @@ fn candidates(decays: &Decays, parent: &Fit) -> Vec<Candidate> {
             let one = Candidate { tried, criterion };
             // what can be the cause goes before what cannot
             let rank = |c: &Candidate| (c.tried.objection.is_some(), c.criterion);
-            match kept.iter_mut().find(|c| c.tried.term.id() == term.id()) {
+            match kept.iter_mut().find(|c| c.tried.term.is_as(term)) {
                 Some(known) if rank(&one) < rank(known) => *known = one,
                 Some(_) => {}
                 None => kept.push(one),
@@ -512,12 +554,12 @@ pub fn alias(decays: &Decays, parent: &Fit) -> Tried {
     Tried { term, fit, statistic: 0.0, degrees: 0, surprise: 0.0, share: 0.0, objection }
 }
 
-fn row(t: &Tried, step: u32, samples: f64) -> Evidence {
+fn row(t: &Tried, step: u32, samples: f64) -> Option<Evidence> {
     let lines = if matches!(t.term, Term::Line(_)) { samples / 2.0 } else { 1.0 };
     let surprise = |x: f64| surprise(x, t.degrees, lines, f64::INFINITY);
-    Evidence {
+    Some(Evidence {
         step,
-        id: t.term.id(),
+        id: t.term.id()?,
         statistic: t.statistic,
         threshold: statistic_of(THRESHOLD, surprise),
         p: (-t.surprise).exp(),
@@ -528,7 +570,7 @@ fn row(t: &Tried, step: u32, samples: f64) -> Evidence {
         tested: true,
         accepted: false,
         why_not: t.why_not(),
-    }
+    })
 }
 
 pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
@@ -543,24 +585,34 @@ pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
         let mut tried = try_all(decays, &now);
         tried.sort_by(|p, q| q.statistic.total_cmp(&p.statistic));
         let rows = evidence.len();
-        evidence.extend(tried.iter().map(|t| row(t, step, samples)));
+        evidence.extend(tried.iter().filter_map(|t| row(t, step, samples)));
         unnamed = tried
             .iter()
             .filter(|t| t.surprise > THRESHOLD && t.objection.is_some())
             .cloned()
             .collect();
         let penalised = |t: &Tried| t.statistic - t.degrees as f64 * 2.0;
-        let able = |t: &&Tried| t.objection.is_none() && t.surprise > THRESHOLD;
+        // what strong causes leave to what has no name, and less than one detection limit, is nothing
+        let left = LEFT_BY_ALL * causes.iter().map(|c| c.statistic).fold(0.0, f64::max);
+        let least = |t: &Tried| match t.term {
+            Term::Unnamed(_) => left.max(DETECTION_LIMIT),
+            _ => 0.0,
+        };
+        let passes = |t: &&Tried| t.objection.is_none() && t.surprise > THRESHOLD;
+        let able = |t: &&Tried| passes(t) && t.statistic >= least(t);
         let mut rivals: Vec<&Tried> = tried.iter().filter(able).collect();
         rivals.sort_by(|p, q| penalised(q).total_cmp(&penalised(p)));
         let Some(best) = rivals.first().filter(|_| (step as usize) < MOST_TERMS) else { break };
-        let tied = rivals[1..].iter().filter(|t| penalised(best) - penalised(t) < TIE);
-        let tied_with: Vec<CauseId> = tied.map(|t| t.term.id()).collect();
+        let others = tried.iter().filter(|t| t.term != best.term && passes(t));
+        let tied: Vec<Term> =
+            others.filter(|t| penalised(best) - penalised(t) < TIE).map(|t| t.term).collect();
+        let tied_with = tied.iter().filter_map(|t| t.id()).collect();
+        let tied_unnamed = tied.iter().filter_map(|t| t.unnamed()).collect();
         for e in &mut evidence[rows..] {
-            if e.id == best.term.id() {
+            if best.term.id() == Some(e.id) {
                 e.accepted = true;
                 e.why_not = String::new();
-            } else if rivals.iter().any(|r| r.term.id() == e.id) {
+            } else if rivals.iter().any(|r| r.term.id() == Some(e.id)) {
                 e.why_not = EXPLAINS_MORE.into();
             }
         }
@@ -570,6 +622,7 @@ pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
             statistic: best.statistic,
             degrees: best.degrees,
             tied_with,
+            tied_unnamed,
         });
         let newcomer = best.term;
         let lines_before = now.structure.lines.len();
@@ -599,6 +652,7 @@ fn without(decays: &Decays, fit: &Fit, chosen: &Chosen) -> (Structure, Vec<f64>)
         Term::Stiffness(_) => structure.stiffness = None,
         Term::Drag => structure.drag = false,
         Term::Friction => structure.friction = false,
+        Term::Unnamed(what) => structure.unnamed.retain(|w| *w != what),
         Term::Line(_) => {
             // the line goes last, then away
             let layout = structure.layout(decays.bursts, decays.outputs);

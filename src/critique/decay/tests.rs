@@ -82,16 +82,8 @@ fn observed(truth: &Truth, seed: u64) -> Observations {
             v = middle + 0.5 * h * (spring(x) + loss(middle));
         }
     }
-    let mut sampler = Sampler::new(3.7e-3, n, 64);
-    let beside = Beside {
-        channel: 0,
-        t_acq_ns: 0,
-        drive_v: f64::NAN,
-        temperature_c: f64::NAN,
-        idle_s: f64::NAN,
-        neighbours: f64::NAN,
-    };
-    sampler.offer("decay", beside, &y);
+    let mut sampler = Sampler::new(3.7e-3, 64);
+    sampler.offer("decay", Beside::alone(0, 0), &y);
     sampler.finish()
 }
 

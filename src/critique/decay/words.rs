@@ -29,6 +29,7 @@ fn value(decays: &Decays, selected: &Selected, chosen: &Chosen) -> (f64, f64) {
                     - 1.0
             }
             Term::Line(_) => p[layout.lines[chosen.line] + 1] / (TAU * decays.dt_s),
+            Term::Unnamed(_) => f64::NAN,
         }
     };
     let mut gradient = vec![0.0; fit.p.len()];
@@ -61,8 +62,19 @@ pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<Cause>, Vec<String>)
     let mut order: Vec<&Chosen> = selected.causes.iter().collect();
     order.sort_by(|p, q| q.statistic.total_cmp(&p.statistic));
     for chosen in order {
+        let Some(id) = chosen.term.id() else {
+            remarks.push(format!(
+                "the misfit is like {}, which the catalogue has no name for ({} DL)",
+                chosen.term.words(),
+                digits::significant((chosen.statistic / DETECTION_LIMIT).sqrt(), 2)
+            ));
+            continue;
+        };
+        if !chosen.is_named(&selected.causes) {
+            remarks.push(format!("{id} would explain less than what has no name: it is not named"));
+            continue;
+        }
         let (value, sd) = value(decays, selected, chosen);
-        let id = chosen.term.id();
         let strength_dl = (chosen.statistic / DETECTION_LIMIT).sqrt();
         let delta_bic = chosen.statistic - chosen.degrees as f64 * samples.ln();
         let mut cause = Cause::new(id, value, sd, strength_dl, delta_bic);
@@ -73,6 +85,9 @@ pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<Cause>, Vec<String>)
         }
         cause.tied_with = chosen.tied_with.clone();
         cause.sentence = sentence(&cause);
+        for rival in &chosen.tied_unnamed {
+            remarks.push(format!("{id} cannot be told from {}", rival.words()));
+        }
         if chosen.term == Term::Offset && decays.outputs > 1 {
             let layout = selected.fit.structure.layout(decays.bursts, decays.outputs);
             let each: Vec<String> = (0..decays.outputs)

@@ -90,7 +90,9 @@ impl DialectDecoder {
             TimeSource::Path(_) => time_ns(found).ok_or(Unusable::Undecodable)?,
         };
         let channels = count(number(plan, found, &dialect.channels, Slot::Channels)?)?;
-        let sample_period_s = number(plan, found, &dialect.period_s, Slot::Period)?.float();
+        let sampling = dialect.sampling().ok_or(Unusable::Undecodable)?;
+        let sampled = number(plan, found, sampling.source(), Slot::Period)?.float();
+        let sample_period_s = sampling.period_s(sampled);
         let samples = self.samples(plan, message, found)?;
         let samples_per_channel = match &dialect.samples_per_channel {
             Some(source) => count(number(plan, found, source, Slot::SamplesPerChannel)?)?,

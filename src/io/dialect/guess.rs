@@ -4,12 +4,17 @@
 //! question mark behind what only a person knows. A guess: names and sizes decide, and it says so.
 
 use super::fields::{FieldInfo, Kind};
+use super::json;
 use super::path::FieldPath;
-use super::plan::{Plan, Reading, Written};
+use super::plan::{Plan, Reading, Written, is_time};
 use super::settings::{Dialect, SampleFormat, SampleLayout, Source, Template, TimeSource};
-use super::value::{Number, Value};
+use super::value::{Found, Number, Value};
 use super::wanted::Slot;
+use crate::burst::Format;
+use crate::io::printable;
+use crate::model::lie::Lie;
 use bytes::Bytes;
+use chrono::{DateTime, SecondsFormat};
 use std::fmt::Write as _;
 use std::sync::Arc;
 
@@ -17,6 +22,8 @@ use std::sync::Arc;
 const FEWEST_SAMPLES: usize = 32;
 /// Fields that are tried as samples.
 const MOST_CANDIDATES: usize = 32;
+/// Fields that are listed.
+const MOST_SHOWN: usize = 64;
 /// Of a first message that is looked at.
 pub const MOST_MESSAGE_BYTES: usize = 1 << 20;
 /// Well-known schemas with large arrays that are no ring-downs.
@@ -39,7 +46,34 @@ const FIRST: &[&str] =
     &["first_channel", "channel_offset", "first_nozzle", "start_channel", "first"];
 const PERIOD: &[&str] =
     &["period_s", "sample_period_s", "sample_period", "sampling_period", "period", "dt_s", "dt"];
+/// Of a period in another unit, with the seconds of one.
+const PERIODS: &[(&str, f64)] = &[
+    ("period_ms", 1e-3),
+    ("dt_ms", 1e-3),
+    ("sample_period_us", 1e-6),
+    ("period_us", 1e-6),
+    ("dt_us", 1e-6),
+    ("sample_period_ns", 1e-9),
+    ("period_ns", 1e-9),
+    ("dt_ns", 1e-9),
+];
+const RATE: &[&str] = &[
+    "rate_hz",
+    "sample_rate_hz",
+    "sampling_rate_hz",
+    "sample_rate",
+    "sampling_rate",
+    "samplerate",
+    "sampling_frequency",
+    "fs_hz",
+    "fs",
+    "rate",
+];
 const TIME: &[&str] = &["t_acq", "acquired_at", "timestamp", "stamp", "time"];
+/// Parts of names that tell a time, a temperature or a voltage where no whole name does.
+const OF_TIME: &[&str] = &["stamp", "timestamp", "time", "acquired"];
+const OF_TEMPERATURE: &[&str] = &["temp", "temperature"];
+const OF_VOLTAGE: &[&str] = &["voltage", "volt", "volts"];
 const PRINTHEAD: &[&str] =
     &["printhead", "print_head", "head_id", "head", "head_name", "printhead_id"];
 const TEMPERATURE: &[&str] = &["temperature_c", "temp_c", "temperature", "ink_temperature", "temp"];
@@ -47,10 +81,10 @@ const VOLTAGE: &[&str] =
     &["drive_voltage_v", "drive_voltage", "voltage_v", "voltage", "amplitude_v"];
 
 /// `topics`: all that carry the same, with equally many parts. `None`: nothing looks like bursts.
-pub fn guess(written: &Written, message: &Bytes, topics: &[&str]) -> Option<String> {
+pub fn guess(written: &Written, message: &Bytes, topics: &[&str]) -> Option<Proposal> {
     let name = written.schema.map_or("", |schema| &schema.name);
-    let last = name.rsplit(['.', '/']).next().unwrap_or_default();
-    if OTHERS.iter().any(|other| last.contains(other)) || message.len() > MOST_MESSAGE_BYTES {
+    let own_name = name.rsplit(['.', '/']).next().unwrap_or_default();
+    if OTHERS.iter().any(|other| own_name.contains(other)) || message.len() > MOST_MESSAGE_BYTES {
         return None;
     }
     let reading = Reading::of(written).ok()?;
@@ -66,7 +100,44 @@ pub fn guess(written: &Written, message: &Bytes, topics: &[&str]) -> Option<Stri
     let toml = String::from("[[input.dialect]]\n");
     let mut guess = Guess { written, message, fields: &fields, size: &size, toml };
     guess.say_all(samples, topics);
-    Some(guess.toml)
+    let toml = guess.toml;
+    let there = fields.iter().filter(|field| field.kind != Kind::Message).take(MOST_SHOWN);
+    let fields = there.map(|field| Shown::of(written, message, field)).collect();
+    let asked = |line: &str| line.split_once(" = \"?\"").map(|(key, _)| key.to_owned());
+    Some(Proposal { open: toml.lines().filter_map(asked).collect(), toml, fields })
+}
+
+/// What a settings file may say of a kind of messages, and what was seen of them.
+#[derive(Clone, Debug)]
+pub struct Proposal {
+    pub toml: String,
+    /// Keys that only a person can fill in: they stand in the block with a question mark.
+    pub open: Vec<String>,
+    pub fields: Vec<Shown>,
+}
+
+/// A field of the first message.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Shown {
+    pub path: String,
+    #[serde(rename = "type")]
+    pub type_name: String,
+    /// Of what there are several.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub length: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub value: Option<String>,
+}
+
+impl Shown {
+    fn of(written: &Written, message: &Bytes, field: &FieldInfo) -> Shown {
+        let many = if field.list { "[]" } else { "" };
+        let type_name = format!("{}{many}", field.type_name);
+        let several = field.list || field.kind == Kind::Bytes;
+        let size = several.then(|| size(written, message, field)).flatten();
+        let value = if several { None } else { value(written, message, field) };
+        Shown { path: field.path.clone(), type_name, length: size.map(|size| size.length), value }
+    }
 }
 
 /// A dialect under way.
@@ -96,22 +167,80 @@ impl Guess<'_> {
             let value = if format == SampleFormat::S16le { "\"s16le\"" } else { "\"f32le\"" };
             self.say("format", value, "by the look of the first message");
         }
-        self.say("layout", "\"channel-major\"", "or \"sample-major\"");
         self.say_shape();
         self.say_named("first_channel", FIRST, Slot::FirstChannel, "");
-        if !self.say_named("period_s", PERIOD, Slot::Period, "in seconds") {
-            self.say("period_s", "1e-6", "not in the message: the sample period, s");
-        }
+        self.say_sampling();
         self.say_printhead(varies);
         let stamp = |field: &&FieldInfo| field.kind == Kind::Time && !field.list;
         match self.fields.iter().find(stamp) {
             Some(field) => self.say("time", &quoted(&field.path), ""),
-            None => {
-                self.say_named("time", TIME, Slot::Time, "");
-            }
+            None => self.say_time(),
         }
-        self.say_named("temperature", TEMPERATURE, Slot::Temperature, "in °C");
-        self.say_named("voltage", VOLTAGE, Slot::Voltage, "in V");
+        self.say_measured("temperature", (TEMPERATURE, OF_TEMPERATURE), Slot::Temperature, "in °C");
+        self.say_measured("voltage", (VOLTAGE, OF_VOLTAGE), Slot::Voltage, "in V");
+    }
+
+    /// A period, a rate, a period in another unit; else a question.
+    fn say_sampling(&mut self) {
+        let is_named = self.say_named("period_s", PERIOD, Slot::Period, "in seconds")
+            || self.say_named("rate_hz", RATE, Slot::Period, "samples a second");
+        if is_named {
+            return;
+        }
+        let other = PERIODS.iter().find_map(|(name, unit_s)| {
+            let path = find(self.fields, &[*name], Slot::Period)?;
+            let n = number(self.written, self.message, &path)?.float();
+            Some((path, n * unit_s)).filter(|(_, s)| *s > 0.0 && s.is_finite())
+        });
+        match other {
+            Some((path, s)) => {
+                // digits that the unit alone brings in are none of the message
+                let s: f64 = format!("{s:.9e}").parse().unwrap_or(s);
+                self.say("period_s", &format!("{s:e}"), &format!("as {path} of the first message"));
+            }
+            None => self.ask("period_s", "not in the message: the sample period, s (or rate_hz)"),
+        }
+    }
+
+    fn say_time(&mut self) {
+        let is_time = |field: &&FieldInfo| {
+            let text = || value(self.written, self.message, field);
+            let is_text = field.kind == Kind::Text && !field.list;
+            field.can_be(Slot::Time).is_ok() || (is_text && text().is_some_and(|t| is_time(&t)))
+        };
+        let times: Vec<FieldInfo> = self.fields.iter().filter(is_time).cloned().collect();
+        let named = |name: &&str| times.iter().find(|f| last(&f.path).eq_ignore_ascii_case(name));
+        let like = || times.iter().find(|field| has_part(&field.path, OF_TIME));
+        if let Some(field) = TIME.iter().find_map(named).or_else(like) {
+            self.say("time", &quoted(&field.path), "");
+        }
+    }
+
+    fn say_measured(
+        &mut self,
+        key: &str,
+        (names, parts): (&[&str], &[&str]),
+        slot: Slot,
+        why: &str,
+    ) {
+        if self.say_named(key, names, slot, why) {
+            return;
+        }
+        let can_be =
+            |field: &&FieldInfo| field.can_be(slot).is_ok() && has_part(&field.path, parts);
+        if let Some(field) = self.fields.iter().find(can_be) {
+            self.say(key, &quoted(&field.path), why);
+        }
+    }
+
+    /// A key that nothing in the recording tells.
+    fn ask(&mut self, key: &str, why: &str) {
+        self.say(key, "\"?\"", why);
+    }
+
+    /// A statement that rests on the samples.
+    fn tell(&mut self, key: &str, value: &str, why: &str) {
+        let _ = writeln!(self.toml, "{key} = {value}  # {why}");
     }
 
     fn say(&mut self, key: &str, value: &str, why: &str) {
@@ -128,24 +257,61 @@ impl Guess<'_> {
         path.is_some()
     }
 
-    /// Channels and samples per channel.
+    /// Layout, channels and samples per channel: what the message says, else what its samples look like.
     fn say_shape(&mut self) {
         let numbers = self.size.numbers;
         let rows = self.divisor(CHANNELS, Slot::Channels);
         let columns = self.divisor(COLUMNS, Slot::SamplesPerChannel);
-        match (&rows, &columns) {
-            (Some(rows), Some(columns)) if rows.n * columns.n == numbers => {
+        let named = match (&rows, &columns) {
+            (Some(rows), _) => Some(rows.n),
+            (None, Some(columns)) => Some(numbers / columns.n),
+            (None, None) => None,
+        };
+        // lists of lists say one of the two numbers
+        let outer = self.size.outer;
+        let nested = |n: usize| outer.is_none_or(|outer| n == outer || n * outer == numbers);
+        let lie = match named {
+            Some(n) => Lie::likeliest(&self.size.samples, |m| m == n),
+            None => Lie::likeliest(&self.size.samples, nested),
+        };
+        let major =
+            |sample_major| if sample_major { "\"sample-major\"" } else { "\"channel-major\"" };
+        match lie {
+            Some(lie) => {
+                let other = Lie::of(&self.size.samples, lie.channels, !lie.sample_major);
+                let other = other.map_or(0.0, |other| other.neighbours);
+                let why = format!(
+                    "by the samples: neighbours of a channel correlate ({:.2}; laid out as {} {other:.2})",
+                    lie.neighbours,
+                    major(!lie.sample_major).trim_matches('"')
+                );
+                self.tell("layout", major(lie.sample_major), &why);
+            }
+            None => self.say("layout", major(false), "or \"sample-major\""),
+        }
+        match (&rows, &columns, lie) {
+            (Some(rows), Some(columns), _) if rows.n * columns.n == numbers => {
                 self.say("channels", &quoted(&rows.path), "");
             }
-            (Some(rows), None) => self.say("channels", &quoted(&rows.path), ""),
-            (Some(rows), Some(_)) => {
+            (Some(rows), None, _) => self.say("channels", &quoted(&rows.path), ""),
+            (Some(rows), Some(_), _) => {
                 self.say("channels", &quoted(&rows.path), "or is this samples per channel");
             }
-            (None, Some(columns)) => {
+            (None, Some(columns), _) => {
                 let why = "not in the message: numbers of the first, by samples_per_channel";
                 self.say("channels", &(numbers / columns.n).to_string(), why);
             }
-            (None, None) => self.say("channels", "1", "not in the message"),
+            (None, None, Some(lie)) => {
+                let why = "by the samples: so many signals ring alike";
+                self.tell("channels", &lie.channels.to_string(), why);
+            }
+            (None, None, None) => match outer {
+                Some(outer) => {
+                    self.say("channels", &outer.to_string(), "the lists in the first message")
+                }
+                None => self
+                    .ask("channels", &format!("not in the message, which has {numbers} samples")),
+            },
         }
         // what contradicts the channels is left out: there are as many as there are
         let agrees = |n: usize| rows.as_ref().is_none_or(|rows| rows.n * n == numbers);
@@ -200,10 +366,7 @@ fn find(fields: &[FieldInfo], names: &[&str], slot: Slot) -> Option<String> {
         fields
             .iter()
             .filter(|field| field.can_be(slot).is_ok())
-            .find(|field| {
-                let last = field.path.rsplit('.').next().unwrap_or_default();
-                last.eq_ignore_ascii_case(name)
-            })
+            .find(|field| last(&field.path).eq_ignore_ascii_case(name))
             .map(|field| field.path.clone())
     })
 }
@@ -211,6 +374,11 @@ fn find(fields: &[FieldInfo], names: &[&str], slot: Slot) -> Option<String> {
 /// Of the samples in the first message.
 struct Size {
     numbers: usize,
+    /// Bytes, or numbers.
+    length: usize,
+    /// Of lists of lists, how many lists.
+    outer: Option<usize>,
+    samples: Vec<f64>,
     /// Of bytes.
     format: Option<SampleFormat>,
 }
@@ -231,7 +399,8 @@ fn probe(samples: &str, format: Option<SampleFormat>) -> Option<Dialect> {
         channels: Source::Constant(1.0),
         samples_per_channel: None,
         first_channel: Source::Constant(0.0),
-        period_s: Source::Constant(1.0),
+        period_s: Some(Source::Constant(1.0)),
+        rate_hz: None,
         printhead: Template::try_from("p".to_owned()).ok()?,
         time: TimeSource::LogTime,
         temperature: None,
@@ -248,14 +417,81 @@ fn size(written: &Written, message: &Bytes, field: &FieldInfo) -> Option<Size> {
     let most_bytes = MOST_MESSAGE_BYTES as u64 * 4;
     let value = plan.find(message, most_bytes)?.take(Slot::Samples)?;
     let samples = value.samples(message, plan.format, most_bytes)?;
-    let (whole, bytes) = (samples.bytes.len() / samples.format.bytes(), &samples.bytes);
-    if !is_bytes {
-        return Some(Size { numbers: whole, format: None });
-    }
-    Some(match bytes.len().is_multiple_of(4) && look_like_floats(bytes) {
-        true => Size { numbers: bytes.len() / 4, format: Some(SampleFormat::F32le) },
-        false => Size { numbers: whole, format: Some(SampleFormat::S16le) },
+    let bytes = &samples.bytes;
+    let format = match is_bytes && bytes.len().is_multiple_of(4) && look_like_floats(bytes) {
+        true => Format::F32Le,
+        false => samples.format,
+    };
+    let samples: Vec<f64> = match format {
+        Format::S16Le => {
+            bytes.as_chunks().0.iter().map(|b| f64::from(i16::from_le_bytes(*b))).collect()
+        }
+        Format::F32Le => {
+            bytes.as_chunks().0.iter().map(|b| f64::from(f32::from_le_bytes(*b))).collect()
+        }
+    };
+    let said = match format {
+        Format::S16Le => SampleFormat::S16le,
+        Format::F32Le => SampleFormat::F32le,
+    };
+    Some(Size {
+        numbers: samples.len(),
+        length: if is_bytes { bytes.len() } else { samples.len() },
+        outer: outer(written, message, field),
+        samples,
+        format: is_bytes.then_some(said),
     })
+}
+
+/// Of lists of lists in JSON, how many lists.
+fn outer(written: &Written, message: &Bytes, field: &FieldInfo) -> Option<usize> {
+    let is_nested = written.message_encoding == "json" && field.type_name == "number[]";
+    is_nested.then(|| json::length(message, &field.path)).flatten()
+}
+
+/// The last name of a path.
+fn last(path: &str) -> &str {
+    path.rsplit('.').next().unwrap_or_default()
+}
+
+/// Whether a field's own name has one of these words in it: `ink_temp_c` has `temp`.
+fn has_part(path: &str, words: &[&str]) -> bool {
+    let name = last(path).to_ascii_lowercase();
+    name.split(|c: char| !c.is_ascii_alphabetic()).any(|part| words.contains(&part))
+}
+
+/// What a field holds in the first message, as text.
+fn value(written: &Written, message: &Bytes, field: &FieldInfo) -> Option<String> {
+    let text = |dialect: &mut Dialect, path: &str| {
+        dialect.printhead = Template::try_from(format!("{{{path}}}")).ok()?;
+        Some(())
+    };
+    match field.kind {
+        Kind::Integer | Kind::Float => match number(written, message, &field.path)? {
+            Number::Integer(n) => Some(n.to_string()),
+            Number::Float(x) => Some(x.to_string()),
+        },
+        Kind::Text => {
+            match probed(written, message, |d| text(d, &field.path))?.take(Slot::Text(0))? {
+                Value::Text(text) => Some(printable::cell(&text)),
+                Value::Number(number) => Some(number.float().to_string()),
+                _ => None,
+            }
+        }
+        Kind::Time => {
+            let mut found = probed(written, message, |dialect| {
+                let path = FieldPath::try_from(field.path.clone()).ok()?;
+                dialect.time = TimeSource::Path(path);
+                Some(())
+            })?;
+            let seconds = found.number(Slot::Seconds)?.integer()?;
+            let nanoseconds = found.number(Slot::Nanoseconds)?.integer()?;
+            let time =
+                DateTime::from_timestamp(seconds.try_into().ok()?, nanoseconds.try_into().ok()?)?;
+            Some(time.to_rfc3339_opts(SecondsFormat::Nanos, true))
+        }
+        Kind::Bool | Kind::Bytes | Kind::Message => None,
+    }
 }
 
 /// Nearly all are zero or of a magnitude that samples have; int16 side by side are not.
@@ -269,17 +505,27 @@ fn look_like_floats(bytes: &[u8]) -> bool {
 }
 
 fn number(written: &Written, message: &Bytes, path: &str) -> Option<Number> {
-    let mut dialect = probe(path, None)?;
-    dialect.samples_per_channel = Some(Source::Path(dialect.samples.clone()));
-    // samples must be an array; the number is found beside any
+    let mut found = probed(written, message, |dialect| {
+        let path = FieldPath::try_from(path.to_owned()).ok()?;
+        dialect.samples_per_channel = Some(Source::Path(path));
+        Some(())
+    })?;
+    found.number(Slot::SamplesPerChannel)
+}
+
+/// What a dialect finds that asks for one thing more than samples.
+fn probed(
+    written: &Written,
+    message: &Bytes,
+    ask: impl FnOnce(&mut Dialect) -> Option<()>,
+) -> Option<Found> {
+    // samples must be an array; what is asked for is found beside any
     let reading = Reading::of(written).ok()?;
     let fields = reading.fields(Some(message));
     let samples = fields.iter().find(|field| field.can_be(Slot::Samples).is_ok())?;
-    dialect.samples = FieldPath::try_from(samples.path.clone()).ok()?;
-    dialect.format = (samples.kind == Kind::Bytes).then_some(SampleFormat::S16le);
+    let format = (samples.kind == Kind::Bytes).then_some(SampleFormat::S16le);
+    let mut dialect = probe(&samples.path, format)?;
+    ask(&mut dialect)?;
     let plan = Plan::new(&Arc::new(dialect), written).ok()?;
-    match plan.find(message, MOST_MESSAGE_BYTES as u64 * 4)?.take(Slot::SamplesPerChannel)? {
-        Value::Number(number) => Some(number),
-        _ => None,
-    }
+    plan.find(message, MOST_MESSAGE_BYTES as u64 * 4)
 }

@@ -299,6 +299,20 @@ pub fn fields(message: &[u8]) -> Vec<FieldInfo> {
     found
 }
 
+/// Of a list in a message, how many elements.
+pub fn length(message: &[u8], path: &str) -> Option<usize> {
+    let value: serde_json::Value = serde_json::from_slice(message).ok()?;
+    let into = |value: &'_ serde_json::Value, key: &str| -> Option<serde_json::Value> {
+        let (name, index) = key.split_once('[').map_or((key, None), |(name, rest)| {
+            (name, rest.trim_end_matches(']').parse::<usize>().ok())
+        });
+        let inside = value.get(name)?;
+        index.map_or(Some(inside), |index| inside.get(index)).cloned()
+    };
+    let at = path.split('.').try_fold(value, |value, key| into(&value, key))?;
+    at.as_array().map(Vec::len)
+}
+
 fn list(value: &serde_json::Value, path: &str, depth: usize, found: &mut Vec<FieldInfo>) {
     use serde_json::Value as Json;
     if found.len() >= MOST_FIELDS || depth > MOST_DEPTH {

@@ -33,6 +33,9 @@ impl TryFrom<String> for FieldPath {
             let text = crate::io::printable::cell(&text);
             format!("\"{text}\" is no field path such as wave.data or heads[0].id: {what}")
         };
+        if text == "?" {
+            return Err("it is still a question: give a number or a field path".into());
+        }
         if text.len() > MOST_BYTES {
             return Err(wrong("too long"));
         }

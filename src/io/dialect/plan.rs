@@ -251,18 +251,22 @@ fn check_value(slot: Slot, value: Value, format: Option<Format>) -> Result<(), &
     if good { Ok(()) } else { Err(what) }
 }
 
-fn is_time(text: &str) -> bool {
+pub(super) fn is_time(text: &str) -> bool {
     text.parse::<i64>().is_ok() || chrono::DateTime::parse_from_rfc3339(text).is_ok()
 }
 
 /// Every path of a dialect: its key, and what is to be found there.
 fn paths(dialect: &Dialect) -> Vec<(&'static str, &FieldPath, Slot)> {
     let mut paths = vec![("samples", &dialect.samples, Slot::Samples)];
+    let sampling = match dialect.sampling() {
+        Some(sampling) => (sampling.key(), Some(sampling.source()), Slot::Period),
+        None => ("period_s", None, Slot::Period),
+    };
     let sources = [
         ("channels", Some(&dialect.channels), Slot::Channels),
         ("samples_per_channel", dialect.samples_per_channel.as_ref(), Slot::SamplesPerChannel),
         ("first_channel", Some(&dialect.first_channel), Slot::FirstChannel),
-        ("period_s", Some(&dialect.period_s), Slot::Period),
+        sampling,
         ("temperature", dialect.temperature.as_ref(), Slot::Temperature),
         ("voltage", dialect.voltage.as_ref(), Slot::Voltage),
         ("idle", dialect.idle.as_ref(), Slot::Idle),

@@ -35,7 +35,11 @@ pub struct Dialect {
     pub samples_per_channel: Option<Source>,
     #[serde(default = "Source::zero")]
     pub first_channel: Source,
-    pub period_s: Source,
+    /// Either this or `rate_hz`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub period_s: Option<Source>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rate_hz: Option<Source>,
     pub printhead: Template,
     #[serde(default)]
     pub time: TimeSource,
@@ -233,7 +237,43 @@ impl From<Template> for String {
     }
 }
 
+/// What says how far samples are apart.
+#[derive(Clone, Copy, Debug)]
+pub enum Sampling<'a> {
+    Period(&'a Source),
+    Rate(&'a Source),
+}
+
+impl<'a> Sampling<'a> {
+    pub fn source(self) -> &'a Source {
+        match self {
+            Sampling::Period(source) | Sampling::Rate(source) => source,
+        }
+    }
+
+    pub fn key(self) -> &'static str {
+        match self {
+            Sampling::Period(_) => "period_s",
+            Sampling::Rate(_) => "rate_hz",
+        }
+    }
+
+    /// The sample period, s, of the number that stands there.
+    pub fn period_s(self, number: f64) -> f64 {
+        match self {
+            Sampling::Period(_) => number,
+            Sampling::Rate(_) => 1.0 / number,
+        }
+    }
+}
+
 impl Dialect {
+    /// `None`: neither is given, which [`Dialect::check`] refuses.
+    pub fn sampling(&self) -> Option<Sampling<'_>> {
+        let rate = self.rate_hz.as_ref().map(Sampling::Rate);
+        self.period_s.as_ref().map(Sampling::Period).or(rate)
+    }
+
     /// What is wrong whatever the recording.
     pub fn check(&self) -> Result<(), String> {
         let constant =
@@ -249,7 +289,15 @@ impl Dialect {
         let whole = "give a whole number from 0 on";
         constant("first_channel", Some(&self.first_channel), first, whole)?;
         let period = |x: f64| x.is_finite() && x > 0.0;
-        constant("period_s", Some(&self.period_s), period, "give the sample period in seconds")?;
+        constant("period_s", self.period_s.as_ref(), period, "give the sample period in seconds")?;
+        constant("rate_hz", self.rate_hz.as_ref(), period, "give the samples a second")?;
+        match (&self.period_s, &self.rate_hz) {
+            (None, None) => {
+                Err("period_s is missing: give the sample period in seconds, or rate_hz")
+            }
+            (Some(_), Some(_)) => Err("period_s and rate_hz say the same: give one of them"),
+            _ => Ok(()),
+        }?;
         constant("temperature", self.temperature.as_ref(), f64::is_finite, "give °C")?;
         constant("voltage", self.voltage.as_ref(), f64::is_finite, "give V")?;
         constant("idle", self.idle.as_ref(), |x| x >= 0.0, "give seconds, or nan: there was none")
@@ -305,6 +353,8 @@ mod tests {
             ("channels", "1.5", "channels = 1.5"),
             ("channels", "true", "a number, or a field path"),
             ("period_s", "0", "sample period"),
+            ("rate_hz", "2e6", "give one of them"),
+            ("period_s", "\"?\"", "still a question"),
             ("period_s", "\"a..b\"", "no field path"),
             ("first_channel", "-1", "first_channel"),
             ("printhead", "\"\"", "is empty"),

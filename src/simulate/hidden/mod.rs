@@ -18,7 +18,7 @@ use super::scenario::{
     Compression, HiddenRun, Physics, PrintRun, Recorded, RecordingOptions, ScenarioError,
 };
 use super::simulated::{SimulatedRecording, healthy_everywhere};
-use crate::labels::Label;
+use crate::labels::{Channels, Label};
 use effect::{Effect, Needs};
 use rand::RngExt;
 use rand::seq::IndexedRandom;
@@ -236,7 +236,7 @@ fn labels(base: &Base) -> Vec<Label> {
     for (head, channels) in base.heads.iter().enumerate() {
         for (channel, _) in channels.iter().enumerate().filter(|(_, made)| made.faulty) {
             labels.push(Label {
-                channel: Some(channel as u32),
+                channel: Channels::One(channel as u32),
                 state: "faulty".to_owned(),
                 ..healthy_everywhere(&run.name(head))
             });

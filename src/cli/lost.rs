@@ -1,0 +1,63 @@
+//! Recordings that a report cannot be of, as they have no verdicts: those whose journal says that they failed, and
+//! those whose tables cannot be read. In: verdict tables. Out: names and reasons.
+
+use crate::io::inputs::Input;
+use crate::io::journal::{Entry, JOURNAL_NAME, Journal, Outcome};
+use crate::io::stored;
+use crate::report::Lost;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// `unread`: what of the tables could not be read, in words.
+pub fn of(tables: &[Input], unread: &[String]) -> Vec<Lost> {
+    let named: BTreeSet<PathBuf> = tables.iter().filter_map(named).collect();
+    let out: BTreeSet<PathBuf> = named.iter().filter_map(|dir| results_above(dir)).collect();
+    let mut lost: Vec<Lost> = out
+        .iter()
+        .flat_map(|out| failed(out, |place| named.iter().any(|dir| place.starts_with(dir))))
+        .collect();
+    lost.sort_by(|a, b| a.name.cmp(&b.name));
+    let unread = unread.iter().map(|words| {
+        let (name, why) = words.split_once(": ").unwrap_or(("a table", words));
+        Lost { name: name.to_owned(), why: why.to_owned() }
+    });
+    lost.extend(unread);
+    lost
+}
+
+/// The directory that was named where a table was found.
+fn named(table: &Input) -> Option<PathBuf> {
+    let levels = table.below.components().count();
+    table.path.parent()?.ancestors().nth(levels).map(Path::to_path_buf)
+}
+
+/// Where the journal of a directory of results, or of one above it, lies.
+fn results_above(dir: &Path) -> Option<PathBuf> {
+    let has_journal = |dir: &&Path| stored::is_file(&dir.join(JOURNAL_NAME));
+    dir.ancestors().take(MOST_LEVELS).find(has_journal).map(Path::to_path_buf)
+}
+
+/// Directories that are looked for a journal.
+const MOST_LEVELS: usize = 8;
+
+/// Recordings of a directory of results that failed, are still there, and would have their table at such a place.
+fn failed(out: &Path, is_asked_for: impl Fn(&Path) -> bool) -> Vec<Lost> {
+    let Ok(journal) = Journal::read(out) else { return Vec::new() };
+    let is_asked_for = |entry: &&Entry| {
+        let place = entry.results.as_ref().map(|results| out.join(&results.verdicts));
+        is_asked_for(place.as_deref().unwrap_or(out))
+    };
+    let is_gone = |entry: &&Entry| {
+        let path = Path::new(&entry.recording.path);
+        path.parent().is_some_and(Path::is_dir) && !path.exists()
+    };
+    let failed = journal.recordings().filter(|entry| entry.outcome == Outcome::Failed);
+    let lost = failed.filter(is_asked_for).filter(|entry| !is_gone(entry)).map(|entry| {
+        let path = &entry.recording.path;
+        let name = Path::new(path).file_name().map_or(path.into(), |name| name.to_string_lossy());
+        let error = entry.error.as_deref().unwrap_or("failed");
+        let why = error.split_once(&*name).and_then(|(_, rest)| rest.strip_prefix(": "));
+        Lost { name: name.into_owned(), why: why.unwrap_or(error).to_owned() }
+    });
+    lost.collect()
+}

@@ -1,0 +1,128 @@
+//! A look at a recording's first bursts: whether they ring as they are laid out, and where printheads ring.
+//!
+//! It judges nothing. A layout or a sample period that somebody got wrong is told in words before faults are made of it.
+
+use crate::burst::{Acquisition, Burst, Layout};
+use crate::io::recording::Recording;
+use crate::model::lie::{LEAST_NEIGHBOURS, Lie, periods};
+use std::collections::BTreeMap;
+
+/// Blocks that are read, at most, and bursts that are looked at.
+const MOST_BLOCKS: usize = 4;
+const MOST_BURSTS: usize = 64;
+/// Rows decoded at a time.
+const MOST_ROWS: usize = 4096;
+/// Printheads ring within these, Hz, with room on both sides.
+const RINGS_WITHIN: [f64; 2] = [500.0, 2e6];
+/// Printheads that are told of.
+const MOST_TOLD: usize = 8;
+
+/// What speaks against the layout or the sample period, printhead by printhead; nothing where all is well.
+pub fn doubts(recording: &Recording) -> Vec<String> {
+    let mut by_printhead: BTreeMap<String, Vec<Burst>> = BTreeMap::new();
+    for burst in first_bursts(recording) {
+        by_printhead.entry(burst.printhead.to_string()).or_default().push(burst);
+    }
+    let doubt = |(name, bursts): (&String, &Vec<Burst>)| {
+        of_layout(bursts).or_else(|| of_period(bursts)).map(|doubt| format!("{name}: {doubt}"))
+    };
+    by_printhead.iter().filter_map(doubt).take(MOST_TOLD).collect()
+}
+
+fn first_bursts(recording: &Recording) -> Vec<Burst> {
+    let (mut reader, mut all) = (recording.reader(), Vec::new());
+    for block in recording.blocks().filter_map(Result::ok).take(MOST_BLOCKS) {
+        reader.load(&block);
+        while let Some(piece) = reader.next_piece(MOST_ROWS) {
+            let usable =
+                piece.acquisitions.into_iter().filter_map(|acquisition| match acquisition {
+                    Acquisition::Usable(burst) => Some(burst),
+                    Acquisition::Unusable(_) => None,
+                });
+            all.extend(usable);
+            if all.len() >= MOST_BURSTS {
+                return all;
+            }
+        }
+    }
+    all
+}
+
+/// A burst's samples in the order in which they lie.
+fn numbers(burst: &Burst) -> Vec<f64> {
+    let (channels, samples) = (burst.channels as usize, burst.samples_per_channel as usize);
+    let mut row = vec![0.0; samples];
+    let mut all = vec![0.0; channels * samples];
+    for channel in 0..channels {
+        burst.copy_signal(channel, &mut row);
+        for (k, y) in row.iter().enumerate() {
+            let place = match burst.layout {
+                Layout::ChannelMajor => channel * samples + k,
+                Layout::SampleMajor => k * channels + channel,
+            };
+            all[place] = *y;
+        }
+    }
+    all
+}
+
+/// As most bursts have it.
+fn of_layout(bursts: &[Burst]) -> Option<String> {
+    let (mut noisy, mut other_way) = (Vec::new(), Vec::new());
+    for burst in bursts {
+        let (all, channels) = (numbers(burst), burst.channels as usize);
+        let sample_major = burst.layout == Layout::SampleMajor;
+        let Some(here) = Lie::of(&all, channels, sample_major) else { continue };
+        if here.neighbours < LEAST_NEIGHBOURS {
+            noisy.push(here);
+        }
+        let other = Lie::of(&all, channels, !sample_major).filter(Lie::is_plausible);
+        if let Some(other) = other.filter(|_| channels > 1 && !here.is_plausible()) {
+            other_way.push((here, other));
+        }
+    }
+    let major = |lie: &Lie| if lie.sample_major { "sample-major" } else { "channel-major" };
+    if let Some((here, other)) = other_way.first().filter(|_| 2 * other_way.len() > bursts.len()) {
+        return Some(format!(
+            "these are no ring-downs as laid out: {} channels have {:.2} of their energy in common, {} \
+             {:.2}; look at `layout`, `channels` and `samples_per_channel`",
+            major(here),
+            here.alike.max(0.0),
+            major(other),
+            other.alike
+        ));
+    }
+    let first = noisy.first().filter(|_| 2 * noisy.len() > bursts.len())?;
+    Some(format!(
+        "these are no ring-downs as laid out: neighbouring samples of a channel correlate {:.2}; look at \
+         `format`, `layout`, `channels` and `samples_per_channel`",
+        first.neighbours
+    ))
+}
+
+/// By the mean signal of the first burst.
+fn of_period(bursts: &[Burst]) -> Option<String> {
+    let burst = bursts.first()?;
+    let (channels, samples) = (burst.channels as usize, burst.samples_per_channel as usize);
+    let (mut row, mut mean) = (vec![0.0; samples], vec![0.0; samples]);
+    for channel in 0..channels {
+        burst.copy_signal(channel, &mut row);
+        mean.iter_mut().zip(&row).for_each(|(mean, y)| *mean += y / channels as f64);
+    }
+    let periods = periods(&mean)?;
+    let hz = periods / (samples as f64 * burst.sample_period_s);
+    let is_usual = (RINGS_WITHIN[0]..=RINGS_WITHIN[1]).contains(&hz);
+    (!is_usual || periods < 1.0).then(|| {
+        format!(
+            "{periods:.2} periods in a signal, which at a sample period of {:e} s is a resonance of {} Hz; \
+             printheads ring at kilohertz: look at the sample period and at `samples_per_channel`",
+            burst.sample_period_s,
+            three_digits(hz)
+        )
+    })
+}
+
+fn three_digits(x: f64) -> String {
+    let decimals = (2 - x.log10().floor() as i32).clamp(0, 6) as usize;
+    format!("{x:.decimals$}")
+}

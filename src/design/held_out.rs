@@ -1,0 +1,263 @@
+//! What a design makes of labelled signals of its classes, and of those that were held out.
+//!
+//! In: a design and the signals that it was trained on. Out: of each labelled class how many of its signals pass the
+//! detection, how many would be named if they had not been labelled, and what they would be called instead. The
+//! healthy models and the physics stay; what is learned of labelled faults is learned without those held out.
+
+use super::train::{learn_classes, learn_posterior};
+use super::{Design, DesignError, IsolateSettings, Judge, LearnSettings, TrainingSet};
+use super::{Workspace, typical};
+use crate::identify::GreyBoxSettings;
+use crate::identify::averaging::SignalSet;
+use crate::isolate::Likeness;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Arc, OnceLock};
+
+/// Each signal is held out once.
+const FOLDS: usize = 2;
+/// Signals of a class and printhead that are looked at, at most.
+const MOST_SIGNALS: usize = 1024;
+/// Of fewer labelled signals none being named proves nothing.
+const FEWEST_FOR_NEVER: usize = 10;
+
+/// Labelled signals of a class, as a design judges them.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Judged {
+    pub signals: usize,
+    /// They pass the detection.
+    pub detected: usize,
+    /// Of those, by the name that they get with certainty.
+    pub named: BTreeMap<String, usize>,
+    /// Of those, the ones that no ring explains.
+    pub no_ring: usize,
+    /// Of those, by the class that they are most like, whether named or not.
+    pub most_like: BTreeMap<String, usize>,
+}
+
+/// A labelled class of a design.
+#[derive(Clone, Debug)]
+pub struct ClassTold {
+    pub name: String,
+    /// Signals that the labels gave it, whether looked at or not.
+    pub labelled: u64,
+    /// One of the thesis's classes, or declared to stand for some: settings and physics may name signals of it that
+    /// nobody labelled.
+    pub is_known: bool,
+    /// By the design itself.
+    pub trained_on: Judged,
+    /// By designs that were not trained on them; none where a class has a single label.
+    pub held_out: Judged,
+}
+
+impl Judged {
+    pub fn named(&self, class: &str) -> usize {
+        self.named.get(class).copied().unwrap_or(0)
+    }
+
+    /// The name other than the class's own that most get.
+    pub fn mistaken_for(&self, class: &str) -> Option<(&str, usize)> {
+        most(&self.named, class)
+    }
+
+    fn add(&mut self, other: Judged) {
+        self.signals += other.signals;
+        self.detected += other.detected;
+        self.no_ring += other.no_ring;
+        other.named.into_iter().for_each(|(name, n)| *self.named.entry(name).or_default() += n);
+        let most_like = other.most_like.into_iter();
+        most_like.for_each(|(name, n)| *self.most_like.entry(name).or_default() += n);
+    }
+}
+
+fn most<'a>(counts: &'a BTreeMap<String, usize>, but: &str) -> Option<(&'a str, usize)> {
+    let others = counts.iter().filter(|(name, _)| *name != but);
+    others.max_by_key(|(_, n)| **n).map(|(name, n)| (name.as_str(), *n))
+}
+
+impl ClassTold {
+    /// Why none of its signals can ever be named, where that is so: nobody but the labels knows the class, and not
+    /// even a signal that it was learned from gets its name.
+    pub fn why_never_named(&self) -> Option<String> {
+        let Judged { signals, detected, no_ring, ref most_like, .. } = self.trained_on;
+        let is_never =
+            !self.is_known && signals >= FEWEST_FOR_NEVER && self.trained_on.named(&self.name) == 0;
+        if !is_never {
+            return None;
+        }
+        Some(if detected == 0 {
+            format!("none of its {signals} signals differs from healthy ones by more than these do")
+        } else if 2 * no_ring > detected {
+            format!(
+                "{no_ring} of its {detected} detected signals do not ring, and a fault is named by how it \
+                 rings; such signals are told as `no_ring`, the sensor's or the acquisition's"
+            )
+        } else {
+            // what is most like its class is named when there are more labels of it
+            let own = most_like.get(&self.name).copied().unwrap_or(0);
+            let (like, n) = most(most_like, &self.name).filter(|_| 2 * own < detected)?;
+            format!("{n} of its {detected} detected signals look more like {like}")
+        })
+    }
+
+    /// Whether the chosen detection would flag fewer than half.
+    pub fn is_hardly_detected(&self) -> bool {
+        2 * self.trained_on.detected < self.trained_on.signals
+    }
+}
+
+impl Design {
+    /// Of each labelled class what the design, and designs without its signals, make of these.
+    pub fn tell_classes(
+        &self,
+        set: &TrainingSet,
+        grey_box: &GreyBoxSettings,
+        isolate: &IsolateSettings,
+    ) -> Result<Vec<ClassTold>, DesignError> {
+        let few = first_of(set);
+        let mut all = Vec::new();
+        for (name, judged) in judged(self, &few, isolate)? {
+            let labelled = set.signals.get(&name).copied().unwrap_or(0);
+            let class = self.classes.iter().find(|class| class.name == name);
+            let stands_for = class.map(|class| class.class().of).unwrap_or_default();
+            let is_known = stands_for.iter().any(|of| crate::fault::CLASSES.contains(&of.as_str()));
+            let held_out = Judged::default();
+            all.push(ClassTold { name, labelled, is_known, trained_on: judged, held_out });
+        }
+        for fold in 0..FOLDS {
+            let learned_from = part_of(set, |of| of != fold);
+            let Some(without) = self.learned_from(&learned_from, grey_box, isolate)? else {
+                continue;
+            };
+            let names = without.class_names();
+            for (name, judged) in judged(&without, &part_of(&few, |of| of == fold), isolate)? {
+                let told = all.iter_mut().find(|told| told.name == name && names.contains(&name));
+                told.into_iter().for_each(|told| told.held_out.add(judged.clone()));
+            }
+        }
+        Ok(all)
+    }
+
+    /// The same design, its classes learned from other signals. `None`: too few of them.
+    fn learned_from(
+        &self,
+        set: &TrainingSet,
+        grey_box: &GreyBoxSettings,
+        isolate: &IsolateSettings,
+    ) -> Result<Option<Design>, DesignError> {
+        let settings = LearnSettings {
+            grey_box,
+            detect: &self.detect,
+            least_agreeing: None,
+            sample_period_s: set.sample_period_s,
+            filter: self.filter.as_ref(),
+        };
+        let mut design = Design { curves: OnceLock::new(), ..self.clone() };
+        let learned = learn_classes(&design, set, isolate, settings, &mut Vec::new());
+        let is_known = |name: &str| crate::fault::CLASSES.contains(&name);
+        // what nobody labelled now is known by physics, or not at all
+        design.classes.retain(|class| {
+            is_known(&class.name) || !class.of.is_empty() || set.faulty.contains_key(&class.name)
+        });
+        for class in &mut design.classes {
+            if let Some(learned) = learned.iter().find(|learned| learned.name == class.name) {
+                *class = learned.clone();
+            }
+        }
+        if self.posterior.is_some() {
+            design.posterior = learn_posterior(&design, set)?.map(Arc::new);
+            design.typical = typical::learn(&design, set)?.map(Arc::new);
+        }
+        let is_ready = design.check_method(isolate.method).is_ok() && !design.classes.is_empty();
+        Ok(is_ready.then_some(design))
+    }
+}
+
+/// Every labelled class's signals, judged by a design.
+fn judged(
+    design: &Design,
+    set: &TrainingSet,
+    isolate: &IsolateSettings,
+) -> Result<Vec<(String, Judged)>, DesignError> {
+    let names = design.class_names();
+    let can_name = design.check_method(isolate.method).is_ok();
+    let (mut all, mut work) = (Vec::new(), Workspace::default());
+    for (name, printheads) in &set.faulty {
+        let mut judged = Judged::default();
+        for (model, signals) in design.with_models(printheads) {
+            let by = can_name.then_some(design);
+            let judge = Judge::new(0, model.clone().into(), design.drive_voltage_v, by, isolate)?;
+            let mut i = 0;
+            model.each_deviation(signals, |deviation, drive| {
+                work.warmer = model.warmer(signals.temperature_c[i]);
+                i += 1;
+                judged.add(one(&judge, deviation, drive, &names, &mut work));
+            });
+        }
+        all.push((name.clone(), judged));
+    }
+    Ok(all)
+}
+
+/// A signal by itself.
+fn one(
+    judge: &Judge,
+    deviation: &[f64],
+    drive: f64,
+    names: &[String],
+    work: &mut Workspace,
+) -> Judged {
+    let mut judged = Judged { signals: 1, ..Judged::default() };
+    let found = judge.detect(deviation, drive, work);
+    if !judge.test(found).is_flagged() {
+        return judged;
+    }
+    judged.detected = 1;
+    let Some(said) = judge.isolate(deviation, drive, work) else { return judged };
+    judged.no_ring = usize::from(said.likeness == Likeness::NoRing);
+    let name = |k: Option<u16>| k.and_then(|k| names.get(usize::from(k)).cloned());
+    judged.named.extend(name(said.fault).map(|name| (name, 1)));
+    judged.most_like.extend(name(said.candidate).map(|name| (name, 1)));
+    judged
+}
+
+/// The first signals of each class and printhead.
+fn first_of(set: &TrainingSet) -> TrainingSet {
+    of_faulty(set, |_, signals| (0..signals.len().min(MOST_SIGNALS)).collect())
+}
+
+/// The labelled faults in some of the folds. A channel is in one fold, so that what is held out is of other channels;
+/// a class of one channel alone is divided signal by signal.
+fn part_of(set: &TrainingSet, in_part: impl Fn(usize) -> bool) -> TrainingSet {
+    of_faulty(set, |channels, signals| {
+        let rank = |i: usize| match channels.len() {
+            1 => i,
+            _ => channels.binary_search(&signals.channel[i]).unwrap_or(i),
+        };
+        (0..signals.len()).filter(|&i| in_part(rank(i) % FOLDS)).collect()
+    })
+}
+
+/// The same set with some signals of each class and printhead. `keep`: asked with all channels of the class.
+fn of_faulty(set: &TrainingSet, keep: impl Fn(&[u32], &SignalSet) -> Vec<usize>) -> TrainingSet {
+    let mut part = TrainingSet {
+        sample_period_s: set.sample_period_s,
+        samples: set.samples,
+        drive_voltage_v: set.drive_voltage_v,
+        healthy: set.healthy.clone(),
+        ..TrainingSet::default()
+    };
+    for (name, printheads) in &set.faulty {
+        let channels: BTreeSet<u32> =
+            printheads.values().flat_map(|signals| signals.channel.iter().copied()).collect();
+        let channels: Vec<u32> = channels.into_iter().collect();
+        let kept: BTreeMap<String, SignalSet> = printheads
+            .iter()
+            .map(|(printhead, all)| (printhead.clone(), all.select(&keep(&channels, all))))
+            .filter(|(_, kept)| !kept.is_empty())
+            .collect();
+        if !kept.is_empty() {
+            part.faulty.insert(name.clone(), kept);
+        }
+    }
+    part
+}

@@ -1,0 +1,67 @@
+//! The ring of a signal as it is told: resonance and damping, from every design and without one.
+//!
+//! In: a signal that was judged. Out: both, of a ring fitted to it, or to first order from its deviation.
+
+use super::detector::ring_of;
+use super::judge::Judge;
+use super::named_ring::is_ring;
+use super::workspace::Workspace;
+use crate::model::ring_fit::RingFitter;
+
+impl Judge {
+    /// Resonance, Hz, and damping, 1/s, of the ring fitted to a signal: the fit of its isolation, or one that is made
+    /// now. `signal`: writes it per unit drive, N, counts. `None`: it does not ring.
+    pub fn ring_of(
+        &self,
+        signal: impl FnOnce(&mut Vec<f64>),
+        drive: f64,
+        work: &mut Workspace,
+    ) -> Option<[f64; 2]> {
+        let key = (self.index, self.moves);
+        let told = work.told.take().filter(|(of, _)| *of == key);
+        let told = told.or_else(|| Some((key, self.own_fitter()?)));
+        let fitter = self.fitter().or(told.as_ref().map(|(_, fitter)| fitter))?;
+        let fit = work.fit.or_else(|| {
+            let mut y = std::mem::take(&mut work.residual);
+            signal(&mut y);
+            let fit = fitter.fit(&y, true, &mut work.products);
+            work.residual = y;
+            fit
+        });
+        let noise = self.model.noise_beside() / drive;
+        let ring = fit.filter(|fit| is_ring(fit, noise)).map(|fit| fitter.told(&fit.features));
+        work.told = told;
+        ring
+    }
+
+    /// The same to first order. `deviation`: from the expected signal, N, counts. `None`: the method of detection knows
+    /// no sensitivities.
+    pub fn ring_to_first_order(
+        &self,
+        deviation: &[f64],
+        drive: f64,
+        warmer: f64,
+    ) -> Option<[f64; 2]> {
+        let features = self.detector.as_ref()?.own_features(deviation, drive);
+        let (poles, model) = (self.model.identification.poles, &self.model);
+        let told = [
+            poles.frequency_hz * (features[2] + warmer * model.frequency_per_k).exp(),
+            poles.damping_per_s * (features[1] + warmer * model.damping_per_k).exp(),
+        ];
+        told.iter().all(|v| v.is_finite()).then_some(told)
+    }
+
+    /// A fitter of rings about the model's: isolation's, or else detection's.
+    fn fitter(&self) -> Option<&RingFitter> {
+        self.rings().or_else(|| self.detector.as_ref().map(|detector| detector.fitter()))
+    }
+
+    /// One of its own, where neither has one.
+    fn own_fitter(&self) -> Option<RingFitter> {
+        if self.fitter().is_some() {
+            return None;
+        }
+        let ring = ring_of(&self.model.identification).ok()?;
+        Some(RingFitter::new(ring, self.model.generator.dt_s, self.model.expected.len()))
+    }
+}

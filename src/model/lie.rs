@@ -1,0 +1,181 @@
+//! How ring-downs of several channels lie in a row of numbers, by the numbers themselves: a channel's neighbouring samples
+//! are alike, and channels ring alike.
+
+/// Fewer samples show no ring.
+const FEWEST_SAMPLES: usize = 16;
+/// Below, neighbouring samples have little in common: no ring-downs as laid out.
+pub const LEAST_NEIGHBOURS: f64 = 0.3;
+/// Below, channels have little in common.
+const LEAST_ALIKE: f64 = 0.5;
+/// From one row of the memory to the next numbers change by more than within rows, in squares by this factor at least: rows of
+/// another length have no edges.
+const LEAST_EDGE: f64 = 1.5;
+
+/// A layout of channels x samples, and what speaks for it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lie {
+    pub channels: usize,
+    pub sample_major: bool,
+    /// Correlation of a channel's neighbouring samples.
+    pub neighbours: f64,
+    /// Share of the channels' energy that their mean has, beyond what chance gives it.
+    pub alike: f64,
+}
+
+impl Lie {
+    /// What speaks for a layout. `None`: the numbers cannot be laid out so, or are all the same.
+    pub fn of(x: &[f64], channels: usize, sample_major: bool) -> Option<Lie> {
+        let samples = x.len().checked_div(channels)?;
+        if samples < FEWEST_SAMPLES || samples * channels != x.len() {
+            return None;
+        }
+        let mean = x.iter().sum::<f64>() / x.len() as f64;
+        let at = |channel: usize, k: usize| match sample_major {
+            true => x[k * channels + channel] - mean,
+            false => x[channel * samples + k] - mean,
+        };
+        let (mut square, mut beside) = (0.0, 0.0);
+        let mut sums = vec![0.0; samples];
+        for channel in 0..channels {
+            for (k, sum) in sums.iter_mut().enumerate() {
+                let here = at(channel, k);
+                *sum += here;
+                square += here * here;
+                beside += if k + 1 < samples { here * at(channel, k + 1) } else { 0.0 };
+            }
+        }
+        let rows = channels as f64;
+        let of_mean = sums.iter().map(|sum| sum * sum).sum::<f64>() / rows;
+        let chance = 1.0 / rows;
+        let alike = (of_mean / square - chance) / (1.0 - chance);
+        let alike = if channels == 1 { 1.0 } else { alike };
+        (square > 0.0 && square.is_finite()).then(|| Lie {
+            channels,
+            sample_major,
+            neighbours: beside / square,
+            alike,
+        })
+    }
+
+    /// Whether these can be ring-downs as laid out.
+    pub fn is_plausible(&self) -> bool {
+        self.neighbours >= LEAST_NEIGHBOURS && self.alike >= LEAST_ALIKE
+    }
+
+    /// The likeliest layout of several channels. `may_be`: numbers of channels that are possible. `None`: in none of them
+    /// channels ring alike.
+    pub fn likeliest(x: &[f64], may_be: impl Fn(usize) -> bool) -> Option<Lie> {
+        let most = x.len() / FEWEST_SAMPLES;
+        let possible = (2..=most).filter(|n| x.len().is_multiple_of(*n) && may_be(*n));
+        let both = possible.flat_map(|n| [(n, false), (n, true)]);
+        let plausible =
+            both.filter_map(|(n, major)| Lie::of(x, n, major)).filter(Lie::is_plausible);
+        let edges = plausible.map(|lie| (edge(x, lie.row_length(x.len())), lie));
+        let best = edges.max_by(|a, b| a.0.total_cmp(&b.0));
+        best.filter(|(edge, _)| *edge >= LEAST_EDGE).map(|(_, lie)| lie)
+    }
+
+    /// Numbers that lie side by side: a channel's samples, or the channels of one moment.
+    fn row_length(&self, all: usize) -> usize {
+        if self.sample_major { self.channels } else { all / self.channels }
+    }
+}
+
+/// How much larger the mean square step from one row to the next is than within rows.
+fn edge(x: &[f64], row: usize) -> f64 {
+    let (mut across, mut within) = ((0.0, 0), (0.0, 0));
+    for (i, pair) in x.windows(2).enumerate() {
+        let sums = if (i + 1).is_multiple_of(row) { &mut across } else { &mut within };
+        *sums = (sums.0 + (pair[1] - pair[0]).powi(2), sums.1 + 1);
+    }
+    let mean = |(sum, n): (f64, usize)| sum / n.max(1) as f64;
+    mean(across) / mean(within).max(f64::MIN_POSITIVE)
+}
+
+/// Periods of its strongest oscillation in a signal, its mean apart. `None`: there is nothing but its mean.
+pub fn periods(signal: &[f64]) -> Option<f64> {
+    /// More samples add nothing.
+    const MOST: usize = 2048;
+    let all = signal.len();
+    let signal = &signal[..all.min(MOST)];
+    let n = signal.len();
+    let mean = signal.iter().sum::<f64>() / n.max(1) as f64;
+    let power = |bin: usize| {
+        let turn = 2.0 * std::f64::consts::PI * bin as f64 / n as f64;
+        let (mut re, mut im) = (0.0, 0.0);
+        for (k, y) in signal.iter().enumerate() {
+            let (sin, cos) = (turn * k as f64).sin_cos();
+            (re, im) = (re + (y - mean) * cos, im + (y - mean) * sin);
+        }
+        re * re + im * im
+    };
+    let powers: Vec<f64> = (0..=n / 2).map(power).collect();
+    let (bin, most) = powers.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    if !(most > 0.0 && most.is_finite()) {
+        return None;
+    }
+    let shown = match bin {
+        // less than one or two periods: by how little neighbours differ
+        0..=1 => {
+            let centred = || signal.iter().map(|y| y - mean);
+            let square: f64 = centred().map(|y| y * y).sum();
+            let step: f64 = centred().zip(centred().skip(1)).map(|(a, b)| (b - a).powi(2)).sum();
+            (step / square).sqrt() * n as f64 / (2.0 * std::f64::consts::PI)
+        }
+        _ => bin as f64,
+    };
+    Some(shown * all as f64 / n as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ring-downs of channels that differ a little, with noise.
+    fn rings(channels: usize, samples: usize, sample_major: bool) -> Vec<f64> {
+        let mut state = 1_u64;
+        let mut noise = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (state >> 40) as f64 / (1 << 24) as f64 - 0.5
+        };
+        let sizes: Vec<f64> = (0..channels).map(|_| 1000.0 * (1.0 + 0.2 * noise())).collect();
+        let ring = |c: usize, k: usize| {
+            let t = k as f64 / samples as f64;
+            sizes[c] * (-5.0 * t).exp() * (40.0 * t).cos()
+        };
+        let at = |i: usize| match sample_major {
+            true => ring(i % channels, i / channels),
+            false => ring(i / samples, i % samples),
+        };
+        (0..channels * samples).map(|i| at(i) + 20.0 * noise()).collect()
+    }
+
+    #[test]
+    fn the_layout_is_told_by_the_numbers() {
+        for (channels, samples) in [(2, 128), (12, 100), (64, 128), (128, 64)] {
+            for sample_major in [false, true] {
+                let lie = Lie::likeliest(&rings(channels, samples, sample_major), |_| true);
+                let lie = lie.unwrap_or_else(|| panic!("{channels} x {samples}, {sample_major}"));
+                assert_eq!((lie.channels, lie.sample_major), (channels, sample_major), "{lie:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn periods_are_counted() {
+        let wave = |n: f64| -> Vec<f64> {
+            (0..128).map(|k| (n * 2.0 * std::f64::consts::PI * k as f64 / 128.0).cos()).collect()
+        };
+        assert!((periods(&wave(6.0)).unwrap() - 6.0).abs() < 0.5);
+        assert!(periods(&wave(0.1)).unwrap() < 1.0);
+        assert_eq!(periods(&[3.0; 64]), None);
+    }
+
+    #[test]
+    fn one_channel_and_noise_are_no_several_channels() {
+        assert_eq!(Lie::likeliest(&rings(1, 512, false), |_| true), None);
+        let noise: Vec<f64> = rings(16, 64, false).iter().map(|x| (x * 1e7).sin()).collect();
+        assert_eq!(Lie::likeliest(&noise, |_| true), None);
+        assert!(!Lie::of(&rings(64, 128, true), 64, false).unwrap().is_plausible());
+    }
+}

@@ -1,0 +1,359 @@
+//! One printhead while a recording flows.
+//!
+//! In: its sweeps, with the judge that the windows gave them. Out: the same judge, moved to where most of the channels
+//! are; where channels' own levels are remembered (`--baseline`), these; or the reason why the head is not judged.
+
+use super::batches::{Given, GivenTo, Slot};
+use super::level_history::LevelHistory;
+use super::looked_at::LookedAt;
+use super::moved::Moved;
+use super::sweep::{Clock, Sweep};
+use crate::burst::Burst;
+use crate::design::{HealthyModel, Judge, OwnBasis, OwnChannels, OwnLevel, Workspace};
+use crate::isolate::physics_density::FaultCurves;
+use crate::state::{Features, Found, Head as State, HeadMemory, Look, Memory};
+use crate::verdict::{Reason, unusable_signal};
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// Healthy standard deviations that a judge may lie off before it is moved for the first time, and between
+/// two moves. The level's own noise is .1 of each feature's.
+const FIRST_MOVE: f64 = 0.4;
+const NEXT_MOVE: f64 = 0.2;
+/// Of its noise, a level lies beyond a bound by at least that much, and a head is moved for the first time.
+const SURE_SDS: f64 = 3.0;
+/// Relative change of all channels' amplitude that is worth a word: a supply sags by less.
+const GAIN_BOUND: f64 = 0.25;
+/// After so many sweeps without a level signals far from the model are no longer fitted: they are faults.
+const MOST_UNKNOWN: u32 = 64;
+/// Noise of one sample, counts, below which two signals of a converter may be equal by chance.
+const LEAST_NOISE: f64 = 0.3;
+
+/// What all heads of a recording are judged with.
+#[derive(Debug)]
+pub(super) struct Judging<'a> {
+    pub rails: [f64; 2],
+    /// Of damping and frequency, relative.
+    pub bounds: [f64; 2],
+    /// Levels of channels are known from before, and judge.
+    pub remembered: Option<Remembered<'a>>,
+    /// Channels that may still be met.
+    pub room: usize,
+    /// Of all judges: heads may have one in common.
+    pub moves: u32,
+    pub work: Looking,
+}
+
+#[derive(Debug)]
+pub(super) struct Remembered<'a> {
+    pub memory: &'a Memory,
+    pub curves: Option<Arc<FaultCurves>>,
+    pub false_alarm_rate: f64,
+}
+
+/// Buffers.
+#[derive(Debug, Default)]
+pub(super) struct Looking {
+    signal: Vec<f64>,
+    expected: Vec<f64>,
+    work: Workspace,
+}
+
+#[derive(Debug)]
+pub(super) struct Head {
+    state: State,
+    /// The ring that its features are from, where no design names it.
+    ring: Option<[f64; 4]>,
+    base: Arc<HealthyModel>,
+    channels: LookedAt,
+    sweeps: u32,
+    pub open: Option<Sweep>,
+    /// What the sweep before was given.
+    pub last: Given,
+    /// The judge of the windows that is in use, and its ring's features from the base's.
+    window: Arc<Judge>,
+    window_at: Features,
+    /// Levels of late.
+    history: LevelHistory,
+    /// The same, moved.
+    moved: Option<(Features, Arc<Judge>)>,
+    /// Sweeps since a level was known.
+    unknown: u32,
+    healthy_sd: Features,
+    own: Option<(f64, Arc<OwnBasis>)>,
+    /// Per channel its last look; and whether it was the same bits as the one before.
+    bits: HashMap<u32, Bits>,
+    pub told: Moved,
+}
+
+/// Features of a look by one judge: equal only of equal samples.
+#[derive(Clone, Copy, Debug)]
+struct Bits {
+    t_ns: i64,
+    features: [u64; 4],
+    frozen: bool,
+}
+
+/// Features of one ring (amplitude, damping, frequency, phase) from another.
+fn ring_from(of: [f64; 4], from: [f64; 4]) -> Features {
+    let turned = of[3] - from[3];
+    Features::new(
+        (of[0] / from[0]).ln(),
+        (of[1] / from[1]).ln(),
+        (of[2] / from[2]).ln(),
+        turned - std::f64::consts::TAU * (turned / std::f64::consts::TAU).round(),
+    )
+}
+
+impl Head {
+    /// A printhead whose channels can be followed. `named`: the design's model of it.
+    pub fn meet(
+        named: Option<&HealthyModel>,
+        history: LevelHistory,
+        judge: &Arc<Judge>,
+        burst: &Burst,
+        by: &Judging,
+    ) -> Option<Head> {
+        let (kind, healthy_sd) = judge.kind(by.bounds).zip(judge.healthy_sd())?;
+        let base = named.map_or_else(|| judge.model.clone(), |of| Arc::new(of.clone()));
+        let ring = if named.is_none() { base.ring_numbers() } else { None };
+        let memory = by.remembered.as_ref().map(|of| of.memory);
+        let mut state = match memory.and_then(|of| of.printheads.get(&*burst.printhead)) {
+            Some(of) => {
+                let from = of.ring.zip(ring).map(|(then, now)| ring_from(then, now));
+                State::remembered(kind, of, &from.unwrap_or_default())
+            }
+            None => State::new(kind),
+        };
+        state.begin(burst.t_acq_ns);
+        Some(Head {
+            state,
+            ring,
+            window_at: judge.model.features_from(&base).unwrap_or_default(),
+            base,
+            channels: LookedAt::default(),
+            sweeps: 0,
+            open: None,
+            last: Given::by(Ok(judge.clone())),
+            window: judge.clone(),
+            history,
+            moved: None,
+            unknown: 0,
+            healthy_sd,
+            own: None,
+            bits: HashMap::new(),
+            told: Moved::new(burst.printhead.clone()),
+        })
+    }
+
+    /// What is to be remembered.
+    pub fn memory(&self) -> HeadMemory {
+        self.state.memory(self.ring)
+    }
+
+    /// Whether a burst comes after what was judged: then it changes nothing.
+    pub fn is_late(&self, t_ns: i64) -> bool {
+        self.state.heard_ns().is_some_and(|before| t_ns <= before)
+    }
+
+    /// Adds a burst to the open sweep; the sweep that is over by it, if one is.
+    pub fn hear(
+        &mut self,
+        slot: Slot,
+        judge: &Arc<Judge>,
+        burst: &Burst,
+        clock: &Clock,
+    ) -> Option<Sweep> {
+        match &mut self.open {
+            Some(open) => open.hear(slot, burst, clock),
+            None => {
+                self.open = Some(Sweep::begin(slot, judge.clone(), burst, clock));
+                None
+            }
+        }
+    }
+
+    /// The open sweep is over: judged about the level that it shows, and channels as they were before it.
+    pub fn close(&mut self, by: &mut Judging, given: &mut GivenTo) {
+        let Some(sweep) = self.open.take() else { return };
+        if self.window.index != sweep.judge.index {
+            self.window_is(&sweep.judge);
+        }
+        self.sweeps = self.sweeps.wrapping_add(1);
+        let t_ns = sweep.to_ns();
+        let (looks, all_frozen) = self.look(&sweep, by);
+        let own = by.remembered.as_ref().map(|of| self.own(of));
+        let frozen: Vec<u32> =
+            self.bits.iter().filter(|(_, bits)| bits.frozen).map(|(k, _)| *k).collect();
+        let found = self.state.sweep(t_ns, &looks);
+        self.told.swapped_ns = self.state.swapped_ns();
+        let judge = match found {
+            _ if all_frozen => Err(Reason::Frozen),
+            Found::Strange { level } => {
+                self.told.is_strange(t_ns, level);
+                Err(Reason::HeadChanged)
+            }
+            Found::Level { level, sd } => Ok(self.judge(t_ns, (level, sd), by)),
+            Found::Unknown => {
+                self.unknown = self.unknown.saturating_add(1);
+                Ok(self.now().clone())
+            }
+        };
+        let own = self.placed(&judge, own, frozen);
+        self.last = Given { judge, own };
+        let last = &self.last;
+        given.extend(sweep.slots().map(|slot| (slot, last.clone())));
+    }
+
+    fn window_is(&mut self, judge: &Arc<Judge>) {
+        (self.window, self.moved) = (judge.clone(), None);
+        // a window's model is where its channels were in it; where nothing was known then, where its ring is, and where
+        // that is unknown, too, where the one before was
+        let in_window = judge.model.valid_from_ns.and_then(|to_ns| self.history.mean_before(to_ns));
+        let at = in_window.or_else(|| judge.model.features_from(&self.base));
+        self.window_at = at.unwrap_or(self.window_at);
+    }
+
+    /// The judge in use.
+    fn now(&self) -> &Arc<Judge> {
+        self.moved.as_ref().map_or(&self.window, |(_, judge)| judge)
+    }
+
+    /// Where its ring lies from the base's.
+    fn now_at(&self) -> Features {
+        self.window_at + self.moved.as_ref().map_or(Features::zeros(), |(by, _)| *by)
+    }
+
+    /// Looks at some of a sweep's channels, at all of them in turn; and whether they are the same bits as before.
+    fn look(&mut self, sweep: &Sweep, by: &mut Judging) -> (Vec<Look>, bool) {
+        let (at, judge, far) = (self.now_at(), self.now().clone(), self.unknown < MOST_UNKNOWN);
+        let Judging { rails, work: Looking { signal, expected, work }, room, .. } = by;
+        let (mut looks, mut repeated) = (Vec::new(), 0);
+        let mut before = None;
+        for (t_ns, burst) in sweep.bursts() {
+            let n = burst.samples_per_channel as usize;
+            let channels = burst.first_channel..burst.first_channel.saturating_add(burst.channels);
+            self.channels.meet(channels.clone());
+            signal.resize(n, 0.0);
+            expected.resize(n, 0.0);
+            judge.expect(burst, expected);
+            let drive = judge.drive(burst);
+            for channel in channels {
+                let is_frozen = self.bits.get(&channel).is_some_and(|bits| bits.frozen);
+                if !(is_frozen || self.channels.holds(channel, self.sweeps)) {
+                    continue;
+                }
+                // a burst that is repeated says nothing new
+                if before.replace((t_ns, channel)) == Some((t_ns, channel)) {
+                    continue;
+                }
+                let row = (channel - burst.first_channel) as usize;
+                burst.copy_signal(row, signal);
+                if unusable_signal(signal, *rails).is_some() {
+                    continue;
+                }
+                judge.deviate(burst, row, expected, signal);
+                let Some(local) = judge.features(signal, drive, far, work) else { continue };
+                if !local.iter().all(|v| v.is_finite()) {
+                    continue;
+                }
+                if judge.model.noise > LEAST_NOISE && self.repeats(t_ns, channel, &local) {
+                    repeated += 1;
+                    continue;
+                }
+                if !self.state.knows(channel) {
+                    let Some(left) = room.checked_sub(1) else { continue };
+                    *room = left;
+                }
+                looks.push(Look { channel, features: local + at, drive });
+            }
+        }
+        let frozen = repeated > looks.len();
+        (looks, frozen)
+    }
+
+    /// Whether a look is the same bits as the one before.
+    fn repeats(&mut self, t_ns: i64, channel: u32, features: &Features) -> bool {
+        let features: [u64; 4] = std::array::from_fn(|k| features[k].to_bits());
+        let bits = self.bits.entry(channel).or_insert(Bits { t_ns, features, frozen: false });
+        bits.frozen = bits.t_ns < t_ns && bits.features == features;
+        (bits.t_ns, bits.features) = (t_ns, features);
+        bits.frozen
+    }
+
+    /// Where channels are by themselves, from the level; and what all have in common.
+    fn own(&mut self, of: &Remembered) -> (Arc<OwnBasis>, Vec<OwnLevel>) {
+        let behind = self.state.looks_within();
+        let basis = match &self.own {
+            // drops differ about as much as they did
+            Some((then, basis)) if behind < 2.0 * then => basis.clone(),
+            _ => {
+                let curves = of.curves.as_deref();
+                let basis = OwnBasis::new(self.state.shot(), curves, of.false_alarm_rate);
+                let basis = Arc::new(basis);
+                self.own = Some((behind, basis.clone()));
+                basis
+            }
+        };
+        let channels =
+            self.state.own().map(|(channel, sum, at)| OwnLevel { channel, looks: sum.looks, at });
+        (basis, channels.collect())
+    }
+
+    /// The same about the judge that the sweep was given. `None`: there is nothing to say of any channel.
+    fn placed(
+        &self,
+        judge: &Result<Arc<Judge>, Reason>,
+        own: Option<(Arc<OwnBasis>, Vec<OwnLevel>)>,
+        frozen: Vec<u32>,
+    ) -> Option<Arc<OwnChannels>> {
+        let judge = judge.as_ref().ok()?;
+        let (basis, channels) = match own {
+            None if frozen.is_empty() => return None,
+            None => Default::default(),
+            Some(own) => own,
+        };
+        let from = self.state.level() - self.now_at() + judge.healthy_mean()?;
+        Some(Arc::new(OwnChannels::new(basis, channels, from, frozen)))
+    }
+
+    /// The judge where a level is known.
+    fn judge(
+        &mut self,
+        t_ns: i64,
+        (level, sd): (Features, Features),
+        by: &mut Judging,
+    ) -> Arc<Judge> {
+        self.unknown = 0;
+        self.history.push(t_ns, level);
+        let is_beyond = |k: usize, bound: f64| {
+            let surely = (level[k].abs() - SURE_SDS * sd[k]).max(0.0);
+            surely.copysign(level[k]).exp_m1().abs() > bound
+        };
+        if is_beyond(0, GAIN_BOUND) || is_beyond(1, by.bounds[0]) || is_beyond(2, by.bounds[1]) {
+            self.told.is_beyond(t_ns);
+        }
+        self.told.reaches(&level);
+        let wanted = level - self.window_at;
+        let off = self.moved.as_ref().map_or(wanted, |(by, _)| wanted - by);
+        let is_off = match self.moved {
+            Some(_) => self.in_sds(off) > NEXT_MOVE,
+            None => self.in_sds(off) > FIRST_MOVE && (off.abs() - SURE_SDS * sd).max() > 0.0,
+        };
+        if is_off {
+            by.moves = by.moves.wrapping_add(1);
+            let judge = self.window.moved(wanted, by.moves).map(Arc::new);
+            self.moved = judge.map(|judge| (wanted, judge));
+        }
+        if self.moved.is_some() {
+            self.told.bursts += 1;
+        }
+        self.now().clone()
+    }
+
+    /// How far features lie off, by the healthy ones' spread.
+    fn in_sds(&self, off: Features) -> f64 {
+        // the phase goes with the others, or is no matter of ink
+        off.component_div(&self.healthy_sd).fixed_rows::<3>(0).norm()
+    }
+}

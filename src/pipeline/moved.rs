@@ -1,0 +1,137 @@
+//! How far all channels of a printhead moved together, and whether it was the printhead at all: what is told of it.
+
+use crate::settings::IdentifySettings;
+use crate::state::Features;
+use chrono::DateTime;
+use serde::Serialize;
+use std::sync::Arc;
+
+/// Of summary.json.
+#[derive(Clone, Debug, Serialize)]
+pub struct Moved {
+    pub printhead: Arc<str>,
+    /// Sweeps that were judged about a level of their own.
+    pub bursts: u64,
+    /// Relative changes, the farthest of each.
+    pub amplitude: f64,
+    pub damping: f64,
+    pub frequency: f64,
+    /// The first sweep beyond the bounds, ns.
+    pub beyond_since_ns: Option<i64>,
+    /// Sweeps in which it was another head, and the first of them, ns.
+    pub strange: u64,
+    pub strange_since_ns: Option<i64>,
+    /// Bursts that came after later ones, and so taught nothing.
+    pub late: u64,
+    /// The first sweep in which all channels were others than those that were remembered, ns.
+    pub swapped_ns: Option<i64>,
+    /// Where its channels were in the first strange sweep: ln amplitude, ln damping, ln frequency, phase in rad.
+    pub strange_at: Option<[f64; 4]>,
+}
+
+impl Moved {
+    pub fn new(printhead: Arc<str>) -> Moved {
+        Moved {
+            printhead,
+            bursts: 0,
+            amplitude: 0.0,
+            damping: 0.0,
+            frequency: 0.0,
+            beyond_since_ns: None,
+            strange: 0,
+            strange_since_ns: None,
+            strange_at: None,
+            swapped_ns: None,
+            late: 0,
+        }
+    }
+
+    pub fn is_told(&self) -> bool {
+        self.bursts > 0
+            || self.beyond_since_ns.is_some()
+            || self.strange > 0
+            || self.swapped_ns.is_some()
+            || self.late > 0
+    }
+
+    pub fn reaches(&mut self, level: &Features) {
+        let farthest = [&mut self.amplitude, &mut self.damping, &mut self.frequency];
+        for (most, level) in farthest.into_iter().zip(level.iter()) {
+            if level.abs() > most.ln_1p().abs() {
+                *most = level.exp_m1();
+            }
+        }
+    }
+
+    pub fn is_beyond(&mut self, t_ns: i64) {
+        self.beyond_since_ns.get_or_insert(t_ns);
+    }
+
+    pub fn is_strange(&mut self, t_ns: i64, level: Features) {
+        self.strange += 1;
+        self.strange_since_ns.get_or_insert(t_ns);
+        self.strange_at.get_or_insert(level.into());
+    }
+
+    /// What to know of it.
+    pub fn warnings(&self, identify: &IdentifySettings) -> Vec<String> {
+        let told = [
+            self.beyond_in_words(identify),
+            self.strange_in_words(),
+            self.swapped_in_words(),
+            self.late_in_words(),
+        ];
+        told.into_iter().flatten().collect()
+    }
+
+    fn beyond_in_words(&self, identify: &IdentifySettings) -> Option<String> {
+        Some(format!(
+            "since {} all channels have moved together beyond a quarter in amplitude, or the bounds of \
+             identify.max_damping_drift = {:.1} % and max_frequency_drift = {:.2} %: damping {:+.1} %, resonance {:+.2} %, amplitude \
+             {:+.1} % at most; look at ink, temperature and supply, not at single channels, which are \
+             judged about what all have in common",
+            at(self.beyond_since_ns?),
+            100.0 * identify.max_damping_drift,
+            100.0 * identify.max_frequency_drift,
+            100.0 * self.damping,
+            100.0 * self.frequency,
+            100.0 * self.amplitude,
+        ))
+    }
+
+    fn swapped_in_words(&self) -> Option<String> {
+        Some(format!(
+            "from {} on its channels are others than those that --baseline remembers: another printhead of that \
+             name, whose channels are learned anew",
+            at(self.swapped_ns?),
+        ))
+    }
+
+    fn late_in_words(&self) -> Option<String> {
+        let late = (self.late > 0).then_some(self.late)?;
+        Some(format!(
+            "{late} bursts stand in the file after later ones: they were judged about what was known by then, and \
+             taught the --baseline nothing; a file in the order of its times is judged burst by burst"
+        ))
+    }
+
+    fn strange_in_words(&self) -> Option<String> {
+        let (since, [amplitude, damping, frequency, phase]) =
+            (self.strange_since_ns?, self.strange_at?);
+        Some(format!(
+            "from {} on most channels ring as this printhead never did: {:.2} times as large, damping \
+             {:+.0} %, resonance {:+.1} %, phase {:+.0}°; those signals are rejected (head_changed). Look at \
+             wiring, gain and clock; for another printhead of that name train a design, or give another \
+             --baseline file",
+            at(since),
+            amplitude.exp(),
+            100.0 * damping.exp_m1(),
+            100.0 * frequency.exp_m1(),
+            phase.to_degrees(),
+        ))
+    }
+}
+
+fn at(t_ns: i64) -> impl std::fmt::Display {
+    DateTime::from_timestamp_nanos(t_ns).format("%Y-%m-%d %H:%M:%S UTC")
+}

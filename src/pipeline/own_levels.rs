@@ -1,0 +1,105 @@
+//! Judging signals about their own channels' levels, in the filter stage.
+//!
+//! In: batches with their statistics. Out: the statistics of signals whose channel's level is known.
+
+use super::statistics::Statistics;
+use crate::burst::{Acquisition, Burst};
+use crate::design::{Detection, Judge, JudgeKey, OwnChannels};
+use crate::verdict::Reason;
+use nalgebra::{Matrix3, Vector4};
+use std::sync::Arc;
+
+/// One worker's.
+#[derive(Default)]
+pub struct OwnLevels {
+    features: Vec<Vector4<f64>>,
+    metric: Option<Metric>,
+}
+
+impl OwnLevels {
+    /// Judges again every signal of a batch whose channel's level is known.
+    pub fn judge(
+        &mut self,
+        acquisitions: &[Acquisition],
+        judges: &[Result<Arc<Judge>, Reason>],
+        own: &[Option<Arc<OwnChannels>>],
+        statistics: &mut Statistics,
+        statistic: &mut [Result<Detection, Reason>],
+    ) {
+        let mut first = 0;
+        for ((acquisition, judge), own) in acquisitions.iter().zip(judges).zip(own) {
+            let rows = first..first + acquisition.rows();
+            first = rows.end;
+            if let (Acquisition::Usable(burst), Ok(judge), Some(own)) = (acquisition, judge, own) {
+                self.judge_burst(own, burst, judge, statistics, &mut statistic[rows]);
+            }
+        }
+    }
+
+    fn judge_burst(
+        &mut self,
+        own: &Arc<OwnChannels>,
+        burst: &Burst,
+        judge: &Judge,
+        statistics: &mut Statistics,
+        statistic: &mut [Result<Detection, Reason>],
+    ) {
+        let Some(detector) = judge.detector() else { return };
+        if own.is_empty() {
+            return;
+        }
+        statistics.features(judge, burst, &mut self.features);
+        let drive = judge.drive(burst);
+        let known = own.from(burst.first_channel, statistic.len());
+        for (row, (found, known)) in statistic.iter_mut().zip(known).enumerate() {
+            if own.is_frozen(burst.first_channel.saturating_add(row as u32)) {
+                *found = found.and(Err(Reason::Frozen));
+            }
+            let (Ok(of_all), Some(known)) = (*found, known) else { continue };
+            let features = &self.features[row];
+            let metric = Metric::of(&mut self.metric, judge, own, known.signals, drive);
+            let distance =
+                metric.and_then(|metric| match detector.own_look(metric, features, known) {
+                    (distance, true) => Some(distance),
+                    (distance, false) => statistics
+                        .own_distance((judge, burst, row), metric, (features, known))
+                        .or(Some(distance)),
+                });
+            let ring = distance.map_or(f64::INFINITY, |distance| judge.of_own(distance, own));
+            *found = match ring.is_finite() {
+                true => Ok(Detection { ring, ..of_all }),
+                false => Err(Reason::NonFinite),
+            };
+        }
+    }
+}
+
+/// The metric of distances from levels, of the signal before: most signals have the same.
+struct Metric {
+    judge: JudgeKey,
+    own: Arc<OwnChannels>,
+    signals: f64,
+    drive: f64,
+    metric: Option<Matrix3<f64>>,
+}
+
+impl Metric {
+    /// Of levels that rest on so many looks, for signals of one drive.
+    fn of<'a>(
+        last: &'a mut Option<Metric>,
+        judge: &Judge,
+        own: &Arc<OwnChannels>,
+        signals: f64,
+        drive: f64,
+    ) -> Option<&'a Matrix3<f64>> {
+        let is_it = |of: &&mut Metric| {
+            (of.judge, of.signals, of.drive) == (judge.key(), signals, drive)
+                && of.own.scatters_as(own)
+        };
+        if last.as_mut().filter(is_it).is_none() {
+            let metric = judge.detector().and_then(|by| by.own_metric(own, signals, drive));
+            *last = Some(Metric { judge: judge.key(), own: own.clone(), signals, drive, metric });
+        }
+        last.as_ref()?.metric.as_ref()
+    }
+}

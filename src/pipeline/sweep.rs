@@ -1,0 +1,150 @@
+//! The longest stretch of a printhead's time in which no channel is heard twice, within bounds: bursts that are judged
+//! about one level.
+//!
+//! It ends before the moment in which one of its channels is heard again, after [`MOST_NS`], or when the recording
+//! holds [`MOST_SAMPLES`] more. All three are questions of times and channels, and of no message.
+
+use super::batches::Slot;
+use crate::burst::Burst;
+use crate::design::Judge;
+use std::ops::Range;
+use std::sync::Arc;
+
+const MOST_NS: i64 = 1_000_000_000;
+/// Samples of all printheads, 8 MiB as int16: they wait in memory. A signal counts as so many more.
+const MOST_SAMPLES: u64 = 4 << 20;
+const OF_SIGNAL: u64 = 64;
+
+/// What was heard of all printheads.
+#[derive(Debug, Default)]
+pub(super) struct Clock {
+    latest_ns: Option<i64>,
+    /// Samples before that moment, and in it.
+    before: u64,
+    now: u64,
+    /// The earliest of the open sweeps.
+    from_ns: Option<i64>,
+    from_samples: Option<u64>,
+}
+
+impl Clock {
+    pub fn hear(&mut self, burst: &Burst) {
+        if self.latest_ns.is_none_or(|latest| burst.t_acq_ns > latest) {
+            self.latest_ns = Some(burst.t_acq_ns);
+            self.before = self.before.saturating_add(std::mem::take(&mut self.now));
+        }
+        let samples = u64::from(burst.samples_per_channel) + OF_SIGNAL;
+        self.now = self.now.saturating_add(u64::from(burst.channels).saturating_mul(samples));
+        // a moment that holds more than may wait is divided, wherever it may be
+        if self.now > MOST_SAMPLES {
+            self.before = self.before.saturating_add(std::mem::take(&mut self.now));
+        }
+    }
+
+    /// Whether a sweep may have lasted as long as one may.
+    pub fn is_due(&self, t_ns: i64) -> bool {
+        self.from_ns.is_some_and(|from| t_ns.saturating_sub(from) > MOST_NS)
+            || self.from_samples.is_some_and(|from| self.before.saturating_sub(from) > MOST_SAMPLES)
+    }
+
+    pub fn is_over(&self, sweep: &Sweep, t_ns: i64) -> bool {
+        t_ns.saturating_sub(sweep.from_ns) > MOST_NS
+            || self.before.saturating_sub(sweep.from_samples) > MOST_SAMPLES
+    }
+
+    pub fn forget(&mut self) {
+        (self.from_ns, self.from_samples) = (None, None);
+    }
+
+    pub fn opened(&mut self, sweep: &Option<Sweep>) {
+        let Some(sweep) = sweep else { return };
+        self.from_ns = Some(self.from_ns.map_or(sweep.from_ns, |from| from.min(sweep.from_ns)));
+        let from =
+            self.from_samples.map_or(sweep.from_samples, |from| from.min(sweep.from_samples));
+        self.from_samples = Some(from);
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct Sweep {
+    pub judge: Arc<Judge>,
+    from_ns: i64,
+    from_samples: u64,
+    bursts: Vec<(Slot, Burst)>,
+    /// Channels before the latest moment, and in it.
+    before: Vec<Range<u32>>,
+    latest_ns: i64,
+}
+
+fn channels(of: &Burst) -> Range<u32> {
+    of.first_channel..of.first_channel.saturating_add(of.channels)
+}
+
+fn overlap(a: &Range<u32>, b: &Range<u32>) -> bool {
+    a.start < b.end && b.start < a.end
+}
+
+impl Sweep {
+    pub fn begin(slot: Slot, judge: Arc<Judge>, burst: &Burst, clock: &Clock) -> Sweep {
+        Sweep {
+            judge,
+            from_ns: burst.t_acq_ns,
+            from_samples: clock.before,
+            bursts: vec![(slot, burst.clone())],
+            before: Vec::new(),
+            latest_ns: burst.t_acq_ns,
+        }
+    }
+
+    /// Adds a burst, which may begin the next sweep: then this is that one, and what is over is returned.
+    pub fn hear(&mut self, slot: Slot, burst: &Burst, clock: &Clock) -> Option<Sweep> {
+        let t_ns = burst.t_acq_ns;
+        if t_ns > self.latest_ns {
+            let latest = self.bursts.iter().filter(|(_, of)| of.t_acq_ns == self.latest_ns);
+            let latest: Vec<Range<u32>> = latest.map(|(_, of)| channels(of)).collect();
+            latest.into_iter().for_each(|of| self.add_before(of));
+            self.latest_ns = t_ns;
+        }
+        let again =
+            t_ns == self.latest_ns && self.before.iter().any(|of| overlap(of, &channels(burst)));
+        if !again {
+            self.bursts.push((slot, burst.clone()));
+            return None;
+        }
+        // all of this moment belongs to the next sweep
+        let of_moment = self.bursts.extract_if(.., |(_, of)| of.t_acq_ns == t_ns);
+        let mut bursts: Vec<(Slot, Burst)> = of_moment.collect();
+        bursts.push((slot, burst.clone()));
+        let next = Sweep {
+            judge: self.judge.clone(),
+            from_ns: t_ns,
+            from_samples: clock.before,
+            bursts,
+            before: Vec::new(),
+            latest_ns: t_ns,
+        };
+        Some(std::mem::replace(self, next))
+    }
+
+    fn add_before(&mut self, of: Range<u32>) {
+        match self.before.last_mut() {
+            Some(last) if last.end == of.start => last.end = of.end,
+            _ => self.before.push(of),
+        }
+    }
+
+    pub fn to_ns(&self) -> i64 {
+        self.bursts.iter().map(|(_, of)| of.t_acq_ns).max().unwrap_or(self.latest_ns)
+    }
+
+    /// In the order of times and channels.
+    pub fn bursts(&self) -> impl Iterator<Item = (i64, &Burst)> {
+        let mut bursts: Vec<&Burst> = self.bursts.iter().map(|(_, burst)| burst).collect();
+        bursts.sort_by_key(|of| (of.t_acq_ns, of.first_channel));
+        bursts.into_iter().map(|of| (of.t_acq_ns, of))
+    }
+
+    pub fn slots(&self) -> impl Iterator<Item = Slot> {
+        self.bursts.iter().map(|(slot, _)| *slot)
+    }
+}

@@ -1,0 +1,109 @@
+//! What changed since the night before: what began, came back, became healthy or got worse in the last of the nights, and
+//! what the last of them does not tell of. In: recordings and faults. Out: [`Changes`].
+
+use super::RecordingLine;
+use super::fault::{Fault, certain_trend};
+use super::trend::Direction;
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+/// A longer pause between recordings ends a night.
+const PAUSE_NS: i64 = 6 * 3_600_000_000_000;
+/// Who records without a pause is told of the last day.
+const LONGEST_NIGHT_NS: i64 = 24 * 3_600_000_000_000;
+
+#[derive(Debug)]
+pub struct Changes<'a> {
+    pub from_ns: i64,
+    pub to_ns: i64,
+    /// Recordings of the last night.
+    pub recordings: usize,
+    pub new: Vec<&'a Fault>,
+    pub back: Vec<&'a Fault>,
+    pub worse: Vec<&'a Fault>,
+    pub healthy: Vec<&'a Fault>,
+    /// Open as before.
+    pub still: usize,
+    /// Printheads of earlier nights that the last one judged nothing of.
+    pub silent: Vec<Arc<str>>,
+}
+
+impl<'a> Changes<'a> {
+    /// `None`: there is no night before.
+    pub fn of(lines: &[RecordingLine], faults: &'a [Fault]) -> Option<Changes<'a>> {
+        let mut spans: Vec<(i64, i64)> =
+            lines.iter().filter_map(|line| line.from_ns.zip(line.to_ns)).collect();
+        spans.sort_unstable();
+        let to_ns = spans.iter().map(|span| span.1).max()?;
+        let from_ns = last_night(&spans, to_ns);
+        if spans.first()?.0 >= from_ns {
+            return None;
+        }
+        let is_last = |line: &&RecordingLine| line.from_ns.is_some_and(|from| from >= from_ns);
+        let judged = |of: &RecordingLine| -> BTreeSet<Arc<str>> {
+            let heads = of.heads.iter().filter(|(_, count)| count.judged > 0);
+            heads.map(|(name, _)| name.clone()).collect()
+        };
+        let (last, before): (Vec<_>, Vec<_>) = lines.iter().partition(is_last);
+        let of_last: BTreeSet<Arc<str>> = last.iter().flat_map(|of| judged(of)).collect();
+        let of_before: BTreeSet<Arc<str>> = before.iter().flat_map(|of| judged(of)).collect();
+        let mut changes = Changes {
+            from_ns,
+            to_ns,
+            recordings: last.len(),
+            new: Vec::new(),
+            back: Vec::new(),
+            worse: Vec::new(),
+            healthy: Vec::new(),
+            still: 0,
+            silent: of_before.difference(&of_last).cloned().collect(),
+        };
+        faults.iter().filter(|fault| fault.is_latest).for_each(|fault| changes.take(fault));
+        Some(changes)
+    }
+
+    fn take(&mut self, fault: &'a Fault) {
+        let story = &fault.story;
+        let is_worse = certain_trend(story).is_some_and(|t| t.direction() == Direction::Worse);
+        match story.ended_at_ns {
+            Some(end) if end >= self.from_ns => self.healthy.push(fault),
+            Some(_) => {}
+            None if story.began_at_ns >= self.from_ns => self.new.push(fault),
+            None if story.last_began_at_ns >= self.from_ns => self.back.push(fault),
+            None if is_worse => self.worse.push(fault),
+            None => self.still += 1,
+        }
+    }
+}
+
+/// When the last night began: at the first recording after the last long pause, at most a day before the end.
+fn last_night(spans: &[(i64, i64)], to_ns: i64) -> i64 {
+    let earliest = to_ns.saturating_sub(LONGEST_NIGHT_NS);
+    let mut begins = i64::MAX;
+    for &(from, to) in spans.iter().rev() {
+        let pause = begins.saturating_sub(to);
+        if begins != i64::MAX && (pause > PAUSE_NS || from < earliest) {
+            break;
+        }
+        begins = begins.min(from);
+    }
+    begins
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_night_begins_after_a_pause_or_a_day_before_its_end() {
+        let hour = 3_600_000_000_000;
+        let spans = |of: &[(i64, i64)]| -> Vec<(i64, i64)> {
+            of.iter().map(|(from, to)| (from * hour, to * hour)).collect()
+        };
+        let nights = spans(&[(0, 2), (2, 3), (24, 26), (27, 28)]);
+        assert_eq!(last_night(&nights, 28 * hour), 24 * hour);
+        let always = spans(&[(0, 10), (10, 20), (20, 30), (30, 40)]);
+        assert_eq!(last_night(&always, 40 * hour), 20 * hour);
+        assert_eq!(last_night(&spans(&[(0, 90)]), 90 * hour), 0, "one recording is one night");
+    }
+}

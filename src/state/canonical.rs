@@ -1,0 +1,63 @@
+//! Coordinates in which the noise of one look has covariance 1 and healthy channels' spread is diagonal: every
+//! covariance is then four variances.
+
+use nalgebra::{Matrix4, Vector4};
+
+/// ln amplitude, ln damping, ln frequency and phase in rad of a ring, relative to another; or the same in canonical
+/// coordinates, in standard deviations of one look's noise at the reference drive.
+pub type Features = Vector4<f64>;
+
+#[derive(Clone, Debug)]
+pub struct Canonical {
+    /// W, with W noise W' = 1 and W spread W' = diag(`spread`).
+    pub to: Matrix4<f64>,
+    pub from: Matrix4<f64>,
+    /// Variances of healthy channels.
+    pub spread: Features,
+}
+
+impl Canonical {
+    /// `noise`: covariance of one look's noise; `spread`: of healthy channels. `None`: `noise` is no covariance.
+    pub fn new(noise: &Matrix4<f64>, spread: &Matrix4<f64>) -> Option<Canonical> {
+        let root = noise.cholesky()?.l();
+        let inverse = root.try_inverse()?;
+        let white = inverse * spread * inverse.transpose();
+        let eigen = ((white + white.transpose()) * 0.5).symmetric_eigen();
+        let to = eigen.eigenvectors.transpose() * inverse;
+        let finite = to.iter().all(|v| v.is_finite());
+        finite.then(|| Canonical {
+            to,
+            from: root * eigen.eigenvectors,
+            spread: eigen.eigenvalues.map(|v| v.max(0.0)),
+        })
+    }
+
+    /// A covariance of features, in canonical coordinates.
+    pub fn covariance(&self, of: &Matrix4<f64>) -> Matrix4<f64> {
+        self.to * of * self.to.transpose()
+    }
+
+    /// A covariance in canonical coordinates, of features.
+    pub fn covariance_from(&self, of: &Matrix4<f64>) -> Matrix4<f64> {
+        self.from * of * self.from.transpose()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_becomes_one_and_spread_diagonal() {
+        let a = Matrix4::from_fn(|i, j| 0.3 * (i as f64 - 1.3 * j as f64).sin());
+        let (noise, spread) = (a * a.transpose() + Matrix4::identity() * 0.1, {
+            let b = Matrix4::from_fn(|i, j| (1.0 + i as f64 * j as f64).cos());
+            b * b.transpose()
+        });
+        let of = Canonical::new(&noise, &spread).unwrap();
+        assert!((of.covariance(&noise) - Matrix4::identity()).amax() < 1e-10);
+        assert!((of.covariance(&spread) - Matrix4::from_diagonal(&of.spread)).amax() < 1e-9);
+        assert!((of.covariance_from(&Matrix4::identity()) - noise).amax() < 1e-10);
+        assert!(Canonical::new(&Matrix4::zeros(), &spread).is_none());
+    }
+}

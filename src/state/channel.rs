@@ -1,0 +1,236 @@
+//! What is known of one channel: where it lies from its head where it is healthy, where while it is faulty, and how
+//! probable it is that it is faulty now. Canonical coordinates.
+
+use super::canonical::Features;
+use super::process::{BETWEEN, CURED, DAY_NS, MEMORY_DAYS, ONSET, WIDE, YOUNG};
+use nalgebra::Vector4;
+use serde::{Deserialize, Serialize};
+
+/// Sums over looks, in the order of time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sum {
+    /// Of the looks' precisions: how many looks at the reference drive.
+    pub looks: f64,
+    /// Of precision times look.
+    pub sum: [f64; 4],
+}
+
+impl Sum {
+    pub fn of(look: &Features, looks: f64) -> Sum {
+        Sum { looks, sum: (look * looks).into() }
+    }
+
+    pub fn add(&mut self, look: &Features, looks: f64) {
+        self.looks += looks;
+        self.sum.iter_mut().zip(look.iter()).for_each(|(sum, of)| *sum += looks * of);
+    }
+
+    pub fn mean(&self) -> Features {
+        Vector4::from(self.sum) / self.looks.max(f64::MIN_POSITIVE)
+    }
+
+    /// Mean and variance of what was looked at, whose prior variance is `spread`. `noise`: variance of one look.
+    pub fn posterior(&self, spread: &Features, noise: &Features) -> (Features, Features) {
+        let shrunk = spread.zip_map(noise, |s2, v| s2 / (v + self.looks * s2));
+        (shrunk.component_mul(&Vector4::from(self.sum)), shrunk.component_mul(noise))
+    }
+
+    /// As if by at most so many looks.
+    fn at_most(&mut self, looks: f64) {
+        if self.looks > looks {
+            let by = looks / self.looks;
+            self.looks = looks;
+            self.sum.iter_mut().for_each(|v| *v *= by);
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Channel {
+    /// Healthy looks of the days before, each day counted as few of them.
+    pub past: Sum,
+    /// Those of this day, which began then, ns.
+    pub today: Sum,
+    pub day_from_ns: i64,
+    pub faulty: Sum,
+    /// Probability that it is faulty before the next look.
+    pub is_faulty: f64,
+}
+
+/// What a look is put down to; the sum is 1.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Responsibility {
+    pub healthy: f64,
+    pub faulty: f64,
+    /// Another channel, since the recording began.
+    pub replaced: f64,
+}
+
+/// A look at a channel, from the head's level.
+#[derive(Clone, Copy, Debug)]
+pub struct FromLevel {
+    pub at: Features,
+    /// Precision: 1 at the reference drive, less where the level is uncertain.
+    pub looks: f64,
+}
+
+/// Looks that a day counts as: what differs from day to day is no matter of their number.
+const OF_A_DAY: f64 = 1.0 / (BETWEEN * BETWEEN);
+
+impl Default for Channel {
+    fn default() -> Channel {
+        Channel {
+            past: Sum::default(),
+            today: Sum::default(),
+            day_from_ns: i64::MAX,
+            faulty: Sum::default(),
+            is_faulty: ONSET,
+        }
+    }
+}
+
+/// Variances of faults about the level.
+pub fn wide(spread: &Features) -> Features {
+    spread.map(|s2| (WIDE * WIDE * s2).max(WIDE * WIDE))
+}
+
+impl Channel {
+    /// Where it is when it is healthy: the mean over days, of which today is one.
+    pub fn healthy(&self) -> Sum {
+        let mut all = self.today;
+        if self.past.looks > 0.0 {
+            all.at_most(OF_A_DAY);
+            all.add(&self.past.mean(), self.past.looks);
+        }
+        all
+    }
+
+    /// After a pause: a fault may have come or gone; a day that is over becomes one of the past.
+    pub fn resume(&mut self, t_ns: i64) {
+        self.is_faulty = self.is_faulty.max(ONSET);
+        if t_ns.saturating_sub(self.day_from_ns) < DAY_NS || self.today.looks <= 0.0 {
+            return;
+        }
+        let day = Sum { looks: self.today.looks, ..self.today };
+        self.past.at_most((MEMORY_DAYS - 1.0) * OF_A_DAY);
+        self.past.add(&day.mean(), 1.0 / (BETWEEN * BETWEEN + 1.0 / day.looks));
+        (self.today, self.day_from_ns) = (Sum::default(), i64::MAX);
+    }
+
+    /// Whether its faulty level is known.
+    pub fn knows_fault(&self) -> bool {
+        self.faulty.looks >= 1.0
+    }
+
+    pub fn learn(
+        &mut self,
+        t_ns: i64,
+        look: FromLevel,
+        by: Responsibility,
+        (spread, noise): (&Features, &Features),
+    ) {
+        let FromLevel { at, looks } = look;
+        self.day_from_ns = self.day_from_ns.min(t_ns);
+        if by.replaced > 0.5 {
+            let today = Sum::of(&at, looks);
+            *self = Channel { today, day_from_ns: t_ns, ..Channel::default() };
+            return;
+        }
+        self.today.add(&at, by.healthy * looks);
+        let (f, variance) = self.faulty.posterior(&wide(spread), noise);
+        let variance = variance + noise / looks;
+        let far = (at - f).zip_map(&variance, |d, v| d * d / v).sum();
+        if by.faulty > 0.5 && self.knows_fault() && far > ANOTHER_FAULT {
+            self.faulty = Sum::default();
+        }
+        self.faulty.add(&at, by.faulty * looks);
+        let moved = by.faulty * (1.0 - CURED) + (1.0 - by.faulty) * ONSET * 0.01;
+        self.is_faulty = moved.clamp(ONSET * 0.01, 0.9);
+        self.swap_if_young(spread, noise);
+    }
+
+    /// Until it is old enough its healthy level is where more of its looks lie, if healthy channels lie rather there.
+    fn swap_if_young(&mut self, spread: &Features, noise: &Features) {
+        let Channel { past, today, faulty, .. } = self;
+        let all = past.looks + today.looks + faulty.looks;
+        if all > YOUNG || past.looks + today.looks >= faulty.looks {
+            return;
+        }
+        let far = |of: &Sum| {
+            let variance = spread + noise / of.looks.max(f64::MIN_POSITIVE);
+            of.mean().zip_map(&variance, |d, v| d * d / v).sum()
+        };
+        // a fault that lasts has many looks, too, but lies farther from where healthy channels do
+        if far(faulty) < WITHIN_POPULATION.min(far(today)) {
+            std::mem::swap(today, faulty);
+            self.is_faulty = ONSET;
+        }
+    }
+}
+
+/// Squared distance of a look from a known fault beyond which it is another one: upper 1e-10 of chi-squared with 4
+/// degrees of freedom.
+const ANOTHER_FAULT: f64 = 52.4;
+/// Upper 1e-3 of the same.
+const WITHIN_POPULATION: f64 = 18.47;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ONE: Features = Vector4::new(1.0, 1.0, 1.0, 1.0);
+
+    fn spread() -> Features {
+        Vector4::new(4.0, 1.0, 9.0, 0.0)
+    }
+
+    #[test]
+    fn posterior_is_the_conjugate_one() {
+        let mut sum = Sum::default();
+        (0..10).for_each(|_| sum.add(&Vector4::new(1.0, 2.0, -1.0, 0.5), 0.5));
+        let (mean, variance) = sum.posterior(&spread(), &Vector4::repeat(1.0));
+        // precision 1/s² + n, mean n y / (1/s² + n)
+        assert!((variance[0] - 1.0 / (0.25 + 5.0)).abs() < 1e-12);
+        assert!((mean[1] - 2.0 * 5.0 / 6.0).abs() < 1e-12);
+        assert_eq!((mean[3], variance[3]), (0.0, 0.0), "where channels do not differ");
+        assert!((sum.mean()[2] + 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn faulty_looks_do_not_teach_and_first_ones_that_were_faulty_are_swapped() {
+        let fault = FromLevel { at: Vector4::new(30.0, 0.0, 0.0, 0.0), looks: 1.0 };
+        let look = FromLevel { at: Vector4::new(1.0, 0.0, 1.0, 0.0), looks: 1.0 };
+        let by = |healthy: f64| Responsibility { healthy, faulty: 1.0 - healthy, replaced: 0.0 };
+        let mut of = Channel::default();
+        (0..20).for_each(|t| of.learn(t, look, by(1.0), (&spread(), &ONE)));
+        let before = of.healthy();
+        (20..520).for_each(|t| of.learn(t, fault, by(0.0), (&spread(), &ONE)));
+        assert_eq!(of.healthy(), before);
+        assert!(of.knows_fault() && of.is_faulty > 0.5);
+        let mut young = Channel::default();
+        (0..3).for_each(|t| young.learn(t, fault, by(1.0), (&spread(), &ONE)));
+        (3..11).for_each(|t| young.learn(t, look, by(0.0), (&spread(), &ONE)));
+        assert!((young.healthy().mean() - look.at).amax() < 1e-9, "{young:?}");
+    }
+
+    #[test]
+    fn a_channel_is_the_mean_of_its_days_however_many_looks_each_has() {
+        let by = Responsibility { healthy: 1.0, ..Responsibility::default() };
+        let mut of = Channel::default();
+        for (day, looks) in [(0, 1000), (1, 30), (2, 5000)] {
+            let t_ns = day * 86_400_000_000_000;
+            of.resume(t_ns);
+            let at = Vector4::repeat(day as f64);
+            (0..looks).for_each(|i| {
+                of.learn(t_ns + i, FromLevel { at, looks: 1.0 }, by, (&spread(), &ONE))
+            });
+            // a pause within a day begins none
+            of.resume(t_ns + 3_600_000_000_000);
+        }
+        let mean = of.healthy().mean()[0];
+        assert!((mean - 1.0).abs() < 0.1, "{mean}");
+        assert!(of.healthy().looks < 3.0 * OF_A_DAY + 1e-9);
+    }
+}

@@ -1,0 +1,290 @@
+//! One printhead: its level, and each of its channels from there, filtered sweep by sweep in the order of time.
+
+use super::canonical::{Canonical, Features};
+use super::channel::{Channel, FromLevel, Sum};
+use super::level::{Expected, Explained, Member, Move, explain};
+use super::process::{FEWEST, NOT_THIS_HEAD, PAUSE_NS, SWAPPED, WALK};
+use nalgebra::{Matrix4, Vector4};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// How a kind of head scatters and moves: what a design says of it.
+#[derive(Clone, Debug)]
+pub struct Kind {
+    pub canonical: Canonical,
+    /// Covariance of a leap, canonical.
+    leap: Matrix4<f64>,
+}
+
+impl Kind {
+    /// Covariances of features: of one look's noise at the reference drive, of healthy channels, of what moves all
+    /// channels at once (another drive, another temperature). `None`: `noise` is no covariance.
+    pub fn new(noise: &Matrix4<f64>, spread: &Matrix4<f64>, leap: &Matrix4<f64>) -> Option<Kind> {
+        let canonical = Canonical::new(noise, spread)?;
+        let leap = canonical.covariance(leap);
+        Some(Kind { canonical, leap })
+    }
+}
+
+/// One look at a channel in a sweep.
+#[derive(Clone, Copy, Debug)]
+pub struct Look {
+    pub channel: u32,
+    /// From the head's base ring, per unit drive.
+    pub features: Features,
+    /// Relative drive.
+    pub drive: f64,
+}
+
+#[derive(Clone, Debug)]
+pub struct Head {
+    kind: Kind,
+    /// Canonical, from the base ring; and its covariance.
+    pub(super) level: Features,
+    pub(super) covariance: Matrix4<f64>,
+    pub(super) channels: BTreeMap<u32, Channel>,
+    pub(super) within: Within,
+    /// When it was heard last, ns.
+    pub(super) heard_ns: Option<i64>,
+    /// When it turned out that all its channels are others than those that were remembered, ns.
+    swapped_ns: Option<i64>,
+    /// Channels heard since the last pause.
+    heard: BTreeSet<u32>,
+}
+
+/// How far healthy looks lie off their channels, over what noise explains: drops differ. Canonical.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Within {
+    /// Mean square.
+    pub square: Features,
+    pub looks: f64,
+}
+
+/// Looks that the noise of a design counts as.
+const OF_DESIGN: f64 = 64.0;
+/// Most looks that are averaged over.
+const MOST_WITHIN: f64 = 4096.0;
+
+impl Default for Within {
+    fn default() -> Within {
+        Within { square: Vector4::repeat(1.0), looks: OF_DESIGN }
+    }
+}
+
+impl Within {
+    /// Variance of one look's noise, never below the design's.
+    fn noise(&self) -> Features {
+        self.square.map(|v| v.max(1.0))
+    }
+
+    fn learn(&mut self, square: Features, weight: f64) {
+        self.looks = (self.looks + weight).min(MOST_WITHIN);
+        self.square += (square - self.square) * (weight / self.looks);
+    }
+}
+
+/// What a sweep says of the level.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Found {
+    /// Features from the base ring, and their standard deviations.
+    Level { level: Features, sd: Features },
+    /// Few channels, or they agree on nothing: it is where it was expected.
+    Unknown,
+    /// The head is not the one that it was: most of its channels lie there.
+    Strange { level: Features },
+}
+
+impl Head {
+    pub fn new(kind: Kind) -> Head {
+        let of_look = kind.canonical.spread.add_scalar(1.0);
+        let covariance = Matrix4::from_diagonal(&(of_look * OF_HEADS));
+        Head {
+            level: Vector4::zeros(),
+            covariance,
+            kind,
+            channels: BTreeMap::new(),
+            within: Within::default(),
+            heard_ns: None,
+            swapped_ns: None,
+            heard: BTreeSet::new(),
+        }
+    }
+
+    pub(super) fn canonical(&self) -> &Canonical {
+        &self.kind.canonical
+    }
+
+    /// Where the level is, features from the base ring.
+    pub fn level(&self) -> Features {
+        self.kind.canonical.from * self.level
+    }
+
+    /// Before a recording that begins then: what was heard later, or then, is what is known, however it came to be.
+    pub fn begin(&mut self, t_ns: i64) {
+        self.heard_ns = self.heard_ns.filter(|heard_ns| *heard_ns < t_ns);
+    }
+
+    /// When it was heard last, ns.
+    pub fn heard_ns(&self) -> Option<i64> {
+        self.heard_ns
+    }
+
+    /// When all its channels turned out to be others than those that were remembered, ns.
+    pub fn swapped_ns(&self) -> Option<i64> {
+        self.swapped_ns
+    }
+
+    /// Channels that are followed.
+    pub fn channels(&self) -> usize {
+        self.channels.len()
+    }
+
+    pub fn knows(&self, channel: u32) -> bool {
+        self.channels.contains_key(&channel)
+    }
+
+    /// Looks that [`Head::shot`] rests on.
+    pub fn looks_within(&self) -> f64 {
+        self.within.looks
+    }
+
+    /// The next sweep.
+    pub fn sweep(&mut self, t_ns: i64, looks: &[Look]) -> Found {
+        let before = self.covariance;
+        let paused = self.walk(t_ns);
+        if paused && self.is_swapped(looks) {
+            self.channels.clear();
+            self.swapped_ns.get_or_insert(t_ns);
+        }
+        let members: Vec<Member> = looks.iter().map(|look| self.member(look, paused)).collect();
+        let found = self.find(looks, &members, paused);
+        let Some(explained) = found else { return Found::Unknown };
+        if !matches!(explained.by, Move::Strange) {
+            self.learn(t_ns, looks, &explained);
+            let sd =
+                self.kind.canonical.covariance_from(&self.covariance).diagonal().map(f64::sqrt);
+            return match explained.alike >= LEAST_ALIKE {
+                true => Found::Level { level: self.level(), sd },
+                false => Found::Unknown,
+            };
+        }
+        // while another head is heard nothing is learned of where this one went
+        self.covariance = before;
+        Found::Strange { level: self.kind.canonical.from * explained.level }
+    }
+
+    /// Time goes on. Whether there was a pause.
+    fn walk(&mut self, t_ns: i64) -> bool {
+        let dt_ns = self.heard_ns.map_or(i64::MAX, |before| t_ns.saturating_sub(before));
+        self.heard_ns = Some(self.heard_ns.map_or(t_ns, |before| before.max(t_ns)));
+        let paused = dt_ns > PAUSE_NS;
+        let of_look = self.kind.canonical.spread.add_scalar(1.0);
+        self.covariance += Matrix4::from_diagonal(&(of_look * WALK));
+        if paused {
+            self.heard.clear();
+            self.channels.values_mut().for_each(|of| of.resume(t_ns));
+        }
+        paused
+    }
+
+    /// Whether all channels are rather others than those that were heard before the pause.
+    fn is_swapped(&self, looks: &[Look]) -> bool {
+        let known = |look: &&Look| self.channels.contains_key(&look.channel);
+        let looks: Vec<Look> = looks.iter().filter(known).copied().collect();
+        let expected = Expected::new(self.level, &self.covariance, &self.kind.leap, true);
+        let Some(expected) = expected.filter(|_| looks.len() >= FEWEST) else { return false };
+        let same: Vec<Member> = looks.iter().map(|look| self.member(look, true)).collect();
+        let new = Channel::default();
+        let other = looks.iter().map(|look| self.member_of(&new, look, false));
+        let other: Vec<Member> = other.collect();
+        let [same, other] = [same, other].map(|of| explain(&expected, &of).ln_density);
+        other + SWAPPED.ln() > same
+    }
+
+    fn member(&self, look: &Look, paused: bool) -> Member {
+        let new = Channel::default();
+        let channel = self.channels.get(&look.channel).unwrap_or(&new);
+        self.member_of(channel, look, paused)
+    }
+
+    fn member_of(&self, channel: &Channel, look: &Look, paused: bool) -> Member {
+        let at = self.kind.canonical.to * look.features;
+        let is_first = paused || !self.heard.contains(&look.channel);
+        let (noise, canonical) = (self.within.noise(), &self.kind.canonical);
+        Member::new(at, look.drive * look.drive, channel, &noise, canonical, is_first)
+    }
+
+    fn find(&mut self, looks: &[Look], members: &[Member], paused: bool) -> Option<Explained> {
+        let few = looks.len() < FEWEST && self.channels.len().max(looks.len()) < FEWEST;
+        let expected =
+            Expected::new(self.level, &self.covariance, &self.kind.leap, paused && !few)?;
+        if few {
+            return None;
+        }
+        let mut of = explain(&expected, members);
+        let move_by = of.level - self.level;
+        let allowed = (self.covariance + self.kind.leap).try_inverse()?;
+        if move_by.dot(&(allowed * move_by)) > NOT_THIS_HEAD && of.alike >= LEAST_ALIKE {
+            of.by = Move::Strange;
+        }
+        Some(of)
+    }
+
+    fn learn(&mut self, t_ns: i64, looks: &[Look], of: &Explained) {
+        let spread = self.kind.canonical.spread;
+        if of.by == Move::Leap {
+            self.covariance += self.kind.leap;
+        }
+        if of.alike >= LEAST_ALIKE {
+            self.update(of);
+        }
+        let uncertain = self.covariance.diagonal();
+        let noise = self.within.noise();
+        for (look, r) in looks.iter().zip(&of.responsibilities) {
+            let at = self.kind.canonical.to * look.features - self.level;
+            let precision = look.drive * look.drive;
+            let channel = self.channels.entry(look.channel).or_default();
+            let own = channel.healthy();
+            if own.looks >= 4.0 && r.healthy > 0.5 {
+                let (c, variance) = own.posterior(&spread, &noise);
+                let off = at - c;
+                let beside = (variance + uncertain) * precision;
+                let square = off.map(|d| d * d * precision) - beside;
+                self.within.learn(square, r.healthy);
+            }
+            let looks = 1.0 / (1.0 / precision + (uncertain.component_div(&noise)).mean());
+            channel.learn(t_ns, FromLevel { at, looks }, *r, (&spread, &noise));
+            self.heard.insert(look.channel);
+        }
+    }
+
+    /// Kalman's update of the level by what the looks say.
+    fn update(&mut self, of: &Explained) {
+        let precision = of.evidence.precision.map(|p| p.max(1e-12));
+        let at = of.evidence.sum.component_div(&precision);
+        let of_looks = Matrix4::from_diagonal(&precision.map(|p| 1.0 / p));
+        if let Some(inverse) = (self.covariance + of_looks).try_inverse() {
+            let gain = self.covariance * inverse;
+            self.level += gain * (at - self.level);
+            let left = self.covariance - gain * self.covariance;
+            self.covariance = (left + left.transpose()) * 0.5;
+        }
+    }
+
+    /// Covariance of one channel's looks beyond the noise, of features.
+    pub fn shot(&self) -> Matrix4<f64> {
+        let beyond = self.within.square.map(|v| (v - 1.0).max(0.0));
+        self.kind.canonical.covariance_from(&Matrix4::from_diagonal(&beyond))
+    }
+
+    /// Channels that were healthy for some looks: the mean of these, features from the level.
+    pub fn own(&self) -> impl Iterator<Item = (u32, Sum, Features)> {
+        let from = self.kind.canonical.from;
+        let of = self.channels.iter().map(|(channel, of)| (*channel, of.healthy()));
+        of.map(move |(channel, sum)| (channel, sum, from * sum.mean()))
+    }
+}
+
+/// Variance of heads about their kind, in that of channels about their head.
+const OF_HEADS: f64 = 0.25;
+/// Share of the looks that must agree with a level, or it is not known.
+const LEAST_ALIKE: f64 = 0.4;

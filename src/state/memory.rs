@@ -1,0 +1,204 @@
+//! What is remembered of printheads from one recording to the next: their states, of features relative to a ring, so that
+//! it holds for a model that scatters otherwise, too.
+
+use super::canonical::Features;
+use super::channel::{Channel, Sum};
+use super::head::{Head, Kind, Within};
+use nalgebra::{Matrix4, Vector4};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Version of the file.
+pub const VERSION: u32 = 2;
+/// Channels of all printheads in a file, at most.
+pub const MOST_CHANNELS: usize = 1 << 20;
+/// Largest number in a file: features are far smaller.
+const MOST: f64 = 1e9;
+
+/// What `--baseline FILE` holds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Memory {
+    pub version: u32,
+    /// Digest of the design whose models the features are relative to; absent: there was none.
+    pub design: Option<String>,
+    pub printheads: BTreeMap<String, HeadMemory>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HeadMemory {
+    /// The ring that features are relative to: amplitude in counts, damping in 1/s, frequency in Hz, phase in rad.
+    /// Absent: the design's.
+    pub ring: Option<[f64; 4]>,
+    /// Where all channels are, and its covariance; ln amplitude, ln damping, ln frequency, phase in rad.
+    pub level: [f64; 4],
+    pub covariance: [[f64; 4]; 4],
+    /// When the head was heard last, ns since the epoch.
+    pub heard_ns: Option<i64>,
+    /// Mean square of looks about their channels over what noise explains, along four directions, and the looks behind it.
+    pub within: [f64; 4],
+    pub within_looks: f64,
+    pub channels: BTreeMap<u32, Channel>,
+}
+
+impl Memory {
+    pub fn new(design: Option<String>) -> Memory {
+        Memory { version: VERSION, design, printheads: BTreeMap::new() }
+    }
+
+    /// Reads what this or an earlier release wrote.
+    pub fn from_json(text: &[u8]) -> Result<Memory, String> {
+        #[derive(Deserialize)]
+        struct Head {
+            version: u32,
+        }
+        let of_parser = |e: serde_json::Error| e.to_string();
+        let Head { version } = serde_json::from_slice(text).map_err(of_parser)?;
+        let memory: Memory = match version {
+            1 => {
+                serde_json::from_slice::<first_version::Baselines>(text).map_err(of_parser)?.into()
+            }
+            VERSION => serde_json::from_slice(text).map_err(of_parser)?,
+            other => {
+                return Err(format!(
+                    "version {other}: this inkling reads versions 1 and {VERSION}"
+                ));
+            }
+        };
+        memory.check()?;
+        Ok(memory)
+    }
+
+    /// Number of channels.
+    pub fn channels(&self) -> usize {
+        self.printheads.values().map(|of| of.channels.len()).sum()
+    }
+
+    fn check(&self) -> Result<(), String> {
+        let channels = self.channels();
+        if channels > MOST_CHANNELS {
+            return Err(format!("{channels} channels: at most {MOST_CHANNELS}"));
+        }
+        let sound = |(name, of): (&String, &HeadMemory)| match of.is_sound() {
+            true => Ok(()),
+            false => Err(format!("printhead {name}: numbers that no run writes")),
+        };
+        self.printheads.iter().try_for_each(sound)
+    }
+}
+
+impl HeadMemory {
+    fn is_sound(&self) -> bool {
+        let covariance = Matrix4::from_fn(|i, j| self.covariance[i][j]);
+        let bounded = |v: &f64| v.abs() <= MOST;
+        let numbers = self.level.iter().chain(&self.within).chain([&self.within_looks]);
+        let is_covariance = (covariance - covariance.transpose()).amax()
+            <= 1e-9 * covariance.amax()
+            && covariance.iter().all(bounded)
+            && covariance.symmetric_eigenvalues().min() >= -1e-9 * covariance.amax();
+        let sums = |of: &Sum| (0.0..=MOST).contains(&of.looks) && of.sum.iter().all(bounded);
+        let of_channel = |of: &Channel| {
+            [&of.past, &of.today, &of.faulty].into_iter().all(sums)
+                && (0.0..=1.0).contains(&of.is_faulty)
+        };
+        let ring = |of: &[f64; 4]| of.iter().all(bounded) && of[..3].iter().all(|v| *v > 0.0);
+        numbers.clone().all(bounded)
+            && self.within.iter().all(|v| *v >= 0.0)
+            && self.within_looks >= 0.0
+            && is_covariance
+            && self.ring.as_ref().is_none_or(ring)
+            && self.channels.values().all(of_channel)
+    }
+}
+
+fn mapped(of: &Channel, by: &Matrix4<f64>) -> Channel {
+    let sum = |of: &Sum| Sum { looks: of.looks, sum: (by * Vector4::from(of.sum)).into() };
+    Channel { past: sum(&of.past), today: sum(&of.today), faulty: sum(&of.faulty), ..*of }
+}
+
+impl Head {
+    /// As it was remembered. `from`: where the ring of then lies from the base ring.
+    pub fn remembered(kind: Kind, of: &HeadMemory, from: &Features) -> Head {
+        let canonical = kind.canonical.clone();
+        let mut head = Head::new(kind);
+        head.level = canonical.to * (Vector4::from(of.level) + from);
+        let covariance = Matrix4::from_fn(|i, j| of.covariance[i][j]);
+        head.covariance = canonical.covariance(&covariance);
+        head.within = Within { square: Vector4::from(of.within), looks: of.within_looks };
+        head.heard_ns = of.heard_ns;
+        let channels = of.channels.iter();
+        head.channels = channels.map(|(k, of)| (*k, mapped(of, &canonical.to))).collect();
+        head
+    }
+
+    /// What is to be remembered. `ring`: of the base, if no design names it.
+    pub fn memory(&self, ring: Option<[f64; 4]>) -> HeadMemory {
+        let canonical = self.canonical();
+        let covariance = canonical.covariance_from(&self.covariance);
+        let channels = self.channels.iter();
+        HeadMemory {
+            ring,
+            level: self.level().into(),
+            covariance: std::array::from_fn(|i| {
+                std::array::from_fn(|j| 0.5 * (covariance[(i, j)] + covariance[(j, i)]))
+            }),
+            heard_ns: self.heard_ns,
+            within: self.within.square.into(),
+            within_looks: self.within.looks,
+            channels: channels.map(|(k, of)| (*k, mapped(of, &canonical.from))).collect(),
+        }
+    }
+}
+
+/// Files of version 1: per channel the mean of its healthy signals.
+mod first_version {
+    use super::{Channel, HeadMemory, Memory, Sum};
+    use serde::Deserialize;
+    use std::collections::BTreeMap;
+
+    #[derive(Deserialize)]
+    pub struct Baselines {
+        design: Option<String>,
+        printheads: BTreeMap<String, Printhead>,
+    }
+
+    #[derive(Deserialize)]
+    struct Printhead {
+        channels: BTreeMap<u32, Baseline>,
+    }
+
+    #[derive(Deserialize)]
+    struct Baseline {
+        signals: f64,
+        features: [f64; 4],
+    }
+
+    /// A file of version 1 does not tell how sure a level is; a tenth of each feature says next to nothing.
+    const UNSURE: f64 = 0.01;
+
+    impl From<Baselines> for Memory {
+        fn from(of: Baselines) -> Memory {
+            let channel = |(k, of): (u32, Baseline)| {
+                let past = Sum { looks: of.signals, sum: of.features.map(|f| f * of.signals) };
+                (k, Channel { past, ..Channel::default() })
+            };
+            let head = |(name, of): (String, Printhead)| {
+                let head = HeadMemory {
+                    ring: None,
+                    level: [0.0; 4],
+                    covariance: std::array::from_fn(|i| {
+                        std::array::from_fn(|j| if i == j { UNSURE } else { 0.0 })
+                    }),
+                    heard_ns: None,
+                    within: [1.0; 4],
+                    within_looks: 0.0,
+                    channels: of.channels.into_iter().map(channel).collect(),
+                };
+                (name, head)
+            };
+            let printheads = of.printheads.into_iter().map(head).collect();
+            Memory { printheads, ..Memory::new(of.design) }
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! `inspect` of a logger's own messages: every field, the layout by the samples, questions where nothing tells; and what is
+//! said of ring-downs that are laid out wrongly.
+
+use crate::convert::bursts;
+use crate::house::{House, root};
+use crate::pipeline::write;
+use inkling::burst::{Burst, Layout};
+use serde_json::{Value, json};
+use std::path::Path;
+
+fn sample() -> Vec<Burst> {
+    bursts(&root().join("sample_logs/print_run.mcap"))
+}
+
+/// Rows of a burst.
+fn rows(burst: &Burst) -> Vec<Vec<f64>> {
+    let mut y = vec![0.0; burst.samples_per_channel as usize];
+    let row = |k: usize| {
+        burst.copy_signal(k, &mut y);
+        y.clone()
+    };
+    (0..burst.channels as usize).map(row).collect()
+}
+
+/// The sample's bursts as messages in JSON.
+fn record(path: &Path, message: impl Fn(&Burst) -> Value) {
+    let mut writer =
+        mcap::Writer::new(std::io::BufWriter::new(std::fs::File::create(path).unwrap())).unwrap();
+    let none = Default::default();
+    for (sequence, burst) in sample().iter().enumerate() {
+        let topic = format!("/press/{}/ring", burst.printhead);
+        let channel_id = writer.add_channel(0, &topic, "json", &none).unwrap();
+        let t = burst.t_acq_ns as u64;
+        let sequence = sequence as u32;
+        let header =
+            mcap::records::MessageHeader { channel_id, sequence, log_time: t, publish_time: t };
+        writer.write_to_known_channel(&header, message(burst).to_string().as_bytes()).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+fn stamp(burst: &Burst) -> String {
+    chrono::DateTime::from_timestamp_nanos(burst.t_acq_ns).to_rfc3339()
+}
+
+#[test]
+fn a_loggers_own_json_is_read_as_inspect_writes_it() {
+    let house = House::new();
+    record(&house.path("night.mcap"), |burst| {
+        json!({
+            "stamp": stamp(burst),
+            "rate_hz": (1.0 / burst.sample_period_s).round(),
+            "ink_temp_c": burst.temperature_c,
+            "drive_voltage": burst.drive_voltage_v,
+            "ok": true,
+            "data": rows(burst),
+        })
+    });
+    house
+        .run("inspect night.mcap --write settings.toml")
+        .exits(0)
+        .says("rate_hz = \"rate_hz\"")
+        .says("time = \"stamp\"")
+        .says("temperature = \"ink_temp_c\"")
+        .says("layout = \"channel-major\"  # by the samples")
+        .says("channels = 48  # by the samples")
+        .says("6144 of it".replace("6144", "6 144").as_str())
+        .says("2025-01-01T08:00:00")
+        .says("inkling replay ... --config settings.toml");
+    house.run("inspect night.mcap --write settings.toml").exits(2).says("is there already");
+    let design = root().join("sample_logs/design.json");
+    let judged = format!("--design {} --force", design.display());
+    house.ok(&format!("replay night.mcap --config settings.toml {judged} --out theirs"));
+    let ours = root().join("sample_logs/print_run.mcap");
+    house.ok(&format!("replay {} {judged} --out ours", ours.display()));
+    let counts = |path: &str| house.read_json(path)["counts"]["faulty"].clone();
+    let [theirs, ours] = ["theirs/night.summary.json", "ours/print_run.summary.json"].map(counts);
+    assert_eq!(theirs, ours);
+    assert!(ours.as_object().is_some_and(|faulty| faulty.len() > 5), "{ours}");
+}
+
+#[test]
+fn layouts_are_tried_on_the_samples_and_what_nothing_tells_is_asked() {
+    let house = House::new();
+    record(&house.path("flat.mcap"), |burst| {
+        let rows = rows(burst);
+        let samples = 0..burst.samples_per_channel as usize;
+        let flat: Vec<f64> = samples.flat_map(|k| rows.iter().map(move |row| row[k])).collect();
+        json!({ "period_ns": burst.sample_period_s * 1e9, "values": flat })
+    });
+    let found = house.json("inspect flat.mcap --json");
+    let block = found["dialects"][0].as_str().unwrap();
+    assert!(block.contains("layout = \"sample-major\"  # by the samples"), "{block}");
+    assert!(block.contains("channels = 48  # by the samples"), "{block}");
+    assert!(block.contains("period_s = 7.8125e-7  # ? as period_ns"), "{block}");
+    assert_eq!(found["messages"][0]["open"], json!([]));
+    record(&house.path("bare.mcap"), |burst| json!({ "values": rows(burst)[0] }));
+    let found = house.json("inspect bare.mcap --json");
+    let fields = &found["messages"][0]["fields"];
+    assert_eq!(fields, &json!([{"path": "values", "type": "number[]", "length": 128}]));
+    assert_eq!(found["messages"][0]["open"], json!(["channels", "period_s"]));
+    house.run("inspect bare.mcap --write open.toml").exits(0).says("fill in channels, period_s");
+    house.run("replay bare.mcap --config open.toml --out out").exits(2).says("still a question");
+}
+
+#[test]
+fn what_is_laid_out_wrongly_or_sampled_at_another_scale_is_told() {
+    let house = House::new();
+    let all = sample();
+    // sample-major bytes that somebody calls channel-major
+    let turned: Vec<Burst> = all
+        .iter()
+        .map(|burst| {
+            let rows = rows(burst);
+            let samples = 0..burst.samples_per_channel as usize;
+            let by_sample = samples.flat_map(|k| rows.iter().map(move |row| row[k] as i16));
+            let bytes: Vec<u8> = by_sample.flat_map(i16::to_le_bytes).collect();
+            Burst { samples: bytes.into(), layout: Layout::ChannelMajor, ..burst.clone() }
+        })
+        .collect();
+    write(&house.path("turned.mcap"), &turned, Default::default());
+    house.run("replay turned.mcap --out out").says("these are no ring-downs as laid out");
+    house.run("inspect turned.mcap").exits(0).says("these are no ring-downs as laid out");
+    let slow: Vec<Burst> = all
+        .iter()
+        .map(|burst| Burst { sample_period_s: burst.sample_period_s * 1e3, ..burst.clone() })
+        .collect();
+    write(&house.path("slow.mcap"), &slow, Default::default());
+    house.run("replay slow.mcap --out out").says("periods in a signal").says("a resonance of 6");
+    write(&house.path("right.mcap"), &all, Default::default());
+    let right = house.run("replay right.mcap --out out").exits(0);
+    assert!(!right.stderr().contains("periods in a signal"), "{}", right.stderr());
+    assert!(!right.stderr().contains("no ring-downs"), "{}", right.stderr());
+    assert_eq!(house.json("inspect right.mcap --json")["doubts"], json!([]));
+}

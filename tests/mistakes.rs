@@ -1,0 +1,103 @@
+//! What a user mistypes: each mistake with its exit status and a part of the sentence that answers it.
+
+use crate::house::{House, root};
+
+/// `{R}`: a recording, `{D}`: its design, `{L}`: its labels, `{T}`: a training recording.
+const MISTAKES: &[(&str, i32, &str)] = &[
+    // verbs and options
+    ("replya x", 2, "'replay'"),
+    ("replay {R} --desing {D}", 2, "'--design'"),
+    ("replay {R} --threads 0", 2, "1..=1024"),
+    ("replay {R} --threads -1", 2, "'-1'"),
+    ("replay {R} --threads many", 2, "'many'"),
+    ("replay {R} --pace fast", 2, "recorded, max"),
+    ("replay {R} --pace 0", 2, "recorded, max"),
+    ("replay {R} --identify window", 2, "'windows'"),
+    ("replay {R} --preset thesys", 2, "'thesis'"),
+    ("replay {R} --layout dat", 2, "'date'"),
+    ("replay {R} --rotate 10min", 2, "add --follow"),
+    ("replay {R} --follow --rotate 10", 2, "time unit needed"),
+    ("replay {R} --follow --rotate 0s", 2, "1s to 366days"),
+    ("critique {T} -o c --plant pendulum", 2, "ink-channel, oscillator"),
+    ("thesis -o c --seeds 0", 2, "1..=10000"),
+    ("thesis -o c --seeds x", 2, "'x'"),
+    ("simulate {R} -o s --seed x", 2, "'x'"),
+    ("generate completions fsh", 2, "'fish'"),
+    // what is not given
+    ("report", 2, "--output"),
+    ("train {T} -o d.json", 2, "--labels"),
+    ("train {T} --labels {L}", 2, "--out"),
+    ("score", 2, "--labels"),
+    ("score out", 2, "--labels"),
+    ("identify {T}", 2, "--out"),
+    ("inspect", 2, "<RECORDINGS>"),
+    ("thesis", 2, "--out"),
+    ("critique", 2, "--out"),
+    ("generate man", 2, "--output"),
+    // settings
+    ("replay {R} --set detect.mu=abc", 2, "`detect.mu`"),
+    ("replay {R} --set detect.colour=1", 2, "colour"),
+    ("replay {R} --set detect.false_alarm_rate=0", 2, "between 0 and 0.5"),
+    ("replay {R} --set detect.false_alarm_rate=-1", 2, "between 0 and 0.5"),
+    ("replay {R} --set detect.false_alarm_rate=2", 2, "between 0 and 0.5"),
+    ("replay {R} --set identify.first=0", 2, "between 0 and"),
+    ("replay {R} --set identify.first=-5", 2, "between 0 and"),
+    ("replay {R} --set identify.first=99999999999", 2, "between 0 and"),
+    ("replay {R} --set identify.every=nan", 2, "give 0 (once) or more"),
+    ("replay {R} --config {R}", 2, "is not UTF-8 text"),
+    ("replay {R} --config missing.toml", 2, "missing.toml"),
+    ("replay {R} --config {L}", 2, "labels.csv"),
+    ("replay {R} --config .", 2, "not a file"),
+    // files of another kind
+    ("replay {R} --design missing.json", 2, "missing.json"),
+    ("replay {R} --design {R}", 2, "not a design"),
+    ("replay {R} --design {L}", 2, "`inkling train` makes one"),
+    ("replay {R} --design .", 2, "not a file"),
+    ("replay {L} --design {D}", 1, "`inkling convert` makes one"),
+    ("replay {D}", 1, "not an MCAP file"),
+    ("replay {R} --design {D} --baseline {L}", 1, "`inkling replay --baseline` makes them"),
+    ("replay {R} --design {D} --out {R}", 2, "is a file, and results go into a directory"),
+    ("report {R} -o r.html", 2, "is a recording, and a report reads"),
+    ("report . -o r.html", 1, "*.verdicts.parquet"),
+    ("report . -o .", 2, "give a name.html"),
+    ("report missing -o r.html", 1, "missing: no such file"),
+    ("train {T} --labels missing.csv -o d.json", 2, "missing.csv"),
+    ("train {T} --labels {D} -o d.json", 2, "no column `printhead`"),
+    ("train {T} --labels {R} -o d.json", 2, "print_run.mcap"),
+    ("train missing.mcap --labels {L} -o d.json", 1, "missing.mcap"),
+    ("train {T} --labels {L} -o .", 2, "is a directory"),
+    ("identify missing.mcap -o m.json", 1, "missing.mcap"),
+    ("identify {T} --labels {L} -o .", 2, "is a directory"),
+    ("score {R} --labels {L}", 2, "is a recording, and a score reads"),
+    ("score missing --labels {L}", 1, "missing: no such file"),
+    ("score . --labels {D}", 2, "no column `printhead`"),
+    ("score --design {L}", 2, "not a design"),
+    ("convert missing.csv -o d.mcap", 1, "missing.csv"),
+    ("convert {L} -o d.mcap", 1, "is no number"),
+    ("convert {R} -o d.mcap", 1, "is not UTF-8 text"),
+    ("inspect {D}", 1, "not an MCAP file"),
+    ("inspect missing.mcap", 1, "missing.mcap"),
+    ("simulate {R} -o s", 2, "is not UTF-8 text"),
+    ("simulate missing.toml -o s", 2, "missing.toml"),
+    ("critique missing.mcap -o c", 1, "missing.mcap"),
+    ("critique {D} -o c", 1, "not an MCAP file"),
+];
+
+#[test]
+fn what_is_mistyped_is_answered_in_a_sentence() {
+    let logs = root().join("sample_logs");
+    let named = |name: &str| logs.join(name).display().to_string();
+    for (command, status, said) in MISTAKES {
+        let house = House::new();
+        let command = command
+            .replace("{R}", &named("print_run.mcap"))
+            .replace("{T}", &named("train.mcap"))
+            .replace("{D}", &named("design.json"))
+            .replace("{L}", &named("labels.csv"));
+        let stderr = house.run(&command).exits(*status).says(said).stderr();
+        assert!(!stderr.contains("panicked"), "{command}: {stderr}");
+        // a run that began and failed (1) keeps its journal; wrong usage never begins
+        let mut left = std::fs::read_dir(house.path(".")).expect("the directory");
+        assert!(*status != 2 || left.next().is_none(), "{command}: wrote something");
+    }
+}

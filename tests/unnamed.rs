@@ -1,0 +1,140 @@
+//! Oscillators whose effect the catalogue does not hold, but something near it: the critique may not give that name.
+//!
+//! `UNNAMED=9200000 cargo test --release -- --ignored --nocapture unnamed_table` prints what is said of seeds of one's own.
+
+use inkling::burst::Beside;
+use inkling::critique::engine::{Rings, critique};
+use inkling::critique::finding::Verdict;
+use inkling::critique::observations::{Observations, Sampler};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use std::f64::consts::TAU;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Effect {
+    /// An amplifier that turns itself up as the ring falls.
+    GainControl,
+    /// Loss that grows while the ring falls.
+    GrowingLoss,
+    /// Frequency that follows time.
+    Drift,
+    /// Spring of even order.
+    Even,
+    /// A stop on one side.
+    OneSided,
+    /// A gap in the spring.
+    Play,
+    /// A sensor that saturates softly.
+    Soft,
+    /// A sensor that is deaf about its zero.
+    Crossover,
+}
+
+const EFFECTS: [Effect; 8] = [
+    Effect::GainControl,
+    Effect::GrowingLoss,
+    Effect::Drift,
+    Effect::Even,
+    Effect::OneSided,
+    Effect::Play,
+    Effect::Soft,
+    Effect::Crossover,
+];
+
+/// One decay by Runge and Kutta, from amplitude one on.
+fn recording(effect: Effect, seed: u64) -> Observations {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let per_swing = rng.random_range(14.0..28.0);
+    let (swings, falls_to) = (rng.random_range(20.0..40.0), rng.random_range(0.1..0.3_f64));
+    let n = (per_swing * swings) as usize;
+    let (w, loss) = (TAU / per_swing, -falls_to.ln() / (per_swing * swings));
+    let strength = rng.random_range(0.5..1.0);
+    let noise = 0.003;
+    let force = |x: f64, v: f64, t: f64| -> f64 {
+        let (mut spring, mut s, mut rate) = (x, loss, w);
+        match effect {
+            Effect::GrowingLoss => s *= 1.0 + 2.0 * strength * t / n as f64,
+            Effect::Drift => rate *= 1.0 + 0.03 * strength * t / n as f64,
+            Effect::Even => spring += 0.3 * strength * x * x,
+            Effect::OneSided => spring += 0.2 * strength * x.max(0.0),
+            Effect::Play => spring -= x.clamp(-0.05 * strength, 0.05 * strength),
+            Effect::GainControl | Effect::Soft | Effect::Crossover => {}
+        }
+        -2.0 * s * v - rate * rate * spring
+    };
+    let phase = TAU * rng.random::<f64>();
+    let (mut x, mut v) = (phase.cos(), -w * phase.sin());
+    const STEPS: usize = 8;
+    let h = 1.0 / STEPS as f64;
+    let mut y = Vec::with_capacity(n);
+    let mut level = 1.0;
+    for k in 0..n {
+        let envelope = x.hypot(v / w);
+        level += (envelope - level) / (2.0 * per_swing);
+        let seen = match effect {
+            Effect::GainControl => x / (1.0 + strength * level),
+            Effect::Soft => (strength * x).tanh() / strength,
+            Effect::Crossover => x - x.clamp(-0.06 * strength, 0.06 * strength),
+            _ => x,
+        };
+        let e: f64 = StandardNormal.sample(&mut rng);
+        y.push(1000.0 * (seen + noise * e));
+        for i in 0..STEPS {
+            let t = k as f64 + i as f64 * h;
+            let a1 = force(x, v, t);
+            let a2 = force(x + 0.5 * h * v, v + 0.5 * h * a1, t + 0.5 * h);
+            let (v2, v3) = (v + 0.5 * h * a1, v + 0.5 * h * a2);
+            let a3 = force(x + 0.5 * h * v2, v3, t + 0.5 * h);
+            let v4 = v + h * a3;
+            let a4 = force(x + h * v3, v4, t + h);
+            x += h / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4);
+            v += h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4);
+        }
+    }
+    let mut sampler = Sampler::new(1e-3, 16);
+    sampler.offer("decay", Beside::alone(0, 0), &y);
+    sampler.finish()
+}
+
+/// What is said: whether a name is given for certain (an offset beside an even force is there), and the words.
+fn said(effect: Effect, seed: u64) -> (bool, String) {
+    let c =
+        critique(&recording(effect, seed), Rings::Oscillator, false, &mut |_| {}).unwrap().critique;
+    let names: Vec<&str> = c.causes.iter().map(|c| c.id.name()).collect();
+    let certain = c.verdict == Verdict::Named;
+    (certain, format!("{:?} {names:?}: {}", c.verdict, c.sentence))
+}
+
+fn table(first: u64, seeds: u64) -> (usize, usize, Vec<String>) {
+    let (mut wrong, mut all, mut lines) = (0, 0, Vec::new());
+    for effect in EFFECTS {
+        for seed in first..first + seeds {
+            let (certain, words) = said(effect, seed);
+            all += 1;
+            wrong += usize::from(certain);
+            lines
+                .push(format!("{effect:?} {seed}: {}{words}", if certain { "WRONG " } else { "" }));
+        }
+    }
+    (wrong, all, lines)
+}
+
+/// Seeds that nothing was tuned on; a gain control, whose ring falls as one under friction does, is the one that is
+/// not told yet.
+#[test]
+fn what_is_near_the_catalogue_is_not_given_its_names() {
+    let (wrong, all, lines) = table(9_400_000, 3);
+    let elsewhere = lines.iter().filter(|l| l.contains("WRONG") && !l.starts_with("GainControl"));
+    let elsewhere: Vec<&String> = elsewhere.collect();
+    // 3 % of those that are told, and of all an eighth, which is the gain control
+    assert!(elsewhere.is_empty() && 8 * wrong <= all, "{wrong} of {all}: {elsewhere:#?}");
+}
+
+#[test]
+#[ignore = "prints a table"]
+fn unnamed_table() {
+    let first = std::env::var("UNNAMED").ok().and_then(|s| s.parse().ok()).unwrap_or(9_200_000);
+    let (wrong, all, lines) = table(first, 6);
+    println!("{}\nnamed wrongly {wrong} of {all}", lines.join("\n"));
+}
