@@ -288,7 +288,7 @@ fn verdicts_get_no_name_where_their_summary_cannot_be_written() {
     replay(&house, "run.mcap", &by_design()).exits(1).says("run.summary.json");
     assert_eq!(files(&house, "out"), ["run.summary.json"]);
     house.write("file", "");
-    house.run("replay run.mcap --out file").exits(1).says("file");
+    house.run("replay run.mcap --out file").exits(2).says("file");
 }
 
 #[cfg(unix)]
