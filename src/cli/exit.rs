@@ -1,5 +1,6 @@
 //! How a run ends: the contract's exit statuses.
 
+use crate::io::baseline_file::BaselineFileError;
 use crate::io::damage::RecordingError;
 use crate::io::design_file::DesignFileError;
 use crate::io::labels_file::LabelsError;
@@ -76,6 +77,16 @@ impl From<DesignFileError> for Failure {
     fn from(e: DesignFileError) -> Failure {
         match e {
             DesignFileError::Write { .. } => Failure::new(e),
+            _ => Failure::usage(e),
+        }
+    }
+}
+
+/// Which file was meant is the user's to put right; that another run wrote it meanwhile is nobody's mistake.
+impl From<BaselineFileError> for Failure {
+    fn from(e: BaselineFileError) -> Failure {
+        match e {
+            BaselineFileError::Write { .. } | BaselineFileError::Changed { .. } => Failure::new(e),
             _ => Failure::usage(e),
         }
     }

@@ -88,8 +88,16 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     write_text(&args.output, &report::html(&read.report))?;
     if args.json {
         let faults: Vec<_> = read.report.faults.iter().map(as_json).collect();
-        let told =
-            json!({ "page": args.output, "table": table, "faults": faults, "failed": read.failed });
+        let mut coverage = json!(read.report.coverage);
+        coverage["complete"] = json!(read.report.coverage.is_complete());
+        let told = json!({
+            "page": args.output,
+            "table": table,
+            "faults": faults,
+            "failed": read.failed,
+            "coverage": coverage,
+            "notes": read.report.notes,
+        });
         output::event(&told)?;
         return Ok(if read.failed.is_empty() { Exit::Done } else { Exit::Incomplete });
     }

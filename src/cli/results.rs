@@ -1,6 +1,6 @@
 //! Results of earlier replays, read again for a report: summaries and episodes, then all verdicts once.
 
-use super::copies::Copies;
+use super::copies::{self, Table};
 use super::exit::Failure;
 use super::lost;
 use super::progress::Progress;
@@ -59,27 +59,28 @@ pub fn read(
     control: &Control,
 ) -> Result<Read, Failure> {
     let (mut failed, mut notes) = (Vec::new(), Vec::new());
+    let mut found = Vec::new();
+    for input in inputs {
+        match source(input, &mut notes) {
+            Ok(source) => found.push((input.path.as_path(), source)),
+            Err(e) => failed.push(e),
+        }
+    }
+    let tables: Vec<Table> =
+        found.iter().map(|(path, source)| Table { path, document: &source.document }).collect();
+    let (left_out, mut copies) = (copies::left_out(&tables), Vec::new());
     let (mut sources, mut episodes, mut files) = (Vec::new(), Vec::new(), Vec::new());
     let mut classes = BTreeSet::new();
-    let mut seen = Copies::default();
-    for input in inputs {
-        let source = match source(input, &mut notes) {
-            Ok(source) => source,
-            Err(e) => {
-                failed.push(e);
-                continue;
-            }
-        };
-        if let Some(note) = seen.left_out(&source.document, &input.path) {
-            notes.push(note);
+    for ((path, mut source), left_out) in found.into_iter().zip(left_out) {
+        if let Some(note) = left_out {
+            copies.push(note);
             continue;
         }
         let named = source.document["classes"].as_array().into_iter().flatten();
         classes.extend(named.filter_map(|class| Some(class.as_str()?.to_owned())));
-        let mut source = source;
-        episodes.push(episodes_of(&input.path, &mut source, &mut failed));
+        episodes.push(episodes_of(path, &mut source, &mut failed));
         sources.push(source);
-        files.push(input.path.as_path());
+        files.push(path);
     }
     let mut survey = Survey::new(episodes, with_maps);
     let bytes: u64 = files.iter().map(|file| stored::bytes(file)).sum();
@@ -99,7 +100,8 @@ pub fn read(
         return Err(Failure::new(first.unwrap_or_else(|| "the verdict tables are empty".into())));
     }
     let lost = lost::of(inputs, &failed);
-    let report = Report::new(&sources, survey, lost, settings.clone());
+    let mut report = Report::new(&sources, survey, lost, settings.clone());
+    report.notes.append(&mut copies);
     Ok(Read { report, failed, notes, classes })
 }
 
