@@ -269,10 +269,15 @@ impl Settings {
         if let Some(path) = file {
             let text = regular_file::read_text(path, regular_file::MOST_SETTINGS_BYTES)
                 .map_err(|source| SettingsError::Unreadable { path: path.into(), source })?;
-            table = text.parse::<Table>().map_err(|e| {
-                SettingsError::invalid(path.display().to_string(), printable::of_parser(&e))
-            })?;
-            let from_file: Settings = parse(table.clone(), &path.display().to_string())?;
+            let no_settings = |what: String| SettingsError::Invalid {
+                place: path.display().to_string(),
+                message: format!("{what}; a settings file has the sections of pipeline.toml"),
+            };
+            table = text
+                .parse::<Table>()
+                .map_err(|e| no_settings(printable::of_parser(&e).trim_end().to_owned()))?;
+            let from_file = Settings::deserialize(table.clone())
+                .map_err(|e: toml::de::Error| no_settings(printable::of_parser(&e)))?;
             // absolute from here on, so that later layers (relative to the caller) do not mix
             let dir = path.parent().unwrap_or(Path::new("."));
             let rooted = from_file.rooted_at(dir);

@@ -26,6 +26,7 @@ mod open_world_goals; // what must hold there: nothing gross is healthy, nothing
 mod own_classes; // own names for what the physics knows keep sizes
 mod pipeline; // same bytes for any threads, order, chunking; drift; bad windows
 mod print_run; // recall and false alarms on a print run with known truth
+mod promised; // what a design promises is what a replay does
 mod readers; // everything that reads what others wrote, for mutations and fuzzing
 mod readme; // every command of the README, as printed, in order
 mod report; // the report: stories over recordings, onsets, hostile names, what is missing

@@ -3,6 +3,7 @@
 use crate::io::baseline_file::BaselineFileError;
 use crate::io::damage::RecordingError;
 use crate::io::design_file::DesignFileError;
+use crate::io::inputs::InputsError;
 use crate::io::labels_file::LabelsError;
 use crate::io::outputs::OutputError;
 use crate::pipeline::PipelineError;
@@ -88,6 +89,16 @@ impl From<BaselineFileError> for Failure {
         match e {
             BaselineFileError::Write { .. } | BaselineFileError::Changed { .. } => Failure::new(e),
             _ => Failure::usage(e),
+        }
+    }
+}
+
+/// A name that can be no file's is a mistake of usage; a file that is not there need not be.
+impl From<InputsError> for Failure {
+    fn from(e: InputsError) -> Failure {
+        match e {
+            InputsError::Empty | InputsError::BadPattern { .. } => Failure::usage(e),
+            _ => Failure::new(e),
         }
     }
 }

@@ -163,7 +163,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     }
     let out = PathBuf::from(&settings.output.dir);
     rotate::check(args.rotate, args.follow, &out)?;
-    let found = inputs::find_each_recording(&settings.input.recordings).map_err(Failure::new)?;
+    let found = inputs::find_each_recording(&settings.input.recordings)?;
     outputs::check_place(&out).map_err(Failure::of_place)?;
     let journal = || Journal::read(&out).map_err(|e| unreadable(&out, e));
     let before = journal()?;

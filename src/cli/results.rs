@@ -7,7 +7,7 @@ use super::progress::Progress;
 use crate::io::inputs::Input;
 use crate::io::verdict_reader::VerdictReader;
 use crate::io::verdict_table::TableError;
-use crate::io::{episode_table, stored, summary_file};
+use crate::io::{episode_table, inputs, printable, stored, summary_file};
 use crate::pipeline::Control;
 use crate::report::{Names, Report, ReportSettings, Source, Survey};
 use crate::verdict::VerdictColumns;
@@ -31,6 +31,29 @@ const COLUMNS: [&str; 10] = [
 ];
 /// Batches read ahead: some 10 MB each.
 const READ_AHEAD: usize = 4;
+
+/// Tables of ours that hold no verdicts.
+const OTHERS: [&str; 2] = [".episodes.parquet", ".faults.parquet"];
+
+/// The verdict tables that a command line names, for what is made of them: `a report`.
+pub fn find(named: &[String], what: &str) -> Result<Vec<Input>, Failure> {
+    let other = |name: &&String| OTHERS.iter().any(|ending| name.ends_with(ending));
+    if let Some(other) = named.iter().find(|name| name.ends_with(".mcap")) {
+        let other = printable::cell(other);
+        return Err(Failure::usage(format!(
+            "{other}: is a recording, and {what} reads what `inkling replay {other} -o verdicts` writes: give that \
+             directory"
+        )));
+    }
+    if let Some(other) = named.iter().find(other) {
+        return Err(Failure::usage(format!(
+            "{}: is another table, and {what} reads verdicts and what lies beside them: give their directory, or \
+             *.verdicts.parquet",
+            printable::cell(other)
+        )));
+    }
+    Ok(inputs::find_verdicts(named)?)
+}
 
 /// A report, and what of the results could not be read.
 pub struct Read {

@@ -4,13 +4,13 @@ use super::copies::{self, Table};
 use super::exit::{Exit, Failure};
 use super::progress::complain;
 use super::report_page::write_text;
-use super::scored;
+use super::{results, scored};
 use crate::design::IsolateSettings;
 use crate::fault::{HEALTHY, category};
 use crate::io::truth_file::Seal;
 use crate::io::verdict_reader::VerdictReader;
 use crate::io::{
-    design_file, episode_table, inputs, labels_file, outputs, printable, regular_file, stored,
+    design_file, episode_table, labels_file, outputs, printable, regular_file, stored,
     summary_file, truth_file,
 };
 use crate::labels::{Channels, Label, Labels};
@@ -87,14 +87,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         }
     };
     let labels = labels_file::read(labels_path)?;
-    if let Some(other) = args.verdicts.iter().find(|name| name.ends_with(".mcap")) {
-        let other = printable::cell(other);
-        return Err(Failure::usage(format!(
-            "{other}: is a recording, and a score reads what `inkling replay {other} -o verdicts` writes: give that \
-             directory"
-        )));
-    }
-    let files = inputs::find_verdicts(&args.verdicts).map_err(Failure::new)?;
+    let files = results::find(&args.verdicts, "a score")?;
     let mut scoring = Scoring::new(&labels, args.report.is_some());
     let documents: Vec<serde_json::Value> =
         files.iter().map(|file| summary_file::of_table(&file.path)).collect();

@@ -1,6 +1,6 @@
 //! When bursts are handed on: at the recorded speed, or so many signals a second. In: bursts in the file's order. Out: when
-//! each is due, and how far behind that the reader ever was. A recording is paced once: what is read a second time was
-//! handed on already.
+//! each is due, and how far behind that the reader ever was. Each burst is paced once: what is read a second time was handed
+//! on already.
 
 use super::batches::MOST_ROWS;
 use super::{Control, PipelineError};
@@ -24,12 +24,12 @@ pub struct Pacer {
     started: Option<Instant>,
     /// Its t_a.
     first_ns: Option<i64>,
-    /// Handed on so far.
+    /// Of this pass so far.
     signals: u64,
+    bursts: u64,
     /// Of the next piece: one burst, or more and more while it is late.
     rows: usize,
     pub kept: Paced,
-    pub is_over: bool,
 }
 
 impl Pacer {
@@ -39,10 +39,15 @@ impl Pacer {
             started: None,
             first_ns: None,
             signals: 0,
+            bursts: 0,
             rows: 1,
             kept: Paced::default(),
-            is_over: pace == Pace::Max,
         }
+    }
+
+    /// The recording is read from its beginning.
+    pub fn begin(&mut self) {
+        (self.signals, self.bursts, self.rows) = (0, 0, 1);
     }
 
     /// Rows of the next piece, at least.
@@ -72,8 +77,13 @@ impl Pacer {
         batch: &SignalBatch,
         control: &Control,
     ) -> Result<(), PipelineError> {
-        self.kept.bursts += batch.acquisitions.len() as u64;
-        let Some(due) = self.due(batch) else { return Ok(()) };
+        self.bursts += batch.acquisitions.len() as u64;
+        let due = self.due(batch);
+        if self.bursts <= self.kept.bursts {
+            return Ok(());
+        }
+        self.kept.bursts = self.bursts;
+        let Some(due) = due else { return Ok(()) };
         let started = *self.started.get_or_insert_with(Instant::now);
         let mut is_late = true;
         loop {
@@ -140,6 +150,12 @@ mod tests {
         pacer.wait_for(&batch(50_000_000, 1), &control).unwrap();
         assert_eq!(pacer.rows(), 4);
         assert!(pacer.kept.behind >= Duration::from_millis(900));
-        assert!(Pacer::new(Pace::Max).is_over);
+        // from the beginning again: what was handed on is not waited for
+        pacer.begin();
+        pacer.started = None;
+        for t_ms in [0, 30, 40, 50] {
+            pacer.wait_for(&batch(t_ms * 1_000_000, 1), &control).unwrap();
+        }
+        assert_eq!((pacer.kept.bursts, pacer.started), (4, None));
     }
 }

@@ -320,10 +320,10 @@ impl<'a> Run<'a> {
         let Run { replay, recording, verdicts, control, watch, .. } = *self;
         // somebody waits: who follows hears what is found all the same
         let may_learn = self.may_learn && !recording.is_growing();
-        let pacer = (!self.pacer().is_over).then_some(self.pacer);
+        self.pacer().begin();
+        let pacer = (replay.settings.replay.pace != Pace::Max).then_some(self.pacer);
         let wiring = Wiring { replay, recording, verdicts, control, may_learn, watch, pacer };
         let streamed = wiring.stream(models);
-        self.pacer().is_over = true;
         if streamed.is_err() {
             self.control.signals.store(signals, Ordering::Relaxed); // they are judged again
         }
