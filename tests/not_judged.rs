@@ -71,7 +71,7 @@ fn only_where_all_was_judged_does_a_report_say_that_nothing_needs_care() {
     let told = report(&house, "out", 0);
     assert!(told.page.contains("none needs care.") && told.terminal.contains("nothing to clean"));
     assert_eq!(told.json["coverage"]["complete"], true, "{}", told.json);
-    assert_eq!(told.light_of("black-2"), "healthy");
+    assert_eq!(told.light_of("cyan-1"), "healthy");
 
     // a single signal that was not
     let mut few = some(7, 6);
@@ -98,7 +98,7 @@ fn empty_recordings_and_those_of_rejected_rows_stand_first() {
     replay(&house, "rec").exits(4);
     let told = report(&house, "out", 0);
     told.leads_with("Nothing was judged. b: none of the");
-    assert_eq!(told.light_of("black-2"), "not judged");
+    assert_eq!(told.light_of("cyan-1"), "not judged");
     record(&house, "rec/c.mcap", &some(7, 6));
     replay(&house, "rec --strict").exits(4);
     let told = report(&house, "out", 0);
@@ -132,10 +132,10 @@ fn a_night_that_no_design_fits_is_the_last_night_all_the_same() {
     replay(&house, "rec").exits(4);
     let told = report(&house, "out", 0);
     told.leads_with("Not judged. b: none of the");
-    assert_eq!(told.light_of("black-2"), "not judged");
+    assert_eq!(told.light_of("cyan-1"), "not judged");
     let changed = told.page.split("<h2>What changed since the night before</h2>").nth(1).unwrap();
     let changed = changed.split("</ul>").next().unwrap();
-    assert!(changed.contains("<b>Not judged last night:</b> black-2"), "{changed}");
+    assert!(changed.contains("<b>Not judged last night:</b> cyan-1"), "{changed}");
 }
 
 #[test]
@@ -148,7 +148,7 @@ fn what_was_found_and_lost_is_not_called_healthy() {
     let told = report(&house, "out", 3);
     told.leads_with("Not judged. out/a.episodes.parquet: is missing");
     assert!(told.terminal.contains("the faults of 1 recording are not known"), "{}", told.terminal);
-    assert_eq!(told.light_of("black-2"), "not judged");
+    assert_eq!(told.light_of("cyan-1"), "not judged");
 }
 
 #[test]

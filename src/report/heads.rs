@@ -71,7 +71,7 @@ fn known(report: &Report, head: &Head, channels: &str) -> (Light, String) {
             let words = format!("{channels}, nothing found in the {share} that were judged");
             return (Light::Green, words);
         }
-        () => return (Light::Green, format!("{channels}, nothing to clean")),
+        () => return (Light::Green, format!("{channels}, nothing found")),
     };
     (Light::Grey, grey)
 }
