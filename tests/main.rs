@@ -18,8 +18,8 @@ mod measured; // real ring-downs, where they are: shown, named, extended, measur
 mod memory; // how much memory is held at most, counted
 mod mistakes; // what a user mistypes is answered in a sentence
 mod mutations; // ten thousand changed files: a message or a result, no panic, bounded memory
-mod not_judged; // a report never calls healthy what nobody judged: that stands first
 mod nights; // batches: journal, resume, layouts, baselines in their order; nothing done twice or overwritten
+mod not_judged; // a report never calls healthy what nobody judged: that stands first
 mod numbers; // tables of hostile numbers through the critique: an answer or a refusal, no panic
 mod open_world; // signals of no class, healthy channels of any shape: plants and measurements
 mod open_world_goals; // what must hold there: nothing gross is healthy, nothing foreign named

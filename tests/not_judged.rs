@@ -54,6 +54,12 @@ fn unjudged(from: usize, n: usize) -> Vec<Burst> {
     some(from, n).into_iter().map(|b| Burst { sample_period_s: 5e-6, ..b }).collect()
 }
 
+/// The same a day later.
+fn the_next_night(bursts: Vec<Burst>) -> Vec<Burst> {
+    let day_ns = 86_400_000_000_000;
+    bursts.into_iter().map(|b| Burst { t_acq_ns: b.t_acq_ns + day_ns, ..b }).collect()
+}
+
 /// The first `channels` of a burst at the converter's rail.
 fn saturated(burst: Burst, channels: usize) -> Burst {
     assert_eq!(burst.format, Format::S16Le);
@@ -74,7 +80,7 @@ fn only_where_all_was_judged_does_a_report_say_that_nothing_needs_care() {
     assert_eq!(told.light_of("cyan-1"), "healthy");
 
     // a single signal that was not
-    let mut few = some(7, 6);
+    let mut few = the_next_night(some(0, 6));
     few[2] = saturated(few[2].clone(), 1);
     record(&house, "rec/b.mcap", &few);
     replay(&house, "rec").exits(3);
@@ -99,7 +105,7 @@ fn empty_recordings_and_those_of_rejected_rows_stand_first() {
     let told = report(&house, "out", 0);
     told.leads_with("Nothing was judged. b: none of the");
     assert_eq!(told.light_of("cyan-1"), "not judged");
-    record(&house, "rec/c.mcap", &some(7, 6));
+    record(&house, "rec/c.mcap", &the_next_night(some(0, 6)));
     replay(&house, "rec --strict").exits(4);
     let told = report(&house, "out", 0);
     told.leads_with("Not judged. b: none of the");
@@ -119,16 +125,17 @@ fn of_half_of_the_printheads_nothing_is_known() {
     let told = report(&house, "out", 0);
     told.leads_with("Not judged. night: none of the");
     assert!(told.page.contains("of k-3 could") && told.page.contains("of k-4 could"));
-    assert_eq!((told.light_of("k-1").as_str(), told.light_of("k-3").as_str()), ("healthy", "not judged"));
+    assert_eq!(
+        (told.light_of("k-1").as_str(), told.light_of("k-3").as_str()),
+        ("healthy", "not judged")
+    );
 }
 
 #[test]
 fn a_night_that_no_design_fits_is_the_last_night_all_the_same() {
     let house = House::new();
-    let day_ns = 86_400_000_000_000;
     record(&house, "rec/a.mcap", &some(0, 6));
-    let later = unjudged(0, 6).into_iter().map(|b| Burst { t_acq_ns: b.t_acq_ns + day_ns, ..b });
-    record(&house, "rec/b.mcap", &later.collect::<Vec<_>>());
+    record(&house, "rec/b.mcap", &the_next_night(unjudged(0, 6)));
     replay(&house, "rec").exits(4);
     let told = report(&house, "out", 0);
     told.leads_with("Not judged. b: none of the");
@@ -142,7 +149,7 @@ fn a_night_that_no_design_fits_is_the_last_night_all_the_same() {
 fn what_was_found_and_lost_is_not_called_healthy() {
     let house = House::new();
     record(&house, "rec/a.mcap", &some(0, 6));
-    record(&house, "rec/b.mcap", &some(7, 6));
+    record(&house, "rec/b.mcap", &the_next_night(some(0, 6)));
     replay(&house, "rec").exits(0);
     std::fs::remove_file(house.path("out/a.episodes.parquet")).unwrap();
     let told = report(&house, "out", 3);

@@ -10,12 +10,8 @@ fn scenario(promise: &Value) -> toml::Table {
     let mut toml: toml::Table = text.parse().unwrap();
     toml.remove("print_run");
     for class in promise["classes"].as_array().unwrap() {
-        let range: Vec<toml::Value> = class["range"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .map(|v| v.as_f64().unwrap().into())
-            .collect();
+        let range: Vec<toml::Value> =
+            class["range"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap().into()).collect();
         let fault = toml["fault"][class["class"].as_str().unwrap()].as_table_mut().unwrap();
         fault.insert("range".into(), range.into());
     }

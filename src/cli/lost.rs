@@ -57,7 +57,10 @@ fn not_reached(out: &Path) -> Vec<Lost> {
     let rows = rows.filter(|row| row["outcome"] == json!(Outcome::NotReached));
     let lost = rows.filter_map(|row| {
         let why = row["why"].as_str().unwrap_or("the run ended before it");
-        Some(Lost { name: row["recording"].as_str()?.to_owned(), why: format!("not reached: {why}") })
+        Some(Lost {
+            name: row["recording"].as_str()?.to_owned(),
+            why: format!("not reached: {why}"),
+        })
     });
     lost.collect()
 }

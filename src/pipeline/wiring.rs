@@ -29,8 +29,8 @@ use crate::settings::TimestampUnit;
 use crate::state::Memory;
 use crossbeam_channel::bounded;
 use std::path::Path;
-use std::sync::atomic::Ordering;
 use std::sync::Mutex;
+use std::sync::atomic::Ordering;
 use std::thread::{self, Scope, ScopedJoinHandle};
 
 /// Batches between two stages.
