@@ -75,7 +75,7 @@ fn write(
         (least, Some(most)) if least == most => Some(most as u64),
         _ => None,
     };
-    let steps = Steps::new(&recording.stem, steps);
+    let steps = Steps::new(&recording.stem, steps, "bursts");
     let (mut bursts, mut signals) = (0, 0);
     for burst in recording.bursts {
         if control.interrupted() {

@@ -36,7 +36,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         n => n.min(1024),
     };
     // Ctrl-C simply ends the run: nothing is written before the last seed is done
-    let steps = Steps::new("seeds", Some(args.seeds));
+    let steps = Steps::new("thesis", Some(args.seeds), "seeds");
     let chapter = thesis::run(&seeds, threads, |_| steps.step()).map_err(Failure::new)?;
     drop(steps);
     thesis::write(&chapter, &args.out).map_err(Failure::new)?;
