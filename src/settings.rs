@@ -16,6 +16,7 @@ use crate::report::ReportSettings;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 use thiserror::Error;
 use toml::{Table, Value};
 
@@ -191,13 +192,57 @@ impl Default for OutputSettings {
     }
 }
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+/// How fast bursts are handed on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(into = "WrittenPace", try_from = "WrittenPace")]
 pub enum Pace {
-    /// At the speed at which it was recorded.
+    /// At the speed at which they were recorded.
     Recorded,
     #[default]
     Max,
+    /// So many signals a second.
+    Signals(f64),
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(untagged, expecting = "give recorded, max, or signals per second such as 1000000")]
+enum WrittenPace {
+    Signals(f64),
+    Word(String),
+}
+
+impl From<Pace> for WrittenPace {
+    fn from(pace: Pace) -> WrittenPace {
+        match pace {
+            Pace::Recorded => WrittenPace::Word("recorded".into()),
+            Pace::Max => WrittenPace::Word("max".into()),
+            Pace::Signals(per_s) => WrittenPace::Signals(per_s),
+        }
+    }
+}
+
+impl TryFrom<WrittenPace> for Pace {
+    type Error = String;
+
+    fn try_from(written: WrittenPace) -> Result<Pace, String> {
+        match written {
+            WrittenPace::Signals(per_s) => per_s.to_string().parse(),
+            WrittenPace::Word(word) => word.parse(),
+        }
+    }
+}
+
+impl FromStr for Pace {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Pace, String> {
+        match (text, text.parse::<f64>()) {
+            ("recorded", _) => Ok(Pace::Recorded),
+            ("max", _) => Ok(Pace::Max),
+            (_, Ok(per_s)) if (1.0..=1e12).contains(&per_s) => Ok(Pace::Signals(per_s)),
+            _ => Err("give recorded, max, or signals per second such as 1000000".to_owned()),
+        }
+    }
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -224,10 +269,15 @@ impl Settings {
         if let Some(path) = file {
             let text = regular_file::read_text(path, regular_file::MOST_SETTINGS_BYTES)
                 .map_err(|source| SettingsError::Unreadable { path: path.into(), source })?;
-            table = text.parse::<Table>().map_err(|e| {
-                SettingsError::invalid(path.display().to_string(), printable::of_parser(&e))
-            })?;
-            let from_file: Settings = parse(table.clone(), &path.display().to_string())?;
+            let no_settings = |what: String| SettingsError::Invalid {
+                place: path.display().to_string(),
+                message: format!("{what}; a settings file has the sections of pipeline.toml"),
+            };
+            table = text
+                .parse::<Table>()
+                .map_err(|e| no_settings(printable::of_parser(&e).trim_end().to_owned()))?;
+            let from_file = Settings::deserialize(table.clone())
+                .map_err(|e: toml::de::Error| no_settings(printable::of_parser(&e)))?;
             // absolute from here on, so that later layers (relative to the caller) do not mix
             let dir = path.parent().unwrap_or(Path::new("."));
             let rooted = from_file.rooted_at(dir);

@@ -118,3 +118,11 @@ fn what_is_said_says_what_to_do_and_mistyped_input_is_wrong_usage() {
     let faults = told["faults"].as_array().unwrap();
     assert!(faults.len() > 5 && faults[0]["sentence"].is_string(), "{told}");
 }
+
+#[test]
+fn what_no_terminal_shows_has_no_progress() {
+    let house = House::new();
+    let scenario = root().join("sample_logs/scenarios/sample.toml");
+    let ended = house.run(&format!("simulate {} -o run", scenario.display())).exits(0);
+    assert!(ended.stderr().is_empty(), "{}", ended.stderr());
+}

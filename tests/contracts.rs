@@ -212,3 +212,19 @@ fn the_page_of_versions_has_each_schema_and_its_version() {
         design.starts_with(&format!("# The design file, version {}", inkling::design::VERSION))
     );
 }
+
+/// The example of `docs/critique.md`, and what the critique says of it now.
+#[test]
+fn the_critiques_page_quotes_what_its_commands_say() {
+    let house = House::new();
+    let scenario = root().join("sample_logs/scenarios/hidden.toml");
+    house.ok(&format!("simulate {} -o blind --hide 26", scenario.display()));
+    house.ok("critique blind/print_run.mcap -o blind/critique");
+    let critique = house.read_json("blind/critique/critique.json");
+    let truth = house.read_json("blind/sealed/truth.json");
+    let page = std::fs::read_to_string(root().join("docs/critique.md")).unwrap();
+    let said = critique["sentence"].as_str().unwrap();
+    assert!(page.contains(&format!("\n> {said}\n")), "docs/critique.md quotes another: {said}");
+    let hz = truth["effects"][0]["value"].as_f64().unwrap();
+    assert!(page.contains(&format!("a `tone` at {hz:.0} Hz")), "docs/critique.md: {hz}");
+}

@@ -391,7 +391,7 @@ fn text_that_never_ends_is_refused_whatever_asks_for_it() {
         for (args, code) in [
             (format!("replay run.mcap --design {endless}"), 2),
             (format!("replay run.mcap --config {endless}"), 2),
-            (format!("replay run.mcap --baseline {endless}"), 1),
+            (format!("replay run.mcap --baseline {endless}"), 2),
             (format!("train run.mcap --labels {endless} -o d.json"), 2),
             (format!("score {endless} --truth critique.json"), 1),
             (format!("{scored} {endless}"), 1),

@@ -29,8 +29,13 @@ impl House {
 
     /// Runs inkling in the directory; arguments separated by white space.
     pub fn run(&self, args: &str) -> Ended {
+        self.run_words(args, args.split_whitespace())
+    }
+
+    /// The same of any words; `args`: how they are told of.
+    pub fn run_words<'a>(&self, args: &str, words: impl Iterator<Item = &'a str>) -> Ended {
         let output = Command::new(env!("CARGO_BIN_EXE_inkling"))
-            .args(args.split_whitespace())
+            .args(words)
             .current_dir(self.dir.path())
             .output()
             .expect("inkling runs");

@@ -111,7 +111,12 @@ fn interrupted_run_says_what_it_did_not_reach() {
     let run = house.read_json("out/run.json");
     assert_eq!((&run["end"], &run["exit"]), (&"interrupted".into(), &1.into()));
     assert_eq!((&run["totals"]["skipped"], &run["totals"]["not_reached"]), (&1.into(), &2.into()));
+    // of what was found nothing is to be cleaned, and two recordings nobody looked at
+    let told = house.ok("report out -o r.html");
+    assert!(told.starts_with("Not judged. b.mcap: not reached: "), "{told}");
+    assert!(told.contains("c.mcap: not reached: ") && !told.contains("nothing to clean"), "{told}");
     replay(&house, "rec").exits(0).says("2 judged, 1 skipped");
+    assert!(!house.ok("report out -o r.html").contains("not reached"));
 }
 
 #[test]

@@ -50,6 +50,22 @@ fn a_state_that_nobody_declared_is_refused_with_the_nearest_names() {
 }
 
 #[test]
+fn labels_that_are_too_few_are_called_so() {
+    let house = House::new();
+    library(&house, str::to_owned);
+    house.write("few.csv", "printhead,channel,from,to,state,severity\ndataset,0-2,,,healthy,\n");
+    let few = "3 usable signals are labelled `healthy`, 16 are needed: label more channels or longer times";
+    for (command, exit) in [
+        ("train train.mcap --labels few.csv -o d.json", 2),
+        ("identify train.mcap --labels few.csv -o m.json", 1),
+        ("replay train.mcap --set identify.labels=few.csv --out out", 4),
+    ] {
+        let ended = house.run(command).exits(exit).says(few);
+        assert!(!(ended.stdout() + &ended.stderr()).contains("widen"), "{command}");
+    }
+}
+
+#[test]
 fn what_is_ignored_is_neither_trained_on_nor_scored() {
     let house = House::new();
     library(&house, |state| if state == "DDN" { "ignore".into() } else { state.to_owned() });

@@ -19,12 +19,14 @@ mod memory; // how much memory is held at most, counted
 mod mistakes; // what a user mistypes is answered in a sentence
 mod mutations; // ten thousand changed files: a message or a result, no panic, bounded memory
 mod nights; // batches: journal, resume, layouts, baselines in their order; nothing done twice or overwritten
+mod not_judged; // a report never calls healthy what nobody judged: that stands first
 mod numbers; // tables of hostile numbers through the critique: an answer or a refusal, no panic
 mod open_world; // signals of no class, healthy channels of any shape: plants and measurements
 mod open_world_goals; // what must hold there: nothing gross is healthy, nothing foreign named
 mod own_classes; // own names for what the physics knows keep sizes
 mod pipeline; // same bytes for any threads, order, chunking; drift; bad windows
 mod print_run; // recall and false alarms on a print run with known truth
+mod promised; // what a design promises is what a replay does
 mod readers; // everything that reads what others wrote, for mutations and fuzzing
 mod readme; // every command of the README, as printed, in order
 mod report; // the report: stories over recordings, onsets, hostile names, what is missing

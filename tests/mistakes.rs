@@ -2,7 +2,8 @@
 
 use crate::house::{House, root};
 
-/// `{R}`: a recording, `{D}`: its design, `{L}`: its labels, `{T}`: a training recording.
+/// `{R}`: a recording, `{D}`: its design, `{L}`: its labels, `{T}`: a training recording, `{S}`: a scenario, `{E}`: a
+/// table of episodes, `{none}`: an empty argument.
 const MISTAKES: &[(&str, i32, &str)] = &[
     // verbs and options
     ("replya x", 2, "'replay'"),
@@ -10,8 +11,11 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("replay {R} --threads 0", 2, "1..=1024"),
     ("replay {R} --threads -1", 2, "'-1'"),
     ("replay {R} --threads many", 2, "'many'"),
-    ("replay {R} --pace fast", 2, "recorded, max"),
-    ("replay {R} --pace 0", 2, "recorded, max"),
+    ("replay {R} --pace fast", 2, "recorded, max, or signals per second"),
+    ("replay {R} --pace 0", 2, "recorded, max, or signals per second"),
+    ("replay {R} --pace -1", 2, "'-1'"),
+    ("replay {R} --set replay.pace=fast", 2, "recorded, max, or signals per second"),
+    ("replay {R} --follow --pace 1000", 2, "the recorder sets the pace"),
     ("replay {R} --identify window", 2, "'windows'"),
     ("replay {R} --preset thesys", 2, "'thesis'"),
     ("replay {R} --layout dat", 2, "'date'"),
@@ -54,12 +58,21 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("replay {R} --design {L}", 2, "`inkling train` makes one"),
     ("replay {R} --design .", 2, "not a file"),
     ("replay {L} --design {D}", 1, "`inkling convert` makes one"),
+    ("replay {E}", 1, "not an MCAP file"),
+    ("replay {none}", 2, "an empty name is no file"),
+    ("report {none} -o r.html", 2, "an empty name is no file"),
+    ("train {none} --labels {L} -o d.json", 2, "an empty name is no file"),
+    ("inspect {none}", 2, "an empty name is no file"),
+    ("train {T} --labels {L} -o d.json --config {L}", 2, "has the sections of pipeline.toml"),
+    ("train {T} --labels {L} -o d.json --config {S}", 2, "has the sections of pipeline.toml"),
+    ("train {T} --labels {L} -o d.json --config missing.toml", 2, "missing.toml"),
     ("replay {D}", 1, "not an MCAP file"),
-    ("replay {R} --design {D} --baseline {L}", 1, "`inkling replay --baseline` makes them"),
+    ("replay {R} --design {D} --baseline {L}", 2, "`inkling replay --baseline` makes them"),
     ("replay {R} --design {D} --out {R}", 2, "is a file, and results go into a directory"),
     ("report {R} -o r.html", 2, "is a recording, and a report reads"),
     ("report . -o r.html", 1, "*.verdicts.parquet"),
     ("report . -o .", 2, "give a name.html"),
+    ("report {E} -o r.html", 2, "a report reads verdicts"),
     ("report missing -o r.html", 1, "missing: no such file"),
     ("train {T} --labels missing.csv -o d.json", 2, "missing.csv"),
     ("train {T} --labels {D} -o d.json", 2, "no column `printhead`"),
@@ -69,6 +82,7 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("identify missing.mcap -o m.json", 1, "missing.mcap"),
     ("identify {T} --labels {L} -o .", 2, "is a directory"),
     ("score {R} --labels {L}", 2, "is a recording, and a score reads"),
+    ("score {E} --labels {L}", 2, "a score reads verdicts"),
     ("score missing --labels {L}", 1, "missing: no such file"),
     ("score . --labels {D}", 2, "no column `printhead`"),
     ("score --design {L}", 2, "not a design"),
@@ -87,14 +101,19 @@ const MISTAKES: &[(&str, i32, &str)] = &[
 fn what_is_mistyped_is_answered_in_a_sentence() {
     let logs = root().join("sample_logs");
     let named = |name: &str| logs.join(name).display().to_string();
+    let other = House::new();
+    other.ok(&format!("replay {} --out out --quiet", named("print_run.mcap")));
     for (command, status, said) in MISTAKES {
         let house = House::new();
         let command = command
             .replace("{R}", &named("print_run.mcap"))
             .replace("{T}", &named("train.mcap"))
             .replace("{D}", &named("design.json"))
-            .replace("{L}", &named("labels.csv"));
-        let stderr = house.run(&command).exits(*status).says(said).stderr();
+            .replace("{L}", &named("labels.csv"))
+            .replace("{S}", &named("scenarios/sample.toml"))
+            .replace("{E}", &other.path("out/print_run.episodes.parquet").display().to_string());
+        let words = command.split_whitespace().map(|word| if word == "{none}" { "" } else { word });
+        let stderr = house.run_words(&command, words).exits(*status).says(said).stderr();
         assert!(!stderr.contains("panicked"), "{command}: {stderr}");
         // a run that began and failed (1) keeps its journal; wrong usage never begins
         let mut left = std::fs::read_dir(house.path(".")).expect("the directory");

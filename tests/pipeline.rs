@@ -501,3 +501,27 @@ fn scaled(burst: &Burst, by: f64) -> Burst {
     let t_acq_ns = burst.t_acq_ns + 86_400_000_000_000;
     Burst { t_acq_ns, samples: samples.into(), ..burst.clone() }
 }
+
+#[test]
+fn a_pace_is_kept_burst_by_burst_once_and_changes_no_verdict() {
+    let house = House::new();
+    let run = |args: &str| {
+        let (recording, design) = (sample("print_run.mcap"), sample("design.json"));
+        house.ok(&format!("replay {} --design {} {args}", recording.display(), design.display()))
+    };
+    run("--out max");
+    let told = run("--out paced --pace 100000");
+    assert!(told.contains("at the pace that was asked for"), "{told}");
+    let table = |out: &str| verdicts(&house.path(&format!("{out}/print_run.verdicts.parquet")));
+    assert_eq!(table("max"), table("paced"));
+    let summary = house.read_json("paced/print_run.summary.json");
+    let rates = &summary["rates"];
+    // what temperature does is learned on the way: the recording is read twice, and handed on once
+    let phases: Vec<&str> =
+        summary["phases"].as_array().unwrap().iter().flat_map(|p| p["phase"].as_str()).collect();
+    assert!(phases.contains(&"given up"), "{phases:?}");
+    assert_eq!(rates["paced_bursts"], summary["counts"]["bursts"], "{rates}");
+    assert!(rates["behind_s"].as_f64().is_some(), "{rates}");
+    let free = house.read_json("max/print_run.summary.json")["rates"].take();
+    assert!(free["paced_bursts"].is_null() && free["behind_s"].is_null(), "{free}");
+}

@@ -581,6 +581,11 @@ fn man_pages_completions_and_versions_are_there_for_every_verb() {
     house.ok("generate man -o man");
     let page = String::from_utf8(house.read("man/inkling-report.1")).unwrap();
     assert!(page.contains(".TH") && page.contains("report"), "{page}");
+    // an example stays a line, however narrow the page is; what explains it is filled
+    let examples = page.split(".SH EXAMPLES\n.nf\n").nth(1).expect("examples");
+    let (first, rest) = examples.split_once(".fi\n").expect("they end");
+    assert!(first.starts_with("  inkling report verdicts/ \\-o report.html\n"), "{first}");
+    assert!(rest.contains("Reads what"), "{rest}");
     for shell in ["bash", "zsh", "fish"] {
         let script = house.ok(&format!("generate completions {shell}"));
         assert!(script.contains("replay") && script.contains("critique"), "{shell}");

@@ -193,7 +193,8 @@ impl Worker {
         // of a run that followed it and was killed; what stays costs room alone
         let _ = PartTables::beside(&item.verdicts_in(run.out())).remove_of(&recording);
         let job = &loaded.job;
-        Ok(Judged::of(report, &item.label, &item.verdicts_in(&job.out), job.detail))
+        let judged = Judged::of(report, &item.label, &item.verdicts_in(&job.out), job.detail);
+        Ok(judged.with_doubts(replay, &recording))
     }
 }
 

@@ -25,7 +25,7 @@ pub struct Recordings {
 impl Recordings {
     /// Files, directories, glob patterns.
     pub fn find(patterns: &[String], settings: &Settings) -> Result<Recordings, Failure> {
-        let inputs = inputs::find_recordings(patterns).map_err(Failure::new)?;
+        let inputs = inputs::find_recordings(patterns)?;
         let dialects = dialects::checked(settings, &inputs, |_| false)?;
         let control = interruptible();
         let progress = Progress::new(inputs.len(), 0);

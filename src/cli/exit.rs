@@ -1,7 +1,9 @@
 //! How a run ends: the contract's exit statuses.
 
+use crate::io::baseline_file::BaselineFileError;
 use crate::io::damage::RecordingError;
 use crate::io::design_file::DesignFileError;
+use crate::io::inputs::InputsError;
 use crate::io::labels_file::LabelsError;
 use crate::io::outputs::OutputError;
 use crate::pipeline::PipelineError;
@@ -77,6 +79,26 @@ impl From<DesignFileError> for Failure {
         match e {
             DesignFileError::Write { .. } => Failure::new(e),
             _ => Failure::usage(e),
+        }
+    }
+}
+
+/// Which file was meant is the user's to put right; that another run wrote it meanwhile is nobody's mistake.
+impl From<BaselineFileError> for Failure {
+    fn from(e: BaselineFileError) -> Failure {
+        match e {
+            BaselineFileError::Write { .. } | BaselineFileError::Changed { .. } => Failure::new(e),
+            _ => Failure::usage(e),
+        }
+    }
+}
+
+/// A name that can be no file's is a mistake of usage; a file that is not there need not be.
+impl From<InputsError> for Failure {
+    fn from(e: InputsError) -> Failure {
+        match e {
+            InputsError::Empty | InputsError::BadPattern { .. } => Failure::usage(e),
+            _ => Failure::new(e),
         }
     }
 }

@@ -27,8 +27,8 @@ pub fn check(settings: &Settings, dry_run: bool) -> Result<(), Failure> {
     let input = &settings.input;
     let why = match input.recordings.as_slice() {
         _ if dry_run => "--dry-run does nothing, and --follow waits: leave one of them out".into(),
-        _ if settings.replay.pace == Pace::Recorded => {
-            "the recorder sets the pace: leave --pace recorded (replay.pace) out".into()
+        _ if settings.replay.pace != Pace::Max => {
+            "the recorder sets the pace: leave --pace (replay.pace) out".into()
         }
         _ if settings.output.layout == Layout::Date => {
             "the day of the first burst is not known before it is written: choose --layout tree or flat"

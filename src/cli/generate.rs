@@ -4,6 +4,7 @@ use super::exit::{Exit, Failure};
 use crate::io::outputs;
 use clap::Command;
 use clap_complete::Shell;
+use clap_mangen::Man;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -45,6 +46,36 @@ fn man(dir: &Path, command: Command) -> Result<Exit, Failure> {
     outputs::check_directory(dir).map_err(Failure::of_place)?;
     let failed = |e: std::io::Error| Failure::new(format!("{}: {e}", dir.display()));
     std::fs::create_dir_all(dir).map_err(failed)?;
-    clap_mangen::generate_to(command, dir).map_err(failed)?;
+    let mut command = command.disable_help_subcommand(true);
+    command.build();
+    pages(&command, dir).map_err(failed)?;
     Ok(Exit::Done)
+}
+
+/// Of a command and all below it.
+fn pages(command: &Command, dir: &Path) -> std::io::Result<()> {
+    let verbs = command.get_subcommands().filter(|verb| !verb.is_hide_set());
+    verbs.into_iter().try_for_each(|verb| pages(verb, dir))?;
+    let man = Man::new(command.clone());
+    let mut page = Vec::new();
+    man.render(&mut page)?;
+    std::fs::write(dir.join(man.get_filename()), with_examples(&String::from_utf8_lossy(&page)))
+}
+
+/// Lines that begin with a space are examples: they stay as they are, however wide the page is.
+fn with_examples(page: &str) -> String {
+    let mut text = String::new();
+    let mut is_example = false;
+    for line in page.replace(".SH EXTRA\nExamples:\n", ".SH EXAMPLES\n").lines() {
+        let begins = line.starts_with(' ');
+        text += match (is_example, begins) {
+            (false, true) => ".nf\n",
+            (true, false) => ".fi\n",
+            _ => "",
+        };
+        is_example = begins;
+        text += line;
+        text.push('\n');
+    }
+    text
 }

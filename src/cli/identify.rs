@@ -68,7 +68,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             Ok(fitted) => fitted,
             Err(e) => {
                 incomplete = true;
-                progress.say(&format!("warning: printhead {}: {e}", printable(name)));
+                let why = e.advice(labels.is_some());
+                progress.say(&format!("warning: printhead {}: {why}", printable(name)));
                 continue;
             }
         };

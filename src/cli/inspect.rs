@@ -46,7 +46,7 @@ pub struct Args {
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &[])?;
-    let inputs = inputs::find_recordings(&args.recordings).map_err(Failure::new)?;
+    let inputs = inputs::find_recordings(&args.recordings)?;
     let dialects = dialects::checked(&settings, &inputs, |_| false)?;
     if let Some(file) = args.config.filter(|_| dialects.is_empty()) {
         return Err(Failure::usage(format!(

@@ -100,6 +100,16 @@ impl Judged {
         }
     }
 
+    /// With what speaks against the layout and the sample period of its recording. Not asked where there is a design: it
+    /// knows how its signals lie and how far apart their samples are.
+    pub fn with_doubts(mut self, replay: &Replay, recording: &Recording) -> Judged {
+        if replay.design.is_none() {
+            let doubts = ring_look::doubts(recording).into_iter();
+            self.warnings.extend(doubts.map(|what| Told { what, times: 1 }));
+        }
+        self
+    }
+
     pub fn signals(&self) -> u64 {
         self.counts["signals"].as_u64().unwrap_or_default()
     }
@@ -156,22 +166,14 @@ impl Judge for Here<'_> {
 
     fn judge(&mut self, run: &Run, _: usize, item: &Item) -> Result<Judged, NotJudged> {
         let verdicts = item.verdicts_in(run.out);
-        let mut doubts = Vec::new();
-        let judged = Recording::open_with(&item.path, Limits::default(), run.dialects)
-            .map_err(PipelineError::from)
-            .and_then(|mut recording| {
-                recording.label.clone_from(&item.label);
-                // a design knows how its signals lie and how far apart their samples are
-                if run.replay.design.is_none() {
-                    doubts = ring_look::doubts(&recording);
-                }
-                self.progress.during(&item.label, recording.bytes, run.control, || {
-                    pipeline::replay(run.replay, &recording, &verdicts, run.control)
-                })
-            });
-        let mut judged = Judged::of(judged?, &item.label, &verdicts, run.detail);
-        judged.warnings.extend(doubts.into_iter().map(|what| Told { what, times: 1 }));
-        Ok(judged)
+        let mut recording = Recording::open_with(&item.path, Limits::default(), run.dialects)
+            .map_err(PipelineError::from)?;
+        recording.label.clone_from(&item.label);
+        let report = self.progress.during(&item.label, recording.bytes, run.control, || {
+            pipeline::replay(run.replay, &recording, &verdicts, run.control)
+        });
+        let judged = Judged::of(report?, &item.label, &verdicts, run.detail);
+        Ok(judged.with_doubts(run.replay, &recording))
     }
 
     fn all_at_once(&self) -> bool {

@@ -1,10 +1,14 @@
-//! Recordings that a report cannot be of, as they have no verdicts: those whose journal says that they failed, and
-//! those whose tables cannot be read. In: verdict tables. Out: names and reasons.
+//! Recordings that a report cannot be of, as they have no verdicts: those whose journal says that they failed, those
+//! that the last run was to judge and did not reach, and those whose tables cannot be read. In: verdict tables. Out:
+//! names and reasons.
 
+use super::account::RUN_NAME;
 use crate::io::inputs::Input;
 use crate::io::journal::{Entry, JOURNAL_NAME, Journal, Outcome};
+use crate::io::regular_file;
 use crate::io::stored;
 use crate::report::Lost;
+use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -16,6 +20,8 @@ pub fn of(tables: &[Input], unread: &[String]) -> Vec<Lost> {
         .iter()
         .flat_map(|out| failed(out, |place| named.iter().any(|dir| place.starts_with(dir))))
         .collect();
+    let is_whole = |out: &&PathBuf| named.iter().any(|dir| out.starts_with(dir));
+    lost.extend(out.iter().filter(is_whole).flat_map(|out| not_reached(out)));
     lost.sort_by(|a, b| a.name.cmp(&b.name));
     let unread = unread.iter().map(|words| {
         let (name, why) = words.split_once(": ").unwrap_or(("a table", words));
@@ -37,8 +43,27 @@ fn results_above(dir: &Path) -> Option<PathBuf> {
     dir.ancestors().take(MOST_LEVELS).find(has_journal).map(Path::to_path_buf)
 }
 
+/// An account of a million recordings.
+const MOST_ACCOUNT_BYTES: u64 = 1 << 30;
 /// Directories that are looked for a journal.
 const MOST_LEVELS: usize = 8;
+
+/// What the last run did not reach, as its account says.
+fn not_reached(out: &Path) -> Vec<Lost> {
+    let account = regular_file::read(&out.join(RUN_NAME), MOST_ACCOUNT_BYTES);
+    let account: Value =
+        account.ok().and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default();
+    let rows = account["recordings"].as_array().into_iter().flatten();
+    let rows = rows.filter(|row| row["outcome"] == json!(Outcome::NotReached));
+    let lost = rows.filter_map(|row| {
+        let why = row["why"].as_str().unwrap_or("the run ended before it");
+        Some(Lost {
+            name: row["recording"].as_str()?.to_owned(),
+            why: format!("not reached: {why}"),
+        })
+    });
+    lost.collect()
+}
 
 /// Recordings of a directory of results that failed, are still there, and would have their table at such a place.
 fn failed(out: &Path, is_asked_for: impl Fn(&Path) -> bool) -> Vec<Lost> {

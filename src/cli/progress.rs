@@ -228,6 +228,40 @@ impl Progress {
     }
 }
 
+/// Progress through work that reads no recording, step by step: a bar on a terminal, elsewhere nothing.
+pub struct Steps {
+    bar: ProgressBar,
+}
+
+impl Steps {
+    /// `steps`: how many; `None`: nobody knows. `unit`: what they are.
+    pub fn new(what: &str, steps: Option<u64>, unit: &'static str) -> Steps {
+        if !std::io::stderr().is_terminal() || is_quiet() {
+            return Steps { bar: ProgressBar::hidden() };
+        }
+        let bar = steps.map_or_else(ProgressBar::new_spinner, ProgressBar::new);
+        bar.set_style(style(match steps {
+            Some(_) => "{spinner} {prefix:<16!} {bar:30} {pos} of {len} {msg}  {eta} left",
+            None => "{spinner} {prefix:<16!} {human_pos} {msg} in {elapsed}",
+        }));
+        bar.set_prefix(printable::line(what, MOST_OF_A_NAME));
+        bar.set_message(unit);
+        bar.enable_steady_tick(TICK);
+        Steps { bar }
+    }
+
+    /// One more is done.
+    pub fn step(&self) {
+        self.bar.inc(1);
+    }
+}
+
+impl Drop for Steps {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}
+
 /// Says so when it goes out of scope, however that comes.
 struct Ended<'a> {
     done: &'a AtomicBool,

@@ -42,12 +42,6 @@ enum IdentifyArg {
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum PaceArg {
-    Recorded,
-    Max,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
 enum LayoutArg {
     Tree,
     Date,
@@ -103,9 +97,9 @@ pub struct Args {
     /// Choices that belong together; --set wins over them
     #[arg(long, value_enum)]
     preset: Option<PresetArg>,
-    /// Replay at the recorded speed, or as fast as possible [default: max]
-    #[arg(long, value_enum)]
-    pace: Option<PaceArg>,
+    /// As fast as possible (max), at the recorded speed (recorded), or so many signals per second [default: max]
+    #[arg(long)]
+    pace: Option<Pace>,
     /// Workers per parallel stage [default: the machine's cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
@@ -169,7 +163,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     }
     let out = PathBuf::from(&settings.output.dir);
     rotate::check(args.rotate, args.follow, &out)?;
-    let found = inputs::find_each_recording(&settings.input.recordings).map_err(Failure::new)?;
+    let found = inputs::find_each_recording(&settings.input.recordings)?;
     outputs::check_place(&out).map_err(Failure::of_place)?;
     let journal = || Journal::read(&out).map_err(|e| unreadable(&out, e));
     let before = journal()?;
@@ -306,10 +300,8 @@ fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
     if !args.recordings.is_empty() {
         settings.input.recordings.clone_from(&args.recordings);
     }
-    match args.pace {
-        Some(PaceArg::Recorded) => settings.replay.pace = Pace::Recorded,
-        Some(PaceArg::Max) => settings.replay.pace = Pace::Max,
-        None => {}
+    if let Some(pace) = args.pace {
+        settings.replay.pace = pace;
     }
     match args.layout {
         Some(LayoutArg::Tree) => settings.output.layout = Layout::Tree,
@@ -440,8 +432,7 @@ fn load(mut settings: Settings, read: Option<Read>, args: &Args) -> Result<Loade
     let (baseline_file, baselines) = match settings.input.baseline.as_str() {
         "" => (None, None),
         path => BaselineFile::read(Path::new(path), design_digest.as_deref())
-            .map(|(file, baselines)| (Some(file), Some(baselines)))
-            .map_err(Failure::new)?,
+            .map(|(file, baselines)| (Some(file), Some(baselines)))?,
     };
     let replay = Replay { settings, design, design_digest, labels, spans, baselines };
     let means = Means::of(&replay, labels_digest);

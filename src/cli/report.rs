@@ -42,11 +42,11 @@ fn print_counts(report: &RecordingReport, out: &mut impl Write) -> io::Result<()
         report.seconds,
         thousands((counts.signals as f64 / report.seconds.max(1e-9)) as u64),
     )?;
-    if let Some(behind) = report.behind {
+    if let Some(paced) = report.paced {
         writeln!(
             out,
-            "  replayed at the recorded pace, at most {:.3} s behind",
-            behind.as_secs_f64()
+            "  at the pace that was asked for, at most {:.3} s behind",
+            paced.behind.as_secs_f64()
         )?;
     }
     let rejected: u64 = counts.rejected.values().sum();

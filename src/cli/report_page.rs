@@ -3,7 +3,7 @@
 use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible};
 use super::{output, results};
-use crate::io::{fault_table, inputs, outputs, part_file, printable};
+use crate::io::{fault_table, outputs, part_file, printable};
 use crate::report::{self, Fault};
 use crate::settings::Settings;
 use chrono::DateTime;
@@ -63,14 +63,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     for path in [&args.output, &table] {
         outputs::check_file(path).map_err(Failure::of_place)?;
     }
-    if let Some(other) = args.out.iter().find(|name| name.ends_with(".mcap")) {
-        let other = printable::cell(other);
-        return Err(Failure::usage(format!(
-            "{other}: is a recording, and a report reads what `inkling replay {other} -o verdicts` writes: give \
-             that directory"
-        )));
-    }
-    let found = inputs::find_verdicts(&args.out).map_err(Failure::new)?;
+    let found = results::find(&args.out, "a report")?;
     let progress = Progress::new(1, 0);
     let read = results::read(&found, &settings, true, &progress, &interruptible())?;
     let own = read.classes.iter().chain(&declared).map(String::as_str);
@@ -88,8 +81,16 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     write_text(&args.output, &report::html(&read.report))?;
     if args.json {
         let faults: Vec<_> = read.report.faults.iter().map(as_json).collect();
-        let told =
-            json!({ "page": args.output, "table": table, "faults": faults, "failed": read.failed });
+        let mut coverage = json!(read.report.coverage);
+        coverage["complete"] = json!(read.report.coverage.is_complete());
+        let told = json!({
+            "page": args.output,
+            "table": table,
+            "faults": faults,
+            "failed": read.failed,
+            "coverage": coverage,
+            "notes": read.report.notes,
+        });
         output::event(&told)?;
         return Ok(if read.failed.is_empty() { Exit::Done } else { Exit::Incomplete });
     }

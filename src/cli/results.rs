@@ -1,13 +1,13 @@
 //! Results of earlier replays, read again for a report: summaries and episodes, then all verdicts once.
 
-use super::copies::Copies;
+use super::copies::{self, Table};
 use super::exit::Failure;
 use super::lost;
 use super::progress::Progress;
 use crate::io::inputs::Input;
 use crate::io::verdict_reader::VerdictReader;
 use crate::io::verdict_table::TableError;
-use crate::io::{episode_table, stored, summary_file};
+use crate::io::{episode_table, inputs, printable, stored, summary_file};
 use crate::pipeline::Control;
 use crate::report::{Names, Report, ReportSettings, Source, Survey};
 use crate::verdict::VerdictColumns;
@@ -31,6 +31,29 @@ const COLUMNS: [&str; 10] = [
 ];
 /// Batches read ahead: some 10 MB each.
 const READ_AHEAD: usize = 4;
+
+/// Tables of ours that hold no verdicts.
+const OTHERS: [&str; 2] = [".episodes.parquet", ".faults.parquet"];
+
+/// The verdict tables that a command line names, for what is made of them: `a report`.
+pub fn find(named: &[String], what: &str) -> Result<Vec<Input>, Failure> {
+    let other = |name: &&String| OTHERS.iter().any(|ending| name.ends_with(ending));
+    if let Some(other) = named.iter().find(|name| name.ends_with(".mcap")) {
+        let other = printable::cell(other);
+        return Err(Failure::usage(format!(
+            "{other}: is a recording, and {what} reads what `inkling replay {other} -o verdicts` writes: give that \
+             directory"
+        )));
+    }
+    if let Some(other) = named.iter().find(other) {
+        return Err(Failure::usage(format!(
+            "{}: is another table, and {what} reads verdicts and what lies beside them: give their directory, or \
+             *.verdicts.parquet",
+            printable::cell(other)
+        )));
+    }
+    Ok(inputs::find_verdicts(named)?)
+}
 
 /// A report, and what of the results could not be read.
 pub struct Read {
@@ -59,27 +82,28 @@ pub fn read(
     control: &Control,
 ) -> Result<Read, Failure> {
     let (mut failed, mut notes) = (Vec::new(), Vec::new());
+    let mut found = Vec::new();
+    for input in inputs {
+        match source(input, &mut notes) {
+            Ok(source) => found.push((input.path.as_path(), source)),
+            Err(e) => failed.push(e),
+        }
+    }
+    let tables: Vec<Table> =
+        found.iter().map(|(path, source)| Table { path, document: &source.document }).collect();
+    let (left_out, mut copies) = (copies::left_out(&tables), Vec::new());
     let (mut sources, mut episodes, mut files) = (Vec::new(), Vec::new(), Vec::new());
     let mut classes = BTreeSet::new();
-    let mut seen = Copies::default();
-    for input in inputs {
-        let source = match source(input, &mut notes) {
-            Ok(source) => source,
-            Err(e) => {
-                failed.push(e);
-                continue;
-            }
-        };
-        if let Some(note) = seen.left_out(&source.document, &input.path) {
-            notes.push(note);
+    for ((path, mut source), left_out) in found.into_iter().zip(left_out) {
+        if let Some(note) = left_out {
+            copies.push(note);
             continue;
         }
         let named = source.document["classes"].as_array().into_iter().flatten();
         classes.extend(named.filter_map(|class| Some(class.as_str()?.to_owned())));
-        let mut source = source;
-        episodes.push(episodes_of(&input.path, &mut source, &mut failed));
+        episodes.push(episodes_of(path, &mut source, &mut failed));
         sources.push(source);
-        files.push(input.path.as_path());
+        files.push(path);
     }
     let mut survey = Survey::new(episodes, with_maps);
     let bytes: u64 = files.iter().map(|file| stored::bytes(file)).sum();
@@ -99,7 +123,8 @@ pub fn read(
         return Err(Failure::new(first.unwrap_or_else(|| "the verdict tables are empty".into())));
     }
     let lost = lost::of(inputs, &failed);
-    let report = Report::new(&sources, survey, lost, settings.clone());
+    let mut report = Report::new(&sources, survey, lost, settings.clone());
+    report.notes.append(&mut copies);
     Ok(Read { report, failed, notes, classes })
 }
 

@@ -1,17 +1,17 @@
 //! `inkling score`: verdicts against labels, critiques against what was hidden.
 
-use super::copies::Copies;
+use super::copies::{self, Table};
 use super::exit::{Exit, Failure};
 use super::progress::complain;
 use super::report_page::write_text;
-use super::scored;
+use super::{results, scored};
 use crate::design::IsolateSettings;
 use crate::fault::{HEALTHY, category};
 use crate::io::truth_file::Seal;
 use crate::io::verdict_reader::VerdictReader;
 use crate::io::{
-    design_file, episode_table, inputs, labels_file, outputs, printable, regular_file, stored,
-    truth_file,
+    design_file, episode_table, labels_file, outputs, printable, regular_file, stored,
+    summary_file, truth_file,
 };
 use crate::labels::{Channels, Label, Labels};
 use crate::score::blind::{Blind, Said as SaidCritique, True};
@@ -87,17 +87,18 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         }
     };
     let labels = labels_file::read(labels_path)?;
-    if let Some(other) = args.verdicts.iter().find(|name| name.ends_with(".mcap")) {
-        let other = printable::cell(other);
-        return Err(Failure::usage(format!(
-            "{other}: is a recording, and a score reads what `inkling replay {other} -o verdicts` writes: give that \
-             directory"
-        )));
-    }
-    let files = inputs::find_verdicts(&args.verdicts).map_err(Failure::new)?;
+    let files = results::find(&args.verdicts, "a score")?;
     let mut scoring = Scoring::new(&labels, args.report.is_some());
-    for file in &files {
-        scoring.add_file(&file.path)?;
+    let documents: Vec<serde_json::Value> =
+        files.iter().map(|file| summary_file::of_table(&file.path)).collect();
+    let of = files.iter().zip(&documents);
+    let tables: Vec<Table> =
+        of.map(|(file, document)| Table { path: &file.path, document }).collect();
+    for (table, left_out) in tables.iter().zip(copies::left_out(&tables)) {
+        match left_out {
+            Some(note) => complain(&format!("warning: {note}")),
+            None => scoring.add_file(table.path)?,
+        }
     }
     let report = scoring.report();
     if report.by_state.is_empty() {
@@ -122,7 +123,6 @@ struct Scoring<'a> {
     episodes: EpisodeScore<'a>,
     any_episodes: bool,
     curves: Option<Curves>,
-    copies: Copies,
 }
 
 /// A row of a verdict table, and what it indexes.
@@ -144,7 +144,6 @@ impl<'a> Scoring<'a> {
             episodes: EpisodeScore::new(labels),
             any_episodes: false,
             curves: with_curves.then(Curves::default),
-            copies: Copies::default(),
         }
     }
 
@@ -155,10 +154,6 @@ impl<'a> Scoring<'a> {
             .metadata_json()
             .and_then(|json| serde_json::from_str(json).ok())
             .unwrap_or_default();
-        if let Some(note) = self.copies.left_out(&document, path) {
-            complain(&format!("warning: {note}"));
-            return Ok(());
-        }
         if let Some(bound) = document["settings"]["isolate"]["certainty"].as_f64() {
             self.score.set_bound(bound);
         }

@@ -1,7 +1,7 @@
 //! `inkling simulate`: recordings with known truth.
 
 use super::exit::{Exit, Failure, unless_reader_gone};
-use super::progress::{interruptible, thousands};
+use super::progress::{Steps, interruptible, thousands};
 use crate::io::recording_writer::{self, RecordingWriter, WriterOptions};
 use crate::io::{labels_file, outputs, printable, regular_file, truth_file};
 use crate::pipeline::Control;
@@ -71,6 +71,11 @@ fn write(
     let path = dir.join(format!("{}.mcap", recording.stem));
     let mut writer =
         RecordingWriter::create(&path, options(&recording.options)).map_err(Failure::new)?;
+    let steps = match recording.bursts.size_hint() {
+        (least, Some(most)) if least == most => Some(most as u64),
+        _ => None,
+    };
+    let steps = Steps::new(&recording.stem, steps, "bursts");
     let (mut bursts, mut signals) = (0, 0);
     for burst in recording.bursts {
         if control.interrupted() {
@@ -79,8 +84,10 @@ fn write(
         bursts += 1;
         signals += u64::from(burst.channels);
         writer.write(&burst, burst.t_acq_ns.max(0) as u64).map_err(Failure::new)?;
+        steps.step();
     }
     writer.finish().map_err(Failure::new)?;
+    drop(steps);
     // whoever stopped reading still wants the files
     unless_reader_gone(writeln!(
         out,

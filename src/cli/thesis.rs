@@ -1,10 +1,10 @@
 //! `inkling thesis`: chapter 4 again.
 
 use super::exit::{Exit, Failure};
+use super::progress::Steps;
 use crate::thesis;
 use std::io::Write;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -36,12 +36,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         n => n.min(1024),
     };
     // Ctrl-C simply ends the run: nothing is written before the last seed is done
-    let ended = AtomicUsize::new(0);
-    let done = |seed| {
-        let n = 1 + ended.fetch_add(1, Ordering::Relaxed);
-        eprintln!("seed {seed} done, {n} of {}", args.seeds);
-    };
-    let chapter = thesis::run(&seeds, threads, done).map_err(Failure::new)?;
+    let steps = Steps::new("thesis", Some(args.seeds), "seeds");
+    let chapter = thesis::run(&seeds, threads, |_| steps.step()).map_err(Failure::new)?;
+    drop(steps);
     thesis::write(&chapter, &args.out).map_err(Failure::new)?;
     let mut out = super::output::report();
     for (what, key) in [

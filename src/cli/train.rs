@@ -131,12 +131,8 @@ fn labels(args: &Args, settings: &Settings) -> Result<Labels, Failure> {
 /// What is asked of labels is said of labels.
 fn not_trained(e: &DesignError, labels: &Path) -> Failure {
     match e {
-        DesignError::Identify(IdentifyError::TooFewSignals { found, needed }) => {
-            Failure::usage(format!(
-                "{}: {found} usable signals are labelled `healthy`, {needed} are needed: label more channels or \
-                 longer times",
-                labels.display()
-            ))
+        DesignError::Identify(e @ IdentifyError::TooFewSignals { .. }) => {
+            Failure::usage(format!("{}: {}", labels.display(), e.advice(true)))
         }
         e => Failure::new(e),
     }

@@ -124,6 +124,12 @@ pub struct Gain {
     pub held_out: HeldOut,
 }
 
+/// The small nozzle fault that detection is measured with: a change of ln damping, in standard deviations of the extended
+/// model's healthy signals.
+pub const FAULT: f64 = 2.5;
+/// Share of healthy signals of channels never heard that the threshold is meant for.
+pub const ALARMS: f64 = 0.01;
+
 /// Difference in detection AUC that matters: the goal is to be within it of a model that knows the truth.
 const MATTERS: f64 = 0.01;
 

@@ -8,7 +8,7 @@
 use super::candidates::Applied;
 use super::chance::interval;
 use super::covariates::Covariates;
-use super::finding::{Energies, Gain, GainFigures, HeldOut, Misfit};
+use super::finding::{Energies, FAULT, Gain, GainFigures, HeldOut, Misfit};
 use super::matrices::{Matrix5, Vector5, floored, scaled};
 use super::model::{Linear, Model, dot, free_products};
 use super::observations::Observations;
@@ -29,9 +29,6 @@ const SHRINKAGE: f64 = FREE as f64 + 1.0;
 const RESAMPLINGS: usize = 100;
 /// Blocks of time with equally many signals.
 const BLOCKS: usize = 5;
-/// The small nozzle fault that is put in: a change of ln damping, in standard deviations of the extended
-/// model's healthy signals.
-const FAULT: f64 = 2.5;
 /// Gauss-Newton from the population to a signal's own parameters: steps at most, and the squared step, in its
 /// own errors, that is none.
 const MOST_STEPS: usize = 6;
@@ -204,9 +201,9 @@ fn threshold(of_left_out: &[f64], units: usize) -> f64 {
     mean * (known - 2.0) / known * quantile_of_f(q, known)
 }
 
-/// The value that F with (p, q) degrees exceeds once in 100 times, by Paulson 1942.
+/// The value that F with (p, q) degrees exceeds in a share [`ALARMS`] of all, by Paulson 1942.
 fn quantile_of_f(p: f64, q: f64) -> f64 {
-    const NORMAL: f64 = 2.3263; // of .99
+    const NORMAL: f64 = 2.3263; // of 1 - ALARMS
     let (a, b) = (2.0 / (9.0 * p), 2.0 / (9.0 * q));
     // ((1 - b) x - (1 - a))^2 = NORMAL^2 (b x^2 + a), x = cube root
     let z2 = NORMAL * NORMAL;

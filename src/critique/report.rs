@@ -8,8 +8,8 @@
 use super::catalogue::{CauseId, joined};
 use super::digits::{chance, measured, short, significant};
 use super::finding::{
-    Cause, CovariateFigure, Critique, Detection, Energies, Evidence, Gain, GainFigures, HeldOut,
-    MeanMisfit, NotTestable, Spectrum, Verdict,
+    ALARMS, Cause, CovariateFigure, Critique, Detection, Energies, Evidence, FAULT, Gain,
+    GainFigures, HeldOut, MeanMisfit, NotTestable, Spectrum, Verdict,
 };
 use crate::plot::page::escaped;
 use crate::plot::{Axis, Figure, Mark, Series};
@@ -178,12 +178,13 @@ fn gain(gain: &Gain, page: &mut String) -> std::fmt::Result {
     let one = there(after);
     let heading = if one { "How well the model predicts" } else { "What the extension buys" };
     writeln!(page, "<h2>{heading}</h2>\n<p class=\"note\">{}</p>", escaped(&held_out(held)))?;
-    page.write_str(
+    writeln!(
+        page,
         "<p class=\"note\">Misfit: measured minus simulated. Chi² per degree of freedom: its mean square over \
          what noise and the scatter of channels allow. NRMSE: root of its mean square over the signal's. AUC, \
-         area under the ROC curve: the chance that a signal with a small nozzle fault (damping off by 2.5 \
+         area under the ROC curve: the chance that a signal with a small nozzle fault (damping off by {FAULT} \
          standard deviations of healthy channels, put into held-out signals) looks more faulty than a healthy \
-         one; 0.5 is guessing, 1 never wrong.</p>\n",
+         one; 0.5 is guessing, 1 never wrong.</p>"
     )?;
     page.write_str("<table><tr><th></th>")?;
     page.write_str(match one {
@@ -228,9 +229,10 @@ fn of_detection(gain: &Gain, one: bool, page: &mut String) -> std::fmt::Result {
     if !gain.before.false_alarms.is_nan() {
         writeln!(
             page,
-            "<p class=\"note\">The threshold is meant for 1 % of healthy signals of channels never heard. \
+            "<p class=\"note\">The threshold is meant for {} % of healthy signals of channels never heard. \
              It was learned on {} channels: of so few, how much healthy channels differ is known roughly, \
              and so is the share of false alarms.</p>",
+            100.0 * ALARMS,
             gain.held_out.fitted_channels
         )?;
     }

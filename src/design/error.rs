@@ -16,6 +16,14 @@ pub enum DesignError {
 }
 
 impl DesignError {
+    /// In words, with what helps. `labelled`: labels say which signals are healthy.
+    pub fn advice(&self, labelled: bool) -> String {
+        match self {
+            DesignError::Identify(e) => e.advice(labelled),
+            e => e.to_string(),
+        }
+    }
+
     pub(super) fn untrained(method: IsolateMethod) -> DesignError {
         let method = method.as_str();
         DesignError::Invalid(format!(

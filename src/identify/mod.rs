@@ -88,7 +88,7 @@ pub enum IdentifyError {
          ratios fit the channel, or a larger bound_factor"
     )]
     WorseThanACosine { model: f64, cosine: f64, frequency_hz: f64 },
-    #[error("{found} usable healthy signals, {needed} are needed: widen the window")]
+    #[error("{found} usable healthy signals are too few, {needed} are needed")]
     TooFewSignals { found: usize, needed: usize },
     #[error(
         "only {inliers} of {signals} signals agree with each other, and identify.least_agreeing = {least}: \
@@ -101,6 +101,19 @@ pub enum IdentifyError {
     NoRingDown,
     #[error("no start converged: {0}")]
     NotConverged(String),
+}
+
+impl IdentifyError {
+    /// In words, with what helps. `labelled`: labels say which signals are healthy.
+    pub fn advice(&self, labelled: bool) -> String {
+        match (self, labelled) {
+            (IdentifyError::TooFewSignals { found, needed }, true) => format!(
+                "{found} usable signals are labelled `healthy`, {needed} are needed: label more channels or longer times"
+            ),
+            (IdentifyError::TooFewSignals { .. }, false) => format!("{self}: widen the window"),
+            _ => self.to_string(),
+        }
+    }
 }
 
 #[cfg(test)]

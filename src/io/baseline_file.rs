@@ -24,7 +24,10 @@ pub enum BaselineFileError {
          share a baseline file must follow each other: run this one again"
     )]
     Changed { path: PathBuf },
-    #[error("{path}: no baselines: {what}; `inkling replay --baseline` makes them")]
+    #[error(
+        "{path}: no baselines: {what}; `inkling replay --baseline` makes them: name a file that it wrote, or one that is \
+         not there yet"
+    )]
     NotBaselines { path: PathBuf, what: String },
     #[error(
         "{path}: these baselines were learned with another design ({found}, not {design}): \

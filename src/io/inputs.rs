@@ -12,6 +12,8 @@ use walkdir::WalkDir;
 pub enum InputsError {
     #[error("{path}: no such file or directory")]
     Missing { path: PathBuf },
+    #[error("\"\": an empty name is no file; is a variable of the shell empty?")]
+    Empty,
     #[error("{path}: {what}")]
     InObjectStore { path: PathBuf, what: String },
     #[error("{path}: cannot be searched: {what}")]
@@ -35,6 +37,7 @@ impl InputsError {
             | InputsError::InObjectStore { path, .. }
             | InputsError::Unreadable { path, .. } => path.display().to_string(),
             InputsError::BadPattern { pattern, .. } => pattern.clone(),
+            InputsError::Empty => String::new(),
             InputsError::Nothing { searched, .. } => searched.clone(),
             InputsError::Shared { second, .. } => second.display().to_string(),
         }
@@ -106,6 +109,9 @@ fn find(named: &[String], ending: &str, what: &'static str) -> Result<Found, Inp
 
 fn find_one(name: &str, ending: &str) -> Result<Found, InputsError> {
     let path = Path::new(name);
+    if name.is_empty() {
+        return Err(InputsError::Empty);
+    }
     if in_object_store(path) {
         return find_objects(name, ending);
     }

@@ -4,6 +4,7 @@
 use super::printable;
 use super::regular_file;
 use super::stored;
+use super::verdict_reader::document_of;
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 
@@ -38,6 +39,11 @@ pub fn of_metadata(json: Option<&str>) -> Value {
         .filter(Value::is_object)
         .map(told)
         .unwrap_or_default()
+}
+
+/// The same of a verdict table on disk.
+pub fn of_table(verdicts: &Path) -> Value {
+    told(document_of(verdicts))
 }
 
 fn told(mut document: Value) -> Value {

@@ -6,6 +6,7 @@
 
 use super::identified::How;
 use super::job::Replay;
+use super::pacer::Pacer;
 use super::replay::{RecordingReport, Run, replay};
 use super::staging_tests::cpu_s;
 use super::timings::Phases;
@@ -16,10 +17,10 @@ use crate::io::episode_table;
 use crate::io::recording::Recording;
 use crate::io::recording_writer::{Compression, RecordingWriter, WriterOptions};
 use crate::io::{Limits, design_file};
-use crate::settings::{IdentifyMode, Settings};
+use crate::settings::{IdentifyMode, Pace, Settings};
 use crate::state::Memory;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 fn sample(name: &str) -> PathBuf {
@@ -109,7 +110,8 @@ impl Case {
         let (replay, recording, control) = (&run, &recording, &control);
         let may_learn = run.design.is_some();
         let (verdicts, watch) = (&both[1], None);
-        let twice = Run { replay, recording, verdicts, control, may_learn, watch };
+        let pacer = &Mutex::new(Pacer::new(Pace::Max));
+        let twice = Run { replay, recording, verdicts, control, may_learn, watch, pacer };
         let asked = || "asked for".to_owned();
         let in_passes = match twice.judge_in_two_passes(asked(), &mut phases) {
             Err(PipelineError::NeedsTemperature) => {
@@ -398,7 +400,8 @@ fn learning_in_the_stream_against_two_passes() {
         baselines: None,
     };
     let control = &Control::default();
-    let run = Run { replay, recording, verdicts, control, may_learn: false, watch: None };
+    let (watch, pacer) = (None, &Mutex::new(Pacer::new(Pace::Max)));
+    let run = Run { replay, recording, verdicts, control, may_learn: false, watch, pacer };
     for _ in 0..3 {
         for two_passes in [false, true] {
             let (cpu, mut phases) = (cpu_s(), Phases::new(Duration::ZERO));

@@ -40,6 +40,7 @@ mod moved;
 mod not_judged;
 pub mod observe;
 mod own_levels;
+pub mod pacer;
 mod parked;
 mod placing;
 mod progress;

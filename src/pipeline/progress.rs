@@ -175,7 +175,7 @@ impl Progress {
         };
         let printhead = Some(&*key.printhead);
         let model = HealthyModel::learn(&set, printhead, self.reference.as_deref(), settings)
-            .map_err(|e| e.to_string())?;
+            .map_err(|e| e.advice(learner.labels.is_some()))?;
         if learner.labels.is_none() {
             agree_with(&model)?;
         }

@@ -9,6 +9,7 @@ use super::metadata::{self, Document};
 use super::models::Models;
 use super::moved::Moved;
 use super::not_judged::{NotJudged, not_judged};
+use super::pacer::{Paced, Pacer};
 use super::schedule::{Refusal, Schedule};
 use super::survey::survey;
 use super::tally::{Counts, Tally};
@@ -23,12 +24,13 @@ use crate::io::part_tables::PartTables;
 use crate::io::recording::Recording;
 use crate::io::stored;
 use crate::io::summary_file;
+use crate::settings::Pace;
 use crate::state::Memory;
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 /// What is said of a finished recording.
 #[derive(Debug)]
@@ -52,8 +54,8 @@ pub struct RecordingReport {
     pub seconds: f64,
     pub verdicts: PathBuf,
     pub episodes: EpisodeReport,
-    /// How far behind the recorded pace it ever was.
-    pub behind: Option<Duration>,
+    /// How the pace was kept, where there was one.
+    pub paced: Option<Paced>,
     /// How its models came to be.
     pub identified: Identified,
     /// Where the time went, one after the other.
@@ -92,7 +94,8 @@ impl RecordingReport {
             "seconds": self.seconds,
             "signals_per_s": self.tally.counts.signals as f64 / self.seconds,
             "bytes_per_s": recording.bytes as f64 / self.seconds,
-            "behind_s": self.behind.map(|b| b.as_secs_f64()),
+            "paced_bursts": self.paced.map(|paced| paced.bursts),
+            "behind_s": self.paced.map(|paced| paced.behind.as_secs_f64()),
         });
         say("rates", rates);
         say("phases", json!(self.phases));
@@ -111,7 +114,8 @@ pub fn replay(
     control: &Control,
 ) -> Result<RecordingReport, PipelineError> {
     let may_learn = replay.design.is_some();
-    let run = Run { replay, recording, verdicts, control, may_learn, watch: None };
+    let pacer = &Mutex::new(Pacer::new(replay.settings.replay.pace));
+    let run = Run { replay, recording, verdicts, control, may_learn, watch: None, pacer };
     run.judge_knowing(&mut Phases::new(recording.opening))
 }
 
@@ -149,7 +153,8 @@ fn followed(
         rotation::make_room(verdicts, recording)?;
     }
     let (may_learn, mut phases) = (replay.design.is_some(), Phases::new(recording.opening));
-    let run = Run { replay, recording, verdicts, control, may_learn, watch: Some(watch) };
+    let pacer = &Mutex::new(Pacer::new(Pace::Max)); // the recorder sets it
+    let run = Run { replay, recording, verdicts, control, may_learn, watch: Some(watch), pacer };
     let why = match run.judge(&mut phases) {
         Err(PipelineError::NeedsTemperature) => {
             "what was told is by models that do not know what temperature does; now it is judged again, with \
@@ -189,6 +194,7 @@ pub(super) struct Run<'a> {
     /// What temperature does can still be learned from the recording.
     pub may_learn: bool,
     pub watch: Option<&'a Watch<'a>>,
+    pub pacer: &'a Mutex<Pacer>,
 }
 
 impl<'a> Run<'a> {
@@ -314,7 +320,9 @@ impl<'a> Run<'a> {
         let Run { replay, recording, verdicts, control, watch, .. } = *self;
         // somebody waits: who follows hears what is found all the same
         let may_learn = self.may_learn && !recording.is_growing();
-        let wiring = Wiring { replay, recording, verdicts, control, may_learn, watch };
+        self.pacer().begin();
+        let pacer = (replay.settings.replay.pace != Pace::Max).then_some(self.pacer);
+        let wiring = Wiring { replay, recording, verdicts, control, may_learn, watch, pacer };
         let streamed = wiring.stream(models);
         if streamed.is_err() {
             self.control.signals.store(signals, Ordering::Relaxed); // they are judged again
@@ -326,6 +334,10 @@ impl<'a> Run<'a> {
             }
             streamed => streamed,
         }
+    }
+
+    fn pacer(&self) -> MutexGuard<'_, Pacer> {
+        self.pacer.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Checks, and only then gives the files their names.
@@ -344,7 +356,7 @@ impl<'a> Run<'a> {
         let recording = closed.as_ref().unwrap_or(recording);
         let Streamed { mut schedule, mut tally, writer, episodes, warmth, moved, memory, .. } =
             streamed;
-        let Streamed { scan_damage, behind, timings, digest, .. } = streamed;
+        let Streamed { scan_damage, timings, digest, .. } = streamed;
         let mut warnings = warmth.warnings();
         warnings.extend(schedule.wide_thresholds());
         let identify = &replay.settings.identify;
@@ -397,7 +409,7 @@ impl<'a> Run<'a> {
             seconds: phases.seconds(),
             verdicts: verdicts.to_path_buf(),
             episodes,
-            behind,
+            paced: (replay.settings.replay.pace != Pace::Max).then(|| self.pacer().kept),
             identified,
             phases: phases.list().to_vec(),
             timings,

@@ -11,6 +11,7 @@ use super::in_order::InOrder;
 use super::isolator::Isolator;
 use super::models::Models;
 use super::own_levels::OwnLevels;
+use super::pacer::Pacer;
 use super::parked::Parked;
 use super::rows;
 use super::spares::Spares;
@@ -27,7 +28,6 @@ use crate::io::scan::Blocks;
 use crossbeam_channel::{Receiver, Sender};
 use std::sync::atomic::Ordering;
 use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, Instant};
 
 /// Hands out blocks in file order to the reader's workers, with their bytes: one after the other, so
 /// that the digest sees them on the way.
@@ -79,62 +79,27 @@ impl<'a> BlockQueue<'a> {
     }
 }
 
-/// Replays at the recorded speed: waits until a batch's last burst would have been there.
-#[derive(Debug)]
-pub struct Pacer {
-    started: Instant,
-    first_ns: Option<i64>,
-    /// How far behind it ever was.
-    pub behind: Duration,
-}
-
-impl Pacer {
-    pub fn new() -> Pacer {
-        Pacer { started: Instant::now(), first_ns: None, behind: Duration::ZERO }
-    }
-
-    fn wait_for(&mut self, batch: &SignalBatch, control: &Control) -> Result<(), PipelineError> {
-        let times = batch.acquisitions.iter().filter_map(|a| match a {
-            Acquisition::Usable(b) => Some(b.t_acq_ns),
-            Acquisition::Unusable(_) => None,
-        });
-        let Some((first, last)) = times.fold(None, |span: Option<(i64, i64)>, t| {
-            Some(span.map_or((t, t), |(from, to)| (from.min(t), to.max(t))))
-        }) else {
-            return Ok(());
-        };
-        let origin = *self.first_ns.get_or_insert(first);
-        let due = Duration::from_nanos(last.saturating_sub(origin).max(0) as u64);
-        loop {
-            control.check()?;
-            let now = self.started.elapsed();
-            if now >= due {
-                self.behind = self.behind.max(now - due);
-                return Ok(());
-            }
-            std::thread::sleep((due - now).min(Duration::from_millis(100)));
-        }
-    }
-}
-
 /// 1. Reader: blocks to batches.
 pub fn read(
     recording: &Recording,
     queue: &BlockQueue,
     in_flight: &InFlight,
-    mut pacer: Option<&mut Pacer>,
+    pacer: Option<&Mutex<Pacer>>,
     control: &Control,
     mut clock: Clock,
     out: Sender<Read>,
 ) -> Result<(), PipelineError> {
     let mut reader = recording.reader();
+    let mut pacer = pacer.map(|pacer| pacer.lock().unwrap_or_else(PoisonError::into_inner));
     while let Some((block, read)) = queue.next(in_flight, control, &mut clock)? {
         reader.load_read(&block, read);
         let mut place = Place { block: block.index, piece: 0 };
-        while let Some(piece) = reader.next_piece(MOST_ROWS) {
+        while let Some(piece) =
+            reader.next_piece(pacer.as_ref().map_or(MOST_ROWS, |pacer| pacer.rows()))
+        {
             control.check()?;
             let batch = SignalBatch { place, acquisitions: piece.acquisitions };
-            if let Some(pacer) = pacer.as_deref_mut() {
+            if let Some(pacer) = &mut pacer {
                 pacer.wait_for(&batch, control)?;
             }
             place.piece += 1;

@@ -9,11 +9,12 @@ use super::isolator::Isolator;
 use super::job::{Replay, Watch};
 use super::models::Models;
 use super::moved::Moved;
+use super::pacer::Pacer;
 use super::parked::Parked;
 use super::rotation::Rotating;
 use super::schedule::Schedule;
 use super::spares::Spares;
-use super::stages::{self, BlockQueue, Deciding, Following, Pacer};
+use super::stages::{self, BlockQueue, Deciding, Following};
 use super::tally::Tally;
 use super::timings::{Clock, StageTiming, Timings};
 use super::warmth::Warmth;
@@ -24,13 +25,13 @@ use crate::io::digest::Digest;
 use crate::io::episode_table;
 use crate::io::recording::Recording;
 use crate::io::verdict_table::{self, TableOptions, VerdictWriter};
-use crate::settings::{Pace, TimestampUnit};
+use crate::settings::TimestampUnit;
 use crate::state::Memory;
 use crossbeam_channel::bounded;
 use std::path::Path;
+use std::sync::Mutex;
 use std::sync::atomic::Ordering;
 use std::thread::{self, Scope, ScopedJoinHandle};
-use std::time::Duration;
 
 /// Batches between two stages.
 const QUEUE: usize = 4;
@@ -50,6 +51,8 @@ pub struct Wiring<'a> {
     /// What temperature does can still be learned from the recording.
     pub may_learn: bool,
     pub watch: Option<&'a Watch<'a>>,
+    /// Where bursts are handed on at a pace.
+    pub pacer: Option<&'a Mutex<Pacer>>,
 }
 
 /// What the stages leave behind; nothing has its name yet.
@@ -59,7 +62,6 @@ pub struct Streamed<'a> {
     pub writer: VerdictWriter,
     pub episodes: Finished,
     pub scan_damage: Vec<Damage>,
-    pub behind: Option<Duration>,
     pub timings: Vec<StageTiming>,
     pub digest: Digest,
     pub warmth: Warmth,
@@ -97,8 +99,8 @@ impl Wiring<'_> {
     fn workers(&self) -> Workers {
         let Wiring { replay, recording, .. } = *self;
         let stages = &replay.settings.replay;
-        // without channels known upfront, and at the recorded pace, blocks are read one after another
-        let one_reader = stages.pace == Pace::Recorded || !recording.channels_known_upfront();
+        // without channels known upfront, and at a pace, blocks are read one after another
+        let one_reader = self.pacer.is_some() || !recording.channels_known_upfront();
         Workers {
             readers: if one_reader { 1 } else { replay.workers(stages.readers) },
             filters: replay.workers(stages.filters),
@@ -123,7 +125,6 @@ impl Wiring<'_> {
             }
             None => None,
         };
-        let mut pacer = (settings.replay.pace == Pace::Recorded).then(Pacer::new);
         let Workers { readers, filters, isolators } = self.workers();
         let queue = BlockQueue::new(recording);
         let in_flight =
@@ -140,13 +141,12 @@ impl Wiring<'_> {
             let (to_gate, from_filter) = bounded(QUEUE);
             let (to_isolate, from_gate) = bounded(QUEUE);
             let (to_writer, from_isolate) = bounded(QUEUE);
-            let (queue, in_flight, pacer) = (&queue, &in_flight, &mut pacer);
+            let (queue, in_flight, pacer) = (&queue, &in_flight, self.pacer);
             let (timings, spares, warmth) = (&timings, &spares, &mut warmth);
             let deciding = Deciding { models: &mut models, warmth, following: following.as_mut() };
             let mut running = Running { scope, timings, stages: Vec::new() };
-            let mut pacer = pacer.as_mut();
             for _ in 0..readers {
-                let (out, pacer) = (to_identify.clone(), pacer.take());
+                let out = to_identify.clone();
                 running.start("reader", move |clock| {
                     stages::read(recording, queue, in_flight, pacer, control, clock, out)
                 });
@@ -186,7 +186,6 @@ impl Wiring<'_> {
             in_flight.close();
             running.joined(written)
         })?;
-        let behind = pacer.map(|p| p.behind);
         let ((scan_damage, digest), timings) = (queue.finish(control)?, timings.stages());
         let Tables { episodes, writer, .. } = tables;
         let (schedule, episodes) = (models.into_schedule(), episodes.finish()?);
@@ -196,7 +195,6 @@ impl Wiring<'_> {
             writer,
             episodes,
             scan_damage,
-            behind,
             timings,
             digest,
             warmth,

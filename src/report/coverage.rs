@@ -3,7 +3,7 @@
 
 use super::source::{Lost, Source};
 use super::survey::{Survey, Tally};
-use super::words::{counted, percent, thousands};
+use super::words::{counted, counted_as, percent, thousands};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use std::sync::Arc;
 const MOST_NAMED: usize = 4;
 
 /// A printhead of which nothing, or recordings of which less than half, was judged.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Gap {
     /// How many signals of what, and why, of the latest of its recordings.
     pub what: String,
@@ -20,7 +20,7 @@ pub struct Gap {
     pub recordings: u64,
 }
 
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Coverage {
     pub gaps: Vec<Gap>,
     /// Recordings without verdicts.
@@ -68,8 +68,22 @@ impl Coverage {
         self.gaps.is_empty() && self.lost.is_empty() && self.not_judged + self.not_whole == 0
     }
 
-    /// What is said before anything else: whole printheads and recordings that nobody judged.
+    /// What is said before anything else: what nobody judged. `None`: whatever there was, was judged.
     pub fn first(&self) -> Option<String> {
+        let rest = if self.judged == 0 { String::new() } else { self.rest() };
+        let sentences = match (self.named(), rest.as_str()) {
+            (named, _) if named.is_empty() && self.judged == 0 => "Nothing was judged.".to_owned(),
+            (named, _) if self.judged == 0 => format!("Nothing was judged. {named}."),
+            (named, "") if named.is_empty() => return None,
+            (named, rest) if named.is_empty() => format!("Not all is known: {rest}."),
+            (named, "") => format!("Not judged. {named}."),
+            (named, rest) => format!("Not judged. {named}. In all, {rest}."),
+        };
+        Some(sentences)
+    }
+
+    /// Whole printheads and recordings; empty: none.
+    fn named(&self) -> String {
         let of_gap = |gap: &Gap| match gap.recordings {
             1 => format!("{}: {}", gap.recording, gap.what),
             n => format!("{}, the last of {n} recordings: {}", gap.recording, gap.what),
@@ -82,25 +96,25 @@ impl Coverage {
             n => format!("; and {n} more"),
         };
         let named: Vec<String> = all.iter().take(MOST_NAMED).cloned().collect();
-        let begins = if self.judged == 0 { "Nothing was judged" } else { "Not judged" };
-        (!all.is_empty()).then(|| format!("{begins}. {}{more}.", named.join("; ")))
+        named.join("; ") + &more
     }
 
-    /// What bounds every sentence about what was judged; empty where everything was.
-    pub fn caveat(&self) -> String {
+    /// Signals, channels and recordings of which not all is known; empty: none.
+    fn rest(&self) -> String {
         let mut parts = Vec::new();
+        if self.without_faults > 0 {
+            let recordings = counted(self.without_faults, "recording");
+            parts.push(format!("the faults of {recordings} are not known"));
+        }
         if self.not_judged > 0 {
             let all = self.judged + self.not_judged;
-            let signals = counted(self.not_judged, "signal");
-            parts.push(format!("{signals} ({}) were not judged", percent(self.not_judged, all)));
+            let signals = counted_as(self.not_judged, "1 signal", "signals");
+            let verb = if self.not_judged == 1 { "was" } else { "were" };
+            parts.push(format!("{signals} ({}) {verb} not judged", percent(self.not_judged, all)));
         }
         if self.unknown_channels > 0 {
             parts
                 .push(format!("of {} nothing is known", counted(self.unknown_channels, "channel")));
-        }
-        if self.without_faults > 0 {
-            let recordings = counted(self.without_faults, "recording");
-            parts.push(format!("the faults of {recordings} are not known"));
         }
         if self.not_whole > 0 {
             parts.push(format!("{} not whole", is_or_are(self.not_whole)));
@@ -134,7 +148,8 @@ fn gaps(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
                 by_head.entry(Some(name)).or_default().push((recording, why));
             }
         }
-        if !is_told && all.judged < all.not_judged() {
+        let is_empty = all == Tally::default() && survey.left_out == 0;
+        if !is_told && (all.judged < all.not_judged() || is_empty) {
             by_head.entry(None).or_default().push((recording, why(source, None, &all)));
         }
     }
@@ -154,6 +169,9 @@ fn why(source: &Source, printhead: Option<&str>, tally: &Tally) -> String {
         return what.to_owned();
     }
     let (n, all) = (tally.not_judged(), tally.judged + tally.not_judged());
+    if all == 0 {
+        return "no signal was found in it".into();
+    }
     let of = printhead.map_or(String::new(), |name| format!(" of {name}"));
     let commonest = tally.reasons.iter().max_by_key(|(_, n)| **n);
     let why = commonest.map_or(String::new(), |(reason, _)| format!(": {}", reason.in_words()));

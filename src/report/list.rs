@@ -22,17 +22,15 @@ pub fn print(
         writeln!(out, "note: {}", printable(note, 600))?;
     }
     let recordings = counted(report.recordings.len() as u64, "recording");
-    let caveat = report.coverage.caveat();
-    if open.is_empty() && report.coverage.judged == 0 {
+    let coverage = &report.coverage;
+    if open.is_empty() && coverage.judged == 0 {
         // the sentence before says it all
-    } else if open.is_empty() && !report.coverage.knows_faults(report.recordings.len()) {
-        writeln!(out, "what is to be cleaned after {recordings} is not known: {caveat}")?;
-    } else if open.is_empty() && report.coverage.is_complete() {
+    } else if open.is_empty() && !coverage.knows_faults(report.recordings.len()) {
+        writeln!(out, "what is to be cleaned after {recordings} is not known")?;
+    } else if open.is_empty() && coverage.is_complete() {
         writeln!(out, "nothing to clean after {recordings}")?;
-    } else if open.is_empty() && caveat.is_empty() {
-        writeln!(out, "of what was judged nothing is to be cleaned after {recordings}")?;
     } else if open.is_empty() {
-        writeln!(out, "of what was judged nothing is to be cleaned after {recordings}; {caveat}")?;
+        writeln!(out, "what is known after {recordings} names no channel to clean")?;
     } else {
         let channels = counted(open.len() as u64, "channel");
         writeln!(out, "to clean after {recordings}: {channels}, most urgent first")?;

@@ -12,6 +12,7 @@ mod evaluation;
 mod false_alarms;
 mod fault;
 mod figures;
+mod heads;
 mod light;
 mod list;
 mod map;

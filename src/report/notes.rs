@@ -40,7 +40,7 @@ fn at_once(head: &Head, faults: &[Fault]) -> Option<String> {
     let channels = head.channels.len();
     let on = |f: &&Fault| f.story.printhead == head.name && f.story.ended_at_ns.is_none();
     let faulty = faults.iter().filter(on).count();
-    let latest = head.tallies.values().max_by_key(|t| t.to_ns)?;
+    let latest = head.tallies.values().filter(|t| t.judged > 0).max_by_key(|t| t.to_ns)?;
     let limit = |of: u64| MOST_AT_ONCE * of as f64;
     let many = faulty as f64 > limit(channels as u64);
     let flagged = latest.flagged as f64 > limit(latest.judged);

@@ -3,12 +3,11 @@
 
 use super::changes::Changes;
 use super::fault::{Fault, what};
-use super::light::Light;
 use super::story::Strange;
 use super::survey::Head;
 use super::tables::Drawn;
 use super::words::{clock, counted, percent, thousands};
-use super::{Report, figures, maps, tables};
+use super::{Report, figures, heads, maps, tables};
 use crate::plot::page::{escaped, name, page};
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -18,8 +17,6 @@ use std::sync::Arc;
 const MOST_MAP_BYTES: usize = 3_500_000;
 /// Groups of neighbours told.
 const MOST_GROUPS: usize = 30;
-/// Printheads with a light.
-const MOST_LIGHTS: usize = 96;
 /// Channels of one kind of change.
 const MOST_CHANGES: usize = 12;
 
@@ -38,13 +35,15 @@ pub fn html(report: &Report) -> String {
     let trends = figures::trends(report);
     let (maps, of_heads) = draw_maps(report);
     let drawn = Drawn { trends: trends.keys().copied().collect(), maps: of_heads };
-    printheads(report, &drawn, &mut body);
+    body += &heads::lights(report, &drawn);
     changed(report, &mut body);
     body += "<h2>To clean</h2>\n";
     match open.is_empty() {
         true if report.coverage.is_complete() => body += "<p>Nothing.</p>\n",
-        true if report.coverage.judged == 0 => body += "<p>Nobody knows: nothing was judged.</p>\n",
-        true => body += "<p>Nothing of what was judged.</p>\n",
+        true if report.coverage.knows_faults(report.recordings.len()) => {
+            body += "<p>No channel, as far as is known; what is not stands first.</p>\n";
+        }
+        true => body += "<p>Nobody knows.</p>\n",
         false => body += &tables::to_clean(report, &open, &drawn),
     }
     together(report, &mut body);
@@ -76,20 +75,13 @@ fn sentence(report: &Report, open: &[&Fault]) -> Option<String> {
         counted(heads as u64, "printhead")
     );
     let Some(first) = open.first() else {
-        return match (
-            coverage.knows_faults(report.recordings.len()),
-            coverage.is_complete(),
-            coverage.caveat(),
-        ) {
-            (false, ..) if coverage.judged == 0 => None,
-            (false, _, caveat) => Some(format!("What needs care is not known: {caveat}.")),
-            (_, true, _) => Some(format!("Of {of} none needs care.")),
-            (_, _, caveat) if caveat.is_empty() => {
-                Some(format!("Of {of} that were judged none needs care."))
+        return match coverage {
+            _ if coverage.judged == 0 => None,
+            _ if !coverage.knows_faults(report.recordings.len()) => {
+                Some("What needs care is not known.".into())
             }
-            (_, _, caveat) => {
-                Some(format!("Of {of} that were judged none needs care; but {caveat}."))
-            }
+            _ if coverage.is_complete() => Some(format!("Of {of} none needs care.")),
+            _ => Some(format!("What is known of {of} names no channel to clean.")),
         };
     };
     let mut kinds: BTreeMap<String, u64> = BTreeMap::new();
@@ -203,40 +195,6 @@ fn draw_maps(report: &Report) -> (String, BTreeMap<Arc<str>, usize>) {
         );
     }
     (body, drawn_of)
-}
-
-/// A light for each printhead.
-fn printheads(report: &Report, drawn: &Drawn, body: &mut String) {
-    let heads = report.survey.heads.iter().filter(|head| !head.tallies.is_empty());
-    let mut all: Vec<(Light, &Head, usize)> = heads
-        .map(|head| {
-            let of_it = |fault: &&Fault| fault.story.printhead == head.name;
-            let lights = report.open().filter(of_it).map(Light::of);
-            let known = head.channels.iter().any(|channel| channel.judged > 0);
-            let worst = lights.max().unwrap_or(if known { Light::Green } else { Light::Grey });
-            (worst, head, report.open().filter(of_it).count())
-        })
-        .collect();
-    all.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.name.cmp(&b.1.name)));
-    *body += "<p class=\"heads\">";
-    for (light, head, open) in all.iter().take(MOST_LIGHTS) {
-        let channels = counted(head.channels.len() as u64, "channel");
-        let words = match light {
-            Light::Grey => "not judged".to_owned(),
-            Light::Green => format!("{channels}, nothing found in what was judged"),
-            _ => format!("{open} of {channels} to clean"),
-        };
-        let called = match drawn.maps.get(&head.name) {
-            Some(map) => format!("<a href=\"#m{map}\">{}</a>", name(&head.name)),
-            None => name(&head.name),
-        };
-        let _ = write!(body, "<span>{}{called}: {words}</span> ", light.dot());
-    }
-    *body += "</p>\n";
-    if all.len() > MOST_LIGHTS {
-        let more = counted((all.len() - MOST_LIGHTS) as u64, "printhead");
-        let _ = writeln!(body, "<p>And {more} more.</p>");
-    }
 }
 
 /// What is new comes before what is old.
@@ -390,7 +348,8 @@ fn explain(body: &mut String) {
         ),
         (
             "now, soon, healthy, not judged (the lights)",
-            "a fault of urgency .5 or more; another one to be cleaned; none that is known; nobody judged it",
+            "a fault of urgency .5 or more; another one to be cleaned; none found; most of it, one of its channels or \
+             its last recording was not judged, or what was found is lost",
         ),
         ("rejected", "not judged: samples missing, saturated or damaged, or no model fits"),
         ("threshold", "signals beyond it are flagged"),

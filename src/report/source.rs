@@ -14,7 +14,7 @@ pub struct Source {
 }
 
 /// A recording that has no verdicts.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Lost {
     pub name: String,
     /// Why there are none.

@@ -29,6 +29,7 @@ pub struct Tally {
     pub reasons: BTreeMap<Reason, u64>,
     /// From the lowest to the highest that was judged.
     pub channels: RangeInclusive<u32>,
+    /// Of its first and its last signal, judged or not.
     pub from_ns: Option<i64>,
     pub to_ns: Option<i64>,
 }
@@ -247,8 +248,10 @@ impl Head {
             tally.judged += u64::from(is_judged);
             tally.flagged += u64::from(flagged);
             tally.rejected += u64::from(!is_judged);
-            if let Some(reason) = c.reason[row].filter(|_| !is_judged) {
-                *tally.reasons.entry(reason).or_default() += 1;
+            let why = c.reason[row].filter(|_| !is_judged);
+            why.into_iter().for_each(|why| *tally.reasons.entry(why).or_default() += 1);
+            if !why.is_some_and(Reason::is_of_burst) {
+                tally.spans(t_ns); // a burst that is no burst may have any time
             }
             let Some(place) = place else {
                 left_out += 1;
@@ -261,7 +264,6 @@ impl Head {
             if !is_judged {
                 continue;
             }
-            tally.spans(t_ns);
             let channel = c.channel[row];
             tally.channels =
                 channel.min(*tally.channels.start())..=channel.max(*tally.channels.end());

@@ -1,0 +1,161 @@
+//! When bursts are handed on: at the recorded speed, or so many signals a second. In: bursts in the file's order. Out: when
+//! each is due, and how far behind that the reader ever was. Each burst is paced once: what is read a second time was handed
+//! on already.
+
+use super::batches::MOST_ROWS;
+use super::{Control, PipelineError};
+use crate::burst::{Acquisition, SignalBatch};
+use crate::settings::Pace;
+use std::time::{Duration, Instant};
+
+/// How the pace was kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Paced {
+    /// Bursts that waited until they were due.
+    pub bursts: u64,
+    /// How far behind it ever was.
+    pub behind: Duration,
+}
+
+#[derive(Debug)]
+pub struct Pacer {
+    pace: Pace,
+    /// When the first burst was handed on.
+    started: Option<Instant>,
+    /// Its t_a.
+    first_ns: Option<i64>,
+    /// Of this pass so far.
+    signals: u64,
+    bursts: u64,
+    /// Of the next piece: one burst, or more and more while it is late.
+    rows: usize,
+    pub kept: Paced,
+}
+
+impl Pacer {
+    pub fn new(pace: Pace) -> Pacer {
+        Pacer {
+            pace,
+            started: None,
+            first_ns: None,
+            signals: 0,
+            bursts: 0,
+            rows: 1,
+            kept: Paced::default(),
+        }
+    }
+
+    /// The recording is read from its beginning.
+    pub fn begin(&mut self) {
+        (self.signals, self.bursts, self.rows) = (0, 0, 1);
+    }
+
+    /// Rows of the next piece, at least.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// When the last burst of a batch is due, after the first of all. `None`: no burst of it has a time.
+    fn due(&mut self, batch: &SignalBatch) -> Option<Duration> {
+        let before = self.signals;
+        self.signals += batch.acquisitions.iter().map(|a| a.rows() as u64).sum::<u64>();
+        if let Pace::Signals(per_s) = self.pace {
+            return Duration::try_from_secs_f64(before as f64 / per_s).ok();
+        }
+        let times = batch.acquisitions.iter().filter_map(|a| match a {
+            Acquisition::Usable(burst) => Some(burst.t_acq_ns),
+            Acquisition::Unusable(_) => None,
+        });
+        let (first, last) = (times.clone().min()?, times.max()?);
+        let origin = *self.first_ns.get_or_insert(first);
+        Some(Duration::from_nanos(last.saturating_sub(origin).max(0) as u64))
+    }
+
+    /// Waits until a batch is due.
+    pub fn wait_for(
+        &mut self,
+        batch: &SignalBatch,
+        control: &Control,
+    ) -> Result<(), PipelineError> {
+        self.bursts += batch.acquisitions.len() as u64;
+        let due = self.due(batch);
+        if self.bursts <= self.kept.bursts {
+            return Ok(());
+        }
+        self.kept.bursts = self.bursts;
+        let Some(due) = due else { return Ok(()) };
+        let started = *self.started.get_or_insert_with(Instant::now);
+        let mut is_late = true;
+        loop {
+            control.check()?;
+            let now = started.elapsed();
+            if now >= due {
+                self.kept.behind = self.kept.behind.max(now - due);
+                self.rows = if is_late { (2 * self.rows).min(MOST_ROWS) } else { 1 };
+                return Ok(());
+            }
+            is_late = false;
+            std::thread::sleep((due - now).min(Duration::from_millis(100)));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::burst::{Burst, Format, Layout, Place};
+
+    fn batch(t_ns: i64, channels: u32) -> SignalBatch {
+        let burst = Burst {
+            t_acq_ns: t_ns,
+            printhead: "p".into(),
+            first_channel: 0,
+            channels,
+            samples_per_channel: 2,
+            sample_period_s: 1e-6,
+            format: Format::S16Le,
+            layout: Layout::ChannelMajor,
+            samples: vec![0; 4 * channels as usize].into(),
+            temperature_c: None,
+            drive_voltage_v: None,
+            idle_time_s: Vec::new(),
+            neighbours_fired: Vec::new().into(),
+        };
+        let place = Place { block: 0, piece: 0 };
+        SignalBatch { place, acquisitions: vec![Acquisition::Usable(burst)] }
+    }
+
+    #[test]
+    fn each_burst_is_due_when_it_was_recorded_or_when_so_many_signals_were_before_it() {
+        let times = [5_000_000_000, 5_250_000_000, 5_100_000_000, 9_000_000_000];
+        let due = |pace| {
+            let mut pacer = Pacer::new(pace);
+            times.map(|t| pacer.due(&batch(t, 50)).unwrap().as_millis())
+        };
+        // what stands in the file after what came later is due at once
+        assert_eq!(due(Pace::Recorded), [0, 250, 100, 4000]);
+        assert_eq!(due(Pace::Signals(100.0)), [0, 500, 1000, 1500]);
+    }
+
+    #[test]
+    fn a_burst_waits_for_its_time_and_who_is_late_hands_on_more_at_once() {
+        let (mut pacer, control) = (Pacer::new(Pace::Recorded), Control::default());
+        pacer.wait_for(&batch(0, 1), &control).unwrap();
+        let began = pacer.started.unwrap();
+        pacer.wait_for(&batch(30_000_000, 1), &control).unwrap();
+        assert!(began.elapsed() >= Duration::from_millis(30), "handed on before its time");
+        assert_eq!((pacer.rows(), pacer.kept.bursts), (1, 2));
+        pacer.started = began.checked_sub(Duration::from_secs(1));
+        pacer.wait_for(&batch(40_000_000, 1), &control).unwrap();
+        pacer.wait_for(&batch(50_000_000, 1), &control).unwrap();
+        assert_eq!(pacer.rows(), 4);
+        assert!(pacer.kept.behind >= Duration::from_millis(900));
+        // from the beginning again: what was handed on is not waited for
+        pacer.begin();
+        pacer.started = None;
+        for t_ms in [0, 30, 40, 50] {
+            pacer.wait_for(&batch(t_ms * 1_000_000, 1), &control).unwrap();
+        }
+        assert_eq!((pacer.kept.bursts, pacer.started), (4, None));
+    }
+}

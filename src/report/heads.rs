@@ -1,0 +1,77 @@
+//! A light for each printhead, the worst first: what is to be cleaned on it, or else how much of it is known. In: a
+//! [`Report`]. Out: markup.
+
+use super::Report;
+use super::fault::Fault;
+use super::light::Light;
+use super::survey::Head;
+use super::tables::Drawn;
+use super::words::{counted, percent};
+use crate::plot::page::name;
+use std::fmt::Write;
+
+/// Printheads with a light.
+const MOST_LIGHTS: usize = 96;
+
+/// A printhead's light, with its words.
+struct Lit<'a> {
+    light: Light,
+    head: &'a Head,
+    words: String,
+}
+
+pub fn lights(report: &Report, drawn: &Drawn) -> String {
+    let heads = report.survey.heads.iter().filter(|head| !head.tallies.is_empty());
+    let mut all: Vec<Lit> = heads.map(|head| lit(report, head)).collect();
+    all.sort_by(|a, b| b.light.cmp(&a.light).then(a.head.name.cmp(&b.head.name)));
+    let mut text = String::from("<p class=\"heads\">");
+    for Lit { light, head, words } in all.iter().take(MOST_LIGHTS) {
+        let called = match drawn.maps.get(&head.name) {
+            Some(map) => format!("<a href=\"#m{map}\">{}</a>", name(&head.name)),
+            None => name(&head.name),
+        };
+        let _ = write!(text, "<span>{}{called}: {words}</span> ", light.dot());
+    }
+    text += "</p>\n";
+    if all.len() > MOST_LIGHTS {
+        let more = counted((all.len() - MOST_LIGHTS) as u64, "printhead");
+        let _ = writeln!(text, "<p>And {more} more.</p>");
+    }
+    text
+}
+
+fn lit<'a>(report: &Report, head: &'a Head) -> Lit<'a> {
+    let open: Vec<&Fault> =
+        report.open().filter(|fault| fault.story.printhead == head.name).collect();
+    let channels = counted(head.channels.len() as u64, "channel");
+    let (light, words) = match open.iter().map(|fault| Light::of(fault)).max() {
+        Some(worst) => (worst, format!("{} of {channels} to clean", open.len())),
+        None => known(report, head, &channels),
+    };
+    Lit { light, head, words }
+}
+
+/// Of a printhead with nothing to clean: green only where that says something of it as it is now.
+fn known(report: &Report, head: &Head, channels: &str) -> (Light, String) {
+    let judged: u64 = head.tallies.values().map(|t| t.judged).sum();
+    let all = judged + head.tallies.values().map(|t| t.not_judged()).sum::<u64>();
+    let never = head.channels.iter().filter(|channel| channel.judged == 0).count() as u64;
+    let lines = || report.recordings.iter().filter(|line| line.heads.contains_key(&head.name));
+    let last = lines().max_by_key(|line| line.to_ns);
+    let is_silent = last.is_some_and(|line| line.heads[&head.name].judged == 0);
+    let is_lost = lines().any(|line| line.missing.contains(&"episodes"));
+    let share = percent(judged, all);
+    let grey = match () {
+        () if judged == 0 => "not judged".to_owned(),
+        () if is_silent => "not judged in its last recording".to_owned(),
+        () if is_lost => "what was found is not known".to_owned(),
+        () if 2 * judged < all => format!("only {share} of its signals judged"),
+        () if never > 0 => format!("{} of {channels} never judged", never),
+        () if judged < all => {
+            let words = format!("{channels}, nothing found in the {share} that were judged");
+            return (Light::Green, words);
+        }
+        () => return (Light::Green, format!("{channels}, nothing found")),
+    };
+    (Light::Grey, grey)
+}
