@@ -254,7 +254,7 @@ fn unreadable(out: &Path, e: std::io::Error) -> Failure {
 }
 
 /// A design, and the digest of its file.
-type Read = (Design, String);
+pub type Read = (Design, String);
 
 /// The settings, and the design that they name; how it was trained is its own, unless the command line says otherwise.
 fn with_design(args: &Args) -> Result<(Settings, Option<Read>), Failure> {
@@ -263,12 +263,22 @@ fn with_design(args: &Args) -> Result<(Settings, Option<Read>), Failure> {
         return Ok((asked, None));
     }
     let read: Read = design_file::read(Path::new(&asked.input.design))?;
-    if args.preset.is_some() || read.0.chosen.is_empty() {
-        return Ok((asked, Some(read)));
+    Ok((settings_by(args, &read.0)?, Some(read)))
+}
+
+fn settings_by(args: &Args, design: &Design) -> Result<Settings, Failure> {
+    if args.preset.is_some() || design.chosen.is_empty() {
+        return settings(args, &[]);
     }
-    let kept = read.0.chosen.iter().map(|(key, value)| format!("{key}={value}"));
-    let kept: Vec<String> = kept.collect();
-    Ok((settings(args, &kept)?, Some(read)))
+    let kept = design.chosen.iter().map(|(key, value)| format!("{key}={value}"));
+    settings(args, &kept.collect::<Vec<String>>())
+}
+
+/// How a design in memory judges by these arguments.
+pub fn judging(args: Args, read: Read) -> Result<Replay, Failure> {
+    let mut settings = settings_by(&args, &read.0)?;
+    settings.input.design = "the design".into(); // what sentences call it
+    Ok(load(settings, Some(read), &args)?.replay)
 }
 
 /// `kept`: by the design, as `KEY=VALUE`; `--set` wins over it.

@@ -21,11 +21,13 @@ use super::{Control, PipelineError};
 use crate::design::categories;
 use crate::io::damage::Damage;
 use crate::io::digest::Digest;
-use crate::io::episode_table;
+use crate::io::episode_table::{self, EpisodeWriter};
 use crate::io::recording::Recording;
-use crate::io::verdict_table::{self, TableOptions, VerdictWriter};
+use crate::io::verdict_arrays::VerdictArrays;
+use crate::io::verdict_table::{self, TableError, TableOptions, VerdictWriter};
 use crate::settings::{Pace, TimestampUnit};
 use crate::state::Memory;
+use crate::verdict::Verdicts;
 use crossbeam_channel::bounded;
 use std::path::Path;
 use std::sync::atomic::Ordering;
@@ -45,7 +47,8 @@ const MOST_BYTES: u64 = 64 << 20;
 pub struct Wiring<'a> {
     pub replay: &'a Replay,
     pub recording: &'a Recording,
-    pub verdicts: &'a Path,
+    /// Where the table will be; `None`: its rows stay in memory, episodes are only listed.
+    pub verdicts: Option<&'a Path>,
     pub control: &'a Control,
     /// What temperature does can still be learned from the recording.
     pub may_learn: bool,
@@ -56,7 +59,7 @@ pub struct Wiring<'a> {
 pub struct Streamed<'a> {
     pub schedule: Schedule<'a>,
     pub tally: Tally,
-    pub writer: VerdictWriter,
+    pub table: Table,
     pub episodes: Finished,
     pub scan_damage: Vec<Damage>,
     pub behind: Option<Duration>,
@@ -76,9 +79,11 @@ impl Wiring<'_> {
             TimestampUnit::Ns => verdict_table::TimestampUnit::Ns,
             TimestampUnit::Us => verdict_table::TimestampUnit::Us,
         };
-        let beside = episode_table::path_beside(self.verdicts);
         let label = &self.recording.label;
-        let episodes = EpisodeTap::create(self.replay, self.watch, &beside, timestamp_unit, label)?;
+        let of_episodes = self.verdicts.map(|verdicts| {
+            EpisodeWriter::create(&episode_table::path_beside(verdicts), timestamp_unit, label)
+        });
+        let episodes = EpisodeTap::create(self.replay, self.watch, of_episodes.transpose()?)?;
         let options = TableOptions {
             recording: self.recording.label.clone(),
             classes: classes.to_vec(),
@@ -86,12 +91,16 @@ impl Wiring<'_> {
             weights: output.weights,
             timestamp_unit,
         };
+        let Some(verdicts) = self.verdicts else {
+            let table = Table::Arrays(VerdictArrays::new(options));
+            return Ok(Tables { episodes, table, rotating: None });
+        };
         let rotation = self.watch.and_then(|watch| watch.rotation);
-        let rotating = rotation.filter(|_| self.recording.is_growing()).map(|of| {
-            Rotating::new(of, self.replay, self.recording, self.verdicts, options.clone())
-        });
-        let writer = VerdictWriter::create(self.verdicts, options)?;
-        Ok(Tables { episodes, writer, rotating })
+        let rotating = rotation
+            .filter(|_| self.recording.is_growing())
+            .map(|of| Rotating::new(of, self.replay, self.recording, verdicts, options.clone()));
+        let table = Table::File(VerdictWriter::create(verdicts, options)?);
+        Ok(Tables { episodes, table, rotating })
     }
 
     fn workers(&self) -> Workers {
@@ -188,12 +197,12 @@ impl Wiring<'_> {
         })?;
         let behind = pacer.map(|p| p.behind);
         let ((scan_damage, digest), timings) = (queue.finish(control)?, timings.stages());
-        let Tables { episodes, writer, .. } = tables;
+        let Tables { episodes, table, .. } = tables;
         let (schedule, episodes) = (models.into_schedule(), episodes.finish()?);
         Ok(Streamed {
             schedule,
             tally,
-            writer,
+            table,
             episodes,
             scan_damage,
             behind,
@@ -213,10 +222,34 @@ impl Wiring<'_> {
     }
 }
 
+/// The verdicts of a recording.
+pub enum Table {
+    File(VerdictWriter),
+    Arrays(VerdictArrays),
+}
+
+impl Table {
+    fn write(&mut self, of: &Verdicts) -> Result<(), TableError> {
+        match self {
+            Table::File(writer) => writer.write(of),
+            Table::Arrays(arrays) => arrays
+                .write(of)
+                .map_err(|source| TableError::Columns { path: "verdicts".into(), source }),
+        }
+    }
+
+    pub fn rows(&self) -> u64 {
+        match self {
+            Table::File(writer) => writer.rows(),
+            Table::Arrays(arrays) => arrays.rows,
+        }
+    }
+}
+
 /// What the writer appends to.
 struct Tables<'a> {
     episodes: EpisodeTap<'a>,
-    writer: VerdictWriter,
+    table: Table,
     /// With `--rotate`.
     rotating: Option<Rotating<'a>>,
 }
@@ -227,7 +260,7 @@ impl Tables<'_> {
             return Ok(());
         }
         self.episodes.add(judged)?;
-        self.writer.write(&judged.verdicts)?;
+        self.table.write(&judged.verdicts)?;
         match &mut self.rotating {
             Some(rotating) => rotating.write(judged),
             None => Ok(()),
