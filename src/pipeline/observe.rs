@@ -135,8 +135,8 @@ mod tests {
     #[test]
     fn rails_of_16_bit_bind_16_bit_alone_and_told_ones_bind_all() {
         let usable = |peak: f64, rails| {
-            let signal: Vec<f64> =
-                (0..64).map(|k| peak.min(2.0 * peak * f64::cos(0.3 * k as f64))).collect();
+            let clipped = |k: i32| (2.0 * peak * f64::cos(0.3 * f64::from(k))).clamp(-peak, peak);
+            let signal: Vec<f64> = (0..64).map(clipped).collect();
             unusable_signal(&signal, rails_of(&signal, rails)).is_none()
         };
         assert!(!usable(32_767.0, INT16_RAILS), "it stays at the rail");
