@@ -5,6 +5,7 @@ mod annotate;
 mod batch;
 mod burst_clock;
 pub mod called;
+mod changes_since;
 mod collected;
 mod contents;
 mod convert;
