@@ -30,6 +30,6 @@ impl Rows {
         let rows = rows.ok_or_else(|| crate::Error::new_err("these rows were taken already"))?;
         let batches = RecordBatchIterator::new(rows.batches.into_iter().map(Ok), rows.schema);
         let stream = FFI_ArrowArrayStream::new(Box::new(batches));
-        PyCapsule::new(py, stream, Some(c"arrow_array_stream".to_owned()))
+        PyCapsule::new_with_value(py, stream, c"arrow_array_stream")
     }
 }
