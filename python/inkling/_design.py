@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import tempfile
 import warnings
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Literal
@@ -67,6 +69,14 @@ class Design:
     def save(self, path: Path) -> None:
         """To a JSON file (`schemas/design.md`), complete or not at all."""
         self._native.save(path)
+
+    def page(self, path: Path) -> None:
+        """Writes what it promises before any data are judged, as a page: the smallest fault of each class that it finds, and the
+        classes that it takes for each other. path: a name.html."""
+        with tempfile.TemporaryDirectory() as beside:
+            file = os.path.join(beside, "design.json")
+            self.save(file)
+            _inkling.verb(["score", "--design", file, "--report", os.fspath(path)])
 
     @classmethod
     def train(
