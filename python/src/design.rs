@@ -73,7 +73,7 @@ impl Design {
                     called::learn(Recordings::Named(names), labels, &new_class, &set)
                 }
                 Given::Array(array) => {
-                    let recording = Recordings::InMemory(array.recording()?);
+                    let recording = Recordings::InMemory(Box::new(array.recording()?));
                     called::learn(recording, labels, &new_class, &set)
                 }
             }?;

@@ -19,12 +19,12 @@ use std::sync::Arc;
 pub enum Given<'a> {
     /// Files, directories, glob patterns.
     Named(&'a [String]),
-    InMemory(Recording),
+    InMemory(Box<Recording>),
 }
 
 pub struct Recordings {
     inputs: Vec<Input>,
-    in_memory: Option<Recording>,
+    in_memory: Option<Box<Recording>>,
     dialects: Dialects,
     pub control: Arc<Control>,
     pub progress: Progress,
@@ -58,7 +58,7 @@ impl Recordings {
             self.progress.say_damage(name, &damage);
             Ok::<bool, Failure>(!damage.is_empty())
         };
-        let mut damaged = self.in_memory.as_ref().map_or(Ok(false), &mut is_damaged)?;
+        let mut damaged = self.in_memory.as_deref().map_or(Ok(false), &mut is_damaged)?;
         for input in &self.inputs {
             let recording = Recording::open_with(&input.path, Limits::default(), &self.dialects)?;
             damaged |= is_damaged(&recording)?;

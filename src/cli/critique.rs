@@ -69,7 +69,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 
 /// Of bursts in memory; what `args` says of recordings is not looked at.
 pub fn run_in_memory(args: Args, recording: Recording) -> Result<Exit, Failure> {
-    criticised(&args, Given::InMemory(recording))
+    criticised(&args, Given::InMemory(Box::new(recording)))
 }
 
 fn criticised(args: &Args, given: Given) -> Result<Exit, Failure> {

@@ -2,6 +2,7 @@
 
 use super::exit::{Failure, unless_reader_gone};
 use super::judge::{Item, Judge, Judged, NotJudged, Run};
+use super::live::Live;
 use super::output;
 use super::progress::{Progress, handle_interrupts};
 use super::report::{printable, printable_path};
@@ -14,9 +15,10 @@ use crate::io::recording::Recording;
 use crate::pipeline::{self, ClosedPart, Control, Rotation, Telling, Watch, rfc3339};
 use crate::report::clock;
 use crate::settings::{Pace, Settings};
-use crate::verdict::Reason;
+use crate::verdict::{Reason, Verdicts};
 use serde_json::{Value, json};
 use std::io::Write;
+use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -60,6 +62,8 @@ pub struct Watching<'a> {
     pub json: bool,
     /// Parts of the table are closed, each of so much recording time.
     pub rotate: Option<Duration>,
+    /// Who looks on.
+    pub live: Option<Arc<Live>>,
 }
 
 impl Judge for Watching<'_> {
@@ -69,11 +73,20 @@ impl Judge for Watching<'_> {
 
     fn judge(&mut self, run: &Run, _: usize, item: &Item) -> Result<Judged, NotJudged> {
         let (label, verdicts) = (&item.label, item.verdicts_in(run.out));
-        let told = |of: Telling| tell(label, of, self.json, self.progress);
-        let note = |what: &str| self.progress.say(&format!("{}: {what}", printable_path(label)));
+        let told = |of: Telling| {
+            tell(label, of, self.json, self.progress);
+            self.live.iter().for_each(|live| live.state.take_episode(of));
+        };
+        let note = |what: &str| {
+            self.progress.say(&format!("{}: {what}", printable_path(label)));
+            // whatever is noted is judged again
+            self.live.iter().for_each(|live| live.state.begin_again());
+        };
+        let rows = |of: &Verdicts| self.live.iter().for_each(|live| live.state.take_rows(of));
         let closed = |part: &ClosedPart| rotate::tell(label, part, self.json, self.progress);
         let rotation = self.rotate.map(|every| Rotation { every, closed: &closed });
-        let watch = Watch { tell: &told, note: &note, rotation };
+        let rows: Option<&(dyn Fn(&Verdicts) + Sync)> = self.live.is_some().then_some(&rows);
+        let watch = Watch { tell: &told, note: &note, rows, rotation };
         let report = self.progress.during(label, None, run.control, || {
             let enough = run.control.enough.clone();
             let mut recording =
@@ -81,6 +94,7 @@ impl Judge for Watching<'_> {
             recording.label.clone_from(label);
             pipeline::follow(run.replay, &recording, &verdicts, run.control, &watch)
         });
+        self.live.iter().for_each(|live| live.end());
         Ok(Judged::of(report?, label, &verdicts, run.detail))
     }
 
@@ -89,8 +103,25 @@ impl Judge for Watching<'_> {
     }
 }
 
+/// Where it can be looked at.
+pub fn tell_address(address: SocketAddr, json: bool, progress: &Progress) -> Result<(), Failure> {
+    match json {
+        true => unless_reader_gone(output::event(&json!({
+            "event": "serving",
+            "address": address.to_string(),
+        }))),
+        false => {
+            progress.say(&format!("to be looked at on http://{address}/"));
+            Ok(())
+        }
+    }
+}
+
 /// An episode as it is when it is raised, or named otherwise; keys as in the table of episodes.
 pub fn tell(recording: &str, of: Telling, json: bool, progress: &Progress) {
+    if let Telling::Ended(_) = of {
+        return; // the table says it
+    }
     let told = if json { output::event(&event(recording, of)) } else { line(of) };
     // whoever stopped reading still wants the tables
     if let Err(failure) = unless_reader_gone(told) {
@@ -98,9 +129,9 @@ pub fn tell(recording: &str, of: Telling, json: bool, progress: &Progress) {
     }
 }
 
-fn event(recording: &str, of: Telling) -> Value {
+pub fn event(recording: &str, of: Telling) -> Value {
     let (episode, before) = match of {
-        Telling::Raised(now) => (now, None),
+        Telling::Raised(now) | Telling::Ended(now) => (now, None),
         Telling::Revised { now, before } => (now, Some(before)),
         Telling::Withdrawn(told) => (told, Some(told)),
     };
@@ -139,7 +170,7 @@ fn event(recording: &str, of: Telling) -> Value {
 
 fn line(of: Telling) -> std::io::Result<()> {
     let (episode, mark) = match of {
-        Telling::Raised(now) => (now, ""),
+        Telling::Raised(now) | Telling::Ended(now) => (now, ""),
         Telling::Revised { now, .. } => (now, "revised: "),
         Telling::Withdrawn(told) => (told, "revised: no episode, told as: "),
     };

@@ -23,6 +23,7 @@ mod identify;
 mod inspect;
 pub mod judge;
 mod lines;
+mod live;
 mod lost;
 mod notes;
 mod output;

@@ -7,6 +7,7 @@ use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::follow::{self, Watching};
 use super::judge::{Here, Judge};
+use super::live::{self, Live};
 use super::plan::{self, Planned, Planner};
 use super::progress::{Progress, interruptible};
 use super::rotate;
@@ -24,6 +25,7 @@ use crate::pipeline::resume::Resume;
 use crate::settings::{IdentifyMode, Pace, Preset, Settings};
 use chrono::DateTime;
 use clap::ValueEnum;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -73,6 +75,8 @@ enum LayoutArg {
       what became of each
   inkling replay now.mcap --design design.json --follow
       while it is being written: faults as they are found
+  inkling replay now.mcap --design design.json --follow --serve 127.0.0.1:8080
+      and a page of it in a browser, /metrics for Prometheus, /faults.json
   inkling replay now.mcap --design design.json --follow --rotate 10min
       and every ten minutes a table of the rows so far, to be opened by others
 
@@ -140,6 +144,13 @@ pub struct Args {
     /// much recording time (10min, 1h) and from then on a table; they go when the recording is closed
     #[arg(long, value_name = "SPAN", value_parser = rotate::span)]
     rotate: Option<Duration>,
+    /// With --follow: a page of what is known so far at http://ADDRESS/ (127.0.0.1:8080), /metrics for Prometheus and
+    /// /faults.json; other machines are served with a token alone
+    #[arg(long, value_name = "ADDRESS")]
+    serve: Option<SocketAddr>,
+    /// Who looks must know what is in this file
+    #[arg(long, value_name = "FILE")]
+    serve_token: Option<PathBuf>,
     /// One JSON line per recording and one for the run, instead of text
     #[arg(long)]
     json: bool,
@@ -169,6 +180,8 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     }
     let out = PathBuf::from(&settings.output.dir);
     rotate::check(args.rotate, args.follow, &out)?;
+    let serve = live::check(args.serve, args.serve_token.as_deref(), args.follow)?;
+    let first = settings.input.recordings[0].clone(); // there is one at least
     let found = inputs::find_each_recording(&settings.input.recordings).map_err(Failure::new)?;
     outputs::check_place(&out).map_err(Failure::of_place)?;
     let journal = || Journal::read(&out).map_err(|e| unreadable(&out, e));
@@ -223,7 +236,12 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     let progress = Progress::new(judged, sizes.map(|stamp| stamp.bytes).sum());
     let writer = JournalWriter::open(&out).map_err(|e| unwritable(&out.join(JOURNAL_NAME), e))?;
     let mut here = Here { progress: &progress };
-    let mut watching = Watching { progress: &progress, json: args.json, rotate: args.rotate };
+    let live = match serve {
+        Some(asked) => Some(Live::start(asked, &first, &control)?),
+        None => None,
+    };
+    live.iter().try_for_each(|live| follow::tell_address(live.address, args.json, &progress))?;
+    let mut watching = Watching { progress: &progress, json: args.json, rotate: args.rotate, live };
     let batch = Batch {
         judge: match elsewhere {
             Some(judge) => judge,

@@ -2,6 +2,7 @@
 
 use super::copies::Copies;
 use super::exit::{Exit, Failure};
+use super::output;
 use super::progress::complain;
 use super::report_page::write_text;
 use super::scored;

@@ -314,7 +314,7 @@ mod tests {
         let declared = |state: &str| {
             let header = "printhead,channel,from,to,state,severity";
             std::fs::write(&path, format!("{header}\np,1,,,ignore,\np,1,,,{state},\n")).unwrap();
-            read_states(&path, States::Declared(&["Verstopfung"]))
+            read_states(Written::File(&path), States::Declared(&["Verstopfung"]))
                 .map(drop)
                 .map_err(|e| e.to_string())
         };

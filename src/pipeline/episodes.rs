@@ -151,9 +151,9 @@ impl<'a> EpisodeTap<'a> {
         looks.own = own.map_or(Vec::new(), known);
         if let Some((watch, tracker)) = &mut self.watched {
             tracker.push(printhead, looks.clone());
-            tracker.take_ended();
-            let raised = tracker.take_raised();
+            let (raised, ended) = (tracker.take_raised(), tracker.take_ended());
             raised.iter().for_each(|episode| (watch.tell)(Telling::Raised(episode)));
+            ended.iter().for_each(|episode| (watch.tell)(Telling::Ended(episode)));
         }
         self.tracker.push(printhead, looks);
     }

@@ -144,8 +144,9 @@ pub fn follow(
     let told = Mutex::new(Told::default());
     let tell = |told_now: Telling| {
         let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Telling::Raised(episode) = told_now {
-            told.tell(episode, watch.tell);
+        match told_now {
+            Telling::Raised(episode) => told.tell(episode, watch.tell),
+            other => (watch.tell)(other),
         }
     };
     let once = &Watch { tell: &tell, ..*watch };

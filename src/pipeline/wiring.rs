@@ -93,14 +93,15 @@ impl Wiring<'_> {
         };
         let Some(verdicts) = self.verdicts else {
             let table = Table::Arrays(VerdictArrays::new(options));
-            return Ok(Tables { episodes, table, rotating: None });
+            return Ok(Tables { episodes, table, rotating: None, rows: None });
         };
         let rotation = self.watch.and_then(|watch| watch.rotation);
         let rotating = rotation
             .filter(|_| self.recording.is_growing())
             .map(|of| Rotating::new(of, self.replay, self.recording, verdicts, options.clone()));
         let table = Table::File(VerdictWriter::create(verdicts, options)?);
-        Ok(Tables { episodes, table, rotating })
+        let rows = self.watch.and_then(|watch| watch.rows);
+        Ok(Tables { episodes, table, rotating, rows })
     }
 
     fn workers(&self) -> Workers {
@@ -252,6 +253,8 @@ struct Tables<'a> {
     table: Table,
     /// With `--rotate`.
     rotating: Option<Rotating<'a>>,
+    /// Who else hears of them.
+    rows: Option<&'a (dyn Fn(&Verdicts) + Sync)>,
 }
 
 impl Tables<'_> {
@@ -261,6 +264,9 @@ impl Tables<'_> {
         }
         self.episodes.add(judged)?;
         self.table.write(&judged.verdicts)?;
+        if let Some(rows) = self.rows {
+            rows(&judged.verdicts);
+        }
         match &mut self.rotating {
             Some(rotating) => rotating.write(judged),
             None => Ok(()),
