@@ -217,6 +217,17 @@ def test_results_are_read_lazily(replayed):
         inkling.read(replayed.out / "nowhere")
 
 
+def test_a_hive_is_read_as_one_data_set(tmp_path):
+    import polars as pl
+    import pyarrow.dataset as ds
+
+    run = inkling.replay(RECORDING, DESIGN, tmp_path / "out", layout="hive")
+    table = ds.dataset(tmp_path / "out" / "verdicts", partitioning="hive").to_table()
+    assert table.num_rows == 8640 and set(table["day"].to_pylist()) == {"2025-01-01"}
+    assert pl.read_parquet(tmp_path / "out" / "verdicts").height == 8640
+    assert run.read().verdicts.select(pl.len()).collect().item() == 8640
+
+
 def test_a_critique_of_an_array_has_a_page_and_plots(tmp_path):
     t = np.arange(128) * 1e-6
     noise = np.random.default_rng(5).normal(size=(40, 8, 128))

@@ -1,5 +1,6 @@
 //! `inkling replay --follow`: episodes of a recording that is being written, as they are raised.
 
+use super::episode_event;
 use super::exit::{Failure, unless_reader_gone};
 use super::judge::{Item, Judge, Judged, NotJudged, Run};
 use super::live::Live;
@@ -8,15 +9,14 @@ use super::progress::{Progress, handle_interrupts};
 use super::report::{printable, printable_path};
 use super::rotate;
 use crate::io::Limits;
-use crate::io::layout::Layout;
 use crate::io::objects::in_object_store;
 use crate::io::printable;
 use crate::io::recording::Recording;
-use crate::pipeline::{self, ClosedPart, Control, Rotation, Telling, Watch, rfc3339};
+use crate::pipeline::{self, ClosedPart, Control, Rotation, Telling, Watch};
 use crate::report::clock;
 use crate::settings::{Pace, Settings};
-use crate::verdict::{Reason, Verdicts};
-use serde_json::{Value, json};
+use crate::verdict::Verdicts;
+use serde_json::json;
 use std::io::Write;
 use std::net::SocketAddr;
 use std::path::Path;
@@ -32,7 +32,7 @@ pub fn check(settings: &Settings, dry_run: bool) -> Result<(), Failure> {
         _ if settings.replay.pace == Pace::Recorded => {
             "the recorder sets the pace: leave --pace recorded (replay.pace) out".into()
         }
-        _ if settings.output.layout == Layout::Date => {
+        _ if settings.output.layout.is_by_day() => {
             "the day of the first burst is not known before it is written: choose --layout tree or flat"
                 .into()
         }
@@ -122,50 +122,11 @@ pub fn tell(recording: &str, of: Telling, json: bool, progress: &Progress) {
     if let Telling::Ended(_) = of {
         return; // the table says it
     }
-    let told = if json { output::event(&event(recording, of)) } else { line(of) };
+    let told = if json { output::event(&episode_event::of(recording, of)) } else { line(of) };
     // whoever stopped reading still wants the tables
     if let Err(failure) = unless_reader_gone(told) {
         progress.fail(&failure.message);
     }
-}
-
-pub fn event(recording: &str, of: Telling) -> Value {
-    let (episode, before) = match of {
-        Telling::Raised(now) | Telling::Ended(now) => (now, None),
-        Telling::Revised { now, before } => (now, Some(before)),
-        Telling::Withdrawn(told) => (told, Some(told)),
-    };
-    let mut event = json!({
-        "event": "episode",
-        "recording": recording,
-        "printhead": &*episode.printhead,
-        "channel": episode.channel,
-        "category": episode.category,
-        "fault": episode.fault,
-        "raised_at": rfc3339(episode.raised_at_ns),
-        "began_at": rfc3339(episode.began_at_ns),
-        "bursts": episode.bursts,
-        "certainty": episode.certainty,
-        "severity_last": episode.severity_last,
-        "severity_sd": episode.severity_sd,
-        "resonance_hz": episode.resonance_hz,
-        "damping_per_s": episode.damping_per_s,
-        "reason": episode.reason.map(Reason::as_str),
-        "explanation": episode.explanation,
-    });
-    if let Some(before) = before {
-        let (raised_at, explanation) = (rfc3339(before.raised_at_ns), &before.explanation);
-        event["revises"] = json!({
-            "raised_at": raised_at,
-            "category": before.category,
-            "fault": before.fault,
-            "explanation": explanation,
-        });
-    }
-    if let Telling::Withdrawn(_) = of {
-        event["event"] = json!("withdrawn");
-    }
-    event
 }
 
 fn line(of: Telling) -> std::io::Result<()> {

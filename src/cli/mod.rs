@@ -13,6 +13,7 @@ mod copies;
 mod critique;
 mod dialects;
 mod effect;
+mod episode_event;
 pub mod exit;
 mod extended_design;
 mod failed;

@@ -54,6 +54,7 @@ enum LayoutArg {
     Tree,
     Date,
     Flat,
+    Hive,
 }
 
 #[derive(Debug, clap::Args)]
@@ -116,7 +117,8 @@ pub struct Args {
     /// Say where the time went, stage by stage
     #[arg(long)]
     timings: bool,
-    /// Where below --out: the tree below a directory is kept, by day of the first burst, or flat
+    /// Where below --out: the tree below a directory is kept, by day of the first burst, flat, or each kind of table
+    /// as one data set (verdicts/day=2026-11-01/)
     /// [default: tree]
     #[arg(long, value_enum)]
     layout: Option<LayoutArg>,
@@ -343,6 +345,7 @@ fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
         Some(LayoutArg::Tree) => settings.output.layout = Layout::Tree,
         Some(LayoutArg::Date) => settings.output.layout = Layout::Date,
         Some(LayoutArg::Flat) => settings.output.layout = Layout::Flat,
+        Some(LayoutArg::Hive) => settings.output.layout = Layout::Hive,
         None => {}
     }
     if let Some(threads) = args.threads {

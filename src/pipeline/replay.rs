@@ -502,10 +502,12 @@ fn name_all(files: Vec<CompleteFile>) -> Result<(), PipelineError> {
     for file in files.iter().rev() {
         stored::remove(file.path()).map_err(|e| failed(file.path(), e))?;
     }
-    let Some(last) = files.last().map(|file| file.path().to_path_buf()) else { return Ok(()) };
+    let paths: Vec<PathBuf> = files.iter().map(|file| file.path().to_path_buf()).collect();
     for file in files {
         let path = file.path().to_path_buf();
         file.name().map_err(|e| failed(&path, e))?;
     }
-    part_file::sync_directory_of(&last).map_err(|e| failed(&last, e))
+    let mut dirs: Vec<&PathBuf> = paths.iter().collect();
+    dirs.dedup_by_key(|path| path.parent());
+    dirs.iter().try_for_each(|path| part_file::sync_directory_of(path).map_err(|e| failed(path, e)))
 }

@@ -1,7 +1,7 @@
 //! What is known of a recording that is being followed: verdicts and episodes in, and out what the page, Prometheus and
 //! programs ask for. Memory is bounded by printheads and channels.
 
-use super::super::follow;
+use super::super::episode_event;
 use crate::episodes::Episode;
 use crate::pipeline::{Telling, rfc3339};
 use crate::verdict::{Outcome, Part, Reason, Verdicts};
@@ -217,7 +217,7 @@ impl Known {
     }
 
     fn faults_as_json(&self, recording: &str) -> Vec<Value> {
-        let fault = |episode: &Episode| follow::event(recording, Telling::Raised(episode));
+        let fault = |episode: &Episode| episode_event::of(recording, Telling::Raised(episode));
         self.faults.values().map(fault).collect()
     }
 }
