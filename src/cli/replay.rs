@@ -7,7 +7,7 @@ use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::follow::{self, Watching};
 use super::judge::{Here, Judge};
-use super::live::{self, Live};
+use super::live;
 use super::plan::{self, Planned, Planner};
 use super::progress::{Progress, interruptible};
 use super::rotate;
@@ -239,7 +239,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     let writer = JournalWriter::open(&out).map_err(|e| unwritable(&out.join(JOURNAL_NAME), e))?;
     let mut here = Here { progress: &progress };
     let live = match serve {
-        Some(asked) => Some(Live::start(asked, &first, &control)?),
+        Some(asked) => Some(live::start(asked, &first, &control)?),
         None => None,
     };
     live.iter().try_for_each(|live| follow::tell_address(live.address, args.json, &progress))?;

@@ -1,6 +1,6 @@
 //! The live view over HTTP: a page, its events, metrics, faults. Nothing is changed by a request.
 
-use super::Live;
+use super::view::Live;
 use std::io::{self, Write};
 use std::net::IpAddr;
 use std::sync::Arc;

@@ -3,6 +3,9 @@
 
 mod http;
 mod state;
+mod view;
+
+pub use view::Live;
 
 use super::exit::Failure;
 use crate::io::regular_file;
@@ -11,24 +14,11 @@ use state::State;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::thread;
-use std::time::Duration;
 
 /// Of a token: shorter ones can be guessed, longer ones are another file.
 const LEAST_TOKEN: usize = 16;
 const MOST_TOKEN: u64 = 1024;
-/// Pages that are open are told of the end for so long.
-const LAST_WORDS: Duration = Duration::from_millis(300);
-
-pub struct Live {
-    pub state: State,
-    pub address: SocketAddr,
-    recording: String,
-    path: PathBuf,
-    token: Option<String>,
-    control: Arc<Control>,
-}
 
 /// Where to serve, as the command line asks for it.
 #[derive(Clone, Debug)]
@@ -79,50 +69,25 @@ fn read_token(path: &Path) -> Result<String, Failure> {
     }
 }
 
-impl Live {
-    /// Serves from here on, on a thread of its own.
-    pub fn start(
-        asked: Asked,
-        recording: &str,
-        control: &Arc<Control>,
-    ) -> Result<Arc<Live>, Failure> {
-        let Asked { address, token } = asked;
-        let server = tiny_http::Server::http(address)
-            .map_err(|e| Failure::new(format!("--serve {address}: cannot listen: {e}")))?;
-        let path = PathBuf::from(recording);
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let live = Arc::new(Live {
-            state: State::default(),
-            address: server.server_addr().to_ip().unwrap_or(address),
-            recording: name,
-            path,
-            token,
-            control: control.clone(),
-        });
-        let serving = live.clone();
-        thread::Builder::new()
-            .name("live".into())
-            .spawn(move || http::serve(&server, &serving))
-            .map_err(|e| Failure::new(format!("no thread: {e}")))?;
-        Ok(live)
-    }
-
-    /// The recording is judged; pages that are open hear of it.
-    pub fn end(&self) {
-        self.state.end();
-        thread::sleep(LAST_WORDS);
-    }
-
-    /// Recorded, and not read yet.
-    fn behind_bytes(&self) -> u64 {
-        let written = std::fs::metadata(&self.path).map_or(0, |of| of.len());
-        written.saturating_sub(self.control.bytes_read.load(Ordering::Relaxed))
-    }
-
-    /// Whether a token is the right one, in a time that does not tell how much of it is.
-    fn admits(&self, given: &str) -> bool {
-        let Some(token) = &self.token else { return true };
-        let differ = token.bytes().zip(given.bytes()).fold(0, |sum, (a, b)| sum | (a ^ b));
-        differ == 0 && token.len() == given.len()
-    }
+/// Serves from here on, on a thread of its own.
+pub fn start(asked: Asked, recording: &str, control: &Arc<Control>) -> Result<Arc<Live>, Failure> {
+    let Asked { address, token } = asked;
+    let server = tiny_http::Server::http(address)
+        .map_err(|e| Failure::new(format!("--serve {address}: cannot listen: {e}")))?;
+    let path = PathBuf::from(recording);
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let live = Arc::new(Live {
+        state: State::default(),
+        address: server.server_addr().to_ip().unwrap_or(address),
+        recording: name,
+        path,
+        token,
+        control: control.clone(),
+    });
+    let serving = live.clone();
+    thread::Builder::new()
+        .name("live".into())
+        .spawn(move || http::serve(&server, &serving))
+        .map_err(|e| Failure::new(format!("no thread: {e}")))?;
+    Ok(live)
 }
