@@ -109,7 +109,8 @@ def _times(time: Time | Sequence[Time] | None, count: int, every_s: float) -> np
     except ValueError as error:
         raise UsageError(f"time: {error}: give datetime64, ISO 8601 (UTC) or integer ns since 1970") from None
     if times.ndim == 0:
-        return times + np.rint(np.arange(count) * (every_s * 1e9)).astype("<i8")
+        spread: npt.NDArray[np.int64] = times + np.rint(np.arange(count) * (every_s * 1e9)).astype("<i8")
+        return spread
     if times.shape != (count,):
         raise UsageError(f"time: {times.shape} of {count} bursts: give one, or one per burst")
     return np.ascontiguousarray(times)

@@ -148,7 +148,7 @@ class Design:
         period_s = self.sample_period_s if period_s is None else period_s
         given = _arrays.bursts(array, period_s, printhead, time, every_s, first_channel, temperature_c, voltage_v)
         options = _arrays.options(set, identify=identify, threads=threads)
-        rows, said = self._native.judge(given, options, state and state._native)
+        rows, said = self._native.judge(given, options, state._native if state is not None else None)
         _warn(said)
         return pa.RecordBatchReader.from_stream(rows).read_all()
 

@@ -110,12 +110,12 @@ class Result:
     @property
     def verdict(self) -> str:
         """`none`, `named`, `tie` or `unknown`."""
-        return self.critique["verdict"]
+        return str(self.critique["verdict"])
 
     @property
     def causes(self) -> list[dict[str, Any]]:
         """What was found, the strongest first."""
-        return self.critique["causes"]
+        return list(self.critique["causes"])
 
     @property
     def html(self) -> str:
