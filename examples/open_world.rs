@@ -130,7 +130,7 @@ fn main() -> ExitCode {
     let given: Vec<OsString> = std::env::args_os().collect();
     if given.get(1).is_some_and(|first| first == AS_INKLING) {
         let verb_on = given.into_iter().skip(2);
-        return inkling::cli::run(std::iter::once("inkling".into()).chain(verb_on));
+        return inkling::cli::run(std::iter::once("inkling".into()).chain(verb_on)).into();
     }
     let mut args = Args::parse();
     if args.tables.is_empty() {

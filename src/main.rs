@@ -1,5 +1,5 @@
 //! Parse, call, exit code; nothing else.
 
 fn main() -> std::process::ExitCode {
-    inkling::cli::run(std::env::args_os())
+    inkling::cli::run(std::env::args_os()).into()
 }

@@ -228,3 +228,36 @@ fn the_critiques_page_quotes_what_its_commands_say() {
     let hz = truth["effects"][0]["value"].as_f64().unwrap();
     assert!(page.contains(&format!("a `tone` at {hz:.0} Hz")), "docs/critique.md: {hz}");
 }
+
+/// The first column of the table below a heading.
+fn in_table_below(page: &str, heading: &str) -> Vec<String> {
+    let below =
+        page.split(&format!("## {heading}\n")).nth(1).unwrap_or_else(|| panic!("{heading}"));
+    let rows = below.split("\n## ").next().unwrap_or_default().lines();
+    rows.filter_map(|row| Some(row.strip_prefix("| `")?.split('`').next()?.to_owned())).collect()
+}
+
+#[test]
+fn every_dependency_has_its_reason() {
+    let page = read("docs/dependencies.md");
+    let manifest = |path: &str| -> toml::Table { read(path).parse().unwrap() };
+    let of = |table: &toml::Value| -> Vec<String> {
+        table.as_table().unwrap().keys().cloned().collect()
+    };
+    for (path, heading) in [
+        ("Cargo.toml", "inkling"),
+        ("fleet/Cargo.toml", "inkling-fleet"),
+        ("python/Cargo.toml", "inkling-python"),
+    ] {
+        let manifest = manifest(path);
+        let mut all = of(&manifest["dependencies"]);
+        for target in manifest.get("target").iter().flat_map(|t| t.as_table().unwrap().values()) {
+            all.extend(of(&target["dependencies"]));
+        }
+        all.retain(|name| name != "inkling"); // itself
+        all.sort();
+        assert_eq!(in_table_below(&page, heading), all, "{path}");
+    }
+    let for_tests = of(&manifest("Cargo.toml")["dev-dependencies"]);
+    assert_eq!(in_table_below(&page, "Tests and benchmarks"), for_tests);
+}

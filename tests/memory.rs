@@ -153,7 +153,8 @@ fn parts_of_a_longer_recording_hold_no_more() {
                     closed.fetch_add(1, Relaxed);
                 },
             };
-            let watch = Watch { tell: &|_| (), note: &|_| (), rotation: Some(rotation) };
+            let watch =
+                Watch { tell: &|_| (), note: &|_| (), rows: None, rotation: Some(rotation) };
             let verdicts = house.path("out/long.verdicts.parquet");
             pipeline::follow(run, &recording, &verdicts, &control, &watch).unwrap();
             // one an hour, but for what the end took

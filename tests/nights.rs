@@ -333,6 +333,37 @@ fn layouts_keep_apart_what_a_tree_or_a_day_keeps_apart() {
 }
 
 #[test]
+fn each_kind_of_table_is_one_data_set() {
+    let house = House::new();
+    record(&house, "rec/1/a.mcap", &some(0, 3));
+    record(&house, "rec/2/a.mcap", &on_day(1, 3));
+    replay(&house, "rec --layout hive").exits(0);
+    let below = |dir: &str| -> Vec<String> {
+        let mut found = Vec::new();
+        for day in std::fs::read_dir(house.path(&format!("out/{dir}"))).unwrap() {
+            let day = day.unwrap().path();
+            let name =
+                |path: &std::path::Path| path.file_name().unwrap().to_str().unwrap().to_owned();
+            let files = std::fs::read_dir(&day).unwrap().map(|file| name(&file.unwrap().path()));
+            found.extend(files.map(|file| format!("{}/{file}", name(&day))));
+        }
+        found.sort();
+        found
+    };
+    for (dir, ending) in [
+        ("verdicts", "verdicts.parquet"),
+        ("episodes", "episodes.parquet"),
+        ("summary", "summary.json"),
+    ] {
+        let days = ["2025-01-01", "2025-01-02"].map(|day| format!("day={day}/a.{ending}"));
+        assert_eq!(below(dir), days, "{dir}");
+    }
+    replay(&house, "rec --layout hive").exits(0).says("2 skipped");
+    house.ok("report out -o out/report.html");
+    replay(&house, "rec/1/a.mcap --layout hive --follow").exits(2).says("--layout tree or flat");
+}
+
+#[test]
 fn one_bad_recording_costs_one_recording() {
     let house = House::new();
     record(&house, "good1.mcap", &some(0, 3));

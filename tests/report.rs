@@ -489,6 +489,86 @@ fn what_changed_comes_first_and_the_list_leads_to_the_plots() {
 }
 
 #[test]
+fn a_mail_says_what_changed_since_an_earlier_run() {
+    let house = House::new();
+    let tables = Tables { house: &house, printhead: "p" };
+    let gone = Tables { house: &house, printhead: "gone" };
+    gone.write("0-other", 0, &[], |_, _| false, |_| true);
+    // channel 1 is faulty from the first night on, 3 since the last, 5 was healthy again in the last
+    for night in 0..3i64 {
+        let from = night * DAY_S;
+        let mut episodes = vec![(1, from, None), (5, from, (night == 2).then_some(from + 3))];
+        if night == 2 {
+            episodes.push((3, from + 5, None));
+        }
+        let faulty = move |c: u32, t: i64| match c {
+            1 => true,
+            3 => night == 2 && t >= from + 5,
+            5 => night < 2 || t < from + 3,
+            _ => false,
+        };
+        tables.write(&format!("{night}"), from, &episodes, faulty, |_| true);
+    }
+    let knew = |names: &[&str]| {
+        let row = |name: &&str| serde_json::json!({"recording": format!("{name}.mcap"), "verdicts": format!("{name}.verdicts.parquet")});
+        let rows: Vec<_> = names.iter().map(row).collect();
+        house.write("last.json", serde_json::json!({ "recordings": rows }).to_string());
+    };
+    knew(&["0", "0-other", "1"]);
+    let told = house.ok("report out --changes-since last.json");
+    let under = |words: &str| {
+        let lines = told.lines().skip_while(|line| !line.starts_with(words)).skip(1);
+        lines.take_while(|line| line.starts_with("  ")).collect::<Vec<_>>().join("\n")
+    };
+    assert!(told.starts_with("1 recording since that run, from 2025-01-0"), "{told}");
+    assert!(under("new: 1").contains("p channel 3: "), "{told}");
+    assert!(under("healthy again: 1").contains("p channel 5: "), "{told}");
+    assert!(under("not judged: 1").contains("gone: not judged in any recording since"), "{told}");
+    assert!(told.ends_with("1 channel to clean as before\n"), "{told}");
+    let json = house.json("report out --changes-since last.json --json");
+    let channels = |key: &str| -> Vec<u64> {
+        let faults = json[key].as_array().unwrap_or_else(|| panic!("{key} in {json}"));
+        faults.iter().map(|fault| fault["channel"].as_u64().unwrap()).collect()
+    };
+    assert_eq!(["new", "back", "worse", "cured"].map(channels), [vec![3], vec![], vec![], vec![5]]);
+    assert_eq!((&json["unjudged"][0]["what"], &json["still"]), (&"gone".into(), &1.into()));
+    assert!(json.get("page").is_none() && json["recordings"] == 1);
+    // beside a page it says the same, and the page is there
+    assert!(house.ok("report out --changes-since last.json -o r.html").starts_with(&told));
+    assert!(house.path("r.html").is_file() && house.path("r.faults.parquet").is_file());
+    // what is no earlier run of these results
+    house.run("report out").exits(2).says("--output");
+    house.run("report out --changes-since none.json").exits(2).says("none.json: cannot be read");
+    house.write("last.json", "{}");
+    house.run("report out --changes-since last.json").exits(2).says("not the run.json of a replay");
+    knew(&["elsewhere/night"]);
+    house
+        .run("report out --changes-since last.json")
+        .exits(2)
+        .says("none of that run's recordings");
+    knew(&["0", "0-other", "1", "2"]);
+    house.run("report out --changes-since last.json").exits(1).says("nothing was judged since");
+}
+
+#[test]
+fn a_run_is_an_earlier_run_of_the_same_directory() {
+    let house = House::new();
+    let all = bursts(&sample("print_run.mcap"));
+    let design = sample("design.json");
+    let judge = format!("replay rec --design {} --out out --layout date", design.display());
+    std::fs::create_dir(house.path("rec")).unwrap();
+    write(&house.path("rec/a.mcap"), &all[..60], WriterOptions::default());
+    house.run(&judge).exits(0);
+    std::fs::create_dir(house.path("last")).unwrap();
+    std::fs::copy(house.path("out/run.json"), house.path("last/run.json")).unwrap();
+    write(&house.path("rec/b.mcap"), &all[60..], WriterOptions::default());
+    house.run(&judge).exits(0);
+    let json = house.json("report out --changes-since last --json");
+    assert_eq!(json["recordings"], 1, "{json}");
+    assert!(!json["new"].as_array().unwrap().is_empty(), "{json}");
+}
+
+#[test]
 fn every_recording_is_accounted_for() {
     let house = House::new();
     let all = bursts(&sample("print_run.mcap"));

@@ -71,7 +71,7 @@ enum Verb {
 fn main() -> ExitCode {
     let cli: Cli = match parsed(std::env::args_os()) {
         Ok(cli) => cli,
-        Err(ended) => return ended,
+        Err(ended) => return ended.into(),
     };
     let told = env_logger::Env::default().default_filter_or(TOLD);
     env_logger::Builder::from_env(told).init();
@@ -80,6 +80,7 @@ fn main() -> ExitCode {
         Verb::Executor(args) => serve(executor::run(args)),
         Verb::Submit(args) => submit::run(*args),
     })
+    .into()
 }
 
 fn serve(service: impl Future<Output = Result<Exit, Failure>>) -> Result<Exit, Failure> {

@@ -15,21 +15,33 @@ use crate::pipeline::{Control, PipelineError};
 use crate::settings::Settings;
 use std::sync::Arc;
 
+/// What is learned of.
+pub enum Given<'a> {
+    /// Files, directories, glob patterns.
+    Named(&'a [String]),
+    InMemory(Box<Recording>),
+}
+
 pub struct Recordings {
     inputs: Vec<Input>,
+    in_memory: Option<Box<Recording>>,
     dialects: Dialects,
     pub control: Arc<Control>,
     pub progress: Progress,
 }
 
 impl Recordings {
-    /// Files, directories, glob patterns.
-    pub fn find(patterns: &[String], settings: &Settings) -> Result<Recordings, Failure> {
-        let inputs = inputs::find_recordings(patterns)?;
-        let dialects = dialects::checked(settings, &inputs, |_| false)?;
-        let control = interruptible();
-        let progress = Progress::new(inputs.len(), 0);
-        Ok(Recordings { inputs, dialects, control, progress })
+    pub fn find(given: Given, settings: &Settings) -> Result<Recordings, Failure> {
+        let (inputs, in_memory) = match given {
+            Given::Named(patterns) => (inputs::find_recordings(patterns)?, None),
+            Given::InMemory(recording) => (Vec::new(), Some(recording)),
+        };
+        let dialects = match in_memory {
+            None => dialects::checked(settings, &inputs, |_| false)?,
+            Some(_) => Dialects::default(),
+        };
+        let (control, progress) = (interruptible(), Progress::new(inputs.len(), 0));
+        Ok(Recordings { inputs, in_memory, dialects, control, progress })
     }
 
     /// Takes one after another; whether some of them were damaged.
@@ -37,14 +49,17 @@ impl Recordings {
         &self,
         mut take: impl FnMut(&Recording, &Control) -> Result<Vec<Damage>, PipelineError>,
     ) -> Result<bool, Failure> {
-        let mut damaged = false;
+        let mut is_damaged = |recording: &Recording| {
+            let (name, control): (_, &Control) = (&recording.name, &self.control);
+            let job = || take(recording, control);
+            let damage = self.progress.during(name, recording.bytes, control, job)?;
+            self.progress.say_damage(name, &damage);
+            Ok::<bool, Failure>(!damage.is_empty())
+        };
+        let mut damaged = self.in_memory.as_deref().map_or(Ok(false), &mut is_damaged)?;
         for input in &self.inputs {
             let recording = Recording::open_with(&input.path, Limits::default(), &self.dialects)?;
-            let (name, control): (_, &Control) = (&recording.name, &self.control);
-            let job = || take(&recording, control);
-            let damage = self.progress.during(name, recording.bytes, control, job)?;
-            damaged |= !damage.is_empty();
-            self.progress.say_damage(name, &damage);
+            damaged |= is_damaged(&recording)?;
         }
         Ok(damaged)
     }
@@ -60,11 +75,11 @@ pub struct Collected {
 
 /// Of all recordings; with labels by what these say.
 pub fn collected(
-    patterns: &[String],
+    given: Given,
     settings: &Settings,
     labels: Option<&Labels>,
 ) -> Result<Collected, Failure> {
-    let recordings = Recordings::find(patterns, settings)?;
+    let recordings = Recordings::find(given, settings)?;
     let mut collector = Collector::new(labels, settings.input.rails);
     let damaged = recordings.each(|recording, control| collector.take(recording, control))?;
     let set = collector.finish().ok_or_else(|| Failure::new(dialects::NO_BURSTS))?;

@@ -1,6 +1,6 @@
 //! `inkling critique`: what the model gets wrong, why, the extended model, the gain.
 
-use super::collected::Recordings;
+use super::collected::{Given, Recordings};
 use super::dialects;
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
@@ -12,6 +12,7 @@ use crate::critique::digits;
 use crate::critique::engine::{self, MOST_SAMPLES, Rings};
 use crate::critique::finding::{Critique, Gain, GainFigures, Verdict};
 use crate::critique::report;
+use crate::io::recording::Recording;
 use crate::io::{critique_tables, design_file, labels_file, outputs, printable};
 use crate::pipeline::observe::Observer;
 use crate::settings::Settings;
@@ -63,11 +64,20 @@ enum PlantArg {
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
+    criticised(&args, Given::Named(&args.recordings))
+}
+
+/// Of bursts in memory; what `args` says of recordings is not looked at.
+pub fn run_in_memory(args: Args, recording: Recording) -> Result<Exit, Failure> {
+    criticised(&args, Given::InMemory(Box::new(recording)))
+}
+
+fn criticised(args: &Args, given: Given) -> Result<Exit, Failure> {
     outputs::check_directory(&args.out).map_err(Failure::of_place)?;
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
     effect::check(&args.set, &settings, Command::Critique)?;
     let labels = args.labels.as_deref().map(labels_file::read).transpose()?;
-    let recordings = Recordings::find(&args.recordings, &settings)?;
+    let recordings = Recordings::find(given, &settings)?;
     let oscillator = args.plant == PlantArg::Oscillator;
     let most_samples = if oscillator { decay::MOST_SAMPLES } else { MOST_SAMPLES };
     let mut observer = Observer::new(labels.as_ref(), settings.input.rails, most_samples);
@@ -85,7 +95,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let mut stages = |what: &str| {
         if control.interrupted() {
             progress.say("inkling: interrupted; nothing was written");
-            std::process::exit(1); // nothing is open, and what computes has no other end
+            super::progress::end_here(); // nothing is open, and what computes has no other end
         }
         progress.say(&format!("{what} ..."));
     };

@@ -1,22 +1,24 @@
 //! `inkling replay --follow`: episodes of a recording that is being written, as they are raised.
 
+use super::episode_event;
 use super::exit::{Failure, unless_reader_gone};
 use super::judge::{Item, Judge, Judged, NotJudged, Run};
+use super::live::Live;
 use super::output;
 use super::progress::{Progress, handle_interrupts};
 use super::report::{printable, printable_path};
 use super::rotate;
 use crate::io::Limits;
-use crate::io::layout::Layout;
 use crate::io::objects::in_object_store;
 use crate::io::printable;
 use crate::io::recording::Recording;
-use crate::pipeline::{self, ClosedPart, Control, Rotation, Telling, Watch, rfc3339};
+use crate::pipeline::{self, ClosedPart, Control, Rotation, Telling, Watch};
 use crate::report::clock;
 use crate::settings::{Pace, Settings};
-use crate::verdict::Reason;
-use serde_json::{Value, json};
+use crate::verdict::Verdicts;
+use serde_json::json;
 use std::io::Write;
+use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -30,7 +32,7 @@ pub fn check(settings: &Settings, dry_run: bool) -> Result<(), Failure> {
         _ if settings.replay.pace != Pace::Max => {
             "the recorder sets the pace: leave --pace (replay.pace) out".into()
         }
-        _ if settings.output.layout == Layout::Date => {
+        _ if settings.output.layout.is_by_day() => {
             "the day of the first burst is not known before it is written: choose --layout tree or flat"
                 .into()
         }
@@ -60,6 +62,8 @@ pub struct Watching<'a> {
     pub json: bool,
     /// Parts of the table are closed, each of so much recording time.
     pub rotate: Option<Duration>,
+    /// Who looks on.
+    pub live: Option<Arc<Live>>,
 }
 
 impl Judge for Watching<'_> {
@@ -69,11 +73,20 @@ impl Judge for Watching<'_> {
 
     fn judge(&mut self, run: &Run, _: usize, item: &Item) -> Result<Judged, NotJudged> {
         let (label, verdicts) = (&item.label, item.verdicts_in(run.out));
-        let told = |of: Telling| tell(label, of, self.json, self.progress);
-        let note = |what: &str| self.progress.say(&format!("{}: {what}", printable_path(label)));
+        let told = |of: Telling| {
+            tell(label, of, self.json, self.progress);
+            self.live.iter().for_each(|live| live.state.take_episode(of));
+        };
+        let note = |what: &str| {
+            self.progress.say(&format!("{}: {what}", printable_path(label)));
+            // whatever is noted is judged again
+            self.live.iter().for_each(|live| live.state.begin_again());
+        };
+        let rows = |of: &Verdicts| self.live.iter().for_each(|live| live.state.take_rows(of));
         let closed = |part: &ClosedPart| rotate::tell(label, part, self.json, self.progress);
         let rotation = self.rotate.map(|every| Rotation { every, closed: &closed });
-        let watch = Watch { tell: &told, note: &note, rotation };
+        let rows: Option<&(dyn Fn(&Verdicts) + Sync)> = self.live.is_some().then_some(&rows);
+        let watch = Watch { tell: &told, note: &note, rows, rotation };
         let report = self.progress.during(label, None, run.control, || {
             let enough = run.control.enough.clone();
             let mut recording =
@@ -81,6 +94,7 @@ impl Judge for Watching<'_> {
             recording.label.clone_from(label);
             pipeline::follow(run.replay, &recording, &verdicts, run.control, &watch)
         });
+        self.live.iter().for_each(|live| live.end());
         Ok(Judged::of(report?, label, &verdicts, run.detail))
     }
 
@@ -89,57 +103,35 @@ impl Judge for Watching<'_> {
     }
 }
 
+/// Where it can be looked at.
+pub fn tell_address(address: SocketAddr, json: bool, progress: &Progress) -> Result<(), Failure> {
+    match json {
+        true => unless_reader_gone(output::event(&json!({
+            "event": "serving",
+            "address": address.to_string(),
+        }))),
+        false => {
+            progress.say(&format!("to be looked at on http://{address}/"));
+            Ok(())
+        }
+    }
+}
+
 /// An episode as it is when it is raised, or named otherwise; keys as in the table of episodes.
 pub fn tell(recording: &str, of: Telling, json: bool, progress: &Progress) {
-    let told = if json { output::event(&event(recording, of)) } else { line(of) };
+    if let Telling::Ended(_) = of {
+        return; // the table says it
+    }
+    let told = if json { output::event(&episode_event::of(recording, of)) } else { line(of) };
     // whoever stopped reading still wants the tables
     if let Err(failure) = unless_reader_gone(told) {
         progress.fail(&failure.message);
     }
 }
 
-fn event(recording: &str, of: Telling) -> Value {
-    let (episode, before) = match of {
-        Telling::Raised(now) => (now, None),
-        Telling::Revised { now, before } => (now, Some(before)),
-        Telling::Withdrawn(told) => (told, Some(told)),
-    };
-    let mut event = json!({
-        "event": "episode",
-        "recording": recording,
-        "printhead": &*episode.printhead,
-        "channel": episode.channel,
-        "category": episode.category,
-        "fault": episode.fault,
-        "raised_at": rfc3339(episode.raised_at_ns),
-        "began_at": rfc3339(episode.began_at_ns),
-        "bursts": episode.bursts,
-        "certainty": episode.certainty,
-        "severity_last": episode.severity_last,
-        "severity_sd": episode.severity_sd,
-        "resonance_hz": episode.resonance_hz,
-        "damping_per_s": episode.damping_per_s,
-        "reason": episode.reason.map(Reason::as_str),
-        "explanation": episode.explanation,
-    });
-    if let Some(before) = before {
-        let (raised_at, explanation) = (rfc3339(before.raised_at_ns), &before.explanation);
-        event["revises"] = json!({
-            "raised_at": raised_at,
-            "category": before.category,
-            "fault": before.fault,
-            "explanation": explanation,
-        });
-    }
-    if let Telling::Withdrawn(_) = of {
-        event["event"] = json!("withdrawn");
-    }
-    event
-}
-
 fn line(of: Telling) -> std::io::Result<()> {
     let (episode, mark) = match of {
-        Telling::Raised(now) => (now, ""),
+        Telling::Raised(now) | Telling::Ended(now) => (now, ""),
         Telling::Revised { now, .. } => (now, "revised: "),
         Telling::Withdrawn(told) => (told, "revised: no episode, told as: "),
     };

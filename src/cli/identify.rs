@@ -1,6 +1,6 @@
 //! `inkling identify`: thesis (3-1) alone, with what is and is not identifiable.
 
-use super::collected::{Collected, collected};
+use super::collected::{Collected, Given, collected};
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::identified::Identified;
@@ -60,7 +60,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         outputs::check_directory(dir).map_err(Failure::of_place)?;
     }
     let Collected { set, mut incomplete, progress } =
-        collected(&args.recordings, &settings, labels.as_ref())?;
+        collected(Given::Named(&args.recordings), &settings, labels.as_ref())?;
     let mut said = Vec::new();
     let mut models: Vec<Value> = Vec::new();
     for (name, signals) in &set.healthy {

@@ -4,6 +4,8 @@ mod account;
 mod annotate;
 mod batch;
 mod burst_clock;
+pub mod called;
+mod changes_since;
 mod collected;
 mod contents;
 mod convert;
@@ -11,6 +13,7 @@ mod copies;
 mod critique;
 mod dialects;
 mod effect;
+mod episode_event;
 pub mod exit;
 mod extended_design;
 mod failed;
@@ -21,6 +24,7 @@ mod identify;
 mod inspect;
 pub mod judge;
 mod lines;
+mod live;
 mod lost;
 mod notes;
 mod output;
@@ -42,7 +46,6 @@ mod train;
 use clap::{CommandFactory, Parser, Subcommand};
 use exit::{Exit, Failure};
 use std::ffi::OsString;
-use std::process::ExitCode;
 
 #[derive(Debug, Parser)]
 #[command(
@@ -99,46 +102,52 @@ enum Verb {
 }
 
 /// Runs the command line `args` and says how it ended.
-pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+pub fn run(args: impl IntoIterator<Item = OsString>) -> Exit {
     let cli: Cli = match parsed(args) {
         Ok(cli) => cli,
         Err(ended) => return ended,
     };
-    run_verb(cli.quiet, || match cli.verb {
-        Verb::Replay(args) => replay::run(args),
-        Verb::Train(args) => train::run(args),
-        Verb::Identify(args) => identify::run(args),
-        Verb::Convert(args) => convert::run(args),
-        Verb::Critique(args) => critique::run(args),
-        Verb::Simulate(args) => simulate::run(args),
-        Verb::Score(args) => score::run(args),
-        Verb::Inspect(args) => inspect::run(args),
-        Verb::Report(args) => report_page::run(args),
-        Verb::Thesis(args) => thesis::run(args),
-        Verb::Generate(args) => generate::run(args, Cli::command()),
-    })
+    run_verb(cli.quiet, || cli.verb.run())
+}
+
+impl Verb {
+    fn run(self) -> Result<Exit, Failure> {
+        match self {
+            Verb::Replay(args) => replay::run(args),
+            Verb::Train(args) => train::run(args),
+            Verb::Identify(args) => identify::run(args),
+            Verb::Convert(args) => convert::run(args),
+            Verb::Critique(args) => critique::run(args),
+            Verb::Simulate(args) => simulate::run(args),
+            Verb::Score(args) => score::run(args),
+            Verb::Inspect(args) => inspect::run(args),
+            Verb::Report(args) => report_page::run(args),
+            Verb::Thesis(args) => thesis::run(args),
+            Verb::Generate(args) => generate::run(args, Cli::command()),
+        }
+    }
 }
 
 /// A command line, or how it ends at once: with help, or with what is wrong with it.
-pub fn parsed<C: Parser>(args: impl IntoIterator<Item = OsString>) -> Result<C, ExitCode> {
+pub fn parsed<C: Parser>(args: impl IntoIterator<Item = OsString>) -> Result<C, Exit> {
     C::try_parse_from(args).map_err(|e| {
         let _ = e.print(); // nowhere left to complain if this fails
-        if e.use_stderr() { Exit::Usage } else { Exit::Done }.into()
+        if e.use_stderr() { Exit::Usage } else { Exit::Done }
     })
 }
 
 /// What every command line of inkling does around its work.
-pub fn run_verb(quiet: bool, verb: impl FnOnce() -> Result<Exit, Failure>) -> ExitCode {
+pub fn run_verb(quiet: bool, verb: impl FnOnce() -> Result<Exit, Failure>) -> Exit {
     if quiet {
         output::be_quiet();
     }
     failed::outlive_file_size_limits();
     match verb() {
-        Ok(exit) => exit.into(),
-        Err(Failure { exit: Exit::Done, .. }) => Exit::Done.into(),
+        Ok(exit) => exit,
+        Err(Failure { exit: Exit::Done, .. }) => Exit::Done,
         Err(failure) => {
             progress::complain(&format!("inkling: {}", failure.message));
-            failure.exit.into()
+            failure.exit
         }
     }
 }

@@ -20,6 +20,11 @@ pub fn report() -> Report {
     Report((!is_quiet()).then(|| io::stdout().lock()))
 }
 
+/// The same of a verb that says its result on stdout where it writes no file.
+pub fn result(is_file: bool) -> Report {
+    if is_file { report() } else { Report(Some(io::stdout().lock())) }
+}
+
 pub struct Report(Option<StdoutLock<'static>>);
 
 impl Write for Report {

@@ -12,7 +12,7 @@ use crate::io::layout::{self, Layout, Placed};
 use crate::io::recording::Recording;
 use crate::io::{Limits, digest, part_file, stored};
 use crate::pipeline::chain;
-use crate::pipeline::resume::{Decision, Resume, Why};
+use crate::pipeline::resume::{self, Decision, Resume, Why};
 use crate::pipeline::{Control, PipelineError, beginning};
 use crate::settings::Settings;
 use serde_json::json;
@@ -83,8 +83,9 @@ pub fn lost(e: &InputsError) -> Row {
 
 /// Removes what killed runs left where this one writes.
 pub fn sweep(planned: &[Planned], out: &Path) {
-    let of_planned = |p: &Planned| p.placed.verdicts_in(out).parent().map(Path::to_path_buf);
-    let mut dirs: Vec<_> = planned.iter().filter_map(of_planned).collect();
+    let of_planned = |p: &Planned| resume::files(&p.placed.verdicts_in(out));
+    let files = planned.iter().flat_map(of_planned);
+    let mut dirs: Vec<_> = files.filter_map(|file| file.parent().map(Path::to_path_buf)).collect();
     dirs.push(out.into());
     dirs.sort_unstable();
     dirs.dedup();

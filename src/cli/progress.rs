@@ -6,6 +6,7 @@ use crate::io::printable;
 use crate::pipeline::Control;
 use crate::report::grouped;
 use indicatif::{HumanBytes, HumanDuration, MultiProgress, ProgressBar, ProgressStyle};
+use std::cell::RefCell;
 use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Once};
@@ -28,6 +29,30 @@ pub fn complain(message: &str) {
     let _ = writeln!(std::io::stderr(), "{message}");
 }
 
+thread_local! {
+    /// Who interrupts what this thread does, where it works for another program.
+    static CALLER: RefCell<Option<Arc<Control>>> = const { RefCell::new(None) };
+}
+
+/// What it does on this thread another program interrupts, by `control`; signals are that program's own.
+pub fn called_by<T>(control: &Arc<Control>, work: impl FnOnce() -> T) -> T {
+    CALLER.set(Some(control.clone()));
+    let done = work();
+    CALLER.set(None);
+    done
+}
+
+/// Ends what was interrupted and has no other end: the process, or for another program this thread.
+pub fn end_here() -> ! {
+    match CALLER.with_borrow(Option::is_some) {
+        true => std::panic::resume_unwind(Box::new(Interrupted)),
+        false => std::process::exit(1),
+    }
+}
+
+/// What [`end_here`] unwinds with.
+pub struct Interrupted;
+
 /// A shared control that Ctrl-C or a request to terminate interrupts; the second one ends the run where
 /// it is.
 pub fn interruptible() -> Arc<Control> {
@@ -37,6 +62,9 @@ pub fn interruptible() -> Arc<Control> {
 /// The same; `takes` may take a Ctrl-C for something else.
 pub fn handle_interrupts(takes: impl Fn(&Control) -> bool + Send + 'static) -> Arc<Control> {
     static ONCE: Once = Once::new();
+    if let Some(control) = CALLER.with_borrow(Clone::clone) {
+        return control;
+    }
     let control = Arc::new(Control::default());
     let handle = control.clone();
     ONCE.call_once(|| {

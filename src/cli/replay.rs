@@ -7,6 +7,7 @@ use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::follow::{self, Watching};
 use super::judge::{Here, Judge};
+use super::live;
 use super::plan::{self, Planned, Planner};
 use super::progress::{Progress, interruptible};
 use super::rotate;
@@ -24,6 +25,7 @@ use crate::pipeline::resume::Resume;
 use crate::settings::{IdentifyMode, Pace, Preset, Settings};
 use chrono::DateTime;
 use clap::ValueEnum;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -46,6 +48,7 @@ enum LayoutArg {
     Tree,
     Date,
     Flat,
+    Hive,
 }
 
 #[derive(Debug, clap::Args)]
@@ -67,6 +70,8 @@ enum LayoutArg {
       what became of each
   inkling replay now.mcap --design design.json --follow
       while it is being written: faults as they are found
+  inkling replay now.mcap --design design.json --follow --serve 127.0.0.1:8080
+      and a page of it in a browser, /metrics for Prometheus, /faults.json
   inkling replay now.mcap --design design.json --follow --rotate 10min
       and every ten minutes a table of the rows so far, to be opened by others
 
@@ -106,7 +111,8 @@ pub struct Args {
     /// Say where the time went, stage by stage
     #[arg(long)]
     timings: bool,
-    /// Where below --out: the tree below a directory is kept, by day of the first burst, or flat
+    /// Where below --out: the tree below a directory is kept, by day of the first burst, flat, or each kind of table
+    /// as one data set (verdicts/day=2026-11-01/)
     /// [default: tree]
     #[arg(long, value_enum)]
     layout: Option<LayoutArg>,
@@ -134,6 +140,13 @@ pub struct Args {
     /// much recording time (10min, 1h) and from then on a table; they go when the recording is closed
     #[arg(long, value_name = "SPAN", value_parser = rotate::span)]
     rotate: Option<Duration>,
+    /// With --follow: a page of what is known so far at http://ADDRESS/ (127.0.0.1:8080), /metrics for Prometheus and
+    /// /faults.json; other machines are served with a token alone
+    #[arg(long, value_name = "ADDRESS")]
+    serve: Option<SocketAddr>,
+    /// Who looks must know what is in this file
+    #[arg(long, value_name = "FILE")]
+    serve_token: Option<PathBuf>,
     /// One JSON line per recording and one for the run, instead of text
     #[arg(long)]
     json: bool,
@@ -163,6 +176,8 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     }
     let out = PathBuf::from(&settings.output.dir);
     rotate::check(args.rotate, args.follow, &out)?;
+    let serve = live::check(args.serve, args.serve_token.as_deref(), args.follow)?;
+    let first = settings.input.recordings[0].clone(); // there is one at least
     let found = inputs::find_each_recording(&settings.input.recordings)?;
     outputs::check_place(&out).map_err(Failure::of_place)?;
     let journal = || Journal::read(&out).map_err(|e| unreadable(&out, e));
@@ -217,7 +232,12 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     let progress = Progress::new(judged, sizes.map(|stamp| stamp.bytes).sum());
     let writer = JournalWriter::open(&out).map_err(|e| unwritable(&out.join(JOURNAL_NAME), e))?;
     let mut here = Here { progress: &progress };
-    let mut watching = Watching { progress: &progress, json: args.json, rotate: args.rotate };
+    let live = match serve {
+        Some(asked) => Some(live::start(asked, &first, &control)?),
+        None => None,
+    };
+    live.iter().try_for_each(|live| follow::tell_address(live.address, args.json, &progress))?;
+    let mut watching = Watching { progress: &progress, json: args.json, rotate: args.rotate, live };
     let batch = Batch {
         judge: match elsewhere {
             Some(judge) => judge,
@@ -248,7 +268,7 @@ fn unreadable(out: &Path, e: std::io::Error) -> Failure {
 }
 
 /// A design, and the digest of its file.
-type Read = (Design, String);
+pub type Read = (Design, String);
 
 /// The settings, and the design that they name; how it was trained is its own, unless the command line says otherwise.
 fn with_design(args: &Args) -> Result<(Settings, Option<Read>), Failure> {
@@ -257,12 +277,22 @@ fn with_design(args: &Args) -> Result<(Settings, Option<Read>), Failure> {
         return Ok((asked, None));
     }
     let read: Read = design_file::read(Path::new(&asked.input.design))?;
-    if args.preset.is_some() || read.0.chosen.is_empty() {
-        return Ok((asked, Some(read)));
+    Ok((settings_by(args, &read.0)?, Some(read)))
+}
+
+fn settings_by(args: &Args, design: &Design) -> Result<Settings, Failure> {
+    if args.preset.is_some() || design.chosen.is_empty() {
+        return settings(args, &[]);
     }
-    let kept = read.0.chosen.iter().map(|(key, value)| format!("{key}={value}"));
-    let kept: Vec<String> = kept.collect();
-    Ok((settings(args, &kept)?, Some(read)))
+    let kept = design.chosen.iter().map(|(key, value)| format!("{key}={value}"));
+    settings(args, &kept.collect::<Vec<String>>())
+}
+
+/// How a design in memory judges by these arguments.
+pub fn judging(args: Args, read: Read) -> Result<Replay, Failure> {
+    let mut settings = settings_by(&args, &read.0)?;
+    settings.input.design = "the design".into(); // what sentences call it
+    Ok(load(settings, Some(read), &args)?.replay)
 }
 
 /// `kept`: by the design, as `KEY=VALUE`; `--set` wins over it.
@@ -307,6 +337,7 @@ fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
         Some(LayoutArg::Tree) => settings.output.layout = Layout::Tree,
         Some(LayoutArg::Date) => settings.output.layout = Layout::Date,
         Some(LayoutArg::Flat) => settings.output.layout = Layout::Flat,
+        Some(LayoutArg::Hive) => settings.output.layout = Layout::Hive,
         None => {}
     }
     if let Some(threads) = args.threads {

@@ -1,12 +1,13 @@
 //! `inkling report`: what to clean, since when, and how far to trust it.
 
+use super::changes_since::{Known, Since, as_json};
 use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible};
+use super::results::Read;
 use super::{output, results};
 use crate::io::{fault_table, outputs, part_file, printable};
-use crate::report::{self, Fault};
+use crate::report::{self, Report};
 use crate::settings::Settings;
-use chrono::DateTime;
 use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -21,6 +22,9 @@ const MOST_TOLD: usize = 10;
       report.faults.parquet
   inkling report verdicts/2026-03-* -o march.html --config pipeline.toml
       with [report.actions] and the nozzles' places as pipeline.toml has them
+  inkling report verdicts/ --changes-since last.json
+      one mail's worth: what is new, worse, cured, not judged since the run
+      whose run.json was kept as last.json
   inkling report verdicts/ -o report.html \\
       --set report.actions.dried_nozzle=\"spit 2000 drops\"
 
@@ -31,9 +35,13 @@ pub struct Args {
     #[arg(required = true)]
     out: Vec<String>,
     /// The page; its table of faults goes beside it
-    #[arg(short, long, value_name = "FILE")]
-    output: PathBuf,
-    /// What is to be cleaned, most urgent first, as JSON
+    #[arg(short, long, value_name = "FILE", required_unless_present = "changes_since")]
+    output: Option<PathBuf>,
+    /// Tell what is new, worse, cured and not judged in the recordings that an earlier run did not have, instead of
+    /// what is to be cleaned: its run.json, or the directory where that lies
+    #[arg(long, value_name = "RUN")]
+    changes_since: Option<PathBuf>,
+    /// What is told as JSON
     #[arg(long)]
     json: bool,
     /// Settings file, for its section [report]
@@ -54,15 +62,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
     let declared = settings.isolate.classes.into_keys().collect::<Vec<_>>();
     let settings = settings.report;
-    let is_page = args.output.extension().is_some_and(|e| e == "html" || e == "htm");
-    if !is_page {
-        let name = args.output.display();
-        return Err(Failure::usage(format!("{name}: the result is a page: give a name.html")));
-    }
-    let table = args.output.with_extension("faults.parquet");
-    for path in [&args.output, &table] {
-        outputs::check_file(path).map_err(Failure::of_place)?;
-    }
+    let page = args.output.as_deref().map(Page::at).transpose()?;
+    let known = args.changes_since.as_deref().map(Known::read).transpose()?;
     let found = results::find(&args.out, "a report")?;
     let progress = Progress::new(1, 0);
     let read = results::read(&found, &settings, true, &progress, &interruptible())?;
@@ -77,46 +78,69 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     if read.failed.len() > MOST_TOLD {
         progress.fail(&format!("inkling: and {} more", read.failed.len() - MOST_TOLD));
     }
-    fault_table::write(&table, &read.report.faults).map_err(Failure::new)?;
-    write_text(&args.output, &report::html(&read.report))?;
-    if args.json {
-        let faults: Vec<_> = read.report.faults.iter().map(as_json).collect();
-        let mut coverage = json!(read.report.coverage);
-        coverage["complete"] = json!(read.report.coverage.is_complete());
-        let told = json!({
-            "page": args.output,
-            "table": table,
-            "faults": faults,
-            "failed": read.failed,
-            "coverage": coverage,
-            "notes": read.report.notes,
-        });
-        output::event(&told)?;
-        return Ok(if read.failed.is_empty() { Exit::Done } else { Exit::Incomplete });
+    let since = match (&args.changes_since, &known) {
+        (Some(run), Some(known)) => Some(Since::of(run, known, &read.report)?),
+        _ => None,
+    };
+    page.iter().try_for_each(|page| page.write(&read.report))?;
+    match args.json {
+        true => tell_json(&read, since.as_ref(), page.as_ref())?,
+        false => tell(&read, since.as_ref(), page.as_ref())?,
     }
-    let mut out = output::report();
-    report::print(&read.report, printable::line, &mut out)?;
-    writeln!(out, "{}, {}", args.output.display(), table.display())?;
     Ok(if read.failed.is_empty() { Exit::Done } else { Exit::Incomplete })
 }
 
-/// A row of the cleaning list, as `report.faults.parquet` has it.
-fn as_json(fault: &Fault) -> serde_json::Value {
-    let story = &fault.story;
-    let time = |ns: i64| DateTime::from_timestamp_nanos(ns).to_rfc3339();
-    json!({
-        "printhead": story.printhead.to_string(),
-        "channel": story.channel,
-        "category": story.category,
-        "fault": story.fault,
-        "began_at": time(story.began_at_ns),
-        "ended_at": story.ended_at_ns.map(time),
-        "severity_last": story.severity_last,
-        "certainty": story.certainty,
-        "urgency": fault.urgency,
-        "action": fault.action,
-        "sentence": fault.sentence,
-    })
+/// Where the result goes.
+struct Page<'a> {
+    page: &'a Path,
+    table: PathBuf,
+}
+
+impl<'a> Page<'a> {
+    fn at(page: &'a Path) -> Result<Page<'a>, Failure> {
+        if !page.extension().is_some_and(|e| e == "html" || e == "htm") {
+            let name = page.display();
+            return Err(Failure::usage(format!("{name}: the result is a page: give a name.html")));
+        }
+        let table = page.with_extension("faults.parquet");
+        for path in [page, &table] {
+            outputs::check_file(path).map_err(Failure::of_place)?;
+        }
+        Ok(Page { page, table })
+    }
+
+    fn write(&self, report: &Report) -> Result<(), Failure> {
+        fault_table::write(&self.table, &report.faults).map_err(Failure::new)?;
+        write_text(self.page, &report::html(report))
+    }
+}
+
+fn tell_json(read: &Read, since: Option<&Since>, page: Option<&Page>) -> std::io::Result<()> {
+    let mut told = since.map_or_else(|| json!({}), Since::as_json);
+    if since.is_none() {
+        told["faults"] = read.report.faults.iter().map(as_json).collect();
+    }
+    if let Some(Page { page, table }) = page {
+        (told["page"], told["table"]) = (json!(page), json!(table));
+    }
+    let coverage = &read.report.coverage;
+    told["coverage"] = json!(coverage);
+    told["coverage"]["complete"] = json!(coverage.is_complete());
+    told["notes"] = json!(read.report.notes);
+    told["failed"] = json!(read.failed);
+    output::event(&told)
+}
+
+fn tell(read: &Read, since: Option<&Since>, page: Option<&Page>) -> std::io::Result<()> {
+    let mut out = output::report();
+    match since {
+        None => report::print(&read.report, printable::line, &mut out)?,
+        Some(since) => since.print(&mut out)?,
+    }
+    match page {
+        Some(Page { page, table }) => writeln!(out, "{}, {}", page.display(), table.display()),
+        None => Ok(()),
+    }
 }
 
 /// A page gets its name when it is whole.

@@ -2,6 +2,7 @@
 
 use super::copies::{self, Table};
 use super::exit::{Exit, Failure};
+use super::output;
 use super::progress::complain;
 use super::report_page::write_text;
 use super::{results, scored};
@@ -260,7 +261,7 @@ fn tell(
     if let (Some(curves), Some(page)) = (curves, &args.report) {
         write_text(page, &crate::report::evaluation(Some((report, curves)), promise))?;
     }
-    let mut out = std::io::stdout().lock();
+    let mut out = output::result(args.report.is_some());
     if args.json {
         let mut told = serde_json::json!(report);
         if let Some(promise) = promise {
@@ -294,7 +295,7 @@ fn promised(args: &Args, promise: &Promise) -> Result<Exit, Failure> {
     if let Some(page) = &args.report {
         write_text(page, &crate::report::evaluation(None, Some(promise)))?;
     }
-    let mut out = std::io::stdout().lock();
+    let mut out = output::result(args.report.is_some());
     match args.json {
         true => write_json(&serde_json::json!({ "promise": promise }), &mut out)?,
         false => crate::report::print_promise(promise, printable::line, &mut out)?,

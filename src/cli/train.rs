@@ -1,16 +1,16 @@
 //! `inkling train`: labelled recordings to a design.
 
-use super::collected::{Collected, collected};
+use super::collected::{Collected, Given, collected};
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::output;
-use super::progress::thousands;
+use super::progress::{Progress, thousands};
 use super::replay::PresetArg;
 use super::report::printable;
 use crate::design::{ClassTold, Design, DesignError, Judged};
 use crate::detect::DetectMethod;
 use crate::identify::IdentifyError;
-use crate::io::labels_file::{self, States};
+use crate::io::labels_file::{self, States, Written};
 use crate::io::{design_file, outputs};
 use crate::labels::{Label, Labels, known_states};
 use crate::settings::{Preset, Settings};
@@ -66,9 +66,47 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), preset, &args.set)?;
     effect::check(&args.set, &settings, Command::Train)?;
     outputs::check_file(&args.out).map_err(Failure::of_place)?;
-    let labels = labels(&args, &settings)?;
-    let Collected { set, incomplete, progress } =
-        collected(&args.recordings, &settings, Some(&labels))?;
+    let learned = learn(Lesson {
+        recordings: Given::Named(&args.recordings),
+        labels: Written::File(&args.labels),
+        new_class: &args.new_class,
+        settings: &settings,
+    })?;
+    let Learned { design, told, warnings, incomplete } = &learned;
+    if !args.json {
+        let progress = Progress::new(1, 0);
+        warnings.iter().for_each(|w| progress.say(&format!("warning: {w}")));
+    }
+    design_file::write(&args.out, design).map_err(Failure::new)?;
+    match args.json {
+        true => output::event(&document(&args, design, told, warnings))?,
+        false => tell(&args, design, told)?,
+    }
+    Ok(if *incomplete { Exit::Incomplete } else { Exit::Done })
+}
+
+/// What a design is learned of.
+pub struct Lesson<'a> {
+    pub recordings: Given<'a>,
+    pub labels: Written<'a>,
+    /// Classes of one's own that nothing else declares.
+    pub new_class: &'a [String],
+    pub settings: &'a Settings,
+}
+
+/// A design, and what is to be said of it.
+pub struct Learned {
+    pub design: Design,
+    pub told: Vec<ClassTold>,
+    pub warnings: Vec<String>,
+    /// Something was damaged, or could not be used.
+    pub incomplete: bool,
+}
+
+pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
+    let Lesson { recordings, labels: written, new_class, settings } = lesson;
+    let labels = labels(written, new_class, settings)?;
+    let Collected { set, incomplete, .. } = collected(recordings, settings, Some(&labels))?;
     if set.healthy.is_empty() {
         let seen: Vec<String> =
             set.signals.iter().map(|(l, n)| format!("{n} {}", printable(l))).collect();
@@ -76,32 +114,24 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             "no signal is labelled `healthy` (found: {}); do printhead names and times of {} agree \
              with the recordings? `inkling inspect` shows them",
             seen.join(", "),
-            args.labels.display()
+            written.name().display()
         )));
     }
     let grey_box = &settings.identify.grey_box;
     let (mut design, mut warnings) =
         Design::train(&set, grey_box, &settings.detect, &settings.isolate)
-            .map_err(|e| not_trained(&e, &args.labels))?;
+            .map_err(|e| not_trained(&e, written.name()))?;
     design.chosen = settings.kept_by_design();
     let told = design.tell_classes(&set, grey_box, &settings.isolate).map_err(Failure::new)?;
-    refuse_never_named(&told, &args.labels)?;
+    refuse_never_named(&told, written.name())?;
     warnings.extend(told.iter().filter(|class| class.is_hardly_detected()).map(hardly_detected));
-    if !args.json {
-        warnings.iter().for_each(|w| progress.say(&format!("warning: {w}")));
-    }
-    design_file::write(&args.out, &design).map_err(Failure::new)?;
-    match args.json {
-        true => output::event(&document(&args, &design, &told, &warnings))?,
-        false => tell(&args, &design, &told)?,
-    }
-    Ok(if incomplete { Exit::Incomplete } else { Exit::Done })
+    Ok(Learned { design, told, warnings, incomplete })
 }
 
 /// Read with the states that are declared, under the names that the design will give them.
-fn labels(args: &Args, settings: &Settings) -> Result<Labels, Failure> {
+fn labels(written: Written, new_class: &[String], settings: &Settings) -> Result<Labels, Failure> {
     let own = settings.isolate.classes.keys().map(String::as_str);
-    for name in &args.new_class {
+    for name in new_class {
         let is_taken = known_states().chain(COUNTED).any(|taken| taken == name)
             || settings.isolate.classes.contains_key(name);
         if name.is_empty() || is_taken {
@@ -111,14 +141,14 @@ fn labels(args: &Args, settings: &Settings) -> Result<Labels, Failure> {
             )));
         }
     }
-    let declared: Vec<&str> = own.chain(args.new_class.iter().map(String::as_str)).collect();
-    let labels = labels_file::read_states(&args.labels, States::Declared(&declared))?;
+    let declared: Vec<&str> = own.chain(new_class.iter().map(String::as_str)).collect();
+    let labels = labels_file::read_states(written, States::Declared(&declared))?;
     let unused = |name: &&String| !labels.rows().iter().any(|row| row.state == **name);
-    if let Some(name) = args.new_class.iter().find(unused) {
+    if let Some(name) = new_class.iter().find(unused) {
         return Err(Failure::usage(format!(
             "--new-class {}: has no effect here: no row of {} has that state",
             printable(name),
-            args.labels.display()
+            written.name().display()
         )));
     }
     let named = |row: &Label| Label {

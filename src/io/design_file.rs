@@ -52,7 +52,17 @@ pub fn read(path: &Path) -> Result<(Design, String), DesignFileError> {
 
 pub fn write(path: &Path, design: &Design) -> Result<(), DesignFileError> {
     let failed = |source| DesignFileError::Write { path: path.into(), source };
-    let mut text = serde_json::to_string_pretty(design).map_err(|e| failed(e.into()))?;
-    text.push('\n');
+    let text = text(design).map_err(|e| failed(e.into()))?;
     part_file::write(path, text.as_bytes()).map_err(failed)
+}
+
+/// The digest that the file of a design in memory would have.
+pub fn digest(design: &Design) -> serde_json::Result<String> {
+    Ok(in_words(xxh3_128(text(design)?.as_bytes())))
+}
+
+fn text(design: &Design) -> serde_json::Result<String> {
+    let mut text = serde_json::to_string_pretty(design)?;
+    text.push('\n');
+    Ok(text)
 }

@@ -6,6 +6,7 @@ use super::regular_file::{self, Records};
 use crate::fault::{HEALTHY, IGNORE};
 use crate::labels::{Label, Labels, known_states, nearest};
 use chrono::{DateTime, SecondsFormat};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -47,15 +48,43 @@ pub enum States<'a> {
 
 /// Reads and checks labels of any states, but for misspelt ones of the contract's. Further columns are ignored.
 pub fn read(path: &Path) -> Result<Labels, LabelsError> {
-    read_states(path, States::Any)
+    read_states(Written::File(path), States::Any)
 }
 
-/// The same, and refuses states that it may not have.
-pub fn read_states(path: &Path, states: States) -> Result<Labels, LabelsError> {
+/// Where labels are written.
+#[derive(Clone, Copy, Debug)]
+pub enum Written<'a> {
+    File(&'a Path),
+    Text(&'a str),
+}
+
+impl Written<'_> {
+    /// What sentences call it.
+    pub fn name(&self) -> &Path {
+        match self {
+            Written::File(path) => path,
+            Written::Text(_) => Path::new("labels"),
+        }
+    }
+}
+
+/// The same, and refuses states that they may not have.
+pub fn read_states(of: Written, states: States) -> Result<Labels, LabelsError> {
+    match of {
+        Written::Text(text) => parse_rows(of.name(), text.as_bytes(), states),
+        Written::File(path) => match regular_file::open(path) {
+            Ok(file) => parse_rows(path, file, states),
+            Err(e) => Err(LabelsError::Read { path: path.into(), source: e.into() }),
+        },
+    }
+}
+
+fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, LabelsError> {
     let failed = |source| LabelsError::Read { path: path.into(), source };
-    let mut csv = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(
-        Records::new(regular_file::open(path).map_err(|e| failed(e.into()))?, MOST_BYTES),
-    );
+    let mut csv = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .flexible(true)
+        .from_reader(Records::new(from, MOST_BYTES));
     let header = csv.headers().map_err(failed)?.clone();
     let mut places = [0; HEADER.len()];
     for (place, column) in places.iter_mut().zip(HEADER) {
@@ -285,7 +314,7 @@ mod tests {
         let declared = |state: &str| {
             let header = "printhead,channel,from,to,state,severity";
             std::fs::write(&path, format!("{header}\np,1,,,ignore,\np,1,,,{state},\n")).unwrap();
-            read_states(&path, States::Declared(&["Verstopfung"]))
+            read_states(Written::File(&path), States::Declared(&["Verstopfung"]))
                 .map(drop)
                 .map_err(|e| e.to_string())
         };

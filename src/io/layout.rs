@@ -5,6 +5,7 @@ use super::dialect::Dialects;
 use super::inputs::{Input, InputsError};
 use super::objects::in_object_store;
 use super::recording::Recording;
+use super::stored::{DAY, HIVE};
 use crate::burst::Acquisition;
 use chrono::DateTime;
 use std::collections::HashMap;
@@ -23,6 +24,15 @@ pub enum Layout {
     Date,
     /// All side by side.
     Flat,
+    /// Each kind of table in a directory of its own, by day as `day=2026-11-01`: `verdicts/` is one data set.
+    Hive,
+}
+
+impl Layout {
+    /// Whether the recording's first burst says where.
+    pub fn is_by_day(self) -> bool {
+        matches!(self, Layout::Date | Layout::Hive)
+    }
 }
 
 /// A recording, and where its results go.
@@ -33,7 +43,7 @@ pub struct Placed {
     pub source: String,
     /// The verdict table below the directory of results, parts separated by `/`.
     pub verdicts: String,
-    /// With [`Layout::Date`].
+    /// With [`Layout::Date`] and [`Layout::Hive`].
     pub day: Option<String>,
 }
 
@@ -46,13 +56,14 @@ impl Placed {
         };
         let source = input.path.canonicalize().unwrap_or_else(|_| absolute());
         let source = source.to_string_lossy().into_owned();
-        let day = (layout == Layout::Date).then(|| day(&source));
+        let day = layout.is_by_day().then(|| day(&source));
         let stem = input.path.file_stem().unwrap_or_default().to_string_lossy();
         let file = format!("{stem}.verdicts.parquet");
         let below = match (layout, &day) {
-            (Layout::Tree, _) => input.below.as_path(),
-            (Layout::Date, Some(day)) => Path::new(day),
-            _ => Path::new(""),
+            (Layout::Tree, _) => input.below.clone(),
+            (Layout::Date, Some(day)) => day.into(),
+            (Layout::Hive, Some(day)) => Path::new(HIVE).join(format!("{DAY}{day}")),
+            _ => PathBuf::new(),
         };
         let parts = below.components().filter_map(|part| match part {
             Component::Normal(part) => Some(part.to_string_lossy().into_owned()),
@@ -130,6 +141,7 @@ mod tests {
         assert_eq!(day(Layout::Tree), "2/x.verdicts.parquet");
         assert_eq!(day(Layout::Date), "2026-11-01/x.verdicts.parquet");
         assert_eq!(day(Layout::Flat), "x.verdicts.parquet");
+        assert_eq!(day(Layout::Hive), "verdicts/day=2026-11-01/x.verdicts.parquet");
         assert_eq!(placed(Layout::Flat, "rec/2/x.mcap", "2").label(), "2/x.mcap");
         let two =
             |layout| [placed(layout, "rec/1/x.mcap", "1"), placed(layout, "rec/2/x.mcap", "2")];

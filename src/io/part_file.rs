@@ -1,6 +1,6 @@
 //! A file that gets its name only when it is complete.
 //!
-//! Written as `<name>.<process>-<number>.part`, a name of its own, so that two runs into one directory
+//! Written as `.<name>.<process>-<number>.part`, a name of its own, so that two runs into one directory
 //! never write into one file; renamed by [`PartFile::finish`], removed if dropped before. Files that
 //! belong together are all completed ([`PartFile::complete`]) before the first gets its name.
 //!
@@ -10,6 +10,7 @@
 //! An object is written to a temporary file, and sent where a file would be renamed.
 
 use super::objects::{self, in_object_store};
+use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -65,9 +66,11 @@ impl PartFile {
         let mut taken = io::Error::from(io::ErrorKind::AlreadyExists);
         for _ in 0..MOST_NAMES {
             let number = NUMBER.fetch_add(1, Ordering::Relaxed);
-            let mut name = name.to_os_string();
-            name.push(format!(".{}-{number}.part", std::process::id()));
-            let part = path.with_file_name(name);
+            // who reads a directory as one table passes over what begins with a point
+            let mut part = OsString::from(".");
+            part.push(name);
+            part.push(format!(".{}-{number}.part", std::process::id()));
+            let part = path.with_file_name(part);
             match File::create_new(&part) {
                 Ok(file) => {
                     // where a file system knows no locks, leftovers stay until somebody removes them
@@ -201,8 +204,9 @@ pub fn sweep(dir: &Path, wanted: impl Fn(&str) -> bool) -> usize {
     swept
 }
 
-/// `x` of `x.<process>-<number>.part`.
+/// `x` of `.x.<process>-<number>.part`; earlier releases had no point before it.
 fn final_name(part: &str) -> Option<&str> {
+    let part = part.strip_prefix('.').unwrap_or(part);
     let (name, owner) = part.strip_suffix(".part")?.rsplit_once('.')?;
     let (process, number) = owner.split_once('-')?;
     let digits = |s: &str| !s.is_empty() && s.bytes().all(|b| b.is_ascii_digit());
@@ -285,12 +289,20 @@ mod tests {
     #[test]
     fn leftovers_of_the_dead_are_swept_and_what_is_being_written_stays() {
         let dir = tempfile::tempdir().unwrap();
-        for name in ["x.12-0.part", "y.12-0.part", "x.part", "x.12-a.part", "x.1-2.part.gz"] {
+        let left = [
+            ".x.12-0.part",
+            "x.12-0.part",
+            "y.12-0.part",
+            "x.part",
+            "x.12-a.part",
+            "x.1-2.part.gz",
+        ];
+        for name in left {
             fs::write(dir.path().join(name), "").unwrap();
         }
         let (_part, file) = PartFile::create(&dir.path().join("x")).unwrap();
         drop(file); // its name is still to come
-        assert_eq!(sweep(dir.path(), |name| name == "x"), 1);
+        assert_eq!(sweep(dir.path(), |name| name == "x"), 2);
         assert_eq!(names(dir.path()).len(), 5, "{:?}", names(dir.path()));
         assert_eq!(sweep(&dir.path().join("nowhere"), |_| true), 0);
     }

@@ -1,7 +1,8 @@
-//! A file, or an object of a store, read by offset. No shared cursor, so workers may read side by side; never
+//! A file, an object of a store, or what lies in memory, read by offset. No shared cursor, so workers may read side by side; never
 //! mapped into memory, since a mapped file that shrinks kills the process.
 
 use super::objects::{Object, in_object_store};
+use super::pieces::Pieces;
 use super::regular_file;
 use super::stamp::Stamp;
 use std::fs::{File, Metadata};
@@ -21,6 +22,7 @@ pub struct Source {
 enum Held {
     File(File),
     Object(Object),
+    Memory(Pieces),
 }
 
 impl Source {
@@ -32,6 +34,11 @@ impl Source {
         }
         let file = regular_file::open(path)?;
         Ok(Source::new(Stamp::of(&file.metadata()?), Held::File(file)))
+    }
+
+    pub fn in_memory(pieces: Pieces) -> Source {
+        let stamp = Stamp { bytes: pieces.bytes(), modified_ns: None };
+        Source::new(stamp, Held::Memory(pieces))
     }
 
     fn new(stamp: Stamp, held: Held) -> Source {
@@ -61,7 +68,7 @@ impl Source {
     pub fn lies_at(&self, path: &Path) -> io::Result<bool> {
         match &self.held {
             Held::File(file) => is_same(&file.metadata()?, &path.metadata()?),
-            Held::Object(_) => Ok(true),
+            Held::Object(_) | Held::Memory(_) => Ok(true),
         }
     }
 
@@ -75,6 +82,7 @@ impl Source {
         match &self.held {
             Held::File(file) => Ok(Stamp::of(&file.metadata()?)),
             Held::Object(object) => object.stamp(),
+            Held::Memory(_) => Ok(self.stamp),
         }
     }
 
@@ -83,6 +91,7 @@ impl Source {
         match &self.held {
             Held::File(file) => read_file_at(file, offset, buffer),
             Held::Object(object) => object.read_at(offset, buffer),
+            Held::Memory(pieces) => pieces.read_at(offset, buffer),
         }
     }
 }

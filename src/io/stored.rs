@@ -5,11 +5,32 @@ use super::stamp::Stamp;
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
-/// What else is told of a recording: `<stem>.verdicts.parquet` -> `<stem>.<ending>`.
+/// Where `--layout hive` puts verdict tables, below a directory of results; others have directories like it.
+pub const HIVE: &str = "verdicts";
+/// What a directory of a day begins with there.
+pub const DAY: &str = "day=";
+
+/// What else is told of a recording: `<stem>.verdicts.parquet` -> `<stem>.<ending>`; of `verdicts/day=.../` in a
+/// directory of its own kind, `episodes/day=.../`.
 pub fn beside(verdicts: &Path, ending: &str) -> PathBuf {
     let name = verdicts.file_name().unwrap_or_default().to_string_lossy();
     let stem = name.strip_suffix(".verdicts.parquet").unwrap_or(&name);
-    verdicts.with_file_name(format!("{stem}.{ending}"))
+    let file = format!("{stem}.{ending}");
+    match hive(verdicts) {
+        Some((out, day)) => {
+            out.join(ending.split('.').next().unwrap_or(ending)).join(day).join(file)
+        }
+        None => verdicts.with_file_name(file),
+    }
+}
+
+/// The directory of results, and the day's, of a table that lies as `--layout hive` puts it.
+fn hive(verdicts: &Path) -> Option<(&Path, &str)> {
+    let day = verdicts.parent()?;
+    let kind = day.parent()?;
+    let name = day.file_name()?.to_str()?;
+    let is_hive = name.starts_with(DAY) && kind.file_name()? == HIVE;
+    Some((kind.parent()?, name)).filter(|_| is_hive)
 }
 
 /// Of a file or an object as it is now.

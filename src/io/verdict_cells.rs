@@ -13,15 +13,16 @@ use std::ops::Range;
 use std::sync::Arc;
 
 /// A part of a batch.
-enum Is<'a> {
+pub enum Is<'a> {
     Healthy(&'a HealthyRun),
     Rows(Range<usize>),
 }
 
-fn each(of: &Verdicts, mut push: impl FnMut(Is) -> Result<()>) -> Result<()> {
-    of.parts.iter().try_for_each(|part| match part {
-        Part::Healthy(run) => push(Is::Healthy(run)),
-        Part::Rows(rows) => push(Is::Rows(rows.clone())),
+/// In their order.
+pub fn each(of: &Verdicts) -> impl Iterator<Item = Is<'_>> {
+    of.parts.iter().map(|part| match part {
+        Part::Healthy(run) => Is::Healthy(run),
+        Part::Rows(rows) => Is::Rows(rows.clone()),
     })
 }
 
@@ -49,7 +50,7 @@ fn push_times(
         TimestampUnit::Ns => ns,
         TimestampUnit::Us => ns.div_euclid(1000),
     };
-    each(of, |part| {
+    each(of).try_for_each(|part| {
         match part {
             Is::Healthy(run) => out.push(unit(run.t_ns), 0, run.signals.len()),
             Is::Rows(range) => times[range]
@@ -61,7 +62,7 @@ fn push_times(
 }
 
 fn push_channels(out: &mut StepColumn, channels: &[u32], of: &Verdicts) -> Result<()> {
-    each(of, |part| {
+    each(of).try_for_each(|part| {
         match part {
             Is::Healthy(run) => out.push(run.first_channel.into(), 1, run.signals.len()),
             Is::Rows(range) => channels[range]
@@ -75,7 +76,7 @@ fn push_channels(out: &mut StepColumn, channels: &[u32], of: &Verdicts) -> Resul
 /// What is the same over many rows.
 pub fn push_runs(out: &mut RunColumn, column: &Column, of: &Verdicts) -> Result<()> {
     match &column.cells {
-        Cells::Recording => each(of, |part| match part {
+        Cells::Recording => each(of).try_for_each(|part| match part {
             Is::Healthy(run) => out.push(Some(0), run.signals.len()),
             Is::Rows(rows) => out.push(Some(0), rows.len()),
         }),
@@ -115,7 +116,7 @@ fn push_printheads(out: &mut RunColumn, places: &[u32], of: &Verdicts) -> Result
         let (name, key) = names.get(*place as usize).zip(keys.get_mut(*place as usize))?;
         Some(*key.get_or_insert_with(|| out.key(&column::text(name))))
     };
-    each(of, |part| match part {
+    each(of).try_for_each(|part| match part {
         Is::Healthy(run) => {
             let key = key(&run.printhead, out);
             out.push(key, run.signals.len())
@@ -132,7 +133,7 @@ fn by_runs<T: PartialEq>(
     mut healthy: impl FnMut(&HealthyRun, &mut RunColumn) -> Option<u32>,
     mut key: impl FnMut(&T, &mut RunColumn) -> Option<u32>,
 ) -> Result<()> {
-    each(of, |part| match part {
+    each(of).try_for_each(|part| match part {
         Is::Healthy(run) => {
             let key = healthy(run, out);
             out.push(key, run.signals.len())
@@ -149,7 +150,7 @@ fn by_tests<T: PartialEq>(
     mut healthy: impl FnMut(&HealthyRun, &mut RunColumn) -> [u32; 2],
     mut key: impl FnMut(&T, &mut RunColumn) -> Option<u32>,
 ) -> Result<()> {
-    each(of, |part| match part {
+    each(of).try_for_each(|part| match part {
         Is::Healthy(run) => {
             let keys = healthy(run, out);
             out.push_either(keys, &of.tests.beside[run.signals.clone()])
@@ -178,7 +179,7 @@ pub fn push_numbers(out: &mut NumberColumn, column: &Column, of: &Verdicts) -> R
         Cells::Number(at) => (at, None),
         _ => unreachable!("a column's chunk is of its kind"),
     };
-    each(of, |part| match (part, healthy) {
+    each(of).try_for_each(|part| match (part, healthy) {
         (Is::Healthy(run), Some(numbers)) => out.push(&numbers[run.signals.clone()]),
         (Is::Healthy(run), None) => out.push_nulls(run.signals.len()),
         (Is::Rows(range), _) => numbers_of(&at.of(&of.rows)[range], out),
@@ -206,10 +207,10 @@ pub fn push_weights(
 }
 
 /// `classes` weights per row; of healthy runs none.
-fn weights(of: &Verdicts, classes: usize) -> Result<FixedSizeListArray> {
+pub fn weights(of: &Verdicts, classes: usize) -> Result<FixedSizeListArray> {
     let mut values = Vec::with_capacity(of.rows.len() * classes);
     let mut valid = Vec::with_capacity(of.len());
-    each(of, |part| {
+    each(of).try_for_each(|part| {
         let rows = match part {
             Is::Healthy(run) => {
                 values.resize(values.len() + run.signals.len() * classes, 0.0);

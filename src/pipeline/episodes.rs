@@ -6,10 +6,8 @@ use super::job::{Replay, Telling, Watch};
 use crate::design::{Design, Judge, OwnChannels};
 use crate::episodes::{Counts, Episode, Looks, Named, RingChange, Tracker};
 use crate::io::episode_table::EpisodeWriter;
-use crate::io::verdict_table::TimestampUnit;
 use crate::isolate::IsolateMethod;
 use crate::verdict::{HealthyRun, Part, Tests, VerdictColumns, Verdicts};
-use std::path::Path;
 use std::sync::Arc;
 
 /// Episodes that are kept for the terminal.
@@ -20,7 +18,8 @@ pub struct EpisodeTap<'a> {
     tracker: Tracker,
     /// Where somebody watches: its own tracker, since the table's waits for bursts that come late.
     watched: Option<(&'a Watch<'a>, Tracker)>,
-    table: EpisodeWriter,
+    /// `None`: they are listed, and no more.
+    table: Option<EpisodeWriter>,
     /// By their numbers; `None`: not met yet.
     models: Vec<Option<Known>>,
     listed: Vec<Episode>,
@@ -46,16 +45,14 @@ pub struct EpisodeReport {
 /// What is to be finished together with the verdicts.
 pub struct Finished {
     pub report: EpisodeReport,
-    pub table: EpisodeWriter,
+    pub table: Option<EpisodeWriter>,
 }
 
 impl<'a> EpisodeTap<'a> {
     pub fn create(
         replay: &Replay,
         watch: Option<&'a Watch<'a>>,
-        path: &Path,
-        unit: TimestampUnit,
-        recording: &str,
+        table: Option<EpisodeWriter>,
     ) -> Result<EpisodeTap<'a>, PipelineError> {
         let settings = &replay.settings;
         let design = replay.design.as_ref();
@@ -70,7 +67,7 @@ impl<'a> EpisodeTap<'a> {
         Ok(EpisodeTap {
             tracker: tracker(),
             watched: watch.map(|watch| (watch, tracker().at_once())),
-            table: EpisodeWriter::create(path, unit, recording)?,
+            table,
             models: Vec::new(),
             listed: Vec::new(),
         })
@@ -154,9 +151,9 @@ impl<'a> EpisodeTap<'a> {
         looks.own = own.map_or(Vec::new(), known);
         if let Some((watch, tracker)) = &mut self.watched {
             tracker.push(printhead, looks.clone());
-            tracker.take_ended();
-            let raised = tracker.take_raised();
+            let (raised, ended) = (tracker.take_raised(), tracker.take_ended());
             raised.iter().for_each(|episode| (watch.tell)(Telling::Raised(episode)));
+            ended.iter().for_each(|episode| (watch.tell)(Telling::Ended(episode)));
         }
         self.tracker.push(printhead, looks);
     }
@@ -179,7 +176,7 @@ impl<'a> EpisodeTap<'a> {
         if !ended.is_empty() {
             let room = MOST_LISTED.saturating_sub(self.listed.len());
             self.listed.extend(ended.iter().take(room).cloned());
-            self.table.write(ended)?;
+            self.table.as_mut().map_or(Ok(()), |table| table.write(ended))?;
         }
         Ok(())
     }
@@ -189,7 +186,7 @@ impl<'a> EpisodeTap<'a> {
         let EpisodeTap { tracker, mut table, mut listed, .. } = self;
         let (last, counts) = tracker.finish();
         listed.extend(last.iter().take(MOST_LISTED.saturating_sub(listed.len())).cloned());
-        table.write(last)?;
+        table.as_mut().map_or(Ok(()), |table| table.write(last))?;
         listed.sort_by(|a, b| {
             (&a.printhead, a.began_at_ns, a.channel).cmp(&(&b.printhead, b.began_at_ns, b.channel))
         });

@@ -6,6 +6,7 @@ use crate::labels::Labels;
 use crate::settings::Settings;
 use crate::side_by_side::cores;
 use crate::state::Memory;
+use crate::verdict::Verdicts;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -45,6 +46,8 @@ pub struct Watch<'a> {
     pub tell: &'a (dyn Fn(Telling) + Sync),
     /// Something else is to be known.
     pub note: &'a (dyn Fn(&str) + Sync),
+    /// Rows as they are written.
+    pub rows: Option<&'a (dyn Fn(&Verdicts) + Sync)>,
     /// Parts of the table are closed meanwhile.
     pub rotation: Option<Rotation<'a>>,
 }
@@ -58,6 +61,8 @@ pub enum Telling<'a> {
         now: &'a Episode,
         before: &'a Episode,
     },
+    /// It is over.
+    Ended(&'a Episode),
     /// What was told is none: the table has no such episode.
     Withdrawn(&'a Episode),
 }

@@ -109,7 +109,7 @@ impl Case {
         let mut phases = Phases::new(Duration::ZERO);
         let (replay, recording, control) = (&run, &recording, &control);
         let may_learn = run.design.is_some();
-        let (verdicts, watch) = (&both[1], None);
+        let (verdicts, watch) = (Some(both[1].as_path()), None);
         let pacer = &Mutex::new(Pacer::new(Pace::Max));
         let twice = Run { replay, recording, verdicts, control, may_learn, watch, pacer };
         let asked = || "asked for".to_owned();
@@ -390,7 +390,8 @@ fn learning_in_the_stream_against_two_passes() {
     let path = std::env::var_os("INKLING_RECORDING").expect("INKLING_RECORDING");
     let recording = &Recording::open(Path::new(&path), Limits::default()).unwrap();
     let dir = tempfile::tempdir().unwrap();
-    let verdicts = &dir.path().join("r.verdicts.parquet");
+    let verdicts = dir.path().join("r.verdicts.parquet");
+    let verdicts = Some(verdicts.as_path());
     let replay = &Replay {
         settings: Settings::default(),
         design: Some(design()),

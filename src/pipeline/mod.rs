@@ -69,7 +69,7 @@ mod wiring;
 pub use job::{ClosedPart, Replay, Rotation, Telling, Watch};
 pub use metadata::rfc3339;
 pub use not_judged::NotJudged;
-pub use replay::{RecordingReport, follow, replay};
+pub use replay::{RecordingReport, follow, judge, replay};
 
 use crate::design::DesignError;
 use crate::io::block::Block;

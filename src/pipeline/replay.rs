@@ -15,15 +15,18 @@ use super::survey::survey;
 use super::tally::{Counts, Tally};
 use super::timings::{PhaseTiming, Phases, StageTiming};
 use super::told::Told;
-use super::wiring::{Streamed, Wiring};
+use super::wiring::{Streamed, Table, Wiring};
 use super::{Control, PipelineError, rotation};
 use crate::io::damage::Damage;
+use crate::io::episode_table::EpisodeWriter;
 use crate::io::journal::{Outcome, Stamp};
 use crate::io::part_file::{self, CompleteFile};
 use crate::io::part_tables::PartTables;
 use crate::io::recording::Recording;
 use crate::io::stored;
 use crate::io::summary_file;
+use crate::io::verdict_arrays::VerdictArrays;
+use crate::io::verdict_table::VerdictWriter;
 use crate::settings::Pace;
 use crate::state::Memory;
 use serde_json::{Map, Value, json};
@@ -66,6 +69,8 @@ pub struct RecordingReport {
     pub baselines: Option<Memory>,
     /// It was followed until that was enough, and nobody had closed it.
     pub cut_off: bool,
+    /// Of a recording whose rows stay in memory.
+    pub arrays: Option<VerdictArrays>,
     /// Why parts of the table, of a run that followed the recording, could not be removed.
     pub parts_left: Option<std::io::Error>,
 }
@@ -114,8 +119,21 @@ pub fn replay(
     control: &Control,
 ) -> Result<RecordingReport, PipelineError> {
     let may_learn = replay.design.is_some();
+    let verdicts = Some(verdicts);
     let pacer = &Mutex::new(Pacer::new(replay.settings.replay.pace));
     let run = Run { replay, recording, verdicts, control, may_learn, watch: None, pacer };
+    run.judge_knowing(&mut Phases::new(recording.opening))
+}
+
+/// The same without files: the report has the rows ([`RecordingReport::arrays`]).
+pub fn judge(
+    replay: &Replay,
+    recording: &Recording,
+    control: &Control,
+) -> Result<RecordingReport, PipelineError> {
+    let may_learn = replay.design.is_some();
+    let pacer = &Mutex::new(Pacer::new(Pace::Max));
+    let run = Run { replay, recording, verdicts: None, control, may_learn, watch: None, pacer };
     run.judge_knowing(&mut Phases::new(recording.opening))
 }
 
@@ -131,8 +149,9 @@ pub fn follow(
     let told = Mutex::new(Told::default());
     let tell = |told_now: Telling| {
         let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Telling::Raised(episode) = told_now {
-            told.tell(episode, watch.tell);
+        match told_now {
+            Telling::Raised(episode) => told.tell(episode, watch.tell),
+            other => (watch.tell)(other),
         }
     };
     let once = &Watch { tell: &tell, ..*watch };
@@ -153,8 +172,10 @@ fn followed(
         rotation::make_room(verdicts, recording)?;
     }
     let (may_learn, mut phases) = (replay.design.is_some(), Phases::new(recording.opening));
+    let to = Some(verdicts);
     let pacer = &Mutex::new(Pacer::new(Pace::Max)); // the recorder sets it
-    let run = Run { replay, recording, verdicts, control, may_learn, watch: Some(watch), pacer };
+    let run =
+        Run { replay, recording, verdicts: to, control, may_learn, watch: Some(watch), pacer };
     let why = match run.judge(&mut phases) {
         Err(PipelineError::NeedsTemperature) => {
             "what was told is by models that do not know what temperature does; now it is judged again, with \
@@ -189,7 +210,8 @@ fn followed(
 pub(super) struct Run<'a> {
     pub replay: &'a Replay,
     pub recording: &'a Recording,
-    pub verdicts: &'a Path,
+    /// `None`: nothing is written.
+    pub verdicts: Option<&'a Path>,
     pub control: &'a Control,
     /// What temperature does can still be learned from the recording.
     pub may_learn: bool,
@@ -354,7 +376,7 @@ impl<'a> Run<'a> {
             false => None,
         };
         let recording = closed.as_ref().unwrap_or(recording);
-        let Streamed { mut schedule, mut tally, writer, episodes, warmth, moved, memory, .. } =
+        let Streamed { mut schedule, mut tally, table, episodes, warmth, moved, memory, .. } =
             streamed;
         let Streamed { scan_damage, timings, digest, .. } = streamed;
         let mut warnings = warmth.warnings();
@@ -370,7 +392,7 @@ impl<'a> Run<'a> {
 
         let damage = all_damage(recording, scan_damage, &mut tally, digest.damage);
         let counts = &tally.counts;
-        check_rows(counts, writer.rows())?;
+        check_rows(counts, table.rows())?;
         if counts.bursts == 0 {
             let others = recording.others.clone();
             let recording = recording.path.display().to_string();
@@ -381,19 +403,17 @@ impl<'a> Run<'a> {
         let not_judged = not_judged(&tally, &schedule, &refusals);
         let mut document = metadata::document(replay, recording, &digest.text, &schedule, counts);
         control.check()?;
+        let place = verdicts.unwrap_or(&recording.path);
         let unwritten =
-            |e: serde_json::Error| PipelineError::Write { path: verdicts.into(), source: e.into() };
+            |e: serde_json::Error| PipelineError::Write { path: place.into(), source: e.into() };
         let text = document.text().map_err(unwritten)?;
         let of_episodes = document.text_of_episodes().map_err(unwritten)?;
-        // all are complete on disk before any gets its name
-        let Finished { report: episodes, table } = episodes;
-        let tables = std::thread::scope(|both| {
-            // each waits for the disk
-            let table = both.spawn(|| table.complete(of_episodes));
-            let writer = writer.complete(text);
-            let table = table.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-            Ok::<_, PipelineError>([table?, writer?])
-        })?;
+        let Finished { report: episodes, table: episode_table } = episodes;
+        let (mut files, mut arrays) = (Vec::new(), None);
+        match table {
+            Table::Arrays(rows) => arrays = Some(rows.complete(text)),
+            Table::File(table) => files = complete_tables(table, text, episode_table, of_episodes)?,
+        }
         phases.add("finish", finishing.elapsed());
         let mut report = RecordingReport {
             name: recording.name.clone(),
@@ -407,7 +427,7 @@ impl<'a> Run<'a> {
             learned_temperature: Vec::new(),
             models: schedule.models().len(),
             seconds: phases.seconds(),
-            verdicts: verdicts.to_path_buf(),
+            verdicts: verdicts.map(Path::to_path_buf).unwrap_or_default(),
             episodes,
             paced: (replay.settings.replay.pace != Pace::Max).then(|| self.pacer().kept),
             identified,
@@ -416,6 +436,7 @@ impl<'a> Run<'a> {
             tally,
             baselines: memory,
             cut_off: recording.is_cut_off(),
+            arrays,
             parts_left: None,
         };
         report.summary(&mut document.of_run, recording);
@@ -428,10 +449,12 @@ impl<'a> Run<'a> {
             let known = json!({ "channels_remembered": channels });
             document.of_run.insert("baseline".to_owned(), known);
         }
-        let [table, writer] = tables;
-        name_all([table, writer, complete_summary(verdicts, &document)?])?;
-        // the table holds what they held
-        report.parts_left = PartTables::beside(verdicts).remove_of(recording).err();
+        if let Some(verdicts) = verdicts {
+            files.push(complete_summary(verdicts, &document)?);
+            name_all(files)?;
+            // the table holds what they held
+            report.parts_left = PartTables::beside(verdicts).remove_of(recording).err();
+        }
         Ok(report)
     }
 }
@@ -462,6 +485,22 @@ fn all_damage(
     damage
 }
 
+/// Complete on disk before any file gets its name; the table of verdicts last.
+fn complete_tables(
+    verdicts: VerdictWriter,
+    document: String,
+    episodes: Option<EpisodeWriter>,
+    of_episodes: String,
+) -> Result<Vec<CompleteFile>, PipelineError> {
+    std::thread::scope(|both| {
+        // each waits for the disk
+        let episodes = both.spawn(|| episodes.map(|table| table.complete(of_episodes)).transpose());
+        let verdicts = verdicts.complete(document);
+        let episodes = episodes.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        Ok(episodes?.into_iter().chain([verdicts?]).collect())
+    })
+}
+
 fn complete_summary(verdicts: &Path, summary: &Document) -> Result<CompleteFile, PipelineError> {
     let path = summary_file::path_beside(verdicts);
     let failed = |source| PipelineError::Write { path: path.clone(), source };
@@ -472,15 +511,17 @@ fn complete_summary(verdicts: &Path, summary: &Document) -> Result<CompleteFile,
 
 /// An earlier run's files go before the first of these gets its name: at no instant do tables of two
 /// runs lie side by side.
-fn name_all(files: [CompleteFile; 3]) -> Result<(), PipelineError> {
+fn name_all(files: Vec<CompleteFile>) -> Result<(), PipelineError> {
     let failed = |path: &Path, source| PipelineError::Write { path: path.into(), source };
     for file in files.iter().rev() {
         stored::remove(file.path()).map_err(|e| failed(file.path(), e))?;
     }
-    let last = files[2].path().to_path_buf();
+    let paths: Vec<PathBuf> = files.iter().map(|file| file.path().to_path_buf()).collect();
     for file in files {
         let path = file.path().to_path_buf();
         file.name().map_err(|e| failed(&path, e))?;
     }
-    part_file::sync_directory_of(&last).map_err(|e| failed(&last, e))
+    let mut dirs: Vec<&PathBuf> = paths.iter().collect();
+    dirs.dedup_by_key(|path| path.parent());
+    dirs.iter().try_for_each(|path| part_file::sync_directory_of(path).map_err(|e| failed(path, e)))
 }

@@ -111,7 +111,7 @@ pub fn read(
                 return Ok(());
             }
         }
-        control.bytes_read.fetch_add(block.bytes, Ordering::Relaxed);
+        control.bytes_read.fetch_max(block.offset + block.bytes, Ordering::Relaxed);
     }
     Ok(())
 }

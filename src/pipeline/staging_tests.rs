@@ -21,6 +21,7 @@ use super::timings::Timings;
 use super::warmth::Warmth;
 use super::{Control, PipelineError};
 use crate::burst::{Place, SignalBatch};
+use crate::io::episode_table::EpisodeWriter;
 use crate::io::recording::Recording;
 use crate::io::verdict_table::{TableOptions, TimestampUnit, VerdictWriter};
 use crate::io::{Limits, design_file};
@@ -59,7 +60,8 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     let categories = DecisionRule::new(&classes, 0.0).unwrap().categories;
     let beside = crate::io::episode_table::path_beside(verdicts);
     let unit = TimestampUnit::Ns;
-    let mut episodes = EpisodeTap::create(run, None, &beside, unit, "r.mcap").unwrap();
+    let table = EpisodeWriter::create(&beside, unit, "r.mcap").unwrap();
+    let mut episodes = EpisodeTap::create(run, None, Some(table)).unwrap();
     let mut models = Models::Made(schedule);
     let options = TableOptions {
         recording: "r.mcap".into(),

@@ -22,11 +22,13 @@ use super::{Control, PipelineError};
 use crate::design::categories;
 use crate::io::damage::Damage;
 use crate::io::digest::Digest;
-use crate::io::episode_table;
+use crate::io::episode_table::{self, EpisodeWriter};
 use crate::io::recording::Recording;
-use crate::io::verdict_table::{self, TableOptions, VerdictWriter};
+use crate::io::verdict_arrays::VerdictArrays;
+use crate::io::verdict_table::{self, TableError, TableOptions, VerdictWriter};
 use crate::settings::TimestampUnit;
 use crate::state::Memory;
+use crate::verdict::Verdicts;
 use crossbeam_channel::bounded;
 use std::path::Path;
 use std::sync::Mutex;
@@ -46,7 +48,8 @@ const MOST_BYTES: u64 = 64 << 20;
 pub struct Wiring<'a> {
     pub replay: &'a Replay,
     pub recording: &'a Recording,
-    pub verdicts: &'a Path,
+    /// Where the table will be; `None`: its rows stay in memory, episodes are only listed.
+    pub verdicts: Option<&'a Path>,
     pub control: &'a Control,
     /// What temperature does can still be learned from the recording.
     pub may_learn: bool,
@@ -59,7 +62,7 @@ pub struct Wiring<'a> {
 pub struct Streamed<'a> {
     pub schedule: Schedule<'a>,
     pub tally: Tally,
-    pub writer: VerdictWriter,
+    pub table: Table,
     pub episodes: Finished,
     pub scan_damage: Vec<Damage>,
     pub timings: Vec<StageTiming>,
@@ -78,9 +81,11 @@ impl Wiring<'_> {
             TimestampUnit::Ns => verdict_table::TimestampUnit::Ns,
             TimestampUnit::Us => verdict_table::TimestampUnit::Us,
         };
-        let beside = episode_table::path_beside(self.verdicts);
         let label = &self.recording.label;
-        let episodes = EpisodeTap::create(self.replay, self.watch, &beside, timestamp_unit, label)?;
+        let of_episodes = self.verdicts.map(|verdicts| {
+            EpisodeWriter::create(&episode_table::path_beside(verdicts), timestamp_unit, label)
+        });
+        let episodes = EpisodeTap::create(self.replay, self.watch, of_episodes.transpose()?)?;
         let options = TableOptions {
             recording: self.recording.label.clone(),
             classes: classes.to_vec(),
@@ -88,12 +93,17 @@ impl Wiring<'_> {
             weights: output.weights,
             timestamp_unit,
         };
+        let Some(verdicts) = self.verdicts else {
+            let table = Table::Arrays(VerdictArrays::new(options));
+            return Ok(Tables { episodes, table, rotating: None, rows: None });
+        };
         let rotation = self.watch.and_then(|watch| watch.rotation);
-        let rotating = rotation.filter(|_| self.recording.is_growing()).map(|of| {
-            Rotating::new(of, self.replay, self.recording, self.verdicts, options.clone())
-        });
-        let writer = VerdictWriter::create(self.verdicts, options)?;
-        Ok(Tables { episodes, writer, rotating })
+        let rotating = rotation
+            .filter(|_| self.recording.is_growing())
+            .map(|of| Rotating::new(of, self.replay, self.recording, verdicts, options.clone()));
+        let table = Table::File(VerdictWriter::create(verdicts, options)?);
+        let rows = self.watch.and_then(|watch| watch.rows);
+        Ok(Tables { episodes, table, rotating, rows })
     }
 
     fn workers(&self) -> Workers {
@@ -187,12 +197,12 @@ impl Wiring<'_> {
             running.joined(written)
         })?;
         let ((scan_damage, digest), timings) = (queue.finish(control)?, timings.stages());
-        let Tables { episodes, writer, .. } = tables;
+        let Tables { episodes, table, .. } = tables;
         let (schedule, episodes) = (models.into_schedule(), episodes.finish()?);
         Ok(Streamed {
             schedule,
             tally,
-            writer,
+            table,
             episodes,
             scan_damage,
             timings,
@@ -211,12 +221,38 @@ impl Wiring<'_> {
     }
 }
 
+/// The verdicts of a recording.
+pub enum Table {
+    File(VerdictWriter),
+    Arrays(VerdictArrays),
+}
+
+impl Table {
+    fn write(&mut self, of: &Verdicts) -> Result<(), TableError> {
+        match self {
+            Table::File(writer) => writer.write(of),
+            Table::Arrays(arrays) => arrays
+                .write(of)
+                .map_err(|source| TableError::Columns { path: "verdicts".into(), source }),
+        }
+    }
+
+    pub fn rows(&self) -> u64 {
+        match self {
+            Table::File(writer) => writer.rows(),
+            Table::Arrays(arrays) => arrays.rows,
+        }
+    }
+}
+
 /// What the writer appends to.
 struct Tables<'a> {
     episodes: EpisodeTap<'a>,
-    writer: VerdictWriter,
+    table: Table,
     /// With `--rotate`.
     rotating: Option<Rotating<'a>>,
+    /// Who else hears of them.
+    rows: Option<&'a (dyn Fn(&Verdicts) + Sync)>,
 }
 
 impl Tables<'_> {
@@ -225,7 +261,10 @@ impl Tables<'_> {
             return Ok(());
         }
         self.episodes.add(judged)?;
-        self.writer.write(&judged.verdicts)?;
+        self.table.write(&judged.verdicts)?;
+        if let Some(rows) = self.rows {
+            rows(&judged.verdicts);
+        }
         match &mut self.rotating {
             Some(rotating) => rotating.write(judged),
             None => Ok(()),

@@ -1,5 +1,5 @@
-//! What changed since the night before: what began, came back, became healthy or got worse in the last of the nights, and
-//! what the last of them does not tell of. In: recordings and faults. Out: [`Changes`].
+//! What changed since the night before, or since an earlier run: what began, came back, became healthy or got worse in the
+//! recordings since then, and what they do not tell of. In: recordings and faults. Out: [`Changes`].
 
 use super::RecordingLine;
 use super::fault::{Fault, certain_trend};
@@ -16,7 +16,7 @@ const LONGEST_NIGHT_NS: i64 = 24 * 3_600_000_000_000;
 pub struct Changes<'a> {
     pub from_ns: i64,
     pub to_ns: i64,
-    /// Recordings of the last night.
+    /// Recordings since then.
     pub recordings: usize,
     pub new: Vec<&'a Fault>,
     pub back: Vec<&'a Fault>,
@@ -24,7 +24,7 @@ pub struct Changes<'a> {
     pub healthy: Vec<&'a Fault>,
     /// Open as before.
     pub still: usize,
-    /// Printheads of earlier nights that the last one judged nothing of.
+    /// Printheads of earlier recordings that those since then judged nothing of.
     pub silent: Vec<Arc<str>>,
 }
 
@@ -40,11 +40,32 @@ impl<'a> Changes<'a> {
             return None;
         }
         let is_last = |line: &&RecordingLine| line.from_ns.is_some_and(|from| from >= from_ns);
+        let (last, before) = lines.iter().partition(is_last);
+        Some(Changes::between(before, last, [from_ns, to_ns], faults))
+    }
+
+    /// Since the recordings of which `is_known` is true, by their names. `None`: there are none, or no others.
+    pub fn since(
+        lines: &[RecordingLine],
+        faults: &'a [Fault],
+        is_known: impl Fn(&str) -> bool,
+    ) -> Option<Changes<'a>> {
+        let (before, last): (Vec<_>, Vec<_>) = lines.iter().partition(|line| is_known(&line.name));
+        let ends = |of: &[&RecordingLine]| of.iter().filter_map(|line| line.to_ns).max();
+        let span = [ends(&before)?.saturating_add(1), ends(&last)?];
+        Some(Changes::between(before, last, span, faults))
+    }
+
+    fn between(
+        before: Vec<&RecordingLine>,
+        last: Vec<&RecordingLine>,
+        [from_ns, to_ns]: [i64; 2],
+        faults: &'a [Fault],
+    ) -> Changes<'a> {
         let judged = |of: &RecordingLine| -> BTreeSet<Arc<str>> {
             let heads = of.heads.iter().filter(|(_, count)| count.judged > 0);
             heads.map(|(name, _)| name.clone()).collect()
         };
-        let (last, before): (Vec<_>, Vec<_>) = lines.iter().partition(is_last);
         let of_last: BTreeSet<Arc<str>> = last.iter().flat_map(|of| judged(of)).collect();
         let of_before: BTreeSet<Arc<str>> = before.iter().flat_map(|of| judged(of)).collect();
         let mut changes = Changes {
@@ -59,7 +80,7 @@ impl<'a> Changes<'a> {
             silent: of_before.difference(&of_last).cloned().collect(),
         };
         faults.iter().filter(|fault| fault.is_latest).for_each(|fault| changes.take(fault));
-        Some(changes)
+        changes
     }
 
     fn take(&mut self, fault: &'a Fault) {

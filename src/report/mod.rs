@@ -30,6 +30,7 @@ mod trend;
 mod watch;
 mod words;
 
+pub use changes::Changes;
 pub use evaluation::html as evaluation;
 pub use fault::{Fault, certain_trend, size, trend_in_words, what};
 pub use list::print;

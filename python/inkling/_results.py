@@ -1,0 +1,179 @@
+"""Runs of the command's verbs, and what they leave behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path as File
+from typing import TYPE_CHECKING, Any, Literal
+
+from . import _arrays, _inkling
+from ._arrays import Path, Settings
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+    import pyarrow as pa
+
+    from ._design import Design
+
+
+@dataclass(frozen=True)
+class Read:
+    """Tables of a directory of results, read when they are asked for: Polars LazyFrames if Polars is installed, else pyarrow
+    datasets. `None`: there is no such file."""
+
+    #: A row per channel and burst (`schemas/verdicts.md`).
+    verdicts: Any
+    #: A row per fault episode (`schemas/episodes.md`).
+    episodes: Any
+    #: A row per fault over recordings (`schemas/faults.md`): what `inkling report` wrote.
+    faults: Any
+
+
+def read(directory: Path) -> Read:
+    """What `replay` and `report` wrote into a directory and below. A recording that was judged into two places counts twice."""
+    root = File(directory)
+    if not root.is_dir():
+        raise _inkling.UsageError(f"{root}: not a directory of results; `inkling replay --out` makes one")
+
+    def table(kind: str) -> Any:
+        files = sorted(os.fspath(file) for file in root.rglob(f"*.{kind}.parquet"))
+        if not files:
+            return None
+        try:
+            import polars
+        except ImportError:
+            import pyarrow.dataset
+
+            return pyarrow.dataset.dataset(files)
+        return polars.scan_parquet(files)
+
+    return Read(verdicts=table("verdicts"), episodes=table("episodes"), faults=table("faults"))
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What a run of `inkling replay` left behind."""
+
+    out: File
+    #: 0: done; 3: some input was damaged or rejected, or one of several recordings failed; 4: something was not judged.
+    exit: int
+    #: `run.json` (`schemas/journal.md`): what became of each recording.
+    run: dict[str, Any]
+
+    def read(self) -> Read:
+        """Its tables."""
+        return read(self.out)
+
+
+def replay(
+    paths: Path | Iterable[Path],
+    design: Design | Path | None,
+    out: Path,
+    *,
+    identify: Literal["design", "windows"] | None = None,
+    baseline: Path | None = None,
+    layout: str | None = None,
+    force: bool = False,
+    threads: int | None = None,
+    set: Settings | None = None,
+) -> Replay:
+    """Judges recordings into files, as `inkling replay` does; what is finished is skipped.
+
+    paths: MCAP files, directories, glob patterns. design: a design, its file, or None: detects, names nothing.
+    """
+    words = ["replay", *_arrays.names(paths)]
+    words += _arrays.options(
+        set, out=out, identify=identify, baseline=baseline, layout=layout, force=force, threads=threads
+    )
+    with tempfile.TemporaryDirectory() as beside:
+        if design is not None and not isinstance(design, (str, os.PathLike)):
+            design.save(File(beside, "design.json"))
+            design = File(beside, "design.json")
+        exit = _inkling.verb([*words, *_arrays.options(None, design=design)])
+    run = json.loads(File(out, "run.json").read_text(encoding="utf-8"))
+    return Replay(out=File(out), exit=exit, run=run)
+
+
+class Result:
+    """What the model gets wrong, why, what repairs it and what that buys (`schemas/critique.md`)."""
+
+    def __init__(self, directory: File, kept: tempfile.TemporaryDirectory[str] | None) -> None:
+        self.directory = directory
+        self._kept = kept  # goes with the result, where nobody named a directory
+        #: `critique.json`.
+        self.critique: dict[str, Any] = json.loads((directory / "critique.json").read_text(encoding="utf-8"))
+
+    @property
+    def verdict(self) -> str:
+        """`none`, `named`, `tie` or `unknown`."""
+        return str(self.critique["verdict"])
+
+    @property
+    def causes(self) -> list[dict[str, Any]]:
+        """What was found, the strongest first."""
+        return list(self.critique["causes"])
+
+    @property
+    def html(self) -> str:
+        """The report, one page with its plots; a notebook shows it."""
+        return (self.directory / "report.html").read_text(encoding="utf-8")
+
+    def _table(self, name: str) -> pa.Table:
+        import pyarrow.parquet
+
+        return pyarrow.parquet.read_table(self.directory / name)
+
+    @property
+    def evidence(self) -> pa.Table:
+        """What the plots show, as numbers."""
+        return self._table("evidence.parquet")
+
+    @property
+    def residuals(self) -> pa.Table:
+        """What is left of the signals."""
+        return self._table("residuals.parquet")
+
+    def extended(self) -> Design | None:
+        """The design that takes what was found into account, where there is one."""
+        from ._design import Design
+
+        name = self.critique.get("extended_model")
+        return Design.load(self.directory / name) if name else None
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        return f'<iframe style="width:100%;height:40em;border:0" srcdoc="{escape(self.html)}"></iframe>'
+
+    def __repr__(self) -> str:
+        causes = ", ".join(cause["id"] for cause in self.causes)
+        return f"<inkling.Result {self.verdict}{': ' + causes if causes else ''}>"
+
+
+def critique(
+    recordings: Path | Iterable[Path] | npt.ArrayLike,
+    out: Path | None = None,
+    *,
+    labels: Path | None = None,
+    plant: Literal["ink-channel", "oscillator"] = "ink-channel",
+    set: Settings | None = None,
+    **of_array: Any,
+) -> Result:
+    """What the identified model gets wrong on healthy signals: `inkling critique`.
+
+    recordings, of_array: as in `Design.train`. out: where its files go; without it they go with the result. labels: a CSV file that says who is
+    healthy; without it outliers are found and left out. plant: an oscillator is seen through its displacement.
+    """
+    kept = tempfile.TemporaryDirectory() if out is None else None
+    directory = File(kept.name if kept else out)  # type: ignore[arg-type]
+    options = _arrays.options(set, out=directory, labels=labels, plant=plant)
+    given = _arrays.given(recordings, of_array)
+    if isinstance(given, _arrays.Bursts):
+        _inkling.critique(given, options)
+    else:
+        _inkling.verb(["critique", *given, *options])
+    return Result(directory, kept)

@@ -1,0 +1,173 @@
+//! A design, and the state of heads and channels, held for Python.
+
+use crate::array::Array;
+use crate::table::Rows;
+use crate::{failed, waiting};
+use inkling::cli::called::{self, Judged, Recordings};
+use inkling::cli::exit::Failure;
+use inkling::design;
+use inkling::io::design_file;
+use inkling::io::labels_file::Written;
+use inkling::state::Memory;
+use pyo3::prelude::*;
+use std::path::PathBuf;
+use std::sync::Mutex;
+
+/// Immutable, but for what its healthy channels are known to be after judging (`State`).
+#[pyclass(module = "inkling._inkling", frozen)]
+pub struct Design {
+    design: design::Design,
+    #[pyo3(get)]
+    digest: String,
+    /// What was said when it was trained; sentences.
+    #[pyo3(get)]
+    warnings: Vec<String>,
+}
+
+/// What a design is learned of: names of recordings, or bursts.
+#[derive(FromPyObject)]
+pub enum Given {
+    Named(Vec<String>),
+    Array(Array),
+}
+
+/// Labels: a file, or the text of one.
+#[derive(FromPyObject)]
+pub struct Labels {
+    file: Option<PathBuf>,
+    text: String,
+}
+
+impl Design {
+    fn new(design: design::Design, warnings: Vec<String>) -> Result<Design, Failure> {
+        let digest = design_file::digest(&design).map_err(Failure::new)?;
+        Ok(Design { design, digest, warnings })
+    }
+}
+
+#[pymethods]
+impl Design {
+    #[staticmethod]
+    fn load(py: Python, path: PathBuf) -> PyResult<Design> {
+        waiting::for_(py, move |_| {
+            let (design, digest) = design_file::read(&path)?;
+            Ok(Design { design, digest, warnings: Vec::new() })
+        })
+    }
+
+    #[staticmethod]
+    fn train(
+        py: Python,
+        recordings: Given,
+        labels: Labels,
+        new_class: Vec<String>,
+        set: Vec<String>,
+    ) -> PyResult<Design> {
+        waiting::for_(py, move |_| {
+            let labels = match &labels.file {
+                Some(file) => Written::File(file),
+                None => Written::Text(&labels.text),
+            };
+            let learned = match &recordings {
+                Given::Named(names) => {
+                    called::learn(Recordings::Named(names), labels, &new_class, &set)
+                }
+                Given::Array(array) => {
+                    let recording = Recordings::InMemory(Box::new(array.recording()?));
+                    called::learn(recording, labels, &new_class, &set)
+                }
+            }?;
+            Design::new(learned.design, learned.warnings)
+        })
+    }
+
+    fn save(&self, py: Python, path: PathBuf) -> PyResult<()> {
+        py.detach(|| design_file::write(&path, &self.design)).map_err(|e| failed(e.into()))
+    }
+
+    /// Rows, and what is to be known of them; `state` goes on by them.
+    fn judge(
+        &self,
+        py: Python,
+        bursts: Array,
+        options: Vec<String>,
+        state: Option<&State>,
+    ) -> PyResult<(Rows, Vec<String>)> {
+        py.detach(|| drop(self.design.curves())); // made once, for all calls
+        let (design, digest) = (self.design.clone(), self.digest.clone());
+        let baselines = state.map(|state| state.copy());
+        let Judged { rows, state: now, warnings } = waiting::for_(py, move |control| {
+            let mut replay = called::judging(design, digest, &options)?;
+            replay.baselines = baselines;
+            called::judge(&replay, &bursts.recording()?, control)
+        })?;
+        if let Some((state, now)) = state.zip(now) {
+            state.set(now);
+        }
+        Ok((Rows::of(rows), warnings))
+    }
+
+    #[getter]
+    fn sample_period_s(&self) -> f64 {
+        self.design.sample_period_s
+    }
+
+    #[getter]
+    fn samples(&self) -> usize {
+        self.design.samples
+    }
+
+    #[getter]
+    fn classes(&self) -> Vec<String> {
+        self.design.class_names()
+    }
+
+    /// Those with a model of their own.
+    #[getter]
+    fn printheads(&self) -> Vec<String> {
+        self.design.models.iter().filter_map(|model| model.printhead.clone()).collect()
+    }
+}
+
+/// What is known of heads and channels, from one call of `judge` to the next.
+#[pyclass(module = "inkling._inkling", frozen)]
+pub struct State(Mutex<Memory>);
+
+impl State {
+    pub fn of(memory: Memory) -> State {
+        State(Mutex::new(memory))
+    }
+
+    fn copy(&self) -> Memory {
+        self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone()
+    }
+
+    fn set(&self, now: Memory) {
+        *self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = now;
+    }
+}
+
+#[pymethods]
+impl State {
+    /// Nothing is known yet. `design`: its digest.
+    #[new]
+    fn new(design: String) -> State {
+        State::of(Memory::new(Some(design)))
+    }
+
+    fn save(&self, py: Python, path: PathBuf) -> PyResult<()> {
+        let memory = self.copy();
+        py.detach(|| called::write_state(&path, &memory)).map_err(failed)
+    }
+
+    #[getter]
+    fn design(&self) -> Option<String> {
+        self.copy().design
+    }
+
+    /// How many channels it knows.
+    #[getter]
+    fn channels(&self) -> usize {
+        self.copy().channels()
+    }
+}

@@ -1,0 +1,70 @@
+//! inkling for Python: what `import inkling` calls. It only hands on: arrays and file names to the library, tables and
+//! sentences back. The types, words and shapes that users see are in `python/inkling/`.
+//!
+//! Work runs on a thread of its own, without the interpreter's lock; the calling thread waits for it and for Ctrl-C.
+
+mod array;
+mod design;
+mod table;
+mod waiting;
+
+use design::{Design, State};
+use inkling::cli;
+use inkling::cli::called;
+use inkling::cli::exit::Failure;
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use std::ffi::OsString;
+use std::io::Write;
+use std::path::PathBuf;
+
+pyo3::create_exception!(_inkling, Error, PyRuntimeError, "What the command would have said.");
+pyo3::create_exception!(_inkling, UsageError, Error, "Wrong usage or settings: exit status 2.");
+
+/// The same sentence as the command's.
+fn failed(failure: Failure) -> PyErr {
+    match failure.is_usage() {
+        true => UsageError::new_err(failure.message),
+        false => Error::new_err(failure.message),
+    }
+}
+
+/// The command `inkling`; its exit status. `argv`: with the program's name.
+#[pyfunction]
+fn main(py: Python, argv: Vec<OsString>) -> u8 {
+    let ended = py.detach(|| cli::run(argv));
+    let _ = std::io::stdout().flush(); // nowhere left to complain if this fails
+    ended as u8
+}
+
+/// A verb of the command, quietly: its exit status.
+#[pyfunction]
+fn verb(py: Python, words: Vec<String>) -> PyResult<u8> {
+    waiting::for_(py, move |_| called::verb(&words)).map(|exit| exit as u8)
+}
+
+/// `inkling critique` of bursts: its exit status. `options`: as on the command line, `--out` among them.
+#[pyfunction]
+fn critique(py: Python, bursts: array::Array, options: Vec<String>) -> PyResult<u8> {
+    waiting::for_(py, move |_| called::critique(bursts.recording()?, &options))
+        .map(|exit| exit as u8)
+}
+
+/// What `replay --baseline FILE` would read.
+#[pyfunction]
+fn read_state(py: Python, path: PathBuf, design: String) -> PyResult<State> {
+    waiting::for_(py, move |_| called::read_state(&path, &design)).map(State::of)
+}
+
+#[pymodule]
+fn _inkling(module: &Bound<PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("Error", module.py().get_type::<Error>())?;
+    module.add("UsageError", module.py().get_type::<UsageError>())?;
+    module.add_class::<Design>()?;
+    module.add_class::<State>()?;
+    module.add_function(wrap_pyfunction!(main, module)?)?;
+    module.add_function(wrap_pyfunction!(verb, module)?)?;
+    module.add_function(wrap_pyfunction!(critique, module)?)?;
+    module.add_function(wrap_pyfunction!(read_state, module)?)
+}

@@ -1,0 +1,115 @@
+//! inkling within another program: its verbs, its training and its judge, on files or on bursts in memory. They are
+//! quiet, whoever calls interrupts them by a [`Control`], and what went wrong is handed back in the command's words.
+//!
+//! Each is to run on a thread of its own, within [`called_by`].
+
+use super::collected::Given;
+use super::exit::{Exit, Failure};
+use super::progress::called_by;
+use super::train::{self, Learned, Lesson};
+use super::{Cli, critique, effect, notes, output, replay};
+use crate::design::Design;
+use crate::io::baseline_file::BaselineFile;
+use crate::io::labels_file::Written;
+use crate::io::recording::Recording;
+use crate::io::verdict_arrays::VerdictArrays;
+use crate::pipeline::{self, Control, Replay};
+use crate::settings::Settings;
+use crate::state::Memory;
+use clap::Parser;
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::sync::Arc;
+
+/// Recordings, named or in memory.
+pub type Recordings<'a> = Given<'a>;
+
+/// Does `work` as one that `control` interrupts; a panic of it is a failure, too.
+pub fn called<T>(
+    control: &Arc<Control>,
+    work: impl FnOnce() -> Result<T, Failure>,
+) -> Result<T, Failure> {
+    output::be_quiet();
+    let done = called_by(control, || catch_unwind(AssertUnwindSafe(work)));
+    let interrupted = |_: Box<dyn Any + Send>| match control.interrupted() {
+        true => Err(Failure::new("interrupted")),
+        false => Err(Failure::new("a computation panicked; this is our bug")),
+    };
+    done.unwrap_or_else(interrupted)
+}
+
+/// A verb: what stands on the command line, from its name on.
+pub fn verb(words: &[String]) -> Result<Exit, Failure> {
+    parsed::<Cli>(words)?.verb.run()
+}
+
+fn parsed<C: Parser>(words: &[String]) -> Result<C, Failure> {
+    let words = ["inkling"].into_iter().chain(words.iter().map(String::as_str));
+    C::try_parse_from(words).map_err(|e| {
+        let text = e.render().to_string();
+        Failure::usage(text.trim_start_matches("error: ").trim_end())
+    })
+}
+
+/// `inkling train`, without its file. `set`: KEY=VALUE.
+pub fn learn(
+    recordings: Recordings,
+    labels: Written,
+    new_class: &[String],
+    set: &[String],
+) -> Result<Learned, Failure> {
+    let settings = Settings::load(None, None, set)?;
+    effect::check(set, &settings, effect::Command::Train)?;
+    train::learn(Lesson { recordings, labels, new_class, settings: &settings })
+}
+
+#[derive(Debug, Parser)]
+struct Asked<A: clap::Args> {
+    #[command(flatten)]
+    args: A,
+}
+
+/// How `inkling replay OPTIONS` judges by a design. `digest`: of its file.
+pub fn judging(design: Design, digest: String, options: &[String]) -> Result<Replay, Failure> {
+    let recordings = ["array".to_owned()];
+    let words: Vec<String> = recordings.into_iter().chain(options.iter().cloned()).collect();
+    replay::judging(parsed::<Asked<replay::Args>>(&words)?.args, (design, digest))
+}
+
+/// What is said of bursts in memory.
+pub struct Judged {
+    pub rows: VerdictArrays,
+    /// Where there was a state: as it is now.
+    pub state: Option<Memory>,
+    /// Whatever makes the verdicts less certain, or fewer; sentences.
+    pub warnings: Vec<String>,
+}
+
+/// Rows as `inkling replay` writes them.
+pub fn judge(replay: &Replay, recording: &Recording, control: &Control) -> Result<Judged, Failure> {
+    let mut report = pipeline::judge(replay, recording, control)?;
+    let mut warnings = notes::not_judged(&report);
+    let told = notes::warnings(&report).into_iter().chain(notes::damage(&report));
+    warnings.extend(told.map(|told| told.what));
+    let rows = report.arrays.take().ok_or_else(|| Failure::new("no rows; this is our bug"))?;
+    Ok(Judged { rows, state: report.baselines, warnings })
+}
+
+/// `inkling critique OPTIONS` of bursts in memory.
+pub fn critique(recording: Recording, options: &[String]) -> Result<Exit, Failure> {
+    let recordings = ["array".to_owned()];
+    let words: Vec<String> = recordings.into_iter().chain(options.iter().cloned()).collect();
+    critique::run_in_memory(parsed::<Asked<critique::Args>>(&words)?.args, recording)
+}
+
+/// What `--baseline FILE` reads: the state of heads and channels by a design, a new one where there is no file.
+pub fn read_state(path: &Path, design: &str) -> Result<Memory, Failure> {
+    BaselineFile::read(path, Some(design)).map(|(_, state)| state).map_err(Failure::new)
+}
+
+/// What it writes; a file of another design's is not overwritten.
+pub fn write_state(path: &Path, state: &Memory) -> Result<(), Failure> {
+    let (mut file, _) = BaselineFile::read(path, state.design.as_deref()).map_err(Failure::new)?;
+    file.write(state).map_err(Failure::new)
+}

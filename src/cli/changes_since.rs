@@ -1,0 +1,191 @@
+//! `inkling report --changes-since RUN`: what a mail says of a night: what is new, worse, cured, and of what nothing is
+//! known since an earlier run.
+
+use super::account::RUN_NAME;
+use super::exit::Failure;
+use super::progress::thousands;
+use super::report::printable;
+use crate::io::{printable, regular_file};
+use crate::pipeline::rfc3339;
+use crate::report::{Changes, Fault, Report, clock};
+use chrono::DateTime;
+use serde::Deserialize;
+use serde_json::{Value, json};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// A `run.json` of a hundred thousand recordings takes some 30 MB.
+const MOST_BYTES: u64 = 256 << 20;
+/// Lines of each kind.
+const MOST_LISTED: usize = 20;
+
+/// What an earlier run knew, as its `run.json` says.
+#[derive(Debug, Deserialize)]
+pub struct Known {
+    recordings: Vec<Row>,
+}
+
+#[derive(Debug, Deserialize)]
+struct Row {
+    recording: String,
+    verdicts: Option<String>,
+}
+
+impl Known {
+    /// `run`: its `run.json`, or the directory where that lies.
+    pub fn read(run: &Path) -> Result<Known, Failure> {
+        let path = if run.is_dir() { run.join(RUN_NAME) } else { run.to_path_buf() };
+        let failed = |what: String| Failure::usage(format!("{}: {what}", path.display()));
+        let text = regular_file::read(&path, MOST_BYTES)
+            .map_err(|e| failed(format!("cannot be read: {e}")))?;
+        serde_json::from_slice(&text).map_err(|e| {
+            failed(format!("not the {RUN_NAME} of a replay: {}", printable::of_parser(&e)))
+        })
+    }
+
+    /// Whether the results of that name, below what a report was asked for, were among those that it had.
+    fn has_results(&self, name: &str) -> bool {
+        let places = self.recordings.iter().filter_map(|row| row.verdicts.as_deref());
+        places.map(|place| place.strip_suffix(".verdicts.parquet").unwrap_or(place)).any(|place| {
+            let (place, name) = (Path::new(place), Path::new(name));
+            place.ends_with(name) || name.ends_with(place)
+        })
+    }
+
+    /// Whether it was given a recording of that file name.
+    fn was_given(&self, name: &str) -> bool {
+        self.recordings.iter().any(|row| Path::new(&row.recording).ends_with(name))
+    }
+}
+
+/// What a run's successors found.
+pub struct Since<'a> {
+    run: PathBuf,
+    changes: Changes<'a>,
+    /// Of what nothing is known since then, and why.
+    unjudged: Vec<Unjudged>,
+}
+
+struct Unjudged {
+    what: String,
+    why: String,
+}
+
+impl<'a> Since<'a> {
+    pub fn of(run: &Path, known: &Known, report: &'a Report) -> Result<Since<'a>, Failure> {
+        let is_known = |name: &str| known.has_results(name);
+        let (lines, faults) = (&report.recordings, &report.faults);
+        let Some(changes) = Changes::since(lines, faults, is_known) else {
+            let run = run.display();
+            return Err(match lines.iter().any(|line| is_known(&line.name)) {
+                true => Failure::new(format!("{run}: nothing was judged since that run")),
+                false => Failure::usage(format!(
+                    "{run}: none of that run's recordings is among these results: give the {RUN_NAME} of an earlier run \
+                     that wrote some of them"
+                )),
+            });
+        };
+        let silent = changes.silent.iter().map(|name| Unjudged {
+            what: name.to_string(),
+            why: "not judged in any recording since".into(),
+        });
+        let gaps = report.coverage.gaps.iter().filter(|gap| !is_known(&gap.recording));
+        let gaps = gaps.map(|gap| Unjudged { what: gap.recording.clone(), why: gap.what.clone() });
+        let lost = report.coverage.lost.iter().filter(|lost| !known.was_given(&lost.name));
+        let lost = lost.map(|lost| Unjudged { what: lost.name.clone(), why: lost.why.clone() });
+        let unjudged = silent.chain(gaps).chain(lost).collect();
+        Ok(Since { run: run.to_path_buf(), changes, unjudged })
+    }
+
+    /// In the order in which a person wants to know.
+    fn faults(&self) -> [(&'static str, &'static str, &[&'a Fault]); 4] {
+        let Changes { new, back, worse, healthy, .. } = &self.changes;
+        [
+            ("new", "new", new),
+            ("back", "came back", back),
+            ("worse", "getting worse", worse),
+            ("cured", "healthy again", healthy),
+        ]
+    }
+
+    pub fn as_json(&self) -> Value {
+        let Changes { from_ns, to_ns, recordings, still, .. } = &self.changes;
+        let mut told = json!({
+            "since": self.run,
+            "from": rfc3339(*from_ns),
+            "to": rfc3339(*to_ns),
+            "recordings": recordings,
+            "still": still,
+        });
+        for (key, _, faults) in self.faults() {
+            told[key] = faults.iter().map(|fault| as_json(fault)).collect();
+        }
+        let unjudged = |of: &Unjudged| json!({ "what": of.what, "why": of.why });
+        told["unjudged"] = self.unjudged.iter().map(unjudged).collect();
+        told
+    }
+
+    pub fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
+        let Changes { from_ns, to_ns, recordings, still, .. } = &self.changes;
+        let plural = if *recordings == 1 { "" } else { "s" };
+        let (count, from, to) = (thousands(*recordings as u64), clock(*from_ns), clock(*to_ns));
+        writeln!(out, "{count} recording{plural} since that run, from {from} to {to} UTC")?;
+        for (_, words, faults) in self.faults() {
+            let told = |fault: &&Fault| {
+                let channel = fault.story.channel;
+                let head = printable(&fault.story.printhead);
+                format!("{head} channel {channel}: {}", printable::line(&fault.sentence, 600))
+            };
+            list(out, words, faults.iter().map(told))?;
+        }
+        let told = |of: &Unjudged| {
+            format!("{}: {}", printable::line(&of.what, 200), printable::line(&of.why, 600))
+        };
+        list(out, "not judged", self.unjudged.iter().map(told))?;
+        if self.faults().iter().all(|(.., faults)| faults.is_empty()) {
+            writeln!(out, "no change, of what was judged")?;
+        }
+        match *still {
+            0 => Ok(()),
+            1 => writeln!(out, "1 channel to clean as before"),
+            n => writeln!(out, "{} channels to clean as before", thousands(n as u64)),
+        }
+    }
+}
+
+fn list(
+    out: &mut impl Write,
+    words: &str,
+    lines: impl ExactSizeIterator<Item = String>,
+) -> std::io::Result<()> {
+    let all = lines.len();
+    if all > 0 {
+        writeln!(out, "{words}: {}", thousands(all as u64))?;
+    }
+    for line in lines.take(MOST_LISTED) {
+        writeln!(out, "  {line}")?;
+    }
+    match all.saturating_sub(MOST_LISTED) {
+        0 => Ok(()),
+        more => writeln!(out, "  and {} more", thousands(more as u64)),
+    }
+}
+
+/// A row of the cleaning list, as `report.faults.parquet` has it.
+pub fn as_json(fault: &Fault) -> serde_json::Value {
+    let story = &fault.story;
+    let time = |ns: i64| DateTime::from_timestamp_nanos(ns).to_rfc3339();
+    json!({
+        "printhead": story.printhead.to_string(),
+        "channel": story.channel,
+        "category": story.category,
+        "fault": story.fault,
+        "began_at": time(story.began_at_ns),
+        "ended_at": story.ended_at_ns.map(time),
+        "severity_last": story.severity_last,
+        "certainty": story.certainty,
+        "urgency": fault.urgency,
+        "action": fault.action,
+        "sentence": fault.sentence,
+    })
+}

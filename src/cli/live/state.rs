@@ -1,0 +1,223 @@
+//! What is known of a recording that is being followed: verdicts and episodes in, and out what the page, Prometheus and
+//! programs ask for. Memory is bounded by printheads and channels.
+
+use super::super::episode_event;
+use crate::episodes::Episode;
+use crate::pipeline::{Telling, rfc3339};
+use crate::verdict::{Outcome, Part, Reason, Verdicts};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Printheads and channels of each that are drawn; all are counted.
+const MOST_HEADS: usize = 256;
+const MOST_CHANNELS: usize = 1 << 16;
+
+/// What a channel's last signal was, as a letter of its head's map.
+const UNKNOWN: u8 = b' ';
+const HEALTHY: u8 = b'.';
+const FLAGGED: u8 = b'f';
+const REJECTED: u8 = b'x';
+
+#[derive(Debug, Default)]
+pub struct State {
+    known: Mutex<Known>,
+    changed: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct Known {
+    /// A letter per channel, by printhead.
+    heads: BTreeMap<Arc<str>, Vec<u8>>,
+    /// Those that are on.
+    faults: BTreeMap<(Arc<str>, u32), Episode>,
+    signals: u64,
+    rejected: BTreeMap<&'static str, u64>,
+    newest_ns: Option<i64>,
+    /// Counts whatever is taken in.
+    version: u64,
+    ended: bool,
+}
+
+impl State {
+    fn known(&self) -> MutexGuard<'_, Known> {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn change(&self, take: impl FnOnce(&mut Known)) {
+        let mut known = self.known();
+        take(&mut known);
+        known.version += 1;
+        drop(known);
+        self.changed.notify_all();
+    }
+
+    pub fn take_rows(&self, of: &Verdicts) {
+        self.change(|known| known.take_rows(of));
+    }
+
+    pub fn take_episode(&self, of: Telling) {
+        self.change(|known| {
+            let key = |episode: &Episode| (episode.printhead.clone(), episode.channel);
+            match of {
+                Telling::Raised(now) | Telling::Revised { now, .. }
+                    if now.ended_at_ns.is_none() =>
+                {
+                    known.faults.insert(key(now), now.clone());
+                }
+                Telling::Raised(of) | Telling::Revised { now: of, .. } => {
+                    known.faults.remove(&key(of));
+                }
+                Telling::Ended(of) | Telling::Withdrawn(of) => {
+                    known.faults.remove(&key(of));
+                }
+            }
+        });
+    }
+
+    /// The recording is judged again from its beginning.
+    pub fn begin_again(&self) {
+        self.change(|known| *known = Known { version: known.version, ..Known::default() });
+    }
+
+    /// Nothing more comes.
+    pub fn end(&self) {
+        self.change(|known| known.ended = true);
+    }
+
+    /// Waits until there is more than `seen`, or for `most`; the version there is, and whether it is the last.
+    pub fn wait(&self, seen: u64, most: Duration) -> (u64, bool) {
+        let until = Instant::now() + most;
+        let mut known = self.known();
+        while known.version == seen && !known.ended {
+            let left = until.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                break;
+            }
+            let waited = self.changed.wait_timeout(known, left);
+            known = waited.unwrap_or_else(PoisonError::into_inner).0;
+        }
+        (known.version, known.ended)
+    }
+
+    /// For the page. `behind_bytes`: written, and not read yet.
+    pub fn as_json(&self, recording: &str, behind_bytes: u64) -> Value {
+        let known = self.known();
+        let head = |(name, map): (&Arc<str>, &Vec<u8>)| json!({ "printhead": &**name, "channels": String::from_utf8_lossy(map) });
+        json!({
+            "recording": recording,
+            "signals": known.signals,
+            "rejected": known.rejected,
+            "newest_at": known.newest_ns.map(rfc3339),
+            "behind_bytes": behind_bytes,
+            "heads": known.heads.iter().map(head).collect::<Vec<_>>(),
+            "faults": known.faults_as_json(recording),
+            "ended": known.ended,
+        })
+    }
+
+    /// Open faults, each as `--follow --json` tells it.
+    pub fn faults_as_json(&self, recording: &str) -> Value {
+        let known = self.known();
+        json!({ "recording": recording, "faults": known.faults_as_json(recording) })
+    }
+
+    /// In Prometheus' text format.
+    pub fn metrics(&self, behind_bytes: u64) -> String {
+        let known = self.known();
+        let mut open: BTreeMap<(&str, &str), u64> = BTreeMap::new();
+        // a printhead without faults has none, which is a number, too
+        open.extend(known.heads.keys().map(|head| ((&**head, ""), 0)));
+        for ((head, _), fault) in &known.faults {
+            *open.entry((head, fault.category.as_deref().unwrap_or("not_named"))).or_default() += 1;
+        }
+        let mut text = String::new();
+        let mut family = |name: &str, kind: &str, help: &str, lines: Vec<(String, f64)>| {
+            let _ = writeln!(text, "# HELP {name} {help}\n# TYPE {name} {kind}");
+            for (labels, value) in lines {
+                let _ = writeln!(text, "{name}{labels} {value}");
+            }
+        };
+        let of_head = |((head, category), n): ((&str, &str), u64)| {
+            let (head, category) = (escaped(head), escaped(category));
+            (format!("{{printhead=\"{head}\",category=\"{category}\"}}"), n as f64)
+        };
+        let open = open.into_iter().map(of_head).collect();
+        family("inkling_open_faults", "gauge", "Channels with a fault that is on.", open);
+        let plain = |value: f64| vec![(String::new(), value)];
+        let signals = plain(known.signals as f64);
+        family("inkling_signals_total", "counter", "Signals judged or rejected.", signals);
+        let of_reason =
+            |(reason, n): (&&str, &u64)| (format!("{{reason=\"{reason}\"}}"), *n as f64);
+        let rejected = known.rejected.iter().map(of_reason).collect();
+        family("inkling_rejected_total", "counter", "Signals that could not be judged.", rejected);
+        let newest = known.newest_ns.map_or(Vec::new(), |ns| plain(ns as f64 / 1e9));
+        family("inkling_newest_burst_seconds", "gauge", "t_a of the newest burst judged.", newest);
+        let behind = plain(behind_bytes as f64);
+        family("inkling_behind_bytes", "gauge", "Recorded, and not read yet.", behind);
+        text
+    }
+}
+
+/// As a label's value.
+fn escaped(text: &str) -> String {
+    text.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n")
+}
+
+impl Known {
+    fn take_rows(&mut self, of: &Verdicts) {
+        self.signals += of.len() as u64;
+        for part in &of.parts {
+            match part {
+                Part::Healthy(run) => {
+                    let from = run.first_channel as usize;
+                    let name = &of.rows.printheads[run.printhead as usize];
+                    self.mark(name, from..from + run.signals.len(), HEALTHY);
+                    self.newest_ns = self.newest_ns.max(Some(run.t_ns));
+                }
+                Part::Rows(rows) => rows.clone().for_each(|row| self.take_row(of, row)),
+            }
+        }
+    }
+
+    fn take_row(&mut self, of: &Verdicts, row: usize) {
+        let c = &of.rows;
+        let channel = c.channel[row] as usize;
+        let mark = match c.outcome[row] {
+            Outcome::Healthy => HEALTHY,
+            Outcome::Faulty | Outcome::Undecided => FLAGGED,
+            Outcome::Rejected => REJECTED,
+        };
+        if mark == REJECTED {
+            let reason = c.reason[row].map_or("unknown", Reason::as_str);
+            *self.rejected.entry(reason).or_default() += 1;
+        }
+        let name = &c.printheads[c.printhead[row] as usize];
+        self.mark(name, channel..channel + 1, mark);
+        self.newest_ns = self.newest_ns.max(Some(c.acquired_at_ns[row]));
+    }
+
+    fn mark(&mut self, head: &Arc<str>, channels: std::ops::Range<usize>, mark: u8) {
+        if !self.heads.contains_key(head) {
+            if self.heads.len() >= MOST_HEADS {
+                return;
+            }
+            self.heads.insert(head.clone(), Vec::new());
+        }
+        let Some(map) = self.heads.get_mut(head) else { return };
+        let to = channels.end.min(MOST_CHANNELS);
+        if map.len() < to {
+            map.resize(to, UNKNOWN);
+        }
+        if let Some(cells) = map.get_mut(channels.start..to) {
+            cells.fill(mark);
+        }
+    }
+
+    fn faults_as_json(&self, recording: &str) -> Vec<Value> {
+        let fault = |episode: &Episode| episode_event::of(recording, Telling::Raised(episode));
+        self.faults.values().map(fault).collect()
+    }
+}

@@ -1,0 +1,63 @@
+//! A file that is nowhere but in memory, in pieces that others share.
+
+use bytes::Bytes;
+use std::io;
+
+#[derive(Debug, Default)]
+pub struct Pieces {
+    /// Where each begins; none is empty.
+    pieces: Vec<(u64, Bytes)>,
+    bytes: u64,
+}
+
+impl Pieces {
+    pub fn push(&mut self, piece: Bytes) {
+        let (begins, length) = (self.bytes, piece.len() as u64);
+        if length > 0 {
+            self.pieces.push((begins, piece));
+            self.bytes += length;
+        }
+    }
+
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// Fills `buffer` from `offset`; what ends before is an error.
+    pub fn read_at(&self, offset: u64, mut buffer: &mut [u8]) -> io::Result<()> {
+        let ends_before = |(begins, piece): &(u64, Bytes)| begins + piece.len() as u64 <= offset;
+        let mut at = offset;
+        for (begins, piece) in &self.pieces[self.pieces.partition_point(ends_before)..] {
+            if buffer.is_empty() {
+                break;
+            }
+            let from = &piece[(at - begins) as usize..];
+            let (now, later) = buffer.split_at_mut(from.len().min(buffer.len()));
+            now.copy_from_slice(&from[..now.len()]);
+            at += now.len() as u64;
+            buffer = later;
+        }
+        if buffer.is_empty() { Ok(()) } else { Err(io::ErrorKind::UnexpectedEof.into()) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pieces_read_like_the_whole() {
+        let mut pieces = Pieces::default();
+        for piece in ["ab", "", "c", "defg"] {
+            pieces.push(Bytes::from_static(piece.as_bytes()));
+        }
+        for from in 0..=7 {
+            for to in from..=7 {
+                let mut read = vec![0; to - from];
+                pieces.read_at(from as u64, &mut read).unwrap();
+                assert_eq!(read, b"abcdefg"[from..to]);
+            }
+            assert!(pieces.read_at(from as u64, &mut vec![0; 8 - from]).is_err());
+        }
+    }
+}
