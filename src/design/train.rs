@@ -206,22 +206,15 @@ pub(super) fn learn_posterior(
     let classes = design.fault_classes();
     let curves = physics.curves(&classes, design.sample_period_s, design.samples);
     let known: Vec<bool> = (0..of_classes.len()).map(|k| !curves.class(k).is_empty()).collect();
-    let mut distances = vec![Vec::new(); of_classes.len()];
     let mut by_physics: Vec<Vec<Vec<f64>>> = vec![Vec::new(); of_classes.len()];
     for (k, class) in of_classes.iter().enumerate() {
         for x in class.iter().flat_map(|class| &class.features) {
             let mut compared = Comparison::default();
             curves.compare(x, Conditions::as_made(), &mut compared);
-            distances[k].push(curves.distance(k, x, Conditions::as_made(), &compared));
             by_physics[k].push(compared.ln_densities);
         }
     }
-    let stacked = Posterior::stack(&of_classes, &by_physics, &known).map(|mut posterior| {
-        for (k, distances) in distances.iter().enumerate().filter(|(k, _)| known[*k]) {
-            posterior.learn_distance(k, distances);
-        }
-        posterior
-    });
+    let stacked = Posterior::stack(&of_classes, &by_physics, &known);
     Ok(stacked.or_else(learned))
 }
 

@@ -13,11 +13,13 @@
 use super::fault_curve::{
     CHANGES, FaultCurve, FaultSimulator, Healthy, Scatter, Slope, noise_of_fit, of_change, turned,
 };
+use super::alternatives::{Broad, HealthyRing};
 use super::physics_density::{FaultCurves, HealthySpread, LabelledSeverities, Member};
 use crate::fault::Class;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
-use crate::model::{Actuation, InkChannel, faults};
+use crate::model::faults::{self, Law};
+use crate::model::{Actuation, InkChannel};
 use crate::side_by_side::{cores, side_by_side};
 use nalgebra::{DMatrix, Matrix2, Matrix4, SMatrix, SVector, Vector2, Vector4};
 use serde::{Deserialize, Serialize};
@@ -270,7 +272,7 @@ impl FaultPhysics {
             noise: noise.unwrap_or_else(Matrix4::identity),
             change: self.change().unwrap_or_default(),
         };
-        let mut curves = FaultCurves::new(classes.len(), healthy);
+        let mut curves = FaultCurves::new(classes.len(), healthy.clone());
         let Some(simulator) = simulator else { return curves };
         let belief = Square::from_fn(|i, j| self.belief[i][j]);
         let scatter = Scatter { channels: self.channels(), belief };
@@ -299,6 +301,20 @@ impl FaultPhysics {
             let members: Vec<Member> =
                 class.of.iter().filter_map(|class| member(class.as_str())).collect();
             curves.set(k, &members, self.seen.get(&class.name));
+        }
+        let contrasts: Vec<(&str, &Law)> = faults::contrasts().collect();
+        let of_contrasts = side_by_side(cores(), contrasts.clone(), |(name, _)| {
+            FaultCurve::new(&mut simulator.clone(), name, faults::largest(name)?, &scatter)
+        });
+        for ((name, law), curve) in contrasts.into_iter().zip(of_contrasts) {
+            // of what would not ring nothing is known
+            curve.into_iter().for_each(|curve| curves.add_alternative(name, law.weight, curve));
+        }
+        let Ring { damping_per_s, frequency_hz, .. } = self.ring;
+        let noise = self.noise;
+        let ring = HealthyRing { fitter: &fitter, damping_per_s, frequency_hz, noise, dt_s };
+        for Broad { name, weight, nodes } in ring.broad(&healthy).into_iter().flatten() {
+            curves.add_alternative(name, weight, FaultCurve { nodes });
         }
         curves
     }
