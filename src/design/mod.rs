@@ -4,6 +4,7 @@
 //! models with filter and threshold, and fault classes as mean deviations from them. Rooms
 //! `identify`, `detect` and `isolate` meet here and nowhere else. Immutable once made.
 
+mod channel_levels;
 mod checks;
 mod cold_start;
 mod common_change;

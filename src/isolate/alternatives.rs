@@ -67,7 +67,12 @@ impl HealthyRing<'_> {
         ])
     }
 
-    fn node(&self, at: Vector4<f64>, belief: Matrix4<f64>, healthy: &HealthySpread) -> Option<Node> {
+    fn node(
+        &self,
+        at: Vector4<f64>,
+        belief: Matrix4<f64>,
+        healthy: &HealthySpread,
+    ) -> Option<Node> {
         let [ln_amplitude, ln_damping, ln_frequency, phase_rad] = at.into();
         let ring = Features { ln_amplitude, ln_damping, ln_frequency, phase_rad };
         Node::displaced(at, belief, noise_of_fit(self.fitter, &ring, self.noise)?, healthy)
@@ -106,6 +111,7 @@ impl FaultCurves {
 fn ln_density_of_any_ring(features: &[f64]) -> f64 {
     /// ln of the density of Student's t with three degrees of freedom at 0.
     const AT_ZERO: f64 = -1.000_888_849_6;
-    let along = |(x, scale): (&f64, f64)| AT_ZERO - scale.ln() - 2.0 * ((x / scale).powi(2) / 3.0).ln_1p();
+    let along =
+        |(x, scale): (&f64, f64)| AT_ZERO - scale.ln() - 2.0 * ((x / scale).powi(2) / 3.0).ln_1p();
     features.iter().zip(ANY).map(along).sum::<f64>() - std::f64::consts::TAU.ln()
 }

@@ -9,10 +9,10 @@
 //! real pole) is part of the curve. Channels differ by small relative changes of their rates and gain; the
 //! fit's derivatives by these, at each severity, turn the channels' covariance into one of features.
 
+use super::physics_density::HealthySpread;
 use crate::model::ring_down::{Poles, ring_down_into};
 use crate::model::ring_fit::{Features, Products, RingFitter};
 use crate::model::{Actuation, InkChannel, faults};
-use super::physics_density::HealthySpread;
 use nalgebra::{Matrix4, Matrix4x2, SMatrix, SVector, SymmetricEigen, Vector2, Vector4};
 
 /// Number of relative changes by which a channel may differ: ln a, ln b, ln g, ln d, ln gain.

@@ -10,15 +10,15 @@
 //! deviation `isolate.guess_sd`. Faulty signals of labelled severity are observations of them: maximum a
 //! posteriori by Gauss-Newton on the features, with the weights of Student's t against wrong labels.
 
+use super::alternatives::{Broad, HealthyRing};
 use super::fault_curve::{
     CHANGES, FaultCurve, FaultSimulator, Healthy, Scatter, Slope, noise_of_fit, of_change, turned,
 };
-use super::alternatives::{Broad, HealthyRing};
 use super::physics_density::{FaultCurves, HealthySpread, LabelledSeverities, Member};
 use crate::fault::Class;
+use crate::model::faults::{self, Law};
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
-use crate::model::faults::{self, Law};
 use crate::model::{Actuation, InkChannel};
 use crate::side_by_side::{cores, side_by_side};
 use nalgebra::{DMatrix, Matrix2, Matrix4, SMatrix, SVector, Vector2, Vector4};

@@ -250,7 +250,9 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
     }
     let classes = of.classes.len() - of.alternatives.len();
     ln_alternatives.clear();
-    ln_alternatives.extend(ln_densities.drain(classes..).zip(&of.alternatives).map(|(p, of)| p + of.weight.ln()));
+    ln_alternatives.extend(
+        ln_densities.drain(classes..).zip(&of.alternatives).map(|(p, of)| p + of.weight.ln()),
+    );
 }
 
 /// A signal compared with all fault curves. Buffers are reused for the next signal.

@@ -64,7 +64,6 @@ const TEMPERATURES: [f64; 10] = [1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.5, 
 /// A temperature is plausible up to this loss of ln likelihood: 95 % confidence on one side, 1.645² / 2.
 const PLAUSIBLE: f64 = 1.35;
 
-
 impl Posterior {
     /// Learns the densities from labelled signals of every class alone. `None`: a class has too few examples.
     pub fn learn(examples: &[Examples]) -> Option<Posterior> {
@@ -108,12 +107,7 @@ impl Posterior {
         let held_out = temperature(fewest < TELL_ENDS, &unseen, physics, &physics_share);
         let temperature = if fewest >= FEWEST_SCALED { held_out } else { 1.0 };
         let (classes, precomputed) = (learned, OnceLock::new());
-        Some(Posterior {
-            temperature,
-            classes,
-            physics_share,
-            precomputed,
-        })
+        Some(Posterior { temperature, classes, physics_share, precomputed })
     }
 
     /// Refused if it could not have been learned.
