@@ -89,12 +89,6 @@ impl Judge {
             priors,
             &physics.ln_alternatives,
         );
-        if std::env::var("INKLING_DEBUG").is_ok() {
-            eprintln!(
-                "{features:.3?} known {known:.3} classes {ln_densities:.1?} physics {:.1?} others {:.1?}",
-                physics.ln_densities, physics.ln_alternatives
-            );
-        }
         let decision = rule.decide(weights, known);
         let Some(best) = decision.candidate.map(usize::from) else { return Some(decision) };
         // the misfit beside the ring is at most that of the fit, which is known already

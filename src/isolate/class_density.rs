@@ -509,8 +509,8 @@ mod tests {
     #[test]
     fn distance_is_small_inside_and_large_outside() {
         let density = ClassDensity::learn(&draw(400, Sizes::Even), &noise(), None, true).unwrap();
-        assert!(density.distance(&[1.3, 0.0]) < 1.0);
-        assert!(density.distance(&[5.0, 0.0]) > 100.0);
+        assert!(density.square(&[1.3, 0.0]) < 1.0);
+        assert!(density.square(&[5.0, 0.0]) > 100.0);
         assert!(density.ln_density(&[60.0, 0.0]).is_finite());
     }
 
