@@ -22,8 +22,9 @@ pub(super) fn is_ring(fit: &Fit, noise: f64) -> bool {
 /// A signal is no ring if its fit leaves more than this share of its energy, noise apart: a half, not tuned.
 const MOST_LEFT: f64 = 0.5;
 
-/// A signal is of no class if it is at most as likely as not to be of any.
-const OF_NONE: f64 = 0.5;
+/// A signal is said to be of no class where that is as certain as a test at 5 %: what may be a class's as well as, say, a
+/// stiffer actuator's is undecided between the two.
+const OF_NONE: f64 = 0.05;
 
 impl Judge {
     /// The fitter of rings for isolation, the phase free; `None`: the method fits none.
@@ -63,7 +64,7 @@ impl Judge {
         };
         let warmer = work.warmer;
         work.misfit = fit.misfit / (noise * noise * self.model.expected.len() as f64);
-        let Workspace { weights, ring, physics, own, ln_densities, .. } = work;
+        let Workspace { weights, of_any, ring, physics, own, ln_densities, .. } = work;
         let features = &classifier.features(fit, warmer);
         *ring = Some([features[1], features[2]]);
         let of_own = own.as_ref().and_then(|own| own.curves.as_ref().zip(Some(&own.baseline)));
@@ -90,6 +91,7 @@ impl Judge {
             &physics.ln_alternatives,
         );
         let decision = rule.decide(weights, known);
+        *of_any = known;
         let Some(best) = decision.candidate.map(usize::from) else { return Some(decision) };
         // the misfit beside the ring is at most that of the fit, which is known already
         let most = classifier.typical.as_ref().map_or(f64::INFINITY, |of| of.misfit[best]);

@@ -565,11 +565,11 @@ mod tests {
         assert!((after.1 / truth.1 - 1.0).abs() < 0.06, "{after:?} {truth:?}");
     }
 
-    #[test]
-    fn stated_intervals_cover_the_severity_and_categories_are_told_apart() {
-        let curves = physics(TRUE, 0.005).curves(&classes(), DT_S, SAMPLES);
+    /// Of 60 drawn signals of each class: share whose size is within its 95 % interval, and whose category is the likeliest.
+    fn judged_by(physics: &FaultPhysics) -> [f64; 2] {
+        let curves = physics.curves(&classes(), DT_S, SAMPLES);
         let mut rng = ChaCha8Rng::seed_from_u64(5);
-        let (mut covered, mut right, mut n) = (0, 0, 0);
+        let (mut covered, mut right, mut n) = (0.0, 0.0, 0.0);
         for (k, class) in CLASSES.iter().enumerate() {
             for _ in 0..60 {
                 let (truth, x) = faulty_features(class, &mut rng);
@@ -581,15 +581,26 @@ mod tests {
                 let sum: f64 = weights.iter().sum();
                 weights.iter_mut().for_each(|w| *w /= sum);
                 let best = (0..9).max_by(|&i, &j| weights[i].total_cmp(&weights[j])).unwrap();
-                right += usize::from(category(CLASSES[best]) == category(class));
+                right += f64::from(u8::from(category(CLASSES[best]) == category(class)));
                 let s = curves.severity(k, &weights, &compared);
-                covered += usize::from(s.is_some_and(|s| (s.value - truth).abs() < 1.96 * s.sd));
-                n += 1;
+                let holds = s.is_some_and(|s| (s.value - truth).abs() < 1.96 * s.sd);
+                covered += f64::from(u8::from(holds));
+                n += 1.0;
             }
         }
-        // of 540 signals three standard deviations are 2.8 %
-        assert!((0.92..=0.985).contains(&(f64::from(covered as u32) / f64::from(n))), "{covered}");
-        assert!(right as f64 >= 0.97 * f64::from(n), "{right} of {n}");
+        [covered / n, right / n]
+    }
+
+    #[test]
+    fn stated_intervals_cover_the_severity_and_categories_are_told_apart() {
+        // of 540 signals three standard deviations are 2.8 %; intervals allow for a law that is wrong, so they hold more often
+        let [covered, right] = judged_by(&physics(TRUE, 0.005));
+        assert!((0.92..1.0).contains(&covered) && right >= 0.97, "{covered} {right}");
+        // believed exactly, and wrong
+        let ratios =
+            InkChannel { a_per_s2: 1.15 * TRUE.a_per_s2, d_per_s: 0.85 * TRUE.d_per_s, ..TRUE };
+        let [covered, right] = judged_by(&physics(ratios, 0.005));
+        assert!(covered >= 0.90 && right >= 0.95, "{covered} {right}");
     }
 
     /// What limits a start without labels: not what a ring tells, nor the rates, but which sizes occur.
