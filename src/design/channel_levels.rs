@@ -4,7 +4,7 @@
 //! the others. Without them a class that was labelled on two channels would be as narrow as these two.
 
 use super::detector::ring_of;
-use super::training_set::fitted;
+use super::fitted::fitted;
 use super::{DesignError, HealthyModel};
 use crate::identify::averaging::SignalSet;
 use crate::model::ring_fit::RingFitter;

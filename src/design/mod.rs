@@ -14,6 +14,7 @@ mod error;
 mod extension;
 mod fault_class;
 mod fd_filter;
+mod fitted;
 mod healthy_model;
 mod held_out;
 mod isolator;

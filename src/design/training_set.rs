@@ -2,10 +2,11 @@
 
 use super::channel_levels::ChannelLevels;
 use super::detector::ring_of;
+use super::fitted::fitted;
 use super::{DesignError, Extension, HealthyModel};
 use crate::identify::averaging::SignalSet;
 use crate::isolate::posterior::Examples;
-use crate::model::ring_fit::{Features, Products, RingFitter};
+use crate::model::ring_fit::{Features, RingFitter};
 use nalgebra::Vector4;
 use std::collections::BTreeMap;
 
@@ -49,24 +50,4 @@ pub(super) fn examples(
     }
     let enough = !features.is_empty();
     Ok(noise.filter(|_| enough).map(|noise| Examples::new(features, noise)))
-}
-
-/// Channel and features of every signal that a ring fits, at the model's temperature.
-pub(super) fn fitted(
-    model: &HealthyModel,
-    set: &SignalSet,
-    fitter: &RingFitter,
-) -> Vec<(u32, Vector4<f64>)> {
-    let per_k = Vector4::from(model.features_per_k(fitter));
-    let (mut signal, mut columns, mut i) = (Vec::new(), Products::default(), 0);
-    let mut found = Vec::new();
-    model.each_deviation(set, |deviation, drive| {
-        let (channel, warmer) = (set.channel[i], model.warmer(set.temperature_c[i]));
-        i += 1;
-        model.per_drive(deviation, drive, warmer, &mut signal);
-        if let Some(fit) = fitter.fit(&signal, true, &mut columns) {
-            found.push((channel, Vector4::from(fit.features.coordinates()) - warmer * per_k));
-        }
-    });
-    found
 }

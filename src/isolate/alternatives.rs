@@ -6,8 +6,8 @@
 //! study on simulated signals by two physics; with half and twice of all the broad ones the share of foreign signals that are
 //! named stays below .02 there, of known ones that are named it moves by .01.
 
-use super::fault_curve::{Node, noise_of_fit};
-use super::physics_density::{FaultCurves, HealthySpread};
+use super::fault_curve::{HealthySpread, Node, noise_of_fit};
+use super::physics_density::FaultCurves;
 use crate::model::ring_fit::{Features, RingFitter};
 use nalgebra::{Matrix4, SMatrix, Vector4};
 

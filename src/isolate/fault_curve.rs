@@ -9,16 +9,26 @@
 //! real pole) is part of the curve. Channels differ by small relative changes of their rates and gain; the
 //! fit's derivatives by these, at each severity, turn the channels' covariance into one of features.
 
-use super::physics_density::HealthySpread;
 use crate::model::ring_down::{Poles, ring_down_into};
 use crate::model::ring_fit::{Features, Products, RingFitter};
 use crate::model::{Actuation, InkChannel, faults};
-use nalgebra::{Matrix4, Matrix4x2, SMatrix, SVector, SymmetricEigen, Vector2, Vector4};
+use nalgebra::{Matrix2, Matrix4, Matrix4x2, SMatrix, SVector, SymmetricEigen, Vector2, Vector4};
 
 /// Number of relative changes by which a channel may differ: ln a, ln b, ln g, ln d, ln gain.
 pub const CHANGES: usize = 5;
 /// Jacobian of the features (ln amplitude, ln damping, ln frequency, phase) by these.
 pub type Slope = SMatrix<f64, 4, CHANGES>;
+
+/// The distribution of healthy features (the phase free): their Jacobian by a channel's own changes, the
+/// covariance of these over channels, the covariance of a fit's noise at the reference drive.
+#[derive(Clone, Debug)]
+pub struct HealthySpread {
+    pub slope: Slope,
+    pub channels: SMatrix<f64, CHANGES, CHANGES>,
+    pub noise: Matrix4<f64>,
+    /// d [`Conditions::changed`] / d(ln damping, ln frequency) of the healthy ring.
+    pub change: Matrix2<f64>,
+}
 
 /// A healthy channel's physical parameters.
 #[derive(Clone, Copy, Debug)]

@@ -12,9 +12,10 @@
 
 use super::alternatives::{Broad, HealthyRing};
 use super::fault_curve::{
-    CHANGES, FaultCurve, FaultSimulator, Healthy, Scatter, Slope, noise_of_fit, of_change, turned,
+    CHANGES, FaultCurve, FaultSimulator, Healthy, HealthySpread, Scatter, Slope, noise_of_fit,
+    of_change, turned,
 };
-use super::physics_density::{FaultCurves, HealthySpread, LabelledSeverities, Member};
+use super::physics_density::{FaultCurves, LabelledSeverities, Member};
 use crate::fault::Class;
 use crate::model::faults::{self, Law};
 use crate::model::ring::Ring;

@@ -4,12 +4,12 @@
 //! class: the scatter of healthy channels and noise about the curve, integrated over the class's
 //! severities (a sum over the curve's nodes). thesis §2-2.
 
-use super::fault_curve::{CHANGES, Conditions, FaultCurve, Node, Slope};
+use super::fault_curve::{Conditions, FaultCurve, HealthySpread, Node};
 use super::node_columns::{self, Compared, NODES, NodeColumns, NodeDensities, OfNodes};
 use crate::model::faults;
 use crate::model::simd_math::ln;
 use crate::processor::for_processor;
-use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector4};
+use nalgebra::{Matrix4, Vector2, Vector4};
 
 /// The fault curves of a design, and where on them each class lies.
 #[derive(Clone, Debug)]
@@ -23,17 +23,6 @@ pub struct FaultCurves {
     columns: Vec<NodeColumns>,
     /// How healthy channels differ.
     healthy: HealthySpread,
-}
-
-/// The distribution of healthy features (the phase free): their Jacobian by a channel's own changes, the
-/// covariance of these over channels, the covariance of a fit's noise at the reference drive.
-#[derive(Clone, Debug)]
-pub struct HealthySpread {
-    pub slope: Slope,
-    pub channels: SMatrix<f64, CHANGES, CHANGES>,
-    pub noise: Matrix4<f64>,
-    /// d [`Conditions::changed`] / d(ln damping, ln frequency) of the healthy ring.
-    pub change: Matrix2<f64>,
 }
 
 /// A kind of fault that a class stands for: its curve, and the distribution of severities over its nodes.
