@@ -52,7 +52,7 @@ pub(super) fn physics(
         .collect();
     let drives = few.values().flat_map(|set| &set.drive);
     let weaker = drives.clone().map(|s| 1.0 / (s * s)).sum::<f64>() / drives.count().max(1) as f64;
-    let learned = examples(&design.with_models(&few))?.and_then(|healthy| {
+    let learned = examples(&design.with_models(&few), &[])?.and_then(|healthy| {
         let noise = healthy.noise * weaker;
         physics.learn_spread(&healthy.features, &noise, channels.len(), sampling)
     });

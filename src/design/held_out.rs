@@ -92,9 +92,8 @@ impl ClassTold {
                  rings; such signals are told as `no_ring`, the sensor's or the acquisition's"
             )
         } else {
-            // what is most like its class is named when there are more labels of it
-            let own = most_like.get(&self.name).copied().unwrap_or(0);
-            let (like, n) = most(most_like, &self.name).filter(|_| 2 * own < detected)?;
+            // what is most like its class, and like no other, is named when there are more labels of it
+            let (like, n) = most(most_like, &self.name).filter(|(_, n)| 4 * n >= detected)?;
             format!("{n} of its {detected} detected signals look more like {like}")
         })
     }

@@ -262,6 +262,6 @@ impl Judge {
         let compared = Compared { model: &self.model, signal: *signal };
         isolator.weigh(deviation, drive, compared, work)?;
         let weights = &work.weights;
-        Some(rule.decide(weights).certain_of_class(weights))
+        Some(rule.decide(weights, 1.0).certain_of_class(weights))
     }
 }

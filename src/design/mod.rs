@@ -4,6 +4,7 @@
 //! models with filter and threshold, and fault classes as mean deviations from them. Rooms
 //! `identify`, `detect` and `isolate` meet here and nowhere else. Immutable once made.
 
+mod channel_levels;
 mod checks;
 mod cold_start;
 mod common_change;
@@ -13,6 +14,7 @@ mod error;
 mod extension;
 mod fault_class;
 mod fd_filter;
+mod fitted;
 mod healthy_model;
 mod held_out;
 mod isolator;

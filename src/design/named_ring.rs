@@ -5,6 +5,7 @@ use super::judge::{Isolating, Isolation, Judge};
 use super::workspace::Workspace;
 use crate::isolate::appearance::UnknownSignal;
 use crate::isolate::fault_curve::Conditions;
+use crate::isolate::physics_density::FaultCurves;
 use crate::model::ring_fit::{Fit, RingFitter};
 use crate::verdict::Appearance;
 use nalgebra::Vector2;
@@ -21,8 +22,9 @@ pub(super) fn is_ring(fit: &Fit, noise: f64) -> bool {
 /// A signal is no ring if its fit leaves more than this share of its energy, noise apart: a half, not tuned.
 const MOST_LEFT: f64 = 0.5;
 
-/// Where the best class is rejected as not typical, classes of less weight than this are not considered either.
-const LITTLE: f64 = 0.05;
+/// A signal is said to be of no class where that is as certain as a test at 5 %: what may be a class's as well as, say, a
+/// stiffer actuator's is undecided between the two.
+const OF_NONE: f64 = 0.05;
 
 impl Judge {
     /// The fitter of rings for isolation, the phase free; `None`: the method fits none.
@@ -62,7 +64,7 @@ impl Judge {
         };
         let warmer = work.warmer;
         work.misfit = fit.misfit / (noise * noise * self.model.expected.len() as f64);
-        let Workspace { weights, ring, physics, own, ln_densities, .. } = work;
+        let Workspace { weights, of_any, ring, physics, own, ln_densities, .. } = work;
         let features = &classifier.features(fit, warmer);
         *ring = Some([features[1], features[2]]);
         let of_own = own.as_ref().and_then(|own| own.curves.as_ref().zip(Some(&own.baseline)));
@@ -74,13 +76,22 @@ impl Judge {
             baseline: of_own.map(|(_, baseline)| baseline),
         };
         physics.ln_densities.clear();
+        physics.ln_alternatives.clear();
         if let Some(curves) = curves {
             curves.compare(features, conditions, physics);
         }
         weights.clear();
         weights.resize(rule.category_of.len(), 0.0);
         posterior.weigh(features, &physics.ln_densities, priors, ln_densities, weights);
-        let decision = rule.decide(weights);
+        let known = FaultCurves::of_any_class(
+            curves.map(|curves| &**curves),
+            features,
+            ln_densities,
+            priors,
+            &physics.ln_alternatives,
+        );
+        let decision = rule.decide(weights, known);
+        *of_any = known;
         let Some(best) = decision.candidate.map(usize::from) else { return Some(decision) };
         // the misfit beside the ring is at most that of the fit, which is known already
         let most = classifier.typical.as_ref().map_or(f64::INFINITY, |of| of.misfit[best]);
@@ -94,20 +105,10 @@ impl Judge {
                 return Some(Isolation::of_no_ring());
             }
         }
-        let Workspace { weights, severity, physics, ln_densities, .. } = work;
-        let is_typical = |k: usize| {
-            posterior.is_typical(k, ln_densities[k], |most| {
-                curves.is_some_and(|of| of.lies_within(most, k, features, conditions, physics))
-            })
-        };
-        if !is_typical(best) {
-            // the best class is rejected: is another plausible one typical?
-            let other = |k: usize| weights[k] > LITTLE && is_typical(k);
-            return Some(match (0..weights.len()).any(other) {
-                true => decision.unnamed(),
-                false => decision.of_unknown_fault(),
-            });
+        if decision.is_uncertain() && known < OF_NONE {
+            return Some(decision.of_unknown_fault());
         }
+        let Workspace { weights, severity, physics, .. } = work;
         let sized = curves.zip(rule.sized(&decision, weights));
         *severity = sized.and_then(|(of, k)| of.severity(k, weights, physics));
         Some(decision)

@@ -1,5 +1,6 @@
 //! Training: from labelled signals to a design.
 
+use super::channel_levels::ChannelLevels;
 use super::training_set::{TrainingSet, examples};
 use super::{
     Design, DesignError, DetectSettings, FaultClass, HealthyModel, IsolateSettings, LearnSettings,
@@ -193,10 +194,20 @@ pub(super) fn learn_posterior(
     design: &Design,
     set: &TrainingSet,
 ) -> Result<Option<Posterior>, DesignError> {
+    let mut levels = BTreeMap::new();
+    for ((model, signals), name) in
+        design.with_models(&set.healthy).into_iter().zip(set.healthy.keys())
+    {
+        levels.insert(name, ChannelLevels::learn(model, signals)?);
+    }
     let mut of_classes = Vec::new();
     for class in &design.classes {
-        let sets = set.faulty.get(&class.name).map(|sets| design.with_models(sets));
-        of_classes.push(examples(&sets.unwrap_or_default())?);
+        let Some(sets) = set.faulty.get(&class.name) else {
+            of_classes.push(None);
+            continue;
+        };
+        let of_each: Vec<_> = sets.keys().map(|name| levels.get(name)?.as_ref()).collect();
+        of_classes.push(examples(&design.with_models(sets), &of_each)?);
     }
     let learned = || {
         let all: Option<Vec<Examples>> = of_classes.iter().cloned().collect();
@@ -206,22 +217,15 @@ pub(super) fn learn_posterior(
     let classes = design.fault_classes();
     let curves = physics.curves(&classes, design.sample_period_s, design.samples);
     let known: Vec<bool> = (0..of_classes.len()).map(|k| !curves.class(k).is_empty()).collect();
-    let mut distances = vec![Vec::new(); of_classes.len()];
     let mut by_physics: Vec<Vec<Vec<f64>>> = vec![Vec::new(); of_classes.len()];
     for (k, class) in of_classes.iter().enumerate() {
         for x in class.iter().flat_map(|class| &class.features) {
             let mut compared = Comparison::default();
             curves.compare(x, Conditions::as_made(), &mut compared);
-            distances[k].push(curves.distance(k, x, Conditions::as_made(), &compared));
             by_physics[k].push(compared.ln_densities);
         }
     }
-    let stacked = Posterior::stack(&of_classes, &by_physics, &known).map(|mut posterior| {
-        for (k, distances) in distances.iter().enumerate().filter(|(k, _)| known[*k]) {
-            posterior.learn_distance(k, distances);
-        }
-        posterior
-    });
+    let stacked = Posterior::stack(&of_classes, &by_physics, &known);
     Ok(stacked.or_else(learned))
 }
 
@@ -241,7 +245,7 @@ fn yield_to_own_classes(
     for (name, printheads) in set.faulty.iter().filter(|(name, _)| own.contains(name)) {
         let (Some(posterior), Some(curves)) = (&design.posterior, design.curves()) else { break };
         let sets = design.with_models(printheads);
-        let Some(examples) = examples(&sets)? else { continue };
+        let Some(examples) = examples(&sets, &[])? else { continue };
         let classes = design.classes.len();
         let (mut weights, mut taken) = (vec![0.0; classes], vec![0.0; classes]);
         for x in &examples.features {

@@ -15,6 +15,8 @@ pub struct Workspace {
     pub(super) detector: Scratch,
     /// Weight of each class, for the signal last isolated.
     pub weights: Vec<f64>,
+    /// The probability that it is of any of them, given all that it may be.
+    pub of_any: f64,
     /// ln damping and ln frequency of the ring last fitted for isolation, relative to the healthy model's and
     /// corrected to its temperature; `None`: none was fitted.
     pub ring: Option<[f64; 2]>,
@@ -41,6 +43,7 @@ impl Workspace {
     pub fn forget(&mut self) {
         (self.severity, self.ring, self.fit, self.misfit) = (None, None, None, f64::NAN);
         self.weights.clear();
+        self.of_any = 1.0;
         self.beside.clear();
     }
 }

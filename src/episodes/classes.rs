@@ -1,6 +1,7 @@
 //! The class of a channel's fault, from the posteriors of one burst after another.
 //!
-//! In: a weight per class of each flagged signal (a *look*). Out: the filtered weight per class.
+//! In: a weight per class of each flagged signal (a *look*); what they lack to 1 is the weight of no class. Out: the filtered
+//! weight per class, and of none.
 //!
 //! The forward filter of a hidden Markov model (Rabiner 1989): a fault grows and may pass through
 //! other classes on its way, so from one look to the next it becomes any class with a small probability. The
@@ -12,37 +13,53 @@ const CHANGES: f64 = 0.02;
 const LOOKS_PER_ONE: f64 = 2.0;
 /// Least weight of a class in one look: no single look excludes it.
 const LEAST: f64 = 1e-3;
+/// Share of what is flagged that is of no class, a priori: what isolation gives all alternatives together
+/// (`isolate::alternatives`).
+const NONE: f64 = 0.165;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClassFilter {
     weights: Vec<f64>,
+    none: f64,
 }
 
 impl ClassFilter {
     /// `priors`: of each class, sum 1.
     pub fn new(priors: &[f64]) -> ClassFilter {
-        ClassFilter { weights: priors.to_vec() }
+        let weights = priors.iter().map(|prior| prior * (1.0 - NONE)).collect();
+        ClassFilter { weights, none: NONE }
     }
 
-    /// Updates by the `posterior` of one look, under the same `priors`. One with NaN is ignored.
+    /// Updates by the `posterior` of one look, under the same `priors`; empty: it is of no class. One with NaN is ignored.
     pub fn look(&mut self, posterior: &[f32], priors: &[f64]) {
         let n = self.weights.len();
-        if posterior.len() != n || posterior.iter().any(|w| !w.is_finite()) {
+        if posterior.len() != n && !posterior.is_empty() || posterior.iter().any(|w| !w.is_finite())
+        {
             return;
         }
-        let each = self.weights.iter_mut().zip(posterior).zip(priors);
-        for ((weight, &posterior), &prior) in each {
-            let likelihood = f64::from(posterior).max(LEAST) / (prior * n as f64).max(LEAST);
-            let before = *weight * (1.0 - CHANGES) + CHANGES * prior;
-            *weight = before * likelihood.powf(1.0 / LOOKS_PER_ONE);
+        let of_any: f64 = posterior.iter().map(|&w| f64::from(w)).sum();
+        let look = |before: f64, posterior: f64, prior: f64| {
+            let likelihood = posterior.max(LEAST) / (prior * n as f64).max(LEAST);
+            (before * (1.0 - CHANGES) + CHANGES * prior) * likelihood.powf(1.0 / LOOKS_PER_ONE)
+        };
+        for (k, (weight, prior)) in self.weights.iter_mut().zip(priors).enumerate() {
+            let posterior = posterior.get(k).map_or(0.0, |&w| f64::from(w));
+            *weight = look(*weight, posterior, prior * (1.0 - NONE));
         }
-        let sum: f64 = self.weights.iter().sum();
+        self.none = look(self.none, 1.0 - of_any, NONE);
+        let sum = self.weights.iter().sum::<f64>() + self.none;
         self.weights.iter_mut().for_each(|w| *w /= sum);
+        self.none /= sum;
     }
 
-    /// Sum 1.
+    /// Of each class.
     pub fn weights(&self) -> &[f64] {
         &self.weights
+    }
+
+    /// Of no class; with the others 1.
+    pub fn none(&self) -> f64 {
+        self.none
     }
 }
 
@@ -62,15 +79,20 @@ mod tests {
             filter.look(&[0.0, 0.05, 0.95], &priors);
         }
         assert!(filter.weights()[2] > 0.9, "{filter:?}");
-        assert!((filter.weights().iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        assert!((filter.weights().iter().sum::<f64>() + filter.none() - 1.0).abs() < 1e-12);
+        for _ in 0..8 {
+            filter.look(&[0.0, 0.01, 0.02], &priors);
+        }
+        assert!(filter.none() > 0.9, "what is of no class is none in the end: {filter:?}");
     }
 
     #[test]
     fn without_news_a_class_becomes_any_other_now_and_then() {
         let priors = [0.5, 0.3, 0.2];
-        let mut filter = ClassFilter { weights: vec![1.0, 0.0, 0.0] };
-        filter.look(&[0.5, 0.3, 0.2], &priors);
-        let expected = [1.0 - CHANGES * 0.5, CHANGES * 0.3, CHANGES * 0.2];
+        let mut filter = ClassFilter { weights: vec![1.0, 0.0, 0.0], none: 0.0 };
+        let prior = priors.map(|prior| prior * (1.0 - NONE));
+        filter.look(&prior.map(|prior| prior as f32), &priors);
+        let expected = [1.0 - CHANGES + CHANGES * prior[0], CHANGES * prior[1], CHANGES * prior[2]];
         for (w, expected) in filter.weights().iter().zip(expected) {
             assert!((w - expected).abs() < 1e-6, "{filter:?}");
         }
@@ -80,13 +102,14 @@ mod tests {
     fn looks_that_say_nothing_leave_the_priors() {
         let priors = [0.7, 0.2, 0.1];
         let mut filter = ClassFilter::new(&priors);
+        let told = priors.map(|prior| (prior * (1.0 - NONE)) as f32);
         for _ in 0..50 {
-            filter.look(&[0.7, 0.2, 0.1], &priors);
+            filter.look(&told, &priors);
         }
         filter.look(&[f32::NAN, 0.2, 0.1], &priors);
         filter.look(&[0.7], &priors);
-        for (w, prior) in filter.weights().iter().zip(priors) {
-            assert!((w - prior).abs() < 1e-6, "{filter:?}");
+        for (w, told) in filter.weights().iter().zip(told) {
+            assert!((w - f64::from(told)).abs() < 1e-6, "{filter:?}");
         }
     }
 }

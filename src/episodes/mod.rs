@@ -79,7 +79,7 @@ impl Looks {
 pub struct Named {
     /// Place in the burst.
     pub row: u32,
-    /// Per class; empty: nothing was said.
+    /// Per class; what they lack to 1 is the weight of no class. Empty: nothing was said.
     pub weights: Vec<f32>,
     /// Why it has no name; `None`: it has one.
     pub reason: Option<Reason>,

@@ -474,9 +474,7 @@ impl Found {
         self.appearance = named.appearance.or(self.appearance);
         self.named += 1;
         self.fits_none += u64::from(named.fits_none());
-        if !named.fits_none() {
-            self.classes.look(&named.weights, &naming.priors);
-        }
+        self.classes.look(&named.weights, &naming.priors);
         if let (Some(class), Some(size)) = (named.candidate, named.severity)
             && size.is_finite()
         {
@@ -532,7 +530,7 @@ impl Naming {
             weights.enumerate().reduce(|best, next| if next.1 > best.1 { next } else { best })
         };
         let weights = found.classes.weights();
-        let fits_none = 2 * found.fits_none > found.named;
+        let fits_none = found.classes.none() > 0.5;
         let named = found.named > found.fits_none;
         let best = largest(&mut weights.iter().copied()).filter(|_| named);
         let categories = self.categories(weights);

@@ -151,16 +151,6 @@ impl ClassDensity {
         axes.map(|(axis, row)| axis.distance(self.along(row, x)).powi(2)).sum()
     }
 
-    /// The same, with the variance along each axis widened by `TOLERANCE`.
-    pub fn distance(&self, x: &[f64]) -> f64 {
-        let axes = self.axes.iter().zip(&self.to_axes);
-        axes.map(|(axis, row)| {
-            let elsewhere: f64 = row.iter().zip(TOLERANCE).map(|(b, t)| (b * t).powi(2)).sum();
-            axis.distance(self.along(row, x)).powi(2) / (1.0 + elsewhere)
-        })
-        .sum()
-    }
-
     pub(super) fn mean(&self) -> &[f64] {
         &self.mean
     }
@@ -385,11 +375,6 @@ fn tail(x: f64) -> f64 {
     if x >= 0.0 { half } else { 1.0 - half }
 }
 
-/// Tolerance on a class's position (ln amplitude, ln damping, ln frequency, phase in rad): on another
-/// printhead or at another temperature a class may be shifted by as much, so only what lies further away is
-/// an unknown fault.
-pub(super) const TOLERANCE: [f64; 4] = [0.1, 0.15, 0.02, 0.1];
-
 const SQRT_TAU: f64 = 2.506_628_274_631_000_7;
 
 #[cfg(test)]
@@ -524,8 +509,8 @@ mod tests {
     #[test]
     fn distance_is_small_inside_and_large_outside() {
         let density = ClassDensity::learn(&draw(400, Sizes::Even), &noise(), None, true).unwrap();
-        assert!(density.distance(&[1.3, 0.0]) < 1.0);
-        assert!(density.distance(&[5.0, 0.0]) > 100.0);
+        assert!(density.square(&[1.3, 0.0]) < 1.0);
+        assert!(density.square(&[5.0, 0.0]) > 100.0);
         assert!(density.ln_density(&[60.0, 0.0]).is_finite());
     }
 

@@ -113,8 +113,9 @@ impl DecisionRule {
         decision.fault.map(usize::from).or(best)
     }
 
-    /// `weights`: one per class. Of equal weights the first wins. If one is not finite, nothing is named.
-    pub fn decide(&self, weights: &[f64]) -> Decision {
+    /// `weights`: one per class; `of_any`: the probability that it is any of them. Of equal weights the first wins. If one is
+    /// not finite, nothing is named.
+    pub fn decide(&self, weights: &[f64], of_any: f64) -> Decision {
         let nothing = Decision {
             candidate: None,
             fault: None,
@@ -126,6 +127,7 @@ impl DecisionRule {
             return nothing;
         }
         let Some((best, weight)) = largest(weights) else { return nothing };
+        let weight = weight * of_any;
         let candidate = Some(best as u16);
         if weight >= self.certainty {
             let category = Some(self.category_of[best]);
@@ -139,7 +141,7 @@ impl DecisionRule {
         }
         let mut sums = [0.0; MAX_CLASSES];
         for (&category, weight) in self.category_of.iter().zip(weights) {
-            sums[usize::from(category)] += weight;
+            sums[usize::from(category)] += weight * of_any;
         }
         match largest(&sums[..self.categories.len()]) {
             Some((category, sum)) if sum >= self.certainty => Decision {
@@ -192,7 +194,7 @@ mod tests {
 
     #[test]
     fn a_class_at_the_bound_is_named_with_its_category() {
-        let d = rule(0.8).decide(&[0.0, 0.1, 0.1, 0.8, 0.0, 0.0]);
+        let d = rule(0.8).decide(&[0.0, 0.1, 0.1, 0.8, 0.0, 0.0], 1.0);
         let said = (d.candidate, d.fault, d.category, d.certainty);
         assert_eq!(said, (Some(3), Some(3), Some(2), Some(0.8)));
         assert!(!d.is_uncertain());
@@ -201,7 +203,7 @@ mod tests {
     #[test]
     fn what_is_not_named_keeps_its_candidate_and_only_what_it_says_changes() {
         let weights = [0.0, 0.1, 0.1, 0.8, 0.0, 0.0];
-        let named = rule(0.8).decide(&weights);
+        let named = rule(0.8).decide(&weights, 1.0);
         let unnamed = named.unnamed();
         assert!(unnamed.is_uncertain());
         let (said, kept) =
@@ -210,24 +212,24 @@ mod tests {
         assert_eq!(unnamed.likeness, Likeness::Known);
         assert_eq!(named.of_unknown_fault(), Decision { likeness: Likeness::NoClass, ..unnamed });
         // of a category as certain as two classes together, that of the best one alone
-        let both = rule(0.8).decide(&[0.1, 0.0, 0.0, 0.5, 0.4, 0.0]);
+        let both = rule(0.8).decide(&[0.1, 0.0, 0.0, 0.5, 0.4, 0.0], 1.0);
         let alone = both.certain_of_class(&[0.1, 0.0, 0.0, 0.5, 0.4, 0.0]);
         assert_eq!(alone, Decision { certainty: Some(0.5), ..both });
     }
 
     #[test]
     fn a_category_may_be_certain_where_the_class_is_not() {
-        let d = rule(0.8).decide(&[0.1, 0.0, 0.0, 0.5, 0.4, 0.0]);
+        let d = rule(0.8).decide(&[0.1, 0.0, 0.0, 0.5, 0.4, 0.0], 1.0);
         assert_eq!((d.candidate, d.fault, d.category), (Some(3), None, Some(2)));
         assert_eq!(d.certainty, Some(0.9));
         // The certain category need not be the best class's.
-        let d = rule(0.55).decide(&[0.4, 0.0, 0.0, 0.3, 0.3, 0.0]);
+        let d = rule(0.55).decide(&[0.4, 0.0, 0.0, 0.3, 0.3, 0.0], 1.0);
         assert_eq!((d.candidate, d.fault, d.category), (Some(0), None, Some(2)));
     }
 
     #[test]
     fn below_the_bound_only_the_candidate_is_told() {
-        let d = rule(0.8).decide(&[0.5, 0.0, 0.0, 0.2, 0.2, 0.1]);
+        let d = rule(0.8).decide(&[0.5, 0.0, 0.0, 0.2, 0.2, 0.1], 1.0);
         assert_eq!((d.candidate, d.fault, d.category), (Some(0), None, None));
         assert_eq!(d.certainty, Some(0.5));
         assert!(d.is_uncertain());
@@ -235,14 +237,14 @@ mod tests {
 
     #[test]
     fn bound_0_names_the_best_class_always_and_the_first_of_equals() {
-        let d = rule(0.0).decide(&[0.1, 0.3, 0.3, 0.1, 0.1, 0.1]);
+        let d = rule(0.0).decide(&[0.1, 0.3, 0.3, 0.1, 0.1, 0.1], 1.0);
         assert_eq!((d.fault, d.category), (Some(1), Some(1)));
     }
 
     #[test]
     fn weights_that_are_no_numbers_decide_nothing() {
         for weights in [&[f64::NAN; 6][..], &[1.0; 3][..], &[][..]] {
-            let d = rule(0.0).decide(weights);
+            let d = rule(0.0).decide(weights, 1.0);
             assert_eq!((d.candidate, d.certainty), (None, None));
             assert!(d.is_uncertain());
         }

@@ -9,16 +9,26 @@
 //! real pole) is part of the curve. Channels differ by small relative changes of their rates and gain; the
 //! fit's derivatives by these, at each severity, turn the channels' covariance into one of features.
 
-use super::class_density::TOLERANCE;
 use crate::model::ring_down::{Poles, ring_down_into};
 use crate::model::ring_fit::{Features, Products, RingFitter};
 use crate::model::{Actuation, InkChannel, faults};
-use nalgebra::{Matrix4, Matrix4x2, SMatrix, SymmetricEigen, Vector2, Vector4};
+use nalgebra::{Matrix2, Matrix4, Matrix4x2, SMatrix, SVector, SymmetricEigen, Vector2, Vector4};
 
 /// Number of relative changes by which a channel may differ: ln a, ln b, ln g, ln d, ln gain.
 pub const CHANGES: usize = 5;
 /// Jacobian of the features (ln amplitude, ln damping, ln frequency, phase) by these.
 pub type Slope = SMatrix<f64, 4, CHANGES>;
+
+/// The distribution of healthy features (the phase free): their Jacobian by a channel's own changes, the
+/// covariance of these over channels, the covariance of a fit's noise at the reference drive.
+#[derive(Clone, Debug)]
+pub struct HealthySpread {
+    pub slope: Slope,
+    pub channels: SMatrix<f64, CHANGES, CHANGES>,
+    pub noise: Matrix4<f64>,
+    /// d [`Conditions::changed`] / d(ln damping, ln frequency) of the healthy ring.
+    pub change: Matrix2<f64>,
+}
 
 /// A healthy channel's physical parameters.
 #[derive(Clone, Copy, Debug)]
@@ -252,9 +262,11 @@ pub struct Node {
     /// Severity in the coordinate of [`faults::scale`], and the length of the interval that the node stands for.
     pub place: f64,
     pub length: f64,
+    /// Probability that the curve is wrong as much as `belief` says: of one severity the nodes' sum to 1.
+    pub weight: f64,
     pub mean: Vector4<f64>,
     slope: Slope,
-    /// Covariance of the mean due to errors of the parameters that all channels share.
+    /// Covariance of the mean: how far the physics may be wrong.
     belief: Matrix4<f64>,
     noise: Matrix4<f64>,
     /// d mean / d [`Conditions::changed`].
@@ -266,15 +278,7 @@ pub struct Node {
     pub(super) to_axes: Matrix4<f64>,
     pub(super) spread: Vector4<f64>,
     pub(super) ln_determinant: f64,
-    /// Variance along these axes of the classes' tolerance.
-    elsewhere: Vector4<f64>,
-    /// Variance of the frequency: of all scatter but the noise, the tolerance included, and of the noise at the
-    /// reference drive.
-    of_frequency: [f64; 2],
 }
-
-/// ln frequency among the features.
-const FREQUENCY: usize = 2;
 
 impl Node {
     /// Variance of each feature: of all scatter but the noise, and of the noise at the reference drive.
@@ -290,32 +294,6 @@ impl Node {
         let changed = self.by_change * conditions.changed;
         conditions.baseline.map_or(changed, |own| changed + self.by_baseline * own)
     }
-
-    fn along_axes(&self, x: &Vector4<f64>, conditions: Conditions) -> Vector4<f64> {
-        let mean = self.mean + self.moved(conditions);
-        self.to_axes * turned(x - mean)
-    }
-
-    /// Squared Mahalanobis distance of features from the node, the covariance widened by the classes'
-    /// tolerance.
-    pub fn distance(&self, x: &Vector4<f64>, conditions: Conditions) -> f64 {
-        let u = self.along_axes(x, conditions);
-        let noise = 1.0 / (conditions.drive * conditions.drive);
-        (0..4).map(|j| u[j] * u[j] / (self.spread[j] + noise + self.elsewhere[j])).sum()
-    }
-
-    /// A lower bound of [`Node::distance`], by the frequency alone (Cauchy-Schwarz).
-    pub fn least_distance(&self, x: &Vector4<f64>, conditions: Conditions) -> f64 {
-        /// For rounding.
-        const LESS: f64 = 1.0 - 1e-9;
-        let changed = &conditions.changed;
-        let (by_change, by_own) = (&self.by_change, &self.by_baseline);
-        let along = |j: usize| by_change[(FREQUENCY, j)] * changed[j];
-        let own = conditions.baseline.map_or(0.0, |own| by_own.row(FREQUENCY).tr_dot(own));
-        let off = x[FREQUENCY] - self.mean[FREQUENCY] - (along(0) + along(1) + own);
-        let [beyond, noise] = self.of_frequency;
-        LESS * off * off / (beyond + noise / (conditions.drive * conditions.drive))
-    }
 }
 
 /// Covariances behind the scatter of features, besides the noise.
@@ -325,6 +303,40 @@ pub struct Scatter {
     pub channels: SMatrix<f64, CHANGES, CHANGES>,
     /// Of the errors of what all channels share: ln a, ln b, ln g, ln d, ln pulse.
     pub belief: SMatrix<f64, CHANGES, CHANGES>,
+}
+
+/// How far the physics may be wrong about a class.
+#[derive(Clone, Copy, Debug)]
+enum Trust {
+    /// As the belief in its rates says.
+    InRates,
+    /// Its rates are guesses, and the law of the fault holds roughly.
+    InDirection,
+}
+
+impl Trust {
+    /// What is thought of the physics a priori.
+    const ALL: [(Trust, f64); 2] = [(Trust::InRates, 0.5), (Trust::InDirection, 0.5)];
+    /// Standard deviation of guessed ln rates, and of a guessed ln pulse.
+    const GUESSED: [f64; CHANGES] = [0.2, 0.2, 0.2, 0.2, 0.05];
+    /// Standard deviation of the law's error: of each feature at least, and as a share of what the fault changes.
+    const FLOOR: [f64; 4] = [0.02, 0.03, 0.005, 0.03];
+    const SHARE: f64 = 0.1;
+
+    /// Covariance of a node's mean.
+    fn covariance(self, believed: &Slope, mean: &Vector4<f64>, scatter: &Scatter) -> Matrix4<f64> {
+        match self {
+            Trust::InRates => believed * scatter.belief * believed.transpose(),
+            Trust::InDirection => {
+                let guessed = SVector::from(Trust::GUESSED).map(|sd| sd * sd);
+                let law = Vector4::from_fn(|j, _| {
+                    Trust::FLOOR[j].powi(2).max((Trust::SHARE * mean[j]).powi(2))
+                });
+                let rates = SMatrix::from_diagonal(&guessed);
+                believed * rates * believed.transpose() + Matrix4::from_diagonal(&law)
+            }
+        }
+    }
 }
 
 /// A kind of fault from severity none to its largest.
@@ -356,47 +368,89 @@ impl FaultCurve {
             .map(|i| simulator.point(class, none + (most - none) * i as f64 / POINTS as f64))
             .collect::<Option<_>>()?;
         let mut nodes = Vec::new();
-        for pair in points.windows(2) {
-            let (from, to) = (&pair[0], &pair[1]);
-            let step = turned(to.mean - from.mean);
-            let own = from.slope * scatter.channels * from.slope.transpose() + from.noise;
-            let distance = step.dot(&(own.try_inverse()? * step)).sqrt();
-            let n = ((distance / NODE_DISTANCE).ceil() as usize).clamp(1, MOST_BETWEEN);
-            for i in 0..n {
-                let share = (i as f64 + 0.5) / n as f64;
-                let place = from.place + share * (to.place - from.place);
-                let mean = turned(from.mean + step * share);
-                let slope = from.slope * (1.0 - share) + to.slope * share;
-                let belief_slope = from.belief_slope * (1.0 - share) + to.belief_slope * share;
-                let noise = from.noise * (1.0 - share) + to.noise * share;
-                let length = (to.place - from.place) / n as f64;
-                let severity = faults::severity_at(class, place)?;
-                let spread = slope * scatter.channels * slope.transpose();
-                let belief = belief_slope * scatter.belief * belief_slope.transpose();
-                let node = Node {
-                    severity,
-                    place,
-                    length,
-                    mean,
-                    slope,
-                    belief,
-                    noise,
-                    by_change: of_change(&(slope - simulator.healthy_slope)),
-                    by_baseline: Matrix4::zeros(),
-                    to_axes: Matrix4::identity(),
-                    spread: Vector4::zeros(),
-                    ln_determinant: 0.0,
-                    elsewhere: Vector4::zeros(),
-                    of_frequency: [0.0; 2],
-                };
-                nodes.push(node.scattered(&(spread + belief))?);
+        for (trust, weight) in Trust::ALL {
+            for pair in points.windows(2) {
+                let some = between(&pair[0], &pair[1], class, trust, scatter)?;
+                nodes.extend(some.into_iter().map(|node| Node { weight, ..node }));
             }
         }
+        let healthy = simulator.healthy_slope;
+        nodes.iter_mut().for_each(|node| node.by_change = of_change(&(node.slope - healthy)));
         Some(FaultCurve { nodes })
     }
 }
 
+/// The nodes between two points of a curve.
+fn between(
+    from: &Point,
+    to: &Point,
+    class: &str,
+    trust: Trust,
+    scatter: &Scatter,
+) -> Option<Vec<Node>> {
+    let step = turned(to.mean - from.mean);
+    let own = from.slope * scatter.channels * from.slope.transpose()
+        + from.noise
+        + trust.covariance(&from.belief_slope, &from.mean, scatter);
+    let distance = step.dot(&(own.try_inverse()? * step)).sqrt();
+    let n = ((distance / NODE_DISTANCE).ceil() as usize).clamp(1, MOST_BETWEEN);
+    let node = |i: usize| {
+        let share = (i as f64 + 0.5) / n as f64;
+        let place = from.place + share * (to.place - from.place);
+        let mean = turned(from.mean + step * share);
+        let slope = from.slope * (1.0 - share) + to.slope * share;
+        let believed = from.belief_slope * (1.0 - share) + to.belief_slope * share;
+        let node = Node {
+            severity: faults::severity_at(class, place)?,
+            place,
+            length: (to.place - from.place).abs() / n as f64,
+            belief: trust.covariance(&believed, &mean, scatter),
+            noise: from.noise * (1.0 - share) + to.noise * share,
+            ..Node::at(mean, slope)
+        };
+        node.among(&scatter.channels)
+    };
+    (0..n).map(node).collect()
+}
+
 impl Node {
+    /// Of any severity, not yet scattered.
+    fn at(mean: Vector4<f64>, slope: Slope) -> Node {
+        Node {
+            severity: f64::NAN,
+            place: 0.0,
+            length: 1.0,
+            weight: 1.0,
+            mean,
+            slope,
+            belief: Matrix4::zeros(),
+            noise: Matrix4::identity(),
+            by_change: Matrix4x2::zeros(),
+            by_baseline: Matrix4::zeros(),
+            to_axes: Matrix4::identity(),
+            spread: Vector4::zeros(),
+            ln_determinant: 0.0,
+        }
+    }
+
+    /// What is no matter of severity: signals of healthy channels, by [`HealthySpread::slope`], displaced to `mean` with the
+    /// covariance `belief`. `noise`: of a fit there.
+    pub fn displaced(
+        mean: Vector4<f64>,
+        belief: Matrix4<f64>,
+        noise: Matrix4<f64>,
+        healthy: &HealthySpread,
+    ) -> Option<Node> {
+        Node { belief, noise, ..Node::at(mean, healthy.slope) }.among(&healthy.channels)
+    }
+
+    /// The node of any channel.
+    fn among(self, channels: &SMatrix<f64, CHANGES, CHANGES>) -> Option<Node> {
+        let spread = self.slope * channels * self.slope.transpose();
+        let beyond = spread + self.belief;
+        self.scattered(&beyond)
+    }
+
     /// The node with `beyond` as the covariance of all scatter but the noise.
     fn scattered(self, beyond: &Matrix4<f64>) -> Option<Node> {
         let inverse = self.noise.cholesky()?.l().try_inverse()?;
@@ -405,14 +459,8 @@ impl Node {
         let to_axes = eigenvectors.transpose() * inverse;
         let ln_determinant = to_axes.determinant().abs().ln();
         let spread = eigenvalues.map(|v| v.max(0.0));
-        let elsewhere = Vector4::from_fn(|j, _| {
-            (0..4).map(|k| (to_axes[(j, k)] * TOLERANCE[k]).powi(2)).sum::<f64>()
-        });
-        let back = to_axes.try_inverse()?;
-        let squares = back.row(FREQUENCY).map(|b| b * b);
-        let of_frequency = [squares.tr_dot(&(spread + elsewhere)), squares.sum()];
         let finite = ln_determinant.is_finite() && spread.iter().all(|v| v.is_finite());
-        finite.then_some(Node { to_axes, spread, ln_determinant, elsewhere, of_frequency, ..self })
+        finite.then_some(Node { to_axes, spread, ln_determinant, ..self })
     }
 
     /// The node of one channel: its baseline determines the channel's changes as `gain` times the baseline,
@@ -431,6 +479,11 @@ impl Node {
 
 #[cfg(test)]
 impl Node {
+    fn along_axes(&self, x: &Vector4<f64>, conditions: Conditions) -> Vector4<f64> {
+        let mean = self.mean + self.moved(conditions);
+        self.to_axes * turned(x - mean)
+    }
+
     /// ln of the density of features at a drive, given this severity.
     pub fn ln_density(&self, x: &Vector4<f64>, conditions: Conditions) -> f64 {
         let u = self.along_axes(x, conditions);
@@ -456,17 +509,10 @@ impl Node {
                 severity: t,
                 place: t,
                 length: 1.0 / n as f64,
-                mean: Vector4::new(-t, 2.0 * t, -0.1 * t, 7.0 * t - 3.0),
-                slope: Slope::zeros(),
-                belief: Matrix4::zeros(),
                 noise: factor * factor.transpose(),
                 by_change: Matrix4x2::from_fn(|_, _| within(0.5)),
                 by_baseline: Matrix4::from_fn(|_, _| within(0.5)),
-                to_axes: Matrix4::identity(),
-                spread: Vector4::zeros(),
-                ln_determinant: 0.0,
-                elsewhere: Vector4::zeros(),
-                of_frequency: [0.0; 2],
+                ..Node::at(Vector4::new(-t, 2.0 * t, -0.1 * t, 7.0 * t - 3.0), Slope::zeros())
             };
             node.scattered(&(spread * spread.transpose()))
         };
@@ -553,32 +599,6 @@ mod tests {
             let found = node.ln_density(&node.mean, Conditions::as_made());
             assert!((found - want).abs() < 1e-9, "{found}, not {want}");
             assert!((covariance.diagonal() - other - noise).amax() < 1e-12);
-        }
-    }
-
-    #[test]
-    fn no_node_is_nearer_than_its_frequency_says_and_some_are_as_near() {
-        use rand::{RngExt, SeedableRng};
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(8);
-        for node in Node::drawn(40, &mut rng) {
-            let back = node.to_axes.try_inverse().unwrap();
-            for i in 0..200 {
-                let mut within = |bound: f64| rng.random_range(-bound..bound);
-                let own = Vector4::from_fn(|_, _| within(0.1));
-                let changed = Vector2::from_fn(|_, _| within(0.1));
-                let baseline = (i % 2 == 0).then_some(&own);
-                let conditions = Conditions { drive: 0.8, changed, baseline };
-                let mean = node.mean + node.moved(conditions);
-                let away = Vector4::from_fn(|k, _| within([0.3, 0.3, 0.1, 0.3][k]));
-                let both = |x| (node.least_distance(&x, conditions), node.distance(&x, conditions));
-                let (least, distance) = both(mean + away);
-                assert!(least <= distance, "{least} {distance}");
-                // along the covariance's own column of the frequency it is as near
-                let variance = node.spread + node.elsewhere + Vector4::repeat(1.0 / 0.64);
-                let column = back * variance.component_mul(&back.row(FREQUENCY).transpose());
-                let (least, distance) = both(mean + column * within(0.5));
-                assert!(least <= distance && distance <= least * (1.0 + 1e-6));
-            }
         }
     }
 

@@ -10,14 +10,17 @@
 //! deviation `isolate.guess_sd`. Faulty signals of labelled severity are observations of them: maximum a
 //! posteriori by Gauss-Newton on the features, with the weights of Student's t against wrong labels.
 
+use super::alternatives::{Broad, HealthyRing};
 use super::fault_curve::{
-    CHANGES, FaultCurve, FaultSimulator, Healthy, Scatter, Slope, noise_of_fit, of_change, turned,
+    CHANGES, FaultCurve, FaultSimulator, Healthy, HealthySpread, Scatter, Slope, noise_of_fit,
+    of_change, turned,
 };
-use super::physics_density::{FaultCurves, HealthySpread, LabelledSeverities, Member};
+use super::physics_density::{FaultCurves, LabelledSeverities, Member};
 use crate::fault::Class;
+use crate::model::faults::{self, Law};
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
-use crate::model::{Actuation, InkChannel, faults};
+use crate::model::{Actuation, InkChannel};
 use crate::side_by_side::{cores, side_by_side};
 use nalgebra::{DMatrix, Matrix2, Matrix4, SMatrix, SVector, Vector2, Vector4};
 use serde::{Deserialize, Serialize};
@@ -270,7 +273,7 @@ impl FaultPhysics {
             noise: noise.unwrap_or_else(Matrix4::identity),
             change: self.change().unwrap_or_default(),
         };
-        let mut curves = FaultCurves::new(classes.len(), healthy);
+        let mut curves = FaultCurves::new(classes.len(), healthy.clone());
         let Some(simulator) = simulator else { return curves };
         let belief = Square::from_fn(|i, j| self.belief[i][j]);
         let scatter = Scatter { channels: self.channels(), belief };
@@ -299,6 +302,20 @@ impl FaultPhysics {
             let members: Vec<Member> =
                 class.of.iter().filter_map(|class| member(class.as_str())).collect();
             curves.set(k, &members, self.seen.get(&class.name));
+        }
+        let contrasts: Vec<(&str, &Law)> = faults::contrasts().collect();
+        let of_contrasts = side_by_side(cores(), contrasts.clone(), |(name, _)| {
+            FaultCurve::new(&mut simulator.clone(), name, faults::largest(name)?, &scatter)
+        });
+        for ((name, law), curve) in contrasts.into_iter().zip(of_contrasts) {
+            // of what would not ring nothing is known
+            curve.into_iter().for_each(|curve| curves.add_alternative(name, law.weight, curve));
+        }
+        let Ring { damping_per_s, frequency_hz, .. } = self.ring;
+        let noise = self.noise;
+        let ring = HealthyRing { fitter: &fitter, damping_per_s, frequency_hz, noise, dt_s };
+        for Broad { name, weight, nodes } in ring.broad(&healthy).into_iter().flatten() {
+            curves.add_alternative(name, weight, FaultCurve { nodes });
         }
         curves
     }
@@ -549,11 +566,11 @@ mod tests {
         assert!((after.1 / truth.1 - 1.0).abs() < 0.06, "{after:?} {truth:?}");
     }
 
-    #[test]
-    fn stated_intervals_cover_the_severity_and_categories_are_told_apart() {
-        let curves = physics(TRUE, 0.005).curves(&classes(), DT_S, SAMPLES);
+    /// Of 60 drawn signals of each class: share whose size is within its 95 % interval, and whose category is the likeliest.
+    fn judged_by(physics: &FaultPhysics) -> [f64; 2] {
+        let curves = physics.curves(&classes(), DT_S, SAMPLES);
         let mut rng = ChaCha8Rng::seed_from_u64(5);
-        let (mut covered, mut right, mut n) = (0, 0, 0);
+        let (mut covered, mut right, mut n) = (0.0, 0.0, 0.0);
         for (k, class) in CLASSES.iter().enumerate() {
             for _ in 0..60 {
                 let (truth, x) = faulty_features(class, &mut rng);
@@ -565,15 +582,26 @@ mod tests {
                 let sum: f64 = weights.iter().sum();
                 weights.iter_mut().for_each(|w| *w /= sum);
                 let best = (0..9).max_by(|&i, &j| weights[i].total_cmp(&weights[j])).unwrap();
-                right += usize::from(category(CLASSES[best]) == category(class));
+                right += f64::from(u8::from(category(CLASSES[best]) == category(class)));
                 let s = curves.severity(k, &weights, &compared);
-                covered += usize::from(s.is_some_and(|s| (s.value - truth).abs() < 1.96 * s.sd));
-                n += 1;
+                let holds = s.is_some_and(|s| (s.value - truth).abs() < 1.96 * s.sd);
+                covered += f64::from(u8::from(holds));
+                n += 1.0;
             }
         }
-        // of 540 signals three standard deviations are 2.8 %
-        assert!((0.92..=0.985).contains(&(f64::from(covered as u32) / f64::from(n))), "{covered}");
-        assert!(right as f64 >= 0.97 * f64::from(n), "{right} of {n}");
+        [covered / n, right / n]
+    }
+
+    #[test]
+    fn stated_intervals_cover_the_severity_and_categories_are_told_apart() {
+        // of 540 signals three standard deviations are 2.8 %; intervals allow for a law that is wrong, so they hold more often
+        let [covered, right] = judged_by(&physics(TRUE, 0.005));
+        assert!((0.92..1.0).contains(&covered) && right >= 0.97, "{covered} {right}");
+        // believed exactly, and wrong
+        let ratios =
+            InkChannel { a_per_s2: 1.15 * TRUE.a_per_s2, d_per_s: 0.85 * TRUE.d_per_s, ..TRUE };
+        let [covered, right] = judged_by(&physics(ratios, 0.005));
+        assert!(covered >= 0.90 && right >= 0.95, "{covered} {right}");
     }
 
     /// What limits a start without labels: not what a ring tells, nor the rates, but which sizes occur.

@@ -4,34 +4,25 @@
 //! class: the scatter of healthy channels and noise about the curve, integrated over the class's
 //! severities (a sum over the curve's nodes). thesis §2-2.
 
-use super::fault_curve::{CHANGES, Conditions, FaultCurve, Node, Slope};
+use super::fault_curve::{Conditions, FaultCurve, HealthySpread, Node};
 use super::node_columns::{self, Compared, NODES, NodeColumns, NodeDensities, OfNodes};
 use crate::model::faults;
 use crate::model::simd_math::ln;
 use crate::processor::for_processor;
-use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector4};
+use nalgebra::{Matrix4, Vector2, Vector4};
 
 /// The fault curves of a design, and where on them each class lies.
 #[derive(Clone, Debug)]
 pub struct FaultCurves {
-    /// Per class its kinds of fault; empty: a class of the user's own, or kinds that do not ring.
+    /// Per class its kinds of fault; empty: a class of the user's own, or kinds that do not ring. Behind them the
+    /// alternatives.
     classes: Vec<Vec<Sizes>>,
+    alternatives: Vec<Alternative>,
     curves: Vec<FaultCurve>,
     /// The nodes of each curve, ready to be compared.
     columns: Vec<NodeColumns>,
     /// How healthy channels differ.
     healthy: HealthySpread,
-}
-
-/// The distribution of healthy features (the phase free): their Jacobian by a channel's own changes, the
-/// covariance of these over channels, the covariance of a fit's noise at the reference drive.
-#[derive(Clone, Debug)]
-pub struct HealthySpread {
-    pub slope: Slope,
-    pub channels: SMatrix<f64, CHANGES, CHANGES>,
-    pub noise: Matrix4<f64>,
-    /// d [`Conditions::changed`] / d(ln damping, ln frequency) of the healthy ring.
-    pub change: Matrix2<f64>,
 }
 
 /// A kind of fault that a class stands for: its curve, and the distribution of severities over its nodes.
@@ -40,8 +31,14 @@ pub struct Sizes {
     pub curve: usize,
     /// Probability of each node among the class's signals, in blocks.
     pub share: Vec<OfNodes>,
-    /// Whether a node's severity lies in the range of the class's name or of its labelled signals.
-    pub is_usual: Vec<bool>,
+}
+
+/// What is no class.
+#[derive(Clone, Debug)]
+pub struct Alternative {
+    pub name: &'static str,
+    /// A priori.
+    weight: f64,
 }
 
 /// One of the thesis's classes, and the curve of its kind.
@@ -63,8 +60,6 @@ pub struct LabelledSeverities {
 /// class's name, and over all severities of its kind.
 const NAME_COUNTS: f64 = 4.0;
 const ANY_COUNTS: f64 = 1.0;
-/// Severities whose density is below this share of the largest are outside the range of labelled signals.
-const UNUSUAL: f64 = 0.05;
 /// Quantiles kept.
 const MOST_SEEN: usize = 64;
 
@@ -92,6 +87,7 @@ impl FaultCurves {
     pub fn new(classes: usize, healthy: HealthySpread) -> FaultCurves {
         FaultCurves {
             classes: vec![Vec::new(); classes],
+            alternatives: Vec::new(),
             curves: Vec::new(),
             columns: Vec::new(),
             healthy,
@@ -136,7 +132,7 @@ impl FaultCurves {
             let own: Vec<&str> =
                 members.iter().filter(|m| m.curve == curve).map(|m| m.class).collect();
             let part = own.len() as f64 / members.len() as f64;
-            let (mut share, mut is_usual) = (vec![0.0; nodes.len()], vec![false; nodes.len()]);
+            let mut share = vec![0.0; nodes.len()];
             let mut add = |counted: f64, shares: Vec<f64>| {
                 let sum: f64 = shares.iter().sum();
                 if sum > 0.0 {
@@ -144,27 +140,35 @@ impl FaultCurves {
                     share.iter_mut().zip(shares).for_each(|(share, s)| *share += by * s);
                 }
             };
-            let mut are_usual = |shares: &[f64]| {
-                let density = |i: usize| shares[i] / nodes[i].length;
-                let most = (0..nodes.len()).map(density).fold(0.0, f64::max);
-                for (i, is_usual) in is_usual.iter_mut().enumerate() {
-                    *is_usual |= density(i) > UNUSUAL * most;
-                }
-            };
             for class in &own {
-                let shares = of_name(nodes, class);
-                are_usual(&shares);
-                add(NAME_COUNTS * part / own.len() as f64, shares);
+                add(NAME_COUNTS * part / own.len() as f64, of_name(nodes, class));
             }
             if let Some(seen) = seen {
-                let shares = of_seen(nodes, own[0], seen);
-                are_usual(&shares);
-                add(n, shares);
+                add(n, of_seen(nodes, own[0], seen));
             }
-            add(ANY_COUNTS * part, nodes.iter().map(|node| node.length).collect());
-            Sizes { curve, share: NodeColumns::in_blocks(&share), is_usual }
+            add(ANY_COUNTS * part, nodes.iter().map(|node| node.length * node.weight).collect());
+            Sizes { curve, share: NodeColumns::in_blocks(&share) }
         };
         self.classes[k] = curves.iter().map(of_curve).collect();
+    }
+
+    /// Adds what is no class; all nodes are as likely that lie in the severities of its name, if it has a range.
+    pub(super) fn add_alternative(&mut self, name: &'static str, weight: f64, curve: FaultCurve) {
+        let mut share = of_name(&curve.nodes, name);
+        let sum: f64 = share.iter().sum();
+        share.iter_mut().for_each(|share| *share /= sum);
+        let curve = self.add(curve);
+        self.classes.push(vec![Sizes { curve, share: NodeColumns::in_blocks(&share) }]);
+        self.alternatives.push(Alternative { name, weight });
+    }
+
+    /// Of all alternatives a priori.
+    pub(super) fn weight_of_alternatives(&self) -> f64 {
+        self.alternatives.iter().map(|of| of.weight).sum()
+    }
+
+    pub fn alternatives(&self) -> &[Alternative] {
+        &self.alternatives
     }
 
     /// [`Conditions::changed`] where the healthy ring has changed by these (ln damping, ln frequency).
@@ -183,52 +187,6 @@ impl FaultCurves {
         compare(self, &x, conditions, out);
     }
 
-    /// Squared distance of features from class `k`'s usual severities; infinite for a class without a curve.
-    pub fn distance(
-        &self,
-        k: usize,
-        features: &[f64],
-        conditions: Conditions,
-        of: &Comparison,
-    ) -> f64 {
-        let x = Vector4::from_column_slice(features);
-        let to = |Sizes { curve, is_usual, .. }: &Sizes| {
-            let nodes = &self.curves[*curve].nodes;
-            if let Some(i) = of.of_curves[*curve].likeliest().filter(|&i| is_usual[i]) {
-                return nodes[i].distance(&x, conditions);
-            }
-            let usual = nodes.iter().zip(is_usual).filter(|(_, is_usual)| **is_usual);
-            usual.fold(f64::INFINITY, |least, (node, _)| {
-                match node.least_distance(&x, conditions) < least {
-                    true => least.min(node.distance(&x, conditions)),
-                    false => least,
-                }
-            })
-        };
-        self.class(k).iter().map(to).fold(f64::INFINITY, f64::min)
-    }
-
-    /// Whether that distance is at most `most`.
-    pub fn lies_within(
-        &self,
-        most: f64,
-        k: usize,
-        features: &[f64],
-        conditions: Conditions,
-        of: &Comparison,
-    ) -> bool {
-        let x = Vector4::from_column_slice(features);
-        let is_near = |node: &Node| node.distance(&x, conditions) <= most;
-        self.class(k).iter().any(|Sizes { curve, is_usual, .. }| {
-            let nodes = &self.curves[*curve].nodes;
-            if let Some(i) = of.of_curves[*curve].likeliest().filter(|&i| is_usual[i]) {
-                return is_near(&nodes[i]);
-            }
-            let mut usual = nodes.iter().zip(is_usual).filter(|(_, is_usual)| **is_usual);
-            usual.any(|(node, _)| node.least_distance(&x, conditions) <= most && is_near(node))
-        })
-    }
-
     /// Severities at the nodes of a block of a curve.
     pub fn severities(&self, curve: usize, block: usize) -> &OfNodes {
         self.columns[curve].severities(block)
@@ -244,7 +202,7 @@ for_processor! {
 
 #[inline(always)] // compiled once per instruction set
 fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mut Comparison) {
-    let Comparison { ln_densities, of_curves, compared } = out;
+    let Comparison { ln_densities, ln_alternatives, of_curves, compared } = out;
     ln_densities.clear();
     ln_densities.resize(of.classes.len(), 0.0);
     of_curves.resize(of.curves.len(), OfCurve::default());
@@ -279,6 +237,11 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
         }
         lns.copy_from_slice(&scales[..classes.len()]);
     }
+    let classes = of.classes.len() - of.alternatives.len();
+    ln_alternatives.clear();
+    ln_alternatives.extend(
+        ln_densities.drain(classes..).zip(&of.alternatives).map(|(p, of)| p + of.weight.ln()),
+    );
 }
 
 /// A signal compared with all fault curves. Buffers are reused for the next signal.
@@ -286,6 +249,8 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
 pub struct Comparison {
     /// ln density of the features in every class; -infinity for a class without a curve.
     pub ln_densities: Vec<f64>,
+    /// The same of every alternative, its weight included.
+    pub ln_alternatives: Vec<f64>,
     pub of_curves: Vec<OfCurve>,
     compared: Vec<Compared>,
 }
@@ -297,18 +262,6 @@ pub struct OfCurve {
     pub densities: Vec<NodeDensities>,
     /// ln of the factor that is left out of the densities.
     ln_scale: f64,
-}
-
-impl OfCurve {
-    /// The node with the largest density. `None`: the signal is far from all of the curve.
-    fn likeliest(&self) -> Option<usize> {
-        let of = |of: &NodeDensities| {
-            let NodeDensities { block, of } = *of;
-            (0..NODES).map(move |i| (block * NODES + i, of[i]))
-        };
-        let densities = self.densities.iter().flat_map(of).filter(|(_, density)| *density > 0.0);
-        densities.reduce(|best, next| if next.1 > best.1 { next } else { best }).map(|(i, _)| i)
-    }
 }
 
 impl Sizes {
@@ -328,13 +281,14 @@ impl Sizes {
 
 /// Per node the part of its interval that lies in the severities of a class's name.
 fn of_name(nodes: &[Node], class: &str) -> Vec<f64> {
-    let [low, high] = faults::severity_range(class)
+    let [one, other] = faults::severity_range(class)
         .map_or([f64::NEG_INFINITY, f64::INFINITY], |range| {
             range.map(|s| faults::scale(class, s).unwrap_or(f64::NAN))
         });
+    let (low, high) = (one.min(other), one.max(other));
     let inside = |node: &Node| {
         let half = 0.5 * node.length;
-        (high.min(node.place + half) - low.max(node.place - half)).max(0.0)
+        node.weight * (high.min(node.place + half) - low.max(node.place - half)).max(0.0)
     };
     nodes.iter().map(inside).collect()
 }
@@ -346,7 +300,7 @@ fn of_seen(nodes: &[Node], class: &str, seen: &LabelledSeverities) -> Vec<f64> {
     let width = bandwidth(&places, seen.n);
     let density = |node: &Node| {
         let kernel = |at: &f64| (-0.5 * ((node.place - at) / width).powi(2)).exp();
-        node.length * places.iter().map(kernel).sum::<f64>()
+        node.length * node.weight * places.iter().map(kernel).sum::<f64>()
     };
     nodes.iter().map(density).collect()
 }
@@ -406,35 +360,5 @@ mod tests {
         }
         let all = of_name(&nodes, "no name of a range");
         assert!(all.iter().all(|share| (share - 0.24).abs() < 1e-12));
-    }
-
-    #[test]
-    fn property_what_lies_within_is_at_most_so_far() {
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
-        let healthy = HealthySpread {
-            slope: Slope::zeros(),
-            channels: SMatrix::identity(),
-            noise: Matrix4::identity(),
-            change: Matrix2::zeros(),
-        };
-        let mut curves = FaultCurves::new(1, healthy);
-        let nodes = Node::drawn(300, &mut rng);
-        let curve = curves.add(FaultCurve { nodes: nodes.clone() });
-        let seen = LabelledSeverities::new(vec![(0.2, 3.0), (0.3, 9.0), (0.4, 3.0)]);
-        curves.set(0, &[Member { class: "PBN", curve }], Some(&seen));
-        let (mut of, mut outcomes) = (Comparison::default(), [0; 2]);
-        for node in nodes.iter().cycle().take(1500) {
-            let off = Vector4::from_fn(|_, _| rand::RngExt::random_range(&mut rng, -0.1..0.1));
-            let x: Vec<f64> = (node.mean + off).iter().copied().collect();
-            let conditions = Conditions::as_made();
-            curves.compare(&x, conditions, &mut of);
-            let distance = curves.distance(0, &x, conditions, &of);
-            for most in [5.0, 20.0, 100.0, 1e4] {
-                let within = curves.lies_within(most, 0, &x, conditions, &of);
-                assert_eq!(within, distance <= most, "{distance} {most}");
-                outcomes[usize::from(within)] += 1;
-            }
-        }
-        assert!(outcomes.iter().all(|n| *n > 300), "{outcomes:?}");
     }
 }

@@ -5,7 +5,6 @@
 
 use super::class_density::ClassDensity;
 use super::class_distances::ClassDistances;
-use super::typical::{distance_bound, ln_density_bound};
 use crate::model::simd_math::exp;
 use crate::processor::for_processor;
 use nalgebra::{DMatrix, DVector};
@@ -39,12 +38,6 @@ pub struct Posterior {
     /// Temperature scaling: log densities are divided by this before they are compared; 1 where the densities
     /// are calibrated, more where they are overconfident. Chosen in training on held-out signals.
     pub temperature: f64,
-    /// Per class a lower bound of the ln density of its own signals (all but a few lie above); `None`: too few
-    /// were labelled.
-    #[serde(default)]
-    pub least_ln_density: Vec<Option<f64>>,
-    /// Per class an upper bound of its signals' squared distance from the physics' curve.
-    pub most_distance: Vec<f64>,
     /// Learned from labelled signals; `None`: none were labelled, the physics' density is used alone.
     pub classes: Vec<Option<ClassDensity>>,
     /// Weight of the physics' density in each class's mixture; empty: 0 in all.
@@ -70,12 +63,6 @@ const TEMPERATURES: [f64; 10] = [1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.5, 
 
 /// A temperature is plausible up to this loss of ln likelihood: 95 % confidence on one side, 1.645² / 2.
 const PLAUSIBLE: f64 = 1.35;
-
-/// Squared distance from the physics' curve beyond which a signal is not of a class that is known by physics
-/// alone (upper 1e-4 point of chi-squared with 4 degrees of freedom).
-const BEYOND_PHYSICS: f64 = 23.5;
-/// Where the physics has more than this weight in a class's mixture, signals near its curve are typical too.
-const PHYSICS_TELLS: f64 = 0.5;
 
 impl Posterior {
     /// Learns the densities from labelled signals of every class alone. `None`: a class has too few examples.
@@ -118,25 +105,9 @@ impl Posterior {
             })
             .collect();
         let held_out = temperature(fewest < TELL_ENDS, &unseen, physics, &physics_share);
-        let least_ln_density = (0..examples.len())
-            .map(|k| {
-                let rows = unseen[k].iter().zip(&physics[k]);
-                let own = rows.map(|(l, p)| mixed(l[k], p[k], physics_share[k]));
-                let own: Vec<f64> = own.filter(|ln| ln.is_finite()).collect();
-                (own.len() >= FEWEST_BOUNDED).then(|| ln_density_bound(&own))
-            })
-            .collect();
-        let temperature = if fewest >= FEWEST_BOUNDED { held_out } else { 1.0 };
+        let temperature = if fewest >= FEWEST_SCALED { held_out } else { 1.0 };
         let (classes, precomputed) = (learned, OnceLock::new());
-        let most_distance = vec![BEYOND_PHYSICS; examples.len()];
-        Some(Posterior {
-            temperature,
-            least_ln_density,
-            most_distance,
-            classes,
-            physics_share,
-            precomputed,
-        })
+        Some(Posterior { temperature, classes, physics_share, precomputed })
     }
 
     /// Refused if it could not have been learned.
@@ -146,12 +117,6 @@ impl Posterior {
         }
         if !(1.0..=100.0).contains(&self.temperature) {
             return Err(format!("`posterior.temperature` = {}: 1 to 100", self.temperature));
-        }
-        if self.least_ln_density.len() != classes {
-            return Err("`posterior.least_ln_density` must hold one number per class".into());
-        }
-        if self.most_distance.len() != classes || !self.most_distance.iter().all(|d| *d > 0.0) {
-            return Err("`posterior.most_distance` must hold one number above 0 per class".into());
         }
         let share = |k: usize| self.physics_share.get(k).copied().unwrap_or(0.0);
         let stands = |(k, class): (usize, &Option<ClassDensity>)| match class {
@@ -164,15 +129,6 @@ impl Posterior {
             );
         }
         self.classes.iter().flatten().try_for_each(|class| class.check(FEATURES))
-    }
-
-    /// Learns the bound on class `k`'s distance from the physics' curve. `distances`: squared, of its labelled
-    /// signals.
-    pub fn learn_distance(&mut self, k: usize, distances: &[f64]) {
-        if distances.len() >= FEWEST_DISTANCES {
-            let most = (distance_bound(distances).sqrt() + ELSEWHERE).powi(2);
-            self.most_distance[k] = most.min(BEYOND_PHYSICS);
-        }
     }
 
     /// Posterior of each class into `weights`; sums to 1. `physics`: its ln densities, empty where it has no
@@ -220,16 +176,6 @@ impl Posterior {
         ln_densities.extend_from_slice(weights);
         to_posterior(self.temperature, priors, weights);
     }
-
-    /// Whether features lie where class `k`'s signals lie. `ln_density`: theirs in the class; `lie_within`:
-    /// whether their squared distance from the physics' curve is at most that.
-    pub fn is_typical(&self, k: usize, ln_density: f64, lie_within: impl Fn(f64) -> bool) -> bool {
-        let least = self.least_ln_density.get(k).copied().flatten();
-        let by_labels = least.is_some_and(|least| ln_density >= least);
-        let physics_tells = least.is_none()
-            || self.physics_share.get(k).is_some_and(|share| *share > PHYSICS_TELLS);
-        by_labels || (physics_tells && lie_within(self.most_distance[k]))
-    }
 }
 
 /// A class whose squared distance exceeds the nearest one's by this is negligible: its density is smaller by
@@ -244,13 +190,8 @@ const MOSTLY_PHYSICS: f64 = 0.999;
 
 /// Weight of the prior in the physics' mixture weight, in examples.
 const PHYSICS_COUNTS: f64 = 8.0;
-/// Margin on the distance bound, in tolerances: on printheads that were not labelled, signals of the class may
-/// lie that much further from the curve.
-const ELSEWHERE: f64 = 2.0;
-/// Fewest labelled signals for a distance bound of the class's own.
-const FEWEST_DISTANCES: usize = 8;
-/// Fewest examples for a density bound of the class's own.
-const FEWEST_BOUNDED: usize = 3;
+/// Fewest examples of every class for a temperature of their own.
+const FEWEST_SCALED: usize = 3;
 /// From so many examples of every class on two folds suffice for cross-validation.
 const FEWEST_HALVED: usize = 100;
 
@@ -497,23 +438,6 @@ mod tests {
             }
         }
         assert!((claimed - right).abs() / n < 0.015, "claimed {claimed}, right {right} of {n}");
-    }
-
-    #[test]
-    fn what_is_far_from_every_class_is_typical_of_none_and_fresh_signals_are_of_theirs() {
-        let held = examples(200, Some(0.0), 4);
-        let posterior = Posterior::learn(&held).unwrap();
-        let (mut ln, mut weights) = (Vec::new(), [0.0; 3]);
-        let mut typical = |x: &[f64], k: usize| {
-            posterior.weigh(x, &[], &[1.0; 3], &mut ln, &mut weights);
-            posterior.is_typical(k, ln[k], |_| false)
-        };
-        assert!((0..3).all(|k| !typical(&[3.0, 0.0, 0.0, 0.0], k)));
-        let fresh = examples(2000, Some(0.0), 5);
-        for (k, class) in fresh.iter().enumerate() {
-            let missed = class.features.iter().filter(|x| !typical(x, k)).count();
-            assert!(missed <= 20, "{missed} of 2000 of class {k}");
-        }
     }
 
     /// ln densities of `examples` in every class by a physics that is right, or off by `off`.

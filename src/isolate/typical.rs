@@ -1,14 +1,13 @@
-//! Open-set rejection: whether a signal is typical of a class, before it is given the class's name.
+//! Whether what a signal leaves beside its ring is usual in a class, before it is given the class's name.
 //!
-//! In: the misfit of labelled signals of every class beside their rings, and the density of their features
-//! in their own class. Out: prediction bounds that a further signal of the class exceeds rarely. Some class
-//! always has the largest posterior, whatever the signal; a name asks that the signal is also typical of it.
+//! In: the misfit of labelled signals of every class beside their rings. Out: prediction bounds that a further signal of the
+//! class exceeds rarely.
 
 use crate::model::inner_product::dot;
 use crate::model::student::next_exceeds;
 use serde::{Deserialize, Serialize};
 
-/// Probability that a further signal of a class exceeds each of its two bounds.
+/// Probability that a further signal of a class exceeds its bound.
 const MISSED: f64 = 0.0015;
 
 /// Bounds of every class.
@@ -62,22 +61,6 @@ impl Typical {
 pub fn misfit_bound(misfits: &[f64]) -> f64 {
     let ln: Vec<f64> = misfits.iter().map(|v| v.max(f64::MIN_POSITIVE).ln()).collect();
     next_exceeds(&ln, MISSED).exp()
-}
-
-/// Upper prediction bound of a further signal's squared distance. `distances`: squared, of some signals; their
-/// cube roots are about Gaussian (Wilson and Hilferty 1931).
-pub fn distance_bound(distances: &[f64]) -> f64 {
-    let roots: Vec<f64> = distances.iter().map(|d| d.max(0.0).cbrt()).collect();
-    next_exceeds(&roots, MISSED).powi(3)
-}
-
-/// Lower prediction bound of a further signal's ln density in its class. `held_out`: of signals that the
-/// density was not learned from. ln density lies about half a squared distance below the largest, and the
-/// cube root of that is about Gaussian (Wilson and Hilferty 1931).
-pub fn ln_density_bound(held_out: &[f64]) -> f64 {
-    let highest = held_out.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let below: Vec<f64> = held_out.iter().map(|v| (highest - v).max(0.0).cbrt()).collect();
-    highest - next_exceeds(&below, MISSED).powi(3)
 }
 
 /// Principal directions of `rows` that exceed unit noise, largest variance first, orthonormal; at most `most`.

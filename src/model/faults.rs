@@ -2,31 +2,72 @@
 //!
 //! thesis (2-1): a fault adds B_f f = A_f - A to A; here A_f itself is made, from the four rates
 //! that it depends on, thesis (2-2)..(2-5) and §2-2 1)-4). Severities have the units of the
-//! contract's `severity` column.
-//!
-//! Departs: thesis §2-2 1) has an empty channel as a loss of density alone; that raises damping, so
-//! viscosity is lost with it. §2-2 2) says that a blocked nozzle damps more; beyond about half the
-//! cross-section it damps less again, because the nozzle takes no part any more.
+//! contract's `severity` column. The faults themselves are data: `faults.toml`, which also says where they depart.
 
 use super::InkChannel;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::sync::OnceLock;
 
-/// What each class changes, written as scenario files write it. [`apply`] computes exactly this, and a
-/// scenario that states anything else is refused.
-const CHANGES: [(&str, &str); 9] = [
-    ("EC", "q = 1 - s; viscosity falls with it, by 0.3 q: a, b / q; g, d * 0.3"),
-    ("AB1", "b / (1 - s); d unchanged (R_n and I_n shrink together)"),
-    ("AB2", "a, b / (1 + s)"),
-    ("AB3", "a, b / (1 + s)"),
-    ("BN", "b * (1 - s); d / (1 - s)"),
-    ("PBN", "b * (1 - s); d / (1 - s)"),
-    ("SDN", "d * s"),
-    ("IDN", "d * s"),
-    ("DDN", "d * s"),
-];
+/// What a kind of fault does to the elements of a channel, as `faults.toml` writes it.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Law {
+    change: String,
+    size: Size,
+    #[serde(default)]
+    restrictor_inertance: f64,
+    #[serde(default)]
+    restrictor_resistance: f64,
+    #[serde(default)]
+    nozzle_inertance: f64,
+    #[serde(default)]
+    nozzle_resistance: f64,
+    #[serde(default)]
+    compliance: f64,
+    #[serde(default = "one")]
+    resistances: f64,
+    range: [f64; 2],
+    /// Of what is no class: its probability a priori.
+    #[serde(default)]
+    pub weight: f64,
+}
+
+/// How a severity is counted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Size {
+    /// The share that is missing.
+    Share,
+    /// What is added, over what was there.
+    Added,
+    Factor,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// All that is known to happen to a channel, by name.
+fn laws() -> &'static BTreeMap<String, Law> {
+    static LAWS: OnceLock<BTreeMap<String, Law>> = OnceLock::new();
+    LAWS.get_or_init(|| {
+        toml::from_str(include_str!("faults.toml")).expect("faults.toml is part of the program")
+    })
+}
+
+fn law(name: &str) -> Option<&'static Law> {
+    laws().get(name)
+}
+
+/// What happens to channels and is no class of faults, by name.
+pub fn contrasts() -> impl Iterator<Item = (&'static str, &'static Law)> {
+    laws().iter().filter(|(_, law)| law.weight > 0.0).map(|(name, law)| (name.as_str(), law))
+}
 
 /// What class `class` changes, written as scenario files write it; `None`: no such class.
 pub fn change(class: &str) -> Option<&'static str> {
-    CHANGES.iter().find(|(name, _)| *name == class).map(|(_, change)| *change)
+    law(class).map(|law| law.change.as_str())
 }
 
 /// The class in whose severity unit faults of all `classes` are measured: the first, if all of them are one
@@ -37,81 +78,82 @@ pub fn one_kind(classes: &[String]) -> Option<&str> {
     classes.iter().all(|class| change(class) == Some(kind)).then_some(first)
 }
 
-/// Which severities a class's name means: classes with the same `change` differ in severity alone.
-///
-/// Departs: thesis §2-2 names degrees of drying and blockage without numbers. A nozzle is dried
-/// slightly up to half an octave of viscosity, deeply from one octave on; blocked from four fifths of
-/// its cross-section on; a bubble is large where it yields more than the chamber itself. The outer
-/// ends are what a channel can still ring with.
-const RANGES: [(&str, [f64; 2]); 9] = [
-    ("EC", [0.05, 0.6]),
-    ("AB1", [0.02, 0.6]),
-    ("AB2", [0.03, 1.0]),
-    ("AB3", [1.0, 6.0]),
-    ("BN", [0.8, 0.999]),
-    ("PBN", [0.02, 0.8]),
-    ("SDN", [1.03, std::f64::consts::SQRT_2]),
-    ("IDN", [std::f64::consts::SQRT_2, 2.0]),
-    ("DDN", [2.0, 8.0]),
-];
-
 /// The severities that a class's name means; `None`: no such class.
 pub fn severity_range(class: &str) -> Option<[f64; 2]> {
-    RANGES.iter().find(|(name, _)| *name == class).map(|(_, range)| *range)
+    law(class).map(|law| law.range)
 }
 
-/// The largest severity of any class whose change is that of `class`; `None`: no such class.
+/// The severity farthest from no fault of any class whose change is that of `class`; `None`: no such class.
 pub fn largest(class: &str) -> Option<f64> {
-    let kind = change(class)?;
-    let alike = RANGES.iter().filter(|(name, _)| change(name) == Some(kind));
-    alike.map(|(_, [_, most])| *most).reduce(f64::max)
+    let Law { change, size, .. } = law(class)?;
+    let alike = laws().values().filter(|law| law.change == *change);
+    let farther = |a: f64, b: f64| if size.far(a) > size.far(b) { a } else { b };
+    alike.map(|law| law.range[1]).reduce(farther)
+}
+
+impl Size {
+    fn none(self) -> f64 {
+        if self == Size::Factor { 1.0 } else { 0.0 }
+    }
+
+    fn far(self, severity: f64) -> f64 {
+        (severity - self.none()).abs()
+    }
+
+    /// The factor that grows or shrinks with the severity.
+    fn base(self, severity: f64) -> f64 {
+        match self {
+            Size::Share => 1.0 - severity,
+            Size::Added => 1.0 + severity,
+            Size::Factor => severity,
+        }
+    }
 }
 
 /// The coordinate of severity in which the prior is uniform: the logarithm of a factor (viscosity,
 /// compliance), a share itself. `None`: no such class.
 pub fn scale(class: &str, severity: f64) -> Option<f64> {
-    change(class)?;
-    Some(match class {
-        "SDN" | "IDN" | "DDN" => severity.ln(),
-        "AB2" | "AB3" => severity.ln_1p(),
-        _ => severity,
+    Some(match law(class)?.size {
+        Size::Share => severity,
+        Size::Added => severity.ln_1p(),
+        Size::Factor => severity.ln(),
     })
 }
 
 /// The severity at a coordinate of [`scale`], its inverse.
 pub fn severity_at(class: &str, place: f64) -> Option<f64> {
-    change(class)?;
-    Some(match class {
-        "SDN" | "IDN" | "DDN" => place.exp(),
-        "AB2" | "AB3" => place.exp_m1(),
-        _ => place,
+    Some(match law(class)?.size {
+        Size::Share => place,
+        Size::Added => place.exp_m1(),
+        Size::Factor => place.exp(),
     })
 }
 
 /// The severity at which a fault of this class would be none: the drying factor is 1, all others
 /// are shares or additions. `None`: no such class.
 pub fn no_fault_severity(class: &str) -> Option<f64> {
-    change(class)?;
-    Some(if matches!(class, "SDN" | "IDN" | "DDN") { 1.0 } else { 0.0 })
+    law(class).map(|law| law.size.none())
 }
 
 /// The rates of `channel` with a fault of severity s, thesis (2-1). `None`: no such class, or a
 /// severity that leaves no positive inertance, compliance or resistance.
 pub fn apply(class: &str, severity: f64, channel: &InkChannel) -> Option<InkChannel> {
-    let s = severity;
-    let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = *channel;
-    // (factor on a, on b, on g, on d)
-    let (on_a, on_b, on_g, on_d) = match class {
-        // I = rho L/A: a, b ~ 1/q. R/I = 8 pi (mu/rho)/A with mu -> 0.3 q mu, rho -> q rho.
-        "EC" => (1.0 / (1.0 - s), 1.0 / (1.0 - s), 0.3, 0.3),
-        // I_n, R_n ~ the length of ink that remains in the nozzle.
-        "AB1" => (1.0, 1.0 / (1.0 - s), 1.0, 1.0),
-        "AB2" | "AB3" => (1.0 / (1.0 + s), 1.0 / (1.0 + s), 1.0, 1.0),
-        // I_n ~ 1/A_n, R_n ~ 1/A_n^2.
-        "BN" | "PBN" => (1.0, 1.0 - s, 1.0, 1.0 / (1.0 - s)),
-        "SDN" | "IDN" | "DDN" => (1.0, 1.0, 1.0, s),
-        _ => return None,
+    let law = law(class)?;
+    let base = law.size.base(severity);
+    if base.is_nan() || base <= 0.0 {
+        return None;
+    }
+    // whole powers to the last bit, whatever the machine's pow
+    let to = |power: f64| match power.fract() == 0.0 {
+        true => base.powi(power as i32),
+        false => base.powf(power),
     };
+    // a = 1 / (I_r B), b = 1 / (I_n B), g = R_r / I_r, d = R_n / I_n
+    let on_a = to(-law.restrictor_inertance - law.compliance);
+    let on_b = to(-law.nozzle_inertance - law.compliance);
+    let on_g = law.resistances * to(law.restrictor_resistance - law.restrictor_inertance);
+    let on_d = law.resistances * to(law.nozzle_resistance - law.nozzle_inertance);
+    let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = *channel;
     let physical = [on_a, on_b, on_g, on_d].iter().all(|f| *f > 0.0 && f.is_finite());
     physical.then_some(InkChannel {
         a_per_s2: a * on_a,

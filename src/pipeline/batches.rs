@@ -90,7 +90,7 @@ pub struct Judged {
 pub struct Flagged {
     /// Among the verdicts' rows.
     pub row: u32,
-    /// Per class; empty: nothing was said.
+    /// Per class; what they lack to 1 is the weight of no class. Empty: nothing was said.
     pub weights: Vec<f32>,
     /// [`crate::design::Workspace::ring`]
     pub ring: Option<[f64; 2]>,

@@ -260,7 +260,7 @@ impl<'a> Isolator<'a> {
         Flagged {
             appearance,
             row: row as u32, // a batch is far smaller
-            weights: self.work.weights.iter().map(|&w| w as f32).collect(),
+            weights: self.work.weights.iter().map(|&w| (w * self.work.of_any) as f32).collect(),
             ring: self.work.ring.or(ring.map(relative)),
         }
     }

@@ -1,0 +1,116 @@
+//! Where each healthy channel of a printhead lies by itself, as far as that lasts.
+//!
+//! In: its labelled healthy signals. Out: [`ChannelLevels`]: faults that were labelled on a few channels, as they would be on
+//! the others. Without them a class that was labelled on two channels would be as narrow as these two.
+
+use super::detector::ring_of;
+use super::fitted::fitted;
+use super::{DesignError, HealthyModel};
+use crate::identify::averaging::SignalSet;
+use crate::model::ring_fit::RingFitter;
+use nalgebra::Vector4;
+use std::collections::BTreeMap;
+
+/// Signals of a channel that are used, at most.
+const MOST: usize = 64;
+/// Fewer channels do not tell how channels differ.
+const FEWEST: usize = 5;
+
+/// Expected features of each channel, relative to the printhead's.
+#[derive(Debug)]
+pub(super) struct ChannelLevels(Vec<(u32, Vector4<f64>)>);
+
+impl ChannelLevels {
+    /// The levels are shrunk by how much of what channels' means differ by is no scatter of single signals: where channels
+    /// do not differ for good they are all zero. `None`: too few channels have two healthy signals.
+    pub fn learn(
+        model: &HealthyModel,
+        healthy: &SignalSet,
+    ) -> Result<Option<ChannelLevels>, DesignError> {
+        let mut seen: BTreeMap<u32, usize> = BTreeMap::new();
+        let mut is_early = |i: &usize| {
+            let seen = seen.entry(healthy.channel[*i]).or_default();
+            *seen += 1;
+            *seen <= MOST
+        };
+        let few: Vec<usize> = (0..healthy.len()).filter(|i| is_early(i)).collect();
+        let ring = ring_of(&model.identification)?;
+        let fitter = RingFitter::new(ring, model.generator.dt_s, healthy.samples);
+        let mut channels: BTreeMap<u32, Vec<Vector4<f64>>> = BTreeMap::new();
+        for (channel, x) in fitted(model, &healthy.select(&few), &fitter) {
+            channels.entry(channel).or_default().push(x);
+        }
+        channels.retain(|_, looks| looks.len() >= 2);
+        if channels.len() < FEWEST {
+            return Ok(None);
+        }
+        Ok(Some(ChannelLevels::of(&channels)))
+    }
+
+    fn of(channels: &BTreeMap<u32, Vec<Vector4<f64>>>) -> ChannelLevels {
+        let mean = |of: &[Vector4<f64>]| of.iter().sum::<Vector4<f64>>() / of.len() as f64;
+        let scatter = |of: &[Vector4<f64>]| {
+            let at = mean(of);
+            of.iter().map(|x| (x - at).map(|v| v * v)).sum::<Vector4<f64>>()
+        };
+        let looks = channels.values().map(Vec::len).sum::<usize>();
+        let of_signals = channels.values().map(|of| scatter(of)).sum::<Vector4<f64>>()
+            / (looks - channels.len()) as f64;
+        let means: Vec<Vector4<f64>> = channels.values().map(|of| mean(of)).collect();
+        let middle = mean(&means);
+        let by_chance =
+            channels.values().map(|of| 1.0 / of.len() as f64).sum::<f64>() / channels.len() as f64;
+        let of_channels = (scatter(&means) / (means.len() - 1) as f64 - of_signals * by_chance)
+            .map(|v| v.max(0.0));
+        let level = |(mean, looks): (&Vector4<f64>, &Vec<Vector4<f64>>)| {
+            let noise = of_signals / looks.len() as f64;
+            let lasts = of_channels.zip_map(&(of_channels + noise), |v, all| v / all.max(1e-300));
+            (mean - middle).component_mul(&lasts)
+        };
+        let levels = means.iter().zip(channels.values()).map(level);
+        ChannelLevels(channels.keys().copied().zip(levels).collect())
+    }
+
+    /// Features of a channel's signal number `i` as they would be on another channel, whichever comes next.
+    pub fn elsewhere(&self, channel: u32, i: usize, x: &Vector4<f64>) -> Vector4<f64> {
+        /// Consecutive signals go to channels far apart.
+        const STRIDE: usize = 40_503;
+        let (_, other) = self.0[(i * STRIDE) % self.0.len()];
+        match self.0.binary_search_by_key(&channel, |(c, _)| *c) {
+            Ok(at) => x - self.0[at].1 + other,
+            Err(_) => *x,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// 40 channels of 20 signals each.
+    fn channels(differ: f64, scatter: f64) -> BTreeMap<u32, Vec<Vector4<f64>>> {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let mut signals = |c: u32| {
+            let at = Vector4::from_fn(|_, _| differ * normal());
+            (c, (0..20).map(|_| at + Vector4::from_fn(|_, _| scatter * normal())).collect())
+        };
+        (0..40).map(&mut signals).collect()
+    }
+
+    #[test]
+    fn what_lasts_is_moved_and_what_does_not_stays() {
+        let spread = |levels: &ChannelLevels| {
+            let moved = |i: usize| levels.elsewhere(3, i, &Vector4::zeros())[2];
+            let all: Vec<f64> = (0..400).map(moved).collect();
+            let mean = all.iter().sum::<f64>() / 400.0;
+            (all.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / 400.0).sqrt()
+        };
+        let lasting = spread(&ChannelLevels::of(&channels(0.01, 0.005)));
+        assert!((0.007..0.013).contains(&lasting), "{lasting}");
+        let none = spread(&ChannelLevels::of(&channels(0.0, 0.005)));
+        assert!(none < 0.0005, "{none}");
+    }
+}

@@ -1,0 +1,117 @@
+//! What a flagged signal may be that is a fault of no class: another gain, a clock, a delay, rates that are all a little off,
+//! a ring of any kind; and by name what else happens to channels (`faults::contrasts`).
+//!
+//! In: how healthy channels differ, the healthy ring. Out: their densities beside the classes' in [`FaultCurves`], and the
+//! probability that a signal is of any class at all. The weights are a priori shares of what is flagged. They were chosen in a
+//! study on simulated signals by two physics; with half and twice of all the broad ones the share of foreign signals that are
+//! named stays below .02 there, of known ones that are named it moves by .01.
+
+use super::fault_curve::{HealthySpread, Node, noise_of_fit};
+use super::physics_density::FaultCurves;
+use crate::model::ring_fit::{Features, RingFitter};
+use nalgebra::{Matrix4, SMatrix, Vector4};
+
+/// A priori shares.
+const GAIN: f64 = 0.02;
+const CLOCK: f64 = 0.01;
+const DELAY: f64 = 0.01;
+const RATES: f64 = 0.03;
+const ANY_RING: f64 = 0.02;
+/// How far gain (ln), clock (ln) and delay (samples) may be off to either side.
+const MOST: [f64; 3] = [1.1, 0.25, 4.0];
+/// Nodes of a line of such.
+const NODES: usize = 40;
+/// Standard deviation of what else is a little off, of each feature.
+const BESIDE: [f64; 4] = [0.01, 0.02, 0.004, 0.03];
+/// Standard deviations of ln rates that are all a little off, each as likely, and of the gain beside them.
+const RATES_OFF: [f64; 3] = [0.1, 0.2, 0.4];
+const GAIN_BESIDE: f64 = 0.05;
+/// Scales of Student's t with three degrees of freedom for ln amplitude, ln damping and ln frequency of any ring.
+const ANY: [f64; 3] = [0.4, 0.5, 0.25];
+
+/// The ring that healthy channels have, as sampled.
+pub(super) struct HealthyRing<'a> {
+    pub fitter: &'a RingFitter,
+    pub damping_per_s: f64,
+    pub frequency_hz: f64,
+    /// Of one sample, counts.
+    pub noise: f64,
+    pub dt_s: f64,
+}
+
+impl HealthyRing<'_> {
+    /// The alternatives that no fault makes, each with its weight and nodes.
+    pub fn broad(&self, healthy: &HealthySpread) -> Option<Vec<Broad>> {
+        let beside = Matrix4::from_diagonal(&Vector4::from(BESIDE).map(|sd| sd * sd));
+        let late = MOST[2] * self.dt_s;
+        let turn = std::f64::consts::TAU * self.frequency_hz * late;
+        let line = |name, weight, to: [f64; 4]| {
+            let to = Vector4::from(to);
+            let between = to * to.transpose() / (NODES * NODES * 3) as f64;
+            let at = (0..NODES).map(|i| to * ((2 * i + 1) as f64 / NODES as f64 - 1.0));
+            let nodes = at.map(|at| self.node(at, beside + between, healthy));
+            Some(Broad { name, weight, nodes: nodes.collect::<Option<_>>()? })
+        };
+        let rates = RATES_OFF.map(|off| {
+            let variances = [off * off, off * off, off * off, off * off, GAIN_BESIDE * GAIN_BESIDE];
+            let of_rates = SMatrix::<f64, 5, 5>::from_diagonal(&variances.into());
+            let belief = healthy.slope * of_rates * healthy.slope.transpose();
+            self.node(Vector4::zeros(), belief, healthy)
+        });
+        let rates = rates.into_iter().collect::<Option<Vec<Node>>>()?;
+        Some(vec![
+            line("its gain", GAIN, [MOST[0], 0.0, 0.0, 0.0])?,
+            line("its clock", CLOCK, [0.0, MOST[1], MOST[1], 0.0])?,
+            line("its delay", DELAY, [late * self.damping_per_s, 0.0, 0.0, -turn])?,
+            Broad { name: "rates that no fault changes alone", weight: RATES, nodes: rates },
+        ])
+    }
+
+    fn node(
+        &self,
+        at: Vector4<f64>,
+        belief: Matrix4<f64>,
+        healthy: &HealthySpread,
+    ) -> Option<Node> {
+        let [ln_amplitude, ln_damping, ln_frequency, phase_rad] = at.into();
+        let ring = Features { ln_amplitude, ln_damping, ln_frequency, phase_rad };
+        Node::displaced(at, belief, noise_of_fit(self.fitter, &ring, self.noise)?, healthy)
+    }
+}
+
+/// One of them, all of its nodes as likely.
+pub(super) struct Broad {
+    pub name: &'static str,
+    pub weight: f64,
+    pub nodes: Vec<Node>,
+}
+
+impl FaultCurves {
+    /// Probability that a signal is of any class. `ln_densities`: of its features in each class; `priors`: of each.
+    pub fn of_any_class(
+        curves: Option<&FaultCurves>,
+        features: &[f64],
+        ln_densities: &[f64],
+        priors: &[f64],
+        ln_alternatives: &[f64],
+    ) -> f64 {
+        let weight = ANY_RING + curves.map_or(0.0, FaultCurves::weight_of_alternatives);
+        let all: f64 = priors.iter().sum();
+        let known = ((1.0 - weight) / all).ln();
+        let any = ANY_RING.ln() + ln_density_of_any_ring(features);
+        let most = ln_densities.iter().chain(ln_alternatives).copied().fold(any, f64::max);
+        let of_classes = ln_densities.iter().zip(priors);
+        let of_classes: f64 = of_classes.map(|(ln, prior)| prior * (ln + known - most).exp()).sum();
+        let others = ln_alternatives.iter().map(|ln| (ln - most).exp()).sum::<f64>();
+        of_classes / (of_classes + others + (any - most).exp())
+    }
+}
+
+/// Of a ring of which nothing is known; the phase anywhere.
+fn ln_density_of_any_ring(features: &[f64]) -> f64 {
+    /// ln of the density of Student's t with three degrees of freedom at 0.
+    const AT_ZERO: f64 = -1.000_888_849_6;
+    let along =
+        |(x, scale): (&f64, f64)| AT_ZERO - scale.ln() - 2.0 * ((x / scale).powi(2) / 3.0).ln_1p();
+    features.iter().zip(ANY).map(along).sum::<f64>() - std::f64::consts::TAU.ln()
+}
