@@ -1,7 +1,7 @@
 //! inkling within another program: its verbs, its training and its judge, on files or on bursts in memory. They are
 //! quiet, whoever calls interrupts them by a [`Control`], and what went wrong is handed back in the command's words.
 //!
-//! Each is to run on a thread of its own, within [`called_by`].
+//! Each is to run on a thread of its own, within `called_by`.
 
 use super::collected::Given;
 use super::exit::{Exit, Failure};
