@@ -221,7 +221,7 @@ fn a_recording_has_its_name_only_when_finished() {
     writer.write(&burst(0), 0).unwrap();
     let names = || fs::read_dir(dir.path("below")).unwrap().map(|e| e.unwrap().file_name());
     let under_way = names().next().unwrap().to_string_lossy().into_owned();
-    assert!(under_way.starts_with("r.mcap.") && under_way.ends_with(".part"), "{under_way}");
+    assert!(under_way.starts_with(".r.mcap.") && under_way.ends_with(".part"), "{under_way}");
     assert_eq!(names().count(), 1);
     drop(writer);
     assert_eq!(fs::read_dir(dir.path("below")).unwrap().count(), 0);
