@@ -440,7 +440,7 @@ def array_job():
 def readme():
     """Its three commands, as printed, but for the build."""
     text = (repository / "README.md").read_text()
-    build, *rest = text.split("```sh\ncargo build --release -p inkling-fleet")[1].split("```")[0].splitlines()
+    build, *rest = text.split("```text\ncargo build --release -p inkling-fleet")[1].split("```")[0].splitlines()
     port = "127.0.0.1:" + str(50_000 + os.getpid() % 10_000)
     commands = "\n".join(rest).replace("inkling-fleet scheduler", f"inkling-fleet scheduler --bind {port}")
     commands = commands.replace("127.0.0.1:50050", port).replace("target/fleet/verdicts", str(work / "readme"))
