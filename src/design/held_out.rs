@@ -17,8 +17,8 @@ use std::sync::{Arc, OnceLock};
 const FOLDS: usize = 2;
 /// Signals of a class and printhead that are looked at, at most.
 const MOST_SIGNALS: usize = 1024;
-/// Of fewer labelled signals none being named proves nothing.
-const FEWEST_FOR_NEVER: usize = 10;
+/// Of fewer labelled signals none being named proves nothing: densities of ten are wide, and their names modest.
+const FEWEST_FOR_NEVER: usize = 30;
 
 /// Labelled signals of a class, as a design judges them.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
