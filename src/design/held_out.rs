@@ -17,8 +17,10 @@ use std::sync::{Arc, OnceLock};
 const FOLDS: usize = 2;
 /// Signals of a class and printhead that are looked at, at most.
 const MOST_SIGNALS: usize = 1024;
-/// Of fewer labelled signals none being named proves nothing: densities of ten are wide, and their names modest.
-const FEWEST_FOR_NEVER: usize = 30;
+/// Of fewer labelled signals none being named proves nothing.
+const FEWEST_FOR_NEVER: usize = 10;
+/// Fewer signals that look more like another class are chance: where labels are few, names are modest by themselves.
+const FEWEST_ALIKE: usize = 5;
 
 /// Labelled signals of a class, as a design judges them.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -93,7 +95,8 @@ impl ClassTold {
             )
         } else {
             // what is most like its class, and like no other, is named when there are more labels of it
-            let (like, n) = most(most_like, &self.name).filter(|(_, n)| 4 * n >= detected)?;
+            let (like, n) = most(most_like, &self.name)
+                .filter(|(_, n)| *n >= FEWEST_ALIKE && 4 * n >= detected)?;
             format!("{n} of its {detected} detected signals look more like {like}")
         })
     }
