@@ -145,7 +145,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let temperature = Said::of(&args.temperature, &mut beside);
     let voltage = Said::of(&args.voltage, &mut beside);
     check(&args, period)?;
-    outputs::check_file(&args.out).map_err(Failure::of_place)?;
+    outputs::check_file(&args.out, outputs::ResultFile::Recording).map_err(Failure::of_place)?;
     let kind = columnar::kind_of(&args.table).map_err(Failure::new)?;
     let opened = match kind {
         FileKind::Numpy => open_array(&args, &beside)?,

@@ -54,7 +54,7 @@ pub struct Args {
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
     effect::check(&args.set, &settings, Command::Identify { detects: args.detectability })?;
-    outputs::check_file(&args.out).map_err(Failure::of_place)?;
+    outputs::check_file(&args.out, outputs::ResultFile::Models).map_err(Failure::of_place)?;
     let labels = args.labels.as_deref().map(labels_file::read).transpose()?;
     if let Some(dir) = &args.plot {
         outputs::check_directory(dir).map_err(Failure::of_place)?;

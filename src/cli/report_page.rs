@@ -5,6 +5,7 @@ use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible};
 use super::results::Read;
 use super::{output, results};
+use crate::io::outputs::ResultFile;
 use crate::io::{fault_table, outputs, part_file, printable};
 use crate::report::{self, Report};
 use crate::settings::Settings;
@@ -103,8 +104,9 @@ impl<'a> Page<'a> {
             return Err(Failure::usage(format!("{name}: the result is a page: give a name.html")));
         }
         let table = page.with_extension("faults.parquet");
-        for path in [page, &table] {
-            outputs::check_file(path).map_err(Failure::of_place)?;
+        let both = [(page, ResultFile::Page), (table.as_path(), ResultFile::Table)];
+        for (path, kind) in both {
+            outputs::check_file(path, kind).map_err(Failure::of_place)?;
         }
         Ok(Page { page, table })
     }

@@ -72,7 +72,7 @@ const ONE_QUANTITY: [&str; 2] = ["blocked_nozzle", "dried_nozzle"];
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
     if let Some(page) = &args.report {
-        outputs::check_file(page).map_err(Failure::of_place)?;
+        outputs::check_file(page, outputs::ResultFile::Page).map_err(Failure::of_place)?;
     }
     if !args.truth.is_empty() {
         return critiques(&args);

@@ -65,7 +65,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let preset = args.preset.map(|PresetArg::Thesis| Preset::Thesis);
     let settings = Settings::load(args.config.as_deref(), preset, &args.set)?;
     effect::check(&args.set, &settings, Command::Train)?;
-    outputs::check_file(&args.out).map_err(Failure::of_place)?;
+    outputs::check_file(&args.out, outputs::ResultFile::Design).map_err(Failure::of_place)?;
     let learned = learn(Lesson {
         recordings: Given::Named(&args.recordings),
         labels: Written::File(&args.labels),

@@ -3,9 +3,10 @@
 use super::isolator::{Isolator, RingClassifier};
 use super::judge::{Isolating, Isolation, Judge};
 use super::workspace::Workspace;
+use crate::isolate::alternatives::of_any_class;
 use crate::isolate::appearance::UnknownSignal;
 use crate::isolate::fault_curve::Conditions;
-use crate::isolate::physics_density::FaultCurves;
+
 use crate::model::ring_fit::{Fit, RingFitter};
 use crate::verdict::Appearance;
 use nalgebra::Vector2;
@@ -83,13 +84,7 @@ impl Judge {
         weights.clear();
         weights.resize(rule.category_of.len(), 0.0);
         posterior.weigh(features, &physics.ln_densities, priors, ln_densities, weights);
-        let known = FaultCurves::of_any_class(
-            curves.map(|curves| &**curves),
-            features,
-            ln_densities,
-            priors,
-            &physics.ln_alternatives,
-        );
+        let known = of_any_class(features, ln_densities, priors, &physics.ln_alternatives);
         let decision = rule.decide(weights, known);
         *of_any = known;
         let Some(best) = decision.candidate.map(usize::from) else { return Some(decision) };

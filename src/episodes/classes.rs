@@ -13,9 +13,6 @@ const CHANGES: f64 = 0.02;
 const LOOKS_PER_ONE: f64 = 2.0;
 /// Least weight of a class in one look: no single look excludes it.
 const LEAST: f64 = 1e-3;
-/// Share of what is flagged that is of no class, a priori: what isolation gives all alternatives together
-/// (`isolate::alternatives`).
-const NONE: f64 = 0.165;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClassFilter {
@@ -24,10 +21,9 @@ pub struct ClassFilter {
 }
 
 impl ClassFilter {
-    /// `priors`: of each class, sum 1.
+    /// `priors`: of each class; what they lack to 1 is that of no class.
     pub fn new(priors: &[f64]) -> ClassFilter {
-        let weights = priors.iter().map(|prior| prior * (1.0 - NONE)).collect();
-        ClassFilter { weights, none: NONE }
+        ClassFilter { weights: priors.to_vec(), none: lacking(priors.iter().copied()) }
     }
 
     /// Updates by the `posterior` of one look, under the same `priors`; empty: it is of no class. One with NaN is ignored.
@@ -37,16 +33,16 @@ impl ClassFilter {
         {
             return;
         }
-        let of_any: f64 = posterior.iter().map(|&w| f64::from(w)).sum();
         let look = |before: f64, posterior: f64, prior: f64| {
             let likelihood = posterior.max(LEAST) / (prior * n as f64).max(LEAST);
             (before * (1.0 - CHANGES) + CHANGES * prior) * likelihood.powf(1.0 / LOOKS_PER_ONE)
         };
         for (k, (weight, prior)) in self.weights.iter_mut().zip(priors).enumerate() {
             let posterior = posterior.get(k).map_or(0.0, |&w| f64::from(w));
-            *weight = look(*weight, posterior, prior * (1.0 - NONE));
+            *weight = look(*weight, posterior, *prior);
         }
-        self.none = look(self.none, 1.0 - of_any, NONE);
+        let none = lacking(posterior.iter().map(|&w| f64::from(w)));
+        self.none = look(self.none, none, lacking(priors.iter().copied()));
         let sum = self.weights.iter().sum::<f64>() + self.none;
         self.weights.iter_mut().for_each(|w| *w /= sum);
         self.none /= sum;
@@ -63,13 +59,18 @@ impl ClassFilter {
     }
 }
 
+/// What weights lack to 1, up to rounding.
+fn lacking(weights: impl Iterator<Item = f64>) -> f64 {
+    (1.0 - weights.sum::<f64>()).max(0.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn looks_that_agree_make_certain_and_a_grown_fault_changes_the_class() {
-        let priors = [1.0 / 3.0; 3];
+        let priors = [0.28; 3];
         let mut filter = ClassFilter::new(&priors);
         for _ in 0..8 {
             filter.look(&[0.6, 0.3, 0.1], &priors);
@@ -88,11 +89,10 @@ mod tests {
 
     #[test]
     fn without_news_a_class_becomes_any_other_now_and_then() {
-        let priors = [0.5, 0.3, 0.2];
+        let priors = [0.4, 0.3, 0.2];
         let mut filter = ClassFilter { weights: vec![1.0, 0.0, 0.0], none: 0.0 };
-        let prior = priors.map(|prior| prior * (1.0 - NONE));
-        filter.look(&prior.map(|prior| prior as f32), &priors);
-        let expected = [1.0 - CHANGES + CHANGES * prior[0], CHANGES * prior[1], CHANGES * prior[2]];
+        filter.look(&[0.4, 0.3, 0.2], &priors);
+        let expected = [1.0 - CHANGES * 0.6, CHANGES * 0.3, CHANGES * 0.2];
         for (w, expected) in filter.weights().iter().zip(expected) {
             assert!((w - expected).abs() < 1e-6, "{filter:?}");
         }
@@ -100,16 +100,15 @@ mod tests {
 
     #[test]
     fn looks_that_say_nothing_leave_the_priors() {
-        let priors = [0.7, 0.2, 0.1];
+        let priors = [0.6, 0.2, 0.1];
         let mut filter = ClassFilter::new(&priors);
-        let told = priors.map(|prior| (prior * (1.0 - NONE)) as f32);
         for _ in 0..50 {
-            filter.look(&told, &priors);
+            filter.look(&[0.6, 0.2, 0.1], &priors);
         }
         filter.look(&[f32::NAN, 0.2, 0.1], &priors);
         filter.look(&[0.7], &priors);
-        for (w, told) in filter.weights().iter().zip(told) {
-            assert!((w - f64::from(told)).abs() < 1e-6, "{filter:?}");
+        for (w, prior) in filter.weights().iter().zip(priors) {
+            assert!((w - prior).abs() < 1e-6, "{filter:?}");
         }
     }
 }

@@ -113,7 +113,7 @@ struct Sizes {
 }
 
 impl Tracker {
-    /// `classes` in the order of the weights, `priors` of them, `certainty`: least weight of what is
+    /// `classes` in the order of the weights, `priors` of them (what these lack to 1 is that of no class), `certainty`: least weight of what is
     /// named.
     pub fn new(
         classes: &[Class],
@@ -530,7 +530,7 @@ impl Naming {
             weights.enumerate().reduce(|best, next| if next.1 > best.1 { next } else { best })
         };
         let weights = found.classes.weights();
-        let fits_none = found.classes.none() > 0.5;
+        let fits_none = found.named > 0 && found.classes.none() > 0.5;
         let named = found.named > found.fits_none;
         let best = largest(&mut weights.iter().copied()).filter(|_| named);
         let categories = self.categories(weights);
@@ -593,7 +593,7 @@ mod tests {
     fn tracker(reorder_signals: usize) -> Tracker {
         let classes = ["BN", "PBN", "SDN"].map(Class::plain);
         let settings = EpisodeSettings { reorder_signals, ..EpisodeSettings::default() };
-        Tracker::new(&classes, &[1.0 / 3.0; 3], 0.8, &settings)
+        Tracker::new(&classes, &[0.28; 3], 0.8, &settings)
     }
 
     /// Bursts of four channels, one per second; channel 7 is partly blocked from 50 to 80.

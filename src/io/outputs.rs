@@ -1,7 +1,11 @@
 //! Where results go: checked before any work is done for them, and freed of an earlier run's files.
 
+use super::mcap_records::MAGIC;
 use super::objects::{self, in_object_store};
-use super::stored;
+use super::{regular_file, stored};
+use serde::de::IgnoredAny;
+use std::collections::BTreeMap;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -11,6 +15,8 @@ pub enum OutputError {
     IsAFile { path: PathBuf },
     #[error("{path}: is a directory, and the result is a file: give its name")]
     IsADirectory { path: PathBuf },
+    #[error("{path}: is there already, and is no {kind}: give another name, or remove it")]
+    OfAnother { path: PathBuf, kind: ResultFile },
     #[error("{path}: {source}")]
     InObjectStore { path: PathBuf, source: std::io::Error },
     #[error(
@@ -47,13 +53,60 @@ pub fn check_directory(path: &Path) -> Result<(), OutputError> {
     }
 }
 
-/// Refuses a name for a result that cannot be a file's.
-pub fn check_file(path: &Path) -> Result<(), OutputError> {
+/// A result that is one file. An earlier one may be replaced; what is none belongs to somebody else.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ResultFile {
+    Design,
+    Models,
+    Page,
+    Recording,
+    Table,
+}
+
+impl std::fmt::Display for ResultFile {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str(match self {
+            ResultFile::Design => "design",
+            ResultFile::Models => "file of identified models",
+            ResultFile::Page => "HTML page",
+            ResultFile::Recording => "MCAP recording",
+            ResultFile::Table => "Parquet table",
+        })
+    }
+}
+
+impl ResultFile {
+    /// Whether a file's content may be an earlier result of this kind; an empty one holds nothing that could be lost.
+    fn may_be(self, content: &[u8]) -> bool {
+        let holds = |key: &str| {
+            let object = serde_json::from_slice::<BTreeMap<String, IgnoredAny>>(content);
+            object.is_ok_and(|object| object.contains_key(key))
+        };
+        content.is_empty()
+            || match self {
+                ResultFile::Design => holds("sample_period_s"),
+                ResultFile::Models => holds("models"),
+                ResultFile::Page => content.starts_with(b"<!doctype html>"),
+                ResultFile::Recording => content.starts_with(&MAGIC),
+                ResultFile::Table => content.starts_with(b"PAR1"),
+            }
+    }
+}
+
+/// Refuses a name for a result that cannot be a file's, or is that of a file of another kind.
+pub fn check_file(path: &Path, kind: ResultFile) -> Result<(), OutputError> {
     if in_object_store(path) {
         return check_object(path);
     }
     if path.is_dir() {
         return Err(OutputError::IsADirectory { path: path.into() });
+    }
+    // of pages, recordings and tables the first bytes tell
+    let most = if matches!(kind, ResultFile::Design | ResultFile::Models) { u64::MAX } else { 64 };
+    let mut content = Vec::new();
+    let there = regular_file::open(path).and_then(|file| file.take(most).read_to_end(&mut content));
+    if there.is_ok() && !kind.may_be(&content) {
+        return Err(OutputError::OfAnother { path: path.into(), kind });
     }
     path.parent().map_or(Ok(()), check_directory)
 }
@@ -72,11 +125,34 @@ mod tests {
     use super::*;
 
     #[test]
+    fn an_earlier_result_is_replaced_and_nothing_else_is() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("there");
+        use ResultFile::*;
+        let earlier: [(&[u8], Option<ResultFile>); 7] = [
+            (b"{\"version\": 1, \"sample_period_s\": 1e-6}", Some(Design)),
+            (b"{\"models\": []}", Some(Models)),
+            (b"<!doctype html>\n<html>", Some(Page)),
+            (b"\x89MCAP0\r\n...", Some(Recording)),
+            (b"PAR1...", Some(Table)),
+            (b"printhead,channel,from,to,state,severity\n", None),
+            (b"{\"version\": 2, \"heads\": {}}", None),
+        ];
+        for (content, of) in earlier {
+            std::fs::write(&path, content).unwrap();
+            for kind in [Design, Models, Page, Recording, Table] {
+                assert_eq!(check_file(&path, kind).is_ok(), of == Some(kind), "{of:?} {kind}");
+            }
+        }
+    }
+
+    #[test]
     fn files_are_no_directories_and_directories_no_files() {
         let dir = tempfile::tempdir().unwrap();
         let at = |name: &str| dir.path().join(name);
         std::fs::write(at("file"), "").unwrap();
         assert!(check_directory(&at("new/below")).is_ok() && check_directory(dir.path()).is_ok());
+        let check_file = |path: &Path| check_file(path, ResultFile::Page);
         assert!(check_file(&at("file")).is_ok() && check_file(&at("new/file")).is_ok());
         assert!(
             check_file(Path::new("here")).is_ok() && check_directory(Path::new("here")).is_ok()

@@ -1,13 +1,12 @@
 //! What a flagged signal may be that is a fault of no class: another gain, a clock, a delay, rates that are all a little off,
 //! a ring of any kind; and by name what else happens to channels (`faults::contrasts`).
 //!
-//! In: how healthy channels differ, the healthy ring. Out: their densities beside the classes' in [`FaultCurves`], and the
-//! probability that a signal is of any class at all. The weights are a priori shares of what is flagged. They were chosen in a
-//! study on simulated signals by two physics; with half and twice of all the broad ones the share of foreign signals that are
-//! named stays below .02 there, of known ones that are named it moves by .01.
+//! In: how healthy channels differ, the healthy ring. Out: their densities beside the classes' in [`super::physics_density::FaultCurves`], and the
+//! probability that a signal is of any class at all. The weights are a priori shares of what is flagged. What they were chosen
+//! on, and what others do: `docs/names.md`.
 
 use super::fault_curve::{HealthySpread, Node, noise_of_fit};
-use super::physics_density::FaultCurves;
+use crate::model::faults;
 use crate::model::ring_fit::{Features, RingFitter};
 use nalgebra::{Matrix4, SMatrix, Vector4};
 
@@ -45,12 +44,12 @@ impl HealthyRing<'_> {
         let beside = Matrix4::from_diagonal(&Vector4::from(BESIDE).map(|sd| sd * sd));
         let late = MOST[2] * self.dt_s;
         let turn = std::f64::consts::TAU * self.frequency_hz * late;
-        let line = |name, weight, to: [f64; 4]| {
+        let line = |weight, to: [f64; 4]| {
             let to = Vector4::from(to);
             let between = to * to.transpose() / (NODES * NODES * 3) as f64;
             let at = (0..NODES).map(|i| to * ((2 * i + 1) as f64 / NODES as f64 - 1.0));
             let nodes = at.map(|at| self.node(at, beside + between, healthy));
-            Some(Broad { name, weight, nodes: nodes.collect::<Option<_>>()? })
+            Some(Broad { weight, nodes: nodes.collect::<Option<_>>()? })
         };
         let rates = RATES_OFF.map(|off| {
             let variances = [off * off, off * off, off * off, off * off, GAIN_BESIDE * GAIN_BESIDE];
@@ -60,10 +59,10 @@ impl HealthyRing<'_> {
         });
         let rates = rates.into_iter().collect::<Option<Vec<Node>>>()?;
         Some(vec![
-            line("its gain", GAIN, [MOST[0], 0.0, 0.0, 0.0])?,
-            line("its clock", CLOCK, [0.0, MOST[1], MOST[1], 0.0])?,
-            line("its delay", DELAY, [late * self.damping_per_s, 0.0, 0.0, -turn])?,
-            Broad { name: "rates that no fault changes alone", weight: RATES, nodes: rates },
+            line(GAIN, [MOST[0], 0.0, 0.0, 0.0])?,
+            line(CLOCK, [0.0, MOST[1], MOST[1], 0.0])?,
+            line(DELAY, [late * self.damping_per_s, 0.0, 0.0, -turn])?,
+            Broad { weight: RATES, nodes: rates },
         ])
     }
 
@@ -81,30 +80,32 @@ impl HealthyRing<'_> {
 
 /// One of them, all of its nodes as likely.
 pub(super) struct Broad {
-    pub name: &'static str,
     pub weight: f64,
     pub nodes: Vec<Node>,
 }
 
-impl FaultCurves {
-    /// Probability that a signal is of any class. `ln_densities`: of its features in each class; `priors`: of each.
-    pub fn of_any_class(
-        curves: Option<&FaultCurves>,
-        features: &[f64],
-        ln_densities: &[f64],
-        priors: &[f64],
-        ln_alternatives: &[f64],
-    ) -> f64 {
-        let weight = ANY_RING + curves.map_or(0.0, FaultCurves::weight_of_alternatives);
-        let all: f64 = priors.iter().sum();
-        let known = ((1.0 - weight) / all).ln();
-        let any = ANY_RING.ln() + ln_density_of_any_ring(features);
-        let most = ln_densities.iter().chain(ln_alternatives).copied().fold(any, f64::max);
-        let of_classes = ln_densities.iter().zip(priors);
-        let of_classes: f64 = of_classes.map(|(ln, prior)| prior * (ln + known - most).exp()).sum();
-        let others = ln_alternatives.iter().map(|ln| (ln - most).exp()).sum::<f64>();
-        of_classes / (of_classes + others + (any - most).exp())
-    }
+/// Share of what is flagged that is of no class, a priori.
+pub fn of_no_class() -> f64 {
+    let contrasts: f64 = faults::contrasts().map(|(_, law)| law.weight).sum();
+    GAIN + CLOCK + DELAY + RATES + ANY_RING + contrasts
+}
+
+/// Probability that a signal is of any class. `ln_densities`: of its features in each class; `priors`: of each class;
+/// `ln_alternatives`: its densities times their weights ([`super::physics_density::Comparison`]).
+pub fn of_any_class(
+    features: &[f64],
+    ln_densities: &[f64],
+    priors: &[f64],
+    ln_alternatives: &[f64],
+) -> f64 {
+    let all: f64 = priors.iter().sum();
+    let known = ((1.0 - of_no_class()) / all).ln();
+    let any = ANY_RING.ln() + ln_density_of_any_ring(features);
+    let most = ln_densities.iter().chain(ln_alternatives).copied().fold(any, f64::max);
+    let of_classes = ln_densities.iter().zip(priors);
+    let of_classes: f64 = of_classes.map(|(ln, prior)| prior * (ln + known - most).exp()).sum();
+    let others = ln_alternatives.iter().map(|ln| (ln - most).exp()).sum::<f64>();
+    of_classes / (of_classes + others + (any - most).exp())
 }
 
 /// Of a ring of which nothing is known; the phase anywhere.

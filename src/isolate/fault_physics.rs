@@ -15,7 +15,7 @@ use super::fault_curve::{
     CHANGES, FaultCurve, FaultSimulator, Healthy, HealthySpread, Scatter, Slope, noise_of_fit,
     of_change, turned,
 };
-use super::physics_density::{FaultCurves, LabelledSeverities, Member};
+use super::physics_density::{FaultCurves, LabelledSeverities, Member, of_name};
 use crate::fault::Class;
 use crate::model::faults::{self, Law};
 use crate::model::ring::Ring;
@@ -309,13 +309,17 @@ impl FaultPhysics {
         });
         for ((name, law), curve) in contrasts.into_iter().zip(of_contrasts) {
             // of what would not ring nothing is known
-            curve.into_iter().for_each(|curve| curves.add_alternative(name, law.weight, curve));
+            if let Some(curve) = curve {
+                let share = of_name(&curve.nodes, name);
+                curves.add_alternative(law.weight, curve, &share);
+            }
         }
         let Ring { damping_per_s, frequency_hz, .. } = self.ring;
         let noise = self.noise;
         let ring = HealthyRing { fitter: &fitter, damping_per_s, frequency_hz, noise, dt_s };
-        for Broad { name, weight, nodes } in ring.broad(&healthy).into_iter().flatten() {
-            curves.add_alternative(name, weight, FaultCurve { nodes });
+        for Broad { weight, nodes } in ring.broad(&healthy).into_iter().flatten() {
+            let share = vec![1.0; nodes.len()];
+            curves.add_alternative(weight, FaultCurve { nodes }, &share);
         }
         curves
     }

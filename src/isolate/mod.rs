@@ -3,7 +3,7 @@
 //! In: residuals of flagged signals, mean deviations per fault class. Out: a weight per class, and
 //! what may be said on their strength. thesis §3-3. Never decides whether a signal is faulty.
 
-mod alternatives;
+pub mod alternatives;
 pub mod appearance;
 pub mod class_density;
 mod class_distances;

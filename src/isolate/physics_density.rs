@@ -17,7 +17,8 @@ pub struct FaultCurves {
     /// Per class its kinds of fault; empty: a class of the user's own, or kinds that do not ring. Behind them the
     /// alternatives.
     classes: Vec<Vec<Sizes>>,
-    alternatives: Vec<Alternative>,
+    /// Of each alternative the weight a priori.
+    alternatives: Vec<f64>,
     curves: Vec<FaultCurve>,
     /// The nodes of each curve, ready to be compared.
     columns: Vec<NodeColumns>,
@@ -31,14 +32,6 @@ pub struct Sizes {
     pub curve: usize,
     /// Probability of each node among the class's signals, in blocks.
     pub share: Vec<OfNodes>,
-}
-
-/// What is no class.
-#[derive(Clone, Debug)]
-pub struct Alternative {
-    pub name: &'static str,
-    /// A priori.
-    weight: f64,
 }
 
 /// One of the thesis's classes, and the curve of its kind.
@@ -152,23 +145,13 @@ impl FaultCurves {
         self.classes[k] = curves.iter().map(of_curve).collect();
     }
 
-    /// Adds what is no class; all nodes are as likely that lie in the severities of its name, if it has a range.
-    pub(super) fn add_alternative(&mut self, name: &'static str, weight: f64, curve: FaultCurve) {
-        let mut share = of_name(&curve.nodes, name);
+    /// Adds what is no class. `share`: of its nodes, as likely as they are within it; any sum.
+    pub(super) fn add_alternative(&mut self, weight: f64, curve: FaultCurve, share: &[f64]) {
         let sum: f64 = share.iter().sum();
-        share.iter_mut().for_each(|share| *share /= sum);
+        let share: Vec<f64> = share.iter().map(|share| share / sum).collect();
         let curve = self.add(curve);
         self.classes.push(vec![Sizes { curve, share: NodeColumns::in_blocks(&share) }]);
-        self.alternatives.push(Alternative { name, weight });
-    }
-
-    /// Of all alternatives a priori.
-    pub(super) fn weight_of_alternatives(&self) -> f64 {
-        self.alternatives.iter().map(|of| of.weight).sum()
-    }
-
-    pub fn alternatives(&self) -> &[Alternative] {
-        &self.alternatives
+        self.alternatives.push(weight);
     }
 
     /// [`Conditions::changed`] where the healthy ring has changed by these (ln damping, ln frequency).
@@ -239,9 +222,8 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
     }
     let classes = of.classes.len() - of.alternatives.len();
     ln_alternatives.clear();
-    ln_alternatives.extend(
-        ln_densities.drain(classes..).zip(&of.alternatives).map(|(p, of)| p + of.weight.ln()),
-    );
+    ln_alternatives
+        .extend(ln_densities.drain(classes..).zip(&of.alternatives).map(|(p, w)| p + w.ln()));
 }
 
 /// A signal compared with all fault curves. Buffers are reused for the next signal.
@@ -280,7 +262,7 @@ impl Sizes {
 }
 
 /// Per node the part of its interval that lies in the severities of a class's name.
-fn of_name(nodes: &[Node], class: &str) -> Vec<f64> {
+pub(super) fn of_name(nodes: &[Node], class: &str) -> Vec<f64> {
     let [one, other] = faults::severity_range(class)
         .map_or([f64::NEG_INFINITY, f64::INFINITY], |range| {
             range.map(|s| faults::scale(class, s).unwrap_or(f64::NAN))

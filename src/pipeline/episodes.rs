@@ -7,6 +7,7 @@ use crate::design::{Design, Judge, OwnChannels};
 use crate::episodes::{Counts, Episode, Looks, Named, RingChange, Tracker};
 use crate::io::episode_table::EpisodeWriter;
 use crate::isolate::IsolateMethod;
+use crate::isolate::alternatives::of_no_class;
 use crate::verdict::{HealthyRun, Part, Tests, VerdictColumns, Verdicts};
 use std::sync::Arc;
 
@@ -59,7 +60,10 @@ impl<'a> EpisodeTap<'a> {
         let classes = design.map(Design::fault_classes).unwrap_or_default();
         // weights of the other methods know no priors
         let priors = match settings.isolate.method {
-            IsolateMethod::Posterior => settings.isolate.prior_weights(&replay.classes())?,
+            IsolateMethod::Posterior => {
+                let priors = settings.isolate.prior_weights(&replay.classes())?;
+                priors.iter().map(|prior| prior * (1.0 - of_no_class())).collect()
+            }
             _ => vec![1.0 / classes.len().max(1) as f64; classes.len()],
         };
         let certainty = settings.isolate.certainty;
