@@ -285,7 +285,7 @@ fn each_outside_crate_has_one_door() {
         ("clap_complete", &["cli"]),
         ("clap_mangen", &["cli"]),
         ("indicatif", &["cli"]),
-        ("tiny_http", &["cli"]),
+        ("httparse", &["cli"]),
         ("ctrlc", &["cli"]),
         ("mcap", &["io"]),
         ("parquet", &["io"]),

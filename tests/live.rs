@@ -12,37 +12,37 @@ use std::net::TcpStream;
 use std::time::Instant;
 
 /// What a server answers: its head, and its body.
-struct Answer {
-    head: String,
-    body: String,
+pub struct Answer {
+    pub head: String,
+    pub body: String,
 }
 
-fn connected(address: &str, request: &str) -> TcpStream {
+pub fn connected(address: &str, request: &str) -> TcpStream {
     let mut stream = TcpStream::connect(address).unwrap();
     stream.set_read_timeout(Some(HANGS)).unwrap();
     stream.write_all(request.as_bytes()).unwrap();
     stream
 }
 
-fn asked(address: &str, request: &str) -> Answer {
+pub fn asked(address: &str, request: &str) -> Answer {
     let mut text = String::new();
     connected(address, request).read_to_string(&mut text).unwrap();
     let (head, body) = text.split_once("\r\n\r\n").unwrap_or_else(|| panic!("{request}: {text}"));
     Answer { head: head.to_owned(), body: body.to_owned() }
 }
 
-fn request(path: &str, more: &str) -> String {
+pub fn request(path: &str, more: &str) -> String {
     format!("GET {path} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n{more}\r\n")
 }
 
 #[track_caller]
-fn got(address: &str, path: &str) -> Answer {
+pub fn got(address: &str, path: &str) -> Answer {
     let answer = asked(address, &request(path, ""));
     assert!(answer.head.starts_with("HTTP/1.1 200 "), "{path}: {}", answer.head);
     answer
 }
 
-fn serving(follower: &mut Follower) -> String {
+pub fn serving(follower: &mut Follower) -> String {
     follower.next("serving")["address"].as_str().unwrap().to_owned()
 }
 
@@ -189,7 +189,9 @@ fn where_nothing_can_be_served_is_said_before_anything_is_done() {
         ("now.mcap --follow --serve-token short", 2, "add --serve"),
         ("now.mcap --follow --serve [::]:0 --serve-token short", 2, "16 or more letters"),
         ("now.mcap --follow --serve [::]:0 --serve-token none", 2, "--serve-token none: "),
-        ("now.mcap --follow --serve here", 2, "--serve"),
+        ("now.mcap --follow --serve here", 2, "--serve here: give an address or a name and a port, such as 127.0.0.1:8080"),
+        ("now.mcap --follow --serve :80", 2, "a port, such as 127.0.0.1:80"),
+        ("now.mcap --follow --serve ::1", 2, "--serve ::1: give an address"),
     ];
     for (args, exit, words) in wrong {
         house.run(&format!("replay {args} --out out")).exits(exit).says(words);
@@ -198,4 +200,17 @@ fn where_nothing_can_be_served_is_said_before_anything_is_done() {
     let address = taken.local_addr().unwrap();
     let args = format!("replay now.mcap --follow --serve {address} --out out");
     house.run(&args).exits(1).says(&format!("--serve {address}: cannot listen"));
+    // neither a lock nor a journal is left behind
+    assert!(!house.path("out").exists());
+}
+
+#[test]
+fn this_machine_is_served_by_its_name_too() {
+    let house = House::new();
+    create(&house);
+    let mut follower = Follower::start(&house, "--identify design --serve localhost:0");
+    let address = serving(&mut follower);
+    assert!(address.parse::<std::net::SocketAddr>().unwrap().ip().is_loopback(), "{address}");
+    got(&address, "/");
+    follower.kill();
 }

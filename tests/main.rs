@@ -15,6 +15,7 @@ mod inspect; // messages of other loggers: fields, layouts by the samples, quest
 mod kills; // killed, locked, out of room, changed while read: nothing mixed, nothing half, the rest judged
 mod labels; // states that nobody declared, what is ignored, ranges; what training tells of each class
 mod live; // the live view of a recording that is followed, over plain HTTP
+mod live_limits; // the live view where many are connected, are slow, or send too much
 mod measured; // real ring-downs, where they are: shown, named, extended, measured
 mod memory; // how much memory is held at most, counted
 mod mistakes; // what a user mistypes is answered in a sentence

@@ -25,7 +25,6 @@ use crate::pipeline::resume::Resume;
 use crate::settings::{IdentifyMode, Pace, Preset, Settings};
 use chrono::DateTime;
 use clap::ValueEnum;
-use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -143,7 +142,7 @@ pub struct Args {
     /// With --follow: a page of what is known so far at http://ADDRESS/ (127.0.0.1:8080), /metrics for Prometheus and
     /// /faults.json; other machines are served with a token alone
     #[arg(long, value_name = "ADDRESS")]
-    serve: Option<SocketAddr>,
+    serve: Option<String>,
     /// Who looks must know what is in this file
     #[arg(long, value_name = "FILE")]
     serve_token: Option<PathBuf>,
@@ -176,7 +175,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     }
     let out = PathBuf::from(&settings.output.dir);
     rotate::check(args.rotate, args.follow, &out)?;
-    let serve = live::check(args.serve, args.serve_token.as_deref(), args.follow)?;
+    let serve = live::check(args.serve.as_deref(), args.serve_token.as_deref(), args.follow)?;
     let first = settings.input.recordings[0].clone(); // there is one at least
     let found = inputs::find_each_recording(&settings.input.recordings)?;
     outputs::check_place(&out).map_err(Failure::of_place)?;
@@ -233,7 +232,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     let writer = JournalWriter::open(&out).map_err(|e| unwritable(&out.join(JOURNAL_NAME), e))?;
     let mut here = Here { progress: &progress };
     let live = match serve {
-        Some(asked) => Some(live::start(asked, &first, &control)?),
+        Some(place) => Some(live::start(place, &first, &control)?),
         None => None,
     };
     live.iter().try_for_each(|live| follow::tell_address(live.address, args.json, &progress))?;

@@ -49,10 +49,15 @@ function show(state) {
   return state.ended;
 }
 
-// a token of the page's address goes with it; lost connections are taken up again by the browser
-const events = new EventSource("events" + location.search);
-events.onmessage = (message) => { if (show(JSON.parse(message.data))) events.close(); };
-events.onerror = () => {
-  at("status").className = "lost";
-  at("status").textContent = "not connected: what is shown is old; trying again …";
-};
+// A token of the page's address goes with it. Lost connections are taken up again by the browser; where it was refused
+// (no room, no such program any more behind the port) it gives up, and we ask anew.
+function listen() {
+  const events = new EventSource("events" + location.search);
+  events.onmessage = (message) => { if (show(JSON.parse(message.data))) events.close(); };
+  events.onerror = () => {
+    at("status").className = "lost";
+    at("status").textContent = "not connected: what is shown is old; trying again …";
+    if (events.readyState === EventSource.CLOSED) setTimeout(listen, 2000);
+  };
+}
+listen();

@@ -1,0 +1,174 @@
+//! What is answered: a page, its events, metrics, faults. Nothing is changed by a request.
+
+use super::client::Client;
+use super::connections::Seat;
+use super::request::Request;
+use super::view::Live;
+use std::io::{self, Write};
+use std::net::IpAddr;
+use std::thread;
+use std::time::Duration;
+
+const PAGE: &str = include_str!("page.html");
+const SCRIPT: &str = include_str!("page.js");
+/// Loads nothing from elsewhere, and is shown in no other page.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'unsafe-inline'; connect-src 'self'; \
+                      frame-ancestors 'none'";
+/// Between two states that a page is sent, at least and at most.
+const LEAST_PAUSE: Duration = Duration::from_millis(200);
+const MOST_PAUSE: Duration = Duration::from_secs(1);
+/// To take an answer, or a state; who is slower is let go. A page then comes again by itself.
+const TAKING: Duration = Duration::from_secs(10);
+
+/// Why there is no answer.
+#[derive(Clone, Copy)]
+pub enum Status {
+    NoHttp,
+    NoToken,
+    OtherHost,
+    NoSuchPath,
+    NotGet,
+    TooLarge,
+    NoRoom,
+}
+
+impl Status {
+    fn line(self) -> &'static str {
+        match self {
+            Status::NoHttp => "400 Bad Request",
+            Status::NoToken => "401 Unauthorized",
+            Status::OtherHost => "403 Forbidden",
+            Status::NoSuchPath => "404 Not Found",
+            Status::NotGet => "405 Method Not Allowed",
+            Status::TooLarge => "431 Request Header Fields Too Large",
+            Status::NoRoom => "503 Service Unavailable",
+        }
+    }
+
+    fn why(self) -> &'static str {
+        match self {
+            Status::NoHttp => "no HTTP",
+            Status::NoToken => "give the token: /?token=..., or Authorization: Bearer ...",
+            Status::OtherHost => "another host's name: open it by the address it is served at",
+            Status::NoSuchPath => "there are /, /metrics, /faults.json and /events",
+            Status::NotGet => "only GET",
+            Status::TooLarge => "more headers than are read here",
+            Status::NoRoom => "too many are connected: come again",
+        }
+    }
+}
+
+/// What a request asks for.
+enum Asked {
+    Page,
+    Script,
+    Events,
+    Metrics,
+    Faults,
+}
+
+impl Asked {
+    fn of(path: &str) -> Option<Asked> {
+        Some(match path {
+            "/" => Asked::Page,
+            "/page.js" => Asked::Script,
+            "/events" => Asked::Events,
+            "/metrics" => Asked::Metrics,
+            "/faults.json" => Asked::Faults,
+            _ => return None,
+        })
+    }
+
+    /// Page and script say nothing of printheads.
+    fn is_data(&self) -> bool {
+        !matches!(self, Asked::Page | Asked::Script)
+    }
+}
+
+/// `page`: a seat for somebody who stays.
+pub fn answer(
+    request: &Request,
+    client: &mut Client,
+    live: &Live,
+    page: impl FnOnce() -> Option<Seat>,
+) -> io::Result<()> {
+    if !request.is_get {
+        return refuse(client, Status::NotGet);
+    }
+    let Some(asked) = Asked::of(&request.path) else { return refuse(client, Status::NoSuchPath) };
+    if !is_named_as_here(&request.host, live) {
+        return refuse(client, Status::OtherHost);
+    }
+    if asked.is_data() && !live.admits(request.token()) {
+        return refuse(client, Status::NoToken);
+    }
+    match asked {
+        Asked::Page => say(client, "text/html; charset=utf-8", PAGE),
+        Asked::Script => say(client, "text/javascript; charset=utf-8", SCRIPT),
+        Asked::Metrics => {
+            let text = live.state.metrics(live.behind_bytes());
+            say(client, "text/plain; version=0.0.4; charset=utf-8", &text)
+        }
+        Asked::Faults => {
+            say(client, "application/json", &live.state.faults_as_json(&live.recording).to_string())
+        }
+        Asked::Events => match page() {
+            Some(_seat) => tell(client, live),
+            None => refuse(client, Status::NoRoom),
+        },
+    }
+}
+
+/// A page of another name that leads here is another's program in a browser on this machine.
+fn is_named_as_here(host: &str, live: &Live) -> bool {
+    if !live.address.ip().is_loopback() {
+        return true; // names of machines are not known here; the token decides
+    }
+    let name = match host.strip_prefix('[') {
+        Some(rest) => rest.split(']').next(),
+        None => host.split(':').next(),
+    };
+    let name = name.unwrap_or_default();
+    name.eq_ignore_ascii_case("localhost") || name.parse().is_ok_and(|ip: IpAddr| ip.is_loopback())
+}
+
+fn say(client: &mut Client, kind: &str, text: &str) -> io::Result<()> {
+    write_whole(client, "200 OK", kind, text)
+}
+
+pub fn refuse(client: &mut Client, why: Status) -> io::Result<()> {
+    write_whole(client, why.line(), "text/plain; charset=utf-8", &format!("{}\n", why.why()))
+}
+
+fn head(status: &str, kind: &str) -> String {
+    format!(
+        "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Security-Policy: {POLICY}\r\nCache-Control: no-store\r\n\
+         X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\nConnection: close\r\n"
+    )
+}
+
+fn write_whole(client: &mut Client, status: &str, kind: &str, text: &str) -> io::Result<()> {
+    client.give(TAKING);
+    let whole = format!("{}Content-Length: {}\r\n\r\n{text}", head(status, kind), text.len());
+    client.write_all(whole.as_bytes())
+}
+
+/// Server-sent events: the state, again whenever it has changed, until the recording ends or nobody reads.
+fn tell(client: &mut Client, live: &Live) -> io::Result<()> {
+    client.give(TAKING);
+    let begin = format!("{}\r\nretry: 1000\n\n", head("200 OK", "text/event-stream"));
+    client.write_all(begin.as_bytes())?;
+    let mut seen = 0;
+    loop {
+        let (version, ended) = live.state.wait(seen, MOST_PAUSE);
+        seen = version;
+        // also where nothing has changed: it tells that somebody is there
+        let state = live.state.as_json(&live.recording, live.behind_bytes());
+        client.give(TAKING);
+        client.write_all(format!("data: {state}\n\n").as_bytes())?;
+        if ended {
+            return Ok(());
+        }
+        thread::sleep(LEAST_PAUSE);
+    }
+}

@@ -1,0 +1,83 @@
+//! Who is connected: so many at once and no more, each on a thread of its own.
+
+use super::answers::{self, Status};
+use super::client::Client;
+use super::request::{Refused, Request};
+use super::view::Live;
+use std::io;
+use std::net::TcpListener;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+use std::time::Duration;
+
+/// Connections at once; of them so many pages, so that there is room for who asks once.
+const MOST_CONNECTIONS: usize = 64;
+const MOST_PAGES: usize = 32;
+/// To send a request.
+const ASKING: Duration = Duration::from_secs(5);
+/// After a failure of the system's, such as too many open files.
+const PAUSE: Duration = Duration::from_millis(100);
+
+#[derive(Default)]
+struct Room {
+    connections: Arc<AtomicUsize>,
+    pages: Arc<AtomicUsize>,
+}
+
+/// One of those that there is room for; gives its place back.
+pub struct Seat(Arc<AtomicUsize>);
+
+impl Seat {
+    fn take(taken: &Arc<AtomicUsize>, most: usize) -> Option<Seat> {
+        let seat = Seat(taken.clone());
+        // dropped, it is given back
+        (taken.fetch_add(1, Ordering::Relaxed) < most).then_some(seat)
+    }
+}
+
+impl Drop for Seat {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+/// Answers until the process ends.
+pub fn accept(listener: &TcpListener, live: &Arc<Live>) {
+    let room = Room::default();
+    for stream in listener.incoming() {
+        let Ok(stream) = stream else {
+            thread::sleep(PAUSE);
+            continue;
+        };
+        let mut client = Client::new(stream);
+        let Some(seat) = Seat::take(&room.connections, MOST_CONNECTIONS) else {
+            // what is sent first waits for nobody
+            let _ = answers::refuse(&mut client, Status::NoRoom);
+            continue;
+        };
+        let (live, pages) = (live.clone(), room.pages.clone());
+        let answer = move || {
+            // whoever asked has gone away: nobody is left to tell
+            let _ = hear(client, &live, &pages);
+            drop(seat);
+        };
+        if thread::Builder::new().name("live client".into()).spawn(answer).is_err() {
+            thread::sleep(PAUSE);
+        }
+    }
+}
+
+fn hear(mut client: Client, live: &Live, pages: &Arc<AtomicUsize>) -> io::Result<()> {
+    client.give(ASKING);
+    match Request::read(&mut client)? {
+        Ok(request) => {
+            let page = || Seat::take(pages, MOST_PAGES);
+            answers::answer(&request, &mut client, live, page)?;
+        }
+        Err(Refused::NoHttp) => answers::refuse(&mut client, Status::NoHttp)?,
+        Err(Refused::TooLarge) => answers::refuse(&mut client, Status::TooLarge)?,
+    }
+    client.part();
+    Ok(())
+}

@@ -1,0 +1,91 @@
+//! Where the live view is served and who may look: checked, and bound, before anything else is done.
+
+use crate::cli::exit::Failure;
+use crate::io::regular_file;
+use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
+use std::path::Path;
+
+/// Of a token: shorter ones can be guessed, longer ones are another file.
+const LEAST_TOKEN: usize = 16;
+const MOST_TOKEN: u64 = 1024;
+
+/// A port that is ours from here on; who connects before anybody answers waits.
+#[derive(Debug)]
+pub struct Place {
+    pub listener: TcpListener,
+    pub address: SocketAddr,
+    pub token: Option<String>,
+}
+
+/// What is asked for, if it can be. `address`: `127.0.0.1:8080` or `localhost:8080`; `token`: a file of it.
+///
+/// # Errors
+/// What is asked for has no effect, or would let others look (usage); the port is taken (failed).
+pub fn check(
+    address: Option<&str>,
+    token: Option<&Path>,
+    follow: bool,
+) -> Result<Option<Place>, Failure> {
+    let Some(address) = address else {
+        return match token {
+            Some(_) => Err(Failure::usage("--serve-token: has no effect here: add --serve")),
+            None => Ok(None),
+        };
+    };
+    if !follow {
+        return Err(Failure::usage(
+            "--serve: shows a recording that is being written: add --follow; `inkling report` makes a page of what \
+             is finished",
+        ));
+    }
+    let token = token.map(read_token).transpose()?;
+    let addresses = resolve(address)?;
+    if let Some(open) = addresses.iter().find(|of| token.is_none() && !of.ip().is_loopback()) {
+        return Err(Failure::usage(format!(
+            "--serve {address}: whoever reaches this machine could look: serve 127.0.0.1:{}, or give --serve-token \
+             FILE with a secret of {LEAST_TOKEN} characters or more",
+            open.port()
+        )));
+    }
+    let failed = |e| Failure::new(format!("--serve {address}: cannot listen: {e}"));
+    let listener = TcpListener::bind(addresses.as_slice()).map_err(failed)?;
+    let address = listener.local_addr().map_err(failed)?;
+    Ok(Some(Place { listener, address, token }))
+}
+
+/// All that a name stands for, IPv4 first, as most people type it.
+fn resolve(address: &str) -> Result<Vec<SocketAddr>, Failure> {
+    let is_port = |text: &str| text.parse::<u16>().is_ok();
+    let has_port = address.rsplit_once(':').is_some_and(|(name, port)| {
+        // of an IPv6 address without brackets the last group is no port
+        is_port(port) && !name.is_empty() && (name.ends_with(']') || !name.contains(':'))
+    });
+    if !has_port {
+        let meant = match address.strip_prefix(':').unwrap_or(address) {
+            port if is_port(port) => format!("127.0.0.1:{port}"),
+            _ => "127.0.0.1:8080".into(),
+        };
+        return Err(Failure::usage(format!(
+            "--serve {address}: give an address or a name and a port, such as {meant}"
+        )));
+    }
+    let found = address.to_socket_addrs().map_err(|e| {
+        Failure::usage(format!("--serve {address}: no such address of this machine: {e}"))
+    })?;
+    let mut addresses: Vec<SocketAddr> = found.collect();
+    addresses.sort_by_key(SocketAddr::is_ipv6);
+    Ok(addresses)
+}
+
+fn read_token(path: &Path) -> Result<String, Failure> {
+    let failed = |what: String| Failure::usage(format!("--serve-token {}: {what}", path.display()));
+    let text = regular_file::read(path, MOST_TOKEN).map_err(|e| failed(e.to_string()))?;
+    let token = String::from_utf8_lossy(&text).trim().to_owned();
+    let is_plain = token.bytes().all(|c| c.is_ascii_alphanumeric() || b"-._~".contains(&c));
+    match is_plain && token.len() >= LEAST_TOKEN {
+        true => Ok(token),
+        false => Err(failed(format!(
+            "give one line of {LEAST_TOKEN} or more letters, digits, `-`, `.`, `_` or `~`"
+        ))),
+    }
+}
