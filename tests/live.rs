@@ -189,7 +189,11 @@ fn where_nothing_can_be_served_is_said_before_anything_is_done() {
         ("now.mcap --follow --serve-token short", 2, "add --serve"),
         ("now.mcap --follow --serve [::]:0 --serve-token short", 2, "16 or more letters"),
         ("now.mcap --follow --serve [::]:0 --serve-token none", 2, "--serve-token none: "),
-        ("now.mcap --follow --serve here", 2, "--serve here: give an address or a name and a port, such as 127.0.0.1:8080"),
+        (
+            "now.mcap --follow --serve here",
+            2,
+            "--serve here: give an address or a name and a port, such as 127.0.0.1:8080",
+        ),
         ("now.mcap --follow --serve :80", 2, "a port, such as 127.0.0.1:80"),
         ("now.mcap --follow --serve ::1", 2, "--serve ::1: give an address"),
     ];

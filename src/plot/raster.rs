@@ -40,8 +40,8 @@ impl Raster<'_> {
             of.set_color(png::ColorType::Indexed);
             of.set_depth(png::BitDepth::Four);
             of.set_palette(self.palette.concat());
-            of.set_compression(png::Compression::Best);
-            of.set_filter(png::FilterType::NoFilter);
+            of.set_compression(png::Compression::High);
+            of.set_filter(png::Filter::NoFilter);
         };
         encode(self.width, self.height, indexed, &packed)
     }
@@ -87,10 +87,10 @@ mod tests {
         let cells: Vec<u8> = (0..7 * 5).map(|k| (k % 3) as u8).collect();
         let raster = Raster { width: 7, height: 5, palette: &PALETTE, cells: &cells };
         let bytes = raster.png().unwrap();
-        let mut decoder = png::Decoder::new(bytes.as_slice());
+        let mut decoder = png::Decoder::new(std::io::Cursor::new(&bytes));
         decoder.set_transformations(png::Transformations::EXPAND);
         let mut reader = decoder.read_info().unwrap();
-        let mut rgb = vec![0; reader.output_buffer_size()];
+        let mut rgb = vec![0; reader.output_buffer_size().unwrap()];
         reader.next_frame(&mut rgb).unwrap();
         let expected: Vec<u8> = cells.iter().flat_map(|c| PALETTE[usize::from(*c)]).collect();
         assert_eq!(rgb, expected);

@@ -1,8 +1,8 @@
 //! What is answered: a page, its events, metrics, faults. Nothing is changed by a request.
 
 use super::client::Client;
-use super::connections::Seat;
 use super::request::Request;
+use super::seat::Seat;
 use super::view::Live;
 use std::io::{self, Write};
 use std::net::IpAddr;

@@ -3,11 +3,12 @@
 use super::answers::{self, Status};
 use super::client::Client;
 use super::request::{Refused, Request};
+use super::seat::Seat;
 use super::view::Live;
 use std::io;
 use std::net::TcpListener;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::AtomicUsize;
 use std::thread;
 use std::time::Duration;
 
@@ -23,23 +24,6 @@ const PAUSE: Duration = Duration::from_millis(100);
 struct Room {
     connections: Arc<AtomicUsize>,
     pages: Arc<AtomicUsize>,
-}
-
-/// One of those that there is room for; gives its place back.
-pub struct Seat(Arc<AtomicUsize>);
-
-impl Seat {
-    fn take(taken: &Arc<AtomicUsize>, most: usize) -> Option<Seat> {
-        let seat = Seat(taken.clone());
-        // dropped, it is given back
-        (taken.fetch_add(1, Ordering::Relaxed) < most).then_some(seat)
-    }
-}
-
-impl Drop for Seat {
-    fn drop(&mut self) {
-        self.0.fetch_sub(1, Ordering::Relaxed);
-    }
 }
 
 /// Answers until the process ends.

@@ -6,6 +6,7 @@ mod client;
 mod connections;
 mod place;
 mod request;
+mod seat;
 mod state;
 mod view;
 
