@@ -40,11 +40,12 @@ def check_bill(path):
     error = JsonStrictValidator(SchemaVersion.V1_6).validate_str(text)
     assert error is None, error
     # crates that are in it for sure, each with its checksum and licence; those of tests are not
-    crates = {of["name"]: of for of in json.loads(text)["components"]}
+    parts = json.loads(text)["components"]
+    crates = {of["name"]: of for of in parts}
     for name in ("arrow-array", "clarabel", "mcap"):
         assert crates[name]["hashes"] and crates[name]["licenses"], crates[name]
     assert "divan" not in crates and "protox" not in crates
-    return len(crates)
+    return len(parts)
 
 
 print(f"{check_workflow()} jobs, {check_bill(sys.argv[1])} crates in the bill of materials")
