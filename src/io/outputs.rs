@@ -87,7 +87,7 @@ impl ResultFile {
                 ResultFile::Design => holds("sample_period_s"),
                 ResultFile::Models => holds("models"),
                 ResultFile::Page => content.starts_with(b"<!doctype html>"),
-                ResultFile::Recording => content.starts_with(&MAGIC),
+                ResultFile::Recording => content.starts_with(MAGIC),
                 ResultFile::Table => content.starts_with(b"PAR1"),
             }
     }
