@@ -10,18 +10,15 @@ from packaging.tags import platform_tags
 
 #: Set: take the library as it was built before, with whatever features.
 AS_BUILT = "INKLING_AS_BUILT"
-#: The profile of Cargo.toml to build by, if not `release`; `wheel` is smaller and takes longer.
-PROFILE = "INKLING_PROFILE"
 
 
 class Library(BuildHookInterface):
     def initialize(self, version, build_data):
-        profile = os.environ.get(PROFILE, "release")
-        build = ["cargo", "build", "--locked", "--profile", profile, "-p", "inkling-python"]
+        build = ["cargo", "build", "--release", "--locked", "-p", "inkling-python"]
         if not os.environ.get(AS_BUILT):
             subprocess.run(build, cwd=self.root, check=True)
         name = {"win32": "inkling_python.dll", "darwin": "libinkling_python.dylib"}.get(sys.platform, "libinkling_python.so")
-        library = Path(self.root, os.environ.get("CARGO_TARGET_DIR", "target"), profile, name)
+        library = Path(self.root, os.environ.get("CARGO_TARGET_DIR", "target"), "release", name)
         if not library.is_file():
             raise FileNotFoundError(f"{library}: not there; `{' '.join(build)}` makes it")
         build_data["pure_python"] = False
