@@ -9,9 +9,9 @@ use super::looked_at::LookedAt;
 use super::moved::Moved;
 use super::sweep::{Clock, Sweep};
 use crate::burst::Burst;
-use crate::design::{HealthyModel, Judge, OwnBasis, OwnChannels, OwnLevel, Workspace};
+use crate::design::{HealthyModel, Judge, OwnBasis, OwnChannels, Workspace};
 use crate::isolate::physics_density::FaultCurves;
-use crate::state::{Features, Found, Head as State, HeadMemory, Look, Memory};
+use crate::state::{Features, Found, Head as State, HeadMemory, Look, Memory, OwnLevel};
 use crate::verdict::{Reason, unusable_signal};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -35,20 +35,16 @@ pub(super) struct Judging<'a> {
     pub rails: [f64; 2],
     /// Of damping and frequency, relative.
     pub bounds: [f64; 2],
-    /// Levels of channels are known from before, and judge.
-    pub remembered: Option<Remembered<'a>>,
+    /// With `--baseline`: the states that heads were left in.
+    pub memory: Option<&'a Memory>,
+    /// What signals are isolated by; `None`: the design has no physics.
+    pub curves: Option<Arc<FaultCurves>>,
+    pub false_alarm_rate: f64,
     /// Channels that may still be met.
     pub room: usize,
     /// Of all judges: heads may have one in common.
     pub moves: u32,
     pub work: Looking,
-}
-
-#[derive(Debug)]
-pub(super) struct Remembered<'a> {
-    pub memory: &'a Memory,
-    pub curves: Option<Arc<FaultCurves>>,
-    pub false_alarm_rate: f64,
 }
 
 /// Buffers.
@@ -117,8 +113,8 @@ impl Head {
         let (kind, healthy_sd) = judge.kind(by.bounds).zip(judge.healthy_sd())?;
         let base = named.map_or_else(|| judge.model.clone(), |of| Arc::new(of.clone()));
         let ring = if named.is_none() { base.ring_numbers() } else { None };
-        let memory = by.remembered.as_ref().map(|of| of.memory);
-        let mut state = match memory.and_then(|of| of.printheads.get(&*burst.printhead)) {
+        let remembered = by.memory.and_then(|of| of.printheads.get(&*burst.printhead));
+        let mut state = match remembered {
             Some(of) => {
                 let from = of.ring.zip(ring).map(|(then, now)| ring_from(then, now));
                 State::remembered(kind, of, &from.unwrap_or_default())
@@ -182,7 +178,7 @@ impl Head {
         self.sweeps = self.sweeps.wrapping_add(1);
         let t_ns = sweep.to_ns();
         let (looks, all_frozen) = self.look(&sweep, by);
-        let own = by.remembered.as_ref().map(|of| self.own(of));
+        let own = self.own(by);
         let frozen: Vec<u32> =
             self.bits.iter().filter(|(_, bits)| bits.frozen).map(|(k, _)| *k).collect();
         let found = self.state.sweep(t_ns, &looks);
@@ -282,37 +278,29 @@ impl Head {
     }
 
     /// Where channels are by themselves, from the level; and what all have in common.
-    fn own(&mut self, of: &Remembered) -> (Arc<OwnBasis>, Vec<OwnLevel>) {
+    fn own(&mut self, by: &Judging) -> (Arc<OwnBasis>, Vec<OwnLevel>) {
         let behind = self.state.looks_within();
         let basis = match &self.own {
             // drops differ about as much as they did
             Some((then, basis)) if behind < 2.0 * then => basis.clone(),
             _ => {
-                let curves = of.curves.as_deref();
-                let basis = OwnBasis::new(self.state.shot(), curves, of.false_alarm_rate);
-                let basis = Arc::new(basis);
+                let curves = by.curves.as_deref();
+                let basis = Arc::new(OwnBasis::new(&self.state, curves, by.false_alarm_rate));
                 self.own = Some((behind, basis.clone()));
                 basis
             }
         };
-        let channels =
-            self.state.own().map(|(channel, sum, at)| OwnLevel { channel, looks: sum.looks, at });
-        (basis, channels.collect())
+        (basis, self.state.own().collect())
     }
 
     /// The same about the judge that the sweep was given. `None`: there is nothing to say of any channel.
     fn placed(
         &self,
         judge: &Result<Arc<Judge>, Reason>,
-        own: Option<(Arc<OwnBasis>, Vec<OwnLevel>)>,
+        (basis, channels): (Arc<OwnBasis>, Vec<OwnLevel>),
         frozen: Vec<u32>,
     ) -> Option<Arc<OwnChannels>> {
         let judge = judge.as_ref().ok()?;
-        let (basis, channels) = match own {
-            None if frozen.is_empty() => return None,
-            None => Default::default(),
-            Some(own) => own,
-        };
         let from = self.state.level() - self.now_at() + judge.healthy_mean()?;
         Some(Arc::new(OwnChannels::new(basis, channels, from, frozen)))
     }

@@ -2,14 +2,14 @@
 //! it holds for a model that scatters otherwise, too.
 
 use super::canonical::Features;
-use super::channel::{Channel, Sum};
+use super::channel::{Channel, RUNGS, Sum};
 use super::head::{Head, Kind, Within};
 use nalgebra::{Matrix4, Vector4};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Version of the file.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 /// Channels of all printheads in a file, at most.
 pub const MOST_CHANNELS: usize = 1 << 20;
 /// Largest number in a file: features are far smaller.
@@ -59,11 +59,10 @@ impl Memory {
             1 => {
                 serde_json::from_slice::<first_version::Baselines>(text).map_err(of_parser)?.into()
             }
+            2 => second_version::upgraded(text).map_err(of_parser)?,
             VERSION => serde_json::from_slice(text).map_err(of_parser)?,
             other => {
-                return Err(format!(
-                    "version {other}: this inkling reads versions 1 and {VERSION}"
-                ));
+                return Err(format!("version {other}: this inkling reads versions 1 to {VERSION}"));
             }
         };
         memory.check()?;
@@ -99,8 +98,9 @@ impl HeadMemory {
             && covariance.symmetric_eigenvalues().min() >= -1e-9 * covariance.amax();
         let sums = |of: &Sum| (0.0..=MOST).contains(&of.looks) && of.sum.iter().all(bounded);
         let of_channel = |of: &Channel| {
-            [&of.past, &of.today, &of.faulty].into_iter().all(sums)
+            of.past.iter().chain([&of.today, &of.faulty]).all(sums)
                 && (0.0..=1.0).contains(&of.is_faulty)
+                && (0.0..=MOST).contains(&of.off)
         };
         let ring = |of: &[f64; 4]| of.iter().all(bounded) && of[..3].iter().all(|v| *v > 0.0);
         numbers.clone().all(bounded)
@@ -114,7 +114,8 @@ impl HeadMemory {
 
 fn mapped(of: &Channel, by: &Matrix4<f64>) -> Channel {
     let sum = |of: &Sum| Sum { looks: of.looks, sum: (by * Vector4::from(of.sum)).into() };
-    Channel { past: sum(&of.past), today: sum(&of.today), faulty: sum(&of.faulty), ..*of }
+    let past = of.past.each_ref().map(sum);
+    Channel { past, today: sum(&of.today), faulty: sum(&of.faulty), ..*of }
 }
 
 impl Head {
@@ -151,9 +152,27 @@ impl Head {
     }
 }
 
+/// Files of version 2: of each channel's past one level.
+mod second_version {
+    use super::{Memory, RUNGS, VERSION};
+    use serde_json::{Value, json};
+
+    pub fn upgraded(text: &[u8]) -> Result<Memory, serde_json::Error> {
+        let mut of: Value = serde_json::from_slice(text)?;
+        of["version"] = json!(VERSION);
+        let heads = of["printheads"].as_object_mut().into_iter().flat_map(|heads| heads.values_mut());
+        let channels = heads.filter_map(|head| head["channels"].as_object_mut());
+        for channel in channels.flat_map(|of| of.values_mut()) {
+            channel["past"] = json!(vec![channel["past"].clone(); RUNGS]);
+            channel["off"] = json!(0.0);
+        }
+        serde_json::from_value(of)
+    }
+}
+
 /// Files of version 1: per channel the mean of its healthy signals.
 mod first_version {
-    use super::{Channel, HeadMemory, Memory, Sum};
+    use super::{Channel, HeadMemory, Memory, RUNGS, Sum};
     use serde::Deserialize;
     use std::collections::BTreeMap;
 
@@ -181,7 +200,7 @@ mod first_version {
         fn from(of: Baselines) -> Memory {
             let channel = |(k, of): (u32, Baseline)| {
                 let past = Sum { looks: of.signals, sum: of.features.map(|f| f * of.signals) };
-                (k, Channel { past, ..Channel::default() })
+                (k, Channel { past: [past; RUNGS], ..Channel::default() })
             };
             let head = |(name, of): (String, Printhead)| {
                 let head = HeadMemory {
