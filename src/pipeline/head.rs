@@ -11,6 +11,7 @@ use super::sweep::{Clock, Sweep};
 use crate::burst::Burst;
 use crate::design::{HealthyModel, Judge, OwnBasis, OwnChannels, Workspace};
 use crate::isolate::physics_density::FaultCurves;
+use crate::model::inner_product::dot;
 use crate::state::{Features, Found, Head as State, HeadMemory, Look, Memory, OwnLevel};
 use crate::verdict::{Reason, unusable_signal};
 use std::collections::HashMap;
@@ -79,15 +80,22 @@ pub(super) struct Head {
     own: Option<(f64, Arc<OwnBasis>)>,
     /// Per channel its last look; and whether it was the same bits as the one before.
     bits: HashMap<u32, Bits>,
+    weights: Vec<f64>,
     pub told: Moved,
 }
 
-/// Features of a look by one judge: equal only of equal samples.
+/// A sum over a channel's samples, each with a weight of its own: the same only for the same samples.
 #[derive(Clone, Copy, Debug)]
 struct Bits {
     t_ns: i64,
-    features: [u64; 4],
+    sum: u64,
     frozen: bool,
+}
+
+/// Weights without a pattern (multiples of the golden ratio, less their whole part).
+fn weights(samples: usize) -> Vec<f64> {
+    let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
+    (1..=samples).map(|i| 0.5 + (i as f64 * golden).fract()).collect()
 }
 
 /// Features of one ring (amplitude, damping, frequency, phase) from another.
@@ -138,6 +146,7 @@ impl Head {
             healthy_sd,
             own: None,
             bits: HashMap::new(),
+            weights: weights(burst.samples_per_channel as usize),
             told: Moved::new(burst.printhead.clone()),
         })
     }
@@ -248,13 +257,13 @@ impl Head {
                 if unusable_signal(signal, *rails).is_some() {
                     continue;
                 }
+                if judge.model.noise > LEAST_NOISE && self.repeats(t_ns, channel, signal) {
+                    repeated += 1;
+                    continue;
+                }
                 judge.deviate(burst, row, expected, signal);
                 let Some(local) = judge.features(signal, drive, far, work) else { continue };
                 if !local.iter().all(|v| v.is_finite()) {
-                    continue;
-                }
-                if judge.model.noise > LEAST_NOISE && self.repeats(t_ns, channel, &local) {
-                    repeated += 1;
                     continue;
                 }
                 if !self.state.knows(channel) {
@@ -268,12 +277,12 @@ impl Head {
         (looks, frozen)
     }
 
-    /// Whether a look is the same bits as the one before.
-    fn repeats(&mut self, t_ns: i64, channel: u32, features: &Features) -> bool {
-        let features: [u64; 4] = std::array::from_fn(|k| features[k].to_bits());
-        let bits = self.bits.entry(channel).or_insert(Bits { t_ns, features, frozen: false });
-        bits.frozen = bits.t_ns < t_ns && bits.features == features;
-        (bits.t_ns, bits.features) = (t_ns, features);
+    /// Whether a signal is the same bits as its channel's look before.
+    fn repeats(&mut self, t_ns: i64, channel: u32, signal: &[f64]) -> bool {
+        let sum = dot(&self.weights, signal).to_bits();
+        let bits = self.bits.entry(channel).or_insert(Bits { t_ns, sum, frozen: false });
+        bits.frozen = bits.t_ns < t_ns && bits.sum == sum;
+        (bits.t_ns, bits.sum) = (t_ns, sum);
         bits.frozen
     }
 

@@ -135,49 +135,53 @@ impl Channel {
         (self.today, self.day_from_ns) = (Sum::default(), i64::MAX);
     }
 
-    /// Squared distances of today's level from where the channel was ([`RUNG_DAYS`]), and of its level from all channels',
-    /// each by what a healthy channel's would be. 0: nothing is known of one of the two.
-    pub fn moved(&self, spread: &Features, noise: &Features) -> [f64; RUNGS + 1] {
-        let mut squares = [0.0; RUNGS + 1];
-        if self.today.looks <= 0.0 {
-            return squares;
-        }
-        let between = noise / self.today.looks;
-        for ((square, past), days) in squares.iter_mut().zip(&self.past).zip(RUNG_DAYS) {
-            if past.looks > 0.0 {
-                let variance = between
-                    + noise * (1.0 / OF_A_DAY + 1.0 / past.looks)
-                    + spread * (2.0 * days / AGE_DAYS);
-                let d = self.today.mean() - past.mean();
-                *square = d.zip_map(&variance, |d, v| d * d / v).sum();
+    /// How far it is now from where it was ([`RUNG_DAYS`]), and from all channels, in standard deviations of what a
+    /// healthy one moves by. `None`: one of the two is not known.
+    pub fn moved(&self, spread: &Features, noise: &Features) -> [Option<Features>; RUNGS + 1] {
+        let now = if self.stays_faulty() { self.faulty } else { self.today };
+        let of_now = noise / now.looks;
+        let mut moved = [None; RUNGS + 1];
+        for ((moved, past), days) in moved.iter_mut().zip(&self.past).zip(RUNG_DAYS) {
+            if past.looks > 0.0 && now.looks > 0.0 {
+                let of_past = noise * (1.0 / OF_A_DAY + 1.0 / past.looks);
+                let variance = of_now + of_past + spread * (2.0 * days / AGE_DAYS);
+                *moved = Some((now.mean() - past.mean()).component_div(&variance.map(f64::sqrt)));
             }
         }
-        let all = self.healthy();
+        let all = if self.stays_faulty() { self.faulty } else { self.healthy() };
         if all.looks >= FEW {
             let variance = spread + noise / all.looks;
-            squares[RUNGS] = all.mean().zip_map(&variance, |d, v| d * d / v).sum();
+            moved[RUNGS] = Some(all.mean().component_div(&variance.map(f64::sqrt)));
         }
-        squares
+        moved
     }
 
-    /// It is where no healthy channel would be: what it was long ago is its healthy level, if it is that which it left, and
-    /// what it is now a fault. `moved`: as above, over what the head's channels do.
-    pub fn watch(&mut self, moved: [f64; RUNGS + 1]) {
-        if self.off > 0.0 {
-            if self.is_faulty < 0.5 {
-                self.off = 0.0;
+    /// It is somewhere else than where it is healthy, and knows where.
+    fn stays_faulty(&self) -> bool {
+        self.is_faulty > 0.5 && self.knows_fault()
+    }
+
+    /// Decides whether it is where a healthy channel would be. If not, what it was long ago is its healthy level, where
+    /// that is what it left, and what it is now a fault. `squares`: of what it moved by ([`Channel::moved`]), over what
+    /// its head's channels do.
+    pub fn watch(&mut self, squares: [f64; RUNGS + 1]) {
+        let drifted = squares[..RUNGS].iter().copied().fold(0.0, f64::max) / DRIFTED;
+        let off = drifted.max(squares[RUNGS] / ODD_ONE);
+        if self.stays_faulty() {
+            if self.healthy().looks < FEW && self.faulty.looks >= FEW && off < 1.0 {
+                // so do most channels of the head
+                (self.today, self.faulty) = (self.faulty, Sum::default());
+                (self.is_faulty, self.off) = (ONSET, 0.0);
             }
             return;
         }
-        let drifted = moved[..RUNGS].iter().copied().fold(0.0, f64::max) / DRIFTED;
-        let odd = moved[RUNGS] / ODD_ONE;
-        if drifted.max(odd) < 1.0 {
-            return;
+        self.off = 0.0;
+        if off >= 1.0 {
+            self.off = off;
+            let left = if drifted >= 1.0 { self.past[OLDEST] } else { Sum::default() };
+            (self.past, self.faulty) = ([left; RUNGS], self.today);
+            (self.today, self.is_faulty) = (Sum::default(), 0.9);
         }
-        self.off = drifted.max(odd);
-        let left = if drifted >= 1.0 { self.past[OLDEST] } else { Sum::default() };
-        (self.past, self.faulty, self.today) = ([left; RUNGS], self.today, Sum::default());
-        self.is_faulty = 0.9;
     }
 
     /// Whether its faulty level is known.

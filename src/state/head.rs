@@ -283,21 +283,24 @@ impl Head {
     }
 
     /// Whether channels are still where healthy ones are. What most of a head's channels do is ageing, what one does is a
-    /// fault: distances count by how far the median channel lies.
+    /// fault: each feature counts by how far the median channel has moved in it.
     fn watch(&mut self, looks: &[Look]) {
         let (spread, noise) = (self.kind.canonical.spread, self.within.noise());
         let of = |look: &Look| self.channels.get(&look.channel).map(|of| of.moved(&spread, &noise));
         let moved: Vec<_> = looks.iter().filter_map(of).collect();
-        let wider: [f64; RUNGS + 1] = std::array::from_fn(|k| {
-            let mut known: Vec<f64> = moved.iter().map(|of| of[k]).collect();
-            known.retain(|of| *of > 0.0);
-            let is_many = known.len() >= FEWEST;
-            if is_many { (median(&mut known) / MEDIAN_SQUARE).max(1.0) } else { 1.0 }
+        let wider: [Features; RUNGS + 1] = std::array::from_fn(|rung| {
+            let known: Vec<Features> = moved.iter().filter_map(|of| of[rung]).collect();
+            Features::from_fn(|k, _| {
+                let mut squares: Vec<f64> = known.iter().map(|of| of[k] * of[k]).collect();
+                let many = squares.len() >= FEWEST;
+                if many { (median(&mut squares) / MEDIAN_SQUARE).max(1.0) } else { 1.0 }
+            })
         });
         for (look, moved) in looks.iter().zip(moved) {
-            if let Some(channel) = self.channels.get_mut(&look.channel) {
-                channel.watch(std::array::from_fn(|k| moved[k] / wider[k]));
-            }
+            let Some(channel) = self.channels.get_mut(&look.channel) else { continue };
+            channel.watch(std::array::from_fn(|rung| {
+                moved[rung].map_or(0.0, |of| of.component_mul(&of).component_div(&wider[rung]).sum())
+            }));
         }
     }
 
@@ -348,8 +351,8 @@ impl Head {
     }
 }
 
-/// Median of chi-squared with four degrees of freedom.
-const MEDIAN_SQUARE: f64 = 3.357;
+/// Median of chi-squared with one degree of freedom.
+const MEDIAN_SQUARE: f64 = 0.4549;
 /// Variance of heads about their kind, in that of channels about their head.
 const OF_HEADS: f64 = 0.25;
 /// Share of the looks that must agree with a level, or it is not known.

@@ -36,8 +36,8 @@ pub struct HeadMemory {
     pub covariance: [[f64; 4]; 4],
     /// When the head was heard last, ns since the epoch.
     pub heard_ns: Option<i64>,
-    /// Mean square of looks about their channels over what noise explains, along four directions, and the looks behind it.
-    pub within: [f64; 4],
+    /// Covariance of looks about their channels, and the looks behind it; 0: not known yet.
+    pub within: [[f64; 4]; 4],
     pub within_looks: f64,
     pub channels: BTreeMap<u32, Channel>,
 }
@@ -89,13 +89,14 @@ impl Memory {
 
 impl HeadMemory {
     fn is_sound(&self) -> bool {
-        let covariance = Matrix4::from_fn(|i, j| self.covariance[i][j]);
         let bounded = |v: &f64| v.abs() <= MOST;
-        let numbers = self.level.iter().chain(&self.within).chain([&self.within_looks]);
-        let is_covariance = (covariance - covariance.transpose()).amax()
-            <= 1e-9 * covariance.amax()
-            && covariance.iter().all(bounded)
-            && covariance.symmetric_eigenvalues().min() >= -1e-9 * covariance.amax();
+        let is_covariance = |of: &[[f64; 4]; 4]| {
+            let of = matrix(of);
+            let rounding = 1e-9 * of.amax();
+            of.iter().all(bounded)
+                && (of - of.transpose()).amax() <= rounding
+                && of.symmetric_eigenvalues().min() >= -rounding
+        };
         let sums = |of: &Sum| (0.0..=MOST).contains(&of.looks) && of.sum.iter().all(bounded);
         let of_channel = |of: &Channel| {
             of.past.iter().chain([&of.today, &of.faulty]).all(sums)
@@ -103,13 +104,22 @@ impl HeadMemory {
                 && (0.0..=MOST).contains(&of.off)
         };
         let ring = |of: &[f64; 4]| of.iter().all(bounded) && of[..3].iter().all(|v| *v > 0.0);
-        numbers.clone().all(bounded)
-            && self.within.iter().all(|v| *v >= 0.0)
-            && self.within_looks >= 0.0
-            && is_covariance
+        self.level.iter().all(bounded)
+            && (0.0..=MOST).contains(&self.within_looks)
+            && is_covariance(&self.covariance)
+            && is_covariance(&self.within)
             && self.ring.as_ref().is_none_or(ring)
             && self.channels.values().all(of_channel)
     }
+}
+
+fn matrix(of: &[[f64; 4]; 4]) -> Matrix4<f64> {
+    Matrix4::from_fn(|i, j| of[i][j])
+}
+
+/// Symmetric to the last bit.
+fn rows(of: &Matrix4<f64>) -> [[f64; 4]; 4] {
+    std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (of[(i, j)] + of[(j, i)])))
 }
 
 fn mapped(of: &Channel, by: &Matrix4<f64>) -> Channel {
@@ -124,9 +134,11 @@ impl Head {
         let canonical = kind.canonical.clone();
         let mut head = Head::new(kind);
         head.level = canonical.to * (Vector4::from(of.level) + from);
-        let covariance = Matrix4::from_fn(|i, j| of.covariance[i][j]);
-        head.covariance = canonical.covariance(&covariance);
-        head.within = Within { square: Vector4::from(of.within), looks: of.within_looks };
+        head.covariance = canonical.covariance(&matrix(&of.covariance));
+        if of.within_looks > 0.0 {
+            let square = canonical.covariance(&matrix(&of.within)).diagonal();
+            head.within = Within { square, looks: of.within_looks };
+        }
         head.heard_ns = of.heard_ns;
         let channels = of.channels.iter();
         head.channels = channels.map(|(k, of)| (*k, mapped(of, &canonical.to))).collect();
@@ -136,16 +148,14 @@ impl Head {
     /// What is to be remembered. `ring`: of the base, if no design names it.
     pub fn memory(&self, ring: Option<[f64; 4]>) -> HeadMemory {
         let canonical = self.canonical();
-        let covariance = canonical.covariance_from(&self.covariance);
+        let within = Matrix4::from_diagonal(&self.within.square.map(|v| v.max(0.0)));
         let channels = self.channels.iter();
         HeadMemory {
             ring,
             level: self.level().into(),
-            covariance: std::array::from_fn(|i| {
-                std::array::from_fn(|j| 0.5 * (covariance[(i, j)] + covariance[(j, i)]))
-            }),
+            covariance: rows(&canonical.covariance_from(&self.covariance)),
             heard_ns: self.heard_ns,
-            within: self.within.square.into(),
+            within: rows(&canonical.covariance_from(&within)),
             within_looks: self.within.looks,
             channels: channels.map(|(k, of)| (*k, mapped(of, &canonical.from))).collect(),
         }
@@ -161,7 +171,11 @@ mod second_version {
         let mut of: Value = serde_json::from_slice(text)?;
         of["version"] = json!(VERSION);
         let heads = of["printheads"].as_object_mut().into_iter().flat_map(|heads| heads.values_mut());
-        let channels = heads.filter_map(|head| head["channels"].as_object_mut());
+        let channels = heads.filter_map(|head| {
+            // along directions that the file does not name
+            (head["within"], head["within_looks"]) = (json!(vec![[0.0; 4]; 4]), json!(0.0));
+            head["channels"].as_object_mut()
+        });
         for channel in channels.flat_map(|of| of.values_mut()) {
             channel["past"] = json!(vec![channel["past"].clone(); RUNGS]);
             channel["off"] = json!(0.0);
@@ -210,7 +224,7 @@ mod first_version {
                         std::array::from_fn(|j| if i == j { UNSURE } else { 0.0 })
                     }),
                     heard_ns: None,
-                    within: [1.0; 4],
+                    within: [[0.0; 4]; 4],
                     within_looks: 0.0,
                     channels: of.channels.into_iter().map(channel).collect(),
                 };
