@@ -65,7 +65,8 @@ impl OwnLevels {
                         .own_distance((judge, burst, row), metric, (features, known))
                         .or(Some(distance)),
                 });
-            let ring = distance.map_or(f64::INFINITY, |distance| judge.of_own(distance, own, known));
+            let ring =
+                distance.map_or(f64::INFINITY, |distance| judge.of_own(distance, own, known));
             *found = match ring.is_finite() {
                 true => Ok(Detection { ring, ..of_all }),
                 false => Err(Reason::NonFinite),

@@ -2,7 +2,9 @@
 //! probable it is that it is faulty now. Canonical coordinates.
 
 use super::canonical::Features;
-use super::process::{AGE_DAYS, BETWEEN, CURED, DAY_NS, DRIFTED, ODD_ONE, ONSET, RUNG_DAYS, WIDE, YOUNG};
+use super::process::{
+    AGE_DAYS, BETWEEN, CURED, DAY_NS, DRIFTED, ODD_ONE, ONSET, RUNG_DAYS, WIDE, YOUNG,
+};
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
 

@@ -299,7 +299,8 @@ impl Head {
         for (look, moved) in looks.iter().zip(moved) {
             let Some(channel) = self.channels.get_mut(&look.channel) else { continue };
             channel.watch(std::array::from_fn(|rung| {
-                moved[rung].map_or(0.0, |of| of.component_mul(&of).component_div(&wider[rung]).sum())
+                moved[rung]
+                    .map_or(0.0, |of| of.component_mul(&of).component_div(&wider[rung]).sum())
             }));
         }
     }

@@ -170,7 +170,8 @@ mod second_version {
     pub fn upgraded(text: &[u8]) -> Result<Memory, serde_json::Error> {
         let mut of: Value = serde_json::from_slice(text)?;
         of["version"] = json!(VERSION);
-        let heads = of["printheads"].as_object_mut().into_iter().flat_map(|heads| heads.values_mut());
+        let heads =
+            of["printheads"].as_object_mut().into_iter().flat_map(|heads| heads.values_mut());
         let channels = heads.filter_map(|head| {
             // along directions that the file does not name
             (head["within"], head["within_looks"]) = (json!(vec![[0.0; 4]; 4]), json!(0.0));
