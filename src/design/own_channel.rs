@@ -25,7 +25,13 @@ pub struct OwnBasis {
     lasting: f64,
     /// Threshold on the squared distance of what scatters by noise alone.
     gate: f64,
+    /// Its channels lie so far from each other that the design's threshold does not hold for those of which
+    /// nothing else is known.
+    is_aged: bool,
 }
+
+/// Times the design's spread.
+const AGED: f64 = 1.5;
 
 impl OwnBasis {
     /// `false_alarm_rate`: share of healthy signals that may be flagged.
@@ -40,6 +46,7 @@ impl OwnBasis {
             curves: curves.map_or(Vec::new(), of),
             lasting: state.lasting_share(),
             gate: chi_squared_3(false_alarm_rate),
+            is_aged: state.wider() > AGED,
         }
     }
 }
@@ -93,7 +100,8 @@ impl OwnChannels {
         let known = channels.into_iter().map(|OwnLevel { channel, looks, at, off }| {
             (channel, Known { baseline: at + from, behind: Behind::of(looks), off })
         });
-        let known = known.filter(|(_, of)| of.off > 0.0 || of.behind != Behind(0));
+        let all = basis.is_aged;
+        let known = known.filter(|(_, of)| all || of.off > 0.0 || of.behind != Behind(0));
         frozen.sort_unstable();
         OwnChannels { basis, channels: known.collect(), frozen }
     }

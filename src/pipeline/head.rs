@@ -77,7 +77,8 @@ pub(super) struct Head {
     /// Sweeps since a level was known.
     unknown: u32,
     healthy_sd: Features,
-    own: Option<(f64, Arc<OwnBasis>)>,
+    /// What channels are judged by, and the looks and the spread of them that it was made of.
+    own: Option<([f64; 2], Arc<OwnBasis>)>,
     /// Per channel its last look; and whether it was the same bits as the one before.
     bits: HashMap<u32, Bits>,
     weights: Vec<f64>,
@@ -96,6 +97,11 @@ struct Bits {
 fn weights(samples: usize) -> Vec<f64> {
     let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
     (1..=samples).map(|i| 0.5 + (i as f64 * golden).fract()).collect()
+}
+
+/// To a fifth.
+fn alike(a: f64, b: f64) -> bool {
+    (a / b).ln().abs() < 0.2
 }
 
 /// Features of one ring (amplitude, damping, frequency, phase) from another.
@@ -191,6 +197,7 @@ impl Head {
         let frozen: Vec<u32> =
             self.bits.iter().filter(|(_, bits)| bits.frozen).map(|(k, _)| *k).collect();
         let found = self.state.sweep(t_ns, &looks);
+        self.told.scatters(t_ns, self.state.wider());
         self.told.swapped_ns = self.state.swapped_ns();
         let judge = match found {
             _ if all_frozen => Err(Reason::Frozen),
@@ -288,14 +295,16 @@ impl Head {
 
     /// Where channels are by themselves, from the level; and what all have in common.
     fn own(&mut self, by: &Judging) -> (Arc<OwnBasis>, Vec<OwnLevel>) {
-        let behind = self.state.looks_within();
+        let now = [self.state.looks_within(), self.state.wider()];
         let basis = match &self.own {
-            // drops differ about as much as they did
-            Some((then, basis)) if behind < 2.0 * then => basis.clone(),
+            // drops and channels differ about as much as they did
+            Some((then, basis)) if now[0] < 2.0 * then[0] && alike(now[1], then[1]) => {
+                basis.clone()
+            }
             _ => {
                 let curves = by.curves.as_deref();
                 let basis = Arc::new(OwnBasis::new(&self.state, curves, by.false_alarm_rate));
-                self.own = Some((behind, basis.clone()));
+                self.own = Some((now, basis.clone()));
                 basis
             }
         };

@@ -67,8 +67,8 @@ pub struct Channel {
 
 /// Levels of the past that today's is compared with.
 pub const RUNGS: usize = RUNG_DAYS.len();
-/// Of [`RUNG_DAYS`], what a look is expected from.
-const USUAL: usize = 1;
+/// Of [`RUNG_DAYS`], what a look is expected from: what moves slowly is no matter of one look.
+const USUAL: usize = 0;
 /// The last is what is left of a channel once it turns out to drift.
 const OLDEST: usize = RUNGS - 1;
 
@@ -91,6 +91,8 @@ pub struct FromLevel {
 
 /// Looks below which a channel's level is not known.
 pub const FEW: f64 = 4.0;
+/// Looks that a faulty level is the mean of, about: faults grow.
+const OF_FAULT: f64 = 16.0;
 /// Looks that a day counts as: what differs from day to day is no matter of their number.
 const OF_A_DAY: f64 = 1.0 / (BETWEEN * BETWEEN);
 
@@ -151,7 +153,7 @@ impl Channel {
             }
         }
         let all = if self.stays_faulty() { self.faulty } else { self.healthy() };
-        if all.looks >= FEW {
+        if all.looks > 0.0 {
             let variance = spread + noise / all.looks;
             moved[RUNGS] = Some(all.mean().component_div(&variance.map(f64::sqrt)));
         }
@@ -170,7 +172,7 @@ impl Channel {
         let drifted = squares[..RUNGS].iter().copied().fold(0.0, f64::max) / DRIFTED;
         let off = drifted.max(squares[RUNGS] / ODD_ONE);
         if self.stays_faulty() {
-            if self.healthy().looks < FEW && self.faulty.looks >= FEW && off < 1.0 {
+            if self.healthy().looks < FEW && off < 1.0 {
                 // so do most channels of the head
                 (self.today, self.faulty) = (self.faulty, Sum::default());
                 (self.is_faulty, self.off) = (ONSET, 0.0);
@@ -178,7 +180,7 @@ impl Channel {
             return;
         }
         self.off = 0.0;
-        if off >= 1.0 {
+        if off >= 1.0 && self.healthy().looks >= FEW {
             self.off = off;
             let left = if drifted >= 1.0 { self.past[OLDEST] } else { Sum::default() };
             (self.past, self.faulty) = ([left; RUNGS], self.today);
@@ -212,6 +214,7 @@ impl Channel {
         if by.faulty > 0.5 && self.knows_fault() && far > ANOTHER_FAULT {
             self.faulty = Sum::default();
         }
+        self.faulty.at_most(OF_FAULT);
         self.faulty.add(&at, by.faulty * looks);
         let moved = by.faulty * (1.0 - CURED) + (1.0 - by.faulty) * ONSET * 0.01;
         self.is_faulty = moved.clamp(ONSET * 0.01, 0.9);

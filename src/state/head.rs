@@ -62,6 +62,8 @@ pub struct Head {
     swapped_ns: Option<i64>,
     /// Channels heard since the last pause.
     heard: BTreeSet<u32>,
+    /// How many times as far its channels lie from each other as the design says, squared: they have aged. Canonical.
+    wider: Features,
 }
 
 /// How far healthy looks lie off their own channels: noise, and what differs from drop to drop. Canonical variances.
@@ -126,6 +128,7 @@ impl Head {
             heard_ns: None,
             swapped_ns: None,
             heard: BTreeSet::new(),
+            wider: Vector4::repeat(1.0),
         }
     }
 
@@ -230,11 +233,10 @@ impl Head {
     fn member_of(&self, channel: &Channel, look: &Look, paused: bool) -> Member {
         let at = self.kind.canonical.to * look.features;
         let is_first = paused || !self.heard.contains(&look.channel);
-        let spread = &self.kind.canonical.spread;
         let by = Variances {
             noise: self.within.noise(),
-            lasting: self.within.lasting(spread),
-            spread: *spread,
+            lasting: self.lasting(),
+            spread: self.kind.canonical.spread.component_mul(&self.wider),
         };
         Member::new(at, look.drive * look.drive, channel, &by, is_first)
     }
@@ -290,12 +292,17 @@ impl Head {
         let moved: Vec<_> = looks.iter().filter_map(of).collect();
         let wider: [Features; RUNGS + 1] = std::array::from_fn(|rung| {
             let known: Vec<Features> = moved.iter().filter_map(|of| of[rung]).collect();
+            if known.len() < FEWEST {
+                return Vector4::repeat(1.0);
+            }
+            // so far the median of so many lies above by chance
+            let usual = MEDIAN_SQUARE * (1.0 + SD_OF_MEDIAN / (known.len() as f64).sqrt());
             Features::from_fn(|k, _| {
                 let mut squares: Vec<f64> = known.iter().map(|of| of[k] * of[k]).collect();
-                let many = squares.len() >= FEWEST;
-                if many { (median(&mut squares) / MEDIAN_SQUARE).max(1.0) } else { 1.0 }
+                (median(&mut squares) / usual).max(1.0)
             })
         });
+        self.wider += (wider[RUNGS] - self.wider) * OF_SWEEP;
         for (look, moved) in looks.iter().zip(moved) {
             let Some(channel) = self.channels.get_mut(&look.channel) else { continue };
             channel.watch(std::array::from_fn(|rung| {
@@ -330,11 +337,21 @@ impl Head {
         self.within.lasting(spread).sum() / spread.sum().max(f64::MIN_POSITIVE)
     }
 
+    /// How many times as far its channels lie from each other as those that it was learned from, in the feature in
+    /// which that is most.
+    pub fn wider(&self) -> f64 {
+        self.wider.max().sqrt()
+    }
+
+    /// Variances of its channels about its level, canonical.
+    fn lasting(&self) -> Features {
+        self.within.lasting(&self.kind.canonical.spread).component_mul(&self.wider)
+    }
+
     /// Covariance of a healthy look at the reference drive, noise apart, about a channel's expected level that rests on so
     /// many looks; of features.
     pub fn scatter(&self, looks: f64) -> Matrix4<f64> {
-        let noise = self.within.noise();
-        let lasting = self.within.lasting(&self.kind.canonical.spread);
+        let (noise, lasting) = (self.within.noise(), self.lasting());
         let (_, of_level) = Sum { looks, sum: [0.0; 4] }.posterior(&lasting, &noise);
         let all = noise.add_scalar(-1.0) + of_level;
         self.kind.canonical.covariance_from(&Matrix4::from_diagonal(&all))
@@ -343,7 +360,7 @@ impl Head {
     /// Where channels are expected that were healthy for some looks, or are known to be faulty.
     pub fn own(&self) -> impl Iterator<Item = OwnLevel> {
         let (from, noise) = (self.kind.canonical.from, self.within.noise());
-        let lasting = self.within.lasting(&self.kind.canonical.spread);
+        let lasting = self.lasting();
         self.channels.iter().map(move |(channel, of)| {
             let healthy = of.healthy();
             let at = from * healthy.posterior(&lasting, &noise).0;
@@ -354,6 +371,10 @@ impl Head {
 
 /// Median of chi-squared with one degree of freedom.
 const MEDIAN_SQUARE: f64 = 0.4549;
+/// Its standard deviation in a sample of one, relative to it: (2 q f)^-1 at the quartile q = .674 of a normal, twice.
+const SD_OF_MEDIAN: f64 = 2.33;
+/// Share of a sweep in what is known of how far channels lie from each other.
+const OF_SWEEP: f64 = 0.5;
 /// Variance of heads about their kind, in that of channels about their head.
 const OF_HEADS: f64 = 0.25;
 /// Share of the looks that must agree with a level, or it is not known.
