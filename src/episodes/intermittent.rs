@@ -1,19 +1,16 @@
 //! A fault that comes and goes: flagged looks too few in a row for the sequential test, and too many in all for false
 //! alarms.
 //!
-//! In: how many looks at a channel were flagged, of how many. Out: ln of the odds for a share of its own, Beta(1/2, 5),
-//! against the rate of false alarms. That is a test martingale: on a healthy channel it passes a bound b at any time at
-//! all with a probability of at most e^-b (Ville 1939), if its flags come no more often than at that rate.
-
-use std::f64::consts::PI;
+//! In: how many looks at a channel were flagged, of how many. Out: ln of the odds for a share above the rate of false
+//! alarms against that rate. That is a test martingale: on a healthy channel it passes a bound b at any time at all with a
+//! probability of at most e^-b (Ville 1939), if its flags come no more often than at that rate.
 
 /// The rate of false alarms that a channel is compared with, at least: thrice what is stated by default.
 const LEAST_RATE: f64 = 2e-3;
 /// The same, in what the other channels of its printhead show.
 const OF_OTHERS: f64 = 2.0;
-/// A priori a channel's share of flagged looks is Beta-distributed with these: mostly small.
-const FLAGGED: f64 = 0.5;
-const NOT_FLAGGED: f64 = 5.0;
+/// Shares of a fault that are compared with that rate: this many times as large, twice that, and so on, each as likely.
+const TIMES: f64 = 4.0;
 
 /// Looks, and the flagged ones of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -33,44 +30,20 @@ impl Flags {
             looks: of_all.looks.saturating_sub(self.looks),
             flagged: of_all.flagged.saturating_sub(self.flagged),
         };
-        let rate = (OF_OTHERS * others.share()).clamp(LEAST_RATE, 0.5);
+        let rate = (OF_OTHERS * others.share()).clamp(LEAST_RATE, 0.2);
         let (flagged, not) = (self.flagged as f64, (self.looks - self.flagged) as f64);
-        ln_beta(flagged + FLAGGED, not + NOT_FLAGGED)
-            - ln_beta(FLAGGED, NOT_FLAGGED)
-            - flagged * rate.ln()
-            - not * (-rate).ln_1p()
+        let of_share = |p: f64| flagged * (p / rate).ln() + not * ((-p).ln_1p() - (-rate).ln_1p());
+        let shares = std::iter::successors(Some(TIMES * rate), |p| Some(2.0 * p));
+        let lns: Vec<f64> = shares.take_while(|p| *p < 1.0).map(of_share).collect();
+        let most = lns.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        most + (lns.iter().map(|ln| (ln - most).exp()).sum::<f64>() / lns.len() as f64).ln()
     }
-}
-
-fn ln_beta(a: f64, b: f64) -> f64 {
-    ln_gamma(a) + ln_gamma(b) - ln_gamma(a + b)
-}
-
-/// By Stirling's series, from 8 on; relative error below 1e-10.
-fn ln_gamma(x: f64) -> f64 {
-    if x < 8.0 {
-        return ln_gamma(x + 1.0) - x.ln();
-    }
-    let r = 1.0 / (x * x);
-    (x - 0.5) * x.ln() - x
-        + 0.5 * (2.0 * PI).ln()
-        + (1.0 / 12.0 - r * (1.0 / 360.0 - r / 1260.0)) / x
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use rand::{RngExt, SeedableRng};
-
-    #[test]
-    fn ln_gamma_is_that_of_factorials_and_of_a_half() {
-        let mut factorial = 1.0_f64;
-        for n in 1..20 {
-            assert!((ln_gamma(f64::from(n)) - factorial.ln()).abs() < 1e-9, "{n}");
-            factorial *= f64::from(n);
-        }
-        assert!((ln_gamma(0.5) - 0.5 * PI.ln()).abs() < 1e-9);
-    }
 
     /// Looks at channels that are flagged at a rate; in how many of them the evidence reaches the bound at any time.
     fn raised(rate: f64, looks: u64, channels: usize, bound: f64) -> usize {

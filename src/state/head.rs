@@ -63,7 +63,7 @@ pub struct Head {
     /// Channels heard since the last pause.
     heard: BTreeSet<u32>,
     /// How many times as far its channels lie from each other as the design says, squared: they have aged. Canonical.
-    wider: Features,
+    pub(super) wider: Features,
 }
 
 /// How far healthy looks lie off their own channels: noise, and what differs from drop to drop. Canonical variances.

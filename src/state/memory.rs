@@ -39,6 +39,8 @@ pub struct HeadMemory {
     /// Covariance of looks about their channels, and the looks behind it; 0: not known yet.
     pub within: [[f64; 4]; 4],
     pub within_looks: f64,
+    /// Covariance of its channels about its level, where that is known to be wider than the design's; 0: it is not.
+    pub spread: [[f64; 4]; 4],
     pub channels: BTreeMap<u32, Channel>,
 }
 
@@ -108,6 +110,7 @@ impl HeadMemory {
             && (0.0..=MOST).contains(&self.within_looks)
             && is_covariance(&self.covariance)
             && is_covariance(&self.within)
+            && is_covariance(&self.spread)
             && self.ring.as_ref().is_none_or(ring)
             && self.channels.values().all(of_channel)
     }
@@ -139,6 +142,10 @@ impl Head {
             let square = canonical.covariance(&matrix(&of.within)).diagonal();
             head.within = Within { square, looks: of.within_looks };
         }
+        let spread = canonical.covariance(&matrix(&of.spread)).diagonal();
+        head.wider = spread.zip_map(&canonical.spread, |now, of_design| {
+            if of_design > 0.0 { (now / of_design).max(1.0) } else { 1.0 }
+        });
         head.heard_ns = of.heard_ns;
         let channels = of.channels.iter();
         head.channels = channels.map(|(k, of)| (*k, mapped(of, &canonical.to))).collect();
@@ -149,6 +156,7 @@ impl Head {
     pub fn memory(&self, ring: Option<[f64; 4]>) -> HeadMemory {
         let canonical = self.canonical();
         let within = Matrix4::from_diagonal(&self.within.square.map(|v| v.max(0.0)));
+        let spread = Matrix4::from_diagonal(&canonical.spread.component_mul(&self.wider));
         let channels = self.channels.iter();
         HeadMemory {
             ring,
@@ -157,6 +165,7 @@ impl Head {
             heard_ns: self.heard_ns,
             within: rows(&canonical.covariance_from(&within)),
             within_looks: self.within.looks,
+            spread: rows(&canonical.covariance_from(&spread)),
             channels: channels.map(|(k, of)| (*k, mapped(of, &canonical.from))).collect(),
         }
     }
@@ -175,6 +184,7 @@ mod second_version {
         let channels = heads.filter_map(|head| {
             // along directions that the file does not name
             (head["within"], head["within_looks"]) = (json!(vec![[0.0; 4]; 4]), json!(0.0));
+            head["spread"] = json!(vec![[0.0; 4]; 4]);
             head["channels"].as_object_mut()
         });
         for channel in channels.flat_map(|of| of.values_mut()) {
@@ -227,6 +237,7 @@ mod first_version {
                     heard_ns: None,
                     within: [[0.0; 4]; 4],
                     within_looks: 0.0,
+                    spread: [[0.0; 4]; 4],
                     channels: of.channels.into_iter().map(channel).collect(),
                 };
                 (name, head)

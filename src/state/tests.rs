@@ -103,7 +103,9 @@ fn looks_lie_off_what_is_expected_as_far_as_is_said() {
             }
         }
         let ratio: f64 = square / n;
-        assert!((0.85..1.15).contains(&ratio), "{share} {past}: {ratio}");
+        // a head that was seldom heard still takes some of what lasts for what is drawn anew
+        let least = if past < 10 { 0.75 } else { 0.85 };
+        assert!((least..1.15).contains(&ratio), "{share} {past}: {ratio}");
     }
 }
 
