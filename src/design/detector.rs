@@ -2,7 +2,7 @@
 //! ring). Both are first computed to first order; where that does not decide, a ring is fitted.
 
 use super::DesignError;
-use super::own_channel::{Known, OwnChannels};
+use super::own_channel::{Behind, Known, OwnChannels};
 use crate::detect::lane_features::LaneFeatures;
 use crate::detect::misfit::Misfit;
 use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK, Sensitivity};
@@ -176,10 +176,15 @@ impl SensitivityDetector {
         &self.own.noise
     }
 
-    /// The metric of distances from a baseline that rests on so many signals, for signals of one drive.
-    pub fn own_metric(&self, own: &OwnChannels, signals: f64, drive: f64) -> Option<Matrix3<f64>> {
+    /// The metric of distances from levels that are known so well, for signals of one drive.
+    pub fn own_metric(
+        &self,
+        own: &OwnChannels,
+        behind: Behind,
+        drive: f64,
+    ) -> Option<Matrix3<f64>> {
         let to_three = &self.own.to_three;
-        let scatter = to_three * own.scatter(signals, &self.own.noise) * to_three.transpose();
+        let scatter = to_three * own.scatter(behind) * to_three.transpose();
         let noise = Matrix3::from_fn(|i, j| self.sensitivity.noise[i][j]) / (drive * drive);
         (scatter + noise).try_inverse()
     }

@@ -4,7 +4,7 @@
 use super::detector::{Detection, SensitivityDetector};
 use super::isolator::{Compared, Isolator};
 use super::lanes::Lanes;
-use super::own_channel::OwnChannels;
+use super::own_channel::{Known, OwnChannels};
 use super::workspace::Workspace;
 use super::{Design, DesignError, Extension, HealthyModel, IsolateSettings, Statistic};
 use crate::burst::Burst;
@@ -177,10 +177,11 @@ impl Judge {
         detector.detect(deviation, drive, &mut work.detector)
     }
 
-    /// The first statistic by a channel's own baseline, from the squared distance from it: beyond the threshold where
-    /// that is beyond the baselines' own.
-    pub fn of_own(&self, distance: f64, own: &OwnChannels) -> f64 {
-        distance * (self.model.threshold.value / own.gate()).min(1.0)
+    /// The first statistic by a channel's own level, from the squared distance from it: beyond the threshold where that
+    /// is beyond the levels' own, or where the channel is no longer there.
+    pub fn of_own(&self, distance: f64, own: &OwnChannels, known: &Known) -> f64 {
+        let threshold = self.model.threshold.value;
+        threshold * (distance / own.gate(threshold)).max(known.off)
     }
 
     /// The statistic of all methods but `sensitivity`. `signal`: buffer.

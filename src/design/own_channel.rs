@@ -5,36 +5,49 @@
 
 use crate::isolate::physics_density::FaultCurves;
 use crate::model::normal::upper_tail;
+use crate::state::{Head, OwnLevel};
 use nalgebra::{Matrix4, Vector4};
 use std::sync::Arc;
 
 /// Numbers of looks behind a level for which fault curves are computed; a channel uses those of the largest
-/// number that it reaches.
-const LEVELS: [f64; 3] = [4.0, 16.0, 48.0];
+/// number that it reaches. With the first nothing but its head's level is known of it.
+const LEVELS: [f64; 4] = [0.0, 4.0, 16.0, 48.0];
 
 /// What all channels of one printhead are judged by.
 #[derive(Debug, Default)]
 pub struct OwnBasis {
-    /// Covariance of one channel's signals beyond the noise.
-    shot: Matrix4<f64>,
-    /// Fault curves for each of [`LEVELS`].
+    /// Covariance of a healthy signal's four features about its channel's level, besides the signal's own noise, for
+    /// each of [`LEVELS`].
+    scatter: [Matrix4<f64>; LEVELS.len()],
+    /// Fault curves for each of [`LEVELS`] but the first.
     curves: Vec<Arc<FaultCurves>>,
+    /// Share of what healthy signals differ by that is their channels' own for good.
+    lasting: f64,
+    /// Threshold on the squared distance of what scatters by noise alone.
     gate: f64,
+    /// Its channels lie so far from each other that the design's threshold does not hold for those of which
+    /// nothing else is known.
+    is_aged: bool,
 }
+
+/// Times the design's spread.
+const AGED: f64 = 1.5;
 
 impl OwnBasis {
     /// `false_alarm_rate`: share of healthy signals that may be flagged.
-    pub fn new(
-        shot: Matrix4<f64>,
-        curves: Option<&FaultCurves>,
-        false_alarm_rate: f64,
-    ) -> OwnBasis {
+    pub fn new(state: &Head, curves: Option<&FaultCurves>, false_alarm_rate: f64) -> OwnBasis {
+        let shot = state.shot();
         let of = |curves: &FaultCurves| {
             let of = |&n: &f64| Some(Arc::new(curves.of_one_channel(&shot, n)?));
-            LEVELS.iter().filter_map(of).collect()
+            LEVELS[1..].iter().filter_map(of).collect()
         };
-        let curves = curves.map_or(Vec::new(), of);
-        OwnBasis { shot, curves, gate: chi_squared_3(false_alarm_rate) }
+        OwnBasis {
+            scatter: LEVELS.map(|looks| state.scatter(looks)),
+            curves: curves.map_or(Vec::new(), of),
+            lasting: state.lasting_share(),
+            gate: chi_squared_3(false_alarm_rate),
+            is_aged: state.wider() > AGED,
+        }
     }
 }
 
@@ -48,22 +61,24 @@ pub struct OwnChannels {
     frozen: Vec<u32>,
 }
 
-/// Where a channel is by itself.
-#[derive(Clone, Copy, Debug)]
-pub struct OwnLevel {
-    pub channel: u32,
-    /// Looks behind it.
-    pub looks: f64,
-    /// Its offset from the printhead's.
-    pub at: Vector4<f64>,
-}
-
 /// One channel's level.
 #[derive(Clone, Copy, Debug)]
 pub struct Known {
     pub baseline: Vector4<f64>,
-    /// Behind it.
-    pub signals: f64,
+    /// How well it is known.
+    pub behind: Behind,
+    /// How far beyond the bound the channel's level lies from there; 0: it is there.
+    pub off: f64,
+}
+
+/// The place in [`LEVELS`] of the largest number of looks that a level rests on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Behind(usize);
+
+impl Behind {
+    fn of(looks: f64) -> Behind {
+        Behind(LEVELS.iter().rposition(|&n| looks >= n).unwrap_or(0))
+    }
 }
 
 /// One channel's level, and what its signals are isolated by about it.
@@ -82,10 +97,11 @@ impl OwnChannels {
         from: Vector4<f64>,
         mut frozen: Vec<u32>,
     ) -> OwnChannels {
-        let known = channels.into_iter().filter(|of| of.looks >= LEVELS[0]);
-        let known = known.map(|OwnLevel { channel, looks, at }| {
-            (channel, Known { baseline: at + from, signals: looks })
+        let known = channels.into_iter().map(|OwnLevel { channel, looks, at, off }| {
+            (channel, Known { baseline: at + from, behind: Behind::of(looks), off })
         });
+        let all = basis.is_aged;
+        let known = known.filter(|(_, of)| all || of.off > 0.0 || of.behind != Behind(0));
         frozen.sort_unstable();
         OwnChannels { basis, channels: known.collect(), frozen }
     }
@@ -113,14 +129,18 @@ impl OwnChannels {
 
     /// What a channel's signals are isolated by.
     pub fn of(&self, channel: u32) -> Option<Own> {
-        let (_, Known { baseline, signals }) = self.channels[self.place(channel).ok()?];
-        let level = LEVELS.iter().rposition(|&n| signals >= n).unwrap_or(0);
-        Some(Own { baseline, curves: self.basis.curves.get(level).cloned() })
+        let (_, Known { baseline, behind, .. }) = self.channels[self.place(channel).ok()?];
+        let curves = behind.0.checked_sub(1).and_then(|k| self.basis.curves.get(k));
+        Some(Own { baseline, curves: curves.cloned() })
     }
 
-    /// Threshold on the squared distance from a level, at the allowed false-alarm rate.
-    pub fn gate(&self) -> f64 {
-        self.basis.gate
+    /// Threshold on the squared distance from a level, at the allowed false-alarm rate. `of_all`: that on the distance of
+    /// signals from what all channels are expected to be.
+    ///
+    /// One channel's signals scatter by noise, whose tail is Gaussian; what is drawn anew for each drop has the tail that
+    /// `of_all` was learned from.
+    pub fn gate(&self, of_all: f64) -> f64 {
+        of_all + self.basis.lasting * (self.basis.gate - of_all).max(0.0)
     }
 
     /// Whether the same covariance holds for both.
@@ -129,14 +149,13 @@ impl OwnChannels {
     }
 
     /// Covariance of a healthy signal's four features about its level, besides the signal's own noise: from
-    /// burst to burst, and the sampling error of the level. `noise`: of one signal at the reference drive.
-    pub fn scatter(&self, signals: f64, noise: &Matrix4<f64>) -> Matrix4<f64> {
-        self.basis.shot + (self.basis.shot + noise) / signals
+    /// burst to burst, and the sampling error of the level.
+    pub fn scatter(&self, behind: Behind) -> &Matrix4<f64> {
+        &self.basis.scatter[behind.0]
     }
 }
 
-/// Upper quantile of chi-squared with three degrees of freedom. One channel's signals scatter by noise, whose tail is
-/// Gaussian; the model's threshold was learned from channels that differ within bounds, whose tail is lighter.
+/// Upper quantile of chi-squared with three degrees of freedom.
 fn chi_squared_3(rate: f64) -> f64 {
     let beyond = |x: f64| {
         2.0 * upper_tail(x.sqrt()) + (2.0 * x / std::f64::consts::PI).sqrt() * (-x / 2.0).exp()

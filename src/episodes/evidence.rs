@@ -81,6 +81,8 @@ pub struct Evidence {
     recovered: f32,
     shift: f32,
     raised: bool,
+    /// Of a fault that comes and goes, the share of looks that it was flagged in; 0: it stays.
+    share: f32,
 }
 
 /// The channel's level and spread (of fourth roots of the statistic over its threshold), and the evidence. Updated only
@@ -108,6 +110,7 @@ impl Default for Evidence {
             recovered: 0.0,
             shift: SHIFT,
             raised: false,
+            share: 0.0,
         }
     }
 }
@@ -124,6 +127,11 @@ impl Evidence {
     /// No fault in sight.
     pub fn is_quiet(&self) -> bool {
         !self.raised && self.learned.faulty <= 0.0
+    }
+
+    /// Raises a fault that comes and goes, in such a share of the looks.
+    pub fn raise_intermittent(&mut self, share: f32) {
+        (self.raised, self.recovered, self.share) = (true, 0.0, share);
     }
 
     /// To be called where another model begins to judge: it has other statistics of the channel and another threshold.
@@ -158,7 +166,12 @@ impl Evidence {
     pub fn look(&mut self, ratio: f32, bound: f32) -> Step {
         let (z, sd) = self.learned.deviation(ratio);
         if self.raised {
-            return self.look_at_faulty(z, bound);
+            let comes_and_goes = self.share > 0.0;
+            return if comes_and_goes {
+                self.look_for_end(ratio, bound)
+            } else {
+                self.look_at_faulty(z, bound)
+            };
         }
         let before = self.learned.faulty;
         let next = self.learned.after(ratio, z, sd);
@@ -195,6 +208,20 @@ impl Evidence {
             }
         }
         (updated, begin)
+    }
+
+    /// The test for the end of a fault that comes and goes: so many looks without it.
+    fn look_for_end(&mut self, ratio: f32, bound: f32) -> Step {
+        if ratio > 1.0 {
+            self.recovered = 0.0;
+            return Step::Faulty { fading: false };
+        }
+        self.recovered -= (-self.share).ln_1p();
+        if self.recovered >= bound {
+            (self.learned.faulty, self.recovered, self.raised, self.share) = (0.0, 0.0, false, 0.0);
+            return Step::Ended;
+        }
+        Step::Faulty { fading: true }
     }
 
     /// The test for the end of a fault: healthy against the shift that the episode has had so far.

@@ -56,6 +56,11 @@ pub fn sentence(
     text
 }
 
+/// `, comes and goes: in about 1 of 10 of its bursts`.
+pub fn comes_and_goes(share: f64) -> String {
+    format!(", comes and goes: in about 1 of {:.0} of its bursts", 1.0 / share)
+}
+
 /// What belongs to no class: where to look.
 fn in_words(strange: Appearance) -> String {
     const LOOK: &str = "look at cable, connector and amplifier, not at the nozzle";

@@ -8,6 +8,7 @@
 mod classes;
 mod evidence;
 mod explanation;
+mod intermittent;
 mod order;
 mod settings;
 mod tracker;

@@ -3,6 +3,7 @@
 use super::classes::ClassFilter;
 use super::evidence::{Evidence, FIRST_IN_MEDIANS, Step, TOGETHER};
 use super::explanation::{self, Rings};
+use super::intermittent::Flags;
 use super::order::Waiting;
 use super::{Counts, Episode, EpisodeSettings, Looks, Named};
 use crate::fault::{self, Class};
@@ -63,6 +64,8 @@ struct Printhead {
     waiting: Waiting,
     states: Vec<Channel>,
     place: HashMap<u32, usize>,
+    /// Of all channels that nothing was raised of.
+    flags: Flags,
 }
 
 #[derive(Debug)]
@@ -79,6 +82,19 @@ struct Channel {
     own: bool,
     evidence: Evidence,
     found: Option<Box<Found>>,
+    /// Looks since it was met, or since its last episode.
+    heard: u64,
+    seldom: Option<Box<Seldom>>,
+}
+
+/// What is known of a channel's flagged looks, whether in a row or not.
+#[derive(Clone, Debug)]
+struct Seldom {
+    flagged: u64,
+    /// The first of them, ns, and the looks before it.
+    since_ns: i64,
+    before: u64,
+    found: Found,
 }
 
 /// What is known of an episode, or of what may become one.
@@ -87,6 +103,8 @@ struct Found {
     raised_at_ns: i64,
     /// The first of the looks that fit the return to healthy, and the looks before it.
     fading: Option<(i64, u64)>,
+    /// Of a fault that comes and goes, the share of looks that it was flagged in.
+    share: Option<f64>,
     classes: ClassFilter,
     named: u64,
     fits_none: u64,
@@ -197,7 +215,13 @@ impl Tracker {
 
 impl Printhead {
     fn new(name: Arc<str>) -> Printhead {
-        Printhead { name, waiting: Waiting::default(), states: Vec::new(), place: HashMap::new() }
+        Printhead {
+            name,
+            waiting: Waiting::default(),
+            states: Vec::new(),
+            place: HashMap::new(),
+            flags: Flags::default(),
+        }
     }
 
     /// Where a channel's state is; a new one while there is room. `near`: where it probably is.
@@ -223,6 +247,8 @@ impl Printhead {
             own: false,
             evidence: Evidence::default(),
             found: None,
+            heard: 0,
+            seldom: None,
         });
         Some(self.states.len() - 1)
     }
@@ -262,6 +288,8 @@ impl Printhead {
                 continue;
             }
             (state.last_ns, state.looks) = (looks.t_ns, state.looks + 1);
+            state.heard += 1;
+            self.flags.looks += 1;
             if begins {
                 (state.onset_ns, state.looks) = (looks.t_ns, 1);
             }
@@ -320,7 +348,11 @@ impl Printhead {
             return place + 1;
         }
         channel.judge_by(looks, looks.judged_by_own(row));
-        if let Some(over) = channel.look(looks.t_ns, ratio, named, bound, naming) {
+        if !channel.evidence.is_raised() {
+            self.flags.looks += 1;
+            self.flags.flagged += u64::from(ratio > 1.0);
+        }
+        if let Some(over) = channel.look(looks.t_ns, ratio, named, (bound, &self.flags), naming) {
             counts.episodes += 1;
             let end = over.fading.map(|(t_ns, _)| t_ns);
             told.ended.push(naming.episode(&self.name, channel, &over, end));
@@ -394,11 +426,18 @@ impl Channel {
         t_ns: i64,
         ratio: f32,
         named: Option<&Named>,
-        bound: f32,
+        (bound, of_all): (f32, &Flags),
         naming: &Naming,
     ) -> Option<Box<Found>> {
+        let was_raised = self.evidence.is_raised();
         let step = self.evidence.look(ratio, bound);
         self.looks += 1;
+        self.heard += 1;
+        if was_raised || step == Step::Raised {
+            (self.heard, self.seldom) = (0, None);
+        } else if ratio > 1.0 && self.is_seldom(t_ns, named, (bound, of_all), naming) {
+            return None;
+        }
         match step {
             Step::Quiet => {
                 self.found = None;
@@ -427,27 +466,58 @@ impl Channel {
         None
     }
 
+    /// One more flagged look; whether they are too many by now for false alarms. Then a fault that comes and goes is raised.
+    fn is_seldom(
+        &mut self,
+        t_ns: i64,
+        named: Option<&Named>,
+        (bound, of_all): (f32, &Flags),
+        naming: &Naming,
+    ) -> bool {
+        let before = self.heard - 1;
+        let seldom = self.seldom.get_or_insert_with(|| {
+            let found = Found::new(naming);
+            Box::new(Seldom { flagged: 0, since_ns: t_ns, before, found })
+        });
+        seldom.flagged += 1;
+        named.iter().for_each(|named| seldom.found.name(named, naming));
+        let flags = Flags { looks: self.heard, flagged: seldom.flagged };
+        if flags.evidence(*of_all) < f64::from(bound) {
+            return false;
+        }
+        let Some(seldom) = self.seldom.take() else { return false };
+        self.evidence.raise_intermittent(flags.share() as f32);
+        (self.onset_ns, self.looks) = (seldom.since_ns, self.heard - seldom.before);
+        self.heard = 0;
+        let share = Some(seldom.flagged as f64 / self.looks as f64);
+        self.found = Some(Box::new(Found { raised_at_ns: t_ns, share, ..seldom.found }));
+        true
+    }
+
     fn found(&mut self, naming: &Naming) -> &mut Found {
-        self.found.get_or_insert_with(|| {
-            Box::new(Found {
-                raised_at_ns: 0,
-                fading: None,
-                classes: ClassFilter::new(&naming.priors),
-                named: 0,
-                fits_none: 0,
-                appearance: None,
-                rings: None,
-                ring_looks: 0.0,
-                resonance: None,
-                told_as: (None, None),
-                reasons: BTreeMap::new(),
-                sizes: Vec::new(),
-            })
-        })
+        self.found.get_or_insert_with(|| Box::new(Found::new(naming)))
     }
 }
 
 impl Found {
+    fn new(naming: &Naming) -> Found {
+        Found {
+            raised_at_ns: 0,
+            fading: None,
+            share: None,
+            classes: ClassFilter::new(&naming.priors),
+            named: 0,
+            fits_none: 0,
+            appearance: None,
+            rings: None,
+            ring_looks: 0.0,
+            resonance: None,
+            told_as: (None, None),
+            reasons: BTreeMap::new(),
+            sizes: Vec::new(),
+        }
+    }
+
     fn name(&mut self, named: &Named, naming: &Naming) {
         self.resonance = named.resonance.or(self.resonance);
         named.reason.iter().for_each(|reason| *self.reasons.entry(*reason).or_default() += 1);
@@ -580,6 +650,9 @@ impl Naming {
         let nearest = best.map(|(class, weight)| (&self.classes[class], weight));
         episode.explanation =
             explanation::sentence(&episode, found.rings.as_ref(), nearest, strange);
+        if let Some(share) = found.share {
+            episode.explanation += &explanation::comes_and_goes(share);
+        }
         episode
     }
 }

@@ -9,9 +9,10 @@ use super::looked_at::LookedAt;
 use super::moved::Moved;
 use super::sweep::{Clock, Sweep};
 use crate::burst::Burst;
-use crate::design::{HealthyModel, Judge, OwnBasis, OwnChannels, OwnLevel, Workspace};
+use crate::design::{HealthyModel, Judge, OwnBasis, OwnChannels, Workspace};
 use crate::isolate::physics_density::FaultCurves;
-use crate::state::{Features, Found, Head as State, HeadMemory, Look, Memory};
+use crate::model::inner_product::dot;
+use crate::state::{Features, Found, Head as State, HeadMemory, Look, Memory, OwnLevel};
 use crate::verdict::{Reason, unusable_signal};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -35,20 +36,16 @@ pub(super) struct Judging<'a> {
     pub rails: [f64; 2],
     /// Of damping and frequency, relative.
     pub bounds: [f64; 2],
-    /// Levels of channels are known from before, and judge.
-    pub remembered: Option<Remembered<'a>>,
+    /// With `--baseline`: the states that heads were left in.
+    pub memory: Option<&'a Memory>,
+    /// What signals are isolated by; `None`: the design has no physics.
+    pub curves: Option<Arc<FaultCurves>>,
+    pub false_alarm_rate: f64,
     /// Channels that may still be met.
     pub room: usize,
     /// Of all judges: heads may have one in common.
     pub moves: u32,
     pub work: Looking,
-}
-
-#[derive(Debug)]
-pub(super) struct Remembered<'a> {
-    pub memory: &'a Memory,
-    pub curves: Option<Arc<FaultCurves>>,
-    pub false_alarm_rate: f64,
 }
 
 /// Buffers.
@@ -80,18 +77,31 @@ pub(super) struct Head {
     /// Sweeps since a level was known.
     unknown: u32,
     healthy_sd: Features,
-    own: Option<(f64, Arc<OwnBasis>)>,
+    /// What channels are judged by, and the looks and the spread of them that it was made of.
+    own: Option<([f64; 2], Arc<OwnBasis>)>,
     /// Per channel its last look; and whether it was the same bits as the one before.
     bits: HashMap<u32, Bits>,
+    weights: Vec<f64>,
     pub told: Moved,
 }
 
-/// Features of a look by one judge: equal only of equal samples.
+/// A sum over a channel's samples, each with a weight of its own: the same only for the same samples.
 #[derive(Clone, Copy, Debug)]
 struct Bits {
     t_ns: i64,
-    features: [u64; 4],
+    sum: u64,
     frozen: bool,
+}
+
+/// Weights without a pattern (multiples of the golden ratio, less their whole part).
+fn weights(samples: usize) -> Vec<f64> {
+    let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
+    (1..=samples).map(|i| 0.5 + (i as f64 * golden).fract()).collect()
+}
+
+/// To a fifth.
+fn alike(a: f64, b: f64) -> bool {
+    (a / b).ln().abs() < 0.2
 }
 
 /// Features of one ring (amplitude, damping, frequency, phase) from another.
@@ -117,8 +127,8 @@ impl Head {
         let (kind, healthy_sd) = judge.kind(by.bounds).zip(judge.healthy_sd())?;
         let base = named.map_or_else(|| judge.model.clone(), |of| Arc::new(of.clone()));
         let ring = if named.is_none() { base.ring_numbers() } else { None };
-        let memory = by.remembered.as_ref().map(|of| of.memory);
-        let mut state = match memory.and_then(|of| of.printheads.get(&*burst.printhead)) {
+        let remembered = by.memory.and_then(|of| of.printheads.get(&*burst.printhead));
+        let mut state = match remembered {
             Some(of) => {
                 let from = of.ring.zip(ring).map(|(then, now)| ring_from(then, now));
                 State::remembered(kind, of, &from.unwrap_or_default())
@@ -142,6 +152,7 @@ impl Head {
             healthy_sd,
             own: None,
             bits: HashMap::new(),
+            weights: weights(burst.samples_per_channel as usize),
             told: Moved::new(burst.printhead.clone()),
         })
     }
@@ -182,10 +193,11 @@ impl Head {
         self.sweeps = self.sweeps.wrapping_add(1);
         let t_ns = sweep.to_ns();
         let (looks, all_frozen) = self.look(&sweep, by);
-        let own = by.remembered.as_ref().map(|of| self.own(of));
+        let own = self.own(by);
         let frozen: Vec<u32> =
             self.bits.iter().filter(|(_, bits)| bits.frozen).map(|(k, _)| *k).collect();
         let found = self.state.sweep(t_ns, &looks);
+        self.told.scatters(t_ns, self.state.wider());
         self.told.swapped_ns = self.state.swapped_ns();
         let judge = match found {
             _ if all_frozen => Err(Reason::Frozen),
@@ -252,13 +264,13 @@ impl Head {
                 if unusable_signal(signal, *rails).is_some() {
                     continue;
                 }
+                if judge.model.noise > LEAST_NOISE && self.repeats(t_ns, channel, signal) {
+                    repeated += 1;
+                    continue;
+                }
                 judge.deviate(burst, row, expected, signal);
                 let Some(local) = judge.features(signal, drive, far, work) else { continue };
                 if !local.iter().all(|v| v.is_finite()) {
-                    continue;
-                }
-                if judge.model.noise > LEAST_NOISE && self.repeats(t_ns, channel, &local) {
-                    repeated += 1;
                     continue;
                 }
                 if !self.state.knows(channel) {
@@ -272,47 +284,41 @@ impl Head {
         (looks, frozen)
     }
 
-    /// Whether a look is the same bits as the one before.
-    fn repeats(&mut self, t_ns: i64, channel: u32, features: &Features) -> bool {
-        let features: [u64; 4] = std::array::from_fn(|k| features[k].to_bits());
-        let bits = self.bits.entry(channel).or_insert(Bits { t_ns, features, frozen: false });
-        bits.frozen = bits.t_ns < t_ns && bits.features == features;
-        (bits.t_ns, bits.features) = (t_ns, features);
+    /// Whether a signal is the same bits as its channel's look before.
+    fn repeats(&mut self, t_ns: i64, channel: u32, signal: &[f64]) -> bool {
+        let sum = dot(&self.weights, signal).to_bits();
+        let bits = self.bits.entry(channel).or_insert(Bits { t_ns, sum, frozen: false });
+        bits.frozen = bits.t_ns < t_ns && bits.sum == sum;
+        (bits.t_ns, bits.sum) = (t_ns, sum);
         bits.frozen
     }
 
     /// Where channels are by themselves, from the level; and what all have in common.
-    fn own(&mut self, of: &Remembered) -> (Arc<OwnBasis>, Vec<OwnLevel>) {
-        let behind = self.state.looks_within();
+    fn own(&mut self, by: &Judging) -> (Arc<OwnBasis>, Vec<OwnLevel>) {
+        let now = [self.state.looks_within(), self.state.wider()];
         let basis = match &self.own {
-            // drops differ about as much as they did
-            Some((then, basis)) if behind < 2.0 * then => basis.clone(),
+            // drops and channels differ about as much as they did
+            Some((then, basis)) if now[0] < 2.0 * then[0] && alike(now[1], then[1]) => {
+                basis.clone()
+            }
             _ => {
-                let curves = of.curves.as_deref();
-                let basis = OwnBasis::new(self.state.shot(), curves, of.false_alarm_rate);
-                let basis = Arc::new(basis);
-                self.own = Some((behind, basis.clone()));
+                let curves = by.curves.as_deref();
+                let basis = Arc::new(OwnBasis::new(&self.state, curves, by.false_alarm_rate));
+                self.own = Some((now, basis.clone()));
                 basis
             }
         };
-        let channels =
-            self.state.own().map(|(channel, sum, at)| OwnLevel { channel, looks: sum.looks, at });
-        (basis, channels.collect())
+        (basis, self.state.own().collect())
     }
 
     /// The same about the judge that the sweep was given. `None`: there is nothing to say of any channel.
     fn placed(
         &self,
         judge: &Result<Arc<Judge>, Reason>,
-        own: Option<(Arc<OwnBasis>, Vec<OwnLevel>)>,
+        (basis, channels): (Arc<OwnBasis>, Vec<OwnLevel>),
         frozen: Vec<u32>,
     ) -> Option<Arc<OwnChannels>> {
         let judge = judge.as_ref().ok()?;
-        let (basis, channels) = match own {
-            None if frozen.is_empty() => return None,
-            None => Default::default(),
-            Some(own) => own,
-        };
         let from = self.state.level() - self.now_at() + judge.healthy_mean()?;
         Some(Arc::new(OwnChannels::new(basis, channels, from, frozen)))
     }

@@ -5,7 +5,7 @@
 //! and about. A burst waits until its *sweep* is over ([`super::sweep`]).
 
 use super::batches::{Given, GivenTo, Slot};
-use super::head::{Head, Judging, Looking, Remembered};
+use super::head::{Head, Judging, Looking};
 use super::level_history::LevelHistory;
 use super::moved::Moved;
 use super::survey::GroupKey;
@@ -40,16 +40,13 @@ impl<'a> Heads<'a> {
         memory: Option<&'a Memory>,
     ) -> Heads<'a> {
         let identify: &IdentifySettings = &settings.identify;
-        let remembered = memory.map(|memory| Remembered {
-            memory,
-            curves: design.and_then(Design::curves),
-            false_alarm_rate: settings.detect.false_alarm_rate,
-        });
         let judging = Judging {
             rails: settings.input.rails,
             bounds: [identify.max_damping_drift, identify.max_frequency_drift],
-            room: MOST_CHANNELS - remembered.as_ref().map_or(0, |of| of.memory.channels()),
-            remembered,
+            room: MOST_CHANNELS - memory.map_or(0, Memory::channels),
+            memory,
+            curves: design.and_then(Design::curves),
+            false_alarm_rate: settings.detect.false_alarm_rate,
             moves: 0,
             work: Looking::default(),
         };
@@ -124,7 +121,7 @@ impl<'a> Heads<'a> {
 
     /// What is to be remembered after the recording; `None`: nothing is.
     pub fn memory(&self) -> Option<Memory> {
-        let mut memory = self.judging.remembered.as_ref()?.memory.clone();
+        let mut memory = self.judging.memory?.clone();
         for (key, head) in &self.of {
             memory.printheads.insert(key.printhead.to_string(), head.memory());
         }

@@ -6,6 +6,9 @@ use chrono::DateTime;
 use serde::Serialize;
 use std::sync::Arc;
 
+/// Times as far from each other as a model's channels that is worth a word.
+const MOST_SCATTER: f64 = 2.0;
+
 /// Of summary.json.
 #[derive(Clone, Debug, Serialize)]
 pub struct Moved {
@@ -25,6 +28,10 @@ pub struct Moved {
     pub late: u64,
     /// The first sweep in which all channels were others than those that were remembered, ns.
     pub swapped_ns: Option<i64>,
+    /// How many times as far its channels lie from each other as the model's, at most, and since when that is beyond a
+    /// bound, ns.
+    pub scatter: f64,
+    pub scatter_since_ns: Option<i64>,
     /// Where its channels were in the first strange sweep: ln amplitude, ln damping, ln frequency, phase in rad.
     pub strange_at: Option<[f64; 4]>,
 }
@@ -43,6 +50,8 @@ impl Moved {
             strange_at: None,
             swapped_ns: None,
             late: 0,
+            scatter: 1.0,
+            scatter_since_ns: None,
         }
     }
 
@@ -51,6 +60,7 @@ impl Moved {
             || self.beyond_since_ns.is_some()
             || self.strange > 0
             || self.swapped_ns.is_some()
+            || self.scatter_since_ns.is_some()
             || self.late > 0
     }
 
@@ -60,6 +70,14 @@ impl Moved {
             if level.abs() > most.ln_1p().abs() {
                 *most = level.exp_m1();
             }
+        }
+    }
+
+    /// Its channels lie so many times as far from each other as the model's.
+    pub fn scatters(&mut self, t_ns: i64, times: f64) {
+        self.scatter = self.scatter.max(times);
+        if times > MOST_SCATTER {
+            self.scatter_since_ns.get_or_insert(t_ns);
         }
     }
 
@@ -80,6 +98,7 @@ impl Moved {
             self.strange_in_words(),
             self.swapped_in_words(),
             self.late_in_words(),
+            self.scatter_in_words(),
         ];
         told.into_iter().flatten().collect()
     }
@@ -104,6 +123,16 @@ impl Moved {
             "from {} on its channels are others than those that --baseline remembers: another printhead of that \
              name, whose channels are learned anew",
             at(self.swapped_ns?),
+        ))
+    }
+
+    fn scatter_in_words(&self) -> Option<String> {
+        Some(format!(
+            "from {} on its channels lie up to {:.1} times as far from each other as those that its model was learned \
+             from: each has aged its own way, or more than half of them are faulty. They are judged by what most of \
+             them do; train a design on what they are now, or look at single channels with --identify windows",
+            at(self.scatter_since_ns?),
+            self.scatter,
         ))
     }
 

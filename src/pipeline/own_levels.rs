@@ -4,7 +4,7 @@
 
 use super::statistics::Statistics;
 use crate::burst::{Acquisition, Burst};
-use crate::design::{Detection, Judge, JudgeKey, OwnChannels};
+use crate::design::{Behind, Detection, Judge, JudgeKey, OwnChannels};
 use crate::verdict::Reason;
 use nalgebra::{Matrix3, Vector4};
 use std::sync::Arc;
@@ -57,7 +57,7 @@ impl OwnLevels {
             }
             let (Ok(of_all), Some(known)) = (*found, known) else { continue };
             let features = &self.features[row];
-            let metric = Metric::of(&mut self.metric, judge, own, known.signals, drive);
+            let metric = Metric::of(&mut self.metric, judge, own, known.behind, drive);
             let distance =
                 metric.and_then(|metric| match detector.own_look(metric, features, known) {
                     (distance, true) => Some(distance),
@@ -65,7 +65,8 @@ impl OwnLevels {
                         .own_distance((judge, burst, row), metric, (features, known))
                         .or(Some(distance)),
                 });
-            let ring = distance.map_or(f64::INFINITY, |distance| judge.of_own(distance, own));
+            let ring =
+                distance.map_or(f64::INFINITY, |distance| judge.of_own(distance, own, known));
             *found = match ring.is_finite() {
                 true => Ok(Detection { ring, ..of_all }),
                 false => Err(Reason::NonFinite),
@@ -78,27 +79,27 @@ impl OwnLevels {
 struct Metric {
     judge: JudgeKey,
     own: Arc<OwnChannels>,
-    signals: f64,
+    behind: Behind,
     drive: f64,
     metric: Option<Matrix3<f64>>,
 }
 
 impl Metric {
-    /// Of levels that rest on so many looks, for signals of one drive.
+    /// Of levels that are known so well, for signals of one drive.
     fn of<'a>(
         last: &'a mut Option<Metric>,
         judge: &Judge,
         own: &Arc<OwnChannels>,
-        signals: f64,
+        behind: Behind,
         drive: f64,
     ) -> Option<&'a Matrix3<f64>> {
         let is_it = |of: &&mut Metric| {
-            (of.judge, of.signals, of.drive) == (judge.key(), signals, drive)
+            (of.judge, of.behind, of.drive) == (judge.key(), behind, drive)
                 && of.own.scatters_as(own)
         };
         if last.as_mut().filter(is_it).is_none() {
-            let metric = judge.detector().and_then(|by| by.own_metric(own, signals, drive));
-            *last = Some(Metric { judge: judge.key(), own: own.clone(), signals, drive, metric });
+            let metric = judge.detector().and_then(|by| by.own_metric(own, behind, drive));
+            *last = Some(Metric { judge: judge.key(), own: own.clone(), behind, drive, metric });
         }
         last.as_ref()?.metric.as_ref()
     }

@@ -4,7 +4,6 @@
 //! has the cause.
 
 use super::batches::{Assigned, Filtered, Gated, Given, GivenTo, Judged, MOST_ROWS, Read, Slot};
-use super::common_heads::CommonHeads;
 use super::heads::Heads;
 use super::in_flight::InFlight;
 use super::in_order::InOrder;
@@ -141,7 +140,7 @@ pub fn identify(
             }
         }
     }
-    if let Some(Following::States(heads)) = &mut deciding.following {
+    if let Some(heads) = &mut deciding.heads {
         heads.end(&mut given);
     }
     parked.give(&mut given);
@@ -157,15 +156,8 @@ pub fn identify(
 pub struct Deciding<'a, 'm, 'd> {
     pub models: &'a mut Models<'m>,
     pub warmth: &'a mut Warmth,
-    pub following: Option<&'a mut Following<'d>>,
-}
-
-/// What is known of heads now.
-pub enum Following<'a> {
-    /// With `--baseline`: their states, and their channels'.
-    States(Box<Heads<'a>>),
-    /// What all of their channels have in common.
-    Common(Box<CommonHeads<'a>>),
+    /// What is known of heads now; `None`: each channel is judged by itself.
+    pub heads: Option<&'a mut Heads<'d>>,
 }
 
 impl Deciding<'_, '_, '_> {
@@ -182,14 +174,11 @@ impl Deciding<'_, '_, '_> {
                 Acquisition::Unusable(unusable) => Err(unusable.why.into()),
                 Acquisition::Usable(burst) => self.models.judge_of(burst)?,
             };
-            match (judge, acquisition, &mut self.following) {
-                (Ok(judge), Acquisition::Usable(burst), following) => {
+            match (judge, acquisition, &mut self.heads) {
+                (Ok(judge), Acquisition::Usable(burst), heads) => {
                     self.warmth.take(&judge, burst)?;
-                    match following {
-                        Some(Following::States(heads)) => heads.take(slot, &judge, burst, given),
-                        Some(Following::Common(heads)) => {
-                            given.push((slot, Given::by(Ok(heads.judge_of(&judge, burst)))));
-                        }
+                    match heads {
+                        Some(heads) => heads.take(slot, &judge, burst, given),
                         None => given.push((slot, Given::by(Ok(judge)))),
                     }
                 }

@@ -2,7 +2,9 @@
 //! probable it is that it is faulty now. Canonical coordinates.
 
 use super::canonical::Features;
-use super::process::{BETWEEN, CURED, DAY_NS, MEMORY_DAYS, ONSET, WIDE, YOUNG};
+use super::process::{
+    AGE_DAYS, BETWEEN, CURED, DAY_NS, DRIFTED, ODD_ONE, ONSET, RUNG_DAYS, WIDE, YOUNG,
+};
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
 
@@ -49,15 +51,26 @@ impl Sum {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Channel {
-    /// Healthy looks of the days before, each day counted as few of them.
-    pub past: Sum,
+    /// Healthy looks of the days before, each day counted as few of them: means over about so many days as
+    /// [`RUNG_DAYS`] says.
+    pub past: [Sum; RUNGS],
     /// Those of this day, which began then, ns.
     pub today: Sum,
     pub day_from_ns: i64,
     pub faulty: Sum,
     /// Probability that it is faulty before the next look.
     pub is_faulty: f64,
+    /// How far its level lay from where it was long ago, or from all channels, when that was no longer a healthy
+    /// one's, over the bound: at least 1. 0: it is a healthy one's.
+    pub off: f64,
 }
+
+/// Levels of the past that today's is compared with.
+pub const RUNGS: usize = RUNG_DAYS.len();
+/// Of [`RUNG_DAYS`], what a look is expected from: what moves slowly is no matter of one look.
+const USUAL: usize = 0;
+/// The last is what is left of a channel once it turns out to drift.
+const OLDEST: usize = RUNGS - 1;
 
 /// What a look is put down to; the sum is 1.
 #[derive(Clone, Copy, Debug, Default)]
@@ -76,17 +89,22 @@ pub struct FromLevel {
     pub looks: f64,
 }
 
+/// Looks below which a channel's level is not known.
+pub const FEW: f64 = 4.0;
+/// Looks that a faulty level is the mean of, about: faults grow.
+const OF_FAULT: f64 = 16.0;
 /// Looks that a day counts as: what differs from day to day is no matter of their number.
 const OF_A_DAY: f64 = 1.0 / (BETWEEN * BETWEEN);
 
 impl Default for Channel {
     fn default() -> Channel {
         Channel {
-            past: Sum::default(),
+            past: [Sum::default(); RUNGS],
             today: Sum::default(),
             day_from_ns: i64::MAX,
             faulty: Sum::default(),
             is_faulty: ONSET,
+            off: 0.0,
         }
     }
 }
@@ -99,10 +117,10 @@ pub fn wide(spread: &Features) -> Features {
 impl Channel {
     /// Where it is when it is healthy: the mean over days, of which today is one.
     pub fn healthy(&self) -> Sum {
-        let mut all = self.today;
-        if self.past.looks > 0.0 {
+        let (mut all, past) = (self.today, &self.past[USUAL]);
+        if past.looks > 0.0 {
             all.at_most(OF_A_DAY);
-            all.add(&self.past.mean(), self.past.looks);
+            all.add(&past.mean(), past.looks);
         }
         all
     }
@@ -113,10 +131,61 @@ impl Channel {
         if t_ns.saturating_sub(self.day_from_ns) < DAY_NS || self.today.looks <= 0.0 {
             return;
         }
-        let day = Sum { looks: self.today.looks, ..self.today };
-        self.past.at_most((MEMORY_DAYS - 1.0) * OF_A_DAY);
-        self.past.add(&day.mean(), 1.0 / (BETWEEN * BETWEEN + 1.0 / day.looks));
+        let (day, looks) = (self.today.mean(), 1.0 / (1.0 / OF_A_DAY + 1.0 / self.today.looks));
+        for (past, days) in self.past.iter_mut().zip(RUNG_DAYS) {
+            past.at_most((days - 1.0) * OF_A_DAY);
+            past.add(&day, looks);
+        }
         (self.today, self.day_from_ns) = (Sum::default(), i64::MAX);
+    }
+
+    /// How far it is now from where it was ([`RUNG_DAYS`]), and from all channels, in standard deviations of what a
+    /// healthy one moves by. `None`: one of the two is not known.
+    pub fn moved(&self, spread: &Features, noise: &Features) -> [Option<Features>; RUNGS + 1] {
+        let now = if self.stays_faulty() { self.faulty } else { self.today };
+        let of_now = noise / now.looks;
+        let mut moved = [None; RUNGS + 1];
+        for ((moved, past), days) in moved.iter_mut().zip(&self.past).zip(RUNG_DAYS) {
+            if past.looks > 0.0 && now.looks > 0.0 {
+                let of_past = noise * (1.0 / OF_A_DAY + 1.0 / past.looks);
+                let variance = of_now + of_past + spread * (2.0 * days / AGE_DAYS);
+                *moved = Some((now.mean() - past.mean()).component_div(&variance.map(f64::sqrt)));
+            }
+        }
+        let all = if self.stays_faulty() { self.faulty } else { self.healthy() };
+        if all.looks > 0.0 {
+            let variance = spread + noise / all.looks;
+            moved[RUNGS] = Some(all.mean().component_div(&variance.map(f64::sqrt)));
+        }
+        moved
+    }
+
+    /// It is somewhere else than where it is healthy, and knows where.
+    fn stays_faulty(&self) -> bool {
+        self.is_faulty > 0.5 && self.knows_fault()
+    }
+
+    /// Decides whether it is where a healthy channel would be. If not, what it was long ago is its healthy level, where
+    /// that is what it left, and what it is now a fault. `squares`: of what it moved by ([`Channel::moved`]), over what
+    /// its head's channels do.
+    pub fn watch(&mut self, squares: [f64; RUNGS + 1]) {
+        let drifted = squares[..RUNGS].iter().copied().fold(0.0, f64::max) / DRIFTED;
+        let off = drifted.max(squares[RUNGS] / ODD_ONE);
+        if self.stays_faulty() {
+            if self.healthy().looks < FEW && off < 1.0 {
+                // so do most channels of the head
+                (self.today, self.faulty) = (self.faulty, Sum::default());
+                (self.is_faulty, self.off) = (ONSET, 0.0);
+            }
+            return;
+        }
+        self.off = 0.0;
+        if off >= 1.0 && self.healthy().looks >= FEW {
+            self.off = off;
+            let left = if drifted >= 1.0 { self.past[OLDEST] } else { Sum::default() };
+            (self.past, self.faulty) = ([left; RUNGS], self.today);
+            (self.today, self.is_faulty) = (Sum::default(), 0.9);
+        }
     }
 
     /// Whether its faulty level is known.
@@ -145,6 +214,7 @@ impl Channel {
         if by.faulty > 0.5 && self.knows_fault() && far > ANOTHER_FAULT {
             self.faulty = Sum::default();
         }
+        self.faulty.at_most(OF_FAULT);
         self.faulty.add(&at, by.faulty * looks);
         let moved = by.faulty * (1.0 - CURED) + (1.0 - by.faulty) * ONSET * 0.01;
         self.is_faulty = moved.clamp(ONSET * 0.01, 0.9);
@@ -154,8 +224,8 @@ impl Channel {
     /// Until it is old enough its healthy level is where more of its looks lie, if healthy channels lie rather there.
     fn swap_if_young(&mut self, spread: &Features, noise: &Features) {
         let Channel { past, today, faulty, .. } = self;
-        let all = past.looks + today.looks + faulty.looks;
-        if all > YOUNG || past.looks + today.looks >= faulty.looks {
+        let healthy = past[USUAL].looks + today.looks;
+        if healthy + faulty.looks > YOUNG || healthy >= faulty.looks || self.off > 0.0 {
             return;
         }
         let far = |of: &Sum| {

@@ -1,9 +1,10 @@
 //! One printhead: its level, and each of its channels from there, filtered sweep by sweep in the order of time.
 
 use super::canonical::{Canonical, Features};
-use super::channel::{Channel, FromLevel, Sum};
-use super::level::{Expected, Explained, Member, Move, explain};
+use super::channel::{Channel, FromLevel, RUNGS, Sum};
+use super::level::{Expected, Explained, Member, Move, Variances, explain};
 use super::process::{FEWEST, NOT_THIS_HEAD, PAUSE_NS, SWAPPED, WALK};
+use crate::model::median::median;
 use nalgebra::{Matrix4, Vector4};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -35,6 +36,18 @@ pub struct Look {
     pub drive: f64,
 }
 
+/// Where a channel is expected by itself while it is healthy.
+#[derive(Clone, Copy, Debug)]
+pub struct OwnLevel {
+    pub channel: u32,
+    /// Looks behind it.
+    pub looks: f64,
+    /// Features from the head's level.
+    pub at: Features,
+    /// How far beyond the bound its level lay when it left that place; 0: it did not.
+    pub off: f64,
+}
+
 #[derive(Clone, Debug)]
 pub struct Head {
     kind: Kind,
@@ -49,9 +62,14 @@ pub struct Head {
     swapped_ns: Option<i64>,
     /// Channels heard since the last pause.
     heard: BTreeSet<u32>,
+    /// How many times as far its channels lie from each other as the design says, squared: they have aged. Canonical.
+    pub(super) wider: Features,
 }
 
-/// How far healthy looks lie off their channels, over what noise explains: drops differ. Canonical.
+/// How far healthy looks lie off their own channels: noise, and what differs from drop to drop. Canonical variances.
+///
+/// A design knows how far healthy signals differ, noise and all, and not how much of that is a channel's own for
+/// good and how much is drawn anew for each drop. A head begins with nothing lasting, and its looks tell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Within {
     /// Mean square.
@@ -59,21 +77,25 @@ pub(super) struct Within {
     pub looks: f64,
 }
 
-/// Looks that the noise of a design counts as.
-const OF_DESIGN: f64 = 64.0;
+/// Looks that the beginning of a head counts as.
+const OF_BEGINNING: f64 = 16.0;
 /// Most looks that are averaged over.
 const MOST_WITHIN: f64 = 4096.0;
 
-impl Default for Within {
-    fn default() -> Within {
-        Within { square: Vector4::repeat(1.0), looks: OF_DESIGN }
-    }
-}
-
 impl Within {
-    /// Variance of one look's noise, never below the design's.
+    /// Nothing of what healthy signals differ by is a channel's own. `spread`: variances of that, noise apart.
+    fn unknown(spread: &Features) -> Within {
+        Within { square: spread.add_scalar(1.0), looks: OF_BEGINNING }
+    }
+
+    /// Variance of one look about its channel, never below the noise of the design.
     fn noise(&self) -> Features {
         self.square.map(|v| v.max(1.0))
+    }
+
+    /// Variance of healthy channels about their head: what is left of how far healthy signals differ.
+    fn lasting(&self, spread: &Features) -> Features {
+        (spread.add_scalar(1.0) - self.noise()).map(|v| v.max(0.0))
     }
 
     fn learn(&mut self, square: Features, weight: f64) {
@@ -100,12 +122,13 @@ impl Head {
         Head {
             level: Vector4::zeros(),
             covariance,
+            within: Within::unknown(&kind.canonical.spread),
             kind,
             channels: BTreeMap::new(),
-            within: Within::default(),
             heard_ns: None,
             swapped_ns: None,
             heard: BTreeSet::new(),
+            wider: Vector4::repeat(1.0),
         }
     }
 
@@ -160,6 +183,7 @@ impl Head {
         let Some(explained) = found else { return Found::Unknown };
         if !matches!(explained.by, Move::Strange) {
             self.learn(t_ns, looks, &explained);
+            self.watch(looks);
             let sd =
                 self.kind.canonical.covariance_from(&self.covariance).diagonal().map(f64::sqrt);
             return match explained.alike >= LEAST_ALIKE {
@@ -209,8 +233,12 @@ impl Head {
     fn member_of(&self, channel: &Channel, look: &Look, paused: bool) -> Member {
         let at = self.kind.canonical.to * look.features;
         let is_first = paused || !self.heard.contains(&look.channel);
-        let (noise, canonical) = (self.within.noise(), &self.kind.canonical);
-        Member::new(at, look.drive * look.drive, channel, &noise, canonical, is_first)
+        let by = Variances {
+            noise: self.within.noise(),
+            lasting: self.lasting(),
+            spread: self.kind.canonical.spread.component_mul(&self.wider),
+        };
+        Member::new(at, look.drive * look.drive, channel, &by, is_first)
     }
 
     fn find(&mut self, looks: &[Look], members: &[Member], paused: bool) -> Option<Explained> {
@@ -244,16 +272,43 @@ impl Head {
             let precision = look.drive * look.drive;
             let channel = self.channels.entry(look.channel).or_default();
             let own = channel.healthy();
-            if own.looks >= 4.0 && r.healthy > 0.5 {
-                let (c, variance) = own.posterior(&spread, &noise);
-                let off = at - c;
-                let beside = (variance + uncertain) * precision;
-                let square = off.map(|d| d * d * precision) - beside;
-                self.within.learn(square, r.healthy);
+            if own.looks >= 1.0 && r.healthy > 0.5 {
+                // whatever channels differ by, a look lies that far off the mean of those before it
+                let off = at - own.mean();
+                let square = off.map(|d| d * d) - uncertain;
+                self.within.learn(square / (1.0 / precision + 1.0 / own.looks), r.healthy);
             }
             let looks = 1.0 / (1.0 / precision + (uncertain.component_div(&noise)).mean());
             channel.learn(t_ns, FromLevel { at, looks }, *r, (&spread, &noise));
             self.heard.insert(look.channel);
+        }
+    }
+
+    /// Whether channels are still where healthy ones are. What most of a head's channels do is ageing, what one does is a
+    /// fault: each feature counts by how far the median channel has moved in it.
+    fn watch(&mut self, looks: &[Look]) {
+        let (spread, noise) = (self.kind.canonical.spread, self.within.noise());
+        let of = |look: &Look| self.channels.get(&look.channel).map(|of| of.moved(&spread, &noise));
+        let moved: Vec<_> = looks.iter().filter_map(of).collect();
+        let wider: [Features; RUNGS + 1] = std::array::from_fn(|rung| {
+            let known: Vec<Features> = moved.iter().filter_map(|of| of[rung]).collect();
+            if known.len() < FEWEST {
+                return Vector4::repeat(1.0);
+            }
+            // so far the median of so many lies above by chance
+            let usual = MEDIAN_SQUARE * (1.0 + SD_OF_MEDIAN / (known.len() as f64).sqrt());
+            Features::from_fn(|k, _| {
+                let mut squares: Vec<f64> = known.iter().map(|of| of[k] * of[k]).collect();
+                (median(&mut squares) / usual).max(1.0)
+            })
+        });
+        self.wider += (wider[RUNGS] - self.wider) * OF_SWEEP;
+        for (look, moved) in looks.iter().zip(moved) {
+            let Some(channel) = self.channels.get_mut(&look.channel) else { continue };
+            channel.watch(std::array::from_fn(|rung| {
+                moved[rung]
+                    .map_or(0.0, |of| of.component_mul(&of).component_div(&wider[rung]).sum())
+            }));
         }
     }
 
@@ -272,18 +327,54 @@ impl Head {
 
     /// Covariance of one channel's looks beyond the noise, of features.
     pub fn shot(&self) -> Matrix4<f64> {
-        let beyond = self.within.square.map(|v| (v - 1.0).max(0.0));
+        let beyond = self.within.noise().add_scalar(-1.0);
         self.kind.canonical.covariance_from(&Matrix4::from_diagonal(&beyond))
     }
 
-    /// Channels that were healthy for some looks: the mean of these, features from the level.
-    pub fn own(&self) -> impl Iterator<Item = (u32, Sum, Features)> {
-        let from = self.kind.canonical.from;
-        let of = self.channels.iter().map(|(channel, of)| (*channel, of.healthy()));
-        of.map(move |(channel, sum)| (channel, sum, from * sum.mean()))
+    /// Share of what healthy signals differ by that is their channels' own for good.
+    pub fn lasting_share(&self) -> f64 {
+        let spread = &self.kind.canonical.spread;
+        self.within.lasting(spread).sum() / spread.sum().max(f64::MIN_POSITIVE)
+    }
+
+    /// How many times as far its channels lie from each other as those that it was learned from, in the feature in
+    /// which that is most.
+    pub fn wider(&self) -> f64 {
+        self.wider.max().sqrt()
+    }
+
+    /// Variances of its channels about its level, canonical.
+    fn lasting(&self) -> Features {
+        self.within.lasting(&self.kind.canonical.spread).component_mul(&self.wider)
+    }
+
+    /// Covariance of a healthy look at the reference drive, noise apart, about a channel's expected level that rests on so
+    /// many looks; of features.
+    pub fn scatter(&self, looks: f64) -> Matrix4<f64> {
+        let (noise, lasting) = (self.within.noise(), self.lasting());
+        let (_, of_level) = Sum { looks, sum: [0.0; 4] }.posterior(&lasting, &noise);
+        let all = noise.add_scalar(-1.0) + of_level;
+        self.kind.canonical.covariance_from(&Matrix4::from_diagonal(&all))
+    }
+
+    /// Where channels are expected that were healthy for some looks, or are known to be faulty.
+    pub fn own(&self) -> impl Iterator<Item = OwnLevel> {
+        let (from, noise) = (self.kind.canonical.from, self.within.noise());
+        let lasting = self.lasting();
+        self.channels.iter().map(move |(channel, of)| {
+            let healthy = of.healthy();
+            let at = from * healthy.posterior(&lasting, &noise).0;
+            OwnLevel { channel: *channel, looks: healthy.looks, at, off: of.off }
+        })
     }
 }
 
+/// Median of chi-squared with one degree of freedom.
+const MEDIAN_SQUARE: f64 = 0.4549;
+/// Its standard deviation in a sample of one, relative to it: (2 q f)^-1 at the quartile q = .674 of a normal, twice.
+const SD_OF_MEDIAN: f64 = 2.33;
+/// Share of a sweep in what is known of how far channels lie from each other.
+const OF_SWEEP: f64 = 0.5;
 /// Variance of heads about their kind, in that of channels about their head.
 const OF_HEADS: f64 = 0.25;
 /// Share of the looks that must agree with a level, or it is not known.

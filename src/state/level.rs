@@ -1,7 +1,7 @@
 //! Where most of a head's channels are in one sweep, whatever the others do: expectation-maximisation over what each
 //! look is put down to and over how the level moved.
 
-use super::canonical::{Canonical, Features};
+use super::canonical::Features;
 use super::channel::{Channel, Responsibility, wide};
 use super::process::{LEAP, LEAP_IN_PAUSE};
 use super::process::{ODD, REPLACED, STRANGE, STRANGE_IN_PAUSE};
@@ -100,19 +100,29 @@ impl Hypothesis {
     }
 }
 
+/// How far healthy looks lie from where they are expected, canonical.
+#[derive(Clone, Copy, Debug)]
+pub struct Variances {
+    /// Of one look about its channel.
+    pub noise: Features,
+    /// Of channels about their head.
+    pub lasting: Features,
+    /// Of healthy signals of this kind of head, the design's noise apart.
+    pub spread: Features,
+}
+
 impl Member {
-    /// `looks`: precision of the look; `noise`: variance of one look's noise; `may_be_new`: first look after a pause.
+    /// `looks`: precision of the look; `may_be_new`: first look after a pause.
     pub fn new(
         at: Features,
         looks: f64,
         channel: &Channel,
-        noise: &Features,
-        canonical: &Canonical,
+        by: &Variances,
         may_be_new: bool,
     ) -> Member {
-        let spread = &canonical.spread;
+        let Variances { noise, lasting, spread } = by;
         let own = noise / looks;
-        let ((c, c_variance), z) = (channel.healthy().posterior(spread, noise), channel.is_faulty);
+        let ((c, c_variance), z) = (channel.healthy().posterior(lasting, noise), channel.is_faulty);
         let (f, f_variance) = channel.faulty.posterior(&wide(spread), noise);
         let (known, knows_fault) = (channel.healthy().looks > 0.0, channel.knows_fault());
         let odd = if known { 0.0 } else { ODD };

@@ -2,14 +2,14 @@
 //! it holds for a model that scatters otherwise, too.
 
 use super::canonical::Features;
-use super::channel::{Channel, Sum};
+use super::channel::{Channel, RUNGS, Sum};
 use super::head::{Head, Kind, Within};
 use nalgebra::{Matrix4, Vector4};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Version of the file.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 /// Channels of all printheads in a file, at most.
 pub const MOST_CHANNELS: usize = 1 << 20;
 /// Largest number in a file: features are far smaller.
@@ -36,9 +36,11 @@ pub struct HeadMemory {
     pub covariance: [[f64; 4]; 4],
     /// When the head was heard last, ns since the epoch.
     pub heard_ns: Option<i64>,
-    /// Mean square of looks about their channels over what noise explains, along four directions, and the looks behind it.
-    pub within: [f64; 4],
+    /// Covariance of looks about their channels, and the looks behind it; 0: not known yet.
+    pub within: [[f64; 4]; 4],
     pub within_looks: f64,
+    /// Covariance of its channels about its level, where that is known to be wider than the design's; 0: it is not.
+    pub spread: [[f64; 4]; 4],
     pub channels: BTreeMap<u32, Channel>,
 }
 
@@ -59,11 +61,10 @@ impl Memory {
             1 => {
                 serde_json::from_slice::<first_version::Baselines>(text).map_err(of_parser)?.into()
             }
+            2 => second_version::upgraded(text).map_err(of_parser)?,
             VERSION => serde_json::from_slice(text).map_err(of_parser)?,
             other => {
-                return Err(format!(
-                    "version {other}: this inkling reads versions 1 and {VERSION}"
-                ));
+                return Err(format!("version {other}: this inkling reads versions 1 to {VERSION}"));
             }
         };
         memory.check()?;
@@ -90,31 +91,44 @@ impl Memory {
 
 impl HeadMemory {
     fn is_sound(&self) -> bool {
-        let covariance = Matrix4::from_fn(|i, j| self.covariance[i][j]);
         let bounded = |v: &f64| v.abs() <= MOST;
-        let numbers = self.level.iter().chain(&self.within).chain([&self.within_looks]);
-        let is_covariance = (covariance - covariance.transpose()).amax()
-            <= 1e-9 * covariance.amax()
-            && covariance.iter().all(bounded)
-            && covariance.symmetric_eigenvalues().min() >= -1e-9 * covariance.amax();
+        let is_covariance = |of: &[[f64; 4]; 4]| {
+            let of = matrix(of);
+            let rounding = 1e-9 * of.amax();
+            of.iter().all(bounded)
+                && (of - of.transpose()).amax() <= rounding
+                && of.symmetric_eigenvalues().min() >= -rounding
+        };
         let sums = |of: &Sum| (0.0..=MOST).contains(&of.looks) && of.sum.iter().all(bounded);
         let of_channel = |of: &Channel| {
-            [&of.past, &of.today, &of.faulty].into_iter().all(sums)
+            of.past.iter().chain([&of.today, &of.faulty]).all(sums)
                 && (0.0..=1.0).contains(&of.is_faulty)
+                && (0.0..=MOST).contains(&of.off)
         };
         let ring = |of: &[f64; 4]| of.iter().all(bounded) && of[..3].iter().all(|v| *v > 0.0);
-        numbers.clone().all(bounded)
-            && self.within.iter().all(|v| *v >= 0.0)
-            && self.within_looks >= 0.0
-            && is_covariance
+        self.level.iter().all(bounded)
+            && (0.0..=MOST).contains(&self.within_looks)
+            && is_covariance(&self.covariance)
+            && is_covariance(&self.within)
+            && is_covariance(&self.spread)
             && self.ring.as_ref().is_none_or(ring)
             && self.channels.values().all(of_channel)
     }
 }
 
+fn matrix(of: &[[f64; 4]; 4]) -> Matrix4<f64> {
+    Matrix4::from_fn(|i, j| of[i][j])
+}
+
+/// Symmetric to the last bit.
+fn rows(of: &Matrix4<f64>) -> [[f64; 4]; 4] {
+    std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (of[(i, j)] + of[(j, i)])))
+}
+
 fn mapped(of: &Channel, by: &Matrix4<f64>) -> Channel {
     let sum = |of: &Sum| Sum { looks: of.looks, sum: (by * Vector4::from(of.sum)).into() };
-    Channel { past: sum(&of.past), today: sum(&of.today), faulty: sum(&of.faulty), ..*of }
+    let past = of.past.each_ref().map(sum);
+    Channel { past, today: sum(&of.today), faulty: sum(&of.faulty), ..*of }
 }
 
 impl Head {
@@ -123,9 +137,15 @@ impl Head {
         let canonical = kind.canonical.clone();
         let mut head = Head::new(kind);
         head.level = canonical.to * (Vector4::from(of.level) + from);
-        let covariance = Matrix4::from_fn(|i, j| of.covariance[i][j]);
-        head.covariance = canonical.covariance(&covariance);
-        head.within = Within { square: Vector4::from(of.within), looks: of.within_looks };
+        head.covariance = canonical.covariance(&matrix(&of.covariance));
+        if of.within_looks > 0.0 {
+            let square = canonical.covariance(&matrix(&of.within)).diagonal();
+            head.within = Within { square, looks: of.within_looks };
+        }
+        let spread = canonical.covariance(&matrix(&of.spread)).diagonal();
+        head.wider = spread.zip_map(&canonical.spread, |now, of_design| {
+            if of_design > 0.0 { (now / of_design).max(1.0) } else { 1.0 }
+        });
         head.heard_ns = of.heard_ns;
         let channels = of.channels.iter();
         head.channels = channels.map(|(k, of)| (*k, mapped(of, &canonical.to))).collect();
@@ -135,25 +155,49 @@ impl Head {
     /// What is to be remembered. `ring`: of the base, if no design names it.
     pub fn memory(&self, ring: Option<[f64; 4]>) -> HeadMemory {
         let canonical = self.canonical();
-        let covariance = canonical.covariance_from(&self.covariance);
+        let within = Matrix4::from_diagonal(&self.within.square.map(|v| v.max(0.0)));
+        let spread = Matrix4::from_diagonal(&canonical.spread.component_mul(&self.wider));
         let channels = self.channels.iter();
         HeadMemory {
             ring,
             level: self.level().into(),
-            covariance: std::array::from_fn(|i| {
-                std::array::from_fn(|j| 0.5 * (covariance[(i, j)] + covariance[(j, i)]))
-            }),
+            covariance: rows(&canonical.covariance_from(&self.covariance)),
             heard_ns: self.heard_ns,
-            within: self.within.square.into(),
+            within: rows(&canonical.covariance_from(&within)),
             within_looks: self.within.looks,
+            spread: rows(&canonical.covariance_from(&spread)),
             channels: channels.map(|(k, of)| (*k, mapped(of, &canonical.from))).collect(),
         }
     }
 }
 
+/// Files of version 2: of each channel's past one level.
+mod second_version {
+    use super::{Memory, RUNGS, VERSION};
+    use serde_json::{Value, json};
+
+    pub fn upgraded(text: &[u8]) -> Result<Memory, serde_json::Error> {
+        let mut of: Value = serde_json::from_slice(text)?;
+        of["version"] = json!(VERSION);
+        let heads =
+            of["printheads"].as_object_mut().into_iter().flat_map(|heads| heads.values_mut());
+        let channels = heads.filter_map(|head| {
+            // along directions that the file does not name
+            (head["within"], head["within_looks"]) = (json!(vec![[0.0; 4]; 4]), json!(0.0));
+            head["spread"] = json!(vec![[0.0; 4]; 4]);
+            head["channels"].as_object_mut()
+        });
+        for channel in channels.flat_map(|of| of.values_mut()) {
+            channel["past"] = json!(vec![channel["past"].clone(); RUNGS]);
+            channel["off"] = json!(0.0);
+        }
+        serde_json::from_value(of)
+    }
+}
+
 /// Files of version 1: per channel the mean of its healthy signals.
 mod first_version {
-    use super::{Channel, HeadMemory, Memory, Sum};
+    use super::{Channel, HeadMemory, Memory, RUNGS, Sum};
     use serde::Deserialize;
     use std::collections::BTreeMap;
 
@@ -181,7 +225,7 @@ mod first_version {
         fn from(of: Baselines) -> Memory {
             let channel = |(k, of): (u32, Baseline)| {
                 let past = Sum { looks: of.signals, sum: of.features.map(|f| f * of.signals) };
-                (k, Channel { past, ..Channel::default() })
+                (k, Channel { past: [past; RUNGS], ..Channel::default() })
             };
             let head = |(name, of): (String, Printhead)| {
                 let head = HeadMemory {
@@ -191,8 +235,9 @@ mod first_version {
                         std::array::from_fn(|j| if i == j { UNSURE } else { 0.0 })
                     }),
                     heard_ns: None,
-                    within: [1.0; 4],
+                    within: [[0.0; 4]; 4],
                     within_looks: 0.0,
+                    spread: [[0.0; 4]; 4],
                     channels: of.channels.into_iter().map(channel).collect(),
                 };
                 (name, head)

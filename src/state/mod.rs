@@ -15,5 +15,5 @@ mod tests;
 
 pub use canonical::{Canonical, Features};
 pub use channel::{Channel, Sum};
-pub use head::{Found, Head, Kind, Look};
+pub use head::{Found, Head, Kind, Look, OwnLevel};
 pub use memory::{HeadMemory, Memory};

@@ -26,8 +26,15 @@ pub const SWAPPED: f64 = 1e-4;
 pub const ODD: f64 = 0.05;
 /// Standard deviation of a channel from day to day, in those of one look's noise.
 pub const BETWEEN: f64 = 0.3;
-/// Days that a channel's level is the mean of.
-pub const MEMORY_DAYS: f64 = 16.0;
+/// Days that a channel's levels are means of: looks are expected from the first; today's level is compared with all.
+pub const RUNG_DAYS: [f64; 3] = [4.0, 16.0, 64.0];
+/// Days in which a healthy channel forgets where it was among its head's.
+pub const AGE_DAYS: f64 = 3650.0;
+/// Squared distance of a channel's level from one of the past beyond which it drifts alone: upper 1e-6 of chi-squared with
+/// four degrees of freedom.
+pub const DRIFTED: f64 = 33.38;
+/// The same from all channels of its head: upper 1e-5.
+pub const ODD_ONE: f64 = 28.47;
 /// What lies further apart belongs to two days, ns.
 pub const DAY_NS: i64 = 12 * 3_600_000_000_000;
 /// A head that was not heard for so long stood still: supply and ink may be others, channels replaced. ns.

@@ -1,0 +1,81 @@
+//! A fault that comes and goes: flagged looks too few in a row for the sequential test, and too many in all for false
+//! alarms.
+//!
+//! In: how many looks at a channel were flagged, of how many. Out: ln of the odds for a share above the rate of false
+//! alarms against that rate. That is a test martingale: on a healthy channel it passes a bound b at any time at all with a
+//! probability of at most e^-b (Ville 1939), if its flags come no more often than at that rate.
+
+/// The rate of false alarms that a channel is compared with, at least: thrice what is stated by default.
+const LEAST_RATE: f64 = 2e-3;
+/// The same, in what the other channels of its printhead show.
+const OF_OTHERS: f64 = 2.0;
+/// Shares of a fault that are compared with that rate: this many times as large, twice that, and so on, each as likely.
+const TIMES: f64 = 4.0;
+
+/// Looks, and the flagged ones of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Flags {
+    pub looks: u64,
+    pub flagged: u64,
+}
+
+impl Flags {
+    pub fn share(self) -> f64 {
+        self.flagged as f64 / self.looks.max(1) as f64
+    }
+
+    /// ln odds that the channel is flagged for reasons of its own. `of_all`: of all of its printhead's channels.
+    pub fn evidence(self, of_all: Flags) -> f64 {
+        let others = Flags {
+            looks: of_all.looks.saturating_sub(self.looks),
+            flagged: of_all.flagged.saturating_sub(self.flagged),
+        };
+        let rate = (OF_OTHERS * others.share()).clamp(LEAST_RATE, 0.2);
+        let (flagged, not) = (self.flagged as f64, (self.looks - self.flagged) as f64);
+        let of_share = |p: f64| flagged * (p / rate).ln() + not * ((-p).ln_1p() - (-rate).ln_1p());
+        let shares = std::iter::successors(Some(TIMES * rate), |p| Some(2.0 * p));
+        let lns: Vec<f64> = shares.take_while(|p| *p < 1.0).map(of_share).collect();
+        let most = lns.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        most + (lns.iter().map(|ln| (ln - most).exp()).sum::<f64>() / lns.len() as f64).ln()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+
+    /// Looks at channels that are flagged at a rate; in how many of them the evidence reaches the bound at any time.
+    fn raised(rate: f64, looks: u64, channels: usize, bound: f64) -> usize {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+        let mut of = |_: &usize| {
+            let mut flags = Flags::default();
+            (0..looks).any(|_| {
+                flags.looks += 1;
+                let flagged = rng.random_bool(rate);
+                flags.flagged += u64::from(flagged);
+                flagged && flags.evidence(flags) >= bound
+            })
+        };
+        (0..channels).filter(&mut of).count()
+    }
+
+    #[test]
+    fn false_alarms_raise_as_seldom_as_the_bound_says_and_seldom_faults_are_raised() {
+        // e^-3: 100 of 2,000 at most
+        let at_its_rate = raised(LEAST_RATE, 5000, 2000, 3.0);
+        assert!(at_its_rate <= 100, "{at_its_rate}");
+        assert_eq!(raised(7e-4, 50_000, 1000, 16.1), 0);
+        for (rate, looks) in [(0.1, 400), (0.04, 1000), (0.02, 2500)] {
+            assert!(raised(rate, looks, 100, 16.1) >= 90, "{rate}");
+        }
+    }
+
+    #[test]
+    fn what_all_channels_do_is_no_fault_of_one() {
+        let of_channel = Flags { looks: 1000, flagged: 40 };
+        let of_all = Flags { looks: 60_000, flagged: 2400 };
+        assert!(of_channel.evidence(of_all) < 0.0);
+        assert!(of_channel.evidence(Flags { looks: 60_000, flagged: 60 }) > 16.1);
+    }
+}
