@@ -11,7 +11,7 @@ use super::exit::Failure;
 use crate::io::regular_file;
 use crate::pipeline::Control;
 use state::State;
-use std::net::SocketAddr;
+use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread;
@@ -25,6 +25,15 @@ const MOST_TOKEN: u64 = 1024;
 pub struct Asked {
     address: SocketAddr,
     token: Option<String>,
+}
+
+/// `127.0.0.1:8080`, `localhost:8080`, `[::1]:8080`.
+pub fn address(text: &str) -> Result<SocketAddr, String> {
+    let wrong = |why: String| format!("{why}: give HOST:PORT, as 127.0.0.1:8080 or localhost:8080");
+    let found = text.to_socket_addrs().map_err(|e| wrong(e.to_string()))?;
+    let mut found: Vec<SocketAddr> = found.collect();
+    found.sort_by_key(|address| !address.is_ipv4()); // of two for one name the one that browsers try everywhere
+    found.into_iter().next().ok_or_else(|| wrong("no address of that name".into()))
 }
 
 /// What is asked for, if it can be. `token`: a file of it.
