@@ -1,5 +1,9 @@
 //! What is known to be true of the channels, over time (contract, "In: labels").
 
+mod met;
+
+pub use met::{Met, Span};
+
 use crate::fault::{CLASSES, HEALTHY, IGNORE};
 use std::collections::HashMap;
 use std::fmt;

@@ -6,8 +6,8 @@
 use crate::design::{DetectSettings, IsolateSettings};
 use crate::episodes::EpisodeSettings;
 use crate::identify::GreyBoxSettings;
-use crate::io::dialect::Dialects;
 use crate::io::dialect::settings::Dialect;
+use crate::io::dialect::{Dialects, Ignored};
 use crate::io::layout::Layout;
 use crate::io::objects::in_object_store;
 use crate::io::{printable, regular_file};
@@ -58,6 +58,9 @@ pub struct InputSettings {
     pub baseline: String,
     /// Two or more consecutive samples at or beyond a rail are saturated. Counts.
     pub rails: [f64; 2],
+    /// Topics that look like bursts and are not to be read: nobody is told of them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub ignore: Vec<String>,
     /// How messages of others become bursts; the first that fits.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub dialect: Vec<Dialect>,
@@ -73,6 +76,7 @@ impl Default for InputSettings {
             design: String::new(),
             baseline: String::new(),
             rails: INT16_RAILS,
+            ignore: Vec::new(),
             dialect: Vec::new(),
         }
     }
@@ -82,6 +86,11 @@ impl InputSettings {
     /// As they read recordings. They were checked when the settings were.
     pub fn dialects(&self) -> Dialects {
         Dialects::new(&self.dialect).unwrap_or_default()
+    }
+
+    /// Topics that nobody wants; checked as well.
+    pub fn ignored(&self) -> Ignored {
+        Ignored::new(&self.ignore).unwrap_or_default()
     }
 }
 
@@ -295,8 +304,12 @@ impl Settings {
             }
         }
         for pair in overrides {
-            let (key, value) = pair.split_once('=').ok_or_else(|| {
-                SettingsError::invalid(format!("--set {pair}"), "expected KEY=VALUE")
+            let both = pair.split_once('=').filter(|(key, _)| !key.trim().is_empty());
+            let (key, value) = both.ok_or_else(|| {
+                SettingsError::invalid(
+                    format!("--set {pair}"),
+                    "expected KEY=VALUE, as detect.mu=2",
+                )
             })?;
             insert(&mut table, key.trim(), literal(value.trim()), &format!("--set {pair}"))?;
         }
@@ -336,6 +349,7 @@ impl Settings {
             return Err(format!("input.rails = {:?}: the lower one first", self.input.rails));
         }
         Dialects::new(&self.input.dialect)?;
+        Ignored::new(&self.input.ignore).map_err(|e| format!("input.ignore: {e}"))?;
         share("identify.first", self.identify.first, 0.0, 1e7)?;
         if !(0.0..1e9).contains(&self.identify.every) {
             let every = self.identify.every;

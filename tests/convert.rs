@@ -67,9 +67,9 @@ fn bad_tables_are_refused_and_leave_no_recording() {
         let names = std::fs::read_dir(house.path(".")).unwrap().map(|e| e.unwrap().file_name());
         assert_eq!(names.filter(|n| n.to_string_lossy().contains("t.mcap")).count(), 0);
     }
-    house.run("convert missing.csv -o t.mcap").exits(1).says("missing.csv");
+    house.run("convert missing.csv -o t.mcap").exits(2).says("missing.csv");
     house.write("t.csv", "t,y\n0,1\n1,2\n2,1\n3,5\n");
-    house.run("convert t.csv -o t.csv").exits(2).says("overwrite");
+    house.run("convert t.csv -o t.csv").exits(2).says("is no recording that inkling made");
     house
         .run("convert t.csv -o t.mcap")
         .exits(0)
@@ -79,7 +79,7 @@ fn bad_tables_are_refused_and_leave_no_recording() {
     house.run("convert t.csv -o t.mcap --start yesterday").exits(2).says("yesterday");
     house
         .run("convert t.csv -o t.mcap --outputs z")
-        .exits(1)
+        .exits(2)
         .says("no column \"z\"; there are t, y");
 }
 

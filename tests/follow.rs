@@ -350,7 +350,7 @@ fn what_cannot_be_followed_is_refused_with_what_to_do() {
     ] {
         house.run(&format!("replay {args} --follow --out out")).exits(2).says(says);
     }
-    house.run("replay missing.mcap --follow --out out").exits(1).says("no such file");
+    house.run("replay missing.mcap --follow --out out").exits(2).says("no such file");
     house.write("text.mcap", "this is no recording");
     house.run("replay text.mcap --follow --out out").exits(1).says("not an MCAP file");
     // closed already: its footer ends it at once

@@ -272,7 +272,7 @@ fn stderr_that_takes_nothing_is_no_panic() {
     let house = House::new();
     let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
     let status = Command::new(env!("CARGO_BIN_EXE_inkling"))
-        .args(["inspect", "missing.mcap"])
+        .args(["inspect", "missing*.mcap"])
         .current_dir(house.path("."))
         .stderr(full)
         .status()

@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-fn start(house: &House, args: &str) -> Child {
+pub fn start(house: &House, args: &str) -> Child {
     Command::new(env!("CARGO_BIN_EXE_inkling"))
         .args(args.split_whitespace())
         .args(["--out", "out", "--design"])
@@ -30,7 +30,7 @@ fn parts(house: &House) -> usize {
     entries.flatten().filter(|e| is_part(e) || named(e)).count()
 }
 
-fn wait_for_a_part(house: &House) {
+pub fn wait_for_a_part(house: &House) {
     while parts(house) == 0 {
         std::thread::sleep(Duration::from_millis(2));
     }

@@ -197,3 +197,45 @@ fn a_class_that_can_never_be_named_is_an_error_that_says_why() {
         .says("class Leise would never be named")
         .says("differs from healthy ones");
 }
+
+#[test]
+fn a_misspelt_printhead_and_times_in_seconds_are_refused() {
+    let house = House::new();
+    library(&house, |cell| if cell == "dataset" { "datasett".into() } else { cell.to_owned() });
+    let train = house
+        .run(TRAIN)
+        .exits(2)
+        .says("labels.csv: printhead \"datasett\" is in none of the recordings");
+    train.says("did you mean dataset?");
+    assert!(!house.path("d.json").exists());
+    library(&house, str::to_owned);
+    house.ok(TRAIN);
+    house.ok("replay train.mcap --design d.json --out out --quiet");
+    let header = "printhead,channel,from,to,state,severity\n";
+    house.write("seconds.csv", format!("{header}dataset,*,1735718400,,healthy,\n"));
+    let judge = "replay train.mcap --set identify.labels=LABELS --out labelled";
+    for verb in ["train train.mcap --labels LABELS -o e.json", "score out --labels LABELS", judge] {
+        let mistaken = |labels: &str| house.run(&verb.replace("LABELS", labels)).exits(2);
+        mistaken("seconds.csv").says("were seconds meant? Write 2025-01-01T08:00:00Z");
+        house.write("misspelt.csv", format!("{header}Dataset,*,,,healthy,\n"));
+        mistaken("misspelt.csv").says("did you mean dataset?");
+    }
+    assert!(
+        !house.path("e.json").exists() && !house.path("labelled/train.verdicts.parquet").exists()
+    );
+}
+
+#[test]
+fn rows_that_cover_nothing_are_counted() {
+    let house = House::new();
+    library(&house, str::to_owned);
+    let told = house.ok(TRAIN);
+    assert!(
+        told.contains(
+            "615 of 1156 rows cover no signal of these recordings; of black-2, cyan-1, magenta-1"
+        ),
+        "{told}"
+    );
+    house.ok("replay train.mcap --design d.json --out out --quiet");
+    house.run("score out --labels labels.csv").exits(0).says("615 of 1156 rows cover no signal");
+}

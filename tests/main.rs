@@ -26,6 +26,7 @@ mod not_judged; // a report never calls healthy what nobody judged: that stands 
 mod numbers; // tables of hostile numbers through the critique: an answer or a refusal, no panic
 mod open_world; // signals of no class, healthy channels of any shape: plants and measurements
 mod open_world_goals; // what must hold there: nothing gross is healthy, nothing foreign named
+mod outputs; // results overwrite nothing that is another's
 mod own_classes; // own names for what the physics knows keep sizes
 mod pipeline; // same bytes for any threads, order, chunking; drift; bad windows
 mod print_run; // recall and false alarms on a print run with known truth

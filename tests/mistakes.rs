@@ -3,7 +3,8 @@
 use crate::house::{House, root};
 
 /// `{R}`: a recording, `{D}`: its design, `{L}`: its labels, `{T}`: a training recording, `{S}`: a scenario, `{E}`: a
-/// table of episodes, `{none}`: an empty argument.
+/// table of episodes, `{O}`, `{A}`, `{B}`: a directory of results, its account and a file of baselines, `{none}`: an empty
+/// argument.
 const MISTAKES: &[(&str, i32, &str)] = &[
     // verbs and options
     ("replya x", 2, "'replay'"),
@@ -73,28 +74,67 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("report . -o r.html", 1, "*.verdicts.parquet"),
     ("report . -o .", 2, "give a name.html"),
     ("report {E} -o r.html", 2, "a report reads verdicts"),
-    ("report missing -o r.html", 1, "missing: no such file"),
+    ("report missing -o r.html", 2, "missing: no such file"),
     ("train {T} --labels missing.csv -o d.json", 2, "missing.csv"),
     ("train {T} --labels {D} -o d.json", 2, "no column `printhead`"),
     ("train {T} --labels {R} -o d.json", 2, "print_run.mcap"),
-    ("train missing.mcap --labels {L} -o d.json", 1, "missing.mcap"),
+    ("train missing.mcap --labels {L} -o d.json", 2, "missing.mcap"),
     ("train {T} --labels {L} -o .", 2, "is a directory"),
-    ("identify missing.mcap -o m.json", 1, "missing.mcap"),
+    ("identify missing.mcap -o m.json", 2, "missing.mcap"),
     ("identify {T} --labels {L} -o .", 2, "is a directory"),
     ("score {R} --labels {L}", 2, "is a recording, and a score reads"),
     ("score {E} --labels {L}", 2, "a score reads verdicts"),
-    ("score missing --labels {L}", 1, "missing: no such file"),
+    ("score missing --labels {L}", 2, "missing: no such file"),
     ("score . --labels {D}", 2, "no column `printhead`"),
     ("score --design {L}", 2, "not a design"),
-    ("convert missing.csv -o d.mcap", 1, "missing.csv"),
+    ("convert missing.csv -o d.mcap", 2, "missing.csv"),
     ("convert {L} -o d.mcap", 1, "is no number"),
-    ("convert {R} -o d.mcap", 1, "is not UTF-8 text"),
+    (
+        "convert {R} -o d.mcap",
+        2,
+        "no table, but a recording that inkling made: `inkling replay` judges it",
+    ),
     ("inspect {D}", 1, "not an MCAP file"),
-    ("inspect missing.mcap", 1, "missing.mcap"),
+    ("inspect missing.mcap", 2, "missing.mcap"),
     ("simulate {R} -o s", 2, "is not UTF-8 text"),
     ("simulate missing.toml -o s", 2, "missing.toml"),
-    ("critique missing.mcap -o c", 1, "missing.mcap"),
+    ("critique missing.mcap -o c", 2, "missing.mcap"),
     ("critique {D} -o c", 1, "not an MCAP file"),
+    // one kind of file for another, with what it is for
+    ("replay {R} --design {B}", 2, "not a design, but a file of baselines: --baseline takes it"),
+    ("replay {R} --design {A}", 2, "but an account of a replay"),
+    ("replay {R} --design {D} --baseline {D}", 2, "no baselines, but a design: --design takes it"),
+    ("score --design {B}", 2, "but a file of baselines: --baseline takes it"),
+    ("report {D} -o r.html", 2, "no table of verdicts, but a design: --design takes it"),
+    ("report {A} -o r.html", 2, "a report reads *.verdicts.parquet of `inkling replay`"),
+    ("report {L} -o r.html", 2, "no table of verdicts; a report reads"),
+    ("report {O} --changes-since {D}", 2, "not the run.json of a replay, but a design"),
+    ("score {D} --labels {L}", 2, "no table of verdicts, but a design"),
+    ("train {T} --labels {T} -o d.json", 2, "no labels, but a recording that inkling made"),
+    ("convert {D} -o d.mcap", 2, "no table, but a design"),
+    // places, names and numbers
+    ("replay {R} --follow --serve 8080", 2, "give HOST:PORT, as 127.0.0.1:8080"),
+    ("replay {R} --follow --serve 127.0.0.1", 2, "give HOST:PORT"),
+    ("replay {R} --follow --serve 127.0.0.1:99999", 2, "give HOST:PORT"),
+    (
+        "replay {R} --serve localhost:8080",
+        2,
+        "--serve: shows a recording that is being written: add --follow",
+    ),
+    ("replay {R} --identify design", 2, "give --design FILE"),
+    ("replay {R} --set =3", 2, "expected KEY=VALUE"),
+    (
+        "replay {R} --set identify.spans=[[\"2025-01-01\",\"2025-01-02\"]]",
+        2,
+        "write 2026-01-31T12:00:00Z",
+    ),
+    ("replay {R} --set input.ignore=[\"a[\"]", 2, "input.ignore: no valid pattern"),
+    ("train {T} --labels {L} -o d.json --set input.ignore=[\"a\"]", 2, "has no effect here"),
+    ("replay {R}x", 2, "did you mean"),
+    ("simulate {S} -o s --seed -4", 2, "invalid value '-4' for '--seed"),
+    ("thesis -o c --seeds -3", 2, "invalid value '-3' for '--seeds"),
+    ("convert {L} -o d.mcap --time when", 2, "no column \"when\"; there are printhead, channel"),
+    ("convert {L} -o d.mcap --period-s -1", 2, "more than 0"),
 ];
 
 #[test]
@@ -102,7 +142,7 @@ fn what_is_mistyped_is_answered_in_a_sentence() {
     let logs = root().join("sample_logs");
     let named = |name: &str| logs.join(name).display().to_string();
     let other = House::new();
-    other.ok(&format!("replay {} --out out --quiet", named("print_run.mcap")));
+    other.ok(&format!("replay {} --baseline b.json --out out --quiet", named("print_run.mcap")));
     for (command, status, said) in MISTAKES {
         let house = House::new();
         let command = command
@@ -111,6 +151,9 @@ fn what_is_mistyped_is_answered_in_a_sentence() {
             .replace("{D}", &named("design.json"))
             .replace("{L}", &named("labels.csv"))
             .replace("{S}", &named("scenarios/sample.toml"))
+            .replace("{O}", &other.path("out").display().to_string())
+            .replace("{A}", &other.path("out/run.json").display().to_string())
+            .replace("{B}", &other.path("b.json").display().to_string())
             .replace("{E}", &other.path("out/print_run.episodes.parquet").display().to_string());
         let words = command.split_whitespace().map(|word| if word == "{none}" { "" } else { word });
         let stderr = house.run_words(&command, words).exits(*status).says(said).stderr();

@@ -487,7 +487,7 @@ fn scripts_get_lines_or_silence() {
     std::fs::remove_file(house.path("rec/c.mcap")).unwrap();
     let quiet = replay(&house, "rec --quiet --force").exits(0);
     assert_eq!(quiet.stdout() + &quiet.stderr(), "");
-    let failed = replay(&house, "missing.mcap --quiet").exits(1);
+    let failed = replay(&house, "missing.mcap --quiet").exits(2);
     assert!(failed.stdout().is_empty() && failed.stderr().contains("missing.mcap"));
     let inspected = house.json("inspect rec/a.mcap --json");
     assert_eq!((&inspected["bursts"], &inspected["whole"]), (&3.into(), &true.into()));

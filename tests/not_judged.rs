@@ -1,6 +1,7 @@
 //! A report never says that nothing needs care of what nobody judged: what was not judged stands first, on the page, on
 //! the terminal and in its JSON.
 
+use crate::dialects::writers::{json, write as write_foreign};
 use crate::house::House;
 use crate::nights::{record, replay, some};
 use inkling::burst::{Burst, Format};
@@ -177,4 +178,139 @@ fn other_recordings_of_the_same_times_are_no_copies_and_of_copies_the_judged_one
     assert!(told.page.contains("none needs care."), "{}", told.terminal);
     let left = "first/b.verdicts.parquet: verdicts of a recording that is there already (second/b";
     assert!(told.page.contains(left) && told.terminal.contains(left), "{}", told.terminal);
+}
+
+#[test]
+fn signals_of_one_time_are_followed_by_nobody() {
+    let house = House::new();
+    let at_once = |bursts: Vec<Burst>| -> Vec<Burst> {
+        bursts.into_iter().map(|b| Burst { t_acq_ns: 0, ..b }).collect()
+    };
+    record(&house, "rec/a.mcap", &at_once(some(0, 6)));
+    let told = "of cyan-1 have the time of another one of their channel (1970-01-01T00:00:00Z)";
+    replay(&house, "rec --quiet").exits(4).says(told).says("a recorder whose clock stands?");
+    let told = report(&house, "out", 0);
+    told.leads_with("Not judged. a: 240 of 288 signals of cyan-1");
+    assert_eq!(told.light_of("cyan-1"), "not judged");
+    // the same bursts written twice are looks that are there already
+    let house = House::new();
+    record(&house, "rec/a.mcap", &[some(0, 6), some(0, 6), some(0, 6)].concat());
+    replay(&house, "rec").exits(0);
+    assert!(report(&house, "out", 0).page.contains("none needs care."));
+}
+
+#[test]
+fn topics_that_nobody_reads_are_told() {
+    let heads = || {
+        let second = some(6, 6).into_iter().map(|b| Burst { printhead: "k-2".into(), ..b });
+        some(0, 6).into_iter().chain(second).collect::<Vec<_>>()
+    };
+    let dialect = |topic: &str| {
+        format!(
+            "[[input.dialect]]\ntopic = \"{topic}\"\nsamples = \"samples\"\nchannels = \"channels\"\n\
+             period_s = \"period\"\nprinthead = \"{{topic.1}}\"\ntime = \"header.stamp\"\n"
+        )
+    };
+    let house = House::new();
+    let json = json();
+    write_foreign(&house.path("night.mcap"), &heads(), &json);
+    house.write("all.toml", dialect("/heads/*/burst"));
+    house.write("one.toml", dialect("/heads/cyan-1/burst"));
+    replay(&house, "night.mcap --config all.toml").exits(0);
+    replay(&house, "night.mcap --config one.toml --force --quiet")
+        .exits(4)
+        .says("topic /heads/k-2/burst: its 6 messages")
+        .says("nobody judged them");
+    report(&house, "out", 0).leads_with("Not judged. night: topic /heads/k-2/burst");
+    // who does not want them says so, and hears no more of them
+    let ignore = "--set input.ignore=[\"/heads/k-*/burst\"]";
+    replay(&house, &format!("night.mcap --config one.toml {ignore}")).exits(0);
+    assert!(report(&house, "out", 0).page.contains("none needs care."));
+    // beside bursts of ours they may be anything that looks alike: a warning
+    let house = House::new();
+    write_foreign(&house.path("night.mcap"), &heads()[6..], &json);
+    append(&house, "night.mcap", &some(0, 6), "both.mcap");
+    replay(&house, "both.mcap").exits(0).says("look like bursts, and nothing reads them");
+    report(&house, "out", 0).leads_with("Not judged. both: topic /heads/k-2/burst");
+}
+
+/// The messages of a recording of others, and bursts of ours.
+fn append(house: &House, foreign: &str, native: &[Burst], to: &str) {
+    record(house, "native.mcap", native);
+    let file = std::fs::File::create(house.path(to)).unwrap();
+    let mut writer = mcap::Writer::new(std::io::BufWriter::new(file)).unwrap();
+    for name in [foreign, "native.mcap"] {
+        let bytes = house.read(name);
+        for message in mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap) {
+            let (of, mut header) = (&message.channel, header_of(&message));
+            let schema = match &of.schema {
+                Some(of) => writer.add_schema(&of.name, &of.encoding, &of.data).unwrap(),
+                None => 0,
+            };
+            let none = Default::default();
+            header.channel_id =
+                writer.add_channel(schema, &of.topic, &of.message_encoding, &none).unwrap();
+            writer.write_to_known_channel(&header, &message.data).unwrap();
+        }
+    }
+    writer.finish().unwrap();
+}
+
+fn header_of(message: &mcap::Message) -> mcap::records::MessageHeader {
+    let mcap::Message { sequence, log_time, publish_time, .. } = *message;
+    mcap::records::MessageHeader { channel_id: 0, sequence, log_time, publish_time }
+}
+
+#[cfg(unix)]
+#[test]
+fn what_a_killed_run_was_to_judge_stands_first() {
+    use crate::kills::{start, wait_for_a_part};
+    let house = House::new();
+    record(&house, "rec/a.mcap", &some(0, 6));
+    replay(&house, "rec").exits(0);
+    record(&house, "rec/b.mcap", &the_next_night(some(0, 60)));
+    record(&house, "rec/c.mcap", &the_next_night(some(0, 6)));
+    let mut run = start(&house, "replay rec --pace recorded");
+    wait_for_a_part(&house);
+    report(&house, "out", 0).leads_with("Not judged. b.mcap: not judged yet by the run that began");
+    run.kill().unwrap();
+    run.wait().unwrap();
+    let told = report(&house, "out", 0);
+    told.leads_with("Not judged. b.mcap: not judged yet by the run that began");
+    assert!(told.page.contains("c.mcap: not judged yet"), "{}", told.terminal);
+    replay(&house, "rec").exits(0).says("2 judged, 1 skipped");
+    assert_eq!(report(&house, "out", 0).json["coverage"]["complete"], true);
+}
+
+#[test]
+fn a_printhead_of_which_a_tenth_was_not_judged_is_not_called_healthy() {
+    let light = |of_48: usize, in_every: usize| {
+        let house = House::new();
+        let bursts = some(0, 6).into_iter().enumerate().map(|(k, b)| match k % in_every {
+            0 => saturated(b, of_48),
+            _ => b,
+        });
+        record(&house, "a.mcap", &bursts.collect::<Vec<_>>());
+        replay(&house, "a.mcap").exits(3);
+        let told = report(&house, "out", 0);
+        told.leads_with("Not all is known: ");
+        told.light_of("cyan-1")
+    };
+    assert_eq!(light(1, 6), "healthy", "a single signal");
+    assert_eq!(light(2, 3), "healthy", "two channels in a third of their bursts");
+    assert_eq!(light(10, 1), "not judged", "a fifth of the channels");
+    assert_eq!(light(2, 1), "not judged", "two channels");
+    assert_eq!(light(20, 3), "not judged", "a seventh of all signals");
+}
+
+#[test]
+fn a_sample_period_that_is_off_by_a_thousand_is_no_verdict() {
+    let house = House::new();
+    let slow = some(0, 6).into_iter().map(|b| Burst { sample_period_s: 1e-3, ..b });
+    record(&house, "rec/a.mcap", &slow.collect::<Vec<_>>());
+    house.run("replay rec --out out --quiet").exits(4).says("printheads ring at kilohertz");
+    assert_eq!(house.read_json("out/run.json")["totals"]["not_judged"], 1);
+    let told = report(&house, "out", 0);
+    told.leads_with("Not judged. a: cyan-1: ");
+    assert_eq!(told.light_of("cyan-1"), "not judged");
 }

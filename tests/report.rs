@@ -547,7 +547,12 @@ fn a_mail_says_what_changed_since_an_earlier_run() {
         .exits(2)
         .says("none of that run's recordings");
     knew(&["0", "0-other", "1", "2"]);
-    house.run("report out --changes-since last.json").exits(1).says("nothing was judged since");
+    let nothing = house.ok("report out --changes-since last.json");
+    assert!(
+        nothing.starts_with("no recording has verdicts that it had not at that run"),
+        "{nothing}"
+    );
+    assert_eq!(house.json("report out --changes-since last.json --json")["recordings"], 0);
 }
 
 #[test]
@@ -566,6 +571,12 @@ fn a_run_is_an_earlier_run_of_the_same_directory() {
     let json = house.json("report out --changes-since last --json");
     assert_eq!(json["recordings"], 1, "{json}");
     assert!(!json["new"].as_array().unwrap().is_empty(), "{json}");
+    // a night of which nothing could be judged is no night without news
+    std::fs::copy(house.path("out/run.json"), house.path("last/run.json")).unwrap();
+    house.write("rec/c.mcap", "no recording");
+    house.run(&judge).exits(3);
+    let told = house.ok("report out --changes-since last");
+    assert!(told.contains("not judged: 1\n  c.mcap: "), "{told}");
 }
 
 #[test]
@@ -621,7 +632,7 @@ fn hostile_names_are_inert_and_stay_names_in_the_table() {
 #[test]
 fn what_cannot_be_read_costs_itself_and_is_said() {
     let house = House::new();
-    house.run("report out -o r.html").exits(1).says("no such file");
+    house.run("report out -o r.html").exits(2).says("no such file");
     house.write("out/x.txt", b"");
     house.run("report out -o r.html").exits(1).says("nothing found");
     let tables = Tables { house: &house, printhead: "p" };

@@ -193,8 +193,7 @@ impl Worker {
         // of a run that followed it and was killed; what stays costs room alone
         let _ = PartTables::beside(&item.verdicts_in(run.out())).remove_of(&recording);
         let job = &loaded.job;
-        let judged = Judged::of(report, &item.label, &item.verdicts_in(&job.out), job.detail);
-        Ok(judged.with_doubts(replay, &recording))
+        Ok(Judged::of(report, &item.label, &item.verdicts_in(&job.out), job.detail))
     }
 }
 

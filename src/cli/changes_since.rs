@@ -5,7 +5,7 @@ use super::account::RUN_NAME;
 use super::exit::Failure;
 use super::progress::thousands;
 use super::report::printable;
-use crate::io::{printable, regular_file};
+use crate::io::{printable, regular_file, result_file};
 use crate::pipeline::rfc3339;
 use crate::report::{Changes, Fault, Report, clock};
 use chrono::DateTime;
@@ -39,7 +39,11 @@ impl Known {
         let text = regular_file::read(&path, MOST_BYTES)
             .map_err(|e| failed(format!("cannot be read: {e}")))?;
         serde_json::from_slice(&text).map_err(|e| {
-            failed(format!("not the {RUN_NAME} of a replay: {}", printable::of_parser(&e)))
+            let what = match result_file::instead(&path) {
+                instead if instead.is_empty() => format!(": {}", printable::of_parser(&e)),
+                instead => instead,
+            };
+            failed(format!("not the {RUN_NAME} of a replay{what}"))
         })
     }
 
@@ -75,19 +79,15 @@ impl<'a> Since<'a> {
     pub fn of(run: &Path, known: &Known, report: &'a Report) -> Result<Since<'a>, Failure> {
         let is_known = |name: &str| known.has_results(name);
         let (lines, faults) = (&report.recordings, &report.faults);
-        let Some(changes) = Changes::since(lines, faults, is_known) else {
-            let run = run.display();
-            return Err(match lines.iter().any(|line| is_known(&line.name)) {
-                true => Failure::new(format!("{run}: nothing was judged since that run")),
-                false => Failure::usage(format!(
-                    "{run}: none of that run's recordings is among these results: give the {RUN_NAME} of an earlier run \
-                     that wrote some of them"
-                )),
-            });
-        };
-        let silent = changes.silent.iter().map(|name| Unjudged {
-            what: name.to_string(),
-            why: "not judged in any recording since".into(),
+        let changes = Changes::since(lines, faults, is_known).ok_or_else(|| {
+            Failure::usage(format!(
+                "{}: none of that run's recordings is among these results: give the {RUN_NAME} of an earlier run that \
+                 wrote some of them",
+                run.display()
+            ))
+        })?;
+        let silent = changes.silent.iter().filter(|_| changes.recordings > 0).map(|name| {
+            Unjudged { what: name.to_string(), why: "not judged in any recording since".into() }
         });
         let gaps = report.coverage.gaps.iter().filter(|gap| !is_known(&gap.recording));
         let gaps = gaps.map(|gap| Unjudged { what: gap.recording.clone(), why: gap.what.clone() });
@@ -112,8 +112,8 @@ impl<'a> Since<'a> {
         let Changes { from_ns, to_ns, recordings, still, .. } = &self.changes;
         let mut told = json!({
             "since": self.run,
-            "from": rfc3339(*from_ns),
-            "to": rfc3339(*to_ns),
+            "from": (*recordings > 0).then(|| rfc3339(*from_ns)),
+            "to": (*recordings > 0).then(|| rfc3339(*to_ns)),
             "recordings": recordings,
             "still": still,
         });
@@ -129,7 +129,12 @@ impl<'a> Since<'a> {
         let Changes { from_ns, to_ns, recordings, still, .. } = &self.changes;
         let plural = if *recordings == 1 { "" } else { "s" };
         let (count, from, to) = (thousands(*recordings as u64), clock(*from_ns), clock(*to_ns));
-        writeln!(out, "{count} recording{plural} since that run, from {from} to {to} UTC")?;
+        match recordings {
+            0 => writeln!(out, "no recording has verdicts that it had not at that run")?,
+            _ => {
+                writeln!(out, "{count} recording{plural} since that run, from {from} to {to} UTC")?
+            }
+        }
         for (_, words, faults) in self.faults() {
             let told = |fault: &&Fault| {
                 let channel = fault.story.channel;
@@ -142,7 +147,7 @@ impl<'a> Since<'a> {
             format!("{}: {}", printable::line(&of.what, 200), printable::line(&of.why, 600))
         };
         list(out, "not judged", self.unjudged.iter().map(told))?;
-        if self.faults().iter().all(|(.., faults)| faults.is_empty()) {
+        if *recordings > 0 && self.faults().iter().all(|(.., faults)| faults.is_empty()) {
             writeln!(out, "no change, of what was judged")?;
         }
         match *still {

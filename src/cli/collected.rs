@@ -9,7 +9,7 @@ use crate::io::damage::Damage;
 use crate::io::dialect::Dialects;
 use crate::io::inputs::{self, Input};
 use crate::io::recording::Recording;
-use crate::labels::Labels;
+use crate::labels::{Labels, Met};
 use crate::pipeline::collect::Collector;
 use crate::pipeline::{Control, PipelineError};
 use crate::settings::Settings;
@@ -68,6 +68,8 @@ impl Recordings {
 /// Signals to learn of.
 pub struct Collected {
     pub set: TrainingSet,
+    /// What labels may cover.
+    pub met: Met,
     /// Something was damaged, or could not be used.
     pub incomplete: bool,
     pub progress: Progress,
@@ -82,7 +84,8 @@ pub fn collected(
     let recordings = Recordings::find(given, settings)?;
     let mut collector = Collector::new(labels, settings.input.rails);
     let damaged = recordings.each(|recording, control| collector.take(recording, control))?;
+    let met = std::mem::take(&mut collector.met);
     let set = collector.finish().ok_or_else(|| Failure::new(dialects::NO_BURSTS))?;
     let unused = ["rejected", "other_sampling"].iter().any(|k| set.signals.contains_key(*k));
-    Ok(Collected { set, incomplete: damaged || unused, progress: recordings.progress })
+    Ok(Collected { set, met, incomplete: damaged || unused, progress: recordings.progress })
 }

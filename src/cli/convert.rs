@@ -14,7 +14,7 @@ use crate::io::table_file::{self, Columns, Table};
 use bytes::Bytes;
 use std::collections::BTreeSet;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Longest printhead name.
@@ -134,11 +134,6 @@ struct Opened {
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
-    if same_file(&args.table, &args.out) {
-        return Err(Failure::usage(
-            "the recording would overwrite its own table: choose another -o",
-        ));
-    }
     let start_ns = start_ns(&args)?;
     let mut beside = Vec::new();
     let period = Said::of(&args.period_s, &mut beside);
@@ -146,7 +141,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let voltage = Said::of(&args.voltage, &mut beside);
     check(&args, period)?;
     outputs::check_file(&args.out, outputs::ResultFile::Recording).map_err(Failure::of_place)?;
-    let kind = columnar::kind_of(&args.table).map_err(Failure::new)?;
+    let kind = columnar::table_kind_of(&args.table)?;
     let opened = match kind {
         FileKind::Numpy => open_array(&args, &beside)?,
         kind => open_table(&args, kind, beside)?,
@@ -426,13 +421,6 @@ fn start_ns(args: &Args) -> Result<Option<i64>, Failure> {
         })
 }
 
-fn same_file(a: &Path, b: &Path) -> bool {
-    match (a.canonicalize(), b.canonicalize()) {
-        (Ok(a), Ok(b)) => a == b,
-        _ => a == b,
-    }
-}
-
 /// The unit of a time column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Unit {
@@ -473,8 +461,8 @@ fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<Opened
         rows_are_samples: args.period_s.is_some(),
     };
     let table = match kind {
-        FileKind::Text => table_file::read(&args.table, &columns).map_err(Failure::new)?,
-        kind => match columnar::read(&args.table, kind, &columns).map_err(Failure::new)? {
+        FileKind::Text => table_file::read(&args.table, &columns)?,
+        kind => match columnar::read(&args.table, kind, &columns)? {
             Content::Rows(table) => table,
             Content::Bursts { time, outputs, matrices } => {
                 if args.resample {

@@ -12,6 +12,7 @@ use crate::critique::digits;
 use crate::critique::engine::{self, MOST_SAMPLES, Rings};
 use crate::critique::finding::{Critique, Gain, GainFigures, Verdict};
 use crate::critique::report;
+use crate::io::outputs::ResultFile;
 use crate::io::recording::Recording;
 use crate::io::{critique_tables, design_file, labels_file, outputs, printable};
 use crate::pipeline::observe::Observer;
@@ -22,8 +23,13 @@ use std::path::{Path, PathBuf};
 const EXTENDED_DESIGN: &str = "extended.design.json";
 /// What a critique writes, the one that says that all are there first: none of an earlier run may
 /// lie beside those of this one.
-const FILES: [&str; 5] =
-    ["critique.json", EXTENDED_DESIGN, "evidence.parquet", "residuals.parquet", "report.html"];
+const FILES: [(&str, ResultFile); 5] = [
+    ("critique.json", ResultFile::Critique),
+    (EXTENDED_DESIGN, ResultFile::Design),
+    ("evidence.parquet", ResultFile::Companion),
+    ("residuals.parquet", ResultFile::Companion),
+    ("report.html", ResultFile::Page),
+];
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -73,7 +79,7 @@ pub fn run_in_memory(args: Args, recording: Recording) -> Result<Exit, Failure> 
 }
 
 fn criticised(args: &Args, given: Given) -> Result<Exit, Failure> {
-    outputs::check_directory(&args.out).map_err(Failure::of_place)?;
+    outputs::check_files(&args.out, FILES).map_err(Failure::of_place)?;
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
     effect::check(&args.set, &settings, Command::Critique)?;
     let labels = args.labels.as_deref().map(labels_file::read).transpose()?;
@@ -112,7 +118,7 @@ fn criticised(args: &Args, given: Given) -> Result<Exit, Failure> {
         ));
     }
 
-    outputs::remove_earlier(&args.out, &FILES).map_err(Failure::new)?;
+    outputs::remove_earlier(&args.out, &FILES.map(|(name, _)| name)).map_err(Failure::new)?;
     if !oscillator && !outcome.critique.causes.is_empty() {
         progress.say("extending the design ...");
         let design = match cut {

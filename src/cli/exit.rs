@@ -6,8 +6,10 @@ use crate::io::design_file::DesignFileError;
 use crate::io::inputs::InputsError;
 use crate::io::labels_file::LabelsError;
 use crate::io::outputs::OutputError;
+use crate::io::table_file::TableError;
 use crate::pipeline::PipelineError;
 use crate::settings::SettingsError;
+use std::io::ErrorKind;
 use std::process::ExitCode;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,11 +95,26 @@ impl From<BaselineFileError> for Failure {
     }
 }
 
-/// A name that can be no file's is a mistake of usage; a file that is not there need not be.
+/// A name that is no file's is a mistake of usage; a directory or a pattern need not find anything.
 impl From<InputsError> for Failure {
     fn from(e: InputsError) -> Failure {
         match e {
-            InputsError::Empty | InputsError::BadPattern { .. } => Failure::usage(e),
+            InputsError::Empty | InputsError::BadPattern { .. } | InputsError::Missing { .. } => {
+                Failure::usage(e)
+            }
+            _ => Failure::new(e),
+        }
+    }
+}
+
+/// What was meant by a name is the user's to put right; what a table holds need not be.
+impl From<TableError> for Failure {
+    fn from(e: TableError) -> Failure {
+        match &e {
+            TableError::Choice { .. } | TableError::NoTable { .. } => Failure::usage(e),
+            TableError::Read { source, .. } if source.kind() == ErrorKind::NotFound => {
+                Failure::usage(e)
+            }
             _ => Failure::new(e),
         }
     }
@@ -106,6 +123,7 @@ impl From<InputsError> for Failure {
 impl From<PipelineError> for Failure {
     fn from(e: PipelineError) -> Failure {
         match e {
+            PipelineError::Labels(e) => e.into(),
             PipelineError::TooManyWindows { .. }
             | PipelineError::Recording(RecordingError::Dialect { .. }) => Failure::usage(e),
             _ => Failure::new(e),

@@ -1,10 +1,11 @@
 //! `inkling generate`: man pages and shell completions, from the command line itself.
 
 use super::exit::{Exit, Failure};
-use crate::io::outputs;
+use crate::io::outputs::{self, ResultFile};
 use clap::Command;
 use clap_complete::Shell;
 use clap_mangen::Man;
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -43,23 +44,30 @@ pub fn run(args: Args, command: Command) -> Result<Exit, Failure> {
 }
 
 fn man(dir: &Path, command: Command) -> Result<Exit, Failure> {
-    outputs::check_directory(dir).map_err(Failure::of_place)?;
     let failed = |e: std::io::Error| Failure::new(format!("{}: {e}", dir.display()));
-    std::fs::create_dir_all(dir).map_err(failed)?;
     let mut command = command.disable_help_subcommand(true);
     command.build();
-    pages(&command, dir).map_err(failed)?;
+    let mut pages = BTreeMap::new();
+    add_pages(&command, &mut pages).map_err(failed)?;
+    let files = pages.keys().map(|name| (name.as_str(), ResultFile::Manual));
+    outputs::check_files(dir, files).map_err(Failure::of_place)?;
+    std::fs::create_dir_all(dir).map_err(failed)?;
+    pages
+        .iter()
+        .try_for_each(|(name, page)| std::fs::write(dir.join(name), page))
+        .map_err(failed)?;
     Ok(Exit::Done)
 }
 
-/// Of a command and all below it.
-fn pages(command: &Command, dir: &Path) -> std::io::Result<()> {
+/// Of a command and all below it, by the names of their files.
+fn add_pages(command: &Command, pages: &mut BTreeMap<String, String>) -> std::io::Result<()> {
     let verbs = command.get_subcommands().filter(|verb| !verb.is_hide_set());
-    verbs.into_iter().try_for_each(|verb| pages(verb, dir))?;
+    verbs.into_iter().try_for_each(|verb| add_pages(verb, pages))?;
     let man = Man::new(command.clone());
     let mut page = Vec::new();
     man.render(&mut page)?;
-    std::fs::write(dir.join(man.get_filename()), with_examples(&String::from_utf8_lossy(&page)))
+    pages.insert(man.get_filename(), with_examples(&String::from_utf8_lossy(&page)));
+    Ok(())
 }
 
 /// Lines that begin with a space are examples: they stay as they are, however wide the page is.

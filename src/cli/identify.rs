@@ -59,8 +59,11 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     if let Some(dir) = &args.plot {
         outputs::check_directory(dir).map_err(Failure::of_place)?;
     }
-    let Collected { set, mut incomplete, progress } =
+    let Collected { set, met, mut incomplete, progress } =
         collected(Given::Named(&args.recordings), &settings, labels.as_ref())?;
+    if let Some((path, labels)) = args.labels.as_deref().zip(labels.as_ref()) {
+        labels_file::check(path, labels, &met)?;
+    }
     let mut said = Vec::new();
     let mut models: Vec<Value> = Vec::new();
     for (name, signals) in &set.healthy {

@@ -6,13 +6,12 @@ use super::exit::{Exit, Failure};
 use super::output;
 use super::progress::{Progress, interruptible, thousands};
 use super::report::printable;
-use super::ring_look;
 use super::topics::{self, Topics};
 use crate::io::damage::note;
 use crate::io::dialect::guess::Proposal;
 use crate::io::recording::Recording;
 use crate::io::{Limits, inputs, part_file};
-use crate::pipeline::Control;
+use crate::pipeline::{Control, ring_look};
 use crate::settings::Settings;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -133,7 +132,7 @@ fn one(
     if as_json {
         let mut document = contents.document(recording, &digest.text, exit);
         topics.describe(&mut document);
-        document["doubts"] = ring_look::doubts(recording).into();
+        document["doubts"] = doubts(recording).into();
         output::event(&document)?;
         return Ok((exit, topics.proposals));
     }
@@ -144,7 +143,7 @@ fn one(
     writeln!(out, "{name}: {bytes} bytes, {}", digest.text)?;
     contents.print(recording, &mut out)?;
     topics.print(&mut out)?;
-    for doubt in ring_look::doubts(recording) {
+    for doubt in doubts(recording) {
         writeln!(out, "  doubt    {}", printable(&doubt))?;
     }
     for d in &contents.damage {
@@ -152,6 +151,10 @@ fn one(
     }
     writeln!(out, "  {}", if whole { "whole" } else { "NOT whole" })?;
     Ok((exit, topics.proposals))
+}
+
+fn doubts(recording: &Recording) -> Vec<String> {
+    ring_look::doubts(recording).iter().map(ToString::to_string).collect()
 }
 
 fn look(recording: &Recording, control: &Control, contents: &mut Contents) -> Topics {

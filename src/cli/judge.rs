@@ -5,7 +5,7 @@ use super::exit::Failure;
 use super::failed;
 use super::notes;
 use super::progress::Progress;
-use super::{report, ring_look};
+use super::report;
 use crate::io::Limits;
 use crate::io::dialect::Dialects;
 use crate::io::journal::{Means, Outcome, Stamp, Told};
@@ -100,16 +100,6 @@ impl Judged {
         }
     }
 
-    /// With what speaks against the layout and the sample period of its recording. Not asked where there is a design: it
-    /// knows how its signals lie and how far apart their samples are.
-    pub fn with_doubts(mut self, replay: &Replay, recording: &Recording) -> Judged {
-        if replay.design.is_none() {
-            let doubts = ring_look::doubts(recording).into_iter();
-            self.warnings.extend(doubts.map(|what| Told { what, times: 1 }));
-        }
-        self
-    }
-
     pub fn signals(&self) -> u64 {
         self.counts["signals"].as_u64().unwrap_or_default()
     }
@@ -172,8 +162,7 @@ impl Judge for Here<'_> {
         let report = self.progress.during(&item.label, recording.bytes, run.control, || {
             pipeline::replay(run.replay, &recording, &verdicts, run.control)
         });
-        let judged = Judged::of(report?, &item.label, &verdicts, run.detail);
-        Ok(judged.with_doubts(run.replay, &recording))
+        Ok(Judged::of(report?, &item.label, &verdicts, run.detail))
     }
 
     fn all_at_once(&self) -> bool {

@@ -6,6 +6,7 @@ use super::account::RUN_NAME;
 use crate::io::inputs::Input;
 use crate::io::journal::{Entry, JOURNAL_NAME, Journal, Outcome};
 use crate::io::regular_file;
+use crate::io::run_lock::{self, ToJudge, Unfinished};
 use crate::io::stored;
 use crate::report::Lost;
 use serde_json::{Value, json};
@@ -22,6 +23,7 @@ pub fn of(tables: &[Input], unread: &[String]) -> Vec<Lost> {
         .collect();
     let is_whole = |out: &&PathBuf| named.iter().any(|dir| out.starts_with(dir));
     lost.extend(out.iter().filter(is_whole).flat_map(|out| not_reached(out)));
+    lost.extend(out.iter().filter(is_whole).flat_map(|out| under_way(out)));
     lost.sort_by(|a, b| a.name.cmp(&b.name));
     let unread = unread.iter().map(|words| {
         let (name, why) = words.split_once(": ").unwrap_or(("a table", words));
@@ -61,6 +63,26 @@ fn not_reached(out: &Path) -> Vec<Lost> {
             name: row["recording"].as_str()?.to_owned(),
             why: format!("not reached: {why}"),
         })
+    });
+    lost.collect()
+}
+
+/// What a run that has not come to its end was to judge, and has not.
+fn under_way(out: &Path) -> Vec<Lost> {
+    let Some(Unfinished { since, recordings }) = run_lock::unfinished(out) else {
+        return Vec::new();
+    };
+    let journal = Journal::read(out).unwrap_or_default();
+    // both times are of one clock and in one zone: their texts compare as they do
+    let is_done =
+        |of: &ToJudge| journal.of_recording(&of.path).is_some_and(|entry| entry.at >= since);
+    let left = recordings.into_iter().filter(|of| !is_done(of));
+    let lost = left.map(|of| Lost {
+        name: of.recording,
+        why: format!(
+            "not judged yet by the run that began at {since}: it is still under way, or was killed, and then the same \
+             `inkling replay` goes on where it stopped"
+        ),
     });
     lost.collect()
 }

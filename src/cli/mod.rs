@@ -34,7 +34,6 @@ pub mod replay;
 mod report;
 mod report_page;
 mod results;
-mod ring_look;
 mod rotate;
 mod score;
 mod scored;
@@ -43,7 +42,7 @@ mod thesis;
 mod topics;
 mod train;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{Arg, Command, CommandFactory, Parser, Subcommand};
 use exit::{Exit, Failure};
 use std::ffi::OsString;
 
@@ -128,9 +127,22 @@ impl Verb {
     }
 }
 
+/// A number below 0 is the value of the option before it, which says what is wrong with it, and no option of its own.
+fn with_negative_numbers(command: Command) -> Command {
+    let takes_one = |arg: &Arg| arg.get_action().takes_values() && !arg.is_positional();
+    let command = command.mut_args(|arg| match takes_one(&arg) {
+        true => arg.allow_negative_numbers(true),
+        false => arg,
+    });
+    command.mut_subcommands(with_negative_numbers)
+}
+
 /// A command line, or how it ends at once: with help, or with what is wrong with it.
 pub fn parsed<C: Parser>(args: impl IntoIterator<Item = OsString>) -> Result<C, Exit> {
-    C::try_parse_from(args).map_err(|e| {
+    let command = with_negative_numbers(C::command());
+    let parsed =
+        command.try_get_matches_from(args).and_then(|mut of| C::from_arg_matches_mut(&mut of));
+    parsed.map_err(|e| {
         let _ = e.print(); // nowhere left to complain if this fails
         if e.use_stderr() { Exit::Usage } else { Exit::Done }
     })

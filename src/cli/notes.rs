@@ -98,7 +98,8 @@ pub fn warnings(report: &RecordingReport) -> Vec<Told> {
         (format!("window of {} at {from}: ", of(&refusal.printhead)), refusal.why.clone())
     });
     let warned = report.warnings.iter().map(|(p, what)| (format!("{}: ", of(p)), what.clone()));
-    counted(refused.chain(warned))
+    let unread = report.unread.iter().map(|of| (String::new(), of.what.clone()));
+    counted(refused.chain(warned).chain(unread))
 }
 
 /// What was done about what the design does not know, and what else is no fault of the verdicts.

@@ -10,6 +10,7 @@ use crate::io::inputs::{Input, InputsError};
 use crate::io::journal::{Entry, Journal, Link, Outcome, Stamp};
 use crate::io::layout::{self, Layout, Placed};
 use crate::io::recording::Recording;
+use crate::io::run_lock::ToJudge;
 use crate::io::{Limits, digest, part_file, stored};
 use crate::pipeline::chain;
 use crate::pipeline::resume::{self, Decision, Resume, Why};
@@ -79,6 +80,15 @@ pub fn lost(e: &InputsError) -> Row {
         verdicts: None,
         signals: 0,
     }
+}
+
+/// For who looks at the results of a run that was killed.
+pub fn to_judge(planned: &[Planned]) -> Vec<ToJudge> {
+    let to_judge = planned
+        .iter()
+        .filter(|this| this.is_to_be_judged())
+        .map(|this| ToJudge { recording: this.placed.label(), path: this.placed.source.clone() });
+    to_judge.collect()
 }
 
 /// Removes what killed runs left where this one writes.

@@ -1,6 +1,6 @@
 //! `inkling replay`: the main job.
 
-use super::account::{Account, Row, unwritable};
+use super::account::{Account, RUN_NAME, Row, unwritable};
 use super::batch::{Batch, Telling};
 use super::dialects;
 use super::effect::{self, Command};
@@ -17,8 +17,9 @@ use crate::io::baseline_file::BaselineFile;
 use crate::io::inputs::Input;
 use crate::io::journal::{JOURNAL_NAME, Journal, JournalWriter, Means};
 use crate::io::layout::{self, Layout};
-use crate::io::run_lock::RunLock;
-use crate::io::{design_file, digest, inputs, labels_file, outputs};
+use crate::io::outputs::{self, ResultFile};
+use crate::io::run_lock::{LOCK_NAME, RunLock};
+use crate::io::{design_file, digest, inputs, labels_file};
 use crate::isolate::IsolateMethod;
 use crate::pipeline::Replay;
 use crate::pipeline::resume::Resume;
@@ -179,6 +180,9 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     let first = settings.input.recordings[0].clone(); // there is one at least
     let found = inputs::find_each_recording(&settings.input.recordings)?;
     outputs::check_place(&out).map_err(Failure::of_place)?;
+    for (name, kind) in [(RUN_NAME, ResultFile::Account), (JOURNAL_NAME, ResultFile::Journal)] {
+        outputs::check_file(&out.join(name), kind).map_err(Failure::of_place)?;
+    }
     let journal = || Journal::read(&out).map_err(|e| unreadable(&out, e));
     let before = journal()?;
     let is_known = |input: &Input| !args.force && plan::is_known(input, &before, &settings);
@@ -189,7 +193,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     let lost: Vec<Row> = found.lost.iter().map(plan::lost).collect();
 
     let control = if args.follow { follow::until_enough() } else { interruptible() };
-    let lock = match args.dry_run {
+    let mut lock = match args.dry_run {
         true => None,
         false => Some(RunLock::take(&out).map_err(Failure::new)?),
     };
@@ -222,6 +226,9 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     }
     if args.dry_run {
         return plan::print(&planned, &lost, args.json);
+    }
+    if let Some(lock) = &mut lock {
+        lock.plan(&plan::to_judge(&planned)).map_err(|e| unwritable(&out.join(LOCK_NAME), e))?;
     }
     account.rows = lost;
     plan::sweep(&planned, &out);
@@ -259,7 +266,9 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
         force: args.force,
         failures: 0,
     };
-    batch.run(&planned)
+    let ended = batch.run(&planned);
+    lock.into_iter().for_each(RunLock::over);
+    ended
 }
 
 fn unreadable(out: &Path, e: std::io::Error) -> Failure {
@@ -273,6 +282,11 @@ pub type Read = (Design, String);
 fn with_design(args: &Args) -> Result<(Settings, Option<Read>), Failure> {
     let asked = settings(args, &[])?;
     if asked.input.design.is_empty() {
+        if matches!(args.identify, Some(IdentifyArg::Design)) {
+            return Err(Failure::usage(
+                "--identify design: there is none: give --design FILE (`inkling train` makes one)",
+            ));
+        }
         return Ok((asked, None));
     }
     let read: Read = design_file::read(Path::new(&asked.input.design))?;
@@ -425,7 +439,11 @@ fn check(settings: &Settings, args: &Args, design: Option<&Design>) -> Result<()
 fn span_ns([from, to]: &[String; 2]) -> Result<(i64, i64), Failure> {
     let ns = |text: &str| {
         let time = DateTime::parse_from_rfc3339(text).ok().and_then(|t| t.timestamp_nanos_opt());
-        time.ok_or_else(|| Failure::usage(format!("identify.spans: \"{text}\" is not RFC 3339")))
+        time.ok_or_else(|| {
+            Failure::usage(format!(
+                "identify.spans: \"{text}\" is not RFC 3339: write 2026-01-31T12:00:00Z"
+            ))
+        })
     };
     let (from_ns, to_ns) = (ns(from)?, ns(to)?);
     match from_ns < to_ns {

@@ -108,7 +108,7 @@ fn print_printheads(report: &RecordingReport, out: &mut impl Write) -> io::Resul
 }
 
 fn counts_of_left_out(counts: &Counts) -> u64 {
-    counts.signals_too_late + counts.signals_beyond_limit
+    counts.signals_too_late + counts.signals_at_one_time + counts.signals_beyond_limit
 }
 
 fn print_printhead(name: &str, printhead: &PrintheadTally, out: &mut impl Write) -> io::Result<()> {

@@ -4,10 +4,12 @@ use super::copies::{self, Table};
 use super::exit::Failure;
 use super::lost;
 use super::progress::Progress;
+use crate::io::columnar::{self, FileKind};
 use crate::io::inputs::Input;
+use crate::io::objects::in_object_store;
 use crate::io::verdict_reader::VerdictReader;
 use crate::io::verdict_table::TableError;
-use crate::io::{episode_table, inputs, printable, stored, summary_file};
+use crate::io::{episode_table, inputs, printable, result_file, stored, summary_file};
 use crate::pipeline::Control;
 use crate::report::{Names, Report, ReportSettings, Source, Survey};
 use crate::verdict::VerdictColumns;
@@ -52,7 +54,21 @@ pub fn find(named: &[String], what: &str) -> Result<Vec<Input>, Failure> {
             printable::cell(other)
         )));
     }
-    Ok(inputs::find_verdicts(named)?)
+    let found = inputs::find_verdicts(named)?;
+    match found.iter().find(|input| !begins_as_a_table(&input.path)) {
+        Some(Input { path, .. }) => Err(Failure::usage(format!(
+            "{}: no table of verdicts{}; {what} reads *.verdicts.parquet of `inkling replay`, or their directory",
+            printable::cell(&path.to_string_lossy()),
+            result_file::instead(path)
+        ))),
+        None => Ok(found),
+    }
+}
+
+/// What is damaged, or cannot be read at all, is told where it is read.
+fn begins_as_a_table(path: &Path) -> bool {
+    let is_named_so = path.extension().is_some_and(|ending| ending == "parquet");
+    is_named_so || in_object_store(path) || matches!(columnar::kind_of(path), Ok(FileKind::Parquet))
 }
 
 /// A report, and what of the results could not be read.

@@ -14,7 +14,7 @@ use crate::io::{
     design_file, episode_table, labels_file, outputs, printable, regular_file, stored,
     summary_file, truth_file,
 };
-use crate::labels::{Channels, Label, Labels};
+use crate::labels::{Channels, Label, Labels, Met, Span};
 use crate::score::blind::{Blind, Said as SaidCritique, True};
 use crate::score::curves::Curves;
 use crate::score::episodes::{EpisodeScore, SaidEpisode};
@@ -101,6 +101,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             None => scoring.add_file(table.path)?,
         }
     }
+    labels_file::check(labels_path, &labels, &scoring.met)?;
     let report = scoring.report();
     if report.by_state.is_empty() {
         return Err(Failure::new(format!(
@@ -110,6 +111,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             report.unlabelled,
             report.rejected
         )));
+    }
+    if let Some(unused) = scoring.met.unused(&labels) {
+        complain(&format!("note: {}: {}", labels_path.display(), printable::line(&unused, 400)));
     }
     tell(&args, &report, scoring.curves.as_ref(), promise.as_ref())
 }
@@ -124,6 +128,7 @@ struct Scoring<'a> {
     episodes: EpisodeScore<'a>,
     any_episodes: bool,
     curves: Option<Curves>,
+    met: Met,
 }
 
 /// A row of a verdict table, and what it indexes.
@@ -145,6 +150,7 @@ impl<'a> Scoring<'a> {
             episodes: EpisodeScore::new(labels),
             any_episodes: false,
             curves: with_curves.then(Curves::default),
+            met: Met::default(),
         }
     }
 
@@ -177,11 +183,14 @@ impl<'a> Scoring<'a> {
 
     fn add_row(&mut self, row: &Row, has_episodes: bool) {
         let (c, labels) = (row.c, self.labels);
+        let printhead = &c.printheads[c.printhead[row.place] as usize];
+        let (channel, t_ns) = (c.channel[row.place], c.acquired_at_ns[row.place]);
         if c.outcome[row.place] == Outcome::Rejected {
             return self.score.add_rejected();
         }
-        let printhead = &c.printheads[c.printhead[row.place] as usize];
-        let (channel, t_ns) = (c.channel[row.place], c.acquired_at_ns[row.place]);
+        let span =
+            Span { from_ns: t_ns, to_ns: t_ns, first_channel: channel, last_channel: channel };
+        self.met.see(printhead, span);
         let truth = labels.at(printhead, channel, t_ns);
         let said = row.said();
         self.score.add(said, truth.map(|label| label.state.as_str()));

@@ -2,6 +2,7 @@
 
 use super::exit::{Exit, Failure, unless_reader_gone};
 use super::progress::{Steps, interruptible, thousands};
+use crate::io::outputs::ResultFile;
 use crate::io::recording_writer::{self, RecordingWriter, WriterOptions};
 use crate::io::{labels_file, outputs, printable, regular_file, truth_file};
 use crate::pipeline::Control;
@@ -51,14 +52,33 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     }
     let mut out = super::output::report();
     let seed = args.seed.or(scenario.seed).unwrap_or(1);
+    let recordings = scenario.recordings(seed);
+    let names = recordings.iter().map(|recording| file_name(&recording.stem));
+    check_files(&args.out, names, &["labels.csv"])?;
     let control = interruptible();
-    for recording in scenario.recordings(seed) {
+    for recording in recordings {
         write(recording, &args.out, &control, &mut out)?;
     }
     let labels = args.out.join("labels.csv");
     labels_file::write(&labels, &scenario.labels(seed)).map_err(Failure::new)?;
     writeln!(out, "{}", labels.display())?;
     Ok(Exit::Done)
+}
+
+fn file_name(stem: &str) -> String {
+    format!("{stem}.mcap")
+}
+
+/// Refuses to write over what no earlier run wrote: recordings, and what lies beside them.
+fn check_files(
+    dir: &Path,
+    recordings: impl Iterator<Item = String>,
+    beside: &[&str],
+) -> Result<(), Failure> {
+    let recordings: Vec<String> = recordings.collect();
+    let recordings = recordings.iter().map(|name| (name.as_str(), ResultFile::Recording));
+    let beside = beside.iter().map(|name| (*name, ResultFile::Companion));
+    outputs::check_files(dir, recordings.chain(beside)).map_err(Failure::of_place)
 }
 
 /// Writes a recording into `dir` and says so.
@@ -68,7 +88,7 @@ fn write(
     control: &Control,
     out: &mut impl Write,
 ) -> Result<(), Failure> {
-    let path = dir.join(format!("{}.mcap", recording.stem));
+    let path = dir.join(file_name(&recording.stem));
     let mut writer =
         RecordingWriter::create(&path, options(&recording.options)).map_err(Failure::new)?;
     let steps = match recording.bursts.size_hint() {
@@ -110,7 +130,9 @@ fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
         .map_err(|e| Failure::usage(format!("{}: {e}", args.scenario.display())))?;
     let mut out = super::output::report();
     // an earlier recording does not belong to the seal that is written now
-    let earlier = format!("{}.mcap", hidden.recording.stem);
+    let earlier = file_name(&hidden.recording.stem);
+    let beside = ["truth.sha256", "sealed/truth.json", "sealed/labels.csv"];
+    check_files(&args.out, [earlier.clone()].into_iter(), &beside)?;
     outputs::remove_earlier(&args.out, &[&earlier]).map_err(Failure::new)?;
     // the seal first: without it a recording would be one whose truth could still change
     let sealed = args.out.join("sealed");

@@ -2,6 +2,7 @@
 
 use super::exit::{Exit, Failure};
 use super::progress::Steps;
+use crate::io::outputs::{self, ResultFile};
 use crate::thesis;
 use std::io::Write;
 use std::path::PathBuf;
@@ -29,7 +30,8 @@ pub struct Args {
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
-    crate::io::outputs::check_directory(&args.out).map_err(Failure::of_place)?;
+    let files = [("tables.json", ResultFile::Chapter), ("tables.md", ResultFile::Companion)];
+    outputs::check_files(&args.out, files).map_err(Failure::of_place)?;
     let seeds: Vec<u64> = (0..args.seeds).map(|k| args.seed.wrapping_add(k)).collect();
     let threads = match args.threads {
         0 => crate::side_by_side::cores(),

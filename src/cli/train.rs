@@ -72,15 +72,15 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         new_class: &args.new_class,
         settings: &settings,
     })?;
-    let Learned { design, told, warnings, incomplete } = &learned;
+    let Learned { design, warnings, incomplete, .. } = &learned;
     if !args.json {
         let progress = Progress::new(1, 0);
         warnings.iter().for_each(|w| progress.say(&format!("warning: {w}")));
     }
     design_file::write(&args.out, design).map_err(Failure::new)?;
     match args.json {
-        true => output::event(&document(&args, design, told, warnings))?,
-        false => tell(&args, design, told)?,
+        true => output::event(&document(&args, &learned))?,
+        false => tell(&args, &learned)?,
     }
     Ok(if *incomplete { Exit::Incomplete } else { Exit::Done })
 }
@@ -99,6 +99,8 @@ pub struct Learned {
     pub design: Design,
     pub told: Vec<ClassTold>,
     pub warnings: Vec<String>,
+    /// How many rows of the labels cover nothing.
+    pub unused: Option<String>,
     /// Something was damaged, or could not be used.
     pub incomplete: bool,
 }
@@ -106,7 +108,8 @@ pub struct Learned {
 pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
     let Lesson { recordings, labels: written, new_class, settings } = lesson;
     let labels = labels(written, new_class, settings)?;
-    let Collected { set, incomplete, .. } = collected(recordings, settings, Some(&labels))?;
+    let Collected { set, met, incomplete, .. } = collected(recordings, settings, Some(&labels))?;
+    labels_file::check(written.name(), &labels, &met)?;
     if set.healthy.is_empty() {
         let seen: Vec<String> =
             set.signals.iter().map(|(l, n)| format!("{n} {}", printable(l))).collect();
@@ -125,7 +128,7 @@ pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
     let told = design.tell_classes(&set, grey_box, &settings.isolate).map_err(Failure::new)?;
     refuse_never_named(&told, written.name())?;
     warnings.extend(told.iter().filter(|class| class.is_hardly_detected()).map(hardly_detected));
-    Ok(Learned { design, told, warnings, incomplete })
+    Ok(Learned { design, told, warnings, unused: met.unused(&labels), incomplete })
 }
 
 /// Read with the states that are declared, under the names that the design will give them.
@@ -193,12 +196,8 @@ fn hardly_detected(class: &ClassTold) -> String {
     )
 }
 
-fn document(
-    args: &Args,
-    design: &Design,
-    told: &[ClassTold],
-    warnings: &[String],
-) -> serde_json::Value {
+fn document(args: &Args, learned: &Learned) -> serde_json::Value {
+    let Learned { design, told, warnings, unused, .. } = learned;
     let poles = design.pooled.identification.poles;
     let class = |class: &ClassTold| {
         let ClassTold { name, labelled, trained_on, held_out, .. } = class;
@@ -224,10 +223,12 @@ fn document(
         "damping_per_s": poles.damping_per_s,
         "threshold": design.pooled.threshold.value,
         "warnings": warnings,
+        "labels_without_signals": unused,
     })
 }
 
-fn tell(args: &Args, design: &Design, told: &[ClassTold]) -> std::io::Result<()> {
+fn tell(args: &Args, learned: &Learned) -> std::io::Result<()> {
+    let Learned { design, told, unused, .. } = learned;
     let mut out = output::report();
     writeln!(
         out,
@@ -238,6 +239,9 @@ fn tell(args: &Args, design: &Design, told: &[ClassTold]) -> std::io::Result<()>
     )?;
     for (label, n) in &design.signals {
         writeln!(out, "  {:>10} {}", thousands(*n), printable(label))?;
+    }
+    if let Some(unused) = unused {
+        writeln!(out, "  labels: {}", crate::io::printable::line(unused, 400))?;
     }
     tell_classes(told, &mut out)?;
     let poles = design.pooled.identification.poles;

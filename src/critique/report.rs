@@ -35,7 +35,7 @@ pub fn html(critique: &Critique) -> String {
 fn write_page(c: &Critique, page: &mut String) -> std::fmt::Result {
     write!(
         page,
-        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"generator\" content=\"inkling\">\
          <meta name=\"viewport\" content=\"width=device-width\"><title>Model critique</title>\
          <style>{STYLE}</style></head><body>\n<h1>Model critique \
          <span class=\"verdict\">{}</span></h1>\n<p class=\"sentence\">{}</p>\n",

@@ -111,6 +111,28 @@ pub struct RingChange {
     pub healthy_damping_per_s: f64,
 }
 
+/// Of a printhead's judged signals, how many are no evidence of anything, as their times are those of others or come
+/// too late.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Untimely {
+    pub printhead: Arc<str>,
+    pub signals: u64,
+    pub at_one_time: u64,
+    pub too_late: u64,
+    /// The last of the times that several signals have.
+    pub t_ns: i64,
+}
+
+/// What out of a recording is left when it is over.
+#[derive(Debug)]
+pub struct Over {
+    /// The last episodes, those still on by printhead and channel.
+    pub last: Vec<Episode>,
+    pub counts: Counts,
+    /// By printhead; those of which some signals are.
+    pub untimely: Vec<Untimely>,
+}
+
 /// What was left out, and what came out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Counts {
@@ -119,8 +141,10 @@ pub struct Counts {
     pub still_on: u64,
     /// Signals that came after later ones of their channel had been looked at: beyond the window.
     pub signals_too_late: u64,
-    /// Signals of a burst that was there already, same channel and time.
+    /// Signals of a burst that was there already, same channel, time and statistic.
     pub signals_repeated: u64,
+    /// Other signals that have the time of the one before them on their channel.
+    pub signals_at_one_time: u64,
     /// Signals of channels beyond the most that are remembered.
     pub signals_beyond_limit: u64,
 }

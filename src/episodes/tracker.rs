@@ -5,7 +5,7 @@ use super::evidence::{Evidence, FIRST_IN_MEDIANS, Step, TOGETHER};
 use super::explanation::{self, Rings};
 use super::intermittent::Flags;
 use super::order::Waiting;
-use super::{Counts, Episode, EpisodeSettings, Looks, Named};
+use super::{Counts, Episode, EpisodeSettings, Looks, Named, Over, Untimely};
 use crate::fault::{self, Class};
 use crate::model::faults;
 use crate::verdict::{Appearance, Reason};
@@ -66,12 +66,15 @@ struct Printhead {
     place: HashMap<u32, usize>,
     /// Of all channels that nothing was raised of.
     flags: Flags,
+    untimely: Untimely,
 }
 
 #[derive(Debug)]
 struct Channel {
     number: u32,
+    /// Of its last look.
     last_ns: i64,
+    last_ratio: f32,
     /// Judged looks since the onset.
     looks: u64,
     onset_ns: i64,
@@ -187,8 +190,8 @@ impl Tracker {
         self.told.raised.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
-    /// The last episodes, those still on by printhead and channel, and the counts.
-    pub fn finish(mut self) -> (Vec<Episode>, Counts) {
+    /// The recording is over.
+    pub fn finish(mut self) -> Over {
         let mut printheads: Vec<Printhead> = self.printheads.drain().map(|(_, p)| p).collect();
         printheads.sort_by(|a, b| a.name.cmp(&b.name));
         for of in &mut printheads {
@@ -209,18 +212,22 @@ impl Tracker {
                 self.told.ended.push(self.naming.episode(&of.name, channel, &found, None));
             }
         }
-        (self.told.ended, self.told.counts)
+        let untimely = printheads.into_iter().map(|of| of.untimely);
+        let untimely = untimely.filter(|of| of.at_one_time + of.too_late > 0).collect();
+        Over { last: self.told.ended, counts: self.told.counts, untimely }
     }
 }
 
 impl Printhead {
     fn new(name: Arc<str>) -> Printhead {
+        let untimely = Untimely { printhead: name.clone(), ..Untimely::default() };
         Printhead {
             name,
             waiting: Waiting::default(),
             states: Vec::new(),
             place: HashMap::new(),
             flags: Flags::default(),
+            untimely,
         }
     }
 
@@ -240,6 +247,7 @@ impl Printhead {
         self.states.push(Channel {
             number,
             last_ns: i64::MIN,
+            last_ratio: f32::NAN,
             looks: 0,
             onset_ns: 0,
             model: None,
@@ -283,12 +291,12 @@ impl Printhead {
         let evidence = states.each_mut().map(|state| &mut state.evidence);
         let (done, begin) = Evidence::look_at_quiet(evidence, among, ratios, bound);
         // as `Channel::look` of `Step::Quiet` and `Step::Suspect`
-        for ((state, done), begins) in states.iter_mut().zip(done).zip(begin) {
+        for (((state, ratio), done), begins) in states.iter_mut().zip(ratios).zip(done).zip(begin) {
             if !done {
                 continue;
             }
-            (state.last_ns, state.looks) = (looks.t_ns, state.looks + 1);
-            state.heard += 1;
+            (state.last_ns, state.last_ratio) = (looks.t_ns, *ratio);
+            (state.looks, state.heard) = (state.looks + 1, state.heard + 1);
             self.flags.looks += 1;
             if begins {
                 (state.onset_ns, state.looks) = (looks.t_ns, 1);
@@ -304,6 +312,7 @@ impl Printhead {
     fn look(&mut self, of: Shared, room: &mut usize, told: &mut Told) {
         let Shared { looks, bound, .. } = of;
         let rows = looks.ratios.len() as u32; // a burst has few
+        self.untimely.signals += looks.ratios.iter().filter(|ratio| !ratio.is_nan()).count() as u64;
         let mut named = looks.named.as_slice();
         let (mut row, mut near) = (0, 0);
         while row < rows {
@@ -344,7 +353,7 @@ impl Printhead {
             return near;
         };
         let channel = &mut self.states[place];
-        if !channel.is_next(looks.t_ns, counts) {
+        if !channel.is_next(looks.t_ns, ratio, counts, &mut self.untimely) {
             return place + 1;
         }
         channel.judge_by(looks, looks.judged_by_own(row));
@@ -390,13 +399,28 @@ impl Channel {
     }
 
     /// Whether a look is later than all before; if not, it is counted as what it is.
-    fn is_next(&mut self, t_ns: i64, counts: &mut Counts) -> bool {
+    fn is_next(
+        &mut self,
+        t_ns: i64,
+        ratio: f32,
+        counts: &mut Counts,
+        untimely: &mut Untimely,
+    ) -> bool {
         let order = t_ns.cmp(&self.last_ns);
         match order {
-            Ordering::Less => counts.signals_too_late += 1,
-            // the same time again is the same look
-            Ordering::Equal => counts.signals_repeated += 1,
-            Ordering::Greater => self.last_ns = t_ns,
+            Ordering::Less => {
+                counts.signals_too_late += 1;
+                untimely.too_late += 1;
+            }
+            // the same look again
+            Ordering::Equal if ratio.to_bits() == self.last_ratio.to_bits() => {
+                counts.signals_repeated += 1;
+            }
+            Ordering::Equal => {
+                counts.signals_at_one_time += 1;
+                (untimely.at_one_time, untimely.t_ns) = (untimely.at_one_time + 1, t_ns);
+            }
+            Ordering::Greater => (self.last_ns, self.last_ratio) = (t_ns, ratio),
         }
         order.is_gt()
     }
@@ -711,9 +735,9 @@ mod tests {
         let name: Arc<str> = "p".into();
         bursts.into_iter().for_each(|looks| tracker.push(&name, looks));
         let mut episodes = tracker.take_ended();
-        let (last, counts) = tracker.finish();
-        episodes.extend(last);
-        (episodes, counts)
+        let over = tracker.finish();
+        episodes.extend(over.last);
+        (episodes, over.counts)
     }
 
     #[test]
@@ -946,7 +970,7 @@ mod tests {
             let (ratios, t_ns) = (vec![0.1; 3], 0);
             tracker.push(&p.to_string().into(), Looks { ratios, t_ns, ..Looks::default() });
         }
-        assert_eq!(tracker.finish().1.signals_beyond_limit, 3);
+        assert_eq!(tracker.finish().counts.signals_beyond_limit, 3);
     }
 
     #[test]

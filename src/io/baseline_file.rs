@@ -4,6 +4,7 @@ use super::digest::in_words;
 use super::part_file::{self, CompleteFile};
 use super::printable;
 use super::regular_file;
+use super::result_file;
 use crate::state::Memory;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -25,7 +26,7 @@ pub enum BaselineFileError {
     )]
     Changed { path: PathBuf },
     #[error(
-        "{path}: no baselines: {what}; `inkling replay --baseline` makes them: name a file that it wrote, or one that is \
+        "{path}: no baselines{what}; `inkling replay --baseline` makes them: name a file that it wrote, or one that is \
          not there yet"
     )]
     NotBaselines { path: PathBuf, what: String },
@@ -81,7 +82,15 @@ impl BaselineFile {
             return Ok((file, Memory::new(design.map(str::to_owned))));
         };
         file.text = Some(xxh3_128(&text));
-        let not = |what: String| BaselineFileError::NotBaselines { path: path.into(), what };
+        let not = |what: String| {
+            let what = match result_file::instead(path) {
+                instead if instead.is_empty() || instead.contains("baselines") => {
+                    format!(": {what}")
+                }
+                instead => instead,
+            };
+            BaselineFileError::NotBaselines { path: path.into(), what }
+        };
         let baselines =
             Memory::from_json(&text).map_err(|what| not(printable::line(&what, 200)))?;
         if baselines.design.as_deref() != design {

@@ -7,9 +7,11 @@
 use super::Limits;
 use super::ipc_sizes;
 use super::matrix::Matrix;
+use super::mcap_records::MAGIC;
 use super::numpy::gathered;
 use super::parquet_file::{self, ParquetFile};
 use super::regular_file;
+use super::result_file;
 use super::table_file::{Chosen, Columns, Named, Rows, Table, TableError, choose_columns};
 use super::unpanicked::unpanicked;
 use arrow_array::cast::AsArray;
@@ -46,6 +48,18 @@ pub fn kind_of(path: &Path) -> Result<FileKind, TableError> {
         [0x93, b'N', b'U', b'M', b'P', b'Y', ..] | [b'P', b'K', 3, 4, ..] => FileKind::Numpy,
         _ => FileKind::Text,
     })
+}
+
+/// Of a file that is to be a table, which JSON and recordings are not.
+pub fn table_kind_of(path: &Path) -> Result<FileKind, TableError> {
+    let kind = kind_of(path)?;
+    let failed = |source| TableError::Read { path: path.into(), source };
+    let mut start = Vec::new();
+    regular_file::open(path).map_err(failed)?.take(8).read_to_end(&mut start).map_err(failed)?;
+    match start.starts_with(b"{") || start.starts_with(MAGIC) {
+        true => Err(TableError::NoTable { path: path.into(), instead: result_file::instead(path) }),
+        false => Ok(kind),
+    }
 }
 
 /// What a columnar file holds.
@@ -100,7 +114,7 @@ fn open(path: &Path, kind: FileKind) -> Result<(SchemaRef, Batches), TableError>
 fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Content, TableError> {
     let (schema, batches) = open(path, kind)?;
     let names: Vec<String> = schema.fields().iter().map(|field| field.name().clone()).collect();
-    let chosen = choose_columns(names, columns).map_err(|what| wrong(path, what))?;
+    let chosen = choose_columns(names, columns).map_err(|what| columns.refused(path, what))?;
     let type_of = |c: usize| schema.field(c).data_type();
     let lists = chosen.outputs.iter().filter(|&&c| is_list(type_of(c))).count();
     if lists != 0 && lists != chosen.outputs.len() {

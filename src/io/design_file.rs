@@ -4,6 +4,7 @@ use super::digest::in_words;
 use super::part_file;
 use super::printable;
 use super::regular_file;
+use super::result_file;
 use crate::design::{Design, VERSION, other_version};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -19,7 +20,7 @@ pub enum DesignFileError {
     Read { path: PathBuf, source: std::io::Error },
     #[error("{path}: cannot be written: {source}")]
     Write { path: PathBuf, source: std::io::Error },
-    #[error("{path}: not a design: {what}; `inkling train` makes one")]
+    #[error("{path}: not a design{what}; `inkling train` makes one")]
     NotADesign { path: PathBuf, what: String },
 }
 
@@ -39,7 +40,13 @@ fn somebody() -> String {
 pub fn read(path: &Path) -> Result<(Design, String), DesignFileError> {
     let failed = |source| DesignFileError::Read { path: path.into(), source };
     let text = regular_file::read(path, MOST_BYTES).map_err(failed)?;
-    let not = |what: String| DesignFileError::NotADesign { path: path.into(), what };
+    let not = |what: String| {
+        let what = match result_file::instead(path) {
+            instead if instead.is_empty() || instead.contains("design") => format!(": {what}"),
+            instead => instead,
+        };
+        DesignFileError::NotADesign { path: path.into(), what }
+    };
     let design: Design = serde_json::from_slice(&text).map_err(|e| {
         let made: Option<Made> = serde_json::from_slice(&text).ok();
         let other = made.filter(|made| made.version != VERSION);

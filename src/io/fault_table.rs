@@ -29,7 +29,8 @@ static COLUMNS: [Column<Fault>; 16] = [
 ];
 
 fn per_day(fault: &Fault) -> Option<f64> {
-    report::certain_trend(&fault.story).map(|trend| trend.per_day)
+    let is_sized = fault.story.severity_last.is_some();
+    report::certain_trend(&fault.story).filter(|_| is_sized).map(|trend| trend.per_day)
 }
 
 /// Writes all of them; the file has its name when it is whole.

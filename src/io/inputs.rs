@@ -1,6 +1,7 @@
 //! Which files a command line means.
 
 use super::objects::{self, in_object_store};
+use crate::labels::nearest;
 use globset::{GlobBuilder, GlobMatcher};
 use std::collections::BTreeSet;
 use std::io::ErrorKind;
@@ -10,7 +11,7 @@ use walkdir::WalkDir;
 
 #[derive(Debug, Error)]
 pub enum InputsError {
-    #[error("{path}: no such file or directory")]
+    #[error("{path}: no such file or directory{}", meant(path))]
     Missing { path: PathBuf },
     #[error("\"\": an empty name is no file; is a variable of the shell empty?")]
     Empty,
@@ -41,6 +42,23 @@ impl InputsError {
             InputsError::Nothing { searched, .. } => searched.clone(),
             InputsError::Shared { second, .. } => second.display().to_string(),
         }
+    }
+}
+
+/// Names in a directory that are looked through for what was meant.
+const MOST_SIBLINGS: usize = 10_000;
+
+/// `; did you mean night.mcap?`, of what lies where it was looked for.
+fn meant(path: &Path) -> String {
+    let beside = path.parent().filter(|dir| !dir.as_os_str().is_empty());
+    let there = std::fs::read_dir(beside.unwrap_or(Path::new("."))).into_iter().flatten();
+    let there =
+        there.flatten().take(MOST_SIBLINGS).map(|of| of.file_name().to_string_lossy().into_owned());
+    let there: Vec<String> = there.collect();
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    match nearest(&name, there.iter().map(String::as_str)).first() {
+        Some(near) => format!("; did you mean {}?", path.with_file_name(near).display()),
+        None => String::new(),
     }
 }
 

@@ -3,8 +3,9 @@
 use super::part_file;
 use super::printable;
 use super::regular_file::{self, Records};
+use super::result_file;
 use crate::fault::{HEALTHY, IGNORE};
-use crate::labels::{Label, Labels, known_states, nearest};
+use crate::labels::{Label, Labels, Met, known_states, nearest};
 use chrono::{DateTime, SecondsFormat};
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -26,6 +27,8 @@ const HEADER: [&str; 6] = ["printhead", "channel", "from", "to", "state", "sever
 pub enum LabelsError {
     #[error("{path}: cannot be read: {source}")]
     Read { path: PathBuf, source: csv::Error },
+    #[error("{path}: no labels{instead}; a text in UTF-8 is needed, CSV with {}", HEADER.join(","))]
+    NoText { path: PathBuf, instead: String },
     #[error("{path}: cannot be written: {source}")]
     Write { path: PathBuf, source: std::io::Error },
     #[error(
@@ -35,6 +38,9 @@ pub enum LabelsError {
     NoColumn { path: PathBuf, column: &'static str },
     #[error("{path}, line {line}: {what}")]
     Row { path: PathBuf, line: u64, what: String },
+    /// They were read with recordings that they do not fit.
+    #[error("{path}: {what}")]
+    Mistaken { path: PathBuf, what: String },
 }
 
 /// What states a labels file may have beside `healthy`, `ignore` and the thesis's classes.
@@ -79,8 +85,21 @@ pub fn read_states(of: Written, states: States) -> Result<Labels, LabelsError> {
     }
 }
 
+/// Refuses labels in which somebody mistyped what the recordings say.
+pub fn check(path: &Path, labels: &Labels, met: &Met) -> Result<(), LabelsError> {
+    let mistaken = |what: String| {
+        Err(LabelsError::Mistaken { path: path.into(), what: printable::line(&what, 1000) })
+    };
+    met.mistake(labels).map_or(Ok(()), mistaken)
+}
+
 fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, LabelsError> {
-    let failed = |source| LabelsError::Read { path: path.into(), source };
+    let failed = |source: csv::Error| match source.kind() {
+        csv::ErrorKind::Utf8 { .. } => {
+            LabelsError::NoText { path: path.into(), instead: result_file::instead(path) }
+        }
+        _ => LabelsError::Read { path: path.into(), source },
+    };
     let mut csv = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
         .flexible(true)

@@ -48,6 +48,7 @@ pub mod printable;
 pub mod recording;
 pub mod recording_writer;
 pub mod regular_file;
+pub mod result_file;
 mod row_table;
 pub mod run_lock;
 pub mod sampling;

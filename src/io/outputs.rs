@@ -1,11 +1,8 @@
 //! Where results go: checked before any work is done for them, and freed of an earlier run's files.
 
-use super::mcap_records::MAGIC;
 use super::objects::{self, in_object_store};
-use super::{regular_file, stored};
-use serde::de::IgnoredAny;
-use std::collections::BTreeMap;
-use std::io::Read;
+pub use super::result_file::ResultFile;
+use super::stored;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -53,47 +50,7 @@ pub fn check_directory(path: &Path) -> Result<(), OutputError> {
     }
 }
 
-/// A result that is one file. An earlier one may be replaced; what is none belongs to somebody else.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ResultFile {
-    Design,
-    Models,
-    Page,
-    Recording,
-    Table,
-}
-
-impl std::fmt::Display for ResultFile {
-    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        f.write_str(match self {
-            ResultFile::Design => "design",
-            ResultFile::Models => "file of identified models",
-            ResultFile::Page => "HTML page",
-            ResultFile::Recording => "MCAP recording",
-            ResultFile::Table => "Parquet table",
-        })
-    }
-}
-
-impl ResultFile {
-    /// Whether a file's content may be an earlier result of this kind; an empty one holds nothing that could be lost.
-    fn may_be(self, content: &[u8]) -> bool {
-        let holds = |key: &str| {
-            let object = serde_json::from_slice::<BTreeMap<String, IgnoredAny>>(content);
-            object.is_ok_and(|object| object.contains_key(key))
-        };
-        content.is_empty()
-            || match self {
-                ResultFile::Design => holds("sample_period_s"),
-                ResultFile::Models => holds("models"),
-                ResultFile::Page => content.starts_with(b"<!doctype html>"),
-                ResultFile::Recording => content.starts_with(MAGIC),
-                ResultFile::Table => content.starts_with(b"PAR1"),
-            }
-    }
-}
-
-/// Refuses a name for a result that cannot be a file's, or is that of a file of another kind.
+/// Refuses a name for a result that cannot be a file's, or is that of a file which is no earlier result of this kind.
 pub fn check_file(path: &Path, kind: ResultFile) -> Result<(), OutputError> {
     if in_object_store(path) {
         return check_object(path);
@@ -101,14 +58,29 @@ pub fn check_file(path: &Path, kind: ResultFile) -> Result<(), OutputError> {
     if path.is_dir() {
         return Err(OutputError::IsADirectory { path: path.into() });
     }
-    // of pages, recordings and tables the first bytes tell
-    let most = if matches!(kind, ResultFile::Design | ResultFile::Models) { u64::MAX } else { 64 };
-    let mut content = Vec::new();
-    let there = regular_file::open(path).and_then(|file| file.take(most).read_to_end(&mut content));
-    if there.is_ok() && !kind.may_be(&content) {
+    let is_empty = path.metadata().is_ok_and(|of| of.len() == 0); // then nothing could be lost
+    let another = ResultFile::of(path).is_ok_and(|there| there != Some(kind));
+    if another && !is_empty {
         return Err(OutputError::OfAnother { path: path.into(), kind });
     }
     path.parent().map_or(Ok(()), check_directory)
+}
+
+/// The same of the files that a run writes into one directory. Those that do not say who made them are an earlier
+/// run's where one that does lies beside them.
+pub fn check_files<'a>(
+    dir: &Path,
+    files: impl IntoIterator<Item = (&'a str, ResultFile)>,
+) -> Result<(), OutputError> {
+    check_directory(dir)?;
+    let is_mute = |file: &(&str, ResultFile)| file.1 == ResultFile::Companion;
+    let (mute, telling): (Vec<_>, Vec<_>) = files.into_iter().partition(is_mute);
+    telling.iter().try_for_each(|(name, kind)| check_file(&dir.join(name), *kind))?;
+    let is_earlier_run = telling.iter().any(|(name, _)| dir.join(name).is_file());
+    match is_earlier_run {
+        true => Ok(()),
+        false => mute.iter().try_for_each(|(name, kind)| check_file(&dir.join(name), *kind)),
+    }
 }
 
 /// Removes an earlier run's files from a directory, in this order: first the one that says that the
@@ -128,22 +100,31 @@ mod tests {
     fn an_earlier_result_is_replaced_and_nothing_else_is() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("there");
-        use ResultFile::*;
-        let earlier: [(&[u8], Option<ResultFile>); 7] = [
-            (b"{\"version\": 1, \"sample_period_s\": 1e-6}", Some(Design)),
-            (b"{\"models\": []}", Some(Models)),
-            (b"<!doctype html>\n<html>", Some(Page)),
-            (b"\x89MCAP0\r\n...", Some(Recording)),
-            (b"PAR1...", Some(Table)),
-            (b"printhead,channel,from,to,state,severity\n", None),
-            (b"{\"version\": 2, \"heads\": {}}", None),
-        ];
-        for (content, of) in earlier {
-            std::fs::write(&path, content).unwrap();
-            for kind in [Design, Models, Page, Recording, Table] {
-                assert_eq!(check_file(&path, kind).is_ok(), of == Some(kind), "{of:?} {kind}");
-            }
-        }
+        let refused = |kind| check_file(&path, kind).map_err(|e| e.to_string()).err();
+        std::fs::write(&path, "{\"models\": []}").unwrap();
+        assert_eq!(refused(ResultFile::Models), None);
+        let told = refused(ResultFile::Page).unwrap();
+        assert!(told.contains("is there already, and is no page that inkling made"), "{told}");
+        std::fs::write(&path, "somebody's").unwrap();
+        assert!(refused(ResultFile::Models).is_some());
+        std::fs::write(&path, "").unwrap();
+        assert_eq!(refused(ResultFile::Page), None, "nothing is lost");
+    }
+
+    #[test]
+    fn what_does_not_say_who_made_it_is_known_by_what_lies_beside_it() {
+        let dir = tempfile::tempdir().unwrap();
+        let files =
+            || check_files(dir.path(), [("m", ResultFile::Models), ("n", ResultFile::Companion)]);
+        files().unwrap();
+        std::fs::write(dir.path().join("n"), "somebody's").unwrap();
+        let refused = files().unwrap_err().to_string();
+        assert!(
+            refused.contains("n: is there already, and is no file of an earlier run"),
+            "{refused}"
+        );
+        std::fs::write(dir.path().join("m"), "{\"models\": []}").unwrap();
+        files().unwrap();
     }
 
     #[test]

@@ -12,6 +12,7 @@ use super::census::{Becomes, Census, Seen};
 use super::channels::{Channels, Route};
 use super::damage::{Damage, RecordingError, unreadable};
 use super::dialect::Dialects;
+use super::dialect::guess::guess;
 use super::digest::{Digest, Digester};
 use super::growth::Growth;
 use super::mcap_records::{
@@ -55,6 +56,16 @@ pub struct Recording {
     /// First byte after the data section, where the file's end says so.
     data_end: Option<u64>,
     disorder_ns: Option<u64>,
+}
+
+/// A channel whose messages look like bursts, and that nothing reads.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Unread {
+    pub topic: String,
+    pub schema: String,
+    pub messages: Option<u64>,
+    /// A dialect would read it, under another topic or by another schema's name.
+    pub by_dialect: bool,
 }
 
 /// A channel that carries no bursts.
@@ -223,6 +234,37 @@ impl Recording {
         }
         used.numbers.extend(known);
         Ok(used)
+    }
+
+    /// Channels that look like bursts and are read by nothing, as far as its beginning tells.
+    pub fn unread(&self, dialects: &Dialects) -> Vec<Unread> {
+        if self.channels_known_upfront && self.others.is_empty() {
+            return Vec::new();
+        }
+        let mut reader = self.reader().counting();
+        for block in self.blocks().filter_map(Result::ok).take(PEEKED_AT_ONCE as usize) {
+            reader.load(&block);
+            reader.next_piece(MOST_PEEKED_ROWS);
+        }
+        let seen = reader.census().map(Census::channels).unwrap_or_default();
+        let read = |seen: &&Seen| matches!(seen.becomes, Becomes::Foreign(_));
+        let read: BTreeSet<&str> =
+            seen.iter().filter(read).map(|seen| &*seen.schema_name).collect();
+        let unread = |seen: &Seen| {
+            let (written, message) = (seen.written()?, seen.first_message.as_ref()?);
+            guess(&written, message, &[&seen.topic])?;
+            let fits = dialects.of_topic(&seen.topic).any() || read.contains(&*seen.schema_name);
+            let of_it = self.others.iter().find(|other| other.topic == seen.topic);
+            Some(Unread {
+                topic: printable::line(&seen.topic, Summary::MOST_OF_A_NAME),
+                schema: printable::line(&seen.schema_name, Summary::MOST_OF_A_NAME),
+                messages: of_it.and_then(|other| other.messages),
+                by_dialect: fits
+                    && dialects.could_read(&written, message, self.limits.samples_bytes),
+            })
+        };
+        let nothing = seen.iter().filter(|seen| matches!(seen.becomes, Becomes::Nothing));
+        nothing.filter_map(unread).collect()
     }
 
     /// Of JSON the first message says whether the paths lead anywhere.

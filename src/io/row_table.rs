@@ -2,7 +2,7 @@
 
 use super::column_types::{TimestampUnit, text, time};
 use super::part_file::PartFile;
-use super::verdict_table::TableError;
+use super::verdict_table::{METADATA_KEY, TableError};
 use arrow_array::builder::StringDictionaryBuilder;
 use arrow_array::types::Int32Type;
 use arrow_array::{
@@ -12,6 +12,7 @@ use arrow_array::{
 use arrow_schema::{ArrowError, DataType, Field, Schema};
 use parquet::arrow::ArrowWriter;
 use parquet::basic::{Compression, ZstdLevel};
+use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 use std::path::Path;
 use std::sync::Arc;
@@ -115,6 +116,9 @@ pub fn write(path: &Path, batch: &RecordBatch) -> Result<(), TableError> {
     let mut writer =
         ArrowWriter::try_new(file, batch.schema(), Some(properties())).map_err(failed)?;
     writer.write(batch).map_err(failed)?;
+    // who made it, as the other tables say in their metadata
+    let made_by = Some(env!("CARGO_PKG_VERSION").to_owned());
+    writer.append_key_value_metadata(KeyValue::new(METADATA_KEY.into(), made_by));
     let file = writer.into_inner().map_err(failed)?;
     part.finish(&file).map_err(io_failed)
 }

@@ -1,16 +1,21 @@
 //! One run at a time in a directory of results.
 //!
 //! The lock is the system's, on an open file: it ends with the process that holds it, however that
-//! ends. The file stays; it says who held it last.
+//! ends. The file stays; it says who held it last, and while a run is under way what it is to judge: a report of what a
+//! killed run left is told so ([`unfinished`]).
 
 use super::journal;
 use super::objects::in_object_store;
+use super::regular_file;
+use serde::{Deserialize, Serialize};
 use std::fs::{File, TryLockError};
-use std::io::{Read, Write};
+use std::io::{BufRead, BufReader, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 pub const LOCK_NAME: &str = ".inkling.lock";
+/// A million recordings.
+const MOST_BYTES: u64 = 1 << 30;
 
 #[derive(Debug, Error)]
 pub enum LockError {
@@ -26,7 +31,9 @@ pub enum LockError {
 /// Held until it is dropped, or its process ends.
 #[derive(Debug)]
 pub struct RunLock {
-    _file: Option<File>,
+    file: Option<File>,
+    /// Who holds it since when, as the file says.
+    said: String,
     /// The file system, or an object store, knows no locks: a second run would not be noticed.
     pub blind: bool,
 }
@@ -35,7 +42,7 @@ impl RunLock {
     /// Makes the directory where there is none.
     pub fn take(dir: &Path) -> Result<RunLock, LockError> {
         if in_object_store(dir) {
-            return Ok(RunLock { _file: None, blind: true });
+            return Ok(RunLock { file: None, said: String::new(), blind: true });
         }
         let path = dir.join(LOCK_NAME);
         let failed = |source| LockError::Write { path: path.clone(), source };
@@ -57,15 +64,66 @@ impl RunLock {
         };
         let said = format!("process {} since {}\n", std::process::id(), journal::now());
         // what it says helps people only: the lock holds without it, and on a full disk, too
-        let _ = file.set_len(0).and_then(|()| file.write_all(said.as_bytes()));
-        Ok(RunLock { _file: Some(file), blind })
+        let _ = say(&mut file, &said);
+        Ok(RunLock { file: Some(file), said, blind })
     }
+
+    /// Says what is to be judged.
+    pub fn plan(&mut self, recordings: &[ToJudge]) -> std::io::Result<()> {
+        let Some(file) = &mut self.file else { return Ok(()) };
+        let mut text = self.said.clone();
+        for recording in recordings {
+            text += &serde_json::to_string(recording)?;
+            text.push('\n');
+        }
+        say(file, &text)
+    }
+
+    /// The run came to its end, and has said of each what became of it.
+    pub fn over(mut self) {
+        if let Some(file) = &mut self.file {
+            let _ = say(file, &self.said); // else it is told as a run that did not
+        }
+    }
+}
+
+fn say(file: &mut File, text: &str) -> std::io::Result<()> {
+    file.set_len(0)?;
+    file.rewind()?;
+    file.write_all(text.as_bytes())
+}
+
+/// A recording that a run is to judge.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ToJudge {
+    /// What a person knows it by.
+    pub recording: String,
+    /// Absolute, without links.
+    pub path: String,
+}
+
+/// A run that has not ended, or was killed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Unfinished {
+    /// RFC 3339.
+    pub since: String,
+    pub recordings: Vec<ToJudge>,
+}
+
+/// `None`: the last run in a directory came to its end, or there was none.
+pub fn unfinished(dir: &Path) -> Option<Unfinished> {
+    let text = regular_file::read_text(&dir.join(LOCK_NAME), MOST_BYTES).ok()?;
+    let mut lines = text.lines();
+    let since = lines.next()?.split_once(" since ")?.1.to_owned();
+    let recordings: Vec<ToJudge> =
+        lines.filter_map(|line| serde_json::from_str(line).ok()).collect();
+    (!recordings.is_empty()).then_some(Unfinished { since, recordings })
 }
 
 /// What the holder wrote of itself.
 fn holder(file: &mut File) -> String {
     let mut said = String::new();
-    let read = file.take(200).read_to_string(&mut said).is_ok();
+    let read = BufReader::new(file.take(200)).read_line(&mut said).is_ok();
     match said.trim() {
         said if read && !said.is_empty() => format!("another run of inkling ({said})"),
         _ => "another run of inkling".into(),
@@ -86,5 +144,24 @@ mod tests {
         assert!(refused.contains(&me) && refused.contains("--out"), "{refused}");
         drop(first);
         assert!(!RunLock::take(&out).unwrap().blind);
+    }
+
+    #[test]
+    fn a_run_that_did_not_end_says_what_it_was_to_judge() {
+        let dir = tempfile::tempdir().unwrap();
+        let recording = |name: &str| ToJudge { recording: name.into(), path: format!("/{name}") };
+        let planned = [recording("a.mcap"), recording("b\n.mcap")];
+        assert_eq!(unfinished(dir.path()), None);
+        let mut killed = RunLock::take(dir.path()).unwrap();
+        killed.plan(&planned).unwrap();
+        let told = unfinished(dir.path()).unwrap();
+        assert!(told.since.starts_with('2') && told.recordings == planned, "{told:?}");
+        drop(killed);
+        assert_eq!(unfinished(dir.path()), Some(told));
+        let mut next = RunLock::take(dir.path()).unwrap();
+        assert_eq!(unfinished(dir.path()), None);
+        next.plan(&planned).unwrap();
+        next.over();
+        assert_eq!(unfinished(dir.path()), None);
     }
 }

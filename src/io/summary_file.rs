@@ -13,7 +13,8 @@ const MOST_BYTES: u64 = 64 << 20;
 /// Places of damage that are remembered.
 const MOST_DAMAGE: usize = 100;
 /// What a report tells of a recording, and of a model.
-const OF_RECORDING: [&str; 5] = ["recording", "counts", "expected", "classes", "not_judged"];
+const OF_RECORDING: [&str; 6] =
+    ["recording", "counts", "expected", "classes", "not_judged", "unread"];
 const OF_MODEL: [&str; 4] = ["printhead", "valid_from", "temperature_c", "poles"];
 
 /// `<stem>.verdicts.parquet` -> `<stem>.summary.json`.

@@ -31,6 +31,11 @@ pub enum TableError {
     Line { path: PathBuf, line: u64, what: String },
     #[error("{path}: {what}")]
     Columns { path: PathBuf, what: String },
+    /// Of the columns that were asked for.
+    #[error("{path}: {what}")]
+    Choice { path: PathBuf, what: String },
+    #[error("{path}: no table{instead}; CSV, Parquet, Arrow IPC, .npy and .npz are converted")]
+    NoTable { path: PathBuf, instead: String },
 }
 
 /// Which columns are what; `None`: the first that is not the burst column is time, the rest outputs.
@@ -45,6 +50,19 @@ pub struct Columns {
     pub beside: Vec<String>,
     /// Rows are samples one after the other: without a time column none is taken for it.
     pub rows_are_samples: bool,
+}
+
+impl Columns {
+    /// Whose mistake it is: the table's, or of whoever named columns of it.
+    pub(super) fn refused(&self, path: &Path, what: String) -> TableError {
+        let Columns { time, outputs, burst, printhead, beside, .. } = self;
+        let named = [time, burst, printhead].iter().any(|name| name.is_some());
+        let path = path.into();
+        match named || outputs.is_some() || !beside.is_empty() {
+            true => TableError::Choice { path, what },
+            false => TableError::Columns { path, what },
+        }
+    }
 }
 
 /// One decay of a table: rows of one value of the burst column, in the table's order.
@@ -109,7 +127,8 @@ fn read_from(
         return Err(wrong(what.to_owned()));
     }
     let decimal_comma = delimiter != b',';
-    let chosen = choose(&header, columns, decimal_comma).map_err(wrong)?;
+    let chosen =
+        choose(&header, columns, decimal_comma).map_err(|what| columns.refused(path, what))?;
     let time = chosen.time.map_or(String::new(), |c| chosen.names[c].clone());
     let mut rows = Rows::new(&chosen, time);
     let mut record = StringRecord::new();

@@ -1,12 +1,13 @@
 //! Labelled signals out of recordings, for training and identification; bounded, order-independent.
 
 use super::{Control, PipelineError, visit};
+use crate::burst::Burst;
 use crate::design::{TrainingSet, same_period};
 use crate::fault::{HEALTHY, IGNORE};
 use crate::identify::reservoir::Reservoir;
 use crate::io::damage::Damage;
 use crate::io::recording::Recording;
-use crate::labels::Labels;
+use crate::labels::{Labels, Met, Span};
 use crate::verdict::unusable_signal;
 use std::collections::BTreeMap;
 
@@ -15,6 +16,12 @@ const MOST_HEALTHY: usize = 32_768;
 const MOST_FAULTY: usize = 8_192;
 /// Printheads and labels that are told apart, at most.
 const MOST_SETS: usize = 512;
+
+fn span_of(burst: &Burst) -> Span {
+    let first_channel = burst.first_channel;
+    let last_channel = first_channel.saturating_add(burst.channels.saturating_sub(1));
+    Span { from_ns: burst.t_acq_ns, to_ns: burst.t_acq_ns, first_channel, last_channel }
+}
 
 /// Collects the signals of recordings by printhead and label.
 pub struct Collector<'a> {
@@ -26,11 +33,19 @@ pub struct Collector<'a> {
     sets: BTreeMap<(String, String), Reservoir>,
     /// Seen, by label.
     signals: BTreeMap<String, u64>,
+    pub met: Met,
 }
 
 impl<'a> Collector<'a> {
     pub fn new(labels: Option<&'a Labels>, rails: [f64; 2]) -> Collector<'a> {
-        Collector { labels, rails, sampling: None, sets: BTreeMap::new(), signals: BTreeMap::new() }
+        Collector {
+            labels,
+            rails,
+            sampling: None,
+            sets: BTreeMap::new(),
+            signals: BTreeMap::new(),
+            met: Met::default(),
+        }
     }
 
     /// Takes the signals of a recording that fit the first burst's sampling.
@@ -42,6 +57,7 @@ impl<'a> Collector<'a> {
     ) -> Result<Vec<Damage>, PipelineError> {
         let mut signal = Vec::new();
         let mut lost = visit::all(recording, control, |burst| {
+            self.met.see(&burst.printhead, span_of(burst));
             let n = burst.samples_per_channel as usize;
             let (period, samples) = *self.sampling.get_or_insert((burst.sample_period_s, n));
             if samples != n || !same_period(period, burst.sample_period_s) {

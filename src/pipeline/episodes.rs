@@ -4,7 +4,7 @@ use super::PipelineError;
 use super::batches::{Flagged, Judged};
 use super::job::{Replay, Telling, Watch};
 use crate::design::{Design, Judge, OwnChannels};
-use crate::episodes::{Counts, Episode, Looks, Named, RingChange, Tracker};
+use crate::episodes::{Counts, Episode, Looks, Named, Over, RingChange, Tracker, Untimely};
 use crate::io::episode_table::EpisodeWriter;
 use crate::isolate::IsolateMethod;
 use crate::isolate::alternatives::of_no_class;
@@ -41,6 +41,7 @@ pub struct EpisodeReport {
     pub counts: Counts,
     /// The first of them.
     pub listed: Vec<Episode>,
+    pub untimely: Vec<Untimely>,
 }
 
 /// What is to be finished together with the verdicts.
@@ -188,13 +189,13 @@ impl<'a> EpisodeTap<'a> {
     /// The recording is over: whatever is still on has no end.
     pub fn finish(self) -> Result<Finished, PipelineError> {
         let EpisodeTap { tracker, mut table, mut listed, .. } = self;
-        let (last, counts) = tracker.finish();
+        let Over { last, counts, untimely } = tracker.finish();
         listed.extend(last.iter().take(MOST_LISTED.saturating_sub(listed.len())).cloned());
         table.as_mut().map_or(Ok(()), |table| table.write(last))?;
         listed.sort_by(|a, b| {
             (&a.printhead, a.began_at_ns, a.channel).cmp(&(&b.printhead, b.began_at_ns, b.channel))
         });
-        Ok(Finished { report: EpisodeReport { counts, listed }, table })
+        Ok(Finished { report: EpisodeReport { counts, listed, untimely }, table })
     }
 }
 

@@ -45,6 +45,7 @@ mod placing;
 mod progress;
 pub mod replay;
 pub mod resume;
+pub mod ring_look;
 mod rings;
 mod rotation;
 mod rows;
@@ -73,6 +74,7 @@ pub use replay::{RecordingReport, follow, judge, replay};
 use crate::design::DesignError;
 use crate::io::block::Block;
 use crate::io::damage::{Damage, RecordingError};
+use crate::io::labels_file::LabelsError;
 use crate::io::recording::Recording;
 use crate::io::scan::Blocks;
 use std::sync::Arc;
@@ -85,6 +87,8 @@ pub enum PipelineError {
     Recording(#[from] RecordingError),
     #[error(transparent)]
     Design(#[from] DesignError),
+    #[error(transparent)]
+    Labels(#[from] LabelsError),
     #[error(transparent)]
     Verdicts(#[from] crate::io::verdict_table::TableError),
     #[error("{path}: cannot be written: {source}")]

@@ -1,9 +1,15 @@
-//! Printheads of which nothing, and recordings of which less than half, could be judged: whoever reads of a recording
-//! is told so before anything else. In: the tally of a finished recording and what its models were refused for.
-//! Out: a sentence each, with the numbers that differ.
+//! Printheads of which nothing, and recordings of which less than half, could be judged; printheads whose verdicts say
+//! nothing of their nozzles, as their times or their samples are not what they are taken for; topics that nobody reads:
+//! whoever reads of a recording is told so before anything else. In: a finished recording. Out: a sentence each, with
+//! the numbers that differ.
 
+use super::metadata::rfc3339;
+use super::ring_look;
 use super::schedule::{Refusal, Schedule};
 use super::tally::{PrintheadTally, Tally};
+use crate::episodes::Untimely;
+use crate::io::recording::{Recording, Unread};
+use crate::settings::Settings;
 use crate::verdict::Reason;
 use serde::{Deserialize, Serialize};
 
@@ -13,15 +19,112 @@ const MOST_NAMED: usize = 64;
 /// Of what hardly anything was judged.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct NotJudged {
-    /// `None`: of the recording as a whole.
+    /// `None`: of the recording as a whole, or of a topic.
     pub printhead: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub topic: Option<String>,
     pub signals: u64,
     pub judged: u64,
     /// A sentence without its full stop: how many signals of how many, why, and what to do.
     pub what: String,
 }
 
-pub fn not_judged(tally: &Tally, schedule: &Schedule, refusals: &[Refusal]) -> Vec<NotJudged> {
+/// A recording that was judged, before anything is said of it.
+pub struct Finishing<'a> {
+    pub recording: &'a Recording,
+    pub settings: &'a Settings,
+    pub tally: &'a Tally,
+    pub schedule: &'a Schedule<'a>,
+    pub refusals: &'a [Refusal],
+    pub untimely: &'a [Untimely],
+    pub with_design: bool,
+}
+
+/// Of what nothing is known, each printhead once.
+pub fn not_judged(of: &Finishing) -> Vec<NotJudged> {
+    // a design knows how its signals lie and how far apart their samples are
+    let doubts = if of.with_design { Vec::new() } else { ring_look::doubts(of.recording) };
+    let doubts = doubts.into_iter().map(|doubt| doubted(doubt, of.tally));
+    let rejected = rejected(of.tally, of.schedule, of.refusals);
+    let untimely = of.untimely.iter().filter_map(|head| without_times(head, of.settings));
+    let mut all: Vec<NotJudged> = Vec::new();
+    for told in doubts.chain(rejected).chain(untimely) {
+        if all.iter().all(|known| known.printhead != told.printhead) {
+            all.push(told);
+        }
+    }
+    all
+}
+
+/// Topics that look like bursts, and that nothing reads.
+pub fn unread(of: &Finishing) -> Vec<(Unread, NotJudged)> {
+    let ignored = of.settings.input.ignored();
+    let dialects = of.settings.input.dialects();
+    let all = of.recording.unread(&dialects).into_iter();
+    let wanted = all.filter(|topic| !ignored.has(&topic.topic)).take(MOST_NAMED);
+    wanted.map(|topic| (topic.clone(), nobody_reads(topic))).collect()
+}
+
+fn nobody_reads(of: Unread) -> NotJudged {
+    let Unread { topic, schema, messages, by_dialect } = of;
+    let messages = messages.map_or(String::new(), |n| format!("{n} "));
+    let schema = if schema.is_empty() { String::new() } else { format!(" of {schema}") };
+    let why = match by_dialect {
+        true => {
+            "look like those that [[input.dialect]] reads, and its topic or its schema does not fit: nobody \
+                 judged them. Let it fit"
+        }
+        false => {
+            "look like bursts, and nothing reads them: `inkling inspect` proposes a block [[input.dialect]]. \
+                  Add it"
+        }
+    };
+    let what = format!(
+        "topic {topic}: its {messages}messages{schema} {why}, or say that they are not meant: --set \
+         'input.ignore=[\"{topic}\"]'"
+    );
+    NotJudged { printhead: None, topic: Some(topic), signals: 0, judged: 0, what }
+}
+
+/// `None`: of most signals the times say when they were.
+fn without_times(of: &Untimely, settings: &Settings) -> Option<NotJudged> {
+    let Untimely { printhead, signals, at_one_time, too_late, t_ns } = of;
+    let lost = at_one_time + too_late;
+    let what = match at_one_time < too_late {
+        false => format!(
+            "{lost} of {signals} signals of {printhead} have the time of another one of their channel ({}), so that no \
+             fault can be followed over them. Several printheads of one name (`printhead` in [[input.dialect]]), no time (`time`), or \
+             a recorder whose clock stands?",
+            rfc3339(*t_ns)
+        ),
+        true => format!(
+            "{lost} of {signals} signals of {printhead} come more than {} signals after later ones, so that no fault can be \
+             followed over them: raise episodes.reorder_signals, or sort the recording by time",
+            settings.episodes.reorder_signals
+        ),
+    };
+    let (signals, judged) = (*signals, signals - lost);
+    (2 * lost >= signals).then(|| NotJudged {
+        printhead: Some(printhead.to_string()),
+        topic: None,
+        signals,
+        judged,
+        what,
+    })
+}
+
+/// Samples that are not what they are taken for.
+fn doubted(doubt: ring_look::Doubt, tally: &Tally) -> NotJudged {
+    let ring_look::Doubt { printhead, what } = doubt;
+    let signals = tally.printheads.get(&*printhead).map_or(0, |head| head.signals);
+    let what = format!(
+        "{printhead}: {what}. Until that is put right, or a design of such signals is given (`inkling train`), its verdicts \
+         say nothing of nozzles"
+    );
+    NotJudged { printhead: Some(printhead), topic: None, signals, judged: 0, what }
+}
+
+fn rejected(tally: &Tally, schedule: &Schedule, refusals: &[Refusal]) -> Vec<NotJudged> {
     let named = tally.printheads.iter().filter(|(name, _)| !name.is_empty());
     let nothing = named.filter(|(_, head)| head.signals > 0 && head.known() == 0);
     let mut all: Vec<NotJudged> = nothing
@@ -32,7 +135,13 @@ pub fn not_judged(tally: &Tally, schedule: &Schedule, refusals: &[Refusal]) -> V
                 1 => format!("the only signal of {name} could not be judged: {why}"),
                 n => format!("none of the {n} signals of {name} could be judged: {why}"),
             };
-            NotJudged { printhead: Some(name.to_string()), signals: head.signals, judged: 0, what }
+            NotJudged {
+                printhead: Some(name.to_string()),
+                topic: None,
+                signals: head.signals,
+                judged: 0,
+                what,
+            }
         })
         .collect();
     let (signals, judged) = (tally.counts.signals, known(tally));
@@ -40,7 +149,7 @@ pub fn not_judged(tally: &Tally, schedule: &Schedule, refusals: &[Refusal]) -> V
         let worst = tally.printheads.iter().max_by_key(|(_, head)| head.signals - head.known());
         let why = worst.map_or(String::new(), |(name, head)| why(name, head, schedule, refusals));
         let what = format!("only {judged} of {signals} signals could be judged: {why}");
-        all.push(NotJudged { printhead: None, signals, judged, what });
+        all.push(NotJudged { printhead: None, topic: None, signals, judged, what });
     }
     all
 }

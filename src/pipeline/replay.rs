@@ -8,7 +8,7 @@ use super::learning::{Learning, MOST_REORDER_NS, USUAL_REORDER_NS};
 use super::metadata::{self, Document};
 use super::models::Models;
 use super::moved::Moved;
-use super::not_judged::{NotJudged, not_judged};
+use super::not_judged::{self, Finishing, NotJudged};
 use super::pacer::{Paced, Pacer};
 use super::schedule::{Refusal, Schedule};
 use super::survey::survey;
@@ -20,6 +20,7 @@ use super::{Control, PipelineError, rotation};
 use crate::io::damage::Damage;
 use crate::io::episode_table::EpisodeWriter;
 use crate::io::journal::{Outcome, Stamp};
+use crate::io::labels_file;
 use crate::io::part_file::{self, CompleteFile};
 use crate::io::part_tables::PartTables;
 use crate::io::recording::Recording;
@@ -47,6 +48,8 @@ pub struct RecordingReport {
     pub refusals: Vec<Refusal>,
     /// Printheads of which nothing was judged, or the recording, if less than half of it was.
     pub not_judged: Vec<NotJudged>,
+    /// Topics that look like bursts and are read by nothing, if nobody knows that they are.
+    pub unread: Vec<NotJudged>,
     /// Printheads of which a warning says that all channels moved together beyond the bounds.
     pub moved_beyond: Vec<Arc<str>>,
     /// Printhead and what to know about its verdicts.
@@ -94,6 +97,7 @@ impl RecordingReport {
         say("expected", json!(recording.expected));
         say("refused_windows", json!(self.refusals));
         say("not_judged", json!(self.not_judged));
+        say("unread", json!(self.unread));
         say("identified", json!(self.identified));
         let rates = json!({
             "seconds": self.seconds,
@@ -399,8 +403,24 @@ impl<'a> Run<'a> {
             return Err(PipelineError::NoBursts { recording, others, damage });
         }
 
+        if let Some(labels) = &replay.labels {
+            labels_file::check(Path::new(&identify.labels), labels, &tally.met())?;
+        }
         let refusals = std::mem::take(&mut schedule.refusals);
-        let not_judged = not_judged(&tally, &schedule, &refusals);
+        let finished = Finishing {
+            recording,
+            settings: &replay.settings,
+            tally: &tally,
+            schedule: &schedule,
+            refusals: &refusals,
+            untimely: &episodes.report.untimely,
+            with_design: replay.design.is_some(),
+        };
+        let mut not_judged = not_judged::not_judged(&finished);
+        let (by_dialect, unread): (Vec<_>, Vec<_>) =
+            not_judged::unread(&finished).into_iter().partition(|(topic, _)| topic.by_dialect);
+        not_judged.extend(by_dialect.into_iter().map(|(_, told)| told));
+        let unread: Vec<NotJudged> = unread.into_iter().map(|(_, told)| told).collect();
         let mut document = metadata::document(replay, recording, &digest.text, &schedule, counts);
         control.check()?;
         let place = verdicts.unwrap_or(&recording.path);
@@ -422,6 +442,7 @@ impl<'a> Run<'a> {
             damage,
             refusals,
             not_judged,
+            unread,
             moved_beyond,
             warnings,
             learned_temperature: Vec::new(),

@@ -2,6 +2,7 @@
 
 use super::batches::Judged;
 use crate::io::damage::{Damage, note};
+use crate::labels::{Met, Span};
 use crate::verdict::{HealthyRun, Outcome, Part, Reason, VerdictColumns};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -17,7 +18,7 @@ pub struct Counts {
     pub faulty: BTreeMap<String, u64>,
 }
 
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct PrintheadTally {
     pub channels: BTreeSet<u32>,
     pub signals: u64,
@@ -25,11 +26,33 @@ pub struct PrintheadTally {
     pub passed: u64,
     /// Signals of which nothing is known of their nozzles, by why: rejected, or of a printhead that is another.
     pub unknown: BTreeMap<Reason, u64>,
+    /// Of its first and its last signal.
+    pub from_ns: i64,
+    pub to_ns: i64,
     /// Channels from .. to that `channels` is known to have: saves looking for each.
     known: (u32, u32),
 }
 
+impl Default for PrintheadTally {
+    fn default() -> PrintheadTally {
+        PrintheadTally {
+            channels: BTreeSet::new(),
+            signals: 0,
+            judged: 0,
+            passed: 0,
+            unknown: BTreeMap::new(),
+            from_ns: i64::MAX,
+            to_ns: i64::MIN,
+            known: (0, 0),
+        }
+    }
+}
+
 impl PrintheadTally {
+    fn at(&mut self, t_ns: i64) {
+        (self.from_ns, self.to_ns) = (self.from_ns.min(t_ns), self.to_ns.max(t_ns));
+    }
+
     /// Remembers a channel while there is `room`; whether it is new.
     fn meet(&mut self, channel: u32, room: bool) -> bool {
         let (from, to) = self.known;
@@ -66,6 +89,19 @@ impl Tally {
         Tally { classes, ..Tally::default() }
     }
 
+    /// What labels may cover. Channels of which nothing was judged may be any.
+    pub fn met(&self) -> Met {
+        let mut met = Met::default();
+        for (name, head) in &self.printheads {
+            let first_channel = head.channels.first().copied().unwrap_or(0);
+            let last_channel = head.channels.last().copied().unwrap_or(u32::MAX);
+            let span =
+                Span { from_ns: head.from_ns, to_ns: head.to_ns, first_channel, last_channel };
+            met.see(name, span);
+        }
+        met
+    }
+
     pub(super) fn add(&mut self, judged: &Judged) {
         self.counts.bursts += judged.bursts;
         judged.damage.iter().for_each(|damage| note(&mut self.damage, damage.clone()));
@@ -86,6 +122,7 @@ impl Tally {
         let Some(p) = of_printhead(&mut self.printheads, c, run.printhead) else { return };
         p.signals += signals;
         p.judged += signals;
+        p.at(run.t_ns);
         let to = run.first_channel.saturating_add(run.signals.len() as u32); // a batch has few
         if p.known.0 <= run.first_channel && to <= p.known.1 {
             return;
@@ -117,6 +154,7 @@ impl Tally {
         }
         let Some(p) = p else { return };
         p.signals += 1;
+        p.at(c.acquired_at_ns[row]);
         if let Some(reason) = c.reason[row].filter(|reason| !judged || reason.is_of_head()) {
             *p.unknown.entry(reason).or_default() += 1;
         }

@@ -44,16 +44,19 @@ impl<'a> Changes<'a> {
         Some(Changes::between(before, last, [from_ns, to_ns], faults))
     }
 
-    /// Since the recordings of which `is_known` is true, by their names. `None`: there are none, or no others.
+    /// Since the recordings of which `is_known` is true, by their names; there need be no others. `None`: there are
+    /// none of these.
     pub fn since(
         lines: &[RecordingLine],
         faults: &'a [Fault],
         is_known: impl Fn(&str) -> bool,
     ) -> Option<Changes<'a>> {
         let (before, last): (Vec<_>, Vec<_>) = lines.iter().partition(|line| is_known(&line.name));
+        before.first()?;
         let ends = |of: &[&RecordingLine]| of.iter().filter_map(|line| line.to_ns).max();
-        let span = [ends(&before)?.saturating_add(1), ends(&last)?];
-        Some(Changes::between(before, last, span, faults))
+        let from_ns = ends(&before).map_or(i64::MIN, |end| end.saturating_add(1));
+        let to_ns = ends(&last).unwrap_or(from_ns);
+        Some(Changes::between(before, last, [from_ns, to_ns], faults))
     }
 
     fn between(

@@ -10,11 +10,13 @@ use std::sync::Arc;
 /// Gaps and recordings told by name in a sentence.
 const MOST_NAMED: usize = 4;
 
-/// A printhead of which nothing, or recordings of which less than half, was judged.
+/// A printhead of which nothing is known, recordings of which less than half was judged, a topic that nobody reads.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Gap {
     /// How many signals of what, and why, of the latest of its recordings.
     pub what: String,
+    /// `None`: of the recording as a whole, or of a topic.
+    pub printhead: Option<Arc<str>>,
     /// The latest of them.
     pub recording: String,
     pub recordings: u64,
@@ -56,6 +58,12 @@ impl Coverage {
             without_faults: sources.iter().filter(|s| s.missing.contains(&"episodes")).count()
                 as u64,
         }
+    }
+
+    /// Whether what a recording says of a printhead is not known.
+    pub fn is_gap(&self, printhead: &Arc<str>, recording: &str) -> bool {
+        let of_it = |gap: &&Gap| gap.recording == recording;
+        self.gaps.iter().filter(of_it).any(|gap| gap.printhead.as_ref() == Some(printhead))
     }
 
     /// Whether of anything it is known what its faults are.
@@ -130,44 +138,69 @@ fn is_or_are(recordings: u64) -> String {
     }
 }
 
-/// By printhead, with how many recordings it is so in; the recordings themselves where no printhead stands for them.
-fn gaps(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
-    let mut by_head: BTreeMap<Option<Arc<str>>, Vec<(usize, String)>> = BTreeMap::new();
-    for (recording, source) in sources.iter().enumerate() {
-        let tallies = || {
-            let of_head = |head: &'_ super::survey::Head| head.tallies.get(&recording).cloned();
-            survey.heads.iter().filter_map(move |h| Some((h.name.clone(), of_head(h)?)))
-        };
-        let mut all = Tally::default();
-        let mut is_told = false;
-        for (name, tally) in tallies() {
-            (all.judged, all.rejected) = (all.judged + tally.judged, all.rejected + tally.rejected);
-            if tally.judged == 0 && tally.not_judged() > 0 && !name.is_empty() {
-                is_told = true;
-                let why = why(source, Some(&name), &tally);
-                by_head.entry(Some(name)).or_default().push((recording, why));
-            }
-        }
-        let is_empty = all == Tally::default() && survey.left_out == 0;
-        if !is_told && (all.judged < all.not_judged() || is_empty) {
-            by_head.entry(None).or_default().push((recording, why(source, None, &all)));
-        }
-    }
-    let gap = |(_, mut of): (_, Vec<(usize, String)>)| {
-        let recordings = of.len() as u64;
-        let (recording, what) = of.pop()?;
-        Some(Gap { what, recording: sources[recording].name.clone(), recordings })
-    };
-    by_head.into_iter().filter_map(gap).collect()
+/// Of what a gap is: a printhead, a topic, or (neither) a recording as a whole.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Of {
+    printhead: Option<Arc<str>>,
+    topic: Option<String>,
 }
 
-/// As its summary says it, or else by its counts.
-fn why(source: &Source, printhead: Option<&str>, tally: &Tally) -> String {
-    let told = source.document["not_judged"].as_array().into_iter().flatten();
-    let mut told = told.filter(|of| of["printhead"].as_str() == printhead);
-    if let Some(what) = told.next().and_then(|of| of["what"].as_str()) {
-        return what.to_owned();
+impl Of {
+    fn head(name: &Arc<str>) -> Of {
+        Of { printhead: Some(name.clone()), topic: None }
     }
+}
+
+/// By what they are of, with how many recordings it is so in.
+fn gaps(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
+    let mut all: BTreeMap<Of, Vec<(usize, String)>> = BTreeMap::new();
+    for (recording, source) in sources.iter().enumerate() {
+        for (of, what) in of_recording(survey, recording, source) {
+            all.entry(of).or_default().push((recording, what));
+        }
+    }
+    let gap = |(of, mut places): (Of, Vec<(usize, String)>)| {
+        let recordings = places.len() as u64;
+        let (recording, what) = places.pop()?;
+        let recording = sources[recording].name.clone();
+        Some(Gap { what, printhead: of.printhead, recording, recordings })
+    };
+    all.into_iter().filter_map(gap).collect()
+}
+
+/// As its summary says, and by its counts where that says nothing.
+fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<Of, String> {
+    let mut gaps = BTreeMap::new();
+    let told = ["not_judged", "unread"].map(|key| source.document[key].as_array());
+    for told in told.into_iter().flatten().flatten() {
+        let text = |key: &str| told[key].as_str();
+        let of = Of {
+            printhead: text("printhead").map(Arc::from),
+            topic: text("topic").map(str::to_owned),
+        };
+        gaps.extend(text("what").map(|what| (of, what.to_owned())));
+    }
+    let heads = || {
+        let of_head = |head: &'_ super::survey::Head| head.tallies.get(&recording).cloned();
+        survey.heads.iter().filter_map(move |h| Some((h.name.clone(), of_head(h)?)))
+    };
+    let mut all = Tally::default();
+    for (name, tally) in heads() {
+        (all.judged, all.rejected) = (all.judged + tally.judged, all.rejected + tally.rejected);
+        if tally.judged == 0 && tally.not_judged() > 0 && !name.is_empty() {
+            gaps.entry(Of::head(&name)).or_insert_with(|| by_counts(Some(&name), &tally));
+        }
+    }
+    let is_empty = all == Tally::default() && survey.left_out == 0;
+    let is_told = gaps.keys().any(|of| of.printhead.is_some());
+    if is_empty || !is_told && all.judged < all.not_judged() {
+        let whole = Of { printhead: None, topic: None };
+        gaps.entry(whole).or_insert_with(|| by_counts(None, &all));
+    }
+    gaps
+}
+
+fn by_counts(printhead: Option<&str>, tally: &Tally) -> String {
     let (n, all) = (tally.not_judged(), tally.judged + tally.not_judged());
     if all == 0 {
         return "no signal was found in it".into();

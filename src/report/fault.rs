@@ -3,6 +3,7 @@
 use super::settings::ReportSettings;
 use super::story::{Story, Strange};
 use super::trend::{Direction, Trend};
+use super::watch::DISTANCE;
 use super::words;
 use crate::episodes::{share, size_in_words};
 use crate::fault;
@@ -149,10 +150,13 @@ pub fn certain_trend(story: &Story) -> Option<&Trend> {
 /// `getting worse: +3.1 points a day (+2.5 to +3.7)`, by day or hour, whichever was seen in full. What is
 /// not certain is not told; empty where nothing was sized.
 pub fn trend_in_words(story: &Story) -> String {
-    if story.severity_last.is_none() {
+    let is_unnamed = story.quantity.as_deref() == Some(DISTANCE);
+    if story.severity_last.is_none() && !is_unnamed {
         return String::new();
     }
-    let Some(trend) = certain_trend(story) else { return "no trend yet".into() };
+    let Some(trend) = certain_trend(story) else {
+        return if is_unnamed { String::new() } else { "no trend yet".into() };
+    };
     let (per, unit) = match trend.span_days {
         days if days >= 1.0 => (1.0, "day"),
         _ => (24.0, "hour"),
@@ -161,7 +165,11 @@ pub fn trend_in_words(story: &Story) -> String {
     let class = story.fault.as_deref().unwrap_or_default();
     let is_factor = story.category.as_deref() == Some("dried_nozzle");
     let is_own = !class.is_empty() && fault::category(class) == class;
-    let (scale, of) = if is_factor || is_own { (1.0, "") } else { (100.0, " points") };
+    let (scale, of) = match () {
+        () if is_unnamed => (1.0, " thresholds further from healthy"),
+        () if is_factor || is_own => (1.0, ""),
+        () => (100.0, " points"),
+    };
     let [low, high] = trend.interval.map(|v| v * scale / per);
     let digits = words::digits_of((high - low) / 2.0);
     let n = |v: f64| words::signed(v, digits);

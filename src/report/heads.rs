@@ -13,6 +13,10 @@ use std::fmt::Write;
 /// Printheads with a light.
 const MOST_LIGHTS: usize = 96;
 
+/// A share of what a printhead's last recording holds; faults of the signals that are left are found later, each
+/// by as many bursts more. Chosen, not tuned.
+const MOST_UNJUDGED: f64 = 0.1;
+
 /// A printhead's light, with its words.
 struct Lit<'a> {
     light: Light,
@@ -58,8 +62,13 @@ fn known(report: &Report, head: &Head, channels: &str) -> (Light, String) {
     let never = head.channels.iter().filter(|channel| channel.judged == 0).count() as u64;
     let lines = || report.recordings.iter().filter(|line| line.heads.contains_key(&head.name));
     let last = lines().max_by_key(|line| line.to_ns);
-    let is_silent = last.is_some_and(|line| line.heads[&head.name].judged == 0);
+    let is_silent = last.is_some_and(|line| {
+        line.heads[&head.name].judged == 0 || report.coverage.is_gap(&head.name, &line.name)
+    });
     let is_lost = lines().any(|line| line.missing.contains(&"episodes"));
+    let of_last = last.map(|line| line.heads[&head.name]).unwrap_or_default();
+    let all_of_last = of_last.judged + of_last.rejected;
+    let now_unknown = head.channels.iter().filter(|channel| !channel.is_known_now()).count();
     let share = percent(judged, all);
     let grey = match () {
         () if judged == 0 => "not judged".to_owned(),
@@ -67,6 +76,13 @@ fn known(report: &Report, head: &Head, channels: &str) -> (Light, String) {
         () if is_lost => "what was found is not known".to_owned(),
         () if 2 * judged < all => format!("only {share} of its signals judged"),
         () if never > 0 => format!("{} of {channels} never judged", never),
+        () if of_last.rejected as f64 > MOST_UNJUDGED * all_of_last as f64 => {
+            let share = percent(of_last.rejected, all_of_last);
+            format!("{share} of its signals not judged in its last recording")
+        }
+        () if now_unknown > 0 => {
+            format!("{now_unknown} of {channels} mostly not judged in its last recording")
+        }
         () if judged < all => {
             let words = format!("{channels}, nothing found in the {share} that were judged");
             return (Light::Green, words);

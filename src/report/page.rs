@@ -348,8 +348,8 @@ fn explain(body: &mut String) {
         ),
         (
             "now, soon, healthy, not judged (the lights)",
-            "a fault of urgency .5 or more; another one to be cleaned; none found; most of it, one of its channels or \
-             its last recording was not judged, or what was found is lost",
+            "a fault of urgency .5 or more; another one to be cleaned; none found; most of it, one of its channels, its last \
+             recording or more than a tenth of that was not judged, or what was found is lost",
         ),
         ("rejected", "not judged: samples missing, saturated or damaged, or no model fits"),
         ("threshold", "signals beyond it are flagged"),

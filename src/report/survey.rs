@@ -3,8 +3,9 @@
 //! its [`Watch`]. Memory grows with printheads and channels, not with bursts.
 
 use super::map::{HeadMap, class, level, ratio};
-use super::watch::{Spell, Watch};
+use super::watch::{DISTANCE, Size, Spell, Watch};
 use crate::episodes::Episode;
+use crate::fault;
 use crate::verdict::{Outcome, Reason, VerdictColumns};
 use std::collections::{BTreeMap, HashMap};
 use std::ops::{Range, RangeInclusive};
@@ -71,10 +72,38 @@ pub struct ChannelCount {
     pub channel: u32,
     pub judged: u64,
     pub flagged: u64,
+    /// In the latest recording that has it.
+    last: InRecording,
     watch: u32,
 }
 
+/// One channel in one recording.
+#[derive(Clone, Copy, Debug, Default)]
+struct InRecording {
+    recording: usize,
+    /// Of its first signal.
+    from_ns: i64,
+    judged: u64,
+    rejected: u64,
+}
+
 impl ChannelCount {
+    /// Whether half of its signals, at least, were judged in the latest recording that has it.
+    pub fn is_known_now(&self) -> bool {
+        self.last.judged >= self.last.rejected
+    }
+
+    fn look(&mut self, recording: usize, t_ns: i64, is_judged: bool) {
+        let is_new = recording != self.last.recording || self.last.judged + self.last.rejected == 0;
+        if is_new && t_ns >= self.last.from_ns {
+            self.last = InRecording { recording, from_ns: t_ns, ..InRecording::default() };
+        }
+        if recording == self.last.recording {
+            self.last.judged += u64::from(is_judged);
+            self.last.rejected += u64::from(!is_judged);
+        }
+    }
+
     pub fn is_watched(&self) -> bool {
         self.watch != NOT_WATCHED
     }
@@ -213,7 +242,14 @@ impl Head {
             return None;
         }
         self.places.insert(channel, place);
-        self.channels.push(ChannelCount { channel, judged: 0, flagged: 0, watch: NOT_WATCHED });
+        let last = InRecording { from_ns: i64::MIN, ..InRecording::default() };
+        self.channels.push(ChannelCount {
+            channel,
+            judged: 0,
+            flagged: 0,
+            last,
+            watch: NOT_WATCHED,
+        });
         if let Some(map) = &mut self.map {
             map.make_room(place + 1);
         }
@@ -261,6 +297,9 @@ impl Head {
                 let (class, ratio) = shown(c, row, codes);
                 cells.mark(place, class, ratio);
             }
+            if !why.is_some_and(Reason::is_of_burst) {
+                self.channels[place].look(recording, t_ns, is_judged);
+            }
             if !is_judged {
                 continue;
             }
@@ -271,14 +310,23 @@ impl Head {
             count.judged += 1;
             count.flagged += u64::from(flagged);
             if let Some(watch) = self.watches.get_mut(count.watch as usize) {
-                let class = c.candidate[row].and_then(|k| classes.get(usize::from(k)));
-                let sized = class.zip(c.severity[row]).filter(|_| flagged);
-                let sized = sized.map(|(class, severity)| (class.as_str(), f64::from(severity)));
+                let sized = sized(c, row, classes).filter(|_| flagged);
                 watch.look(recording, t_ns, flagged, c.reason[row], sized);
             }
         }
         left_out
     }
+}
+
+/// By its class, if it has one; else by how far it is from healthy: a statistic is the square of a distance.
+fn sized<'a>(c: &VerdictColumns, row: usize, classes: &'a [String]) -> Option<Size<'a>> {
+    let class = c.candidate[row].and_then(|k| classes.get(usize::from(k)));
+    if let Some((class, severity)) = class.zip(c.severity[row]) {
+        return Some(Size { quantity: fault::quantity(class), size: severity.into() });
+    }
+    let over = c.statistic[row].zip(c.threshold[row]).map(|(s, t)| f64::from(s / t).sqrt());
+    let is_ring = c.reason[row] != Some(Reason::NoRing);
+    over.filter(|_| class.is_none() && is_ring).map(|size| Size { quantity: DISTANCE, size })
 }
 
 /// What a row's cell shows.

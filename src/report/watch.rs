@@ -55,6 +55,13 @@ pub struct Spell {
     pub looked: Looked,
 }
 
+/// How bad a signal is.
+#[derive(Clone, Copy, Debug)]
+pub struct Size<'a> {
+    pub quantity: &'a str,
+    pub size: f64,
+}
+
 /// A channel's episodes in the order of their onsets, and how it looked after each.
 #[derive(Clone, Debug)]
 pub struct Watch {
@@ -85,7 +92,7 @@ impl Watch {
         t_ns: i64,
         flagged: bool,
         reason: Option<Reason>,
-        sized: Option<(&str, f64)>,
+        sized: Option<Size<'_>>,
     ) {
         let before = self.spells.partition_point(|s| s.episode.began_at_ns <= t_ns);
         let within = |s: &&mut Spell| {
@@ -95,8 +102,7 @@ impl Watch {
         match self.spells[..before].iter_mut().rev().find(within) {
             Some(spell) => {
                 spell.looked.add(t_ns, flagged, reason);
-                let Some((class, severity)) = sized else { return };
-                let quantity = fault::quantity(class);
+                let Some(Size { quantity, size: severity }) = sized else { return };
                 if let Some(course) = self.courses.get_mut(quantity) {
                     course.add(t_ns, severity);
                 } else if self.courses.len() < MOST_QUANTITIES {
@@ -116,12 +122,16 @@ impl Watch {
     }
 }
 
+/// What is measured of a fault that has no name: how far its signals are from healthy, in the threshold's distances.
+pub const DISTANCE: &str = "distance from a healthy channel, in thresholds";
+
 /// What an episode's severities measure; `None`: its classes are sized by different quantities.
 pub fn quantity(episode: &Episode) -> Option<&str> {
     match (episode.fault.as_deref(), episode.category.as_deref()) {
         (Some(class), _) => Some(fault::quantity(class)),
         (None, Some("blocked_nozzle")) => Some(fault::quantity("PBN")),
         (None, Some("dried_nozzle")) => Some(fault::quantity("IDN")),
+        (None, None) => Some(DISTANCE),
         _ => None,
     }
 }

@@ -283,5 +283,5 @@ fn bad_arrays_are_refused_and_leave_no_recording() {
     run("--every 1 --period-s 1 --time t").exits(2).says("give one of them");
     run("--every -1").exits(2).says("--every");
     run("--printhead=").exits(2).says("--printhead");
-    run("--temperature warm").exits(1).says("no column \"warm\"; there are t, y");
+    run("--temperature warm").exits(2).says("no column \"warm\"; there are t, y");
 }

@@ -70,10 +70,8 @@ impl Dialects {
                     key(before)
                 ));
             }
-            let glob = GlobBuilder::new(&dialect.topic).literal_separator(true).build();
-            let topic = glob
-                .map_err(|e| format!("{}.topic: no valid pattern: {e}", key(number)))?
-                .compile_matcher();
+            let topic =
+                matcher(&dialect.topic).map_err(|e| format!("{}.topic: {e}", key(number)))?;
             all.push(Fitting { dialect: Arc::new(dialect.clone()), topic });
         }
         Ok(Dialects { all: all.into() })
@@ -110,6 +108,14 @@ impl Dialects {
             .map_err(|what| format!("input.dialect[{number}], topic {}: {what}", shown(written)))
     }
 
+    /// Whether one would read such messages, whatever their topic and their schema's name.
+    pub fn could_read(&self, written: &Written, message: &[u8], most_bytes: u64) -> bool {
+        (0..self.len()).filter_map(|number| self.plan(number, written).ok()).any(|plan| {
+            plan.check_message(message, most_bytes).is_ok()
+                && plan.find(message, most_bytes).is_some()
+        })
+    }
+
     /// Those that are not in `used`, by their keys and topics.
     pub fn without(&self, used: impl Fn(usize) -> bool) -> Vec<String> {
         self.all
@@ -123,6 +129,25 @@ impl Dialects {
             })
             .collect()
     }
+}
+
+/// Topics that somebody knows and does not want: patterns as of dialects.
+#[derive(Clone, Debug, Default)]
+pub struct Ignored(Vec<GlobMatcher>);
+
+impl Ignored {
+    pub fn new(patterns: &[String]) -> Result<Ignored, String> {
+        patterns.iter().map(|pattern| matcher(pattern)).collect::<Result<_, _>>().map(Ignored)
+    }
+
+    pub fn has(&self, topic: &str) -> bool {
+        self.0.iter().any(|pattern| pattern.is_match(topic))
+    }
+}
+
+fn matcher(pattern: &str) -> Result<GlobMatcher, String> {
+    let glob = GlobBuilder::new(pattern).literal_separator(true).build();
+    glob.map(|glob| glob.compile_matcher()).map_err(|e| format!("no valid pattern: {e}"))
 }
 
 /// `/heads/0 (acme.Wave, protobuf)`.

@@ -6,6 +6,7 @@ use crate::burst::{Acquisition, Burst, Layout};
 use crate::io::recording::Recording;
 use crate::model::lie::{LEAST_NEIGHBOURS, Lie, periods};
 use std::collections::BTreeMap;
+use std::fmt;
 
 /// Blocks that are read, at most, and bursts that are looked at.
 const MOST_BLOCKS: usize = 4;
@@ -17,14 +18,28 @@ const RINGS_WITHIN: [f64; 2] = [500.0, 2e6];
 /// Printheads that are told of.
 const MOST_TOLD: usize = 8;
 
-/// What speaks against the layout or the sample period, printhead by printhead; nothing where all is well.
-pub fn doubts(recording: &Recording) -> Vec<String> {
+/// What speaks against the layout or the sample period of a printhead's signals.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Doubt {
+    pub printhead: String,
+    pub what: String,
+}
+
+impl fmt::Display for Doubt {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{}: {}", self.printhead, self.what)
+    }
+}
+
+/// Printhead by printhead; nothing where all is well.
+pub fn doubts(recording: &Recording) -> Vec<Doubt> {
     let mut by_printhead: BTreeMap<String, Vec<Burst>> = BTreeMap::new();
     for burst in first_bursts(recording) {
         by_printhead.entry(burst.printhead.to_string()).or_default().push(burst);
     }
     let doubt = |(name, bursts): (&String, &Vec<Burst>)| {
-        of_layout(bursts).or_else(|| of_period(bursts)).map(|doubt| format!("{name}: {doubt}"))
+        let what = of_layout(bursts).or_else(|| of_period(bursts))?;
+        Some(Doubt { printhead: name.clone(), what })
     };
     by_printhead.iter().filter_map(doubt).take(MOST_TOLD).collect()
 }
