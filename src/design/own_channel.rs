@@ -140,7 +140,7 @@ impl OwnChannels {
     /// One channel's signals scatter by noise, whose tail is Gaussian; what is drawn anew for each drop has the tail that
     /// `of_all` was learned from.
     pub fn gate(&self, of_all: f64) -> f64 {
-        of_all + self.basis.lasting * (self.basis.gate - of_all).max(0.0)
+        of_all + self.basis.lasting * (self.basis.gate - of_all)
     }
 
     /// Whether the same covariance holds for both.

@@ -674,7 +674,7 @@ impl Naming {
         let nearest = best.map(|(class, weight)| (&self.classes[class], weight));
         episode.explanation =
             explanation::sentence(&episode, found.rings.as_ref(), nearest, strange);
-        if let Some(share) = found.share {
+        if let Some(share) = found.share.filter(|share| *share < 0.5) {
             episode.explanation += &explanation::comes_and_goes(share);
         }
         episode
