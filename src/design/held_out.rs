@@ -42,7 +42,7 @@ pub struct ClassTold {
     pub name: String,
     /// Signals that the labels gave it, whether looked at or not.
     pub labelled: u64,
-    /// One of the thesis's classes, or declared to stand for some: settings and physics may name signals of it that
+    /// A class by the physics, or declared to stand for some: settings and physics may name signals of it that
     /// nobody labelled.
     pub is_known: bool,
     /// By the design itself.
@@ -121,7 +121,7 @@ impl Design {
             let labelled = set.signals.get(&name).copied().unwrap_or(0);
             let class = self.classes.iter().find(|class| class.name == name);
             let stands_for = class.map(|class| class.class().of).unwrap_or_default();
-            let is_known = stands_for.iter().any(|of| crate::fault::CLASSES.contains(&of.as_str()));
+            let is_known = stands_for.iter().any(|of| isolate.physics.law(of).is_some());
             let held_out = Judged::default();
             all.push(ClassTold { name, labelled, is_known, trained_on: judged, held_out });
         }
@@ -155,7 +155,7 @@ impl Design {
         };
         let mut design = Design { curves: OnceLock::new(), ..self.clone() };
         let learned = learn_classes(&design, set, isolate, settings, &mut Vec::new());
-        let is_known = |name: &str| crate::fault::CLASSES.contains(&name);
+        let is_known = |name: &str| isolate.physics.law(name).is_some();
         // what nobody labelled now is known by physics, or not at all
         design.classes.retain(|class| {
             is_known(&class.name) || !class.of.is_empty() || set.faulty.contains_key(&class.name)
