@@ -238,7 +238,7 @@ fn yield_to_own_classes(
     isolate: &IsolateSettings,
 ) -> Result<Vec<String>, DesignError> {
     /// Share of the posterior of its own signals that a user's class may lose to such a class.
-    const MOST_TAKEN: f64 = 0.2;
+    const MOST_TAKEN: f64 = 0.1;
     let mut said = Vec::new();
     let unknown =
         |class: &FaultClass| class.of.is_empty() && isolate.physics.law(&class.name).is_none();

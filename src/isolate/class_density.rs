@@ -479,7 +479,7 @@ mod tests {
                 false,
             );
             let density = learned.unwrap();
-            let there: Vec<f64> = density.mean().to_vec();
+            let there: Vec<f64> = density.mean.clone();
             // ln of the density at the mean falls by ln 2 for each of two axes that is twice as wide
             density.ln_density(&there)
         };

@@ -320,6 +320,8 @@ enum Trust {
 impl Trust {
     /// What is thought of the physics a priori.
     const ALL: [(Trust, f64); 2] = [(Trust::InRates, 0.5), (Trust::InFrequency, 0.5)];
+    /// Standard deviation of ln rates that labels or settings claim to know exactly: a lumped channel has no exact ones.
+    const REST: f64 = 0.07;
     /// Standard deviation of guessed ln rates, and of a guessed ln pulse.
     const GUESSED: [f64; CHANGES] = [0.2, 0.2, 0.2, 0.2, 0.05];
     /// Standard deviation of the law's error: of each feature at least, as a share of what the fault changes, and as a share
@@ -333,7 +335,11 @@ impl Trust {
     /// Covariance of a node's mean.
     fn covariance(self, believed: &Slope, mean: &Vector4<f64>, scatter: &Scatter) -> Matrix4<f64> {
         match self {
-            Trust::InRates => believed * scatter.belief * believed.transpose(),
+            Trust::InRates => {
+                let rest = SVector::from([Trust::REST * Trust::REST; CHANGES]);
+                let rates = scatter.belief + SMatrix::from_diagonal(&rest);
+                believed * rates * believed.transpose()
+            }
             Trust::InFrequency => {
                 let guessed = SVector::from(Trust::GUESSED).map(|sd| sd * sd);
                 let law = Vector4::from_fn(|j, _| {
