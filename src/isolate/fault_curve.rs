@@ -321,7 +321,7 @@ impl Trust {
     /// What is thought of the physics a priori.
     const ALL: [(Trust, f64); 2] = [(Trust::InRates, 0.5), (Trust::InFrequency, 0.5)];
     /// Standard deviation of ln rates that labels or settings claim to know exactly: a lumped channel has no exact ones.
-    const REST: f64 = 0.07;
+    const REST: f64 = 0.04;
     /// Standard deviation of guessed ln rates, and of a guessed ln pulse.
     const GUESSED: [f64; CHANGES] = [0.2, 0.2, 0.2, 0.2, 0.05];
     /// Standard deviation of the law's error: of each feature at least, as a share of what the fault changes, and as a share
