@@ -1,5 +1,7 @@
 //! Fault classes and the categories they form (thesis §2-2, contract "Out: verdicts").
 
+use std::collections::BTreeMap;
+
 /// The thesis's fault classes, in the order of its tables.
 pub const CLASSES: [&str; 9] = ["EC", "AB1", "AB2", "AB3", "BN", "PBN", "SDN", "IDN", "DDN"];
 
@@ -13,15 +15,18 @@ pub const IGNORE: &str = "ignore";
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Class {
     pub name: String,
-    /// The thesis's classes that it stands for (`isolate.classes`): its own name where none were
-    /// declared.
+    pub category: String,
+    /// The laws of faults that it stands for (`isolate.classes`): its own name where none were declared.
     pub of: Vec<String>,
+    /// What its severities count, in words that follow the number, where a user declared it.
+    pub unit: Option<String>,
 }
 
 impl Class {
     /// One of the thesis's classes, or one of a user's own of which nothing else is known.
     pub fn plain(name: &str) -> Class {
-        Class { name: name.into(), of: vec![name.into()] }
+        let (category, of) = (category(name).into(), vec![name.into()]);
+        Class { name: name.into(), category, of, unit: None }
     }
 }
 
@@ -33,6 +38,16 @@ pub fn category(class: &str) -> &str {
         "SDN" | "IDN" | "DDN" => "dried_nozzle",
         "AB1" | "AB2" | "AB3" => "air_bubble",
         own => own,
+    }
+}
+
+/// Categories of a user's own classes, where they were declared (`[isolate.physics]`).
+#[derive(Clone, Debug, Default)]
+pub struct Categories(pub BTreeMap<String, String>);
+
+impl Categories {
+    pub fn of<'a>(&'a self, class: &'a str) -> &'a str {
+        self.0.get(class).map_or(category(class), String::as_str)
     }
 }
 

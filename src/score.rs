@@ -10,7 +10,7 @@ pub mod episodes;
 pub mod promise;
 pub mod severity;
 
-use crate::fault::category;
+use crate::fault::Categories;
 use episodes::EpisodesReport;
 use serde::Serialize;
 use severity::SeverityReport;
@@ -111,6 +111,7 @@ struct Bin {
 #[derive(Clone, Debug)]
 pub struct Score {
     classes: Vec<String>,
+    categories: Categories,
     bound: f64,
     detection: Detection,
     by_state: BTreeMap<String, ByState>,
@@ -152,6 +153,7 @@ impl Default for Score {
     fn default() -> Score {
         Score {
             classes: Vec::new(),
+            categories: Categories::default(),
             bound: 0.8,
             detection: Detection::default(),
             by_state: BTreeMap::new(),
@@ -174,6 +176,11 @@ impl Score {
     /// The certainty bound of `certain`.
     pub fn set_bound(&mut self, bound: f64) {
         self.bound = bound;
+    }
+
+    /// Of a user's own classes.
+    pub fn set_categories(&mut self, categories: Categories) {
+        self.categories = categories;
     }
 
     /// Classes that weights are in the order of; what is known already is left as it is.
@@ -214,7 +221,8 @@ impl Score {
         self.isolated += 1;
         let right = candidate == truth;
         self.right += u64::from(right);
-        self.category_right += u64::from(category(candidate) == category(truth));
+        self.category_right +=
+            u64::from(self.categories.of(candidate) == self.categories.of(truth));
         *self.confusion.entry((truth.to_owned(), candidate.to_owned())).or_default() += 1;
         if let Some(certainty) = said.certainty.filter(|c| c.is_finite()) {
             if certainty >= self.bound {

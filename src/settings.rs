@@ -446,8 +446,9 @@ impl Preset {
     }
 }
 
-/// What a design keeps of `[isolate]`; classes, physics and densities it holds anyway.
-const KEPT_OF_ISOLATE: [&str; 5] = ["method", "signal", "neighbours", "gate", "certainty"];
+/// What a design keeps of `[isolate]`; classes and densities it holds anyway.
+const KEPT_OF_ISOLATE: [&str; 6] =
+    ["method", "signal", "neighbours", "gate", "certainty", "physics"];
 
 impl Settings {
     /// What a design keeps of the settings it was trained with, beside its detection: how windows are averaged and

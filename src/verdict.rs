@@ -7,6 +7,7 @@ pub use columns::{COLUMNS, Cells, CellsAt, Column, VerdictColumns};
 pub use judged::{HealthyRun, OfBurst, Part, Tests, Verdicts};
 
 use crate::burst::Unusable;
+use std::sync::Arc;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
@@ -57,13 +58,21 @@ impl Test {
 }
 
 /// What a signal looks like that belongs to no known class.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Appearance {
     /// Nothing rings: noise about zero, or about a constant.
     NoiseAlone,
     Constant,
     /// A healthy ring, so many times as large.
     OtherGain(f64),
+    /// A healthy ring whose frequency and damping are both so many times as large, as on another clock.
+    OtherClock(f64),
+    /// A healthy ring so many seconds late.
+    Late(f64),
+    /// A ring whose rates are all a little off.
+    AllOff,
+    /// What else happens to channels, by its name.
+    Like(Arc<str>),
     /// A steady tone of that frequency, Hz, beside the ring or instead of it.
     Tone(f64),
     /// A few samples that stand out.
@@ -72,6 +81,11 @@ pub enum Appearance {
     Slow,
     /// None of these.
     Other,
+}
+
+impl Appearance {
+    /// What is no class is told beside the likeliest one from this share of its probability on: a twin that no decay tells apart.
+    pub const AS_WELL: f64 = 0.25;
 }
 
 /// Why a signal was rejected, or why a faulty one is undecided. The names are the contract's.

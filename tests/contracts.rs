@@ -17,7 +17,9 @@ fn pipeline_toml_says_every_default() {
     }
     assert_eq!(written, defaults);
     let text = read("pipeline.toml");
-    assert!(text.contains("# oscillations"), "the one key without a default is named");
+    for key in ["oscillations =", "pulse_s =", "delay_s =", "[isolate.physics."] {
+        assert!(text.contains(&format!("# {key}")), "{key} has no default, and is named");
+    }
 }
 
 #[test]

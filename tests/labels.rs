@@ -6,6 +6,7 @@ use crate::house::{House, root};
 use inkling::burst::{Burst, Format};
 use inkling::io::recording_writer::{RecordingWriter, WriterOptions};
 use std::collections::BTreeSet;
+use std::path::Path;
 
 /// The sample's fault library, and its labels with other states.
 fn library(house: &House, renamed: impl Fn(&str) -> String) {
@@ -142,11 +143,10 @@ fn training_tells_of_each_class_what_would_be_made_of_signals_held_out() {
         .says("look more like EC");
 }
 
-/// The library with the signals of some channels replaced.
-fn replaced(house: &House, channels: &BTreeSet<u32>, sample: impl Fn(u32, usize) -> i16) {
-    let path = house.path("train.mcap");
-    let all = bursts(&path);
-    let mut writer = RecordingWriter::create(&path, WriterOptions::default()).unwrap();
+/// A recording with the samples of some channels replaced: of a channel, number of a sample and what it was.
+fn replaced(path: &Path, channels: &BTreeSet<u32>, sample: impl Fn(u32, usize, f64) -> f64) {
+    let all = bursts(path);
+    let mut writer = RecordingWriter::create(path, WriterOptions::default()).unwrap();
     for burst in all {
         assert_eq!(burst.format, Format::S16Le);
         let mut y = vec![0.0; burst.samples_per_channel as usize];
@@ -155,9 +155,9 @@ fn replaced(house: &House, channels: &BTreeSet<u32>, sample: impl Fn(u32, usize)
             burst.copy_signal(row as usize, &mut y);
             let channel = burst.first_channel + row;
             for (k, y) in y.iter().enumerate() {
-                let dead = channels.contains(&channel);
-                let count = if dead { sample(channel, k) } else { *y as i16 };
-                bytes.extend(count.to_le_bytes());
+                let other = channels.contains(&channel);
+                let count = if other { sample(channel, k, *y).round() } else { *y };
+                bytes.extend((count as i16).to_le_bytes());
             }
         }
         let layout = inkling::burst::Layout::ChannelMajor;
@@ -165,6 +165,11 @@ fn replaced(house: &House, channels: &BTreeSet<u32>, sample: impl Fn(u32, usize)
         writer.write(&burst, burst.t_acq_ns as u64).unwrap();
     }
     writer.finish().unwrap();
+}
+
+/// Some channels' signals are so many times as large; their noise, too.
+pub fn scaled(path: &Path, channels: &BTreeSet<u32>, by: f64) {
+    replaced(path, channels, |_, _, y| by * y);
 }
 
 #[test]
@@ -175,7 +180,8 @@ fn a_class_that_can_never_be_named_is_an_error_that_says_why() {
     let dead = labels.lines().filter(|line| line.starts_with("dataset,") && line.contains(",Tot,"));
     let dead = dead.map(|line| line.split(',').nth(1).unwrap().parse().unwrap()).collect();
     // a cable without a sensor
-    replaced(&house, &dead, |channel, k| ((channel as usize * 31 + k * k * 7) % 5) as i16 - 2);
+    let noise = |channel: u32, k: usize, _| ((channel as usize * 31 + k * k * 7) % 5) as f64 - 2.0;
+    replaced(&house.path("train.mcap"), &dead, noise);
     let train = format!("{TRAIN} --new-class Tot");
     house
         .run(&train)

@@ -117,3 +117,86 @@ fn a_label_beside_declared_ones_that_nobody_declared_is_refused() {
     house.run(&train).exits(2).says("did you mean Verstopfung?");
     house.run(&train.replace("misspelt", "own")).exits(0);
 }
+
+/// A class by a law of one's own, and what is no class.
+const LAWS: &str = r#"
+[isolate.physics."lose Leitung"]
+size = "share"
+amplitude = 1.0
+range = [0.2, 0.9]
+category = "sensor_line"
+unit = "of the signal"
+
+[isolate.physics."a longer nozzle"]
+size = "added"
+nozzle_inertance = 1.0
+nozzle_resistance = 1.0
+range = [0.05, 0.5]
+weight = 0.005
+"#;
+
+#[test]
+fn a_law_of_ones_own_is_a_class_before_any_signal_of_it_was_labelled() {
+    let house = House::new();
+    let sample = root().join("sample_logs");
+    std::fs::copy(sample.join("train.mcap"), house.path("train.mcap")).unwrap();
+    std::fs::copy(sample.join("train.mcap"), house.path("weak.mcap")).unwrap();
+    let labels = std::fs::read_to_string(sample.join("labels.csv")).unwrap();
+    let healthy = |line: &&str| line.contains("healthy") || line.starts_with("printhead");
+    let ignored = labels.lines().map(|line| match healthy(&line) {
+        true => format!("{line}\n"),
+        false => {
+            let cells: Vec<&str> = line.split(',').collect();
+            format!("{},ignore,\n", cells[..4].join(","))
+        }
+    });
+    house.write("healthy.csv", ignored.collect::<String>());
+    house.write("laws.toml", LAWS);
+    let train = "train train.mcap --labels healthy.csv --config laws.toml -o d.json";
+    house.run(train).exits(0).says("10 classes");
+    let faulty = |channel: u32| labels.contains(&format!("\ndataset,{channel},"));
+    let weak: std::collections::BTreeSet<u32> =
+        (0..1140).filter(|c| !faulty(*c)).take(40).collect();
+    crate::labels::scaled(&house.path("weak.mcap"), &weak, 0.6);
+    let rows: String =
+        weak.iter().map(|channel| format!("dataset,{channel},,,lose Leitung,0.4\n")).collect();
+    house.write("weak.csv", labels + &rows);
+    house.run("replay weak.mcap --design d.json --out out").exits(0);
+    let score = house.json("score out/ --labels weak.csv --json");
+    let state = &score["by_state"]["lose Leitung"];
+    assert!(state["signals"] == 40 && state["flagged"] == 40, "{state}");
+    assert!(right(&score, "lose Leitung") > 0.95, "{}", score["isolation"]);
+    let size = &score["severity"]["lose Leitung"];
+    assert!(size["rmse"].as_f64().unwrap() < 0.05, "{size}");
+    let bubbles = right(&score, "AB3");
+    assert!(bubbles > 0.9, "known classes keep their names: {bubbles}");
+    // the design knows its laws: nobody repeats them, and other ones need another training
+    let again =
+        "replay weak.mcap --design d.json --out out2 --set isolate.physics.x.size=\"share\"";
+    house.run(again).exits(2);
+}
+
+#[test]
+fn a_law_that_is_none_is_refused_in_words() {
+    let house = House::new();
+    let law = "size = \"share\"\namplitude = 1.0\nrange = [0.2, 0.9]\n";
+    let cases = [
+        ("BN", law.to_owned(), "that name has a meaning already"),
+        ("healthy", law.to_owned(), "that name has a meaning already"),
+        ("x", law.replace("amplitude = 1.0\n", ""), "changes nothing: give at least one of"),
+        ("x", law.replace("amplitude", "amplitud"), "amplitud"),
+        ("x", law.replace("1.0", "9.0"), "power 9: give -4 to 4"),
+        ("x", law.replace("0.9", "1.2"), "shares below 1"),
+        ("x", law.replace("[0.2, 0.9]", "[0.9, 0.2]"), "the end nearer to no fault"),
+        ("x", law.replace("[0.2, 0.9]", "[-0.2, 0.9]"), "both on one side of it"),
+        ("x", law.replace("share", "half"), "half"),
+        ("x", format!("{law}weight = 0.5\n"), "weight = 0.5: give 0 to 0.2"),
+        ("x", format!("{law}weight = 0.1\ncategory = \"y\"\n"), "is no class, and has no category"),
+        ("x", format!("{law}unit = \" \"\n"), "category or unit is empty"),
+    ];
+    for (name, law, words) in cases {
+        house.write("laws.toml", format!("[isolate.physics.{name}]\n{law}"));
+        let train = "train none.mcap --labels none.csv --config laws.toml -o d.json";
+        house.run(train).exits(2).says(words).says("isolate");
+    }
+}

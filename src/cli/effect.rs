@@ -25,7 +25,7 @@ pub enum Command {
 const COMMON_CHANGE: &str = "identify.common_change";
 
 /// What only training asks of `[isolate]`.
-const OF_TRAINING: [&str; 4] = ["pulse_s", "delay_s", "guess_sd", "unlabelled_classes"];
+const OF_TRAINING: [&str; 5] = ["pulse_s", "delay_s", "guess_sd", "unlabelled_classes", "physics"];
 
 /// Refuses the first key of `set` (KEY=VALUE) that the command does not read. `settings`: with all of
 /// them applied.

@@ -297,7 +297,9 @@ fn settings_by(args: &Args, design: &Design) -> Result<Settings, Failure> {
     if args.preset.is_some() || design.chosen.is_empty() {
         return settings(args, &[]);
     }
-    let kept = design.chosen.iter().map(|(key, value)| format!("{key}={value}"));
+    // as TOML writes it, tables in one line
+    let in_toml = |value| toml::Value::try_from(value).map_or(String::new(), |v| v.to_string());
+    let kept = design.chosen.iter().map(|(key, value)| format!("{key}={}", in_toml(value)));
     settings(args, &kept.collect::<Vec<String>>())
 }
 

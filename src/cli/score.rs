@@ -7,7 +7,7 @@ use super::progress::complain;
 use super::report_page::write_text;
 use super::{results, scored};
 use crate::design::IsolateSettings;
-use crate::fault::{HEALTHY, category};
+use crate::fault::{Categories, HEALTHY, category};
 use crate::io::truth_file::Seal;
 use crate::io::verdict_reader::VerdictReader;
 use crate::io::{
@@ -15,6 +15,7 @@ use crate::io::{
     summary_file, truth_file,
 };
 use crate::labels::{Channels, Label, Labels, Met, Span};
+use crate::model::faults::Catalogue;
 use crate::score::blind::{Blind, Said as SaidCritique, True};
 use crate::score::curves::Curves;
 use crate::score::episodes::{EpisodeScore, SaidEpisode};
@@ -164,12 +165,16 @@ impl<'a> Scoring<'a> {
         if let Some(bound) = document["settings"]["isolate"]["certainty"].as_f64() {
             self.score.set_bound(bound);
         }
+        let laws = &document["settings"]["isolate"]["physics"];
+        let laws: Catalogue = serde_json::from_value(laws.clone()).unwrap_or_default();
+        let categories = laws.categories();
         let beside = episode_table::path_beside(path);
         let has_episodes = stored::is_file(&beside);
         if has_episodes {
-            add_episodes(&beside, &mut self.episodes)?;
+            add_episodes(&beside, &mut self.episodes, &categories)?;
             self.any_episodes = true;
         }
+        self.score.set_categories(categories);
         while let Some(columns) = verdicts.next() {
             let c = &columns.map_err(Failure::new)?;
             let (classes, categories) = (verdicts.classes(), verdicts.categories());
@@ -318,7 +323,11 @@ fn write_json(told: &serde_json::Value, out: &mut impl Write) -> Result<(), Fail
     Ok(writeln!(out)?)
 }
 
-fn add_episodes(path: &Path, score: &mut EpisodeScore) -> Result<(), Failure> {
+fn add_episodes(
+    path: &Path,
+    score: &mut EpisodeScore,
+    categories: &Categories,
+) -> Result<(), Failure> {
     for e in episode_table::read(path).map_err(Failure::new)? {
         let said = SaidEpisode {
             printhead: &e.printhead,
@@ -328,7 +337,7 @@ fn add_episodes(path: &Path, score: &mut EpisodeScore) -> Result<(), Failure> {
             raised_at_ns: e.raised_at_ns,
             began_at_ns: e.began_at_ns,
         };
-        score.add_episode(said);
+        score.add_episode(said, categories);
     }
     Ok(())
 }

@@ -133,10 +133,12 @@ pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
 
 /// Read with the states that are declared, under the names that the design will give them.
 fn labels(written: Written, new_class: &[String], settings: &Settings) -> Result<Labels, Failure> {
-    let own = settings.isolate.classes.keys().map(String::as_str);
+    let isolate = &settings.isolate;
+    let own = isolate.classes.keys().map(String::as_str).chain(isolate.physics.own_classes());
     for name in new_class {
         let is_taken = known_states().chain(COUNTED).any(|taken| taken == name)
-            || settings.isolate.classes.contains_key(name);
+            || isolate.classes.contains_key(name)
+            || isolate.physics.law(name).is_some();
         if name.is_empty() || is_taken {
             return Err(Failure::usage(format!(
                 "--new-class {}: that name has a meaning already; give another",

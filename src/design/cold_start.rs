@@ -12,12 +12,17 @@ use crate::identify::averaging::SignalSet;
 use crate::isolate::fault_curve::{Conditions, Healthy};
 use crate::isolate::fault_physics::{FaultPhysics, LabelledFault};
 use crate::isolate::physics_density::{Comparison, LabelledSeverities};
+use crate::model::faults::Law;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Products, RingFitter};
-use crate::model::{Actuation, InkChannel, faults};
+use crate::model::{Actuation, InkChannel};
 use nalgebra::Vector4;
 use std::collections::{BTreeMap, BTreeSet};
 
+/// Pulse and delay where nobody gave them: of a channel that rings at the frequency of the default `identify.grey_box`, and
+/// in proportion to its period of any other.
+const PULSE_S: f64 = 9e-6;
+const DELAY_S: f64 = 6e-6;
 /// Healthy signals of a printhead that are fitted to learn how channels differ, at most.
 const MOST_HEALTHY: usize = 4096;
 /// Labelled signals of a class and printhead that correct the rates, at most.
@@ -33,16 +38,19 @@ pub(super) fn physics(
     let model = &design.pooled;
     let sampling = (design.sample_period_s, design.samples);
     let ring = ring_of(&model.identification)?;
-    // the settings' channel and actuation in ratios, at the machine's own scale of time
+    // the settings' channel in ratios, at the machine's own scale of time
     let scaled = grey_box.at_frequency(ring.frequency_hz);
     let slower = (grey_box.a_per_s2 / scaled.a_per_s2).sqrt();
     let GreyBoxSettings { a_per_s2, b_per_s2, g_per_s, d_per_s, .. } = scaled;
     let channel = InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s };
-    let (pulse_s, delay_s) = (isolate.pulse_s * slower, isolate.delay_s * slower);
+    // what was given in seconds stays in seconds
+    let pulse_s = isolate.pulse_s.unwrap_or(PULSE_S * slower);
+    let delay_s = isolate.delay_s.unwrap_or(DELAY_S * slower);
     let guess = Healthy { channel, actuation: Actuation { pulse_s, delay_s } };
     let Some(mut physics) = FaultPhysics::new(guess, isolate.guess_sd, ring, model.noise) else {
         return Ok(None);
     };
+    physics.laws = isolate.physics.clone();
 
     let few: BTreeMap<String, SignalSet> =
         set.healthy.iter().map(|(name, all)| (name.clone(), first(all, MOST_HEALTHY))).collect();
@@ -64,7 +72,7 @@ pub(super) fn physics(
     for (name, printheads) in &set.faulty {
         let Some(class) = design.classes.iter().find(|class| class.name == *name) else { continue };
         let class = class.class();
-        let Some(kind) = faults::one_kind(&class.of) else { continue };
+        let Some(kind) = isolate.physics.one_kind(&class.of) else { continue };
         for (model, signals) in design.with_models(printheads) {
             let few = first(signals, MOST_LOOKS);
             labelled.extend(labelled_faults((name, kind), model, &ring, &few)?);
@@ -90,8 +98,8 @@ fn learn_sizes(
     let mut by_class: BTreeMap<&str, Vec<&LabelledFault>> = BTreeMap::new();
     labelled.iter().for_each(|fault| by_class.entry(&fault.class).or_default().push(fault));
     let class = |(name, labelled): (&&str, &Vec<&LabelledFault>)| fault::Class {
-        name: name.to_string(),
         of: labelled.iter().take(1).map(|fault| fault.kind.clone()).collect(),
+        ..fault::Class::plain(name)
     };
     let classes: Vec<fault::Class> = by_class.iter().map(class).collect();
     let curves = physics.curves(&classes, dt_s, samples);
@@ -117,29 +125,27 @@ fn learn_sizes(
     }
 }
 
-/// The thesis's classes, and those `declared` of them, that were not labelled, each as the middle of
+/// The thesis's classes, a user's own laws, and names declared of these, that were not labelled, each as the middle of
 /// its severities would look.
-pub(super) fn add_classes(design: &mut Design, declared: &BTreeMap<String, Vec<String>>) {
+pub(super) fn add_classes(design: &mut Design, isolate: &IsolateSettings) {
     let Some(physics) = &design.physics else { return };
+    let categories = isolate.physics.categories();
     let sampling = (design.sample_period_s, design.samples);
-    let middle = |class: &str| -> Option<f64> {
-        let [low, high] = faults::severity_range(class)?;
-        let place = (faults::scale(class, low)? + faults::scale(class, high)?) / 2.0;
-        faults::severity_at(class, place)
-    };
-    let stands = |class: &&str| !declared.values().flatten().any(|of| of == class);
-    let plain = fault::CLASSES.into_iter().filter(stands).map(|name| (name, Vec::new()));
-    let own = declared.iter().map(|(name, of)| (name.as_str(), of.clone()));
+    let stands = |class: &&str| !isolate.classes.values().flatten().any(|of| of == class);
+    let known = fault::CLASSES.into_iter().chain(isolate.physics.own_classes());
+    let plain = known.filter(stands).map(|name| (name, Vec::new()));
+    let own = isolate.classes.iter().map(|(name, of)| (name.as_str(), of.clone()));
     for (name, of) in plain.chain(own) {
         if design.classes.iter().any(|class| class.name == name) {
             continue;
         }
         let like = of.first().map_or(name, String::as_str);
-        let deviation = middle(like).and_then(|s| physics.deviation(like, s, sampling));
+        let middle = physics.laws.law(like).map(Law::middle);
+        let deviation = middle.and_then(|s| physics.deviation(like, s, sampling));
         if let Some(deviation) = deviation {
             design.classes.push(FaultClass {
                 name: name.into(),
-                category: fault::category(name).into(),
+                category: categories.of(name).into(),
                 of,
                 n_signals: 0,
                 deviation,

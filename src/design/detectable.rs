@@ -126,8 +126,10 @@ fn seen(
     b_d: &DMatrix<f64>,
     d_d: &DMatrix<f64>,
 ) -> Result<(bool, bool), DetectError> {
-    let middle = faults::severity_range(class)
-        .and_then(|[least, most]| faults::apply(class, 0.5 * (least + most), channel));
+    let middle = faults::law(class).and_then(|law| {
+        let [least, most] = law.range();
+        law.apply(0.5 * (least + most), channel)
+    });
     let Some(faulty) = middle else { return Ok((false, false)) };
     let (a, c) = observable(channel);
     let b_f = observable(&faulty).0 - &a;

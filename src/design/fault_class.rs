@@ -6,10 +6,11 @@ use super::fd_filter::by_resonance;
 use super::healthy_model::deviations;
 use super::{HealthyModel, LearnSettings};
 use crate::detect::{ResidualGenerator, null_space};
-use crate::fault::{CLASSES, Class};
+use crate::fault::Class;
 use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
 use crate::identify::grey_box::{self, Identification};
+use crate::model::faults::Catalogue;
 use serde::{Deserialize, Serialize};
 
 /// Departs: thesis §3-3-2 keeps mean residuals. r = F (y - y_hat) is affine in y, so a mean
@@ -54,7 +55,7 @@ const FAULT_BOUND_FACTOR: f64 = 300.0;
 
 impl FaultClass {
     /// From the class's signals, each set with the healthy model of its printhead.
-    pub fn learn(name: &str, sets: &[(&HealthyModel, &SignalSet)]) -> FaultClass {
+    pub fn learn(name: &str, category: &str, sets: &[(&HealthyModel, &SignalSet)]) -> FaultClass {
         let samples = sets.first().map_or(0, |(_, set)| set.samples);
         let (mut sum, mut weight, mut n) = (vec![0.0; samples], 0.0, 0);
         let mut expected = vec![0.0; samples];
@@ -72,7 +73,7 @@ impl FaultClass {
         sum.iter_mut().for_each(|v| *v /= weight);
         FaultClass {
             name: name.into(),
-            category: crate::fault::category(name).into(),
+            category: category.into(),
             of: Vec::new(),
             n_signals: n,
             deviation: sum,
@@ -83,10 +84,9 @@ impl FaultClass {
 
     /// Its name and what it stands for.
     pub fn class(&self) -> Class {
-        match self.of.is_empty() {
-            true => Class::plain(&self.name),
-            false => Class { name: self.name.clone(), of: self.of.clone() },
-        }
+        let (name, category) = (self.name.clone(), self.category.clone());
+        let of = if self.of.is_empty() { vec![name.clone()] } else { self.of.clone() };
+        Class { name, category, of, unit: None }
     }
 
     /// Thesis (3-1) on the class's mean signal, seen from `healthy`.
@@ -148,7 +148,12 @@ impl FaultClass {
     }
 
     /// As a class of a design for signals of that sampling.
-    pub(super) fn check(&self, sample_period_s: f64, samples: usize) -> Result<(), DesignError> {
+    pub(super) fn check(
+        &self,
+        sample_period_s: f64,
+        samples: usize,
+        laws: Option<&Catalogue>,
+    ) -> Result<(), DesignError> {
         let refuse = |what: &str| Err(DesignError::Invalid(format!("class {}: {what}", self.name)));
         let finite = |v: &[f64]| v.len() == samples && v.iter().all(|&x| is_count(x));
         if !finite(&self.deviation) {
@@ -157,8 +162,8 @@ impl FaultClass {
         if !self.examples.iter().all(|e| finite(e)) {
             return refuse("each of its `examples` must be finite, one number per sample");
         }
-        if !self.of.iter().all(|class| CLASSES.contains(&class.as_str())) {
-            return refuse("`of` names what is none of the thesis's classes");
+        if !laws.is_none_or(|laws| self.of.iter().all(|class| laws.law(class).is_some())) {
+            return refuse("`of` names what is no law of a fault");
         }
         if let Some(model) = &self.model {
             if !finite(&model.expected) {

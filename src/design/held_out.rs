@@ -42,11 +42,13 @@ pub struct ClassTold {
     pub name: String,
     /// Signals that the labels gave it, whether looked at or not.
     pub labelled: u64,
-    /// One of the thesis's classes, or declared to stand for some: settings and physics may name signals of it that
+    /// A class by the physics, or declared to stand for some: settings and physics may name signals of it that
     /// nobody labelled.
     pub is_known: bool,
     /// By the design itself.
     pub trained_on: Judged,
+    /// Signals of other classes that the design takes for this one, by class.
+    pub taken_in: BTreeMap<String, usize>,
     /// By designs that were not trained on them; none where a class has a single label.
     pub held_out: Judged,
 }
@@ -95,9 +97,15 @@ impl ClassTold {
             )
         } else {
             // what is most like its class, and like no other, is named when there are more labels of it
-            let (like, n) = most(most_like, &self.name)
-                .filter(|(_, n)| *n >= FEWEST_ALIKE && 4 * n >= detected)?;
-            format!("{n} of its {detected} detected signals look more like {like}")
+            let (like, n) = most(most_like, &self.name)?;
+            // two names for one thing take each other's signals
+            let back = self.taken_in.get(like).copied().unwrap_or(0);
+            if n + back < FEWEST_ALIKE || 4 * (n + back) < detected {
+                return None;
+            }
+            format!(
+                "{n} of its {detected} detected signals look more like {like}, and {back} of that class more like it"
+            )
         })
     }
 
@@ -121,9 +129,25 @@ impl Design {
             let labelled = set.signals.get(&name).copied().unwrap_or(0);
             let class = self.classes.iter().find(|class| class.name == name);
             let stands_for = class.map(|class| class.class().of).unwrap_or_default();
-            let is_known = stands_for.iter().any(|of| crate::fault::CLASSES.contains(&of.as_str()));
+            let is_known = stands_for.iter().any(|of| isolate.physics.law(of).is_some());
             let held_out = Judged::default();
-            all.push(ClassTold { name, labelled, is_known, trained_on: judged, held_out });
+            let taken_in = BTreeMap::new();
+            all.push(ClassTold {
+                name,
+                labelled,
+                is_known,
+                trained_on: judged,
+                taken_in,
+                held_out,
+            });
+        }
+        for k in 0..all.len() {
+            let name = all[k].name.clone();
+            let others = all.iter().filter(|other| other.name != name);
+            let taken = |other: &ClassTold| {
+                Some((other.name.clone(), *other.trained_on.most_like.get(&name)?))
+            };
+            all[k].taken_in = others.filter_map(taken).collect();
         }
         for fold in 0..FOLDS {
             let learned_from = part_of(set, |of| of != fold);
@@ -155,7 +179,7 @@ impl Design {
         };
         let mut design = Design { curves: OnceLock::new(), ..self.clone() };
         let learned = learn_classes(&design, set, isolate, settings, &mut Vec::new());
-        let is_known = |name: &str| crate::fault::CLASSES.contains(&name);
+        let is_known = |name: &str| isolate.physics.law(name).is_some();
         // what nobody labelled now is known by physics, or not at all
         design.classes.retain(|class| {
             is_known(&class.name) || !class.of.is_empty() || set.faulty.contains_key(&class.name)

@@ -79,6 +79,8 @@ pub(super) struct Isolating {
     pub(super) curves: Option<Arc<FaultCurves>>,
     /// The healthy ring that the curves were made for.
     pub(super) physics_ring: Option<Ring>,
+    /// Noise that the curves were made for, over that of the model's window, in what a ring's fit sees of it.
+    pub(super) quieter: f64,
 }
 
 /// The result of a signal's isolation.
@@ -98,8 +100,12 @@ impl Judge {
             Some(design) if !design.classes.is_empty() => Some(Isolating {
                 isolator: Arc::new(Isolator::new(&model, design, settings)?),
                 signal: settings.signal,
-                rule: DecisionRule::new(&design.class_names(), settings.certainty)?,
+                rule: DecisionRule::new(&design.fault_classes(), settings.certainty)?,
                 physics_ring: design.physics.as_ref().map(|physics| physics.ring),
+                quieter: design
+                    .physics
+                    .as_ref()
+                    .map_or(1.0, |physics| physics.noise / model.noise_of_fits()),
                 curves: match settings.method {
                     IsolateMethod::Posterior => design.curves(),
                     _ => None,

@@ -54,6 +54,7 @@ pub use workspace::Workspace;
 
 use crate::burst::Burst;
 use crate::fault;
+use crate::isolate::alternatives::ANY_RING;
 use crate::isolate::fault_physics::FaultPhysics;
 use crate::isolate::physics_density::FaultCurves;
 use crate::isolate::posterior::Posterior;
@@ -147,7 +148,8 @@ impl Design {
         self.detect.check().map_err(|e| DesignError::Invalid(format!("detect.{e}")))?;
         self.check_names().map_err(DesignError::Invalid)?;
         for class in &self.classes {
-            class.check(self.sample_period_s, self.samples)?;
+            let laws = self.physics.as_ref().map(|physics| &physics.laws);
+            class.check(self.sample_period_s, self.samples, laws)?;
         }
         if let Some(extension) = &self.extension {
             let refused = |what| DesignError::Invalid(format!("extension: {what}"));
@@ -219,23 +221,33 @@ impl Design {
         Some(self.curves.get_or_init(make).clone())
     }
 
+    /// Share of what is flagged that is of no class, a priori.
+    pub fn of_no_class(&self) -> f64 {
+        self.curves().map_or(ANY_RING, |curves| curves.of_no_class())
+    }
+
     pub fn class_names(&self) -> Vec<String> {
         self.classes.iter().map(|c| c.name.clone()).collect()
     }
 
     /// Its classes, and what they stand for.
     pub fn fault_classes(&self) -> Vec<fault::Class> {
-        self.classes.iter().map(FaultClass::class).collect()
+        let laws = self.physics.as_ref().map(|physics| &physics.laws);
+        let class = |of: &FaultClass| {
+            let class = of.class();
+            let law = laws.and_then(|laws| laws.law(laws.one_kind(&class.of)?));
+            fault::Class { unit: law.and_then(|law| law.unit.clone()), ..class }
+        };
+        self.classes.iter().map(class).collect()
     }
 }
 
 /// The categories that some classes form, in order of first appearance.
-pub fn categories(classes: &[String]) -> Vec<String> {
+pub fn categories(classes: &[fault::Class]) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     for class in classes {
-        let category = fault::category(class);
-        if !names.iter().any(|c| c == category) {
-            names.push(category.into());
+        if !names.contains(&class.category) {
+            names.push(class.category.clone());
         }
     }
     names

@@ -3,13 +3,13 @@
 use super::isolator::{Isolator, RingClassifier};
 use super::judge::{Isolating, Isolation, Judge};
 use super::workspace::Workspace;
-use crate::isolate::alternatives::of_any_class;
+use crate::isolate::alternatives::{ANY_RING, Weighed, weigh};
 use crate::isolate::appearance::UnknownSignal;
 use crate::isolate::fault_curve::Conditions;
 
 use crate::model::ring_fit::{Fit, RingFitter};
 use crate::verdict::Appearance;
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector4};
 
 /// A fit to noise alone explains less than this, in noise variances: two linear and two searched parameters
 /// explain some 20 at most.
@@ -56,7 +56,8 @@ impl Judge {
     ) -> Option<Isolation> {
         work.forget();
         work.fit = fit.copied();
-        let Isolating { isolator, rule, curves, physics_ring, .. } = self.isolating.as_ref()?;
+        let Isolating { isolator, rule, curves, physics_ring, quieter, .. } =
+            self.isolating.as_ref()?;
         let Isolator::Posterior(classifier) = &**isolator else { return None };
         let RingClassifier { posterior, priors, .. } = &**classifier;
         let noise = self.model.noise_beside() / drive;
@@ -65,14 +66,15 @@ impl Judge {
         };
         let warmer = work.warmer;
         work.misfit = fit.misfit / (noise * noise * self.model.expected.len() as f64);
-        let Workspace { weights, of_any, ring, physics, own, ln_densities, .. } = work;
+        let Workspace { weights, of_any, alternative, ring, physics, own, ln_densities, .. } = work;
         let features = &classifier.features(fit, warmer);
         *ring = Some([features[1], features[2]]);
         let of_own = own.as_ref().and_then(|own| own.curves.as_ref().zip(Some(&own.baseline)));
         let curves = of_own.map(|(curves, _)| curves).or(curves.as_ref());
         let physics_ring = physics_ring.map(|ring| self.model.ring_from(&ring, warmer));
         let conditions = Conditions {
-            drive,
+            // twice the noise is half the drive
+            drive: drive * quieter,
             changed: curves.zip(physics_ring).map_or(Vector2::zeros(), |(c, r)| c.changed(r)),
             baseline: of_own.map(|(_, baseline)| baseline),
         };
@@ -84,9 +86,21 @@ impl Judge {
         weights.clear();
         weights.resize(rule.category_of.len(), 0.0);
         posterior.weigh(features, &physics.ln_densities, priors, ln_densities, weights);
-        let known = of_any_class(features, ln_densities, priors, &physics.ln_alternatives);
+        let none = curves.map_or(ANY_RING, |curves| curves.of_no_class());
+        let Weighed { of_any: known, alternative: likely } =
+            weigh(features, ln_densities, priors, (&physics.ln_alternatives, none));
         let decision = rule.decide(weights, known);
         *of_any = known;
+        let best = weights.iter().copied().fold(0.0, f64::max) * known;
+        if let (Some((number, likely)), Some(curves)) = (likely, curves)
+            && likely >= Appearance::AS_WELL * best
+        {
+            let own = of_own.map_or(Vector4::zeros(), |(_, baseline)| *baseline);
+            let x = Vector4::from(*features) - own;
+            let frequency_hz = self.model.identification.poles.frequency_hz;
+            let what = curves.alternative(number);
+            *alternative = Some(what.appearance(x.as_slice(), frequency_hz));
+        }
         let Some(best) = decision.candidate.map(usize::from) else { return Some(decision) };
         // the misfit beside the ring is at most that of the fit, which is known already
         let most = classifier.typical.as_ref().map_or(f64::INFINITY, |of| of.misfit[best]);
@@ -97,6 +111,7 @@ impl Judge {
             work.misfit = beside.iter().map(|v| v * v).sum::<f64>() / beside.len() as f64;
             if classifier.beyond_class(beside, fit, &self.model, noise, best) > most {
                 work.weights.clear();
+                work.alternative = None;
                 return Some(Isolation::of_no_ring());
             }
         }

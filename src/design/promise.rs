@@ -6,7 +6,7 @@
 //! The result holds as far as that model does.
 
 use super::{Design, DesignError, IsolateSettings, Judge, Workspace};
-use crate::model::faults;
+use crate::model::faults::{Catalogue, Law};
 use crate::model::ring_fit::{Features, RingFitter};
 use crate::score::promise::{Detectable, FOUND, Pair, Promise};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
@@ -31,8 +31,9 @@ impl Design {
             Promise { false_alarm_rate: monte_carlo.rate(), draws: DRAWS, ..Promise::default() };
         let mut taken_for = vec![vec![0.0; self.classes.len()]; self.classes.len()];
         for (k, class) in self.fault_classes().iter().enumerate() {
-            let Some(kind) = faults::one_kind(&class.of) else { continue };
-            let Some(range) = range_of(&class.of) else { continue };
+            let Some(laws) = self.physics.as_ref().map(|physics| &physics.laws) else { continue };
+            let Some(kind) = laws.one_kind(&class.of) else { continue };
+            let Some(range) = range_of(&class.of, laws) else { continue };
             let Some(detectable) = monte_carlo.detectable(&class.name, kind, range) else {
                 continue;
             };
@@ -53,8 +54,8 @@ impl Design {
 }
 
 /// From the smallest severity of some classes of one kind to the largest.
-fn range_of(classes: &[String]) -> Option<[f64; 2]> {
-    let ranges = classes.iter().filter_map(|class| faults::severity_range(class));
+fn range_of(classes: &[String], laws: &Catalogue) -> Option<[f64; 2]> {
+    let ranges = classes.iter().filter_map(|class| laws.law(class)).map(Law::range);
     ranges.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)])
 }
 
@@ -126,11 +127,13 @@ impl<'a> MonteCarlo<'a> {
     /// The smallest fault of the class `name` that is found. `class`: the thesis's class in whose unit `range` is
     /// given.
     fn detectable(&self, name: &str, class: &str, range: [f64; 2]) -> Option<Detectable> {
-        let none = faults::scale(class, faults::no_fault_severity(class)?)?;
+        let laws = &self.design.physics.as_ref()?.laws;
+        let law = laws.law(class)?;
+        let none = law.scale(law.none());
         // one scale for all classes of the kind
-        let most = faults::scale(class, faults::largest(class)?)?;
+        let most = law.scale(laws.largest(law));
         let at = |place: f64| {
-            let severity = faults::severity_at(class, place)?;
+            let severity = law.severity_at(place);
             Some((severity, self.power(class, severity)?))
         };
         let place = |k: usize| none + (most - none) * k as f64 / SIZES as f64;
@@ -146,9 +149,8 @@ impl<'a> MonteCarlo<'a> {
                     false => low = middle,
                 }
             }
-            faults::severity_at(class, high)
+            law.severity_at(high)
         });
-        let smallest = smallest.flatten();
         let own: Vec<f64> =
             powers.iter().filter(|(s, _)| (range[0]..=range[1]).contains(s)).map(|p| p.1).collect();
         let found = own.iter().sum::<f64>() / own.len().max(1) as f64;
@@ -159,11 +161,12 @@ impl<'a> MonteCarlo<'a> {
     fn taken_for(&self, class: &str, range: [f64; 2], classes: usize) -> Vec<f64> {
         let mut best = vec![0.0; classes];
         let mut work = Workspace::default();
-        let place = |severity: f64| faults::scale(class, severity).unwrap_or(f64::NAN);
-        let (from, to) = (place(range[0]), place(range[1]));
+        let law = self.design.physics.as_ref().and_then(|physics| physics.laws.law(class));
+        let Some(law) = law else { return best };
+        let [from, to] = range.map(|severity| law.scale(severity));
         let sizes = (0..ISOLATED_SIZES)
             .map(|k| from + (to - from) * (k as f64 + 0.5) / ISOLATED_SIZES as f64)
-            .filter_map(|place| faults::severity_at(class, place));
+            .map(|place| law.severity_at(place));
         let mut all = 0.0;
         for severity in sizes {
             for deviation in self.signals(class, severity, DRAWS).iter().flatten() {

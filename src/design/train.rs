@@ -46,13 +46,13 @@ impl Design {
         if isolate.method == IsolateMethod::Posterior {
             design.physics = cold_start::physics(&design, set, grey_box, isolate)?;
             if isolate.unlabelled_classes {
-                cold_start::add_classes(&mut design, &isolate.classes);
+                cold_start::add_classes(&mut design, isolate);
             }
         }
         in_table_order(&mut design.classes);
         if !design.classes.is_empty() {
             design.posterior = learn_posterior(&design, set)?.map(Arc::new);
-            warnings.extend(yield_to_own_classes(&mut design, set)?);
+            warnings.extend(yield_to_own_classes(&mut design, set, isolate)?);
             design.typical = typical::learn(&design, set)?.map(Arc::new);
             if design.posterior.is_none() {
                 warnings.push(
@@ -130,9 +130,10 @@ pub(super) fn learn_classes(
     settings: LearnSettings,
     warnings: &mut Vec<String>,
 ) -> Vec<FaultClass> {
+    let categories = isolate.physics.categories();
     let learn = |(name, printheads): (&String, &BTreeMap<String, SignalSet>)| {
         let sets = design.with_models(printheads);
-        let mut class = FaultClass::learn(name, &sets);
+        let mut class = FaultClass::learn(name, categories.of(name), &sets);
         class.of = isolate.classes.get(name).cloned().unwrap_or_default();
         if let Err(e) = class.learn_for(isolate.method, &design.pooled, &sets, settings) {
             warnings.push(format!(
@@ -183,7 +184,7 @@ fn learned_filter(
     })?;
     let (design, _) = Design::of_healthy(set, first)?;
     let sets = design.with_models(printheads);
-    let class = FaultClass::learn(name, &sets);
+    let class = FaultClass::learn(name, fault::category(name), &sets);
     let healthy = pool(&set.healthy, set.samples);
     LearnedFilter::learn((&design.pooled, &healthy), &class, &sets, settings)
 }
@@ -234,12 +235,13 @@ pub(super) fn learn_posterior(
 fn yield_to_own_classes(
     design: &mut Design,
     set: &TrainingSet,
+    isolate: &IsolateSettings,
 ) -> Result<Vec<String>, DesignError> {
     /// Share of the posterior of its own signals that a user's class may lose to such a class.
-    const MOST_TAKEN: f64 = 0.2;
+    const MOST_TAKEN: f64 = 0.1;
     let mut said = Vec::new();
     let unknown =
-        |class: &FaultClass| class.of.is_empty() && !fault::CLASSES.contains(&class.name.as_str());
+        |class: &FaultClass| class.of.is_empty() && isolate.physics.law(&class.name).is_none();
     let own: Vec<String> =
         design.classes.iter().filter(|c| unknown(c)).map(|c| c.name.clone()).collect();
     for (name, printheads) in set.faulty.iter().filter(|(name, _)| own.contains(name)) {

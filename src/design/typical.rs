@@ -7,7 +7,6 @@ use super::{Design, DesignError, HealthyModel, TrainingSet};
 use crate::identify::averaging::SignalSet;
 use crate::isolate::typical::{RingMisfit, Typical, directions, misfit_bound};
 use crate::model::beside_ring::BesideRing;
-use crate::model::faults;
 use crate::model::inner_product::dot;
 use crate::model::ring_fit::RingFitter;
 use std::collections::BTreeMap;
@@ -110,17 +109,13 @@ fn by_physics(design: &Design, class: &str) -> Result<Leftovers, DesignError> {
         return Ok(Leftovers::none());
     };
     let sampling = (design.sample_period_s, design.samples);
-    let Some([low, high]) = faults::severity_range(class) else { return Ok(Leftovers::none()) };
-    let Some((low, high)) = faults::scale(class, low).zip(faults::scale(class, high)) else {
-        return Ok(Leftovers::none());
-    };
+    let Some(law) = physics.laws.law(class) else { return Ok(Leftovers::none()) };
+    let [low, high] = law.range().map(|severity| law.scale(severity));
     let mut set = SignalSet::new(design.samples);
     for i in 0..SEVERITIES {
         let place = low + (high - low) * (i as f64 + 0.5) / SEVERITIES as f64;
-        let severity = faults::severity_at(class, place);
-        let Some(d) = severity.and_then(|s| physics.deviation(class, s, sampling)) else {
-            continue;
-        };
+        let severity = law.severity_at(place);
+        let Some(d) = physics.deviation(class, severity, sampling) else { continue };
         let y: Vec<f32> = model.expected.iter().zip(&d).map(|(e, d)| (e + d) as f32).collect();
         set.push(&y, i as u32, 1.0, f64::NAN);
     }
@@ -132,6 +127,11 @@ fn by_physics(design: &Design, class: &str) -> Result<Leftovers, DesignError> {
 }
 
 impl HealthyModel {
+    /// Noise of one sample, counts, as white as the noise that fits of the ring see.
+    pub(super) fn noise_of_fits(&self) -> f64 {
+        self.sensitivity.as_ref().map_or(self.noise, |of| of.noise_of_one_sample())
+    }
+
     /// Noise of one sample, counts, from the misfit of healthy signals beside their rings.
     pub(super) fn noise_beside(&self) -> f64 {
         match &self.misfit {

@@ -5,6 +5,7 @@ use super::own_channel::Own;
 use crate::isolate::physics_density::Comparison;
 use crate::isolate::severity::Severity;
 use crate::model::ring_fit::{Fit, Products, RingFitter};
+use crate::verdict::Appearance;
 
 /// Buffers of a judge, one set per thread, and results beside the decision.
 #[derive(Debug, Default)]
@@ -17,6 +18,8 @@ pub struct Workspace {
     pub weights: Vec<f64>,
     /// The probability that it is of any of them, given all that it may be.
     pub of_any: f64,
+    /// What else than a class it may well be.
+    pub alternative: Option<Appearance>,
     /// ln damping and ln frequency of the ring last fitted for isolation, relative to the healthy model's and
     /// corrected to its temperature; `None`: none was fitted.
     pub ring: Option<[f64; 2]>,
@@ -43,7 +46,7 @@ impl Workspace {
     pub fn forget(&mut self) {
         (self.severity, self.ring, self.fit, self.misfit) = (None, None, None, f64::NAN);
         self.weights.clear();
-        self.of_any = 1.0;
+        (self.of_any, self.alternative) = (1.0, None);
         self.beside.clear();
     }
 }

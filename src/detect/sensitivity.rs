@@ -101,12 +101,15 @@ impl Sensitivity {
         self.with_total(mean, total, features)
     }
 
+    /// Standard deviation of one sample's noise, counts; an equivalent value where the noise is coloured.
+    pub fn noise_of_one_sample(&self) -> f64 {
+        let square = self.projection[0].iter().map(|p| p * p).sum::<f64>();
+        (self.noise[0][0] / square).sqrt()
+    }
+
     /// The same after a common change of all channels. `tangent`: at the changed ring.
     pub fn moved(&self, tangent: &DMatrix<f64>) -> Option<Sensitivity> {
-        let square = |of: &Sensitivity| of.projection[0].iter().map(|p| p * p).sum::<f64>();
-        // of one sample, an equivalent value where the noise is coloured
-        let noise = (self.noise[0][0] / square(self)).sqrt();
-        Some(Sensitivity::new(tangent, noise)?.with_spread_of(self))
+        Some(Sensitivity::new(tangent, self.noise_of_one_sample())?.with_spread_of(self))
     }
 
     /// With the spread that another model has learned, for a window of few signals.

@@ -2,7 +2,7 @@
 
 use super::Episode;
 use crate::fault::{self, Class};
-use crate::model::faults;
+use crate::model::faults::Catalogue;
 use crate::verdict::Appearance;
 
 /// A ring and the healthy one that it is compared with.
@@ -16,17 +16,24 @@ pub struct Rings {
 
 /// `channel 713: resonance 64.7 → 61.9 kHz, damping +31 %: partly blocked nozzle, 22 ± 3 % of the
 /// cross-section, certainty .97`. `nearest`: the class that comes first where none is certain, with
-/// its weight; `None`: nothing was there to name it. `strange`: it belongs to no known class.
+/// its weight; `None`: nothing was there to name it.
 pub fn sentence(
     episode: &Episode,
     rings: Option<&Rings>,
     nearest: Option<(&Class, f64)>,
-    strange: Option<Appearance>,
+    instead: Instead,
 ) -> String {
     let mut text = format!("channel {}: ", episode.channel);
-    if let Some(strange) = strange {
+    if let Instead::Rather(strange) = instead {
+        if let Some(rings) = rings.filter(|_| strange.rings()) {
+            text += &format!("{}: ", ring_in_words(rings));
+        }
         return text + &in_words(strange);
     }
+    let or = match instead {
+        Instead::AsWell(other) => in_short(other).map_or(String::new(), |it| format!(" or {it}")),
+        _ => String::new(),
+    };
     match rings {
         Some(r) => text += &format!("{}: ", ring_in_words(r)),
         None => text += "rings unlike a healthy channel: ",
@@ -36,19 +43,25 @@ pub fn sentence(
     match (&episode.fault, &episode.category, nearest) {
         (Some(name), ..) => {
             text += fault::in_words(name);
-            let kind = nearest.and_then(|(class, _)| faults::one_kind(&class.of)).unwrap_or(name);
-            text += &size_in_words(kind, episode.severity_last, episode.severity_sd);
-            text += &certainty;
+            let laws = Catalogue::default();
+            let kind = nearest.and_then(|(class, _)| laws.one_kind(&class.of)).unwrap_or(name);
+            let size = size_in_words(kind, episode.severity_last, episode.severity_sd);
+            let unit = nearest.and_then(|(class, _)| class.unit.as_deref());
+            match unit.filter(|_| !size.is_empty()) {
+                Some(unit) => text += &format!("{} {unit}", size.replace(" severity", "")),
+                None => text += &size,
+            }
+            text += &(or + &certainty);
         }
         (None, Some(category), nearest) => {
             text += &category.replace('_', " ");
             if let Some((class, _)) = nearest {
                 text += &format!(" (at best {})", class.name);
             }
-            text += &certainty;
+            text += &(or + &certainty);
         }
         (None, None, Some((class, weight))) => {
-            text += &format!("not named; at best {}", fault::in_words(&class.name));
+            text += &format!("not named; at best {}{or}", fault::in_words(&class.name));
             text += &format!(", certainty {}", share(weight));
         }
         (None, None, None) => text += "not named",
@@ -61,10 +74,42 @@ pub fn comes_and_goes(share: f64) -> String {
     format!(", comes and goes: in about 1 of {:.0} of its bursts", 1.0 / share)
 }
 
+/// What else an episode's signals look like.
+#[derive(Clone, Copy, Debug)]
+pub enum Instead<'a> {
+    Nothing,
+    /// They belong to no known class.
+    Rather(&'a Appearance),
+    /// It is no less likely than a quarter of the class that comes first.
+    AsWell(&'a Appearance),
+}
+
+impl Appearance {
+    /// Whether it tells of a ring and of nothing beside it.
+    fn rings(&self) -> bool {
+        use Appearance::{AllOff, Late, Like, OtherClock, OtherGain};
+        matches!(self, OtherGain(_) | OtherClock(_) | Late(_) | AllOff | Like(_))
+    }
+}
+
+/// What may be as well as a class, as the end of "... or"; `None`: it has no short name.
+fn in_short(other: &Appearance) -> Option<String> {
+    Some(match other {
+        Appearance::OtherGain(ratio) => format!("{ratio:.2} times the gain"),
+        Appearance::OtherClock(ratio) => {
+            format!("a clock {} off", signed_percent(100.0 * (ratio - 1.0)))
+        }
+        Appearance::Late(s) => format!("a delay of {:.1} µs", 1e6 * s),
+        Appearance::AllOff => "all elements a little off".into(),
+        Appearance::Like(name) => name.to_string(),
+        _ => return None,
+    })
+}
+
 /// What belongs to no class: where to look.
-fn in_words(strange: Appearance) -> String {
+fn in_words(strange: &Appearance) -> String {
     const LOOK: &str = "look at cable, connector and amplifier, not at the nozzle";
-    match strange {
+    match *strange {
         Appearance::NoiseAlone => {
             format!("nothing rings, noise alone: a dead sensor line or a broken wire; {LOOK}")
         }
@@ -77,6 +122,23 @@ fn in_words(strange: Appearance) -> String {
             "rings like a healthy channel with {ratio:.2} times its size: gain or contact of the \
              sensor line; {LOOK}"
         ),
+        Appearance::OtherClock(ratio) => format!(
+            "rings like a healthy channel {:.0} % {} in damping and frequency alike: the clock of its sampling; \
+             {LOOK}",
+            100.0 * (ratio - 1.0).abs(),
+            if ratio < 1.0 { "slower" } else { "faster" }
+        ),
+        Appearance::Late(s) => format!(
+            "rings like a healthy channel {:.1} µs {}: the trigger or a delay of the acquisition; {LOOK}",
+            1e6 * s.abs(),
+            if s > 0.0 { "late" } else { "early" }
+        ),
+        Appearance::AllOff => "all of its elements are a little off, as by no known fault alone: another channel \
+                               or actuator, or several faults at once; look at the nozzle, then at the sensor line"
+            .into(),
+        Appearance::Like(ref name) => {
+            format!("like {name}, which is no class of the design: look at the channel")
+        }
         Appearance::Tone(hz) => {
             format!("a steady tone of {:.1} kHz beside the ring: pickup; {LOOK}", hz / 1e3)
         }
@@ -178,7 +240,12 @@ mod tests {
     #[test]
     fn named_fault_is_said_as_the_contract_has_it() {
         assert_eq!(
-            sentence(&episode(), Some(&RINGS), Some((&Class::plain("PBN"), 0.97)), None),
+            sentence(
+                &episode(),
+                Some(&RINGS),
+                Some((&Class::plain("PBN"), 0.97)),
+                Instead::Nothing
+            ),
             "channel 713: resonance 64.7 → 61.9 kHz, damping +31 %: partly blocked nozzle, \
              22 ± 3 % of the cross-section, certainty .97"
         );
@@ -198,42 +265,64 @@ mod tests {
     #[test]
     fn what_is_not_known_is_not_said() {
         let no_size = Episode { severity_last: None, ..episode() };
-        let text = sentence(&no_size, Some(&RINGS), None, None);
+        let text = sentence(&no_size, Some(&RINGS), None, Instead::Nothing);
         assert!(text.ends_with("partly blocked nozzle, certainty .97"), "{text}");
 
         let category = Episode { fault: None, ..episode() };
-        let text = sentence(&category, None, Some((&Class::plain("BN"), 0.6)), None);
+        let text = sentence(&category, None, Some((&Class::plain("BN"), 0.6)), Instead::Nothing);
         assert!(text.ends_with("blocked nozzle (at best BN), certainty .97"), "{text}");
 
         let unnamed = Episode { fault: None, category: None, certainty: None, ..episode() };
-        let text = sentence(&unnamed, None, Some((&Class::plain("BN"), 0.6)), None);
+        let text = sentence(&unnamed, None, Some((&Class::plain("BN"), 0.6)), Instead::Nothing);
         assert!(text.ends_with("not named; at best blocked nozzle, certainty .60"), "{text}");
         let text = sentence(
             &unnamed,
             None,
             Some((&Class::plain("BN"), 0.6)),
-            Some(Appearance::NoiseAlone),
+            Instead::Rather(&Appearance::NoiseAlone),
         );
         assert!(text.contains("noise alone") && text.contains("not at the nozzle"), "{text}");
-        let text = sentence(&unnamed, None, None, None);
+        let text = sentence(&unnamed, None, None, Instead::Nothing);
         assert_eq!(text, "channel 713: rings unlike a healthy channel: not named");
     }
 
     #[test]
+    fn what_may_be_as_well_as_the_class_is_told_beside_it() {
+        let unnamed = Episode { fault: None, category: None, certainty: None, ..episode() };
+        let twin = Appearance::Like("a blocked restrictor".into());
+        let nearest = Some((&Class::plain("PBN"), 0.6));
+        let text = sentence(&unnamed, Some(&RINGS), nearest, Instead::AsWell(&twin));
+        let said =
+            "not named; at best partly blocked nozzle or a blocked restrictor, certainty .60";
+        assert!(text.ends_with(said), "{text}");
+        let text = sentence(&unnamed, Some(&RINGS), nearest, Instead::Rather(&twin));
+        assert!(text.contains("61.9 kHz, damping +31 %: like a blocked restrictor"), "{text}");
+        let own = Class { unit: Some("of the nozzle's mass".into()), ..Class::plain("wetting") };
+        let named = Episode { fault: Some("wetting".into()), ..episode() };
+        let text = sentence(&named, None, Some((&own, 0.97)), Instead::Nothing);
+        assert!(
+            text.ends_with("wetting, 0.22 ± 0.03 of the nozzle's mass, certainty .97"),
+            "{text}"
+        );
+    }
+
+    #[test]
     fn what_is_of_no_class_is_told_by_what_it_looks_like() {
-        use Appearance::{Constant, Jumps, Other, OtherGain, Slow, Tone};
+        use Appearance::{Constant, Jumps, Late, Other, OtherClock, OtherGain, Slow, Tone};
         for (strange, said) in [
             (OtherGain(-0.98), "rings upside down, 0.98 times as large"),
             (OtherGain(0.51), "rings like a healthy channel with 0.51 times its size"),
+            (OtherClock(0.9), "healthy channel 10 % slower"),
+            (Late(0.78e-6), "0.8 µs late"),
             (Tone(76_340.0), "a steady tone of 76.3 kHz"),
             (Jumps, "single samples jump"),
             (Slow, "an offset or a slow shape"),
             (Constant, "a constant value"),
         ] {
-            let text = in_words(strange);
+            let text = in_words(&strange);
             assert!(text.contains(said) && text.ends_with("not at the nozzle"), "{text}");
         }
-        assert!(in_words(Other).contains("then at the nozzle"));
+        assert!(in_words(&Other).contains("then at the nozzle"));
     }
 
     #[test]

@@ -84,7 +84,7 @@ pub struct Named {
     pub weights: Vec<f32>,
     /// Why it has no name; `None`: it has one.
     pub reason: Option<Reason>,
-    /// Of what fits none, if it was looked at.
+    /// Of what fits none, if it was looked at, or may as well fit none.
     pub appearance: Option<Appearance>,
     /// The class that a severity is of.
     pub candidate: Option<u16>,

@@ -2,12 +2,12 @@
 
 use super::classes::ClassFilter;
 use super::evidence::{Evidence, FIRST_IN_MEDIANS, Step, TOGETHER};
-use super::explanation::{self, Rings};
+use super::explanation::{self, Instead, Rings};
 use super::intermittent::Flags;
 use super::order::Waiting;
 use super::{Counts, Episode, EpisodeSettings, Looks, Named, Over, Untimely};
-use crate::fault::{self, Class};
-use crate::model::faults;
+use crate::fault::Class;
+use crate::model::faults::{self, Catalogue};
 use crate::verdict::{Appearance, Reason};
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, HashMap};
@@ -565,7 +565,7 @@ impl Found {
         if named.weights.is_empty() && !named.fits_none() {
             return;
         }
-        self.appearance = named.appearance.or(self.appearance);
+        self.appearance = named.appearance.clone().or(self.appearance.take());
         self.named += 1;
         self.fits_none += u64::from(named.fits_none());
         self.classes.look(&named.weights, &naming.priors);
@@ -595,16 +595,18 @@ impl Found {
 impl Naming {
     /// The first class that is sized by the same quantity.
     fn quantity(&self, class: usize) -> usize {
-        let of = |class: &Class| faults::one_kind(&class.of).and_then(faults::change);
+        let laws = Catalogue::default();
+        let of = |class: &Class| laws.one_kind(&class.of).and_then(faults::law);
         let Some(own) = self.classes.get(class).and_then(of) else { return class };
-        self.classes.iter().position(|other| of(other) == Some(own)).unwrap_or(class)
+        let alike = |other: &Class| of(other).is_some_and(|law| law.is_kind_of(own));
+        self.classes.iter().position(alike).unwrap_or(class)
     }
 
     /// The sums over categories, in order of first appearance.
     fn categories(&self, weights: &[f64]) -> Vec<(&str, f64)> {
         let mut sums: Vec<(&str, f64)> = Vec::new();
         for (class, weight) in self.classes.iter().zip(weights) {
-            let category = fault::category(&class.name);
+            let category = class.category.as_str();
             match sums.iter_mut().find(|(name, _)| *name == category) {
                 Some((_, sum)) => *sum += weight,
                 None => sums.push((category, *weight)),
@@ -634,7 +636,7 @@ impl Naming {
             if weight >= self.certainty {
                 let name = &self.classes[class].name;
                 fault = Some(name.clone());
-                named_category = Some(fault::category(name).to_owned());
+                named_category = Some(self.classes[class].category.clone());
             } else if let Some((k, sum)) = category.filter(|(_, sum)| *sum >= self.certainty) {
                 named_category = Some(categories[k].0.to_owned());
                 certainty = Some(sum);
@@ -670,10 +672,18 @@ impl Naming {
             Some(_) => None,
             None => Some(found.commonest_reason(fits_none)),
         };
-        let strange = fits_none.then_some(found.appearance.unwrap_or(Appearance::Other));
         let nearest = best.map(|(class, weight)| (&self.classes[class], weight));
+        let is_twin =
+            best.is_some_and(|(_, weight)| found.classes.none() >= Appearance::AS_WELL * weight);
+        let instead = match (&found.appearance, fits_none) {
+            (appearance, true) => {
+                Instead::Rather(appearance.as_ref().unwrap_or(&Appearance::Other))
+            }
+            (Some(appearance), false) if is_twin => Instead::AsWell(appearance),
+            _ => Instead::Nothing,
+        };
         episode.explanation =
-            explanation::sentence(&episode, found.rings.as_ref(), nearest, strange);
+            explanation::sentence(&episode, found.rings.as_ref(), nearest, instead);
         if let Some(share) = found.share.filter(|share| *share < 0.5) {
             episode.explanation += &explanation::comes_and_goes(share);
         }

@@ -1,21 +1,46 @@
 //! What a flagged signal may be that is a fault of no class: another gain, a clock, a delay, rates that are all a little off,
-//! a ring of any kind; and by name what else happens to channels (`faults::contrasts`).
+//! a ring of any kind; and by name what else happens to channels (`Catalogue::contrasts`).
 //!
 //! In: how healthy channels differ, the healthy ring. Out: their densities beside the classes' in [`super::physics_density::FaultCurves`], and the
 //! probability that a signal is of any class at all. The weights are a priori shares of what is flagged. What they were chosen
 //! on, and what others do: `docs/names.md`.
 
 use super::fault_curve::{HealthySpread, Node, noise_of_fit};
-use crate::model::faults;
 use crate::model::ring_fit::{Features, RingFitter};
+use crate::verdict::Appearance;
 use nalgebra::{Matrix4, SMatrix, Vector4};
+use std::sync::Arc;
+
+/// What no class stands for.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Alternative {
+    Gain,
+    Clock,
+    Delay,
+    Rates,
+    /// Of the catalogue, by its name.
+    Contrast(Arc<str>),
+}
+
+impl Alternative {
+    /// What a signal looks like by it. `x`: its features, relative to the healthy ring of `frequency_hz`.
+    pub fn appearance(&self, x: &[f64], frequency_hz: f64) -> Appearance {
+        match self {
+            Alternative::Gain => Appearance::OtherGain(x[0].exp()),
+            Alternative::Clock => Appearance::OtherClock(x[2].exp()),
+            Alternative::Delay => Appearance::Late(-x[3] / (std::f64::consts::TAU * frequency_hz)),
+            Alternative::Rates => Appearance::AllOff,
+            Alternative::Contrast(name) => Appearance::Like(name.clone()),
+        }
+    }
+}
 
 /// A priori shares.
 const GAIN: f64 = 0.02;
 const CLOCK: f64 = 0.01;
 const DELAY: f64 = 0.01;
 const RATES: f64 = 0.03;
-const ANY_RING: f64 = 0.02;
+pub const ANY_RING: f64 = 0.02;
 /// How far gain (ln), clock (ln) and delay (samples) may be off to either side.
 const MOST: [f64; 3] = [1.1, 0.25, 4.0];
 /// Nodes of a line of such.
@@ -44,12 +69,12 @@ impl HealthyRing<'_> {
         let beside = Matrix4::from_diagonal(&Vector4::from(BESIDE).map(|sd| sd * sd));
         let late = MOST[2] * self.dt_s;
         let turn = std::f64::consts::TAU * self.frequency_hz * late;
-        let line = |weight, to: [f64; 4]| {
+        let line = |what, weight, to: [f64; 4]| {
             let to = Vector4::from(to);
             let between = to * to.transpose() / (NODES * NODES * 3) as f64;
             let at = (0..NODES).map(|i| to * ((2 * i + 1) as f64 / NODES as f64 - 1.0));
             let nodes = at.map(|at| self.node(at, beside + between, healthy));
-            Some(Broad { weight, nodes: nodes.collect::<Option<_>>()? })
+            Some(Broad { what, weight, nodes: nodes.collect::<Option<_>>()? })
         };
         let rates = RATES_OFF.map(|off| {
             let variances = [off * off, off * off, off * off, off * off, GAIN_BESIDE * GAIN_BESIDE];
@@ -59,10 +84,10 @@ impl HealthyRing<'_> {
         });
         let rates = rates.into_iter().collect::<Option<Vec<Node>>>()?;
         Some(vec![
-            line(GAIN, [MOST[0], 0.0, 0.0, 0.0])?,
-            line(CLOCK, [0.0, MOST[1], MOST[1], 0.0])?,
-            line(DELAY, [late * self.damping_per_s, 0.0, 0.0, -turn])?,
-            Broad { weight: RATES, nodes: rates },
+            line(Alternative::Gain, GAIN, [MOST[0], 0.0, 0.0, 0.0])?,
+            line(Alternative::Clock, CLOCK, [0.0, MOST[1], MOST[1], 0.0])?,
+            line(Alternative::Delay, DELAY, [late * self.damping_per_s, 0.0, 0.0, -turn])?,
+            Broad { what: Alternative::Rates, weight: RATES, nodes: rates },
         ])
     }
 
@@ -80,32 +105,43 @@ impl HealthyRing<'_> {
 
 /// One of them, all of its nodes as likely.
 pub(super) struct Broad {
+    pub what: Alternative,
     pub weight: f64,
     pub nodes: Vec<Node>,
 }
 
-/// Share of what is flagged that is of no class, a priori.
-pub fn of_no_class() -> f64 {
-    let contrasts: f64 = faults::contrasts().map(|(_, law)| law.weight).sum();
-    GAIN + CLOCK + DELAY + RATES + ANY_RING + contrasts
+/// A signal among the classes and all else that it may be.
+#[derive(Clone, Copy, Debug)]
+pub struct Weighed {
+    /// Probability that it is of any class.
+    pub of_any: f64,
+    /// The likeliest alternative by its number, and its probability; `None`: rather any ring at all.
+    pub alternative: Option<(usize, f64)>,
 }
 
-/// Probability that a signal is of any class. `ln_densities`: of its features in each class; `priors`: of each class;
-/// `ln_alternatives`: its densities times their weights ([`super::physics_density::Comparison`]).
-pub fn of_any_class(
+/// `ln_densities`: of its features in each class; `priors`: of each class; `ln_alternatives`: its densities times their weights
+/// ([`super::physics_density::Comparison`]), which with that of any ring add up to `of_no_class`.
+pub fn weigh(
     features: &[f64],
     ln_densities: &[f64],
     priors: &[f64],
-    ln_alternatives: &[f64],
-) -> f64 {
+    (ln_alternatives, of_no_class): (&[f64], f64),
+) -> Weighed {
     let all: f64 = priors.iter().sum();
-    let known = ((1.0 - of_no_class()) / all).ln();
+    let known = ((1.0 - of_no_class) / all).ln();
     let any = ANY_RING.ln() + ln_density_of_any_ring(features);
     let most = ln_densities.iter().chain(ln_alternatives).copied().fold(any, f64::max);
     let of_classes = ln_densities.iter().zip(priors);
     let of_classes: f64 = of_classes.map(|(ln, prior)| prior * (ln + known - most).exp()).sum();
-    let others = ln_alternatives.iter().map(|ln| (ln - most).exp()).sum::<f64>();
-    of_classes / (of_classes + others + (any - most).exp())
+    let others = ln_alternatives.iter().map(|ln| (ln - most).exp());
+    let of_all = of_classes + others.clone().sum::<f64>() + (any - most).exp();
+    let likeliest =
+        others.enumerate().reduce(|best, next| if next.1 > best.1 { next } else { best });
+    let likeliest = likeliest.filter(|(_, density)| *density > (any - most).exp());
+    Weighed {
+        of_any: of_classes / of_all,
+        alternative: likeliest.map(|(number, density)| (number, density / of_all)),
+    }
 }
 
 /// Of a ring of which nothing is known; the phase anywhere.

@@ -151,22 +151,6 @@ impl ClassDensity {
         axes.map(|(axis, row)| axis.distance(self.along(row, x)).powi(2)).sum()
     }
 
-    pub(super) fn mean(&self) -> &[f64] {
-        &self.mean
-    }
-
-    /// Per axis what its distance is computed from: the row of `to_axes` (over the standard deviation, of a
-    /// Gaussian), and the half width (0, of a Gaussian).
-    pub(super) fn distances(&self) -> impl Iterator<Item = (impl Iterator<Item = f64>, f64)> {
-        self.axes.iter().zip(&self.to_axes).map(|(axis, row)| {
-            let (sd, width) = match *axis {
-                Axis::Gaussian(sd) => (sd, 0.0),
-                Axis::Range(range) => (1.0, range.half_width),
-            };
-            (row.iter().map(move |b| b / sd), width)
-        })
-    }
-
     fn along(&self, row: &[f64], x: &[f64]) -> f64 {
         row.iter().zip(x.iter().zip(&self.mean)).map(|(b, (x, m))| b * (x - m)).sum()
     }
@@ -495,7 +479,7 @@ mod tests {
                 false,
             );
             let density = learned.unwrap();
-            let there: Vec<f64> = density.mean().to_vec();
+            let there: Vec<f64> = density.mean.clone();
             // ln of the density at the mean falls by ln 2 for each of two axes that is twice as wide
             density.ln_density(&there)
         };

@@ -5,7 +5,7 @@
 //! phi is a mixture weight, calibrated to nothing: a sum of it over a category is one too.
 
 use super::{IsolateError, MAX_CLASSES};
-use crate::fault;
+use crate::fault::Class;
 
 /// What is said of one signal. Indices into the rule's classes and categories.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -80,7 +80,7 @@ pub struct DecisionRule {
 
 impl DecisionRule {
     /// `certainty`: the bound, 0 to 1. 0 names the best class always, as the thesis's Table 4-3.
-    pub fn new(classes: &[String], certainty: f64) -> Result<DecisionRule, IsolateError> {
+    pub fn new(classes: &[Class], certainty: f64) -> Result<DecisionRule, IsolateError> {
         if classes.is_empty() || classes.len() > MAX_CLASSES {
             return Err(IsolateError::ClassCount { found: classes.len() });
         }
@@ -91,10 +91,9 @@ impl DecisionRule {
         let category_of = classes
             .iter()
             .map(|class| {
-                let category = fault::category(class);
-                let known = categories.iter().position(|c| c == category);
+                let known = categories.iter().position(|c| *c == class.category);
                 known.unwrap_or_else(|| {
-                    categories.push(category.to_string());
+                    categories.push(class.category.clone());
                     categories.len() - 1
                 }) as u16
             })
@@ -180,8 +179,7 @@ mod tests {
     use super::*;
 
     fn rule(certainty: f64) -> DecisionRule {
-        let classes: Vec<String> =
-            ["EC", "AB1", "AB2", "BN", "PBN", "own"].iter().map(|s| s.to_string()).collect();
+        let classes = ["EC", "AB1", "AB2", "BN", "PBN", "own"].map(Class::plain);
         DecisionRule::new(&classes, certainty).unwrap()
     }
 
@@ -253,7 +251,7 @@ mod tests {
     #[test]
     fn senseless_rules_are_errors() {
         assert!(DecisionRule::new(&[], 0.8).is_err());
-        let one = ["EC".to_string()];
+        let one = [Class::plain("EC")];
         for bound in [-0.1, 1.1, f64::NAN] {
             assert!(DecisionRule::new(&one, bound).is_err());
         }

@@ -9,9 +9,10 @@
 //! real pole) is part of the curve. Channels differ by small relative changes of their rates and gain; the
 //! fit's derivatives by these, at each severity, turn the channels' covariance into one of features.
 
+use crate::model::faults::Law;
 use crate::model::ring_down::{Poles, ring_down_into};
 use crate::model::ring_fit::{Features, Products, RingFitter};
-use crate::model::{Actuation, InkChannel, faults};
+use crate::model::{Actuation, InkChannel};
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, SMatrix, SVector, SymmetricEigen, Vector2, Vector4};
 
 /// Number of relative changes by which a channel may differ: ln a, ln b, ln g, ln d, ln gain.
@@ -40,7 +41,7 @@ pub struct Healthy {
 /// The features that a fit finds of one faulty channel, and their derivatives.
 #[derive(Clone, Debug)]
 pub struct Point {
-    /// Severity in the coordinate of [`faults::scale`].
+    /// Severity in the coordinate of [`Law::scale`].
     pub place: f64,
     /// Features, relative to the healthy channel's.
     pub mean: Vector4<f64>,
@@ -182,17 +183,18 @@ impl<'a> FaultSimulator<'a> {
         &self.healthy_slope
     }
 
-    /// A fault of the kind of `class` at a severity given in the coordinate of [`faults::scale`].
-    pub fn point(&mut self, class: &str, place: f64) -> Option<Point> {
-        let severity = faults::severity_at(class, place)?;
-        let fault = |channel: InkChannel| faults::apply(class, severity, &channel);
+    /// A fault at a severity given in the coordinate of [`Law::scale`].
+    pub fn point(&mut self, law: &Law, place: f64) -> Option<Point> {
+        let severity = law.severity_at(place);
+        let fault = |channel: InkChannel| law.apply(severity, &channel);
         let (found, slope) = self.slope(&fault)?;
         let faulty = fault(self.channel)?;
         let [believed, longer, shorter] = self.references;
         let mut moved =
             |to: Reference| Some(self.fit(&faulty, &to.actuation, Some(&found))? - to.origin);
         let of_pulse = turned(moved(longer)? - moved(shorter)?) / (2.0 * STEP);
-        let mean = turned(found - believed.origin);
+        let gain = Vector4::new(law.gain(severity).ln(), 0.0, 0.0, 0.0);
+        let mean = turned(found + gain - believed.origin);
 
         // An error of the rates would change the healthy features too. These were measured, so the delay
         // is adapted to keep the healthy phase, and with the delay change phase and amplitude of a faulty
@@ -239,7 +241,7 @@ pub fn noise_of_fit(fitter: &RingFitter, at: &Features, noise: f64) -> Option<Ma
 /// The conditions under which a signal was acquired.
 #[derive(Clone, Copy, Debug)]
 pub struct Conditions<'a> {
-    /// Drive voltage over the reference.
+    /// Drive voltage over the reference, and over the noise of a sample relative to what the curves were made for.
     pub drive: f64,
     /// ln of the stiffness (a, b) and viscosity (g, d) of all channels over those that the curves were made
     /// for: another ink temperature, window or printhead.
@@ -259,7 +261,7 @@ impl Conditions<'_> {
 #[derive(Clone, Debug)]
 pub struct Node {
     pub severity: f64,
-    /// Severity in the coordinate of [`faults::scale`], and the length of the interval that the node stands for.
+    /// Severity in the coordinate of [`Law::scale`], and the length of the interval that the node stands for.
     pub place: f64,
     pub length: f64,
     /// Probability that the curve is wrong as much as `belief` says: of one severity the nodes' sum to 1.
@@ -310,27 +312,41 @@ pub struct Scatter {
 enum Trust {
     /// As the belief in its rates says.
     InRates,
-    /// Its rates are guesses, and the law of the fault holds roughly.
-    InDirection,
+    /// Its rates are guesses, what is sensed may be another quantity than (2-2) says, and losses may depend on the frequency:
+    /// what a fault does to the frequency holds, and all else changes with it by about as much.
+    InFrequency,
 }
 
 impl Trust {
     /// What is thought of the physics a priori.
-    const ALL: [(Trust, f64); 2] = [(Trust::InRates, 0.5), (Trust::InDirection, 0.5)];
+    const ALL: [(Trust, f64); 2] = [(Trust::InRates, 0.5), (Trust::InFrequency, 0.5)];
+    /// Standard deviation of ln rates that labels or settings claim to know exactly: a lumped channel has no exact ones.
+    const REST: f64 = 0.04;
     /// Standard deviation of guessed ln rates, and of a guessed ln pulse.
     const GUESSED: [f64; CHANGES] = [0.2, 0.2, 0.2, 0.2, 0.05];
-    /// Standard deviation of the law's error: of each feature at least, and as a share of what the fault changes.
+    /// Standard deviation of the law's error: of each feature at least, as a share of what the fault changes, and as a share
+    /// of its change of ln frequency.
     const FLOOR: [f64; 4] = [0.02, 0.03, 0.005, 0.03];
     const SHARE: f64 = 0.1;
+    const OF_FREQUENCY: [f64; 4] = [1.0, 2.0, 0.2, 1.0];
+    /// The same as a share of its change of ln damping: an error of damping along the curve is seen by nobody.
+    const OF_DAMPING: [f64; 4] = [0.25, 0.2, 0.05, 0.25];
 
     /// Covariance of a node's mean.
     fn covariance(self, believed: &Slope, mean: &Vector4<f64>, scatter: &Scatter) -> Matrix4<f64> {
         match self {
-            Trust::InRates => believed * scatter.belief * believed.transpose(),
-            Trust::InDirection => {
+            Trust::InRates => {
+                let rest = SVector::from([Trust::REST * Trust::REST; CHANGES]);
+                let rates = scatter.belief + SMatrix::from_diagonal(&rest);
+                believed * rates * believed.transpose()
+            }
+            Trust::InFrequency => {
                 let guessed = SVector::from(Trust::GUESSED).map(|sd| sd * sd);
                 let law = Vector4::from_fn(|j, _| {
-                    Trust::FLOOR[j].powi(2).max((Trust::SHARE * mean[j]).powi(2))
+                    let rough = Trust::FLOOR[j].max((Trust::SHARE * mean[j]).abs());
+                    let other =
+                        (Trust::OF_FREQUENCY[j] * mean[2]).hypot(Trust::OF_DAMPING[j] * mean[1]);
+                    rough.max(other).powi(2)
                 });
                 let rates = SMatrix::from_diagonal(&guessed);
                 believed * rates * believed.transpose() + Matrix4::from_diagonal(&law)
@@ -354,23 +370,23 @@ const NODE_DISTANCE: f64 = 0.7;
 const MOST_BETWEEN: usize = 48;
 
 impl FaultCurve {
-    /// The kind of `class`, over the severities of `classes` (all of that kind) and down to none.
+    /// From no fault to the `largest`.
     /// `None`: it does not ring over its range.
     pub fn new(
         simulator: &mut FaultSimulator,
-        class: &str,
+        law: &Law,
         largest: f64,
         scatter: &Scatter,
     ) -> Option<FaultCurve> {
-        let none = faults::scale(class, faults::no_fault_severity(class)?)?;
-        let most = faults::scale(class, largest)?;
+        let none = law.scale(law.none());
+        let most = law.scale(largest);
         let points: Vec<Point> = (0..=POINTS)
-            .map(|i| simulator.point(class, none + (most - none) * i as f64 / POINTS as f64))
+            .map(|i| simulator.point(law, none + (most - none) * i as f64 / POINTS as f64))
             .collect::<Option<_>>()?;
         let mut nodes = Vec::new();
         for (trust, weight) in Trust::ALL {
             for pair in points.windows(2) {
-                let some = between(&pair[0], &pair[1], class, trust, scatter)?;
+                let some = between(&pair[0], &pair[1], law, trust, scatter)?;
                 nodes.extend(some.into_iter().map(|node| Node { weight, ..node }));
             }
         }
@@ -384,7 +400,7 @@ impl FaultCurve {
 fn between(
     from: &Point,
     to: &Point,
-    class: &str,
+    law: &Law,
     trust: Trust,
     scatter: &Scatter,
 ) -> Option<Vec<Node>> {
@@ -401,7 +417,7 @@ fn between(
         let slope = from.slope * (1.0 - share) + to.slope * share;
         let believed = from.belief_slope * (1.0 - share) + to.belief_slope * share;
         let node = Node {
-            severity: faults::severity_at(class, place)?,
+            severity: law.severity_at(place),
             place,
             length: (to.place - from.place).abs() / n as f64,
             belief: trust.covariance(&believed, &mean, scatter),
@@ -564,18 +580,19 @@ mod tests {
     #[test]
     fn slopes_by_errors_of_belief_are_those_of_whoever_believes_otherwise() {
         let fitter = fitter(TRUE.actuation.delay_s);
-        let mean = |believed: Healthy, class: &str, place: f64| {
+        let mean = |believed: Healthy, law: &Law, place: f64| {
             let mut simulator =
                 FaultSimulator::new(&fitter, believed, NOISE, DT_S, SAMPLES).unwrap();
-            simulator.point(class, place).unwrap()
+            simulator.point(law, place).unwrap()
         };
         for class in crate::fault::CLASSES {
-            let [low, high] = faults::severity_range(class).unwrap();
-            let place = faults::scale(class, low + 0.1 * (high - low)).unwrap();
-            let point = mean(TRUE, class, place);
+            let law = crate::model::faults::law(class).unwrap();
+            let [low, high] = law.range();
+            let place = law.scale(low + 0.1 * (high - low));
+            let point = mean(TRUE, law, place);
             for j in 0..CHANGES {
                 const BY: f64 = 0.004;
-                let [up, down] = [BY, -BY].map(|by| mean(off(j, by), class, place).mean);
+                let [up, down] = [BY, -BY].map(|by| mean(off(j, by), law, place).mean);
                 let found = turned(up - down) / (2.0 * BY);
                 let error = (found - point.belief_slope.column(j)).norm();
                 assert!(error < 0.01, "{class} by {j}: {error}");

@@ -10,14 +10,14 @@
 //! deviation `isolate.guess_sd`. Faulty signals of labelled severity are observations of them: maximum a
 //! posteriori by Gauss-Newton on the features, with the weights of Student's t against wrong labels.
 
-use super::alternatives::{Broad, HealthyRing};
+use super::alternatives::{Alternative, Broad, HealthyRing};
 use super::fault_curve::{
     CHANGES, FaultCurve, FaultSimulator, Healthy, HealthySpread, Scatter, Slope, noise_of_fit,
     of_change, turned,
 };
 use super::physics_density::{FaultCurves, LabelledSeverities, Member, of_name};
 use crate::fault::Class;
-use crate::model::faults::{self, Law};
+use crate::model::faults::{Catalogue, Law};
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
 use crate::model::{Actuation, InkChannel};
@@ -43,6 +43,9 @@ pub struct FaultPhysics {
     pub spread: [f64; CHANGES],
     /// Severities of the labelled signals, by class.
     pub seen: BTreeMap<String, LabelledSeverities>,
+    /// What can happen to a channel.
+    #[serde(default, skip_serializing_if = "Catalogue::is_empty")]
+    pub laws: Catalogue,
 }
 
 /// A labelled signal of known severity.
@@ -94,6 +97,7 @@ impl FaultPhysics {
             noise,
             spread: [0.0; CHANGES],
             seen: BTreeMap::new(),
+            laws: Catalogue::default(),
         };
         let prior = Prior::new(guess, guess_sd)?;
         for _ in 0..2 * ROUNDS {
@@ -134,8 +138,10 @@ impl FaultPhysics {
                 FaultSimulator::new(&fitter, self.healthy(), self.noise, dt_s, samples)?;
             let (mut information, mut gradient) = (Square::zeros(), SVector::zeros());
             for signal in labelled.iter().filter(|signal| signal.severity.is_finite()) {
-                let place = faults::scale(&signal.kind, signal.severity);
-                let Some(point) = place.and_then(|at| simulator.point(&signal.kind, at)) else {
+                let law = self.laws.law(&signal.kind);
+                let Some(point) =
+                    law.and_then(|law| simulator.point(law, law.scale(signal.severity)))
+                else {
                     continue;
                 };
                 let scatter = point.slope * self.channels() * point.slope.transpose()
@@ -277,49 +283,48 @@ impl FaultPhysics {
         let Some(simulator) = simulator else { return curves };
         let belief = Square::from_fn(|i, j| self.belief[i][j]);
         let scatter = Scatter { channels: self.channels(), belief };
+        let curves_of = |laws: Vec<&Law>| {
+            side_by_side(cores(), laws, |law| {
+                let most = self.laws.largest(law);
+                FaultCurve::new(&mut simulator.clone(), law, most, &scatter)
+            })
+        };
         // classes of one kind share a curve
-        let mut kinds: Vec<(&str, &str)> = Vec::new();
-        for class in classes.iter().flat_map(|class| &class.of) {
-            match faults::change(class) {
-                Some(kind) if kinds.iter().all(|(known, _)| *known != kind) => {
-                    kinds.push((kind, class));
-                }
-                _ => {}
+        let laws = |class: &'_ Class| -> Vec<&Law> {
+            class.of.iter().filter_map(|name| self.laws.law(name)).collect()
+        };
+        let mut kinds: Vec<&Law> = Vec::new();
+        for law in classes.iter().flat_map(laws) {
+            if !kinds.iter().any(|known| known.is_kind_of(law)) {
+                kinds.push(law);
             }
         }
-        let of_kinds = side_by_side(cores(), kinds.clone(), |(_, class)| {
-            let most = faults::largest(class)?;
-            FaultCurve::new(&mut simulator.clone(), class, most, &scatter)
-        });
-        let numbers: Vec<Option<usize>> =
-            of_kinds.into_iter().map(|curve| Some(curves.add(curve?))).collect();
-        let curve_of = |class: &str| {
-            let kind = faults::change(class)?;
-            numbers[kinds.iter().position(|(known, _)| *known == kind)?]
+        let of_kinds = curves_of(kinds.clone()).into_iter();
+        let numbers: Vec<Option<usize>> = of_kinds.map(|curve| Some(curves.add(curve?))).collect();
+        let member = |law| {
+            let kind = kinds.iter().position(|known: &&Law| known.is_kind_of(law))?;
+            Some(Member { law, curve: numbers[kind]? })
         };
         for (k, class) in classes.iter().enumerate() {
-            let member = |class| Some(Member { class, curve: curve_of(class)? });
-            let members: Vec<Member> =
-                class.of.iter().filter_map(|class| member(class.as_str())).collect();
+            let members: Vec<Member> = laws(class).into_iter().filter_map(member).collect();
             curves.set(k, &members, self.seen.get(&class.name));
         }
-        let contrasts: Vec<(&str, &Law)> = faults::contrasts().collect();
-        let of_contrasts = side_by_side(cores(), contrasts.clone(), |(name, _)| {
-            FaultCurve::new(&mut simulator.clone(), name, faults::largest(name)?, &scatter)
-        });
+        let contrasts: Vec<(&str, &Law)> = self.laws.contrasts().collect();
+        let of_contrasts = curves_of(contrasts.iter().map(|(_, law)| *law).collect());
         for ((name, law), curve) in contrasts.into_iter().zip(of_contrasts) {
             // of what would not ring nothing is known
             if let Some(curve) = curve {
-                let share = of_name(&curve.nodes, name);
-                curves.add_alternative(law.weight, curve, &share);
+                let share = of_name(&curve.nodes, law);
+                let what = Alternative::Contrast(name.into());
+                curves.add_alternative(what, law.weight, curve, &share);
             }
         }
         let Ring { damping_per_s, frequency_hz, .. } = self.ring;
         let noise = self.noise;
         let ring = HealthyRing { fitter: &fitter, damping_per_s, frequency_hz, noise, dt_s };
-        for Broad { weight, nodes } in ring.broad(&healthy).into_iter().flatten() {
+        for Broad { what, weight, nodes } in ring.broad(&healthy).into_iter().flatten() {
             let share = vec![1.0; nodes.len()];
-            curves.add_alternative(weight, FaultCurve { nodes }, &share);
+            curves.add_alternative(what, weight, FaultCurve { nodes }, &share);
         }
         curves
     }
@@ -334,8 +339,10 @@ impl FaultPhysics {
         let fitter = RingFitter::new(self.ring, dt_s, samples);
         let simulator = FaultSimulator::new(&fitter, self.healthy(), self.noise, dt_s, samples)?;
         let healthy = simulator.decay(&self.channel)?;
-        let faulty = simulator.decay(&faults::apply(class, severity, &self.channel)?)?;
-        Some(faulty.iter().zip(&healthy).map(|(f, h)| f - h).collect())
+        let law = self.laws.law(class)?;
+        let gain = law.gain(severity);
+        let faulty = simulator.decay(&law.apply(severity, &self.channel)?)?;
+        Some(faulty.iter().zip(&healthy).map(|(f, h)| gain * f - h).collect())
     }
 }
 
@@ -446,6 +453,7 @@ mod tests {
     use super::super::physics_density::Comparison;
     use super::*;
     use crate::fault::{CLASSES, category};
+    use crate::model::faults;
     use crate::model::ring_down::ring_down_into;
     use crate::model::ring_fit::Products;
     use rand::{RngExt, SeedableRng};
@@ -497,7 +505,7 @@ mod tests {
 
     /// A severity within the class's range, and the noisy features of a random channel with that fault.
     fn faulty_features(class: &str, rng: &mut ChaCha8Rng) -> (f64, Vector4<f64>) {
-        let [low, high] = faults::severity_range(class).unwrap();
+        let [low, high] = faults::law(class).unwrap().range();
         let severity = low + (0.2 + 0.6 * rng.random::<f64>()) * (high - low);
         (severity, features_of(class, severity, rng))
     }

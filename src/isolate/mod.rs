@@ -6,7 +6,6 @@
 pub mod alternatives;
 pub mod appearance;
 pub mod class_density;
-mod class_distances;
 pub mod decision;
 pub mod fault_curve;
 pub mod fault_physics;

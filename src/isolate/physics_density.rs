@@ -4,9 +4,10 @@
 //! class: the scatter of healthy channels and noise about the curve, integrated over the class's
 //! severities (a sum over the curve's nodes). thesis §2-2.
 
+use super::alternatives::{ANY_RING, Alternative};
 use super::fault_curve::{Conditions, FaultCurve, HealthySpread, Node};
 use super::node_columns::{self, Compared, NODES, NodeColumns, NodeDensities, OfNodes};
-use crate::model::faults;
+use crate::model::faults::Law;
 use crate::model::simd_math::ln;
 use crate::processor::for_processor;
 use nalgebra::{Matrix4, Vector2, Vector4};
@@ -17,8 +18,8 @@ pub struct FaultCurves {
     /// Per class its kinds of fault; empty: a class of the user's own, or kinds that do not ring. Behind them the
     /// alternatives.
     classes: Vec<Vec<Sizes>>,
-    /// Of each alternative the weight a priori.
-    alternatives: Vec<f64>,
+    /// What the alternatives are, each with its weight a priori.
+    alternatives: Vec<(Alternative, f64)>,
     curves: Vec<FaultCurve>,
     /// The nodes of each curve, ready to be compared.
     columns: Vec<NodeColumns>,
@@ -34,10 +35,10 @@ pub struct Sizes {
     pub share: Vec<OfNodes>,
 }
 
-/// One of the thesis's classes, and the curve of its kind.
+/// What a class stands for, and the curve of its kind.
 #[derive(Clone, Copy, Debug)]
 pub struct Member<'a> {
-    pub class: &'a str,
+    pub law: &'a Law,
     pub curve: usize,
 }
 
@@ -122,8 +123,8 @@ impl FaultCurves {
         let n = seen.map_or(0.0, |seen| seen.n);
         let of_curve = |&curve: &usize| {
             let nodes = &self.curves[curve].nodes;
-            let own: Vec<&str> =
-                members.iter().filter(|m| m.curve == curve).map(|m| m.class).collect();
+            let own: Vec<&Law> =
+                members.iter().filter(|m| m.curve == curve).map(|m| m.law).collect();
             let part = own.len() as f64 / members.len() as f64;
             let mut share = vec![0.0; nodes.len()];
             let mut add = |counted: f64, shares: Vec<f64>| {
@@ -133,8 +134,8 @@ impl FaultCurves {
                     share.iter_mut().zip(shares).for_each(|(share, s)| *share += by * s);
                 }
             };
-            for class in &own {
-                add(NAME_COUNTS * part / own.len() as f64, of_name(nodes, class));
+            for law in &own {
+                add(NAME_COUNTS * part / own.len() as f64, of_name(nodes, law));
             }
             if let Some(seen) = seen {
                 add(n, of_seen(nodes, own[0], seen));
@@ -146,12 +147,18 @@ impl FaultCurves {
     }
 
     /// Adds what is no class. `share`: of its nodes, as likely as they are within it; any sum.
-    pub(super) fn add_alternative(&mut self, weight: f64, curve: FaultCurve, share: &[f64]) {
+    pub(super) fn add_alternative(
+        &mut self,
+        what: Alternative,
+        weight: f64,
+        curve: FaultCurve,
+        share: &[f64],
+    ) {
         let sum: f64 = share.iter().sum();
         let share: Vec<f64> = share.iter().map(|share| share / sum).collect();
         let curve = self.add(curve);
         self.classes.push(vec![Sizes { curve, share: NodeColumns::in_blocks(&share) }]);
-        self.alternatives.push(weight);
+        self.alternatives.push((what, weight));
     }
 
     /// [`Conditions::changed`] where the healthy ring has changed by these (ln damping, ln frequency).
@@ -162,6 +169,16 @@ impl FaultCurves {
     /// The kinds of fault that class number `k` stands for.
     pub fn class(&self, k: usize) -> &[Sizes] {
         self.classes.get(k).map_or(&[], Vec::as_slice)
+    }
+
+    /// Share of what is flagged that is of no class, a priori.
+    pub fn of_no_class(&self) -> f64 {
+        ANY_RING + self.alternatives.iter().map(|(_, weight)| weight).sum::<f64>()
+    }
+
+    /// What an alternative is, by its number.
+    pub fn alternative(&self, number: usize) -> &Alternative {
+        &self.alternatives[number].0
     }
 
     /// Compares the four features of a signal with every curve.
@@ -223,7 +240,7 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
     let classes = of.classes.len() - of.alternatives.len();
     ln_alternatives.clear();
     ln_alternatives
-        .extend(ln_densities.drain(classes..).zip(&of.alternatives).map(|(p, w)| p + w.ln()));
+        .extend(ln_densities.drain(classes..).zip(&of.alternatives).map(|(p, (_, w))| p + w.ln()));
 }
 
 /// A signal compared with all fault curves. Buffers are reused for the next signal.
@@ -262,11 +279,8 @@ impl Sizes {
 }
 
 /// Per node the part of its interval that lies in the severities of a class's name.
-pub(super) fn of_name(nodes: &[Node], class: &str) -> Vec<f64> {
-    let [one, other] = faults::severity_range(class)
-        .map_or([f64::NEG_INFINITY, f64::INFINITY], |range| {
-            range.map(|s| faults::scale(class, s).unwrap_or(f64::NAN))
-        });
+pub(super) fn of_name(nodes: &[Node], law: &Law) -> Vec<f64> {
+    let [one, other] = law.range().map(|severity| law.scale(severity));
     let (low, high) = (one.min(other), one.max(other));
     let inside = |node: &Node| {
         let half = 0.5 * node.length;
@@ -275,10 +289,9 @@ pub(super) fn of_name(nodes: &[Node], class: &str) -> Vec<f64> {
     nodes.iter().map(inside).collect()
 }
 
-/// Per node a kernel density of labelled severities, in the unit of `class`, times its interval.
-fn of_seen(nodes: &[Node], class: &str, seen: &LabelledSeverities) -> Vec<f64> {
-    let places: Vec<f64> =
-        seen.severities.iter().filter_map(|&s| faults::scale(class, s)).collect();
+/// Per node a kernel density of labelled severities, in the unit of `law`, times its interval.
+fn of_seen(nodes: &[Node], law: &Law, seen: &LabelledSeverities) -> Vec<f64> {
+    let places: Vec<f64> = seen.severities.iter().map(|&s| law.scale(s)).collect();
     let width = bandwidth(&places, seen.n);
     let density = |node: &Node| {
         let kernel = |at: &f64| (-0.5 * ((node.place - at) / width).powi(2)).exp();
@@ -287,7 +300,7 @@ fn of_seen(nodes: &[Node], class: &str, seen: &LabelledSeverities) -> Vec<f64> {
     nodes.iter().map(density).collect()
 }
 
-/// Bandwidth of the kernel density, in the coordinate of [`faults::scale`]; `n` may exceed the number of
+/// Bandwidth of the kernel density, in the coordinate of [`Law::scale`]; `n` may exceed the number of
 /// quantiles. Narrower than Silverman's rule, which assumes a Gaussian: severities fill a range.
 fn bandwidth(places: &[f64], n: f64) -> f64 {
     let m = places.len() as f64;
@@ -331,16 +344,14 @@ mod tests {
             (node.place, node.length) = (-6.0 + 0.24 * (i as f64 + 0.5), 0.24);
         }
         for class in crate::fault::CLASSES {
-            let range = faults::severity_range(class).unwrap();
-            let [low, high] = range.map(|s| faults::scale(class, s).unwrap().clamp(-6.0, 6.0));
-            let shares = of_name(&nodes, class);
+            let law = crate::model::faults::law(class).unwrap();
+            let [low, high] = law.range().map(|s| law.scale(s).clamp(-6.0, 6.0));
+            let shares = of_name(&nodes, law);
             assert!((shares.iter().sum::<f64>() - (high - low)).abs() < 1e-12, "{class}");
             for (node, share) in nodes.iter().zip(&shares) {
                 let outside = node.place + 0.12 < low || node.place - 0.12 > high;
                 assert!((0.0..=0.24 + 1e-12).contains(share) && !(outside && *share > 0.0));
             }
         }
-        let all = of_name(&nodes, "no name of a range");
-        assert!(all.iter().all(|share| (share - 0.24).abs() < 1e-12));
     }
 }

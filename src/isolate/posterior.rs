@@ -4,12 +4,10 @@
 //! each class, given that the signal is faulty, and whether it fits any class at all.
 
 use super::class_density::ClassDensity;
-use super::class_distances::ClassDistances;
 use crate::model::simd_math::exp;
 use crate::processor::for_processor;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
-use std::sync::OnceLock;
 
 /// Labelled features of one class: (ln amplitude, ln damping, ln frequency, phase). `noise`: covariance of a
 /// fit's noise at the class's mean.
@@ -43,16 +41,6 @@ pub struct Posterior {
     /// Weight of the physics' density in each class's mixture; empty: 0 in all.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub physics_share: Vec<f64>,
-    #[serde(skip)]
-    precomputed: OnceLock<Precomputed>,
-}
-
-/// What is computed once for all signals.
-#[derive(Clone, Debug)]
-struct Precomputed {
-    classes: ClassDistances,
-    /// Per class the ln weights of the learned density and of the physics'.
-    ln_shares: Vec<[f64; 2]>,
 }
 
 /// Number of features of a fitted ring: ln amplitude, ln damping, ln frequency, phase.
@@ -106,8 +94,7 @@ impl Posterior {
             .collect();
         let held_out = temperature(fewest < TELL_ENDS, &unseen, physics, &physics_share);
         let temperature = if fewest >= FEWEST_SCALED { held_out } else { 1.0 };
-        let (classes, precomputed) = (learned, OnceLock::new());
-        Some(Posterior { temperature, classes, physics_share, precomputed })
+        Some(Posterior { temperature, classes: learned, physics_share })
     }
 
     /// Refused if it could not have been learned.
@@ -144,17 +131,11 @@ impl Posterior {
     ) {
         // most classes are so far away that their densities need not be computed
         let share = |k: usize| self.physics_share.get(k).copied().unwrap_or(0.0);
-        let Precomputed { classes, ln_shares } = self.precomputed.get_or_init(|| Precomputed {
-            classes: ClassDistances::of(&self.classes),
-            ln_shares: (0..self.classes.len())
-                .map(|k| [(1.0 - share(k)).ln(), share(k).ln()])
-                .collect(),
-        });
-        let of_physics = |k: usize| physics.get(k).map(|physics| physics + ln_shares[k][1]);
+        let of_physics = |k: usize| physics.get(k).map(|physics| physics + share(k).ln());
         let least = (0..physics.len()).filter_map(of_physics).fold(f64::NEG_INFINITY, f64::max);
         let mut nearest = f64::INFINITY;
-        classes.squares(features, weights);
-        for (k, square) in weights.iter().enumerate() {
+        for (k, (square, class)) in weights.iter_mut().zip(&self.classes).enumerate() {
+            *square = class.as_ref().map_or(f64::INFINITY, |class| class.square(features));
             if share(k) < MOSTLY_PHYSICS {
                 nearest = nearest.min(*square);
             }
@@ -163,14 +144,15 @@ impl Posterior {
             let near = *w < nearest + self.temperature * FAR || nearest == f64::INFINITY;
             let physics = of_physics(k);
             // nor is a learned density whose upper bound is negligible beside the physics' densities
-            let counts = |_: &&ClassDensity| {
-                let highest = ln_shares[k][0] + classes.ln_highest[k] - 0.5 * *w;
+            let ln_learned = (1.0 - share(k)).ln();
+            let counts = |class: &&ClassDensity| {
+                let highest = ln_learned + class.ln_highest() - 0.5 * *w;
                 physics.is_none_or(|ln| {
                     highest > ln - NOTHING && highest > least - self.temperature * NOTHING
                 })
             };
             let learned = ln_or_none(class.as_ref().filter(|_| near).filter(counts), features);
-            *w = physics.map_or(learned, |physics| sum_of(learned + ln_shares[k][0], physics));
+            *w = physics.map_or(learned, |physics| sum_of(learned + ln_learned, physics));
         }
         ln_densities.clear();
         ln_densities.extend_from_slice(weights);

@@ -2,6 +2,7 @@
 
 use super::IsolateError;
 use crate::fault::{CLASSES, HEALTHY};
+use crate::model::faults::Catalogue;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -57,16 +58,19 @@ pub struct IsolateSettings {
     /// How frequent a class is among faults, relative to 1 of those that are not named; of
     /// `posterior` only.
     pub priors: BTreeMap<String, f64>,
-    /// Names of one's own for one or several of the thesis's classes, of `train` only: they keep what
+    /// Names of one's own for one or several of the thesis's classes or of `physics`, of `train` only: they keep what
     /// the physics knows of these.
     pub classes: BTreeMap<String, Vec<String>>,
     /// Know the thesis's fault classes by the physics where no signal is labelled.
     pub unlabelled_classes: bool,
+    /// What else can happen to channels, by name, beside `faults.toml`.
+    #[serde(skip_serializing_if = "Catalogue::is_empty")]
+    pub physics: Catalogue,
     /// Width of the actuation pulse, s: what the state at t_a comes from, for severities and for
-    /// classes without labelled signals.
-    pub pulse_s: f64,
-    /// From the end of the pulse to t_a, s; a first guess, the healthy phase refines it.
-    pub delay_s: f64,
+    /// classes without labelled signals. Absent: as usual at the ring's frequency.
+    pub pulse_s: Option<f64>,
+    /// From the end of the pulse to t_a, s; a first guess, the healthy phase refines it. Absent: likewise.
+    pub delay_s: Option<f64>,
     /// How well the ratios a/b and g/d of `identify.grey_box` are known, relative standard deviation.
     pub guess_sd: f64,
 }
@@ -82,8 +86,9 @@ impl Default for IsolateSettings {
             priors: BTreeMap::new(),
             classes: BTreeMap::new(),
             unlabelled_classes: true,
-            pulse_s: 9e-6,
-            delay_s: 6e-6,
+            physics: Catalogue::default(),
+            pulse_s: None,
+            delay_s: None,
             guess_sd: 0.05,
         }
     }
@@ -100,12 +105,13 @@ impl IsolateSettings {
         {
             return Err(format!("priors.{class} = {weight:?}: give a weight above 0, up to 1e6"));
         }
+        self.physics.check().map_err(|why| format!("physics.{why}"))?;
         self.check_classes()?;
-        if !(1e-9..=1e-2).contains(&self.pulse_s) {
-            return Err(format!("pulse_s = {:?}: give 1e-9 to 1e-2", self.pulse_s));
+        if let Some(pulse_s) = self.pulse_s.filter(|s| !(1e-9..=1e-2).contains(s)) {
+            return Err(format!("pulse_s = {pulse_s:?}: give 1e-9 to 1e-2"));
         }
-        if !(0.0..=1e-2).contains(&self.delay_s) {
-            return Err(format!("delay_s = {:?}: give 0 to 1e-2", self.delay_s));
+        if let Some(delay_s) = self.delay_s.filter(|s| !(0.0..=1e-2).contains(s)) {
+            return Err(format!("delay_s = {delay_s:?}: give 0 to 1e-2"));
         }
         if !(1e-4..=2.0).contains(&self.guess_sd) {
             return Err(format!("guess_sd = {:?}: give 1e-4 to 2", self.guess_sd));
@@ -120,15 +126,18 @@ impl IsolateSettings {
     fn check_classes(&self) -> Result<(), String> {
         let mut taken: BTreeMap<&str, &str> = BTreeMap::new();
         for (name, of) in &self.classes {
-            if name.is_empty() || name == HEALTHY || CLASSES.contains(&name.as_str()) {
+            if name.is_empty() || name == HEALTHY || self.physics.law(name).is_some() {
                 return Err(format!("classes.\"{name}\": give a name of your own"));
             }
             if of.is_empty() {
                 return Err(format!("classes.\"{name}\" = []: name at least one class"));
             }
             for class in of {
-                if !CLASSES.contains(&class.as_str()) {
-                    let known = CLASSES.join(", ");
+                let mut known = CLASSES.into_iter().chain(self.physics.own_classes());
+                if !known.any(|known| known == class) {
+                    let known: Vec<&str> =
+                        CLASSES.into_iter().chain(self.physics.own_classes()).collect();
+                    let known = known.join(", ");
                     return Err(format!(
                         "classes.\"{name}\": there is no class \"{class}\" (there are {known})"
                     ));

@@ -5,14 +5,17 @@
 //! contract's `severity` column. The faults themselves are data: `faults.toml`, which also says where they depart.
 
 use super::InkChannel;
-use serde::Deserialize;
+use crate::fault::{Categories, HEALTHY, IGNORE};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
-/// What a kind of fault does to the elements of a channel, as `faults.toml` writes it.
-#[derive(Clone, Debug, Deserialize)]
+/// What a kind of fault does to the elements of a channel, as `faults.toml` and `[isolate.physics]` write it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Law {
+    /// In words, as scenario files state it; only of the laws of `faults.toml`.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
     change: String,
     size: Size,
     #[serde(default)]
@@ -25,16 +28,25 @@ pub struct Law {
     nozzle_resistance: f64,
     #[serde(default)]
     compliance: f64,
+    /// Of the signal itself.
+    #[serde(default)]
+    amplitude: f64,
     #[serde(default = "one")]
     resistances: f64,
     range: [f64; 2],
     /// Of what is no class: its probability a priori.
     #[serde(default)]
     pub weight: f64,
+    /// The category that the class belongs to; absent: the class is its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub category: Option<String>,
+    /// What the severity counts, in words that follow the number: `of the nozzle's mass`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
 }
 
 /// How a severity is counted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Size {
     /// The share that is missing.
@@ -48,7 +60,7 @@ fn one() -> f64 {
     1.0
 }
 
-/// All that is known to happen to a channel, by name.
+/// All of `faults.toml`, by name.
 fn laws() -> &'static BTreeMap<String, Law> {
     static LAWS: OnceLock<BTreeMap<String, Law>> = OnceLock::new();
     LAWS.get_or_init(|| {
@@ -56,39 +68,217 @@ fn laws() -> &'static BTreeMap<String, Law> {
     })
 }
 
-fn law(name: &str) -> Option<&'static Law> {
-    laws().get(name)
+/// All that is known to happen to a channel: the laws of `faults.toml`, and a user's own (`[isolate.physics]`), by name.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Catalogue {
+    own: BTreeMap<String, Law>,
 }
 
-/// What happens to channels and is no class of faults, by name.
-pub fn contrasts() -> impl Iterator<Item = (&'static str, &'static Law)> {
-    laws().iter().filter(|(_, law)| law.weight > 0.0).map(|(name, law)| (name.as_str(), law))
+impl Catalogue {
+    pub fn is_empty(&self) -> bool {
+        self.own.is_empty()
+    }
+
+    pub fn law(&self, name: &str) -> Option<&Law> {
+        self.own.get(name).or_else(|| laws().get(name))
+    }
+
+    /// A user's own laws that are classes of faults, by name.
+    pub fn own_classes(&self) -> impl Iterator<Item = &str> {
+        self.own.iter().filter(|(_, law)| law.weight == 0.0).map(|(name, _)| name.as_str())
+    }
+
+    /// What happens to channels and is no class of faults, by name.
+    pub fn contrasts(&self) -> impl Iterator<Item = (&str, &Law)> {
+        let all = laws().iter().chain(&self.own).filter(|(_, law)| law.weight > 0.0);
+        all.map(|(name, law)| (name.as_str(), law))
+    }
+
+    /// The class in whose severity unit faults of all `classes` are measured: the first, if all of them are one
+    /// physical fault in different degrees. `None`: they are different faults, or one is unknown.
+    pub fn one_kind<'a>(&self, classes: &'a [String]) -> Option<&'a str> {
+        let first = classes.first()?;
+        let kind = self.law(first)?;
+        let alike = |class| self.law(class).is_some_and(|law| law.is_kind_of(kind));
+        classes.iter().all(|class| alike(class)).then_some(first)
+    }
+
+    /// The severity farthest from no fault of all faults of this kind.
+    pub fn largest(&self, of: &Law) -> f64 {
+        let alike = laws().values().chain(self.own.values()).filter(|law| law.is_kind_of(of));
+        let farther = |a: f64, b: f64| if of.size.far(a) > of.size.far(b) { a } else { b };
+        alike.map(|law| law.range[1]).fold(of.range[1], farther)
+    }
+
+    /// Of a user's own classes.
+    pub fn categories(&self) -> Categories {
+        let declared = |(name, law): (&String, &Law)| Some((name.clone(), law.category.clone()?));
+        Categories(self.own.iter().filter_map(declared).collect())
+    }
+
+    /// Says which of a user's own laws is none, and why.
+    pub fn check(&self) -> Result<(), String> {
+        for (name, law) in &self.own {
+            let taken = laws().contains_key(name) || ["", HEALTHY, IGNORE].contains(&name.as_str());
+            if taken {
+                return Err(format!("\"{name}\": that name has a meaning already; give another"));
+            }
+            law.check().map_err(|why| format!("\"{name}\": {why}"))?;
+        }
+        let no_class: f64 = self.own.values().map(|law| law.weight).sum();
+        match no_class <= MOST_WEIGHT {
+            true => Ok(()),
+            false => Err(format!(
+                "the weights of what is no class add up to {no_class}; give {MOST_WEIGHT} at most, so \
+                 that faults of known classes remain likelier"
+            )),
+        }
+    }
 }
 
-/// What class `class` changes, written as scenario files write it; `None`: no such class.
-pub fn change(class: &str) -> Option<&'static str> {
-    law(class).map(|law| law.change.as_str())
-}
+/// Of all that a user adds and is no class: with what is there already a third of what is flagged.
+const MOST_WEIGHT: f64 = 0.2;
+/// Powers beyond this are of no element of a channel: R goes with 1 / A².
+const MOST_POWER: f64 = 4.0;
 
-/// The class in whose severity unit faults of all `classes` are measured: the first, if all of them are one
-/// physical fault in different degrees. `None`: they are different faults, or one is unknown.
-pub fn one_kind(classes: &[String]) -> Option<&str> {
-    let first = classes.first()?;
-    let kind = change(first)?;
-    classes.iter().all(|class| change(class) == Some(kind)).then_some(first)
-}
+impl Law {
+    fn check(&self) -> Result<(), String> {
+        let powers = self.powers();
+        if let Some(power) = powers.iter().find(|p| p.is_nan() || p.abs() > MOST_POWER) {
+            return Err(format!("power {power}: give -{MOST_POWER} to {MOST_POWER}"));
+        }
+        if powers.iter().all(|power| *power == 0.0) {
+            return Err(
+                "changes nothing: give at least one of restrictor_inertance, restrictor_resistance, \
+                 nozzle_inertance, nozzle_resistance, compliance, amplitude (the power to which it goes)"
+                    .into(),
+            );
+        }
+        if !(0.01..=100.0).contains(&self.resistances) {
+            return Err(format!("resistances = {}: give 0.01 to 100", self.resistances));
+        }
+        let [near, far] = self.range;
+        let none = self.size.none();
+        let is_one_side = (near - none) * (far - none) >= 0.0;
+        let grows = self.size.far(far) > self.size.far(near);
+        let is_possible = self.size.base(far) > 0.0 && self.size.base(near) > 0.0;
+        if !(is_one_side && grows && is_possible && far.abs() <= 1e3) {
+            return Err(format!(
+                "range = [{near}, {far}]: give the severities that the name means, the end nearer to no fault \
+                 ({none}) first, both on one side of it{}",
+                match self.size {
+                    Size::Share => ", shares below 1",
+                    Size::Added => ", above -1",
+                    Size::Factor => ", factors above 0",
+                }
+            ));
+        }
+        if !(0.0..=MOST_WEIGHT).contains(&self.weight) {
+            return Err(format!("weight = {}: give 0 to {MOST_WEIGHT}", self.weight));
+        }
+        let said = |word: &Option<String>| word.as_ref().is_none_or(|word| !word.trim().is_empty());
+        if !said(&self.category) || !said(&self.unit) {
+            return Err("category or unit is empty: give words, or leave it out".into());
+        }
+        match self.weight > 0.0 && self.category.is_some() {
+            true => {
+                Err("what has a weight is no class, and has no category: leave one of them out"
+                    .into())
+            }
+            false => Ok(()),
+        }
+    }
 
-/// The severities that a class's name means; `None`: no such class.
-pub fn severity_range(class: &str) -> Option<[f64; 2]> {
-    law(class).map(|law| law.range)
-}
+    fn powers(&self) -> [f64; 6] {
+        [
+            self.restrictor_inertance,
+            self.restrictor_resistance,
+            self.nozzle_inertance,
+            self.nozzle_resistance,
+            self.compliance,
+            self.amplitude,
+        ]
+    }
 
-/// The severity farthest from no fault of any class whose change is that of `class`; `None`: no such class.
-pub fn largest(class: &str) -> Option<f64> {
-    let Law { change, size, .. } = law(class)?;
-    let alike = laws().values().filter(|law| law.change == *change);
-    let farther = |a: f64, b: f64| if size.far(a) > size.far(b) { a } else { b };
-    alike.map(|law| law.range[1]).reduce(farther)
+    /// Whether both are one physical fault in different degrees.
+    pub fn is_kind_of(&self, other: &Law) -> bool {
+        let grows = |law: &Law| law.range[1] > law.size.none();
+        let same = self.size == other.size && self.resistances == other.resistances;
+        same && self.powers() == other.powers() && grows(self) == grows(other)
+    }
+
+    /// The severities that the name means.
+    pub fn range(&self) -> [f64; 2] {
+        self.range
+    }
+
+    /// The severity at which the fault would be none.
+    pub fn none(&self) -> f64 {
+        self.size.none()
+    }
+
+    /// The coordinate of severity in which the prior is uniform: the logarithm of a factor (viscosity,
+    /// compliance), a share itself.
+    pub fn scale(&self, severity: f64) -> f64 {
+        match self.size {
+            Size::Share => severity,
+            Size::Added => severity.ln_1p(),
+            Size::Factor => severity.ln(),
+        }
+    }
+
+    /// The severity at a coordinate of [`Law::scale`], its inverse.
+    pub fn severity_at(&self, place: f64) -> f64 {
+        match self.size {
+            Size::Share => place,
+            Size::Added => place.exp_m1(),
+            Size::Factor => place.exp(),
+        }
+    }
+
+    /// The severity in the middle of the range, by [`Law::scale`].
+    pub fn middle(&self) -> f64 {
+        let [one, other] = self.range.map(|severity| self.scale(severity));
+        self.severity_at(0.5 * (one + other))
+    }
+
+    fn to(&self, severity: f64, power: f64) -> f64 {
+        let base = self.size.base(severity);
+        // whole powers to the last bit, whatever the machine's pow
+        match power.fract() == 0.0 {
+            true => base.powi(power as i32),
+            false => base.powf(power),
+        }
+    }
+
+    /// The factor on the signal itself, beside what the rates do to it.
+    pub fn gain(&self, severity: f64) -> f64 {
+        self.to(severity, self.amplitude)
+    }
+
+    /// The rates of `channel` with a fault of severity s, thesis (2-1). `None`: a severity that leaves no positive
+    /// inertance, compliance or resistance.
+    pub fn apply(&self, severity: f64, channel: &InkChannel) -> Option<InkChannel> {
+        let base = self.size.base(severity);
+        if base.is_nan() || base <= 0.0 {
+            return None;
+        }
+        let to = |power: f64| self.to(severity, power);
+        // a = 1 / (I_r B), b = 1 / (I_n B), g = R_r / I_r, d = R_n / I_n
+        let on_a = to(-self.restrictor_inertance - self.compliance);
+        let on_b = to(-self.nozzle_inertance - self.compliance);
+        let on_g = self.resistances * to(self.restrictor_resistance - self.restrictor_inertance);
+        let on_d = self.resistances * to(self.nozzle_resistance - self.nozzle_inertance);
+        let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = *channel;
+        let physical = [on_a, on_b, on_g, on_d].iter().all(|f| *f > 0.0 && f.is_finite());
+        physical.then_some(InkChannel {
+            a_per_s2: a * on_a,
+            b_per_s2: b * on_b,
+            g_per_s: g * on_g,
+            d_per_s: d * on_d,
+        })
+    }
 }
 
 impl Size {
@@ -97,7 +287,10 @@ impl Size {
     }
 
     fn far(self, severity: f64) -> f64 {
-        (severity - self.none()).abs()
+        match self {
+            Size::Factor => severity.ln().abs(),
+            Size::Share | Size::Added => severity.abs(),
+        }
     }
 
     /// The factor that grows or shrinks with the severity.
@@ -110,57 +303,24 @@ impl Size {
     }
 }
 
-/// The coordinate of severity in which the prior is uniform: the logarithm of a factor (viscosity,
-/// compliance), a share itself. `None`: no such class.
-pub fn scale(class: &str, severity: f64) -> Option<f64> {
-    Some(match law(class)?.size {
-        Size::Share => severity,
-        Size::Added => severity.ln_1p(),
-        Size::Factor => severity.ln(),
-    })
+/// What class `class` of the thesis changes, written as scenario files write it; `None`: no such class.
+pub fn change(class: &str) -> Option<&'static str> {
+    laws().get(class).map(|law| law.change.as_str())
 }
 
-/// The severity at a coordinate of [`scale`], its inverse.
-pub fn severity_at(class: &str, place: f64) -> Option<f64> {
-    Some(match law(class)?.size {
-        Size::Share => place,
-        Size::Added => place.exp_m1(),
-        Size::Factor => place.exp(),
-    })
+/// A law of `faults.toml`.
+pub fn law(class: &str) -> Option<&'static Law> {
+    laws().get(class)
 }
 
-/// The severity at which a fault of this class would be none: the drying factor is 1, all others
-/// are shares or additions. `None`: no such class.
-pub fn no_fault_severity(class: &str) -> Option<f64> {
-    law(class).map(|law| law.size.none())
-}
-
-/// The rates of `channel` with a fault of severity s, thesis (2-1). `None`: no such class, or a
-/// severity that leaves no positive inertance, compliance or resistance.
+/// [`Law::apply`] of a class of the thesis; `None`: also where there is no such class.
 pub fn apply(class: &str, severity: f64, channel: &InkChannel) -> Option<InkChannel> {
-    let law = law(class)?;
-    let base = law.size.base(severity);
-    if base.is_nan() || base <= 0.0 {
-        return None;
-    }
-    // whole powers to the last bit, whatever the machine's pow
-    let to = |power: f64| match power.fract() == 0.0 {
-        true => base.powi(power as i32),
-        false => base.powf(power),
-    };
-    // a = 1 / (I_r B), b = 1 / (I_n B), g = R_r / I_r, d = R_n / I_n
-    let on_a = to(-law.restrictor_inertance - law.compliance);
-    let on_b = to(-law.nozzle_inertance - law.compliance);
-    let on_g = law.resistances * to(law.restrictor_resistance - law.restrictor_inertance);
-    let on_d = law.resistances * to(law.nozzle_resistance - law.nozzle_inertance);
-    let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = *channel;
-    let physical = [on_a, on_b, on_g, on_d].iter().all(|f| *f > 0.0 && f.is_finite());
-    physical.then_some(InkChannel {
-        a_per_s2: a * on_a,
-        b_per_s2: b * on_b,
-        g_per_s: g * on_g,
-        d_per_s: d * on_d,
-    })
+    law(class)?.apply(severity, channel)
+}
+
+/// [`Law::none`] of a class of the thesis; `None`: no such class.
+pub fn no_fault_severity(class: &str) -> Option<f64> {
+    law(class).map(Law::none)
 }
 
 #[cfg(test)]

@@ -94,6 +94,6 @@ pub struct Flagged {
     pub weights: Vec<f32>,
     /// [`crate::design::Workspace::ring`]
     pub ring: Option<[f64; 2]>,
-    /// Of what belongs to no class.
+    /// Of what belongs to no class, or may well belong to none.
     pub appearance: Option<Appearance>,
 }

@@ -7,7 +7,6 @@ use crate::design::{Design, Judge, OwnChannels};
 use crate::episodes::{Counts, Episode, Looks, Named, Over, RingChange, Tracker, Untimely};
 use crate::io::episode_table::EpisodeWriter;
 use crate::isolate::IsolateMethod;
-use crate::isolate::alternatives::of_no_class;
 use crate::verdict::{HealthyRun, Part, Tests, VerdictColumns, Verdicts};
 use std::sync::Arc;
 
@@ -58,12 +57,13 @@ impl<'a> EpisodeTap<'a> {
     ) -> Result<EpisodeTap<'a>, PipelineError> {
         let settings = &replay.settings;
         let design = replay.design.as_ref();
-        let classes = design.map(Design::fault_classes).unwrap_or_default();
+        let classes = replay.fault_classes();
         // weights of the other methods know no priors
         let priors = match settings.isolate.method {
             IsolateMethod::Posterior => {
                 let priors = settings.isolate.prior_weights(&replay.classes())?;
-                priors.iter().map(|prior| prior * (1.0 - of_no_class())).collect()
+                let known = 1.0 - design.map_or(0.0, Design::of_no_class);
+                priors.iter().map(|prior| prior * known).collect()
             }
             _ => vec![1.0 / classes.len().max(1) as f64; classes.len()],
         };

@@ -256,7 +256,8 @@ impl<'a> Isolator<'a> {
         let relative = |[f, damping]: [f64; 2]| {
             [(damping / poles.damping_per_s).ln(), (f / poles.frequency_hz).ln()]
         };
-        let appearance = strange.then(|| self.appearance(of)).flatten();
+        let alternative = self.work.alternative.take();
+        let appearance = alternative.or_else(|| strange.then(|| self.appearance(of)).flatten());
         Flagged {
             appearance,
             row: row as u32, // a batch is far smaller

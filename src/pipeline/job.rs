@@ -2,6 +2,7 @@
 
 use crate::design::Design;
 use crate::episodes::Episode;
+use crate::fault::Class;
 use crate::labels::Labels;
 use crate::settings::Settings;
 use crate::side_by_side::cores;
@@ -28,6 +29,11 @@ pub struct Replay {
 impl Replay {
     pub fn classes(&self) -> Vec<String> {
         self.design.as_ref().map(Design::class_names).unwrap_or_default()
+    }
+
+    /// The same, and what they stand for.
+    pub fn fault_classes(&self) -> Vec<Class> {
+        self.design.as_ref().map(Design::fault_classes).unwrap_or_default()
     }
 
     /// Workers of a stage: its own setting, else `replay.threads`, else the machine's cores.

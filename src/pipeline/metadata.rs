@@ -85,7 +85,7 @@ pub fn of_part<'a>(
 
 fn of(replay: &Replay, recording: Value) -> Map<String, Value> {
     let classes = replay.classes();
-    let category_names = categories(&classes);
+    let category_names = categories(&replay.fault_classes());
     let input = &replay.settings.input;
     let mut read = json!({"rails": input.rails});
     if !input.dialect.is_empty() {

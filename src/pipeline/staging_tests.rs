@@ -57,7 +57,7 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     let settings = &run.settings;
     let schedule = Schedule::new(run.design.as_ref(), &settings.isolate).unwrap();
     let classes = run.classes();
-    let categories = DecisionRule::new(&classes, 0.0).unwrap().categories;
+    let categories = DecisionRule::new(&run.fault_classes(), 0.0).unwrap().categories;
     let beside = crate::io::episode_table::path_beside(verdicts);
     let unit = TimestampUnit::Ns;
     let table = EpisodeWriter::create(&beside, unit, "r.mcap").unwrap();

@@ -88,7 +88,7 @@ impl Wiring<'_> {
         let options = TableOptions {
             recording: self.recording.label.clone(),
             classes: classes.to_vec(),
-            categories: categories(classes),
+            categories: categories(&self.replay.fault_classes()),
             weights: output.weights,
             timestamp_unit,
         };

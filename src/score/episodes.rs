@@ -4,7 +4,7 @@
 //! false episodes, delay in bursts. Labels of one state that follow each other without a gap are one
 //! fault; it has its full size from its last label on.
 
-use crate::fault;
+use crate::fault::{self, Categories};
 use crate::labels::{Label, Labels};
 use serde::Serialize;
 use std::collections::{BTreeMap, HashMap};
@@ -102,7 +102,7 @@ impl<'a> EpisodeScore<'a> {
     }
 
     /// All episodes of a recording, before its signals.
-    pub fn add_episode(&mut self, said: SaidEpisode) {
+    pub fn add_episode(&mut self, said: SaidEpisode, categories: &Categories) {
         let mut explained = false;
         for truth in self.truths_of(said.printhead, said.channel) {
             // it may be raised after the fault is over, but not before it has begun
@@ -114,7 +114,7 @@ impl<'a> EpisodeScore<'a> {
             if !earlier {
                 truth.found = Some(Found {
                     raised_at_ns: said.raised_at_ns,
-                    category_right: said.category == Some(fault::category(&truth.state)),
+                    category_right: said.category == Some(categories.of(&truth.state)),
                     fault_right: said.fault == Some(truth.state.as_str()),
                 });
             }
@@ -258,7 +258,7 @@ mod tests {
     fn run(episodes: &[SaidEpisode]) -> EpisodesReport {
         let labels = labels();
         let mut score = EpisodeScore::new(&labels);
-        episodes.iter().for_each(|e| score.add_episode(*e));
+        episodes.iter().for_each(|e| score.add_episode(*e, &Categories::default()));
         for t in 0..500 {
             for channel in 1..4 {
                 score.add_signal("p", channel, t, labels.at("p", channel, t));
@@ -282,7 +282,7 @@ mod tests {
         let range = Label { channel: Channels::Range(4, 6), ..label(None, None, None, "BN") };
         let labels = Labels::new(vec![range, label(Some(5), None, None, "healthy")]);
         let mut score = EpisodeScore::new(&labels);
-        score.add_episode(said(4, 105, Some("BN")));
+        score.add_episode(said(4, 105, Some("BN")), &Categories::default());
         for channel in 1..9 {
             score.add_signal("p", channel, 105, labels.at("p", channel, 105));
         }
