@@ -113,9 +113,9 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("train {T} --labels {T} -o d.json", 2, "no labels, but a recording that inkling made"),
     ("convert {D} -o d.mcap", 2, "no table, but a design"),
     // places, names and numbers
-    ("replay {R} --follow --serve 8080", 2, "give HOST:PORT, as 127.0.0.1:8080"),
-    ("replay {R} --follow --serve 127.0.0.1", 2, "give HOST:PORT"),
-    ("replay {R} --follow --serve 127.0.0.1:99999", 2, "give HOST:PORT"),
+    ("replay {R} --follow --serve 8080", 2, "such as 127.0.0.1:8080"),
+    ("replay {R} --follow --serve 127.0.0.1", 2, "such as 127.0.0.1:8080"),
+    ("replay {R} --follow --serve 127.0.0.1:99999", 2, "such as 127.0.0.1:8080"),
     (
         "replay {R} --serve localhost:8080",
         2,

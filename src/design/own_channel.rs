@@ -30,6 +30,8 @@ pub struct OwnBasis {
     is_aged: bool,
 }
 
+/// Share of what healthy signals differ by, below which a channel's own level says no more than all channels do.
+const LEAST_LASTING: f64 = 0.25;
 /// Times the design's spread.
 const AGED: f64 = 1.5;
 
@@ -100,8 +102,8 @@ impl OwnChannels {
         let known = channels.into_iter().map(|OwnLevel { channel, looks, at, off }| {
             (channel, Known { baseline: at + from, behind: Behind::of(looks), off })
         });
-        let all = basis.is_aged;
-        let known = known.filter(|(_, of)| all || of.off > 0.0 || of.behind != Behind(0));
+        let (any, all) = (basis.lasting >= LEAST_LASTING, basis.is_aged);
+        let known = known.filter(|(_, of)| any && (all || of.off > 0.0 || of.behind != Behind(0)));
         frozen.sort_unstable();
         OwnChannels { basis, channels: known.collect(), frozen }
     }
@@ -112,6 +114,11 @@ impl OwnChannels {
 
     pub fn is_empty(&self) -> bool {
         self.channels.is_empty() && self.frozen.is_empty()
+    }
+
+    /// What all channels are expected to be holds no more: they lie too far from each other.
+    pub fn is_aged(&self) -> bool {
+        self.basis.is_aged
     }
 
     pub fn is_frozen(&self, channel: u32) -> bool {

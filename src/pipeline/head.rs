@@ -36,8 +36,8 @@ pub(super) struct Judging<'a> {
     pub rails: [f64; 2],
     /// Of damping and frequency, relative.
     pub bounds: [f64; 2],
-    /// With `--baseline`: the states that heads were left in.
-    pub memory: Option<&'a Memory>,
+    /// The states that heads were left in.
+    pub memory: &'a Memory,
     /// What signals are isolated by; `None`: the design has no physics.
     pub curves: Option<Arc<FaultCurves>>,
     pub false_alarm_rate: f64,
@@ -127,8 +127,7 @@ impl Head {
         let (kind, healthy_sd) = judge.kind(by.bounds).zip(judge.healthy_sd())?;
         let base = named.map_or_else(|| judge.model.clone(), |of| Arc::new(of.clone()));
         let ring = if named.is_none() { base.ring_numbers() } else { None };
-        let remembered = by.memory.and_then(|of| of.printheads.get(&*burst.printhead));
-        let mut state = match remembered {
+        let mut state = match by.memory.printheads.get(&*burst.printhead) {
             Some(of) => {
                 let from = of.ring.zip(ring).map(|(then, now)| ring_from(then, now));
                 State::remembered(kind, of, &from.unwrap_or_default())

@@ -34,16 +34,12 @@ pub struct Heads<'a> {
 }
 
 impl<'a> Heads<'a> {
-    pub fn new(
-        settings: &Settings,
-        design: Option<&'a Design>,
-        memory: Option<&'a Memory>,
-    ) -> Heads<'a> {
+    pub fn new(settings: &Settings, design: Option<&'a Design>, memory: &'a Memory) -> Heads<'a> {
         let identify: &IdentifySettings = &settings.identify;
         let judging = Judging {
             rails: settings.input.rails,
             bounds: [identify.max_damping_drift, identify.max_frequency_drift],
-            room: MOST_CHANNELS - memory.map_or(0, Memory::channels),
+            room: MOST_CHANNELS - memory.channels(),
             memory,
             curves: design.and_then(Design::curves),
             false_alarm_rate: settings.detect.false_alarm_rate,
@@ -119,12 +115,12 @@ impl<'a> Heads<'a> {
         moved
     }
 
-    /// What is to be remembered after the recording; `None`: nothing is.
-    pub fn memory(&self) -> Option<Memory> {
-        let mut memory = self.judging.memory?.clone();
+    /// What is to be remembered after the recording.
+    pub fn memory(&self) -> Memory {
+        let mut memory = self.judging.memory.clone();
         for (key, head) in &self.of {
             memory.printheads.insert(key.printhead.to_string(), head.memory());
         }
-        Some(memory)
+        memory
     }
 }

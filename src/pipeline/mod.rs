@@ -19,6 +19,7 @@ pub mod beginning;
 mod borders;
 pub mod chain;
 pub mod collect;
+mod common_heads;
 pub mod episodes;
 mod head;
 mod heads;

@@ -4,6 +4,7 @@
 //! has the cause.
 
 use super::batches::{Assigned, Filtered, Gated, Given, GivenTo, Judged, MOST_ROWS, Read, Slot};
+use super::common_heads::CommonHeads;
 use super::heads::Heads;
 use super::in_flight::InFlight;
 use super::in_order::InOrder;
@@ -140,7 +141,7 @@ pub fn identify(
             }
         }
     }
-    if let Some(heads) = &mut deciding.heads {
+    if let Some(Following::States(heads)) = &mut deciding.following {
         heads.end(&mut given);
     }
     parked.give(&mut given);
@@ -156,8 +157,16 @@ pub fn identify(
 pub struct Deciding<'a, 'm, 'd> {
     pub models: &'a mut Models<'m>,
     pub warmth: &'a mut Warmth,
-    /// What is known of heads now; `None`: each channel is judged by itself.
-    pub heads: Option<&'a mut Heads<'d>>,
+    /// `None`: each signal is judged by the models as they are.
+    pub following: Option<&'a mut Following<'d>>,
+}
+
+/// What is known of heads now.
+pub enum Following<'a> {
+    /// With `--baseline`: their states, and their channels'.
+    States(Box<Heads<'a>>),
+    /// What all of their channels have in common.
+    Common(Box<CommonHeads<'a>>),
 }
 
 impl Deciding<'_, '_, '_> {
@@ -174,11 +183,14 @@ impl Deciding<'_, '_, '_> {
                 Acquisition::Unusable(unusable) => Err(unusable.why.into()),
                 Acquisition::Usable(burst) => self.models.judge_of(burst)?,
             };
-            match (judge, acquisition, &mut self.heads) {
-                (Ok(judge), Acquisition::Usable(burst), heads) => {
+            match (judge, acquisition, &mut self.following) {
+                (Ok(judge), Acquisition::Usable(burst), following) => {
                     self.warmth.take(&judge, burst)?;
-                    match heads {
-                        Some(heads) => heads.take(slot, &judge, burst, given),
+                    match following {
+                        Some(Following::States(heads)) => heads.take(slot, &judge, burst, given),
+                        Some(Following::Common(heads)) => {
+                            given.push((slot, Given::by(Ok(heads.judge_of(&judge, burst)))));
+                        }
                         None => given.push((slot, Given::by(Ok(judge)))),
                     }
                 }

@@ -87,7 +87,8 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
             let clock = |stage| timings.clock(stage);
             let assigned = through(read, |input, out| {
                 let clock = clock("identify");
-                let deciding = Deciding { models: &mut models, warmth: &mut warmth, heads: None };
+                let deciding =
+                    Deciding { models: &mut models, warmth: &mut warmth, following: None };
                 stages::identify(deciding, Parked::new(&in_flight), clock, input, out)
             });
             let filtered = through(assigned, |input, out| {

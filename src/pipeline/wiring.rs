@@ -1,6 +1,7 @@
 //! The six stages side by side: threads, bounded channels between them, and what they leave behind.
 
 use super::batches::Judged;
+use super::common_heads::CommonHeads;
 use super::episodes::{EpisodeTap, Finished};
 use super::heads::Heads;
 use super::in_flight::InFlight;
@@ -13,7 +14,7 @@ use super::parked::Parked;
 use super::rotation::Rotating;
 use super::schedule::Schedule;
 use super::spares::Spares;
-use super::stages::{self, BlockQueue, Deciding};
+use super::stages::{self, BlockQueue, Deciding, Following};
 use super::tally::Tally;
 use super::timings::{Clock, StageTiming, Timings};
 use super::warmth::Warmth;
@@ -125,8 +126,15 @@ impl Wiring<'_> {
         let mut tables = self.tables(&classes)?;
         let (mut tally, mut warmth) = (Tally::new(classes), Warmth::new(self.may_learn));
         let (design, memory) = (replay.design.as_ref(), replay.baselines.as_ref());
-        let is_followed = memory.is_some() || settings.identify.common_change;
-        let mut heads = is_followed.then(|| Heads::new(settings, design, memory));
+        let identify = &settings.identify;
+        let mut following = match memory {
+            Some(memory) => Some(Following::States(Box::new(Heads::new(settings, design, memory)))),
+            None if identify.common_change => {
+                let heads = CommonHeads::new(identify, settings.input.rails, design);
+                Some(Following::Common(Box::new(heads)))
+            }
+            None => None,
+        };
         let Workers { readers, filters, isolators } = self.workers();
         let queue = BlockQueue::new(recording);
         let in_flight =
@@ -145,7 +153,7 @@ impl Wiring<'_> {
             let (to_writer, from_isolate) = bounded(QUEUE);
             let (queue, in_flight, pacer) = (&queue, &in_flight, self.pacer);
             let (timings, spares, warmth) = (&timings, &spares, &mut warmth);
-            let deciding = Deciding { models: &mut models, warmth, heads: heads.as_mut() };
+            let deciding = Deciding { models: &mut models, warmth, following: following.as_mut() };
             let mut running = Running { scope, timings, stages: Vec::new() };
             for _ in 0..readers {
                 let out = to_identify.clone();
@@ -200,8 +208,15 @@ impl Wiring<'_> {
             timings,
             digest,
             warmth,
-            moved: heads.as_ref().map_or(Vec::new(), Heads::moved),
-            memory: heads.as_ref().and_then(Heads::memory),
+            moved: match &following {
+                Some(Following::States(heads)) => heads.moved(),
+                Some(Following::Common(heads)) => heads.moved(),
+                None => Vec::new(),
+            },
+            memory: match &following {
+                Some(Following::States(heads)) => Some(heads.memory()),
+                _ => None,
+            },
         })
     }
 }

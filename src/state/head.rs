@@ -186,7 +186,7 @@ impl Head {
             self.watch(looks);
             let sd =
                 self.kind.canonical.covariance_from(&self.covariance).diagonal().map(f64::sqrt);
-            return match explained.alike >= LEAST_ALIKE {
+            return match explained.alike >= self.least_alike() {
                 true => Found::Level { level: self.level(), sd },
                 false => Found::Unknown,
             };
@@ -251,10 +251,23 @@ impl Head {
         let mut of = explain(&expected, members);
         let move_by = of.level - self.level;
         let allowed = (self.covariance + self.kind.leap).try_inverse()?;
-        if move_by.dot(&(allowed * move_by)) > NOT_THIS_HEAD && of.alike >= LEAST_ALIKE {
+        if move_by.dot(&(allowed * move_by)) > NOT_THIS_HEAD {
             of.by = Move::Strange;
         }
+        // another head is another one in all of its channels, but for the faulty ones
+        let least = if of.by == Move::Strange { LEAST_ALIKE_ANEW } else { self.least_alike() };
+        if of.by != Move::Walk && of.alike < least {
+            of = explain(&expected.as_it_walks(), members);
+            of.by = Move::Walk;
+        }
         Some(of)
+    }
+
+    /// Share of the looks that must agree with a level, or it is not known. Channels that each lie as far from their own
+    /// levels agree closely; where nothing of a channel lasts they only lie among healthy ones, and so do slight faults.
+    fn least_alike(&self) -> f64 {
+        let lasting = self.lasting_share();
+        LEAST_ALIKE * lasting + LEAST_ALIKE_ANEW * (1.0 - lasting)
     }
 
     fn learn(&mut self, t_ns: i64, looks: &[Look], of: &Explained) {
@@ -262,7 +275,7 @@ impl Head {
         if of.by == Move::Leap {
             self.covariance += self.kind.leap;
         }
-        if of.alike >= LEAST_ALIKE {
+        if of.alike >= self.least_alike() {
             self.update(of);
         }
         let uncertain = self.covariance.diagonal();
@@ -377,5 +390,6 @@ const SD_OF_MEDIAN: f64 = 2.33;
 const OF_SWEEP: f64 = 0.5;
 /// Variance of heads about their kind, in that of channels about their head.
 const OF_HEADS: f64 = 0.25;
-/// Share of the looks that must agree with a level, or it is not known.
+/// See [`Head::least_alike`]: where channels differ for good, and where they are drawn anew.
 const LEAST_ALIKE: f64 = 0.4;
+const LEAST_ALIKE_ANEW: f64 = 0.8;

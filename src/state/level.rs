@@ -57,6 +57,13 @@ impl Expected {
         Some(Expected { level, moves })
     }
 
+    /// The same for a level that neither leaps nor is another head's.
+    pub fn as_it_walks(&self) -> Expected {
+        let mut expected = self.clone();
+        expected.moves[1..].iter_mut().for_each(|of| of.ln_weight = f64::NEG_INFINITY);
+        expected
+    }
+
     fn ln_densities(&self, level: &Features) -> [f64; 3] {
         let d = level - self.level;
         self.moves.each_ref().map(|of| of.ln_weight - 0.5 * d.dot(&(of.precision * d)))

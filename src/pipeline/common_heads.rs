@@ -1,0 +1,266 @@
+//! Printheads whose channels all move alike, burst by burst, where no states are kept ([`super::heads`]): healthy windows
+//! come too late for ink that warms up unrecorded, for a supply that sags.
+//!
+//! In: bursts in the recording's order, with the judges that the windows gave them. Out: the same judges,
+//! moved to where most of the channels are ([`crate::identify::common_change`]); a warning per printhead
+//! that moved beyond the bounds of `[identify]`. Models, thresholds and what is written of them stay.
+
+use super::level_history::LevelHistory;
+use super::looked_at::LookedAt;
+use super::moved::Moved;
+use super::survey::GroupKey;
+use crate::burst::Burst;
+use crate::design::{Design, Judge, Workspace};
+use crate::identify::common_change::{Change, CommonChange, Leaps};
+use crate::settings::IdentifySettings;
+use crate::verdict::unusable_signal;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// Healthy standard deviations that a judge may lie off before it is moved for the first time, and between
+/// two moves. The level's own noise is .1 of each feature's.
+const FIRST_MOVE: f64 = 0.4;
+const NEXT_MOVE: f64 = 0.2;
+/// Of its noise, a change lies beyond a bound by at least that much, and a head is moved for the first time.
+const SURE_SDS: f64 = 3.0;
+/// Of the bounds, what the frequency of all channels may leap by at once and still be moved by ink; among faults damping and
+/// amplitude, too.
+const LEAP: f64 = 1.5;
+/// So far (ln amplitude, ln damping, ln frequency, phase) ink and supply may move all channels together; beyond,
+/// they are no longer what the models know.
+const FARTHEST: [f64; 4] = [0.5, 0.5, 0.05, 0.5];
+/// After so many bursts without a common change signals far from the model are no longer fitted: they are faults.
+const MOST_UNKNOWN: u32 = 64;
+/// Printheads that are told apart.
+const MOST_HEADS: usize = 1 << 10;
+
+/// All of a recording.
+#[derive(Debug)]
+pub struct CommonHeads<'a> {
+    /// What the bounds are measured from; `None`: a printhead's first model.
+    design: Option<&'a Design>,
+    rails: [f64; 2],
+    /// Length of windows, s.
+    window_s: f64,
+    /// Of damping and frequency, relative.
+    bounds: [f64; 2],
+    of: HashMap<GroupKey, Head>,
+    /// Of all judges: heads may have one in common.
+    moves: u32,
+    signal: Vec<f64>,
+    expected: Vec<f64>,
+    work: Workspace,
+}
+
+#[derive(Debug)]
+struct Head {
+    change: CommonChange,
+    channels: LookedAt,
+    /// What its features are measured from, and how far that lies from where the bounds are.
+    base: Arc<Judge>,
+    base_at: Change,
+    /// The judge of the windows that is in use, and its ring's features from the base's.
+    window: Arc<Judge>,
+    window_at: Change,
+    /// Common changes of late, and their mean in that window: what counts is how far they are from there.
+    history: LevelHistory,
+    in_window: Change,
+    /// The same, moved.
+    moved: Option<(Change, Arc<Judge>)>,
+    bursts: u64,
+    /// Bursts since a common change was known.
+    unknown: u32,
+    farthest: Change,
+    beyond_since_ns: Option<i64>,
+}
+
+impl<'a> CommonHeads<'a> {
+    pub fn new(
+        identify: &IdentifySettings,
+        rails: [f64; 2],
+        design: Option<&'a Design>,
+    ) -> CommonHeads<'a> {
+        let bounds = [identify.max_damping_drift, identify.max_frequency_drift];
+        let of = HashMap::new();
+        let window_s = identify.first;
+        let (signal, expected, work) = (Vec::new(), Vec::new(), Workspace::default());
+        CommonHeads { design, rails, window_s, bounds, of, moves: 0, signal, expected, work }
+    }
+
+    /// The judge of the next burst.
+    pub fn judge_of(&mut self, judge: &Arc<Judge>, burst: &Burst) -> Arc<Judge> {
+        let key = GroupKey::of(burst);
+        let has_room = self.of.len() < MOST_HEADS || self.of.contains_key(&key);
+        let Some(healthy_sd) = judge.healthy_sd().filter(|_| has_room) else {
+            return judge.clone();
+        };
+        // a supply or another ink moves amplitude and damping; most faults move the frequency
+        let [amplitude, damping, _, phase] = FARTHEST;
+        let [small, frequency] = self.bounds.map(|bound| LEAP * bound.ln_1p());
+        let leaps = Leaps {
+            most: Change::new(amplitude, damping, frequency, phase),
+            among_faults: Change::new(small, small, frequency, phase),
+        };
+        let history = || LevelHistory::new(self.window_s);
+        let reference = self.design.map(|design| design.reference_of(&key.printhead));
+        let from = || reference.and_then(|of| judge.model.features_from(of)).unwrap_or_default();
+        let head = self
+            .of
+            .entry(key)
+            .or_insert_with(|| Head::new(healthy_sd, leaps, history(), judge.clone(), from()));
+        if !head.is_of(judge) {
+            head.window_is(judge);
+        }
+        head.look(burst, self.rails, (&mut self.signal, &mut self.expected, &mut self.work));
+        head.judge(burst.t_acq_ns, self.bounds, &mut self.moves)
+    }
+
+    pub fn moved(&self) -> Vec<Moved> {
+        let told = |head: &Head| head.bursts > 0 || head.beyond_since_ns.is_some();
+        let moved = self.of.iter().filter(|(_, head)| told(head));
+        let mut moved: Vec<Moved> = moved
+            .map(|(key, head)| {
+                let mut moved = Moved::new(key.printhead.clone());
+                moved.reaches(&head.farthest);
+                (moved.bursts, moved.beyond_since_ns) = (head.bursts, head.beyond_since_ns);
+                moved
+            })
+            .collect();
+        moved.sort_by(|p, q| p.printhead.cmp(&q.printhead));
+        moved
+    }
+}
+
+impl Head {
+    fn new(
+        healthy_sd: Change,
+        leaps: Leaps,
+        history: LevelHistory,
+        judge: Arc<Judge>,
+        base_at: Change,
+    ) -> Head {
+        Head {
+            change: CommonChange::new(history.window_of(&judge.model), healthy_sd, leaps),
+            channels: LookedAt::default(),
+            base: judge.clone(),
+            base_at,
+            window: judge,
+            window_at: Change::zeros(),
+            history,
+            in_window: Change::zeros(),
+            moved: None,
+            bursts: 0,
+            unknown: 0,
+            farthest: Change::zeros(),
+            beyond_since_ns: None,
+        }
+    }
+
+    fn is_of(&self, judge: &Judge) -> bool {
+        self.window.index == judge.index
+    }
+
+    fn window_is(&mut self, judge: &Arc<Judge>) {
+        (self.window, self.moved) = (judge.clone(), None);
+        if self.change.is_lost() {
+            // where most channels are by now is what this window says
+            let (window, healthy) = (self.history.window_of(&judge.model), self.change.healthy());
+            self.change = self.change.anew(window, healthy);
+            let from_base = judge.model.features_from(&self.base.model);
+            self.base_at += from_base.unwrap_or_default();
+            (self.base, self.window_at) = (judge.clone(), Change::zeros());
+            (self.history, self.in_window) = (self.history.emptied(), Change::zeros());
+            return;
+        }
+        // a judge whose ring is unknown stays where it is
+        let at = judge.model.features_from(&self.base.model);
+        self.window_at = at.unwrap_or(self.window_at);
+        let in_window = judge.model.valid_from_ns.and_then(|to_ns| self.history.mean_before(to_ns));
+        self.in_window = in_window.unwrap_or(self.window_at);
+    }
+
+    /// The judge in use.
+    fn now(&self) -> &Arc<Judge> {
+        self.moved.as_ref().map_or(&self.window, |(_, judge)| judge)
+    }
+
+    /// Looks at some of a burst's channels, always the same ones.
+    fn look(
+        &mut self,
+        burst: &Burst,
+        rails: [f64; 2],
+        (signal, expected, work): (&mut Vec<f64>, &mut Vec<f64>, &mut Workspace),
+    ) {
+        let channels = burst.first_channel..burst.first_channel.saturating_add(burst.channels);
+        self.channels.meet(channels.clone());
+        let by = self.moved.as_ref().map_or(Change::zeros(), |(by, _)| *by);
+        let (at, judge) = (self.window_at + by, self.now().clone());
+        let n = burst.samples_per_channel as usize;
+        signal.resize(n, 0.0);
+        expected.resize(n, 0.0);
+        judge.expect(burst, expected);
+        let drive = judge.drive(burst);
+        let far = self.unknown < MOST_UNKNOWN;
+        for channel in channels.filter(|&channel| self.channels.holds(channel, 0)) {
+            let row = (channel - burst.first_channel) as usize;
+            burst.copy_signal(row, signal);
+            if unusable_signal(signal, rails).is_some() {
+                continue;
+            }
+            judge.deviate(burst, row, expected, signal);
+            let found = judge
+                .features(signal, drive, far, work)
+                .filter(|x| x.iter().all(|v| v.is_finite()));
+            if let Some(features) = found {
+                self.change.look(burst.t_acq_ns, channel, features + at);
+            }
+        }
+    }
+
+    /// The judge of a burst whose channels were looked at. `bounds`: of damping and frequency, relative.
+    fn judge(&mut self, t_ns: i64, bounds: [f64; 2], moves: &mut u32) -> Arc<Judge> {
+        let Some(change) = self.change.change(t_ns) else {
+            (self.moved, self.unknown) = (None, self.unknown.saturating_add(1));
+            return self.window.clone();
+        };
+        self.unknown = 0;
+        self.history.push(t_ns, change);
+        let (told, sd) = (change + self.base_at, self.change.sd());
+        let is_beyond = |k: usize, bound: f64| {
+            let surely = (told[k].abs() - SURE_SDS * sd[k]).max(0.0);
+            surely.copysign(told[k]).exp_m1().abs() > bound
+        };
+        if is_beyond(1, bounds[0]) || is_beyond(2, bounds[1]) {
+            self.beyond_since_ns.get_or_insert(t_ns);
+        }
+        if (0..4).any(|k| change[k].abs() > FARTHEST[k]) {
+            return self.window.clone();
+        }
+        for k in 0..4 {
+            if told[k].abs() > self.farthest[k].abs() {
+                self.farthest[k] = told[k];
+            }
+        }
+        let wanted = change - self.in_window;
+        let off = self.moved.as_ref().map_or(wanted, |(by, _)| wanted - by);
+        let is_off = match self.moved {
+            Some(_) => self.in_sds(off) > NEXT_MOVE,
+            None => self.in_sds(off) > FIRST_MOVE && (off.abs() - SURE_SDS * sd).max() > 0.0,
+        };
+        if is_off {
+            *moves = moves.wrapping_add(1);
+            let judge = self.window.moved(wanted, *moves).map(Arc::new);
+            self.moved = judge.map(|judge| (wanted, judge));
+        }
+        if self.moved.is_some() {
+            self.bursts += 1;
+        }
+        self.now().clone()
+    }
+
+    /// How far features lie off, by the healthy ones' spread.
+    fn in_sds(&self, off: Change) -> f64 {
+        // the phase goes with the others, or is no matter of ink
+        off.component_div(&self.change.healthy()).fixed_rows::<3>(0).norm()
+    }
+}
