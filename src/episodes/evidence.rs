@@ -129,6 +129,11 @@ impl Evidence {
         !self.raised && self.learned.faulty <= 0.0
     }
 
+    /// Whether a look lies beyond what chance adds to the channel's level.
+    pub fn stands_out(&self, ratio: f32) -> bool {
+        self.learned.deviation(ratio).0 > BEYOND_CHANCE
+    }
+
     /// Raises a fault that comes and goes, in such a share of the looks.
     pub fn raise_intermittent(&mut self, share: f32) {
         (self.raised, self.recovered, self.share) = (true, 0.0, share);

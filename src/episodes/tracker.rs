@@ -454,12 +454,14 @@ impl Channel {
         naming: &Naming,
     ) -> Option<Box<Found>> {
         let was_raised = self.evidence.is_raised();
+        // a healthy channel that always reads high is flagged now and then, and never far from where it reads
+        let stands_out = ratio > 1.0 && self.evidence.stands_out(ratio);
         let step = self.evidence.look(ratio, bound);
         self.looks += 1;
         self.heard += 1;
         if was_raised || step == Step::Raised {
             (self.heard, self.seldom) = (0, None);
-        } else if ratio > 1.0 && self.is_seldom(t_ns, named, (bound, of_all), naming) {
+        } else if stands_out && self.is_seldom(t_ns, named, (bound, of_all), naming) {
             return None;
         }
         match step {

@@ -312,41 +312,27 @@ pub struct Scatter {
 enum Trust {
     /// As the belief in its rates says.
     InRates,
-    /// Its rates are guesses, what is sensed may be another quantity than (2-2) says, and losses may depend on the frequency:
-    /// what a fault does to the frequency holds, and all else changes with it by about as much.
-    InFrequency,
+    /// Its rates are guesses, and the law of the fault holds roughly.
+    InDirection,
 }
 
 impl Trust {
     /// What is thought of the physics a priori.
-    const ALL: [(Trust, f64); 2] = [(Trust::InRates, 0.5), (Trust::InFrequency, 0.5)];
-    /// Standard deviation of ln rates that labels or settings claim to know exactly: a lumped channel has no exact ones.
-    const REST: f64 = 0.04;
+    const ALL: [(Trust, f64); 2] = [(Trust::InRates, 0.5), (Trust::InDirection, 0.5)];
     /// Standard deviation of guessed ln rates, and of a guessed ln pulse.
     const GUESSED: [f64; CHANGES] = [0.2, 0.2, 0.2, 0.2, 0.05];
-    /// Standard deviation of the law's error: of each feature at least, as a share of what the fault changes, and as a share
-    /// of its change of ln frequency.
+    /// Standard deviation of the law's error: of each feature at least, and as a share of what the fault changes.
     const FLOOR: [f64; 4] = [0.02, 0.03, 0.005, 0.03];
     const SHARE: f64 = 0.1;
-    const OF_FREQUENCY: [f64; 4] = [1.0, 2.0, 0.2, 1.0];
-    /// The same as a share of its change of ln damping: an error of damping along the curve is seen by nobody.
-    const OF_DAMPING: [f64; 4] = [0.25, 0.2, 0.05, 0.25];
 
     /// Covariance of a node's mean.
     fn covariance(self, believed: &Slope, mean: &Vector4<f64>, scatter: &Scatter) -> Matrix4<f64> {
         match self {
-            Trust::InRates => {
-                let rest = SVector::from([Trust::REST * Trust::REST; CHANGES]);
-                let rates = scatter.belief + SMatrix::from_diagonal(&rest);
-                believed * rates * believed.transpose()
-            }
-            Trust::InFrequency => {
+            Trust::InRates => believed * scatter.belief * believed.transpose(),
+            Trust::InDirection => {
                 let guessed = SVector::from(Trust::GUESSED).map(|sd| sd * sd);
                 let law = Vector4::from_fn(|j, _| {
-                    let rough = Trust::FLOOR[j].max((Trust::SHARE * mean[j]).abs());
-                    let other =
-                        (Trust::OF_FREQUENCY[j] * mean[2]).hypot(Trust::OF_DAMPING[j] * mean[1]);
-                    rough.max(other).powi(2)
+                    Trust::FLOOR[j].powi(2).max((Trust::SHARE * mean[j]).powi(2))
                 });
                 let rates = SMatrix::from_diagonal(&guessed);
                 believed * rates * believed.transpose() + Matrix4::from_diagonal(&law)
