@@ -144,10 +144,10 @@ impl OwnChannels {
     /// Threshold on the squared distance from a level, at the allowed false-alarm rate. `of_all`: that on the distance of
     /// signals from what all channels are expected to be.
     ///
-    /// One channel's signals scatter by noise, whose tail is Gaussian; what is drawn anew for each drop has the tail that
-    /// `of_all` was learned from.
+    /// One channel's signals scatter by noise, whose tail is Gaussian, and never lighter than that of all channels together;
+    /// what is drawn anew for each drop has the tail that `of_all` was learned from.
     pub fn gate(&self, of_all: f64) -> f64 {
-        of_all + self.basis.lasting * (self.basis.gate - of_all)
+        of_all + self.basis.lasting * (self.basis.gate - of_all).max(0.0)
     }
 
     /// Whether the same covariance holds for both.
