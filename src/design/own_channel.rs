@@ -73,7 +73,7 @@ pub struct Known {
     pub off: f64,
 }
 
-/// The place in [`LEVELS`] of the largest number of looks that a level rests on.
+/// The place in `LEVELS` of the largest number of looks that a level rests on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Behind(usize);
 
