@@ -173,7 +173,7 @@ def test_errors_say_what_the_command_says(design, head, tmp_path):
     with pytest.raises(inkling.Error) as error:
         inkling.replay(missing, DESIGN, tmp_path / "out")
     ended = command("replay", missing, "--design", DESIGN, "--out", tmp_path / "out")
-    assert ended.returncode == 1 and ended.stderr == f"inkling: {error.value}\n"
+    assert ended.returncode == 2 and ended.stderr == f"inkling: {error.value}\n"
     for given, message in [
         (np.zeros(5), "channels x samples"),
         (np.zeros((2, 0)), "none of them 0"),
