@@ -19,6 +19,7 @@ import numpy
 import pyarrow.parquet as pq
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from mcap_protobuf.decoder import DecoderFactory
 from moto.server import ThreadedMotoServer
 
 inkling, recording, design, labels, work = sys.argv[1:]
@@ -138,20 +139,24 @@ def table_of(key):
 
 
 def longer(path, times):
-    """A recording of several parts: the same bursts several times, not compressed."""
+    """A recording of several parts: the same bursts several times, each time an hour later, not compressed."""
+    hour = 3600 * 10**9
     with open(recording, "rb") as file, open(path, "wb") as out:
-        messages = list(make_reader(file).iter_messages(log_time_order=False))
+        messages = list(make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages())
         writer = Writer(out, compression=CompressionType.NONE, chunk_size=256 << 10)
         writer.start()
-        schema = messages[0][0]
+        schema = messages[0].schema
         schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
         channels = {}
-        for _ in range(times):
-            for _, channel, message in messages:
+        for later in range(times):
+            for _, channel, message, burst in messages:
                 if channel.topic not in channels:
                     id = writer.register_channel(channel.topic, channel.message_encoding, schema_id)
                     channels[channel.topic] = id
-                writer.add_message(channels[channel.topic], message.log_time, message.data, message.publish_time)
+                at = burst.timestamp.seconds * 10**9 + burst.timestamp.nanos + (hour if later else 0)
+                burst.timestamp.seconds, burst.timestamp.nanos = divmod(at, 10**9)
+                logged, published = (t + later * hour for t in (message.log_time, message.publish_time))
+                writer.add_message(channels[channel.topic], logged, burst.SerializeToString(), published)
         writer.finish()
 
 
@@ -218,7 +223,7 @@ assert not s3.list_multipart_uploads(Bucket=BUCKET).get("Uploads"), "parts left 
 
 # -- what is not there, or not allowed
 judge = lambda out: ["replay", f"{root}/night/deeper/long.mcap", "--design", design, "--out", work / out]
-run("replay", f"{root}/nobody.mcap", "--out", work / "o", exits=1, says="nobody.mcap")
+run("replay", f"{root}/nobody.mcap", "--out", work / "o", exits=2, says="nobody.mcap")
 run("replay", f"{root}/night/", "--design", f"{root}/no.json", "--out", work / "o", exits=2, says="404")
 run("replay", "s3://no-such-bucket/x/", "--out", work / "o", exits=1, says="no-such-bucket")
 Proxy.fault = lambda request: 403
