@@ -79,6 +79,8 @@ pub enum Appearance {
     Jumps,
     /// A slow shape: an offset, a step, a drift.
     Slow,
+    /// A ring and nothing beside it, as no known fault makes it.
+    OtherRing,
     /// None of these.
     Other,
 }

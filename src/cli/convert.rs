@@ -217,6 +217,10 @@ impl Conversion<'_> {
         if !(period_s.is_finite() && period_s > 0.0) {
             return Err(of_burst(self.bursts, &format!("{period_s} s is no sample period")));
         }
+        if period_s > LONGEST_PERIOD_S {
+            let what = "s between samples: if that is a rate, give the period, which is 1 / rate";
+            return Err(of_burst(self.bursts, &format!("{period_s} {what}")));
+        }
         let period_ns = period_s * 1e9;
         let length_ns = f64::from(matrix.samples_per_channel) * period_ns;
         let time_ns = matrix.time.map(|t| t * self.unit.ns);
@@ -422,6 +426,9 @@ fn start_ns(args: &Args) -> Result<Option<i64>, Failure> {
 }
 
 /// The unit of a time column.
+/// Nothing that rings is sampled more slowly: tides of a day are, every ten minutes.
+const LONGEST_PERIOD_S: f64 = 1000.0;
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Unit {
     ns: f64,

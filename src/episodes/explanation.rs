@@ -87,8 +87,8 @@ pub enum Instead<'a> {
 impl Appearance {
     /// Whether it tells of a ring and of nothing beside it.
     fn rings(&self) -> bool {
-        use Appearance::{AllOff, Late, Like, OtherClock, OtherGain};
-        matches!(self, OtherGain(_) | OtherClock(_) | Late(_) | AllOff | Like(_))
+        use Appearance::{AllOff, Late, Like, OtherClock, OtherGain, OtherRing};
+        matches!(self, OtherGain(_) | OtherClock(_) | Late(_) | AllOff | Like(_) | OtherRing)
     }
 }
 
@@ -146,6 +146,7 @@ fn in_words(strange: &Appearance) -> String {
         Appearance::Slow => {
             format!("an offset or a slow shape that no ring explains: {LOOK}")
         }
+        Appearance::OtherRing => "it rings as no known fault makes it: look at the nozzle, then at the sensor line".into(),
         Appearance::Other => {
             "like no known fault, and unlike a healthy channel: look at the sensor \
                               line first, then at the nozzle"

@@ -136,6 +136,17 @@ fn check(decay: &Decay, table: &Table) -> Result<(), SamplingError> {
         );
         return Err(refused(decay, what));
     }
+    let (last, step) = (decay.times[n - 1].abs(), median_step(&decay.times));
+    let rounding = last * f64::EPSILON;
+    if rounding > MOST_OFF_GRID * step {
+        let what = format!(
+            "times such as {last} are numbers that hold steps of {} at best, not those of {} between samples: give \
+             --period-s, or times since the decay began",
+            rounded(rounding),
+            rounded(step)
+        );
+        return Err(refused(decay, what));
+    }
     Ok(())
 }
 

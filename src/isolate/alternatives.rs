@@ -23,18 +23,24 @@ pub enum Alternative {
 }
 
 impl Alternative {
-    /// What a signal looks like by it. `x`: its features, relative to the healthy ring of `frequency_hz`.
+    /// What a signal looks like by it. `x`: its features, relative to the healthy ring of `frequency_hz`. What the words of
+    /// an alternative say must be so of the signal itself, or it is a ring that nobody knows.
     pub fn appearance(&self, x: &[f64], frequency_hz: f64) -> Appearance {
+        let late_s = -x[3] / (std::f64::consts::TAU * frequency_hz);
         match self {
             Alternative::Gain => Appearance::OtherGain(x[0].exp()),
+            Alternative::Clock if (x[1] - x[2]).abs() > 0.5 * x[2].abs() => Appearance::OtherRing,
             Alternative::Clock => Appearance::OtherClock(x[2].exp()),
-            Alternative::Delay => Appearance::Late(-x[3] / (std::f64::consts::TAU * frequency_hz)),
+            Alternative::Delay if late_s.abs() < LEAST_DELAY_S => Appearance::OtherRing,
+            Alternative::Delay => Appearance::Late(late_s),
             Alternative::Rates => Appearance::AllOff,
             Alternative::Contrast(name) => Appearance::Like(name.clone()),
         }
     }
 }
 
+/// A shorter delay is told as none: words have a digit of microseconds.
+const LEAST_DELAY_S: f64 = 0.5e-7;
 /// A priori shares.
 const GAIN: f64 = 0.02;
 const CLOCK: f64 = 0.01;

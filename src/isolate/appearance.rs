@@ -46,10 +46,11 @@ impl UnknownSignal<'_> {
                     // what is off more in damping than in size is no matter of gain
                     match upright < 0.0 || x.ln_amplitude.abs() > x.ln_damping.abs() {
                         true => Appearance::OtherGain(x.ln_amplitude.exp() * upright),
-                        false => Appearance::Other,
+                        false => Appearance::OtherRing,
                     }
                 }
-                _ => Appearance::Other,
+                Some(_) => Appearance::OtherRing,
+                None => Appearance::Other,
             };
         }
         let mut squares: Vec<f64> = self.misfit.iter().map(|v| v * v).collect();
@@ -156,7 +157,7 @@ mod tests {
         assert_eq!(of(&|_| 40.0, None, false), Appearance::Constant);
         assert_eq!(of(&|_| 0.0, Some(half), true), Appearance::OtherGain(0.5));
         let damped = Features { ln_amplitude: 0.01, ln_damping: 0.1, ..Features::HEALTHY };
-        assert_eq!(of(&|_| 0.0, Some(damped), true), Appearance::Other);
+        assert_eq!(of(&|_| 0.0, Some(damped), true), Appearance::OtherRing);
         let upside_down = Features { phase_rad: std::f64::consts::PI, ..Features::HEALTHY };
         assert_eq!(of(&|_| 0.0, Some(upside_down), true), Appearance::OtherGain(-1.0));
         let odd = |k: f64| if k == 40.0 { 60.0 } else { 0.0 };

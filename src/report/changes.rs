@@ -100,8 +100,9 @@ impl<'a> Changes<'a> {
     }
 }
 
-/// When the last night began: at the first recording after the last long pause, at most a day before the end.
-fn last_night(spans: &[(i64, i64)], to_ns: i64) -> i64 {
+/// When the last night began: at the first recording after the last long pause, at most a day before the end. `spans`:
+/// ascending.
+pub fn last_night(spans: &[(i64, i64)], to_ns: i64) -> i64 {
     let earliest = to_ns.saturating_sub(LONGEST_NIGHT_NS);
     let mut begins = i64::MAX;
     for &(from, to) in spans.iter().rev() {

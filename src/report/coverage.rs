@@ -1,8 +1,9 @@
 //! What of the recordings was judged, and what was not: a page may say that nothing needs care of what was judged alone.
 //! In: a [`Survey`], the recordings' documents, what could not be read. Out: [`Coverage`], which says it in sentences.
 
+use super::changes::last_night;
 use super::source::{Lost, Source};
-use super::survey::{Survey, Tally};
+use super::survey::{ChannelCount, Head, Survey, Tally};
 use super::words::{counted, counted_as, percent, thousands};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -10,7 +11,8 @@ use std::sync::Arc;
 /// Gaps and recordings told by name in a sentence.
 const MOST_NAMED: usize = 4;
 
-/// A printhead of which nothing is known, recordings of which less than half was judged, a topic that nobody reads.
+/// A printhead of which nothing is known, or of whose channels some were not heard last; recordings of which less than half
+/// was judged; a topic that nobody reads.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Gap {
     /// How many signals of what, and why, of the latest of its recordings.
@@ -48,7 +50,8 @@ impl Coverage {
             source.missing.is_empty() && damage.is_none_or(Vec::is_empty)
         };
         Coverage {
-            gaps: gaps(survey, sources),
+            gaps: [gaps(survey, sources), unheard(survey, sources), doubtful(survey, sources)]
+                .concat(),
             lost,
             channels: channels().filter(|c| c.judged > 0).count() as u64,
             unknown_channels: channels().filter(|c| c.judged == 0).count() as u64,
@@ -60,10 +63,10 @@ impl Coverage {
         }
     }
 
-    /// Whether what a recording says of a printhead is not known.
-    pub fn is_gap(&self, printhead: &Arc<str>, recording: &str) -> bool {
+    /// What of a recording of a printhead is not known.
+    pub fn gap(&self, printhead: &Arc<str>, recording: &str) -> Option<&Gap> {
         let of_it = |gap: &&Gap| gap.recording == recording;
-        self.gaps.iter().filter(of_it).any(|gap| gap.printhead.as_ref() == Some(printhead))
+        self.gaps.iter().filter(of_it).find(|gap| gap.printhead.as_ref() == Some(printhead))
     }
 
     /// Whether of anything it is known what its faults are.
@@ -198,6 +201,77 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
         gaps.entry(whole).or_insert_with(|| by_counts(None, &all));
     }
     gaps
+}
+
+/// Printheads that the last night does not tell of, and channels that it does not, or only in its first half.
+fn unheard(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
+    let spans_of = |head: &Head| -> Vec<(i64, i64)> {
+        head.tallies.values().filter_map(|of| of.from_ns.zip(of.to_ns)).collect()
+    };
+    let mut spans: Vec<(i64, i64)> = survey.heads.iter().flat_map(spans_of).collect();
+    spans.sort_unstable();
+    let Some(to_ns) = spans.iter().map(|span| span.1).max() else { return Vec::new() };
+    let from_ns = last_night(&spans, to_ns);
+    let gap = |head: &Head| {
+        let last = head.tallies.iter().max_by_key(|(_, of)| of.to_ns)?;
+        let name = &head.name;
+        let what = match head.channels.iter().filter(|of| !of.is_heard(from_ns, head)).count() {
+            0 => return None,
+            _ if last.1.to_ns? < from_ns => {
+                format!("the last recording of {name}: it was not heard in the last night")
+            }
+            n => {
+                let of = counted(head.channels.len() as u64, "channel");
+                format!("{n} of {of} of {name} fell silent, or were not heard in the last night")
+            }
+        };
+        let recording = sources.get(*last.0)?.name.clone();
+        Some(Gap { what, printhead: Some(name.clone()), recording, recordings: 1 })
+    };
+    survey.heads.iter().filter_map(gap).collect()
+}
+
+/// Channels that no recording has an episode of, though they are flagged in most of their few signals, or though the last one
+/// judged less than half of theirs.
+fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
+    let mut all = Vec::new();
+    for head in &survey.heads {
+        let last = head.tallies.iter().max_by_key(|(_, of)| of.to_ns);
+        let Some((recording, tally)) = last.and_then(|(at, of)| Some((sources.get(*at)?, of)))
+        else {
+            continue;
+        };
+        let why = tally.reasons.iter().max_by_key(|(_, n)| **n);
+        let why = why.map_or(String::new(), |(reason, _)| format!(" ({})", reason.in_words()));
+        let flagged = "flagged in most signals, of which no recording has enough to tell a fault";
+        for (is_meant, words) in [
+            (ChannelCount::is_doubtful as fn(&ChannelCount) -> bool, flagged.to_owned()),
+            (|of| !of.is_known_now(), format!("mostly not judged{why}")),
+        ] {
+            let of_it = head.channels.iter().filter(|of| is_meant(of)).map(|of| of.channel);
+            let of_it: Vec<u32> = of_it.collect();
+            if of_it.is_empty() || tally.judged == 0 {
+                continue;
+            }
+            all.push(Gap {
+                what: format!("{} of {}: {words}", numbers(&of_it), head.name),
+                printhead: Some(head.name.clone()),
+                recording: recording.name.clone(),
+                recordings: 1,
+            });
+        }
+    }
+    all
+}
+
+/// `channels 3, 7 and 12`, of many the first.
+fn numbers(channels: &[u32]) -> String {
+    let named: Vec<String> = channels.iter().take(MOST_NAMED).map(u32::to_string).collect();
+    match (named.as_slice(), channels.len() - named.len()) {
+        ([one], 0) => format!("channel {one}"),
+        ([before @ .., last], 0) => format!("channels {} and {last}", before.join(", ")),
+        (all, more) => format!("channels {} and {} more", all.join(", "), thousands(more as u64)),
+    }
 }
 
 fn by_counts(printhead: Option<&str>, tally: &Tally) -> String {

@@ -62,9 +62,8 @@ fn known(report: &Report, head: &Head, channels: &str) -> (Light, String) {
     let never = head.channels.iter().filter(|channel| channel.judged == 0).count() as u64;
     let lines = || report.recordings.iter().filter(|line| line.heads.contains_key(&head.name));
     let last = lines().max_by_key(|line| line.to_ns);
-    let is_silent = last.is_some_and(|line| {
-        line.heads[&head.name].judged == 0 || report.coverage.is_gap(&head.name, &line.name)
-    });
+    let is_silent = last.is_some_and(|line| line.heads[&head.name].judged == 0);
+    let gap = last.and_then(|line| report.coverage.gap(&head.name, &line.name));
     let is_lost = lines().any(|line| line.missing.contains(&"episodes"));
     let of_last = last.map(|line| line.heads[&head.name]).unwrap_or_default();
     let all_of_last = of_last.judged + of_last.rejected;
@@ -73,6 +72,7 @@ fn known(report: &Report, head: &Head, channels: &str) -> (Light, String) {
     let grey = match () {
         () if judged == 0 => "not judged".to_owned(),
         () if is_silent => "not judged in its last recording".to_owned(),
+        () if gap.is_some() => gap.map(|gap| gap.what.clone()).unwrap_or_default(),
         () if is_lost => "what was found is not known".to_owned(),
         () if 2 * judged < all => format!("only {share} of its signals judged"),
         () if never > 0 => format!("{} of {channels} never judged", never),

@@ -6,6 +6,8 @@ use std::io::{self, Write};
 
 /// Lines of the list.
 const MOST_LISTED: usize = 40;
+/// Channels that are healthy again, by name.
+const MOST_OVER: usize = 8;
 
 /// `printable`: at most so many letters of a text, as the terminal may show them.
 pub fn print(
@@ -60,7 +62,13 @@ pub fn print(
         writeln!(out, "  perhaps together: {}", printable(&group.sentence, 400))?;
     }
     if over > 0 {
-        writeln!(out, "  {} healthy again", counted(over as u64, "channel"))?;
+        let name = |fault: &Fault| {
+            format!("{} {}", printable(&fault.story.printhead, 64), fault.story.channel)
+        };
+        let named: Vec<String> = report.over().take(MOST_OVER).map(name).collect();
+        let more = if over > named.len() { ", ..." } else { "" };
+        let channels = counted(over as u64, "channel");
+        writeln!(out, "  {channels} healthy again: {}{more}", named.join(", "))?;
     }
     Ok(())
 }

@@ -17,6 +17,10 @@ const MOST_MAPS: usize = 24;
 const MOST_CHANNELS: usize = 1 << 16;
 /// Printheads that are told apart.
 const MOST_PRINTHEADS: usize = 1 << 12;
+/// Signals of a channel from which they tell when it is heard: a scan may come to each of its channels once.
+const SEVERAL: u64 = 4;
+/// Flagged signals of a channel that are no false alarms where they are most of its signals.
+const AGAIN: u64 = 3;
 const NOT_WATCHED: u32 = u32::MAX;
 
 /// Signals of one recording and printhead.
@@ -81,9 +85,11 @@ pub struct ChannelCount {
 #[derive(Clone, Copy, Debug, Default)]
 struct InRecording {
     recording: usize,
-    /// Of its first signal.
+    /// Of its first and its last signal.
     from_ns: i64,
+    to_ns: i64,
     judged: u64,
+    flagged: u64,
     rejected: u64,
 }
 
@@ -93,12 +99,29 @@ impl ChannelCount {
         self.last.judged >= self.last.rejected
     }
 
+    /// Whether it is flagged again and again, and no recording has enough of that for an episode.
+    pub fn is_doubtful(&self) -> bool {
+        let often = self.flagged >= AGAIN && 2 * self.flagged > self.judged;
+        let now = self.last.flagged >= 2 && self.last.flagged == self.last.judged;
+        !self.is_watched() && (often || now)
+    }
+
+    /// Whether it was heard until the end of what its head was heard in. `from_ns`: of the last night.
+    pub fn is_heard(&self, from_ns: i64, head: &Head) -> bool {
+        let InRecording { recording, to_ns, judged, rejected, .. } = self.last;
+        let span = head.tallies.get(&recording).and_then(|of| of.from_ns.zip(of.to_ns));
+        let fell_silent = span.is_some_and(|(from, to)| to_ns - from < (to - from) / 2);
+        to_ns >= from_ns && !(fell_silent && judged + rejected >= SEVERAL)
+    }
+
     fn look(&mut self, recording: usize, t_ns: i64, is_judged: bool) {
         let is_new = recording != self.last.recording || self.last.judged + self.last.rejected == 0;
         if is_new && t_ns >= self.last.from_ns {
-            self.last = InRecording { recording, from_ns: t_ns, ..InRecording::default() };
+            self.last =
+                InRecording { recording, from_ns: t_ns, to_ns: t_ns, ..InRecording::default() };
         }
         if recording == self.last.recording {
+            self.last.to_ns = self.last.to_ns.max(t_ns);
             self.last.judged += u64::from(is_judged);
             self.last.rejected += u64::from(!is_judged);
         }
@@ -309,6 +332,9 @@ impl Head {
             let count = &mut self.channels[place];
             count.judged += 1;
             count.flagged += u64::from(flagged);
+            if count.last.recording == recording {
+                count.last.flagged += u64::from(flagged);
+            }
             if let Some(watch) = self.watches.get_mut(count.watch as usize) {
                 let sized = sized(c, row, classes).filter(|_| flagged);
                 watch.look(recording, t_ns, flagged, c.reason[row], sized);

@@ -1,10 +1,10 @@
 //! One printhead: its level, and each of its channels from there, filtered sweep by sweep in the order of time.
 
+use super::ageing;
 use super::canonical::{Canonical, Features};
 use super::channel::{Channel, FromLevel, RUNGS, Sum};
 use super::level::{Expected, Explained, Member, Move, Variances, explain};
-use super::process::{FEWEST, NOT_THIS_HEAD, PAUSE_NS, SWAPPED, WALK};
-use crate::model::median::median;
+use super::process::{DRIFTED, FEWEST, NOT_THIS_HEAD, ODD_ONE, PAUSE_NS, SWAPPED, WALK};
 use nalgebra::{Matrix4, Vector4};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -298,29 +298,23 @@ impl Head {
     }
 
     /// Whether channels are still where healthy ones are. What most of a head's channels do is ageing, what one does is a
-    /// fault: each feature counts by how far the median channel has moved in it.
+    /// fault: where one of them lies beyond the bound, it is compared with how far all have moved apart.
     fn watch(&mut self, looks: &[Look]) {
         let (spread, noise) = (self.kind.canonical.spread, self.within.noise());
         let of = |look: &Look| self.channels.get(&look.channel).map(|of| of.moved(&spread, &noise));
         let moved: Vec<_> = looks.iter().filter_map(of).collect();
-        let wider: [Features; RUNGS + 1] = std::array::from_fn(|rung| {
+        let wider: [Matrix4<f64>; RUNGS + 1] = std::array::from_fn(|rung| {
             let known: Vec<Features> = moved.iter().filter_map(|of| of[rung]).collect();
-            if known.len() < FEWEST {
-                return Vector4::repeat(1.0);
-            }
-            // so far the median of so many lies above by chance
-            let usual = MEDIAN_SQUARE * (1.0 + SD_OF_MEDIAN / (known.len() as f64).sqrt());
-            Features::from_fn(|k, _| {
-                let mut squares: Vec<f64> = known.iter().map(|of| of[k] * of[k]).collect();
-                (median(&mut squares) / usual).max(1.0)
-            })
+            let is_aged = rung == RUNGS && self.wider.max() > ALIKE;
+            let is_asked = is_aged || known.iter().any(|of| of.norm_squared() > BOUNDS[rung]);
+            if is_asked { ageing::covariance(&known) } else { Matrix4::identity() }
         });
-        self.wider += (wider[RUNGS] - self.wider) * OF_SWEEP;
+        self.wider += (wider[RUNGS].diagonal() - self.wider) * OF_SWEEP;
+        let inverse = wider.map(|of| of.try_inverse().unwrap_or_else(Matrix4::identity));
         for (look, moved) in looks.iter().zip(moved) {
             let Some(channel) = self.channels.get_mut(&look.channel) else { continue };
             channel.watch(std::array::from_fn(|rung| {
-                moved[rung]
-                    .map_or(0.0, |of| of.component_mul(&of).component_div(&wider[rung]).sum())
+                moved[rung].map_or(0.0, |of| of.dot(&(inverse[rung] * of)))
             }));
         }
     }
@@ -382,10 +376,10 @@ impl Head {
     }
 }
 
-/// Median of chi-squared with one degree of freedom.
-const MEDIAN_SQUARE: f64 = 0.4549;
-/// Its standard deviation in a sample of one, relative to it: (2 q f)^-1 at the quartile q = .674 of a normal, twice.
-const SD_OF_MEDIAN: f64 = 2.33;
+/// Squared distances beyond which a channel is compared with what all of its head's did.
+const BOUNDS: [f64; RUNGS + 1] = [DRIFTED, DRIFTED, DRIFTED, ODD_ONE];
+/// Channels lie from each other as the design says, or so many times as far, squared.
+const ALIKE: f64 = 1.01;
 /// Share of a sweep in what is known of how far channels lie from each other.
 const OF_SWEEP: f64 = 0.5;
 /// Variance of heads about their kind, in that of channels about their head.

@@ -143,8 +143,9 @@ impl Head {
             head.within = Within { square, looks: of.within_looks };
         }
         let spread = canonical.covariance(&matrix(&of.spread)).diagonal();
+        // noise and all: where channels hardly differ, what they differ by is not known to a factor
         head.wider = spread.zip_map(&canonical.spread, |now, of_design| {
-            if of_design > 0.0 { (now / of_design).max(1.0) } else { 1.0 }
+            ((1.0 + now) / (1.0 + of_design)).max(1.0)
         });
         head.heard_ns = of.heard_ns;
         let channels = of.channels.iter();

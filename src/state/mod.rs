@@ -4,6 +4,7 @@
 //! the head's *level*, what all channels have in common; each channel's offset from there; whether the head is the one
 //! that it was. The model, its likelihood and its numbers: `docs/state.md`.
 
+mod ageing;
 mod canonical;
 mod channel;
 mod head;

@@ -37,6 +37,27 @@ struct Head {
     first_channel: u32,
 }
 
+/// Whole numbers are nanoseconds and others are seconds, unless that lies over a year from when the message was recorded and
+/// another unit does not: loggers write milliseconds and microseconds, too.
+fn ns_of(number: Number, log_ns: i64) -> Option<i64> {
+    let (usual, others) = match number {
+        Number::Integer(_) => (1, [1_000, 1_000_000, 1_000_000_000]),
+        Number::Float(_) => (1_000_000_000, [1_000_000, 1_000, 1]),
+    };
+    let of = |unit: i64| match number {
+        Number::Integer(i) => i64::try_from(i.checked_mul(unit.into())?).ok(),
+        Number::Float(x) => {
+            let ns = (x * unit as f64).round();
+            (ns.abs() < 9.2e18).then_some(ns as i64)
+        }
+    };
+    let is_near = |t_ns: &i64| t_ns.abs_diff(log_ns) < YEAR_NS;
+    let usual = of(usual);
+    usual.filter(is_near).or_else(|| others.into_iter().filter_map(of).find(is_near)).or(usual)
+}
+
+const YEAR_NS: u64 = 366 * 86_400 * 1_000_000_000;
+
 impl DialectDecoder {
     pub fn new(limits: Limits) -> DialectDecoder {
         DialectDecoder { limits, names: PrintheadNames::default() }
@@ -87,7 +108,7 @@ impl DialectDecoder {
         head.t_acq_ns = match dialect.time {
             TimeSource::LogTime => times.log_ns,
             TimeSource::PublishTime => times.publish_ns,
-            TimeSource::Path(_) => time_ns(found).ok_or(Unusable::Undecodable)?,
+            TimeSource::Path(_) => time_ns(found, times.log_ns).ok_or(Unusable::Undecodable)?,
         };
         let channels = count(number(plan, found, &dialect.channels, Slot::Channels)?)?;
         let sampling = dialect.sampling().ok_or(Unusable::Undecodable)?;
@@ -262,17 +283,13 @@ fn columns(samples: &Samples, channels: u32) -> Result<u32, Unusable> {
     }
 }
 
-/// ns since the epoch, however they stand there.
-fn time_ns(found: &mut Found) -> Option<i64> {
+/// ns since the epoch, however they stand there. `log_ns`: when the message was recorded.
+fn time_ns(found: &mut Found, log_ns: i64) -> Option<i64> {
     if let Some(value) = found.take(Slot::Time) {
         return match value {
-            Value::Number(Number::Integer(ns)) => i64::try_from(ns).ok(),
-            Value::Number(Number::Float(s)) => {
-                let ns = (s * 1e9).round();
-                (ns.abs() < 9.2e18).then_some(ns as i64)
-            }
+            Value::Number(number) => ns_of(number, log_ns),
             Value::Text(text) => match text.parse::<i64>() {
-                Ok(ns) => Some(ns),
+                Ok(number) => ns_of(Number::Integer(number.into()), log_ns),
                 Err(_) => chrono::DateTime::parse_from_rfc3339(&text).ok()?.timestamp_nanos_opt(),
             },
             _ => None,
@@ -285,4 +302,28 @@ fn time_ns(found: &mut Found) -> Option<i64> {
     let whole = |number: Option<Number>| number.map_or(Some(0), Number::integer);
     let nanos = whole(nanos).filter(|n| (0..1_000_000_000).contains(n))?;
     i64::try_from(whole(seconds)?.checked_mul(1_000_000_000)?.checked_add(nanos)?).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_of_the_unit_that_lies_near_the_log_time() {
+        let log_ns = 1_793_491_200_250_000_000;
+        let at = 1_793_491_200_000_000_000;
+        for unit in [1, 1_000, 1_000_000, 1_000_000_000] {
+            let whole = Number::Integer(i128::from(at / unit));
+            assert_eq!(ns_of(whole, log_ns), Some(at), "{unit}");
+            let float = ns_of(Number::Float(at as f64 / unit as f64), log_ns).unwrap();
+            assert!(float.abs_diff(at) < 1_000, "{unit}: {float}");
+        }
+        // a clock that began at 0, and a log without times: as they stand
+        assert_eq!(ns_of(Number::Integer(5), 9_000_000_000), Some(5));
+        assert_eq!(ns_of(Number::Integer(5_000), log_ns), Some(5_000));
+        assert_eq!(ns_of(Number::Integer(at.into()), 0), Some(at));
+        assert_eq!(ns_of(Number::Float(1.5), log_ns), Some(1_500_000_000));
+        assert_eq!(ns_of(Number::Float(f64::NAN), log_ns), None);
+        assert_eq!(ns_of(Number::Integer(i128::MAX), log_ns), None);
+    }
 }

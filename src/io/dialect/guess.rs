@@ -262,6 +262,11 @@ impl Guess<'_> {
         let numbers = self.size.numbers;
         let rows = self.divisor(CHANNELS, Slot::Channels);
         let columns = self.divisor(COLUMNS, Slot::SamplesPerChannel);
+        let (rows, columns) = match (rows, columns) {
+            // `n` may be either
+            (None, Some(n)) if self.counts_channels(&n) => (Some(n), None),
+            known => known,
+        };
         let named = match (&rows, &columns) {
             (Some(rows), _) => Some(rows.n),
             (None, Some(columns)) => Some(numbers / columns.n),
@@ -318,6 +323,13 @@ impl Guess<'_> {
         if let Some(columns) = columns.filter(|columns| agrees(columns.n)) {
             self.say("samples_per_channel", &quoted(&columns.path), "");
         }
+    }
+
+    /// Whether the samples rather are of so many channels than of channels with so many samples.
+    fn counts_channels(&self, of: &Divisor) -> bool {
+        let either = [of.n, self.size.numbers / of.n];
+        let lie = Lie::likeliest(&self.size.samples, |n| either.contains(&n));
+        lie.is_some_and(|lie| lie.channels == of.n)
     }
 
     fn divisor(&self, names: &[&str], slot: Slot) -> Option<Divisor> {
