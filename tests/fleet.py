@@ -437,13 +437,13 @@ def array_job():
     assert len(entries) == many == len({json.loads(line)["recording"]["path"] for line in entries})
 
 
-def readme():
-    """Its three commands, as printed, but for the build."""
-    text = (repository / "README.md").read_text()
+def documented():
+    """The three commands of the docs, as printed, but for the build."""
+    text = (repository / "docs" / "fleet.md").read_text()
     build, *rest = text.split("```text\ncargo build --release -p inkling-fleet")[1].split("```")[0].splitlines()
     port = "127.0.0.1:" + str(50_000 + os.getpid() % 10_000)
     commands = "\n".join(rest).replace("inkling-fleet scheduler", f"inkling-fleet scheduler --bind {port}")
-    commands = commands.replace("127.0.0.1:50050", port).replace("target/fleet/verdicts", str(work / "readme"))
+    commands = commands.replace("127.0.0.1:50050", port).replace("target/fleet/verdicts", str(work / "documented"))
     shutil.copytree(repository / "sample_logs", work / "sample_logs")
     script = f"{commands}\nstatus=$?; kill $(jobs -p); wait; exit $status"
     env = os.environ | {"PATH": f"{pathlib.Path(inkling_fleet).parent}:{os.environ['PATH']}"}
@@ -497,7 +497,7 @@ try:
     if runs:
         faults(runs)
     else:
-        for test in (without_faults, settings_and_means, poison, baselines, roots, nobody, certificates, array_job, readme):
+        for test in (without_faults, settings_and_means, poison, baselines, roots, nobody, certificates, array_job, documented):
             began = time.monotonic()
             test()
             print(f"{test.__name__}: {time.monotonic() - began:.1f} s", flush=True)

@@ -1,5 +1,5 @@
 """Opens a verdict file with DuckDB, Polars and pyarrow, its recording and annotations with the mcap
-package, and runs the README's queries."""
+package, and runs the queries of the docs (`docs/formats.md`)."""
 
 import json
 import os
@@ -12,9 +12,9 @@ import pyarrow.parquet as pq
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-verdicts, recording, annotations, readme = sys.argv[1:]
+verdicts, recording, annotations, page = sys.argv[1:]
 
-readme_text = open(readme).read()
+page_text = open(page).read()
 table = pq.read_table(verdicts)
 document = json.loads(pq.read_metadata(verdicts).metadata[b"inkling"])
 assert table.num_rows == document["counts"]["signals"], "pyarrow: rows"
@@ -58,9 +58,9 @@ assert all(image.format == "png" and image.data[:4] == b"\x89PNG" for image in f
 raised = [line for line in found["foxglove.Log"] if line.level == 3]  # WARNING
 assert len(raised) == rows.num_rows and all(line.message for line in raised)
 
-# the README's queries, as printed, where the sample's verdicts and report lie
+# the page's queries, as printed, where the sample's verdicts and report lie
 os.chdir(os.path.dirname(os.path.dirname(os.path.abspath(verdicts))))
-queries = [q for block in re.findall(r"```sql\n(.*?)```", readme_text, re.S) for q in block.split(";") if q.strip()]
+queries = [q for block in re.findall(r"```sql\n(.*?)```", page_text, re.S) for q in block.split(";") if q.strip()]
 assert len(queries) >= 4, queries
 for query in queries:
     found = duckdb.sql(query)

@@ -32,7 +32,7 @@ mod pipeline; // same bytes for any threads, order, chunking; drift; bad windows
 mod print_run; // recall and false alarms on a print run with known truth
 mod promised; // what a design promises is what a replay does
 mod readers; // everything that reads what others wrote, for mutations and fuzzing
-mod readme; // every command of the README, as printed, in order
+mod readme; // every command of README and book as printed; their links and paths lead somewhere
 mod report; // the report: stories over recordings, onsets, hostile names, what is missing
 mod rotate; // parts of a table whose recording is being written: whole, in order, gone at its end
 mod tables; // tables as others read them: whose a row is, rings, reasons, metadata once

@@ -113,7 +113,7 @@ pub fn missed(rows: &[Row], allowed: impl Fn(&Row) -> Allowance) -> Vec<String> 
     missed
 }
 
-/// Of the thesis form itself, against the README's figures.
+/// Of the thesis form itself, against the figures of `docs/measured.md`.
 pub fn missed_of_thesis_form(row: &Row) -> Vec<String> {
     let goals = [
         ("misses", row.misses, row.misses.is_at_most(25.0 / FAULTY_OF_SET)),
