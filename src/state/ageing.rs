@@ -16,14 +16,70 @@ const STEPS: usize = 10;
 const MEDIAN_1: f64 = 0.4549;
 const MEDIAN_4: f64 = 3.3567;
 const UPPER_4: f64 = 11.143;
+/// The largest eigenvalue of what `n` healthy channels moved by lies beyond (1 + `CHANCE` / sqrt(n))^2 in one of a hundred
+/// draws of the estimate below (2.0 would be the edge of the Marchenko-Pastur law).
+const CHANCE: f64 = 2.56;
+/// Channels that a sample covariance would need to scatter as this estimate does, over those that there are.
+const EFFICIENCY: f64 = 0.4;
 /// Variance of a Gaussian over that of what is left of it within `UPPER_4`.
 const OF_WITHIN: f64 = 0.975 / 0.94;
-/// The minimum covariance determinant about zero (Rousseeuw 1984), reweighted, and in no direction less than one. By
-/// chance its largest eigenvalue is 1.3 of 60 healthy channels, 1.9 of 8 (medians of 1000 draws).
-pub fn covariance(moved: &[Features]) -> Matrix4<f64> {
-    robust(moved).map_or(Matrix4::identity(), |of| at_least_one(&of))
+
+/// How far channels lie from where they were, or from each other, in squares that compare with chi-squared of four degrees of
+/// freedom.
+pub struct Apart {
+    inverse: Matrix4<f64>,
+    /// Variances along the features.
+    pub wider: Features,
+    /// Channels that the covariance was learned from; `None`: it is one, as known.
+    learned_from: Option<f64>,
 }
 
+impl Apart {
+    pub fn as_known() -> Apart {
+        Apart { inverse: Matrix4::identity(), wider: Vector4::repeat(1.0), learned_from: None }
+    }
+
+    /// By the channels themselves, in no direction less than one. `is_known`: unless they lie farther apart than chance makes
+    /// of one, it is one.
+    pub fn learn(moved: &[Features], is_known: bool) -> Apart {
+        let edge = (1.0 + CHANCE / (moved.len() as f64).sqrt()).powi(2);
+        let eigen = robust(moved).map(|of| of.symmetric_eigen());
+        let Some(eigen) = eigen.filter(|of| !is_known || of.eigenvalues.max() > edge) else {
+            return Apart::as_known();
+        };
+        let (axes, variances) = (eigen.eigenvectors, eigen.eigenvalues.map(|v| v.max(1.0)));
+        let of = |diagonal: Features| axes * Matrix4::from_diagonal(&diagonal) * axes.transpose();
+        Apart {
+            inverse: of(variances.map(|v| 1.0 / v)),
+            wider: of(variances).diagonal(),
+            learned_from: Some(EFFICIENCY * moved.len() as f64),
+        }
+    }
+
+    pub fn square(&self, moved: &Features) -> f64 {
+        let square = moved.dot(&(self.inverse * moved));
+        self.learned_from.map_or(square, |n| as_if_known(square, n))
+    }
+}
+
+/// Hotelling's T^2 of four features with a covariance of `n` degrees of freedom, as the square of chi-squared with four degrees
+/// of freedom that is as rare. Of both the tail has a closed form.
+fn as_if_known(square: f64, n: f64) -> f64 {
+    let half = (n - 3.0) / 2.0;
+    if half <= 0.0 {
+        return 0.0; // so few say nothing
+    }
+    let z = 1.0 / (1.0 + square / n);
+    let ln_tail = half * z.ln() + (half * (1.0 - z)).ln_1p();
+    // exp(-x) (1 + x) has the same logarithm at half of what is looked for
+    let mut x = -ln_tail;
+    for _ in 0..30 {
+        x = x.ln_1p() - ln_tail;
+    }
+    2.0 * x
+}
+
+/// The minimum covariance determinant about zero (Rousseeuw 1984), reweighted.
 fn robust(moved: &[Features]) -> Option<Matrix4<f64>> {
     if moved.len() < FEWEST {
         return None;
@@ -64,12 +120,6 @@ fn mean_square(of: &[&Features]) -> Matrix4<f64> {
     of.iter().fold(Matrix4::zeros(), |sum, m| sum + *m * m.transpose()) / of.len() as f64
 }
 
-fn at_least_one(of: &Matrix4<f64>) -> Matrix4<f64> {
-    let eigen = of.symmetric_eigen();
-    let values = Matrix4::from_diagonal(&eigen.eigenvalues.map(|v| v.max(1.0)));
-    eigen.eigenvectors * values * eigen.eigenvectors.transpose()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -81,21 +131,33 @@ mod tests {
         (0..n).map(|_| Vector4::from_fn(|_, _| rng.sample(StandardNormal))).collect()
     }
 
-    /// What is written at [`covariance`], and that none of a hundred heads hides a fault ten deviations off.
     #[test]
-    fn by_chance_little_is_wider() {
+    fn rarity_agrees_with_tables() {
+        // upper 1e-3 of F(4, 20) is 7.096 (tables); T^2 = 4 n / (n - 3) F, n = 23; of chi-squared 18.467
+        let t2 = 4.0 * 23.0 / 20.0 * 7.096;
+        assert!((as_if_known(t2, 23.0) / 18.467 - 1.0).abs() < 1e-3, "{}", as_if_known(t2, 23.0));
+        assert!((as_if_known(30.0, 1e9) / 30.0 - 1.0).abs() < 1e-6);
+        assert_eq!(as_if_known(1e9, 3.0), 0.0);
+    }
+
+    /// Beyond the upper 1e-3 of chi-squared (18.47) lie about as many channels as that says, of heads that have aged in whatever
+    /// directions, and no more of others.
+    #[test]
+    fn channels_are_as_rarely_far_apart_as_is_said() {
         let mut rng = ChaCha8Rng::seed_from_u64(31);
-        for (n, usual) in [(8, 1.85), (60, 1.30)] {
-            let largest = |_| covariance(&draws(n, &mut rng)).symmetric_eigenvalues().max();
-            let mut largest: Vec<f64> = (0..300).map(largest).collect();
-            let found = median(&mut largest);
-            assert!((found / usual - 1.0).abs() < 0.05, "{n} channels: {found}");
-        }
-        for _ in 0..100 {
-            let mut moved = draws(60, &mut rng);
-            moved[0] = Vector4::new(0.0, 0.0, -10.0, 0.0);
-            let inverse = covariance(&moved).try_inverse().unwrap();
-            assert!(moved[0].dot(&(inverse * moved[0])) > 33.4);
+        for (n, is_aged) in [(8, true), (20, true), (60, true), (128, true), (60, false)] {
+            let (heads, mut beyond) = (20_000 / n, 0);
+            for _ in 0..heads {
+                let mut moved = draws(n, &mut rng);
+                let ages = Matrix4::from_fn(|i, j| {
+                    if is_aged { rng.random_range(-5.0..5.0) } else { f64::from(u8::from(i == j)) }
+                });
+                moved.iter_mut().for_each(|m| *m = ages * *m);
+                let apart = Apart::learn(&moved, true);
+                beyond += moved.iter().filter(|m| apart.square(m) > 18.47).count();
+            }
+            let rate = beyond as f64 / (heads * n) as f64;
+            assert!(rate < 2.5e-3, "{n} channels, aged {is_aged}: {rate}");
         }
     }
 
@@ -111,11 +173,10 @@ mod tests {
         for m in &mut moved[36..] {
             *m += Vector4::new(0.0, 12.0, 30.0, 0.0);
         }
-        let of = covariance(&moved);
-        let along = way.dot(&(of * way)) / way.norm_squared();
+        let apart = Apart::learn(&moved, true);
+        let along = way.norm_squared() / way.dot(&(apart.inverse * way));
         assert!((10.0..80.0).contains(&along), "{along}, truly {}", 1.0 + way.norm_squared());
-        let inverse = of.try_inverse().unwrap();
-        let far = |m: &Features| m.dot(&(inverse * m)) > 33.0;
+        let far = |m: &Features| apart.square(m) > 33.0;
         assert_eq!(moved[..36].iter().filter(|m| far(m)).count(), 0);
         assert_eq!(moved[36..].iter().filter(|m| far(m)).count(), 24);
     }

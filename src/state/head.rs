@@ -1,6 +1,6 @@
 //! One printhead: its level, and each of its channels from there, filtered sweep by sweep in the order of time.
 
-use super::ageing;
+use super::ageing::Apart;
 use super::canonical::{Canonical, Features};
 use super::channel::{Channel, FromLevel, RUNGS, Sum};
 use super::level::{Expected, Explained, Member, Move, Variances, explain};
@@ -303,19 +303,19 @@ impl Head {
         let (spread, noise) = (self.kind.canonical.spread, self.within.noise());
         let of = |look: &Look| self.channels.get(&look.channel).map(|of| of.moved(&spread, &noise));
         let moved: Vec<_> = looks.iter().filter_map(of).collect();
-        let wider: [Matrix4<f64>; RUNGS + 1] = std::array::from_fn(|rung| {
+        let apart: [Apart; RUNGS + 1] = std::array::from_fn(|rung| {
             let known: Vec<Features> = moved.iter().filter_map(|of| of[rung]).collect();
-            let is_aged = rung == RUNGS && self.wider.max() > ALIKE;
+            // how far channels lie from each other was learned from few channels, too
+            let is_of_head = rung == RUNGS;
+            let is_aged = is_of_head && self.wider.max() > ALIKE;
             let is_asked = is_aged || known.iter().any(|of| of.norm_squared() > BOUNDS[rung]);
-            if is_asked { ageing::covariance(&known) } else { Matrix4::identity() }
+            if is_asked { Apart::learn(&known, !is_of_head) } else { Apart::as_known() }
         });
-        self.wider += (wider[RUNGS].diagonal() - self.wider) * OF_SWEEP;
-        let inverse = wider.map(|of| of.try_inverse().unwrap_or_else(Matrix4::identity));
+        self.wider += (apart[RUNGS].wider - self.wider) * OF_SWEEP;
         for (look, moved) in looks.iter().zip(moved) {
             let Some(channel) = self.channels.get_mut(&look.channel) else { continue };
-            channel.watch(std::array::from_fn(|rung| {
-                moved[rung].map_or(0.0, |of| of.dot(&(inverse[rung] * of)))
-            }));
+            let square = |rung: usize| moved[rung].map_or(0.0, |of| apart[rung].square(&of));
+            channel.watch(std::array::from_fn(square));
         }
     }
 
