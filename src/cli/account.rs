@@ -28,6 +28,9 @@ pub struct Row {
     pub why: String,
     /// Below the directory of results.
     pub verdicts: Option<String>,
+    /// When they were made, as the journal says, and of what content; `None`: there are none.
+    pub judged_at: Option<String>,
+    pub digest: Option<String>,
     pub signals: u64,
 }
 

@@ -3,16 +3,21 @@
 
 use super::account::RUN_NAME;
 use super::exit::Failure;
+use super::lost;
 use super::progress::thousands;
 use super::report::printable;
+use crate::io::inputs::Input;
+use crate::io::journal::{Entry, Means, Outcome};
 use crate::io::{printable, regular_file, result_file};
 use crate::pipeline::rfc3339;
 use crate::report::{Changes, Fault, Report, clock};
 use chrono::DateTime;
 use serde::Deserialize;
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// A `run.json` of a hundred thousand recordings takes some 30 MB.
 const MOST_BYTES: u64 = 256 << 20;
@@ -22,38 +27,71 @@ const MOST_LISTED: usize = 20;
 /// What an earlier run knew, as its `run.json` says.
 #[derive(Debug, Deserialize)]
 pub struct Known {
+    #[serde(flatten)]
+    by: Option<Means>,
     recordings: Vec<Row>,
+    /// What stands there now ([`lost::entries`]).
+    #[serde(skip)]
+    now: BTreeMap<String, Arc<Entry>>,
 }
 
 #[derive(Debug, Deserialize)]
 struct Row {
     recording: String,
+    outcome: Option<Outcome>,
     verdicts: Option<String>,
+    judged_at: Option<String>,
+    digest: Option<String>,
+}
+
+impl Row {
+    /// Whether it is of the results of that name, below what a report was asked for.
+    fn names(&self, name: &str) -> bool {
+        let place = |place: &str| {
+            let place = place.strip_suffix(".verdicts.parquet").unwrap_or(place);
+            let (place, name) = (Path::new(place), Path::new(name));
+            place.ends_with(name) || name.ends_with(place)
+        };
+        self.verdicts.as_deref().is_some_and(place)
+    }
 }
 
 impl Known {
     /// `run`: its `run.json`, or the directory where that lies.
-    pub fn read(run: &Path) -> Result<Known, Failure> {
+    /// `tables`: that the report is of.
+    pub fn read(run: &Path, tables: &[Input]) -> Result<Known, Failure> {
         let path = if run.is_dir() { run.join(RUN_NAME) } else { run.to_path_buf() };
         let failed = |what: String| Failure::usage(format!("{}: {what}", path.display()));
         let text = regular_file::read(&path, MOST_BYTES)
             .map_err(|e| failed(format!("cannot be read: {e}")))?;
-        serde_json::from_slice(&text).map_err(|e| {
+        let known = serde_json::from_slice::<Known>(&text).map_err(|e| {
             let what = match result_file::instead(&path) {
                 instead if instead.is_empty() => format!(": {}", printable::of_parser(&e)),
                 instead => instead,
             };
             failed(format!("not the {RUN_NAME} of a replay{what}"))
-        })
+        })?;
+        Ok(Known { now: lost::entries(tables), ..known })
     }
 
-    /// Whether the results of that name, below what a report was asked for, were among those that it had.
+    /// Whether it was asked for the results of that name.
+    fn named(&self, name: &str) -> bool {
+        self.recordings.iter().any(|row| row.names(name))
+    }
+
+    /// Whether the results of that name are those that it had: judged then, and not judged again since.
     fn has_results(&self, name: &str) -> bool {
-        let places = self.recordings.iter().filter_map(|row| row.verdicts.as_deref());
-        places.map(|place| place.strip_suffix(".verdicts.parquet").unwrap_or(place)).any(|place| {
-            let (place, name) = (Path::new(place), Path::new(name));
-            place.ends_with(name) || name.ends_with(place)
-        })
+        let had = |row: &&Row| row.names(name) && row.outcome.is_none_or(Outcome::is_judged);
+        let Some(then) = self.recordings.iter().find(had) else { return false };
+        match (self.now.get(name), &then.judged_at) {
+            (Some(now), Some(at)) => {
+                *at == now.at
+                    && then.digest == now.recording.digest
+                    && self.by.as_ref().is_none_or(|by| *by == now.by)
+            }
+            // a file of an earlier version, or no journal
+            _ => true,
+        }
     }
 
     /// Whether it was given a recording of that file name.
@@ -79,13 +117,14 @@ impl<'a> Since<'a> {
     pub fn of(run: &Path, known: &Known, report: &'a Report) -> Result<Since<'a>, Failure> {
         let is_known = |name: &str| known.has_results(name);
         let (lines, faults) = (&report.recordings, &report.faults);
-        let changes = Changes::since(lines, faults, is_known).ok_or_else(|| {
-            Failure::usage(format!(
+        if !lines.iter().any(|line| known.named(&line.name)) {
+            return Err(Failure::usage(format!(
                 "{}: none of that run's recordings is among these results: give the {RUN_NAME} of an earlier run that \
                  wrote some of them",
                 run.display()
-            ))
-        })?;
+            )));
+        }
+        let changes = Changes::since(lines, faults, is_known);
         let silent = changes.silent.iter().filter(|_| changes.recordings > 0).map(|name| {
             Unjudged { what: name.to_string(), why: "not judged in any recording since".into() }
         });
@@ -139,7 +178,9 @@ impl<'a> Since<'a> {
             let told = |fault: &&Fault| {
                 let channel = fault.story.channel;
                 let head = printable(&fault.story.printhead);
-                format!("{head} channel {channel}: {}", printable::line(&fault.sentence, 600))
+                // the sentence of a fault that is over begins with its channel
+                let sentence = fault.sentence.replacen(&format!("channel {channel}: "), "", 1);
+                format!("{head} channel {channel}: {}", printable::line(&sentence, 600))
             };
             list(out, words, faults.iter().map(told))?;
         }

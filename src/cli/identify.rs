@@ -57,7 +57,10 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     outputs::check_file(&args.out, outputs::ResultFile::Models).map_err(Failure::of_place)?;
     let labels = args.labels.as_deref().map(labels_file::read).transpose()?;
     if let Some(dir) = &args.plot {
-        outputs::check_directory(dir).map_err(Failure::of_place)?;
+        if *dir == args.out {
+            return Err(Failure::usage(format!("--plot {}: --out has that name", dir.display())));
+        }
+        outputs::check_beside(dir, "identify_", args.out.is_file()).map_err(Failure::of_place)?;
     }
     let Collected { set, met, mut incomplete, progress } =
         collected(Given::Named(&args.recordings), &settings, labels.as_ref())?;

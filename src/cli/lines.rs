@@ -84,8 +84,16 @@ impl Planned {
             skipped: false,
             why: printable::line(why, MOST_OF_A_REASON),
             verdicts: has_verdicts.then(|| self.placed.verdicts.clone()),
+            judged_at: None,
+            digest: None,
             signals: 0,
         }
+    }
+
+    /// Of a recording that has verdicts.
+    fn row_of(&self, entry: &Entry, why: &str) -> Row {
+        let (judged_at, digest) = (Some(entry.at.clone()), entry.recording.digest.clone());
+        Row { judged_at, digest, ..self.row(entry.outcome, why) }
     }
 
     pub fn judged_row(&self, judged: &Judged, entry: &Entry) -> Row {
@@ -94,13 +102,13 @@ impl Planned {
             (Decision::Judge(why), None) => why.to_string(),
             _ => String::new(),
         };
-        Row { signals: judged.signals(), ..self.row(entry.outcome, &why) }
+        Row { signals: judged.signals(), ..self.row_of(entry, &why) }
     }
 
     pub fn skipped_row(&self, entry: &Entry) -> Row {
         let why = not_whole(entry).unwrap_or_else(|| format!("finished {}", entry.at));
         let signals = entry.counts["signals"].as_u64().unwrap_or_default();
-        Row { skipped: true, signals, ..self.row(entry.outcome, &why) }
+        Row { skipped: true, signals, ..self.row_of(entry, &why) }
     }
 }
 

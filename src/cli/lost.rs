@@ -3,6 +3,7 @@
 //! names and reasons.
 
 use super::account::RUN_NAME;
+use super::results;
 use crate::io::inputs::Input;
 use crate::io::journal::{Entry, JOURNAL_NAME, Journal, Outcome};
 use crate::io::regular_file;
@@ -10,8 +11,9 @@ use crate::io::run_lock::{self, ToJudge, Unfinished};
 use crate::io::stored;
 use crate::report::Lost;
 use serde_json::{Value, json};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// `unread`: what of the tables could not be read, in words.
 pub fn of(tables: &[Input], unread: &[String]) -> Vec<Lost> {
@@ -37,6 +39,20 @@ pub fn of(tables: &[Input], unread: &[String]) -> Vec<Lost> {
 fn named(table: &Input) -> Option<PathBuf> {
     let levels = table.below.components().count();
     table.path.parent()?.ancestors().nth(levels).map(Path::to_path_buf)
+}
+
+/// What the journals say of tables that a report is of, by the names that it has for them. Of what no journal names,
+/// nothing.
+pub fn entries(tables: &[Input]) -> BTreeMap<String, Arc<Entry>> {
+    let mut journals: BTreeMap<PathBuf, Journal> = BTreeMap::new();
+    let entry = |table: &Input| {
+        let out = results_above(table.path.parent()?)?;
+        let place = table.path.strip_prefix(&out).ok()?.to_string_lossy().into_owned();
+        let journal =
+            journals.entry(out).or_insert_with_key(|out| Journal::read(out).unwrap_or_default());
+        Some((results::name(table), journal.of_result(&place)?.clone()))
+    };
+    tables.iter().filter_map(entry).collect()
 }
 
 /// Where the journal of a directory of results, or of one above it, lies.

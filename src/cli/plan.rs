@@ -78,6 +78,8 @@ pub fn lost(e: &InputsError) -> Row {
         skipped: false,
         why: e.to_string(),
         verdicts: None,
+        judged_at: None,
+        digest: None,
         signals: 0,
     }
 }

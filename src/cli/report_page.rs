@@ -64,8 +64,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let declared = settings.isolate.classes.into_keys().collect::<Vec<_>>();
     let settings = settings.report;
     let page = args.output.as_deref().map(Page::at).transpose()?;
-    let known = args.changes_since.as_deref().map(Known::read).transpose()?;
     let found = results::find(&args.out, "a report")?;
+    let known = args.changes_since.as_deref().map(|run| Known::read(run, &found)).transpose()?;
     let progress = Progress::new(1, 0);
     let read = results::read(&found, &settings, true, &progress, &interruptible())?;
     let own = read.classes.iter().chain(&declared).map(String::as_str);
@@ -104,7 +104,7 @@ impl<'a> Page<'a> {
             return Err(Failure::usage(format!("{name}: the result is a page: give a name.html")));
         }
         let table = page.with_extension("faults.parquet");
-        let both = [(page, ResultFile::Page), (table.as_path(), ResultFile::Table)];
+        let both = [(page, ResultFile::Page), (table.as_path(), ResultFile::Faults)];
         for (path, kind) in both {
             outputs::check_file(path, kind).map_err(Failure::of_place)?;
         }
@@ -134,7 +134,7 @@ fn tell_json(read: &Read, since: Option<&Since>, page: Option<&Page>) -> std::io
 }
 
 fn tell(read: &Read, since: Option<&Since>, page: Option<&Page>) -> std::io::Result<()> {
-    let mut out = output::report();
+    let mut out = output::result(since.is_none() || page.is_some());
     match since {
         None => report::print(&read.report, printable::line, &mut out)?,
         Some(since) => since.print(&mut out)?,

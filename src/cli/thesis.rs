@@ -32,6 +32,8 @@ pub struct Args {
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let files = [("tables.json", ResultFile::Chapter), ("tables.md", ResultFile::Companion)];
     outputs::check_files(&args.out, files).map_err(Failure::of_place)?;
+    let again = args.out.join("tables.json").is_file();
+    outputs::check_beside(&args.out, "fig_", again).map_err(Failure::of_place)?;
     let seeds: Vec<u64> = (0..args.seeds).map(|k| args.seed.wrapping_add(k)).collect();
     let threads = match args.threads {
         0 => crate::side_by_side::cores(),

@@ -1,6 +1,7 @@
 //! Which files a command line means.
 
 use super::objects::{self, in_object_store};
+use super::result_file::ResultFile;
 use crate::labels::nearest;
 use globset::{GlobBuilder, GlobMatcher};
 use std::collections::BTreeSet;
@@ -190,6 +191,12 @@ impl Found {
     }
 }
 
+/// What `replay --annotate` wrote beside verdicts is no recording, wherever those are.
+fn is_annotation(path: &Path) -> bool {
+    name_ends(path, ".annotations.mcap")
+        && matches!(ResultFile::of(path), Ok(Some(ResultFile::Recording)))
+}
+
 fn name_ends(path: &Path, ending: &str) -> bool {
     path.file_name().is_some_and(|n| n.to_string_lossy().ends_with(ending))
 }
@@ -220,7 +227,7 @@ fn search(root: &Path, wanted: impl Fn(&Path) -> bool) -> Found {
         };
         let path = entry.path();
         let part = name_ends(path, ".part");
-        if entry.file_type().is_file() && !part && wanted(path) {
+        if entry.file_type().is_file() && !part && wanted(path) && !is_annotation(path) {
             found.inputs.push(input_below(root, path));
         }
     }

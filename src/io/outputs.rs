@@ -83,6 +83,18 @@ pub fn check_files<'a>(
     }
 }
 
+/// Refuses a directory where files of these names lie that no earlier run made. `begin`: how their names begin.
+pub fn check_beside(dir: &Path, begin: &str, is_earlier_run: bool) -> Result<(), OutputError> {
+    check_directory(dir)?;
+    let files = dir.read_dir().into_iter().flatten().flatten().map(|entry| entry.path());
+    let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let mut theirs = files.filter(|path| path.is_file() && name(path).starts_with(begin));
+    match theirs.next().filter(|_| !is_earlier_run) {
+        Some(path) => Err(OutputError::OfAnother { path, kind: ResultFile::Companion }),
+        None => Ok(()),
+    }
+}
+
 /// Removes an earlier run's files from a directory, in this order: first the one that says that the
 /// others are complete, then all that might not be written again.
 pub fn remove_earlier(dir: &Path, names: &[&str]) -> Result<(), OutputError> {

@@ -26,6 +26,8 @@ pub enum ResultFile {
     Manual,
     Recording,
     Table,
+    /// Of faults over recordings, beside a report's page.
+    Faults,
     /// Nothing in it says who made it: its neighbours, written by the same run, do.
     Companion,
 }
@@ -65,6 +67,7 @@ impl fmt::Display for ResultFile {
             ResultFile::Manual => "manual page of inkling",
             ResultFile::Recording => "recording that inkling made",
             ResultFile::Table => "Parquet table that inkling made",
+            ResultFile::Faults => "table of faults that a report made",
             ResultFile::Companion => "file of an earlier run, as far as what lies beside it tells",
         })
     }
@@ -83,7 +86,10 @@ impl ResultFile {
         let is = |is: bool, kind: ResultFile| is.then_some(kind);
         Ok(match head.as_slice() {
             [b'P', b'A', b'R', b'1', ..] => {
-                is(is_in_footer(&mut file, b"inkling")?, ResultFile::Table)
+                let footer = footer(&mut file)?;
+                let has = |word: &[u8]| footer.windows(word.len()).any(|part| part == word);
+                let kind = if has(b"urgency") { ResultFile::Faults } else { ResultFile::Table };
+                is(has(b"inkling"), kind)
             }
             [b'{', ..] => of_json(file)?,
             head if head.starts_with(MAGIC) => {
@@ -149,24 +155,24 @@ fn of_json(mut file: File) -> std::io::Result<Option<ResultFile>> {
     })
 }
 
-/// Whether a Parquet file's footer has a word.
-fn is_in_footer(file: &mut File, word: &[u8]) -> std::io::Result<bool> {
+/// Of a Parquet file; empty where it has none.
+fn footer(file: &mut File) -> std::io::Result<Vec<u8>> {
     let bytes = file.metadata()?.len();
     let mut end = [0; 8];
     if bytes < 12 {
-        return Ok(false);
+        return Ok(Vec::new());
     }
     file.seek(SeekFrom::End(-8))?;
     file.read_exact(&mut end)?;
     let [a, b, c, d, magic @ ..] = end;
     let length = u64::from(u32::from_le_bytes([a, b, c, d]));
     if magic != *b"PAR1" || length + 12 > bytes || length > MOST_FOOTER_BYTES {
-        return Ok(false);
+        return Ok(Vec::new());
     }
     let mut footer = vec![0; length as usize];
     file.seek(SeekFrom::End(-8 - length as i64))?;
     file.read_exact(&mut footer)?;
-    Ok(footer.windows(word.len()).any(|part| part == word))
+    Ok(footer)
 }
 
 #[cfg(test)]

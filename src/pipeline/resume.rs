@@ -3,9 +3,11 @@
 //! line, and its files are there. The program's version does not matter.
 
 use super::job::Replay;
+use crate::io::annotation_writer;
 use crate::io::episode_table;
 use crate::io::journal::{Entry, Journal, Means, Stamp};
 use crate::io::layout::Placed;
+use crate::io::outputs::ResultFile;
 use crate::io::summary_file;
 use crate::io::{regular_file, stored, verdict_reader};
 use crate::settings::Settings;
@@ -142,6 +144,13 @@ impl Resume<'_> {
                 return Ok(Decision::Refuse(owner.refusal(there)));
             }
         }
+        let annotations = annotation_writer::path_beside(&placed.verdicts_in(self.out));
+        if is_of_another(&annotations) {
+            return Ok(Decision::Refuse(format!(
+                "{}: is no file of annotations that inkling wrote, and would be one: give another --out, or remove it",
+                annotations.display()
+            )));
+        }
         let Some(entry) = entry else {
             let why = if there.is_some() { Why::NotInJournal } else { Why::New };
             return Ok(Decision::Judge(why));
@@ -206,6 +215,12 @@ impl Resume<'_> {
             true => Decision::Finished { entry, seen: stamp },
         })
     }
+}
+
+/// Whether a file is there, with something in it, and inkling did not write it.
+fn is_of_another(annotations: &Path) -> bool {
+    let is_something = annotations.metadata().is_ok_and(|of| of.len() > 0);
+    is_something && !matches!(ResultFile::of(annotations), Ok(Some(ResultFile::Recording)))
 }
 
 /// What is written of a recording: the summary, which says that all are there, last.

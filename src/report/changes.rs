@@ -12,6 +12,14 @@ const PAUSE_NS: i64 = 6 * 3_600_000_000_000;
 /// Who records without a pause is told of the last day.
 const LONGEST_NIGHT_NS: i64 = 24 * 3_600_000_000_000;
 
+/// What was known.
+struct Before {
+    /// Recordings, as spells number them.
+    sources: BTreeSet<usize>,
+    /// When the last of them ended.
+    end_ns: i64,
+}
+
 #[derive(Debug)]
 pub struct Changes<'a> {
     pub from_ns: i64,
@@ -44,19 +52,16 @@ impl<'a> Changes<'a> {
         Some(Changes::between(before, last, [from_ns, to_ns], faults))
     }
 
-    /// Since the recordings of which `is_known` is true, by their names; there need be no others. `None`: there are
-    /// none of these.
+    /// Since the recordings of which `is_known` is true, by their names. The others may be of the same time, or earlier.
     pub fn since(
         lines: &[RecordingLine],
         faults: &'a [Fault],
         is_known: impl Fn(&str) -> bool,
-    ) -> Option<Changes<'a>> {
+    ) -> Changes<'a> {
         let (before, last): (Vec<_>, Vec<_>) = lines.iter().partition(|line| is_known(&line.name));
-        before.first()?;
-        let ends = |of: &[&RecordingLine]| of.iter().filter_map(|line| line.to_ns).max();
-        let from_ns = ends(&before).map_or(i64::MIN, |end| end.saturating_add(1));
-        let to_ns = ends(&last).unwrap_or(from_ns);
-        Some(Changes::between(before, last, [from_ns, to_ns], faults))
+        let from_ns = last.iter().filter_map(|line| line.from_ns).min().unwrap_or_default();
+        let to_ns = last.iter().filter_map(|line| line.to_ns).max().unwrap_or(from_ns);
+        Changes::between(before, last, [from_ns, to_ns], faults)
     }
 
     fn between(
@@ -69,8 +74,17 @@ impl<'a> Changes<'a> {
             let heads = of.heads.iter().filter(|(_, count)| count.judged > 0);
             heads.map(|(name, _)| name.clone()).collect()
         };
+        let known_to_ns = before.iter().filter_map(|line| line.to_ns).max();
+        let known = Before {
+            sources: before.iter().map(|line| line.source).collect(),
+            end_ns: known_to_ns.unwrap_or(i64::MIN),
+        };
         let of_last: BTreeSet<Arc<str>> = last.iter().flat_map(|of| judged(of)).collect();
         let of_before: BTreeSet<Arc<str>> = before.iter().flat_map(|of| judged(of)).collect();
+        // what was known of the same time is no older
+        let until_now = before.iter().filter(|of| of.to_ns.is_some_and(|to| to >= from_ns));
+        let of_last: BTreeSet<Arc<str>> =
+            of_last.into_iter().chain(until_now.flat_map(|of| judged(of))).collect();
         let mut changes = Changes {
             from_ns,
             to_ns,
@@ -82,18 +96,21 @@ impl<'a> Changes<'a> {
             still: 0,
             silent: of_before.difference(&of_last).cloned().collect(),
         };
-        faults.iter().filter(|fault| fault.is_latest).for_each(|fault| changes.take(fault));
+        faults.iter().filter(|fault| fault.is_latest).for_each(|fault| {
+            changes.take(fault, &known);
+        });
         changes
     }
 
-    fn take(&mut self, fault: &'a Fault) {
+    fn take(&mut self, fault: &'a Fault, known: &Before) {
         let story = &fault.story;
+        let was_known = story.spells.iter().any(|of| known.sources.contains(&of.recording));
         let is_worse = certain_trend(story).is_some_and(|t| t.direction() == Direction::Worse);
         match story.ended_at_ns {
-            Some(end) if end >= self.from_ns => self.healthy.push(fault),
+            Some(end) if end > known.end_ns => self.healthy.push(fault),
             Some(_) => {}
-            None if story.began_at_ns >= self.from_ns => self.new.push(fault),
-            None if story.last_began_at_ns >= self.from_ns => self.back.push(fault),
+            None if !was_known => self.new.push(fault),
+            None if story.last_began_at_ns > known.end_ns => self.back.push(fault),
             None if is_worse => self.worse.push(fault),
             None => self.still += 1,
         }

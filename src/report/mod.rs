@@ -54,6 +54,8 @@ use story::Rates;
 #[derive(Clone, Debug)]
 pub struct RecordingLine {
     pub name: String,
+    /// Its number, as episodes' spells have it.
+    pub source: usize,
     pub from_ns: Option<i64>,
     pub to_ns: Option<i64>,
     pub judged: u64,
@@ -178,6 +180,7 @@ fn lines(sources: &[Source], survey: &Survey, faults: &[Fault]) -> Vec<Recording
         let damage = source.document["damage"].as_array().into_iter().flatten();
         RecordingLine {
             name: source.name.clone(),
+            source: recording,
             from_ns,
             to_ns,
             judged: heads.values().map(|h| h.judged).sum(),
