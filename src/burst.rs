@@ -81,6 +81,22 @@ impl Burst {
         }
     }
 
+    /// Four of a row's samples, as they lie: other signals mostly differ in them.
+    pub fn glance(&self, row: usize) -> [u8; 16] {
+        let (channels, n) = (self.channels as usize, self.samples_per_channel as usize);
+        let bytes = self.format.bytes();
+        let mut glance = [0; 16];
+        for (k, of) in glance.as_chunks_mut::<4>().0.iter_mut().enumerate() {
+            let sample = (2 * k + 1) * n / 8;
+            let at = match self.layout {
+                Layout::ChannelMajor => row * n + sample,
+                Layout::SampleMajor => sample * channels + row,
+            };
+            of[..bytes].copy_from_slice(&self.samples[at * bytes..(at + 1) * bytes]);
+        }
+        glance
+    }
+
     /// The bytes of the int16 signals of `rows` rows from `row` on, if the burst is channel-major int16.
     pub fn int16_rows(&self, row: usize, rows: usize) -> Option<&[u8]> {
         let bytes = self.samples_per_channel as usize * Format::S16Le.bytes();

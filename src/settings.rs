@@ -342,7 +342,7 @@ impl Settings {
             if v > lo && v < hi {
                 Ok(())
             } else {
-                Err(format!("{key} = {v:?}: must lie between {lo} and {hi}"))
+                Err(format!("{key} = {v:?}: give more than {lo} and less than {hi}"))
             }
         };
         if self.input.rails[0] >= self.input.rails[1] || self.input.rails.iter().any(|v| v.is_nan())

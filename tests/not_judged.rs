@@ -180,6 +180,86 @@ fn other_recordings_of_the_same_times_are_no_copies_and_of_copies_the_judged_one
     assert!(told.page.contains(left) && told.terminal.contains(left), "{}", told.terminal);
 }
 
+/// With the bytes of one row after the other.
+fn with_rows(burst: &Burst, rows: impl Fn(usize, &mut [u8])) -> Burst {
+    let mut bytes = burst.samples.to_vec();
+    let of_row = 2 * burst.samples_per_channel as usize;
+    bytes.chunks_mut(of_row).enumerate().for_each(|(row, bytes)| rows(row, bytes));
+    Burst { samples: bytes.into(), ..burst.clone() }
+}
+
+#[test]
+fn heads_and_channels_that_fell_silent_are_told() {
+    let house = House::new();
+    record(&house, "rec/a.mcap", &some(0, 12));
+    let half = |b: Burst| {
+        let (channels, bytes) = (b.channels / 2, b.samples.len() / 2);
+        Burst { channels, samples: b.samples.slice(..bytes), ..b }
+    };
+    let night: Vec<Burst> = the_next_night(some(0, 12)).into_iter().map(half).collect();
+    record(&house, "rec/b.mcap", &night);
+    replay(&house, "rec").exits(0);
+    let told = report(&house, "out", 0);
+    told.leads_with("Not judged. b: 24 of 48 channels of cyan-1 fell silent");
+    assert_eq!(told.light_of("cyan-1"), "not judged");
+
+    let house = House::new();
+    record(&house, "rec/a.mcap", &some(0, 12));
+    let other = |b: Burst| Burst { printhead: "cyan-2".into(), ..b };
+    let night: Vec<Burst> = the_next_night(some(0, 12)).into_iter().map(other).collect();
+    record(&house, "rec/b.mcap", &night);
+    replay(&house, "rec").exits(0);
+    report(&house, "out", 0).leads_with(
+        "Not judged. a: the last recording of cyan-1: it was not heard in the last night",
+    );
+}
+
+#[test]
+fn what_is_flagged_in_each_of_few_bursts_is_told() {
+    let house = House::new();
+    for night in 0..4 {
+        let dead = |row: usize, bytes: &mut [u8]| {
+            if row == 9 {
+                bytes.chunks_mut(2).enumerate().for_each(|(k, sample)| {
+                    let noise = ((k * k * 7 + 13 * night + k) % 11) as i16 - 5;
+                    sample.copy_from_slice(&noise.to_le_bytes());
+                });
+            }
+        };
+        let day_ns = night as i64 * 86_400_000_000_000;
+        let burst = with_rows(&some(night, 1)[0], dead);
+        let burst = Burst { t_acq_ns: burst.t_acq_ns + day_ns, ..burst };
+        record(&house, &format!("rec/{night}.mcap"), &[burst]);
+    }
+    replay(&house, "rec").exits(0);
+    report(&house, "out", 0).leads_with(
+        "Not judged. 3: channel 9 of cyan-1: flagged in most signals, of which no recording",
+    );
+}
+
+#[test]
+fn frozen_channels_are_told_by_number_whatever_they_are_judged_by() {
+    let bursts = some(0, 30);
+    let first = bursts[0].samples.clone();
+    let frozen = |b: &Burst| {
+        with_rows(b, |row, bytes| {
+            let from = row * bytes.len();
+            if row == 5 {
+                bytes.copy_from_slice(&first[from..from + bytes.len()]);
+            }
+        })
+    };
+    for by in ["", "--baseline b.json", "--identify windows"] {
+        let house = House::new();
+        let bursts: Vec<Burst> = bursts.iter().map(frozen).collect();
+        record(&house, "rec/a.mcap", &bursts);
+        replay(&house, &format!("rec {by}")).exits(3);
+        let told = report(&house, "out", 0);
+        told.leads_with("Not judged. a: channel 5 of cyan-1: mostly not judged");
+        assert!(told.terminal.contains("bits"), "{}", told.terminal);
+    }
+}
+
 #[test]
 fn signals_of_one_time_are_followed_by_nobody() {
     let house = House::new();

@@ -571,6 +571,21 @@ fn a_run_is_an_earlier_run_of_the_same_directory() {
     let json = house.json("report out --changes-since last --json");
     assert_eq!(json["recordings"], 1, "{json}");
     assert!(!json["new"].as_array().unwrap().is_empty(), "{json}");
+    // what was judged again is not what that run had, nor is what was recorded before it
+    std::fs::copy(house.path("out/run.json"), house.path("last/run.json")).unwrap();
+    let new = || house.json("report out --changes-since last --json");
+    assert_eq!(new()["recordings"], 0);
+    let earlier = |b: &Burst| Burst { t_acq_ns: b.t_acq_ns - 86_400_000_000_000, ..b.clone() };
+    let before: Vec<Burst> = all[60..].iter().map(earlier).collect();
+    write(&house.path("rec/late.mcap"), &before, WriterOptions::default());
+    house.run(&judge).exits(0);
+    assert_eq!(new()["recordings"], 1);
+    house.run(&format!("{judge} --set isolate.certainty=0.9")).exits(0);
+    let json = new();
+    assert_eq!(json["recordings"], 3, "{json}");
+    assert!(json["still"] == 0 && !json["new"].as_array().unwrap().is_empty(), "{json}");
+    house.run(&judge).exits(0);
+    std::fs::remove_file(house.path("rec/late.mcap")).unwrap();
     // a night of which nothing could be judged is no night without news
     std::fs::copy(house.path("out/run.json"), house.path("last/run.json")).unwrap();
     house.write("rec/c.mcap", "no recording");

@@ -74,7 +74,15 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             Ok(fitted) => fitted,
             Err(e) => {
                 incomplete = true;
-                let why = e.advice(labels.is_some());
+                // here there is no window
+                let why = match (&e, labels.is_some()) {
+                    (IdentifyError::TooFewSignals { .. }, false) => {
+                        format!(
+                            "{e}: give more recordings, or look at input.rails if they are saturated"
+                        )
+                    }
+                    (e, labelled) => e.advice(labelled),
+                };
                 progress.say(&format!("warning: printhead {}: {why}", printable(name)));
                 continue;
             }

@@ -10,9 +10,11 @@ use super::report::printable;
 use crate::design::{ClassTold, Design, DesignError, Judged};
 use crate::detect::DetectMethod;
 use crate::identify::IdentifyError;
+use crate::identify::averaging::SignalSet;
 use crate::io::labels_file::{self, States, Written};
 use crate::io::{design_file, outputs};
 use crate::labels::{Label, Labels, known_states};
+use crate::model::lie::Lie;
 use crate::settings::{Preset, Settings};
 use serde_json::json;
 use std::io::Write;
@@ -120,6 +122,7 @@ pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
             written.name().display()
         )));
     }
+    set.healthy.iter().try_for_each(|(name, signals)| refuse_no_rings(name, signals))?;
     let grey_box = &settings.identify.grey_box;
     let (mut design, mut warnings) =
         Design::train(&set, grey_box, &settings.detect, &settings.isolate)
@@ -131,6 +134,26 @@ pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
     Ok(Learned { design, told, warnings, unused: met.unused(&labels), incomplete })
 }
 
+/// Healthy signals ring, and alike: noise, and rows that are no channels, teach nothing.
+fn refuse_no_rings(printhead: &str, signals: &SignalSet) -> Result<(), Failure> {
+    /// Signals that are looked at.
+    const MOST: usize = 256;
+    let rows = signals.len().min(MOST);
+    let numbers: Vec<f64> =
+        signals.data[..rows * signals.samples].iter().map(|&y| y.into()).collect();
+    match Lie::of(&numbers, rows, false).filter(|lie| !lie.is_plausible()) {
+        Some(lie) => Err(Failure::new(format!(
+            "{}: what is labelled `healthy` are no ring-downs as laid out: neighbouring samples of a signal correlate {:.2}, and \
+             signals have {:.2} of their energy in common; look at `format`, `layout`, `channels` and `samples_per_channel`, and \
+             at the labels",
+            printable(printhead),
+            lie.neighbours,
+            lie.alike.max(0.0)
+        ))),
+        None => Ok(()),
+    }
+}
+
 /// Read with the states that are declared, under the names that the design will give them.
 fn labels(written: Written, new_class: &[String], settings: &Settings) -> Result<Labels, Failure> {
     let isolate = &settings.isolate;
@@ -139,7 +162,10 @@ fn labels(written: Written, new_class: &[String], settings: &Settings) -> Result
         let is_taken = known_states().chain(COUNTED).any(|taken| taken == name)
             || isolate.classes.contains_key(name)
             || isolate.physics.law(name).is_some();
-        if name.is_empty() || is_taken {
+        if name.is_empty() {
+            return Err(Failure::usage("--new-class: an empty name is none; give one"));
+        }
+        if is_taken {
             return Err(Failure::usage(format!(
                 "--new-class {}: that name has a meaning already; give another",
                 printable(name)

@@ -108,6 +108,11 @@ impl OwnChannels {
         OwnChannels { basis, channels: known.collect(), frozen }
     }
 
+    /// Of channels of whose levels nothing is known.
+    pub fn of_frozen(frozen: Vec<u32>) -> OwnChannels {
+        OwnChannels::new(Arc::default(), Vec::new(), Vector4::zeros(), frozen)
+    }
+
     fn place(&self, channel: u32) -> Result<usize, usize> {
         self.channels.binary_search_by_key(&channel, |(k, _)| *k)
     }

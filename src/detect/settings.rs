@@ -93,7 +93,7 @@ impl DetectSettings {
             if v > 0.0 && v < hi {
                 Ok(())
             } else {
-                Err(format!("{key} = {v:?}: must lie between 0 and {hi}"))
+                Err(format!("{key} = {v:?}: give more than 0 and less than {hi}"))
             }
         };
         open("false_alarm_rate", self.false_alarm_rate, 0.5)?;

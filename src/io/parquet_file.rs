@@ -87,7 +87,7 @@ impl ParquetFile {
 pub fn words(error: &ParquetError) -> String {
     match error {
         ParquetError::External(own) => own.to_string(),
-        of_library => format!("Parquet: {of_library}"),
+        of_library => format!("cut short or damaged ({of_library})"),
     }
 }
 

@@ -119,7 +119,7 @@ impl IsolateSettings {
         if (0.0..=1.0).contains(&self.certainty) {
             Ok(())
         } else {
-            Err(format!("certainty = {:?}: must lie between 0 and 1", self.certainty))
+            Err(format!("certainty = {:?}: give 0 to 1", self.certainty))
         }
     }
 

@@ -5,13 +5,16 @@
 //! moved to where most of the channels are ([`crate::identify::common_change`]); a warning per printhead
 //! that moved beyond the bounds of `[identify]`. Models, thresholds and what is written of them stay.
 
+use super::batches::Given;
+use super::frozen::{Frozen, LEAST_NOISE};
 use super::level_history::LevelHistory;
 use super::looked_at::LookedAt;
 use super::moved::Moved;
 use super::survey::GroupKey;
 use crate::burst::Burst;
-use crate::design::{Design, Judge, Workspace};
+use crate::design::{Design, Judge, OwnChannels, Workspace};
 use crate::identify::common_change::{Change, CommonChange, Leaps};
+use crate::model::median::median;
 use crate::settings::IdentifySettings;
 use crate::verdict::unusable_signal;
 use std::collections::HashMap;
@@ -31,6 +34,12 @@ const LEAP: f64 = 1.5;
 const FARTHEST: [f64; 4] = [0.5, 0.5, 0.05, 0.5];
 /// After so many bursts without a common change signals far from the model are no longer fitted: they are faults.
 const MOST_UNKNOWN: u32 = 64;
+/// Channels of which most must agree, within so many healthy standard deviations, in so many bursts in a row, before it is
+/// told that all of a head is elsewhere.
+const FEWEST: usize = 5;
+const MOST_ALIKE: f64 = 0.8;
+const AGREE: f64 = 4.0;
+const IN_A_ROW: u32 = 8;
 /// Printheads that are told apart.
 const MOST_HEADS: usize = 1 << 10;
 
@@ -56,6 +65,11 @@ pub struct CommonHeads<'a> {
 struct Head {
     change: CommonChange,
     channels: LookedAt,
+    frozen: Frozen,
+    /// Looks at the burst in hand, from the base; and bursts in a row in which they agreed on a place that no ink and no supply
+    /// brings them to.
+    looks: Vec<Change>,
+    far_off: u32,
     /// What its features are measured from, and how far that lies from where the bounds are.
     base: Arc<Judge>,
     base_at: Change,
@@ -87,12 +101,12 @@ impl<'a> CommonHeads<'a> {
         CommonHeads { design, rails, window_s, bounds, of, moves: 0, signal, expected, work }
     }
 
-    /// The judge of the next burst.
-    pub fn judge_of(&mut self, judge: &Arc<Judge>, burst: &Burst) -> Arc<Judge> {
+    /// What the next burst is judged by.
+    pub fn judge_of(&mut self, judge: &Arc<Judge>, burst: &Burst) -> Given {
         let key = GroupKey::of(burst);
         let has_room = self.of.len() < MOST_HEADS || self.of.contains_key(&key);
         let Some(healthy_sd) = judge.healthy_sd().filter(|_| has_room) else {
-            return judge.clone();
+            return Given::by(Ok(judge.clone()));
         };
         // a supply or another ink moves amplitude and damping; most faults move the frequency
         let [amplitude, damping, _, phase] = FARTHEST;
@@ -111,8 +125,12 @@ impl<'a> CommonHeads<'a> {
         if !head.is_of(judge) {
             head.window_is(judge);
         }
-        head.look(burst, self.rails, (&mut self.signal, &mut self.expected, &mut self.work));
-        head.judge(burst.t_acq_ns, self.bounds, &mut self.moves)
+        let work = (&mut self.signal, &mut self.expected, &mut self.work);
+        head.look(burst, self.rails, work);
+        let judge = head.judge(burst.t_acq_ns, self.bounds, &mut self.moves);
+        let frozen = head.frozen.channels();
+        let own = (!frozen.is_empty()).then(|| Arc::new(OwnChannels::of_frozen(frozen)));
+        Given { judge: Ok(judge), own }
     }
 
     pub fn moved(&self) -> Vec<Moved> {
@@ -142,6 +160,9 @@ impl Head {
         Head {
             change: CommonChange::new(history.window_of(&judge.model), healthy_sd, leaps),
             channels: LookedAt::default(),
+            frozen: Frozen::default(),
+            looks: Vec::new(),
+            far_off: 0,
             base: judge.clone(),
             base_at,
             window: judge,
@@ -201,10 +222,17 @@ impl Head {
         judge.expect(burst, expected);
         let drive = judge.drive(burst);
         let far = self.unknown < MOST_UNKNOWN;
+        self.looks.clear();
+        if judge.model.noise > LEAST_NOISE {
+            self.frozen.hear(burst, rails);
+        }
         for channel in channels.filter(|&channel| self.channels.holds(channel, 0)) {
             let row = (channel - burst.first_channel) as usize;
             burst.copy_signal(row, signal);
             if unusable_signal(signal, rails).is_some() {
+                continue;
+            }
+            if self.frozen.is_frozen(channel) {
                 continue;
             }
             judge.deviate(burst, row, expected, signal);
@@ -213,14 +241,35 @@ impl Head {
                 .filter(|x| x.iter().all(|v| v.is_finite()));
             if let Some(features) = found {
                 self.change.look(burst.t_acq_ns, channel, features + at);
+                self.looks.push(features + at);
             }
         }
+    }
+
+    /// Whether most looks at a burst agree on a place beyond the bounds: then it is told, and not followed.
+    fn is_far_off(&self, bounds: [f64; 2]) -> Option<Change> {
+        if self.looks.len() < FEWEST {
+            return None;
+        }
+        let column = |k: usize| self.looks.iter().map(|look| look[k]).collect::<Vec<f64>>();
+        let middle = Change::from_fn(|k, _| median(&mut column(k)));
+        let agree = self.looks.iter().filter(|look| self.in_sds(*look - middle) < AGREE);
+        let most = agree.count() as f64 >= MOST_ALIKE * self.looks.len() as f64;
+        let told = middle + self.base_at;
+        let beyond = (1..3).any(|k| told[k].exp_m1().abs() > bounds[k - 1]);
+        (most && beyond).then_some(told)
     }
 
     /// The judge of a burst whose channels were looked at. `bounds`: of damping and frequency, relative.
     fn judge(&mut self, t_ns: i64, bounds: [f64; 2], moves: &mut u32) -> Arc<Judge> {
         let Some(change) = self.change.change(t_ns) else {
             (self.moved, self.unknown) = (None, self.unknown.saturating_add(1));
+            let far_off = self.is_far_off(bounds);
+            self.far_off = if far_off.is_some() { self.far_off.saturating_add(1) } else { 0 };
+            if let Some(told) = far_off.filter(|_| self.far_off >= IN_A_ROW) {
+                self.beyond_since_ns.get_or_insert(t_ns);
+                self.reaches(told);
+            }
             return self.window.clone();
         };
         self.unknown = 0;
@@ -236,11 +285,7 @@ impl Head {
         if (0..4).any(|k| change[k].abs() > FARTHEST[k]) {
             return self.window.clone();
         }
-        for k in 0..4 {
-            if told[k].abs() > self.farthest[k].abs() {
-                self.farthest[k] = told[k];
-            }
-        }
+        self.reaches(told);
         let wanted = change - self.in_window;
         let off = self.moved.as_ref().map_or(wanted, |(by, _)| wanted - by);
         let is_off = match self.moved {
@@ -256,6 +301,14 @@ impl Head {
             self.bursts += 1;
         }
         self.now().clone()
+    }
+
+    fn reaches(&mut self, told: Change) {
+        for k in 0..4 {
+            if told[k].abs() > self.farthest[k].abs() {
+                self.farthest[k] = told[k];
+            }
+        }
     }
 
     /// How far features lie off, by the healthy ones' spread.

@@ -4,6 +4,7 @@
 //! are; where channels' own levels are remembered (`--baseline`), these; or the reason why the head is not judged.
 
 use super::batches::{Given, GivenTo, Slot};
+use super::frozen::{Frozen, LEAST_NOISE};
 use super::level_history::LevelHistory;
 use super::looked_at::LookedAt;
 use super::moved::Moved;
@@ -11,10 +12,8 @@ use super::sweep::{Clock, Sweep};
 use crate::burst::Burst;
 use crate::design::{HealthyModel, Judge, OwnBasis, OwnChannels, Workspace};
 use crate::isolate::physics_density::FaultCurves;
-use crate::model::inner_product::dot;
 use crate::state::{Features, Found, Head as State, HeadMemory, Look, Memory, OwnLevel};
 use crate::verdict::{Reason, unusable_signal};
-use std::collections::HashMap;
 use std::sync::Arc;
 
 /// Healthy standard deviations that a judge may lie off before it is moved for the first time, and between
@@ -27,8 +26,6 @@ const SURE_SDS: f64 = 3.0;
 const GAIN_BOUND: f64 = 0.25;
 /// After so many sweeps without a level signals far from the model are no longer fitted: they are faults.
 const MOST_UNKNOWN: u32 = 64;
-/// Noise of one sample, counts, below which two signals of a converter may be equal by chance.
-const LEAST_NOISE: f64 = 0.3;
 
 /// What all heads of a recording are judged with.
 #[derive(Debug)]
@@ -79,24 +76,8 @@ pub(super) struct Head {
     healthy_sd: Features,
     /// What channels are judged by, and the looks and the spread of them that it was made of.
     own: Option<([f64; 2], Arc<OwnBasis>)>,
-    /// Per channel its last look; and whether it was the same bits as the one before.
-    bits: HashMap<u32, Bits>,
-    weights: Vec<f64>,
+    frozen: Frozen,
     pub told: Moved,
-}
-
-/// A sum over a channel's samples, each with a weight of its own: the same only for the same samples.
-#[derive(Clone, Copy, Debug)]
-struct Bits {
-    t_ns: i64,
-    sum: u64,
-    frozen: bool,
-}
-
-/// Weights without a pattern (multiples of the golden ratio, less their whole part).
-fn weights(samples: usize) -> Vec<f64> {
-    let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
-    (1..=samples).map(|i| 0.5 + (i as f64 * golden).fract()).collect()
 }
 
 /// To a fifth.
@@ -150,8 +131,7 @@ impl Head {
             unknown: 0,
             healthy_sd,
             own: None,
-            bits: HashMap::new(),
-            weights: weights(burst.samples_per_channel as usize),
+            frozen: Frozen::default(),
             told: Moved::new(burst.printhead.clone()),
         })
     }
@@ -193,8 +173,7 @@ impl Head {
         let t_ns = sweep.to_ns();
         let (looks, all_frozen) = self.look(&sweep, by);
         let own = self.own(by);
-        let frozen: Vec<u32> =
-            self.bits.iter().filter(|(_, bits)| bits.frozen).map(|(k, _)| *k).collect();
+        let frozen = self.frozen.channels();
         let found = self.state.sweep(t_ns, &looks);
         self.told.scatters(t_ns, self.state.wider());
         self.told.swapped_ns = self.state.swapped_ns();
@@ -249,8 +228,11 @@ impl Head {
             expected.resize(n, 0.0);
             judge.expect(burst, expected);
             let drive = judge.drive(burst);
+            if judge.model.noise > LEAST_NOISE {
+                self.frozen.hear(burst, *rails);
+            }
             for channel in channels {
-                let is_frozen = self.bits.get(&channel).is_some_and(|bits| bits.frozen);
+                let is_frozen = self.frozen.is_frozen(channel);
                 if !(is_frozen || self.channels.holds(channel, self.sweeps)) {
                     continue;
                 }
@@ -263,7 +245,7 @@ impl Head {
                 if unusable_signal(signal, *rails).is_some() {
                     continue;
                 }
-                if judge.model.noise > LEAST_NOISE && self.repeats(t_ns, channel, signal) {
+                if is_frozen {
                     repeated += 1;
                     continue;
                 }
@@ -281,15 +263,6 @@ impl Head {
         }
         let frozen = repeated > looks.len();
         (looks, frozen)
-    }
-
-    /// Whether a signal is the same bits as its channel's look before.
-    fn repeats(&mut self, t_ns: i64, channel: u32, signal: &[f64]) -> bool {
-        let sum = dot(&self.weights, signal).to_bits();
-        let bits = self.bits.entry(channel).or_insert(Bits { t_ns, sum, frozen: false });
-        bits.frozen = bits.t_ns < t_ns && bits.sum == sum;
-        (bits.t_ns, bits.sum) = (t_ns, sum);
-        bits.frozen
     }
 
     /// Where channels are by themselves, from the level; and what all have in common.

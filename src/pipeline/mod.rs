@@ -21,6 +21,7 @@ pub mod chain;
 pub mod collect;
 mod common_heads;
 pub mod episodes;
+mod frozen;
 mod head;
 mod heads;
 pub mod identified;

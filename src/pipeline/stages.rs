@@ -189,7 +189,7 @@ impl Deciding<'_, '_, '_> {
                     match following {
                         Some(Following::States(heads)) => heads.take(slot, &judge, burst, given),
                         Some(Following::Common(heads)) => {
-                            given.push((slot, Given::by(Ok(heads.judge_of(&judge, burst)))));
+                            given.push((slot, heads.judge_of(&judge, burst)));
                         }
                         None => given.push((slot, Given::by(Ok(judge)))),
                     }
