@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 Time = Any
 #: Columns of labels.
 _COLUMNS = ["printhead", "channel", "from", "to", "state", "severity"]
-#: Channels and the first of them are u32 in a recording.
-_LAST_CHANNEL = 2**32 - 1
+#: Numbers of channels are u32 in a recording.
+_CHANNELS = 2**32
 
 
 @dataclass
@@ -114,7 +114,7 @@ def bursts(
         times_ns=_times.of_bursts(time, count, every_s),
         period_s=_checked.seconds("period_s", period_s),
         printhead=_checked.text("printhead", printhead),
-        first_channel=_checked.whole("first_channel", first_channel, 0, _LAST_CHANNEL),
+        first_channel=_checked.whole("first_channel", first_channel, 0, _CHANNELS - samples.shape[1]),
         temperature_c=_per_burst("temperature_c", temperature_c, count),
         voltage_v=_per_burst("voltage_v", voltage_v, count),
     )
@@ -167,7 +167,7 @@ def labels(given: Any, of: Bursts | None) -> Labels:
     if isinstance(given, Mapping) or (isinstance(given, Sequence) and given and isinstance(given[0], Mapping)):
         rows = [given] if isinstance(given, Mapping) else given
         return Labels(file=None, text=_csv(_row(row) for row in rows))
-    if of is None:
+    if of is None or given is None:
         raise UsageError("labels: give the name of a CSV file, or rows as dicts; states by channel go with an array")
     return Labels(file=None, text=_csv(_of_states(given, of)))
 

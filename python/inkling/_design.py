@@ -118,8 +118,7 @@ class Design:
         """
         given = _arrays.given(recordings, of_array, ("labels", "new_class", "set"))
         of = given if isinstance(given, _arrays.Bursts) else None
-        own = [new_class] if isinstance(new_class, str) else new_class
-        own = [_checked.text("new_class", name) for name in own]
+        own = _words.texts("new_class", new_class)
         native = _inkling.Design.train(given, _arrays.labels(labels, of), own, _words.settings(set))
         warn(native.warnings)
         return cls(native)

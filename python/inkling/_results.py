@@ -89,14 +89,13 @@ def replay(
     """
     names, out = _words.names(paths), _checked.path("out", out)
     threads = _words.threads(threads)
+    baseline = _words.path("baseline", baseline)
     words = _words.options(set, out=out, identify=identify, baseline=baseline, layout=layout, force=force, threads=threads)
     with tempfile.TemporaryDirectory() as beside:
-        file = None
         if isinstance(design, Design):
-            file = os.path.join(beside, "design.json")
-            design.save(file)
-        elif design is not None:
-            file = _checked.path("design", design)
+            design.save(File(beside, "design.json"))
+            design = File(beside, "design.json")
+        file = _words.path("design", design)
         exit, said = _inkling.verb(["replay", *words, *_words.options(None, design=file), "--", *names])
     warn(said)
     run = json.loads(File(out, "run.json").read_text(encoding="utf-8"))
@@ -171,6 +170,7 @@ def critique(
     that says who is healthy; without it outliers are found and left out. plant: an oscillator is seen through its displacement.
     """
     given = _arrays.given(recordings, of_array, ("out", "labels", "plant", "set"))
+    labels = _words.path("labels", labels)
     directory = File(tempfile.mkdtemp() if out is None else _checked.path("out", out))
     try:
         options = _words.options(set, out=directory if out is None else out, labels=labels, plant=plant)

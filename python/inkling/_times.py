@@ -64,7 +64,7 @@ def since_1970(name: str, given: Any) -> npt.NDArray[np.int64]:
     if times.dtype.kind == "M":
         return _dated(name, times)
     if times.dtype.kind in "OU":
-        flat = [_moment(_at(name, times, at), one) for at, one in enumerate(times.flat)]
+        flat = [_moment(_at(name, times, at), one) for at, one in enumerate(times.ravel().tolist())]
         return np.array(flat, dtype="<i8").reshape(times.shape)
     raise _checked.wrong(name, _GIVE, given)
 

@@ -26,6 +26,18 @@ def names(given: Path | Iterable[Path]) -> list[str]:
     return [_checked.text("recordings", _checked.path("recordings", one)) for one in listed]
 
 
+def texts(name: str, given: object) -> list[str]:
+    """One text, or several, or none."""
+    if not isinstance(given, Iterable):
+        raise _checked.wrong(name, "a text, or several", given)
+    return [_checked.text(name, one) for one in ([given] if isinstance(given, str) else given)]
+
+
+def path(name: str, given: object) -> str | None:
+    """The name of a file, where one is given."""
+    return None if given is None else _checked.path(name, given)
+
+
 def threads(given: object) -> int | None:
     """How many workers; `None`: as many as there are cores."""
     return None if given is None else _checked.whole("threads", given, 1, 1024)

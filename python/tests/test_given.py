@@ -136,7 +136,8 @@ def test_priors_are_a_dict(design, samples):
 
 def test_arguments_of_other_types_are_refused(design, samples, tmp_path):
     for keywords, words in [
-        (dict(first_channel=-1), "first_channel: give 0 to 4294967295, not -1"),
+        (dict(first_channel=-1), "first_channel: give 0 to 4294967288, not -1"),
+        (dict(first_channel=2**32 - 1), "first_channel: give 0 to 4294967288, not 4294967295"),
         (dict(first_channel=1.5), "first_channel: give 0 to"),
         (dict(printhead="\udc80"), "printhead: give a text that UTF-8 can write"),
         (dict(printhead=None), "printhead: give a text"),
@@ -149,7 +150,7 @@ def test_arguments_of_other_types_are_refused(design, samples, tmp_path):
         (dict(time={"a": 1}), "time: give datetime64"),
         (dict(temperature_c="x"), "temperature_c: give one number"),
         (dict(threads=-1), "threads: give 1 to 1024, not -1"),
-        (dict(threads=True, identify="x"), "design, windows"),
+        (dict(identify="x"), "design, windows"),
     ]:
         refused(words, design.judge, samples, **keywords)
     refused("inkling.replay judges recordings", design.judge, "x.mcap")
@@ -171,6 +172,11 @@ def test_arguments_of_other_types_are_refused(design, samples, tmp_path):
     refused("did you mean new_class?", inkling.Design.train, RECORDING, healthy, new_clas="Foo")
     refused("period_s: give s, above 0", inkling.Design.train, samples, healthy, period_s=0)
     refused("no finite number", inkling.Design.cold, samples * np.nan, period_s=1e-6)
+    refused("labels: give the name of a CSV file", inkling.Design.train, samples, None, period_s=1e-6)
+    refused("new_class: give a text, or several", inkling.Design.train, samples, healthy, period_s=1e-6, new_class=None)
+    refused("new_class: give a text", inkling.Design.train, samples, healthy, period_s=1e-6, new_class=[5])
+    refused("labels: give the name of a file", inkling.critique, RECORDING, labels=healthy)
+    refused("baseline: give the name of a file", inkling.replay, RECORDING, DESIGN, tmp_path, baseline=5)
     refused("did you mean plant?", inkling.critique, samples, plants="oscillator")
 
 

@@ -72,7 +72,8 @@ fn parsed<C: Parser>(words: &[String]) -> Result<C, Failure> {
     let words = ["inkling"].into_iter().chain(words.iter().map(String::as_str));
     C::try_parse_from(words).map_err(|e| {
         let text = e.render().to_string();
-        Failure::usage(text.trim_start_matches("error: ").trim_end())
+        let said = text.split("\n\nFor more information").next().unwrap_or(&text); // of the command's options
+        Failure::usage(said.trim_start_matches("error: ").trim_end())
     })
 }
 
