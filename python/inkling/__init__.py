@@ -6,8 +6,8 @@
 
 `samples` is a NumPy array, channels x samples or bursts x channels x samples, in counts; `table` a `pyarrow.Table`, one row per
 channel and burst, as `inkling replay` writes them (`schemas/verdicts.md`). Work is done without the interpreter's lock, on all
-cores, and Ctrl-C ends it. What the command would say on stderr is an exception's sentence (`Error`, `UsageError`) or a warning
-(`InklingWarning`).
+cores, and Ctrl-C ends it. What the command fails with or warns of on stderr is an exception's sentence (`Error`, `UsageError`)
+or a warning (`InklingWarning`).
 """
 
 from ._design import Design, InklingWarning, State

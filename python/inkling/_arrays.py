@@ -1,24 +1,27 @@
-"""What users give, as the library reads it: arrays of samples, times, labels, settings."""
+"""What users give, as the library reads it: arrays of samples, and labels."""
 
 from __future__ import annotations
 
 import csv
+import inspect
 import io
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Union
+from typing import TYPE_CHECKING, Any
 
+from . import _checked, _times, _words
 from ._inkling import UsageError
 
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-Path = Union[str, "os.PathLike[str]"]
 #: One moment: datetime64 or datetime (UTC), ISO 8601 text, or integer ns since 1970.
 Time = Any
-Settings = Mapping[str, object]
+#: Columns of labels.
+_COLUMNS = ["printhead", "channel", "from", "to", "state", "severity"]
+#: Numbers of channels are u32 in a recording.
+_CHANNELS = 2**32
 
 
 @dataclass
@@ -45,14 +48,40 @@ class Labels:
     text: str
 
 
+def _first(given: object) -> object:
+    """Of nested lists the first thing that is none."""
+    while isinstance(given, (list, tuple)) and given:
+        given = given[0]
+    return given
+
+
 def is_array(given: object) -> bool:
     """Whether it holds samples, and no names of recordings."""
-    return hasattr(given, "__array__") or hasattr(given, "__array_interface__")
+    first = _first(given)
+    return not _words.is_name(first) and (hasattr(first, "__array__") or isinstance(first, (int, float)))
 
 
-def names(given: Path | Iterable[Path]) -> list[str]:
-    """One name, or several."""
-    return [os.fspath(given)] if isinstance(given, (str, os.PathLike)) else [os.fspath(one) for one in given]
+def _filled(given: Any, dtype: str) -> npt.NDArray[Any]:
+    """Real numbers, NaN where they are masked."""
+    import numpy as np
+
+    masked: Any = np.ma.asarray(given).astype(dtype)
+    return np.asarray(masked.filled(np.nan))
+
+
+def _samples(array: Any) -> npt.NDArray[Any]:
+    """Of any shape; what is masked is not a number."""
+    import numpy as np
+
+    if _words.is_name(_first(array)):
+        raise UsageError(f"{_first(array)!r}: a file's name: inkling.replay judges recordings")
+    parts = array if isinstance(array, (list, tuple)) else [array]
+    try:
+        if any(np.ma.is_masked(part) for part in parts):
+            return _filled(array, "<f4")
+        return np.asarray(array)
+    except (TypeError, ValueError):  # ragged, or no numbers
+        raise _checked.wrong("array", "channels x samples, or bursts x channels x samples, of numbers", array) from None
 
 
 def bursts(
@@ -68,12 +97,12 @@ def bursts(
     """int16 and float32 are taken as they lie, if they lie in rows; anything else becomes float32."""
     import numpy as np
 
-    samples = np.asarray(array)
+    samples = _samples(array)
     if samples.ndim == 2:
         samples = samples[None]
     if samples.ndim != 3 or 0 in samples.shape:
         raise UsageError(
-            f"an array of shape {np.shape(array)}: give channels x samples, or bursts x channels x samples, none of them 0"
+            f"an array of shape {np.shape(samples)}: give channels x samples, or bursts x channels x samples, none of them 0"
         )
     if samples.dtype.kind not in "iuf":
         raise UsageError(f"samples of type {samples.dtype}: give whole or real numbers")
@@ -82,107 +111,87 @@ def bursts(
     count = len(samples)
     return Bursts(
         samples=samples,
-        times_ns=_times(time, count, every_s),
-        period_s=float(period_s),
-        printhead=str(printhead),
-        first_channel=int(first_channel),
+        times_ns=_times.of_bursts(time, count, every_s),
+        period_s=_checked.seconds("period_s", period_s),
+        printhead=_checked.text("printhead", printhead),
+        first_channel=_checked.whole("first_channel", first_channel, 0, _CHANNELS - samples.shape[1]),
         temperature_c=_per_burst("temperature_c", temperature_c, count),
         voltage_v=_per_burst("voltage_v", voltage_v, count),
     )
 
 
-def _times(time: Time | Sequence[Time] | None, count: int, every_s: float) -> npt.NDArray[np.int64]:
-    import numpy as np
-
-    times = np.asarray(0 if time is None else time)
-    if times.dtype.kind == "O":  # datetime; with a zone it is not NumPy's
-        from datetime import timezone
-
-        flat = [t.astimezone(timezone.utc).replace(tzinfo=None) if getattr(t, "tzinfo", None) else t for t in times.flat]
-        times = np.asarray(flat, dtype="datetime64[ns]").reshape(times.shape)
-    try:
-        if times.dtype.kind in "UM":
-            times = times.astype("datetime64[ns]").astype(np.int64)
-        if times.dtype.kind not in "iu":
-            raise ValueError(f"times of type {times.dtype}")
-        times = times.astype("<i8")
-    except ValueError as error:
-        raise UsageError(f"time: {error}: give datetime64, ISO 8601 (UTC) or integer ns since 1970") from None
-    if times.ndim == 0:
-        spread: npt.NDArray[np.int64] = times + np.rint(np.arange(count) * (every_s * 1e9)).astype("<i8")
-        return spread
-    if times.shape != (count,):
-        raise UsageError(f"time: {times.shape} of {count} bursts: give one, or one per burst")
-    return np.ascontiguousarray(times)
+#: What is said of an array.
+_OF_ARRAY = list(inspect.signature(bursts).parameters)[1:]
 
 
 def _per_burst(name: str, given: npt.ArrayLike | None, count: int) -> npt.NDArray[np.float64]:
+    """NaN where it was not recorded; empty where it never was."""
     import numpy as np
 
     if given is None:
         return np.empty(0)
     try:
-        return np.ascontiguousarray(np.broadcast_to(np.asarray(given, "<f8"), (count,)))
+        numbers = _filled(given, "<f8")
+    except (TypeError, ValueError):
+        raise _checked.wrong(name, "one number, or one per burst", given) from None
+    try:
+        return np.ascontiguousarray(np.broadcast_to(numbers, (count,)))
     except ValueError:
-        raise UsageError(f"{name}: {np.shape(given)} of {count} bursts: give one number, or one per burst") from None
+        raise UsageError(f"{name}: {numbers.shape} of {count} bursts: give one number, or one per burst") from None
 
 
-def given(recordings: Any, of_array: Mapping[str, Any]) -> list[str] | Bursts:
-    """Names of recordings, or an array's bursts, of which the keywords of `bursts` say the rest."""
-    if is_array(recordings):
-        if "period_s" not in of_array:
-            raise UsageError("period_s: an array does not say how far apart its samples are; give s")
-        return bursts(recordings, **of_array)
-    if of_array:
-        raise UsageError(f"{', '.join(of_array)}: of an array alone; recordings say it themselves")
-    return names(recordings)
+def given(recordings: Any, of_array: Mapping[str, Any], others: Sequence[str]) -> list[str] | Bursts:
+    """Names of recordings, or an array's bursts, of which the keywords of `bursts` say the rest. `others`: keywords that may
+    have been meant."""
+    import numpy as np
 
-
-def settings(given: Settings | None) -> list[str]:
-    """Keys and values of `pipeline.toml`, as `--set` takes them."""
-    return [f"{key}={_in_toml(value)}" for key, value in (given or {}).items()]
-
-
-def _in_toml(value: object) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_in_toml(one) for one in value) + "]"
-    return str(value)
-
-
-def options(set: Settings | None, **given: object) -> list[str]:
-    """Words of a command line: `--name value` of what is given, and `--set` of settings."""
-    words = []
-    for name, value in given.items():
-        flag = "--" + name.replace("_", "-")
-        if value is True:
-            words.append(flag)
-        elif value is not None and value is not False:
-            words += [flag, os.fspath(value) if isinstance(value, os.PathLike) else str(value)]
-    for pair in settings(set):
-        words += ["--set", pair]
-    return words
+    for name in of_array:
+        if name not in _OF_ARRAY:
+            raise _checked.misspelt("keywords", name, [*others, *_OF_ARRAY])
+    if not is_array(recordings):
+        if of_array:
+            raise UsageError(f"{', '.join(of_array)}: of an array alone; recordings say it themselves")
+        return _words.names(recordings)
+    if "period_s" not in of_array:
+        raise UsageError("period_s: an array does not say how far apart its samples are; give s")
+    array = bursts(recordings, **of_array)
+    if array.samples.dtype.kind == "f" and not np.isfinite(array.samples).any():
+        raise UsageError("the array holds no finite number: there is nothing to learn from")
+    return array
 
 
 def labels(given: Any, of: Bursts | None) -> Labels:
     """A file's name, rows of one, or the states of an array's channels."""
-    if isinstance(given, (str, os.PathLike)):
-        return Labels(file=os.fspath(given), text="")
+    if _words.is_name(given):
+        return Labels(file=_checked.path("labels", given), text="")
     if isinstance(given, Mapping) or (isinstance(given, Sequence) and given and isinstance(given[0], Mapping)):
         rows = [given] if isinstance(given, Mapping) else given
-        return Labels(file=None, text=_csv({"printhead": "*", "channel": "*", **row} for row in rows))
-    if of is None:
+        return Labels(file=None, text=_csv(_row(row) for row in rows))
+    if of is None or given is None:
         raise UsageError("labels: give the name of a CSV file, or rows as dicts; states by channel go with an array")
     return Labels(file=None, text=_csv(_of_states(given, of)))
 
 
+def _row(given: Any) -> dict[str, object]:
+    """Of everything, where it does not say of what; times in ns."""
+    if not isinstance(given, Mapping):
+        raise _checked.wrong("labels", "rows as dicts", given)
+    for key in given:
+        if key not in _COLUMNS:
+            raise _checked.misspelt("labels: a row's key", key, _COLUMNS)
+    row = {"printhead": "*", "channel": "*", **given}
+    for key in ("from", "to"):
+        if _times.is_moment(row.get(key)):
+            row[key] = int(_times.since_1970(f"labels: {key}", row[key]))
+    return row
+
+
 def _csv(rows: Iterable[Mapping[str, object]]) -> str:
     text = io.StringIO()
-    table = csv.DictWriter(text, ["printhead", "channel", "from", "to", "state", "severity"], extrasaction="ignore")
+    table = csv.DictWriter(text, _COLUMNS)
     table.writeheader()
     table.writerows(rows)
-    return text.getvalue()
+    return _checked.text("labels", text.getvalue())
 
 
 def _of_states(states: npt.ArrayLike, of: Bursts) -> Iterable[dict[str, object]]:
@@ -190,12 +199,15 @@ def _of_states(states: npt.ArrayLike, of: Bursts) -> Iterable[dict[str, object]]
     import numpy as np
 
     count, channels = of.samples.shape[:2]
-    given = np.asarray(states)
+    try:
+        given = np.asarray(states)
+    except ValueError:  # ragged
+        raise _checked.wrong("labels", "states, one per channel, or bursts x channels", states) from None
     try:
         given = np.broadcast_to(given, (count, channels))
     except ValueError:
         raise UsageError(
-            f"labels: states of shape {np.shape(states)} for {count} bursts of {channels} channels: give one per channel, or "
+            f"labels: states of shape {given.shape} for {count} bursts of {channels} channels: give one per channel, or "
             "bursts x channels"
         ) from None
     order = np.argsort(of.times_ns, kind="stable")

@@ -8,8 +8,9 @@ import warnings
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
-from . import _arrays, _inkling
-from ._arrays import Path, Settings, Time
+from . import _arrays, _checked, _inkling, _words
+from ._arrays import Time
+from ._words import Path, Settings
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -20,9 +21,16 @@ class InklingWarning(UserWarning):
     """What makes a result less certain; the command says it on stderr."""
 
 
-def _warn(said: Iterable[str]) -> None:
+def warn(said: Iterable[str]) -> None:
+    """Of whoever calls what calls this."""
     for sentence in said:
         warnings.warn(sentence, InklingWarning, stacklevel=3)
+
+
+def _digest_of(design: object) -> str:
+    if not isinstance(design, Design):
+        raise _checked.wrong("design", "an inkling.Design", design)
+    return design.digest
 
 
 class State:
@@ -33,18 +41,19 @@ class State:
 
     def __init__(self, design: Design) -> None:
         """Nothing is known yet; it belongs to that design."""
-        self._native = _inkling.State(design.digest)
+        self._native = _inkling.State(_digest_of(design))
 
     @classmethod
     def load(cls, path: Path, design: Design) -> State:
-        """From a file of baselines; nothing is known yet where there is none. `Error` where it is of another design."""
+        """From a file of baselines; nothing is known yet where there is none. `UsageError` where it is of another design."""
         state = cls.__new__(cls)
-        state._native = _inkling.read_state(path, design.digest)
+        state._native = _inkling.read_state(_checked.path("path", path), _digest_of(design))
         return state
 
     def save(self, path: Path) -> None:
-        """To a file that `State.load` and `inkling replay --baseline` read."""
-        self._native.save(path)
+        """To a file that `State.load` and `inkling replay --baseline` read. One of another design, and whatever is none, is not
+        replaced: `UsageError`."""
+        self._native.save(_checked.path("path", path))
 
     @property
     def channels(self) -> int:
@@ -56,7 +65,8 @@ class State:
 
 
 class Design:
-    """What a printhead's healthy channels ring like, what is too far from it, and what faults look like. Immutable."""
+    """What a printhead's healthy channels ring like, what is too far from it, and what faults look like. Immutable; it can be
+    pickled."""
 
     def __init__(self, native: _inkling.Design) -> None:
         self._native = native
@@ -64,19 +74,25 @@ class Design:
     @classmethod
     def load(cls, path: Path) -> Design:
         """From a file, of `save` or `inkling train`."""
-        return cls(_inkling.Design.load(path))
+        return cls(_inkling.Design.load(_checked.path("path", path)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _unpickled, (self._native.text,)
 
     def save(self, path: Path) -> None:
-        """To a JSON file (`schemas/design.md`), complete or not at all."""
-        self._native.save(path)
+        """To a JSON file (`schemas/design.md`), complete or not at all; of a loaded design the bytes are those of its file. A
+        design is replaced; any other file is not: `UsageError`."""
+        self._native.save(_checked.path("path", path))
 
     def page(self, path: Path) -> None:
         """Writes what it promises before any data are judged, as a page: the smallest fault of each class that it finds, and the
-        classes that it takes for each other. path: a name.html."""
+        classes that it takes for each other. path: a name.html; a page of inkling is replaced, any other file is not."""
+        page = _words.options(None, report=_checked.path("path", path))
         with tempfile.TemporaryDirectory() as beside:
             file = os.path.join(beside, "design.json")
             self.save(file)
-            _inkling.verb(["score", "--design", file, "--report", os.fspath(path)])
+            _, said = _inkling.verb(["score", *_words.options(None, design=file), *page])
+        warn(said)
 
     @classmethod
     def train(
@@ -84,24 +100,27 @@ class Design:
         recordings: Path | Iterable[Path] | npt.ArrayLike,
         labels: Any,
         *,
-        new_class: Sequence[str] = (),
+        new_class: str | Sequence[str] = (),
         set: Settings | None = None,
         **of_array: Any,
     ) -> Design:
         """Learns a design, as `inkling train` does.
 
         recordings: MCAP files, directories or glob patterns; or an array of samples in counts, bursts x channels x samples or
-            channels x samples.
+            channels x samples; or a list of such parts. Masked samples are NaN.
         labels: a CSV file; or its rows as dicts (`printhead`, `channel`, `from`, `to`, `state`, `severity`); or, of an array, the
-            states of its channels: strings, one per channel or bursts x channels. `healthy`, `ignore`, a fault class, empty: unknown.
-        new_class: names of one's own among the states.
+            states of its channels: strings, one per channel or bursts x channels. `healthy`, `ignore`, a fault class, empty:
+            unknown. Of a row `from` and `to` are datetime64 or datetime (UTC), ns since 1970, or RFC 3339; what it leaves out is
+            any.
+        new_class: a name of one's own among the states, or several.
         set: settings of `pipeline.toml` by their names.
         of_array: `period_s` in s, and what else is said of an array as in `judge`.
         """
-        given = _arrays.given(recordings, of_array)
+        given = _arrays.given(recordings, of_array, ("labels", "new_class", "set"))
         of = given if isinstance(given, _arrays.Bursts) else None
-        native = _inkling.Design.train(given, _arrays.labels(labels, of), list(new_class), _arrays.settings(set))
-        _warn(native.warnings)
+        own = _words.texts("new_class", new_class)
+        native = _inkling.Design.train(given, _arrays.labels(labels, of), own, _words.settings(set))
+        warn(native.warnings)
         return cls(native)
 
     @classmethod
@@ -123,7 +142,7 @@ class Design:
         first_channel: int = 0,
         temperature_c: npt.ArrayLike | None = None,
         voltage_v: npt.ArrayLike | None = None,
-        identify: Literal["design", "windows"] = "design",
+        identify: Literal["design", "windows"] | None = None,
         state: State | None = None,
         threads: int | None = None,
         set: Settings | None = None,
@@ -131,26 +150,38 @@ class Design:
         """Verdicts, one row per channel and burst, as `inkling replay` writes them (`schemas/verdicts.md`).
 
         array: samples in counts, channels x samples or bursts x channels x samples. int16 and float32 in C order are read where
-            they lie; anything else is copied to float32 first.
+            they lie; anything else is copied to float32 first. Masked samples are NaN, and a signal that has one is rejected.
         period_s: of sampling, s; by default the design's.
         printhead: whose bursts they are; its own model judges, where the design has one.
-        time: t_a of the first burst, or of each: datetime64 or datetime (UTC), ISO 8601, or integer ns since 1970. With one,
-            bursts follow every `every_s` s; without, from 1970 on.
+        time: t_a of the first burst, or of each: datetime64 or datetime (UTC), ISO 8601 (UTC, or with a zone), or whole ns since
+            1970; from 1970 to 2199. With one, bursts follow every `every_s` s; without, from 1970 on. Whole numbers below 10**15
+            (11 days) count from 0 and have no date. Those that can only be another unit are refused: the rest of 1970, and
+            10**8 to 7258118399 alone, which are s of 1973 to 2199. Give such counted ns as `np.datetime64(ns, "ns")`.
         first_channel: number of the first row.
         temperature_c, voltage_v: of the ink in degrees C, of the actuation in V; one, or one per burst.
-        identify: by the design's models, or by models of the array's own healthy windows.
-        state: what is known of each channel from before; it is brought up to date.
-        threads: workers per parallel stage; by default the machine's cores.
+        identify: by the design's models (the default), or by models of the array's own healthy windows.
+        state: what is known of each channel from before, by this design; it is brought up to date.
+        threads: workers per parallel stage, 1 to 1024; by default the machine's cores.
         set: settings of `pipeline.toml` by their names.
         """
         import pyarrow as pa
 
         period_s = self.sample_period_s if period_s is None else period_s
         given = _arrays.bursts(array, period_s, printhead, time, every_s, first_channel, temperature_c, voltage_v)
-        options = _arrays.options(set, identify=identify, threads=threads)
-        rows, said = self._native.judge(given, options, state._native if state is not None else None)
-        _warn(said)
+        options = _words.options(set, identify=identify or "design", threads=_words.threads(threads))
+        rows, said = self._native.judge(given, options, None if state is None else self._own(state))
+        warn(said)
         return pa.RecordBatchReader.from_stream(rows).read_all()
+
+    def _own(self, state: object) -> _inkling.State:
+        if not isinstance(state, State):
+            raise _checked.wrong("state", "an inkling.State", state)
+        if state._native.design != self.digest:
+            raise _inkling.UsageError(
+                f"state: of another design ({state._native.design}, not {self.digest}): give this one's, or begin anew by "
+                "inkling.State(design)"
+            )
+        return state._native
 
     @property
     def sample_period_s(self) -> float:
@@ -179,3 +210,7 @@ class Design:
 
     def __repr__(self) -> str:
         return f"<inkling.Design of {self.samples} samples every {self.sample_period_s:g} s: {', '.join(self.classes)}>"
+
+
+def _unpickled(text: bytes) -> Design:
+    return Design(_inkling.Design.unpickled(text))

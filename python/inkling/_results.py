@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import tempfile
+import weakref
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path as File
 from typing import TYPE_CHECKING, Any, Literal
 
-from . import _arrays, _inkling
-from ._arrays import Path, Settings
+from . import _arrays, _checked, _inkling, _words
+from ._design import Design, warn
+from ._words import Path, Settings
 
 if TYPE_CHECKING:
     import numpy.typing as npt
     import pyarrow as pa
-
-    from ._design import Design
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Read:
 
 def read(directory: Path) -> Read:
     """What `replay` and `report` wrote into a directory and below. A recording that was judged into two places counts twice."""
-    root = File(directory)
+    root = File(_checked.path("directory", directory))
     if not root.is_dir():
         raise _inkling.UsageError(f"{root}: not a directory of results; `inkling replay --out` makes one")
 
@@ -83,17 +84,20 @@ def replay(
 ) -> Replay:
     """Judges recordings into files, as `inkling replay` does; what is finished is skipped.
 
-    paths: MCAP files, directories, glob patterns. design: a design, its file, or None: detects, names nothing.
+    paths: MCAP files, directories, glob patterns. design: a design, its file, or None: detects, names nothing. What the command
+    warns of, recordings of several that fail among it, are `InklingWarning`s, each kind once.
     """
-    words = ["replay", *_arrays.names(paths)]
-    words += _arrays.options(
-        set, out=out, identify=identify, baseline=baseline, layout=layout, force=force, threads=threads
-    )
+    names, out = _words.names(paths), _checked.path("out", out)
+    threads = _words.threads(threads)
+    baseline = _words.path("baseline", baseline)
+    words = _words.options(set, out=out, identify=identify, baseline=baseline, layout=layout, force=force, threads=threads)
     with tempfile.TemporaryDirectory() as beside:
-        if design is not None and not isinstance(design, (str, os.PathLike)):
+        if isinstance(design, Design):
             design.save(File(beside, "design.json"))
             design = File(beside, "design.json")
-        exit = _inkling.verb([*words, *_arrays.options(None, design=design)])
+        file = _words.path("design", design)
+        exit, said = _inkling.verb(["replay", *words, *_words.options(None, design=file), "--", *names])
+    warn(said)
     run = json.loads(File(out, "run.json").read_text(encoding="utf-8"))
     return Replay(out=File(out), exit=exit, run=run)
 
@@ -101,9 +105,8 @@ def replay(
 class Result:
     """What the model gets wrong, why, what repairs it and what that buys (`schemas/critique.md`)."""
 
-    def __init__(self, directory: File, kept: tempfile.TemporaryDirectory[str] | None) -> None:
+    def __init__(self, directory: File) -> None:
         self.directory = directory
-        self._kept = kept  # goes with the result, where nobody named a directory
         #: `critique.json`.
         self.critique: dict[str, Any] = json.loads((directory / "critique.json").read_text(encoding="utf-8"))
 
@@ -139,8 +142,6 @@ class Result:
 
     def extended(self) -> Design | None:
         """The design that takes what was found into account, where there is one."""
-        from ._design import Design
-
         name = self.critique.get("extended_model")
         return Design.load(self.directory / name) if name else None
 
@@ -165,15 +166,24 @@ def critique(
 ) -> Result:
     """What the identified model gets wrong on healthy signals: `inkling critique`.
 
-    recordings, of_array: as in `Design.train`. out: where its files go; without it they go with the result. labels: a CSV file that says who is
-    healthy; without it outliers are found and left out. plant: an oscillator is seen through its displacement.
+    recordings, of_array: as in `Design.train`. out: where its files go; without it they go with the result. labels: a CSV file
+    that says who is healthy; without it outliers are found and left out. plant: an oscillator is seen through its displacement.
     """
-    kept = tempfile.TemporaryDirectory() if out is None else None
-    directory = File(kept.name if kept else out)  # type: ignore[arg-type]
-    options = _arrays.options(set, out=directory, labels=labels, plant=plant)
-    given = _arrays.given(recordings, of_array)
-    if isinstance(given, _arrays.Bursts):
-        _inkling.critique(given, options)
-    else:
-        _inkling.verb(["critique", *given, *options])
-    return Result(directory, kept)
+    given = _arrays.given(recordings, of_array, ("out", "labels", "plant", "set"))
+    labels = _words.path("labels", labels)
+    directory = File(tempfile.mkdtemp() if out is None else _checked.path("out", out))
+    try:
+        options = _words.options(set, out=directory if out is None else out, labels=labels, plant=plant)
+        if isinstance(given, _arrays.Bursts):
+            _, said = _inkling.critique(given, options)
+        else:
+            _, said = _inkling.verb(["critique", *options, "--", *given])
+        warn(said)
+        result = Result(directory)
+    except BaseException:
+        if out is None:
+            shutil.rmtree(directory, ignore_errors=True)
+        raise
+    if out is None:
+        weakref.finalize(result, shutil.rmtree, directory, ignore_errors=True)
+    return result

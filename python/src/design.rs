@@ -8,15 +8,19 @@ use inkling::cli::exit::Failure;
 use inkling::design;
 use inkling::io::design_file;
 use inkling::io::labels_file::Written;
+use inkling::io::outputs::{self, ResultFile};
 use inkling::state::Memory;
 use pyo3::prelude::*;
-use std::path::PathBuf;
+use pyo3::types::PyBytes;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 /// Immutable, but for what its healthy channels are known to be after judging (`State`).
 #[pyclass(module = "inkling._inkling", frozen)]
 pub struct Design {
     design: design::Design,
+    /// Of its file, to the byte: a file may say what this version would not write.
+    text: Vec<u8>,
     #[pyo3(get)]
     digest: String,
     /// What was said when it was trained; sentences.
@@ -39,9 +43,20 @@ pub struct Labels {
 }
 
 impl Design {
-    fn new(design: design::Design, warnings: Vec<String>) -> Result<Design, Failure> {
-        let digest = design_file::digest(&design).map_err(Failure::new)?;
-        Ok(Design { design, digest, warnings })
+    fn new(design: design::Design, text: Vec<u8>, warnings: Vec<String>) -> Design {
+        let digest = design_file::digest(&text);
+        Design { design, text, digest, warnings }
+    }
+
+    /// `name`: what sentences call it.
+    fn parsed(name: &Path, text: Vec<u8>) -> Result<Design, Failure> {
+        let design = design_file::parse(name, &text)?;
+        Ok(Design::new(design, text, Vec::new()))
+    }
+
+    fn write(&self, path: &Path) -> Result<(), Failure> {
+        outputs::check_file(path, ResultFile::Design).map_err(Failure::of_place)?;
+        Ok(design_file::write_text(path, &self.text)?)
     }
 }
 
@@ -49,10 +64,19 @@ impl Design {
 impl Design {
     #[staticmethod]
     fn load(py: Python, path: PathBuf) -> PyResult<Design> {
-        waiting::for_(py, move |_| {
-            let (design, digest) = design_file::read(&path)?;
-            Ok(Design { design, digest, warnings: Vec::new() })
-        })
+        waiting::for_(py, move |_| Design::parsed(&path, design_file::read_text(&path)?))
+    }
+
+    /// Of `text`: as another process had it.
+    #[staticmethod]
+    fn unpickled(py: Python, text: &[u8]) -> PyResult<Design> {
+        let text = text.to_vec();
+        waiting::for_(py, move |_| Design::parsed(Path::new("a pickled design"), text))
+    }
+
+    #[getter]
+    fn text<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        PyBytes::new(py, &self.text)
     }
 
     #[staticmethod]
@@ -77,12 +101,13 @@ impl Design {
                     called::learn(recording, labels, &new_class, &set)
                 }
             }?;
-            Design::new(learned.design, learned.warnings)
+            let text = design_file::text(&learned.design).map_err(Failure::new)?;
+            Ok(Design::new(learned.design, text, learned.warnings))
         })
     }
 
     fn save(&self, py: Python, path: PathBuf) -> PyResult<()> {
-        py.detach(|| design_file::write(&path, &self.design)).map_err(|e| failed(e.into()))
+        py.detach(|| self.write(&path)).map_err(failed)
     }
 
     /// Rows, and what is to be known of them; `state` goes on by them.

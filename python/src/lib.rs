@@ -10,7 +10,7 @@ mod waiting;
 
 use design::{Design, State};
 use inkling::cli;
-use inkling::cli::called;
+use inkling::cli::called::{self, Ended};
 use inkling::cli::exit::Failure;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -18,8 +18,8 @@ use std::ffi::OsString;
 use std::io::Write;
 use std::path::PathBuf;
 
-pyo3::create_exception!(_inkling, Error, PyRuntimeError, "What the command would have said.");
-pyo3::create_exception!(_inkling, UsageError, Error, "Wrong usage or settings: exit status 2.");
+pyo3::create_exception!(inkling, Error, PyRuntimeError, "What the command would have said.");
+pyo3::create_exception!(inkling, UsageError, Error, "Wrong usage or settings: exit status 2.");
 
 /// The same sentence as the command's.
 fn failed(failure: Failure) -> PyErr {
@@ -37,17 +37,21 @@ fn main(py: Python, argv: Vec<OsString>) -> u8 {
     ended as u8
 }
 
-/// A verb of the command, quietly: its exit status.
-#[pyfunction]
-fn verb(py: Python, words: Vec<String>) -> PyResult<u8> {
-    waiting::for_(py, move |_| called::verb(&words)).map(|exit| exit as u8)
+/// Its exit status, and what it warns of.
+fn said(ended: Ended) -> (u8, Vec<String>) {
+    (ended.exit as u8, ended.warnings)
 }
 
-/// `inkling critique` of bursts: its exit status. `options`: as on the command line, `--out` among them.
+/// A verb of the command, quietly: its exit status and warnings.
 #[pyfunction]
-fn critique(py: Python, bursts: array::Array, options: Vec<String>) -> PyResult<u8> {
-    waiting::for_(py, move |_| called::critique(bursts.recording()?, &options))
-        .map(|exit| exit as u8)
+fn verb(py: Python, words: Vec<String>) -> PyResult<(u8, Vec<String>)> {
+    waiting::for_(py, move |_| called::verb(&words)).map(said)
+}
+
+/// `inkling critique` of bursts, likewise. `options`: as on the command line, `--out` among them.
+#[pyfunction]
+fn critique(py: Python, bursts: array::Array, options: Vec<String>) -> PyResult<(u8, Vec<String>)> {
+    waiting::for_(py, move |_| called::critique(bursts.recording()?, &options)).map(said)
 }
 
 /// What `replay --baseline FILE` would read.

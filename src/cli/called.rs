@@ -1,16 +1,18 @@
 //! inkling within another program: its verbs, its training and its judge, on files or on bursts in memory. They are
-//! quiet, whoever calls interrupts them by a [`Control`], and what went wrong is handed back in the command's words.
+//! quiet, whoever calls interrupts them by a [`Control`], and what went wrong, or makes a result less certain, is handed
+//! back in the command's words.
 //!
 //! Each is to run on a thread of its own, within `called_by`.
 
 use super::collected::Given;
 use super::exit::{Exit, Failure};
-use super::progress::called_by;
+use super::progress::{called_by, told};
 use super::train::{self, Learned, Lesson};
 use super::{Cli, critique, effect, notes, output, replay};
 use crate::design::Design;
 use crate::io::baseline_file::BaselineFile;
 use crate::io::labels_file::Written;
+use crate::io::outputs::{self, ResultFile};
 use crate::io::recording::Recording;
 use crate::io::verdict_arrays::VerdictArrays;
 use crate::pipeline::{self, Control, Replay};
@@ -39,16 +41,39 @@ pub fn called<T>(
     done.unwrap_or_else(interrupted)
 }
 
+/// How a verb ended that did not fail.
+pub struct Ended {
+    pub exit: Exit,
+    /// Whatever makes its result less certain, or less; sentences.
+    pub warnings: Vec<String>,
+}
+
 /// A verb: what stands on the command line, from its name on.
-pub fn verb(words: &[String]) -> Result<Exit, Failure> {
-    parsed::<Cli>(words)?.verb.run()
+pub fn verb(words: &[String]) -> Result<Ended, Failure> {
+    ended(parsed::<Cli>(words)?.verb.run())
+}
+
+fn ended(done: Result<Exit, Failure>) -> Result<Ended, Failure> {
+    let warnings = told();
+    match done {
+        Ok(exit) => Ok(Ended { exit, warnings }),
+        Err(failure) => Err(after(failure, &warnings)),
+    }
+}
+
+/// A failure, and below its sentence what was told before it.
+fn after(failure: Failure, told: &[String]) -> Failure {
+    let lines: Vec<&str> =
+        std::iter::once(&failure.message).chain(told).map(String::as_str).collect();
+    Failure { exit: failure.exit, message: lines.join("\n") }
 }
 
 fn parsed<C: Parser>(words: &[String]) -> Result<C, Failure> {
     let words = ["inkling"].into_iter().chain(words.iter().map(String::as_str));
     C::try_parse_from(words).map_err(|e| {
         let text = e.render().to_string();
-        Failure::usage(text.trim_start_matches("error: ").trim_end())
+        let said = text.split("\n\nFor more information").next().unwrap_or(&text); // of the command's options
+        Failure::usage(said.trim_start_matches("error: ").trim_end())
     })
 }
 
@@ -61,7 +86,11 @@ pub fn learn(
 ) -> Result<Learned, Failure> {
     let settings = Settings::load(None, None, set)?;
     effect::check(set, &settings, effect::Command::Train)?;
-    train::learn(Lesson { recordings, labels, new_class, settings: &settings })
+    let learned = train::learn(Lesson { recordings, labels, new_class, settings: &settings });
+    let mut warnings = told();
+    let mut learned = learned.map_err(|failure| after(failure, &warnings))?;
+    warnings.append(&mut learned.warnings);
+    Ok(Learned { warnings, ..learned })
 }
 
 #[derive(Debug, Parser)]
@@ -97,19 +126,20 @@ pub fn judge(replay: &Replay, recording: &Recording, control: &Control) -> Resul
 }
 
 /// `inkling critique OPTIONS` of bursts in memory.
-pub fn critique(recording: Recording, options: &[String]) -> Result<Exit, Failure> {
+pub fn critique(recording: Recording, options: &[String]) -> Result<Ended, Failure> {
     let recordings = ["array".to_owned()];
     let words: Vec<String> = recordings.into_iter().chain(options.iter().cloned()).collect();
-    critique::run_in_memory(parsed::<Asked<critique::Args>>(&words)?.args, recording)
+    ended(critique::run_in_memory(parsed::<Asked<critique::Args>>(&words)?.args, recording))
 }
 
 /// What `--baseline FILE` reads: the state of heads and channels by a design, a new one where there is no file.
 pub fn read_state(path: &Path, design: &str) -> Result<Memory, Failure> {
-    BaselineFile::read(path, Some(design)).map(|(_, state)| state).map_err(Failure::new)
+    Ok(BaselineFile::read(path, Some(design))?.1)
 }
 
-/// What it writes; a file of another design's is not overwritten.
+/// What it writes; a file of another design's, or of anything else, is not overwritten.
 pub fn write_state(path: &Path, state: &Memory) -> Result<(), Failure> {
-    let (mut file, _) = BaselineFile::read(path, state.design.as_deref()).map_err(Failure::new)?;
-    file.write(state).map_err(Failure::new)
+    outputs::check_file(path, ResultFile::Baselines).map_err(Failure::of_place)?;
+    let (mut file, _) = BaselineFile::read(path, state.design.as_deref())?;
+    Ok(file.write(state)?)
 }

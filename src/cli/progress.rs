@@ -19,19 +19,40 @@ const LINE_EVERY: Duration = Duration::from_secs(10);
 
 /// Characters of one message.
 const MOST_OF_A_MESSAGE: usize = 20_000;
-/// And of a name in one.
+/// Before what makes a result less certain.
+const WARNING: &str = "warning: ";
+/// Characters of a name in a message.
 const MOST_OF_A_NAME: usize = 64;
 
-/// A line on stderr; what it repeats from files moves no cursor. `eprintln!` would panic where nobody
-/// can read it; the exit status still says it.
+/// A line on stderr, or for the program that called; what it repeats from files moves no cursor. `eprintln!` would
+/// panic where nobody can read it; the exit status still says it.
 pub fn complain(message: &str) {
     let message = printable::lines(message, MOST_OF_A_MESSAGE);
-    let _ = writeln!(std::io::stderr(), "{message}");
+    if is_called() {
+        TOLD.with_borrow_mut(|told| told.push(message));
+    } else {
+        let _ = writeln!(std::io::stderr(), "{message}");
+    }
 }
 
 thread_local! {
     /// Who interrupts what this thread does, where it works for another program.
     static CALLER: RefCell<Option<Arc<Control>>> = const { RefCell::new(None) };
+    /// What that program is to be told of it; lines.
+    static TOLD: RefCell<Vec<String>> = const { RefCell::new(Vec::new()) };
+}
+
+fn is_called() -> bool {
+    CALLER.with_borrow(Option::is_some)
+}
+
+/// What was to be told on this thread since this was asked last, where it works for another program; sentences.
+pub fn told() -> Vec<String> {
+    let sentence = |line: &String| {
+        let line = line.strip_prefix(WARNING).unwrap_or(line);
+        line.strip_prefix("inkling: ").unwrap_or(line).to_owned()
+    };
+    TOLD.take().iter().map(sentence).collect()
 }
 
 /// What it does on this thread another program interrupts, by `control`; signals are that program's own.
@@ -44,7 +65,7 @@ pub fn called_by<T>(control: &Arc<Control>, work: impl FnOnce() -> T) -> T {
 
 /// Ends what was interrupted and has no other end: the process, or for another program this thread.
 pub fn end_here() -> ! {
-    match CALLER.with_borrow(Option::is_some) {
+    match is_called() {
         true => std::panic::resume_unwind(Box::new(Interrupted)),
         false => std::process::exit(1),
     }
@@ -169,9 +190,9 @@ impl Progress {
         result
     }
 
-    /// A message above the bars.
+    /// A message above the bars. A program that called is told warnings alone.
     pub fn say(&self, message: &str) {
-        if !is_quiet() {
+        if !is_quiet() || (is_called() && message.starts_with(WARNING)) {
             self.fail(message);
         }
     }

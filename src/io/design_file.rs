@@ -38,8 +38,18 @@ fn somebody() -> String {
 
 /// Reads and checks a design; also its digest, `xxh3:` and 32 hexadecimal digits.
 pub fn read(path: &Path) -> Result<(Design, String), DesignFileError> {
+    let text = read_text(path)?;
+    Ok((parse(path, &text)?, digest(&text)))
+}
+
+/// A file that may be a design, as it is.
+pub fn read_text(path: &Path) -> Result<Vec<u8>, DesignFileError> {
     let failed = |source| DesignFileError::Read { path: path.into(), source };
-    let text = regular_file::read(path, MOST_BYTES).map_err(failed)?;
+    regular_file::read(path, MOST_BYTES).map_err(failed)
+}
+
+/// The design that a file's text is. `path`: what sentences call it.
+pub fn parse(path: &Path, text: &[u8]) -> Result<Design, DesignFileError> {
     let not = |what: String| {
         let what = match result_file::instead(path) {
             instead if instead.is_empty() || instead.contains("design") => format!(": {what}"),
@@ -47,29 +57,35 @@ pub fn read(path: &Path) -> Result<(Design, String), DesignFileError> {
         };
         DesignFileError::NotADesign { path: path.into(), what }
     };
-    let design: Design = serde_json::from_slice(&text).map_err(|e| {
-        let made: Option<Made> = serde_json::from_slice(&text).ok();
+    let design: Design = serde_json::from_slice(text).map_err(|e| {
+        let made: Option<Made> = serde_json::from_slice(text).ok();
         let other = made.filter(|made| made.version != VERSION);
         let of_version = |made: Made| other_version(made.version, &printable::cell(&made.made_by));
         not(other.map_or_else(|| printable::of_parser(&e), of_version))
     })?;
     design.check().map_err(|e| not(e.to_string()))?;
-    Ok((design, in_words(xxh3_128(&text))))
+    Ok(design)
 }
 
 pub fn write(path: &Path, design: &Design) -> Result<(), DesignFileError> {
     let failed = |source| DesignFileError::Write { path: path.into(), source };
     let text = text(design).map_err(|e| failed(e.into()))?;
-    part_file::write(path, text.as_bytes()).map_err(failed)
+    write_text(path, &text)
 }
 
-/// The digest that the file of a design in memory would have.
-pub fn digest(design: &Design) -> serde_json::Result<String> {
-    Ok(in_words(xxh3_128(text(design)?.as_bytes())))
+pub fn write_text(path: &Path, text: &[u8]) -> Result<(), DesignFileError> {
+    let failed = |source| DesignFileError::Write { path: path.into(), source };
+    part_file::write(path, text).map_err(failed)
 }
 
-fn text(design: &Design) -> serde_json::Result<String> {
-    let mut text = serde_json::to_string_pretty(design)?;
-    text.push('\n');
+/// Of a file's text.
+pub fn digest(text: &[u8]) -> String {
+    in_words(xxh3_128(text))
+}
+
+/// Of the file of a design in memory.
+pub fn text(design: &Design) -> serde_json::Result<Vec<u8>> {
+    let mut text = serde_json::to_vec_pretty(design)?;
+    text.push(b'\n');
     Ok(text)
 }
