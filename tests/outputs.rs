@@ -39,6 +39,9 @@ fn what_is_not_an_earlier_result_of_the_kind_stays_as_it_is() {
     house.write("theirs/inkling.1", "ours");
     house.write("theirs/settings.toml", "[input]");
     house.write("recorded/print_run.mcap", house.read("theirs/night.mcap"));
+    house.write("figures/fig_3-2_average.svg", "<svg>");
+    house.write("plots/identify_dataset.csv", "ours");
+    house.write("tables/r.faults.parquet", house.read("out/print_run.verdicts.parquet"));
     house.write("written/journal.jsonl", "{\"ours\": 1}\n");
     let train = "train train.mcap --labels labels.csv -o";
     for (command, stays) in [
@@ -59,6 +62,9 @@ fn what_is_not_an_earlier_result_of_the_kind_stays_as_it_is() {
         ("simulate scenarios/sample.toml -o recorded".into(), "recorded/print_run.mcap"),
         ("critique train.mcap --labels labels.csv -o theirs".into(), "theirs/report.html"),
         ("thesis --seeds 1 -o theirs".into(), "theirs/tables.md"),
+        ("thesis --seeds 1 -o figures".into(), "figures/fig_3-2_average.svg"),
+        ("identify train.mcap -o m.json --plot plots".into(), "plots/identify_dataset.csv"),
+        ("report out -o tables/r.html".into(), "tables/r.faults.parquet"),
         ("generate man -o theirs".into(), "theirs/inkling.1"),
         ("inspect print_run.mcap --write theirs/settings.toml".into(), "theirs/settings.toml"),
         ("replay print_run.mcap --out theirs".into(), "theirs/run.json"),
@@ -67,6 +73,15 @@ fn what_is_not_an_earlier_result_of_the_kind_stays_as_it_is() {
         let before = house.read(stays);
         house.run(&command).exits(2).says(stays.rsplit('/').next().unwrap());
         assert!(house.read(stays) == before, "{command}: {stays} is another");
+    }
+    // beside verdicts that are ours lies a recording that is not
+    let theirs = house.read("theirs/night.mcap");
+    house.write("annotated/print_run.annotations.mcap", &theirs);
+    for annotate in ["", " --annotate"] {
+        let command =
+            format!("replay print_run.mcap --design design.json --out annotated{annotate}");
+        house.run(&command).exits(1).says("print_run.annotations.mcap: is no file of annotations");
+        assert!(house.read("annotated/print_run.annotations.mcap") == theirs);
     }
     let theirs = std::fs::read_dir(house.path("theirs")).unwrap().count();
     assert_eq!(theirs, 9, "nothing was written beside them");

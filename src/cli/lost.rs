@@ -3,7 +3,6 @@
 //! names and reasons.
 
 use super::account::RUN_NAME;
-use super::results;
 use crate::io::inputs::Input;
 use crate::io::journal::{Entry, JOURNAL_NAME, Journal, Outcome};
 use crate::io::regular_file;
@@ -35,6 +34,13 @@ pub fn of(tables: &[Input], unread: &[String]) -> Vec<Lost> {
     lost
 }
 
+/// What a report calls a recording: its table below what was named.
+pub fn name(table: &Input) -> String {
+    let file = table.path.file_name().unwrap_or_default().to_string_lossy();
+    let stem = file.strip_suffix(".verdicts.parquet").unwrap_or(&file);
+    table.below.join(stem).to_string_lossy().into_owned()
+}
+
 /// The directory that was named where a table was found.
 fn named(table: &Input) -> Option<PathBuf> {
     let levels = table.below.components().count();
@@ -50,7 +56,7 @@ pub fn entries(tables: &[Input]) -> BTreeMap<String, Arc<Entry>> {
         let place = table.path.strip_prefix(&out).ok()?.to_string_lossy().into_owned();
         let journal =
             journals.entry(out).or_insert_with_key(|out| Journal::read(out).unwrap_or_default());
-        Some((results::name(table), journal.of_result(&place)?.clone()))
+        Some((name(table), journal.of_result(&place)?.clone()))
     };
     tables.iter().filter_map(entry).collect()
 }

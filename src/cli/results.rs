@@ -144,15 +144,8 @@ pub fn read(
     Ok(Read { report, failed, notes, classes })
 }
 
-/// What a report calls a recording: its table below what was named.
-pub fn name(table: &Input) -> String {
-    let file = table.path.file_name().unwrap_or_default().to_string_lossy();
-    let stem = file.strip_suffix(".verdicts.parquet").unwrap_or(&file);
-    table.below.join(stem).to_string_lossy().into_owned()
-}
-
 fn source(input: &Input, notes: &mut Vec<String>) -> Result<Source, String> {
-    let name = name(input);
+    let name = lost::name(input);
     let beside = summary_file::read(&summary_file::path_beside(&input.path)).unwrap_or_else(|e| {
         notes.push(e);
         None

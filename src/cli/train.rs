@@ -136,9 +136,13 @@ pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
 
 /// Healthy signals ring, and alike: noise, and rows that are no channels, teach nothing.
 fn refuse_no_rings(printhead: &str, signals: &SignalSet) -> Result<(), Failure> {
-    /// Signals that are looked at.
+    /// Signals that are looked at, and below which there are too few anyway.
     const MOST: usize = 256;
+    const FEWEST: usize = 16;
     let rows = signals.len().min(MOST);
+    if rows < FEWEST {
+        return Ok(());
+    }
     let numbers: Vec<f64> =
         signals.data[..rows * signals.samples].iter().map(|&y| y.into()).collect();
     match Lie::of(&numbers, rows, false).filter(|lie| !lie.is_plausible()) {

@@ -37,7 +37,7 @@ const MOST_UNKNOWN: u32 = 64;
 /// Channels of which most must agree, within so many healthy standard deviations, in so many bursts in a row, before it is
 /// told that all of a head is elsewhere.
 const FEWEST: usize = 5;
-const MOST_ALIKE: f64 = 0.8;
+const MOST_ALIKE: f64 = 0.6;
 const AGREE: f64 = 4.0;
 const IN_A_ROW: u32 = 8;
 /// Printheads that are told apart.

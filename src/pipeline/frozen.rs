@@ -61,7 +61,7 @@ impl Frozen {
         self.last.insert(burst.first_channel, last);
     }
 
-    /// `None`: it is not judged for another reason.
+    /// `None`: it is not judged for another reason, or a constant, which is a dead sensor line.
     fn sum(&mut self, burst: &Burst, row: usize, rails: [f64; 2]) -> Option<u64> {
         let samples = burst.samples_per_channel as usize;
         if self.weights.len() != samples {
@@ -70,8 +70,9 @@ impl Frozen {
             self.signal = vec![0.0; samples];
         }
         burst.copy_signal(row, &mut self.signal);
+        let is_constant = self.signal.iter().all(|y| *y == self.signal[0]);
         let is_usable = unusable_signal(&self.signal, rails).is_none();
-        is_usable.then(|| dot(&self.weights, &self.signal).to_bits())
+        (is_usable && !is_constant).then(|| dot(&self.weights, &self.signal).to_bits())
     }
 
     pub fn is_frozen(&self, channel: u32) -> bool {

@@ -1,7 +1,7 @@
 //! What of the recordings was judged, and what was not: a page may say that nothing needs care of what was judged alone.
 //! In: a [`Survey`], the recordings' documents, what could not be read. Out: [`Coverage`], which says it in sentences.
 
-use super::changes::last_night;
+use super::night::last_night;
 use super::source::{Lost, Source};
 use super::survey::{ChannelCount, Head, Survey, Tally};
 use super::words::{counted, counted_as, percent, thousands};

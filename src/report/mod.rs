@@ -18,6 +18,7 @@ mod list;
 mod map;
 mod maps;
 mod neighbours;
+mod night;
 mod notes;
 mod page;
 mod promised;

@@ -1,0 +1,39 @@
+//! Which recordings are of the last night. In: when recordings began and ended. Out: when the last night began.
+
+/// A longer pause between recordings ends a night.
+const PAUSE_NS: i64 = 6 * 3_600_000_000_000;
+/// Who records without a pause is told of the last day.
+const LONGEST_NIGHT_NS: i64 = 24 * 3_600_000_000_000;
+
+/// When the last night began: at the first recording after the last long pause, at most a day before the end. `spans`:
+/// ascending.
+pub fn last_night(spans: &[(i64, i64)], to_ns: i64) -> i64 {
+    let earliest = to_ns.saturating_sub(LONGEST_NIGHT_NS);
+    let mut begins = i64::MAX;
+    for &(from, to) in spans.iter().rev() {
+        let pause = begins.saturating_sub(to);
+        if begins != i64::MAX && (pause > PAUSE_NS || from < earliest) {
+            break;
+        }
+        begins = begins.min(from);
+    }
+    begins
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_night_begins_after_a_pause_or_a_day_before_its_end() {
+        let hour = 3_600_000_000_000;
+        let spans = |of: &[(i64, i64)]| -> Vec<(i64, i64)> {
+            of.iter().map(|(from, to)| (from * hour, to * hour)).collect()
+        };
+        let nights = spans(&[(0, 2), (2, 3), (24, 26), (27, 28)]);
+        assert_eq!(last_night(&nights, 28 * hour), 24 * hour);
+        let always = spans(&[(0, 10), (10, 20), (20, 30), (30, 40)]);
+        assert_eq!(last_night(&always, 40 * hour), 20 * hour);
+        assert_eq!(last_night(&spans(&[(0, 90)]), 90 * hour), 0, "one recording is one night");
+    }
+}
