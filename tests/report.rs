@@ -141,10 +141,11 @@ fn record(house: &House) {
 fn deaden(burst: &mut Burst, row: usize) {
     assert_eq!((burst.format, burst.layout), (Format::S16Le, Layout::ChannelMajor));
     let n = burst.samples_per_channel as usize;
+    let turn = usize::try_from(burst.t_acq_ns / 1_000_000).unwrap(); // no two bursts have the same noise
     let mut bytes = burst.samples.to_vec();
     let row = bytes[2 * n * row..2 * n * (row + 1)].chunks_mut(2);
     for (k, sample) in row.enumerate() {
-        let noise = (k * k * 31 + k * 17) % 7;
+        let noise = (k * k * 31 + k * (17 + turn % 5) + turn) % 7;
         sample.copy_from_slice(&(noise as i16 - 3).to_le_bytes());
     }
     burst.samples = bytes.into();
