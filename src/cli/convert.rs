@@ -140,6 +140,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let temperature = Said::of(&args.temperature, &mut beside);
     let voltage = Said::of(&args.voltage, &mut beside);
     check(&args, period)?;
+    refuse_beside(&args)?;
     outputs::check_file(&args.out, outputs::ResultFile::Recording).map_err(Failure::of_place)?;
     let kind = columnar::table_kind_of(&args.table)?;
     let opened = match kind {
@@ -426,6 +427,19 @@ fn start_ns(args: &Args) -> Result<Option<i64>, Failure> {
 }
 
 /// The unit of a time column.
+/// What stands beside the samples is a number that a printhead may have.
+fn refuse_beside(args: &Args) -> Result<(), Failure> {
+    let number = |text: &Option<String>| text.as_deref().and_then(|text| text.parse::<f64>().ok());
+    for (option, value, most) in
+        [("--temperature", &args.temperature, 1000.0), ("--voltage", &args.voltage, 1e5)]
+    {
+        if let Some(v) = number(value).filter(|v| !(-most..=most).contains(v)) {
+            return Err(Failure::usage(format!("{option} {v}: give a number up to {most}")));
+        }
+    }
+    Ok(())
+}
+
 /// Nothing that rings is sampled more slowly: tides of a day are, every ten minutes.
 const LONGEST_PERIOD_S: f64 = 1000.0;
 

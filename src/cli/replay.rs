@@ -310,8 +310,31 @@ pub fn judging(args: Args, read: Read) -> Result<Replay, Failure> {
     Ok(load(settings, Some(read), &args)?.replay)
 }
 
+/// What an option says, `--set` does not say, too: one of the two would have no effect.
+fn refuse_said_twice(args: &Args) -> Result<(), Failure> {
+    let said = [
+        ("--out", "output.dir", args.out.is_some()),
+        ("--design", "input.design", args.design.is_some()),
+        ("--baseline", "input.baseline", args.baseline.is_some()),
+        ("--pace", "replay.pace", args.pace.is_some()),
+        ("--layout", "output.layout", args.layout.is_some()),
+        ("--threads", "replay.threads", args.threads.is_some()),
+        ("the command line", "input.recordings", !args.recordings.is_empty()),
+    ];
+    let is_set = |key: &str| {
+        args.set.iter().any(|pair| pair.split('=').next().is_some_and(|set| set.trim() == key))
+    };
+    match said.iter().find(|(_, key, is_given)| *is_given && is_set(key)) {
+        Some((option, key, _)) => Err(Failure::usage(format!(
+            "--set {key}: {option} says that already, and would win: give one of the two"
+        ))),
+        None => Ok(()),
+    }
+}
+
 /// `kept`: by the design, as `KEY=VALUE`; `--set` wins over it.
 fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
+    refuse_said_twice(args)?;
     let here = Path::new(PIPELINE_TOML);
     let file = match &args.config {
         Some(file) => Some(file.as_path()),
@@ -323,17 +346,19 @@ fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
         overrides.push("identify.mode=design".into()); // the default; --set wins over it
     }
     overrides.extend(args.set.iter().cloned());
-    let mut text = |key: &str, value: &Path| {
-        overrides.push(format!("{key}={}", toml::Value::String(value.to_string_lossy().into())));
-    };
-    if let Some(out) = &args.out {
-        text("output.dir", out);
-    }
-    if let Some(design) = &args.design {
-        text("input.design", design);
-    }
-    if let Some(baseline) = &args.baseline {
-        text("input.baseline", baseline);
+    for (key, value) in [
+        ("output.dir", &args.out),
+        ("input.design", &args.design),
+        ("input.baseline", &args.baseline),
+    ] {
+        let Some(value) = value else { continue };
+        let Some(text) = value.to_str() else {
+            return Err(Failure::usage(format!(
+                "{}: a name that is not UTF-8, which cannot be kept in results: rename it",
+                value.display()
+            )));
+        };
+        overrides.push(format!("{key}={}", toml::Value::String(text.into())));
     }
     match args.identify {
         Some(IdentifyArg::Design) => overrides.push("identify.mode=design".into()),

@@ -36,7 +36,7 @@ pub struct Args {
     #[arg(required = true)]
     out: Vec<String>,
     /// The page; its table of faults goes beside it
-    #[arg(short, long, value_name = "FILE", required_unless_present = "changes_since")]
+    #[arg(short, long, value_name = "FILE", required_unless_present_any = ["changes_since", "json"])]
     output: Option<PathBuf>,
     /// Tell what is new, worse, cured and not judged in the recordings that an earlier run did not have, instead of
     /// what is to be cleaned: its run.json, or the directory where that lies

@@ -39,7 +39,8 @@ impl Status {
             Status::NoToken => "401 Unauthorized",
             Status::OtherHost => "403 Forbidden",
             Status::NoSuchPath => "404 Not Found",
-            Status::NotGet => "405 Method Not Allowed",
+            // which has to say what is allowed
+            Status::NotGet => "405 Method Not Allowed\r\nAllow: GET",
             Status::TooLarge => "431 Request Header Fields Too Large",
             Status::NoRoom => "503 Service Unavailable",
         }

@@ -70,7 +70,10 @@ impl Request {
 
     /// As the request gives it; empty: it gives none.
     pub fn token(&self) -> &str {
-        let bearer = self.authorization.strip_prefix("Bearer ");
+        let scheme_and_token = self.authorization.split_once(' ');
+        let bearer = scheme_and_token
+            .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("Bearer"))
+            .map(|(_, token)| token.trim());
         let of_query = self.query.split('&').find_map(|pair| pair.strip_prefix("token="));
         bearer.or(of_query).unwrap_or_default()
     }
