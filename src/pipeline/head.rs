@@ -197,10 +197,11 @@ impl Head {
 
     fn window_is(&mut self, judge: &Arc<Judge>) {
         (self.window, self.moved) = (judge.clone(), None);
-        // a window's model is where its channels were in it; where nothing was known then, where its ring is, and where
-        // that is unknown, too, where the one before was
-        let in_window = judge.model.valid_from_ns.and_then(|to_ns| self.history.mean_before(to_ns));
-        let at = in_window.or_else(|| judge.model.features_from(&self.base));
+        // a window's model is where its ring is: what channels were found at in it would add an error with each window.
+        // Where its ring is unknown, it is where its channels were, or where the one before was
+        let in_window =
+            || judge.model.valid_from_ns.and_then(|to_ns| self.history.mean_before(to_ns));
+        let at = judge.model.features_from(&self.base).or_else(in_window);
         self.window_at = at.unwrap_or(self.window_at);
     }
 
