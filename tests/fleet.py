@@ -167,6 +167,7 @@ def content(file):
             of["totals"].pop(key)
         for row in of["recordings"]:
             row["why"] = "" if row["skipped"] else row["why"]  # when it was finished
+            row.pop("judged_at")
     else:
         of.pop("rates"), of.pop("phases"), of.pop("timings")
     return of
