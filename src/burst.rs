@@ -81,13 +81,13 @@ impl Burst {
         }
     }
 
-    /// Four of a row's samples, as they lie: other signals mostly differ in them.
+    /// Four of a row's samples, one after the other, as bytes: two signals mostly differ in them.
     pub fn glance(&self, row: usize) -> [u8; 16] {
         let (channels, n) = (self.channels as usize, self.samples_per_channel as usize);
         let bytes = self.format.bytes();
         let mut glance = [0; 16];
         for (k, of) in glance.as_chunks_mut::<4>().0.iter_mut().enumerate() {
-            let sample = (2 * k + 1) * n / 8;
+            let sample = (n / 8 + k).min(n - 1); // early, where the ring is large
             let at = match self.layout {
                 Layout::ChannelMajor => row * n + sample,
                 Layout::SampleMajor => sample * channels + row,

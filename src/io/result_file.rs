@@ -155,7 +155,7 @@ fn of_json(mut file: File) -> std::io::Result<Option<ResultFile>> {
     })
 }
 
-/// Of a Parquet file; empty where it has none.
+/// The footer of a Parquet file; empty where the file has none.
 fn footer(file: &mut File) -> std::io::Result<Vec<u8>> {
     let bytes = file.metadata()?.len();
     let mut end = [0; 8];

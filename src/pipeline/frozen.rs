@@ -9,14 +9,17 @@ use std::collections::{BTreeSet, HashMap};
 
 /// Noise of one sample, counts, below which two signals of a converter may be equal by chance.
 pub const LEAST_NOISE: f64 = 0.3;
-/// Bursts that begin with other channels are remembered apart; more are not.
-const MOST_PLACES: usize = 1 << 12;
+/// Channels of a printhead that are watched: the first that are heard.
+const MOST_CHANNELS: usize = 1 << 14;
 
 /// Of one printhead.
 #[derive(Debug, Default)]
 pub struct Frozen {
-    /// By a burst's first channel, its rows.
+    /// The last looks at the rows of bursts, by the first channel of these bursts.
     last: HashMap<u32, Vec<Last>>,
+    /// How many looks that are.
+    watched: usize,
+    /// Those that are frozen now.
     channels: BTreeSet<u32>,
     signal: Vec<f64>,
     /// Without a pattern: multiples of the golden ratio, less their whole part.
@@ -27,26 +30,32 @@ pub struct Frozen {
 #[derive(Clone, Copy, Debug, Default)]
 struct Last {
     t_ns: i64,
-    /// A few of its samples: mostly they tell that it is another signal.
+    /// A few of its samples, in which it mostly differs from another signal.
     glance: [u8; 16],
-    /// Where they did not: the sum over all samples, each with a weight of its own, which is the same only for the same samples.
+    /// The sum over all samples, each with a weight of its own, where the glance was that of the look before. It is the same
+    /// for the same samples alone.
     sum: Option<u64>,
 }
 
 impl Frozen {
     pub fn hear(&mut self, burst: &Burst, rails: [f64; 2]) {
         let (rows, t_ns) = (burst.channels as usize, burst.t_acq_ns);
-        if self.last.len() >= MOST_PLACES && !self.last.contains_key(&burst.first_channel) {
+        let known = self.last.get(&burst.first_channel).map_or(0, Vec::len);
+        let new = rows.saturating_sub(known);
+        if self.watched + new > MOST_CHANNELS {
             return;
         }
-        let mut last = std::mem::take(self.last.entry(burst.first_channel).or_default());
-        last.resize(rows.max(last.len()), Last::default());
-        for (row, last) in last[..rows].iter_mut().enumerate() {
+        self.watched += new;
+        // taken out while it is gone through, for `sum` needs all of this
+        let mut last = self.last.remove(&burst.first_channel).unwrap_or_default();
+        last.resize(known + new, Last::default());
+        let channels = burst.first_channel..=u32::MAX;
+        for ((row, last), channel) in last[..rows].iter_mut().enumerate().zip(channels) {
             // a burst that is written twice says nothing
             if last.t_ns == t_ns {
                 continue;
             }
-            let (glance, channel) = (burst.glance(row), burst.first_channel + row as u32);
+            let glance = burst.glance(row);
             let before = last.sum.take();
             if last.glance == glance {
                 last.sum = self.sum(burst, row, rails);
@@ -61,7 +70,7 @@ impl Frozen {
         self.last.insert(burst.first_channel, last);
     }
 
-    /// `None`: it is not judged for another reason, or a constant, which is a dead sensor line.
+    /// The weighted sum of a row. `None`: the row is not judged for another reason, or is a constant, which is a dead sensor line.
     fn sum(&mut self, burst: &Burst, row: usize, rails: [f64; 2]) -> Option<u64> {
         let samples = burst.samples_per_channel as usize;
         if self.weights.len() != samples {

@@ -19,7 +19,9 @@ const UPPER_4: f64 = 11.143;
 /// The largest eigenvalue of what `n` healthy channels moved by lies beyond (1 + `CHANCE` / sqrt(n))^2 in one of a hundred
 /// draws of the estimate below (2.0 would be the edge of the Marchenko-Pastur law).
 const CHANCE: f64 = 2.56;
-/// Channels that a sample covariance would need to scatter as this estimate does, over those that there are.
+/// Channels that a sample covariance would need to scatter as this estimate does, over those that there are. Of .4 to 1, tried on
+/// Gaussian draws of 8 to 128 channels, the one with which no more lie beyond the upper 1e-3 and 1e-4 than that says (to 1.6
+/// times; twice as much, .8, is up to 92 times at 20 channels and 9 at 60).
 const EFFICIENCY: f64 = 0.4;
 /// Variance of a Gaussian over that of what is left of it within `UPPER_4`.
 const OF_WITHIN: f64 = 0.975 / 0.94;
@@ -157,8 +159,32 @@ mod tests {
                 beyond += moved.iter().filter(|m| apart.square(m) > 18.47).count();
             }
             let rate = beyond as f64 / (heads * n) as f64;
-            assert!(rate < 2.5e-3, "{n} channels, aged {is_aged}: {rate}");
+            assert!(rate < 2e-3, "{n} channels, aged {is_aged}: {rate}");
+            assert!(
+                n < 60 || !is_aged || rate > 2e-4,
+                "{n} channels: nothing is ever found, {rate}"
+            );
         }
+    }
+
+    /// Ageing whose tail is heavier than a Gaussian's is not covered: of Student's t with five degrees of freedom .4 % of the channels
+    /// of a head of 60 lie beyond a bound that is meant for one in a million.
+    #[test]
+    fn heavy_tails_of_ageing_are_taken_for_faults_of_few_channels() {
+        let mut rng = ChaCha8Rng::seed_from_u64(33);
+        let (heads, mut beyond) = (500, 0);
+        for _ in 0..heads {
+            let mut moved = draws(60, &mut rng);
+            for m in &mut moved {
+                let chi_squared =
+                    draws(2, &mut rng).iter().flatten().take(5).map(|z| z * z).sum::<f64>();
+                *m += draws(1, &mut rng)[0] * (5.0 / (chi_squared / 5.0).sqrt());
+            }
+            let apart = Apart::learn(&moved, true);
+            beyond += moved.iter().filter(|m| apart.square(m) > 33.38).count();
+        }
+        let rate = f64::from(beyond as u32) / f64::from(60 * heads);
+        assert!((1e-3..8e-3).contains(&rate), "{rate}");
     }
 
     /// Ageing that ties the features together is found, though two in five channels do something else.
