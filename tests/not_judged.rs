@@ -213,6 +213,44 @@ fn heads_and_channels_that_fell_silent_are_told() {
     );
 }
 
+/// As on a clock that is so many times as fast, by cubic interpolation (Catmull and Rom).
+fn on_another_clock(burst: &Burst, times: f64) -> Burst {
+    with_rows(burst, |_, bytes| {
+        let of = |sample: &[u8]| f64::from(i16::from_le_bytes(sample.try_into().unwrap()));
+        let y: Vec<f64> = bytes.chunks(2).map(of).collect();
+        let at = |k: i64| y[k.clamp(0, y.len() as i64 - 1) as usize];
+        for (k, sample) in bytes.chunks_mut(2).enumerate() {
+            let (whole, u) = ((k as f64 * times) as i64, (k as f64 * times).fract());
+            let [a, b, c, d] = [-1, 0, 1, 2].map(|offset| at(whole + offset));
+            let slope = [c - a, d - b].map(|twice| twice / 2.0);
+            let (square, cube) = (u * u, u * u * u);
+            let between = b * (2.0 * cube - 3.0 * square + 1.0)
+                + slope[0] * (cube - 2.0 * square + u)
+                + c * (3.0 * square - 2.0 * cube)
+                + slope[1] * (cube - square);
+            sample.copy_from_slice(&(between.round() as i16).to_le_bytes());
+        }
+    })
+}
+
+/// A clock that is 2 to 6 % off is no ink, and is not followed: by the design's model of that printhead all signals are flagged.
+#[test]
+fn a_head_that_is_elsewhere_as_a_whole_is_told() {
+    for times in [0.98, 0.97, 0.96, 0.94] {
+        let house = House::new();
+        let off = |b: &Burst| Burst { printhead: "dataset".into(), ..on_another_clock(b, times) };
+        record(&house, "a.mcap", &some(0, 40).iter().map(off).collect::<Vec<_>>());
+        let ended = replay(&house, "a.mcap --identify design");
+        let told = ended.stdout() + &ended.stderr();
+        assert!(told.contains("all channels have moved together"), "{times}: {told}");
+    }
+    let house = House::new();
+    let as_it_is = |b: Burst| Burst { printhead: "dataset".into(), ..b };
+    record(&house, "a.mcap", &some(0, 40).into_iter().map(as_it_is).collect::<Vec<_>>());
+    let ended = replay(&house, "a.mcap --identify design").exits(0);
+    assert!(!(ended.stdout() + &ended.stderr()).contains("moved together"));
+}
+
 #[test]
 fn what_is_flagged_in_each_of_few_bursts_is_told() {
     let house = House::new();

@@ -34,8 +34,9 @@ const LEAP: f64 = 1.5;
 const FARTHEST: [f64; 4] = [0.5, 0.5, 0.05, 0.5];
 /// After so many bursts without a common change signals far from the model are no longer fitted: they are faults.
 const MOST_UNKNOWN: u32 = 64;
-/// Channels of which most must agree, within so many healthy standard deviations, in so many bursts in a row, before it is
-/// told that all of a head is elsewhere.
+/// So many channels at least, and this share of those that are looked at, must agree on a place to within so many healthy standard
+/// deviations, in so many bursts in a row, before it is told that all of a head is elsewhere. Tried on heads whose frequency
+/// was 1.5 to 12 % off: a share of .8 does not tell one of those of 3 %.
 const FEWEST: usize = 5;
 const MOST_ALIKE: f64 = 0.6;
 const AGREE: f64 = 4.0;
