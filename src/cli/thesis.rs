@@ -1,9 +1,12 @@
-//! `inkling thesis`: chapter 4 again.
+//! `inkling thesis`: chapters 4 and 5 again, on simulated data or on labelled recordings.
 
+use super::collected::{Collected, Given, collected};
 use super::exit::{Exit, Failure};
 use super::progress::Steps;
+use crate::io::labels_file::{self, States, Written};
 use crate::io::outputs::{self, ResultFile};
-use crate::thesis;
+use crate::settings::Settings;
+use crate::thesis::{self, Chapter, DataSet, Recorded, Verdict};
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -11,22 +14,44 @@ use std::path::PathBuf;
 #[command(after_help = "Examples:
   inkling thesis -o chapter4/
   inkling thesis -o chapter4/ --seeds 20 --seed 1001
+  inkling thesis logs/ --labels labels.csv -o chapter4/
 
-Writes tables.md, tables.json and, of the first seed, the figures (SVG, PNG, and their data as \
-CSV).")]
+Without recordings on simulated data: signals of the thesis's form, its drying experiment, and faults by \
+its model (2-2). With recordings and labels on these, divided by channel: each is tested on once, by what \
+was learned on others. Writes tables.md (tables, and which of the thesis's conclusions held), tables.json \
+and the figures (SVG, PNG, and their data as CSV).")]
 pub struct Args {
+    /// Files, directories (searched for *.mcap) or glob patterns; none: simulated data
+    #[arg(requires = "labels")]
+    recordings: Vec<String>,
+    /// What is true of the recordings' channels
+    #[arg(long, value_name = "CSV", requires = "recordings")]
+    labels: Option<PathBuf>,
+    /// Settings file: how the recordings are read
+    #[arg(long, value_name = "FILE", requires = "recordings")]
+    config: Option<PathBuf>,
+    /// Factor of the threshold (3-4) on the recordings' largest healthy energy [default: 1]
+    #[arg(long, value_name = "MU", requires = "recordings", value_parser = factor)]
+    mu: Option<f64>,
     /// Directory for tables and figures
     #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
-    /// How many seeds
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=10_000))]
-    seeds: u64,
-    /// The first of them
-    #[arg(long, value_name = "SEED", default_value_t = 1)]
-    seed: u64,
-    /// Seeds at a time; 0: the machine's cores
+    /// How many seeds [default: 5]
+    #[arg(long, value_name = "N", conflicts_with = "recordings", value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    seeds: Option<u64>,
+    /// The first of them [default: 1]
+    #[arg(long, value_name = "SEED", conflicts_with = "recordings")]
+    seed: Option<u64>,
+    /// Seeds or parts at a time; 0: the machine's cores
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
+}
+
+const SEEDS: u64 = 5;
+
+fn factor(text: &str) -> Result<f64, String> {
+    let is_one = |mu: &f64| *mu > 0.0 && *mu < 1e6;
+    text.parse().ok().filter(is_one).ok_or_else(|| "give more than 0 and less than 1e6".into())
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
@@ -34,37 +59,70 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     outputs::check_files(&args.out, files).map_err(Failure::of_place)?;
     let again = args.out.join("tables.json").is_file();
     outputs::check_beside(&args.out, "fig_", again).map_err(Failure::of_place)?;
-    let seeds: Vec<u64> = (0..args.seeds).map(|k| args.seed.wrapping_add(k)).collect();
     let threads = match args.threads {
         0 => crate::side_by_side::cores(),
         n => n.min(1024),
     };
-    // Ctrl-C simply ends the run: nothing is written before the last seed is done
-    let steps = Steps::new("thesis", Some(args.seeds), "seeds");
-    let chapter = thesis::run(&seeds, threads, |_| steps.step()).map_err(Failure::new)?;
-    drop(steps);
-    thesis::write(&chapter, &args.out).map_err(Failure::new)?;
+    let (chapter, recorded, exit) = match &args.labels {
+        None => (simulated(&args, threads)?, None, Exit::Done),
+        Some(labels) => {
+            let (recorded, exit) = recorded(&args, labels)?;
+            let steps = Steps::new("thesis", Some(recorded.folds() as u64), "parts");
+            let chapter = recorded.chapter(threads, || steps.step()).map_err(Failure::new)?;
+            (chapter, Some(recorded), exit)
+        }
+    };
+    thesis::write(&chapter, recorded.as_ref(), &args.out).map_err(Failure::new)?;
     let mut out = super::output::report();
+    chapter.sets.iter().try_for_each(|of| tell(of, &chapter, &mut out))?;
+    writeln!(out, "{}", args.out.join("tables.md").display())?;
+    Ok(exit)
+}
+
+fn simulated(args: &Args, threads: usize) -> Result<Chapter, Failure> {
+    let (seeds, first) = (args.seeds.unwrap_or(SEEDS), args.seed.unwrap_or(1));
+    let seeds: Vec<u64> = (0..seeds).map(|k| first.wrapping_add(k)).collect();
+    // Ctrl-C simply ends the run: nothing is written before the last seed is done
+    let all = (seeds.len() * DataSet::SIMULATED.len()) as u64;
+    let steps = Steps::new("thesis", Some(all), "data sets");
+    thesis::simulated(&seeds, threads, || steps.step()).map_err(Failure::new)
+}
+
+/// The labelled signals, and whether something of the recordings could not be used.
+fn recorded(args: &Args, labels: &std::path::Path) -> Result<(Recorded, Exit), Failure> {
+    let settings = Settings::load(args.config.as_deref(), None, &[])?;
+    let written = labels_file::read_states(Written::File(labels), States::Any)?;
+    let given = Given::Named(&args.recordings);
+    let Collected { set, met, incomplete, .. } = collected(given, &settings, Some(&written))?;
+    labels_file::check(labels, &written, &met)?;
+    let recorded = Recorded::new(&set, args.mu.unwrap_or(1.0)).map_err(Failure::new)?;
+    Ok((recorded, if incomplete { Exit::Incomplete } else { Exit::Done }))
+}
+
+/// The figures that the thesis is known by, and its conclusions.
+fn tell(of: &thesis::Measured, chapter: &Chapter, out: &mut impl Write) -> std::io::Result<()> {
+    writeln!(out, "{}", of.set.title())?;
     for (what, key) in [
-        ("detection, n_o = 7.25 (thesis .979)", "FD n_o = 7.25/accuracy"),
-        ("misses, n_o = f0 T", "FD n_o = f0 T/misses"),
-        ("isolation by LR on r (thesis .801)", "LR on r, 2025/accuracy"),
-        ("the same, phi >= .8 (thesis .879)", "LR on r, 2025/certain"),
-        ("default: misses of 2025", "FD default/misses"),
-        ("default: false alarms of 2475", "FD default/false alarms"),
-        ("default: isolation, 2025 signals", "posterior, 2025/accuracy"),
-        ("default: 1013", "posterior, 1013/accuracy"),
-        ("default: 203", "posterior, 203/accuracy"),
-        ("default: best 53.2 %", "posterior, 2025/best 53.2 %"),
-        ("default: certainty >= .8", "posterior, 2025/certain"),
-        ("default: share of them", "posterior, 2025/coverage"),
-        ("default: ECE", "posterior, 2025/ECE"),
-        ("default: ECE class-wise", "posterior, 2025/class-wise ECE"),
+        ("share right of detection, as the thesis", "I, n_o = 7.25/right"),
+        ("  by default", "default/right"),
+        ("isolation by regression on r: class right", "LR on r, all/accuracy"),
+        ("  where phi >= .8", "LR on r, all/certain"),
+        ("  by default", "default, all/accuracy"),
+        ("  by default where the certainty is >= .8", "default, all/certain"),
     ] {
-        if let Some(v) = chapter.values.get(key) {
-            writeln!(out, "{what:<38} {:.4} ± {:.4}", v.mean, v.sd)?;
+        if let Some(v) = of.spread(key) {
+            writeln!(out, "  {what:<44} {:.4} ± {:.4}", v.mean, v.sd)?;
         }
     }
-    writeln!(out, "{}", args.out.join("tables.md").display())?;
-    Ok(Exit::Done)
+    let number = |verdict| {
+        let own = chapter.conclusions.iter().filter(|c| c.data == of.set);
+        own.filter(|c| c.verdict == verdict).count()
+    };
+    writeln!(
+        out,
+        "  conclusions of the thesis: {} held, {} not held, {} cannot be told",
+        number(Verdict::Held),
+        number(Verdict::NotHeld),
+        number(Verdict::CannotTell)
+    )
 }

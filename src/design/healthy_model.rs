@@ -132,7 +132,7 @@ impl HealthyModel {
     }
 
     /// Calls `see` with the deviation and drive of every signal of a set.
-    pub(super) fn each_deviation(&self, set: &SignalSet, see: impl FnMut(&[f64], f64)) {
+    pub fn each_deviation(&self, set: &SignalSet, see: impl FnMut(&[f64], f64)) {
         let response = self.temperature_response.as_deref();
         Expectation { y: &self.expected, reference_c: self.temperature_c, response }.each(set, see);
     }

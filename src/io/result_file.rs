@@ -41,9 +41,11 @@ const RECORD_HEADER_BYTES: usize = 9;
 const MOST_LINE_BYTES: u64 = 4 << 20;
 
 /// Kinds of JSON, each by keys that it has and no other kind before it.
-const BY_KEYS: [(ResultFile, &[&str]); 8] = [
+const BY_KEYS: [(ResultFile, &[&str]); 9] = [
     (ResultFile::Design, &["version", "sample_period_s", "pooled"]),
     (ResultFile::Critique, &["version", "verdict", "causes"]),
+    (ResultFile::Chapter, &["version", "rounds", "conclusions"]),
+    // of a version before 2
     (ResultFile::Chapter, &["seeds", "confusions"]),
     (ResultFile::Account, &["version", "totals", "recordings"]),
     (ResultFile::Journal, &["version", "recording", "outcome", "by"]),

@@ -1,60 +1,46 @@
-//! The figures of the thesis from one seed's signals: 2-2, 3-2, 3-3, 3-5, 4-1, 4-2, 4-3, 4-4.
+//! The figures of the thesis from one part's signals: 2-2, 3-2, 3-3, 3-5, 4-1 to 4-4. Every title says what the numbers of
+//! its figure are.
 
-use super::chapter::{self, settings, thesis_detect};
-use super::data::Signals;
-use super::{ThesisError, experiment};
-use crate::design::{Design, IsolateSettings, Judge, Workspace};
-use crate::detect::key_numbers::KeyNumbers;
+use super::ThesisError;
+use super::datasets::{self, DataSet, Part, each};
+use super::key_figures::key_numbers;
+use super::measure::{Met, each_met, isolation, thesis_detect, train};
+use crate::design::{Design, IsolateSettings, TrainingSet};
 use crate::fault::{CLASSES, HEALTHY};
 use crate::isolate::{IsolateMethod, IsolateSignal};
 use crate::plot::{Axis, Figure, Mark, Series};
-use crate::simulate::Scenario;
 use crate::simulate::drying;
-use crate::simulate::scenario::{Kind, Physics};
+use crate::simulate::scenario::Physics;
 use std::path::Path;
 
-pub fn write(
-    classes: &Scenario,
-    physics: &Scenario,
-    seed: u64,
-    dir: &Path,
-) -> Result<(), ThesisError> {
-    let (learn, test) = chapter::signals(classes, seed)?;
-    let isolate = settings(IsolateMethod::ResidualMatching, IsolateSignal::Residual);
-    let design = chapter::train(&learn.training(learn.faulty()), &thesis_detect(1.0), &isolate)?;
-    average(&learn).write(dir, "fig_3-2_average")?;
-    isolation(&design, &isolate, &test, dir)?;
-    signal_and_model(&design, &test).write(dir, "fig_3-3_signal_and_model")?;
-    let titles = [
-        "Frequency parts most faults; dried nozzles differ from healthy ones by damping",
-        "Close up: slightly dried nozzles touch the healthy ones",
-        "Amplitude sets deeply dried nozzles apart; most classes overlap in it",
-    ];
-    key_numbers(&test, "4-1", titles, dir)?;
-    energies(
-        &design,
-        &test,
-        "Slightly dried nozzles reach below the threshold, most other faults not",
-    )
-    .write(dir, "fig_4-3_energies")?;
+/// Of one seed of simulated data.
+pub fn simulated(seed: u64, dir: &Path) -> Result<(), ThesisError> {
+    let physics = datasets::physics()?;
+    let of_form = DataSet::ThesisForm.part(seed)?;
+    let drying = DataSet::Drying.part(seed)?;
+    chain(&of_form, dir)?;
+    identified(&drying, Some(&physics), dir)?;
+    key_numbers(&of_form.test, "fig_4-1", dir)?;
+    energies(&of_form, "fig_4-3_energies", dir)?;
+    actuation(&physics, &drying.test).write(dir, "fig_2-2_actuation_and_signal")?;
+    key_numbers(&drying.test, "fig_4-2", dir)?;
+    energies(&drying, "fig_4-4_energies_drying", dir)
+}
 
-    let Kind::Physics(physics) = &physics.kind else { return Ok(()) };
-    let (learn, test) = experiment::signals(physics, seed);
-    actuation(physics, &test).write(dir, "fig_2-2_actuation_and_signal")?;
-    let design = chapter::train(&learn.training(learn.faulty()), &thesis_detect(2.0), &isolate)?;
-    let titles = [
-        "Damping rises from healthy to deeply dried nozzles in three clusters",
-        "Close up: intermediately dried nozzles lie between healthy and deeply dried ones",
-        "Amplitude falls as nozzles dry",
-    ];
-    key_numbers(&test, "4-2", titles, dir)?;
-    energies(
-        &design,
-        &test,
-        "Deeply dried nozzles lie far above the threshold, some intermediately dried ones below",
-    )
-    .write(dir, "fig_4-4_energies_drying")?;
-    Ok(())
+/// Of one part of recordings.
+pub fn recorded(part: &Part, dir: &Path) -> Result<(), ThesisError> {
+    chain(part, dir)?;
+    identified(part, None, dir)?;
+    key_numbers(&part.test, "fig_4-1", dir)?;
+    energies(part, "fig_4-3_energies", dir)
+}
+
+fn settings() -> IsolateSettings {
+    isolation(IsolateMethod::ResidualMatching, IsolateSignal::Residual)
+}
+
+fn learned(part: &Part) -> Result<Design, ThesisError> {
+    train(&part.learn, &thesis_detect(part.mu), &settings())
 }
 
 /// Over time since the first sample, µs.
@@ -63,43 +49,72 @@ fn over_time(name: &str, mark: Mark, y: &[f64], dt_s: f64) -> Series {
     Series { name: name.into(), mark, points }
 }
 
+fn healthy_one(set: &TrainingSet) -> Vec<f64> {
+    each(set).find(|(state, _)| *state == HEALTHY).map_or(Vec::new(), |(_, y)| y)
+}
+
+/// The voltage over time since t_a, µs, in tenths of a volt.
+fn pulse(physics: &Physics, until_us: f64) -> Series {
+    let (end_us, tenths) = (-physics.acquisition.delay_us, 10.0 * drying::DRIVE_V);
+    let begin_us = end_us - physics.acquisition.pulse_us;
+    let corners = [
+        (begin_us - 5.0, 0.0),
+        (begin_us, 0.0),
+        (begin_us, tenths),
+        (end_us, tenths),
+        (end_us, 0.0),
+        (until_us, 0.0),
+    ];
+    Series { name: "input u, 0.1 V".into(), mark: Mark::Line, points: corners.to_vec() }
+}
+
 /// Fig. 2-2: the voltage, and from t_a on what the actuator then senses.
-fn actuation(physics: &Physics, test: &Signals) -> Figure {
-    let acquisition = &physics.acquisition;
-    let end_us = acquisition.pulse_us;
-    let t_a_us = end_us + acquisition.delay_us;
-    let tenths = 10.0 * drying::DRIVE_V;
-    let healthy = test.each().find(|(_, state)| *state == HEALTHY).map_or(&[][..], |(y, _)| y);
-    let mut output = over_time("output y, counts", Mark::Line, healthy, test.dt_s);
-    output.points.iter_mut().for_each(|(t, _)| *t += t_a_us);
-    let last_us = output.points.last().map_or(t_a_us, |(t, _)| *t);
-    let corners =
-        [(-5.0, 0.0), (0.0, 0.0), (0.0, tenths), (end_us, tenths), (end_us, 0.0), (last_us, 0.0)];
+fn actuation(physics: &Physics, test: &TrainingSet) -> Figure {
+    let output =
+        over_time("output y, counts", Mark::Line, &healthy_one(test), test.sample_period_s);
+    let until_us = output.points.last().map_or(0.0, |(t, _)| *t);
+    let largest = output.points.iter().map(|(_, y)| y.abs()).fold(0.0, f64::max);
     Figure {
-        title: "The channel is sensed only after its actuation, so no input acts while it rings"
-            .into(),
-        x: Axis::new("time since the actuation began, µs"),
+        title: format!(
+            "The channel is sensed from {} µs after the pulse of {} µs on, and rings to {largest:.0} counts",
+            physics.acquisition.delay_us, physics.acquisition.pulse_us
+        ),
+        x: Axis::new("time since acquisition began, µs"),
         y: Axis::new("input, 0.1 V; output, counts"),
-        series: vec![
-            Series { name: "input u, 0.1 V".into(), mark: Mark::Line, points: corners.to_vec() },
-            output,
-        ],
-        thresholds: vec![(t_a_us, "t_a".into())],
+        series: vec![pulse(physics, until_us), output],
+        thresholds: vec![(0.0, "t_a".into())],
     }
 }
 
+/// Figs. 3-2 and 3-5: how a signal set becomes an average, and a residual a name.
+fn chain(part: &Part, dir: &Path) -> Result<(), ThesisError> {
+    average(&part.learn).write(dir, "fig_3-2_average")?;
+    isolated(&learned(part)?, &part.test, dir)
+}
+
+/// Root mean square of what third differences leave: of noise, its standard deviation.
+fn roughness(y: &[f64]) -> f64 {
+    // the squares of 1, 3, 3, 1 sum to 20
+    let third = y.windows(4).map(|w| w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]);
+    (third.map(|d| d * d).sum::<f64>() / (20.0 * y.len().saturating_sub(3).max(1) as f64)).sqrt()
+}
+
 /// Fig. 3-2: signals of the data set and their average.
-fn average(learn: &Signals) -> Figure {
+fn average(learn: &TrainingSet) -> Figure {
     const SHOWN: usize = 40;
-    let healthy: Vec<&[f64]> =
-        learn.each().filter(|(_, state)| *state == HEALTHY).map(|(y, _)| y).collect();
+    let healthy: Vec<Vec<f64>> =
+        each(learn).filter(|(state, _)| *state == HEALTHY).map(|(_, y)| y).collect();
     let n = healthy.len().max(1) as f64;
     let mean: Vec<f64> =
         (0..learn.samples).map(|k| healthy.iter().map(|y| y[k]).sum::<f64>() / n).collect();
-    let raw = healthy.iter().take(SHOWN).map(|y| over_time("", Mark::Points, y, learn.dt_s).points);
+    let dt_s = learn.sample_period_s;
+    let shown = healthy.iter().take(SHOWN);
+    let noise = shown.clone().map(|y| roughness(y)).sum::<f64>() / shown.len().max(1) as f64;
+    let raw = shown.map(|y| over_time("", Mark::Points, y, dt_s).points);
     Figure {
         title: format!(
-            "The average of {} healthy signals is smooth where each one is noisy",
+            "Noise of {noise:.1} counts in a signal is {:.2} in the average of {} healthy ones",
+            roughness(&mean),
             healthy.len()
         ),
         x: Axis::new("time since acquisition began, µs"),
@@ -110,20 +125,38 @@ fn average(learn: &Signals) -> Figure {
                 mark: Mark::Points,
                 points: raw.flatten().collect(),
             },
-            over_time("their average", Mark::Line, &mean, learn.dt_s),
+            over_time("their average", Mark::Line, &mean, dt_s),
         ],
         thresholds: Vec::new(),
     }
 }
 
+/// Fig. 3-3: one signal beside the identified model, and the input where it is known.
+fn identified(part: &Part, physics: Option<&Physics>, dir: &Path) -> Result<(), ThesisError> {
+    let (design, test) = (learned(part)?, &part.test);
+    let fit = design.pooled.identification.fit_percent;
+    let line = |name: &str, mark, y: &[f64]| over_time(name, mark, y, test.sample_period_s);
+    let mut series = vec![
+        line("one healthy signal", Mark::Points, &healthy_one(test)),
+        line("identified model, thesis (3-1)", Mark::Line, &design.pooled.expected),
+    ];
+    let until_us = series[1].points.last().map_or(0.0, |(t, _)| *t);
+    series.extend(physics.map(|physics| pulse(physics, until_us)));
+    let figure = Figure {
+        title: format!(
+            "The identified model explains {fit:.1} % of the healthy average; one signal scatters about it"
+        ),
+        x: Axis::new("time since acquisition began, µs"),
+        y: Axis::new("sensor signal, counts"),
+        series,
+        thresholds: Vec::new(),
+    };
+    Ok(figure.write(dir, "fig_3-3_signal_and_model")?)
+}
+
 /// Fig. 3-5: R, one signal's residual beside R phi, and its phi.
-fn isolation(
-    design: &Design,
-    settings: &IsolateSettings,
-    test: &Signals,
-    dir: &Path,
-) -> Result<(), ThesisError> {
-    let model = &design.pooled;
+fn isolated(design: &Design, test: &TrainingSet, dir: &Path) -> Result<(), ThesisError> {
+    let (model, dt_s) = (&design.pooled, test.sample_period_s);
     let residual = |deviation: &[f64]| {
         let mut r = vec![0.0; deviation.len()];
         model.generator.filter(deviation, &mut r);
@@ -131,170 +164,157 @@ fn isolation(
     };
     let columns: Vec<Vec<f64>> = design.classes.iter().map(|c| residual(&c.deviation)).collect();
     let names = design.class_names();
-    let means = names.iter().zip(&columns);
+    let energy = |rho: &Vec<f64>| rho.iter().map(|r| r * r).sum::<f64>();
+    let by_energy = |order: std::cmp::Ordering| {
+        let all = names.iter().zip(&columns);
+        let most = all.max_by(|a, b| {
+            let by = energy(a.1).total_cmp(&energy(b.1));
+            if order.is_gt() { by } else { by.reverse() }
+        });
+        most.map_or("", |(name, _)| name.as_str())
+    };
+    let (strongest, weakest) =
+        (by_energy(std::cmp::Ordering::Greater), by_energy(std::cmp::Ordering::Less));
     Figure {
-        title: "Each fault has a mean residual of its own; R holds them as columns".into(),
+        title: format!(
+            "R holds the mean residual of each of {} faults: {strongest} has the largest, {weakest} the smallest",
+            names.len()
+        ),
         x: Axis::new("time since acquisition began, µs"),
         y: Axis::new("mean residual rho, counts"),
-        series: means.map(|(name, rho)| over_time(name, Mark::Line, rho, test.dt_s)).collect(),
+        series: names
+            .iter()
+            .zip(&columns)
+            .map(|(name, rho)| over_time(name, Mark::Line, rho, dt_s))
+            .collect(),
         thresholds: Vec::new(),
     }
     .write(dir, "fig_3-5_mean_residuals")?;
-
-    // the example: the first partly blocked nozzle, or whatever is faulty
-    let example = test.each().find(|(_, state)| *state == "PBN");
-    let Some((y, state)) = example.or_else(|| test.each().find(|(_, s)| *s != HEALTHY)) else {
-        return Ok(());
-    };
-    let deviation: Vec<f64> = y.iter().zip(&model.expected).map(|(y, e)| y - e).collect();
-    let judge = Judge::new(0, model.clone().into(), None, Some(design), settings)?;
-    let mut work = Workspace::default();
-    if judge.isolate(&deviation, 1.0, &mut work).is_some() {
-        let [mixture, weights] =
-            example_isolated(state, &residual(&deviation), &columns, &names, &work.weights, test);
-        mixture.write(dir, "fig_3-5_one_signal")?;
-        weights.write(dir, "fig_3-5_weights")?;
-    }
-    Ok(())
-}
-
-/// Fig. 3-5, online: r beside R phi, and phi.
-fn example_isolated(
-    state: &str,
-    r: &[f64],
-    columns: &[Vec<f64>],
-    names: &[String],
-    phi: &[f64],
-    test: &Signals,
-) -> [Figure; 2] {
+    let Some(example) = Example::of(design, test)? else { return Ok(()) };
+    let r = residual(&example.deviation);
     let mixed: Vec<f64> = (0..test.samples)
-        .map(|k| phi.iter().zip(columns).map(|(phi, rho)| phi * rho[k]).sum())
+        .map(|k| example.phi.iter().zip(&columns).map(|(phi, rho)| phi * rho[k]).sum())
         .collect();
-    let (best, most) = names.iter().zip(phi).fold(("", 0.0), |best, (name, &phi)| {
-        if phi > best.1 { (name.as_str(), phi) } else { best }
-    });
-    let mixture = Figure {
+    let left: f64 = r.iter().zip(&mixed).map(|(r, m)| (r - m).powi(2)).sum();
+    let (state, named) = (&example.state, &names[example.class]);
+    Figure {
         title: format!(
-            "The residual of a signal of {state} and the mixture of R's columns nearest to it"
+            "The mixture R phi explains {:.0} % of the residual's energy of a signal of {state}",
+            100.0 * (1.0 - left / energy(&r).max(f64::MIN_POSITIVE))
         ),
         x: Axis::new("time since acquisition began, µs"),
         y: Axis::new("residual, counts"),
         series: vec![
-            over_time("r", Mark::Points, r, test.dt_s),
-            over_time("R phi", Mark::Line, &mixed, test.dt_s),
-        ],
-        thresholds: Vec::new(),
-    };
-    let points = phi.iter().enumerate().map(|(k, &phi)| (phi, k as f64)).collect();
-    let weights = Figure {
-        title: format!(
-            "Its largest weight is {best}'s, {most:.2}: a signal of {state} is named {best}"
-        ),
-        x: Axis { range: Some((-0.05, 1.05)), ..Axis::new("mixture weight phi") },
-        y: Axis { categories: names.to_vec(), ..Axis::new("class") },
-        series: vec![Series { name: "phi".into(), mark: Mark::Dots, points }],
-        thresholds: Vec::new(),
-    };
-    [mixture, weights]
-}
-
-fn signal_and_model(design: &Design, test: &Signals) -> Figure {
-    let line = |name: &str, mark, y: &[f64]| over_time(name, mark, y, test.dt_s);
-    let fit = design.pooled.identification.fit_percent;
-    let healthy = test.each().find(|(_, state)| *state == HEALTHY).map_or(&[][..], |(y, _)| y);
-    Figure {
-        title: format!(
-            "The identified model explains {fit:.1} % of the healthy average; one signal scatters about it"
-        ),
-        x: Axis::new("time since acquisition began, µs"),
-        y: Axis::new("sensor signal, counts"),
-        series: vec![
-            line("one healthy signal", Mark::Points, healthy),
-            line("identified model, thesis (3-1)", Mark::Line, &design.pooled.expected),
+            over_time("r", Mark::Points, &r, dt_s),
+            over_time("R phi", Mark::Line, &mixed, dt_s),
         ],
         thresholds: Vec::new(),
     }
-}
-
-/// Classes that are there, healthy first.
-fn states(signals: &Signals) -> Vec<&'static str> {
-    let all = std::iter::once(HEALTHY).chain(CLASSES);
-    all.filter(|class| signals.state.iter().any(|s| s == class)).collect()
-}
-
-/// Dominant damping over frequency, amplitude over frequency, and the first without EC, close up.
-fn key_numbers(
-    signals: &Signals,
-    number: &str,
-    titles: [&str; 3],
-    dir: &Path,
-) -> Result<(), ThesisError> {
-    let numbers = super::practice::key_numbers(signals);
-    let figure = |title: &str, y: Axis, of: fn(&KeyNumbers) -> f64| Figure {
-        title: title.into(),
-        x: Axis::new("dominant frequency, kHz"),
-        y,
-        series: states(signals)
-            .into_iter()
-            .map(|class| Series {
-                name: class.into(),
-                mark: Mark::Points,
-                points: numbers
-                    .iter()
-                    .zip(&signals.state)
-                    .filter(|(_, s)| *s == class)
-                    .map(|(k, _)| (k.frequency_hz / 1e3, of(k)))
-                    .collect(),
-            })
-            .collect(),
+    .write(dir, "fig_3-5_one_signal")?;
+    let points = example.phi.iter().enumerate().map(|(k, &phi)| (phi, k as f64)).collect();
+    Figure {
+        title: format!(
+            "Its largest weight is {named}'s, {:.2}: a signal of {state} is named {named}",
+            example.phi[example.class]
+        ),
+        x: Axis { range: Some((-0.05, 1.05)), ..Axis::new("mixture weight phi") },
+        y: Axis { categories: names.clone(), ..Axis::new("class") },
+        series: vec![Series { name: "phi".into(), mark: Mark::Dots, points }],
         thresholds: Vec::new(),
-    };
-    let damping = |k: &KeyNumbers| k.damping_per_s / 1e3;
-    let range = |low, high| Some((low, high));
-    let mut by_damping = figure(
-        titles[0],
-        Axis { range: range(-15.0, 110.0), ..Axis::new("dominant damping, 1000/s") },
-        damping,
-    );
-    by_damping.write(dir, &format!("fig_{number}_damping"))?;
-    by_damping.title = titles[1].into();
-    by_damping.x.range = range(52.0, 78.0);
-    by_damping.y.range = range(10.0, 90.0);
-    by_damping.write(dir, &format!("fig_{number}_damping_zoom"))?;
-    figure(
-        titles[2],
-        Axis { range: range(50.0, 1050.0), ..Axis::new("dominant amplitude, counts") },
-        |k| k.amplitude_counts,
-    )
-    .write(dir, &format!("fig_{number}_amplitude"))?;
+    }
+    .write(dir, "fig_3-5_weights")?;
     Ok(())
 }
 
-fn energies(design: &Design, signals: &Signals, title: &str) -> Figure {
-    let model = &design.pooled;
-    let names = states(signals);
-    let mut each: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
-    for (y, state) in signals.each() {
-        let deviation: Vec<f64> = y.iter().zip(&model.expected).map(|(y, e)| y - e).collect();
-        if let Some(k) = names.iter().position(|n| *n == state) {
-            each[k].push(model.generator.energy(&deviation));
-        }
+/// A signal that is isolated, for Fig. 3-5.
+struct Example {
+    state: String,
+    deviation: Vec<f64>,
+    phi: Vec<f64>,
+    class: usize,
+}
+
+impl Example {
+    /// The first that is named rightly with the certainty of Table 4-4, as the text's example is; else the first that is
+    /// named at all.
+    fn of(design: &Design, test: &TrainingSet) -> Result<Option<Example>, ThesisError> {
+        let (settings, names) = (settings(), design.class_names());
+        let [mut right, mut any] = [None, None];
+        each_met(design, &settings, test, |met, work| {
+            let Met { judge, deviation, drive, state } = met;
+            if state == HEALTHY || right.is_some() {
+                return;
+            }
+            let Some(class) = judge.isolate(deviation, drive, work).and_then(|d| d.candidate)
+            else {
+                return;
+            };
+            let class = usize::from(class);
+            let made = || Example {
+                state: state.into(),
+                deviation: deviation.iter().map(|d| d / drive).collect(),
+                phi: work.weights.clone(),
+                class,
+            };
+            if names[class] == state && (0.8..0.99).contains(&work.weights[class]) {
+                right = Some(made());
+            }
+            any.get_or_insert_with(made);
+        })?;
+        Ok(right.or(any))
     }
+}
+
+/// Classes that are there, healthy first, then in the thesis's order.
+pub(super) fn states(set: &TrainingSet) -> Vec<String> {
+    let is_there = |class: &str| class == HEALTHY || set.faulty.contains_key(class);
+    let known = std::iter::once(HEALTHY).chain(CLASSES).filter(|class| is_there(class));
+    let own = set.faulty.keys().map(String::as_str).filter(|class| !CLASSES.contains(class));
+    known.chain(own).map(str::to_owned).collect()
+}
+
+/// Figs. 4-3 and 4-4: the residual's energy of every test signal, class by class, beside the threshold.
+fn energies(part: &Part, name: &str, dir: &Path) -> Result<(), ThesisError> {
+    let (design, test) = (learned(part)?, &part.test);
+    let names = states(test);
+    let mut by_state: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
+    // in thresholds, as each printhead has its own
+    each_met(&design, &settings(), test, |met, work| {
+        let found = met.judge.test(met.judge.detect(met.deviation, met.drive, work));
+        if let Some(k) = names.iter().position(|name| name == met.state) {
+            by_state[k].push(found.statistic / found.threshold);
+        }
+    })?;
+    let below = |energies: &[f64]| {
+        energies.iter().filter(|e| **e <= 1.0).count() as f64 / energies.len().max(1) as f64
+    };
+    let mut missed: Vec<(f64, &str)> =
+        names.iter().zip(&by_state).skip(1).map(|(n, e)| (below(e), n.as_str())).collect();
+    missed.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let title = match missed[..] {
+        [(first, hardest), (second, _), ..] => format!(
+            "{:.1} % of {hardest} lie below the threshold; of every other fault at most {:.1} %",
+            100.0 * first,
+            100.0 * second
+        ),
+        _ => "Energies of the residual beside the threshold".into(),
+    };
     // a band per class, its signals one above the other
     let band = |row: usize, energies: &[f64]| {
         let spread = |i: usize| 0.6 * ((i as f64 * 0.618_034).fract() - 0.5);
         energies.iter().enumerate().map(|(i, &e)| (e, row as f64 + spread(i))).collect()
     };
-    let series = names.iter().zip(&each).enumerate().map(|(row, (name, energies))| Series {
-        name: (*name).into(),
+    let series = names.iter().zip(&by_state).enumerate().map(|(row, (name, energies))| Series {
+        name: name.clone(),
         mark: Mark::Points,
         points: band(row, energies),
     });
-    Figure {
-        title: title.into(),
-        x: Axis { log: true, ..Axis::new("residual energy e(r), counts²·s") },
-        y: Axis { categories: names.iter().map(|n| n.to_string()).collect(), ..Axis::new("class") },
+    let figure = Figure {
+        title,
+        x: Axis { log: true, ..Axis::new("residual energy e(r) over the threshold (3-4)") },
+        y: Axis { categories: names.clone(), ..Axis::new("class") },
         series: series.collect(),
-        thresholds: vec![(model.threshold.value, "threshold (3-4)".into())],
-    }
+        thresholds: vec![(1.0, "threshold (3-4)".into())],
+    };
+    Ok(figure.write(dir, name)?)
 }

@@ -1,13 +1,17 @@
-//! What chapter 4 gives, and why it may not.
+//! What chapter 4 gives, round by round, and why it may not.
 
+use super::conclusions::Conclusion;
+use super::datasets::DataSet;
+use crate::model::student::student_quantile;
 use serde::Serialize;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use thiserror::Error;
 
 #[derive(Debug, Error)]
 pub enum ThesisError {
-    #[error("scenario: {0}")]
-    Scenario(String),
+    #[error("{0}")]
+    Data(String),
     #[error(transparent)]
     Design(#[from] crate::design::DesignError),
     #[error(transparent)]
@@ -18,34 +22,214 @@ pub enum ThesisError {
     Write { path: String, source: std::io::Error },
 }
 
-/// Signals of class (row) that were named so (column); a mean over seeds.
+/// Signals of class (row) that were named so (column); a mean over rounds.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Confusion {
     pub classes: Vec<String>,
     pub counts: Vec<Vec<f64>>,
 }
 
-/// What one seed gives, by name.
+impl Confusion {
+    /// HMA of thesis §4-3, trace over sum: plain accuracy. NaN where nothing was counted.
+    pub fn hma(&self) -> f64 {
+        let right: f64 = (0..self.classes.len()).map(|i| self.counts[i][i]).sum();
+        right / self.counts.iter().flatten().sum::<f64>()
+    }
+
+    /// Without one class, as truth and as answer.
+    pub fn without(&self, class: &str) -> Confusion {
+        let kept: Vec<usize> =
+            (0..self.classes.len()).filter(|&i| self.classes[i] != class).collect();
+        Confusion {
+            classes: kept.iter().map(|&i| self.classes[i].clone()).collect(),
+            counts: kept
+                .iter()
+                .map(|&i| kept.iter().map(|&j| self.counts[i][j]).collect())
+                .collect(),
+        }
+    }
+
+    /// `class` counted as `into`.
+    pub fn merged(&self, into: &str, class: &str) -> Confusion {
+        let place = |name: &str| self.classes.iter().position(|c| c == name);
+        let (Some(to), Some(from)) = (place(into), place(class)) else { return self.clone() };
+        let mut sum = self.clone();
+        for row in &mut sum.counts {
+            row[to] += row[from];
+        }
+        let moved = sum.counts[from].clone();
+        sum.counts[to].iter_mut().zip(moved).for_each(|(s, n)| *s += n);
+        sum.without(class)
+    }
+
+    /// Adds a share of another one, class by class.
+    fn add(&mut self, other: &Confusion, share: f64) {
+        for class in &other.classes {
+            if !self.classes.contains(class) {
+                self.classes.push(class.clone());
+                self.counts.iter_mut().for_each(|row| row.push(0.0));
+                self.counts.push(vec![0.0; self.classes.len()]);
+            }
+        }
+        let place = |name: &String| self.classes.iter().position(|c| c == name);
+        let places: Vec<usize> = other.classes.iter().filter_map(place).collect();
+        for (row, &i) in other.counts.iter().zip(&places) {
+            for (n, &j) in row.iter().zip(&places) {
+                self.counts[i][j] += share * n;
+            }
+        }
+    }
+}
+
+/// What one round gives, by name: `method/figure`.
 #[derive(Clone, Debug, Default)]
 pub struct Figures {
     pub values: BTreeMap<String, f64>,
     pub confusions: BTreeMap<String, Confusion>,
+    /// Methods that could not be tried, and why.
+    pub failed: BTreeMap<String, String>,
 }
 
-/// A figure over seeds.
+impl Figures {
+    pub fn put(&mut self, key: &str, value: f64) {
+        self.values.insert(key.into(), value);
+    }
+}
+
+/// A figure over rounds.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Spread {
     pub mean: f64,
-    /// From seed to seed.
+    /// From round to round.
     pub sd: f64,
     pub least: f64,
     pub most: f64,
 }
 
-/// Chapter 4 over seeds.
-#[derive(Clone, Debug, Serialize)]
-pub struct Chapter {
-    pub seeds: Vec<u64>,
-    pub values: BTreeMap<String, Spread>,
+impl Spread {
+    pub fn of(v: &[f64]) -> Spread {
+        let n = v.len() as f64;
+        let mean = v.iter().sum::<f64>() / n;
+        let square: f64 = v.iter().map(|x| (x - mean).powi(2)).sum();
+        Spread {
+            mean,
+            sd: (square / (n - 1.0).max(1.0)).sqrt(),
+            least: v.iter().copied().fold(f64::INFINITY, f64::min),
+            most: v.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+        }
+    }
+}
+
+/// A mean difference with its 95 % interval.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Difference {
+    pub mean: f64,
+    pub low: f64,
+    pub high: f64,
+}
+
+/// One data set over rounds.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    pub set: DataSet,
+    /// By name, one value a round; NaN where that round has none.
+    pub rounds: BTreeMap<String, Vec<f64>>,
     pub confusions: BTreeMap<String, Confusion>,
+    pub failed: BTreeMap<String, String>,
+}
+
+impl Measured {
+    pub fn of(set: DataSet, each: &[Figures]) -> Measured {
+        let mut all = Measured {
+            set,
+            rounds: BTreeMap::new(),
+            confusions: BTreeMap::new(),
+            failed: BTreeMap::new(),
+        };
+        for (round, figures) in each.iter().enumerate() {
+            for (key, v) in &figures.values {
+                all.rounds.entry(key.clone()).or_insert_with(|| vec![f64::NAN; each.len()])
+                    [round] = *v;
+            }
+            for (key, confusion) in &figures.confusions {
+                let sum = all.confusions.entry(key.clone()).or_default();
+                sum.add(confusion, 1.0 / each.len() as f64);
+            }
+            all.failed.extend(figures.failed.clone());
+        }
+        all
+    }
+
+    /// The values of the rounds that have one.
+    pub fn values(&self, key: &str) -> Vec<f64> {
+        let all = self.rounds.get(key).into_iter().flatten();
+        all.copied().filter(|v| v.is_finite()).collect()
+    }
+
+    pub fn spread(&self, key: &str) -> Option<Spread> {
+        let values = self.values(key);
+        (!values.is_empty()).then(|| Spread::of(&values))
+    }
+
+    /// Mean over rounds; NaN: none has it.
+    pub fn mean(&self, key: &str) -> f64 {
+        self.spread(key).map_or(f64::NAN, |spread| spread.mean)
+    }
+
+    /// How much more the share `a` is than the share `b`, paired by round. Of a single round, by the sampling error of
+    /// both on `signals` signals.
+    pub fn difference(&self, a: &str, b: &str, signals: f64) -> Option<Difference> {
+        let (a, b) = (self.rounds.get(a)?, self.rounds.get(b)?);
+        let pairs: Vec<(f64, f64)> =
+            a.iter().copied().zip(b.iter().copied()).filter(|(a, b)| (a - b).is_finite()).collect();
+        let each: Vec<f64> = pairs.iter().map(|(a, b)| a - b).collect();
+        let n = each.len() as f64;
+        let half = match pairs[..] {
+            [] => return None,
+            [(a, b)] => 1.96 * ((a * (1.0 - a) + b * (1.0 - b)) / signals.max(1.0)).sqrt(),
+            _ => student_quantile(0.975, n - 1.0) * Spread::of(&each).sd / n.sqrt(),
+        };
+        let mean = Spread::of(&each).mean;
+        Some(Difference { mean, low: mean - half, high: mean + half })
+    }
+
+    fn json(&self) -> Value {
+        let values: BTreeMap<&String, Option<Spread>> =
+            self.rounds.keys().map(|key| (key, self.spread(key))).collect();
+        json!({
+            "data": self.set, "values": values, "confusions": self.confusions, "not_possible": self.failed,
+        })
+    }
+}
+
+/// What a round is.
+#[derive(Clone, Debug, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Rounds {
+    Seeds(Vec<u64>),
+    /// Parts of recordings, each tested on once; and what of them was left out.
+    Folds {
+        number: usize,
+        left_out: Vec<String>,
+    },
+}
+
+/// Chapter 4 over rounds, and what it says of chapter 5.
+#[derive(Clone, Debug)]
+pub struct Chapter {
+    pub rounds: Rounds,
+    pub sets: Vec<Measured>,
+    pub conclusions: Vec<Conclusion>,
+}
+
+impl Chapter {
+    pub fn set(&self, set: DataSet) -> Option<&Measured> {
+        self.sets.iter().find(|measured| measured.set == set)
+    }
+
+    /// `tables.json`.
+    pub fn json(&self) -> Value {
+        let sets: Vec<Value> = self.sets.iter().map(Measured::json).collect();
+        json!({"version": 2, "rounds": self.rounds, "sets": sets, "conclusions": self.conclusions})
+    }
 }

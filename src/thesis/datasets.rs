@@ -1,0 +1,361 @@
+//! The labelled data that chapter 4 is run on: simulated ones by seed, recorded ones by fold.
+//!
+//! In: a seed, or labelled signals. Out: [`Part`]: what is learned from and what is tested on, which share no signal
+//! and, of recordings, no channel. thesis §4-1.
+
+use super::ThesisError;
+use crate::design::TrainingSet;
+use crate::fault::HEALTHY;
+use crate::identify::averaging::SignalSet;
+use crate::labels::Labels;
+use crate::simulate::scenario::{Classes, Kind, Physics};
+use crate::simulate::{Scenario, SimulatedRecording, drying};
+use serde::Serialize;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+const THESIS_FORM: &str = include_str!("../../sample_logs/scenarios/thesis.toml");
+const PHYSICS: &str = include_str!("../../sample_logs/scenarios/physics.toml");
+const PRINTHEAD: &str = "dataset";
+/// Faulty signals for the calibration error: on 2025 even a perfect posterior averages .013.
+const CALIBRATION_SIGNALS: usize = 20_000;
+/// The calibration signals are drawn with another seed than those that are learned from.
+const CALIBRATION_SEEDS: u64 = 1_000_000;
+/// Recorded signals that are used, at most: the nearest neighbour compares each signal with each.
+const MOST_HEALTHY: usize = 5_000;
+const MOST_OF_A_CLASS: usize = 1_000;
+/// Parts that recordings are divided into, at most.
+const MOST_FOLDS: usize = 5;
+
+/// Which data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DataSet {
+    /// Rings whose amplitude, damping and frequency are drawn from a box per class, as in thesis §4-1.
+    ThesisForm,
+    /// The drying experiment of thesis §4-1, simulated.
+    Drying,
+    /// Faults that are changes of the rates of (2-2), on channels that differ.
+    ByModel,
+    /// A user's own labelled recordings.
+    Recordings,
+}
+
+impl DataSet {
+    pub const SIMULATED: [DataSet; 3] = [DataSet::ThesisForm, DataSet::Drying, DataSet::ByModel];
+
+    pub fn title(self) -> &'static str {
+        match self {
+            DataSet::ThesisForm => "Signals of the thesis's form",
+            DataSet::Drying => "The drying experiment, simulated",
+            DataSet::ByModel => "Faults by the thesis's model (2-2)",
+            DataSet::Recordings => "Your recordings",
+        }
+    }
+
+    /// The factor of (3-4) that thesis §4-2 takes.
+    fn mu(self) -> f64 {
+        if self == DataSet::Drying { 2.0 } else { 1.0 }
+    }
+
+    /// The training and test signals of one seed of simulated data.
+    pub fn part(self, seed: u64) -> Result<Part, ThesisError> {
+        match self {
+            DataSet::ThesisForm => of_scenario(&scenario(THESIS_FORM)?, seed),
+            DataSet::ByModel => of_scenario(&scenario(PHYSICS)?, seed),
+            DataSet::Drying => {
+                let physics = physics()?;
+                let (learn, test) = (dried(&physics, seed, 0), dried(&physics, seed, 1));
+                Ok(Part { learn, test, calibration: None, mu: self.mu() })
+            }
+            DataSet::Recordings => Err(ThesisError::Data("recordings have no seeds".into())),
+        }
+    }
+}
+
+/// What is learned from, and what is tested on.
+#[derive(Debug)]
+pub struct Part {
+    pub learn: TrainingSet,
+    pub test: TrainingSet,
+    /// More faulty test signals, where there are any.
+    pub calibration: Option<TrainingSet>,
+    /// The factor of thesis (3-4).
+    pub mu: f64,
+}
+
+/// A scenario of the physics, for its actuation.
+pub fn physics() -> Result<Physics, ThesisError> {
+    match scenario(PHYSICS)?.kind {
+        Kind::Physics(physics) => Ok(Physics::clone(&physics)),
+        Kind::Classes(_) => Err(ThesisError::Data("a physics scenario is needed".into())),
+    }
+}
+
+fn scenario(text: &str) -> Result<Scenario, ThesisError> {
+    Scenario::from_toml(text).map_err(|e| ThesisError::Data(e.to_string()))
+}
+
+fn of_scenario(scenario: &Scenario, seed: u64) -> Result<Part, ThesisError> {
+    let missing = || ThesisError::Data("a training and a test set are needed".into());
+    let labels = Labels::new(scenario.labels(seed));
+    let mut sets = scenario.recordings(seed).into_iter().map(|r| of_recording(r, &labels));
+    let (learn, test) = (sets.next().ok_or_else(missing)?, sets.next().ok_or_else(missing)?);
+    let calibration = match &scenario.kind {
+        // the scenario of the physics has a third set
+        Kind::Physics(_) => sets.next(),
+        Kind::Classes(classes) => Some(more_faulty(scenario, classes, seed).ok_or_else(missing)?),
+    };
+    Ok(Part { learn, test, calibration, mu: DataSet::ThesisForm.mu() })
+}
+
+/// Faulty signals of the same classes, more of them.
+fn more_faulty(scenario: &Scenario, classes: &Classes, seed: u64) -> Option<TrainingSet> {
+    let mut more = classes.clone();
+    more.n_per_fault = CALIBRATION_SIGNALS.div_ceil(classes.fault_classes().len().max(1));
+    more.n_healthy = 1;
+    let more = Scenario { kind: Kind::Classes(Arc::new(more)), ..scenario.clone() };
+    let seed = seed.wrapping_add(CALIBRATION_SEEDS);
+    let labels = Labels::new(more.labels(seed));
+    more.recordings(seed).into_iter().nth(1).map(|recording| of_recording(recording, &labels))
+}
+
+fn of_recording(recording: SimulatedRecording, labels: &Labels) -> TrainingSet {
+    let mut set = TrainingSet::default();
+    for burst in recording.bursts {
+        (set.sample_period_s, set.samples) =
+            (burst.sample_period_s, burst.samples_per_channel as usize);
+        let mut y = vec![0.0; set.samples];
+        for row in 0..burst.channels {
+            let channel = burst.first_channel + row;
+            let label = labels.at(&burst.printhead, channel, burst.t_acq_ns);
+            burst.copy_signal(row as usize, &mut y);
+            let signal: Vec<f32> = y.iter().map(|&v| v as f32).collect();
+            add(&mut set, label.map_or(HEALTHY, |label| &label.state), &signal, channel);
+        }
+    }
+    set
+}
+
+/// The drying experiment. `repeat`: 0 to learn from, 1 to test on.
+fn dried(physics: &Physics, seed: u64, repeat: u32) -> TrainingSet {
+    let mut set = TrainingSet {
+        sample_period_s: physics.acquisition.sample_period_s(),
+        samples: physics.acquisition.samples,
+        ..TrainingSet::default()
+    };
+    for (channel, (state, counts)) in
+        drying::experiment(physics, seed, repeat).into_iter().enumerate()
+    {
+        let signal: Vec<f32> = counts.iter().map(|&v| f32::from(v)).collect();
+        add(&mut set, state, &signal, channel as u32);
+    }
+    set
+}
+
+fn add(set: &mut TrainingSet, state: &str, signal: &[f32], channel: u32) {
+    let samples = set.samples;
+    let sets = match state {
+        HEALTHY => &mut set.healthy,
+        fault => set.faulty.entry(fault.into()).or_default(),
+    };
+    let own = sets.entry(PRINTHEAD.into()).or_insert_with(|| SignalSet::new(samples));
+    own.push(signal, channel, 1.0, f64::NAN);
+    *set.signals.entry(state.into()).or_default() += 1;
+}
+
+/// All signals of a set by state and printhead, healthy ones first.
+pub fn sets(set: &TrainingSet) -> impl Iterator<Item = (&str, &str, &SignalSet)> {
+    let states = std::iter::once((HEALTHY, &set.healthy));
+    let states = states.chain(set.faulty.iter().map(|(name, sets)| (name.as_str(), sets)));
+    states.flat_map(|(state, sets)| {
+        sets.iter().map(move |(printhead, signals)| (state, printhead.as_str(), signals))
+    })
+}
+
+/// Each signal per unit drive with its state, counts.
+pub fn each(set: &TrainingSet) -> impl Iterator<Item = (&str, Vec<f64>)> {
+    sets(set).flat_map(|(state, _, signals)| {
+        (0..signals.len()).map(move |i| {
+            let drive = signals.drive[i];
+            (state, signals.signal(i).iter().map(|&v| f64::from(v) / drive).collect())
+        })
+    })
+}
+
+pub fn healthy(set: &TrainingSet) -> usize {
+    set.healthy.values().map(SignalSet::len).sum()
+}
+
+pub fn faulty(set: &TrainingSet) -> usize {
+    set.faulty.values().flat_map(BTreeMap::values).map(SignalSet::len).sum()
+}
+
+/// A set with other signals: `keep` says which, of a state, a printhead and its signals.
+fn with(
+    set: &TrainingSet,
+    mut keep: impl FnMut(&str, &str, &SignalSet) -> Vec<usize>,
+) -> TrainingSet {
+    let mut part = TrainingSet {
+        sample_period_s: set.sample_period_s,
+        samples: set.samples,
+        drive_voltage_v: set.drive_voltage_v,
+        ..TrainingSet::default()
+    };
+    for (state, printhead, signals) in sets(set) {
+        let kept = signals.select(&keep(state, printhead, signals));
+        if kept.is_empty() {
+            continue;
+        }
+        *part.signals.entry(state.into()).or_default() += kept.len() as u64;
+        match state {
+            HEALTHY => part.healthy.insert(printhead.into(), kept),
+            fault => part.faulty.entry(fault.into()).or_default().insert(printhead.into(), kept),
+        };
+    }
+    part
+}
+
+/// All healthy signals and `n` of the faulty ones, of each class and printhead its share: the training sizes of thesis
+/// Tables 4-6 and 4-7. The first ones are kept.
+pub fn with_faulty(set: &TrainingSet, n: usize) -> TrainingSet {
+    let all = faulty(set).max(1);
+    let (mut passed, mut kept) = (0, 0);
+    with(set, |state, _, signals| {
+        if state == HEALTHY {
+            return (0..signals.len()).collect();
+        }
+        passed += signals.len();
+        let until = (passed * n + all / 2) / all;
+        let own = until - kept;
+        kept = until;
+        (0..own.min(signals.len())).collect()
+    })
+}
+
+/// Divides recorded signals into parts by channel: each channel is tested on once, by what was learned from others.
+/// Also says what is left out. `mu`: of (3-4).
+pub fn folds(set: &TrainingSet, mu: f64) -> Result<(Vec<Part>, Vec<String>), ThesisError> {
+    let few = with(set, |state, _, signals| {
+        let most = if state == HEALTHY { MOST_HEALTHY } else { MOST_OF_A_CLASS };
+        let step = signals.len().div_ceil(most).max(1);
+        (0..signals.len()).step_by(step).collect()
+    });
+    let mut channels: BTreeMap<&str, BTreeSet<(&str, u32)>> = BTreeMap::new();
+    for (state, printhead, signals) in sets(&few) {
+        let own = channels.entry(state).or_default();
+        own.extend(signals.channel.iter().map(|&channel| (printhead, channel)));
+    }
+    let (mut left_out, mut of_one) = (Vec::new(), BTreeSet::new());
+    for (state, own) in channels.iter().filter(|(state, _)| **state != HEALTHY) {
+        if own.len() < 2 {
+            of_one.insert((*state).to_owned());
+            left_out.push(format!(
+                "{state} is on one channel alone: learned and tested by channel, it would be tested on nothing; it is left out"
+            ));
+        }
+    }
+    channels.retain(|state, _| !of_one.contains(*state));
+    let fewest = channels.values().map(BTreeSet::len).min().unwrap_or(0);
+    if channels.len() < 3 || !channels.contains_key(HEALTHY) || fewest < 2 {
+        return Err(ThesisError::Data(format!(
+            "chapter 4 tells fault classes from each other on channels that were not learned from: it needs labelled healthy \
+             signals and two fault classes, each on two channels at least{}",
+            left_out.iter().map(|why| format!("; {why}")).collect::<String>()
+        )));
+    }
+    let folds = fewest.min(MOST_FOLDS);
+    let mut fold_of: BTreeMap<(String, u32), usize> = BTreeMap::new();
+    // rare classes first: a channel with several states is in one fold with all of them
+    let mut by_number: Vec<_> = channels.values().collect();
+    by_number.sort_by_key(|own| own.len());
+    for own in by_number {
+        let mut held = vec![0; folds];
+        for (printhead, channel) in own {
+            if let Some(&fold) = fold_of.get(&((*printhead).to_owned(), *channel)) {
+                held[fold] += 1;
+            }
+        }
+        for (printhead, channel) in own {
+            let key = ((*printhead).to_owned(), *channel);
+            if !fold_of.contains_key(&key) {
+                let fold = (0..folds).min_by_key(|&fold| held[fold]).unwrap_or(0);
+                held[fold] += 1;
+                fold_of.insert(key, fold);
+            }
+        }
+    }
+    let part_of = |is_in: &dyn Fn(usize) -> bool| {
+        with(&few, |state, printhead, signals| {
+            let chosen = |&i: &usize| {
+                let fold = fold_of.get(&(printhead.to_owned(), signals.channel[i]));
+                !of_one.contains(state) && fold.is_some_and(|&fold| is_in(fold))
+            };
+            (0..signals.len()).filter(chosen).collect()
+        })
+    };
+    let part = |k: usize| Part {
+        learn: part_of(&|fold| fold != k),
+        test: part_of(&|fold| fold == k),
+        calibration: None,
+        mu,
+    };
+    Ok(((0..folds).map(part).collect(), left_out))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_drying_experiment_has_the_texts_numbers_and_shares_no_signal() {
+        let Part { learn, test, .. } = DataSet::Drying.part(1).unwrap();
+        for set in [&learn, &test] {
+            let of = |state: &str| sets(set).filter(|s| s.0 == state).map(|s| s.2.len()).sum();
+            let numbers: [usize; 3] = [of(HEALTHY), of("IDN"), of("DDN")];
+            assert_eq!(numbers, [48, 39, 60]);
+        }
+        let seen: Vec<Vec<f64>> = each(&test).map(|(_, y)| y).collect();
+        assert!(each(&learn).all(|(_, y)| !seen.contains(&y)));
+        for (n, classes) in [(99, [60, 39]), (50, [30, 20]), (10, [6, 4])] {
+            let part = with_faulty(&learn, n);
+            let own: Vec<usize> = part.faulty.values().map(|s| s[PRINTHEAD].len()).collect();
+            assert_eq!((own, healthy(&part)), (classes.to_vec(), 48));
+        }
+    }
+
+    #[test]
+    fn a_channel_is_tested_on_once_and_never_by_what_learned_from_it() {
+        let mut set = TrainingSet { samples: 2, sample_period_s: 1e-6, ..TrainingSet::default() };
+        for time in 0..3 {
+            for channel in 0..30 {
+                let state = match channel {
+                    0 => "AB1",
+                    1..4 => "SDN",
+                    // healthy at first
+                    4..12 if time > 0 => "BN",
+                    _ => HEALTHY,
+                };
+                add(&mut set, state, &[channel as f32, time as f32], channel);
+            }
+        }
+        let (parts, left_out) = folds(&set, 1.0).unwrap();
+        assert_eq!(parts.len(), 3, "the rarest class is on three channels");
+        assert!(left_out.len() == 1 && left_out[0].starts_with("AB1"), "{left_out:?}");
+        let mut tested = BTreeSet::new();
+        for part in &parts {
+            let channels = |set: &TrainingSet| -> BTreeSet<u32> {
+                sets(set).flat_map(|(_, _, s)| s.channel.iter().copied()).collect()
+            };
+            let (learned, own) = (channels(&part.learn), channels(&part.test));
+            assert!(learned.is_disjoint(&own));
+            assert_eq!(part.test.faulty.len(), 2, "each class is tested in each part");
+            assert!(own.iter().all(|&channel| tested.insert(channel)));
+        }
+        assert_eq!(tested.len(), 29);
+        let one = with(&set, |state, _, s| {
+            (0..s.len()).filter(|_| state == HEALTHY || state == "BN").collect()
+        });
+        assert!(folds(&one, 1.0).unwrap_err().to_string().contains("two fault classes"));
+    }
+}
