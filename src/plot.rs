@@ -230,7 +230,10 @@ impl Figure {
         let drawn = drawn.map_err(text::<B>)?;
         // categories stand on their axis: no legend for them
         let named = self.y.categories.is_empty() || series.mark == Mark::Dots;
-        if named && !series.name.is_empty() {
+        // nor of points that all lie outside the axes
+        let is_seen = series.mark != Mark::Points
+            || series.points.iter().any(|p| inside(&(self.x.at(p.0), self.y.at(p.1))));
+        if named && is_seen && !series.name.is_empty() {
             drawn.label(&series.name).legend(move |(x, y)| {
                 Rectangle::new([(x, y - 4), (x + 14, y + 4)], colour.filled())
             });

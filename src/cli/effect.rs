@@ -25,7 +25,8 @@ pub enum Command {
 const COMMON_CHANGE: &str = "identify.common_change";
 
 /// What only training asks of `[isolate]`.
-const OF_TRAINING: [&str; 5] = ["pulse_s", "delay_s", "guess_sd", "unlabelled_classes", "physics"];
+const OF_TRAINING: [&str; 6] =
+    ["matching_share", "pulse_s", "delay_s", "guess_sd", "unlabelled_classes", "physics"];
 
 /// Refuses the first key of `set` (KEY=VALUE) that the command does not read. `settings`: with all of
 /// them applied.
@@ -89,7 +90,7 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<String
         // beside a design: where it is read, as the design's may be the same
         ("detect", Command::Replay { .. }) => None,
         ("detect", Command::Identify { detects: true })
-            if matches!(name, "oscillations" | "other_poles_per_s") =>
+            if matches!(name, "oscillations" | "oscillations_of_ring" | "other_poles_per_s") =>
         {
             None
         }
@@ -123,7 +124,7 @@ fn without_labels(name: &str, detect: &DetectSettings) -> Option<String> {
         "denominator" if detect.denominator != Denominator::Resonance => {
             Some("that filter is learned from labelled faults; `inkling train` with it".into())
         }
-        "oscillations" | "other_poles_per_s"
+        "oscillations" | "oscillations_of_ring" | "other_poles_per_s"
             if matches!(detect.method, DetectMethod::Sensitivity | DetectMethod::Practice) =>
         {
             Some(
@@ -140,11 +141,13 @@ fn by_detection(name: &str, detect: &DetectSettings) -> Option<String> {
     use Denominator::{Eigenvalues, Resonance, Searched};
     let of = |key: &str, value: &str| Some(format!("it is of detect.{key} = \"{value}\" alone"));
     match name {
-        "oscillations" if matches!(detect.denominator, Eigenvalues | Searched) => {
-            Some("it is of detect.denominator = \"resonance\" and \"enhanced\" alone".into())
+        "oscillations" | "oscillations_of_ring"
+            if matches!(detect.denominator, Eigenvalues | Searched) =>
+        {
+            Some("it is of detect.denominator = \"resonance\", \"enhanced\", \"lp\" and \"appendix-a\" alone".into())
         }
         "fault" if matches!(detect.denominator, Resonance | Searched) => {
-            Some("it is of detect.denominator = \"eigenvalues\" and \"enhanced\" alone".into())
+            Some("detect.denominator = \"resonance\" and \"searched\" are made for no class".into())
         }
         "mu" if detect.threshold != ThresholdMethod::Max => of("threshold", "max"),
         "false_alarm_rate" | "confidence" if detect.threshold == ThresholdMethod::Max => {

@@ -7,9 +7,9 @@ use super::healthy_model::deviations;
 use super::{HealthyModel, LearnSettings};
 use crate::detect::{ResidualGenerator, null_space};
 use crate::fault::Class;
-use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
 use crate::identify::grey_box::{self, Identification};
+use crate::identify::{Bounds, GreyBoxSettings};
 use crate::model::faults::Catalogue;
 use serde::{Deserialize, Serialize};
 
@@ -45,9 +45,6 @@ pub struct FaultModel {
     /// Residual energy above which a signal is not of this class, counts²·s.
     pub bound: f64,
 }
-
-/// Share of a class's own training signals that its bound lets through.
-const WITHIN_BOUND: f64 = 0.99;
 
 /// Faults move the rates further than the ink of a healthy channel does: a blocked nozzle's a/b
 /// and d by more than 20 (`model/faults.rs`). Bounds for a fault are this wide at least.
@@ -99,15 +96,17 @@ impl FaultClass {
         let mean: Vec<f64> =
             healthy.expected.iter().zip(&self.deviation).map(|(y, d)| y + d).collect();
         let bound_factor = grey_box.bound_factor.max(FAULT_BOUND_FACTOR);
-        let wider = GreyBoxSettings { bound_factor, ..grey_box.clone() };
+        let wider = GreyBoxSettings { bound_factor, bounds: Bounds::default(), ..grey_box.clone() };
         Ok(grey_box::identify(&mean, dt_s, 0.0, &wider, None)?)
     }
 
-    /// The class's own model, filter (its numerator, method I's denominator) and bound.
+    /// The class's own model, filter (its numerator, method I's denominator) and bound, which lets a share of its own
+    /// training signals through.
     pub(super) fn learn_model(
         &mut self,
         healthy: &HealthyModel,
         sets: &[(&HealthyModel, &SignalSet)],
+        share: f64,
         settings: LearnSettings,
     ) -> Result<(), DesignError> {
         let (dt_s, samples) = (settings.sample_period_s, self.deviation.len());
@@ -130,8 +129,7 @@ impl FaultClass {
             deviations(sets).iter().map(|d| model.energy(d, 1.0, &mut scratch)).collect();
         energies.sort_unstable_by(f64::total_cmp);
         let last = energies.len().saturating_sub(1);
-        model.bound =
-            energies.get((WITHIN_BOUND * last as f64).ceil() as usize).copied().unwrap_or(0.0);
+        model.bound = energies.get((share * last as f64).ceil() as usize).copied().unwrap_or(0.0);
         if !(model.bound.is_finite() && model.bound > 0.0) {
             return Err(DesignError::Invalid("its signals leave no residual energy".into()));
         }

@@ -66,9 +66,9 @@ pub(super) fn by_resonance(
     detect: &DetectSettings,
     dt_s: f64,
 ) -> Result<Vec<f64>, DesignError> {
-    let oscillations = detect.oscillations.unwrap_or_else(|| {
-        poles::healthy_oscillations(identification.poles.frequency_hz, samples, dt_s)
-    });
+    let of_ring = poles::healthy_oscillations(identification.poles.frequency_hz, samples, dt_s);
+    let oscillations =
+        detect.oscillations.unwrap_or(of_ring * detect.oscillations_of_ring.unwrap_or(1.0));
     let omega_r = poles::resonance_of_oscillations(oscillations, samples, dt_s);
     Ok(poles::resonance(omega_r, &detect.other_poles_per_s, dt_s)?)
 }

@@ -156,14 +156,16 @@ impl FaultClass {
     /// What the method asks of a class's labelled signals beside their mean deviation.
     pub(super) fn learn_for(
         &mut self,
-        method: IsolateMethod,
+        isolate: &IsolateSettings,
         pooled: &HealthyModel,
         sets: &[(&HealthyModel, &SignalSet)],
         settings: LearnSettings,
     ) -> Result<(), DesignError> {
-        match method {
+        match isolate.method {
             IsolateMethod::Posterior | IsolateMethod::ResidualMatching => {}
-            IsolateMethod::ModelMatching => self.learn_model(pooled, sets, settings)?,
+            IsolateMethod::ModelMatching => {
+                self.learn_model(pooled, sets, isolate.matching_share, settings)?;
+            }
             IsolateMethod::Neighbours => self.keep_examples(sets),
         }
         Ok(())

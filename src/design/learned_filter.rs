@@ -5,7 +5,10 @@
 use super::fd_filter::{LearnSettings, LearnedFilter, by_resonance};
 use super::healthy_model::deviations;
 use super::{DesignError, FaultClass, HealthyModel};
-use crate::detect::{Denominator, denominator_search, null_space, numerator, poles};
+use crate::detect::{
+    Denominator, ResidualGenerator, appendix, denominator_search, linear_programme, null_space,
+    numerator, poles,
+};
 use crate::identify::averaging::SignalSet;
 
 /// Numerator degree where there is room for it: 3 states are observable, the fourth root rejects a
@@ -32,9 +35,24 @@ impl LearnedFilter {
             return Ok(LearnedFilter { denominator, enhancement: vec![1.0] });
         }
         let denominator = by_resonance(&model.identification, signals.samples, detect, dt_s)?;
+        if detect.denominator == Denominator::Lp {
+            let fault = class.identify(model, settings.grey_box, dt_s)?.channel;
+            let channel = &model.identification.channel;
+            let enhancement = linear_programme::most_sensitive(channel, &fault, dt_s, degree)?;
+            return Ok(LearnedFilter { denominator, enhancement });
+        }
         let (a, c) = (model.identification.channel.a(), model.identification.channel.c());
         // one degree less than the denominator at least: room for M
         let n = null_space::numerator(&a, &c, dt_s, OFFSET_DEGREE.min(degree - 1))?;
+        if detect.denominator == Denominator::AppendixA {
+            let room = degree + 1 - n.len();
+            let plain =
+                ResidualGenerator::new(numerator::padded(&n, degree), denominator.clone(), dt_s)?;
+            let mut residual = vec![0.0; signals.samples];
+            plain.filter(&class.deviation, &mut residual);
+            let enhancement = appendix::as_written(&residual, room)?;
+            return Ok(LearnedFilter { denominator, enhancement });
+        }
         let healthy = deviations(&[(model, signals)]);
         let faulty = deviations(sets);
         let (healthy, faulty) = (rows(&healthy), rows(&faulty));

@@ -135,7 +135,7 @@ pub(super) fn learn_classes(
         let sets = design.with_models(printheads);
         let mut class = FaultClass::learn(name, categories.of(name), &sets);
         class.of = isolate.classes.get(name).cloned().unwrap_or_default();
-        if let Err(e) = class.learn_for(isolate.method, &design.pooled, &sets, settings) {
+        if let Err(e) = class.learn_for(isolate, &design.pooled, &sets, settings) {
             warnings.push(format!(
                 "class {name}: no model of its own ({e}); model matching cannot name it"
             ));

@@ -5,6 +5,7 @@
 //! that energy is r'Wr with a weight W of the model's own ([`sensitivity`]), in the thesis's mode r'r.
 //! Pure mathematics; never looks at a fault's name.
 
+pub mod appendix;
 pub mod contamination;
 pub mod decoupling;
 pub mod denominator_search;
@@ -14,6 +15,7 @@ pub mod key_numbers;
 pub mod lane_expectation;
 pub mod lane_features;
 pub mod lane_sensitivity;
+pub mod linear_programme;
 pub mod misfit;
 mod mixture;
 pub mod null_space;

@@ -206,7 +206,7 @@ fn observable_order(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> Result<usize, Detec
 
 /// H(z) = H_0 + H_1 z, thesis (3-2) in z: H_0 = [A_d; C], H_1 = [-I; 0], (n + m) x n. Decoupled
 /// disturbances would add columns [B_d; D_d] to H_0 here, and nothing else would change.
-fn pencil(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
+pub(super) fn pencil(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
     let (n, m) = (a_d.nrows(), c.nrows());
     let h0 = DMatrix::from_fn(n + m, n, |i, j| if i < n { a_d[(i, j)] } else { c[(i - n, j)] });
     let h1 = DMatrix::from_fn(n + m, n, |i, j| if i == j { -1.0 } else { 0.0 });

@@ -41,6 +41,10 @@ pub enum Denominator {
     Eigenvalues,
     /// Method III: numerator enhancement, learned on the class `fault`.
     Enhanced,
+    /// (3-3b) as a linear programme ([`super::linear_programme`]) for the class `fault`, poles by method I.
+    Lp,
+    /// Method III with the numerator as Appendix A writes it ([`super::appendix`]), for the class `fault`.
+    AppendixA,
     /// The pair and the other poles that miss the fewest labelled faults ([`super::denominator_search`]).
     Searched,
 }
@@ -59,9 +63,12 @@ pub struct DetectSettings {
     pub denominator: Denominator,
     /// The fault class that methods II and III are made for.
     pub fault: String,
-    /// n_o of methods I and III; absent: the healthy resonance, n_o = f0 T.
+    /// n_o of methods I and III; absent: by `oscillations_of_ring`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub oscillations: Option<f64>,
+    /// n_o in periods of the healthy ring, n_o over f0 T; absent: 1, the pair is at the resonance.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub oscillations_of_ring: Option<f64>,
     /// Disturbances that must not reach the residual.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub decouple: Vec<Disturbance>,
@@ -80,6 +87,7 @@ impl Default for DetectSettings {
             denominator: Denominator::Resonance,
             fault: "SDN".into(),
             oscillations: None,
+            oscillations_of_ring: None,
             decouple: Vec::new(),
             other_poles_per_s: vec![2e5, 2e5],
         }
@@ -100,6 +108,10 @@ impl DetectSettings {
         open("confidence", self.confidence, 1.0)?;
         open("mu", self.mu, 1e6)?;
         open("oscillations", self.oscillations.unwrap_or(1.0), 1e6)?;
+        open("oscillations_of_ring", self.oscillations_of_ring.unwrap_or(1.0), 1e3)?;
+        if self.oscillations.is_some() && self.oscillations_of_ring.is_some() {
+            return Err("oscillations beside oscillations_of_ring: both say n_o; give one".into());
+        }
         let of_residual =
             matches!(self.method, DetectMethod::ResidualEnergy | DetectMethod::ResidualMaximum);
         if !(self.decouple.is_empty() || of_residual) {

@@ -112,13 +112,7 @@ fn identify_from(
         starts: starts.len(),
         uncertainty: identifiability::uncertainty(cubic, &state, dt_s, y.len(), noise, &misfit),
         scatter: Scatter::default(),
-        held_fixed: vec![
-            format!("R_r/I_r over R_n/I_n = {:.4} (the guess's)", problem.kappa),
-            "a / b: prior of a factor e about the guess's (it weighs only where the real pole is \
-             hardly known)"
-                .into(),
-            "acquisition state along (1, -1, 0, 0) = 0".into(),
-        ],
+        held_fixed: problem.held_fixed(),
         at_bounds: problem.at_bounds(&best.theta),
         not_identifiable: identifiability::in_words(),
         channel,
@@ -173,17 +167,19 @@ struct End {
     iterations: usize,
 }
 
-/// theta = (ln (a + b), ln (a / b), ln d) relative to the guess, g = kappa d. In these the decay is
-/// close to linear: the first moves the frequency, the last the damping, the middle the real pole.
-/// Microseconds inside.
+/// theta = (ln (a + b), ln (a / b), ln d) relative to the guess, g = kappa d. In these the decay is close to linear: the
+/// first moves the frequency, the last the damping, the middle the real pole. What is bounded are (ln a, ln b, ln d),
+/// relative to the guess, each by itself. Microseconds inside.
 struct Problem {
     y: DVector<f64>,
     dt_us: f64,
     /// a + b per µs², a / b, d per µs.
     guess: [f64; 3],
     kappa: f64,
-    bound: f64,
-    /// Weight of the prior on theta_2, counts².
+    /// Of (ln a, ln b, ln d).
+    lowest: Vector3<f64>,
+    highest: Vector3<f64>,
+    /// Weight of the prior on ln (a / b), counts².
     prior: f64,
 }
 
@@ -194,18 +190,68 @@ const PRIOR_SD: f64 = 1.0;
 
 impl Problem {
     fn new(y: &[f64], dt_s: f64, noise: f64, settings: &GreyBoxSettings) -> Problem {
+        let (factor, bounds) = (settings.bound_factor, settings.bounds);
+        let guess = [settings.a_per_s2, settings.b_per_s2, settings.d_per_s];
+        let given = [bounds.a_per_s2, bounds.b_per_s2, bounds.d_per_s];
+        let bound = |k: usize, end: usize| {
+            let by_factor = [1.0 / factor, factor][end];
+            given[k].map_or(by_factor, |given: [f64; 2]| given[end] / guess[k]).ln()
+        };
         Problem {
             y: DVector::from_row_slice(y),
             dt_us: dt_s * 1e6,
-            guess: [
-                (settings.a_per_s2 + settings.b_per_s2) * 1e-12,
-                settings.a_per_s2 / settings.b_per_s2,
-                settings.d_per_s * 1e-6,
-            ],
+            guess: [(guess[0] + guess[1]) * 1e-12, guess[0] / guess[1], guess[2] * 1e-6],
             kappa: settings.g_per_s / settings.d_per_s,
-            bound: settings.bound_factor.ln(),
-            prior: (noise / PRIOR_SD).powi(2),
+            lowest: Vector3::from_fn(|k, _| bound(k, 0)),
+            highest: Vector3::from_fn(|k, _| bound(k, 1)),
+            // thesis (3-1) has none
+            prior: if settings.plain_mean { 0.0 } else { (noise / PRIOR_SD).powi(2) },
         }
+    }
+
+    /// What one average cannot tell.
+    fn held_fixed(&self) -> Vec<String> {
+        let kappa = format!("R_r/I_r over R_n/I_n = {:.4} (the guess's)", self.kappa);
+        let prior = "a / b: prior of a factor e about the guess's (it weighs only where the real pole is hardly known)";
+        let state = "acquisition state along (1, -1, 0, 0) = 0";
+        let all = [kappa, prior.into(), state.into()];
+        all.into_iter().filter(|what| self.prior > 0.0 || what != prior).collect()
+    }
+
+    /// (ln a, ln b, ln d) relative to the guess.
+    fn ln_rates(&self, theta: &Vector3<f64>) -> Vector3<f64> {
+        let b = theta[0] - self.sum_over_b(theta[1]);
+        Vector3::new(b + theta[1], b, theta[2])
+    }
+
+    fn theta_of(&self, ln_rates: &Vector3<f64>) -> Vector3<f64> {
+        let ratio = ln_rates[0] - ln_rates[1];
+        Vector3::new(ln_rates[1] + self.sum_over_b(ratio), ratio, ln_rates[2])
+    }
+
+    /// ln ((a + b) / b) over the guess's, of ln (a / b) over the guess's.
+    fn sum_over_b(&self, ln_ratio: f64) -> f64 {
+        let guess = self.guess[1];
+        ((1.0 + guess * ln_ratio.exp()) / (1.0 + guess)).ln()
+    }
+
+    /// d (ln a, ln b, ln d) / d theta.
+    fn slope_of_rates(&self, theta: &Vector3<f64>) -> Matrix3<f64> {
+        let ratio = self.guess[1] * theta[1].exp();
+        let of_a = ratio / (1.0 + ratio);
+        Matrix3::new(1.0, 1.0 - of_a, 0.0, 1.0, -of_a, 0.0, 0.0, 0.0, 1.0)
+    }
+
+    /// With rates on their bounds that lie beyond them, or nearer to them than `near`.
+    fn within(&self, theta: Vector3<f64>, near: f64) -> Vector3<f64> {
+        let rates = self.ln_rates(&theta);
+        let bounded =
+            rates.zip_zip_map(&self.lowest, &self.highest, |rate, low, high| match rate {
+                rate if rate > high - near => high,
+                rate if rate < low + near => low,
+                rate => rate,
+            });
+        if bounded == rates { theta } else { self.theta_of(&bounded) }
     }
 
     /// Starts of the search: the guess with compliance and viscosity scaled over the bounded range.
@@ -214,7 +260,7 @@ impl Problem {
         for stiffness in [1.0f64, 0.6, 1.5, 0.35, 2.2] {
             for viscosity in [1.0f64, 0.4, 2.2] {
                 let (s, v) = (stiffness.ln(), viscosity.ln());
-                starts.push(Vector3::new(s, 0.0, v).map(|t| t.clamp(-self.bound, self.bound)));
+                starts.push(self.within(Vector3::new(s, 0.0, v), 0.0));
             }
         }
         // only the few with the least cost are searched from
@@ -225,9 +271,9 @@ impl Problem {
     }
 
     fn theta(&self, channel: &InkChannel) -> Vector3<f64> {
-        let (a, b) = (channel.a_per_s2 * 1e-12, channel.b_per_s2 * 1e-12);
-        let relative = [a + b, a / b, channel.d_per_s * 1e-6];
-        Vector3::from_fn(|k, _| (relative[k] / self.guess[k]).ln().clamp(-self.bound, self.bound))
+        let rates = [channel.a_per_s2 * 1e-12, channel.b_per_s2 * 1e-12, channel.d_per_s * 1e-6];
+        let relative = [rates[0] + rates[1], rates[0] / rates[1], rates[2]];
+        self.within(Vector3::from_fn(|k, _| (relative[k] / self.guess[k]).ln()), 0.0)
     }
 
     fn rates_per_us(&self, theta: &Vector3<f64>) -> [f64; 4] {
@@ -349,23 +395,32 @@ impl Problem {
         None
     }
 
-    /// The gradient without the components that a bound stops.
+    /// The gradient without what the bounds of rates stop.
     fn projected(&self, theta: &Vector3<f64>, gradient: &Vector3<f64>) -> Vector3<f64> {
-        Vector3::from_fn(|k, _| {
-            let stopped = (theta[k] >= self.bound - 1e-9 && gradient[k] < 0.0)
-                || (theta[k] <= -self.bound + 1e-9 && gradient[k] > 0.0);
-            if stopped { 0.0 } else { gradient[k] }
-        })
+        let (rates, slope) = (self.ln_rates(theta), self.slope_of_rates(theta));
+        let is_high = |k: usize| rates[k] >= self.highest[k] - 1e-9;
+        let is_low = |k: usize| rates[k] <= self.lowest[k] + 1e-9;
+        if !(0..3).any(|k| is_high(k) || is_low(k)) {
+            return *gradient;
+        }
+        let Some(of_rates) = slope.transpose().try_inverse().map(|back| back * gradient) else {
+            return *gradient;
+        };
+        let free = Vector3::from_fn(|k, _| {
+            let g = of_rates[k];
+            if (is_high(k) && g < 0.0) || (is_low(k) && g > 0.0) { 0.0 } else { g }
+        });
+        slope.tr_mul(&free)
     }
 
-    /// min 1/2 x'Hx + g'x with theta + x inside the box. The free minimum where it is inside.
+    /// min 1/2 x'Hx + g'x with the rates at theta + x within their bounds, to first order; the free minimum where it is.
     fn bounded_step(
         &self,
         h: &Matrix3<f64>,
         g: &Vector3<f64>,
         theta: &Vector3<f64>,
     ) -> Option<Vector3<f64>> {
-        let inside = |x: &Vector3<f64>| (theta + x).amax() <= self.bound;
+        let inside = |x: &Vector3<f64>| self.within(theta + x, 0.0) == theta + x;
         if let Some(step) = h.cholesky().map(|l| l.solve(&-g)).filter(inside) {
             return Some(step);
         }
@@ -378,13 +433,16 @@ impl Problem {
             .collect();
         let size = g.component_mul(&unit).amax().max(1e-300);
         let linear: Vec<f64> = (0..3).map(|k| g[k] * unit[k] / size).collect();
+        let (rates, slope) = (self.ln_rates(theta), self.slope_of_rates(theta));
         let mut rows = vec![vec![0.0; 3]; 6];
         let mut limits = vec![0.0; 6];
         for k in 0..3 {
-            rows[k][k] = 1.0;
-            rows[k + 3][k] = -1.0;
-            limits[k] = (self.bound - theta[k]) / unit[k] / size;
-            limits[k + 3] = (self.bound + theta[k]) / unit[k] / size;
+            for j in 0..3 {
+                rows[k][j] = slope[(k, j)] * unit[j];
+                rows[k + 3][j] = -rows[k][j];
+            }
+            limits[k] = (self.highest[k] - rates[k]) / size;
+            limits[k + 3] = (rates[k] - self.lowest[k]) / size;
         }
         let settings = DefaultSettingsBuilder::default().verbose(false).build().ok()?;
         let mut solver = DefaultSolver::new(
@@ -397,23 +455,18 @@ impl Problem {
         )
         .ok()?;
         solver.solve();
-        let step = Vector3::from_fn(|k, _| {
-            // an interior-point method ends just inside an active bound: move it onto the bound
-            let end = theta[k] + solver.solution.x[k] * unit[k] * size;
-            let snapped =
-                if end.abs() > self.bound - 1e-6 { self.bound.copysign(end) } else { end };
-            snapped - theta[k]
-        });
+        let end = Vector3::from_fn(|k, _| theta[k] + solver.solution.x[k] * unit[k] * size);
+        // an interior-point method ends just inside an active bound: move it onto the bound
+        let step = self.within(end, 1e-6) - theta;
         step.amax().is_finite().then_some(step)
     }
 
     fn at_bounds(&self, theta: &Vector3<f64>) -> Vec<String> {
-        ["a_per_s2 + b_per_s2", "a_per_s2 / b_per_s2", "d_per_s"]
-            .iter()
-            .zip(theta.iter())
-            .filter(|(_, t)| t.abs() >= self.bound - 1e-6)
-            .map(|(name, _)| name.to_string())
-            .collect()
+        let rates = self.ln_rates(theta);
+        let is_at =
+            |k: &usize| rates[*k] >= self.highest[*k] - 1e-6 || rates[*k] <= self.lowest[*k] + 1e-6;
+        let names = ["a_per_s2", "b_per_s2", "d_per_s"];
+        (0..3).filter(is_at).map(|k| names[k].to_owned()).collect()
     }
 }
 
@@ -497,8 +550,22 @@ mod tests {
             let back = problem.theta(&problem.channel(&theta));
             assert!((back - theta).amax() < 1e-12, "{back}");
         }
-        let far = problem.theta(&problem.channel(&Vector3::new(9.0, -9.0, 9.0)));
-        assert_eq!(far, Vector3::new(1.0, -1.0, 1.0) * problem.bound);
+        let far = InkChannel {
+            a_per_s2: 1e3 * settings.a_per_s2,
+            b_per_s2: 1e-3 * settings.b_per_s2,
+            d_per_s: 1e3 * settings.d_per_s,
+            ..PLANTED
+        };
+        let bounded = problem.ln_rates(&problem.theta(&far));
+        assert!((bounded - Vector3::new(1.0, -1.0, 1.0) * 8f64.ln()).amax() < 1e-12, "{bounded}");
+        // the slope of rates is their difference quotient
+        let (theta, h) = (Vector3::new(0.3, -0.2, 0.5), 1e-6);
+        for k in 0..3 {
+            let step = Vector3::from_fn(|j, _| if j == k { h } else { 0.0 });
+            let slope =
+                (problem.ln_rates(&(theta + step)) - problem.ln_rates(&(theta - step))) / (2.0 * h);
+            assert!((slope - problem.slope_of_rates(&theta).column(k)).amax() < 1e-8);
+        }
     }
 
     #[test]
@@ -506,11 +573,20 @@ mod tests {
         let (y, settings) = (decay(), GreyBoxSettings::default());
         let problem = Problem::new(&y, DT_S, 1.0, &settings);
         let gradient = Vector3::new(1.0, -2.0, 3.0);
-        let at = |theta: f64| problem.projected(&Vector3::repeat(theta), &gradient);
         // the cost falls against the gradient
-        assert_eq!(at(0.0), gradient);
-        assert_eq!(at(problem.bound), Vector3::new(1.0, 0.0, 3.0));
-        assert_eq!(at(-problem.bound), Vector3::new(0.0, -2.0, 0.0));
+        assert_eq!(problem.projected(&Vector3::zeros(), &gradient), gradient);
+        for sign in [1.0, -1.0] {
+            let theta = problem.theta_of(&(Vector3::repeat(sign) * 8f64.ln()));
+            let of_rates = |g: &Vector3<f64>| {
+                problem.slope_of_rates(&theta).transpose().try_inverse().unwrap() * g
+            };
+            let (all, free) =
+                (of_rates(&gradient), of_rates(&problem.projected(&theta, &gradient)));
+            for k in 0..3 {
+                let stopped = all[k] * sign < 0.0;
+                assert!((free[k] - if stopped { 0.0 } else { all[k] }).abs() < 1e-12);
+            }
+        }
     }
 
     #[test]
@@ -612,17 +688,37 @@ mod tests {
 
     #[test]
     fn bounded_step_is_the_constrained_minimum() {
-        let problem = Problem::new(&decay(), DT_S, 0.0, &GreyBoxSettings::default());
+        // within so narrow bounds rates are linear
+        let settings = GreyBoxSettings { bound_factor: 1.001, ..GreyBoxSettings::default() };
+        let problem = Problem::new(&decay(), DT_S, 0.0, &settings);
         let h = Matrix3::new(4.0, 1.0, 0.5, 1.0, 3.0, 0.2, 0.5, 0.2, 2.0);
-        let g = Vector3::new(-40.0, 1.0, 9.0);
+        let g = Vector3::new(-4e-2, 1e-3, 9e-4);
         let step = problem.bounded_step(&h, &g, &Vector3::zeros()).unwrap();
-        let slope = h * step + g;
+        let back = problem.slope_of_rates(&step).transpose().try_inverse().unwrap();
+        let (slope, rates) = (back * (h * step + g), problem.ln_rates(&step));
         for k in 0..3 {
-            let at_bound = (step[k].abs() - problem.bound).abs() < 1e-6;
+            let at_bound = (rates[k].abs() - settings.bound_factor.ln()).abs() < 1e-9;
             // KKT: a free direction has no slope, a bounded one pushes against its bound
-            assert!(if at_bound { slope[k] * step[k] <= 1e-6 } else { slope[k].abs() < 1e-6 });
+            assert!(if at_bound { slope[k] * rates[k] <= 0.0 } else { slope[k].abs() < 1e-5 });
         }
-        assert!((step.amax() - problem.bound).abs() < 1e-6, "the box binds here");
+        assert!((rates.amax() - settings.bound_factor.ln()).abs() < 1e-9, "the box binds here");
+    }
+
+    /// Thesis (3-1) bounds the parameters of A by predetermined values, each its own.
+    #[test]
+    fn a_bound_of_ones_own_holds_and_is_told() {
+        let free = identify(&decay(), DT_S, 1.0, &GreyBoxSettings::default(), None).unwrap();
+        let mut settings = GreyBoxSettings { plain_mean: true, ..GreyBoxSettings::default() };
+        let low = 1.2 * free.channel.d_per_s;
+        settings.d_per_s = 1.3 * free.channel.d_per_s;
+        settings.g_per_s = 0.2 * settings.d_per_s;
+        settings.bounds.d_per_s = Some([low, 2.0 * low]);
+        settings.check().unwrap();
+        // the settings' channel is taken to the ring's own scale of time, bounds are not
+        let fit = identify_from(&decay(), DT_S, 1.0, &settings, None).unwrap();
+        assert!((fit.channel.d_per_s / low - 1.0).abs() < 1e-6, "{}", fit.channel.d_per_s / low);
+        assert_eq!(fit.at_bounds, ["d_per_s"]);
+        assert!(fit.held_fixed.iter().all(|what| !what.contains("prior")), "{:?}", fit.held_fixed);
     }
 
     #[test]

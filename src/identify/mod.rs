@@ -33,12 +33,33 @@ pub struct GreyBoxSettings {
     pub g_per_s: f64,
     /// Initial guess of R_n/I_n, 1/s.
     pub d_per_s: f64,
-    /// Rates are bounded to guess / factor .. guess * factor.
+    /// 1/(I_r B_t), 1/(I_n B_t) and R_n/I_n are bounded to guess / factor .. guess * factor.
     pub bound_factor: f64,
+    /// Bounds of some of them instead, lowest and highest, in their own units.
+    #[serde(skip_serializing_if = "Bounds::is_empty")]
+    pub bounds: Bounds,
     /// Thesis (3-1) to the letter: the plain mean of all signals is fitted, without excluding those that disagree and
     /// without correcting for channels that differ.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub plain_mean: bool,
+}
+
+/// Bounds per rate, thesis (3-1); absent: by `bound_factor`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Bounds {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub a_per_s2: Option<[f64; 2]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub b_per_s2: Option<[f64; 2]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub d_per_s: Option<[f64; 2]>,
+}
+
+impl Bounds {
+    fn is_empty(&self) -> bool {
+        *self == Bounds::default()
+    }
 }
 
 impl Default for GreyBoxSettings {
@@ -49,6 +70,7 @@ impl Default for GreyBoxSettings {
             g_per_s: 1.6e4,
             d_per_s: 8.0e4,
             bound_factor: 8.0,
+            bounds: Bounds::default(),
             plain_mean: false,
         }
     }
@@ -70,6 +92,19 @@ impl GreyBoxSettings {
         }
         if !(self.bound_factor > 1.0 && self.bound_factor <= 1e3) {
             return Err(format!("bound_factor = {:?}: give 1 .. 1000", self.bound_factor));
+        }
+        for (key, guess, bounds) in [
+            ("a_per_s2", self.a_per_s2, self.bounds.a_per_s2),
+            ("b_per_s2", self.b_per_s2, self.bounds.b_per_s2),
+            ("d_per_s", self.d_per_s, self.bounds.d_per_s),
+        ] {
+            let Some([low, high]) = bounds else { continue };
+            if !(0.0 < low && low < guess && guess < high && high.is_finite()) {
+                return Err(format!(
+                    "bounds.{key} = [{low:?}, {high:?}]: give a positive lowest and a finite highest on either side of \
+                     the guess, {guess:e}"
+                ));
+            }
         }
         if (self.g_per_s / self.d_per_s - 1.0).abs() < 0.01 {
             return Err("g_per_s = d_per_s: at equal rates the real pole is unobservable; \

@@ -51,6 +51,8 @@ pub struct IsolateSettings {
     pub signal: IsolateSignal,
     /// k of `neighbours`.
     pub neighbours: usize,
+    /// Share of a class's own training signals whose residual its bound lets through, of `model-matching` only.
+    pub matching_share: f64,
     /// Isolate only what passed the detection; false: every signal, as thesis Tables 4-3ff.
     pub gate: bool,
     /// Least weight of the named class (or category).
@@ -81,6 +83,7 @@ impl Default for IsolateSettings {
             method: IsolateMethod::Posterior,
             signal: IsolateSignal::Residual,
             neighbours: 1,
+            matching_share: 0.99,
             gate: true,
             certainty: 0.8,
             priors: BTreeMap::new(),
@@ -112,6 +115,9 @@ impl IsolateSettings {
         }
         if let Some(delay_s) = self.delay_s.filter(|s| !(0.0..=1e-2).contains(s)) {
             return Err(format!("delay_s = {delay_s:?}: give 0 to 1e-2"));
+        }
+        if !(0.5..=1.0).contains(&self.matching_share) {
+            return Err(format!("matching_share = {:?}: give 0.5 to 1", self.matching_share));
         }
         if !(1e-4..=2.0).contains(&self.guess_sd) {
             return Err(format!("guess_sd = {:?}: give 1e-4 to 2", self.guess_sd));

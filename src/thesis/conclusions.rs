@@ -99,8 +99,8 @@ pub fn conclusions(of: &Measured) -> Vec<Conclusion> {
             "The FD filter detects faults better than the current practice.",
             vec![match of.set {
                 // of its experiment the text counts the faults that were detected
-                DataSet::Drying => pair("I, n_o = 7.25/detected", "practice/detected"),
-                _ => pair("I, n_o = 7.25/right", "practice/right"),
+                DataSet::Drying => pair("I, 1.115 f0/detected", "practice/detected"),
+                _ => pair("I, 1.115 f0/right", "practice/right"),
             }],
             all_signals,
         ),

@@ -11,6 +11,7 @@ use crate::labels::Labels;
 use crate::simulate::scenario::{Classes, Kind, Physics};
 use crate::simulate::{Scenario, SimulatedRecording, drying};
 use serde::Serialize;
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -278,10 +279,10 @@ pub fn folds(set: &TrainingSet, mu: f64) -> Result<(Vec<Part>, Vec<String>), The
         }
         for (printhead, channel) in own {
             let key = ((*printhead).to_owned(), *channel);
-            if !fold_of.contains_key(&key) {
+            if let Entry::Vacant(new) = fold_of.entry(key) {
                 let fold = (0..folds).min_by_key(|&fold| held[fold]).unwrap_or(0);
                 held[fold] += 1;
-                fold_of.insert(key, fold);
+                new.insert(fold);
             }
         }
     }

@@ -80,7 +80,10 @@ pub fn key_numbers(set: &TrainingSet, stem: &str, dir: &Path) -> Result<(), Thes
         let all: Vec<&Class> = classes.iter().collect();
         draw(&all, x, y, whole_title(&all, y)).write(dir, &format!("{stem}_{name}"))?;
         let title = close_up_title(&near, y);
-        draw(&near, x, y, title).write(dir, &format!("{stem}_{name}_zoom"))?;
+        let mut figure = draw(&near, x, y, title);
+        // what lies farther keeps its colour, outside the axes
+        figure.series = draw(&all, x, y, String::new()).series;
+        figure.write(dir, &format!("{stem}_{name}_zoom"))?;
     }
     Ok(())
 }
@@ -134,10 +137,7 @@ fn close_up_title(near: &[&Class], y: &Quantity) -> String {
         [] => "none overlaps".to_owned(),
         _ => format!("{} overlap", among.join(", ")),
     };
-    format!(
-        "Close up, classes within 15 % of the healthy frequency: by {} {among} healthy signals",
-        y.name
-    )
+    format!("Close up: by {} {among} healthy signals", y.name)
 }
 
 #[cfg(test)]

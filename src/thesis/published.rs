@@ -45,8 +45,7 @@ impl Published {
         let (a, b) = (mean * (1.0 / rho - 1.0), (1.0 - mean) * (1.0 / rho - 1.0));
         let k = (self.share * n).round() as u32;
         let (mut below, mut at, mut above) = (0.0, 0.0, 0.0);
-        let mut ln_p: f64 =
-            (0..self.of).map(|i| f64::from(i)).map(|i| ((b + i) / (a + b + i)).ln()).sum();
+        let mut ln_p: f64 = (0..self.of).map(f64::from).map(|i| ((b + i) / (a + b + i)).ln()).sum();
         for i in 0..=self.of {
             match i.cmp(&k) {
                 std::cmp::Ordering::Less => below += ln_p.exp(),
@@ -107,9 +106,9 @@ const TABLE_4_7: &Sizes = &[
 
 /// Of §4-2 and §4-3. Of Table 4-4 the text gives shares, and its matrix sums to 1077 signals.
 const SIMULATED: &[(&str, Published)] = &[
-    ("I, n_o = 7.25/right", Published { share: 0.979, of: 4500 }),
-    ("I, n_o = 7.25/misses", Published::counted(92, 2025)),
-    ("I, n_o = 7.25/false alarms", Published::counted(1, 2475)),
+    ("I, 1.115 f0/right", Published { share: 0.979, of: 4500 }),
+    ("I, 1.115 f0/misses", Published::counted(92, 2025)),
+    ("I, 1.115 f0/false alarms", Published::counted(1, 2475)),
     ("LR on r, all/coverage", Published { share: 0.532, of: 2025 }),
     ("LR on r certain/HMA without IDN", Published { share: 0.983, of: 963 }),
     ("LR on r certain/HMA, SDN and IDN as one", Published { share: 0.937, of: 1077 }),
@@ -118,9 +117,9 @@ const SIMULATED: &[(&str, Published)] = &[
     ("practice/of the four", Published { share: 0.930, of: 900 }),
 ];
 const DRYING: &[(&str, Published)] = &[
-    ("I, n_o = 7.25/right", Published { share: 1.0, of: 147 }),
-    ("I, n_o = 7.25/misses", Published::counted(0, 99)),
-    ("I, n_o = 7.25/false alarms", Published::counted(0, 48)),
+    ("I, 1.115 f0/right", Published { share: 1.0, of: 147 }),
+    ("I, 1.115 f0/misses", Published::counted(0, 99)),
+    ("I, 1.115 f0/false alarms", Published::counted(0, 48)),
     ("practice/detected", Published { share: 0.918, of: 99 }),
     ("practice/in one step", Published { share: 0.883, of: 99 }),
 ];
@@ -149,14 +148,14 @@ pub const MATRICES: [Matrix; 5] = [
     Matrix {
         title: "Table 4-1, detection",
         set: DataSet::ThesisForm,
-        ours: "I, n_o = 7.25",
+        ours: "I, 1.115 f0",
         classes: DETECTION,
         counts: &[&[2474, 1], &[92, 1933]],
     },
     Matrix {
         title: "Table 4-2, detection",
         set: DataSet::Drying,
-        ours: "I, n_o = 7.25",
+        ours: "I, 1.115 f0",
         classes: DETECTION,
         counts: &[&[48, 0], &[0, 99]],
     },

@@ -8,14 +8,19 @@ use super::published::{MATRICES, Matrix, Published, published};
 use std::fmt::Write;
 
 /// Detection methods: the name of their figures, and in words.
-const DETECTIONS: [(&str, &str); 10] = [
-    ("I, n_o = 7.25", "method I, n_o = 7.25 (reproduces the thesis's figures)"),
-    ("I, n_o = 7.25, maximum", "the same, the residual's maximum for its energy"),
+const DETECTIONS: [(&str, &str); 12] = [
+    (
+        "I, 1.115 f0",
+        "method I, n_o of 1.115 periods of the ring (reproduces the thesis's figures; 7.25 on its form)",
+    ),
+    ("I, 1.115 f0, maximum", "the same, the residual's maximum for its energy"),
     ("I", "method I, n_o = f0 T: the pair at the healthy resonance"),
     ("I, degree 3", "the same of degree 3, the unique filter"),
     ("II", "method II, the eigenvalues of the fault that is hardest to detect"),
     ("III", "method III, numerator enhanced on that fault"),
-    ("(3-3b)", "(3-3b), the numerator of degree 4 that shows that fault most"),
+    ("(3-3b)", "(3-3b) by energies: the numerator of degree 4 that shows that fault most"),
+    ("(3-3b), lp", "(3-3b) as a linear programme, of degree 4"),
+    ("III, Appendix A", "method III as Appendix A writes it: M(s) = det(Q_x - sI)"),
     ("searched", "the denominator searched on training data"),
     ("I, quantile", "method I, n_o = f0 T, threshold at the stated false-alarm rate"),
     ("default", "inkling's default: along the sensitivities, and beside the ring"),
@@ -225,7 +230,19 @@ fn beside(of: &Measured, out: &mut String) {
 fn matrix(of: &Measured, key: &str, title: &str, theirs: Option<&Matrix>, out: &mut String) {
     let Some(ours) = of.confusions.get(key) else { return };
     let theirs = theirs.map(Matrix::confusion);
-    let classes = theirs.as_ref().map_or(&ours.classes, |theirs| &theirs.classes);
+    let is_met = |class: &&String| {
+        let at = ours.classes.iter().position(|c| c == *class);
+        at.is_some_and(|i| {
+            ours.counts
+                .iter()
+                .enumerate()
+                .any(|(j, row)| row[i] > 0.0 || (i == j && row.iter().any(|n| *n > 0.0)))
+        })
+    };
+    let classes: Vec<String> = match &theirs {
+        Some(theirs) => theirs.classes.clone(),
+        None => ours.classes.iter().filter(is_met).cloned().collect(),
+    };
     let _ =
         writeln!(out, "\n### {title}\n\nRows: truth; columns: what was said. Mean over rounds.\n");
     let _ = writeln!(out, "| | {} |", classes.join(" | "));

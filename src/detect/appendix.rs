@@ -1,0 +1,82 @@
+//! Numerator enhancement as Appendix A of the thesis writes it, so that one can see what it does.
+//!
+//! In: a faulty residual over time. Out: M(z). What the text maximises is the energy of M r_f under bounded coefficients,
+//! which an eigenvector of Q_x solves; its last line takes M(s) = det(Q_x - sI) instead. Q_x is positive semidefinite, so
+//! that M has real roots at or right of 0 whatever the fault is, and their size depends on the unit of time:
+//! [`super::numerator`] departs from it.
+
+use super::DetectError;
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use std::f64::consts::TAU;
+
+/// Frequencies of the basis b_i beside the constant, i = 0 .. 80.
+const HARMONICS: usize = 40;
+
+/// M(z), descending powers, of degree `degree` >= 1, for the mean residual of a fault, counts.
+///
+/// Departs: the text's M is a polynomial in s. Its roots are taken over to z by the bilinear transformation, as
+/// e^{s dt} of them is no number; time counts in samples.
+pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectError> {
+    let n = residual.len();
+    let failed = || DetectError::Decomposition { rows: degree, columns: degree };
+    if n == 0 || degree == 0 {
+        return Err(DetectError::NoRoom { numerator: degree, denominator: 0 });
+    }
+    let omega = TAU / n as f64;
+    // beta_i* = integral of b_i r_f
+    let beta = |i: usize| {
+        let at = |k: usize| match i % 2 {
+            0 => (i as f64 / 2.0 * omega * k as f64).cos(),
+            _ => (i.div_ceil(2) as f64 * omega * k as f64).sin(),
+        };
+        residual.iter().enumerate().map(|(k, r)| at(k) * r).sum::<f64>()
+    };
+    let mut row = DVector::from_fn(2 * HARMONICS + 1, |i, _| beta(i));
+    row /= row.norm().max(f64::MIN_POSITIVE);
+    // D-bar: beta* D^k; D couples the sine and the cosine of each frequency, as d/dt does
+    let mut d_bar = DMatrix::zeros(degree, row.len());
+    for k in 0..degree {
+        d_bar.row_mut(k).copy_from(&row.transpose());
+        let before = row.clone();
+        row[0] = 0.0;
+        for h in 1..=HARMONICS {
+            let (sin, cos) = (2 * h - 1, 2 * h);
+            let frequency = h as f64 * omega;
+            (row[sin], row[cos]) = (-frequency * before[cos], frequency * before[sin]);
+        }
+    }
+    let q_x = &d_bar * d_bar.transpose();
+    let roots = SymmetricEigen::try_new(q_x, f64::EPSILON, 10_000).ok_or_else(failed)?.eigenvalues;
+    let mut m = vec![1.0];
+    for s in roots.iter() {
+        let z = (2.0 + s) / (2.0 - s);
+        m.push(0.0);
+        for k in (1..m.len()).rev() {
+            m[k] -= z * m[k - 1];
+        }
+    }
+    match m.iter().all(|v| v.is_finite()) {
+        true => Ok(m),
+        false => Err(failed()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The defect that the departure names: whatever the fault is, M's roots are real.
+    #[test]
+    fn its_zeros_are_real_whatever_the_fault_is() {
+        for (frequency, damping) in [(0.3, 0.01), (0.5, 0.05), (1.0, 0.002)] {
+            let r: Vec<f64> = (0..128)
+                .map(|k| (-damping * f64::from(k)).exp() * (frequency * f64::from(k)).sin())
+                .collect();
+            let m = as_written(&r, 2).unwrap();
+            let [a, b, c] = m[..] else { panic!("{m:?}") };
+            assert!(b * b - 4.0 * a * c >= -1e-12, "{m:?}");
+        }
+        assert!(as_written(&[], 1).is_err());
+        assert!(as_written(&[1.0; 8], 0).is_err());
+    }
+}

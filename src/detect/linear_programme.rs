@@ -1,0 +1,151 @@
+//! (3-3b) as the linear programme that the thesis speaks of before it takes the null space alone.
+//!
+//! In: the healthy (A, C), the same system with a fault, a degree. Out: the M(z) whose M p3 lets the fault through
+//! most, p3 the numerator of the observable order. thesis §3-2 (3-3), after Mohajerin Esfahani and Lygeros (2016).
+//!
+//! max over N-bar of the largest coefficient of N(z) F(z), where N-bar H-bar = 0 and no coefficient of N-bar exceeds 1;
+//! F = [A_f - A; 0], thesis (3-2). The largest of several linear forms is no linear one: each has its own programme, and
+//! the best of them is the answer. At the observable order N-bar has one row, and the programme nothing to choose, as the
+//! text says.
+
+use super::DetectError;
+use super::null_space::{left_null_space, numerator, pencil, stack};
+use crate::model::InkChannel;
+use crate::model::ring_down::{discretise, in_microseconds};
+use clarabel::algebra::CscMatrix;
+use clarabel::solver::{
+    DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT,
+};
+use nalgebra::{DMatrix, DVector};
+
+/// M(z), descending powers, the largest coefficient 1 in size. `degree`: of M p3, 3 or more.
+pub fn most_sensitive(
+    healthy: &InkChannel,
+    faulty: &InkChannel,
+    dt_s: f64,
+    degree: usize,
+) -> Result<Vec<f64>, DetectError> {
+    const OBSERVABLE_ORDER: usize = 3;
+    let p3 = numerator(&healthy.a(), &healthy.c(), dt_s, OBSERVABLE_ORDER)?;
+    if degree < OBSERVABLE_ORDER {
+        return Err(DetectError::NoRoom { numerator: OBSERVABLE_ORDER, denominator: degree });
+    }
+    let (a_us, c) = in_microseconds(&healthy.a(), &healthy.c());
+    let (a_f_us, _) = in_microseconds(&faulty.a(), &faulty.c());
+    let [a_d, a_f] = [a_us, a_f_us].map(|a| discretise(&(a * 1e6), dt_s));
+    let (h0, h1) = pencil(&a_d, &c);
+    let space = left_null_space(&stack(&h0, &h1, degree + 1))?;
+    let b_f = a_f - &a_d;
+    let (n, block) = (b_f.nrows(), h0.nrows());
+    // the coefficients of N(z) F(z): N_k B_f, entry by entry
+    let forms = (0..=degree).flat_map(|k| (0..n).map(move |j| (k, j))).map(|(k, j)| {
+        let of_block = space.columns(k * block, n);
+        of_block * b_f.column(j)
+    });
+    let mut best: Option<(f64, DVector<f64>)> = None;
+    for form in forms {
+        let weights = largest(&space, &form)?;
+        let value = form.dot(&weights);
+        if best.as_ref().is_none_or(|(most, _)| value > *most) {
+            best = Some((value, weights));
+        }
+    }
+    let (_, weights) = best.ok_or(DetectError::NothingObservable)?;
+    let n_bar = space.tr_mul(&weights);
+    // L picks the last entry of every block
+    let mut rest: Vec<f64> = (0..=degree).rev().map(|k| n_bar[(k + 1) * block - 1]).collect();
+    // every element of the null space is a multiple of p3
+    let m: Vec<f64> = (0..=degree - OBSERVABLE_ORDER)
+        .map(|k| {
+            let quotient = rest[k] / p3[0];
+            p3.iter().enumerate().for_each(|(i, p)| rest[k + i] -= quotient * p);
+            quotient
+        })
+        .collect();
+    let largest = m.iter().fold(0.0, |most: f64, v| if v.abs() > most.abs() { *v } else { most });
+    Ok(m.iter().map(|v| v / largest).collect())
+}
+
+/// The weights of the null space's rows that make a linear form of them largest, no coefficient of N-bar above 1.
+fn largest(space: &DMatrix<f64>, form: &DVector<f64>) -> Result<DVector<f64>, DetectError> {
+    let (rows, columns) = space.shape();
+    let failed = || DetectError::Decomposition { rows, columns };
+    let size = form.amax().max(f64::MIN_POSITIVE);
+    let linear: Vec<f64> = form.iter().map(|v| -v / size).collect();
+    let mut limits = space.transpose();
+    limits = limits.clone().resize_vertically(2 * columns, 0.0);
+    for i in 0..columns {
+        for k in 0..rows {
+            limits[(columns + i, k)] = -limits[(i, k)];
+        }
+    }
+    let sparse: Vec<Vec<f64>> =
+        limits.row_iter().map(|row| row.iter().copied().collect()).collect();
+    let settings =
+        DefaultSettingsBuilder::default().verbose(false).build().map_err(|_| failed())?;
+    let mut solver = DefaultSolver::new(
+        &CscMatrix::zeros((rows, rows)),
+        &linear,
+        &CscMatrix::from(&sparse),
+        &vec![1.0; 2 * columns],
+        &[SupportedConeT::NonnegativeConeT(2 * columns)],
+        settings,
+    )
+    .map_err(|_| failed())?;
+    solver.solve();
+    match solver.solution.status {
+        SolverStatus::Solved | SolverStatus::AlmostSolved => {
+            Ok(DVector::from_column_slice(&solver.solution.x))
+        }
+        _ => Err(failed()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::detect::numerator::product;
+    use crate::model::{faults, ring_down};
+
+    const DT_S: f64 = 0.78125e-6;
+    const INK: InkChannel = InkChannel::NOMINAL;
+
+    /// The programme's own optimum against every direction of a null space of two rows.
+    #[test]
+    fn no_direction_of_the_null_space_has_a_larger_form_within_the_bounds() {
+        let (a_us, c) = in_microseconds(&INK.a(), &INK.c());
+        let a_d = discretise(&(a_us * 1e6), DT_S);
+        let (h0, h1) = pencil(&a_d, &c);
+        let space = left_null_space(&stack(&h0, &h1, 5)).unwrap();
+        assert_eq!(space.nrows(), 2);
+        for form in [nalgebra::dvector![1.0, 0.3], nalgebra::dvector![-0.2, 5.0]] {
+            let best = largest(&space, &form).unwrap();
+            assert!(space.tr_mul(&best).amax() <= 1.0 + 1e-6);
+            for k in 0..3600 {
+                let angle = f64::from(k).to_radians() / 10.0;
+                let direction = nalgebra::dvector![angle.cos(), angle.sin()];
+                let within = &direction / space.tr_mul(&direction).amax();
+                assert!(form.dot(&within) <= form.dot(&best) + 1e-5, "at {angle}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_it_finds_rejects_healthy_signals_and_is_unique_at_the_observable_order() {
+        let dried = faults::apply("SDN", 1.3, &INK).unwrap();
+        assert_eq!(most_sensitive(&INK, &dried, DT_S, 3).unwrap(), [1.0]);
+        assert!(most_sensitive(&INK, &dried, DT_S, 2).is_err());
+        let y = ring_down::ring_down(&INK, &nalgebra::dvector![1e-4, 0.0, 9e2, 4e2], DT_S, 128);
+        let size = y.iter().fold(0.0, |m: f64, y| m.max(y.abs()));
+        for degree in [4, 5, 6] {
+            let m = most_sensitive(&INK, &dried, DT_S, degree).unwrap();
+            let p3 = numerator(&INK.a(), &INK.c(), DT_S, 3).unwrap();
+            let n = product(&m, &p3);
+            assert_eq!(n.len(), degree + 1);
+            for w in y.windows(n.len()) {
+                let left: f64 = n.iter().rev().zip(w).map(|(p, y)| p * y).sum();
+                assert!(left.abs() < 1e-11 * size, "degree {degree}: {left}");
+            }
+        }
+    }
+}
