@@ -17,7 +17,14 @@ fn pipeline_toml_says_every_default() {
     }
     assert_eq!(written, defaults);
     let text = read("pipeline.toml");
-    for key in ["oscillations =", "pulse_s =", "delay_s =", "[isolate.physics."] {
+    for key in [
+        "oscillations =",
+        "oscillations_of_ring =",
+        "bounds =",
+        "pulse_s =",
+        "delay_s =",
+        "[isolate.physics.",
+    ] {
         assert!(text.contains(&format!("# {key}")), "{key} has no default, and is named");
     }
 }

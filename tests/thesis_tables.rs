@@ -37,8 +37,8 @@ fn chapter_4_lands_in_its_bands() {
     let drying = chapter.set(DataSet::Drying).unwrap();
     let by_model = chapter.set(DataSet::ByModel).unwrap();
     for (set, key, low, high) in [
-        (of_form, "I, 1.115 f0/right", 0.968, 0.988),
-        (of_form, "I, 1.115 f0/false alarms", 0.0, 4.0),
+        (of_form, "I, 1.12 f0/right", 0.968, 0.988),
+        (of_form, "I, 1.12 f0/false alarms", 0.0, 4.0),
         (of_form, "I/misses", 10.0, 60.0),
         (of_form, "LR on r, all/accuracy", 0.78, 0.82),
         (of_form, "LR on r, all/certain", 0.88, 0.94),
@@ -57,12 +57,12 @@ fn chapter_4_lands_in_its_bands() {
         (of_form, "practice/four classes", 0.38, 0.445),
         (of_form, "practice/of the four", 0.86, 1.0),
         (of_form, "(3-3b)/misses", 5.0, 120.0),
-        (of_form, "I, 1.115 f0, maximum/misses", 150.0, 500.0),
-        (of_form, "I, 1.115 f0, maximum/false alarms", 0.0, 4.0),
+        (of_form, "I, 1.12 f0, maximum/misses", 150.0, 500.0),
+        (of_form, "I, 1.12 f0, maximum/false alarms", 0.0, 4.0),
         (of_form, "LR on r certain/HMA without IDN", 0.9, 1.0),
         (of_form, "model matching/models", 9.0, 9.0),
         (drying, "LR on r, all/accuracy", 0.92, 1.0),
-        (drying, "I, 1.115 f0/detected", 0.9, 1.0),
+        (drying, "I, 1.12 f0/detected", 0.9, 1.0),
         // an independent program: class .681, category .769, the default .973 and .999
         (by_model, "LR on r, all/accuracy", 0.64, 0.72),
         (by_model, "LR on r, all/category", 0.73, 0.81),
@@ -79,7 +79,7 @@ fn chapter_4_lands_in_its_bands() {
         mean("search/misses, chosen on the other folds") <= mean("search/misses, method I") + 8.0
     );
     // why the text prefers the energy: it goes on growing
-    assert!(mean("I, 1.115 f0, maximum/misses") > mean("I, 1.115 f0/misses"));
+    assert!(mean("I, 1.12 f0, maximum/misses") > mean("I, 1.12 f0/misses"));
     // redefined classes mend what IDN costs, as the text expects
     for better in ["HMA without IDN", "HMA, SDN and IDN as one"] {
         let better = mean(&format!("LR on r certain/{better}"));
@@ -87,8 +87,8 @@ fn chapter_4_lands_in_its_bands() {
     }
     // matrices of the text's exact sizes
     for (set, name, sizes) in [
-        (of_form, "I, 1.115 f0", &[2475.0, 2025.0][..]),
-        (drying, "I, 1.115 f0", &[48.0, 99.0]),
+        (of_form, "I, 1.12 f0", &[2475.0, 2025.0][..]),
+        (drying, "I, 1.12 f0", &[48.0, 99.0]),
         (of_form, "LR on r", &[225.0; 9]),
         (drying, "LR on r", &[39.0, 60.0]),
     ] {
@@ -110,7 +110,7 @@ fn chapter_4_lands_in_its_bands() {
         (DataSet::ThesisForm, "isolates better than the current practice", Held),
         (DataSet::ThesisForm, "nearest neighbour is better than linear", Held),
         (DataSet::ThesisForm, "r is better than y in all cases", NotHeld),
-        (DataSet::ThesisForm, "on r and with few", NotHeld),
+        (DataSet::ByModel, "few training signals linear", NotHeld),
         (DataSet::ThesisForm, "Uniform distributions", CannotTell),
         (DataSet::ThesisForm, "default names faults better", Held),
         (DataSet::ByModel, "default names faults better", Held),
@@ -183,6 +183,7 @@ fn chapter_4_runs_on_labelled_recordings() {
     house.run(&one).exits(1).says("BN is on one channel alone").says("two fault classes");
 }
 
+/// Before any fault is labelled: how small a fault is found, and what is mistaken for what.
 #[test]
 fn what_a_filter_can_see_is_told() {
     let house = House::new();
@@ -191,26 +192,38 @@ fn what_a_filter_can_see_is_told() {
         "identify {0}/train.mcap --labels {0}/labels.csv -o model.json --detectability",
         logs.display()
     );
-    house
-        .run(&command)
-        .exits(0)
-        .says("detectable: EC AB1 AB2 AB3 BN PBN SDN IDN DDN")
-        .says("pushes for good stays visible): none");
-    let model = &house.read_json("model.json")["models"][0]["detectability"];
+    house.run(&command).exits(0).says("90 % found from").says("between what they do");
+    let seen = |house: &House| house.read_json("model.json")["models"][0]["detectability"].clone();
+    let model = seen(&house);
     assert_eq!((&model["degree"], &model["nullity"]), (&4.into(), &2.into()));
     assert_eq!(model["blind_hz"][0][0], 0.0, "the fourth root rejects an offset");
-    // one sensor a channel decouples no disturbance of free shape
-    for decoupled in model["disturbances"].as_array().unwrap() {
-        assert_eq!(decoupled["nullity"], 0);
-        assert!(decoupled["still_seen"].as_array().unwrap().is_empty());
-    }
+    let smallest = |model: &serde_json::Value, class: &str| {
+        let classes = model["promise"]["classes"].as_array().unwrap();
+        let of = classes.iter().find(|of| of["class"] == class).unwrap();
+        of["smallest"].as_f64().unwrap_or(f64::INFINITY)
+    };
+    // a nozzle's viscosity by some tens of per cent; a bubble of some hundredths of its length
+    let dried = smallest(&model, "SDN");
+    assert!((1.05..1.5).contains(&dried), "{dried}");
+    assert!((0.01..0.2).contains(&smallest(&model, "AB1")));
+    let pairs = model["promise"]["pairs"].as_array().unwrap();
+    let angle = |a: &str, b: &str| {
+        let is = |pair: &&serde_json::Value| pair["classes"] == serde_json::json!([a, b]);
+        pairs.iter().find(is).unwrap()["angle_degrees"].as_f64().unwrap()
+    };
+    assert_eq!(pairs.len(), 36);
+    // classes of one kind do the same, up to its size; a blocked nozzle is like no dried one
+    assert!(angle("SDN", "IDN") < 1.0, "{}", angle("SDN", "IDN"));
+    assert!(angle("AB3", "SDN") > 20.0, "{}", angle("AB3", "SDN"));
+    // a threshold that lets fewer healthy signals pass finds larger faults
+    house.run(&format!("{command} --set detect.false_alarm_rate=1e-6")).exits(0);
+    assert!(smallest(&seen(&house), "SDN") > dried);
     // of degree 3 the filter is unique, as the text says, and lets an offset through
     house
         .run(&format!("{command} --set detect.other_poles_per_s=[2e5]"))
         .exits(0)
         .says("blind at no frequency");
-    let model = &house.read_json("model.json")["models"][0]["detectability"];
-    assert_eq!(model["nullity"], 1);
+    assert_eq!(seen(&house)["nullity"], 1);
 }
 
 /// A threshold that most of a class stays below is told of when it is learned.

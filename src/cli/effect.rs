@@ -90,12 +90,15 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<String
         // beside a design: where it is read, as the design's may be the same
         ("detect", Command::Replay { .. }) => None,
         ("detect", Command::Identify { detects: true })
-            if matches!(name, "oscillations" | "oscillations_of_ring" | "other_poles_per_s") =>
+            if matches!(
+                name,
+                "oscillations" | "oscillations_of_ring" | "other_poles_per_s" | "false_alarm_rate" | "confidence"
+            ) =>
         {
             None
         }
         ("detect", Command::Identify { .. }) => Some(
-            "`identify` detects nothing; with --detectability it reads oscillations and other_poles_per_s"
+            "`identify` detects nothing; with --detectability it reads n_o, other_poles_per_s, false_alarm_rate and confidence"
                 .into(),
         ),
         ("detect", _) => by_detection(name, &settings.detect),
@@ -136,6 +139,9 @@ fn without_labels(name: &str, detect: &DetectSettings) -> Option<String> {
     }
 }
 
+const OF_ONE_FAULT: &str = "it is of detect.denominator = \"eigenvalues\", \"enhanced\", \"lp\" and \"appendix-a\" alone, which are made \
+     for one fault";
+
 /// What the method of detection does not ask for.
 fn by_detection(name: &str, detect: &DetectSettings) -> Option<String> {
     use Denominator::{Eigenvalues, Resonance, Searched};
@@ -147,7 +153,7 @@ fn by_detection(name: &str, detect: &DetectSettings) -> Option<String> {
             Some("it is of detect.denominator = \"resonance\", \"enhanced\", \"lp\" and \"appendix-a\" alone".into())
         }
         "fault" if matches!(detect.denominator, Resonance | Searched) => {
-            Some("detect.denominator = \"resonance\" and \"searched\" are made for no class".into())
+            Some(OF_ONE_FAULT.into())
         }
         "mu" if detect.threshold != ThresholdMethod::Max => of("threshold", "max"),
         "false_alarm_rate" | "confidence" if detect.threshold == ThresholdMethod::Max => {

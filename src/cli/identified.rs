@@ -2,7 +2,7 @@
 
 use super::exit::Failure;
 use super::report::printable;
-use crate::design::{ClassSeen, Detectable, TrainingSet};
+use crate::design::{Detectability, TrainingSet};
 use crate::identify::averaging::MeanSignal;
 use crate::identify::grey_box::Identification;
 use crate::identify::whiteness::{self, Whiteness};
@@ -44,7 +44,7 @@ impl<'a> Identified<'a> {
     }
 
     /// `of`: signals that there were to average.
-    pub fn json(&self, of: usize, seen: Option<&Detectable>) -> Value {
+    pub fn json(&self, of: usize, seen: Option<&Detectability>) -> Value {
         let mut model = json!({
             "printhead": self.name, "signals": self.mean.n_signals, "of": of,
             "sample_period_s": self.set.sample_period_s, "samples": self.set.samples,
@@ -60,7 +60,7 @@ impl<'a> Identified<'a> {
     pub fn print(
         &self,
         of: usize,
-        seen: Option<&Detectable>,
+        seen: Option<&Detectability>,
         out: &mut impl Write,
     ) -> std::io::Result<()> {
         let fit = self.fit;
@@ -146,26 +146,12 @@ impl<'a> Identified<'a> {
     }
 }
 
-fn print_detectable(seen: &Detectable, out: &mut impl Write) -> std::io::Result<()> {
-    let classes = |keep: fn(&ClassSeen) -> bool| {
-        let kept: Vec<&str> = seen.classes.iter().filter(|c| keep(c)).map(|c| c.class).collect();
-        if kept.is_empty() { "none".to_owned() } else { kept.join(" ") }
-    };
+fn print_detectable(seen: &Detectability, out: &mut impl Write) -> std::io::Result<()> {
     writeln!(
         out,
         "  filters of degree {} that a healthy signal does not excite: {}",
         seen.degree, seen.nullity
     )?;
-    writeln!(out, "  detectable: {}", classes(|c| c.detectable))?;
-    writeln!(
-        out,
-        "  strongly (a fault that pushes for good stays visible): {}",
-        classes(|c| c.strongly)
-    )?;
-    for d in &seen.disturbances {
-        let left = if d.still_seen.is_empty() { "none".into() } else { d.still_seen.join(" ") };
-        writeln!(out, "  without {}: {} filters, detectable {left}", d.what, d.nullity)?;
-    }
     if seen.blind_hz.is_empty() {
         writeln!(out, "  blind at no frequency")?;
     }
@@ -175,7 +161,13 @@ fn print_detectable(seen: &Detectable, out: &mut impl Write) -> std::io::Result<
             false => writeln!(out, "  blind at {from:.0} Hz")?,
         }
     }
-    Ok(())
+    match &seen.promise {
+        Some(promise) => crate::report::print_promise(promise, crate::io::printable::line, out),
+        None => writeln!(
+            out,
+            "  how small a fault would be found: these signals are too few to tell how channels differ"
+        ),
+    }
 }
 
 /// Individual parameters of thesis (2-3)..(2-5): one decay gives ratios only, so they rest on the

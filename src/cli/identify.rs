@@ -6,13 +6,14 @@ use super::exit::{Exit, Failure};
 use super::identified::Identified;
 use super::report::printable;
 use super::report_page::write_text;
-use crate::design::Detectable;
+use crate::design::Detectability;
 use crate::identify::IdentifyError;
 use crate::identify::averaging::{self, MeanSignal, SignalSet};
 use crate::identify::grey_box::{self, Identification};
 use crate::io::{labels_file, outputs};
 use crate::settings::Settings;
 use serde_json::{Value, json};
+use std::borrow::Cow;
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -70,7 +71,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let mut said = Vec::new();
     let mut models: Vec<Value> = Vec::new();
     for (name, signals) in &set.healthy {
-        let (mean, fit) = match fit(signals, labels.is_some(), set.sample_period_s, &settings) {
+        let dt_s = set.sample_period_s;
+        let (healthy, mean, fit) = match fit(signals, labels.is_some(), dt_s, &settings) {
             Ok(fitted) => fitted,
             Err(e) => {
                 incomplete = true;
@@ -97,9 +99,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             ));
         }
         let identified = Identified::new(name, &set, &settings, &mean, &fit);
-        let seen = args
-            .detectability
-            .then(|| Detectable::of(&fit, set.samples, set.sample_period_s, &settings.detect));
+        let (grey_box, detect) = (&settings.identify.grey_box, &settings.detect);
+        let seen =
+            args.detectability.then(|| Detectability::of(&fit, &healthy, dt_s, grey_box, detect));
         let seen = seen.transpose().map_err(Failure::new)?;
         identified.print(signals.len(), seen.as_ref(), &mut said)?;
         if let Some(dir) = &args.plot {
@@ -116,23 +118,21 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     Ok(if incomplete { Exit::Incomplete } else { Exit::Done })
 }
 
-/// The average, and the fit of it.
-fn fit(
-    signals: &SignalSet,
+/// The signals that are healthy, their average, and the fit of it.
+fn fit<'a>(
+    signals: &'a SignalSet,
     labelled: bool,
     dt_s: f64,
     settings: &Settings,
-) -> Result<(MeanSignal, Identification), IdentifyError> {
-    let chosen;
+) -> Result<(Cow<'a, SignalSet>, MeanSignal, Identification), IdentifyError> {
     let healthy = if labelled || settings.identify.grey_box.plain_mean {
-        signals
+        Cow::Borrowed(signals)
     } else {
         let keep = averaging::agreeing(signals, settings.identify.least_agreeing)?;
-        chosen = signals.select(&keep);
-        &chosen
+        Cow::Owned(signals.select(&keep))
     };
-    let mean = averaging::average(healthy)?;
+    let mean = averaging::average(&healthy)?;
     let fit =
-        grey_box::identify_scattered(healthy, &mean, dt_s, &settings.identify.grey_box, None)?;
-    Ok((mean, fit))
+        grey_box::identify_scattered(&healthy, &mean, dt_s, &settings.identify.grey_box, None)?;
+    Ok((healthy, mean, fit))
 }

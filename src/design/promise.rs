@@ -41,16 +41,26 @@ impl Design {
             taken_for[k] = monte_carlo.taken_for(kind, range, self.classes.len());
         }
         let names = self.class_names();
+        let spans: Vec<Option<DMatrix<f64>>> =
+            self.fault_classes().iter().map(|class| monte_carlo.span(&class.of)).collect();
         for i in 0..names.len() {
             for j in i + 1..names.len() {
                 let mistaken = 0.5 * (taken_for[i][j] + taken_for[j][i]);
                 let classes = [names[i].clone(), names[j].clone()];
-                promise.pairs.push(Pair { classes, mistaken });
+                let both = spans[i].as_ref().zip(spans[j].as_ref());
+                let angle_degrees = both.map_or(f64::NAN, |(a, b)| angle_degrees(a, b));
+                promise.pairs.push(Pair { classes, mistaken, angle_degrees });
             }
         }
         promise.pairs.sort_by(|a, b| b.mistaken.total_cmp(&a.mistaken));
         Ok(Some(promise))
     }
+}
+
+/// The smallest angle between a direction in the span of one orthonormal basis and one in that of another.
+fn angle_degrees(a: &DMatrix<f64>, b: &DMatrix<f64>) -> f64 {
+    let cosine = a.tr_mul(b).singular_values().max();
+    cosine.min(1.0).acos().to_degrees()
 }
 
 /// From the smallest severity of some classes of one kind to the largest.
@@ -89,6 +99,27 @@ impl<'a> MonteCarlo<'a> {
         let judge = Judge::new(0, model.into(), design.drive_voltage_v, Some(design), settings)?;
         let spread = spread.eigenvectors * Matrix3::from_diagonal(&roots);
         Ok(Some(MonteCarlo { design, judge, tangent, spread, mean, noise }))
+    }
+
+    /// An orthonormal basis of what faults of a class do to a signal from its smallest size to its largest, after
+    /// noise and the channels' spread have become white.
+    fn span(&self, classes: &[String]) -> Option<DMatrix<f64>> {
+        let laws = &self.design.physics.as_ref()?.laws;
+        let (kind, range) = (laws.one_kind(classes)?, range_of(classes, laws)?);
+        let sampling = (self.design.sample_period_s, self.design.samples);
+        let deviations = range.map(|severity| {
+            self.design.physics.as_ref()?.deviation(kind, severity, sampling).map(DVector::from_vec)
+        });
+        let [Some(least), Some(most)] = deviations else { return None };
+        let both = DMatrix::from_columns(&[least, most]);
+        // of noise^2 I + U U', with U = Q R: within the span of Q it is noise^2 I + R R', beside it noise^2 I
+        let (q, r) = (&self.tangent * self.spread).qr().unpack();
+        let own = r.clone() * r.transpose() + DMatrix::identity(3, 3) * self.noise.powi(2);
+        let white = own.cholesky()?.l();
+        let along = q.tr_mul(&both);
+        let beside = (&both - &q * &along) / self.noise;
+        let along = white.solve_lower_triangular(&along)?;
+        Some((q * along + beside).qr().q())
     }
 
     fn rate(&self) -> Option<f64> {
@@ -183,5 +214,25 @@ impl<'a> MonteCarlo<'a> {
             }
         }
         best.iter().map(|n| n / f64::max(all, 1.0)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn angles_between_subspaces_are_the_smallest_ones() {
+        let basis = |columns: &[[f64; 4]]| {
+            let columns: Vec<DVector<f64>> =
+                columns.iter().map(|c| DVector::from_row_slice(c).normalize()).collect();
+            DMatrix::from_columns(&columns)
+        };
+        let plane = basis(&[[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]]);
+        let beside = basis(&[[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]);
+        let slanted = basis(&[[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]);
+        assert!((angle_degrees(&plane, &beside) - 90.0).abs() < 1e-9);
+        assert!((angle_degrees(&plane, &slanted) - 45.0).abs() < 1e-9);
+        assert!(angle_degrees(&plane, &plane) < 1e-5);
     }
 }

@@ -6,10 +6,10 @@
 //! Pure mathematics; never looks at a fault's name.
 
 pub mod appendix;
+pub mod blind;
 pub mod contamination;
 pub mod decoupling;
 pub mod denominator_search;
-pub mod detectability;
 pub mod kernel;
 pub mod key_numbers;
 pub mod lane_expectation;

@@ -181,6 +181,55 @@ pub fn trend_in_words(story: &Story) -> String {
     format!("{word}: {rate}{of} a {unit} ({} to {})", n(low), n(high))
 }
 
+/// A defect is visible where so much of a drop is lost.
+const VISIBLE_LOSS: f64 = 0.5;
+
+/// When the defect becomes visible, if it goes on getting worse as it did: hours from the last look, and where they lie by
+/// the trend's 95 % interval and the size's. `None`: it does not, or already is, or nobody can tell within a factor of ten.
+pub fn hours_to_visible(story: &Story) -> Option<(f64, [f64; 2])> {
+    let trend = certain_trend(story).filter(|trend| trend.direction() == Direction::Worse)?;
+    let (last, sd) = (story.severity_last?, story.severity_sd.unwrap_or(0.0));
+    let loss_at =
+        |severity| loss(story.fault.as_deref(), story.category.as_deref(), Some(severity));
+    let ahead = |hours: f64| last + trend.per_day * hours / 24.0;
+    if story.ended_at_ns.is_some() || loss_at(last) >= VISIBLE_LOSS {
+        return None;
+    }
+    // loss grows with severity: the first doubling beyond, then bisection
+    let mut high = 1.0;
+    while loss_at(ahead(high)) < VISIBLE_LOSS {
+        high *= 2.0;
+        if high > 24.0 * 365.0 {
+            return None;
+        }
+    }
+    let mut low = 0.0;
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        if loss_at(ahead(middle)) < VISIBLE_LOSS { low = middle } else { high = middle }
+    }
+    let left = ahead(high) - last;
+    let hours = |left: f64, per_day: f64| 24.0 * (left / per_day).max(0.0);
+    let interval =
+        [hours(left - 1.96 * sd, trend.interval[1]), hours(left + 1.96 * sd, trend.interval[0])];
+    (interval[1] <= 10.0 * high).then_some((high, interval))
+}
+
+/// `visible defect (half of a drop lost) in about 9 hours (7 to 12), if it goes on so`
+pub fn forecast_in_words(story: &Story) -> Option<String> {
+    let (hours, [low, high]) = hours_to_visible(story)?;
+    let (per, unit) = if hours < 72.0 { (1.0, "hours") } else { (24.0, "days") };
+    let n = |hours: f64| match hours / per {
+        few if few < 10.0 => format!("{few:.1}"),
+        many => format!("{many:.0}"),
+    };
+    let when = match low < 0.1 * hours {
+        true => format!("within {} {unit}, perhaps by now", n(high)),
+        false => format!("in about {} {unit} ({} to {})", n(hours), n(low), n(high)),
+    };
+    Some(format!("visible defect (half of a drop lost) {when}, if it goes on so"))
+}
+
 fn sentence(story: &Story, action: &str, is_latest: bool) -> String {
     let mut parts = vec![what(story)];
     let size = size(story);
@@ -209,6 +258,7 @@ fn sentence(story: &Story, action: &str, is_latest: bool) -> String {
     if certain_trend(story).is_some() && story.ended_at_ns.is_none() {
         parts.push(trend_in_words(story));
     }
+    parts.extend(forecast_in_words(story));
     if !is_latest {
         parts.push("another fault came after it".into());
     }
@@ -273,5 +323,37 @@ mod tests {
         sort(&mut faults);
         let order: Vec<u32> = faults.iter().map(|f| f.story.channel).collect();
         assert_eq!(order, [2, 5, 9]);
+    }
+
+    #[test]
+    fn visible_defects_are_forecast_where_a_trend_is_certain() {
+        let stories =
+            stories(&Watch::new(vec![spell(0, 10, None, "dried_nozzle")]), &Rates::default());
+        let growing = |last, per_day: f64, half: f64| Story {
+            severity_last: Some(last),
+            severity_sd: Some(0.02),
+            trend: Some(Trend {
+                per_day,
+                interval: [per_day - half, per_day + half],
+                span_days: 2.0,
+            }),
+            ..stories[0].clone()
+        };
+        // half a drop is lost of a nozzle twice as viscous: .5 more at .25 a day are two days
+        let (hours, [low, high]) = hours_to_visible(&growing(1.5, 0.25, 0.05)).unwrap();
+        assert!((hours - 48.0).abs() < 0.01, "{hours}");
+        assert!((38.0..40.0).contains(&low) && (60.0..66.0).contains(&high), "{low} {high}");
+        let words = forecast_in_words(&growing(1.5, 0.25, 0.05)).unwrap();
+        assert!(words.contains("in about 48 hours (38 to 65)"), "{words}");
+        // it is visible, gets better, is over, or nobody can tell
+        assert_eq!(hours_to_visible(&growing(2.5, 0.25, 0.05)), None);
+        assert_eq!(hours_to_visible(&growing(1.5, -0.25, 0.05)), None);
+        assert_eq!(hours_to_visible(&growing(1.5, 0.25, 0.3)), None);
+        let soon = Story { severity_sd: Some(0.3), ..growing(1.8, 0.25, 0.05) };
+        let words = forecast_in_words(&soon).unwrap();
+        assert!(words.contains("perhaps by now"), "{words}");
+        assert_eq!(hours_to_visible(&growing(1.5, 0.25, 0.24)), None);
+        let over = Story { ended_at_ns: Some(20), ..growing(1.5, 0.25, 0.05) };
+        assert_eq!(hours_to_visible(&over), None);
     }
 }

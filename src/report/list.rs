@@ -1,7 +1,7 @@
 //! The cleaning list on a terminal. In: a [`Report`]. Out: a line per channel, most urgent first.
 
 use super::words::{clock, counted, counted_as};
-use super::{Fault, Report, certain_trend, size, trend_in_words, what};
+use super::{Fault, Report, certain_trend, forecast_in_words, size, trend_in_words, what};
 use std::io::{self, Write};
 
 /// Lines of the list.
@@ -78,6 +78,7 @@ fn in_words(fault: &Fault) -> String {
     let story = &fault.story;
     let mut parts = vec![what(story), size(story)];
     parts.extend(certain_trend(story).map(|_| trend_in_words(story)));
+    parts.extend(forecast_in_words(story));
     let times = counted_as(story.cures.into(), "once", "times");
     parts.push(match (story.ended_at_ns, story.cures) {
         (None, 0) => String::new(),

@@ -33,7 +33,7 @@ mod words;
 
 pub use changes::Changes;
 pub use evaluation::html as evaluation;
-pub use fault::{Fault, certain_trend, size, trend_in_words, what};
+pub use fault::{Fault, certain_trend, forecast_in_words, size, trend_in_words, what};
 pub use list::print;
 pub use maps::waterfalls;
 pub use page::html;

@@ -330,9 +330,14 @@ fn explain(body: &mut String) {
         ("±", "one standard deviation"),
         (
             "change",
-            "the line through the severities since the last cure, in brackets its 95 % interval. Told only \
-             where that interval holds no 0 and an hour or more was seen: else there is no trend yet. Where \
+            "the line through the severities since the last cure, in brackets its 95 % interval, the size's own \
+             uncertainty as a factor on all sizes included. Told only where that interval holds no 0 and an hour or more was seen: else there is no trend yet. Where \
              the later half does not follow the line, the later half alone counts",
+        ),
+        (
+            "visible defect",
+            "where half of a drop is lost (see urgency); when, if the change goes on as it did, with the interval of change and \
+             size; not told where the latest time is more than ten times the likeliest",
         ),
         ("points", "hundredths of the whole: from 20 % to 23 % is 3 points"),
         (

@@ -79,11 +79,15 @@ pub fn html(promise: &Promise) -> String {
         100.0 * APART
     );
     if !confused.is_empty() {
-        text += "<table><tr><th>classes</th><th class=n>mistaken</th></tr>\n";
+        text += "<table><tr><th>classes</th><th class=n>mistaken</th><th class=n>angle between what they do</th></tr>\n";
         for pair in confused.iter().take(MOST_PAIRS) {
             let [a, b] = pair.classes.each_ref().map(|class| name(class));
             let mistaken = 100.0 * pair.mistaken;
-            let _ = writeln!(text, "<tr><td>{a} and {b}</td><td class=n>{mistaken:.1} %</td></tr>");
+            let _ = writeln!(
+                text,
+                "<tr><td>{a} and {b}</td><td class=n>{mistaken:.1} %</td><td class=n>{:.0}°</td></tr>",
+                pair.angle_degrees
+            );
         }
         text += "</table>\n";
     }
@@ -118,7 +122,12 @@ pub fn print(
     let (confused, apart) = confused(promise);
     for pair in confused.iter().take(MOST_PAIRS) {
         let [a, b] = pair.classes.each_ref().map(|class| printable(class, 24));
-        writeln!(out, "  {a} and {b}: mistaken for each other in {:.1} %", 100.0 * pair.mistaken)?;
+        writeln!(
+            out,
+            "  {a} and {b}: mistaken for each other in {:.1} %, {:.0}° between what they do",
+            100.0 * pair.mistaken,
+            pair.angle_degrees
+        )?;
     }
     let apart = counted(apart as u64, "pair");
     writeln!(out, "  {apart} of classes are told apart (mistaken in fewer than 1 %)")

@@ -17,6 +17,7 @@
 use super::trend::{self, Trend};
 use super::watch::{self, Looked, Spell, Watch};
 use crate::episodes::Episode;
+use crate::model::faults;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -219,6 +220,13 @@ fn story(
     let quantity = watch::quantity(said).map(str::to_owned);
     let course = quantity.as_deref().and_then(|quantity| watch.course(quantity));
     let to_ns = ended_at_ns.unwrap_or(i64::MAX);
+    let severity_last = last_sized.and_then(|e| e.severity_last);
+    let severity_sd = last_sized.and_then(|e| e.severity_sd);
+    let none = said.fault.as_deref().and_then(faults::no_fault_severity);
+    let scale = severity_last.zip(severity_sd).zip(none);
+    let scale = scale.map_or(0.0, |((last, sd), none)| sd / (last - none).abs());
+    let scale = if scale.is_finite() { scale } else { 0.0 };
+    let trend = course.and_then(|course| trend::trend(course, last_began_at_ns, to_ns));
     let looks_like = said.category.is_none().then(|| looks_like(said)).flatten();
     let strange = said.category.is_none().then(|| match &looks_like {
         Some(words) if words.contains(SENSOR_LINE) => Strange::NoRing,
@@ -238,9 +246,9 @@ fn story(
         cures: inner.iter().filter(|gap| gap.cured).count() as u32,
         last_began_at_ns,
         severity_first: spells.iter().find_map(|s| s.episode.severity_first),
-        severity_last: last_sized.and_then(|e| e.severity_last),
-        severity_sd: last_sized.and_then(|e| e.severity_sd),
-        trend: course.and_then(|course| trend::trend(course, last_began_at_ns, to_ns)),
+        severity_last,
+        severity_sd,
+        trend: trend.map(|trend| trend.of_scale(scale)),
         quantity,
         certainty: said.certainty,
         spells: spells.to_vec(),

@@ -1,6 +1,6 @@
 //! The report's tables. In: a [`Report`]. Out: markup.
 
-use super::fault::{Fault, size, trend_in_words, what};
+use super::fault::{Fault, forecast_in_words, size, trend_in_words, what};
 use super::light::Light;
 use super::words::{clock, counted, counted_as, percent, thousands};
 use super::{RecordingLine, Report};
@@ -107,7 +107,7 @@ fn row(report: &Report, fault: &Fault, drawn: &Drawn, order: Option<[usize; 4]>)
     let done = if order.is_some() { "do" } else { "healthy since" };
     let mut is = escaped(&what(s));
     let trend = if order.is_some() { trend_in_words(s) } else { String::new() };
-    for more in [size(s), trend] {
+    for more in [size(s), trend, forecast_in_words(s).unwrap_or_default()] {
         if !more.is_empty() {
             let _ = write!(is, "<br><span class=\"small\">{}</span>", escaped(&more));
         }

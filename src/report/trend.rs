@@ -99,6 +99,16 @@ pub enum Direction {
 }
 
 impl Trend {
+    /// With the uncertainty of the scale that sizes are measured on, a relative standard deviation: all sizes of a channel
+    /// are too large or too small by the same factor, which no scatter about the line shows. It leaves the direction.
+    pub fn of_scale(self, relative: f64) -> Trend {
+        let wider = 1.0 + 1.96 * relative;
+        let [low, high] = self.interval;
+        let low = if low > 0.0 { low / wider } else { low * wider };
+        let high = if high > 0.0 { high * wider } else { high / wider };
+        Trend { interval: [low, high], ..self }
+    }
+
     pub fn direction(&self) -> Direction {
         match self.interval {
             [low, _] if low > 0.0 => Direction::Worse,

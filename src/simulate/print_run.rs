@@ -3,6 +3,9 @@
 //!
 //! thesis (2-1), (2-2) over time. Rates are constant but for temperature and faults; every channel
 //! fires in every burst.
+//!
+//! Departs: (2-1) adds B_f f of faults that a channel has at once. Two large ones together would make a rate negative;
+//! here each changes the rates that the others leave.
 
 use super::burst_shape::Frame;
 use super::draws::{Purpose, part, stream};
@@ -14,7 +17,7 @@ use crate::model::{InkChannel, faults};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -37,6 +40,8 @@ struct Fault {
     channel: u32,
     class: String,
     severity: f64,
+    /// What it is at `to`, where it goes on growing.
+    to_severity: Option<f64>,
     from: usize,
     to: usize,
 }
@@ -46,7 +51,18 @@ impl Fault {
     fn severity_at(&self, step: usize) -> f64 {
         let none = faults::no_fault_severity(&self.class).unwrap_or(0.0);
         let grown = (step - self.from + 1).min(RAMP_BURSTS) as f64 / RAMP_BURSTS as f64;
-        if grown < 1.0 { none + (self.severity - none) * grown } else { self.severity }
+        let passed = (step - self.from) as f64 / (self.to - self.from) as f64;
+        let to = self.to_severity.unwrap_or(self.severity);
+        let full = self.severity + (to - self.severity) * passed;
+        if grown < 1.0 { none + (full - none) * grown } else { full }
+    }
+
+    /// Until which burst its severity changes from burst to burst.
+    fn grows_until(&self) -> usize {
+        match self.to_severity {
+            Some(_) => self.to,
+            None => self.to.min(self.from + RAMP_BURSTS),
+        }
     }
 
     fn rates(&self, healthy: &InkChannel, step: usize) -> InkChannel {
@@ -78,6 +94,7 @@ fn faults_of(physics: &Physics, run: &PrintRun, seed: u64) -> Vec<Fault> {
             channel: fault.channel,
             class: fault.class.clone(),
             severity: fault.severity,
+            to_severity: fault.to_severity,
             from: step_at(run, fault.from_s),
             to: step_at(run, fault.to_s),
         });
@@ -106,6 +123,7 @@ fn drawn_faults(physics: &Physics, run: &PrintRun, seed: u64) -> Vec<Fault> {
             channel: (place % run.channels) as u32,
             class,
             severity: low + (high - low) * rng.random::<f64>(),
+            to_severity: None,
             from,
             to: rng.random_range(from + LEAST_FAULT_BURSTS..=last),
         }
@@ -113,26 +131,32 @@ fn drawn_faults(physics: &Physics, run: &PrintRun, seed: u64) -> Vec<Fault> {
     chosen.iter().map(draw).collect()
 }
 
-/// One healthy row per printhead, then per fault one row for each burst in which it grows and one
-/// for the rest. Spans begin and end midway between bursts, so that no rounding matters.
+/// One healthy row per printhead, then of each channel with faults one row for each burst in which one of them grows and
+/// one for each span in which none does. What has several faults at once is labelled with the names of all, `AB2+SDN`,
+/// and no severity. Spans begin and end midway between bursts, so that no rounding matters.
 pub(super) fn labels(physics: &Physics, options: &RecordingOptions, seed: u64) -> Vec<Label> {
     let Some(run) = &physics.print_run else { return Vec::new() };
     let mut labels: Vec<Label> =
         (0..run.printheads).map(|p| healthy_everywhere(&run.name(p))).collect();
     let at = |step| time_ns(run, options.start_ns, step);
     let half_ns = (run.interval_s * 0.5e9) as i64;
-    for fault in faults_of(physics, run, seed) {
-        let full = fault.to.min(fault.from + RAMP_BURSTS);
-        let ramp = (fault.from..full).map(|step| (step, step + 1));
-        let rest = (full < fault.to).then_some((full, fault.to));
-        for (from, to) in ramp.chain(rest) {
+    let faults = faults_of(physics, run, seed);
+    for of_channel in faults.chunk_by(|a, b| (a.printhead, a.channel) == (b.printhead, b.channel)) {
+        let edges = |fault: &Fault| (fault.from..=fault.grows_until()).chain([fault.to]);
+        let edges: BTreeSet<usize> = of_channel.iter().flat_map(edges).collect();
+        for (&from, &to) in edges.iter().zip(edges.iter().skip(1)) {
+            let on: Vec<&Fault> =
+                of_channel.iter().filter(|fault| (fault.from..fault.to).contains(&from)).collect();
+            let [first, rest @ ..] = &on[..] else { continue };
+            let mut classes: Vec<&str> = on.iter().map(|fault| fault.class.as_str()).collect();
+            classes.sort_unstable();
             labels.push(Label {
-                printhead: run.name(fault.printhead),
-                channel: Channels::One(fault.channel),
+                printhead: run.name(first.printhead),
+                channel: Channels::One(first.channel),
                 from_ns: Some(at(from) - half_ns),
                 to_ns: Some(at(to) - half_ns),
-                state: fault.class.clone(),
-                severity: Some(fault.severity_at(from)),
+                state: classes.join("+"),
+                severity: rest.is_empty().then(|| first.severity_at(from)),
             });
         }
     }
@@ -186,12 +210,14 @@ impl Printhead {
 
         self.faults.retain(|fault| step < fault.to);
         let on = self.faults.iter().filter(|fault| fault.from <= step);
-        let faulty: HashMap<u32, &Fault> = on.map(|fault| (fault.channel, fault)).collect();
+        let mut faulty: HashMap<u32, Vec<&Fault>> = HashMap::new();
+        on.for_each(|fault| faulty.entry(fault.channel).or_default().push(fault));
         let n = self.sensor.samples();
         let mut counts = Vec::with_capacity(self.channels.len() * n);
         for (channel, number) in self.channels.iter().zip(0..) {
             let rates = at_viscosity(&channel.rates, viscosity);
-            let rates = faulty.get(&number).map_or(rates, |fault| fault.rates(&rates, step));
+            let on = faulty.get(&number).into_iter().flatten();
+            let rates = on.fold(rates, |rates, fault| fault.rates(&rates, step));
             self.sensor.sense(&rates, channel.gain, drive_v, &mut counts);
         }
         let fired = |_| self.neighbours.random_range(0..=2u8);

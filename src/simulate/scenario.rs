@@ -292,6 +292,8 @@ pub struct ExplicitFault {
     pub channel: u32,
     pub class: String,
     pub severity: f64,
+    /// At `to_s`, linear in time from `severity` at `from_s`; absent: it stays.
+    pub to_severity: Option<f64>,
     pub from_s: f64,
     pub to_s: f64,
 }

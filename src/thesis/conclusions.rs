@@ -2,9 +2,8 @@
 //!
 //! In: figures over rounds. Out: a verdict each, by 95 % intervals of differences that are paired by round.
 
-use super::datasets::DataSet;
 use super::measure::{Size, figure};
-use super::outcome::{Difference, Measured};
+use super::outcome::{Confusion, DataSet, Difference, Measured};
 use serde::Serialize;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -99,8 +98,8 @@ pub fn conclusions(of: &Measured) -> Vec<Conclusion> {
             "The FD filter detects faults better than the current practice.",
             vec![match of.set {
                 // of its experiment the text counts the faults that were detected
-                DataSet::Drying => pair("I, 1.115 f0/detected", "practice/detected"),
-                _ => pair("I, 1.115 f0/right", "practice/right"),
+                DataSet::Drying => pair("I, 1.12 f0/detected", "practice/detected"),
+                _ => pair("I, 1.12 f0/right", "practice/right"),
             }],
             all_signals,
         ),
@@ -235,7 +234,7 @@ fn by_default(of: &Measured, own: String, faulty: f64) -> Option<Conclusion> {
 }
 
 /// The class that is named right least often, in words.
-fn worst_class(confusion: &super::outcome::Confusion) -> Option<String> {
+fn worst_class(confusion: &Confusion) -> Option<String> {
     let rows = confusion.counts.iter().enumerate();
     let rows = rows.map(|(i, row)| (i, row[i], row.iter().sum::<f64>())).filter(|row| row.2 > 0.0);
     let (i, right, all) = rows.min_by(|a, b| (a.1 / a.2).total_cmp(&(b.1 / b.2)))?;

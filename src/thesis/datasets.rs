@@ -3,14 +3,13 @@
 //! In: a seed, or labelled signals. Out: [`Part`]: what is learned from and what is tested on, which share no signal
 //! and, of recordings, no channel. thesis §4-1.
 
-use super::ThesisError;
+use super::outcome::{DataSet, ThesisError};
 use crate::design::TrainingSet;
-use crate::fault::HEALTHY;
+use crate::fault::{CLASSES, HEALTHY};
 use crate::identify::averaging::SignalSet;
 use crate::labels::Labels;
 use crate::simulate::scenario::{Classes, Kind, Physics};
 use crate::simulate::{Scenario, SimulatedRecording, drying};
-use serde::Serialize;
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -28,49 +27,21 @@ const MOST_OF_A_CLASS: usize = 1_000;
 /// Parts that recordings are divided into, at most.
 const MOST_FOLDS: usize = 5;
 
-/// Which data.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum DataSet {
-    /// Rings whose amplitude, damping and frequency are drawn from a box per class, as in thesis §4-1.
-    ThesisForm,
-    /// The drying experiment of thesis §4-1, simulated.
-    Drying,
-    /// Faults that are changes of the rates of (2-2), on channels that differ.
-    ByModel,
-    /// A user's own labelled recordings.
-    Recordings,
-}
+/// The factor of (3-4) that thesis §4-2 takes for its simulated data, and for its experiment.
+const MU: f64 = 1.0;
+const MU_OF_DRYING: f64 = 2.0;
 
-impl DataSet {
-    pub const SIMULATED: [DataSet; 3] = [DataSet::ThesisForm, DataSet::Drying, DataSet::ByModel];
-
-    pub fn title(self) -> &'static str {
-        match self {
-            DataSet::ThesisForm => "Signals of the thesis's form",
-            DataSet::Drying => "The drying experiment, simulated",
-            DataSet::ByModel => "Faults by the thesis's model (2-2)",
-            DataSet::Recordings => "Your recordings",
+/// The training and test signals of one seed of simulated data.
+pub fn part(set: DataSet, seed: u64) -> Result<Part, ThesisError> {
+    match set {
+        DataSet::ThesisForm => of_scenario(&scenario(THESIS_FORM)?, seed),
+        DataSet::ByModel => of_scenario(&scenario(PHYSICS)?, seed),
+        DataSet::Drying => {
+            let physics = physics()?;
+            let (learn, test) = (dried(&physics, seed, 0), dried(&physics, seed, 1));
+            Ok(Part { learn, test, calibration: None, mu: MU_OF_DRYING })
         }
-    }
-
-    /// The factor of (3-4) that thesis §4-2 takes.
-    fn mu(self) -> f64 {
-        if self == DataSet::Drying { 2.0 } else { 1.0 }
-    }
-
-    /// The training and test signals of one seed of simulated data.
-    pub fn part(self, seed: u64) -> Result<Part, ThesisError> {
-        match self {
-            DataSet::ThesisForm => of_scenario(&scenario(THESIS_FORM)?, seed),
-            DataSet::ByModel => of_scenario(&scenario(PHYSICS)?, seed),
-            DataSet::Drying => {
-                let physics = physics()?;
-                let (learn, test) = (dried(&physics, seed, 0), dried(&physics, seed, 1));
-                Ok(Part { learn, test, calibration: None, mu: self.mu() })
-            }
-            DataSet::Recordings => Err(ThesisError::Data("recordings have no seeds".into())),
-        }
+        DataSet::Recordings => Err(ThesisError::Data("recordings have no seeds".into())),
     }
 }
 
@@ -107,7 +78,7 @@ fn of_scenario(scenario: &Scenario, seed: u64) -> Result<Part, ThesisError> {
         Kind::Physics(_) => sets.next(),
         Kind::Classes(classes) => Some(more_faulty(scenario, classes, seed).ok_or_else(missing)?),
     };
-    Ok(Part { learn, test, calibration, mu: DataSet::ThesisForm.mu() })
+    Ok(Part { learn, test, calibration, mu: MU })
 }
 
 /// Faulty signals of the same classes, more of them.
@@ -182,6 +153,14 @@ pub fn each(set: &TrainingSet) -> impl Iterator<Item = (&str, Vec<f64>)> {
             (state, signals.signal(i).iter().map(|&v| f64::from(v) / drive).collect())
         })
     })
+}
+
+/// Classes that are there, healthy first, then in the thesis's order.
+pub fn states(set: &TrainingSet) -> Vec<String> {
+    let is_there = |class: &str| class == HEALTHY || set.faulty.contains_key(class);
+    let known = std::iter::once(HEALTHY).chain(CLASSES).filter(|class| is_there(class));
+    let own = set.faulty.keys().map(String::as_str).filter(|class| !CLASSES.contains(class));
+    known.chain(own).map(str::to_owned).collect()
 }
 
 pub fn healthy(set: &TrainingSet) -> usize {
@@ -310,7 +289,7 @@ mod tests {
 
     #[test]
     fn the_drying_experiment_has_the_texts_numbers_and_shares_no_signal() {
-        let Part { learn, test, .. } = DataSet::Drying.part(1).unwrap();
+        let Part { learn, test, .. } = part(DataSet::Drying, 1).unwrap();
         for set in [&learn, &test] {
             let of = |state: &str| sets(set).filter(|s| s.0 == state).map(|s| s.2.len()).sum();
             let numbers: [usize; 3] = [of(HEALTHY), of("IDN"), of("DDN")];
@@ -319,9 +298,9 @@ mod tests {
         let seen: Vec<Vec<f64>> = each(&test).map(|(_, y)| y).collect();
         assert!(each(&learn).all(|(_, y)| !seen.contains(&y)));
         for (n, classes) in [(99, [60, 39]), (50, [30, 20]), (10, [6, 4])] {
-            let part = with_faulty(&learn, n);
-            let own: Vec<usize> = part.faulty.values().map(|s| s[PRINTHEAD].len()).collect();
-            assert_eq!((own, healthy(&part)), (classes.to_vec(), 48));
+            let few = with_faulty(&learn, n);
+            let own: Vec<usize> = few.faulty.values().map(|s| s[PRINTHEAD].len()).collect();
+            assert_eq!((own, healthy(&few)), (classes.to_vec(), 48));
         }
     }
 

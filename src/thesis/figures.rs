@@ -1,12 +1,12 @@
 //! The figures of the thesis from one part's signals: 2-2, 3-2, 3-3, 3-5, 4-1 to 4-4. Every title says what the numbers of
 //! its figure are.
 
-use super::ThesisError;
-use super::datasets::{self, DataSet, Part, each};
+use super::datasets::{self, Part, each, states};
 use super::key_figures::key_numbers;
 use super::measure::{Met, each_met, isolation, thesis_detect, train};
+use super::outcome::{DataSet, ThesisError};
 use crate::design::{Design, IsolateSettings, TrainingSet};
-use crate::fault::{CLASSES, HEALTHY};
+use crate::fault::HEALTHY;
 use crate::isolate::{IsolateMethod, IsolateSignal};
 use crate::plot::{Axis, Figure, Mark, Series};
 use crate::simulate::drying;
@@ -16,8 +16,8 @@ use std::path::Path;
 /// Of one seed of simulated data.
 pub fn simulated(seed: u64, dir: &Path) -> Result<(), ThesisError> {
     let physics = datasets::physics()?;
-    let of_form = DataSet::ThesisForm.part(seed)?;
-    let drying = DataSet::Drying.part(seed)?;
+    let of_form = datasets::part(DataSet::ThesisForm, seed)?;
+    let drying = datasets::part(DataSet::Drying, seed)?;
     chain(&of_form, dir)?;
     identified(&drying, Some(&physics), dir)?;
     key_numbers(&of_form.test, "fig_4-1", dir)?;
@@ -263,14 +263,6 @@ impl Example {
         })?;
         Ok(right.or(any))
     }
-}
-
-/// Classes that are there, healthy first, then in the thesis's order.
-pub(super) fn states(set: &TrainingSet) -> Vec<String> {
-    let is_there = |class: &str| class == HEALTHY || set.faulty.contains_key(class);
-    let known = std::iter::once(HEALTHY).chain(CLASSES).filter(|class| is_there(class));
-    let own = set.faulty.keys().map(String::as_str).filter(|class| !CLASSES.contains(class));
-    known.chain(own).map(str::to_owned).collect()
 }
 
 /// Figs. 4-3 and 4-4: the residual's energy of every test signal, class by class, beside the threshold.

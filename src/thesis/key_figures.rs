@@ -3,8 +3,8 @@
 //!
 //! In: signals. Out: figures, whose titles count which classes leave the healthy range.
 
-use super::ThesisError;
-use super::figures::states;
+use super::datasets::states;
+use super::outcome::ThesisError;
 use super::practice;
 use crate::design::TrainingSet;
 use crate::detect::key_numbers::KeyNumbers;

@@ -3,6 +3,7 @@
 //! In: seeds, or a user's own labelled signals. Out: a directory with `tables.md`, `tables.json` and figures. Works in
 //! memory on the data that [`datasets`] makes; the methods are the product's own ([`crate::design`]).
 
+mod chapter;
 mod conclusions;
 mod datasets;
 mod figures;
@@ -18,9 +19,9 @@ use crate::side_by_side::side_by_side;
 use datasets::Part;
 use std::path::Path;
 
+pub use chapter::{Chapter, Rounds};
 pub use conclusions::{Conclusion, Verdict};
-pub use datasets::DataSet;
-pub use outcome::{Chapter, Confusion, Measured, Rounds, Spread, ThesisError};
+pub use outcome::{Confusion, DataSet, Measured, Spread, ThesisError};
 
 /// Runs every seed on simulated data, several at a time. `done` hears of each that ends.
 pub fn simulated(
@@ -33,14 +34,14 @@ pub fn simulated(
         .flat_map(|&set| seeds.iter().map(move |&seed| (set, seed)))
         .collect();
     let each = side_by_side(threads, jobs, |(set, seed)| {
-        let figures = measure::figures(&set.part(seed)?)?;
+        let figures = measure::figures(&datasets::part(set, seed)?)?;
         done();
         Ok(figures)
     });
     let each = each.into_iter().collect::<Result<Vec<_>, ThesisError>>()?;
     let sets = DataSet::SIMULATED.iter().zip(each.chunks(seeds.len().max(1)));
     let sets = sets.map(|(&set, each)| Measured::of(set, each)).collect();
-    Ok(chapter(Rounds::Seeds(seeds.to_vec()), sets))
+    Ok(Chapter::new(Rounds::Seeds(seeds.to_vec()), sets))
 }
 
 /// A user's labelled signals, divided by channel.
@@ -69,13 +70,8 @@ impl Recorded {
         });
         let each = each.into_iter().collect::<Result<Vec<_>, ThesisError>>()?;
         let rounds = Rounds::Folds { number: each.len(), left_out: self.left_out.clone() };
-        Ok(chapter(rounds, vec![Measured::of(DataSet::Recordings, &each)]))
+        Ok(Chapter::new(rounds, vec![Measured::of(DataSet::Recordings, &each)]))
     }
-}
-
-fn chapter(rounds: Rounds, sets: Vec<Measured>) -> Chapter {
-    let conclusions = sets.iter().flat_map(conclusions::conclusions).collect();
-    Chapter { rounds, sets, conclusions }
 }
 
 /// Writes tables and figures into `dir`: of the first seed, or of the first part of recordings.

@@ -1,7 +1,5 @@
 //! What chapter 4 gives, round by round, and why it may not.
 
-use super::conclusions::Conclusion;
-use super::datasets::DataSet;
 use crate::model::student::student_quantile;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -20,6 +18,33 @@ pub enum ThesisError {
     Plot(#[from] crate::plot::PlotError),
     #[error("{path}: {source}")]
     Write { path: String, source: std::io::Error },
+}
+
+/// Which data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DataSet {
+    /// Rings whose amplitude, damping and frequency are drawn from a box per class, as in thesis §4-1.
+    ThesisForm,
+    /// The drying experiment of thesis §4-1, simulated.
+    Drying,
+    /// Faults that are changes of the rates of (2-2), on channels that differ.
+    ByModel,
+    /// A user's own labelled recordings.
+    Recordings,
+}
+
+impl DataSet {
+    pub const SIMULATED: [DataSet; 3] = [DataSet::ThesisForm, DataSet::Drying, DataSet::ByModel];
+
+    pub fn title(self) -> &'static str {
+        match self {
+            DataSet::ThesisForm => "Signals of the thesis's form",
+            DataSet::Drying => "The drying experiment, simulated",
+            DataSet::ByModel => "Faults by the thesis's model (2-2)",
+            DataSet::Recordings => "Your recordings",
+        }
+    }
 }
 
 /// Signals of class (row) that were named so (column); a mean over rounds.
@@ -193,43 +218,11 @@ impl Measured {
         Some(Difference { mean, low: mean - half, high: mean + half })
     }
 
-    fn json(&self) -> Value {
+    pub fn json(&self) -> Value {
         let values: BTreeMap<&String, Option<Spread>> =
             self.rounds.keys().map(|key| (key, self.spread(key))).collect();
         json!({
             "data": self.set, "values": values, "confusions": self.confusions, "not_possible": self.failed,
         })
-    }
-}
-
-/// What a round is.
-#[derive(Clone, Debug, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Rounds {
-    Seeds(Vec<u64>),
-    /// Parts of recordings, each tested on once; and what of them was left out.
-    Folds {
-        number: usize,
-        left_out: Vec<String>,
-    },
-}
-
-/// Chapter 4 over rounds, and what it says of chapter 5.
-#[derive(Clone, Debug)]
-pub struct Chapter {
-    pub rounds: Rounds,
-    pub sets: Vec<Measured>,
-    pub conclusions: Vec<Conclusion>,
-}
-
-impl Chapter {
-    pub fn set(&self, set: DataSet) -> Option<&Measured> {
-        self.sets.iter().find(|measured| measured.set == set)
-    }
-
-    /// `tables.json`.
-    pub fn json(&self) -> Value {
-        let sets: Vec<Value> = self.sets.iter().map(Measured::json).collect();
-        json!({"version": 2, "rounds": self.rounds, "sets": sets, "conclusions": self.conclusions})
     }
 }

@@ -1,19 +1,19 @@
 //! `tables.md`: ours beside the thesis's. In: figures over rounds. Out: Markdown.
 
+use super::chapter::{Chapter, Rounds};
 use super::conclusions::Conclusion;
-use super::datasets::DataSet;
 use super::measure::{COMPARED, Size, figure};
-use super::outcome::{Chapter, Measured, Rounds};
+use super::outcome::{DataSet, Measured};
 use super::published::{MATRICES, Matrix, Published, published};
 use std::fmt::Write;
 
 /// Detection methods: the name of their figures, and in words.
 const DETECTIONS: [(&str, &str); 12] = [
     (
-        "I, 1.115 f0",
-        "method I, n_o of 1.115 periods of the ring (reproduces the thesis's figures; 7.25 on its form)",
+        "I, 1.12 f0",
+        "method I, n_o of 1.12 periods of the ring (reproduces the thesis's figures; 7.25 on its form)",
     ),
-    ("I, 1.115 f0, maximum", "the same, the residual's maximum for its energy"),
+    ("I, 1.12 f0, maximum", "the same, the residual's maximum for its energy"),
     ("I", "method I, n_o = f0 T: the pair at the healthy resonance"),
     ("I, degree 3", "the same of degree 3, the unique filter"),
     ("II", "method II, the eigenvalues of the fault that is hardest to detect"),

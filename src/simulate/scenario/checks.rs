@@ -5,7 +5,7 @@ use super::{
     Acquisition, Classes, Dataset, ExplicitFault, Kind, Physics, PrintRun, RecordingOptions,
     Scenario, ScenarioError,
 };
-use crate::fault::{CLASSES, HEALTHY};
+use crate::fault::{CLASSES, HEALTHY, category};
 use crate::model::faults;
 use crate::simulate::dataset::{CHANNELS_PER_BURST, PRINTHEAD};
 use crate::simulate::print_run::{LEAST_FAULT_BURSTS, first_random_burst, step_at};
@@ -274,19 +274,24 @@ fn check_explicit_faults(run: &PrintRun, physics: &Physics) -> Check {
         require((fault.channel as usize) < run.channels, &key, why)?;
         check_class(&fault.class, &key)?;
         check_severity(&fault.class, fault.severity, physics, &key)?;
+        if let Some(to) = fault.to_severity {
+            check_severity(&fault.class, to, physics, &format!("{key}.to_severity"))?;
+        }
         let why = format!("from_s = {:?} and to_s = {:?} are no span", fault.from_s, fault.to_s);
         require(0.0 <= fault.from_s && fault.from_s < fault.to_s, &key, why)?;
         let why =
             format!("no burst of the run lies within {} s and {} s", fault.from_s, fault.to_s);
         require(step_at(run, fault.from_s) < step_at(run, fault.to_s), &key, why)?;
     }
-    let place = |f: &ExplicitFault| (f.printhead.clone(), f.channel);
+    // faults of several categories may be on at once, thesis (2-1); two of one are one fault
+    let place = |f: &ExplicitFault| (f.printhead.clone(), f.channel, category(&f.class).to_owned());
     by_channel
         .sort_by(|(_, x), (_, y)| place(x).cmp(&place(y)).then(x.from_s.total_cmp(&y.from_s)));
     for pair in by_channel.windows(2) {
         let ((i, x), (j, y)) = (pair[0], pair[1]);
         let apart = place(x) != place(y) || x.to_s <= y.from_s;
-        let why = format!("overlaps fault[{j}] on the same channel: one at a time");
+        let why =
+            format!("overlaps fault[{j}] of the same category on the same channel: one at a time");
         require(apart, &format!("print_run.fault[{i}]"), why)?;
     }
     Ok(())
@@ -378,7 +383,12 @@ mod tests {
                  class = {class:?}\nseverity = {s}\nfrom_s = {from}\nto_s = {to}\n"
             )
         };
-        assert!(Scenario::from_toml(&fault("cyan-1", 47, "DDN", "2.0", 3.0, 9.0)).is_ok());
+        let dried = fault("cyan-1", 47, "DDN", "2.0", 3.0, 9.0);
+        assert!(Scenario::from_toml(&dried).is_ok());
+        // it may grow, and another category may join it
+        let bubble = "[[print_run.fault]]\nprinthead = \"cyan-1\"\nchannel = 47\nclass = \"AB2\"\n\
+                      severity = 0.3\nfrom_s = 8.0\nto_s = 20.0\n";
+        assert!(Scenario::from_toml(&(dried + "to_severity = 3.0\n" + bubble)).is_ok());
         for text in [
             fault("cyan-9", 47, "DDN", "2.0", 3.0, 9.0),
             fault("cyan-1", 48, "DDN", "2.0", 3.0, 9.0),
@@ -390,8 +400,9 @@ mod tests {
             fault("cyan-1", 47, "DDN", "2.0", 99.0, 103.0),
             fault("cyan-1", 47, "DDN", "2.0", 3.2, 3.4),
             fault("cyan-1", 47, "DDN", "2.0", 3.0, 9.0)
-                + "[[print_run.fault]]\nprinthead = \"cyan-1\"\nchannel = 47\nclass = \"BN\"\n\
-                   severity = 0.95\nfrom_s = 8.0\nto_s = 20.0\n",
+                + "[[print_run.fault]]\nprinthead = \"cyan-1\"\nchannel = 47\nclass = \"IDN\"\n\
+                   severity = 1.5\nfrom_s = 8.0\nto_s = 20.0\n",
+            fault("cyan-1", 47, "DDN", "2.0", 3.0, 9.0) + "to_severity = 0.5\n",
         ] {
             let refusal = Scenario::from_toml(&text).expect_err(&text).to_string();
             assert!(refusal.contains("print_run.fault["), "{refusal}");

@@ -1,0 +1,62 @@
+//! Where a filter's zeros make it blind. In: a filter. Out: the frequencies that it hardly answers. thesis §3-2-1.
+
+use nalgebra::Complex;
+
+/// Frequencies, Hz, at which the filter M N L / alpha answers less than `least` of its largest gain
+/// over 0 .. half the sample rate: where it is blind. As ranges.
+pub fn blind_ranges(
+    generator: &super::ResidualGenerator,
+    least: f64,
+    steps: usize,
+) -> Vec<(f64, f64)> {
+    let steps = steps.clamp(2, 1 << 20);
+    let half_rate_hz = 0.5 / generator.dt_s;
+    let hz = |k: usize| half_rate_hz * k as f64 / (steps - 1) as f64;
+    let gain = |k: usize| {
+        let z = Complex::new(0.0, std::f64::consts::PI * k as f64 / (steps - 1) as f64).exp();
+        let at = |p: &[f64]| {
+            p.iter().fold(Complex::new(0.0, 0.0), |v, &c| v * z + Complex::new(c, 0.0)).norm()
+        };
+        // a marginal pair answers without bound: as far as rounding lets it
+        at(&generator.numerator) / at(&generator.denominator).max(1e-6)
+    };
+    let gains: Vec<f64> = (0..steps).map(gain).collect();
+    let largest = gains.iter().copied().fold(0.0, f64::max);
+    let mut ranges: Vec<(f64, f64)> = Vec::new();
+    let mut open: Option<usize> = None;
+    for (k, g) in gains.iter().enumerate() {
+        let blind = *g < least * largest;
+        match (blind, open) {
+            (true, None) => open = Some(k),
+            (false, Some(from)) => {
+                ranges.push((hz(from), hz(k - 1)));
+                open = None;
+            }
+            _ => {}
+        }
+    }
+    if let Some(from) = open {
+        ranges.push((hz(from), half_rate_hz));
+    }
+    ranges
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_filter_is_blind_at_an_offset_and_not_at_its_own_resonance() {
+        use crate::detect::{ResidualGenerator, null_space, poles};
+        use crate::model::InkChannel;
+        let ink = InkChannel::NOMINAL;
+        let dt_s = 0.78125e-6;
+        let n = null_space::numerator(&ink.a(), &ink.c(), dt_s, 4).unwrap();
+        let alpha = poles::resonance(4.06e5, &[2e5, 2e5], dt_s).unwrap();
+        let filter = ResidualGenerator::new(n, alpha, dt_s).unwrap();
+        let blind = blind_ranges(&filter, 1e-6, 4096);
+        assert_eq!(blind[0].0, 0.0);
+        assert!(blind.iter().all(|(from, to)| !(*from..=*to).contains(&64.6e3)));
+        assert!(blind_ranges(&filter, 0.0, 4096).is_empty());
+    }
+}

@@ -1,0 +1,43 @@
+//! The whole of what `inkling thesis` found. In: data sets over rounds. Out: [`Chapter`], as JSON too.
+
+use super::conclusions::{Conclusion, conclusions};
+use super::outcome::{DataSet, Measured};
+use serde::Serialize;
+use serde_json::{Value, json};
+
+/// What a round is.
+#[derive(Clone, Debug, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Rounds {
+    Seeds(Vec<u64>),
+    /// Parts of recordings, each tested on once; and what of them was left out.
+    Folds {
+        number: usize,
+        left_out: Vec<String>,
+    },
+}
+
+/// Chapter 4 over rounds, and what it says of chapter 5.
+#[derive(Clone, Debug)]
+pub struct Chapter {
+    pub rounds: Rounds,
+    pub sets: Vec<Measured>,
+    pub conclusions: Vec<Conclusion>,
+}
+
+impl Chapter {
+    pub fn new(rounds: Rounds, sets: Vec<Measured>) -> Chapter {
+        let conclusions = sets.iter().flat_map(conclusions).collect();
+        Chapter { rounds, sets, conclusions }
+    }
+
+    pub fn set(&self, set: DataSet) -> Option<&Measured> {
+        self.sets.iter().find(|measured| measured.set == set)
+    }
+
+    /// `tables.json`.
+    pub fn json(&self) -> Value {
+        let sets: Vec<Value> = self.sets.iter().map(Measured::json).collect();
+        json!({"version": 2, "rounds": self.rounds, "sets": sets, "conclusions": self.conclusions})
+    }
+}
