@@ -22,6 +22,7 @@ fn pipeline_toml_says_every_default() {
         "oscillations_of_ring =",
         "bounds =",
         "pulse_s =",
+        "waveform =",
         "delay_s =",
         "[isolate.physics.",
     ] {

@@ -82,6 +82,42 @@ fn two_faults_at_once_are_found_and_not_given_a_third_name() {
     assert!(20 * third <= all, "{third} of {all} got the name of a third fault");
 }
 
+/// What a fault does to amplitude and phase depends on what the channel rings from.
+#[test]
+fn a_waveform_that_is_known_names_faults_that_nobody_labelled() {
+    let text = std::fs::read_to_string(root().join("sample_logs/scenarios/physics.toml")).unwrap();
+    let double = "pulse_us = 14.0\nwaveform = [[0.36, 1.0], [0.22, 0.0], [0.42, -0.8]]\n#";
+    let house = House::new();
+    house.write("double.toml", text.replace("pulse_us = 9.0", double).as_bytes());
+    house.ok("simulate double.toml -o double --seed 7");
+    let labels = String::from_utf8(house.read("double/labels.csv")).unwrap();
+    let ignored: String = labels
+        .lines()
+        .filter(|line| line.starts_with("dataset,") && !line.contains(",healthy,"))
+        .map(|line| line.split(',').take(4).collect::<Vec<_>>().join(",") + ",ignore,\n")
+        .collect();
+    let healthy = "printhead,channel,from,to,state,severity\ndataset,*,,,healthy,\n".to_owned();
+    house.write("healthy.csv", (healthy + &ignored).as_bytes());
+    let right = |actuation: &str| {
+        house.ok(&format!(
+            "train double/train.mcap --labels healthy.csv -o design.json --set isolate.{actuation}"
+        ));
+        house.ok("replay double/test.mcap --design design.json --set isolate.gate=false --out out --force");
+        let score = house.json("score out/test.verdicts.parquet --labels double/labels.csv --json");
+        score["isolation"]["accuracy"].as_f64().unwrap()
+    };
+    let known = right("waveform=[[5.04e-6,1.0],[3.08e-6,0.0],[5.88e-6,-0.8]]");
+    let (one_pulse, unknown) = (right("pulse_s=14e-6"), right("guess_sd=0.05"));
+    println!(
+        "class right {known:.3}; by one pulse as long {one_pulse:.3}; by the default {unknown:.3}"
+    );
+    assert!(known > 0.96 && known > one_pulse + 0.05, "{known} {one_pulse}");
+    let command = "train double/train.mcap --labels healthy.csv -o d.json";
+    let both = format!("{command} --set isolate.waveform=[[9e-6,1.0]] --set isolate.pulse_s=9e-6");
+    house.run(&both).exits(2).says("waveform beside pulse_s");
+    house.run(&format!("{command} --set isolate.waveform=[[9e-6,0.0]]")).exits(2).says("waveform:");
+}
+
 /// A fault that grows is told with its rate, and when it will be visible.
 #[test]
 fn growing_faults_have_their_rate_and_a_forecast() {
@@ -89,7 +125,7 @@ fn growing_faults_have_their_rate_and_a_forecast() {
     let growing = [("PBN", 0.1, 0.4, 0.5), ("AB2", 0.2, 0.6, 1.0), ("SDN", 1.2, 1.7, 2.0)];
     for (k, (class, from, to, _)) in growing.into_iter().enumerate() {
         let _ =
-            write!(text, "{}to_severity = {to:?}\n", fault(7 + k, class, from, 600.0, 14_400.0));
+            writeln!(text, "{}to_severity = {to:?}", fault(7 + k, class, from, 600.0, 14_400.0));
     }
     let house = House::new();
     house.write("grow.toml", text.as_bytes());

@@ -25,8 +25,15 @@ pub enum Command {
 const COMMON_CHANGE: &str = "identify.common_change";
 
 /// What only training asks of `[isolate]`.
-const OF_TRAINING: [&str; 6] =
-    ["matching_share", "pulse_s", "delay_s", "guess_sd", "unlabelled_classes", "physics"];
+const OF_TRAINING: [&str; 7] = [
+    "matching_share",
+    "pulse_s",
+    "waveform",
+    "delay_s",
+    "guess_sd",
+    "unlabelled_classes",
+    "physics",
+];
 
 /// Refuses the first key of `set` (KEY=VALUE) that the command does not read. `settings`: with all of
 /// them applied.

@@ -5,6 +5,7 @@ use super::report::printable;
 use crate::design::{Detectability, TrainingSet};
 use crate::identify::averaging::MeanSignal;
 use crate::identify::grey_box::Identification;
+use crate::identify::temperature::ByTemperature;
 use crate::identify::whiteness::{self, Whiteness};
 use crate::model::Geometry;
 use crate::plot::{Axis, Figure, Mark, Series};
@@ -26,6 +27,7 @@ pub struct Identified<'a> {
     simulated: Vec<f64>,
     white: Option<Whiteness>,
     physical: Option<Physical>,
+    by_temperature: Option<ByTemperature>,
 }
 
 impl<'a> Identified<'a> {
@@ -35,12 +37,13 @@ impl<'a> Identified<'a> {
         settings: &Settings,
         mean: &'a MeanSignal,
         fit: &'a Identification,
+        by_temperature: Option<ByTemperature>,
     ) -> Identified<'a> {
         let simulated = fit.expected(set.sample_period_s, set.samples);
         let misfit: Vec<f64> = mean.y.iter().zip(&simulated).map(|(y, s)| y - s).collect();
         let white = whiteness::whiteness(&misfit, FITTED);
         let physical = settings.identify.geometry.map(|g| Physical::of(fit, &g));
-        Identified { name, set, mean, fit, simulated, white, physical }
+        Identified { name, set, mean, fit, simulated, white, physical, by_temperature }
     }
 
     /// `of`: signals that there were to average.
@@ -50,6 +53,7 @@ impl<'a> Identified<'a> {
             "sample_period_s": self.set.sample_period_s, "samples": self.set.samples,
             "drive_voltage_v": self.set.drive_voltage_v, "identification": self.fit,
             "whiteness": self.white, "physical": self.physical,
+            "by_temperature": self.by_temperature,
         });
         if let Some(seen) = seen {
             model["detectability"] = json!(seen);
@@ -106,6 +110,9 @@ impl<'a> Identified<'a> {
         if let Some(physical) = &self.physical {
             physical.print(out)?;
         }
+        if let Some(known) = &self.by_temperature {
+            print_by_temperature(known, out)?;
+        }
         match seen {
             Some(seen) => print_detectable(seen, out),
             None => Ok(()),
@@ -144,6 +151,28 @@ impl<'a> Identified<'a> {
         let name: String = self.name.chars().map(safe).take(80).collect();
         figure.write(dir, &format!("identify_{name}")).map_err(Failure::new)
     }
+}
+
+fn print_by_temperature(known: &ByTemperature, out: &mut impl Write) -> std::io::Result<()> {
+    let ends = known.temperatures_c.first().zip(known.temperatures_c.last());
+    let (from, to) = ends.map_or((f64::NAN, f64::NAN), |(from, to)| (*from, *to));
+    let factor = |sd: f64| (1.96 * sd).exp();
+    write!(out, "  by temperature, {from:.1} to {to:.1} °C: ")?;
+    if !known.is_known() {
+        let why = match known.p_value <= 0.01 {
+            true => format!("it does more than thin the ink (p = {:.1e})", known.p_value),
+            false => "too little to tell".into(),
+        };
+        return writeln!(out, "R_r/I_r over R_n/I_n and a / b stay unknown: {why}");
+    }
+    writeln!(
+        out,
+        "R_r/I_r over R_n/I_n = {:.3} (within a factor of {:.2}, 95 %), a / b = {:.3} ({:.2})",
+        known.g_over_d,
+        factor(known.g_over_d_sd),
+        known.a_over_b,
+        factor(known.a_over_b_sd)
+    )
 }
 
 fn print_detectable(seen: &Detectability, out: &mut impl Write) -> std::io::Result<()> {

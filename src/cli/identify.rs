@@ -10,6 +10,7 @@ use crate::design::Detectability;
 use crate::identify::IdentifyError;
 use crate::identify::averaging::{self, MeanSignal, SignalSet};
 use crate::identify::grey_box::{self, Identification};
+use crate::identify::temperature::by_temperature;
 use crate::io::{labels_file, outputs};
 use crate::settings::Settings;
 use serde_json::{Value, json};
@@ -98,7 +99,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
                 if fit.at_bounds.is_empty() { "" } else { ", with a rate at its bound" }
             ));
         }
-        let identified = Identified::new(name, &set, &settings, &mean, &fit);
+        let warmed = by_temperature(&healthy, &fit, dt_s, &settings.identify.grey_box);
+        // a part that cannot be fitted by itself tells nothing
+        let identified = Identified::new(name, &set, &settings, &mean, &fit, warmed.ok().flatten());
         let (grey_box, detect) = (&settings.identify.grey_box, &settings.detect);
         let seen =
             args.detectability.then(|| Detectability::of(&fit, &healthy, dt_s, grey_box, detect));

@@ -15,7 +15,7 @@ use crate::isolate::physics_density::{Comparison, LabelledSeverities};
 use crate::model::faults::Law;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Products, RingFitter};
-use crate::model::{Actuation, InkChannel};
+use crate::model::{Actuation, InkChannel, Waveform};
 use nalgebra::Vector4;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -44,9 +44,13 @@ pub(super) fn physics(
     let GreyBoxSettings { a_per_s2, b_per_s2, g_per_s, d_per_s, .. } = scaled;
     let channel = InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s };
     // what was given in seconds stays in seconds
-    let pulse_s = isolate.pulse_s.unwrap_or(PULSE_S * slower);
+    let (waveform, pulse_s) = match Waveform::new(&isolate.waveform) {
+        Ok((waveform, pulse_s)) => (waveform, pulse_s),
+        // none was given: the settings were checked
+        Err(_) => (Waveform::default(), isolate.pulse_s.unwrap_or(PULSE_S * slower)),
+    };
     let delay_s = isolate.delay_s.unwrap_or(DELAY_S * slower);
-    let guess = Healthy { channel, actuation: Actuation { pulse_s, delay_s } };
+    let guess = Healthy { channel, actuation: Actuation { pulse_s, delay_s, waveform } };
     let Some(mut physics) = FaultPhysics::new(guess, isolate.guess_sd, ring, model.noise) else {
         return Ok(None);
     };

@@ -16,6 +16,7 @@ mod location;
 pub mod reservoir;
 pub mod scatter;
 pub mod tangent;
+pub mod temperature;
 pub mod whiteness;
 
 use serde::{Deserialize, Serialize};

@@ -532,7 +532,7 @@ mod tests {
     const NOISE: f64 = 12.0;
     const TRUE: Healthy = Healthy {
         channel: InkChannel { a_per_s2: 6.0e10, b_per_s2: 1.0e11, g_per_s: 1.7e4, d_per_s: 7.5e4 },
-        actuation: Actuation { pulse_s: 8.5e-6, delay_s: 5e-6 },
+        actuation: Actuation::pulse(8.5e-6, 5e-6),
     };
 
     /// Of the ring of the true channel, as it would be measured so long after the pulse.

@@ -242,7 +242,7 @@ impl FaultPhysics {
             .chain(self.belief.iter().flatten())
             .all(|v| v.abs() <= 1e6);
         let spread = self.spread.iter().all(|sd| (0.0..=1.0).contains(sd));
-        let Actuation { pulse_s, delay_s } = self.actuation;
+        let Actuation { pulse_s, delay_s, .. } = self.actuation;
         let pulse = (1e-10..=1e-1).contains(&pulse_s) && (0.0..=1e-2).contains(&delay_s);
         let seen = self
             .seen
@@ -464,7 +464,7 @@ mod tests {
     const SAMPLES: usize = 120;
     const TRUE: InkChannel =
         InkChannel { a_per_s2: 6.0e10, b_per_s2: 1.0e11, g_per_s: 1.7e4, d_per_s: 7.5e4 };
-    const ACTUATION: Actuation = Actuation { pulse_s: 8.5e-6, delay_s: 5e-6 };
+    const ACTUATION: Actuation = Actuation::pulse(8.5e-6, 5e-6);
     const NOISE: f64 = 12.0;
 
     fn decay(channel: &InkChannel, gain: f64) -> Vec<f64> {

@@ -2,6 +2,7 @@
 
 use super::IsolateError;
 use crate::fault::{CLASSES, HEALTHY};
+use crate::model::Waveform;
 use crate::model::faults::Catalogue;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -71,6 +72,10 @@ pub struct IsolateSettings {
     /// Width of the actuation pulse, s: what the state at t_a comes from, for severities and for
     /// classes without labelled signals. Absent: as usual at the ring's frequency.
     pub pulse_s: Option<f64>,
+    /// What the actuation consists of instead of one rectangular pulse: duration, s, and voltage relative to the drive's, of
+    /// each step. Empty: `pulse_s`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub waveform: Vec<[f64; 2]>,
     /// From the end of the pulse to t_a, s; a first guess, the healthy phase refines it. Absent: likewise.
     pub delay_s: Option<f64>,
     /// How well the ratios a/b and g/d of `identify.grey_box` are known, relative standard deviation.
@@ -91,6 +96,7 @@ impl Default for IsolateSettings {
             unlabelled_classes: true,
             physics: Catalogue::default(),
             pulse_s: None,
+            waveform: Vec::new(),
             delay_s: None,
             guess_sd: 0.05,
         }
@@ -112,6 +118,18 @@ impl IsolateSettings {
         self.check_classes()?;
         if let Some(pulse_s) = self.pulse_s.filter(|s| !(1e-9..=1e-2).contains(s)) {
             return Err(format!("pulse_s = {pulse_s:?}: give 1e-9 to 1e-2"));
+        }
+        if !self.waveform.is_empty() {
+            let (_, pulse_s) =
+                Waveform::new(&self.waveform).map_err(|why| format!("waveform: {why}"))?;
+            if self.pulse_s.is_some() {
+                return Err(
+                    "waveform beside pulse_s: its durations are the pulse's; give one".into()
+                );
+            }
+            if !(1e-9..=1e-2).contains(&pulse_s) {
+                return Err(format!("waveform lasts {pulse_s:e} s: give 1e-9 to 1e-2 s in all"));
+            }
         }
         if let Some(delay_s) = self.delay_s.filter(|s| !(0.0..=1e-2).contains(s)) {
             return Err(format!("delay_s = {delay_s:?}: give 0 to 1e-2"));

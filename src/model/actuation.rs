@@ -1,31 +1,108 @@
-//! The state that a channel rings from. In: rates, a rectangular actuation pulse. Out: x_a.
+//! The state that a channel rings from. In: rates, the actuation's waveform. Out: x_a.
 //!
 //! thesis (2-2) with its input; from t_a on the channel is autonomous, thesis §2-2.
 
 use super::InkChannel;
 use nalgebra::Vector4;
+use serde::{Deserialize, Serialize};
 
-/// A rectangular actuation pulse and the wait until acquisition begins.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+/// Steps of a waveform, at most.
+pub const MOST_STEPS: usize = 32;
+
+/// The course of the voltage while it acts: steps of constant voltage.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(into = "Vec<[f64; 2]>", try_from = "Vec<[f64; 2]>")]
+pub struct Waveform {
+    /// Share of the whole duration, and voltage relative to the drive's; those beyond `n` are 0.
+    steps: [[f64; 2]; MOST_STEPS],
+    n: usize,
+}
+
+impl Default for Waveform {
+    /// One rectangular pulse.
+    fn default() -> Waveform {
+        let mut steps = [[0.0; 2]; MOST_STEPS];
+        steps[0] = [1.0, 1.0];
+        Waveform { steps, n: 1 }
+    }
+}
+
+impl Waveform {
+    /// `steps`: duration in any unit and relative voltage of each, in order. Also returns the whole duration.
+    pub fn new(steps: &[[f64; 2]]) -> Result<(Waveform, f64), String> {
+        let whole: f64 = steps.iter().map(|[duration, _]| duration).sum();
+        let is_step = |[duration, level]: &[f64; 2]| {
+            *duration > 0.0 && duration.is_finite() && level.abs() <= 100.0
+        };
+        let is_any = steps.iter().any(|[_, level]| *level != 0.0);
+        if !(1..=MOST_STEPS).contains(&steps.len()) || !steps.iter().all(is_step) || !is_any {
+            return Err(format!(
+                "give 1 to {MOST_STEPS} steps [duration, voltage relative to the drive's], durations above 0, voltages of at \
+                 most 100 and not all 0"
+            ));
+        }
+        let mut waveform = Waveform { steps: [[0.0; 2]; MOST_STEPS], n: steps.len() };
+        for (own, [duration, level]) in waveform.steps.iter_mut().zip(steps) {
+            *own = [duration / whole, *level];
+        }
+        Ok((waveform, whole))
+    }
+
+    pub fn is_pulse(&self) -> bool {
+        *self == Waveform::default()
+    }
+
+    fn steps(&self) -> &[[f64; 2]] {
+        &self.steps[..self.n]
+    }
+}
+
+impl From<Waveform> for Vec<[f64; 2]> {
+    fn from(waveform: Waveform) -> Vec<[f64; 2]> {
+        waveform.steps().to_vec()
+    }
+}
+
+impl TryFrom<Vec<[f64; 2]>> for Waveform {
+    type Error = String;
+
+    fn try_from(steps: Vec<[f64; 2]>) -> Result<Waveform, String> {
+        Ok(Waveform::new(&steps)?.0)
+    }
+}
+
+/// The actuation, and the wait until acquisition begins.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Actuation {
-    /// Width of the pulse, s.
+    /// From its first step to its end, s.
     pub pulse_s: f64,
-    /// From the end of the pulse to t_a, s.
+    /// From its end to t_a, s.
     pub delay_s: f64,
+    #[serde(default, skip_serializing_if = "Waveform::is_pulse")]
+    pub waveform: Waveform,
 }
 
 impl Actuation {
+    /// A rectangular pulse.
+    pub const fn pulse(pulse_s: f64, delay_s: f64) -> Actuation {
+        let mut steps = [[0.0; 2]; MOST_STEPS];
+        steps[0] = [1.0, 1.0];
+        Actuation { pulse_s, delay_s, waveform: Waveform { steps, n: 1 } }
+    }
+
     /// Acquisition state x_a = (V_r, V_n, V_r', V_n') of a channel that was at rest before the
-    /// pulse, thesis (2-2) with B_u = b (0, 0, 1/(I_r B_t), 1/(I_n B_t))^T. `displaced_m3` is
-    /// b u, the actuator constant times the voltage; x_a is linear in it and in its unit.
+    /// actuation, thesis (2-2) with B_u = b (0, 0, 1/(I_r B_t), 1/(I_n B_t))^T. `displaced_m3` is
+    /// b u, the actuator constant times the drive voltage; x_a is linear in it and in its unit.
     ///
-    /// While the pulse lasts, x_e = (b u, 0, 0, 0) is an equilibrium: A x_e + B_u u = 0. So
-    /// x - x_e decays freely from -x_e, and A need not be inverted (it is singular):
-    /// x_a = e^{A delay} (x_e - e^{A pulse} x_e), exact.
+    /// While a voltage u lasts, x_e = (b u, 0, 0, 0) is an equilibrium: A x_e + B_u u = 0. So
+    /// x - x_e decays freely, and A need not be inverted (it is singular): exact.
     pub fn acquisition_state(&self, channel: &InkChannel, displaced_m3: f64) -> Vector4<f64> {
-        let x_e = Vector4::new(displaced_m3, 0.0, 0.0, 0.0);
-        let at_end_of_pulse = x_e - channel.transition(self.pulse_s) * x_e;
-        channel.transition(self.delay_s) * at_end_of_pulse
+        let mut x = Vector4::zeros();
+        for [share, level] in self.waveform.steps() {
+            let x_e = Vector4::new(displaced_m3 * level, 0.0, 0.0, 0.0);
+            x = x_e + channel.transition(self.pulse_s * share) * (x - x_e);
+        }
+        channel.transition(self.delay_s) * x
     }
 }
 
@@ -35,7 +112,7 @@ mod tests {
     use nalgebra::DVector;
 
     const NOMINAL: InkChannel = InkChannel::NOMINAL;
-    const ACTUATION: Actuation = Actuation { pulse_s: 9e-6, delay_s: 6e-6 };
+    const ACTUATION: Actuation = Actuation::pulse(9e-6, 6e-6);
 
     /// x after `duration_s` of x' = A x + B_u u by Runge-Kutta of fourth order.
     fn rk4(
@@ -85,7 +162,35 @@ mod tests {
 
     #[test]
     fn without_a_pulse_the_channel_stays_at_rest() {
-        let none = Actuation { pulse_s: 0.0, delay_s: 6e-6 };
+        let none = Actuation::pulse(0.0, 6e-6);
         assert_eq!(none.acquisition_state(&NOMINAL, 1.0), Vector4::zeros());
+    }
+
+    /// Several pulses, of several heights, as drop-on-demand heads are driven with.
+    #[test]
+    fn any_waveform_is_what_integrating_it_step_by_step_gives() {
+        let steps = [[5e-6, 1.0], [2e-6, 0.0], [4e-6, -0.4], [1e-6, 0.3]];
+        let (waveform, pulse_s) = Waveform::new(&steps).unwrap();
+        assert!((pulse_s - 12e-6).abs() < 1e-18);
+        let actuation = Actuation { pulse_s, delay_s: 6e-6, waveform };
+        let mut x = DVector::zeros(4);
+        for [duration, level] in steps {
+            x = rk4(&NOMINAL, x, 30e-12 * level, duration);
+        }
+        let expected = rk4(&NOMINAL, x, 0.0, actuation.delay_s);
+        let x_a = actuation.acquisition_state(&NOMINAL, 30e-12);
+        for i in 0..4 {
+            let scale = if i < 2 { 30e-12 } else { 30e-6 };
+            assert!((x_a[i] - expected[i]).abs() < 1e-10 * scale, "{i}: {x_a} {expected}");
+        }
+        // two halves of a pulse are the pulse
+        let (halves, _) = Waveform::new(&[[1.0, 1.0], [1.0, 1.0]]).unwrap();
+        let halved = Actuation { waveform: halves, ..ACTUATION }.acquisition_state(&NOMINAL, 1.0);
+        let whole = ACTUATION.acquisition_state(&NOMINAL, 1.0);
+        assert!((halved - whole).norm() < 1e-12 * whole.norm());
+        for wrong in [&[][..], &[[0.0, 1.0]], &[[1.0, f64::NAN]], &[[1.0, 0.0]], &[[1.0, 1.0]; 33]]
+        {
+            assert!(Waveform::new(wrong).is_err());
+        }
     }
 }

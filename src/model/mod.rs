@@ -25,6 +25,6 @@ pub mod simd_math;
 pub mod student;
 pub mod terms;
 
-pub use actuation::Actuation;
+pub use actuation::{Actuation, Waveform};
 pub use geometry::Geometry;
 pub use ink_channel::InkChannel;

@@ -8,7 +8,7 @@ mod read;
 
 use crate::burst::{Format, Layout};
 use crate::fault::CLASSES;
-use crate::model::{Actuation, Geometry, InkChannel};
+use crate::model::{Actuation, Geometry, InkChannel, Waveform};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -177,6 +177,9 @@ pub struct Shot {
 #[serde(deny_unknown_fields)]
 pub struct Acquisition {
     pub pulse_us: f64,
+    /// What the pulse consists of: share of `pulse_us` and relative voltage of each step; absent: one rectangle.
+    #[serde(default)]
+    pub waveform: Waveform,
     pub delay_us: f64,
     pub sample_period_us: f64,
     pub samples: usize,
@@ -190,7 +193,8 @@ impl Acquisition {
     }
 
     pub fn actuation(&self) -> Actuation {
-        Actuation { pulse_s: self.pulse_us * 1e-6, delay_s: self.delay_us * 1e-6 }
+        let (pulse_s, delay_s) = (self.pulse_us * 1e-6, self.delay_us * 1e-6);
+        Actuation { pulse_s, delay_s, waveform: self.waveform }
     }
 }
 

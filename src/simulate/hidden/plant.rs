@@ -153,7 +153,7 @@ mod tests {
     #[test]
     fn without_extra_terms_it_is_the_librarys_linear_channel() {
         let channel = InkChannel::NOMINAL;
-        let x_a = Actuation { pulse_s: 9e-6, delay_s: 6e-6 }.acquisition_state(&channel, 3e-4);
+        let x_a = Actuation::pulse(9e-6, 6e-6).acquisition_state(&channel, 3e-4);
         let linear = ring_down(&channel, &DVector::from_column_slice(x_a.as_slice()), DT, 128);
         let own = decay(&nominal(), 3e-4);
         let largest = own.iter().fold(0.0_f64, |m, y| m.max(y.abs()));

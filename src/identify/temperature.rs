@@ -1,0 +1,238 @@
+//! What a recording at several temperatures tells that one decay cannot: the rates one by one.
+//!
+//! In: the healthy signals of a printhead, with their temperatures. Out: g/d and a/b, which (3-1) holds or has a prior for.
+//!
+//! A free decay has p2 = g + d, p1 = g d + a + b, p0 = a d + b g: three numbers of four rates. Ink that is so many times as
+//! viscous has g and d so many times as large, and the same a and b. At two temperatures that makes six numbers of five
+//! unknowns (a, b, g, d and the factor between the temperatures), and each further one brings three numbers of one unknown.
+//! It holds where temperature changes nothing but the viscosity, which the numbers left over test. Another drive voltage brings
+//! nothing: the decay is so many times as large. Where the real pole is hardly excited the parts know their numbers by the
+//! prior of (3-1) alone; the standard deviations leave it out, and say so by their size.
+
+use super::averaging::{self, SignalSet};
+use super::grey_box::{self, Identification};
+use super::scatter::scatter;
+use super::{GreyBoxSettings, IdentifyError, whiteness};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use serde::Serialize;
+
+/// Temperatures that are told apart, at most.
+const MOST_BINS: usize = 4;
+/// Signals of each, at least.
+const FEWEST: usize = 64;
+/// What less of a span tells is noise, K.
+const LEAST_SPAN_K: f64 = 2.0;
+/// Rates that are known no better than by this factor are not known.
+const LEAST_KNOWN: f64 = 0.5;
+
+/// The rates that become known, with the standard deviations of their logarithms.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ByTemperature {
+    /// Mean temperature of each part, °C, and its viscosity over the first's.
+    pub temperatures_c: Vec<f64>,
+    pub viscosity: Vec<f64>,
+    /// R_r/I_r over R_n/I_n.
+    pub g_over_d: f64,
+    pub g_over_d_sd: f64,
+    /// I_n over I_r.
+    pub a_over_b: f64,
+    pub a_over_b_sd: f64,
+    /// Of the misfit of the numbers left over: small where temperature changes more than the viscosity.
+    pub p_value: f64,
+}
+
+impl ByTemperature {
+    /// Both ratios are known, and viscosity alone explains what temperature does.
+    pub fn is_known(&self) -> bool {
+        self.g_over_d_sd < LEAST_KNOWN && self.a_over_b_sd < LEAST_KNOWN && self.p_value > 0.01
+    }
+}
+
+/// `None`: the temperature hardly varies, or a part has too few signals. `fit`: of all of them.
+pub fn by_temperature(
+    set: &SignalSet,
+    fit: &Identification,
+    dt_s: f64,
+    settings: &GreyBoxSettings,
+) -> Result<Option<ByTemperature>, IdentifyError> {
+    let mut order: Vec<usize> =
+        (0..set.len()).filter(|&i| set.temperature_c[i].is_finite()).collect();
+    order.sort_by(|&i, &j| set.temperature_c[i].total_cmp(&set.temperature_c[j]));
+    let bins = (order.len() / FEWEST).min(MOST_BINS);
+    if bins < 2 {
+        return Ok(None);
+    }
+    let mut parts = Vec::new();
+    for part in order.chunks(order.len().div_ceil(bins)) {
+        let signals = set.select(part);
+        let mean = averaging::average(&signals)?;
+        // the same channels are in every part: how they differ is no error of what the parts differ by
+        let noise = mean.noise / (mean.n_signals as f64).sqrt();
+        let near = Some(&fit.channel);
+        let mut found = grey_box::identify(&mean.y, dt_s, noise, settings, near)?;
+        if let Some((_, curvature)) = scatter(&signals, &found, mean.noise, dt_s) {
+            let straight: Vec<f64> = mean.y.iter().zip(&curvature).map(|(y, c)| y - c).collect();
+            found = grey_box::identify(&straight, dt_s, noise, settings, Some(&found.channel))?;
+        }
+        parts.push((signals.mean_temperature_c().unwrap_or(f64::NAN), found));
+    }
+    let span_k = parts[parts.len() - 1].0 - parts[0].0;
+    Ok(if span_k < LEAST_SPAN_K { None } else { joint(&parts, fit) })
+}
+
+/// The five and more unknowns of all parts, by Gauss and Newton: ln a, ln b, ln g, ln d, and of every part but the first
+/// the logarithm of its viscosity over the first's. Per µs.
+fn joint(parts: &[(f64, Identification)], fit: &Identification) -> Option<ByTemperature> {
+    let unknowns = 3 + parts.len();
+    let c = fit.channel;
+    let start = [c.a_per_s2 * 1e-12, c.b_per_s2 * 1e-12, c.g_per_s * 1e-6, c.d_per_s * 1e-6];
+    let mut theta = DVector::zeros(unknowns);
+    start.iter().enumerate().for_each(|(k, v)| theta[k] = v.ln());
+    let measured = |(_, found): &(f64, Identification)| {
+        let [p2, p1, p0] = found.cubic;
+        Vector3::new(p2 * 1e-6, p1 * 1e-12, p0 * 1e-18)
+    };
+    // whitened by the covariance of each part's cubic
+    let whitening: Vec<Matrix3<f64>> = parts
+        .iter()
+        .map(|(_, found)| {
+            let covariance = found.uncertainty.cubic_covariance_us;
+            Matrix3::from_fn(|i, j| covariance[i][j]).cholesky()?.l().try_inverse()
+        })
+        .collect::<Option<_>>()?;
+    let misfit = |theta: &DVector<f64>| {
+        let mut left = DVector::zeros(3 * parts.len());
+        for (k, (part, whiten)) in parts.iter().zip(&whitening).enumerate() {
+            let viscosity = if k == 0 { 1.0 } else { theta[3 + k].exp() };
+            let expected = cubic(theta, viscosity);
+            left.fixed_rows_mut::<3>(3 * k).copy_from(&(whiten * (measured(part) - expected)));
+        }
+        left
+    };
+    let (mut here, mut normal) = (misfit(&theta), DMatrix::identity(unknowns, unknowns));
+    let mut damping = 1e-3;
+    for _ in 0..200 {
+        let mut jacobian = DMatrix::zeros(here.len(), unknowns);
+        for k in 0..unknowns {
+            let (mut up, mut down) = (theta.clone(), theta.clone());
+            up[k] += 1e-6;
+            down[k] -= 1e-6;
+            jacobian.set_column(k, &((misfit(&up) - misfit(&down)) / 2e-6));
+        }
+        normal = jacobian.tr_mul(&jacobian);
+        let damped = &normal + DMatrix::from_diagonal(&(normal.diagonal() * damping));
+        let Some(step) = damped.cholesky().map(|l| l.solve(&-jacobian.tr_mul(&here))) else {
+            break;
+        };
+        let there = misfit(&(&theta + &step));
+        if there.norm_squared() < here.norm_squared() {
+            theta += &step;
+            here = there;
+            damping = (damping / 10.0).max(1e-12);
+        } else {
+            damping *= 10.0;
+        }
+        if step.amax() < 1e-9 || damping > 1e9 {
+            break;
+        }
+    }
+    // none where the unknowns ran away from each other: nothing is known of them
+    let covariance = normal.try_inverse();
+    let sd = |i: usize, j: usize| {
+        let of_difference =
+            |c: &DMatrix<f64>| (c[(i, i)] + c[(j, j)] - 2.0 * c[(i, j)]).max(0.0).sqrt();
+        covariance.as_ref().map_or(f64::INFINITY, of_difference)
+    };
+    let freedom = here.len() - unknowns;
+    Some(ByTemperature {
+        temperatures_c: parts.iter().map(|(temperature, _)| *temperature).collect(),
+        viscosity: std::iter::once(1.0).chain((4..unknowns).map(|k| theta[k].exp())).collect(),
+        g_over_d: (theta[2] - theta[3]).exp(),
+        g_over_d_sd: sd(2, 3),
+        a_over_b: (theta[0] - theta[1]).exp(),
+        a_over_b_sd: sd(0, 1),
+        p_value: whiteness::chi_square_tail(here.norm_squared(), freedom),
+    })
+}
+
+/// p2, p1, p0 per µs of ln rates per µs, at another viscosity.
+fn cubic(theta: &DVector<f64>, viscosity: f64) -> Vector3<f64> {
+    let [a, b, g, d]: [f64; 4] = std::array::from_fn(|k| theta[k].exp());
+    let (g, d) = (viscosity * g, viscosity * d);
+    Vector3::new(g + d, g * d + a + b, a * d + b * g)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{InkChannel, ring_down};
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    const DT_S: f64 = 0.78125e-6;
+
+    /// Signals of a channel whose ink gets warmer; `stiffer`: relative change of a and b per K.
+    fn warming(channel: &InkChannel, stiffer: f64, seed: u64) -> SignalSet {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+        let x_a = nalgebra::dvector![1e-4, 0.0, 900.0, 400.0];
+        let mut set = SignalSet::new(128);
+        for k in 0..1600 {
+            let warmer = 8.0 * f64::from(k) / 1600.0;
+            let (thinner, stiffness) = (1.0 - 0.02 * warmer, 1.0 + stiffer * warmer);
+            let now = InkChannel {
+                a_per_s2: channel.a_per_s2 * stiffness,
+                b_per_s2: channel.b_per_s2 * stiffness,
+                g_per_s: channel.g_per_s * thinner,
+                d_per_s: channel.d_per_s * thinner,
+            };
+            let y: Vec<f32> = ring_down::ring_down(&now, &x_a, DT_S, 128)
+                .iter()
+                .map(|y| {
+                    let noise: f64 = StandardNormal.sample(&mut rng);
+                    (y + 4.0 * noise) as f32
+                })
+                .collect();
+            set.push(&y, k % 40, 1.0, 21.0 + warmer);
+        }
+        set
+    }
+
+    fn known(channel: &InkChannel, stiffer: f64, seed: u64) -> ByTemperature {
+        let (set, settings) = (warming(channel, stiffer, seed), GreyBoxSettings::default());
+        let mean = averaging::average(&set).unwrap();
+        let fit =
+            grey_box::identify(&mean.y, DT_S, mean.standard_error(), &settings, None).unwrap();
+        by_temperature(&set, &fit, DT_S, &settings).unwrap().unwrap()
+    }
+
+    /// The settings hold g/d at .2, and the prior on a/b is about .5: neither is what these channels have.
+    #[test]
+    fn ratios_that_one_decay_cannot_tell_are_told_by_several_temperatures() {
+        let mut within = 0;
+        for (seed, kappa) in (0..12).zip([0.3, 0.4, 0.5].into_iter().cycle()) {
+            let channel =
+                InkChannel { g_per_s: kappa * InkChannel::NOMINAL.d_per_s, ..InkChannel::NOMINAL };
+            let found = known(&channel, 0.0, seed);
+            assert!(found.is_known(), "{found:?}");
+            let off = (found.g_over_d / kappa).ln() / found.g_over_d_sd;
+            let true_ratio = channel.a_per_s2 / channel.b_per_s2;
+            let off_ratio = (found.a_over_b / true_ratio).ln() / found.a_over_b_sd;
+            within += usize::from(off.abs() < 1.96) + usize::from(off_ratio.abs() < 1.96);
+            assert!((found.viscosity[3] - 0.87).abs() < 0.03, "{:?}", found.viscosity);
+        }
+        assert!(within >= 20, "95 % intervals hold {within} of 24");
+    }
+
+    #[test]
+    fn a_temperature_that_does_more_than_thin_the_ink_is_seen_and_little_of_it_tells_nothing() {
+        let found = known(&InkChannel::NOMINAL, 0.01, 1);
+        assert!(!found.is_known() && found.p_value < 0.01, "{found:?}");
+        let mut set = warming(&InkChannel::NOMINAL, 0.0, 2);
+        let (settings, mean) = (GreyBoxSettings::default(), averaging::average(&set).unwrap());
+        let fit = grey_box::identify(&mean.y, DT_S, 1.0, &settings, None).unwrap();
+        set.temperature_c.iter_mut().for_each(|t| *t = 25.0 + 0.1 * (*t - 25.0));
+        assert_eq!(by_temperature(&set, &fit, DT_S, &settings).unwrap(), None);
+        set.temperature_c.fill(f64::NAN);
+        assert_eq!(by_temperature(&set, &fit, DT_S, &settings).unwrap(), None);
+    }
+}
