@@ -86,7 +86,8 @@ pub fn learn(
 ) -> Result<Learned, Failure> {
     let settings = Settings::load(None, None, set)?;
     effect::check(set, &settings, effect::Command::Train)?;
-    let learned = train::learn(Lesson { recordings, labels, new_class, settings: &settings });
+    let learned =
+        train::learn(Lesson { recordings, labels, outcomes: None, new_class, settings: &settings });
     let mut warnings = told();
     let mut learned = learned.map_err(|failure| after(failure, &warnings))?;
     warnings.append(&mut learned.warnings);

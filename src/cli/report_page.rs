@@ -5,9 +5,10 @@ use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible};
 use super::results::Read;
 use super::{output, results};
+use crate::io::outcomes_file::{self, Doubt};
 use crate::io::outputs::ResultFile;
 use crate::io::{fault_table, outputs, part_file, printable};
-use crate::report::{self, Report};
+use crate::report::{self, Fault, Report};
 use crate::settings::Settings;
 use serde_json::json;
 use std::io::Write;
@@ -26,6 +27,8 @@ const MOST_TOLD: usize = 10;
   inkling report verdicts/ --changes-since last.json
       one mail's worth: what is new, worse, cured, not judged since the run
       whose run.json was kept as last.json
+  inkling report verdicts/ -o report.html --doubts doubts.csv
+      with a list of what has no name, for whoever looks at the drops
   inkling report verdicts/ -o report.html \\
       --set report.actions.dried_nozzle=\"spit 2000 drops\"
 
@@ -36,12 +39,15 @@ pub struct Args {
     #[arg(required = true)]
     out: Vec<String>,
     /// The page; its table of faults goes beside it
-    #[arg(short, long, value_name = "FILE", required_unless_present_any = ["changes_since", "json"])]
+    #[arg(short, long, value_name = "FILE", required_unless_present_any = ["changes_since", "json", "doubts"])]
     output: Option<PathBuf>,
     /// Tell what is new, worse, cured and not judged in the recordings that an earlier run did not have, instead of
     /// what is to be cleaned: its run.json, or the directory where that lies
     #[arg(long, value_name = "RUN")]
     changes_since: Option<PathBuf>,
+    /// Also a list of the open faults that have no name, to be looked at; filled in, it goes to `train --outcomes`
+    #[arg(long, value_name = "CSV")]
+    doubts: Option<PathBuf>,
     /// What is told as JSON
     #[arg(long)]
     json: bool,
@@ -84,11 +90,32 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         _ => None,
     };
     page.iter().try_for_each(|page| page.write(&read.report))?;
+    if let Some(path) = &args.doubts {
+        outcomes_file::write(path, &doubts(&read.report))?;
+    }
     match args.json {
         true => tell_json(&read, since.as_ref(), page.as_ref())?,
         false => tell(&read, since.as_ref(), page.as_ref())?,
     }
     Ok(if read.failed.is_empty() { Exit::Done } else { Exit::Incomplete })
+}
+
+/// Faults that are on, and that nobody could name.
+fn doubts(report: &Report) -> Vec<Doubt> {
+    let last_ns = report.recordings.iter().filter_map(|line| line.to_ns).max();
+    let unnamed = |fault: &&Fault| fault.is_open() && fault.story.fault.is_none();
+    let doubt = |fault: &Fault| {
+        let story = &fault.story;
+        Doubt {
+            printhead: story.printhead.to_string(),
+            channel: story.channel,
+            from_ns: story.last_began_at_ns,
+            // labels end before their last moment
+            to_ns: story.ended_at_ns.or(last_ns).map(|ns| ns.saturating_add(1)),
+            sentence: fault.sentence.clone(),
+        }
+    };
+    report.faults.iter().filter(unnamed).map(doubt).collect()
 }
 
 /// Where the result goes.

@@ -12,6 +12,7 @@ use crate::detect::DetectMethod;
 use crate::identify::IdentifyError;
 use crate::identify::averaging::SignalSet;
 use crate::io::labels_file::{self, States, Written};
+use crate::io::outcomes_file::{self, Outcomes};
 use crate::io::{design_file, outputs};
 use crate::labels::{Label, Labels, known_states};
 use crate::model::lie::Lie;
@@ -28,6 +29,8 @@ const COUNTED: [&str; 4] = ["unlabelled", "rejected", "other_sampling", "beyond_
   inkling train library.mcap --labels labels.csv -o design.json
   inkling train logs/ --labels labels.csv -o design.json \\
       --set detect.false_alarm_rate=1e-3
+  inkling train logs/ --labels labels.csv --outcomes doubts.csv -o design.json
+      with what a drop watcher found where a report had doubts
   inkling train logs/ --labels labels.csv --new-class Stecker -o design.json
       a class of your own, beside those that the physics knows
 
@@ -43,6 +46,9 @@ pub struct Args {
     /// What is true of the channels
     #[arg(long, value_name = "CSV")]
     labels: PathBuf,
+    /// What somebody found where `report --doubts` had doubts: labels with a source and a certainty, which beat the others
+    #[arg(long, value_name = "CSV")]
+    outcomes: Option<PathBuf>,
     /// Where the design goes
     #[arg(short, long, value_name = "DESIGN")]
     out: PathBuf,
@@ -71,6 +77,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let learned = learn(Lesson {
         recordings: Given::Named(&args.recordings),
         labels: Written::File(&args.labels),
+        outcomes: args.outcomes.as_deref(),
         new_class: &args.new_class,
         settings: &settings,
     })?;
@@ -91,6 +98,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 pub struct Lesson<'a> {
     pub recordings: Given<'a>,
     pub labels: Written<'a>,
+    pub outcomes: Option<&'a Path>,
     /// Classes of one's own that nothing else declares.
     pub new_class: &'a [String],
     pub settings: &'a Settings,
@@ -101,6 +109,7 @@ pub struct Learned {
     pub design: Design,
     pub told: Vec<ClassTold>,
     pub warnings: Vec<String>,
+    pub outcomes: Option<Outcomes>,
     /// How many rows of the labels cover nothing.
     pub unused: Option<String>,
     /// Something was damaged, or could not be used.
@@ -108,8 +117,8 @@ pub struct Learned {
 }
 
 pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
-    let Lesson { recordings, labels: written, new_class, settings } = lesson;
-    let labels = labels(written, new_class, settings)?;
+    let Lesson { recordings, labels: written, outcomes, new_class, settings } = lesson;
+    let (labels, outcomes) = labels(written, outcomes, new_class, settings)?;
     let Collected { set, met, incomplete, .. } = collected(recordings, settings, Some(&labels))?;
     labels_file::check(written.name(), &labels, &met)?;
     if set.healthy.is_empty() {
@@ -131,7 +140,7 @@ pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
     let told = design.tell_classes(&set, grey_box, &settings.isolate).map_err(Failure::new)?;
     refuse_never_named(&told, written.name())?;
     warnings.extend(told.iter().filter(|class| class.is_hardly_detected()).map(hardly_detected));
-    Ok(Learned { design, told, warnings, unused: met.unused(&labels), incomplete })
+    Ok(Learned { design, told, warnings, outcomes, unused: met.unused(&labels), incomplete })
 }
 
 /// Healthy signals ring, and alike: noise, and rows that are no channels, teach nothing.
@@ -159,7 +168,12 @@ fn refuse_no_rings(printhead: &str, signals: &SignalSet) -> Result<(), Failure> 
 }
 
 /// Read with the states that are declared, under the names that the design will give them.
-fn labels(written: Written, new_class: &[String], settings: &Settings) -> Result<Labels, Failure> {
+fn labels(
+    written: Written,
+    outcomes: Option<&Path>,
+    new_class: &[String],
+    settings: &Settings,
+) -> Result<(Labels, Option<Outcomes>), Failure> {
     let isolate = &settings.isolate;
     let own = isolate.classes.keys().map(String::as_str).chain(isolate.physics.own_classes());
     for name in new_class {
@@ -177,7 +191,13 @@ fn labels(written: Written, new_class: &[String], settings: &Settings) -> Result
         }
     }
     let declared: Vec<&str> = own.chain(new_class.iter().map(String::as_str)).collect();
-    let labels = labels_file::read_states(written, States::Declared(&declared))?;
+    let states = States::Declared(&declared);
+    let mut rows = labels_file::read_states(written, states)?.rows().to_vec();
+    let least = isolate.certainty;
+    let outcomes = outcomes.map(|path| outcomes_file::read(path, least, states)).transpose()?;
+    // of equally wide rows the later one counts
+    rows.extend(outcomes.iter().flat_map(|outcomes| outcomes.labels.clone()));
+    let labels = Labels::new(rows);
     let unused = |name: &&String| !labels.rows().iter().any(|row| row.state == **name);
     if let Some(name) = new_class.iter().find(unused) {
         return Err(Failure::usage(format!(
@@ -190,7 +210,7 @@ fn labels(written: Written, new_class: &[String], settings: &Settings) -> Result
         state: settings.isolate.name_of(&row.state).to_owned(),
         ..row.clone()
     };
-    Ok(Labels::new(labels.rows().iter().map(named).collect()))
+    Ok((Labels::new(labels.rows().iter().map(named).collect()), outcomes))
 }
 
 /// What is asked of labels is said of labels.
@@ -260,7 +280,7 @@ fn document(args: &Args, learned: &Learned) -> serde_json::Value {
 }
 
 fn tell(args: &Args, learned: &Learned) -> std::io::Result<()> {
-    let Learned { design, told, unused, .. } = learned;
+    let Learned { design, told, outcomes, unused, .. } = learned;
     let mut out = output::report();
     writeln!(
         out,
@@ -271,6 +291,13 @@ fn tell(args: &Args, learned: &Learned) -> std::io::Result<()> {
     )?;
     for (label, n) in &design.signals {
         writeln!(out, "  {:>10} {}", thousands(*n), printable(label))?;
+    }
+    if let Some(Outcomes { by_source, not_looked_at, uncertain, .. }) = outcomes {
+        let taught = by_source.iter().map(|(source, n)| format!("{n} by {}", printable(source)));
+        let taught = taught.collect::<Vec<_>>().join(", ");
+        let taught = if taught.is_empty() { "none".into() } else { taught };
+        let rest = format!("{uncertain} too uncertain to teach, {not_looked_at} not looked at");
+        writeln!(out, "  outcomes: {taught}; {rest}")?;
     }
     if let Some(unused) = unused {
         writeln!(out, "  labels: {}", crate::io::printable::line(unused, 400))?;

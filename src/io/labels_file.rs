@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// More than a million rows.
-const MOST_BYTES: u64 = 256 << 20;
+pub(super) const MOST_BYTES: u64 = 256 << 20;
 /// Rows that we hold in memory: some 200 bytes each.
 const MOST_ROWS: usize = 1 << 22;
 
@@ -21,7 +21,7 @@ const MOST_FACTOR: f64 = 1e3;
 /// Bytes of a printhead's or a state's name.
 const LONGEST_NAME: usize = 1024;
 
-const HEADER: [&str; 6] = ["printhead", "channel", "from", "to", "state", "severity"];
+pub(super) const HEADER: [&str; 6] = ["printhead", "channel", "from", "to", "state", "severity"];
 
 #[derive(Debug, Error)]
 pub enum LabelsError {
@@ -133,7 +133,7 @@ fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, La
 }
 
 impl<'a> States<'a> {
-    fn check(self, state: &str) -> Result<(), String> {
+    pub(super) fn check(self, state: &str) -> Result<(), String> {
         let own: &[&'a str] = match self {
             States::Any => &[],
             States::Declared(own) => own,
@@ -165,7 +165,9 @@ impl<'a> States<'a> {
     }
 }
 
-fn parse([printhead, channel, from, to, state, severity]: [&str; 6]) -> Result<Label, String> {
+pub(super) fn parse(
+    [printhead, channel, from, to, state, severity]: [&str; 6],
+) -> Result<Label, String> {
     if printhead.len() > LONGEST_NAME {
         return Err(too_long("printhead", printhead));
     }
@@ -232,17 +234,17 @@ fn time(column: &str, text: &str) -> Result<Option<i64>, String> {
     })
 }
 
+pub(super) fn rfc_3339(ns: i64) -> String {
+    DateTime::from_timestamp_nanos(ns).to_rfc3339_opts(SecondsFormat::Nanos, true)
+}
+
 pub fn write(path: &Path, labels: &[Label]) -> Result<(), LabelsError> {
     let failed = |source| LabelsError::Write { path: path.into(), source };
     let mut text = csv::Writer::from_writer(Vec::new());
     let mut put = |fields: [String; 6]| text.write_record(&fields).map_err(|e| failed(e.into()));
     put(HEADER.map(String::from))?;
     for label in labels {
-        let time = |ns: Option<i64>| {
-            ns.map_or(String::new(), |ns| {
-                DateTime::from_timestamp_nanos(ns).to_rfc3339_opts(SecondsFormat::Nanos, true)
-            })
-        };
+        let time = |ns: Option<i64>| ns.map_or(String::new(), rfc_3339);
         put([
             label.printhead.clone(),
             label.channel.to_string(),

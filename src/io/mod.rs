@@ -38,6 +38,7 @@ mod mcap_records;
 pub mod memory_recording;
 pub mod numpy;
 pub mod objects;
+pub mod outcomes_file;
 pub mod outputs;
 mod parquet_claims;
 mod parquet_file;

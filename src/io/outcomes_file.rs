@@ -1,0 +1,173 @@
+//! Doubts, and what somebody found when he looked: one CSV that `report --doubts` writes with empty states, that a person or
+//! a drop watcher fills in, and that `train --outcomes` reads back.
+//!
+//! The columns of labels, then `source` (who says so), `certainty` (of what he says, 0 to 1; empty: 1) and `sentence` (why
+//! the channel is doubtful; not read). A row whose state is empty was not looked at.
+
+use super::labels_file::{self, HEADER, LabelsError, MOST_BYTES, States};
+use super::regular_file::Records;
+use super::{part_file, regular_file};
+use crate::fault::IGNORE;
+use crate::labels::Label;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+const MORE: [&str; 3] = ["source", "certainty", "sentence"];
+
+/// A fault that could not be named.
+#[derive(Clone, Debug)]
+pub struct Doubt {
+    pub printhead: String,
+    pub channel: u32,
+    pub from_ns: i64,
+    pub to_ns: Option<i64>,
+    pub sentence: String,
+}
+
+/// What was found, as labels, and how much of it there is.
+#[derive(Clone, Debug, Default)]
+pub struct Outcomes {
+    pub labels: Vec<Label>,
+    /// Rows that teach, by their source.
+    pub by_source: BTreeMap<String, usize>,
+    /// Rows that nobody filled in.
+    pub not_looked_at: usize,
+    /// Rows less certain than asked for: their signals teach nothing.
+    pub uncertain: usize,
+}
+
+/// A list that somebody has written into is not overwritten.
+pub fn write(path: &Path, doubts: &[Doubt]) -> Result<(), LabelsError> {
+    if path.exists() && read(path, 0.0, States::Any).map_or(true, |of| !of.labels.is_empty()) {
+        let what =
+            "it is no list of doubts, or somebody has filled it in: give another name".into();
+        return Err(LabelsError::Mistaken { path: path.into(), what });
+    }
+    let failed = |source| LabelsError::Write { path: path.into(), source };
+    let mut text = csv::Writer::from_writer(Vec::new());
+    let mut put = |fields: &[String]| text.write_record(fields).map_err(|e| failed(e.into()));
+    let header: Vec<String> = HEADER.iter().chain(&MORE).map(|name| (*name).to_owned()).collect();
+    put(&header)?;
+    for doubt in doubts {
+        let time = |ns: Option<i64>| ns.map_or(String::new(), labels_file::rfc_3339);
+        let [empty, severity, source, certainty] = [(); 4].map(|()| String::new());
+        let (from, to) = (time(Some(doubt.from_ns)), time(doubt.to_ns));
+        let channel = doubt.channel.to_string();
+        let sentence = doubt.sentence.clone();
+        put(&[
+            doubt.printhead.clone(),
+            channel,
+            from,
+            to,
+            empty,
+            severity,
+            source,
+            certainty,
+            sentence,
+        ])?;
+    }
+    let bytes = text.into_inner().map_err(|e| failed(e.into_error()))?;
+    part_file::write(path, &bytes).map_err(failed)
+}
+
+/// `least`: the certainty that an outcome needs to teach.
+pub fn read(path: &Path, least: f64, states: States) -> Result<Outcomes, LabelsError> {
+    let failed = |source| LabelsError::Read { path: path.into(), source };
+    let file = regular_file::open(path).map_err(|e| failed(e.into()))?;
+    let mut csv = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .flexible(true)
+        .from_reader(Records::new(file, MOST_BYTES));
+    let header = csv.headers().map_err(failed)?.clone();
+    let place =
+        |column: &str| header.iter().position(|h| h.trim_start_matches('\u{feff}') == column);
+    let mut places = [0; HEADER.len()];
+    for (at, column) in places.iter_mut().zip(HEADER) {
+        *at = place(column).ok_or(LabelsError::NoColumn { path: path.into(), column })?;
+    }
+    let [source, certainty] = ["source", "certainty"].map(place);
+    let mut outcomes = Outcomes::default();
+    let mut record = csv::StringRecord::new();
+    while csv.read_record(&mut record).map_err(failed)? {
+        csv.get_mut().record_ends();
+        let line = record.position().map_or(0, csv::Position::line);
+        let row = |what| LabelsError::Row { path: path.into(), line, what };
+        let fields = places.map(|place| record.get(place).unwrap_or(""));
+        if fields[4].is_empty() {
+            outcomes.not_looked_at += 1;
+            continue;
+        }
+        let mut label = labels_file::parse(fields).map_err(row)?;
+        states.check(&label.state).map_err(row)?;
+        let certain = match certainty.and_then(|place| record.get(place)).unwrap_or("") {
+            "" => 1.0,
+            text => text.parse().ok().filter(|c| (0.0..=1.0).contains(c)).ok_or_else(|| {
+                row(format!(
+                    "certainty \"{}\": give 0 to 1, or nothing",
+                    super::printable::cell(text)
+                ))
+            })?,
+        };
+        let source = source.and_then(|place| record.get(place)).filter(|s| !s.is_empty());
+        match certain >= least {
+            true => {
+                *outcomes
+                    .by_source
+                    .entry(source.unwrap_or("nobody said who").into())
+                    .or_default() += 1
+            }
+            false => {
+                outcomes.uncertain += 1;
+                (label.state, label.severity) = (IGNORE.into(), None);
+            }
+        }
+        outcomes.labels.push(label);
+    }
+    Ok(outcomes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn doubts_come_back_as_labels_once_somebody_has_looked() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("doubts.csv");
+        let doubt = |channel| Doubt {
+            printhead: "cyan, 1".into(),
+            channel,
+            from_ns: 1_700_000_000_000_000_000,
+            to_ns: Some(1_700_000_600_000_000_000),
+            sentence: "rings \"unlike\" any".into(),
+        };
+        write(&path, &[doubt(3), doubt(4), doubt(5)]).unwrap();
+        let outcomes = read(&path, 0.8, States::Any).unwrap();
+        assert_eq!((outcomes.labels.len(), outcomes.not_looked_at), (0, 3));
+        // as long as nobody has, it may be written again
+        write(&path, &[doubt(3), doubt(4), doubt(5)]).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let filled = text.replacen(",,,,,", ",SDN,1.3,drop watcher,0.95,", 1);
+        let filled = filled.replacen(",,,,,", ",BN,,drop watcher,.3,", 1);
+        std::fs::write(&path, &filled).unwrap();
+        let outcomes = read(&path, 0.8, States::Any).unwrap();
+        let states: Vec<&str> = outcomes.labels.iter().map(|label| label.state.as_str()).collect();
+        assert_eq!(
+            (states, outcomes.uncertain, outcomes.not_looked_at),
+            (vec!["SDN", IGNORE], 1, 1)
+        );
+        assert_eq!(outcomes.by_source["drop watcher"], 1);
+        assert_eq!(
+            (outcomes.labels[0].severity, &*outcomes.labels[0].printhead),
+            (Some(1.3), "cyan, 1")
+        );
+        assert_eq!(outcomes.labels[0].from_ns, Some(1_700_000_000_000_000_000));
+        assert!(write(&path, &[doubt(3)]).unwrap_err().to_string().contains("filled it in"));
+        std::fs::write(&path, filled.replace(",.3,", ",much,")).unwrap();
+        assert!(
+            read(&path, 0.8, States::Any).unwrap_err().to_string().contains("certainty \"much\"")
+        );
+        std::fs::write(&path, "a letter").unwrap();
+        assert!(write(&path, &[]).is_err());
+    }
+}
