@@ -7,7 +7,7 @@ use std::process::Command;
 
 /// The pages whose blocks marked `sh` run, in their order, each page in a fresh copy of what a clone has. Blocks that
 /// need more than that are marked otherwise there.
-const RUN: [&str; 9] = [
+const RUN: [&str; 10] = [
     "README.md",
     "docs/first_ten_minutes.md",
     "docs/your_recordings.md",
@@ -17,6 +17,7 @@ const RUN: [&str; 9] = [
     "docs/formats.md",
     "docs/critique.md",
     "docs/measured.md",
+    "docs/thesis.md",
 ];
 
 /// A fenced block of a page: what it is marked as, the line it begins at, its text.

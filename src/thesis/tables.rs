@@ -175,12 +175,17 @@ fn isolation(of: &Measured, out: &mut String) {
                 continue;
             }
             let certain = of.mean(&key("coverage")) * faulty;
+            // a vote of one neighbour is no certainty
+            let [right_where, coverage] = match name.starts_with("1-NN") {
+                true => ["–".into(), "–".into()],
+                false => {
+                    [shares(of, &key("certain"), certain), shares(of, &key("coverage"), faulty)]
+                }
+            };
             let _ = writeln!(
                 out,
-                "| {name}, {learned} | {} | {} | {} | {} | {} |",
+                "| {name}, {learned} | {} | {right_where} | {coverage} | {} | {} |",
                 shares(of, &key("accuracy"), faulty),
-                shares(of, &key("certain"), certain),
-                shares(of, &key("coverage"), faulty),
                 shares(of, &key("category"), faulty),
                 shares(of, &key("gated accuracy"), faulty),
             );
