@@ -314,6 +314,13 @@ impl Settings {
             })?;
             insert(&mut table, key.trim(), literal(value.trim()), &format!("--set {pair}"))?;
         }
+        let sets = |key: &str| overrides.iter().any(|pair| pair.trim_start().starts_with(key));
+        if sets("detect.oscillations=") && sets("detect.oscillations_of_ring=") {
+            return Err(SettingsError::invalid(
+                "--set detect.oscillations",
+                "beside detect.oscillations_of_ring: both say n_o; give one",
+            ));
+        }
         let place = match (overrides, file) {
             ([], Some(path)) => path.display().to_string(),
             ([], None) => "settings".into(),

@@ -160,6 +160,11 @@ fn growing_faults_have_their_rate_and_a_forecast() {
         .collect();
     assert!(sizes.len() == 230 && sizes.is_sorted(), "{} rows", sizes.len());
     assert!((sizes[115] - 0.25).abs() < 0.01, "{}", sizes[115]);
+    // a slightly dried nozzle that dries on is an intermediately dried one
+    let states = |class: &str| {
+        labels.lines().filter(|l| l.starts_with("cyan-1,9,") && l.contains(class)).count()
+    };
+    assert!(states(",SDN,") > 50 && states(",IDN,") > 50, "{labels}");
     let design = root().join("sample_logs/design.json");
     house.ok(&format!(
         "replay grow/print_run.mcap --design {} --identify design --out out",

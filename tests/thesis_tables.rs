@@ -132,7 +132,7 @@ fn chapter_4_lands_in_its_bands() {
     // every figure has its data, and is drawn
     for (name, series, points) in [
         ("fig_2-2_actuation_and_signal", "output y, counts", 128),
-        ("fig_3-2_average", "their average", 128),
+        ("fig_3-2_average", "the average of all", 128),
         ("fig_3-3_signal_and_model", "one healthy signal", 128),
         ("fig_3-3_signal_and_model", "input u", 6),
         ("fig_3-5_mean_residuals", "DDN", 128),

@@ -90,6 +90,14 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<String
             false => by_isolation(name, &settings.isolate),
         },
         // one line of settings may serve training and judging alike
+        ("isolate", Command::Train) if name == "matching_share" => {
+            let is_matching = settings.isolate.method == IsolateMethod::ModelMatching;
+            (!is_matching).then(|| "it is of isolate.method = \"model-matching\" alone".into())
+        }
+        ("isolate", Command::Train) if matches!(name, "waveform" | "pulse_s" | "delay_s") => {
+            let has_physics = settings.isolate.method == IsolateMethod::Posterior;
+            (!has_physics).then(|| "it is of isolate.method = \"posterior\" alone".into())
+        }
         ("isolate", Command::Train | Command::Critique) => None,
         ("detect", Command::Replay { detects: true, .. }) => {
             without_labels(name, &settings.detect).or_else(|| by_detection(name, &settings.detect))

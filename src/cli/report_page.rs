@@ -70,6 +70,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let declared = settings.isolate.classes.into_keys().collect::<Vec<_>>();
     let settings = settings.report;
     let page = args.output.as_deref().map(Page::at).transpose()?;
+    args.doubts.as_deref().map_or(Ok(()), outcomes_file::check)?;
     let found = results::find(&args.out, "a report")?;
     let known = args.changes_since.as_deref().map(|run| Known::read(run, &found)).transpose()?;
     let progress = Progress::new(1, 0);

@@ -5,8 +5,10 @@ use super::exit::{Exit, Failure};
 use super::progress::Steps;
 use crate::io::labels_file::{self, States, Written};
 use crate::io::outputs::{self, ResultFile};
+use crate::io::printable;
+use crate::labels::{Label, known_states, nearest};
 use crate::settings::Settings;
-use crate::thesis::{self, Chapter, DataSet, Recorded, Verdict};
+use crate::thesis::{self, Chapter, DataSet, Kind, Recorded, Verdict};
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -95,6 +97,17 @@ fn recorded(args: &Args, labels: &std::path::Path) -> Result<(Recorded, Exit), F
     let given = Given::Named(&args.recordings);
     let Collected { set, met, incomplete, .. } = collected(given, &settings, Some(&written))?;
     labels_file::check(labels, &written, &met)?;
+    // nobody has to declare classes here, but one letter must not make a class
+    let unknown = |row: &&Label| !known_states().any(|known| known == row.state);
+    for row in written.rows().iter().filter(unknown) {
+        if let Some(near) = nearest(&row.state, known_states()).first() {
+            return Err(Failure::usage(format!(
+                "{}: state \"{}\": did you mean {near}?",
+                labels.display(),
+                printable::cell(&row.state)
+            )));
+        }
+    }
     let recorded = Recorded::new(&set, args.mu.unwrap_or(1.0)).map_err(Failure::new)?;
     Ok((recorded, if incomplete { Exit::Incomplete } else { Exit::Done }))
 }
@@ -111,11 +124,16 @@ fn tell(of: &thesis::Measured, chapter: &Chapter, out: &mut impl Write) -> std::
         ("  by default where the certainty is >= .8", "default, all/certain"),
     ] {
         if let Some(v) = of.spread(key) {
-            writeln!(out, "  {what:<44} {:.4} ± {:.4}", v.mean, v.sd)?;
+            let sd = match of.values(key).len() {
+                1 => String::new(),
+                _ => format!(" ± {:.4}", v.sd),
+            };
+            writeln!(out, "  {what:<44} {:.4}{sd}", v.mean)?;
         }
     }
     let number = |verdict| {
-        let own = chapter.conclusions.iter().filter(|c| c.data == of.set);
+        let own = chapter.conclusions.iter();
+        let own = own.filter(|c| c.data == of.set && c.kind == Kind::Conclusion);
         own.filter(|c| c.verdict == verdict).count()
     };
     writeln!(

@@ -117,10 +117,16 @@ pub struct Learned {
 }
 
 pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
-    let Lesson { recordings, labels: written, outcomes, new_class, settings } = lesson;
-    let (labels, outcomes) = labels(written, outcomes, new_class, settings)?;
+    let Lesson { recordings, labels: written, outcomes: found_in, new_class, settings } = lesson;
+    let (labels, outcomes) = labels(written, found_in, new_class, settings)?;
     let Collected { set, met, incomplete, .. } = collected(recordings, settings, Some(&labels))?;
     labels_file::check(written.name(), &labels, &met)?;
+    let mut unused = met.unused(&labels);
+    if let Some((path, found)) = found_in.zip(outcomes.as_ref()) {
+        let found = Labels::new(found.labels.clone());
+        labels_file::check(path, &found, &met)?;
+        unused = unused.or(met.unused(&found));
+    }
     if set.healthy.is_empty() {
         let seen: Vec<String> =
             set.signals.iter().map(|(l, n)| format!("{n} {}", printable(l))).collect();
@@ -140,7 +146,7 @@ pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
     let told = design.tell_classes(&set, grey_box, &settings.isolate).map_err(Failure::new)?;
     refuse_never_named(&told, written.name())?;
     warnings.extend(told.iter().filter(|class| class.is_hardly_detected()).map(hardly_detected));
-    Ok(Learned { design, told, warnings, outcomes, unused: met.unused(&labels), incomplete })
+    Ok(Learned { design, told, warnings, outcomes, unused, incomplete })
 }
 
 /// Healthy signals ring, and alike: noise, and rows that are no channels, teach nothing.

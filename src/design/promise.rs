@@ -29,7 +29,7 @@ impl Design {
         let Some(monte_carlo) = MonteCarlo::new(self, settings)? else { return Ok(None) };
         let mut promise =
             Promise { false_alarm_rate: monte_carlo.rate(), draws: DRAWS, ..Promise::default() };
-        let mut taken_for = vec![vec![0.0; self.classes.len()]; self.classes.len()];
+        let mut taken_for: Vec<Option<Vec<f64>>> = vec![None; self.classes.len()];
         for (k, class) in self.fault_classes().iter().enumerate() {
             let Some(laws) = self.physics.as_ref().map(|physics| &physics.laws) else { continue };
             let Some(kind) = laws.one_kind(&class.of) else { continue };
@@ -45,7 +45,11 @@ impl Design {
             self.fault_classes().iter().map(|class| monte_carlo.span(&class.of)).collect();
         for i in 0..names.len() {
             for j in i + 1..names.len() {
-                let mistaken = 0.5 * (taken_for[i][j] + taken_for[j][i]);
+                let Some((of_one, of_other)) = taken_for[i].as_ref().zip(taken_for[j].as_ref())
+                else {
+                    continue;
+                };
+                let mistaken = 0.5 * (of_one[j] + of_other[i]);
                 let classes = [names[i].clone(), names[j].clone()];
                 let both = spans[i].as_ref().zip(spans[j].as_ref());
                 let angle_degrees = both.map_or(f64::NAN, |(a, b)| angle_degrees(a, b));
@@ -188,12 +192,12 @@ impl<'a> MonteCarlo<'a> {
         Some(Detectable { class: name.into(), range, smallest, found })
     }
 
-    /// Confusion: of the flagged signals of a class, the share for which each class is the best.
-    fn taken_for(&self, class: &str, range: [f64; 2], classes: usize) -> Vec<f64> {
+    /// Confusion: of the flagged signals of a class, the share for which each class is the best. `None`: none is flagged.
+    fn taken_for(&self, class: &str, range: [f64; 2], classes: usize) -> Option<Vec<f64>> {
         let mut best = vec![0.0; classes];
         let mut work = Workspace::default();
         let law = self.design.physics.as_ref().and_then(|physics| physics.laws.law(class));
-        let Some(law) = law else { return best };
+        let law = law?;
         let [from, to] = range.map(|severity| law.scale(severity));
         let sizes = (0..ISOLATED_SIZES)
             .map(|k| from + (to - from) * (k as f64 + 0.5) / ISOLATED_SIZES as f64)
@@ -213,7 +217,7 @@ impl<'a> MonteCarlo<'a> {
                 heaviest.into_iter().for_each(|(k, _)| best[k] += 1.0);
             }
         }
-        best.iter().map(|n| n / f64::max(all, 1.0)).collect()
+        (all > 0.0).then(|| best.iter().map(|n| n / all).collect())
     }
 }
 

@@ -7,7 +7,6 @@
 use super::labels_file::{self, HEADER, LabelsError, MOST_BYTES, States};
 use super::regular_file::Records;
 use super::{part_file, regular_file};
-use crate::fault::IGNORE;
 use crate::labels::Label;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -32,17 +31,22 @@ pub struct Outcomes {
     pub by_source: BTreeMap<String, usize>,
     /// Rows that nobody filled in.
     pub not_looked_at: usize,
-    /// Rows less certain than asked for: their signals teach nothing.
+    /// Rows less certain than asked for: they teach nothing, and what labels say stays.
     pub uncertain: usize,
 }
 
 /// A list that somebody has written into is not overwritten.
-pub fn write(path: &Path, doubts: &[Doubt]) -> Result<(), LabelsError> {
+pub fn check(path: &Path) -> Result<(), LabelsError> {
     if path.exists() && read(path, 0.0, States::Any).map_or(true, |of| !of.labels.is_empty()) {
         let what =
             "it is no list of doubts, or somebody has filled it in: give another name".into();
         return Err(LabelsError::Mistaken { path: path.into(), what });
     }
+    Ok(())
+}
+
+pub fn write(path: &Path, doubts: &[Doubt]) -> Result<(), LabelsError> {
+    check(path)?;
     let failed = |source| LabelsError::Write { path: path.into(), source };
     let mut text = csv::Writer::from_writer(Vec::new());
     let mut put = |fields: &[String]| text.write_record(fields).map_err(|e| failed(e.into()));
@@ -97,7 +101,7 @@ pub fn read(path: &Path, least: f64, states: States) -> Result<Outcomes, LabelsE
             outcomes.not_looked_at += 1;
             continue;
         }
-        let mut label = labels_file::parse(fields).map_err(row)?;
+        let label = labels_file::parse(fields).map_err(row)?;
         states.check(&label.state).map_err(row)?;
         let certain = match certainty.and_then(|place| record.get(place)).unwrap_or("") {
             "" => 1.0,
@@ -109,18 +113,11 @@ pub fn read(path: &Path, least: f64, states: States) -> Result<Outcomes, LabelsE
             })?,
         };
         let source = source.and_then(|place| record.get(place)).filter(|s| !s.is_empty());
-        match certain >= least {
-            true => {
-                *outcomes
-                    .by_source
-                    .entry(source.unwrap_or("nobody said who").into())
-                    .or_default() += 1
-            }
-            false => {
-                outcomes.uncertain += 1;
-                (label.state, label.severity) = (IGNORE.into(), None);
-            }
+        if certain < least {
+            outcomes.uncertain += 1;
+            continue;
         }
+        *outcomes.by_source.entry(source.unwrap_or("nobody said who").into()).or_default() += 1;
         outcomes.labels.push(label);
     }
     Ok(outcomes)
@@ -152,10 +149,7 @@ mod tests {
         std::fs::write(&path, &filled).unwrap();
         let outcomes = read(&path, 0.8, States::Any).unwrap();
         let states: Vec<&str> = outcomes.labels.iter().map(|label| label.state.as_str()).collect();
-        assert_eq!(
-            (states, outcomes.uncertain, outcomes.not_looked_at),
-            (vec!["SDN", IGNORE], 1, 1)
-        );
+        assert_eq!((states, outcomes.uncertain, outcomes.not_looked_at), (vec!["SDN"], 1, 1));
         assert_eq!(outcomes.by_source["drop watcher"], 1);
         assert_eq!(
             (outcomes.labels[0].severity, &*outcomes.labels[0].printhead),

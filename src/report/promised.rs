@@ -21,6 +21,7 @@ fn size(severity: f64) -> String {
 fn smallest(d: &Detectable) -> String {
     match d.smallest {
         Some(smallest) if smallest <= d.range[0] => "all of its sizes".into(),
+        Some(smallest) if smallest > d.range[1] => format!("{}, beyond it", size(smallest)),
         Some(smallest) => size(smallest),
         None => "none of its sizes".into(),
     }

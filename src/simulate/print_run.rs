@@ -12,7 +12,9 @@ use super::draws::{Purpose, part, stream};
 use super::scenario::{Drive, Physics, PrintRun, RecordingOptions};
 use super::sensor::{Channel, NOMINAL_TEMPERATURE_C, Sensor, at_viscosity};
 use super::simulated::{SimulatedRecording, healthy_everywhere};
+use crate::fault::CLASSES;
 use crate::labels::{Channels, Label};
+use crate::model::faults::Law;
 use crate::model::{InkChannel, faults};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -62,6 +64,25 @@ impl Fault {
         match self.to_severity {
             Some(_) => self.to,
             None => self.to.min(self.from + RAMP_BURSTS),
+        }
+    }
+
+    /// The name of what it is by then: a fault that grows becomes another class of its kind.
+    fn class_at(&self, step: usize) -> &str {
+        let severity = self.severity_at(step);
+        let is_meant = |law: &Law| {
+            let [a, b] = law.range();
+            (a.min(b)..=a.max(b)).contains(&severity)
+        };
+        let Some(own) = faults::law(&self.class).filter(|_| self.to_severity.is_some()) else {
+            return &self.class;
+        };
+        let of_kind = CLASSES.into_iter().filter_map(|class| Some((class, faults::law(class)?)));
+        let mut of_kind = of_kind.filter(|(_, law)| law.is_kind_of(own) && is_meant(law));
+        if is_meant(own) {
+            &self.class
+        } else {
+            of_kind.next().map_or(&self.class, |(class, _)| class)
         }
     }
 
@@ -148,7 +169,7 @@ pub(super) fn labels(physics: &Physics, options: &RecordingOptions, seed: u64) -
             let on: Vec<&Fault> =
                 of_channel.iter().filter(|fault| (fault.from..fault.to).contains(&from)).collect();
             let [first, rest @ ..] = &on[..] else { continue };
-            let mut classes: Vec<&str> = on.iter().map(|fault| fault.class.as_str()).collect();
+            let mut classes: Vec<&str> = on.iter().map(|fault| fault.class_at(from)).collect();
             classes.sort_unstable();
             labels.push(Label {
                 printhead: run.name(first.printhead),

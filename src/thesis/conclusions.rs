@@ -33,10 +33,23 @@ impl Verdict {
     }
 }
 
+/// Whose claim it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// The thesis concludes so.
+    Conclusion,
+    /// It asks, as future work.
+    Question,
+    /// It does not say so; we do.
+    Ours,
+}
+
 /// What the thesis concludes, and what came of it on one data set.
 #[derive(Clone, Debug, Serialize)]
 pub struct Conclusion {
     pub data: DataSet,
+    pub kind: Kind,
     pub claim: &'static str,
     pub verdict: Verdict,
     /// The figures that decide.
@@ -89,6 +102,7 @@ pub fn conclusions(of: &Measured) -> Vec<Conclusion> {
     };
     let alike =
         |claim, pairs: Vec<Pair>| judged(of, claim, pairs, faulty, Difference::is_negligible);
+    let question = |asked: Conclusion| Conclusion { kind: Kind::Question, ..asked };
     let of_sizes = |sizes: &[Size], f: &dyn Fn(Size) -> Vec<Pair>| -> Vec<Pair> {
         sizes.iter().flat_map(|&size| f(size)).collect()
     };
@@ -162,18 +176,16 @@ pub fn conclusions(of: &Measured) -> Vec<Conclusion> {
                 .into(),
             faulty,
         ),
-        larger(
-            "Model matching, on the principle of the FD filter, isolates better than residual matching (put as a question: \
-             future work).",
+        question(larger(
+            "Model matching, on the principle of the FD filter, isolates better than residual matching.",
             vec![pair("model matching/of all", accuracy(lr_r, Size::All))],
             faulty,
-        ),
-        larger(
-            "A more systematic choice of the denominator detects better than method I at the resonance (put as a question: \
-             future work).",
+        )),
+        question(larger(
+            "A more systematic choice of the denominator detects better than method I at the resonance.",
             vec![pair("searched/right", "I/right")],
             all_signals,
-        ),
+        )),
     ];
     if of.mean("practice/of the four").is_finite() {
         let claim = "The FI filter isolates better than the current practice, which knows four of the thesis's nine classes.";
@@ -203,7 +215,8 @@ pub fn conclusions(of: &Measured) -> Vec<Conclusion> {
     if of.set == DataSet::ThesisForm {
         all.push(Conclusion {
             data: of.set,
-            claim: "Uniform distributions represent how the signals of real channels scatter (put as a question: future work).",
+            kind: Kind::Question,
+            claim: "Uniform distributions represent how the signals of real channels scatter.",
             verdict: Verdict::CannotTell,
             because: "the data are simulated with such distributions; `inkling thesis RECORDING... --labels FILE` runs this \
                       chapter on measured ones"
@@ -219,7 +232,7 @@ fn by_default(of: &Measured, own: String, faulty: f64) -> Option<Conclusion> {
     let default = figure("default", Size::All, "accuracy");
     let mut said = judged(
         of,
-        "(Not the thesis's: inkling's default names faults better than residual matching does.)",
+        "inkling's default names faults better than residual matching does.",
         vec![pair(default, own)],
         faulty,
         Difference::is_positive,
@@ -229,6 +242,7 @@ fn by_default(of: &Measured, own: String, faulty: f64) -> Option<Conclusion> {
         let worst = of.confusions.get(name).and_then(worst_class).unwrap_or_default();
         format!("category right {}{worst}", share(category))
     });
+    said.kind = Kind::Ours;
     said.because += &format!("; default: {ours}; residual matching: {theirs}");
     Some(said)
 }
@@ -250,7 +264,12 @@ fn judged(
 ) -> Conclusion {
     let mut each = Vec::new();
     for Pair { a, b } in &pairs {
-        let Some(difference) = of.difference(a, b, signals) else {
+        // of what phi reaches its bound in
+        let counted = |key: &str| {
+            let coverage = key.strip_suffix("certain").map(|of| of.to_owned() + "coverage");
+            signals * coverage.map_or(1.0, |key| of.mean(&key))
+        };
+        let Some(difference) = of.difference(a, b, counted(a).min(counted(b))) else {
             each.push((Verdict::CannotTell, format!("{a} against {b}: not measured")));
             continue;
         };
@@ -270,7 +289,7 @@ fn judged(
     if of_all > 3 {
         because += &format!(" ({number} of {of_all} comparisons say so)");
     }
-    Conclusion { data: of.set, claim, verdict: all, because }
+    Conclusion { data: of.set, kind: Kind::Conclusion, claim, verdict: all, because }
 }
 
 /// Whether every method's share right is at least `bound`.
@@ -284,7 +303,9 @@ fn at_least(of: &Measured, claim: &'static str, bound: f64) -> Conclusion {
                 verdicts.push(Verdict::CannotTell);
                 continue;
             };
-            let half = 2.0 * spread.sd / (of.values(&key).len() as f64).sqrt();
+            let rounds = of.values(&key).len() as f64;
+            let sampling = spread.mean * (1.0 - spread.mean) / (of.mean("tested/faulty") * rounds);
+            let half = 2.0 * (spread.sd / rounds.sqrt()).max(sampling.sqrt());
             verdicts.push(match spread.mean {
                 mean if mean + half < bound => Verdict::NotHeld,
                 mean if mean - half >= bound => Verdict::Held,
@@ -296,7 +317,8 @@ fn at_least(of: &Measured, claim: &'static str, bound: f64) -> Conclusion {
         }
     }
     let because = format!("the least is {} ({})", share(least.0), in_words(&least.1));
-    Conclusion { data: of.set, claim, verdict: Verdict::of_all(verdicts.into_iter()), because }
+    let verdict = Verdict::of_all(verdicts.into_iter());
+    Conclusion { data: of.set, kind: Kind::Conclusion, claim, verdict, because }
 }
 
 /// A figure's name, as a reader takes it.
@@ -337,7 +359,7 @@ mod tests {
     #[test]
     fn a_claim_holds_fails_or_stays_open_by_its_interval() {
         let verdict = |rounds: &[[f64; 2]]| {
-            judged(&measured(rounds), "", vec![pair("a", "b")], 100.0, Difference::is_positive)
+            judged(&measured(rounds), "", vec![pair("a", "b")], 1e6, Difference::is_positive)
                 .verdict
         };
         assert_eq!(verdict(&[[0.9, 0.8], [0.91, 0.8], [0.9, 0.81]]), Verdict::Held);
@@ -346,8 +368,12 @@ mod tests {
         assert_eq!(verdict(&[[0.9, 0.9], [0.9, 0.901], [0.901, 0.9]]), Verdict::NotHeld);
         assert_eq!(verdict(&[[0.9, 0.8], [0.7, 0.8], [0.85, 0.8]]), Verdict::CannotTell);
         // one round has the sampling error of its signals
-        assert_eq!(verdict(&[[0.9, 0.85]]), Verdict::CannotTell);
-        assert_eq!(verdict(&[[0.99, 0.5]]), Verdict::Held);
+        let one = |a, b| {
+            let pairs = vec![pair("a", "b")];
+            judged(&measured(&[[a, b]]), "", pairs, 100.0, Difference::is_positive).verdict
+        };
+        assert_eq!(one(0.9, 0.85), Verdict::CannotTell);
+        assert_eq!(one(0.99, 0.5), Verdict::Held);
         let unknown = vec![pair("a", "b"), pair("a", "c")];
         let open = judged(&measured(&[[0.9, 0.5]]), "", unknown, 1e4, Difference::is_positive);
         assert_eq!(open.verdict, Verdict::CannotTell);
@@ -357,7 +383,7 @@ mod tests {
     #[test]
     fn alike_is_a_claim_of_its_own() {
         let verdict = |rounds: &[[f64; 2]]| {
-            judged(&measured(rounds), "", vec![pair("a", "b")], 100.0, Difference::is_negligible)
+            judged(&measured(rounds), "", vec![pair("a", "b")], 1e6, Difference::is_negligible)
                 .verdict
         };
         assert_eq!(verdict(&[[0.9, 0.9], [0.9, 0.901], [0.901, 0.9]]), Verdict::Held);

@@ -213,63 +213,57 @@ pub fn with_faulty(set: &TrainingSet, n: usize) -> TrainingSet {
     })
 }
 
-/// Divides recorded signals into parts by channel: each channel is tested on once, by what was learned from others.
-/// Also says what is left out. `mu`: of (3-4).
-pub fn folds(set: &TrainingSet, mu: f64) -> Result<(Vec<Part>, Vec<String>), ThesisError> {
-    let few = with(set, |state, _, signals| {
-        let most = if state == HEALTHY { MOST_HEALTHY } else { MOST_OF_A_CLASS };
-        let step = signals.len().div_ceil(most).max(1);
-        (0..signals.len()).step_by(step).collect()
-    });
-    let mut channels: BTreeMap<&str, BTreeSet<(&str, u32)>> = BTreeMap::new();
+/// Recorded signals in parts, and what of them was left out, in words.
+pub struct Folds {
+    pub parts: Vec<Part>,
+    pub left_out: Vec<String>,
+}
+
+/// A channel of a printhead.
+type Place = (String, u32);
+
+/// Divides recorded signals into parts by channel: each channel is tested on once, by what was learned from others. `mu`:
+/// of (3-4).
+pub fn folds(set: &TrainingSet, mu: f64) -> Result<Folds, ThesisError> {
+    let (few, mut left_out) = fewer(set);
+    let mut channels: BTreeMap<&str, BTreeSet<Place>> = BTreeMap::new();
     for (state, printhead, signals) in sets(&few) {
         let own = channels.entry(state).or_default();
-        own.extend(signals.channel.iter().map(|&channel| (printhead, channel)));
+        own.extend(signals.channel.iter().map(|&channel| (printhead.to_owned(), channel)));
     }
-    let (mut left_out, mut of_one) = (Vec::new(), BTreeSet::new());
-    for (state, own) in channels.iter().filter(|(state, _)| **state != HEALTHY) {
-        if own.len() < 2 {
-            of_one.insert((*state).to_owned());
-            left_out.push(format!(
-                "{state} is on one channel alone: learned and tested by channel, it would be tested on nothing; it is left out"
-            ));
+    let fold_of = assigned(&channels);
+    let mut is_left_out = BTreeSet::new();
+    for (state, own) in &channels {
+        let within: BTreeSet<usize> = own.iter().map(|place| fold_of[place]).collect();
+        if within.len() < 2 {
+            is_left_out.insert((*state).to_owned());
+            let why = match own.len() {
+                1 => "one channel alone: learned on others, it would be tested on nothing",
+                _ => "channels that other classes hold together in one part",
+            };
+            left_out.push(format!("{state} is on {why}; it is left out"));
         }
     }
-    channels.retain(|state, _| !of_one.contains(*state));
-    let fewest = channels.values().map(BTreeSet::len).min().unwrap_or(0);
-    if channels.len() < 3 || !channels.contains_key(HEALTHY) || fewest < 2 {
+    let faults =
+        channels.keys().filter(|state| **state != HEALTHY && !is_left_out.contains(**state));
+    if faults.count() < 2 || !channels.contains_key(HEALTHY) || is_left_out.contains(HEALTHY) {
+        const MOST_TOLD: usize = 3;
+        let more = left_out.len().saturating_sub(MOST_TOLD);
+        let mut told: String =
+            left_out.iter().take(MOST_TOLD).map(|why| format!("; {why}")).collect();
+        if more > 0 {
+            told += &format!("; and {more} more");
+        }
         return Err(ThesisError::Data(format!(
             "chapter 4 tells fault classes from each other on channels that were not learned from: it needs labelled healthy \
-             signals and two fault classes, each on two channels at least{}",
-            left_out.iter().map(|why| format!("; {why}")).collect::<String>()
+             signals and two fault classes, each on two channels at least{told}"
         )));
-    }
-    let folds = fewest.min(MOST_FOLDS);
-    let mut fold_of: BTreeMap<(String, u32), usize> = BTreeMap::new();
-    // rare classes first: a channel with several states is in one fold with all of them
-    let mut by_number: Vec<_> = channels.values().collect();
-    by_number.sort_by_key(|own| own.len());
-    for own in by_number {
-        let mut held = vec![0; folds];
-        for (printhead, channel) in own {
-            if let Some(&fold) = fold_of.get(&((*printhead).to_owned(), *channel)) {
-                held[fold] += 1;
-            }
-        }
-        for (printhead, channel) in own {
-            let key = ((*printhead).to_owned(), *channel);
-            if let Entry::Vacant(new) = fold_of.entry(key) {
-                let fold = (0..folds).min_by_key(|&fold| held[fold]).unwrap_or(0);
-                held[fold] += 1;
-                new.insert(fold);
-            }
-        }
     }
     let part_of = |is_in: &dyn Fn(usize) -> bool| {
         with(&few, |state, printhead, signals| {
             let chosen = |&i: &usize| {
-                let fold = fold_of.get(&(printhead.to_owned(), signals.channel[i]));
-                !of_one.contains(state) && fold.is_some_and(|&fold| is_in(fold))
+                let place = (printhead.to_owned(), signals.channel[i]);
+                !is_left_out.contains(state) && fold_of.get(&place).is_some_and(|&fold| is_in(fold))
             };
             (0..signals.len()).filter(chosen).collect()
         })
@@ -280,7 +274,47 @@ pub fn folds(set: &TrainingSet, mu: f64) -> Result<(Vec<Part>, Vec<String>), The
         calibration: None,
         mu,
     };
-    Ok(((0..folds).map(part).collect(), left_out))
+    let folds: BTreeSet<usize> = fold_of.values().copied().collect();
+    let parts = folds.into_iter().map(part).filter(|part| faulty(&part.test) > 0).collect();
+    Ok(Folds { parts, left_out })
+}
+
+/// As many signals as are used, evenly from all.
+fn fewer(set: &TrainingSet) -> (TrainingSet, Vec<String>) {
+    let mut left_out = Vec::new();
+    let few = with(set, |state, printhead, signals| {
+        let most = if state == HEALTHY { MOST_HEALTHY } else { MOST_OF_A_CLASS };
+        let (all, kept) = (signals.len(), signals.len().min(most));
+        if kept < all {
+            left_out.push(format!("of {all} signals of {state} on {printhead} {kept} are used"));
+        }
+        (0..kept).map(|k| k * all / kept).collect()
+    });
+    (few, left_out)
+}
+
+/// The part of each channel. Rare classes come first, and a channel goes where its class and all have the fewest, so that
+/// a class of two channels is in two parts unless other classes forbid it.
+fn assigned(channels: &BTreeMap<&str, BTreeSet<Place>>) -> BTreeMap<Place, usize> {
+    let all: BTreeSet<&Place> = channels.values().flatten().collect();
+    let folds = all.len().clamp(2, MOST_FOLDS);
+    let mut fold_of: BTreeMap<Place, usize> = BTreeMap::new();
+    let mut by_number: Vec<_> = channels.values().collect();
+    by_number.sort_by_key(|own| own.len());
+    let mut of_all = vec![0; folds];
+    for own in by_number {
+        let mut held = vec![0; folds];
+        own.iter().filter_map(|place| fold_of.get(place)).for_each(|&fold| held[fold] += 1);
+        for place in own {
+            if let Entry::Vacant(new) = fold_of.entry(place.clone()) {
+                let fold = (0..folds).min_by_key(|&fold| (held[fold], of_all[fold])).unwrap_or(0);
+                held[fold] += 1;
+                of_all[fold] += 1;
+                new.insert(fold);
+            }
+        }
+    }
+    fold_of
 }
 
 #[cfg(test)]
@@ -319,23 +353,31 @@ mod tests {
                 add(&mut set, state, &[channel as f32, time as f32], channel);
             }
         }
-        let (parts, left_out) = folds(&set, 1.0).unwrap();
-        assert_eq!(parts.len(), 3, "the rarest class is on three channels");
+        let Folds { parts, left_out } = folds(&set, 1.0).unwrap();
         assert!(left_out.len() == 1 && left_out[0].starts_with("AB1"), "{left_out:?}");
-        let mut tested = BTreeSet::new();
+        let (mut tested, mut classes) = (BTreeSet::new(), BTreeMap::new());
         for part in &parts {
             let channels = |set: &TrainingSet| -> BTreeSet<u32> {
                 sets(set).flat_map(|(_, _, s)| s.channel.iter().copied()).collect()
             };
             let (learned, own) = (channels(&part.learn), channels(&part.test));
             assert!(learned.is_disjoint(&own));
-            assert_eq!(part.test.faulty.len(), 2, "each class is tested in each part");
+            assert_eq!(part.learn.faulty.len(), 2, "each class is learned for each part");
+            part.test.faulty.keys().for_each(|name| *classes.entry(name.clone()).or_insert(0) += 1);
             assert!(own.iter().all(|&channel| tested.insert(channel)));
         }
         assert_eq!(tested.len(), 29);
+        assert_eq!((classes["SDN"], classes["BN"], parts.len()), (3, 5, 5));
         let one = with(&set, |state, _, s| {
             (0..s.len()).filter(|_| state == HEALTHY || state == "BN").collect()
         });
-        assert!(folds(&one, 1.0).unwrap_err().to_string().contains("two fault classes"));
+        assert!(folds(&one, 1.0).err().unwrap().to_string().contains("two fault classes"));
+        // three classes on three channels, two each: no two parts could hold them
+        let mut few = TrainingSet { samples: 2, sample_period_s: 1e-6, ..TrainingSet::default() };
+        for (state, two) in [("EC", [1, 3]), ("BN", [1, 2]), ("DDN", [2, 3]), (HEALTHY, [1, 2])] {
+            two.into_iter().for_each(|channel| add(&mut few, state, &[0.0; 2], channel));
+        }
+        let Folds { parts, left_out } = folds(&few, 1.0).unwrap();
+        assert!(parts.len() == 3 && left_out.is_empty(), "{left_out:?}");
     }
 }

@@ -17,8 +17,8 @@ use std::collections::BTreeSet;
 /// n_o with which the thesis's figures are reproduced on signals of its form, in periods of the healthy ring; on these it
 /// is 7.25, as in `--preset thesis`.
 const OSCILLATIONS_OF_RING: f64 = 1.12;
-/// The share of the faulty signals that the thesis keeps in Table 4-4.
-const SHARE_KEPT: f64 = 0.532;
+/// The share of the faulty signals whose phi reaches .8 in thesis Table 4-4.
+pub const SHARE_KEPT: f64 = 0.532;
 /// The classes that the manufacturer's own method can name, thesis §4-3.
 pub const KNOWN_TO_PRACTICE: [&str; 4] = ["EC", "AB3", "BN", "PBN"];
 
@@ -230,6 +230,7 @@ pub fn test(
 pub fn figures(part: &Part) -> Result<Figures, ThesisError> {
     let mut out = Figures::default();
     let Part { learn, test, mu, .. } = part;
+    out.put("mu", *mu);
     for (what, set) in [("learned", learn), ("tested", test)] {
         out.put(&format!("{what}/healthy"), healthy(set) as f64);
         out.put(&format!("{what}/faulty"), faulty(set) as f64);
@@ -419,9 +420,12 @@ impl Figures {
         for (mode, report) in modes {
             let mut put =
                 |what: &str, v| self.put(&figure(name, size, &format!("{mode}{what}")), v);
-            put("accuracy", report.isolation.accuracy);
-            put("category", report.isolation.category_accuracy);
-            put("certain", report.certain.accuracy);
+            // of nothing no share is right
+            let isolated: u64 = report.isolation.confusion.iter().flatten().sum();
+            let of_some = |v: f64, is_any: bool| if is_any { v } else { f64::NAN };
+            put("accuracy", of_some(report.isolation.accuracy, isolated > 0));
+            put("category", of_some(report.isolation.category_accuracy, isolated > 0));
+            put("certain", of_some(report.certain.accuracy, report.certain.coverage > 0.0));
             put("coverage", report.certain.coverage);
         }
         if size != Size::All {

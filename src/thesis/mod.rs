@@ -16,11 +16,11 @@ mod tables;
 
 use crate::design::TrainingSet;
 use crate::side_by_side::side_by_side;
-use datasets::Part;
+use datasets::Folds;
 use std::path::Path;
 
 pub use chapter::{Chapter, Rounds};
-pub use conclusions::{Conclusion, Verdict};
+pub use conclusions::{Conclusion, Kind, Verdict};
 pub use outcome::{Confusion, DataSet, Measured, Spread, ThesisError};
 
 /// Runs every seed on simulated data, several at a time. `done` hears of each that ends.
@@ -45,31 +45,27 @@ pub fn simulated(
 }
 
 /// A user's labelled signals, divided by channel.
-pub struct Recorded {
-    parts: Vec<Part>,
-    left_out: Vec<String>,
-}
+pub struct Recorded(Folds);
 
 impl Recorded {
     /// `mu`: of thesis (3-4).
     pub fn new(set: &TrainingSet, mu: f64) -> Result<Recorded, ThesisError> {
-        let (parts, left_out) = datasets::folds(set, mu)?;
-        Ok(Recorded { parts, left_out })
+        Ok(Recorded(datasets::folds(set, mu)?))
     }
 
     pub fn folds(&self) -> usize {
-        self.parts.len()
+        self.0.parts.len()
     }
 
     /// Every part is tested on once, by what was learned from the others.
     pub fn chapter(&self, threads: usize, done: impl Fn() + Sync) -> Result<Chapter, ThesisError> {
-        let each = side_by_side(threads, self.parts.iter().collect(), |part| {
+        let each = side_by_side(threads, self.0.parts.iter().collect(), |part| {
             let figures = measure::figures(part)?;
             done();
             Ok(figures)
         });
         let each = each.into_iter().collect::<Result<Vec<_>, ThesisError>>()?;
-        let rounds = Rounds::Folds { number: each.len(), left_out: self.left_out.clone() };
+        let rounds = Rounds::Folds { number: each.len(), left_out: self.0.left_out.clone() };
         Ok(Chapter::new(rounds, vec![Measured::of(DataSet::Recordings, &each)]))
     }
 }
@@ -83,6 +79,7 @@ pub fn write(
     let failed =
         |path: &Path, source| ThesisError::Write { path: path.display().to_string(), source };
     std::fs::create_dir_all(dir).map_err(|e| failed(dir, e))?;
+    figures::forget(dir);
     let files = [
         ("tables.md", tables::markdown(chapter)),
         ("tables.json", serde_json::to_string_pretty(&chapter.json()).unwrap_or_default()),
@@ -91,7 +88,7 @@ pub fn write(
         let path = dir.join(name);
         std::fs::write(&path, text + "\n").map_err(|e| failed(&path, e))?;
     }
-    match (&chapter.rounds, recorded.and_then(|recorded| recorded.parts.first())) {
+    match (&chapter.rounds, recorded.and_then(|recorded| recorded.0.parts.first())) {
         (_, Some(part)) => figures::recorded(part, dir),
         (Rounds::Seeds(seeds), None) => {
             figures::simulated(seeds.first().copied().unwrap_or(1), dir)

@@ -145,6 +145,9 @@ impl Spread {
     }
 }
 
+/// Rounds whose scatter says how well their mean is known.
+const ENOUGH_ROUNDS: usize = 5;
+
 /// A mean difference with its 95 % interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Difference {
@@ -201,21 +204,31 @@ impl Measured {
         self.spread(key).map_or(f64::NAN, |spread| spread.mean)
     }
 
-    /// How much more the share `a` is than the share `b`, paired by round. Of a single round, by the sampling error of
-    /// both on `signals` signals.
+    /// How much more the share `a` is than the share `b`, paired by round, on `signals` signals of a round. What a few
+    /// rounds differ by says little: of fewer than [`ENOUGH_ROUNDS`] the interval is no narrower than the sampling error of
+    /// both shares; of more no narrower than that of the signals that only one of them is right in, at the fewest.
     pub fn difference(&self, a: &str, b: &str, signals: f64) -> Option<Difference> {
         let (a, b) = (self.rounds.get(a)?, self.rounds.get(b)?);
         let pairs: Vec<(f64, f64)> =
             a.iter().copied().zip(b.iter().copied()).filter(|(a, b)| (a - b).is_finite()).collect();
         let each: Vec<f64> = pairs.iter().map(|(a, b)| a - b).collect();
         let n = each.len() as f64;
-        let half = match pairs[..] {
-            [] => return None,
-            [(a, b)] => 1.96 * ((a * (1.0 - a) + b * (1.0 - b)) / signals.max(1.0)).sqrt(),
-            _ => student_quantile(0.975, n - 1.0) * Spread::of(&each).sd / n.sqrt(),
+        if pairs.is_empty() || signals < 1.0 {
+            return None;
+        }
+        let Spread { mean, sd, .. } = Spread::of(&each);
+        let all = signals * n;
+        let sampling = match pairs.len() < ENOUGH_ROUNDS {
+            true => pairs.iter().map(|(a, b)| a * (1.0 - a) + b * (1.0 - b)).sum::<f64>() / n,
+            false => mean.abs(),
         };
-        let mean = Spread::of(&each).mean;
-        Some(Difference { mean, low: mean - half, high: mean + half })
+        let sampling = 1.96 * (sampling.max(1.0 / all) / all).sqrt();
+        let scatter = match pairs.len() {
+            1 => 0.0,
+            _ => student_quantile(0.975, n - 1.0) * sd / n.sqrt(),
+        };
+        let half = scatter.max(sampling);
+        Some(Difference { mean, low: (mean - half).max(-1.0), high: (mean + half).min(1.0) })
     }
 
     pub fn json(&self) -> Value {

@@ -1,10 +1,11 @@
 //! `tables.md`: ours beside the thesis's. In: figures over rounds. Out: Markdown.
 
 use super::chapter::{Chapter, Rounds};
-use super::conclusions::Conclusion;
+use super::conclusions::{Conclusion, Kind};
 use super::measure::{COMPARED, Size, figure};
 use super::outcome::{DataSet, Measured};
 use super::published::{MATRICES, Matrix, Published, published};
+use crate::fault::CLASSES;
 use std::fmt::Write;
 
 /// Detection methods: the name of their figures, and in words.
@@ -29,6 +30,11 @@ const DETECTIONS: [(&str, &str); 12] = [
 pub fn markdown(chapter: &Chapter) -> String {
     let mut out = String::from("# Chapters 4 and 5 again\n\n");
     out += &match &chapter.rounds {
+        Rounds::Seeds(seeds) if seeds.len() == 1 => format!(
+            "Simulated data of the seed {}. Nobody can tell from one seed by how much others would differ. Every signal that is \
+             tested on is one that no filter, threshold or class has seen.\n",
+            seeds[0]
+        ),
         Rounds::Seeds(seeds) => format!(
             "Simulated data, {} seeds, {} to {}: mean ± standard deviation from seed to seed. Every signal that is tested on is \
              one that no filter, threshold or class has seen.\n",
@@ -37,10 +43,11 @@ pub fn markdown(chapter: &Chapter) -> String {
             seeds.last().unwrap_or(&0),
         ),
         Rounds::Folds { number, left_out } => {
-            let left_out: String = left_out.iter().map(|why| format!("* {why}\n")).collect();
+            let left_out: String =
+                left_out.iter().map(|why| format!("* {}\n", escaped(why))).collect();
             format!(
                 "Your recordings, divided by channel into {number} parts: each is tested on once, by what was learned on the channels \
-                 of the others. Mean ± standard deviation from part to part.\n\n{left_out}"
+                 of the others. The figures beside this page are of the first part. Mean ± standard deviation from part to part.\n\n{left_out}"
             )
         }
     };
@@ -67,7 +74,7 @@ fn conclusions(all: &[Conclusion], out: &mut String) {
          below .005. What lies between cannot be told from these data."
     );
     let mut set = None;
-    for Conclusion { data, claim, verdict, because } in all {
+    for Conclusion { data, kind, claim, verdict, because } in all {
         if set.replace(*data) != Some(*data) {
             let _ = writeln!(
                 out,
@@ -75,7 +82,13 @@ fn conclusions(all: &[Conclusion], out: &mut String) {
                 data.title()
             );
         }
-        let _ = writeln!(out, "| {claim} | **{}** | {because} |", verdict.in_words());
+        let whose = match kind {
+            Kind::Conclusion => "",
+            Kind::Question => " *(asked as future work)*",
+            Kind::Ours => " *(not the thesis's claim)*",
+        };
+        let because = escaped(because);
+        let _ = writeln!(out, "| {claim}{whose} | **{}** | {because} |", verdict.in_words());
     }
 }
 
@@ -83,12 +96,13 @@ fn data_set(of: &Measured, out: &mut String) {
     let count = |what: &str| whole(of.mean(what));
     let _ = writeln!(
         out,
-        "\n## {}\n\nLearned from {} healthy and {} faulty signals, tested on {} and {}.",
+        "\n## {}\n\nLearned from {} healthy and {} faulty signals, tested on {} and {}; mu of (3-4) is {}.",
         of.set.title(),
         count("learned/healthy"),
         count("learned/faulty"),
         count("tested/healthy"),
         count("tested/faulty"),
+        of.mean("mu"),
     );
     detection(of, out);
     isolation(of, out);
@@ -105,7 +119,7 @@ fn data_set(of: &Measured, out: &mut String) {
     if !of.failed.is_empty() {
         out.push_str("\nNot possible on these data:\n\n");
         of.failed.iter().for_each(|(what, why)| {
-            let _ = writeln!(out, "* {what}: {why}");
+            let _ = writeln!(out, "* {what}: {}", escaped(why));
         });
     }
 }
@@ -244,17 +258,22 @@ fn matrix(of: &Measured, key: &str, title: &str, theirs: Option<&Matrix>, out: &
                 .any(|(j, row)| row[i] > 0.0 || (i == j && row.iter().any(|n| *n > 0.0)))
         })
     };
-    let classes: Vec<String> = match &theirs {
+    let mut classes: Vec<String> = match &theirs {
         Some(theirs) => theirs.classes.clone(),
         None => ours.classes.iter().filter(is_met).cloned().collect(),
     };
+    if theirs.is_none() {
+        let place = |class: &str| CLASSES.iter().position(|known| *known == class);
+        classes.sort_by_key(|class| (place(class).unwrap_or(CLASSES.len()), class.clone()));
+    }
+    let names: Vec<String> = classes.iter().map(|class| escaped(class)).collect();
     let _ =
         writeln!(out, "\n### {title}\n\nRows: truth; columns: what was said. Mean over rounds.\n");
-    let _ = writeln!(out, "| | {} |", classes.join(" | "));
+    let _ = writeln!(out, "| | {} |", names.join(" | "));
     let _ = writeln!(out, "|---{}|", "|---".repeat(classes.len()));
     let place = |class: &str| ours.classes.iter().position(|c| c == class);
     for (i, class) in classes.iter().enumerate() {
-        let _ = write!(out, "| {class} |");
+        let _ = write!(out, "| {} |", names[i]);
         for (j, other) in classes.iter().enumerate() {
             let n = match (place(class), place(other)) {
                 (Some(i), Some(j)) => ours.counts[i][j],
@@ -307,6 +326,21 @@ fn plus_minus(of: &Measured, key: &str, sd: f64, digits: usize) -> String {
     }
 }
 
+/// A user's words in a table of Markdown: nothing in them ends a cell, or is HTML.
+fn escaped(text: &str) -> String {
+    let mut safe = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '|' => safe.push_str("\\|"),
+            '<' => safe.push_str("&lt;"),
+            '&' => safe.push_str("&amp;"),
+            c if c.is_control() => safe.push(' '),
+            c => safe.push(c),
+        }
+    }
+    safe
+}
+
 fn number(of: &Measured, key: &str, digits: usize) -> String {
     let Some(spread) = of.spread(key) else { return "–".into() };
     format!("{:.digits$}{}", spread.mean, plus_minus(of, key, spread.sd, digits))
@@ -331,3 +365,13 @@ const REMARKS: &str = "
 * The drying experiment is simulated: how much each pre-fire removes, and how much channels differ, is assumed.
 * `phi >= 0.8` bounds the mixture weight of the class itself. It is no probability.
 ";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_users_words_end_no_cell_and_are_no_html() {
+        assert_eq!(escaped("a|b\n<script>&\u{1b}[1m"), "a\\|b &lt;script>&amp; [1m");
+    }
+}
