@@ -1,7 +1,7 @@
 //! Chapters 4 and 5 of the thesis again: its tables and figures beside ours, and which of its conclusions held.
 //!
 //! In: seeds, or a user's own labelled signals. Out: a directory with `tables.md`, `tables.json` and figures. Works in
-//! memory on the data that [`datasets`] makes; the methods are the product's own ([`crate::design`]).
+//! memory on the data that `datasets` makes; the methods are the product's own ([`crate::design`]).
 
 mod chapter;
 mod conclusions;

@@ -205,7 +205,7 @@ impl Measured {
     }
 
     /// How much more the share `a` is than the share `b`, paired by round, on `signals` signals of a round. What a few
-    /// rounds differ by says little: of fewer than [`ENOUGH_ROUNDS`] the interval is no narrower than the sampling error of
+    /// rounds differ by says little: of fewer than five the interval is no narrower than the sampling error of
     /// both shares; of more no narrower than that of the signals that only one of them is right in, at the fewest.
     pub fn difference(&self, a: &str, b: &str, signals: f64) -> Option<Difference> {
         let (a, b) = (self.rounds.get(a)?, self.rounds.get(b)?);
