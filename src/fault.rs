@@ -49,6 +49,11 @@ impl Categories {
     pub fn of<'a>(&'a self, class: &'a str) -> &'a str {
         self.0.get(class).map_or(category(class), String::as_str)
     }
+
+    /// Whether a state is of a category; of several faults at once, `AB2+SDN`, the category of each is right.
+    pub fn is_of(&self, state: &str, category: &str) -> bool {
+        self.of(state) == category || state.split('+').any(|one| self.of(one) == category)
+    }
 }
 
 /// What a technician calls the class.

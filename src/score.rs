@@ -221,10 +221,8 @@ impl Score {
         self.isolated += 1;
         let right = candidate == truth;
         self.right += u64::from(right);
-        // of several faults at once, `AB2+SDN`, the category of each is right
         let category = self.categories.of(candidate);
-        let is_right = truth.split('+').any(|one| self.categories.of(one) == category);
-        self.category_right += u64::from(is_right || self.categories.of(truth) == category);
+        self.category_right += u64::from(self.categories.is_of(truth, category));
         *self.confusion.entry((truth.to_owned(), candidate.to_owned())).or_default() += 1;
         if let Some(certainty) = said.certainty.filter(|c| c.is_finite()) {
             if certainty >= self.bound {

@@ -442,7 +442,7 @@ impl Preset {
                 ("identify.grey_box.plain_mean", true.into()),
                 ("detect.method", "residual-energy".into()),
                 ("detect.denominator", "resonance".into()),
-                ("detect.oscillations_of_ring", THESIS_OSCILLATIONS_OF_RING.into()),
+                ("detect.oscillations_of_ring", crate::detect::THESIS_OSCILLATIONS_OF_RING.into()),
                 ("detect.other_poles_per_s", vec![5e5, 5e5].into()),
                 ("detect.threshold", "max".into()),
                 ("detect.mu", 1.0.into()),
@@ -453,10 +453,6 @@ impl Preset {
         }
     }
 }
-
-/// n_o of `--preset thesis`, in periods of the healthy ring: 7.25 oscillations in the 100 µs of signals of the thesis's
-/// form, which ring at 64.7 kHz. Found on such signals by search: it gives the misses of the thesis's Table 4-1.
-const THESIS_OSCILLATIONS_OF_RING: f64 = 1.12;
 
 /// What a design keeps of `[isolate]`; classes and densities it holds anyway.
 const KEPT_OF_ISOLATE: [&str; 6] =

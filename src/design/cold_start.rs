@@ -44,10 +44,9 @@ pub(super) fn physics(
     let GreyBoxSettings { a_per_s2, b_per_s2, g_per_s, d_per_s, .. } = scaled;
     let channel = InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s };
     // what was given in seconds stays in seconds
-    let (waveform, pulse_s) = match Waveform::new(&isolate.waveform) {
-        Ok((waveform, pulse_s)) => (waveform, pulse_s),
-        // none was given: the settings were checked
-        Err(_) => (Waveform::default(), isolate.pulse_s.unwrap_or(PULSE_S * slower)),
+    let (waveform, pulse_s) = match isolate.waveform.is_empty() {
+        true => (Waveform::default(), isolate.pulse_s.unwrap_or(PULSE_S * slower)),
+        false => Waveform::new(&isolate.waveform).map_err(DesignError::Invalid)?,
     };
     let delay_s = isolate.delay_s.unwrap_or(DELAY_S * slower);
     let guess = Healthy { channel, actuation: Actuation { pulse_s, delay_s, waveform } };

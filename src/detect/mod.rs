@@ -30,7 +30,9 @@ pub mod threshold;
 pub mod tile;
 
 pub use residual_generator::ResidualGenerator;
-pub use settings::{Denominator, DetectMethod, DetectSettings, ThresholdMethod};
+pub use settings::{
+    Denominator, DetectMethod, DetectSettings, THESIS_OSCILLATIONS_OF_RING, ThresholdMethod,
+};
 pub use threshold::Threshold;
 
 /// Why no filter or no threshold can be made.

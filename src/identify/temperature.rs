@@ -15,6 +15,7 @@ use super::scatter::scatter;
 use super::{GreyBoxSettings, IdentifyError, whiteness};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// Temperatures that are told apart, at most.
 const MOST_BINS: usize = 4;
@@ -55,18 +56,14 @@ pub fn by_temperature(
     dt_s: f64,
     settings: &GreyBoxSettings,
 ) -> Result<Option<ByTemperature>, IdentifyError> {
-    let mut order: Vec<usize> =
-        (0..set.len()).filter(|&i| set.temperature_c[i].is_finite()).collect();
-    order.sort_by(|&i, &j| set.temperature_c[i].total_cmp(&set.temperature_c[j]));
-    let bins = (order.len() / FEWEST).min(MOST_BINS);
-    if bins < 2 {
-        return Ok(None);
-    }
     let mut parts = Vec::new();
-    for part in order.chunks(order.len().div_ceil(bins)) {
-        let signals = set.select(part);
+    for part in of_the_same_channels(set) {
+        if part.len() < FEWEST {
+            return Ok(None);
+        }
+        let signals = set.select(&part);
         let mean = averaging::average(&signals)?;
-        // the same channels are in every part: how they differ is no error of what the parts differ by
+        // how channels differ is in every part alike, and no error of what the parts differ by
         let noise = mean.noise / (mean.n_signals as f64).sqrt();
         let near = Some(&fit.channel);
         let mut found = grey_box::identify(&mean.y, dt_s, noise, settings, near)?;
@@ -76,8 +73,42 @@ pub fn by_temperature(
         }
         parts.push((signals.mean_temperature_c().unwrap_or(f64::NAN), found));
     }
-    let span_k = parts[parts.len() - 1].0 - parts[0].0;
+    let span_k = parts.last().zip(parts.first()).map_or(0.0, |(last, first)| last.0 - first.0);
     Ok(if span_k < LEAST_SPAN_K { None } else { joint(&parts, fit) })
+}
+
+/// Signals from cold to warm in up to [`MOST_BINS`] parts that have as many signals of each channel: what channels differ
+/// by is then in all parts alike. Where the channels change with the temperature the parts are empty.
+fn of_the_same_channels(set: &SignalSet) -> Vec<Vec<usize>> {
+    let mut order: Vec<usize> =
+        (0..set.len()).filter(|&i| set.temperature_c[i].is_finite()).collect();
+    order.sort_by(|&i, &j| set.temperature_c[i].total_cmp(&set.temperature_c[j]));
+    let bins = (order.len() / FEWEST).min(MOST_BINS);
+    if bins < 2 {
+        return Vec::new();
+    }
+    let parts: Vec<&[usize]> = order.chunks(order.len().div_ceil(bins)).collect();
+    let counted = |part: &&[usize]| {
+        let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
+        part.iter().for_each(|&i| *counts.entry(set.channel[i]).or_default() += 1);
+        counts
+    };
+    let counts: Vec<BTreeMap<u32, usize>> = parts.iter().map(counted).collect();
+    let fewest = |channel: &u32| {
+        counts.iter().map(|of| of.get(channel).copied().unwrap_or(0)).min().unwrap_or(0)
+    };
+    let kept = |part: &&[usize]| {
+        let mut left: BTreeMap<u32, usize> = BTreeMap::new();
+        let keep = |i: &&usize| {
+            let channel = set.channel[**i];
+            let left = left.entry(channel).or_insert_with(|| fewest(&channel));
+            let is_one = *left > 0;
+            *left -= usize::from(is_one);
+            is_one
+        };
+        part.iter().filter(keep).copied().collect()
+    };
+    parts.iter().map(kept).collect()
 }
 
 /// The five and more unknowns of all parts, by Gauss and Newton: ln a, ln b, ln g, ln d, and of every part but the first
@@ -166,7 +197,7 @@ fn cubic(theta: &DVector<f64>, viscosity: f64) -> Vector3<f64> {
 mod tests {
     use super::*;
     use crate::model::{InkChannel, ring_down};
-    use rand::SeedableRng;
+    use rand::{RngExt, SeedableRng};
     use rand_distr::{Distribution, StandardNormal};
 
     const DT_S: f64 = 0.78125e-6;
@@ -195,6 +226,69 @@ mod tests {
             set.push(&y, k % 40, 1.0, 21.0 + warmer);
         }
         set
+    }
+
+    /// Channels whose rates differ as those of the physical benchmark do, each with `looks` at its temperature.
+    fn differing(
+        kappa: f64,
+        temperature: impl Fn(u32, u32) -> f64,
+        looks: u32,
+        seed: u64,
+    ) -> SignalSet {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+        let x_a = nalgebra::dvector![1e-4, 0.0, 900.0, 400.0];
+        let mut set = SignalSet::new(128);
+        for channel in 0..60 {
+            let mut by = |half: f64| 1.0 + half * rng.random_range(-1.0..1.0);
+            let [a, b, g, d] = [by(0.004), by(0.004), by(0.05), by(0.08)];
+            let nominal = InkChannel::NOMINAL;
+            for look in 0..looks {
+                let celsius = temperature(channel, look);
+                let thinner = 1.0 - 0.02 * (celsius - 21.0);
+                let now = InkChannel {
+                    a_per_s2: a * nominal.a_per_s2,
+                    b_per_s2: b * nominal.b_per_s2,
+                    g_per_s: thinner * g * kappa * nominal.d_per_s,
+                    d_per_s: thinner * d * nominal.d_per_s,
+                };
+                let mut noisy = |y: f64| {
+                    let noise: f64 = StandardNormal.sample(&mut rng);
+                    (y + 4.0 * noise) as f32
+                };
+                let y = ring_down::ring_down(&now, &x_a, DT_S, 128);
+                let y: Vec<f32> = y.into_iter().map(&mut noisy).collect();
+                set.push(&y, channel, 1.0, celsius);
+            }
+        }
+        set
+    }
+
+    /// Channels that differ, in unlike shares at each temperature, and others at each temperature: the second tells
+    /// nothing, since what channels differ by would be taken for what temperature does.
+    #[test]
+    fn channels_that_differ_are_no_temperature() {
+        let settings = GreyBoxSettings::default();
+        let told = |set: &SignalSet| {
+            let mean = averaging::average(set).unwrap();
+            let se = mean.standard_error();
+            let fit = grey_box::identify(&mean.y, DT_S, se, &settings, None).unwrap();
+            by_temperature(set, &fit, DT_S, &settings).unwrap()
+        };
+        let mut within = 0;
+        for (seed, kappa) in (0..12).zip([0.3, 0.4].into_iter().cycle()) {
+            // half of the channels are looked at more often while it is cold
+            let skewed = |channel: u32, look: u32| {
+                let at = f64::from(look) / 40.0;
+                21.0 + 8.0 * if channel % 2 == 0 { at } else { at * at }
+            };
+            let found = told(&differing(kappa, skewed, 40, seed)).unwrap();
+            let off = (found.g_over_d / kappa).ln() / found.g_over_d_sd;
+            println!("{found:?}: {off:.2}");
+            within += usize::from(!found.is_known() || off.abs() < 1.96);
+        }
+        assert!(within >= 9, "95 % intervals hold {within} of 12");
+        let in_turn = |channel: u32, _| 21.0 + 8.0 * f64::from(channel) / 60.0;
+        assert_eq!(told(&differing(0.3, in_turn, 40, 1)), None);
     }
 
     fn known(channel: &InkChannel, stiffer: f64, seed: u64) -> ByTemperature {

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// More than a million rows.
-pub(super) const MOST_BYTES: u64 = 256 << 20;
+const MOST_BYTES: u64 = 256 << 20;
 /// Rows that we hold in memory: some 200 bytes each.
 const MOST_ROWS: usize = 1 << 22;
 
@@ -94,6 +94,30 @@ pub fn check(path: &Path, labels: &Labels, met: &Met) -> Result<(), LabelsError>
 }
 
 fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, LabelsError> {
+    let mut rows = Vec::new();
+    each_row(path, from, [], |fields, []| {
+        let label = parse(fields)?;
+        // labels say the same in row after row
+        if rows.last().is_none_or(|before: &Label| before.state != label.state) {
+            states.check(&label.state)?;
+        }
+        rows.push(label);
+        match rows.len() > MOST_ROWS {
+            true => Err(format!("more than {MOST_ROWS} rows: cut the labels into several")),
+            false => Ok(()),
+        }
+    })?;
+    Ok(Labels::new(rows))
+}
+
+/// Calls `take` with the fields of every row: those of labels, and those of the columns `more`, empty where there are none.
+/// What it refuses is told with the row's line.
+pub(super) fn each_row<const M: usize>(
+    path: &Path,
+    from: impl Read,
+    more: [&str; M],
+    mut take: impl FnMut([&str; HEADER.len()], [&str; M]) -> Result<(), String>,
+) -> Result<(), LabelsError> {
     let failed = |source: csv::Error| match source.kind() {
         csv::ErrorKind::Utf8 { .. } => {
             LabelsError::NoText { path: path.into(), instead: result_file::instead(path) }
@@ -105,31 +129,22 @@ fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, La
         .flexible(true)
         .from_reader(Records::new(from, MOST_BYTES));
     let header = csv.headers().map_err(failed)?.clone();
+    let place =
+        |column: &str| header.iter().position(|h| h.trim_start_matches('\u{feff}') == column);
     let mut places = [0; HEADER.len()];
-    for (place, column) in places.iter_mut().zip(HEADER) {
-        *place = header
-            .iter()
-            .position(|h| h.trim_start_matches('\u{feff}') == column)
-            .ok_or(LabelsError::NoColumn { path: path.into(), column })?;
+    for (at, column) in places.iter_mut().zip(HEADER) {
+        *at = place(column).ok_or(LabelsError::NoColumn { path: path.into(), column })?;
     }
-    let mut rows = Vec::new();
+    let more = more.map(place);
     let mut record = csv::StringRecord::new();
     while csv.read_record(&mut record).map_err(failed)? {
         csv.get_mut().record_ends();
         let line = record.position().map_or(0, csv::Position::line);
-        let row = |what| LabelsError::Row { path: path.into(), line, what };
-        let fields = places.map(|place| record.get(place).unwrap_or(""));
-        let label = parse(fields).map_err(row)?;
-        // labels say the same in row after row
-        if rows.last().is_none_or(|before: &Label| before.state != label.state) {
-            states.check(&label.state).map_err(row)?;
-        }
-        rows.push(label);
-        if rows.len() > MOST_ROWS {
-            return Err(row(format!("more than {MOST_ROWS} rows: cut the labels into several")));
-        }
+        let field = |place: usize| record.get(place).unwrap_or("");
+        take(places.map(field), more.map(|place| place.map_or("", field)))
+            .map_err(|what| LabelsError::Row { path: path.into(), line, what })?;
     }
-    Ok(Labels::new(rows))
+    Ok(())
 }
 
 impl<'a> States<'a> {

@@ -4,9 +4,8 @@
 //! The columns of labels, then `source` (who says so), `certainty` (of what he says, 0 to 1; empty: 1) and `sentence` (why
 //! the channel is doubtful; not read). A row whose state is empty was not looked at.
 
-use super::labels_file::{self, HEADER, LabelsError, MOST_BYTES, States};
-use super::regular_file::Records;
-use super::{part_file, regular_file};
+use super::labels_file::{self, HEADER, LabelsError, States};
+use super::{part_file, printable, regular_file};
 use crate::labels::Label;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -76,50 +75,31 @@ pub fn write(path: &Path, doubts: &[Doubt]) -> Result<(), LabelsError> {
 
 /// `least`: the certainty that an outcome needs to teach.
 pub fn read(path: &Path, least: f64, states: States) -> Result<Outcomes, LabelsError> {
-    let failed = |source| LabelsError::Read { path: path.into(), source };
-    let file = regular_file::open(path).map_err(|e| failed(e.into()))?;
-    let mut csv = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .flexible(true)
-        .from_reader(Records::new(file, MOST_BYTES));
-    let header = csv.headers().map_err(failed)?.clone();
-    let place =
-        |column: &str| header.iter().position(|h| h.trim_start_matches('\u{feff}') == column);
-    let mut places = [0; HEADER.len()];
-    for (at, column) in places.iter_mut().zip(HEADER) {
-        *at = place(column).ok_or(LabelsError::NoColumn { path: path.into(), column })?;
-    }
-    let [source, certainty] = ["source", "certainty"].map(place);
+    let file = regular_file::open(path)
+        .map_err(|e| LabelsError::Read { path: path.into(), source: e.into() })?;
     let mut outcomes = Outcomes::default();
-    let mut record = csv::StringRecord::new();
-    while csv.read_record(&mut record).map_err(failed)? {
-        csv.get_mut().record_ends();
-        let line = record.position().map_or(0, csv::Position::line);
-        let row = |what| LabelsError::Row { path: path.into(), line, what };
-        let fields = places.map(|place| record.get(place).unwrap_or(""));
+    labels_file::each_row(path, file, ["source", "certainty"], |fields, [source, certainty]| {
         if fields[4].is_empty() {
             outcomes.not_looked_at += 1;
-            continue;
+            return Ok(());
         }
-        let label = labels_file::parse(fields).map_err(row)?;
-        states.check(&label.state).map_err(row)?;
-        let certain = match certainty.and_then(|place| record.get(place)).unwrap_or("") {
+        let label = labels_file::parse(fields)?;
+        states.check(&label.state)?;
+        let certain: f64 = match certainty {
             "" => 1.0,
             text => text.parse().ok().filter(|c| (0.0..=1.0).contains(c)).ok_or_else(|| {
-                row(format!(
-                    "certainty \"{}\": give 0 to 1, or nothing",
-                    super::printable::cell(text)
-                ))
+                format!("certainty \"{}\": give 0 to 1, or nothing", printable::cell(text))
             })?,
         };
-        let source = source.and_then(|place| record.get(place)).filter(|s| !s.is_empty());
         if certain < least {
             outcomes.uncertain += 1;
-            continue;
+            return Ok(());
         }
-        *outcomes.by_source.entry(source.unwrap_or("nobody said who").into()).or_default() += 1;
+        let source = if source.is_empty() { "nobody said who" } else { source };
+        *outcomes.by_source.entry(source.into()).or_default() += 1;
         outcomes.labels.push(label);
-    }
+        Ok(())
+    })?;
     Ok(outcomes)
 }
 

@@ -114,11 +114,9 @@ impl<'a> EpisodeScore<'a> {
             if !earlier {
                 truth.found = Some(Found {
                     raised_at_ns: said.raised_at_ns,
-                    category_right: truth
-                        .state
-                        .split('+')
-                        .any(|one| said.category == Some(categories.of(one)))
-                        || said.category == Some(categories.of(&truth.state)),
+                    category_right: said
+                        .category
+                        .is_some_and(|category| categories.is_of(&truth.state, category)),
                     fault_right: said.fault == Some(truth.state.as_str()),
                 });
             }

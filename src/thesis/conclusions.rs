@@ -223,12 +223,12 @@ pub fn conclusions(of: &Measured) -> Vec<Conclusion> {
                 .into(),
         });
     }
-    all.extend(by_default(of, accuracy(lr_r, Size::All), faulty));
+    all.push(by_default(of, accuracy(lr_r, Size::All), faulty));
     all
 }
 
 /// What the thesis does not conclude, as it has no second method: the product's default against its own.
-fn by_default(of: &Measured, own: String, faulty: f64) -> Option<Conclusion> {
+fn by_default(of: &Measured, own: String, faulty: f64) -> Conclusion {
     let default = figure("default", Size::All, "accuracy");
     let mut said = judged(
         of,
@@ -244,7 +244,7 @@ fn by_default(of: &Measured, own: String, faulty: f64) -> Option<Conclusion> {
     });
     said.kind = Kind::Ours;
     said.because += &format!("; default: {ours}; residual matching: {theirs}");
-    Some(said)
+    said
 }
 
 /// The class that is named right least often, in words.

@@ -7,20 +7,20 @@ use super::datasets::{Part, faulty, healthy, sets, with_faulty};
 use super::outcome::{Confusion, Figures, ThesisError};
 use super::practice::{Thresholds, key_numbers};
 use crate::design::{Design, DetectSettings, IsolateSettings, Judge, TrainingSet, Workspace};
-use crate::detect::{Denominator, DetectMethod, ThresholdMethod, denominator_search, null_space};
+use crate::detect::{
+    Denominator, DetectMethod, THESIS_OSCILLATIONS_OF_RING, ThresholdMethod, denominator_search,
+    null_space,
+};
 use crate::fault::HEALTHY;
 use crate::identify::GreyBoxSettings;
 use crate::isolate::{IsolateMethod, IsolateSignal};
 use crate::score::{Report, Said, Score};
 use std::collections::BTreeSet;
 
-/// n_o with which the thesis's figures are reproduced on signals of its form, in periods of the healthy ring; on these it
-/// is 7.25, as in `--preset thesis`.
-const OSCILLATIONS_OF_RING: f64 = 1.12;
 /// The share of the faulty signals whose phi reaches .8 in thesis Table 4-4.
 pub const SHARE_KEPT: f64 = 0.532;
 /// The classes that the manufacturer's own method can name, thesis §4-3.
-pub const KNOWN_TO_PRACTICE: [&str; 4] = ["EC", "AB3", "BN", "PBN"];
+const KNOWN_TO_PRACTICE: [&str; 4] = ["EC", "AB3", "BN", "PBN"];
 
 /// How many of the faulty training signals are learned from: thesis Tables 4-6 and 4-7.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,7 +81,7 @@ pub fn thesis_detect(mu: f64) -> DetectSettings {
         method: DetectMethod::ResidualEnergy,
         threshold: ThresholdMethod::Max,
         mu,
-        oscillations_of_ring: Some(OSCILLATIONS_OF_RING),
+        oscillations_of_ring: Some(THESIS_OSCILLATIONS_OF_RING),
         other_poles_per_s: vec![5e5, 5e5],
         ..DetectSettings::default()
     }
