@@ -279,7 +279,7 @@ mod tests {
             // half of the channels are looked at more often while it is cold
             let skewed = |channel: u32, look: u32| {
                 let at = f64::from(look) / 40.0;
-                21.0 + 8.0 * if channel % 2 == 0 { at } else { at * at }
+                21.0 + 8.0 * if channel.is_multiple_of(2) { at } else { at * at }
             };
             let found = told(&differing(kappa, skewed, 40, seed)).unwrap();
             let off = (found.g_over_d / kappa).ln() / found.g_over_d_sd;
