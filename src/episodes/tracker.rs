@@ -25,6 +25,8 @@ const MOST_WAITING: usize = 1 << 22;
 struct Naming {
     classes: Vec<Class>,
     priors: Vec<f64>,
+    /// Of each class the first that is sized by the same quantity.
+    quantities: Vec<usize>,
     /// Least weight of a named class, or category.
     certainty: f64,
 }
@@ -143,7 +145,12 @@ impl Tracker {
         settings: &EpisodeSettings,
     ) -> Tracker {
         Tracker {
-            naming: Naming { classes: classes.to_vec(), priors: priors.to_vec(), certainty },
+            naming: Naming {
+                classes: classes.to_vec(),
+                priors: priors.to_vec(),
+                quantities: quantities(classes),
+                certainty,
+            },
             bound: settings.evidence_bound() as f32,
             reorder_signals: settings.reorder_signals,
             printheads: HashMap::new(),
@@ -574,7 +581,7 @@ impl Found {
         if let (Some(class), Some(size)) = (named.candidate, named.severity)
             && size.is_finite()
         {
-            let quantity = naming.quantity(usize::from(class));
+            let Some(&quantity) = naming.quantities.get(usize::from(class)) else { return };
             self.sizes.resize(naming.classes.len(), None);
             let Some(of) = self.sizes.get_mut(quantity) else { return };
             let known = of.get_or_insert(Sizes { first: size, max: size, last: size, sd: None });
@@ -594,16 +601,20 @@ impl Found {
     }
 }
 
-impl Naming {
-    /// The first class that is sized by the same quantity.
-    fn quantity(&self, class: usize) -> usize {
-        let laws = Catalogue::default();
-        let of = |class: &Class| laws.one_kind(&class.of).and_then(faults::law);
-        let Some(own) = self.classes.get(class).and_then(of) else { return class };
-        let alike = |other: &Class| of(other).is_some_and(|law| law.is_kind_of(own));
-        self.classes.iter().position(alike).unwrap_or(class)
-    }
+/// [`Naming::quantities`]
+fn quantities(classes: &[Class]) -> Vec<usize> {
+    let laws = Catalogue::default();
+    let of = |class: &Class| laws.one_kind(&class.of).and_then(faults::law);
+    let first_like = |(number, class): (usize, &Class)| {
+        let alike = |own: &faults::Law| {
+            classes.iter().position(|other| of(other).is_some_and(|law| law.is_kind_of(own)))
+        };
+        of(class).and_then(alike).unwrap_or(number)
+    };
+    classes.iter().enumerate().map(first_like).collect()
+}
 
+impl Naming {
     /// The sums over categories, in order of first appearance.
     fn categories(&self, weights: &[f64]) -> Vec<(&str, f64)> {
         let mut sums: Vec<(&str, f64)> = Vec::new();
@@ -644,7 +655,7 @@ impl Naming {
                 certainty = Some(sum);
             }
         }
-        let sizes = best.and_then(|(class, _)| *found.sizes.get(self.quantity(class))?);
+        let sizes = best.and_then(|(class, _)| *found.sizes.get(self.quantities[class])?);
         // looks that fit the return to healthy are not the fault's, unless it stayed
         let bursts = match (ended_at_ns, found.fading) {
             (Some(_), Some((_, before))) => before,

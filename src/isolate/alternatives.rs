@@ -6,6 +6,7 @@
 //! on, and what others do: `docs/names.md`.
 
 use super::fault_curve::{HealthySpread, Node, noise_of_fit};
+use super::posterior::ROUNDED_AWAY;
 use crate::model::ring_fit::{Features, RingFitter};
 use crate::verdict::Appearance;
 use nalgebra::{Matrix4, SMatrix, Vector4};
@@ -137,16 +138,18 @@ pub fn weigh(
     let known = ((1.0 - of_no_class) / all).ln();
     let any = ANY_RING.ln() + ln_density_of_any_ring(features);
     let most = ln_densities.iter().chain(ln_alternatives).copied().fold(any, f64::max);
+    // most are so far off that they add nothing
+    let density = |ln: f64| if ln > most - ROUNDED_AWAY { (ln - most).exp() } else { 0.0 };
     let of_classes = ln_densities.iter().zip(priors);
-    let of_classes: f64 = of_classes.map(|(ln, prior)| prior * (ln + known - most).exp()).sum();
-    let others = ln_alternatives.iter().map(|ln| (ln - most).exp());
-    let of_all = of_classes + others.clone().sum::<f64>() + (any - most).exp();
-    let likeliest =
-        others.enumerate().reduce(|best, next| if next.1 > best.1 { next } else { best });
-    let likeliest = likeliest.filter(|(_, density)| *density > (any - most).exp());
+    let of_classes: f64 = of_classes.map(|(ln, prior)| prior * density(ln + known)).sum();
+    let of_all =
+        of_classes + ln_alternatives.iter().copied().map(density).sum::<f64>() + density(any);
+    let likeliest = ln_alternatives.iter().enumerate();
+    let likeliest = likeliest.reduce(|best, next| if next.1 > best.1 { next } else { best });
+    let likeliest = likeliest.filter(|(_, ln)| **ln > any);
     Weighed {
         of_any: of_classes / of_all,
-        alternative: likeliest.map(|(number, density)| (number, density / of_all)),
+        alternative: likeliest.map(|(number, ln)| (number, density(*ln) / of_all)),
     }
 }
 

@@ -43,6 +43,8 @@ pub struct ClassDensity {
     axes: Vec<Axis>,
     #[serde(skip)]
     ln_scale: OnceLock<f64>,
+    #[serde(skip)]
+    ln_highest: OnceLock<f64>,
 }
 
 impl ClassDensity {
@@ -141,7 +143,8 @@ impl ClassDensity {
 
     /// An upper bound: ln_density(x) <= ln_highest - square(x) / 2, with [`ClassDensity::square`].
     pub fn ln_highest(&self) -> f64 {
-        self.ln_determinant + self.axes.iter().map(|axis| axis.ln_highest()).sum::<f64>()
+        let of_axes = || self.axes.iter().map(|axis| axis.ln_highest()).sum::<f64>();
+        *self.ln_highest.get_or_init(|| self.ln_determinant + of_axes())
     }
 
     /// Squared Mahalanobis distance from the class (along a range: from its nearer end, in the noise's
@@ -207,6 +210,7 @@ fn along(
         ln_determinant,
         axes,
         ln_scale: OnceLock::new(),
+        ln_highest: OnceLock::new(),
     };
     Some((likelihood, density))
 }

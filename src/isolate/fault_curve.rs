@@ -349,11 +349,11 @@ pub struct FaultCurve {
 
 /// Severities at which decays are simulated and fitted; between them the curve is interpolated linearly.
 const POINTS: usize = 64;
-/// Distance of neighbouring nodes in standard deviations of a signal: close enough for a sum over nodes to
-/// stand for the integral over severity.
+/// Distance of neighbouring nodes in standard deviations of a signal: a sum over Gaussians that lie h apart differs from
+/// their integral by 2 exp(-2 pi²/h²), 5e-9 of it (Poisson's summation formula).
 const NODE_DISTANCE: f64 = 0.7;
 /// Nodes between two points, at most.
-const MOST_BETWEEN: usize = 48;
+const MOST_BETWEEN: f64 = 48.0;
 
 impl FaultCurve {
     /// From no fault to the `largest`.
@@ -371,10 +371,8 @@ impl FaultCurve {
             .collect::<Option<_>>()?;
         let mut nodes = Vec::new();
         for (trust, weight) in Trust::ALL {
-            for pair in points.windows(2) {
-                let some = between(&pair[0], &pair[1], law, trust, scatter)?;
-                nodes.extend(some.into_iter().map(|node| Node { weight, ..node }));
-            }
+            let some = nodes_along(&points, law, trust, scatter)?;
+            nodes.extend(some.into_iter().map(|node| Node { weight, ..node }));
         }
         let healthy = simulator.healthy_slope;
         nodes.iter_mut().for_each(|node| node.by_change = of_change(&(node.slope - healthy)));
@@ -382,37 +380,47 @@ impl FaultCurve {
     }
 }
 
-/// The nodes between two points of a curve.
-fn between(
-    from: &Point,
-    to: &Point,
-    law: &Law,
-    trust: Trust,
-    scatter: &Scatter,
-) -> Option<Vec<Node>> {
-    let step = turned(to.mean - from.mean);
-    let own = from.slope * scatter.channels * from.slope.transpose()
-        + from.noise
-        + trust.covariance(&from.belief_slope, &from.mean, scatter);
-    let distance = step.dot(&(own.try_inverse()? * step)).sqrt();
-    let n = ((distance / NODE_DISTANCE).ceil() as usize).clamp(1, MOST_BETWEEN);
+/// The nodes of a curve, each for an interval of severities that is [`NODE_DISTANCE`] long at most. `points`: in equal
+/// steps of their place.
+fn nodes_along(points: &[Point], law: &Law, trust: Trust, scatter: &Scatter) -> Option<Vec<Node>> {
+    // of each point the distance from the first along the curve, in standard deviations of a signal
+    let mut distances = vec![0.0];
+    for pair in points.windows(2) {
+        let (from, step) = (&pair[0], turned(pair[1].mean - pair[0].mean));
+        let own = from.slope * scatter.channels * from.slope.transpose()
+            + from.noise
+            + trust.covariance(&from.belief_slope, &from.mean, scatter);
+        let distance = step.dot(&(own.try_inverse()? * step)).sqrt();
+        distances.push(distances[distances.len() - 1] + distance.min(MOST_BETWEEN * NODE_DISTANCE));
+    }
+    let total = distances[points.len() - 1];
+    let n = (total / NODE_DISTANCE).ceil().max(1.0);
+    // how many steps from the first point a distance lies
+    let steps_at = |distance: f64| {
+        let k = distances.partition_point(|d| *d < distance).clamp(1, points.len() - 1);
+        let (before, step) = (distances[k - 1], distances[k] - distances[k - 1]);
+        (k - 1) as f64 + if step > 0.0 { ((distance - before) / step).min(1.0) } else { 0.5 }
+    };
+    let end = |i: f64| if i < n { steps_at(total * i / n) } else { (points.len() - 1) as f64 };
     let node = |i: usize| {
-        let share = (i as f64 + 0.5) / n as f64;
+        let (begins, ends) = (end(i as f64), end(i as f64 + 1.0));
+        let steps = 0.5 * (begins + ends);
+        let (from, share) = (&points[steps as usize], steps.fract());
+        let to = &points[(steps as usize + 1).min(points.len() - 1)];
         let place = from.place + share * (to.place - from.place);
-        let mean = turned(from.mean + step * share);
-        let slope = from.slope * (1.0 - share) + to.slope * share;
+        let mean = turned(from.mean + turned(to.mean - from.mean) * share);
         let believed = from.belief_slope * (1.0 - share) + to.belief_slope * share;
         let node = Node {
             severity: law.severity_at(place),
             place,
-            length: (to.place - from.place).abs() / n as f64,
+            length: (ends - begins) * (points[1].place - points[0].place).abs(),
             belief: trust.covariance(&believed, &mean, scatter),
             noise: from.noise * (1.0 - share) + to.noise * share,
-            ..Node::at(mean, slope)
+            ..Node::at(mean, from.slope * (1.0 - share) + to.slope * share)
         };
         node.among(&scatter.channels)
     };
-    (0..n).map(node).collect()
+    (0..n as usize).map(node).collect()
 }
 
 impl Node {

@@ -18,8 +18,10 @@ pub struct FaultCurves {
     /// Per class its kinds of fault; empty: a class of the user's own, or kinds that do not ring. Behind them the
     /// alternatives.
     classes: Vec<Vec<Sizes>>,
-    /// What the alternatives are, each with its weight a priori.
-    alternatives: Vec<(Alternative, f64)>,
+    /// What the alternatives are.
+    alternatives: Vec<Alternative>,
+    /// The weight of each a priori, and its logarithm.
+    weights: Vec<[f64; 2]>,
     curves: Vec<FaultCurve>,
     /// The nodes of each curve, ready to be compared.
     columns: Vec<NodeColumns>,
@@ -82,6 +84,7 @@ impl FaultCurves {
         FaultCurves {
             classes: vec![Vec::new(); classes],
             alternatives: Vec::new(),
+            weights: Vec::new(),
             curves: Vec::new(),
             columns: Vec::new(),
             healthy,
@@ -158,7 +161,8 @@ impl FaultCurves {
         let share: Vec<f64> = share.iter().map(|share| share / sum).collect();
         let curve = self.add(curve);
         self.classes.push(vec![Sizes { curve, share: NodeColumns::in_blocks(&share) }]);
-        self.alternatives.push((what, weight));
+        self.alternatives.push(what);
+        self.weights.push([weight, weight.ln()]);
     }
 
     /// [`Conditions::changed`] where the healthy ring has changed by these (ln damping, ln frequency).
@@ -173,12 +177,12 @@ impl FaultCurves {
 
     /// Share of what is flagged that is of no class, a priori.
     pub fn of_no_class(&self) -> f64 {
-        ANY_RING + self.alternatives.iter().map(|(_, weight)| weight).sum::<f64>()
+        ANY_RING + self.weights.iter().map(|[weight, _]| weight).sum::<f64>()
     }
 
     /// What an alternative is, by its number.
     pub fn alternative(&self, number: usize) -> &Alternative {
-        &self.alternatives[number].0
+        &self.alternatives[number]
     }
 
     /// Compares the four features of a signal with every curve.
@@ -188,7 +192,7 @@ impl FaultCurves {
     }
 
     /// Severities at the nodes of a block of a curve.
-    pub fn severities(&self, curve: usize, block: usize) -> &OfNodes {
+    pub fn severities(&self, curve: usize, block: usize) -> &OfNodes<f64> {
         self.columns[curve].severities(block)
     }
 }
@@ -208,7 +212,8 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
     of_curves.resize(of.curves.len(), OfCurve::default());
     for (columns, of) in of.columns.iter().zip(&mut *of_curves) {
         node_columns::compare(columns, x, conditions, compared);
-        of.ln_scale = node_columns::densities(compared, &mut of.densities) - LN_TAU_SQUARED;
+        of.ln_scale =
+            node_columns::densities(columns, compared, &mut of.densities) - LN_TAU_SQUARED;
     }
     for (classes, lns) in of.classes.chunks(CLASSES).zip(ln_densities.chunks_mut(CLASSES)) {
         let (mut expectations, mut scales) = ([1.0; CLASSES], [f64::NEG_INFINITY; CLASSES]);
@@ -217,7 +222,7 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
                 let of = &of_curves[sizes.curve];
                 let expectation = sizes.expectation(&of.densities);
                 // all nodes are negligible, or the class has none of these severities
-                if expectation <= f64::MIN_POSITIVE {
+                if expectation <= f32::MIN_POSITIVE.into() {
                     continue;
                 }
                 match scales[l] == f64::NEG_INFINITY {
@@ -240,7 +245,7 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
     let classes = of.classes.len() - of.alternatives.len();
     ln_alternatives.clear();
     ln_alternatives
-        .extend(ln_densities.drain(classes..).zip(&of.alternatives).map(|(p, (_, w))| p + w.ln()));
+        .extend(ln_densities.drain(classes..).zip(&of.weights).map(|(p, [_, ln])| p + ln));
 }
 
 /// A signal compared with all fault curves. Buffers are reused for the next signal.
@@ -274,7 +279,7 @@ impl Sizes {
                 sums[i] += share[i] * of.of[i];
             }
         }
-        node_columns::sum(&sums)
+        node_columns::sum(&sums).into()
     }
 }
 

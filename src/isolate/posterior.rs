@@ -8,6 +8,7 @@ use crate::model::simd_math::exp;
 use crate::processor::for_processor;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
+use std::sync::OnceLock;
 
 /// Labelled features of one class: (ln amplitude, ln damping, ln frequency, phase). `noise`: covariance of a
 /// fit's noise at the class's mean.
@@ -41,6 +42,9 @@ pub struct Posterior {
     /// Weight of the physics' density in each class's mixture; empty: 0 in all.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub physics_share: Vec<f64>,
+    /// Of each class ln of that weight, and of the learned density's.
+    #[serde(skip)]
+    ln_shares: OnceLock<Vec<[f64; 2]>>,
 }
 
 /// Number of features of a fitted ring: ln amplitude, ln damping, ln frequency, phase.
@@ -94,7 +98,8 @@ impl Posterior {
             .collect();
         let held_out = temperature(fewest < TELL_ENDS, &unseen, physics, &physics_share);
         let temperature = if fewest >= FEWEST_SCALED { held_out } else { 1.0 };
-        Some(Posterior { temperature, classes: learned, physics_share })
+        let ln_shares = OnceLock::new();
+        Some(Posterior { temperature, classes: learned, physics_share, ln_shares })
     }
 
     /// Refused if it could not have been learned.
@@ -131,7 +136,11 @@ impl Posterior {
     ) {
         // most classes are so far away that their densities need not be computed
         let share = |k: usize| self.physics_share.get(k).copied().unwrap_or(0.0);
-        let of_physics = |k: usize| physics.get(k).map(|physics| physics + share(k).ln());
+        let ln_shares = self.ln_shares.get_or_init(|| {
+            let of = |k: usize| [share(k).ln(), (1.0 - share(k)).ln()];
+            (0..self.classes.len()).map(of).collect()
+        });
+        let of_physics = |k: usize| physics.get(k).map(|physics| physics + ln_shares[k][0]);
         let least = (0..physics.len()).filter_map(of_physics).fold(f64::NEG_INFINITY, f64::max);
         let mut nearest = f64::INFINITY;
         for (k, (square, class)) in weights.iter_mut().zip(&self.classes).enumerate() {
@@ -144,7 +153,7 @@ impl Posterior {
             let near = *w < nearest + self.temperature * FAR || nearest == f64::INFINITY;
             let physics = of_physics(k);
             // nor is a learned density whose upper bound is negligible beside the physics' densities
-            let ln_learned = (1.0 - share(k)).ln();
+            let ln_learned = ln_shares[k][1];
             let counts = |class: &&ClassDensity| {
                 let highest = ln_learned + class.ln_highest() - 0.5 * *w;
                 physics.is_none_or(|ln| {
@@ -166,7 +175,7 @@ const FAR: f64 = 120.0;
 /// ln ratio of densities beyond which the smaller is negligible: e^-17 is below the last digit of a certainty.
 const NOTHING: f64 = 17.0;
 /// e^-40 added to 1 leaves 1.
-const ROUNDED_AWAY: f64 = 40.0;
+pub(super) const ROUNDED_AWAY: f64 = 40.0;
 /// Beyond this weight of the physics a class's learned density does not exclude other classes as too far.
 const MOSTLY_PHYSICS: f64 = 0.999;
 

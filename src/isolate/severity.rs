@@ -51,7 +51,7 @@ fn portable(of: &FaultCurves, sizes: &Sizes, densities: &[NodeDensities]) -> [f6
     for NodeDensities { block, of: densities } in densities {
         let (share, severity) = (&sizes.share[*block], of.severities(sizes.curve, *block));
         for i in 0..NODES {
-            let w = share[i] * densities[i];
+            let w = f64::from(share[i]) * f64::from(densities[i]);
             let weighed = w * severity[i];
             sum[i] += w;
             of_value[i] += weighed;
