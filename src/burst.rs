@@ -86,6 +86,14 @@ impl Burst {
         let (channels, n) = (self.channels as usize, self.samples_per_channel as usize);
         let bytes = self.format.bytes();
         let mut glance = [0; 16];
+        // of what recordings mostly hold, in one go
+        let eight = 2 * (row * n + n / 8);
+        if let (Layout::ChannelMajor, Format::S16Le, 5..) = (self.layout, self.format, n)
+            && let Some(of) = self.samples[eight..].first_chunk::<8>()
+        {
+            glance[..8].copy_from_slice(of);
+            return glance;
+        }
         for (k, of) in glance.as_chunks_mut::<4>().0.iter_mut().enumerate() {
             let sample = (n / 8 + k).min(n - 1); // early, where the ring is large
             let at = match self.layout {

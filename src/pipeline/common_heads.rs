@@ -10,14 +10,13 @@ use super::frozen::{Frozen, LEAST_NOISE};
 use super::level_history::LevelHistory;
 use super::looked_at::LookedAt;
 use super::moved::Moved;
-use super::survey::GroupKey;
+use super::survey::{ByGroup, GroupKey};
 use crate::burst::Burst;
 use crate::design::{Design, Judge, OwnChannels, Workspace};
 use crate::identify::common_change::{Change, CommonChange, Leaps};
 use crate::model::median::median;
 use crate::settings::IdentifySettings;
 use crate::verdict::unusable_signal;
-use std::collections::HashMap;
 use std::sync::Arc;
 
 /// Healthy standard deviations that a judge may lie off before it is moved for the first time, and between
@@ -54,7 +53,9 @@ pub struct CommonHeads<'a> {
     window_s: f64,
     /// Of damping and frequency, relative.
     bounds: [f64; 2],
-    of: HashMap<GroupKey, Head>,
+    /// `None`: it is judged as it is.
+    numbers: ByGroup<Option<usize>>,
+    heads: Vec<Head>,
     /// Of all judges: heads may have one in common.
     moves: u32,
     signal: Vec<f64>,
@@ -64,6 +65,7 @@ pub struct CommonHeads<'a> {
 
 #[derive(Debug)]
 struct Head {
+    printhead: Arc<str>,
     change: CommonChange,
     channels: LookedAt,
     frozen: Frozen,
@@ -96,33 +98,35 @@ impl<'a> CommonHeads<'a> {
         design: Option<&'a Design>,
     ) -> CommonHeads<'a> {
         let bounds = [identify.max_damping_drift, identify.max_frequency_drift];
-        let of = HashMap::new();
+        let (numbers, heads) = (ByGroup::default(), Vec::new());
         let window_s = identify.first;
         let (signal, expected, work) = (Vec::new(), Vec::new(), Workspace::default());
-        CommonHeads { design, rails, window_s, bounds, of, moves: 0, signal, expected, work }
+        CommonHeads {
+            design,
+            rails,
+            window_s,
+            bounds,
+            numbers,
+            heads,
+            moves: 0,
+            signal,
+            expected,
+            work,
+        }
     }
 
     /// What the next burst is judged by.
     pub fn judge_of(&mut self, judge: &Arc<Judge>, burst: &Burst) -> Given {
-        let key = GroupKey::of(burst);
-        let has_room = self.of.len() < MOST_HEADS || self.of.contains_key(&key);
-        let Some(healthy_sd) = judge.healthy_sd().filter(|_| has_room) else {
+        let CommonHeads { numbers, heads, design, window_s, bounds, .. } = self;
+        let number = numbers.of(burst, |key, _| {
+            let has_room = heads.len() < MOST_HEADS;
+            let head = Head::meet(key, judge, *design, LevelHistory::new(*window_s), *bounds);
+            heads.push(head.filter(|_| has_room)?);
+            Some(heads.len() - 1)
+        });
+        let Some(head) = number.map(|number| &mut self.heads[number]) else {
             return Given::by(Ok(judge.clone()));
         };
-        // a supply or another ink moves amplitude and damping; most faults move the frequency
-        let [amplitude, damping, _, phase] = FARTHEST;
-        let [small, frequency] = self.bounds.map(|bound| LEAP * bound.ln_1p());
-        let leaps = Leaps {
-            most: Change::new(amplitude, damping, frequency, phase),
-            among_faults: Change::new(small, small, frequency, phase),
-        };
-        let history = || LevelHistory::new(self.window_s);
-        let reference = self.design.map(|design| design.reference_of(&key.printhead));
-        let from = || reference.and_then(|of| judge.model.features_from(of)).unwrap_or_default();
-        let head = self
-            .of
-            .entry(key)
-            .or_insert_with(|| Head::new(healthy_sd, leaps, history(), judge.clone(), from()));
         if !head.is_of(judge) {
             head.window_is(judge);
         }
@@ -135,30 +139,33 @@ impl<'a> CommonHeads<'a> {
     }
 
     pub fn moved(&self) -> Vec<Moved> {
-        let told = |head: &Head| head.bursts > 0 || head.beyond_since_ns.is_some();
-        let moved = self.of.iter().filter(|(_, head)| told(head));
-        let mut moved: Vec<Moved> = moved
-            .map(|(key, head)| {
-                let mut moved = Moved::new(key.printhead.clone());
-                moved.reaches(&head.farthest);
-                (moved.bursts, moved.beyond_since_ns) = (head.bursts, head.beyond_since_ns);
-                moved
-            })
-            .collect();
+        let mut moved: Vec<Moved> = self.heads.iter().filter_map(Head::told).collect();
         moved.sort_by(|p, q| p.printhead.cmp(&q.printhead));
         moved
     }
 }
 
 impl Head {
-    fn new(
-        healthy_sd: Change,
-        leaps: Leaps,
+    /// `None`: what moves all of its channels cannot be seen by its judge.
+    fn meet(
+        key: &GroupKey,
+        judge: &Arc<Judge>,
+        design: Option<&Design>,
         history: LevelHistory,
-        judge: Arc<Judge>,
-        base_at: Change,
-    ) -> Head {
-        Head {
+        bounds: [f64; 2],
+    ) -> Option<Head> {
+        let healthy_sd = judge.healthy_sd()?;
+        // a supply or another ink moves amplitude and damping; most faults move the frequency
+        let [amplitude, damping, _, phase] = FARTHEST;
+        let [small, frequency] = bounds.map(|bound| LEAP * bound.ln_1p());
+        let leaps = Leaps {
+            most: Change::new(amplitude, damping, frequency, phase),
+            among_faults: Change::new(small, small, frequency, phase),
+        };
+        let reference = design.map(|design| design.reference_of(&key.printhead));
+        let base_at = reference.and_then(|of| judge.model.features_from(of)).unwrap_or_default();
+        Some(Head {
+            printhead: key.printhead.clone(),
             change: CommonChange::new(history.window_of(&judge.model), healthy_sd, leaps),
             channels: LookedAt::default(),
             frozen: Frozen::default(),
@@ -166,7 +173,7 @@ impl Head {
             far_off: 0,
             base: judge.clone(),
             base_at,
-            window: judge,
+            window: judge.clone(),
             window_at: Change::zeros(),
             history,
             in_window: Change::zeros(),
@@ -175,7 +182,16 @@ impl Head {
             unknown: 0,
             farthest: Change::zeros(),
             beyond_since_ns: None,
-        }
+        })
+    }
+
+    /// `None`: it never moved.
+    fn told(&self) -> Option<Moved> {
+        let is_told = self.bursts > 0 || self.beyond_since_ns.is_some();
+        let mut moved = Moved::new(self.printhead.clone());
+        moved.reaches(&self.farthest);
+        (moved.bursts, moved.beyond_since_ns) = (self.bursts, self.beyond_since_ns);
+        is_told.then_some(moved)
     }
 
     fn is_of(&self, judge: &Judge) -> bool {
@@ -215,6 +231,13 @@ impl Head {
     ) {
         let channels = burst.first_channel..burst.first_channel.saturating_add(burst.channels);
         self.channels.meet(channels.clone());
+        self.looks.clear();
+        if self.now().model.noise > LEAST_NOISE {
+            self.frozen.hear(burst, rails);
+        }
+        if !channels.clone().any(|channel| self.channels.holds(channel, 0)) {
+            return;
+        }
         let by = self.moved.as_ref().map_or(Change::zeros(), |(by, _)| *by);
         let (at, judge) = (self.window_at + by, self.now().clone());
         let n = burst.samples_per_channel as usize;
@@ -223,10 +246,6 @@ impl Head {
         judge.expect(burst, expected);
         let drive = judge.drive(burst);
         let far = self.unknown < MOST_UNKNOWN;
-        self.looks.clear();
-        if judge.model.noise > LEAST_NOISE {
-            self.frozen.hear(burst, rails);
-        }
         for channel in channels.filter(|&channel| self.channels.holds(channel, 0)) {
             let row = (channel - burst.first_channel) as usize;
             burst.copy_signal(row, signal);

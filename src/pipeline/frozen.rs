@@ -21,6 +21,12 @@ pub struct Frozen {
     watched: usize,
     /// Those that are frozen now.
     channels: BTreeSet<u32>,
+    sums: Sums,
+}
+
+/// What sums over all samples of a signal are made with.
+#[derive(Debug, Default)]
+struct Sums {
     signal: Vec<f64>,
     /// Without a pattern: multiples of the golden ratio, less their whole part.
     weights: Vec<f64>,
@@ -40,15 +46,13 @@ struct Last {
 impl Frozen {
     pub fn hear(&mut self, burst: &Burst, rails: [f64; 2]) {
         let (rows, t_ns) = (burst.channels as usize, burst.t_acq_ns);
-        let known = self.last.get(&burst.first_channel).map_or(0, Vec::len);
-        let new = rows.saturating_sub(known);
+        let last = self.last.entry(burst.first_channel).or_default();
+        let new = rows.saturating_sub(last.len());
         if self.watched + new > MOST_CHANNELS {
             return;
         }
         self.watched += new;
-        // taken out while it is gone through, for `sum` needs all of this
-        let mut last = self.last.remove(&burst.first_channel).unwrap_or_default();
-        last.resize(known + new, Last::default());
+        last.resize(last.len() + new, Last::default());
         let channels = burst.first_channel..=u32::MAX;
         for ((row, last), channel) in last[..rows].iter_mut().enumerate().zip(channels) {
             // a burst that is written twice says nothing
@@ -58,7 +62,7 @@ impl Frozen {
             let glance = burst.glance(row);
             let before = last.sum.take();
             if last.glance == glance {
-                last.sum = self.sum(burst, row, rails);
+                last.sum = self.sums.of(burst, row, rails);
             }
             (last.t_ns, last.glance) = (t_ns, glance);
             if last.sum.is_some() && last.sum == before {
@@ -67,11 +71,21 @@ impl Frozen {
                 self.channels.remove(&channel);
             }
         }
-        self.last.insert(burst.first_channel, last);
     }
 
+    pub fn is_frozen(&self, channel: u32) -> bool {
+        !self.channels.is_empty() && self.channels.contains(&channel)
+    }
+
+    /// Ascending.
+    pub fn channels(&self) -> Vec<u32> {
+        self.channels.iter().copied().collect()
+    }
+}
+
+impl Sums {
     /// The weighted sum of a row. `None`: the row is not judged for another reason, or is a constant, which is a dead sensor line.
-    fn sum(&mut self, burst: &Burst, row: usize, rails: [f64; 2]) -> Option<u64> {
+    fn of(&mut self, burst: &Burst, row: usize, rails: [f64; 2]) -> Option<u64> {
         let samples = burst.samples_per_channel as usize;
         if self.weights.len() != samples {
             let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
@@ -82,14 +96,5 @@ impl Frozen {
         let is_constant = self.signal.iter().all(|y| *y == self.signal[0]);
         let is_usable = unusable_signal(&self.signal, rails).is_none();
         (is_usable && !is_constant).then(|| dot(&self.weights, &self.signal).to_bits())
-    }
-
-    pub fn is_frozen(&self, channel: u32) -> bool {
-        !self.channels.is_empty() && self.channels.contains(&channel)
-    }
-
-    /// Ascending.
-    pub fn channels(&self) -> Vec<u32> {
-        self.channels.iter().copied().collect()
     }
 }

@@ -14,13 +14,12 @@ use super::learner::{Learner, Window, offer};
 use super::placing::Placing;
 use super::progress::{Entry, Progress};
 use super::schedule::{Schedule, Timeline};
-use super::survey::{GroupKey, MOST_GROUPS};
+use super::survey::{ByGroup, GroupKey, MOST_GROUPS};
 use crate::burst::Burst;
 use crate::design::Judge;
 use crate::identify::reservoir::Reservoir;
 use crate::side_by_side::side_by_side;
 use crate::verdict::Reason;
-use std::collections::HashMap;
 use std::sync::Arc;
 
 /// How much later than others a burst may come that is earlier than they: loggers of several printheads write
@@ -50,9 +49,8 @@ pub struct Learning<'a> {
     /// Threads that learn printheads, or read on ahead, side by side.
     pub workers: usize,
     schedule: Schedule<'a>,
-    /// Groups by what they are; `None`: judged without windows.
-    numbers: HashMap<GroupKey, Option<usize>>,
-    last_asked: Option<(GroupKey, u64, Option<usize>)>,
+    /// `None`: judged without windows.
+    numbers: ByGroup<Option<usize>>,
     heads: Vec<Head>,
     latest_ns: i64,
     /// Nothing is to be done before a burst of that time.
@@ -110,8 +108,7 @@ impl<'a> Learning<'a> {
             reorder_ns,
             workers,
             schedule,
-            numbers: HashMap::new(),
-            last_asked: None,
+            numbers: ByGroup::default(),
             heads: Vec::new(),
             latest_ns: i64::MIN,
             due_ns: i64::MAX,
@@ -208,53 +205,19 @@ impl<'a> Learning<'a> {
 
     /// The group of a burst, if it needs windows.
     fn number_of(&mut self, burst: &Burst) -> Option<usize> {
-        let period = burst.sample_period_s.to_bits();
-        if let Some((key, of_period, number)) = &self.last_asked
-            && (*of_period, key.samples) == (period, burst.samples_per_channel)
-            && key.printhead == burst.printhead
-        {
-            return *number;
-        }
-        let key = GroupKey::of(burst);
-        let number = match self.numbers.get(&key).copied() {
-            Some(number) => number,
-            None if self.numbers.len() >= MOST_GROUPS => None,
-            None => {
-                let needs = self.learner.needs_windows(&key, burst.sample_period_s);
-                let number = needs.then(|| self.meet(&key, burst.sample_period_s));
-                self.numbers.insert(key.clone(), number);
-                number
-            }
-        };
-        self.last_asked = Some((key, period, number));
-        number
-    }
-
-    fn meet(&mut self, key: &GroupKey, sample_period_s: f64) -> usize {
-        let (number, learner) = (self.heads.len(), self.learner);
-        let mut head = Head {
-            key: key.clone(),
-            sample_period_s,
-            progress: Progress::start(learner, key),
-            placing: None,
-            waiting: Vec::new(),
-            waiting_bytes: 0,
-            waiting_from_ns: i64::MAX,
-            open: Vec::new(),
-            settled_ns: i64::MIN,
-            timeline: Timeline::default(),
-        };
-        match learner.spans.is_empty() {
-            true => head.placing = Some(Placing::new(learner.first_ns(), learner.every_ns())),
-            false => {
-                for &(from_ns, to_ns) in &learner.spans {
-                    head.open(learner, Window { group: number, from_ns, to_ns });
-                    self.due_ns = self.due_ns.min(to_ns.saturating_add(self.reorder_ns));
+        let Learning { numbers, heads, learner, due_ns, reorder_ns, .. } = self;
+        numbers.of(burst, |key, groups| {
+            let needs = learner.needs_windows(key, burst.sample_period_s);
+            let number = heads.len();
+            (needs && groups < MOST_GROUPS).then(|| {
+                let head = Head::meet(key, burst.sample_period_s, number, learner);
+                if let Some(first) = head.open.iter().map(|open| open.window.to_ns).min() {
+                    *due_ns = (*due_ns).min(first.saturating_add(*reorder_ns));
                 }
-            }
-        }
-        self.heads.push(head);
-        number
+                heads.push(head);
+                number
+            })
+        })
     }
 
     /// Places the windows that begin up to a burst, and samples its signals for those that it lies in.
@@ -377,6 +340,31 @@ impl<'a> Learning<'a> {
 }
 
 impl Head {
+    /// `number`: its own.
+    fn meet(key: &GroupKey, sample_period_s: f64, number: usize, learner: &Learner) -> Head {
+        let mut head = Head {
+            key: key.clone(),
+            sample_period_s,
+            progress: Progress::start(learner, key),
+            placing: None,
+            waiting: Vec::new(),
+            waiting_bytes: 0,
+            waiting_from_ns: i64::MAX,
+            open: Vec::new(),
+            settled_ns: i64::MIN,
+            timeline: Timeline::default(),
+        };
+        match learner.spans.is_empty() {
+            true => head.placing = Some(Placing::new(learner.first_ns(), learner.every_ns())),
+            false => {
+                for &(from_ns, to_ns) in &learner.spans {
+                    head.open(learner, Window { group: number, from_ns, to_ns });
+                }
+            }
+        }
+        head
+    }
+
     /// Whether windows may begin with a burst of that time: those that come now may be earlier.
     fn may_begin(&self, t_ns: i64) -> bool {
         t_ns >= self.waiting_from_ns || self.placing.as_ref().is_some_and(|p| p.begins_at(t_ns))

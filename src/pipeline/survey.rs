@@ -28,6 +28,41 @@ impl GroupKey {
     }
 }
 
+/// What is known by group. Whoever comes after one of its own, as bursts of one printhead mostly do, is found without hashing.
+#[derive(Debug)]
+pub struct ByGroup<T> {
+    of: HashMap<GroupKey, T>,
+    /// With the bits of its sample period.
+    last: Option<(GroupKey, u64, T)>,
+}
+
+impl<T> Default for ByGroup<T> {
+    fn default() -> ByGroup<T> {
+        ByGroup { of: HashMap::new(), last: None }
+    }
+}
+
+impl<T: Copy> ByGroup<T> {
+    /// Of a burst's group; of one that is met for the first time what `meet` says, given how many there are.
+    pub fn of(&mut self, burst: &Burst, meet: impl FnOnce(&GroupKey, usize) -> T) -> T {
+        let period = burst.sample_period_s.to_bits();
+        if let Some((key, of_period, last)) = &self.last
+            && (*of_period, key.samples) == (period, burst.samples_per_channel)
+            && (Arc::ptr_eq(&key.printhead, &burst.printhead) || key.printhead == burst.printhead)
+        {
+            return *last;
+        }
+        let (key, groups) = (GroupKey::of(burst), self.of.len());
+        let known = self.of.get(&key).copied();
+        let found = known.unwrap_or_else(|| meet(&key, groups));
+        if known.is_none() && groups < MOST_GROUPS {
+            self.of.insert(key.clone(), found);
+        }
+        self.last = Some((key, period, found));
+        found
+    }
+}
+
 /// More printheads than this in one recording are not given models.
 pub const MOST_GROUPS: usize = 4096;
 
