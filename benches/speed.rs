@@ -13,16 +13,18 @@ use divan::{Bencher, black_box};
 use inkling::burst::{Burst, Format, Layout};
 use inkling::design::Design;
 use inkling::detect::kernel::LaneFilter;
-use inkling::detect::lane_sensitivity::{self, LaneSensitivity};
-use inkling::detect::tile::{Gather, Instructions, LANES, Tile};
-use inkling::io::Limits;
+use inkling::detect::lane_sensitivity::{LaneSensitivity, Limits};
+use inkling::detect::row_projection::{LANES, Products};
+use inkling::detect::tile::Tile;
+use inkling::io;
 use inkling::io::burst_codec::{BurstDecoder, encode};
 use inkling::io::decompress::Decompressor;
 use inkling::io::design_file;
 use inkling::io::verdict_table::{TableOptions, TimestampUnit, VerdictWriter};
 use inkling::isolate::{SignatureMatrix, Simplex};
 use inkling::model::ring::Ring;
-use inkling::model::ring_fit::{Products, RingFitter};
+use inkling::model::ring_fit::{self, RingFitter};
+use inkling::processor::Instructions;
 use inkling::verdict::{Outcome, VerdictColumns};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -79,14 +81,8 @@ fn lanes() -> (LaneFilter, f64) {
     (lanes, model.threshold.value)
 }
 
-fn sets() -> Vec<&'static str> {
-    Instructions::available().into_iter().map(Instructions::name).collect()
-}
-
-fn set(name: &str) -> Instructions {
-    let all = Instructions::available();
-    *all.iter().find(|i| i.name() == name).expect("from sets()")
-}
+/// The sets of instructions, the widest last; what the processor lacks is not used.
+const SETS: [Instructions; 3] = Instructions::ALL;
 
 const RAILS: [f64; 2] = [-32768.0, 32767.0];
 
@@ -109,60 +105,72 @@ fn filter_f64_scalar(bencher: Bencher) {
 }
 
 /// The arithmetic of the kernel alone: deviations in a tile to energies.
-#[divan::bench(args = sets())]
-fn filter_f32_lanes(bencher: Bencher, instructions: &str) {
-    let (instructions, (lanes, _), burst) =
-        (set(instructions), lanes(), burst(Layout::ChannelMajor));
-    let (mut gather, mut tile) = (Gather::default(), Tile::default());
-    (0..LANES).for_each(|row| gather.push(&burst, row, 1.0, 0.0));
-    tile.fill(&mut gather, lanes.samples(), instructions);
-    lanes.judge(&mut tile, 1.0, RAILS, instructions);
-    bencher
-        .counter(ItemsCount::new(LANES))
-        .bench_local(|| lanes.square_sums(black_box(&tile), instructions));
+#[divan::bench(args = SETS)]
+fn filter_f32_lanes(bencher: Bencher, instructions: &Instructions) {
+    instructions.use_at_most();
+    let ((lanes, _), burst) = (lanes(), burst(Layout::ChannelMajor));
+    let mut tile = Tile::default();
+    tile.push(&burst, 0..LANES, 1.0, 0.0);
+    lanes.judge(&mut tile, 1.0, RAILS);
+    bencher.counter(ItemsCount::new(LANES)).bench_local(|| lanes.square_sums(black_box(&tile)));
 }
 
-/// Deviations and distances along the sensitivities.
-#[divan::bench(args = sets())]
-fn sensitivity_f32_lanes(bencher: Bencher, instructions: &str) {
-    let (instructions, burst) = (set(instructions), burst(Layout::ChannelMajor));
-    let model = &design().models[0];
+fn along_sensitivities(bencher: Bencher, instructions: &Instructions, layout: Layout) {
+    instructions.use_at_most();
+    let (model, burst) = (&design().models[0], burst(layout));
     let sensitivity = model.sensitivity.as_ref().expect("the sample's default method");
     let lanes = LaneSensitivity::new(sensitivity, &model.expected, None).expect("a usual model");
-    let (mut gather, mut tile) = (Gather::default(), Tile::default());
-    bencher.counter(ItemsCount::new(LANES)).bench_local(|| {
-        (0..LANES).for_each(|row| gather.push(&burst, row, 1.0, 0.0));
-        tile.fill(&mut gather, lanes.samples(), instructions);
-        let limits = lane_sensitivity::Limits { near: 11.0, far: 1e3, unexplained: f64::INFINITY };
-        lanes.judge(black_box(&mut tile), limits, RAILS, instructions)
-    });
-}
-
-fn whole_kernel(bencher: Bencher, instructions: &str, layout: Layout) {
-    let (instructions, (lanes, threshold), burst) = (set(instructions), lanes(), burst(layout));
-    let mut tile = Tile::default();
+    let limits = Limits { near: 11.0, far: 1e3, unexplained: f64::INFINITY };
+    let condition = lanes.condition(1.0, 0.0, limits, RAILS);
+    let (mut products, mut signal) = (Products::default(), Vec::new());
     bencher.counter(ItemsCount::new(SIGNALS)).bench_local(|| {
         let mut settled = 0;
         for first in (0..SIGNALS).step_by(LANES) {
-            let mut gather = Gather::default();
-            (first..first + LANES).for_each(|row| gather.push(&burst, row, 1.0, 0.0));
-            tile.fill(&mut gather, lanes.samples(), instructions);
-            let judged = lanes.judge(&mut tile, threshold, RAILS, instructions);
+            let rows = (&burst, first..first + LANES);
+            lanes.columns().project(rows, &condition.expected, 0, &mut products, &mut signal);
+            let judged = condition.judge(&products, LANES);
             settled += judged.settled.iter().filter(|&&s| s).count();
         }
         settled
     });
 }
 
-/// int16 in a burst to settled verdicts.
-#[divan::bench(args = sets())]
-fn kernel_channel_major(bencher: Bencher, instructions: &str) {
-    whole_kernel(bencher, instructions, Layout::ChannelMajor);
+/// int16 in a burst to settled verdicts, along the sensitivities.
+#[divan::bench(args = SETS)]
+fn sensitivity_channel_major(bencher: Bencher, instructions: &Instructions) {
+    along_sensitivities(bencher, instructions, Layout::ChannelMajor);
 }
 
-#[divan::bench(args = sets())]
-fn kernel_sample_major(bencher: Bencher, instructions: &str) {
-    whole_kernel(bencher, instructions, Layout::SampleMajor);
+#[divan::bench(args = SETS)]
+fn sensitivity_sample_major(bencher: Bencher, instructions: &Instructions) {
+    along_sensitivities(bencher, instructions, Layout::SampleMajor);
+}
+
+fn by_energy(bencher: Bencher, instructions: &Instructions, layout: Layout) {
+    instructions.use_at_most();
+    let ((lanes, threshold), burst) = (lanes(), burst(layout));
+    let mut tile = Tile::default();
+    bencher.counter(ItemsCount::new(SIGNALS)).bench_local(|| {
+        let mut settled = 0;
+        for first in (0..SIGNALS).step_by(LANES) {
+            tile.push(&burst, first..first + LANES, 1.0, 0.0);
+            let judged = lanes.judge(&mut tile, threshold, RAILS);
+            settled += judged.settled.iter().filter(|&&s| s).count();
+            tile.empty();
+        }
+        settled
+    });
+}
+
+/// int16 in a burst to settled verdicts, by the residual energy.
+#[divan::bench(args = SETS)]
+fn energy_channel_major(bencher: Bencher, instructions: &Instructions) {
+    by_energy(bencher, instructions, Layout::ChannelMajor);
+}
+
+#[divan::bench(args = SETS)]
+fn energy_sample_major(bencher: Bencher, instructions: &Instructions) {
+    by_energy(bencher, instructions, Layout::SampleMajor);
 }
 
 /// A chunk's worth of bursts, bare decompression and checksum.
@@ -196,7 +204,7 @@ fn burst_codec(bencher: Bencher, channels: u32) {
     burst.channels = channels;
     burst.samples = burst.samples.slice(..(channels * burst.samples_per_channel) as usize * 2);
     let message = Bytes::from(encode(&burst));
-    let mut decoder = BurstDecoder::new(Limits::default());
+    let mut decoder = BurstDecoder::new(io::Limits::default());
     let topic = "K1".into();
     bencher
         .counter(ItemsCount::new(1_u32))
@@ -279,7 +287,7 @@ fn ring_fit(bencher: Bencher, how: &str) {
             expected.map(|(e, d)| e + d + 1.7 * noise * rng.random_range(-1.0..1.0)).collect()
         })
         .collect();
-    let mut work = Products::default();
+    let mut work = ring_fit::Products::default();
     bencher.counter(ItemsCount::new(SIGNALS)).bench_local(|| {
         let mut found = 0;
         match how {

@@ -5,6 +5,7 @@
 
 use crate::processor::for_processor;
 use bytes::Bytes;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Sample type of a burst, as in `schemas/burst.proto`.
@@ -77,6 +78,24 @@ impl Burst {
             Format::F32Le => {
                 let of = of.as_chunks::<4>().0.iter().step_by(stride);
                 out.zip(of).for_each(|(y, b)| *y = f32::from_le_bytes(*b).into());
+            }
+        }
+    }
+
+    /// Sample `k` of some rows of a sample-major burst, in counts.
+    #[inline(always)] // compiled once per instruction set
+    pub fn copy_sample(&self, k: usize, rows: Range<usize>, out: &mut [f32]) {
+        let of = k * self.channels as usize + rows.start;
+        let bytes = self.format.bytes();
+        let of = &self.samples[of * bytes..(of + rows.len()) * bytes];
+        match self.format {
+            Format::S16Le => {
+                let of = of.as_chunks::<2>().0;
+                out.iter_mut().zip(of).for_each(|(y, b)| *y = i16::from_le_bytes(*b).into());
+            }
+            Format::F32Le => {
+                let of = of.as_chunks::<4>().0;
+                out.iter_mut().zip(of).for_each(|(y, b)| *y = f32::from_le_bytes(*b));
             }
         }
     }

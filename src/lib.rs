@@ -37,7 +37,7 @@
 pub mod burst;
 pub mod fault;
 pub mod labels;
-mod processor;
+pub mod processor;
 mod side_by_side;
 pub mod verdict;
 // floor 1

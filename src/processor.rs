@@ -3,8 +3,7 @@
 //!
 //! In: a function whose body is `#[inline(always)]`. Out: the same, compiled for AVX-512, for AVX2 and for what every
 //! processor of the target has. No product is fused with a sum, so the results do not depend on the version, bit by
-//! bit. The streaming kernel chooses once (`detect::tile::Instructions`); functions for whole blocks of work choose
-//! at every call.
+//! bit (`tests` of the loops hold them to it). Which version runs is chosen at every call.
 
 /// Defines a function that runs `body`, which has the same parameters.
 macro_rules! for_processor {
@@ -26,11 +25,11 @@ macro_rules! for_processor {
                 fn with_avx2 $(<const $lanes: usize>)? ($($arg: $of),*) $(-> $out)? {
                     $body($($arg),*)
                 }
-                if std::is_x86_feature_detected!("avx512f") {
+                if std::is_x86_feature_detected!("avx512f") && $crate::processor::may_use($crate::processor::Instructions::Avx512) {
                     // SAFETY: the processor was found to have what is asked of it
                     return unsafe { with_avx512($($arg),*) };
                 }
-                if std::is_x86_feature_detected!("avx2") {
+                if std::is_x86_feature_detected!("avx2") && $crate::processor::may_use($crate::processor::Instructions::Avx2) {
                     // SAFETY: as above
                     return unsafe { with_avx2($($arg),*) };
                 }
@@ -41,3 +40,44 @@ macro_rules! for_processor {
 }
 
 pub(crate) use for_processor;
+
+use std::sync::atomic::{AtomicU8, Ordering};
+
+/// A set of vector instructions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum Instructions {
+    /// What every processor of the target has.
+    Portable,
+    Avx2,
+    Avx512,
+}
+
+/// The most that is used.
+static MOST: AtomicU8 = AtomicU8::new(Instructions::Avx512 as u8);
+
+impl Instructions {
+    pub const ALL: [Instructions; 3] =
+        [Instructions::Portable, Instructions::Avx2, Instructions::Avx512];
+
+    /// From now on no more than these are used: to measure what they gain, and to test that they change nothing.
+    pub fn use_at_most(self) {
+        MOST.store(self as u8, Ordering::Relaxed);
+    }
+}
+
+/// Whether these may be used, if the processor has them.
+#[inline(always)]
+#[cfg_attr(not(target_arch = "x86_64"), expect(dead_code))]
+pub(crate) fn may_use(set: Instructions) -> bool {
+    MOST.load(Ordering::Relaxed) >= set as u8
+}
+
+/// Does something with each set that the processor has.
+#[cfg(test)]
+pub(crate) fn with_each_set(mut work: impl FnMut()) {
+    for set in Instructions::ALL {
+        set.use_at_most();
+        work();
+    }
+}

@@ -3,8 +3,8 @@
 
 use super::DesignError;
 use super::own_channel::{Behind, Known, OwnChannels};
-use crate::detect::lane_features::LaneFeatures;
 use crate::detect::misfit::Misfit;
+use crate::detect::row_projection::Columns;
 use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK, Sensitivity};
 use crate::identify::grey_box::Identification;
 use crate::model::beside_ring::BesideRing;
@@ -45,7 +45,7 @@ struct OwnFrame {
     /// Four rows of N, 1/counts: the features of a deviation at the reference drive.
     projection: Vec<Vec<f64>>,
     /// The same for many signals at once.
-    lanes: Option<LaneFeatures>,
+    columns: Option<Columns<4>>,
     noise: Matrix4<f64>,
     /// Gram matrix of the four sensitivities, counts².
     gram: Matrix4<f64>,
@@ -65,7 +65,7 @@ impl OwnFrame {
         let projection: Vec<Vec<f64>> =
             projection.row_iter().map(|r| r.iter().copied().collect()).collect();
         Some(OwnFrame {
-            lanes: LaneFeatures::new(&projection),
+            columns: projection.as_slice().try_into().ok().map(Columns::new),
             projection,
             noise: Matrix4::from_fn(|i, j| inverse[(i, j)] * noise * noise),
             gram: Matrix4::from_fn(|i, j| gram[(i, j)]),
@@ -167,8 +167,8 @@ impl SensitivityDetector {
     }
 
     /// [`SensitivityDetector::own_features`] for many signals at once.
-    pub fn own_lanes(&self) -> Option<&LaneFeatures> {
-        self.own.lanes.as_ref()
+    pub fn own_columns(&self) -> Option<&Columns<4>> {
+        self.own.columns.as_ref()
     }
 
     /// Covariance of the noise of [`SensitivityDetector::own_features`], at the reference drive.

@@ -1,13 +1,12 @@
-//! Fast detection: a model's statistic in f32 for many signals at once, one in each SIMD lane. It settles most healthy
+//! Fast detection: a model's statistic in f32 for many signals at once, one in each lane. It settles most healthy
 //! signals of a stream; the rest is judged by the f64 reference.
 
 use super::HealthyModel;
-use crate::detect::kernel::{LaneFilter, LaneStatistics};
-use crate::detect::lane_sensitivity::{LaneSensitivity, Limits, RowCondition};
+use crate::detect::kernel::LaneFilter;
+use crate::detect::lane_sensitivity::{LaneSensitivity, Limits};
 use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK};
-use crate::detect::tile::{Instructions, Tile};
 
-/// `detect.method` in f32, for tiles of signals.
+/// `detect.method` in f32: of signals transposed to a tile, or of signals as they lie.
 #[derive(Clone, Debug)]
 pub enum Lanes {
     ResidualEnergy(LaneFilter),
@@ -38,15 +37,6 @@ impl Lanes {
         }
     }
 
-    /// For projections straight from a burst's channel-major int16 signals, the expected signal at a relative drive and
-    /// `warmer` K above the model; `None`: signals must be transposed to a tile.
-    pub fn rows(&self, drive: f64, warmer: f64) -> Option<(&LaneSensitivity, RowCondition)> {
-        match self {
-            Lanes::ResidualEnergy(_) => None,
-            Lanes::Sensitivity(lanes) => Some((lanes, lanes.condition(drive, warmer))),
-        }
-    }
-
     /// Between the near and the far limit of the squared distance, and above that of the misfit, the reference fits a
     /// ring; elsewhere the first-order statistics decide.
     pub fn limits(model: &HealthyModel) -> Limits {
@@ -55,25 +45,6 @@ impl Lanes {
             near: threshold.min(SECOND_LOOK),
             far: threshold.max(CLEARLY_FAR),
             unexplained: model.misfit.as_ref().map_or(f64::INFINITY, |m| m.settled_square()),
-        }
-    }
-
-    /// Statistics of a tile's signals, and which of them are settled: proved to lie on the same side of the thresholds
-    /// as the reference's.
-    pub fn judge(
-        &self,
-        tile: &mut Tile,
-        model: &HealthyModel,
-        rails: [f64; 2],
-        instructions: Instructions,
-    ) -> LaneStatistics {
-        match self {
-            Lanes::ResidualEnergy(lanes) => {
-                lanes.judge(tile, model.threshold.value, rails, instructions)
-            }
-            Lanes::Sensitivity(lanes) => {
-                lanes.judge(tile, Lanes::limits(model), rails, instructions)
-            }
         }
     }
 }

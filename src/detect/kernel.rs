@@ -35,7 +35,8 @@
 
 use super::ResidualGenerator;
 use super::lane_expectation::{LEAST, LaneExpectation, SLACK, U};
-use super::tile::{Instructions, LANES, Tile};
+use super::row_projection::LANES;
+use super::tile::{self, Tile};
 
 /// Highest degree of a filter with a kernel; beyond, the reference does the work.
 pub const MOST_ORDER: usize = 8;
@@ -125,15 +126,9 @@ impl LaneFilter {
 
     /// Judges the signals of `tile`, whose values become deviations from the expected signal.
     /// `rails`: counts at or beyond which a sample may be saturated (the converter's limits).
-    pub fn judge(
-        &self,
-        tile: &mut Tile,
-        threshold: f64,
-        rails: [f64; 2],
-        instructions: Instructions,
-    ) -> LaneStatistics {
-        self.expectation.subtract(tile, instructions);
-        let sums = self.square_sums(tile, instructions);
+    pub fn judge(&self, tile: &mut Tile, threshold: f64, rails: [f64; 2]) -> LaneStatistics {
+        self.expectation.subtract(tile);
+        let sums = self.square_sums(tile);
         let mut judged = LaneStatistics::unknown();
         for (lane, residual2) in sums.into_iter().enumerate().take(tile.lanes()) {
             judged.statistic[lane] = self.dt_s * f64::from(residual2);
@@ -149,9 +144,9 @@ impl LaneFilter {
     }
 
     /// Square sums of the residuals of a tile's deviations, counts².
-    pub fn square_sums(&self, tile: &Tile, instructions: Instructions) -> [f32; LANES] {
+    pub fn square_sums(&self, tile: &Tile) -> [f32; LANES] {
         let mut sums = [0.0; LANES];
-        instructions.energies(&self.numerator, &self.denominator, tile.deviations(), &mut sums);
+        tile::energies(&self.numerator, &self.denominator, tile.deviations(), &mut sums);
         sums
     }
 

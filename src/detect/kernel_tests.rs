@@ -1,7 +1,7 @@
 use super::*;
 use crate::burst::{Burst, Format, Layout};
 use crate::detect::poles;
-use crate::detect::tile::{Gather, Instructions};
+use crate::processor::with_each_set;
 use crate::verdict::unusable_signal;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -62,18 +62,12 @@ fn reference(g: &ResidualGenerator, expected: &[f64], signal: &[f32]) -> f64 {
     g.energy(&d)
 }
 
-fn judge(
-    filter: &LaneFilter,
-    of: &[(&Burst, usize)],
-    threshold: f64,
-    instructions: Instructions,
-) -> LaneStatistics {
-    let (mut gather, mut tile) = (Gather::default(), Tile::default());
+fn judge(filter: &LaneFilter, of: &[(&Burst, usize)], threshold: f64) -> LaneStatistics {
+    let mut tile = Tile::default();
     for &(burst, row) in of {
-        gather.push(burst, row, 1.0, 0.0);
+        tile.push(burst, row..row + 1, 1.0, 0.0);
     }
-    tile.fill(&mut gather, filter.samples(), instructions);
-    filter.judge(&mut tile, threshold, RAILS, instructions)
+    filter.judge(&mut tile, threshold, RAILS)
 }
 
 fn expectation(n: usize) -> Vec<f64> {
@@ -103,22 +97,21 @@ fn property_energies_have_equal_bits_whatever_the_instructions_layout_format_and
                 .iter()
                 .map(|s| {
                     let one = burst(std::slice::from_ref(s), Format::S16Le, Layout::ChannelMajor);
-                    let j = judge(&filter, &[(&one, 0)], threshold, Instructions::available()[0]);
+                    let j = judge(&filter, &[(&one, 0)], threshold);
                     (j.statistic[0].to_bits(), j.settled[0])
                 })
                 .collect();
-            for instructions in Instructions::available() {
+            with_each_set(|| {
                 for (format, layout) in FORMS {
                     let b = burst(&signals, format, layout);
                     let rows: Vec<(&Burst, usize)> = (0..lanes).map(|row| (&b, row)).collect();
-                    let j = judge(&filter, &rows, threshold, instructions);
+                    let j = judge(&filter, &rows, threshold);
                     for (lane, alone) in alone.iter().enumerate() {
                         let here = (j.statistic[lane].to_bits(), j.settled[lane]);
-                        let name = instructions.name();
-                        assert_eq!(here, *alone, "{name} order {order} n {n} lane {lane}");
+                        assert_eq!(here, *alone, "order {order} n {n} lane {lane}");
                     }
                 }
-            }
+            });
         }
     }
 }
@@ -128,7 +121,6 @@ fn property_energies_have_equal_bits_whatever_the_instructions_layout_format_and
 #[test]
 fn property_what_is_settled_is_at_or_below_the_threshold_in_f64() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
-    let best = Instructions::best();
     let (mut clear, mut settled_clear, mut worst) = (0, 0, 0.0_f64);
     for round in 0..400 {
         let order = 1 + round % MOST_ORDER;
@@ -141,7 +133,7 @@ fn property_what_is_settled_is_at_or_below_the_threshold_in_f64() {
             let e = reference(&g, &expected, &signal);
             let b = burst(std::slice::from_ref(&signal), Format::S16Le, Layout::ChannelMajor);
             for factor in [1.0 - 1e-3, 1.0 - 1e-6, 1.0 - 1e-12, 1.0, 1.0 + 1e-9, 1.0 + 1e-4, 4.0] {
-                let j = judge(&filter, &[(&b, 0)], e * factor, best);
+                let j = judge(&filter, &[(&b, 0)], e * factor);
                 assert!(!j.settled[0] || factor >= 1.0, "settled above the threshold");
                 if factor == 4.0 {
                     clear += 1;
@@ -194,8 +186,8 @@ fn hand_bad_and_extreme_signals_are_never_settled_or_settled_rightly() {
     let rows: Vec<(&Burst, usize)> = (0..signals.len()).map(|row| (&b, row)).collect();
     for threshold in [1e-30, 1e-3, 0.2, 1e3, 1e40] {
         let mut first = None;
-        for instructions in Instructions::available() {
-            let j = judge(&filter, &rows, threshold, instructions);
+        with_each_set(|| {
+            let j = judge(&filter, &rows, threshold);
             for (lane, signal) in signals.iter().enumerate() {
                 let counts: Vec<f64> = signal.iter().map(|&y| f64::from(y)).collect();
                 let usable = unusable_signal(&counts, RAILS).is_none();
@@ -203,14 +195,12 @@ fn hand_bad_and_extreme_signals_are_never_settled_or_settled_rightly() {
                 assert!(!j.settled[lane] || (usable && below), "lane {lane} at {threshold}");
             }
             assert_eq!(*first.get_or_insert(j.settled), j.settled);
-        }
+        });
     }
     // rails within what is expected: nothing is settled, the reference looks at every signal
     let mut tile = Tile::default();
-    let mut gather = Gather::default();
-    gather.push(&b, 0, 1.0, 0.0);
-    tile.fill(&mut gather, n, Instructions::best());
-    assert!(!filter.judge(&mut tile, 1e3, [-300.0, 300.0], Instructions::best()).settled[0]);
+    tile.push(&b, 0..1, 1.0, 0.0);
+    assert!(!filter.judge(&mut tile, 1e3, [-300.0, 300.0]).settled[0]);
 }
 
 #[test]
@@ -229,14 +219,13 @@ fn drive_and_temperature_of_one_burst_do_not_touch_another() {
         .iter()
         .map(|s| burst(std::slice::from_ref(s), Format::S16Le, Layout::ChannelMajor))
         .collect();
-    for instructions in Instructions::available() {
+    with_each_set(|| {
         let run = |lanes: &[usize]| {
-            let (mut gather, mut tile) = (Gather::default(), Tile::default());
+            let mut tile = Tile::default();
             for &i in lanes {
-                gather.push(&bursts[i], 0, conditions[i].0, conditions[i].1);
+                tile.push(&bursts[i], 0..1, conditions[i].0, conditions[i].1);
             }
-            tile.fill(&mut gather, n, instructions);
-            filter.judge(&mut tile, 1.0, RAILS, instructions)
+            filter.judge(&mut tile, 1.0, RAILS)
         };
         let together = run(&(0..LANES).collect::<Vec<_>>());
         for (i, &(drive, warmer)) in conditions.iter().enumerate() {
@@ -248,7 +237,7 @@ fn drive_and_temperature_of_one_burst_do_not_touch_another() {
             let e = g.energy(&d);
             assert!((together.statistic[i] - e).abs() <= 1e-3 * e, "{} {e}", together.statistic[i]);
         }
-    }
+    });
 }
 
 #[test]

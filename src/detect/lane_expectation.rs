@@ -3,8 +3,8 @@
 //! In: a tile of signals. Out: their deviations in place; per lane the deviation's norm and the bound
 //! of [`super::kernel`] on its error.
 
-use super::row_projection::in_phases;
-use super::tile::{Instructions, Phases, Tile};
+use super::row_projection::{Phases, in_phases};
+use super::tile::Tile;
 
 /// Unit roundoff of f32.
 pub(super) const U: f64 = 1.0 / (1u64 << 24) as f64;
@@ -55,8 +55,8 @@ impl LaneExpectation {
     }
 
     /// Turns the signals of `tile` into deviations.
-    pub fn subtract(&self, tile: &mut Tile, instructions: Instructions) {
-        tile.subtract(&self.expected, &self.response, instructions);
+    pub fn subtract(&self, tile: &mut Tile) {
+        tile.subtract(&self.expected, &self.response);
     }
 
     /// The expected signal at a relative drive and `warmer` K above the reference, rounded as `subtract` does.

@@ -1,7 +1,7 @@
-//! [`Sensitivity`] in f32 for many signals at once, one signal in each SIMD lane: squared distances along the
+//! [`Sensitivity`] in f32 for many signals at once, one signal in each lane: squared distances along the
 //! model's sensitivities.
 //!
-//! In: a tile of signals, or int16 rows straight from a burst. Out: per lane the squared distance to first
+//! In: signals as they lie in their bursts. Out: per lane the squared distance to first
 //! order, and whether it is settled: the reference's proved to lie below a near limit or beyond a far one. The
 //! arithmetic keeps the rules of [`super::kernel`].
 //!
@@ -19,17 +19,16 @@
 use super::kernel::LaneStatistics;
 use super::lane_expectation::LaneExpectation;
 use super::lane_expectation::{LEAST, SLACK, U};
-use super::row_projection::{Rows, in_phases};
+use super::row_projection::{Columns, Phases, Products};
 use super::sensitivity::Sensitivity;
-use super::tile::{Instructions, LANES, Phases, Sample, Tile};
 use crate::processor::for_processor;
 use std::ops::Range;
 
 #[derive(Clone, Debug)]
 pub struct LaneSensitivity {
     expectation: LaneExpectation,
-    /// The three rows P_k of the projection, in groups of sixteen samples, and their norms.
-    projections: Vec<[Phases; 3]>,
+    /// The three rows P_k of the projection, and their norms.
+    columns: Columns<3>,
     norms: [f64; 3],
     /// sum_k |t_k| |P_k|.
     condition: f64,
@@ -46,19 +45,15 @@ pub struct Limits {
     pub unexplained: f64,
 }
 
-/// The expected signal under one condition: relative drive and temperature.
+/// Signals of one drive and temperature: what is expected of them, and what is said of them.
 #[derive(Clone, Debug)]
-pub struct RowCondition {
-    pub(super) drive: f32,
-    pub(super) warmer: f32,
-    pub(super) expected: Vec<Phases>,
-}
-
-/// Per lane the inner products with the three P_k, and the deviation's square norm.
-#[derive(Clone, Debug)]
-struct Sums {
-    products: [Sample; 3],
-    squares: Sample,
+pub struct Condition {
+    pub drive: f32,
+    pub warmer: f32,
+    /// Counts.
+    pub expected: Vec<Phases>,
+    /// `None`: nothing can be judged at that drive.
+    limit: Option<Limit>,
 }
 
 /// The constants of the bound, for signals of one drive and temperature.
@@ -91,20 +86,19 @@ impl LaneSensitivity {
         response: Option<&[f64]>,
     ) -> Option<LaneSensitivity> {
         let expectation = LaneExpectation::new(expected, response)?;
-        let [p, q, r] = sensitivity.projection.as_slice() else { return None };
+        let rows: &[Vec<f64>; 3] = sensitivity.projection.as_slice().try_into().ok()?;
         let fits = |v: &[f64]| {
             v.len() == expected.len()
                 && v.iter().all(|&x| x == 0.0 || (1e-25..1e25).contains(&x.abs()))
         };
-        if ![p, q, r].into_iter().all(|v| fits(v)) {
+        if !rows.iter().all(|v| fits(v)) {
             return None;
         }
         let gram = sensitivity.gram()?;
-        let norms = [p, q, r].map(|v| v.iter().map(|x| x * x).sum::<f64>().sqrt());
-        let [of_p, of_q, of_r] = [p, q, r].map(|v| in_phases(v.iter().map(|&x| x as f32)));
+        let norms = rows.each_ref().map(|v| v.iter().map(|x| x * x).sum::<f64>().sqrt());
         Some(LaneSensitivity {
             expectation,
-            projections: (0..of_p.len()).map(|i| [of_p[i], of_q[i], of_r[i]]).collect(),
+            columns: Columns::new(rows),
             condition: (0..3).map(|k| gram[(k, k)].sqrt() * norms[k]).sum(),
             gram: std::array::from_fn(|i| std::array::from_fn(|j| gram[(i, j)])),
             norms,
@@ -117,60 +111,16 @@ impl LaneSensitivity {
         self.expectation.samples()
     }
 
-    /// Judges the signals of `tile`, whose values become deviations from the expected signal.
-    /// `rails`: counts at or beyond which a sample may be saturated (the converter's limits).
-    pub fn judge(
-        &self,
-        tile: &mut Tile,
-        limits: Limits,
-        rails: [f64; 2],
-        instructions: Instructions,
-    ) -> LaneStatistics {
-        self.expectation.subtract(tile, instructions);
-        let mut sums = Sums { products: [[0.0; LANES]; 3], squares: [0.0; LANES] };
-        instructions.project(&self.projections, tile.deviations(), &mut sums.products);
-        (0..LANES).for_each(|lane| sums.squares[lane] = tile.square_sum(lane));
-        let mut judged = LaneStatistics::unknown();
-        let bits = |lane: usize| {
-            let (drive, warmer) = tile.condition(lane);
-            (drive.to_bits(), warmer.to_bits())
-        };
-        let mut from = 0;
-        while from < tile.lanes() {
-            let alike = (from..tile.lanes()).take_while(|&lane| bits(lane) == bits(from)).count();
-            let (drive, warmer) = tile.condition(from);
-            if let Some(limit) = self.limit(limits, drive, warmer, rails) {
-                judge(&limit, &sums, from..from + alike, &mut judged);
-            }
-            from += alike;
-        }
-        judged
+    pub fn columns(&self) -> &Columns<3> {
+        &self.columns
     }
 
-    /// The expected signal at a relative drive and `warmer` K above the reference.
-    pub fn condition(&self, drive: f64, warmer: f64) -> RowCondition {
+    /// At a relative drive and `warmer` K above the reference. `rails`: counts at or beyond which a sample may be
+    /// saturated (the converter's limits).
+    pub fn condition(&self, drive: f64, warmer: f64, limits: Limits, rails: [f64; 2]) -> Condition {
         let (drive, warmer) = (drive as f32, warmer as f32);
-        RowCondition { drive, warmer, expected: self.expectation.at(drive, warmer) }
-    }
-
-    /// [`LaneSensitivity::judge`] for [`LANES`] consecutive channel-major int16 signals under one condition.
-    pub fn judge_rows(
-        &self,
-        samples: &[u8],
-        condition: &RowCondition,
-        limits: Limits,
-        rails: [f64; 2],
-        instructions: Instructions,
-    ) -> LaneStatistics {
-        let mut sums = Sums { products: [[0.0; LANES]; 3], squares: [0.0; LANES] };
-        let rows = Rows { samples, n: self.samples(), expected: &condition.expected };
-        let Sums { products, squares } = &mut sums;
-        instructions.project_rows(rows, &self.projections, products, squares);
-        let mut judged = LaneStatistics::unknown();
-        if let Some(limit) = self.limit(limits, condition.drive, condition.warmer, rails) {
-            judge(&limit, &sums, 0..LANES, &mut judged);
-        }
-        judged
+        let expected = self.expectation.at(drive, warmer);
+        Condition { drive, warmer, expected, limit: self.limit(limits, drive, warmer, rails) }
     }
 
     /// `None`: nothing can be judged at that drive.
@@ -192,12 +142,23 @@ impl LaneSensitivity {
     }
 }
 
+impl Condition {
+    /// Judges the first so many lanes. `products`: of signals of this condition with [`LaneSensitivity::columns`].
+    pub fn judge(&self, products: &Products<3>, lanes: usize) -> LaneStatistics {
+        let mut judged = LaneStatistics::unknown();
+        if let Some(limit) = &self.limit {
+            judge(limit, products, 0..lanes, &mut judged);
+        }
+        judged
+    }
+}
+
 for_processor! {
-    fn judge(of: &Limit, sums: &Sums, lanes: Range<usize>, judged: &mut LaneStatistics) { portable }
+    fn judge(of: &Limit, sums: &Products<3>, lanes: Range<usize>, judged: &mut LaneStatistics) { portable }
 }
 
 #[inline(always)] // compiled once per instruction set
-fn portable(of: &Limit, sums: &Sums, lanes: Range<usize>, judged: &mut LaneStatistics) {
+fn portable(of: &Limit, sums: &Products<3>, lanes: Range<usize>, judged: &mut LaneStatistics) {
     let (m, scale) = (&of.metric, of.scale);
     let squares = &sums.squares[lanes.clone()];
     let [p, q, r] = sums.products.each_ref().map(|of| &of[lanes.clone()]);
@@ -243,7 +204,8 @@ fn portable(of: &Limit, sums: &Sums, lanes: Range<usize>, judged: &mut LaneStati
 mod tests {
     use super::*;
     use crate::burst::{Burst, Format, Layout};
-    use crate::detect::tile::Gather;
+    use crate::detect::row_projection::LANES;
+    use crate::processor::with_each_set;
     use nalgebra::DMatrix;
     use rand::{RngExt, SeedableRng};
 
@@ -299,18 +261,14 @@ mod tests {
             // a limit that is some signal's own distance, or just beside it
             let limit = reference[rng.random_range(0..LANES)] * rng.random_range(0.999..1.001);
             let limits = Limits { near: limit, far: 1.1 * limit, unexplained: f64::INFINITY };
-            let samples = burst.samples.clone();
-            let condition = lanes.condition(drive, warmer);
+            let condition = lanes.condition(drive, warmer, limits, RAILS);
             let mut same = Vec::new();
-            for instructions in Instructions::available() {
-                let (mut gather, mut tile) = (Gather::default(), Tile::default());
-                (0..LANES).for_each(|row| gather.push(&burst, row, drive, warmer));
-                tile.fill(&mut gather, N, instructions);
-                let judged = lanes.judge(&mut tile, limits, RAILS, instructions);
+            with_each_set(|| {
+                let (mut products, mut signal) = (Products::default(), Vec::new());
+                let rows = (&burst, 0..LANES);
+                lanes.columns().project(rows, &condition.expected, 0, &mut products, &mut signal);
+                let judged = condition.judge(&products, LANES);
                 same.push((judged.statistic.map(f64::to_bits), judged.settled));
-                // as they lie
-                let rows = lanes.judge_rows(&samples, &condition, limits, RAILS, instructions);
-                same.push((rows.statistic.map(f64::to_bits), rows.settled));
                 for (lane, reference) in reference.iter().enumerate() {
                     let off = judged.statistic[lane] / reference - 1.0;
                     assert!(off.abs() < 1e-3, "{off}");
@@ -322,7 +280,7 @@ mod tests {
                     settled += usize::from(judged.settled[lane]);
                     beside += usize::from(outside);
                 }
-            }
+            });
             assert!(same.windows(2).all(|w| w[0] == w[1]), "bits depend on the instructions");
         }
         assert!(settled as f64 > 0.9 * beside as f64, "{settled} of {beside} settled");

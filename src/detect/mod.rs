@@ -13,7 +13,6 @@ pub mod denominator_search;
 pub mod kernel;
 pub mod key_numbers;
 pub mod lane_expectation;
-pub mod lane_features;
 pub mod lane_sensitivity;
 pub mod linear_programme;
 pub mod misfit;

@@ -1,12 +1,23 @@
-//! Projections of channel-major int16 signals straight from the burst, without transposing them to a tile.
+//! Projections of signals as they lie, one after the other, without transposing them to a tile.
 //!
-//! In: consecutive int16 rows (one row is one channel's signal), the expected signal, columns. Out: per row the
-//! inner products of its deviation with the columns, and its square norm. The arithmetic keeps the rules of
-//! [`super::kernel`]: sample k is added to partial sum k mod 16, the sixteen partial sums are added in a fixed
-//! order (`tree`), no multiplication is fused with an addition. So the bits depend neither on the instruction
-//! set nor on whether a signal was transposed (`Instructions::project`).
+//! In: rows (one row is one channel's signal), the expected signal, columns. Out: per row the inner products of its
+//! deviation with the columns, and its square norm. The arithmetic keeps the rules of [`super::kernel`]: sample k is
+//! added to partial sum k mod 16, the sixteen partial sums are added in a fixed order (`tree`), no multiplication is
+//! fused with an addition. So the bits depend neither on the instruction set nor on a row's neighbours.
 
-use super::tile::{Instructions, LANES, PHASES, Phases, Sample, Set};
+use crate::burst::{Burst, Layout};
+use crate::processor::for_processor;
+use std::ops::Range;
+
+/// Signals that are judged together.
+pub const LANES: usize = 32;
+/// One number of every lane.
+pub type Sample = [f32; LANES];
+
+/// Partial sums of a sum over samples: sample k is added to number k mod 16.
+pub const PHASES: usize = 16;
+/// One number for each of sixteen consecutive samples.
+pub type Phases = [f32; PHASES];
 
 /// Splits numbers into groups of sixteen, padded with zeros.
 pub fn in_phases(of: impl ExactSizeIterator<Item = f32>) -> Vec<Phases> {
@@ -19,241 +30,267 @@ pub fn in_phases(of: impl ExactSizeIterator<Item = f32>) -> Vec<Phases> {
 
 /// The sum of the sixteen partial sums, in a fixed order.
 #[inline(always)]
-fn tree(of: &Phases) -> f32 {
+pub(super) fn tree(of: &Phases) -> f32 {
     let eight: [f32; 8] = std::array::from_fn(|l| of[l] + of[l + 8]);
     let four: [f32; 4] = std::array::from_fn(|l| eight[l] + eight[l + 4]);
     (four[0] + four[2]) + (four[1] + four[3])
 }
 
-/// Rows of a burst, and their expected signal.
-#[derive(Clone, Copy, Debug)]
-pub struct Rows<'a> {
-    /// [`LANES`] rows of `n` little-endian int16.
-    pub samples: &'a [u8],
-    pub n: usize,
-    /// y_hat, which all of them share, counts; in groups of sixteen samples.
-    pub expected: &'a [Phases],
+/// M columns in groups of sixteen samples.
+#[derive(Clone, Debug)]
+pub struct Columns<const M: usize> {
+    n: usize,
+    groups: Vec<[Phases; M]>,
 }
 
-impl Instructions {
-    /// Per row the inner products of its deviation with the columns `p`, and its square norm, counts².
-    pub(super) fn project_rows<const M: usize>(
-        self,
-        rows: Rows,
-        p: &[[Phases; M]],
-        products: &mut [Sample; M],
-        squares: &mut Sample,
+impl<const M: usize> Columns<M> {
+    /// `of`: M columns of one length.
+    pub fn new(of: &[Vec<f64>; M]) -> Columns<M> {
+        let of =
+            of.each_ref().map(|column| (column.len(), in_phases(column.iter().map(|&p| p as f32))));
+        let group = |i: usize| of.each_ref().map(|(_, groups)| groups[i]);
+        Columns { n: of[0].0, groups: (0..of[0].1.len()).map(group).collect() }
+    }
+
+    /// Rows of a burst, each into a lane from `lane` on. `expected`: what all of them share, counts. `signal`: room for one.
+    pub fn project(
+        &self,
+        (burst, rows): (&Burst, Range<usize>),
+        expected: &[Phases],
+        lane: usize,
+        out: &mut Products<M>,
+        signal: &mut Vec<f64>,
     ) {
-        match self.0 {
-            Set::Portable => portable::rows(rows, p, products, squares),
-            // SAFETY: `Instructions` are made only where the processor was found to have them
-            #[cfg(target_arch = "x86_64")]
-            Set::Avx2 => unsafe { avx2::rows(rows, p, products, squares) },
-            // SAFETY: as above
-            #[cfg(target_arch = "x86_64")]
-            Set::Avx512 => unsafe { avx512::rows(rows, p, products, squares) },
+        let groups = (expected, self.groups.as_slice());
+        if let Some(samples) = burst.int16_rows(rows.start, rows.len()) {
+            project_int16(samples, self.n, groups, lane, out);
+            return;
+        }
+        match burst.layout {
+            Layout::SampleMajor => project_sample_major((burst, rows), self.n, groups, lane, out),
+            Layout::ChannelMajor => {
+                signal.resize(self.n, 0.0);
+                for (row, lane) in rows.zip(lane..) {
+                    burst.copy_signal(row, signal);
+                    project_f64(signal, groups, lane, out);
+                }
+            }
         }
     }
 }
 
-/// The arithmetic, written once for vectors `$V` of `$W` numbers; `$SIDE` rows at a time, so that a load of the
-/// expected signal or a column serves all of them.
-macro_rules! arithmetic {
-    (
-        $name:ident, [$($feature:literal)?], $V:ty, $W:literal, $SIDE:literal,
-        $set:path, $load:path, $store:path, $add:path, $sub:path, $mul:path, $int16:path
-    ) => {
-        mod $name {
-            use super::*;
-            #[allow(unused_imports)] // the portable one needs none
-            #[cfg(target_arch = "x86_64")]
-            use std::arch::x86_64::*;
+/// Of up to [`LANES`] signals, one in each lane: inner products with M columns, and square norms, counts².
+#[derive(Clone, Debug)]
+pub struct Products<const M: usize> {
+    pub products: [Sample; M],
+    pub squares: Sample,
+}
 
-            /// Vectors of the sixteen sums.
-            const PARTS: usize = PHASES / $W;
+impl<const M: usize> Default for Products<M> {
+    fn default() -> Products<M> {
+        Products { products: [[0.0; LANES]; M], squares: [0.0; LANES] }
+    }
+}
 
-            #[inline]
-            $(#[target_feature(enable = $feature)])?
-            fn load(of: &Phases, at: usize) -> $V {
-                let from: &[f32] = &of[at..at + $W];
-                // SAFETY: $W numbers are there; the load is unaligned
-                #[allow(unused_unsafe)]
-                unsafe { $load(from.as_ptr()) }
-            }
+/// The expected signal, and the columns.
+type Groups<'a, const M: usize> = (&'a [Phases], &'a [[Phases; M]]);
 
-            #[inline]
-            $(#[target_feature(enable = $feature)])?
-            fn int16(of: &[u8; 2 * PHASES], at: usize) -> $V {
-                let from: &[u8] = &of[2 * at..2 * (at + $W)];
-                // SAFETY: $W int16 are there; the load is unaligned
-                #[allow(unused_unsafe)]
-                unsafe { $int16(from.as_ptr()) }
-            }
+for_processor! {
+    fn project_int16<const M: usize>(
+        samples: &[u8],
+        n: usize,
+        groups: Groups<'_, M>,
+        lane: usize,
+        out: &mut Products<M>,
+    ) { of_int16 }
+}
 
-            #[inline]
-            $(#[target_feature(enable = $feature)])?
-            fn summed(of: [$V; PARTS]) -> f32 {
-                let mut phases = [0.0; PHASES];
-                for part in 0..PARTS {
-                    let to: &mut [f32] = &mut phases[part * $W..(part + 1) * $W];
-                    // SAFETY: as above
-                    #[allow(unused_unsafe)]
-                    unsafe { $store(to.as_mut_ptr(), of[part]) }
-                }
-                tree(&phases)
-            }
+for_processor! {
+    fn project_f64<const M: usize>(
+        signal: &[f64],
+        groups: Groups<'_, M>,
+        lane: usize,
+        out: &mut Products<M>,
+    ) { of_f64 }
+}
 
-            struct Sums<const M: usize> {
-                squares: [[$V; PARTS]; $SIDE],
-                products: [[[$V; PARTS]; M]; $SIDE],
-            }
+for_processor! {
+    fn project_sample_major<const M: usize>(
+        of: (&Burst, Range<usize>),
+        n: usize,
+        groups: Groups<'_, M>,
+        lane: usize,
+        out: &mut Products<M>,
+    ) { of_sample_major }
+}
 
-            /// Sixteen samples of each row.
-            #[inline]
-            $(#[target_feature(enable = $feature)])?
-            fn add_sixteen<const M: usize>(
-                samples: [&[u8; 2 * PHASES]; $SIDE],
-                expected: &Phases,
-                p: &[Phases; M],
-                sums: &mut Sums<M>,
-            ) {
-                for part in 0..PARTS {
-                    let at = part * $W;
-                    let y_hat = load(expected, at);
-                    for side in 0..$SIDE {
-                        let d = $sub(int16(samples[side], at), y_hat);
-                        let square = &mut sums.squares[side][part];
-                        *square = $add(*square, $mul(d, d));
-                        for j in 0..M {
-                            let product = &mut sums.products[side][j][part];
-                            *product = $add(*product, $mul(load(&p[j], at), d));
-                        }
-                    }
-                }
-            }
-
-            $(#[target_feature(enable = $feature)])?
-            pub(super) fn rows<const M: usize>(
-                rows: Rows,
-                p: &[[Phases; M]],
-                products: &mut [Sample; M],
-                squares: &mut Sample,
-            ) {
-                let Rows { samples, n, expected } = rows;
-                for lane in (0..LANES).step_by($SIDE) {
-                    let mut wholes: [&[[u8; 2 * PHASES]]; $SIDE] = [&[]; $SIDE];
-                    let mut lasts = [[0; 2 * PHASES]; $SIDE];
-                    for side in 0..$SIDE {
-                        let row = &samples[2 * n * (lane + side)..][..2 * n];
-                        let (whole, rest) = row.as_chunks();
-                        wholes[side] = whole;
-                        lasts[side][..rest.len()].copy_from_slice(rest);
-                    }
-                    let none = $set(0.0);
-                    let mut sums = Sums {
-                        squares: [[none; PARTS]; $SIDE],
-                        products: [[[none; PARTS]; M]; $SIDE],
-                    };
-                    let pieces = n / PHASES;
-                    for (i, (y_hat, p)) in expected.iter().zip(p).enumerate() {
-                        let mut sixteen = [&lasts[0]; $SIDE];
-                        for side in 0..$SIDE {
-                            sixteen[side] =
-                                if i < pieces { &wholes[side][i] } else { &lasts[side] };
-                        }
-                        add_sixteen(sixteen, y_hat, p, &mut sums);
-                    }
-                    for side in 0..$SIDE {
-                        squares[lane + side] = summed(sums.squares[side]);
-                        for j in 0..M {
-                            products[j][lane + side] = summed(sums.products[side][j]);
-                        }
-                    }
-                }
-            }
-        }
+#[inline(always)] // compiled once per instruction set
+fn of_int16<const M: usize>(
+    samples: &[u8],
+    n: usize,
+    (expected, columns): Groups<M>,
+    lane: usize,
+    out: &mut Products<M>,
+) {
+    let counts = |of: &[u8; 2 * PHASES]| -> Phases {
+        std::array::from_fn(|l| f32::from(i16::from_le_bytes([of[2 * l], of[2 * l + 1]])))
     };
-}
-
-/// Four numbers in plain Rust; compilers make vectors of it.
-mod four {
-    pub use super::super::tile::four::*;
-
-    /// # Safety
-    /// Four int16 lie at `from`.
-    #[inline(always)]
-    pub unsafe fn int16(from: *const u8) -> V {
-        // SAFETY: the caller's promise; bytes have no alignment
-        let of = unsafe { *from.cast::<[[u8; 2]; 4]>() };
-        of.map(|b| f32::from(i16::from_le_bytes(b)))
+    for (row, lane) in samples.chunks_exact(2 * n).zip(lane..) {
+        let (wholes, rest) = row.as_chunks();
+        let mut sums = Sums::default();
+        for ((whole, y_hat), p) in wholes.iter().zip(expected).zip(columns) {
+            sums.add(&counts(whole), y_hat, p);
+        }
+        if let ([.., y_hat], [.., p], false) = (expected, columns, rest.is_empty()) {
+            let mut last = [0; 2 * PHASES];
+            last[..rest.len()].copy_from_slice(rest);
+            sums.add(&counts(&last), y_hat, p);
+        }
+        sums.end(lane, out);
     }
 }
 
-/// # Safety
-/// Eight int16 lie at `from`.
-#[cfg(target_arch = "x86_64")]
-#[inline]
-#[target_feature(enable = "avx2")]
-unsafe fn eight_int16(from: *const u8) -> std::arch::x86_64::__m256 {
-    use std::arch::x86_64::*;
-    // SAFETY: the caller's promise; the load is unaligned
-    let of = unsafe { _mm_loadu_si128(from.cast()) };
-    _mm256_cvtepi32_ps(_mm256_cvtepi16_epi32(of))
+#[inline(always)] // compiled once per instruction set
+fn of_f64<const M: usize>(
+    signal: &[f64],
+    (expected, columns): Groups<M>,
+    lane: usize,
+    out: &mut Products<M>,
+) {
+    let mut sums = Sums::default();
+    for ((some, y_hat), p) in signal.chunks(PHASES).zip(expected).zip(columns) {
+        let counts = std::array::from_fn(|l| some.get(l).map_or(0.0, |y| *y as f32));
+        sums.add(&counts, y_hat, p);
+    }
+    sums.end(lane, out);
 }
 
-/// # Safety
-/// Sixteen int16 lie at `from`.
-#[cfg(target_arch = "x86_64")]
-#[inline]
-#[target_feature(enable = "avx512f")]
-unsafe fn sixteen_int16(from: *const u8) -> std::arch::x86_64::__m512 {
-    use std::arch::x86_64::*;
-    // SAFETY: the caller's promise; the load is unaligned
-    let of = unsafe { _mm256_loadu_si256(from.cast()) };
-    _mm512_cvtepi32_ps(_mm512_cvtepi16_epi32(of))
+/// Here a sample of all rows lies together: each partial sum is made for all of them, one after the other.
+#[inline(always)] // compiled once per instruction set
+fn of_sample_major<const M: usize>(
+    (burst, rows): (&Burst, Range<usize>),
+    n: usize,
+    (expected, columns): Groups<M>,
+    lane: usize,
+    out: &mut Products<M>,
+) {
+    let mut squares = [[0.0; LANES]; PHASES];
+    let mut products = [[[0.0; LANES]; PHASES]; M];
+    for phase in 0..PHASES {
+        let (mut square, mut product) = ([0.0; LANES], [[0.0; LANES]; M]);
+        let groups = expected.iter().zip(columns);
+        for (k, (y_hat, p)) in (phase..n).step_by(PHASES).zip(groups) {
+            let mut counts = [0.0; LANES];
+            burst.copy_sample(k, rows.clone(), &mut counts[..rows.len()]);
+            for l in 0..LANES {
+                let d = counts[l] - y_hat[phase];
+                square[l] += d * d;
+                for j in 0..M {
+                    product[j][l] += p[j][phase] * d;
+                }
+            }
+        }
+        squares[phase] = square;
+        (0..M).for_each(|j| products[j][phase] = product[j]);
+    }
+    for (l, lane) in (0..rows.len()).zip(lane..) {
+        out.squares[lane] = tree(&squares.each_ref().map(|of| of[l]));
+        for j in 0..M {
+            out.products[j][lane] = tree(&products[j].each_ref().map(|of| of[l]));
+        }
+    }
 }
 
-arithmetic!(
-    portable,
-    [],
-    four::V,
-    4,
-    1,
-    four::set,
-    four::load,
-    four::store,
-    four::add,
-    four::sub,
-    four::mul,
-    four::int16
-);
-#[cfg(target_arch = "x86_64")]
-arithmetic!(
-    avx2,
-    ["avx2"],
-    __m256,
-    8,
-    1,
-    _mm256_set1_ps,
-    _mm256_loadu_ps,
-    _mm256_storeu_ps,
-    _mm256_add_ps,
-    _mm256_sub_ps,
-    _mm256_mul_ps,
-    eight_int16
-);
-#[cfg(target_arch = "x86_64")]
-arithmetic!(
-    avx512,
-    ["avx512f"],
-    __m512,
-    16,
-    4,
-    _mm512_set1_ps,
-    _mm512_loadu_ps,
-    _mm512_storeu_ps,
-    _mm512_add_ps,
-    _mm512_sub_ps,
-    _mm512_mul_ps,
-    sixteen_int16
-);
+/// Partial sums of one row.
+struct Sums<const M: usize> {
+    products: [Phases; M],
+    squares: Phases,
+}
+
+impl<const M: usize> Default for Sums<M> {
+    #[inline(always)]
+    fn default() -> Sums<M> {
+        Sums { products: [[0.0; PHASES]; M], squares: [0.0; PHASES] }
+    }
+}
+
+impl<const M: usize> Sums<M> {
+    /// Sixteen samples.
+    #[inline(always)] // compiled once per instruction set
+    fn add(&mut self, counts: &Phases, expected: &Phases, p: &[Phases; M]) {
+        for l in 0..PHASES {
+            let d = counts[l] - expected[l];
+            self.squares[l] += d * d;
+            for j in 0..M {
+                self.products[j][l] += p[j][l] * d;
+            }
+        }
+    }
+
+    #[inline(always)] // compiled once per instruction set
+    fn end(&self, lane: usize, out: &mut Products<M>) {
+        out.squares[lane] = tree(&self.squares);
+        for j in 0..M {
+            out.products[j][lane] = tree(&self.products[j]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::burst::Format;
+    use crate::processor::with_each_set;
+    use rand::{RngExt, SeedableRng};
+
+    #[test]
+    fn products_are_inner_products_whatever_layout_format_neighbours_and_instructions() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(12);
+        for n in [128, 77, 16, 5] {
+            let mut numbers = |by: f64| -> Vec<f64> {
+                (0..n).map(|_| by * rng.random_range(-1.0..1.0)).collect()
+            };
+            let columns: [Vec<f64>; 4] = std::array::from_fn(|_| numbers(1e-3));
+            let expected = numbers(900.0);
+            let signals: Vec<Vec<f32>> = (0..LANES)
+                .map(|_| numbers(2000.0).into_iter().map(|y| y.round() as f32).collect())
+                .collect();
+            let of = Columns::new(&columns);
+            let y_hat = in_phases(expected.iter().map(|&y| y as f32));
+            let mut same = Vec::new();
+            with_each_set(|| {
+                for (format, layout) in [
+                    (Format::S16Le, Layout::ChannelMajor),
+                    (Format::S16Le, Layout::SampleMajor),
+                    (Format::F32Le, Layout::ChannelMajor),
+                    (Format::F32Le, Layout::SampleMajor),
+                ] {
+                    let burst = Burst::of(&signals, 1e-6, format, layout);
+                    for step in [1, 3, LANES] {
+                        let (mut found, mut signal) = (Products::default(), Vec::new());
+                        for lane in (0..LANES).step_by(step) {
+                            let rows = lane..(lane + step).min(LANES);
+                            of.project((&burst, rows), &y_hat, lane, &mut found, &mut signal);
+                        }
+                        same.push((
+                            found.products.map(|of| of.map(f32::to_bits)),
+                            found.squares.map(f32::to_bits),
+                        ));
+                    }
+                }
+            });
+            assert!(same.windows(2).all(|w| w[0] == w[1]), "bits depend on more than the signal");
+            let (products, squares) = same[0];
+            for (lane, y) in signals.iter().enumerate() {
+                let d = || y.iter().zip(&expected).map(|(&y, e)| f64::from(y) - e);
+                for (column, found) in columns.iter().zip(products) {
+                    let want = d().zip(column).map(|(d, p)| d * p).sum::<f64>();
+                    assert!((f64::from(f32::from_bits(found[lane])) - want).abs() < 1e-4, "{want}");
+                }
+                let want = d().map(|d| d * d).sum::<f64>();
+                let found = f64::from(f32::from_bits(squares[lane]));
+                assert!((found / want - 1.0).abs() < 1e-5, "{found} {want}");
+            }
+        }
+    }
+}

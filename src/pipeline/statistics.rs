@@ -2,33 +2,34 @@
 //! reference where the kernel alone cannot settle the verdict.
 //!
 //! In: bursts with their judges. Out: per signal its detection statistics, or why it has none. A signal's
-//! number does not depend on what else is in the batch: short bursts share tiles, and a lane does not
-//! know its neighbours ([`crate::detect::kernel`]).
+//! number does not depend on what else is in the batch: a lane does not know its neighbours
+//! ([`crate::detect::kernel`]).
 
 use crate::burst::{Acquisition, Burst};
 use crate::design::{Detection, Judge, JudgeKey, Known, Lanes, Scratch, Workspace};
-use crate::detect::kernel::LaneStatistics;
-use crate::detect::tile::{Gather, Instructions, LANES, Tile};
-use crate::model::ring_fit::{Fit, Products};
+use crate::detect::kernel::{LaneFilter, LaneStatistics};
+use crate::detect::lane_sensitivity::{Condition, LaneSensitivity};
+use crate::detect::row_projection::{LANES, Products};
+use crate::detect::tile::Tile;
+use crate::model::ring_fit::{Fit, Products as RingProducts};
 use crate::verdict::{Reason, unusable_signal};
 use nalgebra::{Matrix3, Vector4};
-use std::ops::Range;
 use std::sync::Arc;
 
 /// Scratch of one worker, for the judges of one schedule.
 pub struct Statistics {
     rails: [f64; 2],
-    instructions: Instructions,
     tile: Tile,
+    condition: LastCondition,
+    along: Products<3>,
+    features: Products<4>,
     signal: Vec<f64>,
     expected: Vec<f64>,
     /// Whose `expected` it is: of which judge, drive and temperature.
     expected_of: Option<(JudgeKey, u64, Option<u64>)>,
     work: Workspace,
     own: Scratch,
-    /// Rows of a burst that has fewer than there are lanes.
-    filled: Vec<u8>,
-    products: Products,
+    products: RingProducts,
 }
 
 /// A signal that waits for its statistic.
@@ -41,11 +42,9 @@ struct Waiting<'a> {
     row: usize,
 }
 
-/// Signals that wait to fill a tile.
-struct Queue<'a> {
-    gather: Gather<'a>,
-    signals: Vec<Waiting<'a>>,
-}
+/// The condition that was met last: bursts that follow each other mostly share it.
+#[derive(Default)]
+struct LastCondition(Option<(JudgeKey, Condition)>);
 
 /// A burst to judge.
 struct Placed<'a> {
@@ -61,15 +60,16 @@ impl Statistics {
     pub fn new(rails: [f64; 2]) -> Statistics {
         Statistics {
             rails,
-            instructions: Instructions::best(),
             tile: Tile::default(),
+            condition: LastCondition::default(),
+            along: Products::default(),
+            features: Products::default(),
             signal: Vec::new(),
             expected: Vec::new(),
             expected_of: None,
             work: Workspace::default(),
             own: Scratch::default(),
-            filled: Vec::new(),
-            products: Products::default(),
+            products: RingProducts::default(),
         }
     }
 
@@ -95,7 +95,7 @@ impl Statistics {
             };
             statistic.resize(statistic.len() + acquisition.rows(), fill);
         }
-        // one judge after the other, so that interleaved short bursts fill tiles, too
+        // one judge after the other, so that interleaved short bursts fill all lanes, too
         bursts.sort_by_key(|of| (of.key, of.first));
         for of_judge in bursts.chunk_by(|p, q| p.key == q.key) {
             let Ok(judge) = &judges[of_judge[0].place] else { continue };
@@ -109,30 +109,32 @@ impl Statistics {
         bursts: &[Placed],
         statistic: &mut [Result<Detection, Reason>],
     ) {
-        let mut queue = Queue { gather: Gather::default(), signals: Vec::with_capacity(LANES) };
         let mut unsettled: Vec<Waiting> = Vec::new();
-        for of @ &Placed { first, burst, .. } in bursts {
-            let n = burst.samples_per_channel as usize;
-            let rows = 0..burst.channels as usize;
+        let mut signals = Vec::with_capacity(LANES);
+        for &Placed { first, burst, .. } in bursts {
             let waiting = |row: usize| Waiting { at: first + row, burst, row };
-            let Some(lanes) = judge.lanes.as_ref().filter(|l| l.samples() == n) else {
-                unsettled.extend(rows.map(waiting));
-                continue;
-            };
-            let (drive, warmer) = (judge.drive(burst), judge.warmer(burst));
-            let whole = self.of_rows(judge, lanes, of, statistic, &mut unsettled);
-            for row in whole..rows.end {
-                queue.gather.push(burst, row, drive, warmer);
-                queue.signals.push(waiting(row));
-                if queue.gather.is_full() {
-                    self.settle(judge, lanes, &mut queue, statistic, &mut unsettled);
+            let rows = 0..burst.channels as usize;
+            let lanes = judge.lanes.as_ref();
+            match lanes.filter(|of| of.samples() == burst.samples_per_channel as usize) {
+                None => unsettled.extend(rows.map(waiting)),
+                Some(Lanes::Sensitivity(lanes)) => {
+                    self.along(judge, lanes, (burst, waiting), statistic, &mut unsettled);
+                }
+                Some(Lanes::ResidualEnergy(lanes)) => {
+                    let (drive, warmer) = (judge.drive(burst), judge.warmer(burst));
+                    let mut rows = rows;
+                    while !rows.is_empty() {
+                        let pushed = self.tile.push(burst, rows.clone(), drive, warmer);
+                        signals.extend(rows.by_ref().take(pushed).map(waiting));
+                        if self.tile.is_full() {
+                            self.filter(judge, lanes, &mut signals, statistic, &mut unsettled);
+                        }
+                    }
                 }
             }
         }
-        if let Some(lanes) = &judge.lanes
-            && !queue.gather.is_empty()
-        {
-            self.settle(judge, lanes, &mut queue, statistic, &mut unsettled);
+        if let Some(Lanes::ResidualEnergy(lanes)) = &judge.lanes {
+            self.filter(judge, lanes, &mut signals, statistic, &mut unsettled);
         }
         self.look_again(judge, unsettled, statistic);
     }
@@ -210,61 +212,39 @@ impl Statistics {
         self.products = products;
     }
 
-    /// Judges a burst's signals as they lie, as many as can be: how many.
-    fn of_rows<'a>(
+    /// Judges a burst's signals along the sensitivities.
+    fn along<'a>(
         &mut self,
         judge: &Judge,
-        lanes: &Lanes,
-        &Placed { first, burst, .. }: &Placed<'a>,
-        statistic: &mut [Result<Detection, Reason>],
-        unsettled: &mut Vec<Waiting<'a>>,
-    ) -> usize {
-        let channels = burst.channels as usize;
-        if channels < LANES || burst.int16_rows(0, LANES).is_none() {
-            return 0;
-        }
-        let Some((lanes, condition)) = lanes.rows(judge.drive(burst), judge.warmer(burst)) else {
-            return 0;
-        };
-        let limits = Lanes::limits(&judge.model);
-        let mut row = 0;
-        while row + LANES <= channels
-            && let Some(samples) = burst.int16_rows(row, LANES)
-        {
-            let judged =
-                lanes.judge_rows(samples, &condition, limits, self.rails, self.instructions);
-            let each = statistic[first + row..].iter_mut();
-            for (lane, (statistic, settled)) in each.zip(judged.settled).enumerate() {
-                match settled {
-                    true => *statistic = Ok(of_lane(&judged, lane)),
-                    false => {
-                        let row = row + lane;
-                        unsettled.push(Waiting { at: first + row, burst, row });
-                    }
-                }
-            }
-            row += LANES;
-        }
-        row
-    }
-
-    /// Judges what waits.
-    fn settle<'a>(
-        &mut self,
-        judge: &Judge,
-        lanes: &Lanes,
-        queue: &mut Queue<'a>,
+        lanes: &LaneSensitivity,
+        (burst, waiting): (&'a Burst, impl Fn(usize) -> Waiting<'a>),
         statistic: &mut [Result<Detection, Reason>],
         unsettled: &mut Vec<Waiting<'a>>,
     ) {
-        self.tile.fill(&mut queue.gather, lanes.samples(), self.instructions);
-        let judged = lanes.judge(&mut self.tile, &judge.model, self.rails, self.instructions);
-        for (lane, of) in queue.signals.drain(..).enumerate() {
-            match judged.settled[lane] {
-                true => statistic[of.at] = Ok(of_lane(&judged, lane)),
-                false => unsettled.push(of),
-            }
+        let condition = self.condition.of(judge, lanes, burst, self.rails);
+        let products = &mut self.along;
+        let channels = burst.channels as usize;
+        for row in (0..channels).step_by(LANES) {
+            let rows = row..(row + LANES).min(channels);
+            let of_burst = (burst, rows.clone());
+            lanes.columns().project(of_burst, &condition.expected, 0, products, &mut self.signal);
+            let judged = condition.judge(products, rows.len());
+            settle(&judged, rows.map(&waiting), statistic, unsettled);
         }
+    }
+
+    /// Judges what waits in the tile by its residual energy.
+    fn filter<'a>(
+        &mut self,
+        judge: &Judge,
+        lanes: &LaneFilter,
+        signals: &mut Vec<Waiting<'a>>,
+        statistic: &mut [Result<Detection, Reason>],
+        unsettled: &mut Vec<Waiting<'a>>,
+    ) {
+        let judged = lanes.judge(&mut self.tile, judge.model.threshold.value, self.rails);
+        settle(&judged, signals.drain(..), statistic, unsettled);
+        self.tile.empty();
     }
 
     /// First-order features of a burst's signals, row by row, with `detect.method` = `sensitivity`: many at once where
@@ -272,25 +252,20 @@ impl Statistics {
     pub fn features(&mut self, judge: &Judge, burst: &Burst, features: &mut Vec<Vector4<f64>>) {
         features.clear();
         let Some(detector) = judge.detector() else { return };
-        let (drive, warmer) = (judge.drive(burst), judge.warmer(burst));
-        let n = burst.samples_per_channel as usize;
+        let (drive, n) = (judge.drive(burst), burst.samples_per_channel as usize);
         let lanes = judge.lanes.as_ref().filter(|lanes| lanes.samples() == n);
-        let condition = lanes.and_then(|lanes| Some(lanes.rows(drive, warmer)?.1));
-        if let Some((condition, lanes)) = condition.zip(detector.own_lanes()) {
+        if let (Some(Lanes::Sensitivity(lanes)), Some(columns)) = (lanes, detector.own_columns()) {
+            let condition = self.condition.of(judge, lanes, burst, self.rails);
+            let products = &mut self.features;
             while features.len() < burst.channels as usize {
-                let rows = LANES.min(burst.channels as usize - features.len());
-                let whole = burst.int16_rows(features.len(), LANES).filter(|_| rows == LANES);
-                let samples = match whole {
-                    Some(samples) => samples,
-                    // a lane does not know its neighbours: what fills up is of no influence
-                    None if self.fill_up(burst, features.len()..features.len() + rows) => {
-                        &self.filled
-                    }
-                    None => break,
+                let rows = features.len()..(features.len() + LANES).min(burst.channels as usize);
+                let of_burst = (burst, rows.clone());
+                columns.project(of_burst, &condition.expected, 0, products, &mut self.signal);
+                let of_lane = |l: usize| -> Vector4<f64> {
+                    let of = products.products.each_ref().map(|of| of[l] / condition.drive);
+                    Vector4::from(of.map(f64::from))
                 };
-                let of = lanes.of_rows(samples, &condition, self.instructions);
-                let of_lane = |l: usize| Vector4::from(of.map(|of| f64::from(of[l])));
-                features.extend((0..rows).map(of_lane));
+                features.extend((0..rows.len()).map(of_lane));
             }
         }
         for row in features.len()..burst.channels as usize {
@@ -300,23 +275,6 @@ impl Statistics {
                 Err(_) => Vector4::zeros(),
             });
         }
-    }
-
-    /// Leaves the signals of some rows in `filled`, as many int16 rows as there are lanes. False: they are no whole numbers.
-    fn fill_up(&mut self, burst: &Burst, rows: Range<usize>) -> bool {
-        let n = burst.samples_per_channel as usize;
-        self.filled.clear();
-        self.signal.resize(n, 0.0);
-        for row in rows {
-            burst.copy_signal(row, &mut self.signal);
-            let is_int16 = |y: &f64| f64::from(*y as i16) == *y;
-            if !self.signal.iter().all(is_int16) {
-                return false;
-            }
-            self.filled.extend(self.signal.iter().flat_map(|y| (*y as i16).to_le_bytes()));
-        }
-        self.filled.resize(LANES * n * 2, 0);
-        true
     }
 
     /// A signal's squared distance from its channel's baseline, by a fit. `None`: it is no ring.
@@ -360,6 +318,43 @@ impl Statistics {
         }
         judge.deviate(burst, row, &self.expected, &mut self.signal);
         Ok(())
+    }
+}
+
+impl LastCondition {
+    /// At a burst's drive and temperature.
+    fn of(
+        &mut self,
+        judge: &Judge,
+        lanes: &LaneSensitivity,
+        burst: &Burst,
+        rails: [f64; 2],
+    ) -> &Condition {
+        let (drive, warmer) = (judge.drive(burst), judge.warmer(burst));
+        let last = self.0.take().filter(|(of, last)| {
+            let same = |p: f32, q: f64| p.to_bits() == (q as f32).to_bits();
+            *of == judge.key() && same(last.drive, drive) && same(last.warmer, warmer)
+        });
+        let new = || {
+            let limits = Lanes::limits(&judge.model);
+            (judge.key(), lanes.condition(drive, warmer, limits, rails))
+        };
+        &self.0.insert(last.unwrap_or_else(new)).1
+    }
+}
+
+/// Takes what is settled; the rest waits for the reference.
+fn settle<'a>(
+    judged: &LaneStatistics,
+    signals: impl Iterator<Item = Waiting<'a>>,
+    statistic: &mut [Result<Detection, Reason>],
+    unsettled: &mut Vec<Waiting<'a>>,
+) {
+    for (lane, of) in signals.enumerate() {
+        match judged.settled[lane] {
+            true => statistic[of.at] = Ok(of_lane(judged, lane)),
+            false => unsettled.push(of),
+        }
     }
 }
 
