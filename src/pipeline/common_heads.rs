@@ -235,7 +235,8 @@ impl Head {
         if self.now().model.noise > LEAST_NOISE {
             self.frozen.hear(burst, rails);
         }
-        if !channels.clone().any(|channel| self.channels.holds(channel, 0)) {
+        let mut looked_at = self.channels.of(channels.clone(), 0).peekable();
+        if looked_at.peek().is_none() {
             return;
         }
         let by = self.moved.as_ref().map_or(Change::zeros(), |(by, _)| *by);
@@ -246,7 +247,7 @@ impl Head {
         judge.expect(burst, expected);
         let drive = judge.drive(burst);
         let far = self.unknown < MOST_UNKNOWN;
-        for channel in channels.filter(|&channel| self.channels.holds(channel, 0)) {
+        for channel in looked_at {
             let row = (channel - burst.first_channel) as usize;
             burst.copy_signal(row, signal);
             if unusable_signal(signal, rails).is_some() {

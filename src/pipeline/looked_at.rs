@@ -38,8 +38,17 @@ impl LookedAt {
 
     /// Whether a channel is looked at in that turn.
     pub(super) fn holds(&self, channel: u32, turn: u32) -> bool {
+        self.of(channel..channel.saturating_add(1), turn).next().is_some()
+    }
+
+    /// Those of some channels that are looked at in that turn.
+    pub(super) fn of(&self, channels: Range<u32>, turn: u32) -> impl Iterator<Item = u32> {
         let apart = self.channels.div_ceil(MOST).max(1);
-        channel % apart == mixed(channel / apart).wrapping_add(turn) % apart
+        let of_group = move |group: u32| {
+            (group * apart).saturating_add(mixed(group).wrapping_add(turn) % apart)
+        };
+        let groups = channels.start / apart..channels.end.div_ceil(apart);
+        groups.map(of_group).filter(move |channel| channels.contains(channel))
     }
 }
 
