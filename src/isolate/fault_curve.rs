@@ -349,8 +349,10 @@ pub struct FaultCurve {
 
 /// Severities at which decays are simulated and fitted; between them the curve is interpolated linearly.
 const POINTS: usize = 64;
-/// Distance of neighbouring nodes in standard deviations of a signal: a sum over Gaussians that lie h apart differs from
-/// their integral by 2 exp(-2 pi²/h²), 5e-9 of it (Poisson's summation formula).
+/// Distance of neighbouring nodes in standard deviations of a signal of any channel. A sum over Gaussians that lie h apart
+/// differs from their integral by 2 exp(-2 pi²/h²) of it (Poisson's summation formula): nothing. About a channel's own level
+/// signals scatter less, to a third, which makes .7 to 2.1 and the difference 2 %. With 1.2 where the physics is trusted least,
+/// certainties move by .013 at most and severities by .04, by how a class's range is shared out to its nodes.
 const NODE_DISTANCE: f64 = 0.7;
 /// Nodes between two points, at most.
 const MOST_BETWEEN: f64 = 48.0;
