@@ -14,7 +14,7 @@ use inkling::burst::{Burst, Format, Layout};
 use inkling::design::Design;
 use inkling::detect::kernel::LaneFilter;
 use inkling::detect::lane_sensitivity::{LaneSensitivity, Limits};
-use inkling::detect::row_projection::{LANES, Products};
+use inkling::detect::row_projection::{LANES, Products, Room};
 use inkling::detect::tile::Tile;
 use inkling::io;
 use inkling::io::burst_codec::{BurstDecoder, encode};
@@ -122,12 +122,12 @@ fn along_sensitivities(bencher: Bencher, instructions: &Instructions, layout: La
     let lanes = LaneSensitivity::new(sensitivity, &model.expected, None).expect("a usual model");
     let limits = Limits { near: 11.0, far: 1e3, unexplained: f64::INFINITY };
     let condition = lanes.condition(1.0, 0.0, limits, RAILS);
-    let (mut products, mut signal) = (Products::default(), Vec::new());
+    let (mut products, mut room) = (Products::default(), Room::default());
     bencher.counter(ItemsCount::new(SIGNALS)).bench_local(|| {
         let mut settled = 0;
         for first in (0..SIGNALS).step_by(LANES) {
             let rows = (&burst, first..first + LANES);
-            lanes.columns().project(rows, &condition.expected, 0, &mut products, &mut signal);
+            lanes.columns().project(rows, &condition.expected, 0, &mut products, &mut room);
             let judged = condition.judge(&products, LANES);
             settled += judged.settled.iter().filter(|&&s| s).count();
         }

@@ -204,7 +204,7 @@ fn portable(of: &Limit, sums: &Products<3>, lanes: Range<usize>, judged: &mut La
 mod tests {
     use super::*;
     use crate::burst::{Burst, Format, Layout};
-    use crate::detect::row_projection::LANES;
+    use crate::detect::row_projection::{LANES, Room};
     use crate::processor::with_each_set;
     use nalgebra::DMatrix;
     use rand::{RngExt, SeedableRng};
@@ -264,9 +264,9 @@ mod tests {
             let condition = lanes.condition(drive, warmer, limits, RAILS);
             let mut same = Vec::new();
             with_each_set(|| {
-                let (mut products, mut signal) = (Products::default(), Vec::new());
+                let (mut products, mut room) = (Products::default(), Room::default());
                 let rows = (&burst, 0..LANES);
-                lanes.columns().project(rows, &condition.expected, 0, &mut products, &mut signal);
+                lanes.columns().project(rows, &condition.expected, 0, &mut products, &mut room);
                 let judged = condition.judge(&products, LANES);
                 same.push((judged.statistic.map(f64::to_bits), judged.settled));
                 for (lane, reference) in reference.iter().enumerate() {

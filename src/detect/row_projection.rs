@@ -52,14 +52,14 @@ impl<const M: usize> Columns<M> {
         Columns { n: of[0].0, groups: (0..of[0].1.len()).map(group).collect() }
     }
 
-    /// Rows of a burst, each into a lane from `lane` on. `expected`: what all of them share, counts. `signal`: room for one.
+    /// Rows of a burst, each into a lane from `lane` on. `expected`: what all of them share, counts.
     pub fn project(
         &self,
         (burst, rows): (&Burst, Range<usize>),
         expected: &[Phases],
         lane: usize,
         out: &mut Products<M>,
-        signal: &mut Vec<f64>,
+        room: &mut Room,
     ) {
         let groups = (expected, self.groups.as_slice());
         if let Some(samples) = burst.int16_rows(rows.start, rows.len()) {
@@ -67,12 +67,18 @@ impl<const M: usize> Columns<M> {
             return;
         }
         match burst.layout {
-            Layout::SampleMajor => project_sample_major((burst, rows), self.n, groups, lane, out),
+            Layout::SampleMajor => {
+                room.samples.resize(self.n, [0.0; LANES]);
+                for (k, sample) in room.samples.iter_mut().enumerate() {
+                    burst.copy_sample(k, rows.clone(), &mut sample[..rows.len()]);
+                }
+                project_samples(&room.samples, groups, lane..lane + rows.len(), out);
+            }
             Layout::ChannelMajor => {
-                signal.resize(self.n, 0.0);
+                room.signal.resize(self.n, 0.0);
                 for (row, lane) in rows.zip(lane..) {
-                    burst.copy_signal(row, signal);
-                    project_f64(signal, groups, lane, out);
+                    burst.copy_signal(row, &mut room.signal);
+                    project_f64(&room.signal, groups, lane, out);
                 }
             }
         }
@@ -90,6 +96,13 @@ impl<const M: usize> Default for Products<M> {
     fn default() -> Products<M> {
         Products { products: [[0.0; LANES]; M], squares: [0.0; LANES] }
     }
+}
+
+/// Buffers, used again for the next rows.
+#[derive(Default)]
+pub struct Room {
+    signal: Vec<f64>,
+    samples: Vec<Sample>,
 }
 
 /// The expected signal, and the columns.
@@ -115,13 +128,12 @@ for_processor! {
 }
 
 for_processor! {
-    fn project_sample_major<const M: usize>(
-        of: (&Burst, Range<usize>),
-        n: usize,
+    fn project_samples<const M: usize>(
+        samples: &[Sample],
         groups: Groups<'_, M>,
-        lane: usize,
+        lanes: Range<usize>,
         out: &mut Products<M>,
-    ) { of_sample_major }
+    ) { of_samples }
 }
 
 #[inline(always)] // compiled once per instruction set
@@ -165,23 +177,20 @@ fn of_f64<const M: usize>(
     sums.end(lane, out);
 }
 
-/// Here a sample of all rows lies together: each partial sum is made for all of them, one after the other.
+/// Of signals that lie sample by sample: each partial sum is made for all of them, one after the other. `lanes`: where they go.
 #[inline(always)] // compiled once per instruction set
-fn of_sample_major<const M: usize>(
-    (burst, rows): (&Burst, Range<usize>),
-    n: usize,
+fn of_samples<const M: usize>(
+    samples: &[Sample],
     (expected, columns): Groups<M>,
-    lane: usize,
+    lanes: Range<usize>,
     out: &mut Products<M>,
 ) {
     let mut squares = [[0.0; LANES]; PHASES];
     let mut products = [[[0.0; LANES]; PHASES]; M];
     for phase in 0..PHASES {
         let (mut square, mut product) = ([0.0; LANES], [[0.0; LANES]; M]);
-        let groups = expected.iter().zip(columns);
-        for (k, (y_hat, p)) in (phase..n).step_by(PHASES).zip(groups) {
-            let mut counts = [0.0; LANES];
-            burst.copy_sample(k, rows.clone(), &mut counts[..rows.len()]);
+        let samples = samples.iter().skip(phase).step_by(PHASES);
+        for (counts, (y_hat, p)) in samples.zip(expected.iter().zip(columns)) {
             for l in 0..LANES {
                 let d = counts[l] - y_hat[phase];
                 square[l] += d * d;
@@ -193,7 +202,7 @@ fn of_sample_major<const M: usize>(
         squares[phase] = square;
         (0..M).for_each(|j| products[j][phase] = product[j]);
     }
-    for (l, lane) in (0..rows.len()).zip(lane..) {
+    for (l, lane) in lanes.enumerate() {
         out.squares[lane] = tree(&squares.each_ref().map(|of| of[l]));
         for j in 0..M {
             out.products[j][lane] = tree(&products[j].each_ref().map(|of| of[l]));
@@ -267,10 +276,10 @@ mod tests {
                 ] {
                     let burst = Burst::of(&signals, 1e-6, format, layout);
                     for step in [1, 3, LANES] {
-                        let (mut found, mut signal) = (Products::default(), Vec::new());
+                        let (mut found, mut room) = (Products::default(), Room::default());
                         for lane in (0..LANES).step_by(step) {
                             let rows = lane..(lane + step).min(LANES);
-                            of.project((&burst, rows), &y_hat, lane, &mut found, &mut signal);
+                            of.project((&burst, rows), &y_hat, lane, &mut found, &mut room);
                         }
                         same.push((
                             found.products.map(|of| of.map(f32::to_bits)),

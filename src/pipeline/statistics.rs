@@ -9,7 +9,7 @@ use crate::burst::{Acquisition, Burst};
 use crate::design::{Detection, Judge, JudgeKey, Known, Lanes, Scratch, Workspace};
 use crate::detect::kernel::{LaneFilter, LaneStatistics};
 use crate::detect::lane_sensitivity::{Condition, LaneSensitivity};
-use crate::detect::row_projection::{LANES, Products};
+use crate::detect::row_projection::{LANES, Products, Room};
 use crate::detect::tile::Tile;
 use crate::model::ring_fit::{Fit, Products as RingProducts};
 use crate::verdict::{Reason, unusable_signal};
@@ -23,6 +23,7 @@ pub struct Statistics {
     condition: LastCondition,
     along: Products<3>,
     features: Products<4>,
+    room: Room,
     signal: Vec<f64>,
     expected: Vec<f64>,
     /// Whose `expected` it is: of which judge, drive and temperature.
@@ -64,6 +65,7 @@ impl Statistics {
             condition: LastCondition::default(),
             along: Products::default(),
             features: Products::default(),
+            room: Room::default(),
             signal: Vec::new(),
             expected: Vec::new(),
             expected_of: None,
@@ -227,7 +229,7 @@ impl Statistics {
         for row in (0..channels).step_by(LANES) {
             let rows = row..(row + LANES).min(channels);
             let of_burst = (burst, rows.clone());
-            lanes.columns().project(of_burst, &condition.expected, 0, products, &mut self.signal);
+            lanes.columns().project(of_burst, &condition.expected, 0, products, &mut self.room);
             let judged = condition.judge(products, rows.len());
             settle(&judged, rows.map(&waiting), statistic, unsettled);
         }
@@ -260,7 +262,7 @@ impl Statistics {
             while features.len() < burst.channels as usize {
                 let rows = features.len()..(features.len() + LANES).min(burst.channels as usize);
                 let of_burst = (burst, rows.clone());
-                columns.project(of_burst, &condition.expected, 0, products, &mut self.signal);
+                columns.project(of_burst, &condition.expected, 0, products, &mut self.room);
                 let of_lane = |l: usize| -> Vector4<f64> {
                     let of = products.products.each_ref().map(|of| of[l] / condition.drive);
                     Vector4::from(of.map(f64::from))
