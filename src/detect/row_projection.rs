@@ -204,8 +204,8 @@ fn of_samples<const M: usize>(
     }
     for (l, lane) in lanes.enumerate() {
         out.squares[lane] = tree(&squares.each_ref().map(|of| of[l]));
-        for j in 0..M {
-            out.products[j][lane] = tree(&products[j].each_ref().map(|of| of[l]));
+        for (out, of_column) in out.products.iter_mut().zip(&products) {
+            out[lane] = tree(&of_column.each_ref().map(|of| of[l]));
         }
     }
 }
@@ -227,11 +227,13 @@ impl<const M: usize> Sums<M> {
     /// Sixteen samples.
     #[inline(always)] // compiled once per instruction set
     fn add(&mut self, counts: &Phases, expected: &Phases, p: &[Phases; M]) {
-        for l in 0..PHASES {
-            let d = counts[l] - expected[l];
-            self.squares[l] += d * d;
-            for j in 0..M {
-                self.products[j][l] += p[j][l] * d;
+        let d: Phases = std::array::from_fn(|l| counts[l] - expected[l]);
+        for (square, d) in self.squares.iter_mut().zip(&d) {
+            *square += d * d;
+        }
+        for (product, p) in self.products.iter_mut().zip(p) {
+            for l in 0..PHASES {
+                product[l] += p[l] * d[l];
             }
         }
     }

@@ -140,8 +140,8 @@ fn near<const OWN: bool>(boxes: &Boxes, query: Query) -> u32 {
         for b in 0..BOXES {
             let mut at = x - first[b] * changed[0] - second[b] * changed[1];
             if OWN {
-                for j in 0..4 {
-                    at -= bounds.by_baseline[j][b] * own[j];
+                for (by_baseline, own) in bounds.by_baseline.iter().zip(own) {
+                    at -= by_baseline[b] * own;
                 }
             }
             let (below, above) = (bounds.low[b] - at, at - bounds.high[b]);
