@@ -14,7 +14,7 @@ use inkling::burst::{Burst, Format, Layout};
 use inkling::design::Design;
 use inkling::detect::kernel::LaneFilter;
 use inkling::detect::lane_sensitivity::{LaneSensitivity, Limits};
-use inkling::detect::row_projection::{LANES, Products, Room};
+use inkling::detect::row_projection::{LANES, Projections, Room};
 use inkling::detect::tile::Tile;
 use inkling::io;
 use inkling::io::burst_codec::{BurstDecoder, encode};
@@ -23,7 +23,7 @@ use inkling::io::design_file;
 use inkling::io::verdict_table::{TableOptions, TimestampUnit, VerdictWriter};
 use inkling::isolate::{SignatureMatrix, Simplex};
 use inkling::model::ring::Ring;
-use inkling::model::ring_fit::{self, RingFitter};
+use inkling::model::ring_fit::{Products, RingFitter};
 use inkling::processor::Instructions;
 use inkling::verdict::{Outcome, VerdictColumns};
 use rand::{RngExt, SeedableRng};
@@ -122,7 +122,7 @@ fn along_sensitivities(bencher: Bencher, instructions: &Instructions, layout: La
     let lanes = LaneSensitivity::new(sensitivity, &model.expected, None).expect("a usual model");
     let limits = Limits { near: 11.0, far: 1e3, unexplained: f64::INFINITY };
     let condition = lanes.condition(1.0, 0.0, limits, RAILS);
-    let (mut products, mut room) = (Products::default(), Room::default());
+    let (mut products, mut room) = (Projections::default(), Room::default());
     bencher.counter(ItemsCount::new(SIGNALS)).bench_local(|| {
         let mut settled = 0;
         for first in (0..SIGNALS).step_by(LANES) {
@@ -287,7 +287,7 @@ fn ring_fit(bencher: Bencher, how: &str) {
             expected.map(|(e, d)| e + d + 1.7 * noise * rng.random_range(-1.0..1.0)).collect()
         })
         .collect();
-    let mut work = ring_fit::Products::default();
+    let mut work = Products::default();
     bencher.counter(ItemsCount::new(SIGNALS)).bench_local(|| {
         let mut found = 0;
         match how {

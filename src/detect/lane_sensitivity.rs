@@ -19,7 +19,7 @@
 use super::kernel::LaneStatistics;
 use super::lane_expectation::LaneExpectation;
 use super::lane_expectation::{LEAST, SLACK, U};
-use super::row_projection::{Columns, Phases, Products};
+use super::row_projection::{Columns, Phases, Projections};
 use super::sensitivity::Sensitivity;
 use crate::processor::for_processor;
 use std::ops::Range;
@@ -144,7 +144,7 @@ impl LaneSensitivity {
 
 impl Condition {
     /// Judges the first so many lanes. `products`: of signals of this condition with [`LaneSensitivity::columns`].
-    pub fn judge(&self, products: &Products<3>, lanes: usize) -> LaneStatistics {
+    pub fn judge(&self, products: &Projections<3>, lanes: usize) -> LaneStatistics {
         let mut judged = LaneStatistics::unknown();
         if let Some(limit) = &self.limit {
             judge(limit, products, 0..lanes, &mut judged);
@@ -154,11 +154,11 @@ impl Condition {
 }
 
 for_processor! {
-    fn judge(of: &Limit, sums: &Products<3>, lanes: Range<usize>, judged: &mut LaneStatistics) { portable }
+    fn judge(of: &Limit, sums: &Projections<3>, lanes: Range<usize>, judged: &mut LaneStatistics) { portable }
 }
 
 #[inline(always)] // compiled once per instruction set
-fn portable(of: &Limit, sums: &Products<3>, lanes: Range<usize>, judged: &mut LaneStatistics) {
+fn portable(of: &Limit, sums: &Projections<3>, lanes: Range<usize>, judged: &mut LaneStatistics) {
     let (m, scale) = (&of.metric, of.scale);
     let squares = &sums.squares[lanes.clone()];
     let [p, q, r] = sums.products.each_ref().map(|of| &of[lanes.clone()]);
@@ -264,7 +264,7 @@ mod tests {
             let condition = lanes.condition(drive, warmer, limits, RAILS);
             let mut same = Vec::new();
             with_each_set(|| {
-                let (mut products, mut room) = (Products::default(), Room::default());
+                let (mut products, mut room) = (Projections::default(), Room::default());
                 let rows = (&burst, 0..LANES);
                 lanes.columns().project(rows, &condition.expected, 0, &mut products, &mut room);
                 let judged = condition.judge(&products, LANES);

@@ -58,7 +58,7 @@ impl<const M: usize> Columns<M> {
         (burst, rows): (&Burst, Range<usize>),
         expected: &[Phases],
         lane: usize,
-        out: &mut Products<M>,
+        out: &mut Projections<M>,
         room: &mut Room,
     ) {
         let groups = (expected, self.groups.as_slice());
@@ -87,14 +87,14 @@ impl<const M: usize> Columns<M> {
 
 /// Of up to [`LANES`] signals, one in each lane: inner products with M columns, and square norms, counts².
 #[derive(Clone, Debug)]
-pub struct Products<const M: usize> {
+pub struct Projections<const M: usize> {
     pub products: [Sample; M],
     pub squares: Sample,
 }
 
-impl<const M: usize> Default for Products<M> {
-    fn default() -> Products<M> {
-        Products { products: [[0.0; LANES]; M], squares: [0.0; LANES] }
+impl<const M: usize> Default for Projections<M> {
+    fn default() -> Projections<M> {
+        Projections { products: [[0.0; LANES]; M], squares: [0.0; LANES] }
     }
 }
 
@@ -114,7 +114,7 @@ for_processor! {
         n: usize,
         groups: Groups<'_, M>,
         lane: usize,
-        out: &mut Products<M>,
+        out: &mut Projections<M>,
     ) { of_int16 }
 }
 
@@ -123,7 +123,7 @@ for_processor! {
         signal: &[f64],
         groups: Groups<'_, M>,
         lane: usize,
-        out: &mut Products<M>,
+        out: &mut Projections<M>,
     ) { of_f64 }
 }
 
@@ -132,7 +132,7 @@ for_processor! {
         samples: &[Sample],
         groups: Groups<'_, M>,
         lanes: Range<usize>,
-        out: &mut Products<M>,
+        out: &mut Projections<M>,
     ) { of_samples }
 }
 
@@ -142,7 +142,7 @@ fn of_int16<const M: usize>(
     n: usize,
     (expected, columns): Groups<M>,
     lane: usize,
-    out: &mut Products<M>,
+    out: &mut Projections<M>,
 ) {
     let counts = |of: &[u8; 2 * PHASES]| -> Phases {
         std::array::from_fn(|l| f32::from(i16::from_le_bytes([of[2 * l], of[2 * l + 1]])))
@@ -167,7 +167,7 @@ fn of_f64<const M: usize>(
     signal: &[f64],
     (expected, columns): Groups<M>,
     lane: usize,
-    out: &mut Products<M>,
+    out: &mut Projections<M>,
 ) {
     let mut sums = Sums::default();
     for ((some, y_hat), p) in signal.chunks(PHASES).zip(expected).zip(columns) {
@@ -183,7 +183,7 @@ fn of_samples<const M: usize>(
     samples: &[Sample],
     (expected, columns): Groups<M>,
     lanes: Range<usize>,
-    out: &mut Products<M>,
+    out: &mut Projections<M>,
 ) {
     let mut squares = [[0.0; LANES]; PHASES];
     let mut products = [[[0.0; LANES]; PHASES]; M];
@@ -239,7 +239,7 @@ impl<const M: usize> Sums<M> {
     }
 
     #[inline(always)] // compiled once per instruction set
-    fn end(&self, lane: usize, out: &mut Products<M>) {
+    fn end(&self, lane: usize, out: &mut Projections<M>) {
         out.squares[lane] = tree(&self.squares);
         for j in 0..M {
             out.products[j][lane] = tree(&self.products[j]);
@@ -278,7 +278,7 @@ mod tests {
                 ] {
                     let burst = Burst::of(&signals, 1e-6, format, layout);
                     for step in [1, 3, LANES] {
-                        let (mut found, mut room) = (Products::default(), Room::default());
+                        let (mut found, mut room) = (Projections::default(), Room::default());
                         for lane in (0..LANES).step_by(step) {
                             let rows = lane..(lane + step).min(LANES);
                             of.project((&burst, rows), &y_hat, lane, &mut found, &mut room);

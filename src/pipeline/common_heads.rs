@@ -118,7 +118,7 @@ impl<'a> CommonHeads<'a> {
     /// What the next burst is judged by.
     pub fn judge_of(&mut self, judge: &Arc<Judge>, burst: &Burst) -> Given {
         let CommonHeads { numbers, heads, design, window_s, bounds, .. } = self;
-        let number = numbers.of(burst, |key, _| {
+        let number = numbers.of(burst, |key| {
             let has_room = heads.len() < MOST_HEADS;
             let head = Head::meet(key, judge, *design, LevelHistory::new(*window_s), *bounds);
             heads.push(head.filter(|_| has_room)?);

@@ -14,7 +14,7 @@ use super::learner::{Learner, Window, offer};
 use super::placing::Placing;
 use super::progress::{Entry, Progress};
 use super::schedule::{Schedule, Timeline};
-use super::survey::{ByGroup, GroupKey, MOST_GROUPS};
+use super::survey::{ByGroup, GroupKey};
 use crate::burst::Burst;
 use crate::design::Judge;
 use crate::identify::reservoir::Reservoir;
@@ -206,10 +206,10 @@ impl<'a> Learning<'a> {
     /// The group of a burst, if it needs windows.
     fn number_of(&mut self, burst: &Burst) -> Option<usize> {
         let Learning { numbers, heads, learner, due_ns, reorder_ns, .. } = self;
-        numbers.of(burst, |key, groups| {
+        numbers.of(burst, |key| {
             let needs = learner.needs_windows(key, burst.sample_period_s);
             let number = heads.len();
-            (needs && groups < MOST_GROUPS).then(|| {
+            needs.then(|| {
                 let head = Head::meet(key, burst.sample_period_s, number, learner);
                 if let Some(first) = head.open.iter().map(|open| open.window.to_ns).min() {
                     *due_ns = (*due_ns).min(first.saturating_add(*reorder_ns));

@@ -9,9 +9,9 @@ use crate::burst::{Acquisition, Burst};
 use crate::design::{Detection, Judge, JudgeKey, Known, Lanes, Scratch, Workspace};
 use crate::detect::kernel::{LaneFilter, LaneStatistics};
 use crate::detect::lane_sensitivity::{Condition, LaneSensitivity};
-use crate::detect::row_projection::{LANES, Products, Room};
+use crate::detect::row_projection::{LANES, Projections, Room};
 use crate::detect::tile::Tile;
-use crate::model::ring_fit::{Fit, Products as RingProducts};
+use crate::model::ring_fit::{Fit, Products};
 use crate::verdict::{Reason, unusable_signal};
 use nalgebra::{Matrix3, Vector4};
 use std::sync::Arc;
@@ -21,8 +21,8 @@ pub struct Statistics {
     rails: [f64; 2],
     tile: Tile,
     condition: LastCondition,
-    along: Products<3>,
-    features: Products<4>,
+    along: Projections<3>,
+    features: Projections<4>,
     room: Room,
     signal: Vec<f64>,
     expected: Vec<f64>,
@@ -30,7 +30,7 @@ pub struct Statistics {
     expected_of: Option<(JudgeKey, u64, Option<u64>)>,
     work: Workspace,
     own: Scratch,
-    products: RingProducts,
+    products: Products,
 }
 
 /// A signal that waits for its statistic.
@@ -63,15 +63,15 @@ impl Statistics {
             rails,
             tile: Tile::default(),
             condition: LastCondition::default(),
-            along: Products::default(),
-            features: Products::default(),
+            along: Projections::default(),
+            features: Projections::default(),
             room: Room::default(),
             signal: Vec::new(),
             expected: Vec::new(),
             expected_of: None,
             work: Workspace::default(),
             own: Scratch::default(),
-            products: RingProducts::default(),
+            products: Products::default(),
         }
     }
 

@@ -42,9 +42,10 @@ impl<T> Default for ByGroup<T> {
     }
 }
 
-impl<T: Copy> ByGroup<T> {
-    /// Of a burst's group; of one that is met for the first time what `meet` says, given how many there are.
-    pub fn of(&mut self, burst: &Burst, meet: impl FnOnce(&GroupKey, usize) -> T) -> T {
+impl<T: Copy + Default> ByGroup<T> {
+    /// Of a burst's group; of one that is met for the first time what `meet` says, and nothing of those beyond
+    /// [`MOST_GROUPS`].
+    pub fn of(&mut self, burst: &Burst, meet: impl FnOnce(&GroupKey) -> T) -> T {
         let period = burst.sample_period_s.to_bits();
         if let Some((key, of_period, last)) = &self.last
             && (*of_period, key.samples) == (period, burst.samples_per_channel)
@@ -52,12 +53,16 @@ impl<T: Copy> ByGroup<T> {
         {
             return *last;
         }
-        let (key, groups) = (GroupKey::of(burst), self.of.len());
-        let known = self.of.get(&key).copied();
-        let found = known.unwrap_or_else(|| meet(&key, groups));
-        if known.is_none() && groups < MOST_GROUPS {
-            self.of.insert(key.clone(), found);
-        }
+        let key = GroupKey::of(burst);
+        let found = match self.of.get(&key) {
+            Some(known) => *known,
+            None if self.of.len() >= MOST_GROUPS => T::default(),
+            None => {
+                let new = meet(&key);
+                self.of.insert(key.clone(), new);
+                new
+            }
+        };
         self.last = Some((key, period, found));
         found
     }
