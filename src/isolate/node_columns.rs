@@ -59,16 +59,17 @@ struct Block {
     by_baseline: [[OfNodes; 4]; 4],
     to_axes: [[OfNodes; 4]; 4],
     spread: [OfNodes; 4],
-    /// Over the curve's largest.
-    determinant: OfNodes,
+    /// -2 ln of the determinant of `to_axes` over the curve's largest. Where fits hardly tell a ring, determinants of a
+    /// curve differ by more than single precision holds.
+    lower: OfNodes,
 }
 
 /// Nodes that were compared with a signal: density at node i is `height` e^{-`square` / 2} / (2 pi)^2 times the curve's
-/// largest determinant.
+/// largest determinant. The determinants are in `square`.
 #[derive(Clone, Copy, Debug)]
 pub struct Compared {
     pub block: usize,
-    /// Squared Mahalanobis distance.
+    /// Squared Mahalanobis distance, and [`Block::lower`].
     pub square: OfNodes,
     pub height: OfNodes,
     /// The least of `square`.
@@ -172,8 +173,8 @@ impl Block {
             std::array::from_fn(|i| of(&nodes[i.min(nodes.len() - 1)]))
         };
         let singles = |of: &dyn Fn(&Node) -> f64| -> OfNodes { of_nodes(of).map(|of| of as f32) };
-        let mut determinant = singles(&|node| (node.ln_determinant - ln_determinant).exp());
-        determinant[nodes.len().min(NODES)..].fill(0.0);
+        let mut lower = singles(&|node| 2.0 * (ln_determinant - node.ln_determinant));
+        lower[nodes.len().min(NODES)..].fill(f32::INFINITY);
         Block {
             severity: of_nodes(&|node| node.severity),
             mean: std::array::from_fn(|k| of_nodes(&|node| node.mean[k])),
@@ -186,8 +187,9 @@ impl Block {
             to_axes: std::array::from_fn(|k| {
                 std::array::from_fn(|j| singles(&|node| node.to_axes[(k, j)]))
             }),
-            spread: std::array::from_fn(|k| singles(&|node| node.spread[k])),
-            determinant,
+            // a variance of so many times the noise's is any; the product of two is still a number
+            spread: std::array::from_fn(|k| singles(&|node| node.spread[k].min(1e18))),
+            lower,
         }
     }
 }
@@ -272,8 +274,9 @@ impl Block {
             let v = [spread(0), spread(1), spread(2), spread(3)];
             // sum of u_k / v_k with two divisions
             let (one, other) = (1.0 / (v[0] * v[1]), 1.0 / (v[2] * v[3]));
-            square[i] = (u[0] * v[1] + u[1] * v[0]) * one + (u[2] * v[3] + u[3] * v[2]) * other;
-            height[i] = self.determinant[i] * (one.sqrt() * other.sqrt());
+            let distance = (u[0] * v[1] + u[1] * v[0]) * one + (u[2] * v[3] + u[3] * v[2]) * other;
+            square[i] = distance + self.lower[i];
+            height[i] = one.sqrt() * other.sqrt();
         }
         (square, height)
     }
@@ -370,7 +373,7 @@ mod tests {
         assert!(near > 1000);
         let (mut padded, last) = (0, nodes.len() - 32);
         for of in compared.iter().filter(|of| of.block == 2) {
-            padded += of.height[last..].iter().filter(|h| **h == 0.0).count();
+            padded += of.square[last..].iter().filter(|q| **q == f32::INFINITY).count();
         }
         assert!(compared.iter().all(|of| of.block != 2) || padded == NODES - last);
     }
@@ -378,11 +381,17 @@ mod tests {
     #[test]
     fn densities_are_those_of_the_nodes_up_to_the_factor_returned() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
-        let nodes = Node::drawn(300, &mut rng);
+        let mut nodes = Node::drawn(300, &mut rng);
+        // where a fit tells nothing, its determinant is one that f32 does not hold beside the others
+        let mut wide = nodes[0].clone();
+        wide.mean = Vector4::new(-1.5, 3.0, -0.15, 0.0);
+        (wide.to_axes, wide.ln_determinant) = (wide.to_axes * 1e-10, wide.ln_determinant - 92.1);
+        nodes.push(wide);
+        let lone = Vector4::new(-1e9, 0.0, 0.0, 0.0);
         let columns = NodeColumns::of(&nodes);
         let (mut compared, mut densities) = (Vec::new(), Vec::new());
-        for at in nodes.iter().step_by(7) {
-            let x = at.mean + Vector4::from_fn(|_, _| rng.random_range(-0.02..0.02));
+        for at in nodes.iter().step_by(7).map(|node| node.mean).chain([lone]) {
+            let x = at + Vector4::from_fn(|_, _| rng.random_range(-0.02..0.02));
             compare(&columns, &x, Conditions::as_made(), &mut compared);
             let scale = super::densities(&columns, &compared, &mut densities);
             let sum: f64 = densities.iter().flat_map(|of| of.of).map(f64::from).sum();

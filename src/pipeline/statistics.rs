@@ -270,12 +270,16 @@ impl Statistics {
                 features.extend((0..rows.len()).map(of_lane));
             }
         }
-        for row in features.len()..burst.channels as usize {
-            let of = self.deviation(judge, burst, row);
-            features.push(match of {
+        // one by one what has no columns, or is beyond f32
+        features.resize(burst.channels as usize, Vector4::repeat(f64::NAN));
+        for (row, features) in features.iter_mut().enumerate() {
+            if features.iter().all(|x| x.is_finite()) {
+                continue;
+            }
+            *features = match self.deviation(judge, burst, row) {
                 Ok(()) => detector.own_features(&self.signal, drive),
                 Err(_) => Vector4::zeros(),
-            });
+            };
         }
     }
 
