@@ -46,13 +46,14 @@ struct Last {
 impl Frozen {
     pub fn hear(&mut self, burst: &Burst, rails: [f64; 2]) {
         let (rows, t_ns) = (burst.channels as usize, burst.t_acq_ns);
-        let last = self.last.entry(burst.first_channel).or_default();
-        let new = rows.saturating_sub(last.len());
+        let known = self.last.get(&burst.first_channel).map_or(0, Vec::len);
+        let new = rows.saturating_sub(known);
         if self.watched + new > MOST_CHANNELS {
             return;
         }
         self.watched += new;
-        last.resize(last.len() + new, Last::default());
+        let last = self.last.entry(burst.first_channel).or_default();
+        last.resize(known + new, Last::default());
         let channels = burst.first_channel..=u32::MAX;
         for ((row, last), channel) in last[..rows].iter_mut().enumerate().zip(channels) {
             // a burst that is written twice says nothing
@@ -96,5 +97,24 @@ impl Sums {
         let is_constant = self.signal.iter().all(|y| *y == self.signal[0]);
         let is_usable = unusable_signal(&self.signal, rails).is_none();
         (is_usable && !is_constant).then(|| dot(&self.weights, &self.signal).to_bits())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::burst::{Format, Layout};
+
+    #[test]
+    fn channels_beyond_the_most_are_not_remembered_however_many_bursts_they_are_in() {
+        let of = |first_channel: u32| {
+            let burst = Burst::of(&[vec![1.0, 2.0]], 1e-6, Format::S16Le, Layout::ChannelMajor);
+            Burst { first_channel, ..burst }
+        };
+        let mut frozen = Frozen::default();
+        for channel in 0..3 * MOST_CHANNELS as u32 {
+            frozen.hear(&of(channel), [-32768.0, 32767.0]);
+        }
+        assert_eq!((frozen.last.len(), frozen.watched), (MOST_CHANNELS, MOST_CHANNELS));
     }
 }
