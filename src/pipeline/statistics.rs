@@ -372,3 +372,37 @@ fn of_lane(of: &LaneStatistics, lane: usize) -> Detection {
 fn finite(found: Detection) -> Result<Detection, Reason> {
     if found.ring.is_finite() { Ok(found) } else { Err(Reason::NonFinite) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::burst::{Format, Layout};
+    use crate::io::design_file;
+    use std::path::Path;
+
+    /// A sample that f32 holds may have inner products that it does not.
+    #[test]
+    fn features_beyond_f32_are_those_of_f64() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/design.json");
+        let (design, _) = design_file::read(&path).unwrap();
+        let model = Arc::new(design.pooled.clone());
+        let reference_v = design.drive_voltage_v;
+        let judge = Judge::new(0, model, reference_v, Some(&design), &Default::default()).unwrap();
+        let usual: Vec<f32> = design.pooled.expected.iter().map(|y| y.round() as f32).collect();
+        let mut huge = usual.clone();
+        huge[5] = 3e38;
+        for layout in [Layout::ChannelMajor, Layout::SampleMajor] {
+            let signals = [usual.clone(), huge.clone()];
+            let mut burst = Burst::of(&signals, design.sample_period_s, Format::F32Le, layout);
+            burst.drive_voltage_v = reference_v.map(|v| 1e-30 * v);
+            let mut statistics = Statistics::new([-1e39, 1e39]);
+            let mut features = Vec::new();
+            statistics.features(&judge, &burst, &mut features);
+            statistics.deviation(&judge, &burst, 1).unwrap();
+            let drive = judge.drive(&burst);
+            let want = judge.detector().unwrap().own_features(&statistics.signal, drive);
+            assert!(want.iter().any(|x| x.abs() > f64::from(f32::MAX)), "f32 would do: {want}");
+            assert_eq!(features[1], want);
+        }
+    }
+}
