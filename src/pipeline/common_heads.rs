@@ -117,12 +117,15 @@ impl<'a> CommonHeads<'a> {
 
     /// What the next burst is judged by.
     pub fn judge_of(&mut self, judge: &Arc<Judge>, burst: &Burst) -> Given {
+        let Some(healthy_sd) = judge.healthy_sd() else { return Given::by(Ok(judge.clone())) };
         let CommonHeads { numbers, heads, design, window_s, bounds, .. } = self;
         let number = numbers.of(burst, |key| {
-            let has_room = heads.len() < MOST_HEADS;
-            let head = Head::meet(key, judge, *design, LevelHistory::new(*window_s), *bounds);
-            heads.push(head.filter(|_| has_room)?);
-            Some(heads.len() - 1)
+            let number = heads.len();
+            (number < MOST_HEADS).then(|| {
+                let history = LevelHistory::new(*window_s);
+                heads.push(Head::meet(key, (judge, healthy_sd), *design, history, *bounds));
+                number
+            })
         });
         let Some(head) = number.map(|number| &mut self.heads[number]) else {
             return Given::by(Ok(judge.clone()));
@@ -146,15 +149,14 @@ impl<'a> CommonHeads<'a> {
 }
 
 impl Head {
-    /// `None`: what moves all of its channels cannot be seen by its judge.
+    /// `healthy_sd`: of its judge.
     fn meet(
         key: &GroupKey,
-        judge: &Arc<Judge>,
+        (judge, healthy_sd): (&Arc<Judge>, Change),
         design: Option<&Design>,
         history: LevelHistory,
         bounds: [f64; 2],
-    ) -> Option<Head> {
-        let healthy_sd = judge.healthy_sd()?;
+    ) -> Head {
         // a supply or another ink moves amplitude and damping; most faults move the frequency
         let [amplitude, damping, _, phase] = FARTHEST;
         let [small, frequency] = bounds.map(|bound| LEAP * bound.ln_1p());
@@ -164,7 +166,7 @@ impl Head {
         };
         let reference = design.map(|design| design.reference_of(&key.printhead));
         let base_at = reference.and_then(|of| judge.model.features_from(of)).unwrap_or_default();
-        Some(Head {
+        Head {
             printhead: key.printhead.clone(),
             change: CommonChange::new(history.window_of(&judge.model), healthy_sd, leaps),
             channels: LookedAt::default(),
@@ -182,7 +184,7 @@ impl Head {
             unknown: 0,
             farthest: Change::zeros(),
             beyond_since_ns: None,
-        })
+        }
     }
 
     /// `None`: it never moved.
