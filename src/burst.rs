@@ -83,7 +83,7 @@ impl Burst {
     }
 
     /// Sample `k` of some rows of a sample-major burst, in counts.
-    #[inline(always)] // compiled once per instruction set
+    #[inline]
     pub fn copy_sample(&self, k: usize, rows: Range<usize>, out: &mut [f32]) {
         let of = k * self.channels as usize + rows.start;
         let bytes = self.format.bytes();

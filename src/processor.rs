@@ -25,11 +25,11 @@ macro_rules! for_processor {
                 fn with_avx2 $(<const $lanes: usize>)? ($($arg: $of),*) $(-> $out)? {
                     $body($($arg),*)
                 }
-                if std::is_x86_feature_detected!("avx512f") && $crate::processor::may_use($crate::processor::Instructions::Avx512) {
+                if $crate::processor::Instructions::Avx512.are_used() {
                     // SAFETY: the processor was found to have what is asked of it
                     return unsafe { with_avx512($($arg),*) };
                 }
-                if std::is_x86_feature_detected!("avx2") && $crate::processor::may_use($crate::processor::Instructions::Avx2) {
+                if $crate::processor::Instructions::Avx2.are_used() {
                     // SAFETY: as above
                     return unsafe { with_avx2($($arg),*) };
                 }
@@ -64,18 +64,24 @@ impl Instructions {
     pub fn use_at_most(self) {
         MOST.store(self as u8, Ordering::Relaxed);
     }
+    /// Whether the processor has them and they may be used.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    pub(crate) fn are_used(self) -> bool {
+        let has = match self {
+            Instructions::Portable => true,
+            Instructions::Avx2 => std::is_x86_feature_detected!("avx2"),
+            Instructions::Avx512 => std::is_x86_feature_detected!("avx512f"),
+        };
+        has && MOST.load(Ordering::Relaxed) >= self as u8
+    }
 }
 
-/// Whether these may be used, if the processor has them.
-#[inline(always)]
-#[cfg_attr(not(target_arch = "x86_64"), expect(dead_code))]
-pub(crate) fn may_use(set: Instructions) -> bool {
-    MOST.load(Ordering::Relaxed) >= set as u8
-}
-
-/// Does something with each set that the processor has.
+/// Does something with each set that the processor has. Tests that do so wait for each other.
 #[cfg(test)]
 pub(crate) fn with_each_set(mut work: impl FnMut()) {
+    static ONE_AT_A_TIME: std::sync::Mutex<()> = std::sync::Mutex::new(());
+    let _waits = ONE_AT_A_TIME.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     for set in Instructions::ALL {
         set.use_at_most();
         work();

@@ -46,10 +46,9 @@ pub struct Columns<const M: usize> {
 impl<const M: usize> Columns<M> {
     /// `of`: M columns of one length.
     pub fn new(of: &[Vec<f64>; M]) -> Columns<M> {
-        let of =
-            of.each_ref().map(|column| (column.len(), in_phases(column.iter().map(|&p| p as f32))));
-        let group = |i: usize| of.each_ref().map(|(_, groups)| groups[i]);
-        Columns { n: of[0].0, groups: (0..of[0].1.len()).map(group).collect() }
+        let columns = of.each_ref().map(|column| in_phases(column.iter().map(|&p| p as f32)));
+        let group = |i: usize| columns.each_ref().map(|column| column[i]);
+        Columns { n: of[0].len(), groups: (0..columns[0].len()).map(group).collect() }
     }
 
     /// Rows of a burst, each into a lane from `lane` on. `expected`: what all of them share, counts.
