@@ -19,14 +19,20 @@ pub struct FaultCurves {
     /// alternatives.
     classes: Vec<Vec<Sizes>>,
     /// What the alternatives are.
-    alternatives: Vec<Alternative>,
-    /// The weight of each a priori, and its logarithm.
-    weights: Vec<[f64; 2]>,
+    alternatives: Vec<Weighted>,
     curves: Vec<FaultCurve>,
     /// The nodes of each curve, ready to be compared.
     columns: Vec<NodeColumns>,
     /// How healthy channels differ.
     healthy: HealthySpread,
+}
+
+/// An alternative, and its weight a priori.
+#[derive(Clone, Debug)]
+struct Weighted {
+    what: Alternative,
+    weight: f64,
+    ln_weight: f64,
 }
 
 /// A kind of fault that a class stands for: its curve, and the distribution of severities over its nodes.
@@ -84,7 +90,6 @@ impl FaultCurves {
         FaultCurves {
             classes: vec![Vec::new(); classes],
             alternatives: Vec::new(),
-            weights: Vec::new(),
             curves: Vec::new(),
             columns: Vec::new(),
             healthy,
@@ -161,8 +166,7 @@ impl FaultCurves {
         let share: Vec<f64> = share.iter().map(|share| share / sum).collect();
         let curve = self.add(curve);
         self.classes.push(vec![Sizes { curve, share: NodeColumns::in_blocks(&share) }]);
-        self.alternatives.push(what);
-        self.weights.push([weight, weight.ln()]);
+        self.alternatives.push(Weighted { what, weight, ln_weight: weight.ln() });
     }
 
     /// [`Conditions::changed`] where the healthy ring has changed by these (ln damping, ln frequency).
@@ -177,12 +181,12 @@ impl FaultCurves {
 
     /// Share of what is flagged that is of no class, a priori.
     pub fn of_no_class(&self) -> f64 {
-        ANY_RING + self.weights.iter().map(|[weight, _]| weight).sum::<f64>()
+        ANY_RING + self.alternatives.iter().map(|of| of.weight).sum::<f64>()
     }
 
     /// What an alternative is, by its number.
     pub fn alternative(&self, number: usize) -> &Alternative {
-        &self.alternatives[number]
+        &self.alternatives[number].what
     }
 
     /// Compares the four features of a signal with every curve.
@@ -244,8 +248,9 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
     }
     let classes = of.classes.len() - of.alternatives.len();
     ln_alternatives.clear();
-    ln_alternatives
-        .extend(ln_densities.drain(classes..).zip(&of.weights).map(|(p, [_, ln])| p + ln));
+    ln_alternatives.extend(
+        ln_densities.drain(classes..).zip(&of.alternatives).map(|(p, of)| p + of.ln_weight),
+    );
 }
 
 /// A signal compared with all fault curves. Buffers are reused for the next signal.
