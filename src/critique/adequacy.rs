@@ -4,7 +4,7 @@
 //! misfit it is.
 
 use super::candidates::{Applied, Bench, Kind, Objection, Scored};
-use super::catalogue::{CATALOGUE, CauseId};
+use super::catalogue::{CATALOGUE, CauseId, RIVALS};
 use super::chance::without_a_name;
 use super::covariates::{DRIVE, NAMES, TEMPERATURE, TIME};
 use super::found::{Aside, accepted};
@@ -48,8 +48,16 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
     }
     let local = bench.local_scan();
     let local = local.surprise / growth - local.tried.max(1.0).ln();
-    if local > without_a_name(1.0) {
-        look.tell("the mean misfit has a shape of its own".into(), 2.0 * local);
+    let like = bench.likest_rival().filter(|s| {
+        let surprise = s.surprise / growth;
+        surprise > local.max(without_a_name(RIVALS.len() as f64))
+    });
+    match like {
+        Some(s) => look.tell(format!("something like {}", s.applied.id.row().words), s.statistic),
+        None if local > without_a_name(1.0) => {
+            look.tell("the mean misfit has a shape of its own".into(), 2.0 * local);
+        }
+        None => {}
     }
     let owned = owned_covariates(selected);
     let looks = bench.covariate_scan();

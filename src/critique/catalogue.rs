@@ -1,4 +1,5 @@
-//! The catalogue of causes: one row each, and all that this room knows of a cause by its name.
+//! The catalogue of causes: one row each, and all that this room knows of a cause by its name; and the rivals
+//! without a name that compete with them.
 //!
 //! Names, parameters and units are the contract's. Texts know causes by name, code by [`CauseId`].
 
@@ -7,7 +8,7 @@ use crate::model::terms::Term;
 use serde::{Serialize, Serializer};
 use std::fmt;
 
-/// A cause: which row of [`CATALOGUE`], in the order of the rows.
+/// A cause: which row of [`CATALOGUE`] and then of [`RIVALS`], in the order of the rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CauseId {
     Offset,
@@ -32,6 +33,19 @@ pub enum CauseId {
     ClockDrift,
     CorrelatedNoise,
     HeteroscedasticNoise,
+    // without a name
+    EvenSpring,
+    OneSidedSpring,
+    SpringWithGap,
+    LossFollowsTime,
+    FrequencyFollowsTime,
+    EvenSensor,
+    OddSensor,
+    GainFollowsAmplitude,
+    DeafSensor,
+    GainSways,
+    TimeBaseSways,
+    SweptLine,
 }
 
 /// One row.
@@ -104,6 +118,29 @@ pub enum Shape {
     /// A damped line that does.
     Mode,
     Motion(Motion),
+    /// What a curve or a clock makes of the ring.
+    Bent(Bend),
+    /// What comes and goes with some frequency, in the gain or in the times of sampling.
+    Sways(Sways),
+    /// An undamped line whose frequency changes with time.
+    SweptLine,
+}
+
+/// What of the ring is bent, by a strength that is relative to what it is without.
+#[derive(Clone, Copy, Debug)]
+pub enum Bend {
+    LossByTime,
+    FrequencyByTime,
+    EvenSensor,
+    OddSensor,
+    GainByAmplitude,
+    DeafSensor,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub enum Sways {
+    Gain,
+    TimeBase,
 }
 
 /// A term in the equation of motion.
@@ -284,11 +321,44 @@ pub static CATALOGUE: [Entry; 22] = [
         equation: "; var e = v (1 + h f^2/max f^2)", acts: Acts::Noise, in_decays: MANY_BURSTS, ..MOST },
 ];
 
+/// A rival without a name: no file holds its identifier, and the reader is told its words alone.
+const fn rival(id: CauseId, words: &'static str, shape: Shape) -> Entry {
+    Entry { id, words, acts: Acts::Mean(shape), ..MOST }
+}
+
+/// What signals may hold that the catalogue does not, but would give a name to. Each competes with the names on the
+/// same scale; where one is likelier, the misfit keeps no name, and the reader is told what it is like.
+///
+/// Decays of an oscillator know the first [`IN_DECAYS`] of them.
+#[rustfmt::skip]
+pub static RIVALS: [Entry; 12] = [
+    rival(CauseId::EvenSpring, "a spring of even order",
+        Shape::Motion(Motion { term: Term::EvenStiffness, power: 2, strengths: [0.01, 1.0] })),
+    rival(CauseId::OneSidedSpring, "a spring that is stiffer on one side",
+        Shape::Motion(Motion { term: Term::OneSidedStiffness, power: 1, strengths: [0.01, 1.0] })),
+    rival(CauseId::SpringWithGap, "a spring with a gap",
+        Shape::Motion(Motion { term: Term::Gap, power: 0, strengths: [0.002, 0.5] })),
+    rival(CauseId::LossFollowsTime, "a damping that changes with time", Shape::Bent(Bend::LossByTime)),
+    rival(CauseId::FrequencyFollowsTime, "a frequency that changes with time", Shape::Bent(Bend::FrequencyByTime)),
+    rival(CauseId::EvenSensor, "a sensor curve of even order", Shape::Bent(Bend::EvenSensor)),
+    rival(CauseId::OddSensor, "a sensor curve of odd order", Shape::Bent(Bend::OddSensor)),
+    rival(CauseId::GainFollowsAmplitude, "a gain that follows the amplitude", Shape::Bent(Bend::GainByAmplitude)),
+    rival(CauseId::DeafSensor, "a sensor that is deaf about its zero", Shape::Bent(Bend::DeafSensor)),
+    Entry { free: 1.0, ..rival(CauseId::GainSways, "a gain that sways", Shape::Sways(Sways::Gain)) },
+    Entry { free: 1.0, ..rival(CauseId::TimeBaseSways, "a time base that sways", Shape::Sways(Sways::TimeBase)) },
+    Entry { free: 2.0, ..rival(CauseId::SweptLine, "an undamped line whose frequency changes with time",
+        Shape::SweptLine) },
+];
+/// Rivals that decays of one oscillator know.
+pub const IN_DECAYS: usize = 9;
+
 // a row stands where its identifier says
 const _: () = {
     let mut row = 0;
-    while row < CATALOGUE.len() {
-        assert!(CATALOGUE[row].id as usize == row);
+    while row < CATALOGUE.len() + RIVALS.len() {
+        let named = row < CATALOGUE.len();
+        let id = if named { CATALOGUE[row].id } else { RIVALS[row - CATALOGUE.len()].id };
+        assert!(id as usize == row);
         row += 1;
     }
 };
@@ -296,7 +366,12 @@ const _: () = {
 impl CauseId {
     /// Its row.
     pub fn row(self) -> &'static Entry {
-        &CATALOGUE[self as usize]
+        CATALOGUE.get(self as usize).unwrap_or_else(|| &RIVALS[self as usize - CATALOGUE.len()])
+    }
+
+    /// Whether it is of the catalogue; a rival has no name.
+    pub fn has_name(self) -> bool {
+        (self as usize) < CATALOGUE.len()
     }
 
     pub fn name(self) -> &'static str {

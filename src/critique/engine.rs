@@ -304,6 +304,7 @@ fn cause_of(chosen: &Chosen, better: bool) -> Cause {
     let strength_dl = (chosen.statistic / DETECTION_LIMIT).sqrt();
     let cause = Cause {
         tied_with: chosen.tied_with.clone(),
+        tied_unnamed: chosen.tied_unnamed.clone(),
         // what moves single signals, rather than all of them alike
         matters_for_detection: better && s.applied.id.follows().is_some(),
         ..Cause::new(s.applied.id, s.value, s.sd, strength_dl, chosen.delta_bic)
@@ -365,7 +366,7 @@ fn verdict(causes: &mut [Cause], unnamed: &[Scored], left: &Left) -> (Verdict, V
             causes.iter_mut().for_each(|cause| cause.explains = Some(1.0 - left.share));
             Verdict::Unknown
         }
-        [one] if !one.tied_with.is_empty() => Verdict::Tie,
+        [one] if one.is_tied() => Verdict::Tie,
         _ => Verdict::Named,
     };
     (verdict, remarks)

@@ -69,6 +69,9 @@ pub struct Cause {
     /// BIC without this cause minus BIC with it: positive speaks for it.
     pub delta_bic: f64,
     pub tied_with: Vec<CauseId>,
+    /// Rivals without a name that explain it as well.
+    #[serde(skip)]
+    pub tied_unnamed: Vec<CauseId>,
     pub matters_for_detection: bool,
     /// With verdict `unknown`: the share of the misfit that the nearest cause explains.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -89,10 +92,23 @@ impl Cause {
             strength_dl,
             delta_bic,
             tied_with: Vec::new(),
+            tied_unnamed: Vec::new(),
             matters_for_detection: false,
             explains: None,
             sentence: String::new(),
         }
+    }
+
+    pub fn is_tied(&self) -> bool {
+        !self.tied_with.is_empty() || !self.tied_unnamed.is_empty()
+    }
+
+    /// What explains it as well, in words.
+    pub fn tied_words(&self) -> String {
+        let named = self.tied_with.iter().map(|id| id.name());
+        let all: Vec<&str> =
+            named.chain(self.tied_unnamed.iter().map(|id| id.row().words)).collect();
+        all.join(" or ")
     }
 }
 

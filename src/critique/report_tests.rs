@@ -46,6 +46,7 @@ fn full(name: &str) -> Critique {
         strength_dl: 4.8,
         delta_bic: 470.0,
         tied_with: vec![SecondMode],
+        tied_unnamed: vec![],
         matters_for_detection: false,
         explains: None,
         sentence: format!("An interference at 100 kHz on {name}."),

@@ -15,14 +15,17 @@ use super::tuned::TIE;
 
 /// Causes that are looked for at most.
 const MOST_CAUSES: usize = 4;
-/// Rivals that are refitted in a step, at most.
-const MOST_RIVALS: usize = 5;
+/// Candidates with a name, and without one, that are refitted in a step, at most.
+const MOST_NAMED: usize = 5;
+const MOST_UNNAMED: usize = 3;
 
 #[derive(Clone, Debug)]
 pub struct Chosen {
     pub scored: Scored,
     pub delta_bic: f64,
     pub tied_with: Vec<CauseId>,
+    /// Rivals without a name that explain as much.
+    pub tied_unnamed: Vec<CauseId>,
     /// Likelihood-ratio statistic against the final model without it.
     pub statistic: f64,
 }
@@ -66,21 +69,22 @@ pub fn select(
         stages("testing the catalogue");
         let (scored, anything) = tested(&now, setting);
         let rows = evidence.len();
-        evidence.extend(scored.iter().map(|s| row(s, step, ln_samples)));
-        unnamed = scored.iter().filter(|s| s.surprise > THRESHOLD && !s.able()).cloned().collect();
+        let named = || scored.iter().filter(|s| s.applied.id.has_name());
+        evidence.extend(named().map(|s| row(s, step, ln_samples)));
+        unnamed = named().filter(|s| s.surprise > THRESHOLD && !s.able()).cloned().collect();
         let able: Vec<&Scored> = scored.iter().filter(|s| s.able()).collect();
-        let Some(best) = able.first().filter(|s| s.surprise > THRESHOLD) else { break };
+        let Some(best) = named().find(|s| s.able() && s.surprise > THRESHOLD) else { break };
         if step as usize == MOST_CAUSES {
             break;
         }
         stages("refitting what competes");
         let Some(round) = Round::of(&now, &able, best, setting) else {
             let why = Some(Objection::LeadsNowhere);
-            unnamed.push(Scored { objection: why, ..(**best).clone() });
+            unnamed.push(Scored { objection: why, ..best.clone() });
             break;
         };
-        // what a shape without a name explains better has no name here: it is left for `adequacy` to tell
-        if round.of_shapes && anything.gain() > round.gain() + TIE {
+        // what something without a name explains better has no name here: it is left for `adequacy` to tell
+        if round.is_without_a_name() || round.of_shapes && anything.gain() > round.gain() + TIE {
             break;
         }
         round.tell(&mut evidence[rows..], ln_samples);
@@ -161,6 +165,8 @@ struct Round<'a> {
     before: f64,
     of_shapes: bool,
     rivals: Vec<Rival<'a>>,
+    /// Place of the likeliest that has a name.
+    likeliest: usize,
 }
 
 /// The next cause, in the model.
@@ -174,7 +180,11 @@ impl<'a> Round<'a> {
     fn of(now: &Refit, able: &[&'a Scored], best: &Scored, setting: Setting) -> Option<Round<'a>> {
         let kind = &best.applied.kind;
         let mut rivals: Vec<Rival<'a>> = Vec::new();
-        for scored in able.iter().copied().filter(|s| competes(s, best)).take(MOST_RIVALS) {
+        let competing = |named: bool, most: usize| {
+            let those = able.iter().copied().filter(move |s| s.applied.id.has_name() == named);
+            those.filter(|s| competes(s, best)).take(most)
+        };
+        for scored in competing(true, MOST_NAMED).chain(competing(false, MOST_UNNAMED)) {
             let mut model = now.model.clone();
             let mut causes = now.causes.clone();
             follow(&mut model, &now.spaces, &[], std::slice::from_ref(&scored.applied), 1.0);
@@ -190,19 +200,26 @@ impl<'a> Round<'a> {
         rivals.retain(|r| r.deviance < before);
         rivals.sort_by(|p, q| p.penalised().total_cmp(&q.penalised()));
         let of_shapes = matches!(kind, Kind::Shapes);
-        (!rivals.is_empty()).then_some(Round { before, of_shapes, rivals })
+        let likeliest = rivals.iter().position(|r| r.id().has_name())?;
+        Some(Round { before, of_shapes, rivals, likeliest })
     }
 
-    /// What the likeliest gains in -2 ln likelihood, its parameters paid for.
+    /// What the likeliest that has a name gains in -2 ln likelihood, its parameters paid for.
     fn gain(&self) -> f64 {
-        self.before - self.rivals[0].penalised()
+        self.before - self.rivals[self.likeliest].penalised()
     }
 
-    /// What cannot be told from the likeliest.
-    fn tied(&self) -> Vec<CauseId> {
-        let best = &self.rivals[0];
-        let close = |r: &&Rival| r.penalised() - best.penalised() < TIE;
-        self.rivals[1..].iter().filter(close).map(Rival::id).collect()
+    /// Whether a rival without a name is likelier than all that have one.
+    fn is_without_a_name(&self) -> bool {
+        self.before - self.rivals[0].penalised() > self.gain() + TIE
+    }
+
+    /// What cannot be told from the likeliest that has a name: what has one, and what has none.
+    fn tied(&self) -> (Vec<CauseId>, Vec<CauseId>) {
+        let best = &self.rivals[self.likeliest];
+        let others = self.rivals.iter().filter(|r| r.id() != best.id());
+        let close = others.filter(|r| r.penalised() - best.penalised() < TIE);
+        close.map(Rival::id).partition(|id| id.has_name())
     }
 
     /// What became of each, in the evidence of this step.
@@ -210,24 +227,22 @@ impl<'a> Round<'a> {
         for (place, r) in self.rivals.iter().enumerate() {
             if let Some(row) = rows.iter_mut().find(|e| e.id == r.id()) {
                 row.delta_bic = self.before - r.deviance - r.scored.degrees as f64 * ln_samples;
-                row.accepted = place == 0;
-                row.why_not = match place {
-                    0 => String::new(),
-                    _ => EXPLAINS_MORE.into(),
-                };
+                row.accepted = place == self.likeliest;
+                row.why_not = if row.accepted { String::new() } else { EXPLAINS_MORE.into() };
             }
         }
     }
 
     fn won(mut self, ln_samples: f64) -> Won {
-        let tied_with = self.tied();
-        let Rival { refitted, scored, deviance } = self.rivals.swap_remove(0);
+        let (tied_with, tied_unnamed) = self.tied();
+        let Rival { refitted, scored, deviance } = self.rivals.swap_remove(self.likeliest);
         let statistic = (self.before - deviance).max(0.0);
         let cause = Chosen {
             delta_bic: statistic - scored.degrees as f64 * ln_samples,
             statistic,
             scored: scored.clone(),
             tied_with,
+            tied_unnamed,
         };
         Won { refitted, cause }
     }

@@ -2,7 +2,7 @@
 //!
 //! In: causes and verdict. Out: text.
 
-use super::catalogue::{experiment, joined};
+use super::catalogue::experiment;
 use super::digits;
 use super::finding::{Cause, Detection, Verdict};
 
@@ -36,11 +36,12 @@ pub fn sentence(
         }
         Verdict::Tie => {
             let c = &causes[0];
+            let split = c.tied_with.first().map(|tied| format!(": {}", experiment(c.id, *tied)));
             format!(
-                "{}; {} explains the signals as well: {}.",
+                "{}; {} explains the signals as well{}.",
                 capital(&c.sentence),
-                joined(&c.tied_with, " or "),
-                experiment(c.id, c.tied_with[0])
+                c.tied_words(),
+                split.unwrap_or_default()
             )
         }
         Verdict::Named => {
@@ -75,7 +76,10 @@ pub fn ties(causes: &[Cause]) -> Vec<String> {
     let pairs = causes.iter().flat_map(|c| c.tied_with.iter().map(|tied| (c.id, *tied)));
     let line =
         |(id, tied)| format!("{id} and {tied} cannot be told apart here: {}", experiment(id, tied));
-    pairs.map(line).collect()
+    let rivals =
+        causes.iter().flat_map(|c| c.tied_unnamed.iter().map(|rival| (c.id, rival.row().words)));
+    let unnamed = rivals.map(|(id, words)| format!("{id} cannot be told from {words}"));
+    pairs.map(line).chain(unnamed).collect()
 }
 
 pub fn equation(causes: &[Cause]) -> String {

@@ -30,6 +30,12 @@ pub enum Term {
     /// A share of the nozzle's viscous loss replaced by a half-order derivative of the flow (oscillating
     /// boundary layer).
     FractionalDamping,
+    /// k V^2 added to V in the spring's force.
+    EvenStiffness,
+    /// k V added to V where V > 0.
+    OneSidedStiffness,
+    /// No force within a share of the amplitude about V = 0.
+    Gap,
 }
 
 /// A free decay as the output shows it ([`super::free_decay`]): y = e^{-sigma t} (a cos omega t + b sin
@@ -57,6 +63,9 @@ struct Amplitudes {
 #[derive(Default)]
 struct Strengths {
     cubic: f64,
+    even: f64,
+    one_sided: f64,
+    gap: f64,
     drag: f64,
     dry: f64,
     /// Flow above which dry friction has its full force.
@@ -67,6 +76,13 @@ struct Strengths {
 }
 
 impl Strengths {
+    /// The displacement that would have the same force on a straight spring.
+    fn spring(&self, v: f64) -> f64 {
+        let Strengths { cubic, even, one_sided, gap, .. } = *self;
+        let within = v.clamp(-gap.abs(), gap.abs()) * gap.signum();
+        v + cubic * v * v * v + even * v * v + one_sided * v.max(0.0) - within
+    }
+
     /// Force of the half-order loss at a time, interpolated between samples.
     fn force(&self, t: f64) -> f64 {
         let Some(f) = &self.memory else { return 0.0 };
@@ -205,6 +221,9 @@ impl Interior {
             // and mu sign(q) as 4 mu/(pi A) q
             Some((Term::DryFriction, e)) => of.dry = e * seen.sigma * PI * damped / (4.0 * slope),
             Some((Term::Meniscus, e)) => of.meniscus = e,
+            Some((Term::EvenStiffness, e)) => of.even = e / stiff,
+            Some((Term::OneSidedStiffness, e)) => of.one_sided = e,
+            Some((Term::Gap, e)) => of.gap = e * stiff,
             Some((Term::FractionalDamping, e)) => {
                 of.memory = Some(self.memory_force(seen, e, drive, samples));
             }
@@ -215,12 +234,12 @@ impl Interior {
 
     /// Right-hand side of the equation of motion: x' at x = (V, q_r, q_n, V_n), or (x, x').
     fn slope(&self, of: &Strengths, x: [f64; 4], t: f64) -> [f64; 4] {
-        let Strengths { cubic, drag, dry, meniscus, small, .. } = *of;
+        let Strengths { drag, dry, meniscus, small, .. } = *of;
         match *self {
             Interior::Ink { channel, .. } => {
                 let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = channel;
                 let [v, q_r, q_n, v_n] = x;
-                let pressure = v + cubic * v * v * v;
+                let pressure = of.spring(v);
                 let extra =
                     -drag * q_n.abs() * q_n - dry * (q_n / small).tanh() - b * meniscus * v_n
                         + of.force(t);
@@ -229,7 +248,7 @@ impl Interior {
             Interior::Oscillator { stiffness, loss, .. } => {
                 let [p, q, ..] = x;
                 let extra = -drag * q.abs() * q - dry * (q / small).tanh() + of.force(t);
-                [q, -stiffness * (p + cubic * p * p * p) - loss * q + extra, 0.0, 0.0]
+                [q, -stiffness * of.spring(p) - loss * q + extra, 0.0, 0.0]
             }
         }
     }

@@ -38,6 +38,25 @@ pub enum Effect {
     BaselineStep,
     /// A pulse of four samples in few signals.
     Pulses,
+    /// Loss, or stiffness, settles to another value while the signal is acquired.
+    LossSettles,
+    StiffnessSettles,
+    /// The spring is stiffer beyond some displacement to one side.
+    OneSidedStop,
+    /// The sensor hears nothing about its zero; hears little there; saturates softly.
+    DeadZone,
+    Crossover,
+    SoftSensor,
+    /// The gain falls with the running mean of the signal's size.
+    GainControl,
+    /// Sampling times sway; the gain does.
+    TimeBaseSways,
+    Mixer,
+    /// A copy comes later.
+    Echo,
+    GainStep,
+    /// A line of fixed phase whose frequency rises.
+    Chirp,
 }
 
 pub const CATALOGUE: [Effect; 21] = [
@@ -64,12 +83,24 @@ pub const CATALOGUE: [Effect; 21] = [
     Effect::HeteroscedasticNoise,
 ];
 
-pub const OUTSIDE: [Effect; 5] = [
+pub const OUTSIDE: [Effect; 17] = [
     Effect::GainDrift,
     Effect::MissingCodes,
     Effect::EvenOrder,
     Effect::BaselineStep,
     Effect::Pulses,
+    Effect::LossSettles,
+    Effect::StiffnessSettles,
+    Effect::OneSidedStop,
+    Effect::DeadZone,
+    Effect::Crossover,
+    Effect::SoftSensor,
+    Effect::GainControl,
+    Effect::TimeBaseSways,
+    Effect::Mixer,
+    Effect::Echo,
+    Effect::GainStep,
+    Effect::Chirp,
 ];
 
 /// What is known of a signal where an effect acts.
@@ -148,6 +179,11 @@ impl Hidden {
             friction: self.of(Effect::DryFriction) * 1.4 * extra * of_flow,
             cubic: self.of(Effect::CubicStiffness) * 0.006 * (omega / 100.0).powi(2),
             meniscus: self.of(Effect::Meniscus) * 0.05,
+            stop: [0.008 * self.of(Effect::OneSidedStop), 30.0 / omega],
+            settles: [
+                0.06 * self.of(Effect::LossSettles),
+                0.0049 * self.of(Effect::StiffnessSettles),
+            ],
         }
     }
 
@@ -158,6 +194,19 @@ impl Hidden {
         if tail > 0.0 && at.idle_s.is_finite() {
             let later = plant.samples(plant.after(x, at.idle_s), dt, y.len());
             y.iter_mut().zip(later).for_each(|(y, later)| *y += tail * later);
+        }
+        let sway = 7e-9 * self.of(Effect::TimeBaseSways);
+        if sway > 0.0 {
+            let at = |k: usize| (k as f64 * dt, sway * (TAU * 37e3 * k as f64 * dt + 0.6).sin());
+            let late = |k: usize| plant.after(x, at(k).0 + at(k).1).seen();
+            y.iter_mut().enumerate().for_each(|(k, y)| *y = late(k));
+        }
+        let echo = 0.005 * self.of(Effect::Echo);
+        (27..y.len()).rev().for_each(|k| y[k] += echo * y[k - 27]);
+        let mut size = 0.7 * y[0].abs().max(y[1].abs());
+        for y in y.iter_mut() {
+            size += (y.abs() - size) / 25.0;
+            *y /= 1.0 + 0.0009 * self.of(Effect::GainControl) * size;
         }
         let droop = 1150.0 * self.of(Effect::Droop) * dt;
         let (mut charge, first, n) = (0.0, y[0], y.len());
@@ -175,9 +224,27 @@ impl Hidden {
             *y += mode * (-t / 45e-6).exp() * (TAU * 104e3 * t + 1.1).cos();
             *y += 0.00025 * self.of(Effect::EvenOrder) * plain * plain;
             *y += if k > n / 3 { 0.2 * self.of(Effect::BaselineStep) } else { 0.0 };
+            *y = self.senses_otherwise(*y, plain);
+            *y += 0.01 * self.of(Effect::GainStep) * if k > n / 3 { plain } else { 0.0 };
+            let chirp = 0.1 * self.of(Effect::Chirp);
+            *y += chirp * (TAU * (150e3 + 0.55e9 * t) * t + 0.3).cos();
+            *y *= 1.0 + 0.0035 * self.of(Effect::Mixer) * (TAU * 29e3 * t + 1.9).cos();
             let odd = at.number % 97 == 5 && (n / 2..n / 2 + 4).contains(&k);
             *y += if odd { 6.0 * self.of(Effect::Pulses) } else { 0.0 };
         }
+    }
+
+    /// What the sensor makes of `plain`, of which other effects made `y`.
+    fn senses_otherwise(&self, y: f64, plain: f64) -> f64 {
+        let of = |effect: Effect, size: f64| size * self.of(effect);
+        let deaf = of(Effect::DeadZone, 0.15);
+        let crossover = of(Effect::Crossover, 1.0).sqrt();
+        let soft = 2.2e-3 * self.of(Effect::SoftSensor).sqrt();
+        let mut y = y - plain.clamp(-deaf, deaf);
+        if crossover > 0.0 {
+            y -= plain * (-plain.abs() / crossover).exp();
+        }
+        if soft > 0.0 { (soft * y).tanh() / soft } else { y }
     }
 
     /// Correlation of the noise, and the growth of its variance up to 100 counts.

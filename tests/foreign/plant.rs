@@ -23,6 +23,10 @@ pub struct Terms {
     pub cubic: f64,
     /// Stiffness of the meniscus over that of the chamber.
     pub meniscus: f64,
+    /// Stiffness that is added beyond a displacement, relative; the displacement, counts s.
+    pub stop: [f64; 2],
+    /// Relative change of the losses, and of the stiffness, long after t_a.
+    pub settles: [f64; 2],
 }
 
 /// Chamber volume (counts·s), flows through restrictor and nozzle (counts), volume at the meniscus (counts·s).
@@ -59,14 +63,19 @@ pub struct Plant {
 
 /// No step is longer, s.
 const LONGEST_STEP: f64 = 0.25e-6;
+/// In which losses and stiffness settle, s.
+const SETTLES: f64 = 35e-6;
 /// Below this flow dry friction is smooth, counts.
 const SMOOTH: f64 = 0.4;
 
 impl Plant {
     fn slope(&self, x: State) -> State {
         let Rates { a, b, g, d } = self.rates;
-        let Terms { drag, friction, cubic, meniscus } = self.terms;
-        let stiffer = 1.0 + cubic * x.v * x.v;
+        let Terms { drag, friction, cubic, meniscus, stop: [stop, beyond], .. } = self.terms;
+        let mut stiffer = 1.0 + cubic * x.v * x.v;
+        if x.v > beyond {
+            stiffer += stop * (x.v - beyond) / x.v;
+        }
         let bent = drag * x.q_n.abs() * x.q_n + friction * (x.q_n / SMOOTH).tanh();
         State {
             v: x.q_r + x.q_n,
@@ -93,12 +102,21 @@ impl Plant {
     /// `n` samples from a state on.
     pub fn samples(&self, mut x: State, period_s: f64, n: usize) -> Vec<f64> {
         (0..n)
-            .map(|_| {
+            .map(|k| {
                 let y = x.seen();
-                x = self.after(x, period_s);
+                x = self.settled((k as f64 + 0.5) * period_s).after(x, period_s);
                 y
             })
             .collect()
+    }
+
+    /// As it is some time after t_a.
+    fn settled(&self, time: f64) -> Plant {
+        let share = 1.0 - (-time / SETTLES).exp();
+        let [loss, stiffness] = self.terms.settles.map(|change| 1.0 + change * share);
+        let Rates { a, b, g, d } = self.rates;
+        let rates = Rates { a: a * stiffness, b: b * stiffness, g: g * loss, d: d * loss };
+        Plant { rates, ..*self }
     }
 
     /// Angular frequency, rad/s, but for losses.

@@ -3,16 +3,17 @@
 //!
 //! In: the space, the model, what is in the model already. Out: [`Scored`], one per candidate: the best
 //! over its shape parameter (frequency, rate, strength), with its value in the catalogue's units.
-//! `shapes` and `lines` act on the mean signal, `follows` through a covariate.
+//! `shapes` and `lines` act on the mean signal, `follows` through a covariate; `rivals` have no name.
 
 mod follows;
 mod lines;
+mod rivals;
 mod shapes;
 
 pub use lines::LEAST_PERIODS;
 pub use shapes::Locally;
 
-use super::catalogue::{Acts, CATALOGUE, CauseId, Needs, Shape};
+use super::catalogue::{Acts, CATALOGUE, CauseId, Needs, RIVALS, Shape};
 use super::chance::{HINT, surprise};
 use super::clusters::{Clusters, Spread};
 use super::covariates::Covariates;
@@ -204,7 +205,7 @@ impl<'a> Bench<'a> {
     /// All that can be tested; what lacks data is left out.
     pub fn score_all(&self) -> Vec<Scored> {
         let mut all = Vec::new();
-        for entry in &CATALOGUE {
+        for entry in CATALOGUE.iter().chain(&RIVALS) {
             if entry.needs.lacking(self.beside, self.integer, self.units).is_some()
                 && entry.needs != Needs::DriveScan
             {
@@ -267,6 +268,9 @@ impl<'a> Bench<'a> {
                 self.line(id, 1, &[0.4 * sigma, sigma, 2.0 * sigma], near)
             }
             Shape::Motion(motion) => self.motion(id, motion, near),
+            Shape::Bent(bend) => self.bent(id, bend, near),
+            Shape::Sways(what) => self.sways(id, what, near),
+            Shape::SweptLine => self.swept_line(id, near),
         }
     }
 

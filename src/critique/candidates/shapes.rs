@@ -32,7 +32,7 @@ impl Locally {
 impl Bench<'_> {
     /// A shape that depends on its own strength e: the likelihood profiled over e. With information i
     /// and score s along the secant D(e), adding e D(e) gains 2 e s - e² i.
-    fn grown(
+    pub(super) fn grown(
         &self,
         id: CauseId,
         [first, most]: [f64; 2],
@@ -105,7 +105,11 @@ impl Bench<'_> {
                     let small = if high > 1.02 * low { low } else { 0.1 * high };
                     (1.0 + e / high) / (1.0 + e / small).max(0.05) - 1.0
                 }
-                Term::Meniscus | Term::FractionalDamping => e,
+                Term::Meniscus
+                | Term::FractionalDamping
+                | Term::EvenStiffness
+                | Term::OneSidedStiffness
+                | Term::Gap => e,
             }
         };
         let mut scored = self.grown(id, strengths, shape, value, near)?;
@@ -115,7 +119,8 @@ impl Bench<'_> {
             scored.surprise = surprise(scored.statistic, 1, 1.0, self.dof(false));
             scored.sd = scored.sd.hypot(ETA_FLOOR / 2.0);
         }
-        if scored.applied.coefficients[0] < 0.0 && term != Term::CubicStiffness {
+        let either_sign = term == Term::CubicStiffness || !id.has_name();
+        if scored.applied.coefficients[0] < 0.0 && !either_sign {
             scored.objection = Some(Objection::UnphysicalSign);
         }
         if id.by_amplitude() {
@@ -126,13 +131,21 @@ impl Bench<'_> {
 
     /// What a term of strength e adds, per unit e, as shapes times powers of the drive.
     fn term_direction(&self, term: Term, e: f64, power: i32) -> Option<Direction> {
-        let n = self.samples;
         let interior = self.interior?;
-        let added = |s: f64| -> Vec<f64> {
-            let with = interior.decay(&self.seen, Some((term, e)), s, n);
-            let without = interior.decay(&self.seen, None, s, n);
+        self.by_drive(power, |s| {
+            let with = interior.decay(&self.seen, Some((term, e)), s, self.samples);
+            let without = interior.decay(&self.seen, None, s, self.samples);
             with.iter().zip(without).map(|(w, o)| (w - o) / e).collect()
-        };
+        })
+    }
+
+    /// What is added at a relative drive, as shapes times powers of the drive; without a drive scan of this power.
+    pub(super) fn by_drive(
+        &self,
+        power: i32,
+        added: impl Fn(f64) -> Vec<f64>,
+    ) -> Option<Direction> {
+        let n = self.samples;
         let finite =
             |d: Direction| d.0.iter().all(|(_, v)| v.iter().all(|x| x.is_finite())).then_some(d);
         let [low, high] = self.drives;
@@ -199,24 +212,15 @@ impl Bench<'_> {
             let y: Vec<f64> = (0..self.samples).map(|k| (-w * k as f64 / n).exp()).collect();
             self.pattern(1, y)
         };
-        let test = |w: f64| -> f64 { self.shapes.test(&[shape(w)]).map_or(0.0, |t| t.statistic) };
         let (low, high) = ((4.0 * self.seen.sigma).max(6.0), 2.0 * n);
-        let mut best = (0.0, low);
-        let grid = (0..24).map(|i| low * (high / low).powf(f64::from(i) / 23.0));
-        let grid: Vec<f64> = near.map_or_else(|| grid.collect(), |n| vec![n.shape]);
-        for w in grid {
-            let statistic = test(w);
-            if statistic > best.0 {
-                best = (statistic, w);
-            }
-        }
-        let ln_w = maximum(|x| test(x.exp()), best.1.ln(), 0.12).max(low.ln());
-        let w = ln_w.exp();
-        let direction = shape(w);
-        let tested = self.shapes.test(std::slice::from_ref(&direction))?;
-        let sd = width(|x| test(x.exp()), ln_w, 0.02) * w / self.length_s;
+        let grid = (0..24).map(|i| (low * (high / low).powf(f64::from(i) / 23.0)).ln());
+        let near = near.map(|near| near.shape.ln());
+        let found =
+            self.searched(near, grid, 0.12, [low.ln(), high.ln()], |x| vec![shape(x.exp())])?;
+        let w = found.at.exp();
+        let sd = found.sd * w / self.length_s;
         let best = Best { shape: w, tried: 3.0, value: w / self.length_s, sd };
-        Some(self.shaped(id, tested, vec![direction], best))
+        Some(self.shaped(id, found.tested, found.directions, best))
     }
 
     /// What the mean misfit is, if nothing that has a name: a bump of some length at some place, or a step, per power

@@ -16,7 +16,7 @@ mod tests;
 mod unnamed;
 mod words;
 
-use super::catalogue::{CATALOGUE, InDecays, joined};
+use super::catalogue::{CATALOGUE, InDecays};
 use super::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
 use super::digits;
 use super::extended::NotExtended;
@@ -180,18 +180,16 @@ fn verdict(causes: &mut Vec<Cause>, selected: &Selected, left: &Left) -> Verdict
         return Verdict::Unknown;
     }
     match &causes[..] {
-        [one] if !one.tied_with.is_empty() => Verdict::Tie,
-        [_] if found.iter().any(|c| c.is_named(found) && !c.tied_unnamed.is_empty()) => {
-            Verdict::Tie
-        }
+        [one] if one.is_tied() => Verdict::Tie,
         _ => Verdict::Named,
     }
 }
 
 /// The candidate that takes most of the misfit away, though it is not the cause.
 fn nearest(selected: &Selected) -> Option<Cause> {
-    let named = selected.unnamed.iter().filter_map(|t| Some((t, t.term.id()?)));
-    let (t, id) = named.max_by(|(p, _), (q, _)| p.share.total_cmp(&q.share))?;
+    let named = selected.unnamed.iter().filter(|t| t.term.id().has_name());
+    let t = named.max_by(|p, q| p.share.total_cmp(&q.share))?;
+    let id = t.term.id();
     let strength_dl = (t.statistic / DETECTION_LIMIT).sqrt();
     Some(Cause {
         explains: Some(t.share.clamp(0.0, 1.0)),
@@ -211,7 +209,7 @@ fn not_testable() -> Vec<NotTestable> {
 
 fn sentence(verdict: Verdict, causes: &[Cause], selected: &Selected, left: &Left) -> String {
     let strongest = |p: &&Chosen, q: &&Chosen| p.statistic.total_cmp(&q.statistic);
-    let like = selected.causes.iter().filter(|c| c.term.id().is_none()).max_by(strongest);
+    let like = selected.causes.iter().filter(|c| !c.term.id().has_name()).max_by(strongest);
     let like = like.map(|c| format!("something like {}", c.term.words()));
     let what = like.as_deref().or(left.words.as_deref()).unwrap_or("a misfit");
     match verdict {
@@ -230,11 +228,9 @@ fn sentence(verdict: Verdict, causes: &[Cause], selected: &Selected, left: &Left
         Verdict::Tie | Verdict::Named => {
             let each: Vec<String> = causes
                 .iter()
-                .map(|c| match c.tied_with.is_empty() {
-                    true => capital(&c.sentence),
-                    false => {
-                        format!("{}, or {}", capital(&c.sentence), joined(&c.tied_with, " or "))
-                    }
+                .map(|c| match c.is_tied() {
+                    true => format!("{}, or {}", capital(&c.sentence), c.tied_words()),
+                    false => capital(&c.sentence),
                 })
                 .collect();
             let rest = match &left.words {

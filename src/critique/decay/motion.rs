@@ -227,7 +227,6 @@ impl Motion {
 
 #[cfg(test)]
 mod tests {
-    use super::super::unnamed::UNNAMED;
     use super::*;
 
     const PLAIN: Motion = Motion {
@@ -237,7 +236,7 @@ mod tests {
         stiffness: 0.0,
         drag: 0.0,
         stick: 0.0,
-        unnamed: Strengths([0.0; UNNAMED.len()]),
+        unnamed: Strengths::NONE,
     };
 
     fn run(motion: Motion, n: usize) -> Vec<[f64; 2]> {

@@ -6,7 +6,8 @@
 //! largest sample. Derivatives of the motion are central differences, those of lines are exact.
 
 use super::motion::{Form, Motion};
-use super::unnamed::{Strengths, Unnamed};
+use super::unnamed::{Strengths, is_a_rate};
+use crate::critique::catalogue::CauseId;
 use crate::critique::observations::Observations;
 
 /// Decays of one system, [burst][output][sample].
@@ -98,7 +99,7 @@ pub struct Structure {
     pub stiffness: Option<Form>,
     pub drag: bool,
     pub friction: bool,
-    pub unnamed: Vec<Unnamed>,
+    pub unnamed: Vec<CauseId>,
     pub offset: bool,
     pub lines: Vec<Line>,
 }
@@ -110,7 +111,7 @@ pub struct Layout {
     pub drag: Option<usize>,
     pub friction: Option<usize>,
     /// Each rival without a name, and where its strength stands.
-    pub unnamed: Vec<(Unnamed, usize)>,
+    pub unnamed: Vec<(CauseId, usize)>,
     /// x and x'/omega of each burst's first sample.
     pub starts: usize,
     /// Shares of displacement and velocity of every output but the first.
@@ -180,8 +181,8 @@ impl Line {
 
 pub fn motion(structure: &Structure, layout: &Layout, p: &[f64]) -> Motion {
     let at = |place: Option<usize>| place.map_or(0.0, |i| p[i]);
-    let mut unnamed = Strengths::default();
-    layout.unnamed.iter().for_each(|(what, i)| unnamed.0[*what as usize] = p[*i]);
+    let mut unnamed = Strengths::NONE;
+    layout.unnamed.iter().for_each(|(what, i)| unnamed.set(*what, p[*i]));
     Motion {
         sigma: p[SIGMA],
         omega: p[OMEGA],
@@ -302,7 +303,7 @@ impl<'a> Plant<'a> {
                 let h = match j {
                     SIGMA => 1e-6 * p[OMEGA].abs(),
                     OMEGA => 1e-7 * p[OMEGA].abs(),
-                    _ if l.unnamed.iter().any(|(w, at)| *at == j && w.is_a_rate()) => rate_step,
+                    _ if l.unnamed.iter().any(|(w, at)| *at == j && is_a_rate(*w)) => rate_step,
                     _ => 1e-6,
                 };
                 let (mut high, mut low) = (p.to_vec(), p.to_vec());

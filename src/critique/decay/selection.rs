@@ -9,7 +9,7 @@ use super::fit::{self, Fit, Noise};
 use super::motion::Form;
 use super::plant::{Decays, Line, OMEGA, Plant, SIGMA, Structure, motion};
 use super::spectrum;
-use super::unnamed::{UNNAMED, Unnamed};
+use super::unnamed::{moves_phase, unnamed};
 use crate::critique::candidates::LEAST_PERIODS;
 use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, statistic_of, surprise};
@@ -63,40 +63,24 @@ pub enum Term {
     Drag,
     Friction,
     Line(Line),
-    Unnamed(Unnamed),
+    Unnamed(CauseId),
 }
 
 impl Term {
-    /// `None`: the catalogue has no name for it.
-    pub fn id(self) -> Option<CauseId> {
-        Some(match self {
+    pub fn id(self) -> CauseId {
+        match self {
             Term::Offset => CauseId::Offset,
             Term::Stiffness(_) => CauseId::CubicStiffness,
             Term::Drag => CauseId::QuadraticDrag,
             Term::Friction => CauseId::DryFriction,
             Term::Line(Line::Mode) => CauseId::SecondMode,
             Term::Line(Line::Tone) => CauseId::Tone,
-            Term::Unnamed(_) => return None,
-        })
+            Term::Unnamed(rival) => rival,
+        }
     }
 
     pub fn words(self) -> &'static str {
-        match self {
-            Term::Unnamed(what) => what.words(),
-            named => named.id().map_or("", CauseId::name),
-        }
-    }
-
-    fn unnamed(self) -> Option<Unnamed> {
-        match self {
-            Term::Unnamed(what) => Some(what),
-            _ => None,
-        }
-    }
-
-    /// Forms of one cause are one.
-    fn is_as(self, other: Term) -> bool {
-        self == other || self.id().is_some() && self.id() == other.id()
+        if self.id().has_name() { self.id().name() } else { self.id().row().words }
     }
 
     /// Independent places that it was looked for at.
@@ -163,14 +147,14 @@ pub struct Chosen {
     pub degrees: usize,
     pub tied_with: Vec<CauseId>,
     /// Rivals without a name that explain as much.
-    pub tied_unnamed: Vec<Unnamed>,
+    pub tied_unnamed: Vec<CauseId>,
 }
 
 impl Chosen {
     /// Whether it has a name, and explains more than any rival without one that is in the model, too.
     pub fn is_named(&self, all: &[Chosen]) -> bool {
-        let unnamed = all.iter().filter(|c| c.term.id().is_none());
-        self.term.id().is_some()
+        let unnamed = all.iter().filter(|c| !c.term.id().has_name());
+        self.term.id().has_name()
             && unnamed.map(|c| c.statistic).fold(0.0, f64::max) < self.statistic
     }
 }
@@ -312,7 +296,7 @@ pub fn children(
         .collect();
     let moves = match term {
         Term::Stiffness(_) | Term::Drag | Term::Friction => true,
-        Term::Unnamed(what) => what.moves_phase(),
+        Term::Unnamed(what) => moves_phase(what),
         Term::Offset | Term::Line(_) => false,
     };
     if moves {
@@ -468,7 +452,7 @@ fn candidates(decays: &Decays, parent: &Fit) -> Vec<Candidate> {
         Term::Line(Line::Mode),
         Term::Line(Line::Tone),
     ];
-    let all = named.into_iter().chain(UNNAMED.map(Term::Unnamed));
+    let all = named.into_iter().chain(unnamed().map(Term::Unnamed));
     let samples = decays.y.len() as f64;
     let before = deviance(&misfit, decays);
     let mut kept: Vec<Candidate> = Vec::new();
@@ -493,7 +477,8 @@ fn candidates(decays: &Decays, parent: &Fit) -> Vec<Candidate> {
             let one = Candidate { tried, criterion };
             // what can be the cause goes before what cannot
             let rank = |c: &Candidate| (c.tried.objection.is_some(), c.criterion);
-            match kept.iter_mut().find(|c| c.tried.term.is_as(term)) {
+            // forms of one cause are one
+            match kept.iter_mut().find(|c| c.tried.term.id() == term.id()) {
                 Some(known) if rank(&one) < rank(known) => *known = one,
                 Some(_) => {}
                 None => kept.push(one),
@@ -554,12 +539,12 @@ pub fn alias(decays: &Decays, parent: &Fit) -> Tried {
     Tried { term, fit, statistic: 0.0, degrees: 0, surprise: 0.0, share: 0.0, objection }
 }
 
-fn row(t: &Tried, step: u32, samples: f64) -> Option<Evidence> {
+fn row(t: &Tried, step: u32, samples: f64) -> Evidence {
     let lines = if matches!(t.term, Term::Line(_)) { samples / 2.0 } else { 1.0 };
     let surprise = |x: f64| surprise(x, t.degrees, lines, f64::INFINITY);
-    Some(Evidence {
+    Evidence {
         step,
-        id: t.term.id()?,
+        id: t.term.id(),
         statistic: t.statistic,
         threshold: statistic_of(THRESHOLD, surprise),
         p: (-t.surprise).exp(),
@@ -570,7 +555,7 @@ fn row(t: &Tried, step: u32, samples: f64) -> Option<Evidence> {
         tested: true,
         accepted: false,
         why_not: t.why_not(),
-    })
+    }
 }
 
 pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
@@ -585,7 +570,8 @@ pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
         let mut tried = try_all(decays, &now);
         tried.sort_by(|p, q| q.statistic.total_cmp(&p.statistic));
         let rows = evidence.len();
-        evidence.extend(tried.iter().filter_map(|t| row(t, step, samples)));
+        let named = tried.iter().filter(|t| t.term.id().has_name());
+        evidence.extend(named.map(|t| row(t, step, samples)));
         unnamed = tried
             .iter()
             .filter(|t| t.surprise > THRESHOLD && t.objection.is_some())
@@ -604,15 +590,13 @@ pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
         rivals.sort_by(|p, q| penalised(q).total_cmp(&penalised(p)));
         let Some(best) = rivals.first().filter(|_| (step as usize) < MOST_TERMS) else { break };
         let others = tried.iter().filter(|t| t.term != best.term && passes(t));
-        let tied: Vec<Term> =
-            others.filter(|t| penalised(best) - penalised(t) < TIE).map(|t| t.term).collect();
-        let tied_with = tied.iter().filter_map(|t| t.id()).collect();
-        let tied_unnamed = tied.iter().filter_map(|t| t.unnamed()).collect();
+        let tied = others.filter(|t| penalised(best) - penalised(t) < TIE).map(|t| t.term.id());
+        let (tied_with, tied_unnamed) = tied.partition(|id| id.has_name());
         for e in &mut evidence[rows..] {
-            if best.term.id() == Some(e.id) {
+            if best.term.id() == e.id {
                 e.accepted = true;
                 e.why_not = String::new();
-            } else if rivals.iter().any(|r| r.term.id() == Some(e.id)) {
+            } else if rivals.iter().any(|r| r.term.id() == e.id) {
                 e.why_not = EXPLAINS_MORE.into();
             }
         }

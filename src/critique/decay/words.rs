@@ -62,14 +62,15 @@ pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<Cause>, Vec<String>)
     let mut order: Vec<&Chosen> = selected.causes.iter().collect();
     order.sort_by(|p, q| q.statistic.total_cmp(&p.statistic));
     for chosen in order {
-        let Some(id) = chosen.term.id() else {
+        let id = chosen.term.id();
+        if !id.has_name() {
             remarks.push(format!(
                 "the misfit is like {}, which the catalogue has no name for ({} DL)",
                 chosen.term.words(),
                 digits::significant((chosen.statistic / DETECTION_LIMIT).sqrt(), 2)
             ));
             continue;
-        };
+        }
         if !chosen.is_named(&selected.causes) {
             remarks.push(format!("{id} would explain less than what has no name: it is not named"));
             continue;
@@ -84,10 +85,8 @@ pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<Cause>, Vec<String>)
             continue;
         }
         cause.tied_with = chosen.tied_with.clone();
+        cause.tied_unnamed = chosen.tied_unnamed.clone();
         cause.sentence = sentence(&cause);
-        for rival in &chosen.tied_unnamed {
-            remarks.push(format!("{id} cannot be told from {}", rival.words()));
-        }
         if chosen.term == Term::Offset && decays.outputs > 1 {
             let layout = selected.fit.structure.layout(decays.bursts, decays.outputs);
             let each: Vec<String> = (0..decays.outputs)
