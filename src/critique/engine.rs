@@ -30,7 +30,7 @@ use super::outcome::{FEWEST_SAMPLES, FEWEST_SIGNALS};
 use super::outliers::{Outliers, outliers};
 use super::refit::Setting;
 use super::selection::{self, Chosen, Selected};
-use super::words::{cause_sentence, equation, sentence, ties};
+use super::words::{cause_sentence, equation, not_worth, sentence, ties};
 use std::f64::consts::TAU;
 
 /// Times that the correlation of the noise is estimated anew.
@@ -100,7 +100,7 @@ fn of_signals(
     let left = adequacy::check(&selected, &aside, setting);
     stages("measuring the gain");
     let applied: Vec<_> = selected.causes.iter().map(|c| c.scored.applied.clone()).collect();
-    let measured = gain::measure(&baseline, &applied, setting);
+    let measured = gain::measure(&baseline, &applied, &aside, as_it_came.as_ref(), setting);
     let detection = measured.gain.detection();
     let figures = figures::draw(&baseline, &selected.model, &data, &beside, &measured.energies);
 
@@ -111,6 +111,11 @@ fn of_signals(
         false => Err(NotExtended::NoInkChannel),
     };
     let (verdict, mut remarks) = verdict(&mut causes, &selected.unnamed, &left);
+    let allowed = allowed.and_then(|()| match verdict {
+        Verdict::Unknown => Err(NotExtended::NoName),
+        _ => Ok(()),
+    });
+    remarks.extend(not_worth(&causes, &measured.gain));
     remarks.extend(caveats(all, of_outliers, &allowed, causes.is_empty()));
     remarks.extend(ties(&causes));
     let critique = Critique {

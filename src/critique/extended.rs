@@ -7,7 +7,7 @@
 use super::candidates::{Applied, Kind};
 use super::catalogue::CauseId;
 use super::covariates::Covariates;
-use super::finding::{Detection, Gain};
+use super::finding::Gain;
 use super::model::Model;
 use super::refit::{Setting, apply, refit};
 use super::tuned::FEW;
@@ -37,6 +37,12 @@ pub enum NotExtended {
         "what was found changes nothing that is expected of a signal: a design with it would be the plain one"
     )]
     NothingExpected,
+    #[error("what was found has no name, and what it is like explains it in part only")]
+    NoName,
+    #[error(
+        "with what was found, signals that nothing was fitted to are not predicted better: it is not worth it"
+    )]
+    NotWorth,
     #[error("signals whose noise is correlated could not be fitted as they came")]
     Unfit,
     #[error(
@@ -92,7 +98,12 @@ pub fn check(causes: &[Applied], left_out: LeftOut, gain: &Gain) -> Result<(), N
     if left_out.is_mixture() {
         return Err(NotExtended::Mixture { left_out: left_out.signals, all: left_out.all });
     }
-    if gain.detection() == Detection::Worse {
+    let measured: Vec<_> = causes.iter().filter_map(|cause| gain.worth(cause.id)).collect();
+    if !measured.is_empty() && !measured.iter().any(|worth| worth.is_sure()) {
+        return Err(NotExtended::NotWorth);
+    }
+    // however little worse
+    if gain.detection_gain_interval.is_some_and(|[_, high]| high < 0.0) {
         return Err(NotExtended::DetectsWorse {
             before: gain.before.detection_auc,
             after: gain.after.detection_auc,

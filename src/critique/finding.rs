@@ -5,6 +5,7 @@
 
 use super::catalogue::CauseId;
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// Version of `critique.json`.
 pub const VERSION: u32 = 1;
@@ -137,7 +138,38 @@ pub struct Gain {
     pub detection_gain_interval: Option<[f64; 2]>,
     #[serde(skip)]
     pub detection_gain: f64,
+    /// Absent where nothing was found.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub log_likelihood_per_signal: Option<LogLikelihood>,
     pub held_out: HeldOut,
+}
+
+/// What a model's ln likelihood of a held-out signal gains by all that was found, and by each cause.
+#[derive(Clone, Debug, Serialize)]
+pub struct LogLikelihood {
+    #[serde(flatten)]
+    pub all: Worth,
+    pub by_cause: BTreeMap<&'static str, Worth>,
+}
+
+/// Mean over the signals, nats, and its 95 % interval by resampling channels.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Worth {
+    pub gain: f64,
+    pub ci95: [f64; 2],
+}
+
+impl Worth {
+    pub fn is_sure(self) -> bool {
+        self.ci95[0] > 0.0
+    }
+}
+
+impl Gain {
+    /// What a cause is worth; `None`: not measured.
+    pub fn worth(&self, id: CauseId) -> Option<Worth> {
+        self.log_likelihood_per_signal.as_ref()?.by_cause.get(id.name()).copied()
+    }
 }
 
 /// The small nozzle fault that detection is measured with: a change of ln damping, in standard deviations of the extended

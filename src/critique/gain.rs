@@ -9,24 +9,26 @@ use super::candidates::Applied;
 use super::chance::interval;
 use super::covariates::Covariates;
 use super::finding::{Energies, FAULT, Gain, GainFigures, HeldOut, Misfit};
+use super::found::Aside;
 use super::matrices::{Matrix5, Vector5, floored, scaled};
 use super::model::{Linear, Model, dot, free_products};
 use super::observations::Observations;
 use super::refit::{Setting, apply, refit};
 use super::whiteness::{Lags, whiteness_p};
+use super::worth;
 use crate::model::free_decay::FREE;
 use nalgebra::DMatrix;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 /// Fewer channels than this are split by time alone.
-const FEWEST_UNITS: usize = 6;
+pub const FEWEST_UNITS: usize = 6;
 /// Signals of a part that a model can be fitted to.
 const FEWEST: usize = 8;
 /// So many channels' weight has the guess that the scatter's parts are independent: the fewest that an inverse Wishart
 /// prior with a mean needs.
 const SHRINKAGE: f64 = FREE as f64 + 1.0;
-const RESAMPLINGS: usize = 100;
+pub const RESAMPLINGS: usize = 200;
 /// Blocks of time with equally many signals.
 const BLOCKS: usize = 5;
 /// Gauss-Newton from the population to a signal's own parameters: steps at most, and the squared step, in its
@@ -80,6 +82,80 @@ fn population(model: &Model, without: Option<usize>) -> Population {
     Population { shift, spread: floored(&(between + scaled(&model.within, &scale))) }
 }
 
+/// A signal's own parameters at their most probable values, beside where its channel may lie.
+pub struct AtRest {
+    pub linear: Linear,
+    pub gram: Matrix5,
+    pub product: Vector5,
+    /// From the population's mean, in units of [`Model::scale`].
+    pub about: Vector5,
+    /// Square of the misfit about the population's mean.
+    square: f64,
+}
+
+/// A model as it is before any of these channels was heard.
+pub struct Unheard<'a> {
+    data: &'a Observations,
+    beside: &'a Covariates,
+    mean: Model,
+    of_unit: Vec<Population>,
+    scale: Vector5,
+}
+
+impl Unheard<'_> {
+    /// `known`: the signals are those that the model was fitted to, each judged as if its channel was not.
+    pub fn of<'a>(
+        model: &Model,
+        data: &'a Observations,
+        beside: &'a Covariates,
+        known: bool,
+    ) -> Unheard<'a> {
+        // about the mean, not about the channels' own parameters
+        let mut mean = model.clone();
+        mean.units = vec![model.mean; data.units];
+        mean.each = vec![Default::default(); data.len()];
+        let of_unit: Vec<Population> = match known {
+            true => (0..model.units.len()).map(|unit| population(model, Some(unit))).collect(),
+            false => vec![population(model, None); data.units],
+        };
+        Unheard { data, beside, of_unit, scale: model.scale(), mean }
+    }
+
+    pub fn spread(&self, i: usize) -> Matrix5 {
+        self.of_unit[self.data.rows[i].unit].spread
+    }
+
+    /// Channels differ by per cents: linear about the population is not enough.
+    pub fn at_rest(&mut self, i: usize) -> AtRest {
+        let Population { shift, spread } = self.of_unit[self.data.rows[i].unit];
+        let precision = spread.try_inverse().unwrap_or_else(Matrix5::zeros);
+        let v = self.mean.noise_var;
+        let (mut linear, mut square) = (Linear::default(), f64::NAN);
+        let mut step = 0;
+        loop {
+            self.mean.linearise(i, self.data, self.beside, &mut linear);
+            let (gram, product) = free_products(&linear, &self.scale);
+            let own = self.mean.each[i].fixed_rows::<FREE>(0).component_div(&self.scale);
+            let about = own - shift;
+            if step == 0 {
+                square = dot(&linear.residual, &linear.residual);
+            }
+            let hessian = gram / v + precision;
+            let by = hessian.try_inverse().map(|m| m * (product / v - precision * about));
+            let on = by.filter(|by| step < MOST_STEPS && by.dot(&(hessian * by)) >= AT_REST);
+            let Some(by) = on else {
+                self.mean.each[i] = Default::default();
+                return AtRest { linear, gram, product, about, square };
+            };
+            for j in 0..FREE {
+                let most = [0.3, 0.05].get(j).copied().unwrap_or(f64::INFINITY);
+                self.mean.each[i][j] += (by[j] * self.scale[j]).clamp(-most, most);
+            }
+            step += 1;
+        }
+    }
+}
+
 /// What one signal says against a model.
 struct Judged {
     unit: usize,
@@ -93,51 +169,16 @@ struct Judged {
     white: Option<Lags>,
 }
 
-/// `known`: the signals are those that the model was fitted to, each judged as if its channel was not.
 fn judge(model: &Model, data: &Observations, beside: &Covariates, known: bool) -> Vec<Judged> {
-    // about the mean, not about the channels' own parameters
-    let mut mean = model.clone();
-    mean.units = vec![model.mean; data.units];
-    mean.each = vec![Default::default(); data.len()];
-    let of_unit: Vec<Population> = match known {
-        true => (0..model.units.len()).map(|unit| population(model, Some(unit))).collect(),
-        false => vec![population(model, None); data.units],
-    };
-    let scale = model.scale();
-    let v = model.noise_var;
+    let mut unheard = Unheard::of(model, data, beside, known);
+    let (scale, v) = (model.scale(), model.noise_var);
     let every = data.len().div_ceil(MOST_WHITENED).max(1);
     let n = data.samples;
-    let mut linear = Linear::default();
     (0..data.len())
         .map(|i| {
-            let unit = data.rows[i].unit;
-            let Population { shift, spread } = of_unit[unit];
+            let AtRest { linear, gram, product, about, square } = unheard.at_rest(i);
+            let spread = unheard.spread(i);
             let precision = spread.try_inverse().unwrap_or_else(Matrix5::zeros);
-            let (mut gram, mut product) = (Matrix5::zeros(), Vector5::zeros());
-            let mut about = Vector5::zeros();
-            let mut square = f64::NAN;
-            // channels differ by per cents: linear about the population is not enough
-            for step in 0..=MOST_STEPS {
-                mean.linearise(i, data, beside, &mut linear);
-                (gram, product) = free_products(&linear, &scale);
-                let own = mean.each[i].fixed_rows::<FREE>(0).component_div(&scale);
-                about = own - shift;
-                if step == 0 {
-                    square = dot(&linear.residual, &linear.residual);
-                }
-                let hessian = gram / v + precision;
-                let Some(by) = hessian.try_inverse().map(|m| m * (product / v - precision * about))
-                else {
-                    break;
-                };
-                if step == MOST_STEPS || by.dot(&(hessian * by)) < AT_REST {
-                    break;
-                }
-                for j in 0..FREE {
-                    let most = [0.3, 0.05].get(j).copied().unwrap_or(f64::INFINITY);
-                    mean.each[i][j] += (by[j] * scale[j]).clamp(-most, most);
-                }
-            }
             let (columns, r) = (&linear.tangent.columns, &linear.residual);
             // r0^T (v + J S J^T)^-1 r0, r0 about the mean, is the least of |r|^2/v + about^T S^-1 about
             let chi2 = dot(r, r) / v + about.dot(&(precision * about));
@@ -152,8 +193,7 @@ fn judge(model: &Model, data: &Observations, beside: &Covariates, known: bool) -
             let y = data.signal(i);
             let centre = y.iter().map(|y| f64::from(*y)).sum::<f64>() / n as f64;
             let size = y.iter().map(|y| (f64::from(*y) - centre).powi(2)).sum();
-            mean.each[i] = Default::default();
-            Judged { unit, chi2, square, size, off, metric, white }
+            Judged { unit: data.rows[i].unit, chi2, square, size, off, metric, white }
         })
         .collect()
 }
@@ -233,9 +273,15 @@ fn sums<'a>(judged: impl Iterator<Item = &'a Judged>, samples: usize) -> Sums {
 }
 
 /// Signals, and what was recorded beside them.
-struct Share {
-    data: Observations,
-    beside: Covariates,
+pub struct Share {
+    pub data: Observations,
+    pub beside: Covariates,
+}
+
+/// What models are fitted to, and what they are judged on.
+pub struct Halves {
+    pub train: Share,
+    pub test: Share,
 }
 
 /// What a model does on signals that it was not fitted to.
@@ -302,7 +348,13 @@ fn figures(model: &Model, train: &Share, test: &Share, fault: f64) -> HeldOutFig
 }
 
 /// `before`: the baseline on all signals. `causes`: as they were found.
-pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured {
+pub fn measure(
+    before: &Model,
+    causes: &[Applied],
+    aside: &Aside,
+    as_it_came: Option<&Observations>,
+    setting: Setting,
+) -> Measured {
     let (data, beside) = (setting.data, setting.beside);
     let all = judge(before, data, beside, true);
     let s = sums(all.iter(), data.samples);
@@ -324,6 +376,10 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     let by_time = data.len() > data.units;
     let train = |i: usize| (!by_channel || !odd(i)) && (!by_time || !between(i));
     let test = |i: usize| (!by_channel || odd(i)) && (!by_time || between(i));
+    let as_it_came = as_it_came.map(|all| Halves {
+        train: Share { data: all.select(train), beside: beside.select(train) },
+        test: Share { data: all.select(test), beside: beside.select(test) },
+    });
     let train = Share { data: data.select(train), beside: beside.select(train) };
     let test = Share { data: data.select(test), beside: beside.select(test) };
     if train.data.len() < FEWEST || test.data.len() < FEWEST {
@@ -346,6 +402,7 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
         detection_gain: second.figures.detection_auc - first.figures.detection_auc,
         before: first.figures,
         after: second.figures,
+        log_likelihood_per_signal: None,
         detection_gain_interval: if causes.is_empty() { None } else { interval(&mut gains) },
         held_out: HeldOut {
             by: by.into(),
@@ -355,22 +412,45 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
             fitted_channels: train.data.units,
         },
     };
+    let halves = Halves { train, test };
+    measured.gain.log_likelihood_per_signal = worth::measure(worth::Found {
+        before,
+        plain: &plain,
+        extended: &extended,
+        causes,
+        aside,
+        avoid: setting.avoid,
+        halves: &halves,
+        as_it_came: as_it_came.as_ref(),
+    });
     measured
 }
 
 /// Baseline and model with the causes, fitted to a part of the signals. `None`: nothing rings there.
 fn fitted(before: &Model, causes: &[Applied], part: Setting) -> Option<(Model, Model)> {
-    let mut start = Model::start(part.data, part.beside, before.real).ok()?;
-    start.ceiling = before.ceiling;
-    start.lattice = before.lattice;
-    start.fit(part.data, part.beside, 2);
-    let plain = refit(start, Vec::new(), part, 2, true).model;
-    if causes.is_empty() {
-        return Some((plain.clone(), plain));
+    let plain = baseline(before.real, Some(before), part)?;
+    let extended = with(&plain, causes, part);
+    Some((plain, extended))
+}
+
+/// The baseline alone. `codes`: whose clipping and coarse step it knows.
+pub fn baseline(real: bool, codes: Option<&Model>, part: Setting) -> Option<Model> {
+    let mut start = Model::start(part.data, part.beside, real).ok()?;
+    if let Some(codes) = codes {
+        (start.ceiling, start.lattice) = (codes.ceiling, codes.lattice);
     }
+    start.fit(part.data, part.beside, 2);
+    Some(refit(start, Vec::new(), part, 2, true).model)
+}
+
+/// The baseline with causes, fitted again.
+pub fn with(plain: &Model, causes: &[Applied], part: Setting) -> Model {
     let mut model = plain.clone();
+    if causes.is_empty() {
+        return model;
+    }
     causes.iter().for_each(|c| apply(&mut model, c, &c.coefficients, part));
-    Some((plain, refit(model, causes.to_vec(), part, 3, true).model))
+    refit(model, causes.to_vec(), part, 3, true).model
 }
 
 /// Standard deviation of ln damping of one healthy signal about the population, noise included.
@@ -430,7 +510,7 @@ mod tests {
                 let mut model = Model::start(&data, &beside, true).unwrap();
                 model.fit(&data, &beside, 2);
                 let setting = Setting { data: &data, beside: &beside, avoid: &[] };
-                let measured = measure(&model, &[], setting);
+                let measured = measure(&model, &[], &Aside::default(), None, setting);
                 let gain = measured.gain;
                 assert_eq!((gain.held_out.channels, gain.held_out.fitted_channels), (6, 6));
                 assert_eq!(gain.before.chi2_per_dof, gain.after.chi2_per_dof);

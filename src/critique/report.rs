@@ -102,14 +102,18 @@ fn causes(c: &Critique, page: &mut String) -> std::fmt::Result {
     });
     page.write_str(&format!(
         "<h2>{title}</h2>\n{together}<table><tr><th>cause</th><th>parameter</th><th class=n>value (95 % interval)</th>\
-         <th class=n>strength</th><th class=n>delta BIC</th>\
+         <th class=n>strength</th><th class=n>delta BIC</th><th class=n>gain per held-out signal, nats</th>\
          <th>matters for detection</th></tr>\n"
     ))?;
     for cause in &c.causes {
-        let tied = match cause.tied_with.is_empty() {
-            true => String::new(),
-            false => format!("<br>or {}", joined(&cause.tied_with, ", ")),
+        let tied = match cause.is_tied() {
+            true => format!("<br>or {}", escaped(&cause.tied_words())),
+            false => String::new(),
         };
+        let worth = c.gain.worth(cause.id).map_or(String::from("not measured"), |worth| {
+            let [low, high] = worth.ci95.map(short);
+            format!("{} [{low}, {high}]", short(worth.gain))
+        });
         let own = cause.explains.filter(|_| shared.is_none());
         let explains = own.map_or(String::new(), |share| {
             format!("<br>explains {} % of it", short(100.0 * share))
@@ -117,7 +121,7 @@ fn causes(c: &Critique, page: &mut String) -> std::fmt::Result {
         writeln!(
             page,
             "<tr><td><b>{}</b>{tied}{explains}</td><td>{}</td><td class=n>{}</td>\
-             <td class=n>{} DL</td><td class=n>{}</td><td>{}</td></tr>",
+             <td class=n>{} DL</td><td class=n>{}</td><td class=n>{worth}</td><td>{}</td></tr>",
             cause.id,
             escaped(&cause.parameter),
             escaped(&measured(cause.value, cause.ci95, &cause.unit)),
@@ -134,7 +138,9 @@ fn causes(c: &Critique, page: &mut String) -> std::fmt::Result {
          effect alone would find it in 90 of 100 recordings. Among all candidates it was found in 54 of 103 \
          simulated recordings at 1 DL, in 252 of 253 from 2 DL on. Delta BIC, Bayesian information criterion \
          without the cause minus with it: twice the gain in log-likelihood, less a price for each parameter; 10 \
-         is strong evidence. Matters for detection: yes where nozzle faults are found better with the extension, \
+         is strong evidence. Gain per held-out signal: how much larger the logarithm of its probability is by a \
+         model with this cause than by one without it, with its 95 % interval; where that reaches below 0, the \
+         cause is there and not worth modelling. Matters for detection: yes where nozzle faults are found better with the extension, \
          and the cause is one that moves signals by themselves, not all of them alike.</p>\n",
     )
 }

@@ -58,6 +58,7 @@ fn full(name: &str) -> Critique {
         not_testable: vec![NotTestable { id: Crosstalk, needs: name.into() }],
         misfit: Misfit::default(),
         gain: Gain {
+            log_likelihood_per_signal: None,
             before: figures(1.3, 0.7),
             after: figures(1.0, 0.8),
             detection_gain: 0.1,

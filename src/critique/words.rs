@@ -4,7 +4,7 @@
 
 use super::catalogue::experiment;
 use super::digits;
-use super::finding::{Cause, Detection, Verdict};
+use super::finding::{Cause, Detection, Gain, Verdict};
 
 /// One sentence of a cause: what, how large.
 pub fn cause_sentence(cause: &Cause) -> String {
@@ -80,6 +80,20 @@ pub fn ties(causes: &[Cause]) -> Vec<String> {
         causes.iter().flat_map(|c| c.tied_unnamed.iter().map(|rival| (c.id, rival.row().words)));
     let unnamed = rivals.map(|(id, words)| format!("{id} cannot be told from {words}"));
     pairs.map(line).chain(unnamed).collect()
+}
+
+/// Causes that are there, and that models are not better for.
+pub fn not_worth(causes: &[Cause], gain: &Gain) -> Vec<String> {
+    let line = |cause: &Cause| {
+        let worth = gain.worth(cause.id).filter(|worth| !worth.is_sure())?;
+        let [low, high] = worth.ci95.map(digits::short);
+        Some(format!(
+            "{} is there and not worth modelling: ln likelihood per held-out signal {} with it (95 %: {low} to {high})",
+            cause.id,
+            digits::short(worth.gain)
+        ))
+    };
+    causes.iter().filter_map(line).collect()
 }
 
 pub fn equation(causes: &[Cause]) -> String {

@@ -1,0 +1,233 @@
+//! What each cause that was found is worth: ln likelihood per signal that nothing was fitted to, with it less without.
+//!
+//! In: models fitted to a part of the signals, and what was found. Out: [`LogLikelihood`]. A cause that moves what is
+//! expected is taken out of the model with all of them; codes, correlation, growth, line and trigger are added one
+//! after the other, each with its size fitted to the same part.
+
+use super::candidates::Applied;
+use super::catalogue::CauseId;
+use super::chance::{interval, ln_normal_tail, maximum};
+use super::covariates::Covariates;
+use super::finding::{LogLikelihood, Worth};
+use super::found::{Aside, accepted};
+use super::gain::{Halves, RESAMPLINGS, Share, baseline, with};
+use super::model::Model;
+use super::observations::Observations;
+use super::predictive::{Noise, Signal, ln_densities_with_jitter, signals};
+use super::refit::Setting;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// How far from a first guess a variance is looked for, in its logarithm.
+const REACH: f64 = 3.0;
+
+/// What was found, and the models with it and without.
+pub struct Found<'a> {
+    /// The baseline on all signals: what it knows of codes.
+    pub before: &'a Model,
+    pub plain: &'a Model,
+    pub extended: &'a Model,
+    pub causes: &'a [Applied],
+    pub aside: &'a Aside,
+    /// Frequencies of random tones, rad per signal length.
+    pub avoid: &'a [f64],
+    pub halves: &'a Halves,
+    /// Before correlated noise was made white, where it was.
+    pub as_it_came: Option<&'a Halves>,
+}
+
+/// ln p of each held-out signal, with a cause less without.
+struct Step {
+    id: CauseId,
+    gains: Vec<f64>,
+}
+
+pub fn measure(found: Found) -> Option<LogLikelihood> {
+    if found.causes.is_empty() && found.aside.accepted().next().is_none() {
+        return None;
+    }
+    let test = &found.halves.test;
+    let plain = of(found.plain, test, false);
+    let extended = of(found.extended, test, false);
+    let (ln_plain, ln_extended) = (ln(&plain, &Noise::default()), ln(&extended, &Noise::default()));
+    let mut all = less(&ln_extended, &ln_plain);
+    let mut steps = found.left_out(&ln_extended);
+    let mut beside = found.codes(&plain, &ln_plain);
+    beside.extend(found.correlation(&ln_plain));
+    beside.extend(found.noise(&extended, &ln_extended));
+    for step in &beside {
+        all.iter_mut().zip(&step.gains).for_each(|(sum, gain)| *sum += gain);
+    }
+    steps.extend(beside);
+    let worth = |gains: &[f64]| worth(gains, &extended);
+    let by_cause = steps.iter().map(|step| (step.id.name(), worth(&step.gains))).collect();
+    Some(LogLikelihood { all: worth(&all), by_cause })
+}
+
+fn of(model: &Model, share: &Share, known: bool) -> Vec<Signal> {
+    signals(model, &share.data, &share.beside, known)
+}
+
+fn ln(all: &[Signal], noise: &Noise) -> Vec<f64> {
+    all.iter().map(|signal| signal.ln_density(noise)).collect()
+}
+
+fn less(with: &[f64], without: &[f64]) -> Vec<f64> {
+    with.iter().zip(without).map(|(with, without)| with - without).collect()
+}
+
+fn setting<'a>(data: &'a Observations, beside: &'a Covariates, avoid: &'a [f64]) -> Setting<'a> {
+    Setting { data, beside, avoid }
+}
+
+impl Found<'_> {
+    fn part(&self) -> Setting<'_> {
+        setting(&self.halves.train.data, &self.halves.train.beside, self.avoid)
+    }
+
+    /// Each cause of the mean or of a covariate, taken out of the model with all of them.
+    fn left_out(&self, ln_extended: &[f64]) -> Vec<Step> {
+        let one = |index: usize| {
+            let mut others = self.causes.to_vec();
+            let id = others.remove(index).id;
+            let without = with(self.plain, &others, self.part());
+            let without = of(&without, &self.halves.test, false);
+            Step { id, gains: less(ln_extended, &ln(&without, &Noise::default())) }
+        };
+        (0..self.causes.len()).map(one).collect()
+    }
+
+    /// Clipping and coarse codes, against a model that knows neither.
+    fn codes(&self, plain: &[Signal], ln_plain: &[f64]) -> Vec<Step> {
+        let Model { ceiling, lattice, noise_var, .. } = self.before;
+        let is = |id| accepted(&self.aside.codes, id);
+        let (clipping, coarse) = (is(CauseId::Clipping), is(CauseId::CoarseLsb));
+        if self.as_it_came.is_some() || ceiling.is_none() && lattice.is_none() {
+            return Vec::new();
+        }
+        let Some(naive) = baseline(self.before.real, None, self.part()) else { return Vec::new() };
+        let naive = ln(&of(&naive, &self.halves.test, false), &Noise::default());
+        let sd = noise_var.sqrt();
+        let clipped: Vec<f64> = match clipping {
+            Some(level) => plain.iter().map(|signal| signal.ln_clipped(level, sd)).collect(),
+            None => vec![0.0; plain.len()],
+        };
+        let stepped: Vec<f64> = match lattice {
+            Some(lattice) => self.ln_codes(*lattice),
+            None => vec![0.0; plain.len()],
+        };
+        let model = less(ln_plain, &naive);
+        let sum = |of: &[f64]| model.iter().zip(of).map(|(p, q)| p + q).collect::<Vec<f64>>();
+        let mut steps = Vec::new();
+        if clipping.is_some() {
+            steps.push(Step { id: CauseId::Clipping, gains: sum(&clipped) });
+        }
+        if coarse.is_some() && lattice.is_some() {
+            // what the model gains by both is told once
+            let gains = if clipping.is_some() { stepped } else { sum(&stepped) };
+            steps.push(Step { id: CauseId::CoarseLsb, gains });
+        }
+        steps
+    }
+
+    /// What knowing the step adds: of so many codes one is met, but for the share that the fitted signals met elsewhere.
+    fn ln_codes(&self, [step, first]: [f64; 2]) -> Vec<f64> {
+        let on = |y: &f32| (f64::from(*y) - first).rem_euclid(step) == 0.0;
+        let Halves { train, test } = self.halves;
+        let all = (0..train.data.len()).flat_map(|i| train.data.signal(i));
+        let (off, count) = all
+            .fold((1.0, 2.0), |(off, count), y| (off + if on(y) { 0.0 } else { 1.0 }, count + 1.0));
+        let elsewhere = off / count;
+        let ln = [(step * (1.0 - elsewhere)).ln(), (step / (step - 1.0) * elsewhere).ln()];
+        let of = |y: &f32| if on(y) { ln[0] } else { ln[1] };
+        (0..test.data.len()).map(|i| test.data.signal(i).iter().map(of).sum()).collect()
+    }
+
+    /// Signals made white, against the same as they came: but for the first sample, which is not made white.
+    fn correlation(&self, ln_plain: &[f64]) -> Option<Step> {
+        accepted(&self.aside.noise, CauseId::CorrelatedNoise)?;
+        let Halves { train, test } = self.as_it_came?;
+        let naive = baseline(self.before.real, None, setting(&train.data, &train.beside, &[]))?;
+        let naive = of(&naive, test, false);
+        let naive: Vec<f64> = naive.iter().map(Signal::ln_density_after_first).collect();
+        Some(Step { id: CauseId::CorrelatedNoise, gains: less(ln_plain, &naive) })
+    }
+
+    /// Noise that grows, lines of random phase, and the trigger's jitter, one after the other.
+    fn noise(&self, test: &[Signal], ln_extended: &[f64]) -> Vec<Step> {
+        let is = |id| accepted(&self.aside.noise, id);
+        let (growth, tone) = (is(CauseId::HeteroscedasticNoise), is(CauseId::RandomTone));
+        let jitter = is(CauseId::TriggerJitter);
+        if growth.is_none() && tone.is_none() && jitter.is_none() {
+            return Vec::new();
+        }
+        let train = of(self.extended, &self.halves.train, true);
+        let squares = train.iter().flat_map(|signal| signal.expected.iter().map(|f| f * f));
+        let top = squares.fold(f64::MIN_POSITIVE, f64::max);
+        let (mut noise, mut before, mut steps) =
+            (Noise::default(), ln_extended.to_vec(), Vec::new());
+        let sum = |ln: Vec<f64>| ln.into_iter().filter(|v| v.is_finite()).sum::<f64>();
+        let fitted = |near: f64, of: &dyn Fn(f64) -> Vec<f64>| {
+            maximum(|x| sum(of(x.exp())), near.max(1e-12).ln(), REACH).exp()
+        };
+        let mut add = |id, ln: Vec<f64>| {
+            steps.push(Step { id, gains: less(&ln, &before) });
+            before = ln;
+        };
+        if let Some(h) = growth {
+            let with = |h: f64| Noise { growth: Some([h, top]), ..noise };
+            noise = with(fitted(h, &|h| ln(&train, &with(h))));
+            add(CauseId::HeteroscedasticNoise, ln(test, &noise));
+        }
+        if let (Some(_), Some(omega)) = (tone, self.avoid.first()) {
+            let with = |var: f64| Noise { tone: Some([*omega, var]), ..noise };
+            noise = with(fitted(0.05 * self.extended.noise_var, &|var| ln(&train, &with(var))));
+            add(CauseId::RandomTone, ln(test, &noise));
+        }
+        if let Some(sd) = jitter {
+            let data = &self.halves.train.data;
+            let guess = (sd / (data.dt_s * data.samples as f64)).powi(2);
+            let variance = fitted(guess, &|var| ln_densities_with_jitter(&train, &noise, var));
+            add(CauseId::TriggerJitter, ln_densities_with_jitter(test, &noise, variance));
+        }
+        steps
+    }
+}
+
+impl Signal {
+    /// ln p of the samples that do not count where large ones are clipped, about what the signal itself lets expect.
+    fn ln_clipped(&self, level: f64, sd: f64) -> f64 {
+        let each = self.counts.iter().zip(self.y.iter().zip(&self.expected));
+        each.filter(|(counts, _)| **counts == 0.0)
+            .map(|(_, (y, f))| match *y >= level {
+                true => ln_normal_tail((level - 0.5 - f) / sd),
+                false => -0.5 * (((y - f) / sd).powi(2) + (std::f64::consts::TAU * sd * sd).ln()),
+            })
+            .sum()
+    }
+}
+
+/// Mean, and its interval over channels that are drawn anew; over signals where there are few channels.
+fn worth(gains: &[f64], of: &[Signal]) -> Worth {
+    let mut by_unit = std::collections::BTreeMap::<usize, Vec<f64>>::new();
+    let known = gains.iter().zip(of).filter(|(gain, _)| gain.is_finite());
+    known.for_each(|(gain, signal)| by_unit.entry(signal.unit).or_default().push(*gain));
+    let mut groups: Vec<Vec<f64>> = by_unit.into_values().collect();
+    if groups.len() < super::gain::FEWEST_UNITS {
+        groups = groups.concat().into_iter().map(|gain| vec![gain]).collect();
+    }
+    let mean = |chosen: &mut dyn Iterator<Item = usize>| {
+        let (mut sum, mut count) = (0.0, 0.0);
+        chosen.for_each(|k| {
+            sum += groups[k].iter().sum::<f64>();
+            count += groups[k].len() as f64;
+        });
+        sum / f64::max(count, 1.0)
+    };
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    let n = groups.len();
+    let mut drawn: Vec<f64> =
+        (0..RESAMPLINGS).map(|_| mean(&mut (0..n).map(|_| rng.random_range(0..n)))).collect();
+    let gain = mean(&mut (0..n));
+    Worth { gain, ci95: interval(&mut drawn).unwrap_or([f64::NAN; 2]) }
+}
