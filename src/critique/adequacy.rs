@@ -53,7 +53,12 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
         surprise > local.max(without_a_name(RIVALS.len() as f64))
     });
     match like {
-        Some(s) => look.tell(format!("something like {}", s.applied.id.row().words), s.statistic),
+        Some(s) => {
+            // beside a cause, a rival is so flexible that it takes what the cause's own model leaves: of how much is left
+            // the scan tells, which the allowed share was tuned with
+            let statistic = if applied.is_empty() { s.statistic } else { 2.0 * local };
+            look.tell(format!("something like {}", s.applied.id.row().words), statistic);
+        }
         None if local > without_a_name(1.0) => {
             look.tell("the mean misfit has a shape of its own".into(), 2.0 * local);
         }

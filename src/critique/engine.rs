@@ -31,6 +31,7 @@ use super::outliers::{Outliers, outliers};
 use super::refit::Setting;
 use super::selection::{self, Chosen, Selected};
 use super::words::{cause_sentence, equation, not_worth, sentence, ties};
+use super::worth;
 use std::f64::consts::TAU;
 
 /// Times that the correlation of the noise is estimated anew.
@@ -100,7 +101,10 @@ fn of_signals(
     let left = adequacy::check(&selected, &aside, setting);
     stages("measuring the gain");
     let applied: Vec<_> = selected.causes.iter().map(|c| c.scored.applied.clone()).collect();
-    let measured = gain::measure(&baseline, &applied, &aside, as_it_came.as_ref(), setting);
+    let mut measured = gain::measure(&baseline, &applied, setting);
+    let (before, as_it_was) = (&baseline, as_it_came.as_ref());
+    let found = worth::Found { before, causes: &applied, aside: &aside, as_it_came: as_it_was };
+    measured.gain.log_likelihood_per_signal = worth::measure(found, setting);
     let detection = measured.gain.detection();
     let figures = figures::draw(&baseline, &selected.model, &data, &beside, &measured.energies);
 

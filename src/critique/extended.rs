@@ -7,7 +7,7 @@
 use super::candidates::{Applied, Kind};
 use super::catalogue::CauseId;
 use super::covariates::Covariates;
-use super::finding::Gain;
+use super::finding::{Detection, Gain};
 use super::model::Model;
 use super::refit::{Setting, apply, refit};
 use super::tuned::FEW;
@@ -99,7 +99,8 @@ pub fn check(causes: &[Applied], left_out: LeftOut, gain: &Gain) -> Result<(), N
         return Err(NotExtended::Mixture { left_out: left_out.signals, all: left_out.all });
     }
     let measured: Vec<_> = causes.iter().filter_map(|cause| gain.worth(cause.id)).collect();
-    if !measured.is_empty() && !measured.iter().any(|worth| worth.is_sure()) {
+    let worth_it = measured.is_empty() || measured.iter().any(|worth| worth.is_sure());
+    if !worth_it && gain.detection() != Detection::Better {
         return Err(NotExtended::NotWorth);
     }
     // however little worse

@@ -9,13 +9,11 @@ use super::candidates::Applied;
 use super::chance::interval;
 use super::covariates::Covariates;
 use super::finding::{Energies, FAULT, Gain, GainFigures, HeldOut, Misfit};
-use super::found::Aside;
-use super::matrices::{Matrix5, Vector5, floored, scaled};
+use super::matrices::{Matrix5, Vector5, floored, inverse, scaled};
 use super::model::{Linear, Model, dot, free_products};
 use super::observations::Observations;
 use super::refit::{Setting, apply, refit};
 use super::whiteness::{Lags, whiteness_p};
-use super::worth;
 use crate::model::free_decay::FREE;
 use nalgebra::DMatrix;
 use rand::{RngExt, SeedableRng};
@@ -24,7 +22,7 @@ use rand_chacha::ChaCha8Rng;
 /// Fewer channels than this are split by time alone.
 pub const FEWEST_UNITS: usize = 6;
 /// Signals of a part that a model can be fitted to.
-const FEWEST: usize = 8;
+pub const FEWEST: usize = 8;
 /// So many channels' weight has the guess that the scatter's parts are independent: the fewest that an inverse Wishart
 /// prior with a mean needs.
 const SHRINKAGE: f64 = FREE as f64 + 1.0;
@@ -38,16 +36,16 @@ const AT_REST: f64 = 1e-3;
 /// Signals whose misfit is tested for whiteness, at most.
 const MOST_WHITENED: usize = 2048;
 
-#[derive(Clone, Debug, Default)]
+#[derive(Default)]
 pub struct Measured {
     pub gain: Gain,
     pub misfit: Misfit,
     pub energies: Energies,
 }
 
-/// Where a channel's parameters lie before it was heard, in units of [`Model::scale`].
+/// Where a signal's parameters are expected, in units of [`Model::scale`].
 #[derive(Clone, Copy)]
-struct Population {
+pub struct Population {
     /// From the model's mean.
     shift: Vector5,
     spread: Matrix5,
@@ -93,7 +91,7 @@ pub struct AtRest {
     square: f64,
 }
 
-/// A model as it is before any of these channels was heard.
+/// A model, and where it expects each channel's parameters before these signals were heard.
 pub struct Unheard<'a> {
     data: &'a Observations,
     beside: &'a Covariates,
@@ -103,21 +101,16 @@ pub struct Unheard<'a> {
 }
 
 impl Unheard<'_> {
-    /// `known`: the signals are those that the model was fitted to, each judged as if its channel was not.
     pub fn of<'a>(
         model: &Model,
         data: &'a Observations,
         beside: &'a Covariates,
-        known: bool,
+        of_unit: Vec<Population>,
     ) -> Unheard<'a> {
         // about the mean, not about the channels' own parameters
         let mut mean = model.clone();
         mean.units = vec![model.mean; data.units];
         mean.each = vec![Default::default(); data.len()];
-        let of_unit: Vec<Population> = match known {
-            true => (0..model.units.len()).map(|unit| population(model, Some(unit))).collect(),
-            false => vec![population(model, None); data.units],
-        };
         Unheard { data, beside, of_unit, scale: model.scale(), mean }
     }
 
@@ -156,6 +149,24 @@ impl Unheard<'_> {
     }
 }
 
+impl Population {
+    /// Of channels that a model was not fitted to.
+    pub fn unheard(model: &Model) -> Population {
+        population(model, None)
+    }
+
+    /// Of a channel that it was fitted to, by so many signals.
+    pub fn heard(model: &Model, unit: usize, signals: f64) -> Population {
+        let scale = model.scale();
+        let shift = (model.units[unit] - model.mean).fixed_rows::<FREE>(0).component_div(&scale);
+        let within = floored(&scaled(&model.within, &scale));
+        let of_within = within.try_inverse().unwrap_or_else(Matrix5::zeros) * signals;
+        let of_between = inverse(&scaled(&model.between, &scale));
+        let unknown = (of_within + of_between).try_inverse().unwrap_or_else(Matrix5::zeros);
+        Population { shift, spread: floored(&(within + unknown)) }
+    }
+}
+
 /// What one signal says against a model.
 struct Judged {
     unit: usize,
@@ -169,8 +180,13 @@ struct Judged {
     white: Option<Lags>,
 }
 
+/// `known`: the signals are those that the model was fitted to, each judged as if its channel was not.
 fn judge(model: &Model, data: &Observations, beside: &Covariates, known: bool) -> Vec<Judged> {
-    let mut unheard = Unheard::of(model, data, beside, known);
+    let of_unit: Vec<Population> = match known {
+        true => (0..model.units.len()).map(|unit| population(model, Some(unit))).collect(),
+        false => vec![population(model, None); data.units],
+    };
+    let mut unheard = Unheard::of(model, data, beside, of_unit);
     let (scale, v) = (model.scale(), model.noise_var);
     let every = data.len().div_ceil(MOST_WHITENED).max(1);
     let n = data.samples;
@@ -278,12 +294,6 @@ pub struct Share {
     pub beside: Covariates,
 }
 
-/// What models are fitted to, and what they are judged on.
-pub struct Halves {
-    pub train: Share,
-    pub test: Share,
-}
-
 /// What a model does on signals that it was not fitted to.
 struct HeldOutFigures {
     figures: GainFigures,
@@ -347,14 +357,18 @@ fn figures(model: &Model, train: &Share, test: &Share, fault: f64) -> HeldOutFig
     HeldOutFigures { figures, healthy, aucs }
 }
 
+/// Which signals lie in the second and the fourth block of time: what drifts is judged between the times that it was
+/// learned at.
+pub fn between(data: &Observations) -> Vec<bool> {
+    let mut times: Vec<i64> = data.rows.iter().map(|r| r.beside.t_acq_ns).collect();
+    times.sort_unstable();
+    let bounds: Vec<i64> = (1..BLOCKS).map(|block| times[times.len() * block / BLOCKS]).collect();
+    let block = |t: i64| bounds.partition_point(|bound| *bound <= t);
+    data.rows.iter().map(|row| block(row.beside.t_acq_ns) % 2 == 1).collect()
+}
+
 /// `before`: the baseline on all signals. `causes`: as they were found.
-pub fn measure(
-    before: &Model,
-    causes: &[Applied],
-    aside: &Aside,
-    as_it_came: Option<&Observations>,
-    setting: Setting,
-) -> Measured {
+pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured {
     let (data, beside) = (setting.data, setting.beside);
     let all = judge(before, data, beside, true);
     let s = sums(all.iter(), data.samples);
@@ -362,24 +376,13 @@ pub fn measure(
         Misfit { chi2_per_dof: s.chi2, nrmse_percent: s.nrmse, whiteness_p: whiteness(&all) };
     let mut measured = Measured { misfit, ..Measured::default() };
 
-    let mut times: Vec<i64> = data.rows.iter().map(|r| r.beside.t_acq_ns).collect();
-    times.sort_unstable();
-    let bounds: Vec<i64> = (1..BLOCKS).map(|block| times[times.len() * block / BLOCKS]).collect();
     let by_channel = data.units >= FEWEST_UNITS;
-    // the second and the fourth block: what drifts is judged between the times that it was learned at
-    let between = |i: usize| {
-        let t = data.rows[i].beside.t_acq_ns;
-        bounds.partition_point(|bound| *bound <= t) % 2 == 1
-    };
+    let between = between(data);
     let odd = |i: usize| data.rows[i].unit % 2 == 1;
     // where every channel was heard once, time says nothing beyond the channel
     let by_time = data.len() > data.units;
-    let train = |i: usize| (!by_channel || !odd(i)) && (!by_time || !between(i));
-    let test = |i: usize| (!by_channel || odd(i)) && (!by_time || between(i));
-    let as_it_came = as_it_came.map(|all| Halves {
-        train: Share { data: all.select(train), beside: beside.select(train) },
-        test: Share { data: all.select(test), beside: beside.select(test) },
-    });
+    let train = |i: usize| (!by_channel || !odd(i)) && (!by_time || !between[i]);
+    let test = |i: usize| (!by_channel || odd(i)) && (!by_time || between[i]);
     let train = Share { data: data.select(train), beside: beside.select(train) };
     let test = Share { data: data.select(test), beside: beside.select(test) };
     if train.data.len() < FEWEST || test.data.len() < FEWEST {
@@ -412,17 +415,6 @@ pub fn measure(
             fitted_channels: train.data.units,
         },
     };
-    let halves = Halves { train, test };
-    measured.gain.log_likelihood_per_signal = worth::measure(worth::Found {
-        before,
-        plain: &plain,
-        extended: &extended,
-        causes,
-        aside,
-        avoid: setting.avoid,
-        halves: &halves,
-        as_it_came: as_it_came.as_ref(),
-    });
     measured
 }
 
@@ -510,7 +502,7 @@ mod tests {
                 let mut model = Model::start(&data, &beside, true).unwrap();
                 model.fit(&data, &beside, 2);
                 let setting = Setting { data: &data, beside: &beside, avoid: &[] };
-                let measured = measure(&model, &[], &Aside::default(), None, setting);
+                let measured = measure(&model, &[], setting);
                 let gain = measured.gain;
                 assert_eq!((gain.held_out.channels, gain.held_out.fitted_channels), (6, 6));
                 assert_eq!(gain.before.chi2_per_dof, gain.after.chi2_per_dof);

@@ -1,10 +1,10 @@
 //! How likely signals are that nothing was fitted to: the one currency for what a cause of any kind is worth.
 //!
 //! In: a model fitted to other signals, and what is known of the noise. Out: the logarithm of each signal's density,
-//! its channel unheard: y ~ N(f, D + J S J^T), linear about the signal's most probable parameters.
+//! where its channel is expected: y ~ N(f, D + J S J^T), linear about the signal's most probable parameters.
 
 use super::covariates::Covariates;
-use super::gain::Unheard;
+use super::gain::{Population, Unheard};
 use super::matrices::{Matrix5, Vector5, floored};
 use super::model::Model;
 use super::observations::Observations;
@@ -66,14 +66,14 @@ impl Density {
     }
 }
 
-/// All signals of a set. `known`: the model was fitted to them.
+/// All signals of a set. `of_unit`: where each channel's parameters are expected.
 pub fn signals(
     model: &Model,
     data: &Observations,
     beside: &Covariates,
-    known: bool,
+    of_unit: Vec<Population>,
 ) -> Vec<Signal> {
-    let mut unheard = Unheard::of(model, data, beside, known);
+    let mut unheard = Unheard::of(model, data, beside, of_unit);
     let scale = model.scale();
     let [sigma, omega, lambda] = [0, 1, 5].map(|j| model.mean[j].exp());
     let (a, b, c) = (model.mean[2], model.mean[3], model.mean[4]);
@@ -177,7 +177,7 @@ mod tests {
         let beside = Covariates::of(&data);
         let mut model = Model::start(&data, &beside, true).unwrap();
         model.fit(&data, &beside, 2);
-        signals(&model, &data, &beside, true)
+        signals(&model, &data, &beside, vec![Population::unheard(&model); data.units])
     }
 
     /// Against the determinant and the inverse of the whole covariance.

@@ -1,6 +1,7 @@
 //! What each cause that was found is worth: ln likelihood per signal that nothing was fitted to, with it less without.
 //!
-//! In: models fitted to a part of the signals, and what was found. Out: [`LogLikelihood`]. A cause that moves what is
+//! In: what was found. Out: [`LogLikelihood`]. Models are fitted to three of five blocks of time, and judged on the two
+//! between, each channel known from the former (channels that were heard once each: every other channel). A cause that moves what is
 //! expected is taken out of the model with all of them; codes, correlation, growth, line and trigger are added one
 //! after the other, each with its size fitted to the same part.
 
@@ -10,7 +11,7 @@ use super::chance::{interval, ln_normal_tail, maximum};
 use super::covariates::Covariates;
 use super::finding::{LogLikelihood, Worth};
 use super::found::{Aside, accepted};
-use super::gain::{Halves, RESAMPLINGS, Share, baseline, with};
+use super::gain::{FEWEST, FEWEST_UNITS, Population, RESAMPLINGS, Share, baseline, between, with};
 use super::model::Model;
 use super::observations::Observations;
 use super::predictive::{Noise, Signal, ln_densities_with_jitter, signals};
@@ -21,19 +22,89 @@ use rand_chacha::ChaCha8Rng;
 /// How far from a first guess a variance is looked for, in its logarithm.
 const REACH: f64 = 3.0;
 
-/// What was found, and the models with it and without.
+/// What was found.
 pub struct Found<'a> {
     /// The baseline on all signals: what it knows of codes.
     pub before: &'a Model,
-    pub plain: &'a Model,
-    pub extended: &'a Model,
     pub causes: &'a [Applied],
     pub aside: &'a Aside,
-    /// Frequencies of random tones, rad per signal length.
-    pub avoid: &'a [f64],
-    pub halves: &'a Halves,
     /// Before correlated noise was made white, where it was.
-    pub as_it_came: Option<&'a Halves>,
+    pub as_it_came: Option<&'a Observations>,
+}
+
+/// What models are fitted to, what they are judged on, and which channel of the former is which of the latter.
+struct Halves {
+    train: Share,
+    test: Share,
+    heard: Vec<Option<usize>>,
+    /// How many signals of each channel are fitted to.
+    counts: Vec<f64>,
+}
+
+impl Halves {
+    /// `None`: too few signals.
+    fn of(data: &Observations, beside: &Covariates) -> Option<Halves> {
+        let by_time = data.len() > data.units;
+        let between = between(data);
+        let held = |i: usize| if by_time { between[i] } else { data.rows[i].unit % 2 == 1 };
+        let mut counts = vec![0.0; data.units];
+        (0..data.len()).filter(|i| !held(*i)).for_each(|i| counts[data.rows[i].unit] += 1.0);
+        let mut place = 0;
+        let places: Vec<Option<usize>> = counts
+            .iter()
+            .map(|count| {
+                place += usize::from(*count > 0.0);
+                (*count > 0.0).then(|| place - 1)
+            })
+            .collect();
+        let mut heard: Vec<(usize, Option<usize>)> = Vec::new();
+        for unit in (0..data.len()).filter(|i| held(*i)).map(|i| data.rows[i].unit) {
+            if heard.iter().all(|(known, _)| *known != unit) {
+                heard.push((unit, places[unit]));
+            }
+        }
+        let share = |test: bool| {
+            let keep = |i: usize| held(i) == test;
+            Share { data: data.select(keep), beside: beside.select(keep) }
+        };
+        let (train, test) = (share(false), share(true));
+        counts.retain(|count| *count > 0.0);
+        let heard = heard.into_iter().map(|(_, place)| place).collect();
+        let enough = train.data.len() >= FEWEST && test.data.len() >= FEWEST;
+        enough.then_some(Halves { train, test, heard, counts })
+    }
+
+    fn expected(&self, model: &Model, place: Option<usize>) -> Population {
+        match place {
+            Some(unit) => Population::heard(model, unit, self.counts[unit]),
+            None => Population::unheard(model),
+        }
+    }
+
+    /// Held-out signals as a model expects them.
+    fn test(&self, model: &Model) -> Vec<Signal> {
+        let of_unit = self.heard.iter().map(|place| self.expected(model, *place)).collect();
+        signals(model, &self.test.data, &self.test.beside, of_unit)
+    }
+
+    fn train(&self, model: &Model) -> Vec<Signal> {
+        let of_unit = (0..self.counts.len()).map(|unit| self.expected(model, Some(unit))).collect();
+        signals(model, &self.train.data, &self.train.beside, of_unit)
+    }
+
+    fn part<'a>(&'a self, avoid: &'a [f64]) -> Setting<'a> {
+        Setting { data: &self.train.data, beside: &self.train.beside, avoid }
+    }
+}
+
+/// Models fitted to a part of the signals, and what they are measured with.
+struct Measuring<'a> {
+    found: Found<'a>,
+    halves: Halves,
+    as_it_came: Option<Halves>,
+    plain: Model,
+    extended: Model,
+    avoid: &'a [f64],
 }
 
 /// ln p of each held-out signal, with a cause less without.
@@ -42,30 +113,39 @@ struct Step {
     gains: Vec<f64>,
 }
 
-pub fn measure(found: Found) -> Option<LogLikelihood> {
+/// `None`: nothing was found, or there are too few signals.
+pub fn measure(found: Found, setting: Setting) -> Option<LogLikelihood> {
+    let Setting { data, beside, avoid } = setting;
     if found.causes.is_empty() && found.aside.accepted().next().is_none() {
         return None;
     }
-    let test = &found.halves.test;
-    let plain = of(found.plain, test, false);
-    let extended = of(found.extended, test, false);
-    let (ln_plain, ln_extended) = (ln(&plain, &Noise::default()), ln(&extended, &Noise::default()));
-    let mut all = less(&ln_extended, &ln_plain);
-    let mut steps = found.left_out(&ln_extended);
-    let mut beside = found.codes(&plain, &ln_plain);
-    beside.extend(found.correlation(&ln_plain));
-    beside.extend(found.noise(&extended, &ln_extended));
-    for step in &beside {
-        all.iter_mut().zip(&step.gains).for_each(|(sum, gain)| *sum += gain);
-    }
-    steps.extend(beside);
-    let worth = |gains: &[f64]| worth(gains, &extended);
-    let by_cause = steps.iter().map(|step| (step.id.name(), worth(&step.gains))).collect();
-    Some(LogLikelihood { all: worth(&all), by_cause })
+    let halves = Halves::of(data, beside)?;
+    let as_it_came = found.as_it_came.and_then(|data| Halves::of(data, beside));
+    let plain = baseline(found.before.real, Some(found.before), halves.part(avoid))?;
+    let extended = with(&plain, found.causes, halves.part(avoid));
+    let measuring = Measuring { found, halves, as_it_came, plain, extended, avoid };
+    Some(measuring.log_likelihood())
 }
 
-fn of(model: &Model, share: &Share, known: bool) -> Vec<Signal> {
-    signals(model, &share.data, &share.beside, known)
+impl Measuring<'_> {
+    fn log_likelihood(&self) -> LogLikelihood {
+        let plain = self.halves.test(&self.plain);
+        let extended = self.halves.test(&self.extended);
+        let (ln_plain, ln_extended) =
+            (ln(&plain, &Noise::default()), ln(&extended, &Noise::default()));
+        let mut all = less(&ln_extended, &ln_plain);
+        let mut steps = self.left_out(&ln_extended);
+        let mut beside = self.codes(&plain, &ln_plain);
+        beside.extend(self.correlation(&ln_plain));
+        beside.extend(self.noise(&extended, &ln_extended));
+        for step in &beside {
+            all.iter_mut().zip(&step.gains).for_each(|(sum, gain)| *sum += gain);
+        }
+        steps.extend(beside);
+        let worth = |gains: &[f64]| worth(gains, &extended);
+        let by_cause = steps.iter().map(|step| (step.id.name(), worth(&step.gains))).collect();
+        LogLikelihood { all: worth(&all), by_cause }
+    }
 }
 
 fn ln(all: &[Signal], noise: &Noise) -> Vec<f64> {
@@ -76,37 +156,32 @@ fn less(with: &[f64], without: &[f64]) -> Vec<f64> {
     with.iter().zip(without).map(|(with, without)| with - without).collect()
 }
 
-fn setting<'a>(data: &'a Observations, beside: &'a Covariates, avoid: &'a [f64]) -> Setting<'a> {
-    Setting { data, beside, avoid }
-}
-
-impl Found<'_> {
-    fn part(&self) -> Setting<'_> {
-        setting(&self.halves.train.data, &self.halves.train.beside, self.avoid)
-    }
-
+impl Measuring<'_> {
     /// Each cause of the mean or of a covariate, taken out of the model with all of them.
     fn left_out(&self, ln_extended: &[f64]) -> Vec<Step> {
         let one = |index: usize| {
-            let mut others = self.causes.to_vec();
+            let mut others = self.found.causes.to_vec();
             let id = others.remove(index).id;
-            let without = with(self.plain, &others, self.part());
-            let without = of(&without, &self.halves.test, false);
+            let without = with(&self.plain, &others, self.halves.part(self.avoid));
+            let without = self.halves.test(&without);
             Step { id, gains: less(ln_extended, &ln(&without, &Noise::default())) }
         };
-        (0..self.causes.len()).map(one).collect()
+        (0..self.found.causes.len()).map(one).collect()
     }
 
     /// Clipping and coarse codes, against a model that knows neither.
     fn codes(&self, plain: &[Signal], ln_plain: &[f64]) -> Vec<Step> {
-        let Model { ceiling, lattice, noise_var, .. } = self.before;
-        let is = |id| accepted(&self.aside.codes, id);
+        let Model { ceiling, lattice, noise_var, .. } = self.found.before;
+        let is = |id| accepted(&self.found.aside.codes, id);
         let (clipping, coarse) = (is(CauseId::Clipping), is(CauseId::CoarseLsb));
         if self.as_it_came.is_some() || ceiling.is_none() && lattice.is_none() {
             return Vec::new();
         }
-        let Some(naive) = baseline(self.before.real, None, self.part()) else { return Vec::new() };
-        let naive = ln(&of(&naive, &self.halves.test, false), &Noise::default());
+        let Some(naive) = baseline(self.found.before.real, None, self.halves.part(self.avoid))
+        else {
+            return Vec::new();
+        };
+        let naive = ln(&self.halves.test(&naive), &Noise::default());
         let sd = noise_var.sqrt();
         let clipped: Vec<f64> = match clipping {
             Some(level) => plain.iter().map(|signal| signal.ln_clipped(level, sd)).collect(),
@@ -133,7 +208,7 @@ impl Found<'_> {
     /// What knowing the step adds: of so many codes one is met, but for the share that the fitted signals met elsewhere.
     fn ln_codes(&self, [step, first]: [f64; 2]) -> Vec<f64> {
         let on = |y: &f32| (f64::from(*y) - first).rem_euclid(step) == 0.0;
-        let Halves { train, test } = self.halves;
+        let Halves { train, test, .. } = &self.halves;
         let all = (0..train.data.len()).flat_map(|i| train.data.signal(i));
         let (off, count) = all
             .fold((1.0, 2.0), |(off, count), y| (off + if on(y) { 0.0 } else { 1.0 }, count + 1.0));
@@ -145,23 +220,23 @@ impl Found<'_> {
 
     /// Signals made white, against the same as they came: but for the first sample, which is not made white.
     fn correlation(&self, ln_plain: &[f64]) -> Option<Step> {
-        accepted(&self.aside.noise, CauseId::CorrelatedNoise)?;
-        let Halves { train, test } = self.as_it_came?;
-        let naive = baseline(self.before.real, None, setting(&train.data, &train.beside, &[]))?;
-        let naive = of(&naive, test, false);
-        let naive: Vec<f64> = naive.iter().map(Signal::ln_density_after_first).collect();
+        accepted(&self.found.aside.noise, CauseId::CorrelatedNoise)?;
+        let halves = self.as_it_came.as_ref()?;
+        let naive = baseline(self.found.before.real, None, halves.part(&[]))?;
+        let naive: Vec<f64> =
+            halves.test(&naive).iter().map(Signal::ln_density_after_first).collect();
         Some(Step { id: CauseId::CorrelatedNoise, gains: less(ln_plain, &naive) })
     }
 
     /// Noise that grows, lines of random phase, and the trigger's jitter, one after the other.
     fn noise(&self, test: &[Signal], ln_extended: &[f64]) -> Vec<Step> {
-        let is = |id| accepted(&self.aside.noise, id);
+        let is = |id| accepted(&self.found.aside.noise, id);
         let (growth, tone) = (is(CauseId::HeteroscedasticNoise), is(CauseId::RandomTone));
         let jitter = is(CauseId::TriggerJitter);
         if growth.is_none() && tone.is_none() && jitter.is_none() {
             return Vec::new();
         }
-        let train = of(self.extended, &self.halves.train, true);
+        let train = self.halves.train(&self.extended);
         let squares = train.iter().flat_map(|signal| signal.expected.iter().map(|f| f * f));
         let top = squares.fold(f64::MIN_POSITIVE, f64::max);
         let (mut noise, mut before, mut steps) =
@@ -213,7 +288,7 @@ fn worth(gains: &[f64], of: &[Signal]) -> Worth {
     let known = gains.iter().zip(of).filter(|(gain, _)| gain.is_finite());
     known.for_each(|(gain, signal)| by_unit.entry(signal.unit).or_default().push(*gain));
     let mut groups: Vec<Vec<f64>> = by_unit.into_values().collect();
-    if groups.len() < super::gain::FEWEST_UNITS {
+    if groups.len() < FEWEST_UNITS {
         groups = groups.concat().into_iter().map(|gain| vec![gain]).collect();
     }
     let mean = |chosen: &mut dyn Iterator<Item = usize>| {
