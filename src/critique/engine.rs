@@ -115,10 +115,8 @@ fn of_signals(
         false => Err(NotExtended::NoInkChannel),
     };
     let (verdict, mut remarks) = verdict(&mut causes, &selected.unnamed, &left);
-    let allowed = allowed.and_then(|()| match verdict {
-        Verdict::Unknown => Err(NotExtended::NoName),
-        _ => Ok(()),
-    });
+    let has_no_name = verdict == Verdict::Unknown && allowed.is_ok();
+    let allowed = if has_no_name { Err(NotExtended::NoName) } else { allowed };
     remarks.extend(not_worth(&causes, &measured.gain));
     remarks.extend(caveats(all, of_outliers, &allowed, causes.is_empty()));
     remarks.extend(ties(&causes));
