@@ -79,7 +79,8 @@ impl Strengths {
     /// The displacement that would have the same force on a straight spring.
     fn spring(&self, v: f64) -> f64 {
         let Strengths { cubic, even, one_sided, gap, .. } = *self;
-        let within = v.clamp(-gap.abs(), gap.abs()) * gap.signum();
+        // a gap that is no number is none, and no panic as by `clamp`
+        let within = v.max(-gap.abs()).min(gap.abs()) * gap.signum();
         v + cubic * v * v * v + even * v * v + one_sided * v.max(0.0) - within
     }
 

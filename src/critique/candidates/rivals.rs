@@ -77,7 +77,7 @@ impl Bench<'_> {
                     Bend::GainByAmplitude => {
                         y / (1.0 + e * s * ring.envelope[k] / whole).max(0.1) - y
                     }
-                    Bend::DeafSensor => -y.clamp(-whole * e.abs(), whole * e.abs()) * e.signum(),
+                    Bend::DeafSensor => -y.max(-whole * e.abs()).min(whole * e.abs()) * e.signum(),
                 };
                 changed / e
             };
@@ -192,7 +192,7 @@ impl Bench<'_> {
                 all.max_by(|p, q| p.0.total_cmp(&q.0))?.1
             }
         };
-        let at = maximum(statistic, best, reach).clamp(low, high);
+        let at = maximum(statistic, best, reach).min(high).max(low);
         let directions = shapes(at);
         let tested = self.shapes.test(&directions)?;
         Some(Searched { at, sd: width(statistic, at, 0.02), directions, tested })

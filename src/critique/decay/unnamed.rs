@@ -45,7 +45,7 @@ impl Strengths {
         let gap = self.of(CauseId::SpringWithGap);
         let stop = self.of(CauseId::OneSidedSpring) * x.max(0.0);
         let even = self.of(CauseId::EvenSpring) * x * x;
-        even + stop - x.clamp(-gap.abs(), gap.abs()) * gap.signum()
+        even + stop - x.max(-gap.abs()).min(gap.abs()) * gap.signum()
     }
 
     pub fn bends(&self) -> bool {
@@ -69,7 +69,7 @@ impl Strengths {
         let even = self.of(CauseId::EvenSensor) * x * x;
         let odd = self.of(CauseId::OddSensor) * x * x * x;
         let gain = 1.0 / (1.0 + self.of(CauseId::GainFollowsAmplitude) * x.hypot(u));
-        gain * x + even + odd - x.clamp(-deaf.abs(), deaf.abs()) * deaf.signum()
+        gain * x + even + odd - x.max(-deaf.abs()).min(deaf.abs()) * deaf.signum()
     }
 }
 
