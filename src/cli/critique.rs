@@ -6,7 +6,6 @@ use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::extended_design;
 use super::report_page::write_text;
-use crate::critique::catalogue::joined;
 use crate::critique::decay;
 use crate::critique::digits;
 use crate::critique::engine::{self, MOST_SAMPLES, Rings};
@@ -171,7 +170,7 @@ fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Resu
             c.parameter,
             digits::measured(c.value, c.ci95, &c.unit),
             digits::significant(c.strength_dl, 2),
-            joined(&c.tied_with, ", ")
+            c.tied_words()
         )?;
     }
     print_gain(critique, out)?;

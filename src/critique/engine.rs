@@ -103,8 +103,9 @@ fn of_signals(
     let applied: Vec<_> = selected.causes.iter().map(|c| c.scored.applied.clone()).collect();
     let mut measured = gain::measure(&baseline, &applied, setting);
     let (before, as_it_was) = (&baseline, as_it_came.as_ref());
-    let found = worth::Found { before, causes: &applied, aside: &aside, as_it_came: as_it_was };
-    measured.gain.log_likelihood_per_signal = worth::measure(found, setting);
+    let extension =
+        worth::Extension { before, causes: &applied, aside: &aside, as_it_came: as_it_was };
+    measured.gain.log_likelihood_per_signal = worth::measure(extension, setting);
     let detection = measured.gain.detection();
     let figures = figures::draw(&baseline, &selected.model, &data, &beside, &measured.energies);
 

@@ -92,7 +92,7 @@ pub struct AtRest {
 }
 
 /// A model, and where it expects each channel's parameters before these signals were heard.
-pub struct Unheard<'a> {
+pub struct Predictor<'a> {
     data: &'a Observations,
     beside: &'a Covariates,
     mean: Model,
@@ -100,18 +100,18 @@ pub struct Unheard<'a> {
     scale: Vector5,
 }
 
-impl Unheard<'_> {
+impl Predictor<'_> {
     pub fn of<'a>(
         model: &Model,
         data: &'a Observations,
         beside: &'a Covariates,
         of_unit: Vec<Population>,
-    ) -> Unheard<'a> {
+    ) -> Predictor<'a> {
         // about the mean, not about the channels' own parameters
         let mut mean = model.clone();
         mean.units = vec![model.mean; data.units];
         mean.each = vec![Default::default(); data.len()];
-        Unheard { data, beside, of_unit, scale: model.scale(), mean }
+        Predictor { data, beside, of_unit, scale: model.scale(), mean }
     }
 
     pub fn spread(&self, i: usize) -> Matrix5 {
@@ -186,14 +186,14 @@ fn judge(model: &Model, data: &Observations, beside: &Covariates, known: bool) -
         true => (0..model.units.len()).map(|unit| population(model, Some(unit))).collect(),
         false => vec![population(model, None); data.units],
     };
-    let mut unheard = Unheard::of(model, data, beside, of_unit);
+    let mut predictor = Predictor::of(model, data, beside, of_unit);
     let (scale, v) = (model.scale(), model.noise_var);
     let every = data.len().div_ceil(MOST_WHITENED).max(1);
     let n = data.samples;
     (0..data.len())
         .map(|i| {
-            let AtRest { linear, gram, product, about, square } = unheard.at_rest(i);
-            let spread = unheard.spread(i);
+            let AtRest { linear, gram, product, about, square } = predictor.at_rest(i);
+            let spread = predictor.spread(i);
             let precision = spread.try_inverse().unwrap_or_else(Matrix5::zeros);
             let (columns, r) = (&linear.tangent.columns, &linear.residual);
             // r0^T (v + J S J^T)^-1 r0, r0 about the mean, is the least of |r|^2/v + about^T S^-1 about

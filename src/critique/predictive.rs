@@ -4,7 +4,7 @@
 //! where its channel is expected: y ~ N(f, D + J S J^T), linear about the signal's most probable parameters.
 
 use super::covariates::Covariates;
-use super::gain::{Population, Unheard};
+use super::gain::{Population, Predictor};
 use super::matrices::{Matrix5, Vector5, floored};
 use super::model::Model;
 use super::observations::Observations;
@@ -73,14 +73,14 @@ pub fn signals(
     beside: &Covariates,
     of_unit: Vec<Population>,
 ) -> Vec<Signal> {
-    let mut unheard = Unheard::of(model, data, beside, of_unit);
+    let mut predictor = Predictor::of(model, data, beside, of_unit);
     let scale = model.scale();
     let [sigma, omega, lambda] = [0, 1, 5].map(|j| model.mean[j].exp());
     let (a, b, c) = (model.mean[2], model.mean[3], model.mean[4]);
     let moved = [0.0, 0.0, omega * b - sigma * a, -omega * a - sigma * b, -lambda * c];
     let shift = Vector5::from(moved).component_div(&scale);
     let each = |i: usize| {
-        let rest = unheard.at_rest(i);
+        let rest = predictor.at_rest(i);
         let columns = &rest.linear.tangent.columns;
         let tangent = DMatrix::from_fn(data.samples, FREE, |k, j| columns[j][k] * scale[j]);
         let residual = DVector::from_column_slice(&rest.linear.residual);
@@ -93,7 +93,7 @@ pub fn signals(
             off: residual + &tangent * DVector::from_column_slice(rest.about.as_slice()),
             counts: rest.linear.counts,
             tangent,
-            spread: unheard.spread(i),
+            spread: predictor.spread(i),
             shift,
             noise_var: model.noise_var,
         }

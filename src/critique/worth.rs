@@ -1,9 +1,10 @@
 //! What each cause that was found is worth: ln likelihood per signal that nothing was fitted to, with it less without.
 //!
-//! In: what was found. Out: [`LogLikelihood`]. Models are fitted to three of five blocks of time, and judged on the two
-//! between, each channel known from the former (channels that were heard once each: every other channel). A cause that moves what is
-//! expected is taken out of the model with all of them; codes, correlation, growth, line and trigger are added one
-//! after the other, each with its size fitted to the same part.
+//! In: an [`Extension`] of the baseline. Out: [`LogLikelihood`]. Models are fitted to three of five blocks of time and
+//! judged on the two between, each channel known from the former; where channels were heard once each, models are
+//! fitted to every other channel. A cause that moves what is expected is taken out of the model with all of them;
+//! codes, correlation, growth, line and trigger are added one after the other, each with its size fitted to the same
+//! part.
 
 use super::candidates::Applied;
 use super::catalogue::CauseId;
@@ -18,12 +19,14 @@ use super::predictive::{Noise, Signal, ln_densities_with_jitter, signals};
 use super::refit::Setting;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
 
 /// How far from a first guess a variance is looked for, in its logarithm.
 const REACH: f64 = 3.0;
 
-/// What was found.
-pub struct Found<'a> {
+/// What the baseline is extended by.
+pub struct Extension<'a> {
     /// The baseline on all signals: what it knows of codes.
     pub before: &'a Model,
     pub causes: &'a [Applied],
@@ -99,7 +102,7 @@ impl Halves {
 
 /// Models fitted to a part of the signals, and what they are measured with.
 struct Measuring<'a> {
-    found: Found<'a>,
+    extension: Extension<'a>,
     halves: Halves,
     as_it_came: Option<Halves>,
     plain: Model,
@@ -114,16 +117,16 @@ struct Step {
 }
 
 /// `None`: nothing was found, or there are too few signals.
-pub fn measure(found: Found, setting: Setting) -> Option<LogLikelihood> {
+pub fn measure(extension: Extension, setting: Setting) -> Option<LogLikelihood> {
     let Setting { data, beside, avoid } = setting;
-    if found.causes.is_empty() && found.aside.accepted().next().is_none() {
+    if extension.causes.is_empty() && extension.aside.accepted().next().is_none() {
         return None;
     }
     let halves = Halves::of(data, beside)?;
-    let as_it_came = found.as_it_came.and_then(|data| Halves::of(data, beside));
-    let plain = baseline(found.before.real, Some(found.before), halves.part(avoid))?;
-    let extended = with(&plain, found.causes, halves.part(avoid));
-    let measuring = Measuring { found, halves, as_it_came, plain, extended, avoid };
+    let as_it_came = extension.as_it_came.and_then(|data| Halves::of(data, beside));
+    let plain = baseline(extension.before.real, Some(extension.before), halves.part(avoid))?;
+    let extended = with(&plain, extension.causes, halves.part(avoid));
+    let measuring = Measuring { extension, halves, as_it_came, plain, extended, avoid };
     Some(measuring.log_likelihood())
 }
 
@@ -146,38 +149,28 @@ impl Measuring<'_> {
         let by_cause = steps.iter().map(|step| (step.id.name(), worth(&step.gains))).collect();
         LogLikelihood { all: worth(&all), by_cause }
     }
-}
 
-fn ln(all: &[Signal], noise: &Noise) -> Vec<f64> {
-    all.iter().map(|signal| signal.ln_density(noise)).collect()
-}
-
-fn less(with: &[f64], without: &[f64]) -> Vec<f64> {
-    with.iter().zip(without).map(|(with, without)| with - without).collect()
-}
-
-impl Measuring<'_> {
     /// Each cause of the mean or of a covariate, taken out of the model with all of them.
     fn left_out(&self, ln_extended: &[f64]) -> Vec<Step> {
         let one = |index: usize| {
-            let mut others = self.found.causes.to_vec();
+            let mut others = self.extension.causes.to_vec();
             let id = others.remove(index).id;
             let without = with(&self.plain, &others, self.halves.part(self.avoid));
             let without = self.halves.test(&without);
             Step { id, gains: less(ln_extended, &ln(&without, &Noise::default())) }
         };
-        (0..self.found.causes.len()).map(one).collect()
+        (0..self.extension.causes.len()).map(one).collect()
     }
 
     /// Clipping and coarse codes, against a model that knows neither.
     fn codes(&self, plain: &[Signal], ln_plain: &[f64]) -> Vec<Step> {
-        let Model { ceiling, lattice, noise_var, .. } = self.found.before;
-        let is = |id| accepted(&self.found.aside.codes, id);
+        let Model { ceiling, lattice, noise_var, .. } = self.extension.before;
+        let is = |id| accepted(&self.extension.aside.codes, id);
         let (clipping, coarse) = (is(CauseId::Clipping), is(CauseId::CoarseLsb));
         if self.as_it_came.is_some() || ceiling.is_none() && lattice.is_none() {
             return Vec::new();
         }
-        let Some(naive) = baseline(self.found.before.real, None, self.halves.part(self.avoid))
+        let Some(naive) = baseline(self.extension.before.real, None, self.halves.part(self.avoid))
         else {
             return Vec::new();
         };
@@ -220,9 +213,9 @@ impl Measuring<'_> {
 
     /// Signals made white, against the same as they came: but for the first sample, which is not made white.
     fn correlation(&self, ln_plain: &[f64]) -> Option<Step> {
-        accepted(&self.found.aside.noise, CauseId::CorrelatedNoise)?;
+        accepted(&self.extension.aside.noise, CauseId::CorrelatedNoise)?;
         let halves = self.as_it_came.as_ref()?;
-        let naive = baseline(self.found.before.real, None, halves.part(&[]))?;
+        let naive = baseline(self.extension.before.real, None, halves.part(&[]))?;
         let naive: Vec<f64> =
             halves.test(&naive).iter().map(Signal::ln_density_after_first).collect();
         Some(Step { id: CauseId::CorrelatedNoise, gains: less(ln_plain, &naive) })
@@ -230,7 +223,7 @@ impl Measuring<'_> {
 
     /// Noise that grows, lines of random phase, and the trigger's jitter, one after the other.
     fn noise(&self, test: &[Signal], ln_extended: &[f64]) -> Vec<Step> {
-        let is = |id| accepted(&self.found.aside.noise, id);
+        let is = |id| accepted(&self.extension.aside.noise, id);
         let (growth, tone) = (is(CauseId::HeteroscedasticNoise), is(CauseId::RandomTone));
         let jitter = is(CauseId::TriggerJitter);
         if growth.is_none() && tone.is_none() && jitter.is_none() {
@@ -269,6 +262,14 @@ impl Measuring<'_> {
     }
 }
 
+fn ln(all: &[Signal], noise: &Noise) -> Vec<f64> {
+    all.iter().map(|signal| signal.ln_density(noise)).collect()
+}
+
+fn less(with: &[f64], without: &[f64]) -> Vec<f64> {
+    with.iter().zip(without).map(|(with, without)| with - without).collect()
+}
+
 impl Signal {
     /// ln p of the samples that do not count where large ones are clipped, about what the signal itself lets expect.
     fn ln_clipped(&self, level: f64, sd: f64) -> f64 {
@@ -276,7 +277,7 @@ impl Signal {
         each.filter(|(counts, _)| **counts == 0.0)
             .map(|(_, (y, f))| match *y >= level {
                 true => ln_normal_tail((level - 0.5 - f) / sd),
-                false => -0.5 * (((y - f) / sd).powi(2) + (std::f64::consts::TAU * sd * sd).ln()),
+                false => -0.5 * (((y - f) / sd).powi(2) + (TAU * sd * sd).ln()),
             })
             .sum()
     }
@@ -284,7 +285,7 @@ impl Signal {
 
 /// Mean, and its interval over channels that are drawn anew; over signals where there are few channels.
 fn worth(gains: &[f64], of: &[Signal]) -> Worth {
-    let mut by_unit = std::collections::BTreeMap::<usize, Vec<f64>>::new();
+    let mut by_unit = BTreeMap::<usize, Vec<f64>>::new();
     let known = gains.iter().zip(of).filter(|(gain, _)| gain.is_finite());
     known.for_each(|(gain, signal)| by_unit.entry(signal.unit).or_default().push(*gain));
     let mut groups: Vec<Vec<f64>> = by_unit.into_values().collect();
@@ -305,4 +306,34 @@ fn worth(gains: &[f64], of: &[Signal]) -> Worth {
         (0..RESAMPLINGS).map(|_| mean(&mut (0..n).map(|_| rng.random_range(0..n)))).collect();
     let gain = mean(&mut (0..n));
     Worth { gain, ci95: interval(&mut drawn).unwrap_or([f64::NAN; 2]) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::engine::{Rings, critique};
+    use super::super::generator::{Run, draw};
+    use super::CauseId::*;
+
+    /// Of each kind that is measured in its own way, one that is clearly there.
+    #[test]
+    fn what_is_clearly_there_is_worth_modelling_of_whatever_kind() {
+        let planted = [
+            (Offset, 0.4),
+            (Temperature, 0.02),
+            (CorrelatedNoise, 0.15),
+            (HeteroscedasticNoise, 2.0),
+            (RandomTone, 1.0),
+            (Clipping, 110.0),
+            (CoarseLsb, 4.0),
+        ];
+        for (seed, (id, size)) in planted.into_iter().enumerate() {
+            let run = Run { channels: 12, bursts: 16, effect: Some(id), size, ..Run::default() };
+            let data = draw(&run, 9000 + seed as u64);
+            let critique = critique(&data, Rings::InkChannel, false, &mut |_| {}).unwrap().critique;
+            let named: Vec<_> = critique.causes.iter().map(|c| c.id.name()).collect();
+            let worth = critique.gain.worth(id);
+            println!("{id}: {named:?} {worth:?} {:?}", critique.remarks);
+            assert!(worth.is_some_and(|worth| worth.is_sure()), "{id}: {named:?} {worth:?}");
+        }
+    }
 }
