@@ -55,7 +55,7 @@ impl Design {
     }
 
     fn write(&self, path: &Path) -> Result<(), Failure> {
-        outputs::check_file(path, ResultFile::Design).map_err(Failure::of_place)?;
+        outputs::check_file(path, ResultFile::Design)?;
         Ok(design_file::write_text(path, &self.text)?)
     }
 }

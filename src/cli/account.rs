@@ -34,6 +34,22 @@ pub struct Row {
     pub signals: u64,
 }
 
+impl Row {
+    /// Of what has no verdicts.
+    pub fn without(recording: String, outcome: Outcome, why: String) -> Row {
+        Row {
+            recording,
+            outcome,
+            skipped: false,
+            why,
+            verdicts: None,
+            judged_at: None,
+            digest: None,
+            signals: 0,
+        }
+    }
+}
+
 /// How the run as a whole ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]

@@ -21,6 +21,7 @@ use crate::io::stored;
 use crate::pipeline::resume::{self, Decision, Why};
 use crate::pipeline::{Control, PipelineError, Replay};
 use serde_json::{Value, json};
+use std::error::Error;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -29,14 +30,6 @@ const MOST_OF_AN_ERROR: usize = 2000;
 
 /// Failures told one by one as they come.
 const MOST_FAILURES: usize = 10;
-
-/// How results are told.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Telling {
-    Text,
-    /// A JSON line per recording and one for the run.
-    Json,
-}
 
 pub struct Batch<'a> {
     pub judge: &'a mut dyn Judge,
@@ -49,7 +42,8 @@ pub struct Batch<'a> {
     pub account: Account,
     pub progress: &'a Progress,
     pub control: &'a Control,
-    pub telling: Telling,
+    /// A JSON line per recording and one for the run, instead of text.
+    pub json: bool,
     pub timings: bool,
     /// Also what was found as messages, beside the verdicts.
     pub annotate: bool,
@@ -68,9 +62,15 @@ pub struct Stop {
     pub failure: Failure,
 }
 
+impl From<Failure> for Stop {
+    fn from(failure: Failure) -> Stop {
+        Stop { end: End::Broken, failure }
+    }
+}
+
 impl Stop {
     fn broken(e: impl ToString) -> Stop {
-        Stop { end: End::Broken, failure: Failure::new(e) }
+        Failure::new(e).into()
     }
 }
 
@@ -88,7 +88,7 @@ impl Batch<'_> {
         };
         let written = self.account.write(self.out, self.means, end, exit);
         let skipped = self.account.rows.iter().all(|row| row.skipped);
-        if self.telling == Telling::Json {
+        if self.json {
             let mut event = json!(self.account.totals());
             (event["event"], event["end"]) = (json!("run"), json!(end));
             event["exit"] = json!(exit as u8);
@@ -174,7 +174,7 @@ impl Batch<'_> {
                 Decision::Finished { .. } => self.skip(this),
                 Decision::Refuse(why) => self.note_failure(this, why.clone(), None),
                 Decision::Judge(_) => match (std::mem::replace(&mut begun, Ok(())), items.next()) {
-                    (Err(failure), _) => Err(Stop { end: End::Broken, failure }),
+                    (Err(failure), _) => Err(failure.into()),
                     (Ok(()), Some((nth, item))) => self.judge(this, nth, item),
                     (Ok(()), None) => Ok(()),
                 },
@@ -232,10 +232,7 @@ impl Batch<'_> {
         let mut baseline = None;
         let baselines = judged.baselines.take();
         if let (Some(file), Some(next)) = (&self.baseline_file, &baselines) {
-            let next = file.prepare(next).map_err(|e| match failed::no_room(&e) {
-                true => Stop { end: End::NoRoom, failure: self.no_room(&e.to_string()) },
-                false => Stop::broken(e),
-            })?;
+            let next = file.prepare(next).map_err(|e| self.unwritten(&e, &e.to_string()))?;
             baseline = Some(Link { before: file.digest(), after: Some(next.digest()) });
             prepared = Some(next);
         }
@@ -270,15 +267,11 @@ impl Batch<'_> {
     fn say_annotated(&self, annotations: Option<PathBuf>) -> Result<(), Stop> {
         let Some(path) = annotations else { return Ok(()) };
         let path = path.to_string_lossy();
-        let told = match self.telling {
-            Telling::Json => {
-                output::event(&json!({ "event": "annotations", "file": path.as_ref() }))
-            }
-            Telling::Text => {
-                writeln!(output::report(), "  annotations: {}", printable::line(&path, 4096))
-            }
+        let told = match self.json {
+            true => output::event(&json!({ "event": "annotations", "file": path.as_ref() })),
+            false => writeln!(output::report(), "  annotations: {}", printable_path(&path)),
         };
-        unless_reader_gone(told).map_err(|failure| Stop { end: End::Broken, failure })
+        Ok(unless_reader_gone(told)?)
     }
 
     /// Warnings and notes each kind once, then the report.
@@ -301,21 +294,19 @@ impl Batch<'_> {
         if self.timings {
             judged.timings.iter().for_each(|line| self.progress.say(line));
         }
-        if self.telling == Telling::Text {
+        if !self.json {
             // whoever stopped reading still wants the other recordings' verdicts
-            let printed = output::report().write_all(judged.report.as_bytes());
-            unless_reader_gone(printed).map_err(|failure| Stop { end: End::Broken, failure })?;
+            unless_reader_gone(output::report().write_all(judged.report.as_bytes()))?;
         }
         self.tell(this.judged_row(judged, entry), &entry.counts)
     }
 
     fn tell(&mut self, row: Row, counts: &Value) -> Result<(), Stop> {
-        if self.telling == Telling::Json {
+        if self.json {
             let mut event = json!(row);
             event["event"] = json!("recording");
             event["counts"] = counts.clone();
-            unless_reader_gone(output::event(&event))
-                .map_err(|failure| Stop { end: End::Broken, failure })?;
+            unless_reader_gone(output::event(&event))?;
         }
         self.account.rows.push(row);
         Ok(())
@@ -359,11 +350,15 @@ impl Batch<'_> {
     fn append(&mut self, entry: &Entry) -> Result<(), Stop> {
         self.journal.append(entry).map_err(|e| {
             let words = format!("{}: cannot be written: {e}", self.journal.path.display());
-            match failed::no_room(&e) {
-                true => Stop { end: End::NoRoom, failure: self.no_room(&words) },
-                false => Stop::broken(words),
-            }
+            self.unwritten(&e, &words)
         })
+    }
+
+    fn unwritten(&self, e: &(dyn Error + 'static), words: &str) -> Stop {
+        match failed::no_room(e) {
+            true => Stop { end: End::NoRoom, failure: self.no_room(words) },
+            false => Stop::broken(words),
+        }
     }
 
     fn no_room(&self, what: &str) -> Failure {

@@ -140,7 +140,7 @@ pub fn read_state(path: &Path, design: &str) -> Result<Memory, Failure> {
 
 /// What it writes; a file of another design's, or of anything else, is not overwritten.
 pub fn write_state(path: &Path, state: &Memory) -> Result<(), Failure> {
-    outputs::check_file(path, ResultFile::Baselines).map_err(Failure::of_place)?;
+    outputs::check_file(path, ResultFile::Baselines)?;
     let (mut file, _) = BaselineFile::read(path, state.design.as_deref())?;
     Ok(file.write(state)?)
 }

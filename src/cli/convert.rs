@@ -141,7 +141,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let voltage = Said::of(&args.voltage, &mut beside);
     check(&args, period)?;
     refuse_beside(&args)?;
-    outputs::check_file(&args.out, outputs::ResultFile::Recording).map_err(Failure::of_place)?;
+    outputs::check_file(&args.out, outputs::ResultFile::Recording)?;
     let kind = columnar::table_kind_of(&args.table)?;
     let opened = match kind {
         FileKind::Numpy => open_array(&args, &beside)?,

@@ -78,7 +78,7 @@ pub fn run_in_memory(args: Args, recording: Recording) -> Result<Exit, Failure> 
 }
 
 fn criticised(args: &Args, given: Given) -> Result<Exit, Failure> {
-    outputs::check_files(&args.out, FILES).map_err(Failure::of_place)?;
+    outputs::check_files(&args.out, FILES)?;
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
     effect::check(&args.set, &settings, Command::Critique)?;
     let labels = args.labels.as_deref().map(labels_file::read).transpose()?;

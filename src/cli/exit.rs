@@ -47,14 +47,6 @@ impl Failure {
         Failure { exit: Exit::Usage, message: message.to_string() }
     }
 
-    /// A place that can never hold results is a mistake of usage; a store that refuses or a disk that fails is none.
-    pub fn of_place(error: OutputError) -> Failure {
-        match error {
-            OutputError::InObjectStore { .. } | OutputError::Stays { .. } => Failure::new(error),
-            _ => Failure::usage(error),
-        }
-    }
-
     pub fn is_usage(&self) -> bool {
         self.exit == Exit::Usage
     }
@@ -66,45 +58,29 @@ impl From<SettingsError> for Failure {
     }
 }
 
-/// What the user wrote, or which file was meant, is the user's to put right.
-impl From<LabelsError> for Failure {
-    fn from(e: LabelsError) -> Failure {
-        match e {
-            LabelsError::Write { .. } => Failure::new(e),
-            _ => Failure::usage(e),
-        }
-    }
-}
-
-impl From<DesignFileError> for Failure {
-    fn from(e: DesignFileError) -> Failure {
-        match e {
-            DesignFileError::Write { .. } => Failure::new(e),
-            _ => Failure::usage(e),
-        }
-    }
-}
-
-/// Which file was meant is the user's to put right; that another run wrote it meanwhile is nobody's mistake.
-impl From<BaselineFileError> for Failure {
-    fn from(e: BaselineFileError) -> Failure {
-        match e {
-            BaselineFileError::Write { .. } | BaselineFileError::Changed { .. } => Failure::new(e),
-            _ => Failure::usage(e),
-        }
-    }
-}
-
-/// A name that is no file's is a mistake of usage; a directory or a pattern need not find anything.
-impl From<InputsError> for Failure {
-    fn from(e: InputsError) -> Failure {
-        match e {
-            InputsError::Empty | InputsError::BadPattern { .. } | InputsError::Missing { .. } => {
-                Failure::usage(e)
+/// What the user wrote, and which file or place was meant, is the user's to put right, but for these.
+macro_rules! usage_but_for {
+    ($($error:ident: $($other:ident)|+;)*) => {
+        $(impl From<$error> for Failure {
+            fn from(e: $error) -> Failure {
+                match e {
+                    $($error::$other { .. })|+ => Failure::new(e),
+                    _ => Failure::usage(e),
+                }
             }
-            _ => Failure::new(e),
-        }
-    }
+        })*
+    };
+}
+
+usage_but_for! {
+    LabelsError: Write;
+    DesignFileError: Write;
+    // that another run wrote it meanwhile is nobody's mistake
+    BaselineFileError: Write | Changed;
+    // a directory or a pattern need not find anything
+    InputsError: InObjectStore | Unreadable | Nothing | Shared;
+    // a store that refuses or a disk that fails
+    OutputError: InObjectStore | Stays;
 }
 
 /// What was meant by a name is the user's to put right; what a table holds need not be.

@@ -67,10 +67,6 @@ pub struct Watching<'a> {
 }
 
 impl Judge for Watching<'_> {
-    fn begin(&mut self, _: &Run, _: &[Item]) -> Result<(), Failure> {
-        Ok(())
-    }
-
     fn judge(&mut self, run: &Run, _: usize, item: &Item) -> Result<Judged, NotJudged> {
         let (label, verdicts) = (&item.label, item.verdicts_in(run.out));
         let told = |of: Telling| {
@@ -96,10 +92,6 @@ impl Judge for Watching<'_> {
         });
         self.live.iter().for_each(|live| live.end());
         Ok(Judged::of(report?, label, &verdicts, run.detail))
-    }
-
-    fn all_at_once(&self) -> bool {
-        false
     }
 }
 

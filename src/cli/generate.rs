@@ -50,7 +50,7 @@ fn man(dir: &Path, command: Command) -> Result<Exit, Failure> {
     let mut pages = BTreeMap::new();
     add_pages(&command, &mut pages).map_err(failed)?;
     let files = pages.keys().map(|name| (name.as_str(), ResultFile::Manual));
-    outputs::check_files(dir, files).map_err(Failure::of_place)?;
+    outputs::check_files(dir, files)?;
     std::fs::create_dir_all(dir).map_err(failed)?;
     pages
         .iter()

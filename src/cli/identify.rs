@@ -56,13 +56,13 @@ pub struct Args {
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
     effect::check(&args.set, &settings, Command::Identify { detects: args.detectability })?;
-    outputs::check_file(&args.out, outputs::ResultFile::Models).map_err(Failure::of_place)?;
+    outputs::check_file(&args.out, outputs::ResultFile::Models)?;
     let labels = args.labels.as_deref().map(labels_file::read).transpose()?;
     if let Some(dir) = &args.plot {
         if *dir == args.out {
             return Err(Failure::usage(format!("--plot {}: --out has that name", dir.display())));
         }
-        outputs::check_beside(dir, "identify_", args.out.is_file()).map_err(Failure::of_place)?;
+        outputs::check_beside(dir, "identify_", args.out.is_file())?;
     }
     let Collected { set, met, mut incomplete, progress } =
         collected(Given::Named(&args.recordings), &settings, labels.as_ref())?;

@@ -135,13 +135,17 @@ impl From<PipelineError> for NotJudged {
 
 pub trait Judge {
     /// Before the first is asked for: all of them, in this order.
-    fn begin(&mut self, run: &Run, items: &[Item]) -> Result<(), Failure>;
+    fn begin(&mut self, _run: &Run, _items: &[Item]) -> Result<(), Failure> {
+        Ok(())
+    }
 
     /// The one at this place among them; each is asked for once, in their order.
     fn judge(&mut self, run: &Run, at: usize, item: &Item) -> Result<Judged, NotJudged>;
 
     /// Whether all are judged from the beginning on, not each at its turn.
-    fn all_at_once(&self) -> bool;
+    fn all_at_once(&self) -> bool {
+        false
+    }
 }
 
 /// In this process, one after another.
@@ -150,10 +154,6 @@ pub struct Here<'a> {
 }
 
 impl Judge for Here<'_> {
-    fn begin(&mut self, _: &Run, _: &[Item]) -> Result<(), Failure> {
-        Ok(())
-    }
-
     fn judge(&mut self, run: &Run, _: usize, item: &Item) -> Result<Judged, NotJudged> {
         let verdicts = item.verdicts_in(run.out);
         let mut recording = Recording::open_with(&item.path, Limits::default(), run.dialects)
@@ -163,10 +163,6 @@ impl Judge for Here<'_> {
             pipeline::replay(run.replay, &recording, &verdicts, run.control)
         });
         Ok(Judged::of(report?, &item.label, &verdicts, run.detail))
-    }
-
-    fn all_at_once(&self) -> bool {
-        false
     }
 }
 

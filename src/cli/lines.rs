@@ -78,16 +78,9 @@ impl Planned {
     pub fn row(&self, outcome: Outcome, why: &str) -> Row {
         let refused = matches!(self.decision, Decision::Refuse(_));
         let has_verdicts = !refused && outcome != Outcome::Failed;
-        Row {
-            recording: self.placed.label(),
-            outcome,
-            skipped: false,
-            why: printable::line(why, MOST_OF_A_REASON),
-            verdicts: has_verdicts.then(|| self.placed.verdicts.clone()),
-            judged_at: None,
-            digest: None,
-            signals: 0,
-        }
+        let verdicts = has_verdicts.then(|| self.placed.verdicts.clone());
+        let why = printable::line(why, MOST_OF_A_REASON);
+        Row { verdicts, ..Row::without(self.placed.label(), outcome, why) }
     }
 
     /// Of a recording that has verdicts.

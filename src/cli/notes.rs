@@ -22,28 +22,35 @@ pub struct Note {
     pub recordings: u64,
 }
 
+/// The places of kinds, in the order in which they were met.
+#[derive(Debug, Default)]
+struct Kinds(HashMap<String, usize>);
+
+impl Kinds {
+    /// Beyond so many all are one; `met`: kinds so far.
+    fn place(&mut self, what: &str, met: usize) -> usize {
+        let mut kind = kind(what);
+        if met >= MOST_KINDS && !self.0.contains_key(&kind) {
+            kind.clear();
+        }
+        *self.0.entry(kind).or_insert(met)
+    }
+}
+
 #[derive(Debug, Default)]
 pub struct Notes {
-    by_kind: HashMap<String, usize>,
+    kinds: Kinds,
     pub list: Vec<Note>,
 }
 
 impl Notes {
     /// Whether it is the first of its kind.
     pub fn add(&mut self, of: &str, told: &Told) -> bool {
-        let mut kind = kind(&told.what);
-        if self.list.len() >= MOST_KINDS && !self.by_kind.contains_key(&kind) {
-            kind.clear();
-        }
         let new = self.list.len();
-        let place = *self.by_kind.entry(kind).or_insert(new);
+        let place = self.kinds.place(&told.what, new);
         if place == new {
-            self.list.push(Note {
-                what: told.what.clone(),
-                first: of.into(),
-                times: 0,
-                recordings: 0,
-            });
+            let what = told.what.clone();
+            self.list.push(Note { what, first: of.into(), times: 0, recordings: 0 });
         }
         self.list[place].times += told.times;
         self.list[place].recordings += 1;
@@ -69,16 +76,11 @@ fn kind(what: &str) -> String {
 
 /// Each kind once, with how often; the text is the first of its kind, with its place.
 fn counted(all: impl Iterator<Item = (String, String)>) -> Vec<Told> {
-    let mut by_kind: HashMap<String, usize> = HashMap::new();
+    let mut kinds = Kinds::default();
     let mut list: Vec<Told> = Vec::new();
     for (place, what) in all {
-        let mut kind = kind(&what);
-        if list.len() >= MOST_KINDS && !by_kind.contains_key(&kind) {
-            kind.clear();
-        }
-        let new = list.len();
-        let at = *by_kind.entry(kind).or_insert(new);
-        if at == new {
+        let at = kinds.place(&what, list.len());
+        if at == list.len() {
             let what = printable::line(&format!("{place}{what}"), MOST_OF_A_NOTE);
             list.push(Told { what, times: 0 });
         }

@@ -7,7 +7,7 @@ use super::progress::{Progress, thousands};
 use super::report::printable_path;
 use crate::io::dialect::Dialects;
 use crate::io::inputs::{Input, InputsError};
-use crate::io::journal::{Entry, Journal, Link, Outcome, Stamp};
+use crate::io::journal::{Journal, Link, Outcome, Stamp};
 use crate::io::layout::{self, Layout, Placed};
 use crate::io::recording::Recording;
 use crate::io::run_lock::ToJudge;
@@ -72,16 +72,7 @@ pub fn is_known(input: &Input, journal: &Journal, settings: &Settings) -> bool {
 
 /// What was named and is not there.
 pub fn lost(e: &InputsError) -> Row {
-    Row {
-        recording: e.subject(),
-        outcome: Outcome::Failed,
-        skipped: false,
-        why: e.to_string(),
-        verdicts: None,
-        judged_at: None,
-        digest: None,
-        signals: 0,
-    }
+    Row::without(e.subject(), Outcome::Failed, e.to_string())
 }
 
 /// For who looks at the results of a run that was killed.
@@ -243,14 +234,10 @@ impl Planned {
     fn words(&self) -> (&'static str, String) {
         match &self.decision {
             Decision::Judge(why) => ("judge", why.to_string()),
-            Decision::Finished { entry, .. } => ("skip", finished(entry)),
+            Decision::Finished { entry, .. } => ("skip", format!("finished {}", entry.at)),
             Decision::Refuse(why) => ("refuse", why.clone()),
         }
     }
-}
-
-fn finished(entry: &Entry) -> String {
-    format!("finished {}", entry.at)
 }
 
 /// `--dry-run`: what would be done, and why.

@@ -1,7 +1,7 @@
 //! `inkling replay`: the main job.
 
 use super::account::{Account, RUN_NAME, Row, unwritable};
-use super::batch::{Batch, Telling};
+use super::batch::Batch;
 use super::dialects;
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
@@ -16,7 +16,7 @@ use crate::detect::ThresholdMethod;
 use crate::io::baseline_file::BaselineFile;
 use crate::io::inputs::Input;
 use crate::io::journal::{JOURNAL_NAME, Journal, JournalWriter, Means};
-use crate::io::layout::{self, Layout};
+use crate::io::layout;
 use crate::io::outputs::{self, ResultFile};
 use crate::io::run_lock::{LOCK_NAME, RunLock};
 use crate::io::{design_file, digest, inputs, labels_file};
@@ -25,31 +25,11 @@ use crate::pipeline::Replay;
 use crate::pipeline::resume::Resume;
 use crate::settings::{IdentifyMode, Pace, Preset, Settings};
 use chrono::DateTime;
-use clap::ValueEnum;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// The settings file that is read where no recording is named.
 const PIPELINE_TOML: &str = "pipeline.toml";
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum PresetArg {
-    Thesis,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum IdentifyArg {
-    Design,
-    Windows,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum LayoutArg {
-    Tree,
-    Date,
-    Flat,
-    Hive,
-}
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -94,14 +74,14 @@ pub struct Args {
     baseline: Option<PathBuf>,
     /// Judge by the design's models as they are, or identify again on healthy windows
     /// [default: design where --design is given, else windows]
-    #[arg(long, value_enum)]
-    identify: Option<IdentifyArg>,
+    #[arg(long, value_parser = ["design", "windows"])]
+    identify: Option<String>,
     /// Any setting of pipeline.toml, repeatable
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Choices that belong together; --set wins over them
-    #[arg(long, value_enum)]
-    preset: Option<PresetArg>,
+    #[arg(long, value_parser = ["thesis"])]
+    preset: Option<String>,
     /// As fast as possible (max), at the recorded speed (recorded), or so many signals per second [default: max]
     #[arg(long)]
     pace: Option<Pace>,
@@ -114,8 +94,8 @@ pub struct Args {
     /// Where below --out: the tree below a directory is kept, by day of the first burst, flat, or each kind of table
     /// as one data set (verdicts/day=2026-11-01/)
     /// [default: tree]
-    #[arg(long, value_enum)]
-    layout: Option<LayoutArg>,
+    #[arg(long, value_parser = ["tree", "date", "flat", "hive"])]
+    layout: Option<String>,
     /// Judge again what is finished
     #[arg(long)]
     force: bool,
@@ -179,9 +159,9 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     let serve = live::check(args.serve.as_deref(), args.serve_token.as_deref(), args.follow)?;
     let first = settings.input.recordings[0].clone(); // there is one at least
     let found = inputs::find_each_recording(&settings.input.recordings)?;
-    outputs::check_place(&out).map_err(Failure::of_place)?;
+    outputs::check_place(&out)?;
     for (name, kind) in [(RUN_NAME, ResultFile::Account), (JOURNAL_NAME, ResultFile::Journal)] {
-        outputs::check_file(&out.join(name), kind).map_err(Failure::of_place)?;
+        outputs::check_file(&out.join(name), kind)?;
     }
     let journal = || Journal::read(&out).map_err(|e| unreadable(&out, e));
     let before = journal()?;
@@ -238,10 +218,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     let progress = Progress::new(judged, sizes.map(|stamp| stamp.bytes).sum());
     let writer = JournalWriter::open(&out).map_err(|e| unwritable(&out.join(JOURNAL_NAME), e))?;
     let mut here = Here { progress: &progress };
-    let live = match serve {
-        Some(place) => Some(live::start(place, &first, &control)?),
-        None => None,
-    };
+    let live = serve.map(|place| live::start(place, &first, &control)).transpose()?;
     live.iter().try_for_each(|live| follow::tell_address(live.address, args.json, &progress))?;
     let mut watching = Watching { progress: &progress, json: args.json, rotate: args.rotate, live };
     let batch = Batch {
@@ -259,7 +236,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
         account,
         progress: &progress,
         control: &control,
-        telling: if args.json { Telling::Json } else { Telling::Text },
+        json: args.json,
         timings: args.timings,
         annotate: args.annotate,
         alone: planned.len() == 1 && found.lost.is_empty(),
@@ -282,7 +259,7 @@ pub type Read = (Design, String);
 fn with_design(args: &Args) -> Result<(Settings, Option<Read>), Failure> {
     let asked = settings(args, &[])?;
     if asked.input.design.is_empty() {
-        if matches!(args.identify, Some(IdentifyArg::Design)) {
+        if args.identify.as_deref() == Some("design") {
             return Err(Failure::usage(
                 "--identify design: there is none: give --design FILE (`inkling train` makes one)",
             ));
@@ -360,12 +337,8 @@ fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
         };
         overrides.push(format!("{key}={}", toml::Value::String(text.into())));
     }
-    match args.identify {
-        Some(IdentifyArg::Design) => overrides.push("identify.mode=design".into()),
-        Some(IdentifyArg::Windows) => overrides.push("identify.mode=windows".into()),
-        None => {}
-    }
-    let preset = args.preset.map(|PresetArg::Thesis| Preset::Thesis);
+    overrides.extend(args.identify.iter().map(|mode| format!("identify.mode={mode}")));
+    let preset = args.preset.as_ref().map(|_| Preset::Thesis);
     let mut settings = Settings::load(file, preset, &overrides)?;
     if !args.recordings.is_empty() {
         settings.input.recordings.clone_from(&args.recordings);
@@ -373,12 +346,9 @@ fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
     if let Some(pace) = args.pace {
         settings.replay.pace = pace;
     }
-    match args.layout {
-        Some(LayoutArg::Tree) => settings.output.layout = Layout::Tree,
-        Some(LayoutArg::Date) => settings.output.layout = Layout::Date,
-        Some(LayoutArg::Flat) => settings.output.layout = Layout::Flat,
-        Some(LayoutArg::Hive) => settings.output.layout = Layout::Hive,
-        None => {}
+    if let Some(layout) = &args.layout {
+        // the option takes no other words
+        settings.output.layout = toml::Value::from(layout.as_str()).try_into().unwrap_or_default();
     }
     if let Some(threads) = args.threads {
         settings.replay.threads = threads.into();
@@ -482,8 +452,8 @@ fn span_ns([from, to]: &[String; 2]) -> Result<(i64, i64), Failure> {
 }
 
 fn load(mut settings: Settings, read: Option<Read>, args: &Args) -> Result<Loaded, Failure> {
-    let (mut design, mut design_digest) = (None, None);
-    if let Some((read, digest)) = read {
+    let (design, design_digest) = read.unzip();
+    if let Some(read) = &design {
         // models learned on windows must be of the design's kind
         if asked_to_detect(args) && settings.detect != read.detect {
             return Err(Failure::usage(format!(
@@ -493,7 +463,6 @@ fn load(mut settings: Settings, read: Option<Read>, args: &Args) -> Result<Loade
             )));
         }
         settings.detect = read.detect.clone();
-        (design, design_digest) = (Some(read), Some(digest));
     }
     check(&settings, args, design.as_ref())?;
     let (mut labels, mut labels_digest) = (None, None);

@@ -134,7 +134,7 @@ impl<'a> Page<'a> {
         let table = page.with_extension("faults.parquet");
         let both = [(page, ResultFile::Page), (table.as_path(), ResultFile::Faults)];
         for (path, kind) in both {
-            outputs::check_file(path, kind).map_err(Failure::of_place)?;
+            outputs::check_file(path, kind)?;
         }
         Ok(Page { page, table })
     }

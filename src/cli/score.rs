@@ -23,6 +23,7 @@ use crate::score::promise::Promise;
 use crate::score::severity::SeverityScore;
 use crate::score::{Report, Said, Score};
 use crate::verdict::{Outcome, VerdictColumns};
+use serde_json::json;
 use std::collections::HashMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -73,7 +74,7 @@ const ONE_QUANTITY: [&str; 2] = ["blocked_nozzle", "dried_nozzle"];
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
     if let Some(page) = &args.report {
-        outputs::check_file(page, outputs::ResultFile::Page).map_err(Failure::of_place)?;
+        outputs::check_file(page, outputs::ResultFile::Page)?;
     }
     if !args.truth.is_empty() {
         return critiques(&args);
@@ -81,7 +82,9 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let promise = args.design.as_deref().map(promise).transpose()?;
     let labels_path = match (&args.labels, &promise) {
         (Some(path), _) if !args.verdicts.is_empty() => path,
-        (None, Some(promise)) if args.verdicts.is_empty() => return promised(&args, promise),
+        (None, Some(promise)) if args.verdicts.is_empty() => {
+            return tell(&args, None, None, Some(promise));
+        }
         _ => {
             return Err(Failure::usage(
                 "verdicts and --labels belong together: give both, or --design alone",
@@ -116,7 +119,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     if let Some(unused) = scoring.met.unused(&labels) {
         complain(&format!("note: {}: {}", labels_path.display(), printable::line(&unused, 400)));
     }
-    tell(&args, &report, scoring.curves.as_ref(), promise.as_ref())
+    tell(&args, Some(&report), scoring.curves.as_ref(), promise.as_ref())
 }
 
 /// Verdicts against labels, row by row.
@@ -268,25 +271,27 @@ impl<'a> Row<'a> {
 /// The page, if one is wanted, and what is printed.
 fn tell(
     args: &Args,
-    report: &Report,
+    report: Option<&Report>,
     curves: Option<&Curves>,
     promise: Option<&Promise>,
 ) -> Result<Exit, Failure> {
-    if let (Some(curves), Some(page)) = (curves, &args.report) {
-        write_text(page, &crate::report::evaluation(Some((report, curves)), promise))?;
+    if let Some(page) = &args.report {
+        write_text(page, &crate::report::evaluation(report.zip(curves), promise))?;
     }
     let mut out = output::result(args.report.is_some());
     if args.json {
-        let mut told = serde_json::json!(report);
+        let mut told = report.map_or_else(|| json!({}), |report| json!(report));
         if let Some(promise) = promise {
-            told["promise"] = serde_json::json!(promise);
+            told["promise"] = json!(promise);
         }
         write_json(&told, &mut out)?;
-    } else {
+        return Ok(Exit::Done);
+    }
+    if let Some(report) = report {
         scored::print(report, &mut out)?;
-        if let Some(promise) = promise {
-            crate::report::print_promise(promise, printable::line, &mut out)?;
-        }
+    }
+    if let Some(promise) = promise {
+        crate::report::print_promise(promise, printable::line, &mut out)?;
     }
     Ok(Exit::Done)
 }
@@ -302,19 +307,6 @@ fn promise(path: &Path) -> Result<Promise, Failure> {
             path.display()
         ))
     })
-}
-
-/// A design alone.
-fn promised(args: &Args, promise: &Promise) -> Result<Exit, Failure> {
-    if let Some(page) = &args.report {
-        write_text(page, &crate::report::evaluation(None, Some(promise)))?;
-    }
-    let mut out = output::result(args.report.is_some());
-    match args.json {
-        true => write_json(&serde_json::json!({ "promise": promise }), &mut out)?,
-        false => crate::report::print_promise(promise, printable::line, &mut out)?,
-    }
-    Ok(Exit::Done)
 }
 
 fn write_json(told: &serde_json::Value, out: &mut impl Write) -> Result<(), Failure> {
@@ -432,9 +424,7 @@ fn critiques(args: &Args) -> Result<Exit, Failure> {
     }
     let mut out = std::io::stdout().lock();
     if args.json {
-        serde_json::to_writer_pretty(&mut out, &blind.json())
-            .map_err(|e| Failure::from(std::io::Error::from(e)))?;
-        writeln!(out)?;
+        write_json(&blind.json(), &mut out)?;
     } else {
         lines.iter().try_for_each(|line| writeln!(out, "{}", printable::line(line, 4000)))?;
         writeln!(out, "\n{}", printable::lines(&blind.markdown(), 1_000_000))?;

@@ -41,7 +41,7 @@ pub struct Args {
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
-    outputs::check_directory(&args.out).map_err(Failure::of_place)?;
+    outputs::check_directory(&args.out)?;
     let text = regular_file::read_text(&args.scenario, regular_file::MOST_SETTINGS_BYTES)
         .map_err(|e| Failure::usage(format!("{}: cannot be read: {e}", args.scenario.display())))?;
     let scenario = Scenario::from_toml(&text).map_err(|e| {
@@ -78,7 +78,7 @@ fn check_files(
     let recordings: Vec<String> = recordings.collect();
     let recordings = recordings.iter().map(|name| (name.as_str(), ResultFile::Recording));
     let beside = beside.iter().map(|name| (*name, ResultFile::Companion));
-    outputs::check_files(dir, recordings.chain(beside)).map_err(Failure::of_place)
+    outputs::check_files(dir, recordings.chain(beside)).map_err(Failure::from)
 }
 
 /// Writes a recording into `dir` and says so.

@@ -58,9 +58,9 @@ fn factor(text: &str) -> Result<f64, String> {
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let files = [("tables.json", ResultFile::Chapter), ("tables.md", ResultFile::Companion)];
-    outputs::check_files(&args.out, files).map_err(Failure::of_place)?;
+    outputs::check_files(&args.out, files)?;
     let again = args.out.join("tables.json").is_file();
-    outputs::check_beside(&args.out, "fig_", again).map_err(Failure::of_place)?;
+    outputs::check_beside(&args.out, "fig_", again)?;
     let threads = match args.threads {
         0 => crate::side_by_side::cores(),
         n => n.min(1024),

@@ -1,7 +1,7 @@
 //! What is answered: a page, its events, metrics, faults. Nothing is changed by a request.
 
 use super::client::Client;
-use super::request::Request;
+use super::request::{Request, Status};
 use super::seat::Seat;
 use super::view::Live;
 use std::io::{self, Write};
@@ -20,72 +20,6 @@ const MOST_PAUSE: Duration = Duration::from_secs(1);
 /// To take an answer, or a state; who is slower is let go. A page then comes again by itself.
 const TAKING: Duration = Duration::from_secs(10);
 
-/// Why there is no answer.
-#[derive(Clone, Copy)]
-pub enum Status {
-    NoHttp,
-    NoToken,
-    OtherHost,
-    NoSuchPath,
-    NotGet,
-    TooLarge,
-    NoRoom,
-}
-
-impl Status {
-    fn line(self) -> &'static str {
-        match self {
-            Status::NoHttp => "400 Bad Request",
-            Status::NoToken => "401 Unauthorized",
-            Status::OtherHost => "403 Forbidden",
-            Status::NoSuchPath => "404 Not Found",
-            // which has to say what is allowed
-            Status::NotGet => "405 Method Not Allowed\r\nAllow: GET",
-            Status::TooLarge => "431 Request Header Fields Too Large",
-            Status::NoRoom => "503 Service Unavailable",
-        }
-    }
-
-    fn why(self) -> &'static str {
-        match self {
-            Status::NoHttp => "no HTTP",
-            Status::NoToken => "give the token: /?token=..., or Authorization: Bearer ...",
-            Status::OtherHost => "another host's name: open it by the address it is served at",
-            Status::NoSuchPath => "there are /, /metrics, /faults.json and /events",
-            Status::NotGet => "only GET",
-            Status::TooLarge => "more headers than are read here",
-            Status::NoRoom => "too many are connected: come again",
-        }
-    }
-}
-
-/// What a request asks for.
-enum Asked {
-    Page,
-    Script,
-    Events,
-    Metrics,
-    Faults,
-}
-
-impl Asked {
-    fn of(path: &str) -> Option<Asked> {
-        Some(match path {
-            "/" => Asked::Page,
-            "/page.js" => Asked::Script,
-            "/events" => Asked::Events,
-            "/metrics" => Asked::Metrics,
-            "/faults.json" => Asked::Faults,
-            _ => return None,
-        })
-    }
-
-    /// Page and script say nothing of printheads.
-    fn is_data(&self) -> bool {
-        !matches!(self, Asked::Page | Asked::Script)
-    }
-}
-
 /// `page`: a seat for somebody who stays.
 pub fn answer(
     request: &Request,
@@ -96,24 +30,30 @@ pub fn answer(
     if !request.is_get {
         return refuse(client, Status::NotGet);
     }
-    let Some(asked) = Asked::of(&request.path) else { return refuse(client, Status::NoSuchPath) };
+    let path = request.path.as_str();
+    // page and script say nothing of printheads
+    let is_data = match path {
+        "/" | "/page.js" => false,
+        "/events" | "/metrics" | "/faults.json" => true,
+        _ => return refuse(client, Status::NoSuchPath),
+    };
     if !is_named_as_here(&request.host, live) {
         return refuse(client, Status::OtherHost);
     }
-    if asked.is_data() && !live.admits(request.token()) {
+    if is_data && !live.admits(request.token()) {
         return refuse(client, Status::NoToken);
     }
-    match asked {
-        Asked::Page => say(client, "text/html; charset=utf-8", PAGE),
-        Asked::Script => say(client, "text/javascript; charset=utf-8", SCRIPT),
-        Asked::Metrics => {
+    match path {
+        "/" => say(client, "text/html; charset=utf-8", PAGE),
+        "/page.js" => say(client, "text/javascript; charset=utf-8", SCRIPT),
+        "/metrics" => {
             let text = live.state.metrics(live.behind_bytes());
             say(client, "text/plain; version=0.0.4; charset=utf-8", &text)
         }
-        Asked::Faults => {
+        "/faults.json" => {
             say(client, "application/json", &live.state.faults_as_json(&live.recording).to_string())
         }
-        Asked::Events => match page() {
+        _ => match page() {
             Some(_seat) => tell(client, live),
             None => refuse(client, Status::NoRoom),
         },
@@ -138,7 +78,8 @@ fn say(client: &mut Client, kind: &str, text: &str) -> io::Result<()> {
 }
 
 pub fn refuse(client: &mut Client, why: Status) -> io::Result<()> {
-    write_whole(client, why.line(), "text/plain; charset=utf-8", &format!("{}\n", why.why()))
+    let [line, why] = why.words();
+    write_whole(client, line, "text/plain; charset=utf-8", &format!("{why}\n"))
 }
 
 fn head(status: &str, kind: &str) -> String {

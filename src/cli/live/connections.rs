@@ -1,8 +1,8 @@
 //! Who is connected: so many at once and no more, each on a thread of its own.
 
-use super::answers::{self, Status};
+use super::answers;
 use super::client::Client;
-use super::request::{Refused, Request};
+use super::request::{Request, Status};
 use super::seat::Seat;
 use super::view::Live;
 use std::io;
@@ -59,8 +59,7 @@ fn hear(mut client: Client, live: &Live, pages: &Arc<AtomicUsize>) -> io::Result
             let page = || Seat::take(pages, MOST_PAGES);
             answers::answer(&request, &mut client, live, page)?;
         }
-        Err(Refused::NoHttp) => answers::refuse(&mut client, Status::NoHttp)?,
-        Err(Refused::TooLarge) => answers::refuse(&mut client, Status::TooLarge)?,
+        Err(status) => answers::refuse(&mut client, status)?,
     }
     client.part();
     Ok(())

@@ -16,16 +16,46 @@ pub struct Request {
     authorization: String,
 }
 
-/// What cannot be answered as it was asked.
-pub enum Refused {
+/// Why there is no answer.
+#[derive(Clone, Copy)]
+pub enum Status {
     NoHttp,
+    NoToken,
+    OtherHost,
+    NoSuchPath,
+    NotGet,
     TooLarge,
+    NoRoom,
+}
+
+impl Status {
+    /// Its line, and why.
+    pub fn words(self) -> [&'static str; 2] {
+        match self {
+            Status::NoHttp => ["400 Bad Request", "no HTTP"],
+            Status::NoToken => {
+                ["401 Unauthorized", "give the token: /?token=..., or Authorization: Bearer ..."]
+            }
+            Status::OtherHost => {
+                ["403 Forbidden", "another host's name: open it by the address it is served at"]
+            }
+            Status::NoSuchPath => {
+                ["404 Not Found", "there are /, /metrics, /faults.json and /events"]
+            }
+            // which has to say what is allowed
+            Status::NotGet => ["405 Method Not Allowed\r\nAllow: GET", "only GET"],
+            Status::TooLarge => {
+                ["431 Request Header Fields Too Large", "more headers than are read here"]
+            }
+            Status::NoRoom => ["503 Service Unavailable", "too many are connected: come again"],
+        }
+    }
 }
 
 impl Request {
     /// # Errors
     /// The client is slow, or has gone.
-    pub fn read(client: &mut Client) -> io::Result<Result<Request, Refused>> {
+    pub fn read(client: &mut Client) -> io::Result<Result<Request, Status>> {
         let mut head = Vec::new();
         let mut piece = [0; 1024];
         loop {
@@ -35,7 +65,7 @@ impl Request {
             }
             head.extend_from_slice(&piece[..n]);
             match Request::parse(&head) {
-                Ok(None) if head.len() >= MOST_BYTES => return Ok(Err(Refused::TooLarge)),
+                Ok(None) if head.len() >= MOST_BYTES => return Ok(Err(Status::TooLarge)),
                 Ok(None) => {}
                 Ok(Some(request)) => return Ok(Ok(request)),
                 Err(refused) => return Ok(Err(refused)),
@@ -44,14 +74,14 @@ impl Request {
     }
 
     /// None: more is to come.
-    fn parse(head: &[u8]) -> Result<Option<Request>, Refused> {
+    fn parse(head: &[u8]) -> Result<Option<Request>, Status> {
         let mut headers = [httparse::EMPTY_HEADER; MOST_HEADERS];
         let mut parsed = httparse::Request::new(&mut headers);
         match parsed.parse(head) {
             Ok(status) if status.is_partial() => return Ok(None),
             Ok(_) => {}
-            Err(httparse::Error::TooManyHeaders) => return Err(Refused::TooLarge),
-            Err(_) => return Err(Refused::NoHttp),
+            Err(httparse::Error::TooManyHeaders) => return Err(Status::TooLarge),
+            Err(_) => return Err(Status::NoHttp),
         }
         let header = |name: &str| {
             let found = parsed.headers.iter().find(|header| header.name.eq_ignore_ascii_case(name));
