@@ -56,6 +56,18 @@ pub struct Figure {
     pub thresholds: Vec<(f64, String)>,
 }
 
+impl Series {
+    pub fn new(name: &str, mark: Mark, points: Vec<(f64, f64)>) -> Series {
+        Series { name: name.into(), mark, points }
+    }
+
+    /// Samples over time since the first, µs.
+    pub fn over_time(name: &str, mark: Mark, y: &[f64], dt_s: f64) -> Series {
+        let points = y.iter().enumerate().map(|(k, &v)| (k as f64 * dt_s * 1e6, v));
+        Series::new(name, mark, points.collect())
+    }
+}
+
 const SIZE: (u32, u32) = (1000, 640);
 const FONT: &str = "DejaVu Sans";
 /// Told apart also without colour vision (Okabe and Ito 2008), then darker ones.
@@ -73,6 +85,16 @@ const COLOURS: [RGBColor; 10] = [
 ];
 
 impl Figure {
+    /// Without vertical lines.
+    pub fn new(title: String, x: Axis, y: Axis, series: Vec<Series>) -> Figure {
+        Figure { title, x, y, series, thresholds: Vec::new() }
+    }
+
+    /// Of what is [`Series::over_time`].
+    pub fn over_time(title: String, y: &str, series: Vec<Series>) -> Figure {
+        Figure::new(title, Axis::new("time since acquisition began, µs"), Axis::new(y), series)
+    }
+
     /// Writes `<name>.svg`, `<name>.png` and `<name>.csv` into `dir`.
     pub fn write(&self, dir: &Path, name: &str) -> Result<(), PlotError> {
         let path = |extension: &str| dir.join(format!("{name}.{extension}"));

@@ -8,7 +8,7 @@ use crate::identify::grey_box::Identification;
 use crate::identify::temperature::ByTemperature;
 use crate::identify::whiteness::{self, Whiteness};
 use crate::model::Geometry;
-use crate::plot::{Axis, Figure, Mark, Series};
+use crate::plot::{Figure, Mark, Series};
 use crate::settings::Settings;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -123,29 +123,19 @@ impl<'a> Identified<'a> {
     pub fn plot(&self, dir: &Path) -> Result<(), Failure> {
         std::fs::create_dir_all(dir)
             .map_err(|e| Failure::new(format!("{}: {e}", dir.display())))?;
-        let series = |name: &str, mark, y: &[f64]| Series {
-            name: name.into(),
-            mark,
-            points: y
-                .iter()
-                .enumerate()
-                .map(|(k, &v)| (k as f64 * self.set.sample_period_s * 1e6, v))
-                .collect(),
-        };
-        let figure = Figure {
-            title: format!(
+        let dt_s = self.set.sample_period_s;
+        let figure = Figure::over_time(
+            format!(
                 "{}: the identified model fits {:.2} % of the average signal",
                 printable(self.name),
                 self.fit.fit_percent
             ),
-            x: Axis::new("time since acquisition began, µs"),
-            y: Axis::new("sensor signal, counts"),
-            series: vec![
-                series("measured, average", Mark::Points, &self.mean.y),
-                series("simulated", Mark::Line, &self.simulated),
+            "sensor signal, counts",
+            vec![
+                Series::over_time("measured, average", Mark::Points, &self.mean.y, dt_s),
+                Series::over_time("simulated", Mark::Line, &self.simulated, dt_s),
             ],
-            thresholds: Vec::new(),
-        };
+        );
         // a printhead's name is no path
         let safe = |c: char| if c.is_alphanumeric() || c == '-' { c } else { '_' };
         let name: String = self.name.chars().map(safe).take(80).collect();

@@ -22,9 +22,15 @@ impl Axis {
     pub fn new(label: &str) -> Axis {
         Axis { label: label.into(), ..Axis::default() }
     }
-}
 
-impl Axis {
+    pub fn log(label: &str) -> Axis {
+        Axis { log: true, ..Axis::new(label) }
+    }
+
+    pub fn within(low: f64, high: f64, label: &str) -> Axis {
+        Axis { range: Some((low, high)), ..Axis::new(label) }
+    }
+
     /// A value's place on the axis.
     pub(super) fn at(&self, v: f64) -> f64 {
         if self.log { v.max(f64::MIN_POSITIVE).log10() } else { v }

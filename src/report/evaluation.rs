@@ -88,37 +88,35 @@ fn detection(report: &Report, curves: &Curves, body: &mut String) {
     let misses = wilson(at.misses * faulty as f64, faulty as f64);
     let alarms = wilson(at.false_alarms * healthy as f64, healthy as f64);
     let operating = curves.operating();
-    let roc = Figure {
-        title: format!("ROC: area {:.4}", curves.area()),
-        x: Axis { range: Some((-0.01, 1.0)), ..Axis::new("healthy signals flagged, share") },
-        y: Axis { range: Some((0.0, 1.02)), ..Axis::new("faulty signals flagged, share") },
-        series: with_working_point(
-            operating.iter().map(|o| (o.false_alarms, 1.0 - o.misses)).collect(),
-            (at.false_alarms, 1.0 - at.misses),
-            (alarms, [1.0 - misses[1], 1.0 - misses[0]]),
-        ),
-        thresholds: Vec::new(),
-    };
-    *body += &drawn(&roc, &roc.title);
+    let series = with_working_point(
+        operating.iter().map(|o| (o.false_alarms, 1.0 - o.misses)).collect(),
+        (at.false_alarms, 1.0 - at.misses),
+        (alarms, [1.0 - misses[1], 1.0 - misses[0]]),
+    );
+    *body += &drawn(&Figure::new(
+        format!("ROC: area {:.4}", curves.area()),
+        Axis::within(-0.01, 1.0, "healthy signals flagged, share"),
+        Axis::within(0.0, 1.02, "faulty signals flagged, share"),
+        series,
+    ));
     let [least_x, least_y] = [healthy, faulty].map(|n| 0.5 / n as f64);
     let clip = |low: f64, [a, b]: [f64; 2]| [a.max(low), b.max(low)];
     let place = |o: &Operating| (o.false_alarms.max(least_x), o.misses.max(least_y));
-    let det = Figure {
-        title: format!(
+    let series = with_working_point(
+        operating.iter().map(place).collect(),
+        place(&at),
+        (clip(least_x, alarms), clip(least_y, misses)),
+    );
+    *body += &drawn(&Figure::new(
+        format!(
             "DET: at the threshold used {} of the faulty are missed, {} of the healthy flagged",
             percent((at.misses * faulty as f64).round() as u64, faulty),
             percent((at.false_alarms * healthy as f64).round() as u64, healthy)
         ),
-        x: Axis { log: true, ..Axis::new("healthy signals flagged, share") },
-        y: Axis { log: true, ..Axis::new("faulty signals missed, share") },
-        series: with_working_point(
-            operating.iter().map(place).collect(),
-            place(&at),
-            (clip(least_x, alarms), clip(least_y, misses)),
-        ),
-        thresholds: Vec::new(),
-    };
-    *body += &drawn(&det, &det.title);
+        Axis::log("healthy signals flagged, share"),
+        Axis::log("faulty signals missed, share"),
+        series,
+    ));
     delays(report, curves, body);
 }
 
@@ -128,11 +126,10 @@ fn with_working_point(
     (x, y): (f64, f64),
     ([left, right], [low, high]): ([f64; 2], [f64; 2]),
 ) -> Vec<Series> {
-    let of = |mark, points| Series { name: String::new(), mark, points };
     vec![
-        of(Mark::Line, curve),
-        of(Mark::Spans, vec![(x, low), (x, high), (left, y), (right, y)]),
-        of(Mark::Dots, vec![(x, y)]),
+        Series::new("", Mark::Line, curve),
+        Series::new("", Mark::Spans, vec![(x, low), (x, high), (left, y), (right, y)]),
+        Series::new("", Mark::Dots, vec![(x, y)]),
     ]
 }
 
@@ -151,7 +148,7 @@ fn delays(report: &Report, curves: &Curves, body: &mut String) {
          drawn as half a one.</p>\n{}",
         counted(curves.events() as u64, "labelled fault"),
         100.0 * used.found,
-        drawn(&figure, &figure.title)
+        drawn(&figure)
     );
     if let Some(e) = &report.episodes {
         let bursts = |b: Option<f64>| b.map_or("–".into(), |b| format!("{b}"));
@@ -179,36 +176,31 @@ fn delay_figure(report: &Report, curves: &Curves, used: &EventDelay) -> Figure {
     let line = |of: fn(&EventDelay) -> Option<f64>| -> Vec<(f64, f64)> {
         all.iter().filter_map(|d| Some((d.false_alarms.max(least), of(d)?))).collect()
     };
-    let series = |name: &str, mark, points| Series { name: name.into(), mark, points };
     let mut shown = vec![
-        series("half of all faults found", Mark::Line, line(|d| d.median_bursts)),
-        series("nine of ten found", Mark::Line, line(|d| d.most_bursts)),
+        Series::new("half of all faults found", Mark::Line, line(|d| d.median_bursts)),
+        Series::new("nine of ten found", Mark::Line, line(|d| d.most_bursts)),
     ];
     let x = used.false_alarms.max(least);
     let at = [used.median_bursts, used.most_bursts].into_iter().flatten().map(|y| (x, y)).collect();
-    shown.push(series("single signals, the threshold used", Mark::Dots, at));
+    shown.push(Series::new("single signals, the threshold used", Mark::Dots, at));
     if let Some((e, y)) =
         report.episodes.as_ref().and_then(|e| Some((e, e.delay_from_onset_bursts?)))
     {
         let rate = e.false_episodes as f64 / e.healthy_signals.max(1) as f64;
-        shown.push(series("episodes, half found", Mark::Dots, vec![(rate.max(least), y)]));
+        shown.push(Series::new("episodes, half found", Mark::Dots, vec![(rate.max(least), y)]));
     }
     let within = |bursts: Option<f64>| match bursts {
         None => "after more bursts than there were".to_owned(),
         Some(0.0) => "at their onset".to_owned(),
         Some(n) => format!("within {}", counted(n as u64, "burst")),
     };
-    Figure {
-        title: format!(
-            "At the threshold used half of the faults are flagged {}, nine of ten {}",
-            within(used.median_bursts),
-            within(used.most_bursts)
-        ),
-        x: Axis { log: true, ..Axis::new("false alarms, share of the healthy signals") },
-        y: Axis::new("bursts from the labelled onset"),
-        series: shown,
-        thresholds: Vec::new(),
-    }
+    let [half, most] = [used.median_bursts, used.most_bursts].map(within);
+    Figure::new(
+        format!("At the threshold used half of the faults are flagged {half}, nine of ten {most}"),
+        Axis::log("false alarms, share of the healthy signals"),
+        Axis::new("bursts from the labelled onset"),
+        shown,
+    )
 }
 
 fn confusion(curves: &Curves, body: &mut String) {
@@ -258,24 +250,21 @@ fn reliability(report: &Report, body: &mut String) {
         let [low, high] = wilson(right * n as f64, n as f64);
         [(stated, low), (stated, high)]
     });
-    let figure = Figure {
-        title: format!(
-            "Stated certainty is off by {:.1} points on average (ECE)",
-            100.0 * report.calibration.ece
-        ),
-        x: Axis { range: Some((0.0, 1.0)), ..Axis::new("stated certainty of the best class") },
-        y: Axis { range: Some((0.0, 1.02)), ..Axis::new("share that is right") },
-        series: vec![
-            Series { name: String::new(), mark: Mark::Line, points: vec![(0.0, 0.0), (1.0, 1.0)] },
-            Series { name: String::new(), mark: Mark::Bars, points: bars.collect() },
+    let off = 100.0 * report.calibration.ece;
+    let figure = Figure::new(
+        format!("Stated certainty is off by {off:.1} points on average (ECE)"),
+        Axis::within(0.0, 1.0, "stated certainty of the best class"),
+        Axis::within(0.0, 1.02, "share that is right"),
+        vec![
+            Series::new("", Mark::Line, vec![(0.0, 0.0), (1.0, 1.0)]),
+            Series::new("", Mark::Bars, bars.collect()),
         ],
-        thresholds: Vec::new(),
-    };
+    );
     let _ = write!(
         body,
         "<h2>Reliability of certainties</h2>\n<p class=\"note\">Line: as it should be; bars: \
          measured, 95 %.</p>\n{}",
-        drawn(&figure, &figure.title)
+        drawn(&figure)
     );
     *body += "<table><tr><th>said</th><th class=n>signals</th><th class=n>certainty stated</th>\
               <th class=n>right</th><th class=n>off by (ECE)</th></tr>\n";
@@ -300,30 +289,25 @@ fn risk(report: &Report, curves: &Curves, body: &mut String) {
         return;
     }
     let c = &report.certain;
-    let figure = Figure {
-        title: format!(
+    let figure = Figure::new(
+        format!(
             "Certainty {} keeps {:.1} % of the named signals, {:.2} % of them wrong",
             c.bound,
             100.0 * c.coverage,
             100.0 * (1.0 - c.accuracy)
         ),
-        x: Axis { range: Some((0.0, 1.0)), ..Axis::new("share kept, the most certain first") },
-        y: Axis::new("share of these with the wrong class"),
-        series: vec![
-            Series { name: String::new(), mark: Mark::Line, points },
-            Series {
-                name: String::new(),
-                mark: Mark::Dots,
-                points: vec![(c.coverage, 1.0 - c.accuracy)],
-            },
+        Axis::within(0.0, 1.0, "share kept, the most certain first"),
+        Axis::new("share of these with the wrong class"),
+        vec![
+            Series::new("", Mark::Line, points),
+            Series::new("", Mark::Dots, vec![(c.coverage, 1.0 - c.accuracy)]),
         ],
-        thresholds: Vec::new(),
-    };
+    );
     let _ = write!(
         body,
         "<h2>Risk against coverage</h2>\n<p class=\"note\">Line: other bounds on certainty; \
          dot: the bound that was used.</p>\n{}",
-        drawn(&figure, &figure.title)
+        drawn(&figure)
     );
 }
 
@@ -345,23 +329,15 @@ fn severities(report: &Report, curves: &Curves, body: &mut String) {
         let (low, high) = points
             .iter()
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| (a.min(p.0), b.max(p.0)));
-        let figure = Figure {
-            title: format!("{class}, {}{finding}", fault::in_words(class))
-                .chars()
-                .take(150)
-                .collect(),
-            x: Axis::new(&format!("true {}", fault::quantity(class))),
-            y: Axis::new("stated"),
-            series: vec![
-                Series {
-                    name: String::new(),
-                    mark: Mark::Line,
-                    points: vec![(low, low), (high, high)],
-                },
-                Series { name: String::new(), mark: Mark::Points, points: points.to_vec() },
+        let title = format!("{class}, {}{finding}", fault::in_words(class));
+        *body += &drawn(&Figure::new(
+            title.chars().take(150).collect(),
+            Axis::new(&format!("true {}", fault::quantity(class))),
+            Axis::new("stated"),
+            vec![
+                Series::new("", Mark::Line, vec![(low, low), (high, high)]),
+                Series::new("", Mark::Points, points.to_vec()),
             ],
-            thresholds: Vec::new(),
-        };
-        *body += &drawn(&figure, &figure.title);
+        ));
     }
 }

@@ -66,21 +66,16 @@ fn trend(fault: &Fault, survey: &Survey) -> Option<String> {
         .fold(f64::NEG_INFINITY, f64::max);
     let lowest = bins().map(Severities::mean).fold(none, f64::min);
     let room = 0.08 * (highest - lowest);
-    let figure = Figure {
-        title: plain(&format!("{} channel {}: {finding}", story.printhead, story.channel)),
-        x: Axis::new(&format!("{unit} since {} UTC (means, 95 %)", clock(story.began_at_ns))),
-        y: Axis {
+    let figure = Figure::new(
+        plain(&format!("{} channel {}: {finding}", story.printhead, story.channel)),
+        Axis::new(&format!("{unit} since {} UTC (means, 95 %)", clock(story.began_at_ns))),
+        Axis {
             range: (room > 0.0).then_some((lowest - 0.2 * room, highest + room)),
             ..Axis::new(&plain(quantity))
         },
-        series: vec![
-            Series { name: String::new(), mark: Mark::Points, points: means },
-            Series { name: String::new(), mark: Mark::Bars, points: bars },
-        ],
-        thresholds: Vec::new(),
-    };
-    let alt = format!("{}; {} of {}", figure.title, quantity, what(story));
-    Some(drawn(&figure, &alt))
+        vec![Series::new("", Mark::Points, means), Series::new("", Mark::Bars, bars)],
+    );
+    Some(drawn_as(&figure, &format!("{}; {} of {}", figure.title, quantity, what(story))))
 }
 
 /// From ns, to a unit that reads well.
@@ -132,7 +127,7 @@ fn quantity(
         changes.extend(per_kelvin(&own, of));
         let points: Vec<(f64, f64)> = own.iter().filter_map(|p| Some((x_of(p)?, of(p)))).collect();
         if !points.is_empty() && series.len() < MOST_HEADS {
-            series.push(Series { name: plain(name), mark: Mark::Dots, points });
+            series.push(Series::new(&plain(name), Mark::Dots, points));
         }
     }
     if series.iter().map(|s| s.points.len()).max().unwrap_or_default() < LEAST_DOTS {
@@ -156,17 +151,16 @@ fn quantity(
         (_, Some(origin)) => format!("{time_unit} since {} UTC", clock(origin)),
         _ => return None,
     };
-    let figure = Figure {
-        title: finding.clone(),
-        x: Axis::new(&x),
-        y: Axis::new(&format!("{}, {unit}", what.to_lowercase())),
-        series,
-        thresholds: Vec::new(),
-    };
-    Some(drawn(&figure, &finding))
+    let y = Axis::new(&format!("{}, {unit}", what.to_lowercase()));
+    Some(drawn(&Figure::new(finding, Axis::new(&x), y, series)))
 }
 
-pub fn drawn(figure: &Figure, alt: &str) -> String {
+/// Its title says what it shows.
+pub fn drawn(figure: &Figure) -> String {
+    drawn_as(figure, &figure.title)
+}
+
+fn drawn_as(figure: &Figure, alt: &str) -> String {
     let alt = escaped(alt);
     match figure.svg_of_size(SIZE) {
         Ok(svg) => {

@@ -80,13 +80,10 @@ impl Difference {
 }
 
 /// Two figures that a claim compares, the one first that it says is larger.
-struct Pair {
-    a: String,
-    b: String,
-}
+type Pair = (String, String);
 
 fn pair(a: impl Into<String>, b: impl Into<String>) -> Pair {
-    Pair { a: a.into(), b: b.into() }
+    (a.into(), b.into())
 }
 
 /// The conclusions that one data set can decide.
@@ -263,7 +260,7 @@ fn judged(
     verdict: fn(Difference) -> Verdict,
 ) -> Conclusion {
     let mut each = Vec::new();
-    for Pair { a, b } in &pairs {
+    for (a, b) in &pairs {
         // of what phi reaches its bound in
         let counted = |key: &str| {
             let coverage = key.strip_suffix("certain").map(|of| of.to_owned() + "coverage");

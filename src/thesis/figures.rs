@@ -2,7 +2,7 @@
 //! its figure are.
 
 use super::datasets::{self, Part, each, states};
-use super::key_figures::key_numbers;
+use super::key_figures::{self, key_numbers};
 use super::measure::{Met, each_met, isolation, thesis_detect, train};
 use super::outcome::{DataSet, ThesisError};
 use crate::design::{Design, IsolateSettings, TrainingSet};
@@ -38,33 +38,23 @@ pub fn recorded(part: &Part, dir: &Path) -> Result<(), ThesisError> {
 /// Letters of a class's name in a title.
 const LONGEST_NAME: usize = 24;
 
-/// All that are drawn; beside each its data and its pixels.
-const NAMES: [&str; 20] = [
+/// All that are drawn but key numbers.
+const NAMES: [&str; 8] = [
     "fig_2-2_actuation_and_signal",
     "fig_3-2_average",
     "fig_3-3_signal_and_model",
     "fig_3-5_mean_residuals",
     "fig_3-5_one_signal",
     "fig_3-5_weights",
-    "fig_4-1_damping",
-    "fig_4-1_damping_zoom",
-    "fig_4-1_amplitude",
-    "fig_4-1_amplitude_zoom",
-    "fig_4-1_amplitude_damping",
-    "fig_4-1_amplitude_damping_zoom",
-    "fig_4-2_damping",
-    "fig_4-2_damping_zoom",
-    "fig_4-2_amplitude",
-    "fig_4-2_amplitude_zoom",
-    "fig_4-2_amplitude_damping",
-    "fig_4-2_amplitude_damping_zoom",
     "fig_4-3_energies",
     "fig_4-4_energies_drying",
 ];
 
 /// Takes the figures of an earlier run away: other data may have fewer.
 pub fn forget(dir: &Path) {
-    for name in NAMES {
+    let key_numbers = ["fig_4-1", "fig_4-2"].into_iter().flat_map(key_figures::names);
+    for name in NAMES.map(str::to_owned).into_iter().chain(key_numbers) {
+        // beside each figure its data and its pixels
         for extension in ["svg", "png", "csv"] {
             // what is not there is gone already
             let _ = std::fs::remove_file(dir.join(format!("{name}.{extension}")));
@@ -78,12 +68,6 @@ fn settings() -> IsolateSettings {
 
 fn learned(part: &Part) -> Result<Design, ThesisError> {
     train(&part.learn, &thesis_detect(part.mu), &settings())
-}
-
-/// Over time since the first sample, µs.
-fn over_time(name: &str, mark: Mark, y: &[f64], dt_s: f64) -> Series {
-    let points = y.iter().enumerate().map(|(k, &v)| (k as f64 * dt_s * 1e6, v)).collect();
-    Series { name: name.into(), mark, points }
 }
 
 fn healthy_one(set: &TrainingSet) -> Vec<f64> {
@@ -102,25 +86,22 @@ fn pulse(physics: &Physics, until_us: f64) -> Series {
         (end_us, 0.0),
         (until_us, 0.0),
     ];
-    Series { name: "input u, 0.1 V".into(), mark: Mark::Line, points: corners.to_vec() }
+    Series::new("input u, 0.1 V", Mark::Line, corners.to_vec())
 }
 
 /// Fig. 2-2: the voltage, and from t_a on what the actuator then senses.
 fn actuation(physics: &Physics, test: &TrainingSet) -> Figure {
     let output =
-        over_time("output y, counts", Mark::Line, &healthy_one(test), test.sample_period_s);
+        Series::over_time("output y, counts", Mark::Line, &healthy_one(test), test.sample_period_s);
     let until_us = output.points.last().map_or(0.0, |(t, _)| *t);
     let largest = output.points.iter().map(|(_, y)| y.abs()).fold(0.0, f64::max);
-    Figure {
-        title: format!(
-            "The channel is sensed from {} µs after the pulse of {} µs on, and rings to {largest:.0} counts",
-            physics.acquisition.delay_us, physics.acquisition.pulse_us
-        ),
-        x: Axis::new("time since acquisition began, µs"),
-        y: Axis::new("input, 0.1 V; output, counts"),
-        series: vec![pulse(physics, until_us), output],
-        thresholds: vec![(0.0, "t_a".into())],
-    }
+    let title = format!(
+        "The channel is sensed from {} µs after the pulse of {} µs on, and rings to {largest:.0} counts",
+        physics.acquisition.delay_us, physics.acquisition.pulse_us
+    );
+    let series = vec![pulse(physics, until_us), output];
+    let figure = Figure::over_time(title, "input, 0.1 V; output, counts", series);
+    Figure { thresholds: vec![(0.0, "t_a".into())], ..figure }
 }
 
 /// Figs. 3-2 and 3-5: how a signal set becomes an average, and a residual a name.
@@ -138,52 +119,42 @@ fn average(learn: &TrainingSet) -> Figure {
     let mean: Vec<f64> =
         (0..learn.samples).map(|k| healthy.iter().map(|y| y[k]).sum::<f64>() / n).collect();
     let dt_s = learn.sample_period_s;
-    let shown = healthy.iter().take(SHOWN);
     let off = |y: &Vec<f64>| y.iter().zip(&mean).map(|(y, m)| (y - m).powi(2)).sum::<f64>();
     let scatter =
         healthy.iter().map(off).sum::<f64>() / (learn.samples as f64 * (n - 1.0).max(1.0));
     let scatter = scatter.sqrt();
-    let raw = shown.map(|y| over_time("", Mark::Points, y, dt_s).points);
-    Figure {
-        title: format!(
+    let shown = &healthy[..healthy.len().min(SHOWN)];
+    let raw = shown.iter().flat_map(|y| Series::over_time("", Mark::Points, y, dt_s).points);
+    let some = format!("{} of the signals", shown.len());
+    Figure::over_time(
+        format!(
             "Healthy signals scatter by {scatter:.1} counts; the average of {} of them by {:.2}",
             healthy.len(),
             scatter / n.sqrt()
         ),
-        x: Axis::new("time since acquisition began, µs"),
-        y: Axis::new("sensor signal, counts"),
-        series: vec![
-            Series {
-                name: format!("{} of the signals", healthy.len().min(SHOWN)),
-                mark: Mark::Points,
-                points: raw.flatten().collect(),
-            },
-            over_time("the average of all", Mark::Line, &mean, dt_s),
+        "sensor signal, counts",
+        vec![
+            Series::new(&some, Mark::Points, raw.collect()),
+            Series::over_time("the average of all", Mark::Line, &mean, dt_s),
         ],
-        thresholds: Vec::new(),
-    }
+    )
 }
 
 /// Fig. 3-3: one signal beside the identified model, and the input where it is known.
 fn identified(part: &Part, physics: Option<&Physics>, dir: &Path) -> Result<(), ThesisError> {
     let (design, test) = (learned(part)?, &part.test);
     let fit = design.pooled.identification.fit_percent;
-    let line = |name: &str, mark, y: &[f64]| over_time(name, mark, y, test.sample_period_s);
+    let line = |name: &str, mark, y: &[f64]| Series::over_time(name, mark, y, test.sample_period_s);
     let mut series = vec![
         line("one healthy signal", Mark::Points, &healthy_one(test)),
         line("identified model, thesis (3-1)", Mark::Line, &design.pooled.expected),
     ];
     let until_us = series[1].points.last().map_or(0.0, |(t, _)| *t);
     series.extend(physics.map(|physics| pulse(physics, until_us)));
-    let figure = Figure {
-        title: format!(
-            "The identified model explains {fit:.1} % of the healthy average; one signal scatters about it"
-        ),
-        x: Axis::new("time since acquisition began, µs"),
-        y: Axis::new("sensor signal, counts"),
-        series,
-        thresholds: Vec::new(),
-    };
+    let title = format!(
+        "The identified model explains {fit:.1} % of the healthy average; one signal scatters about it"
+    );
+    let figure = Figure::over_time(title, "sensor signal, counts", series);
     Ok(figure.write(dir, "fig_3-3_signal_and_model")?)
 }
 
@@ -198,30 +169,19 @@ fn isolated(design: &Design, test: &TrainingSet, dir: &Path) -> Result<(), Thesi
     let columns: Vec<Vec<f64>> = design.classes.iter().map(|c| residual(&c.deviation)).collect();
     let names = design.class_names();
     let energy = |rho: &Vec<f64>| rho.iter().map(|r| r * r).sum::<f64>();
-    let by_energy = |order: std::cmp::Ordering| {
-        let all = names.iter().zip(&columns);
-        let most = all.max_by(|a, b| {
-            let by = energy(a.1).total_cmp(&energy(b.1));
-            if order.is_gt() { by } else { by.reverse() }
-        });
-        most.map_or("", |(name, _)| name.as_str())
-    };
-    let (strongest, weakest) =
-        (by_energy(std::cmp::Ordering::Greater), by_energy(std::cmp::Ordering::Less));
-    Figure {
-        title: format!(
+    let all = || names.iter().zip(&columns);
+    // of equally strong ones the last
+    let strongest = all().max_by(|a, b| energy(a.1).total_cmp(&energy(b.1)));
+    let weakest = all().rev().min_by(|a, b| energy(a.1).total_cmp(&energy(b.1)));
+    let [strongest, weakest] = [strongest, weakest].map(|of| of.map_or("", |(name, _)| name));
+    Figure::over_time(
+        format!(
             "R holds the mean residual of each of {} faults: {strongest} has the largest, {weakest} the smallest",
             names.len()
         ),
-        x: Axis::new("time since acquisition began, µs"),
-        y: Axis::new("mean residual rho, counts"),
-        series: names
-            .iter()
-            .zip(&columns)
-            .map(|(name, rho)| over_time(name, Mark::Line, rho, dt_s))
-            .collect(),
-        thresholds: Vec::new(),
-    }
+        "mean residual rho, counts",
+        all().map(|(name, rho)| Series::over_time(name, Mark::Line, rho, dt_s)).collect(),
+    )
     .write(dir, "fig_3-5_mean_residuals")?;
     let Some(example) = Example::of(design, test)? else { return Ok(()) };
     let r = residual(&example.deviation);
@@ -230,31 +190,28 @@ fn isolated(design: &Design, test: &TrainingSet, dir: &Path) -> Result<(), Thesi
         .collect();
     let left: f64 = r.iter().zip(&mixed).map(|(r, m)| (r - m).powi(2)).sum();
     let (state, named) = (&example.state, &names[example.class]);
-    Figure {
-        title: format!(
-            "The mixture R phi explains {:.0} % of the residual's energy of a signal of {state}",
-            100.0 * (1.0 - left / energy(&r).max(f64::MIN_POSITIVE))
+    let explained = 100.0 * (1.0 - left / energy(&r).max(f64::MIN_POSITIVE));
+    Figure::over_time(
+        format!(
+            "The mixture R phi explains {explained:.0} % of the residual's energy of a signal of {state}"
         ),
-        x: Axis::new("time since acquisition began, µs"),
-        y: Axis::new("residual, counts"),
-        series: vec![
-            over_time("r", Mark::Points, &r, dt_s),
-            over_time("R phi", Mark::Line, &mixed, dt_s),
+        "residual, counts",
+        vec![
+            Series::over_time("r", Mark::Points, &r, dt_s),
+            Series::over_time("R phi", Mark::Line, &mixed, dt_s),
         ],
-        thresholds: Vec::new(),
-    }
+    )
     .write(dir, "fig_3-5_one_signal")?;
     let points = example.phi.iter().enumerate().map(|(k, &phi)| (phi, k as f64)).collect();
-    Figure {
-        title: format!(
-            "Its largest weight is {named}'s, {:.2}: a signal of {state} is named {named}",
-            example.phi[example.class]
+    let weight = example.phi[example.class];
+    Figure::new(
+        format!(
+            "Its largest weight is {named}'s, {weight:.2}: a signal of {state} is named {named}"
         ),
-        x: Axis { range: Some((-0.05, 1.05)), ..Axis::new("mixture weight phi") },
-        y: Axis { categories: names.clone(), ..Axis::new("class") },
-        series: vec![Series { name: "phi".into(), mark: Mark::Dots, points }],
-        thresholds: Vec::new(),
-    }
+        Axis::within(-0.05, 1.05, "mixture weight phi"),
+        Axis { categories: names.clone(), ..Axis::new("class") },
+        vec![Series::new("phi", Mark::Dots, points)],
+    )
     .write(dir, "fig_3-5_weights")?;
     Ok(())
 }
@@ -335,14 +292,12 @@ fn energies(part: &Part, name: &str, dir: &Path) -> Result<(), ThesisError> {
         let spread = |i: usize| 0.6 * ((i as f64 * 0.618_034).fract() - 0.5);
         energies.iter().enumerate().map(|(i, &e)| (e, row as f64 + spread(i))).collect()
     };
-    let series = names.iter().zip(&by_state).enumerate().map(|(row, (name, energies))| Series {
-        name: name.clone(),
-        mark: Mark::Points,
-        points: band(row, energies),
-    });
+    let rows = names.iter().zip(&by_state).enumerate();
+    let series =
+        rows.map(|(row, (name, energies))| Series::new(name, Mark::Points, band(row, energies)));
     let figure = Figure {
         title,
-        x: Axis { log: true, ..Axis::new("residual energy e(r) over the threshold (3-4)") },
+        x: Axis::log("residual energy e(r) over the threshold (3-4)"),
         y: Axis { categories: names.clone(), ..Axis::new("class") },
         series: series.collect(),
         thresholds: vec![(1.0, "threshold (3-4)".into())],

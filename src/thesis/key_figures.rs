@@ -60,6 +60,20 @@ impl Class {
     }
 }
 
+/// What is drawn, across and upwards.
+const PROJECTIONS: [(&str, &Quantity, &Quantity); 3] = [
+    ("damping", &FREQUENCY, &DAMPING),
+    ("amplitude", &FREQUENCY, &AMPLITUDE),
+    ("amplitude_damping", &DAMPING, &AMPLITUDE),
+];
+
+/// Of all figures of a stem.
+pub fn names(stem: &str) -> impl Iterator<Item = String> {
+    PROJECTIONS
+        .iter()
+        .flat_map(move |(name, ..)| ["", "_zoom"].map(|end| format!("{stem}_{name}{end}")))
+}
+
 /// Writes `<stem>_damping`, `_amplitude`, `_amplitude_damping`, and of each a close-up `..._zoom`.
 pub fn key_numbers(set: &TrainingSet, stem: &str, dir: &Path) -> Result<(), ThesisError> {
     let numbers = practice::key_numbers(set);
@@ -72,11 +86,7 @@ pub fn key_numbers(set: &TrainingSet, stem: &str, dir: &Path) -> Result<(), Thes
     let f0 = healthy.map_or(f64::NAN, |class| class.middle(&FREQUENCY));
     let is_near = |class: &&Class| (class.middle(&FREQUENCY) / f0 - 1.0).abs() <= NEAR;
     let near: Vec<&Class> = classes.iter().filter(is_near).collect();
-    for (name, x, y) in [
-        ("damping", &FREQUENCY, &DAMPING),
-        ("amplitude", &FREQUENCY, &AMPLITUDE),
-        ("amplitude_damping", &DAMPING, &AMPLITUDE),
-    ] {
+    for (name, x, y) in PROJECTIONS {
         let all: Vec<&Class> = classes.iter().collect();
         draw(&all, x, y, whole_title(&all, y)).write(dir, &format!("{stem}_{name}"))?;
         let title = close_up_title(&near, y);
@@ -98,12 +108,9 @@ fn draw(classes: &[&Class], x: &Quantity, y: &Quantity, title: String) -> Figure
         let range = (low - room, high + room);
         Axis { range: (high > low).then_some(range), ..Axis::new(quantity.label) }
     };
-    let series = classes.iter().map(|class| Series {
-        name: class.name.clone(),
-        mark: Mark::Points,
-        points: class.numbers.iter().map(|k| ((x.of)(k), (y.of)(k))).collect(),
-    });
-    Figure { title, x: axis(x), y: axis(y), series: series.collect(), thresholds: Vec::new() }
+    let points = |class: &Class| class.numbers.iter().map(|k| ((x.of)(k), (y.of)(k))).collect();
+    let series = classes.iter().map(|of| Series::new(&of.name, Mark::Points, points(of)));
+    Figure::new(title, axis(x), axis(y), series.collect())
 }
 
 /// How many faults lie apart from healthy signals, in the number that is drawn upwards; of few classes, where they lie.

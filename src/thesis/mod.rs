@@ -17,6 +17,7 @@ mod tables;
 use crate::design::TrainingSet;
 use crate::side_by_side::side_by_side;
 use datasets::Folds;
+use outcome::Figures;
 use std::path::Path;
 
 pub use chapter::{Chapter, Rounds};
@@ -33,15 +34,21 @@ pub fn simulated(
         .iter()
         .flat_map(|&set| seeds.iter().map(move |&seed| (set, seed)))
         .collect();
-    let each = side_by_side(threads, jobs, |(set, seed)| {
-        let figures = measure::figures(&datasets::part(set, seed)?)?;
-        done();
-        Ok(figures)
-    });
-    let each = each.into_iter().collect::<Result<Vec<_>, ThesisError>>()?;
+    let each =
+        measured(threads, jobs, done, |(set, seed)| measure::figures(&datasets::part(set, seed)?))?;
     let sets = DataSet::SIMULATED.iter().zip(each.chunks(seeds.len().max(1)));
     let sets = sets.map(|(&set, each)| Measured::of(set, each)).collect();
     Ok(Chapter::new(Rounds::Seeds(seeds.to_vec()), sets))
+}
+
+fn measured<J: Send>(
+    threads: usize,
+    jobs: Vec<J>,
+    done: impl Fn() + Sync,
+    figures: impl Fn(J) -> Result<Figures, ThesisError> + Sync,
+) -> Result<Vec<Figures>, ThesisError> {
+    let each = side_by_side(threads, jobs, |job| figures(job).inspect(|_| done()));
+    each.into_iter().collect()
 }
 
 /// A user's labelled signals, divided by channel.
@@ -59,12 +66,7 @@ impl Recorded {
 
     /// Every part is tested on once, by what was learned from the others.
     pub fn chapter(&self, threads: usize, done: impl Fn() + Sync) -> Result<Chapter, ThesisError> {
-        let each = side_by_side(threads, self.0.parts.iter().collect(), |part| {
-            let figures = measure::figures(part)?;
-            done();
-            Ok(figures)
-        });
-        let each = each.into_iter().collect::<Result<Vec<_>, ThesisError>>()?;
+        let each = measured(threads, self.0.parts.iter().collect(), done, measure::figures)?;
         let rounds = Rounds::Folds { number: each.len(), left_out: self.0.left_out.clone() };
         Ok(Chapter::new(rounds, vec![Measured::of(DataSet::Recordings, &each)]))
     }
