@@ -13,7 +13,8 @@ use crate::io::objects::in_object_store;
 use crate::io::{printable, regular_file};
 use crate::model::Geometry;
 use crate::report::ReportSettings;
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -111,10 +112,10 @@ pub struct IdentifySettings {
     /// Labels that say which signals of a window are healthy; empty: found by agreement.
     pub labels: String,
     /// Length of a healthy window, s (or "20 s", "5 min").
-    #[serde(with = "seconds")]
+    #[serde(deserialize_with = "seconds")]
     pub first: f64,
     /// A new window begins every so often, s; 0: only one.
-    #[serde(with = "seconds")]
+    #[serde(deserialize_with = "seconds")]
     pub every: f64,
     /// Healthy windows as [from, to] in RFC 3339, instead of first/every.
     pub spans: Vec<[String; 2]>,
@@ -287,17 +288,9 @@ impl Settings {
                 .map_err(|e| no_settings(printable::of_parser(&e).trim_end().to_owned()))?;
             let from_file = Settings::deserialize(table.clone())
                 .map_err(|e: toml::de::Error| no_settings(printable::of_parser(&e)))?;
+            of_file = from_file.check().err().map(|what| (path, what));
             // absolute from here on, so that later layers (relative to the caller) do not mix
-            let dir = path.parent().unwrap_or(Path::new("."));
-            let rooted = from_file.rooted_at(dir);
-            for (section, key, value) in rooted.paths() {
-                if let Some(Value::Table(section)) = table.get_mut(section)
-                    && section.contains_key(key)
-                {
-                    section.insert(key.into(), value);
-                }
-            }
-            of_file = rooted.check().err().map(|what| (path, what));
+            root(&mut table, path.parent().unwrap_or(Path::new(".")));
         }
         if let Some(preset) = preset {
             for (key, value) in preset.overrides() {
@@ -393,36 +386,31 @@ impl Settings {
         self.report.check().map_err(|e| format!("report.{e}"))?;
         self.isolate.check().map_err(|e| format!("isolate.{e}"))
     }
+}
 
-    /// Relative paths are relative to `dir`.
-    fn rooted_at(mut self, dir: &Path) -> Settings {
-        let root = |path: &mut String| {
-            if !path.is_empty() && !in_object_store(Path::new(path.as_str())) {
-                *path = dir.join(&path).to_string_lossy().into_owned();
-            }
-        };
-        self.input.recordings.iter_mut().for_each(root);
-        [
-            &mut self.input.design,
-            &mut self.input.baseline,
-            &mut self.identify.labels,
-            &mut self.output.dir,
-        ]
-        .into_iter()
-        .for_each(root);
-        self
-    }
+/// Settings that are paths, or lists of them.
+const PATHS: [(&str, &str); 5] = [
+    ("input", "recordings"),
+    ("input", "design"),
+    ("input", "baseline"),
+    ("identify", "labels"),
+    ("output", "dir"),
+];
 
-    /// The settings that are paths: section, key, value.
-    fn paths(&self) -> Vec<(&'static str, &'static str, Value)> {
-        let list = self.input.recordings.iter().cloned().map(Value::String).collect();
-        vec![
-            ("input", "recordings", Value::Array(list)),
-            ("input", "design", Value::String(self.input.design.clone())),
-            ("input", "baseline", Value::String(self.input.baseline.clone())),
-            ("identify", "labels", Value::String(self.identify.labels.clone())),
-            ("output", "dir", Value::String(self.output.dir.clone())),
-        ]
+/// Relative paths are relative to `dir`.
+fn root(table: &mut Table, dir: &Path) {
+    let root = |path: &mut Value| match path {
+        Value::String(path) if !path.is_empty() && !in_object_store(Path::new(path)) => {
+            *path = dir.join(&*path).to_string_lossy().into_owned();
+        }
+        _ => {}
+    };
+    for (section, key) in PATHS {
+        match table.get_mut(section).and_then(|section| section.get_mut(key)) {
+            Some(Value::Array(paths)) => paths.iter_mut().for_each(root),
+            Some(path) => root(path),
+            None => {}
+        }
     }
 }
 
@@ -521,31 +509,21 @@ fn insert(table: &mut Table, key: &str, value: Value, place: &str) -> Result<(),
 }
 
 /// Seconds as a number, or as text with a unit.
-mod seconds {
-    use serde::{Deserialize, Deserializer, Serializer};
-
+fn seconds<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
     #[derive(Deserialize)]
-    #[serde(untagged)]
+    #[serde(
+        untagged,
+        expecting = "give seconds as a number, or text such as \"20 s\" or \"5 min\""
+    )]
     enum Written {
         Seconds(f64),
         Text(String),
     }
-
-    pub fn serialize<S: Serializer>(seconds: &f64, s: S) -> Result<S::Ok, S::Error> {
-        s.serialize_f64(*seconds)
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
-        match Written::deserialize(d).map_err(|_| {
-            serde::de::Error::custom(
-                "give seconds as a number, or text such as \"20 s\" or \"5 min\"",
-            )
-        })? {
-            Written::Seconds(s) => Ok(s),
-            Written::Text(text) => humantime::parse_duration(&text)
-                .map(|d| d.as_secs_f64())
-                .map_err(|e| serde::de::Error::custom(format!("\"{text}\": {e}"))),
-        }
+    match Written::deserialize(d)? {
+        Written::Seconds(s) => Ok(s),
+        Written::Text(text) => humantime::parse_duration(&text)
+            .map(|d| d.as_secs_f64())
+            .map_err(|e| D::Error::custom(format!("\"{text}\": {e}"))),
     }
 }
 

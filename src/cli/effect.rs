@@ -2,7 +2,7 @@
 //! settings file serves every command and may hold what this one does not read.
 
 use super::exit::Failure;
-use crate::design::{Design, DetectSettings, IsolateSettings};
+use crate::design::{Design, DetectSettings};
 use crate::detect::{Denominator, DetectMethod, ThresholdMethod};
 use crate::isolate::IsolateMethod;
 use crate::settings::Settings;
@@ -78,116 +78,113 @@ pub fn check_common_change(
     Err(Failure::usage(format!("--set {COMMON_CHANGE}=true: has no effect here: {why}")))
 }
 
-fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<String> {
+fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<&'static str> {
     let (section, rest) = key.split_once('.').unwrap_or((key, ""));
     let name = rest.split('.').next().unwrap_or_default();
+    let isolation = settings.isolate.method;
     match (section, command) {
         ("isolate", Command::Replay { names: false, .. }) => {
-            Some("without a design with fault classes nothing is named; give --design".into())
+            Some("without a design with fault classes nothing is named; give --design")
         }
-        ("isolate", Command::Replay { .. }) => match OF_TRAINING.contains(&name) {
-            true => Some("it is part of the design; train with it".into()),
-            false => by_isolation(name, &settings.isolate),
-        },
+        ("isolate", Command::Replay { .. }) if OF_TRAINING.contains(&name) => {
+            Some("it is part of the design; train with it")
+        }
+        ("isolate", Command::Replay { .. }) => by_isolation(name, isolation),
         // one line of settings may serve training and judging alike
-        ("isolate", Command::Train) if name == "matching_share" => {
-            let is_matching = settings.isolate.method == IsolateMethod::ModelMatching;
-            (!is_matching).then(|| "it is of isolate.method = \"model-matching\" alone".into())
-        }
-        ("isolate", Command::Train) if matches!(name, "waveform" | "pulse_s" | "delay_s") => {
-            let has_physics = settings.isolate.method == IsolateMethod::Posterior;
-            (!has_physics).then(|| "it is of isolate.method = \"posterior\" alone".into())
-        }
-        ("isolate", Command::Train | Command::Critique) => None,
+        ("isolate", Command::Critique) => None,
+        ("isolate", Command::Train) => match name {
+            "matching_share" if isolation != IsolateMethod::ModelMatching => {
+                Some("it is of isolate.method = \"model-matching\" alone")
+            }
+            "waveform" | "pulse_s" | "delay_s" if isolation != IsolateMethod::Posterior => {
+                Some("it is of isolate.method = \"posterior\" alone")
+            }
+            _ => None,
+        },
         ("detect", Command::Replay { detects: true, .. }) => {
             without_labels(name, &settings.detect).or_else(|| by_detection(name, &settings.detect))
         }
         // beside a design: where it is read, as the design's may be the same
         ("detect", Command::Replay { .. }) => None,
-        ("detect", Command::Identify { detects: true })
-            if matches!(
-                name,
-                "oscillations" | "oscillations_of_ring" | "other_poles_per_s" | "false_alarm_rate" | "confidence"
-            ) =>
-        {
-            None
-        }
-        ("detect", Command::Identify { .. }) => Some(
-            "`identify` detects nothing; with --detectability it reads n_o, other_poles_per_s, false_alarm_rate and confidence"
-                .into(),
-        ),
+        ("detect", Command::Identify { detects }) => match name {
+            "oscillations"
+            | "oscillations_of_ring"
+            | "other_poles_per_s"
+            | "false_alarm_rate"
+            | "confidence"
+                if detects =>
+            {
+                None
+            }
+            _ => Some(
+                "`identify` detects nothing; with --detectability it reads n_o, other_poles_per_s, false_alarm_rate and confidence",
+            ),
+        },
         ("detect", _) => by_detection(name, &settings.detect),
         ("report", Command::Replay { .. }) if matches!(name, "rows" | "pitch") => {
-            Some("it is of `inkling report` alone".into())
+            Some("it is of `inkling report` alone")
         }
         ("output", Command::Replay { names: false, .. }) if name == "weights" => {
-            Some("without a design with fault classes there are no weights; give --design".into())
+            Some("without a design with fault classes there are no weights; give --design")
         }
         ("input", _) if matches!(name, "" | "rails" | "dialect") => None,
         (_, Command::Replay { .. }) => None,
         ("identify", _) if matches!(name, "" | "grey_box" | "geometry") => None,
         ("identify", Command::Identify { .. }) if name == "least_agreeing" => None,
         ("identify", Command::Identify { .. }) => {
-            Some("one model is identified, on all that is healthy".into())
+            Some("one model is identified, on all that is healthy")
         }
-        ("identify", _) => Some("healthy windows are of `inkling replay` alone".into()),
-        ("isolate", Command::Identify { .. }) => Some("`identify` names nothing".into()),
-        _ => Some("it is of `inkling replay` and `report`".into()),
+        ("identify", _) => Some("healthy windows are of `inkling replay` alone"),
+        ("isolate", Command::Identify { .. }) => Some("`identify` names nothing"),
+        _ => Some("it is of `inkling replay` and `report`"),
     }
 }
 
 /// What a replay without a design cannot do: nobody has labelled a fault, and no residual is matched.
-fn without_labels(name: &str, detect: &DetectSettings) -> Option<String> {
+fn without_labels(name: &str, detect: &DetectSettings) -> Option<&'static str> {
+    let has_residual = !matches!(detect.method, DetectMethod::Sensitivity | DetectMethod::Practice);
     match name {
         "denominator" if detect.denominator != Denominator::Resonance => {
-            Some("that filter is learned from labelled faults; `inkling train` with it".into())
+            Some("that filter is learned from labelled faults; `inkling train` with it")
         }
-        "oscillations" | "oscillations_of_ring" | "other_poles_per_s"
-            if matches!(detect.method, DetectMethod::Sensitivity | DetectMethod::Practice) =>
-        {
-            Some(
-                "it is of detect.method = \"residual-energy\" and \"residual-maximum\" alone"
-                    .into(),
-            )
+        "oscillations" | "oscillations_of_ring" | "other_poles_per_s" if !has_residual => {
+            Some("it is of detect.method = \"residual-energy\" and \"residual-maximum\" alone")
         }
         _ => None,
     }
 }
 
-const OF_ONE_FAULT: &str = "it is of detect.denominator = \"eigenvalues\", \"enhanced\", \"lp\" and \"appendix-a\" alone, which are made \
-     for one fault";
-
 /// What the method of detection does not ask for.
-fn by_detection(name: &str, detect: &DetectSettings) -> Option<String> {
+fn by_detection(name: &str, detect: &DetectSettings) -> Option<&'static str> {
     use Denominator::{Eigenvalues, Resonance, Searched};
-    let of = |key: &str, value: &str| Some(format!("it is of detect.{key} = \"{value}\" alone"));
-    match name {
-        "oscillations" | "oscillations_of_ring"
-            if matches!(detect.denominator, Eigenvalues | Searched) =>
-        {
-            Some("it is of detect.denominator = \"resonance\", \"enhanced\", \"lp\" and \"appendix-a\" alone".into())
-        }
-        "fault" if matches!(detect.denominator, Resonance | Searched) => {
-            Some(OF_ONE_FAULT.into())
-        }
-        "mu" if detect.threshold != ThresholdMethod::Max => of("threshold", "max"),
-        "false_alarm_rate" | "confidence" if detect.threshold == ThresholdMethod::Max => {
-            of("threshold", "quantile")
+    let is_max = detect.threshold == ThresholdMethod::Max;
+    match (name, detect.denominator) {
+        ("oscillations" | "oscillations_of_ring", Eigenvalues | Searched) => Some(
+            "it is of detect.denominator = \"resonance\", \"enhanced\", \"lp\" and \"appendix-a\" alone",
+        ),
+        ("fault", Resonance | Searched) => Some(
+            "it is of detect.denominator = \"eigenvalues\", \"enhanced\", \"lp\" and \"appendix-a\" alone, which are made \
+             for one fault",
+        ),
+        ("mu", _) if !is_max => Some("it is of detect.threshold = \"max\" alone"),
+        ("false_alarm_rate" | "confidence", _) if is_max => {
+            Some("it is of detect.threshold = \"quantile\" alone")
         }
         _ => None,
     }
 }
 
 /// What the method of isolation does not ask for.
-fn by_isolation(name: &str, isolate: &IsolateSettings) -> Option<String> {
+fn by_isolation(name: &str, method: IsolateMethod) -> Option<&'static str> {
     use IsolateMethod::{Neighbours, Posterior, ResidualMatching};
-    let of = match name {
-        "signal" if ![ResidualMatching, Neighbours].contains(&isolate.method) => {
-            "\"residual-matching\" and \"neighbours\""
+    match name {
+        "signal" if ![ResidualMatching, Neighbours].contains(&method) => {
+            Some("it is of isolate.method = \"residual-matching\" and \"neighbours\" alone")
         }
-        "neighbours" if isolate.method != Neighbours => "\"neighbours\"",
-        "priors" if isolate.method != Posterior => "\"posterior\"",
-        _ => return None,
-    };
-    Some(format!("it is of isolate.method = {of} alone"))
+        "neighbours" if method != Neighbours => {
+            Some("it is of isolate.method = \"neighbours\" alone")
+        }
+        "priors" if method != Posterior => Some("it is of isolate.method = \"posterior\" alone"),
+        _ => None,
+    }
 }
