@@ -1,6 +1,6 @@
 //! Random numbers: a stream of its own for each purpose.
 
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 /// What random numbers are drawn for. Each (purpose, part) is a stream of its own; the numbers
@@ -22,6 +22,11 @@ pub fn stream(seed: u64, purpose: Purpose, part: u32) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(((purpose as u64) << 32) | u64::from(part));
     rng
+}
+
+/// Uniform about 1.
+pub fn about_one(half_width: f64, rng: &mut ChaCha8Rng) -> f64 {
+    1.0 + half_width * (2.0 * rng.random::<f64>() - 1.0)
 }
 
 /// Parts for [`stream`]: the sets; printheads of a print run count on from `PRINT_RUN`.

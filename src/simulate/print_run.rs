@@ -11,7 +11,7 @@ use super::burst_shape::Frame;
 use super::draws::{Purpose, part, stream};
 use super::scenario::{Drive, Physics, PrintRun, RecordingOptions};
 use super::sensor::{Channel, NOMINAL_TEMPERATURE_C, Sensor, at_viscosity};
-use super::simulated::{SimulatedRecording, healthy_everywhere};
+use super::simulated::{SimulatedRecording, healthy_heads};
 use crate::fault::CLASSES;
 use crate::labels::{Channels, Label};
 use crate::model::faults::Law;
@@ -28,7 +28,7 @@ pub const LEAST_FAULT_BURSTS: usize = 20;
 /// A fault grows over so many bursts.
 const RAMP_BURSTS: usize = 5;
 /// How well ink temperature is measured, K.
-const RECORDED_TEMPERATURE_SD_K: f64 = 0.05;
+pub const RECORDED_TEMPERATURE_SD_K: f64 = 0.05;
 
 /// The first burst at which a drawn fault may begin: a tenth of the run is behind it.
 pub fn first_random_burst(run: &PrintRun) -> usize {
@@ -93,7 +93,7 @@ impl Fault {
 }
 
 /// Time of burst `step`, ns. The end of the run is checked to lie in i64.
-fn time_ns(run: &PrintRun, start_ns: i64, step: usize) -> i64 {
+pub fn time_ns(run: &PrintRun, start_ns: i64, step: usize) -> i64 {
     start_ns + (step as f64 * run.interval_s * 1e9).round() as i64
 }
 
@@ -157,8 +157,7 @@ fn drawn_faults(physics: &Physics, run: &PrintRun, seed: u64) -> Vec<Fault> {
 /// and no severity. Spans begin and end midway between bursts, so that no rounding matters.
 pub(super) fn labels(physics: &Physics, options: &RecordingOptions, seed: u64) -> Vec<Label> {
     let Some(run) = &physics.print_run else { return Vec::new() };
-    let mut labels: Vec<Label> =
-        (0..run.printheads).map(|p| healthy_everywhere(&run.name(p))).collect();
+    let mut labels = healthy_heads(run);
     let at = |step| time_ns(run, options.start_ns, step);
     let half_ns = (run.interval_s * 0.5e9) as i64;
     let faults = faults_of(physics, run, seed);
@@ -285,15 +284,8 @@ pub(super) fn recording(
         .enumerate()
         .map(|(number, faults)| Printhead::new(physics, &run, number, faults, seed))
         .collect();
-    let (physics, shape) = (physics.clone(), options.clone());
-    let bursts = (0..run.bursts_per_channel * run.printheads).flat_map(move |i| {
-        let (step, number) = (i / run.printheads, i % run.printheads);
-        let frame = printheads[number].acquire(&physics, &run, shape.start_ns, step);
-        frame.into_bursts(&shape)
-    });
-    Some(SimulatedRecording {
-        stem: "print_run".to_owned(),
-        bursts: Box::new(bursts),
-        options: options.clone(),
-    })
+    let (physics, start_ns) = (physics.clone(), options.start_ns);
+    Some(SimulatedRecording::of_run(&run.clone(), options.clone(), move |number, step| {
+        printheads[number].acquire(&physics, &run, start_ns, step)
+    }))
 }

@@ -106,19 +106,37 @@ fn rfc_3339<'de, D: Deserializer<'de>>(deserializer: D) -> Result<i64, D::Error>
 }
 
 /// `kind = "physics"`: channels of thesis (2-2) and what happens to them.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Physics {
-    /// Nominal rates at 25 °C.
+    #[serde(rename = "schema")]
+    _schema: i64,
+    #[serde(rename = "kind")]
+    _kind: Option<String>,
+    seed: Option<u64>,
+    #[serde(default)]
+    recording: RecordingOptions,
+    /// The channel as the file gives it: one of the two.
+    #[serde(rename = "channel")]
+    rates: Option<InkChannel>,
+    geometry: Option<Geometry>,
+    /// Nominal rates at 25 °C, of either.
+    #[serde(skip, default = "no_rates")]
     pub channel: InkChannel,
     pub spread: Spread,
     pub shot: Shot,
     pub acquisition: Acquisition,
     pub temperature: Temperature,
     pub drive: Drive,
+    #[serde(default)]
     pub fault: BTreeMap<String, FaultRange>,
     pub dataset: Option<Dataset>,
     pub print_run: Option<PrintRun>,
     pub hidden: Option<HiddenRun>,
+}
+
+fn no_rates() -> InkChannel {
+    InkChannel { a_per_s2: 0.0, b_per_s2: 0.0, g_per_s: 0.0, d_per_s: 0.0 }
 }
 
 impl Physics {
@@ -127,30 +145,6 @@ impl Physics {
         let range = |class: &&str| Some(((*class).to_owned(), self.fault.get(*class)?.range));
         CLASSES.iter().filter_map(range).collect()
     }
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct PhysicsFile {
-    #[serde(rename = "schema")]
-    _schema: i64,
-    #[serde(rename = "kind")]
-    _kind: Option<String>,
-    seed: Option<u64>,
-    #[serde(default)]
-    recording: RecordingOptions,
-    channel: Option<InkChannel>,
-    geometry: Option<Geometry>,
-    spread: Spread,
-    shot: Shot,
-    acquisition: Acquisition,
-    temperature: Temperature,
-    drive: Drive,
-    #[serde(default)]
-    fault: BTreeMap<String, FaultRange>,
-    dataset: Option<Dataset>,
-    print_run: Option<PrintRun>,
-    hidden: Option<HiddenRun>,
 }
 
 /// Healthy channel to channel: uniform half-widths, relative, constant over a run.

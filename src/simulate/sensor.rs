@@ -3,8 +3,8 @@
 //! thesis (2-2): pulse -> x_a -> free decay -> counts, with shot noise and white noise.
 
 use super::burst_shape::digitise;
-use super::draws::{Purpose, stream};
-use super::scenario::Physics;
+use super::draws::{Purpose, about_one, stream};
+use super::scenario::{Physics, Spread};
 use crate::model::ring_down::ring_down_into;
 use crate::model::{Actuation, InkChannel};
 use rand::RngExt;
@@ -27,8 +27,12 @@ pub struct Channel {
 impl Channel {
     /// Draws a healthy channel: every rate and the gain uniform about nominal.
     pub fn draw(physics: &Physics, rng: &mut ChaCha8Rng) -> Channel {
-        let (nominal, spread) = (physics.channel, &physics.spread);
-        let mut within = |half_width: f64| 1.0 + half_width * (2.0 * rng.random::<f64>() - 1.0);
+        Channel::about(&physics.channel, &physics.spread, rng)
+    }
+
+    /// About these rates, and a gain of 1.
+    pub fn about(nominal: &InkChannel, spread: &Spread, rng: &mut ChaCha8Rng) -> Channel {
+        let mut within = |half_width: f64| about_one(half_width, rng);
         Channel {
             rates: InkChannel {
                 a_per_s2: nominal.a_per_s2 * within(spread.a),

@@ -115,7 +115,7 @@ impl Frame {
 /// The freedoms' scatter, for one run.
 pub struct Baseline {
     pub frame: Frame,
-    noise_var: f64,
+    pub noise_var: f64,
     pub nominal: Freedom,
     /// Standard deviations from burst to burst: of the state's components, frequency, damping.
     scatter: [Freedom; 6],

@@ -12,12 +12,11 @@ pub mod plant;
 pub mod run;
 pub mod strength;
 
-use super::burst_shape::Frame;
 use super::draws::{Purpose, part, stream};
 use super::scenario::{
     Compression, HiddenRun, Physics, PrintRun, Recorded, RecordingOptions, ScenarioError,
 };
-use super::simulated::{SimulatedRecording, healthy_everywhere};
+use super::simulated::{SimulatedRecording, healthy_everywhere, healthy_heads};
 use crate::labels::{Channels, Label};
 use effect::{Effect, Needs};
 use rand::RngExt;
@@ -231,8 +230,7 @@ fn true_effect(
 /// Healthy everywhere, but for the channels that were made faulty.
 fn labels(base: &Base) -> Vec<Label> {
     let run = &base.run;
-    let mut labels: Vec<Label> =
-        (0..run.printheads).map(|head| healthy_everywhere(&run.name(head))).collect();
+    let mut labels = healthy_heads(run);
     for (head, channels) in base.heads.iter().enumerate() {
         for (channel, _) in channels.iter().enumerate().filter(|(_, made)| made.faulty) {
             labels.push(Label {
@@ -247,14 +245,8 @@ fn labels(base: &Base) -> Vec<Label> {
 
 /// Never compressed: how well samples compress tells what is in them.
 fn bursts(mut acquisitions: Acquisitions, options: &RecordingOptions) -> SimulatedRecording {
-    let run = acquisitions.base.run.clone();
-    let shape = RecordingOptions { compression: Compression::None, ..options.clone() };
-    let frames = run.bursts_per_channel * run.printheads;
-    let cut = shape.clone();
-    let bursts = (0..frames).flat_map(move |i| {
-        let (step, head) = (i / run.printheads, i % run.printheads);
-        let frame: Frame = acquisitions.acquire(head, step, cut.start_ns);
-        frame.into_bursts(&cut)
-    });
-    SimulatedRecording { stem: "print_run".to_owned(), bursts: Box::new(bursts), options: shape }
+    let options = RecordingOptions { compression: Compression::None, ..options.clone() };
+    let (run, start_ns) = (acquisitions.base.run.clone(), options.start_ns);
+    let acquire = move |head, step| acquisitions.acquire(head, step, start_ns);
+    SimulatedRecording::of_run(&run, options, acquire)
 }

@@ -5,10 +5,10 @@ use super::effect::{Acts, Conditions, Effect, Samples};
 use super::plant::{Equation, State};
 use crate::model::{InkChannel, faults};
 use crate::simulate::burst_shape::{Frame, digitise};
-use crate::simulate::draws::{Purpose, part, stream};
-use crate::simulate::print_run::draw_level;
-use crate::simulate::scenario::{HiddenRun, Physics, PrintRun, Recorded};
-use crate::simulate::sensor::NOMINAL_DRIVE_V;
+use crate::simulate::draws::{Purpose, about_one, part, stream};
+use crate::simulate::print_run::{RECORDED_TEMPERATURE_SD_K, draw_level, time_ns};
+use crate::simulate::scenario::{HiddenRun, Physics, PrintRun, Recorded, Spread};
+use crate::simulate::sensor::{Channel, NOMINAL_DRIVE_V, NOMINAL_TEMPERATURE_C};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{StandardNormal, StudentT};
@@ -18,9 +18,8 @@ use std::sync::Arc;
 
 /// Degrees of freedom of heavy-tailed noise.
 const TAIL_DOF: f64 = 4.0;
-/// Base rates of a recording about the scenario's: uniform half-widths, relative.
-const BASE_SPREAD: [f64; 4] = [0.10, 0.10, 0.15, 0.15];
-const RECORDED_TEMPERATURE_SD_K: f64 = 0.05;
+/// Base rates and peak of a recording about the scenario's: uniform half-widths, relative.
+const BASE_SPREAD: Spread = Spread { a: 0.10, b: 0.10, g: 0.15, d: 0.15, gain: 0.15 };
 
 /// What makes a recording awkward without being an effect.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -33,16 +32,6 @@ pub enum Circumstance {
     FaultyChannels,
     TemperatureFollowsTime,
     HeavyTails,
-}
-
-impl Circumstance {
-    fn burst_scatter(&self) -> Option<f64> {
-        if let Circumstance::BurstScatter(sd) = self { Some(*sd) } else { None }
-    }
-
-    fn frequency_scatter(&self) -> Option<f64> {
-        if let Circumstance::FrequencyScatter(sd) = self { Some(*sd) } else { None }
-    }
 }
 
 /// A channel as it was made.
@@ -78,21 +67,14 @@ impl Base {
         seed: u64,
     ) -> Base {
         let mut rng = stream(seed, Purpose::Hidden, part::HIDDEN);
-        let mut about = |half_width: f64| 1.0 + half_width * (2.0 * rng.random::<f64>() - 1.0);
-        let nominal = physics.channel;
-        let rates = InkChannel {
-            a_per_s2: nominal.a_per_s2 * about(BASE_SPREAD[0]),
-            b_per_s2: nominal.b_per_s2 * about(BASE_SPREAD[1]),
-            g_per_s: nominal.g_per_s * about(BASE_SPREAD[2]),
-            d_per_s: nominal.d_per_s * about(BASE_SPREAD[3]),
-        };
+        let Channel { rates, gain } = Channel::about(&physics.channel, &BASE_SPREAD, &mut rng);
         let mut base = Base {
             physics: physics.clone(),
             run: run.clone(),
             hidden: hidden.clone(),
             circumstances: circumstances.to_vec(),
             rates,
-            peak_counts: physics.acquisition.largest_healthy_counts * about(0.15),
+            peak_counts: physics.acquisition.largest_healthy_counts * gain,
             displaced_per_v: 1.0,
             heads: Vec::new(),
             seed,
@@ -106,21 +88,15 @@ impl Base {
 
     /// One channel's constants, drawn about the base.
     pub fn draw(&self, rng: &mut ChaCha8Rng) -> Made {
-        let spread = &self.physics.spread;
-        let mut about = |half_width: f64| 1.0 + half_width * (2.0 * rng.random::<f64>() - 1.0);
-        let mut rates = InkChannel {
-            a_per_s2: self.rates.a_per_s2 * about(spread.a),
-            b_per_s2: self.rates.b_per_s2 * about(spread.b),
-            g_per_s: self.rates.g_per_s * about(spread.g),
-            d_per_s: self.rates.d_per_s * about(spread.d),
-        };
-        let gain = about(spread.gain);
+        let Channel { mut rates, gain } = Channel::about(&self.rates, &self.physics.spread, rng);
         // drawn always: circumstances must not shift the random numbers
-        let scattered = about(1.0) - 1.0;
-        if let Some(sd) = self.circumstances.iter().find_map(Circumstance::frequency_scatter) {
-            let stiffness = (1.0 + 3.0_f64.sqrt() * sd * scattered).powi(2);
-            rates.a_per_s2 *= stiffness;
-            rates.b_per_s2 *= stiffness;
+        let scattered = about_one(1.0, rng) - 1.0;
+        for circumstance in &self.circumstances {
+            if let Circumstance::FrequencyScatter(sd) = circumstance {
+                let stiffness = (1.0 + 3.0_f64.sqrt() * sd * scattered).powi(2);
+                rates.a_per_s2 *= stiffness;
+                rates.b_per_s2 *= stiffness;
+            }
         }
         Made { rates, gain, faulty: false }
     }
@@ -142,8 +118,11 @@ impl Base {
     /// Standard deviations of [`Conditions::shot`].
     pub fn shot_sd(&self) -> [f64; 7] {
         let (shot, hidden) = (&self.physics.shot, &self.hidden);
-        let wide = self.circumstances.iter().find_map(Circumstance::burst_scatter);
-        let frequency_sd = wide.unwrap_or(hidden.frequency_sd);
+        let wide = |of: &Circumstance| match of {
+            Circumstance::BurstScatter(sd) => Some(*sd),
+            _ => None,
+        };
+        let frequency_sd = self.circumstances.iter().find_map(wide).unwrap_or(hidden.frequency_sd);
         let state = shot.state;
         [shot.gain, state, state, state, state, frequency_sd, hidden.damping_sd]
     }
@@ -360,13 +339,13 @@ impl Acquisitions {
             first.as_ref().filter(|_| recorded(what)).map(of)
         };
         Frame {
-            t_acq_ns: start_ns + (step as f64 * run.interval_s * 1e9).round() as i64,
+            t_acq_ns: time_ns(run, start_ns, step),
             printhead: run.name(head).into(),
             first_channel: 0,
             sample_period_s: self.base.dt_s(),
             samples_per_channel: n,
             counts,
-            temperature_c: known(Recorded::Temperature, |c| 25.0 + c.above_c)
+            temperature_c: known(Recorded::Temperature, |c| NOMINAL_TEMPERATURE_C + c.above_c)
                 .map(|t| t + RECORDED_TEMPERATURE_SD_K * misread),
             drive_voltage_v: known(Recorded::Drive, |c| c.drive_v),
             idle_time_s: match recorded(Recorded::Idle) {

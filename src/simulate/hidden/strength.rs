@@ -58,14 +58,11 @@ pub struct Yardstick {
     own: Vec<Freedom>,
     /// All signals over those seen.
     share: f64,
-    noise_var: f64,
 }
 
 impl Yardstick {
     /// `None`: the base does not ring.
     pub fn new(base: &Base) -> Option<Yardstick> {
-        let acquisition = &base.physics.acquisition;
-        let noise_var = acquisition.noise_sd_counts.powi(2) + 1.0 / 12.0;
         let run = &base.run;
         let mut acquisitions = Acquisitions::new(base.clone(), Vec::new());
         let mut seen = Vec::new();
@@ -99,7 +96,7 @@ impl Yardstick {
             own.push(of);
         }
         let baseline = Baseline::new(base)?;
-        Some(Yardstick { base: base.clone(), baseline, seen, own, share, noise_var })
+        Some(Yardstick { base: base.clone(), baseline, seen, own, share })
     }
 
     /// The size at which `effect` has `strength_dl` detection limits, or fewer where its physical range
@@ -138,7 +135,7 @@ impl Yardstick {
             }
             (_, "random_tone") => {
                 let limit = 2.0 * (NONCENTRALITY / signals).sqrt();
-                strength_dl.sqrt() * (2.0 * self.noise_var * limit / samples).sqrt()
+                strength_dl.sqrt() * (2.0 * self.baseline.noise_var * limit / samples).sqrt()
             }
             (Acts::Code(_), "coarse_lsb") => (1.0 + strength_dl).min(COARSEST_STEP),
             (Acts::Code(_), _) => self.level(effect, strength_dl),
@@ -199,7 +196,7 @@ impl Yardstick {
         let plain = DVector::from_column_slice(&seen.plain);
         if let Acts::Code(act) = effect.acts {
             // noise comes before: what codes do to the mean
-            let sd = self.noise_var.sqrt();
+            let sd = self.baseline.noise_var.sqrt();
             let mean = |y: f64| -> f64 {
                 let of = |(z, w): &(f64, f64)| w * (act(effect, y + sd * z) - (y + sd * z));
                 NODES.iter().map(of).sum()
@@ -377,7 +374,7 @@ mod tests {
         let offset = effect::CATALOGUE[0].of_size(1e-3);
         let ones = DVector::from_element(128, 1e-3);
         let (_, freedoms) = yardstick.baseline.frame.decay(&yardstick.baseline.nominal);
-        let weight = 192.0 / yardstick.noise_var;
+        let weight = 192.0 / yardstick.baseline.noise_var;
         // the real pole's place is known as well as a logistic variable
         let mut gram = freedoms.tr_mul(&freedoms) * weight;
         gram[(5, 5)] += 3.0 / std::f64::consts::PI.powi(2);

@@ -1,6 +1,6 @@
 //! In: TOML. Out: a checked [`Scenario`].
 
-use super::{Classes, Kind, Physics, PhysicsFile, SCHEMA, Scenario, ScenarioError, checks};
+use super::{Classes, Kind, Physics, SCHEMA, Scenario, ScenarioError, checks};
 use serde::Deserialize;
 use std::sync::Arc;
 
@@ -18,7 +18,22 @@ impl Scenario {
             return Err(ScenarioError::Schema { found });
         }
         let scenario = match head.kind.as_deref().unwrap_or("physics") {
-            "physics" => Scenario::from_physics(toml::from_str(text)?)?,
+            "physics" => {
+                let mut physics: Physics = toml::from_str(text)?;
+                physics.channel = match (physics.rates, physics.geometry) {
+                    (Some(rates), None) => rates,
+                    (None, Some(geometry)) => geometry.ink_channel(),
+                    _ => {
+                        let why = "give either [channel] or [geometry], one of them".to_owned();
+                        return Err(ScenarioError::Value { key: "channel".to_owned(), why });
+                    }
+                };
+                Scenario {
+                    seed: physics.seed,
+                    recording: physics.recording.clone(),
+                    kind: Kind::Physics(Arc::new(physics)),
+                }
+            }
             "classes" => {
                 let classes: Classes = toml::from_str(text)?;
                 Scenario {
@@ -34,30 +49,5 @@ impl Scenario {
         };
         checks::check(&scenario)?;
         Ok(scenario)
-    }
-
-    fn from_physics(file: PhysicsFile) -> Result<Scenario, ScenarioError> {
-        let channel = match (file.channel, file.geometry) {
-            (Some(channel), None) => channel,
-            (None, Some(geometry)) => geometry.ink_channel(),
-            _ => {
-                let why = "give either [channel] or [geometry], one of them".to_owned();
-                return Err(ScenarioError::Value { key: "channel".to_owned(), why });
-            }
-        };
-        let physics = Physics {
-            channel,
-            spread: file.spread,
-            shot: file.shot,
-            acquisition: file.acquisition,
-            temperature: file.temperature,
-            drive: file.drive,
-            fault: file.fault,
-            dataset: file.dataset,
-            print_run: file.print_run,
-            hidden: file.hidden,
-        };
-        let kind = Kind::Physics(Arc::new(physics));
-        Ok(Scenario { seed: file.seed, recording: file.recording, kind })
     }
 }
