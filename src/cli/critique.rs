@@ -15,6 +15,7 @@ use crate::io::outputs::ResultFile;
 use crate::io::recording::Recording;
 use crate::io::{critique_tables, design_file, labels_file, outputs, printable};
 use crate::pipeline::observe::Observer;
+use crate::report::columns;
 use crate::settings::Settings;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -156,22 +157,20 @@ fn write(dir: &Path, critique: &Critique) -> Result<(), Failure> {
 fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Result<()> {
     writeln!(out, "{}", printable::line(&critique.sentence, 4000))?;
     if !critique.causes.is_empty() {
-        writeln!(
-            out,
-            "  {:<22} {:<18} {:<40} {:>8}  tied with",
-            "cause", "parameter", "value (95 % interval)", "strength"
-        )?;
-    }
-    for c in &critique.causes {
-        writeln!(
-            out,
-            "  {:<22} {:<18} {:<40} {:>5} DL  {}",
-            c.id,
-            c.parameter,
-            digits::measured(c.value, c.ci95, &c.unit),
-            digits::significant(c.strength_dl, 2),
-            c.tied_words()
-        )?;
+        let heads = [
+            ("cause", -22),
+            ("parameter", -18),
+            ("value (95 % interval)", -40),
+            ("strength", 8),
+            (" tied with", 0),
+        ];
+        let of_cause = critique.causes.iter().map(|c| {
+            let value = digits::measured(c.value, c.ci95, &c.unit);
+            let strength = format!("{} DL", digits::significant(c.strength_dl, 2));
+            let tied = format!(" {}", c.tied_words());
+            [c.id.to_string(), c.parameter.to_string(), value, strength, tied]
+        });
+        columns(out, heads, of_cause)?;
     }
     print_gain(critique, out)?;
     let untested = report::grouped(&critique.not_testable);

@@ -2,9 +2,14 @@
 
 use super::report::printable as name;
 use crate::fault::HEALTHY;
+use crate::report::columns;
 use crate::score::episodes::EpisodesReport;
 use crate::score::{Calibration, Report};
 use std::io::Write;
+
+fn digits(share: f64) -> String {
+    format!("{share:.4}")
+}
 
 /// A share of so many signals; of none there is none.
 fn or_dash(of: u64, share: f64, digits: usize) -> String {
@@ -39,14 +44,13 @@ fn print_detection(report: &Report, out: &mut impl Write) -> std::io::Result<()>
         or_dash(d.tp + d.fn_, d.recall(), 4),
         or_dash(d.tn + d.fp, d.false_alarm_rate(), 5)
     )?;
-    writeln!(out, "  {:<10} {:>10} {:>10} {:>8}", "state", "signals", "flagged", "share")?;
-    for (state, s) in &report.by_state {
+    let heads = [("state", -10), ("signals", 10), ("flagged", 10), ("share", 8), ("", 0)];
+    let of_state = report.by_state.iter().map(|(state, s)| {
         let share = s.flagged as f64 / s.signals.max(1) as f64;
-        let what = if state == HEALTHY { "false alarms" } else { "recall" };
-        let state = name(state);
-        writeln!(out, "  {state:<10} {:>10} {:>10} {share:>8.4}  {what}", s.signals, s.flagged)?;
-    }
-    Ok(())
+        let what = if state == HEALTHY { " false alarms" } else { " recall" };
+        [name(state), s.signals.to_string(), s.flagged.to_string(), digits(share), what.into()]
+    });
+    columns(out, heads, of_state)
 }
 
 fn print_isolation(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
@@ -81,43 +85,23 @@ fn print_calibration(calibration: &Calibration, out: &mut impl Write) -> std::io
         Some(ece) => writeln!(out, ", class-wise {ece:.4}")?,
         None => writeln!(out, " (class-wise needs output.weights = true)")?,
     }
-    writeln!(
-        out,
-        "  {:<10} {:>10} {:>8} {:>8} {:>8}",
-        "said", "signals", "stated", "right", "ECE"
-    )?;
-    for (class, c) in &calibration.by_class {
-        writeln!(
-            out,
-            "  {:<10} {:>10} {:>8.4} {:>8.4} {:>8.4}",
-            name(class),
-            c.signals,
-            c.certainty,
-            c.right,
-            c.ece
-        )?;
-    }
-    Ok(())
+    let heads = [("said", -10), ("signals", 10), ("stated", 8), ("right", 8), ("ECE", 8)];
+    let of_class = calibration.by_class.iter().map(|(class, c)| {
+        let [stated, right, ece] = [c.certainty, c.right, c.ece].map(digits);
+        [name(class), c.signals.to_string(), stated, right, ece]
+    });
+    columns(out, heads, of_class)
 }
 
 fn print_severity(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
     writeln!(out, "severity (signals named as what they are)")?;
-    writeln!(
-        out,
-        "  {:<14} {:>10} {:>10} {:>8} {:>16}",
-        "class", "signals", "rmse", "R²", "within 1.96 sd"
-    )?;
-    let number = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.4}"));
-    for (class, s) in report.severity.iter().chain(&report.severity_by_category) {
-        let (r2, covered) = (number(s.r2), number(s.coverage95));
-        writeln!(
-            out,
-            "  {:<14} {:>10} {:>10.5} {r2:>8} {covered:>16}",
-            name(class),
-            s.signals,
-            s.rmse
-        )?;
-    }
+    let heads = [("class", -14), ("signals", 10), ("rmse", 10), ("R²", 8), ("within 1.96 sd", 16)];
+    let all = report.severity.iter().chain(&report.severity_by_category);
+    let of_class = all.map(|(class, s)| {
+        let [r2, covered] = [s.r2, s.coverage95].map(|v| v.map_or("-".to_owned(), digits));
+        [name(class), s.signals.to_string(), format!("{:.5}", s.rmse), r2, covered]
+    });
+    columns(out, heads, of_class)?;
     let all: f64 = report.severity.values().map(|s| s.signals as f64).sum();
     let covered = report.severity.values().map(|s| Some(s.signals as f64 * s.coverage95?));
     if let Some(covered) = covered.sum::<Option<f64>>() {
@@ -140,22 +124,18 @@ fn print_episodes(e: &EpisodesReport, out: &mut impl Write) -> std::io::Result<(
         bursts(e.delay_bursts),
         bursts(e.delay_from_onset_bursts)
     )?;
-    writeln!(
-        out,
-        "  {:<10} {:>8} {:>8} {:>15} {:>12} {:>8}",
-        "state", "faults", "found", "category right", "class right", "delay"
-    )?;
-    for (state, s) in &e.by_state {
-        let delay = bursts(s.delay_bursts);
-        writeln!(
-            out,
-            "  {:<10} {:>8} {:>8} {:>15} {:>12} {delay:>8}",
-            name(state),
-            s.faults,
-            s.found,
-            s.category_right,
-            s.fault_right
-        )?;
-    }
-    Ok(())
+    let heads = [
+        ("state", -10),
+        ("faults", 8),
+        ("found", 8),
+        ("category right", 15),
+        ("class right", 12),
+        ("delay", 8),
+    ];
+    let of_state = e.by_state.iter().map(|(state, s)| {
+        let [faults, found, category, class] =
+            [s.faults, s.found, s.category_right, s.fault_right].map(|n| n.to_string());
+        [name(state), faults, found, category, class, bursts(s.delay_bursts)]
+    });
+    columns(out, heads, of_state)
 }

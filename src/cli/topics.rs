@@ -5,6 +5,7 @@ use super::report::printable;
 use crate::io::census::{Becomes, Census, Seen};
 use crate::io::dialect::guess::{Proposal, Shown, guess};
 use crate::io::printable as shown;
+use crate::report::columns;
 use serde_json::{Value, json};
 use std::io::{self, Write};
 
@@ -61,30 +62,23 @@ impl Topics {
         let topic = |seen: &Seen| printable(&seen.topic);
         let width = listed.iter().map(|s| topic(s).chars().count()).max().unwrap_or(0).clamp(5, 48);
         if !listed.is_empty() {
-            writeln!(
-                out,
-                "  {:<width$} {:>10} {:>12} {:>20}  schema",
-                "topic", "messages", "rate", "bytes each"
-            )?;
+            let heads = [
+                ("topic", -(width as isize)),
+                ("messages", 10),
+                ("rate", 12),
+                ("bytes each", 20),
+                (" schema", 0),
+            ];
+            let of_topic = listed.iter().map(|seen| {
+                let rate = seen.rate_hz().map_or("-".into(), |hz| format!("{} Hz", digits(hz)));
+                let schema = format!(" {}{}", schema(seen), becomes(seen));
+                [topic(seen), thousands(seen.messages), rate, sizes(seen), schema]
+            });
+            columns(out, heads, of_topic)?;
         }
-        for seen in listed {
-            let rate = seen.rate_hz().map_or(String::from("-"), |hz| format!("{} Hz", digits(hz)));
-            writeln!(
-                out,
-                "  {:<width$} {:>10} {rate:>12} {:>20}  {}{}",
-                topic(seen),
-                thousands(seen.messages),
-                sizes(seen),
-                schema(seen),
-                becomes(seen)
-            )?;
-        }
-        if self.seen.len() > listed.len() {
-            writeln!(
-                out,
-                "  and {} topics more",
-                thousands((self.seen.len() - listed.len()) as u64)
-            )?;
+        let more = (self.seen.len() - listed.len()) as u64;
+        if more > 0 {
+            writeln!(out, "  and {} topics more", thousands(more))?;
         }
         self.proposals.iter().try_for_each(|proposal| print_proposal(proposal, out))
     }

@@ -15,6 +15,7 @@ use crate::io::outcomes_file::{self, Outcomes};
 use crate::io::{design_file, outputs};
 use crate::labels::{Label, Labels, known_states};
 use crate::model::lie::Lie;
+use crate::report::columns;
 use crate::settings::{Preset, Settings};
 use serde_json::json;
 use std::io::Write;
@@ -337,24 +338,21 @@ fn tell_classes(told: &[ClassTold], out: &mut impl Write) -> std::io::Result<()>
     };
     let name = |class: &ClassTold| printable(&class.name);
     let width = told.iter().map(|c| name(c).chars().count()).max().unwrap_or(0).max(5);
-    writeln!(
-        out,
-        "  {:<width$} {:>10} {:>9}  held out: {:>8}  mistaken for",
-        "class", "labels", "detected", "named"
-    )?;
-    for class in told {
+    let heads = [
+        ("class", -(width as isize)),
+        ("labels", 10),
+        ("detected", 9),
+        (" held out:    named", 18),
+        (" mistaken for", 0),
+    ];
+    let of_class = told.iter().map(|class| {
         let ClassTold { labelled, trained_on, held_out, .. } = class;
-        let mistaken = held_out.mistaken_for(&class.name).map_or("-".to_owned(), |(other, n)| {
-            format!("{} {}", printable(other), share(n, held_out.signals))
+        let detected = share(trained_on.detected, trained_on.signals);
+        let named = share(held_out.named(&class.name), held_out.signals);
+        let mistaken = held_out.mistaken_for(&class.name).map_or("  -".to_owned(), |(other, n)| {
+            format!("  {} {}", printable(other), share(n, held_out.signals))
         });
-        writeln!(
-            out,
-            "  {:<width$} {:>10} {:>9} {:>18}   {mistaken}",
-            name(class),
-            thousands(*labelled),
-            share(trained_on.detected, trained_on.signals),
-            share(held_out.named(&class.name), held_out.signals),
-        )?;
-    }
-    Ok(())
+        [name(class), thousands(*labelled), detected, named, mistaken]
+    });
+    columns(out, heads, of_class)
 }

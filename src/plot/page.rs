@@ -42,6 +42,23 @@ pub fn page(title: &str, body: &str) -> String {
     )
 }
 
+/// Heads, of a column of numbers with `>` before it, and rows of markup.
+pub fn table<const N: usize>(
+    heads: [&str; N],
+    rows: impl IntoIterator<Item = [String; N]>,
+) -> String {
+    let row = |tag: &str, cells: [String; N]| {
+        let cells = cells.into_iter().zip(heads).map(|(cell, head)| {
+            let class = if head.starts_with('>') { " class=n" } else { "" };
+            format!("<{tag}{class}>{cell}</{tag}>")
+        });
+        format!("<tr>{}</tr>\n", cells.collect::<String>())
+    };
+    let head = row("th", heads.map(|head| head.trim_start_matches('>').to_owned()));
+    let rows: String = rows.into_iter().map(|cells| row("td", cells)).collect();
+    format!("<table>{head}{rows}</table>")
+}
+
 /// Text that markup cannot be made of, and that does not turn the reading direction.
 pub fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());

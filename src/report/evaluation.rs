@@ -5,7 +5,7 @@ use super::figures::drawn;
 use super::promised;
 use super::words::{counted, percent, thousands};
 use crate::fault;
-use crate::plot::page::{name, page};
+use crate::plot::page::{name, page, table};
 use crate::plot::{Axis, Figure, Mark, Series};
 use crate::score::Report;
 use crate::score::curves::{Curves, EventDelay, Operating, wilson};
@@ -266,21 +266,12 @@ fn reliability(report: &Report, body: &mut String) {
          measured, 95 %.</p>\n{}",
         drawn(&figure)
     );
-    *body += "<table><tr><th>said</th><th class=n>signals</th><th class=n>certainty stated</th>\
-              <th class=n>right</th><th class=n>off by (ECE)</th></tr>\n";
-    for (class, c) in &report.calibration.by_class {
-        let _ = writeln!(
-            body,
-            "<tr><td>{}</td><td class=n>{}</td><td class=n>{:.3}</td><td class=n>{:.3}</td>\
-             <td class=n>{:.3}</td></tr>",
-            name(class),
-            thousands(c.signals),
-            c.certainty,
-            c.right,
-            c.ece
-        );
-    }
-    *body += "</table>\n";
+    let of_class = report.calibration.by_class.iter().map(|(class, c)| {
+        let [stated, right, ece] = [c.certainty, c.right, c.ece].map(|v| format!("{v:.3}"));
+        [name(class), thousands(c.signals), stated, right, ece]
+    });
+    let heads = ["said", ">signals", ">certainty stated", ">right", ">off by (ECE)"];
+    let _ = writeln!(body, "{}", table(heads, of_class));
 }
 
 fn risk(report: &Report, curves: &Curves, body: &mut String) {

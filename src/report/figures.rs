@@ -6,7 +6,6 @@ use super::fault::{Fault, certain_trend, trend_in_words, what};
 use super::survey::Survey;
 use super::trend::Severities;
 use super::words::{clock, counted_as, signed};
-use crate::fault;
 use crate::model::faults::no_fault_severity;
 use crate::plot::page::escaped;
 use crate::plot::{Axis, Figure, Mark, Series};
@@ -174,9 +173,4 @@ fn drawn_as(figure: &Figure, alt: &str) -> String {
 /// Without control characters: SVG escapes markup, but carries these.
 fn plain(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).take(160).collect()
-}
-
-/// What a class's size says, for those who read it first.
-pub fn quantities() -> Vec<(&'static str, &'static str, &'static str)> {
-    fault::CLASSES.iter().map(|c| (*c, fault::in_words(c), fault::quantity(c))).collect()
 }

@@ -8,7 +8,8 @@ use super::survey::Head;
 use super::tables::Drawn;
 use super::words::{clock, counted, percent, thousands};
 use super::{Report, figures, heads, maps, tables};
-use crate::plot::page::{escaped, name, page};
+use crate::fault;
+use crate::plot::page::{escaped, name, page, table};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::sync::Arc;
@@ -297,19 +298,12 @@ fn false_alarms(report: &Report, body: &mut String) {
     if f.often.is_empty() {
         return;
     }
-    *body += "<p>Flagged most often without an episode:</p>\n<table><tr><th>printhead</th>\
-              <th class=n>channel</th><th class=n>flagged</th><th class=n>judged</th></tr>\n";
-    for of in &f.often {
-        let _ = writeln!(
-            body,
-            "<tr><td>{}</td><td class=n>{}</td><td class=n>{}</td><td class=n>{}</td></tr>",
-            name(&of.printhead),
-            of.channel,
-            thousands(of.flagged),
-            thousands(of.judged)
-        );
-    }
-    *body += "</table>\n";
+    let often = f.often.iter().map(|of| {
+        let [flagged, judged] = [of.flagged, of.judged].map(thousands);
+        [name(&of.printhead), of.channel.to_string(), flagged, judged]
+    });
+    let often = table(["printhead", ">channel", ">flagged", ">judged"], often);
+    let _ = writeln!(body, "<p>Flagged most often without an episode:</p>\n{often}");
 }
 
 fn explain(body: &mut String) {
@@ -361,9 +355,7 @@ fn explain(body: &mut String) {
     ] {
         let _ = writeln!(body, "<dt>{word}</dt><dd>{meaning}.</dd>");
     }
-    *body += "</dl>\n<table><tr><th>class</th><th>in words</th><th>how bad is</th></tr>\n";
-    for (class, words, quantity) in figures::quantities() {
-        let _ = writeln!(body, "<tr><td>{class}</td><td>{words}</td><td>{quantity}</td></tr>");
-    }
-    *body += "</table>\n";
+    let of_class = fault::CLASSES
+        .map(|class| [class, fault::in_words(class), fault::quantity(class)].map(str::to_owned));
+    let _ = writeln!(body, "</dl>\n{}", table(["class", "in words", "how bad is"], of_class));
 }

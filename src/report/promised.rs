@@ -1,8 +1,9 @@
 //! What a design promises, on the evaluation's page and on a terminal. In: a [`Promise`]. Out: markup, text.
 
+use super::columns::columns;
 use super::words::counted;
 use crate::fault;
-use crate::plot::page::name;
+use crate::plot::page::{name, table};
 use crate::score::promise::{Detectable, FOUND, Pair, Promise};
 use std::fmt::Write as _;
 use std::io::{self, Write};
@@ -15,6 +16,15 @@ const MOST_PAIRS: usize = 20;
 /// A size in the contract's unit.
 fn size(severity: f64) -> String {
     format!("{severity:.3}")
+}
+
+fn sizes(d: &Detectable) -> String {
+    format!("{} to {}", size(d.range[0]), size(d.range[1]))
+}
+
+/// Of all its signals.
+fn found(d: &Detectable) -> String {
+    format!("{:.1} %", 100.0 * d.found)
 }
 
 /// What is found of a class.
@@ -49,30 +59,28 @@ fn basis(promise: &Promise) -> String {
 pub fn html(promise: &Promise) -> String {
     let mut text = format!(
         "<h2>What the design promises</h2>\n<p class=\"note\">{}</p>\n<h3>Detectability: the smallest fault \
-         that is found in {:.0} % of its signals</h3>\n<div class=\"wide\"><table><tr><th>class</th><th>in \
-         words</th><th>size is</th><th class=n>sizes of the class</th><th class=n>smallest found</th>\
-         <th class=n>signals found, all sizes</th></tr>\n",
+         that is found in {:.0} % of its signals</h3>\n<div class=\"wide\">",
         basis(promise),
         100.0 * FOUND
     );
-    for d in &promise.classes {
-        let _ = writeln!(
-            text,
-            "<tr><td>{}</td><td>{}</td><td>{}</td><td class=n>{} to {}</td><td class=n>{}</td>\
-             <td class=n>{:.1} %</td></tr>",
-            name(&d.class),
-            name(fault::in_words(&d.class)),
-            name(fault::quantity(&d.class)),
-            size(d.range[0]),
-            size(d.range[1]),
-            smallest(d),
-            100.0 * d.found
-        );
-    }
+    let heads = [
+        "class",
+        "in words",
+        "size is",
+        ">sizes of the class",
+        ">smallest found",
+        ">signals found, all sizes",
+    ];
+    let of_class = promise.classes.iter().map(|d| {
+        let [class, words, quantity] =
+            [&*d.class, fault::in_words(&d.class), fault::quantity(&d.class)].map(name);
+        [class, words, quantity, sizes(d), smallest(d), found(d)]
+    });
+    text += &table(heads, of_class);
     let (confused, apart) = confused(promise);
     let _ = writeln!(
         text,
-        "</table></div>\n<h3>Isolability: classes that are mistaken for each other</h3>\n<p class=\"note\">Of \
+        "</div>\n<h3>Isolability: classes that are mistaken for each other</h3>\n<p class=\"note\">Of \
          the flagged signals of the one the share whose best class is the other, mean of both ways; classes \
          of one kind (blocked and partly blocked, the three degrees of drying) differ by size alone. The other \
          {} are told apart: mistaken in fewer than {:.0} %.</p>",
@@ -80,17 +88,13 @@ pub fn html(promise: &Promise) -> String {
         100.0 * APART
     );
     if !confused.is_empty() {
-        text += "<table><tr><th>classes</th><th class=n>mistaken</th><th class=n>angle between what they do</th></tr>\n";
-        for pair in confused.iter().take(MOST_PAIRS) {
-            let [a, b] = pair.classes.each_ref().map(|class| name(class));
-            let mistaken = 100.0 * pair.mistaken;
-            let _ = writeln!(
-                text,
-                "<tr><td>{a} and {b}</td><td class=n>{mistaken:.1} %</td><td class=n>{:.0}°</td></tr>",
-                pair.angle_degrees
-            );
-        }
-        text += "</table>\n";
+        let of_pair = confused.iter().take(MOST_PAIRS).map(|pair| {
+            let classes = pair.classes.each_ref().map(|class| name(class)).join(" and ");
+            let mistaken = format!("{:.1} %", 100.0 * pair.mistaken);
+            [classes, mistaken, format!("{:.0}°", pair.angle_degrees)]
+        });
+        text += &table(["classes", ">mistaken", ">angle between what they do"], of_pair);
+        text.push('\n');
     }
     text
 }
@@ -104,22 +108,13 @@ pub fn print(
     writeln!(out, "what the design promises")?;
     writeln!(out, "  {}", basis(promise))?;
     let from = format!("{:.0} % found from", 100.0 * FOUND);
-    writeln!(
-        out,
-        "  {:<8} {:>17} {:>18} {:>14}  size is",
-        "class", "sizes of it", from, "found of all"
-    )?;
-    for d in &promise.classes {
-        let range = format!("{} to {}", size(d.range[0]), size(d.range[1]));
-        writeln!(
-            out,
-            "  {:<8} {range:>17} {:>18} {:>12.1} %  {}",
-            printable(&d.class, 24),
-            smallest(d),
-            100.0 * d.found,
-            printable(fault::quantity(&d.class), 64)
-        )?;
-    }
+    let heads =
+        [("class", -8), ("sizes of it", 17), (&*from, 18), ("found of all", 14), (" size is", 0)];
+    let of_class = promise.classes.iter().map(|d| {
+        let quantity = format!(" {}", printable(fault::quantity(&d.class), 64));
+        [printable(&d.class, 24), sizes(d), smallest(d), found(d), quantity]
+    });
+    columns(out, heads, of_class)?;
     let (confused, apart) = confused(promise);
     for pair in confused.iter().take(MOST_PAIRS) {
         let [a, b] = pair.classes.each_ref().map(|class| printable(class, 24));
